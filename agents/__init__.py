@@ -1,0 +1,1 @@
+"""Path-tracking controllers and the learning agent."""

@@ -1,0 +1,122 @@
+"""What every simulator of a car answers: the signals, the stretches of driving, the protocol.
+
+`Twin` (MuJoCo) and `Bicycle` (the paper's identified model) are both a `Plant`: commands in,
+the same ten signals out, on the same control grid, for any number of parameter vectors and
+recordings at once.
+"""
+
+import dataclasses
+import difflib
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.parameters import ParameterSet
+
+SIGNALS = (
+  "pose_x",  # m, centre of gravity, world frame
+  "pose_y",  # m
+  "pose_yaw",  # rad, unwrapped, counter-clockwise positive
+  "velocity_x",  # m/s at the centre of gravity, body frame, forward
+  "velocity_y",  # m/s, left
+  "yaw_rate",  # rad/s
+  "accel_x",  # m/s^2, specific force at the IMU, body frame
+  "accel_y",  # m/s^2
+  "motor_speed",  # rad/s, motor side
+  "steering_angle",  # rad, mean road-wheel angle
+)
+START = ("pose_x", "pose_y", "pose_yaw", "velocity_x", "velocity_y", "yaw_rate", "steering_angle")
+COMMANDS = ("motor_voltage", "steering_command")  # V, rad
+
+Array = NDArray[np.float64]
+
+
+def signal_index(name: str) -> int:
+  """Position of a signal in SIGNALS; a clear KeyError otherwise."""
+  if name not in SIGNALS:
+    near = difflib.get_close_matches(name, SIGNALS, n=2) or SIGNALS
+    raise KeyError(f"no signal '{name}'; did you mean {', '.join(near)}?")
+  return SIGNALS.index(name)
+
+
+@dataclasses.dataclass(frozen=True)
+class Segments:
+  """Stretches of driving of equal padded length.
+
+  Attributes:
+    commands: motor voltage [V] and steering command [rad] held over each control period, (S, T, 2).
+    start: initial state in the order of START, (S, 7).
+    steps: number of valid control periods of each segment, (S,).
+    period: control period, s.
+    recording: name of the recording each segment was cut from, S of them.
+    offset: time within that recording at which the segment starts, s, (S,).
+  """
+
+  commands: Array
+  start: Array
+  steps: NDArray[np.int64]
+  period: float
+  recording: tuple[str, ...]
+  offset: Array
+
+  def __post_init__(self) -> None:
+    size = len(self.recording)
+    if self.commands.ndim != 3 or self.commands.shape[0] != size or self.commands.shape[2] != 2:
+      raise ValueError(f"commands must be ({size}, T, 2), got {self.commands.shape}")
+    if self.start.shape != (size, len(START)):
+      raise ValueError(f"start must be ({size}, {len(START)}), got {self.start.shape}")
+
+  def __len__(self) -> int:
+    return len(self.recording)
+
+
+@dataclasses.dataclass(frozen=True)
+class Prediction:
+  """Signals of n parameter vectors over S segments, (n, S, T + 1, 10); row 0 is the start."""
+
+  signals: Array
+  period: float
+
+  def channel(self, name: str) -> Array:
+    """One signal, (n, S, T + 1)."""
+    return self.signals[..., signal_index(name)]
+
+
+class Simulation(Protocol):
+  """Cars under way, advanced one control period at a time."""
+
+  signals: Array  # (N, 10)
+
+  def step(self, commands: Array) -> Array:
+    """Hold commands (N, 2) for one control period; return the signals after it, (N, 10)."""
+    ...
+
+
+class Plant(Protocol):
+  """A simulator of a car."""
+
+  period: float
+  parameters: ParameterSet
+
+  def begin(self, theta: Array, start: Array) -> Simulation:
+    """N cars with parameters (N, P) at states (N, 7), at rest in every hidden state."""
+    ...
+
+  def rollout(self, theta: Array, segments: Segments) -> Prediction:
+    """Every parameter vector, (n, P), over every segment."""
+    ...
+
+
+def rollout_by_steps(plant: Plant, theta: Array, segments: Segments) -> Prediction:
+  """Rollout of any plant through `begin` and `step`: all columns x all segments side by side."""
+  theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+  n, size, length = len(theta), len(segments), segments.commands.shape[1]
+  simulation = plant.begin(np.repeat(theta, size, axis=0), np.tile(segments.start, (n, 1)))
+  signals = np.empty((length + 1, n * size, len(SIGNALS)))
+  signals[0] = simulation.signals
+  commands = np.tile(segments.commands, (n, 1, 1))  # (n * S, T, 2)
+  for k in range(length):
+    signals[k + 1] = simulation.step(commands[:, k])
+  shaped = signals.transpose(1, 0, 2).reshape(n, size, length + 1, len(SIGNALS))
+  return Prediction(shaped, segments.period)
