@@ -51,6 +51,10 @@ class Segments:
     period: control period, s.
     recording: name of the recording each segment was cut from, S of them.
     offset: time within that recording at which the segment starts, s, (S,).
+    history: driving before each segment, (S, 2): seconds, and the integral of voltage squared, V^2 s
+      (heat and charge carry over from recording to recording); None for a fresh car.
+    pose: measured x, y, yaw on the control grid, (S, T + 1, 3), NaN where there is none; what a place-
+      or heading-bound effect looks up; None to use the simulated pose.
   """
 
   commands: Array
@@ -59,6 +63,8 @@ class Segments:
   period: float
   recording: tuple[str, ...]
   offset: Array
+  history: Array | None = None
+  pose: Array | None = None
 
   def __post_init__(self) -> None:
     size = len(self.recording)

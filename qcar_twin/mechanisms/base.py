@@ -1,0 +1,184 @@
+"""What a mechanism is: one piece of physics that can be added to the twin, with its own parameters.
+
+A mechanism is a small final class in a file of its own. It declares its parameters, each with the
+`null` value at which it is absent, and implements at most three of the hooks below. Hooks see only
+the simulations in which the mechanism is present (some parameter differs from its null), as rows of
+arrays: n simulations side by side. So a null mechanism is not run at all, which is what makes
+"null" and "absent" the same bit for bit.
+
+Signs: ISO 8855, x forward, y left, yaw counter-clockwise.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.plant import SIGNALS
+
+Array = NDArray[np.float64]
+Stage = Literal["command", "actuator", "force", "contact", "sensor"]
+Subsystem = Literal["steering", "tyre", "ground", "drive", "body", "sensor"]
+State = dict[str, Array]
+
+
+@dataclasses.dataclass(frozen=True)
+class Car:
+  """The numbers of the car a mechanism may use.
+
+  They are the measured ones of the vehicle (kg, kg m^2, m, -, rad), not the fitted ones: the same
+  constants in every simulation, so that a mechanism's parameter keeps its meaning during a fit.
+  """
+
+  mass: float
+  yaw_inertia: float
+  cg_to_front: float
+  cg_to_rear: float
+  track_width: float
+  cg_height: float
+  wheel_radius: float
+  gear_ratio: float  # wheel speed / motor speed
+  max_steering: float
+  imu_x: float
+  imu_y: float
+
+  @property
+  def wheelbase(self) -> float:
+    return self.cg_to_front + self.cg_to_rear
+
+
+@dataclasses.dataclass
+class Context:
+  """What is known at the start of a control period, for the n simulations in which a mechanism is present.
+
+  Attributes:
+    car: the car's measured numbers.
+    period: control period, s.
+    time: time since each segment's start, s.
+    signals: state of the car, (n, 10), columns in the order of SIGNALS.
+    commands: logged commands of this period before any mechanism, (n, 2): V, rad.
+    history: seconds driven and V^2 s spent before the segment, (n, 2).
+    recording_time: time since the start of the recording, s, (n,).
+    pose: x, y, yaw a place- or heading-bound effect looks up, (n, 3): measured where known, else simulated.
+    torque_per_volt: fitted motor torque per volt, N m / V, motor side, (n,).
+    back_emf: fitted damping of the motor, N m s / rad, motor side, (n,): with it, the part of the
+      voltage that drives current is V - back_emf / torque_per_volt * motor_speed.
+  """
+
+  car: Car
+  period: float
+  time: float
+  signals: Array
+  commands: Array
+  history: Array
+  recording_time: Array
+  pose: Array
+  torque_per_volt: Array
+  back_emf: Array
+
+  def signal(self, name: str) -> Array:
+    """One signal by name, (n,)."""
+    return self.signals[:, SIGNALS.index(name)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Track:
+  """A whole rollout, for the sensor side.
+
+  Attributes:
+    car: the car's measured numbers.
+    period: control period, s.
+    signals: (n, T + 1, 10), columns in the order of SIGNALS.
+    recording_time: time since the start of the recording, s, (n, T + 1).
+  """
+
+  car: Car
+  period: float
+  signals: Array
+  recording_time: Array
+
+  def signal(self, name: str) -> Array:
+    return self.signals[..., SIGNALS.index(name)]
+
+
+class Model(Protocol):
+  """The physical quantities a mechanism may change in the simulator, per simulation.
+
+  Quantities (n rows): wheel-wise, (n, 4) in the order front_left front_right rear_left rear_right:
+  `cornering_stiffness` [N/rad per wheel], `longitudinal_stiffness` [N per unit slip, per wheel],
+  `friction_coefficient` [-], `tyre_shape` [-], `load_exponent` [-], `relaxation_length` [m];
+  car-wise, (n,): `gravity_x`, `gravity_y` [m/s^2, world frame], `driveline_friction` [N m, motor side],
+  `driveline_damping` [N m s/rad, motor side], `torque_per_volt` [N m/V, motor side],
+  `rotor_inertia` [kg m^2, motor side], `differential_damping` [N m s/rad per axle],
+  `servo_time_constant` [s], `ackermann_fraction` [-], `added_mass` [kg], `added_mass_x` [m, from the
+  CG], `added_mass_y` [m], `cg_height_offset` [m], `cg_lateral_offset` [m].
+  """
+
+  def get(self, quantity: str) -> Array:
+    """Present values, (n, 4) or (n,): the fitted ones plus what earlier mechanisms changed."""
+    ...
+
+  def set(self, quantity: str, value: Array) -> None: ...
+
+
+class Mechanism:
+  """Base of all mechanisms; see the module's text.
+
+  Class attributes:
+    name: canonical id.
+    subsystem: where a report says it belongs.
+    stage: where it acts: command (what reaches the actuators), actuator (voltage and steering as
+      functions of the car's state), force (on the body), contact (quantities of the simulator),
+      sensor (what is logged).
+    parameters: at least one; each with null, typical and a prior standard deviation or None.
+    needs: channels without which it cannot be told apart ("yaw_rate", ...).
+    dissipative: True if it can only take energy out of the car.
+    symmetric: True if mirrored commands give mirrored motion under it.
+    varies: True if `write_model` must run every control period instead of once.
+    signed: True if negative sizes are meaningful.
+  """
+
+  name: ClassVar[str]
+  subsystem: ClassVar[Subsystem]
+  stage: ClassVar[Stage]
+  parameters: ClassVar[tuple[Parameter, ...]]
+  needs: ClassVar[tuple[str, ...]] = ()
+  dissipative: ClassVar[bool] = False
+  symmetric: ClassVar[bool] = True
+  varies: ClassVar[bool] = False
+  signed: ClassVar[bool] = False
+
+  def initial(self, theta: Array, context: Context) -> State:
+    """Hidden state at a segment's start: named arrays whose first axis is n. theta is (n, p)."""
+    return {}
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    """Commands that act, (n, 2): V, rad, from those that came in, (n, 2); may change `state`."""
+    return command
+
+  def wrench(self, theta: Array, context: Context, state: State) -> Array:
+    """Force on the body at the CG, (n, 3): F_x [N], F_y [N], M_z [N m], body frame; may change `state`."""
+    return np.zeros((len(theta), 3))
+
+  def write_model(self, theta: Array, context: Context, model: Model) -> None:
+    """Change quantities of the simulator."""
+
+  def measure(self, theta: Array, track: Track) -> Array:
+    """Signals as the sensors show them, (n, T + 1, 10), from the true ones in `track`."""
+    return track.signals
+
+
+def describe(mechanism: Mechanism) -> Mapping[str, Any]:
+  """What reports print of a mechanism: name, subsystem, first line, equation and parameters."""
+  text = (type(mechanism).__doc__ or "").strip()
+  return {
+    "name": mechanism.name,
+    "subsystem": mechanism.subsystem,
+    "stage": mechanism.stage,
+    "summary": text.splitlines()[0] if text else "",
+    "text": text,
+    "parameters": {p.name: p.unit for p in mechanism.parameters},
+  }
