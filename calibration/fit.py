@@ -1,0 +1,210 @@
+"""Batched Levenberg-Marquardt for maximum a posteriori estimates.
+
+The core sees a flat vector and a vectorised residual: all finite-difference columns and all trial
+steps of an iteration are one batched simulation. Source of the method: Nocedal and Wright,
+Numerical Optimization, 2nd ed., chapter 10; the pseudo-Huber loss: Hartley and Zisserman, A6.8.
+"""
+
+import dataclasses
+import logging
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.parameters import ParameterSet
+
+Array = NDArray[np.float64]
+Residual = Callable[[Array], Array]  # (n, p) -> (n, M), whitened: a perfect model costs M / 2
+
+log = logging.getLogger(__name__)
+
+
+@dataclasses.dataclass(frozen=True)
+class Fit:
+  """What a fit found.
+
+  Attributes:
+    parameters: the fitted parameters, p of them.
+    theta: estimates, (p,).
+    covariance: inverse of the posterior curvature, (p, p); a parameter at its bound keeps its prior variance.
+    at_bound: estimates that stopped at a bound, (p,).
+    identifiable: posterior variance below half the prior's, (p,): the data said something about it.
+    cost: half the robust sum of squares plus the prior's half sum of squares.
+    data_cost: the first part alone.
+    residual: whitened residual at theta, (M,).
+    jacobian: d residual / d theta, (M, p), from the last iteration.
+    iterations: cost after each iteration.
+    evaluations: simulations of the whole data set that were spent.
+  """
+
+  parameters: ParameterSet
+  theta: Array
+  covariance: Array
+  at_bound: NDArray[np.bool_]
+  identifiable: NDArray[np.bool_]
+  cost: float
+  data_cost: float
+  residual: Array
+  jacobian: Array
+  iterations: tuple[float, ...]
+  evaluations: int
+
+  @property
+  def std(self) -> Array:
+    """Posterior standard deviations, (p,)."""
+    return np.sqrt(np.diag(self.covariance))
+
+  def named(self) -> dict[str, float]:
+    return self.parameters.named(self.theta)
+
+  def table(self) -> dict[str, dict[str, float | bool | str]]:
+    """Per parameter: value, std, unit, prior, at_bound, identifiable; ready for JSON."""
+    return {
+      p.name: {
+        "value": float(self.theta[i]),
+        "std": float(self.std[i]),
+        "unit": p.unit,
+        "prior": p.nominal,
+        "prior_std": float(self.parameters.std[i]),
+        "at_bound": bool(self.at_bound[i]),
+        "identifiable": bool(self.identifiable[i]),
+      }
+      for i, p in enumerate(self.parameters)
+    }
+
+
+def fit(
+  residual: Residual,
+  parameters: ParameterSet,
+  start: Array | None = None,
+  iterations: int = 8,
+  robust: float = 3.0,
+  tolerance: float = 1e-3,
+  step: float = 0.02,
+  progress: Callable[[int, float], None] | None = None,
+) -> Fit:
+  """Minimise half the robust sum of squared residuals plus the prior.
+
+  Args:
+    residual: whitened residuals of n parameter vectors, (n, p) -> (n, M); NaN rows count as infinitely bad.
+    parameters: bounds and Gaussian priors.
+    start: first guess, (p,); the nominal values by default.
+    iterations: at most this many Jacobians.
+    robust: pseudo-Huber width in standard deviations; np.inf for plain least squares.
+    tolerance: stop when an iteration lowers the cost by less than this share of it.
+    step: finite-difference step as a share of each parameter's scale.
+    progress: called with the iteration and the cost.
+
+  Raises:
+    ValueError: the residual at the start is not finite.
+  """
+  theta = np.clip(parameters.nominal if start is None else np.asarray(start, float), parameters.lower, parameters.upper)
+  r = residual(theta[None])[0]
+  if not np.isfinite(r).all():
+    raise ValueError("the simulation at the first guess is not finite; start from nominal parameters")
+  costs, damping, evaluations = [_cost(r, theta, parameters, robust)], 1e-3, 1
+  jacobian = np.zeros((len(r), len(theta)))
+  for k in range(iterations):
+    jacobian = finite_differences(residual, parameters, theta, r, step)
+    trials = [_lm_step(jacobian, r, theta, parameters, robust, damping * f) for f in (0.01, 1.0, 100.0)]
+    candidates = np.stack([*trials, 0.5 * (theta + trials[1])])
+    outcomes = residual(candidates)
+    evaluations += len(theta) + len(candidates)
+    cost = [_cost(o, t, parameters, robust) for o, t in zip(outcomes, candidates, strict=True)]
+    best = int(np.argmin(cost))
+    damping = float(np.clip(damping * (0.01, 1.0, 100.0, 10.0)[best], 1e-8, 1e6))
+    gain = costs[-1] - cost[best]
+    if gain > 0:
+      theta, r = candidates[best], outcomes[best]
+      costs.append(cost[best])
+    else:
+      damping = min(damping * 100.0, 1e6)
+    if progress:
+      progress(k + 1, costs[-1])
+    if gain < tolerance * (1.0 + abs(costs[-1])) * 1e-1 and (gain > 0 or k > 0):
+      break
+  return _finish(parameters, theta, r, jacobian, costs, evaluations, robust)
+
+
+def finite_differences(
+  residual: Residual, parameters: ParameterSet, theta: Array, r: Array, step: float = 0.02
+) -> Array:
+  """Forward-difference Jacobian, (M, p); a step that would leave the bounds is mirrored."""
+  h = step * parameters.scale
+  h = np.where(theta + h > parameters.upper, -h, h)
+  moved = residual(theta + np.diag(h))
+  jacobian = ((moved - r) / h[:, None]).T
+  if not np.isfinite(jacobian).all():
+    bad = [p.name for i, p in enumerate(parameters) if not np.isfinite(jacobian[:, i]).all()]
+    raise ValueError(f"the simulation is not finite when {', '.join(bad)} moves by {step:g} of its scale")
+  return jacobian
+
+
+def robust_weights(r: Array, width: float) -> Array:
+  """Weights of the pseudo-Huber loss, rho' / r, (M,)."""
+  return np.ones_like(r) if not np.isfinite(width) else 1.0 / np.sqrt(1.0 + (r / width) ** 2)
+
+
+def robust_cost(r: Array, width: float) -> Array:
+  """Half the pseudo-Huber loss of each residual: width^2 (sqrt(1 + r^2 / width^2) - 1)."""
+  return 0.5 * r**2 if not np.isfinite(width) else width**2 * (np.sqrt(1.0 + (r / width) ** 2) - 1.0)
+
+
+def posterior_curvature(jacobian: Array, r: Array, parameters: ParameterSet, robust: float) -> Array:
+  """J' W J plus the prior's precision, (p, p)."""
+  weighted = jacobian * robust_weights(r, robust)[:, None]
+  return jacobian.T @ weighted + np.diag(1.0 / parameters.std**2)
+
+
+def prior_cost(theta: Array, parameters: ParameterSet) -> float:
+  return 0.5 * float(np.sum(((theta - parameters.nominal) / parameters.std) ** 2))
+
+
+def _cost(r: Array, theta: Array, parameters: ParameterSet, robust: float) -> float:
+  if not np.isfinite(r).all():
+    return np.inf
+  return float(np.sum(robust_cost(r, robust))) + prior_cost(theta, parameters)
+
+
+def _lm_step(jacobian: Array, r: Array, theta: Array, parameters: ParameterSet, robust: float, damping: float) -> Array:
+  """Damped step with an active set: a parameter that would leave its bound is put there, the rest solved again."""
+  curvature = posterior_curvature(jacobian, r, parameters, robust)
+  gradient = jacobian.T @ (r * robust_weights(r, robust)) + (theta - parameters.nominal) / parameters.std**2
+  damped = curvature + damping * np.diag(np.diag(curvature))
+  free = np.ones(len(theta), dtype=bool)
+  target = theta.copy()
+  for _ in range(len(theta)):
+    pull = gradient[free] + damped[np.ix_(free, ~free)] @ (target - theta)[~free]
+    target[free] = theta[free] - np.linalg.lstsq(damped[np.ix_(free, free)], pull, rcond=None)[0]
+    outside = free & ((target < parameters.lower) | (target > parameters.upper))
+    if not outside.any():
+      break
+    target[outside] = np.clip(target, parameters.lower, parameters.upper)[outside]
+    free &= ~outside
+  return target
+
+
+def _finish(
+  parameters: ParameterSet, theta: Array, r: Array, jacobian: Array, costs: list[float], evaluations: int, robust: float
+) -> Fit:
+  span = parameters.upper - parameters.lower
+  at_bound = (theta - parameters.lower < 1e-6 * span) | (parameters.upper - theta < 1e-6 * span)
+  covariance = np.linalg.pinv(posterior_curvature(jacobian, r, parameters, robust), hermitian=True)
+  variance = np.diag(covariance).copy()
+  for i in np.flatnonzero(at_bound):
+    covariance[i, :] = covariance[:, i] = 0.0
+    covariance[i, i] = parameters.std[i] ** 2
+  return Fit(
+    parameters=parameters,
+    theta=theta,
+    covariance=covariance,
+    at_bound=at_bound,
+    identifiable=(variance < 0.5 * parameters.std**2) & ~at_bound,
+    cost=costs[-1],
+    data_cost=float(np.sum(robust_cost(r, robust))),
+    residual=r,
+    jacobian=jacobian,
+    iterations=tuple(costs),
+    evaluations=evaluations,
+  )

@@ -1,0 +1,183 @@
+"""Recordings cut into stretches that simulate side by side, each started from what was measured.
+
+A free run over minutes lets a small force error grow into a large one; a restart every few samples
+sees nothing but noise. Stretches of a few seconds, started from the measured speed and yaw rate,
+keep both in bounds. The first `warm_up` seconds of a stretch that starts in mid-recording are
+simulated but not scored: hidden states (servo, tyre, play) settle there.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.plant import START, Segments
+from qcar_twin.recording import Recording
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Cut:
+  """How recordings are cut.
+
+  Attributes:
+    length: longest scored stretch, s.
+    warm_up: unscored lead-in of stretches that start in mid-recording, s.
+    period: control period, s.
+    shift: control periods by which commands act later than logged (the timing convention); may be negative.
+  """
+
+  length: float = 6.0
+  warm_up: float = 0.4
+  period: float = 0.01
+  shift: int = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class Stretches:
+  """Segments and the part of each that is scored: from `first` to `last`, s, recording time, (S,)."""
+
+  segments: Segments
+  first: Array
+  last: Array
+
+
+def cut_recordings(recordings: Sequence[Recording], vehicle, cut: Cut = Cut()) -> Stretches:
+  """Cut recordings into padded segments with measured start states.
+
+  Args:
+    recordings: in the order they were driven; heat and charge are carried along this order.
+    vehicle: numbers of the car (gear_ratio, wheel_radius, cg_to_front, cg_to_rear).
+    cut: lengths and timing.
+  """
+  pieces = [piece for index, recording in enumerate(recordings) for piece in _pieces(recording, index, vehicle, cut)]
+  if not pieces:
+    raise ValueError("no recording is long enough to simulate; at least 0.2 s with a motor_voltage are needed")
+  history = _history(recordings, cut.period)
+  steps = np.array([len(p.commands) for p in pieces])
+  longest = int(steps.max())
+  commands = np.stack([_pad(p.commands, longest) for p in pieces])
+  pose = np.stack([_pad(p.pose, longest + 1) for p in pieces])
+  segments = Segments(
+    commands=commands,
+    start=np.stack([p.start for p in pieces]),
+    steps=steps,
+    period=cut.period,
+    recording=tuple(recordings[p.index].name for p in pieces),
+    offset=np.array([p.offset for p in pieces]),
+    history=np.stack([history[p.index] + p.spent for p in pieces]),
+    pose=pose,
+  )
+  return Stretches(segments, np.array([p.first for p in pieces]), np.array([p.last for p in pieces]))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Piece:
+  index: int
+  commands: Array
+  pose: Array
+  start: Array
+  offset: float
+  first: float
+  last: float
+  spent: Array
+
+
+def _pieces(recording: Recording, index: int, vehicle, cut: Cut) -> list[_Piece]:
+  time, commands = recording.commands(cut.period)
+  commands = shift_commands(commands, cut.shift)
+  duration = len(time) * cut.period
+  if duration < 0.2:
+    return []
+  count = max(1, int(np.ceil(duration / cut.length - 0.25)))
+  edges = np.linspace(0, len(time), count + 1).round().astype(int)
+  pose = _pose_on(recording, np.append(time, time[-1] + cut.period))
+  pieces = []
+  for low, high in zip(edges[:-1], edges[1:], strict=True):
+    begin = max(0, low - int(round(cut.warm_up / cut.period))) if low else 0
+    spent = np.array([begin * cut.period, float(np.sum(commands[:begin, 0] ** 2)) * cut.period])
+    pieces.append(
+      _Piece(
+        index=index,
+        commands=commands[begin:high],
+        pose=pose[begin : high + 1],
+        start=measured_start(recording, float(time[begin]), vehicle, commands[begin, 1], begin == 0),
+        offset=float(time[begin]),
+        first=float(time[low]),
+        last=float(time[high - 1] + cut.period),
+        spent=spent,
+      )
+    )
+  return pieces
+
+
+def shift_commands(commands: Array, shift: int) -> Array:
+  """Commands (T, 2) moved later by whole periods (earlier if negative); the ends are held."""
+  if shift == 0:
+    return commands
+  index = np.clip(np.arange(len(commands)) - shift, 0, len(commands) - 1)
+  return commands[index]
+
+
+def measured_start(recording: Recording, time: float, vehicle, steering: float, at_beginning: bool) -> Array:
+  """State at a time from the streams around it, in the order of START, (7,).
+
+  Speed and yaw rate are straight-line fits over 0.1 s; sideslip is the kinematic one.
+  """
+  values = dict.fromkeys(START, 0.0)
+  half = 0.06
+  for name in ("pose_x", "pose_y", "pose_yaw", "yaw_rate"):
+    if name in recording.channels:
+      values[name] = _level(recording[name], time, half if name == "yaw_rate" else 0.02)
+  values["velocity_x"] = _measured_speed(recording, time, vehicle, half)
+  if at_beginning and abs(values["velocity_x"]) < 0.02:
+    values["velocity_x"] = values["yaw_rate"] = 0.0
+  values["steering_angle"] = float(np.clip(steering, -vehicle.max_steering, vehicle.max_steering))
+  values["velocity_y"] = values["yaw_rate"] * vehicle.cg_to_rear
+  return np.array([values[name] for name in START])
+
+
+def _measured_speed(recording: Recording, time: float, vehicle, half: float) -> float:
+  if "motor_speed" in recording.channels:
+    return _level(recording["motor_speed"], time, half) * vehicle.gear_ratio * vehicle.wheel_radius
+  if "speed" in recording.channels:
+    return _level(recording["speed"], time, half)
+  return 0.0
+
+
+def _level(stream, time: float, half: float) -> float:
+  """Value of a straight line through the samples within +-half of a time; nearest sample if there are few."""
+  near = np.abs(stream.time - time) <= half
+  if near.sum() >= 4 and np.ptp(stream.time[near]) > 0:
+    slope, level = np.polyfit(stream.time[near] - time, stream.value[near], 1)
+    return float(level) if stream.time[near].min() <= time else float(stream.value[near].mean())
+  return float(np.interp(time, stream.time, stream.value))
+
+
+def _pose_on(recording: Recording, time: Array) -> Array:
+  """Measured x, y, yaw at times, (len(time), 3); NaN where a channel is missing."""
+  pose = np.full((len(time), 3), np.nan)
+  for column, name in enumerate(("pose_x", "pose_y", "pose_yaw")):
+    if name in recording.channels:
+      stream = recording[name]
+      pose[:, column] = np.interp(time, stream.time, stream.value)
+  return pose
+
+
+def _history(recordings: Sequence[Recording], period: float) -> Array:
+  """Seconds driven and V^2 s spent before each recording, within its session, (R, 2)."""
+  history = np.zeros((len(recordings), 2))
+  total: dict[str | None, Array] = {}
+  for index, recording in enumerate(recordings):
+    before = total.get(recording.session, np.zeros(2))
+    history[index] = before
+    _, commands = recording.commands(period)
+    total[recording.session] = before + [len(commands) * period, float(np.sum(commands[:, 0] ** 2)) * period]
+  return history
+
+
+def _pad(values: Array, length: int) -> Array:
+  """Repeat the last row until there are `length` rows; a padded command holds its last value."""
+  return np.concatenate([values, np.repeat(values[-1:], length - len(values), axis=0)])

@@ -1,0 +1,176 @@
+"""Physical quantities of many simulated cars, written into MuJoCo's per-simulation model fields.
+
+Mechanisms and the twin speak of a cornering stiffness or an added mass; this file alone knows in
+which expanded model field of a `mujoco.batch.Batch` that lives. Values are per simulation (row).
+"""
+
+import difflib
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from qcar_twin.mechanisms.base import Car
+
+Array = NDArray[np.float64]
+Rows = slice | NDArray[np.int64]
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+
+# column of geom_user for every tyre quantity; see qcar_twin/tyre
+TYRE_COLUMN = {
+  "cornering_stiffness": 1,
+  "longitudinal_stiffness": 2,
+  "friction_coefficient": 3,
+  "tyre_shape": 4,
+  "load_exponent": 5,
+  "relaxation_length": 7,
+}
+DRIVE = ("torque_per_volt", "motor_damping", "driveline_friction", "driveline_damping", "rotor_inertia")
+BODY = (
+  "mass",
+  "yaw_inertia",
+  "cg_to_front",
+  "added_mass",
+  "added_mass_x",
+  "added_mass_y",
+  "cg_height_offset",
+  "cg_lateral_offset",
+)
+OTHER = ("gravity_x", "gravity_y", "differential_damping", "servo_time_constant", "ackermann_fraction")
+
+
+class Fields:
+  """Quantities of N cars, and the batch they are written to."""
+
+  def __init__(self, batch: Batch, car: Car, native_tyre: bool):
+    self._batch, self._car, self._native = batch, car, native_tyre
+    model = batch.model
+    self._wheel = [model.geom(name).id for name in WHEELS]
+    self._chassis = model.body("chassis").id
+    self._motor_dof = int(model.joint("motor").dofadr[0])
+    self._motor, self._servo = model.actuator("motor").id, model.actuator("steering").id
+    self._ackermann = model.equality("ackermann").id
+    self._differential = [model.tendon(f"{axle}_differential").id for axle in ("front", "rear")]
+    self._rest = _Rest(model, self._chassis)
+    self._full_ackermann = car.track_width / (2.0 * car.wheelbase)
+    self.values: dict[str, Array] = {}
+
+  def load(self, values: dict[str, Array]) -> None:
+    """Take base values of every quantity, (N,) or (N, 4), and write all of them."""
+    self.values = values
+    self.write(set(values), slice(None))
+
+  def write(self, changed: set[str], rows: Rows) -> None:
+    """Bring the model fields of some simulations in line with their quantities."""
+    for name in changed & set(TYRE_COLUMN):
+      self._write_tyre(name, rows)
+    if changed & set(DRIVE):
+      self._write_drive(rows)
+    if changed & set(BODY):
+      self._write_body(rows)
+    if changed & set(OTHER):
+      self._write_other(changed, rows)
+
+  def _write_tyre(self, name: str, rows: Rows) -> None:
+    value = self.values[name][rows]
+    if self._native:
+      if name == "friction_coefficient":
+        self._batch.expand("geom_friction")[rows, self._wheel[0] : self._wheel[-1] + 1 : 1][..., 0]
+        friction = self._batch.expand("geom_friction")
+        for k, geom in enumerate(self._wheel):
+          friction[rows, geom, 0] = value[:, k]
+      return
+    user = self._batch.expand("geom_user")
+    for k, geom in enumerate(self._wheel):
+      user[rows, geom, TYRE_COLUMN[name]] = value[:, k]
+
+  def _write_drive(self, rows: Rows) -> None:
+    """torque = a V - b w with a = K / R, b = K^2 / R: K = b / a, R = b / a^2 (armature circuit without inductance)."""
+    a, b = self.values["torque_per_volt"][rows], self.values["motor_damping"][rows]
+    gain = self._batch.expand("actuator_gainprm")
+    gain[rows, self._motor, 0] = b / a**2
+    gain[rows, self._motor, 1] = b / a
+    self._batch.expand("dof_frictionloss")[rows, self._motor_dof] = self.values["driveline_friction"][rows]
+    self._batch.expand("dof_damping")[rows, self._motor_dof] = self.values["driveline_damping"][rows]
+    self._batch.expand("dof_armature")[rows, self._motor_dof] = self.values["rotor_inertia"][rows]
+
+  def _write_body(self, rows: Rows) -> None:
+    v = {name: self.values[name][rows] for name in BODY}
+    total = v["mass"] + v["added_mass"]
+    base_x, base_y = self._car.cg_to_front - v["cg_to_front"], v["cg_lateral_offset"]
+    share = v["added_mass"] / total
+    cg = np.stack([base_x + share * (v["added_mass_x"] - base_x), base_y + share * (v["added_mass_y"] - base_y)], -1)
+    reduced = v["mass"] * share  # m1 m2 / (m1 + m2)
+    apart = (v["added_mass_x"] - base_x) ** 2 + (v["added_mass_y"] - base_y) ** 2
+    mass, position, inertia = self._rest.chassis(total, v["yaw_inertia"] + reduced * apart, cg, v["cg_height_offset"])
+    self._batch.expand("body_mass")[rows, self._chassis] = mass
+    self._batch.expand("body_ipos")[rows, self._chassis] = position
+    self._batch.expand("body_inertia")[rows, self._chassis] = inertia
+
+  def _write_other(self, changed: set[str], rows: Rows) -> None:
+    for name, axis in (("gravity_x", 0), ("gravity_y", 1)):
+      if name in changed:
+        self._batch.expand("opt.gravity")[rows, axis] = self.values[name][rows]
+    if "differential_damping" in changed:
+      for tendon in self._differential:
+        self._batch.expand("tendon_damping")[rows, tendon] = self.values["differential_damping"][rows]
+    if "servo_time_constant" in changed:
+      self._batch.expand("actuator_dynprm")[rows, self._servo, 0] = self.values["servo_time_constant"][rows]
+    if "ackermann_fraction" in changed:
+      curve = self._full_ackermann * self.values["ackermann_fraction"][rows]
+      self._batch.expand("eq_data")[rows, self._ackermann, 2] = curve
+
+
+class _Rest:
+  """What of the car's mass is not in the chassis body: wheels, carriers, motor."""
+
+  def __init__(self, model: mujoco.MjModel, chassis: int):
+    self._chassis = chassis
+    inside = [b for b in range(model.nbody) if model.body_parentid[b] == chassis]
+    self._mass = model.body_mass[inside].copy()
+    self._position = model.body_pos[inside].copy()
+    self._inertia = model.body_inertia[inside, 2].copy()
+    self._own = model.body_inertia[chassis].copy()
+    self._own_mass = float(model.body_mass[chassis])
+    self._height = float(model.body_ipos[chassis, 2])
+
+  def chassis(self, total: Array, yaw_inertia: Array, cg: Array, height_offset: Array) -> tuple[Array, Array, Array]:
+    """Mass, position and principal inertias of the chassis body for wanted totals about the total CG.
+
+    Args:
+      total: mass of the whole car, kg, (n,).  yaw_inertia: about its CG, kg m^2, (n,).
+      cg: position of the CG in the chassis frame, m, (n, 2).  height_offset: CG above nominal, m, (n,).
+    """
+    mass = total - self._mass.sum()
+    xy = (total[:, None] * cg - self._mass @ self._position[:, :2]) / mass[:, None]
+    position = np.column_stack([xy, self._height + height_offset * total / mass])
+    away = np.sum((self._position[None, :, :2] - cg[:, None]) ** 2, axis=-1)
+    rest = self._inertia.sum() + away @ self._mass
+    inertia = np.tile(self._own, (len(total), 1)) * (mass / self._own_mass)[:, None]
+    inertia[:, 2] = np.maximum(yaw_inertia - rest - mass * np.sum((xy - cg) ** 2, axis=-1), 1e-5)
+    # a rigid body's principal inertias satisfy the triangle inequality
+    inertia[:, 1] = np.maximum(inertia[:, 1], inertia[:, 2] - 0.95 * inertia[:, 0])
+    inertia[:, 0] = np.maximum(inertia[:, 0], np.abs(inertia[:, 2] - inertia[:, 1]) * 1.01)
+    return mass, position, inertia
+
+
+class FieldsView:
+  """`Model` of qcar_twin.mechanisms.base: the quantities of some rows, open to one mechanism."""
+
+  def __init__(self, fields: Fields, rows: Rows):
+    self._fields, self._rows = fields, rows
+    self.changed: set[str] = set()
+
+  def get(self, quantity: str) -> Array:
+    return self._column(quantity)[self._rows].copy()
+
+  def set(self, quantity: str, value: Array) -> None:
+    self._column(quantity)[self._rows] = value
+    self.changed.add(quantity)
+
+  def _column(self, quantity: str) -> Array:
+    if quantity not in self._fields.values:
+      near = difflib.get_close_matches(quantity, self._fields.values, n=3) or sorted(self._fields.values)
+      raise KeyError(f"no quantity '{quantity}' in the simulator; did you mean {', '.join(near)}?")
+    return self._fields.values[quantity]

@@ -1,0 +1,329 @@
+"""The physics twin: a MuJoCo car with mechanisms in slots, any number of cars side by side.
+
+One `mujoco.batch.Batch` carries every parameter vector times every stretch of driving. Parameters
+are a flat vector with names; mechanisms that are at their null are not run at all.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from qcar_twin import twin_parameters
+from qcar_twin.fields import WHEELS, Fields, FieldsView, Rows
+from qcar_twin.mechanisms.base import Car, Context, Mechanism, State, Track, describe
+from qcar_twin.parameters import ParameterSet
+from qcar_twin.plant import SIGNALS, START, Prediction, Segments
+from qcar_twin.tyre import load_plugin
+from qcar_twin.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+_STEPPED = ("command", "actuator", "force", "contact")
+# qpos of the free joint: position, quaternion; qvel: velocity in the world frame, rate in the body frame
+_VX, _VY, _YAW_RATE = 0, 1, 5
+
+
+class Twin:
+  """A car in MuJoCo.
+
+  Args:
+    vehicle: the car's numbers.
+    mechanisms: physics added to the base car; command-stage ones act in the order given.
+    tyre: "contact" for the tyre inside the contact solver, "native" for MuJoCo's own friction.
+    substeps: simulation steps per control period of 10 ms (5 = 2 ms, 2 = 5 ms).
+    threads: threads of the batch, 0 for all cores. Results do not depend on it.
+    rows: at most this many cars are simulated side by side; more columns are done in turns.
+  """
+
+  def __init__(
+    self,
+    vehicle: Vehicle,
+    mechanisms: Sequence[Mechanism] = (),
+    tyre: str = "contact",
+    substeps: int = 2,
+    threads: int = 0,
+    rows: int = 1024,
+  ):
+    load_plugin()
+    self.vehicle, self.mechanisms, self.tyre = vehicle, tuple(mechanisms), tyre
+    self.period, self.substeps, self.threads, self.rows = 0.01, substeps, threads, rows
+    self.car = Car(**{f.name: getattr(vehicle, f.name) for f in dataclasses.fields(Car)})
+    self.base = twin_parameters.base_parameters(vehicle)
+    self.parameters = self.base + [p for m in self.mechanisms for p in m.parameters]
+    self.model = vehicle.spec(tyre=tyre, timestep=self.period / substeps).compile()
+    self._columns = {m.name: [self.parameters.index(p.name) for p in m.parameters] for m in self.mechanisms}
+    self._rest_height = self._settle()
+    self._batches: dict[int, Batch] = {}
+
+  def __repr__(self) -> str:
+    lines = [f"Twin of {self.vehicle.name}: {self.tyre} tyre, {1e3 * self.period / self.substeps:g} ms steps"]
+    lines += [f"  base: {p.name} = {p.nominal:g} {p.unit}" for p in self.base]
+    for m in self.mechanisms:
+      lines.append(f"  {m.stage}: {m.name} ({', '.join(f'{k} [{u}]' for k, u in describe(m)['parameters'].items())})")
+    return "\n".join(lines)
+
+  def with_mechanisms(self, mechanisms: Sequence[Mechanism]) -> "Twin":
+    """The same car with other mechanisms."""
+    return Twin(self.vehicle, mechanisms, self.tyre, self.substeps, self.threads, self.rows)
+
+  def begin(
+    self,
+    theta: Array,
+    start: Array,
+    history: Array | None = None,
+    recording_time: Array | None = None,
+    first_command: Array | None = None,
+  ) -> "Simulation":
+    """N cars with parameters (N, P) at states (N, 7).
+
+    Args:
+      theta: parameter vectors, one per car.
+      start: states in the order of START.
+      history: seconds driven and V^2 s spent before, (N, 2).
+      recording_time: time of the start within its recording, s, (N,).
+      first_command: V, rad that stood when the simulation starts, (N, 2): what lags and delays begin with.
+    """
+    theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+    if theta.shape != (len(start), len(self.parameters)):
+      raise ValueError(f"theta must be ({len(start)}, {len(self.parameters)}), got {theta.shape}")
+    size = len(start)
+    return Simulation(
+      self,
+      theta,
+      np.asarray(start, dtype=np.float64),
+      np.zeros((size, 2)) if history is None else history,
+      np.zeros(size) if recording_time is None else recording_time,
+      np.column_stack([np.zeros(size), start[:, 6]]) if first_command is None else first_command,
+    )
+
+  def rollout(self, theta: Array, segments: Segments) -> Prediction:
+    """Every parameter vector, (n, P), over every segment; sensor-side mechanisms included."""
+    theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+    per_turn = max(1, self.rows // len(segments))
+    signals = [self._rollout(theta[i : i + per_turn], segments) for i in range(0, len(theta), per_turn)]
+    return Prediction(np.concatenate(signals), segments.period)
+
+  def _rollout(self, theta: Array, segments: Segments) -> Array:
+    n, size, length = len(theta), len(segments), segments.commands.shape[1]
+    tile = lambda a: None if a is None else np.tile(a, (n,) + (1,) * (a.ndim - 1))  # noqa: E731
+    commands = np.ascontiguousarray(tile(segments.commands).transpose(1, 0, 2))  # (T, n * S, 2)
+    simulation = self.begin(
+      np.repeat(theta, size, axis=0), tile(segments.start), tile(segments.history), tile(segments.offset), commands[0]
+    )
+    pose = None if segments.pose is None else tile(segments.pose)
+    signals = np.empty((length + 1, n * size, len(SIGNALS)))
+    signals[0] = simulation.signals
+    for k in range(length):
+      signals[k + 1] = simulation.step(commands[k], None if pose is None else pose[:, k])
+    out = np.ascontiguousarray(signals.transpose(1, 0, 2))
+    out = self.measured(np.repeat(theta, size, axis=0), out, tile(segments.offset))
+    return out.reshape(n, size, length + 1, len(SIGNALS))
+
+  def measured(self, theta: Array, signals: Array, offset: Array) -> Array:
+    """Signals (N, T + 1, 10) as the sensors of a car with parameters (N, P) show them."""
+    time = offset[:, None] + self.period * np.arange(signals.shape[1])
+    for mechanism in self.mechanisms:
+      if mechanism.stage == "sensor":
+        rows = self.present(mechanism, theta)
+        if rows is not None:
+          track = Track(self.car, self.period, signals[rows], time[rows])
+          signals[rows] = mechanism.measure(theta[rows][:, self._columns[mechanism.name]], track)
+    return signals
+
+  def present(self, mechanism: Mechanism, theta: Array) -> Rows | None:
+    """Rows of theta, (N, P), in which a mechanism differs from its null; None if in none."""
+    columns = self._columns[mechanism.name]
+    null = [(c, p.null) for c, p in zip(columns, mechanism.parameters, strict=True) if p.null is not None]
+    rows = np.flatnonzero(np.any([theta[:, c] != value for c, value in null], axis=0))
+    if len(rows) == 0:
+      return None
+    return slice(int(rows[0]), int(rows[-1]) + 1) if rows[-1] - rows[0] + 1 == len(rows) else rows
+
+  def batch(self, size: int) -> Batch:
+    """The batch for a number of cars; kept, since making one costs more than a step."""
+    if size not in self._batches:
+      if len(self._batches) > 3:
+        self._batches.pop(next(iter(self._batches)))
+      self._batches[size] = Batch(self.model, size, self.threads)
+    return self._batches[size]
+
+  def _settle(self) -> float:
+    """Height at which the nominal car stands, m."""
+    data = mujoco.MjData(self.model)
+    for _ in range(int(1.5 / self.model.opt.timestep)):
+      mujoco.mj_step(self.model, data)
+    return float(data.joint("chassis").qpos[2])
+
+
+class Simulation:
+  """Cars under way. `signals` is the present state, (N, 10); `step` advances by one control period."""
+
+  def __init__(self, twin: Twin, theta: Array, start: Array, history: Array, recording_time: Array, command: Array):
+    self._twin, self._theta = twin, theta
+    self._batch = twin.batch(len(theta))
+    self._batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+    self._fields = Fields(self._batch, twin.car, twin.tyre == "native")
+    self._fields.load(twin_parameters.quantities(theta, twin.base, twin.vehicle))
+    self._history, self._recording_time, self._time = history, recording_time, 0.0
+    self._bind(twin.model)
+    self._place(start)
+    self.signals = np.zeros((len(theta), len(SIGNALS)))
+    self._yaw = start[:, 2].copy()
+    self._read()
+    self.signals[:, 6:8] = 0.0
+    self._slots = [
+      _Slot(m, rows, theta[rows][:, twin._columns[m.name]])
+      for m in twin.mechanisms
+      if m.stage in _STEPPED and (rows := twin.present(m, theta)) is not None
+    ]
+    pose = self.signals[:, :3]
+    for slot in self._slots:
+      slot.state = slot.mechanism.initial(slot.theta, self._context(slot, command, pose))
+    self._write_models(command, pose, first=True)
+
+  def step(self, commands: Array, pose: Array | None = None) -> Array:
+    """Hold commands (N, 2) for one control period; returns the signals after it, (N, 10).
+
+    Args:
+      commands: V, rad.
+      pose: measured x, y, yaw for place- and heading-bound effects, (N, 3); NaN or None for the simulated one.
+    """
+    pose = self.signals[:, :3] if pose is None else np.where(np.isfinite(pose), pose, self.signals[:, :3])
+    acting = np.array(commands, dtype=np.float64)
+    force: Array | None = None
+    for slot in self._slots:
+      context = self._context(slot, commands, pose)
+      if slot.commands:
+        acting[slot.rows] = slot.mechanism.command(slot.theta, context, slot.state, acting[slot.rows])
+      if slot.pushes:
+        force = np.zeros((len(commands), 3)) if force is None else force
+        force[slot.rows] += slot.mechanism.wrench(slot.theta, context, slot.state)
+    if any(slot.mechanism.varies for slot in self._slots):
+      self._write_models(commands, pose, first=False)
+    self._ctrl[:] = acting
+    self._push(force)
+    self._batch.step(nstep=self._twin.substeps)
+    self._time += self._twin.period
+    self._read()
+    return self.signals
+
+  def _bind(self, model: mujoco.MjModel) -> None:
+    batch = self._batch
+    self._qpos, self._qvel, self._ctrl, self._act = batch.qpos, batch.qvel, batch.ctrl, batch.act
+    self._xfrc = batch.bind("xfrc_applied")
+    self._sensordata = batch.bind("sensordata")
+    self._chassis = model.body("chassis").id
+    self._motor = int(model.joint("motor").dofadr[0])
+    self._spins = [int(model.joint(f"{w}_spin").dofadr[0]) for w in WHEELS]
+    self._steer_q = [int(model.joint(f"{w}_steering").qposadr[0]) for w in WHEELS[:2]]
+    self._accelerometer = int(model.sensor("accelerometer").adr[0])
+
+  def _place(self, start: Array) -> None:
+    s = {name: start[:, i] for i, name in enumerate(START)}
+    car = self._twin.car
+    self._qpos[:, 0], self._qpos[:, 1], self._qpos[:, 2] = s["pose_x"], s["pose_y"], self._twin._rest_height
+    self._qpos[:, 3], self._qpos[:, 6] = np.cos(s["pose_yaw"] / 2), np.sin(s["pose_yaw"] / 2)
+    cosine, sine = np.cos(s["pose_yaw"]), np.sin(s["pose_yaw"])
+    self._qvel[:, _VX] = cosine * s["velocity_x"] - sine * s["velocity_y"]
+    self._qvel[:, _VY] = sine * s["velocity_x"] + cosine * s["velocity_y"]
+    self._qvel[:, _YAW_RATE] = s["yaw_rate"]
+    half = car.track_width / 2
+    for k, dof in enumerate(self._spins):
+      side = half if k % 2 == 0 else -half
+      self._qvel[:, dof] = (s["velocity_x"] - s["yaw_rate"] * side) / car.wheel_radius
+    self._qvel[:, self._motor] = s["velocity_x"] / car.wheel_radius / car.gear_ratio
+    curve = car.track_width / (2 * car.wheelbase) * self._fields.values["ackermann_fraction"] * s["steering_angle"] ** 2
+    self._qpos[:, self._steer_q[0]] = s["steering_angle"] + curve
+    self._qpos[:, self._steer_q[1]] = s["steering_angle"] - curve
+    self._act[:] = 0.0
+    self._act[:, -1] = s["steering_angle"]
+
+  def _read(self) -> None:
+    q, v, out = self._qpos, self._qvel, self.signals
+    yaw = np.arctan2(2 * (q[:, 3] * q[:, 6] + q[:, 4] * q[:, 5]), 1 - 2 * (q[:, 5] ** 2 + q[:, 6] ** 2))
+    self._yaw += np.mod(yaw - self._yaw + np.pi, 2 * np.pi) - np.pi
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    out[:, 0], out[:, 1], out[:, 2] = q[:, 0], q[:, 1], self._yaw
+    out[:, 3] = cosine * v[:, _VX] + sine * v[:, _VY]
+    out[:, 4] = -sine * v[:, _VX] + cosine * v[:, _VY]
+    out[:, 5] = v[:, _YAW_RATE]
+    out[:, 6:8] = self._sensordata[:, self._accelerometer : self._accelerometer + 2]
+    out[:, 8] = v[:, self._motor]
+    out[:, 9] = 0.5 * (q[:, self._steer_q[0]] + q[:, self._steer_q[1]])
+
+  def _context(self, slot: "_Slot", commands: Array, pose: Array) -> Context:
+    rows, values = slot.rows, self._fields.values
+    return Context(
+      car=self._twin.car,
+      period=self._twin.period,
+      time=self._time,
+      signals=self.signals[rows],
+      commands=commands[rows],
+      history=self._history[rows],
+      recording_time=self._recording_time[rows] + self._time,
+      pose=pose[rows],
+      torque_per_volt=values["torque_per_volt"][rows],
+      back_emf=values["motor_damping"][rows],
+    )
+
+  def _write_models(self, commands: Array, pose: Array, first: bool) -> None:
+    """Let contact-stage mechanisms change the simulator, always from the fitted values."""
+    dirty: set[str] = set()
+    if first:
+      self._untouched: dict[str, Array] = {}
+    for name, value in self._untouched.items():
+      self._fields.values[name][:] = value
+    for slot in self._slots:
+      if slot.writes and (first or slot.mechanism.varies or slot.mechanism.stage == "contact"):
+        view = _Recorder(self._fields, slot.rows, self._untouched)
+        slot.mechanism.write_model(slot.theta, self._context(slot, commands, pose), view)
+        dirty |= view.changed
+    if dirty:
+      self._fields.write(dirty, slice(None))
+    if first and self._masses_differ(dirty):
+      self._batch.set_const()
+
+  def _masses_differ(self, dirty: set[str]) -> bool:
+    """Whether constants that MuJoCo derives from masses need a refresh in any simulation."""
+    mass = self._fields.values["mass"] + self._fields.values["added_mass"]
+    return bool(np.any(np.abs(mass / self._twin.car.mass - 1.0) > 1e-12)) or bool(dirty & {"cg_lateral_offset"})
+
+  def _push(self, force: Array | None) -> None:
+    if force is None:
+      return
+    cosine, sine = np.cos(self.signals[:, 2]), np.sin(self.signals[:, 2])
+    self._xfrc[:, self._chassis, 0] = cosine * force[:, 0] - sine * force[:, 1]
+    self._xfrc[:, self._chassis, 1] = sine * force[:, 0] + cosine * force[:, 1]
+    self._xfrc[:, self._chassis, 5] = force[:, 2]
+
+
+@dataclasses.dataclass
+class _Slot:
+  """A mechanism in the simulations where it is present."""
+
+  mechanism: Mechanism
+  rows: Rows
+  theta: Array
+  state: State = dataclasses.field(default_factory=dict)
+
+  def __post_init__(self) -> None:
+    kind = type(self.mechanism)
+    self.commands = kind.command is not Mechanism.command
+    self.pushes = kind.wrench is not Mechanism.wrench
+    self.writes = kind.write_model is not Mechanism.write_model
+
+
+class _Recorder(FieldsView):
+  """A view that remembers the fitted value of whatever is changed first."""
+
+  def __init__(self, fields: Fields, rows: Rows, untouched: dict[str, Array]):
+    super().__init__(fields, rows)
+    self._before = untouched
+
+  def set(self, quantity: str, value: Array) -> None:
+    if quantity not in self._before:
+      self._before[quantity] = self._column(quantity).copy()
+    super().set(quantity, value)

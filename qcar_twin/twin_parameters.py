@@ -1,0 +1,95 @@
+"""The parameters the base twin has, with their priors, and the quantities they stand for.
+
+Priors: what a person measures with a scale and a ruler carries the standard deviation stated with
+the vehicle; motor, damping and cornering stiffness are open; what is hard to see in recordings
+(friction peak, slip stiffness, transient slip, servo) is held near figures typical of the class.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.parameters import Parameter, ParameterSet
+from qcar_twin.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+
+def base_parameters(vehicle: Vehicle) -> ParameterSet:
+  """The base twin's parameters for a car, nominal values and priors from its numbers."""
+  v, std = vehicle, vehicle.std
+  length = v.cg_to_front + v.cg_to_rear
+  return ParameterSet(
+    (
+      _open("torque_per_volt", v.torque_per_volt, 40.0, "N m/V", "K_t/R_a"),
+      _open("motor_damping", v.motor_damping, 40.0, "N m s/rad", "K_t K_v/R_a + B"),
+      Parameter("driveline_friction", v.driveline_friction, 0.0, 40.0 * v.driveline_friction, "N m", "T_c",
+                typical=0.3 * v.driveline_friction),
+      _open("rotor_inertia", v.rotor_inertia, 40.0, "kg m^2", "J_m"),
+      _open("cornering_stiffness_front", v.cornering_stiffness_front, 8.0, "N/rad", "C_f"),
+      _open("cornering_stiffness_rear", v.cornering_stiffness_rear, 8.0, "N/rad", "C_r"),
+      _near("longitudinal_stiffness", v.longitudinal_stiffness, 0.15, "N", "C_x", 4.0),
+      _near("friction_coefficient", v.friction_coefficient, 0.08, "-", "mu", 3.0),
+      Parameter("relaxation_length", v.relaxation_length, 0.0, 0.15, "m", "sigma", std=0.003),
+      Parameter("servo_time_constant", v.servo_time_constant, 0.001, 0.2, "s", "tau_s", std=0.002),
+      Parameter("ackermann_fraction", v.ackermann_fraction, -0.5, 1.6, "-", "f_A", std=0.3),
+      _measured("mass", v.mass, std.get("mass", 0.02 * v.mass), "kg", "m"),
+      _measured("yaw_inertia", v.yaw_inertia, std.get("yaw_inertia", 0.1 * v.yaw_inertia), "kg m^2", "I_G"),
+      Parameter("cg_to_front", v.cg_to_front, 0.2 * length, 0.8 * length, "m", "L_f",
+                std=std.get("cg_to_front", 0.01 * length)),
+      Parameter("cg_height_offset", 0.0, -0.8 * v.cg_height, 1.5 * v.cg_height, "m", "dh",
+                std=std.get("cg_height", 0.1 * v.cg_height)),
+    )
+  )  # fmt: skip
+
+
+def quantities(theta: Array, base: ParameterSet, vehicle: Vehicle) -> dict[str, Array]:
+  """Simulator quantities of N cars from their parameters (N, P >= len(base)): (N,) or, per wheel, (N, 4)."""
+  size = len(theta)
+  column = {name: np.array(theta[:, i]) for i, name in enumerate(base.names)}
+  wheelwise = lambda value: np.tile(np.asarray(value, float).reshape(-1, 1), (size // np.size(value), 4))  # noqa: E731
+  front, rear = column.pop("cornering_stiffness_front") / 2, column.pop("cornering_stiffness_rear") / 2
+  out = {
+    "cornering_stiffness": np.stack([front, front, rear, rear], axis=-1),
+    "longitudinal_stiffness": wheelwise(column.pop("longitudinal_stiffness") / 4),
+    "friction_coefficient": wheelwise(column.pop("friction_coefficient")),
+    "relaxation_length": wheelwise(column.pop("relaxation_length")),
+    "tyre_shape": wheelwise(vehicle.tyre_shape),
+    "load_exponent": wheelwise(vehicle.load_exponent),
+  }
+  zeros = ("driveline_damping", "differential_damping", "gravity_x", "gravity_y")
+  zeros += ("added_mass", "added_mass_x", "added_mass_y", "cg_lateral_offset")
+  return out | column | {name: np.zeros(size) for name in zeros}
+
+
+def informed(parameters: ParameterSet, values: Mapping[str, float]) -> ParameterSet:
+  """The same parameters with better first guesses: nominal value, bounds and scale move along.
+
+  Only parameters without a measured prior are moved; a measured one keeps its value.
+  """
+  moved = {}
+  for name, value in values.items():
+    old = parameters[name]
+    if old.std is not None or not np.isfinite(value) or value <= 0 or old.nominal <= 0:
+      continue
+    ratio = value / old.nominal
+    moved[name] = dataclasses.replace(
+      old, nominal=value, lower=old.lower * ratio, upper=old.upper * ratio, typical=(old.typical or 0) * ratio
+    )
+  return parameters.replace(**moved)
+
+
+def _open(name: str, nominal: float, factor: float, unit: str, symbol: str) -> Parameter:
+  """A parameter known to an order of magnitude."""
+  return Parameter(name, nominal, nominal / factor, nominal * factor, unit, symbol, typical=0.3 * nominal)
+
+
+def _near(name: str, nominal: float, share: float, unit: str, symbol: str, factor: float) -> Parameter:
+  """A parameter held near a figure typical of the class."""
+  return Parameter(name, nominal, nominal / factor, nominal * factor, unit, symbol, std=share * nominal)
+
+
+def _measured(name: str, nominal: float, std: float, unit: str, symbol: str) -> Parameter:
+  return Parameter(name, nominal, 0.4 * nominal, 2.5 * nominal, unit, symbol, std=std)
