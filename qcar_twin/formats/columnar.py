@@ -1,0 +1,149 @@
+"""CSV, Parquet and NPZ: files that already are columns."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pyarrow
+import pyarrow.csv
+import pyarrow.parquet
+
+from qcar_twin.formats.table import NO_ROWS, Table
+from qcar_twin.recording import RecordingError
+
+
+def read_csv(path: Path, shown: str) -> Table:
+  """Comma, semicolon or tab separated text with a header line; a byte order mark and decimal commas are understood."""
+  separator, decimal = _dialect(path, shown)
+  try:
+    table = _parse(path, separator, decimal, "utf8")
+  except UnicodeDecodeError:
+    table = _parse(path, separator, decimal, "latin1")
+  except pyarrow.ArrowInvalid as error:
+    if "Empty CSV" in str(error):
+      raise RecordingError(f"{shown}: the file is empty; record it again or remove it from dataset.toml") from error
+    raise RecordingError(
+      f"{shown}: a row does not fit the header ({error}); repair or delete that row "
+      "(the last row is often cut off when a logger is killed)"
+    ) from error
+  if all(_numeric(name) for name in table.column_names):
+    raise RecordingError(
+      f"{shown}: the first line holds numbers, not column names; add a header line such as time,motor_voltage,speed"
+    )
+  if len(table.column_names) == 1:
+    raise RecordingError(
+      f"{shown}: only one column was found ('{table.column_names[0][:60]}'); separate the columns by commas"
+    )
+  return _from_arrow(table, shown)
+
+
+def read_parquet(path: Path, shown: str) -> Table:
+  """A Parquet file with flat numeric columns; null means no sample."""
+  try:
+    table = pyarrow.parquet.read_table(path)
+  except pyarrow.ArrowInvalid as error:
+    raise RecordingError(f"{shown}: is not a readable Parquet file ({error}); write it again") from error
+  return _from_arrow(table, shown)
+
+
+def read_npz(path: Path, shown: str) -> Table:
+  """One array per column, all of the length of `time`; NaN means no sample. Pickled objects are refused."""
+  try:
+    with np.load(path, allow_pickle=False) as archive:
+      arrays = {name: _loaded(archive, name, shown) for name in archive.files}
+  except (zipfile.BadZipFile, EOFError, ValueError) as error:
+    if isinstance(error, RecordingError):
+      raise
+    raise RecordingError(f"{shown}: is not a readable NPZ file ({error}); write it with numpy.savez") from error
+  return table_of_arrays(arrays, shown)
+
+
+def table_of_arrays(arrays: dict[str, np.ndarray], shown: str) -> Table:
+  """Columns from arrays that need not all be columns: keep the vectors of the length of `time`, else of the commonest length."""
+  vectors = {name: np.squeeze(array) for name, array in arrays.items() if array.dtype.kind in "fiub"}
+  vectors = {name: vector.astype(float) for name, vector in vectors.items() if vector.ndim == 1 and vector.size}
+  if not vectors:
+    raise RecordingError(
+      f"{shown}: holds no numeric vectors; save one array per channel, such as time and motor_voltage"
+    )
+  lengths = [vector.size for vector in vectors.values()]
+  length = vectors["time"].size if "time" in vectors else max(set(lengths), key=lengths.count)
+  odd = [f"{name} has {vector.size}" for name, vector in vectors.items() if vector.size not in (length, 1)]
+  if odd:
+    raise RecordingError(
+      f"{shown}: arrays must have one length ({length} samples, as time): {', '.join(odd)}; "
+      "pad channels of another rate with NaN, or log them with their own time in a CSV"
+    )
+  columns = {name: vector for name, vector in vectors.items() if vector.size == length}
+  return Table(
+    shown, columns, {name: np.flatnonzero(np.isnan(vector)) for name, vector in columns.items()}, blanks=False
+  )
+
+
+def _loaded(archive: np.lib.npyio.NpzFile, name: str, shown: str) -> np.ndarray:
+  try:
+    return archive[name]
+  except ValueError as error:
+    raise RecordingError(
+      f"{shown}: array '{name}' holds Python objects, which are never unpickled; save plain float arrays"
+    ) from error
+
+
+def _dialect(path: Path, shown: str) -> tuple[str, str]:
+  with path.open("rb") as file:
+    head = file.read(65536)
+  if head[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\x00" in head:
+    raise RecordingError(f"{shown}: is not UTF-8 text (UTF-16, or a binary file); save it as CSV UTF-8")
+  lines = [line for line in head.decode("utf-8-sig", "replace").splitlines() if line.strip()]
+  header = lines[0] if lines else ""
+  separator = max(",;\t", key=header.count)
+  decimal = "," if separator != "," and len(lines) > 1 and "," in lines[1] else "."
+  return separator, decimal
+
+
+def _parse(path: Path, separator: str, decimal: str, encoding: str) -> pyarrow.Table:
+  return pyarrow.csv.read_csv(
+    path,
+    read_options=pyarrow.csv.ReadOptions(encoding=encoding, use_threads=False),
+    parse_options=pyarrow.csv.ParseOptions(delimiter=separator),
+    convert_options=pyarrow.csv.ConvertOptions(null_values=[""], strings_can_be_null=True, decimal_point=decimal),
+  )
+
+
+def _numeric(name: str) -> bool:
+  try:
+    float(name)
+  except ValueError:
+    return False
+  return True
+
+
+def _from_arrow(table: pyarrow.Table, shown: str) -> Table:
+  names = [name.strip() for name in table.column_names]
+  columns, not_a_number = {}, {}
+  for index, name in enumerate(names):
+    columns[name], not_a_number[name] = _column(table.column(index))
+  ambiguous = frozenset(name for name in names if names.count(name) > 1)
+  return Table(shown, columns, not_a_number, ambiguous)
+
+
+def _column(column: pyarrow.ChunkedArray) -> tuple[np.ndarray, np.ndarray]:
+  """Float values with NaN where blank, and the rows that hold a NaN of their own; text stays text."""
+  kind = column.type
+  if pyarrow.types.is_timestamp(kind):
+    seconds = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[kind.unit]
+    return _column(column.cast(pyarrow.int64()))[0] * seconds, NO_ROWS
+  if not (
+    pyarrow.types.is_floating(kind)
+    or pyarrow.types.is_integer(kind)
+    or pyarrow.types.is_boolean(kind)
+    or pyarrow.types.is_null(kind)
+  ):
+    return np.array(column.to_pylist(), dtype=object), NO_ROWS
+  values = column.cast(pyarrow.float64(), safe=False).to_numpy()
+  nan = np.isnan(values)
+  if column.null_count:
+    nan = nan & ~column.is_null().to_numpy()
+  return values, np.flatnonzero(nan)

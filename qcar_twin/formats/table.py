@@ -1,0 +1,77 @@
+"""A log file in memory: named columns of one length, blank cells as NaN."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from qcar_twin.recording import RecordingError, nearest
+
+NO_ROWS = np.empty(0, dtype=int)
+_SHOWN_COLUMNS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+  """Columns (rows,) as read. Float columns have NaN for a blank cell; text columns are kept to name the bad row.
+
+  `not_a_number`: per column, the rows where the file itself says NaN instead of leaving the cell blank.
+  `ambiguous`: column names that occur more than once.
+  `blanks`: whether the format can tell a blank cell from a NaN (CSV and Parquet can, NPZ and MAT cannot).
+  """
+
+  shown: str
+  columns: Mapping[str, np.ndarray]
+  not_a_number: Mapping[str, np.ndarray]
+  ambiguous: frozenset[str] = frozenset()
+  blanks: bool = True
+
+  @property
+  def rows(self) -> int:
+    return max((column.size for column in self.columns.values()), default=0)
+
+  def __contains__(self, column: object) -> bool:
+    return column in self.columns
+
+  def number(self, column: str, channel: str) -> np.ndarray:
+    """A numeric column (rows,). Raises RecordingError when it is missing, occurs twice, or holds text."""
+    if column not in self.columns:
+      raise RecordingError(
+        f"{self.shown}: {channel} is mapped to column '{column}', which does not exist"
+        f"{nearest(column, self.columns)}{self._listing(column)}"
+      )
+    if column in self.ambiguous:
+      raise RecordingError(
+        f"{self.shown}: column '{column}' occurs more than once, so {channel} is ambiguous; rename one of them"
+      )
+    values = self.columns[column]
+    if values.dtype == object:
+      raise RecordingError(self._text_complaint(column, channel, values))
+    return values
+
+  def _listing(self, column: str) -> str:
+    names = list(self.columns)
+    if nearest(column, names).startswith("; valid"):
+      return ""
+    more = f", and {len(names) - _SHOWN_COLUMNS} more" if len(names) > _SHOWN_COLUMNS else ""
+    return f" Columns that exist: {', '.join(names[:_SHOWN_COLUMNS])}{more}"
+
+  def _text_complaint(self, column: str, channel: str, values: np.ndarray) -> str:
+    row, cell = next((row, cell) for row, cell in enumerate(values) if not _is_number(cell))
+    about = f"column '{column}'" + (f" for {channel}" if column != channel else "")
+    cure = "write numbers with a decimal point, or leave the cell blank where there is no sample"
+    if channel == "time":
+      cure = "time must be a number of seconds in every row"
+    return f"{self.shown}: {about} has '{str(cell)[:40]}' in row {row + 1}, which is not a number; {cure}"
+
+
+def _is_number(cell: object) -> bool:
+  if cell is None:
+    return True
+  try:
+    float(str(cell))
+  except ValueError:
+    return False
+  return True

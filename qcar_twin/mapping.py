@@ -1,0 +1,222 @@
+"""From the columns of a log to streams of channels: scale, offset, gate, held samples, unwrapped angles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from qcar_twin.formats.table import NO_ROWS, Table
+from qcar_twin.manifest import Mapped
+from qcar_twin.recording import CHANNELS, COMMANDS, RecordingError, Stream, UnknownChannelError, nearest
+from qcar_twin.validation import check_angle, check_order, check_time_unit, gap_limit
+
+_FEW_NANS = 0.05  # formats without blanks: rarer NaNs in a command are faults, commoner ones are an asynchronous stream
+_MIN_RUNS = 5  # runs of equal values needed before a publisher's rate is read from them
+
+
+@dataclass(frozen=True)
+class Clock:
+  """Sample times of a file's rows. `first` marks the rows where a slower publisher's stamp is new; `row_time` is each row's own time."""
+
+  stamp: np.ndarray
+  row_time: np.ndarray
+  first: np.ndarray
+
+  @property
+  def held(self) -> bool:
+    return not bool(self.first.all())
+
+
+def resolve(table: Table, mapping: Mapping[str, Mapped]) -> dict[str, Mapped]:
+  """The mapping that applies to one file: [channels], then columns that already have a channel's name.
+
+  Without any [channels] every column claims to be a channel, so a near miss is an error. An optional channel whose column
+  this file lacks is left out; a missing clock, voltage or gate is an error.
+  """
+  used = {mapped.column for mapped in mapping.values()}
+  resolved = {
+    channel: Mapped(channel)
+    for channel in CHANNELS
+    if channel in table and channel not in mapping and channel not in used
+  }
+  if not mapping:
+    for column in table.columns:
+      _refuse_near_miss(table, column)
+  for channel, mapped in mapping.items():
+    if mapped.column in table or channel in ("time", "motor_voltage"):
+      resolved[channel] = mapped
+  for channel in ("time", "motor_voltage"):
+    if channel not in resolved:
+      cure = f'add {channel} = {{ column = "…" }} to [channels]'
+      raise RecordingError(
+        f"{table.shown}: needed channel '{channel}' is missing; {cure}. Columns that exist: {', '.join(table.columns)}"
+      )
+  if "motor_speed" not in resolved and "speed" not in resolved:
+    raise RecordingError(
+      f"{table.shown}: neither 'motor_speed' nor 'speed' is there, and one of them is needed; "
+      f"map it in [channels]. Columns that exist: {', '.join(table.columns)}"
+    )
+  return resolved
+
+
+def _refuse_near_miss(table: Table, column: str) -> None:
+  absent = [channel for channel in CHANNELS if channel not in table]
+  ending = nearest(column, absent, cutoff=0.8)
+  if column not in CHANNELS and ending.startswith("; did"):
+    raise UnknownChannelError(
+      f"{table.shown}: unknown channel '{column}'{ending} Rename the column, or write a [channels] table, "
+      "after which other columns are ignored"
+    )
+
+
+def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, Stream], list[str]]:
+  """Streams by channel from one file, and notes about what was assumed. `mapping` comes from `resolve`."""
+  clock, notes = _clock(table, mapping)
+  values = {channel: _values(table, channel, mapped) for channel, mapped in mapping.items() if channel != "time"}
+  hold_rows = _publisher_rows([value for channel, value in values.items() if mapping[channel].hold])
+  streams, spread = {}, []
+  for channel, value in values.items():
+    there = np.flatnonzero(~np.isnan(value))
+    if there.size == 0:
+      _blank(table, channel, notes)
+      continue
+    if clock.held and _changes_inside(value, clock.first):
+      time = clock.row_time
+      spread.append(channel)
+    else:
+      time, there = clock.stamp, np.intersect1d(there, np.flatnonzero(clock.first))
+    if mapping[channel].hold and not clock.held:
+      there = there[held_samples(value[there], hold_rows)]
+    sampled = value[there]
+    if mapping[channel].wrap:
+      check_angle(table.shown, channel, sampled)
+      sampled = np.unwrap(sampled)
+    streams[channel] = Stream(time[there], sampled)
+  if spread:
+    notes.append(
+      f"{table.shown}: time repeats because a slower publisher holds it; {', '.join(spread)} change in between "
+      "and are spread evenly between its stamps"
+    )
+  return streams, notes
+
+
+def _blank(table: Table, channel: str, notes: list[str]) -> None:
+  if channel == "motor_voltage" or channel in ("motor_speed", "speed"):
+    raise RecordingError(
+      f"{table.shown}: needed channel '{channel}' has no sample, every cell is blank; map another column or remove this recording"
+    )
+  notes.append(f"{table.shown}: {channel} has no sample, every cell is blank; the channel is left out")
+
+
+def _values(table: Table, channel: str, mapped: Mapped) -> np.ndarray:
+  raw = table.number(mapped.column, channel)
+  _refuse_bad_values(table, channel, mapped.column, raw)
+  value = mapped.scale * raw + mapped.offset if (mapped.scale, mapped.offset) != (1.0, 0.0) else raw
+  if mapped.gate is None:
+    return value
+  gate = table.number(mapped.gate, f"the gate of {channel}")
+  there = np.flatnonzero(~np.isnan(gate))
+  if there.size == 0:
+    raise RecordingError(
+      f"{table.shown}: gate column '{mapped.gate}' of {channel} is blank in every row; remove the gate or log it"
+    )
+  return value * gate[there[np.maximum(np.searchsorted(there, np.arange(gate.size), side="right") - 1, 0)]]
+
+
+def _refuse_bad_values(table: Table, channel: str, column: str, raw: np.ndarray) -> None:
+  infinite = np.flatnonzero(np.isinf(raw))
+  bad, what = infinite, "infinite"
+  if channel in COMMANDS and not infinite.size:
+    nans = table.not_a_number.get(column, NO_ROWS)
+    bad, what = (nans if table.blanks or nans.size < _FEW_NANS * raw.size else NO_ROWS), "NaN"
+  if bad.size:
+    named = channel if channel == column else f"{channel} (column '{column}')"
+    cure = "leave the cell blank where there is no sample, or cut those rows out"
+    raise RecordingError(
+      f"{table.shown}: {named} is {what} in row {bad[0] + 1}"
+      + (f" and {bad.size - 1} more" if bad.size > 1 else "")
+      + f"; {cure}"
+    )
+
+
+def _clock(table: Table, mapping: Mapping[str, Mapped]) -> tuple[Clock, list[str]]:
+  """Row times, after the checks. Repeated stamps are accepted only where the data set says that a publisher holds its values."""
+  mapped = mapping["time"]
+  raw = table.number(mapped.column, "time")
+  stamp = mapped.scale * raw + mapped.offset
+  check_order(table.shown, stamp, [table.columns[other.column] for other in mapping.values() if other.column in table])
+  held = [other.column for other in mapping.values() if other.hold]
+  first = np.r_[True, np.diff(stamp) > 0.0]
+  if not first.all():
+    _refuse_repeats(table, stamp, first, held)
+  check_time_unit(table.shown, stamp[first])
+  return Clock(stamp, _row_times(stamp, first), first), []
+
+
+def _refuse_repeats(table: Table, stamp: np.ndarray, first: np.ndarray, held: list[str]) -> None:
+  row = int(np.argmin(first))
+  text = f"{table.shown}: time repeats in row {row + 1} ({stamp[row]:g} s again)"
+  if not held:
+    raise RecordingError(
+      f"{text}; remove the repeated rows, or set hold = true on the channels that a slower publisher repeats"
+    )
+  for column in held:
+    inside = np.flatnonzero(_changed(table.columns[column]) & ~first)
+    if inside.size:
+      raise RecordingError(
+        f"{table.shown}: time repeats in row {inside[0] + 1} ({stamp[inside[0]]:g} s again) although held column "
+        f"'{column}' changes there; remove the repeated rows"
+      )
+
+
+def _changed(value: np.ndarray) -> np.ndarray:
+  """Whether each row differs from the one before (a blank equals a blank); the first row counts as changed."""
+  same = (value[1:] == value[:-1]) | (np.isnan(value[1:]) & np.isnan(value[:-1]))
+  return np.r_[True, ~same]
+
+
+def _changes_inside(value: np.ndarray, first: np.ndarray) -> bool:
+  return bool((_changed(value) & ~first).any())
+
+
+def _row_times(stamp: np.ndarray, first: np.ndarray) -> np.ndarray:
+  """Spread the rows that share a stamp evenly until the next stamp, each at the middle of its share: row i of n at
+  stamp + (i + 1/2) / n of the interval. Before a gap, and in the last block, the usual row interval is taken."""
+  if first.all():
+    return stamp
+  start = np.flatnonzero(first)
+  count = np.diff(np.r_[start, stamp.size])
+  interval = np.diff(np.r_[stamp[start], np.inf])
+  usual = np.median((interval / count)[:-1]) if start.size > 1 else 0.0
+  limit = gap_limit(np.median(interval[:-1])) if start.size > 1 else 0.0
+  share = np.where(interval > limit, usual, interval / count)
+  index = np.arange(stamp.size) - np.repeat(start, count)
+  return stamp + (index + 0.5) * np.repeat(share, count)
+
+
+def held_samples(value: np.ndarray, usual: int) -> np.ndarray:
+  """Indices of the samples behind values that a slower publisher repeats, (k,).
+
+  A run of equal values is one sample; a run much longer than the publisher's `usual` number of rows is a true constant,
+  published several times, and gives one sample per `usual` rows. `usual` 0 (unknown) keeps the changes and the last row.
+  """
+  start = np.flatnonzero(_changed(value))
+  length = np.diff(np.r_[start, value.size])
+  if usual == 0:
+    return np.unique(np.r_[start, value.size - 1])
+  repeats = np.maximum(np.round(length / usual).astype(int), 1)
+  within = np.arange(repeats.sum()) - np.repeat(np.cumsum(repeats) - repeats, repeats)
+  return np.repeat(start, repeats) + (within * np.repeat(length / repeats, repeats)).astype(int)
+
+
+def _publisher_rows(held: list[np.ndarray]) -> int:
+  """How many rows the held channels' publisher usually repeats a value: the smallest lower quartile of run lengths; 0 if unknown."""
+  usual = []
+  for value in held:
+    start = np.flatnonzero(_changed(value[~np.isnan(value)]))
+    length = np.diff(start)[1:]  # neither the first run nor the last is whole
+    if length.size >= _MIN_RUNS:
+      usual.append(int(np.percentile(length, 25, method="lower")))
+  return min(usual, default=0)
