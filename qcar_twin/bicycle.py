@@ -1,0 +1,154 @@
+"""Bicycle: the paper's identified model as a `Plant`, the baseline the twin is checked against.
+
+Five parameters are identified (P1, P2, P3, C_f, C_r), the rest of the car is measured. The equations
+are in `single_track`; here they get names, a vehicle, and the ten signals every plant answers.
+
+Signals from the state [X, Y, v, psi, beta, r]: v_x = v cos(beta), v_y = v sin(beta), motor speed
+v / (G R_w), and the specific force at the IMU,
+  a_x = v' cos(beta) - v (beta' + r) sin(beta),  a_y = v' sin(beta) + v (beta' + r) cos(beta),
+carried to the IMU's place by `transport_acceleration`. A signal row is what is measured just before the
+next command acts. The model has no servo: the steering angle is the command, up to the steering's end.
+"""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin import kinematics, single_track
+from qcar_twin.parameters import Parameter, ParameterSet
+from qcar_twin.plant import SIGNALS, START, Prediction, Segments, rollout_by_steps
+from qcar_twin.single_track import Car, State
+
+Array = NDArray[np.float64]
+
+PARAMETERS = ParameterSet(
+  (
+    Parameter("drive_gain", 4800.0, 1.0, 1e5, "rad/s^2/V", "P1", description="motor acceleration per volt"),
+    Parameter("drive_damping", 8.0, 0.05, 200.0, "1/s", "P2", description="back-EMF and viscous friction"),
+    Parameter("drive_friction", 1600.0, 0.0, 1e5, "rad/s^2", "P3", null=0.0, description="Coulomb friction"),
+    Parameter("cornering_stiffness_front", 180.0, 1.0, 2e4, "N/rad", "C_f", description="front axle"),
+    Parameter("cornering_stiffness_rear", 180.0, 1.0, 2e4, "N/rad", "C_r", description="rear axle"),
+  )
+)
+
+
+class MeasuredCar(Protocol):
+  """What the bicycle needs of a vehicle, in SI units; `Vehicle` has it."""
+
+  mass: float
+  yaw_inertia: float
+  cg_to_front: float
+  cg_to_rear: float
+  wheel_radius: float
+  gear_ratio: float  # wheel speed / motor speed
+  max_steering: float
+  imu_x: float
+  imu_y: float
+
+
+class Bicycle:
+  """The identified single-track model; satisfies `Plant`.
+
+  Args:
+    vehicle: measured numbers of the car.
+    period: control period, s.
+  """
+
+  def __init__(self, vehicle: MeasuredCar, period: float = 0.01):
+    self.vehicle = vehicle
+    self.period = period
+    self.parameters = PARAMETERS
+
+  def __repr__(self) -> str:
+    return f"Bicycle(period={self.period:g} s)\n{self.parameters!r}"
+
+  def car(self, theta: Array) -> Car:
+    """Numbers of the equations for parameters (..., 5); scalars or arrays (...)."""
+    theta = np.asarray(theta, dtype=np.float64)
+    if theta.shape[-1:] != (len(self.parameters),):
+      raise ValueError(f"expected {len(self.parameters)} parameters {self.parameters.names}, got shape {theta.shape}")
+    vehicle = self.vehicle
+    return Car(
+      *np.moveaxis(theta, -1, 0),
+      mass=vehicle.mass,
+      yaw_inertia=vehicle.yaw_inertia,
+      cg_to_front=vehicle.cg_to_front,
+      cg_to_rear=vehicle.cg_to_rear,
+      rolling_radius=vehicle.gear_ratio * vehicle.wheel_radius,
+    )
+
+  def begin(self, theta: Array, start: Array) -> "BicycleSimulation":
+    """N cars with parameters (N, 5) at states (N, 7)."""
+    return BicycleSimulation(self, np.atleast_2d(theta), np.atleast_2d(start))
+
+  def rollout(self, theta: Array, segments: Segments) -> Prediction:
+    """Parameters (n, 5) or (5,) over all segments."""
+    if not np.isclose(segments.period, self.period):
+      raise ValueError(f"segments have a period of {segments.period:g} s, the bicycle {self.period:g} s; resample them")
+    return rollout_by_steps(self, theta, segments)
+
+
+class BicycleSimulation:
+  """N single-track cars under way.
+
+  Attributes:
+    state: (N, 6), see `single_track.State`.  signals: (N, 10), see `plant.SIGNALS`.
+  """
+
+  def __init__(self, bicycle: Bicycle, theta: Array, start: Array):
+    if start.shape != (len(theta), len(START)):
+      raise ValueError(f"start must be ({len(theta)}, {len(START)}), got {start.shape}")
+    self._bicycle = bicycle
+    self._car = bicycle.car(theta)
+    self.state = initial_state(start, self._car)
+    steering = start[:, START.index("steering_angle")]
+    coasting = np.stack([_holding_voltage(self.state, self._car), steering], axis=-1)
+    self.signals = signals(self.state, coasting, self._car, bicycle.vehicle)
+
+  def step(self, commands: Array) -> Array:
+    """Hold motor voltage [V] and steering command [rad], (N, 2), for one period; signals after it, (N, 10)."""
+    limit = self._bicycle.vehicle.max_steering
+    applied = np.array(commands, dtype=np.float64)
+    applied[:, 1] = np.clip(applied[:, 1], -limit, limit)
+    self.state = single_track.step(self.state, applied, self._bicycle.period, self._car)
+    self.signals = signals(self.state, applied, self._car, self._bicycle.vehicle)
+    return self.signals
+
+
+def initial_state(start: Array, car: Car) -> Array:
+  """State (N, 6) of a start (N, 7); a car at rest has the sideslip angle its wheels would roll at."""
+  x, y, yaw, velocity_x, velocity_y, yaw_rate, steering = start.T
+  speed = np.hypot(velocity_x, velocity_y) * np.where(velocity_x < 0.0, -1.0, 1.0)
+  rolling = single_track.no_slip_motion(speed, steering, car)[..., 0]
+  sideslip = np.where(speed == 0.0, rolling, kinematics.sideslip_angle(velocity_x, velocity_y))
+  return np.stack([x, y, speed, yaw, sideslip, yaw_rate], axis=-1)
+
+
+def _holding_voltage(state: Array, car: Car) -> Array:
+  """Voltage [V] that holds the present speed: (P2 omega + P3 sgn(omega)) / P1."""
+  motor_speed = state[:, State.SPEED] / car.rolling_radius
+  return (car.drive_damping * motor_speed + car.drive_friction * np.sign(motor_speed)) / np.asarray(car.drive_gain)
+
+
+def signals(state: Array, commands: Array, car: Car, vehicle: MeasuredCar) -> Array:
+  """The ten signals (N, 10) of states (N, 6) under commands (N, 2)."""
+  rates = single_track.derivative(state, commands, car)
+  speed, sideslip, yaw_rate = state[:, State.SPEED], state[:, State.SIDESLIP_ANGLE], state[:, State.YAW_RATE]
+  along = rates[:, State.SPEED]
+  across = speed * (rates[:, State.SIDESLIP_ANGLE] + yaw_rate)
+  accel = kinematics.body_to_world(sideslip, along, across)  # from the path's frame into the body's
+  imu = kinematics.transport_acceleration(*accel, yaw_rate, rates[:, State.YAW_RATE], vehicle.imu_x, vehicle.imu_y)
+  named = {
+    "pose_x": state[:, State.POSE_X],
+    "pose_y": state[:, State.POSE_Y],
+    "pose_yaw": state[:, State.POSE_YAW],
+    "velocity_x": speed * np.cos(sideslip),
+    "velocity_y": speed * np.sin(sideslip),
+    "yaw_rate": yaw_rate,
+    "accel_x": imu[0],
+    "accel_y": imu[1],
+    "motor_speed": speed / car.rolling_radius,
+    "steering_angle": commands[:, 1],
+  }
+  return np.stack(np.broadcast_arrays(*(named[name] for name in SIGNALS)), axis=-1)

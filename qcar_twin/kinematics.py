@@ -1,0 +1,215 @@
+"""Geometry of planar motion: angles, frames, slip, steering, curvature, steady turning.
+
+Pure functions that broadcast over any leading shape. Signs are ISO 8855: x forward, y left, angles
+and yaw rate counter-clockwise positive. Lengths are in m, angles in rad, speeds in m/s, rates in
+rad/s, accelerations in m/s^2. A position (x, y) on the car is measured from its centre of gravity.
+
+Source of the steady-turning formulas: Rajamani, Vehicle Dynamics and Control, 2nd ed. (2012), ch. 3.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Quantity = Array | float  # anything that broadcasts
+
+
+# -- angles and frames ---------------------------------------------------------------------------
+
+
+def wrap_angle(angle: Quantity) -> Array:
+  """The same direction in (-pi, pi]."""
+  angle = np.asarray(angle, dtype=np.float64)
+  return np.pi - np.mod(np.pi - angle, 2.0 * np.pi)
+
+
+def body_to_world(yaw: Quantity, x: Quantity, y: Quantity) -> tuple[Array, Array]:
+  """Rotate a vector from the body frame into the world frame: R(yaw) (x, y)."""
+  cos, sin = np.cos(yaw), np.sin(yaw)
+  return cos * x - sin * y, sin * x + cos * y
+
+
+def world_to_body(yaw: Quantity, x: Quantity, y: Quantity) -> tuple[Array, Array]:
+  """Rotate a vector from the world frame into the body frame: R(yaw)^T (x, y)."""
+  return body_to_world(-np.asarray(yaw, dtype=np.float64), x, y)
+
+
+# -- velocity and acceleration of a point on the car ---------------------------------------------
+
+
+def transport_velocity(
+  velocity_x: Quantity, velocity_y: Quantity, yaw_rate: Quantity, x: Quantity, y: Quantity
+) -> tuple[Array, Array]:
+  """Body-frame velocity of the point (x, y): v + r e_z x (x, y) = (v_x - r y, v_y + r x)."""
+  yaw_rate = np.asarray(yaw_rate, dtype=np.float64)
+  return velocity_x - yaw_rate * y, velocity_y + yaw_rate * x
+
+
+def transport_acceleration(
+  accel_x: Quantity,
+  accel_y: Quantity,
+  yaw_rate: Quantity,
+  yaw_acceleration: Quantity,
+  x: Quantity,
+  y: Quantity,
+) -> tuple[Array, Array]:
+  """Body-frame acceleration of the point (x, y), as an IMU mounted there feels it on level ground.
+
+  a_x - r' y - r^2 x,  a_y + r' x - r^2 y, with r' the yaw acceleration [rad/s^2] and a_x, a_y the
+  acceleration of the centre of gravity [m/s^2].
+  """
+  spin = np.square(yaw_rate)
+  yaw_acceleration = np.asarray(yaw_acceleration, dtype=np.float64)
+  return (
+    accel_x - yaw_acceleration * y - spin * x,
+    accel_y + yaw_acceleration * x - spin * y,
+  )
+
+
+# -- slip ----------------------------------------------------------------------------------------
+
+
+def sideslip_angle(velocity_x: Quantity, velocity_y: Quantity) -> Array:
+  """Sideslip angle beta of the vehicle [rad]: v_x = v cos beta, v_y = v sin beta, v signed like v_x.
+
+  It stays near zero in reverse, and is zero at standstill.
+  """
+  velocity_x = np.asarray(velocity_x, dtype=np.float64)
+  return np.arctan2(velocity_y * np.where(velocity_x < 0.0, -1.0, 1.0), np.abs(velocity_x))
+
+
+def slip_angle(
+  velocity_x: Quantity,
+  velocity_y: Quantity,
+  yaw_rate: Quantity,
+  steering_angle: Quantity,
+  x: Quantity,
+  y: Quantity = 0.0,
+) -> Array:
+  """Slip angle of a tyre at (x, y) steered by `steering_angle` [rad].
+
+  alpha = atan(v_y,tyre / |v_x,tyre|) - sgn(v_x,tyre) delta: from the wheel plane to the velocity, so
+  that the lateral force of a linear tyre is -C alpha both forwards and in reverse.
+  """
+  at_x, at_y = transport_velocity(velocity_x, velocity_y, yaw_rate, x, y)
+  direction = np.where(at_x < 0.0, -1.0, 1.0)
+  return np.arctan2(at_y, np.abs(at_x)) - direction * np.asarray(steering_angle)
+
+
+def kinematic_sideslip_angle(steering_angle: Quantity, cg_to_front: Quantity, cg_to_rear: Quantity) -> Array:
+  """Sideslip of a car whose tyres don't slip: beta = atan(L_r / (L_f + L_r) tan delta) [rad].
+
+  The paper prints axle stiffnesses in place of the lengths and leaves tan delta outside the atan.
+  """
+  share = np.asarray(cg_to_rear) / (np.asarray(cg_to_front) + cg_to_rear)
+  return np.arctan(share * np.tan(steering_angle))
+
+
+def kinematic_yaw_rate(speed: Quantity, steering_angle: Quantity, cg_to_front: Quantity, cg_to_rear: Quantity) -> Array:
+  """Yaw rate of a car whose tyres don't slip: r = v cos(beta) tan(delta) / (L_f + L_r) [rad/s].
+
+  `speed` is that of the centre of gravity, signed.
+  """
+  sideslip = kinematic_sideslip_angle(steering_angle, cg_to_front, cg_to_rear)
+  wheelbase = np.asarray(cg_to_front) + cg_to_rear
+  return speed * np.cos(sideslip) * np.tan(steering_angle) / wheelbase
+
+
+# -- steering geometry and paths -----------------------------------------------------------------
+
+
+def ackermann_angles(
+  steering_angle: Quantity, wheelbase: Quantity, track_width: Quantity, fraction: Quantity = 1.0
+) -> tuple[Array, Array]:
+  """Road-wheel angles (left, right) [rad] of a steered axle.
+
+  cot(delta_left) = cot(delta) - f t / (2 L), cot(delta_right) = cot(delta) + f t / (2 L): `fraction`
+  f = 0 steers both wheels alike, f = 1 points both at one turning centre, f < 0 toes the other way.
+  `steering_angle` delta is that of the wheel in the middle of the axle. Raises ValueError where the
+  turning centre of the inner wheel would lie inside the track.
+  """
+  tangent = np.tan(np.asarray(steering_angle, dtype=np.float64))
+  bend = np.asarray(fraction) * np.asarray(track_width) / (2.0 * np.asarray(wheelbase)) * tangent
+  if np.any(np.abs(bend) >= 1.0):
+    raise ValueError("steering_angle turns about a point between the wheels; reduce it or the fraction")
+  return np.arctan(tangent / (1.0 - bend)), np.arctan(tangent / (1.0 + bend))
+
+
+def curvature(velocity_x: Quantity, velocity_y: Quantity, accel_x: Quantity, accel_y: Quantity) -> Array:
+  """Curvature [1/m] of the path of a point, left positive: (v_x a_y - v_y a_x) / |v|^3.
+
+  Velocity and acceleration of that point in one frame, world or body (then the absolute
+  acceleration in body components). NaN at standstill, where a path has no direction.
+  """
+  velocity_x, velocity_y = np.asarray(velocity_x, float), np.asarray(velocity_y, float)
+  cubed = np.hypot(velocity_x, velocity_y) ** 3
+  turn = velocity_x * accel_y - velocity_y * accel_x
+  return np.divide(turn, cubed, out=np.full(np.shape(turn), np.nan), where=cubed > 0.0)
+
+
+# -- steady turning ------------------------------------------------------------------------------
+
+
+def understeer_gradient(
+  mass: Quantity,
+  cg_to_front: Quantity,
+  cg_to_rear: Quantity,
+  cornering_stiffness_front: Quantity,
+  cornering_stiffness_rear: Quantity,
+) -> Array:
+  """Understeer gradient K [rad s^2/m]: delta = L / R + K a_y in steady turning.
+
+  K = m / L (L_r / C_f - L_f / C_r), stiffnesses per axle in N/rad; positive understeers.
+  """
+  wheelbase = np.asarray(cg_to_front) + cg_to_rear
+  front = cg_to_rear / np.asarray(cornering_stiffness_front)
+  rear = cg_to_front / np.asarray(cornering_stiffness_rear)
+  return np.asarray(mass) / wheelbase * (front - rear)
+
+
+def steering_per_lateral_acceleration(speed: Quantity, wheelbase: Quantity, gradient: Quantity) -> Array:
+  """Exact k_su = delta / a_ys of the linear single track, (L + K v^2) / v^2 [rad s^2/m]."""
+  squared = np.square(speed)
+  return (wheelbase + np.asarray(gradient) * squared) / squared
+
+
+def steering_per_lateral_acceleration_as_printed(
+  speed: Quantity,
+  cg_to_front: Quantity,
+  cg_to_rear: Quantity,
+  cornering_stiffness_front: Quantity,
+  cornering_stiffness_rear: Quantity,
+) -> Array:
+  """The paper's k_su = (C_f L_f^2 + C_r L_r^2) / (C_f L_f v^2) [rad s^2/m].
+
+  It leaves sideslip out of the yaw equation. So it equals the exact one where that term vanishes:
+  if C_f L_f = C_r L_r, or at the one speed where the steady sideslip is zero.
+  """
+  front = np.asarray(cornering_stiffness_front) * cg_to_front
+  rear = np.asarray(cornering_stiffness_rear) * cg_to_rear
+  return (front * cg_to_front + rear * cg_to_rear) / (front * np.square(speed))
+
+
+def yaw_rate_gain(speed: Quantity, wheelbase: Quantity, gradient: Quantity) -> Array:
+  """Steady yaw rate per steering angle: r / delta = v / (L + K v^2) [1/s]."""
+  return speed / (wheelbase + np.asarray(gradient) * np.square(speed))
+
+
+def lateral_acceleration_gain(speed: Quantity, wheelbase: Quantity, gradient: Quantity) -> Array:
+  """Steady lateral acceleration per steering angle: v^2 / (L + K v^2) [m/s^2/rad]."""
+  return np.square(speed) / (wheelbase + np.asarray(gradient) * np.square(speed))
+
+
+def sideslip_gain(
+  speed: Quantity,
+  mass: Quantity,
+  cg_to_front: Quantity,
+  cg_to_rear: Quantity,
+  cornering_stiffness_rear: Quantity,
+  gradient: Quantity,
+) -> Array:
+  """Steady sideslip per steering angle [-]: (L_r - m L_f v^2 / (C_r L)) / (L + K v^2)."""
+  wheelbase = np.asarray(cg_to_front) + cg_to_rear
+  squared = np.square(speed)
+  slip = np.asarray(mass) * cg_to_front * squared / (np.asarray(cornering_stiffness_rear) * wheelbase)
+  return (cg_to_rear - slip) / (wheelbase + np.asarray(gradient) * squared)
