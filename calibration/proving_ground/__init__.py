@@ -1,0 +1,7 @@
+"""The proving ground: an independent simulated car, recordings made with it, concealed effects, and the sealed truth."""
+
+from .car import Car
+from .effects import EFFECTS
+from .session import Session, Spec, make_session, make_sessions
+
+__all__ = ["EFFECTS", "Car", "Session", "Spec", "make_session", "make_sessions"]

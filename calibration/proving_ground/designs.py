@@ -1,0 +1,77 @@
+"""Session designs: the ordered manoeuvres of a laboratory session, of a compact one for large campaigns, and of the paper's alone."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from . import manoeuvres as m
+from .manoeuvres import Manoeuvre
+
+VOLTS = {"identify": (0.75, 1.25, 1.5, 2.0, 2.5), "validate": (1.1, 1.35, 1.85, 2.25)}  # V
+DEGREES = {"identify": (4.0, 7.0, 9.0, 11.0, 14.0), "validate": (5.5, 8.5, 10.5, 12.5, 13.5)}  # deg
+
+
+def paper(rng: np.random.Generator) -> list[Manoeuvre]:
+  """The paper's voltage steps, step steers, ramp steer and oval."""
+  steps = [m.voltage_step(volts, role) for role, levels in VOLTS.items() for volts in levels]
+  steers = [m.steering_step(degrees, role) for role, levels in DEGREES.items() for degrees in levels]
+  return [*steps, *steers, m.ramp_steer(), m.oval(1.0, 12.0, "holdout")]
+
+
+def lab(rng: np.random.Generator) -> list[Manoeuvre]:
+  """About 30 recordings, 4 to 5 minutes: the paper's steps and what separates the effects of the catalogue."""
+  steps = [m.voltage_step(volts, role) for role, levels in VOLTS.items() for volts in levels]
+  steers = [m.steering_step(degrees, role) for role, levels in DEGREES.items() for degrees in levels]
+  return [
+    m.standstill(4.0),
+    *steps,
+    m.coast_downs(12.0),
+    m.drive_brake(rng, 12.0),
+    m.excitation(rng, 14.0, "identify", "excitation_a"),
+    *steers,
+    m.ramp_steer(12.0),
+    m.circles(0.4, 22.0, 14.0, "identify", "circles_slow"),
+    m.circles(1.6, 12.0, 12.0, "identify", "circles_fast"),
+    m.chirp(0.6, 13.0, "identify", "chirp_slow"),
+    m.chirp(1.6, 13.0, "identify", "chirp_fast"),
+    m.excitation(rng, 14.0, "validate", "excitation_b", reverse=False),
+    m.oval(1.0, 13.0, "validate"),
+    m.figure_eight(0.9, 13.0, "validate"),
+    m.free_drive(rng, 14.0, "holdout", "free_drive_a"),
+    m.free_drive(rng, 14.0, "holdout", "free_drive_b", quickest=1.4),
+  ]
+
+
+def compact(rng: np.random.Generator) -> list[Manoeuvre]:
+  """14 recordings, about two minutes, the same phenomena."""
+  return [
+    m.standstill(3.0),
+    m.staircase((0.75, 1.5, 2.5), 8.5, "identify", "voltage_steps"),
+    m.staircase((1.1, 2.25), 6.5, "validate", "voltage_steps_other"),
+    m.coast_downs(9.0),
+    m.drive_brake(rng, 9.0),
+    m.excitation(rng, 9.5, "identify", "excitation"),
+    dataclasses.replace(m.ramp_steer(9.5), name="ramp_steer"),
+    m.circles(0.4, 22.0, 9.0, "identify", "circles_slow"),
+    m.circles(1.5, 10.0, 9.0, "identify", "circles_fast"),
+    m.chirp(0.6, 9.5, "identify", "chirp_slow"),
+    m.chirp(1.6, 9.5, "identify", "chirp_fast"),
+    m.oval(1.0, 9.5, "validate"),
+    m.figure_eight(0.9, 9.5, "holdout"),
+    m.free_drive(rng, 9.5, "holdout", "free_drive"),
+  ]
+
+
+DESIGNS: dict[str, Callable[[np.random.Generator], list[Manoeuvre]]] = {"lab": lab, "compact": compact, "paper": paper}
+
+
+def plan(design: str, rng: np.random.Generator) -> list[Manoeuvre]:
+  """The manoeuvres of a design in driving order; the second half is driven after a pause. Raises KeyError with the valid names."""
+  if design not in DESIGNS:
+    raise KeyError(f"no session design '{design}'; valid are: {', '.join(DESIGNS)}")
+  runs = DESIGNS[design](rng)
+  half = (len(runs) + 1) // 2
+  return [dataclasses.replace(run, session="morning" if i < half else "afternoon") for i, run in enumerate(runs)]

@@ -1,0 +1,265 @@
+"""Sessions: cars, manoeuvres and concealed effects in; recordings, the measured vehicle table and the sealed truth out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+from qcar_twin.dataset import write_dataset
+from qcar_twin.recording import Recording
+
+from .car import Car, describe, fleet
+from .designs import plan
+from .driver import Driver, coloured, shaking
+from .effects import Effect, effect_class
+from .manoeuvres import PERIOD, Manoeuvre
+from .sensing import POSE_EVERY, RESOLUTION, Log, add_noise
+from .simulation import TRACE, Simulation
+
+PAUSE = 15.0  # s between two runs
+FORCE_NOISE = ((0.05, 0.07, 0.004), 0.15)  # N, N, N m rms on the body; s memory
+LOAD_NOISE = (0.03, 0.06)  # relative rms of each wheel's load; s memory
+AUTOMATED = ("standstill", "voltage_step", "steering_step")  # nobody's hand is on the wheel
+
+
+@dataclass(frozen=True)
+class Spec:
+  """What to make. `effects`: (id, size) pairs, size in multiples of the typical magnitude; `noise` scales sensor and process noise."""
+
+  seed: int
+  effects: tuple[tuple[str, float], ...] = ()
+  design: str = "lab"
+  noise: float = 1.0
+  car: Car | None = None
+
+
+@dataclass(frozen=True)
+class Session:
+  """One laboratory session. `clean`: recording name -> the true signals (T, 11) in the order of simulation.TRACE."""
+
+  recordings: tuple[Recording, ...]
+  vehicle: dict[str, float]
+  vehicle_std: dict[str, float]
+  truth: dict
+  clean: dict[str, np.ndarray] = field(repr=False)
+
+
+@dataclass
+class _Draft:
+  """A session before it is driven: everything that its own seed decides."""
+
+  spec: Spec
+  car: Car
+  runs: list[Manoeuvre]
+  vehicle: dict[str, float]
+  vehicle_std: dict[str, float]
+  shaking: np.ndarray  # (T, 4, n)
+  disturbance: np.ndarray  # (T, 7, n)
+  columns: slice
+  effects: tuple[Effect, ...] = ()
+
+
+def make_session(
+  seed: int,
+  effects: tuple[tuple[str, float], ...] = (),
+  design: str = "lab",
+  noise: float = 1.0,
+  car: Car | None = None,
+) -> Session:
+  """One session, the same bit for bit for the same arguments."""
+  return make_sessions([Spec(seed, tuple(effects), design, noise, car)])[0]
+
+
+def make_sessions(specs: list[Spec]) -> list[Session]:
+  """Several sessions side by side in one simulation; each equals what `make_session` gives for it alone."""
+  drafts, start = [], 0
+  for spec in specs:
+    drafts.append(_draft(spec, start))
+    start = drafts[-1].columns.stop
+  sim = _drive(drafts)
+  log = Log(sim, max(len(draft.shaking) for draft in drafts))
+  return [_collect(draft, log) for draft in drafts]
+
+
+def stream(seed: int, topic: int) -> np.random.Generator:
+  """An independent stream of random numbers for each topic of a session, so that an effect does not move the others."""
+  return np.random.default_rng([seed, topic])
+
+
+def _draft(spec: Spec, first: int) -> _Draft:
+  car = spec.car or Car.draw(stream(spec.seed, 0))
+  vehicle, std = car.measured(stream(spec.seed, 1))
+  runs = plan(spec.design, stream(spec.seed, 2))
+  ticks, n = max(run.ticks for run in runs), len(runs)
+  hand = shaking(stream(spec.seed, 3), ticks, n)
+  hand[:, 1, [run.kind in AUTOMATED for run in runs]] = 0.0
+  hand[:, 0, [run.kind == "voltage_step" for run in runs]] = 0.0
+  rng = stream(spec.seed, 4)
+  body = coloured(rng, (ticks, 3, n), FORCE_NOISE[1]) * np.array(FORCE_NOISE[0])[:, None] * (car.mass / 2.7)
+  floor = coloured(rng, (ticks, 4, n), LOAD_NOISE[1]) * LOAD_NOISE[0]
+  columns = slice(first, first + n)
+  chosen = [(name, size) for name, size in spec.effects if size != 0.0]
+  effects = tuple(
+    effect_class(name)(size, columns, stream(spec.seed, 100 + i)) for i, (name, size) in enumerate(chosen)
+  )
+  for name, _ in spec.effects:
+    effect_class(name)
+  return _Draft(
+    spec, car, runs, vehicle, std, hand, spec.noise * np.concatenate([body, floor], axis=1), columns, effects
+  )
+
+
+def _drive(drafts: list[_Draft]) -> Simulation:
+  """All runs of all drafts at once, from start to the end of the longest."""
+  longest = max(len(draft.shaking) for draft in drafts)
+
+  def padded(name: str) -> np.ndarray:
+    return np.concatenate(
+      [np.pad(a := getattr(d, name), ((0, longest - len(a)), (0, 0), (0, 0))) for d in drafts], axis=2
+    )
+
+  runs = [run for draft in drafts for run in draft.runs]
+  cars = fleet([draft.car for draft in drafts], [len(draft.runs) for draft in drafts])
+  sim = Simulation(cars, tuple(effect for draft in drafts for effect in draft.effects))
+  driver = Driver(runs, padded("shaking"), _belief(drafts))
+  disturbance = padded("disturbance")
+  start = np.array(
+    [[*run.start[:3], run.start[3], 0.0, 0.0, run.steer[0] if run.start[3] > 0 else 0.0] for run in runs]
+  )
+  wheelbase = cars.cg_to_front + cars.cg_to_rear
+  start[:, 5] = start[:, 3] * np.tan(start[:, 6]) / wheelbase
+  start[:, 4] = start[:, 5] * cars.cg_to_rear
+  history = [_history(draft) for draft in drafts]
+  heat, used, elapsed = (np.concatenate([h[i] for h in history]) for i in range(3))
+  for draft, h in zip(drafts, history, strict=True):
+    sim.session_length[draft.columns], sim.session_charge[draft.columns] = h[3], h[4]
+  sim.begin(start, heat, used, elapsed)
+  state = sim.dynamics.state
+  sim.commands = np.zeros((longest, 2, len(runs)))
+  for k in range(longest):
+    sim.commands[k] = driver.commands(k, state.x, state.y, state.yaw, state.motor)
+    sim.advance(sim.commands[k], disturbance[k])
+  return sim
+
+
+def _belief(drafts: list[_Draft]) -> SimpleNamespace:
+  """What the driver reckons with: the measured geometry and a feel for the drive that is a few per cent off."""
+  rows = []
+  for draft in drafts:
+    line, v = draft.car.linearised(), draft.vehicle
+    feel = 1 + 0.03 * stream(draft.spec.seed, 5).standard_normal(2)
+    per_motor = v["gear_ratio"] * v["wheel_radius"]
+    rows.append(
+      (
+        v["cg_to_front"] + v["cg_to_rear"],
+        per_motor,
+        feel[0] * line["P2"] / line["P1"] / per_motor,
+        feel[1] * line["P3"] / line["P1"],
+        v["max_steering"],
+      )
+    )
+  table = np.repeat(np.array(rows), [len(draft.runs) for draft in drafts], axis=0)
+  return SimpleNamespace(
+    **dict(
+      zip(("wheelbase", "speed_per_motor", "volts_per_speed", "volts_to_move", "max_steering"), table.T, strict=True)
+    )
+  )
+
+
+def _history(draft: _Draft) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, float]:
+  """Heat [K], charge used [C] and session time [s] at the start of each run, from a straight-line reckoning of the runs before;
+  session length [s] and charge [C] in all."""
+  car, runs = draft.car, draft.runs
+  line = car.linearised()
+  per_motor = car.gear_ratio * car.wheel_radius
+  motor, loss, charge = np.array([run.start[3] / per_motor for run in runs]), np.zeros(len(runs)), np.zeros(len(runs))
+  longest = max(run.ticks for run in runs)
+  wish = (
+    np.stack([np.pad(run.speed, (0, longest - run.ticks), constant_values=0.0) for run in runs], axis=1) / per_motor
+  )
+  volts = np.stack([np.pad(run.volts, (0, longest - run.ticks)) for run in runs], axis=1)
+  for k in range(longest):
+    holding = ~np.isnan(wish[k]) & (wish[k] > 0)
+    steady = (line["P2"] * np.nan_to_num(wish[k]) + 1.3 * line["P3"]) / line["P1"]
+    applied = np.where(holding, steady, volts[k])
+    current = (applied - car.motor_constant * motor) / car.motor_resistance
+    loss += PERIOD * current**2 * car.motor_resistance
+    charge += PERIOD * np.abs(current * applied) / 11.1
+    motor = motor + PERIOD * (line["P1"] * applied - line["P2"] * motor - line["P3"] * np.tanh(motor / 3.0))
+  heat, memory = np.zeros(len(runs)), car.heat_capacity * car.heat_resistance
+  durations = np.array([run.ticks * PERIOD + PAUSE for run in runs])
+  for i in range(1, len(runs)):
+    heat[i] = (heat[i - 1] + loss[i - 1] / car.heat_capacity) * np.exp(-durations[i - 1] / memory)
+  started, used = np.cumsum(durations) - durations, np.cumsum(charge) - charge
+  return heat, used, started, float(durations.sum()), float(charge.sum())
+
+
+def _collect(draft: _Draft, log: Log) -> Session:
+  """Cut a session's columns out of the log, add noise, round, and write down the truth."""
+  spec, columns, ticks = draft.spec, draft.columns, len(draft.shaking)
+  own = {name: values[:ticks, columns] for name, values in log.channels.items()}
+  noisy = add_noise(own, log.vibration[:ticks, columns], spec.noise, stream(spec.seed, 6))
+  commands = log.sim.commands[:ticks, :, columns]
+  noisy |= {"motor_voltage": commands[:, 0], "steering_command": commands[:, 1]}
+  fine = log.fine[::5, :, columns]
+  recordings, clean = [], {}
+  for i, run in enumerate(draft.runs):
+    recordings.append(_recording(run, {name: values[: run.ticks, i] for name, values in noisy.items()}))
+    clean[run.name] = fine[: run.ticks, :, i]
+  return Session(tuple(recordings), draft.vehicle, draft.vehicle_std, _truth(draft), clean)
+
+
+def _recording(run: Manoeuvre, columns: dict[str, np.ndarray]) -> Recording:
+  """One run as streams of its own sample times, rounded to what the log file holds."""
+  time = np.round(PERIOD * np.arange(run.ticks), 4)
+  table = {}
+  for name, values in columns.items():
+    table[name] = np.round(values, RESOLUTION[name])
+    if name.startswith("pose"):
+      table[name] = np.where(np.arange(run.ticks) % POSE_EVERY == 0, table[name], np.nan)
+  return Recording.from_columns(
+    run.name, time, table, file=f"{run.name}.csv", role=run.role, manoeuvre=run.kind, session=run.session
+  )
+
+
+def _truth(draft: _Draft) -> dict:
+  """All that was hidden."""
+  return {
+        "seed": draft.spec.seed, "design": draft.spec.design, "noise": draft.spec.noise,
+        "effects": [{"id": e.id, "size": e.size, "subsystem": e.subsystem, "in_catalogue": e.catalogue, "unit": e.unit, "parameters": e.truth()} for e in draft.effects],
+        "car": describe(draft.car), "linearised": draft.car.linearised(), "signals": list(TRACE), "gaps": gaps(draft.car),
+    }  # fmt: skip
+
+
+def gaps(car: Car) -> list[dict]:
+  """The generator's own benign differences from a textbook car, with this car's value of each."""
+  return [
+    {"gap": "brush tyre law", "value": car.friction, "unit": "-"},
+    {"gap": "transient slip of the carcass", "value": car.relaxation, "unit": "m"},
+    {"gap": "servo, equivalent delay", "value": 2 * car.servo_damping / car.servo_rate, "unit": "s"},
+    {"gap": "Ackermann share", "value": car.ackermann, "unit": "-"},
+    {"gap": "rolling resistance at the wheels", "value": car.rolling_resistance, "unit": "-"},
+    {
+      "gap": "body roll, angle per lateral acceleration",
+      "value": car.cg_height / (0.45 * (car.cg_height**2 + car.track_width**2 / 4) * car.roll_rate**2),
+      "unit": "rad s^2/m",
+    },
+    {"gap": "armature warms", "value": car.copper, "unit": "1/K"},
+    {"gap": "pack voltage falls over the whole charge", "value": car.discharge, "unit": "-"},
+    {"gap": "encoder differenced over a window", "value": 4e-3, "unit": "s"},
+    {"gap": "IMU averaged over two samples", "value": 2e-3, "unit": "s"},
+    {"gap": "dry friction builds up over a motor angle", "value": car.presliding, "unit": "rad"},
+  ]
+
+
+def save(session: Session, folder: Path, name: str, mark: str) -> None:
+  """Write the recordings and the vehicle table as a data set whose description publishes the commitment `mark`."""
+  text = f"Laboratory session of the independent simulated car. Truth sealed, SHA-256 with salt: {mark}"
+  rounded = {key: float(f"{value:.6g}") for key, value in session.vehicle.items()}
+  std = {key: float(f"{value:.3g}") for key, value in session.vehicle_std.items()}
+  write_dataset(
+    folder, name, rounded, std, session.recordings, description=text, licence="MIT", source="calibration/proving_ground"
+  )

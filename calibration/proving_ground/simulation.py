@@ -1,0 +1,118 @@
+"""N cars driven one control period at a time, with their concealed effects; keeps the fine history that the sensors are read from."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from .car import GRAVITY
+from .dynamics import Dynamics, rolling_start
+from .effects import Effect
+from .manoeuvres import PERIOD
+
+TRACE = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "accel_x", "accel_y", "motor", "motor_angle", "road")
+HOOKS = ("act", "link", "load", "contact")
+SENSOR_ERRORS = (
+    "imu_delay", "pose_delay", "pose_drift", "gyro_gain", "imu_twist", "accel_bias_x", "accel_bias_y", "gyro_bias", "bias_walk",
+    "pose_turn", "pose_ahead", "pose_aside",
+)  # fmt: skip
+
+
+class Simulation:
+  """State of N cars under way. Public: dynamics, command (2, N) [V, rad], road (N,) [rad], heat (N,) [K], charge (N,) [C], time [s]."""
+
+  def __init__(self, car: SimpleNamespace, effects: tuple[Effect, ...] = (), substep: float = 1e-3) -> None:
+    for name in SENSOR_ERRORS:
+      setattr(car, name, np.zeros(len(car.mass)))
+    for effect in effects:
+      effect.prepare(car)
+    self.car, self.effects, self.h = car, effects, substep
+    self.dynamics = Dynamics(car)
+    n = self.n = self.dynamics.n
+    self.substeps = round(PERIOD / substep)
+    self.stride = max(1, self.substeps // 5)  # the trace is kept every 2 ms
+    self.hooks = {name: [effect for effect in effects if effect.implements(name)] for name in HOOKS}
+    self.dynamics.loads = [_bound(effect.load, self) for effect in self.hooks["load"]]
+    self.dynamics.contacts = [_bound(effect.contact, self) for effect in self.hooks["contact"]]
+    self.command, self.road = np.zeros((2, n)), np.zeros(n)
+    self.heat, self.charge, self.used, self.elapsed, self.time = *np.zeros((4, n)), 0.0
+    self.session_length, self.session_charge = np.ones(n), np.ones(n)
+    self.trace: list[np.ndarray] = []
+
+  def begin(
+    self,
+    start: np.ndarray,
+    heat: np.ndarray | float = 0.0,
+    used: np.ndarray | float = 0.0,
+    elapsed: np.ndarray | float = 0.0,
+  ) -> None:
+    """Set the cars at start (N, 7); heat [K] above the room, charge used [C] and session time [s] carried in from earlier runs."""
+    rolling_start(self.dynamics, start)
+    self.heat[:], self.used[:], self.elapsed[:], self.time = heat, used, elapsed, 0.0
+    self.road[:] = self.dynamics.state.servo
+    self.command[:] = 0.0
+    self.command[1] = start[:, 6]
+    for effect in self.effects:
+      effect.begin(self)
+    self._inputs(np.stack([np.zeros(self.n), start[:, 6]]))
+    self.dynamics.stage.array[:] = self.dynamics.state.array
+    self.dynamics.derivative()
+    self.trace = [self._row()]
+
+  def advance(self, command: np.ndarray, disturbance: np.ndarray | None = None) -> None:
+    """Hold command (2, N) [V, rad] for one period. `disturbance` (7, N): N, N, N m on the body and relative wheel load errors."""
+    d = self.dynamics
+    if disturbance is not None:
+      moving = np.tanh(np.abs(d.state.vx) / 0.15)
+      np.multiply(disturbance[:3], moving, out=d.noise_wrench)
+      d.unevenness[:] = 1.0 + disturbance[3:] * moving
+    for index in range(self.substeps):
+      self._inputs(command)
+      d.step(self.h)
+      self._warm()
+      self.time += self.h
+      if (index + 1) % self.stride == 0:
+        self.trace.append(self._row())
+
+  def _inputs(self, command: np.ndarray) -> None:
+    """From logged commands to what servo and motor get."""
+    d, car = self.dynamics, self.car
+    self.command[:] = command
+    if self.hooks["act"]:
+      d.grip[:], d.conduct[:], d.constant[:] = 1.0, 1.0, car.motor_constant
+    d.resistance[:] = car.motor_resistance * (1.0 + car.copper * self.heat)
+    for effect in self.hooks["act"]:
+      effect.act(self)
+    d.voltage[:] = self.command[0] * (1.0 - car.discharge * self.used / car.charge)
+    np.clip(self.command[1], -car.max_steering, car.max_steering, out=d.steer_target)
+    self.road[:] = d.state.servo
+    for effect in self.hooks["link"]:
+      effect.link(self)
+    if self.hooks["link"]:
+      np.subtract(self.road, d.state.servo, out=d.bend)
+
+  def _warm(self) -> None:
+    """Heat of the armature [K] and charge taken from the pack [C]."""
+    d, car = self.dynamics, self.car
+    loss = d.current**2 * d.resistance - self.heat / car.heat_resistance
+    self.heat += self.h * loss / car.heat_capacity
+    self.used += self.h * np.abs(d.current * d.voltage) / 11.1
+
+  def _row(self) -> np.ndarray:
+    """One row of the trace (11, N): truth at this instant, accelerations at the IMU."""
+    d, s, car = self.dynamics, self.dynamics.state, self.car
+    spin = d.rate.yaw_rate
+    a_x = d.acceleration[0] - spin * car.imu_y - s.yaw_rate**2 * car.imu_x - GRAVITY * s.pitch
+    a_y = d.acceleration[1] + spin * car.imu_x - s.yaw_rate**2 * car.imu_y + GRAVITY * s.roll
+    return np.stack([s.x, s.y, s.yaw, s.vx, s.vy, s.yaw_rate, a_x, a_y, s.motor, s.motor_angle, s.servo + d.bend])
+
+
+def _bound(hook, sim: Simulation):  # noqa: ANN001, ANN202
+  """A hook of an effect as the dynamics call it."""
+  return lambda _dynamics: hook(sim)
+
+
+def coupled_yaw_rate(speed: np.ndarray, angle: np.ndarray, wheelbase: np.ndarray) -> np.ndarray:
+  """Yaw rate [rad/s] of slow rolling at a steering angle [rad]: where a rolling start begins."""
+  return speed * np.tan(angle) / wheelbase
