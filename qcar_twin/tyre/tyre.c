@@ -1,0 +1,275 @@
+// The tyre of the car as a MuJoCo engine plugin: "qcar.tyre", passive capability.
+//
+// MuJoCo calls a passive plugin after the constraint rows are made and before their reference accelerations
+// are. For every wheel that touches the ground the plugin turns the two friction rows of the contact into an
+// implicit tyre: the rows then solve for  f = -c v(t+h) - b,  a linear law in the slip velocity at the end of the step,
+// so the tyre is stable at any step and at standstill. The equations are in docs/tyre.md.
+//
+// Directions: x rolls forward (axle cross contact normal), y points along the axle, v is the velocity of the
+// rubber over the ground, forces are those of the ground on the wheel: f opposes v.
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <mujoco/mujoco.h>
+
+// layout of geom_user for a wheel; qcar_twin/tyre/parameters.py has the same list
+enum {
+  TAG,                       // 1 for a tyre, 0 for any other geom
+  CORNERING_STIFFNESS,       // N/rad at the nominal load
+  LONGITUDINAL_STIFFNESS,    // N per unit slip at the nominal load
+  FRICTION_COEFFICIENT,      // peak force / load at the nominal load
+  SHAPE,                     // C of sin(C atan(.)), 1 = no fall after the peak
+  LOAD_EXPONENT,             // stiffness and friction per load fall with load^exponent
+  NOMINAL_LOAD,              // N
+  RELAXATION_LENGTH,         // m, 0 = steady tyre
+  CARCASS_DAMPING,           // N s/m across, at standstill; scaled with stiffness along
+  N_PARAMETER
+};
+
+// plugin_state of a wheel
+enum { LOAD, SLIP_X, SLIP_Y, N_STATE };
+
+#define UNSET -1.0           // LOAD before the first step: nominal load, steady slip
+#define CREEP_SPEED 0.005    // m/s, added to the rolling speed so that slip is finite at standstill
+#define DAMPED_SPEED 0.1     // m/s, carcass damping fades above it
+#define LEAST_LOAD 0.02      // least load / nominal load seen by the tyre law
+#define CONE_RESERVE 1.5     // the friction cone stands this far outside the tyre's own peak
+#define LEAST_ALIGNMENT 0.7  // contact normal . chassis z: below, the wheel meets a wall
+
+typedef struct {
+  int geom, body, chassis, dof;
+  int row;                   // first constraint row of the ground contact in this step, -1: none
+  mjtNum speed;              // reference speed of the slip in this step, m/s
+} Wheel;
+
+typedef struct {
+  int count;
+  Wheel wheel[];
+} Tyres;
+
+// does this geom belong to the plugin instance: a tagged geom below the body that carries the instance
+static int belongs(const mjModel* m, int geom, int instance) {
+  if (m->geom_user[geom * m->nuser_geom + TAG] <= 0) return 0;
+  for (int b = m->geom_bodyid[geom]; b > 0; b = m->body_parentid[b]) {
+    if (m->body_plugin[b] == instance) return 1;
+  }
+  return 0;
+}
+
+static int count_wheels(const mjModel* m, int instance) {
+  int count = 0;
+  if (m->nuser_geom < N_PARAMETER) return 0;
+  for (int g = 0; g < m->ngeom; g++) count += belongs(m, g, instance);
+  return count;
+}
+
+static int tyre_nstate(const mjModel* m, int instance) { return N_STATE * count_wheels(m, instance); }
+
+static int tyre_init(const mjModel* m, mjData* d, int instance) {
+  int count = count_wheels(m, instance);
+  if (!count) {
+    mju_warning("qcar.tyre: no geom with user data below the body that carries the plugin instance");
+    return -1;
+  }
+  Tyres* tyres = calloc(1, sizeof(Tyres) + count * sizeof(Wheel));
+  if (!tyres) return -1;
+  for (int g = 0; g < m->ngeom; g++) {
+    if (!belongs(m, g, instance)) continue;
+    Wheel* w = tyres->wheel + tyres->count++;
+    int body = m->geom_bodyid[g];
+    int joint = m->body_jntadr[body] + m->body_jntnum[body] - 1;
+    if (m->body_jntnum[body] < 1 || m->jnt_type[joint] != mjJNT_HINGE) {
+      mju_warning("qcar.tyre: the last joint of a wheel body must be the hinge it spins on");
+      free(tyres);
+      return -1;
+    }
+    w->geom = g;
+    w->body = body;
+    w->chassis = m->body_parentid[body];
+    w->dof = m->jnt_dofadr[joint];
+    w->row = -1;
+  }
+  d->plugin_data[instance] = (uintptr_t)tyres;
+  return 0;
+}
+
+static void tyre_destroy(mjData* d, int instance) {
+  free((void*)d->plugin_data[instance]);
+  d->plugin_data[instance] = 0;
+}
+
+static void tyre_copy(mjData* dest, const mjModel* m, const mjData* src, int instance) {
+  const Tyres* from = (const Tyres*)src->plugin_data[instance];
+  memcpy((void*)dest->plugin_data[instance], from, sizeof(Tyres) + from->count * sizeof(Wheel));
+}
+
+static void tyre_reset(const mjModel* m, mjtNum* state, void* data, int instance) {
+  int n = m->plugin_statenum[instance];
+  for (int i = 0; i < n; i += N_STATE) {
+    state[i + LOAD] = UNSET;
+    state[i + SLIP_X] = state[i + SLIP_Y] = 0;
+  }
+}
+
+// values of one Jacobian row and their count; dof[] is NULL for a dense row
+static int jacobian_row(const mjModel* m, const mjData* d, int row, mjtNum** value, const int** dof) {
+  if (mj_isSparse(m)) {
+    *value = d->efc_J + d->efc_J_rowadr[row];
+    *dof = d->efc_J_colind + d->efc_J_rowadr[row];
+    return d->efc_J_rownnz[row];
+  }
+  *value = d->efc_J + (size_t)row * m->nv;
+  *dof = NULL;
+  return m->nv;
+}
+
+// turn the tangents of a contact into rolling direction and axle direction; idempotent
+static void align(const mjModel* m, mjData* d, mjContact* contact, const mjtNum axle[3]) {
+  mjtNum *t1 = contact->frame + 3, *t2 = contact->frame + 6, x[3];
+  mju_cross(x, axle, contact->frame);
+  mju_normalize3(x);
+  mjtNum c = mju_dot3(x, t1), s = mju_dot3(x, t2);
+  mjtNum *j1, *j2;
+  const int* dof;
+  int n = jacobian_row(m, d, contact->efc_address + 1, &j1, &dof);
+  jacobian_row(m, d, contact->efc_address + 2, &j2, &dof);
+  for (int i = 0; i < n; i++) {
+    mjtNum a = j1[i], b = j2[i];
+    j1[i] = c * a + s * b;
+    j2[i] = c * b - s * a;
+  }
+  for (int i = 0; i < 3; i++) {
+    mjtNum a = t1[i], b = t2[i];
+    t1[i] = c * a + s * b;
+    t2[i] = c * b - s * a;
+  }
+}
+
+// slip velocity of a contact: its two tangential rows times qvel
+static void slip_velocity(const mjModel* m, const mjData* d, int row, mjtNum v[2]) {
+  for (int k = 0; k < 2; k++) {
+    mjtNum* value;
+    const int* dof;
+    int n = jacobian_row(m, d, row + 1 + k, &value, &dof);
+    mjtNum sum = 0;
+    for (int i = 0; i < n; i++) sum += value[i] * d->qvel[dof ? dof[i] : i];
+    v[k] = sum;
+  }
+}
+
+// write  f = -c v(t+h) - b  into one friction row
+static void write_row(mjData* d, int row, mjtNum h, mjtNum c, mjtNum b) {
+  mjtNum R = 1 / (h * c);
+  mjtNum* kbip = d->efc_KBIP + 4 * row;
+  kbip[0] = 1;
+  kbip[1] = 1 / h;
+  kbip[2] = 1;
+  d->efc_margin[row] = 0;
+  d->efc_pos[row] = b * R;
+  d->efc_R[row] = R;
+  d->efc_D[row] = h * c;
+}
+
+// one wheel on the ground: the tyre law, its secant, the implicit rows
+static void tyre_rows(const mjModel* m, mjData* d, Wheel* w, mjContact* contact, const mjtNum* state) {
+  const mjtNum* u = m->geom_user + (size_t)w->geom * m->nuser_geom;
+  const mjtNum* R = d->geom_xmat + 9 * w->geom;
+  mjtNum axle[3] = {R[1], R[4], R[7]}, v[2], h = m->opt.timestep;
+  align(m, d, contact, axle);
+  slip_velocity(m, d, contact->efc_address, v);
+
+  // load, and what falls with it
+  mjtNum nominal = u[NOMINAL_LOAD];
+  mjtNum load = state[LOAD] < 0 ? nominal : mju_max(state[LOAD], LEAST_LOAD * nominal);
+  mjtNum fall = u[LOAD_EXPONENT] ? pow(load / nominal, -u[LOAD_EXPONENT]) : 1;
+  mjtNum scale = fall * load / nominal;
+  mjtNum Cx = u[LONGITUDINAL_STIFFNESS] * scale, Cy = u[CORNERING_STIFFNESS] * scale;
+  mjtNum friction = u[FRICTION_COEFFICIENT] * fall, peak = friction * load;
+
+  // transient slip z: its steady value is v / speed; predicted here, solved for by the rows
+  mjtNum rolling = d->qvel[w->dof] * m->geom_size[3 * w->geom];
+  mjtNum speed = sqrt(rolling * rolling + v[0] * v[0] + v[1] * v[1] + CREEP_SPEED * CREEP_SPEED);
+  mjtNum length = u[RELAXATION_LENGTH], gain = h / (length + h * speed), keep = length / (length + h * speed);
+  mjtNum z[2] = {state[SLIP_X], state[SLIP_Y]};
+  if (state[LOAD] < 0) z[0] = v[0] / speed, z[1] = v[1] / speed;
+  mjtNum px = Cx * (keep * z[0] + gain * v[0]) / peak, py = Cy * (keep * z[1] + gain * v[1]) / peak;
+  mjtNum rho = sqrt(px * px + py * py), C = u[SHAPE];
+  mjtNum secant = rho < 1e-4 ? 1 : sin(C * atan(rho / C)) / rho;
+
+  // carcass damping on the rate of deflection length * dz/dt, fading with speed
+  mjtNum fade = DAMPED_SPEED * DAMPED_SPEED / (DAMPED_SPEED * DAMPED_SPEED + rolling * rolling);
+  mjtNum damping = u[CARCASS_DAMPING] / u[CORNERING_STIFFNESS] * length / h * fade * fade;
+  mjtNum kx = Cx * (secant + damping), ky = Cy * (secant + damping);
+  int row = contact->efc_address;
+  write_row(d, row + 1, h, kx * gain, (kx * keep - Cx * damping) * z[0]);
+  write_row(d, row + 2, h, ky * gain, (ky * keep - Cy * damping) * z[1]);
+
+  // the elliptic cone ties R and friction of the two rows together
+  mjtNum ratio = sqrt(ky / kx), least = CONE_RESERVE * friction;
+  contact->friction[0] = least * mju_max(1, 1 / ratio);
+  contact->friction[1] = contact->friction[0] * ratio;
+  contact->mu = contact->friction[0] * sqrt(d->efc_R[row + 1] / d->efc_R[row]);
+  w->row = row;
+  w->speed = speed;
+}
+
+// is this contact the one a wheel stands on
+static int stands(const mjModel* m, const mjData* d, const Wheel* w, const mjContact* contact) {
+  if (contact->efc_address < 0 || contact->dim != 3) return 0;
+  mjtNum sign = contact->geom[1] == w->geom ? 1 : contact->geom[0] == w->geom ? -1 : 0;
+  if (sign == 0) return 0;
+  const mjtNum* X = d->xmat + 9 * w->chassis;
+  mjtNum up[3] = {X[2], X[5], X[8]};
+  return sign * mju_dot3(contact->frame, up) > LEAST_ALIGNMENT;
+}
+
+static void tyre_compute(const mjModel* m, mjData* d, int instance, int capability) {
+  Tyres* tyres = (Tyres*)d->plugin_data[instance];
+  const mjtNum* state = d->plugin_state + m->plugin_stateadr[instance];
+  for (int k = 0; k < tyres->count; k++) {
+    Wheel* w = tyres->wheel + k;
+    mjContact* deepest = NULL;
+    w->row = -1;
+    for (int i = 0; i < d->ncon; i++) {
+      mjContact* contact = d->contact + i;
+      if (stands(m, d, w, contact) && (!deepest || contact->dist < deepest->dist)) deepest = contact;
+    }
+    if (deepest) tyre_rows(m, d, w, deepest, state + N_STATE * k);
+  }
+}
+
+static void tyre_advance(const mjModel* m, mjData* d, int instance) {
+  Tyres* tyres = (Tyres*)d->plugin_data[instance];
+  mjtNum* state = d->plugin_state + m->plugin_stateadr[instance];
+  mjtNum h = m->opt.timestep;
+  for (int k = 0; k < tyres->count; k++, state += N_STATE) {
+    Wheel* w = tyres->wheel + k;
+    if (w->row < 0) {
+      state[LOAD] = state[SLIP_X] = state[SLIP_Y] = 0;
+      continue;
+    }
+    mjtNum v[2], length = m->geom_user[(size_t)w->geom * m->nuser_geom + RELAXATION_LENGTH];
+    mjtNum total = length + h * w->speed;
+    slip_velocity(m, d, w->row, v);  // qvel is already that of the end of the step
+    state[SLIP_X] = (length * state[SLIP_X] + h * v[0]) / total;
+    state[SLIP_Y] = (length * state[SLIP_Y] + h * v[1]) / total;
+    state[LOAD] = d->efc_force[w->row];
+  }
+}
+
+mjPLUGIN_LIB_INIT(qcar_tyre) {
+  mjpPlugin plugin;
+  mjp_defaultPlugin(&plugin);
+  plugin.name = "qcar.tyre";
+  plugin.capabilityflags = mjPLUGIN_PASSIVE;
+  plugin.nstate = tyre_nstate;
+  plugin.init = tyre_init;
+  plugin.destroy = tyre_destroy;
+  plugin.copy = tyre_copy;
+  plugin.reset = tyre_reset;
+  plugin.compute = tyre_compute;
+  plugin.advance = tyre_advance;
+  mjp_registerPlugin(&plugin);
+}
