@@ -12,9 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from qcar_twin.defects import find_defects
 from qcar_twin.formats import Table, read_table
 from qcar_twin.manifest import COMMAND_TIMINGS, FILE_NAME, Entry, Manifest, read_manifest
 from qcar_twin.mapping import resolve, streams_of
+from qcar_twin.plausibility import check_limits, check_units
 from qcar_twin.recording import ROLES, Recording, RecordingError, nearest
 from qcar_twin.validation import MIN_SAMPLES, gap_limit
 
@@ -95,8 +97,10 @@ def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Re
   mapping = resolve(table, manifest.mapping)
   streams, notes = streams_of(table, mapping)
   whole = Recording(entry.name, streams, entry.file, entry.role, entry.manoeuvre, entry.session)
+  check_limits(whole)
   pieces, cuts = _cut(whole)
-  return pieces, notes + cuts
+  signs = check_units(whole, manifest.vehicle)
+  return pieces, [*notes, *signs, *cuts, *(defect for piece in pieces for defect in find_defects(piece))]
 
 
 def _cut(whole: Recording) -> tuple[list[Recording], list[str]]:

@@ -75,7 +75,7 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
   """Streams by channel from one file, and notes about what was assumed. `mapping` comes from `resolve`."""
   clock, notes = _clock(table, mapping)
   values = {channel: _values(table, channel, mapped) for channel, mapped in mapping.items() if channel != "time"}
-  hold_rows = _publisher_rows([value for channel, value in values.items() if mapping[channel].hold])
+  hold_rows = _publisher_rows({channel: value for channel, value in values.items() if mapping[channel].hold})
   streams, spread = {}, []
   for channel, value in values.items():
     there = np.flatnonzero(~np.isnan(value))
@@ -88,11 +88,13 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
     else:
       time, there = clock.stamp, np.intersect1d(there, np.flatnonzero(clock.first))
     if mapping[channel].hold and not clock.held:
-      there = there[held_samples(value[there], hold_rows)]
+      there = there[held_samples(value[there], hold_rows[channel])]
     sampled = value[there]
     if mapping[channel].wrap:
       check_angle(table.shown, channel, sampled)
       sampled = np.unwrap(sampled)
+    elif channel == "pose_yaw" and np.abs(np.diff(sampled)).max(initial=0.0) > np.pi:
+      notes.append(f"{table.shown}: pose_yaw jumps by more than half a turn; set wrap = true on pose_yaw in [channels]")
     streams[channel] = Stream(time[there], sampled)
   if spread:
     notes.append(
@@ -211,12 +213,13 @@ def held_samples(value: np.ndarray, usual: int) -> np.ndarray:
   return np.repeat(start, repeats) + (within * np.repeat(length / repeats, repeats)).astype(int)
 
 
-def _publisher_rows(held: list[np.ndarray]) -> int:
-  """How many rows the held channels' publisher usually repeats a value: the smallest lower quartile of run lengths; 0 if unknown."""
-  usual = []
-  for value in held:
+def _publisher_rows(values: Mapping[str, np.ndarray]) -> dict[str, int]:
+  """How many rows each held channel's publisher usually repeats a value: the lower quartile of its run lengths. A channel
+  that changes too seldom takes the smallest of the others; 0 when nothing is known."""
+  usual = {}
+  for channel, value in values.items():
     start = np.flatnonzero(_changed(value[~np.isnan(value)]))
     length = np.diff(start)[1:]  # neither the first run nor the last is whole
     if length.size >= _MIN_RUNS:
-      usual.append(int(np.percentile(length, 25, method="lower")))
-  return min(usual, default=0)
+      usual[channel] = int(np.percentile(length, 25, method="lower"))
+  return {channel: usual.get(channel, min(usual.values(), default=0)) for channel in values}

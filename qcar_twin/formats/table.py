@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,3 +75,40 @@ def _is_number(cell: object) -> bool:
   except ValueError:
     return False
   return True
+
+
+@dataclass(frozen=True, eq=False)
+class Clocked:
+  """Columns (k,) that share one clock `time` (k,), s: a topic of a bag, a structure with time."""
+
+  time: np.ndarray
+  columns: Mapping[str, np.ndarray]
+
+
+def merge(shown: str, groups: Sequence[Clocked]) -> Table:
+  """One table from groups with clocks of their own: every time once, in column `time`, and NaN where a group has no sample.
+
+  Raises RecordingError when a group's own clock goes backwards, repeats or has no value.
+  """
+  for group in groups:
+    name = next(iter(group.columns), "time")
+    bad = np.flatnonzero(~(np.diff(group.time) > 0.0))
+    if bad.size:
+      row = int(bad[0]) + 1
+      raise RecordingError(
+        f"{shown}: time of '{name}' goes backwards or repeats in row {row + 1} ({group.time[row]:.9g} s after "
+        f"{group.time[row - 1]:.9g} s); remove that sample, or record again with one clock"
+      )
+  time = np.unique(np.concatenate([group.time for group in groups])) if groups else np.empty(0)
+  columns = {"time": time}
+  for group in groups:
+    rows = np.searchsorted(time, group.time)
+    for name, values in group.columns.items():
+      columns[name] = np.full(time.size, np.nan)
+      columns[name][rows] = values
+  gaps = {
+    name: np.searchsorted(time, group.time[np.isnan(values)])
+    for group in groups
+    for name, values in group.columns.items()
+  }
+  return Table(shown, columns, gaps)
