@@ -12,20 +12,12 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from qcar_twin.mechanisms.base import Car
+from qcar_twin.tyre import COLUMN
+from qcar_twin.vehicle import Handles
 
 Array = NDArray[np.float64]
 Rows = slice | NDArray[np.int64]
-WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
-
-# column of geom_user for every tyre quantity; see qcar_twin/tyre
-TYRE_COLUMN = {
-  "cornering_stiffness": 1,
-  "longitudinal_stiffness": 2,
-  "friction_coefficient": 3,
-  "tyre_shape": 4,
-  "load_exponent": 5,
-  "relaxation_length": 7,
-}
+TYRE = tuple(name for name in COLUMN if name not in ("tag", "nominal_load", "carcass_damping"))
 DRIVE = ("torque_per_volt", "motor_damping", "driveline_friction", "driveline_damping", "rotor_inertia")
 BODY = (
   "mass",
@@ -46,13 +38,10 @@ class Fields:
   def __init__(self, batch: Batch, car: Car, native_tyre: bool):
     self._batch, self._car, self._native = batch, car, native_tyre
     model = batch.model
-    self._wheel = [model.geom(name).id for name in WHEELS]
-    self._chassis = model.body("chassis").id
-    self._motor_dof = int(model.joint("motor").dofadr[0])
-    self._motor, self._servo = model.actuator("motor").id, model.actuator("steering").id
+    self._handles = Handles.of(model)
     self._ackermann = model.equality("ackermann").id
     self._differential = [model.tendon(f"{axle}_differential").id for axle in ("front", "rear")]
-    self._rest = _Rest(model, self._chassis)
+    self._rest = _Rest(model, self._handles.chassis)
     self._full_ackermann = car.track_width / (2.0 * car.wheelbase)
     self.values: dict[str, Array] = {}
 
@@ -63,7 +52,7 @@ class Fields:
 
   def write(self, changed: set[str], rows: Rows) -> None:
     """Bring the model fields of some simulations in line with their quantities."""
-    for name in changed & set(TYRE_COLUMN):
+    for name in changed & set(TYRE):
       self._write_tyre(name, rows)
     if changed & set(DRIVE):
       self._write_drive(rows)
@@ -74,26 +63,26 @@ class Fields:
 
   def _write_tyre(self, name: str, rows: Rows) -> None:
     value = self.values[name][rows]
-    if self._native:
-      if name == "friction_coefficient":
-        self._batch.expand("geom_friction")[rows, self._wheel[0] : self._wheel[-1] + 1 : 1][..., 0]
-        friction = self._batch.expand("geom_friction")
-        for k, geom in enumerate(self._wheel):
-          friction[rows, geom, 0] = value[:, k]
-      return
-    user = self._batch.expand("geom_user")
-    for k, geom in enumerate(self._wheel):
-      user[rows, geom, TYRE_COLUMN[name]] = value[:, k]
+    if not self._native:
+      self._scatter("geom_user", COLUMN[name], rows, value)
+    elif name == "friction_coefficient":
+      self._scatter("geom_friction", 0, rows, value)
+
+  def _scatter(self, field: str, column: int, rows: Rows, value: Array) -> None:
+    """Write wheel-wise values, (n, 4), into one column of a geom field."""
+    target = self._batch.expand(field)
+    for k, geom in enumerate(self._handles.wheels):
+      target[rows, geom, column] = value[:, k]
 
   def _write_drive(self, rows: Rows) -> None:
     """torque = a V - b w with a = K / R, b = K^2 / R: K = b / a, R = b / a^2 (armature circuit without inductance)."""
     a, b = self.values["torque_per_volt"][rows], self.values["motor_damping"][rows]
     gain = self._batch.expand("actuator_gainprm")
-    gain[rows, self._motor, 0] = b / a**2
-    gain[rows, self._motor, 1] = b / a
-    self._batch.expand("dof_frictionloss")[rows, self._motor_dof] = self.values["driveline_friction"][rows]
-    self._batch.expand("dof_damping")[rows, self._motor_dof] = self.values["driveline_damping"][rows]
-    self._batch.expand("dof_armature")[rows, self._motor_dof] = self.values["rotor_inertia"][rows]
+    gain[rows, self._handles.motor, 0] = b / a**2
+    gain[rows, self._handles.motor, 1] = b / a
+    self._batch.expand("dof_frictionloss")[rows, self._handles.motor_dof] = self.values["driveline_friction"][rows]
+    self._batch.expand("dof_damping")[rows, self._handles.motor_dof] = self.values["driveline_damping"][rows]
+    self._batch.expand("dof_armature")[rows, self._handles.motor_dof] = self.values["rotor_inertia"][rows]
 
   def _write_body(self, rows: Rows) -> None:
     v = {name: self.values[name][rows] for name in BODY}
@@ -104,9 +93,9 @@ class Fields:
     reduced = v["mass"] * share  # m1 m2 / (m1 + m2)
     apart = (v["added_mass_x"] - base_x) ** 2 + (v["added_mass_y"] - base_y) ** 2
     mass, position, inertia = self._rest.chassis(total, v["yaw_inertia"] + reduced * apart, cg, v["cg_height_offset"])
-    self._batch.expand("body_mass")[rows, self._chassis] = mass
-    self._batch.expand("body_ipos")[rows, self._chassis] = position
-    self._batch.expand("body_inertia")[rows, self._chassis] = inertia
+    self._batch.expand("body_mass")[rows, self._handles.chassis] = mass
+    self._batch.expand("body_ipos")[rows, self._handles.chassis] = position
+    self._batch.expand("body_inertia")[rows, self._handles.chassis] = inertia
 
   def _write_other(self, changed: set[str], rows: Rows) -> None:
     for name, axis in (("gravity_x", 0), ("gravity_y", 1)):
@@ -116,7 +105,7 @@ class Fields:
       for tendon in self._differential:
         self._batch.expand("tendon_damping")[rows, tendon] = self.values["differential_damping"][rows]
     if "servo_time_constant" in changed:
-      self._batch.expand("actuator_dynprm")[rows, self._servo, 0] = self.values["servo_time_constant"][rows]
+      self._batch.expand("actuator_dynprm")[rows, self._handles.steering, 0] = self.values["servo_time_constant"][rows]
     if "ackermann_fraction" in changed:
       curve = self._full_ackermann * self.values["ackermann_fraction"][rows]
       self._batch.expand("eq_data")[rows, self._ackermann, 2] = curve
@@ -126,7 +115,6 @@ class _Rest:
   """What of the car's mass is not in the chassis body: wheels, carriers, motor."""
 
   def __init__(self, model: mujoco.MjModel, chassis: int):
-    self._chassis = chassis
     inside = [b for b in range(model.nbody) if model.body_parentid[b] == chassis]
     self._mass = model.body_mass[inside].copy()
     self._position = model.body_pos[inside].copy()

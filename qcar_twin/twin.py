@@ -13,12 +13,11 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from qcar_twin import twin_parameters
-from qcar_twin.fields import WHEELS, Fields, FieldsView, Rows
+from qcar_twin.fields import Fields, FieldsView, Rows
 from qcar_twin.mechanisms.base import Car, Context, Mechanism, State, Track, describe
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.plant import SIGNALS, START, Prediction, Segments
-from qcar_twin.tyre import load_plugin
-from qcar_twin.vehicle import Vehicle
+from qcar_twin.vehicle import Handles, TyreKind, Vehicle
 
 Array = NDArray[np.float64]
 _STEPPED = ("command", "actuator", "force", "contact")
@@ -42,12 +41,11 @@ class Twin:
     self,
     vehicle: Vehicle,
     mechanisms: Sequence[Mechanism] = (),
-    tyre: str = "contact",
+    tyre: TyreKind = "contact",
     substeps: int = 2,
     threads: int = 0,
     rows: int = 1024,
   ):
-    load_plugin()
     self.vehicle, self.mechanisms, self.tyre = vehicle, tuple(mechanisms), tyre
     self.period, self.substeps, self.threads, self.rows = 0.01, substeps, threads, rows
     self.car = Car(**{f.name: getattr(vehicle, f.name) for f in dataclasses.fields(Car)})
@@ -100,13 +98,30 @@ class Twin:
     )
 
   def rollout(self, theta: Array, segments: Segments) -> Prediction:
-    """Every parameter vector, (n, P), over every segment; sensor-side mechanisms included."""
-    theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
-    per_turn = max(1, self.rows // len(segments))
-    signals = [self._rollout(theta[i : i + per_turn], segments) for i in range(0, len(theta), per_turn)]
-    return Prediction(np.concatenate(signals), segments.period)
+    """Every parameter vector, (n, P), over every segment; sensor-side mechanisms included.
 
-  def _rollout(self, theta: Array, segments: Segments) -> Array:
+    Vectors that differ in sensor parameters only share one simulation.
+    """
+    theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+    stepped, same = np.unique(self._without_sensors(theta), axis=0, return_inverse=True)
+    per_turn = max(1, self.rows // len(segments))
+    turns = [self._simulate(stepped[i : i + per_turn], segments) for i in range(0, len(stepped), per_turn)]
+    signals = np.concatenate(turns)[same.reshape(-1)]  # (n, S, T + 1, 10)
+    if any(m.stage == "sensor" for m in self.mechanisms):
+      flat = signals.reshape(-1, *signals.shape[2:])
+      size = len(segments)
+      self.measured(np.repeat(theta, size, axis=0), flat, np.tile(segments.offset, len(theta)))
+    return Prediction(signals, segments.period)
+
+  def _without_sensors(self, theta: Array) -> Array:
+    """The same vectors with sensor-side mechanisms at their nominal values."""
+    stepped = theta.copy()
+    for mechanism in self.mechanisms:
+      if mechanism.stage == "sensor":
+        stepped[:, self._columns[mechanism.name]] = [p.nominal for p in mechanism.parameters]
+    return stepped
+
+  def _simulate(self, theta: Array, segments: Segments) -> Array:
     n, size, length = len(theta), len(segments), segments.commands.shape[1]
     tile = lambda a: None if a is None else np.tile(a, (n,) + (1,) * (a.ndim - 1))  # noqa: E731
     commands = np.ascontiguousarray(tile(segments.commands).transpose(1, 0, 2))  # (T, n * S, 2)
@@ -118,12 +133,10 @@ class Twin:
     signals[0] = simulation.signals
     for k in range(length):
       signals[k + 1] = simulation.step(commands[k], None if pose is None else pose[:, k])
-    out = np.ascontiguousarray(signals.transpose(1, 0, 2))
-    out = self.measured(np.repeat(theta, size, axis=0), out, tile(segments.offset))
-    return out.reshape(n, size, length + 1, len(SIGNALS))
+    return np.ascontiguousarray(signals.transpose(1, 0, 2)).reshape(n, size, length + 1, len(SIGNALS))
 
   def measured(self, theta: Array, signals: Array, offset: Array) -> Array:
-    """Signals (N, T + 1, 10) as the sensors of a car with parameters (N, P) show them."""
+    """Signals (N, T + 1, 10) as the sensors of a car with parameters (N, P) show them; changed in place."""
     time = offset[:, None] + self.period * np.arange(signals.shape[1])
     for mechanism in self.mechanisms:
       if mechanism.stage == "sensor":
@@ -215,11 +228,7 @@ class Simulation:
     self._qpos, self._qvel, self._ctrl, self._act = batch.qpos, batch.qvel, batch.ctrl, batch.act
     self._xfrc = batch.bind("xfrc_applied")
     self._sensordata = batch.bind("sensordata")
-    self._chassis = model.body("chassis").id
-    self._motor = int(model.joint("motor").dofadr[0])
-    self._spins = [int(model.joint(f"{w}_spin").dofadr[0]) for w in WHEELS]
-    self._steer_q = [int(model.joint(f"{w}_steering").qposadr[0]) for w in WHEELS[:2]]
-    self._accelerometer = int(model.sensor("accelerometer").adr[0])
+    self._handles = Handles.of(model)
 
   def _place(self, start: Array) -> None:
     s = {name: start[:, i] for i, name in enumerate(START)}
@@ -231,13 +240,13 @@ class Simulation:
     self._qvel[:, _VY] = sine * s["velocity_x"] + cosine * s["velocity_y"]
     self._qvel[:, _YAW_RATE] = s["yaw_rate"]
     half = car.track_width / 2
-    for k, dof in enumerate(self._spins):
+    for k, dof in enumerate(self._handles.spin_dofs):
       side = half if k % 2 == 0 else -half
       self._qvel[:, dof] = (s["velocity_x"] - s["yaw_rate"] * side) / car.wheel_radius
-    self._qvel[:, self._motor] = s["velocity_x"] / car.wheel_radius / car.gear_ratio
+    self._qvel[:, self._handles.motor_dof] = s["velocity_x"] / car.wheel_radius / car.gear_ratio
     curve = car.track_width / (2 * car.wheelbase) * self._fields.values["ackermann_fraction"] * s["steering_angle"] ** 2
-    self._qpos[:, self._steer_q[0]] = s["steering_angle"] + curve
-    self._qpos[:, self._steer_q[1]] = s["steering_angle"] - curve
+    self._qpos[:, self._handles.steering_qpos[0]] = s["steering_angle"] + curve
+    self._qpos[:, self._handles.steering_qpos[1]] = s["steering_angle"] - curve
     self._act[:] = 0.0
     self._act[:, -1] = s["steering_angle"]
 
@@ -250,9 +259,10 @@ class Simulation:
     out[:, 3] = cosine * v[:, _VX] + sine * v[:, _VY]
     out[:, 4] = -sine * v[:, _VX] + cosine * v[:, _VY]
     out[:, 5] = v[:, _YAW_RATE]
-    out[:, 6:8] = self._sensordata[:, self._accelerometer : self._accelerometer + 2]
-    out[:, 8] = v[:, self._motor]
-    out[:, 9] = 0.5 * (q[:, self._steer_q[0]] + q[:, self._steer_q[1]])
+    accelerometer = self._handles.accelerometer
+    out[:, 6:8] = self._sensordata[:, accelerometer : accelerometer + 2]
+    out[:, 8] = v[:, self._handles.motor_dof]
+    out[:, 9] = 0.5 * (q[:, self._handles.steering_qpos[0]] + q[:, self._handles.steering_qpos[1]])
 
   def _context(self, slot: "_Slot", commands: Array, pose: Array) -> Context:
     rows, values = slot.rows, self._fields.values
@@ -295,9 +305,9 @@ class Simulation:
     if force is None:
       return
     cosine, sine = np.cos(self.signals[:, 2]), np.sin(self.signals[:, 2])
-    self._xfrc[:, self._chassis, 0] = cosine * force[:, 0] - sine * force[:, 1]
-    self._xfrc[:, self._chassis, 1] = sine * force[:, 0] + cosine * force[:, 1]
-    self._xfrc[:, self._chassis, 5] = force[:, 2]
+    self._xfrc[:, self._handles.chassis, 0] = cosine * force[:, 0] - sine * force[:, 1]
+    self._xfrc[:, self._handles.chassis, 1] = sine * force[:, 0] + cosine * force[:, 1]
+    self._xfrc[:, self._handles.chassis, 5] = force[:, 2]
 
 
 @dataclasses.dataclass

@@ -10,7 +10,7 @@ Signs: ISO 8855, x forward, y left, yaw counter-clockwise.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
@@ -165,6 +165,10 @@ class Mechanism:
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
     """Change quantities of the simulator."""
+
+  def starts(self) -> Sequence[Mapping[str, float]]:
+    """Values of the shape parameters from which a search begins; more than one where one start can miss it."""
+    return ({},)
 
   def measure(self, theta: Array, track: Track) -> Array:
     """Signals as the sensors show them, (n, T + 1, 10), from the true ones in `track`."""

@@ -1,0 +1,198 @@
+"""Models the search compares: the base twin plus a set of mechanisms, fitted side by side.
+
+All candidates of a round share one batched simulation per half-iteration. The Jacobian of the base
+parameters is taken over from the recalibrated twin and corrected by Broyden's rank-one update
+(Nocedal and Wright, 11.1); only the columns of the mechanisms' own parameters are simulated anew.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.diagnosis.problem import Problem
+from calibration.fit import prior_cost
+from qcar_twin.parameters import ParameterSet
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass
+class Candidate:
+  """A model under trial.
+
+  Attributes:
+    mechanisms: ids added to the base twin, () for the base twin itself.
+    free: parameters that are fitted.
+    theta: full vector, (P,).
+    residual: whitened, (M,).
+    jacobian: with respect to the free parameters, (M, p).
+    settled: the last iteration gained next to nothing.
+  """
+
+  mechanisms: tuple[str, ...]
+  free: ParameterSet
+  theta: Array
+  residual: Array
+  jacobian: Array
+  settled: bool = False
+
+  @property
+  def values(self) -> Array:
+    """Estimates of the free parameters, (p,)."""
+    return self._values
+
+  @values.setter
+  def values(self, new: Array) -> None:
+    self._values = new
+
+  @property
+  def cost(self) -> float:
+    """Half the sum of squares plus the prior, nats."""
+    return 0.5 * float(self.residual @ self.residual) + prior_cost(self.values, self.free)
+
+  @property
+  def curvature(self) -> Array:
+    """Posterior curvature, (p, p)."""
+    return self.jacobian.T @ self.jacobian + np.diag(1.0 / self.free.std**2)
+
+  @property
+  def std(self) -> Array:
+    """Posterior standard deviations of the free parameters, (p,)."""
+    return np.sqrt(np.maximum(np.diag(np.linalg.pinv(self.curvature, hermitian=True)), 0.0))
+
+  def estimate(self, name: str) -> tuple[float, float]:
+    """Value and standard deviation of a free parameter."""
+    i = self.free.index(name)
+    return float(self.values[i]), float(self.std[i])
+
+
+def candidate(
+  problem: Problem,
+  mechanisms: Sequence[str],
+  parent: Candidate | None,
+  priors: ParameterSet,
+  start: dict[str, float] | None = None,
+) -> Candidate:
+  """A model that starts from its parent's estimates; not yet simulated.
+
+  Args:
+    problem: residuals.
+    mechanisms: ids in the model.
+    parent: a fitted model whose estimates and Jacobian columns are taken over.
+    priors: declarations of the base parameters.
+    start: first values of some parameters.
+  """
+  added = [p for name in mechanisms for p in problem.mechanism(name).parameters]
+  free = priors + added
+  values = free.nominal
+  jacobian = np.zeros((len(problem.observations), len(free)))
+  for i, name in enumerate(free.names):
+    if parent is not None and name in parent.free:
+      values[i] = parent.values[parent.free.index(name)]
+      jacobian[:, i] = parent.jacobian[:, parent.free.index(name)]
+    if start and name in start:
+      values[i] = start[name]
+  values = np.clip(values, free.lower, free.upper)
+  theta = problem.embed(free.names, values, problem.parameters.nominal)[0]
+  made = Candidate(tuple(mechanisms), free, theta, np.zeros(len(problem.observations)), jacobian)
+  made.values = values
+  return made
+
+
+def simulate(problem: Problem, candidates: Sequence[Candidate]) -> None:
+  """Residuals of candidates at their present estimates, in one batch."""
+  if candidates:
+    for item, residual in zip(candidates, problem.residual(np.stack([c.theta for c in candidates])), strict=True):
+      item.residual = residual
+
+
+def refine(problem: Problem, candidates: Sequence[Candidate], iterations: int, full: bool = False) -> None:
+  """Gauss-Newton on every candidate at once; a step that does not lower the cost is not taken.
+
+  Args:
+    problem: residuals.
+    candidates: simulated already.
+    iterations: at most this many.
+    full: simulate the base parameters' columns too.
+  """
+  for _ in range(iterations):
+    active = [c for c in candidates if not c.settled]
+    if not active:
+      return
+    _fill_columns(problem, active, full)
+    _try_steps(problem, active)
+
+
+def _fill_columns(problem: Problem, candidates: Sequence[Candidate], full: bool) -> None:
+  jobs = []
+  for item in candidates:
+    base = set() if full else set(problem.base)
+    jobs += [(item, i, _difference(item, i)) for i, name in enumerate(item.free.names) if name not in base]
+  if not jobs:
+    return
+  moved = []
+  for item, i, h in jobs:
+    theta = item.theta.copy()
+    theta[problem.parameters.index(item.free.names[i])] += h
+    moved.append(theta)
+  for (item, i, h), residual in zip(jobs, problem.residual(np.stack(moved)), strict=True):
+    item.jacobian[:, i] = (residual - item.residual) / h
+
+
+def _difference(item: Candidate, i: int, share: float = 0.03) -> float:
+  h = share * item.free.scale[i]
+  return -h if item.values[i] + h > item.free.upper[i] else h
+
+
+def _try_steps(problem: Problem, candidates: Sequence[Candidate]) -> None:
+  trials = [(item, values) for item in candidates for values in _steps(item)]
+  thetas = [problem.embed(item.free.names, values, item.theta)[0] for item, values in trials]
+  outcomes = problem.residual(np.stack(thetas))
+  for item in candidates:
+    rows = [k for k, (owner, _) in enumerate(trials) if owner is item]
+    costs = [0.5 * float(outcomes[k] @ outcomes[k]) + prior_cost(trials[k][1], item.free) for k in rows]
+    best = rows[int(np.argmin(costs))]
+    before, gain = item.cost, item.cost - min(costs)
+    _broyden(item, trials[rows[0]][1], outcomes[rows[0]])
+    if gain > 0:
+      item.theta, item.residual, item.values = thetas[best], outcomes[best], trials[best][1]
+    item.settled = gain < 1e-3 * abs(before) ** 0.5 + 0.3
+
+
+def _steps(item: Candidate) -> list[Array]:
+  """Trial estimates: Gauss-Newton with little and with strong damping, and a half step."""
+  gradient = item.jacobian.T @ item.residual + (item.values - item.free.nominal) / item.free.std**2
+  curvature = item.curvature
+  out = []
+  for damping in (1e-6, 0.1):
+    damped = curvature + damping * np.diag(np.diag(curvature)) + 1e-12 * np.eye(len(gradient))
+    out.append(bounded_solve(damped, gradient, item.values, item.free))
+  out.append(0.5 * (item.values + out[0]))
+  return out
+
+
+def bounded_solve(curvature: Array, gradient: Array, values: Array, free: ParameterSet) -> Array:
+  """Minimiser of the quadratic model within bounds, by pinning what would leave them."""
+  target = values.copy()
+  loose = np.ones(len(values), dtype=bool)
+  for _ in range(len(values)):
+    pull = gradient[loose] + curvature[np.ix_(loose, ~loose)] @ (target - values)[~loose]
+    target[loose] = values[loose] - np.linalg.lstsq(curvature[np.ix_(loose, loose)], pull, rcond=None)[0]
+    outside = loose & ((target < free.lower) | (target > free.upper))
+    if not outside.any():
+      break
+    target[outside] = np.clip(target, free.lower, free.upper)[outside]
+    loose &= ~outside
+  return target
+
+
+def _broyden(item: Candidate, values: Array, outcome: Array) -> None:
+  """Rank-one correction of the Jacobian from one trial step, in units of each parameter's scale."""
+  step = (values - item.values) / item.free.scale
+  power = float(step @ step)
+  if power < 1e-12 or not np.isfinite(outcome).all():
+    return
+  surprise = outcome - item.residual - item.jacobian @ (values - item.values)
+  item.jacobian += np.outer(surprise / power, step / item.free.scale)

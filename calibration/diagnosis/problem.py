@@ -1,0 +1,138 @@
+"""The twin with its whole catalogue, set against one set of recordings.
+
+Residuals are predicted minus measured, divided by each channel's standard deviation and by the
+square root of its correlation length in samples, so that half their sum of squares counts
+independent samples ("nats"), not rows of a log.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.observations import CHANNELS, Observations
+from qcar_twin.mechanisms.base import Mechanism
+from qcar_twin.parameters import ParameterSet
+from qcar_twin.plant import Prediction
+from qcar_twin.twin import Twin
+
+Array = NDArray[np.float64]
+
+_SPIKE = 6.0  # residuals beyond this many standard deviations lose weight
+_COLUMNS = 48  # simulations of the whole data set held in memory at once
+
+
+@dataclasses.dataclass(frozen=True)
+class Weighting:
+  """How residuals become nats.
+
+  Attributes:
+    std: standard deviation per channel of CHANNELS; NaN where a channel is absent.
+    correlation: correlation length per channel, samples.
+    spike: weight per value against spikes, (M,).
+  """
+
+  std: Array
+  correlation: Array
+  spike: Array
+
+  def scale(self, channel: NDArray[np.int64]) -> Array:
+    """Factor on predicted minus measured, (M,)."""
+    return np.sqrt(self.spike / self.correlation[channel]) / self.std[channel]
+
+
+class Problem:
+  """Whitened residuals of the twin for any parameter vectors."""
+
+  def __init__(self, twin: Twin, observations: Observations, weighting: Weighting):
+    self.twin, self.observations, self.weighting = twin, observations, weighting
+    self._scale = weighting.scale(observations.channel)
+    self.evaluations = 0
+
+  @property
+  def parameters(self) -> ParameterSet:
+    return self.twin.parameters
+
+  @property
+  def base(self) -> tuple[str, ...]:
+    return self.twin.base.names
+
+  def mechanism(self, name: str) -> Mechanism:
+    return next(m for m in self.twin.mechanisms if m.name == name)
+
+  def reweighted(self, weighting: Weighting) -> "Problem":
+    return Problem(self.twin, self.observations, weighting)
+
+  def raw(self, theta: Array) -> Array:
+    """Predicted minus measured in the channels' units, (n, M)."""
+    theta = np.atleast_2d(theta)
+    self.evaluations += len(theta)
+    out = np.empty((len(theta), len(self.observations)))
+    for i in range(0, len(theta), _COLUMNS):
+      prediction = self.predict(theta[i : i + _COLUMNS])
+      out[i : i + _COLUMNS] = self.observations.predict(prediction) - self.observations.measured
+    return out
+
+  def predict(self, theta: Array) -> Prediction:
+    return self.twin.rollout(theta, self.observations.stretches.segments)
+
+  def residual(self, theta: Array) -> Array:
+    """Whitened residuals, (n, M); a simulation that is not finite gives large ones."""
+    return np.nan_to_num(self.raw(theta) * self._scale, nan=1e3, posinf=1e3, neginf=-1e3)
+
+  def whiten(self, raw: Array) -> Array:
+    return raw * self._scale
+
+  def free(self, mechanisms: Sequence[str]) -> tuple[str, ...]:
+    """Names that are fitted when these mechanisms are in the model."""
+    added = [p.name for name in mechanisms for p in self.mechanism(name).parameters]
+    return (*self.base, *added)
+
+  def subset(self, names: Sequence[str]) -> ParameterSet:
+    return ParameterSet(self.parameters[name] for name in names)
+
+  def embed(self, names: Sequence[str], values: Array, around: Array) -> Array:
+    """Full vectors, (n, P), with the named parameters set to values (n, len(names))."""
+    values = np.atleast_2d(values)
+    full = np.tile(around, (len(values), 1))
+    full[:, [self.parameters.index(n) for n in names]] = values
+    return full
+
+
+def weighting_from(observations: Observations, raw: Array, floor: Mapping[str, float]) -> Weighting:
+  """Weights from the residuals of a fitted model, never below the sensors' own noise.
+
+  Args:
+    observations: what was measured.
+    raw: predicted minus measured, (M,).
+    floor: standard deviation of each sensor channel from the noise passport.
+  """
+  std = np.full(len(CHANNELS), np.nan)
+  correlation = np.ones(len(CHANNELS))
+  spike = np.ones(len(observations))
+  for index in np.unique(observations.channel):
+    rows = np.flatnonzero(observations.channel == index)
+    typical = 1.4826 * np.median(np.abs(raw[rows]))
+    rms = float(np.sqrt(np.mean(np.clip(raw[rows], -_SPIKE * typical, _SPIKE * typical) ** 2)))
+    std[index] = max(rms, floor.get(CHANNELS[index], 0.0), 1e-9)
+    spike[rows] = np.minimum(1.0, _SPIKE * std[index] / np.maximum(np.abs(raw[rows]), 1e-12))
+    correlation[index] = _correlation_length(raw[rows], observations, rows)
+  return Weighting(std, correlation, spike)
+
+
+def _correlation_length(raw: Array, observations: Observations, rows: NDArray[np.int64]) -> float:
+  """Integrated autocorrelation of one channel, in samples: 1 + 2 sum rho_k while rho_k > 0.05, at most 1 s."""
+  time = observations.time[rows]
+  same = np.diff(observations.recording[rows]) == 0
+  step = np.median(np.diff(time)[same]) if same.any() else 1.0
+  longest = max(1, min(int(round(1.0 / max(step, 1e-3))), len(raw) // 4))
+  power = float(np.mean(raw**2)) + 1e-30
+  total = 1.0
+  for lag in range(1, longest + 1):
+    pair = observations.recording[rows][lag:] == observations.recording[rows][:-lag]
+    rho = float(np.mean((raw[lag:] * raw[:-lag])[pair])) / power if pair.any() else 0.0
+    if rho < 0.05:
+      break
+    total += 2.0 * rho
+  return total

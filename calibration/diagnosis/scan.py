@@ -1,0 +1,161 @@
+"""S4, the scan: every mechanism at finite size, with what recalibration can absorb projected out.
+
+A mechanism's signature at a size is the change of all residuals it makes. What the base parameters
+could imitate is removed (within their priors), so the rest is what only this mechanism can explain.
+The scan nominates; the refit decides. By-products: how much of each effect these manoeuvres would
+show at all (concealment), and which effects look alike on them (confusion).
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.problem import Problem
+from qcar_twin.mechanisms.base import Mechanism
+
+Array = NDArray[np.float64]
+
+SIZES = (0.25, 0.6, 1.0, 1.6)
+_INVISIBLE = 3.0  # nats at typical size below which a mechanism can't be tested
+
+
+@dataclasses.dataclass(frozen=True)
+class Signature:
+  """One mechanism on these recordings.
+
+  Attributes:
+    mechanism: id.
+    start: parameter values of the best trial.
+    gain: half the drop of the projected sum of squares at the best trial, nats.
+    shown: half the squared norm of the projected signature at typical size, nats: what the
+      manoeuvres would show of it.
+    survives: share of the signature at typical size that recalibration cannot absorb, 0 to 1.
+    direction: projected signature of the best trial, (M,), float32.
+    trials: gain per trial: (values, nats).
+  """
+
+  mechanism: str
+  start: dict[str, float]
+  gain: float
+  shown: float
+  survives: float
+  direction: NDArray[np.float32]
+  trials: tuple[tuple[dict[str, float], float], ...]
+
+  @property
+  def testable(self) -> bool:
+    return self.shown >= _INVISIBLE
+
+
+class Projector:
+  """Removes from a change of residuals what the free parameters of a model can imitate."""
+
+  def __init__(self, model: Candidate):
+    self._jacobian = model.jacobian
+    self._inverse = np.linalg.pinv(model.curvature, hermitian=True)
+
+  def __call__(self, change: Array) -> Array:
+    """Rows (n, M) without their projection on the model's columns."""
+    return change - (change @ self._jacobian) @ self._inverse @ self._jacobian.T
+
+
+def scan(
+  problem: Problem,
+  base: Candidate,
+  mechanisms: Sequence[Mechanism],
+  sizes: Sequence[float] = SIZES,
+  progress: Callable[[int, int], None] = lambda done, total: None,
+) -> dict[str, Signature]:
+  """Signatures of mechanisms against a fitted model.
+
+  Args:
+    problem: residuals.
+    base: the recalibrated twin, with its Jacobian.
+    mechanisms: the catalogue.
+    sizes: multiples of the typical size to try, both signs where a sign has a meaning.
+    progress: told how many trials are done.
+  """
+  project = Projector(base)
+  jobs = [(m, start) for m in mechanisms for start in trial_starts(m, sizes)]
+  anchor = project(base.residual[None])[0]
+  collected: dict[str, list[tuple[dict[str, float], Array, float]]] = {m.name: [] for m in mechanisms}
+  chunk = 24
+  for i in range(0, len(jobs), chunk):
+    part = jobs[i : i + chunk]
+    thetas = np.stack([_with(problem, base.theta, start) for _, start in part])
+    change = problem.residual(thetas) - base.residual
+    kept = project(change)
+    for (mechanism, start), whole, rest in zip(part, change, kept, strict=True):
+      collected[mechanism.name].append((start, rest.astype(np.float32), float(whole @ whole)))
+    progress(min(i + chunk, len(jobs)), len(jobs))
+  return {name: _signature(name, trials, anchor) for name, trials in collected.items() if trials}
+
+
+def trial_starts(mechanism: Mechanism, sizes: Sequence[float]) -> list[dict[str, float]]:
+  """Parameter values to try: each amplitude alone, at multiples of its typical size, within its bounds."""
+  starts = []
+  for place in mechanism.starts():
+    for parameter in mechanism.parameters:
+      if parameter.null is None:
+        continue
+      typical = parameter.typical or parameter.scale
+      for size in sizes:
+        for sign in (1.0, -1.0) if mechanism.signed else (1.0,):
+          value = parameter.null + sign * size * typical
+          if parameter.lower <= value <= parameter.upper:
+            starts.append({**place, parameter.name: value})
+  return starts
+
+
+def confusion(signatures: dict[str, Signature]) -> dict[str, dict[str, float]]:
+  """Cosine between the projected signatures of two mechanisms, for pairs that look alike (above 0.7)."""
+  names = [n for n, s in signatures.items() if s.testable]
+  if not names:
+    return {}
+  stack = np.stack([signatures[n].direction for n in names])
+  norm = np.linalg.norm(stack, axis=1) + 1e-30
+  cosine = np.abs(stack @ stack.T) / np.outer(norm, norm)
+  return {
+    a: {b: float(cosine[i, j]) for j, b in enumerate(names) if i != j and cosine[i, j] > 0.7}
+    for i, a in enumerate(names)
+  }
+
+
+def pair_gain(one: Signature, other: Signature, anchor: Array) -> float:
+  """Half the drop of the projected sum of squares when two signatures are scaled freely, nats."""
+  basis = np.stack([one.direction, other.direction]).astype(np.float64)
+  gram = basis @ basis.T
+  pull = basis @ anchor
+  return 0.5 * float(pull @ np.linalg.lstsq(gram, pull, rcond=None)[0])
+
+
+def _with(problem: Problem, theta: Array, values: dict[str, float]) -> Array:
+  out = theta.copy()
+  for name, value in values.items():
+    out[problem.parameters.index(name)] = value
+  return out
+
+
+def _signature(name: str, trials: list[tuple[dict[str, float], Array, float]], anchor: Array) -> Signature:
+  gains = []
+  for _, rest, _ in trials:
+    power = float(rest @ rest)
+    # a signature may be rescaled a little: sizes between the trials need no trial of their own
+    best = float(np.clip(-(anchor @ rest) / power, 0.0, 1.5)) if power > 0 else 0.0
+    gains.append(-best * float(anchor @ rest) - 0.5 * best**2 * power)
+  top = int(np.argmax(gains))
+  shown = [0.5 * float(rest @ rest) for _, rest, _ in trials]
+  middle = int(np.argsort(shown)[len(shown) // 2])
+  whole = trials[middle][2]
+  return Signature(
+    mechanism=name,
+    start=trials[top][0],
+    gain=gains[top],
+    shown=shown[middle],
+    survives=2.0 * shown[middle] / whole if whole > 0 else 0.0,
+    direction=trials[top][1],
+    trials=tuple((t[0], g) for t, g in zip(trials, gains, strict=True)),
+  )

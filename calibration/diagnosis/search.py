@@ -1,0 +1,218 @@
+"""S5, joint refit and structure search: sets of up to three mechanisms, add, drop and swap.
+
+The scan nominates singles; signatures seen against the residuals of the best singles nominate
+pairs (so that two effects which hide each other are found together); a third is added to the best
+pairs only where a pair was worth it. Every set is refitted with all base parameters. A set never
+fits worse than its own subsets: where a start leads there, the subset's estimates are taken over.
+"""
+
+import dataclasses
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
+from calibration.diagnosis.problem import Problem, weighting_from
+from calibration.diagnosis.recalibrate import Baseline, sensor_floor
+from calibration.diagnosis.scan import Projector, Signature
+from calibration.diagnosis.score import best_of, compare, groups_of
+from qcar_twin.parameters import ParameterSet
+
+Array = NDArray[np.float64]
+Report = Callable[[str], None]
+
+
+@dataclasses.dataclass
+class Pool:
+  """All models tried, with what is needed to try more.
+
+  Attributes:
+    problem: residuals, with the present weights.
+    priors: declarations of the base parameters.
+    models: by set of mechanism ids; frozenset() is the recalibrated twin.
+    signatures: of the scan.
+    group: leave-one-out groups, (M,).
+  """
+
+  problem: Problem
+  priors: ParameterSet
+  models: dict[frozenset[str], Candidate]
+  signatures: dict[str, Signature]
+  group: NDArray[np.int64]
+  floor: dict[str, float]
+
+  @property
+  def base(self) -> Candidate:
+    return self.models[frozenset()]
+
+  def of_size(self, size: int) -> list[Candidate]:
+    return [m for key, m in self.models.items() if len(key) == size]
+
+  def best(self, models: Sequence[Candidate]) -> Candidate:
+    return best_of(models, self.base, self.group)
+
+
+@dataclasses.dataclass(frozen=True)
+class Effort:
+  """How wide the search is: singles, pairs, triples that are refitted, and models that are polished."""
+
+  singles: int = 14
+  pairs: int = 10
+  triples: int = 5
+  polish: int = 3
+  iterations: int = 3
+
+
+def search(
+  baseline: Baseline,
+  base: Candidate,
+  signatures: dict[str, Signature],
+  effort: Effort = Effort(),
+  report: Report = lambda text: None,
+) -> Pool:
+  """Fit the sets worth fitting.
+
+  Args:
+    baseline: the recalibrated twin.
+    base: the same as a model of the pool, with its Jacobian.
+    signatures: from the scan against it.
+    effort: how wide to search.
+    report: told what is being done.
+  """
+  problem = baseline.problem
+  pool = Pool(problem, baseline.fit.parameters, {frozenset(): base}, signatures, groups_of(problem.observations),
+              sensor_floor(baseline.passport))  # fmt: skip
+  report("refitting single mechanisms")
+  _fit_sets(pool, [frozenset([n]) for n in _nominate_singles(signatures, effort.singles)], effort.iterations)
+  _reweight(pool)
+  report("refitting pairs")
+  _fit_sets(pool, _nominate_pairs(pool, effort.pairs), effort.iterations)
+  _reweight(pool)
+  if _worth_growing(pool):
+    report("refitting triples")
+    _fit_sets(pool, _nominate_triples(pool, effort.triples), effort.iterations)
+    _reweight(pool)
+  report("polishing the best models")
+  _polish(pool, effort.polish)
+  return pool
+
+
+def base_candidate(baseline: Baseline) -> Candidate:
+  """The recalibrated twin as a model of the pool."""
+  made = candidate(baseline.problem, (), None, baseline.fit.parameters)
+  made.theta, made.values = baseline.theta.copy(), baseline.fit.theta.copy()
+  made.residual, made.jacobian = baseline.fit.residual.copy(), baseline.fit.jacobian.copy()
+  made.settled = True
+  return made
+
+
+def ensure(pool: Pool, sets: Iterable[frozenset[str]], iterations: int = 3) -> None:
+  """Fit sets that are not in the pool yet."""
+  _fit_sets(pool, [s for s in sets if s not in pool.models], iterations)
+
+
+def _nominate_singles(signatures: dict[str, Signature], count: int) -> list[str]:
+  visible = [s for s in signatures.values() if s.testable]
+  return [s.mechanism for s in sorted(visible, key=lambda s: -s.gain)[:count]]
+
+
+def _nominate_pairs(pool: Pool, count: int) -> list[frozenset[str]]:
+  """Partners of the best singles by what their signature explains of the single's residual."""
+  singles = sorted(pool.of_size(1), key=lambda m: m.cost)[:6]
+  gains: dict[frozenset[str], float] = {}
+  for model in singles:
+    for name, gain in _explains(pool, model).items():
+      key = frozenset([*model.mechanisms, name])
+      if len(key) == 2:
+        gains[key] = max(gains.get(key, -np.inf), gain - (model.cost - pool.base.cost))
+  return sorted((k for k in gains if k not in pool.models), key=lambda k: -gains[k])[:count]
+
+
+def _nominate_triples(pool: Pool, count: int) -> list[frozenset[str]]:
+  pairs = sorted(pool.of_size(2), key=lambda m: m.cost)[:3]
+  gains: dict[frozenset[str], float] = {}
+  for model in pairs:
+    for name, gain in _explains(pool, model).items():
+      key = frozenset([*model.mechanisms, name])
+      if len(key) == 3:
+        gains[key] = max(gains.get(key, -np.inf), gain - (model.cost - pool.base.cost))
+  return sorted(gains, key=lambda k: -gains[k])[:count]
+
+
+def _explains(pool: Pool, model: Candidate) -> dict[str, float]:
+  """Nats each further mechanism's signature would explain of a model's residual, to first order."""
+  project = Projector(model)
+  anchor = project(model.residual[None])[0]
+  out = {}
+  for name, signature in pool.signatures.items():
+    if not signature.testable or name in model.mechanisms:
+      continue
+    direction = project(signature.direction[None].astype(np.float64))[0]
+    power = float(direction @ direction)
+    out[name] = 0.5 * float(anchor @ direction) ** 2 / power if power > 1e-9 else 0.0
+  return out
+
+
+def _fit_sets(pool: Pool, sets: Sequence[frozenset[str]], iterations: int) -> None:
+  made = []
+  for key in sets:
+    parent = _best_subset(pool, key)
+    new = sorted(key - set(parent.mechanisms))
+    start = {k: v for name in new if name in pool.signatures for k, v in pool.signatures[name].start.items()}
+    made.append(candidate(pool.problem, sorted(key), parent, pool.priors, start))
+  simulate(pool.problem, made)
+  refine(pool.problem, made, iterations)
+  for item in made:
+    key = frozenset(item.mechanisms)
+    pool.models[key] = _not_worse(pool, item, _best_subset(pool, key))
+
+
+def _best_subset(pool: Pool, key: frozenset[str]) -> Candidate:
+  return min((m for k, m in pool.models.items() if k < key), key=lambda m: m.cost)
+
+
+def _not_worse(pool: Pool, item: Candidate, parent: Candidate) -> Candidate:
+  """A set that fits worse than its subset takes the subset's estimates and tries from there."""
+  if item.cost <= parent.cost:
+    return item
+  again = candidate(pool.problem, item.mechanisms, parent, pool.priors)
+  again.residual = parent.residual.copy()
+  refine(pool.problem, [again], 2)
+  assert again.cost <= parent.cost + 1e-6 * abs(parent.cost), "a nested model fitted worse than its parent"
+  return again
+
+
+def _reweight(pool: Pool) -> None:
+  """Take channel weights from the best model so far; known residuals and Jacobians are rescaled."""
+  best = pool.best(list(pool.models.values()))
+  problem = pool.problem
+  old = problem.whiten(np.ones(len(problem.observations)))
+  weighting = weighting_from(problem.observations, best.residual / old, pool.floor)
+  pool.problem = problem.reweighted(weighting)
+  ratio = pool.problem.whiten(np.ones(len(problem.observations))) / old
+  for model in pool.models.values():
+    model.residual = model.residual * ratio
+    model.jacobian = model.jacobian * ratio[:, None]
+    model.settled = False
+  pool.signatures = {
+    n: dataclasses.replace(s, direction=(s.direction * ratio).astype(np.float32)) for n, s in pool.signatures.items()
+  }
+
+
+def _worth_growing(pool: Pool) -> bool:
+  """Whether the best pair beats the best single beyond doubt."""
+  pairs = pool.of_size(2)
+  if not pairs:
+    return False
+  gain = compare(pool.best(pairs), pool.best(pool.of_size(1)), pool.group)
+  return gain.gain > 10.0 and gain.t > 2.0
+
+
+def _polish(pool: Pool, count: int) -> None:
+  """Refit the best models of every size, and the base, with all columns simulated."""
+  chosen = [pool.base]
+  for size in (1, 2, 3):
+    ranked = sorted(pool.of_size(size), key=lambda m: m.cost)
+    chosen += ranked[: count if size == 1 else max(1, count - 1)]
+  refine(pool.problem, chosen, 1, full=True)
