@@ -7,8 +7,9 @@ import math
 
 import numpy as np
 
-from qcar_twin.mechanisms.base import Array, Context, State
+from qcar_twin.mechanisms.base import Array, Context, Model, State
 
+REFERENCE_VOLTAGE = 2.5  # V: highest steady voltage of usual runs; sizes of electrical effects are stated there
 KINK = 1e-3  # rad, V, ...: half-width over which corners are rounded; far below what any sensor resolves
 STANDSTILL = 0.05  # m/s: below it a force that needs motion fades out
 
@@ -54,6 +55,14 @@ def backdrop(context: Context) -> Array:
   """Voltage that probably acted before a segment began, V: the first one if the car moves, none at rest."""
   speed = context.signal("velocity_x")
   return context.commands[:, 0] * np.tanh((speed / STANDSTILL) ** 2)
+
+
+def scale_grip(model: Model, change: Array, stiffness_share: Array) -> None:
+  """Scale the friction of the tyres by 1 + change, (n, 4), and their stiffness by a share of that, (n, 1)."""
+  model.set("friction_coefficient", model.get("friction_coefficient") * np.maximum(1.0 + change, 0.05))
+  stiffness = np.maximum(1.0 + stiffness_share * change, 0.05)
+  for quantity in ("cornering_stiffness", "longitudinal_stiffness"):
+    model.set(quantity, model.get(quantity) * stiffness)
 
 
 # Lags ---------------------------------------------------------------------------------------------

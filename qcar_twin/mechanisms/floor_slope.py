@@ -8,8 +8,8 @@ class FloorSlope(Mechanism):
   """Gravity pulls along the floor, always the same way in the room.
 
   Equation: a = (g_x, g_y) in the world frame, g_x = g times the downhill slope along x.
-  Units: m/s^2, positive downhill along +x and +y; 0.1 is a slope of 1 %. The IMU, which can't feel
-  gravity along its motion, shows it as specific force.
+  Units: m/s^2, positive downhill along +x and +y; 0.1 is a slope of 1 %. The IMU shows
+  the motion less this pull (specific force).
   Source: Rajamani, Vehicle Dynamics and Control, 2nd ed., 2012, sec. 4.1 (grade) and 2.7 (bank).
   Confounded with: side_force and steering_offset on one heading, accel_bias at standstill.
   """

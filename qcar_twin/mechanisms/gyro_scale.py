@@ -1,8 +1,8 @@
 """Gyro that reads too much or too little."""
 
 from qcar_twin.mechanisms.base import Array, Mechanism, Track
-from qcar_twin.plant import signal_index
 from qcar_twin.parameters import Parameter
+from qcar_twin.plant import signal_index
 
 
 class GyroScale(Mechanism):

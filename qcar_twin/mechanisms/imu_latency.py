@@ -2,8 +2,8 @@
 
 from qcar_twin.mechanisms.base import Array, Mechanism, Track
 from qcar_twin.mechanisms.elements import shifted
-from qcar_twin.plant import signal_index
 from qcar_twin.parameters import Parameter
+from qcar_twin.plant import signal_index
 
 
 class ImuLatency(Mechanism):

@@ -3,8 +3,8 @@
 import numpy as np
 
 from qcar_twin.mechanisms.base import Array, Mechanism, Track
-from qcar_twin.plant import signal_index
 from qcar_twin.parameters import Parameter
+from qcar_twin.plant import signal_index
 
 
 class ImuLeverArm(Mechanism):

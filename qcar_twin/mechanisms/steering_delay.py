@@ -21,9 +21,7 @@ class SteeringDelay(Mechanism):
 
   def initial(self, theta: Array, context: Context) -> State:
     longest = self.parameters[0].upper
-    return delay_line(
-      theta[:, 0], context.period, longest, context.commands[:, 1], context.signal("steering_angle")
-    )
+    return delay_line(theta[:, 0], context.period, longest, context.commands[:, 1], context.signal("steering_angle"))
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     acting = command.copy()

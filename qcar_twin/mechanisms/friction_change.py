@@ -1,0 +1,35 @@
+"""A floor or tyres that change while one drives."""
+
+import numpy as np
+
+from qcar_twin.mechanisms.base import Array, Context, Mechanism, Model
+from qcar_twin.mechanisms.elements import scale_grip
+from qcar_twin.parameters import Parameter
+
+
+class FrictionChange(Mechanism):
+  """Grip is different later on: tyres pick up dust, warm up, the floor changes.
+
+  Equation: mu = mu_fitted (1 + x s), s = 1 - exp(-(t / t_0)^p), t the seconds driven so far in the data set.
+  Units: x -, t_0 s, p - (1 creeps in, 20 drops at t_0), share -: part of the change that stiffness takes.
+  Source: Gustafsson, Automatica 33(6), 1997 (slip-based friction estimation).
+  Confounded with: tyre_saturation where it is there from the start, battery_discharge.
+  """
+
+  name = "friction_change"
+  subsystem = "ground"
+  stage = "contact"
+  varies = True
+  signed = True
+  parameters = (
+    Parameter("friction_change", 0.0, -0.8, 1.0, "-", "x", null=0.0, typical=0.25, description="relative, at last"),
+    Parameter("friction_change_time", 60.0, 1.0, 3000.0, "s", "t_0", description="when it comes"),
+    Parameter("friction_change_suddenness", 3.0, 0.7, 30.0, "-", "p", description="1 gradual, 20 at once"),
+    Parameter("friction_change_stiffness", 0.5, 0.0, 1.0, "-", "share", description="share that stiffness takes"),
+  )
+
+  def write_model(self, theta: Array, context: Context, model: Model) -> None:
+    driven = context.history[:, 0] + context.time
+    exponent = theta[:, 2] * np.log(np.maximum(driven, 1e-6) / theta[:, 1])
+    change = theta[:, 0] * -np.expm1(-np.exp(np.clip(exponent, -50.0, 6.0)))
+    scale_grip(model, change[:, None], theta[:, 3:])

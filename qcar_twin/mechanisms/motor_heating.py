@@ -1,0 +1,38 @@
+"""Motor that gets weaker as it gets hot."""
+
+import numpy as np
+
+from qcar_twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.mechanisms.elements import REFERENCE_VOLTAGE, idle_voltage
+from qcar_twin.parameters import Parameter
+
+
+class MotorHeating(Mechanism):
+  """A hot motor has weaker magnets and more resistance: its torque fades and recovers.
+
+  Equation: torque = k (u - e) exp(-g T), tau T' = (u / 2.5 V)^2 - T; before the segment the mean of u^2 acted.
+  Units: g -, relative loss once warm at 2.5 V; T - (1 is that warmth); tau s; e is the back-EMF, V.
+  Source: Krishnan, Electric Motor Drives, 2001, ch. 2; Hughes and Drury, Electric Motors and Drives, 4th ed., 2013.
+  Confounded with: battery_discharge, which does not recover in a pause.
+  """
+
+  name = "motor_heating"
+  subsystem = "drive"
+  stage = "actuator"
+  parameters = (
+    Parameter("motor_heating", 0.0, 0.0, 1.0, "-", "g", null=0.0, typical=0.15, description="loss when warm"),
+    Parameter("motor_heating_time", 60.0, 5.0, 600.0, "s", "tau", description="thermal time constant"),
+  )
+
+  def initial(self, theta: Array, context: Context) -> State:
+    seconds, energy = context.history.T
+    power = energy / np.maximum(seconds, 1e-6) / REFERENCE_VOLTAGE**2
+    return {"warmth": power * -np.expm1(-seconds / theta[:, 1])}
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    idle = idle_voltage(context)
+    acting = command.copy()
+    acting[:, 0] = idle + (command[:, 0] - idle) * np.exp(-theta[:, 0] * state["warmth"])
+    power = (context.commands[:, 0] / REFERENCE_VOLTAGE) ** 2
+    state["warmth"] = state["warmth"] + (power - state["warmth"]) * -np.expm1(-context.period / theta[:, 1])
+    return acting

@@ -1,0 +1,30 @@
+"""Wheels of another size than stated."""
+
+from qcar_twin.mechanisms.base import Array, Mechanism, Track
+from qcar_twin.parameters import Parameter
+from qcar_twin.plant import signal_index
+
+
+class WheelRadiusError(Mechanism):
+  """The wheels are larger than stated, so the motor turns more slowly at the same speed.
+
+  Equation: omega_measured = omega / (1 + e), as omega G r_w (1 + e) = v.
+  Units: e -; positive for larger wheels. The force of the drive, which changes alike, is left to the
+  fitted torque per volt.
+  Source: Borenstein and Feng, IEEE T-RA 12(6), 1996 (systematic odometry errors).
+  Confounded with: longitudinal_slip (grows with the drive), pose scale.
+  """
+
+  name = "wheel_radius_error"
+  subsystem = "drive"
+  stage = "sensor"
+  needs = ("motor_speed", "pose_x")
+  signed = True
+  parameters = (
+    Parameter("wheel_radius_error", 0.0, -0.2, 0.2, "-", "e", null=0.0, typical=0.04, description="relative radius"),
+  )
+
+  def measure(self, theta: Array, track: Track) -> Array:
+    shown = track.signals.copy()
+    shown[..., signal_index("motor_speed")] /= 1.0 + theta[:, :1]
+    return shown
