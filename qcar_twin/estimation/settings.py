@@ -1,0 +1,153 @@
+"""Numbers of the federated filter: noise, gates, limits, each with its unit and its reason."""
+
+import dataclasses
+import math
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class ScoreVariance:
+  """Variance of a lidar coordinate from the lidar's own score, the paper's eq. (R_lidar).
+
+  R(l_s) = k1 tanh(k2 / l_s - k3) + k4: k4 - k1 tanh(k3) for a perfect score, k4 + k1 for none.
+  k1 and k4 carry the coordinate's unit squared, k2 the score's unit, k3 is a number.
+  """
+
+  k1: float
+  k2: float
+  k3: float
+  k4: float
+
+  def __post_init__(self) -> None:
+    if min(dataclasses.astuple(self)) <= 0.0 or self.k4 <= self.k1 * math.tanh(self.k3):
+      raise ValueError("a score variance needs four positive constants with k4 > k1 tanh(k3)")
+
+  def __call__(self, score: float) -> float:
+    """Variance at one score; a score of zero or less counts as none."""
+    if score <= 0.0:
+      return self.k4 + self.k1
+    return self.k1 * math.tanh(self.k2 / score - self.k3) + self.k4
+
+  def of(self, scores: ArrayLike) -> Array:
+    """Variances at scores of any shape."""
+    scores = np.asarray(scores, dtype=np.float64)
+    safe = np.where(scores > 0.0, scores, 1.0)
+    return np.where(scores > 0.0, self.k1 * np.tanh(self.k2 / safe - self.k3) + self.k4, self.k4 + self.k1)
+
+  @classmethod
+  def between(cls, best: float, worst: float, middle: float) -> "ScoreVariance":
+    """From the standard deviation at the best and at no score, and the score at which tanh passes zero."""
+    k3 = 1.0
+    k1 = (worst**2 - best**2) / (1.0 + math.tanh(k3))
+    return cls(k1, k3 * middle, k3, worst**2 - k1)
+
+  def times(self, factor: float) -> "ScoreVariance":
+    """The same curve with `factor` times the variance."""
+    return dataclasses.replace(self, k1=self.k1 * factor, k4=self.k4 * factor)
+
+
+@dataclasses.dataclass(frozen=True)
+class FilterSettings:
+  """What the filters are told about noise, and when they stop believing.
+
+  Attributes:
+    period: of the prediction, s.
+    walk_*: process noise densities, unit of the state per sqrt(s), of EKF_BM (position, speed, yaw,
+      sideslip, yaw rate) and EKF_PM (its position and velocity).
+    speed_std, yaw_rate_std: of encoder m/s and gyro rad/s.
+    position_variance, yaw_variance: of the lidar against its score, m^2 and rad^2.
+    score: assumed where the lidar gives none.
+    lidar_correlation: time constant of the lidar's error, s; fixes are then counted as that much less
+      informative, R (1 + a) / (1 - a) with a = exp(-interval / correlation). 0 for white errors.
+    lidar_interval: between fixes, s; used by `lidar_correlation` alone.
+    sharing: information sharing factors of the lidar for EKF_BM and EKF_PM. (1, 1) is the paper's: both
+      use every fix with full weight and the fusion is over-confident; a sum of 1 is consistent.
+    gate: probability of refusing a good measurement.
+    imu_x, imu_y: lever arm of the IMU from the centre of gravity, m.
+    accel_x_bias, accel_y_bias, yaw_rate_bias: known from standstill, m/s^2 and rad/s, subtracted.
+    steering_lag: first-order time constant of the steering servo between command and angle, s; the paper has none.
+    buffer: how late a measurement may come, s.
+    accel_timeout: without an accelerometer for this long EKF_PM is left out, s.
+    lidar_timeout: without an accepted fix for this long the estimate is not valid, s.
+    position_limit, yaw_limit: standard deviations beyond which the estimate is not valid, m and rad.
+    lost_after: steadily refused fixes in a row after which the position is taken from the lidar afresh.
+  """
+
+  period: float = 0.01
+  walk_position: float = 0.002
+  walk_speed: float = 0.3
+  walk_yaw: float = 0.005
+  walk_sideslip: float = 0.15
+  walk_yaw_rate: float = 2.0
+  walk_point_position: float = 0.002
+  walk_point_velocity: float = 0.3
+  speed_std: float = 0.01
+  yaw_rate_std: float = 0.02
+  position_variance: ScoreVariance = ScoreVariance.between(0.006, 0.05, 20.0)
+  yaw_variance: ScoreVariance = ScoreVariance.between(0.006, 0.05, 20.0)
+  score: float = 80.0
+  lidar_correlation: float = 0.0
+  lidar_interval: float = 0.1
+  sharing: tuple[float, float] = (1.0, 1.0)
+  gate: float = 1e-4
+  imu_x: float = 0.0
+  imu_y: float = 0.0
+  accel_x_bias: float = 0.0
+  accel_y_bias: float = 0.0
+  yaw_rate_bias: float = 0.0
+  steering_lag: float = 0.0
+  buffer: float = 1.0
+  accel_timeout: float = 0.25
+  lidar_timeout: float = 5.0
+  position_limit: float = 0.15
+  yaw_limit: float = 0.3
+  lost_after: int = 5
+
+  def __post_init__(self) -> None:
+    if min(self.sharing) <= 0.0 or max(self.sharing) > 1.0:
+      raise ValueError(f"information sharing factors must lie in (0, 1], got {self.sharing}")
+
+  @cached_property
+  def lidar_factor(self) -> float:
+    """By how much a correlated lidar error is less informative than a white one of the same size."""
+    if self.lidar_correlation <= 0.0:
+      return 1.0
+    a = math.exp(-self.lidar_interval / self.lidar_correlation)
+    return (1.0 + a) / (1.0 - a)
+
+  @cached_property
+  def limits(self) -> tuple[float, float, float]:
+    """NIS limits for one, two and three measured components."""
+    first, second, third = (float(chi2.isf(self.gate, k)) for k in (1, 2, 3))
+    return first, second, third
+
+  def pose_noise(self, score: Any) -> tuple[Any, Any]:
+    """Variance of a lidar position and yaw at a score (a float or an array), colour allowed for."""
+    if isinstance(score, np.ndarray):
+      return self.lidar_factor * self.position_variance.of(score), self.lidar_factor * self.yaw_variance.of(score)
+    return self.lidar_factor * self.position_variance(score), self.lidar_factor * self.yaw_variance(score)
+
+  @cached_property
+  def bicycle_noise(self) -> Array:
+    """Process noise covariance of EKF_BM over one period, (6, 6)."""
+    walks = [self.walk_position] * 2 + [self.walk_speed, self.walk_yaw, self.walk_sideslip, self.walk_yaw_rate]
+    return np.diag(np.square(walks) * self.period)
+
+  @cached_property
+  def point_noise(self) -> Array:
+    """Process noise covariance of EKF_PM over one period, (4, 4): random acceleration and position."""
+    h, q = self.period, self.walk_point_velocity**2
+    noise = np.zeros((4, 4))
+    for i in (0, 1):
+      j = i + 2
+      noise[i, i] = q * h**3 / 3.0 + self.walk_point_position**2 * h
+      noise[i, j] = noise[j, i] = q * h * h / 2.0
+      noise[j, j] = q * h
+    return noise
