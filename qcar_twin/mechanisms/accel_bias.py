@@ -1,8 +1,8 @@
 """Accelerometers that do not read zero at rest."""
 
 from qcar_twin.mechanisms.base import Array, Mechanism, Track
+from qcar_twin.mechanisms.elements import replaced
 from qcar_twin.parameters import Parameter
-from qcar_twin.plant import signal_index
 
 
 class AccelBias(Mechanism):
@@ -26,7 +26,5 @@ class AccelBias(Mechanism):
   )
 
   def measure(self, theta: Array, track: Track) -> Array:
-    shown = track.signals.copy()
-    shown[..., signal_index("accel_x")] += theta[:, :1]
-    shown[..., signal_index("accel_y")] += theta[:, 1:]
-    return shown
+    ahead, left = track.signal("accel_x") + theta[:, :1], track.signal("accel_y") + theta[:, 1:]
+    return replaced(track, accel_x=ahead, accel_y=left)

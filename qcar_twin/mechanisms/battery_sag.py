@@ -3,7 +3,7 @@
 import numpy as np
 
 from qcar_twin.mechanisms.base import Array, Context, Mechanism, State
-from qcar_twin.mechanisms.elements import REFERENCE_VOLTAGE, idle_voltage, positive_part
+from qcar_twin.mechanisms.elements import REFERENCE_VOLTAGE, idle_voltage, ramp
 from qcar_twin.parameters import Parameter
 
 CORNER = 0.005  # of the reference current
@@ -33,7 +33,7 @@ class BatterySag(Mechanism):
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     voltage = command[:, 0]
-    current = positive_part(voltage * (voltage - idle_voltage(context)) / REFERENCE_VOLTAGE**2, CORNER)
+    current = ramp(voltage * (voltage - idle_voltage(context)) / REFERENCE_VOLTAGE**2, CORNER)
     target = theta[:, 0] * current ** theta[:, 1]
     state["drop"] = state["drop"] + (target - state["drop"]) * -np.expm1(-context.period / theta[:, 2])
     acting = command.copy()

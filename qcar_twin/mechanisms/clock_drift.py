@@ -1,9 +1,11 @@
 """Sensors on a clock that runs fast or slow."""
 
 from qcar_twin.mechanisms.base import Array, Mechanism, Track
-from qcar_twin.mechanisms.elements import shifted
+from qcar_twin.mechanisms.elements import replaced, shifted
 from qcar_twin.parameters import Parameter
-from qcar_twin.plant import SIGNALS, signal_index
+
+POSE = ("pose_x", "pose_y", "pose_yaw")
+ONBOARD = ("yaw_rate", "accel_x", "accel_y", "motor_speed")
 
 
 class ClockDrift(Mechanism):
@@ -27,8 +29,5 @@ class ClockDrift(Mechanism):
   def measure(self, theta: Array, track: Track) -> Array:
     late = theta[:, :1] * track.recording_time / track.period
     onboard = late * theta[:, 1:]
-    shown = track.signals.copy()
-    for name in SIGNALS:
-      pose = name.startswith("pose_")
-      shown[..., signal_index(name)] = shifted(track.signal(name), late if pose else onboard, extrapolate=pose)
-    return shown
+    shown = {name: shifted(track.signal(name), late, extrapolate=True) for name in POSE}
+    return replaced(track, **shown, **{name: shifted(track.signal(name), onboard) for name in ONBOARD})

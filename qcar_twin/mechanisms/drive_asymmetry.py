@@ -1,7 +1,7 @@
 """Drive that pulls back differently than it pulls forward."""
 
 from qcar_twin.mechanisms.base import Array, Context, Mechanism, State
-from qcar_twin.mechanisms.elements import idle_voltage, positive_part
+from qcar_twin.mechanisms.elements import idle_voltage, ramp
 from qcar_twin.parameters import Parameter
 
 CORNER = 0.02  # V
@@ -28,8 +28,8 @@ class DriveAsymmetry(Mechanism):
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     voltage, share = command[:, 0], theta[:, 1]
-    braking = positive_part(idle_voltage(context) - voltage, CORNER) - 0.5 * CORNER
-    reverse = positive_part(-voltage, CORNER) - 0.5 * CORNER
+    braking = ramp(idle_voltage(context) - voltage, CORNER)
+    reverse = ramp(-voltage, CORNER)
     acting = command.copy()
     acting[:, 0] -= theta[:, 0] * ((1.0 - share) * braking + share * reverse)
     return acting

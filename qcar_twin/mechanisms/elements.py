@@ -7,7 +7,8 @@ import math
 
 import numpy as np
 
-from qcar_twin.mechanisms.base import Array, Context, Model, State
+from qcar_twin.mechanisms.base import Array, Context, Model, State, Track
+from qcar_twin.plant import signal_index
 
 REFERENCE_VOLTAGE = 2.5  # V: highest steady voltage of usual runs; sizes of electrical effects are stated there
 KINK = 1e-3  # rad, V, ...: half-width over which corners are rounded; far below what any sensor resolves
@@ -19,9 +20,10 @@ def smooth_abs(x: Array, width: float = KINK) -> Array:
   return np.sqrt(x * x + width * width) - width
 
 
-def positive_part(x: Array, width: float = KINK) -> Array:
-  """max(x, 0) with its corner rounded, never negative."""
-  return 0.5 * (x + np.sqrt(x * x + width * width))
+def ramp(x: Array, width: float = KINK) -> Array:
+  """max(x, 0) with its corner rounded: x^2 / (x + width) above 0, exactly 0 below."""
+  x = np.maximum(x, 0.0)
+  return x * x / (x + width)
 
 
 def dead_zone(x: Array, half_width: Array, width: float = KINK) -> Array:
@@ -103,7 +105,7 @@ def lag_step(state: State, target: Array) -> Array:
   return target - lost / state["steps"]
 
 
-# Delays -------------------------------------------------------------------------------------------
+# Tracks and delays ------------------------------------------------------------------------------------
 
 
 def delay_line(delay: Array, period: float, longest: float, present: Array, before: Array) -> State:
@@ -147,3 +149,11 @@ def shifted(values: Array, samples: Array, extrapolate: bool = False) -> Array:
   at_left = np.take_along_axis(values, left, axis=1)
   slope = np.take_along_axis(values, right, axis=1) - at_left
   return at_left + (position - left) * slope
+
+
+def replaced(track: Track, **signals: Array) -> Array:
+  """A copy of a track's signals, (n, T + 1, 10), with some of them put in by name."""
+  shown = track.signals.copy()
+  for name, value in signals.items():
+    shown[..., signal_index(name)] = value
+  return shown

@@ -1,8 +1,8 @@
 """Gyro that does not read zero at rest."""
 
 from qcar_twin.mechanisms.base import Array, Mechanism, Track
+from qcar_twin.mechanisms.elements import replaced
 from qcar_twin.parameters import Parameter
-from qcar_twin.plant import signal_index
 
 SPAN = 60.0  # s over which the drift is stated
 
@@ -28,6 +28,5 @@ class GyroBias(Mechanism):
   )
 
   def measure(self, theta: Array, track: Track) -> Array:
-    shown = track.signals.copy()
-    shown[..., signal_index("yaw_rate")] += theta[:, :1] + theta[:, 1:] * (track.recording_time / SPAN)
-    return shown
+    bias = theta[:, :1] + theta[:, 1:] * (track.recording_time / SPAN)
+    return replaced(track, yaw_rate=track.signal("yaw_rate") + bias)

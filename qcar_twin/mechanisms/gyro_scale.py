@@ -1,8 +1,8 @@
 """Gyro that reads too much or too little."""
 
 from qcar_twin.mechanisms.base import Array, Mechanism, Track
+from qcar_twin.mechanisms.elements import replaced
 from qcar_twin.parameters import Parameter
-from qcar_twin.plant import signal_index
 
 
 class GyroScale(Mechanism):
@@ -24,6 +24,4 @@ class GyroScale(Mechanism):
   )
 
   def measure(self, theta: Array, track: Track) -> Array:
-    shown = track.signals.copy()
-    shown[..., signal_index("yaw_rate")] *= 1.0 + theta[:, :1]
-    return shown
+    return replaced(track, yaw_rate=track.signal("yaw_rate") * (1.0 + theta[:, :1]))

@@ -1,9 +1,8 @@
 """IMU data that arrive late."""
 
 from qcar_twin.mechanisms.base import Array, Mechanism, Track
-from qcar_twin.mechanisms.elements import shifted
+from qcar_twin.mechanisms.elements import replaced, shifted
 from qcar_twin.parameters import Parameter
-from qcar_twin.plant import signal_index
 
 
 class ImuLatency(Mechanism):
@@ -25,7 +24,6 @@ class ImuLatency(Mechanism):
   )
 
   def measure(self, theta: Array, track: Track) -> Array:
-    shown = track.signals.copy()
-    for name in ("yaw_rate", "accel_x", "accel_y"):
-      shown[..., signal_index(name)] = shifted(track.signal(name), theta[:, :1] / track.period)
-    return shown
+    late = theta[:, :1] / track.period
+    names = ("yaw_rate", "accel_x", "accel_y")
+    return replaced(track, **{name: shifted(track.signal(name), late) for name in names})

@@ -3,8 +3,8 @@
 import numpy as np
 
 from qcar_twin.mechanisms.base import Array, Mechanism, Track
+from qcar_twin.mechanisms.elements import replaced
 from qcar_twin.parameters import Parameter
-from qcar_twin.plant import signal_index
 
 
 class ImuLeverArm(Mechanism):
@@ -28,10 +28,11 @@ class ImuLeverArm(Mechanism):
   )
 
   def measure(self, theta: Array, track: Track) -> Array:
-    shown = track.signals.copy()
     rate = track.signal("yaw_rate")
     turn = np.gradient(rate, track.period, axis=1) if rate.shape[1] > 1 else rate * 0.0
     square, ahead, aside = rate * rate, theta[:, :1], theta[:, 1:]
-    shown[..., signal_index("accel_x")] -= square * ahead + turn * aside
-    shown[..., signal_index("accel_y")] += turn * ahead - square * aside
-    return shown
+    return replaced(
+      track,
+      accel_x=track.signal("accel_x") - square * ahead - turn * aside,
+      accel_y=track.signal("accel_y") + turn * ahead - square * aside,
+    )

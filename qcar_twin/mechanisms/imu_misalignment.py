@@ -3,8 +3,8 @@
 import numpy as np
 
 from qcar_twin.mechanisms.base import Array, Mechanism, Track
+from qcar_twin.mechanisms.elements import replaced
 from qcar_twin.parameters import Parameter
-from qcar_twin.plant import signal_index
 
 
 class ImuMisalignment(Mechanism):
@@ -27,9 +27,6 @@ class ImuMisalignment(Mechanism):
   )
 
   def measure(self, theta: Array, track: Track) -> Array:
-    shown = track.signals.copy()
     cosine, sine = np.cos(theta[:, :1]), np.sin(theta[:, :1])
     ahead, aside = track.signal("accel_x"), track.signal("accel_y")
-    shown[..., signal_index("accel_x")] = cosine * ahead + sine * aside
-    shown[..., signal_index("accel_y")] = cosine * aside - sine * ahead
-    return shown
+    return replaced(track, accel_x=cosine * ahead + sine * aside, accel_y=cosine * aside - sine * ahead)

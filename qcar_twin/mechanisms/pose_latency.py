@@ -1,9 +1,8 @@
 """Poses that arrive late."""
 
 from qcar_twin.mechanisms.base import Array, Mechanism, Track
-from qcar_twin.mechanisms.elements import shifted
+from qcar_twin.mechanisms.elements import replaced, shifted
 from qcar_twin.parameters import Parameter
-from qcar_twin.plant import signal_index
 
 
 class PoseLatency(Mechanism):
@@ -25,8 +24,6 @@ class PoseLatency(Mechanism):
   )
 
   def measure(self, theta: Array, track: Track) -> Array:
-    shown = track.signals.copy()
-    for name in ("pose_x", "pose_y", "pose_yaw"):
-      samples = theta[:, :1] / track.period
-      shown[..., signal_index(name)] = shifted(track.signal(name), samples, extrapolate=True)
-    return shown
+    late = theta[:, :1] / track.period
+    names = ("pose_x", "pose_y", "pose_yaw")
+    return replaced(track, **{name: shifted(track.signal(name), late, extrapolate=True) for name in names})

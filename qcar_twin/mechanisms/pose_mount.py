@@ -3,8 +3,8 @@
 import numpy as np
 
 from qcar_twin.mechanisms.base import Array, Mechanism, Track
+from qcar_twin.mechanisms.elements import replaced
 from qcar_twin.parameters import Parameter
-from qcar_twin.plant import signal_index
 
 
 class PoseMount(Mechanism):
@@ -29,10 +29,11 @@ class PoseMount(Mechanism):
   )
 
   def measure(self, theta: Array, track: Track) -> Array:
-    shown = track.signals.copy()
     yaw, ahead, left = track.signal("pose_yaw"), theta[:, 1:2], theta[:, 2:]
     cosine, sine = np.cos(yaw), np.sin(yaw)
-    shown[..., signal_index("pose_x")] += cosine * ahead - sine * left
-    shown[..., signal_index("pose_y")] += sine * ahead + cosine * left
-    shown[..., signal_index("pose_yaw")] += theta[:, :1]
-    return shown
+    return replaced(
+      track,
+      pose_x=track.signal("pose_x") + cosine * ahead - sine * left,
+      pose_y=track.signal("pose_y") + sine * ahead + cosine * left,
+      pose_yaw=yaw + theta[:, :1],
+    )

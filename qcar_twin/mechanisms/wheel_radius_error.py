@@ -1,8 +1,8 @@
 """Wheels of another size than stated."""
 
 from qcar_twin.mechanisms.base import Array, Mechanism, Track
+from qcar_twin.mechanisms.elements import replaced
 from qcar_twin.parameters import Parameter
-from qcar_twin.plant import signal_index
 
 
 class WheelRadiusError(Mechanism):
@@ -25,6 +25,4 @@ class WheelRadiusError(Mechanism):
   )
 
   def measure(self, theta: Array, track: Track) -> Array:
-    shown = track.signals.copy()
-    shown[..., signal_index("motor_speed")] /= 1.0 + theta[:, :1]
-    return shown
+    return replaced(track, motor_speed=track.signal("motor_speed") / (1.0 + theta[:, :1]))
