@@ -7,6 +7,7 @@ numbers. Frame: x forward, y left, z up; the chassis frame has its origin at the
 
 import dataclasses
 import difflib
+import logging
 import math
 import tomllib
 from collections.abc import Mapping
@@ -18,12 +19,15 @@ import numpy as np
 
 from qcar_twin.tyre import add_tyres, tyre_user_data
 
+log = logging.getLogger(__name__)
+
 ASSETS = Path(__file__).resolve().parents[1] / "assets"
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 GRAVITY = 9.81  # m/s^2
 TyreKind = Literal["contact", "native"]
 
 _LOOKS_GROUP = 2
+_KNUCKLE_INERTIA = 2e-4  # of a road wheel with its share of the servo / mass of the car, m^2
 _SCALED = ("wheelbase", "track_width", "wheel_radius")  # what the looks are stretched with, along x, y, z
 
 
@@ -155,19 +159,23 @@ class Vehicle:
   def from_dataset(cls, vehicle: Mapping[str, float | str], std: Mapping[str, float] | None = None) -> "Vehicle":
     """A car from a data set's [vehicle] table; what it doesn't give is the QCar's, scaled to this car's mass and wheels.
 
+    A measured `motor_constant` [V s/rad] and `motor_resistance` [ohm] become torque_per_volt = K/R and
+    motor_damping = K^2/R. Entries a vehicle does not have are said and left out.
+
     Args:
       vehicle: numbers by field name, and `name`.
       std: standard deviations by field name.
-
-    Raises:
-      ValueError: unknown name, with the nearest valid one.
     """
     given = {key: value for key, value in vehicle.items() if key != "name"}
-    _known(given, "[vehicle]")
-    numbers = {key: float(value) for key, value in given.items()}
+    given, std = _motor_figures(given, dict(std or {}))
+    for key in set(given) - _field_names():
+      near = difflib.get_close_matches(key, _field_names(), n=1)
+      log.warning("[vehicle]: '%s' is not a number this twin knows and is left out%s", key,
+                  f"; did you mean {near[0]}?" if near else "")
+    numbers = {key: float(value) for key, value in given.items() if key in _field_names()}
     measured = cls(**{key: value for key, value in numbers.items() if key in _MEASURED and key != "yaw_inertia"})
     numbers = _scaled(measured) | numbers
-    return cls(name=str(vehicle.get("name", "car")), std=dict(std or {}), **numbers)
+    return cls(name=str(vehicle.get("name", "car")), std=std, **numbers)
 
   def spec(self, tyre: TyreKind = "contact", timestep: float = 0.002, looks: bool = False) -> mujoco.MjSpec:
     """The car on a floor.
@@ -250,10 +258,14 @@ class Vehicle:
 
   def _write_steering(self, spec: mujoco.MjSpec, timestep: float) -> None:
     servo, lock = spec.actuator("steering"), self.max_steering
-    # the filter is the servo; kv = kp h makes the road wheels follow it within a step
-    stiffness = 8.0 * self.mass
+    # The filter is the servo; with k = 2 J / h^2 and d = J / h the road wheels are where it points a step later.
+    inertia = _KNUCKLE_INERTIA * self.mass
+    stiffness = 2.0 * inertia / timestep**2
     servo.dynprm[0], servo.actearly = self.servo_time_constant, True
-    servo.gainprm[0], servo.biasprm[1], servo.biasprm[2] = stiffness, -stiffness, -stiffness * timestep
+    servo.gainprm[0], servo.biasprm[1], servo.biasprm[2] = stiffness, -stiffness, 0.0
+    for wheel in WHEELS[:2]:
+      joint = spec.joint(f"{wheel}_steering")
+      joint.armature, joint.damping[0] = inertia - self._wheel_inertias[2], inertia / timestep
     servo.ctrlrange = [-lock, lock]
     spec.equality("ackermann").data[2] = self.ackermann_fraction * self.track_width / (2.0 * self.wheelbase)
 
@@ -327,9 +339,33 @@ _MEASURED = (
 _QCAR = Vehicle()
 
 
+def _field_names() -> set[str]:
+  return {field.name for field in dataclasses.fields(Vehicle)} - {"name", "std"}
+
+
+def _motor_figures(
+  given: dict[str, float | str], std: dict[str, float]
+) -> tuple[dict[str, float | str], dict[str, float]]:
+  """K and R of a motor's data sheet or bench as torque per volt and damping, with their standard deviations.
+
+  The damping's is widened by 15 %: the bench does not see bearings and gears.
+  """
+  given = dict(given)
+  constant, resistance = given.pop("motor_constant", None), given.pop("motor_resistance", None)
+  if constant is None or resistance is None:
+    return given, std
+  k, r = float(constant), float(resistance)
+  share_k, share_r = std.pop("motor_constant", 0.05 * k) / k, std.pop("motor_resistance", 0.1 * r) / r
+  given.setdefault("torque_per_volt", k / r)
+  given.setdefault("motor_damping", k**2 / r)
+  std.setdefault("torque_per_volt", k / r * math.hypot(share_k, share_r))
+  std.setdefault("motor_damping", k**2 / r * math.hypot(2.0 * share_k, share_r, 0.15))
+  return given, std
+
+
 def _known(values: Mapping[str, object], where: str) -> None:
   """Raise for names a vehicle does not have."""
-  names = [field.name for field in dataclasses.fields(Vehicle) if field.name not in ("name", "std")]
+  names = sorted(_field_names())
   for key in values:
     if key not in names:
       near = difflib.get_close_matches(key, names, n=2) or names[:9]
