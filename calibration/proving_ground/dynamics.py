@@ -166,7 +166,7 @@ class Dynamics:
     k.twist[:] = car.gear_ratio * z.motor - 0.5 * (z.left + z.right)
     if self.has_play:
       wound = z.twist - np.clip(z.twist, -car.shaft_play, car.shaft_play)
-      axle = car.shaft_stiffness * wound + car.shaft_damping * k.twist * (wound != 0.0)
+      axle = car.shaft_stiffness * wound + car.shaft_damping * k.twist * ((wound != 0.0) | (car.shaft_play == 0.0))
     else:
       axle = car.shaft_stiffness * z.twist + car.shaft_damping * k.twist
     self.current = self.conduct * (self.voltage - self.constant * z.motor) / self.resistance

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,7 +17,7 @@ from .driver import Driver, coloured, shaking
 from .effects import Effect, effect_class
 from .manoeuvres import PERIOD, Manoeuvre
 from .sensing import POSE_EVERY, RESOLUTION, Log, add_noise
-from .simulation import TRACE, Simulation
+from .simulation import TRACE, Carried, Simulation
 
 PAUSE = 15.0  # s between two runs
 FORCE_NOISE = ((0.05, 0.07, 0.004), 0.15)  # N, N, N m rms on the body; s memory
@@ -79,9 +79,9 @@ def make_sessions(specs: list[Spec]) -> list[Session]:
   for spec in specs:
     drafts.append(_draft(spec, start))
     start = drafts[-1].columns.stop
-  sim = _drive(drafts)
+  sim, commands = _drive(drafts)
   log = Log(sim, max(len(draft.shaking) for draft in drafts))
-  return [_collect(draft, log) for draft in drafts]
+  return [_collect(draft, log, commands[:, :, draft.columns]) for draft in drafts]
 
 
 def stream(seed: int, topic: int) -> np.random.Generator:
@@ -112,8 +112,8 @@ def _draft(spec: Spec, first: int) -> _Draft:
   )
 
 
-def _drive(drafts: list[_Draft]) -> Simulation:
-  """All runs of all drafts at once, from start to the end of the longest."""
+def _drive(drafts: list[_Draft]) -> tuple[Simulation, np.ndarray]:
+  """All runs of all drafts at once, from start to the end of the longest; with the commands given (T, 2, N)."""
   longest = max(len(draft.shaking) for draft in drafts)
 
   def padded(name: str) -> np.ndarray:
@@ -132,17 +132,19 @@ def _drive(drafts: list[_Draft]) -> Simulation:
   wheelbase = cars.cg_to_front + cars.cg_to_rear
   start[:, 5] = start[:, 3] * np.tan(start[:, 6]) / wheelbase
   start[:, 4] = start[:, 5] * cars.cg_to_rear
-  history = [_history(draft) for draft in drafts]
-  heat, used, elapsed = (np.concatenate([h[i] for h in history]) for i in range(3))
-  for draft, h in zip(drafts, history, strict=True):
-    sim.session_length[draft.columns], sim.session_charge[draft.columns] = h[3], h[4]
-  sim.begin(start, heat, used, elapsed)
+  longer = [_carried(draft) for draft in drafts]
+  carried = Carried(*(np.concatenate([getattr(c, f.name) for c in longer]) for f in fields(Carried)))
+  motor = start[:, 3] / (cars.wheel_radius * cars.gear_ratio)
+  command = driver.commands(0, *start[:, :3].T, motor)
+  sim.begin(start, command, carried)
   state = sim.dynamics.state
-  sim.commands = np.zeros((longest, 2, len(runs)))
+  commands = np.empty((longest, 2, len(runs)))
   for k in range(longest):
-    sim.commands[k] = driver.commands(k, state.x, state.y, state.yaw, state.motor)
-    sim.advance(sim.commands[k], disturbance[k])
-  return sim
+    commands[k] = command
+    sim.advance(command, disturbance[k])
+    if k + 1 < longest:
+      command = driver.commands(k + 1, state.x, state.y, state.yaw, state.motor)
+  return sim, commands
 
 
 def _belief(drafts: list[_Draft]) -> SimpleNamespace:
@@ -169,41 +171,39 @@ def _belief(drafts: list[_Draft]) -> SimpleNamespace:
   )
 
 
-def _history(draft: _Draft) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, float]:
-  """Heat [K], charge used [C] and session time [s] at the start of each run, from a straight-line reckoning of the runs before;
-  session length [s] and charge [C] in all."""
-  car, runs = draft.car, draft.runs
-  line = car.linearised()
-  per_motor = car.gear_ratio * car.wheel_radius
+def _carried(draft: _Draft) -> Carried:
+  """Heat, charge and time at the start of each run, from a straight-line reckoning of the runs before it."""
+  loss, charge = _reckon(draft.car, draft.runs)
+  n, driven = len(draft.runs), np.array([run.ticks * PERIOD for run in draft.runs])
+  heat, memory = np.zeros(n), draft.car.heat_capacity * draft.car.heat_resistance
+  for i in range(1, n):
+    heat[i] = (heat[i - 1] + loss[i - 1] / draft.car.heat_capacity) * np.exp(-(driven[i - 1] + PAUSE) / memory)
+  started, used = np.cumsum(driven + PAUSE) - driven - PAUSE, np.cumsum(charge) - charge
+  whole = (driven.sum() + n * PAUSE, charge.sum(), loss.sum() / driven.sum())
+  return Carried(heat, used, started, *(np.full(n, value) for value in whole))
+
+
+def _reckon(car: Car, runs: list[Manoeuvre]) -> tuple[np.ndarray, np.ndarray]:
+  """Loss in the armature [J] and charge [C] of each run (n,), from the linearised drive."""
+  line, per_motor, longest = car.linearised(), car.gear_ratio * car.wheel_radius, max(run.ticks for run in runs)
   motor, loss, charge = np.array([run.start[3] / per_motor for run in runs]), np.zeros(len(runs)), np.zeros(len(runs))
-  longest = max(run.ticks for run in runs)
-  wish = (
-    np.stack([np.pad(run.speed, (0, longest - run.ticks), constant_values=0.0) for run in runs], axis=1) / per_motor
-  )
+  wish = np.stack([np.pad(run.speed, (0, longest - run.ticks)) for run in runs], axis=1) / per_motor
   volts = np.stack([np.pad(run.volts, (0, longest - run.ticks)) for run in runs], axis=1)
-  for k in range(longest):
-    holding = ~np.isnan(wish[k]) & (wish[k] > 0)
-    steady = (line["P2"] * np.nan_to_num(wish[k]) + 1.3 * line["P3"]) / line["P1"]
-    applied = np.where(holding, steady, volts[k])
+  steady = np.where(wish > 0, (line["P2"] * wish + 1.3 * line["P3"]) / line["P1"], volts)
+  for applied in steady:
     current = (applied - car.motor_constant * motor) / car.motor_resistance
     loss += PERIOD * current**2 * car.motor_resistance
     charge += PERIOD * np.abs(current * applied) / 11.1
     motor = motor + PERIOD * (line["P1"] * applied - line["P2"] * motor - line["P3"] * np.tanh(motor / 3.0))
-  heat, memory = np.zeros(len(runs)), car.heat_capacity * car.heat_resistance
-  durations = np.array([run.ticks * PERIOD + PAUSE for run in runs])
-  for i in range(1, len(runs)):
-    heat[i] = (heat[i - 1] + loss[i - 1] / car.heat_capacity) * np.exp(-durations[i - 1] / memory)
-  started, used = np.cumsum(durations) - durations, np.cumsum(charge) - charge
-  return heat, used, started, float(durations.sum()), float(charge.sum())
+  return loss, charge
 
 
-def _collect(draft: _Draft, log: Log) -> Session:
+def _collect(draft: _Draft, log: Log, commands: np.ndarray) -> Session:
   """Cut a session's columns out of the log, add noise, round, and write down the truth."""
   spec, columns, ticks = draft.spec, draft.columns, len(draft.shaking)
   own = {name: values[:ticks, columns] for name, values in log.channels.items()}
   noisy = add_noise(own, log.vibration[:ticks, columns], spec.noise, stream(spec.seed, 6))
-  commands = log.sim.commands[:ticks, :, columns]
-  noisy |= {"motor_voltage": commands[:, 0], "steering_command": commands[:, 1]}
+  noisy |= {"motor_voltage": commands[:ticks, 0], "steering_command": commands[:ticks, 1]}
   fine = log.fine[::5, :, columns]
   recordings, clean = [], {}
   for i, run in enumerate(draft.runs):

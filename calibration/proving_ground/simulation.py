@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,8 +20,25 @@ SENSOR_ERRORS = (
 )  # fmt: skip
 
 
+@dataclass
+class Carried:
+  """What a session's earlier runs leave to each run, arrays (N,), and the session as a whole."""
+
+  heat: np.ndarray  # K of the armature above the room
+  used: np.ndarray  # C taken from the pack
+  elapsed: np.ndarray  # s since the session began
+  session_length: np.ndarray  # s
+  session_charge: np.ndarray  # C
+  session_loss: np.ndarray  # W, mean over the driving
+
+  @classmethod
+  def fresh(cls, n: int) -> Carried:
+    """A cold car with a full pack, and round numbers for its session."""
+    return cls(*np.zeros((3, n)), np.full(n, 600.0), np.full(n, 100.0), np.full(n, 1.5))
+
+
 class Simulation:
-  """State of N cars under way. Public: dynamics, command (2, N) [V, rad], road (N,) [rad], heat (N,) [K], charge (N,) [C], time [s]."""
+  """State of N cars under way. Public: dynamics, command (2, N) [V, rad], road (N,) [rad], heat (N,) [K], used (N,) [C], time [s] of the run."""
 
   def __init__(self, car: SimpleNamespace, effects: tuple[Effect, ...] = (), substep: float = 1e-3) -> None:
     for name in SENSOR_ERRORS:
@@ -36,26 +54,20 @@ class Simulation:
     self.dynamics.loads = [_bound(effect.load, self) for effect in self.hooks["load"]]
     self.dynamics.contacts = [_bound(effect.contact, self) for effect in self.hooks["contact"]]
     self.command, self.road = np.zeros((2, n)), np.zeros(n)
-    self.heat, self.charge, self.used, self.elapsed, self.time = *np.zeros((4, n)), 0.0
-    self.session_length, self.session_charge = np.ones(n), np.ones(n)
+    self.carried = Carried.fresh(n)
+    self.heat, self.used, self.time = np.zeros(n), np.zeros(n), 0.0
     self.trace: list[np.ndarray] = []
 
-  def begin(
-    self,
-    start: np.ndarray,
-    heat: np.ndarray | float = 0.0,
-    used: np.ndarray | float = 0.0,
-    elapsed: np.ndarray | float = 0.0,
-  ) -> None:
-    """Set the cars at start (N, 7); heat [K] above the room, charge used [C] and session time [s] carried in from earlier runs."""
+  def begin(self, start: np.ndarray, held: np.ndarray | None = None, carried: Carried | None = None) -> None:
+    """Set the cars at start (N, 7), with `held` (2, N) [V, rad] commanded for long enough before, and what earlier runs left."""
     rolling_start(self.dynamics, start)
-    self.heat[:], self.used[:], self.elapsed[:], self.time = heat, used, elapsed, 0.0
+    self.carried = carried or self.carried
+    self.heat[:], self.used[:], self.time = self.carried.heat, self.carried.used, 0.0
+    self.command[:] = np.stack([np.zeros(self.n), start[:, 6]]) if held is None else held
     self.road[:] = self.dynamics.state.servo
-    self.command[:] = 0.0
-    self.command[1] = start[:, 6]
     for effect in self.effects:
       effect.begin(self)
-    self._inputs(np.stack([np.zeros(self.n), start[:, 6]]))
+    self.dynamics.voltage[:] = self.command[0]
     self.dynamics.stage.array[:] = self.dynamics.state.array
     self.dynamics.derivative()
     self.trace = [self._row()]
@@ -111,8 +123,3 @@ class Simulation:
 def _bound(hook, sim: Simulation):  # noqa: ANN001, ANN202
   """A hook of an effect as the dynamics call it."""
   return lambda _dynamics: hook(sim)
-
-
-def coupled_yaw_rate(speed: np.ndarray, angle: np.ndarray, wheelbase: np.ndarray) -> np.ndarray:
-  """Yaw rate [rad/s] of slow rolling at a steering angle [rad]: where a rolling start begins."""
-  return speed * np.tan(angle) / wheelbase

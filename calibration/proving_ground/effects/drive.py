@@ -1,46 +1,124 @@
-"""Effects of motor, battery and driveline."""
+"""Effects of motor, battery and electronics."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from .base import Effect
+from .base import Effect, towards
 from .steering import SteeringDelay
+
+if TYPE_CHECKING:
+  from ..simulation import Simulation
+
+
+class DriveDeadZone(Effect):
+  """The bridge swallows a voltage, with a soft knee."""
+
+  id, subsystem, parameter, typical, unit = "drive_dead_zone", "drive", "drive_dead_zone", 0.15, "V"
+
+  def act(self, sim: Simulation) -> None:
+    volts, soft = sim.command[0, self.columns], 0.12 * self.value
+    up, down = np.logaddexp(0, (volts - self.value) / soft), np.logaddexp(0, (-volts - self.value) / soft)
+    volts[:] = soft * (up - down)
+
+
+class DriveLag(Effect):
+  """Two unequal smoothing stages in the motor electronics; parameter: the sum of their time constants."""
+
+  id, subsystem, parameter, typical, unit = "drive_lag", "drive", "drive_lag", 0.10, "s"
+
+  def begin(self, sim: Simulation) -> None:
+    self.first, self.second = np.repeat(sim.command[:1, self.columns], 2, axis=0)
+
+  def act(self, sim: Simulation) -> None:
+    volts = sim.command[0, self.columns]
+    self.first = towards(self.first, volts, sim.h, 0.75 * self.value)
+    self.second = towards(self.second, self.first, sim.h, 0.25 * self.value)
+    volts[:] = self.second
 
 
 class DriveDelay(SteeringDelay):
   """The voltage waits in a ring of fine steps."""
 
-  id, subsystem, parameter, typical, unit = "drive_delay", "drive", "delay", 0.035, "s"
+  id, subsystem, parameter, typical, unit = "drive_delay", "drive", "drive_delay", 0.035, "s"
   row = 0
 
 
-class QuadraticDrag(Effect):
-  """Drag of a stirred fluid film, F = c v_1^0.25 abs(v)^1.75 with v_1 = 1.5 m/s: equal to c v^2 there."""
+class BatterySag(Effect):
+  """The pack gives way under power: V / (1 + s p), p the power over 8 W through a quick (10 ms) and a slow (1.5 s) part."""
 
-  id, subsystem, parameter, typical, unit = "quadratic_drag", "body", "drag", 0.40, "kg/m"
+  id, subsystem, parameter, typical, unit = "battery_sag", "drive", "sag_at_8W", 0.20, "-"
 
-  def load(self, sim):
-    v = sim.dynamics.stage.vx[self.columns]
-    sim.dynamics.wrench[0, self.columns] -= self.value * 1.5**0.25 * np.sign(v) * np.abs(v) ** 1.75
+  def begin(self, sim: Simulation) -> None:
+    self.quick, self.slow = np.zeros((2, sim.n))[:, self.columns]
 
-
-class Payload(Effect):
-  """A box on the deck behind the centre of gravity; pose marker and IMU stay where they are on the chassis."""
-
-  id, subsystem, parameter, typical, unit = "payload", "body", "mass", 0.55, "kg"
-  AFT = 0.03  # m behind the empty car's centre of gravity
-
-  def prepare(self, car):
+  def act(self, sim: Simulation) -> None:
     c = self.columns
-    total = car.mass[c] + self.value
-    shift = self.value / total * self.AFT
-    car.yaw_inertia[c] += car.mass[c] * self.value / total * self.AFT**2 + self.value * 0.0012
-    car.mass[c] = total
-    car.cg_to_front[c] += shift
-    car.cg_to_rear[c] -= shift
-    car.imu_x[c] += shift
-    car.marker_x[c] += shift
+    power = np.maximum(sim.command[0, c] * sim.dynamics.current[c], 0.0) / 8.0
+    self.quick = towards(self.quick, power, sim.h, 0.010)
+    self.slow = towards(self.slow, power, sim.h, 1.5)
+    sim.command[0, c] /= 1 + self.value * (0.65 * self.quick + 0.35 * self.slow)
 
-  def truth(self):
-    return {"mass": self.value, "position_x": -self.AFT}
+
+class BatteryDischarge(Effect):
+  """The pack's voltage falls with the charge taken over the session, faster towards its end."""
+
+  id, subsystem, parameter, typical, unit = "battery_discharge", "drive", "discharge", 0.10, "-"
+
+  def act(self, sim: Simulation) -> None:
+    c = self.columns
+    empty = sim.used[c] / sim.carried.session_charge[c]
+    sim.command[0, c] *= 1 - self.value * (empty + 0.5 * empty**3) / 1.5
+
+
+class MotorHeating(Effect):
+  """Magnets weaken as the motor warms over a minute: K = K_0 / (1 + g x), x = 1 at the session's mean loss."""
+
+  id, subsystem, parameter, typical, unit = "motor_heating", "drive", "motor_fade", 0.15, "-"
+  MEMORY = 60.0  # s
+
+  def begin(self, sim: Simulation) -> None:
+    self.warmth = 1 - np.exp(-sim.carried.elapsed[self.columns] / (4 * self.MEMORY))
+
+  def act(self, sim: Simulation) -> None:
+    d, c = sim.dynamics, self.columns
+    loss = d.current[c] ** 2 * d.resistance[c] / sim.carried.session_loss[c]
+    self.warmth = towards(self.warmth, loss, sim.h, self.MEMORY)
+    d.constant[c] /= 1 + self.value * self.warmth
+
+
+class CoastFreewheel(Effect):
+  """The bridge opens 4 ms after the command has gone to nothing; parameter: the share of the current it stops."""
+
+  id, subsystem, parameter, typical, unit = "coast_freewheel", "drive", "freewheel", 1.0, "-"
+
+  def begin(self, sim: Simulation) -> None:
+    self.idle = np.zeros(sim.n)[self.columns]
+
+  def act(self, sim: Simulation) -> None:
+    c = self.columns
+    nothing = np.abs(sim.command[0, c]) < 0.01
+    self.idle = np.where(nothing, self.idle + sim.h, 0.0)
+    sim.dynamics.conduct[c] *= np.where(self.idle > 4e-3, 1 - min(self.value, 1.0), 1.0)
+
+
+class DriveAsymmetry(Effect):
+  """The bridge's lower half is weaker: negative voltages arrive reduced by a share."""
+
+  id, subsystem, parameter, typical, unit, signed = "drive_asymmetry", "drive", "drive_asymmetry", 0.10, "-", True
+
+  def act(self, sim: Simulation) -> None:
+    volts = sim.command[0, self.columns]
+    volts *= 1 - self.value / (1 + np.exp(np.clip(volts / 0.01, -40, 40)))
+
+
+class Cogging(Effect):
+  """Torque that ripples with the rotor's angle, three times a turn, with an overtone of a quarter."""
+
+  id, subsystem, parameter, typical, unit = "cogging", "drive", "cogging_torque", 2.0e-3, "N m"
+
+  def load(self, sim: Simulation) -> None:
+    angle = 3 * sim.dynamics.stage.motor_angle[self.columns]
+    sim.dynamics.motor_torque[self.columns] += self.value * (np.sin(angle) + 0.25 * np.sin(2 * angle + 0.7))
