@@ -160,7 +160,18 @@ def write_dataset(
   written. Raises RecordingError for bad names, and for anything the loader would refuse in dataset.toml."""
   folder, recordings = Path(folder), tuple(recordings)
   text = _toml(name, vehicle, vehicle_std, recordings, description, command_timing, licence, source)
+  created = not folder.exists()
   folder.mkdir(parents=True, exist_ok=True)
+  try:
+    _write_all(folder, recordings, text)
+  except BaseException:
+    if created:
+      folder.rmdir()
+    raise
+  return folder
+
+
+def _write_all(folder: Path, recordings: tuple[Recording, ...], text: str) -> None:
   with tempfile.TemporaryDirectory(prefix=".writing-", dir=folder) as staging:
     for recording in recordings:
       write_recording(Path(staging) / f"{recording.name}.csv", recording)
@@ -169,7 +180,6 @@ def write_dataset(
     for recording in recordings:
       os.replace(Path(staging) / f"{recording.name}.csv", folder / f"{recording.name}.csv")
     os.replace(Path(staging) / FILE_NAME, folder / FILE_NAME)
-  return folder
 
 
 def _write_text(path: Path, text: str) -> None:

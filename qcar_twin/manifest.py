@@ -79,17 +79,10 @@ def read_manifest(folder: Path) -> Manifest:
     notes.append(
       f"{FILE_NAME}: [vehicle] gives no {', '.join(missing)}; measure them, or the nominal car's numbers stand in"
     )
+  mapping = _mapping(_table(raw, "channels", ""))
   texts = {key: _text(raw, key, "", "") for key in ("description", "licence", "source")}
-  return Manifest(
-    _text(raw, "name", "", folder.resolve().name),
-    _entries(raw),
-    vehicle,
-    std,
-    _mapping(_table(raw, "channels", "")),
-    timing,
-    **texts,
-    notes=tuple(notes),
-  )
+  name = _text(raw, "name", "", folder.resolve().name)
+  return Manifest(name, _entries(raw), vehicle, std, mapping, timing, **texts, notes=tuple(notes))
 
 
 def _read_toml(folder: Path) -> dict[str, Any]:

@@ -51,12 +51,12 @@ def resolve(table: Table, mapping: Mapping[str, Mapped]) -> dict[str, Mapped]:
     if channel not in resolved:
       cure = f'add {channel} = {{ column = "…" }} to [channels]'
       raise RecordingError(
-        f"{table.shown}: needed channel '{channel}' is missing; {cure}. Columns that exist: {', '.join(table.columns)}"
+        f"{table.shown}: needed channel '{channel}' is missing; {cure}. Columns that exist: {table.listing()}"
       )
   if "motor_speed" not in resolved and "speed" not in resolved:
     raise RecordingError(
       f"{table.shown}: neither 'motor_speed' nor 'speed' is there, and one of them is needed; "
-      f"map it in [channels]. Columns that exist: {', '.join(table.columns)}"
+      f"map it in [channels]. Columns that exist: {table.listing()}"
     )
   return resolved
 
@@ -114,8 +114,8 @@ def _blank(table: Table, channel: str, notes: list[str]) -> None:
 
 def _values(table: Table, channel: str, mapped: Mapped) -> np.ndarray:
   raw = table.number(mapped.column, channel)
-  _refuse_bad_values(table, channel, mapped.column, raw)
   value = mapped.scale * raw + mapped.offset if (mapped.scale, mapped.offset) != (1.0, 0.0) else raw
+  _refuse_bad_values(table, channel, mapped.column, value)
   if mapped.gate is None:
     return value
   gate = table.number(mapped.gate, f"the gate of {channel}")

@@ -13,7 +13,9 @@ from qcar_twin.recording import Recording, RecordingError
 DEGREE, GRAVITY = math.pi / 180.0, 9.80665
 _BIN = 0.25  # s, over which channels are averaged before they are compared
 _BINS = 10  # fewest bins that a comparison is worth
-_UNIT_CORRELATION, _UNIT_TOLERANCE = 0.6, 1.5  # agreement, and nearness to a usual unit's factor, that convict a unit
+_UNIT_CORRELATION = 0.6  # agreement that convicts a unit
+_LOOSE, _EXACT = 1.5, 1.2  # nearness to a usual unit's factor: with slip and noise between the channels, and without
+_GENTLE = 4.0  # m/s^2; beyond it the wheels may spin and say nothing about acceleration
 _SIGN_CORRELATION = 0.85  # agreement that convicts a sign
 _SLOPE_ERROR = 0.15  # largest relative standard error of a slope that says anything
 
@@ -96,6 +98,7 @@ class Comparison:
   measured: np.ndarray
   expected: np.ndarray
   suspects: tuple[tuple[float, Unit], ...]  # slope that such a unit would give
+  tolerance: float = _LOOSE
 
   def slope(self) -> tuple[float, float]:
     """Slope of measured on expected (with an intercept, for bias) and their correlation; NaN when there is too little motion
@@ -109,6 +112,13 @@ class Comparison:
       return math.nan, math.nan
     return correlation * float(y.std() / x.std()), correlation
 
+  def convicted(self) -> list[Unit]:
+    """The units whose factor the slope is near."""
+    slope, _ = self.slope()
+    return [
+      unit for factor, unit in self.suspects if slope > 0.0 and abs(math.log(slope / factor)) < math.log(self.tolerance)
+    ]
+
 
 def compare(recording: Recording, vehicle: Mapping[str, float | str]) -> list[Comparison]:
   """Every comparison that the channels of this recording allow."""
@@ -120,9 +130,7 @@ def check_units(recording: Recording, vehicle: Mapping[str, float | str]) -> lis
   notes, shown = [], recording.file or recording.name
   for comparison in compare(recording, vehicle):
     slope, correlation = comparison.slope()
-    units = (
-      [unit for factor, unit in comparison.suspects if _near(slope, factor)] if correlation > _UNIT_CORRELATION else []
-    )
+    units = comparison.convicted() if correlation > _UNIT_CORRELATION else []
     if units:
       cures = ", or ".join(dict.fromkeys(_cure(unit) for unit in units))
       raise RecordingError(
@@ -136,49 +144,66 @@ def check_units(recording: Recording, vehicle: Mapping[str, float | str]) -> lis
   return notes
 
 
-def _near(slope: float, factor: float) -> bool:
-  return slope > 0.0 and abs(math.log(slope / factor)) < math.log(_UNIT_TOLERANCE)
-
-
 def _comparisons(recording: Recording, vehicle: Mapping[str, float | str]) -> Iterator[Comparison]:
-  mean, change = _Bins(recording).mean, _Bins(recording).change
-  speed, speed_name, speed_units = _speed(recording, vehicle)
-  yaw_rate = mean("yaw_rate")
-  rpm = [
-    (unit.scale, unit) for unit in speed_units if unit in _MOTOR
-  ]  # looks like an acceleration in g: 0.105 against 0.102
-  if {"yaw_rate", "pose_yaw"} <= set(recording.channels):
-    suspects = [(1 / _YAW_RATE[0].scale, _YAW_RATE[0]), (_YAW[0].scale, _YAW[0])]
-    yield Comparison("yaw_rate", "the change of pose_yaw", yaw_rate, change("pose_yaw"), tuple(suspects))
-  if {"pose_x", "pose_y"} <= set(recording.channels):
-    suspects = [(1 / unit.scale, unit) for unit in speed_units] + [(unit.scale, unit) for unit in _POSE]
-    travelled = np.hypot(change("pose_x"), change("pose_y"))
-    yield Comparison(speed_name, "the speed of pose_x, pose_y", np.abs(speed), travelled, tuple(suspects))
-  if (
-    {"yaw_rate", "steering_command"} <= set(recording.channels) and "cg_to_front" in vehicle and "cg_to_rear" in vehicle
-  ):
-    wheelbase = float(vehicle["cg_to_front"]) + float(vehicle["cg_to_rear"])
-    suspects = [(1 / _YAW_RATE[0].scale, _YAW_RATE[0]), (_STEERING[0].scale, _STEERING[0])]
-    turning = speed * np.tan(mean("steering_command")) / wheelbase
-    yield Comparison("yaw_rate", f"{speed_name} x steering / wheelbase", yaw_rate, turning, tuple(suspects))
-  if {"accel_y", "yaw_rate"} <= set(recording.channels):
-    suspects = [(1 / unit.scale, unit) for unit in _ACCEL_Y] + [(_YAW_RATE[0].scale, _YAW_RATE[0])]
-    suspects += rpm
-    yield Comparison("accel_y", f"{speed_name} x yaw_rate", mean("accel_y"), speed * yaw_rate, tuple(suspects))
-  if "accel_x" in recording:
-    suspects = [(1 / unit.scale, unit) for unit in _ACCEL_X] + rpm
-    yield Comparison(
-      "accel_x", f"the change of {speed_name}", mean("accel_x"), np.gradient(speed, _BIN), tuple(suspects)
-    )
+  bins, channels = _Bins(recording), set(recording.channels)
+  speed, name = _speed(bins, vehicle)
+  if {"yaw_rate", "pose_yaw"} <= channels:
+    yield _turning_of_pose(bins)
+  if {"pose_x", "pose_y"} <= channels:
+    yield _speed_of_pose(bins, speed, name)
+  if {"yaw_rate", "steering_command"} <= channels and {"cg_to_front", "cg_to_rear"} <= set(vehicle):
+    yield _turning_of_steering(bins, speed, name, float(vehicle["cg_to_front"]) + float(vehicle["cg_to_rear"]))
+  if {"accel_y", "yaw_rate"} <= channels:
+    yield _lateral(bins, speed, name)
+  if "accel_x" in channels:
+    yield _longitudinal(bins, speed, name)
 
 
-def _speed(recording: Recording, vehicle: Mapping[str, float | str]) -> tuple[np.ndarray, str, tuple[Unit, ...]]:
-  """Speed in each bin, m/s (n,); NaN when only motor speed is known and the vehicle gives no gear ratio and wheel radius."""
-  bins = _Bins(recording)
-  if "speed" in recording:
-    return bins.mean("speed"), "speed", _SPEED
+def _turning_of_pose(bins: _Bins) -> Comparison:
+  suspects = ((1 / DEGREE, _YAW_RATE[0]), (DEGREE, _YAW[0]))
+  return Comparison(
+    "yaw_rate", "the change of pose_yaw", bins.mean("yaw_rate"), bins.change("pose_yaw"), suspects, _EXACT
+  )
+
+
+def _speed_of_pose(bins: _Bins, speed: np.ndarray, name: str) -> Comparison:
+  units = _SPEED if name == "speed" else _MOTOR
+  suspects = [(1 / unit.scale, unit) for unit in units] + [(unit.scale, unit) for unit in _POSE]
+  travelled = np.hypot(bins.change("pose_x"), bins.change("pose_y"))
+  return Comparison(name, "the speed of pose_x, pose_y", np.abs(speed), travelled, tuple(suspects), _EXACT)
+
+
+def _turning_of_steering(bins: _Bins, speed: np.ndarray, name: str, wheelbase: float) -> Comparison:
+  turning = speed * np.tan(bins.mean("steering_command")) / wheelbase
+  return Comparison(
+    "yaw_rate", f"{name} x steering / wheelbase", bins.mean("yaw_rate"), turning, ((1 / DEGREE, _YAW_RATE[0]),)
+  )
+
+
+def _lateral(bins: _Bins, speed: np.ndarray, name: str) -> Comparison:
+  suspects = [(1 / unit.scale, unit) for unit in _ACCEL_Y] + [(DEGREE, _YAW_RATE[0])] + _rpm(name)
+  yaw_rate = bins.mean("yaw_rate")
+  return Comparison("accel_y", f"{name} x yaw_rate", bins.mean("accel_y"), speed * yaw_rate, tuple(suspects))
+
+
+def _longitudinal(bins: _Bins, speed: np.ndarray, name: str) -> Comparison:
+  suspects = [(1 / unit.scale, unit) for unit in _ACCEL_X] + _rpm(name)
+  gained = np.gradient(speed, _BIN)
+  gentle = np.where(np.abs(gained) < _GENTLE, gained, np.nan)
+  return Comparison("accel_x", f"the change of {name}", bins.mean("accel_x"), gentle, tuple(suspects))
+
+
+def _rpm(name: str) -> list[tuple[float, Unit]]:
+  """A motor speed in rpm looks like an acceleration in g: factors 0.105 and 0.102."""
+  return [(unit.scale, unit) for unit in _MOTOR] if name == "motor_speed" else []
+
+
+def _speed(bins: _Bins, vehicle: Mapping[str, float | str]) -> tuple[np.ndarray, str]:
+  """Speed in each bin, m/s (n,), and its channel; NaN when the motor's is known but no gear ratio and wheel radius."""
+  if "speed" in bins.recording:
+    return bins.mean("speed"), "speed"
   metres_per_rad = float(vehicle.get("gear_ratio", math.nan)) * float(vehicle.get("wheel_radius", math.nan))
-  return bins.mean("motor_speed") * metres_per_rad, "motor_speed", _MOTOR
+  return bins.mean("motor_speed") * metres_per_rad, "motor_speed"
 
 
 class _Bins:

@@ -144,7 +144,10 @@ class Recording:
       value = np.asarray(column, dtype=float)
       there = ~np.isnan(value)
       if there.any():
-        streams[channel] = Stream(np.asarray(time, dtype=float)[there], value[there])
+        try:
+          streams[channel] = Stream(np.asarray(time, dtype=float)[there], value[there])
+        except RecordingError as error:
+          raise RecordingError(f"recording '{name}', {channel}: {error}") from error
     return cls(name, streams, **about)  # type: ignore[arg-type]
 
   @property

@@ -16,11 +16,9 @@ from qcar_twin.recording import RecordingError
 
 def read_csv(path: Path, shown: str) -> Table:
   """Comma, semicolon or tab separated text with a header line; a byte order mark and decimal commas are understood."""
-  separator, decimal = _dialect(path, shown)
+  separator, decimal, encoding = _dialect(path, shown)
   try:
-    table = _parse(path, separator, decimal, "utf8")
-  except UnicodeDecodeError:
-    table = _parse(path, separator, decimal, "latin1")
+    table = _parse(path, separator, decimal, encoding)
   except pyarrow.ArrowInvalid as error:
     if "Empty CSV" in str(error):
       raise RecordingError(f"{shown}: the file is empty; record it again or remove it from dataset.toml") from error
@@ -91,22 +89,30 @@ def _loaded(archive: np.lib.npyio.NpzFile, name: str, shown: str) -> np.ndarray:
     ) from error
 
 
-def _dialect(path: Path, shown: str) -> tuple[str, str]:
+def _dialect(path: Path, shown: str) -> tuple[str, str, str]:
+  """Separator, decimal mark and encoding, from the header and the first row."""
   with path.open("rb") as file:
     head = file.read(65536)
   if head[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\x00" in head:
     raise RecordingError(f"{shown}: is not UTF-8 text (UTF-16, or a binary file); save it as CSV UTF-8")
-  lines = [line for line in head.decode("utf-8-sig", "replace").splitlines() if line.strip()]
-  header = lines[0] if lines else ""
-  separator = max(",;\t", key=header.count)
-  decimal = "," if separator != "," and len(lines) > 1 and "," in lines[1] else "."
-  return separator, decimal
+  lines = [line for line in head.splitlines() if line.strip()] + [b"", b""]
+  header, first = lines[0], lines[1]
+  separator = max(b",", b";", b"\t", key=header.count)
+  decimal = "," if separator != b"," and b"," in first else "."
+  try:
+    header.decode("utf-8")
+  except UnicodeDecodeError:
+    return separator.decode(), decimal, "latin1"
+  return separator.decode(), decimal, "utf8"
 
 
 def _parse(path: Path, separator: str, decimal: str, encoding: str) -> pyarrow.Table:
+  whole = min(
+    max(path.stat().st_size + 1, 1 << 16), (1 << 31) - 1
+  )  # column types come from the first block: take it all
   return pyarrow.csv.read_csv(
     path,
-    read_options=pyarrow.csv.ReadOptions(encoding=encoding, use_threads=False),
+    read_options=pyarrow.csv.ReadOptions(encoding=encoding, use_threads=False, block_size=whole),
     parse_options=pyarrow.csv.ParseOptions(delimiter=separator),
     convert_options=pyarrow.csv.ConvertOptions(null_values=[""], strings_can_be_null=True, decimal_point=decimal),
   )
@@ -122,11 +128,20 @@ def _numeric(name: str) -> bool:
 
 def _from_arrow(table: pyarrow.Table, shown: str) -> Table:
   names = [name.strip() for name in table.column_names]
+  table = table.slice(0, _filled_rows(table))
   columns, not_a_number = {}, {}
   for index, name in enumerate(names):
     columns[name], not_a_number[name] = _column(table.column(index))
   ambiguous = frozenset(name for name in names if names.count(name) > 1)
   return Table(shown, columns, not_a_number, ambiguous)
+
+
+def _filled_rows(table: pyarrow.Table) -> int:
+  """Rows up to the last that is not blank in every cell: spreadsheets often leave blank rows at the end."""
+  rows = table.num_rows
+  while rows and all(not column[rows - 1].is_valid for column in table.columns):
+    rows -= 1
+  return rows
 
 
 def _column(column: pyarrow.ChunkedArray) -> tuple[np.ndarray, np.ndarray]:

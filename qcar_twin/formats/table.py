@@ -38,25 +38,27 @@ class Table:
   def number(self, column: str, channel: str) -> np.ndarray:
     """A numeric column (rows,). Raises RecordingError when it is missing, occurs twice, or holds text."""
     if column not in self.columns:
+      near = nearest(column, self.columns)
+      near = near if near.startswith("; did") else "."
       raise RecordingError(
-        f"{self.shown}: {channel} is mapped to column '{column}', which does not exist"
-        f"{nearest(column, self.columns)}{self._listing(column)}"
+        f"{self.shown}: {channel} is mapped to column '{column}', which does not exist{near} Columns that exist: {self.listing()}"
       )
     if column in self.ambiguous:
       raise RecordingError(
         f"{self.shown}: column '{column}' occurs more than once, so {channel} is ambiguous; rename one of them"
       )
     values = self.columns[column]
-    if values.dtype == object:
+    if values.dtype != object:
+      return values
+    if not all(_is_number(cell) for cell in values):
       raise RecordingError(self._text_complaint(column, channel, values))
-    return values
+    return np.array([np.nan if cell is None else float(cell) for cell in values])
 
-  def _listing(self, column: str) -> str:
+  def listing(self) -> str:
+    """The names of the columns, for an error text; the first forty when there are more."""
     names = list(self.columns)
-    if nearest(column, names).startswith("; valid"):
-      return ""
     more = f", and {len(names) - _SHOWN_COLUMNS} more" if len(names) > _SHOWN_COLUMNS else ""
-    return f" Columns that exist: {', '.join(names[:_SHOWN_COLUMNS])}{more}"
+    return ", ".join(names[:_SHOWN_COLUMNS]) + more
 
   def _text_complaint(self, column: str, channel: str, values: np.ndarray) -> str:
     row, cell = next((row, cell) for row, cell in enumerate(values) if not _is_number(cell))
