@@ -1,12 +1,12 @@
 // The tyre of the car as a MuJoCo engine plugin: "qcar.tyre", passive capability.
 //
-// MuJoCo calls a passive plugin after the constraint rows are made and before their reference accelerations
-// are. For every wheel that touches the ground the plugin turns the two friction rows of the contact into an
-// implicit tyre: the rows then solve for  f = -c v(t+h) - b,  a linear law in the slip velocity at the end of the step,
-// so the tyre is stable at any step and at standstill. The equations are in docs/tyre.md.
+// MuJoCo calls a passive plugin after the constraint rows are made and before their reference accelerations are.
+// For every wheel on the ground the plugin turns the two friction rows of its contact into an implicit tyre: the
+// rows then solve for  f = -c v(t+h) - b,  a law that is linear in the slip velocity at the end of the step, so the
+// tyre is stable at any step and at standstill. The equations are in docs/tyre.md.
 //
-// Directions: x rolls forward (axle cross contact normal), y points along the axle, v is the velocity of the
-// rubber over the ground, forces are those of the ground on the wheel: f opposes v.
+// Directions: x where the wheel rolls (axle cross normal), y along the axle. Slip velocity is that of the rubber over
+// the ground, force is that of the ground on the wheel and opposes it.
 
 #include <math.h>
 #include <stdlib.h>
@@ -39,9 +39,13 @@ enum { LOAD, SLIP_X, SLIP_Y, N_STATE };
 #define LEAST_ALIGNMENT 0.7  // contact normal . chassis z: below, the wheel meets a wall
 
 typedef struct {
-  int geom, body, chassis, dof;
-  int row;                   // first constraint row of the ground contact in this step, -1: none
-  mjtNum speed;              // reference speed of the slip in this step, m/s
+  int geom, body, chassis, joint, dof;
+  int base;                  // first of the three translations of the car as a whole, -1: it has none
+  // of the present step
+  int row;                   // first constraint row of the ground contact, -1: none
+  mjtNum side;               // 1 if the contact normal points from ground to wheel, else -1
+  mjtNum speed;              // reference speed of the slip, m/s
+  mjtNum turning[2];         // slip velocity at the end of the step that the rows don't see, m/s
 } Wheel;
 
 typedef struct {
@@ -88,8 +92,11 @@ static int tyre_init(const mjModel* m, mjData* d, int instance) {
     w->geom = g;
     w->body = body;
     w->chassis = m->body_parentid[body];
+    w->joint = joint;
     w->dof = m->jnt_dofadr[joint];
     w->row = -1;
+    int root = m->body_rootid[body], first = m->body_jntadr[root];
+    w->base = m->body_jntnum[root] && m->jnt_type[first] == mjJNT_FREE ? m->jnt_dofadr[first] : -1;
   }
   d->plugin_data[instance] = (uintptr_t)tyres;
   return 0;
@@ -125,20 +132,23 @@ static int jacobian_row(const mjModel* m, const mjData* d, int row, mjtNum** val
   return m->nv;
 }
 
-// turn the tangents of a contact into rolling direction and axle direction; idempotent
-static void align(const mjModel* m, mjData* d, mjContact* contact, const mjtNum axle[3]) {
-  mjtNum *t1 = contact->frame + 3, *t2 = contact->frame + 6, x[3];
-  mju_cross(x, axle, contact->frame);
-  mju_normalize3(x);
-  mjtNum c = mju_dot3(x, t1), s = mju_dot3(x, t2);
+// Point the two tangential rows along x and y, and their share of the base's translation along `mid`, the direction
+// of x in the middle of the step. Doing it twice does no harm.
+static void align(const mjModel* m, mjData* d, const Wheel* w, mjContact* contact, const mjtNum x[3],
+                  const mjtNum mid[3]) {
+  mjtNum *t1 = contact->frame + 3, *t2 = contact->frame + 6, across[3];
+  mjtNum c = w->side * mju_dot3(x, t1), s = w->side * mju_dot3(x, t2);
   mjtNum *j1, *j2;
   const int* dof;
-  int n = jacobian_row(m, d, contact->efc_address + 1, &j1, &dof);
-  jacobian_row(m, d, contact->efc_address + 2, &j2, &dof);
+  int n = jacobian_row(m, d, w->row + 1, &j1, &dof);
+  jacobian_row(m, d, w->row + 2, &j2, &dof);
+  mju_cross(across, contact->frame, mid);  // side * y
   for (int i = 0; i < n; i++) {
     mjtNum a = j1[i], b = j2[i];
-    j1[i] = c * a + s * b;
-    j2[i] = c * b - s * a;
+    int base = (dof ? dof[i] : i) - w->base;
+    int translates = w->base >= 0 && base >= 0 && base < 3;
+    j1[i] = translates ? mid[base] : c * a + s * b;
+    j2[i] = translates ? across[base] : c * b - s * a;
   }
   for (int i = 0; i < 3; i++) {
     mjtNum a = t1[i], b = t2[i];
@@ -147,16 +157,40 @@ static void align(const mjModel* m, mjData* d, mjContact* contact, const mjtNum 
   }
 }
 
-// slip velocity of a contact: its two tangential rows times qvel
-static void slip_velocity(const mjModel* m, const mjData* d, int row, mjtNum v[2]) {
+// the two tangential rows times qvel, in wheel directions
+static void row_velocity(const mjModel* m, const mjData* d, const Wheel* w, mjtNum v[2]) {
   for (int k = 0; k < 2; k++) {
-    mjtNum* value;
+    mjtNum *value, sum = 0;
     const int* dof;
-    int n = jacobian_row(m, d, row + 1 + k, &value, &dof);
-    mjtNum sum = 0;
+    int n = jacobian_row(m, d, w->row + 1 + k, &value, &dof);
     for (int i = 0; i < n; i++) sum += value[i] * d->qvel[dof ? dof[i] : i];
-    v[k] = sum;
+    v[k] = k ? w->side * sum : sum;
   }
+}
+
+// Slip velocity now, and rolling speed as the result. A force that keeps its direction in the car turns with the car,
+// so over a step the car as a whole is pushed along the heading of the step's middle; `turning` is what that heading
+// has still to turn until the end of the step.
+static mjtNum slip_velocity(const mjModel* m, mjData* d, Wheel* w, mjContact* contact, mjtNum v[2]) {
+  const mjtNum *axle = d->xaxis + 3 * w->joint, *base = d->qvel + w->base;
+  mjtNum up[3], x[3], y[3], arm[3], rim[3], mid[3], rate = d->qvel[w->dof];
+  mju_scl3(up, contact->frame, w->side);
+  mju_cross(x, axle, up);
+  mju_normalize3(x);
+  mju_cross(y, up, x);
+  mjtNum turn = mju_dot3(d->cvel + 6 * w->body, up) - rate * mju_dot3(axle, up);
+  mjtNum half = w->base < 0 ? 0 : 0.5 * m->opt.timestep * turn;
+  mju_addScl3(mid, x, y, half);
+  mju_normalize3(mid);
+  align(m, d, w, contact, x, mid);
+  row_velocity(m, d, w, v);
+  w->turning[0] = w->base < 0 ? 0 : half * mju_dot3(base, y);
+  w->turning[1] = w->base < 0 ? 0 : -half * mju_dot3(base, x);
+  v[0] -= w->turning[0];
+  v[1] -= w->turning[1];
+  mju_sub3(arm, contact->pos, d->geom_xpos + 3 * w->geom);
+  mju_cross(rim, axle, arm);
+  return -rate * mju_dot3(rim, x);
 }
 
 // write  f = -c v(t+h) - b  into one friction row
@@ -175,54 +209,47 @@ static void write_row(mjData* d, int row, mjtNum h, mjtNum c, mjtNum b) {
 // one wheel on the ground: the tyre law, its secant, the implicit rows
 static void tyre_rows(const mjModel* m, mjData* d, Wheel* w, mjContact* contact, const mjtNum* state) {
   const mjtNum* u = m->geom_user + (size_t)w->geom * m->nuser_geom;
-  const mjtNum* R = d->geom_xmat + 9 * w->geom;
-  mjtNum axle[3] = {R[1], R[4], R[7]}, v[2], h = m->opt.timestep;
-  align(m, d, contact, axle);
-  slip_velocity(m, d, contact->efc_address, v);
+  mjtNum v[2], h = m->opt.timestep, rolling = slip_velocity(m, d, w, contact, v);
 
   // load, and what falls with it
-  mjtNum nominal = u[NOMINAL_LOAD];
-  mjtNum load = state[LOAD] < 0 ? nominal : mju_max(state[LOAD], LEAST_LOAD * nominal);
+  mjtNum nominal = u[NOMINAL_LOAD], unset = state[LOAD] < 0;
+  mjtNum load = unset ? nominal : mju_max(state[LOAD], LEAST_LOAD * nominal);
   mjtNum fall = u[LOAD_EXPONENT] ? pow(load / nominal, -u[LOAD_EXPONENT]) : 1;
-  mjtNum scale = fall * load / nominal;
-  mjtNum Cx = u[LONGITUDINAL_STIFFNESS] * scale, Cy = u[CORNERING_STIFFNESS] * scale;
-  mjtNum friction = u[FRICTION_COEFFICIENT] * fall, peak = friction * load;
+  mjtNum Cx = u[LONGITUDINAL_STIFFNESS] * fall * load / nominal;
+  mjtNum Cy = u[CORNERING_STIFFNESS] * fall * load / nominal;
+  mjtNum friction = u[FRICTION_COEFFICIENT] * fall;
 
-  // transient slip z: its steady value is v / speed; predicted here, solved for by the rows
-  mjtNum rolling = d->qvel[w->dof] * m->geom_size[3 * w->geom];
+  // transient slip z: steady value v / speed; z(t+h) = keep z + gain v(t+h), predicted with the velocity of now
   mjtNum speed = sqrt(rolling * rolling + v[0] * v[0] + v[1] * v[1] + CREEP_SPEED * CREEP_SPEED);
-  mjtNum length = u[RELAXATION_LENGTH], gain = h / (length + h * speed), keep = length / (length + h * speed);
-  mjtNum z[2] = {state[SLIP_X], state[SLIP_Y]};
-  if (state[LOAD] < 0) z[0] = v[0] / speed, z[1] = v[1] / speed;
-  mjtNum px = Cx * (keep * z[0] + gain * v[0]) / peak, py = Cy * (keep * z[1] + gain * v[1]) / peak;
-  mjtNum rho = sqrt(px * px + py * py), C = u[SHAPE];
+  mjtNum length = u[RELAXATION_LENGTH], total = length + h * speed;
+  mjtNum gain = h / total, keep = length / total;
+  mjtNum zx = unset ? v[0] / speed : state[SLIP_X], zy = unset ? v[1] / speed : state[SLIP_Y];
+  mjtNum px = Cx * (keep * zx + gain * v[0]), py = Cy * (keep * zy + gain * v[1]);
+  mjtNum rho = sqrt(px * px + py * py) / (friction * load), C = u[SHAPE];
   mjtNum secant = rho < 1e-4 ? 1 : sin(C * atan(rho / C)) / rho;
 
-  // carcass damping on the rate of deflection length * dz/dt, fading with speed
+  // carcass damping acts on the rate of deflection, length dz/dt, and fades with speed
   mjtNum fade = DAMPED_SPEED * DAMPED_SPEED / (DAMPED_SPEED * DAMPED_SPEED + rolling * rolling);
   mjtNum damping = u[CARCASS_DAMPING] / u[CORNERING_STIFFNESS] * length / h * fade * fade;
-  mjtNum kx = Cx * (secant + damping), ky = Cy * (secant + damping);
-  int row = contact->efc_address;
-  write_row(d, row + 1, h, kx * gain, (kx * keep - Cx * damping) * z[0]);
-  write_row(d, row + 2, h, ky * gain, (ky * keep - Cy * damping) * z[1]);
+  mjtNum kx = Cx * (secant + damping), ky = Cy * (secant + damping), cx = kx * gain, cy = ky * gain;
+  write_row(d, w->row + 1, h, cx, (kx * keep - Cx * damping) * zx + cx * w->turning[0]);
+  write_row(d, w->row + 2, h, cy, w->side * ((ky * keep - Cy * damping) * zy + cy * w->turning[1]));
 
-  // the elliptic cone ties R and friction of the two rows together
-  mjtNum ratio = sqrt(ky / kx), least = CONE_RESERVE * friction;
-  contact->friction[0] = least * mju_max(1, 1 / ratio);
+  // the elliptic cone ties R and friction of the two rows together; it stands outside the tyre's own peak
+  mjtNum ratio = sqrt(cy / cx);
+  contact->friction[0] = CONE_RESERVE * friction * mju_max(1, 1 / ratio);
   contact->friction[1] = contact->friction[0] * ratio;
-  contact->mu = contact->friction[0] * sqrt(d->efc_R[row + 1] / d->efc_R[row]);
-  w->row = row;
+  contact->mu = contact->friction[0] * sqrt(d->efc_R[w->row + 1] / d->efc_R[w->row]);
   w->speed = speed;
 }
 
-// is this contact the one a wheel stands on
-static int stands(const mjModel* m, const mjData* d, const Wheel* w, const mjContact* contact) {
+// 1 or -1 for the contact a wheel stands on, the direction of its normal; 0 for any other
+static mjtNum stands(const mjData* d, const Wheel* w, const mjContact* contact) {
   if (contact->efc_address < 0 || contact->dim != 3) return 0;
-  mjtNum sign = contact->geom[1] == w->geom ? 1 : contact->geom[0] == w->geom ? -1 : 0;
-  if (sign == 0) return 0;
-  const mjtNum* X = d->xmat + 9 * w->chassis;
-  mjtNum up[3] = {X[2], X[5], X[8]};
-  return sign * mju_dot3(contact->frame, up) > LEAST_ALIGNMENT;
+  mjtNum side = contact->geom[1] == w->geom ? 1 : contact->geom[0] == w->geom ? -1 : 0;
+  if (side == 0) return 0;
+  const mjtNum *X = d->xmat + 9 * w->chassis, *n = contact->frame;
+  return side * (n[0] * X[2] + n[1] * X[5] + n[2] * X[8]) > LEAST_ALIGNMENT ? side : 0;
 }
 
 static void tyre_compute(const mjModel* m, mjData* d, int instance, int capability) {
@@ -231,11 +258,14 @@ static void tyre_compute(const mjModel* m, mjData* d, int instance, int capabili
   for (int k = 0; k < tyres->count; k++) {
     Wheel* w = tyres->wheel + k;
     mjContact* deepest = NULL;
-    w->row = -1;
     for (int i = 0; i < d->ncon; i++) {
       mjContact* contact = d->contact + i;
-      if (stands(m, d, w, contact) && (!deepest || contact->dist < deepest->dist)) deepest = contact;
+      mjtNum side = stands(d, w, contact);
+      if (side == 0 || (deepest && contact->dist >= deepest->dist)) continue;
+      deepest = contact;
+      w->side = side;
     }
+    w->row = deepest ? deepest->efc_address : -1;
     if (deepest) tyre_rows(m, d, w, deepest, state + N_STATE * k);
   }
 }
@@ -245,16 +275,18 @@ static void tyre_advance(const mjModel* m, mjData* d, int instance) {
   mjtNum* state = d->plugin_state + m->plugin_stateadr[instance];
   mjtNum h = m->opt.timestep;
   for (int k = 0; k < tyres->count; k++, state += N_STATE) {
-    Wheel* w = tyres->wheel + k;
+    const Wheel* w = tyres->wheel + k;
     if (w->row < 0) {
       state[LOAD] = state[SLIP_X] = state[SLIP_Y] = 0;
       continue;
     }
     mjtNum v[2], length = m->geom_user[(size_t)w->geom * m->nuser_geom + RELAXATION_LENGTH];
     mjtNum total = length + h * w->speed;
-    slip_velocity(m, d, w->row, v);  // qvel is already that of the end of the step
-    state[SLIP_X] = (length * state[SLIP_X] + h * v[0]) / total;
-    state[SLIP_Y] = (length * state[SLIP_Y] + h * v[1]) / total;
+    row_velocity(m, d, w, v);  // qvel is already that of the end of the step
+    for (int i = 0; i < 2; i++) {
+      mjtNum* slip = state + SLIP_X + i;
+      *slip = (length * *slip + h * (v[i] + w->turning[i])) / total;
+    }
     state[LOAD] = d->efc_force[w->row];
   }
 }
