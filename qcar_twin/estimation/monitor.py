@@ -1,11 +1,16 @@
 """Bookkeeping that decides when a sensor is not believed, for one car."""
 
 import dataclasses
+import itertools
 import math
+import statistics
 
 STEADY = 0.2  # m: refused fixes whose innovations stay this close to each other are no random spikes
-WINDOW = 5  # fixes over which travelled distance is compared, half a second of lidar
-SPEED_SLACK = (0.15, 0.25)  # m/s, and share of the speed: how far lidar and encoder may differ
+WINDOW = 10  # intervals between fixes over which speeds are compared, a second of lidar
+SPACING = 0.08  # s, least time between fixes that are compared
+SLACK = 0.1  # m/s by which lidar and encoder may differ, besides
+RELATIVE_SLACK = 0.15  # of the speed: slip, wheel radius
+NOISE_SLACK = 1.7  # fix standard deviations per interval: three of the median of ten differences
 PERSISTENCE = 3  # comparisons in a row before the verdict changes
 
 
@@ -42,10 +47,10 @@ class Monitor:
 
 @dataclasses.dataclass(slots=True)
 class SpeedWatch:
-  """Encoder against lidar: the distance both say was travelled over the last fixes.
+  """Encoder against lidar: the speed both tell over the last fixes.
 
   A stuck or slipping encoder is told from a wrong model by evidence the filter does not use: differences
-  of raw fixes. One spiked fix disturbs two comparisons that are never in a row.
+  of raw fixes. Their median by component ignores spikes and a single jump of the position.
 
   Attributes:
     fixes: time s, x m, y m, encoder distance m, of the last fixes.
@@ -66,16 +71,18 @@ class SpeedWatch:
     """Add one encoder sample, m/s held for `period` s."""
     self.distance += abs(speed) * period
 
-  def compare(self, time: float, x: float, y: float) -> None:
-    """Take a raw fix and settle whether the encoder is believed."""
+  def compare(self, time: float, x: float, y: float, std: float) -> None:
+    """Take a raw fix with its standard deviation, m, and settle whether the encoder is believed."""
+    if self.fixes and time - self.fixes[-1][0] < SPACING:
+      return
     self.fixes = (*self.fixes[-WINDOW:], (time, x, y, self.distance))
     if len(self.fixes) <= WINDOW:
       return
-    then, x0, y0, gone = self.fixes[0]
-    span = time - then
-    seen, said = math.hypot(x - x0, y - y0) / span, (self.distance - gone) / span
-    absolute, relative = SPEED_SLACK
-    disagree = abs(seen - said) > absolute + relative * max(seen, said)
+    steps = [(b[0] - a[0], b[1] - a[1], b[2] - a[2], b[3] - a[3]) for a, b in itertools.pairwise(self.fixes)]
+    vx, vy, said = (statistics.median(step[i] / step[0] for step in steps) for i in (1, 2, 3))
+    seen = math.hypot(vx, vy)
+    slack = SLACK + RELATIVE_SLACK * max(seen, said) + NOISE_SLACK * std / statistics.median(step[0] for step in steps)
+    disagree = abs(seen - said) > slack
     self.contrary = self.contrary + 1 if disagree != self.doubted else 0
     if self.contrary >= PERSISTENCE:
       self.doubted, self.contrary = disagree, 0

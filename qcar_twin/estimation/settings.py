@@ -61,7 +61,9 @@ class FilterSettings:
     period: of the prediction, s.
     walk_*: process noise densities, unit of the state per sqrt(s), of EKF_BM (position, speed, yaw,
       sideslip, yaw rate) and EKF_PM (its position and velocity).
-    speed_std, yaw_rate_std: of encoder m/s and gyro rad/s.
+    speed_std, yaw_rate_std, accel_std: of encoder m/s, gyro rad/s, accelerometer against the single track m/s^2.
+    central: one filter instead of two: the lateral acceleration corrects EKF_BM as a measurement and
+      EKF_PM is off. For comparison.
     position_variance, yaw_variance: of the lidar against its score, m^2 and rad^2.
     score: assumed where the lidar gives none.
     lidar_correlation: time constant of the lidar's error, s; fixes are then counted as that much less
@@ -90,6 +92,8 @@ class FilterSettings:
   walk_point_velocity: float = 0.3
   speed_std: float = 0.01
   yaw_rate_std: float = 0.02
+  accel_std: float = 0.5
+  central: bool = False
   position_variance: ScoreVariance = ScoreVariance.between(0.006, 0.05, 20.0)
   yaw_variance: ScoreVariance = ScoreVariance.between(0.006, 0.05, 20.0)
   score: float = 80.0

@@ -1,0 +1,194 @@
+"""A recording in, estimates with standard deviations out; and the estimates a filter must beat."""
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.estimation.federated import TAKES, FederatedFilter
+from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.kinematics import kinematic_sideslip_angle, wrap_angle
+from qcar_twin.recording import Recording, RecordingError
+from qcar_twin.single_track import Car
+
+Array = NDArray[np.float64]
+NAMES = ("pose_x", "pose_y", "pose_yaw", "speed", "sideslip_angle", "yaw_rate")
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimates:
+  """Estimates on the filter's grid, names of NAMES, SI units.
+
+  Attributes:
+    time: s, (T,).
+    value, std: per name, (T,); position from the master, the rest from EKF_BM. NaN and inf before the first pose.
+    bicycle, point: position of the two local filters, m, (T, 2).
+    covariance: of the master's position, xx xy yy, m^2, (T, 3).
+    valid: (T,).
+    reasons: how many periods each reason against the estimate held.
+    refused: how many samples were not used, by (channel, reason).
+  """
+
+  time: Array
+  value: Mapping[str, Array]
+  std: Mapping[str, Array]
+  bicycle: Array
+  point: Array
+  covariance: Array
+  valid: NDArray[np.bool_]
+  reasons: Mapping[str, int]
+  refused: Mapping[tuple[str, str], int]
+
+  def columns(self) -> dict[str, Array]:
+    """Everything as columns for a file."""
+    out = {"time": self.time, **self.value, **{f"{name}_std": self.std[name] for name in NAMES}}
+    return out | {"valid": self.valid.astype(np.float64)}
+
+
+@dataclasses.dataclass(frozen=True)
+class Event:
+  """One sample on its way to the filter: measured at `stamp`, known at `arrival`, s."""
+
+  arrival: float
+  stamp: float
+  channel: str
+  value: float
+
+
+def events_of(
+  recording: Recording, lateness: Mapping[str, float] | None = None, latency: Mapping[str, float] | None = None
+) -> list[Event]:
+  """All samples the filter takes, in order of arrival.
+
+  Args:
+    lateness: by how much a channel's recorded time is after its measurement, s: stamps are moved back.
+    latency: how long after its measurement a channel arrives, s.
+  """
+  lateness, latency = lateness or {}, latency or {}
+  channels = [name for name in TAKES if name in recording.streams]
+  if "speed" in channels and "motor_speed" in channels:
+    channels.remove("speed")
+  events = []
+  for name in channels:
+    stream = recording[name]
+    stamps = stream.time - lateness.get(name, 0.0)
+    arrivals = stamps + latency.get(name, 0.0)
+    events += [Event(*row) for row in zip(arrivals, stamps, [name] * len(stream), stream.value, strict=True)]
+  return sorted(events, key=lambda event: (event.arrival, event.stamp))
+
+
+def filter_recording(
+  recording: Recording,
+  car: Car,
+  settings: FilterSettings | None = None,
+  lateness: Mapping[str, float] | None = None,
+  latency: Mapping[str, float] | None = None,
+) -> Estimates:
+  """Run the federated filter over a recording as if it were online.
+
+  Raises:
+    RecordingError: the recording holds no pose to start from.
+  """
+  missing = [name for name in ("pose_x", "pose_y", "pose_yaw") if name not in recording.streams]
+  if missing:
+    raise RecordingError(
+      f"recording '{recording.name}' has no {', '.join(missing)}: the filter cannot start without an absolute pose;"
+      " map a lidar or motion-capture pose in dataset.toml"
+    )
+  return filter_events(events_of(recording, lateness, latency), FederatedFilter(car, settings))
+
+
+def filter_events(events: Iterable[Event], federated: FederatedFilter) -> Estimates:
+  """Feed events in order of arrival; one estimate per period."""
+  events = list(events)
+  period = federated.settings.period
+  begin, end = min(event.stamp for event in events), max(event.arrival for event in events)
+  times = begin + period * np.arange(int(np.ceil((end - begin) / period - 1e-6)) + 1)
+  rows, position = [], 0
+  reasons: dict[str, int] = {}
+  for time in times:
+    while position < len(events) and events[position].arrival <= time + 1e-9:
+      federated.update(events[position].stamp, events[position].channel, events[position].value)
+      position += 1
+    estimate = federated.estimate(float(time))
+    rows.append(_row(estimate))
+    for reason in estimate.reasons:
+      reasons[reason] = reasons.get(reason, 0) + 1
+  return _estimates(times, np.array(rows), reasons, federated)
+
+
+def _row(estimate) -> list[float]:
+  std = estimate.std
+  bicycle = estimate.bicycle[0][:2] if estimate.bicycle else (np.nan, np.nan)
+  point = estimate.point[0][:2] if estimate.point else (np.nan, np.nan)
+  named = [getattr(estimate, name) for name in NAMES] + [std[name] for name in NAMES]
+  return [*named, *bicycle, *point, *estimate.covariance, float(estimate.valid)]
+
+
+def _estimates(times: Array, rows: Array, reasons: dict[str, int], federated: FederatedFilter) -> Estimates:
+  count = len(NAMES)
+  value = {name: rows[:, i] for i, name in enumerate(NAMES)}
+  std = {name: rows[:, count + i] for i, name in enumerate(NAMES)}
+  rest = rows[:, 2 * count :]
+  return Estimates(
+    times, value, std, rest[:, 0:2], rest[:, 2:4], rest[:, 4:7], rest[:, 7] > 0.5, reasons, dict(federated.refused)
+  )
+
+
+# -- what a filter must beat ---------------------------------------------------------------------
+
+
+def dead_reckoning(
+  start: Array, speed: Array, yaw_rate: Array, steering: Array, car: Car, period: float = 0.01
+) -> Array:
+  """Encoder and gyro integrated from a known pose, with the kinematic sideslip: x, y, yaw, (..., T, 3).
+
+  Args:
+    start: (..., 3).
+    speed, yaw_rate, steering: measured, (..., T); a NaN holds the sample before it.
+  """
+  speed, yaw_rate = _held(speed), _held(yaw_rate)
+  sideslip = kinematic_sideslip_angle(steering, car.cg_to_front, car.cg_to_rear)
+  turned = np.cumsum(yaw_rate, axis=-1) * period
+  yaw = start[..., 2:3] + np.concatenate([np.zeros_like(turned[..., :1]), turned[..., :-1]], axis=-1)
+  course = yaw + sideslip
+  x = start[..., 0:1] + np.cumsum(_shifted(speed * np.cos(course)), axis=-1) * period
+  y = start[..., 1:2] + np.cumsum(_shifted(speed * np.sin(course)), axis=-1) * period
+  return np.stack([x, y, yaw], axis=-1)
+
+
+def _shifted(rate: Array) -> Array:
+  return np.concatenate([np.zeros_like(rate[..., :1]), rate[..., :-1]], axis=-1)
+
+
+def _held(samples: Array) -> Array:
+  """NaN replaced by the sample before it, zero where there is none."""
+  index = np.where(np.isfinite(samples), np.arange(samples.shape[-1]), 0)
+  held = np.take_along_axis(samples, np.maximum.accumulate(index, axis=-1), axis=-1)
+  return np.nan_to_num(held)
+
+
+# -- consistency ---------------------------------------------------------------------------------
+
+
+def nees(error: Array, covariance: Array) -> Array:
+  """Normalised estimation error squared e' P^-1 e, (...), of errors (..., n) and covariances (..., n, n)."""
+  return np.einsum("...i,...i->...", error, np.linalg.solve(covariance, error[..., None])[..., 0])
+
+
+def position_nees(error: Array, covariance: Array) -> Array:
+  """`nees` for position errors (..., 2) and covariances xx, xy, yy (..., 3)."""
+  xx, xy, yy = np.moveaxis(covariance, -1, 0)
+  ex, ey = error[..., 0], error[..., 1]
+  return (yy * ex**2 - 2.0 * xy * ex * ey + xx * ey**2) / (xx * yy - xy**2)
+
+
+def rms(error: Array, axis: int = -1) -> Array:
+  """Root mean square, not-finite values left out."""
+  return np.sqrt(np.nanmean(np.square(error), axis=axis))
+
+
+def angle_error(estimate: Array, truth: Array) -> Array:
+  """estimate - truth in (-pi, pi]."""
+  return wrap_angle(estimate - truth)
