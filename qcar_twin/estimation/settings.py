@@ -6,51 +6,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from qcar_twin.sensors.score import ScoreVariance
+
 Array = NDArray[np.float64]
-
-
-@dataclasses.dataclass(frozen=True)
-class ScoreVariance:
-  """Variance of a lidar coordinate from the lidar's own score, the paper's eq. (R_lidar).
-
-  R(l_s) = k1 tanh(k2 / l_s - k3) + k4: k4 - k1 tanh(k3) for a perfect score, k4 + k1 for none.
-  k1 and k4 carry the coordinate's unit squared, k2 the score's unit, k3 is a number.
-  """
-
-  k1: float
-  k2: float
-  k3: float
-  k4: float
-
-  def __post_init__(self) -> None:
-    if min(dataclasses.astuple(self)) <= 0.0 or self.k4 <= self.k1 * math.tanh(self.k3):
-      raise ValueError("a score variance needs four positive constants with k4 > k1 tanh(k3)")
-
-  def __call__(self, score: float) -> float:
-    """Variance at one score; a score of zero or less counts as none."""
-    if score <= 0.0:
-      return self.k4 + self.k1
-    return self.k1 * math.tanh(self.k2 / score - self.k3) + self.k4
-
-  def of(self, scores: ArrayLike) -> Array:
-    """Variances at scores of any shape."""
-    scores = np.asarray(scores, dtype=np.float64)
-    safe = np.where(scores > 0.0, scores, 1.0)
-    return np.where(scores > 0.0, self.k1 * np.tanh(self.k2 / safe - self.k3) + self.k4, self.k4 + self.k1)
-
-  @classmethod
-  def between(cls, best: float, worst: float, middle: float) -> "ScoreVariance":
-    """From the standard deviation at the best and at no score, and the score at which tanh passes zero."""
-    k3 = 1.0
-    k1 = (worst**2 - best**2) / (1.0 + math.tanh(k3))
-    return cls(k1, k3 * middle, k3, worst**2 - k1)
-
-  def times(self, factor: float) -> "ScoreVariance":
-    """The same curve with `factor` times the variance."""
-    return dataclasses.replace(self, k1=self.k1 * factor, k4=self.k4 * factor)
 
 
 @dataclasses.dataclass(frozen=True)
