@@ -1,0 +1,76 @@
+"""IMU and encoder of N simulated cars."""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from qcar_twin.sensors.base import IMU, MOTOR_SPEED, Array, Mask, Timing
+from qcar_twin.sensors.noise import ChannelNoise, ErrorStream
+
+
+@dataclasses.dataclass(frozen=True)
+class Imu:
+  """Specific force at the IMU and yaw rate. Defaults: a MEMS unit on a car with running motor."""
+
+  timing: Timing = Timing()
+  accel: ChannelNoise = ChannelNoise(white=0.15, bias=0.05, walk=0.003)  # m/s^2
+  gyro: ChannelNoise = ChannelNoise(white=0.01, bias=0.003, walk=0.0003)  # rad/s
+  channels = ("accel_x", "accel_y", "yaw_rate")
+
+  def begin(self, count: int, period: float, rng: np.random.Generator) -> "ImuRun":
+    return ImuRun(ErrorStream((self.accel, self.accel, self.gyro), count, 1.0 / self.timing.rate, rng))
+
+
+class ImuRun:
+  def __init__(self, errors: ErrorStream):
+    self._errors = errors
+
+  def observe(self, signals: Array) -> None:
+    """Nothing to remember between samples."""
+
+  def sample(self, signals: Array) -> Array:
+    """accel_x, accel_y, yaw_rate, (N, 3)."""
+    return signals[:, IMU] + self._errors.sample()
+
+  def restart(self, which: Mask, signals: Array) -> None:
+    self._errors.restart(which)
+
+
+@dataclasses.dataclass(frozen=True)
+class Encoder:
+  """Motor speed as the difference of whole counts. Default counts per motor turn: 720 lines, four edges (Quanser)."""
+
+  timing: Timing = Timing()
+  counts: int = 2880
+  channels = ("motor_speed",)
+
+  def begin(self, count: int, period: float, rng: np.random.Generator) -> "EncoderRun":
+    return EncoderRun(self, count, period, rng)
+
+
+class EncoderRun:
+  def __init__(self, encoder: Encoder, count: int, period: float, rng: np.random.Generator):
+    self._count, self._period = 2.0 * math.pi / encoder.counts, period  # rad, s
+    self._interval = 1.0 / encoder.timing.rate
+    self._angle = rng.uniform(0.0, self._count, count)  # rad, from a random place between two edges
+    self._last = np.floor(self._angle / self._count)
+    self._speed: Array | None = None
+
+  def observe(self, signals: Array) -> None:
+    """Turn the motor by the period just driven (trapezoidal rule)."""
+    speed = signals[:, MOTOR_SPEED]
+    before = speed if self._speed is None else self._speed
+    self._angle = self._angle + 0.5 * (before + speed) * self._period
+    self._speed = speed
+
+  def sample(self, signals: Array) -> Array:
+    """Mean motor speed since the last sample, rad/s, (N, 1)."""
+    edges = np.floor(self._angle / self._count)
+    speed = (edges - self._last) * self._count / self._interval
+    self._last = edges
+    return speed[:, None]
+
+  def restart(self, which: Mask, signals: Array) -> None:
+    if self._speed is not None:
+      self._speed = np.where(which, signals[:, MOTOR_SPEED], self._speed)
