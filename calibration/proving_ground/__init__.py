@@ -2,6 +2,7 @@
 
 from .car import Car
 from .effects import EFFECTS
+from .plant import ProvingGroundPlant
 from .session import Session, Spec, make_session, make_sessions
 
-__all__ = ["EFFECTS", "Car", "Session", "Spec", "make_session", "make_sessions"]
+__all__ = ["EFFECTS", "Car", "ProvingGroundPlant", "Session", "Spec", "make_session", "make_sessions"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass, fields
 from types import SimpleNamespace
 
@@ -135,4 +134,9 @@ def static_loads(car: SimpleNamespace) -> np.ndarray:
 
 def describe(car: Car) -> dict[str, float]:
   """The car's own numbers for the truth file."""
-  return {name: float(value) for name, value in asdict(car).items() if not math.isnan(value)}
+  return {name: float(value) for name, value in asdict(car).items()}
+
+
+def one_of(columns: SimpleNamespace, index: int) -> Car:
+  """The car of one column, with whatever effects did to it."""
+  return Car(**{f.name: float(getattr(columns, f.name)[index]) for f in fields(Car)})

@@ -31,8 +31,10 @@ def lab(rng: np.random.Generator) -> list[Manoeuvre]:
     m.coast_downs(12.0),
     m.drive_brake(rng, 12.0),
     m.excitation(rng, 14.0, "identify", "excitation_a"),
+    m.throttle_in_turn(13.2),
     *steers,
     m.ramp_steer(12.0),
+    m.ramp_steer(10.0, 2.2, 22.0, "identify", "ramp_steer_fast"),
     m.circles(0.4, 22.0, 14.0, "identify", "circles_slow"),
     m.circles(1.6, 12.0, 12.0, "identify", "circles_fast"),
     m.chirp(0.6, 13.0, "identify", "chirp_slow"),
@@ -46,7 +48,7 @@ def lab(rng: np.random.Generator) -> list[Manoeuvre]:
 
 
 def compact(rng: np.random.Generator) -> list[Manoeuvre]:
-  """14 recordings, about two minutes, the same phenomena."""
+  """15 recordings, about two minutes, the same phenomena."""
   return [
     m.standstill(3.0),
     m.staircase((0.75, 1.5, 2.5), 8.5, "identify", "voltage_steps"),
@@ -54,11 +56,12 @@ def compact(rng: np.random.Generator) -> list[Manoeuvre]:
     m.coast_downs(9.0),
     m.drive_brake(rng, 9.0),
     m.excitation(rng, 9.5, "identify", "excitation"),
-    dataclasses.replace(m.ramp_steer(9.5), name="ramp_steer"),
+    m.ramp_steer(9.0, 2.2, 22.0, "identify", "ramp_steer_fast"),
     m.circles(0.4, 22.0, 9.0, "identify", "circles_slow"),
     m.circles(1.5, 10.0, 9.0, "identify", "circles_fast"),
     m.chirp(0.6, 9.5, "identify", "chirp_slow"),
     m.chirp(1.6, 9.5, "identify", "chirp_fast"),
+    m.throttle_in_turn(8.8),
     m.oval(1.0, 9.5, "validate"),
     m.figure_eight(0.9, 9.5, "holdout"),
     m.free_drive(rng, 9.5, "holdout", "free_drive"),

@@ -108,11 +108,22 @@ def steering_step(degrees: float, role: str, duration: float = 5.5, speed: float
   )
 
 
-def ramp_steer(duration: float = 12.0, speed: float = 1.5, most: float = 24.0, role: str = "identify") -> Manoeuvre:
-  """Steering wound on slowly at constant speed."""
+def ramp_steer(
+  duration: float = 12.0, speed: float = 1.5, most: float = 24.0, role: str = "identify", name: str = "ramp_steer"
+) -> Manoeuvre:
+  """Steering wound on slowly at constant speed, up to `most` degrees."""
   time = clock(duration)
   steer = np.clip((time - 1.0) / (duration - 2.0), 0.0, 1.0) * most * DEGREE
-  return at_speed("ramp_steer", "ramp_steer", role, np.full(time.shape, speed), steer, start=(-3.0, -2.0, 0.0))
+  return at_speed(name, "ramp_steer", role, np.full(time.shape, speed), steer, start=(-3.0, -2.0, 0.0))
+
+
+def throttle_in_turn(duration: float, role: str = "identify", degrees: float = 11.0) -> Manoeuvre:
+  """Power on, off and against, in a turn to the left and then to the right."""
+  time = clock(duration)
+  levels = np.array([1.2, 2.8, 0.0, 2.2, -0.8, 3.2])
+  volts = levels[(time / 1.1).astype(int) % len(levels)]
+  steer = smooth(np.where(time < duration / 2, 1.0, -1.0), 21) * degrees * DEGREE
+  return open_loop("throttle_in_turn", "throttle_in_turn", role, volts, steer, start=(0.0, -1.0, 0.0, 0.0))
 
 
 def chirp(

@@ -23,7 +23,7 @@ class Log:
 
   def __init__(self, sim: Simulation, ticks: int) -> None:
     self.sim, self.car, self.ticks = sim, sim.car, ticks
-    self.fine = np.stack(sim.trace)  # (FINE * ticks + 1, 11, N)
+    self.fine = sim.trace  # (FINE * ticks + 1, 11, N)
     self.time = PERIOD * np.arange(ticks)
     self.channels: dict[str, np.ndarray] = {}
     self.vibration = np.abs(self.state("vx"))

@@ -11,14 +11,16 @@ import numpy as np
 from qcar_twin.dataset import write_dataset
 from qcar_twin.recording import Recording
 
-from .car import Car, describe, fleet
+from .car import Car, describe, fleet, one_of
 from .designs import plan
 from .driver import Driver, coloured, shaking
 from .effects import Effect, effect_class
+from .gaps import gaps
 from .manoeuvres import PERIOD, Manoeuvre
 from .sensing import POSE_EVERY, RESOLUTION, Log, add_noise
 from .simulation import TRACE, Carried, Simulation
 
+WIDEST = 800_000  # ticks x cars of one simulation: its trace takes 350 MB
 PAUSE = 15.0  # s between two runs
 FORCE_NOISE = ((0.05, 0.07, 0.004), 0.15)  # N, N, N m rms on the body; s memory
 LOAD_NOISE = (0.03, 0.06)  # relative rms of each wheel's load; s memory
@@ -75,10 +77,21 @@ def make_session(
 
 def make_sessions(specs: list[Spec]) -> list[Session]:
   """Several sessions side by side in one simulation; each equals what `make_session` gives for it alone."""
-  drafts, start = [], 0
+  sessions: list[Session] = []
+  while len(sessions) < len(specs):
+    sessions += _together(specs[len(sessions) :])
+  return sessions
+
+
+def _together(specs: list[Spec]) -> list[Session]:
+  """As many of the first specs as fit into one simulation's trace."""
+  drafts, columns, longest = [], 0, 0
   for spec in specs:
-    drafts.append(_draft(spec, start))
-    start = drafts[-1].columns.stop
+    draft = _draft(spec, columns)
+    columns, longest = draft.columns.stop, max(longest, len(draft.shaking))
+    if drafts and columns * longest > WIDEST:
+      break
+    drafts.append(draft)
   sim, commands = _drive(drafts)
   log = Log(sim, max(len(draft.shaking) for draft in drafts))
   return [_collect(draft, log, commands[:, :, draft.columns]) for draft in drafts]
@@ -136,7 +149,7 @@ def _drive(drafts: list[_Draft]) -> tuple[Simulation, np.ndarray]:
   carried = Carried(*(np.concatenate([getattr(c, f.name) for c in longer]) for f in fields(Carried)))
   motor = start[:, 3] / (cars.wheel_radius * cars.gear_ratio)
   command = driver.commands(0, *start[:, :3].T, motor)
-  sim.begin(start, command, carried)
+  sim.begin(start, command, carried, longest)
   state = sim.dynamics.state
   commands = np.empty((longest, 2, len(runs)))
   for k in range(longest):
@@ -209,7 +222,9 @@ def _collect(draft: _Draft, log: Log, commands: np.ndarray) -> Session:
   for i, run in enumerate(draft.runs):
     recordings.append(_recording(run, {name: values[: run.ticks, i] for name, values in noisy.items()}))
     clean[run.name] = fine[: run.ticks, :, i]
-  return Session(tuple(recordings), draft.vehicle, draft.vehicle_std, _truth(draft), clean)
+  return Session(
+    tuple(recordings), draft.vehicle, draft.vehicle_std, _truth(draft, one_of(log.car, columns.start)), clean
+  )
 
 
 def _recording(run: Manoeuvre, columns: dict[str, np.ndarray]) -> Recording:
@@ -225,34 +240,31 @@ def _recording(run: Manoeuvre, columns: dict[str, np.ndarray]) -> Recording:
   )
 
 
-def _truth(draft: _Draft) -> dict:
-  """All that was hidden."""
-  return {
-        "seed": draft.spec.seed, "design": draft.spec.design, "noise": draft.spec.noise,
-        "effects": [{"id": e.id, "size": e.size, "subsystem": e.subsystem, "in_catalogue": e.catalogue, "unit": e.unit, "parameters": e.truth()} for e in draft.effects],
-        "car": describe(draft.car), "linearised": draft.car.linearised(), "signals": list(TRACE), "gaps": gaps(draft.car),
-    }  # fmt: skip
-
-
-def gaps(car: Car) -> list[dict]:
-  """The generator's own benign differences from a textbook car, with this car's value of each."""
-  return [
-    {"gap": "brush tyre law", "value": car.friction, "unit": "-"},
-    {"gap": "transient slip of the carcass", "value": car.relaxation, "unit": "m"},
-    {"gap": "servo, equivalent delay", "value": 2 * car.servo_damping / car.servo_rate, "unit": "s"},
-    {"gap": "Ackermann share", "value": car.ackermann, "unit": "-"},
-    {"gap": "rolling resistance at the wheels", "value": car.rolling_resistance, "unit": "-"},
+def _truth(draft: _Draft, driven: Car) -> dict:
+  """All that was hidden; `driven` is the car with what the effects changed in it."""
+  spec = draft.spec
+  effects = [
     {
-      "gap": "body roll, angle per lateral acceleration",
-      "value": car.cg_height / (0.45 * (car.cg_height**2 + car.track_width**2 / 4) * car.roll_rate**2),
-      "unit": "rad s^2/m",
-    },
-    {"gap": "armature warms", "value": car.copper, "unit": "1/K"},
-    {"gap": "pack voltage falls over the whole charge", "value": car.discharge, "unit": "-"},
-    {"gap": "encoder differenced over a window", "value": 4e-3, "unit": "s"},
-    {"gap": "IMU averaged over two samples", "value": 2e-3, "unit": "s"},
-    {"gap": "dry friction builds up over a motor angle", "value": car.presliding, "unit": "rad"},
+      "id": effect.id,
+      "size": effect.size,
+      "subsystem": effect.subsystem,
+      "in_catalogue": effect.catalogue,
+      "unit": effect.unit,
+      "parameters": effect.truth(),
+    }
+    for effect in draft.effects
   ]
+  return {
+    "seed": spec.seed,
+    "design": spec.design,
+    "noise": spec.noise,
+    "effects": effects,
+    "car": describe(draft.car),
+    "car_as_driven": describe(driven),
+    "linearised": driven.linearised(),
+    "gaps": gaps(draft.car),
+    "signals": list(TRACE),
+  }
 
 
 def save(session: Session, folder: Path, name: str, mark: str) -> None:

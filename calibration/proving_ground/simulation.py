@@ -56,10 +56,13 @@ class Simulation:
     self.command, self.road = np.zeros((2, n)), np.zeros(n)
     self.carried = Carried.fresh(n)
     self.heat, self.used, self.time = np.zeros(n), np.zeros(n), 0.0
-    self.trace: list[np.ndarray] = []
+    self.trace, self.filled = np.zeros((1, len(TRACE), n)), 1
 
-  def begin(self, start: np.ndarray, held: np.ndarray | None = None, carried: Carried | None = None) -> None:
-    """Set the cars at start (N, 7), with `held` (2, N) [V, rad] commanded for long enough before, and what earlier runs left."""
+  def begin(
+    self, start: np.ndarray, held: np.ndarray | None = None, carried: Carried | None = None, ticks: int = 0
+  ) -> None:
+    """Set the cars at start (N, 7), with `held` (2, N) [V, rad] commanded for long enough before, and what earlier runs left.
+    The trace has room for `ticks` periods; after that its last row is written over."""
     rolling_start(self.dynamics, start)
     self.carried = carried or self.carried
     self.heat[:], self.used[:], self.time = self.carried.heat, self.carried.used, 0.0
@@ -70,7 +73,8 @@ class Simulation:
     self.dynamics.voltage[:] = self.command[0]
     self.dynamics.stage.array[:] = self.dynamics.state.array
     self.dynamics.derivative()
-    self.trace = [self._row()]
+    self.trace, self.filled = np.empty((1 + ticks * self.substeps // self.stride, len(TRACE), self.n)), 0
+    self._keep()
 
   def advance(self, command: np.ndarray, disturbance: np.ndarray | None = None) -> None:
     """Hold command (2, N) [V, rad] for one period. `disturbance` (7, N): N, N, N m on the body and relative wheel load errors."""
@@ -85,7 +89,7 @@ class Simulation:
       self._warm()
       self.time += self.h
       if (index + 1) % self.stride == 0:
-        self.trace.append(self._row())
+        self._keep()
 
   def _inputs(self, command: np.ndarray) -> None:
     """From logged commands to what servo and motor get."""
@@ -110,6 +114,11 @@ class Simulation:
     loss = d.current**2 * d.resistance - self.heat / car.heat_resistance
     self.heat += self.h * loss / car.heat_capacity
     self.used += self.h * np.abs(d.current * d.voltage) / 11.1
+
+  def _keep(self) -> None:
+    """Add a row to the trace."""
+    self.filled = min(self.filled + 1, len(self.trace))
+    self.trace[self.filled - 1] = self._row()
 
   def _row(self) -> np.ndarray:
     """One row of the trace (11, N): truth at this instant, accelerations at the IMU."""

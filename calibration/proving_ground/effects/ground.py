@@ -59,13 +59,13 @@ class WheelRadiusError(Effect):
 class LoadTransfer(Effect):
   """A higher centre of gravity and tyres that lose more stiffness and friction with load."""
 
-  id, subsystem, parameter, typical, unit = "load_transfer", "tyre", "cg_height_offset", 0.020, "m"
+  id, subsystem, parameter, typical, unit = "load_transfer", "tyre", "cg_height_offset", 0.025, "m"
 
   def prepare(self, car: SimpleNamespace) -> None:
     c = self.columns
     car.cg_height[c] += self.value
-    car.load_curve[c] += 0.20 * self.size
-    car.friction_load[c] += 0.10 * self.size
+    car.load_curve[c] += 0.35 * self.size
+    car.friction_load[c] += 0.15 * self.size
 
 
 class CombinedSlip(Effect):

@@ -73,7 +73,7 @@ class SteeringShimmy(Outside):
 class TyreTemperature(Outside):
   """Tyres that warm by sliding lose grip and forget it over eight seconds."""
 
-  id, subsystem, parameter, typical, unit = "tyre_temperature", "tyre", "grip_lost_at_1W", 0.45, "-"
+  id, subsystem, parameter, typical, unit = "tyre_temperature", "tyre", "grip_lost_at_1W", 0.8, "-"
 
   def begin(self, sim: Simulation) -> None:
     self.warmth = np.zeros((4, sim.n))[:, self.columns]
