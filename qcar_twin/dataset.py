@@ -106,7 +106,8 @@ def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Re
 def _cut(whole: Recording) -> tuple[list[Recording], list[str]]:
   """Cut where nothing was logged for long; pieces too short to use are dropped."""
   time, _ = whole.columns()
-  step = min(float(np.median(np.diff(stream.time))) for stream in whole.streams.values() if len(stream) > 1)
+  steps = [float(np.median(np.diff(stream.time))) for stream in whole.streams.values() if len(stream) > 1]
+  step = min(steps, default=0.0)
   after = np.flatnonzero(np.diff(time) > gap_limit(step)) + 1
   spans = [(rows[0], rows[-1]) for rows in np.split(time, after)]
   counts = [_samples(whole, *span) for span in spans]

@@ -45,7 +45,14 @@ def frozen(recording: Recording) -> list[str]:
   for channel, stream in recording.streams.items():
     named, so = channel, "do not trust it there"
     if channel in _NOISY:
-      stuck = [span for span in _long_runs(stream) if not _at_rest(recording, channel, span)]
+      bounds = [
+        extreme for extreme in _extremes(stream) if _clips(stream, extreme)
+      ]  # a clipped sensor is not a frozen one
+      stuck = [
+        span
+        for span in _long_runs(stream)
+        if _within(stream, span)[0] not in bounds and not _at_rest(recording, channel, span)
+      ]
     elif channel in ("speed", "motor_speed"):
       stuck = [span for span in _long_runs(stream) if _should_change(recording, stream, span)]
       so = "a stuck encoder, or a car held by static friction"
@@ -63,10 +70,10 @@ def clipped(recording: Recording) -> list[str]:
   """A finely resolved channel that enters its own largest or smallest value abruptly and stays there for several samples."""
   notes = []
   for channel in _CLIPPABLE:
-    if channel not in recording or len(recording[channel]) < 3 * _MIN_SAMPLES:
+    if channel not in recording:
       continue
     stream = recording[channel]
-    for extreme in (stream.value.max(), stream.value.min()):
+    for extreme in _extremes(stream):
       spans = _clips(stream, extreme)
       if spans:
         notes.append(
@@ -140,6 +147,10 @@ def _should_change(recording: Recording, stream: Stream, span: tuple[float, floa
   moving = np.abs(stream.value) > 0.1 * np.abs(stream.value).max()
   usual = np.median(np.abs(voltage.at(stream.time[moving]))) if moving.any() else np.inf
   return bool(usual > 0.0) and float(np.median(np.abs(inside))) >= float(usual)
+
+
+def _extremes(stream: Stream) -> tuple[float, float]:
+  return float(stream.value.max()), float(stream.value.min())
 
 
 def _clips(stream: Stream, extreme: float) -> list[tuple[float, float]]:

@@ -75,11 +75,11 @@ def check_limits(recording: Recording) -> None:
     if beyond.mean() > limit.fraction:
       at = recording[channel].time[int(np.argmax(beyond))]
       unit = next(
-        (suspect for suspect in limit.suspects if np.median(magnitude[beyond]) * suspect.scale < limit.value),
+        (suspect for suspect in limit.suspects if np.median(magnitude[beyond]) * suspect.scale < limit.value / 5.0),
         limit.suspects[-1],
       )
       raise RecordingError(
-        f"{recording.file or recording.name}: {channel} reaches {magnitude.max():g} {limit.unit}, implausible above {limit.value:g} "
+        f"{recording.file or recording.name}: {channel} reaches {magnitude.max():g} {limit.unit}, implausible above {limit.value:g} {limit.unit} "
         f"(first at {at:g} s); {_cure(unit)}"
       )
 

@@ -41,7 +41,7 @@ def read_parquet(path: Path, shown: str) -> Table:
   """A Parquet file with flat numeric columns; null means no sample."""
   try:
     table = pyarrow.parquet.read_table(path)
-  except pyarrow.ArrowInvalid as error:
+  except pyarrow.ArrowException as error:
     raise RecordingError(f"{shown}: is not a readable Parquet file ({error}); write it again") from error
   return _from_arrow(table, shown)
 

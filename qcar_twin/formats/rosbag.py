@@ -30,9 +30,9 @@ def read_bag(path: Path, shown: str) -> Table:
   try:
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
       topics = _read_topics(reader, shown)
-  except (AnyReaderError, KeyError, ValueError, AssertionError) as error:
-    if isinstance(error, RecordingError):
-      raise
+  except (RecordingError, PermissionError):
+    raise
+  except Exception as error:  # the reader raises many kinds for damaged files
     raise RecordingError(
       f"{shown}: is not a readable bag ({error}); a bag that was cut off can be repaired with `mcap recover` or `ros2 bag reindex`"
     ) from error
