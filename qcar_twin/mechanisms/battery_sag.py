@@ -25,7 +25,7 @@ class BatterySag(Mechanism):
   parameters = (
     Parameter("battery_sag", 0.0, 0.0, 2.0, "-", "s", null=0.0, typical=0.2, description="relative loss"),
     Parameter("battery_sag_power", 1.0, 0.4, 2.0, "-", "p", description="power of the battery current"),
-    Parameter("battery_sag_time", 0.03, 0.001, 20.0, "s", "tau", description="recovery time"),
+    Parameter("battery_sag_time", 0.03, 0.001, 20.0, "s", "tau", std=0.5, description="recovery time"),
   )
 
   def initial(self, theta: Array, context: Context) -> State:

@@ -22,7 +22,7 @@ class DrivelineBacklash(Mechanism):
   subsystem = "drive"
   stage = "actuator"
   parameters = (
-    Parameter("driveline_play", 0.0, 0.0, 3.0, "rad", "b", null=0.0, typical=0.4, description="play at the motor"),
+    Parameter("driveline_play", 0.0, 0.0, 5.0, "rad", "b", null=0.0, typical=1.0, description="play at the motor"),
     Parameter("driveline_play_inertia", 2e-6, 1e-7, 5e-5, "kg m^2", "J", std=2e-6, description="motor's own inertia"),
   )
 

@@ -32,11 +32,6 @@ def dead_zone(x: Array, half_width: Array, width: float = KINK) -> Array:
   return x + 0.5 * (np.sqrt(rise * rise + width * width) - np.sqrt(fall * fall + width * width))
 
 
-def moving(speed: Array, width: float = STANDSTILL) -> Array:
-  """Direction of motion, -1 to 1: tanh(speed / width)."""
-  return np.tanh(speed / width)
-
-
 def rolling_torque(force: Array, context: Context) -> Array:
   """Torque on the motor side that stands for a force at the wheels: N -> N m, by equal power."""
   return force * (context.car.wheel_radius * context.car.gear_ratio)

@@ -4,7 +4,7 @@ from qcar_twin.mechanisms.base import Array, Context, Mechanism, State
 from qcar_twin.parameters import Parameter
 
 GRAVITY = 9.81  # m/s^2
-NORMALISED_STIFFNESS = 15.0  # 1/rad: lateral force per axle load and slip angle, a stiff small tyre
+NORMALISED_STIFFNESS = 22.0  # 1/rad: lateral force per axle load and slip angle, stiffer than any small tyre
 
 
 class SteeringCompliance(Mechanism):
