@@ -24,9 +24,9 @@ Array = NDArray[np.float64]
 
 PARAMETERS = ParameterSet(
   (
-    Parameter("drive_gain", 4800.0, 1.0, 1e5, "rad/s^2/V", "P1", description="motor acceleration per volt"),
-    Parameter("drive_damping", 8.0, 0.05, 200.0, "1/s", "P2", description="back-EMF and viscous friction"),
-    Parameter("drive_friction", 1600.0, 0.0, 1e5, "rad/s^2", "P3", null=0.0, description="Coulomb friction"),
+    Parameter("drive_gain", 850.0, 1.0, 1e5, "rad/s^2/V", "P1", description="motor acceleration per volt"),
+    Parameter("drive_damping", 2.5, 0.05, 200.0, "1/s", "P2", description="back-EMF and viscous friction"),
+    Parameter("drive_friction", 120.0, 0.0, 1e5, "rad/s^2", "P3", null=0.0, description="Coulomb friction"),
     Parameter("cornering_stiffness_front", 180.0, 1.0, 2e4, "N/rad", "C_f", description="front axle"),
     Parameter("cornering_stiffness_rear", 180.0, 1.0, 2e4, "N/rad", "C_r", description="rear axle"),
   )

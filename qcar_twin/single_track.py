@@ -18,6 +18,7 @@ Source: Caponio et al., eqs. (1)-(3). Its text exchanges P1 and P2 in their phys
 
 import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,18 +165,24 @@ def _blended(speed: Quantity, accel: Quantity, steering: Quantity, car: Car) -> 
   return share[..., None, None] * matrix - follow[..., None, None] * np.eye(2), constant
 
 
-def lateral_after(
-  lateral: Array, speed: Quantity, accel: Quantity, steering: Quantity, duration: float, car: Car
-) -> tuple[Array, Array]:
-  """(beta, r) after `duration` [s] of constant speed and steering, and the yaw turned meanwhile; exact.
+class Transition(NamedTuple):
+  """Lateral motion over a constant speed and steering: z(h) = flow z + forced, yaw turned = turn z + turned."""
 
-  Returns (..., 2) and (...,): z(h) = e^(A h) z + I_1 c and the integral of z, I_1 z + I_2 c. A speed that
-  changes is frozen at its mid value: an error of third order in h.
+  flow: Array  # (..., 2, 2)
+  forced: Array  # (..., 2)
+  turn: Array  # (..., 2)
+  turned: Array  # (...)
+
+
+def lateral_transition(speed: Quantity, accel: Quantity, steering: Quantity, duration: float, car: Car) -> Transition:
+  """Exact transition of z = (beta, r) over `duration` [s]; speed [m/s], v' [m/s^2], steering [rad] constant.
+
+  z(h) = e^(A h) z + I_1 c, integral of z = I_1 z + I_2 c. A speed that changes is frozen at its mid value:
+  an error of third order in h.
   """
   matrix, constant = _blended(speed, accel, steering, car)
   flow, once, twice = _exponential_integrals(matrix, duration)
-  after = _apply(flow, lateral) + _apply(once, constant)
-  return after, _apply(once, lateral)[..., 1] + _apply(twice, constant)[..., 1]
+  return Transition(flow, _apply(once, constant), once[..., 1, :], _apply(twice, constant)[..., 1])
 
 
 def _apply(matrix: Array, vector: Array) -> Array:
@@ -298,9 +305,10 @@ def _half_step(x: Array, u: Array, duration: float, car: Car) -> Array:
   accel = acceleration(middle, voltage, car)
   after = np.array(np.broadcast_to(x, (*np.shape(middle), State.SIZE)))
   after[..., State.SPEED] = motor_speed_after(motor_speed, voltage, duration, *numbers) * car.rolling_radius
-  lateral, turned = lateral_after(x[..., State.LATERAL], middle, accel, u[..., 1], duration, car)
-  after[..., State.LATERAL] = lateral
-  after[..., State.POSE_YAW] += turned
+  transition = lateral_transition(middle, accel, u[..., 1], duration, car)
+  lateral = x[..., State.LATERAL]
+  after[..., State.LATERAL] = _apply(transition.flow, lateral) + transition.forced
+  after[..., State.POSE_YAW] += np.sum(transition.turn * lateral, axis=-1) + transition.turned
   return after
 
 

@@ -103,7 +103,7 @@ def test_steering_ends_at_its_stop():
 def test_standstill_and_reverse_are_finite_and_calm():
   simulation = Bicycle(VEHICLE).begin(THETA, np.zeros(len(START)))
   for _ in range(20):
-    rest = simulation.step(np.array([[0.3, 0.3]]))
+    rest = simulation.step(np.array([[0.1, 0.3]]))
   assert np.all(rest[0, :9] == 0.0)
   for _ in range(200):
     back = simulation.step(np.array([[-1.5, 0.2]]))

@@ -1,0 +1,164 @@
+"""Steps of a command found in recordings, and the steady end of the response to each.
+
+A step is a jump of the command that is then held. The response runs from the jump to the next one (or
+to the end of the recording); its steady window is the end of it that no longer drifts.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.recording import Recording
+
+Array = NDArray[np.float64]
+
+PERIOD = 0.01  # s, the paper's discretisation of its costs
+FILTER_TIME = 0.05  # s, length of the zero-phase moving average
+SHORTEST = 0.8  # s, a command held for less is no step
+LEAD_IN = 1.0  # s, longest stretch before a step from which starts and biases are read
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Step:
+  """The response to one held command.
+
+  Attributes:
+    recording, role: where it is from.
+    level: held command, V or rad.
+    time: s since the step, (T,); negative in the lead-in.
+    commands: motor voltage [V] and steering [rad] held over each period, (T, 2).
+    measured: channel -> values on the same grid, (T,).
+    steady: rows of the steady window, None if the response is nowhere near its end.
+    drifts: the steady window still drifts (by 0.4 to 8 % between its halves).
+  """
+
+  recording: str
+  role: str
+  level: float
+  time: Array
+  commands: Array
+  measured: Mapping[str, Array]
+  steady: slice | None
+  drifts: bool = False
+
+  @property
+  def first(self) -> int:
+    """Row at which the new command begins to act."""
+    return int(np.searchsorted(self.time, -0.5 * PERIOD))
+
+  def lead_in(self, channel: str) -> Array:
+    """Values before the step."""
+    return self.measured[channel][: self.first]
+
+  def steady_mean(self, channel: str) -> float:
+    return float(np.mean(self.measured[channel][self.steady]))
+
+  def steady_drift(self, channel: str) -> float:
+    """Rate of change over the steady window, unit/s; zero where it has settled."""
+    if not self.drifts:
+      return 0.0
+    values = self.measured[channel][self.steady]
+    return float(np.polyfit(self.time[self.steady], values, 1)[0])
+
+
+def moving_average(values: Array, duration: float = FILTER_TIME, period: float = PERIOD) -> Array:
+  """Zero-phase moving average over the last axis, over an odd number of samples; shorter at the ends.
+
+  Applied alike to measurement and model, so that the filter leaves no bias in a comparison.
+  """
+  half = int(round(0.5 * duration / period))
+  length = values.shape[-1]
+  total = np.cumsum(np.insert(values, 0, 0.0, axis=-1), axis=-1)
+  low = np.maximum(np.arange(length) - half, 0)
+  high = np.minimum(np.arange(length) + half + 1, length)
+  return (total[..., high] - total[..., low]) / (high - low)
+
+
+def find_steps(
+  recordings: Sequence[Recording], command: str, channel: str, smallest: float, start_at_rest: bool
+) -> tuple[Step, ...]:
+  """Every step of `command` ("motor_voltage", "steering_command") in some recordings.
+
+  Args:
+    channel: the response that has to settle, e.g. "motor_speed".
+    smallest: smaller commands are not steps, V or rad.
+    start_at_rest: a recording that begins at rest with the command already on is a step from its start.
+  """
+  steps = []
+  for recording in recordings:
+    if channel in recording and command in recording:
+      steps += _steps_of(recording, command, channel, smallest, start_at_rest)
+  return tuple(steps)
+
+
+def _steps_of(recording: Recording, command: str, channel: str, smallest: float, start_at_rest: bool) -> list[Step]:
+  columns = recording.resample(PERIOD)
+  _, commands = recording.commands(PERIOD)
+  values = commands[:, 0 if command == "motor_voltage" else 1]
+  rows = _logged_rows(columns[channel])
+  found = []
+  for jump, begin, end in _plateaus(values[: rows.stop], start_at_rest):
+    level = float(np.median(values[begin:end]))
+    held = np.std(values[begin:end]) < 0.1 * abs(level)
+    if held and abs(level) >= smallest and (end - begin) * PERIOD >= SHORTEST and jump >= rows.start:
+      found.append(_step(recording, columns, commands, level, channel, (max(jump, rows.start), begin, end)))
+  return found
+
+
+def _logged_rows(values: Array) -> slice:
+  """Rows between the first and the last sample."""
+  there = np.flatnonzero(np.isfinite(values))
+  return slice(int(there[0]), int(there[-1]) + 1) if there.size else slice(0, 0)
+
+
+def _plateaus(values: Array, start_at_rest: bool) -> list[tuple[int, int, int]]:
+  """(first row of the jump, first row after it, row of the next jump) of every held stretch."""
+  reach = np.ptp(values)
+  jumps = np.flatnonzero(np.abs(np.diff(values)) > 0.2 * reach) + 1 if reach > 0.0 else np.array([], dtype=int)
+  groups = np.split(jumps, np.flatnonzero(np.diff(jumps) > 0.25 / PERIOD) + 1) if jumps.size else []
+  edges = [(int(group[0]), int(group[-1])) for group in groups]
+  if start_at_rest:
+    edges = [(0, 0), *edges]
+  nexts = [first for first, _ in edges[1:]] + [len(values)]
+  return [(first, last, end) for (first, last), end in zip(edges, nexts, strict=True)]
+
+
+def _step(
+  recording: Recording,
+  columns: Mapping[str, Array],
+  commands: Array,
+  level: float,
+  channel: str,
+  rows: tuple[int, int, int],
+) -> Step:
+  jump, begin, end = rows
+  first = max(0, jump - int(LEAD_IN / PERIOD))
+  window = slice(first, end)
+  measured = {name: values[window] for name, values in columns.items() if name != "time"}
+  settled, drifts = settled_rows(columns[channel][begin:end])
+  steady = None if settled is None else slice(settled + begin - first, end - first)
+  time = (np.arange(first, end) - jump) * PERIOD
+  return Step(recording.name, recording.role, level, time, commands[window], measured, steady, drifts)
+
+
+def settled_rows(values: Array, tight: float = 0.004, loose: float = 0.08) -> tuple[int | None, bool]:
+  """First row of the steady end of a response, and whether it still drifts; (None, False) if it is no end at all.
+
+  The longest end whose two halves have means within `tight` of each other (relative), of those that
+  begin after 30, 40, ... 80 % of the response; else its last 40 %, drifting, if the halves agree within `loose`.
+  """
+  for share, limit in [*((s, tight) for s in np.arange(0.3, 0.81, 0.1)), (0.6, loose)]:
+    begin = int(share * len(values))
+    early, late = np.array_split(values[begin:], 2)
+    size = abs(float(np.mean(values[begin:])))
+    if len(early) >= 0.15 / PERIOD and abs(np.mean(early) - np.mean(late)) <= limit * size:
+      return begin, limit == loose
+  return None, False
+
+
+def standard_error(values: Array, blocks: int = 4) -> float:
+  """Standard error of the mean of correlated samples, from the means of a few blocks."""
+  means = [float(np.mean(block)) for block in np.array_split(values, blocks)]
+  return float(np.std(means, ddof=1) / np.sqrt(blocks))
