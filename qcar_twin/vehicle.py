@@ -16,6 +16,7 @@ from typing import Literal
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from qcar_twin.tyre import add_tyres, tyre_user_data
 
@@ -197,6 +198,8 @@ class Vehicle:
     self._write_steering(spec, timestep)
     if tyre == "contact":
       add_tyres(spec, "chassis", {wheel: self.tyre_user_data(wheel) for wheel in WHEELS})
+    else:
+      _soften(spec)
     self._stretch_looks(spec) if looks else _strip_looks(spec)
     return spec
 
@@ -266,7 +269,8 @@ class Vehicle:
     for wheel in WHEELS[:2]:
       joint = spec.joint(f"{wheel}_steering")
       joint.armature, joint.damping[0] = inertia - self._wheel_inertias[2], inertia / timestep
-    servo.ctrlrange = [-lock, lock]
+    force = 2.0 * inertia / timestep * min(self.servo_rate, 1e3)  # what moves them at servo_rate against d
+    servo.ctrlrange, servo.forcerange = [-lock, lock], [-force, force]
     spec.equality("ackermann").data[2] = self.ackermann_fraction * self.track_width / (2.0 * self.wheelbase)
 
   @property
@@ -323,6 +327,27 @@ class Handles:
       gyro=sensor("gyro"),
       encoder=sensor("encoder"),
     )
+
+
+def differential_rows(damping: ArrayLike, timestep: float, invweight: float) -> tuple[np.ndarray, np.ndarray]:
+  """Solver numbers that make the equality `front_differential` or `rear_differential` a damper, torque = -b (w_l - w_r).
+
+  A row with reference -v/h and regularisation R = 1/(h b) solves for -b times the speed at the end of the
+  step: stable from open (switch the equality off) to locked. Write them to eq_solref and eq_solimp, and eq_active to 1.
+
+  Args:
+    damping: b, N m s/rad, (n,).
+    timestep: h, s.
+    invweight: tendon_invweight0 of the tendon of that name, 1/(kg m^2).
+
+  Returns:
+    solref (n, 2) and solimp (n, 5).
+  """
+  strength = timestep * np.atleast_1d(np.asarray(damping, dtype=np.float64)) * invweight
+  impedance = np.clip(strength / (1.0 + strength), 1e-4, 0.9999)  # MuJoCo's own limits
+  fixed = np.ones_like(impedance)
+  solref = np.stack([-1e-9 * fixed, -impedance / timestep], axis=-1)
+  return solref, np.stack([impedance, impedance, fixed, 0.5 * fixed, 2.0 * fixed], axis=-1)
 
 
 _MEASURED = (
@@ -397,6 +422,13 @@ def _scaled(car: Vehicle) -> dict[str, float]:
     "wheel_inertia": _QCAR.wheel_inertia * load * radius**2,
     "yaw_inertia": _QCAR.yaw_inertia * load * size**2,
   }
+
+
+def _soften(spec: mujoco.MjSpec) -> None:
+  """Wheel contacts with MuJoCo's default softness, at which its own friction chatters least."""
+  for wheel in WHEELS:
+    geom = spec.geom(wheel)
+    geom.solref, geom.solimp = [0.02, 1.0], [0.9, 0.95, 0.001, 0.5, 2.0]
 
 
 def _strip_looks(spec: mujoco.MjSpec) -> None:
