@@ -1,5 +1,7 @@
 """Battery that gives way under load."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from qcar_twin.mechanisms.base import Array, Context, Mechanism, State
@@ -27,6 +29,10 @@ class BatterySag(Mechanism):
     Parameter("battery_sag_power", 1.0, 0.4, 2.0, "-", "p", description="power of the battery current"),
     Parameter("battery_sag_time", 0.03, 0.001, 20.0, "s", "tau", std=0.5, description="recovery time"),
   )
+
+  def starts(self) -> Sequence[Mapping[str, float]]:
+    """Resistance alone, and a battery that recovers over seconds."""
+    return ({"battery_sag_time": 0.03}, {"battery_sag_time": 2.0})
 
   def initial(self, theta: Array, context: Context) -> State:
     return {"drop": np.zeros(len(theta))}

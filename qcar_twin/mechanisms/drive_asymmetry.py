@@ -1,5 +1,7 @@
 """Drive that pulls back differently than it pulls forward."""
 
+from collections.abc import Mapping, Sequence
+
 from qcar_twin.mechanisms.base import Array, Context, Mechanism, State
 from qcar_twin.mechanisms.elements import idle_voltage, ramp
 from qcar_twin.parameters import Parameter
@@ -25,6 +27,10 @@ class DriveAsymmetry(Mechanism):
     Parameter("drive_asymmetry", 0.0, -0.6, 0.6, "-", "a", null=0.0, typical=0.1, description="relative, backwards"),
     Parameter("drive_asymmetry_by_voltage", 0.3, 0.0, 1.0, "-", "s", description="0 by torque, 1 by voltage"),
   )
+
+  def starts(self) -> Sequence[Mapping[str, float]]:
+    """By the sign of the torque, and of the voltage."""
+    return ({"drive_asymmetry_by_voltage": 0.05}, {"drive_asymmetry_by_voltage": 0.95})
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     voltage, share = command[:, 0], theta[:, 1]

@@ -1,5 +1,7 @@
 """A floor or tyres that change while one drives."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from qcar_twin.mechanisms.base import Array, Context, Mechanism, Model
@@ -27,6 +29,12 @@ class FrictionChange(Mechanism):
     Parameter("friction_change_suddenness", 3.0, 0.7, 30.0, "-", "p", description="1 gradual, 20 at once"),
     Parameter("friction_change_stiffness", 0.5, 0.0, 1.0, "-", "share", description="share that stiffness takes"),
   )
+
+  def starts(self) -> Sequence[Mapping[str, float]]:
+    """A fast and a slow drift, and drops at four times."""
+    drifts = ({"friction_change_time": t, "friction_change_suddenness": 1.0} for t in (60.0, 300.0))
+    drops = ({"friction_change_time": t, "friction_change_suddenness": 15.0} for t in (40.0, 100.0, 200.0, 400.0))
+    return (*drifts, *drops)
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
     driven = context.history[:, 0] + context.time

@@ -1,5 +1,7 @@
 """Motor that gets weaker as it gets hot."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from qcar_twin.mechanisms.base import Array, Context, Mechanism, State
@@ -23,6 +25,10 @@ class MotorHeating(Mechanism):
     Parameter("motor_heating", 0.0, 0.0, 1.0, "-", "g", null=0.0, typical=0.15, description="loss when warm"),
     Parameter("motor_heating_time", 60.0, 5.0, 600.0, "s", "tau", description="thermal time constant"),
   )
+
+  def starts(self) -> Sequence[Mapping[str, float]]:
+    """A small motor and a large one."""
+    return ({"motor_heating_time": 20.0}, {"motor_heating_time": 120.0})
 
   def initial(self, theta: Array, context: Context) -> State:
     seconds, energy = context.history.T

@@ -1,5 +1,7 @@
 """Slow steering actuator."""
 
+from collections.abc import Mapping, Sequence
+
 from qcar_twin.mechanisms.base import Array, Context, Mechanism, State
 from qcar_twin.mechanisms.elements import lag_step, second_order
 from qcar_twin.parameters import Parameter
@@ -22,6 +24,10 @@ class SteeringLag(Mechanism):
     Parameter("steering_lag", 0.0, 0.0, 0.4, "s", "tau", null=0.0, typical=0.05, description="low-frequency lag"),
     Parameter("steering_lag_inertia", 0.1, 0.0, 2.0, "-", "q", description="1 / (2 zeta)^2, zeta damping ratio"),
   )
+
+  def starts(self) -> Sequence[Mapping[str, float]]:
+    """Nearly first order, and a servo with a damping ratio of 0.7."""
+    return ({"steering_lag_inertia": 0.05}, {"steering_lag_inertia": 0.5})
 
   def initial(self, theta: Array, context: Context) -> State:
     state = second_order(theta[:, 0], theta[:, 1], context.period)

@@ -69,6 +69,16 @@ def test_parameters_declare_null_and_size(mechanism):
 
 
 @each
+def test_search_starts_are_shapes_inside_their_bounds(mechanism):
+  shapes = {p.name: p for p in mechanism.parameters if p.null is None}
+  starts = mechanism.starts()
+  assert len(starts) >= 1
+  for start in starts:
+    assert set(start) <= set(shapes)
+    assert all(shapes[k].lower <= v <= shapes[k].upper for k, v in start.items())
+
+
+@each
 def test_hooks_are_those_of_the_stage(mechanism):
   stage = {"command": "command", "actuator": "command", "force": "wrench", "contact": "write_model"}
   stage["sensor"] = "measure"

@@ -94,7 +94,7 @@ def test_steering_dead_zone_has_no_memory():
 
 
 def test_steering_holds_until_the_command_has_left_its_dead_band():
-  found = act("steering_quantisation", [0.02], [0.01, 0.015, 0.03, 0.04, 0.0], STEER)
+  found = act("steering_quantisation", [0.02, 40.0], [0.01, 0.015, 0.03, 0.04, 0.0], STEER)
   np.testing.assert_allclose(found, [0.0, 0.0, 0.03, 0.03, 0.0], atol=2e-4)
 
 
