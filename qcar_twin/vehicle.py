@@ -1,8 +1,7 @@
-"""A 1:10 car as numbers, and those numbers as a MuJoCo model.
+"""A 1:10 car as numbers: what a person measures with a scale and a ruler, and nominal figures of drive and tyres.
 
-`Vehicle` holds what a person measures with a scale and a ruler, plus nominal figures of drive and
-tyres. `Vehicle.spec()` writes them into assets/qcar.xml: any other car is the same file with other
-numbers. Frame: x forward, y left, z up; the chassis frame has its origin at the car's centre of gravity.
+Any car is the same model with other numbers: `Vehicle.spec()` writes them into assets/qcar.xml.
+Frame: x forward, y left, z up; the origin of the chassis is the car's centre of gravity.
 """
 
 import dataclasses
@@ -12,13 +11,12 @@ import math
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
 
-from qcar_twin.tyre import add_tyres, tyre_user_data
+if TYPE_CHECKING:
+  import mujoco
 
 log = logging.getLogger(__name__)
 
@@ -26,10 +24,6 @@ ASSETS = Path(__file__).resolve().parents[1] / "assets"
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 GRAVITY = 9.81  # m/s^2
 TyreKind = Literal["contact", "native"]
-
-_LOOKS_GROUP = 2
-_KNUCKLE_INERTIA = 2e-4  # of a road wheel with its share of the servo / mass of the car, m^2
-_SCALED = ("wheelbase", "track_width", "wheel_radius")  # what the looks are stretched with, along x, y, z
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,7 +120,7 @@ class Vehicle:
     body = self.mass - 4.0 * self.wheel_mass
     offset = -self.wheel_mass * wheels.sum(axis=0) / body
     apart = self.wheel_mass * np.sum(wheels**2) + body * np.sum(offset**2)
-    return float(self.yaw_inertia - apart - 4.0 * self._wheel_inertias[2])
+    return float(self.yaw_inertia - apart - 4.0 * self.wheel_inertias[2])
 
   @property
   def drive_inertia(self) -> float:
@@ -135,7 +129,8 @@ class Vehicle:
     return self.rotor_inertia + rolling * self.gear_ratio**2
 
   @property
-  def _wheel_inertias(self) -> tuple[float, float, float]:
+  def wheel_inertias(self) -> tuple[float, float, float]:
+    """Of a wheel about its x, y (axle) and z axis, kg m^2."""
     return 0.6 * self.wheel_inertia, self.wheel_inertia, 0.6 * self.wheel_inertia
 
   @classmethod
@@ -171,183 +166,27 @@ class Vehicle:
     given, std = _motor_figures(given, dict(std or {}))
     for key in set(given) - _field_names():
       near = difflib.get_close_matches(key, _field_names(), n=1)
-      log.warning("[vehicle]: '%s' is not a number this twin knows and is left out%s", key,
-                  f"; did you mean {near[0]}?" if near else "")
-    numbers = {key: float(value) for key, value in given.items() if key in _field_names()}
+      log.warning(
+        "[vehicle]: '%s' is not a number this twin knows and is left out%s",
+        key,
+        f"; did you mean {near[0]}?" if near else "",
+      )
+    numbers: dict[str, Any] = {key: float(value) for key, value in given.items() if key in _field_names()}
     measured = cls(**{key: value for key, value in numbers.items() if key in _MEASURED and key != "yaw_inertia"})
-    numbers = _scaled(measured) | numbers
+    numbers = _scaled(measured, numbers.get("yaw_inertia")) | numbers
     return cls(name=str(vehicle.get("name", "car")), std=std, **numbers)
 
-  def spec(self, tyre: TyreKind = "contact", timestep: float = 0.002, looks: bool = False) -> mujoco.MjSpec:
-    """The car on a floor.
+  def spec(self, tyre: TyreKind = "contact", timestep: float = 0.002, looks: bool = False) -> "mujoco.MjSpec":
+    """The car on a floor, ready to compile or to build a world around; see `vehicle_model.write`.
 
     Args:
       tyre: "contact" for the tyre inside the contact solver, "native" for MuJoCo's own friction.
       timestep: s.
       looks: keep the visual geoms, cameras and lights; without them a step costs a tenth less.
     """
-    if tyre not in ("contact", "native"):
-      raise ValueError(f"tyre must be 'contact' or 'native', not '{tyre}'")
-    spec = mujoco.MjSpec.from_file(str(ASSETS / "qcar.xml"))
-    spec.modelname = self.name
-    spec.option.timestep = timestep
-    spec.option.gravity = [0.0, 0.0, -GRAVITY]
-    self._write_chassis(spec)
-    self._write_wheels(spec)
-    self._write_drive(spec)
-    self._write_steering(spec, timestep)
-    if tyre == "contact":
-      add_tyres(spec, "chassis", {wheel: self.tyre_user_data(wheel) for wheel in WHEELS})
-    else:
-      _soften(spec)
-    self._stretch_looks(spec) if looks else _strip_looks(spec)
-    return spec
+    from qcar_twin import vehicle_model  # here, so that a car's numbers can be read without a simulator
 
-  def tyre_user_data(self, wheel: str) -> list[float]:
-    """`geom_user` of a wheel."""
-    front = wheel.startswith("front")
-    axle = self.cornering_stiffness_front if front else self.cornering_stiffness_rear
-    return tyre_user_data(
-      cornering_stiffness=axle / 2.0,
-      longitudinal_stiffness=self.longitudinal_stiffness / 4.0,
-      friction_coefficient=self.friction_coefficient,
-      tyre_shape=self.tyre_shape,
-      load_exponent=self.load_exponent,
-      nominal_load=self.static_load[0 if front else 1],
-      relaxation_length=self.relaxation_length,
-      carcass_damping=self.carcass_damping,
-    )
-
-  def _write_chassis(self, spec: mujoco.MjSpec) -> None:
-    chassis, mass, yaw = spec.body("chassis"), self.mass - 4.0 * self.wheel_mass, self.chassis_yaw_inertia
-    motor = spec.body("motor")
-    chassis.pos = [0.0, 0.0, self.cg_height]
-    chassis.mass = mass - motor.mass
-    chassis.ipos = -self.wheel_mass * self.wheel_positions.sum(axis=0) / mass
-    motor.pos = chassis.ipos
-    chassis.inertia = [0.35 * yaw, 0.85 * yaw, yaw]  # a flat box: roll, pitch, yaw
-    spec.site("imu").pos = [self.imu_x, self.imu_y, 0.0]
-    scale = self._scale
-    spec.site("lidar").pos = spec.site("lidar").pos * scale
-    hull = spec.geom("chassis")
-    hull.size, hull.pos = hull.size * scale, hull.pos * scale
-
-  def _write_wheels(self, spec: mujoco.MjSpec) -> None:
-    sprung = self.mass - 4.0 * self.wheel_mass
-    stiffness = sprung / 4.0 * (2.0 * math.pi * self.suspension_frequency) ** 2
-    damping = self.suspension_damping_ratio * math.sqrt(stiffness * sprung)
-    for wheel, position in zip(WHEELS, self.wheel_positions, strict=True):
-      body, joint, geom = spec.body(wheel), spec.joint(f"{wheel}_suspension"), spec.geom(wheel)
-      load = self.static_load[0 if wheel.startswith("front") else 1]
-      body.pos, body.mass, body.inertia = position, self.wheel_mass, self._wheel_inertias
-      joint.stiffness[0], joint.damping[0] = stiffness, damping
-      joint.springref = -(load - self.wheel_mass * GRAVITY) / stiffness
-      spec.joint(f"{wheel}_spin").frictionloss = self.rolling_resistance * load * self.wheel_radius
-      geom.size = [self.wheel_radius, 0.45 * self.wheel_radius, self.wheel_radius]
-      geom.friction[0] = spec.geom("floor").friction[0] = self.friction_coefficient
-
-  def _write_drive(self, spec: mujoco.MjSpec) -> None:
-    constant = self.motor_damping / self.torque_per_volt
-    resistance = constant / self.torque_per_volt
-    spec.actuator("motor").gainprm[:2] = [resistance, constant]
-    joint = spec.joint("motor")
-    joint.armature, joint.frictionloss = self.rotor_inertia, self.driveline_friction
-    for axle in ("front", "rear"):  # a path can't be edited in place
-      spec.delete(spec.tendon(f"{axle}_axle"))
-      tendon = spec.add_tendon(name=f"{axle}_axle")
-      tendon.wrap_joint(f"{axle}_left_spin", 0.5)
-      tendon.wrap_joint(f"{axle}_right_spin", 0.5)
-      tendon.wrap_joint("motor", -self.gear_ratio)
-
-  def _write_steering(self, spec: mujoco.MjSpec, timestep: float) -> None:
-    servo, lock = spec.actuator("steering"), self.max_steering
-    # The filter is the servo; with k = 2 J / h^2 and d = J / h the road wheels are where it points a step later.
-    inertia = _KNUCKLE_INERTIA * self.mass
-    stiffness = 2.0 * inertia / timestep**2
-    servo.dynprm[0], servo.actearly = self.servo_time_constant, True
-    servo.gainprm[0], servo.biasprm[1], servo.biasprm[2] = stiffness, -stiffness, 0.0
-    for wheel in WHEELS[:2]:
-      joint = spec.joint(f"{wheel}_steering")
-      joint.armature, joint.damping[0] = inertia - self._wheel_inertias[2], inertia / timestep
-    force = 2.0 * inertia / timestep * min(self.servo_rate, 1e3)  # what moves them at servo_rate against d
-    servo.ctrlrange, servo.forcerange = [-lock, lock], [-force, force]
-    spec.equality("ackermann").data[2] = self.ackermann_fraction * self.track_width / (2.0 * self.wheelbase)
-
-  @property
-  def _scale(self) -> np.ndarray:
-    """Size of this car over the QCar's along x, y, z."""
-    return np.array([getattr(self, name) / getattr(_QCAR, name) for name in _SCALED])
-
-  def _stretch_looks(self, spec: mujoco.MjSpec) -> None:
-    scale, wheel = self._scale, self.wheel_radius / _QCAR.wheel_radius
-    for geom in spec.geoms:
-      if geom.group == _LOOKS_GROUP:
-        on_wheel = geom.parent.name in WHEELS
-        geom.pos = geom.pos * (wheel if on_wheel else scale)
-        geom.size = geom.size * (wheel if on_wheel else scale.min())
-
-
-@dataclasses.dataclass(frozen=True)
-class Handles:
-  """Places of the car's named parts in a compiled model.
-
-  Attributes:
-    chassis: body id.  wheels: geom ids, (4,).  spin_dofs, suspension_dofs: (4,).
-    steering_qpos: qpos addresses of the two knuckles, (2,).  motor_dof: int.
-    motor, steering: control addresses.  accelerometer, gyro, encoder: addresses in sensordata.
-  """
-
-  chassis: int
-  wheels: tuple[int, ...]
-  spin_dofs: tuple[int, ...]
-  suspension_dofs: tuple[int, ...]
-  steering_qpos: tuple[int, ...]
-  motor_dof: int
-  motor: int
-  steering: int
-  accelerometer: int
-  gyro: int
-  encoder: int
-
-  @classmethod
-  def of(cls, model: mujoco.MjModel, prefix: str = "") -> "Handles":
-    """Handles of the car whose names carry `prefix`, as after MjSpec.attach."""
-    dof = lambda name: int(model.joint(prefix + name).dofadr[0])  # noqa: E731
-    sensor = lambda name: int(model.sensor(prefix + name).adr[0])  # noqa: E731
-    return cls(
-      chassis=model.body(prefix + "chassis").id,
-      wheels=tuple(model.geom(prefix + wheel).id for wheel in WHEELS),
-      spin_dofs=tuple(dof(f"{wheel}_spin") for wheel in WHEELS),
-      suspension_dofs=tuple(dof(f"{wheel}_suspension") for wheel in WHEELS),
-      steering_qpos=tuple(int(model.joint(f"{prefix}{wheel}_steering").qposadr[0]) for wheel in WHEELS[:2]),
-      motor_dof=dof("motor"),
-      motor=int(model.actuator_ctrladr[model.actuator(prefix + "motor").id]),
-      steering=int(model.actuator_ctrladr[model.actuator(prefix + "steering").id]),
-      accelerometer=sensor("accelerometer"),
-      gyro=sensor("gyro"),
-      encoder=sensor("encoder"),
-    )
-
-
-def differential_rows(damping: ArrayLike, timestep: float, invweight: float) -> tuple[np.ndarray, np.ndarray]:
-  """Solver numbers that make the equality `front_differential` or `rear_differential` a damper, torque = -b (w_l - w_r).
-
-  A row with reference -v/h and regularisation R = 1/(h b) solves for -b times the speed at the end of the
-  step: stable from open (switch the equality off) to locked. Write them to eq_solref and eq_solimp, and eq_active to 1.
-
-  Args:
-    damping: b, N m s/rad, (n,).
-    timestep: h, s.
-    invweight: tendon_invweight0 of the tendon of that name, 1/(kg m^2).
-
-  Returns:
-    solref (n, 2) and solimp (n, 5).
-  """
-  strength = timestep * np.atleast_1d(np.asarray(damping, dtype=np.float64)) * invweight
-  impedance = np.clip(strength / (1.0 + strength), 1e-4, 0.9999)  # MuJoCo's own limits
-  fixed = np.ones_like(impedance)
-  solref = np.stack([-1e-9 * fixed, -impedance / timestep], axis=-1)
-  return solref, np.stack([impedance, impedance, fixed, 0.5 * fixed, 2.0 * fixed], axis=-1)
+    return vehicle_model.write(self, tyre, timestep, looks)
 
 
 _MEASURED = (
@@ -361,7 +200,7 @@ _MEASURED = (
   "gear_ratio",
   "max_steering",
 )
-_QCAR = Vehicle()
+QCAR = Vehicle()
 
 
 def _field_names() -> set[str]:
@@ -397,44 +236,30 @@ def _known(values: Mapping[str, object], where: str) -> None:
       raise ValueError(f"{where}: a vehicle has no '{key}'; did you mean {', '.join(near)}?")
 
 
-def _scaled(car: Vehicle) -> dict[str, float]:
+def _scaled(car: Vehicle, yaw_inertia: float | None) -> dict[str, float]:
   """The QCar's nominal drive, tyre and wheel numbers, carried over to a car of another mass and size.
 
   Per weight the tyres are the same, per volt and per second the drive is: acceleration per volt, rate of
   decay and friction deceleration are kept.
   """
-  load, radius = car.mass / _QCAR.mass, car.wheel_radius / _QCAR.wheel_radius
-  gear = car.gear_ratio / _QCAR.gear_ratio
+  load, radius = car.mass / QCAR.mass, car.wheel_radius / QCAR.wheel_radius
+  gear = car.gear_ratio / QCAR.gear_ratio
   inertia = load * (radius * gear) ** 2
-  front = car.static_load[0] / _QCAR.static_load[0]
-  rear = car.static_load[1] / _QCAR.static_load[1]
-  size = car.wheelbase / _QCAR.wheelbase
+  front = car.static_load[0] / QCAR.static_load[0]
+  rear = car.static_load[1] / QCAR.static_load[1]
+  yaw_inertia = yaw_inertia or QCAR.yaw_inertia * load * (car.wheelbase / QCAR.wheelbase) ** 2
+  # wheels that hold at most half of the yaw inertia, whatever was measured
+  heaviest = 0.5 * yaw_inertia / float(np.sum(car.wheel_positions[:, :2] ** 2))
   return {
-    "torque_per_volt": _QCAR.torque_per_volt * inertia / (radius * gear),
-    "motor_damping": _QCAR.motor_damping * inertia,
-    "driveline_friction": _QCAR.driveline_friction * inertia / (radius * gear),
-    "rotor_inertia": _QCAR.rotor_inertia * inertia,
-    "cornering_stiffness_front": _QCAR.cornering_stiffness_front * front,
-    "cornering_stiffness_rear": _QCAR.cornering_stiffness_rear * rear,
-    "longitudinal_stiffness": _QCAR.longitudinal_stiffness * load,
-    "carcass_damping": _QCAR.carcass_damping * load,
-    "wheel_mass": _QCAR.wheel_mass * load,
-    "wheel_inertia": _QCAR.wheel_inertia * load * radius**2,
-    "yaw_inertia": _QCAR.yaw_inertia * load * size**2,
+    "torque_per_volt": QCAR.torque_per_volt * inertia / (radius * gear),
+    "motor_damping": QCAR.motor_damping * inertia,
+    "driveline_friction": QCAR.driveline_friction * inertia / (radius * gear),
+    "rotor_inertia": QCAR.rotor_inertia * inertia,
+    "cornering_stiffness_front": QCAR.cornering_stiffness_front * front,
+    "cornering_stiffness_rear": QCAR.cornering_stiffness_rear * rear,
+    "longitudinal_stiffness": QCAR.longitudinal_stiffness * load,
+    "carcass_damping": QCAR.carcass_damping * load,
+    "wheel_mass": min(QCAR.wheel_mass * load, heaviest),
+    "wheel_inertia": QCAR.wheel_inertia * load * radius**2,
+    "yaw_inertia": yaw_inertia,
   }
-
-
-def _soften(spec: mujoco.MjSpec) -> None:
-  """Wheel contacts with MuJoCo's default softness, at which its own friction chatters least."""
-  for wheel in WHEELS:
-    geom = spec.geom(wheel)
-    geom.solref, geom.solimp = [0.02, 1.0], [0.9, 0.95, 0.001, 0.5, 2.0]
-
-
-def _strip_looks(spec: mujoco.MjSpec) -> None:
-  """Take out what only a camera sees."""
-  for geom in list(spec.geoms):
-    if geom.group == _LOOKS_GROUP:
-      spec.delete(geom)
-  for part in [*spec.cameras, *spec.lights]:
-    spec.delete(part)

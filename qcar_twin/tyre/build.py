@@ -54,7 +54,8 @@ def compile_plugin(compiler: Sequence[str], target: Path) -> None:
   target.parent.mkdir(parents=True, exist_ok=True)
   with tempfile.TemporaryDirectory(dir=target.parent) as folder:
     fresh = Path(folder) / target.name
-    command = [*compiler, *_FLAGS, f"-I{Path(mujoco.HEADERS_DIR).parent}", str(SOURCE), "-o", str(fresh), str(_libmujoco()), "-lm"]
+    files = [f"-I{Path(mujoco.HEADERS_DIR).parent}", str(SOURCE), "-o", str(fresh), str(_libmujoco()), "-lm"]
+    command = [*compiler, *_FLAGS, *files]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     if result.returncode:
       raise BuildError(f"{' '.join(compiler)} failed:\n{(result.stderr or result.stdout).strip()[-2000:]}")
@@ -91,7 +92,7 @@ def build(force: bool = False) -> Path:
 
 def _libmujoco() -> Path:
   """The engine's shared library, shipped beside its Python package."""
-  folder = Path(mujoco.__file__).parent
+  folder = Path(str(mujoco.__file__)).parent
   candidates = sorted(folder.glob("libmujoco*.so*")) + sorted(folder.glob("libmujoco*.dylib"))
   candidates += sorted(folder.glob("mujoco.lib"))
   if not candidates:

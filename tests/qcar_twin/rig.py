@@ -49,7 +49,9 @@ class Rig:
   data: mujoco.MjData
 
   @classmethod
-  def of(cls, h: float = 0.002, load: float = 6.6, jacobian: str = "dense", floor: str = "plane", **tyre: float) -> "Rig":
+  def of(
+    cls, h: float = 0.002, load: float = 6.6, jacobian: str = "dense", floor: str = "plane", **tyre: float
+  ) -> "Rig":
     floor_z = 0.0 if floor == "plane" else -0.05
     text = _MODEL.format(h=h, mass=load / 9.81, jacobian=jacobian, floor=floor, floor_z=floor_z)
     spec = mujoco.MjSpec.from_string(text)

@@ -8,7 +8,8 @@ import pytest
 from mujoco.batch import Batch
 
 from qcar_twin.tyre import COLUMN
-from qcar_twin.vehicle import GRAVITY, WHEELS, Handles, Vehicle
+from qcar_twin.vehicle import GRAVITY, WHEELS, Vehicle
+from qcar_twin.vehicle_model import Handles
 
 CAR = Vehicle.load()
 STEADY = dataclasses.replace(CAR, relaxation_length=0.0)
@@ -40,7 +41,9 @@ def energy(model: mujoco.MjModel, data: mujoco.MjData) -> float:
   total = float(data.energy.sum())
   for k, wheel in enumerate(WHEELS):
     user, (load, *slip) = model.geom(wheel).user, data.plugin_state[3 * k : 3 * k + 3]
-    stiffness = user[[COLUMN["longitudinal_stiffness"], COLUMN["cornering_stiffness"]]] * load / user[COLUMN["nominal_load"]]
+    stiffness = (
+      user[[COLUMN["longitudinal_stiffness"], COLUMN["cornering_stiffness"]]] * load / user[COLUMN["nominal_load"]]
+    )
     total += float(0.5 * user[COLUMN["relaxation_length"]] * (stiffness @ np.square(slip)))
   return total
 
@@ -109,7 +112,12 @@ def test_coasting_never_gains_energy(vehicle, steering):
 def test_steady_circle_is_the_bicycles(front, rear, volt):
   """r = v delta / (L + K v^2), K = m / L (L_r / C_f - L_f / C_r): Rajamani 2012, 3.3, for axles of four tyres."""
   car = dataclasses.replace(
-    CAR, cornering_stiffness_front=front, cornering_stiffness_rear=rear, load_exponent=0.0, cg_to_front=0.120, cg_to_rear=0.136
+    CAR,
+    cornering_stiffness_front=front,
+    cornering_stiffness_rear=rear,
+    load_exponent=0.0,
+    cg_to_front=0.120,
+    cg_to_rear=0.136,
   )
   steering = 0.04
   model, data = settled(car)

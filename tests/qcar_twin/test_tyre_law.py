@@ -66,7 +66,9 @@ def test_peak_friction_falls_with_load_as_stated():
 
 def test_locked_wheel_slides_with_kinetic_friction_against_its_motion():
   force = Rig.of().run(0.6, 0.8, 0.0, 0.1)[-1]
-  np.testing.assert_allclose(force[:2] / np.hypot(*force[:2]) @ [0.6, 0.8], -0.98, atol=0.021)  # stiffer along than across
+  np.testing.assert_allclose(
+    force[:2] / np.hypot(*force[:2]) @ [0.6, 0.8], -0.98, atol=0.021
+  )  # stiffer along than across
   assert np.hypot(*force[:2]) == pytest.approx(np.linalg.norm(steady_force(0.6, 0.8, 0.0)), rel=0.01)
 
 
@@ -139,7 +141,9 @@ def test_forces_are_smooth_in_every_parameter(name):
 
   def track(value: float) -> np.ndarray:
     rig = Rig.of(load=8.0, **(base | {name: value}))
-    return np.concatenate([rig.run(0.02, 0.003, 0.0, 0.02), rig.run(1.0, 0.08, 0.95, 0.05), rig.run(1.0, 0.4, 0.9, 0.05)])
+    return np.concatenate(
+      [rig.run(0.02, 0.003, 0.0, 0.02), rig.run(1.0, 0.08, 0.95, 0.05), rig.run(1.0, 0.4, 0.9, 0.05)]
+    )
 
   def slope(step: float) -> np.ndarray:
     value = base[name]

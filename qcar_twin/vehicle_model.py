@@ -1,0 +1,222 @@
+"""A car's numbers written into assets/qcar.xml, and the places of its named parts in the compiled model.
+
+Integration is explicit Euler with the dampers explicit too: what the contact solver takes for the velocity
+at the end of the step then is that velocity, which an implicit damper outside the solver would spoil.
+"""
+
+import dataclasses
+import math
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from qcar_twin.tyre import add_tyres, tyre_user_data
+from qcar_twin.vehicle import ASSETS, GRAVITY, QCAR, WHEELS, TyreKind, Vehicle
+
+_LOOKS_GROUP = 2
+_KNUCKLE_INERTIA = 2e-4  # of a road wheel with its share of the servo / mass of the car, m^2
+_FASTEST_SERVO = 1e3  # rad/s, stands for no limit
+
+
+def write(car: Vehicle, tyre: TyreKind = "contact", timestep: float = 0.002, looks: bool = False) -> mujoco.MjSpec:
+  """The car on a floor.
+
+  Args:
+    car: its numbers.
+    tyre: "contact" for the tyre inside the contact solver, "native" for MuJoCo's own friction.
+    timestep: s.
+    looks: keep the visual geoms, cameras and lights.
+  """
+  if tyre not in ("contact", "native"):
+    raise ValueError(f"tyre must be 'contact' or 'native', not '{tyre}'")
+  spec = mujoco.MjSpec.from_file(str(ASSETS / "qcar.xml"))
+  spec.modelname = car.name
+  spec.option.timestep = timestep
+  spec.option.gravity = [0.0, 0.0, -GRAVITY]
+  _write_chassis(spec, car)
+  _write_wheels(spec, car)
+  _write_drive(spec, car)
+  _write_steering(spec, car, timestep)
+  if tyre == "contact":
+    add_tyres(spec, "chassis", {wheel: tyre_of(car, wheel) for wheel in WHEELS})
+  else:
+    _soften(spec)
+  if looks:
+    _stretch_looks(spec, car)
+  else:
+    _strip_looks(spec)
+  return spec
+
+
+def tyre_of(car: Vehicle, wheel: str) -> list[float]:
+  """`geom_user` of a wheel: half its axle's cornering stiffness, at its static load."""
+  front = wheel.startswith("front")
+  axle = car.cornering_stiffness_front if front else car.cornering_stiffness_rear
+  return tyre_user_data(
+    cornering_stiffness=axle / 2.0,
+    longitudinal_stiffness=car.longitudinal_stiffness / 4.0,
+    friction_coefficient=car.friction_coefficient,
+    tyre_shape=car.tyre_shape,
+    load_exponent=car.load_exponent,
+    nominal_load=car.static_load[0 if front else 1],
+    relaxation_length=car.relaxation_length,
+    carcass_damping=car.carcass_damping,
+  )
+
+
+@dataclasses.dataclass(frozen=True)
+class Handles:
+  """Places of the car's named parts in a compiled model.
+
+  Attributes:
+    chassis: body id.  wheels: geom ids, (4,).  spin_dofs, suspension_dofs: (4,).
+    steering_qpos: qpos addresses of the two knuckles, (2,).  motor_dof: int.
+    motor, steering: control addresses.  accelerometer, gyro, encoder: addresses in sensordata.
+  """
+
+  chassis: int
+  wheels: tuple[int, ...]
+  spin_dofs: tuple[int, ...]
+  suspension_dofs: tuple[int, ...]
+  steering_qpos: tuple[int, ...]
+  motor_dof: int
+  motor: int
+  steering: int
+  accelerometer: int
+  gyro: int
+  encoder: int
+
+  @classmethod
+  def of(cls, model: mujoco.MjModel, prefix: str = "") -> "Handles":
+    """Handles of the car whose names carry `prefix`, as after MjSpec.attach."""
+    dof = lambda name: int(model.joint(prefix + name).dofadr[0])  # noqa: E731
+    sensor = lambda name: int(model.sensor(prefix + name).adr[0])  # noqa: E731
+    return cls(
+      chassis=model.body(prefix + "chassis").id,
+      wheels=tuple(model.geom(prefix + wheel).id for wheel in WHEELS),
+      spin_dofs=tuple(dof(f"{wheel}_spin") for wheel in WHEELS),
+      suspension_dofs=tuple(dof(f"{wheel}_suspension") for wheel in WHEELS),
+      steering_qpos=tuple(int(model.joint(f"{prefix}{wheel}_steering").qposadr[0]) for wheel in WHEELS[:2]),
+      motor_dof=dof("motor"),
+      motor=int(model.actuator_ctrladr[model.actuator(prefix + "motor").id]),
+      steering=int(model.actuator_ctrladr[model.actuator(prefix + "steering").id]),
+      accelerometer=sensor("accelerometer"),
+      gyro=sensor("gyro"),
+      encoder=sensor("encoder"),
+    )
+
+
+def differential_rows(damping: ArrayLike, timestep: float, invweight: float) -> tuple[np.ndarray, np.ndarray]:
+  """Solver numbers that make the equality `front_differential` or `rear_differential` a damper, torque = -b (w_l - w_r).
+
+  A row with reference -v/h and regularisation R = 1/(h b) solves for -b times the speed at the end of the
+  step: stable from open (switch the equality off) to locked. Write them to eq_solref and eq_solimp, and eq_active to 1.
+
+  Args:
+    damping: b, N m s/rad, (n,).
+    timestep: h, s.
+    invweight: tendon_invweight0 of the tendon of that name, 1/(kg m^2).
+
+  Returns:
+    solref (n, 2) and solimp (n, 5).
+  """
+  strength = timestep * np.atleast_1d(np.asarray(damping, dtype=np.float64)) * invweight
+  impedance = np.clip(strength / (1.0 + strength), 1e-4, 0.9999)  # MuJoCo's own limits
+  fixed = np.ones_like(impedance)
+  solref = np.stack([-1e-9 * fixed, -impedance / timestep], axis=-1)
+  return solref, np.stack([impedance, impedance, fixed, 0.5 * fixed, 2.0 * fixed], axis=-1)
+
+
+def _write_chassis(spec: mujoco.MjSpec, car: Vehicle) -> None:
+  chassis, motor = spec.body("chassis"), spec.body("motor")
+  mass, yaw = car.mass - 4.0 * car.wheel_mass, car.chassis_yaw_inertia
+  chassis.pos = [0.0, 0.0, car.cg_height]
+  chassis.mass = mass - motor.mass
+  chassis.ipos = -car.wheel_mass * car.wheel_positions.sum(axis=0) / mass
+  motor.pos = chassis.ipos
+  chassis.inertia = [0.35 * yaw, 0.85 * yaw, yaw]  # a flat box: roll, pitch, yaw
+  spec.site("imu").pos = [car.imu_x, car.imu_y, 0.0]
+  scale = _scale(car)
+  spec.site("lidar").pos = spec.site("lidar").pos * scale
+  hull = spec.geom("chassis")
+  hull.size, hull.pos = hull.size * scale, hull.pos * scale
+
+
+def _write_wheels(spec: mujoco.MjSpec, car: Vehicle) -> None:
+  sprung = car.mass - 4.0 * car.wheel_mass
+  stiffness = sprung / 4.0 * (2.0 * math.pi * car.suspension_frequency) ** 2
+  damping = car.suspension_damping_ratio * math.sqrt(stiffness * sprung)
+  for wheel, position in zip(WHEELS, car.wheel_positions, strict=True):
+    body, joint, geom = spec.body(wheel), spec.joint(f"{wheel}_suspension"), spec.geom(wheel)
+    load = car.static_load[0 if wheel.startswith("front") else 1]
+    body.pos, body.mass, body.inertia = position, car.wheel_mass, car.wheel_inertias
+    joint.stiffness[0], joint.damping[0] = stiffness, damping
+    joint.springref = -(load - car.wheel_mass * GRAVITY) / stiffness
+    spec.joint(f"{wheel}_spin").frictionloss = car.rolling_resistance * load * car.wheel_radius
+    geom.size = [car.wheel_radius, 0.45 * car.wheel_radius, car.wheel_radius]
+    geom.friction[0] = car.friction_coefficient
+  spec.geom("floor").friction[0] = car.friction_coefficient
+
+
+def _write_drive(spec: mujoco.MjSpec, car: Vehicle) -> None:
+  """Motor torque = K / R (V - K w): K = damping / torque per volt."""
+  constant = car.motor_damping / car.torque_per_volt
+  spec.actuator("motor").gainprm[:2] = [constant / car.torque_per_volt, constant]
+  joint = spec.joint("motor")
+  joint.armature, joint.frictionloss = car.rotor_inertia, car.driveline_friction
+  for axle in ("front", "rear"):  # a tendon's path can't be edited in place
+    spec.delete(spec.tendon(f"{axle}_axle"))
+    tendon = spec.add_tendon(name=f"{axle}_axle")
+    tendon.wrap_joint(f"{axle}_left_spin", 0.5)
+    tendon.wrap_joint(f"{axle}_right_spin", 0.5)
+    tendon.wrap_joint("motor", -car.gear_ratio)
+
+
+def _write_steering(spec: mujoco.MjSpec, car: Vehicle, timestep: float) -> None:
+  """The filter is the servo; with k = 2 J / h^2 and d = J / h the road wheels are where it points a step later."""
+  servo, inertia = spec.actuator("steering"), _KNUCKLE_INERTIA * car.mass
+  stiffness = 2.0 * inertia / timestep**2
+  servo.dynprm[0], servo.actearly = car.servo_time_constant, True
+  servo.gainprm[0], servo.biasprm[1], servo.biasprm[2] = stiffness, -stiffness, 0.0
+  force = servo_force(min(car.servo_rate, _FASTEST_SERVO), car.mass, timestep)
+  servo.ctrlrange, servo.forcerange = [-car.max_steering, car.max_steering], [-force, force]
+  for wheel in WHEELS[:2]:
+    joint = spec.joint(f"{wheel}_steering")
+    joint.armature, joint.damping[0] = inertia - car.wheel_inertias[2], inertia / timestep
+  spec.equality("ackermann").data[2] = car.ackermann_fraction * car.track_width / (2.0 * car.wheelbase)
+
+
+def servo_force(rate: float, mass: float, timestep: float) -> float:
+  """Force range of the steering actuator at which the road wheels turn no faster than `rate` [rad/s], N m."""
+  return 2.0 * _KNUCKLE_INERTIA * mass / timestep * rate
+
+
+def _scale(car: Vehicle) -> np.ndarray:
+  """Size of this car over the QCar's along x, y, z."""
+  return np.array([getattr(car, name) / getattr(QCAR, name) for name in ("wheelbase", "track_width", "wheel_radius")])
+
+
+def _stretch_looks(spec: mujoco.MjSpec, car: Vehicle) -> None:
+  scale, wheel = _scale(car), car.wheel_radius / QCAR.wheel_radius
+  for geom in spec.geoms:
+    if geom.group == _LOOKS_GROUP:
+      on_wheel = geom.parent.name in WHEELS
+      geom.pos = geom.pos * (wheel if on_wheel else scale)
+      geom.size = geom.size * (wheel if on_wheel else scale.min())
+
+
+def _soften(spec: mujoco.MjSpec) -> None:
+  """Wheel contacts with MuJoCo's default softness, at which its own friction chatters least."""
+  for wheel in WHEELS:
+    geom = spec.geom(wheel)
+    geom.solref, geom.solimp = [0.02, 1.0], [0.9, 0.95, 0.001, 0.5, 2.0]
+
+
+def _strip_looks(spec: mujoco.MjSpec) -> None:
+  """Take out what only a camera sees."""
+  for geom in list(spec.geoms):
+    if geom.group == _LOOKS_GROUP:
+      spec.delete(geom)
+  for part in [*spec.cameras, *spec.lights]:
+    spec.delete(part)
