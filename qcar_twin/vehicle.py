@@ -15,13 +15,16 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from qcar_twin.handles import WHEELS, Handles
+
 if TYPE_CHECKING:
   import mujoco
+
+__all__ = ["ASSETS", "GRAVITY", "QCAR", "WHEELS", "Handles", "TyreKind", "Vehicle"]
 
 log = logging.getLogger(__name__)
 
 ASSETS = Path(__file__).resolve().parents[1] / "assets"
-WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 GRAVITY = 9.81  # m/s^2
 TyreKind = Literal["contact", "native"]
 

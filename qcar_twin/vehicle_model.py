@@ -1,10 +1,9 @@
-"""A car's numbers written into assets/qcar.xml, and the places of its named parts in the compiled model.
+"""A car's numbers written into assets/qcar.xml.
 
 Integration is explicit Euler with the dampers explicit too: what the contact solver takes for the velocity
 at the end of the step then is that velocity, which an implicit damper outside the solver would spoil.
 """
 
-import dataclasses
 import math
 
 import mujoco
@@ -63,48 +62,6 @@ def tyre_of(car: Vehicle, wheel: str) -> list[float]:
     relaxation_length=car.relaxation_length,
     carcass_damping=car.carcass_damping,
   )
-
-
-@dataclasses.dataclass(frozen=True)
-class Handles:
-  """Places of the car's named parts in a compiled model.
-
-  Attributes:
-    chassis: body id.  wheels: geom ids, (4,).  spin_dofs, suspension_dofs: (4,).
-    steering_qpos: qpos addresses of the two knuckles, (2,).  motor_dof: int.
-    motor, steering: control addresses.  accelerometer, gyro, encoder: addresses in sensordata.
-  """
-
-  chassis: int
-  wheels: tuple[int, ...]
-  spin_dofs: tuple[int, ...]
-  suspension_dofs: tuple[int, ...]
-  steering_qpos: tuple[int, ...]
-  motor_dof: int
-  motor: int
-  steering: int
-  accelerometer: int
-  gyro: int
-  encoder: int
-
-  @classmethod
-  def of(cls, model: mujoco.MjModel, prefix: str = "") -> "Handles":
-    """Handles of the car whose names carry `prefix`, as after MjSpec.attach."""
-    dof = lambda name: int(model.joint(prefix + name).dofadr[0])  # noqa: E731
-    sensor = lambda name: int(model.sensor(prefix + name).adr[0])  # noqa: E731
-    return cls(
-      chassis=model.body(prefix + "chassis").id,
-      wheels=tuple(model.geom(prefix + wheel).id for wheel in WHEELS),
-      spin_dofs=tuple(dof(f"{wheel}_spin") for wheel in WHEELS),
-      suspension_dofs=tuple(dof(f"{wheel}_suspension") for wheel in WHEELS),
-      steering_qpos=tuple(int(model.joint(f"{prefix}{wheel}_steering").qposadr[0]) for wheel in WHEELS[:2]),
-      motor_dof=dof("motor"),
-      motor=int(model.actuator_ctrladr[model.actuator(prefix + "motor").id]),
-      steering=int(model.actuator_ctrladr[model.actuator(prefix + "steering").id]),
-      accelerometer=sensor("accelerometer"),
-      gyro=sensor("gyro"),
-      encoder=sensor("encoder"),
-    )
 
 
 def differential_rows(damping: ArrayLike, timestep: float, invweight: float) -> tuple[np.ndarray, np.ndarray]:

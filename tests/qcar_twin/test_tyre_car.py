@@ -8,8 +8,7 @@ import pytest
 from mujoco.batch import Batch
 
 from qcar_twin.tyre import COLUMN
-from qcar_twin.vehicle import GRAVITY, WHEELS, Vehicle
-from qcar_twin.vehicle_model import Handles
+from qcar_twin.vehicle import GRAVITY, WHEELS, Handles, Vehicle
 
 CAR = Vehicle.load()
 STEADY = dataclasses.replace(CAR, relaxation_length=0.0)
