@@ -10,8 +10,11 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from qcar_twin.handles import Handles
 from qcar_twin.tyre import add_tyres, tyre_user_data
 from qcar_twin.vehicle import ASSETS, GRAVITY, QCAR, WHEELS, TyreKind, Vehicle
+
+__all__ = ["Handles", "differential_rows", "servo_force", "tyre_of", "write"]
 
 _LOOKS_GROUP = 2
 _KNUCKLE_INERTIA = 2e-4  # of a road wheel with its share of the servo / mass of the car, m^2
