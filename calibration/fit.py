@@ -168,21 +168,36 @@ def _cost(r: Array, theta: Array, parameters: ParameterSet, robust: float) -> fl
 
 
 def _lm_step(jacobian: Array, r: Array, theta: Array, parameters: ParameterSet, robust: float, damping: float) -> Array:
-  """Damped step with an active set: a parameter that would leave its bound is put there, the rest solved again."""
   curvature = posterior_curvature(jacobian, r, parameters, robust)
   gradient = jacobian.T @ (r * robust_weights(r, robust)) + (theta - parameters.nominal) / parameters.std**2
-  damped = curvature + damping * np.diag(np.diag(curvature))
-  free = np.ones(len(theta), dtype=bool)
-  target = theta.copy()
+  return bounded_solve(curvature + damping * np.diag(np.diag(curvature)), gradient, theta, parameters)
+
+
+def bounded_solve(curvature: Array, gradient: Array, theta: Array, parameters: ParameterSet) -> Array:
+  """Minimiser of a quadratic model within bounds: what would leave them is pinned there, the rest solved again.
+
+  Solved in units of each parameter's scale: a motor's inertia and a tyre's stiffness are ten powers of ten apart.
+  """
+  scale = parameters.scale
+  h, g = curvature * np.outer(scale, scale), gradient * scale
+  lower, upper = (parameters.lower - theta) / scale, (parameters.upper - theta) / scale
+  move = np.zeros(len(theta))
+  loose = np.ones(len(theta), dtype=bool)
   for _ in range(len(theta)):
-    pull = gradient[free] + damped[np.ix_(free, ~free)] @ (target - theta)[~free]
-    target[free] = theta[free] - np.linalg.lstsq(damped[np.ix_(free, free)], pull, rcond=None)[0]
-    outside = free & ((target < parameters.lower) | (target > parameters.upper))
+    pull = g[loose] + h[np.ix_(loose, ~loose)] @ move[~loose]
+    move[loose] = -np.linalg.lstsq(h[np.ix_(loose, loose)], pull, rcond=None)[0]
+    outside = loose & ((move < lower) | (move > upper))
     if not outside.any():
       break
-    target[outside] = np.clip(target, parameters.lower, parameters.upper)[outside]
-    free &= ~outside
-  return target
+    move[outside] = np.clip(move, lower, upper)[outside]
+    loose &= ~outside
+  return np.clip(theta + move * scale, parameters.lower, parameters.upper)
+
+
+def inverse_curvature(curvature: Array, parameters: ParameterSet) -> Array:
+  """Inverse of a curvature, taken in units of each parameter's scale, (p, p)."""
+  scale = np.outer(parameters.scale, parameters.scale)
+  return np.linalg.pinv(curvature * scale, hermitian=True) * scale
 
 
 def _finish(
@@ -190,7 +205,7 @@ def _finish(
 ) -> Fit:
   span = parameters.upper - parameters.lower
   at_bound = (theta - parameters.lower < 1e-6 * span) | (parameters.upper - theta < 1e-6 * span)
-  covariance = np.linalg.pinv(posterior_curvature(jacobian, r, parameters, robust), hermitian=True)
+  covariance = inverse_curvature(posterior_curvature(jacobian, r, parameters, robust), parameters)
   variance = np.diag(covariance).copy()
   for i in np.flatnonzero(at_bound):
     covariance[i, :] = covariance[:, i] = 0.0

@@ -11,9 +11,9 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from qcar_twin.handles import Handles
 from qcar_twin.mechanisms.base import Car
 from qcar_twin.tyre import COLUMN
-from qcar_twin.vehicle import Handles
 
 Array = NDArray[np.float64]
 Rows = slice | NDArray[np.int64]

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from qcar_twin import twin_parameters
 from qcar_twin.fields import Fields, FieldsView, Rows
+from qcar_twin.handles import Handles
 from qcar_twin.mechanisms.base import Car, Context, Mechanism, State, Track, describe
-from qcar_twin.parameters import ParameterSet
 from qcar_twin.plant import SIGNALS, START, Prediction, Segments
-from qcar_twin.vehicle import Handles, TyreKind, Vehicle
+from qcar_twin.vehicle import TyreKind, Vehicle
 
 Array = NDArray[np.float64]
 _STEPPED = ("command", "actuator", "force", "contact")
@@ -42,7 +42,7 @@ class Twin:
     vehicle: Vehicle,
     mechanisms: Sequence[Mechanism] = (),
     tyre: TyreKind = "contact",
-    substeps: int = 2,
+    substeps: int = 5,
     threads: int = 0,
     rows: int = 1024,
   ):
@@ -293,13 +293,8 @@ class Simulation:
         dirty |= view.changed
     if dirty:
       self._fields.write(dirty, slice(None))
-    if first and self._masses_differ(dirty):
-      self._batch.set_const()
-
-  def _masses_differ(self, dirty: set[str]) -> bool:
-    """Whether constants that MuJoCo derives from masses need a refresh in any simulation."""
-    mass = self._fields.values["mass"] + self._fields.values["added_mass"]
-    return bool(np.any(np.abs(mass / self._twin.car.mass - 1.0) > 1e-12)) or bool(dirty & {"cg_lateral_offset"})
+    if first:
+      self._batch.set_const()  # what MuJoCo derives from masses follows them
 
   def _push(self, force: Array | None) -> None:
     if force is None:

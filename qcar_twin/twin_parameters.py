@@ -23,8 +23,8 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
   length = v.cg_to_front + v.cg_to_rear
   return ParameterSet(
     (
-      _open("torque_per_volt", v.torque_per_volt, 40.0, "N m/V", "K_t/R_a"),
-      _open("motor_damping", v.motor_damping, 40.0, "N m s/rad", "K_t K_v/R_a + B"),
+      _open("torque_per_volt", v.torque_per_volt, 40.0, "N m/V", "K_t/R_a", std.get("torque_per_volt")),
+      _open("motor_damping", v.motor_damping, 40.0, "N m s/rad", "K_t K_v/R_a + B", std.get("motor_damping")),
       Parameter("driveline_friction", v.driveline_friction, 0.0, 40.0 * v.driveline_friction, "N m", "T_c",
                 typical=0.3 * v.driveline_friction),
       _open("rotor_inertia", v.rotor_inertia, 40.0, "kg m^2", "J_m"),
@@ -32,6 +32,7 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
       _open("cornering_stiffness_rear", v.cornering_stiffness_rear, 8.0, "N/rad", "C_r"),
       _near("longitudinal_stiffness", v.longitudinal_stiffness, 0.15, "N", "C_x", 4.0),
       _near("friction_coefficient", v.friction_coefficient, 0.08, "-", "mu", 3.0),
+      Parameter("tyre_shape", v.tyre_shape, 1.0, 1.95, "-", "C", std=0.2),
       Parameter("relaxation_length", v.relaxation_length, 0.0, 0.15, "m", "sigma", std=0.003),
       Parameter("servo_time_constant", v.servo_time_constant, 0.001, 0.2, "s", "tau_s", std=0.002),
       Parameter("ackermann_fraction", v.ackermann_fraction, -0.5, 1.6, "-", "f_A", std=0.3),
@@ -56,7 +57,7 @@ def quantities(theta: Array, base: ParameterSet, vehicle: Vehicle) -> dict[str, 
     "longitudinal_stiffness": wheelwise(column.pop("longitudinal_stiffness") / 4),
     "friction_coefficient": wheelwise(column.pop("friction_coefficient")),
     "relaxation_length": wheelwise(column.pop("relaxation_length")),
-    "tyre_shape": wheelwise(vehicle.tyre_shape),
+    "tyre_shape": wheelwise(column.pop("tyre_shape")),
     "load_exponent": wheelwise(vehicle.load_exponent),
   }
   zeros = ("driveline_damping", "differential_damping", "gravity_x", "gravity_y")
@@ -81,9 +82,9 @@ def informed(parameters: ParameterSet, values: Mapping[str, float]) -> Parameter
   return parameters.replace(**moved)
 
 
-def _open(name: str, nominal: float, factor: float, unit: str, symbol: str) -> Parameter:
-  """A parameter known to an order of magnitude."""
-  return Parameter(name, nominal, nominal / factor, nominal * factor, unit, symbol, typical=0.3 * nominal)
+def _open(name: str, nominal: float, factor: float, unit: str, symbol: str, std: float | None = None) -> Parameter:
+  """A parameter known to an order of magnitude, unless a bench says better."""
+  return Parameter(name, nominal, nominal / factor, nominal * factor, unit, symbol, std=std, typical=0.3 * nominal)
 
 
 def _near(name: str, nominal: float, share: float, unit: str, symbol: str, factor: float) -> Parameter:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.problem import Problem
-from calibration.fit import prior_cost
+from calibration.fit import bounded_solve, inverse_curvature, prior_cost
 from qcar_twin.parameters import ParameterSet
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ class Candidate:
   @property
   def std(self) -> Array:
     """Posterior standard deviations of the free parameters, (p,)."""
-    return np.sqrt(np.maximum(np.diag(np.linalg.pinv(self.curvature, hermitian=True)), 0.0))
+    return np.sqrt(np.maximum(np.diag(inverse_curvature(self.curvature, self.free)), 0.0))
 
   def estimate(self, name: str) -> tuple[float, float]:
     """Value and standard deviation of a free parameter."""
@@ -167,25 +167,10 @@ def _steps(item: Candidate) -> list[Array]:
   curvature = item.curvature
   out = []
   for damping in (1e-6, 0.1):
-    damped = curvature + damping * np.diag(np.diag(curvature)) + 1e-12 * np.eye(len(gradient))
+    damped = curvature + damping * np.diag(np.diag(curvature))
     out.append(bounded_solve(damped, gradient, item.values, item.free))
   out.append(0.5 * (item.values + out[0]))
   return out
-
-
-def bounded_solve(curvature: Array, gradient: Array, values: Array, free: ParameterSet) -> Array:
-  """Minimiser of the quadratic model within bounds, by pinning what would leave them."""
-  target = values.copy()
-  loose = np.ones(len(values), dtype=bool)
-  for _ in range(len(values)):
-    pull = gradient[loose] + curvature[np.ix_(loose, ~loose)] @ (target - values)[~loose]
-    target[loose] = values[loose] - np.linalg.lstsq(curvature[np.ix_(loose, loose)], pull, rcond=None)[0]
-    outside = loose & ((target < free.lower) | (target > free.upper))
-    if not outside.any():
-      break
-    target[outside] = np.clip(target, free.lower, free.upper)[outside]
-    loose &= ~outside
-  return target
 
 
 def _broyden(item: Candidate, values: Array, outcome: Array) -> None:

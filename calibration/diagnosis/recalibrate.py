@@ -6,6 +6,7 @@ full of road noise does not drown the others.
 """
 
 import dataclasses
+import logging
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -21,6 +22,8 @@ from qcar_twin.recording import Recording
 from qcar_twin.twin import Twin
 
 Array = NDArray[np.float64]
+
+log = logging.getLogger(__name__)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,7 +102,8 @@ def _fit_base(
     problem = Problem(twin, observations, weighting)
     guess = start if found is None else found.theta
     found = fit(lambda v: problem.residual(problem.embed(names, v, around)), base, guess,
-                iterations=6 if k == 0 else 3, robust=np.inf)  # fmt: skip
+                iterations=10 if k == 0 else 4, robust=np.inf,
+                progress=lambda i, c: log.info('round %d iteration %d: cost %.1f', k, i, c))  # fmt: skip
     if k < rounds:
       unscaled = found.residual / problem.whiten(np.ones(len(observations)))
       weighting = weighting_from(observations, unscaled, floor)

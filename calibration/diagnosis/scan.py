@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.problem import Problem
+from calibration.fit import inverse_curvature
 from qcar_twin.mechanisms.base import Mechanism
 
 Array = NDArray[np.float64]
@@ -55,7 +56,7 @@ class Projector:
 
   def __init__(self, model: Candidate):
     self._jacobian = model.jacobian
-    self._inverse = np.linalg.pinv(model.curvature, hermitian=True)
+    self._inverse = inverse_curvature(model.curvature, model.free)
 
   def __call__(self, change: Array) -> Array:
     """Rows (n, M) without their projection on the model's columns."""
