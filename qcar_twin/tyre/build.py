@@ -22,7 +22,7 @@ SOURCE = Path(__file__).with_name("tyre.c")
 SUPPORTED = "3.17."  # the plugin writes constraint rows whose layout belongs to this version
 _SUFFIX = {"Darwin": ".dylib", "Windows": ".dll"}.get(platform.system(), ".so")
 # no contraction of a*b+c: the same bits from every compiler
-_FLAGS = ("-std=c11", "-O3", "-ffp-contract=off", "-fPIC", "-shared")
+_FLAGS = ("-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared")
 
 
 class BuildError(RuntimeError):
