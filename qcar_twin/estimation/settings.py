@@ -55,8 +55,8 @@ class FilterSettings:
   yaw_rate_std: float = 0.02
   accel_std: float = 0.5
   central: bool = False
-  position_variance: ScoreVariance = ScoreVariance.between(0.006, 0.05, 20.0)
-  yaw_variance: ScoreVariance = ScoreVariance.between(0.006, 0.05, 20.0)
+  position_variance: ScoreVariance = ScoreVariance.between(0.004, 0.04, 20.0, 2.0)
+  yaw_variance: ScoreVariance = ScoreVariance.between(0.004, 0.04, 20.0, 2.0)
   score: float = 80.0
   lidar_correlation: float = 0.0
   lidar_interval: float = 0.1

@@ -26,8 +26,8 @@ class StatisticalLidar:
   """
 
   timing: Timing = Timing(rate=10.0, latency=0.05, dropout=0.01)
-  position: ScoreVariance = ScoreVariance.between(0.006, 0.05, 20.0)
-  yaw: ScoreVariance = ScoreVariance.between(0.006, 0.05, 20.0)
+  position: ScoreVariance = ScoreVariance.between(0.004, 0.04, 20.0, 2.0)
+  yaw: ScoreVariance = ScoreVariance.between(0.004, 0.04, 20.0, 2.0)
   correlation: float = 0.3
   coloured: float = 0.9
   score: float = 80.0

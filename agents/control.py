@@ -1,0 +1,42 @@
+"""What a path-tracking controller sees and what it must do."""
+
+import dataclasses
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.paths import Errors, Path
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Situation:
+  """N cars at one control instant, as estimated.
+
+  Attributes:
+    path: being followed.
+    arc_length: of each car's reference point, m, (N,).
+    errors: relative to the path there, (N,) each.
+    speed: of the centre of gravity, m/s, (N,).
+    steering: last command, rad, (N,).
+    period: s.
+  """
+
+  path: Path
+  arc_length: Array
+  errors: Errors
+  speed: Array
+  steering: Array
+  period: float
+
+
+class Controller(Protocol):
+  """A path-tracking controller of N cars; one without memory: what it needs to know is in the situation."""
+
+  name: str
+
+  def steer(self, situation: Situation) -> Array:
+    """Steering command, rad, (N,); the loop limits it to the car's lock."""
+    ...

@@ -1,0 +1,107 @@
+"""What a controller of N simulated cars knows of them: the truth, or what its sensors and filter make of it."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.estimation.batch import BatchEstimate, FederatedBatch
+from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.kinematics import sideslip_angle
+from qcar_twin.plant import SIGNALS
+from qcar_twin.sensors.suite import Reading, SensorSuite
+from qcar_twin.single_track import Car
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+COLUMN = {name: i for i, name in enumerate(SIGNALS)}
+
+
+class Observer(Protocol):
+  """Estimates of N cars, one per control period: `begin`, then `command` and `observe` in turn."""
+
+  def begin(self, signals: Array, which: Mask | None = None) -> BatchEstimate:
+    """Start (again) at signals (N, 10), all cars or those of a mask."""
+    ...
+
+  def command(self, commands: Array) -> None:
+    """Voltage and steering command (N, 2) that act over the next period."""
+    ...
+
+  def observe(self, signals: Array) -> BatchEstimate:
+    """Estimates after a period that ended with these signals, (N, 10)."""
+    ...
+
+
+class TrueObserver:
+  """Sees the signals themselves."""
+
+  def begin(self, signals: Array, which: Mask | None = None) -> BatchEstimate:
+    return self.observe(signals)
+
+  def command(self, commands: Array) -> None:
+    """The truth needs no commands."""
+
+  def observe(self, signals: Array) -> BatchEstimate:
+    velocity = signals[:, [COLUMN["velocity_x"], COLUMN["velocity_y"]]]
+    count = len(signals)
+    speed = np.hypot(*velocity.T) * np.where(velocity[:, 0] < 0.0, -1.0, 1.0)
+    return BatchEstimate(
+      signals[:, :3].copy(),
+      velocity.copy(),
+      speed,
+      sideslip_angle(velocity[:, 0], velocity[:, 1]),
+      signals[:, COLUMN["yaw_rate"]].copy(),
+      np.zeros((count, 3)),
+      np.isfinite(signals).all(axis=1),
+    )
+
+
+class SensedObserver:
+  """Sensors and the federated filter.
+
+  Args:
+    suite: sensors of N cars; the lidar's channel order is pose_x, pose_y, pose_yaw, pose_score.
+    car: the identified model the filter predicts with.
+    settings: of the filter.
+  """
+
+  def __init__(self, suite: SensorSuite, car: Car, settings: FilterSettings | None = None):
+    self.suite = suite
+    self._rolling_radius = float(np.asarray(car.rolling_radius))
+    settings = settings or FilterSettings()
+    self.filter = FederatedBatch(car, settings, suite.count, oldest=round(settings.buffer / settings.period))
+
+  def begin(self, signals: Array, which: Mask | None = None) -> BatchEstimate:
+    """The filter is told where the cars start, to a centimetre."""
+    which = np.ones(self.suite.count, dtype=bool) if which is None else which
+    self.suite.restart(which, signals)
+    speed = signals[:, COLUMN["motor_speed"]] * self._rolling_radius
+    self.filter.start(signals[:, :3], speed, std=0.01, which=which)
+    return self.filter.estimate()
+
+  def command(self, commands: Array) -> None:
+    self.filter.command(commands)
+
+  def observe(self, signals: Array) -> BatchEstimate:
+    none = np.full((self.suite.count, 2), np.nan)
+    motion, accel, fix, age = none, none.copy(), None, 0
+    for reading in self.suite.measure(signals):
+      if "pose_x" in reading.channels:
+        fix, age = reading.values, reading.age
+      motion, accel = self._take(reading, motion.copy(), accel)
+    self.filter.advance(motion, accel, fix, age)
+    return self.filter.estimate()
+
+  def _take(self, reading: Reading, motion: Array, accel: Array) -> tuple[Array, Array]:
+    """Encoder and IMU samples into the filter's columns; they must arrive in the period they were taken."""
+    if reading.age and "pose_x" not in reading.channels:
+      raise ValueError(f"{', '.join(reading.channels)} arrive {reading.age} periods late; only the lidar's pose may")
+    for i, name in enumerate(reading.channels):
+      if name == "motor_speed":
+        motion[:, 0] = reading.values[:, i] * self._rolling_radius
+      elif name == "yaw_rate":
+        motion[:, 1] = reading.values[:, i]
+    if "accel_x" in reading.channels:
+      accel = reading.values[:, [reading.channels.index(name) for name in ("accel_x", "accel_y")]]
+    return motion, accel
