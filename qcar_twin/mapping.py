@@ -13,7 +13,7 @@ from qcar_twin.recording import CHANNELS, COMMANDS, RecordingError, Stream, Unkn
 from qcar_twin.validation import check_angle, check_order, check_time_unit, gap_limit
 
 _FEW_NANS = 0.05  # formats without blanks: rarer NaNs in a command are faults, commoner ones are an asynchronous stream
-_MIN_RUNS = 5  # runs of equal values needed before a publisher's rate is read from them
+_MIN_RUNS = 5  # runs of equal values that make a publisher's rate sure
 
 
 @dataclass(frozen=True)
@@ -215,11 +215,16 @@ def held_samples(value: np.ndarray, usual: int) -> np.ndarray:
 
 def _publisher_rows(values: Mapping[str, np.ndarray]) -> dict[str, int]:
   """How many rows each held channel's publisher usually repeats a value: the lower quartile of its run lengths. A channel
-  that changes too seldom takes the smallest of the others; 0 when nothing is known."""
-  usual = {}
+  that changes seldom takes the smallest of those that change often, else its own; 0 when it never changes and nothing is known."""
+  lengths = {}
   for channel, value in values.items():
     start = np.flatnonzero(_changed(value[~np.isnan(value)]))
-    length = np.diff(start)[1:]  # neither the first run nor the last is whole
-    if length.size >= _MIN_RUNS:
-      usual[channel] = int(np.percentile(length, 25, method="lower"))
-  return {channel: usual.get(channel, min(usual.values(), default=0)) for channel in values}
+    lengths[channel] = np.diff(start)[1:]  # neither the first run nor the last is whole
+  usual = {
+    channel: int(np.percentile(length, 25, method="lower")) for channel, length in lengths.items() if length.size
+  }
+  sure = [usual[channel] for channel, length in lengths.items() if length.size >= _MIN_RUNS]
+  return {
+    channel: usual[channel] if length.size >= _MIN_RUNS or (length.size and not sure) else min(sure, default=0)
+    for channel, length in lengths.items()
+  }

@@ -11,6 +11,7 @@ import numpy as np
 from qcar_twin.recording import Recording, RecordingError
 
 DEGREE, GRAVITY = math.pi / 180.0, 9.80665
+_SPIKES = 2  # so many samples may always lie beyond a limit that allows spikes
 _BIN = 0.25  # s, over which channels are averaged before they are compared
 _BINS = 10  # fewest bins that a comparison is worth
 _UNIT_CORRELATION = 0.6  # agreement that convicts a unit
@@ -72,7 +73,7 @@ def check_limits(recording: Recording) -> None:
       continue
     magnitude = np.abs(recording[channel].value)
     beyond = magnitude > limit.value
-    if beyond.mean() > limit.fraction:
+    if beyond.sum() > (max(limit.fraction * beyond.size, _SPIKES) if limit.fraction else 0):
       at = recording[channel].time[int(np.argmax(beyond))]
       unit = next(
         (suspect for suspect in limit.suspects if np.median(magnitude[beyond]) * suspect.scale < limit.value / 5.0),

@@ -43,8 +43,14 @@ def read_table(path: Path, shown: str | None = None) -> Table:
     raise RecordingError(f"{shown}: the file is empty (0 bytes); record it again or remove it from dataset.toml")
   try:
     table = read(path, shown)
-  except (PermissionError, OSError) as error:
+  except RecordingError:
+    raise
+  except OSError as error:
     raise RecordingError(f"{shown}: cannot be read ({error}); check the file and its permissions") from error
+  except Exception as error:  # readers raise many kinds for damaged files
+    raise RecordingError(
+      f"{shown}: is damaged, or not the {path.suffix} file it is called ({error}); write it again"
+    ) from error
   if table.rows == 0:
     raise RecordingError(f"{shown}: has column names but no rows; record it again or remove it from dataset.toml")
   return table

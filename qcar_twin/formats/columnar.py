@@ -49,7 +49,7 @@ def read_parquet(path: Path, shown: str) -> Table:
 def read_npz(path: Path, shown: str) -> Table:
   """One array per column, all of the length of `time`; NaN means no sample. Pickled objects are refused."""
   try:
-    with np.load(path, allow_pickle=False) as archive:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
       arrays = {name: _loaded(archive, name, shown) for name in archive.files}
   except (zipfile.BadZipFile, EOFError, ValueError) as error:
     if isinstance(error, RecordingError):

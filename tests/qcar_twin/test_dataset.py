@@ -174,6 +174,28 @@ def test_hold_on_samples_that_are_not_held_keeps_them_all(tmp_path):
   assert (run["yaw_rate"].time == time).all()
 
 
+def test_hold_in_a_short_log_keeps_exactly_the_changes(tmp_path):
+  time, columns = drive(0.4)
+  log = {"motor_voltage": columns["motor_voltage"], "motor_speed": held(columns["motor_speed"], 10)[:40]}
+  folder = folder_with(
+    tmp_path,
+    time,
+    log | {"speed": columns["motor_speed"] * 0.003},
+    channels='motor_speed = { column = "motor_speed", hold = true }',
+  )
+  with pytest.raises(RecordingError, match=r"too few samples \(4\)"):
+    DataSet.load(folder)
+  log = {
+    "motor_voltage": columns["motor_voltage"],
+    "motor_speed": columns["motor_speed"],
+    "yaw_rate": held(columns["yaw_rate"], 10),
+  }
+  (run,) = DataSet.load(
+    folder_with(tmp_path, time, log, channels='yaw_rate = { column = "yaw_rate", hold = true }')
+  ).recordings
+  assert (run["yaw_rate"].time == time[::10]).all()
+
+
 def test_a_lone_held_constant_keeps_its_span(tmp_path):
   time, columns = drive()
   log = {

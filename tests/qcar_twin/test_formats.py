@@ -181,6 +181,12 @@ def test_damaged_parquet_and_npz_are_named(tmp_path):
   refused(tmp_path / "a.parquet", "is not a readable Parquet file", "write it again")
   (tmp_path / "a.npz").write_bytes(b"PK\x03\x04 nonsense")
   refused(tmp_path / "a.npz", "is not a readable NPZ file", "numpy.savez")
+  np.savez(tmp_path / "c.npz", time=TIME)
+  content = bytearray((tmp_path / "c.npz").read_bytes())
+  content[4] = 250  # a version of zip that nobody wrote
+  content[content.rindex(b"PK\x01\x02") + 6] = 250
+  (tmp_path / "c.npz").write_bytes(content)
+  refused(tmp_path / "c.npz", "is damaged, or not the .npz file it is called", "write it again")
   np.savez(tmp_path / "b.npz", note=np.array("text"))
   refused(tmp_path / "b.npz", "holds no numeric vectors")
 

@@ -258,6 +258,22 @@ def test_a_spike_beyond_the_limit_is_no_unit(tmp_path):
   assert warned(tmp_path, time, columns) == ()
 
 
+@pytest.mark.parametrize("seed", range(60))
+def test_a_mutilated_csv_is_loaded_or_refused_but_never_crashes(tmp_path, seed):
+  random = np.random.default_rng(seed)
+  folder = folder_with(tmp_path, *drive(0.5))
+  content = bytearray((folder / "run.csv").read_bytes())
+  for _ in range(random.integers(1, 6)):
+    place = int(random.integers(len(content)))
+    piece = [b",", b"\n", b"nan", b"inf", b"-", b"1e400", b'"', b"\r", b"\xff", b",,,", b"9", b"e"][random.integers(12)]
+    content[place : place + int(random.integers(0, 30))] = piece
+  (folder / "run.csv").write_bytes(content)
+  try:
+    assert all(run.commands(0.01)[1].shape[1] == 2 for run in DataSet.load(folder).recordings)
+  except RecordingError as error:
+    assert str(error).startswith("run.csv: ")
+
+
 def test_limits_speak_of_real_channels_and_say_when():
   assert set(LIMITS) <= set(CHANNELS)
   run = Recording("a", {"motor_voltage": Stream([0.0, 0.5, 1.0], [1.0, 2.0, 2000.0]), "speed": Stream([0.0], [0.0])})
