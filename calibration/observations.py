@@ -54,6 +54,7 @@ class Observations:
     time: recording time of each value, s, (M,).
     names: recording names.
     unsigned_speed: True if the log's speed never carries a sign.
+    horizon: time over which poses are differenced, s.
   """
 
   stretches: Stretches
@@ -65,6 +66,7 @@ class Observations:
   names: tuple[str, ...]
   unsigned_speed: bool
   wheel_radius_times_gear: float
+  horizon: float
   _point: NDArray[np.int64]  # flat index of the grid point before each value, (M,)
   _fraction: Array  # weight of the grid point after it, (M,)
   _point_back: NDArray[np.int64]  # the same at the start of a pose horizon
@@ -160,6 +162,7 @@ def observe(
     names=tuple(r.name for r in recordings),
     unsigned_speed=_unsigned(recordings),
     wheel_radius_times_gear=vehicle.wheel_radius * vehicle.gear_ratio,
+    horizon=horizon,
     _point=joined["p"].astype(np.int64),
     _fraction=joined["f"],
     _point_back=joined["pb"].astype(np.int64),

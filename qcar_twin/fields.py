@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from qcar_twin.handles import Handles
 from qcar_twin.mechanisms.base import Car
 from qcar_twin.tyre import COLUMN
+from qcar_twin.vehicle_model import differential_rows
 
 Array = NDArray[np.float64]
 Rows = slice | NDArray[np.int64]
@@ -40,7 +41,11 @@ class Fields:
     model = batch.model
     self._handles = Handles.of(model)
     self._ackermann = model.equality("ackermann").id
-    self._differential = [model.tendon(f"{axle}_differential").id for axle in ("front", "rear")]
+    axles = [f"{axle}_differential" for axle in ("front", "rear")]
+    self._differential = [
+      (model.equality(name).id, float(model.tendon_invweight0[model.tendon(name).id])) for name in axles
+    ]
+    self._timestep = float(model.opt.timestep)
     self._rest = _Rest(model, self._handles.chassis)
     self._full_ackermann = car.track_width / (2.0 * car.wheelbase)
     self.values: dict[str, Array] = {}
@@ -102,8 +107,12 @@ class Fields:
       if name in changed:
         self._batch.expand("opt.gravity")[rows, axis] = self.values[name][rows]
     if "differential_damping" in changed:
-      for tendon in self._differential:
-        self._batch.expand("tendon_damping")[rows, tendon] = self.values["differential_damping"][rows]
+      damping = self.values["differential_damping"][rows]
+      for equality, weight in self._differential:
+        solref, solimp = differential_rows(damping, self._timestep, weight)
+        self._batch.expand("eq_solref")[rows, equality] = solref
+        self._batch.expand("eq_solimp")[rows, equality] = solimp
+        self._batch.bind("eq_active")[rows, equality] = damping > 0.0
     if "servo_time_constant" in changed:
       self._batch.expand("actuator_dynprm")[rows, self._handles.steering, 0] = self.values["servo_time_constant"][rows]
     if "ackermann_fraction" in changed:

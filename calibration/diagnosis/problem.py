@@ -20,6 +20,7 @@ from qcar_twin.twin import Twin
 Array = NDArray[np.float64]
 
 _SPIKE = 6.0  # residuals beyond this many standard deviations lose weight
+_MEMORY = 0.1  # s within which samples of one channel count as one witness
 _COLUMNS = 48  # simulations of the whole data set held in memory at once
 
 
@@ -117,22 +118,18 @@ def weighting_from(observations: Observations, raw: Array, floor: Mapping[str, f
     rms = float(np.sqrt(np.mean(np.clip(raw[rows], -_SPIKE * typical, _SPIKE * typical) ** 2)))
     std[index] = max(rms, floor.get(CHANNELS[index], 0.0), 1e-9)
     spike[rows] = np.minimum(1.0, _SPIKE * std[index] / np.maximum(np.abs(raw[rows]), 1e-12))
-    correlation[index] = _correlation_length(raw[rows], observations, rows)
+    correlation[index] = _correlation_length(observations, rows)
   return Weighting(std, correlation, spike)
 
 
-def _correlation_length(raw: Array, observations: Observations, rows: NDArray[np.int64]) -> float:
-  """Integrated autocorrelation of one channel, in samples: 1 + 2 sum rho_k while rho_k > 0.05, at most 1 s."""
+def _correlation_length(observations: Observations, rows: NDArray[np.int64]) -> float:
+  """Samples that count as one witness: those within a tenth of a second; for displacements, within their horizon.
+
+  It is a convention, not an estimate: taken from residuals, a badly fitted channel would look strongly
+  correlated, lose its weight and so stay badly fitted.
+  """
   time = observations.time[rows]
-  same = np.diff(observations.recording[rows]) == 0
-  step = np.median(np.diff(time)[same]) if same.any() else 1.0
-  longest = max(1, min(int(round(1.0 / max(step, 1e-3))), len(raw) // 4))
-  power = float(np.mean(raw**2)) + 1e-30
-  total = 1.0
-  for lag in range(1, longest + 1):
-    pair = observations.recording[rows][lag:] == observations.recording[rows][:-lag]
-    rho = float(np.mean((raw[lag:] * raw[:-lag])[pair])) / power if pair.any() else 0.0
-    if rho < 0.05:
-      break
-    total += 2.0 * rho
-  return total
+  steps = np.diff(time)[np.diff(observations.recording[rows]) == 0]
+  step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
+  displaced = CHANNELS[observations.channel[rows[0]]].startswith("pose_")
+  return max(1.0, (observations.horizon if displaced else _MEMORY) / step)
