@@ -23,13 +23,13 @@ class Actuation:
 
   Attributes:
     delay: s, rounded to control periods.  lag: first-order time constant, s.
-    gain, offset: of the linkage, - and rad.
+    gain, offset: of the linkage, - and rad; numbers or (N,).
   """
 
   delay: float = 0.02
   lag: float = 0.04
-  gain: float = 1.0
-  offset: float = 0.0
+  gain: float | Array = 1.0
+  offset: float | Array = 0.0
 
 
 class Servo:
