@@ -24,6 +24,7 @@ _MODEL = """
   </option>
   <worldbody>
     <geom name="floor" type="{floor}" size="50 50 0.05" pos="0 0 {floor_z}" contype="1" conaffinity="0"/>
+    {wall}
     <body name="carriage" pos="0 0 0.033">
       <joint name="x" type="slide" axis="1 0 0"/>
       <joint name="y" type="slide" axis="0 1 0"/>
@@ -50,10 +51,17 @@ class Rig:
 
   @classmethod
   def of(
-    cls, h: float = 0.002, load: float = 6.6, jacobian: str = "dense", floor: str = "plane", **tyre: float
+    cls,
+    h: float = 0.002,
+    load: float = 6.6,
+    jacobian: str = "dense",
+    floor: str = "plane",
+    wall: bool = False,
+    **tyre: float,
   ) -> "Rig":
     floor_z = 0.0 if floor == "plane" else -0.05
-    text = _MODEL.format(h=h, mass=load / 9.81, jacobian=jacobian, floor=floor, floor_z=floor_z)
+    ahead = '<geom name="wall" type="box" size="0.1 1 1" pos="0.1445 0 0" contype="1" conaffinity="0"/>' if wall else ""
+    text = _MODEL.format(h=h, mass=load / 9.81, jacobian=jacobian, floor=floor, floor_z=floor_z, wall=ahead)
     spec = mujoco.MjSpec.from_string(text)
     add_tyres(spec, "carriage", {"wheel": tyre_user_data(**(TYRE | tyre))})
     model = spec.compile()
