@@ -43,6 +43,7 @@ class Car:
   slip_stiffness: float = 150.0  # N per unit slip, per wheel at its static load
   load_curve: float = 0.10  # stiffness = linear * q * (1 + load_curve * (1 - q)), q = load / static load
   friction: float = 0.90
+  brush_share: float = 0.1  # of the brush model's bend in the tyre law, the rest is a hyperbolic tangent
   friction_load: float = 0.05  # friction falls by this per unit of q
   relaxation: float = 0.010  # m, transient slip of the carcass
   carcass_damping: float = 1.5e-3  # s
@@ -78,6 +79,7 @@ class Car:
             motor_inertia=rng.uniform(2e-6, 4e-6), motor_viscous=rng.uniform(0.5e-6, 1.5e-6), motor_coulomb=rng.uniform(1.5e-3, 3.5e-3),
             cornering_front=grip_front * load_front, cornering_rear=grip_rear * load_rear,
             slip_stiffness=rng.uniform(20.0, 30.0) * mass * GRAVITY / 4, friction=rng.uniform(0.78, 1.05),
+      brush_share=rng.uniform(0.0, 0.2),
             relaxation=rng.uniform(0.008, 0.013), rolling_resistance=rng.uniform(0.010, 0.018), roll_front=rng.uniform(0.42, 0.58),
             imu_x=rng.uniform(-0.03, 0.04), imu_y=rng.uniform(-0.015, 0.015),
         )  # fmt: skip

@@ -1,8 +1,9 @@
-"""Double-track car with body roll and pitch, brush tyres on a flexible carcass, four wheel spins and two differentials.
+"""Double-track car with body roll and pitch, tyres on a flexible carcass, four wheel spins and two differentials.
 
 Every state is an array over cars (N,); wheels are ordered front left, front right, rear left, rear right. ISO 8855 signs.
-Brush tyre: Pacejka 2012, 3.2; slip through carcass deflection u: u' = v_s - (abs(V_r) + abs(v_s)) u / sigma, the steady state of which
-is u / sigma = v_s / (abs(V_r) + abs(v_s)). Dry friction of the motor: Dahl 1968, in normalised form s' = (w - abs(w) s) / (z_s + abs(w) T).
+Tyre: slip through carcass deflection u, u' = v_s - (|V_r| + |v_s|) u / sigma, whose steady state is u / sigma = v_s / (|V_r| + |v_s|);
+with q = |C u / sigma| / (mu F_z) the force is C u / sigma times a mix of tanh(q) / q and the brush's 1 - q/3 + q^2/27 (Pacejka 2012, 3.2).
+Dry friction of the motor: Dahl 1968, in the form s' = (w - |w| s) / (z_s + |w| T), torque T_c s.
 """
 
 from __future__ import annotations
@@ -66,7 +67,6 @@ class Dynamics:
     self.wheel_x = np.stack([car.cg_to_front, car.cg_to_front, -car.cg_to_rear, -car.cg_to_rear])
     self.wheel_y = np.stack([half, -half, half, -half]) - car.cg_lateral
     self.static = static_loads(car)
-    self.limit = 3.0 * car.friction
     mean = np.repeat([[1.0], [1.0]], n, axis=1) * self.static.reshape(2, 2, n).mean(axis=1)
     nominal = np.repeat(mean, 2, axis=0)  # an axle's stiffness is given at the mean load of its wheels
     cornering = np.stack([car.cornering_front, car.cornering_front, car.cornering_rear, car.cornering_rear])
@@ -132,11 +132,12 @@ class Dynamics:
     elastic = (self.stiffness * (0.5 + 0.5 * self.grip) * (ratio * (1.0 + car.load_curve * less))) * (
       z.carcass + car.carcass_damping * k.carcass
     )
-    peak = self.limit * self.grip * load * (1.0 + car.friction_load * less)
-    sliding = np.minimum(np.sqrt(elastic[0] * elastic[0] + elastic[1] * elastic[1]) / peak, 1e3)
-    inside = np.minimum(sliding, 1.0)
-    share = np.maximum(sliding, 1.0)
-    np.multiply(elastic, (1.0 - inside + inside * inside / 3.0) / share, out=self.force)
+    peak = car.friction * self.grip * load * (1.0 + car.friction_load * less)
+    use = np.clip(np.sqrt(elastic[0] * elastic[0] + elastic[1] * elastic[1]) / peak, 1e-9, 1e3)
+    part = np.minimum(use / 3.0, 1.0)
+    brush = (1.0 - part + part * part / 3.0) / np.maximum(use / 3.0, 1.0)
+    bend = np.tanh(use) / use
+    np.multiply(elastic, bend + car.brush_share * (brush - bend), out=self.force)
 
   def _body(self, z: Frame, k: Frame) -> None:
     """Newton and Euler for the chassis in its own frame, roll and pitch about the ground."""

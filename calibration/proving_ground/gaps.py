@@ -30,6 +30,7 @@ ABLATIONS: dict[str, Callable[[Car], dict[str, float]]] = {
   "Ackermann share": lambda car: {"ackermann": 1.0},
   "rolling resistance at the wheels": _without_rolling_resistance,
   "body roll and pitch": lambda car: {"roll_rate": 300.0, "pitch_rate": 300.0},
+  "share of the brush in the tyre law": lambda car: {"brush_share": 0.0},
   "tyre load curve": lambda car: {"load_curve": 0.0, "friction_load": 0.0},
   "armature warms": lambda car: {"copper": 0.0},
   "pack voltage falls over the whole charge": lambda car: {"discharge": 0.0},
@@ -40,13 +41,14 @@ UNITS = {
   "Ackermann share": ("ackermann", "-"),
   "rolling resistance at the wheels": ("rolling_resistance", "-"),
   "body roll and pitch": ("roll_rate", "rad/s"),
+  "share of the brush in the tyre law": ("brush_share", "-"),
   "tyre load curve": ("load_curve", "-"),
   "armature warms": ("copper", "1/K"),
   "pack voltage falls over the whole charge": ("discharge", "-"),
   "dry friction builds up over a motor angle": ("presliding", "rad"),
 }
 BUILT_IN = (
-  "brush tyre law",
+  "tyre law of hyperbolic tangent and brush",
   "encoder differenced over 4 ms",
   "IMU averaged over 2 ms",
   "coloured forces and uneven floor",

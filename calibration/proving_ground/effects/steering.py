@@ -25,7 +25,8 @@ class SteeringLag(Effect):
 
   def act(self, sim: Simulation) -> None:
     goal = sim.command[1, self.columns]
-    self.speed += sim.h * (self.rate**2 * (goal - self.angle) - 1.6 * self.rate * self.speed)
+    pull, h = self.rate**2 * (goal - self.angle), sim.h
+    self.speed = (self.speed + h * pull) / (1 + 1.6 * self.rate * h + (self.rate * h) ** 2)  # stable at any rate
     self.speed = 25.0 * np.tanh(self.speed / 25.0)
     self.angle += sim.h * self.speed
     goal[:] = self.angle
@@ -50,7 +51,7 @@ class SteeringDelay(Effect):
 
 
 class SteeringRateLimit(Effect):
-  """The servo saturates: its speed is rho tanh(error / (rho 6 ms)), so never above rho = 1 / q; parameter: q."""
+  """The servo saturates: its speed is rho tanh(error / 0.03 rad), so never above rho = 1 / q; parameter: q."""
 
   id, subsystem, parameter, typical, unit = "steering_rate_limit", "steering", "steering_inverse_rate", 0.2, "s/rad"
 
@@ -59,7 +60,8 @@ class SteeringRateLimit(Effect):
 
   def act(self, sim: Simulation) -> None:
     goal = sim.command[1, self.columns]
-    self.angle += sim.h / self.value * np.tanh((goal - self.angle) * self.value / 6e-3)
+    most = sim.h / self.value
+    self.angle += most * np.tanh((goal - self.angle) / max(0.03, most))
     goal[:] = self.angle
 
 
