@@ -18,6 +18,7 @@ __all__ = ["Handles", "differential_rows", "servo_force", "tyre_of", "write"]
 
 _LOOKS_GROUP = 2
 _KNUCKLE_INERTIA = 2e-4  # of a road wheel with its share of the servo / mass of the car, m^2
+_FASTEST_DAMPER = 220.0  # 1/s, damping of a wheel's travel / its mass: what an explicit step of 5 ms stands
 _FASTEST_SERVO = 1e3  # rad/s, stands for no limit
 
 
@@ -90,12 +91,12 @@ def differential_rows(damping: ArrayLike, timestep: float, invweight: float) -> 
 
 def _write_chassis(spec: mujoco.MjSpec, car: Vehicle) -> None:
   chassis, motor = spec.body("chassis"), spec.body("motor")
-  mass, yaw = car.mass - 4.0 * car.wheel_mass, car.chassis_yaw_inertia
+  mass = car.mass - 4.0 * car.wheel_mass
   chassis.pos = [0.0, 0.0, car.cg_height]
   chassis.mass = mass - motor.mass
   chassis.ipos = -car.wheel_mass * car.wheel_positions.sum(axis=0) / mass
   motor.pos = chassis.ipos
-  chassis.inertia = [0.35 * yaw, 0.85 * yaw, yaw]  # a flat box: roll, pitch, yaw
+  chassis.inertia = _chassis_inertia(car, mass)
   spec.site("imu").pos = [car.imu_x, car.imu_y, 0.0]
   scale = _scale(car)
   spec.site("lidar").pos = spec.site("lidar").pos * scale
@@ -103,10 +104,21 @@ def _write_chassis(spec: mujoco.MjSpec, car: Vehicle) -> None:
   hull.size, hull.pos = hull.size * scale, hull.pos * scale
 
 
+def _chassis_inertia(car: Vehicle, mass: float) -> list[float]:
+  """Roll, pitch and yaw inertia of the sprung mass: yaw as measured, the others of a flat box over the wheels.
+
+  Not too small for the dampers at a step of 5 ms, and a rigid body's: none exceeds the sum of the others.
+  """
+  yaw = car.chassis_yaw_inertia
+  roll = max(0.35 * yaw, mass * (0.35 * car.track_width) ** 2)
+  pitch = max(0.85 * yaw, mass * (0.30 * car.wheelbase) ** 2, 1.05 * roll - yaw)
+  return [roll, min(pitch, 0.95 * (roll + yaw)), yaw]
+
+
 def _write_wheels(spec: mujoco.MjSpec, car: Vehicle) -> None:
   sprung = car.mass - 4.0 * car.wheel_mass
   stiffness = sprung / 4.0 * (2.0 * math.pi * car.suspension_frequency) ** 2
-  damping = car.suspension_damping_ratio * math.sqrt(stiffness * sprung)
+  damping = min(car.suspension_damping_ratio * math.sqrt(stiffness * sprung), _FASTEST_DAMPER * car.wheel_mass)
   for wheel, position in zip(WHEELS, car.wheel_positions, strict=True):
     body, joint, geom = spec.body(wheel), spec.joint(f"{wheel}_suspension"), spec.geom(wheel)
     load = car.static_load[0 if wheel.startswith("front") else 1]
