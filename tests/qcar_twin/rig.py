@@ -106,3 +106,35 @@ def steady_force(forward: float, left: float, rolling: float, load: float = 6.6,
   peak = t["friction_coefficient"] * fall * load
   rho, shape = np.linalg.norm(linear) / peak, t["tyre_shape"]
   return -linear * (np.sin(shape * np.arctan(rho / shape)) / rho if rho > 0 else 1.0)
+
+
+def peak_friction(direction: float) -> float:
+  """Highest force / load met while the slip grows along one direction, rad from the rolling direction."""
+  rig, best = Rig.of(h=0.001), 0.0
+  for slip in np.linspace(0.02, 0.9, 60):
+    force = rig.run(1.0, slip * np.sin(direction), 1.0 - slip * np.cos(direction), 0.02)[-1]
+    best = max(best, np.hypot(*force[:2]) / force[2])
+  return best
+
+
+def recovered_relaxation(length: float, speed: float, damping: float) -> tuple[float, float]:
+  """Relaxation length found in the answer to a step of slip angle, m, and the log of 1 - force at its start."""
+  rig = Rig.of(h=0.001, relaxation_length=length, carcass_damping=damping)
+  rig.run(speed, 0.0, speed, 0.3)
+  share = rig.run(speed, 0.01 * speed, speed, 5.0 * length / speed)[:, 1] / steady_force(speed, 0.01 * speed, speed)[1]
+  distance, rising = speed * 0.001 * np.arange(1, len(share) + 1), share < 0.95
+  slope, start = np.polyfit(distance[rising], np.log(1.0 - share[rising]), 1)
+  return -1.0 / slope, start
+
+
+if __name__ == "__main__":
+  for h in (0.0005, 0.002, 0.005):
+    for speed in (0.3, 0.5, 1.0, 2.0):
+      force = Rig.of(h=h).run(speed, 0.001 * speed, speed, 0.05)[-1]
+      print(f"{1e3 * h:g} ms, {speed:g} m/s: cornering stiffness {-1e3 * force[1]:.2f} N/rad, asked for 90")
+  for angle in (0.0, 0.6, np.pi / 2):
+    print(f"peak friction at {angle:.2f} rad: {peak_friction(angle):.4f}, asked for 0.8")
+  for length in (0.03, 0.1):
+    for speed in (0.5, 1.5):
+      found = 1e3 * recovered_relaxation(length, speed, 40.0)[0]
+      print(f"relaxation length at {speed:g} m/s: {found:.2f} mm, asked for {1e3 * length:g}")
