@@ -92,7 +92,7 @@ def differential_rows(damping: ArrayLike, timestep: float, invweight: float) -> 
 def _write_chassis(spec: mujoco.MjSpec, car: Vehicle) -> None:
   chassis, motor = spec.body("chassis"), spec.body("motor")
   mass = car.mass - 4.0 * car.wheel_mass
-  chassis.pos = [0.0, 0.0, car.cg_height]
+  chassis.pos = [0.0, 0.0, car.cg_height - _sinking(car)]
   chassis.mass = mass - motor.mass
   chassis.ipos = -car.wheel_mass * car.wheel_positions.sum(axis=0) / mass
   motor.pos = chassis.ipos
@@ -102,6 +102,15 @@ def _write_chassis(spec: mujoco.MjSpec, car: Vehicle) -> None:
   spec.site("lidar").pos = spec.site("lidar").pos * scale
   hull = spec.geom("chassis")
   hull.size, hull.pos = hull.size * scale, hull.pos * scale
+
+
+def _sinking(car: Vehicle) -> float:
+  """How deep the wheels stand in the floor, m: load x R / (K d) of MuJoCo's soft contact with the solref and solimp
+  of the wheels, R from the mean inverse mass of a wheel along z (its own) and x, y (nearly the car's).
+  """
+  time_constant, impedance = 0.01, 0.99
+  inverse_mass = (1.0 / car.wheel_mass + 4.2 / car.mass) / 3.0
+  return float(np.mean(car.static_load)) * (1.0 - impedance) * time_constant**2 * inverse_mass
 
 
 def _chassis_inertia(car: Vehicle, mass: float) -> list[float]:

@@ -52,6 +52,18 @@ def test_stands_at_its_height_with_its_loads(car, tyre):
   assert 2 * (front + rear) == pytest.approx(car.mass * GRAVITY)
 
 
+@pytest.mark.parametrize("h", [0.0005, 0.002, 0.005])
+@pytest.mark.parametrize("car", CARS, ids=lambda c: c.name)
+def test_starts_at_rest(car, h):
+  model = car.spec(timestep=h).compile()
+  data = mujoco.MjData(model)
+  fastest = 0.0
+  for _ in range(round(0.1 / h)):
+    mujoco.mj_step(model, data)
+    fastest = max(fastest, np.abs(data.qvel[:6]).max())
+  assert fastest < 1e-3
+
+
 @pytest.mark.parametrize("car", CARS, ids=lambda c: c.name)
 def test_mass_centre_of_gravity_and_yaw_inertia(car):
   model = car.spec().compile()
