@@ -6,8 +6,9 @@ P3 = b_l P2, discretised at 10 ms. omega_hat is the exact solution of the motor 
 voltages, T_j lasts until the response has settled, and measurement and model pass the same zero-phase
 moving average. Voltages and speeds of both signs count by size (the model is odd).
 
-Beyond the paper: a run that ends a little early still drifts. Its steady speed is omega + omega' / P2, which
-the motor equation says at any time under a held voltage; both stages are repeated until P2 agrees with itself.
+Beyond the paper: what is left of the transient in a steady window, a share E = mean e^(-P2 t) of the step, is
+taken off by the motor equation itself, omega_s = (mean omega - E omega_0) / (1 - E); the two stages are
+repeated until P2 agrees with itself. A run that ends a little early then neither biases m_l nor P2.
 """
 
 import dataclasses
@@ -89,7 +90,7 @@ def fit_drive(recordings: Sequence[Recording], rolling_radius: float, scale_std:
       f" {len(settled)} move the car and settle. Record longer voltage_step runs at other voltages"
     )
   values, slope, offset = _two_stages(settled, moving)
-  covariance = _jackknife(settled, moving, values)
+  covariance = _jackknife(settled, moving, values) + _model_error(moving, values)
   if by_speed:
     covariance = covariance + scale_std**2 * np.outer([values[0], 0.0, values[2]], [values[0], 0.0, values[2]])
   errors = tuple(_step_error(s, values) for s in steps if _size(s) > STANDING * fastest)
@@ -125,26 +126,27 @@ def _size(step: Step) -> float:
 
 
 def _two_stages(settled: Sequence[Step], moving: Sequence[Step]) -> tuple[Array, float, float]:
-  low, high = np.log(PARAMETERS["drive_damping"].lower), np.log(PARAMETERS["drive_damping"].upper)
-  responses, damping = Responses(moving), np.inf
-  for _ in range(8 if any(s.drifts for s in settled) else 1):
-    line = steady_regression(settled, damping)
-    direction = np.array([line[0], 1.0, line[1]])
+  responses, damping, slope, offset = Responses(moving), np.inf, 0.0, 0.0
+  bounds = np.log([PARAMETERS["drive_damping"].lower, PARAMETERS["drive_damping"].upper])
+  for _ in range(12):
+    slope, offset = steady_regression(settled, damping)
+    direction = np.array([slope, 1.0, offset])
     found = minimize_scalar(
       lambda log_p2, direction=direction: responses.cost(np.exp(log_p2) * direction),
-      bounds=(low, high),
+      bounds=tuple(bounds),
       method="bounded",
       options={"xatol": 1e-6},
     )
     damping, before = float(np.exp(found.x)), damping
     if abs(damping / before - 1.0) < 1e-4:
       break
-  return damping * direction, *line
+  return damping * np.array([slope, 1.0, offset]), slope, offset
 
 
 def steady_speed(step: Step, damping: float) -> float:
-  """Size of the motor speed a held voltage leads to, |omega + omega' / P2| [rad/s]."""
-  return abs(step.steady_mean("motor_speed") + step.steady_drift("motor_speed") / damping)
+  """Size of the motor speed a held voltage leads to, |omega_s| [rad/s], from the step's steady window."""
+  left = float(np.mean(np.exp(-damping * step.time[step.steady])))
+  return abs(step.steady_mean("motor_speed") - left * _start_speed(step)) / (1.0 - left)
 
 
 def steady_regression(settled: Sequence[Step], damping: float) -> tuple[float, float]:
@@ -222,8 +224,8 @@ def _jackknife(settled: Sequence[Step], moving: Sequence[Step], values: Array) -
   """Covariance (3, 3) of P1, P2, P3 by leaving out each recording in turn.
 
   What differs from run to run (noise, heat, the model's own error at other voltages) shows in it. Few
-  recordings know their own spread badly: it is widened so that three standard deviations of the estimate
-  keep the 99.7 % they have for many (Student). Two recordings or fewer leave it unknown (NaN).
+  recordings know their own spread badly: it is widened so that two standard deviations of the estimate
+  keep the 95.4 % they have for many (Student). Two recordings or fewer leave it unknown (NaN).
   """
   names = sorted({s.recording for s in settled})
   if len(names) < 3:
@@ -236,9 +238,22 @@ def _jackknife(settled: Sequence[Step], moving: Sequence[Step], values: Array) -
   return spread * student_widening(count - 1) ** 2 + np.diag(1e-12 * values**2)
 
 
+def _model_error(moving: Sequence[Step], values: Array) -> Array:
+  """Covariance (3, 3) from what the fit leaves over, taken as one error common to all times and runs.
+
+  Heat, charge, tyre slip act alike in every run: leaving out runs does not show them. An error of the size
+  of the residual and the shape of d omega / d log P2 moves log P2 by rms(residual) / rms(sensitivity).
+  """
+  responses, step = Responses(moving), 1e-3
+  model, moved = responses.model(values), responses.model(values * (1.0 + step))
+  left = sum(np.mean(np.square(w - m)) for w, m in zip(responses.measured, model, strict=True))
+  felt = sum(np.mean(np.square(n - m)) for n, m in zip(moved, model, strict=True)) / step**2
+  return left / felt * np.outer(values, values)
+
+
 def student_widening(freedom: int) -> float:
-  """Factor on a standard deviation with so many degrees of freedom that keeps 3 of it at 99.73 %."""
-  return float(student.ppf(norm.cdf(3.0), freedom) / 3.0)
+  """Factor on a standard deviation with so many degrees of freedom that keeps 2 of it at 95.4 %."""
+  return float(student.ppf(norm.cdf(2.0), freedom) / 2.0)
 
 
 def _step_error(step: Step, values: Array) -> StepError:
@@ -269,9 +284,6 @@ def _notes(
   unsettled = sorted({s.recording for s in moving if s.steady is None})
   if unsettled:
     notes.append(f"not settled at the end, used for the transient only: {', '.join(unsettled)}")
-  drifting = sorted({s.recording for s in settled if s.drifts})
-  if drifting:
-    notes.append(f"still drifting at the end, steady speed extrapolated: {', '.join(drifting)}")
   if by_speed:
     notes.append("no motor_speed is logged: it is taken as speed / (gear_ratio wheel_radius)")
   if len({s.recording for s in settled}) < 3:

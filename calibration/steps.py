@@ -15,7 +15,7 @@ from qcar_twin.recording import Recording
 Array = NDArray[np.float64]
 
 PERIOD = 0.01  # s, the paper's discretisation of its costs
-FILTER_TIME = 0.05  # s, length of the zero-phase moving average
+FILTER_TIME = 0.1  # s, length of the zero-phase moving average
 SHORTEST = 0.8  # s, a command held for less is no step
 LEAD_IN = 1.0  # s, longest stretch before a step from which starts and biases are read
 
@@ -31,7 +31,6 @@ class Step:
     commands: motor voltage [V] and steering [rad] held over each period, (T, 2).
     measured: channel -> values on the same grid, (T,).
     steady: rows of the steady window, None if the response is nowhere near its end.
-    drifts: the steady window still drifts (by 0.4 to 8 % between its halves).
   """
 
   recording: str
@@ -41,7 +40,6 @@ class Step:
   commands: Array
   measured: Mapping[str, Array]
   steady: slice | None
-  drifts: bool = False
 
   @property
   def first(self) -> int:
@@ -54,13 +52,6 @@ class Step:
 
   def steady_mean(self, channel: str) -> float:
     return float(np.mean(self.measured[channel][self.steady]))
-
-  def steady_drift(self, channel: str) -> float:
-    """Rate of change over the steady window, unit/s; zero where it has settled."""
-    if not self.drifts:
-      return 0.0
-    values = self.measured[channel][self.steady]
-    return float(np.polyfit(self.time[self.steady], values, 1)[0])
 
 
 def moving_average(values: Array, duration: float = FILTER_TIME, period: float = PERIOD) -> Array:
@@ -137,25 +128,27 @@ def _step(
   first = max(0, jump - int(LEAD_IN / PERIOD))
   window = slice(first, end)
   measured = {name: values[window] for name, values in columns.items() if name != "time"}
-  settled, drifts = settled_rows(columns[channel][begin:end])
+  settled = settled_rows(columns[channel][begin:end])
   steady = None if settled is None else slice(settled + begin - first, end - first)
-  time = (np.arange(first, end) - jump) * PERIOD
-  return Step(recording.name, recording.role, level, time, commands[window], measured, steady, drifts)
+  time = PERIOD * np.arange(first - jump, end - jump, dtype=np.float64)
+  return Step(recording.name, recording.role, level, time, commands[window], measured, steady)
 
 
-def settled_rows(values: Array, tight: float = 0.004, loose: float = 0.08) -> tuple[int | None, bool]:
-  """First row of the steady end of a response, and whether it still drifts; (None, False) if it is no end at all.
+def settled_rows(values: Array, tight: float = 0.004, loose: float = 0.08) -> int | None:
+  """First row of the steady end of a response; None if it is nowhere near its end.
 
-  The longest end whose two halves have means within `tight` of each other (relative), of those that
-  begin after 30, 40, ... 80 % of the response; else its last 40 %, drifting, if the halves agree within `loose`.
+  The longest end whose two halves have means within `tight` of each other (relative, beside what the
+  noise from sample to sample explains), of those that begin after 30, 40, ... 80 % of the response; else
+  its last 40 % if the halves agree within `loose`.
   """
+  noise = float(np.std(np.diff(values)))  # sqrt(2) of one sample's
   for share, limit in [*((s, tight) for s in np.arange(0.3, 0.81, 0.1)), (0.6, loose)]:
     begin = int(share * len(values))
     early, late = np.array_split(values[begin:], 2)
-    size = abs(float(np.mean(values[begin:])))
-    if len(early) >= 0.15 / PERIOD and abs(np.mean(early) - np.mean(late)) <= limit * size:
-      return begin, limit == loose
-  return None, False
+    allowed = limit * abs(float(np.mean(values[begin:]))) + 3.0 * noise / np.sqrt(max(len(late), 1))
+    if len(early) >= 0.15 / PERIOD and abs(np.mean(early) - np.mean(late)) <= allowed:
+      return begin
+  return None
 
 
 def standard_error(values: Array, blocks: int = 4) -> float:

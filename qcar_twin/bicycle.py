@@ -8,8 +8,11 @@ v / (G R_w), and the specific force at the IMU,
   a_x = v' cos(beta) - v (beta' + r) sin(beta),  a_y = v' sin(beta) + v (beta' + r) cos(beta),
 carried to the IMU's place by `transport_acceleration`. A signal row is what is measured just before the
 next command acts. The model has no servo: the steering angle is the command, up to the steering's end.
+
+`TurningLosses` is an extension the paper does not have; it is off unless asked for.
 """
 
+import dataclasses
 from typing import Protocol
 
 import numpy as np
@@ -36,15 +39,39 @@ PARAMETERS = ParameterSet(
 class MeasuredCar(Protocol):
   """What the bicycle needs of a vehicle, in SI units; `Vehicle` has it."""
 
-  mass: float
-  yaw_inertia: float
-  cg_to_front: float
-  cg_to_rear: float
-  wheel_radius: float
-  gear_ratio: float  # wheel speed / motor speed
-  max_steering: float
-  imu_x: float
-  imu_y: float
+  @property
+  def mass(self) -> float: ...
+  @property
+  def yaw_inertia(self) -> float: ...
+  @property
+  def cg_to_front(self) -> float: ...
+  @property
+  def cg_to_rear(self) -> float: ...
+  @property
+  def wheel_radius(self) -> float: ...
+  @property
+  def gear_ratio(self) -> float: ...  # wheel speed / motor speed
+  @property
+  def max_steering(self) -> float: ...
+  @property
+  def imu_x(self) -> float: ...
+  @property
+  def imu_y(self) -> float: ...
+
+
+@dataclasses.dataclass(frozen=True)
+class TurningLosses:
+  """What driven front wheels, coupled to the rear ones without a centre differential, take in a turn.
+
+  Their path is longer by 1 / cos(delta): they are held back, scrub, steer less and brake. To second order
+  in the angle, delta_effective = delta (1 - steering delta^2) and P3 + drag delta^2. Zero is the paper's model.
+
+  Attributes:
+    steering: 1/rad^2.  drag: rad/s^2 per rad^2, motor side.
+  """
+
+  steering: float = 0.0
+  drag: float = 0.0
 
 
 class Bicycle:
@@ -53,11 +80,13 @@ class Bicycle:
   Args:
     vehicle: measured numbers of the car.
     period: control period, s.
+    losses: extension for large steering angles; none in the paper.
   """
 
-  def __init__(self, vehicle: MeasuredCar, period: float = 0.01):
+  def __init__(self, vehicle: MeasuredCar, period: float = 0.01, losses: TurningLosses = TurningLosses()):
     self.vehicle = vehicle
     self.period = period
+    self.losses = losses
     self.parameters = PARAMETERS
 
   def __repr__(self) -> str:
@@ -103,17 +132,27 @@ class BicycleSimulation:
     self._car = bicycle.car(theta)
     self.state = initial_state(start, self._car)
     steering = start[:, START.index("steering_angle")]
-    coasting = np.stack([_holding_voltage(self.state, self._car), steering], axis=-1)
-    self.signals = signals(self.state, coasting, self._car, bicycle.vehicle)
+    effective, car = self._losses(steering)
+    coasting = np.stack([_holding_voltage(self.state, car), effective], axis=-1)
+    self.signals = signals(self.state, coasting, steering, car, bicycle.vehicle)
 
   def step(self, commands: Array) -> Array:
     """Hold motor voltage [V] and steering command [rad], (N, 2), for one period; signals after it, (N, 10)."""
     limit = self._bicycle.vehicle.max_steering
-    applied = np.array(commands, dtype=np.float64)
-    applied[:, 1] = np.clip(applied[:, 1], -limit, limit)
-    self.state = single_track.step(self.state, applied, self._bicycle.period, self._car)
-    self.signals = signals(self.state, applied, self._car, self._bicycle.vehicle)
+    steering = np.clip(commands[:, 1], -limit, limit)
+    effective, car = self._losses(steering)
+    applied = np.stack([commands[:, 0], effective], axis=-1)
+    self.state = single_track.step(self.state, applied, self._bicycle.period, car)
+    self.signals = signals(self.state, applied, steering, car, self._bicycle.vehicle)
     return self.signals
+
+  def _losses(self, steering: Array) -> tuple[Array, Car]:
+    """Effective steering angle [rad] (N,), and the car with the drag of the turn."""
+    losses, squared = self._bicycle.losses, np.square(steering)
+    if losses == TurningLosses():
+      return steering, self._car
+    car = dataclasses.replace(self._car, drive_friction=self._car.drive_friction + losses.drag * squared)
+    return steering * (1.0 - losses.steering * squared), car
 
 
 def initial_state(start: Array, car: Car) -> Array:
@@ -131,8 +170,8 @@ def _holding_voltage(state: Array, car: Car) -> Array:
   return (car.drive_damping * motor_speed + car.drive_friction * np.sign(motor_speed)) / np.asarray(car.drive_gain)
 
 
-def signals(state: Array, commands: Array, car: Car, vehicle: MeasuredCar) -> Array:
-  """The ten signals (N, 10) of states (N, 6) under commands (N, 2)."""
+def signals(state: Array, commands: Array, steering: Array, car: Car, vehicle: MeasuredCar) -> Array:
+  """The ten signals (N, 10) of states (N, 6) under (N, 2) voltages and effective angles; steering angles (N,)."""
   rates = single_track.derivative(state, commands, car)
   speed, sideslip, yaw_rate = state[:, State.SPEED], state[:, State.SIDESLIP_ANGLE], state[:, State.YAW_RATE]
   along = rates[:, State.SPEED]
@@ -149,6 +188,6 @@ def signals(state: Array, commands: Array, car: Car, vehicle: MeasuredCar) -> Ar
     "accel_x": imu[0],
     "accel_y": imu[1],
     "motor_speed": speed / car.rolling_radius,
-    "steering_angle": commands[:, 1],
+    "steering_angle": steering,
   }
   return np.stack(np.broadcast_arrays(*(named[name] for name in SIGNALS)), axis=-1)
