@@ -1,0 +1,67 @@
+"""Colours and figures of the house, the same in plots, reports and videos."""
+
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+MEASURED = "#000000"
+TWIN = "#1f6fb4"
+BICYCLE = "#e07b1a"
+BEFORE = "#9a9a9a"
+NOISE = "#dedede"  # shaded
+COLOURS = {"measured": MEASURED, "twin": TWIN, "bicycle": BICYCLE, "before": BEFORE, "noise floor": NOISE}
+
+_RC = {
+  "font.size": 9.0,
+  "axes.titlesize": 9.5,
+  "axes.spines.top": False,
+  "axes.spines.right": False,
+  "axes.grid": True,
+  "grid.color": "#e8e8e8",
+  "grid.linewidth": 0.6,
+  "lines.linewidth": 1.2,
+  "legend.frameon": False,
+  "legend.fontsize": 8.5,
+  "svg.hashsalt": "qcar-twin",
+}
+
+
+def new_figure(
+  rows: int = 1, columns: int = 1, width: float = 8.0, row_height: float = 2.1, share_x: bool = False
+) -> tuple[Figure, NDArray[np.object_]]:
+  """A figure without global state, and its axes, (rows, columns).
+
+  Args:
+    width, row_height: inches.
+    share_x: one horizontal axis for all rows.
+  """
+  with mpl.rc_context(_RC):
+    figure = Figure(figsize=(width, row_height * rows + 0.4), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=share_x)
+  return figure, axes
+
+
+def draw(axes: Axes, time: ArrayLike, value: ArrayLike, who: str, label: str = "") -> None:
+  """A line in the colour of "measured", "twin", "bicycle" or "before"; its name is the label unless given."""
+  width = 0.9 if who == "measured" else 1.3
+  axes.plot(time, value, color=COLOURS[who], linewidth=width, label=label or who, zorder=1 if who == "measured" else 2)
+
+
+def shade_noise(axes: Axes, std: float, centre: float = 0.0) -> None:
+  """Shade what the sensor's own noise makes, one standard deviation either way."""
+  axes.axhspan(centre - std, centre + std, color=NOISE, linewidth=0.0, zorder=0, label="noise floor")
+
+
+def bars(axes: Axes, groups: Sequence[str], values: dict[str, Sequence[float]]) -> None:
+  """Bars side by side, one colour for each of "before", "twin", "bicycle"; NaN leaves a gap."""
+  place = np.arange(len(groups))
+  width = 0.8 / max(len(values), 1)
+  for k, (who, heights) in enumerate(values.items()):
+    shift = (k - 0.5 * (len(values) - 1)) * width
+    axes.bar(place + shift, heights, width=0.92 * width, color=COLOURS[who], label=who)
+  axes.set_xticks(place, groups)
+  axes.grid(False, axis="x")
