@@ -239,7 +239,7 @@ class FederatedBatch:
       cars.bicycle, cars.bicycle_covariance, ROWS, innovation, share, accepted
     )
     cars.age[accepted], cars.refused[accepted], cars.steady[accepted] = 0.0, 0, 0
-    self._fix_point(fix[:, :2], noise[:, :2] / settings.sharing[1], present, accepted)
+    self._fix_point(fix[:, :2], noise[:, :2] / settings.sharing[1], accepted)
 
   def _refuse(self, refused: Mask, innovation: Array) -> Mask:
     """Count steadily refused fixes; the cars that are lost by now."""
@@ -251,15 +251,15 @@ class FederatedBatch:
     cars.last = np.where(refused[:, None], innovation[:, :2], cars.last)
     return refused & (cars.steady >= self.settings.lost_after)
 
-  def _fix_point(self, fix: Array, noise: Array, present: Mask, accepted: Mask) -> None:
+  def _fix_point(self, fix: Array, noise: Array, accepted: Mask) -> None:
     cars = self.cars
-    heard = present & (cars.accel_age <= self.settings.accel_timeout)
+    heard = accepted & (cars.accel_age <= self.settings.accel_timeout)
     innovation = np.where(heard[:, None], fix - cars.point[:, :2], 0.0)
     fits = self._fits(cars.point_covariance, (0, 1), innovation, noise, 1)
     cars.point, cars.point_covariance = _correct(
       cars.point, cars.point_covariance, (0, 1), innovation, noise, heard & fits
     )
-    astray = heard & ~fits & accepted
+    astray = heard & ~fits
     if astray.any():
       self._restart_point(astray)
 

@@ -22,6 +22,7 @@ class Estimate(NamedTuple):
     covariance: of the master's position, m^2: xx, xy, yy.
     bicycle, point: state and covariance of EKF_BM and EKF_PM; None for a filter that is off.
     reasons: why the estimate should not be used; empty when it is valid.
+    warnings: what is wrong with the sensors although the estimate may be used.
   """
 
   time: float
@@ -35,6 +36,7 @@ class Estimate(NamedTuple):
   bicycle: Snapshot | None
   point: Snapshot | None
   reasons: tuple[str, ...]
+  warnings: tuple[str, ...] = ()
 
   @property
   def valid(self) -> bool:

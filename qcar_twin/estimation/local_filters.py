@@ -201,9 +201,9 @@ class LocalFilters:
     measured = np.array([pose[name] for name in names])
     if "pose_x" in pose and "pose_y" in pose:
       held.watch.compare(time + offset, pose["pose_x"], pose["pose_y"], math.sqrt(position))
-    accepted = self._fix_bicycle(names, measured, noise, offset)
-    if self._point_on:
-      self._fix_point(names, measured, noise, offset, accepted)
+    # without lidar EKF_PM soon believes anything, so a fix must pass the gate of EKF_BM first
+    if self._fix_bicycle(names, measured, noise, offset) and self._point_on:
+      self._fix_point(names, measured, noise, offset)
 
   def _fix_bicycle(self, names: list[str], measured: Array, noise: Array, offset: float) -> bool:
     bicycle, settings, monitor = self._bicycle, self.settings, self._held.monitor
@@ -225,7 +225,7 @@ class LocalFilters:
     monitor.accept()
     return True
 
-  def _fix_point(self, names: list[str], measured: Array, noise: Array, offset: float, accepted: bool) -> None:
+  def _fix_point(self, names: list[str], measured: Array, noise: Array, offset: float) -> None:
     """A fix EKF_BM has accepted but EKF_PM cannot is the accelerometer's fault: start EKF_PM afresh."""
     point = self._point
     rows = tuple(row for row, name in enumerate(("pose_x", "pose_y")) if name in names)
@@ -236,7 +236,7 @@ class LocalFilters:
     share = noise[np.ix_(which, which)] / self.settings.sharing[1]
     if self._fits(point, rows, innovation, share, 1):
       point.correct(rows, innovation, share)
-    elif accepted:
+    else:
       self.refused["pose", "gate of the point filter"] += 1
       self._restart_point()
 
@@ -259,7 +259,15 @@ class LocalFilters:
         position, spread, (point[0].item(0), point[0].item(1)), (other.item(0), other.item(1), other.item(5))
       )
     reasons = self._doubts(spread, covariance.item(21))
-    return Estimate(time, *position, yaw, v, beta, r, spread, self._bicycle.snapshot, point, reasons)
+    return Estimate(time, *position, yaw, v, beta, r, spread, self._bicycle.snapshot, point, reasons, self._warnings())
+
+  def _warnings(self) -> tuple[str, ...]:
+    warnings = []
+    if self._held.watch.doubted:
+      warnings.append("the encoder contradicts the poses and is left out")
+    if not self._point_on and not self.settings.central:
+      warnings.append("no accelerometer: the point filter is left out")
+    return tuple(warnings)
 
   def _doubts(self, spread: tuple[float, float, float], yaw_variance: float) -> tuple[str, ...]:
     settings, monitor = self.settings, self._held.monitor
@@ -272,6 +280,4 @@ class LocalFilters:
       reasons.append(f"no accepted pose for {monitor.age:.1f} s")
     if monitor.refused >= min(3, settings.lost_after):
       reasons.append(f"the last {monitor.refused} poses contradict the estimate")
-    if self._held.watch.doubted:
-      reasons.append("the encoder contradicts the poses")
     return tuple(reasons)

@@ -79,9 +79,14 @@ class SpeedWatch:
     if len(self.fixes) <= WINDOW:
       return
     steps = [(b[0] - a[0], b[1] - a[1], b[2] - a[2], b[3] - a[3]) for a, b in itertools.pairwise(self.fixes)]
+    interval = statistics.median(step[0] for step in steps)
     vx, vy, said = (statistics.median(step[i] / step[0] for step in steps) for i in (1, 2, 3))
+    spread = statistics.median(math.hypot(step[1] / step[0] - vx, step[2] / step[0] - vy) for step in steps)
+    if spread > SLACK + 2.0 * NOISE_SLACK * std / interval:
+      self.contrary = 0  # the fixes do not agree among themselves: they are no witness
+      return
     seen = math.hypot(vx, vy)
-    slack = SLACK + RELATIVE_SLACK * max(seen, said) + NOISE_SLACK * std / statistics.median(step[0] for step in steps)
+    slack = SLACK + RELATIVE_SLACK * max(seen, said) + NOISE_SLACK * std / interval
     disagree = abs(seen - said) > slack
     self.contrary = self.contrary + 1 if disagree != self.doubted else 0
     if self.contrary >= PERSISTENCE:
