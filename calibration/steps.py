@@ -112,7 +112,7 @@ def _plateaus(values: Array, start_at_rest: bool) -> list[tuple[int, int, int]]:
   edges = [(int(group[0]), int(group[-1])) for group in groups]
   if start_at_rest:
     edges = [(0, 0), *edges]
-  nexts = [first for first, _ in edges[1:]] + [len(values)]
+  nexts = [*(first for first, _ in edges[1:]), len(values)][: len(edges)]  # none where the command never jumps
   return [(first, last, end) for (first, last), end in zip(edges, nexts, strict=True)]
 
 
