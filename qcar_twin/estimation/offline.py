@@ -152,7 +152,7 @@ def dead_reckoning(
   sideslip = kinematic_sideslip_angle(steering, car.cg_to_front, car.cg_to_rear)
   turned = np.cumsum(yaw_rate, axis=-1) * period
   yaw = start[..., 2:3] + np.concatenate([np.zeros_like(turned[..., :1]), turned[..., :-1]], axis=-1)
-  course = yaw + sideslip
+  course = yaw + sideslip + 0.5 * period * yaw_rate
   x = start[..., 0:1] + np.cumsum(_shifted(speed * np.cos(course)), axis=-1) * period
   y = start[..., 1:2] + np.cumsum(_shifted(speed * np.sin(course)), axis=-1) * period
   return np.stack([x, y, yaw], axis=-1)
