@@ -5,15 +5,17 @@ python scripts/make_session.py --out OUT --seed 1 --effect steering_delay --size
 
 from __future__ import annotations
 
+import secrets
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import tyro
 
 from calibration.proving_ground import EFFECTS, make_session
 from calibration.proving_ground.seal import seal
-from calibration.proving_ground.session import save
+from calibration.proving_ground.session import draw_effect, save, save_clean
 from qcar_twin.dataset import DataSet
 
 
@@ -29,12 +31,16 @@ class Config:
   """id of a concealed effect; may be given several times; `list` prints them all"""
   size: tyro.conf.UseAppendAction[tuple[float, ...]] = ()
   """size of each effect in multiples of its typical magnitude (1 where not given)"""
+  draw: bool = False
+  """conceal one effect drawn at random; it is printed nowhere and stands only in the truth"""
   design: str = "lab"
   """lab (about 5 min of driving), compact (2 min) or paper"""
   noise_level: float = 1.0
   """factor on sensor and process noise"""
   truth_out: Path | None = None
   """folder of the sealed truth; OUT_truth beside the data set where not given"""
+  clean: bool = False
+  """write the true states beside the truth too, as clean.npz"""
   packed: bool = False
   """compress and encode the truth, so that nobody reads it by accident"""
   name: str = "session"
@@ -43,24 +49,33 @@ class Config:
   """the compact design whatever `design` says"""
 
 
+def chosen(config: Config) -> tuple[tuple[str, float], ...]:
+  """The effects asked for, each with its size. Ends the script when there are more sizes than effects."""
+  if len(config.size) > len(config.effect):
+    raise SystemExit(f"{len(config.size)} sizes for {len(config.effect)} effects: give each --size after its --effect")
+  sizes = (*config.size, *[1.0] * (len(config.effect) - len(config.size)))
+  drawn = (draw_effect(np.random.default_rng(secrets.randbits(64))),) if config.draw else ()
+  return (*zip(config.effect, sizes, strict=True), *drawn)
+
+
 def main(config: Config) -> DataSet:
   """Make, write and read back one session; prints what was written."""
   if "list" in config.effect:
     print(
-      "\n".join(f"{name:26s} {kind.parameter} {kind.typical:.4g} {kind.unit}" for name, kind in sorted(EFFECTS.items()))
+      "\n".join(
+        f"{name:24s}{kind.parameter:24s}{kind.typical:8.3g} {kind.unit}" for name, kind in sorted(EFFECTS.items())
+      )
     )
     raise SystemExit(0)
-  if len(config.size) > len(config.effect):
-    raise SystemExit(f"{len(config.size)} sizes for {len(config.effect)} effects: give each --size after its --effect")
-  sizes = (*config.size, *[1.0] * (len(config.effect) - len(config.size)))
   began = time.perf_counter()
-  effects = tuple(zip(config.effect, sizes, strict=True))
-  session = make_session(config.seed, effects, "compact" if config.quick else config.design, config.noise_level)
+  design = "compact" if config.quick else config.design
+  session = make_session(config.seed, chosen(config), design, config.noise_level)
   took = time.perf_counter() - began
-  mark = seal(
-    session.truth, config.out, config.truth_out or config.out.with_name(config.out.name + "_truth"), config.packed
-  )
+  truth = config.truth_out or config.out.with_name(config.out.name + "_truth")
+  mark = seal(session.truth, config.out, truth, config.packed)
   save(session, config.out, config.name, mark)
+  if config.clean:
+    save_clean(session, truth)
   data = DataSet.load(config.out)
   driven = sum(recording.duration for recording in data.recordings)
   print(f"{len(data.recordings)} recordings, {driven:.0f} s of driving, made in {took:.1f} s: {config.out}")

@@ -86,6 +86,7 @@ class Car:
 
   @property
   def wheelbase(self) -> float:
+    """Distance of the axles [m]."""
     return self.cg_to_front + self.cg_to_rear
 
   @property

@@ -19,7 +19,7 @@ def coloured(rng: np.random.Generator, shape: tuple[int, ...], memory: float, pe
   keep = np.exp(-period / memory)
   white = rng.standard_normal(shape)
   white[0] /= np.sqrt(1 - keep**2)
-  return lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], white, axis=0)
+  return np.asarray(lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], white, axis=0))
 
 
 def shaking(rng: np.random.Generator, ticks: int, n: int) -> np.ndarray:

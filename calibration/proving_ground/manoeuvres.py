@@ -9,6 +9,7 @@ import numpy as np
 PERIOD = 0.01  # s, control and logging
 SPACING = 0.02  # m between points of a path
 DEGREE = np.pi / 180
+SLEW = 3.0  # rad/s, steepest change of the steering command in a step
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class Manoeuvre:
 
   @property
   def ticks(self) -> int:
+    """Control periods of the run."""
     return len(self.steer)
 
 
@@ -69,7 +71,12 @@ def held(rng: np.random.Generator, length: int, levels: np.ndarray, shortest: fl
 
 
 def open_loop(
-  name: str, kind: str, role: str, volts: np.ndarray, steer: np.ndarray | float = 0.0, start=(0.0, 0.0, 0.0, 0.0)
+  name: str,
+  kind: str,
+  role: str,
+  volts: np.ndarray,
+  steer: np.ndarray | float = 0.0,
+  start: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
 ) -> Manoeuvre:
   """Voltage and steering as written."""
   return Manoeuvre(
@@ -83,7 +90,7 @@ def at_speed(
   role: str,
   speed: np.ndarray,
   steer: np.ndarray | float = 0.0,
-  start=(0.0, 0.0, 0.0),
+  start: tuple[float, float, float] = (0.0, 0.0, 0.0),
   path: Path | None = None,
 ) -> Manoeuvre:
   """Speed held by the driver, steering as written or along a path; starts rolling at speed[0]."""
@@ -100,9 +107,10 @@ def voltage_step(volts: float, role: str, duration: float = 5.5) -> Manoeuvre:
 
 
 def steering_step(degrees: float, role: str, duration: float = 5.5, speed: float = 1.5) -> Manoeuvre:
-  """Rolling straight for a second, then a step of the wheel held to the end."""
+  """Rolling straight for a second, then a step of the wheel held to the end; the car's software slews the command, or the front
+  tyres would slide through every step."""
   time = clock(duration)
-  steer = np.where(time < 1.0, 0.0, degrees * DEGREE)
+  steer = np.clip((time - 0.99) * SLEW, 0.0, degrees * DEGREE)
   return at_speed(
     f"steering_step_{degrees:g}deg", "steering_step", role, np.full(time.shape, speed), steer, start=(-1.5, -1.0, 0.0)
   )

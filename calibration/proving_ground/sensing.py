@@ -34,7 +34,7 @@ class Log:
   def state(self, name: str, delay: np.ndarray | float = 0.0) -> np.ndarray:
     """True signal `delay` (T, N) or (N,) or number [s] before each tick, linear between fine rows, held before the start."""
     row = self.fine[:, TRACE.index(name)]
-    if np.isscalar(delay) and delay == 0.0:
+    if isinstance(delay, float) and delay == 0.0:
       return row[: FINE * self.ticks : FINE].copy()
     at = np.clip((self.time[:, None] - delay) / PERIOD * FINE, 0.0, len(row) - 1)
     low = np.minimum(at.astype(int), len(row) - 2)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,6 +27,28 @@ PAUSE = 15.0  # s between two runs
 FORCE_NOISE = ((0.05, 0.07, 0.004), 0.15)  # N, N, N m rms on the body; s memory
 LOAD_NOISE = (0.03, 0.06)  # relative rms of each wheel's load; s memory
 AUTOMATED = ("standstill", "voltage_step", "steering_step")  # nobody's hand is on the wheel
+
+CLEAR = (
+  "steering_delay",
+  "steering_lag",
+  "steering_offset",
+  "steering_gain_error",
+  "steering_asymmetry",
+  "steering_dead_zone",
+  "steering_backlash",
+  "drive_delay",
+  "drive_lag",
+  "drive_asymmetry",
+  "coast_freewheel",
+  "battery_sag",
+  "steering_drag",
+  "differential_lock",
+  "tyre_relaxation",
+  "imu_latency",
+  "gyro_scale",
+  "imu_misalignment",
+  "floor_slope",
+)  # effects that leave strong evidence in the laboratory design, which a refit of the car's parameters does not absorb
 
 
 @dataclass(frozen=True)
@@ -147,8 +171,8 @@ def _drive(drafts: list[_Draft]) -> tuple[Simulation, np.ndarray]:
   start[:, 4] = start[:, 5] * cars.cg_to_rear
   longer = [_carried(draft) for draft in drafts]
   carried = Carried(*(np.concatenate([getattr(c, f.name) for c in longer]) for f in fields(Carried)))
-  motor = start[:, 3] / (cars.wheel_radius * cars.gear_ratio)
-  command = driver.commands(0, *start[:, :3].T, motor)
+  x, y, yaw, speed = start[:, :4].T
+  command = driver.commands(0, x, y, yaw, speed / (cars.wheel_radius * cars.gear_ratio))
   sim.begin(start, command, carried, longest)
   state = sim.dynamics.state
   commands = np.empty((longest, 2, len(runs)))
@@ -192,8 +216,8 @@ def _carried(draft: _Draft) -> Carried:
   for i in range(1, n):
     heat[i] = (heat[i - 1] + loss[i - 1] / draft.car.heat_capacity) * np.exp(-(driven[i - 1] + PAUSE) / memory)
   started, used = np.cumsum(driven + PAUSE) - driven - PAUSE, np.cumsum(charge) - charge
-  whole = (driven.sum() + n * PAUSE, charge.sum(), loss.sum() / driven.sum())
-  return Carried(heat, used, started, *(np.full(n, value) for value in whole))
+  length, drawn, mean_loss = driven.sum() + n * PAUSE, charge.sum(), loss.sum() / driven.sum()
+  return Carried(heat, used, started, np.full(n, length), np.full(n, drawn), np.full(n, mean_loss))
 
 
 def _reckon(car: Car, runs: list[Manoeuvre]) -> tuple[np.ndarray, np.ndarray]:
@@ -265,6 +289,22 @@ def _truth(draft: _Draft, driven: Car) -> dict:
     "gaps": gaps(draft.car),
     "signals": list(TRACE),
   }
+
+
+def draw_effect(rng: np.random.Generator) -> tuple[str, float]:
+  """One of the CLEAR effects, of about typical size and either sign where it has one."""
+  name = str(rng.choice(CLEAR))
+  sign = float(rng.choice([-1.0, 1.0])) if effect_class(name).signed else 1.0
+  return name, sign * round(float(rng.uniform(0.85, 1.25)), 3)
+
+
+def save_clean(session: Session, folder: Path) -> None:
+  """Write the true signals of every run to folder/clean.npz, arrays (T, 11) in the order of the truth's `signals`."""
+  folder.mkdir(parents=True, exist_ok=True)
+  handle, temporary = tempfile.mkstemp(dir=folder, suffix=".npz")
+  os.close(handle)
+  np.savez_compressed(temporary, allow_pickle=False, **session.clean)
+  os.replace(temporary, folder / "clean.npz")
 
 
 def save(session: Session, folder: Path, name: str, mark: str) -> None:

@@ -34,7 +34,8 @@ class Carried:
   @classmethod
   def fresh(cls, n: int) -> Carried:
     """A cold car with a full pack, and round numbers for its session."""
-    return cls(*np.zeros((3, n)), np.full(n, 600.0), np.full(n, 100.0), np.full(n, 1.5))
+    nothing = np.zeros(n)
+    return cls(nothing, nothing, nothing, np.full(n, 600.0), np.full(n, 100.0), np.full(n, 1.5))
 
 
 class Simulation:
