@@ -29,6 +29,7 @@ from qcar_twin.single_track import motor_speed_after
 Array = NDArray[np.float64]
 
 NAMES = ("drive_gain", "drive_damping", "drive_friction")
+DRIFT = 0.005  # of the drive between the first and the last voltage step: 1 K of a copper winding is 0.4 %
 STANDING = 0.02  # of the largest speed: a car below it does not move
 
 
@@ -90,7 +91,7 @@ def fit_drive(recordings: Sequence[Recording], rolling_radius: float, scale_std:
       f" {len(settled)} move the car and settle. Record longer voltage_step runs at other voltages"
     )
   values, slope, offset = _two_stages(settled, moving)
-  covariance = _jackknife(settled, moving, values) + _model_error(moving, values)
+  covariance = _jackknife(settled, moving, values) + _model_error(moving, values) + _drift(settled, values)
   if by_speed:
     covariance = covariance + scale_std**2 * np.outer([values[0], 0.0, values[2]], [values[0], 0.0, values[2]])
   errors = tuple(_step_error(s, values) for s in steps if _size(s) > STANDING * fastest)
@@ -249,6 +250,17 @@ def _model_error(moving: Sequence[Step], values: Array) -> Array:
   left = sum(np.mean(np.square(w - m)) for w, m in zip(responses.measured, model, strict=True))
   felt = sum(np.mean(np.square(n - m)) for n, m in zip(moved, model, strict=True)) / step**2
   return left / felt * np.outer(values, values)
+
+
+def _drift(settled: Sequence[Step], values: Array) -> Array:
+  """Covariance (3, 3) from drift of the drive with heat and charge, which no fit of the steps can see.
+
+  Voltages are mostly driven in rising order, so a drift of DRIFT over them turns the line omega_s(V) about
+  its middle: log m_l moves by DRIFT, b_l by DRIFT m_l times the mean voltage.
+  """
+  volts = float(np.mean([np.mean(np.abs(s.commands[s.steady, 0])) for s in settled]))
+  move = DRIFT * np.array([values[0], 0.0, values[0] * volts])
+  return np.outer(move, move)
 
 
 def student_widening(freedom: int) -> float:

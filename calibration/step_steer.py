@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 SUBSTEPS = 4  # of a period; Runge-Kutta, stable for servos slower than 0.0014 s
-BEFORE, AFTER = 10, 30  # periods simulated before the step and after it
+BEFORE, AFTER = 10, 35  # periods simulated before the step and after it
 GRAVITY = 9.81  # m/s^2
 
 

@@ -105,15 +105,30 @@ def _logged_rows(values: Array) -> slice:
 
 
 def _plateaus(values: Array, start_at_rest: bool) -> list[tuple[int, int, int]]:
-  """(first row of the jump, first row after it, row of the next jump) of every held stretch."""
-  reach = np.ptp(values)
-  jumps = np.flatnonzero(np.abs(np.diff(values)) > 0.2 * reach) + 1 if reach > 0.0 else np.array([], dtype=int)
-  groups = np.split(jumps, np.flatnonzero(np.diff(jumps) > 0.25 / PERIOD) + 1) if jumps.size else []
-  edges = [(int(group[0]), int(group[-1])) for group in groups]
-  if start_at_rest:
-    edges = [(0, 0), *edges]
-  nexts = [*(first for first, _ in edges[1:]), len(values)][: len(edges)]  # none where the command never jumps
-  return [(first, last, end) for (first, last), end in zip(edges, nexts, strict=True)]
+  """(first row of the change, first row at the new level, row at which the next change begins) of held stretches.
+
+  Held is what stays within 15 % of the command's range for 0.2 s; a change may be a jump or a quick ramp.
+  """
+  reach, width = float(np.ptp(values)), int(0.2 / PERIOD)
+  if len(values) <= width:
+    return []
+  quiet = np.ptp(np.lib.stride_tricks.sliding_window_view(values, width), axis=-1) <= 0.15 * reach
+  covered = np.convolve(quiet, np.ones(width)) > 0.0  # rows inside a quiet window
+  jumps = np.flatnonzero(np.abs(np.diff(values)) > 0.15 * reach) + 1
+  edges = np.flatnonzero(np.diff(covered)) + 1
+  bounds = np.unique(np.concatenate([[0], edges, jumps, [len(values)]]))
+  pairs = [(low, high) for low, high in zip(bounds[:-1], bounds[1:], strict=True) if covered[low]]
+  spans = [_sharpened(values, int(low), int(high), 0.02 * reach) for low, high in pairs]
+  starts = [(0, begin) for begin, _ in spans[:1] if start_at_rest]
+  starts += [(end, begin) for (_, end), (begin, _) in zip(spans[:-1], spans[1:], strict=True)]
+  ends = [end for _, end in (spans if start_at_rest else spans[1:])]
+  return [(jump, begin, end) for (jump, begin), end in zip(starts, ends, strict=True)]
+
+
+def _sharpened(values: Array, low: int, high: int, tolerance: float) -> tuple[int, int]:
+  """First row of a held stretch at its level, and the first after it that leaves the level."""
+  at_level = np.flatnonzero(np.abs(values[low:high] - np.median(values[low:high])) <= tolerance)
+  return low + int(at_level[0]), low + int(at_level[-1]) + 1
 
 
 def _step(
