@@ -123,9 +123,9 @@ def drive(
   """
   count, period = len(theta), plant.period
   simulation = plant.begin(np.asarray(theta, dtype=np.float64), start_states(task, count))
-  pedal = SpeedController(speed_gains, count)
   servo = Servo(task.actuation, count, period) if task.actuation else None
   estimate = observer.begin(simulation.signals)
+  pedal = SpeedController(speed_gains, estimate.speed)
   arc = np.zeros(count)
   steering = np.zeros(count)
   log: list[tuple[Array, Array, BatchEstimate]] = []

@@ -1,4 +1,4 @@
-"""Speed control: proportional-integral with feed-forward, from the identified drive model."""
+"""Speed control: proportional-integral with friction compensation, from the identified drive model."""
 
 import dataclasses
 
@@ -12,10 +12,11 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class SpeedGains:
-  """V = feed-forward + proportional e + integral of e.
+  """V = friction sgn(target) + proportional e + integral of e.
 
   Attributes:
-    hold: voltage per speed that steady motion needs, V s/m.  friction: voltage that friction needs, V.
+    hold: voltage per speed that steady motion needs, V s/m: where the integrator starts on a moving car.
+    friction: voltage that friction needs, V.
     proportional: V s/m.  integral: V/m.  limit: largest voltage, V.
   """
 
@@ -44,22 +45,22 @@ class SpeedController:
 
   Args:
     gains: from SpeedGains.design.
-    count: N.
+    speed: of the cars when it takes over, m/s, (N,).
   """
 
-  def __init__(self, gains: SpeedGains, count: int):
+  def __init__(self, gains: SpeedGains, speed: Array):
     self.gains = gains
-    self._integral = np.zeros(count)
+    self._integral = gains.hold * np.asarray(speed, dtype=np.float64)
 
-  def restart(self, which: NDArray[np.bool_] | slice = slice(None)) -> None:
-    """Empty the integrators of all cars, or of those of a mask."""
-    self._integral[which] = 0.0
+  def restart(self, which: NDArray[np.bool_], speed: Array) -> None:
+    """Take over some cars anew at speeds (N,), m/s."""
+    self._integral = np.where(which, self.gains.hold * speed, self._integral)
 
   def voltage(self, speed: Array, target: ArrayLike, period: float) -> Array:
     """Motor voltage, V, (N,), for measured and wanted speeds, m/s. The integrator stands still at the limit."""
     gains, target = self.gains, np.asarray(target, dtype=np.float64)
     error = target - speed
-    wanted = gains.hold * target + gains.friction * np.sign(target) + gains.proportional * error + self._integral
+    wanted = gains.friction * np.sign(target) + gains.proportional * error + self._integral
     voltage = np.clip(wanted, -gains.limit, gains.limit)
     free = (voltage == wanted) | (np.sign(error) != np.sign(wanted))
     self._integral = self._integral + np.where(free, gains.integral * error * period, 0.0)
