@@ -1,0 +1,267 @@
+"""What a diagnosis leaves behind: `diagnosis.json`, the report and its figures.
+
+`document` builds the JSON from plain Python types, `faults` checks it against the schema, and
+nothing that fails the check is written.
+"""
+
+import dataclasses
+import json
+import math
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.decide import Claim, Decision
+from calibration.diagnosis.detect import Detection
+from calibration.diagnosis.locate import Location
+from calibration.diagnosis.search import Pool
+from calibration.diagnosis.ship import ChannelFit
+
+VERDICTS = ("no_mismatch", "explained", "partly_explained", "unexplained")
+FILE, REPORT, FIGURES = "diagnosis.json", "report.html", "figures"
+
+
+@dataclasses.dataclass(frozen=True)
+class Diagnosis:
+  """Everything that was found about one data set.
+
+  Attributes:
+    dataset: its name.
+    decision: verdict and claims.
+    detection: alarms before any physics was named.
+    location: where the mismatch shows.
+    pool: all models tried, with signatures of the scan.
+    validate, holdout: error per channel before and after; "before" is the recalibrated twin.
+    seconds: wall time.
+    stages: wall time of each stage, s, in order.
+    next_experiment: manoeuvre, separates, predicted_nats; None where none is needed.
+    repaired_twin: file of the repaired twin, relative to the output folder.
+    notes: warnings about the data set that a reader must know.
+  """
+
+  dataset: str
+  decision: Decision
+  detection: Detection
+  location: Location
+  pool: Pool
+  validate: Mapping[str, ChannelFit]
+  holdout: Mapping[str, ChannelFit]
+  seconds: float
+  stages: Mapping[str, float] = dataclasses.field(default_factory=dict)
+  next_experiment: Mapping[str, Any] | None = None
+  repaired_twin: str = "twin.toml"
+  notes: tuple[str, ...] = ()
+
+
+def write_outputs(out_dir: str | os.PathLike[str], diagnosis: Diagnosis) -> Path:
+  """Write diagnosis.json, report.html and the figures; returns the path of the report.
+
+  Raises:
+    ValueError: the document breaks the schema; says where.
+  """
+  from calibration.diagnosis.page import write_report  # matplotlib is only needed here
+
+  folder = Path(out_dir)
+  folder.mkdir(parents=True, exist_ok=True)
+  content = document(diagnosis)
+  found = faults(content)
+  if found:
+    raise ValueError(f"{FILE} breaks its schema: {'; '.join(found[:5])}")
+  write_text(folder / FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")
+  return write_report(folder, diagnosis)
+
+
+def document(diagnosis: Diagnosis) -> dict[str, Any]:
+  """The JSON of a diagnosis as plain Python types; a number that is not finite becomes null."""
+  d, pool = diagnosis, diagnosis.pool
+  return plain(
+    {
+      "dataset": d.dataset,
+      "verdict": d.decision.verdict,
+      "claims": [_claim(c) for c in d.decision.claims],
+      "ranking": [{"mechanism": name, "evidence_nats": nats} for name, nats in d.decision.ranking],
+      "where": _where(d.location),
+      "unknown": unknown_summary(d.decision),
+      "parameter_shifts": parameter_shifts(pool.base),
+      "untestable": sorted(s.mechanism for s in pool.signatures.values() if not s.testable),
+      "concealment": {name: s.survives for name, s in sorted(pool.signatures.items())},
+      "next_experiment": d.next_experiment,
+      "fit": {"validate": _fits(d.validate, False), "holdout": _fits(d.holdout, True)},
+      "repaired_twin": d.repaired_twin,
+      "seconds": d.seconds,
+    }
+  )
+
+
+def parameter_shifts(model: Candidate) -> dict[str, dict[str, float]]:
+  """Per base parameter: prior, fitted, and the shift in prior standard deviations (`sigma`)."""
+  return {
+    p.name: {
+      "prior": p.nominal,
+      "fitted": float(model.values[i]),
+      "sigma": float((model.values[i] - p.nominal) / model.free.std[i]),
+    }
+    for i, p in enumerate(model.free)
+  }
+
+
+def unknown_summary(decision: Decision) -> dict[str, Any]:
+  """What a nameless error would depend on, where the verdict rests on one.
+
+  `share` is the part of its held-out gain that the named mechanisms do not reach.
+  """
+  empty = {"depends_on": [], "properties": [], "formula": None, "share": 0.0}
+  if decision.unknown is None or decision.verdict not in ("unexplained", "partly_explained"):
+    return empty
+  name, comparison = decision.unknown
+  known = sum(max(c.held_out.gain, 0.0) for c in decision.claims if c.certain)
+  share = 1.0 - known / comparison.gain if comparison.gain > 0 else 0.0
+  return empty | {"depends_on": unknown_variables(name), "share": float(np.clip(share, 0.0, 1.0))}
+
+
+def unknown_variables(name: str) -> list[str]:
+  """Variables an UNKNOWN rival is a function of."""
+  from calibration.diagnosis.unknown import smooth_forces
+
+  for force in smooth_forces():
+    if force.name == name:
+      return list(getattr(force, "variables", ()))
+  return ["velocity_x", "yaw_rate", "accel_x", "accel_y"]
+
+
+def plain(value: Any) -> Any:
+  """Nested plain Python types: numpy scalars and arrays converted, what is not finite turned into None."""
+  if isinstance(value, Mapping):
+    return {str(k): plain(v) for k, v in value.items()}
+  if isinstance(value, (list, tuple, np.ndarray)):
+    return [plain(v) for v in value]
+  if isinstance(value, (bool, np.bool_)):
+    return bool(value)
+  if isinstance(value, (int, np.integer)):
+    return int(value)
+  if isinstance(value, (float, np.floating)):
+    return float(value) if math.isfinite(value) else None
+  return value
+
+
+def write_text(path: Path, text: str) -> None:
+  """Write a file whole or not at all."""
+  handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+  try:
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+      file.write(text)
+    os.chmod(temporary, 0o644)
+    os.replace(temporary, path)
+  except BaseException:
+    Path(temporary).unlink(missing_ok=True)
+    raise
+
+
+def _claim(claim: Claim) -> dict[str, Any]:
+  return {
+    "mechanism": claim.mechanism,
+    "probability": claim.probability,
+    "evidence_nats": claim.evidence_nats,
+    "parameters": {name: dict(row) for name, row in claim.parameters.items()},
+    "rivals": [{"mechanism": name, "evidence_nats": nats} for name, nats in claim.rivals],
+    "equivalent_to": list(claim.equivalent_to),
+  }
+
+
+def _where(location: Location) -> dict[str, Any]:
+  return {
+    "subsystem": location.subsystem,
+    "channels": location.channels,
+    "time": [dataclasses.asdict(span) for span in location.time],
+    "region": location.region.rule,
+    "region_share": location.region.share,
+  }
+
+
+def _fits(fits: Mapping[str, ChannelFit], interval: bool) -> dict[str, Any]:
+  rows = {}
+  for name, fit in fits.items():
+    rows[name] = {"before": fit.before, "after": fit.after, "noise_floor": fit.noise_floor}
+    if interval:
+      rows[name]["ci95"] = list(fit.ci95)
+  return rows
+
+
+# Schema: a type, a tuple of allowed values, [item], {"*": value} for any keys, or a dict of exactly these keys.
+_NUMBER = float
+_MAYBE = ("number or null",)  # a channel without enough data has no error
+_CHANNEL = {"before": _MAYBE, "after": _MAYBE, "noise_floor": _MAYBE}
+SCHEMA: dict[str, Any] = {
+  "dataset": str,
+  "verdict": VERDICTS,
+  "claims": [
+    {
+      "mechanism": str,
+      "probability": _NUMBER,
+      "evidence_nats": _NUMBER,
+      "parameters": {"*": {"value": _NUMBER, "std": _NUMBER, "unit": str}},
+      "rivals": [{"mechanism": str, "evidence_nats": _NUMBER}],
+      "equivalent_to": [str],
+    }
+  ],
+  "ranking": [{"mechanism": str, "evidence_nats": _NUMBER}],
+  "where": {
+    "subsystem": str,
+    "channels": {"*": _NUMBER},
+    "time": [{"recording": str, "start": _NUMBER, "end": _NUMBER, "share": _NUMBER}],
+    "region": str,
+    "region_share": _NUMBER,
+  },
+  "unknown": {"depends_on": [str], "properties": [str], "formula": "str or null", "share": _NUMBER},
+  "parameter_shifts": {"*": {"prior": _NUMBER, "fitted": _NUMBER, "sigma": _NUMBER}},
+  "untestable": [str],
+  "concealment": {"*": _NUMBER},
+  "next_experiment": "experiment or null",
+  "fit": {"validate": {"*": _CHANNEL}, "holdout": {"*": {**_CHANNEL, "ci95": [_MAYBE]}}},
+  "repaired_twin": str,
+  "seconds": _NUMBER,
+}
+_OPTIONAL: dict[str, Any] = {
+  "str or null": str,
+  "experiment or null": {"manoeuvre": str, "separates": [str], "predicted_nats": _NUMBER},
+}
+
+
+def faults(value: Any, schema: Any = None, where: str = "") -> list[str]:
+  """Where a document breaks the schema of `diagnosis.json`, as readable lines; empty if it holds."""
+  schema = SCHEMA if schema is None else schema
+  if isinstance(schema, str):
+    return [] if value is None else faults(value, _OPTIONAL[schema], where)
+  if schema is _MAYBE:
+    return [] if value is None else faults(value, _NUMBER, where)
+  if isinstance(schema, tuple):
+    return [] if value in schema else [f"{where}: {value!r} is none of {', '.join(schema)}"]
+  if isinstance(schema, list):
+    if not isinstance(value, list):
+      return [f"{where}: expected a list, got {type(value).__name__}"]
+    return [fault for i, item in enumerate(value) for fault in faults(item, schema[0], f"{where}[{i}]")]
+  if isinstance(schema, dict):
+    return _dict_faults(value, schema, where)
+  return _plain_faults(value, schema, where)
+
+
+def _dict_faults(value: Any, schema: dict[str, Any], where: str) -> list[str]:
+  if not isinstance(value, dict):
+    return [f"{where}: expected an object, got {type(value).__name__}"]
+  if set(schema) == {"*"}:
+    return [fault for key, item in value.items() for fault in faults(item, schema["*"], f"{where}.{key}")]
+  wrong = [f"{where}.{key}: missing" for key in schema if key not in value]
+  wrong += [f"{where}.{key}: not in the schema" for key in value if key not in schema]
+  return wrong + [f for key, part in schema.items() if key in value for f in faults(value[key], part, f"{where}.{key}")]
+
+
+def _plain_faults(value: Any, kind: type, where: str) -> list[str]:
+  if kind is float:
+    good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    return [] if good else [f"{where}: expected a finite number, got {value!r}"]
+  return [] if isinstance(value, kind) else [f"{where}: expected {kind.__name__}, got {type(value).__name__}"]
