@@ -33,7 +33,7 @@ class Fit:
     cost: half the robust sum of squares plus the prior's half sum of squares.
     data_cost: the first part alone.
     residual: whitened residual at theta, (M,).
-    jacobian: d residual / d theta, (M, p), from the last iteration.
+    jacobian: d residual / d theta, (M, p), from the last iteration, corrected by the steps since.
     iterations: cost after each iteration.
     evaluations: simulations of the whole data set that were spent.
   """
@@ -80,7 +80,7 @@ def fit(
   start: Array | None = None,
   iterations: int = 8,
   robust: float = 3.0,
-  tolerance: float = 1e-3,
+  tolerance: float = 3e-4,
   step: float = 0.02,
   progress: Callable[[int, float], None] | None = None,
 ) -> Fit:
@@ -90,9 +90,9 @@ def fit(
     residual: whitened residuals of n parameter vectors, (n, p) -> (n, M); NaN rows count as infinitely bad.
     parameters: bounds and Gaussian priors.
     start: first guess, (p,); the nominal values by default.
-    iterations: at most this many Jacobians.
+    iterations: at most this many steps; a Jacobian serves up to three, corrected by Broyden's update.
     robust: pseudo-Huber width in standard deviations; np.inf for plain least squares.
-    tolerance: stop when an iteration lowers the cost by less than this share of it.
+    tolerance: stop when an iteration lowers the cost by less than this share of it, or by less than 0.3 nats.
     step: finite-difference step as a share of each parameter's scale.
     progress: called with the iteration and the cost.
 
@@ -104,17 +104,24 @@ def fit(
   if not np.isfinite(r).all():
     raise ValueError("the simulation at the first guess is not finite; start from nominal parameters")
   costs, damping, evaluations = [_cost(r, theta, parameters, robust)], 1e-3, 1
+  gain = 0.0
   jacobian = np.zeros((len(r), len(theta)))
+  fresh = 0.0  # gain of the last step that had a Jacobian of its own
   for k in range(iterations):
-    jacobian = finite_differences(residual, parameters, theta, r, step)
+    renew = k % 3 == 0 or gain < 0.3 * fresh
+    if renew:
+      jacobian = finite_differences(residual, parameters, theta, r, step)
+      evaluations += len(theta)
     trials = [_lm_step(jacobian, r, theta, parameters, robust, damping * f) for f in (0.01, 1.0, 100.0)]
     candidates = np.stack([*trials, 0.5 * (theta + trials[1])])
     outcomes = residual(candidates)
-    evaluations += len(theta) + len(candidates)
+    evaluations += len(candidates)
     cost = [_cost(o, t, parameters, robust) for o, t in zip(outcomes, candidates, strict=True)]
     best = int(np.argmin(cost))
     damping = float(np.clip(damping * (0.01, 1.0, 100.0, 10.0)[best], 1e-8, 1e6))
     gain = costs[-1] - cost[best]
+    fresh = gain if renew else fresh
+    jacobian = broyden(jacobian, r, theta, outcomes[best], candidates[best], parameters.scale)
     if gain > 0:
       theta, r = candidates[best], outcomes[best]
       costs.append(cost[best])
@@ -122,7 +129,7 @@ def fit(
       damping = min(damping * 100.0, 1e6)
     if progress:
       progress(k + 1, costs[-1])
-    if gain < tolerance * (1.0 + abs(costs[-1])) * 1e-1 and (gain > 0 or k > 0):
+    if renew and gain < max(0.3, tolerance * abs(costs[-1])):
       break
   return _finish(parameters, theta, r, jacobian, costs, evaluations, robust)
 
@@ -139,6 +146,16 @@ def finite_differences(
     bad = [p.name for i, p in enumerate(parameters) if not np.isfinite(jacobian[:, i]).all()]
     raise ValueError(f"the simulation is not finite when {', '.join(bad)} moves by {step:g} of its scale")
   return jacobian
+
+
+def broyden(jacobian: Array, r: Array, theta: Array, outcome: Array, candidate: Array, scale: Array) -> Array:
+  """Jacobian corrected by what one step showed (Broyden's rank-one update in units of scale), (M, p)."""
+  step = (candidate - theta) / scale
+  power = float(step @ step)
+  if power < 1e-12 or not np.isfinite(outcome).all():
+    return jacobian
+  surprise = outcome - r - jacobian @ (candidate - theta)
+  return jacobian + np.outer(surprise / power, step / scale)
 
 
 def robust_weights(r: Array, width: float) -> Array:

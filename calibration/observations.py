@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.segmenting import Cut, Stretches, cut_recordings
+from calibration.segmenting import DEFAULT_CUT, Cut, Stretches, cut_recordings
 from qcar_twin.plant import SIGNALS, Prediction
 from qcar_twin.recording import Recording
 
@@ -80,6 +80,11 @@ class Observations:
     """Channels that occur."""
     return tuple(CHANNELS[i] for i in np.unique(self.channel))
 
+  @property
+  def grid_points(self) -> NDArray[np.int64]:
+    """Index of the grid point before each value in the flattened (segment, step) grid, (M,)."""
+    return self._point
+
   def select(self, channel: str) -> NDArray[np.bool_]:
     return self.channel == CHANNELS.index(channel)
 
@@ -123,7 +128,7 @@ def displacement(before: Array, after: Array) -> Array:
 def observe(
   recordings: Sequence[Recording],
   vehicle,
-  cut: Cut = Cut(),
+  cut: Cut = DEFAULT_CUT,
   horizon: float = 1.0,
   pose_rate: float = 10.0,
   block: float = 3.0,

@@ -35,6 +35,9 @@ class Cut:
   shift: int = 0
 
 
+DEFAULT_CUT = Cut()
+
+
 @dataclasses.dataclass(frozen=True)
 class Stretches:
   """Segments and the part of each that is scored: from `first` to `last`, s, recording time, (S,)."""
@@ -44,7 +47,7 @@ class Stretches:
   last: Array
 
 
-def cut_recordings(recordings: Sequence[Recording], vehicle, cut: Cut = Cut()) -> Stretches:
+def cut_recordings(recordings: Sequence[Recording], vehicle, cut: Cut = DEFAULT_CUT) -> Stretches:
   """Cut recordings into padded segments with measured start states.
 
   Args:

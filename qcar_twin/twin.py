@@ -17,6 +17,7 @@ from qcar_twin.fields import Fields, FieldsView, Rows
 from qcar_twin.handles import Handles
 from qcar_twin.mechanisms.base import Car, Context, Mechanism, State, Track, describe
 from qcar_twin.plant import SIGNALS, START, Prediction, Segments
+from qcar_twin.timers import stop_timers
 from qcar_twin.vehicle import TyreKind, Vehicle
 
 Array = NDArray[np.float64]
@@ -46,6 +47,7 @@ class Twin:
     threads: int = 0,
     rows: int = 1024,
   ):
+    stop_timers()
     self.vehicle, self.mechanisms, self.tyre = vehicle, tuple(mechanisms), tyre
     self.period, self.substeps, self.threads, self.rows = 0.01, substeps, threads, rows
     self.car = Car(**{f.name: getattr(vehicle, f.name) for f in dataclasses.fields(Car)})
@@ -259,8 +261,10 @@ class Simulation:
     out[:, 3] = cosine * v[:, _VX] + sine * v[:, _VY]
     out[:, 4] = -sine * v[:, _VX] + cosine * v[:, _VY]
     out[:, 5] = v[:, _YAW_RATE]
-    accelerometer = self._handles.accelerometer
-    out[:, 6:8] = self._sensordata[:, accelerometer : accelerometer + 2]
+    # the sensor spoke a substep ago: its frame has turned since then by r h, on average half of it
+    at, half_turn = self._handles.accelerometer, 0.5 * self._twin.period / self._twin.substeps * v[:, _YAW_RATE]
+    ax, ay = self._sensordata[:, at], self._sensordata[:, at + 1]
+    out[:, 6], out[:, 7] = ax + half_turn * ay, ay - half_turn * ax
     out[:, 8] = v[:, self._handles.motor_dof]
     out[:, 9] = 0.5 * (q[:, self._handles.steering_qpos[0]] + q[:, self._handles.steering_qpos[1]])
 

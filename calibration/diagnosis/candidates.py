@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.problem import Problem
-from calibration.fit import bounded_solve, inverse_curvature, prior_cost
+from calibration.fit import bounded_solve, broyden, inverse_curvature, prior_cost
 from qcar_twin.parameters import ParameterSet
 
 Array = NDArray[np.float64]
@@ -28,6 +28,7 @@ class Candidate:
     theta: full vector, (P,).
     residual: whitened, (M,).
     jacobian: with respect to the free parameters, (M, p).
+    fitted: the first so many rows are fitted, the others only judge.
     settled: the last iteration gained next to nothing.
   """
 
@@ -36,26 +37,26 @@ class Candidate:
   theta: Array
   residual: Array
   jacobian: Array
+  values: Array
+  fitted: int
   settled: bool = False
-
-  @property
-  def values(self) -> Array:
-    """Estimates of the free parameters, (p,)."""
-    return self._values
-
-  @values.setter
-  def values(self, new: Array) -> None:
-    self._values = new
 
   @property
   def cost(self) -> float:
     """Half the sum of squares plus the prior, nats."""
-    return 0.5 * float(self.residual @ self.residual) + prior_cost(self.values, self.free)
+    return half_square(self.residual[: self.fitted]) + prior_cost(self.values, self.free)
 
   @property
   def curvature(self) -> Array:
     """Posterior curvature, (p, p)."""
-    return self.jacobian.T @ self.jacobian + np.diag(1.0 / self.free.std**2)
+    seen = self.jacobian[: self.fitted]
+    return seen.T @ seen + np.diag(1.0 / self.free.std**2)
+
+  @property
+  def gradient(self) -> Array:
+    """Slope of the cost, (p,)."""
+    seen = self.jacobian[: self.fitted].T @ self.residual[: self.fitted]
+    return seen + (self.values - self.free.nominal) / self.free.std**2
 
   @property
   def std(self) -> Array:
@@ -66,6 +67,10 @@ class Candidate:
     """Value and standard deviation of a free parameter."""
     i = self.free.index(name)
     return float(self.values[i]), float(self.std[i])
+
+
+def half_square(values: Array) -> float:
+  return 0.5 * float(values @ values)
 
 
 def candidate(
@@ -96,9 +101,8 @@ def candidate(
       values[i] = start[name]
   values = np.clip(values, free.lower, free.upper)
   theta = problem.embed(free.names, values, problem.parameters.nominal)[0]
-  made = Candidate(tuple(mechanisms), free, theta, np.zeros(len(problem.observations)), jacobian)
-  made.values = values
-  return made
+  empty = np.zeros(len(problem.observations))
+  return Candidate(tuple(mechanisms), free, theta, empty, jacobian, values, problem.fitted)
 
 
 def simulate(problem: Problem, candidates: Sequence[Candidate]) -> None:
@@ -152,10 +156,13 @@ def _try_steps(problem: Problem, candidates: Sequence[Candidate]) -> None:
   outcomes = problem.residual(np.stack(thetas))
   for item in candidates:
     rows = [k for k, (owner, _) in enumerate(trials) if owner is item]
-    costs = [0.5 * float(outcomes[k] @ outcomes[k]) + prior_cost(trials[k][1], item.free) for k in rows]
+    costs = [half_square(outcomes[k][: item.fitted]) + prior_cost(trials[k][1], item.free) for k in rows]
     best = rows[int(np.argmin(costs))]
     before, gain = item.cost, item.cost - min(costs)
-    _broyden(item, trials[rows[0]][1], outcomes[rows[0]])
+    first = rows[0]
+    item.jacobian = broyden(
+      item.jacobian, item.residual, item.values, outcomes[first], trials[first][1], item.free.scale
+    )
     if gain > 0:
       item.theta, item.residual, item.values = thetas[best], outcomes[best], trials[best][1]
     item.settled = gain < 1e-3 * abs(before) ** 0.5 + 0.3
@@ -163,21 +170,10 @@ def _try_steps(problem: Problem, candidates: Sequence[Candidate]) -> None:
 
 def _steps(item: Candidate) -> list[Array]:
   """Trial estimates: Gauss-Newton with little and with strong damping, and a half step."""
-  gradient = item.jacobian.T @ item.residual + (item.values - item.free.nominal) / item.free.std**2
-  curvature = item.curvature
+  gradient, curvature = item.gradient, item.curvature
   out = []
   for damping in (1e-6, 0.1):
     damped = curvature + damping * np.diag(np.diag(curvature))
     out.append(bounded_solve(damped, gradient, item.values, item.free))
   out.append(0.5 * (item.values + out[0]))
   return out
-
-
-def _broyden(item: Candidate, values: Array, outcome: Array) -> None:
-  """Rank-one correction of the Jacobian from one trial step, in units of each parameter's scale."""
-  step = (values - item.values) / item.free.scale
-  power = float(step @ step)
-  if power < 1e-12 or not np.isfinite(outcome).all():
-    return
-  surprise = outcome - item.residual - item.jacobian @ (values - item.values)
-  item.jacobian += np.outer(surprise / power, step / item.free.scale)

@@ -46,8 +46,9 @@ class Weighting:
 class Problem:
   """Whitened residuals of the twin for any parameter vectors."""
 
-  def __init__(self, twin: Twin, observations: Observations, weighting: Weighting):
-    self.twin, self.observations, self.weighting = twin, observations, weighting
+  def __init__(self, twin: Twin, observations: Observations, weighting: Weighting, fitted: int):
+    """`fitted`: so many values, from the front, are fitted; the rest only judge (role "validate")."""
+    self.twin, self.observations, self.weighting, self.fitted = twin, observations, weighting, fitted
     self._scale = weighting.scale(observations.channel)
     self.evaluations = 0
 
@@ -63,7 +64,7 @@ class Problem:
     return next(m for m in self.twin.mechanisms if m.name == name)
 
   def reweighted(self, weighting: Weighting) -> "Problem":
-    return Problem(self.twin, self.observations, weighting)
+    return Problem(self.twin, self.observations, weighting, self.fitted)
 
   def raw(self, theta: Array) -> Array:
     """Predicted minus measured in the channels' units, (n, M)."""

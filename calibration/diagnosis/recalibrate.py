@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.passport import ChannelNoise, noise_passport
 from calibration.diagnosis.problem import Problem, weighting_from
-from calibration.fit import Fit, fit
+from calibration.fit import Fit, finite_differences, fit
 from calibration.observations import Observations, observe
-from calibration.segmenting import Cut
+from calibration.segmenting import DEFAULT_CUT, Cut
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.recording import Recording
 from qcar_twin.twin import Twin
@@ -35,6 +35,7 @@ class Baseline:
     passport: noise of the sensors.
     fit: the base parameters' fit.
     theta: full parameter vector with every mechanism at its null, (P,).
+    jacobian: d whitened residual / d base parameters over all values, fitted and judging, (M, p).
     shift: command timing that fitted best, control periods.
   """
 
@@ -42,6 +43,7 @@ class Baseline:
   passport: Mapping[str, ChannelNoise]
   fit: Fit
   theta: Array
+  jacobian: Array
   shift: int
 
 
@@ -50,30 +52,42 @@ def recalibrate(
   recordings: Sequence[Recording],
   priors: ParameterSet | None = None,
   shifts: Sequence[int] = (0,),
-  cut: Cut = Cut(),
-  rounds: int = 2,
+  cut: Cut = DEFAULT_CUT,
+  rounds: int = 1,
   progress: Callable[[str], None] = lambda text: None,
 ) -> Baseline:
   """Fit the base parameters to recordings.
 
   Args:
     twin: the car with the whole catalogue, all at null.
-    recordings: what to fit.
+    recordings: those of role "validate" are not fitted; they only judge.
     priors: base parameters with better first guesses than the vehicle's nominal ones.
     shifts: command timings to try, control periods; more than one where the log's convention is unknown.
     cut: how recordings are cut.
     rounds: how often weights are taken anew from the residuals.
     progress: told what is being done.
   """
+  recordings = sorted(recordings, key=lambda r: r.role == "validate")
   passport = noise_passport(recordings)
   base = priors or twin.base
   tried = []
   for shift in shifts:
     progress(f"recalibration, commands shifted by {shift}" if len(shifts) > 1 else "recalibration")
     observations = observe(recordings, twin.vehicle, dataclasses.replace(cut, shift=shift))
-    tried.append((shift, *_fit_base(twin, observations, base, passport, rounds)))
-  shift, problem, found = min(tried, key=lambda t: _comparable_cost(t[1], t[2], tried[0][1]))
-  return Baseline(problem, passport, found, problem.embed(base.names, found.theta, problem.parameters.nominal)[0], shift)
+    tried.append(
+      (shift, *_fit_base(twin, observations, fitted_count(observations, recordings), base, passport, rounds))
+    )
+  shift, problem, found, whole = min(tried, key=lambda t: _comparable_cost(t[1], t[2], tried[0][1]))
+  theta = problem.embed(base.names, found.theta, problem.parameters.nominal)[0]
+  return Baseline(problem, passport, found, theta, whole, shift)
+
+
+def fitted_count(observations: Observations, recordings: Sequence[Recording]) -> int:
+  """How many values, from the front, belong to recordings that are fitted."""
+  judging = [i for i, r in enumerate(recordings) if r.role == "validate"]
+  if len(judging) == len(recordings):
+    raise ValueError('no recording has the role "identify"; give at least one that role in dataset.toml')
+  return int(np.sum(~np.isin(observations.recording, judging)))
 
 
 def sensor_floor(passport: Mapping[str, ChannelNoise], horizon: float = 1.0) -> dict[str, float]:
@@ -88,33 +102,33 @@ def sensor_floor(passport: Mapping[str, ChannelNoise], horizon: float = 1.0) -> 
 
 
 def _fit_base(
-  twin: Twin, observations: Observations, base: ParameterSet, passport: Mapping[str, ChannelNoise], rounds: int
-) -> tuple[Problem, Fit]:
+  twin: Twin,
+  observations: Observations,
+  fitted: int,
+  base: ParameterSet,
+  passport: Mapping[str, ChannelNoise],
+  rounds: int,
+) -> tuple[Problem, Fit, Array]:
   floor = sensor_floor(passport)
-  names = base.names
   around = twin.parameters.nominal
-  start = _best_start(twin, observations, base)
-  raw = Problem(twin, observations, _flat_weighting(observations)).raw
-  weighting = weighting_from(observations, raw(_full(twin, names, start, around))[0], floor)
+  start = _best_start(twin, observations, fitted, base)
+  problem = Problem(twin, observations, _flat_weighting(observations), fitted)
+  theta = problem.embed(base.names, start, around)
+  problem = problem.reweighted(weighting_from(observations, problem.raw(theta)[0], floor))
   found: Fit | None = None
-  problem = Problem(twin, observations, weighting)
+  whole = np.zeros((len(observations), len(base)))
   for k in range(rounds + 1):
-    problem = Problem(twin, observations, weighting)
-    guess = start if found is None else found.theta
-    found = fit(lambda v: problem.residual(problem.embed(names, v, around)), base, guess,
-                iterations=10 if k == 0 else 4, robust=np.inf,
-                progress=lambda i, c: log.info('round %d iteration %d: cost %.1f', k, i, c))  # fmt: skip
+    residual = lambda v, p=problem: p.residual(p.embed(base.names, v, around))[:, :fitted]  # noqa: E731
+    found = fit(residual, base, start, iterations=9 if k == 0 else 6, robust=np.inf,
+                progress=lambda i, c, k=k: log.info("round %d iteration %d: cost %.1f", k, i, c))  # fmt: skip
+    start = found.theta
     if k < rounds:
-      unscaled = found.residual / problem.whiten(np.ones(len(observations)))
-      weighting = weighting_from(observations, unscaled, floor)
+      theta = problem.embed(base.names, start, around)
+      problem = problem.reweighted(weighting_from(observations, problem.raw(theta)[0], floor))
   assert found is not None
-  return problem, found
-
-
-def _full(twin: Twin, names: Sequence[str], values: Array, around: Array) -> Array:
-  full = around.copy()
-  full[[twin.parameters.index(n) for n in names]] = values
-  return full[None]
+  everything = lambda v: problem.residual(problem.embed(base.names, v, around))  # noqa: E731
+  whole = finite_differences(everything, base, found.theta, everything(found.theta[None])[0], 0.02)
+  return problem, found, whole
 
 
 def _flat_weighting(observations: Observations):
@@ -122,9 +136,9 @@ def _flat_weighting(observations: Observations):
   return weighting_from(observations, observations.measured, {})
 
 
-def _best_start(twin: Twin, observations: Observations, base: ParameterSet) -> Array:
+def _best_start(twin: Twin, observations: Observations, fitted: int, base: ParameterSet) -> Array:
   """The best of a few guesses that differ in motor strength, damping and tyre stiffness."""
-  problem = Problem(twin, observations, _flat_weighting(observations))
+  problem = Problem(twin, observations, _flat_weighting(observations), fitted)
   guesses = []
   for strength in (0.6, 1.0, 1.6):
     for stiffness in (0.6, 1.6):
@@ -135,11 +149,12 @@ def _best_start(twin: Twin, observations: Observations, base: ParameterSet) -> A
         guess[base.index(name)] *= stiffness
       guesses.append(np.clip(guess, base.lower, base.upper))
   guesses.append(base.nominal)
-  residual = problem.residual(problem.embed(base.names, np.stack(guesses), twin.parameters.nominal))
+  residual = problem.residual(problem.embed(base.names, np.stack(guesses), twin.parameters.nominal))[:, :fitted]
   return guesses[int(np.argmin(np.sum(np.abs(residual), axis=1)))]
 
 
 def _comparable_cost(problem: Problem, found: Fit, reference: Problem) -> float:
   """Cost with one common set of weights, so that fits with different weights compare."""
-  unscaled = found.residual / problem.whiten(np.ones(len(problem.observations)))
-  return float(np.sum(np.abs(reference.whiten(unscaled[: len(reference.observations)]))))
+  count = len(found.residual)
+  unscaled = found.residual / problem.whiten(np.ones(len(problem.observations)))[:count]
+  return float(np.sum(np.abs(unscaled * reference.whiten(np.ones(len(reference.observations)))[:count])))

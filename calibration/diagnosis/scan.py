@@ -19,7 +19,7 @@ from qcar_twin.mechanisms.base import Mechanism
 
 Array = NDArray[np.float64]
 
-SIZES = (0.25, 0.6, 1.0, 1.6)
+SIZES = (0.5, 1.4)
 _INVISIBLE = 3.0  # nats at typical size below which a mechanism can't be tested
 
 
@@ -34,7 +34,7 @@ class Signature:
     shown: half the squared norm of the projected signature at typical size, nats: what the
       manoeuvres would show of it.
     survives: share of the signature at typical size that recalibration cannot absorb, 0 to 1.
-    direction: projected signature of the best trial, (M,), float32.
+    direction: projected signature of the best trial on the fitted values, (K,), float32.
     trials: gain per trial: (values, nats).
   """
 
@@ -55,11 +55,11 @@ class Projector:
   """Removes from a change of residuals what the free parameters of a model can imitate."""
 
   def __init__(self, model: Candidate):
-    self._jacobian = model.jacobian
+    self._jacobian = model.jacobian[: model.fitted]
     self._inverse = inverse_curvature(model.curvature, model.free)
 
   def __call__(self, change: Array) -> Array:
-    """Rows (n, M) without their projection on the model's columns."""
+    """Rows (n, K) over the fitted values, without their projection on the model's columns."""
     return change - (change @ self._jacobian) @ self._inverse @ self._jacobian.T
 
 
@@ -81,13 +81,13 @@ def scan(
   """
   project = Projector(base)
   jobs = [(m, start) for m in mechanisms for start in trial_starts(m, sizes)]
-  anchor = project(base.residual[None])[0]
+  anchor = project(base.residual[None, : base.fitted])[0]
   collected: dict[str, list[tuple[dict[str, float], Array, float]]] = {m.name: [] for m in mechanisms}
   chunk = 24
   for i in range(0, len(jobs), chunk):
     part = jobs[i : i + chunk]
     thetas = np.stack([_with(problem, base.theta, start) for _, start in part])
-    change = problem.residual(thetas) - base.residual
+    change = (problem.residual(thetas) - base.residual)[:, : base.fitted]
     kept = project(change)
     for (mechanism, start), whole, rest in zip(part, change, kept, strict=True):
       collected[mechanism.name].append((start, rest.astype(np.float32), float(whole @ whole)))
@@ -96,9 +96,14 @@ def scan(
 
 
 def trial_starts(mechanism: Mechanism, sizes: Sequence[float]) -> list[dict[str, float]]:
-  """Parameter values to try: each amplitude alone, at multiples of its typical size, within its bounds."""
+  """Parameter values to try: each amplitude alone, at multiples of its typical size, within its bounds.
+
+  Where shape parameters need several starts, one size does: the refit finds the rest.
+  """
   starts = []
-  for place in mechanism.starts():
+  places = mechanism.starts()
+  sizes = sizes if len(places) == 1 else (sorted(sizes)[len(sizes) // 2],)
+  for place in places:
     for parameter in mechanism.parameters:
       if parameter.null is None:
         continue

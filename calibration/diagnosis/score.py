@@ -19,19 +19,23 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-  """A model against a smaller one.
+  """A model against a smaller one, by blocks of about three seconds.
 
   Attributes:
-    gain: held-out drop of half the sum of squares, nats.
-    t: mean over spread of the groups' gains times the root of their number.
-    share_positive: groups that gained, 0 to 1, among those whose prediction moved at all.
-    groups: gain per group, (G,).
+    gain: held-out drop of half the sum of squares, nats; at most CAP per block, so that no single
+      event decides.
+    t: mean over spread of the blocks' capped gains times the root of their number.
+    share_positive: blocks that gained, 0 to 1, among those whose prediction moved at all.
+    blocks: uncapped gain per block, (B,).
   """
 
   gain: float
   t: float
   share_positive: float
-  groups: Array
+  blocks: Array
+
+
+CAP = 10.0  # nats a block can bring to the decision
 
 
 def groups_of(observations: Observations, least: int = 8, length: float = 10.0) -> NDArray[np.int64]:
@@ -43,41 +47,47 @@ def groups_of(observations: Observations, least: int = 8, length: float = 10.0) 
 
 
 def held_out(model: Candidate, group: NDArray[np.int64]) -> Array:
-  """Half the sum of squares of each group when the parameters are fitted to the others, (G,)."""
+  """Residuals of each group when the parameters are fitted to the others, (M,).
+
+  Groups of validation values take no part in the fit, so nothing has to be left out for them.
+  """
   order = np.argsort(group, kind="stable")
   edges = np.flatnonzero(np.diff(group[order])) + 1
   rows = np.split(order, edges)
-  gradient = model.jacobian.T @ model.residual + (model.values - model.free.nominal) / model.free.std**2
-  curvature = model.curvature
-  scale = model.free.scale
-  out = np.empty(len(rows))
-  for k, index in enumerate(rows):
+  gradient, curvature = model.gradient, model.curvature
+  scale, std = model.free.scale, model.std
+  out = np.empty(len(group))
+  for index in rows:
     part, r = model.jacobian[index], model.residual[index]
-    rest = (curvature - part.T @ part) * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
-    move = -np.linalg.solve(rest, (gradient - part.T @ r) * scale) * scale
-    # a linear model is trusted within three standard deviations of the fit only
+    own = float(index[0] < model.fitted)
+    rest = (curvature - own * part.T @ part) * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+    move = -np.linalg.solve(rest, (gradient - own * part.T @ r) * scale) * scale
     move = np.clip(move, model.free.lower - model.values, model.free.upper - model.values)
-    changed = r + part @ move
-    out[k] = 0.5 * float(changed @ changed)
+    # ... and what it can't mean (a leverage point far outside the others) is not believed beyond the fit itself
+    out[index] = r + part @ np.clip(move, -3.0 * std, 3.0 * std)
   return out
 
 
-def compare(larger: Candidate, smaller: Candidate, group: NDArray[np.int64]) -> Comparison:
+def compare(larger: Candidate, smaller: Candidate, observations: Observations) -> Comparison:
   """Held-out gain of a model over a smaller one."""
-  gains = held_out(smaller, group) - held_out(larger, group)
-  moved = np.abs(gains) > 0.02
+  group = groups_of(observations)
+  drop = 0.5 * (held_out(smaller, group) ** 2 - held_out(larger, group) ** 2)
+  gains = np.bincount(observations.block, drop)[np.unique(observations.block)]
+  capped = np.clip(gains, -CAP, CAP)
   count = len(gains)
-  spread = float(np.std(gains, ddof=1)) if count > 1 else np.inf
-  t = float(np.mean(gains) / (spread + 1e-12) * np.sqrt(count)) if count > 1 else 0.0
+  spread = float(np.std(capped, ddof=1)) if count > 1 else np.inf
+  t = float(np.mean(capped) / (spread + 1e-9) * np.sqrt(count)) if count > 1 else 0.0
+  moved = np.abs(gains) > 0.02
   share = float(np.mean(gains[moved] > 0)) if moved.any() else 0.0
-  return Comparison(float(gains.sum()), t, share, gains)
+  return Comparison(float(capped.sum()), t, share, gains)
 
 
 def evidence(larger: Candidate, smaller: Candidate, observations: Observations) -> float:
   """Log profile likelihood ratio with unknown channel variances, nats: sum_c n_c / 2 log(S0_c / S1_c), plus priors."""
   total = prior_part(smaller) - prior_part(larger)
-  for index in np.unique(observations.channel):
-    rows = observations.channel == index
+  channel = observations.channel[: larger.fitted]
+  for index in np.unique(channel):
+    rows = np.flatnonzero(channel == index)
     before = float(np.sum(smaller.residual[rows] ** 2))
     after = float(np.sum(larger.residual[rows] ** 2))
     total += 0.5 * before * np.log(before / after) if before > 0 and after > 0 else 0.0
@@ -97,7 +107,7 @@ def channel_shares(larger: Candidate, smaller: Candidate, observations: Observat
   return {name: value / total for name, value in sorted(sums.items(), key=lambda kv: -kv[1])}
 
 
-def best_of(models: Sequence[Candidate], base: Candidate, group: NDArray[np.int64]) -> Candidate:
-  """The model with the largest held-out gain over the base."""
-  reference = held_out(base, group).sum()
-  return max(models, key=lambda m: reference - held_out(m, group).sum(), default=base)
+def best_of(models: Sequence[Candidate], base: Candidate, observations: Observations) -> Candidate:
+  """The model with the largest held-out gain over the base; a larger set must bring 2 nats per mechanism."""
+  worth = lambda m: compare(m, base, observations).gain - 2.0 * len(m.mechanisms)  # noqa: E731
+  return max([base, *(m for m in models if m is not base)], key=worth)

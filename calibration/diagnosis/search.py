@@ -16,7 +16,7 @@ from calibration.diagnosis.candidates import Candidate, candidate, refine, simul
 from calibration.diagnosis.problem import Problem, weighting_from
 from calibration.diagnosis.recalibrate import Baseline, sensor_floor
 from calibration.diagnosis.scan import Projector, Signature
-from calibration.diagnosis.score import best_of, compare, groups_of
+from calibration.diagnosis.score import best_of, compare
 from qcar_twin.parameters import ParameterSet
 
 Array = NDArray[np.float64]
@@ -32,14 +32,12 @@ class Pool:
     priors: declarations of the base parameters.
     models: by set of mechanism ids; frozenset() is the recalibrated twin.
     signatures: of the scan.
-    group: leave-one-out groups, (M,).
   """
 
   problem: Problem
   priors: ParameterSet
   models: dict[frozenset[str], Candidate]
   signatures: dict[str, Signature]
-  group: NDArray[np.int64]
   floor: dict[str, float]
 
   @property
@@ -50,18 +48,17 @@ class Pool:
     return [m for key, m in self.models.items() if len(key) == size]
 
   def best(self, models: Sequence[Candidate]) -> Candidate:
-    return best_of(models, self.base, self.group)
+    return best_of(models, self.base, self.problem.observations)
 
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-  """How wide the search is: singles, pairs, triples that are refitted, and models that are polished."""
+  """How wide the search is: singles, pairs, triples that are refitted, and Gauss-Newton steps."""
 
-  singles: int = 14
-  pairs: int = 10
-  triples: int = 5
-  polish: int = 3
-  iterations: int = 3
+  singles: int = 11
+  pairs: int = 7
+  triples: int = 4
+  iterations: int = 2
 
 
 def search(
@@ -81,8 +78,7 @@ def search(
     report: told what is being done.
   """
   problem = baseline.problem
-  pool = Pool(problem, baseline.fit.parameters, {frozenset(): base}, signatures, groups_of(problem.observations),
-              sensor_floor(baseline.passport))  # fmt: skip
+  pool = Pool(problem, baseline.fit.parameters, {frozenset(): base}, signatures, sensor_floor(baseline.passport))  # fmt: skip
   report("refitting single mechanisms")
   _fit_sets(pool, [frozenset([n]) for n in _nominate_singles(signatures, effort.singles)], effort.iterations)
   _reweight(pool)
@@ -94,15 +90,15 @@ def search(
     _fit_sets(pool, _nominate_triples(pool, effort.triples), effort.iterations)
     _reweight(pool)
   report("polishing the best models")
-  _polish(pool, effort.polish)
+  _polish(pool)
   return pool
 
 
 def base_candidate(baseline: Baseline) -> Candidate:
   """The recalibrated twin as a model of the pool."""
   made = candidate(baseline.problem, (), None, baseline.fit.parameters)
-  made.theta, made.values = baseline.theta.copy(), baseline.fit.theta.copy()
-  made.residual, made.jacobian = baseline.fit.residual.copy(), baseline.fit.jacobian.copy()
+  made.theta, made.values, made.jacobian = baseline.theta.copy(), baseline.fit.theta.copy(), baseline.jacobian.copy()
+  simulate(baseline.problem, [made])
   made.settled = True
   return made
 
@@ -143,7 +139,7 @@ def _nominate_triples(pool: Pool, count: int) -> list[frozenset[str]]:
 def _explains(pool: Pool, model: Candidate) -> dict[str, float]:
   """Nats each further mechanism's signature would explain of a model's residual, to first order."""
   project = Projector(model)
-  anchor = project(model.residual[None])[0]
+  anchor = project(model.residual[None, : model.fitted])[0]
   out = {}
   for name, signature in pool.signatures.items():
     if not signature.testable or name in model.mechanisms:
@@ -196,7 +192,8 @@ def _reweight(pool: Pool) -> None:
     model.jacobian = model.jacobian * ratio[:, None]
     model.settled = False
   pool.signatures = {
-    n: dataclasses.replace(s, direction=(s.direction * ratio).astype(np.float32)) for n, s in pool.signatures.items()
+    n: dataclasses.replace(s, direction=(s.direction * ratio[: len(s.direction)]).astype(np.float32))
+    for n, s in pool.signatures.items()
   }
 
 
@@ -205,14 +202,15 @@ def _worth_growing(pool: Pool) -> bool:
   pairs = pool.of_size(2)
   if not pairs:
     return False
-  gain = compare(pool.best(pairs), pool.best(pool.of_size(1)), pool.group)
+  gain = compare(pool.best(pairs), pool.best(pool.of_size(1)), pool.problem.observations)
   return gain.gain > 10.0 and gain.t > 2.0
 
 
-def _polish(pool: Pool, count: int) -> None:
-  """Refit the best models of every size, and the base, with all columns simulated."""
+def _polish(pool: Pool) -> None:
+  """Refit the base and the best model of every size with all columns simulated, and one step more for the rest."""
   chosen = [pool.base]
   for size in (1, 2, 3):
-    ranked = sorted(pool.of_size(size), key=lambda m: m.cost)
-    chosen += ranked[: count if size == 1 else max(1, count - 1)]
+    chosen += sorted(pool.of_size(size), key=lambda m: m.cost)[:1]
   refine(pool.problem, chosen, 1, full=True)
+  near = [m for m in pool.of_size(1) if not any(m is c for c in chosen)]
+  refine(pool.problem, sorted(near, key=lambda m: m.cost)[:4], 1)

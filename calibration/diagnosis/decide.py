@@ -1,0 +1,213 @@
+"""S6, the decision: what may be claimed.
+
+A mechanism is claimed only if leaving it out of the best set costs held-out evidence beyond what
+recordings without any effect give by chance (significant), if its size matters (material), and if
+nothing smooth and nameless does better (UNKNOWN). Rivals that fit as well are named with it.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+
+from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.score import Comparison, compare, evidence
+from calibration.diagnosis.search import Pool, ensure
+from qcar_twin.mechanisms.base import Mechanism
+
+
+@dataclasses.dataclass(frozen=True)
+class Thresholds:
+  """What a claim needs; learnt on proving-ground sessions without effects, see docs/diagnosis.md.
+
+  Attributes:
+    t: held-out gain over its standard error.
+    nats: held-out gain.
+    share: groups that gained.
+    material: share of the typical size.
+    unknown: factor by which UNKNOWN must beat the best set of known mechanisms.
+    equivalent: a rival within so many standard errors of the claim can't be told apart.
+  """
+
+  t: float = 2.6
+  nats: float = 20.0
+  share: float = 0.55
+  material: float = 0.2
+  unknown: float = 1.25
+  equivalent: float = 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Claim:
+  """One mechanism that is held responsible."""
+
+  mechanism: str
+  probability: float
+  evidence_nats: float
+  held_out: Comparison
+  parameters: dict[str, dict[str, float | str]]
+  rivals: tuple[tuple[str, float], ...]
+  equivalent_to: tuple[str, ...]
+  certain: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Decision:
+  """What may be said.
+
+  Attributes:
+    verdict: no_mismatch, explained, partly_explained or unexplained.
+    claims: strongest first.
+    possible: mechanisms that were significant but not material, or the other way round.
+    model: the model behind the claims; the recalibrated twin if there are none.
+    unknown: name of the UNKNOWN rival that did best, and its held-out comparison with the base.
+    ranking: every mechanism tried with its evidence, best first.
+  """
+
+  verdict: str
+  claims: tuple[Claim, ...]
+  possible: tuple[str, ...]
+  model: Candidate
+  unknown: tuple[str, Comparison] | None
+  ranking: tuple[tuple[str, float], ...]
+
+
+def decide(
+  pool: Pool,
+  unknowns: dict[str, Candidate],
+  thresholds: Thresholds = Thresholds(),
+  temper: float = 1.0,  # noqa: B008
+) -> Decision:
+  """Weigh the pool.
+
+  Args:
+    pool: all fitted models.
+    unknowns: UNKNOWN rivals, with the pool's weights.
+    thresholds: what a claim needs.
+    temper: factor on nats where samples are scarcer witnesses than their number says.
+  """
+  best = _simplified(pool, pool.best(list(pool.models.values())), thresholds)
+  claims, possible = [], []
+  for name in best.mechanisms:
+    claim = _claim(pool, best, name, thresholds)
+    (claims if _material(pool, best, name, thresholds.material) else possible).append(claim)
+  if possible and claims:
+    best = pool.models.get(frozenset(c.mechanism for c in claims), best)
+  elif not claims:
+    best = pool.base
+  claims.sort(key=lambda c: -c.evidence_nats)
+  unknown = _best_unknown(pool, unknowns)
+  verdict = _verdict(pool, best, claims, unknown, unknowns, thresholds)
+  if verdict == "unexplained":
+    claims = [dataclasses.replace(c, probability=0.5 * c.probability, certain=False) for c in claims]
+  return Decision(verdict, tuple(claims), tuple(c.mechanism for c in possible), best, unknown, _ranking(pool, claims))
+
+
+def _simplified(pool: Pool, best: Candidate, thresholds: Thresholds) -> Candidate:
+  """Drop what the best set does not need, weakest first."""
+  while best.mechanisms:
+    ensure(pool, [frozenset(best.mechanisms) - {name} for name in best.mechanisms])
+    tests = {
+      n: compare(best, pool.models[frozenset(best.mechanisms) - {n}], pool.problem.observations)
+      for n in best.mechanisms
+    }
+    weakest = min(tests, key=lambda n: min(tests[n].t / thresholds.t, tests[n].gain / thresholds.nats))
+    if _significant(tests[weakest], thresholds):
+      return best
+    best = pool.models[frozenset(best.mechanisms) - {weakest}]
+  return best
+
+
+def _significant(test: Comparison, thresholds: Thresholds) -> bool:
+  return test.t >= thresholds.t and test.gain >= thresholds.nats and test.share_positive >= thresholds.share
+
+
+def _claim(pool: Pool, best: Candidate, name: str, thresholds: Thresholds) -> Claim:
+  without = pool.models[frozenset(best.mechanisms) - {name}]
+  held_out = compare(best, without, pool.problem.observations)
+  rivals = []
+  equivalent = []
+  for key, model in pool.models.items():
+    other = key - set(without.mechanisms)
+    if len(key) == len(best.mechanisms) and set(without.mechanisms) < key and len(other) == 1 and name not in other:
+      (rival,) = other
+      rivals.append((rival, without.cost - model.cost))
+      gap = compare(best, model, pool.problem.observations)
+      if gap.t < thresholds.equivalent or gap.gain < 0.03 * held_out.gain:
+        equivalent.append(rival)
+  rivals.sort(key=lambda r: -r[1])
+  gain = without.cost - best.cost
+  margin = gain - max((r[1] for r in rivals), default=0.0)
+  return Claim(
+    mechanism=name,
+    probability=_probability(held_out, margin),
+    evidence_nats=evidence(best, without, pool.problem.observations),
+    held_out=held_out,
+    parameters=_estimates(pool.problem.mechanism(name), best),
+    rivals=tuple(rivals[:5]),
+    equivalent_to=tuple(equivalent),
+    certain=True,
+  )
+
+
+def _probability(held_out: Comparison, margin: float) -> float:
+  """Probability that the name is right, from the margin over the next rival and the held-out t.
+
+  Logistic in log margin and t, fitted on proving-ground sessions; see docs/diagnosis.md.
+  """
+  score = -1.2 + 0.75 * math.log1p(max(margin, 0.0) / 3.0) + 0.25 * (min(held_out.t, 8.0) - 3.0)
+  return float(np.clip(1.0 / (1.0 + math.exp(-score)), 0.02, 0.99))
+
+
+def _estimates(mechanism: Mechanism, model: Candidate) -> dict[str, dict[str, float | str]]:
+  return {
+    p.name: {"value": value, "std": std, "unit": p.unit}
+    for p in mechanism.parameters
+    for value, std in [model.estimate(p.name)]
+  }
+
+
+def _material(pool: Pool, model: Candidate, name: str, share: float) -> bool:
+  """Whether any amplitude of a mechanism reaches a share of its typical size, and three times its own uncertainty."""
+  for parameter in pool.problem.mechanism(name).parameters:
+    if parameter.null is None:
+      continue
+    value, std = model.estimate(parameter.name)
+    size = abs(value - parameter.null)
+    if size >= share * (parameter.typical or parameter.scale) and size >= 2.0 * std:
+      return True
+  return False
+
+
+def _best_unknown(pool: Pool, unknowns: dict[str, Candidate]) -> tuple[str, Comparison] | None:
+  scored = {name: compare(model, pool.base, pool.problem.observations) for name, model in unknowns.items()}
+  if not scored:
+    return None
+  name = max(scored, key=lambda n: scored[n].gain)
+  return name, scored[name]
+
+
+def _verdict(
+  pool: Pool,
+  best: Candidate,
+  claims: list[Claim],
+  unknown: tuple[str, Comparison] | None,
+  unknowns: dict[str, Candidate],
+  thresholds: Thresholds,
+) -> str:
+  known = compare(best, pool.base, pool.problem.observations).gain if best.mechanisms else 0.0
+  if unknown is not None and unknown[1].t > thresholds.t and unknown[1].gain > 3.0 * thresholds.nats:
+    over = compare(unknowns[unknown[0]], best, pool.problem.observations)
+    if unknown[1].gain > thresholds.unknown * known + 2.0 * thresholds.nats and over.t > thresholds.t:
+      return "partly_explained" if claims and known > 0.5 * unknown[1].gain else "unexplained"
+  return "explained" if claims else "no_mismatch"
+
+
+def _ranking(pool: Pool, claims: list[Claim]) -> tuple[tuple[str, float], ...]:
+  """Claims first, then every mechanism by what it brings alone: refitted where it was, else as scanned."""
+  singles = {m.mechanisms[0]: pool.base.cost - m.cost for m in pool.of_size(1)}
+  least = min(singles.values(), default=0.0)
+  scanned = {n: min(s.gain, least) for n, s in pool.signatures.items() if n not in singles}
+  order = sorted((singles | scanned).items(), key=lambda kv: -kv[1])
+  named = {c.mechanism: c.evidence_nats for c in claims}
+  return tuple(named.items()) + tuple((n, g) for n, g in order if n not in named)
