@@ -31,6 +31,7 @@ from qcar_twin.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 SteadyState = Literal["exact", "paper"]
+Transient = Literal["lagged", "linear"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,7 +39,7 @@ class Identification:
   """Outcome of `identify`.
 
   Attributes:
-    dataset: name of the data set.  steady_state: "exact" or "paper".
+    dataset: name of the data set.  steady_state: "exact" or "paper".  transient: "lagged" or "linear".
     drive, lateral: fits; lateral is None where `missing` says why.
     understeer: characteristic of a ramp steer, if there was one.
     turning_drag, turning_drag_std: of `TurningLosses`, rad/s^2 per rad^2; NaN if not fitted.
@@ -46,6 +47,7 @@ class Identification:
 
   dataset: str
   steady_state: str
+  transient: str
   drive: DriveFit
   lateral: LateralFit | None
   missing: str
@@ -101,7 +103,12 @@ class Identification:
     return self.lateral.steps if part == "lateral" else self.lateral.yaw_rate_steps
 
   def __str__(self) -> str:
-    return "\n".join([f"{self.dataset}: bicycle identified, steady state '{self.steady_state}'", *_table(self)])
+    return "\n".join(
+      [
+        f"{self.dataset}: bicycle identified, steady state '{self.steady_state}', {self.transient} transient",
+        *_table(self),
+      ]
+    )
 
   def save(self, path: str | os.PathLike[str]) -> Path:
     """Write as JSON, whole or not at all; unknown numbers are null."""
@@ -129,12 +136,16 @@ class Identification:
 
 
 def identify(
-  dataset: DataSet, steady_state: SteadyState = "exact", vehicle: MeasuredCar | None = None
+  dataset: DataSet,
+  steady_state: SteadyState = "exact",
+  transient: Transient | None = None,
+  vehicle: MeasuredCar | None = None,
 ) -> Identification:
   """Two-stage least squares on the voltage steps and step steers of a data set.
 
   Args:
-    steady_state: "exact", or "paper" for the printed understeer gradient and its lag-free linear transient.
+    steady_state: "exact", or "paper" for the printed understeer gradient.
+    transient: "lagged", or "linear" for the printed cost; by default the one that goes with the steady state.
     vehicle: measured numbers; those of the data set if None.
 
   Raises:
@@ -142,6 +153,9 @@ def identify(
   """
   if steady_state not in ("exact", "paper"):
     raise ValueError(f"steady_state must be 'exact' or 'paper', not '{steady_state}'")
+  transient = transient or ("lagged" if steady_state == "exact" else "linear")
+  if transient not in ("lagged", "linear") or (steady_state == "paper" and transient == "lagged"):
+    raise ValueError(f"transient must be 'linear', or 'lagged' with steady_state='exact', not '{transient}'")
   car: MeasuredCar = vehicle or Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   recordings = [r for r in dataset.recordings if r.role != "holdout"]
   std = dict(dataset.vehicle_std)
@@ -149,13 +163,13 @@ def identify(
   drive = fit_drive(recordings, car.gear_ratio * car.wheel_radius, scale_std)
   lateral, missing, drag = None, "", (math.nan, math.nan)
   try:
-    lateral = fit_lateral(recordings, car, std, steady_state)
+    lateral = fit_lateral(recordings, car, std, steady_state, transient)
     turns = [t for t in find_turns(recordings, car) if t.step.role == "identify" and t.step.steady is not None]
     drag = turning_drag(turns, drive.values, car)
   except NotIdentifiable as error:
     missing = str(error)
   understeer = understeer_characteristic(recordings, car)
-  return Identification(dataset.name, steady_state, drive, lateral, missing, understeer, *drag)
+  return Identification(dataset.name, steady_state, transient, drive, lateral, missing, understeer, *drag)
 
 
 def _mean_percent(steps: Iterable[StepError], role: str) -> float:
@@ -221,4 +235,4 @@ def _read(cls: type[Identification], raw: dict[str, Any]) -> Identification:
   if raw["understeer"] is not None:
     understeer = Understeer(**_number(raw["understeer"]))
   drag = (_number(raw[name]) for name in ("turning_drag", "turning_drag_std"))
-  return cls(raw["dataset"], raw["steady_state"], drive, lateral, raw["missing"], understeer, *drag)
+  return cls(raw["dataset"], raw["steady_state"], raw["transient"], drive, lateral, raw["missing"], understeer, *drag)

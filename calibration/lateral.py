@@ -1,14 +1,16 @@
 """Cornering stiffness of both axles from step steers: the paper's two-stage least squares, and an exact one.
 
-"paper", as printed: steady lateral accelerations give k_su = delta / a_ys by least squares through the
-origin; C_f in C_r = (k_su C_f L_f v^2 - C_f L_f^2) / L_r^2 minimises the mean squared error of the
-transient lateral acceleration, both filtered alike. The constraint leaves sideslip out of the yaw equation.
+Steady state "paper", as printed: steady lateral accelerations give k_su = delta / a_ys by least squares through
+the origin, and C_r = (k_su C_f L_f v^2 - C_f L_f^2) / L_r^2, which leaves sideslip out of the yaw equation.
+"exact": steady yaw rates give the understeer gradient K of delta = (L + K v^2) r / v, and C_r follows from C_f
+and K. Yaw rate rather than lateral acceleration, because an IMU on a rolling body also feels g sin(roll), 2 %
+here, which passes for understeer. The car steers less at large angles (coupled axles scrub, tyres bend), as the
+square of the angle; K is the value at zero angle, where the linear model is meant, and what the square takes is
+kept beside it (`TurningLosses`).
 
-"exact": steady yaw rates give the understeer gradient K of delta = (L + K v^2) r / v. Yaw rate rather than
-lateral acceleration, because an IMU on a rolling body also feels g sin(roll), 2 % here, which passes for
-understeer. The car steers less at large angles (coupled axles scrub, tyres bend), as the square of the angle;
-K is the value at zero angle, where the linear model is meant, and what the square takes is kept beside it
-(`TurningLosses`). C_f then comes from the shape of the transient (`step_steer`).
+Transient "linear", as printed: C_f minimises the time-averaged squared error of the bicycle's lateral
+acceleration, filtered alike. "lagged": servo, transient slip and saturation are fitted with it (`step_steer`);
+without them C_f misses the stiffness the tyres have at small slip by up to a half.
 """
 
 import dataclasses
@@ -22,7 +24,7 @@ from scipy.optimize import minimize_scalar
 from calibration import step_steer
 from calibration.longitudinal import NotIdentifiable, StepError, student_widening
 from calibration.steps import moving_average
-from calibration.turns import LinearResponses, Turn, cut, find_turns
+from calibration.turns import LinearResponses, SteadyTurns, Turn, cut, find_turns, fit_steady_turns
 from qcar_twin import kinematics
 from qcar_twin.bicycle import PARAMETERS, MeasuredCar
 from qcar_twin.recording import Recording
@@ -34,8 +36,8 @@ MEASURED = ("mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "imu_x")
 UNMOVED = ("imu_y", "wheel_radius", "gear_ratio", "max_steering")
 UNSTATED = {"mass": 0.01, "yaw_inertia": 0.10, "cg_to_front": 0.02, "cg_to_rear": 0.02, "wheel_radius": 0.01}
 UNSTATED_IMU = 0.003  # m; the others relative
-PRINTED_NOTE = (
-  "as printed: stiffness that a linear car without servo or tyre lag needs; its deviations hold scatter and"
+LINEAR_NOTE = (
+  "linear transient: stiffness that a linear car without servo or tyre lag needs; its deviations hold scatter and"
   " measured numbers, not that bias"
 )
 
@@ -69,14 +71,14 @@ class LateralFit:
 
 
 def fit_lateral(
-  recordings: Sequence[Recording], vehicle: MeasuredCar, std: Mapping[str, float], steady_state: str
+  recordings: Sequence[Recording], vehicle: MeasuredCar, std: Mapping[str, float], steady_state: str, transient: str
 ) -> LateralFit:
   """C_f and C_r from the step steers with role "identify"; errors on all steps given.
 
   Args:
     vehicle: measured numbers.  std: their standard deviations by name; what is missing is taken as
       1 % of mass and wheel radius, 10 % of yaw inertia, 2 % of the semi-wheelbases, 3 mm of the IMU's place.
-    steady_state: "exact" or "paper".
+    steady_state: "exact" or "paper".  transient: "lagged" or "linear"; "lagged" goes with "exact" only.
 
   Raises:
     NotIdentifiable: no two step steers with a lateral channel.
@@ -90,110 +92,111 @@ def fit_lateral(
     )
   spread = {name: std.get(name, share * getattr(vehicle, name)) for name, share in UNSTATED.items()}
   spread["imu_x"] = std.get("imu_x", UNSTATED_IMU)
-  if steady_state == "paper":
-    return _as_printed(turns, used, vehicle, spread)
-  return _exact(turns, used, vehicle, spread)
+  if transient == "lagged":
+    return _lagged(turns, used, vehicle, spread)
+  return _linear(turns, used, vehicle, spread, steady_state)
 
 
-# -- as printed ----------------------------------------------------------------------------------
+# -- linear transient ----------------------------------------------------------------------------
 
 
-def _as_printed(
-  turns: Sequence[Turn], used: Sequence[Turn], vehicle: MeasuredCar, std: Mapping[str, float]
+@dataclasses.dataclass(frozen=True)
+class _Constraint:
+  """What the steady turns leave of the tyres: C_r as a function of C_f."""
+
+  steady: SteadyTurns
+  speed: float
+  printed: float | None  # k_su [rad s^2/m] as printed; None for the exact steady state
+
+  def stiffness(self, front: float, vehicle: MeasuredCar) -> Array:
+    """(C_f, C_r) [N/rad]; C_r is kept positive."""
+    lengths = vehicle.cg_to_front, vehicle.cg_to_rear
+    if self.printed is None:
+      return np.array([front, step_steer.rear_stiffness(front, self.steady.gradient, vehicle.mass, *lengths)])
+    ratio = (self.printed * lengths[0] * self.speed**2 - lengths[0] ** 2) / lengths[1] ** 2
+    return front * np.array([1.0, max(ratio, 0.05)])
+
+
+def _linear(
+  turns: Sequence[Turn], used: Sequence[Turn], vehicle: MeasuredCar, std: Mapping[str, float], steady_state: str
 ) -> LateralFit:
-  if not all("accel_y" in t.signals for t in used):
+  if steady_state == "paper" and not all("accel_y" in t.signals for t in used):
     raise NotIdentifiable("the paper's identification needs accel_y; use steady_state='exact', which takes yaw_rate")
-  values, k_su, speed = _printed_stages(used, vehicle)
-  logs = np.log([_printed_stages(_others(used, i), vehicle)[0] for i in range(len(used))])
-  covariance = _jackknife_covariance(logs) + _measured_covariance(used, vehicle, std, values)
-  steady = SteadyTurns(_gradient(values, vehicle), float("nan"))
-  return _result(turns, vehicle, values, covariance, speed, steady, k_su, {}, (PRINTED_NOTE,))
+  with_loss = len(used) >= 4
+  constraint = _constraint(used, vehicle, std, steady_state, with_loss)
+  values = _linear_stage(used, vehicle, constraint)
+  logs = []
+  for i in range(len(used)):
+    others = _others(used, i)
+    logs.append(np.log(_linear_stage(others, vehicle, _constraint(others, vehicle, std, steady_state, with_loss))))
+  covariance = _jackknife_covariance(np.array(logs)) + _measured_covariance(used, vehicle, std, constraint, values)
+  steady = constraint.steady
+  if steady_state == "paper":
+    steady = SteadyTurns(_gradient(values, vehicle), float("nan"))
+  return _result(turns, vehicle, values, covariance, constraint.speed, steady, constraint.printed, {}, (LINEAR_NOTE,))
 
 
-def _printed_stages(used: Sequence[Turn], vehicle: MeasuredCar) -> tuple[Array, float, float]:
-  """(C_f, C_r) [N/rad], k_su [rad s^2/m] and the mean speed [m/s]."""
+def _constraint(
+  used: Sequence[Turn], vehicle: MeasuredCar, std: Mapping[str, float], steady_state: str, with_loss: bool
+) -> _Constraint:
+  speed = float(np.mean([t.steady("speed") for t in used]))
+  if steady_state == "exact":
+    return _Constraint(fit_steady_turns(used, vehicle, std, with_loss), speed, None)
   steering = np.array([t.steady("steering") for t in used])
   accel = np.array([t.steady("accel_y") for t in used])
-  speed = float(np.mean([t.steady("speed") for t in used]))
-  k_su = float(steering @ steering / (steering @ accel))
-  front, rear = vehicle.cg_to_front, vehicle.cg_to_rear
-  ratio = max((k_su * front * speed**2 - front**2) / rear**2, 0.05)  # C_r / C_f; keeps C_r positive
+  return _Constraint(SteadyTurns(0.0, 0.0), speed, float(steering @ steering / (steering @ accel)))
+
+
+def _linear_stage(used: Sequence[Turn], vehicle: MeasuredCar, constraint: _Constraint) -> Array:
+  """(C_f, C_r) [N/rad] of the printed transient cost: lateral acceleration, or yaw rate where it is not logged."""
+  channel = "accel_y" if all("accel_y" in t.signals for t in used) else "yaw_rate"
   about = [cut(t, TRANSIENT) for t in used]
   transient = LinearResponses(about, vehicle)
-  wanted = [moving_average(t.signals["accel_y"]) for t in about]
+  wanted = [moving_average(t.signals[channel]) for t in about]
 
   def cost(log_front: float) -> float:
-    found = transient.model(np.exp(log_front) * np.array([1.0, ratio]))["accel_y"]
+    found = transient.model(constraint.stiffness(np.exp(log_front), vehicle))[channel]
     pairs = zip(wanted, found, about, strict=True)
     return float(sum(np.mean(np.square(w - f)[t.step.first :]) for w, f, t in pairs))
 
   bounds = np.log([PARAMETERS["cornering_stiffness_front"].lower, PARAMETERS["cornering_stiffness_front"].upper])
-  found = minimize_scalar(cost, bounds=tuple(bounds), method="bounded", options={"xatol": 1e-4})
-  return np.exp(found.x) * np.array([1.0, ratio]), k_su, speed
+  found = minimize_scalar(cost, bounds=tuple(bounds), method="bounded", options={"xatol": 1e-5})
+  return constraint.stiffness(float(np.exp(found.x)), vehicle)
 
 
-def _measured_covariance(used: Sequence[Turn], vehicle: MeasuredCar, std: Mapping[str, float], values: Array) -> Array:
-  """Covariance of log (C_f, C_r) from the standard deviations of the measured numbers: one refit each."""
-  total = np.zeros((2, 2))
+def _measured_covariance(
+  used: Sequence[Turn], vehicle: MeasuredCar, std: Mapping[str, float], constraint: _Constraint, values: Array
+) -> Array:
+  """Covariance of log (C_f, C_r) from the deviations of the measured numbers and of K: one refit each."""
+  cases = []
   for name in MEASURED:
     moved = SimpleNamespace(**{k: getattr(vehicle, k) for k in (*MEASURED, *UNMOVED)})
     setattr(moved, name, getattr(moved, name) + std[name])
-    shift = np.log(_printed_stages(used, moved)[0] / values)  # pyright: ignore[reportArgumentType]
-    total += np.outer(shift, shift)
-  return total
+    cases.append((moved, constraint))
+  if constraint.printed is None:
+    steady = dataclasses.replace(
+      constraint.steady, gradient=constraint.steady.gradient + constraint.steady.gradient_std
+    )
+    cases.append((vehicle, dataclasses.replace(constraint, steady=steady)))
+  shifts = np.array([np.log(_linear_stage(used, car, law) / values) for car, law in cases])
+  return shifts.T @ shifts
 
 
-# -- exact ---------------------------------------------------------------------------------------
+# -- lagged transient ----------------------------------------------------------------------------
 
 
-@dataclasses.dataclass(frozen=True)
-class SteadyTurns:
-  """Understeer gradient K at zero angle [rad s^2/m], steering loss [1/rad^2], and their standard deviations."""
-
-  gradient: float
-  gradient_std: float
-  loss: float = float("nan")
-  loss_std: float = float("nan")
-
-
-def _exact(turns: Sequence[Turn], used: Sequence[Turn], vehicle: MeasuredCar, std: Mapping[str, float]) -> LateralFit:
-  steady = fit_steady_turns(used, vehicle, std)
+def _lagged(turns: Sequence[Turn], used: Sequence[Turn], vehicle: MeasuredCar, std: Mapping[str, float]) -> LateralFit:
+  with_loss = len(used) >= 4
+  steady = fit_steady_turns(used, vehicle, std, with_loss)
   numbers = {name: getattr(vehicle, name) for name in MEASURED}
   unknowns = step_steer.unknowns(numbers, std, steady.gradient, steady.gradient_std)
   fit = step_steer.fit_transients(_transients(used), unknowns)
-  moved = [fit_steady_turns(_others(used, i), vehicle, std).gradient - steady.gradient for i in range(len(used))]
+  others = [fit_steady_turns(_others(used, i), vehicle, std, with_loss) for i in range(len(used))]
+  moved = [other.gradient - steady.gradient for other in others]
   covariance = fit.covariance + _jackknife_covariance(fit.without + np.outer(moved, fit.by_gradient))
   speed = float(np.mean([t.steady("speed") for t in used]))
-  k_su = kinematics.steering_per_lateral_acceleration(speed, vehicle.cg_to_front + vehicle.cg_to_rear, steady.gradient)
   note = f"transient fit: chi-squared per degree of freedom {fit.chi_squared:.2f}"
-  return _result(turns, vehicle, np.array(fit.stiffness), covariance, speed, steady, float(k_su), fit.values, (note,))
-
-
-def fit_steady_turns(used: Sequence[Turn], vehicle: MeasuredCar, std: Mapping[str, float]) -> SteadyTurns:
-  """delta (1 - loss delta^2) = (L + K v^2) r / v, least squares over steady turns.
-
-  K_i = (delta_i v_i / r_i - L) / v_i^2 = K + c delta_i^2 with c = loss (L + K v^2) / v^2 (K alone for fewer
-  than four turns), weighted by delta_i^2 because the error of r_i is the same for every turn. The deviation
-  of K adds to the scatter what wheelbase and wheel radius were measured to.
-  """
-  angle = np.array([t.steady("steering") for t in used])
-  speed = np.array([t.steady("speed") for t in used])
-  yaw_rate = np.array([t.yaw_rate for t in used])
-  wheelbase, squared = vehicle.cg_to_front + vehicle.cg_to_rear, float(np.mean(np.square(speed)))
-  each = (angle * speed / yaw_rate - wheelbase) / np.square(speed)
-  powers = 2 if len(used) >= 4 else 1
-  design = np.stack([np.square(angle) ** k for k in range(powers)], axis=-1) * np.abs(angle)[:, None]
-  solution, *_ = np.linalg.lstsq(design, each * np.abs(angle), rcond=None)
-  freedom = max(len(used) - powers, 1)
-  scatter = float(np.sum(np.square(each * np.abs(angle) - design @ solution))) / freedom
-  variance = scatter * np.diag(np.linalg.inv(design.T @ design)) * student_widening(freedom) ** 2
-  from_radius = wheelbase / squared * std["wheel_radius"] / vehicle.wheel_radius
-  from_length = np.hypot(std["cg_to_front"], std["cg_to_rear"]) / squared
-  gradient, deviation = float(solution[0]), float(np.sqrt(variance[0] + from_radius**2 + from_length**2))
-  if powers == 1:
-    return SteadyTurns(gradient, deviation)
-  scale = squared / (wheelbase + gradient * squared)
-  return SteadyTurns(gradient, deviation, float(solution[1] * scale), float(np.sqrt(variance[1]) * scale))
+  return _result(turns, vehicle, np.array(fit.stiffness), covariance, speed, steady, None, fit.values, (note,))
 
 
 def _transients(used: Sequence[Turn]) -> step_steer.Transients:
@@ -245,7 +248,7 @@ def _result(
   covariance: Array,
   speed: float,
   steady: SteadyTurns,
-  k_su: float,
+  printed_fit: float | None,
   nuisances: Mapping[str, float],
   notes: tuple[str, ...],
 ) -> LateralFit:
@@ -261,7 +264,7 @@ def _result(
     understeer_gradient_std=steady.gradient_std,
     steering_loss=steady.loss,
     steering_loss_std=steady.loss_std,
-    steering_per_accel=k_su,
+    steering_per_accel=float(exact) if printed_fit is None else printed_fit,
     printed_error_percent=float(100.0 * (printed / exact - 1.0)),
     nuisances=dict(nuisances),
     steps=tuple(_errors(turns, vehicle, values, "accel_y")),

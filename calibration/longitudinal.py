@@ -80,7 +80,7 @@ def fit_drive(recordings: Sequence[Recording], rolling_radius: float, scale_std:
   Raises:
     NotIdentifiable: fewer than two settled voltage levels that move the car.
   """
-  steps, by_speed = _motor_steps(recordings, rolling_radius)
+  steps, by_speed = motor_steps(recordings, rolling_radius)
   used = [s for s in steps if s.role == "identify"]
   fastest = max((_size(s) for s in used), default=0.0)
   moving = [s for s in used if _size(s) > STANDING * fastest]
@@ -105,7 +105,7 @@ def fit_drive(recordings: Sequence[Recording], rolling_radius: float, scale_std:
   )
 
 
-def _motor_steps(recordings: Sequence[Recording], rolling_radius: float) -> tuple[list[Step], bool]:
+def motor_steps(recordings: Sequence[Recording], rolling_radius: float) -> tuple[list[Step], bool]:
   """Voltage steps with a "motor_speed" each, and whether it was made from the vehicle's speed."""
   runs = [r for r in recordings if r.manoeuvre == "voltage_step"]
   levels = [float(np.max(np.abs(r["motor_voltage"].value))) for r in runs if "motor_voltage" in r]

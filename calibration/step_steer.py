@@ -1,9 +1,9 @@
 """Cornering stiffness from the first third of a second after a step of the steering.
 
-A step of 7 degrees throws the front tyres to 7 degrees of slip before the car has begun to yaw: far
-outside the range in which force is proportional to slip, and within the time in which servo and carcass
-still move. A linear, lag-free model fitted to it finds 0.4 to 0.6 of the stiffness the tyre has at small
-slip. So the transient is answered here by a single track with a saturating tyre, transient slip and a servo:
+A quick step of 7 degrees throws the front tyres to nearly 7 degrees of slip before the car has begun to yaw:
+outside the range in which force is proportional to slip, and within the time in which servo and carcass still
+move. A linear, lag-free model fitted to it misses the stiffness the tyre has at small slip by up to a half.
+So the transient is answered here by a single track with a saturating tyre, transient slip and a servo:
 
   m (v_y' + v r) = F_f cos(delta) + F_r,  I r' = L_f F_f cos(delta) - L_r F_r
   sigma / v alpha' = slip - alpha,  F = -C a (1 - s + s^2 / 3), a = alpha + t_c alpha', s = |C a| / (3 mu F_z)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.longitudinal import student_widening
 from calibration.steps import FILTER_TIME, PERIOD, Step, find_steps, moving_average
 from qcar_twin import kinematics
 from qcar_twin.bicycle import MeasuredCar
@@ -119,6 +120,45 @@ class LinearResponses:
 def _car(stiffness: Array, vehicle: MeasuredCar) -> Car:
   numbers = vehicle.mass, vehicle.yaw_inertia, vehicle.cg_to_front, vehicle.cg_to_rear
   return Car(1.0, 1.0, 0.0, stiffness[0], stiffness[1], *numbers, vehicle.gear_ratio * vehicle.wheel_radius)
+
+
+@dataclasses.dataclass(frozen=True)
+class SteadyTurns:
+  """Understeer gradient K at zero angle [rad s^2/m], steering loss [1/rad^2], and their standard deviations."""
+
+  gradient: float
+  gradient_std: float
+  loss: float = float("nan")
+  loss_std: float = float("nan")
+
+
+def fit_steady_turns(
+  used: Sequence[Turn], vehicle: MeasuredCar, std: Mapping[str, float], with_loss: bool
+) -> SteadyTurns:
+  """delta (1 - loss delta^2) = (L + K v^2) r / v, least squares over steady turns.
+
+  K_i = (delta_i v_i / r_i - L) / v_i^2 = K + c delta_i^2 with c = loss (L + K v^2) / v^2 (K alone if not
+  `with_loss`), weighted by delta_i^2 because the error of r_i is the same for every turn. The deviation
+  of K adds to the scatter what wheelbase and wheel radius were measured to.
+  """
+  angle = np.array([t.steady("steering") for t in used])
+  speed = np.array([t.steady("speed") for t in used])
+  yaw_rate = np.array([t.yaw_rate for t in used])
+  wheelbase, squared = vehicle.cg_to_front + vehicle.cg_to_rear, float(np.mean(np.square(speed)))
+  each = (angle * speed / yaw_rate - wheelbase) / np.square(speed)
+  powers = 2 if with_loss else 1
+  design = np.stack([np.square(angle) ** k for k in range(powers)], axis=-1) * np.abs(angle)[:, None]
+  solution, *_ = np.linalg.lstsq(design, each * np.abs(angle), rcond=None)
+  freedom = max(len(used) - powers, 1)
+  scatter = float(np.sum(np.square(each * np.abs(angle) - design @ solution))) / freedom
+  variance = scatter * np.diag(np.linalg.inv(design.T @ design)) * student_widening(freedom) ** 2
+  from_radius = wheelbase / squared * std["wheel_radius"] / vehicle.wheel_radius
+  from_length = np.hypot(std["cg_to_front"], std["cg_to_rear"]) / squared
+  gradient, deviation = float(solution[0]), float(np.sqrt(variance[0] + from_radius**2 + from_length**2))
+  if powers == 1:
+    return SteadyTurns(gradient, deviation)
+  scale = squared / (wheelbase + gradient * squared)
+  return SteadyTurns(gradient, deviation, float(solution[1] * scale), float(np.sqrt(variance[1]) * scale))
 
 
 def turning_drag(turns: Sequence[Turn], drive: Sequence[float], vehicle: MeasuredCar) -> tuple[float, float]:
