@@ -47,16 +47,17 @@ class DriveDelay(SteeringDelay):
 
 
 class BatterySag(Effect):
-  """The pack gives way under power: V / (1 + s p), p the power over 8 W through a quick (10 ms) and a slow (1.5 s) part."""
+  """The pack gives way under power: V / (1 + s p), p the power through a quick (10 ms) and a slow (1.5 s) part, 1 at stall with 2.5 V."""
 
-  id, subsystem, parameter, typical, unit = "battery_sag", "drive", "sag_at_8W", 0.20, "-"
+  id, subsystem, parameter, typical, unit = "battery_sag", "drive", "battery_sag", 0.30, "-"
 
   def begin(self, sim: Simulation) -> None:
     self.quick, self.slow = np.zeros((2, sim.n))[:, self.columns]
 
   def act(self, sim: Simulation) -> None:
     c = self.columns
-    power = np.maximum(sim.command[0, c] * sim.dynamics.current[c], 0.0) / 8.0
+    stall = 2.5**2 / sim.car.motor_resistance[c]
+    power = np.maximum(sim.command[0, c] * sim.dynamics.current[c], 0.0) / stall
     self.quick = towards(self.quick, power, sim.h, 0.010)
     self.slow = towards(self.slow, power, sim.h, 1.5)
     sim.command[0, c] /= 1 + self.value * (0.65 * self.quick + 0.35 * self.slow)
@@ -92,7 +93,7 @@ class MotorHeating(Effect):
 class CoastFreewheel(Effect):
   """The bridge opens 4 ms after the command has gone to nothing; parameter: the share of the current it stops."""
 
-  id, subsystem, parameter, typical, unit = "coast_freewheel", "drive", "freewheel", 1.0, "-"
+  id, subsystem, parameter, typical, unit = "coast_freewheel", "drive", "coast_freewheel", 0.7, "-"
 
   def begin(self, sim: Simulation) -> None:
     self.idle = np.zeros(sim.n)[self.columns]
@@ -115,10 +116,18 @@ class DriveAsymmetry(Effect):
 
 
 class Cogging(Effect):
-  """Torque that ripples with the rotor's angle, three times a turn, with an overtone of a quarter."""
+  """A gear out of true: torque that ripples n times a turn of the wheels (n drawn from 2 to 5), with an overtone of a quarter."""
 
-  id, subsystem, parameter, typical, unit = "cogging", "drive", "cogging_torque", 2.0e-3, "N m"
+  id, subsystem, parameter, typical, unit = "cogging", "drive", "cogging_torque", 2.5e-3, "N m"
+
+  def choose(self, rng: np.random.Generator) -> None:
+    self.order, self.phase = int(rng.integers(2, 6)), rng.uniform(0, 2 * np.pi)
 
   def load(self, sim: Simulation) -> None:
-    angle = 3 * sim.dynamics.stage.motor_angle[self.columns]
-    sim.dynamics.motor_torque[self.columns] += self.value * (np.sin(angle) + 0.25 * np.sin(2 * angle + 0.7))
+    c = self.columns
+    angle = self.order * sim.car.gear_ratio[c] * sim.dynamics.stage.motor_angle[c] + self.phase
+    moving = np.tanh(np.abs(sim.dynamics.stage.motor[c]) / 5.0)
+    sim.dynamics.motor_torque[c] += self.value * moving * (np.sin(angle) + 0.25 * np.sin(2 * angle + 0.7))
+
+  def truth(self) -> dict[str, float]:
+    return super().truth() | {"cogging_order": float(self.order)}

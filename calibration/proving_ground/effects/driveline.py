@@ -72,12 +72,12 @@ class QuadraticDrag(Effect):
 
 
 class DrivelineBacklash(Effect):
-  """Worn gears: the shafts turn freely within their play; parameter: half of it, at the axle."""
+  """Worn gears: the axles turn freely within their play; parameter: the whole of it, at the motor."""
 
-  id, subsystem, parameter, typical, unit = "driveline_backlash", "drive", "driveline_play", 0.03, "rad"
+  id, subsystem, parameter, typical, unit = "driveline_backlash", "drive", "driveline_play", 1.0, "rad"
 
   def prepare(self, car: SimpleNamespace) -> None:
-    car.shaft_play[self.columns] += self.value
+    car.shaft_play[self.columns] += 0.5 * self.value * car.gear_ratio[self.columns]
 
 
 class CgLateralOffset(Effect):

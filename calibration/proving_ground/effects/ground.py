@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class TyreRelaxation(Effect):
   """A softer carcass: it has to be wound up over a longer way before the full force is there."""
 
-  id, subsystem, parameter, typical, unit = "tyre_relaxation", "tyre", "relaxation_length", 0.07, "m"
+  id, subsystem, parameter, typical, unit = "tyre_relaxation", "tyre", "tyre_relaxation", 0.07, "m"
 
   def prepare(self, car: SimpleNamespace) -> None:
     car.relaxation[self.columns] += self.value
@@ -26,7 +26,7 @@ class TyreRelaxation(Effect):
 class TyreSaturation(Effect):
   """The force falls short by the share s u^2, u being the use of friction: nothing at small slip, s at the peak."""
 
-  id, subsystem, parameter, typical, unit = "tyre_saturation", "tyre", "peak_loss", 0.20, "-"
+  id, subsystem, parameter, typical, unit = "tyre_saturation", "tyre", "tyre_saturation", 0.20, "-"
 
   def contact(self, sim: Simulation) -> None:
     d, c = sim.dynamics, self.columns
@@ -36,13 +36,13 @@ class TyreSaturation(Effect):
 
 
 class LongitudinalSlip(Effect):
-  """Tread blocks soft along the tyre: the parameter is the extra slip at a drive force of a fifth of the load."""
+  """Tread blocks soft along the tyre: the parameter is the extra slip at a drive of 2 m/s^2."""
 
-  id, subsystem, parameter, typical, unit = "longitudinal_slip", "tyre", "slip_at_fifth", 0.04, "-"
+  id, subsystem, parameter, typical, unit = "longitudinal_slip", "tyre", "longitudinal_slip", 0.04, "-"
 
   def prepare(self, car: SimpleNamespace) -> None:
     c = self.columns
-    softness = 1 / car.slip_stiffness[c] + self.value / (0.2 * car.mass[c] * GRAVITY / 4)
+    softness = 1 / car.slip_stiffness[c] + self.value / (2.0 * car.mass[c] / 4)
     car.slip_stiffness[c] = 1 / softness
 
 
@@ -59,7 +59,7 @@ class WheelRadiusError(Effect):
 class LoadTransfer(Effect):
   """A higher centre of gravity and tyres that lose more stiffness and friction with load."""
 
-  id, subsystem, parameter, typical, unit = "load_transfer", "tyre", "cg_height_offset", 0.025, "m"
+  id, subsystem, parameter, typical, unit = "load_transfer", "tyre", "load_transfer", 0.025, "m"
 
   def prepare(self, car: SimpleNamespace) -> None:
     c = self.columns
@@ -69,13 +69,13 @@ class LoadTransfer(Effect):
 
 
 class CombinedSlip(Effect):
-  """Side force lost to drive: F_y / (1 + k (abs(F_x) / (mu F_z))^1.5), on top of the brush's own circle."""
+  """Side force lost to drive: F_y / (1 + e (u / u_2)^1.5), u = abs(F_x) / (mu F_z), u_2 that of 2 m/s^2; beside the tyre's own circle."""
 
-  id, subsystem, parameter, typical, unit = "combined_slip", "tyre", "combined_loss", 1.5, "-"
+  id, subsystem, parameter, typical, unit = "combined_slip", "tyre", "combined_slip", 0.20, "-"
 
   def contact(self, sim: Simulation) -> None:
     d, c = sim.dynamics, self.columns
-    use = np.abs(d.force[0, :, c]) / (sim.car.friction[c] * d.load[:, c])
+    use = np.abs(d.force[0, :, c]) / d.load[:, c] * (GRAVITY / 2.0)
     d.force[1, :, c] /= 1 + self.value * use * np.sqrt(use)
 
 
@@ -93,7 +93,7 @@ class FrictionChange(Effect):
 class FrictionPatch(Effect):
   """A slippery place with soft edges: each wheel has its own friction there."""
 
-  id, subsystem, parameter, typical, unit = "friction_patch", "tyre", "friction_change", -0.40, "-"
+  id, subsystem, parameter, typical, unit = "friction_patch", "tyre", "friction_patch", 0.40, "-"
 
   def choose(self, rng: np.random.Generator) -> None:
     self.centre, self.radius = rng.uniform(-0.8, 0.8, 2) + np.array([0.0, 0.8]), rng.uniform(0.7, 1.1)
@@ -104,10 +104,14 @@ class FrictionPatch(Effect):
     off_x = s.x[c] + cos * d.wheel_x[:, c] - sin * d.wheel_y[:, c] - self.centre[0]
     off_y = s.y[c] + sin * d.wheel_x[:, c] + cos * d.wheel_y[:, c] - self.centre[1]
     inside = np.exp(-(((off_x**2 + off_y**2) / self.radius**2) ** 2))
-    d.grip[:, c] *= 1 + self.value * inside
+    d.grip[:, c] *= 1 - self.value * inside
 
   def truth(self) -> dict[str, float]:
-    return super().truth() | {"x": float(self.centre[0]), "y": float(self.centre[1]), "radius": float(self.radius)}
+    return super().truth() | {
+      "friction_patch_x": float(self.centre[0]),
+      "friction_patch_y": float(self.centre[1]),
+      "friction_patch_radius": float(self.radius),
+    }
 
 
 class SideForce(Effect):

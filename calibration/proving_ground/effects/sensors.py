@@ -69,7 +69,7 @@ class AccelBias(Effect):
 class GyroBias(Effect):
   """The gyro's zero is off."""
 
-  id, subsystem, parameter, typical, unit, signed = "gyro_bias", "sensor", "gyro_bias", 0.02, "rad/s", True
+  id, subsystem, parameter, typical, unit, signed = "gyro_bias", "sensor", "gyro_bias", 0.03, "rad/s", True
 
   def prepare(self, car: SimpleNamespace) -> None:
     car.gyro_bias[self.columns] += self.value

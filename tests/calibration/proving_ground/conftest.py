@@ -11,6 +11,7 @@ def tiny(rng: np.random.Generator) -> list[m.Manoeuvre]:
   """Two seconds each of what stirs most effects."""
   return [
     m.standstill(1.0),
+    m.voltage_step(1.5, "identify", 1.0),
     m.excitation(rng, 2.0, "identify", "excitation"),
     m.throttle_in_turn(2.2),
     m.drive_brake(rng, 2.0),

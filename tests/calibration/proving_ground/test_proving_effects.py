@@ -32,9 +32,9 @@ def made() -> dict:
 
 @pytest.fixture(scope="module")
 def whole() -> dict:
-  """Effect id -> compact session at size 1 without noise; the laboratory session holds the same manoeuvres and more."""
-  specs = [Spec(21, ((name, 1.0),) if name else (), "compact", 0.0) for name in ["", *IDS]]
-  return dict(zip(["", *IDS], make_sessions(specs), strict=True))
+  """Effect id -> compact session at size 1 without noise, for the effects that need one."""
+  specs = [Spec(21, ((name, 1.0),) if name else (), "compact", 0.0) for name in ["", *NEEDS_A_WHOLE_SESSION]]
+  return dict(zip(["", *NEEDS_A_WHOLE_SESSION], make_sessions(specs), strict=True))
 
 
 def drive(effects=(), volts=1.5, steer=(0.0,), seconds=2.0, car=PLAIN) -> np.ndarray:
@@ -93,9 +93,8 @@ def test_an_effect_of_typical_size_shows_within_seconds(name, made):
   assert max(evidence.values()) > 15, evidence
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", IDS)
-def test_an_effect_of_typical_size_shows_in_a_session(name, whole):
+@pytest.mark.parametrize("name", NEEDS_A_WHOLE_SESSION)
+def test_an_effect_that_needs_time_or_place_shows_in_a_session(name, whole):
   evidence = nats(whole[""], whole[name])
   assert max(evidence.values()) > 100, evidence
 
@@ -275,7 +274,6 @@ def test_the_friction_patch_acts_only_inside():
   assert 0.6 <= grip[:, 0].min() < 1.0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["battery_discharge", "motor_heating"])
 def test_discharge_and_heating_grow_over_the_session(name, whole):
   base, session = whole[""].clean, whole[name].clean
