@@ -1,0 +1,16 @@
+"""Sessions of the linear car that several tests look at; nothing here is changed by a test."""
+
+import diagnosis_rig as rig
+import pytest
+
+
+@pytest.fixture(scope="session")
+def offset_pool():
+  """A car whose wheels point 0.03 rad to the left, with a pose."""
+  return rig.session({"steering_offset": 0.03}, seed=3, pose=True)
+
+
+@pytest.fixture(scope="session")
+def clean_pool():
+  """A car without any hidden effect."""
+  return rig.session({}, seed=5)

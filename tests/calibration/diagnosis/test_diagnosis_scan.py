@@ -1,0 +1,79 @@
+"""The scan on a linear car: what the base can imitate vanishes, what is left is the gain of the exact refit."""
+
+import diagnosis_rig as rig
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from calibration.diagnosis.scan import Projector, confusion, pair_gain, scan, trial_starts
+from qcar_twin.mechanisms import select
+
+
+def test_projection_removes_what_the_base_parameters_imitate(offset_pool):
+  base = offset_pool.base
+  project = Projector(base)
+  imitated = (base.jacobian @ (np.arange(1, 1 + len(base.free)) * 0.1 * base.free.scale))[: base.fitted]
+  assert np.linalg.norm(project(imitated[None])) < 0.03 * np.linalg.norm(imitated)
+  free = np.arange(3)  # without a measured prior there is nothing that holds these back
+  alone = (base.jacobian[:, free] @ base.free.scale[free])[: base.fitted]
+  assert np.linalg.norm(project(alone[None])) < 2e-3 * np.linalg.norm(alone)
+
+
+def test_projection_leaves_what_no_base_parameter_does(offset_pool):
+  base = offset_pool.base
+  change = np.zeros(base.fitted)
+  seen = base.jacobian[: base.fitted]
+  random = np.random.default_rng(0).standard_normal(base.fitted)
+  change = random - seen @ np.linalg.lstsq(seen, random, rcond=None)[0]
+  assert_allclose(Projector(base)(change[None])[0], change, atol=1e-8)
+
+
+def test_gain_of_the_truth_equals_the_drop_of_the_exact_refit(offset_pool):
+  exact = offset_pool.base.cost - offset_pool.models[frozenset(["steering_offset"])].cost
+  assert offset_pool.signatures["steering_offset"].gain == pytest.approx(exact, rel=5e-3)  # but for the priors' share
+  assert exact > 100
+
+
+def test_a_concealed_effect_is_untestable_not_absent(offset_pool):
+  concealed = offset_pool.signatures["gyro_scale"]  # on this car it is the cornering stiffness by another name
+  assert not concealed.testable
+  assert concealed.survives < 1e-6
+  assert offset_pool.signatures["steering_offset"].testable
+  assert offset_pool.signatures["steering_offset"].survives > 0.9
+
+
+def test_gain_is_never_negative_and_signs_are_respected(offset_pool):
+  drag = offset_pool.signatures["quadratic_drag"]
+  assert all(start["quadratic_drag"] > 0 for start, _ in drag.trials)
+  assert all(gain >= 0 for s in offset_pool.signatures.values() for _, gain in s.trials)
+  assert {np.sign(start["steering_offset"]) for start, _ in offset_pool.signatures["steering_offset"].trials} == {1, -1}
+
+
+def test_trials_stay_in_bounds_and_cover_every_amplitude():
+  for mechanism in select(["side_force", "gyro_bias", "steering_lag", "quadratic_drag"]):
+    starts = trial_starts(mechanism, (0.3, 0.8, 1.6))
+    declared = {p.name: p for p in mechanism.parameters}
+    for start in starts:
+      assert all(declared[n].lower <= v <= declared[n].upper for n, v in start.items())
+    amplitudes = {p.name for p in mechanism.parameters if p.null is not None}
+    assert amplitudes <= {name for start in starts for name in start}
+
+
+def test_confusion_names_effects_that_look_alike():
+  twin = rig.LinearTwin(("steering_offset", "side_force"))
+  problem = rig.problem_of(twin, rig.measure(twin, rig.drive(), {"steering_offset": 0.02}))
+  base = rig.solved(problem)
+  signatures = scan(problem, base, twin.mechanisms)
+  assert "side_force" not in confusion(signatures).get("steering_offset", {})
+  twice = {"one": signatures["side_force"], "other": signatures["side_force"]}
+  assert confusion(twice) == {"one": {"other": pytest.approx(1.0)}, "other": {"one": pytest.approx(1.0)}}
+
+
+def test_pair_gain_of_orthogonal_signatures_is_the_sum(offset_pool):
+  base = offset_pool.base
+  anchor = Projector(base)(base.residual[None, : base.fitted])[0]
+  one, other = offset_pool.signatures["steering_offset"], offset_pool.signatures["side_force"]
+  both = pair_gain(one, other, anchor)
+  assert both >= max(one.gain, other.gain) - 1e-3 * one.gain
+  same = pair_gain(one, one, anchor)
+  assert same == pytest.approx(one.gain, rel=1e-3)

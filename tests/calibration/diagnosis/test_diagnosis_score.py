@@ -1,0 +1,88 @@
+"""Leave-one-out by linear algebra is the refit without that group; gains and shares add up."""
+
+import diagnosis_rig as rig
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from calibration.diagnosis.score import best_of, channel_shares, compare, evidence, groups_of, held_out, prior_part
+from calibration.observations import CHANNELS
+
+
+@pytest.mark.parametrize("mechanisms", [(), ("steering_offset",), ("side_force", "steering_offset")])
+def test_leaving_a_group_out_equals_refitting_without_it(offset_pool, mechanisms):
+  model = rig.solved(offset_pool.problem, mechanisms)
+  group = groups_of(offset_pool.problem.observations)
+  quick = held_out(model, group)
+  for kind in np.unique(group):
+    kept = (group != kind) & (np.arange(len(group)) < model.fitted)
+    part, prior = model.jacobian[kept], np.diag(1.0 / model.free.std**2)
+    slope = part.T @ model.residual[kept] + (model.values - model.free.nominal) / model.free.std**2
+    move = -np.linalg.solve(part.T @ part + prior, slope)
+    if np.any(np.abs(move) > 3.0 * model.std):
+      continue  # such a step is not believed, by rule
+    own = group == kind
+    assert_allclose(quick[own], model.residual[own] + model.jacobian[own] @ move, atol=1e-9)
+
+
+def test_judging_groups_are_left_as_they_are(offset_pool):
+  model = offset_pool.models[frozenset(["steering_offset"])]
+  group = groups_of(offset_pool.problem.observations)
+  judged = np.arange(len(group)) >= model.fitted
+  moved = held_out(model, group)[judged] - model.residual[judged]
+  # nothing is taken out for them; what moves is what the last fit left over
+  assert np.abs(moved).max() < 1e-3
+
+
+def test_the_truth_wins_and_a_bystander_does_not(offset_pool):
+  observations = offset_pool.problem.observations
+  truth = compare(offset_pool.models[frozenset(["steering_offset"])], offset_pool.base, observations)
+  bystander = compare(offset_pool.models[frozenset(["quadratic_drag"])], offset_pool.base, observations)
+  assert truth.gain > 50 and truth.t > 4 and truth.share_positive > 0.9
+  assert bystander.gain < 5 and bystander.t < 2.6
+
+
+def test_comparison_with_itself_is_nothing(offset_pool):
+  same = compare(offset_pool.base, offset_pool.base, offset_pool.problem.observations)
+  assert same.gain == 0 and same.t == 0 and same.share_positive == 0
+
+
+def test_groups_are_recordings_or_stretches_where_those_are_few():
+  twin = rig.LinearTwin(("steering_offset",))
+  many = rig.problem_of(twin, rig.measure(twin, rig.drive(10), {})).observations
+  assert_allclose(groups_of(many), many.recording)
+  few = rig.problem_of(twin, rig.measure(twin, rig.drive(5), {})).observations
+  group = groups_of(few, length=3.0)
+  assert len(np.unique(group)) > len(np.unique(few.recording))
+  for kind in np.unique(group):
+    assert len(np.unique(few.recording[group == kind])) == 1
+
+
+def test_channel_shares_are_of_the_channels_that_gain(offset_pool):
+  model, base = offset_pool.models[frozenset(["steering_offset"])], offset_pool.base
+  shares = channel_shares(model, base, offset_pool.problem.observations)
+  assert sum(shares.values()) == pytest.approx(1.0)
+  assert list(shares.values()) == sorted(shares.values(), reverse=True)
+  assert shares["motor_speed"] < 0.02 < shares["yaw_rate"] + shares["accel_y"]
+  assert set(shares) <= set(CHANNELS)
+
+
+def test_evidence_of_a_known_drop_of_variance(offset_pool):
+  observations, base = offset_pool.problem.observations, offset_pool.base
+  half = rig.solved(offset_pool.problem)
+  half.residual = 0.5 * base.residual
+  half.values = base.values.copy()
+  total = np.sum(base.residual[: base.fitted] ** 2)
+  assert evidence(half, base, observations) == pytest.approx(0.5 * total * np.log(4.0), rel=1e-9)
+
+
+def test_prior_part_counts_standard_deviations(offset_pool):
+  model = rig.solved(offset_pool.problem)
+  model.values = model.free.nominal + model.free.std * 2.0
+  assert prior_part(model) == pytest.approx(0.5 * 4.0 * len(model.free))
+
+
+def test_best_of_prefers_what_holds_on_data_left_out(offset_pool):
+  models = list(offset_pool.models.values())
+  best = best_of(models, offset_pool.base, offset_pool.problem.observations)
+  assert best.mechanisms == ("steering_offset",)
