@@ -86,21 +86,22 @@ def unprofiled_ranking(
   problem: Problem, base: Candidate, mechanisms: Sequence[Mechanism]
 ) -> tuple[tuple[str, float], ...]:
   """Mechanisms by the nats their effect at typical size, scaled freely, takes off the residual, best first."""
-  jobs = [(m.name, start) for m in mechanisms for start in trial_starts(m, (1.0,))]
+  jobs = [(m, start) for m in mechanisms for start in trial_starts(m, (1.0,))]
   gains: dict[str, float] = {m.name: 0.0 for m in mechanisms}
   for first in range(0, len(jobs), 24):
     part = jobs[first : first + 24]
     thetas = np.stack([problem.embed(tuple(s), np.array(list(s.values())), base.theta)[0] for _, s in part])
     changes = (problem.residual(thetas) - base.residual)[:, : base.fitted]
-    for (name, _), change in zip(part, changes, strict=True):
-      gains[name] = max(gains[name], explained(change, base.residual[: base.fitted]))
+    for (m, _), change in zip(part, changes, strict=True):
+      gains[m.name] = max(gains[m.name], explained(change, base.residual[: base.fitted], m.signed))
   return tuple(sorted(gains.items(), key=lambda kv: -kv[1]))
 
 
-def explained(change: Array, residual: Array) -> float:
-  """Drop of half the sum of squares when a change of residuals is added at its best positive size, nats."""
+def explained(change: Array, residual: Array, signed: bool = False) -> float:
+  """Drop of half the sum of squares when a change of residuals is added at its best size, nats; negative only if signed."""
   power = float(change @ change)
-  pull = max(-float(residual @ change), 0.0)
+  pull = -float(residual @ change)
+  pull = abs(pull) if signed else max(pull, 0.0)
   return 0.5 * pull**2 / power if power > 0 else 0.0
 
 

@@ -169,11 +169,8 @@ def _try_steps(problem: Problem, candidates: Sequence[Candidate]) -> None:
 
 
 def _steps(item: Candidate) -> list[Array]:
-  """Trial estimates: Gauss-Newton with little and with strong damping, and a half step."""
+  """Trial estimates: the whole Gauss-Newton step and a damped, shorter one."""
   gradient, curvature = item.gradient, item.curvature
-  out = []
-  for damping in (1e-6, 0.1):
-    damped = curvature + damping * np.diag(np.diag(curvature))
-    out.append(bounded_solve(damped, gradient, item.values, item.free))
-  out.append(0.5 * (item.values + out[0]))
-  return out
+  whole = bounded_solve(curvature, gradient, item.values, item.free)
+  damped = bounded_solve(curvature + 0.3 * np.diag(np.diag(curvature)), gradient, item.values, item.free)
+  return [whole, 0.5 * (item.values + damped)]

@@ -119,7 +119,7 @@ def _fit_base(
   whole = np.zeros((len(observations), len(base)))
   for k in range(rounds + 1):
     residual = lambda v, p=problem: p.residual(p.embed(base.names, v, around))[:, :fitted]  # noqa: E731
-    found = fit(residual, base, start, iterations=9 if k == 0 else 6, robust=np.inf,
+    found = fit(residual, base, start, iterations=6, tolerance=1e-2 if k == 0 else 3e-4, robust=np.inf,
                 progress=lambda i, c, k=k: log.info("round %d iteration %d: cost %.1f", k, i, c))  # fmt: skip
     start = found.theta
     if k < rounds:
@@ -137,17 +137,14 @@ def _flat_weighting(observations: Observations):
 
 
 def _best_start(twin: Twin, observations: Observations, fitted: int, base: ParameterSet) -> Array:
-  """The best of a few guesses that differ in motor strength, damping and tyre stiffness."""
+  """The best of a few guesses that differ in tyre stiffness; the drive's come from the log."""
   problem = Problem(twin, observations, _flat_weighting(observations), fitted)
   guesses = []
-  for strength in (0.6, 1.0, 1.6):
-    for stiffness in (0.6, 1.6):
-      guess = base.nominal
-      for name in ("torque_per_volt", "motor_damping"):
-        guess[base.index(name)] *= strength
-      for name in ("cornering_stiffness_front", "cornering_stiffness_rear"):
-        guess[base.index(name)] *= stiffness
-      guesses.append(np.clip(guess, base.lower, base.upper))
+  for stiffness in (0.6, 1.6):
+    guess = base.nominal
+    for name in ("cornering_stiffness_front", "cornering_stiffness_rear"):
+      guess[base.index(name)] *= stiffness
+    guesses.append(np.clip(guess, base.lower, base.upper))
   guesses.append(base.nominal)
   residual = problem.residual(problem.embed(base.names, np.stack(guesses), twin.parameters.nominal))[:, :fitted]
   return guesses[int(np.argmin(np.sum(np.abs(residual), axis=1)))]

@@ -19,7 +19,11 @@ from qcar_twin.mechanisms.base import Mechanism
 
 Array = NDArray[np.float64]
 
-SIZES = (0.5, 1.4)
+Trial = tuple[
+  dict[str, float], NDArray[np.float32], float
+]  # values, projected change, squared norm of the whole change
+
+SIZES = (0.8,)
 _INVISIBLE = 3.0  # nats at typical size below which a mechanism can't be tested
 
 
@@ -76,13 +80,14 @@ def scan(
     problem: residuals.
     base: the recalibrated twin, with its Jacobian.
     mechanisms: the catalogue.
-    sizes: multiples of the typical size to try, both signs where a sign has a meaning.
+    sizes: multiples of the typical size to try. A signed mechanism is tried with one sign and scaled
+      with both: its signature is odd in its size to first order, and the refit sees to the rest.
     progress: told how many trials are done.
   """
   project = Projector(base)
   jobs = [(m, start) for m in mechanisms for start in trial_starts(m, sizes)]
   anchor = project(base.residual[None, : base.fitted])[0]
-  collected: dict[str, list[tuple[dict[str, float], Array, float]]] = {m.name: [] for m in mechanisms}
+  collected: dict[str, list[Trial]] = {m.name: [] for m in mechanisms}
   chunk = 24
   for i in range(0, len(jobs), chunk):
     part = jobs[i : i + chunk]
@@ -92,7 +97,7 @@ def scan(
     for (mechanism, start), whole, rest in zip(part, change, kept, strict=True):
       collected[mechanism.name].append((start, rest.astype(np.float32), float(whole @ whole)))
     progress(min(i + chunk, len(jobs)), len(jobs))
-  return {name: _signature(name, trials, anchor) for name, trials in collected.items() if trials}
+  return {m.name: _signature(m, collected[m.name], anchor) for m in mechanisms if collected[m.name]}
 
 
 def trial_starts(mechanism: Mechanism, sizes: Sequence[float]) -> list[dict[str, float]]:
@@ -109,10 +114,8 @@ def trial_starts(mechanism: Mechanism, sizes: Sequence[float]) -> list[dict[str,
         continue
       typical = parameter.typical or parameter.scale
       for size in sizes:
-        for sign in (1.0, -1.0) if mechanism.signed else (1.0,):
-          value = parameter.null + sign * size * typical
-          if parameter.lower <= value <= parameter.upper:
-            starts.append({**place, parameter.name: value})
+        value = parameter.null + size * typical
+        starts.append({**place, parameter.name: float(np.clip(value, parameter.lower, parameter.upper))})
   return starts
 
 
@@ -145,23 +148,35 @@ def _with(problem: Problem, theta: Array, values: dict[str, float]) -> Array:
   return out
 
 
-def _signature(name: str, trials: list[tuple[dict[str, float], Array, float]], anchor: Array) -> Signature:
-  gains = []
-  for _, rest, _ in trials:
-    power = float(rest @ rest)
-    # a signature may be rescaled a little: sizes between the trials need no trial of their own
-    best = float(np.clip(-(anchor @ rest) / power, 0.0, 1.5)) if power > 0 else 0.0
-    gains.append(-best * float(anchor @ rest) - 0.5 * best**2 * power)
+def _signature(mechanism: Mechanism, trials: list[Trial], anchor: Array) -> Signature:
+  found = [_scaled(mechanism, trial, anchor) for trial in trials]
+  gains = [gain for _, gain in found]
   top = int(np.argmax(gains))
   shown = [0.5 * float(rest @ rest) for _, rest, _ in trials]
   middle = int(np.argsort(shown)[len(shown) // 2])
   whole = trials[middle][2]
   return Signature(
-    mechanism=name,
-    start=trials[top][0],
+    mechanism=mechanism.name,
+    start=found[top][0],
     gain=gains[top],
     shown=shown[middle],
     survives=2.0 * shown[middle] / whole if whole > 0 else 0.0,
     direction=trials[top][1],
-    trials=tuple((t[0], g) for t, g in zip(trials, gains, strict=True)),
+    trials=tuple(found),
   )
+
+
+def _scaled(mechanism: Mechanism, trial: Trial, anchor: Array) -> tuple[dict[str, float], float]:
+  """Values and gain of a trial whose signature is rescaled to fit best: sizes between trials need no trial of their own."""
+  start, rest, _ = trial
+  power = float(rest @ rest)
+  lowest = -2.0 if mechanism.signed else 0.0
+  best = float(np.clip(-(anchor @ rest) / power, lowest, 2.0)) if power > 0 else 0.0
+  gain = -best * float(anchor @ rest) - 0.5 * best**2 * power
+  # a refit that starts at nothing has no slope to follow: keep a tenth of the trial at least
+  factor = best if abs(best) > 0.1 else 0.1
+  values = dict(start)
+  for p in mechanism.parameters:
+    if p.null is not None and p.name in start:
+      values[p.name] = float(np.clip(p.null + factor * (start[p.name] - p.null), p.lower, p.upper))
+  return values, gain

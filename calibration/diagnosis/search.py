@@ -55,9 +55,9 @@ class Pool:
 class Effort:
   """How wide the search is: singles, pairs, triples that are refitted, and Gauss-Newton steps."""
 
-  singles: int = 11
-  pairs: int = 7
-  triples: int = 4
+  singles: int = 9
+  pairs: int = 5
+  triples: int = 3
   iterations: int = 2
 
 
@@ -207,10 +207,9 @@ def _worth_growing(pool: Pool) -> bool:
 
 
 def _polish(pool: Pool) -> None:
-  """Refit the base and the best model of every size with all columns simulated, and one step more for the rest."""
-  chosen = [pool.base]
-  for size in (1, 2, 3):
-    chosen += sorted(pool.of_size(size), key=lambda m: m.cost)[:1]
+  """Refit the base and the best model with all columns simulated, and one step more for the best singles."""
+  best = pool.best(list(pool.models.values()))
+  chosen = [pool.base] if best is pool.base else [pool.base, best]
   refine(pool.problem, chosen, 1, full=True)
-  near = [m for m in pool.of_size(1) if not any(m is c for c in chosen)]
-  refine(pool.problem, sorted(near, key=lambda m: m.cost)[:4], 1)
+  near = sorted((m for m in pool.of_size(1) if m is not best), key=lambda m: m.cost)
+  refine(pool.problem, near[:3], 1)

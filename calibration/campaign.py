@@ -1,0 +1,109 @@
+"""Campaigns on the proving ground: many sessions with concealed effects, diagnosed blind and scored.
+
+A case is made from its seed, diagnosed without sight of its truth, and its answer is written with its
+hash before the truth is looked at. A campaign that is stopped goes on where it was.
+"""
+
+import dataclasses
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from calibration.diagnosis.diagnose import Outcome, diagnose
+from calibration.diagnosis.output import document
+from calibration.diagnosis.ship import recovered_share
+from calibration.proving_ground import make_session
+from calibration.proving_ground.effects import EFFECTS
+from qcar_twin.dataset import DataSet
+from qcar_twin.mechanisms import catalogue
+
+# effects a campaign of single effects draws from: those with a size that a session of these manoeuvres can show
+_PAIRS_APART = 2  # the effects of a pair come from different subsystems
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+  """One session of a campaign: effects as (id, size in multiples of typical)."""
+
+  name: str
+  kind: str  # null, single, pair, outside
+  seed: int
+  effects: tuple[tuple[str, float], ...]
+  noise: float
+  design: str = "compact"
+
+
+def draw_cases(seed: int, nulls: int, singles: int, pairs: int, outside: int, design: str = "compact") -> list[Case]:
+  """Cases of a campaign, all decided by one seed.
+
+  Nulls take turns with three noise levels. Singles go through the catalogue in a drawn order, at the
+  typical size and at a third of it in turn. Pairs combine two subsystems at the typical size.
+  """
+  rng = np.random.default_rng(seed)
+  known = sorted(catalogue())
+  foreign = sorted(set(EFFECTS) - set(known))
+  first = int(rng.integers(10**6, 10**8))
+  cases = [
+    Case(f"null_{i:02d}", "null", first + i, (), (0.5, 1.0, 2.0)[i % 3], design)
+    for i in range(nulls)
+  ]  # fmt: skip
+  order = [known[i] for i in rng.permutation(len(known))]
+  for i in range(singles):
+    effect = order[i % len(order)]
+    cases.append(Case(f"single_{i:02d}", "single", first + 1000 + i, ((effect, (1.0, 1 / 3)[i % 2]),), 1.0, design))
+  for i in range(pairs):
+    cases.append(Case(f"pair_{i:02d}", "pair", first + 2000 + i, _pair(rng, known), 1.0, design))
+  for i, k in enumerate(rng.permutation(len(foreign))[:outside]):
+    cases.append(Case(f"outside_{i:02d}", "outside", first + 3000 + i, ((foreign[k], 1.0),), 1.0, design))
+  return cases
+
+
+def _pair(rng: np.random.Generator, known: Sequence[str]) -> tuple[tuple[str, float], ...]:
+  found = catalogue()
+  while True:
+    one, other = (known[int(i)] for i in rng.permutation(len(known))[:2])
+    if found[one].subsystem != found[other].subsystem:
+      return (one, 1.0), (other, 1.0)
+
+
+def run_case(case: Case, folder: Path, threads: int = 1) -> Path:
+  """Make, diagnose and answer one case; does nothing if its answer is there."""
+  path = folder / f"{case.name}.json"
+  if path.is_file():
+    return path
+  session = make_session(case.seed, case.effects, case.design, case.noise)
+  dataset = DataSet(case.name, session.recordings, session.vehicle, session.vehicle_std)
+  outcome = diagnose(dataset, threads=threads)
+  answer = _answer(outcome)
+  digest = hashlib.sha256(json.dumps(answer, sort_keys=True).encode()).hexdigest()
+  # the truth joins the file only after the answer and its hash stand
+  result = {"case": dataclasses.asdict(case), "answer": answer, "sha256": digest, "truth": session.truth["effects"]}
+  folder.mkdir(parents=True, exist_ok=True)
+  temporary = path.with_suffix(".part")
+  temporary.write_text(json.dumps(result, indent=1))
+  os.replace(temporary, path)
+  return path
+
+
+def _answer(outcome: Outcome) -> dict:
+  """What the diagnosis says, and the figures a threshold can be learnt from."""
+  found = outcome.diagnosis
+  full = document(found)
+  keep = ("verdict", "claims", "where", "untestable", "fit", "seconds", "unknown")
+  out = {key: full[key] for key in keep} | {"ranking": full["ranking"][:12]}
+  out["stages"] = dict(found.stages)
+  out["tests"] = [
+    {"mechanism": c.mechanism, "t": c.held_out.t, "gain": c.held_out.gain, "share": c.held_out.share_positive}
+    for c in found.decision.claims
+  ]
+  out["possible"] = list(found.decision.possible)
+  rival = found.decision.unknown
+  out["rival"] = None if rival is None else {"name": rival[0], "t": rival[1].t, "gain": rival[1].gain}
+  out["recovered"] = recovered_share(found.holdout) if found.holdout else None
+  out["alarms"] = [d.name for d in found.detection.detectors if d.alarm]
+  out["statistics"] = {d.name: d.statistic for d in found.detection.detectors}
+  return out

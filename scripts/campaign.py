@@ -1,0 +1,57 @@
+"""Run a campaign of concealed cases on the proving ground and score it; stop and start it again at will."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import tyro
+from joblib import Parallel, delayed
+from tqdm import tqdm
+
+from calibration.campaign import draw_cases, run_case
+from calibration.campaign_score import score_table
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """Make, diagnose and score sessions of the independent car."""
+
+  out: Path
+  """Folder for the answers; those that are there are kept."""
+  seed: int = 1
+  """Decides every case."""
+  nulls: int = 30
+  """Sessions without any effect."""
+  singles: int = 40
+  """Sessions with one effect of the catalogue."""
+  pairs: int = 12
+  """Sessions with two effects of the catalogue."""
+  outside: int = 6
+  """Sessions with an effect the catalogue does not have."""
+  design: str = "compact"
+  """Session design: compact (about 2 minutes of driving), lab (5 minutes) or paper."""
+  jobs: int = 2
+  """Cases that run side by side, one core each."""
+  quick: bool = False
+  """One case of each kind."""
+
+
+def main(config: Config) -> str:
+  """Run what is missing; returns the score as a Markdown table."""
+  counts = (1, 1, 1, 1) if config.quick else (config.nulls, config.singles, config.pairs, config.outside)
+  cases = draw_cases(config.seed, *counts, design=config.design)
+  # kinds take turns, so that a campaign that is stopped early has seen all of them
+  cases.sort(key=lambda c: (int(c.name.split("_")[1]) / max(1, sum(o.kind == c.kind for o in cases)), c.name))
+  todo = [c for c in cases if not (config.out / f"{c.name}.json").is_file()]
+  jobs = Parallel(n_jobs=config.jobs, return_as="generator_unordered")(delayed(run_case)(c, config.out) for c in todo)
+  for _ in tqdm(jobs, total=len(todo), desc="cases", unit="case"):
+    pass
+  results = [json.loads((config.out / f"{c.name}.json").read_text()) for c in cases]
+  table = score_table(results)
+  (config.out / "score.md").write_text(table)
+  print(table)
+  return table
+
+
+if __name__ == "__main__":
+  main(tyro.cli(Config))
