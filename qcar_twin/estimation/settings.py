@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from qcar_twin.sensors.noise import Standstill
 from qcar_twin.sensors.score import ScoreVariance
 
 Array = NDArray[np.float64]
@@ -92,6 +94,37 @@ class FilterSettings:
     """NIS limits for one, two and three measured components."""
     first, second, third = (float(chi2.isf(self.gate, k)) for k in (1, 2, 3))
     return first, second, third
+
+  def with_noise(self, noise: Mapping[str, Standstill], rolling_radius: float) -> "FilterSettings":
+    """These settings with what a standstill recording tells of the sensors.
+
+    Gyro, lidar and biases are taken over. An encoder at rest has no noise, so `speed_std` stays what slip and
+    wheel radius make it. Lidar curves keep their shape over the score.
+
+    Args:
+      noise: by channel, from `standstill_noise`.
+      rolling_radius: m of travel per rad of the motor, for an encoder in rad/s.
+    """
+    changes: dict[str, Any] = {}
+    for name in ("accel_x", "accel_y", "yaw_rate"):
+      if name in noise:
+        changes[f"{name}_bias"] = noise[name].offset
+    if "yaw_rate" in noise:
+      changes["yaw_rate_std"] = max(noise["yaw_rate"].std, 1e-3)
+    encoder = max(noise["motor_speed"].std * rolling_radius if "motor_speed" in noise else 0.0, self.speed_std)
+    changes["speed_std"] = encoder
+    if "pose_x" in noise and "pose_y" in noise:
+      variance = 0.5 * (noise["pose_x"].std ** 2 + noise["pose_y"].std ** 2)
+      changes["position_variance"] = self.position_variance.times(
+        max(variance, 1e-8) / self.position_variance(self.score)
+      )
+      colours = [noise[n].correlation for n in ("pose_x", "pose_y") if noise[n].coloured > 0.0]
+      changes["lidar_correlation"] = float(np.mean(colours)) if colours else 0.0
+      changes["lidar_interval"] = noise["pose_x"].interval
+    if "pose_yaw" in noise:
+      variance = max(noise["pose_yaw"].std ** 2, 1e-8)
+      changes["yaw_variance"] = self.yaw_variance.times(variance / self.yaw_variance(self.score))
+    return dataclasses.replace(self, **changes)
 
   def pose_noise(self, score: Any) -> tuple[Any, Any]:
     """Variance of a lidar position and yaw at a score (a float or an array), colour allowed for."""

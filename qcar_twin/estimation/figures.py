@@ -1,0 +1,94 @@
+"""Figures of the filter, like the paper's: positions, yaw, yaw rate, speed, sideslip; measured black, estimate blue."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+
+from qcar_twin.estimation.offline import NAMES, Estimates
+from qcar_twin.recording import Recording
+
+LABELS = {
+  "pose_x": "X [m]",
+  "pose_y": "Y [m]",
+  "pose_yaw": "yaw [rad]",
+  "speed": "speed [m/s]",
+  "sideslip_angle": "sideslip [rad]",
+  "yaw_rate": "yaw rate [rad/s]",
+}
+
+
+def states_figure(estimates: Estimates, recording: Recording, rolling_radius: float, file: Path) -> None:
+  """Each estimate with a band of two standard deviations over what was measured of it."""
+  figure, parts = plt.subplots(3, 2, figsize=(12, 8), sharex=True, layout="constrained")
+  for axes, name in zip(parts.T.ravel(), NAMES, strict=True):
+    _measured(axes, name, recording, rolling_radius)
+    value, spread = estimates.value[name], 2.0 * estimates.std[name]
+    good = np.isfinite(value)
+    axes.plot(estimates.time[good], value[good], color="tab:blue", lw=1.0, label="estimate")
+    axes.fill_between(estimates.time[good], (value - spread)[good], (value + spread)[good], color="tab:blue", alpha=0.2)
+    _shade(axes, estimates)
+    axes.set_ylabel(LABELS[name])
+  parts[0, 0].legend(fontsize=8)
+  for axes in parts[-1]:
+    axes.set_xlabel("time [s]")
+  _save(figure, file)
+
+
+def position_figure(estimates: Estimates, recording: Recording, file: Path) -> None:
+  """The path: fixes, both local filters, the master."""
+  figure, axes = plt.subplots(figsize=(7, 6), layout="constrained")
+  if "pose_x" in recording.streams and "pose_y" in recording.streams:
+    y = recording["pose_y"].at(recording["pose_x"].time)
+    axes.plot(recording["pose_x"].value, y, "k.", ms=2.0, label="measured")
+  axes.plot(*estimates.point.T, color="0.6", lw=0.8, label="point filter")
+  axes.plot(*estimates.bicycle.T, color="tab:orange", lw=0.8, label="bicycle filter")
+  axes.plot(estimates.value["pose_x"], estimates.value["pose_y"], color="tab:blue", lw=1.0, label="fused")
+  axes.set_aspect("equal")
+  axes.set_xlabel("X [m]")
+  axes.set_ylabel("Y [m]")
+  axes.legend(fontsize=8)
+  _save(figure, file)
+
+
+def error_figure(time: np.ndarray, errors: Mapping[str, np.ndarray], ylabel: str, file: Path) -> None:
+  """Errors of several estimators over time."""
+  figure, axes = plt.subplots(figsize=(9, 3.5), layout="constrained")
+  colours = {"FEKF": "tab:blue", "EKF_BM": "tab:orange", "EKF_PM": "0.6", "lidar": "k"}
+  for name, values in errors.items():
+    axes.plot(time, values, lw=0.8, color=colours.get(name.split(",")[0]), label=name)
+  axes.set_xlabel("time [s]")
+  axes.set_ylabel(ylabel)
+  axes.legend(fontsize=8)
+  _save(figure, file)
+
+
+def _measured(axes: Axes, name: str, recording: Recording, rolling_radius: float) -> None:
+  scale = 1.0
+  if name == "speed" and "motor_speed" in recording.streams:
+    name, scale = "motor_speed", rolling_radius
+  if name not in recording.streams:
+    return
+  stream = recording[name]
+  value = np.unwrap(stream.value) if name == "pose_yaw" else scale * stream.value
+  axes.plot(stream.time, value, "k.", ms=1.5, alpha=0.6, label="measured")
+
+
+def _shade(axes: Axes, estimates: Estimates) -> None:
+  """Grey where the estimate says that it is not valid."""
+  edges = np.flatnonzero(np.diff(np.concatenate([[0], ~estimates.valid, [0]])))
+  for begin, end in zip(edges[::2], edges[1::2], strict=True):
+    axes.axvspan(estimates.time[begin], estimates.time[min(end, len(estimates.time) - 1)], color="0.85", lw=0)
+
+
+def _save(figure: plt.Figure, file: Path) -> None:
+  """Write beside the place, then move there."""
+  part = file.with_name(file.stem + ".part" + file.suffix)
+  figure.savefig(part, dpi=110)
+  part.replace(file)
+  plt.close(figure)

@@ -1,0 +1,101 @@
+"""Run the federated filter over the recordings of a data set: estimates with standard deviations, figures.
+
+python scripts/estimate.py --dataset DIR --out OUT
+"""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from agents.output import write_text
+from calibration.identify import Identification, identify
+from qcar_twin.dataset import DataSet
+from qcar_twin.estimation import figures
+from qcar_twin.estimation.offline import Estimates, filter_recording
+from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.recording import Recording
+from qcar_twin.sensors.noise import standstill_noise
+from qcar_twin.vehicle import Vehicle
+
+ONBOARD = ("motor_speed", "speed", "accel_x", "accel_y", "yaw_rate")
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """Estimate position and motion offline."""
+
+  dataset: Path
+  """folder with dataset.toml"""
+  out: Path
+  """folder for estimates, figures and summary.json"""
+  recordings: tuple[str, ...] = ()
+  """names; all that hold a pose without it"""
+  identified: Path | None = None
+  """identification (JSON); made from the data set without it"""
+  noise_from: str = ""
+  """name of a standstill recording that sensor noise and biases are taken from"""
+  onboard_lateness: float = 0.0
+  """by how much IMU and encoder stamps are after their measurement, s"""
+  sharing: tuple[float, float] = (1.0, 1.0)
+  """information sharing of the lidar between EKF_BM and EKF_PM: 1 1 as printed, 0.5 0.5 consistent"""
+  quick: bool = False
+  """the first recording only"""
+
+
+def settings_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> FilterSettings:
+  """Filter settings, with noise from standstill when asked for."""
+  settings = FilterSettings(sharing=config.sharing, imu_x=vehicle.imu_x, imu_y=vehicle.imu_y)
+  if not config.noise_from:
+    return settings
+  named = {recording.name: recording for recording in dataset.recordings}
+  if config.noise_from not in named:
+    raise SystemExit(f"no recording '{config.noise_from}'; there are {', '.join(named)}")
+  noise = standstill_noise(named[config.noise_from])
+  for name, found in noise.items():
+    print(
+      f"{name}: offset {found.offset:.4g}, white {found.white:.4g}, walk {found.walk:.3g} per sqrt(s), coloured {found.coloured:.3g}"
+    )
+  return settings.with_noise(noise, vehicle.gear_ratio * vehicle.wheel_radius)
+
+
+def write(config: Config, recording: Recording, estimates: Estimates, rolling_radius: float) -> dict[str, object]:
+  """Files of one recording; returns its summary."""
+  columns = estimates.columns()
+  lines = [",".join(columns), *(",".join(f"{x:.7g}" for x in row) for row in np.column_stack(list(columns.values())))]
+  write_text(config.out / f"{recording.name}.csv", "\n".join(lines) + "\n")
+  figures.states_figure(estimates, recording, rolling_radius, config.out / f"{recording.name}_states.png")
+  figures.position_figure(estimates, recording, config.out / f"{recording.name}_position.png")
+  refused = {f"{channel}: {reason}": count for (channel, reason), count in estimates.refused.items()}
+  return {"valid": float(np.mean(estimates.valid)), "not valid because": dict(estimates.reasons), "refused": refused}
+
+
+def main(config: Config) -> None:
+  """Filter every recording and write what came out."""
+  dataset = DataSet.load(config.dataset)
+  vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
+  identification = Identification.load(config.identified) if config.identified else identify(dataset, vehicle=vehicle)
+  bicycle, theta = identification.bicycle(vehicle)
+  settings = settings_of(config, dataset, vehicle)
+  chosen = [
+    r for r in dataset.recordings if (r.name in config.recordings if config.recordings else "pose_x" in r.streams)
+  ]
+  if not chosen:
+    names = ", ".join(r.name for r in dataset.recordings)
+    raise SystemExit(f"nothing to estimate: no such recording, or none with a pose; there are {names}")
+  config.out.mkdir(parents=True, exist_ok=True)
+  lateness = dict.fromkeys(ONBOARD, config.onboard_lateness)
+  summary = {}
+  for recording in chosen[: 1 if config.quick else None]:
+    estimates = filter_recording(recording, bicycle.car(theta), settings, lateness)
+    summary[recording.name] = write(config, recording, estimates, vehicle.gear_ratio * vehicle.wheel_radius)
+    print(
+      f"{recording.name}: valid {100 * float(np.mean(estimates.valid)):.1f} % of {estimates.time[-1] - estimates.time[0]:.1f} s"
+    )
+  write_text(config.out / "summary.json", json.dumps(summary, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+  main(tyro.cli(Config))
