@@ -104,11 +104,9 @@ def fit(
   if not np.isfinite(r).all():
     raise ValueError("the simulation at the first guess is not finite; start from nominal parameters")
   costs, damping, evaluations = [_cost(r, theta, parameters, robust)], 1e-3, 1
-  gain = 0.0
   jacobian = np.zeros((len(r), len(theta)))
-  fresh = 0.0  # gain of the last step that had a Jacobian of its own
+  fresh, failures, renew = 0.0, 0, True  # gain of the last step that had a Jacobian of its own; steps in vain since
   for k in range(iterations):
-    renew = k % 3 == 0 or gain < 0.3 * fresh
     if renew:
       jacobian = finite_differences(residual, parameters, theta, r, step)
       evaluations += len(theta)
@@ -118,19 +116,22 @@ def fit(
     evaluations += len(candidates)
     cost = [_cost(o, t, parameters, robust) for o, t in zip(outcomes, candidates, strict=True)]
     best = int(np.argmin(cost))
-    damping = float(np.clip(damping * (0.01, 1.0, 100.0, 10.0)[best], 1e-8, 1e6))
     gain = costs[-1] - cost[best]
-    fresh = gain if renew else fresh
-    jacobian = broyden(jacobian, r, theta, outcomes[best], candidates[best], parameters.scale)
+    small = gain < max(0.3, tolerance * abs(costs[-1]))
     if gain > 0:
+      jacobian = broyden(jacobian, r, theta, outcomes[best], candidates[best], parameters.scale)
       theta, r = candidates[best], outcomes[best]
       costs.append(cost[best])
+      damping = float(np.clip(damping * (0.01, 1.0, 100.0, 10.0)[best], 1e-8, 1e6))
     else:
-      damping = min(damping * 100.0, 1e6)
+      damping = min(damping * 1e3, 1e6)
     if progress:
       progress(k + 1, costs[-1])
-    if renew and gain < max(0.3, tolerance * abs(costs[-1])):
+    failures = failures + 1 if gain <= 0 else 0
+    if (renew and small and gain > 0) or failures > 2:
       break
+    fresh = gain if renew else fresh
+    renew = (k + 1) % 3 == 0 or gain < 0.3 * fresh
   return _finish(parameters, theta, r, jacobian, costs, evaluations, robust)
 
 

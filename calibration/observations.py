@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from calibration.segmenting import DEFAULT_CUT, Cut, Stretches, cut_recordings
 from qcar_twin.plant import SIGNALS, Prediction
 from qcar_twin.recording import Recording
+from qcar_twin.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
@@ -127,7 +128,7 @@ def displacement(before: Array, after: Array) -> Array:
 
 def observe(
   recordings: Sequence[Recording],
-  vehicle,
+  vehicle: Vehicle,
   cut: Cut = DEFAULT_CUT,
   horizon: float = 1.0,
   pose_rate: float = 10.0,

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.plant import START, Segments
-from qcar_twin.recording import Recording
+from qcar_twin.recording import Recording, Stream
+from qcar_twin.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,7 @@ class Stretches:
   last: Array
 
 
-def cut_recordings(recordings: Sequence[Recording], vehicle, cut: Cut = DEFAULT_CUT) -> Stretches:
+def cut_recordings(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut = DEFAULT_CUT) -> Stretches:
   """Cut recordings into padded segments with measured start states.
 
   Args:
@@ -88,7 +89,7 @@ class _Piece:
   spent: Array
 
 
-def _pieces(recording: Recording, index: int, vehicle, cut: Cut) -> list[_Piece]:
+def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> list[_Piece]:
   time, commands = recording.commands(cut.period)
   commands = shift_commands(commands, cut.shift)
   duration = len(time) * cut.period
@@ -124,7 +125,7 @@ def shift_commands(commands: Array, shift: int) -> Array:
   return commands[index]
 
 
-def measured_start(recording: Recording, time: float, vehicle, steering: float, at_beginning: bool) -> Array:
+def measured_start(recording: Recording, time: float, vehicle: Vehicle, steering: float, at_beginning: bool) -> Array:
   """State at a time from the streams around it, in the order of START, (7,).
 
   Speed and yaw rate are straight-line fits over 0.1 s; sideslip is the kinematic one.
@@ -142,7 +143,7 @@ def measured_start(recording: Recording, time: float, vehicle, steering: float, 
   return np.array([values[name] for name in START])
 
 
-def _measured_speed(recording: Recording, time: float, vehicle, half: float) -> float:
+def _measured_speed(recording: Recording, time: float, vehicle: Vehicle, half: float) -> float:
   if "motor_speed" in recording.channels:
     return _level(recording["motor_speed"], time, half) * vehicle.gear_ratio * vehicle.wheel_radius
   if "speed" in recording.channels:
@@ -150,7 +151,7 @@ def _measured_speed(recording: Recording, time: float, vehicle, half: float) -> 
   return 0.0
 
 
-def _level(stream, time: float, half: float) -> float:
+def _level(stream: Stream, time: float, half: float) -> float:
   """Value of a straight line through the samples within +-half of a time; nearest sample if there are few."""
   near = np.abs(stream.time - time) <= half
   if near.sum() >= 4 and np.ptp(stream.time[near]) > 0:

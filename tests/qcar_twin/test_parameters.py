@@ -1,0 +1,50 @@
+"""Parameters: declarations that can't contradict themselves, vectors that round-trip."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from qcar_twin.parameters import Parameter, ParameterSet
+
+MASS = Parameter("mass", 2.7, 1.0, 5.0, "kg", std=0.02)
+FRICTION = Parameter("friction", 0.0, 0.0, 2.0, "N", null=0.0, typical=1.0)
+OPEN = Parameter("open", 1.0, 0.0, 3.0, "-")
+
+
+def test_a_nominal_value_outside_its_bounds_is_refused_with_the_cure():
+  with pytest.raises(ValueError, match="parameter 'mass': nominal 9 kg lies outside.*widen the bounds"):
+    Parameter("mass", 9.0, 1.0, 5.0, "kg")
+
+
+def test_a_null_outside_its_bounds_is_refused():
+  with pytest.raises(ValueError, match="null -1 lies outside"):
+    Parameter("drag", 0.5, 0.0, 1.0, "N", null=-1.0)
+
+
+def test_a_name_declared_twice_is_refused():
+  with pytest.raises(ValueError, match="'mass' is declared twice"):
+    ParameterSet([MASS, MASS])
+
+
+def test_an_unknown_name_gets_the_nearest_ones():
+  with pytest.raises(KeyError, match="no parameter 'frition'; did you mean friction"):
+    ParameterSet([MASS, FRICTION]).index("frition")
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=3))
+def test_vector_and_names_round_trip(values: list[float]):
+  parameters = ParameterSet([MASS, FRICTION, OPEN])
+  assert parameters.vector(parameters.named(np.array(values))).tolist() == values
+
+
+def test_prior_scale_and_concatenation():
+  parameters = ParameterSet([MASS]) + [FRICTION, OPEN]
+  assert parameters.std.tolist() == [0.02, 2.0 / 3.0, 1.0]  # a third of the range where nothing is stated
+  assert parameters.scale.tolist() == [0.02, 1.0, 0.3]
+  assert parameters.names == ("mass", "friction", "open")
+
+
+def test_a_vector_of_the_wrong_length_is_refused():
+  with pytest.raises(ValueError, match="expected a vector of 2 parameters, got shape \\(3,\\)"):
+    ParameterSet([MASS, FRICTION]).named(np.zeros(3))

@@ -1,0 +1,130 @@
+"""The twin: reductions to exact things, and independence of how simulations are grouped."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from qcar_twin.mechanisms import catalogue, select
+from qcar_twin.plant import SIGNALS, START, Segments
+from qcar_twin.twin import Twin
+from qcar_twin.twin_file import load_twin, save_twin
+from qcar_twin.vehicle import Vehicle
+
+CAR = Vehicle.load()
+
+
+def drive(voltage=1.5, steering=(0.15, -0.2, 0.0), seconds=1.5) -> Segments:
+  """One segment per steering angle; the steering comes after half the time."""
+  steps = int(seconds * 100)
+  commands = np.zeros((len(steering), steps, 2))
+  commands[:, :, 0] = voltage
+  commands[:, steps // 2 :, 1] = np.asarray(steering)[:, None]
+  count = len(steering)
+  names = tuple(f"drive {i}" for i in range(count))
+  return Segments(commands, np.zeros((count, len(START))), np.full(count, steps), 0.01, names, np.zeros(count))
+
+
+@pytest.fixture(scope="module")
+def twin() -> Twin:
+  return Twin(CAR, substeps=2)
+
+
+def test_any_grouping_gives_the_same_bits(twin: Twin):
+  segments = drive()
+  theta = np.stack([twin.parameters.nominal, twin.parameters.vector({"mass": 3.0, "cornering_stiffness_front": 150.0})])
+  together = twin.rollout(theta, segments).signals
+  one_by_one = np.concatenate([twin.rollout(t, segments).signals for t in theta])
+  narrow = Twin(CAR, substeps=2, threads=1, rows=3).rollout(theta, segments).signals
+  np.testing.assert_array_equal(together, one_by_one)
+  np.testing.assert_array_equal(together, narrow)
+
+
+def test_stepping_equals_a_rollout(twin: Twin):
+  segments = drive()
+  rollout = twin.rollout(twin.parameters.nominal, segments).signals[0]
+  simulation = twin.begin(np.tile(twin.parameters.nominal, (3, 1)), segments.start)
+  stepped = [simulation.signals.copy()] + [simulation.step(segments.commands[:, k]).copy() for k in range(150)]
+  np.testing.assert_array_equal(np.stack(stepped, axis=1), rollout)
+
+
+def test_mirrored_commands_give_mirrored_motion(twin: Twin):
+  signals = twin.rollout(twin.parameters.nominal, drive(steering=(0.2, -0.2))).signals[0]
+  odd = np.array([name in ("pose_y", "pose_yaw", "velocity_y", "yaw_rate", "accel_y", "steering_angle") for name in SIGNALS])
+  np.testing.assert_allclose(signals[0], signals[1] * np.where(odd, -1.0, 1.0), atol=2e-3)
+
+
+def test_nothing_moves_without_a_command(twin: Twin):
+  signals = twin.rollout(twin.parameters.nominal, drive(voltage=0.0, steering=(0.0,), seconds=1.0)).signals[0, 0]
+  assert np.abs(signals[:, 3:6]).max() < 1e-6
+
+
+def test_steady_speed_balances_torque_damping_and_friction(twin: Twin):
+  values = twin.parameters.named(twin.parameters.nominal)
+  end = twin.rollout(twin.parameters.nominal, drive(voltage=2.0, steering=(0.0,), seconds=6.0)).channel("motor_speed")[0, 0, -1]
+  expected = (values["torque_per_volt"] * 2.0 - values["driveline_friction"]) / values["motor_damping"]
+  assert end == pytest.approx(expected, rel=0.01)
+
+
+def test_a_steady_turn_has_the_single_track_yaw_rate(twin: Twin):
+  # neutral steer: yaw rate = v delta / L at small angles; Ackermann steering off, so that both wheels are at delta
+  theta = twin.parameters.vector({"ackermann_fraction": 0.0})
+  signals = twin.rollout(theta, drive(voltage=1.0, steering=(0.05,), seconds=6.0)).signals[0, 0, -1]
+  v, r = signals[SIGNALS.index("velocity_x")], signals[SIGNALS.index("yaw_rate")]
+  assert r == pytest.approx(v * 0.05 / CAR.wheelbase, rel=0.02)
+
+
+def test_the_step_hardly_matters():
+  segments = drive()
+  coarse, fine = (Twin(CAR, substeps=n).rollout(Twin(CAR).parameters.nominal, segments) for n in (2, 10))
+  for name, scale in (("velocity_x", 1.0), ("yaw_rate", 1.0)):
+    error = np.sqrt(np.mean((coarse.channel(name) - fine.channel(name)) ** 2))
+    assert error < 0.01 * scale, name
+
+
+def test_a_mechanism_at_its_null_is_absent_bit_for_bit(twin: Twin):
+  loaded = twin.with_mechanisms(tuple(catalogue().values()))
+  np.testing.assert_array_equal(
+    loaded.rollout(loaded.parameters.nominal, drive()).signals, twin.rollout(twin.parameters.nominal, drive()).signals
+  )
+
+
+def test_sensor_mechanisms_share_one_simulation(twin: Twin, monkeypatch):
+  loaded = twin.with_mechanisms(select(["gyro_scale"]))
+  theta = np.tile(loaded.parameters.nominal, (3, 1))
+  theta[:, loaded.parameters.index("gyro_scale")] = [0.0, 0.1, -0.1]
+  simulated = []
+  original = Twin._simulate
+  monkeypatch.setattr(Twin, "_simulate", lambda self, t, s: simulated.append(len(t)) or original(self, t, s))
+  rates = loaded.rollout(theta, drive()).channel("yaw_rate")
+  assert simulated == [1]
+  np.testing.assert_allclose(rates[1], 1.1 * rates[0], rtol=1e-12)
+  np.testing.assert_allclose(rates[2], 0.9 * rates[0], rtol=1e-12)
+
+
+def test_a_wrong_shape_of_parameters_is_refused(twin: Twin):
+  with pytest.raises(ValueError, match="theta must be \\(2, "):
+    twin.begin(np.zeros((1, 3)), np.zeros((2, 7)))
+
+
+def test_a_printed_twin_names_its_parts(twin: Twin):
+  text = repr(twin.with_mechanisms(select(["steering_delay"])))
+  assert "base: mass = 2.7 kg" in text
+  assert "command: steering_delay (steering_delay [s])" in text
+
+
+def test_a_file_gives_the_same_twin_back(tmp_path):
+  twin = Twin(dataclasses.replace(CAR, name="Auto \"Ü\""), select(["steering_delay", "gyro_scale"]), substeps=2)
+  theta = twin.parameters.vector({"mass": 2.9, "steering_delay": 0.03})
+  again, loaded = load_twin(save_twin(tmp_path / "twin.toml", twin, theta), substeps=2)
+  assert [m.name for m in again.mechanisms] == ["steering_delay"]  # a null mechanism is left out
+  assert again.vehicle == twin.vehicle
+  np.testing.assert_array_equal(again.rollout(loaded, drive()).signals, twin.rollout(theta, drive()).signals)
+
+
+def test_a_bad_twin_file_says_what_to_do(tmp_path):
+  with pytest.raises(FileNotFoundError, match="nothing.toml: no such twin file; calibrate first"):
+    load_twin(tmp_path / "nothing.toml")
+  (tmp_path / "bad.toml").write_text("format = 7")
+  with pytest.raises(ValueError, match="bad.toml: not a twin file of format 1"):
+    load_twin(tmp_path / "bad.toml")
