@@ -105,7 +105,7 @@ def fit(
     raise ValueError("the simulation at the first guess is not finite; start from nominal parameters")
   costs, damping, evaluations = [_cost(r, theta, parameters, robust)], 1e-3, 1
   jacobian = np.zeros((len(r), len(theta)))
-  fresh, failures, renew = 0.0, 0, True  # gain of the last step that had a Jacobian of its own; steps in vain since
+  failures, renew = 0, True
   for k in range(iterations):
     if renew:
       jacobian = finite_differences(residual, parameters, theta, r, step)
@@ -117,12 +117,13 @@ def fit(
     cost = [_cost(o, t, parameters, robust) for o, t in zip(outcomes, candidates, strict=True)]
     best = int(np.argmin(cost))
     gain = costs[-1] - cost[best]
+    expected = costs[-1] - _cost(r + jacobian @ (candidates[best] - theta), candidates[best], parameters, robust)
     small = gain < max(0.3, tolerance * abs(costs[-1]))
     if gain > 0:
       jacobian = broyden(jacobian, r, theta, outcomes[best], candidates[best], parameters.scale)
       theta, r = candidates[best], outcomes[best]
       costs.append(cost[best])
-      damping = float(np.clip(damping * (0.01, 1.0, 100.0, 10.0)[best], 1e-8, 1e6))
+      damping = float(np.clip(damping * (0.03, 1.0, 30.0, 1.0)[best], 1e-8, 1e6))
     else:
       damping = min(damping * 1e3, 1e6)
     if progress:
@@ -130,8 +131,8 @@ def fit(
     failures = failures + 1 if gain <= 0 else 0
     if (renew and small and gain > 0) or failures > 2:
       break
-    fresh = gain if renew else fresh
-    renew = (k + 1) % 3 == 0 or gain < 0.3 * fresh
+    # a Jacobian that foretold the gain well is good for one more step
+    renew = (k + 1) % 3 == 0 or gain < 0.7 * expected
   return _finish(parameters, theta, r, jacobian, costs, evaluations, robust)
 
 

@@ -11,9 +11,11 @@ import math
 import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.recalibrate import BIAS_MECHANISMS
 from calibration.diagnosis.score import Comparison, compare, evidence
 from calibration.diagnosis.search import Pool, ensure
 from qcar_twin.mechanisms.base import Mechanism
+from qcar_twin.parameters import ParameterSet
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,6 +27,7 @@ class Thresholds:
     nats: held-out gain.
     share: groups that gained.
     material: share of the typical size.
+    bias: the same for biases of the IMU, of which every one has some.
     unknown: factor by which UNKNOWN must beat the best set of known mechanisms.
     equivalent: a rival within so many standard errors of the claim can't be told apart.
   """
@@ -33,6 +36,7 @@ class Thresholds:
   nats: float = 20.0
   share: float = 0.55
   material: float = 0.2
+  bias: float = 0.45
   unknown: float = 1.25
   equivalent: float = 1.0
 
@@ -86,21 +90,80 @@ def decide(
     thresholds: what a claim needs.
     temper: factor on nats where samples are scarcer witnesses than their number says.
   """
-  best = _simplified(pool, pool.best(list(pool.models.values())), thresholds)
-  claims, possible = [], []
+  best = _simplified(pool, _grown(pool, thresholds), thresholds)
+  claims, possible = _bias_claims(pool, best, thresholds), []
   for name in best.mechanisms:
     claim = _claim(pool, best, name, thresholds)
     (claims if _material(pool, best, name, thresholds.material) else possible).append(claim)
-  if possible and claims:
-    best = pool.models.get(frozenset(c.mechanism for c in claims), best)
-  elif not claims:
-    best = pool.base
+  kept = frozenset(c.mechanism for c in claims) - set(BIAS_MECHANISMS)
+  best = pool.models.get(kept, best)
   claims.sort(key=lambda c: -c.evidence_nats)
   unknown = _best_unknown(pool, unknowns)
   verdict = _verdict(pool, best, claims, unknown, unknowns, thresholds)
   if verdict == "unexplained":
     claims = [dataclasses.replace(c, probability=0.5 * c.probability, certain=False) for c in claims]
   return Decision(verdict, tuple(claims), tuple(c.mechanism for c in possible), best, unknown, _ranking(pool, claims))
+
+
+def _grown(pool: Pool, thresholds: Thresholds) -> Candidate:
+  """Add what brings most, one or two at a time, as long as it is significant; swap for what is better."""
+  observations = pool.problem.observations
+  best = pool.base
+  while True:
+    tests = {
+      key: compare(model, best, observations)
+      for key, model in pool.models.items()
+      if key > set(best.mechanisms) and key <= set(best.mechanisms) | set(pool.signatures)
+    }
+    good = {k: t for k, t in tests.items() if _significant(t, thresholds)}
+    if not good:
+      return best
+    # a larger set must earn each of its members
+    best = pool.models[max(good, key=lambda k: good[k].total - thresholds.nats * len(k))]
+    best = max((m for m in pool.of_size(len(best.mechanisms))), key=lambda m, b=best: _better(m, b, pool))
+
+
+def _better(model: Candidate, than: Candidate, pool: Pool) -> float:
+  """Held-out gain over another model of the same size, 0 unless it is clear."""
+  if model is than:
+    return 0.0
+  test = compare(model, than, pool.problem.observations)
+  return test.total if test.t > 2.0 else -1.0
+
+
+def _bias_claims(pool: Pool, best: Candidate, thresholds: Thresholds) -> list[Claim]:
+  """IMU biases far beyond what every IMU has; they are part of every model, so leaving them out is the test."""
+  claims = []
+  for name in BIAS_MECHANISMS:
+    names = [p.name for p in pool.problem.mechanism(name).parameters if p.name in best.free]
+    if not names or not _material(pool, best, name, thresholds.bias):
+      continue
+    without = _at_null(best, names)
+    test = compare(best, without, pool.problem.observations)
+    if _significant(test, thresholds):
+      gain = evidence(best, without, pool.problem.observations)
+      estimates = _estimates(pool.problem.mechanism(name), best)
+      claims.append(Claim(name, _probability(test, gain), gain, test, estimates, (), (), True))
+  return claims
+
+
+def _at_null(model: Candidate, names: list[str]) -> Candidate:
+  """A model with some parameters held at zero and the rest refitted, to first order."""
+  held = [model.free.index(n) for n in names]
+  rest = [i for i in range(len(model.free)) if i not in held]
+  move = np.zeros(len(model.free))
+  move[held] = -model.values[held]
+  pull = model.gradient + model.curvature @ move
+  scale = model.free.scale[rest]
+  inner = model.curvature[np.ix_(rest, rest)] * np.outer(scale, scale)
+  move[rest] = -np.linalg.lstsq(inner, pull[rest] * scale, rcond=None)[0] * scale
+  return dataclasses.replace(
+    model,
+    free=ParameterSet(model.free[model.free.names[i]] for i in rest),
+    values=(model.values + move)[rest],
+    residual=model.residual + model.jacobian @ move,
+    jacobian=model.jacobian[:, rest],
+  )
 
 
 def _simplified(pool: Pool, best: Candidate, thresholds: Thresholds) -> Candidate:
@@ -163,6 +226,7 @@ def _estimates(mechanism: Mechanism, model: Candidate) -> dict[str, dict[str, fl
   return {
     p.name: {"value": value, "std": std, "unit": p.unit}
     for p in mechanism.parameters
+    if p.name in model.free
     for value, std in [model.estimate(p.name)]
   }
 
@@ -170,7 +234,7 @@ def _estimates(mechanism: Mechanism, model: Candidate) -> dict[str, dict[str, fl
 def _material(pool: Pool, model: Candidate, name: str, share: float) -> bool:
   """Whether any amplitude of a mechanism reaches a share of its typical size, and three times its own uncertainty."""
   for parameter in pool.problem.mechanism(name).parameters:
-    if parameter.null is None:
+    if parameter.null is None or parameter.name not in model.free:
       continue
     value, std = model.estimate(parameter.name)
     size = abs(value - parameter.null)

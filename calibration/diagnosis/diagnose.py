@@ -13,7 +13,7 @@ from calibration.diagnosis.decide import Decision, Thresholds, decide
 from calibration.diagnosis.detect import detect
 from calibration.diagnosis.locate import locate
 from calibration.diagnosis.output import Diagnosis, write_outputs
-from calibration.diagnosis.recalibrate import Baseline, recalibrate, sensor_floor
+from calibration.diagnosis.recalibrate import BIAS_MECHANISMS, Baseline, recalibrate, sensor_floor, with_sensor_biases
 from calibration.diagnosis.scan import scan
 from calibration.diagnosis.score import compare
 from calibration.diagnosis.search import Effort, Pool, base_candidate, search
@@ -76,10 +76,12 @@ def diagnose(
   twin = Twin(vehicle, [*known, *smooth_forces()], substeps=substeps, threads=threads)
   recordings = [r for r in dataset.recordings if r.role != "holdout"]
   clock.start("recalibration")
-  baseline = recalibrate(twin, recordings, first_guess(recordings, vehicle), _shifts(dataset))
+  priors = with_sensor_biases(first_guess(recordings, vehicle), twin)
+  baseline = recalibrate(twin, recordings, priors, _shifts(dataset))
   base = base_candidate(baseline)
   clock.start("scan")
-  signatures = scan(baseline.problem, base, known, progress=lambda done, total: report("scan", done / total))
+  candidates = [m for m in known if m.name not in BIAS_MECHANISMS]
+  signatures = scan(baseline.problem, base, candidates, progress=lambda done, total: report("scan", done / total))
   clock.start("search")
   pool = search(baseline, base, signatures, effort, lambda text: report(text, 0.0))
   clock.start("unknown")

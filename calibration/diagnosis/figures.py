@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -49,7 +50,7 @@ def traces(pool: Pool, after: Array, location: Location, most: int = 3) -> Figur
     axis.set_title(recording, loc="left")
     axis.set_ylabel(f"{channel.replace('_', ' ')} [{UNITS[channel]}]")
   axes[-1, 0].set_xlabel("time [s]")
-  axes[0, 0].legend(loc="upper right", ncols=3)
+  _legend(axes[0, 0])
   return figure
 
 
@@ -111,6 +112,7 @@ def ranked_evidence(decision: Decision, most: int = 14) -> Figure:
   axis.set_yticks(range(len(rows)), [name for name, _ in rows])
   axis.invert_yaxis()
   axis.grid(False, axis="y")
+  axis.set_axisbelow(True)
   axis.set_xlabel("evidence [nats]")
   return figure
 
@@ -133,7 +135,8 @@ def before_and_after(fits: Mapping[str, ChannelFit]) -> Figure | None:
   axis.set_xticks(range(len(names)), [n.replace("_", "\n") for n in names])
   axis.grid(False, axis="x")
   axis.set_ylabel("error / sensor noise")
-  axis.legend(loc="upper right", ncols=3)
+  axis.set_axisbelow(True)
+  _legend(axis)
   return figure
 
 
@@ -150,7 +153,12 @@ def _trace_rows(location: Location, observations: Observations, most: int) -> li
   return [(observations.names[r], CHANNELS[c]) for r, c in sums]
 
 
-def _mark(axis, spans: Sequence[Span], recording: str) -> None:
+def _legend(axis: Axes) -> None:
+  """Above the axes, where it covers nothing."""
+  axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False, fontsize=8.5, borderaxespad=0.2)
+
+
+def _mark(axis: Axes, spans: Sequence[Span], recording: str) -> None:
   for span in spans:
     if span.recording == recording:
       axis.axvspan(span.start, span.end, color=_EVIDENCE, linewidth=0.0, zorder=0, alpha=0.6)

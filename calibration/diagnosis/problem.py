@@ -46,9 +46,15 @@ class Weighting:
 class Problem:
   """Whitened residuals of the twin for any parameter vectors."""
 
-  def __init__(self, twin: Twin, observations: Observations, weighting: Weighting, fitted: int):
-    """`fitted`: so many values, from the front, are fitted; the rest only judge (role "validate")."""
+  def __init__(
+    self, twin: Twin, observations: Observations, weighting: Weighting, fitted: int, base: Sequence[str] | None = None
+  ):
+    """`fitted`: so many values, from the front, are fitted; the rest only judge (role "validate").
+
+    `base`: names of the parameters every model fits; the base twin's by default.
+    """
     self.twin, self.observations, self.weighting, self.fitted = twin, observations, weighting, fitted
+    self.base = tuple(base or twin.base.names)
     self._scale = weighting.scale(observations.channel)
     self.evaluations = 0
 
@@ -56,15 +62,11 @@ class Problem:
   def parameters(self) -> ParameterSet:
     return self.twin.parameters
 
-  @property
-  def base(self) -> tuple[str, ...]:
-    return self.twin.base.names
-
   def mechanism(self, name: str) -> Mechanism:
     return next(m for m in self.twin.mechanisms if m.name == name)
 
   def reweighted(self, weighting: Weighting) -> "Problem":
-    return Problem(self.twin, self.observations, weighting, self.fitted)
+    return Problem(self.twin, self.observations, weighting, self.fitted, self.base)
 
   def raw(self, theta: Array) -> Array:
     """Predicted minus measured in the channels' units, (n, M)."""
@@ -85,14 +87,6 @@ class Problem:
 
   def whiten(self, raw: Array) -> Array:
     return raw * self._scale
-
-  def free(self, mechanisms: Sequence[str]) -> tuple[str, ...]:
-    """Names that are fitted when these mechanisms are in the model."""
-    added = [p.name for name in mechanisms for p in self.mechanism(name).parameters]
-    return (*self.base, *added)
-
-  def subset(self, names: Sequence[str]) -> ParameterSet:
-    return ParameterSet(self.parameters[name] for name in names)
 
   def embed(self, names: Sequence[str], values: Array, around: Array) -> Array:
     """Full vectors, (n, P), with the named parameters set to values (n, len(names))."""

@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 
 log = logging.getLogger(__name__)
 
+SENSOR_BIASES = {"accel_bias_x": 0.15, "accel_bias_y": 0.15, "gyro_bias": 0.02}  # m/s^2, m/s^2, rad/s
+BIAS_MECHANISMS = ("accel_bias", "gyro_bias")
+
 
 @dataclasses.dataclass(frozen=True)
 class Baseline:
@@ -90,6 +93,15 @@ def fitted_count(observations: Observations, recordings: Sequence[Recording]) ->
   return int(np.sum(~np.isin(observations.recording, judging)))
 
 
+def with_sensor_biases(base: ParameterSet, twin: Twin) -> ParameterSet:
+  """The base parameters and the small biases every IMU has, so that they are not taken for physics.
+
+  A bias far beyond them is claimed as such; see decide.
+  """
+  biases = [dataclasses.replace(twin.parameters[n], std=s) for n, s in SENSOR_BIASES.items() if n in twin.parameters]
+  return base + biases
+
+
 def sensor_floor(passport: Mapping[str, ChannelNoise], horizon: float = 1.0) -> dict[str, float]:
   """Smallest standard deviation a residual channel can have: the sensor's own noise."""
   floor = {name: noise.std for name, noise in passport.items()}
@@ -112,7 +124,7 @@ def _fit_base(
   floor = sensor_floor(passport)
   around = twin.parameters.nominal
   start = _best_start(twin, observations, fitted, base)
-  problem = Problem(twin, observations, _flat_weighting(observations), fitted)
+  problem = Problem(twin, observations, _flat_weighting(observations), fitted, base.names)
   theta = problem.embed(base.names, start, around)
   problem = problem.reweighted(weighting_from(observations, problem.raw(theta)[0], floor))
   found: Fit | None = None

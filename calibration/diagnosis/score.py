@@ -6,7 +6,6 @@ few recordings: neighbouring samples share their road noise and are no independe
 """
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +26,17 @@ class Comparison:
     t: mean over spread of the blocks' capped gains times the root of their number.
     share_positive: blocks that gained, 0 to 1, among those whose prediction moved at all.
     blocks: uncapped gain per block, (B,).
+    total: the gain with a hundred times wider cap: how much there is to explain at all.
   """
 
   gain: float
   t: float
   share_positive: float
   blocks: Array
+
+  @property
+  def total(self) -> float:
+    return float(np.clip(self.blocks, -100.0 * CAP, 100.0 * CAP).sum())
 
 
 CAP = 10.0  # nats a block can bring to the decision
@@ -105,9 +109,3 @@ def channel_shares(larger: Candidate, smaller: Candidate, observations: Observat
   sums = {CHANNELS[i]: max(float(drop[observations.channel == i].sum()), 0.0) for i in np.unique(observations.channel)}
   total = sum(sums.values()) or 1.0
   return {name: value / total for name, value in sorted(sums.items(), key=lambda kv: -kv[1])}
-
-
-def best_of(models: Sequence[Candidate], base: Candidate, observations: Observations) -> Candidate:
-  """The model with the largest held-out gain over the base; a larger set must bring 2 nats per mechanism."""
-  worth = lambda m: compare(m, base, observations).gain - 2.0 * len(m.mechanisms)  # noqa: E731
-  return max([base, *(m for m in models if m is not base)], key=worth)

@@ -16,7 +16,7 @@ from calibration.diagnosis.candidates import Candidate, candidate, refine, simul
 from calibration.diagnosis.problem import Problem, weighting_from
 from calibration.diagnosis.recalibrate import Baseline, sensor_floor
 from calibration.diagnosis.scan import Projector, Signature
-from calibration.diagnosis.score import best_of, compare
+from calibration.diagnosis.score import compare
 from qcar_twin.parameters import ParameterSet
 
 Array = NDArray[np.float64]
@@ -48,7 +48,10 @@ class Pool:
     return [m for key, m in self.models.items() if len(key) == size]
 
   def best(self, models: Sequence[Candidate]) -> Candidate:
-    return best_of(models, self.base, self.problem.observations)
+    """The model with the largest held-out gain; a mechanism more must bring 2 nats more."""
+    observations = self.problem.observations
+    worth = lambda m: compare(m, self.base, observations).total - 2.0 * len(m.mechanisms)  # noqa: E731
+    return max([self.base, *(m for m in models if m is not self.base)], key=worth)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -48,11 +48,14 @@ def test_truth_lies_within_three_standard_deviations_in_nearly_all_repeats():
   assert np.max(score) < 4.0
 
 
-def test_the_minimum_of_a_curved_valley_is_found():
-  p = ParameterSet([Parameter("a", -1.2, -5.0, 5.0, "-", std=1e3), Parameter("b", 1.0, -5.0, 5.0, "-", std=1e3)])
-  valley = lambda t: np.stack([1.0 - t[:, 0], 10.0 * (t[:, 1] - t[:, 0] ** 2)], axis=1) * 100.0  # noqa: E731
-  found = fit(valley, p, iterations=60, robust=np.inf, step=1e-6)
-  np.testing.assert_allclose(found.theta, [1.0, 1.0], atol=1e-2)
+def test_a_step_response_gives_its_gain_and_time_constant_back():
+  time = np.linspace(0.0, 3.0, 200)
+  p = ParameterSet([Parameter("gain", 1.0, 0.0, 50.0, "rad/s/V", std=30.0), Parameter("tau", 0.1, 0.01, 5.0, "s", std=3.0)])
+  response = lambda t: t[:, :1] * (1.0 - np.exp(-time / t[:, 1:]))  # noqa: E731
+  target = response(np.array([[12.0, 0.6]]))
+  found = fit(lambda t: (response(t) - target) / 0.01, p, iterations=30, robust=np.inf, step=1e-4)
+  np.testing.assert_allclose(found.theta, [12.0, 0.6], rtol=1e-4)
+  assert list(found.iterations) == sorted(found.iterations, reverse=True)
 
 
 def test_a_parameter_stops_at_its_bound_and_says_so(problem):
