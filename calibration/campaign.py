@@ -15,6 +15,8 @@ import numpy as np
 
 from calibration.diagnosis.diagnose import Outcome, diagnose
 from calibration.diagnosis.output import document
+from calibration.diagnosis.score import Comparison, compare
+from calibration.diagnosis.search import Pool
 from calibration.diagnosis.ship import recovered_share
 from calibration.proving_ground import make_session
 from calibration.proving_ground.effects import EFFECTS
@@ -96,14 +98,39 @@ def _answer(outcome: Outcome) -> dict:
   keep = ("verdict", "claims", "where", "untestable", "fit", "seconds", "unknown")
   out = {key: full[key] for key in keep} | {"ranking": full["ranking"][:12]}
   out["stages"] = dict(found.stages)
-  out["tests"] = [
-    {"mechanism": c.mechanism, "t": c.held_out.t, "gain": c.held_out.gain, "share": c.held_out.share_positive}
-    for c in found.decision.claims
-  ]
+  out["tests"] = [{"mechanism": c.mechanism} | _figures(c.held_out) for c in found.decision.claims]
   out["possible"] = list(found.decision.possible)
   rival = found.decision.unknown
-  out["rival"] = None if rival is None else {"name": rival[0], "t": rival[1].t, "gain": rival[1].gain}
+  out["rival"] = None if rival is None else {"name": rival[0]} | _figures(rival[1])
+  out["trials"] = _trials(found.pool)
   out["recovered"] = recovered_share(found.holdout) if found.holdout else None
   out["alarms"] = [d.name for d in found.detection.detectors if d.alarm]
   out["statistics"] = {d.name: d.statistic for d in found.detection.detectors}
   return out
+
+
+def _trials(pool: Pool) -> list[dict]:
+  """Every set that was fitted, with its figures: what thresholds are learnt from."""
+  rows = []
+  for key, model in pool.models.items():
+    if not key:
+      continue
+    sizes = {
+      p.name: [*model.estimate(p.name), p.typical or p.scale]
+      for name in key
+      for p in pool.problem.mechanism(name).parameters
+      if p.null is not None
+    }
+    test = compare(model, pool.base, pool.problem.observations)
+    rows.append({"set": sorted(key), "cost": pool.base.cost - model.cost, "sizes": sizes} | _figures(test))
+  return sorted(rows, key=lambda r: -r["total"])
+
+
+def _figures(test: Comparison) -> dict[str, float]:
+  return {
+    "t": test.t,
+    "gain": test.gain,
+    "share": test.share_positive,
+    "total": test.total,
+    "relative": test.relative,
+  }

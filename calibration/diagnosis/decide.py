@@ -29,6 +29,7 @@ class Thresholds:
     material: share of the typical size.
     bias: the same for biases of the IMU, of which every one has some.
     unknown: factor by which UNKNOWN must beat the best set of known mechanisms.
+    unknown_share: share of the held-out sum of squares UNKNOWN must explain to be said at all.
     equivalent: a rival within so many standard errors of the claim can't be told apart.
   """
 
@@ -38,6 +39,7 @@ class Thresholds:
   material: float = 0.2
   bias: float = 0.45
   unknown: float = 1.25
+  unknown_share: float = 0.12
   equivalent: float = 1.0
 
 
@@ -260,7 +262,7 @@ def _verdict(
   thresholds: Thresholds,
 ) -> str:
   known = compare(best, pool.base, pool.problem.observations).gain if best.mechanisms else 0.0
-  if unknown is not None and unknown[1].t > thresholds.t and unknown[1].gain > 3.0 * thresholds.nats:
+  if unknown is not None and unknown[1].t > thresholds.t and unknown[1].relative > thresholds.unknown_share:
     over = compare(unknowns[unknown[0]], best, pool.problem.observations)
     if unknown[1].gain > thresholds.unknown * known + 2.0 * thresholds.nats and over.t > thresholds.t:
       return "partly_explained" if claims and known > 0.5 * unknown[1].gain else "unexplained"

@@ -26,6 +26,7 @@ class Comparison:
     t: mean over spread of the blocks' capped gains times the root of their number.
     share_positive: blocks that gained, 0 to 1, among those whose prediction moved at all.
     blocks: uncapped gain per block, (B,).
+    before: held-out half sum of squares of the smaller model, nats.
     total: the gain with a hundred times wider cap: how much there is to explain at all.
   """
 
@@ -33,6 +34,12 @@ class Comparison:
   t: float
   share_positive: float
   blocks: Array
+  before: float
+
+  @property
+  def relative(self) -> float:
+    """Share of the held-out sum of squares that is explained."""
+    return self.total / self.before if self.before > 0 else 0.0
 
   @property
   def total(self) -> float:
@@ -75,7 +82,8 @@ def held_out(model: Candidate, group: NDArray[np.int64]) -> Array:
 def compare(larger: Candidate, smaller: Candidate, observations: Observations) -> Comparison:
   """Held-out gain of a model over a smaller one."""
   group = groups_of(observations)
-  drop = 0.5 * (held_out(smaller, group) ** 2 - held_out(larger, group) ** 2)
+  before = 0.5 * held_out(smaller, group) ** 2
+  drop = before - 0.5 * held_out(larger, group) ** 2
   gains = np.bincount(observations.block, drop)[np.unique(observations.block)]
   capped = np.clip(gains, -CAP, CAP)
   count = len(gains)
@@ -83,7 +91,7 @@ def compare(larger: Candidate, smaller: Candidate, observations: Observations) -
   t = float(np.mean(capped) / (spread + 1e-9) * np.sqrt(count)) if count > 1 else 0.0
   moved = np.abs(gains) > 0.02
   share = float(np.mean(gains[moved] > 0)) if moved.any() else 0.0
-  return Comparison(float(capped.sum()), t, share, gains)
+  return Comparison(float(capped.sum()), t, share, gains, float(before.sum()))
 
 
 def evidence(larger: Candidate, smaller: Candidate, observations: Observations) -> float:
