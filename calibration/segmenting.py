@@ -27,12 +27,14 @@ class Cut:
     length: longest scored stretch, s.
     warm_up: unscored lead-in of stretches that start in mid-recording, s.
     period: control period, s.
+    most: seconds of driving that are kept at most, taken evenly from the whole; inf for all.
     shift: control periods by which commands act later than logged (the timing convention); may be negative.
   """
 
   length: float = 6.0
   warm_up: float = 0.4
   period: float = 0.01
+  most: float = np.inf
   shift: int = 0
 
 
@@ -59,6 +61,7 @@ def cut_recordings(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut =
   pieces = [piece for index, recording in enumerate(recordings) for piece in _pieces(recording, index, vehicle, cut)]
   if not pieces:
     raise ValueError("no recording is long enough to simulate; at least 0.2 s with a motor_voltage are needed")
+  pieces = _thinned(pieces, cut)
   history = _history(recordings, cut.period)
   steps = np.array([len(p.commands) for p in pieces])
   longest = int(steps.max())
@@ -115,6 +118,21 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
       )
     )
   return pieces
+
+
+def _thinned(pieces: list[_Piece], cut: Cut) -> list[_Piece]:
+  """At most `cut.most` seconds of pieces, evenly spread, at least one of every recording."""
+  total = sum(len(p.commands) for p in pieces) * cut.period
+  if total <= cut.most:
+    return pieces
+  share, owed, kept = cut.most / total, 0.0, []
+  for k, piece in enumerate(pieces):
+    owed += share
+    first_of_recording = k == 0 or pieces[k - 1].index != piece.index
+    if owed >= 1.0 or first_of_recording:
+      kept.append(piece)
+      owed -= 1.0
+  return kept
 
 
 def shift_commands(commands: Array, shift: int) -> Array:

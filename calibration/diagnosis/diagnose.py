@@ -31,6 +31,7 @@ from qcar_twin.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float], None]  # stage, share of it that is done
+LONGEST = 420.0  # s of driving that are simulated; longer data sets are sampled evenly
 SHIFTS = (-1, 0, 1)  # control periods, where the log's timing convention is unknown
 
 
@@ -77,7 +78,7 @@ def diagnose(
   recordings = [r for r in dataset.recordings if r.role != "holdout"]
   clock.start("recalibration")
   priors = with_sensor_biases(first_guess(recordings, vehicle), twin)
-  baseline = recalibrate(twin, recordings, priors, _shifts(dataset))
+  baseline = recalibrate(twin, recordings, priors, _shifts(dataset), Cut(most=LONGEST))
   base = base_candidate(baseline)
   clock.start("scan")
   candidates = [m for m in known if m.name not in BIAS_MECHANISMS]
@@ -141,7 +142,7 @@ def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]):
 
 
 def _compared(twin: Twin, baseline: Baseline, pool: Pool, decision: Decision, recordings: list[Recording]):
-  cut = Cut(shift=baseline.shift)
+  cut = Cut(shift=baseline.shift, most=LONGEST)
   floor = sensor_floor(baseline.passport)
   return compare_twins(twin, pool.base.theta, decision.model.theta, recordings, floor, cut)[0]
 
