@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from qcar_twin.handles import Handles
 from qcar_twin.mechanisms.base import Car
 from qcar_twin.tyre import COLUMN
-from qcar_twin.vehicle_model import differential_rows
+from qcar_twin.vehicle import GRAVITY, WHEELS
+from qcar_twin.vehicle_model import FASTEST_DAMPER, differential_rows
 
 Array = NDArray[np.float64]
 Rows = slice | NDArray[np.int64]
@@ -30,7 +31,15 @@ BODY = (
   "cg_height_offset",
   "cg_lateral_offset",
 )
-OTHER = ("gravity_x", "gravity_y", "differential_damping", "servo_time_constant", "ackermann_fraction")
+OTHER = (
+  "gravity_x",
+  "gravity_y",
+  "differential_damping",
+  "servo_time_constant",
+  "ackermann_fraction",
+  "suspension_frequency",
+  "suspension_damping_ratio",
+)
 
 
 class Fields:
@@ -48,6 +57,7 @@ class Fields:
     self._timestep = float(model.opt.timestep)
     self._rest = _Rest(model, self._handles.chassis)
     self._full_ackermann = car.track_width / (2.0 * car.wheelbase)
+    self._springs = _Springs(batch, [model.joint(f"{wheel}_suspension") for wheel in WHEELS])
     self.values: dict[str, Array] = {}
 
   def load(self, values: dict[str, Array]) -> None:
@@ -118,6 +128,30 @@ class Fields:
     if "ackermann_fraction" in changed:
       curve = self._full_ackermann * self.values["ackermann_fraction"][rows]
       self._batch.expand("eq_data")[rows, self._ackermann, 2] = curve
+    if changed & {"suspension_frequency", "suspension_damping_ratio"}:
+      frequency, ratio = self.values["suspension_frequency"][rows], self.values["suspension_damping_ratio"][rows]
+      self._springs.write(rows, frequency, ratio)
+
+
+class _Springs:
+  """Suspension of the four wheels, at the static load the car was built for."""
+
+  def __init__(self, batch: Batch, joints: list):
+    model = batch.model
+    self._batch = batch
+    self._places = [(j.id, int(j.qposadr[0]), int(j.dofadr[0])) for j in joints]
+    self._load = [-model.jnt_stiffness[joint] * model.qpos_spring[place] for joint, place, _ in self._places]
+    self._sprung = float(np.sum(self._load)) / GRAVITY
+    self._quickest = FASTEST_DAMPER * float(model.body_mass[model.jnt_bodyid[self._places[0][0]]])
+
+  def write(self, rows: Rows, frequency: Array, damping_ratio: Array) -> None:
+    """Of the bounce, Hz and -, (n,)."""
+    stiffness = self._sprung / 4.0 * (2.0 * np.pi * frequency) ** 2
+    damping = np.minimum(damping_ratio * np.sqrt(stiffness * self._sprung), self._quickest)
+    for (joint, place, dof), load in zip(self._places, self._load, strict=True):
+      self._batch.expand("jnt_stiffness")[rows, joint] = stiffness
+      self._batch.expand("qpos_spring")[rows, place] = -load / stiffness
+      self._batch.expand("dof_damping")[rows, dof] = damping
 
 
 class _Rest:

@@ -42,6 +42,7 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
                 std=std.get("cg_to_front", 0.01 * length)),
       Parameter("cg_height_offset", 0.0, -0.8 * v.cg_height, 1.5 * v.cg_height, "m", "dh",
                 std=std.get("cg_height", 0.1 * v.cg_height)),
+      _near("suspension_frequency", v.suspension_frequency, 0.3, "Hz", "f_z", 2.0),
     )
   )  # fmt: skip
 
@@ -59,6 +60,7 @@ def quantities(theta: Array, base: ParameterSet, vehicle: Vehicle) -> dict[str, 
     "relaxation_length": wheelwise(column.pop("relaxation_length")),
     "tyre_shape": wheelwise(column.pop("tyre_shape")),
     "load_exponent": wheelwise(vehicle.load_exponent),
+    "suspension_damping_ratio": np.full(size, vehicle.suspension_damping_ratio),
   }
   zeros = ("driveline_damping", "differential_damping", "gravity_x", "gravity_y")
   zeros += ("added_mass", "added_mass_x", "added_mass_y", "cg_lateral_offset")

@@ -83,7 +83,7 @@ class Vehicle:
   ackermann_fraction: float = 1.0
   wheel_mass: float = 0.1
   wheel_inertia: float = 6.0e-5
-  suspension_frequency: float = 5.0
+  suspension_frequency: float = 8.0
   suspension_damping_ratio: float = 0.6
   std: Mapping[str, float] = dataclasses.field(default_factory=dict)
 

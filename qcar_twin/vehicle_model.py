@@ -18,7 +18,7 @@ __all__ = ["Handles", "differential_rows", "servo_force", "tyre_of", "write"]
 
 _LOOKS_GROUP = 2
 _KNUCKLE_INERTIA = 2e-4  # of a road wheel with its share of the servo / mass of the car, m^2
-_FASTEST_DAMPER = 220.0  # 1/s, damping of a wheel's travel / its mass: what an explicit step of 5 ms stands
+FASTEST_DAMPER = 220.0  # 1/s, damping of a wheel's travel / its mass: what an explicit step of 5 ms stands
 _FASTEST_SERVO = 1e3  # rad/s, stands for no limit
 
 
@@ -127,7 +127,7 @@ def _chassis_inertia(car: Vehicle, mass: float) -> list[float]:
 def _write_wheels(spec: mujoco.MjSpec, car: Vehicle) -> None:
   sprung = car.mass - 4.0 * car.wheel_mass
   stiffness = sprung / 4.0 * (2.0 * math.pi * car.suspension_frequency) ** 2
-  damping = min(car.suspension_damping_ratio * math.sqrt(stiffness * sprung), _FASTEST_DAMPER * car.wheel_mass)
+  damping = min(car.suspension_damping_ratio * math.sqrt(stiffness * sprung), FASTEST_DAMPER * car.wheel_mass)
   for wheel, position in zip(WHEELS, car.wheel_positions, strict=True):
     body, joint, geom = spec.body(wheel), spec.joint(f"{wheel}_suspension"), spec.geom(wheel)
     load = car.static_load[0 if wheel.startswith("front") else 1]

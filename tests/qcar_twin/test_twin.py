@@ -50,7 +50,9 @@ def test_stepping_equals_a_rollout(twin: Twin):
 
 def test_mirrored_commands_give_mirrored_motion(twin: Twin):
   signals = twin.rollout(twin.parameters.nominal, drive(steering=(0.2, -0.2))).signals[0]
-  odd = np.array([name in ("pose_y", "pose_yaw", "velocity_y", "yaw_rate", "accel_y", "steering_angle") for name in SIGNALS])
+  odd = np.array(
+    [name in ("pose_y", "pose_yaw", "velocity_y", "yaw_rate", "accel_y", "steering_angle") for name in SIGNALS]
+  )
   np.testing.assert_allclose(signals[0], signals[1] * np.where(odd, -1.0, 1.0), atol=2e-3)
 
 
@@ -61,7 +63,9 @@ def test_nothing_moves_without_a_command(twin: Twin):
 
 def test_steady_speed_balances_torque_damping_and_friction(twin: Twin):
   values = twin.parameters.named(twin.parameters.nominal)
-  end = twin.rollout(twin.parameters.nominal, drive(voltage=2.0, steering=(0.0,), seconds=6.0)).channel("motor_speed")[0, 0, -1]
+  end = twin.rollout(twin.parameters.nominal, drive(voltage=2.0, steering=(0.0,), seconds=6.0)).channel("motor_speed")[
+    0, 0, -1
+  ]
   expected = (values["torque_per_volt"] * 2.0 - values["driveline_friction"]) / values["motor_damping"]
   assert end == pytest.approx(expected, rel=0.01)
 
@@ -72,6 +76,25 @@ def test_a_steady_turn_has_the_single_track_yaw_rate(twin: Twin):
   signals = twin.rollout(theta, drive(voltage=1.0, steering=(0.05,), seconds=6.0)).signals[0, 0, -1]
   v, r = signals[SIGNALS.index("velocity_x")], signals[SIGNALS.index("yaw_rate")]
   assert r == pytest.approx(v * 0.05 / CAR.wheelbase, rel=0.02)
+
+
+@pytest.mark.parametrize("frequency", [4.0, 16.0])
+def test_a_fitted_suspension_is_the_car_built_with_it(twin: Twin, frequency):
+  """Bounce frequency as a parameter equals the compiled model's; a softer car feels more of g sin(roll)."""
+  built = Twin(dataclasses.replace(CAR, suspension_frequency=frequency), substeps=2)
+  wanted = built.rollout(built.parameters.nominal, drive()).signals
+  found = twin.rollout(twin.parameters.vector({"suspension_frequency": frequency}), drive()).signals
+  np.testing.assert_allclose(found, wanted, atol=1e-9)
+
+
+def test_a_softer_car_feels_more_of_its_roll(twin: Twin):
+  """accel_y / (v_x r) - 1 = g h / ((pi f t)^2 - g h) and what wheel contacts give, about a hundredth."""
+  theta = np.stack([twin.parameters.vector({"suspension_frequency": f}) for f in (4.0, 8.0)])
+  signals = twin.rollout(theta, drive(steering=(0.15,))).signals[:, 0, -1]
+  accel, speed, yaw_rate = (signals[:, SIGNALS.index(name)] for name in ("accel_y", "velocity_x", "yaw_rate"))
+  lever = 9.81 * CAR.cg_height
+  expected = lever / ((np.pi * np.array([4.0, 8.0]) * CAR.track_width) ** 2 - lever)
+  np.testing.assert_allclose(accel / (speed * yaw_rate) - 1.0, expected + 0.01, rtol=0.2)
 
 
 def test_the_step_hardly_matters():
@@ -114,7 +137,7 @@ def test_a_printed_twin_names_its_parts(twin: Twin):
 
 
 def test_a_file_gives_the_same_twin_back(tmp_path):
-  twin = Twin(dataclasses.replace(CAR, name="Auto \"Ü\""), select(["steering_delay", "gyro_scale"]), substeps=2)
+  twin = Twin(dataclasses.replace(CAR, name='Auto "Ü"'), select(["steering_delay", "gyro_scale"]), substeps=2)
   theta = twin.parameters.vector({"mass": 2.9, "steering_delay": 0.03})
   again, loaded = load_twin(save_twin(tmp_path / "twin.toml", twin, theta), substeps=2)
   assert [m.name for m in again.mechanisms] == ["steering_delay"]  # a null mechanism is left out
