@@ -131,7 +131,7 @@ def _fit_base(
   whole = np.zeros((len(observations), len(base)))
   for k in range(rounds + 1):
     residual = lambda v, p=problem: p.residual(p.embed(base.names, v, around))[:, :fitted]  # noqa: E731
-    found = fit(residual, base, start, iterations=6, tolerance=1e-2 if k == 0 else 3e-4, robust=np.inf,
+    found = fit(residual, base, start, iterations=6 if k < rounds else 12, tolerance=1e-2 if k < rounds else 0.0, robust=np.inf,
                 progress=lambda i, c, k=k: log.info("round %d iteration %d: cost %.1f", k, i, c))  # fmt: skip
     start = found.theta
     if k < rounds:

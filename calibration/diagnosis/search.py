@@ -84,16 +84,16 @@ def search(
   pool = Pool(problem, baseline.fit.parameters, {frozenset(): base}, signatures, sensor_floor(baseline.passport))  # fmt: skip
   report("refitting single mechanisms")
   _fit_sets(pool, [frozenset([n]) for n in _nominate_singles(signatures, effort.singles)], effort.iterations)
-  _reweight(pool)
+  _reweight_if_worth_it(pool)
   report("refitting pairs")
   _fit_sets(pool, _nominate_pairs(pool, effort.pairs), effort.iterations)
-  _reweight(pool)
   if _worth_growing(pool):
     report("refitting triples")
     _fit_sets(pool, _nominate_triples(pool, effort.triples), effort.iterations)
-    _reweight(pool)
-  report("polishing the best models")
-  _polish(pool)
+  report("polishing the best model")
+  best = pool.best(list(pool.models.values()))
+  if best is not pool.base:
+    refine(pool.problem, [best], 1, full=True)
   return pool
 
 
@@ -182,9 +182,21 @@ def _not_worse(pool: Pool, item: Candidate, parent: Candidate) -> Candidate:
   return again
 
 
-def _reweight(pool: Pool) -> None:
-  """Take channel weights from the best model so far; known residuals and Jacobians are rescaled."""
-  best = pool.best(list(pool.models.values()))
+def _reweight_if_worth_it(pool: Pool) -> None:
+  """Take channel weights from the best single where it explains much: what it explains was no noise.
+
+  Elsewhere the weights stay as they were, so that all models stand at the minimum of one and the
+  same cost; here the base and the best model are brought to the new one with all their columns.
+  """
+  best = pool.best(pool.of_size(1))
+  if best is pool.base or compare(best, pool.base, pool.problem.observations).relative < 0.1:
+    return
+  _reweight(pool, best)
+  refine(pool.problem, [pool.base, best], 1, full=True)
+
+
+def _reweight(pool: Pool, best: Candidate) -> None:
+  """Weights from a model's residuals; known residuals, Jacobians and signatures are rescaled."""
   problem = pool.problem
   old = problem.whiten(np.ones(len(problem.observations)))
   weighting = weighting_from(problem.observations, best.residual / old, pool.floor)
@@ -207,12 +219,3 @@ def _worth_growing(pool: Pool) -> bool:
     return False
   gain = compare(pool.best(pairs), pool.best(pool.of_size(1)), pool.problem.observations)
   return gain.gain > 10.0 and gain.t > 2.0
-
-
-def _polish(pool: Pool) -> None:
-  """Refit the base and the best model with all columns simulated, and one step more for the best singles."""
-  best = pool.best(list(pool.models.values()))
-  chosen = [pool.base] if best is pool.base else [pool.base, best]
-  refine(pool.problem, chosen, 1, full=True)
-  near = sorted((m for m in pool.of_size(1) if m is not best), key=lambda m: m.cost)
-  refine(pool.problem, near[:3], 1)
