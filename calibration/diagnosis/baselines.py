@@ -86,6 +86,8 @@ def unprofiled_ranking(
   problem: Problem, base: Candidate, mechanisms: Sequence[Mechanism]
 ) -> tuple[tuple[str, float], ...]:
   """Mechanisms by the nats their effect at typical size, scaled freely, takes off the residual, best first."""
+  # what every model fits anyway (biases of the IMU) is no rival
+  mechanisms = [m for m in mechanisms if not any(p.name in base.free for p in m.parameters)]
   jobs = [(m, start) for m in mechanisms for start in trial_starts(m, (1.0,))]
   gains: dict[str, float] = {m.name: 0.0 for m in mechanisms}
   for first in range(0, len(jobs), 24):

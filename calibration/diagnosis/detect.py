@@ -194,7 +194,7 @@ def prior_shifts(base: Candidate) -> dict[str, float]:
   """(fitted - prior) / sqrt(prior variance - posterior variance) of parameters with a stated prior that the data inform."""
   out = {}
   for i, parameter in enumerate(base.free):
-    if parameter.std is None:
+    if parameter.std is None or parameter.null is not None:  # a sensor's bias was never measured
       continue
     left = parameter.std**2 - base.std[i] ** 2
     if left > 0.05 * parameter.std**2:

@@ -13,7 +13,7 @@ from calibration.diagnosis.locate import Location, Span
 from calibration.diagnosis.search import Pool
 from calibration.diagnosis.ship import ChannelFit
 from calibration.observations import CHANNELS, UNITS, Observations
-from calibration.report.style import BEFORE, NOISE, TWIN, draw, new_figure
+from calibration.report.style import BEFORE, NOISE, TWIN, draw, new_figure, shade_noise
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ _MOMENT = 0.25  # s of driving that share one colour on the map
 
 
 def traces(pool: Pool, after: Array, location: Location, most: int = 3) -> Figure | None:
-  """Measured, before and after over time in the recordings and channels that carry most of the evidence.
+  """Signals (left) and their errors (right) over time where most of the evidence is, seconds that carry it marked.
 
   Args:
     pool: its base is "before".
@@ -35,21 +35,25 @@ def traces(pool: Pool, after: Array, location: Location, most: int = 3) -> Figur
   if not rows:
     return None
   factor = pool.problem.whiten(np.ones(len(observations)))
-  figure, axes = new_figure(len(rows), 1, row_height=2.2)
-  for axis, (recording, channel) in zip(axes[:, 0], rows, strict=True):
-    mine = np.flatnonzero(
-      (observations.recording == observations.names.index(recording)) & observations.select(channel)
-    )
-    mine = mine[np.argsort(observations.time[mine], kind="stable")]
+  figure, axes = new_figure(len(rows), 2, width=10.5, row_height=2.3)
+  for (left, right), (recording, channel) in zip(axes, rows, strict=True):
+    mine = _trace(observations, recording, channel)
     time, measured = observations.time[mine], observations.measured[mine]
-    _mark(axis, location.time, recording)
-    draw(axis, time, measured, "measured")
-    draw(axis, time, measured + pool.base.residual[mine] / factor[mine], "before")
+    errors = {"before": pool.base.residual[mine] / factor[mine]}
     if after is not pool.base.residual:
-      draw(axis, time, measured + after[mine] / factor[mine], "twin", "repaired twin")
-    axis.set_title(recording, loc="left")
-    axis.set_ylabel(f"{channel.replace('_', ' ')} [{UNITS[channel]}]")
-  axes[-1, 0].set_xlabel("time [s]")
+      errors["twin"] = after[mine] / factor[mine]
+    draw(left, time, measured, "measured")
+    for who, error in errors.items():
+      draw(left, time, measured + error, who, "repaired twin" if who == "twin" else "before")
+      draw(right, time, error, who)
+    shade_noise(right, pool.floor.get(channel, 0.0))
+    for axis in (left, right):
+      _mark(axis, location.time, recording)
+    left.set_title(recording, loc="left")
+    left.set_ylabel(f"{channel.replace('_', ' ')} [{UNITS[channel]}]")
+    right.set_title("error; sensor noise shaded", loc="left")
+  for axis in axes[-1]:
+    axis.set_xlabel("time [s]")
   _legend(axes[0, 0])
   return figure
 
@@ -89,7 +93,7 @@ def drive_map(observations: Observations, location: Location) -> Figure | None:
   drawn.set_clim(0.0, max(top, 1e-9))
   axis.add_collection(drawn)
   axis.autoscale()
-  axis.set_aspect("equal", adjustable="datalim")
+  axis.set_aspect("equal", adjustable="box")
   axis.set_xlabel("x [m]")
   axis.set_ylabel("y [m]")
   figure.colorbar(drawn, ax=axis, label="evidence [nats/s]", shrink=0.8)
@@ -151,6 +155,13 @@ def _trace_rows(location: Location, observations: Observations, most: int) -> li
       if sum(r == recording for r, _ in sums) < 2:
         sums[recording, channel] = float(total[number])
   return [(observations.names[r], CHANNELS[c]) for r, c in sums]
+
+
+def _trace(observations: Observations, recording: str, channel: str) -> NDArray[np.int64]:
+  """Rows of one channel of one recording, in order of time."""
+  mine = observations.select(channel) & (observations.recording == observations.names.index(recording))
+  rows = np.flatnonzero(mine)
+  return rows[np.argsort(observations.time[rows], kind="stable")]
 
 
 def _legend(axis: Axes) -> None:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.circumstances import UNITS, Circumstances, circumstances
 from calibration.diagnosis.region import Region, find_region
-from calibration.diagnosis.score import channel_shares
 from calibration.diagnosis.search import Pool
 from calibration.diagnosis.unknown import SUBSYSTEM
 from calibration.observations import CHANNELS, Observations
@@ -67,6 +66,7 @@ def locate(
   unknown_gains: Mapping[str, float] | None = None,
   unknown: Candidate | None = None,
   prediction: Prediction | None = None,
+  claimed: Sequence[str] = (),
 ) -> Location:
   """Say where the mismatch is.
 
@@ -76,18 +76,23 @@ def locate(
     unknown_gains: held-out gain of every UNKNOWN rival over the base, nats, by name ("unknown_force_x").
     unknown: the best UNKNOWN rival where the verdict rests on it (nothing claimed, yet a mismatch).
     prediction: the recalibrated twin's signals, one vector; simulated when absent.
+    claimed: all claimed mechanisms; those that are part of every model (IMU biases) are located by
+      what leaving them out would cost when nothing else is claimed.
   """
   gains = dict(sorted((unknown_gains or {}).items(), key=lambda kv: -kv[1]))
   base, observations = pool.base, pool.problem.observations
-  better = model if model.mechanisms else unknown
-  source = "claim" if model.mechanisms else ("unknown" if unknown is not None else "residual")
-  evidence = value_evidence(pool, better)
+  nuisances = [n for n in claimed if n not in model.mechanisms] if not model.mechanisms else []
+  if nuisances and unknown is None:
+    source, evidence = "claim", nuisance_evidence(pool, nuisances)
+  else:
+    source = "claim" if model.mechanisms else ("unknown" if unknown is not None else "residual")
+    evidence = value_evidence(pool, model if model.mechanisms else unknown)
   prediction = prediction or pool.problem.predict(base.theta[None])
   around = circumstances(observations, prediction, *_drive(pool, base))
   return Location(
     source=source,
-    subsystem=_subsystem(pool, model, unknown),
-    channels=channel_shares(better, base, observations) if better is not None else _residual_shares(base, observations),
+    subsystem=_subsystem(pool, model, unknown, nuisances),
+    channels=evidence_shares(evidence, observations),
     degree=next(iter(gains), "").removeprefix("unknown_"),
     degrees={name.removeprefix("unknown_"): gain for name, gain in gains.items()},
     time=evidence_spans(evidence, observations),
@@ -103,6 +108,24 @@ def value_evidence(pool: Pool, better: Candidate | None) -> Array:
     return 0.5 * (base.residual**2 - better.residual**2)
   floor = np.array([pool.floor.get(name, 0.0) for name in CHANNELS])[observations.channel]
   return 0.5 * (base.residual**2 - pool.problem.whiten(floor) ** 2)
+
+
+def nuisance_evidence(pool: Pool, mechanisms: Sequence[str]) -> Array:
+  """Nats per value, (M,), that mechanisms which are part of every model bring, to first order."""
+  base = pool.base
+  names = {p.name for m in mechanisms for p in pool.problem.mechanism(m).parameters}
+  columns = [i for i, name in enumerate(base.free.names) if name in names]
+  without = base.residual - base.jacobian[:, columns] @ base.values[columns]
+  return 0.5 * (without**2 - base.residual**2)
+
+
+def evidence_shares(evidence: Array, observations: Observations) -> dict[str, float]:
+  """Share of the evidence each channel holds, largest first; a channel that speaks against it has none."""
+  sums = {
+    CHANNELS[i]: max(float(evidence[observations.channel == i].sum()), 0.0) for i in np.unique(observations.channel)
+  }
+  total = sum(sums.values()) or 1.0
+  return {name: value / total for name, value in sorted(sums.items(), key=lambda kv: -kv[1])}
 
 
 def evidence_spans(
@@ -150,22 +173,13 @@ def _block_span(observations: Observations, number: int, share: float) -> Span:
   return Span(observations.names[observations.recording[rows[0]]], float(time.min()), float(time.max()), float(share))
 
 
-def _residual_shares(base: Candidate, observations: Observations) -> dict[str, float]:
-  """Share of the squared residual each channel holds."""
-  sums = {
-    CHANNELS[i]: float(np.sum(base.residual[observations.channel == i] ** 2)) for i in np.unique(observations.channel)
-  }
-  total = sum(sums.values()) or 1.0
-  return {name: value / total for name, value in sorted(sums.items(), key=lambda kv: -kv[1])}
-
-
-def _subsystem(pool: Pool, model: Candidate, unknown: Candidate | None) -> str:
+def _subsystem(pool: Pool, model: Candidate, unknown: Candidate | None, nuisances: Sequence[str]) -> str:
   """Of the mechanism whose removal would cost most, else of the unknown rival, else none."""
   if model.mechanisms:
     return pool.problem.mechanism(_heaviest(pool, model)).subsystem
-  if unknown is None:
-    return "none"
-  return subsystem_of_unknown(unknown.mechanisms[0])
+  if unknown is not None:
+    return subsystem_of_unknown(unknown.mechanisms[0])
+  return pool.problem.mechanism(nuisances[0]).subsystem if nuisances else "none"
 
 
 def subsystem_of_unknown(name: str) -> str:

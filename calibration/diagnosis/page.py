@@ -181,7 +181,9 @@ def _errors(d: Diagnosis) -> Section:
   )
   shown = d.holdout or d.validate
   share = recovered_share(shown)
-  text += f"\n\nOf the error above the noise floor, {100 * share:.0f} % is gone."
+  if d.decision.claims:
+    gone = f"Of the squared error above the noise floor, {100 * share:.0f} % is gone."
+    text += f"\n\n{gone if share > 0 else 'The repair does not lower the error on these recordings.'}"
   chart = _pictures(
     (figures.before_and_after(shown), "Errors before and after in multiples of the noise, with 95 % bounds")
   )
@@ -201,8 +203,8 @@ def _priors(d: Diagnosis) -> Section:
   rows = []
   for name, shift in parameter_shifts(base).items():
     final = model.estimate(name)[0] if name in model.free else None
-    measured = base.free[name].std is not None
-    rows.append((name, base.free[name].unit, shift["prior"], float(base.free.std[base.free.index(name)]) if measured else None,
+    measured = base.free[name].std is not None and base.free[name].null is None
+    rows.append((name, base.free[name].unit, shift["prior"] if base.free[name].null is None else None, float(base.free.std[base.free.index(name)]) if measured else None,
                  shift["fitted"], base.estimate(name)[1], surprise.get(name), final))  # fmt: skip
   text = (
     "An effect that recalibration absorbs leaves no error; it shows as a measured parameter that moved."

@@ -73,7 +73,7 @@ def test_drift_names_the_parameter_and_the_recordings():
 def test_a_measured_parameter_that_moved_is_named():
   twin = rig.LinearTwin()
   heavy = rig.LinearTwin()
-  recordings = rig.measure(heavy, rig.drive(), {"mass": 3.2}, noise=0.2)
+  recordings = rig.measure(heavy, rig.drive(), {"mass": 3.45}, noise=0.2)
   base = rig.solved(rig.problem_of(twin, recordings))
   statistic, (alarm, _) = prior_conflict(base)
   assert statistic > LEVELS["priors"]

@@ -38,6 +38,23 @@ def test_an_unknown_sensor_is_located_in_the_sensor(clean_pool):
   assert place.source == "unknown" and place.subsystem == "sensor" and place.degree == "sensor_accel_y"
 
 
+def test_a_claimed_bias_is_located_although_every_model_has_it():
+  twin = rig.LinearTwin(("gyro_bias",))
+  recordings = rig.measure(twin, rig.drive(), {"gyro_bias": 0.2})
+  problem = rig.problem_of(twin, recordings)
+  base = rig.solved(problem, ("gyro_bias",))
+  base.mechanisms = ()  # part of the base, as the sensors' biases are
+  pool = rig.Pool(problem=problem, priors=rig.BASE, models={frozenset(): base}, signatures={}, floor=dict(rig.NOISE))
+  place = locate(pool, base, claimed=("gyro_bias",))
+  assert place.source == "claim" and place.subsystem == "sensor"
+  assert place.channels["yaw_rate"] > 0.99
+  without = rig.solved(problem)
+  assert place.evidence.sum() == pytest.approx(
+    0.5 * (without.residual @ without.residual - base.residual @ base.residual), rel=0.2
+  )
+  assert locate(pool, base).subsystem == "none"
+
+
 @pytest.mark.parametrize(
   ("name", "subsystem"),
   [("unknown_voltage", "drive"), ("unknown_steering", "steering"), ("unknown_force_y", "tyre"),

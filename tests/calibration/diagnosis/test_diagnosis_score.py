@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from calibration.diagnosis.score import best_of, channel_shares, compare, evidence, groups_of, held_out, prior_part
+from calibration.diagnosis.score import CAP, channel_shares, compare, evidence, groups_of, held_out, prior_part
 from calibration.observations import CHANNELS
 
 
@@ -82,7 +82,12 @@ def test_prior_part_counts_standard_deviations(offset_pool):
   assert prior_part(model) == pytest.approx(0.5 * 4.0 * len(model.free))
 
 
-def test_best_of_prefers_what_holds_on_data_left_out(offset_pool):
-  models = list(offset_pool.models.values())
-  best = best_of(models, offset_pool.base, offset_pool.problem.observations)
-  assert best.mechanisms == ("steering_offset",)
+def test_the_pool_prefers_what_holds_on_data_left_out(offset_pool):
+  assert offset_pool.best(list(offset_pool.models.values())).mechanisms == ("steering_offset",)
+
+
+def test_no_block_brings_more_than_the_cap(offset_pool):
+  model, base = offset_pool.models[frozenset(["steering_offset"])], offset_pool.base
+  test = compare(model, base, offset_pool.problem.observations)
+  assert test.gain <= CAP * len(test.blocks)
+  assert test.total == pytest.approx(test.blocks.sum())  # none of them is a hundred times the cap

@@ -1,0 +1,56 @@
+"""Decisions and whole diagnoses put together by hand, for what writes and shows them."""
+
+from types import SimpleNamespace
+
+import diagnosis_rig as rig
+
+from calibration.diagnosis.decide import Claim, Decision
+from calibration.diagnosis.detect import detect
+from calibration.diagnosis.locate import locate
+from calibration.diagnosis.output import Diagnosis
+from calibration.diagnosis.score import Comparison
+from calibration.diagnosis.ship import ChannelFit
+from qcar_twin.mechanisms import catalogue
+
+HELD: Comparison = SimpleNamespace(gain=120.0, total=120.0, t=5.0, share_positive=0.9)  # type: ignore[assignment]
+
+
+def claim_of(mechanism, equivalent=(), gain=300.0):
+  """A claim whose parameters have their typical size, known to a twentieth."""
+  parameters = {}
+  for p in mechanism.parameters:
+    size = p.typical or 0.1
+    value = size if p.null is None else p.null + size
+    parameters[p.name] = {"value": value, "std": size / 20.0, "unit": p.unit}
+  rivals = tuple((name, 0.5 * gain) for name in equivalent) or (("steering_lag", 100.0),)
+  return Claim(mechanism.name, 0.97, gain, HELD, parameters, rivals, tuple(equivalent), True)
+
+
+def decision_of(verdict, claimed, equivalent=(), unknown=None, model=None, ranking=()):
+  """A decision with claims of typical size."""
+  claims = tuple(claim_of(catalogue()[name], equivalent) for name in claimed)
+  ranked = ranking or tuple((c.mechanism, c.evidence_nats) for c in claims)
+  return Decision(verdict, claims, (), model, (unknown, HELD) if unknown else None, ranked)  # type: ignore[arg-type]
+
+
+def diagnosis_of(pool, claimed=(), verdict="explained", unknown=None, **changes):
+  """A whole diagnosis of a pool of the linear car."""
+  model = pool.models[frozenset(claimed)]
+  ranking = tuple(sorted(((n, s.gain) for n, s in pool.signatures.items()), key=lambda kv: -kv[1]))
+  decision = decision_of(verdict, claimed, unknown=unknown, model=model, ranking=ranking)
+  fits = {
+    "yaw_rate": ChannelFit(0.2, 0.16, 0.15, (-0.3, -0.1), "rad/s", 900),
+    "accel_y": ChannelFit(0.7, 0.52, 0.5, (-0.35, -0.2), "m/s^2", 900),
+  }
+  values = {
+    "dataset": "linear car",
+    "decision": decision,
+    "detection": detect(rig.baseline_of(pool.problem, pool.base), pool.base),
+    "location": locate(pool, model, {"unknown_steering": 80.0, "unknown_force_y": 20.0}),
+    "pool": pool,
+    "validate": fits,
+    "holdout": fits,
+    "seconds": 12.5,
+    "stages": {"recalibration": 8.0, "scan": 3.0, "search": 1.5},
+  }
+  return Diagnosis(**(values | changes))
