@@ -61,5 +61,6 @@ class Model:
       imu_y=self.vehicle.imu_y,
       steering_lag=STEERING_LAG[plant],
       lidar_correlation=0.3,
+      front_drive_share=0.0 if plant == "bicycle" else 0.5,
     )
     return dataclasses.replace(base, **changes)

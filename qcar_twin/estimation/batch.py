@@ -207,6 +207,8 @@ class FederatedBatch:
     """Encoder, then gyro; both gates look at the prediction, as in the joint update."""
     cars, settings = self.cars, self.settings
     noises = (settings.speed_std**2, settings.yaw_rate_std**2)
+    faster = 1.0 + settings.front_drive_share * (1.0 / np.cos(cars.steering) - 1.0)
+    motion = np.stack([motion[:, 0] / faster, motion[:, 1]], axis=-1)
     used = []
     for i, row in enumerate((V, R)):
       innovation = motion[:, i] - cars.bicycle[:, row]

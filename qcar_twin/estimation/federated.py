@@ -51,6 +51,12 @@ class FederatedFilter:
     """Of the last lidar fix in EKF_BM and in EKF_PM."""
     return self._filters.nis
 
+  @property
+  def evidence(self) -> tuple[float, float]:
+    """Log likelihood of the fixes in EKF_BM and in EKF_PM; counts a fix again when the past is filtered again."""
+    bicycle, point = self._filters.evidence
+    return bicycle, point
+
   # -- what arrives ------------------------------------------------------------------------------
 
   def update(self, time: float, channel: str, value: float) -> None:

@@ -66,6 +66,8 @@ class LocalFilters:
   Attributes:
     refused: how often a measurement was not used, by (channel, reason).
     nis: of the last lidar fix in EKF_BM and in EKF_PM.
+    evidence: log likelihood of all fixes in EKF_BM and in EKF_PM (constants left out), what is beyond a gate
+      counting as if on its edge; for fitting the noise.
   """
 
   def __init__(self, car: Car, settings: FilterSettings):
@@ -73,6 +75,7 @@ class LocalFilters:
     self.car = Car(**{f.name: float(np.asarray(getattr(car, f.name))) for f in dataclasses.fields(Car)})
     self.refused: Counter[tuple[str, str]] = Counter()
     self.nis = (math.nan, math.nan)
+    self.evidence = [0.0, 0.0]
     self._bicycle = LocalFilter(np.zeros(6), np.eye(6), settings.bicycle_noise)
     self._point = LocalFilter(np.zeros(4), np.eye(4), settings.point_noise)
     self._identity = np.eye(6)
@@ -158,6 +161,7 @@ class LocalFilters:
     bicycle, watch = self._bicycle, self._held.watch
     speed, yaw_rate = slot.speed, slot.yaw_rate
     if speed is not None:
+      speed /= 1.0 + self.settings.front_drive_share * (1.0 / math.cos(self._held.angle) - 1.0)
       watch.travel(speed, self.settings.period)
     speed = None if watch.doubted else self._gated("speed", speed, V)
     yaw_rate = self._gated("yaw_rate", yaw_rate, R)
@@ -244,7 +248,9 @@ class LocalFilters:
     covariance = local.innovation_covariance(rows, noise)
     nis = float(innovation @ np.linalg.solve(covariance, innovation))
     self.nis = (nis, self.nis[1]) if which == 0 else (self.nis[0], nis)
-    return nis <= self.settings.limits[len(rows) - 1]
+    limit = self.settings.limits[len(rows) - 1]
+    self.evidence[which] -= 0.5 * (min(nis, limit) + math.log(np.linalg.det(covariance)))
+    return nis <= limit
 
   def report(self, time: float) -> Estimate:
     """The master's position and EKF_BM's motion, as an estimate at `time` s."""

@@ -14,6 +14,7 @@ from qcar_twin.single_track import Car
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Heard = tuple[Array, Array, Array | None, int]
 COLUMN = {name: i for i, name in enumerate(SIGNALS)}
 
 
@@ -64,11 +65,17 @@ class SensedObserver:
     suite: sensors of N cars; the lidar's channel order is pose_x, pose_y, pose_yaw, pose_score.
     car: the identified model the filter predicts with.
     settings: of the filter.
+
+  Attributes:
+    heard: what the filter was given each period, when `keep` is set: speed and yaw rate (N, 2), accelerations
+      (N, 2), a fix (N, 4) or None and its age in periods.
   """
 
-  def __init__(self, suite: SensorSuite, car: Car, settings: FilterSettings | None = None):
+  def __init__(self, suite: SensorSuite, car: Car, settings: FilterSettings | None = None, keep: bool = False):
     self.suite = suite
     self._rolling_radius = float(np.asarray(car.rolling_radius))
+    self.heard: list[Heard] = []
+    self._keep = keep
     settings = settings or FilterSettings()
     self.filter = FederatedBatch(car, settings, suite.count, oldest=round(settings.buffer / settings.period))
 
@@ -90,6 +97,8 @@ class SensedObserver:
       if "pose_x" in reading.channels:
         fix, age = reading.values, reading.age
       motion, accel = self._take(reading, motion.copy(), accel)
+    if self._keep:
+      self.heard.append((motion, accel, fix, age))
     self.filter.advance(motion, accel, fix, age)
     return self.filter.estimate()
 

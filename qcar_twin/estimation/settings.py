@@ -38,6 +38,9 @@ class FilterSettings:
     imu_x, imu_y: lever arm of the IMU from the centre of gravity, m.
     accel_x_bias, accel_y_bias, yaw_rate_bias: known from standstill, m/s^2 and rad/s, subtracted.
     steering_lag: first-order time constant of the steering servo between command and angle, s; the paper has none.
+    front_drive_share: of the front axle in the speed the encoder sees. Steered wheels roll faster than the car,
+      v / cos(steering angle): 0.5 for a motor between open differentials, 0 for rear drive and for the
+      plain single track.
     buffer: how late a measurement may come, s.
     accel_timeout: without an accelerometer for this long EKF_PM is left out, s.
     lidar_timeout: without an accepted fix for this long the estimate is not valid, s.
@@ -46,14 +49,14 @@ class FilterSettings:
   """
 
   period: float = 0.01
-  walk_position: float = 0.002
+  walk_position: float = 0.005
   walk_speed: float = 0.3
-  walk_yaw: float = 0.005
+  walk_yaw: float = 0.01
   walk_sideslip: float = 0.15
   walk_yaw_rate: float = 2.0
   walk_point_position: float = 0.002
-  walk_point_velocity: float = 0.3
-  speed_std: float = 0.01
+  walk_point_velocity: float = 0.1
+  speed_std: float = 0.03
   yaw_rate_std: float = 0.02
   accel_std: float = 0.5
   central: bool = False
@@ -70,6 +73,7 @@ class FilterSettings:
   accel_y_bias: float = 0.0
   yaw_rate_bias: float = 0.0
   steering_lag: float = 0.0
+  front_drive_share: float = 0.0
   buffer: float = 1.0
   accel_timeout: float = 0.25
   lidar_timeout: float = 5.0

@@ -1,0 +1,58 @@
+"""Noise of the filters from recordings: the settings under which the measured poses are most likely."""
+
+import dataclasses
+import logging
+from collections.abc import Mapping, Sequence
+
+from qcar_twin.estimation.federated import FederatedFilter
+from qcar_twin.estimation.offline import events_of, filter_events
+from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.recording import Recording
+from qcar_twin.single_track import Car
+
+log = logging.getLogger(__name__)
+BICYCLE = ("walk_speed", "walk_yaw_rate", "walk_sideslip", "walk_yaw", "walk_position")
+POINT = ("walk_point_velocity",)
+FACTORS = (0.25, 0.5, 2.0, 4.0)
+
+
+def evidence(
+  recordings: Sequence[Recording], car: Car, settings: FilterSettings, lateness: Mapping[str, float] | None = None
+) -> tuple[float, float]:
+  """Log likelihood of the poses in EKF_BM and in EKF_PM over recordings: innovations, Gaussian, cut at the gate."""
+  bicycle = point = 0.0
+  for recording in recordings:
+    federated = FederatedFilter(car, settings)
+    filter_events(events_of(recording, lateness), federated)
+    bicycle, point = bicycle + federated.evidence[0], point + federated.evidence[1]
+  return bicycle, point
+
+
+def fit_noise(
+  recordings: Sequence[Recording],
+  car: Car,
+  settings: FilterSettings,
+  lateness: Mapping[str, float] | None = None,
+  rounds: int = 2,
+) -> FilterSettings:
+  """Coordinate search over the process noise of both filters, by factors of two and four.
+
+  Args:
+    recordings: with a pose as the filter will have it (rate, noise).
+    settings: where to begin; the sensors' own noise is taken as known, it cannot be told from the walks.
+    rounds: over all numbers.
+  """
+  best = evidence(recordings, car, settings, lateness)
+  for turn in range(rounds):
+    before = settings
+    for which, names in ((0, BICYCLE), (1, POINT)):
+      for name in names:
+        for factor in FACTORS:
+          trial = dataclasses.replace(settings, **{name: factor * getattr(before, name)})
+          found = evidence(recordings, car, trial, lateness)
+          if found[which] > best[which]:
+            settings, best = trial, found
+    log.info("noise fit, round %d: log likelihood %.1f and %.1f", turn + 1, *best)
+    if settings == before:
+      break
+  return settings

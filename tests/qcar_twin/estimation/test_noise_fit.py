@@ -1,0 +1,37 @@
+"""Process noise from recordings: the likelihood prefers the noise that was there."""
+
+import dataclasses
+
+import numpy as np
+from estimation_rig import CAR, journey
+from test_filter_offline import recording_of
+
+from qcar_twin.estimation.noise_fit import evidence, fit_noise
+from qcar_twin.estimation.settings import FilterSettings
+
+LOOSE = dataclasses.replace(FilterSettings(), walk_yaw=0.16, walk_position=0.08)
+
+
+def test_evidence_prefers_the_model_that_made_the_data():
+  """The rig's car has no process noise, so small walks explain it better than large ones and than wrong stiffness."""
+  recordings = [recording_of(journey(10.0, seed=3))]
+  right, _ = evidence(recordings, CAR, FilterSettings())
+  loose, _ = evidence(recordings, CAR, LOOSE)
+  wrong, _ = evidence(recordings, dataclasses.replace(CAR, cg_to_front=0.3), FilterSettings())
+  assert right > loose + 10.0 and right > wrong
+
+
+def test_search_finds_its_way_back_from_a_loose_start():
+  recordings = [recording_of(journey(6.0, seed=4))]
+  found = fit_noise(recordings, CAR, LOOSE, rounds=2)
+  before, after = (evidence(recordings, CAR, s) for s in (LOOSE, found))
+  assert after[0] > before[0] + 5.0 and after[1] >= before[1]
+  assert found.walk_yaw < 0.05 and found.walk_position < 0.03
+  assert found.speed_std == LOOSE.speed_std
+
+
+def test_evidence_adds_up_over_recordings():
+  one, two = (recording_of(journey(3.0, seed=s)) for s in (1, 2))
+  both = np.array(evidence([one, two], CAR, FilterSettings()))
+  apart = np.add(evidence([one], CAR, FilterSettings()), evidence([two], CAR, FilterSettings()))
+  np.testing.assert_allclose(both, apart, rtol=1e-12)
