@@ -21,6 +21,7 @@ from calibration.diagnosis.detect import Detection
 from calibration.diagnosis.locate import Location
 from calibration.diagnosis.search import Pool
 from calibration.diagnosis.ship import ChannelFit
+from calibration.diagnosis.unknown import smooth_forces
 
 VERDICTS = ("no_mismatch", "explained", "partly_explained", "unexplained")
 FILE, REPORT, FIGURES = "diagnosis.json", "report.html", "figures"
@@ -64,7 +65,7 @@ def write_outputs(out_dir: str | os.PathLike[str], diagnosis: Diagnosis) -> Path
   Raises:
     ValueError: the document breaks the schema; says where.
   """
-  from calibration.diagnosis.page import write_report  # matplotlib is only needed here
+  from calibration.diagnosis.page import write_report  # the page needs this module first
 
   folder = Path(out_dir)
   folder.mkdir(parents=True, exist_ok=True)
@@ -126,8 +127,6 @@ def unknown_summary(decision: Decision) -> dict[str, Any]:
 
 def unknown_variables(name: str) -> list[str]:
   """Variables an UNKNOWN rival is a function of."""
-  from calibration.diagnosis.unknown import smooth_forces
-
   for force in smooth_forces():
     if force.name == name:
       return list(getattr(force, "variables", ()))
