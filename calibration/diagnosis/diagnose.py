@@ -138,7 +138,7 @@ def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]):
   gains = {name: compare(m, pool.base, pool.problem.observations).gain for name, m in unknowns.items()}
   rests_on_unknown = decision.verdict == "unexplained" and decision.unknown is not None
   rival = unknowns[decision.unknown[0]] if rests_on_unknown and decision.unknown else None
-  return locate(pool, decision.model, gains, rival)
+  return locate(pool, decision.model, gains, rival, claimed=[c.mechanism for c in decision.claims])
 
 
 def _compared(twin: Twin, baseline: Baseline, pool: Pool, decision: Decision, recordings: list[Recording]):
