@@ -93,44 +93,39 @@ def decide(
     temper: factor on nats where samples are scarcer witnesses than their number says.
   """
   best = _simplified(pool, _grown(pool, thresholds), thresholds)
-  claims, possible = _bias_claims(pool, best, thresholds), []
-  for name in best.mechanisms:
-    claim = _claim(pool, best, name, thresholds)
-    (claims if _material(pool, best, name, thresholds.material) else possible).append(claim)
-  kept = frozenset(c.mechanism for c in claims) - set(BIAS_MECHANISMS)
-  best = pool.models.get(kept, best)
+  claims = _bias_claims(pool, best, thresholds) + [_claim(pool, best, name, thresholds) for name in best.mechanisms]
   claims.sort(key=lambda c: -c.evidence_nats)
   unknown = _best_unknown(pool, unknowns)
   verdict = _verdict(pool, best, claims, unknown, unknowns, thresholds)
   if verdict == "unexplained":
     claims = [dataclasses.replace(c, probability=0.5 * c.probability, certain=False) for c in claims]
-  return Decision(verdict, tuple(claims), tuple(c.mechanism for c in possible), best, unknown, _ranking(pool, claims))
+  return Decision(verdict, tuple(claims), _possible(pool, claims, thresholds), best, unknown, _ranking(pool, claims))
 
 
 def _grown(pool: Pool, thresholds: Thresholds) -> Candidate:
-  """Add what brings most, one or two at a time, as long as it is significant; swap for what is better."""
-  observations = pool.problem.observations
+  """The best set, size by size: each must beat the best smaller one significantly, and every member must matter."""
   best = pool.base
-  while True:
-    tests = {
-      key: compare(model, best, observations)
-      for key, model in pool.models.items()
-      if key > set(best.mechanisms) and key <= set(best.mechanisms) | set(pool.signatures)
-    }
-    good = {k: t for k, t in tests.items() if _significant(t, thresholds)}
-    if not good:
-      return best
-    # a larger set must earn each of its members
-    best = pool.models[max(good, key=lambda k: good[k].total - thresholds.nats * len(k))]
-    best = max((m for m in pool.of_size(len(best.mechanisms))), key=lambda m, b=best: _better(m, b, pool))
+  for size in (1, 2, 3):
+    better = [
+      model
+      for model in pool.of_size(size)
+      if all(_material(pool, model, name, thresholds.material) for name in model.mechanisms)
+      and _significant(compare(model, best, pool.problem.observations), thresholds)
+    ]
+    best = min(better, key=lambda m: m.cost, default=best)
+  return best
 
 
-def _better(model: Candidate, than: Candidate, pool: Pool) -> float:
-  """Held-out gain over another model of the same size, 0 unless it is clear."""
-  if model is than:
-    return 0.0
-  test = compare(model, than, pool.problem.observations)
-  return test.total if test.t > 2.0 else -1.0
+def _possible(pool: Pool, claims: list[Claim], thresholds: Thresholds) -> tuple[str, ...]:
+  """Mechanisms that alone are significant but too small to matter, and not claimed."""
+  named = {c.mechanism for c in claims}
+  return tuple(
+    model.mechanisms[0]
+    for model in sorted(pool.of_size(1), key=lambda m: m.cost)
+    if model.mechanisms[0] not in named
+    and not _material(pool, model, model.mechanisms[0], thresholds.material)
+    and _significant(compare(model, pool.base, pool.problem.observations), thresholds)
+  )
 
 
 def _bias_claims(pool: Pool, best: Candidate, thresholds: Thresholds) -> list[Claim]:

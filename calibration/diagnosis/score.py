@@ -65,17 +65,19 @@ def held_out(model: Candidate, group: NDArray[np.int64]) -> Array:
   order = np.argsort(group, kind="stable")
   edges = np.flatnonzero(np.diff(group[order])) + 1
   rows = np.split(order, edges)
-  gradient, curvature = model.gradient, model.curvature
-  scale, std = model.free.scale, model.std
-  out = np.empty(len(group))
+  curvature, std = model.curvature, model.std
+  inside = (model.values > model.free.lower + 1e-9 * std) & (model.values < model.free.upper - 1e-9 * std)
+  scale = model.free.scale[inside]
+  out = model.residual.copy()
   for index in rows:
-    part, r = model.jacobian[index], model.residual[index]
-    own = float(index[0] < model.fitted)
-    rest = (curvature - own * part.T @ part) * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
-    move = -np.linalg.solve(rest, (gradient - own * part.T @ r) * scale) * scale
-    move = np.clip(move, model.free.lower - model.values, model.free.upper - model.values)
-    # ... and what it can't mean (a leverage point far outside the others) is not believed beyond the fit itself
-    out[index] = r + part @ np.clip(move, -3.0 * std, 3.0 * std)
+    if index[0] >= model.fitted:
+      continue
+    part, r = model.jacobian[index][:, inside], model.residual[index]
+    # the fit is taken as it stands: what its slope still promises is no gain yet
+    rest = (curvature[np.ix_(inside, inside)] - part.T @ part) * np.outer(scale, scale)
+    move = np.linalg.solve(rest + 1e-9 * np.eye(len(scale)), part.T @ r * scale) * scale
+    # what it can't mean (a leverage point far outside the others) is not believed beyond the fit itself
+    out[index] = r + part @ np.clip(move, -3.0 * std[inside], 3.0 * std[inside])
   return out
 
 
