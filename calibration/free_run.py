@@ -29,7 +29,7 @@ PUBLISHED = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FreeRun:
-  """Signals of one run by channel of CHANNELS, on the control grid, NaN where not measured, (T + 1,).
+  """Signals of one run by channel of CHANNELS, on the control grid, NaN where the channel was not logged, (T + 1,).
 
   Attributes:
     time: s.  commands: motor voltage [V] and steering command [rad], (T, 2).
@@ -51,7 +51,7 @@ class FreeRun:
 def free_run(plant: Plant, theta: Array, recording: Recording, vehicle: MeasuredCar) -> FreeRun:
   """Drive `recording` again with parameters theta (P,) of the plant."""
   time, commands = recording.commands(plant.period)
-  start = measured_start(recording, float(time[0]), vehicle, float(commands[0, 1]), True)
+  start = measured_start(recording, float(time[0]), vehicle, float(commands[0, 1]), True)  # pyright: ignore[reportArgumentType]
   segments = Segments(
     commands[None], start[None], np.array([len(commands)]), plant.period, (recording.name,), np.array([time[0]])
   )
@@ -59,8 +59,10 @@ def free_run(plant: Plant, theta: Array, recording: Recording, vehicle: Measured
   signals = {name: prediction.channel(name)[0, 0] for name in ("motor_speed", "accel_x", "yaw_rate", "accel_y")}
   signals["speed"] = signals["motor_speed"] * vehicle.gear_ratio * vehicle.wheel_radius
   grid = np.append(time, time[-1] + plant.period)
-  measured = {name: _filtered(values) for name, values in _measured(recording, grid, vehicle).items()}
-  predicted = {name: moving_average(signals[name], FILTER_TIME, plant.period) for name in CHANNELS}
+  raw = _measured(recording, grid, vehicle)
+  logged = {name: np.isfinite(raw[name]) if name in raw else np.ones(len(grid), dtype=bool) for name in CHANNELS}
+  measured = {name: _filtered(values, logged[name], plant.period) for name, values in raw.items()}
+  predicted = {name: _filtered(signals[name], logged[name], plant.period) for name in CHANNELS}
   return FreeRun(recording.name, grid, commands, measured, predicted)
 
 
@@ -71,8 +73,8 @@ def _measured(recording: Recording, grid: Array, vehicle: MeasuredCar) -> dict[s
   return {name: channels[name] for name in CHANNELS if name in channels}
 
 
-def _filtered(values: Array) -> Array:
-  """Moving average over what is logged; NaN outside."""
-  result, there = np.full(values.shape, np.nan), np.isfinite(values)
-  result[there] = moving_average(values[there])
+def _filtered(values: Array, logged: NDArray[np.bool_], period: float) -> Array:
+  """Moving average over the rows that were logged, the same for measurement and model; NaN elsewhere."""
+  result = np.full(values.shape, np.nan)
+  result[logged] = moving_average(values[logged], FILTER_TIME, period)
   return result

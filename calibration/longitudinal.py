@@ -215,10 +215,11 @@ def _padded(values: Array, length: int) -> Array:
 
 
 def _start_speed(step: Step) -> float:
-  """Motor speed at the step, rad/s: at rest unless the car clearly moves."""
-  before = step.lead_in("motor_speed")[-int(0.1 / PERIOD) :]
-  value = float(np.mean(before)) if before.size else float(step.measured["motor_speed"][step.first])
-  return value if abs(value) > STANDING * _size(step) else 0.0
+  """Motor speed at the step, rad/s: a line through the last tenth of a second; at rest unless the car clearly moves."""
+  values = step.measured["motor_speed"]
+  rows = np.arange(max(step.first - int(0.1 / PERIOD), 0), step.first + 1)
+  line = np.polyfit(rows - step.first, values[rows], 1 if len(rows) > 3 else 0)
+  return float(line[-1]) if abs(line[-1]) > STANDING * _size(step) else 0.0
 
 
 def _jackknife(settled: Sequence[Step], moving: Sequence[Step], values: Array) -> Array:

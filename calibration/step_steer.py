@@ -151,50 +151,75 @@ class _Car:
     n = self._n
     v_y, r, alpha_f, alpha_r, delta, turning = state
     roll = speed / n["relaxation_length"]
-    bend_f = roll * (np.arctan((v_y + n["cg_to_front"] * r) / speed) - delta - alpha_f)
-    bend_r = roll * (np.arctan((v_y - n["cg_to_rear"] * r) / speed) - alpha_r)
-    force_f = _brush(self._front * (alpha_f + n["carcass_time"] * bend_f), self._limit_front) * np.cos(delta)
-    force_r = _brush(self._rear * (alpha_r + n["carcass_time"] * bend_r), self._limit_rear)
+    rates = np.empty_like(state)
+    rates[2] = roll * (np.arctan((v_y + n["cg_to_front"] * r) / speed) - delta - alpha_f)
+    rates[3] = roll * (np.arctan((v_y - n["cg_to_rear"] * r) / speed) - alpha_r)
+    force_f = _brush(self._front * (alpha_f + n["carcass_time"] * rates[2]), self._limit_front) * np.cos(delta)
+    force_r = _brush(self._rear * (alpha_r + n["carcass_time"] * rates[3]), self._limit_rear)
     accel = (force_f + force_r) / n["mass"]
-    spin = (n["cg_to_front"] * force_f - n["cg_to_rear"] * force_r) / n["yaw_inertia"]
-    servo = self._servo * (self._servo * (command - delta) - 1.5 * turning)
-    return np.stack([accel - speed * r, spin, bend_f, bend_r, turning, servo]), accel
+    rates[0] = accel - speed * r
+    rates[1] = (n["cg_to_front"] * force_f - n["cg_to_rear"] * force_r) / n["yaw_inertia"]
+    rates[4] = turning
+    rates[5] = self._servo * (self._servo * (command - delta) - 1.5 * turning)
+    return rates, accel
 
 
 def _brush(linear: Array, limit: Array) -> Array:
-  """Force of a brush tyre [N] from its linear force [N] and three times its peak."""
-  slide = np.minimum(np.abs(linear) / limit, 1.0)
-  return -linear * (1.0 - slide + slide * slide / 3.0) * np.where(slide < 1.0, 1.0, limit / np.abs(linear + 1e-300))
+  """Force of a brush tyre [N] from its linear force [N] and three times its peak: opposite, -linear (1 - s + s^2/3)."""
+  slide = np.clip(linear / limit, -1.0, 1.0)
+  return -limit * slide * (1.0 - np.abs(slide) + slide * slide / 3.0)
 
 
 def fit_transients(transients: Transients, parameters: Sequence[Unknown]) -> TransientFit:
-  """Maximum a posteriori of the fitted unknowns; Jacobian columns ride in one batch."""
+  """Maximum a posteriori of the fitted unknowns; Jacobian columns ride in one batch.
+
+  If more is left over than the noise explains, the noise is raised to it and the fit repeated: a model that is
+  wrong by that much may not outvote the priors.
+  """
   fitted = np.flatnonzero([p.fitted for p in parameters])
+  z = _optimum(transients, parameters, fitted, np.zeros(len(parameters)))
+  chi_squared = _chi_squared(transients, parameters, fitted, z)
+  if chi_squared > 1.0:
+    louder = {name: float(np.sqrt(chi_squared)) * value for name, value in transients.noise.items()}
+    transients = dataclasses.replace(transients, noise=louder)
+    z = _optimum(transients, parameters, fitted, z)
+  return dataclasses.replace(_evaluate(transients, parameters, fitted, z), chi_squared=chi_squared)
+
+
+def _optimum(transients: Transients, parameters: Sequence[Unknown], fitted: Indices, start: Array) -> Array:
+  """Position of the maximum; a hundredth of a prior deviation is close enough."""
+  size = len(fitted)
+  latest: dict[bytes, Array] = {}
 
   def whole(y: Array) -> Array:
-    z = np.zeros(len(parameters))
-    z[fitted] = y
+    z = np.zeros((*y.shape[:-1], len(parameters)))
+    z[..., fitted] = y
     return z
 
-  def jacobian(y: Array) -> Array:
-    return np.vstack([_sensitivity(transients, parameters, whole(y), fitted), np.eye(len(fitted))])
+  def residuals(y: Array) -> Array:
+    moves = 1e-4 * np.concatenate([np.zeros((1, size)), np.eye(size), -np.eye(size)])
+    rows = np.concatenate([_whitened(transients, parameters, whole(y + moves)), y + moves], axis=-1)
+    latest.clear()
+    latest[y.tobytes()] = (rows[1 : size + 1] - rows[size + 1 :]).T / 2e-4  # the Jacobian rides along
+    return rows[0]
 
-  found = least_squares(
-    lambda y: np.append(_whitened(transients, parameters, whole(y)[None])[0], y),
-    np.zeros(len(fitted)),
-    jac=jacobian,  # pyright: ignore[reportArgumentType]
-    xtol=1e-5,
-    ftol=1e-7,
-    gtol=1e-6,
-  )
-  return _evaluate(transients, parameters, fitted, whole(found.x))
+  def jacobian(y: Array) -> Array:
+    if y.tobytes() not in latest:
+      residuals(y)
+    return latest[y.tobytes()]
+
+  found = least_squares(residuals, start[fitted], jac=jacobian, xtol=1e-2, ftol=1e-6, gtol=1e-2)  # pyright: ignore[reportArgumentType]
+  return whole(found.x)
+
+
+def _chi_squared(transients: Transients, parameters: Sequence[Unknown], fitted: Indices, z: Array) -> float:
+  residuals = _whitened(transients, parameters, z[None])[0]
+  return float(residuals @ residuals) / max(len(residuals) - len(fitted), 1)
 
 
 def _evaluate(transients: Transients, parameters: Sequence[Unknown], fitted: Indices, z: Array) -> TransientFit:
   """Covariance at the optimum: posterior of the fitted, plus what the measured numbers may move it by."""
-  residuals = _whitened(transients, parameters, z[None])[0]
-  chi_squared = float(residuals @ residuals) / max(len(residuals) - len(fitted), 1)
-  sensitivity = _sensitivity(transients, parameters, z, np.arange(len(z))) / np.sqrt(max(chi_squared, 1.0))
+  sensitivity = _sensitivity(transients, parameters, z, np.arange(len(z)))
   own, given = sensitivity[:, fitted], np.setdiff1d(np.arange(len(z)), fitted)
   posterior = np.linalg.inv(own.T @ own + np.eye(len(fitted)))
   moves = np.zeros((len(z), len(z)))  # standard moves of all unknowns, one a column
@@ -204,17 +229,17 @@ def _evaluate(transients: Transients, parameters: Sequence[Unknown], fitted: Ind
   slopes = np.stack([_log_stiffness(parameters, z + 1e-4 * e) for e in np.eye(len(z))], axis=-1)
   slopes = (slopes - _log_stiffness(parameters, z)[:, None]) / 1e-4  # (2, P)
   shifts = slopes @ moves
-  names = [p.name for p in parameters]
-  gradient = names.index("understeer_gradient")
-  left_out = _left_out(own, residuals / np.sqrt(max(chi_squared, 1.0)), z[fitted], len(transients.steering))
+  gradient = [p.name for p in parameters].index("understeer_gradient")
+  residuals = _whitened(transients, parameters, z[None])[0]
+  left_out = _left_out(own, residuals, z[fitted], len(transients.steering))
   front, rear = np.exp(_log_stiffness(parameters, z))
   return TransientFit(
-    {name: float(value[0]) for name, value in _numbers(parameters, z[None]).items()},
-    (float(front), float(rear)),
-    shifts @ shifts.T,
-    left_out @ slopes[:, fitted].T,
-    shifts[:, gradient] / parameters[gradient].std,
-    chi_squared,
+    values={name: float(value[0]) for name, value in _numbers(parameters, z[None]).items()},
+    stiffness=(float(front), float(rear)),
+    covariance=shifts @ shifts.T,
+    without=left_out @ slopes[:, fitted].T,
+    by_gradient=shifts[:, gradient] / parameters[gradient].std,
+    chi_squared=float("nan"),
   )
 
 

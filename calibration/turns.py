@@ -111,8 +111,10 @@ class LinearResponses:
     acted = np.concatenate([self._steering[:, :1], self._steering[:, :-1]], axis=-1)  # a row precedes its own command
     rates = np.einsum("stij,stj->sti", matrix, lateral) + gain * acted[..., None]
     yaw_rate = lateral[..., 1]
-    accel = self._speed * (rates[..., 0] + yaw_rate) + self._accel * lateral[..., 0]
-    accel = accel + rates[..., 1] * vehicle.imu_x - np.square(yaw_rate) * vehicle.imu_y
+    across = self._speed * (rates[..., 0] + yaw_rate)
+    along_body, accel = kinematics.body_to_world(lateral[..., 0], self._accel, across)
+    place = vehicle.imu_x, vehicle.imu_y
+    _, accel = kinematics.transport_acceleration(along_body, accel, yaw_rate, rates[..., 1], *place)
     named = {"yaw_rate": yaw_rate, "accel_y": accel}
     return {k: [moving_average(v[:n]) for v, n in zip(rows, self._lengths, strict=True)] for k, rows in named.items()}
 
@@ -137,28 +139,27 @@ def fit_steady_turns(
 ) -> SteadyTurns:
   """delta (1 - loss delta^2) = (L + K v^2) r / v, least squares over steady turns.
 
-  K_i = (delta_i v_i / r_i - L) / v_i^2 = K + c delta_i^2 with c = loss (L + K v^2) / v^2 (K alone if not
-  `with_loss`), weighted by delta_i^2 because the error of r_i is the same for every turn. The deviation
-  of K adds to the scatter what wheelbase and wheel radius were measured to.
+  delta_i v_i / r_i - L = K v_i^2 + loss delta_i^3 v_i / r_i is linear in both (K alone if not `with_loss`); rows
+  are weighted by delta_i because the error of r_i is the same for every turn. The deviation of K adds to the
+  scatter what wheelbase and wheel radius were measured to.
   """
   angle = np.array([t.steady("steering") for t in used])
   speed = np.array([t.steady("speed") for t in used])
-  yaw_rate = np.array([t.yaw_rate for t in used])
+  per_rate = angle * speed / np.array([t.yaw_rate for t in used])
   wheelbase, squared = vehicle.cg_to_front + vehicle.cg_to_rear, float(np.mean(np.square(speed)))
-  each = (angle * speed / yaw_rate - wheelbase) / np.square(speed)
-  powers = 2 if with_loss else 1
-  design = np.stack([np.square(angle) ** k for k in range(powers)], axis=-1) * np.abs(angle)[:, None]
-  solution, *_ = np.linalg.lstsq(design, each * np.abs(angle), rcond=None)
-  freedom = max(len(used) - powers, 1)
-  scatter = float(np.sum(np.square(each * np.abs(angle) - design @ solution))) / freedom
+  columns = [np.square(speed), np.square(angle) * per_rate] if with_loss else [np.square(speed)]
+  design = np.stack(columns, axis=-1) * np.abs(angle)[:, None]
+  wanted = (per_rate - wheelbase) * np.abs(angle)
+  solution, *_ = np.linalg.lstsq(design, wanted, rcond=None)
+  freedom = max(len(used) - len(columns), 1)
+  scatter = float(np.sum(np.square(wanted - design @ solution))) / freedom
   variance = scatter * np.diag(np.linalg.inv(design.T @ design)) * student_widening(freedom) ** 2
   from_radius = wheelbase / squared * std["wheel_radius"] / vehicle.wheel_radius
   from_length = np.hypot(std["cg_to_front"], std["cg_to_rear"]) / squared
   gradient, deviation = float(solution[0]), float(np.sqrt(variance[0] + from_radius**2 + from_length**2))
-  if powers == 1:
+  if not with_loss:
     return SteadyTurns(gradient, deviation)
-  scale = squared / (wheelbase + gradient * squared)
-  return SteadyTurns(gradient, deviation, float(solution[1] * scale), float(np.sqrt(variance[1]) * scale))
+  return SteadyTurns(gradient, deviation, float(solution[1]), float(np.sqrt(variance[1])))
 
 
 def turning_drag(turns: Sequence[Turn], drive: Sequence[float], vehicle: MeasuredCar) -> tuple[float, float]:
