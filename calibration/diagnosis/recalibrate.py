@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.passport import ChannelNoise, noise_passport
-from calibration.diagnosis.problem import Problem, weighting_from
+from calibration.diagnosis.problem import Problem, Weighting, weighting_from
 from calibration.fit import Fit, finite_differences, fit
 from calibration.observations import Observations, observe
 from calibration.segmenting import DEFAULT_CUT, Cut
@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 log = logging.getLogger(__name__)
 
+_PART, _LEAST = 0.35, 40.0  # share of the driving a rough fit sees, and at least so many seconds
 SENSOR_BIASES = {"accel_bias_x": 0.15, "accel_bias_y": 0.15, "gyro_bias": 0.02}  # m/s^2, m/s^2, rad/s
 BIAS_MECHANISMS = ("accel_bias", "gyro_bias")
 
@@ -56,7 +57,6 @@ def recalibrate(
   priors: ParameterSet | None = None,
   shifts: Sequence[int] = (0,),
   cut: Cut = DEFAULT_CUT,
-  rounds: int = 1,
   progress: Callable[[str], None] = lambda text: None,
 ) -> Baseline:
   """Fit the base parameters to recordings.
@@ -67,22 +67,57 @@ def recalibrate(
     priors: base parameters with better first guesses than the vehicle's nominal ones.
     shifts: command timings to try, control periods; more than one where the log's convention is unknown.
     cut: how recordings are cut.
-    rounds: how often weights are taken anew from the residuals.
     progress: told what is being done.
   """
   recordings = sorted(recordings, key=lambda r: r.role == "validate")
   passport = noise_passport(recordings)
-  base = priors or twin.base
-  tried = []
+  base, floor = priors or twin.base, sensor_floor(passport)
+  driven = sum(r.duration for r in recordings)
+  part = dataclasses.replace(cut, most=max(_LEAST, _PART * min(driven, cut.most)))
+  attempts = []
   for shift in shifts:
     progress(f"recalibration, commands shifted by {shift}" if len(shifts) > 1 else "recalibration")
-    observations = observe(recordings, twin.vehicle, dataclasses.replace(cut, shift=shift))
-    tried.append(
-      (shift, *_fit_base(twin, observations, fitted_count(observations, recordings), base, passport, rounds))
-    )
-  shift, problem, found, whole = min(tried, key=lambda t: _comparable_cost(t[1], t[2], tried[0][1]))
+    attempts.append(_approach(twin, recordings, base, floor, dataclasses.replace(part, shift=shift)))
+  raw = np.array([np.sum(np.abs(attempts[0][0].whiten(a[1]))[: attempts[0][0].fitted]) for a in attempts])
+  start, shift = attempts[int(np.argmin(raw))][2], shifts[int(np.argmin(raw))]
+  observations = observe(recordings, twin.vehicle, dataclasses.replace(cut, shift=shift))
+  problem = _weighted(twin, observations, fitted_count(observations, recordings), base, start, floor)
+  # every model of a search is measured against this minimum, so it is sought to a third of a nat
+  found = _fit(problem, base, start, 12, 0.0)
+  everything = lambda v: problem.residual(problem.embed(base.names, v, twin.parameters.nominal))  # noqa: E731
+  whole = finite_differences(everything, base, found.theta, everything(found.theta[None])[0])
   theta = problem.embed(base.names, found.theta, problem.parameters.nominal)[0]
   return Baseline(problem, passport, found, theta, whole, shift)
+
+
+def _approach(
+  twin: Twin, recordings: Sequence[Recording], base: ParameterSet, floor: Mapping[str, float], cut: Cut
+) -> tuple[Problem, Array, Array]:
+  """A rough fit on part of the driving: the problem, predicted minus measured, and the estimates."""
+  observations = observe(recordings, twin.vehicle, cut)
+  fitted = fitted_count(observations, recordings)
+  start = _best_start(twin, observations, fitted, base)
+  problem = _weighted(twin, observations, fitted, base, start, floor)
+  found = _fit(problem, base, start, 6, 1e-2)
+  problem = _weighted(twin, observations, fitted, base, found.theta, floor)
+  found = _fit(problem, base, found.theta, 6, 3e-3)
+  return problem, problem.raw(problem.embed(base.names, found.theta, twin.parameters.nominal))[0], found.theta
+
+
+def _fit(problem: Problem, base: ParameterSet, start: Array, iterations: int, tolerance: float) -> Fit:
+  around = problem.parameters.nominal
+  residual = lambda v: problem.residual(problem.embed(base.names, v, around))[:, : problem.fitted]  # noqa: E731
+  told = lambda i, cost: log.info("iteration %d: cost %.1f", i, cost)  # noqa: E731
+  return fit(residual, base, start, iterations=iterations, tolerance=tolerance, robust=np.inf, progress=told)
+
+
+def _weighted(
+  twin: Twin, observations: Observations, fitted: int, base: ParameterSet, theta: Array, floor: Mapping[str, float]
+) -> Problem:
+  """The problem with weights from the residuals at theta."""
+  problem = Problem(twin, observations, _flat_weighting(observations), fitted, base.names)
+  raw = problem.raw(problem.embed(base.names, theta, twin.parameters.nominal))[0]
+  return problem.reweighted(weighting_from(observations, raw, floor))
 
 
 def fitted_count(observations: Observations, recordings: Sequence[Recording]) -> int:
@@ -113,37 +148,7 @@ def sensor_floor(passport: Mapping[str, ChannelNoise], horizon: float = 1.0) -> 
   return floor
 
 
-def _fit_base(
-  twin: Twin,
-  observations: Observations,
-  fitted: int,
-  base: ParameterSet,
-  passport: Mapping[str, ChannelNoise],
-  rounds: int,
-) -> tuple[Problem, Fit, Array]:
-  floor = sensor_floor(passport)
-  around = twin.parameters.nominal
-  start = _best_start(twin, observations, fitted, base)
-  problem = Problem(twin, observations, _flat_weighting(observations), fitted, base.names)
-  theta = problem.embed(base.names, start, around)
-  problem = problem.reweighted(weighting_from(observations, problem.raw(theta)[0], floor))
-  found: Fit | None = None
-  whole = np.zeros((len(observations), len(base)))
-  for k in range(rounds + 1):
-    residual = lambda v, p=problem: p.residual(p.embed(base.names, v, around))[:, :fitted]  # noqa: E731
-    found = fit(residual, base, start, iterations=6 if k < rounds else 12, tolerance=1e-2 if k < rounds else 0.0, robust=np.inf,
-                progress=lambda i, c, k=k: log.info("round %d iteration %d: cost %.1f", k, i, c))  # fmt: skip
-    start = found.theta
-    if k < rounds:
-      theta = problem.embed(base.names, start, around)
-      problem = problem.reweighted(weighting_from(observations, problem.raw(theta)[0], floor))
-  assert found is not None
-  everything = lambda v: problem.residual(problem.embed(base.names, v, around))  # noqa: E731
-  whole = finite_differences(everything, base, found.theta, everything(found.theta[None])[0], 0.02)
-  return problem, found, whole
-
-
-def _flat_weighting(observations: Observations):
+def _flat_weighting(observations: Observations) -> Weighting:
   """Weights that make every channel count by its own spread."""
   return weighting_from(observations, observations.measured, {})
 
@@ -160,10 +165,3 @@ def _best_start(twin: Twin, observations: Observations, fitted: int, base: Param
   guesses.append(base.nominal)
   residual = problem.residual(problem.embed(base.names, np.stack(guesses), twin.parameters.nominal))[:, :fitted]
   return guesses[int(np.argmin(np.sum(np.abs(residual), axis=1)))]
-
-
-def _comparable_cost(problem: Problem, found: Fit, reference: Problem) -> float:
-  """Cost with one common set of weights, so that fits with different weights compare."""
-  count = len(found.residual)
-  unscaled = found.residual / problem.whiten(np.ones(len(problem.observations)))[:count]
-  return float(np.sum(np.abs(unscaled * reference.whiten(np.ones(len(reference.observations)))[:count])))

@@ -20,6 +20,8 @@ from calibration.diagnosis.score import compare
 from qcar_twin.parameters import ParameterSet
 
 Array = NDArray[np.float64]
+_HOPE = 2.0  # nats
+_WORTH_A_PAIR = 8.0  # nats a second mechanism must promise before its pair is refitted
 Report = Callable[[str], None]
 
 
@@ -123,7 +125,7 @@ def _nominate_pairs(pool: Pool, count: int) -> list[frozenset[str]]:
   for model in singles:
     for name, gain in _explains(pool, model).items():
       key = frozenset([*model.mechanisms, name])
-      if len(key) == 2:
+      if gain > _WORTH_A_PAIR:
         gains[key] = max(gains.get(key, -np.inf), gain - (model.cost - pool.base.cost))
   return sorted((k for k in gains if k not in pool.models), key=lambda k: -gains[k])[:count]
 
@@ -134,7 +136,7 @@ def _nominate_triples(pool: Pool, count: int) -> list[frozenset[str]]:
   for model in pairs:
     for name, gain in _explains(pool, model).items():
       key = frozenset([*model.mechanisms, name])
-      if len(key) == 3:
+      if gain > _WORTH_A_PAIR:
         gains[key] = max(gains.get(key, -np.inf), gain - (model.cost - pool.base.cost))
   return sorted(gains, key=lambda k: -gains[k])[:count]
 
@@ -161,7 +163,10 @@ def _fit_sets(pool: Pool, sets: Sequence[frozenset[str]], iterations: int) -> No
     start = {k: v for name in new if name in pool.signatures for k, v in pool.signatures[name].start.items()}
     made.append(candidate(pool.problem, sorted(key), parent, pool.priors, start))
   simulate(pool.problem, made)
-  refine(pool.problem, made, iterations)
+  refine(pool.problem, made, 1)
+  # a second step is worth its simulations only where the first led somewhere
+  hopeful = [m for m in made if m.cost < _best_subset(pool, frozenset(m.mechanisms)).cost - _HOPE]
+  refine(pool.problem, hopeful, iterations - 1)
   for item in made:
     key = frozenset(item.mechanisms)
     pool.models[key] = _not_worse(pool, item, _best_subset(pool, key))
@@ -172,14 +177,13 @@ def _best_subset(pool: Pool, key: frozenset[str]) -> Candidate:
 
 
 def _not_worse(pool: Pool, item: Candidate, parent: Candidate) -> Candidate:
-  """A set that fits worse than its subset takes the subset's estimates and tries from there."""
+  """A set that fits worse than its subset takes the subset's estimates, with what was added at its null."""
   if item.cost <= parent.cost:
     return item
-  again = candidate(pool.problem, item.mechanisms, parent, pool.priors)
-  again.residual = parent.residual.copy()
-  refine(pool.problem, [again], 2)
-  assert again.cost <= parent.cost + 1e-6 * abs(parent.cost), "a nested model fitted worse than its parent"
-  return again
+  same = candidate(pool.problem, item.mechanisms, parent, pool.priors)
+  same.residual, same.jacobian = parent.residual.copy(), np.where(same.jacobian == 0.0, item.jacobian, same.jacobian)
+  assert same.cost <= parent.cost + 1e-6 * abs(parent.cost), "a nested model fitted worse than its parent"
+  return same
 
 
 def _reweight_if_worth_it(pool: Pool) -> None:
