@@ -1,0 +1,157 @@
+"""A trained policy as data: weights in safetensors, the rest in JSON, export to ONNX. Nothing in it can be executed.
+
+policy.safetensors: `weight_k` (out, in) and `bias_k` (out,) of layer k, float32.
+policy.json: observation scale, bound of the action, lock, and where the policy comes from.
+"""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors.numpy import load_file, save_file
+
+from agents.control import Situation
+from agents.output import write_text
+
+Array = NDArray[np.float64]
+Layers = tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
+FORMAT = 1
+WEIGHTS, DESCRIPTION, ONNX = "policy.safetensors", "policy.json", "policy.onnx"
+
+
+@dataclasses.dataclass(frozen=True)
+class Policy:
+  """A tanh-bounded ReLU network from errors to steering rate, as a controller.
+
+  Attributes:
+    layers: weights (out, in) and biases (out,).
+    observation_scale: (4,), 1/m, s/m, 1/rad, s/rad.
+    largest_rate: bound of the steering rate, rad/s.  lock: of the steering angle it integrates, rad.
+    provenance: how it was trained, with its indicators.
+  """
+
+  layers: Layers
+  observation_scale: tuple[float, ...]
+  largest_rate: float = 1.5
+  lock: float = 0.5236
+  provenance: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+  name: str = "ddpg"
+
+  def rate(self, observation: Array) -> Array:
+    """Steering rate, rad/s, (N,), for observations in SI units, (N, 4); single precision inside, as trained."""
+    x = observation.astype(np.float32) * np.asarray(self.observation_scale, dtype=np.float32)
+    for weight, bias in self.layers[:-1]:
+      x = np.maximum(x @ weight.T + bias, 0.0)
+    weight, bias = self.layers[-1]
+    return self.largest_rate * np.tanh(x @ weight.T + bias)[:, 0].astype(np.float64)
+
+  def steer(self, situation: Situation) -> Array:
+    """Steering command: the last one moved on by the rate."""
+    rate = self.rate(situation.errors.observation)
+    return np.clip(situation.steering + rate * situation.period, -self.lock, self.lock)
+
+
+def save_policy(policy: Policy, folder: Path) -> None:
+  """Write policy.safetensors and policy.json, each replaced as a whole."""
+  folder.mkdir(parents=True, exist_ok=True)
+  tensors = {}
+  for k, (weight, bias) in enumerate(policy.layers):
+    tensors[f"weight_{k}"], tensors[f"bias_{k}"] = np.ascontiguousarray(weight), np.ascontiguousarray(bias)
+  part = folder / (WEIGHTS + ".part")
+  save_file(tensors, part)
+  part.replace(folder / WEIGHTS)
+  about = {
+    "format": FORMAT,
+    "kind": policy.name,
+    "layers": len(policy.layers),
+    "observation": ["cross_track_error m", "its rate m/s", "heading_error rad", "its rate rad/s"],
+    "observation_scale": list(policy.observation_scale),
+    "action": "steering rate rad/s",
+    "largest_rate": policy.largest_rate,
+    "lock": policy.lock,
+    "provenance": dict(policy.provenance),
+  }
+  write_text(folder / DESCRIPTION, json.dumps(about, indent=1, default=str) + "\n")
+
+
+def load_policy(folder: Path) -> Policy:
+  """Read what `save_policy` wrote.
+
+  Raises:
+    FileNotFoundError, ValueError: with the file's name and the cure.
+  """
+  for name in (WEIGHTS, DESCRIPTION):
+    if not (folder / name).is_file():
+      raise FileNotFoundError(f"{folder / name}: no such file; a policy folder is made by scripts/train.py")
+  about = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
+  if about.get("format") != FORMAT:
+    raise ValueError(f"{folder / DESCRIPTION}: not a policy of format {FORMAT}; train it again with scripts/train.py")
+  tensors = load_file(folder / WEIGHTS)
+  try:
+    layers = tuple((tensors[f"weight_{k}"], tensors[f"bias_{k}"]) for k in range(about["layers"]))
+  except KeyError as error:
+    raise ValueError(f"{folder / WEIGHTS}: {error.args[0]} is missing; the two files do not belong together") from error
+  scale = tuple(float(x) for x in about["observation_scale"])
+  return Policy(layers, scale, about["largest_rate"], about["lock"], about["provenance"], about["kind"])
+
+
+def export_onnx(policy: Policy, file: Path, tolerance: float = 1e-5) -> float:
+  """Write the policy as ONNX, `observation` (N, 4) -> `steering_rate` (N, 1), and check that it acts the same.
+
+  Returns:
+    Largest difference over 1000 observations, rad/s.
+
+  Raises:
+    RuntimeError: it acts differently by more than `tolerance`; nothing is left behind then.
+  """
+  import onnx
+
+  file.parent.mkdir(parents=True, exist_ok=True)
+  part = file.with_name(file.name + ".part")
+  onnx.save(_graph(policy), str(part))
+  worst = onnx_difference(policy, part)
+  if not worst <= tolerance:
+    part.unlink()
+    raise RuntimeError(f"{file.name}: the exported policy differs by {worst:.3g} rad/s")
+  part.replace(file)
+  return worst
+
+
+def onnx_difference(policy: Policy, file: Path, seed: int = 0) -> float:
+  """Largest difference in steering rate, rad/s, between a policy and an ONNX file, over 1000 observations."""
+  import onnxruntime
+
+  size = np.array([0.1, 0.3, 0.3, 1.0])
+  observation = size * np.random.default_rng(seed).standard_normal((1000, 4))
+  session = onnxruntime.InferenceSession(file.read_bytes(), providers=["CPUExecutionProvider"])
+  (rate,) = session.run(None, {"observation": observation.astype(np.float32)})
+  return float(np.max(np.abs(np.asarray(rate)[:, 0] - policy.rate(observation))))
+
+
+def _graph(policy: Policy):
+  """The network as an ONNX model."""
+  from onnx import TensorProto, checker, helper, numpy_helper
+
+  scale = np.asarray(policy.observation_scale, dtype=np.float32)
+  weights = [numpy_helper.from_array(scale, "scale")]
+  weights.append(numpy_helper.from_array(np.float32(policy.largest_rate), "largest_rate"))
+  nodes = [helper.make_node("Mul", ["observation", "scale"], ["x0"])]
+  for k, (weight, bias) in enumerate(policy.layers):
+    weights += [
+      numpy_helper.from_array(weight.copy(), f"weight_{k}"),
+      numpy_helper.from_array(bias.copy(), f"bias_{k}"),
+    ]
+    nodes.append(helper.make_node("Gemm", [f"x{k}", f"weight_{k}", f"bias_{k}"], [f"y{k}"], transB=1))
+    last = k == len(policy.layers) - 1
+    nodes.append(helper.make_node("Tanh" if last else "Relu", [f"y{k}"], [f"x{k + 1}"]))
+  nodes.append(helper.make_node("Mul", [f"x{len(policy.layers)}", "largest_rate"], ["steering_rate"]))
+  inputs = [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["cars", 4])]
+  outputs = [helper.make_tensor_value_info("steering_rate", TensorProto.FLOAT, ["cars", 1])]
+  graph = helper.make_graph(nodes, "policy", inputs, outputs, weights)
+  model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+  checker.check_model(model)
+  return model

@@ -1,0 +1,127 @@
+"""The path-tracking task: what the agent does, what it is paid for, when an episode ends.
+
+Action: rate of the steering angle. Observation: cross-track error, its rate, heading error, its rate. Reward and
+ends are the paper's eqs. (reward) and (r_decomposition); its thresholds and weights are not printed, the defaults
+here converge. One task object serves every environment.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.paths import Path
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclasses.dataclass(frozen=True)
+class Reward:
+  """Weights and thresholds of the reward, in the paper's notation.
+
+  Attributes:
+    m1, m2: of ln|cross-track error / 1 m| within and beyond `near`.
+    m3, m4: of ln|heading error / 1 rad| within and beyond `aligned`.
+    m5: per steering rate, s/rad.
+    m6: per difference from the demonstrator's steering angle, 1/rad; 0 for an agent without one.
+    lost_penalty: M, paid once when the car is lost.
+    near: th_l, cross-track error below which the reward is flat, m: it sets the bias an agent is content with.
+    aligned: th_psi, rad.
+  """
+
+  m1: float = 0.1
+  m2: float = 0.1
+  m3: float = 0.03
+  m4: float = 0.03
+  m5: float = 0.05
+  m6: float = 0.5
+  lost_penalty: float = 10.0
+  near: float = 0.002
+  aligned: float = 0.02
+
+  def cross_track(self, error: Array, lost: Mask) -> Array:
+    """r_y of cross-track errors, m; -M where the car is lost."""
+    size = np.abs(error)
+    flat = -self.m1 * math.log(self.near)
+    value = np.where(size <= self.near, flat, -self.m2 * np.log(np.maximum(size, self.near)))
+    return np.where(lost, -self.lost_penalty, value)
+
+  def heading(self, error: Array) -> Array:
+    """r_psi of heading errors, rad."""
+    size = np.abs(error)
+    flat = -self.m3 * math.log(self.aligned)
+    return np.where(size <= self.aligned, flat, -self.m4 * np.log(np.maximum(size, self.aligned)))
+
+  def effort(self, rate: Array, difference: Array) -> Array:
+    """r_rate + r_ed of steering rates, rad/s, and differences from the demonstrator, rad."""
+    return -self.m5 * np.abs(rate) - self.m6 * np.abs(difference)
+
+
+@dataclasses.dataclass(frozen=True)
+class TrackingTask:
+  """What is driven, by how many cars does not matter.
+
+  Attributes:
+    path: followed from its start.  speed: m/s, held by a speed controller.  laps: of a closed path.
+    reward: weights.  lost: th_u, cross-track error that ends an episode, m.
+    largest_rate: bound of the action, rad/s.  lock: of the steering angle, rad.
+    start_offset, start_heading: episodes start uniformly within +- these, m and rad.
+    steering_gain, steering_offset: of the linkage, - and rad; neither agent nor filter is told.
+    servo_delay, servo_lag: s, for plants that have no servo of their own.
+    judged_by_truth: reward and ends from the true state, as a simulator allows; else from the estimate.
+    period: control period, s.
+  """
+
+  path: Path
+  speed: float = 0.5
+  laps: int = 1
+  reward: Reward = Reward()
+  lost: float = 0.2
+  largest_rate: float = 1.5
+  lock: float = 0.5236
+  start_offset: float = 0.05
+  start_heading: float = 0.1
+  steering_gain: float = 1.0
+  steering_offset: float = 0.0
+  servo_delay: float = 0.0
+  servo_lag: float = 0.0
+  judged_by_truth: bool = True
+  period: float = 0.01
+
+  def __post_init__(self) -> None:
+    if self.speed <= 0.0 or self.period <= 0.0:
+      raise ValueError(f"speed and period must be positive, got {self.speed:g} m/s and {self.period:g} s")
+    if not self.reward.near < self.lost:
+      raise ValueError(f"the reward is flat within {self.reward.near:g} m, the car lost at {self.lost:g} m: swap them")
+
+  @property
+  def distance(self) -> float:
+    """Arc length at which an episode is finished, m."""
+    return self.path.length * (self.laps if self.path.closed else 1)
+
+  @property
+  def longest(self) -> int:
+    """Control periods after which an episode is cut off: a quarter more than the way takes."""
+    return math.ceil(1.25 * self.distance / (self.speed * self.period))
+
+  def start_state(self, rng: np.random.Generator) -> Array:
+    """A start drawn for one car, (7,) in the order of `plant.START`: near the path's start, at speed, wheels straight."""
+    offset, turned = rng.uniform(-1.0, 1.0, 2) * (self.start_offset, self.start_heading)
+    x, y, yaw = self.path.start
+    place = x - offset * math.sin(yaw), y + offset * math.cos(yaw), yaw + turned
+    return np.array([*place, self.speed, 0.0, 0.0, 0.0])
+
+  def reward_of(self, cross_track: Array, heading: Array, rate: Array, difference: Array) -> tuple[Array, Mask]:
+    """Reward and whether the car is lost, (N,) each.
+
+    Args:
+      cross_track, heading: after the period, m and rad.
+      rate: action of the period, rad/s.  difference: of the steering angle from the demonstrator's, rad.
+    """
+    lost = ~np.isfinite(cross_track) | (np.abs(cross_track) >= self.lost)
+    paid = self.reward.cross_track(cross_track, lost) + np.where(
+      np.isfinite(heading), self.reward.heading(heading), 0.0
+    )
+    return paid + self.reward.effort(rate, difference), lost

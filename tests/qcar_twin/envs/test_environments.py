@@ -1,0 +1,86 @@
+"""The gymnasium, stable-baselines3 and dm_control faces of one fleet."""
+
+import numpy as np
+import pytest
+from fleet_rig import actions, make_fleet
+from gymnasium.utils.env_checker import check_env as gymnasium_check
+from stable_baselines3.common.env_checker import check_env as sb3_check
+
+from qcar_twin.envs.gym_env import PathTrackingEnv
+from qcar_twin.envs.vector_env import FleetVecEnv
+
+SEED = 11
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_gymnasium_accepts_it():
+  gymnasium_check(PathTrackingEnv(make_fleet([0])), skip_render_check=True)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_stable_baselines_accepts_it():
+  sb3_check(PathTrackingEnv(make_fleet([0], "bicycle", sensed=False)))
+
+
+def test_one_car_only():
+  with pytest.raises(ValueError, match="FleetVecEnv"):
+    PathTrackingEnv(make_fleet([0, 1], "bicycle", sensed=False))
+
+
+def gym_run(rates, plant):
+  env = PathTrackingEnv(make_fleet([0], plant, lost=0.08))
+  first, _ = env.reset(seed=SEED)
+  seen, rewards, ends = [first], [], []
+  for rate in rates:
+    observation, reward, terminated, truncated, _ = env.step(np.array([rate], dtype=np.float32))
+    if terminated or truncated:
+      observation, _ = env.reset()
+    seen.append(observation)
+    rewards.append(reward)
+    ends.append(terminated)
+  return np.stack(seen), np.array(rewards), np.array(ends)
+
+
+@pytest.mark.parametrize("plant", ["twin", "bicycle"])
+def test_same_seed_and_actions_same_trajectory_single_and_vectorised(plant):
+  """Car i of a vectorised environment seeded with s is the gymnasium environment seeded with s + i, bit for bit."""
+  rates = actions(200, 3).astype(np.float32)
+  env = FleetVecEnv(make_fleet([0, 0, 0], plant, lost=0.08))
+  env.seed(SEED - 1)
+  seen, rewards, ends = [env.reset()], [], []
+  for rate in rates:
+    observation, reward, done, infos = env.step(rate[:, None])
+    seen.append(observation)
+    rewards.append(reward)
+    ends.append([d and not i["TimeLimit.truncated"] for d, i in zip(done, infos, strict=True)])
+  alone = gym_run(rates[:, 1], plant)
+  assert alone[2].any(), "the run should contain a restart"
+  np.testing.assert_array_equal(np.stack(seen)[:, 1], alone[0])
+  np.testing.assert_array_equal(np.stack(rewards)[:, 1], alone[1].astype(np.float32))
+  np.testing.assert_array_equal(np.array(ends)[:, 1], alone[2])
+
+
+def test_finished_cars_say_how_it_went():
+  env = FleetVecEnv(make_fleet([0, 1], "bicycle", sensed=False, lost=0.08))
+  env.reset()
+  total, steps, last = 0.0, 0, None
+  for _ in range(500):
+    before = env.fleet.cross_track[0]
+    _, reward, done, infos = env.step(np.array([[1.5], [0.0]], dtype=np.float32))
+    total, steps = total + float(reward[0]), steps + 1
+    if done[0]:
+      last = infos[0]
+      break
+  assert last is not None and not last["TimeLimit.truncated"] and not last["episode"]["finished"]
+  assert last["episode"]["l"] == steps and last["episode"]["r"] == pytest.approx(total, rel=1e-5)
+  assert abs(before) < 0.08 <= abs(last["terminal_observation"][0])
+  assert env.fleet.episode_steps[0] == 0 and env.fleet.episode_steps[1] == steps
+
+
+def test_vector_environment_answers_what_stable_baselines_asks():
+  env = FleetVecEnv(make_fleet([0, 1], "bicycle", sensed=False))
+  assert (
+    env.num_envs == 2 and env.env_is_wrapped(object) == [False, False] and env.get_attr("render_mode") == [None] * 2
+  )
+  with pytest.raises(NotImplementedError, match="dance"):
+    env.env_method("dance")
