@@ -131,19 +131,25 @@ class Path:
       window: half-width of that search, m.
     """
     x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
-    if near is None:
-      grid = np.broadcast_to(self.arc_length, (*x.shape, len(self.arc_length)))
+    if near is not None:
+      near = np.broadcast_to(np.asarray(near, dtype=np.float64), x.shape)
+      s = self._foot(x, y, near)
+      if np.all(np.abs(s - near) < 0.5 * window):
+        return s  # a foot point right where it was expected
+      grid = near[..., None] + np.linspace(-window, window, 25)
     else:
-      grid = np.asarray(near, dtype=np.float64)[..., None] + np.linspace(-window, window, 25)
+      grid = np.broadcast_to(self.arc_length, (*x.shape, len(self.arc_length)))
     points = self.at(grid)
     best = np.argmin((points.x - x[..., None]) ** 2 + (points.y - y[..., None]) ** 2, axis=-1)
-    s = np.take_along_axis(grid, best[..., None], axis=-1)[..., 0]
-    for _ in range(3):  # Newton on (p - p_ref) . tangent = 0
+    return self._foot(x, y, np.take_along_axis(grid, best[..., None], axis=-1)[..., 0])
+
+  def _foot(self, x: Array, y: Array, s: Array) -> Array:
+    """Newton on (p - p_ref) . tangent = 0 from arc lengths s."""
+    for _ in range(3):
       point = self.at(s)
       dx, dy = x - point.x, y - point.y
-      along = dx * np.cos(point.yaw) + dy * np.sin(point.yaw)
-      across = dy * np.cos(point.yaw) - dx * np.sin(point.yaw)
-      s = s + along / _clearance(point.curvature, across)
+      cos, sin = np.cos(point.yaw), np.sin(point.yaw)
+      s = s + (dx * cos + dy * sin) / _clearance(point.curvature, dy * cos - dx * sin)
     return s
 
   def errors(self, arc_length: ArrayLike, pose: Array, velocity: Array, yaw_rate: ArrayLike) -> Errors:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from qcar_twin.estimation.local_filters import LOST_STD, POINT_START_STD, START_STD
 from qcar_twin.estimation.master import fuse_positions
 from qcar_twin.estimation.models import BETA, YAW, R, V, X, Y, bicycle_step, cg_acceleration, fill_jacobian, point_step
-from qcar_twin.estimation.monitor import STEADY
+from qcar_twin.estimation.monitor import MOTION, STEADY
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.kinematics import wrap_angle
 from qcar_twin.single_track import Car
@@ -38,7 +38,8 @@ class Cars:
   age: Array  # since the last accepted fix, s, (N,)
   refused: NDArray[np.int64]  # fixes in a row, (N,)
   steady: NDArray[np.int64]  # of those, in a row, in agreement, (N,)
-  last: Array  # last refused innovation, m, (N, 2)
+  last: Array  # last refused fix, m, (N, 2)
+  driven: Array  # distance since that fix, m, (N,)
 
   @classmethod
   def at_rest(cls, count: int) -> "Cars":
@@ -48,7 +49,18 @@ class Cars:
     none = np.zeros(count, dtype=np.int64)
     old = np.full(count, np.inf)
     return cls(
-      zeros(6), zeros(6, 6), zeros(4), zeros(4, 4), zeros(), zeros(2), old, zeros(), none, none.copy(), zeros(2)
+      zeros(6),
+      zeros(6, 6),
+      zeros(4),
+      zeros(4, 4),
+      zeros(),
+      zeros(2),
+      old,
+      zeros(),
+      none,
+      none.copy(),
+      zeros(2),
+      zeros(),
     )
 
   def copy(self) -> "Cars":
@@ -178,6 +190,7 @@ class FederatedBatch:
     cars.accel_age[heard] = 0.0
     cars.accel_age += h
     cars.age += h
+    cars.driven += np.abs(cars.bicycle[:, V]) * h
     states = tuple(cars.bicycle.T)
     yaw, r = cars.bicycle[:, YAW], cars.bicycle[:, R]
     accel = cg_acceleration(tuple(cars.accel.T), r, (settings.imu_x, settings.imu_y))
@@ -232,7 +245,7 @@ class FederatedBatch:
     innovation = np.where(present[:, None], innovation, 0.0)
     noise = np.stack([position, position, yaw], axis=-1)
     fits = self._fits(cars.bicycle_covariance, ROWS, innovation, noise / settings.sharing[0], 0)
-    lost = self._refuse(present & ~fits, innovation)
+    lost = self._refuse(present & ~fits, fix[:, :2])
     for row in ROWS:
       cars.bicycle_covariance[lost, row, row] += LOST_STD**2
     accepted = (present & fits) | lost
@@ -243,14 +256,15 @@ class FederatedBatch:
     cars.age[accepted], cars.refused[accepted], cars.steady[accepted] = 0.0, 0, 0
     self._fix_point(fix[:, :2], noise[:, :2] / settings.sharing[1], accepted)
 
-  def _refuse(self, refused: Mask, innovation: Array) -> Mask:
+  def _refuse(self, refused: Mask, place: Array) -> Mask:
     """Count steadily refused fixes; the cars that are lost by now."""
     cars = self.cars
-    close = np.hypot(*(innovation[:, :2] - cars.last).T) < STEADY
+    close = np.hypot(*(place - cars.last).T) < STEADY + MOTION * cars.driven
     steady = np.where((cars.refused > 0) & close, cars.steady + 1, 1)
     cars.steady = np.where(refused, steady, cars.steady)
     cars.refused = np.where(refused, cars.refused + 1, cars.refused)
-    cars.last = np.where(refused[:, None], innovation[:, :2], cars.last)
+    cars.last = np.where(refused[:, None], place, cars.last)
+    cars.driven = np.where(refused, 0.0, cars.driven)
     return refused & (cars.steady >= self.settings.lost_after)
 
   def _fix_point(self, fix: Array, noise: Array, accepted: Mask) -> None:

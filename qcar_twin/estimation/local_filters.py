@@ -132,8 +132,8 @@ class LocalFilters:
     held, period, bicycle = self._held, self.settings.period, self._bicycle
     held.angle += self._servo * (held.steering - held.angle)
     held.accel_age += period
-    held.monitor.age += period
     before = bicycle.x.tolist()
+    held.monitor.drive(before[V], period)
     following, entries = bicycle_step(before, held.voltage, held.angle, self.car, period)
     transition = self._identity.copy()
     fill_jacobian(transition, entries, period)
@@ -220,7 +220,8 @@ class LocalFilters:
       innovation[-1] = math.remainder(innovation[-1], math.tau)
     if not self._fits(bicycle, rows, innovation, noise / settings.sharing[0], 0):
       self.refused["pose", "gate"] += 1
-      if monitor.refuse(*(innovation[:2] if len(rows) > 1 else (innovation[0], 0.0))) < settings.lost_after:
+      where = dict(zip(names, measured.tolist(), strict=True))
+      if monitor.refuse(where.get("pose_x", x), where.get("pose_y", y)) < settings.lost_after:
         return False
       widened = bicycle.P.copy()
       widened[[X, Y, YAW], [X, Y, YAW]] += LOST_STD**2

@@ -5,7 +5,8 @@ import itertools
 import math
 import statistics
 
-STEADY = 0.2  # m: refused fixes whose innovations stay this close to each other are no random spikes
+STEADY = 0.2  # m: refused fixes that lie this close to each other, the car's own motion allowed for, are no spikes
+MOTION = 1.5  # times the distance driven since the last one is allowed besides
 WINDOW = 10  # intervals between fixes over which speeds are compared, a second of lidar
 SPACING = 0.08  # s, least time between fixes that are compared
 SLACK = 0.1  # m/s by which lidar and encoder may differ, besides
@@ -21,27 +22,34 @@ class Monitor:
   Attributes:
     age: since the last accepted fix, s.
     refused: fixes refused in a row.
-    steady: of those, how many agree with their predecessor on where the car is.
-    dx, dy: last refused innovation, m.
+    steady: of those, how many in a row lie where a car could have got to from their predecessor.
+    x, y: last refused fix, m.
+    driven: distance since that fix, m.
   """
 
   age: float = 0.0
   refused: int = 0
   steady: int = 0
-  dx: float = 0.0
-  dy: float = 0.0
+  x: float = 0.0
+  y: float = 0.0
+  driven: float = 0.0
 
   def copy(self) -> "Monitor":
-    return Monitor(self.age, self.refused, self.steady, self.dx, self.dy)
+    return Monitor(self.age, self.refused, self.steady, self.x, self.y, self.driven)
+
+  def drive(self, speed: float, period: float) -> None:
+    """Let a period pass."""
+    self.age += period
+    self.driven += abs(speed) * period
 
   def accept(self) -> None:
     self.age, self.refused, self.steady = 0.0, 0, 0
 
-  def refuse(self, dx: float, dy: float) -> int:
-    """Note a refused innovation, m; returns how many in a row have agreed."""
-    agrees = self.refused > 0 and math.hypot(dx - self.dx, dy - self.dy) < STEADY
+  def refuse(self, x: float, y: float) -> int:
+    """Note a refused fix, m; returns how many in a row tell one story."""
+    agrees = self.refused > 0 and math.hypot(x - self.x, y - self.y) < STEADY + MOTION * self.driven
     self.steady = self.steady + 1 if agrees else 1
-    self.refused, self.dx, self.dy = self.refused + 1, dx, dy
+    self.refused, self.x, self.y, self.driven = self.refused + 1, x, y, 0.0
     return self.steady
 
 

@@ -1,0 +1,73 @@
+"""Measure filter and controllers and write docs/results_estimation.md with its figures.
+
+python scripts/benchmark_estimation.py --dart ../shared/data/dart
+"""
+
+import dataclasses
+from pathlib import Path
+
+import tyro
+
+from agents.controllers import load
+from agents.estimation_report import cost_section, oval_section, recorded_section
+from agents.model import Model
+from agents.output import write_text
+from agents.tracking_report import tracking_section
+from calibration.identify import identify
+from qcar_twin.dataset import DataSet
+from qcar_twin.vehicle import Vehicle
+
+HEAD = """# Results: sensors, federated filter, model-based controllers
+
+Made by `python scripts/benchmark_estimation.py{options}`; every number below is measured by it, none is typed in.
+Medians, interquartile ranges in brackets.
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """What is measured."""
+
+  out: Path = Path("docs/results_estimation.md")
+  """Markdown file; figures go into a folder of its name beside it"""
+  dart: Path | None = None
+  """the dart data set; its section is left out without it"""
+  seeds: int = 20
+  """cars with sensor noise of their own on the oval"""
+  runs: int = 8
+  """cars per case of the controller table"""
+  quick: bool = False
+  """two cars, one lap, few cases"""
+
+
+def recorded(config: Config, figures: Path) -> list[str]:
+  """The section on real data, empty without the data set."""
+  if config.dart is None or not config.dart.is_dir():
+    return ["## Real recordings (dart)", "", "Left out: run with `--dart DIR`."]
+  dataset = DataSet.load(config.dart)
+  vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
+  bicycle, theta = identify(dataset, vehicle=vehicle).bicycle(vehicle)
+  return recorded_section(dataset, vehicle, bicycle.car(theta), figures, quick=config.quick)
+
+
+def main(config: Config) -> None:
+  """Measure everything and write the page."""
+  figures = config.out.with_suffix("")
+  figures.mkdir(parents=True, exist_ok=True)
+  model = Model.nominal()
+  controllers = load(model.car)
+  count, runs = (2, 2) if config.quick else (config.seeds, config.runs)
+  options = "".join(f" --{name} {value}" for name, value in (("dart", config.dart), ("quick", "")) if value)
+  sections = [
+    HEAD.format(options=options).splitlines(),
+    oval_section(model, controllers["lq_cm", "tuned"], count, figures, quick=config.quick),
+    recorded(config, figures),
+    tracking_section(model, controllers, runs, figures, quick=config.quick),
+    cost_section(model),
+  ]
+  write_text(config.out, "\n\n".join("\n".join(section) for section in sections) + "\n")
+  print(f"wrote {config.out}")
+
+
+if __name__ == "__main__":
+  main(tyro.cli(Config))
