@@ -48,7 +48,8 @@ class Twin:
     rows: int = 1024,
   ):
     stop_timers()
-    self.vehicle, self.mechanisms, self.tyre = vehicle, tuple(mechanisms), tyre
+    self.vehicle, self.mechanisms = vehicle, tuple(mechanisms)
+    self.tyre: TyreKind = tyre
     self.period, self.substeps, self.threads, self.rows = 0.01, substeps, threads, rows
     self.car = Car(**{f.name: getattr(vehicle, f.name) for f in dataclasses.fields(Car)})
     self.base = twin_parameters.base_parameters(vehicle)
@@ -125,10 +126,11 @@ class Twin:
 
   def _simulate(self, theta: Array, segments: Segments) -> Array:
     n, size, length = len(theta), len(segments), segments.commands.shape[1]
-    tile = lambda a: None if a is None else np.tile(a, (n,) + (1,) * (a.ndim - 1))  # noqa: E731
+    tile = lambda a: np.tile(a, (n,) + (1,) * (a.ndim - 1))  # noqa: E731
     commands = np.ascontiguousarray(tile(segments.commands).transpose(1, 0, 2))  # (T, n * S, 2)
+    history = None if segments.history is None else tile(segments.history)
     simulation = self.begin(
-      np.repeat(theta, size, axis=0), tile(segments.start), tile(segments.history), tile(segments.offset), commands[0]
+      np.repeat(theta, size, axis=0), tile(segments.start), history, tile(segments.offset), commands[0]
     )
     pose = None if segments.pose is None else tile(segments.pose)
     signals = np.empty((length + 1, n * size, len(SIGNALS)))

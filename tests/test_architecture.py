@@ -88,7 +88,9 @@ def test_sizes_and_words(path: Path):
   for node in ast.walk(ast.parse(text)):
     if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
       assert node.end_lineno - node.lineno < 60, f"{node.name} is too long to read at once"
-  assert not re.search(r"\btires?\b|\bbehavior|\bcolor(?!map|bar|s?=|s?\b\s*[=:\[\"')])", re.sub(r"[\w.]*color\w*", "", text))
+  assert not re.search(
+    r"\btires?\b|\bbehavior|\bcolor(?!map|bar|s?=|s?\b\s*[=:\[\"')])", re.sub(r"[\w.]*color\w*", "", text)
+  )
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
