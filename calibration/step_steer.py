@@ -27,6 +27,7 @@ from qcar_twin import kinematics
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+Quantity = Array | float
 
 SUBSTEPS = 4  # of a period; Runge-Kutta, stable for servos slower than 0.0014 s
 BEFORE, AFTER = 10, 35  # periods simulated before the step and after it
@@ -87,7 +88,9 @@ class TransientFit:
   chi_squared: float
 
 
-def unknowns(numbers: Mapping[str, float], std: Mapping[str, float], gradient: float, gradient_std: float):
+def unknowns(
+  numbers: Mapping[str, float], std: Mapping[str, float], gradient: float, gradient_std: float
+) -> tuple[Unknown, ...]:
   """What is fitted, with priors. `numbers`: measured mass, yaw_inertia, cg_to_front, cg_to_rear, imu_x.
 
   The spread of C_f covers a factor of ten either way of what 10 N/rad per newton of load gives.
@@ -104,7 +107,9 @@ def unknowns(numbers: Mapping[str, float], std: Mapping[str, float], gradient: f
   return fitted + tuple(Unknown(n, value, std[n], logarithmic=False, fitted=False) for n, value in numbers.items())
 
 
-def rear_stiffness(front, gradient, mass, cg_to_front, cg_to_rear):
+def rear_stiffness(
+  front: Quantity, gradient: Quantity, mass: Quantity, cg_to_front: Quantity, cg_to_rear: Quantity
+) -> Array:
   """C_r [N/rad] that gives the understeer gradient K with this C_f: L_f / (L_r / C_f - K L / m)."""
   inverse = cg_to_rear / front - gradient * (cg_to_front + cg_to_rear) / mass
   return cg_to_front / np.maximum(inverse, 1e-3 * cg_to_rear / front)
