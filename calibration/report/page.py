@@ -11,7 +11,6 @@ import io
 import math
 import os
 import re
-import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
@@ -19,6 +18,8 @@ from typing import Literal
 import jinja2
 import matplotlib as mpl
 from matplotlib.figure import Figure
+
+from calibration.stages import write_text
 
 Cell = str | float | int | bool | None
 
@@ -107,18 +108,7 @@ def write_page(
     show=show,
     numeric=_numeric,
   )
-  path = Path(path)
-  path.parent.mkdir(parents=True, exist_ok=True)
-  handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-  try:
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-      file.write(text)
-    os.chmod(temporary, 0o644)
-    os.replace(temporary, path)
-  except BaseException:
-    Path(temporary).unlink(missing_ok=True)
-    raise
-  return path
+  return write_text(path, text)
 
 
 def show(cell: Cell) -> str:

@@ -1,0 +1,101 @@
+"""Results of the stages of a long run, kept as JSON so that a broken-off run goes on where it was.
+
+  stages = Stages(out / "stages", fingerprint(dataset), options)
+  found = stages.kept("identify") or stages.keep("identify", work())
+
+A stage counts only for the same recordings and options; anything else is computed anew.
+"""
+
+import hashlib
+import json
+import logging
+import math
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from qcar_twin.dataset import DataSet
+
+log = logging.getLogger(__name__)
+
+
+class Stages:
+  """A folder of stage results, or none at all where `folder` is None."""
+
+  def __init__(self, folder: str | os.PathLike[str] | None, *key: Any):
+    """key: everything the results depend on; compared by value."""
+    self._folder = None if folder is None else Path(folder)
+    self._key = hashlib.sha256(repr(key).encode()).hexdigest()
+
+  def kept(self, name: str) -> Any | None:
+    """Result of a finished stage with the same key; None if there is none."""
+    if self._folder is None or not (path := self._folder / f"{name}.json").is_file():
+      return None
+    try:
+      stored = json.loads(path.read_text(encoding="utf-8"))
+    except json.JSONDecodeError:
+      log.warning("%s is not readable: the stage is done again", path.name)
+      return None
+    if not isinstance(stored, dict) or stored.get("key") != self._key:
+      return None
+    log.info("stage '%s' taken from %s", name, path)
+    return stored["result"]
+
+  def keep(self, name: str, result: Any) -> Any:
+    """Store a finished stage (plain JSON types; NaN becomes null) and return it."""
+    if self._folder is not None:
+      write_json(self._folder / f"{name}.json", {"key": self._key, "result": result})
+    return result
+
+
+def fingerprint(dataset: DataSet) -> str:
+  """SHA-256 of a data set's recordings and vehicle numbers."""
+  digest = hashlib.sha256(repr((dataset.command_timing, dataset.vehicle, dataset.vehicle_std)).encode())
+  for recording in dataset.recordings:
+    digest.update(repr((recording.name, recording.role, recording.manoeuvre, recording.session)).encode())
+    for name in recording.channels:
+      stream = recording[name]
+      digest.update(name.encode())
+      digest.update(np.ascontiguousarray(stream.time).tobytes())
+      digest.update(np.ascontiguousarray(stream.value).tobytes())
+  return digest.hexdigest()
+
+
+def write_json(path: str | os.PathLike[str], data: Any) -> Path:
+  """Write plain data, whole or not at all; NaN and infinity become null."""
+  return write_text(path, json.dumps(plain(data), indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> Path:
+  """Write a text file, whole or not at all; its folder is made."""
+  path = Path(path)
+  path.parent.mkdir(parents=True, exist_ok=True)
+  handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+  try:
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+      file.write(text)
+    os.chmod(temporary, 0o644)
+    os.replace(temporary, path)
+  except BaseException:
+    Path(temporary).unlink(missing_ok=True)
+    raise
+  return path
+
+
+def plain(value: Any) -> Any:
+  """Mappings, sequences, arrays and numbers as JSON has them."""
+  if isinstance(value, Mapping):
+    return {str(key): plain(item) for key, item in value.items()}
+  if isinstance(value, np.ndarray):
+    return plain(value.tolist())
+  if isinstance(value, (list, tuple)):
+    return [plain(item) for item in value]
+  if isinstance(value, (bool, np.bool_)):
+    return bool(value)
+  if isinstance(value, (float, np.floating)):
+    return float(value) if math.isfinite(value) else None
+  return int(value) if isinstance(value, np.integer) else value
