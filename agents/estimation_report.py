@@ -167,9 +167,12 @@ def recorded_settings(dataset: DataSet, vehicle: Vehicle, car: Car, quick: bool)
     yaw_variance=flat,
     accel_x_bias=float(bias[0]),
     accel_y_bias=float(bias[1]),
-    speed_std=0.05,
+    speed_std=0.2,  # wheels slip by that much in its bends
     yaw_rate_std=0.05,
-    walk_point_velocity=0.4,
+    walk_speed=1.0,
+    walk_yaw_rate=5.0,
+    walk_sideslip=0.5,
+    walk_point_velocity=0.5,
   )
   if quick:
     return settings

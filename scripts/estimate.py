@@ -7,16 +7,15 @@ import dataclasses
 import json
 from pathlib import Path
 
-import numpy as np
 import tyro
 
 from agents.output import write_text
 from calibration.identify import Identification, identify
 from qcar_twin.dataset import DataSet
-from qcar_twin.estimation import figures
-from qcar_twin.estimation.offline import Estimates, filter_recording
+from qcar_twin.estimation.noise_fit import fit_noise
+from qcar_twin.estimation.offline import filter_recording
+from qcar_twin.estimation.output import write_estimates
 from qcar_twin.estimation.settings import FilterSettings
-from qcar_twin.recording import Recording
 from qcar_twin.sensors.noise import standstill_noise
 from qcar_twin.vehicle import Vehicle
 
@@ -37,6 +36,8 @@ class Config:
   """identification (JSON); made from the data set without it"""
   noise_from: str = ""
   """name of a standstill recording that sensor noise and biases are taken from"""
+  fit_noise: bool = False
+  """fit the filter's process noise to the identification recordings that hold a pose (a minute or more)"""
   onboard_lateness: float = 0.0
   """by how much IMU and encoder stamps are after their measurement, s"""
   sharing: tuple[float, float] = (1.0, 1.0)
@@ -61,17 +62,6 @@ def settings_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> FilterSet
   return settings.with_noise(noise, vehicle.gear_ratio * vehicle.wheel_radius)
 
 
-def write(config: Config, recording: Recording, estimates: Estimates, rolling_radius: float) -> dict[str, object]:
-  """Files of one recording; returns its summary."""
-  columns = estimates.columns()
-  lines = [",".join(columns), *(",".join(f"{x:.7g}" for x in row) for row in np.column_stack(list(columns.values())))]
-  write_text(config.out / f"{recording.name}.csv", "\n".join(lines) + "\n")
-  figures.states_figure(estimates, recording, rolling_radius, config.out / f"{recording.name}_states.png")
-  figures.position_figure(estimates, recording, config.out / f"{recording.name}_position.png")
-  refused = {f"{channel}: {reason}": count for (channel, reason), count in estimates.refused.items()}
-  return {"valid": float(np.mean(estimates.valid)), "not valid because": dict(estimates.reasons), "refused": refused}
-
-
 def main(config: Config) -> None:
   """Filter every recording and write what came out."""
   dataset = DataSet.load(config.dataset)
@@ -87,13 +77,16 @@ def main(config: Config) -> None:
     raise SystemExit(f"nothing to estimate: no such recording, or none with a pose; there are {names}")
   config.out.mkdir(parents=True, exist_ok=True)
   lateness = dict.fromkeys(ONBOARD, config.onboard_lateness)
+  if config.fit_noise:
+    training = [r for r in dataset.role("identify") if "pose_x" in r.streams]
+    settings = fit_noise(training, bicycle.car(theta), settings, lateness)
   summary = {}
   for recording in chosen[: 1 if config.quick else None]:
     estimates = filter_recording(recording, bicycle.car(theta), settings, lateness)
-    summary[recording.name] = write(config, recording, estimates, vehicle.gear_ratio * vehicle.wheel_radius)
-    print(
-      f"{recording.name}: valid {100 * float(np.mean(estimates.valid)):.1f} % of {estimates.time[-1] - estimates.time[0]:.1f} s"
+    summary[recording.name] = write_estimates(
+      config.out, recording, estimates, vehicle.gear_ratio * vehicle.wheel_radius
     )
+    print(f"{recording.name}: valid {100.0 * estimates.valid.mean():.1f} % of {recording.duration:.1f} s")
   write_text(config.out / "summary.json", json.dumps(summary, indent=1) + "\n")
 
 
