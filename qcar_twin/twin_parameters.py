@@ -42,7 +42,7 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
                 std=std.get("cg_to_front", 0.01 * length)),
       Parameter("cg_height_offset", 0.0, -0.8 * v.cg_height, 1.5 * v.cg_height, "m", "dh",
                 std=std.get("cg_height", 0.1 * v.cg_height)),
-      _near("suspension_frequency", v.suspension_frequency, 0.3, "Hz", "f_z", 2.0),
+      _near("suspension_frequency", v.suspension_frequency, 0.5, "Hz", "f_z", 4.0),
     )
   )  # fmt: skip
 

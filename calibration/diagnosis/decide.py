@@ -39,7 +39,7 @@ class Thresholds:
   material: float = 0.2
   bias: float = 0.45
   unknown: float = 1.25
-  unknown_share: float = 0.12
+  unknown_share: float = 0.2
   equivalent: float = 1.0
 
 

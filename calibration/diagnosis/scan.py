@@ -19,10 +19,6 @@ from qcar_twin.mechanisms.base import Mechanism
 
 Array = NDArray[np.float64]
 
-Trial = tuple[
-  dict[str, float], NDArray[np.float32], float
-]  # values, projected change, squared norm of the whole change
-
 SIZES = (0.8,)
 _INVISIBLE = 3.0  # nats at typical size below which a mechanism can't be tested
 
@@ -34,6 +30,7 @@ class Signature:
   Attributes:
     mechanism: id.
     start: parameter values of the best trial.
+    answer: by how much the base parameters would move to meet it, by name.
     gain: half the drop of the projected sum of squares at the best trial, nats.
     shown: half the squared norm of the projected signature at typical size, nats: what the
       manoeuvres would show of it.
@@ -44,6 +41,7 @@ class Signature:
 
   mechanism: str
   start: dict[str, float]
+  answer: dict[str, float]
   gain: float
   shown: float
   survives: float
@@ -55,6 +53,23 @@ class Signature:
     return self.shown >= _INVISIBLE
 
 
+@dataclasses.dataclass(frozen=True)
+class Trial:
+  """One mechanism at one size.
+
+  Attributes:
+    start: parameter values.
+    rest: change of residuals without what the base can imitate, (K,).
+    whole: squared norm of the whole change.
+    answer: how the base parameters would move to meet it, (p,).
+  """
+
+  start: dict[str, float]
+  rest: NDArray[np.float32]
+  whole: float
+  answer: Array
+
+
 class Projector:
   """Removes from a change of residuals what the free parameters of a model can imitate."""
 
@@ -64,7 +79,11 @@ class Projector:
 
   def __call__(self, change: Array) -> Array:
     """Rows (n, K) over the fitted values, without their projection on the model's columns."""
-    return change - (change @ self._jacobian) @ self._inverse @ self._jacobian.T
+    return change + self.answer(change) @ self._jacobian.T
+
+  def answer(self, change: Array) -> Array:
+    """How the free parameters move to make up for a change of residuals, (n, p)."""
+    return -(change @ self._jacobian) @ self._inverse
 
 
 def scan(
@@ -93,11 +112,12 @@ def scan(
     part = jobs[i : i + chunk]
     thetas = np.stack([_with(problem, base.theta, start) for _, start in part])
     change = (problem.residual(thetas) - base.residual)[:, : base.fitted]
-    kept = project(change)
-    for (mechanism, start), whole, rest in zip(part, change, kept, strict=True):
-      collected[mechanism.name].append((start, rest.astype(np.float32), float(whole @ whole)))
+    for (mechanism, start), whole, rest, answer in zip(
+      part, change, project(change), project.answer(change), strict=True
+    ):
+      collected[mechanism.name].append(Trial(start, rest.astype(np.float32), float(whole @ whole), answer))
     progress(min(i + chunk, len(jobs)), len(jobs))
-  return {m.name: _signature(m, collected[m.name], anchor) for m in mechanisms if collected[m.name]}
+  return {m.name: _signature(m, collected[m.name], anchor, base.free.names) for m in mechanisms if collected[m.name]}
 
 
 def trial_starts(mechanism: Mechanism, sizes: Sequence[float]) -> list[dict[str, float]]:
@@ -148,35 +168,38 @@ def _with(problem: Problem, theta: Array, values: dict[str, float]) -> Array:
   return out
 
 
-def _signature(mechanism: Mechanism, trials: list[Trial], anchor: Array) -> Signature:
-  found = [_scaled(mechanism, trial, anchor) for trial in trials]
-  gains = [gain for _, gain in found]
+def _signature(mechanism: Mechanism, trials: list[Trial], anchor: Array, base: Sequence[str]) -> Signature:
+  factors, gains = zip(*(_scaled(mechanism, trial, anchor) for trial in trials), strict=True)
   top = int(np.argmax(gains))
-  shown = [0.5 * float(rest @ rest) for _, rest, _ in trials]
+  values = [_resized(mechanism, t.start, f) for t, f in zip(trials, factors, strict=True)]
+  shown = [0.5 * float(t.rest @ t.rest) for t in trials]
   middle = int(np.argsort(shown)[len(shown) // 2])
-  whole = trials[middle][2]
+  whole = trials[middle].whole
   return Signature(
     mechanism=mechanism.name,
-    start=found[top][0],
+    start=values[top],
+    answer=dict(zip(base, (factors[top] * trials[top].answer).tolist(), strict=True)),
     gain=gains[top],
     shown=shown[middle],
     survives=2.0 * shown[middle] / whole if whole > 0 else 0.0,
-    direction=trials[top][1],
-    trials=tuple(found),
+    direction=trials[top].rest,
+    trials=tuple(zip(values, gains, strict=True)),
   )
 
 
-def _scaled(mechanism: Mechanism, trial: Trial, anchor: Array) -> tuple[dict[str, float], float]:
-  """Values and gain of a trial whose signature is rescaled to fit best: sizes between trials need no trial of their own."""
-  start, rest, _ = trial
-  power = float(rest @ rest)
+def _scaled(mechanism: Mechanism, trial: Trial, anchor: Array) -> tuple[float, float]:
+  """Factor on a trial's size that fits best, and its gain: sizes between trials need no trial of their own."""
+  power = float(trial.rest @ trial.rest)
+  pull = float(anchor @ trial.rest)
   lowest = -2.0 if mechanism.signed else 0.0
-  best = float(np.clip(-(anchor @ rest) / power, lowest, 2.0)) if power > 0 else 0.0
-  gain = -best * float(anchor @ rest) - 0.5 * best**2 * power
+  best = float(np.clip(-pull / power, lowest, 2.0)) if power > 0 else 0.0
   # a refit that starts at nothing has no slope to follow: keep a tenth of the trial at least
-  factor = best if abs(best) > 0.1 else 0.1
+  return (best if abs(best) > 0.1 else 0.1), -best * pull - 0.5 * best**2 * power
+
+
+def _resized(mechanism: Mechanism, start: dict[str, float], factor: float) -> dict[str, float]:
   values = dict(start)
   for p in mechanism.parameters:
     if p.null is not None and p.name in start:
       values[p.name] = float(np.clip(p.null + factor * (start[p.name] - p.null), p.lower, p.upper))
-  return values, gain
+  return values

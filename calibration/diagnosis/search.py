@@ -20,7 +20,7 @@ from calibration.diagnosis.score import compare
 from qcar_twin.parameters import ParameterSet
 
 Array = NDArray[np.float64]
-_HOPE = 2.0  # nats
+_HOPE = 10.0  # nats a model may still lie above its subset to be worth another step
 _WORTH_A_PAIR = 8.0  # nats a second mechanism must promise before its pair is refitted
 Report = Callable[[str], None]
 
@@ -160,16 +160,28 @@ def _fit_sets(pool: Pool, sets: Sequence[frozenset[str]], iterations: int) -> No
   for key in sets:
     parent = _best_subset(pool, key)
     new = sorted(key - set(parent.mechanisms))
-    start = {k: v for name in new if name in pool.signatures for k, v in pool.signatures[name].start.items()}
-    made.append(candidate(pool.problem, sorted(key), parent, pool.priors, start))
+    made.append(candidate(pool.problem, sorted(key), parent, pool.priors, _start(pool, parent, new)))
   simulate(pool.problem, made)
   refine(pool.problem, made, 1)
   # a second step is worth its simulations only where the first led somewhere
-  hopeful = [m for m in made if m.cost < _best_subset(pool, frozenset(m.mechanisms)).cost - _HOPE]
+  hopeful = [m for m in made if m.cost < _best_subset(pool, frozenset(m.mechanisms)).cost + _HOPE]
   refine(pool.problem, hopeful, iterations - 1)
   for item in made:
     key = frozenset(item.mechanisms)
     pool.models[key] = _not_worse(pool, item, _best_subset(pool, key))
+
+
+def _start(pool: Pool, parent: Candidate, new: Sequence[str]) -> dict[str, float]:
+  """First values: the new mechanisms as scanned, and the base moved to meet them."""
+  start: dict[str, float] = {}
+  for name in new:
+    signature = pool.signatures.get(name)
+    if signature is None:
+      continue
+    for parameter, move in signature.answer.items():
+      start[parameter] = start.get(parameter, parent.values[parent.free.index(parameter)]) + move
+    start |= signature.start
+  return start
 
 
 def _best_subset(pool: Pool, key: frozenset[str]) -> Candidate:
