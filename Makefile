@@ -10,7 +10,7 @@ run: install
 	$(BIN)/python scripts/main.py --dataset data/sample --out $(OUT)
 
 test: install
-	$(BIN)/python -m pytest
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2
 
 check: install
 	$(BIN)/ruff check .
