@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 Residual = Callable[[Array], Array]  # (n, p) -> (n, M), whitened: a perfect model costs M / 2
 
 log = logging.getLogger(__name__)
+_LEAST_GAIN = 1.0  # nats an iteration must bring to be followed by another
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,7 +93,7 @@ def fit(
     start: first guess, (p,); the nominal values by default.
     iterations: at most this many steps; a Jacobian serves up to three, corrected by Broyden's update.
     robust: pseudo-Huber width in standard deviations; np.inf for plain least squares.
-    tolerance: stop when an iteration lowers the cost by less than this share of it, or by less than 0.3 nats.
+    tolerance: stop when an iteration lowers the cost by less than this share of it, or by less than a nat.
     step: finite-difference step as a share of each parameter's scale.
     progress: called with the iteration and the cost.
 
@@ -118,7 +119,7 @@ def fit(
     best = int(np.argmin(cost))
     gain = costs[-1] - cost[best]
     expected = costs[-1] - _cost(r + jacobian @ (candidates[best] - theta), candidates[best], parameters, robust)
-    small = gain < max(0.3, tolerance * abs(costs[-1]))
+    small = gain < max(_LEAST_GAIN, tolerance * abs(costs[-1]))
     if gain > 0:
       jacobian = broyden(jacobian, r, theta, outcomes[best], candidates[best], parameters.scale)
       theta, r = candidates[best], outcomes[best]

@@ -82,7 +82,7 @@ def recalibrate(
   start, shift = attempts[int(np.argmin(raw))][2], shifts[int(np.argmin(raw))]
   observations = observe(recordings, twin.vehicle, dataclasses.replace(cut, shift=shift))
   problem = _weighted(twin, observations, fitted_count(observations, recordings), base, start, floor)
-  # every model of a search is measured against this minimum, so it is sought to a third of a nat
+  # every model of a search is measured against this minimum, so it is sought to a nat
   found = _fit(problem, base, start, 12, 0.0)
   everything = lambda v: problem.residual(problem.embed(base.names, v, twin.parameters.nominal))  # noqa: E731
   whole = finite_differences(everything, base, found.theta, everything(found.theta[None])[0])
@@ -100,7 +100,7 @@ def _approach(
   problem = _weighted(twin, observations, fitted, base, start, floor)
   found = _fit(problem, base, start, 6, 1e-2)
   problem = _weighted(twin, observations, fitted, base, found.theta, floor)
-  found = _fit(problem, base, found.theta, 6, 3e-3)
+  found = _fit(problem, base, found.theta, 4, 5e-3)
   return problem, problem.raw(problem.embed(base.names, found.theta, twin.parameters.nominal))[0], found.theta
 
 
