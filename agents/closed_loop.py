@@ -103,6 +103,12 @@ class Drive:
     """(T,), s."""
     return self.period * np.arange(len(self.signals))
 
+  def cars(self, which: slice) -> "Drive":
+    """The same drive with some of its cars."""
+    arrays = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+    picked = {n: v[:, which] if v.ndim > 1 else v[which] for n, v in arrays.items() if isinstance(v, np.ndarray)}
+    return dataclasses.replace(self, **picked)
+
 
 def start_states(task: Task, count: int) -> Array:
   """Where N cars start, (N, 7): on the path, offset and turned as the task says, at speed, wheels straight."""

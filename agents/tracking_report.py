@@ -8,14 +8,16 @@ import numpy as np
 from agents import figures as draw
 from agents.control import Controller
 from agents.model import Model
-from agents.tracking_study import MISMATCHED, NOMINAL, VALIDATION, Case, run_table, table_rows
+from agents.tracking_study import MISMATCHED, NOMINAL, VALIDATION, run_table, table_rows
 
 
 def tracking_section(
   model: Model, controllers: Mapping[tuple[str, str], Controller], runs: int, figures: Path, quick: bool = False
 ) -> list[str]:
   """Markdown lines; figures are written beside."""
-  names = [("lq_cm", "tuned"), ("ff_fb", "loose")] if quick else list(controllers)
+  families: dict[str, dict[str, Controller]] = {}
+  for name, version in [("lq_cm", "tuned"), ("ff_fb", "loose")] if quick else controllers:
+    families.setdefault(name, {})[version] = controllers[name, version]
   lines = [
     "## Controllers on the validation paths",
     "",
@@ -25,13 +27,10 @@ def tracking_section(
   ]
   for plant in ("bicycle",) if quick else ("twin", "bicycle"):
     conditions = [("truth", NOMINAL), ("fekf", NOMINAL), ("fekf", MISMATCHED)]
-    cases = [
-      Case(path, name, plant, sees, steering) for sees, steering in conditions for name in names for path in VALIDATION
-    ]
-    shown = [case for case in cases if case.sees == "fekf" and case.steering == MISMATCHED]
-    table, drives = run_table(cases, controllers, model, runs, keep=shown)
+    table, drives = run_table(families, model, plant, VALIDATION, conditions, runs)
+    shown = {case: d for case, d in drives.items() if (case.sees, case.steering) == ("fekf", MISMATCHED)}
     lines += ["", f"### {plant}", "", *table_rows(table)]
-    lines += _figures(plant, table, {case: drives[case] for case in shown}, figures)
+    lines += _figures(plant, table, shown, figures)
   return lines
 
 

@@ -1,12 +1,13 @@
 """The controller table: paths x controllers x plants x what the controller sees x what nobody told it."""
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from agents.closed_loop import Actuation, Drive, Task, drive
 from agents.control import Controller
+from agents.controllers import side_by_side
 from agents.kpis import Kpis, kpis
 from agents.model import Model
 from agents.speed import SpeedGains
@@ -39,40 +40,52 @@ class Case:
     return " ".join(self.controller)
 
 
-def actuation(plant: str, steering: str) -> Actuation:
-  """The bicycle gets a servo (20 ms delay, 40 ms lag); the twin has its own."""
-  gain, offset = STEERING[steering]
+def actuation(plant: str, steering: Sequence[str], repeats: int) -> Actuation:
+  """Steering of neighbouring groups of cars. The bicycle gets a servo (20 ms delay, 40 ms lag); the twin has its own."""
+  gain, offset = np.repeat(np.array([STEERING[name] for name in steering]), repeats, axis=0).T
   own = {"delay": 0.0, "lag": 0.0} if plant != "bicycle" else {}
   return Actuation(gain=gain, offset=offset, **own)
 
 
-def run_case(case: Case, controller: Controller, model: Model, runs: int, seed: int = 0, twin_file: str = "") -> Drive:
-  """Drive one case; on the true state one run is all there is, on the estimate `runs` with noise of their own."""
-  plant, theta = model.plant(case.plant, twin_file)
-  count = 1 if case.sees == "truth" else runs
+def run_block(
+  versions: Mapping[str, Controller], model: Model, plant: str, path: str, sees: str, steering: Sequence[str], runs: int
+) -> Drive:
+  """All versions of a controller under all steerings at once: groups of cars, steering by steering within a version.
+
+  On the true state one run per group is all there is, on the estimate `runs` with noise of their own.
+  """
+  each = 1 if sees == "truth" else runs
+  count = len(versions) * len(steering) * each
+  body, theta = model.plant(plant)
   observer = TrueObserver()
-  if case.sees == "fekf":
-    suite = SensorSuite(qcar_sensors(), count, seed)
-    observer = SensedObserver(suite, model.car, model.filter_settings(case.plant))
-  task = Task(path_named(case.path), lock=model.vehicle.max_steering, actuation=actuation(case.plant, case.steering))
-  return drive(plant, np.tile(theta, (count, 1)), controller, SpeedGains.design(model.car), observer, task)
+  if sees == "fekf":
+    observer = SensedObserver(SensorSuite(qcar_sensors(), count, 0), model.car, model.filter_settings(plant))
+  linkage = actuation(plant, list(steering) * len(versions), each)
+  task = Task(path_named(path), lock=model.vehicle.max_steering, actuation=linkage)
+  controller = side_by_side(list(versions.values()), len(steering) * each)
+  return drive(body, np.tile(theta, (count, 1)), controller, SpeedGains.design(model.car), observer, task)
 
 
 def run_table(
-  cases: Iterable[Case],
-  controllers: Mapping[tuple[str, str], Controller],
+  families: Mapping[str, Mapping[str, Controller]],
   model: Model,
+  plant: str,
+  paths: Sequence[str],
+  conditions: Sequence[tuple[str, str]],
   runs: int,
-  keep: Iterable[Case] = (),
 ) -> tuple[dict[Case, Kpis], dict[Case, Drive]]:
-  """Indicators of all cases, and the drives of those to be drawn."""
-  keep = set(keep)
+  """Indicators and drives of controllers (name -> version -> controller) under conditions (sees, steering)."""
   table, drives = {}, {}
-  for case in cases:
-    result = run_case(case, controllers[case.controller], model, runs)
-    table[case] = kpis(result)
-    if case in keep:
-      drives[case] = result
+  for name, versions in families.items():
+    for path in paths:
+      for sees in dict.fromkeys(sees for sees, _ in conditions):
+        steering = [s for seen, s in conditions if seen == sees]
+        block = run_block(versions, model, plant, path, sees, steering, runs)
+        each = len(block.finished) // (len(versions) * len(steering))
+        groups = [Case(path, (name, version), plant, sees, s) for version in versions for s in steering]
+        for i, case in enumerate(groups):
+          drives[case] = block.cars(slice(i * each, (i + 1) * each))
+          table[case] = kpis(drives[case])
   return table, drives
 
 

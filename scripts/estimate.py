@@ -7,10 +7,13 @@ import dataclasses
 import json
 from pathlib import Path
 
+import numpy as np
 import tyro
 
 from agents.output import write_text
 from calibration.identify import Identification, identify
+from calibration.longitudinal import NotIdentifiable
+from qcar_twin.bicycle import Bicycle
 from qcar_twin.dataset import DataSet
 from qcar_twin.estimation.noise_fit import fit_noise
 from qcar_twin.estimation.offline import filter_recording
@@ -46,9 +49,21 @@ class Config:
   """the first recording only"""
 
 
+def model_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> tuple[Bicycle, np.ndarray]:
+  """The identified bicycle: from the file, from the data set, or nominal when that has no steps to identify it from."""
+  if config.identified:
+    return Identification.load(config.identified).bicycle(vehicle)
+  try:
+    return identify(dataset, vehicle=vehicle).bicycle(vehicle)
+  except NotIdentifiable as error:
+    print(f"nominal drive and tyres are used, the data set identifies none: {error}")
+    return Bicycle(vehicle), Bicycle(vehicle).parameters.nominal
+
+
 def settings_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> FilterSettings:
   """Filter settings, with noise from standstill when asked for."""
   settings = FilterSettings(sharing=config.sharing, imu_x=vehicle.imu_x, imu_y=vehicle.imu_y)
+  settings = settings.with_scores_of(dataset.recordings)
   if not config.noise_from:
     return settings
   named = {recording.name: recording for recording in dataset.recordings}
@@ -56,9 +71,7 @@ def settings_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> FilterSet
     raise SystemExit(f"no recording '{config.noise_from}'; there are {', '.join(named)}")
   noise = standstill_noise(named[config.noise_from])
   for name, found in noise.items():
-    print(
-      f"{name}: offset {found.offset:.4g}, white {found.white:.4g}, walk {found.walk:.3g} per sqrt(s), coloured {found.coloured:.3g}"
-    )
+    print(f"{name}: {found}")
   return settings.with_noise(noise, vehicle.gear_ratio * vehicle.wheel_radius)
 
 
@@ -66,12 +79,10 @@ def main(config: Config) -> None:
   """Filter every recording and write what came out."""
   dataset = DataSet.load(config.dataset)
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
-  identification = Identification.load(config.identified) if config.identified else identify(dataset, vehicle=vehicle)
-  bicycle, theta = identification.bicycle(vehicle)
-  settings = settings_of(config, dataset, vehicle)
-  chosen = [
-    r for r in dataset.recordings if (r.name in config.recordings if config.recordings else "pose_x" in r.streams)
-  ]
+  bicycle, theta = model_of(config, dataset, vehicle)
+  settings, radius = settings_of(config, dataset, vehicle), vehicle.gear_ratio * vehicle.wheel_radius
+  wanted = config.recordings or tuple(r.name for r in dataset.recordings if "pose_x" in r.streams)
+  chosen = [r for r in dataset.recordings if r.name in wanted]
   if not chosen:
     names = ", ".join(r.name for r in dataset.recordings)
     raise SystemExit(f"nothing to estimate: no such recording, or none with a pose; there are {names}")
@@ -80,12 +91,10 @@ def main(config: Config) -> None:
   if config.fit_noise:
     training = [r for r in dataset.role("identify") if "pose_x" in r.streams]
     settings = fit_noise(training, bicycle.car(theta), settings, lateness)
-  summary = {}
+  summary: dict[str, object] = {}
   for recording in chosen[: 1 if config.quick else None]:
     estimates = filter_recording(recording, bicycle.car(theta), settings, lateness)
-    summary[recording.name] = write_estimates(
-      config.out, recording, estimates, vehicle.gear_ratio * vehicle.wheel_radius
-    )
+    summary[recording.name] = write_estimates(config.out, recording, estimates, radius)
     print(f"{recording.name}: valid {100.0 * estimates.valid.mean():.1f} % of {recording.duration:.1f} s")
   write_text(config.out / "summary.json", json.dumps(summary, indent=1) + "\n")
 

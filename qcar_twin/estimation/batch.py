@@ -239,7 +239,9 @@ class FederatedBatch:
   def _correct_pose(self, fix: Array, alive: Mask) -> None:
     cars, settings = self.cars, self.settings
     present = np.isfinite(fix[:, :3]).all(axis=1) & alive
-    position, yaw = settings.pose_noise(np.where(np.isfinite(fix[:, 3]), fix[:, 3], settings.score))
+    position, yaw = settings.pose_noise(
+      np.where(np.isfinite(fix[:, 3]), fix[:, 3], settings.score * settings.score_full / 100.0)
+    )
     innovation = fix[:, :3] - cars.bicycle[:, ROWS]
     innovation[:, 2] = wrap_angle(np.where(present, innovation[:, 2], 0.0))
     innovation = np.where(present[:, None], innovation, 0.0)

@@ -87,6 +87,7 @@ class LocalFilters:
     both = np.array([self._variance["speed"], self._variance["yaw_rate"]])
     self._motion = {1: ((V,), np.diag(both[:1])), 2: ((R,), np.diag(both[1:])), 3: ((V, R), np.diag(both))}
     self._scalar_limit = settings.limits[0]
+    self._assumed_score = settings.score * settings.score_full / 100.0
     self._held = Held()
 
   def start(self, pose: tuple[float, float, float], speed: float, std: float) -> None:
@@ -200,7 +201,7 @@ class LocalFilters:
     """A lidar fix into both filters; `offset` is its stamp after the slot, s."""
     settings, held = self.settings, self._held
     names = [name for name in POSE if name in pose]
-    position, yaw = settings.pose_noise(pose.get("pose_score", settings.score))
+    position, yaw = settings.pose_noise(pose.get("pose_score", self._assumed_score))
     noise = np.diag([yaw if name == "pose_yaw" else position for name in names])
     measured = np.array([pose[name] for name in names])
     if "pose_x" in pose and "pose_y" in pose:

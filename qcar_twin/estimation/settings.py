@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from qcar_twin.recording import Recording
 from qcar_twin.sensors.noise import Standstill
 from qcar_twin.sensors.score import ScoreVariance
 
@@ -28,7 +29,8 @@ class FilterSettings:
     central: one filter instead of two: the lateral acceleration corrects EKF_BM as a measurement and
       EKF_PM is off. For comparison.
     position_variance, yaw_variance: of the lidar against its score, m^2 and rad^2.
-    score: assumed where the lidar gives none.
+    score: assumed where the lidar gives none, on a scale to 100.
+    score_full: the lidar's best score; its scores are brought to a scale to 100 with it.
     lidar_correlation: time constant of the lidar's error, s; fixes are then counted as that much less
       informative, R (1 + a) / (1 - a) with a = exp(-interval / correlation). 0 for white errors.
     lidar_interval: between fixes, s; used by `lidar_correlation` alone.
@@ -63,6 +65,7 @@ class FilterSettings:
   position_variance: ScoreVariance = ScoreVariance.between(0.004, 0.04, 20.0, 2.0)
   yaw_variance: ScoreVariance = ScoreVariance.between(0.004, 0.04, 20.0, 2.0)
   score: float = 80.0
+  score_full: float = 100.0
   lidar_correlation: float = 0.0
   lidar_interval: float = 0.1
   sharing: tuple[float, float] = (1.0, 1.0)
@@ -99,6 +102,11 @@ class FilterSettings:
     first, second, third = (float(chi2.isf(self.gate, k)) for k in (1, 2, 3))
     return first, second, third
 
+  def with_scores_of(self, recordings: Iterable[Recording]) -> "FilterSettings":
+    """These settings with the scale of the recordings' scores: to 1 when none exceeds it, else to 100."""
+    scores = [r["pose_score"].value.max() for r in recordings if "pose_score" in r.streams]
+    return dataclasses.replace(self, score_full=1.0 if scores and max(scores) <= 1.0 else 100.0)
+
   def with_noise(self, noise: Mapping[str, Standstill], rolling_radius: float) -> "FilterSettings":
     """These settings with what a standstill recording tells of the sensors.
 
@@ -131,10 +139,11 @@ class FilterSettings:
     return dataclasses.replace(self, **changes)
 
   def pose_noise(self, score: Any) -> tuple[Any, Any]:
-    """Variance of a lidar position and yaw at a score (a float or an array), colour allowed for."""
+    """Variance of a lidar position and yaw at a score (a float or an array) on the lidar's scale, colour allowed for."""
+    score, factor = score * (100.0 / self.score_full), self.lidar_factor
     if isinstance(score, np.ndarray):
-      return self.lidar_factor * self.position_variance.of(score), self.lidar_factor * self.yaw_variance.of(score)
-    return self.lidar_factor * self.position_variance(score), self.lidar_factor * self.yaw_variance(score)
+      return factor * self.position_variance.of(score), factor * self.yaw_variance.of(score)
+    return factor * self.position_variance(score), factor * self.yaw_variance(score)
 
   @cached_property
   def bicycle_noise(self) -> Array:

@@ -106,7 +106,12 @@ class Standstill:
 
   @property
   def std(self) -> float:
+    """Of white and correlated part together."""
     return math.hypot(self.white, self.coloured)
+
+  def __str__(self) -> str:
+    colour = f", coloured {self.coloured:.3g} over {self.correlation:.2g} s" if self.coloured else ""
+    return f"offset {self.offset:.4g}, white {self.white:.4g}, walk {self.walk:.3g} per sqrt(s){colour}"
 
   def as_noise(self) -> ChannelNoise:
     """Noise that makes such a channel."""

@@ -125,3 +125,43 @@ def test_rms_leaves_out_what_is_missing():
 def test_holding_voltage_of_the_rig_holds():
   assert journey(2.0, speed=0.7, amplitude=0.0).truth[-1, 2] == pytest.approx(0.7, rel=1e-9)
   assert hold(0.0) == 0.0
+
+
+# -- settings from data --------------------------------------------------------------------------
+
+
+def test_scores_to_one_and_scores_to_a_hundred_mean_the_same():
+  trip = journey(3.0)
+  trip.fix[::10, 3] = np.linspace(20.0, 95.0, len(trip.fix[::10]))
+  percent = recording_of(trip)
+  trip.fix[:, 3] /= 100.0
+  unit = recording_of(trip)
+  one = FilterSettings().with_scores_of([percent])
+  two = FilterSettings().with_scores_of([unit])
+  assert (one.score_full, two.score_full) == (100.0, 1.0)
+  a, b = offline.filter_recording(percent, CAR, one), offline.filter_recording(unit, CAR, two)
+  np.testing.assert_allclose(a.value["pose_x"], b.value["pose_x"], atol=1e-12)
+  low, high = two.pose_noise(0.2)[0], two.pose_noise(0.9)[0]
+  assert low > 2.0 * high
+
+
+def test_standstill_noise_becomes_filter_settings():
+  from qcar_twin.sensors.noise import Standstill
+
+  def channel(offset, white, coloured=0.0, correlation=float("nan"), interval=0.01):
+    return Standstill(offset, white, 0.0, coloured, correlation, interval, 1000)
+
+  noise = {
+    "yaw_rate": channel(0.004, 0.015),
+    "accel_x": channel(-0.1, 0.2),
+    "pose_x": channel(1.0, 0.003, 0.004, 0.4, 0.2),
+    "pose_y": channel(2.0, 0.003, 0.004, 0.6, 0.2),
+    "pose_yaw": channel(0.1, 0.01, interval=0.2),
+    "motor_speed": channel(0.0, 0.0),
+  }
+  found = FilterSettings().with_noise(noise, rolling_radius=0.003)
+  assert (found.yaw_rate_bias, found.yaw_rate_std, found.accel_x_bias) == (0.004, 0.015, -0.1)
+  assert found.speed_std == FilterSettings().speed_std
+  assert (found.lidar_correlation, found.lidar_interval) == (pytest.approx(0.5), 0.2)
+  variance = found.position_variance(found.score)
+  assert variance == pytest.approx(0.005**2) and found.yaw_variance(found.score) == pytest.approx(1e-4)
