@@ -22,8 +22,6 @@ from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.sensors.noise import standstill_noise
 from qcar_twin.vehicle import Vehicle
 
-ONBOARD = ("motor_speed", "speed", "accel_x", "accel_y", "yaw_rate")
-
 
 @dataclasses.dataclass(frozen=True)
 class Config:
@@ -84,14 +82,13 @@ def main(config: Config) -> None:
   wanted = config.recordings or tuple(r.name for r in dataset.recordings if "pose_x" in r.streams)
   chosen = [r for r in dataset.recordings if r.name in wanted]
   if not chosen:
-    names = ", ".join(r.name for r in dataset.recordings)
-    raise SystemExit(f"nothing to estimate: no such recording, or none with a pose; there are {names}")
+    raise SystemExit(f"nothing to estimate with a pose; there are {', '.join(r.name for r in dataset.recordings)}")
   config.out.mkdir(parents=True, exist_ok=True)
-  lateness = dict.fromkeys(ONBOARD, config.onboard_lateness)
+  lateness = dict.fromkeys(("motor_speed", "speed", "accel_x", "accel_y", "yaw_rate"), config.onboard_lateness)
   if config.fit_noise:
     training = [r for r in dataset.role("identify") if "pose_x" in r.streams]
     settings = fit_noise(training, bicycle.car(theta), settings, lateness)
-  summary: dict[str, object] = {}
+  summary = {}
   for recording in chosen[: 1 if config.quick else None]:
     estimates = filter_recording(recording, bicycle.car(theta), settings, lateness)
     summary[recording.name] = write_estimates(config.out, recording, estimates, radius)
