@@ -1,8 +1,8 @@
 """DDPG with the paper's networks on stable-baselines3.
 
 Actor: two hidden layers of 200 ReLU, one tanh output. Critic: the observation through two layers of 200, the action
-through layers of 100 and 200, added, one linear output. Observations come in SI units and are scaled in the network,
-so that what is exported takes SI units too. Lillicrap et al., Continuous control with deep reinforcement learning, 2016.
+through layers of 100 and 200, joined at their last ReLU, one linear output. Observations come in SI units and are
+scaled in the network, so that what is exported takes SI units too. Lillicrap et al., Continuous control with deep reinforcement learning, 2016.
 """
 
 import dataclasses
@@ -80,17 +80,22 @@ class Scale(BaseFeaturesExtractor):
 
 
 class TwoPaths(nn.Module):
-  """The paper's critic: a path for the observation, one for the action, added."""
+  """The paper's critic: a path for the observation, one for the action, joined by adding them before their last ReLU.
+
+  Added after it, value would be a function of the observation plus one of the action: the best action would be the
+  same everywhere.
+  """
 
   def __init__(self, observations: int, actions: int):
     super().__init__()
     self._split = observations
-    self.observation = nn.Sequential(nn.Linear(observations, 200), nn.ReLU(), nn.Linear(200, 200), nn.ReLU())
-    self.action = nn.Sequential(nn.Linear(actions, 100), nn.ReLU(), nn.Linear(100, 200), nn.ReLU())
+    self.observation = nn.Sequential(nn.Linear(observations, 200), nn.ReLU(), nn.Linear(200, 200))
+    self.action = nn.Sequential(nn.Linear(actions, 100), nn.ReLU(), nn.Linear(100, 200))
     self.value = nn.Linear(200, 1)
 
   def forward(self, both: torch.Tensor) -> torch.Tensor:
-    return self.value(self.observation(both[:, : self._split]) + self.action(both[:, self._split :]))
+    joined = self.observation(both[:, : self._split]) + self.action(both[:, self._split :])
+    return self.value(torch.relu(joined))
 
 
 class PaperPolicy(TD3Policy):

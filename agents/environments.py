@@ -6,7 +6,7 @@ Importing this module registers `QcarTwin/PathTracking-v0` with gymnasium; every
 import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import gymnasium
 import numpy as np
@@ -20,11 +20,14 @@ from qcar_twin.bicycle import Bicycle
 from qcar_twin.envs.fleet import Demonstrator, Fleet, Outfit, Spread
 from qcar_twin.envs.gym_env import PathTrackingEnv
 from qcar_twin.envs.task import Reward, TrackingTask
-from qcar_twin.paths import Errors, path_named
+from qcar_twin.paths import PATHS, Errors, path_named
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import qcar_sensors
 from qcar_twin.twin import Twin
 from qcar_twin.twin_file import load_twin
+
+if TYPE_CHECKING:
+  from qcar_twin.envs.dm_env import Suite
 
 Array = NDArray[np.float64]
 ENV_ID = "QcarTwin/PathTracking-v0"
@@ -162,6 +165,17 @@ def fleet(
 def make_env(render_mode: str | None = None, seed: int = 0, **options: Any) -> PathTrackingEnv:
   """One car as a gymnasium environment; keyword arguments are the fields of `Options`."""
   return PathTrackingEnv(fleet(Options(**options), [seed]), render_mode)
+
+
+def suite() -> "Suite":
+  """The task on every path as dm_control environments by name, `path_tracking_s` and so on."""
+  from qcar_twin.envs.dm_env import Suite  # here, because dm_control looks for a screen when it is imported
+
+  return Suite({f"path_tracking_{path}": partial(_on_path, path) for path in PATHS})
+
+
+def _on_path(path: str, seed: int) -> Fleet:
+  return fleet(Options(path=path), [seed])
 
 
 if ENV_ID not in gymnasium.registry:

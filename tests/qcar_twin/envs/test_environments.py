@@ -6,6 +6,7 @@ from fleet_rig import actions, make_fleet
 from gymnasium.utils.env_checker import check_env as gymnasium_check
 from stable_baselines3.common.env_checker import check_env as sb3_check
 
+from qcar_twin.envs.dm_env import OBSERVATIONS, Suite, environment
 from qcar_twin.envs.gym_env import PathTrackingEnv
 from qcar_twin.envs.vector_env import FleetVecEnv
 
@@ -84,3 +85,64 @@ def test_vector_environment_answers_what_stable_baselines_asks():
   )
   with pytest.raises(NotImplementedError, match="dance"):
     env.env_method("dance")
+
+
+@pytest.mark.parametrize("plant", ["twin", "bicycle"])
+def test_dm_control_drives_the_same_trajectory(plant):
+  rates = actions(150, 1)[:, 0].astype(np.float32)
+  seen, rewards, _ = gym_run(rates, plant)
+  dm = environment(make_fleet([SEED], plant, lost=0.08), flat_observation=True)
+  values, paid = [dm.reset().observation["observations"]], []
+  for rate in rates:
+    step = dm.step(np.array([rate], dtype=np.float64))
+    paid.append(step.reward)
+    values.append((dm.reset() if step.last() else step).observation["observations"])
+  np.testing.assert_array_equal(np.stack(values).astype(np.float32), seen)
+  np.testing.assert_array_equal(np.array(paid), rewards)
+
+
+def test_dm_control_says_what_it_takes_and_gives_and_how_it_ends():
+  dm = environment(make_fleet([0], "bicycle", sensed=False))
+  assert dm.action_spec().minimum == -1.5 and dm.action_spec().maximum == 1.5
+  assert list(dm.observation_spec()) == list(OBSERVATIONS)
+  dm.reset()
+  assert dm.control_timestep() == pytest.approx(0.01)
+  for _ in range(400):
+    step = dm.step(np.array([1.5]))
+    if step.last():
+      break
+  assert step.discount == 0.0 and abs(dm.task.fleet.cross_track[0]) >= 0.2
+  again = dm.step(np.array([1.5]))
+  assert again.first() and dm.task.fleet.episode_steps[0] == 0
+
+
+def test_dm_control_shows_the_car_where_it_is():
+  dm = environment(make_fleet([3], "twin", sensed=False))
+  dm.reset()
+  for _ in range(40):
+    dm.step(np.array([0.5]))
+  shown, true = dm.physics.named.data.xpos["chassis"], dm.task.fleet.signals[0]
+  np.testing.assert_allclose(shown[:2], true[:2], atol=1e-12)
+  knuckles = [dm.physics.named.data.qpos[f"{side}_steering"][0] for side in ("front_left", "front_right")]
+  assert np.mean(knuckles) == pytest.approx(true[9]) and knuckles[0] > knuckles[1]
+  assert dm.physics.time() == pytest.approx(0.4)
+
+
+def test_seeding_the_task_begins_anew():
+  dm = environment(make_fleet([3], "bicycle"))
+  first = [dm.reset().observation["cross_track_error"]] + [
+    dm.step([0.3]).observation["heading_error"] for _ in range(5)
+  ]
+  dm.task.seed(3)
+  again = [dm.reset().observation["cross_track_error"]] + [
+    dm.step([0.3]).observation["heading_error"] for _ in range(5)
+  ]
+  np.testing.assert_array_equal(first, again)
+
+
+def test_suite_lists_names_and_knows_the_nearest():
+  suite = Suite({"track_s": lambda seed: make_fleet([seed], "bicycle"), "track_o": lambda seed: make_fleet([seed])})
+  assert suite.names == ("track_s", "track_o")
+  assert suite.load("track_s", seed=4).reset().first()
+  with pytest.raises(KeyError, match="did you mean track_o"):
+    suite.load("trak_o")

@@ -1,0 +1,93 @@
+"""Policies against FF-FB, LQ_ed, LQ_cm and the linear rate policy on O, infinity and C.
+
+python scripts/evaluate.py --out OUT [--policy data/policy] [--mismatch] [--plants twin bicycle proving_ground]
+"""
+
+import dataclasses
+import itertools
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from agents.evaluate import Case, evaluate, known_plant, run_case, write_evaluation
+from agents.figures import lane_change_figure, tracking_figure
+from agents.policy_file import load_policy
+from calibration.proving_ground.plant import ProvingGroundPlant
+from qcar_twin.parameters import ParameterSet
+from qcar_twin.twin_file import load_twin
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """What is compared, and where."""
+
+  out: Path
+  """folder for evaluation.json, evaluation.txt and figures"""
+  policy: tuple[Path, ...] = (ROOT / "data" / "policy",)
+  """policy folders; several, as of trainings with different seeds, are summed up as one contestant"""
+  paths: tuple[str, ...] = ("o", "infinity", "c")
+  """s, o, infinity, c"""
+  plants: tuple[str, ...] = ("twin",)
+  """twin, bicycle, proving_ground, or a twin file (TOML)"""
+  speeds: tuple[float, ...] = (0.5,)
+  """m/s"""
+  mismatch: bool = False
+  """also with a steering gain of 0.92 and an offset of 1 deg that nobody is told"""
+  effects: tuple[str, ...] = ()
+  """concealed effects of the proving ground's car as name=size"""
+  cars: int = 4
+  """runs per case, each with sensor noise of its own"""
+  seed: int = 500
+  """of the sensors"""
+  workers: int = 1
+  """processes"""
+  ray: bool = False
+  """on the Ray cluster at hand instead of in local processes"""
+  quick: bool = False
+  """one car on the oval and the S"""
+
+
+class Ground:
+  """The independent car in the shape of a plant; it has no parameters to set."""
+
+  period = ProvingGroundPlant.period
+  parameters = ParameterSet(())
+
+  def __init__(self, effects: tuple[str, ...]):
+    self._effects = tuple((name, float(size)) for name, size in (entry.split("=") for entry in effects))
+
+  def begin(self, theta, start):
+    return ProvingGroundPlant(effects=self._effects).begin(start)
+
+
+def main(config: Config) -> None:
+  """Drive all cases, write the results, print the table."""
+  effects = config.effects
+
+  def plant(name: str):
+    if name == "proving_ground":
+      return Ground(effects), np.empty(0)
+    return load_twin(name, threads=1) if name.endswith(".toml") else known_plant(name)
+
+  paths = ("o", "s") if config.quick else config.paths
+  wrong = [(1.0, 0.0)] + [(0.92, 1.0)] * config.mismatch
+  cars = 1 if config.quick else config.cars
+  cases = [
+    Case(path, name, speed, gain, offset, cars, config.seed)
+    for name, speed, (gain, offset), path in itertools.product(config.plants, config.speeds, wrong, paths)
+  ]
+  policies = {f"ddpg {k}": folder for k, folder in enumerate(config.policy)}
+  rows = evaluate(policies, cases, plant, config.workers, config.ray)
+  print(write_evaluation(config.out, rows, lambda label: "ddpg" if label.startswith("ddpg") else label))
+  for case in cases[: len(paths)]:
+    drives = {"ddpg": run_case(load_policy(config.policy[0]), case, plant)}
+    tracking_figure(drives, config.out / f"tracking_{case.path}.png")
+    if drives["ddpg"].path.lanes:
+      lane_change_figure(drives, config.out / "lane_change.png")
+
+
+if __name__ == "__main__":
+  main(tyro.cli(Config))
