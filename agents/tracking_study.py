@@ -11,7 +11,7 @@ from agents.controllers import side_by_side
 from agents.kpis import Kpis, kpis
 from agents.model import Model
 from agents.speed import SpeedGains
-from qcar_twin.estimation.observer import SensedObserver, TrueObserver
+from qcar_twin.estimation.observer import Observer, SensedObserver, TrueObserver
 from qcar_twin.paths import path_named
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
 
@@ -57,7 +57,7 @@ def run_block(
   each = 1 if sees == "truth" else runs
   count = len(versions) * len(steering) * each
   body, theta = model.plant(plant)
-  observer = TrueObserver()
+  observer: Observer = TrueObserver()
   if sees == "fekf":
     observer = SensedObserver(SensorSuite(qcar_sensors(), count, 0), model.car, model.filter_settings(plant))
   linkage = actuation(plant, list(steering) * len(versions), each)

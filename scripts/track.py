@@ -11,16 +11,17 @@ import numpy as np
 import tyro
 
 from agents import controllers
-from agents.closed_loop import Actuation, Task, drive
-from agents.kpis import kpis
+from agents.closed_loop import Actuation, Drive, Task, drive
+from agents.kpis import Kpis, kpis
 from agents.model import Model
 from agents.output import write_drive
 from agents.speed import SpeedGains
 from calibration.identify import Identification
 from calibration.proving_ground.plant import ProvingGroundPlant
-from qcar_twin.estimation.observer import SensedObserver, TrueObserver
+from qcar_twin.estimation.observer import Observer, SensedObserver, TrueObserver
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.paths import path_named
+from qcar_twin.plant import Simulation
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
 
 
@@ -37,9 +38,7 @@ class Config:
   version: str = "tuned"
   """tuned or loose"""
   plant: Literal["twin", "bicycle", "proving_ground"] = "twin"
-  """what is driven"""
   estimator: Literal["fekf", "truth"] = "fekf"
-  """what the controller sees"""
   twin: str = ""
   """twin file (TOML); the nominal twin without it"""
   identified: Path | None = None
@@ -55,7 +54,6 @@ class Config:
   steering_offset: float = 0.0
   """deg, unknown to the controller"""
   seed: int = 0
-  """of the sensors"""
   quick: bool = False
   """one run"""
 
@@ -66,11 +64,11 @@ class Ground:
   period = ProvingGroundPlant.period
   parameters = ParameterSet(())
 
-  def begin(self, theta, start):
+  def begin(self, theta: np.ndarray, start: np.ndarray) -> Simulation:
     return ProvingGroundPlant().begin(start)
 
 
-def run(config: Config):
+def run(config: Config) -> tuple[Drive, Kpis]:
   """Drive, and return the drive with its indicators."""
   model = Model.nominal()
   if config.identified:
@@ -82,9 +80,9 @@ def run(config: Config):
   task = Task(path_named(config.path), config.speed, config.laps, lock=model.vehicle.max_steering, actuation=servo)
   numbers = controllers.entries().get(config.controller, {}).get(config.version)
   if numbers is None:
-    raise SystemExit(f"no controller '{config.controller}' in version '{config.version}'; see {controllers.FILE}")
+    raise SystemExit(f"no {config.version} controller '{config.controller}' in {controllers.FILE}")
   controller = controllers.make(config.controller, numbers, model.car, config.speed, task.lock)
-  observer = TrueObserver()
+  observer: Observer = TrueObserver()
   if config.estimator == "fekf":
     suite = SensorSuite(qcar_sensors(), count, config.seed)
     observer = SensedObserver(suite, model.car, model.filter_settings(config.plant))
