@@ -12,7 +12,7 @@ import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.recalibrate import BIAS_MECHANISMS
-from calibration.diagnosis.score import Comparison, compare, evidence
+from calibration.diagnosis.score import Comparison, compare, compare_freely, evidence
 from calibration.diagnosis.search import Pool, ensure
 from qcar_twin.mechanisms.base import Mechanism
 from qcar_twin.parameters import ParameterSet
@@ -33,7 +33,7 @@ class Thresholds:
     equivalent: a rival within so many standard errors of the claim can't be told apart.
   """
 
-  t: float = 2.6
+  t: float = 3.0
   nats: float = 20.0
   share: float = 0.55
   material: float = 0.2
@@ -241,7 +241,7 @@ def _material(pool: Pool, model: Candidate, name: str, share: float) -> bool:
 
 
 def _best_unknown(pool: Pool, unknowns: dict[str, Candidate]) -> tuple[str, Comparison] | None:
-  scored = {name: compare(model, pool.base, pool.problem.observations) for name, model in unknowns.items()}
+  scored = {name: compare_freely(model, pool.base, pool.problem.observations) for name, model in unknowns.items()}
   if not scored:
     return None
   name = max(scored, key=lambda n: scored[n].gain)
@@ -258,7 +258,7 @@ def _verdict(
 ) -> str:
   known = compare(best, pool.base, pool.problem.observations).gain if best.mechanisms else 0.0
   if unknown is not None and unknown[1].t > thresholds.t and unknown[1].relative > thresholds.unknown_share:
-    over = compare(unknowns[unknown[0]], best, pool.problem.observations)
+    over = compare_freely(unknowns[unknown[0]], best, pool.problem.observations)
     if unknown[1].gain > thresholds.unknown * known + 2.0 * thresholds.nats and over.t > thresholds.t:
       return "partly_explained" if claims and known > 0.5 * unknown[1].gain else "unexplained"
   return "explained" if claims else "no_mismatch"

@@ -15,7 +15,7 @@ from calibration.diagnosis.locate import locate
 from calibration.diagnosis.output import Diagnosis, write_outputs
 from calibration.diagnosis.recalibrate import BIAS_MECHANISMS, Baseline, recalibrate, sensor_floor, with_sensor_biases
 from calibration.diagnosis.scan import scan
-from calibration.diagnosis.score import compare
+from calibration.diagnosis.score import compare_freely
 from calibration.diagnosis.search import Effort, Pool, base_candidate, search
 from calibration.diagnosis.ship import compare_twins
 from calibration.diagnosis.unknown import smooth_forces, unknown_sensors
@@ -135,7 +135,7 @@ def fit_unknowns(pool: Pool) -> dict[str, Candidate]:
 
 
 def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]):
-  gains = {name: compare(m, pool.base, pool.problem.observations).gain for name, m in unknowns.items()}
+  gains = {name: compare_freely(m, pool.base, pool.problem.observations).gain for name, m in unknowns.items()}
   rests_on_unknown = decision.verdict == "unexplained" and decision.unknown is not None
   rival = unknowns[decision.unknown[0]] if rests_on_unknown and decision.unknown else None
   return locate(pool, decision.model, gains, rival, claimed=[c.mechanism for c in decision.claims])
