@@ -6,12 +6,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control import Controller, Situation
+from agents.control import Body, Controller, Situation
 from agents.speed import SpeedController, SpeedGains
 from qcar_twin.estimation.batch import BatchEstimate
 from qcar_twin.estimation.observer import Observer
 from qcar_twin.paths import Path
-from qcar_twin.plant import Plant
 
 Array = NDArray[np.float64]
 LOST = 0.5  # m from the path: the run is over
@@ -101,7 +100,7 @@ class Drive:
   @property
   def time(self) -> Array:
     """(T,), s."""
-    return self.period * np.arange(len(self.signals))
+    return np.arange(len(self.signals), dtype=np.float64) * self.period
 
   def cars(self, which: slice) -> "Drive":
     """The same drive with some of its cars."""
@@ -121,7 +120,7 @@ def start_states(task: Task, count: int) -> Array:
 
 
 def drive(
-  plant: Plant, theta: Array, controller: Controller, speed_gains: SpeedGains, observer: Observer, task: Task
+  plant: Body, theta: Array, controller: Controller, speed_gains: SpeedGains, observer: Observer, task: Task
 ) -> Drive:
   """Follow a path with N cars, plant parameters (N, P), until all have finished or a quarter more time has gone.
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.paths import Errors, Path
+from qcar_twin.plant import Simulation
 
 Array = NDArray[np.float64]
 
@@ -32,10 +33,22 @@ class Situation:
   period: float
 
 
+class Body(Protocol):
+  """What a controller can be closed around: less than a `Plant`, so that any simulator of a car will do."""
+
+  @property
+  def period(self) -> float: ...
+
+  def begin(self, theta: Array, start: Array) -> Simulation:
+    """N cars with parameters (N, P) at states (N, 7), see `qcar_twin.plant`."""
+    ...
+
+
 class Controller(Protocol):
   """A path-tracking controller of N cars; one without memory: what it needs to know is in the situation."""
 
-  name: str
+  @property
+  def name(self) -> str: ...
 
   def steer(self, situation: Situation) -> Array:
     """Steering command, rad, (N,); the loop limits it to the car's lock."""

@@ -75,6 +75,8 @@ def side_by_side(controllers: list[Controller], repeats: int) -> Controller:
   if isinstance(first, FeedforwardFeedback):
     gain = np.repeat([c.gain for c in controllers], repeats)
     return FeedforwardFeedback(first.car, gain, np.repeat([c.preview for c in controllers], repeats))
+  if not isinstance(first, (LqEd, LqCm, LinearRate)):
+    raise TypeError(f"controllers of kind {type(first).__name__} cannot be put side by side")
   return dataclasses.replace(first, gain=np.repeat([c.gain for c in controllers], repeats, axis=0))
 
 

@@ -178,7 +178,7 @@ def recorded_settings(dataset: DataSet, vehicle: Vehicle, car: Car, quick: bool)
     return settings
   stair, ramp = (lidar_like(named[n], vehicle, 1) for n in ("stair_02", "ramp_01"))
   training = [stair.window(stair.start, stair.start + 40.0), ramp.window(ramp.start + 60.0, ramp.start + 100.0)]
-  return fit_noise(training, car, settings, dict.fromkeys(ONBOARD, LATENESS))
+  return fit_noise(training, car, settings, {name: LATENESS for name in ONBOARD})
 
 
 def recorded_section(dataset: DataSet, vehicle: Vehicle, car: Car, figures: Path, quick: bool = False) -> list[str]:
@@ -207,7 +207,7 @@ def _recorded_rows(
   recording: Recording, vehicle: Vehicle, car: Car, settings: FilterSettings, figures: Path
 ) -> list[str]:
   noisy = lidar_like(recording, vehicle, 0)
-  lateness = dict.fromkeys(ONBOARD, LATENESS)
+  lateness: dict[str, float] = dict.fromkeys(ONBOARD, LATENESS)
   kinds = {"printed": settings, "shared": dataclasses.replace(settings, sharing=(0.5, 0.5))}
   found = {name: filter_recording(noisy, car, kind, lateness) for name, kind in kinds.items()}
   main = found["printed"]
@@ -223,7 +223,7 @@ def _recorded_rows(
     "EKF_BM alone": (main.bicycle, main.value["pose_yaw"], None),
     "EKF_PM alone": (main.point, None, None),
   }
-  draw.states_figure(main, noisy, car.rolling_radius, figures / f"{recording.name}_states.png")
+  draw.states_figure(main, noisy, float(np.asarray(car.rolling_radius)), figures / f"{recording.name}_states.png")
   lines = []
   for name, (position, yaw, covariance) in rows.items():
     error = (position - truth[:, :2])[late]

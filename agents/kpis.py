@@ -43,6 +43,7 @@ def kpis(drive: Drive) -> Kpis:
   me = np.where(lost, np.inf, np.max(np.abs(error), axis=0))
   rmse = np.where(lost, np.inf, np.sqrt(np.sum(error**2, axis=0) / steps))
   pose = drive.signals[..., :3]
-  inside = np.all(~under_way | drive.path.inside_lanes(pose[..., 0], pose[..., 1], pose[..., 2]), axis=0)
+  kept = drive.path.inside_lanes(pose[..., 0], pose[..., 1], pose[..., 2])
+  inside = np.all(np.logical_or(~under_way, kept), axis=0)
   iaca = np.sum(np.abs(steering), axis=0) / steps
   return Kpis(me, rmse, iaca, np.sqrt(np.sum(rate**2, axis=0) / steps), drive.finished, inside & drive.finished)

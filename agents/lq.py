@@ -49,7 +49,7 @@ def discrete_error_model(car: Car, speed: float, period: float) -> tuple[Array, 
   matrix, steering, _ = error_model(car, speed)
   block = np.zeros((5, 5))
   block[:4, :4], block[:4, 4] = matrix, steering
-  step = expm(block * period)
+  step = np.asarray(expm(block * period), dtype=np.float64)
   return step[:4, :4], step[:4, 4:]
 
 

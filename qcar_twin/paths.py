@@ -7,7 +7,7 @@ positive counter-clockwise (ISO 8855), the cross-track error is positive to the 
 
 import dataclasses
 import difflib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -225,6 +225,11 @@ def _yaw(pieces: Sequence[Piece], edges: Array, s: Array) -> tuple[Array, Array]
   return turned[i] + t * (first[i] + 0.5 * slope * t), first[i] + slope * t
 
 
+def _root(function: Callable[[float], float], low: float, high: float, xtol: float) -> float:
+  """Where a function changes its sign."""
+  return float(np.asarray(brentq(function, low, high, xtol=xtol)))
+
+
 def turn(angle: float, curvature: float, ramp: float) -> list[Piece]:
   """A turn by `angle` rad at `curvature` 1/m (same sign) with a clothoid of length `ramp` m at each end."""
   return [(ramp, 0.0, curvature), (angle / curvature - ramp, curvature, curvature), (ramp, curvature, 0.0)]
@@ -257,7 +262,7 @@ def infinity_shape() -> Path:
     path = path_from_pieces("lobe", lobe(half_straight), start=(0.0, 0.0, -crossing))
     return path.y[-1]
 
-  left = lobe(float(brentq(miss, 0.05, 3.0, xtol=1e-13)))
+  left = lobe(_root(miss, 0.05, 3.0, xtol=1e-13))
   right = [(length, -first, -last) for length, first, last in left]
   return path_from_pieces("infinity", left + right, start=(0.0, 0.0, -crossing), closed=True)
 
@@ -303,13 +308,13 @@ def lane_change(advance: float, offset: float) -> list[Piece]:
     def reach(length: float) -> float:
       return path_from_pieces("change", pieces(curvature, length)).x[-1] - advance
 
-    return float(brentq(reach, advance, 1.5 * advance, xtol=1e-13))
+    return _root(reach, advance, 1.5 * advance, xtol=1e-13)
 
   def miss(curvature: float) -> float:
     return path_from_pieces("change", pieces(curvature, length_for(curvature))).y[-1] - offset
 
   guess = 16.0 * abs(offset) / (3.0 * advance**2)
-  curvature = float(brentq(lambda k: sign * miss(k), 0.5 * guess, 1.6 * guess, xtol=1e-12))
+  curvature = _root(lambda k: sign * miss(k), 0.5 * guess, 1.6 * guess, xtol=1e-12)
   return pieces(curvature, length_for(curvature))
 
 

@@ -22,6 +22,8 @@ from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.sensors.noise import standstill_noise
 from qcar_twin.vehicle import Vehicle
 
+ONBOARD = ("motor_speed", "speed", "accel_x", "accel_y", "yaw_rate")
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:
@@ -84,7 +86,7 @@ def main(config: Config) -> None:
   if not chosen:
     raise SystemExit(f"nothing to estimate with a pose; there are {', '.join(r.name for r in dataset.recordings)}")
   config.out.mkdir(parents=True, exist_ok=True)
-  lateness = dict.fromkeys(("motor_speed", "speed", "accel_x", "accel_y", "yaw_rate"), config.onboard_lateness)
+  lateness = {name: config.onboard_lateness for name in ONBOARD}
   if config.fit_noise:
     training = [r for r in dataset.role("identify") if "pose_x" in r.streams]
     settings = fit_noise(training, bicycle.car(theta), settings, lateness)

@@ -93,7 +93,7 @@ class Samples:
   commands: Array  # V, rad, (N, 2)
   accel: Array  # (N, 2)
   fix: Array | None = None  # x, y, yaw, score, (N, 4)
-  outcome: Cars | None = None
+  outcome: Cars = dataclasses.field(default_factory=lambda: Cars.at_rest(0))
 
 
 class FederatedBatch:

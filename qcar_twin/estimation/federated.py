@@ -138,5 +138,5 @@ class FederatedFilter:
     index = self._timeline.first_fix()
     if index is not None:
       slot = self._timeline[index]
-      pose = slot.pose or {}
-      self.start(self._timeline.time(index), tuple(pose[name] for name in POSE), slot.speed or 0.0, START_STD[0])
+      x, y, yaw = ((slot.pose or {})[name] for name in POSE)
+      self.start(self._timeline.time(index), (x, y, yaw), slot.speed or 0.0, START_STD[0])

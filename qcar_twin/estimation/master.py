@@ -5,6 +5,7 @@ Aerospace and Electronic Systems 26(3), 1990; the paper's eq. (master).
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,8 @@ def fuse(states: Sequence[Array], covariances: Sequence[Array]) -> tuple[Array, 
   return (fused @ weighted)[..., 0], fused
 
 
-Position = tuple[float, float]
-Symmetric = tuple[float, float, float]  # xx, xy, yy
+Position = tuple[Any, Any]  # floats or arrays (N,)
+Symmetric = tuple[Any, Any, Any]  # xx, xy, yy
 
 
 def fuse_positions(p1: Position, c1: Symmetric, p2: Position, c2: Symmetric) -> tuple[Position, Symmetric]:

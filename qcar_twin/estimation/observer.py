@@ -54,7 +54,7 @@ class TrueObserver:
       sideslip_angle(velocity[:, 0], velocity[:, 1]),
       signals[:, COLUMN["yaw_rate"]].copy(),
       np.zeros((count, 3)),
-      np.isfinite(signals).all(axis=1),
+      np.asarray(np.isfinite(signals).all(axis=1)),
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from qcar_twin.estimation.estimate import Estimate
 from qcar_twin.estimation.federated import TAKES, FederatedFilter
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.kinematics import kinematic_sideslip_angle, wrap_angle
@@ -104,7 +105,8 @@ def filter_events(events: Iterable[Event], federated: FederatedFilter) -> Estima
   events = list(events)
   period = federated.settings.period
   begin, end = min(event.stamp for event in events), max(event.arrival for event in events)
-  times = begin + period * np.arange(int(np.ceil((end - begin) / period - 1e-6)) + 1)
+  count = int(np.ceil((end - begin) / period - 1e-6)) + 1
+  times: Array = begin + period * np.arange(count, dtype=np.float64)
   rows, position = [], 0
   reasons: dict[str, int] = {}
   for time in times:
@@ -118,7 +120,7 @@ def filter_events(events: Iterable[Event], federated: FederatedFilter) -> Estima
   return _estimates(times, np.array(rows), reasons, federated)
 
 
-def _row(estimate) -> list[float]:
+def _row(estimate: Estimate) -> list[float]:
   std = estimate.std
   bicycle = estimate.bicycle[0][:2] if estimate.bicycle else (np.nan, np.nan)
   point = estimate.point[0][:2] if estimate.point else (np.nan, np.nan)

@@ -68,8 +68,9 @@ class Room:
       box = Box(
         float(rng.uniform(west, east)),
         float(rng.uniform(south, north)),
-        *(float(size) for size in rng.uniform(0.1, 0.3, 2)),
-        float(rng.uniform(0.0, np.pi)),
+        half_x=float(rng.uniform(0.1, 0.3)),
+        half_y=float(rng.uniform(0.1, 0.3)),
+        yaw=float(rng.uniform(0.0, np.pi)),
       )
       if len(furniture) < 8 and np.min(np.hypot(box.x - x, box.y - y)) > 0.5 + np.hypot(box.half_x, box.half_y):
         furniture.append(box)
