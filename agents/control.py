@@ -37,7 +37,9 @@ class Body(Protocol):
   """What a controller can be closed around: less than a `Plant`, so that any simulator of a car will do."""
 
   @property
-  def period(self) -> float: ...
+  def period(self) -> float:
+    """Control period, s."""
+    ...
 
   def begin(self, theta: Array, start: Array) -> Simulation:
     """N cars with parameters (N, P) at states (N, 7), see `qcar_twin.plant`."""
@@ -48,7 +50,9 @@ class Controller(Protocol):
   """A path-tracking controller of N cars; one without memory: what it needs to know is in the situation."""
 
   @property
-  def name(self) -> str: ...
+  def name(self) -> str:
+    """Of its kind, as in data/controllers.toml."""
+    ...
 
   def steer(self, situation: Situation) -> Array:
     """Steering command, rad, (N,); the loop limits it to the car's lock."""

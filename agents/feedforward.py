@@ -35,6 +35,7 @@ class FeedforwardFeedback:
   name: str = "ff_fb"
 
   def steer(self, situation: Situation) -> Array:
+    """Steering command, rad, (N,)."""
     car, errors, speed = self.car, situation.errors, situation.speed
     wheelbase = np.asarray(car.cg_to_front) + car.cg_to_rear
     stiffness = car.cornering_stiffness_front, car.cornering_stiffness_rear

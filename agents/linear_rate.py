@@ -31,6 +31,7 @@ class LinearRate:
   name: str = "linear_rate"
 
   def steer(self, situation: Situation) -> Array:
+    """Steering command, rad, (N,)."""
     rate = -np.sum(self.gain * situation.errors.observation, axis=-1)
     steering = situation.steering + np.clip(rate, -self.largest, self.largest) * situation.period
     return np.clip(steering, -self.lock, self.lock)

@@ -86,9 +86,11 @@ class LqEd:
 
   @classmethod
   def design(cls, car: Car, speed: float, weights: Sequence[float], effort: float) -> "LqEd":
+    """Gain of the discrete LQ problem at a speed, m/s; see `lq_gain` for the weights."""
     return cls(lq_gain(car, speed, weights, effort))
 
   def steer(self, situation: Situation) -> Array:
+    """Steering command, rad, (N,)."""
     return -np.sum(self.gain * situation.errors.observation, axis=-1)
 
 
@@ -108,9 +110,11 @@ class LqCm:
 
   @classmethod
   def design(cls, car: Car, speed: float, weights: Sequence[float], effort: float) -> "LqCm":
+    """Gain and steady curve at a speed, m/s; see `lq_gain` for the weights."""
     return cls(lq_gain(car, speed, weights, effort), *steady_curve(car, speed))
 
   def steer(self, situation: Situation) -> Array:
+    """Steering command, rad, (N,)."""
     error = situation.errors.observation.copy()
     error[:, 2] -= self.heading * situation.errors.curvature
     return self.steering * situation.errors.curvature - np.sum(self.gain * error, axis=-1)

@@ -37,6 +37,7 @@ class Case:
 
   @property
   def label(self) -> str:
+    """Controller and version."""
     return " ".join(self.controller)
 
 

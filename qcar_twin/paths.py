@@ -93,10 +93,12 @@ class Path:
 
   @property
   def length(self) -> float:
+    """Of the whole path (one lap of a closed one), m."""
     return float(self.arc_length[-1])
 
   @property
   def start(self) -> Pose:
+    """Pose at arc length zero."""
     return float(self.x[0]), float(self.y[0]), float(self.yaw[0])
 
   def at(self, arc_length: ArrayLike) -> Reference:

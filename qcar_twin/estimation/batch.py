@@ -43,6 +43,8 @@ class Cars:
 
   @classmethod
   def at_rest(cls, count: int) -> "Cars":
+    """N cars that nothing is known of."""
+
     def zeros(*shape: int) -> Array:
       return np.zeros((count, *shape))
 
@@ -64,6 +66,7 @@ class Cars:
     )
 
   def copy(self) -> "Cars":
+    """An independent copy."""
     return Cars(*(getattr(self, field.name).copy() for field in dataclasses.fields(self)))
 
   def put(self, which: Mask, other: "Cars") -> None:

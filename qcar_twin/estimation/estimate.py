@@ -40,6 +40,7 @@ class Estimate(NamedTuple):
 
   @property
   def valid(self) -> bool:
+    """Whether the estimate may be used."""
     return not self.reasons
 
   @property

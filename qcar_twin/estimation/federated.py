@@ -16,6 +16,7 @@ from qcar_twin.single_track import Car
 
 INPUTS = (*COMMANDS, "accel_x", "accel_y")  # act from their slot until the next
 TAKES = (*INPUTS, "motor_speed", "speed", "yaw_rate", *POSE, "pose_score")
+_TAKEN = frozenset(TAKES)
 
 
 class FederatedFilter:
@@ -39,6 +40,7 @@ class FederatedFilter:
     self._timeline = Timeline(self.settings.period, self.settings.buffer)
     self._started: int | None = None  # slot of the first pose
     self._current = 0  # last slot passed
+    self._recent_time, self._recent = math.nan, (0, 0.0, Slot())  # time of the last sample, and where it went
     self._dirty: int | None = None  # first slot whose outcome a late arrival has spoilt
 
   @property
@@ -67,17 +69,24 @@ class FederatedFilter:
     Raises:
       KeyError: a channel the filter has no use for, with the nearest one.
     """
-    if channel not in TAKES:
+    if channel not in _TAKEN:
       raise KeyError(f"the filter takes no channel '{channel}'{nearest(channel, TAKES)}")
     if not (math.isfinite(time) and math.isfinite(value)):
       self.refused[channel, "not finite"] += 1
       return
-    index, offset = self._timeline.place(time)
-    reason = self._out_of_reach(index, channel)
-    if reason is None and not self._put(self._timeline[index], channel, value, offset):
-      reason = "repeated"
-    if reason is not None:
-      self.refused[channel, reason] += 1
+    if time == self._recent_time:  # samples of one time come together
+      index, offset, slot = self._recent
+    else:
+      index, offset = self._timeline.place(time)
+      reason = self._out_of_reach(index, channel)
+      if reason is not None:
+        self.refused[channel, reason] += 1
+        return
+      slot = self._timeline[index]
+      if self._started is not None and index > self._started:
+        self._recent_time, self._recent = time, (index, offset, slot)
+    if not self._put(slot, channel, value, offset):
+      self.refused[channel, "repeated"] += 1
     elif index <= self._current and self._started is not None:
       spoilt = index + (channel in INPUTS)
       if spoilt <= self._current:
@@ -119,6 +128,7 @@ class FederatedFilter:
   def estimate(self, time: float) -> Estimate:
     """Advance to a time, s, starting over from where late arrivals have changed the past, and report."""
     target, _ = self._timeline.place(time)
+    self._recent_time = math.nan
     if self._started is None:
       self._start_at_first_fix()
     if self._started is None:

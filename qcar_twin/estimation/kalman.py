@@ -4,7 +4,7 @@
 rows of the state as measurement, and a gate on the normalised innovation squared (NIS) before use.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
@@ -20,19 +20,20 @@ class LocalFilter(ExtendedKalmanFilter):
   Args:
     state: initial estimate, (n,).
     covariance: of its error, (n, n).
-    process_noise: covariance added per prediction, (n, n).
+    model_noise: covariance added per prediction, (n, n).
   """
 
-  def __init__(self, state: Array, covariance: Array, process_noise: Array):
+  def __init__(self, state: Array, covariance: Array, model_noise: Array):
     super().__init__(dim_x=len(state), dim_z=1)
     self.x = np.array(state, dtype=np.float64)
     self.P = np.array(covariance, dtype=np.float64)
-    self.Q = np.array(process_noise, dtype=np.float64)
+    self.Q = np.array(model_noise, dtype=np.float64)
     self._following = self.x
     self._selectors: dict[tuple[int, ...], Callable[[Array], Array]] = {}
 
   @property
   def snapshot(self) -> Snapshot:
+    """State and covariance as they are now."""
     return self.x, self.P
 
   def restore(self, snapshot: Snapshot) -> None:
@@ -52,7 +53,7 @@ class LocalFilter(ExtendedKalmanFilter):
     """S = H P H' + R for H selecting `rows`; noise is R, (k, k)."""
     return self.P[np.ix_(rows, rows)] + noise
 
-  def correct(self, rows: tuple[int, ...], innovation: Array, noise: Array) -> None:
+  def correct(self, rows: tuple[int, ...], innovation: Iterable[float], noise: Array) -> None:
     """Update with z - h(x) already formed (angles wrapped), for H selecting `rows`.
 
     Args:
@@ -64,7 +65,8 @@ class LocalFilter(ExtendedKalmanFilter):
     if select is None:
       selector = np.eye(self.dim_x)[list(rows)]
       select = self._selectors[rows] = lambda _: selector
-    self.update(innovation, select, _zero, noise)
+    # a tuple: filterpy deep-copies what it is given, which is slow for arrays
+    self.update(tuple(innovation), select, _zero, noise)
 
   def correct_with(self, selector: Array, innovation: Array, noise: Array) -> None:
     """The same for any measurement matrix H = d h / d x, (k, n)."""

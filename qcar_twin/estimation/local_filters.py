@@ -52,6 +52,7 @@ class Held:
   watch: SpeedWatch = dataclasses.field(default_factory=SpeedWatch)
 
   def copy(self) -> "Held":
+    """An independent copy."""
     monitor, watch = self.monitor.copy(), self.watch.copy()
     return Held(self.voltage, self.steering, self.angle, self.accel, self.accel_age, monitor, watch)
 
@@ -170,7 +171,7 @@ class LocalFilters:
     if given:
       rows, noise = self._motion[given]
       innovation = [value for value in (speed, yaw_rate) if value is not None]
-      bicycle.correct(rows, np.array(innovation), noise)
+      bicycle.correct(rows, innovation, noise)
     if self.settings.central and slot.accel_y is not None:
       self._correct_acceleration(slot.accel_y)
 

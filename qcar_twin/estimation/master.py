@@ -54,15 +54,15 @@ class Federation:
 
   Args:
     state, covariance: initial global estimate, (n,), (n, n).
-    process_noise: global, (n, n).
+    model_noise: global, (n, n).
     sharing: beta_i, one per local filter.
   """
 
-  def __init__(self, state: Array, covariance: Array, process_noise: Array, sharing: Sequence[float]):
+  def __init__(self, state: Array, covariance: Array, model_noise: Array, sharing: Sequence[float]):
     if min(sharing) <= 0.0:
       raise ValueError(f"information sharing factors must be positive, got {tuple(sharing)}")
     self.sharing = tuple(sharing)
-    self.locals = [LocalFilter(state, covariance / beta, process_noise / beta) for beta in sharing]
+    self.locals = [LocalFilter(state, covariance / beta, model_noise / beta) for beta in sharing]
 
   def predict_to(self, following: Array, transition: Array) -> None:
     """Predict every local filter; after a reset all of them hold the same state."""

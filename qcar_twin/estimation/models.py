@@ -52,9 +52,36 @@ def bicycle_step(
     The next state, and (XV, Xpsi, Xr, YV, Ypsi, Yr, VV, BV, BB, BR, RV, RB, RR); dX/dbeta equals dX/dpsi.
   """
   x, y, v, yaw, beta, r = state
+  h = period
+  v_next, v_v = speed_step(v, voltage, car, h, lib)
+  rate, rate_v = (v_next - v) / h, (v_v - 1.0) / h
+  (beta_next, r_next), lateral = lateral_step((v, beta, r), (rate, rate_v), steering, car, h, lib)
+  course = yaw + beta + 0.5 * h * r
+  cos, sin = lib.cos(course), lib.sin(course)
+  following = (x + h * v * cos, y + h * v * sin, v_next, yaw + h * r, beta_next, r_next)
+  along_x = (h * cos, -h * v * sin, -0.5 * h * h * v * sin)
+  along_y = (h * sin, h * v * cos, 0.5 * h * h * v * cos)
+  return following, (*along_x, *along_y, v_v, *lateral)
+
+
+def lateral_step(
+  state: State, acceleration: State, steering: Any, car: Car, period: float, lib: ModuleType = math
+) -> tuple[State, State]:
+  """Sideslip and yaw rate after a period (backward Euler) and their derivatives by v, beta, r.
+
+  With a = |v|, s = sgn v, C = C_f + C_r, c1 = C_f L_f - C_r L_r, c2 = C_f L_f^2 + C_r L_r^2 it solves
+    (m a + h (C + m s v')) beta+ + h (c1 + m a v) (r+ / v) = m a beta + h C_f delta
+    (I a + h c2) r+ + h c1 v beta+ = I a r + h v C_f L_f delta
+  for (beta+, r+): the equations of `single_track` times m |v| and I |v|.
+
+  Args:
+    state: v, beta, r.
+    acceleration: v' and its derivative by v.
+  """
+  v, beta, r = state
+  rate, rate_v = acceleration
   m, inertia, h = car.mass, car.yaw_inertia, period
   front, rear = car.cornering_stiffness_front, car.cornering_stiffness_rear
-  c0 = front + rear
   c1 = front * car.cg_to_front - rear * car.cg_to_rear
   c2 = front * car.cg_to_front**2 + rear * car.cg_to_rear**2
   push, twist = h * front * steering, h * front * car.cg_to_front * steering
@@ -62,16 +89,12 @@ def bicycle_step(
   a = lib.sqrt(v * v + STANDSTILL * STANDSTILL)  # |v|
   s = v / a  # sgn v
   s_v = (1.0 - s * s) / a
-  v_next, v_v = speed_step(v, voltage, car, h, lib)
-  rate, rate_v = (v_next - v) / h, (v_v - 1.0) / h
-  e = inertia * a + h * c2
-  g = h * (c1 + m * a * v)  # coupling of r into beta
-  g_v = h * m * (s * v + a)
+  e, e_v = inertia * a + h * c2, inertia * s
+  g, g_v = h * (c1 + m * a * v), h * m * (s * v + a)  # coupling of r into beta
   spin = inertia * s * r + twist
   top = m * a * beta + push - g * spin / e
-  bottom = m * a + h * (c0 + m * s * rate) - h * c1 * g / e
+  bottom = m * a + h * (front + rear + m * s * rate) - h * c1 * g / e
   beta_next = top / bottom
-  e_v = inertia * s
   top_v = m * s * beta - (g_v * spin + g * inertia * s_v * r) / e + g * spin * e_v / (e * e)
   bottom_v = m * s + h * m * (s_v * rate + s * rate_v) - h * c1 * (g_v / e - g * e_v / (e * e))
   beta_v = (top_v - beta_next * bottom_v) / bottom
@@ -80,27 +103,9 @@ def bicycle_step(
 
   r_next = (inertia * a * r + v * (twist - h * c1 * beta_next)) / e
   pull = h * c1 * v / e
-  r_v = (inertia * s * r + twist - h * c1 * beta_next - r_next * e_v) / e - pull * beta_v
-
-  course = yaw + beta + 0.5 * h * r
-  cos, sin = lib.cos(course), lib.sin(course)
-  following = (x + h * v * cos, y + h * v * sin, v_next, yaw + h * r, beta_next, r_next)
-  entries = (
-    h * cos,
-    -h * v * sin,
-    -0.5 * h * h * v * sin,
-    h * sin,
-    h * v * cos,
-    0.5 * h * h * v * cos,
-    v_v,
-    beta_v,
-    beta_beta,
-    beta_r,
-    r_v,
-    -pull * beta_beta,
-    inertia * a / e - pull * beta_r,
-  )
-  return following, entries
+  r_v = (spin - h * c1 * beta_next - r_next * e_v) / e - pull * beta_v
+  by = (beta_v, beta_beta, beta_r, r_v, -pull * beta_beta, inertia * a / e - pull * beta_r)
+  return (beta_next, r_next), by
 
 
 def fill_jacobian(jacobian: Any, entries: State, period: float) -> None:

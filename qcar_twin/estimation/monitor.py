@@ -35,6 +35,7 @@ class Monitor:
   driven: float = 0.0
 
   def copy(self) -> "Monitor":
+    """An independent copy."""
     return Monitor(self.age, self.refused, self.steady, self.x, self.y, self.driven)
 
   def drive(self, speed: float, period: float) -> None:
@@ -43,6 +44,7 @@ class Monitor:
     self.driven += abs(speed) * period
 
   def accept(self) -> None:
+    """Note an accepted fix."""
     self.age, self.refused, self.steady = 0.0, 0, 0
 
   def refuse(self, x: float, y: float) -> int:
@@ -73,6 +75,7 @@ class SpeedWatch:
   contrary: int = 0
 
   def copy(self) -> "SpeedWatch":
+    """An independent copy."""
     return SpeedWatch(self.fixes, self.distance, self.doubted, self.contrary)
 
   def travel(self, speed: float, period: float) -> None:

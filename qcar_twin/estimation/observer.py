@@ -38,12 +38,14 @@ class TrueObserver:
   """Sees the signals themselves."""
 
   def begin(self, signals: Array, which: Mask | None = None) -> BatchEstimate:
+    """The truth has no memory: the same as `observe`."""
     return self.observe(signals)
 
   def command(self, commands: Array) -> None:
     """The truth needs no commands."""
 
   def observe(self, signals: Array) -> BatchEstimate:
+    """The signals as an estimate without error."""
     velocity = signals[:, [COLUMN["velocity_x"], COLUMN["velocity_y"]]]
     count = len(signals)
     speed = np.hypot(*velocity.T) * np.where(velocity[:, 0] < 0.0, -1.0, 1.0)
@@ -88,9 +90,11 @@ class SensedObserver:
     return self.filter.estimate()
 
   def command(self, commands: Array) -> None:
+    """Tell the filter what acts over the next period."""
     self.filter.command(commands)
 
   def observe(self, signals: Array) -> BatchEstimate:
+    """Let the sensors measure and the filter go on by a period."""
     none = np.full((self.suite.count, 2), np.nan)
     motion, accel, fix, age = none, none.copy(), None, 0
     for reading in self.suite.measure(signals):

@@ -161,6 +161,7 @@ class ScanningLidar:
   channels = ("pose_x", "pose_y", "pose_yaw", "pose_score")
 
   def begin(self, count: int, period: float, rng: np.random.Generator) -> "ScanningLidarRun":
+    """Put it to work in N cars."""
     return ScanningLidarRun(self, count, rng)
 
 
@@ -198,5 +199,6 @@ class ScanningLidarRun:
     return out
 
   def restart(self, which: Mask, signals: Array) -> None:
+    """The matcher of some cars starts at their true pose again."""
     self._last[which] = np.nan
     self._before[which] = np.nan

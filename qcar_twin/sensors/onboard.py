@@ -19,10 +19,13 @@ class Imu:
   channels = ("accel_x", "accel_y", "yaw_rate")
 
   def begin(self, count: int, period: float, rng: np.random.Generator) -> "ImuRun":
+    """Put it to work in N cars."""
     return ImuRun(ErrorStream((self.accel, self.accel, self.gyro), count, 1.0 / self.timing.rate, rng))
 
 
 class ImuRun:
+  """The IMU of N cars under way."""
+
   def __init__(self, errors: ErrorStream):
     self._errors = errors
 
@@ -34,6 +37,7 @@ class ImuRun:
     return signals[:, IMU] + self._errors.sample()
 
   def restart(self, which: Mask, signals: Array) -> None:
+    """New biases for some cars."""
     self._errors.restart(which)
 
 
@@ -46,10 +50,13 @@ class Encoder:
   channels = ("motor_speed",)
 
   def begin(self, count: int, period: float, rng: np.random.Generator) -> "EncoderRun":
+    """Put it to work in N cars."""
     return EncoderRun(self, count, period, rng)
 
 
 class EncoderRun:
+  """The encoder of N cars under way: it turns with the motor and counts."""
+
   def __init__(self, encoder: Encoder, count: int, period: float, rng: np.random.Generator):
     self._count, self._period = 2.0 * math.pi / encoder.counts, period  # rad, s
     self._interval = 1.0 / encoder.timing.rate
@@ -72,5 +79,6 @@ class EncoderRun:
     return speed[:, None]
 
   def restart(self, which: Mask, signals: Array) -> None:
+    """Some cars go on at another speed."""
     if self._speed is not None:
       self._speed = np.where(which, signals[:, MOTOR_SPEED], self._speed)

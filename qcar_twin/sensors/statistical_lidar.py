@@ -66,10 +66,13 @@ class StatisticalLidar:
     )
 
   def begin(self, count: int, period: float, rng: np.random.Generator) -> "StatisticalLidarRun":
+    """Put it to work in N cars."""
     return StatisticalLidarRun(self, count, rng)
 
 
 class StatisticalLidarRun:
+  """The cheap lidar of N cars under way."""
+
   def __init__(self, lidar: StatisticalLidar, count: int, rng: np.random.Generator):
     self._lidar = lidar
     interval = 1.0 / lidar.timing.rate
@@ -95,4 +98,5 @@ class StatisticalLidarRun:
     return np.concatenate([pose, score[:, None]], axis=1)
 
   def restart(self, which: Mask, signals: Array) -> None:
+    """New errors for some cars."""
     self._errors.restart(which)
