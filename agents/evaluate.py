@@ -118,7 +118,7 @@ def evaluate(
   plant: PlantMaker = known_plant,
   workers: int = 1,
   ray: bool = False,
-  baselines: bool = True,
+  versions: Sequence[str] = ("loose", "tuned"),
 ) -> list[Row]:
   """Every policy, and the controllers they are measured against, in every case.
 
@@ -126,6 +126,7 @@ def evaluate(
     policies: folder by label; several seeds of one training are several policies.
     plant: makes the plants the cases name.
     workers: processes.
+    versions: of the controllers of data/controllers.toml; none for the policies alone.
     ray: send the work to the Ray cluster at hand (RAY_ADDRESS), or a local one, instead of local processes.
   """
   jobs: list[tuple[str, Path | None]] = []

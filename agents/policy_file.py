@@ -63,6 +63,7 @@ def save_policy(policy: Policy, folder: Path) -> None:
     tensors[f"weight_{k}"], tensors[f"bias_{k}"] = np.ascontiguousarray(weight), np.ascontiguousarray(bias)
   part = folder / (WEIGHTS + ".part")
   save_file(tensors, part)
+  part.chmod(0o644)  # the library writes for the owner alone
   part.replace(folder / WEIGHTS)
   about = {
     "format": FORMAT,

@@ -15,6 +15,7 @@ from agents.figures import lane_change_figure, tracking_figure
 from agents.policy_file import load_policy
 from calibration.proving_ground.plant import ProvingGroundPlant
 from qcar_twin.parameters import ParameterSet
+from qcar_twin.plant import Plant
 from qcar_twin.twin_file import load_twin
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -47,11 +48,11 @@ class Config:
   ray: bool = False
   """on the Ray cluster at hand instead of in local processes"""
   quick: bool = False
-  """one car on the oval and the S"""
+  """one car on the S, against the tuned controllers only"""
 
 
 class Ground:
-  """The independent car in the shape of a plant; it has no parameters to set."""
+  """The independent car in the shape of a plant; it has no parameters to set and nothing is fitted to it."""
 
   period = ProvingGroundPlant.period
   parameters = ParameterSet(())
@@ -67,12 +68,12 @@ def main(config: Config) -> None:
   """Drive all cases, write the results, print the table."""
   effects = config.effects
 
-  def plant(name: str):
+  def plant(name: str) -> tuple[Plant, np.ndarray]:
     if name == "proving_ground":
-      return Ground(effects), np.empty(0)
+      return Ground(effects), np.empty(0)  # type: ignore[return-value]
     return load_twin(name, threads=1) if name.endswith(".toml") else known_plant(name)
 
-  paths = ("o", "s") if config.quick else config.paths
+  paths = ("s",) if config.quick else config.paths
   wrong = [(1.0, 0.0)] + [(0.92, 1.0)] * config.mismatch
   cars = 1 if config.quick else config.cars
   cases = [
@@ -80,7 +81,8 @@ def main(config: Config) -> None:
     for name, speed, (gain, offset), path in itertools.product(config.plants, config.speeds, wrong, paths)
   ]
   policies = {f"ddpg {k}": folder for k, folder in enumerate(config.policy)}
-  rows = evaluate(policies, cases, plant, config.workers, config.ray)
+  versions = ("tuned",) if config.quick else ("loose", "tuned")
+  rows = evaluate(policies, cases, plant, config.workers, config.ray, versions)
   print(write_evaluation(config.out, rows, lambda label: "ddpg" if label.startswith("ddpg") else label))
   for case in cases[: len(paths)]:
     drives = {"ddpg": run_case(load_policy(config.policy[0]), case, plant)}

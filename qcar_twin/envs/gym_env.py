@@ -53,7 +53,7 @@ class PathTrackingEnv(gymnasium.Env):
     return self._observation(), self._info()
 
   def step(self, action: NDArray[np.float32]):
-    outcome = self.fleet.step(np.asarray(action))
+    outcome = self.fleet.step(np.asarray(action, dtype=np.float64))
     info = self._info()
     return (
       self._observation(),

@@ -1,0 +1,80 @@
+"""The three scripts, run as a user would with --quick."""
+
+import json
+import runpy
+from pathlib import Path
+
+import pytest
+from test_train import GOOD
+
+from agents.policy_file import load_policy, save_policy
+from qcar_twin.rendering import RenderingUnavailable
+
+ROOT = Path(__file__).resolve().parents[2]
+SHIPPED = ROOT / "data" / "policy"
+
+
+def script(name):
+  return runpy.run_path(str(ROOT / "scripts" / f"{name}.py"))
+
+
+def test_evaluate_writes_results_and_figures(tmp_path, capsys):
+  save_policy(GOOD, tmp_path / "policy")
+  made = script("evaluate")
+  made["main"](made["Config"](tmp_path / "out", policy=(tmp_path / "policy",), plants=("bicycle",), quick=True))
+  assert "ddpg" in capsys.readouterr().out
+  summary = json.loads((tmp_path / "out" / "evaluation.json").read_text())["summary"]
+  assert {entry["path"] for entry in summary} == {"s"} and len(summary) == 5
+  names = {p.name for p in (tmp_path / "out").iterdir()}
+  assert {"indicators_0.png", "tracking_s.png", "evaluation.txt"} <= names
+
+
+def test_proving_ground_drives_with_the_effects_asked_for():
+  made = script("evaluate")
+  plain, bent = made["Ground"](()), made["Ground"](("steering_offset=1.0",))
+  start = [[0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0]]
+  ends = []
+  for ground in (plain, bent):
+    simulation = ground.begin(None, start)
+    for _ in range(100):
+      signals = simulation.step([[0.8, 0.0]])
+    ends.append(signals[0, 2])
+  assert abs(ends[0]) < 0.01 < abs(ends[1])
+
+
+@pytest.mark.parametrize("what", ["drive", "recording"])
+def test_render_makes_a_film_and_a_still(tmp_path, what):
+  save_policy(GOOD, tmp_path / "policy")
+  made = script("render")
+  choice = {"policy": tmp_path / "policy", "path": "s", "plant": "bicycle", "ghost": "lq_cm tuned"}
+  if what == "recording":
+    choice = {"dataset": ROOT / "data" / "sample", "recording": "figure_eight"}
+  try:
+    made["main"](made["Config"](tmp_path / "film.mp4", quick=True, **choice))
+  except RenderingUnavailable as error:
+    pytest.skip(str(error))
+  assert (tmp_path / "film.mp4").stat().st_size > 5000 and (tmp_path / "film.png").stat().st_size > 2000
+
+
+def test_render_names_who_could_drive(tmp_path):
+  made = script("render")
+  with pytest.raises(SystemExit, match="lq_cm tuned"):
+    made["main"](made["Config"](tmp_path / "film.mp4", driver="lqr", plant="bicycle"))
+
+
+def test_train_asks_for_what_was_said(tmp_path):
+  made = script("train")
+  plan = made["plan_of"](made["Config"](tmp_path, demonstrator="none", near=0.005, steering_gain=0.92, seed=7))
+  assert plan.options.demonstrator == "" and plan.options.reward.m6 == 0.0 and plan.options.reward.near == 0.005
+  assert plan.options.steering_gain == 0.92 and plan.seed == 7 and plan.settings.episodes == 300
+  assert made["plan_of"](made["Config"](tmp_path)).options.reward.m6 == 1.0
+
+
+def test_the_shipped_policy_says_where_it_comes_from_and_stays_on_the_training_path():
+  from agents.evaluate import Case, run_case
+  from agents.kpis import kpis
+
+  policy = load_policy(SHIPPED)
+  assert policy.provenance["training"]["options"]["path"] == "s"
+  found = kpis(run_case(policy, Case("s", cars=2)))
+  assert found.finished.all() and found.rmse.max() < 0.015
