@@ -1,7 +1,4 @@
-"""Run the federated filter over the recordings of a data set: estimates with standard deviations, figures.
-
-python scripts/estimate.py --dataset DIR --out OUT
-"""
+"""Run the federated filter over the recordings of a data set: estimates with standard deviations, figures."""
 
 import dataclasses
 import json
@@ -86,7 +83,7 @@ def main(config: Config) -> None:
   if not chosen:
     raise SystemExit(f"nothing to estimate with a pose; there are {', '.join(r.name for r in dataset.recordings)}")
   config.out.mkdir(parents=True, exist_ok=True)
-  lateness = {name: config.onboard_lateness for name in ONBOARD}
+  lateness: dict[str, float] = dict.fromkeys(ONBOARD, config.onboard_lateness)
   if config.fit_noise:
     training = [r for r in dataset.role("identify") if "pose_x" in r.streams]
     settings = fit_noise(training, bicycle.car(theta), settings, lateness)

@@ -1,6 +1,7 @@
 """Colours and figures of the house, the same in plots, reports and videos."""
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 
 import matplotlib as mpl
 import numpy as np
@@ -25,21 +26,28 @@ _RC = {
   "grid.linewidth": 0.6,
   "lines.linewidth": 1.2,
   "legend.frameon": False,
+  "xtick.labelsize": 8.0,
+  "ytick.labelsize": 8.0,
   "legend.fontsize": 8.5,
   "svg.hashsalt": "qcar-twin",
 }
 
 
+def house() -> AbstractContextManager[None]:
+  """The house's matplotlib settings, for a with statement or as a decorator of a function that draws."""
+  return mpl.rc_context(_RC)
+
+
 def new_figure(
   rows: int = 1, columns: int = 1, width: float = 8.0, row_height: float = 2.1, share_x: bool = False
 ) -> tuple[Figure, NDArray[np.object_]]:
-  """A figure without global state, and its axes, (rows, columns).
+  """A figure without global state, and its axes, (rows, columns). Titles and legends made later want `house` too.
 
   Args:
     width, row_height: inches.
     share_x: one horizontal axis for all rows.
   """
-  with mpl.rc_context(_RC):
+  with house():
     figure = Figure(figsize=(width, row_height * rows + 0.4), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, sharex=share_x)
   return figure, axes
@@ -63,5 +71,5 @@ def bars(axes: Axes, groups: Sequence[str], values: dict[str, Sequence[float]]) 
   for k, (who, heights) in enumerate(values.items()):
     shift = (k - 0.5 * (len(values) - 1)) * width
     axes.bar(place + shift, heights, width=0.92 * width, color=COLOURS[who], label=who)
-  axes.set_xticks(place, groups)
+  axes.set_xticks(place, groups, rotation=40, ha="right", rotation_mode="anchor")
   axes.grid(False, axis="x")

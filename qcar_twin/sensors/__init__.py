@@ -1,0 +1,1 @@
+"""Synthetic sensors: IMU, encoder and lidar with noise, latency, dropouts and spikes."""
