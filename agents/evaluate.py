@@ -130,10 +130,8 @@ def evaluate(
     ray: send the work to the Ray cluster at hand (RAY_ADDRESS), or a local one, instead of local processes.
   """
   jobs: list[tuple[str, Path | None]] = []
-  if baselines:
-    jobs += [
-      (f"{name} {version}", None) for name, version in BASELINES if version in controllers.entries().get(name, {})
-    ]
+  known = controllers.entries()
+  jobs += [(f"{n} {version}", None) for n, version in BASELINES if version in versions and version in known.get(n, {})]
   jobs += list(policies.items())
   calls = [joblib.delayed(_one)(label, folder, case, plant) for case in cases for label, folder in jobs]
   return in_parallel(calls, workers, ray)
