@@ -22,13 +22,14 @@ from numpy.typing import NDArray
 from calibration.diagnosis.passport import noise_passport
 from calibration.diagnosis.recalibrate import BIAS_MECHANISMS, recalibrate, sensor_floor, with_sensor_biases
 from calibration.first_guess import first_guess
-from calibration.fit import Fit
+from calibration.fit import Fit, with_jacobian
 from calibration.identify import Identification, SteadyState, identify
 from calibration.longitudinal import NotIdentifiable
 from calibration.match import PARTS, Answer, StepComparison, bicycle_values, levels_of, match_bicycle, mean_percent
 from calibration.observations import UNITS, observe
 from calibration.segmenting import Cut
 from calibration.stages import Stages, fingerprint, write_json
+from calibration.standing import split_standing
 from qcar_twin.dataset import DataSet
 from qcar_twin.mechanisms import select
 from qcar_twin.parameters import ParameterSet
@@ -174,7 +175,11 @@ def calibrate(
     biases = [] if set(mechanisms) & set(BIAS_MECHANISMS) else list(BIAS_MECHANISMS)
     twin = Twin(vehicle, select([*mechanisms, *biases]), substeps=2, threads=threads)
     work = lambda: _to_recordings(twin, dataset, identification, mechanisms, quick, progress)  # noqa: E731
-  found = stages.kept("fit") or stages.keep("fit", work())
+  found = stages.kept("fit")
+  if found:
+    progress("fit taken from an earlier run")
+  else:
+    found = stages.keep("fit", work())
   estimates = {name: _estimate(e) for name, e in found["estimates"].items()}
   theta = twin.parameters.vector({name: e.value for name, e in estimates.items()})
   progress("comparison")
@@ -221,7 +226,7 @@ def _to_recordings(
   quick: bool,
   progress: Progress,
 ) -> dict[str, Any]:
-  recordings = _open_recordings(dataset)
+  recordings, standing = split_standing(_open_recordings(dataset))
   base = first_guess(recordings, twin.vehicle)
   if identification and identification.lateral:
     tyres = {k: v for k, v in bicycle_values(identification, twin).items() if k.startswith("cornering")}
@@ -235,7 +240,10 @@ def _to_recordings(
     notes = []
   if len(shifts) > 1:
     notes.append(f"the log's command timing is unknown; commands fit best {baseline.shift} control periods later")
-  estimates = _table(baseline.fit, twin.parameters, "not fitted")
+  if standing:
+    notes.append(f"static friction holds the car in {', '.join(standing)}: left out of the fit, not of the errors")
+  fresh = with_jacobian(baseline.fit, baseline.jacobian[: len(baseline.fit.residual)], np.inf)
+  estimates = _table(fresh, twin.parameters, "not fitted")
   return {"estimates": estimates, "shift": int(baseline.shift), "notes": notes}
 
 

@@ -28,6 +28,7 @@ from calibration.observations import CHANNELS, UNITS, Observations, observe
 from calibration.parting import Parting, part
 from calibration.segmenting import Cut
 from calibration.stages import write_json
+from calibration.standing import split_standing
 from qcar_twin.bicycle import PARAMETERS, Bicycle
 from qcar_twin.dataset import DataSet
 from qcar_twin.plant import Prediction, Segments
@@ -205,7 +206,7 @@ def find_baseline(
       return Baseline(*found.bicycle(vehicle), "identified from voltage steps and step steers"), ""
   except NotIdentifiable as error:
     missing = str(error)
-  recordings = [r for r in dataset.recordings if r.role == "identify"]
+  recordings, _ = split_standing([r for r in dataset.recordings if r.role == "identify"])
   try:
     theta = fit_bicycle(recordings, vehicle, cut, progress).theta
   except ValueError as error:

@@ -152,13 +152,26 @@ def finite_differences(
 
 
 def broyden(jacobian: Array, r: Array, theta: Array, outcome: Array, candidate: Array, scale: Array) -> Array:
-  """Jacobian corrected by what one step showed (Broyden's rank-one update in units of scale), (M, p)."""
+  """Jacobian corrected by what one step showed (Broyden's rank-one update in units of scale), (M, p).
+
+  A step of less than a hundredth of the scales shows rounding and chatter of the simulation, not its slope.
+  """
   step = (candidate - theta) / scale
   power = float(step @ step)
-  if power < 1e-12 or not np.isfinite(outcome).all():
+  if power < 1e-4 or not np.isfinite(outcome).all():
     return jacobian
   surprise = outcome - r - jacobian @ (candidate - theta)
   return jacobian + np.outer(surprise / power, step / scale)
+
+
+def with_jacobian(found: Fit, jacobian: Array, robust: float) -> Fit:
+  """The same estimates with covariance and flags from a Jacobian, (M, p), taken anew where the fit ended.
+
+  Args:
+    robust: pseudo-Huber width the fit was made with.
+  """
+  costs = list(found.iterations)
+  return _finish(found.parameters, found.theta, found.residual, jacobian, costs, found.evaluations, robust)
 
 
 def robust_weights(r: Array, width: float) -> Array:
@@ -225,11 +238,12 @@ def _finish(
 ) -> Fit:
   span = parameters.upper - parameters.lower
   at_bound = (theta - parameters.lower < 1e-6 * span) | (parameters.upper - theta < 1e-6 * span)
-  covariance = inverse_curvature(posterior_curvature(jacobian, r, parameters, robust), parameters)
-  variance = np.diag(covariance).copy()
-  for i in np.flatnonzero(at_bound):
-    covariance[i, :] = covariance[:, i] = 0.0
-    covariance[i, i] = parameters.std[i] ** 2
+  covariance = np.diag(parameters.std**2)
+  free = np.flatnonzero(~at_bound)
+  loose = ParameterSet(p for p, bound in zip(parameters, at_bound, strict=True) if not bound)
+  curvature = posterior_curvature(jacobian[:, free], r, loose, robust)
+  covariance[np.ix_(free, free)] = inverse_curvature(curvature, loose)
+  variance = np.diag(covariance)
   return Fit(
     parameters=parameters,
     theta=theta,

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.fit import Fit, fit, posterior_curvature
+from calibration.fit import Fit, finite_differences, fit, posterior_curvature, with_jacobian
 from calibration.identify import Identification
 from calibration.steps import moving_average
 from qcar_twin.bicycle import Bicycle
@@ -244,12 +244,15 @@ def match_bicycle(
     theta[:, columns] = values
     return theta
 
+  def residual(values: Array) -> Array:
+    return comparison.residual(full(values), bicycle_theta)
+
   first = free.vector({k: v for k, v in bicycle_values(identification, twin).items() if k in free})
-  found = fit(lambda v: comparison.residual(full(v), bicycle_theta), free, first, iterations=iterations, robust=np.inf,
-              tolerance=1e-3, progress=progress)  # fmt: skip
-  found = _with_bicycle(found, identification.covariance, lambda b: comparison.residual(full(found.theta[None]), b)[0],
-                        bicycle_theta)  # fmt: skip
+  found = fit(residual, free, first, iterations, np.inf, tolerance=1e-3, progress=progress)
+  found = with_jacobian(found, finite_differences(residual, free, found.theta, found.residual), np.inf)
   theta = full(found.theta[None])[0]
+  moved = lambda bicycle: comparison.residual(theta[None], bicycle)[0]  # noqa: E731
+  found = _with_bicycle(found, identification.covariance, moved, bicycle_theta)
   return Match(found, theta, comparison.answers(theta, bicycle_theta))
 
 

@@ -22,6 +22,7 @@ LATERAL = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, math.inf)  # m/s^2
 CHANNELS = ("motor_speed", "speed", "yaw_rate", "accel_y")
 FEWEST = 30  # values in a cell that count
 SHARE = 0.05  # of what is measured in a cell: the models part where they differ by more
+QUIET = 0.3  # a cell with less in it than this share of the whole is judged against that share
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Cell:
 
   Attributes:
     speed, lateral: edges of the region, m/s and m/s^2.
-    size: of what was measured there.
+    size: of what was measured there, at least QUIET of what was measured everywhere.
     difference: twin minus bicycle.  twin, bicycle: error of each.
   """
 
@@ -96,14 +97,20 @@ def _cells(
 ) -> list[Cell]:
   found = []
   measured, twin, bicycle = replay.observations.measured, replay.predicted["twin"], replay.predicted["bicycle"]
+  least = QUIET * _root_mean_square(measured[rows])
   for low, high in zip(speeds[:-1], speeds[1:], strict=True):
     for left, right in zip(laterals[:-1], laterals[1:], strict=True):
       here = rows & (speed >= low) & (speed < high) & (lateral >= left) & (lateral < right)
       if here.sum() >= FEWEST:
         errors = [twin[here] - bicycle[here], twin[here] - measured[here], bicycle[here] - measured[here]]
-        values = [float(np.sqrt(np.mean(np.square(e)))) for e in (measured[here], *errors)]
-        found.append(Cell(channel, (low, high), (left, right), int(here.sum()), *values))
+        size = max(_root_mean_square(measured[here]), least)
+        values = [_root_mean_square(e) for e in errors]
+        found.append(Cell(channel, (low, high), (left, right), int(here.sum()), size, *values))
   return found
+
+
+def _root_mean_square(values: Array) -> float:
+  return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0
 
 
 def _state(observations, recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[Array, Array]:

@@ -3,9 +3,10 @@
   stages = Stages(out / "stages", fingerprint(dataset), options)
   found = stages.kept("identify") or stages.keep("identify", work())
 
-A stage counts only for the same recordings and options; anything else is computed anew.
+A stage counts only for the same recordings, options and program; anything else is computed anew.
 """
 
+import functools
 import hashlib
 import json
 import logging
@@ -29,7 +30,7 @@ class Stages:
   def __init__(self, folder: str | os.PathLike[str] | None, *key: Any):
     """key: everything the results depend on; compared by value."""
     self._folder = None if folder is None else Path(folder)
-    self._key = hashlib.sha256(repr(key).encode()).hexdigest()
+    self._key = hashlib.sha256(repr((program(), key)).encode()).hexdigest()
 
   def kept(self, name: str) -> Any | None:
     """Result of a finished stage with the same key; None if there is none."""
@@ -50,6 +51,18 @@ class Stages:
     if self._folder is not None:
       write_json(self._folder / f"{name}.json", {"key": self._key, "result": result})
     return result
+
+
+@functools.cache
+def program() -> str:
+  """SHA-256 of the sources that results depend on."""
+  root = Path(__file__).resolve().parents[1]
+  digest = hashlib.sha256()
+  for package in ("qcar_twin", "calibration", "assets"):
+    for path in sorted((root / package).rglob("*")):
+      if path.suffix in (".py", ".c", ".xml", ".toml"):
+        digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+  return digest.hexdigest()
 
 
 def fingerprint(dataset: DataSet) -> str:

@@ -15,7 +15,7 @@ from qcar_twin.handles import Handles
 from qcar_twin.mechanisms.base import Car
 from qcar_twin.tyre import COLUMN
 from qcar_twin.vehicle import GRAVITY, WHEELS
-from qcar_twin.vehicle_model import FASTEST_DAMPER, differential_rows
+from qcar_twin.vehicle_model import differential_rows, suspension_damping
 
 Array = NDArray[np.float64]
 Rows = slice | NDArray[np.int64]
@@ -142,12 +142,12 @@ class _Springs:
     self._places = [(j.id, int(j.qposadr[0]), int(j.dofadr[0])) for j in joints]
     self._load = [-model.jnt_stiffness[joint] * model.qpos_spring[place] for joint, place, _ in self._places]
     self._sprung = float(np.sum(self._load)) / GRAVITY
-    self._quickest = FASTEST_DAMPER * float(model.body_mass[model.jnt_bodyid[self._places[0][0]]])
+    self._wheel_mass = float(model.body_mass[model.jnt_bodyid[self._places[0][0]]])
 
   def write(self, rows: Rows, frequency: Array, damping_ratio: Array) -> None:
     """Of the bounce, Hz and -, (n,)."""
     stiffness = self._sprung / 4.0 * (2.0 * np.pi * frequency) ** 2
-    damping = np.minimum(damping_ratio * np.sqrt(stiffness * self._sprung), self._quickest)
+    damping = suspension_damping(stiffness, self._sprung, damping_ratio, self._wheel_mass)
     for (joint, place, dof), load in zip(self._places, self._load, strict=True):
       self._batch.expand("jnt_stiffness")[rows, joint] = stiffness
       self._batch.expand("qpos_spring")[rows, place] = -load / stiffness

@@ -12,7 +12,7 @@ from calibration.calibrate import Calibration, ChannelError
 from calibration.identify import Identification
 from calibration.match import PARTS, Answer
 from calibration.report.page import Picture, Section, Table, picture, write_page
-from calibration.report.style import draw, new_figure
+from calibration.report.style import draw, house, new_figure
 from qcar_twin.bicycle import PARAMETERS
 
 WORDS = {
@@ -93,8 +93,11 @@ def identification_section(found: Identification) -> Section:
 
 
 def _steps(calibration: Calibration) -> Section:
-  rows = [(p, *(calibration.step_percent(p, r) for r in ("identify", "validate"))) for p in PARTS]
-  rows = [row for row in rows if math.isfinite(row[1]) or math.isfinite(row[2])]
+  rows = []
+  for part in PARTS:
+    percents = [calibration.step_percent(part, role) for role in ("identify", "validate")]
+    if any(map(math.isfinite, percents)):
+      rows.append((part, *percents))
   text = (
     "Twin and identified bicycle answer the same voltage steps from rest and the same step steers at 1.5 m/s. Lateral"
     " acceleration is the motion's; what an accelerometer on the rolling body feels of gravity is left out."
@@ -120,6 +123,7 @@ def _step_pictures(answers: Sequence[Answer]) -> list[Picture]:
   return pictures
 
 
+@house()
 def _step_figure(answers: Sequence[Answer]) -> Figure:
   chosen = [answers[i] for i in np.unique(np.linspace(0, len(answers) - 1, _PANELS).round().astype(int))]
   rows = (len(chosen) + 1) // 2

@@ -14,9 +14,9 @@ from calibration.free_run import PUBLISHED
 from calibration.observations import UNITS
 from calibration.parting import Cell, Parting
 from calibration.report.page import Picture, Section, Table, picture, write_page
-from calibration.report.style import bars, draw, new_figure
+from calibration.report.style import BEFORE, bars, draw, house, new_figure
 
-_OVERLAYS = 4  # recordings that are drawn
+_OVERLAYS = 5  # recordings that are drawn
 _DRAWN = ("motor_speed", "speed", "yaw_rate", "accel_y")
 _POINTS = 4000  # of a line
 
@@ -82,6 +82,7 @@ def _rows(result: CrossValidation, replay: Replay, recording: int | None = None)
   return rows
 
 
+@house()
 def _bars(result: CrossValidation) -> Picture:
   figure, axes = new_figure(1, len(result.replays), row_height=2.6)
   for panel, replay in zip(axes[0], result.replays, strict=True):
@@ -89,11 +90,11 @@ def _bars(result: CrossValidation) -> Picture:
     channels = ordered(list(scores["twin"]))
     bars(panel, [_plain(c) for c in channels], {m: [s[c].nrmse for c in channels] for m, s in scores.items()})
     panel.set_title(replay.name, loc="left")
-    panel.tick_params(axis="x", rotation=60)
-    panel.axhline(1.0, color="#9a9a9a", linewidth=0.8)
+    if panel.get_ylim()[1] > 0.6:
+      panel.axhline(1.0, color=BEFORE, linewidth=0.8)
   axes[0, 0].set_ylabel("NRMSE")
   axes[0, 0].legend()
-  return picture(figure, "NRMSE by channel; the line at 1 is the error of the mean.")
+  return picture(figure, "NRMSE by channel: 0 is perfect, 1 no better than the mean.")
 
 
 def _parting(parting: Parting) -> Section:
@@ -127,6 +128,7 @@ def _cell(cell: Cell, edge: tuple[float, float], unit: str) -> tuple:
   return name, region, cell.size, cell.difference, 100.0 * cell.share, cell.twin, cell.bicycle, cell.samples
 
 
+@house()
 def _maps(parting: Parting) -> list[Picture]:
   channels = [c for c in ("yaw_rate", "accel_y") if any(cell.channel == c for cell in parting.grid)]
   if not channels:
@@ -134,11 +136,14 @@ def _maps(parting: Parting) -> list[Picture]:
   figure, axes = new_figure(1, len(channels), row_height=2.8)
   for panel, channel in zip(axes[0], channels, strict=True):
     _map(panel, [c for c in parting.grid if c.channel == channel])
-    panel.set_title(f"{_plain(channel)}: difference, % of measured", loc="left")
+    panel.set_title(f"{_plain(channel)} [%]", loc="left")
     panel.set_xlabel("speed [m/s]")
     panel.set_ylabel("lateral acceleration [m/s$^2$]")
   return [
-    picture(figure, "Difference of twin and bicycle by speed and lateral acceleration; empty where nobody drove.")
+    picture(
+      figure,
+      "Difference of twin and bicycle in per cent of what is measured, by speed and lateral acceleration; empty where nobody drove.",
+    )
   ]
 
 
@@ -151,7 +156,7 @@ def _map(panel, cells: Sequence[Cell]) -> None:
   for (i, j), share in np.ndenumerate(shares):
     if np.isfinite(share):
       panel.text(j, i, f"{share:.0f}", ha="center", va="center", fontsize=8, color="white" if share > 30 else "black")
-  panel.set_xticks(range(len(speeds)), [_range(s) for s in speeds])
+  panel.set_xticks(range(len(speeds)), [_range(s) for s in speeds], rotation=40, ha="right", rotation_mode="anchor")
   panel.set_yticks(range(len(laterals)), [_range(a) for a in laterals])
   panel.grid(False)
 
@@ -178,11 +183,14 @@ def _ovals(result: CrossValidation) -> Section:
 def _runs(result: CrossValidation) -> Section:
   free = result.replays[-1]
   names = free.observations.names
-  chosen = np.unique(np.linspace(0, len(names) - 1, _OVERLAYS).round().astype(int))
-  pictures = [picture(_overlay(result, free, int(k)), f"{names[k]}: {free.name}.") for k in chosen]
+  manoeuvre = {r.name: r.manoeuvre for r in result.dataset.recordings}
+  last = {manoeuvre[name]: k for k, name in enumerate(names)}  # one of each
+  chosen = sorted(list(last.values())[-_OVERLAYS:])
+  pictures = [picture(_overlay(result, free, k), f"{names[k]}: {free.name}.") for k in chosen]
   return Section("Runs", "Measured values beside what the models make of the same commands.", figures=pictures)
 
 
+@house()
 def _overlay(result: CrossValidation, replay: Replay, recording: int) -> Figure:
   own = replay.observations.recording == recording
   channels = [c for c in _DRAWN if np.any(own & replay.observations.select(c))]

@@ -97,6 +97,23 @@ def test_a_softer_car_feels_more_of_its_roll(twin: Twin):
   np.testing.assert_allclose(accel / (speed * yaw_rate) - 1.0, expected + 0.01, rtol=0.2)
 
 
+@pytest.mark.parametrize("name", ["suspension_frequency", "rotor_inertia"])
+@pytest.mark.parametrize("at", ["lower", "upper"])
+def test_a_fit_may_go_to_its_bounds(name, at):
+  """Driving, braking and turning on steps of 5 ms: stiff springs and light rotors stay stable."""
+  car = dataclasses.replace(CAR, mass=2.4, wheel_mass=0.065)
+  twin = Twin(car, substeps=2)
+  commands = np.zeros((1, 400, 2))
+  commands[0, :, 0] = 2.5 * np.sign(np.sin(2 * np.pi * 0.8 * np.arange(400) * 0.01))
+  commands[0, 200:, 1] = 0.3
+  driving = Segments(commands, np.zeros((1, len(START))), np.full(1, 400), 0.01, ("drive",), np.zeros(1))
+  worst = {"suspension_frequency": twin.parameters["suspension_frequency"].upper, "rotor_inertia": 5e-7}
+  theta = twin.parameters.vector(worst | {name: getattr(twin.parameters[name], at)})
+  signals = twin.rollout(theta, driving).signals[0, 0]
+  assert np.abs(signals[:, SIGNALS.index("accel_x")]).max() < 40.0
+  assert np.abs(signals[:, SIGNALS.index("yaw_rate")]).max() < 6.0
+
+
 def test_the_step_hardly_matters():
   segments = drive()
   coarse, fine = (Twin(CAR, substeps=n).rollout(Twin(CAR).parameters.nominal, segments) for n in (2, 10))
