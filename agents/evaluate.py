@@ -6,6 +6,7 @@ Every run is `closed_loop.drive` with sensors and federated filter, the same for
 import dataclasses
 import itertools
 import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -141,8 +142,11 @@ def in_parallel(calls: Sequence[Any], workers: int = 1, ray: bool = False) -> li
   """Run joblib's delayed calls in processes, or on Ray; results in the order of the calls."""
   if not ray:
     return list(joblib.Parallel(n_jobs=workers)(calls))
+  import ray as cluster
   from ray.util.joblib import register_ray
 
+  if not cluster.is_initialized():
+    cluster.init(address=os.environ.get("RAY_ADDRESS"), include_dashboard=False, log_to_driver=False)
   register_ray()
   with joblib.parallel_config("ray", n_jobs=workers):
     return list(joblib.Parallel()(calls))
