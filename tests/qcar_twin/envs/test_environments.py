@@ -146,3 +146,20 @@ def test_suite_lists_names_and_knows_the_nearest():
   assert suite.load("track_s", seed=4).reset().first()
   with pytest.raises(KeyError, match="did you mean track_o"):
     suite.load("trak_o")
+
+
+def test_gymnasium_environment_shows_pictures_when_asked():
+  from qcar_twin.rendering import RenderingUnavailable
+
+  env = PathTrackingEnv(make_fleet([0], "bicycle", sensed=False), render_mode="rgb_array")
+  env.reset(seed=0)
+  try:
+    before = env.render()
+  except RenderingUnavailable as error:
+    pytest.skip(str(error))
+  for _ in range(30):
+    env.step(np.array([1.0], dtype=np.float32))
+  after = env.render()
+  env.close()
+  assert before.shape == (480, 640, 3) and np.any(before != after)
+  assert PathTrackingEnv(make_fleet([0], "bicycle", sensed=False)).render() is None
