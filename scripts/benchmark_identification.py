@@ -11,7 +11,7 @@ import tyro
 
 from calibration.free_run import PUBLISHED, free_run
 from calibration.identify import identify
-from calibration.proving_ground import Spec, make_sessions
+from calibration.proving_ground import Session, Spec, make_sessions
 from qcar_twin.dataset import DataSet
 from qcar_twin.vehicle import Vehicle
 
@@ -35,7 +35,7 @@ class Config:
   """Two cars on the paper's manoeuvres only."""
 
 
-def row(session) -> tuple[str, ...]:
+def row(session: Session) -> tuple[str, ...]:
   """One car: RMSE of validation steps, errors of the parameters in standard deviations, errors on the oval."""
   dataset = DataSet("session", session.recordings, session.vehicle, session.vehicle_std)
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
