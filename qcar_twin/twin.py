@@ -77,6 +77,7 @@ class Twin:
     history: Array | None = None,
     recording_time: Array | None = None,
     first_command: Array | None = None,
+    batch: Batch | None = None,
   ) -> "Simulation":
     """N cars with parameters (N, P) at states (N, 7).
 
@@ -86,6 +87,7 @@ class Twin:
       history: seconds driven and V^2 s spent before, (N, 2).
       recording_time: time of the start within its recording, s, (N,).
       first_command: V, rad that stood when the simulation starts, (N, 2): what lags and delays begin with.
+      batch: what carries the cars; a new one by default, so that simulations don't disturb each other.
     """
     theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
     if theta.shape != (len(start), len(self.parameters)):
@@ -98,6 +100,7 @@ class Twin:
       np.zeros((size, 2)) if history is None else history,
       np.zeros(size) if recording_time is None else recording_time,
       np.column_stack([np.zeros(size), start[:, 6]]) if first_command is None else first_command,
+      Batch(self.model, size, self.threads) if batch is None else batch,
     )
 
   def rollout(self, theta: Array, segments: Segments) -> Prediction:
@@ -129,9 +132,8 @@ class Twin:
     tile = lambda a: np.tile(a, (n,) + (1,) * (a.ndim - 1))  # noqa: E731
     commands = np.ascontiguousarray(tile(segments.commands).transpose(1, 0, 2))  # (T, n * S, 2)
     history = None if segments.history is None else tile(segments.history)
-    simulation = self.begin(
-      np.repeat(theta, size, axis=0), tile(segments.start), history, tile(segments.offset), commands[0]
-    )
+    start, offset = tile(segments.start), tile(segments.offset)
+    simulation = self.begin(np.repeat(theta, size, axis=0), start, history, offset, commands[0], self.batch(n * size))
     pose = None if segments.pose is None else tile(segments.pose)
     signals = np.empty((length + 1, n * size, len(SIGNALS)))
     signals[0] = simulation.signals
@@ -160,7 +162,7 @@ class Twin:
     return slice(int(rows[0]), int(rows[-1]) + 1) if rows[-1] - rows[0] + 1 == len(rows) else rows
 
   def batch(self, size: int) -> Batch:
-    """The batch for a number of cars; kept, since making one costs more than a step."""
+    """A batch for rollouts of a number of cars, one at a time; kept, since making one costs more than a step."""
     if size not in self._batches:
       if len(self._batches) > 3:
         self._batches.pop(next(iter(self._batches)))
@@ -178,9 +180,10 @@ class Twin:
 class Simulation:
   """Cars under way. `signals` is the present state, (N, 10); `step` advances by one control period."""
 
-  def __init__(self, twin: Twin, theta: Array, start: Array, history: Array, recording_time: Array, command: Array):
-    self._twin, self._theta = twin, theta
-    self._batch = twin.batch(len(theta))
+  def __init__(
+    self, twin: Twin, theta: Array, start: Array, history: Array, recording_time: Array, command: Array, batch: Batch
+  ):
+    self._twin, self._theta, self._batch = twin, theta, batch
     self._batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
     self._fields = Fields(self._batch, twin.car, twin.tyre == "native")
     self._fields.load(twin_parameters.quantities(theta, twin.base, twin.vehicle))
@@ -200,6 +203,11 @@ class Simulation:
     for slot in self._slots:
       slot.state = slot.mechanism.initial(slot.theta, self._context(slot, command, pose))
     self._write_models(command, pose, first=True)
+
+  @property
+  def batch(self) -> Batch:
+    """What carries the cars."""
+    return self._batch
 
   def step(self, commands: Array, pose: Array | None = None) -> Array:
     """Hold commands (N, 2) for one control period; returns the signals after it, (N, 10).

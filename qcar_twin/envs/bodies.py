@@ -39,8 +39,7 @@ class TwinBodies:
   """Cars of a twin without mechanisms, all in one `mujoco.batch.Batch`.
 
   Args:
-    make: returns a new twin. Simulations of one size share a twin's batch, so two are made that nobody else has:
-      one for the cars, one in which restarted cars are begun.
+    make: returns a new twin; two are made: one for the cars, one in which restarted cars are begun.
     theta, start: (N, P), (N, 7).
   """
 
@@ -48,7 +47,7 @@ class TwinBodies:
     self._twin, self._nursery = make(), make()
     self._theta = np.array(theta, dtype=np.float64)
     self._simulation = self._twin.begin(self._theta, np.array(start))
-    self._batch = self._twin.batch(len(theta))
+    self._batch = self._simulation.batch
     self._fields = Fields(self._batch, self._twin.car, self._twin.tyre == "native")
     self.signals = self._simulation.signals
 
@@ -61,8 +60,8 @@ class TwinBodies:
       self._fields.load(twin_parameters.quantities(self._theta, self._twin.base, self._twin.vehicle))
       self._batch.set_const()
     for i in np.flatnonzero(which):
-      fresh = self._nursery.begin(theta[i : i + 1], start[i : i + 1])
       source = self._nursery.batch(1)
+      fresh = self._nursery.begin(theta[i : i + 1], start[i : i + 1], batch=source)
       for name in STATE:
         self._batch.bind(name)[i] = source.bind(name)[0]
       self.signals[i] = fresh.signals[0]

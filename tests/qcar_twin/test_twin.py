@@ -48,6 +48,18 @@ def test_stepping_equals_a_rollout(twin: Twin):
   np.testing.assert_array_equal(np.stack(stepped, axis=1), rollout)
 
 
+def test_simulations_of_one_twin_do_not_disturb_each_other(twin: Twin):
+  theta, start = twin.parameters.nominal[None], np.zeros((1, len(START)))
+  one, other = twin.begin(theta, start), twin.begin(theta, start)
+  alone = twin.begin(theta, start)
+  for _ in range(30):
+    one.step(np.array([[2.0, 0.1]]))
+    other.step(np.array([[-1.0, 0.0]]))
+  for _ in range(30):
+    alone.step(np.array([[2.0, 0.1]]))
+  np.testing.assert_array_equal(one.signals, alone.signals)
+
+
 def test_mirrored_commands_give_mirrored_motion(twin: Twin):
   signals = twin.rollout(twin.parameters.nominal, drive(steering=(0.2, -0.2))).signals[0]
   odd = np.array(
