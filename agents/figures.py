@@ -57,14 +57,14 @@ def tracking_figure(drives: Mapping[str, Drive], file: File, car: int = 0) -> No
 
 
 def lane_change_figure(drives: Mapping[str, Drive], file: File, car: int = 0) -> None:
-  """The double lane change alone: the strip each car's outline sweeps against the borders."""
+  """The double lane change alone; of one or two drives also the paths of the car's corners, against the borders."""
   path = next(iter(drives.values())).path
-  figure, axes = plt.subplots(figsize=(10, 3.2), layout="constrained")
+  figure, axes = plt.subplots(figsize=(10, 4.2), layout="constrained")
   draw_path(axes, path)
   for name, drive in drives.items():
     until = drive.under_way[:, car]
     x, y, yaw = drive.signals[until, car, :3].T
-    for forward, left in ((0.5, 0.5), (0.5, -0.5), (-0.5, 0.5), (-0.5, -0.5)):
+    for forward, left in ((0.5, 0.5), (0.5, -0.5), (-0.5, 0.5), (-0.5, -0.5)) if len(drives) <= 2 else ():
       a, b = forward * CAR_LENGTH, left * CAR_WIDTH
       corner = x + a * np.cos(yaw) - b * np.sin(yaw), y + a * np.sin(yaw) + b * np.cos(yaw)
       axes.plot(*corner, color=colour(name), lw=0.5)
@@ -72,7 +72,8 @@ def lane_change_figure(drives: Mapping[str, Drive], file: File, car: int = 0) ->
   first, last = path.lanes[0], path.lanes[-1]
   axes.set_xlim(first.start - 0.3, last.end + 0.3)
   axes.set_ylim(first.right - 0.15, path.lanes[1].left + 0.15)
-  axes.legend(fontsize=7, ncols=4)
+  axes.set_aspect("auto")
+  axes.legend(fontsize=7, ncols=5, loc="upper center", bbox_to_anchor=(0.5, -0.18))
   _save(figure, file)
 
 

@@ -59,9 +59,9 @@ def position_figure(estimates: Estimates, recording: Recording, file: Path) -> N
 def error_figure(time: np.ndarray, errors: Mapping[str, np.ndarray], ylabel: str, file: Path) -> None:
   """Errors of several estimators over time."""
   figure, axes = plt.subplots(figsize=(9, 3.5), layout="constrained")
-  colours = {"FEKF": "tab:blue", "EKF_BM": "tab:orange", "EKF_PM": "0.6", "lidar": "k"}
   for name, values in errors.items():
-    axes.plot(time, values, lw=0.8, color=colours.get(name.split(",")[0]), label=name)
+    raw = name.startswith("lidar")
+    axes.plot(time, values, lw=0.5 if raw else 0.9, color="0.75" if raw else None, zorder=1 if raw else 2, label=name)
   axes.set_xlabel("time [s]")
   axes.set_ylabel(ylabel)
   axes.legend(fontsize=8)
