@@ -1,7 +1,7 @@
 """Colours and figures of the house, the same in plots, reports and videos."""
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -33,7 +33,7 @@ _RC = {
 }
 
 
-def house() -> AbstractContextManager[None]:
+def house() -> Any:
   """The house's matplotlib settings, for a with statement or as a decorator of a function that draws."""
   return mpl.rc_context(_RC)
 
