@@ -28,6 +28,8 @@ class Thresholds:
     share: groups that gained.
     material: share of the typical size.
     bias: the same for biases of the IMU, of which every one has some.
+    beside: share of the evidence explained so far that a further mechanism must bring: a formula that is
+      right in kind but not in every detail leaves about that much for others to pick up.
     unknown: factor by which UNKNOWN must beat the best set of known mechanisms.
     unknown_share: share of the held-out sum of squares UNKNOWN must explain to be said at all.
     equivalent: a rival within so many standard errors of the claim can't be told apart.
@@ -38,6 +40,7 @@ class Thresholds:
   share: float = 0.55
   material: float = 0.2
   bias: float = 0.45
+  beside: float = 0.03
   unknown: float = 1.25
   unknown_share: float = 0.2
   equivalent: float = 1.0
@@ -104,15 +107,20 @@ def decide(
 
 def _grown(pool: Pool, thresholds: Thresholds) -> Candidate:
   """The best set, size by size: each must beat the best smaller one significantly, and every member must matter."""
-  best = pool.base
+  best, observations = pool.base, pool.problem.observations
   for size in (1, 2, 3):
     better = [
       model
       for model in pool.of_size(size)
       if all(_material(pool, model, name, thresholds.material) for name in model.mechanisms)
-      and _significant(compare(model, best, pool.problem.observations), thresholds)
+      and _significant(compare(model, best, observations), thresholds)
     ]
-    best = min(better, key=lambda m: m.cost, default=best)
+    found = min(better, key=lambda m: m.cost, default=best)
+    if best.mechanisms and evidence(found, best, observations) < thresholds.beside * evidence(
+      best, pool.base, observations
+    ):
+      return best
+    best = found
   return best
 
 
