@@ -20,7 +20,7 @@ from qcar_twin.parameters import ParameterSet
 
 @dataclasses.dataclass(frozen=True)
 class Thresholds:
-  """What a claim needs; learnt on proving-ground sessions without effects, see docs/diagnosis.md.
+  """What a claim needs; set by hand on about ten development sessions, still to be learnt from a campaign of nulls.
 
   Attributes:
     t: held-out gain over its standard error.
@@ -221,7 +221,7 @@ def _claim(pool: Pool, best: Candidate, name: str, thresholds: Thresholds) -> Cl
 def _probability(held_out: Comparison, margin: float) -> float:
   """Probability that the name is right, from the margin over the next rival and the held-out t.
 
-  Logistic in log margin and t, fitted on proving-ground sessions; see docs/diagnosis.md.
+  A logistic in log margin and t with plausible numbers. It is not calibrated yet: that takes a campaign.
   """
   score = -1.2 + 0.75 * math.log1p(max(margin, 0.0) / 3.0) + 0.25 * (min(held_out.t, 8.0) - 3.0)
   return float(np.clip(1.0 / (1.0 + math.exp(-score)), 0.02, 0.99))
