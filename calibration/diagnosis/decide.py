@@ -30,6 +30,7 @@ class Thresholds:
     bias: the same for biases of the IMU, of which every one has some.
     beside: share of the evidence explained so far that a further mechanism must bring: a formula that is
       right in kind but not in every detail leaves about that much for others to pick up.
+    probability: a name less likely right than this is not claimed.
     unknown: factor by which UNKNOWN must beat the best set of known mechanisms.
     unknown_share: share of the held-out sum of squares UNKNOWN must explain to be said at all.
     equivalent: a rival within so many standard errors of the claim can't be told apart.
@@ -41,6 +42,7 @@ class Thresholds:
   material: float = 0.2
   bias: float = 0.45
   beside: float = 0.03
+  probability: float = 0.5
   unknown: float = 1.25
   unknown_share: float = 0.2
   equivalent: float = 1.0
@@ -97,6 +99,10 @@ def decide(
   """
   best = _simplified(pool, _grown(pool, thresholds), thresholds)
   claims = _bias_claims(pool, best, thresholds) + [_claim(pool, best, name, thresholds) for name in best.mechanisms]
+  claims = [c for c in claims if c.probability >= thresholds.probability]
+  kept = frozenset(c.mechanism for c in claims) - set(BIAS_MECHANISMS)
+  ensure(pool, [kept])
+  best = pool.models[kept]
   claims.sort(key=lambda c: -c.evidence_nats)
   unknown = _best_unknown(pool, unknowns)
   verdict = _verdict(pool, best, claims, unknown, unknowns, thresholds)
