@@ -1,78 +1,144 @@
-"""Speed in pairs: both sides of every ratio run in turn in one process, and medians are compared."""
+"""Speed, in pairs: both sides of a comparison take turns in one run, so that what else the machine does hits both.
+
+A ratio is the median of the ratios of the rounds; times are medians.
+"""
 
 import dataclasses
 import time
 from collections.abc import Callable
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from qcar_twin.plant import START
+from qcar_twin.timers import timers_stopped
 from qcar_twin.twin import Simulation, Twin
-from qcar_twin.tyre.measure import step_times
-from qcar_twin.vehicle import Vehicle
+from qcar_twin.vehicle import QCAR, TyreKind
 
 Array = NDArray[np.float64]
+
+STEPS = 500  # simulation steps of 2 ms a measurement of one car takes
+CARS = 256  # side by side where a batch is measured
+PERIODS = 5  # control periods of 10 ms a measurement of a batch takes
+_SETTLING = 1.0  # s of driving before anything is measured
+_TURN = (1.4, 0.2)  # motor voltage [V] and steering [rad]: about 1.5 m/s in a turn of 1.3 m
+_SPEED = 1.5  # m/s
 
 
 @dataclasses.dataclass(frozen=True)
 class Pair:
-  """Two things timed in turn, and the ratio of their medians.
+  """Two timings that belong together.
 
   Attributes:
-    name: what is compared.  ours, theirs: median times, s.  aim: what the ratio should be at most.
+    name: what was compared.  sides: names of the two.
+    seconds: median time of each, per `unit` of work.  unit: that work.
+    ratio: median of first / second.  goal: what the ratio should reach; `at_most` tells which way.
   """
 
   name: str
-  ours: float
-  theirs: float
-  aim: float
+  sides: tuple[str, str]
+  seconds: tuple[float, float]
+  unit: str
+  ratio: float
+  goal: float
+  at_most: bool = True
+  note: str = ""
 
   @property
-  def ratio(self) -> float:
-    return self.ours / self.theirs
+  def reached(self) -> bool:
+    """Whether the goal was met."""
+    return self.ratio <= self.goal if self.at_most else self.ratio >= self.goal
+
+  @property
+  def aim(self) -> str:
+    """The goal in words."""
+    return f"{'<=' if self.at_most else '>='} {self.goal:g}"
+
+  def __str__(self) -> str:
+    first, second = (f"{1e6 * s:.4g} us" for s in self.seconds)
+    return (
+      f"{self.name}: {self.sides[0]} {first}, {self.sides[1]} {second} per {self.unit};"
+      f" ratio {self.ratio:.3g} (goal {self.aim}: {'reached' if self.reached else 'MISSED'})"
+      f"{'; ' + self.note if self.note else ''}"
+    )
 
 
-def tyre_against_native(rounds: int = 40) -> Pair:
-  """One 2 ms step in a turn: the tyre plugin against MuJoCo's own friction."""
-  times = step_times(rounds=rounds)["turn"]
-  return Pair(
-    "2 ms step in a turn, tyre plugin / native friction", 1e-6 * times["contact"], 1e-6 * times["native"], 0.8
-  )
+def paired(first: Callable[[], object], second: Callable[[], object], rounds: int) -> tuple[float, float, float]:
+  """Median seconds of both and median ratio first / second; the order swaps from round to round."""
+  times = np.empty((rounds, 2))
+  for side in (first, second):
+    side()  # whatever is made on first use is made
+  for k in range(rounds):
+    order = (0, 1) if k % 2 == 0 else (1, 0)
+    for side in order:
+      began = time.perf_counter()
+      (first, second)[side]()
+      times[k, side] = time.perf_counter() - began
+  return float(np.median(times[:, 0])), float(np.median(times[:, 1])), float(np.median(times[:, 0] / times[:, 1]))
 
 
-def control_period_against_steps(cars: int = 256, rounds: int = 60) -> Pair:
-  """10 ms of many cars through the twin against the bare batch steps it contains."""
-  simulation = under_way(Twin(Vehicle.load(), threads=1), cars)
-  commands = np.tile([1.5, 0.1], (cars, 1))
-  batch = simulation.batch
-  ours, theirs = in_turn(lambda: simulation.step(commands), lambda: batch.step(nstep=5), rounds)
-  return Pair(f"10 ms of {cars} cars, twin / bare steps", ours, theirs, 1.15)
+def tyre_pair(rounds: int = 21) -> Pair:
+  """A 2 ms step in a turn: the tyre in the contact solver against MuJoCo's own friction."""
+  with timers_stopped():
+    first, second, ratio = paired(_turning_car("contact"), _turning_car("native"), rounds)
+  seconds = (first / STEPS, second / STEPS)
+  return Pair("2 ms step of one car in a turn", ("tyre plugin", "native friction"), seconds, "step", ratio, 0.8)
 
 
-def threads(cars: int = 256, rounds: int = 60) -> Pair:
-  """10 ms of many cars on two threads against one: at most 1 / 1.8."""
-  two, one = (under_way(Twin(Vehicle.load(), threads=n), cars) for n in (2, 1))
-  commands = np.tile([1.5, 0.1], (cars, 1))
-  ours, theirs = in_turn(lambda: two.step(commands), lambda: one.step(commands), rounds)
-  return Pair(f"10 ms of {cars} cars, two threads / one", ours, theirs, 1 / 1.8)
+def _turning_car(tyre: TyreKind) -> Callable[[], None]:
+  """STEPS steps of a car that already turns; starts from the same state at every call."""
+  model = QCAR.spec(tyre=tyre, timestep=0.002).compile()
+  data = mujoco.MjData(model)
+  data.ctrl[:] = _TURN
+  mujoco.mj_step(model, data, nstep=int(2.0 / model.opt.timestep))
+  kind = mujoco.mjtState.mjSTATE_INTEGRATION
+  state = np.empty(mujoco.mj_stateSize(model, kind))
+  mujoco.mj_getState(model, data, state, kind)
+
+  def drive() -> None:
+    mujoco.mj_setState(model, data, state, kind)
+    mujoco.mj_step(model, data, nstep=STEPS)
+
+  return drive
 
 
-def under_way(twin: Twin, cars: int) -> Simulation:
-  """Cars in a steady turn."""
-  start = np.zeros((cars, 7))
-  start[:, 3] = 1.0
-  simulation = twin.begin(np.tile(twin.parameters.nominal, (cars, 1)), start)
-  for _ in range(100):
-    simulation.step(np.tile([1.5, 0.1], (cars, 1)))
-  return simulation
+def overhead_pair(rounds: int = 41, cars: int = CARS) -> Pair:
+  """10 ms of many cars: the twin's step against the bare steps of the batch inside it."""
+  twin = Twin(QCAR, threads=1)
+  simulation, commands = _turning_cars(twin, cars)
+  bare = lambda: [simulation.batch.step(nstep=twin.substeps) for _ in range(PERIODS)]  # noqa: E731
+  with timers_stopped():
+    first, second, ratio = paired(lambda: _drive(simulation, commands), bare, rounds)
+  seconds = (first / PERIODS / cars, second / PERIODS / cars)
+  return Pair(f"10 ms of {cars} cars", ("Simulation.step", "bare batch.step"), seconds, "car", ratio, 1.15)
 
 
-def in_turn(one: Callable[[], object], other: Callable[[], object], rounds: int) -> tuple[float, float]:
-  """Median times of two calls that take turns, s."""
-  spent: tuple[list[float], list[float]] = ([], [])
-  for _ in range(rounds):
-    for call, times in zip((one, other), spent, strict=True):
-      begin = time.perf_counter()
-      call()
-      times.append(time.perf_counter() - begin)
-  return float(np.median(spent[0])), float(np.median(spent[1]))
+def _drive(simulation: Simulation, commands: Array) -> None:
+  for _ in range(PERIODS):
+    simulation.step(commands)
+
+
+def threads_pair(rounds: int = 21, cars: int = CARS) -> Pair:
+  """The same batch on one thread and on two."""
+  with timers_stopped():
+    sides = [_turning_cars(Twin(QCAR, threads=n), cars) for n in (1, 2)]
+    first, second, ratio = paired(lambda: _drive(*sides[0]), lambda: _drive(*sides[1]), rounds)
+  seconds = (first / PERIODS / cars, second / PERIODS / cars)
+  note = "needs two idle cores"
+  return Pair(f"10 ms of {cars} cars", ("one thread", "two threads"), seconds, "car", ratio, 1.8, False, note)
+
+
+def _turning_cars(twin: Twin, cars: int) -> tuple[Simulation, Array]:
+  """Cars under way in a turn, each with its own tyres."""
+  rng = np.random.default_rng(0)
+  theta = np.tile(twin.parameters.nominal, (cars, 1))
+  stiffness = twin.parameters.index("cornering_stiffness_front")
+  theta[:, stiffness] *= rng.uniform(0.8, 1.2, cars)
+  start = np.zeros((cars, len(START)))
+  start[:, START.index("velocity_x")] = _SPEED
+  simulation = twin.begin(theta, start)
+  commands = np.tile(_TURN, (cars, 1))
+  for _ in range(int(_SETTLING / twin.period)):
+    simulation.step(commands)
+  return simulation, commands
