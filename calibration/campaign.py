@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.campaign_reference import baselines, oracle
 from calibration.diagnosis.diagnose import Outcome, diagnose
 from calibration.diagnosis.output import document
 from calibration.diagnosis.score import Comparison, compare
@@ -22,9 +23,6 @@ from calibration.proving_ground import make_session
 from calibration.proving_ground.effects import EFFECTS
 from qcar_twin.dataset import DataSet
 from qcar_twin.mechanisms import catalogue
-
-# effects a campaign of single effects draws from: those with a size that a session of these manoeuvres can show
-_PAIRS_APART = 2  # the effects of a pair come from different subsystems
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +81,9 @@ def run_case(case: Case, folder: Path, threads: int = 1) -> Path:
   answer = _answer(outcome)
   digest = hashlib.sha256(json.dumps(answer, sort_keys=True).encode()).hexdigest()
   # the truth joins the file only after the answer and its hash stand
-  result = {"case": dataclasses.asdict(case), "answer": answer, "sha256": digest, "truth": session.truth["effects"]}
+  truth, holdout = session.truth["effects"], dataset.role("holdout")
+  result = {"case": dataclasses.asdict(case), "answer": answer, "sha256": digest, "truth": truth}
+  result |= {"oracle": oracle(outcome, [t["id"] for t in truth], holdout), "baselines": baselines(outcome, holdout)}
   folder.mkdir(parents=True, exist_ok=True)
   temporary = path.with_suffix(".part")
   temporary.write_text(json.dumps(result, indent=1))

@@ -8,6 +8,8 @@ import numpy as np
 from qcar_twin.mechanisms import catalogue
 
 Result = Mapping[str, Any]
+# nats the right mechanisms bring: what is below counts as no effect at all
+LEVELS = {"easy": 1000.0, "medium": 150.0, "hard": 20.0, "invisible": -np.inf}
 
 
 def score(results: Sequence[Result]) -> dict[str, float | int | None]:
@@ -20,6 +22,8 @@ def score(results: Sequence[Result]) -> dict[str, float | int | None]:
   singles = by["single"]
   typical = [r for r in singles if r["case"]["effects"][0][1] >= 0.99]
   small = [r for r in singles if r["case"]["effects"][0][1] < 0.99]
+  claimed = [r for r in [*singles, *by["pair"]] if r["answer"]["claims"]]
+  floor = null_floor(by["null"])
   return {
     "nulls": len(by["null"]),
     "nulls_with_claim": sum(bool(r["answer"]["claims"]) for r in by["null"]),
@@ -43,10 +47,57 @@ def score(results: Sequence[Result]) -> dict[str, float | int | None]:
     "outside_sure_and_wrong": _mean(
       [any(c["probability"] > 0.8 for c in r["answer"]["claims"]) for r in by["outside"]]
     ),
-    "recovered_median": _median([r["answer"]["recovered"] for r in [*singles, *by["pair"]] if r["answer"]["claims"]]),
+    "coverage_90": _mean([inside for r in singles if right_first(r) for inside in parameters_inside(r)]),
+    "right_first_easy": _mean([right_first(r) for r in singles if level(r) == "easy"]),
+    "right_first_medium": _mean([right_first(r) for r in singles if level(r) == "medium"]),
+    "right_first_hard": _mean([right_first(r) for r in singles if level(r) == "hard"]),
+    "as_good_as_invisible": sum(level(r) == "invisible" for r in singles),
+    "recovered_over_sensor_noise": _median([r["answer"]["recovered"] for r in claimed]),
+    "recovered_over_nulls": _median([recovered(r, floor) for r in claimed]),
+    "recovered_over_oracle": _median([recovered(r, r["oracle"]["holdout"]) for r in claimed if r.get("oracle")]),
+    "error_over_oracle_median": _median([error_over(r, r["oracle"]["holdout"]) for r in claimed if r.get("oracle")]),
     "channels_worse": _mean(map(any_channel_worse, [r for r in results if r["answer"]["claims"]])),
     "seconds_median": _median([r["answer"]["seconds"] for r in results]),
   }
+
+
+def score_baselines(results: Sequence[Result]) -> dict[str, dict[str, float | int | None]]:
+  """The diagnosis and each simpler method on the same cases.
+
+  Returns:
+    method -> nulls_with_claim; right_first and wrong_first, shares of the singles; holdout_error_median: error on
+    hold-outs over that of the recalibrated twin, over singles and pairs; None where a method does not answer.
+  """
+  methods = {m: {} for r in results for m in r.get("baselines", ())}
+  nulls, singles = ([r for r in results if r["case"]["kind"] == kind] for kind in ("null", "single"))
+  effects = [r for r in results if r["case"]["kind"] in ("single", "pair")]
+  for method in methods:
+    told = lambda r, m=method: r["baselines"][m]  # noqa: E731
+    names = any(told(r)["claims"] or told(r)["ranking"] for r in results)
+    methods[method] = {
+      "nulls_with_claim": sum(bool(told(r)["claims"]) for r in nulls) if names else None,
+      "right_first": _mean([told(r)["claims"][:1] == [r["truth"][0]["id"]] for r in singles]) if names else None,
+      "wrong_first": _mean([bool(told(r)["claims"]) and told(r)["claims"][0] != r["truth"][0]["id"] for r in singles])
+      if names
+      else None,
+      "holdout_error_median": _median([_error_ratio(r, told(r)["holdout"]) for r in effects]),
+    }
+  ours = {
+    "nulls_with_claim": sum(bool(r["answer"]["claims"]) for r in nulls),
+    "right_first": _mean(map(right_first, singles)),
+    "wrong_first": _mean([bool(r["answer"]["claims"]) and not right_first(r) for r in singles]),
+    "holdout_error_median": _median(
+      [_error_ratio(r, {n: f["after"] for n, f in r["answer"]["fit"]["holdout"].items()}) for r in effects]
+    ),
+  }
+  return {"diagnosis": ours} | methods
+
+
+def _error_ratio(result: Result, errors: Mapping[str, float]) -> float | None:
+  """Root mean square over the channels of error / error of the recalibrated twin; None without errors."""
+  fits = result["answer"]["fit"]["holdout"]
+  ratios = [errors[n] / fits[n]["before"] for n in fits if n in errors]
+  return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else None
 
 
 def score_table(results: Sequence[Result]) -> str:
@@ -55,6 +106,14 @@ def score_table(results: Sequence[Result]) -> str:
   for name, value in score(results).items():
     shown = "-" if value is None else (str(value) if isinstance(value, int) else f"{value:.3f}")
     lines.append(f"| {name.replace('_', ' ')} | {shown} |")
+  lines += [
+    "",
+    "| method | nulls with a claim | right name | wrong name | hold-out error, median |",
+    "|---|---|---|---|---|",
+  ]
+  for method, row in score_baselines(results).items():
+    shown = [("-" if v is None else f"{v:.3g}") for v in row.values()]
+    lines.append(f"| {method.replace('_', ' ')} | {' | '.join(shown)} |")
   lines += ["", "| case | seed | truth | verdict | claims | top three |", "|---|---|---|---|---|---|"]
   for r in sorted(results, key=lambda r: r["case"]["name"]):
     truth = ", ".join(f"{i} x {s:.2g}" for i, s in r["case"]["effects"]) or "nothing"
@@ -102,6 +161,47 @@ def parameter_errors(result: Result) -> list[float]:
     for name, value in stated.items()
     if name in claim["parameters"] and value
   ]
+
+
+def parameters_inside(result: Result) -> list[bool]:
+  """Whether each amplitude that the generator states in the same parameter lies in the claim's 90 % interval."""
+  claim = result["answer"]["claims"][0]["parameters"]
+  stated = {k: v for t in result["truth"] for k, v in (t.get("parameters") or {}).items()}
+  return [abs(claim[k]["value"] - v) <= 1.645 * claim[k]["std"] for k, v in stated.items() if k in claim and v]
+
+
+def level(result: Result) -> str:
+  """How hard a case is, by what the right model brings over the recalibrated twin: see LEVELS."""
+  nats = (result.get("oracle") or {}).get("nats", 0.0)
+  return next(name for name, least in LEVELS.items() if nats >= least)
+
+
+def null_floor(nulls: Sequence[Result]) -> dict[str, float]:
+  """Hold-out error per channel that recalibrated twins reach on sessions without effects at the usual noise, the median."""
+  usual = [r["answer"]["fit"]["holdout"] for r in nulls if r["case"]["noise"] == 1.0]
+  return {
+    name: float(np.median([fit[name]["before"] for fit in usual if name in fit]))
+    for name in (usual[0] if usual else ())
+  }
+
+
+def recovered(result: Result, floor: Mapping[str, float]) -> float | None:
+  """Share of the squared hold-out error above a floor that the repair took away, over all channels in units of the floor.
+
+  None where the error before hardly exceeds the floor (by less than a tenth): there is nothing to recover.
+  """
+  fits = {n: f for n, f in result["answer"]["fit"]["holdout"].items() if floor.get(n)}
+  if not fits:
+    return None
+  before, after = (np.array([(f[key] / floor[n]) ** 2 for n, f in fits.items()]) for key in ("before", "after"))
+  excess = np.sum(before - 1.0)
+  return float(np.sum(before - after) / excess) if excess > 0.1 * len(fits) else None
+
+
+def error_over(result: Result, reference: Mapping[str, float]) -> float:
+  """Hold-out error over that of a reference, root mean square over the channels."""
+  fits = result["answer"]["fit"]["holdout"]
+  return float(np.sqrt(np.mean([(fits[n]["after"] / reference[n]) ** 2 for n in fits if reference.get(n)])))
 
 
 def any_channel_worse(result: Result) -> bool:

@@ -98,8 +98,8 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
   duration = len(time) * cut.period
   if duration < 0.2:
     return []
-  # all stretches ride in one batch as long as the longest, so none may stick out
-  count = max(1, int(np.ceil(duration / cut.length - 1e-6)))
+  # all stretches ride in one batch as long as the longest, so none may stick out by much
+  count = max(1, int(np.ceil(duration / cut.length - 0.02)))
   edges = np.linspace(0, len(time), count + 1).round().astype(int)
   pose = _pose_on(recording, np.append(time, time[-1] + cut.period))
   pieces = []

@@ -9,6 +9,7 @@ from joblib import Parallel, delayed
 from tqdm import tqdm
 
 from calibration.campaign import draw_cases, run_case
+from calibration.campaign_figure import draw_confusion
 from calibration.campaign_score import score_table
 
 
@@ -49,6 +50,7 @@ def main(config: Config) -> str:
   results = [json.loads((config.out / f"{c.name}.json").read_text()) for c in cases]
   table = score_table(results)
   (config.out / "score.md").write_text(table)
+  draw_confusion(results, config.out / "confusion.png")
   print(table)
   return table
 

@@ -9,7 +9,7 @@
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,10 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.circumstances import at_values, commands_and_state
 from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.scan import trial_starts
+from calibration.diagnosis.scan import Signature
 from calibration.diagnosis.search import Pool
 from calibration.observations import CHANNELS, Observations, observe
 from calibration.segmenting import DEFAULT_CUT, Cut
-from qcar_twin.mechanisms.base import Mechanism
 from qcar_twin.plant import Prediction
 from qcar_twin.recording import Recording
 
@@ -49,19 +48,16 @@ class Answer:
   holdout: dict[str, float]
 
 
-def run_baselines(
-  pool: Pool, mechanisms: Sequence[Mechanism], holdout: Sequence[Recording], cut: Cut = DEFAULT_CUT
-) -> dict[str, Answer]:
+def run_baselines(pool: Pool, holdout: Sequence[Recording], cut: Cut = DEFAULT_CUT) -> dict[str, Answer]:
   """All four on one case.
 
   Args:
-    pool: of the diagnosis, for the recalibrated twin and the refitted models.
-    mechanisms: the catalogue.
+    pool: of the diagnosis, for the recalibrated twin, the scan and the refitted models.
     holdout: recordings kept aside.
     cut: how recordings are cut; the timing that was fitted.
   """
   base, problem = pool.base, pool.problem
-  ranking = unprofiled_ranking(problem, base, mechanisms)
+  ranking = unprofiled_ranking(pool.signatures)
   order = bic_ranking(pool)
   chosen = pool.models[order[0][0]]
   named = (ranking[0][0],) if ranking and ranking[0][1] >= _LEAST else ()
@@ -82,29 +78,9 @@ def run_baselines(
   }
 
 
-def unprofiled_ranking(
-  problem: Problem, base: Candidate, mechanisms: Sequence[Mechanism]
-) -> tuple[tuple[str, float], ...]:
-  """Mechanisms by the nats their effect at typical size, scaled freely, takes off the residual, best first."""
-  # what every model fits anyway (biases of the IMU) is no rival
-  mechanisms = [m for m in mechanisms if not any(p.name in base.free for p in m.parameters)]
-  jobs = [(m, start) for m in mechanisms for start in trial_starts(m, (1.0,))]
-  gains: dict[str, float] = {m.name: 0.0 for m in mechanisms}
-  for first in range(0, len(jobs), 24):
-    part = jobs[first : first + 24]
-    thetas = np.stack([problem.embed(tuple(s), np.array(list(s.values())), base.theta)[0] for _, s in part])
-    changes = (problem.residual(thetas) - base.residual)[:, : base.fitted]
-    for (m, _), change in zip(part, changes, strict=True):
-      gains[m.name] = max(gains[m.name], explained(change, base.residual[: base.fitted], m.signed))
-  return tuple(sorted(gains.items(), key=lambda kv: -kv[1]))
-
-
-def explained(change: Array, residual: Array, signed: bool = False) -> float:
-  """Drop of half the sum of squares when a change of residuals is added at its best size, nats; negative only if signed."""
-  power = float(change @ change)
-  pull = -float(residual @ change)
-  pull = abs(pull) if signed else max(pull, 0.0)
-  return 0.5 * pull**2 / power if power > 0 else 0.0
+def unprofiled_ranking(signatures: Mapping[str, Signature]) -> tuple[tuple[str, float], ...]:
+  """Mechanisms by the nats their whole effect, scaled freely, takes off the recalibrated twin's residual, best first."""
+  return tuple(sorted(((n, s.unprofiled) for n, s in signatures.items()), key=lambda kv: -kv[1]))
 
 
 def bic_ranking(pool: Pool) -> list[tuple[frozenset[str], float]]:

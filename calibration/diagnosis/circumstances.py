@@ -67,9 +67,9 @@ def circumstances(observations: Observations, prediction: Prediction, strength: 
     damping: motor damping with back-EMF, N m s/rad, motor side.
   """
   segments = observations.stretches.segments
-  voltage, steering = _held(segments.commands)
+  voltage, steering = held(segments.commands)
   steps = int(round(RATE_SPAN / segments.period))
-  rate = (steering - _lagged(steering, steps)) / RATE_SPAN
+  rate = (steering - lagged(steering, steps)) / RATE_SPAN
   signal = lambda name: prediction.channel(name)[0]  # noqa: E731
   features = {
     "speed": np.hypot(signal("velocity_x"), signal("velocity_y")),
@@ -94,24 +94,24 @@ def regressors(observations: Observations, prediction: Prediction) -> Array:
   Each is divided by a size usual for a 1:10 car, so that one ridge suits all.
   """
   segments = observations.stretches.segments
-  u = np.stack(_held(segments.commands), axis=-1) / [2.0, 0.25]
-  lagged = [_lagged(u, int(round(lag / segments.period))) for lag in LAGS]
+  u = np.stack(held(segments.commands), axis=-1) / [2.0, 0.25]
+  past = [lagged(u, int(round(lag / segments.period))) for lag in LAGS]
   scales = {"velocity_x": 1.0, "yaw_rate": 1.5, "accel_x": 1.5, "accel_y": 1.5}
   state = np.stack([np.tanh(prediction.channel(n)[0] / (3.0 * s)) * 3.0 for n, s in scales.items()], axis=-1)
   square = np.einsum("sti,stj->stij", state, state)[..., *np.triu_indices(len(scales))]
   moving = np.tanh(prediction.channel("velocity_x")[0] / 0.05)[..., None]
   ones = np.ones((*moving.shape[:2], 1))
-  parts = [ones, moving, *lagged, np.abs(u), u * np.abs(u), u**2, state, np.abs(state), square]
+  parts = [ones, moving, *past, np.abs(u), u * np.abs(u), u**2, state, np.abs(state), square]
   return np.nan_to_num(np.concatenate(parts, axis=-1))
 
 
 def commands_and_state(observations: Observations, prediction: Prediction) -> Array:
   """Present and past commands and the twin's state as they are, (S, T + 1, F): what a black box learns from."""
-  u = np.stack(_held(observations.stretches.segments.commands), axis=-1)
-  lagged = [_lagged(u, int(round(lag / prediction.period))) for lag in LAGS]
+  u = np.stack(held(observations.stretches.segments.commands), axis=-1)
+  past = [lagged(u, int(round(lag / prediction.period))) for lag in LAGS]
   names = ("velocity_x", "velocity_y", "yaw_rate", "accel_x", "accel_y", "motor_speed", "steering_angle")
   state = np.stack([prediction.channel(n)[0] for n in names], axis=-1)
-  return np.nan_to_num(np.concatenate([*lagged, state], axis=-1))
+  return np.nan_to_num(np.concatenate([*past, state], axis=-1))
 
 
 def at_values(grid: Array, observations: Observations, channel: str) -> Array:
@@ -126,13 +126,13 @@ def at_values(grid: Array, observations: Observations, channel: str) -> Array:
   return (total[point + 1] - total[first]) / (point + 1 - first)[:, None]
 
 
-def _held(commands: Array) -> tuple[Array, Array]:
+def held(commands: Array) -> tuple[Array, Array]:
   """Voltage and steering on the grid, (S, T + 1): what acts from each grid point on; the last one is held."""
   whole = np.concatenate([commands, commands[:, -1:]], axis=1)
   return whole[..., 0], whole[..., 1]
 
 
-def _lagged(values: Array, steps: int) -> Array:
+def lagged(values: Array, steps: int) -> Array:
   """Values (S, T, ...) moved later by whole steps; the first one is held."""
   return values[:, np.maximum(np.arange(values.shape[1]) - steps, 0)]
 

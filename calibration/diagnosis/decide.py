@@ -1,8 +1,8 @@
-"""S6, the decision: what may be claimed.
+"""S6, the decision: what may be claimed by name.
 
 A mechanism is claimed only if leaving it out of the best set costs held-out evidence beyond what
-recordings without any effect give by chance (significant), if its size matters (material), and if
-nothing smooth and nameless does better (UNKNOWN). Rivals that fit as well are named with it.
+recordings without any effect give by chance (significant), and if its size matters (material).
+Rivals that fit as well are named with it. Whether something nameless remains is `conclude`'s question.
 """
 
 import dataclasses
@@ -11,8 +11,9 @@ import math
 import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.leftover import Leftover
 from calibration.diagnosis.recalibrate import BIAS_MECHANISMS
-from calibration.diagnosis.score import Comparison, compare, compare_freely, evidence
+from calibration.diagnosis.score import Comparison, compare, evidence
 from calibration.diagnosis.search import Pool, ensure
 from qcar_twin.mechanisms.base import Mechanism
 from qcar_twin.parameters import ParameterSet
@@ -31,8 +32,6 @@ class Thresholds:
     beside: share of the evidence explained so far that a further mechanism must bring: a formula that is
       right in kind but not in every detail leaves about that much for others to pick up.
     probability: a name less likely right than this is not claimed.
-    unknown: factor by which UNKNOWN must beat the best set of known mechanisms.
-    unknown_share: share of the held-out sum of squares UNKNOWN must explain to be said at all.
     equivalent: a rival within so many standard errors of the claim can't be told apart.
   """
 
@@ -43,8 +42,6 @@ class Thresholds:
   bias: float = 0.45
   beside: float = 0.03
   probability: float = 0.5
-  unknown: float = 1.25
-  unknown_share: float = 0.2
   equivalent: float = 1.0
 
 
@@ -73,6 +70,7 @@ class Decision:
     model: the model behind the claims; the recalibrated twin if there are none.
     unknown: name of the UNKNOWN rival that did best, and its held-out comparison with the base.
     ranking: every mechanism tried with its evidence, best first.
+    leftovers: structure the model behind the claims leaves beyond what recordings without effects show, strongest first.
   """
 
   verdict: str
@@ -81,21 +79,15 @@ class Decision:
   model: Candidate
   unknown: tuple[str, Comparison] | None
   ranking: tuple[tuple[str, float], ...]
+  leftovers: tuple[Leftover, ...] = ()
 
 
-def decide(
-  pool: Pool,
-  unknowns: dict[str, Candidate],
-  thresholds: Thresholds = Thresholds(),
-  temper: float = 1.0,  # noqa: B008
-) -> Decision:
-  """Weigh the pool.
+def decide(pool: Pool, thresholds: Thresholds = Thresholds()) -> Decision:  # noqa: B008 - frozen
+  """Weigh the pool's named models; the verdict is provisional until `conclude` has looked at what is left.
 
   Args:
     pool: all fitted models.
-    unknowns: UNKNOWN rivals, with the pool's weights.
     thresholds: what a claim needs.
-    temper: factor on nats where samples are scarcer witnesses than their number says.
   """
   best = _simplified(pool, _grown(pool, thresholds), thresholds)
   claims = _bias_claims(pool, best, thresholds) + [_claim(pool, best, name, thresholds) for name in best.mechanisms]
@@ -104,11 +96,8 @@ def decide(
   ensure(pool, [kept])
   best = pool.models[kept]
   claims.sort(key=lambda c: -c.evidence_nats)
-  unknown = _best_unknown(pool, unknowns)
-  verdict = _verdict(pool, best, claims, unknown, unknowns, thresholds)
-  if verdict == "unexplained":
-    claims = [dataclasses.replace(c, probability=0.5 * c.probability, certain=False) for c in claims]
-  return Decision(verdict, tuple(claims), _possible(pool, claims, thresholds), best, unknown, _ranking(pool, claims))
+  verdict = "explained" if claims else "no_mismatch"
+  return Decision(verdict, tuple(claims), _possible(pool, claims, thresholds), best, None, _ranking(pool, claims))
 
 
 def _grown(pool: Pool, thresholds: Thresholds) -> Candidate:
@@ -252,30 +241,6 @@ def _material(pool: Pool, model: Candidate, name: str, share: float) -> bool:
     if size >= share * (parameter.typical or parameter.scale) and size >= 2.0 * std:
       return True
   return False
-
-
-def _best_unknown(pool: Pool, unknowns: dict[str, Candidate]) -> tuple[str, Comparison] | None:
-  scored = {name: compare_freely(model, pool.base, pool.problem.observations) for name, model in unknowns.items()}
-  if not scored:
-    return None
-  name = max(scored, key=lambda n: scored[n].gain)
-  return name, scored[name]
-
-
-def _verdict(
-  pool: Pool,
-  best: Candidate,
-  claims: list[Claim],
-  unknown: tuple[str, Comparison] | None,
-  unknowns: dict[str, Candidate],
-  thresholds: Thresholds,
-) -> str:
-  known = compare(best, pool.base, pool.problem.observations).gain if best.mechanisms else 0.0
-  if unknown is not None and unknown[1].t > thresholds.t and unknown[1].relative > thresholds.unknown_share:
-    over = compare_freely(unknowns[unknown[0]], best, pool.problem.observations)
-    if unknown[1].gain > thresholds.unknown * known + 2.0 * thresholds.nats and over.t > thresholds.t:
-      return "partly_explained" if claims and known > 0.5 * unknown[1].gain else "unexplained"
-  return "explained" if claims else "no_mismatch"
 
 
 def _ranking(pool: Pool, claims: list[Claim]) -> tuple[tuple[str, float], ...]:

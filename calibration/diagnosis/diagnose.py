@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, candidate, refine
+from calibration.diagnosis.conclude import Doubt, conclude, notable
 from calibration.diagnosis.decide import Decision, Thresholds, decide
 from calibration.diagnosis.detect import detect
-from calibration.diagnosis.locate import locate
+from calibration.diagnosis.leftover import leftovers
+from calibration.diagnosis.locate import Location, locate
 from calibration.diagnosis.output import Diagnosis, write_outputs
-from calibration.diagnosis.recalibrate import BIAS_MECHANISMS, Baseline, recalibrate, sensor_floor, with_sensor_biases
+from calibration.diagnosis.recalibrate import BIAS_MECHANISMS, recalibrate, with_sensor_biases
 from calibration.diagnosis.scan import scan
 from calibration.diagnosis.score import compare_freely
 from calibration.diagnosis.search import Effort, Pool, base_candidate, search
@@ -24,7 +26,6 @@ from calibration.segmenting import Cut
 from qcar_twin.dataset import DataSet
 from qcar_twin.mechanisms import catalogue, select
 from qcar_twin.mechanisms.base import Mechanism
-from qcar_twin.recording import Recording
 from qcar_twin.twin import Twin
 from qcar_twin.twin_file import save_twin
 from qcar_twin.vehicle import Vehicle
@@ -43,12 +44,14 @@ class Outcome:
     diagnosis: verdict, location, fits.
     twin: the car with the whole catalogue.
     before, after: parameter vectors of the recalibrated and the repaired twin, (P,).
+    cut: how recordings were cut, with the command timing that fitted best.
   """
 
   diagnosis: Diagnosis
   twin: Twin
   before: Array
   after: Array
+  cut: Cut
 
 
 def diagnose(
@@ -56,6 +59,7 @@ def diagnose(
   mechanisms: Sequence[str] | None = None,
   effort: Effort = Effort(),  # noqa: B008 - frozen
   thresholds: Thresholds = Thresholds(),  # noqa: B008
+  doubt: Doubt = Doubt(),  # noqa: B008
   substeps: int = 2,
   threads: int = 0,
   report: Report = lambda stage, share: None,
@@ -67,6 +71,7 @@ def diagnose(
     mechanisms: ids to consider; the whole catalogue by default.
     effort: how wide to search.
     thresholds: what a claim needs.
+    doubt: what it takes to say that something nameless is there.
     substeps: simulation steps per control period of 10 ms.
     threads: of the simulation, 0 for all cores.
     report: told the stage and how much of it is done.
@@ -75,42 +80,39 @@ def diagnose(
   known: tuple[Mechanism, ...] = tuple(catalogue().values()) if mechanisms is None else select(mechanisms)
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   twin = Twin(vehicle, [*known, *smooth_forces()], substeps=substeps, threads=threads)
-  recordings = [r for r in dataset.recordings if r.role != "holdout"]
   clock.start("recalibration")
+  recordings = [r for r in dataset.recordings if r.role != "holdout"]
   priors = with_sensor_biases(first_guess(recordings, vehicle), twin)
   baseline = recalibrate(twin, recordings, priors, _shifts(dataset), Cut(most=LONGEST))
   base = base_candidate(baseline)
   clock.start("scan")
-  candidates = [m for m in known if m.name not in BIAS_MECHANISMS]
-  signatures = scan(baseline.problem, base, candidates, progress=lambda done, total: report("scan", done / total))
+  tried = [m for m in known if m.name not in BIAS_MECHANISMS]
+  signatures = scan(baseline.problem, base, tried, progress=lambda done, total: report("scan", done / total))
   clock.start("search")
   pool = search(baseline, base, signatures, effort, lambda text: report(text, 0.0))
-  clock.start("unknown")
-  unknowns = fit_unknowns(pool)
-  clock.start("decision")
-  decision = decide(pool, unknowns, thresholds)
+  clock.start("decision and unknown rivals")
+  decision, unknowns = _with_unknown(decide(pool, thresholds), pool, doubt)
   clock.start("detection and location")
-  detection = detect(baseline, pool.base, problem=pool.problem)
-  location = _located(pool, decision, unknowns)
+  place = _located(pool, decision, unknowns)
   clock.start("hold-out")
+  cut = Cut(shift=baseline.shift, most=LONGEST)
   fits = {
-    role: _compared(twin, baseline, pool, decision, [r for r in dataset.recordings if r.role == role])
+    role: compare_twins(twin, pool.base.theta, decision.model.theta, dataset.role(role), pool.floor, cut)[0]
     for role in ("validate", "holdout")
   }
   clock.stop()
   diagnosis = Diagnosis(
     dataset=dataset.name,
     decision=decision,
-    detection=detection,
-    location=location,
+    detection=detect(baseline, pool.base, problem=pool.problem),
+    location=place,
     pool=pool,
-    validate=fits["validate"],
-    holdout=fits["holdout"],
+    **fits,
     seconds=sum(clock.stages.values()),
     stages=clock.stages,
     notes=dataset.warnings,
   )
-  return Outcome(diagnosis, twin, pool.base.theta, decision.model.theta)
+  return Outcome(diagnosis, twin, pool.base.theta, decision.model.theta, cut)
 
 
 def write(outcome: Outcome, folder: str | Path) -> Path:
@@ -122,29 +124,43 @@ def write(outcome: Outcome, folder: str | Path) -> Path:
   return write_outputs(folder, outcome.diagnosis)
 
 
-def fit_unknowns(pool: Pool) -> dict[str, Candidate]:
-  """The UNKNOWN rivals, fitted with the pool's weights."""
-  made = [candidate(pool.problem, (force.name,), pool.base, pool.priors) for force in smooth_forces()]
-  for item in made:
-    item.residual = pool.base.residual.copy()
-  refine(pool.problem, made, 1)
+def fit_unknowns(pool: Pool, forces: bool = True) -> dict[str, Candidate]:
+  """The UNKNOWN rivals, fitted with the pool's weights.
+
+  Args:
+    pool: all fitted models.
+    forces: forces, too, which have to be simulated; else errors of the sensors only.
+  """
+  made = []
+  if forces:
+    made = [candidate(pool.problem, (force.name,), pool.base, pool.priors) for force in smooth_forces()]
+    for item in made:
+      item.residual = pool.base.residual.copy()
+    refine(pool.problem, made, 1)
   observations = pool.problem.observations
   prediction = pool.problem.predict(pool.base.theta[None])
   whitening = pool.problem.whiten(np.ones(len(observations)))
   return {m.mechanisms[0]: m for m in made} | unknown_sensors(pool.base, observations, prediction, whitening)
 
 
-def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]):
+def _with_unknown(decision: Decision, pool: Pool, doubt: Doubt) -> tuple[Decision, dict[str, Candidate]]:
+  """The verdict, and the UNKNOWN rivals behind it.
+
+  Unknown forces are simulated only where the named model leaves more over than recordings without any
+  effect do: elsewhere there is nothing left that they could explain.
+  """
+  over = lambda m: leftovers(m, pool.problem, pool.problem.predict(m.theta[None]))  # noqa: E731
+  before = over(pool.base)
+  after = over(decision.model) if decision.model.mechanisms else before
+  unknowns = fit_unknowns(pool, forces=bool(notable(after, doubt)))
+  return conclude(decision, pool, before, after, unknowns, doubt), unknowns
+
+
+def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]) -> Location:
   gains = {name: compare_freely(m, pool.base, pool.problem.observations).gain for name, m in unknowns.items()}
   rests_on_unknown = decision.verdict == "unexplained" and decision.unknown is not None
   rival = unknowns[decision.unknown[0]] if rests_on_unknown and decision.unknown else None
   return locate(pool, decision.model, gains, rival, claimed=[c.mechanism for c in decision.claims])
-
-
-def _compared(twin: Twin, baseline: Baseline, pool: Pool, decision: Decision, recordings: list[Recording]):
-  cut = Cut(shift=baseline.shift, most=LONGEST)
-  floor = sensor_floor(baseline.passport)
-  return compare_twins(twin, pool.base.theta, decision.model.theta, recordings, floor, cut)[0]
 
 
 def _shifts(dataset: DataSet) -> tuple[int, ...]:

@@ -37,6 +37,7 @@ class Signature:
     survives: share of the signature at typical size that recalibration cannot absorb, 0 to 1.
     direction: projected signature of the best trial on the fitted values, (K,), float32.
     trials: gain per trial: (values, nats).
+    unprofiled: gain of the best trial if nothing is projected out, nats: what a plain ranking would go by.
   """
 
   mechanism: str
@@ -47,6 +48,7 @@ class Signature:
   survives: float
   direction: NDArray[np.float32]
   trials: tuple[tuple[dict[str, float], float], ...]
+  unprofiled: float
 
   @property
   def testable(self) -> bool:
@@ -62,12 +64,14 @@ class Trial:
     rest: change of residuals without what the base can imitate, (K,).
     whole: squared norm of the whole change.
     answer: how the base parameters would move to meet it, (p,).
+    unprofiled: nats the whole change explains at its best size.
   """
 
   start: dict[str, float]
   rest: NDArray[np.float32]
   whole: float
   answer: Array
+  unprofiled: float
 
 
 class Projector:
@@ -115,7 +119,8 @@ def scan(
     for (mechanism, start), whole, rest, answer in zip(
       part, change, project(change), project.answer(change), strict=True
     ):
-      collected[mechanism.name].append(Trial(start, rest.astype(np.float32), float(whole @ whole), answer))
+      plain = explained(whole, base.residual[: base.fitted], mechanism.signed)
+      collected[mechanism.name].append(Trial(start, rest.astype(np.float32), float(whole @ whole), answer, plain))
     progress(min(i + chunk, len(jobs)), len(jobs))
   return {m.name: _signature(m, collected[m.name], anchor, base.free.names) for m in mechanisms if collected[m.name]}
 
@@ -137,6 +142,14 @@ def trial_starts(mechanism: Mechanism, sizes: Sequence[float]) -> list[dict[str,
         value = parameter.null + size * typical
         starts.append({**place, parameter.name: float(np.clip(value, parameter.lower, parameter.upper))})
   return starts
+
+
+def explained(change: Array, residual: Array, signed: bool = False) -> float:
+  """Drop of half the sum of squares when a change of residuals is added at its best size, nats; negative only if signed."""
+  power = float(change @ change)
+  pull = -float(residual @ change)
+  pull = abs(pull) if signed else max(pull, 0.0)
+  return 0.5 * pull**2 / power if power > 0 else 0.0
 
 
 def confusion(signatures: dict[str, Signature]) -> dict[str, dict[str, float]]:
@@ -184,6 +197,7 @@ def _signature(mechanism: Mechanism, trials: list[Trial], anchor: Array, base: S
     survives=2.0 * shown[middle] / whole if whole > 0 else 0.0,
     direction=trials[top].rest,
     trials=tuple(zip(values, gains, strict=True)),
+    unprofiled=max(t.unprofiled for t in trials),
   )
 
 

@@ -95,19 +95,19 @@ def compare(larger: Candidate, smaller: Candidate, observations: Observations) -
   rest = np.maximum(power.sum() - power, 1e-12)
   share = np.clip(-(pull.sum() - pull) / rest, 0.0, 2.0)
   moved += share[group] * step
-  return _compared(moved, smaller.residual, observations)
+  return compared(moved, smaller.residual, observations.block)
 
 
 def compare_freely(larger: Candidate, smaller: Candidate, observations: Observations) -> Comparison:
   """Held-out gain when all parameters of both models are fitted to the other groups: for models with many."""
   group = groups_of(observations)
-  return _compared(held_out(larger, group), held_out(smaller, group), observations)
+  return compared(held_out(larger, group), held_out(smaller, group), observations.block)
 
 
-def _compared(after: Array, before: Array, observations: Observations) -> Comparison:
-  """Blocks' gains from held-out residuals of a larger and a smaller model, (M,) each."""
+def compared(after: Array, before: Array, block: NDArray[np.int64]) -> Comparison:
+  """Blocks' gains from held-out residuals of a larger and a smaller model, and the block of each, (M,)."""
   drop = 0.5 * (before**2 - after**2)
-  gains = np.bincount(observations.block, drop)[np.unique(observations.block)]
+  gains = np.bincount(block, drop)[np.unique(block)]
   capped = np.clip(gains, -CAP, CAP)
   count = len(gains)
   spread = float(np.std(capped, ddof=1)) if count > 1 else np.inf

@@ -6,17 +6,17 @@ size, and the rival is cross-validated like every other model. If it beats all t
 physics is not in the catalogue.
 """
 
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.families import monomials, motion, terms
 from calibration.observations import Observations
 from qcar_twin.mechanisms.base import Context, Mechanism, State
 from qcar_twin.parameters import Parameter
-from qcar_twin.plant import SIGNALS, Prediction
+from qcar_twin.plant import Prediction
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class SmoothForce(Mechanism):
     self.variables, typical, unit = _DEGREES[degree]
     self.name = f"unknown_{degree}"
     self.subsystem = SUBSYSTEM[degree]
-    self.terms = _terms(len(self.variables))
+    self.terms = terms(len(self.variables))
     self.parameters = tuple(
       Parameter(f"unknown_{degree}_{_term_name(self.variables, term)}", 0.0, -8 * typical, 8 * typical, unit,
                 null=0.0, std=2 * typical, typical=typical)
@@ -55,7 +55,7 @@ class SmoothForce(Mechanism):
     )  # fmt: skip
 
   def _value(self, theta: Array, context: Context) -> Array:
-    basis = _basis([_variable(name, context) for name in self.variables], self.terms)  # (n, K)
+    basis = monomials([_variable(name, context) for name in self.variables], self.terms)  # (n, K)
     moving = np.tanh((np.abs(context.signal("velocity_x")) / 0.1) ** 2)
     return moving * np.sum(theta * basis, axis=1)
 
@@ -124,10 +124,8 @@ def _sensor_rival(
 
 def _sensor_basis(observations: Observations, prediction: Prediction) -> Array:
   """Monomials of squashed predicted signals at every measured value, (M, K)."""
-  names = (("velocity_x", 1.5), ("yaw_rate", 1.5), ("accel_x", 2.0), ("accel_y", 3.0))
-  flat = prediction.signals.reshape(-1, len(SIGNALS))
-  columns = [np.tanh(flat[observations.grid_points, SIGNALS.index(n)] / s) for n, s in names]
-  return _basis(columns, _terms(len(columns)))
+  grid = motion(observations, prediction)
+  return grid.reshape(-1, grid.shape[-1])[observations.grid_points]
 
 
 def _variable(name: str, context: Context) -> Array:
@@ -140,19 +138,5 @@ def _variable(name: str, context: Context) -> Array:
   return np.tanh(value / _SCALES[name])
 
 
-def _terms(count: int) -> list[tuple[int, ...]]:
-  """Index tuples of monomials up to degree two: (), (0,), (1,), ..., (0, 0), (0, 1), ..."""
-  terms: list[tuple[int, ...]] = [()]
-  for degree in (1, 2):
-    terms += list(itertools.combinations_with_replacement(range(count), degree))
-  return terms
-
-
 def _term_name(variables: Sequence[str], term: tuple[int, ...]) -> str:
   return "_".join(variables[i] for i in term) or "constant"
-
-
-def _basis(columns: Sequence[Array], terms: Sequence[tuple[int, ...]]) -> Array:
-  """Monomials of columns, (n, K)."""
-  ones = np.ones(len(columns[0]))
-  return np.stack([np.prod([columns[i] for i in term], axis=0) if term else ones for term in terms], axis=1)

@@ -5,15 +5,27 @@ import json
 import pytest
 
 from calibration.campaign import Case, draw_cases, run_case
-from calibration.campaign_score import score, score_table
+from calibration.campaign_figure import confusion_table
+from calibration.campaign_score import error_over, null_floor, recovered, score, score_baselines, score_table
 from qcar_twin.mechanisms import catalogue
 
 
-def result(kind, truth, claims=(), ranking=(), equivalent=(), subsystem="steering", verdict=None, values=None, worse=1.0):
+def result(
+  kind,
+  truth,
+  claims=(),
+  ranking=(),
+  equivalent=(),
+  subsystem="steering",
+  verdict=None,
+  values=None,
+  worse=1.0,
+  nats=500.0,
+):
   """One answered case; claims and truth as (id, size)."""
   named = [
     {"mechanism": c, "probability": 0.9, "equivalent_to": list(equivalent),
-     "parameters": {k: {"value": v} for k, v in (values or {}).items()}}
+     "parameters": {k: {"value": v, "std": 0.001} for k, v in (values or {}).items()}}
     for c in claims
   ]  # fmt: skip
   answer = {
@@ -26,7 +38,12 @@ def result(kind, truth, claims=(), ranking=(), equivalent=(), subsystem="steerin
     "seconds": 60.0,
   }
   stated = [{"id": i, "parameters": {"steering_delay": 0.04} if i == "steering_delay" else {}} for i, _ in truth]
-  return {"case": {"name": f"{kind}_0", "kind": kind, "seed": 1, "effects": truth}, "truth": stated, "answer": answer}
+  case = {"name": f"{kind}_0", "kind": kind, "seed": 1, "effects": truth, "noise": 1.0}
+  oracle = {"nats": nats, "holdout": {"yaw_rate": 0.4}}
+  methods = {
+    "white_noise_bic": {"claims": ["gyro_scale"], "ranking": [["gyro_scale", 9.0]], "holdout": {"yaw_rate": 0.8}}
+  }
+  return {"case": case, "truth": stated, "answer": answer, "oracle": oracle if truth else None, "baselines": methods}
 
 
 DELAY = [("steering_delay", 1.0)]
@@ -35,7 +52,9 @@ DELAY = [("steering_delay", 1.0)]
 def test_singles_are_counted_by_their_first_claim():
   results = [
     result("single", DELAY, ["steering_delay"], values={"steering_delay": 0.044}),
-    result("single", DELAY, ["steering_lag"], ranking=["steering_lag", "steering_delay"], equivalent=["steering_delay"]),
+    result(
+      "single", DELAY, ["steering_lag"], ranking=["steering_lag", "steering_delay"], equivalent=["steering_delay"]
+    ),
     result("single", [("steering_delay", 1 / 3)], [], ranking=["gyro_scale"], subsystem="none"),
     result("single", DELAY, ["gyro_scale"], ranking=["gyro_scale"], subsystem="sensor", worse=1.02),
   ]
@@ -48,6 +67,48 @@ def test_singles_are_counted_by_their_first_claim():
   assert found["subsystem"] == 0.5
   assert found["parameter_error_median"] == pytest.approx(0.1)
   assert found["channels_worse"] == pytest.approx(1 / 3)
+
+
+def test_cases_are_graded_by_what_the_right_model_would_bring():
+  found = score([result("single", DELAY, ["steering_delay"], nats=n) for n in (2000.0, 500.0, 500.0)]
+                + [result("single", DELAY, [], nats=n) for n in (400.0, 30.0, 5.0)])  # fmt: skip
+  assert (found["right_first_easy"], found["right_first_hard"], found["as_good_as_invisible"]) == (1.0, 0.0, 1)
+  assert found["right_first_medium"] == pytest.approx(2 / 3)
+
+
+def test_intervals_that_hold_the_truth_are_counted():
+  cases = [result("single", DELAY, ["steering_delay"], values={"steering_delay": v}) for v in (0.041, 0.044)]
+  assert score(cases)["coverage_90"] == 0.5
+
+
+def test_recovered_share_counts_what_lies_above_a_floor():
+  null, case = result("null", []), result("single", DELAY, ["steering_delay"], worse=0.6)
+  null["answer"]["fit"]["holdout"]["yaw_rate"]["before"] = 0.5
+  assert null_floor([null]) == {"yaw_rate": 0.5}
+  assert recovered(case, {"yaw_rate": 0.5}) == pytest.approx((1.0 - 0.36) / (1.0 - 0.25))
+  assert recovered(case, {"yaw_rate": 0.99}) is None  # nothing above the floor to recover
+  assert error_over(case, {"yaw_rate": 0.4}) == pytest.approx(1.5)
+
+
+def test_the_simpler_methods_are_scored_on_the_same_cases():
+  rows = score_baselines([result("null", []), result("single", DELAY, ["steering_delay"], worse=0.5)])
+  assert rows["white_noise_bic"]["nulls_with_claim"] == 1
+  assert rows["white_noise_bic"]["right_first"] == 0.0
+  assert rows["white_noise_bic"]["holdout_error_median"] == pytest.approx(0.8)
+  assert rows["diagnosis"] == {
+    "nulls_with_claim": 0,
+    "right_first": 1.0,
+    "wrong_first": 0.0,
+    "holdout_error_median": 0.5,
+  }
+
+
+def test_confusion_counts_first_claims_by_truth():
+  cases = [result("single", DELAY, ["steering_delay"]), result("single", DELAY, ["gyro_scale"]), result("null", [])]
+  truths, answers, table = confusion_table(cases)
+  assert table[truths.index("steering_delay"), answers.index("gyro_scale")] == 1
+  assert table[truths.index("nothing"), answers.index("no claim")] == 1
+  assert table.sum() == 3
 
 
 def test_pairs_want_both_and_nothing_false():

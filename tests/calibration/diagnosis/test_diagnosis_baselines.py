@@ -8,13 +8,13 @@ from calibration.diagnosis.baselines import (
   METHODS,
   bic_ranking,
   boosted_residual,
-  explained,
   raw_residual,
   rms,
   run_baselines,
   unprofiled_ranking,
   white_noise_bic,
 )
+from calibration.diagnosis.scan import explained, scan
 from calibration.observations import observe
 
 
@@ -22,7 +22,7 @@ from calibration.observations import observe
 def answers(offset_pool):
   twin = offset_pool.problem.twin
   holdout = rig.measure(twin, rig.drive(4, seed=77, pose=True), {"steering_offset": 0.03}, seed=78)
-  return run_baselines(offset_pool, twin.mechanisms, holdout), holdout
+  return run_baselines(offset_pool, holdout), holdout
 
 
 def test_all_four_answer(answers):
@@ -47,7 +47,7 @@ def test_unprofiled_ranking_takes_what_the_base_absorbs_for_evidence():
   shifted = base.theta.copy()
   shifted[problem.parameters.index("cornering_stiffness_front")] = 4.0
   poor.residual = problem.residual(shifted[None])[0]
-  ranking = dict(unprofiled_ranking(problem, poor, twin.mechanisms))
+  ranking = dict(unprofiled_ranking(scan(problem, poor, twin.mechanisms)))
   assert max(ranking, key=lambda n: ranking[n]) == "gyro_scale"  # which the profiled scan knows to be the stiffness
 
 
@@ -103,5 +103,5 @@ def test_trees_leave_a_perfect_twin_nearly_alone(clean_pool):
 
 
 def test_without_holdout_there_are_names_but_no_errors(offset_pool):
-  found = run_baselines(offset_pool, offset_pool.problem.twin.mechanisms, [])
+  found = run_baselines(offset_pool, [])
   assert found["unprofiled_ranking"].claims and not any(a.holdout for a in found.values())

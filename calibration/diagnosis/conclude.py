@@ -1,0 +1,107 @@
+"""The verdict: names against what they leave over and against rivals without a name.
+
+A right name leaves what recordings without any effect leave, a wrong one does not. So the verdict looks at the
+structure in the residuals of the model behind the claims, and at UNKNOWN rivals set against the same recalibrated twin.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.decide import Decision
+from calibration.diagnosis.leftover import Leftover
+from calibration.diagnosis.score import Comparison, compare, compare_freely
+from calibration.diagnosis.search import Pool
+
+
+@dataclasses.dataclass(frozen=True)
+class Doubt:
+  """What it takes to say that something nameless is there.
+
+  Attributes:
+    levels: held-out nats per block (per stretch for a rhythm) of each family that recordings without effects
+      stay below.
+    share: part of the recalibrated twin's own leftover (in units of its level) that may remain beside a right name:
+      a formula right in kind is not right in every detail.
+    factor: by which an UNKNOWN rival must beat the named model where nothing is left over.
+    least: nats it must be ahead.
+    explains: share of the held-out sum of squares it must explain.
+    t: and its lead over its standard error.
+  """
+
+  levels: Mapping[str, float] = dataclasses.field(
+    default_factory=lambda: {
+      "motion": 2.0, "commands": 1.5, "heading": 1.0, "place": 1.0, "history": 1.6, "rhythm": 1.6,
+    }
+  )  # fmt: skip
+  share: float = 0.35
+  factor: float = 1.25
+  least: float = 40.0
+  explains: float = 0.2
+  t: float = 3.0
+
+  def strength(self, item: Leftover) -> float:
+    """A leftover in units of its family's level."""
+    return item.nats / self.levels[item.family]
+
+
+def notable(found: Sequence[Leftover], doubt: Doubt) -> tuple[Leftover, ...]:
+  """Leftovers beyond their level, strongest first."""
+  return tuple(sorted((i for i in found if doubt.strength(i) >= 1.0), key=lambda i: -doubt.strength(i)))
+
+
+def conclude(
+  decision: Decision,
+  pool: Pool,
+  before: Sequence[Leftover],
+  after: Sequence[Leftover],
+  unknowns: Mapping[str, Candidate],
+  doubt: Doubt = Doubt(),  # noqa: B008 - frozen
+) -> Decision:
+  """The decision with its verdict.
+
+  Args:
+    decision: claims by name.
+    pool: all fitted models.
+    before, after: what the recalibrated twin and the model behind the claims leave over.
+    unknowns: UNKNOWN rivals, set against the recalibrated twin.
+    doubt: what it takes to say that something nameless is there.
+  """
+  rest, unknown = notable(after, doubt), best_unknown(pool, unknowns)
+  remains = bool(rest) and _share_left(before, rest, doubt) > doubt.share
+  beaten = _beaten(decision, pool, unknown, unknowns, doubt)
+  claims, verdict = decision.claims, decision.verdict
+  if beaten or (remains and not claims):
+    verdict = "unexplained"
+  elif remains:
+    verdict = "partly_explained"
+  if verdict != decision.verdict:
+    claims = tuple(dataclasses.replace(c, probability=0.5 * c.probability, certain=False) for c in claims)
+  return dataclasses.replace(decision, verdict=verdict, claims=claims, unknown=unknown, leftovers=rest)
+
+
+def best_unknown(pool: Pool, unknowns: Mapping[str, Candidate]) -> tuple[str, Comparison] | None:
+  """The UNKNOWN rival with the largest held-out gain over the recalibrated twin."""
+  scored = {name: compare_freely(model, pool.base, pool.problem.observations) for name, model in unknowns.items()}
+  return max(scored.items(), key=lambda kv: kv[1].gain, default=None)
+
+
+def _share_left(before: Sequence[Leftover], rest: Sequence[Leftover], doubt: Doubt) -> float:
+  strongest = max((doubt.strength(i) for i in before), default=0.0)
+  return doubt.strength(rest[0]) / max(strongest, doubt.strength(rest[0]))
+
+
+def _beaten(
+  decision: Decision,
+  pool: Pool,
+  unknown: tuple[str, Comparison] | None,
+  unknowns: Mapping[str, Candidate],
+  doubt: Doubt,
+) -> bool:
+  """Whether a nameless rival explains clearly more than the names do."""
+  if unknown is None or unknown[1].t <= doubt.t or unknown[1].relative <= doubt.explains:
+    return False
+  observations, named = pool.problem.observations, decision.model
+  known = compare(named, pool.base, observations).gain if named.mechanisms else 0.0
+  ahead = compare_freely(unknowns[unknown[0]], named, observations)
+  return unknown[1].gain > doubt.factor * known + doubt.least and ahead.t > doubt.t
