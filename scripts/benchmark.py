@@ -8,13 +8,14 @@ from pathlib import Path
 
 import tyro
 
-from calibration.benchmark import Pair, overhead_pair, threads_pair, tyre_pair
+from calibration.benchmark import Pair, overhead_pair, threads_pair, tyre_pairs
 from calibration.benchmark_fit import fit_pairs
 
 PAGE = """# Speed, in pairs
 
 `python scripts/benchmark.py --out docs/results_speed.md`; both sides of a line ran in one process on two cores.
-Ratios are medians of the ratios of rounds in which the sides take turns (fits run once each), times are medians.
+Ratios are medians of the ratios of rounds in which the sides take turns (fits run once each), times are medians; processor time
+where one thread works, wall time for two threads and for the fits.
 
 | what | sides | first [us] | second [us] | per | first / second | goal | |
 |---|---|---|---|---|---|---|---|
@@ -33,7 +34,7 @@ WITHOUT = (
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """Five ratios with their goals; run it on a quiet machine."""
+  """Seven ratios with their goals; run it on a quiet machine."""
 
   out: Path
   """Markdown file to write."""
@@ -57,7 +58,7 @@ def main(config: Config) -> tuple[Pair, ...]:
   """Time the pairs, print them and write the page."""
   rounds = 5 if config.quick else config.rounds
   fits = fit_pairs(2, 1.0, config.seed) if config.quick else fit_pairs(seed=config.seed)
-  pairs = (tyre_pair(rounds), overhead_pair(rounds), threads_pair(rounds), *fits)
+  pairs = (*tyre_pairs(rounds), overhead_pair(rounds), threads_pair(rounds), *fits)
   print("\n".join(str(pair) for pair in pairs))
   library = any("library" not in side and "sysid" in side for side in fits[0].sides)
   text = PAGE.format(rows="\n".join(row(pair) for pair in pairs), fits=LIBRARY if library else WITHOUT)

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from calibration.benchmark import Pair, overhead_pair, paired, threads_pair, tyre_pair
+from calibration.benchmark import Pair, overhead_pair, paired, threads_pair, tyre_pairs
 from calibration.benchmark_fit import CHANNELS, FITTED, TRUTH, RecompiledCar, edited, fit_pairs, make_task
 from qcar_twin.twin_parameters import base_parameters
 from qcar_twin.vehicle import QCAR
@@ -34,6 +34,11 @@ def test_the_ratio_is_of_rounds_so_a_slow_spell_hits_both_sides():
   assert paired(step, step, 4)[2] == pytest.approx(1.0, abs=0.3)
 
 
+def test_the_clock_is_the_one_asked_for():
+  ticks = iter(range(100))
+  assert paired(lambda: None, lambda: None, 4, clock=lambda: float(next(ticks))) == (1.0, 1.0, 1.0)
+
+
 @pytest.mark.parametrize(("ratio", "at_most", "reached"), [(0.79, True, True), (0.81, True, False), (0.9, False, True), (0.7, False, False)])  # fmt: skip
 def test_a_goal_is_reached_from_its_own_side(ratio, at_most, reached):
   found = pair(ratio, at_most)
@@ -49,7 +54,7 @@ def test_the_twin_costs_little_more_than_the_steps_it_contains():
 
 
 def test_threads_and_tyres_are_timed_in_the_order_they_are_named():
-  threads, tyres = threads_pair(rounds=3, cars=16), tyre_pair(rounds=3)
+  threads, tyres = threads_pair(rounds=3, cars=16), tyre_pairs(rounds=3)[1]
   assert threads.sides == ("one thread", "two threads") and not threads.at_most and threads.goal == 1.8
   assert tyres.sides == ("tyre plugin", "native friction") and tyres.at_most and tyres.goal == 0.8
   for found in (threads, tyres):
