@@ -44,7 +44,7 @@ def draw_cases(seed: int, nulls: int, singles: int, pairs: int, outside: int, de
   typical size and at a third of it in turn. Pairs combine two subsystems at the typical size.
   """
   rng = np.random.default_rng(seed)
-  known = sorted(catalogue())
+  known = sorted(set(catalogue()) & set(EFFECTS))
   foreign = sorted(set(EFFECTS) - set(known))
   first = int(rng.integers(10**6, 10**8))
   cases = [

@@ -26,8 +26,9 @@ Array = NDArray[np.float64]
 log = logging.getLogger(__name__)
 
 _PART, _LEAST = 0.35, 40.0  # share of the driving a rough fit sees, and at least so many seconds
-SENSOR_BIASES = {"accel_bias_x": 0.15, "accel_bias_y": 0.15, "gyro_bias": 0.02}  # m/s^2, m/s^2, rad/s
-BIAS_MECHANISMS = ("accel_bias", "gyro_bias")
+# m/s^2, m/s^2, rad/s, s
+SENSOR_BIASES = {"accel_bias_x": 0.15, "accel_bias_y": 0.15, "gyro_bias": 0.02, "encoder_latency": 0.003}
+BIAS_MECHANISMS = ("accel_bias", "gyro_bias", "encoder_latency")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,9 +130,9 @@ def fitted_count(observations: Observations, recordings: Sequence[Recording]) ->
 
 
 def with_sensor_biases(base: ParameterSet, twin: Twin) -> ParameterSet:
-  """The base parameters and the small biases every IMU has, so that they are not taken for physics.
+  """The base parameters and the small errors every IMU and encoder has, so that they are not taken for physics.
 
-  A bias far beyond them is claimed as such; see decide.
+  One far beyond them is claimed as such; see decide.
   """
   biases = [dataclasses.replace(twin.parameters[n], std=s) for n, s in SENSOR_BIASES.items() if n in twin.parameters]
   return base + biases

@@ -21,7 +21,9 @@ from qcar_twin.parameters import ParameterSet
 
 Array = NDArray[np.float64]
 _HOPE = 10.0  # nats a model may still lie above its subset to be worth another step
-_WORTH_A_PAIR = 8.0  # nats a second mechanism must promise before its pair is refitted
+_WORTH_A_SINGLE = 2.0  # nats a mechanism must promise in the scan before it is refitted
+_WORTH_A_PAIR = 12.0  # nats a second one must promise before its pair is refitted; a claim takes more
+_DOUBTED = 0.1  # least part of a promise that is believed after a refit did not keep it
 Report = Callable[[str], None]
 
 
@@ -114,7 +116,7 @@ def ensure(pool: Pool, sets: Iterable[frozenset[str]], iterations: int = 3) -> N
 
 
 def _nominate_singles(signatures: dict[str, Signature], count: int) -> list[str]:
-  visible = [s for s in signatures.values() if s.testable]
+  visible = [s for s in signatures.values() if s.testable and s.gain > _WORTH_A_SINGLE]
   return [s.mechanism for s in sorted(visible, key=lambda s: -s.gain)[:count]]
 
 
@@ -142,7 +144,10 @@ def _nominate_triples(pool: Pool, count: int) -> list[frozenset[str]]:
 
 
 def _explains(pool: Pool, model: Candidate) -> dict[str, float]:
-  """Nats each further mechanism's signature would explain of a model's residual, to first order."""
+  """Nats each further mechanism's signature would explain of a model's residual, to first order.
+
+  A promise counts as much as the mechanism's own refit kept of what the scan had promised.
+  """
   project = Projector(model)
   anchor = project(model.residual[None, : model.fitted])[0]
   out = {}
@@ -151,8 +156,16 @@ def _explains(pool: Pool, model: Candidate) -> dict[str, float]:
       continue
     direction = project(signature.direction[None].astype(np.float64))[0]
     power = float(direction @ direction)
-    out[name] = 0.5 * float(anchor @ direction) ** 2 / power if power > 1e-9 else 0.0
+    out[name] = _kept(pool, name) * 0.5 * float(anchor @ direction) ** 2 / power if power > 1e-9 else 0.0
   return out
+
+
+def _kept(pool: Pool, name: str) -> float:
+  """Part of the scan's promise that a mechanism's refit kept, at most 1; 1 where it was not refitted."""
+  alone = pool.models.get(frozenset([name]))
+  if alone is None or pool.signatures[name].gain <= 0:
+    return 1.0
+  return float(np.clip((pool.base.cost - alone.cost) / pool.signatures[name].gain, _DOUBTED, 1.0))
 
 
 def _fit_sets(pool: Pool, sets: Sequence[frozenset[str]], iterations: int) -> None:

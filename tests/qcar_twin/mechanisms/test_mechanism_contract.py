@@ -18,7 +18,8 @@ friction_patch side_force floor_slope
 drive_dead_zone drive_lag drive_delay coulomb_friction stiction steering_drag differential_lock quadratic_drag
 battery_sag battery_discharge motor_heating coast_freewheel drive_asymmetry driveline_backlash cogging
 cg_lateral_offset payload
-imu_misalignment imu_lever_arm gyro_scale accel_bias gyro_bias pose_latency imu_latency clock_drift pose_mount
+imu_misalignment imu_lever_arm gyro_scale accel_bias gyro_bias pose_latency imu_latency encoder_latency clock_drift
+pose_mount
 """.split()
 ALL = list(catalogue().values())
 each = pytest.mark.parametrize("mechanism", ALL, ids=lambda m: m.name)

@@ -340,7 +340,9 @@ def test_latencies_shift_their_own_sensors_only():
   ramp = np.arange(40) * PERIOD
   track = motion(40, pose_x=ramp, pose_yaw=-ramp, yaw_rate=ramp, accel_x=ramp, motor_speed=ramp).track()
   imu, pose = shown("imu_latency", [0.034], track), shown("pose_latency", [0.034], track)
-  assert set(imu) == {"yaw_rate", "accel_x"} and set(pose) == {"pose_x", "pose_yaw"}
+  encoder = shown("encoder_latency", [0.034], track)
+  assert set(imu) == {"yaw_rate", "accel_x"} and set(pose) == {"pose_x", "pose_yaw"} and set(encoder) == {"motor_speed"}
+  np.testing.assert_allclose(encoder["motor_speed"], np.maximum(ramp - 0.034, 0.0), atol=1e-12)
   np.testing.assert_allclose(imu["yaw_rate"], np.maximum(ramp - 0.034, 0.0), atol=1e-12)
   np.testing.assert_allclose(pose["pose_x"], ramp - 0.034, atol=1e-12)
 
