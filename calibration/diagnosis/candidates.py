@@ -17,6 +17,9 @@ from qcar_twin.parameters import ParameterSet
 
 Array = NDArray[np.float64]
 
+# precision of the two trial steps' restraint, in units of each parameter's scale
+_FRESH, _STALE = (0.0, 30.0), (1.0, 100.0)
+
 
 @dataclasses.dataclass
 class Candidate:
@@ -126,7 +129,7 @@ def refine(problem: Problem, candidates: Sequence[Candidate], iterations: int, f
     if not active:
       return
     _fill_columns(problem, active, full)
-    _try_steps(problem, active)
+    _try_steps(problem, active, full)
 
 
 def _fill_columns(problem: Problem, candidates: Sequence[Candidate], full: bool) -> None:
@@ -150,8 +153,8 @@ def _difference(item: Candidate, i: int, share: float = 0.03) -> float:
   return -h if item.values[i] + h > item.free.upper[i] else h
 
 
-def _try_steps(problem: Problem, candidates: Sequence[Candidate]) -> None:
-  trials = [(item, values) for item in candidates for values in _steps(item)]
+def _try_steps(problem: Problem, candidates: Sequence[Candidate], fresh: bool) -> None:
+  trials = [(item, values) for item in candidates for values in _steps(item, fresh)]
   thetas = [problem.embed(item.free.names, values, item.theta)[0] for item, values in trials]
   outcomes = problem.residual(np.stack(thetas))
   for item in candidates:
@@ -168,9 +171,10 @@ def _try_steps(problem: Problem, candidates: Sequence[Candidate]) -> None:
     item.settled = gain < 1e-3 * abs(before) ** 0.5 + 0.3
 
 
-def _steps(item: Candidate) -> list[Array]:
-  """Trial estimates: the whole Gauss-Newton step and a damped, shorter one."""
-  gradient, curvature = item.gradient, item.curvature
-  whole = bounded_solve(curvature, gradient, item.values, item.free)
-  damped = bounded_solve(curvature + 0.3 * np.diag(np.diag(curvature)), gradient, item.values, item.free)
-  return [whole, 0.5 * (item.values + damped)]
+def _steps(item: Candidate, fresh: bool) -> list[Array]:
+  """Trial estimates: Gauss-Newton steps held back more or less by a prior about where the model stands.
+
+  What the data hardly know would otherwise run far along a Jacobian that was taken elsewhere.
+  """
+  gradient, curvature, unit = item.gradient, item.curvature, np.diag(1.0 / item.free.scale**2)
+  return [bounded_solve(curvature + hold * unit, gradient, item.values, item.free) for hold in (_FRESH if fresh else _STALE)]

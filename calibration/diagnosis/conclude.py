@@ -7,6 +7,8 @@ structure in the residuals of the model behind the claims, and at UNKNOWN rivals
 import dataclasses
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decide import Decision
 from calibration.diagnosis.leftover import Leftover
@@ -21,6 +23,7 @@ class Doubt:
   Attributes:
     levels: held-out nats per block (per stretch for a rhythm) of each family that recordings without effects
       stay below.
+    usual: blocks or stretches the levels hold for.
     share: part of the recalibrated twin's own leftover (in units of its level) that may remain beside a right name:
       a formula right in kind is not right in every detail.
     factor: by which an UNKNOWN rival must beat the named model where nothing is left over.
@@ -34,6 +37,7 @@ class Doubt:
       "motion": 2.0, "commands": 1.5, "heading": 1.0, "place": 1.0, "history": 1.6, "rhythm": 1.6,
     }
   )  # fmt: skip
+  usual: int = 30
   share: float = 0.35
   factor: float = 1.25
   least: float = 40.0
@@ -41,8 +45,9 @@ class Doubt:
   t: float = 3.0
 
   def strength(self, item: Leftover) -> float:
-    """A leftover in units of its family's level."""
-    return item.nats / self.levels[item.family]
+    """A leftover in units of its family's level, which is higher where fewer blocks leave more to chance."""
+    chance = np.sqrt(max(self.usual / item.count, 1.0)) if item.count else 1.0
+    return float(item.nats / (self.levels[item.family] * chance))
 
 
 def notable(found: Sequence[Leftover], doubt: Doubt) -> tuple[Leftover, ...]:

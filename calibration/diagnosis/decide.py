@@ -29,8 +29,9 @@ class Thresholds:
     share: groups that gained.
     material: share of the typical size.
     bias: the same for biases of the IMU, of which every one has some.
-    beside: share of the evidence explained so far that a further mechanism must bring: a formula that is
+    beside: share of the cost explained so far that a further mechanism must bring: a formula that is
       right in kind but not in every detail leaves about that much for others to pick up.
+    trace, plain: a smaller share will do, but at least `trace`, for a mechanism of at least `plain` typical sizes.
     probability: a name less likely right than this is not claimed.
     equivalent: a rival within so many standard errors of the claim can't be told apart.
   """
@@ -38,9 +39,11 @@ class Thresholds:
   t: float = 3.0
   nats: float = 20.0
   share: float = 0.55
-  material: float = 0.2
+  material: float = 0.25
   bias: float = 0.45
-  beside: float = 0.03
+  beside: float = 0.05
+  trace: float = 0.01
+  plain: float = 0.4
   probability: float = 0.5
   equivalent: float = 1.0
 
@@ -111,12 +114,20 @@ def _grown(pool: Pool, thresholds: Thresholds) -> Candidate:
       and _significant(compare(model, best, observations), thresholds)
     ]
     found = min(better, key=lambda m: m.cost, default=best)
-    if best.mechanisms and evidence(found, best, observations) < thresholds.beside * evidence(
-      best, pool.base, observations
-    ):
+    if best.mechanisms and not _worth_adding(pool, found, best, thresholds):
       return best
     best = found
   return best
+
+
+def _worth_adding(pool: Pool, found: Candidate, best: Candidate, thresholds: Thresholds) -> bool:
+  """Whether a further mechanism is more than what a formula right in kind leaves for others to pick up."""
+  share = (best.cost - found.cost) / max(pool.base.cost - best.cost, 1e-9)
+  if share >= thresholds.beside:
+    return True
+  new = set(found.mechanisms) - set(best.mechanisms)
+  plain = all(_material(pool, found, name, thresholds.plain) for name in new)
+  return plain and share >= thresholds.trace
 
 
 def _possible(pool: Pool, claims: list[Claim], thresholds: Thresholds) -> tuple[str, ...]:
@@ -134,7 +145,7 @@ def _possible(pool: Pool, claims: list[Claim], thresholds: Thresholds) -> tuple[
 def _bias_claims(pool: Pool, best: Candidate, thresholds: Thresholds) -> list[Claim]:
   """IMU biases far beyond what every IMU has; they are part of every model, so leaving them out is the test."""
   claims = []
-  for name in BIAS_MECHANISMS:
+  for name in sorted(set(BIAS_MECHANISMS) & {m.name for m in pool.problem.twin.mechanisms}):
     names = [p.name for p in pool.problem.mechanism(name).parameters if p.name in best.free]
     if not names or not _material(pool, best, name, thresholds.bias):
       continue

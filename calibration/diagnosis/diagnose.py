@@ -77,16 +77,15 @@ def diagnose(
     report: told the stage and how much of it is done.
   """
   clock = _Clock(report)
-  known: tuple[Mechanism, ...] = tuple(catalogue().values()) if mechanisms is None else select(mechanisms)
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
-  twin = Twin(vehicle, [*known, *smooth_forces()], substeps=substeps, threads=threads)
+  twin = Twin(vehicle, [*_considered(mechanisms), *smooth_forces()], substeps=substeps, threads=threads)
   clock.start("recalibration")
   recordings = [r for r in dataset.recordings if r.role != "holdout"]
   priors = with_sensor_biases(first_guess(recordings, vehicle), twin)
   baseline = recalibrate(twin, recordings, priors, _shifts(dataset), Cut(most=LONGEST))
   base = base_candidate(baseline)
   clock.start("scan")
-  tried = [m for m in known if m.name not in BIAS_MECHANISMS]
+  tried = [m for m in _considered(mechanisms) if m.name not in BIAS_MECHANISMS]
   signatures = scan(baseline.problem, base, tried, progress=lambda done, total: report("scan", done / total))
   clock.start("search")
   pool = search(baseline, base, signatures, effort, lambda text: report(text, 0.0))
@@ -161,6 +160,11 @@ def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]) -> 
   rests_on_unknown = decision.verdict == "unexplained" and decision.unknown is not None
   rival = unknowns[decision.unknown[0]] if rests_on_unknown and decision.unknown else None
   return locate(pool, decision.model, gains, rival, claimed=[c.mechanism for c in decision.claims])
+
+
+def _considered(mechanisms: Sequence[str] | None) -> tuple[Mechanism, ...]:
+  """The mechanisms asked for; the sensors' own small errors are part of every recalibration."""
+  return select(tuple(catalogue() if mechanisms is None else dict.fromkeys((*mechanisms, *BIAS_MECHANISMS))))
 
 
 def _shifts(dataset: DataSet) -> tuple[int, ...]:

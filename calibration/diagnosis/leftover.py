@@ -45,6 +45,7 @@ class Leftover:
     nats: held-out gain per block of about three seconds; for a rhythm, the line's excess per stretch.
     comparison: held out, by blocks; None for a rhythm.
     line: the spectral line; None for a smooth one.
+    count: blocks or stretches behind it.
   """
 
   channel: str
@@ -53,6 +54,7 @@ class Leftover:
   nats: float
   comparison: Comparison | None = None
   line: Line | None = None
+  count: int = 0
 
 
 def leftovers(model: Candidate, problem: Problem, prediction: Prediction) -> list[Leftover]:
@@ -69,12 +71,13 @@ def leftovers(model: Candidate, problem: Problem, prediction: Prediction) -> lis
     grid = features(observations, prediction)
     for channel in observations.present if grid.shape[-1] else ():
       test = smooth_gain(model.residual, at_values(grid, observations, channel), observations, channel, whitening)
-      found.append(Leftover(channel, family, depends_on, test.gain / max(len(test.blocks), 1), test))
+      count = len(test.blocks)
+      found.append(Leftover(channel, family, depends_on, test.gain / max(count, 1), test, count=count))
   turns = problem.twin.vehicle.gear_ratio / (2.0 * np.pi)
   for channel in observations.present:
     if not channel.startswith("pose_"):
       line = strongest_line(model.residual, observations, prediction, channel, turns)
-      found.append(Leftover(channel, "rhythm", line.depends_on, line.nats, None, line))
+      found.append(Leftover(channel, "rhythm", line.depends_on, line.nats, None, line, line.stretches))
   return found
 
 

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 _HOPE = 10.0  # nats a model may still lie above its subset to be worth another step
 _WORTH_A_SINGLE = 2.0  # nats a mechanism must promise in the scan before it is refitted
 _WORTH_A_PAIR = 12.0  # nats a second one must promise before its pair is refitted; a claim takes more
+_STARTS = (0.3, 1.0)  # shares of the scanned size a refit may start from
 _DOUBTED = 0.1  # least part of a promise that is believed after a refit did not keep it
 Report = Callable[[str], None]
 
@@ -65,7 +66,7 @@ class Effort:
   singles: int = 9
   pairs: int = 5
   triples: int = 3
-  iterations: int = 2
+  iterations: int = 3
 
 
 def search(
@@ -169,12 +170,7 @@ def _kept(pool: Pool, name: str) -> float:
 
 
 def _fit_sets(pool: Pool, sets: Sequence[frozenset[str]], iterations: int) -> None:
-  made = []
-  for key in sets:
-    parent = _best_subset(pool, key)
-    new = sorted(key - set(parent.mechanisms))
-    made.append(candidate(pool.problem, sorted(key), parent, pool.priors, _start(pool, parent, new)))
-  simulate(pool.problem, made)
+  made = _begun(pool, sets)
   refine(pool.problem, made, 1)
   # a second step is worth its simulations only where the first led somewhere
   hopeful = [m for m in made if m.cost < _best_subset(pool, frozenset(m.mechanisms)).cost + _HOPE]
@@ -184,16 +180,33 @@ def _fit_sets(pool: Pool, sets: Sequence[frozenset[str]], iterations: int) -> No
     pool.models[key] = _not_worse(pool, item, _best_subset(pool, key))
 
 
-def _start(pool: Pool, parent: Candidate, new: Sequence[str]) -> dict[str, float]:
-  """First values: the new mechanisms as scanned, and the base moved to meet them."""
+def _begun(pool: Pool, sets: Sequence[frozenset[str]]) -> list[Candidate]:
+  """One simulated model per set, from the best of a small and a whole start: far from the base the scan's line may bend."""
+  trials = []
+  for key in sets:
+    parent = _best_subset(pool, key)
+    new = sorted(key - set(parent.mechanisms))
+    trials += [
+      candidate(pool.problem, sorted(key), parent, pool.priors, _start(pool, parent, new, share)) for share in _STARTS
+    ]
+  simulate(pool.problem, trials)
+  turns = range(0, len(trials), len(_STARTS))
+  return [min(trials[i : i + len(_STARTS)], key=lambda m: m.cost) for i in turns]
+
+
+def _start(pool: Pool, parent: Candidate, new: Sequence[str], share: float) -> dict[str, float]:
+  """First values: the new mechanisms at a share of what was scanned, and the base moved to meet them."""
   start: dict[str, float] = {}
   for name in new:
     signature = pool.signatures.get(name)
     if signature is None:
       continue
     for parameter, move in signature.answer.items():
-      start[parameter] = start.get(parameter, parent.values[parent.free.index(parameter)]) + move
-    start |= signature.start
+      start[parameter] = start.get(parameter, parent.values[parent.free.index(parameter)]) + share * move
+    for p in pool.problem.mechanism(name).parameters:
+      if p.name in signature.start:
+        value = signature.start[p.name]
+        start[p.name] = value if p.null is None else p.null + share * (value - p.null)
   return start
 
 

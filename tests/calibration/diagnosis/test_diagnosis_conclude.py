@@ -1,0 +1,87 @@
+"""Claims and verdicts: a right name is claimed and leaves nothing over, a wrong one or none does not pass."""
+
+import dataclasses
+
+import diagnosis_rig as rig
+import numpy as np
+import pytest
+
+from calibration.diagnosis.conclude import Doubt, conclude, notable
+from calibration.diagnosis.decide import Thresholds, decide
+from calibration.diagnosis.leftover import Leftover, leftovers
+from calibration.diagnosis.unknown import unknown_sensors
+
+
+def over(pool, model):
+  return leftovers(model, pool.problem, pool.problem.predict(model.theta[None]))
+
+
+def concluded(pool, decision, doubt=None):
+  problem = pool.problem
+  whitening = problem.whiten(np.ones(len(problem.observations)))
+  rivals = unknown_sensors(pool.base, problem.observations, problem.predict(pool.base.theta[None]), whitening)
+  return conclude(decision, pool, over(pool, pool.base), over(pool, decision.model), rivals, doubt or Doubt())
+
+
+@pytest.fixture(scope="module")
+def pair_pool():
+  """A car with two effects and the models of both, one and none."""
+  pool = rig.session({"steering_offset": 0.03, "side_force": 0.5}, seed=3, pose=True)
+  both = frozenset(["side_force", "steering_offset"])
+  pool.models[both] = rig.solved(pool.problem, tuple(sorted(both)))
+  return pool
+
+
+def test_a_right_name_is_claimed_and_leaves_nothing_over(offset_pool):
+  decision = concluded(offset_pool, decide(offset_pool))
+  assert [c.mechanism for c in decision.claims] == ["steering_offset"]
+  assert decision.verdict == "explained" and decision.leftovers == ()
+  assert decision.claims[0].parameters["steering_offset"]["value"] == pytest.approx(0.03, rel=0.2)
+  assert decision.claims[0].probability > 0.8
+
+
+def test_a_clean_car_gets_no_claim(clean_pool):
+  decision = concluded(clean_pool, decide(clean_pool))
+  assert decision.claims == () and decision.verdict == "no_mismatch"
+  assert decision.model is clean_pool.base
+
+
+def test_without_the_right_name_the_mismatch_is_unexplained(offset_pool):
+  nameless = dataclasses.replace(offset_pool, models={frozenset(): offset_pool.base})
+  decision = decide(nameless)
+  assert decision.claims == ()
+  decision = concluded(nameless, decision)
+  assert decision.verdict == "unexplained"
+  assert decision.leftovers[0].channel in ("accel_y", "yaw_rate")
+
+
+def test_a_name_that_leaves_much_over_is_doubted(offset_pool):
+  right = decide(offset_pool)
+  left = Leftover("accel_y", "motion", ("speed",), 10.0)
+  decision = conclude(right, offset_pool, [left], [dataclasses.replace(left, nats=6.0)], {})
+  assert decision.verdict == "partly_explained"
+  assert decision.claims[0].probability == pytest.approx(0.5 * right.claims[0].probability)
+  assert conclude(right, offset_pool, [left], [dataclasses.replace(left, nats=2.5)], {}).verdict == "explained"
+
+
+def test_only_what_lies_above_its_level_is_notable():
+  doubt = Doubt()
+  items = [Leftover("accel_y", family, (), share * doubt.levels[family])
+           for family, share in (("motion", 1.2), ("heading", 3.0), ("rhythm", 0.9))]  # fmt: skip
+  assert [i.family for i in notable(items, doubt)] == ["heading", "motion"]
+
+
+def test_two_effects_are_claimed_together(pair_pool):
+  decision = decide(pair_pool)
+  assert {c.mechanism for c in decision.claims} == {"steering_offset", "side_force"}
+  assert decision.model.mechanisms == ("side_force", "steering_offset")
+
+
+def test_a_trace_beside_a_strong_effect_is_not_claimed(pair_pool):
+  strict = Thresholds(beside=1e6, trace=1e6)
+  assert len(decide(pair_pool, strict).claims) == 1
+
+
+def test_what_is_too_small_to_matter_is_possible_at_most(offset_pool):
+  decision = decide(offset_pool, Thresholds(material=100.0))
+  assert decision.claims == () and "steering_offset" in decision.possible
