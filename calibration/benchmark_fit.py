@@ -90,19 +90,30 @@ def fit_pairs(recordings: int = 6, seconds: float = 5.0, seed: int = 0) -> tuple
   task = make_task(recordings, seconds, seed)
   task.residual(np.ones((1, len(FITTED))))  # batches are made
   traces = [_trace(lambda tell, run=run: run(task, tell)) for run in (by_sysid, by_batch)]
-  best = min(cost for trace in traces for _, cost in trace)
-  there = [next((t for t, cost in trace if cost <= CLOSE * best), np.inf) for trace in traces]
-  whole = [trace[-1][0] for trace in traces]
+  best = min(told.cost for trace in traces for told in trace)
+  whole, there = [t[-1] for t in traces], [next(told for told in t if told.cost <= CLOSE * best) for t in traces]
   sides = ("mujoco.sysid" if library_available() else "sysid's way, without its library", "batched fit")
-  ends = " and ".join(f"{trace[-1][1]:.0f}" for trace in traces)
+  ends = " and ".join(f"{told.cost:.0f}" for told in whole)
   name = f"fit of {len(FITTED)} parameters to {recordings} recordings of {seconds:g} s"
-  pair = lambda what, t, note: Pair(  # noqa: E731
-    f"{name}, {what}", sides, (t[0], t[1]), "fit", t[0] / t[1], 10.0, False, note
-  )
+
+  def pair(what: str, times: list[Told], note: str) -> Pair:
+    wall, busy = (times[0].wall, times[1].wall), times[0].busy / times[1].busy
+    note = f"{note}; ratio of processor time {busy:.2f}"
+    return Pair(f"{name}, {what}", sides, wall, "fit", wall[0] / wall[1], 10.0, False, note)
+
   return (
-    pair("until it returns", whole, f"costs {ends}; a perfect model's is {task.measured.size / 2:.0f}"),
+    pair("until it returns", whole, f"costs {ends}, a perfect model's is {task.measured.size / 2:.0f}"),
     pair("to the same cost", there, f"within {100 * (CLOSE - 1):.0f} % of the better one"),
   )
+
+
+@dataclasses.dataclass(frozen=True)
+class Told:
+  """A cost a fit told, and seconds on the wall and of the processors since its start."""
+
+  wall: float
+  busy: float
+  cost: float
 
 
 def library_available() -> bool:
@@ -110,11 +121,11 @@ def library_available() -> bool:
   return hasattr(sysid, "optimize")
 
 
-def _trace(run: Callable[[Callable[[float], None]], float]) -> list[tuple[float, float]]:
-  """(seconds since the start, cost) whenever a fit tells its cost, and when it returns."""
-  trace: list[tuple[float, float]] = []
-  began = time.perf_counter()
-  tell = lambda cost: trace.append((time.perf_counter() - began, cost))  # noqa: E731
+def _trace(run: Callable[[Callable[[float], None]], float]) -> list[Told]:
+  """Whenever a fit tells its cost, and when it returns."""
+  trace: list[Told] = []
+  wall, busy = time.perf_counter(), time.process_time()
+  tell = lambda cost: trace.append(Told(time.perf_counter() - wall, time.process_time() - busy, cost))  # noqa: E731
   tell(run(tell))
   return trace
 

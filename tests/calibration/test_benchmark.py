@@ -1,5 +1,6 @@
 """Benchmarks: turns are taken fairly, a pair says what it measured, and both fits are given the same problem."""
 
+import re
 import time
 
 import mujoco
@@ -95,7 +96,8 @@ def test_edited_models_carry_the_numbers():
 
 def test_both_fits_come_to_the_same_cost():
   whole, same = fit_pairs(recordings=2, seconds=1.0)
-  costs = [float(word) for word in whole.note.split(";")[0].replace("costs ", "").split(" and ")]
+  costs = [float(word) for word in whole.note.split(",")[0].replace("costs ", "").split(" and ")]
   assert costs[0] == pytest.approx(costs[1], rel=0.02)
   assert same.seconds[0] <= whole.seconds[0] and same.seconds[1] <= whole.seconds[1]
+  assert all(re.search(r"processor time \d+\.\d\d", found.note) for found in (whole, same))
   assert whole.goal == same.goal == 10.0 and not whole.at_most
