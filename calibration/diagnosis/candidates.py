@@ -177,4 +177,6 @@ def _steps(item: Candidate, fresh: bool) -> list[Array]:
   What the data hardly know would otherwise run far along a Jacobian that was taken elsewhere.
   """
   gradient, curvature, unit = item.gradient, item.curvature, np.diag(1.0 / item.free.scale**2)
-  return [bounded_solve(curvature + hold * unit, gradient, item.values, item.free) for hold in (_FRESH if fresh else _STALE)]
+  return [
+    bounded_solve(curvature + hold * unit, gradient, item.values, item.free) for hold in (_FRESH if fresh else _STALE)
+  ]

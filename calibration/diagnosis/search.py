@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 _HOPE = 10.0  # nats a model may still lie above its subset to be worth another step
 _WORTH_A_SINGLE = 2.0  # nats a mechanism must promise in the scan before it is refitted
 _WORTH_A_PAIR = 12.0  # nats a second one must promise before its pair is refitted; a claim takes more
+_OVERSHADOWED = 0.8  # share of the base's cost below which the best single puts all others in the shade
 _STARTS = (0.3, 1.0)  # shares of the scanned size a refit may start from
 _DOUBTED = 0.1  # least part of a promise that is believed after a refit did not keep it
 Report = Callable[[str], None]
@@ -98,7 +99,7 @@ def search(
   report("polishing the best model")
   best = pool.best(list(pool.models.values()))
   if best is not pool.base:
-    refine(pool.problem, [best], 1, full=True)
+    refine(pool.problem, [best], 2, full=True)
   return pool
 
 
@@ -162,9 +163,12 @@ def _explains(pool: Pool, model: Candidate) -> dict[str, float]:
 
 
 def _kept(pool: Pool, name: str) -> float:
-  """Part of the scan's promise that a mechanism's refit kept, at most 1; 1 where it was not refitted."""
-  alone = pool.models.get(frozenset([name]))
-  if alone is None or pool.signatures[name].gain <= 0:
+  """Part of the scan's promise that a mechanism's refit kept, at most 1.
+
+  1 where it was not refitted, or where one effect is so strong that nothing refitted without it tells anything.
+  """
+  alone, strongest = pool.models.get(frozenset([name])), min(m.cost for m in pool.of_size(1))
+  if alone is None or pool.signatures[name].gain <= 0 or strongest < _OVERSHADOWED * pool.base.cost:
     return 1.0
   return float(np.clip((pool.base.cost - alone.cost) / pool.signatures[name].gain, _DOUBTED, 1.0))
 
@@ -228,13 +232,15 @@ def _reweight_if_worth_it(pool: Pool) -> None:
   """Take channel weights from the best single where it explains much: what it explains was no noise.
 
   Elsewhere the weights stay as they were, so that all models stand at the minimum of one and the
-  same cost; here the base and the best model are brought to the new one with all their columns.
+  same cost; here the base and the best model are brought to the new one with all their columns. The
+  best model goes on to its minimum: where it stands, sets that contain it begin.
   """
   best = pool.best(pool.of_size(1))
   if best is pool.base or compare(best, pool.base, pool.problem.observations).relative < 0.1:
     return
   _reweight(pool, best)
   refine(pool.problem, [pool.base, best], 1, full=True)
+  refine(pool.problem, [best], 3, full=True)
 
 
 def _reweight(pool: Pool, best: Candidate) -> None:
