@@ -31,6 +31,15 @@ FAMILIES: dict[str, tuple[Callable[[Observations, Prediction], Array], tuple[str
   "place": (places, ("pose_x", "pose_y")),
   "history": (histories, ("sliding and driving of the last seconds", "accel_x", "accel_y")),
 }
+# what is known of a nameless error by the family it follows
+PROPERTIES = {
+  "motion": "a function of the motion",
+  "commands": "follows the commands of the last 0.4 s",
+  "heading": "turns with the heading",
+  "place": "tied to a place",
+  "history": "remembers the last seconds",
+  "rhythm": "periodic",
+}
 _USUAL = 0.1  # size of a coefficient in standard deviations of what the channel measured
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decide import Claim, Decision
 from calibration.diagnosis.detect import Detection
+from calibration.diagnosis.leftover import PROPERTIES
 from calibration.diagnosis.locate import Location
 from calibration.diagnosis.search import Pool
 from calibration.diagnosis.ship import ChannelFit
@@ -114,15 +115,21 @@ def parameter_shifts(model: Candidate) -> dict[str, dict[str, float]]:
 def unknown_summary(decision: Decision) -> dict[str, Any]:
   """What a nameless error would depend on, where the verdict rests on one.
 
-  `share` is the part of its held-out gain that the named mechanisms do not reach.
+  Variables and properties are those of the strongest structure that is left over, of the best UNKNOWN rival where
+  nothing is. `share` is the part of that rival's held-out gain that the named mechanisms do not reach.
   """
-  empty = {"depends_on": [], "properties": [], "formula": None, "share": 0.0}
-  if decision.unknown is None or decision.verdict not in ("unexplained", "partly_explained"):
-    return empty
-  name, comparison = decision.unknown
-  known = sum(max(c.held_out.gain, 0.0) for c in decision.claims if c.certain)
-  share = 1.0 - known / comparison.gain if comparison.gain > 0 else 0.0
-  return empty | {"depends_on": unknown_variables(name), "share": float(np.clip(share, 0.0, 1.0))}
+  out = {"depends_on": [], "properties": [], "formula": None, "share": 0.0}
+  if decision.verdict not in ("unexplained", "partly_explained"):
+    return out
+  if decision.unknown is not None:
+    name, comparison = decision.unknown
+    known = sum(max(c.held_out.gain, 0.0) for c in decision.claims if c.certain)
+    share = 1.0 - known / comparison.gain if comparison.gain > 0 else 0.0
+    out |= {"depends_on": unknown_variables(name), "share": float(np.clip(share, 0.0, 1.0))}
+  if decision.leftovers:
+    families = list(dict.fromkeys(item.family for item in decision.leftovers))
+    out |= {"depends_on": list(decision.leftovers[0].depends_on), "properties": [PROPERTIES[f] for f in families]}
+  return out
 
 
 def unknown_variables(name: str) -> list[str]:

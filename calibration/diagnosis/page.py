@@ -11,6 +11,7 @@ from calibration.diagnosis import figures, wording
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decide import Claim
 from calibration.diagnosis.detect import prior_shifts
+from calibration.diagnosis.leftover import PROPERTIES
 from calibration.diagnosis.output import FIGURES, REPORT, Diagnosis, parameter_shifts, unknown_variables
 from calibration.diagnosis.scan import confusion
 from calibration.diagnosis.ship import ChannelFit, recovered_share
@@ -74,6 +75,11 @@ def _where(d: Diagnosis) -> Section:
   )
   if place.degree:
     text += f"* A nameless error would have to be {wording.unknown_words('unknown_' + place.degree)}\n"
+  left = Table(
+    "What the model behind the verdict leaves over, beyond what recordings without hidden effects show",
+    ("channel", "property", "follows", "per block of 3 s [nats]"),
+    [(i.channel, PROPERTIES[i.family], ", ".join(i.depends_on), round(i.nats, 2)) for i in d.decision.leftovers],
+  )
   spans = Table(
     "Seconds that carry most of the evidence",
     ("recording", "from [s]", "to [s]", "share [%]"),
@@ -84,7 +90,7 @@ def _where(d: Diagnosis) -> Section:
     (figures.evidence_over_time(observations, place), "Evidence through the recordings"),
     (figures.drive_map(observations, place), "Map of the drive, coloured by mismatch"),
   )
-  return Section("Where", text, [spans, *_degrees(d)], pictures)
+  return Section("Where", text, [spans, *([left] if d.decision.leftovers else []), *_degrees(d)], pictures)
 
 
 def _degrees(d: Diagnosis) -> list[Table]:

@@ -9,6 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from calibration.diagnosis.decide import Claim, Decision
+from calibration.diagnosis.leftover import PROPERTIES, Leftover
 from qcar_twin.mechanisms.base import Mechanism, describe
 
 _SMALLER = {"s": ("ms", 1e3, 0.5), "m": ("mm", 1e3, 0.5), "s/rad": ("ms/rad", 1e3, 0.5)}  # below this size, times that
@@ -74,11 +75,20 @@ def verdict_sentence(decision: Decision, mechanisms: Mapping[str, Mechanism], re
     return "The recalibrated twin explains these recordings; no missing physics was found."
   if decision.verdict == "unexplained" or not named:
     about = f" The error behaves like {unknown_words(decision.unknown[0])}." if decision.unknown else ""
+    if decision.leftovers:
+      about = f" {leftover_sentence(decision.leftovers[0])}"
     close = f" The nearest named effect, {named[0].mechanism}, does not reach it." if named else ""
     return f"The twin is wrong in a way that none of the known mechanisms explains.{about}{close}"
   told = "; ".join(claim_sentence(c, mechanisms[c.mechanism]) + doubts(c) for c in named)
   partly = " This explains only part of the mismatch." if decision.verdict == "partly_explained" else ""
+  if partly and decision.leftovers:
+    partly += f" {leftover_sentence(decision.leftovers[0])}"
   return f"{told}.{partly}{gain}"
+
+
+def leftover_sentence(item: Leftover) -> str:
+  """ "What is left shows most in accel_x and turns with the heading (pose_yaw)."."""
+  return f"What is left shows most in {item.channel}: {PROPERTIES[item.family]} ({listed(item.depends_on)})."
 
 
 def doubts(claim: Claim) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from diagnosis_results import HELD, decision_of, diagnosis_of
 
+from calibration.diagnosis.leftover import Leftover
 from calibration.diagnosis.output import (
   FILE,
   SCHEMA,
@@ -20,6 +21,8 @@ from calibration.diagnosis.output import (
   write_text,
 )
 from calibration.diagnosis.ship import ChannelFit
+from calibration.diagnosis.wording import verdict_sentence
+from qcar_twin.mechanisms import catalogue
 
 # the keys of the published format, level by level; a change here is a change for everyone who reads the file
 TOP = ("dataset verdict claims ranking where unknown parameter_shifts untestable concealment next_experiment fit"
@@ -154,3 +157,14 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path):
     write_text(target, 5)  # type: ignore[arg-type]
   assert target.read_text() == "old"
   assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_what_is_left_over_tells_what_the_unknown_depends_on():
+  left = (Leftover("accel_x", "heading", ("pose_yaw",), 3.0), Leftover("yaw_rate", "place", ("pose_x", "pose_y"), 2.0))
+  decision = dataclasses.replace(decision_of("unexplained", (), unknown="unknown_force_x"), leftovers=left)
+  told = unknown_summary(decision)
+  assert told["depends_on"] == ["pose_yaw"]
+  assert told["properties"] == ["turns with the heading", "tied to a place"]
+  assert "What is left shows most in accel_x: turns with the heading (pose_yaw)." in verdict_sentence(decision, {})
+  named = dataclasses.replace(decision_of("partly_explained", ("steering_offset",)), leftovers=left)
+  assert "This explains only part of the mismatch. What is left shows most in" in verdict_sentence(named, catalogue())
