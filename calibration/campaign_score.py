@@ -22,11 +22,14 @@ def score(results: Sequence[Result]) -> dict[str, float | int | None]:
   singles = by["single"]
   typical = [r for r in singles if r["case"]["effects"][0][1] >= 0.99]
   small = [r for r in singles if r["case"]["effects"][0][1] < 0.99]
+  visible = [r for r in singles if level(r) != "invisible"]
   claimed = [r for r in [*singles, *by["pair"]] if r["answer"]["claims"]]
   floor = null_floor(by["null"])
   return {
     "nulls": len(by["null"]),
     "nulls_with_claim": sum(bool(r["answer"]["claims"]) for r in by["null"]),
+    "nulls_with_claim_share": _mean([bool(r["answer"]["claims"]) for r in by["null"]]),
+    "nulls_called_unexplained": sum(r["answer"]["verdict"] == "unexplained" for r in by["null"]),
     "singles": len(singles),
     "ids": len({r["truth"][0]["id"] for r in singles}),
     "right_first": _mean(map(right_first, singles)),
@@ -51,6 +54,9 @@ def score(results: Sequence[Result]) -> dict[str, float | int | None]:
     "right_first_easy": _mean([right_first(r) for r in singles if level(r) == "easy"]),
     "right_first_medium": _mean([right_first(r) for r in singles if level(r) == "medium"]),
     "right_first_hard": _mean([right_first(r) for r in singles if level(r) == "hard"]),
+    "right_first_visible": _mean(map(right_first, visible)),
+    "top_three_visible": _mean(map(in_top_three, visible)),
+    "subsystem_visible": _mean(map(subsystem_right, visible)),
     "as_good_as_invisible": sum(level(r) == "invisible" for r in singles),
     "recovered_over_sensor_noise": _median([r["answer"]["recovered"] for r in claimed]),
     "recovered_over_nulls": _median([recovered(r, floor) for r in claimed]),

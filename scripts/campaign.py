@@ -9,7 +9,7 @@ from joblib import Parallel, delayed
 from tqdm import tqdm
 
 from calibration.campaign import draw_cases, run_case
-from calibration.campaign_figure import draw_confusion
+from calibration.campaign_page import campaign_page
 from calibration.campaign_score import score_table
 
 
@@ -33,6 +33,10 @@ class Config:
   """Session design: compact (about 2 minutes of driving), lab (5 minutes) or paper."""
   jobs: int = 2
   """Cases that run side by side, one core each."""
+  page: Path | None = None
+  """Markdown page to write beside a picture of the confusions."""
+  score_only: bool = False
+  """Run nothing: score the answers that are there."""
   quick: bool = False
   """One case of each kind."""
 
@@ -43,14 +47,17 @@ def main(config: Config) -> str:
   cases = draw_cases(config.seed, *counts, design=config.design)
   # kinds take turns, so that a campaign that is stopped early has seen all of them
   cases.sort(key=lambda c: (int(c.name.split("_")[1]) / max(1, sum(o.kind == c.kind for o in cases)), c.name))
-  todo = [c for c in cases if not (config.out / f"{c.name}.json").is_file()]
+  todo = [] if config.score_only else [c for c in cases if not (config.out / f"{c.name}.json").is_file()]
   jobs = Parallel(n_jobs=config.jobs, return_as="generator_unordered")(delayed(run_case)(c, config.out) for c in todo)
   for _ in tqdm(jobs, total=len(todo), desc="cases", unit="case"):
     pass
-  results = [json.loads((config.out / f"{c.name}.json").read_text()) for c in cases]
+  answers = [config.out / f"{c.name}.json" for c in cases]
+  results = [json.loads(path.read_text()) for path in answers if path.is_file()]
   table = score_table(results)
   (config.out / "score.md").write_text(table)
-  draw_confusion(results, config.out / "confusion.png")
+  if config.page:
+    command = f"python scripts/campaign.py --out out/{config.out.name} --seed {config.seed}"
+    config.page.write_text(campaign_page(results, len(cases), command, config.page.parent))
   print(table)
   return table
 

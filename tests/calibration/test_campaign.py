@@ -6,6 +6,7 @@ import pytest
 
 from calibration.campaign import Case, draw_cases, run_case
 from calibration.campaign_figure import confusion_table
+from calibration.campaign_page import AIMS, campaign_page
 from calibration.campaign_score import error_over, null_floor, recovered, score, score_baselines, score_table
 from qcar_twin.mechanisms import catalogue
 
@@ -109,6 +110,16 @@ def test_confusion_counts_first_claims_by_truth():
   assert table[truths.index("steering_delay"), answers.index("gyro_scale")] == 1
   assert table[truths.index("nothing"), answers.index("no claim")] == 1
   assert table.sum() == 3
+
+
+def test_the_page_sets_every_aim_beside_what_was_found(tmp_path):
+  cases = [result("null", []), result("single", DELAY, ["steering_delay"])]
+  text = campaign_page(cases, 5, "python x", tmp_path)
+  assert "2 of 5 sessions" in text
+  assert (tmp_path / "confusion.png").stat().st_size > 1000
+  assert "| single effects: right name first | >= 0.9 | 1 |" in text
+  assert "| sessions without an effect in which something was claimed | <= 0.034 | 0 |" in text
+  assert all(meaning in text for _, meaning, _ in AIMS) and set(n for n, _, _ in AIMS) <= set(score(cases))
 
 
 def test_pairs_want_both_and_nothing_false():
