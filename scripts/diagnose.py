@@ -11,6 +11,7 @@ from calibration.diagnosis.diagnose import diagnose, write
 from calibration.diagnosis.page import verdict
 from calibration.diagnosis.search import Effort
 from qcar_twin.dataset import DataSet
+from qcar_twin.twin_file import load_twin
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,6 +22,8 @@ class Config:
   """Folder with dataset.toml."""
   out: Path
   """Folder for the results."""
+  twin: Path | None = None
+  """twin.toml to go on from: its parameters are the first guess, its mechanisms are part of every model."""
   mechanisms: tuple[str, ...] = ()
   """Ids of the catalogue to consider; all of them by default."""
   quick: bool = False
@@ -40,7 +43,8 @@ def main(config: Config) -> Path:
       bar.n = round(100 * share)
       bar.refresh()
 
-    outcome = diagnose(dataset, config.mechanisms or None, effort, threads=config.threads, report=report)
+    start = load_twin(config.twin) if config.twin else None
+    outcome = diagnose(dataset, config.mechanisms or None, start, effort, threads=config.threads, report=report)
   page = write(outcome, config.out)
   print(verdict(outcome.diagnosis))
   print(f"report: {page}")
@@ -49,4 +53,7 @@ def main(config: Config) -> Path:
 
 if __name__ == "__main__":
   logging.basicConfig(level=logging.WARNING, format="%(message)s")
-  main(tyro.cli(Config))
+  try:
+    main(tyro.cli(Config, description=__doc__))
+  except (FileNotFoundError, ValueError) as error:
+    raise SystemExit(str(error)) from error

@@ -19,18 +19,22 @@ from calibration.diagnosis.recalibrate import BIAS_MECHANISMS, recalibrate, with
 from calibration.diagnosis.scan import scan
 from calibration.diagnosis.score import compare_freely
 from calibration.diagnosis.search import Effort, Pool, base_candidate, search
-from calibration.diagnosis.ship import compare_twins
+from calibration.diagnosis.ship import ChannelFit, compare_twins
 from calibration.diagnosis.unknown import smooth_forces, unknown_sensors
 from calibration.first_guess import first_guess
 from calibration.segmenting import Cut
 from qcar_twin.dataset import DataSet
 from qcar_twin.mechanisms import catalogue, select
 from qcar_twin.mechanisms.base import Mechanism
+from qcar_twin.parameters import ParameterSet
+from qcar_twin.recording import Recording
 from qcar_twin.twin import Twin
 from qcar_twin.twin_file import save_twin
+from qcar_twin.twin_parameters import informed
 from qcar_twin.vehicle import Vehicle
 
 Array = NDArray[np.float64]
+Start = tuple[Twin, Array]
 Report = Callable[[str, float], None]  # stage, share of it that is done
 LONGEST = 420.0  # s of driving that are simulated; longer data sets are sampled evenly
 SHIFTS = (-1, 0, 1)  # control periods, where the log's timing convention is unknown
@@ -57,6 +61,7 @@ class Outcome:
 def diagnose(
   dataset: DataSet,
   mechanisms: Sequence[str] | None = None,
+  start: Start | None = None,
   effort: Effort = Effort(),  # noqa: B008 - frozen
   thresholds: Thresholds = Thresholds(),  # noqa: B008
   doubt: Doubt = Doubt(),  # noqa: B008
@@ -69,6 +74,7 @@ def diagnose(
   Args:
     dataset: recordings with roles; "identify" is fitted, "validate" judges, "holdout" is opened at the end.
     mechanisms: ids to consider; the whole catalogue by default.
+    start: a twin to go on from, with its parameters: they are the first guess, and its mechanisms are in every model.
     effort: how wide to search.
     thresholds: what a claim needs.
     doubt: what it takes to say that something nameless is there.
@@ -78,14 +84,15 @@ def diagnose(
   """
   clock = _Clock(report)
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
-  twin = Twin(vehicle, [*_considered(mechanisms), *smooth_forces()], substeps=substeps, threads=threads)
+  known = considered(mechanisms, start)
+  twin = Twin(vehicle, [*known, *smooth_forces()], substeps=substeps, threads=threads)
   clock.start("recalibration")
   recordings = [r for r in dataset.recordings if r.role != "holdout"]
-  priors = with_sensor_biases(first_guess(recordings, vehicle), twin)
+  priors = starting_priors(recordings, twin, start)
   baseline = recalibrate(twin, recordings, priors, _shifts(dataset), Cut(most=LONGEST))
   base = base_candidate(baseline)
   clock.start("scan")
-  tried = [m for m in _considered(mechanisms) if m.name not in BIAS_MECHANISMS]
+  tried = [m for m in known if not {p.name for p in m.parameters} & set(priors.names)]
   signatures = scan(baseline.problem, base, tried, progress=lambda done, total: report("scan", done / total))
   clock.start("search")
   pool = search(baseline, base, signatures, effort, lambda text: report(text, 0.0))
@@ -95,10 +102,7 @@ def diagnose(
   place = _located(pool, decision, unknowns)
   clock.start("hold-out")
   cut = Cut(shift=baseline.shift, most=LONGEST)
-  fits = {
-    role: compare_twins(twin, pool.base.theta, decision.model.theta, dataset.role(role), pool.floor, cut)[0]
-    for role in ("validate", "holdout")
-  }
+  validate, holdout = (_before_and_after(twin, pool, decision, dataset.role(r), cut) for r in ("validate", "holdout"))
   clock.stop()
   diagnosis = Diagnosis(
     dataset=dataset.name,
@@ -106,7 +110,8 @@ def diagnose(
     detection=detect(baseline, pool.base, problem=pool.problem),
     location=place,
     pool=pool,
-    **fits,
+    validate=validate,
+    holdout=holdout,
     seconds=sum(clock.stages.values()),
     stages=clock.stages,
     notes=dataset.warnings,
@@ -162,9 +167,29 @@ def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]) -> 
   return locate(pool, decision.model, gains, rival, claimed=[c.mechanism for c in decision.claims])
 
 
-def _considered(mechanisms: Sequence[str] | None) -> tuple[Mechanism, ...]:
-  """The mechanisms asked for; the sensors' own small errors are part of every recalibration."""
-  return select(tuple(catalogue() if mechanisms is None else dict.fromkeys((*mechanisms, *BIAS_MECHANISMS))))
+def considered(mechanisms: Sequence[str] | None, start: Start | None) -> tuple[Mechanism, ...]:
+  """The mechanisms asked for, with those of the twin to go on from and the sensors' own small errors."""
+  if mechanisms is None:
+    return tuple(catalogue().values())
+  carried = [m.name for m in start[0].mechanisms] if start else []
+  return select(tuple(dict.fromkeys((*mechanisms, *carried, *BIAS_MECHANISMS))))
+
+
+def starting_priors(recordings: Sequence[Recording], twin: Twin, start: Start | None) -> ParameterSet:
+  """What every model fits: the base, the sensors' own small errors, and what the twin to go on from has beyond them."""
+  base = first_guess(recordings, twin.vehicle)
+  if start is None:
+    return with_sensor_biases(base, twin)
+  values = start[0].parameters.named(start[1])
+  carried = [p for m in start[0].mechanisms if m.name not in BIAS_MECHANISMS for p in m.parameters]
+  base = informed(base, {name: values[name] for name in base.names if name in values})
+  return with_sensor_biases(base, twin) + [dataclasses.replace(p, nominal=values[p.name]) for p in carried]
+
+
+def _before_and_after(
+  twin: Twin, pool: Pool, decision: Decision, recordings: Sequence[Recording], cut: Cut
+) -> dict[str, ChannelFit]:
+  return compare_twins(twin, pool.base.theta, decision.model.theta, recordings, pool.floor, cut)[0]
 
 
 def _shifts(dataset: DataSet) -> tuple[int, ...]:

@@ -1,0 +1,53 @@
+"""Going on from a twin: what it was fitted to is the first guess, and what it carries is in every model."""
+
+import pytest
+
+from calibration.diagnosis.diagnose import considered, starting_priors
+from calibration.diagnosis.recalibrate import BIAS_MECHANISMS, SENSOR_BIASES
+from qcar_twin.mechanisms import catalogue, select
+from qcar_twin.twin import Twin
+from qcar_twin.vehicle import Vehicle
+
+VEHICLE = Vehicle.load()
+
+
+@pytest.fixture(scope="module")
+def repaired():
+  """A twin whose steering is late by 40 ms and whose front tyres are stiffer than the car's nominal ones."""
+  twin = Twin(VEHICLE, select(["steering_delay"]), threads=1)
+  theta = twin.parameters.nominal
+  theta[twin.parameters.index("steering_delay")] = 0.04
+  theta[twin.parameters.index("cornering_stiffness_front")] *= 1.3
+  return twin, theta
+
+
+def test_without_a_start_every_model_has_the_base_and_the_sensors_own_errors():
+  known = considered(None, None)
+  assert known == tuple(catalogue().values())
+  priors = starting_priors([], Twin(VEHICLE, known, threads=1), None)
+  assert set(SENSOR_BIASES) < set(priors.names)
+  assert priors["encoder_latency"].std == SENSOR_BIASES["encoder_latency"]
+
+
+def test_a_repaired_twin_brings_its_mechanisms_and_its_values(repaired):
+  known = considered(["gyro_scale"], repaired)
+  assert {m.name for m in known} == {"gyro_scale", "steering_delay", *BIAS_MECHANISMS}
+  priors = starting_priors([], Twin(VEHICLE, known, threads=1), repaired)
+  assert priors["steering_delay"].nominal == 0.04
+  nominal = repaired[0].base["cornering_stiffness_front"].nominal
+  assert priors["cornering_stiffness_front"].nominal == pytest.approx(1.3 * nominal)
+
+
+def test_what_was_measured_keeps_its_prior(repaired):
+  twin, theta = repaired
+  measured = [p for p in twin.base if p.std is not None]
+  assert measured
+  moved = theta.copy()
+  for p in measured:
+    moved[twin.parameters.index(p.name)] *= 1.2
+  priors = starting_priors([], Twin(VEHICLE, considered(None, repaired), threads=1), (twin, moved))
+  assert all(priors[p.name] == p for p in measured)
+
+
+def test_only_named_mechanisms_are_considered_where_names_are_given():
+  assert [m.name for m in considered(["steering_lag"], None)] == ["steering_lag", *BIAS_MECHANISMS]
