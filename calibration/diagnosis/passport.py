@@ -64,7 +64,7 @@ def _standstills(recording: Recording) -> list[tuple[float, float]]:
   last = np.searchsorted(voltage.time, stream.time, side="right") - 1
   quiet = (np.abs(stream.value) < _STILL[speed]) & (np.abs(voltage.value[last.clip(0)]) < 1e-6)
   edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(int), [0]])))
-  spans = [(stream.time[a], stream.time[b - 1]) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+  spans = [(float(stream.time[a]), float(stream.time[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
   # the body still settles for a moment after the wheels have stopped
   return [(low + 0.2, high) for low, high in spans if high - low > _LEAST_STILL + 0.2]
 

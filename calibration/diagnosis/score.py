@@ -107,7 +107,7 @@ def compare_freely(larger: Candidate, smaller: Candidate, observations: Observat
 def compared(after: Array, before: Array, block: NDArray[np.int64]) -> Comparison:
   """Blocks' gains from held-out residuals of a larger and a smaller model, and the block of each, (M,)."""
   drop = 0.5 * (before**2 - after**2)
-  gains = np.bincount(block, drop)[np.unique(block)]
+  gains = np.bincount(block, drop)[np.unique(block)].astype(np.float64)
   capped = np.clip(gains, -CAP, CAP)
   count = len(gains)
   spread = float(np.std(capped, ddof=1)) if count > 1 else np.inf

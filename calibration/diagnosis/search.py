@@ -206,7 +206,8 @@ def _start(pool: Pool, parent: Candidate, new: Sequence[str], share: float) -> d
     if signature is None:
       continue
     for parameter, move in signature.answer.items():
-      start[parameter] = start.get(parameter, parent.values[parent.free.index(parameter)]) + share * move
+      here = float(parent.values[parent.free.index(parameter)])
+      start[parameter] = start.get(parameter, here) + share * move
     for p in pool.problem.mechanism(name).parameters:
       if p.name in signature.start:
         value = signature.start[p.name]
