@@ -10,6 +10,7 @@ from agents.control import Body, Controller, Situation
 from agents.speed import SpeedController, SpeedGains
 from qcar_twin.estimation.batch import BatchEstimate
 from qcar_twin.estimation.observer import Observer
+from qcar_twin.past import remember
 from qcar_twin.paths import Path
 
 Array = NDArray[np.float64]
@@ -132,10 +133,10 @@ def drive(
   estimate = observer.begin(simulation.signals)
   pedal = SpeedController(speed_gains, estimate.speed)
   arc = np.zeros(count)
-  steering = np.zeros(count)
+  steering, past = np.zeros(count), np.zeros((count, 2))
   log: list[tuple[Array, Array, BatchEstimate]] = []
   for _ in range(int(1.25 * task.distance / (task.speed * period))):
-    arc, situation = _situation(task, estimate, arc, steering, period)
+    arc, situation = _situation(task, estimate, arc, steering, past, period)
     steering = np.clip(controller.steer(situation), -task.lock, task.lock)
     gone = ~np.isfinite(steering) | (arc >= task.distance)
     steering = np.where(gone, 0.0, steering)
@@ -149,18 +150,20 @@ def drive(
     if servo:
       applied[:, 1] = servo.pass_on(steering)
     estimate = observer.observe(simulation.step(applied))
+    past = situation.past
   return _finish(task, period, log)
 
 
 def _situation(
-  task: Task, estimate: BatchEstimate, arc: Array, steering: Array, period: float
+  task: Task, estimate: BatchEstimate, arc: Array, steering: Array, past: Array, period: float
 ) -> tuple[Array, Situation]:
   pose = np.nan_to_num(estimate.pose)
   velocity, rate = np.nan_to_num(estimate.velocity), np.nan_to_num(estimate.yaw_rate)
   moved = arc + period * task.path.errors(arc, pose, velocity, rate).arc_rate
   arc = task.path.nearest(pose[:, 0], pose[:, 1], near=moved)
   errors = task.path.errors(arc, pose, velocity, rate)
-  return arc, Situation(task.path, arc, errors, estimate.speed, steering, period)
+  past = remember(past, steering, errors.curvature, period)
+  return arc, Situation(task.path, arc, errors, estimate.speed, steering, period, past)
 
 
 def _finish(task: Task, period: float, log: list[tuple[Array, Array, BatchEstimate]]) -> Drive:

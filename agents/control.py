@@ -23,6 +23,7 @@ class Situation:
     speed: of the centre of gravity, m/s, (N,).
     steering: last command, rad, (N,).
     period: s.
+    past: slow means of steering command and curvature, rad and 1/m, (N, 2); see `qcar_twin.past`.
   """
 
   path: Path
@@ -31,6 +32,7 @@ class Situation:
   speed: Array
   steering: Array
   period: float
+  past: Array = dataclasses.field(default_factory=lambda: np.zeros((1, 2)))
 
 
 class Body(Protocol):

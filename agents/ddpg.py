@@ -8,14 +8,17 @@ scaled in the network, so that what is exported takes SI units too. Lillicrap et
 import dataclasses
 import time
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from stable_baselines3 import DDPG
+from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
 from stable_baselines3.common.policies import ContinuousCritic
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.td3.policies import TD3Policy
 from torch import nn
@@ -26,7 +29,7 @@ class Settings:
   """Of learning; the defaults converge on the training path.
 
   Attributes:
-    episodes: of training.
+    episodes: of training; 0 leaves an agent at what it imitated.
     cars: driven side by side.
     actor_rate, critic_rate: learning rates at the start, decayed linearly to `final_rate` of them
       by `settled` of the episodes.
@@ -36,6 +39,10 @@ class Settings:
     batch, gamma, tau: as usual.  buffer: transitions kept.
     observation_scale: of cross-track error 1/m, its rate s/m, heading error 1/rad, its rate s/rad.
     demonstrations: episodes driven by the demonstrator whose transitions fill the buffer before the first update.
+    algorithm: "ddpg"; or "td3": two critics of which the lower counts, the actor moved at every second step, the
+      target's action blurred (Fujimoto et al., Addressing function approximation error in actor-critic methods, 2018).
+    imitations: episodes of imitating a teacher that sees the truth, before anything else; see `agents.imitation`.
+    mirror: left and right are learnt as one: half of every batch is seen in a mirror.
   """
 
   episodes: int = 300
@@ -54,9 +61,12 @@ class Settings:
   buffer: int = 400_000
   observation_scale: tuple[float, float, float, float] = (20.0, 5.0, 5.0, 1.0)
   demonstrations: int = 0
+  algorithm: Literal["ddpg", "td3"] = "ddpg"
+  imitations: int = 0
+  mirror: bool = False
 
   def __post_init__(self) -> None:
-    if self.episodes < 1 or self.cars < 1:
+    if self.episodes < (0 if self.imitations else 1) or self.cars < 1:
       raise ValueError(f"episodes and cars must be at least 1, got {self.episodes} and {self.cars}")
     if max(self.cars, self.steps_per_update) % min(self.cars, self.steps_per_update):
       raise ValueError(
@@ -111,6 +121,22 @@ class PaperPolicy(TD3Policy):
     return critic
 
 
+class MirrorBuffer(ReplayBuffer):
+  """A buffer whose transitions are seen as they were or in a mirror, by the toss of a coin.
+
+  What is seen and the action change sign from left to right, the reward does not.
+  """
+
+  def _get_samples(self, batch_inds: NDArray[np.int64], env=None) -> ReplayBufferSamples:
+    samples = super()._get_samples(batch_inds, env)
+    side = torch.from_numpy(np.random.choice(np.array([-1.0, 1.0], np.float32), (len(batch_inds), 1)))
+    return samples._replace(
+      observations=side * samples.observations,
+      actions=side * samples.actions,
+      next_observations=side * samples.next_observations,
+    )
+
+
 class Agent(DDPG):
   """SB3's DDPG with learning rates and exploration that follow the share of training that is done."""
 
@@ -139,10 +165,13 @@ class Agent(DDPG):
       noise._sigma = np.full_like(noise._sigma, sigma)
 
 
-def make_agent(env: VecEnv, settings: Settings, seed: int) -> Agent:
+def make_agent(env: VecEnv, settings: Settings, seed: int, scale: Sequence[float] = ()) -> Agent:
   """An untrained agent for an environment of `settings.cars` cars; torch is held to one thread.
 
   Networks this small are slower on several threads than on one.
+
+  Args:
+    scale: of what is seen beyond the four errors.
   """
   torch.set_num_threads(1)
   base = NormalActionNoise(np.zeros(1), np.full(1, settings.noise))
@@ -161,12 +190,16 @@ def make_agent(env: VecEnv, settings: Settings, seed: int) -> Agent:
     policy_kwargs={
       "net_arch": [200, 200],
       "features_extractor_class": Scale,
-      "features_extractor_kwargs": {"scale": settings.observation_scale},
+      "features_extractor_kwargs": {"scale": (*settings.observation_scale, *scale)},
+      "n_critics": 2 if settings.algorithm == "td3" else 1,
     },
+    replay_buffer_class=MirrorBuffer if settings.mirror else None,
     seed=seed,
     device="cpu",
   )
   agent.settings = settings
+  if settings.algorithm == "td3":
+    agent.policy_delay, agent.target_policy_noise, agent.target_noise_clip = 2, 0.1, 0.2
   return agent
 
 

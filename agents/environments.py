@@ -46,6 +46,7 @@ class Options:
     estimator: what the agent sees: the federated filter on noisy sensors, or the truth.
     demonstrator, version: controller of data/controllers.toml whose steering angle the reward compares with; "" for none.
     steering_gain, steering_offset: of the linkage, - and deg; neither agent nor filter is told.
+    gain_spread, offset_spread: half-widths around them, - and deg, within which every episode's linkage is drawn.
     randomise: draw the twin's measured parameters within their standard deviations for every episode.
     start_offset, start_heading: episodes start within +- these, m and rad.
     reward: weights.
@@ -62,6 +63,8 @@ class Options:
   version: str = "loose"
   steering_gain: float = 1.0
   steering_offset: float = 0.0
+  gain_spread: float = 0.0
+  offset_spread: float = 0.0
   randomise: bool = False
   start_offset: float = 0.05
   start_heading: float = 0.1
@@ -85,6 +88,8 @@ def task_of(options: Options, lock: float = 0.5236) -> TrackingTask:
     start_heading=options.start_heading,
     steering_gain=options.steering_gain,
     steering_offset=float(np.radians(options.steering_offset)),
+    gain_spread=options.gain_spread,
+    offset_spread=float(np.radians(options.offset_spread)),
     servo_delay=delay,
     servo_lag=lag,
   )

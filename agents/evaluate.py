@@ -24,10 +24,11 @@ from agents.model import Model
 from agents.output import write_text
 from agents.policy_file import load_policy
 from agents.speed import SpeedGains
+from agents.team import EqualSensors, Team
 from qcar_twin.estimation.observer import SensedObserver, TrueObserver
 from qcar_twin.paths import path_named
 from qcar_twin.plant import Plant
-from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
+from qcar_twin.sensors.suite import qcar_sensors
 
 Array = NDArray[np.float64]
 PlantMaker = Callable[[str], tuple[Plant, Array]]
@@ -70,8 +71,9 @@ def known_plant(name: str) -> tuple[Plant, Array]:
 
 
 def run_case(controller: Controller, case: Case, plant: PlantMaker = known_plant) -> Drive:
-  """Drive one case with `case.cars` cars."""
-  model = Model.nominal()
+  """Drive one case with `case.cars` cars; a team's members one after another, with `case.cars` each."""
+  model, groups = Model.nominal(), len(controller.members) if isinstance(controller, Team) else 1
+  count = groups * case.cars
   body, theta = plant(case.plant)
   delay, lag = SERVO if case.plant == "bicycle" else (0.0, 0.0)
   actuation = Actuation(delay, lag, case.steering_gain, float(np.radians(case.steering_offset)))
@@ -79,8 +81,16 @@ def run_case(controller: Controller, case: Case, plant: PlantMaker = known_plant
   observer = TrueObserver()
   if case.estimator == "fekf":
     settings = model.filter_settings("bicycle" if case.plant == "bicycle" else "twin")
-    observer = SensedObserver(SensorSuite(qcar_sensors(), case.cars, case.seed), model.car, settings)
-  return drive(body, np.tile(theta, (case.cars, 1)), controller, SpeedGains.design(model.car), observer, task)
+    sensors = EqualSensors(qcar_sensors(), groups, case.cars, case.seed)
+    observer = SensedObserver(sensors, model.car, settings)  # type: ignore[arg-type]
+  return drive(body, np.tile(theta, (count, 1)), controller, SpeedGains.design(model.car), observer, task)
+
+
+def run_together(controllers: Mapping[str, Controller], case: Case, plant: PlantMaker = known_plant) -> list["Row"]:
+  """Drive one case with several controllers in one simulation: a row each, equal to what each gets alone."""
+  driven = run_case(Team(tuple(controllers.values()), case.cars), case, plant)
+  groups = (slice(i * case.cars, (i + 1) * case.cars) for i in range(len(controllers)))
+  return [Row(label, case, kpis(driven.cars(group))) for label, group in zip(controllers, groups, strict=True)]
 
 
 def contestants(policies: Mapping[str, Path], speed: float, baselines: bool = True) -> dict[str, Controller]:

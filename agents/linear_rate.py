@@ -30,8 +30,11 @@ class LinearRate:
   lock: float = 0.5236
   name: str = "linear_rate"
 
+  def answer(self, errors: Array) -> Array:
+    """Steering rate, rad/s, (N,), to the four errors, (N, 4)."""
+    return np.clip(-np.sum(self.gain * errors, axis=-1), -self.largest, self.largest)
+
   def steer(self, situation: Situation) -> Array:
     """Steering command, rad, (N,)."""
-    rate = -np.sum(self.gain * situation.errors.observation, axis=-1)
-    steering = situation.steering + np.clip(rate, -self.largest, self.largest) * situation.period
+    steering = situation.steering + self.answer(situation.errors.observation) * situation.period
     return np.clip(steering, -self.lock, self.lock)

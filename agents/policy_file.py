@@ -1,7 +1,7 @@
 """A trained policy as data: weights in safetensors, the rest in JSON, export to ONNX. Nothing in it can be executed.
 
 policy.safetensors: `weight_k` (out, in) and `bias_k` (out,) of layer k, float32.
-policy.json: observation scale, bound of the action, lock, and where the policy comes from.
+policy.json: what is seen and its scale, bounds, and where the policy comes from.
 """
 
 import dataclasses
@@ -16,6 +16,7 @@ from safetensors.numpy import load_file, save_file
 
 from agents.control import Situation
 from agents.output import write_text
+from agents.sight import Sight
 
 Array = NDArray[np.float64]
 Layers = tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
@@ -29,9 +30,10 @@ class Policy:
 
   Attributes:
     layers: weights (out, in) and biases (out,).
-    observation_scale: (4,), 1/m, s/m, 1/rad, s/rad.
+    observation_scale: (n,), 1/m, s/m, 1/rad, s/rad for the four errors, then of what else is seen.
     largest_rate: bound of the steering rate, rad/s.  lock: of the steering angle it integrates, rad.
     provenance: how it was trained, with its indicators.
+    sight: what is seen.
   """
 
   layers: Layers
@@ -40,9 +42,10 @@ class Policy:
   lock: float = 0.5236
   provenance: Mapping[str, Any] = dataclasses.field(default_factory=dict)
   name: str = "ddpg"
+  sight: Sight = Sight()
 
   def rate(self, observation: Array) -> Array:
-    """Steering rate, rad/s, (N,), for observations in SI units, (N, 4); single precision inside, as trained."""
+    """Steering rate, rad/s, (N,), for observations in SI units, (N, n); single precision inside, as trained."""
     x = observation.astype(np.float32) * np.asarray(self.observation_scale, dtype=np.float32)
     for weight, bias in self.layers[:-1]:
       x = np.maximum(x @ weight.T + bias, 0.0)
@@ -51,7 +54,8 @@ class Policy:
 
   def steer(self, situation: Situation) -> Array:
     """Steering command: the last one moved on by the rate."""
-    rate = self.rate(situation.errors.observation)
+    errors, path, arc_length = situation.errors.observation, situation.path, situation.arc_length
+    rate = self.rate(self.sight.look(errors, situation.steering, situation.past, path, arc_length))
     return np.clip(situation.steering + rate * situation.period, -self.lock, self.lock)
 
 
@@ -69,11 +73,12 @@ def save_policy(policy: Policy, folder: Path) -> None:
     "format": FORMAT,
     "kind": policy.name,
     "layers": len(policy.layers),
-    "observation": ["cross_track_error m", "its rate m/s", "heading_error rad", "its rate rad/s"],
+    "observation": list(policy.sight.names),
     "observation_scale": list(policy.observation_scale),
     "action": "steering rate rad/s",
     "largest_rate": policy.largest_rate,
     "lock": policy.lock,
+    "sight": dataclasses.asdict(policy.sight),
     "provenance": dict(policy.provenance),
   }
   write_text(folder / DESCRIPTION, json.dumps(about, indent=1, default=str) + "\n")
@@ -97,11 +102,17 @@ def load_policy(folder: Path) -> Policy:
   except KeyError as error:
     raise ValueError(f"{folder / WEIGHTS}: {error.args[0]} is missing; the two files do not belong together") from error
   scale = tuple(float(x) for x in about["observation_scale"])
-  return Policy(layers, scale, about["largest_rate"], about["lock"], about["provenance"], about["kind"])
+  sight = sight_from(about.get("sight", {}))
+  return Policy(layers, scale, about["largest_rate"], about["lock"], about["provenance"], about["kind"], sight)
+
+
+def sight_from(table: Mapping[str, Any]) -> Sight:
+  """A sight from its JSON; the paper's agent's where a file says nothing."""
+  return Sight(**{name: tuple(value) if isinstance(value, list) else value for name, value in table.items()})
 
 
 def export_onnx(policy: Policy, file: Path, tolerance: float = 1e-5) -> float:
-  """Write the policy as ONNX, `observation` (N, 4) -> `steering_rate` (N, 1), and check that it acts the same.
+  """Write the policy as ONNX, `observation` (N, n) -> `steering_rate` (N, 1), and check that it acts the same.
 
   Returns:
     Largest difference over 1000 observations, rad/s.
@@ -126,8 +137,8 @@ def onnx_difference(policy: Policy, file: Path, seed: int = 0) -> float:
   """Largest difference in steering rate, rad/s, between a policy and an ONNX file, over 1000 observations."""
   import onnxruntime
 
-  size = np.array([0.1, 0.3, 0.3, 1.0])
-  observation = size * np.random.default_rng(seed).standard_normal((1000, 4))
+  size = np.array([0.1, 0.3, 0.3, 1.0, *[1.0 / scale for scale in policy.sight.scale]])
+  observation = size * np.random.default_rng(seed).standard_normal((1000, len(size)))
   session = onnxruntime.InferenceSession(file.read_bytes(), providers=["CPUExecutionProvider"])
   (rate,) = session.run(None, {"observation": observation.astype(np.float32)})
   return float(np.max(np.abs(np.asarray(rate)[:, 0] - policy.rate(observation))))
@@ -150,7 +161,7 @@ def _graph(policy: Policy):
     last = k == len(policy.layers) - 1
     nodes.append(helper.make_node("Tanh" if last else "Relu", [f"y{k}"], [f"x{k + 1}"]))
   nodes.append(helper.make_node("Mul", [f"x{len(policy.layers)}", "largest_rate"], ["steering_rate"]))
-  inputs = [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["cars", 4])]
+  inputs = [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["cars", policy.sight.size])]
   outputs = [helper.make_tensor_value_info("steering_rate", TensorProto.FLOAT, ["cars", 1])]
   graph = helper.make_graph(nodes, "policy", inputs, outputs, weights)
   model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)

@@ -22,10 +22,12 @@ from agents.checkpoint import load_checkpoint, save_checkpoint
 from agents.closed_loop import Actuation, Task, drive
 from agents.ddpg import Agent, Settings, actor_layers, demonstrate, make_agent
 from agents.environments import Options, OwnPlant, fleet, plant_of, task_of
+from agents.imitation import imitate, teacher
 from agents.kpis import Kpis, kpis
 from agents.model import Model
 from agents.output import write_text
-from agents.policy_file import Policy, export_onnx, load_policy, save_policy
+from agents.policy_file import Policy, export_onnx, load_policy, save_policy, sight_from
+from agents.sight import Sight
 from agents.speed import SpeedGains
 from qcar_twin.envs.task import Reward
 from qcar_twin.envs.vector_env import FleetVecEnv
@@ -34,6 +36,7 @@ from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
 
 EPISODE_COLUMNS = ("episode", "steps", "length", "return", "rmse", "finished", "seconds")
 EVALUATION_COLUMNS = ("episode", "rmse", "me", "iaca", "finished", "seconds")
+BENT = ((0.0, 0.0), (-0.5, 0.5), (0.5, -0.5), (0.0, 0.0))  # shares of the spreads of steering gain and offset
 EVALUATION_SEED = 90_000  # sensor noise of evaluations during training: the same every time
 
 
@@ -46,6 +49,7 @@ class Plan:
     every: episodes between checkpoints, each with an evaluation on the training path.
     judges: cars of that evaluation, each with sensor noise of its own.
     progress_bar: shown on the terminal.
+    sight: what the agent sees.
   """
 
   options: Options = Options()
@@ -54,6 +58,7 @@ class Plan:
   every: int = 15
   judges: int = 4
   progress_bar: bool = True
+  sight: Sight = Sight()
 
   def as_json(self) -> dict[str, Any]:
     return dataclasses.asdict(self)
@@ -66,7 +71,7 @@ class Plan:
     settings = dict(table["settings"])
     settings["observation_scale"] = tuple(settings["observation_scale"])
     rest = {name: table[name] for name in ("seed", "every", "judges", "progress_bar")}
-    return cls(Options(**options), Settings(**settings), **rest)
+    return cls(Options(**options), Settings(**settings), **rest, sight=sight_from(table.get("sight", {})))
 
 
 @dataclasses.dataclass
@@ -78,7 +83,7 @@ class Progress:
   best: float = 1e9  # m
   best_episode: int = 0
   seconds: dict[str, float] = dataclasses.field(
-    default_factory=lambda: {"total": 0.0, "learning": 0.0, "evaluation": 0.0}
+    default_factory=lambda: {"total": 0.0, "cpu": 0.0, "learning": 0.0, "evaluation": 0.0}
   )
   resumed: int = 0
 
@@ -86,19 +91,24 @@ class Progress:
 def policy_of(agent: Agent, plan: Plan, provenance: dict[str, Any]) -> Policy:
   """The agent's actor as a policy."""
   task = task_of(plan.options)
-  layers = tuple(actor_layers(agent))
-  return Policy(layers, plan.settings.observation_scale, task.largest_rate, task.lock, provenance)
+  layers, scale = tuple(actor_layers(agent)), (*plan.settings.observation_scale, *plan.sight.scale)
+  return Policy(layers, scale, task.largest_rate, task.lock, provenance, plan.settings.algorithm, plan.sight)
 
 
 def judge(policy: Policy, plan: Plan, model: Model, own_plant: OwnPlant | None = None) -> Kpis:
-  """Indicators of a policy on the path it is trained on, from the path's start, in the plant it is trained in."""
+  """Indicators of a policy on the path it is trained on, from the path's start, in the plant it is trained in.
+
+  Where training draws the linkage, the cars have linkages spread over half of its range.
+  """
   options, task = plan.options, task_of(plan.options, model.vehicle.max_steering)
   make, theta = own_plant or plant_of(options, model)
   observer = TrueObserver()
   if options.estimator == "fekf":
     suite = SensorSuite(qcar_sensors(), plan.judges, EVALUATION_SEED)
     observer = SensedObserver(suite, model.car, model.filter_settings(options.plant))
-  servo = Actuation(task.servo_delay, task.servo_lag, task.steering_gain, task.steering_offset)
+  bent = np.resize(BENT, (plan.judges, 2)) * (task.gain_spread, task.offset_spread)
+  gain, offset = bent.T + np.array([[task.steering_gain], [task.steering_offset]])
+  servo = Actuation(task.servo_delay, task.servo_lag, gain, offset)
   wanted = Task(task.path, task.speed, task.laps, task.lock, actuation=servo)
   gains = SpeedGains.design(model.car)
   return kpis(drive(make(), np.tile(theta, (plan.judges, 1)), policy, gains, observer, wanted))
@@ -113,7 +123,8 @@ class Keeper(BaseCallback):
     self.progress = progress
     self._due = False
     self._clock = time.perf_counter()
-    self._before = progress.seconds["total"]
+    self._cpu_clock = time.process_time()
+    self._before, self._cpu_before = progress.seconds["total"], progress.seconds["cpu"]
     self._bar = tqdm(
       total=plan.settings.episodes,
       initial=len(progress.episodes),
@@ -150,10 +161,12 @@ class Keeper(BaseCallback):
       self.keep()
 
   def keep(self) -> None:
-    """Evaluate if the car stays on the path by now, then save a checkpoint."""
-    if any(row[5] for row in self.progress.episodes[-self._plan.every :]):
+    """Evaluate if the car stays on the path by now, or has just imitated, then save a checkpoint."""
+    recent = self.progress.episodes[-self._plan.every :]
+    if not recent or any(row[5] for row in recent):
       self._evaluate()
     self.progress.seconds["total"] = self._elapsed()
+    self.progress.seconds["cpu"] = self._cpu_before + time.process_time() - self._cpu_clock
     self.progress.seconds["learning"] = self.agent.learning_seconds
     save_checkpoint(self.agent, self._folder, dataclasses.asdict(self.progress))
 
@@ -230,8 +243,9 @@ def train(
   folder.mkdir(parents=True, exist_ok=True)
   model = model or Model.nominal()
   torch.set_num_threads(1)
-  env = FleetVecEnv(fleet(plan.options, _seeds(plan, 0), model, own_plant))
-  agent = make_agent(env, plan.settings, plan.seed)
+  sight = plan.sight if plan.sight != Sight() else None
+  env = FleetVecEnv(fleet(plan.options, _seeds(plan, 0), model, own_plant), sight)
+  agent = make_agent(env, plan.settings, plan.seed, plan.sight.scale)
   progress = Progress()
   if resume:
     progress = Progress(**load_checkpoint(agent, folder))
@@ -246,6 +260,10 @@ def train(
       demonstrate(agent, plan.settings.demonstrations)
   agent.set_logger(Logger(None, [TensorBoardOutputFormat(str(folder / "tensorboard"))]))
   keeper = Keeper(plan, folder, model, progress, own_plant)
+  if plan.settings.imitations and not resume:
+    imitate(agent, teacher(model, plan.options.speed), plan.settings.imitations, plan.seed)
+    keeper.init_callback(agent)
+    keeper.keep()
   if len(progress.episodes) < plan.settings.episodes:
     agent.learn(10**9, callback=keeper, log_interval=10, reset_num_timesteps=False)
   return _finish(agent, plan, folder, progress)
@@ -263,7 +281,7 @@ def _finish(agent: Agent, plan: Plan, folder: Path, progress: Progress) -> dict[
     save_policy(last, folder / "best")
   difference = export_onnx(load_policy(folder / "best"), folder / "best" / "policy.onnx")
   finished = [row[5] for row in progress.episodes]
-  run = np.convolve(finished, np.ones(10), "valid") >= 10.0
+  run = np.convolve(finished or [0.0], np.ones(10), "valid") >= 10.0
   result = {
     "episodes": len(progress.episodes),
     "steps": agent.num_timesteps,

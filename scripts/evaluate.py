@@ -12,9 +12,9 @@ import tyro
 
 from agents.evaluate import Case, evaluate, known_plant, run_case, write_evaluation
 from agents.figures import lane_change_figure, tracking_figure
+from agents.foreign import Foreign
 from agents.policy_file import load_policy
 from calibration.proving_ground.plant import ProvingGroundPlant
-from qcar_twin.parameters import ParameterSet
 from qcar_twin.plant import Plant
 from qcar_twin.twin_file import load_twin
 
@@ -51,17 +51,10 @@ class Config:
   """one car on the S, against the tuned controllers only"""
 
 
-class Ground:
-  """The independent car in the shape of a plant; it has no parameters to set and nothing is fitted to it."""
-
-  period = ProvingGroundPlant.period
-  parameters = ParameterSet(())
-
-  def __init__(self, effects: tuple[str, ...]):
-    self._effects = tuple((name, float(size)) for name, size in (entry.split("=") for entry in effects))
-
-  def begin(self, theta, start):
-    return ProvingGroundPlant(effects=self._effects).begin(start)
+def ground(effects: tuple[str, ...]) -> Foreign:
+  """The independent car with concealed effects, each name=size."""
+  pairs = tuple((name, float(size)) for name, size in (entry.split("=") for entry in effects))
+  return Foreign(ProvingGroundPlant(effects=pairs).begin, ProvingGroundPlant.period)
 
 
 def main(config: Config) -> None:
@@ -70,7 +63,7 @@ def main(config: Config) -> None:
 
   def plant(name: str) -> tuple[Plant, np.ndarray]:
     if name == "proving_ground":
-      return Ground(effects), np.empty(0)  # type: ignore[return-value]
+      return ground(effects), np.empty(0)  # type: ignore[return-value]
     return load_twin(name, threads=1) if name.endswith(".toml") else known_plant(name)
 
   paths = ("s",) if config.quick else config.paths

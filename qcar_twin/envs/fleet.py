@@ -17,6 +17,7 @@ from qcar_twin.envs.task import TrackingTask
 from qcar_twin.estimation.batch import BatchEstimate
 from qcar_twin.estimation.observer import Observer, SensedObserver, TrueObserver
 from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.past import remember
 from qcar_twin.paths import Errors
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.base import Sensor
@@ -129,18 +130,21 @@ class Linkage:
     self._share = 1.0 - math.exp(-task.period / task.servo_lag) if task.servo_lag > 0.0 else 1.0
     self._line = np.zeros((round(task.servo_delay / task.period), count))
     self._angle = np.zeros(count)
+    self._gain, self._offset = np.ones(count), np.zeros(count)
 
-  def restart(self, which: Mask) -> None:
-    """Wheels straight, nothing under way, in some cars."""
+  def restart(self, which: Mask, rngs: Sequence[np.random.Generator]) -> None:
+    """Wheels straight, nothing under way, gain and offset of a new episode, in some cars; `rngs` has one per car."""
     self._line[:, which] = 0.0
     self._angle[which] = 0.0
+    for i in np.flatnonzero(which):
+      self._gain[i], self._offset[i] = self._task.linkage(rngs[i])
 
   def pass_on(self, steering: Array) -> Array:
     """The command the plant gets, rad, (N,)."""
     line = np.concatenate([self._line, steering[None]])
     self._line = line[1:]
     self._angle = self._angle + self._share * (line[0] - self._angle)
-    return self._task.steering_gain * self._angle + self._task.steering_offset
+    return self._gain * self._angle + self._offset
 
 
 @dataclasses.dataclass(frozen=True)
@@ -163,6 +167,7 @@ class Fleet:
   Attributes:
     signals: true, (N, 10).  steering: commanded, rad, (N,).  estimate: of the cars.
     errors: relative to the path, (2, N) each: as estimated, and true.  arc_length: likewise, m, (2, N).
+    past: slow means of steering command and path curvature, rad and 1/m, (N, 2).
     episode_steps: control periods since the last restart, (N,).
   """
 
@@ -181,7 +186,9 @@ class Fleet:
     self._bodies = bodies_of(self.outfit.plant, theta, start)
     self._observer = self.outfit.observer(seeds)
     self._linkage = Linkage(self.task, self.count)
+    self._linkage.restart(everyone, self._rngs)
     self.steering = np.zeros(self.count)
+    self.past = np.zeros((self.count, 2))
     self.episode_steps = np.zeros(self.count, dtype=np.int64)
     self.arc_length = np.zeros((2, self.count))
     self.estimate: BatchEstimate = self._observer.begin(self.signals)
@@ -208,8 +215,9 @@ class Fleet:
       return
     theta, start = self._draw(which)
     self._bodies.restart(which, theta, start)
-    self._linkage.restart(which)
+    self._linkage.restart(which, self._rngs)
     self.steering = np.where(which, 0.0, self.steering)
+    self.past = np.where(which[:, None], 0.0, self.past)
     self.episode_steps = np.where(which, 0, self.episode_steps)
     self.arc_length = np.where(which, 0.0, self.arc_length)
     self.estimate = self._observer.begin(self.signals, which)
@@ -242,6 +250,7 @@ class Fleet:
     self.estimate = self._observer.observe(self._bodies.step(applied))
     self.episode_steps = self.episode_steps + 1
     self._look(moving=True)
+    self.past = remember(self.past, self.steering, self.errors.curvature[0], task.period)
     difference = self.steering - expert if self.outfit.demonstrator else np.zeros(self.count)
     judged = _pick(self.errors, self._judge)
     reward, lost = task.reward_of(judged.cross_track, judged.heading, rate, difference)

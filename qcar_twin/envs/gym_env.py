@@ -13,9 +13,9 @@ from qcar_twin.envs.task import TrackingTask
 Observation = NDArray[np.float32]
 
 
-def observation_space() -> spaces.Box:
-  """Cross-track error, its rate, heading error, its rate: m, m/s, rad, rad/s; unbounded."""
-  return spaces.Box(-np.inf, np.inf, (4,), np.float32)
+def observation_space(size: int = 4) -> spaces.Box:
+  """Cross-track error, its rate, heading error, its rate: m, m/s, rad, rad/s, and what else is seen; unbounded."""
+  return spaces.Box(-np.inf, np.inf, (size,), np.float32)
 
 
 def action_space(task: TrackingTask) -> spaces.Box:

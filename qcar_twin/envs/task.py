@@ -69,6 +69,7 @@ class TrackingTask:
     largest_rate: bound of the action, rad/s.  lock: of the steering angle, rad.
     start_offset, start_heading: episodes start uniformly within +- these, m and rad.
     steering_gain, steering_offset: of the linkage, - and rad; neither agent nor filter is told.
+    gain_spread, offset_spread: the linkage is drawn anew for every episode, uniformly within +- these around them.
     servo_delay, servo_lag: s, for plants that have no servo of their own.
     judged_by_truth: reward and ends from the true state, as a simulator allows; else from the estimate.
     period: control period, s.
@@ -85,6 +86,8 @@ class TrackingTask:
   start_heading: float = 0.1
   steering_gain: float = 1.0
   steering_offset: float = 0.0
+  gain_spread: float = 0.0
+  offset_spread: float = 0.0
   servo_delay: float = 0.0
   servo_lag: float = 0.0
   judged_by_truth: bool = True
@@ -112,6 +115,13 @@ class TrackingTask:
     x, y, yaw = self.path.start
     place = x - offset * math.sin(yaw), y + offset * math.cos(yaw), yaw + turned
     return np.array([*place, self.speed, 0.0, 0.0, 0.0])
+
+  def linkage(self, rng: np.random.Generator) -> tuple[float, float]:
+    """Steering gain, -, and offset, rad, of one episode; nothing is drawn where there is no spread."""
+    if not (self.gain_spread or self.offset_spread):
+      return self.steering_gain, self.steering_offset
+    gain, offset = rng.uniform(-1.0, 1.0, 2) * (self.gain_spread, self.offset_spread)
+    return self.steering_gain + gain, self.steering_offset + offset
 
   def reward_of(self, cross_track: Array, heading: Array, rate: Array, difference: Array) -> tuple[Array, Mask]:
     """Reward and whether the car is lost, (N,) each.

@@ -1,7 +1,7 @@
 """The task as a vectorised environment of stable-baselines3: N cars in one batch, restarted one by one."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,20 @@ from qcar_twin.envs.fleet import Fleet
 from qcar_twin.envs.gym_env import action_space, observation_space
 
 Indices = int | Sequence[int] | None
+Array = NDArray[np.float64]
+
+
+class Sight(Protocol):
+  """What an agent sees of a fleet, where that is more than the paper's four errors."""
+
+  @property
+  def size(self) -> int:
+    """Numbers seen per car."""
+    ...
+
+  def of(self, fleet: Fleet) -> Array:
+    """What is seen, (N, size)."""
+    ...
 
 
 class FleetVecEnv(VecEnv):
@@ -18,15 +32,18 @@ class FleetVecEnv(VecEnv):
 
   Infos of finished episodes also hold SB3's `episode` entry: return `r`, length `l`, and the root mean square of
   the true cross-track error `rmse`, m.
+
+  Args:
+    sight: what the agent sees; the four errors without it.
   """
 
-  def __init__(self, fleet: Fleet):
-    self.fleet = fleet
+  def __init__(self, fleet: Fleet, sight: Sight | None = None):
+    self.fleet, self.sight = fleet, sight
     self.render_mode = None
     self._actions = np.zeros(fleet.count)
     self._begun = False
     self._return, self._squares = np.zeros(fleet.count), np.zeros(fleet.count)
-    super().__init__(fleet.count, observation_space(), action_space(fleet.task))
+    super().__init__(fleet.count, observation_space(sight.size if sight else 4), action_space(fleet.task))
 
   def reset(self) -> NDArray[np.float32]:
     if any(seed is not None for seed in self._seeds):
@@ -37,7 +54,7 @@ class FleetVecEnv(VecEnv):
     self._return[:], self._squares[:] = 0.0, 0.0
     self._reset_seeds()
     self._reset_options()
-    return self.fleet.observation.astype(np.float32)
+    return self._seen()
 
   def step_async(self, actions: np.ndarray) -> None:
     self._actions = actions
@@ -48,14 +65,17 @@ class FleetVecEnv(VecEnv):
     self._squares += np.nan_to_num(self.fleet.cross_track) ** 2
     done = outcome.terminated | outcome.truncated
     infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-    observation = self.fleet.observation.astype(np.float32)
+    observation = self._seen()
     if done.any():
       for i in np.flatnonzero(done):
         infos[i] = self._last_words(int(i), observation[i], bool(outcome.truncated[i]))
       self.fleet.restart(done)
       self._return[done], self._squares[done] = 0.0, 0.0
-      observation = self.fleet.observation.astype(np.float32)
+      observation = self._seen()
     return observation, outcome.reward.astype(np.float32), done, infos
+
+  def _seen(self) -> NDArray[np.float32]:
+    return (self.sight.of(self.fleet) if self.sight else self.fleet.observation).astype(np.float32)
 
   def _last_words(self, i: int, observation: NDArray[np.float32], truncated: bool) -> dict[str, Any]:
     steps = int(self.fleet.episode_steps[i])

@@ -31,7 +31,7 @@ def test_evaluate_writes_results_and_figures(tmp_path, capsys):
 
 def test_proving_ground_drives_with_the_effects_asked_for():
   made = script("evaluate")
-  plain, bent = made["Ground"](()), made["Ground"](("steering_offset=1.0",))
+  plain, bent = made["ground"](()), made["ground"](("steering_offset=1.0",))
   start = [[0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0]]
   ends = []
   for ground in (plain, bent):

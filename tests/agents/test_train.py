@@ -48,7 +48,7 @@ def test_a_training_leaves_everything_it_should(trained):
   assert result["updates"] == pytest.approx((result["steps"] - 100) / 16, abs=30)
   assert np.all(np.diff([row["seconds"] for row in episodes]) >= 0.0)
   assert list((folder / "tensorboard").glob("events*"))
-  assert set(result["seconds"]) == {"total", "learning", "evaluation"}
+  assert set(result["seconds"]) == {"total", "cpu", "learning", "evaluation"}
 
 
 def test_what_was_asked_for_is_kept_word_for_word(trained):

@@ -1,0 +1,253 @@
+"""The results page of the study, from what its jobs left in the folder; what is not there is said to be missing."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.evaluate import summary
+from agents.study import CONTROLLERS, MISMATCH, PATHS, VARIANTS, read_rows
+from agents.study_figures import learning_figure, study_bars
+
+Table = list[dict[str, Any]]
+FLOOR = "linear_rate tuned"
+MARGINS = (  # of the paper: path, against, indicator, change in per cent
+  ("infinity", "lq_cm tuned", "rmse", -43.0),
+  ("infinity", "lq_cm tuned", "me", -41.0),
+  ("infinity", "lq_ed loose", "rmse", -60.0),
+  ("infinity", "lq_ed loose", "me", -53.0),
+  ("c", "lq_ed loose", "rmse", -31.5),
+  ("c", "lq_ed loose", "me", -31.0),
+  ("infinity", "ff_fb loose", "rmse", 100.0 * (1.0 / 5.9 - 1.0)),
+  ("infinity", "ff_fb loose", "me", 100.0 * (1.0 / 8.3 - 1.0)),
+  ("infinity", "lq_ed loose", "iaca", -19.0),
+  ("c", "lq_cm tuned", "iaca", -31.0),
+)
+
+
+def driven(folder: Path, setting: str) -> Table:
+  """Medians and quartiles of a setting's contestants, seeds of a variant together; empty where nothing was driven."""
+  rows = [
+    row
+    for file in sorted((folder / "evaluated" / setting.replace("/", " per ")).glob("*.json"))
+    for row in read_rows(file)
+  ]
+  return summary(rows, lambda label: label.split()[0] if label.split()[0] in VARIANTS else label)
+
+
+def pick(table: Table, contestant: str, path: str) -> dict[str, Any] | None:
+  """A contestant's entry on a path, or None."""
+  return next((e for e in table if (e["contestant"], e["path"]) == (contestant, path)), None)
+
+
+def cell(entry: dict[str, Any] | None, indicator: str, scale: float, spread: bool = True) -> str:
+  """Median [quartiles]."""
+  if entry is None:
+    return ""
+  say = lambda x: "left" if x is None else f"{scale * x:.1f}"  # noqa: E731
+  low, high = entry[f"{indicator}_quartiles"]
+  return say(entry[indicator]) + (f" [{say(low)}, {say(high)}]" if spread else "")
+
+
+def names_of(table: Table) -> list[str]:
+  """Contestants: controllers first, then variants in their order."""
+  found = list(dict.fromkeys(e["contestant"] for e in table))
+  return [n for n in found if n not in VARIANTS] + [n for n in VARIANTS if n in found]
+
+
+def kpi_section(title: str, table: Table) -> list[str]:
+  """RMSE, ME, IACA and the lane change of everybody on every path."""
+  lines = [
+    f"### {title}",
+    "",
+    "| | " + " | ".join(f"{p}: RMSE mm | ME mm | IACA deg" for p in PATHS) + " | lane change passed |",
+  ]
+  lines.append("|---" * (2 + 3 * len(PATHS)) + "|")
+  for name in names_of(table):
+    found = [pick(table, name, path) for path in PATHS]
+    cells = [
+      f"{cell(e, 'rmse', 1e3)} | {cell(e, 'me', 1e3)} | {cell(e, 'iaca', float(np.degrees(1.0)), spread=False)}"
+      for e in found
+    ]
+    last = found[PATHS.index("c")]
+    lines.append(f"| {name} | " + " | ".join(cells) + f" | {100.0 * last['inside']:.0f} % |" if last else f"| {name} |")
+  return lines
+
+
+def change(table: Table, contestant: str, other: str, path: str, indicator: str) -> float | None:
+  """Of a median against another contestant's, per cent; None where one is missing or left the path."""
+  ours, theirs = pick(table, contestant, path), pick(table, other, path)
+  if not ours or not theirs or ours[indicator] is None or theirs[indicator] is None:
+    return None
+  return 100.0 * (ours[indicator] / theirs[indicator] - 1.0)
+
+
+def margin_section(nominal: Table, mismatched: Table, variants: Sequence[str]) -> list[str]:
+  """The paper's margins beside ours, without and with the mismatch."""
+  head = [f"{v}, {c}" for v in variants for c in ("N", "MIS")]
+  lines = ["| path | against | indicator | paper | " + " | ".join(head) + " |", "|---" * (4 + len(head)) + "|"]
+  for path, other, indicator, paper in MARGINS:
+    cells = []
+    for variant in variants:
+      for table in (nominal, mismatched):
+        found = change(table, variant, other, path, indicator)
+        cells.append("" if found is None else f"{found:+.0f} %{' (reached)' if found <= paper else ''}")
+    lines.append(f"| {path} | {other} | {indicator.upper()} | {paper:+.1f} % | " + " | ".join(cells) + " |")
+  return lines
+
+
+def floor_section(nominal: Table, mismatched: Table, variants: Sequence[str]) -> list[str]:
+  """RMSE against the linear rate policy's on every path."""
+  head = [f"{path}, {c}" for c in ("N", "MIS") for path in PATHS]
+  lines = ["| | " + " | ".join(head) + " |", "|---" * (1 + len(head)) + "|"]
+  for variant in variants:
+    found = [change(table, variant, FLOOR, path, "rmse") for table in (nominal, mismatched) for path in PATHS]
+    lines.append(f"| {variant} | " + " | ".join("" if x is None else f"{x:+.0f} %" for x in found) + " |")
+  return lines
+
+
+def training_section(folder: Path) -> list[str]:
+  """What the trainings took and how they went."""
+  columns = (
+    "seeds",
+    "episodes",
+    "wall s",
+    "CPU s",
+    "of it learning (wall)",
+    "full episodes in a row from",
+    "best on S, mm",
+    "at episode",
+  )
+  lines = ["| variant | " + " | ".join(columns) + " |", "|---" * (1 + len(columns)) + "|"]
+  for name in VARIANTS:
+    found = [json.loads(f.read_text(encoding="utf-8")) for f in sorted((folder / name).glob("seed*/result.json"))]
+    if found:
+      lines.append(f"| {name} | {len(found)} | " + " | ".join(_training(found)) + " |")
+  return lines + ["", *(f"* `{name}`: {variant.about}." for name, variant in VARIANTS.items())]
+
+
+def _training(found: list[dict[str, Any]]) -> list[str]:
+  seconds = {name: [r["seconds"].get(name, np.nan) for r in found] for name in ("total", "cpu", "learning")}
+  share = np.median(np.array(seconds["learning"]) / np.array(seconds["total"]))
+  full = [r["ten_full_episodes_in_a_row_at"] for r in found]
+  best = [np.nan if r["best_rmse_training_path"] is None else 1e3 * r["best_rmse_training_path"] for r in found]
+  spread = lambda x: f"{np.nanmedian(x):.0f} ({np.nanmin(x):.0f} to {np.nanmax(x):.0f})"  # noqa: E731
+  return [
+    "/".join(dict.fromkeys(str(r["episodes"]) for r in found)),
+    spread(seconds["total"]),
+    spread(seconds["cpu"]),
+    f"{100.0 * share:.0f} %",
+    ", ".join("never" if x is None else str(x) for x in full),
+    ", ".join(f"{x:.1f}" for x in best),
+    ", ".join(str(r["best_episode"]) for r in found),
+  ]
+
+
+def place_section(folder: Path, settings: Sequence[str], first: str) -> list[str]:
+  """RMSE / ME medians of everybody in several settings, a block of rows per contestant; missing settings are left out."""
+  tables = {name: table for name in settings if (table := driven(folder, name))}
+  lines = [
+    f"| | {first} | " + " | ".join(f"{p}: RMSE / ME mm" for p in PATHS) + " | lane change |",
+    "|---" * (3 + len(PATHS)) + "|",
+  ]
+  for contestant in dict.fromkeys(n for t in tables.values() for n in names_of(t) if "loose" not in n):
+    for name, table in tables.items():
+      found = [pick(table, contestant, path) for path in PATHS]
+      if any(found):
+        cells = [f"{cell(e, 'rmse', 1e3, False)} / {cell(e, 'me', 1e3, False)}" for e in found]
+        last = found[-1]
+        lines.append(
+          f"| {contestant} | {name} | " + " | ".join(cells) + f" | {100.0 * last['inside']:.0f} % |" if last else ""
+        )
+  return lines
+
+
+def repair_section(folder: Path, plain: str, concealed: str) -> list[str]:
+  """How much of the gap retraining on the repaired twin closes."""
+  with_effect, without = driven(folder, concealed), driven(folder, plain)
+  lines = [
+    "| path | trained on the nominal twin, car without the effect | nominal twin | recalibrated twin | repaired twin | gap closed |"
+  ]
+  lines.append("|---" * 6 + "|")
+  for path in PATHS:
+    reference = pick(without, "standard", path)
+    entries = [pick(with_effect, name, path) for name in ("standard", "recalibrated", "repaired")]
+    values = [None if e is None else e["rmse"] for e in (reference, *entries)]
+    closed = ""
+    if None not in values and values[2] != values[0]:
+      closed = f"{100.0 * (values[2] - values[3]) / (values[2] - values[0]):.0f} %"
+    lines.append(f"| {path} | " + " | ".join(cell(e, "rmse", 1e3) for e in (reference, *entries)) + f" | {closed} |")
+  return lines
+
+
+def page(folder: Path, file: Path, special: Sequence[str] = (), notes: Path | None = None) -> str:
+  """The page as Markdown; figures go into a folder of its name beside it.
+
+  Args:
+    folder: of the study.  file: the page.
+    special: plants of the repaired twin's comparison, without and with the effect.
+    notes: Markdown with what a person says about it, put first.
+  """
+  nominal, mismatched = driven(folder, "N"), driven(folder, "MIS")
+  variants = [name for name in ("standard", "alone", "wide") if name in names_of(nominal)]
+  pictures = _figures(folder, file, nominal, mismatched)
+  settings = sorted(p.name.replace(" per ", "/") for p in (folder / "evaluated").glob("*"))
+  speeds = [name for name in settings if name.endswith("m/s")]
+  plants = [n for n in settings if n not in ("N", "MIS", *speeds, *special)]
+  gain, offset = MISMATCH
+  lines = [
+    "# Results: learning to track paths",
+    "",
+    "Tables and figures are written by `python scripts/study.py --out out/study --page docs/results_learning.md`; none of their numbers is typed in.",
+  ]
+  lines += ["", notes.read_text(encoding="utf-8").strip()] if notes else []
+  lines += ["", "## Trainings", "", *training_section(folder), "", *pictures[:1]]
+  lines += ["", "## On the twin, 0.5 m/s, federated filter on noisy sensors", ""]
+  lines += [
+    f"Medians [quartiles] over cars with noise of their own and all seeds of a variant. MIS: a steering gain of {gain:g} and an offset of {offset:g} deg that nobody is told.",
+    "",
+  ]
+  lines += [*kpi_section("N", nominal), "", *kpi_section("MIS", mismatched), "", *pictures[1:]]
+  lines += ["", "## The paper's margins", "", *margin_section(nominal, mismatched, variants)]
+  lines += ["", f"## RMSE against the {FLOOR} policy", "", *floor_section(nominal, mismatched, variants)]
+  lines += ["", "## Speeds", "", *place_section(folder, [*speeds[:1], "N", *speeds[1:]], "speed")]
+  lines += ["", "## Other plants", "", *place_section(folder, ["N", *plants], "plant")]
+  if special:
+    lines += [
+      "",
+      "## A repaired twin",
+      "",
+      f"Median RMSE [quartiles] in mm on the {special[1]}.",
+      "",
+      *repair_section(folder, *special),
+    ]
+  lines += _timings(folder)
+  return "\n".join(lines) + "\n"
+
+
+def _figures(folder: Path, file: Path, nominal: Table, mismatched: Table) -> list[str]:
+  """Draw what can be drawn; Markdown lines."""
+  beside = file.with_suffix("")
+  beside.mkdir(parents=True, exist_ok=True)
+  drawn = []
+  if learning_figure(folder, beside / "learning.png"):
+    drawn.append(f"![Error on the training path over the training]({beside.name}/learning.png)")
+  for name, table in (("N", nominal), ("MIS", mismatched)):
+    if table:
+      study_bars(table, names_of(table), beside / f"indicators_{name}.png")
+      drawn.append(f"![Indicators, {name}]({beside.name}/indicators_{name}.png)")
+  return drawn
+
+
+def _timings(folder: Path) -> list[str]:
+  """Of `scripts/benchmark_learning.py`, where they were taken."""
+  file = folder / "timings.json"
+  if not file.is_file():
+    return []
+  entries = json.loads(file.read_text(encoding="utf-8"))
+  return ["", "## Time", "", *(f"* {entry}" for entry in entries)]
+
+
+__all__ = ["CONTROLLERS", "driven", "page"]
