@@ -40,6 +40,7 @@ UNITS = {
   "pose_turn": "rad",
 }
 _POSE = slice(0, 3)
+_LONG, _SHORT = 1.0, 0.3  # s, horizons with and without a gyro
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,7 +131,7 @@ def observe(
   recordings: Sequence[Recording],
   vehicle: Vehicle,
   cut: Cut = DEFAULT_CUT,
-  horizon: float = 1.0,
+  horizon: float | None = None,
   pose_rate: float = 10.0,
   block: float = 3.0,
 ) -> Observations:
@@ -140,11 +141,13 @@ def observe(
     recordings: what was driven.
     vehicle: numbers of the car.
     cut: how the recordings are cut for simulation.
-    horizon: time over which poses are differenced, s.
+    horizon: time over which poses are differenced, s; 1 s, or 0.3 s where no gyro tells the quick turns.
     pose_rate: poses are thinned to this rate, Hz.
     block: length of an evidence block, s.
   """
   stretches = cut_recordings(recordings, vehicle, cut)
+  if horizon is None:
+    horizon = _LONG if any("yaw_rate" in r.channels for r in recordings) else _SHORT
   by_name = {recording.name: index for index, recording in enumerate(recordings)}
   grid = stretches.segments.commands.shape[1] + 1
   parts: dict[str, list[Array]] = {k: [] for k in ("v", "c", "r", "t", "p", "f", "pb", "fb")}

@@ -16,6 +16,7 @@ from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.problem import Problem
 from calibration.fit import inverse_curvature
 from qcar_twin.mechanisms.base import Mechanism
+from qcar_twin.parameters import ParameterSet
 
 Array = NDArray[np.float64]
 
@@ -75,11 +76,18 @@ class Trial:
 
 
 class Projector:
-  """Removes from a change of residuals what the free parameters of a model can imitate."""
+  """Removes from a change of residuals what the free parameters of a model can imitate.
+
+  A parameter that stopped at its bound imitates nothing: it would have to go on beyond it.
+  """
 
   def __init__(self, model: Candidate):
-    self._jacobian = model.jacobian[: model.fitted]
-    self._inverse = inverse_curvature(model.curvature, model.free)
+    loose = ~at_bound(model)
+    self._jacobian = model.jacobian[: model.fitted] * loose
+    free = np.flatnonzero(loose)
+    self._inverse = np.zeros((len(loose), len(loose)))
+    kept = ParameterSet(model.free[model.free.names[i]] for i in free)
+    self._inverse[np.ix_(free, free)] = inverse_curvature(model.curvature[np.ix_(free, free)], kept)
 
   def __call__(self, change: Array) -> Array:
     """Rows (n, K) over the fitted values, without their projection on the model's columns."""
@@ -88,6 +96,12 @@ class Projector:
   def answer(self, change: Array) -> Array:
     """How the free parameters move to make up for a change of residuals, (n, p)."""
     return -(change @ self._jacobian) @ self._inverse
+
+
+def at_bound(model: Candidate) -> NDArray[np.bool_]:
+  """Free parameters that stand at a bound, (p,)."""
+  reach = 1e-6 * model.free.scale
+  return (model.values <= model.free.lower + reach) | (model.values >= model.free.upper - reach)
 
 
 def scan(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
+from calibration.diagnosis.far import far_models
 from calibration.diagnosis.problem import Problem, weighting_from
 from calibration.diagnosis.recalibrate import Baseline, sensor_floor
 from calibration.diagnosis.scan import Projector, Signature
@@ -90,6 +91,10 @@ def search(
   pool = Pool(problem, baseline.fit.parameters, {frozenset(): base}, signatures, sensor_floor(baseline.passport))  # fmt: skip
   report("refitting single mechanisms")
   _fit_sets(pool, [frozenset([n]) for n in _nominate_singles(signatures, effort.singles)], effort.iterations)
+  for model in far_models(problem, base, pool.priors, list(signatures)):
+    key = frozenset(model.mechanisms)
+    if key not in pool.models or model.cost < pool.models[key].cost:
+      pool.models[key] = _not_worse(pool, model, pool.base)
   _reweight_if_worth_it(pool)
   report("refitting pairs")
   _fit_sets(pool, _nominate_pairs(pool, effort.pairs), effort.iterations)

@@ -1,11 +1,13 @@
 """The scan on a linear car: what the base can imitate vanishes, what is left is the gain of the exact refit."""
 
+import dataclasses
+
 import diagnosis_rig as rig
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from calibration.diagnosis.scan import Projector, confusion, pair_gain, scan, trial_starts
+from calibration.diagnosis.scan import Projector, at_bound, confusion, pair_gain, scan, trial_starts
 from qcar_twin.mechanisms import select
 
 
@@ -83,3 +85,16 @@ def test_pair_gain_of_orthogonal_signatures_is_the_sum(offset_pool):
   assert both >= max(one.gain, other.gain) - 1e-3 * one.gain
   same = pair_gain(one, one, anchor)
   assert same == pytest.approx(one.gain, rel=1e-3)
+
+
+def test_what_stands_at_its_bound_imitates_nothing(offset_pool):
+  free = offset_pool.base
+  column = free.free.index("cornering_stiffness_front")
+  change = free.jacobian[: free.fitted, column][None]
+  assert np.linalg.norm(Projector(free)(change)) < 0.01 * np.linalg.norm(change)
+  stopped = dataclasses.replace(free, values=free.values.copy())
+  stopped.values[column] = stopped.free.lower[column]
+  assert at_bound(stopped).tolist() == [name == "cornering_stiffness_front" for name in free.free.names]
+  rest = Projector(stopped)(change)
+  assert np.linalg.norm(rest) > 0.3 * np.linalg.norm(change)
+  assert Projector(stopped).answer(change)[0, column] == 0.0
