@@ -116,11 +116,12 @@ class Row:
     return {"contestant": self.contestant, "case": dataclasses.asdict(self.case), **finite}
 
 
-def _one(label: str, folder: Path | None, case: Case, plant: PlantMaker) -> Row:
-  """One contestant in one case; loads what it needs, so that it can run in another process."""
-  policies = {label: folder} if folder else {}
-  controller = contestants(policies, case.speed, baselines=folder is None)[label]
-  return Row(label, case, kpis(run_case(controller, case, plant)))
+def _everybody(policies: Mapping[str, Path], case: Case, plant: PlantMaker, versions: Sequence[str]) -> list[Row]:
+  """All contestants in one case; loads what it needs, so that it can run in another process."""
+  found = contestants(policies, case.speed, baselines=bool(versions))
+  return run_together(
+    {label: c for label, c in found.items() if label in policies or label.split()[1] in versions}, case, plant
+  )
 
 
 def evaluate(
@@ -131,7 +132,7 @@ def evaluate(
   ray: bool = False,
   versions: Sequence[str] = ("loose", "tuned"),
 ) -> list[Row]:
-  """Every policy, and the controllers they are measured against, in every case.
+  """Every policy, and the controllers they are measured against, in every case; a case is one simulation.
 
   Args:
     policies: folder by label; several seeds of one training are several policies.
@@ -140,12 +141,8 @@ def evaluate(
     versions: of the controllers of data/controllers.toml; none for the policies alone.
     ray: send the work to the Ray cluster at hand (RAY_ADDRESS), or a local one, instead of local processes.
   """
-  jobs: list[tuple[str, Path | None]] = []
-  known = controllers.entries()
-  jobs += [(f"{n} {version}", None) for n, version in BASELINES if version in versions and version in known.get(n, {})]
-  jobs += list(policies.items())
-  calls = [joblib.delayed(_one)(label, folder, case, plant) for case in cases for label, folder in jobs]
-  return in_parallel(calls, workers, ray)
+  calls = [joblib.delayed(_everybody)(policies, case, plant, versions) for case in cases]
+  return list(itertools.chain.from_iterable(in_parallel(calls, workers, ray)))
 
 
 def in_parallel(calls: Sequence[Any], workers: int = 1, ray: bool = False) -> list[Any]:

@@ -58,8 +58,8 @@ VARIANTS = {
     "sees also command, curvature and their slow means; imitates the linear rate policy that sees the truth, on linkages drawn anew every episode",
     WIDE_PLAN,
   ),
-  "recalibrated": Variant("standard, trained on the twin recalibrated to the concealed car", STANDARD, twin=True),
-  "repaired": Variant("standard, trained on the twin the diagnosis repaired", STANDARD, twin=True),
+  "recalibrated": Variant("wide, trained on the twin recalibrated to the car with the effect", WIDE_PLAN, twin=True),
+  "repaired": Variant("wide, trained on the twin the diagnosis repaired", WIDE_PLAN, twin=True),
 }
 
 

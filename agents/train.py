@@ -92,7 +92,8 @@ def policy_of(agent: Agent, plan: Plan, provenance: dict[str, Any]) -> Policy:
   """The agent's actor as a policy."""
   task = task_of(plan.options)
   layers, scale = tuple(actor_layers(agent)), (*plan.settings.observation_scale, *plan.sight.scale)
-  return Policy(layers, scale, task.largest_rate, task.lock, provenance, plan.settings.algorithm, plan.sight)
+  kind = plan.settings.algorithm if plan.settings.episodes else "imitation"
+  return Policy(layers, scale, task.largest_rate, task.lock, provenance, kind, plan.sight)
 
 
 def judge(policy: Policy, plan: Plan, model: Model, own_plant: OwnPlant | None = None) -> Kpis:

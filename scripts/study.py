@@ -42,7 +42,7 @@ class Config:
   """concealed effects of the proving ground's car, name=size, each driven alone"""
   car: int = -1
   """seed of the session whose car the twins of their own were made for"""
-  concealed: str = "steering_offset=1"
+  concealed: str = "steering_delay=2"
   """effect of that car"""
   limit: int = 0
   """stop after so many jobs; 0 for all"""
