@@ -108,7 +108,8 @@ def load_policy(folder: Path) -> Policy:
 
 def sight_from(table: Mapping[str, Any]) -> Sight:
   """A sight from its JSON; the paper's agent's where a file says nothing."""
-  return Sight(**{name: tuple(value) if isinstance(value, list) else value for name, value in table.items()})
+  previews = tuple(float(x) for x in table.get("previews", ()))
+  return Sight(bool(table.get("steering", False)), previews, bool(table.get("past", False)))
 
 
 def export_onnx(policy: Policy, file: Path, tolerance: float = 1e-5) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.evaluate import summary
-from agents.study import CONTROLLERS, MISMATCH, PATHS, VARIANTS, read_rows
+from agents.study import MISMATCH, PATHS, VARIANTS, read_rows
 from agents.study_figures import learning_figure, study_bars
 
 Table = list[dict[str, Any]]
@@ -174,21 +174,19 @@ def repair_section(folder: Path, plain: str, concealed: str) -> list[str]:
   for path in PATHS:
     reference = pick(without, "standard", path)
     entries = [pick(with_effect, name, path) for name in ("standard", "recalibrated", "repaired")]
-    values = [None if e is None else e["rmse"] for e in (reference, *entries)]
-    closed = ""
-    if None not in values and values[2] != values[0]:
-      closed = f"{100.0 * (values[2] - values[3]) / (values[2] - values[0]):.0f} %"
+    values = [np.nan if e is None or e["rmse"] is None else e["rmse"] for e in (reference, *entries)]
+    share = (values[2] - values[3]) / (values[2] - values[0]) if values[2] != values[0] else np.nan
+    closed = f"{100.0 * share:.0f} %" if np.isfinite(share) else ""
     lines.append(f"| {path} | " + " | ".join(cell(e, "rmse", 1e3) for e in (reference, *entries)) + f" | {closed} |")
   return lines
 
 
-def page(folder: Path, file: Path, special: Sequence[str] = (), notes: Path | None = None) -> str:
-  """The page as Markdown; figures go into a folder of its name beside it.
+def page(folder: Path, file: Path, special: Sequence[str] = ()) -> str:
+  """The page as Markdown; figures go into a folder of its name beside it, whose notes.md, if it is there, is put first.
 
   Args:
     folder: of the study.  file: the page.
     special: plants of the repaired twin's comparison, without and with the effect.
-    notes: Markdown with what a person says about it, put first.
   """
   nominal, mismatched = driven(folder, "N"), driven(folder, "MIS")
   variants = [name for name in ("standard", "alone", "wide") if name in names_of(nominal)]
@@ -202,7 +200,8 @@ def page(folder: Path, file: Path, special: Sequence[str] = (), notes: Path | No
     "",
     "Tables and figures are written by `python scripts/study.py --out out/study --page docs/results_learning.md`; none of their numbers is typed in.",
   ]
-  lines += ["", notes.read_text(encoding="utf-8").strip()] if notes else []
+  notes = file.with_suffix("") / "notes.md"
+  lines += ["", notes.read_text(encoding="utf-8").strip()] if notes.is_file() else []
   lines += ["", "## Trainings", "", *training_section(folder), "", *pictures[:1]]
   lines += ["", "## On the twin, 0.5 m/s, federated filter on noisy sensors", ""]
   lines += [
@@ -248,6 +247,3 @@ def _timings(folder: Path) -> list[str]:
     return []
   entries = json.loads(file.read_text(encoding="utf-8"))
   return ["", "## Time", "", *(f"* {entry}" for entry in entries)]
-
-
-__all__ = ["CONTROLLERS", "driven", "page"]

@@ -48,8 +48,6 @@ class Config:
   """stop after so many jobs; 0 for all"""
   page: Path | None = None
   """Markdown file to write from what is there"""
-  notes: Path | None = None
-  """Markdown to put first on it"""
   quick: bool = False
   """one seed, a few episodes, two cars, no other speeds and plants"""
 
@@ -67,7 +65,7 @@ def plant(name: str) -> tuple[Plant, NDArray[np.float64]]:
   words = dict(word.split("=") for word in name.removeprefix(GROUND).split())
   car = Car.draw(stream(int(words.pop("car")), 0)) if "car" in words else None
   effects = tuple((effect, float(size)) for effect, size in words.items())
-  return Foreign(ProvingGroundPlant(car, effects).begin), np.empty(0)
+  return Foreign(ProvingGroundPlant(car, effects).begin), np.empty(0)  # type: ignore[return-value]
 
 
 def jobs(config: Config) -> list[Job]:
@@ -91,7 +89,7 @@ def main(config: Config) -> int:
     spent = f"{time.perf_counter() - began:.0f} s, {time.process_time() - cpu:.0f} s of CPU"
     print(f"{left[0].name}: {spent}; {len(left) - 1} jobs left", flush=True)
   if config.page:
-    write_text(config.page, page(config.out, config.page, config.special, config.notes))
+    write_text(config.page, page(config.out, config.page, config.special))
   return len(left)
 
 

@@ -137,7 +137,7 @@ class Linkage:
     self._line[:, which] = 0.0
     self._angle[which] = 0.0
     for i in np.flatnonzero(which):
-      self._gain[i], self._offset[i] = self._task.linkage(rngs[i])
+      self._gain[i], self._offset[i] = self._task.linkage(rngs[int(i)])
 
   def pass_on(self, steering: Array) -> Array:
     """The command the plant gets, rad, (N,)."""

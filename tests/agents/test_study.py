@@ -173,14 +173,14 @@ def test_page_tells_what_is_there(tmp_path):
   for setting in ("N", "MIS", "0.3 m per s", "bicycle"):
     evaluated(folder, setting, everybody())
   (folder / "timings.json").write_text(json.dumps(["a step takes 1 us"]))
-  notes = tmp_path / "notes.md"
-  notes.write_text("Read this first.\n")
-  text = page(folder, file, notes=notes)
+  (tmp_path / "page").mkdir()
+  (tmp_path / "page" / "notes.md").write_text("Read this first.\n")
+  text = page(folder, file)
   for expected in ("Read this first", "a step takes 1 us", "| standard | 2 | 300 |", "0.3 m/s", "bicycle", "+10 %"):
     assert expected in text
   assert text.index("Read this first") < text.index("## Trainings")
   names = {p.name for p in (tmp_path / "page").iterdir()}
-  assert names == {"learning.png", "indicators_N.png", "indicators_MIS.png"}
+  assert names == {"learning.png", "indicators_N.png", "indicators_MIS.png", "notes.md"}
 
 
 def test_page_of_an_empty_folder_is_a_page(tmp_path):
