@@ -11,6 +11,7 @@ import tyro
 
 from agents.ddpg import Settings
 from agents.environments import Options
+from agents.study import VARIANTS
 from agents.train import Plan, train
 from qcar_twin.envs.task import Reward
 
@@ -51,12 +52,19 @@ class Config:
   """draw the twin's measured parameters anew for every episode, within their standard deviations"""
   cars: int = 8
   """driven side by side"""
+  wide: bool = False
+  """the agent that sees more and imitates a teacher that sees the truth; no episodes of reinforcement learning"""
   quick: bool = False
   """a few short episodes on the single track, to see that everything runs"""
 
 
 def plan_of(config: Config) -> Plan:
   """The training a configuration asks for."""
+  if config.wide:
+    wide = VARIANTS["wide"].plan
+    options = dataclasses.replace(wide.options, twin=config.twin, plant="bicycle" if config.quick else config.plant)
+    settings = dataclasses.replace(wide.settings, imitations=6 if config.quick else wide.settings.imitations)
+    return dataclasses.replace(wide, options=options, settings=settings, seed=config.seed)
   none = config.demonstrator == "none"
   reward = Reward(near=config.near, m6=0.0 if none else config.demonstrator_weight)
   options = Options(

@@ -68,6 +68,8 @@ def test_train_asks_for_what_was_said(tmp_path):
   assert plan.options.demonstrator == "" and plan.options.reward.m6 == 0.0 and plan.options.reward.near == 0.005
   assert plan.options.steering_gain == 0.92 and plan.seed == 7 and plan.settings.episodes == 300
   assert made["plan_of"](made["Config"](tmp_path)).options.reward.m6 == 1.0
+  wide = made["plan_of"](made["Config"](tmp_path, wide=True, seed=2, twin="x.toml"))
+  assert wide.sight.size == 9 and wide.settings.imitations > 0 and (wide.seed, wide.options.twin) == (2, "x.toml")
 
 
 def test_the_shipped_policy_says_where_it_comes_from_and_stays_on_the_training_path():
