@@ -139,9 +139,9 @@ def _training(found: list[dict[str, Any]]) -> list[str]:
     spread(seconds["total"]),
     spread(seconds["cpu"]),
     f"{100.0 * share:.0f} %",
-    ", ".join("never" if x is None else str(x) for x in full),
-    ", ".join(f"{x:.1f}" for x in best),
-    ", ".join(str(r["best_episode"]) for r in found),
+    ", ".join("never" if x is None else str(x) for x in full) if any(r["episodes"] for r in found) else "-",
+    ", ".join("-" if np.isnan(x) else f"{x:.1f}" for x in best),
+    ", ".join("-" if np.isnan(x) else str(r["best_episode"]) for x, r in zip(best, found, strict=True)),
   ]
 
 
@@ -213,7 +213,7 @@ def page(folder: Path, file: Path, special: Sequence[str] = ()) -> str:
   lines += ["", f"## RMSE against the {FLOOR} policy", "", *floor_section(nominal, mismatched, variants)]
   lines += ["", "## Speeds", "", *place_section(folder, [*speeds[:1], "N", *speeds[1:]], "speed")]
   lines += ["", "## Other plants", "", *place_section(folder, ["N", *plants], "plant")]
-  if special:
+  if special and driven(folder, special[1]):
     lines += [
       "",
       "## A repaired twin",
