@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections import Counter
 from pathlib import Path
 
 import tyro
@@ -46,7 +47,8 @@ def main(config: Config) -> str:
   counts = (1, 1, 1, 1) if config.quick else (config.nulls, config.singles, config.pairs, config.outside)
   cases = draw_cases(config.seed, *counts, design=config.design)
   # kinds take turns, so that a campaign that is stopped early has seen all of them
-  cases.sort(key=lambda c: (int(c.name.split("_")[1]) / max(1, sum(o.kind == c.kind for o in cases)), c.name))
+  of_kind = Counter(case.kind for case in cases)
+  cases.sort(key=lambda case: (int(case.name.split("_")[1]) / of_kind[case.kind], case.name))
   todo = [] if config.score_only else [c for c in cases if not (config.out / f"{c.name}.json").is_file()]
   jobs = Parallel(n_jobs=config.jobs, return_as="generator_unordered")(delayed(run_case)(c, config.out) for c in todo)
   for _ in tqdm(jobs, total=len(todo), desc="cases", unit="case"):
