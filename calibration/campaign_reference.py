@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from calibration.diagnosis.baselines import run_baselines
 from calibration.diagnosis.diagnose import Outcome
 from calibration.diagnosis.recalibrate import BIAS_MECHANISMS
-from calibration.diagnosis.score import compare
+from calibration.diagnosis.score import clustered_std, compare
 from calibration.diagnosis.search import ensure
 from calibration.diagnosis.ship import compare_twins
 from qcar_twin.mechanisms import catalogue
@@ -31,12 +31,13 @@ def oracle(outcome: Outcome, effects: Sequence[str], holdout: Sequence[Recording
   model = pool.models[key]
   test = compare(model, pool.base, pool.problem.observations)
   names = [p.name for name in known for p in pool.problem.mechanism(name).parameters if p.name in model.free]
+  std = clustered_std(model, pool.problem.observations)
   fits = compare_twins(outcome.twin, pool.base.theta, model.theta, holdout, pool.floor, outcome.cut)[0]
   return {
     "nats": pool.base.cost - model.cost,
     "t": test.t,
     "gain": test.gain,
-    "parameters": {name: model.estimate(name) for name in names},
+    "parameters": {name: (model.estimate(name)[0], float(std[model.free.index(name)])) for name in names},
     "holdout": {name: fit.after for name, fit in fits.items()},
   }
 

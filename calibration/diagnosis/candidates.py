@@ -136,7 +136,7 @@ def _fill_columns(problem: Problem, candidates: Sequence[Candidate], full: bool)
   jobs = []
   for item in candidates:
     base = set() if full else set(problem.base)
-    jobs += [(item, i, _difference(item, i)) for i, name in enumerate(item.free.names) if name not in base]
+    jobs += [(item, i, difference_step(item, i)) for i, name in enumerate(item.free.names) if name not in base]
   if not jobs:
     return
   moved = []
@@ -148,7 +148,8 @@ def _fill_columns(problem: Problem, candidates: Sequence[Candidate], full: bool)
     item.jacobian[:, i] = (residual - item.residual) / h
 
 
-def _difference(item: Candidate, i: int, share: float = 0.03) -> float:
+def difference_step(item: Candidate, i: int, share: float = 0.03) -> float:
+  """Step of a free parameter for its Jacobian column, away from its upper bound."""
   h = share * item.free.scale[i]
   return -h if item.values[i] + h > item.free.upper[i] else h
 

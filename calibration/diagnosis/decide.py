@@ -13,9 +13,8 @@ import numpy as np
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.leftover import Leftover
 from calibration.diagnosis.recalibrate import BIAS_MECHANISMS
-from calibration.diagnosis.score import Comparison, compare, evidence
+from calibration.diagnosis.score import Comparison, clustered_std, compare, evidence
 from calibration.diagnosis.search import Pool, ensure
-from qcar_twin.mechanisms.base import Mechanism
 from qcar_twin.parameters import ParameterSet
 
 
@@ -159,7 +158,7 @@ def _bias_claims(pool: Pool, best: Candidate, thresholds: Thresholds) -> list[Cl
     test = compare(best, without, pool.problem.observations)
     if _significant(test, thresholds):
       gain = evidence(best, without, pool.problem.observations)
-      estimates = _estimates(pool.problem.mechanism(name), best)
+      estimates = _estimates(pool, name, best)
       claims.append(Claim(name, _probability(test, gain), gain, test, estimates, (), (), True))
   return claims
 
@@ -223,7 +222,7 @@ def _claim(pool: Pool, best: Candidate, name: str, thresholds: Thresholds) -> Cl
     probability=_probability(held_out, margin),
     evidence_nats=evidence(best, without, pool.problem.observations),
     held_out=held_out,
-    parameters=_estimates(pool.problem.mechanism(name), best),
+    parameters=_estimates(pool, name, best),
     rivals=tuple(rivals[:5]),
     equivalent_to=tuple(equivalent),
     certain=True,
@@ -239,12 +238,12 @@ def _probability(held_out: Comparison, margin: float) -> float:
   return float(np.clip(1.0 / (1.0 + math.exp(-score)), 0.02, 0.99))
 
 
-def _estimates(mechanism: Mechanism, model: Candidate) -> dict[str, dict[str, float | str]]:
+def _estimates(pool: Pool, name: str, model: Candidate) -> dict[str, dict[str, float | str]]:
+  std = clustered_std(model, pool.problem.observations)
   return {
-    p.name: {"value": value, "std": std, "unit": p.unit}
-    for p in mechanism.parameters
+    p.name: {"value": model.estimate(p.name)[0], "std": float(std[model.free.index(p.name)]), "unit": p.unit}
+    for p in pool.problem.mechanism(name).parameters
     if p.name in model.free
-    for value, std in [model.estimate(p.name)]
   }
 
 

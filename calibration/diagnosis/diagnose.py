@@ -12,6 +12,7 @@ from calibration.diagnosis.candidates import Candidate, candidate, refine
 from calibration.diagnosis.conclude import Doubt, conclude, notable
 from calibration.diagnosis.decide import Decision, Thresholds, decide
 from calibration.diagnosis.detect import detect
+from calibration.diagnosis.experiment import next_experiment
 from calibration.diagnosis.leftover import leftovers
 from calibration.diagnosis.locate import Location, locate
 from calibration.diagnosis.output import Diagnosis, write_outputs
@@ -99,7 +100,7 @@ def diagnose(
   clock.start("decision and unknown rivals")
   decision, unknowns = _with_unknown(decide(pool, thresholds), pool, doubt)
   clock.start("detection and location")
-  place = _located(pool, decision, unknowns)
+  place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)
   clock.start("hold-out")
   cut = Cut(shift=baseline.shift, most=LONGEST)
   validate, holdout = (_before_and_after(twin, pool, decision, dataset.role(r), cut) for r in ("validate", "holdout"))
@@ -114,6 +115,7 @@ def diagnose(
     holdout=holdout,
     seconds=sum(clock.stages.values()),
     stages=clock.stages,
+    next_experiment=experiment,
     notes=dataset.warnings,
   )
   return Outcome(diagnosis, twin, pool.base.theta, decision.model.theta, cut)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
+from calibration.fit import inverse_curvature
 from calibration.observations import CHANNELS, Observations
 
 Array = NDArray[np.float64]
@@ -79,6 +80,24 @@ def held_out(model: Candidate, group: NDArray[np.int64]) -> Array:
     # what it can't mean (a leverage point far outside the others) is not believed beyond the fit itself
     out[index] = r + part @ np.clip(move, -3.0 * std[inside], 3.0 * std[inside])
   return out
+
+
+def clustered_std(model: Candidate, observations: Observations) -> Array:
+  """Posterior standard deviations when residuals of one group share their disturbances, (p,).
+
+  The sandwich C (sum_g s_g s_g' + P) C with the slopes s_g = J_g' r_g of each group about their mean, the prior
+  precision P and the inverse posterior curvature C (Liang and Zeger 1986, eq. 4); never below the plain deviations,
+  which hold where neighbouring samples are independent witnesses.
+  """
+  group = groups_of(observations)[: model.fitted]
+  pulls = model.jacobian[: model.fitted] * model.residual[: model.fitted, None]
+  slopes = np.stack([np.bincount(group, column) for column in pulls.T], axis=1)[np.unique(group)]
+  slopes -= slopes.mean(axis=0)
+  count = len(slopes)
+  scatter = slopes.T @ slopes * (count / max(count - 1, 1))
+  inverse = inverse_curvature(model.curvature, model.free)
+  spread = inverse @ (scatter + np.diag(1.0 / model.free.std**2)) @ inverse
+  return np.maximum(np.sqrt(np.maximum(np.diag(spread), 0.0)), model.std)
 
 
 def compare(larger: Candidate, smaller: Candidate, observations: Observations) -> Comparison:

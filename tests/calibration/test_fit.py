@@ -10,7 +10,9 @@ from qcar_twin.parameters import Parameter, ParameterSet
 def parameters(**changes) -> ParameterSet:
   """Two parameters whose units are ten powers of ten apart."""
   small = dict(nominal=2e-6, lower=0.0, upper=1e-4, std=5e-5) | changes
-  return ParameterSet([Parameter("stiffness", 100.0, 0.0, 1e4, "N/rad", std=3e3), Parameter("inertia", unit="kg m^2", **small)])
+  return ParameterSet(
+    [Parameter("stiffness", 100.0, 0.0, 1e4, "N/rad", std=3e3), Parameter("inertia", unit="kg m^2", **small)]
+  )
 
 
 def linear(matrix, target):
@@ -50,7 +52,9 @@ def test_truth_lies_within_three_standard_deviations_in_nearly_all_repeats():
 
 def test_a_step_response_gives_its_gain_and_time_constant_back():
   time = np.linspace(0.0, 3.0, 200)
-  p = ParameterSet([Parameter("gain", 1.0, 0.0, 50.0, "rad/s/V", std=30.0), Parameter("tau", 0.1, 0.01, 5.0, "s", std=3.0)])
+  p = ParameterSet(
+    [Parameter("gain", 1.0, 0.0, 50.0, "rad/s/V", std=30.0), Parameter("tau", 0.1, 0.01, 5.0, "s", std=3.0)]
+  )
   response = lambda t: t[:, :1] * (1.0 - np.exp(-time / t[:, 1:]))  # noqa: E731
   target = response(np.array([[12.0, 0.6]]))
   found = fit(lambda t: (response(t) - target) / 0.01, p, iterations=30, robust=np.inf, step=1e-4)

@@ -121,7 +121,9 @@ def test_speed_that_never_carries_a_sign_is_compared_without_one():
   columns = {"motor_voltage": np.full(2000, -1.0), "speed": np.full(2000, 1.0)}
   unsigned = Recording.from_columns("r", recording["yaw_rate"].time, columns, role="identify")
   observations = observe([unsigned], CAR)
-  signals = np.full((1, len(observations.stretches.segments), observations.stretches.segments.commands.shape[1] + 1, 10), -100.0)
+  signals = np.full(
+    (1, len(observations.stretches.segments), observations.stretches.segments.commands.shape[1] + 1, 10), -100.0
+  )
   assert observations.unsigned_speed
   assert (observations.predict(Prediction(signals, 0.01)) > 0).all()
   assert set(observations.channel) == {CHANNELS.index("speed")}

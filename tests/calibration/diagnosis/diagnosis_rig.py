@@ -51,7 +51,8 @@ class LinearTwin:
       columns = np.stack([response(name, segments) for name in self.parameters.names])
       self._known.append((segments, columns))
     signals = np.tensordot(np.atleast_2d(theta), columns, axes=1)
-    signals[..., :3] = np.nan_to_num(segments.pose)  # this car always is where it was seen
+    if segments.pose is not None:  # this car always is where it was seen
+      signals[..., :3] = np.nan_to_num(segments.pose)
     return Prediction(signals, segments.period)
 
 

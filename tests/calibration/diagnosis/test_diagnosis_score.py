@@ -1,12 +1,25 @@
 """Leave-one-out by linear algebra is the refit without that group; gains and shares add up."""
 
+from types import SimpleNamespace
+
 import diagnosis_rig as rig
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from calibration.diagnosis.score import CAP, channel_shares, compare, evidence, groups_of, held_out, prior_part
+from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.score import (
+  CAP,
+  channel_shares,
+  clustered_std,
+  compare,
+  evidence,
+  groups_of,
+  held_out,
+  prior_part,
+)
 from calibration.observations import CHANNELS
+from qcar_twin.parameters import Parameter, ParameterSet
 
 
 @pytest.mark.parametrize("mechanisms", [(), ("steering_offset",), ("side_force", "steering_offset")])
@@ -91,3 +104,23 @@ def test_no_block_brings_more_than_the_cap(offset_pool):
   test = compare(model, base, offset_pool.problem.observations)
   assert test.gain <= CAP * len(test.blocks)
   assert test.total == pytest.approx(test.blocks.sum())  # none of them is a hundred times the cap
+
+
+def test_deviations_hold_where_a_group_shares_its_disturbance():
+  """The spread of an estimate over many data sets, with a disturbance per group, is what clustered_std says of one."""
+  random, groups, each = np.random.default_rng(0), 24, 50
+  observations = SimpleNamespace(names=tuple("abcdefghijkl" * 2), recording=np.repeat(np.arange(groups), each))
+  free = ParameterSet([Parameter("level", 0.0, -10.0, 10.0, "-", typical=1.0)])
+  jacobian = np.ones((groups * each, 1))
+
+  def estimated(shared):
+    noise = random.standard_normal(groups * each) + shared * np.repeat(random.standard_normal(groups), each)
+    value = -float(noise.mean())
+    return Candidate((), free, np.array([value]), noise + value, jacobian, np.array([value]), groups * each)
+
+  for shared in (0.0, 1.0):
+    models = [estimated(shared) for _ in range(300)]
+    spread = np.std([m.values[0] for m in models])
+    said = np.median([clustered_std(m, observations)[0] for m in models])
+    assert_allclose(said, spread, rtol=0.25)
+  assert models[0].std[0] < 0.25 * spread  # taken as independent witnesses, the samples promise far too much
