@@ -19,6 +19,8 @@ Residual = Callable[[Array], Array]  # (n, p) -> (n, M), whitened: a perfect mod
 
 log = logging.getLogger(__name__)
 _LEAST_GAIN = 1.0  # nats an iteration must bring to be followed by another
+_KEPT = 0.7  # share of its promise a step must keep for its Jacobian to serve for another
+_TRUSTED = 0.9  # share of its promise: a step that keeps so much needs no others beside it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,7 +95,8 @@ def fit(
     start: first guess, (p,); the nominal values by default.
     iterations: at most this many steps; a Jacobian serves up to three, corrected by Broyden's update.
     robust: pseudo-Huber width in standard deviations; np.inf for plain least squares.
-    tolerance: stop when an iteration lowers the cost by less than this share of it, or by less than a nat.
+    tolerance: stop when an iteration lowers the cost by less than this share of it, or by less than a nat; with 0
+      such an iteration must have had a fresh Jacobian.
     step: finite-difference step as a share of each parameter's scale.
     progress: called with the iteration and the cost.
 
@@ -111,30 +114,62 @@ def fit(
     if renew:
       jacobian = finite_differences(residual, parameters, theta, r, step)
       evaluations += len(theta)
-    trials = [_lm_step(jacobian, r, theta, parameters, robust, damping * f) for f in (0.01, 1.0, 100.0)]
-    candidates = np.stack([*trials, 0.5 * (theta + trials[1])])
-    outcomes = residual(candidates)
-    evaluations += len(candidates)
-    cost = [_cost(o, t, parameters, robust) for o, t in zip(outcomes, candidates, strict=True)]
-    best = int(np.argmin(cost))
-    gain = costs[-1] - cost[best]
-    expected = costs[-1] - _cost(r + jacobian @ (candidates[best] - theta), candidates[best], parameters, robust)
+    tried = _try(residual, parameters, theta, r, jacobian, costs[-1], damping, robust)
+    evaluations += tried.evaluations
+    gain = costs[-1] - tried.cost
     small = gain < max(_LEAST_GAIN, tolerance * abs(costs[-1]))
     if gain > 0:
-      jacobian = broyden(jacobian, r, theta, outcomes[best], candidates[best], parameters.scale)
-      theta, r = candidates[best], outcomes[best]
-      costs.append(cost[best])
-      damping = float(np.clip(damping * (0.03, 1.0, 30.0, 1.0)[best], 1e-8, 1e6))
+      jacobian = broyden(jacobian, r, theta, tried.outcome, tried.theta, parameters.scale)
+      theta, r = tried.theta, tried.outcome
+      costs.append(tried.cost)
+      damping = float(np.clip(damping * tried.ease, 1e-8, 1e6))
     else:
       damping = min(damping * 1e3, 1e6)
     if progress:
       progress(k + 1, costs[-1])
     failures = failures + 1 if gain <= 0 else 0
-    if (renew and small and gain > 0) or failures > 2:
+    # without a tolerance the minimum is sought to a nat, and only a fresh Jacobian knows that there is none left
+    sure = renew or (tolerance > 0 and tried.kept >= _TRUSTED)
+    if (small and gain > 0 and sure) or failures > 2:
       break
     # a Jacobian that foretold the gain well is good for one more step
-    renew = (k + 1) % 3 == 0 or gain < 0.7 * expected
+    renew = (k + 1) % 3 == 0 or tried.kept < _KEPT
   return _finish(parameters, theta, r, jacobian, costs, evaluations, robust)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Trial:
+  """A step that was simulated: estimates, residual, cost, share of its promise it kept, factor on the damping."""
+
+  theta: Array
+  outcome: Array
+  cost: float
+  kept: float
+  ease: float
+  evaluations: int
+
+
+def _try(
+  residual: Residual, parameters: ParameterSet, theta: Array, r: Array, jacobian: Array, cost: float, damping: float,
+  robust: float,
+) -> _Trial:  # fmt: skip
+  """A step as good as undamped; where it does not bring what the Jacobian promised, the best of it and of shorter ones."""
+
+  def judged(candidates: list[Array], eases: tuple[float, ...], evaluations: int) -> _Trial:
+    outcomes = residual(np.stack(candidates))
+    found = [_cost(o, t, parameters, robust) for o, t in zip(outcomes, candidates, strict=True)]
+    best = int(np.argmin(found))
+    promised = cost - _cost(r + jacobian @ (candidates[best] - theta), candidates[best], parameters, robust)
+    kept = (cost - found[best]) / max(promised, 1e-300)
+    return _Trial(candidates[best], outcomes[best], found[best], kept, eases[best], evaluations)
+
+  step = lambda factor: _lm_step(jacobian, r, theta, parameters, robust, damping * factor)  # noqa: E731
+  first = judged([step(0.01)], (0.03,), 1)
+  if first.kept >= _TRUSTED:
+    return first
+  whole = step(1.0)
+  others = judged([whole, step(100.0), 0.5 * (theta + whole)], (1.0, 30.0, 1.0), 4)
+  return min((dataclasses.replace(first, evaluations=4), others), key=lambda t: t.cost)
 
 
 def finite_differences(
