@@ -26,6 +26,7 @@ _WORTH_A_SINGLE = 2.0  # nats a mechanism must promise in the scan before it is 
 _WORTH_A_PAIR = 12.0  # nats a second one must promise before its pair is refitted; a claim takes more
 _OVERSHADOWED = 0.8  # share of the base's cost below which the best single puts all others in the shade
 _STARTS = (0.3, 1.0)  # shares of the scanned size a refit may start from
+_LIKELY = 5  # best singles that are also tried on parameters recalibration has not bent
 _DOUBTED = 0.1  # least part of a promise that is believed after a refit did not keep it
 Report = Callable[[str], None]
 
@@ -91,7 +92,8 @@ def search(
   pool = Pool(problem, baseline.fit.parameters, {frozenset(): base}, signatures, sensor_floor(baseline.passport))  # fmt: skip
   report("refitting single mechanisms")
   _fit_sets(pool, [frozenset([n]) for n in _nominate_singles(signatures, effort.singles)], effort.iterations)
-  for model in far_models(problem, base, pool.priors, list(signatures)):
+  likely = [m.mechanisms[0] for m in sorted(pool.of_size(1), key=lambda m: m.cost)[:_LIKELY]]
+  for model in far_models(problem, base, pool.priors, list(signatures), likely):
     key = frozenset(model.mechanisms)
     if key not in pool.models or model.cost < pool.models[key].cost:
       pool.models[key] = _not_worse(pool, model, pool.base)

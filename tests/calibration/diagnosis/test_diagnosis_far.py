@@ -1,11 +1,13 @@
-"""Large effects are tried before recalibration: fitted where they explain much, left alone elsewhere."""
+"""Effects are also tried on a twin that recalibration has not bent: fitted where they explain much, left alone elsewhere."""
+
+import dataclasses
 
 import diagnosis_rig as rig
 import pytest
 from numpy.testing import assert_allclose
 
 from calibration.diagnosis import far
-from calibration.diagnosis.far import FAR, far_models
+from calibration.diagnosis.far import FAR, far_models, unbent
 from qcar_twin.mechanisms import catalogue
 
 
@@ -31,3 +33,32 @@ def test_nothing_is_fitted_where_nothing_is_gained(clean_pool, monkeypatch):
 def test_what_is_not_considered_is_not_tried(offset_pool, monkeypatch):
   monkeypatch.setattr(far, "FAR", ("steering_offset",))
   assert far_models(offset_pool.problem, offset_pool.base, rig.BASE, ["side_force"]) == []
+
+
+def moved(base, name, sigmas):
+  values = base.values.copy()
+  values[base.free.index(name)] += sigmas * rig.BASE[name].std
+  theta = base.theta.copy()
+  theta[base.free.index(name)] = values[base.free.index(name)]
+  return dataclasses.replace(base, values=values, theta=theta)
+
+
+def test_only_what_was_measured_and_moved_beyond_belief_is_put_back(offset_pool):
+  straight = moved(offset_pool.base, "mass", -unmoved(offset_pool.base, "mass"))
+  assert unbent(straight, rig.BASE) == {}
+  assert unbent(moved(straight, "mass", 1.5), rig.BASE) == {}
+  assert unbent(moved(straight, "mass", -2.5), rig.BASE) == {"mass": rig.BASE["mass"].nominal}
+  assert rig.BASE["motor_damping"].std is None  # nobody measured it, so nothing it does is beyond belief
+
+
+def unmoved(base, name):
+  return (base.estimate(name)[0] - rig.BASE[name].nominal) / rig.BASE[name].std
+
+
+def test_the_likely_are_tried_where_a_measured_parameter_was_bent(offset_pool):
+  """Without delays to try and nothing bent nothing is tried; a bent mass lets the likely one in, to its exact minimum."""
+  base = moved(offset_pool.base, "mass", -unmoved(offset_pool.base, "mass"))
+  assert far_models(offset_pool.problem, base, rig.BASE, [], ["steering_offset"]) == []
+  (model,) = far_models(offset_pool.problem, moved(base, "mass", 4.0), rig.BASE, [], ["steering_offset"])
+  exact = offset_pool.models[frozenset(["steering_offset"])]
+  assert model.mechanisms == ("steering_offset",) and model.cost == pytest.approx(exact.cost, rel=1e-6)
