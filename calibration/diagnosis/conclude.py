@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decide import Decision
-from calibration.diagnosis.leftover import Leftover
+from calibration.diagnosis.leftover import Leftover, leftovers
 from calibration.diagnosis.score import Comparison, compare, compare_freely
 from calibration.diagnosis.search import Pool
 
@@ -53,6 +53,19 @@ class Doubt:
 def notable(found: Sequence[Leftover], doubt: Doubt) -> tuple[Leftover, ...]:
   """Leftovers beyond their level, strongest first."""
   return tuple(sorted((i for i in found if doubt.strength(i) >= 1.0), key=lambda i: -doubt.strength(i)))
+
+
+def left_over(decision: Decision, pool: Pool, doubt: Doubt) -> tuple[list[Leftover], list[Leftover]]:
+  """Structure in the residuals of the recalibrated twin, and of the model behind the claims.
+
+  Without a claim, what a mechanism explains that is there but too small to matter is no riddle, either: the second
+  is then that of the first such mechanism.
+  """
+  over = lambda m: leftovers(m, pool.problem, pool.problem.predict(m.theta[None]))  # noqa: E731
+  before, named = over(pool.base), decision.model
+  if not decision.claims and decision.possible and notable(before, doubt):
+    named = pool.models[frozenset([decision.possible[0]])]
+  return before, over(named) if named.mechanisms else before
 
 
 def conclude(

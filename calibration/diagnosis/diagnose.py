@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, candidate, refine
-from calibration.diagnosis.conclude import Doubt, conclude, notable
+from calibration.diagnosis.conclude import Doubt, conclude, left_over, notable
 from calibration.diagnosis.decide import Decision, Thresholds, decide
 from calibration.diagnosis.detect import detect
 from calibration.diagnosis.experiment import next_experiment
-from calibration.diagnosis.leftover import leftovers
 from calibration.diagnosis.locate import Location, locate
 from calibration.diagnosis.output import Diagnosis, write_outputs
 from calibration.diagnosis.recalibrate import BIAS_MECHANISMS, recalibrate, with_sensor_biases
@@ -155,9 +154,7 @@ def _with_unknown(decision: Decision, pool: Pool, doubt: Doubt) -> tuple[Decisio
   Unknown forces are simulated only where the named model leaves more over than recordings without any
   effect do: elsewhere there is nothing left that they could explain.
   """
-  over = lambda m: leftovers(m, pool.problem, pool.problem.predict(m.theta[None]))  # noqa: E731
-  before = over(pool.base)
-  after = over(decision.model) if decision.model.mechanisms else before
+  before, after = left_over(decision, pool, doubt)
   unknowns = fit_unknowns(pool, forces=bool(notable(after, doubt)))
   return conclude(decision, pool, before, after, unknowns, doubt), unknowns
 

@@ -6,7 +6,7 @@ import diagnosis_rig as rig
 import numpy as np
 import pytest
 
-from calibration.diagnosis.conclude import Doubt, conclude, notable
+from calibration.diagnosis.conclude import Doubt, conclude, left_over, notable
 from calibration.diagnosis.decide import Thresholds, decide
 from calibration.diagnosis.leftover import Leftover, leftovers
 from calibration.diagnosis.unknown import unknown_sensors
@@ -85,3 +85,14 @@ def test_a_trace_beside_a_strong_effect_is_not_claimed(pair_pool):
 def test_what_is_too_small_to_matter_is_possible_at_most(offset_pool):
   decision = decide(offset_pool, Thresholds(material=100.0, slight=100.0))
   assert decision.claims == () and "steering_offset" in decision.possible
+
+
+def test_what_a_mechanism_too_small_to_matter_explains_is_no_riddle(offset_pool):
+  """The same car: its structure is notable, and gone once the effect, there but not claimed, is taken into account."""
+  doubt = Doubt()
+  riddle = dataclasses.replace(decide(offset_pool), claims=(), possible=(), model=offset_pool.base)
+  before, after = left_over(riddle, offset_pool, doubt)
+  assert notable(before, doubt) and after == before
+  small = dataclasses.replace(riddle, possible=("steering_offset",))
+  before, after = left_over(small, offset_pool, doubt)
+  assert notable(before, doubt) and not notable(after, doubt)
