@@ -25,7 +25,7 @@ _DRIVE = ("torque_per_volt", "motor_damping", "driveline_friction", "rotor_inert
 _BENT = 2.0  # prior standard deviations beyond which a parameter is put back
 _WORTH = 30.0  # nats a trial must bring to the twin it is tried on
 _RIVALS = 3.0  # and how far above the recalibrated twin's cost it may lie
-_MOST = 3  # mechanisms that are fitted
+_MOST = 2  # mechanisms that are fitted
 _STEPS = 5
 
 
