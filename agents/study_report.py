@@ -168,12 +168,12 @@ def repair_section(folder: Path, plain: str, concealed: str) -> list[str]:
   """How much of the gap retraining on the repaired twin closes."""
   with_effect, without = driven(folder, concealed), driven(folder, plain)
   lines = [
-    "| path | trained on the nominal twin, car without the effect | nominal twin | recalibrated twin | repaired twin | gap closed |"
+    "| path | wide, trained on the nominal twin, car without the effect | nominal twin | recalibrated twin | repaired twin | gap closed |"
   ]
   lines.append("|---" * 6 + "|")
   for path in PATHS:
-    reference = pick(without, "standard", path)
-    entries = [pick(with_effect, name, path) for name in ("standard", "recalibrated", "repaired")]
+    reference = pick(without, "wide", path)
+    entries = [pick(with_effect, name, path) for name in ("wide", "recalibrated", "repaired")]
     values = [np.nan if e is None or e["rmse"] is None else e["rmse"] for e in (reference, *entries)]
     share = (values[2] - values[3]) / (values[2] - values[0]) if values[2] != values[0] else np.nan
     closed = f"{100.0 * share:.0f} %" if np.isfinite(share) else ""

@@ -156,10 +156,10 @@ def test_margins_are_of_medians_and_say_when_they_are_reached(tmp_path):
 
 
 def test_the_gap_closed_is_what_retraining_on_the_repaired_twin_gains(tmp_path):
-  cases = {"standard 0": 0.010, "recalibrated 0": 0.014, "repaired 0": 0.008}
+  cases = {"wide 0": 0.010, "recalibrated 0": 0.014, "repaired 0": 0.008}
   rows = [Row(name, Case(p, cars=2), kpis_of([rmse] * 2)) for name, rmse in cases.items() for p in study.PATHS]
   evaluated(tmp_path, "with", rows)
-  evaluated(tmp_path, "without", [Row("standard 0", Case(p, cars=2), kpis_of([0.006] * 2)) for p in study.PATHS])
+  evaluated(tmp_path, "without", [Row("wide 0", Case(p, cars=2), kpis_of([0.006] * 2)) for p in study.PATHS])
   lines = repair_section(tmp_path, "without", "with")
   assert lines[2].endswith("| 75 % |") and "14.0 [14.0, 14.0]" in lines[2]
 
@@ -216,5 +216,6 @@ def test_script_knows_the_independent_car_by_name():
       signals = simulation.step(np.array([[0.8, 0.0]]))
     ends.append(signals[0, 2])
   assert abs(ends[0]) < 0.01 < abs(ends[1]) and ends[2] not in ends[:2]
-  assert made["Config"](Path("x"), car=3).special == ("proving ground car=3", "proving ground car=3 steering_offset=1")
+  concealed = made["Config"](Path("x"), car=3, concealed="steering_offset=1").special
+  assert concealed == ("proving ground car=3", "proving ground car=3 steering_offset=1")
   assert study_report.FLOOR == "linear_rate tuned"
