@@ -20,7 +20,7 @@ AIMS = (
   ("outside_sure_and_wrong", "outside the catalogue: a wrong name with probability above 0.8", -0.0),
   ("recovered_over_nulls", "share of the excess hold-out error removed, median (above what nulls reach)", 0.85),
   ("recovered_over_oracle", "the same above what the right model reaches", 0.85),
-  ("channels_worse", "cases in which a hold-out channel got worse by more than 1 %", -0.05),
+  ("channels_worse", "cases with a claim in which a hold-out channel got worse by more than 1 %", -0.05),
 )
 
 

@@ -120,6 +120,13 @@ def score_table(results: Sequence[Result]) -> str:
   for method, row in score_baselines(results).items():
     shown = [("-" if v is None else f"{v:.3g}") for v in row.values()]
     lines.append(f"| {method.replace('_', ' ')} | {' | '.join(shown)} |")
+  lines += ["", "| stated probability of a claim | claims | mean probability | share right |", "|---|---|---|---|"]
+  for low, high, count, stated, right in reliability(results):
+    lines.append(
+      f"| {low:g} to {high:g} | {count} | "
+      + " | ".join("-" if v is None else f"{v:.2f}" for v in (stated, right))
+      + " |"
+    )
   lines += ["", "| case | seed | truth | verdict | claims | top three |", "|---|---|---|---|---|---|"]
   for r in sorted(results, key=lambda r: r["case"]["name"]):
     truth = ", ".join(f"{i} x {s:.2g}" for i, s in r["case"]["effects"]) or "nothing"
@@ -129,6 +136,17 @@ def score_table(results: Sequence[Result]) -> str:
       f"| {r['case']['name']} | {r['case']['seed']} | {truth} | {r['answer']['verdict']} | {claims} | {top} |"
     )
   return "\n".join(lines) + "\n"
+
+
+def reliability(results: Sequence[Result]) -> list[tuple[float, float, int, float | None, float | None]]:
+  """What a stated probability is worth, per bin: its lower and upper end, claims, their mean probability, share that is right."""
+  claims = [(c["probability"], c["mechanism"] in truth_ids(r)) for r in results for c in r["answer"]["claims"]]
+  edges = (0.0, 0.5, 0.8, 0.95, 1.0)
+  rows = []
+  for low, high in zip(edges[:-1], edges[1:], strict=True):
+    inside = [(p, right) for p, right in claims if low <= p < high or (high == p == 1.0)]
+    rows.append((low, high, len(inside), _mean(p for p, _ in inside), _mean(right for _, right in inside)))
+  return rows
 
 
 def truth_ids(result: Result) -> set[str]:

@@ -7,7 +7,15 @@ import pytest
 from calibration.campaign import Case, draw_cases, run_case
 from calibration.campaign_figure import confusion_table
 from calibration.campaign_page import AIMS, campaign_page
-from calibration.campaign_score import error_over, null_floor, recovered, score, score_baselines, score_table
+from calibration.campaign_score import (
+  error_over,
+  null_floor,
+  recovered,
+  reliability,
+  score,
+  score_baselines,
+  score_table,
+)
 from qcar_twin.mechanisms import catalogue
 
 
@@ -68,6 +76,14 @@ def test_singles_are_counted_by_their_first_claim():
   assert found["subsystem"] == 0.5
   assert found["parameter_error_median"] == pytest.approx(0.1)
   assert found["channels_worse"] == pytest.approx(1 / 3)
+
+
+def test_stated_probabilities_are_set_against_how_often_they_were_right():
+  rows = reliability(
+    [result("single", DELAY, ["steering_delay"]), result("single", DELAY, ["gyro_scale"]), result("null", [], [])]
+  )
+  assert [row[2] for row in rows] == [0, 0, 2, 0]
+  assert rows[2][3:] == (pytest.approx(0.9), 0.5) and rows[0][3:] == (None, None)
 
 
 def test_cases_are_graded_by_what_the_right_model_would_bring():
