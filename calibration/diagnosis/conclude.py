@@ -24,6 +24,8 @@ class Doubt:
     levels: held-out nats per block (per stretch for a rhythm) of each family that recordings without effects
       stay below.
     usual: blocks or stretches the levels hold for.
+    material: share of a channel's spread that a structure must make up: with quiet sensors the twin's own
+      simplifications become visible (1.5 % on a session without effects at half the usual noise; 8 % with a nameless one).
     share: part of the recalibrated twin's own leftover (in units of its level) that may remain beside a right name:
       a formula right in kind is not right in every detail.
     factor: by which an UNKNOWN rival must beat the named model where nothing is left over.
@@ -38,6 +40,7 @@ class Doubt:
     }
   )  # fmt: skip
   usual: int = 30
+  material: float = 0.02
   share: float = 0.35
   factor: float = 1.25
   least: float = 40.0
@@ -51,8 +54,9 @@ class Doubt:
 
 
 def notable(found: Sequence[Leftover], doubt: Doubt) -> tuple[Leftover, ...]:
-  """Leftovers beyond their level, strongest first."""
-  return tuple(sorted((i for i in found if doubt.strength(i) >= 1.0), key=lambda i: -doubt.strength(i)))
+  """Leftovers beyond their level and of a size that matters, strongest first."""
+  seen = (i for i in found if doubt.strength(i) >= 1.0 and not i.size < doubt.material)
+  return tuple(sorted(seen, key=lambda i: -doubt.strength(i)))
 
 
 def left_over(decision: Decision, pool: Pool, doubt: Doubt) -> tuple[list[Leftover], list[Leftover]]:

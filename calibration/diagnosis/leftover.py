@@ -55,6 +55,7 @@ class Leftover:
     comparison: held out, by blocks; None for a rhythm.
     line: the spectral line; None for a smooth one.
     count: blocks or stretches behind it.
+    size: RMS of the structure as a share of the spread of what the channel measured; NaN for a rhythm.
   """
 
   channel: str
@@ -64,6 +65,7 @@ class Leftover:
   comparison: Comparison | None = None
   line: Line | None = None
   count: int = 0
+  size: float = np.nan
 
 
 def leftovers(model: Candidate, problem: Problem, prediction: Prediction) -> list[Leftover]:
@@ -80,8 +82,10 @@ def leftovers(model: Candidate, problem: Problem, prediction: Prediction) -> lis
     grid = features(observations, prediction)
     for channel in observations.present if grid.shape[-1] else ():
       test = smooth_gain(model.residual, at_values(grid, observations, channel), observations, channel, whitening)
-      count = len(test.blocks)
-      found.append(Leftover(channel, family, depends_on, test.gain / max(count, 1), test, count=count))
+      count, rows = len(test.blocks), observations.select(channel)
+      rms = np.sqrt(2.0 * max(test.total, 0.0) / np.sum(whitening[rows] ** 2))
+      size = float(rms / max(np.std(observations.measured[rows]), 1e-12))
+      found.append(Leftover(channel, family, depends_on, test.gain / max(count, 1), test, count=count, size=size))
   turns = problem.twin.vehicle.gear_ratio / (2.0 * np.pi)
   for channel in observations.present:
     if not channel.startswith("pose_"):

@@ -1,9 +1,12 @@
 """What a model leaves over: found where it was put, in the family it follows, and nowhere on noise."""
 
+import dataclasses
+
 import diagnosis_rig as rig
 import numpy as np
 import pytest
 
+from calibration.diagnosis.conclude import Doubt, notable
 from calibration.diagnosis.families import heading, histories, monomials, motion, past_commands, places, terms
 from calibration.diagnosis.leftover import FAMILIES, leftovers, smooth_gain
 from calibration.diagnosis.rhythm import excess
@@ -49,6 +52,17 @@ def test_an_error_that_follows_the_heading_is_found_there():
   own = items["accel_y", "heading"]
   assert own.nats > 0.5 and own.depends_on == ("pose_yaw",)
   assert own.nats == max(i.nats for i in items.values() if i.family == "heading")
+
+
+def test_the_size_of_a_structure_is_its_share_of_what_the_channel_shows():
+  pool = spoilt("accel_y", lambda time, k: 1.0 * np.cos(2 * 0.1 * time))
+  own, observations = found(pool)["accel_y", "heading"], pool.problem.observations
+  rows = observations.select("accel_y")
+  put = np.sqrt(np.mean(np.cos(2 * 0.1 * observations.time[rows]) ** 2)) / np.std(observations.measured[rows])
+  assert 0.8 * put < own.size < 1.1 * put
+  doubt = Doubt(material=0.9 * own.size)
+  assert notable([own], doubt) == (own,) and notable([own], dataclasses.replace(doubt, material=1.1 * own.size)) == ()
+  assert np.isnan(found(pool)["accel_y", "rhythm"].size)
 
 
 def test_a_rhythm_of_unknown_phase_is_found_at_its_frequency():
