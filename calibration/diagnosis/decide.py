@@ -15,6 +15,7 @@ from calibration.diagnosis.leftover import Leftover
 from calibration.diagnosis.recalibrate import BIAS_MECHANISMS
 from calibration.diagnosis.score import Comparison, clustered_std, compare, evidence
 from calibration.diagnosis.search import Pool, ensure
+from calibration.observations import CHANNELS
 from qcar_twin.parameters import ParameterSet
 
 
@@ -30,8 +31,8 @@ class Thresholds:
     share: groups that gained.
     material: share of the typical size; `slight` for a single mechanism whose t reaches `clear`.
     bias: the same for biases of the IMU and the encoder's lag, of which every one has some.
-    beside: share of the cost explained so far that a further mechanism must bring: a formula that is
-      right in kind but not in every detail leaves about that much for others to pick up.
+    beside: share of the cost explained so far, at all or in the channels where it shows, that a further mechanism
+      must bring: a formula that is right in kind but not in every detail leaves about that much for others to pick up.
     trace, plain: a smaller share will do, but at least `trace`, for a mechanism of at least `plain` typical sizes.
     probability: a name less likely right than this is not claimed.
     equivalent: a rival within so many standard errors of the claim can't be told apart.
@@ -128,11 +129,26 @@ def _passes(pool: Pool, model: Candidate, test: Comparison, thresholds: Threshol
 def _worth_adding(pool: Pool, found: Candidate, best: Candidate, thresholds: Thresholds) -> bool:
   """Whether a further mechanism is more than what a formula right in kind leaves for others to pick up."""
   share = (best.cost - found.cost) / max(pool.base.cost - best.cost, 1e-9)
-  if share >= thresholds.beside:
+  if share >= thresholds.beside or _share_where_it_shows(pool, found, best) >= thresholds.beside:
     return True
   new = set(found.mechanisms) - set(best.mechanisms)
   plain = all(_material(pool, found, name, thresholds.plain) for name in new)
   return plain and share >= thresholds.trace
+
+
+def _share_where_it_shows(pool: Pool, found: Candidate, best: Candidate) -> float:
+  """What a larger set brings in the channels that hold four fifths of it, over what the smaller one brought there.
+
+  A formula that is not right in every detail leaves something over where it acts. An effect in other channels is
+  another one, however small it is beside a strong first.
+  """
+  fitted, channel = found.fitted, pool.problem.observations.channel[: found.fitted]
+  power = lambda m: 0.5 * np.bincount(channel, m.residual[:fitted] ** 2, minlength=len(CHANNELS))  # noqa: E731
+  new, old = power(best) - power(found), power(pool.base) - power(best)
+  order = np.argsort(-new)
+  brought = np.cumsum(np.maximum(new[order], 0.0))
+  shows = order[: 1 + int(np.searchsorted(brought, 0.8 * brought[-1]))]
+  return float(new[shows].sum() / max(old[shows].sum(), 1e-9))
 
 
 def _possible(pool: Pool, claims: list[Claim], thresholds: Thresholds) -> tuple[str, ...]:

@@ -96,3 +96,26 @@ def test_what_a_mechanism_too_small_to_matter_explains_is_no_riddle(offset_pool)
   small = dataclasses.replace(riddle, possible=("steering_offset",))
   before, after = left_over(small, offset_pool, doubt)
   assert notable(before, doubt) and not notable(after, doubt)
+
+
+@pytest.mark.parametrize("partner", ["gyro_scale", "side_force"])
+def test_a_small_effect_in_other_channels_is_named_beside_a_strong_one(partner):
+  """A drag that shows in the speed alone, many times stronger than what shows in the yaw rate or sideways."""
+  truth = {"quadratic_drag": 1.5, partner: {"gyro_scale": 0.1, "side_force": 0.5}[partner]}
+  pool = rig.session(truth, seed=3)
+  both = frozenset(truth)
+  pool.models[both] = rig.solved(pool.problem, tuple(sorted(both)))
+  alone = pool.models[frozenset(["quadratic_drag"])]
+  assert alone.cost - pool.models[both].cost < 0.2 * (pool.base.cost - alone.cost)
+  decision = decide(pool, Thresholds(beside=0.2, plain=np.inf))
+  assert {c.mechanism for c in decision.claims} == both
+
+
+def test_what_a_wrong_formula_leaves_where_it_acts_is_no_second_effect():
+  """Two effects in the same channel: the second must bring its share of what the first explained there."""
+  truth = {"steering_offset": 0.08, "side_force": 0.3}
+  pool = rig.session(truth, seed=3)
+  both = frozenset(truth)
+  pool.models[both] = rig.solved(pool.problem, tuple(sorted(both)))
+  assert {c.mechanism for c in decide(pool, Thresholds(beside=0.01)).claims} == both
+  assert {c.mechanism for c in decide(pool, Thresholds(beside=0.6, plain=np.inf)).claims} == {"steering_offset"}
