@@ -98,10 +98,9 @@ def test_what_a_mechanism_too_small_to_matter_explains_is_no_riddle(offset_pool)
   assert notable(before, doubt) and not notable(after, doubt)
 
 
-@pytest.mark.parametrize("partner", ["gyro_scale", "side_force"])
-def test_a_small_effect_in_other_channels_is_named_beside_a_strong_one(partner):
-  """A drag that shows in the speed alone, many times stronger than what shows in the yaw rate or sideways."""
-  truth = {"quadratic_drag": 1.5, partner: {"gyro_scale": 0.1, "side_force": 0.5}[partner]}
+def test_a_small_effect_in_other_channels_is_named_beside_a_strong_one():
+  """A drag that shows in the speed alone, many times stronger than what pushes sideways."""
+  truth = {"quadratic_drag": 1.5, "side_force": 0.5}
   pool = rig.session(truth, seed=3)
   both = frozenset(truth)
   pool.models[both] = rig.solved(pool.problem, tuple(sorted(both)))
