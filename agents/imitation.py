@@ -7,6 +7,7 @@ hold the true error at zero and so teach that the estimate says nothing.) Source
 imitation learning to no-regret online learning, AISTATS 2011; Chen et al., Learning by cheating, CoRL 2019.
 """
 
+import dataclasses
 import math
 
 import numpy as np
@@ -17,19 +18,30 @@ from agents import controllers
 from agents.ddpg import Agent
 from agents.linear_rate import LinearRate
 from agents.model import Model
+from agents.tuning import Search, tune
 
 Array = NDArray[np.float64]
 ROUNDS = 3
 STEPS, BATCH, RATE = 2500, 512, 2e-3  # of fitting after every round; the rate falls to nothing along a cosine
 WANDERING = (0.15, 0.3)  # rad/s, s: size and memory of the noise on the driver's rate
+SEARCH = Search(candidates=12, elite=4, generations=5)  # of a teacher for a car of its own
 CUT = 3.0  # of the teacher's answer before tanh, in units of the largest rate
 
 
-def teacher(model: Model, speed: float) -> LinearRate:
-  """The tuned linear rate policy."""
+def teacher(model: Model, speed: float, twin_file: str = "", search: Search = SEARCH) -> LinearRate:
+  """The tuned linear rate policy; for a car of its own (a twin file), tuned on that car beginning from there.
+
+  What is right for the nominal car need not be for another: 80 ms of delay in the steering ask for other gains.
+  """
   found = controllers.load(model.car, speed)["linear_rate", "tuned"]
   assert isinstance(found, LinearRate)
-  return found
+  if not twin_file:
+    return found
+  plant, theta = model.plant("twin", twin_file)
+  family = dataclasses.replace(controllers.FAMILIES["linear_rate"], start=tuple(found.gain.tolist()))
+  search = dataclasses.replace(search, speed=speed)
+  numbers = tune(family, plant, theta, model.car, model.filter_settings("twin"), search).numbers
+  return dataclasses.replace(found, gain=np.array([numbers[name] for name in family.numbers]))
 
 
 def imitate(agent: Agent, law: LinearRate, episodes: int, seed: int) -> float:

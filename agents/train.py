@@ -262,7 +262,8 @@ def train(
   agent.set_logger(Logger(None, [TensorBoardOutputFormat(str(folder / "tensorboard"))]))
   keeper = Keeper(plan, folder, model, progress, own_plant)
   if plan.settings.imitations and not resume:
-    imitate(agent, teacher(model, plan.options.speed), plan.settings.imitations, plan.seed)
+    law = teacher(model, plan.options.speed, plan.options.twin)
+    imitate(agent, law, plan.settings.imitations, plan.seed)
     keeper.init_callback(agent)
     keeper.keep()
   if len(progress.episodes) < plan.settings.episodes:

@@ -19,7 +19,11 @@ from agents.model import Model
 from agents.policy_file import load_policy
 from agents.sight import Sight
 from agents.train import Plan, judge, policy_of, train
+from agents.tuning import Search
 from qcar_twin.envs.vector_env import FleetVecEnv
+from qcar_twin.mechanisms import select
+from qcar_twin.twin import Twin
+from qcar_twin.twin_file import save_twin
 
 MODEL = Model.nominal()
 OPTIONS = Options(plant="bicycle", estimator="truth", demonstrator="")
@@ -179,3 +183,12 @@ def test_plan_with_a_sight_survives_json():
   old = PLAN.as_json()
   del old["sight"]
   assert Plan.from_json(old) == PLAN
+
+
+def test_a_teacher_for_a_car_of_its_own_is_tuned_on_it(tmp_path):
+  """A steering that answers 80 ms late makes the usual gains swing; the teacher for that car asks for less."""
+  late = Twin(MODEL.vehicle, select(["steering_delay"]), threads=1)
+  save_twin(tmp_path / "late.toml", late, late.parameters.vector({"steering_delay": 0.08}), "late")
+  usual = teacher(MODEL, 0.5)
+  own = teacher(MODEL, 0.5, str(tmp_path / "late.toml"), Search(candidates=6, elite=2, generations=2))
+  assert own.largest == usual.largest and own.gain[0] < 0.7 * usual.gain[0]
