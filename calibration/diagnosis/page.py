@@ -11,6 +11,7 @@ from calibration.diagnosis import figures, wording
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decide import Claim
 from calibration.diagnosis.detect import prior_shifts
+from calibration.diagnosis.experiment import NOTHING
 from calibration.diagnosis.leftover import PROPERTIES
 from calibration.diagnosis.output import FIGURES, REPORT, Diagnosis, parameter_shifts, unknown_variables
 from calibration.diagnosis.scan import confusion
@@ -226,10 +227,9 @@ def _blind_spots(d: Diagnosis) -> Section:
   text = "* Not testable on these recordings: " + (wording.listed(blind) or "none")
   text += "\n* Not testable does not mean absent: these manoeuvres don't excite them."
   if d.next_experiment:
-    text += (
-      f"\n* Drive next: {d.next_experiment['manoeuvre']}, which separates "
-      f"{wording.listed(list(d.next_experiment['separates']))} by about {d.next_experiment['predicted_nats']:.0f} nats"
-    )
+    one, other = ("no effect at all" if name == NOTHING else name for name in d.next_experiment["separates"])
+    text += f"\n* Drive next: {d.next_experiment['manoeuvre']}."
+    text += f" It should tell {one} from {other} by about {d.next_experiment['predicted_nats']:.0f} nats"
   rows = [(s.mechanism, round(100 * s.survives, 1), round(s.shown, 1), "yes" if s.testable else "no")
           for s in sorted(signatures.values(), key=lambda s: s.survives)]  # fmt: skip
   hidden = Table("Concealment: how much of each effect, at its typical size, recalibration cannot absorb",

@@ -94,7 +94,7 @@ def test_untestable_and_concealed_effects_are_listed(explained):
 def test_the_next_drive_is_proposed_when_known(explained):
   wish = {"manoeuvre": "chirp_fast", "separates": ["steering_delay", "steering_lag"], "predicted_nats": 45.0}
   blind = report_sections(dataclasses.replace(explained, next_experiment=wish))[5]
-  assert "Drive next: chirp_fast, which separates steering_delay and steering_lag by about 45 nats" in blind.text
+  assert "Drive next: chirp_fast. It should tell steering_delay from steering_lag by about 45 nats" in blind.text
 
 
 def test_traces_show_the_recordings_that_carry_the_evidence(explained):
