@@ -198,7 +198,8 @@ def page(folder: Path, file: Path, special: Sequence[str] = ()) -> str:
   lines = [
     "# Results: learning to track paths",
     "",
-    "Tables and figures are written by `python scripts/study.py --out out/study --page docs/results_learning.md`; none of their numbers is typed in.",
+    "Tables and figures are written by `python scripts/study.py --out out/study --car 4501 --page docs/results_learning.md`, after",
+    "`python scripts/repair_twin.py --out out/study` and `python scripts/benchmark_learning.py --out out/study/timings.json`; none of their numbers is typed in.",
   ]
   notes = file.with_suffix("") / "notes.md"
   lines += ["", notes.read_text(encoding="utf-8").strip()] if notes.is_file() else []
