@@ -255,9 +255,10 @@ def _probability(held_out: Comparison, margin: float) -> float:
 
 
 def _estimates(pool: Pool, name: str, model: Candidate) -> dict[str, dict[str, float | str]]:
-  std = clustered_std(model, pool.problem.observations)
+  values = model.free.named(model.values)
+  std = model.free.named(clustered_std(model, pool.problem.observations))
   return {
-    p.name: {"value": model.estimate(p.name)[0], "std": float(std[model.free.index(p.name)]), "unit": p.unit}
+    p.name: {"value": values[p.name], "std": std[p.name], "unit": p.unit}
     for p in pool.problem.mechanism(name).parameters
     if p.name in model.free
   }

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, difference_step
 from calibration.diagnosis.decide import Claim, Decision
-from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.problem import Problem, Weighting, correlation_length
 from calibration.diagnosis.search import Pool
 from calibration.fit import inverse_curvature
 from calibration.observations import CHANNELS, Observations, observe
@@ -28,7 +28,6 @@ Array = NDArray[np.float64]
 NOTHING = "no_mismatch"  # the rival of a mechanism that is possible but not claimed
 _SURE = 0.8  # a claim at least so probable, without equivalents, needs no further driving
 _LASTS, _RATE = 8.0, 100.0  # s of a manoeuvre, Hz of commands and channels
-_MEMORY = 0.1  # s within which samples count as one witness, as in Problem
 
 
 @dataclasses.dataclass(frozen=True)
@@ -163,7 +162,8 @@ def _planned(observations: Observations, problem: Problem, library: Sequence[Man
 
 
 def _scale(problem: Problem, planned: Observations) -> Array:
-  """Factor that turns the channels' units into nats, with the weights the recordings were judged by, (M,)."""
-  std = problem.weighting.std[planned.channel]
-  seen = np.array([planned.horizon * 10.0 if n.startswith("pose_") else _MEMORY * _RATE for n in CHANNELS])
-  return 1.0 / (std * np.sqrt(seen[planned.channel]))
+  """Factor that turns the channels' units into nats, with the deviations the recordings were judged by, (M,)."""
+  correlation = np.ones(len(CHANNELS))
+  for index in np.unique(planned.channel):
+    correlation[index] = correlation_length(planned, np.flatnonzero(planned.channel == index))
+  return Weighting(problem.weighting.std, correlation, np.ones(len(planned))).scale(planned.channel)

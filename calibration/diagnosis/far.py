@@ -71,16 +71,16 @@ def far_models(
 
 def unbent(base: Candidate, priors: ParameterSet) -> dict[str, float]:
   """Nominal values of the measured parameters that recalibration moved further than is believable, by name."""
-  shift = {p.name: (base.estimate(p.name)[0] - p.nominal) / p.std for p in priors if p.std}
-  return {name: priors[name].nominal for name, sigmas in shift.items() if abs(sigmas) > _BENT}
+  here = base.free.named(base.values)
+  return {p.name: p.nominal for p in priors if p.std and abs(here[p.name] - p.nominal) > _BENT * p.std}
 
 
 def _trials(problem: Problem, names: Iterable[str], sizes: tuple[float, ...]) -> list[tuple[str, dict[str, float]]]:
   found = []
   for name in names:
     mechanism = problem.mechanism(name)
-    both = sizes if name in FAR or not mechanism.signed else (-1.0, 1.0)
-    found += [(name, start) for start in trial_starts(mechanism, both)]
+    tried = sizes if name in FAR or not mechanism.signed else (-1.0, 1.0)
+    found += [(name, start) for start in trial_starts(mechanism, tried)]
   return found
 
 

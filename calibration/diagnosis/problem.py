@@ -113,11 +113,11 @@ def weighting_from(observations: Observations, raw: Array, floor: Mapping[str, f
     rms = float(np.sqrt(np.mean(np.clip(raw[rows], -_SPIKE * typical, _SPIKE * typical) ** 2)))
     std[index] = max(rms, floor.get(CHANNELS[index], 0.0), 1e-9)
     spike[rows] = np.minimum(1.0, _SPIKE * std[index] / np.maximum(np.abs(raw[rows]), 1e-12))
-    correlation[index] = _correlation_length(observations, rows)
+    correlation[index] = correlation_length(observations, rows)
   return Weighting(std, correlation, spike)
 
 
-def _correlation_length(observations: Observations, rows: NDArray[np.int64]) -> float:
+def correlation_length(observations: Observations, rows: NDArray[np.int64]) -> float:
   """Samples that count as one witness: those within a tenth of a second; for displacements, within their horizon.
 
   It is a convention, not an estimate: taken from residuals, a badly fitted channel would look strongly

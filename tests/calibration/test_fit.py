@@ -39,6 +39,14 @@ def test_a_linear_problem_gives_the_closed_form_posterior(problem):
   assert not found.at_bound.any()
 
 
+def test_a_linear_problem_takes_one_jacobian(problem):
+  """A step that keeps its promise is tried alone, and the small one after it, foretold by the same Jacobian, is the end."""
+  matrix, _, target = problem
+  p = parameters()
+  found = fit(linear(matrix, target), p, robust=np.inf)
+  assert found.evaluations == 1 + len(p) + 2
+
+
 def test_truth_lies_within_three_standard_deviations_in_nearly_all_repeats():
   rng = np.random.default_rng(5)
   matrix, truth = rng.normal(size=(200, 2)) * [1e-2, 1e6], np.array([181.0, 7e-6])
