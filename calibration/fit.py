@@ -109,11 +109,12 @@ def fit(
     raise ValueError("the simulation at the first guess is not finite; start from nominal parameters")
   costs, damping, evaluations = [_cost(r, theta, parameters, robust)], 1e-3, 1
   jacobian = np.zeros((len(r), len(theta)))
-  failures, renew = 0, True
+  failures, renew, fresh = 0, True, False
   for k in range(iterations):
-    if renew:
+    if renew and not fresh:
       jacobian = finite_differences(residual, parameters, theta, r, step)
       evaluations += len(theta)
+      fresh = True
     tried = _try(residual, parameters, theta, r, jacobian, costs[-1], damping, robust)
     evaluations += tried.evaluations
     gain = costs[-1] - tried.cost
@@ -129,9 +130,10 @@ def fit(
       progress(k + 1, costs[-1])
     failures = failures + 1 if gain <= 0 else 0
     # without a tolerance the minimum is sought to a nat, and only a fresh Jacobian knows that there is none left
-    sure = renew or (tolerance > 0 and tried.kept >= _TRUSTED)
-    if (small and gain > 0 and sure) or failures > 2:
+    sure = fresh or (tolerance > 0 and tried.kept >= _TRUSTED)
+    if (small and sure and (gain > 0 or tried.promised < _LEAST_GAIN)) or failures > 2:
       break
+    fresh = fresh and gain <= 0
     # a Jacobian that foretold the gain well is good for one more step
     renew = (k + 1) % 3 == 0 or tried.kept < _KEPT
   return _finish(parameters, theta, r, jacobian, costs, evaluations, robust)
@@ -139,11 +141,12 @@ def fit(
 
 @dataclasses.dataclass(frozen=True)
 class _Trial:
-  """A step that was simulated: estimates, residual, cost, share of its promise it kept, factor on the damping."""
+  """A step that was simulated: estimates, residual, cost, promised gain, share of it that was kept, factor on the damping."""
 
   theta: Array
   outcome: Array
   cost: float
+  promised: float
   kept: float
   ease: float
   evaluations: int
@@ -161,7 +164,7 @@ def _try(
     best = int(np.argmin(found))
     promised = cost - _cost(r + jacobian @ (candidates[best] - theta), candidates[best], parameters, robust)
     kept = (cost - found[best]) / max(promised, 1e-300)
-    return _Trial(candidates[best], outcomes[best], found[best], kept, eases[best], evaluations)
+    return _Trial(candidates[best], outcomes[best], found[best], promised, kept, eases[best], evaluations)
 
   step = lambda factor: _lm_step(jacobian, r, theta, parameters, robust, damping * factor)  # noqa: E731
   first = judged([step(0.01)], (0.03,), 1)

@@ -35,6 +35,7 @@ OTHER = (
   "gravity_x",
   "gravity_y",
   "differential_damping",
+  "differential_friction",
   "servo_time_constant",
   "ackermann_fraction",
   "suspension_frequency",
@@ -54,6 +55,9 @@ class Fields:
     self._differential = [
       (model.equality(name).id, float(model.tendon_invweight0[model.tendon(name).id])) for name in axles
     ]
+    self._differential_tendons = [model.tendon(name).id for name in axles]
+    self._imu = model.site("imu").id
+    self._imu_x = float(model.site_pos[self._imu, 0])
     self._timestep = float(model.opt.timestep)
     self._rest = _Rest(model, self._handles.chassis)
     self._full_ackermann = car.track_width / (2.0 * car.wheelbase)
@@ -111,6 +115,8 @@ class Fields:
     self._batch.expand("body_mass")[rows, self._handles.chassis] = mass
     self._batch.expand("body_ipos")[rows, self._handles.chassis] = position
     self._batch.expand("body_inertia")[rows, self._handles.chassis] = inertia
+    # the IMU's place is stated from the centre of gravity, wherever along the car that is found to be
+    self._batch.expand("site_pos")[rows, self._imu, 0] = self._imu_x + base_x
 
   def _write_other(self, changed: set[str], rows: Rows) -> None:
     for name, axis in (("gravity_x", 0), ("gravity_y", 1)):
@@ -123,6 +129,9 @@ class Fields:
         self._batch.expand("eq_solref")[rows, equality] = solref
         self._batch.expand("eq_solimp")[rows, equality] = solimp
         self._batch.bind("eq_active")[rows, equality] = damping > 0.0
+    if "differential_friction" in changed:
+      for tendon in self._differential_tendons:
+        self._batch.expand("tendon_frictionloss")[rows, tendon] = self.values["differential_friction"][rows]
     if "servo_time_constant" in changed:
       self._batch.expand("actuator_dynprm")[rows, self._handles.steering, 0] = self.values["servo_time_constant"][rows]
     if "ackermann_fraction" in changed:

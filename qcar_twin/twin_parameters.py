@@ -72,7 +72,7 @@ def quantities(theta: Array, base: ParameterSet, vehicle: Vehicle) -> dict[str, 
     "load_exponent": wheelwise(vehicle.load_exponent),
     "suspension_damping_ratio": np.full(size, vehicle.suspension_damping_ratio),
   }
-  zeros = ("driveline_damping", "differential_damping", "gravity_x", "gravity_y")
+  zeros = ("driveline_damping", "differential_damping", "differential_friction", "gravity_x", "gravity_y")
   zeros += ("added_mass", "added_mass_x", "added_mass_y", "cg_lateral_offset")
   return out | column | {name: np.zeros(size) for name in zeros}
 

@@ -27,6 +27,7 @@ _WORTH_A_PAIR = 12.0  # nats a second one must promise before its pair is refitt
 _OVERSHADOWED = 0.8  # share of the base's cost below which the best single puts all others in the shade
 _STARTS = (0.3, 1.0)  # shares of the scanned size a refit may start from
 _LIKELY = 5  # best singles that are also tried on parameters recalibration has not bent
+_RETURNING = 4  # Gauss-Newton steps for a smaller set from where a larger one ended
 _DOUBTED = 0.1  # least part of a promise that is believed after a refit did not keep it
 Report = Callable[[str], None]
 
@@ -106,8 +107,24 @@ def search(
   report("polishing the best model")
   best = pool.best(list(pool.models.values()))
   if best is not pool.base:
-    refine(pool.problem, [best], 2, full=True)
+    refine(pool.problem, [best], 1, full=True)
+    refine(pool.problem, [best], 2)
+    _from_where_it_ended(pool, best)
   return pool
+
+
+def _from_where_it_ended(pool: Pool, best: Candidate) -> None:
+  """Try the sets one mechanism smaller, and the base, from the best model's estimates too.
+
+  The cost has several minima. One that was only reached with a mechanism in the model may not need it.
+  """
+  smaller = dict.fromkeys([frozenset(), *(frozenset(best.mechanisms) - {name} for name in best.mechanisms)])
+  made = [candidate(pool.problem, sorted(key), best, pool.priors) for key in smaller]
+  simulate(pool.problem, made)
+  refine(pool.problem, made, _RETURNING)
+  for key, model in zip(smaller, made, strict=True):
+    if key not in pool.models or model.cost < pool.models[key].cost:
+      pool.models[key] = model
 
 
 def base_candidate(baseline: Baseline) -> Candidate:
@@ -248,7 +265,8 @@ def _reweight_if_worth_it(pool: Pool) -> None:
     return
   _reweight(pool, best)
   refine(pool.problem, [pool.base, best], 1, full=True)
-  refine(pool.problem, [best], 3, full=True)
+  refine(pool.problem, [best], 1, full=True)
+  refine(pool.problem, [best], 2)
 
 
 def _reweight(pool: Pool, best: Candidate) -> None:

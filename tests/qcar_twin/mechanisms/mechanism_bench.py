@@ -46,6 +46,7 @@ class BenchModel:
       "torque_per_volt": 0.0272,
       "rotor_inertia": 2e-6,
       "differential_damping": 0.0,
+      "differential_friction": 0.0,
       "servo_time_constant": 0.005,
       "ackermann_fraction": 1.0,
       "added_mass": 0.0,

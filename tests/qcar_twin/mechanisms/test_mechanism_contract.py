@@ -143,7 +143,7 @@ def test_dissipative_ones_only_take_energy(mechanism):
   velocity = motion.signals[..., 3:6]
   assert np.all(np.sum(result["wrench"] * velocity, axis=-1) <= 1e-12)
   before = BenchModel(5).values
-  for name in ("driveline_friction", "driveline_damping", "differential_damping"):
+  for name in ("driveline_friction", "driveline_damping", "differential_damping", "differential_friction"):
     assert np.all(result[name] >= before[name])
 
 

@@ -151,8 +151,9 @@ def test_frictions_are_forces_at_the_wheels():
 
 
 def test_differential_lock_goes_from_open_to_locked():
-  assert changed("differential_lock", [0.5]) == {"differential_damping": pytest.approx(0.02)}
-  assert changed("differential_lock", [0.98])["differential_damping"] > 0.9
+  assert changed("differential_lock", [0.5, 0.0]) == {"differential_damping": pytest.approx(0.02)}
+  assert changed("differential_lock", [0.98, 0.0])["differential_damping"] > 0.9
+  assert changed("differential_lock", [0.0, 0.03]) == {"differential_friction": pytest.approx(0.03)}
 
 
 def test_quadratic_drag_opposes_the_velocity():
