@@ -21,6 +21,8 @@ AIMS = (
   ("recovered_over_nulls", "share of the excess hold-out error removed, median (above what nulls reach)", 0.85),
   ("recovered_over_oracle", "the same above what the right model reaches", 0.85),
   ("channels_worse", "cases with a claim in which a hold-out channel got worse by more than 1 %", -0.05),
+  ("channels_worse_of_all_cases", "the same, of all cases", -0.05),
+  ("channels_worse_beyond_chance", "of all cases, by more than 1 % and beyond the change's 95 % interval", -0.05),
 )
 
 

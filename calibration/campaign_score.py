@@ -63,6 +63,8 @@ def score(results: Sequence[Result]) -> dict[str, float | int | None]:
     "recovered_over_oracle": _median([recovered(r, r["oracle"]["holdout"]) for r in claimed if r.get("oracle")]),
     "error_over_oracle_median": _median([error_over(r, r["oracle"]["holdout"]) for r in claimed if r.get("oracle")]),
     "channels_worse": _mean(map(any_channel_worse, [r for r in results if r["answer"]["claims"]])),
+    "channels_worse_of_all_cases": _mean(map(any_channel_worse, results)),
+    "channels_worse_beyond_chance": _mean(map(any_channel_surely_worse, results)),
     "seconds_median": _median([r["answer"]["seconds"] for r in results]),
   }
 
@@ -231,6 +233,12 @@ def error_over(result: Result, reference: Mapping[str, float]) -> float:
 def any_channel_worse(result: Result) -> bool:
   """Whether any hold-out channel is worse by more than 1 % after the repair."""
   return any(f["after"] > 1.01 * f["before"] for f in result["answer"]["fit"]["holdout"].values())
+
+
+def any_channel_surely_worse(result: Result) -> bool:
+  """The same, and the 95 % interval of the change lies above nothing: a channel at its sensor's noise moves by chance."""
+  fits = result["answer"]["fit"]["holdout"].values()
+  return any(f["after"] > 1.01 * f["before"] and f["ci95"][0] > 0.0 for f in fits)
 
 
 def _mean(values) -> float | None:

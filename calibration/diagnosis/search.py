@@ -109,14 +109,18 @@ def search(
   if best is not pool.base:
     refine(pool.problem, [best], 1, full=True)
     refine(pool.problem, [best], 2)
-    _from_where_it_ended(pool, best)
+    try_smaller(pool, best)
   return pool
 
 
-def _from_where_it_ended(pool: Pool, best: Candidate) -> None:
-  """Try the sets one mechanism smaller, and the base, from the best model's estimates too.
+def try_smaller(pool: Pool, best: Candidate) -> None:
+  """Fit the sets one mechanism smaller, and the base, from a model's estimates too, and keep what fits better.
 
   The cost has several minima. One that was only reached with a mechanism in the model may not need it.
+
+  Args:
+    pool: all fitted models; its smaller sets may be replaced.
+    best: the model to begin at.
   """
   smaller = dict.fromkeys([frozenset(), *(frozenset(best.mechanisms) - {name} for name in best.mechanisms)])
   made = [candidate(pool.problem, sorted(key), best, pool.priors) for key in smaller]

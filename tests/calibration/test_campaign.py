@@ -42,7 +42,7 @@ def result(
     "claims": named,
     "ranking": [{"mechanism": m} for m in (ranking or claims)],
     "where": {"subsystem": subsystem},
-    "fit": {"holdout": {"yaw_rate": {"before": 1.0, "after": worse}}},
+    "fit": {"holdout": {"yaw_rate": {"before": 1.0, "after": worse, "ci95": [worse - 1.03, worse - 0.9]}}},
     "recovered": 0.9,
     "seconds": 60.0,
   }
@@ -76,6 +76,9 @@ def test_singles_are_counted_by_their_first_claim():
   assert found["subsystem"] == 0.5
   assert found["parameter_error_median"] == pytest.approx(0.1)
   assert found["channels_worse"] == pytest.approx(1 / 3)
+  assert found["channels_worse_of_all_cases"] == 0.25
+  assert found["channels_worse_beyond_chance"] == 0.0
+  assert score([result("single", DELAY, ["gyro_scale"], worse=1.04)])["channels_worse_beyond_chance"] == 1.0
 
 
 def test_stated_probabilities_are_set_against_how_often_they_were_right():

@@ -47,6 +47,16 @@ def test_a_linear_problem_takes_one_jacobian(problem):
   assert found.evaluations == 1 + len(p) + 2
 
 
+def test_without_a_tolerance_a_fresh_jacobian_that_promises_nothing_is_the_end(problem):
+  """One Jacobian to arrive, one to be sure: from the minimum itself a fit costs a start, a Jacobian and a step."""
+  matrix, _, target = problem
+  p = parameters()
+  there = fit(linear(matrix, target), p, robust=np.inf).theta
+  found = fit(linear(matrix, target), p, there, robust=np.inf, tolerance=0.0)
+  assert found.evaluations <= 1 + len(p) + 4
+  np.testing.assert_allclose(found.theta, there, rtol=1e-6)
+
+
 def test_truth_lies_within_three_standard_deviations_in_nearly_all_repeats():
   rng = np.random.default_rng(5)
   matrix, truth = rng.normal(size=(200, 2)) * [1e-2, 1e6], np.array([181.0, 7e-6])

@@ -164,6 +164,21 @@ def test_differentials_are_open_and_the_centre_is_rigid():
     assert axle.mean() == pytest.approx(CAR.gear_ratio * data.qvel[handles.motor_dof], rel=1e-4)
 
 
+@pytest.mark.parametrize("preload", [0.005, 0.02])
+def test_a_differentials_preload_is_a_constant_torque_against_the_difference(preload):
+  model = CAR.spec(timestep=0.005).compile()
+  for axle in ("front", "rear"):
+    model.tendon_frictionloss[model.tendon(f"{axle}_differential").id] = preload
+  data, handles = mujoco.MjData(model), Handles.of(model)
+  data.ctrl[:] = 1.5, 0.4
+  mujoco.mj_step(model, data, 800)
+  spin = data.qvel[list(handles.spin_dofs)]
+  assert spin[1] - spin[0] > 1.0 and spin[3] - spin[2] > 1.0  # it is overcome
+  torque = data.qfrc_constraint[handles.spin_dofs[1]] - data.qfrc_constraint[handles.spin_dofs[0]]
+  tyres = [data.efc_force[c.efc_address + 1] * CAR.wheel_radius for c in data.contact][:2]
+  assert torque + tyres[1] - tyres[0] == pytest.approx(-2 * preload, rel=0.02)
+
+
 @pytest.mark.parametrize("h", [0.002, 0.005])
 @pytest.mark.parametrize("damping", [1e-3, 0.05, 5.0])
 def test_differential_damping_is_a_torque_against_the_difference(damping, h):

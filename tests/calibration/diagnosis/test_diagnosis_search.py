@@ -1,0 +1,42 @@
+"""Search: a minimum that was found with a mechanism in the model is offered to the models without it."""
+
+import dataclasses
+
+import diagnosis_rig as rig
+import pytest
+
+from calibration.diagnosis.candidates import simulate
+from calibration.diagnosis.search import try_smaller
+
+
+def astray(pool, by):
+  """The pool with a base that stopped far from its minimum: voltage and damping `by` too large."""
+  base = dataclasses.replace(pool.base, values=pool.base.values.copy(), theta=pool.base.theta.copy())
+  for name in ("torque_per_volt", "motor_damping"):
+    base.values[base.free.index(name)] *= 1.0 + by
+    base.theta[pool.problem.parameters.index(name)] *= 1.0 + by
+  simulate(pool.problem, [base])
+  return dataclasses.replace(pool, models=pool.models | {frozenset(): base})
+
+
+def test_a_base_that_stopped_short_is_taken_to_the_minimum_a_larger_model_found(clean_pool):
+  """Without the return, a mechanism without any effect would be worth all the nats that the base is short of."""
+  pool, best = astray(clean_pool, 0.3), clean_pool.models[frozenset(["side_force"])]
+  assert pool.base.cost > clean_pool.base.cost + 100.0
+  try_smaller(pool, best)
+  assert pool.base.cost == pytest.approx(clean_pool.base.cost, rel=1e-3)
+
+
+def test_a_base_at_its_minimum_stays_within_a_nat(offset_pool):
+  pool = dataclasses.replace(offset_pool, models=dict(offset_pool.models))
+  try_smaller(pool, pool.models[frozenset(["steering_offset"])])
+  assert offset_pool.base.cost - 1.0 < pool.base.cost <= offset_pool.base.cost
+
+
+def test_sets_one_smaller_are_tried_and_kept_if_they_fit_better(offset_pool):
+  pair = rig.solved(offset_pool.problem, ("side_force", "steering_offset"))
+  pool = dataclasses.replace(offset_pool, models={frozenset(): offset_pool.base})
+  try_smaller(pool, pair)
+  assert set(pool.models) == {frozenset(), frozenset(["side_force"]), frozenset(["steering_offset"])}
+  exact = offset_pool.models[frozenset(["steering_offset"])]
+  assert pool.models[frozenset(["steering_offset"])].cost == pytest.approx(exact.cost, rel=1e-3)
