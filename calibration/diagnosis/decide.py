@@ -18,6 +18,8 @@ from calibration.diagnosis.search import Pool, ensure
 from calibration.observations import CHANNELS
 from qcar_twin.parameters import ParameterSet
 
+_LOST = 0.25  # of what the priors bring, that held-out evidence may take away again
+
 
 @dataclasses.dataclass(frozen=True)
 class Thresholds:
@@ -29,6 +31,8 @@ class Thresholds:
     t: held-out gain over its standard error.
     nats: held-out gain.
     share: groups that gained.
+    priors: nats by which a mechanism must free measured parameters from what they were bent to, where recalibration
+      leaves no residual of it.
     material: share of the typical size; `slight` for a single mechanism whose t reaches `clear`.
     bias: the same for biases of the IMU and the encoder's lag, of which every one has some.
     beside: share of the cost explained so far, at all or in the channels where it shows, that a further mechanism
@@ -41,6 +45,7 @@ class Thresholds:
   t: float = 2.4
   nats: float = 20.0
   share: float = 0.55
+  priors: float = 60.0
   material: float = 0.25
   slight: float = 0.15
   clear: float = 4.0
@@ -214,6 +219,12 @@ def _simplified(pool: Pool, best: Candidate, thresholds: Thresholds) -> Candidat
 
 
 def _significant(test: Comparison, thresholds: Thresholds) -> bool:
+  """By held-out evidence, or, where an effect is absorbed, by the parameters it lets go back to what was believed.
+
+  One that predicts recordings left out much worse has freed them by imitating something else.
+  """
+  if test.priors >= thresholds.priors and test.total > -_LOST * test.priors:
+    return True
   return test.t >= thresholds.t and test.gain >= thresholds.nats and test.share_positive >= thresholds.share
 
 

@@ -28,6 +28,7 @@ class Comparison:
     share_positive: blocks that gained, 0 to 1, among those whose prediction moved at all.
     blocks: uncapped gain per block, (B,).
     before: held-out half sum of squares of the smaller model, nats.
+    priors: nats by which the larger model's parameters lie closer to what was measured of the car.
     total: the gain with a hundred times wider cap: how much there is to explain at all.
   """
 
@@ -36,6 +37,7 @@ class Comparison:
   share_positive: float
   blocks: Array
   before: float
+  priors: float = 0.0
 
   @property
   def relative(self) -> float:
@@ -114,7 +116,8 @@ def compare(larger: Candidate, smaller: Candidate, observations: Observations) -
   rest = np.maximum(power.sum() - power, 1e-12)
   share = np.clip(-(pull.sum() - pull) / rest, 0.0, 2.0)
   moved += share[group] * step
-  return compared(moved, smaller.residual, observations.block)
+  found = compared(moved, smaller.residual, observations.block)
+  return dataclasses.replace(found, priors=prior_part(smaller) - prior_part(larger))
 
 
 def compare_freely(larger: Candidate, smaller: Candidate, observations: Observations) -> Comparison:

@@ -57,10 +57,12 @@ class Pool:
     return [m for key, m in self.models.items() if len(key) == size]
 
   def best(self, models: Sequence[Candidate]) -> Candidate:
-    """The model with the largest held-out gain; a mechanism more must bring 2 nats more."""
-    observations = self.problem.observations
-    worth = lambda m: compare(m, self.base, observations).total - 2.0 * len(m.mechanisms)  # noqa: E731
-    return max([self.base, *(m for m in models if m is not self.base)], key=worth)
+    """The model with the largest gain, held out and in the priors; a mechanism more must bring 2 nats more."""
+    return max([self.base, *(m for m in models if m is not self.base)], key=self._worth)
+
+  def _worth(self, model: Candidate) -> float:
+    found = compare(model, self.base, self.problem.observations)
+    return found.total + found.priors - 2.0 * len(model.mechanisms)
 
 
 @dataclasses.dataclass(frozen=True)

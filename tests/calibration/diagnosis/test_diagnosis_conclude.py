@@ -118,3 +118,33 @@ def test_what_a_wrong_formula_leaves_where_it_acts_is_no_second_effect():
   pool.models[both] = rig.solved(pool.problem, tuple(sorted(both)))
   assert {c.mechanism for c in decide(pool, Thresholds(beside=0.01)).claims} == both
   assert {c.mechanism for c in decide(pool, Thresholds(beside=0.6, plain=np.inf)).claims} == {"steering_offset"}
+
+
+def absorbed(pool, sigmas, share):
+  """A pool whose base bent the mass by so many prior deviations, where a side force lets it go back.
+
+  `share` of the base's residual is what the side force takes away.
+  """
+  base, single = pool.base, pool.models[frozenset(["side_force"])]
+  bent, free = base.values.copy(), single.values.copy()
+  bent[base.free.index("mass")] = rig.BASE["mass"].nominal + sigmas * rig.BASE["mass"].std
+  free[single.free.index("mass")] = rig.BASE["mass"].nominal
+  free[single.free.index("side_force")] = 0.6
+  held = {
+    frozenset(): dataclasses.replace(base, values=bent),
+    frozenset(["side_force"]): dataclasses.replace(single, values=free, residual=(1.0 - share) * base.residual),
+  }
+  return dataclasses.replace(pool, models=held)
+
+
+def test_an_absorbed_effect_is_betrayed_by_what_was_measured(clean_pool):
+  """It leaves next to no residual; that the mass has to be bent by 14 of its deviations without it is the evidence."""
+  decision = decide(absorbed(clean_pool, 14.0, 1e-4))
+  assert [c.mechanism for c in decision.claims] == ["side_force"]
+  assert decision.claims[0].held_out.priors == pytest.approx(98.0, rel=0.01)
+  assert decision.claims[0].held_out.gain < Thresholds().nats
+
+
+@pytest.mark.parametrize("sigmas, share", [(9.0, 1e-4), (14.0, -0.05)])
+def test_a_slight_shift_or_a_worse_prediction_betrays_nothing(clean_pool, sigmas, share):
+  assert decide(absorbed(clean_pool, sigmas, share)).claims == ()
