@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.diagnosis.detect import LEVELS as ALARM
 from qcar_twin.mechanisms import catalogue
 
 Result = Mapping[str, Any]
@@ -65,6 +66,8 @@ def score(results: Sequence[Result]) -> dict[str, float | int | None]:
     "channels_worse": _mean(map(any_channel_worse, [r for r in results if r["answer"]["claims"]])),
     "channels_worse_of_all_cases": _mean(map(any_channel_worse, results)),
     "channels_worse_beyond_chance": _mean(map(any_channel_surely_worse, results)),
+    "nulls_with_an_alarm": _mean(map(alarmed, by["null"])),
+    "visible_effects_with_an_alarm": _mean(map(alarmed, [*visible, *by["pair"], *by["outside"]])),
     "seconds_median": _median([r["answer"]["seconds"] for r in results]),
   }
 
@@ -194,6 +197,11 @@ def parameters_inside(result: Result) -> list[bool]:
   claim = result["answer"]["claims"][0]["parameters"]
   stated = {k: v for t in result["truth"] for k, v in (t.get("parameters") or {}).items()}
   return [abs(claim[k]["value"] - v) <= 1.645 * claim[k]["std"] for k, v in stated.items() if k in claim and v]
+
+
+def alarmed(result: Result) -> bool:
+  """Whether any of the four detectors is above its level."""
+  return any(result["answer"]["statistics"][name] > limit for name, limit in ALARM.items())
 
 
 def level(result: Result) -> str:

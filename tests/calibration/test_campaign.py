@@ -44,6 +44,7 @@ def result(
     "where": {"subsystem": subsystem},
     "fit": {"holdout": {"yaw_rate": {"before": 1.0, "after": worse, "ci95": [worse - 1.03, worse - 0.9]}}},
     "recovered": 0.9,
+    "statistics": {"predictability": 9.0 * bool(truth), "drift": 0.0, "priors": 0.0, "horizons": 0.0},
     "seconds": 60.0,
   }
   stated = [{"id": i, "parameters": {"steering_delay": 0.04} if i == "steering_delay" else {}} for i, _ in truth]
@@ -77,6 +78,8 @@ def test_singles_are_counted_by_their_first_claim():
   assert found["parameter_error_median"] == pytest.approx(0.1)
   assert found["channels_worse"] == pytest.approx(1 / 3)
   assert found["channels_worse_of_all_cases"] == 0.25
+  assert found["visible_effects_with_an_alarm"] == 1.0
+  assert score([result("null", [])])["nulls_with_an_alarm"] == 0.0
   assert found["channels_worse_beyond_chance"] == 0.0
   assert score([result("single", DELAY, ["gyro_scale"], worse=1.04)])["channels_worse_beyond_chance"] == 1.0
 
