@@ -85,6 +85,8 @@ def candidate(
 ) -> Candidate:
   """A model that starts from its parent's estimates; not yet simulated.
 
+  A base parameter that a mechanism declares, too, is freed from its prior: the ruler's error becomes an effect.
+
   Args:
     problem: residuals.
     mechanisms: ids in the model.
@@ -93,7 +95,8 @@ def candidate(
     start: first values of some parameters.
   """
   added = [p for name in mechanisms for p in problem.mechanism(name).parameters]
-  free = priors + added
+  freed = {p.name for p in added}
+  free = ParameterSet([*(p for p in priors if p.name not in freed), *added])
   values = free.nominal
   jacobian = np.zeros((len(problem.observations), len(free)))
   for i, name in enumerate(free.names):

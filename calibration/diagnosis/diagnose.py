@@ -15,7 +15,13 @@ from calibration.diagnosis.detect import detect
 from calibration.diagnosis.experiment import next_experiment
 from calibration.diagnosis.locate import Location, locate
 from calibration.diagnosis.output import Diagnosis, write_outputs
-from calibration.diagnosis.recalibrate import BIAS_MECHANISMS, recalibrate, with_sensor_biases
+from calibration.diagnosis.recalibrate import (
+  BIAS_MECHANISMS,
+  RULED_MECHANISMS,
+  recalibrate,
+  with_ruled_places,
+  with_sensor_biases,
+)
 from calibration.diagnosis.scan import scan
 from calibration.diagnosis.score import compare_freely
 from calibration.diagnosis.search import Effort, Pool, base_candidate, search
@@ -92,7 +98,7 @@ def diagnose(
   baseline = recalibrate(twin, recordings, priors, _shifts(dataset), Cut(most=LONGEST))
   base = base_candidate(baseline)
   clock.start("scan")
-  tried = [m for m in known if not {p.name for p in m.parameters} & set(priors.names)]
+  tried = [m for m in known if (mechanisms is None or m.name in mechanisms) and not _always_free(m, priors)]
   signatures = scan(baseline.problem, base, tried, progress=lambda done, total: report("scan", done / total))
   clock.start("search")
   pool = search(baseline, base, signatures, effort, lambda text: report(text, 0.0))
@@ -171,18 +177,28 @@ def considered(mechanisms: Sequence[str] | None, start: Start | None) -> tuple[M
   if mechanisms is None:
     return tuple(catalogue().values())
   carried = [m.name for m in start[0].mechanisms] if start else []
-  return select(tuple(dict.fromkeys((*mechanisms, *carried, *BIAS_MECHANISMS))))
+  return select(tuple(dict.fromkeys((*mechanisms, *carried, *BIAS_MECHANISMS, *RULED_MECHANISMS))))
 
 
 def starting_priors(recordings: Sequence[Recording], twin: Twin, start: Start | None) -> ParameterSet:
   """What every model fits: the base, the sensors' own small errors, and what the twin to go on from has beyond them."""
   base = first_guess(recordings, twin.vehicle)
   if start is None:
-    return with_sensor_biases(base, twin)
+    return with_ruled_places(with_sensor_biases(base, twin), twin)
   values = start[0].parameters.named(start[1])
-  carried = [p for m in start[0].mechanisms if m.name not in BIAS_MECHANISMS for p in m.parameters]
+  ruled = with_ruled_places(ParameterSet(()), twin)
+  small = {p.name for p in ruled if p.lower <= values.get(p.name, 0.0) <= p.upper}
+  carried = [
+    p for m in start[0].mechanisms if m.name not in BIAS_MECHANISMS for p in m.parameters if p.name not in small
+  ]
   base = informed(base, {name: values[name] for name in base.names if name in values})
-  return with_sensor_biases(base, twin) + [dataclasses.replace(p, nominal=values[p.name]) for p in carried]
+  priors = with_sensor_biases(base, twin) + [dataclasses.replace(p, nominal=values[p.name]) for p in carried]
+  return with_ruled_places(priors, twin)
+
+
+def _always_free(mechanism: Mechanism, priors: ParameterSet) -> bool:
+  """Whether every model fits a mechanism's parameters anyway, over all their range."""
+  return any(p.name in priors and priors[p.name].upper == p.upper for p in mechanism.parameters)
 
 
 def _before_and_after(

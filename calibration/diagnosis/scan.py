@@ -7,7 +7,7 @@ show at all (concealment), and which effects look alike on them (confusion).
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,8 +81,9 @@ class Projector:
   A parameter that stopped at its bound imitates nothing: it would have to go on beyond it.
   """
 
-  def __init__(self, model: Candidate):
-    loose = ~at_bound(model)
+  def __init__(self, model: Candidate, held: Collection[str] = ()):
+    """`held`: parameters that imitate nothing, either."""
+    loose = ~at_bound(model) & ~np.isin(model.free.names, list(held))
     self._jacobian = model.jacobian[: model.fitted] * loose
     free = np.flatnonzero(loose)
     self._inverse = np.zeros((len(loose), len(loose)))
@@ -121,22 +122,31 @@ def scan(
       with both: its signature is odd in its size to first order, and the refit sees to the rest.
     progress: told how many trials are done.
   """
-  project = Projector(base)
+  projectors = {
+    m.name: _projector(base, m) for m in mechanisms if {p.name for p in m.parameters} & set(base.free.names)
+  }
+  common = Projector(base)
   jobs = [(m, start) for m in mechanisms for start in trial_starts(m, sizes)]
-  anchor = project(base.residual[None, : base.fitted])[0]
+  anchors = {name: p(base.residual[None, : base.fitted])[0] for name, p in (projectors | {"": common}).items()}
   collected: dict[str, list[Trial]] = {m.name: [] for m in mechanisms}
   chunk = 24
   for i in range(0, len(jobs), chunk):
     part = jobs[i : i + chunk]
     thetas = np.stack([_with(problem, base.theta, start) for _, start in part])
     change = (problem.residual(thetas) - base.residual)[:, : base.fitted]
-    for (mechanism, start), whole, rest, answer in zip(
-      part, change, project(change), project.answer(change), strict=True
-    ):
+    for (mechanism, start), whole in zip(part, change, strict=True):
+      project = projectors.get(mechanism.name, common)
+      rest, answer = project(whole[None])[0], project.answer(whole[None])[0]
       plain = explained(whole, base.residual[: base.fitted], mechanism.signed)
       collected[mechanism.name].append(Trial(start, rest.astype(np.float32), float(whole @ whole), answer, plain))
     progress(min(i + chunk, len(jobs)), len(jobs))
-  return {m.name: _signature(m, collected[m.name], anchor, base.free.names) for m in mechanisms if collected[m.name]}
+  anchor = lambda m: anchors[m.name if m.name in projectors else ""]  # noqa: E731
+  return {m.name: _signature(m, collected[m.name], anchor(m), base.free.names) for m in mechanisms if collected[m.name]}
+
+
+def _projector(base: Candidate, mechanism: Mechanism) -> Projector:
+  """For a mechanism that frees base parameters: those don't imitate it."""
+  return Projector(base, {p.name for p in mechanism.parameters})
 
 
 def trial_starts(mechanism: Mechanism, sizes: Sequence[float]) -> list[dict[str, float]]:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from calibration.diagnosis.candidates import candidate, refine, simulate
 from calibration.diagnosis.scan import Projector, at_bound, confusion, pair_gain, scan, trial_starts
 from qcar_twin.mechanisms import select
 
@@ -98,3 +99,30 @@ def test_what_stands_at_its_bound_imitates_nothing(offset_pool):
   rest = Projector(stopped)(change)
   assert np.linalg.norm(rest) > 0.3 * np.linalg.norm(change)
   assert Projector(stopped).answer(change)[0, column] == 0.0
+
+
+def ruled_base(problem):
+  """A recalibrated car that may use up a gyro scale of 3 % within a prior of 1 %."""
+  ruled = rig.BASE + [dataclasses.replace(problem.parameters["gyro_scale"], std=0.01, lower=-0.03, upper=0.03)]
+  base = candidate(problem, (), None, ruled)
+  simulate(problem, [base])
+  refine(problem, [base], 3, full=True)
+  return base, ruled
+
+
+def test_a_mechanism_frees_what_a_ruler_holds(offset_pool):
+  """In its own model the parameter has neither the ruler's prior nor its bounds, and is there once."""
+  base, ruled = ruled_base(offset_pool.problem)
+  model = candidate(offset_pool.problem, ("gyro_scale",), base, ruled)
+  assert sorted(model.free.names) == sorted(ruled.names)
+  assert model.free["gyro_scale"] == offset_pool.problem.parameters["gyro_scale"]
+  assert model.estimate("gyro_scale")[0] == base.estimate("gyro_scale")[0]
+
+
+def test_what_a_ruler_holds_does_not_imitate_its_own_mechanism(offset_pool):
+  """The signature is that of a base without the parameter; every other mechanism's has it projected out."""
+  base, _ = ruled_base(offset_pool.problem)
+  found = scan(offset_pool.problem, base, offset_pool.problem.twin.mechanisms)
+  plain = scan(offset_pool.problem, offset_pool.base, offset_pool.problem.twin.mechanisms)
+  assert found["gyro_scale"].shown == pytest.approx(plain["gyro_scale"].shown, rel=0.02)
+  assert found["steering_offset"].shown <= plain["steering_offset"].shown + 1e-9

@@ -1,9 +1,11 @@
 """Going on from a twin: what it was fitted to is the first guess, and what it carries is in every model."""
 
+import dataclasses
+
 import pytest
 
 from calibration.diagnosis.diagnose import considered, starting_priors
-from calibration.diagnosis.recalibrate import BIAS_MECHANISMS, SENSOR_BIASES
+from calibration.diagnosis.recalibrate import BIAS_MECHANISMS, RULED_MECHANISMS, SENSOR_BIASES
 from qcar_twin.mechanisms import catalogue, select
 from qcar_twin.twin import Twin
 from qcar_twin.vehicle import Vehicle
@@ -31,7 +33,7 @@ def test_without_a_start_every_model_has_the_base_and_the_sensors_own_errors():
 
 def test_a_repaired_twin_brings_its_mechanisms_and_its_values(repaired):
   known = considered(["gyro_scale"], repaired)
-  assert {m.name for m in known} == {"gyro_scale", "steering_delay", *BIAS_MECHANISMS}
+  assert {m.name for m in known} == {"gyro_scale", "steering_delay", *BIAS_MECHANISMS, *RULED_MECHANISMS}
   priors = starting_priors([], Twin(VEHICLE, known, threads=1), repaired)
   assert priors["steering_delay"].nominal == 0.04
   nominal = repaired[0].base["cornering_stiffness_front"].nominal
@@ -49,5 +51,26 @@ def test_what_was_measured_keeps_its_prior(repaired):
   assert all(priors[p.name] == p for p in measured)
 
 
+RULED = dataclasses.replace(VEHICLE, std=dict(VEHICLE.std) | {"wheel_radius": 1e-4, "imu_x": 0.003, "imu_y": 0.002})
+
+
+def test_a_rulers_errors_are_free_within_three_of_its_deviations():
+  twin = Twin(RULED, considered([], None), threads=1)
+  priors = starting_priors([], twin, None)
+  assert priors["imu_lever_arm_x"].std == 0.003 and priors["imu_lever_arm_y"].upper == pytest.approx(0.006)
+  assert priors["wheel_radius_error"].lower == pytest.approx(-3e-4 / RULED.wheel_radius)
+  silent = dataclasses.replace(VEHICLE, std={})
+  assert "wheel_radius_error" not in starting_priors([], Twin(silent, considered([], None), threads=1), None)
+
+
+@pytest.mark.parametrize("found, freed", [(0.005, False), (0.04, True)])
+def test_a_repaired_twin_carries_only_what_is_more_than_a_rulers_error(found, freed):
+  twin = Twin(RULED, considered(["imu_lever_arm"], None), threads=1)
+  theta = twin.parameters.nominal
+  theta[twin.parameters.index("imu_lever_arm_x")] = found
+  prior = starting_priors([], Twin(RULED, considered([], (twin, theta)), threads=1), (twin, theta))["imu_lever_arm_x"]
+  assert (prior.nominal == 0.04 and prior.std is None) if freed else (prior.nominal == 0.0 and prior.std == 0.003)
+
+
 def test_only_named_mechanisms_are_considered_where_names_are_given():
-  assert [m.name for m in considered(["steering_lag"], None)] == ["steering_lag", *BIAS_MECHANISMS]
+  assert [m.name for m in considered(["steering_lag"], None)] == ["steering_lag", *BIAS_MECHANISMS, *RULED_MECHANISMS]
