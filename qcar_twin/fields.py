@@ -214,3 +214,16 @@ class FieldsView:
       near = difflib.get_close_matches(quantity, self._fields.values, n=3) or sorted(self._fields.values)
       raise KeyError(f"no quantity '{quantity}' in the simulator; did you mean {', '.join(near)}?")
     return self._fields.values[quantity]
+
+
+class Recorder(FieldsView):
+  """A view that remembers the fitted value of whatever is changed first."""
+
+  def __init__(self, fields: Fields, rows: Rows, untouched: dict[str, Array]):
+    super().__init__(fields, rows)
+    self._before = untouched
+
+  def set(self, quantity: str, value: Array) -> None:
+    if quantity not in self._before:
+      self._before[quantity] = self._column(quantity).copy()
+    super().set(quantity, value)

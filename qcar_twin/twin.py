@@ -13,7 +13,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from qcar_twin import twin_parameters
-from qcar_twin.fields import Fields, FieldsView, Rows
+from qcar_twin.fields import Fields, Recorder, Rows
 from qcar_twin.handles import Handles
 from qcar_twin.mechanisms.base import Car, Context, Mechanism, State, Track, describe
 from qcar_twin.plant import SIGNALS, START, Prediction, Segments
@@ -123,7 +123,7 @@ class Twin:
     """The same vectors with sensor-side mechanisms at their nominal values."""
     stepped = theta.copy()
     for mechanism in self.mechanisms:
-      if mechanism.stage == "sensor":
+      if mechanism.stage == "sensor" and not _moves_start(mechanism):
         stepped[:, self._columns[mechanism.name]] = [p.nominal for p in mechanism.parameters]
     return stepped
 
@@ -133,6 +133,7 @@ class Twin:
     commands = np.ascontiguousarray(tile(segments.commands).transpose(1, 0, 2))  # (T, n * S, 2)
     history = None if segments.history is None else tile(segments.history)
     start, offset = tile(segments.start), tile(segments.offset)
+    start = self._as_measured(np.repeat(theta, size, axis=0), start)
     simulation = self.begin(np.repeat(theta, size, axis=0), start, history, offset, commands[0], self.batch(n * size))
     pose = None if segments.pose is None else tile(segments.pose)
     signals = np.empty((length + 1, n * size, len(SIGNALS)))
@@ -140,6 +141,14 @@ class Twin:
     for k in range(length):
       signals[k + 1] = simulation.step(commands[k], None if pose is None else pose[:, k])
     return np.ascontiguousarray(signals.transpose(1, 0, 2)).reshape(n, size, length + 1, len(SIGNALS))
+
+  def _as_measured(self, theta: Array, start: Array) -> Array:
+    """Start states (N, 7) of stretches as cars with parameters (N, P) had them, given what their sensors said."""
+    for mechanism in filter(_moves_start, self.mechanisms):
+      rows = self.present(mechanism, theta)
+      if rows is not None:
+        start[rows] = mechanism.begin(theta[rows][:, self._columns[mechanism.name]], start[rows])
+    return start
 
   def measured(self, theta: Array, signals: Array, offset: Array) -> Array:
     """Signals (N, T + 1, 10) as the sensors of a car with parameters (N, P) show them; changed in place."""
@@ -175,6 +184,10 @@ class Twin:
     for _ in range(int(1.5 / self.model.opt.timestep)):
       mujoco.mj_step(self.model, data)
     return float(data.joint("chassis").qpos[2])
+
+
+def _moves_start(mechanism: Mechanism) -> bool:
+  return type(mechanism).begin is not Mechanism.begin
 
 
 class Simulation:
@@ -302,7 +315,7 @@ class Simulation:
       self._fields.values[name][:] = value
     for slot in self._slots:
       if slot.writes and (first or slot.mechanism.varies or slot.mechanism.stage == "contact"):
-        view = _Recorder(self._fields, slot.rows, self._untouched)
+        view = Recorder(self._fields, slot.rows, self._untouched)
         slot.mechanism.write_model(slot.theta, self._context(slot, commands, pose), view)
         dirty |= view.changed
     if dirty:
@@ -333,16 +346,3 @@ class _Slot:
     self.commands = kind.command is not Mechanism.command
     self.pushes = kind.wrench is not Mechanism.wrench
     self.writes = kind.write_model is not Mechanism.write_model
-
-
-class _Recorder(FieldsView):
-  """A view that remembers the fitted value of whatever is changed first."""
-
-  def __init__(self, fields: Fields, rows: Rows, untouched: dict[str, Array]):
-    super().__init__(fields, rows)
-    self._before = untouched
-
-  def set(self, quantity: str, value: Array) -> None:
-    if quantity not in self._before:
-      self._before[quantity] = self._column(quantity).copy()
-    super().set(quantity, value)

@@ -166,6 +166,10 @@ class Mechanism:
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
     """Change quantities of the simulator."""
 
+  def begin(self, theta: Array, start: Array) -> Array:
+    """Start states (N, 7), in the order of START, read off sensors that err as this mechanism says."""
+    return start
+
   def starts(self) -> Sequence[Mapping[str, float]]:
     """Values of the shape parameters from which a search begins; more than one where one start can miss it."""
     return ({},)

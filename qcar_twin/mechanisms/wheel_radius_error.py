@@ -3,6 +3,7 @@
 from qcar_twin.mechanisms.base import Array, Mechanism, Track
 from qcar_twin.mechanisms.elements import replaced
 from qcar_twin.parameters import Parameter
+from qcar_twin.plant import START
 
 
 class WheelRadiusError(Mechanism):
@@ -23,6 +24,11 @@ class WheelRadiusError(Mechanism):
   parameters = (
     Parameter("wheel_radius_error", 0.0, -0.2, 0.2, "-", "e", null=0.0, typical=0.04, description="relative radius"),
   )
+
+  def begin(self, theta: Array, start: Array) -> Array:
+    out = start.copy()
+    out[:, START.index("velocity_x")] *= 1.0 + theta[:, 0]  # the speed at the start was read off the encoder
+    return out
 
   def measure(self, theta: Array, track: Track) -> Array:
     return replaced(track, motor_speed=track.signal("motor_speed") / (1.0 + theta[:, :1]))

@@ -189,3 +189,15 @@ def test_a_bad_twin_file_says_what_to_do(tmp_path):
   (tmp_path / "bad.toml").write_text("format = 7")
   with pytest.raises(ValueError, match="bad.toml: not a twin file of format 1"):
     load_twin(tmp_path / "bad.toml")
+
+
+def test_a_start_read_off_the_encoder_follows_the_wheel_radius():
+  """Coasting cars with wheels 2 % larger than stated: the first speed of the motor is as measured, the car is 2 % faster."""
+  car = Twin(CAR, select(["wheel_radius_error"]), substeps=2)
+  theta = np.stack([car.parameters.nominal, car.parameters.vector({"wheel_radius_error": 0.02})])
+  segments = drive(voltage=0.0, steering=(0.0,), seconds=0.1)
+  segments = dataclasses.replace(segments, start=np.eye(1, len(START), START.index("velocity_x")))
+  true, larger = car.rollout(theta, segments).signals[:, 0, 0]
+  assert larger[SIGNALS.index("velocity_x")] == pytest.approx(1.02 * true[SIGNALS.index("velocity_x")])
+  assert larger[SIGNALS.index("motor_speed")] == pytest.approx(true[SIGNALS.index("motor_speed")])
+  assert segments.start[0, START.index("velocity_x")] == 1.0  # what was measured stays as it was
