@@ -83,7 +83,7 @@ def test_a_trace_beside_a_strong_effect_is_not_claimed(pair_pool):
 
 
 def test_what_is_too_small_to_matter_is_possible_at_most(offset_pool):
-  decision = decide(offset_pool, Thresholds(material=100.0, slight=100.0))
+  decision = decide(offset_pool, Thresholds(material=100.0))
   assert decision.claims == () and "steering_offset" in decision.possible
 
 
