@@ -31,8 +31,14 @@ _GRIPS = (
   1.4,
 )  # of the nominal friction, where rough fits begin: from above the wheels hold and the cost is smooth
 _PART, _LEAST = 0.35, 40.0  # share of the driving a rough fit sees, and at least so many seconds
-# m/s^2, m/s^2, rad/s, s
-SENSOR_BIASES = {"accel_bias_x": 0.15, "accel_bias_y": 0.15, "gyro_bias": 0.02, "encoder_latency": 0.003}
+SENSOR_BIASES = {
+  "accel_bias_x": 0.15,  # m/s^2
+  "accel_bias_y": 0.15,
+  "accel_scale_x": 0.02,  # data sheets of such accelerometers allow 1 to 3 %
+  "accel_scale_y": 0.02,
+  "gyro_bias": 0.02,  # rad/s
+  "encoder_latency": 0.003,  # s
+}
 BIAS_MECHANISMS = ("accel_bias", "gyro_bias", "encoder_latency")
 RULED_MECHANISMS = ("wheel_radius_error", "imu_lever_arm")  # errors of what was measured with a ruler
 _WIDEST = 3.0  # standard deviations of the ruler that recalibration may use up; beyond it is a mechanism

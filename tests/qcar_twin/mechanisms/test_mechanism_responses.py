@@ -316,9 +316,12 @@ def test_scales_and_biases():
   np.testing.assert_allclose(shown("gyro_scale", [0.05], track)["yaw_rate"], 1.05 * gyro)
   drifting = shown("gyro_bias", [0.02, 0.06], track)["yaw_rate"] - gyro
   np.testing.assert_allclose(drifting, 0.02 + 0.001 * track.recording_time[0], atol=1e-12)
-  biased = shown("accel_bias", [0.1, -0.2], track)
+  biased = shown("accel_bias", [0.1, -0.2, 0.0, 0.0], track)
   np.testing.assert_allclose(biased["accel_x"] - ahead, 0.1)
   np.testing.assert_allclose(biased["accel_y"] - left, -0.2)
+  scaled = shown("accel_bias", [0.0, 0.0, 0.02, -0.03], track)
+  np.testing.assert_allclose(scaled["accel_x"], 1.02 * ahead)
+  np.testing.assert_allclose(scaled["accel_y"], 0.97 * left)
   smaller = shown("wheel_radius_error", [-0.2], track)["motor_speed"]
   np.testing.assert_allclose(smaller, 1.25 * track.signal("motor_speed")[0])
 
