@@ -138,8 +138,9 @@ def refine(problem: Problem, candidates: Sequence[Candidate], iterations: int, f
 def _fill_columns(problem: Problem, candidates: Sequence[Candidate], full: bool) -> None:
   jobs = []
   for item in candidates:
-    base = set() if full else set(problem.base)
-    jobs += [(item, i, difference_step(item, i)) for i, name in enumerate(item.free.names) if name not in base]
+    own = {p.name for name in item.mechanisms for p in problem.mechanism(name).parameters}
+    kept = set() if full else set(problem.base) - own
+    jobs += [(item, i, difference_step(item, i)) for i, name in enumerate(item.free.names) if name not in kept]
   if not jobs:
     return
   moved = []

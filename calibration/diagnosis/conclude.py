@@ -21,8 +21,8 @@ class Doubt:
   """What it takes to say that something nameless is there.
 
   Attributes:
-    levels: held-out nats per block (per stretch for a rhythm) of each family that recordings without effects
-      stay below.
+    levels: held-out nats per block (per stretch for a rhythm; odds for bursts) of each family that recordings without
+      effects stay below.
     usual: blocks or stretches the levels hold for.
     material: share of a channel's spread that a structure must make up: with quiet sensors the twin's own
       simplifications become visible (1.5 % on a session without effects at half the usual noise; 8 % with a nameless one).
@@ -36,7 +36,7 @@ class Doubt:
 
   levels: Mapping[str, float] = dataclasses.field(
     default_factory=lambda: {
-      "motion": 2.0, "commands": 1.5, "heading": 1.0, "place": 1.0, "history": 1.6, "rhythm": 1.6,
+      "motion": 2.0, "commands": 1.5, "heading": 1.0, "place": 1.0, "history": 1.6, "rhythm": 1.6, "bursts": 2.3,
     }
   )  # fmt: skip
   usual: int = 30

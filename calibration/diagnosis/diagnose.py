@@ -17,10 +17,10 @@ from calibration.diagnosis.locate import Location, locate
 from calibration.diagnosis.output import Diagnosis, write_outputs
 from calibration.diagnosis.recalibrate import (
   BIAS_MECHANISMS,
-  RULED_MECHANISMS,
+  TOLERATED_MECHANISMS,
   recalibrate,
-  with_ruled_places,
   with_sensor_biases,
+  with_tolerances,
 )
 from calibration.diagnosis.scan import scan
 from calibration.diagnosis.score import compare_freely
@@ -177,23 +177,23 @@ def considered(mechanisms: Sequence[str] | None, start: Start | None) -> tuple[M
   if mechanisms is None:
     return tuple(catalogue().values())
   carried = [m.name for m in start[0].mechanisms] if start else []
-  return select(tuple(dict.fromkeys((*mechanisms, *carried, *BIAS_MECHANISMS, *RULED_MECHANISMS))))
+  return select(tuple(dict.fromkeys((*mechanisms, *carried, *BIAS_MECHANISMS, *TOLERATED_MECHANISMS))))
 
 
 def starting_priors(recordings: Sequence[Recording], twin: Twin, start: Start | None) -> ParameterSet:
   """What every model fits: the base, the sensors' own small errors, and what the twin to go on from has beyond them."""
   base = first_guess(recordings, twin.vehicle)
   if start is None:
-    return with_ruled_places(with_sensor_biases(base, twin), twin)
+    return with_tolerances(with_sensor_biases(base, twin), twin)
   values = start[0].parameters.named(start[1])
-  ruled = with_ruled_places(ParameterSet(()), twin)
+  ruled = with_tolerances(ParameterSet(()), twin)
   small = {p.name for p in ruled if p.lower <= values.get(p.name, 0.0) <= p.upper}
   carried = [
     p for m in start[0].mechanisms if m.name not in BIAS_MECHANISMS for p in m.parameters if p.name not in small
   ]
   base = informed(base, {name: values[name] for name in base.names if name in values})
   priors = with_sensor_biases(base, twin) + [dataclasses.replace(p, nominal=values[p.name]) for p in carried]
-  return with_ruled_places(priors, twin)
+  return with_tolerances(priors, twin)
 
 
 def _always_free(mechanism: Mechanism, priors: ParameterSet) -> bool:

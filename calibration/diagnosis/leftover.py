@@ -1,9 +1,10 @@
 """What a model leaves over: structure in its residuals that noise would not have, whatever physics made it.
 
-Two kinds are looked for, and neither needs a simulation. *Smooth*: the residual of a channel as a function of a few
+Three kinds are looked for, and none needs a simulation. *Smooth*: the residual of a channel as a function of a few
 circumstances (motion, commands and their past, heading, place, what went before), fitted by ridge regression to all
 groups of data but one and judged on that one. *Rhythmic*: a line in its spectrum, over time or over turns of the
-wheels, which no function of circumstances can follow because its phase is nobody's.
+wheels, which no function of circumstances can follow because its phase is nobody's. *Bursts*: moments that come of
+themselves and hold most of what is left.
 """
 
 import dataclasses
@@ -12,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.diagnosis.bursts import bursts
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.circumstances import at_values
 from calibration.diagnosis.families import heading, histories, motion, past_commands, places
@@ -39,6 +41,7 @@ PROPERTIES = {
   "place": "tied to a place",
   "history": "remembers the last seconds",
   "rhythm": "periodic",
+  "bursts": "comes in short bursts",
 }
 _USUAL = 0.1  # size of a coefficient in standard deviations of what the channel measured
 
@@ -49,12 +52,13 @@ class Leftover:
 
   Attributes:
     channel: where it shows.
-    family: of FAMILIES, or "rhythm".
+    family: of FAMILIES, "rhythm" or "bursts".
     depends_on: variables it follows, in words.
-    nats: held-out gain per block of about three seconds; for a rhythm, the line's excess per stretch.
-    comparison: held out, by blocks; None for a rhythm.
+    nats: held-out gain per block of about three seconds; for a rhythm, the line's excess per stretch; for bursts, no
+      nats but the odds that an error falls into one.
+    comparison: held out, by blocks; None for a rhythm and for bursts.
     line: the spectral line; None for a smooth one.
-    count: blocks or stretches behind it.
+    count: blocks, stretches or windows behind it.
     size: RMS of the structure as a share of the spread of what the channel measured; NaN for a rhythm.
   """
 
@@ -82,16 +86,25 @@ def leftovers(model: Candidate, problem: Problem, prediction: Prediction) -> lis
     grid = features(observations, prediction)
     for channel in observations.present if grid.shape[-1] else ():
       test = smooth_gain(model.residual, at_values(grid, observations, channel), observations, channel, whitening)
-      count, rows = len(test.blocks), observations.select(channel)
-      rms = np.sqrt(2.0 * max(test.total, 0.0) / np.sum(whitening[rows] ** 2))
-      size = float(rms / max(np.std(observations.measured[rows]), 1e-12))
+      count, size = len(test.blocks), _size(2.0 * test.total, observations, channel, whitening)
       found.append(Leftover(channel, family, depends_on, test.gain / max(count, 1), test, count=count, size=size))
   turns = problem.twin.vehicle.gear_ratio / (2.0 * np.pi)
   for channel in observations.present:
     if not channel.startswith("pose_"):
       line = strongest_line(model.residual, observations, prediction, channel, turns)
       found.append(Leftover(channel, "rhythm", line.depends_on, line.nats, None, line, line.stretches))
+      # a pose that jumps is mostly the fault of what measures it
+      burst = bursts(model.residual, observations, prediction, channel)
+      size = _size(burst.sum_of_squares, observations, channel, whitening)
+      found.append(Leftover(channel, "bursts", burst.depends_on, burst.odds, None, None, burst.windows, size))
   return found
+
+
+def _size(sum_of_squares: float, observations: Observations, channel: str, whitening: Array) -> float:
+  """RMS of a structure from its whitened sum of squares, as a share of what the channel's measured values spread."""
+  rows = observations.select(channel)
+  rms = np.sqrt(max(sum_of_squares, 0.0) / np.sum(whitening[rows] ** 2))
+  return float(rms / max(np.std(observations.measured[rows]), 1e-12))
 
 
 def smooth_gain(

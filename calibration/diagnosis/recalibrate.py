@@ -34,14 +34,18 @@ _PART, _LEAST = 0.35, 40.0  # share of the driving a rough fit sees, and at leas
 SENSOR_BIASES = {
   "accel_bias_x": 0.15,  # m/s^2
   "accel_bias_y": 0.15,
-  "accel_scale_x": 0.02,  # data sheets of such accelerometers allow 1 to 3 %
-  "accel_scale_y": 0.02,
   "gyro_bias": 0.02,  # rad/s
   "encoder_latency": 0.003,  # s
 }
 BIAS_MECHANISMS = ("accel_bias", "gyro_bias", "encoder_latency")
-RULED_MECHANISMS = ("wheel_radius_error", "imu_lever_arm")  # errors of what was measured with a ruler
-_WIDEST = 3.0  # standard deviations of the ruler that recalibration may use up; beyond it is a mechanism
+# small errors of what is measured with a ruler, read in a data sheet or drawn as a simple linkage
+TOLERATED_MECHANISMS = ("wheel_radius_error", "imu_lever_arm", "steering_nonlinearity")
+TOLERANCES = {
+  "accel_scale_x": 0.015,  # data sheets allow 1 to 3 %
+  "accel_scale_y": 0.015,
+  "steering_nonlinearity": 0.015,  # at lock: Ackermann's geometry and a parabola for it differ by 1.5 % at 0.4 rad
+}
+_WIDEST = 3.0  # standard deviations that recalibration may use up; beyond them is a mechanism
 
 
 @dataclasses.dataclass(frozen=True)
@@ -169,15 +173,17 @@ def with_sensor_biases(base: ParameterSet, twin: Twin) -> ParameterSet:
   return base + biases
 
 
-def with_ruled_places(priors: ParameterSet, twin: Twin) -> ParameterSet:
-  """The same and the errors a ruler may have made, within three of its standard deviations, so that they are not taken for physics.
+def with_tolerances(priors: ParameterSet, twin: Twin) -> ParameterSet:
+  """The same and the errors that are allowed for, within three standard deviations, so that they are not taken for physics.
 
-  A wheel radius that is 0.9 % off makes every turn 0.9 % too wide: without this it was claimed as an error of the steering.
-  Nothing is added for what the vehicle's description states no standard deviation of.
+  A wheel radius that is 0.9 % off makes every turn 0.9 % too wide: without this it was claimed as an error of the
+  steering. So were an accelerometer that feels a body roll which the twin's does not have, and a linkage that turns
+  the two wheels a little otherwise. No place is added that the vehicle's description states no standard deviation of.
   """
   car = twin.vehicle
   stds = {"wheel_radius_error": car.std.get("wheel_radius", 0.0) / car.wheel_radius}
   stds |= {f"imu_lever_arm_{axis}": car.std.get(f"imu_{axis}", 0.0) for axis in ("x", "y")}
+  stds |= TOLERANCES
   known = {n: s for n, s in stds.items() if s > 0.0 and n in twin.parameters and n not in priors}
   return priors + [
     dataclasses.replace(twin.parameters[n], std=s, lower=-_WIDEST * s, upper=_WIDEST * s) for n, s in known.items()

@@ -6,6 +6,7 @@ import diagnosis_rig as rig
 import numpy as np
 import pytest
 
+from calibration.diagnosis.bursts import bursts
 from calibration.diagnosis.conclude import Doubt, notable
 from calibration.diagnosis.families import heading, histories, monomials, motion, past_commands, places, terms
 from calibration.diagnosis.leftover import FAMILIES, leftovers, smooth_gain
@@ -31,8 +32,8 @@ def spoilt(channel, error, pose=True, seed=5):
 
 def test_noise_leaves_nothing_over():
   items = found(rig.session({}, seed=11, pose=True))
-  assert {family for _, family in items} == {"motion", "commands", "heading", "place", "history", "rhythm"}
-  smooth = [i.nats for i in items.values() if i.family != "rhythm"]
+  assert {family for _, family in items} == {"motion", "commands", "heading", "place", "history", "rhythm", "bursts"}
+  smooth = [i.nats for i in items.values() if i.family not in ("rhythm", "bursts")]
   assert max(smooth) < 0.25
   assert max(i.nats for i in items.values() if i.family == "rhythm") < 2.5  # ten stretches scatter by 0.3 each way
 
@@ -72,6 +73,33 @@ def test_a_rhythm_of_unknown_phase_is_found_at_its_frequency():
   assert items["yaw_rate", "rhythm"].nats > 5.0
   assert items["yaw_rate", "rhythm"].depends_on == ("time: a rhythm of 3.2 Hz",)
   assert items["accel_y", "rhythm"].nats < 2.5
+
+
+def test_errors_that_come_in_bursts_are_told_from_errors_that_are_always_there():
+  def now_and_then(time, k):  # a quarter of a second in every ten
+    return 3.0 * ((time + k) % 10.0 < 0.25)
+
+  items, doubt = found(spoilt("yaw_rate", now_and_then)), Doubt()
+  own = items["yaw_rate", "bursts"]
+  assert doubt.strength(own) > 1.5 and own in notable([own], doubt)
+  assert "time: " in own.depends_on[0]
+  assert doubt.strength(items["accel_y", "bursts"]) < 0.5
+  always = found(spoilt("yaw_rate", lambda time, k: 0.3 * np.cos(4.0 * time)))
+  assert doubt.strength(always["yaw_rate", "bursts"]) < 0.5
+
+
+def test_bursts_are_the_share_of_the_strongest_twentieth_while_the_car_moves(clean_pool):
+  observations = clean_pool.problem.observations
+  prediction = clean_pool.problem.predict(clean_pool.base.theta[None])
+  rows = np.flatnonzero(observations.select("yaw_rate"))
+  residual = np.zeros(len(observations))
+  residual[rows] = 1.0
+  even = bursts(residual, observations, prediction, "yaw_rate")
+  assert even.windows >= 100 and even.share == pytest.approx(0.05, abs=0.01)
+  residual[rows[len(rows) // 2]] = 1e4
+  assert bursts(residual, observations, prediction, "yaw_rate").share > 0.99
+  resting = type(prediction)(**{**vars(prediction), "signals": 0.0 * prediction.signals})
+  assert bursts(residual, observations, resting, "yaw_rate").windows == 0
 
 
 def test_excess_of_a_line_and_of_white_noise():

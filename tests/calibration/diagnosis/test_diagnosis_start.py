@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from calibration.diagnosis.diagnose import considered, starting_priors
-from calibration.diagnosis.recalibrate import BIAS_MECHANISMS, RULED_MECHANISMS, SENSOR_BIASES
+from calibration.diagnosis.recalibrate import BIAS_MECHANISMS, SENSOR_BIASES, TOLERATED_MECHANISMS
 from qcar_twin.mechanisms import catalogue, select
 from qcar_twin.twin import Twin
 from qcar_twin.vehicle import Vehicle
@@ -33,7 +33,7 @@ def test_without_a_start_every_model_has_the_base_and_the_sensors_own_errors():
 
 def test_a_repaired_twin_brings_its_mechanisms_and_its_values(repaired):
   known = considered(["gyro_scale"], repaired)
-  assert {m.name for m in known} == {"gyro_scale", "steering_delay", *BIAS_MECHANISMS, *RULED_MECHANISMS}
+  assert {m.name for m in known} == {"gyro_scale", "steering_delay", *BIAS_MECHANISMS, *TOLERATED_MECHANISMS}
   priors = starting_priors([], Twin(VEHICLE, known, threads=1), repaired)
   assert priors["steering_delay"].nominal == 0.04
   nominal = repaired[0].base["cornering_stiffness_front"].nominal
@@ -73,4 +73,8 @@ def test_a_repaired_twin_carries_only_what_is_more_than_a_rulers_error(found, fr
 
 
 def test_only_named_mechanisms_are_considered_where_names_are_given():
-  assert [m.name for m in considered(["steering_lag"], None)] == ["steering_lag", *BIAS_MECHANISMS, *RULED_MECHANISMS]
+  assert [m.name for m in considered(["steering_lag"], None)] == [
+    "steering_lag",
+    *BIAS_MECHANISMS,
+    *TOLERATED_MECHANISMS,
+  ]
