@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from calibration.campaign_figure import draw_confusion
+from calibration.campaign_nulls import spurious_table
 from calibration.campaign_score import Result, score, score_table
 
 # figure of merit, what it is called, its aim: at least (+) or at most (-)
@@ -52,4 +53,5 @@ def campaign_page(results: Sequence[Result], drawn: int, command: str, folder: P
     lines.append(f"| {meaning} | {wanted} | {'-' if value is None else f'{value:.3g}'} |")
   picture = draw_confusion(results, folder / "confusion.png")
   lines += ["", f"![First claims against the truth]({picture.name})", "", "All figures:", "", score_table(results)]
+  lines += ["What explained something on sessions without an effect, alone and held out:", "", spurious_table(results)]
   return "\n".join(lines)

@@ -6,6 +6,7 @@ import pytest
 
 from calibration.campaign import Case, draw_cases, run_case
 from calibration.campaign_figure import confusion_table
+from calibration.campaign_nulls import spurious, spurious_table
 from calibration.campaign_page import AIMS, campaign_page
 from calibration.campaign_score import (
   error_over,
@@ -200,3 +201,21 @@ def test_an_answer_that_is_there_is_kept(tmp_path):
   path.write_text(json.dumps({"kept": True}))
   assert run_case(case, tmp_path) == path
   assert json.loads(path.read_text()) == {"kept": True}
+
+
+def test_what_nulls_let_mechanisms_reach():
+  def tried(kind, *trials):
+    case = result(kind, DELAY if kind == "single" else [])
+    case["answer"]["trials"] = [
+      {"set": names, "t": t, "gain": gain, "sizes": {"a": [0.02, 0.001, 0.1], "b": [size, 0.01, 1.0]}}
+      for names, t, gain, size in trials
+    ]
+    return case
+
+  nulls = [
+    tried("null", (["pose_mount"], 2.5, 30.0, -0.3), (["cogging"], 1.0, 90.0, 5.0), (["cogging"], 3.0, 5.0, 5.0)),
+    tried("null", (["pose_mount"], 3.5, 20.0, 0.1), (["cogging", "payload"], 9.0, 99.0, 1.0)),
+    tried("single", (["steering_delay"], 9.0, 500.0, 1.0)),
+  ]
+  assert spurious(nulls) == [("pose_mount", 2, 30.0, 3.5, 0.3)]
+  assert "| pose_mount | 2 | 30 | 3.5 | 0.30 |" in spurious_table(nulls)
