@@ -241,19 +241,21 @@ def _strength(test: Comparison, thresholds: Thresholds) -> float:
 def _claim(pool: Pool, best: Candidate, name: str, thresholds: Thresholds) -> Claim:
   without = pool.models[frozenset(best.mechanisms) - {name}]
   held_out = compare(best, without, pool.problem.observations)
-  rivals = []
-  equivalent = []
+  rivals, serious, equivalent = [], [0.0], []
   for key, model in pool.models.items():
     other = key - set(without.mechanisms)
     if len(key) == len(best.mechanisms) and set(without.mechanisms) < key and len(other) == 1 and name not in other:
       (rival,) = other
       rivals.append((rival, without.cost - model.cost))
+      # one that would not be claimed itself (it frees priors and predicts worse) is no rival
+      if _significant(compare(model, without, pool.problem.observations), thresholds):
+        serious.append(without.cost - model.cost)
       gap = compare(best, model, pool.problem.observations)
       if gap.t < thresholds.equivalent or gap.gain < 0.03 * held_out.gain:
         equivalent.append(rival)
   rivals.sort(key=lambda r: -r[1])
   gain = without.cost - best.cost
-  margin = gain - max((r[1] for r in rivals), default=0.0)
+  margin = gain - max(serious)
   return Claim(
     mechanism=name,
     probability=_probability(held_out, margin),
