@@ -13,7 +13,7 @@ import numpy as np
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.leftover import Leftover
 from calibration.diagnosis.recalibrate import BIAS_MECHANISMS
-from calibration.diagnosis.score import Comparison, clustered_std, compare, evidence
+from calibration.diagnosis.score import Comparison, clustered_std, compare, evidence, judged
 from calibration.diagnosis.search import Pool, ensure
 from calibration.observations import CHANNELS
 from qcar_twin.parameters import ParameterSet
@@ -39,11 +39,14 @@ class Thresholds:
     priors: nats by which a mechanism must free measured parameters from what they were bent to, where recalibration
       leaves no residual of it.
     material: share of the typical size: the twin's own simplifications look like a tenth of some effects, however clearly.
+    further: the same for a mechanism beside others, for which `many` nats don't help, either: a first formula that is
+      right in kind but not in every detail leaves small things over.
     bias: the same for biases of the IMU and the encoder's lag, of which every one has some.
     beside: share of the cost explained so far, at all or in the channels where it shows, that a further mechanism
       must bring: a formula that is right in kind but not in every detail leaves about that much for others to pick up.
     trace, plain: a smaller share will do, but at least `trace`, for a mechanism of at least `plain` typical sizes.
     probability: a name less likely right than this is not claimed.
+    worse: a set of names by which recordings that only judge are predicted worse by this factor is cut down.
     equivalent: a rival within so many standard errors of the claim can't be told apart.
   """
 
@@ -54,12 +57,18 @@ class Thresholds:
   share: float = 0.55
   priors: float = 60.0
   material: float = 0.15
+  further: float = 0.25
   bias: float = 0.55
   beside: float = 0.05
   trace: float = 0.01
   plain: float = 0.4
-  probability: float = 0.5
+  probability: float = 0.4
+  worse: float = 1.01
   equivalent: float = 1.0
+
+  def beside_others(self) -> "Thresholds":
+    """What a mechanism beside others needs."""
+    return dataclasses.replace(self, many=np.inf, material=max(self.material, self.further))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,7 +115,7 @@ def decide(pool: Pool, thresholds: Thresholds = Thresholds()) -> Decision:  # no
     pool: all fitted models.
     thresholds: what a claim needs.
   """
-  best = _simplified(pool, _grown(pool, thresholds), thresholds)
+  best = _useful(pool, _simplified(pool, _grown(pool, thresholds), thresholds), thresholds)
   claims = _bias_claims(pool, best, thresholds) + [_claim(pool, best, name, thresholds) for name in best.mechanisms]
   claims = [c for c in claims if c.probability >= thresholds.probability]
   kept = frozenset(c.mechanism for c in claims) - set(BIAS_MECHANISMS)
@@ -121,7 +130,8 @@ def _grown(pool: Pool, thresholds: Thresholds) -> Candidate:
   """The best set, size by size: each must beat the best smaller one significantly, and every member must matter."""
   best, observations = pool.base, pool.problem.observations
   for size in (1, 2, 3):
-    better = [m for m in pool.of_size(size) if _passes(pool, m, compare(m, best, observations), thresholds)]
+    needed = thresholds.beside_others() if best.mechanisms else thresholds
+    better = [m for m in pool.of_size(size) if _passes(pool, m, compare(m, best, observations), needed)]
     found = min(better, key=lambda m: m.cost, default=best)
     if best.mechanisms and not _worth_adding(pool, found, best, thresholds):
       return best
@@ -215,10 +225,21 @@ def _simplified(pool: Pool, best: Candidate, thresholds: Thresholds) -> Candidat
       n: compare(best, pool.models[frozenset(best.mechanisms) - {n}], pool.problem.observations)
       for n in best.mechanisms
     }
-    weakest = min(tests, key=lambda n: _strength(tests[n], thresholds))
-    if _significant(tests[weakest], thresholds):
+    needed = thresholds.beside_others() if len(tests) > 1 else thresholds
+    weakest = min(tests, key=lambda n: _strength(tests[n], needed))
+    if _significant(tests[weakest], needed):
       return best
     best = pool.models[frozenset(best.mechanisms) - {weakest}]
+  return best
+
+
+def _useful(pool: Pool, best: Candidate, thresholds: Thresholds) -> Candidate:
+  """Drop names by which recordings that only judge are predicted worse than by the recalibrated twin."""
+  error = lambda m: judged(m, pool.base, pool.problem.observations)  # noqa: E731
+  while best.mechanisms and error(best) > thresholds.worse:
+    smaller = [frozenset(best.mechanisms) - {name} for name in best.mechanisms]
+    ensure(pool, smaller)
+    best = min((pool.models[key] for key in smaller), key=error)
   return best
 
 

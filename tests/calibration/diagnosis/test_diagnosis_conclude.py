@@ -120,6 +120,25 @@ def test_what_a_wrong_formula_leaves_where_it_acts_is_no_second_effect():
   assert {c.mechanism for c in decide(pool, Thresholds(beside=0.6, plain=np.inf)).claims} == {"steering_offset"}
 
 
+def test_a_second_name_needs_more_than_a_first(pair_pool):
+  """Beside another, a mechanism of a third of the usual size does not pass where that is not plain enough."""
+  assert {c.mechanism for c in decide(pair_pool).claims} == {"steering_offset", "side_force"}
+  alone = Thresholds(material=0.1, further=1.5)
+  assert len(decide(pair_pool, alone).claims) == 1
+  limits = Thresholds().beside_others()
+  assert limits.material == Thresholds().further and limits.many == np.inf and limits.t == Thresholds().t
+
+
+def test_names_by_which_recordings_that_only_judge_are_predicted_worse_are_dropped(offset_pool):
+  single = offset_pool.models[frozenset(["steering_offset"])]
+  spoilt = single.residual.copy()
+  spoilt[single.fitted :] = 1.05 * offset_pool.base.residual[single.fitted :]
+  models = {frozenset(): offset_pool.base, frozenset(["steering_offset"]): dataclasses.replace(single, residual=spoilt)}
+  pool = dataclasses.replace(offset_pool, models=models)
+  assert decide(pool).claims == ()
+  assert [c.mechanism for c in decide(pool, Thresholds(worse=1.1)).claims] == ["steering_offset"]
+
+
 def absorbed(pool, sigmas, share):
   """A pool whose base bent the mass by so many prior deviations, where a side force lets it go back.
 

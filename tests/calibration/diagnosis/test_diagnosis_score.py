@@ -1,5 +1,6 @@
 """Leave-one-out by linear algebra is the refit without that group; gains and shares add up."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import diagnosis_rig as rig
@@ -16,6 +17,7 @@ from calibration.diagnosis.score import (
   evidence,
   groups_of,
   held_out,
+  judged,
   prior_part,
 )
 from calibration.observations import CHANNELS
@@ -124,3 +126,15 @@ def test_deviations_hold_where_a_group_shares_its_disturbance():
     said = np.median([clustered_std(m, observations)[0] for m in models])
     assert_allclose(said, spread, rtol=0.25)
   assert models[0].std[0] < 0.25 * spread  # taken as independent witnesses, the samples promise far too much
+
+
+def test_judged_is_the_mean_ratio_of_errors_where_nothing_was_fitted(offset_pool):
+  base, observations = offset_pool.base, offset_pool.problem.observations
+  residual = base.residual.copy()
+  residual[: base.fitted] *= 7.0
+  residual[base.fitted :] *= np.where(observations.channel[base.fitted :] == CHANNELS.index("yaw_rate"), 2.0, 1.0)
+  other = dataclasses.replace(base, residual=residual)
+  present = len(np.unique(observations.channel[base.fitted :]))
+  assert judged(other, base, observations) == pytest.approx(2.0 ** (1.0 / present))
+  everything = dataclasses.replace(base, fitted=len(observations))
+  assert judged(everything, base, observations) == 1.0
