@@ -183,19 +183,30 @@ def test_battery_discharge_counts_time_and_energy():
 def test_motor_heating_reaches_its_warmth_and_cools_down():
   commands = np.full(3000, 2.5)
   commands[1500:2900] = 0.0
-  found = act("motor_heating", [0.2, 5.0], commands, VOLT)
+  found = act("motor_heating", [0.2, 0.0, 5.0], commands, VOLT)
   np.testing.assert_allclose(found[1499], 2.5 * np.exp(-0.2 * (1 - np.exp(-3.0))), rtol=1e-3)
   assert found[0] == 2.5 and found[1499] < found[2900] < 2.5
   driven = motion(1)
   driven.history[:] = [1e4, 1e4 * 2.5**2]
-  np.testing.assert_allclose(act("motor_heating", [0.2, 5.0], [1.0], VOLT, driven), np.exp(-0.2), rtol=1e-6)
+  np.testing.assert_allclose(act("motor_heating", [0.2, 0.0, 5.0], [1.0], VOLT, driven), np.exp(-0.2), rtol=1e-6)
 
 
 def test_motor_heating_leaves_an_idle_motor_alone():
   driven = motion(1, motor_speed=300.0)
   driven.history[:] = [1e4, 1e5]
   idle = 300.0 * VOLTS_PER_SPEED
-  np.testing.assert_allclose(act("motor_heating", [0.3, 60.0], [idle], VOLT, driven), idle, rtol=1e-12)
+  np.testing.assert_allclose(act("motor_heating", [0.3, 0.0, 60.0], [idle], VOLT, driven), idle, rtol=1e-12)
+
+
+def test_weaker_magnets_push_less_from_rest_and_idle_faster():
+  """A motor of constant K' = exp(-m) K gives K' (u - K' w): none at w = u / K', where the cold one would brake."""
+  warm = [1e4, 1e4 * 2.5**2]
+  standing, spinning = motion(1), motion(1, motor_speed=300.0)
+  standing.history[:], spinning.history[:] = warm, warm
+  share, back_emf = np.exp(-0.2), 300.0 * VOLTS_PER_SPEED
+  np.testing.assert_allclose(act("motor_heating", [0.0, 0.2, 60.0], [2.0], VOLT, standing), 2.0 * share, rtol=1e-6)
+  idle = act("motor_heating", [0.0, 0.2, 60.0], [share * back_emf], VOLT, spinning)
+  np.testing.assert_allclose(idle, back_emf, rtol=1e-6)  # no torque
 
 
 def test_coasting_free_takes_the_braking_away_at_zero_only():
