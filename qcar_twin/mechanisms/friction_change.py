@@ -31,9 +31,9 @@ class FrictionChange(Mechanism):
   )
 
   def starts(self) -> Sequence[Mapping[str, float]]:
-    """A fast and a slow drift, and drops at four times."""
+    """A fast and a slow drift, and drops at times so close that each sees the next one's flank."""
     drifts = ({"friction_change_time": t, "friction_change_suddenness": 1.0} for t in (60.0, 300.0))
-    drops = ({"friction_change_time": t, "friction_change_suddenness": 15.0} for t in (40.0, 100.0, 200.0, 400.0))
+    drops = ({"friction_change_time": t, "friction_change_suddenness": 7.0} for t in (30.0, 60.0, 110.0, 200.0, 400.0))
     return (*drifts, *drops)
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
