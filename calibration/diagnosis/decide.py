@@ -234,12 +234,20 @@ def _simplified(pool: Pool, best: Candidate, thresholds: Thresholds) -> Candidat
 
 
 def _useful(pool: Pool, best: Candidate, thresholds: Thresholds) -> Candidate:
-  """Drop names by which recordings that only judge are predicted worse than by the recalibrated twin."""
-  error = lambda m: judged(m, pool.base, pool.problem.observations)  # noqa: E731
+  """Drop names by which recordings that only judge are predicted worse than by the recalibrated twin.
+
+  One that frees what was measured from what it was bent to is not dropped: what it replaced had imitated it well.
+  """
+  observations = pool.problem.observations
+  error = lambda m: judged(m, pool.base, observations)  # noqa: E731
   while best.mechanisms and error(best) > thresholds.worse:
-    smaller = [frozenset(best.mechanisms) - {name} for name in best.mechanisms]
-    ensure(pool, smaller)
-    best = min((pool.models[key] for key in smaller), key=error)
+    keys = [frozenset(best.mechanisms) - {name} for name in best.mechanisms]
+    ensure(pool, keys)
+    smaller = [pool.models[key] for key in keys]
+    smaller = [m for m in smaller if compare(best, m, observations).priors < thresholds.priors]
+    if not smaller:
+      return best
+    best = min(smaller, key=error)
   return best
 
 
