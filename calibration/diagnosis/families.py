@@ -17,7 +17,7 @@ from qcar_twin.plant import Prediction
 Array = NDArray[np.float64]
 
 MOTION = {"velocity_x": 1.5, "yaw_rate": 1.5, "accel_x": 2.0, "accel_y": 3.0}  # m/s, rad/s, m/s^2: squashed beyond
-_BUMPS = 4  # per side of the floor that was driven
+_BUMPS = 6  # per side of the floor that was driven: what bends a sensor near one place is half a metre wide
 _MEMORIES = (0.8, 3.0, 10.0)  # s
 
 
@@ -48,7 +48,7 @@ def heading(observations: Observations, prediction: Prediction) -> Array:
 
 
 def places(observations: Observations, prediction: Prediction) -> Array:
-  """Bumps over the floor that was driven, (S, T + 1, 16); no columns without a measured place."""
+  """Bumps over the floor that was driven, (S, T + 1, 36); no columns without a measured place."""
   pose = observations.stretches.segments.pose
   if pose is None or not np.isfinite(pose[..., :2]).all():
     return np.zeros((*prediction.channel("yaw_rate")[0].shape, 0))

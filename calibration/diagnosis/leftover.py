@@ -86,7 +86,9 @@ def leftovers(model: Candidate, problem: Problem, prediction: Prediction) -> lis
     grid = features(observations, prediction)
     for channel in observations.present if grid.shape[-1] else ():
       test = smooth_gain(model.residual, at_values(grid, observations, channel), observations, channel, whitening)
-      count, size = len(test.blocks), _size(2.0 * test.total, observations, channel, whitening)
+      # one recording left out that lies far from all others may be foretold so badly that the total is negative
+      nats, count = max(test.total, test.gain), len(test.blocks)
+      size = _size(2.0 * nats, observations, channel, whitening)
       found.append(Leftover(channel, family, depends_on, test.gain / max(count, 1), test, count=count, size=size))
   turns = problem.twin.vehicle.gear_ratio / (2.0 * np.pi)
   for channel in observations.present:
