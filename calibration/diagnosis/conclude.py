@@ -11,6 +11,7 @@ import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decide import Decision
+from calibration.diagnosis.detect import Detection
 from calibration.diagnosis.leftover import Leftover, leftovers
 from calibration.diagnosis.score import Comparison, compare, compare_freely
 from calibration.diagnosis.search import Pool
@@ -32,6 +33,8 @@ class Doubt:
     least: nats it must be ahead.
     explains: share of the held-out sum of squares it must explain.
     t: and its lead over its standard error.
+    loud: by which a detector must exceed its level to say so without a name or a leftover.
+    heard: detectors that may; the exponent of the pose error tells too little.
   """
 
   levels: Mapping[str, float] = dataclasses.field(
@@ -46,6 +49,8 @@ class Doubt:
   least: float = 40.0
   explains: float = 0.2
   t: float = 3.0
+  loud: float = 1.25
+  heard: tuple[str, ...] = ("predictability", "drift", "priors")
 
   def strength(self, item: Leftover) -> float:
     """A leftover in units of its family's level, which is higher where fewer blocks leave more to chance."""
@@ -100,6 +105,14 @@ def conclude(
   if verdict != decision.verdict:
     claims = tuple(dataclasses.replace(c, probability=0.5 * c.probability, certain=False) for c in claims)
   return dataclasses.replace(decision, verdict=verdict, claims=claims, unknown=unknown, leftovers=rest)
+
+
+def heeded(decision: Decision, detection: Detection, doubt: Doubt = Doubt()) -> Decision:  # noqa: B008 - frozen
+  """The decision, `unexplained` where nothing was found but a detector is far above what recordings without effects show."""
+  loudest = max((detection[name] for name in doubt.heard), key=lambda d: d.statistic / d.threshold)
+  if decision.verdict != "no_mismatch" or loudest.statistic <= doubt.loud * loudest.threshold:
+    return decision
+  return dataclasses.replace(decision, verdict="unexplained", alarm=loudest.sentence)
 
 
 def best_unknown(pool: Pool, unknowns: Mapping[str, Candidate]) -> tuple[str, Comparison] | None:

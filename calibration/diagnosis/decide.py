@@ -97,6 +97,7 @@ class Decision:
     unknown: name of the UNKNOWN rival that did best, and its held-out comparison with the base.
     ranking: every mechanism tried with its evidence, best first.
     leftovers: structure the model behind the claims leaves beyond what recordings without effects show, strongest first.
+    alarm: what the loudest detector says where nothing else does; "" otherwise.
   """
 
   verdict: str
@@ -106,6 +107,7 @@ class Decision:
   unknown: tuple[str, Comparison] | None
   ranking: tuple[tuple[str, float], ...]
   leftovers: tuple[Leftover, ...] = ()
+  alarm: str = ""
 
 
 def decide(pool: Pool, thresholds: Thresholds = Thresholds()) -> Decision:  # noqa: B008 - frozen

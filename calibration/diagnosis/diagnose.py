@@ -9,15 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, candidate, refine
-from calibration.diagnosis.conclude import Doubt, conclude, left_over, notable
+from calibration.diagnosis.conclude import Doubt, conclude, heeded, left_over, notable
 from calibration.diagnosis.decide import Decision, Thresholds, decide
-from calibration.diagnosis.detect import detect
+from calibration.diagnosis.detect import Detection, detect
 from calibration.diagnosis.experiment import next_experiment
 from calibration.diagnosis.locate import Location, locate
 from calibration.diagnosis.output import Diagnosis, write_outputs
 from calibration.diagnosis.recalibrate import (
   BIAS_MECHANISMS,
   TOLERATED_MECHANISMS,
+  Baseline,
   recalibrate,
   with_sensor_biases,
   with_tolerances,
@@ -105,20 +106,20 @@ def diagnose(
   clock.start("decision and unknown rivals")
   decision, unknowns = _with_unknown(decide(pool, thresholds), pool, doubt)
   clock.start("detection and location")
+  detection, decision = _detected(baseline, pool, decision, doubt)
   place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)
   clock.start("hold-out")
   cut = Cut(shift=baseline.shift, most=LONGEST)
   validate, holdout = (_before_and_after(twin, pool, decision, dataset.role(r), cut) for r in ("validate", "holdout"))
-  clock.stop()
   diagnosis = Diagnosis(
     dataset=dataset.name,
     decision=decision,
-    detection=detect(baseline, pool.base, problem=pool.problem),
+    detection=detection,
     location=place,
     pool=pool,
     validate=validate,
     holdout=holdout,
-    seconds=sum(clock.stages.values()),
+    seconds=clock.stop(),
     stages=clock.stages,
     next_experiment=experiment,
     notes=dataset.warnings,
@@ -163,6 +164,12 @@ def _with_unknown(decision: Decision, pool: Pool, doubt: Doubt) -> tuple[Decisio
   before, after = left_over(decision, pool, doubt)
   unknowns = fit_unknowns(pool, forces=bool(notable(after, doubt)))
   return conclude(decision, pool, before, after, unknowns, doubt), unknowns
+
+
+def _detected(baseline: Baseline, pool: Pool, decision: Decision, doubt: Doubt) -> tuple[Detection, Decision]:
+  """What the detectors say of the recalibrated twin, and the decision that heeds them."""
+  detection = detect(baseline, pool.base, problem=pool.problem)
+  return detection, heeded(decision, detection, doubt)
 
 
 def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]) -> Location:
@@ -223,7 +230,9 @@ class _Clock:
     self._name, self._since = name, time.perf_counter()
     self._report(name, 0.0)
 
-  def stop(self) -> None:
+  def stop(self) -> float:
+    """Seconds of all stages so far."""
     if self._name:
       self.stages[self._name] = time.perf_counter() - self._since
       self._name = ""
+    return sum(self.stages.values())

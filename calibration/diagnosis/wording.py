@@ -77,6 +77,7 @@ def verdict_sentence(decision: Decision, mechanisms: Mapping[str, Mechanism], re
     about = f" The error behaves like {unknown_words(decision.unknown[0])}." if decision.unknown else ""
     if decision.leftovers:
       about = f" {leftover_sentence(decision.leftovers[0])}"
+    about = f" {decision.alarm}" if decision.alarm else about
     close = f" The nearest named effect, {named[0].mechanism}, does not reach it." if named else ""
     return f"The twin is wrong in a way that none of the known mechanisms explains.{about}{close}"
   told = "; ".join(claim_sentence(c, mechanisms[c.mechanism]) + doubts(c) for c in named)

@@ -6,10 +6,12 @@ import diagnosis_rig as rig
 import numpy as np
 import pytest
 
-from calibration.diagnosis.conclude import Doubt, conclude, left_over, notable
+from calibration.diagnosis.conclude import Doubt, conclude, heeded, left_over, notable
 from calibration.diagnosis.decide import Thresholds, decide
+from calibration.diagnosis.detect import Detection, Detector
 from calibration.diagnosis.leftover import Leftover, leftovers
 from calibration.diagnosis.unknown import unknown_sensors
+from calibration.diagnosis.wording import verdict_sentence
 
 
 def over(pool, model):
@@ -118,6 +120,22 @@ def test_what_a_wrong_formula_leaves_where_it_acts_is_no_second_effect():
   pool.models[both] = rig.solved(pool.problem, tuple(sorted(both)))
   assert {c.mechanism for c in decide(pool, Thresholds(beside=0.01)).claims} == both
   assert {c.mechanism for c in decide(pool, Thresholds(beside=0.6, plain=np.inf)).claims} == {"steering_offset"}
+
+
+def test_a_loud_detector_without_a_name_is_unexplained(clean_pool):
+  def detection(**statistics):
+    levels = {"predictability": 0.2, "drift": 5.0, "priors": 8.0, "horizons": 1.0}
+    return Detection(
+      tuple(Detector(n, statistics.get(n, 0.0), level, False, f"{n} speaks.") for n, level in levels.items())
+    )
+
+  silent = concluded(clean_pool, decide(clean_pool))
+  assert heeded(silent, detection(drift=5.5, horizons=9.0)) == silent
+  loud = heeded(silent, detection(drift=6.0, priors=12.0))
+  assert loud.verdict == "unexplained" and loud.alarm == "priors speaks." and loud.claims == ()
+  assert "priors speaks." in verdict_sentence(loud, {})
+  named = dataclasses.replace(silent, verdict="explained")
+  assert heeded(named, detection(drift=99.0)) == named
 
 
 def test_a_second_name_needs_more_than_a_first(pair_pool):
