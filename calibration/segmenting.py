@@ -190,14 +190,12 @@ def _pose_on(recording: Recording, time: Array) -> Array:
 
 
 def _history(recordings: Sequence[Recording], period: float) -> Array:
-  """Seconds driven and V^2 s spent before each recording, within its session, (R, 2)."""
-  history = np.zeros((len(recordings), 2))
-  total: dict[str | None, Array] = {}
+  """Seconds driven and V^2 s spent before each recording, (R, 2): as its data set says, else from those listed before it."""
+  history, total = np.zeros((len(recordings), 2)), np.zeros(2)
   for index, recording in enumerate(recordings):
-    before = total.get(recording.session, np.zeros(2))
-    history[index] = before
+    history[index] = total if recording.before is None else recording.before
     _, commands = recording.commands(period)
-    total[recording.session] = before + [len(commands) * period, float(np.sum(commands[:, 0] ** 2)) * period]
+    total = history[index] + [len(commands) * period, float(np.sum(commands[:, 0] ** 2)) * period]
   return history
 
 

@@ -69,7 +69,9 @@ def fingerprint(dataset: DataSet) -> str:
   """SHA-256 of a data set's recordings and vehicle numbers."""
   digest = hashlib.sha256(repr((dataset.command_timing, dataset.vehicle, dataset.vehicle_std)).encode())
   for recording in dataset.recordings:
-    digest.update(repr((recording.name, recording.role, recording.manoeuvre, recording.session)).encode())
+    digest.update(
+      repr((recording.name, recording.role, recording.manoeuvre, recording.session, recording.before)).encode()
+    )
     for name in recording.channels:
       stream = recording[name]
       digest.update(name.encode())

@@ -6,7 +6,7 @@ import json
 import logging
 import os
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,7 +25,10 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class DataSet:
-  """Recordings of one car, what was measured of the car, and what to be wary of."""
+  """Recordings of one car in the order they were driven, what was measured of the car, and what to be wary of.
+
+  Each recording is told what was driven before it, whatever roles and sessions lie between.
+  """
 
   name: str
   recordings: tuple[Recording, ...]
@@ -36,6 +39,9 @@ class DataSet:
   licence: str = ""
   source: str = ""
   warnings: tuple[str, ...] = ()
+
+  def __post_init__(self) -> None:
+    object.__setattr__(self, "recordings", _in_order(self.recordings))
 
   @classmethod
   def load(cls, folder: str | os.PathLike[str]) -> DataSet:
@@ -77,6 +83,19 @@ class DataSet:
     raise RecordingError(
       f"data set '{self.name}' has no recording '{name}'{nearest(name, [r.name for r in self.recordings])}"
     )
+
+
+def _in_order(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+  """The same recordings, each with the seconds driven and V^2 s spent before it; one that knows them already keeps them."""
+  out: list[Recording] = []
+  seconds, energy = 0.0, 0.0
+  for recording in recordings:
+    seconds, energy = recording.before or (seconds, energy)
+    out.append(recording.replace(before=(seconds, energy)))
+    volts = recording.streams.get("motor_voltage")
+    seconds += recording.duration
+    energy += 0.0 if volts is None else float(np.sum(volts.value[:-1] ** 2 * np.diff(volts.time)))
+  return tuple(out)
 
 
 def _absent_columns(manifest: Manifest, tables: list[Table]) -> list[str]:

@@ -112,6 +112,9 @@ class Stream:
 class Recording:
   """One run of one car. Streams are asynchronous: each channel has its own sample times.
 
+  `before`: seconds driven and V^2 s spent in the data set before this run, for heat, charge and wear; None where nobody
+  knows, for instance outside a data set.
+
   Raises UnknownChannelError for a stream that is no channel, RecordingError for an unknown role or no samples at all.
   """
 
@@ -121,6 +124,7 @@ class Recording:
   role: str = "identify"
   manoeuvre: str = "free_driving"
   session: str | None = None
+  before: tuple[float, float] | None = None
 
   def __post_init__(self) -> None:
     valid = [name for name in CHANNELS if name != "time"]

@@ -7,6 +7,7 @@ import pytest
 
 from calibration.observations import CHANNELS, displacement, observe
 from calibration.segmenting import Cut, cut_recordings, measured_start, shift_commands
+from qcar_twin.dataset import DataSet
 from qcar_twin.plant import SIGNALS, START, Prediction
 from qcar_twin.recording import Recording
 from qcar_twin.vehicle import Vehicle
@@ -77,12 +78,16 @@ def test_stretches_start_from_what_was_measured():
   np.testing.assert_allclose(lead, 0.4, atol=1e-9)  # the warm-up
 
 
-def test_history_carries_over_within_a_session():
+def test_history_is_that_of_the_data_set_whatever_is_cut_in_which_order():
   one, two = circle(10.0, "one"), circle(10.0, "two")
   history = cut_recordings([one, two], CAR, Cut(length=20.0)).segments.history
   np.testing.assert_allclose(history[1], [len(one.commands(0.01)[0]) * 0.01] * 2, rtol=1e-9)  # 1 V: V^2 s = s
-  apart = dataclasses.replace(two, session="tomorrow")
-  np.testing.assert_array_equal(cut_recordings([one, apart], CAR).segments.history[-1] < 11.0, True)
+  three = dataclasses.replace(two, name="three", role="validate", session="tomorrow")
+  known = DataSet("circles", (one, two, three)).recordings
+  alone = cut_recordings([known[2], known[1]], CAR, Cut(length=20.0)).segments.history
+  np.testing.assert_allclose(alone, [[20.0, 20.0], [10.0, 10.0]], atol=0.05)
+  again = DataSet("part", known[1:]).recordings  # part of a data set does not forget
+  assert [r.before for r in again] == [r.before for r in known[1:]]
 
 
 def test_a_long_data_set_is_sampled_evenly_and_no_recording_is_lost():
