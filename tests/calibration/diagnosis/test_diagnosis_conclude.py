@@ -130,12 +130,12 @@ def test_a_loud_detector_without_a_name_is_unexplained(clean_pool):
     )
 
   silent = concluded(clean_pool, decide(clean_pool))
-  assert heeded(silent, detection(drift=5.5, horizons=9.0)) == silent
-  loud = heeded(silent, detection(drift=6.0, priors=12.0))
+  assert heeded(silent, detection(priors=8.5, drift=99.0, horizons=9.0)) == silent
+  loud = heeded(silent, detection(predictability=0.3, priors=16.0))
   assert loud.verdict == "unexplained" and loud.alarm == "priors speaks." and loud.claims == ()
   assert "priors speaks." in verdict_sentence(loud, {})
   named = dataclasses.replace(silent, verdict="explained")
-  assert heeded(named, detection(drift=99.0)) == named
+  assert heeded(named, detection(priors=99.0)) == named
 
 
 def test_a_second_name_needs_more_than_a_first(pair_pool):
