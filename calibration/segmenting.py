@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from qcar_twin.dataset import in_order
 from qcar_twin.plant import START, Segments
 from qcar_twin.recording import Recording, Stream
 from qcar_twin.vehicle import Vehicle
@@ -62,7 +63,7 @@ def cut_recordings(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut =
   if not pieces:
     raise ValueError("no recording is long enough to simulate; at least 0.2 s with a motor_voltage are needed")
   pieces = _thinned(pieces, cut)
-  history = _history(recordings, cut.period)
+  history = [np.array(r.before) for r in in_order(recordings)]
   steps = np.array([len(p.commands) for p in pieces])
   longest = int(steps.max())
   commands = np.stack([_pad(p.commands, longest) for p in pieces])
@@ -187,16 +188,6 @@ def _pose_on(recording: Recording, time: Array) -> Array:
       stream = recording[name]
       pose[:, column] = np.interp(time, stream.time, stream.value)
   return pose
-
-
-def _history(recordings: Sequence[Recording], period: float) -> Array:
-  """Seconds driven and V^2 s spent before each recording, (R, 2): as its data set says, else from those listed before it."""
-  history, total = np.zeros((len(recordings), 2)), np.zeros(2)
-  for index, recording in enumerate(recordings):
-    history[index] = total if recording.before is None else recording.before
-    _, commands = recording.commands(period)
-    total = history[index] + [len(commands) * period, float(np.sum(commands[:, 0] ** 2)) * period]
-  return history
 
 
 def _pad(values: Array, length: int) -> Array:

@@ -21,6 +21,7 @@ from qcar_twin.recording import ROLES, Recording, RecordingError, nearest
 from qcar_twin.validation import MIN_SAMPLES, gap_limit
 
 _log = logging.getLogger(__name__)
+_PERIOD = 0.01  # s, on which commands are added up
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,7 @@ class DataSet:
   warnings: tuple[str, ...] = ()
 
   def __post_init__(self) -> None:
-    object.__setattr__(self, "recordings", _in_order(self.recordings))
+    object.__setattr__(self, "recordings", in_order(self.recordings))
 
   @classmethod
   def load(cls, folder: str | os.PathLike[str]) -> DataSet:
@@ -85,16 +86,16 @@ class DataSet:
     )
 
 
-def _in_order(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+def in_order(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
   """The same recordings, each with the seconds driven and V^2 s spent before it; one that knows them already keeps them."""
   out: list[Recording] = []
   seconds, energy = 0.0, 0.0
   for recording in recordings:
     seconds, energy = recording.before or (seconds, energy)
     out.append(recording.replace(before=(seconds, energy)))
-    volts = recording.streams.get("motor_voltage")
-    seconds += recording.duration
-    energy += 0.0 if volts is None else float(np.sum(volts.value[:-1] ** 2 * np.diff(volts.time)))
+    _, commands = recording.commands(_PERIOD)
+    seconds += len(commands) * _PERIOD
+    energy += float(np.sum(commands[:, 0] ** 2)) * _PERIOD
   return tuple(out)
 
 

@@ -26,10 +26,8 @@ Array = NDArray[np.float64]
 log = logging.getLogger(__name__)
 
 _BODY = ("mass", "yaw_inertia", "cg_to_front", "cg_height_offset")
-_GRIPS = (
-  1.0,
-  1.4,
-)  # of the nominal friction, where rough fits begin: from above the wheels hold and the cost is smooth
+# of the nominal friction, where rough fits begin: from above the wheels hold and the cost is smooth
+_GRIPS = (1.0, 1.4)
 _PART, _LEAST = 0.35, 40.0  # share of the driving a rough fit sees, and at least so many seconds
 SENSOR_BIASES = {
   "accel_bias_x": 0.15,  # m/s^2
