@@ -34,6 +34,8 @@ class Thresholds:
     t: held-out gain over its standard error.
     nats: held-out gain.
     many, t_many: more nats than chance brings will do with a smaller t: an effect that acts now and then scatters.
+    much, t_much: with a share of all that is missed that chance never explains (0.03), the same with a smaller t still:
+      a formula that is wrong in shape makes some blocks worse, and what it brings the others is capped.
     share: groups that gained.
     priors: nats by which a mechanism must free measured parameters from what they were bent to, where recalibration
       leaves no residual of it.
@@ -53,6 +55,8 @@ class Thresholds:
   nats: float = 20.0
   many: float = 45.0
   t_many: float = 1.8
+  much: float = 0.1
+  t_much: float = 1.2
   share: float = 0.55
   priors: float = 60.0
   material: float = 0.15
@@ -131,7 +135,7 @@ def _grown(pool: Pool, thresholds: Thresholds) -> Candidate:
   """The best set, size by size: each must beat the best smaller one significantly, and every member must matter."""
   best, observations = pool.base, pool.problem.observations
   for size in (1, 2, 3):
-    needed = thresholds.beside_others() if best.mechanisms else thresholds
+    needed = thresholds.beside_others() if size > 1 else thresholds
     better = [m for m in pool.of_size(size) if _passes(pool, m, compare(m, best, observations), needed)]
     found = min(better, key=lambda m: m.cost, default=best)
     if best.mechanisms and not _worth_adding(pool, found, best, thresholds):
@@ -265,7 +269,8 @@ def _significant(test: Comparison, thresholds: Thresholds) -> bool:
 def _strength(test: Comparison, thresholds: Thresholds) -> float:
   """Held-out evidence in units of what a claim needs."""
   usual = min(test.t / thresholds.t, test.gain / thresholds.nats)
-  return max(usual, min(test.t / thresholds.t_many, test.gain / thresholds.many))
+  enough = max(test.t / thresholds.t_many, min(test.t / thresholds.t_much, test.relative / thresholds.much))
+  return max(usual, min(enough, test.gain / thresholds.many))
 
 
 def _claim(pool: Pool, best: Candidate, name: str, thresholds: Thresholds) -> Claim:

@@ -25,7 +25,7 @@ class MotorHeating(Mechanism):
   stage = "actuator"
   parameters = (
     Parameter("motor_heating", 0.0, 0.0, 1.0, "-", "g", null=0.0, typical=0.15, description="loss when warm"),
-    Parameter("motor_heating_magnets", 0.0, 0.0, 0.6, "-", "m", null=0.0, typical=0.15, description="magnets' part"),
+    Parameter("motor_heating_magnets", 0.0, 0.0, 2.0, "-", "m", null=0.0, typical=0.15, description="magnets' part"),
     Parameter("motor_heating_time", 60.0, 5.0, 600.0, "s", "tau", description="thermal time constant"),
   )
 

@@ -10,6 +10,7 @@ from calibration.diagnosis.conclude import Doubt, conclude, heeded, left_over, n
 from calibration.diagnosis.decide import Thresholds, decide
 from calibration.diagnosis.detect import Detection, Detector
 from calibration.diagnosis.leftover import Leftover, leftovers
+from calibration.diagnosis.score import compare
 from calibration.diagnosis.unknown import unknown_sensors
 from calibration.diagnosis.wording import verdict_sentence
 
@@ -145,6 +146,21 @@ def test_a_second_name_needs_more_than_a_first(pair_pool):
   assert len(decide(pair_pool, alone).claims) == 1
   limits = Thresholds().beside_others()
   assert limits.material == Thresholds().further and limits.many == np.inf and limits.t == Thresholds().t
+
+
+def test_what_explains_a_tenth_of_all_that_is_missed_needs_a_smaller_t(offset_pool):
+  """A name that takes most of the error from two blocks in three and adds some to the others, all beyond the cap."""
+  base, observations = offset_pool.base, offset_pool.problem.observations
+  block = np.unique(observations.block, return_inverse=True)[1].reshape(-1)
+  factor = np.where(block % 20 < 13, 0.3, 1.2)
+  loud = dataclasses.replace(base, residual=2.0 * base.residual)
+  single = offset_pool.models[frozenset(["steering_offset"])]
+  single = dataclasses.replace(single, residual=loud.residual * factor)
+  test = compare(single, loud, observations)
+  assert Thresholds().t_much < test.t < Thresholds().t_many and test.relative > 0.2 and test.gain > Thresholds().many
+  pool = dataclasses.replace(offset_pool, models={frozenset(): loud, frozenset(["steering_offset"]): single})
+  assert [c.mechanism for c in decide(pool, Thresholds(worse=np.inf)).claims] == ["steering_offset"]
+  assert decide(pool, Thresholds(worse=np.inf, much=0.9)).claims == ()
 
 
 def test_names_by_which_recordings_that_only_judge_are_predicted_worse_are_dropped(offset_pool):
