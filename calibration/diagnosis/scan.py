@@ -34,8 +34,8 @@ class Signature:
     answer: by how much the base parameters would move to meet it, by name.
     gain: half the drop of the projected sum of squares at the best trial, nats.
     shown: half the squared norm of the projected signature at typical size, nats: what the
-      manoeuvres would show of it.
-    survives: share of the signature at typical size that recalibration cannot absorb, 0 to 1.
+      manoeuvres would show of it where its shape shows most (a change of grip after the last run shows nothing).
+    survives: share of that signature that recalibration cannot absorb, 0 to 1.
     direction: projected signature of the best trial on the fitted values, (K,), float32.
     trials: gain per trial: (values, nats).
     unprofiled: gain of the best trial if nothing is projected out, nats: what a plain ranking would go by.
@@ -119,14 +119,15 @@ def scan(
     base: the recalibrated twin, with its Jacobian.
     mechanisms: the catalogue.
     sizes: multiples of the typical size to try. A signed mechanism is tried with one sign and scaled
-      with both: its signature is odd in its size to first order, and the refit sees to the rest.
+      with both: its signature is odd in its size to first order, and the refit sees to the rest. At the contact
+      both signs are tried: less grip makes wheels slide that more grip would not have changed.
     progress: told how many trials are done.
   """
   projectors = {
     m.name: _projector(base, m) for m in mechanisms if {p.name for p in m.parameters} & set(base.free.names)
   }
   common = Projector(base)
-  jobs = [(m, start) for m in mechanisms for start in trial_starts(m, sizes)]
+  jobs = [(m, start) for m in mechanisms for start in trial_starts(m, _with_signs(m, sizes))]
   anchors = {name: p(base.residual[None, : base.fitted])[0] for name, p in (projectors | {"": common}).items()}
   collected: dict[str, list[Trial]] = {m.name: [] for m in mechanisms}
   chunk = 24
@@ -149,14 +150,21 @@ def _projector(base: Candidate, mechanism: Mechanism) -> Projector:
   return Projector(base, {p.name for p in mechanism.parameters})
 
 
+def _with_signs(mechanism: Mechanism, sizes: Sequence[float]) -> Sequence[float]:
+  both = mechanism.signed and mechanism.stage == "contact"
+  return (*sizes, *(-size for size in sizes)) if both else sizes
+
+
 def trial_starts(mechanism: Mechanism, sizes: Sequence[float]) -> list[dict[str, float]]:
   """Parameter values to try: each amplitude alone, at multiples of its typical size, within its bounds.
 
-  Where shape parameters need several starts, one size does: the refit finds the rest.
+  Where shape parameters need several starts, one size does, with either sign if given: the refit finds the rest.
   """
   starts = []
   places = mechanism.starts()
-  sizes = sizes if len(places) == 1 else (sorted(sizes)[len(sizes) // 2],)
+  if len(places) > 1:
+    middle = sorted(abs(size) for size in sizes)[len(sizes) // 2]
+    sizes = [size for size in sizes if abs(size) == middle]
   for place in places:
     for parameter in mechanism.parameters:
       if parameter.null is None:
@@ -210,15 +218,15 @@ def _signature(mechanism: Mechanism, trials: list[Trial], anchor: Array, base: S
   top = int(np.argmax(gains))
   values = [_resized(mechanism, t.start, f) for t, f in zip(trials, factors, strict=True)]
   shown = [0.5 * float(t.rest @ t.rest) for t in trials]
-  middle = int(np.argsort(shown)[len(shown) // 2])
-  whole = trials[middle].whole
+  most = int(np.argmax(shown))
+  whole = trials[most].whole
   return Signature(
     mechanism=mechanism.name,
     start=values[top],
     answer=dict(zip(base, (factors[top] * trials[top].answer).tolist(), strict=True)),
     gain=gains[top],
-    shown=shown[middle],
-    survives=2.0 * shown[middle] / whole if whole > 0 else 0.0,
+    shown=shown[most],
+    survives=2.0 * shown[most] / whole if whole > 0 else 0.0,
     direction=trials[top].rest,
     trials=tuple(zip(values, gains, strict=True)),
     unprofiled=max(t.unprofiled for t in trials),

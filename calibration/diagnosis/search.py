@@ -29,6 +29,8 @@ _STARTS = (0.3, 1.0)  # shares of the scanned size a refit may start from
 _LIKELY = 5  # best singles that are also tried on parameters recalibration has not bent
 _RETURNING = 4  # Gauss-Newton steps for a smaller set from where a larger one ended
 _DOUBTED = 0.1  # least part of a promise that is believed after a refit did not keep it
+# they act where wheels slide and nowhere else, of which a scan's straight line tells little: always refitted
+_BENDING = ("friction_change", "friction_patch")
 Report = Callable[[str], None]
 
 
@@ -149,7 +151,8 @@ def ensure(pool: Pool, sets: Iterable[frozenset[str]], iterations: int = 3) -> N
 
 def _nominate_singles(signatures: dict[str, Signature], count: int) -> list[str]:
   visible = [s for s in signatures.values() if s.testable and s.gain > _WORTH_A_SINGLE]
-  return [s.mechanism for s in sorted(visible, key=lambda s: -s.gain)[:count]]
+  best = [s.mechanism for s in sorted(visible, key=lambda s: -s.gain)[:count]]
+  return best + [n for n in _BENDING if n in signatures and signatures[n].testable and n not in best]
 
 
 def _nominate_pairs(pool: Pool, count: int) -> list[frozenset[str]]:

@@ -68,6 +68,15 @@ def test_trials_stay_in_bounds_and_cover_every_amplitude():
     assert amplitudes <= {name for start in starts for name in start}
 
 
+def test_grip_that_changes_is_tried_both_ways_at_one_size():
+  (change,) = select(["friction_change"])
+  sizes = [start["friction_change"] for start in trial_starts(change, (0.3, 0.8, -0.3, -0.8))]
+  places = len(change.starts())
+  assert (
+    places > 1 and len(sizes) == 2 * places and sum(sizes) == pytest.approx(0.0) and sum(s > 0 for s in sizes) == places
+  )
+
+
 def test_confusion_names_effects_that_look_alike():
   twin = rig.LinearTwin(("steering_offset", "side_force"))
   problem = rig.problem_of(twin, rig.measure(twin, rig.drive(), {"steering_offset": 0.02}))
