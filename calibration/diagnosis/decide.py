@@ -241,15 +241,16 @@ def _simplified(pool: Pool, best: Candidate, thresholds: Thresholds) -> Candidat
 def _useful(pool: Pool, best: Candidate, thresholds: Thresholds) -> Candidate:
   """Drop names by which recordings that only judge are predicted worse than by the recalibrated twin.
 
-  One that frees what was measured from what it was bent to is not dropped: what it replaced had imitated it well.
+  Two kinds are not dropped: one that frees what was measured from what it was bent to, since what it replaced had
+  imitated it well, and one that explains much of all that is missed, beside which something else still acts.
   """
   observations = pool.problem.observations
   error = lambda m: judged(m, pool.base, observations)  # noqa: E731
   while best.mechanisms and error(best) > thresholds.worse:
     keys = [frozenset(best.mechanisms) - {name} for name in best.mechanisms]
     ensure(pool, keys)
-    smaller = [pool.models[key] for key in keys]
-    smaller = [m for m in smaller if compare(best, m, observations).priors < thresholds.priors]
+    tests = [(compare(best, pool.models[key], observations), pool.models[key]) for key in keys]
+    smaller = [m for t, m in tests if t.priors < thresholds.priors and t.relative < thresholds.much]
     if not smaller:
       return best
     best = min(smaller, key=error)
