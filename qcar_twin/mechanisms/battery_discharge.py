@@ -3,7 +3,7 @@
 import numpy as np
 
 from qcar_twin.mechanisms.base import Array, Context, Mechanism, State
-from qcar_twin.mechanisms.elements import REFERENCE_VOLTAGE
+from qcar_twin.mechanisms.elements import USUAL_VOLTAGE
 from qcar_twin.parameters import Parameter
 
 SPAN = 300.0  # s: length of a session, over which the loss is stated
@@ -12,8 +12,8 @@ SPAN = 300.0  # s: length of a session, over which the loss is stated
 class BatteryDischarge(Mechanism):
   """The battery runs down from recording to recording, and the same command gives less voltage.
 
-  Equation: V = u exp(-d z), z = ((1 - h) t + h E / (2.5 V)^2) / 300 s, t seconds driven, E the integral of u^2.
-  Units: d -, relative loss after 300 s (at 2.5 V); h -, share that goes with the energy spent; E V^2 s.
+  Equation: V = u exp(-d z), z = ((1 - h) t + h E / (1 V)^2) / 300 s, t seconds driven, E the integral of u^2.
+  Units: d -, relative loss after 300 s (at 1 V); h -, share that goes with the energy spent; E V^2 s.
   Source: Chen and Rincon-Mora, IEEE Trans. Energy Conversion 21(2), 2006 (open-circuit voltage against charge).
   Confounded with: motor_heating, torque per volt.
   """
@@ -32,7 +32,7 @@ class BatteryDischarge(Mechanism):
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     time = context.history[:, 0] + context.time
     share = theta[:, 1]
-    used = ((1.0 - share) * time + share * state["energy"] / REFERENCE_VOLTAGE**2) / SPAN
+    used = ((1.0 - share) * time + share * state["energy"] / USUAL_VOLTAGE**2) / SPAN
     acting = command.copy()
     acting[:, 0] = command[:, 0] * np.exp(-theta[:, 0] * used)
     state["energy"] = state["energy"] + context.commands[:, 0] ** 2 * context.period

@@ -173,7 +173,7 @@ def test_battery_sag_goes_with_the_power_drawn_and_recovers():
 
 def test_battery_discharge_counts_time_and_energy():
   driven = motion(2)
-  driven.history[:] = [300.0, 600.0 * 2.5**2]
+  driven.history[:] = [300.0, 600.0]
   by_time = act("battery_discharge", [0.1, 0.0], [1.0, 1.0], VOLT, driven)
   by_energy = act("battery_discharge", [0.1, 1.0], [1.0, 1.0], VOLT, driven)
   np.testing.assert_allclose([by_time[0], by_energy[0]], np.exp([-0.1, -0.2]), rtol=1e-12)
@@ -181,13 +181,13 @@ def test_battery_discharge_counts_time_and_energy():
 
 
 def test_motor_heating_reaches_its_warmth_and_cools_down():
-  commands = np.full(3000, 2.5)
+  commands = np.ones(3000)
   commands[1500:2900] = 0.0
   found = act("motor_heating", [0.2, 0.0, 5.0], commands, VOLT)
-  np.testing.assert_allclose(found[1499], 2.5 * np.exp(-0.2 * (1 - np.exp(-3.0))), rtol=1e-3)
-  assert found[0] == 2.5 and found[1499] < found[2900] < 2.5
+  np.testing.assert_allclose(found[1499], np.exp(-0.2 * (1 - np.exp(-3.0))), rtol=1e-3)
+  assert found[0] == 1.0 and found[1499] < found[2900] < 1.0
   driven = motion(1)
-  driven.history[:] = [1e4, 1e4 * 2.5**2]
+  driven.history[:] = [1e4, 1e4]
   np.testing.assert_allclose(act("motor_heating", [0.2, 0.0, 5.0], [1.0], VOLT, driven), np.exp(-0.2), rtol=1e-6)
 
 
@@ -200,7 +200,7 @@ def test_motor_heating_leaves_an_idle_motor_alone():
 
 def test_weaker_magnets_push_less_from_rest_and_idle_faster():
   """A motor of constant K' = exp(-m) K gives K' (u - K' w): none at w = u / K', where the cold one would brake."""
-  warm = [1e4, 1e4 * 2.5**2]
+  warm = [1e4, 1e4]
   standing, spinning = motion(1), motion(1, motor_speed=300.0)
   standing.history[:], spinning.history[:] = warm, warm
   share, back_emf = np.exp(-0.2), 300.0 * VOLTS_PER_SPEED
