@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, candidate, refine
 from calibration.diagnosis.conclude import Doubt, conclude, heeded, left_over, notable
-from calibration.diagnosis.decide import Decision, Thresholds, decide
+from calibration.diagnosis.decide import Decision, decide
 from calibration.diagnosis.detect import Detection, detect
 from calibration.diagnosis.experiment import next_experiment
 from calibration.diagnosis.locate import Location, locate
@@ -27,6 +27,7 @@ from calibration.diagnosis.scan import scan
 from calibration.diagnosis.score import compare_freely
 from calibration.diagnosis.search import Effort, Pool, base_candidate, search
 from calibration.diagnosis.ship import ChannelFit, compare_twins
+from calibration.diagnosis.thresholds import Thresholds
 from calibration.diagnosis.unknown import smooth_forces, unknown_sensors
 from calibration.first_guess import first_guess
 from calibration.segmenting import Cut

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, difference_step
-from calibration.diagnosis.decide import Claim, Decision
+from calibration.diagnosis.claims import Claim
+from calibration.diagnosis.decide import Decision
 from calibration.diagnosis.problem import Problem, Weighting, correlation_length
 from calibration.diagnosis.search import Pool
 from calibration.fit import inverse_curvature

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
-from calibration.diagnosis.decide import Claim, Decision
+from calibration.diagnosis.claims import Claim
+from calibration.diagnosis.decide import Decision
 from calibration.diagnosis.detect import Detection
 from calibration.diagnosis.leftover import PROPERTIES
 from calibration.diagnosis.locate import Location

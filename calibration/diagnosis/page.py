@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis import figures, wording
 from calibration.diagnosis.candidates import Candidate
-from calibration.diagnosis.decide import Claim
+from calibration.diagnosis.claims import Claim
 from calibration.diagnosis.detect import prior_shifts
 from calibration.diagnosis.experiment import NOTHING
 from calibration.diagnosis.leftover import PROPERTIES

@@ -8,7 +8,8 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
-from calibration.diagnosis.decide import Claim, Decision
+from calibration.diagnosis.claims import Claim
+from calibration.diagnosis.decide import Decision
 from calibration.diagnosis.leftover import PROPERTIES, Leftover
 from qcar_twin.mechanisms.base import Mechanism, describe
 

@@ -4,7 +4,8 @@ from types import SimpleNamespace
 
 import diagnosis_rig as rig
 
-from calibration.diagnosis.decide import Claim, Decision
+from calibration.diagnosis.claims import Claim
+from calibration.diagnosis.decide import Decision
 from calibration.diagnosis.detect import detect
 from calibration.diagnosis.locate import locate
 from calibration.diagnosis.output import Diagnosis

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.conclude import Doubt, conclude, heeded, left_over, notable
-from calibration.diagnosis.decide import Thresholds, decide
+from calibration.diagnosis.decide import decide
 from calibration.diagnosis.detect import Detection, Detector
 from calibration.diagnosis.leftover import Leftover, leftovers
 from calibration.diagnosis.score import compare
+from calibration.diagnosis.thresholds import Thresholds
 from calibration.diagnosis.unknown import unknown_sensors
 from calibration.diagnosis.wording import verdict_sentence
 

@@ -1,0 +1,94 @@
+"""What is significant and what matters: the limits a name must pass, and the tests against them."""
+
+import dataclasses
+
+import numpy as np
+
+from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.score import Comparison
+from calibration.diagnosis.search import Pool
+
+_LOST = 0.25  # of what the priors bring, that held-out evidence may take away again
+
+
+@dataclasses.dataclass(frozen=True)
+class Thresholds:
+  """What a claim needs; set by hand on about sixty development sessions of the proving ground.
+
+  What sessions without any effect reach is listed on a campaign's page: apart from what recalibration is allowed to
+  absorb (TOLERANCES), mechanisms of material size stayed below t = 2.2 and 42 nats on 20 of them.
+
+  Attributes:
+    t: held-out gain over its standard error.
+    nats: held-out gain.
+    many, t_many: more nats than chance brings will do with a smaller t: an effect that acts now and then scatters.
+    much, t_much: with a share of all that is missed that chance never explains (0.03), the same with a smaller t still:
+      a formula that is wrong in shape makes some blocks worse, and what it brings the others is capped.
+    share: groups that gained.
+    priors: nats by which a mechanism must free measured parameters from what they were bent to, where recalibration
+      leaves no residual of it.
+    material: share of the typical size: the twin's own simplifications look like a tenth of some effects, however clearly.
+    further: the same for a mechanism beside others, for which `many` nats don't help, either: a first formula that is
+      right in kind but not in every detail leaves small things over.
+    bias: the same for biases of the IMU and the encoder's lag, of which every one has some.
+    beside: share of the cost explained so far, at all or in the channels where it shows, that a further mechanism
+      must bring: a formula that is right in kind but not in every detail leaves about that much for others to pick up.
+    trace, plain: a smaller share will do, but at least `trace`, for a mechanism of at least `plain` typical sizes.
+    probability: a name less likely right than this is not claimed.
+    worse: a set of names by which recordings that only judge are predicted worse by this factor is cut down.
+    equivalent: a rival within so many standard errors of the claim can't be told apart.
+  """
+
+  t: float = 2.4
+  nats: float = 20.0
+  many: float = 45.0
+  t_many: float = 1.8
+  much: float = 0.1
+  t_much: float = 1.2
+  share: float = 0.55
+  priors: float = 60.0
+  material: float = 0.15
+  further: float = 0.25
+  bias: float = 0.55
+  beside: float = 0.05
+  trace: float = 0.01
+  plain: float = 0.4
+  probability: float = 0.4
+  worse: float = 1.01
+  equivalent: float = 1.0
+
+  def beside_others(self) -> "Thresholds":
+    """What a mechanism beside others needs."""
+    return dataclasses.replace(self, many=np.inf, material=max(self.material, self.further))
+
+
+def significant(test: Comparison, thresholds: Thresholds) -> bool:
+  """By held-out evidence, or, where an effect is absorbed, by the parameters it lets go back to what was believed.
+
+  One that predicts recordings left out much worse has freed them by imitating something else.
+  """
+  if test.priors >= thresholds.priors and test.total > -_LOST * test.priors:
+    return True
+  return strength(test, thresholds) >= 1.0 and test.share_positive >= thresholds.share
+
+
+def strength(test: Comparison, thresholds: Thresholds) -> float:
+  """Held-out evidence in units of what a claim needs."""
+  usual = min(test.t / thresholds.t, test.gain / thresholds.nats)
+  enough = max(test.t / thresholds.t_many, min(test.t / thresholds.t_much, test.relative / thresholds.much))
+  return max(usual, min(enough, test.gain / thresholds.many))
+
+
+def material(pool: Pool, model: Candidate, name: str, share: float) -> bool:
+  """Whether any amplitude of a mechanism reaches a share of its typical size, and its own uncertainty.
+
+  That it is there at all is for the evidence to say: amplitudes of one mechanism may be known together and not singly.
+  """
+  for parameter in pool.problem.mechanism(name).parameters:
+    if parameter.null is None or parameter.name not in model.free:
+      continue
+    value, std = model.estimate(parameter.name)
+    size = abs(value - parameter.null)
+    if size >= share * (parameter.typical or parameter.scale) and size >= std:
+      return True
+  return False
