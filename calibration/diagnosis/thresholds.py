@@ -35,7 +35,8 @@ class Thresholds:
       must bring: a formula that is right in kind but not in every detail leaves about that much for others to pick up.
     trace, plain: a smaller share will do, but at least `trace`, for a mechanism of at least `plain` typical sizes.
     probability: a name less likely right than this is not claimed.
-    worse: a set of names by which recordings that only judge are predicted worse by this factor is cut down.
+    worse: a set of names by which recordings that only judge are predicted worse by this factor is cut down, but
+      for those that explain `much`.
     equivalent: a rival within so many standard errors of the claim can't be told apart.
   """
 
