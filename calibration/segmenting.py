@@ -19,6 +19,8 @@ from qcar_twin.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
+_GOLDEN = 0.618  # of a turn between one recording's phase and the next one's, so that beginnings and ends take turns
+
 
 @dataclasses.dataclass(frozen=True)
 class Cut:
@@ -123,18 +125,36 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
 
 
 def _thinned(pieces: list[_Piece], cut: Cut) -> list[_Piece]:
-  """At most `cut.most` seconds of pieces, evenly spread, at least one of every recording."""
-  total = sum(len(p.commands) for p in pieces) * cut.period
-  if total <= cut.most:
+  """At most `cut.most` seconds of pieces, evenly spread; at least one of every recording where that leaves room for others.
+
+  Beginnings alone would not do: steps in steering come later, and a twin fitted without them has tyres at will.
+  """
+  length = sum(len(p.commands) for p in pieces) * cut.period / len(pieces)
+  room = max(1, int(cut.most / length)) if np.isfinite(cut.most) else len(pieces)
+  if room >= len(pieces):
     return pieces
-  share, owed, kept = cut.most / total, 0.0, []
-  for k, piece in enumerate(pieces):
-    owed += share
-    first_of_recording = k == 0 or pieces[k - 1].index != piece.index
-    if owed >= 1.0 or first_of_recording:
-      kept.append(piece)
-      owed -= 1.0
+  counts = np.unique([p.index for p in pieces], return_counts=True)[1]
+  if room < 2 * len(counts):
+    return [pieces[i] for i in _spread(len(pieces), room, 0.5)]
+  kept, first = [], 0
+  for k, (count, take) in enumerate(zip(counts, _allotted(counts, room), strict=True)):
+    kept += [pieces[first + i] for i in _spread(count, take, _GOLDEN * k % 1.0)]
+    first += count
   return kept
+
+
+def _spread(count: int, take: int, phase: float) -> NDArray[np.int64]:
+  """So many of `count` indices, evenly spread; the phase within [0, 1) says where the first lies."""
+  return ((np.arange(take) + phase) * count / take).astype(np.int64)
+
+
+def _allotted(counts: NDArray[np.int64], room: int) -> NDArray[np.int64]:
+  """How many pieces of each recording are kept: the same share of all, but at least one, and `room` altogether at most."""
+  low, high = 0.0, 1.0
+  for _ in range(30):
+    share = 0.5 * (low + high)
+    low, high = (share, high) if np.maximum(1, share * counts).astype(int).sum() <= room else (low, share)
+  return np.maximum(1, low * counts).astype(np.int64)
 
 
 def shift_commands(commands: Array, shift: int) -> Array:

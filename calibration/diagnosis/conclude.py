@@ -13,8 +13,12 @@ from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decide import Decision
 from calibration.diagnosis.detect import Detection
 from calibration.diagnosis.leftover import Leftover, leftovers
+from calibration.diagnosis.missed import most_missed
 from calibration.diagnosis.score import Comparison, compare, compare_freely
 from calibration.diagnosis.search import Pool
+
+# what a verdict becomes where the model behind it misses more of the motion than it should
+DOUBTED = {"explained": "partly_explained", "no_mismatch": "unexplained"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,9 +107,14 @@ def conclude(
     verdict = "unexplained"
   elif remains:
     verdict = "partly_explained"
+  missed = most_missed(decision.model, pool)
+  far_off = missed is not None and missed.strength > 1.0
+  if far_off and verdict in DOUBTED:
+    verdict = DOUBTED[verdict]
   if verdict != decision.verdict:
     claims = tuple(dataclasses.replace(c, probability=0.5 * c.probability, certain=False) for c in claims)
-  return dataclasses.replace(decision, verdict=verdict, claims=claims, unknown=unknown, leftovers=rest)
+  alarm = missed.sentence if missed is not None and far_off else decision.alarm
+  return dataclasses.replace(decision, verdict=verdict, claims=claims, unknown=unknown, leftovers=rest, alarm=alarm)
 
 
 def heeded(decision: Decision, detection: Detection, doubt: Doubt = Doubt()) -> Decision:  # noqa: B008 - frozen

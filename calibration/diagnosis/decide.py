@@ -31,7 +31,7 @@ class Decision:
     unknown: name of the UNKNOWN rival that did best, and its held-out comparison with the base.
     ranking: every mechanism tried with its evidence, best first.
     leftovers: structure the model behind the claims leaves beyond what recordings without effects show, strongest first.
-    alarm: what the loudest detector says where nothing else does; "" otherwise.
+    alarm: what the loudest detector says where nothing else does, or what the model still misses; "" otherwise.
   """
 
   verdict: str

@@ -29,8 +29,6 @@ _STARTS = (0.3, 1.0)  # shares of the scanned size a refit may start from
 _LIKELY = 5  # best singles that are also tried on parameters recalibration has not bent
 _RETURNING = 4  # Gauss-Newton steps for a smaller set from where a larger one ended
 _DOUBTED = 0.1  # least part of a promise that is believed after a refit did not keep it
-# they act where wheels slide and nowhere else, of which a scan's straight line tells little: always refitted
-_BENDING = ("friction_change", "friction_patch")
 Report = Callable[[str], None]
 
 
@@ -96,7 +94,7 @@ def search(
   problem = baseline.problem
   pool = Pool(problem, baseline.fit.parameters, {frozenset(): base}, signatures, sensor_floor(baseline.passport))  # fmt: skip
   report("refitting single mechanisms")
-  _fit_sets(pool, [frozenset([n]) for n in _nominate_singles(signatures, effort.singles)], effort.iterations)
+  _fit_sets(pool, [frozenset([n]) for n in _nominate_singles(problem, signatures, effort.singles)], effort.iterations)
   likely = [m.mechanisms[0] for m in sorted(pool.of_size(1), key=lambda m: m.cost)[:_LIKELY]]
   for model in far_models(problem, base, pool.priors, list(signatures), likely):
     key = frozenset(model.mechanisms)
@@ -149,10 +147,11 @@ def ensure(pool: Pool, sets: Iterable[frozenset[str]], iterations: int = 3) -> N
   _fit_sets(pool, [s for s in sets if s not in pool.models], iterations)
 
 
-def _nominate_singles(signatures: dict[str, Signature], count: int) -> list[str]:
+def _nominate_singles(problem: Problem, signatures: dict[str, Signature], count: int) -> list[str]:
+  """The best of the scan, and those of which a scan's straight line tells little."""
   visible = [s for s in signatures.values() if s.testable and s.gain > _WORTH_A_SINGLE]
   best = [s.mechanism for s in sorted(visible, key=lambda s: -s.gain)[:count]]
-  return best + [n for n in _BENDING if n in signatures and signatures[n].testable and n not in best]
+  return best + [n for n, s in signatures.items() if s.testable and problem.mechanism(n).bends and n not in best]
 
 
 def _nominate_pairs(pool: Pool, count: int) -> list[frozenset[str]]:

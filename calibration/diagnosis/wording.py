@@ -85,6 +85,7 @@ def verdict_sentence(decision: Decision, mechanisms: Mapping[str, Mechanism], re
   partly = " This explains only part of the mismatch." if decision.verdict == "partly_explained" else ""
   if partly and decision.leftovers:
     partly += f" {leftover_sentence(decision.leftovers[0])}"
+  partly += f" {decision.alarm}" if partly and decision.alarm else ""
   return f"{told}.{partly}{gain}"
 
 

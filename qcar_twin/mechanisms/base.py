@@ -139,6 +139,8 @@ class Mechanism:
     symmetric: True if mirrored commands give mirrored motion under it.
     varies: True if `write_model` must run every control period instead of once.
     signed: True if negative sizes are meaningful.
+    bends: True if its answer is far from proportional to its size (delays, changes of grip), so that a scan at
+      one size tells little of another and a search should refit it whatever the scan says.
   """
 
   name: ClassVar[str]
@@ -150,6 +152,7 @@ class Mechanism:
   symmetric: ClassVar[bool] = True
   varies: ClassVar[bool] = False
   signed: ClassVar[bool] = False
+  bends: ClassVar[bool] = False
 
   def initial(self, theta: Array, context: Context) -> State:
     """Hidden state at a segment's start: named arrays whose first axis is n. theta is (n, p)."""

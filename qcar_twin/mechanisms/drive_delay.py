@@ -17,6 +17,7 @@ class DriveDelay(Mechanism):
   name = "drive_delay"
   subsystem = "drive"
   stage = "command"
+  bends = True
   parameters = (Parameter("drive_delay", 0.0, 0.0, 0.2, "s", "d", null=0.0, typical=0.035, description="dead time"),)
 
   def initial(self, theta: Array, context: Context) -> State:

@@ -17,6 +17,7 @@ class DriveLag(Mechanism):
   name = "drive_lag"
   subsystem = "drive"
   stage = "command"
+  bends = True
   parameters = (
     Parameter("drive_lag", 0.0, 0.0, 0.6, "s", "tau", null=0.0, typical=0.1, description="low-frequency lag"),
     Parameter("drive_lag_inertia", 0.02, 0.0, 2.0, "-", "q", description="1 / (2 zeta)^2, zeta damping ratio"),

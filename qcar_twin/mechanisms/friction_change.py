@@ -23,6 +23,7 @@ class FrictionChange(Mechanism):
   stage = "contact"
   varies = True
   signed = True
+  bends = True
   parameters = (
     Parameter("friction_change", 0.0, -0.8, 1.0, "-", "x", null=0.0, typical=0.25, description="relative, at last"),
     Parameter("friction_change_time", 60.0, 1.0, 3000.0, "s", "t_0", description="when it comes"),

@@ -26,6 +26,7 @@ class FrictionPatch(Mechanism):
   needs = ("pose_x",)
   symmetric = False
   varies = True
+  bends = True
   parameters = (
     Parameter("friction_patch", 0.0, 0.0, 0.9, "-", "x", null=0.0, typical=0.4, description="relative loss"),
     Parameter("friction_patch_x", 0.0, -50.0, 50.0, "m", "x_0", std=3.0, description="centre"),

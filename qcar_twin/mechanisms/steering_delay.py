@@ -17,6 +17,7 @@ class SteeringDelay(Mechanism):
   name = "steering_delay"
   subsystem = "steering"
   stage = "command"
+  bends = True
   parameters = (Parameter("steering_delay", 0.0, 0.0, 0.2, "s", "d", null=0.0, typical=0.04, description="dead time"),)
 
   def initial(self, theta: Array, context: Context) -> State:

@@ -20,6 +20,7 @@ class SteeringLag(Mechanism):
   name = "steering_lag"
   subsystem = "steering"
   stage = "command"
+  bends = True
   parameters = (
     Parameter("steering_lag", 0.0, 0.0, 0.4, "s", "tau", null=0.0, typical=0.05, description="low-frequency lag"),
     Parameter("steering_lag_inertia", 0.1, 0.0, 2.0, "-", "q", description="1 / (2 zeta)^2, zeta damping ratio"),

@@ -98,6 +98,23 @@ def test_a_long_data_set_is_sampled_evenly_and_no_recording_is_lost():
   assert set(stretches.segments.recording) == {"r0", "r1", "r2"}
 
 
+def test_what_is_kept_of_a_long_data_set_is_not_beginnings_alone():
+  """A twin fitted to the first seconds of every recording never sees a corner that comes later."""
+  recordings = [circle(60.0, f"r{i}") for i in range(12)]
+  for most in (60.0, 240.0):  # fewer pieces than two of every recording, and more
+    segments = cut_recordings(recordings, CAR, Cut(length=5.0, most=most)).segments
+    assert segments.steps.sum() * 0.01 <= 1.1 * most
+    thirds = np.histogram(segments.offset, bins=3, range=(0.0, 60.0))[0]
+    assert thirds.min() >= len(segments.offset) / 6
+
+
+def test_short_recordings_are_kept_beside_long_ones():
+  recordings = [circle(200.0, "long"), *(circle(6.0, f"short{i}") for i in range(3))]
+  segments = cut_recordings(recordings, CAR, Cut(length=5.0, most=60.0)).segments
+  assert set(segments.recording) == {"long", "short0", "short1", "short2"}
+  assert segments.steps.sum() * 0.01 <= 66.0
+
+
 def test_commands_shift_by_whole_periods_and_hold_at_the_ends():
   commands = np.arange(6.0).reshape(3, 2)
   np.testing.assert_array_equal(shift_commands(commands, 1), commands[[0, 0, 1]])

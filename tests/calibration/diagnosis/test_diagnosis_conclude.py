@@ -6,11 +6,14 @@ import diagnosis_rig as rig
 import numpy as np
 import pytest
 
+from calibration.diagnosis.claims import bias_claims
 from calibration.diagnosis.conclude import Doubt, conclude, heeded, left_over, notable
 from calibration.diagnosis.decide import decide
 from calibration.diagnosis.detect import Detection, Detector
 from calibration.diagnosis.leftover import Leftover, leftovers
+from calibration.diagnosis.missed import most_missed
 from calibration.diagnosis.score import compare
+from calibration.diagnosis.search import Pool
 from calibration.diagnosis.thresholds import Thresholds
 from calibration.diagnosis.unknown import unknown_sensors
 from calibration.diagnosis.wording import verdict_sentence
@@ -138,6 +141,52 @@ def test_a_loud_detector_without_a_name_is_unexplained(clean_pool):
   assert "priors speaks." in verdict_sentence(loud, {})
   named = dataclasses.replace(silent, verdict="explained")
   assert heeded(named, detection(priors=99.0)) == named
+
+
+@pytest.mark.parametrize("pool, before, after", [("offset_pool", "explained", "partly_explained"),
+                                                ("clean_pool", "no_mismatch", "unexplained")])  # fmt: skip
+def test_a_model_that_still_misses_much_of_the_motion_explains_part_of_it_at_most(pool, before, after, request):
+  """A turn rate that is off at random, far beyond the noise: no structure, no name, and yet no good twin."""
+  pool = request.getfixturevalue(pool)
+  decision = decide(pool)
+  assert concluded(pool, decision).verdict == before
+  model, observations = decision.model, pool.problem.observations
+  rows, error = observations.select("yaw_rate"), np.zeros(len(observations))
+  error[rows] = 0.4 * np.random.default_rng(1).standard_normal(rows.sum())  # rad/s
+  off = dataclasses.replace(model, residual=model.residual + pool.problem.whiten(error))
+  doubted = concluded(pool, dataclasses.replace(decision, model=off))
+  assert doubted.verdict == after and "yaw_rate" in doubted.alarm
+  assert [c.probability for c in doubted.claims] == [0.5 * c.probability for c in decision.claims]
+  assert doubted.alarm in verdict_sentence(doubted, {m.name: m for m in pool.problem.twin.mechanisms})
+
+
+def test_what_a_model_misses_is_measured_beyond_the_noise_and_on_what_judges(clean_pool):
+  base, observations = clean_pool.base, clean_pool.problem.observations
+  quiet = most_missed(base, clean_pool)
+  assert quiet is not None and quiet.strength < 1.0
+  judging = np.arange(len(observations)) >= base.fitted
+  rows = observations.select("motor_speed")
+  spread = max(np.std(observations.measured[rows]), 80.0)
+  error = np.where(rows & judging, 0.1 * spread, 0.0)
+  found = most_missed(
+    dataclasses.replace(base, residual=clean_pool.problem.whiten(np.hypot(error, 8.0 * rows))), clean_pool
+  )
+  assert found is not None and found.channel == "motor_speed" and found.share == pytest.approx(0.1, rel=1e-6)
+  elsewhere = clean_pool.problem.whiten(np.where(rows & ~judging, 0.1 * spread, 0.0))
+  assert most_missed(dataclasses.replace(base, residual=elsewhere), clean_pool).strength < 1.0
+
+
+def test_a_bias_is_claimed_beyond_what_every_sensor_has():
+  """A gyro that reads 0.2 rad/s too much: claimed if such gyros are known to within 0.02, not if to within 0.3."""
+  twin = rig.LinearTwin(("gyro_bias",))
+  problem = rig.problem_of(twin, rig.measure(twin, rig.drive(), {"gyro_bias": 0.2}))
+  base = rig.solved(problem, ("gyro_bias",))
+  base.mechanisms = ()  # part of the base, as the sensors' biases are
+  for usual, claims in ((0.02, ["gyro_bias"]), (0.3, [])):
+    free = base.free.replace(gyro_bias=dataclasses.replace(base.free["gyro_bias"], std=usual))
+    held = dataclasses.replace(base, free=free)
+    pool = Pool(problem, rig.BASE, {frozenset(): held}, {}, dict(rig.NOISE))
+    assert [c.mechanism for c in bias_claims(pool, held, Thresholds())] == claims
 
 
 def test_a_second_name_needs_more_than_a_first(pair_pool):

@@ -1,12 +1,13 @@
 """Search: a minimum that was found with a mechanism in the model is offered to the models without it."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import diagnosis_rig as rig
 import pytest
 
 from calibration.diagnosis.candidates import simulate
-from calibration.diagnosis.search import try_smaller
+from calibration.diagnosis.search import Effort, search, try_smaller
 
 
 def astray(pool, by):
@@ -40,3 +41,18 @@ def test_sets_one_smaller_are_tried_and_kept_if_they_fit_better(offset_pool):
   assert set(pool.models) == {frozenset(), frozenset(["side_force"]), frozenset(["steering_offset"])}
   exact = offset_pool.models[frozenset(["steering_offset"])]
   assert pool.models[frozenset(["steering_offset"])].cost == pytest.approx(exact.cost, rel=1e-3)
+
+
+def test_what_bends_is_refitted_whatever_the_scan_says(offset_pool, monkeypatch):
+  problem = offset_pool.problem
+  baseline = rig.baseline_of(problem, offset_pool.base)
+  baseline = dataclasses.replace(baseline, fit=SimpleNamespace(parameters=rig.BASE))
+  effort = Effort(singles=1, pairs=0, triples=0)
+
+  def refitted():
+    pool = search(baseline, rig.solved(problem), offset_pool.signatures, effort)
+    return {name for model in pool.of_size(1) for name in model.mechanisms}
+
+  assert refitted() == {"steering_offset"}
+  monkeypatch.setattr(type(problem.mechanism("quadratic_drag")), "bends", True)
+  assert refitted() == {"steering_offset", "quadratic_drag"}

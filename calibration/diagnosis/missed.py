@@ -1,0 +1,79 @@
+"""How much of the motion a model still gets wrong on recordings that were not fitted, after a name as before it.
+
+A wrong name can take half of the error away and pass every test against the twin without it. What it leaves is then
+far more than recordings without hidden effects leave, and that is asked here, of sizes and not of structure: a large
+error need not follow anything that is measured.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.search import Pool
+
+# Shares of a channel's spread; twice what three proving-ground sessions without effects leave at the most (motor speed
+# 0.016, yaw rate 0.010, forward 0.023, left 0.025, turn 0.016 at the double noise level), see docs/diagnosis.md.
+LEVELS = {
+  "motor_speed": 0.034,
+  "speed": 0.034,
+  "yaw_rate": 0.02,
+  "pose_forward": 0.046,
+  "pose_left": 0.05,
+  "pose_turn": 0.033,
+}
+# a smaller spread counts as this one: pushes of the road are no share of a turn that was hardly driven
+_LEAST = {
+  "motor_speed": 80.0,
+  "speed": 0.4,
+  "yaw_rate": 0.4,
+  "pose_forward": 0.4,
+  "pose_left": 0.25,
+  "pose_turn": 0.4,
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Missed:
+  """What a model gets wrong of one channel.
+
+  Attributes:
+    channel: a measured one, of LEVELS.
+    share: RMS error beyond the sensor's noise over the standard deviation of what the channel measured.
+    level: share that recordings without hidden effects stay below.
+  """
+
+  channel: str
+  share: float
+  level: float
+
+  @property
+  def strength(self) -> float:
+    """In units of its level."""
+    return self.share / self.level
+
+  @property
+  def sentence(self) -> str:
+    """For a reader who knows cars and no statistics."""
+    return (
+      f"The twin still errs by {100 * self.share:.1f} % of what {self.channel} varies; "
+      f"without hidden effects it is less than {100 * self.level:.1f} %."
+    )
+
+
+def most_missed(model: Candidate, pool: Pool) -> Missed | None:
+  """The channel a model misses most, in units of its level; None where no channel of LEVELS was measured.
+
+  Recordings that only judge are asked; all, where there are none.
+  """
+  observations = pool.problem.observations
+  error = model.residual / pool.problem.whiten(np.ones(len(observations)))
+  judging = np.arange(len(observations)) >= model.fitted
+  found = []
+  for channel in LEVELS.keys() & set(observations.present):
+    rows = observations.select(channel)
+    spread = max(float(np.std(observations.measured[rows])), _LEAST[channel])
+    asked = rows & judging if (rows & judging).any() else rows
+    excess = np.mean(np.square(error[asked])) - pool.floor.get(channel, 0.0) ** 2
+    found.append(Missed(channel, float(np.sqrt(max(excess, 0.0))) / spread, LEVELS[channel]))
+  return max(found, key=lambda m: m.strength, default=None)
