@@ -109,8 +109,8 @@ def conclude(
     verdict = "partly_explained"
   missed = most_missed(decision.model, pool)
   far_off = missed is not None and missed.strength > 1.0
-  if far_off and verdict in DOUBTED:
-    verdict = DOUBTED[verdict]
+  if far_off:
+    verdict = DOUBTED.get(verdict, verdict)
   if verdict != decision.verdict:
     claims = tuple(dataclasses.replace(c, probability=0.5 * c.probability, certain=False) for c in claims)
   alarm = missed.sentence if missed is not None and far_off else decision.alarm
