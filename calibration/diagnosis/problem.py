@@ -5,9 +5,12 @@ square root of its correlation length in samples, so that half their sum of squa
 independent samples ("nats"), not rows of a log.
 """
 
+import contextlib
 import dataclasses
-from collections.abc import Mapping, Sequence
+import logging
+from collections.abc import Iterator, Mapping, Sequence
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +21,8 @@ from qcar_twin.plant import Prediction
 from qcar_twin.twin import Twin
 
 Array = NDArray[np.float64]
+
+log = logging.getLogger(__name__)
 
 _SPIKE = 6.0  # residuals beyond this many standard deviations lose weight
 _MEMORY = 0.1  # s within which samples of one channel count as one witness
@@ -79,7 +84,8 @@ class Problem:
     return out
 
   def predict(self, theta: Array) -> Prediction:
-    return self.twin.rollout(theta, self.observations.stretches.segments)
+    with warnings_logged():
+      return self.twin.rollout(theta, self.observations.stretches.segments)
 
   def residual(self, theta: Array) -> Array:
     """Whitened residuals, (n, M); a simulation that is not finite gives large ones."""
@@ -94,6 +100,20 @@ class Problem:
     full = np.tile(around, (len(values), 1))
     full[:, [self.parameters.index(n) for n in names]] = values
     return full
+
+
+@contextlib.contextmanager
+def warnings_logged() -> Iterator[None]:
+  """MuJoCo's warnings go to the log: a trial that flies apart loses on cost, and is no news for whoever runs a diagnosis.
+
+  MuJoCo itself writes them to the terminal and to a file in the working directory.
+  """
+  before = mujoco.get_mju_user_warning()
+  mujoco.set_mju_user_warning(lambda text: log.info("MuJoCo: %s", text))
+  try:
+    yield
+  finally:
+    mujoco.set_mju_user_warning(before)
 
 
 def weighting_from(observations: Observations, raw: Array, floor: Mapping[str, float]) -> Weighting:
