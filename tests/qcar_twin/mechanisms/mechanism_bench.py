@@ -4,9 +4,11 @@ import dataclasses
 
 import numpy as np
 
+from qcar_twin.mechanisms import catalogue
 from qcar_twin.mechanisms.base import Car, Context, Mechanism, Track
 from qcar_twin.plant import SIGNALS
 
+CATALOGUE = catalogue()
 CAR = Car(
   mass=2.7,
   yaw_inertia=0.03,
@@ -177,3 +179,40 @@ def mirror_results(results: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def stacked(results: dict[str, np.ndarray]) -> np.ndarray:
   """Everything a mechanism changes, as one vector."""
   return np.concatenate([np.ravel(v) for v in results.values()])
+
+
+def motion(steps=1, n=1, **signals):
+  """A drive with constant or (T,)-shaped signals by name; everything else zero."""
+  out = still(n=n, steps=steps)
+  for name, value in signals.items():
+    out.signals[..., SIGNALS.index(name)] = np.asarray(value, float).reshape(-1, 1)
+  return out
+
+
+def act(name, theta, commands, column, driven=None):
+  """What a command (T,) becomes, (T,)."""
+  commands = np.asarray(commands, float)
+  driven = driven or motion(len(commands))
+  driven.commands[..., column] = commands[:, None]
+  mechanism, theta = CATALOGUE[name], np.array([theta], float)
+  state = mechanism.initial(theta, driven.context(0))
+  out = []
+  for k in range(len(commands)):
+    out.append(mechanism.command(theta, driven.context(k), state, driven.commands[k].copy())[0])
+  other = 1 - column
+  np.testing.assert_array_equal(np.array(out)[:, other], driven.commands[:, 0, other])
+  return np.array(out)[:, column]
+
+
+def changed(name, theta, driven=None, k=0):
+  """Quantities after `write_model` over those before, as differences."""
+  driven, mechanism = driven or motion(), CATALOGUE[name]
+  before, model = BenchModel(1), BenchModel(1)
+  mechanism.write_model(np.array([theta], float), driven.context(k), model)
+  return {q: (v - before.values[q])[0] for q, v in model.values.items() if np.any(v != before.values[q])}
+
+
+def shown(name, theta, track):
+  out = CATALOGUE[name].measure(np.array([theta], float), track)
+  same = {s: np.array_equal(out[..., i], track.signals[..., i]) for i, s in enumerate(SIGNALS)}
+  return {s: out[0, :, SIGNALS.index(s)] for s, kept in same.items() if not kept}
