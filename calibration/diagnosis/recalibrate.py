@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 _BODY = ("mass", "yaw_inertia", "cg_to_front", "cg_height_offset")
 # of the nominal friction, where rough fits begin: from above the wheels hold and the cost is smooth
 _GRIPS = (1.0, 1.4)
-_PART, _LEAST = 0.35, 40.0  # share of the driving a rough fit sees, and at least so many seconds
+_PART, _LEAST = 0.35, 85.0  # share of the driving a rough fit sees, and at least so many seconds
 SENSOR_BIASES = {
   "accel_bias_x": 0.15,  # m/s^2
   "accel_bias_y": 0.15,
@@ -110,11 +110,26 @@ def recalibrate(
   start, shift = attempts[int(np.argmin(raw))][2], shifts[int(np.argmin(raw))]
   observations = observe(recordings, twin.vehicle, dataclasses.replace(cut, shift=shift))
   problem = _weighted(twin, observations, fitted_count(observations, recordings), base, start, floor)
-  # every model of a search is measured against this minimum, so it is sought to a nat
+  return _settled(problem, passport, base, start, shift)
+
+
+def recalibrate_from(baseline: Baseline, theta: Array) -> Baseline:
+  """The recalibrated twin fitted again from estimates of all parameters, (P,), with weights from the residuals there."""
+  old, base = baseline.problem, baseline.fit.parameters
+  start = theta[[old.parameters.index(name) for name in base.names]]
+  problem = _weighted(old.twin, old.observations, old.fitted, base, start, sensor_floor(baseline.passport))
+  return _settled(problem, baseline.passport, base, start, baseline.shift)
+
+
+def _settled(
+  problem: Problem, passport: Mapping[str, ChannelNoise], base: ParameterSet, start: Array, shift: int
+) -> Baseline:
+  """The minimum near a start: every model of a search is measured against it, so it is sought to a nat."""
   found = _fit(problem, base, start, 12, 0.0)
-  everything = lambda v: problem.residual(problem.embed(base.names, v, twin.parameters.nominal))  # noqa: E731
+  around = problem.parameters.nominal
+  everything = lambda v: problem.residual(problem.embed(base.names, v, around))  # noqa: E731
   whole = finite_differences(everything, base, found.theta, everything(found.theta[None])[0])
-  theta = problem.embed(base.names, found.theta, problem.parameters.nominal)[0]
+  theta = problem.embed(base.names, found.theta, around)[0]
   return Baseline(problem, passport, found, theta, whole, shift)
 
 

@@ -28,6 +28,7 @@ _OVERSHADOWED = 0.8  # share of the base's cost below which the best single puts
 _STARTS = (0.3, 1.0)  # shares of the scanned size a refit may start from
 _LIKELY = 5  # best singles that are also tried on parameters recalibration has not bent
 _RETURNING = 4  # Gauss-Newton steps for a smaller set from where a larger one ended
+_STRAYED = 50.0  # nats that the recalibrated twin may come down before nothing fitted from it counts any more
 _DOUBTED = 0.1  # least part of a promise that is believed after a refit did not keep it
 Report = Callable[[str], None]
 
@@ -41,6 +42,8 @@ class Pool:
     priors: declarations of the base parameters.
     models: by set of mechanism ids; frozenset() is the recalibrated twin.
     signatures: of the scan.
+    floor: smallest standard deviation of each residual channel: the sensors' own noise.
+    lowered: nats by which the recalibrated twin came down when it was fitted from where larger models had ended.
   """
 
   problem: Problem
@@ -48,6 +51,12 @@ class Pool:
   models: dict[frozenset[str], Candidate]
   signatures: dict[str, Signature]
   floor: dict[str, float]
+  lowered: float = 0.0
+
+  @property
+  def strayed(self) -> bool:
+    """Whether recalibration had ended so far above its minimum that the search has to begin anew from the lower one."""
+    return self.lowered > _STRAYED
 
   @property
   def base(self) -> Candidate:
@@ -90,6 +99,9 @@ def search(
     signatures: from the scan against it.
     effort: how wide to search.
     report: told what is being done.
+
+  Returns:
+    all models; only the singles where the recalibrated twin turned out to have `strayed`.
   """
   problem = baseline.problem
   pool = Pool(problem, baseline.fit.parameters, {frozenset(): base}, signatures, sensor_floor(baseline.passport))  # fmt: skip
@@ -100,6 +112,11 @@ def search(
     key = frozenset(model.mechanisms)
     if key not in pool.models or model.cost < pool.models[key].cost:
       pool.models[key] = _not_worse(pool, model, pool.base)
+  best = pool.best(pool.of_size(1))
+  if best is not pool.base:
+    try_smaller(pool, best)
+  if pool.strayed:
+    return pool
   _reweight_if_worth_it(pool)
   report("refitting pairs")
   _fit_sets(pool, _nominate_pairs(pool, effort.pairs), effort.iterations)
@@ -130,6 +147,8 @@ def try_smaller(pool: Pool, best: Candidate) -> None:
   refine(pool.problem, made, _RETURNING)
   for key, model in zip(smaller, made, strict=True):
     if key not in pool.models or model.cost < pool.models[key].cost:
+      if not key:
+        pool.lowered += pool.base.cost - model.cost
       pool.models[key] = model
 
 

@@ -4,10 +4,13 @@ import dataclasses
 from types import SimpleNamespace
 
 import diagnosis_rig as rig
+import numpy as np
 import pytest
 
 from calibration.diagnosis.candidates import simulate
-from calibration.diagnosis.search import Effort, search, try_smaller
+from calibration.diagnosis.recalibrate import recalibrate_from
+from calibration.diagnosis.scan import scan
+from calibration.diagnosis.search import Effort, base_candidate, search, try_smaller
 
 
 def astray(pool, by):
@@ -41,6 +44,22 @@ def test_sets_one_smaller_are_tried_and_kept_if_they_fit_better(offset_pool):
   assert set(pool.models) == {frozenset(), frozenset(["side_force"]), frozenset(["steering_offset"])}
   exact = offset_pool.models[frozenset(["steering_offset"])]
   assert pool.models[frozenset(["steering_offset"])].cost == pytest.approx(exact.cost, rel=1e-3)
+
+
+def test_a_search_from_a_base_that_strayed_stops_and_begins_anew_from_the_lower_minimum(clean_pool):
+  """What was fitted from a wrong place would be worth all the nats that place is too high."""
+  problem, lost = clean_pool.problem, astray(clean_pool, 0.3).base
+  baseline = dataclasses.replace(
+    rig.baseline_of(problem, lost), theta=lost.theta, fit=SimpleNamespace(parameters=rig.BASE, theta=lost.values)
+  )
+  promising = {n: dataclasses.replace(s, gain=30.0) for n, s in clean_pool.signatures.items()}
+  pool = search(baseline, lost, promising)
+  assert pool.strayed and pool.lowered > 100.0
+  assert {len(key) for key in pool.models} <= {0, 1}
+  again = recalibrate_from(baseline, pool.base.theta)
+  np.testing.assert_allclose(again.fit.theta, clean_pool.base.values, rtol=0.02)
+  base = base_candidate(again)
+  assert not search(again, base, scan(again.problem, base, problem.twin.mechanisms)).strayed
 
 
 def test_what_bends_is_refitted_whatever_the_scan_says(offset_pool, monkeypatch):
