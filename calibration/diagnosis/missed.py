@@ -22,7 +22,7 @@ LEVELS = {
   "pose_left": 0.08,
   "pose_turn": 0.05,
 }
-# a smaller spread counts as this one: pushes of the road are no share of a turn that was hardly driven
+# in the channels' units; a smaller spread counts as this one: pushes of the road are no share of a turn hardly driven
 _LEAST = {
   "motor_speed": 80.0,
   "speed": 0.4,
@@ -70,7 +70,7 @@ def most_missed(model: Candidate, pool: Pool) -> Missed | None:
   error = model.residual / pool.problem.whiten(np.ones(len(observations)))
   judging = np.arange(len(observations)) >= model.fitted
   found = []
-  for channel in LEVELS.keys() & set(observations.present):
+  for channel in (c for c in LEVELS if c in observations.present):
     rows = observations.select(channel)
     spread = max(float(np.std(observations.measured[rows])), _LEAST[channel])
     asked = rows & judging if (rows & judging).any() else rows
