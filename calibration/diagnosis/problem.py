@@ -109,7 +109,7 @@ def warnings_logged() -> Iterator[None]:
   MuJoCo itself writes them to the terminal and to a file in the working directory.
   """
   before = mujoco.get_mju_user_warning()
-  mujoco.set_mju_user_warning(lambda text: log.info("MuJoCo: %s", text))
+  mujoco.set_mju_user_warning(lambda text: log.debug("MuJoCo: %s", text))
   try:
     yield
   finally:

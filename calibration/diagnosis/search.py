@@ -43,7 +43,7 @@ class Pool:
     models: by set of mechanism ids; frozenset() is the recalibrated twin.
     signatures: of the scan.
     floor: smallest standard deviation of each residual channel: the sensors' own noise.
-    lowered: nats by which the recalibrated twin came down when it was fitted from where larger models had ended.
+    strayed: whether recalibration had ended so far above its minimum that the search has to begin anew from the lower one.
   """
 
   problem: Problem
@@ -51,12 +51,7 @@ class Pool:
   models: dict[frozenset[str], Candidate]
   signatures: dict[str, Signature]
   floor: dict[str, float]
-  lowered: float = 0.0
-
-  @property
-  def strayed(self) -> bool:
-    """Whether recalibration had ended so far above its minimum that the search has to begin anew from the lower one."""
-    return self.lowered > _STRAYED
+  strayed: bool = False
 
   @property
   def base(self) -> Candidate:
@@ -101,7 +96,7 @@ def search(
     report: told what is being done.
 
   Returns:
-    all models; only the singles where the recalibrated twin turned out to have `strayed`.
+    all models; those fitted by then where the recalibrated twin turned out to have `strayed`.
   """
   problem = baseline.problem
   pool = Pool(problem, baseline.fit.parameters, {frozenset(): base}, signatures, sensor_floor(baseline.passport))  # fmt: skip
@@ -113,9 +108,8 @@ def search(
     if key not in pool.models or model.cost < pool.models[key].cost:
       pool.models[key] = _not_worse(pool, model, pool.base)
   best = pool.best(pool.of_size(1))
-  if best is not pool.base:
-    try_smaller(pool, best)
-  if pool.strayed:
+  if best is not pool.base and try_smaller(pool, best) > _STRAYED:
+    pool.strayed = True
     return pool
   _reweight_if_worth_it(pool)
   report("refitting pairs")
@@ -128,11 +122,13 @@ def search(
   if best is not pool.base:
     refine(pool.problem, [best], 1, full=True)
     refine(pool.problem, [best], 2)
-    try_smaller(pool, best)
+    lowered = try_smaller(pool, best)
+    # with new weights the base was only brought near its minimum, and its cost is many times larger
+    pool.strayed = pool.problem is problem and lowered > _STRAYED
   return pool
 
 
-def try_smaller(pool: Pool, best: Candidate) -> None:
+def try_smaller(pool: Pool, best: Candidate) -> float:
   """Fit the sets one mechanism smaller, and the base, from a model's estimates too, and keep what fits better.
 
   The cost has several minima. One that was only reached with a mechanism in the model may not need it.
@@ -140,16 +136,19 @@ def try_smaller(pool: Pool, best: Candidate) -> None:
   Args:
     pool: all fitted models; its smaller sets may be replaced.
     best: the model to begin at.
+
+  Returns:
+    by how many nats the base came down.
   """
+  before = pool.base.cost
   smaller = dict.fromkeys([frozenset(), *(frozenset(best.mechanisms) - {name} for name in best.mechanisms)])
   made = [candidate(pool.problem, sorted(key), best, pool.priors) for key in smaller]
   simulate(pool.problem, made)
   refine(pool.problem, made, _RETURNING)
   for key, model in zip(smaller, made, strict=True):
     if key not in pool.models or model.cost < pool.models[key].cost:
-      if not key:
-        pool.lowered += pool.base.cost - model.cost
       pool.models[key] = model
+  return before - pool.base.cost
 
 
 def base_candidate(baseline: Baseline) -> Candidate:
