@@ -125,6 +125,8 @@ def search(
     lowered = try_smaller(pool, best)
     # with new weights the base was only brought near its minimum, and its cost is many times larger
     pool.strayed = pool.problem is problem and lowered > _STRAYED
+    if lowered > _STRAYED and not pool.strayed:
+      bring_along(pool, best)
   return pool
 
 
@@ -149,6 +151,27 @@ def try_smaller(pool: Pool, best: Candidate) -> float:
     if key not in pool.models or model.cost < pool.models[key].cost:
       pool.models[key] = model
   return before - pool.base.cost
+
+
+def bring_along(pool: Pool, best: Candidate) -> None:
+  """Fit the likely singles from the base that came down: left where they were they would be no rivals to the best.
+
+  Args:
+    pool: all fitted models; singles in it may be replaced.
+    best: the model that showed the way; it stays as it is.
+  """
+  others = [m for m in pool.of_size(1) if m.mechanisms != best.mechanisms]
+  made = []
+  for model in sorted(others, key=lambda m: m.cost)[:_LIKELY]:
+    own = {p.name for name in model.mechanisms for p in pool.problem.mechanism(name).parameters}
+    start = {name: value for name, value in model.free.named(model.values).items() if name in own}
+    made.append(candidate(pool.problem, model.mechanisms, pool.base, pool.priors, start))
+  simulate(pool.problem, made)
+  refine(pool.problem, made, _RETURNING)
+  for model in made:
+    key = frozenset(model.mechanisms)
+    if model.cost < pool.models[key].cost:
+      pool.models[key] = _not_worse(pool, model, pool.base)
 
 
 def base_candidate(baseline: Baseline) -> Candidate:

@@ -10,7 +10,7 @@ import pytest
 from calibration.diagnosis.candidates import simulate
 from calibration.diagnosis.recalibrate import recalibrate_from
 from calibration.diagnosis.scan import scan
-from calibration.diagnosis.search import Effort, base_candidate, search, try_smaller
+from calibration.diagnosis.search import Effort, base_candidate, bring_along, search, try_smaller
 
 
 def astray(pool, by):
@@ -60,6 +60,26 @@ def test_a_search_from_a_base_that_strayed_stops_and_begins_anew_from_the_lower_
   np.testing.assert_allclose(again.fit.theta, clean_pool.base.values, rtol=0.02)
   base = base_candidate(again)
   assert not search(again, base, scan(again.problem, base, problem.twin.mechanisms)).strayed
+
+
+def test_rivals_left_at_a_higher_place_are_brought_along(offset_pool):
+  """Without it a rival's gain over a base that came down would be negative, which no larger model's can be."""
+  problem, best = offset_pool.problem, offset_pool.models[frozenset(["steering_offset"])]
+  left = {}
+  for name in ("side_force", "quadratic_drag"):
+    model = offset_pool.models[frozenset([name])]
+    model = dataclasses.replace(model, values=model.values.copy(), theta=model.theta.copy(), settled=False)
+    model.values[model.free.index("torque_per_volt")] *= 1.3
+    model.theta[problem.parameters.index("torque_per_volt")] *= 1.3
+    simulate(problem, [model])
+    assert model.cost > offset_pool.base.cost + 100.0
+    left[frozenset([name])] = model
+  pool = dataclasses.replace(offset_pool, models=offset_pool.models | left)
+  bring_along(pool, best)
+  for key in left:
+    assert pool.models[key].cost == pytest.approx(offset_pool.models[key].cost, abs=2.0)
+    assert pool.models[key].cost <= pool.base.cost
+  assert pool.models[frozenset(["steering_offset"])] is best
 
 
 def test_what_bends_is_refitted_whatever_the_scan_says(offset_pool, monkeypatch):
