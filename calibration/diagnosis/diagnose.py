@@ -15,6 +15,7 @@ from calibration.diagnosis.detect import Detection, detect
 from calibration.diagnosis.experiment import next_experiment
 from calibration.diagnosis.locate import Location, locate
 from calibration.diagnosis.output import Diagnosis, write_outputs
+from calibration.diagnosis.reach import with_reach
 from calibration.diagnosis.recalibrate import (
   BIAS_MECHANISMS,
   TOLERATED_MECHANISMS,
@@ -81,7 +82,7 @@ def diagnose(
   """Find out what physics a data set shows that the twin lacks.
 
   Args:
-    dataset: recordings with roles; "identify" is fitted, "validate" judges, "holdout" is opened at the end.
+    dataset: recordings with roles; "identify" is fitted, "validate" judges (see reach), "holdout" is opened at the end.
     mechanisms: ids to consider; the whole catalogue by default.
     start: a twin to go on from, with its parameters: they are the first guess, and its mechanisms are in every model.
     effort: how wide to search.
@@ -92,6 +93,7 @@ def diagnose(
     report: told the stage and how much of it is done.
   """
   clock = _Clock(report)
+  dataset, joined = with_reach(dataset)
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   known = considered(mechanisms, start)
   twin = Twin(vehicle, [*known, *smooth_forces()], substeps=substeps, threads=threads)
@@ -120,7 +122,7 @@ def diagnose(
     seconds=clock.stop(),
     stages=clock.stages,
     next_experiment=experiment,
-    notes=dataset.warnings,
+    notes=dataset.warnings + joined,
   )
   return Outcome(diagnosis, twin, pool.base.theta, decision.model.theta, cut)
 

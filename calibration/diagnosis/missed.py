@@ -18,6 +18,7 @@ from calibration.diagnosis.search import Pool
 LEVELS = {"motor_speed": 0.05, "speed": 0.05, "yaw_rate": 0.03}
 # in the channels' units; a smaller spread counts as this one: pushes of the road are no share of a turn hardly driven
 _LEAST = {"motor_speed": 80.0, "speed": 0.4, "yaw_rate": 0.4}
+_TELLING = 1.0 / 3.0  # of a channel's spread, that recordings which only judge must show to be asked alone
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +52,7 @@ class Missed:
 def most_missed(model: Candidate, pool: Pool) -> Missed | None:
   """The channel a model misses most, in units of its level; None where no channel of LEVELS was measured.
 
-  Recordings that only judge are asked; all, where there are none.
+  Recordings that only judge are asked; all, where there are none or where those hardly move the channel.
   """
   observations = pool.problem.observations
   error = model.residual / pool.problem.whiten(np.ones(len(observations)))
@@ -59,8 +60,10 @@ def most_missed(model: Candidate, pool: Pool) -> Missed | None:
   found = []
   for channel in (c for c in LEVELS if c in observations.present):
     rows = observations.select(channel)
-    spread = max(float(np.std(observations.measured[rows])), _LEAST[channel])
-    asked = rows & judging if (rows & judging).any() else rows
+    whole = float(np.std(observations.measured[rows]))
+    spread = max(whole, _LEAST[channel])
+    telling = (rows & judging).any() and np.std(observations.measured[rows & judging]) >= _TELLING * whole
+    asked = rows & judging if telling else rows
     excess = np.mean(np.square(error[asked])) - pool.floor.get(channel, 0.0) ** 2
     found.append(Missed(channel, float(np.sqrt(max(excess, 0.0))) / spread, LEVELS[channel]))
   return max(found, key=lambda m: m.strength, default=None)

@@ -120,6 +120,7 @@ def search(
   report("polishing the best model")
   best = pool.best(list(pool.models.values()))
   if best is not pool.base:
+    best.settled = False  # a step that a stale Jacobian led nowhere says nothing about the minimum
     refine(pool.problem, [best], 1, full=True)
     refine(pool.problem, [best], 2)
     lowered = try_smaller(pool, best)

@@ -1,5 +1,6 @@
 """Claims and verdicts: a right name is claimed and leaves nothing over, a wrong one or none does not pass."""
 
+import copy
 import dataclasses
 
 import diagnosis_rig as rig
@@ -172,8 +173,13 @@ def test_what_a_model_misses_is_measured_beyond_the_noise_and_on_what_judges(cle
     dataclasses.replace(base, residual=clean_pool.problem.whiten(np.hypot(error, 8.0 * rows))), clean_pool
   )
   assert found is not None and found.channel == "motor_speed" and found.share == pytest.approx(0.1, rel=1e-6)
-  elsewhere = clean_pool.problem.whiten(np.where(rows & ~judging, 0.1 * spread, 0.0))
+  elsewhere = clean_pool.problem.whiten(np.where(rows & ~judging, 0.3 * spread, 0.0))
   assert most_missed(dataclasses.replace(base, residual=elsewhere), clean_pool).strength < 1.0
+  straight = np.where(judging, 0.0, observations.measured)  # recordings that hardly move a channel tell nothing of it
+  problem = copy.copy(clean_pool.problem)
+  problem.observations = dataclasses.replace(observations, measured=straight)
+  pool = dataclasses.replace(clean_pool, problem=problem)
+  assert most_missed(dataclasses.replace(base, residual=elsewhere), pool).strength > 1.0
 
 
 def test_a_bias_is_claimed_beyond_what_every_sensor_has():
