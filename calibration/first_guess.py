@@ -1,7 +1,9 @@
 """First values of the drive's parameters, straight from the log, so that a fit starts in the right valley.
 
-The motor's equation omega' = P1 V - P2 omega - P3 sgn(omega), integrated over windows so that no
-signal is differentiated, is linear in P1, P2, P3: a robust regression gives them.
+The motor's equation omega' = P1 V - P2 omega - P3 sgn(omega), integrated over windows so that no signal is
+differentiated, is solved for V and fitted by a robust regression. Solved for omega' it would be satisfied by P1 = P2 =
+P3 = 0 wherever the speed is steady: on a car that was mostly driven so, and loses speed to what the equation lacks (a
+turn), all three came out ten times too small.
 """
 
 from collections.abc import Sequence
@@ -55,14 +57,20 @@ def _integrals(recording: Recording, vehicle: Vehicle) -> Array:
 
 
 def _regression(table: Array) -> tuple[float, float, float]:
-  """P1, P2, P3 >= 0 by least squares with two rounds of Huber weights."""
-  matrix = table[:, 1:] * [1.0, -1.0, -1.0]
+  """P1, P2, P3 >= 0 from V = omega' / P1 + P2 / P1 omega + P3 / P1 sgn(omega), with two rounds of Huber weights.
+
+  Not finite where the speed never changes: then they can't be told.
+  """
+  matrix, volts = table[:, [0, 2, 3]], table[:, 1]
+  if not np.any(matrix[:, 0]):
+    return np.inf, np.inf, np.inf
   weight = np.ones(len(table))
-  solution = np.zeros(3)
+  solution = np.ones(3)
   for _ in range(3):
     scale = np.abs(matrix).max(axis=0) + 1e-12
-    fit = lsq_linear(matrix / scale * weight[:, None], table[:, 0] * weight, bounds=(0.0, np.inf))
+    fit = lsq_linear(matrix / scale * weight[:, None], volts * weight, bounds=(0.0, np.inf))
     solution = fit.x / scale
-    error = np.abs(table[:, 0] - matrix @ solution)
+    error = np.abs(volts - matrix @ solution)
     weight = np.sqrt(1.0 / np.maximum(1.0, error / (2.0 * np.median(error) + 1e-9)))
-  return float(solution[0]), float(solution[1]), float(solution[2])
+  p1 = 1.0 / float(solution[0]) if solution[0] > 0.0 else np.inf
+  return p1, p1 * float(solution[1]), p1 * float(solution[2])
