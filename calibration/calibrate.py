@@ -232,7 +232,7 @@ def _to_recordings(
     tyres = {k: v for k, v in bicycle_values(identification, twin).items() if k.startswith("cornering")}
     base = informed(base, tyres)
   added = [p for m in twin.mechanisms if m.name in mechanisms and m.name not in BIAS_MECHANISMS for p in m.parameters]
-  priors = with_sensor_biases(base, twin) + added
+  priors = with_sensor_biases(base, twin, recordings) + added
   shifts = (-1, 0, 1) if dataset.command_timing == "unknown" else (0,)
   baseline = recalibrate(twin, recordings, priors, shifts, _cut(quick, 0), progress=progress)
   notes = ["no steering_command is logged: the car is taken to drive straight"]

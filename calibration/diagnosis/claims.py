@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
-from calibration.diagnosis.recalibrate import BIAS_MECHANISMS
+from calibration.diagnosis.recalibrate import BIAS_MECHANISMS, SENSOR_BIASES
 from calibration.diagnosis.score import Comparison, clustered_std, compare, evidence
 from calibration.diagnosis.search import Pool
 from calibration.diagnosis.thresholds import Thresholds, material, significant
@@ -118,9 +118,13 @@ def bias_claims(pool: Pool, best: Candidate, thresholds: Thresholds) -> list[Cla
 
 
 def _beyond_usual(model: Candidate, names: list[str]) -> bool:
-  """Whether one of the biases exceeds the standard deviation that every such sensor is believed to have."""
-  believed = [p for n in names if (p := model.free[n]).std is not None]
-  return not believed or any(abs(model.estimate(p.name)[0] - (p.null or 0.0)) > (p.std or 0.0) for p in believed)
+  """Whether one of the biases exceeds the standard deviation that every such sensor is believed to have.
+
+  Not that of its prior: where the gyro was read at rest, this says how well its bias is known and not how usual it is.
+  """
+  usual = {n: SENSOR_BIASES.get(n, model.free[n].std) for n in names}
+  known = {n: s for n, s in usual.items() if s is not None}
+  return not known or any(abs(model.estimate(n)[0] - (model.free[n].null or 0.0)) > s for n, s in known.items())
 
 
 def _at_null(model: Candidate, names: list[str]) -> Candidate:

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 _MEASURED = ("motor_speed", "speed", "accel_x", "accel_y", "yaw_rate", "pose_x", "pose_y", "pose_yaw")
 _STILL = {"motor_speed": 2.0, "speed": 0.02}  # rad/s, m/s
 _LEAST_STILL = 0.4  # s of standstill that count
+_LEAST_SAMPLES = 5  # in one of them
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,6 +55,17 @@ def standstill_seconds(recordings: Sequence[Recording]) -> float:
   return float(sum(high - low for r in recordings for low, high in _standstills(r)))
 
 
+def means_at_rest(recordings: Sequence[Recording], channel: str) -> Array:
+  """What a channel reads on average in each standstill of five samples or more, (k,)."""
+  pieces = [
+    r[channel].value[(r[channel].time >= low) & (r[channel].time <= high)]
+    for r in recordings
+    if channel in r.channels
+    for low, high in _standstills(r)
+  ]
+  return np.array([np.mean(v) for v in pieces if len(v) >= _LEAST_SAMPLES])
+
+
 def _standstills(recording: Recording) -> list[tuple[float, float]]:
   """Spans in which the voltage is zero and the wheels don't turn."""
   speed = next((n for n in _STILL if n in recording.channels), None)
@@ -78,7 +90,7 @@ def _channel_noise(name: str, spans: list[tuple[Recording, list[tuple[float, flo
     for s in [r[name]]
     for low, high in pieces
   ]
-  still = [v for v in still if len(v) >= 5]
+  still = [v for v in still if len(v) >= _LEAST_SAMPLES]
   steps = np.abs(np.concatenate([np.diff(s.value) for s in streams]))
   quantum = float(np.min(steps[steps > 1e-12], initial=np.inf))
   gaps = np.concatenate([np.diff(s.time) for s in streams])

@@ -12,12 +12,12 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.diagnosis.passport import ChannelNoise, noise_passport
+from calibration.diagnosis.passport import ChannelNoise, means_at_rest, noise_passport
 from calibration.diagnosis.problem import Problem, Weighting, weighting_from
 from calibration.fit import Fit, finite_differences, fit
 from calibration.observations import Observations, observe
 from calibration.segmenting import DEFAULT_CUT, Cut
-from qcar_twin.parameters import ParameterSet
+from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.recording import Recording
 from qcar_twin.twin import Twin
 
@@ -35,6 +35,7 @@ SENSOR_BIASES = {
   "gyro_bias": 0.02,  # rad/s
   "encoder_latency": 0.003,  # s
 }
+_GYRO_WANDERS = 0.002  # rad/s, between rest and drive: warmth and shaking
 BIAS_MECHANISMS = ("accel_bias", "gyro_bias", "encoder_latency")
 # small errors of what is measured with a ruler, read in a data sheet or drawn as a simple linkage
 TOLERATED_MECHANISMS = (
@@ -189,13 +190,26 @@ def fitted_count(observations: Observations, recordings: Sequence[Recording]) ->
   return int(np.sum(~np.isin(observations.recording, judging)))
 
 
-def with_sensor_biases(base: ParameterSet, twin: Twin) -> ParameterSet:
+def with_sensor_biases(base: ParameterSet, twin: Twin, recordings: Sequence[Recording]) -> ParameterSet:
   """The base parameters and the small errors every IMU and encoder has, so that they are not taken for physics.
 
-  One far beyond them is claimed as such; see decide.
+  One far beyond them is claimed as such; see decide. A gyro's is read where the car stands: it does not turn there,
+  whatever else is wrong with the twin. An accelerometer's is not: there it reads the floor's slope as well.
   """
   biases = [dataclasses.replace(twin.parameters[n], std=s) for n, s in SENSOR_BIASES.items() if n in twin.parameters]
-  return base + biases
+  return base + [_read_at_rest(p, recordings) if p.name == "gyro_bias" else p for p in biases]
+
+
+def _read_at_rest(gyro: Parameter, recordings: Sequence[Recording]) -> Parameter:
+  """The gyro's bias with what it read at rest as its prior, in standard deviations of what it wanders."""
+  means = means_at_rest(recordings, "yaw_rate")
+  if not len(means):
+    return gyro
+  scatter = float(np.std(means, ddof=1)) if len(means) > 1 else 0.0
+  nominal = float(np.clip(np.mean(means), gyro.lower, gyro.upper))
+  return dataclasses.replace(
+    gyro, nominal=nominal, std=min(float(np.hypot(_GYRO_WANDERS, scatter)), gyro.std or np.inf)
+  )
 
 
 def with_tolerances(priors: ParameterSet, twin: Twin) -> ParameterSet:

@@ -2,11 +2,13 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from calibration.diagnosis.diagnose import considered, starting_priors
 from calibration.diagnosis.recalibrate import BIAS_MECHANISMS, SENSOR_BIASES, TOLERATED_MECHANISMS
 from qcar_twin.mechanisms import catalogue, select
+from qcar_twin.recording import Recording, Stream
 from qcar_twin.twin import Twin
 from qcar_twin.vehicle import Vehicle
 
@@ -49,6 +51,30 @@ def test_what_was_measured_keeps_its_prior(repaired):
     moved[twin.parameters.index(p.name)] *= 1.2
   priors = starting_priors([], Twin(VEHICLE, considered(None, repaired), threads=1), (twin, moved))
   assert all(priors[p.name] == p for p in measured)
+
+
+def gyro(*levels: float) -> list[Recording]:
+  """A recording per level: two seconds at rest, in which the gyro reads it, and then a turn to the left."""
+  time = np.arange(0.0, 5.0, 0.01)
+  rest, noise = time < 2.0, 0.002 * np.random.default_rng(1).standard_normal(time.size)
+  columns = {"motor_voltage": np.where(rest, 0.0, 2.0), "motor_speed": np.where(rest, 0.0, 500.0)}
+  return [
+    Recording(
+      f"run_{i}", {n: Stream(time, v) for n, v in (columns | {"yaw_rate": level + noise + ~rest * 1.0}).items()}
+    )
+    for i, level in enumerate(levels)
+  ]
+
+
+def test_a_gyro_is_believed_to_read_on_what_it_read_at_rest():
+  twin = Twin(VEHICLE, considered([], None), threads=1)
+  steady = starting_priors(gyro(0.05, 0.05), twin, None)["gyro_bias"]
+  assert steady.nominal == pytest.approx(0.05, abs=1e-3) and steady.std == pytest.approx(0.002, rel=0.01)
+  wandering = starting_priors(gyro(0.04, 0.06), twin, None)["gyro_bias"]
+  assert wandering.nominal == pytest.approx(0.05, abs=1e-3) and wandering.std > 0.01
+  assert starting_priors(gyro(-0.3, 0.3), twin, None)["gyro_bias"].std == SENSOR_BIASES["gyro_bias"]
+  assert starting_priors([], twin, None)["gyro_bias"].nominal == 0.0
+  assert steady.null == 0.0  # it is claimed as an error all the same
 
 
 RULED = dataclasses.replace(VEHICLE, std=dict(VEHICLE.std) | {"wheel_radius": 1e-4, "imu_x": 0.003, "imu_y": 0.002})
