@@ -63,7 +63,7 @@ def means_at_rest(recordings: Sequence[Recording], channel: str) -> Array:
     if channel in r.channels
     for low, high in _standstills(r)
   ]
-  return np.array([np.mean(v) for v in pieces if len(v) >= _LEAST_SAMPLES])
+  return np.array([float(np.mean(v)) for v in pieces if len(v) >= _LEAST_SAMPLES], dtype=np.float64)
 
 
 def _standstills(recording: Recording) -> list[tuple[float, float]]:
