@@ -3,7 +3,7 @@
 The motor's equation omega' = P1 V - P2 omega - P3 sgn(omega), integrated over windows so that no signal is
 differentiated, is solved for V and fitted by a robust regression. Solved for omega' it would be satisfied by P1 = P2 =
 P3 = 0 wherever the speed is steady: on a car that was mostly driven so, and loses speed to what the equation lacks (a
-turn), all three came out ten times too small.
+turn), all three came out at a tenth of what the same log gives this way.
 """
 
 from collections.abc import Sequence

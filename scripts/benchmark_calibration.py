@@ -28,8 +28,8 @@ Displacements are over 1 s, over 0.4 s in windows of 0.5 s. Where a data set is 
 `before` is the twin at the data set's nominal numbers. What `[vehicle]` does not say comes from `assets/qcar.toml`, and the drive
 there is itself a fit to straight runs of a QCar: on qcar_ground the error before is no measure of an uninformed start.
 
-Hold-out recordings are not used on this page. Those of qcar_ground and dart were looked at once while the identification
-of the drive was developed, so for that part they are not untouched; no figure below rests on them.
+Hold-out recordings are not used on this page. Those of qcar_ground and dart were looked at while the identification and the first guess
+of the drive were developed, so for that part they are not untouched; no figure below rests on them.
 
 {tables}"""
 

@@ -57,13 +57,8 @@ def standstill_seconds(recordings: Sequence[Recording]) -> float:
 
 def means_at_rest(recordings: Sequence[Recording], channel: str) -> Array:
   """What a channel reads on average in each standstill of five samples or more, (k,)."""
-  pieces = [
-    r[channel].value[(r[channel].time >= low) & (r[channel].time <= high)]
-    for r in recordings
-    if channel in r.channels
-    for low, high in _standstills(r)
-  ]
-  return np.array([float(np.mean(v)) for v in pieces if len(v) >= _LEAST_SAMPLES], dtype=np.float64)
+  still = _still_values(channel, [(r, _standstills(r)) for r in recordings])
+  return np.array([float(np.mean(v)) for v in still], dtype=np.float64)
 
 
 def _standstills(recording: Recording) -> list[tuple[float, float]]:
@@ -81,16 +76,21 @@ def _standstills(recording: Recording) -> list[tuple[float, float]]:
   return [(low + 0.2, high) for low, high in spans if high - low > _LEAST_STILL + 0.2]
 
 
-def _channel_noise(name: str, spans: list[tuple[Recording, list[tuple[float, float]]]]) -> ChannelNoise:
-  streams = [r[name] for r, _ in spans if name in r.channels]
-  still = [
+def _still_values(name: str, spans: list[tuple[Recording, list[tuple[float, float]]]]) -> list[Array]:
+  """A channel's samples in each span of standstill that has enough of them."""
+  pieces = [
     s.value[(s.time >= low) & (s.time <= high)]
     for r, pieces in spans
     if name in r.channels
     for s in [r[name]]
     for low, high in pieces
   ]
-  still = [v for v in still if len(v) >= _LEAST_SAMPLES]
+  return [v for v in pieces if len(v) >= _LEAST_SAMPLES]
+
+
+def _channel_noise(name: str, spans: list[tuple[Recording, list[tuple[float, float]]]]) -> ChannelNoise:
+  streams = [r[name] for r, _ in spans if name in r.channels]
+  still = _still_values(name, spans)
   steps = np.abs(np.concatenate([np.diff(s.value) for s in streams]))
   quantum = float(np.min(steps[steps > 1e-12], initial=np.inf))
   gaps = np.concatenate([np.diff(s.time) for s in streams])

@@ -11,16 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.dataset import DataSet
-from qcar_twin.recording import COMMANDS, Recording
+from qcar_twin.recording import CHANNELS, COMMANDS, Recording
 
 Array = NDArray[np.float64]
 
-OUTSIDE = 0.1  # share of the judging drives that may lie outside
+_OUTSIDE = 0.1  # share of the judging drives that may lie outside
 _EDGE = 1.0  # per cent of the fitted driving that is left out at either end of its range
 _WIDER = 0.1  # of the range, by which it is widened: so far a fit is trusted beyond what it saw
 _DRIVEN = 0.1  # of the largest voltage, below which the car is taken to stand or to coast
 _PERIOD = 0.01  # s
-_UNITS = {"motor_voltage": "V", "steering_command": "rad"}
 
 
 def with_reach(dataset: DataSet) -> tuple[DataSet, tuple[str, ...]]:
@@ -43,10 +42,10 @@ def with_reach(dataset: DataSet) -> tuple[DataSet, tuple[str, ...]]:
     ranges = _ranges([d for r, d in zip(recordings, driven, strict=True) if r.role == "identify"])
     judging = [i for i, r in enumerate(recordings) if r.role == "validate" and len(driven[i])]
     beyond = {i: _beyond(driven[i], ranges) for i in judging}
-    total = sum(len(driven[i]) for i in judging)
-    if ranges is None or sum(b.any(axis=1).sum() for b in beyond.values()) <= OUTSIDE * total:
+    outside = {i: int(b.any(axis=1).sum()) for i, b in beyond.items()}
+    if ranges is None or sum(outside.values()) <= _OUTSIDE * sum(len(driven[i]) for i in judging):
       break
-    i = max(beyond, key=lambda k: int(beyond[k].any(axis=1).sum()))
+    i = max(judging, key=outside.__getitem__)
     notes.append(_sentence(recordings[i].name, beyond[i], ranges))
     recordings[i] = recordings[i].replace(role="identify")
   return dataclasses.replace(dataset, recordings=tuple(recordings)), tuple(notes)
@@ -79,6 +78,6 @@ def _sentence(name: str, beyond: NDArray[np.bool_], ranges: Array) -> str:
   channel, share = COMMANDS[k], 100.0 * float(np.mean(beyond[:, k]))
   return (
     f"{name} was fitted although its role is validate: {share:.0f} % of its driving has {channel} outside"
-    f" {ranges[0, k]:.3g} to {ranges[1, k]:.3g} {_UNITS[channel]}, and no recording with the role identify goes there."
+    f" {ranges[0, k]:.3g} to {ranges[1, k]:.3g} {CHANNELS[channel].unit}, and no recording with the role identify goes there."
     " The hold-out recordings judge what came of it."
   )
