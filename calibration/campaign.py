@@ -16,8 +16,8 @@ import numpy as np
 from calibration.campaign_reference import baselines, oracle
 from calibration.diagnosis.diagnose import Outcome, diagnose
 from calibration.diagnosis.output import document
+from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.score import Comparison, compare
-from calibration.diagnosis.search import Pool
 from calibration.diagnosis.ship import recovered_share
 from calibration.proving_ground import make_session
 from calibration.proving_ground.effects import EFFECTS

@@ -17,9 +17,9 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.circumstances import at_values, commands_and_state
+from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.scan import Signature
-from calibration.diagnosis.search import Pool
 from calibration.observations import CHANNELS, Observations, observe
 from calibration.segmenting import DEFAULT_CUT, Cut
 from qcar_twin.plant import Prediction

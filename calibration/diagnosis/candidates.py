@@ -17,8 +17,9 @@ from qcar_twin.parameters import ParameterSet
 
 Array = NDArray[np.float64]
 
-# precision of the two trial steps' restraint, in units of each parameter's scale
-_FRESH, _STALE = (0.0, 30.0), (1.0, 100.0)
+# precisions of the trial steps' restraint, in units of each parameter's scale
+_FRESH, _STALE = (0.0, 10.0, 300.0), (1.0, 100.0)
+_LENGTHS = (1.0, 2.0)  # of a step along fresh columns: a small valley in a rough slope is stepped over
 
 
 @dataclasses.dataclass
@@ -179,9 +180,15 @@ def _try_steps(problem: Problem, candidates: Sequence[Candidate], fresh: bool) -
 def _steps(item: Candidate, fresh: bool) -> list[Array]:
   """Trial estimates: Gauss-Newton steps held back more or less by a prior about where the model stands.
 
-  What the data hardly know would otherwise run far along a Jacobian that was taken elsewhere.
+  What the data hardly know would otherwise run far along a Jacobian that was taken elsewhere. Along fresh columns
+  every step is also tried at twice its length: the cost of wheels that slide is so rough that a slope ends in many
+  small valleys, each a hundredth of the way.
   """
   gradient, curvature, unit = item.gradient, item.curvature, np.diag(1.0 / item.free.scale**2)
+  holds, lengths = (_FRESH, _LENGTHS) if fresh else (_STALE, (1.0,))
+  ends = [bounded_solve(curvature + hold * unit, gradient, item.values, item.free) for hold in holds]
   return [
-    bounded_solve(curvature + hold * unit, gradient, item.values, item.free) for hold in (_FRESH if fresh else _STALE)
+    np.clip(item.values + length * (end - item.values), item.free.lower, item.free.upper)
+    for end in ends
+    for length in lengths
   ]

@@ -6,9 +6,9 @@ import math
 import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.recalibrate import BIAS_MECHANISMS, SENSOR_BIASES
 from calibration.diagnosis.score import Comparison, clustered_std, compare, evidence
-from calibration.diagnosis.search import Pool
 from calibration.diagnosis.thresholds import Thresholds, material, significant
 from qcar_twin.parameters import ParameterSet
 

@@ -14,8 +14,8 @@ from calibration.diagnosis.decide import Decision
 from calibration.diagnosis.detect import Detection
 from calibration.diagnosis.leftover import Leftover, leftovers
 from calibration.diagnosis.missed import most_missed
+from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.score import Comparison, compare, compare_freely
-from calibration.diagnosis.search import Pool
 
 # what a verdict becomes where the model behind it misses more of the motion than it should
 DOUBTED = {"explained": "partly_explained", "no_mismatch": "unexplained"}

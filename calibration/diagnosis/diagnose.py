@@ -15,6 +15,7 @@ from calibration.diagnosis.detect import Detection, detect
 from calibration.diagnosis.experiment import next_experiment
 from calibration.diagnosis.locate import Location, locate
 from calibration.diagnosis.output import Diagnosis, write_outputs
+from calibration.diagnosis.pool import Pool, base_candidate
 from calibration.diagnosis.reach import with_reach
 from calibration.diagnosis.recalibrate import (
   BIAS_MECHANISMS,
@@ -27,7 +28,7 @@ from calibration.diagnosis.recalibrate import (
 )
 from calibration.diagnosis.scan import scan
 from calibration.diagnosis.score import compare_freely
-from calibration.diagnosis.search import Effort, Pool, base_candidate, search
+from calibration.diagnosis.search import Effort, search
 from calibration.diagnosis.ship import ChannelFit, compare_twins
 from calibration.diagnosis.thresholds import Thresholds
 from calibration.diagnosis.unknown import smooth_forces, unknown_sensors
@@ -161,17 +162,18 @@ def _searched(baseline: Baseline, tried: Sequence[Mechanism], effort: Effort, cl
   Where wheels slide the cost has many minima. In a development session recalibration had stopped 7000 nats too high; one
   mechanism's fit left that place, and was claimed for it.
   """
-  for last in (False, True):
+  earlier: list[Candidate] = []
+  while True:
     base = base_candidate(baseline)
     clock.start("scan")
     signatures = scan(baseline.problem, base, tried, progress=lambda done, total: clock.report("scan", done / total))
     clock.start("search")
-    pool = search(baseline, base, signatures, effort, lambda text: clock.report(text, 0.0))
-    if last or not pool.strayed:
-      break
+    pool = search(baseline, base, signatures, effort, lambda text: clock.report(text, 0.0), earlier)
+    if earlier or not pool.strayed:
+      return baseline, pool
+    earlier = [pool.best(list(pool.models.values()))]
     clock.start("recalibration")
     baseline = recalibrate_from(baseline, pool.base.theta)
-  return baseline, pool
 
 
 def _with_unknown(decision: Decision, pool: Pool, doubt: Doubt) -> tuple[Decision, dict[str, Candidate]]:

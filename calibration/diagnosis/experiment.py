@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from calibration.diagnosis.candidates import Candidate, difference_step
 from calibration.diagnosis.claims import Claim
 from calibration.diagnosis.decide import Decision
+from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.problem import Problem, Weighting, correlation_length
-from calibration.diagnosis.search import Pool
 from calibration.fit import inverse_curvature
 from calibration.observations import CHANNELS, Observations, observe
 from qcar_twin.plant import signal_index

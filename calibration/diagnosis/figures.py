@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.decide import Decision
 from calibration.diagnosis.locate import Location, Span
-from calibration.diagnosis.search import Pool
+from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.ship import ChannelFit
 from calibration.observations import CHANNELS, UNITS, Observations
 from calibration.report.style import BEFORE, NOISE, TWIN, draw, new_figure, shade_noise

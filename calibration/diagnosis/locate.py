@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.circumstances import UNITS, Circumstances, circumstances
+from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.region import Region, find_region
-from calibration.diagnosis.search import Pool
 from calibration.diagnosis.unknown import SUBSYSTEM
 from calibration.observations import CHANNELS, Observations
 from qcar_twin.plant import Prediction

@@ -10,7 +10,7 @@ import dataclasses
 import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
-from calibration.diagnosis.search import Pool
+from calibration.diagnosis.pool import Pool
 
 # Shares of a channel's spread; three times what three proving-ground sessions without effects leave at the most (motor
 # speed 0.016, yaw rate 0.010 at the double noise level), see docs/diagnosis.md. Displacements are not asked: one slide

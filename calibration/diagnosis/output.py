@@ -21,7 +21,7 @@ from calibration.diagnosis.decide import Decision
 from calibration.diagnosis.detect import Detection
 from calibration.diagnosis.leftover import PROPERTIES
 from calibration.diagnosis.locate import Location
-from calibration.diagnosis.search import Pool
+from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.ship import ChannelFit
 from calibration.diagnosis.unknown import smooth_forces
 

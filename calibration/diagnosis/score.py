@@ -139,15 +139,12 @@ def compared(after: Array, before: Array, block: NDArray[np.int64]) -> Compariso
   return Comparison(float(capped.sum()), t, share, gains, float(0.5 * np.sum(before**2)))
 
 
-def judged(larger: Candidate, smaller: Candidate, observations: Observations) -> float:
-  """Error of a model on recordings that only judge, over that of another one: geometric mean of the channels' RMS ratios.
-
-  1 where no recording judges.
-  """
+def judged(larger: Candidate, smaller: Candidate, observations: Observations) -> Array:
+  """RMS error of a model on recordings that only judge over that of another one, per channel they show; empty where none judges."""
   channel = observations.channel[larger.fitted :]
   power = [np.bincount(channel, m.residual[larger.fitted :] ** 2, minlength=len(CHANNELS)) for m in (larger, smaller)]
   seen = (power[0] > 0.0) & (power[1] > 0.0)
-  return float(np.exp(0.5 * np.mean(np.log(power[0][seen] / power[1][seen])))) if seen.any() else 1.0
+  return np.sqrt(power[0][seen] / power[1][seen])
 
 
 def evidence(larger: Candidate, smaller: Candidate, observations: Observations) -> float:

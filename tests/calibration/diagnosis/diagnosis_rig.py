@@ -10,10 +10,10 @@ import numpy as np
 
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
 from calibration.diagnosis.passport import ChannelNoise
+from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.problem import Problem, Weighting
 from calibration.diagnosis.recalibrate import Baseline
 from calibration.diagnosis.scan import scan
-from calibration.diagnosis.search import Pool
 from calibration.observations import CHANNELS, observe
 from calibration.segmenting import cut_recordings
 from qcar_twin.mechanisms import select

@@ -13,9 +13,9 @@ from calibration.diagnosis.decide import decide
 from calibration.diagnosis.detect import Detection, Detector
 from calibration.diagnosis.leftover import Leftover, leftovers
 from calibration.diagnosis.missed import most_missed
+from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.recalibrate import SENSOR_BIASES
 from calibration.diagnosis.score import compare
-from calibration.diagnosis.search import Pool
 from calibration.diagnosis.thresholds import Thresholds
 from calibration.diagnosis.unknown import unknown_sensors
 from calibration.diagnosis.wording import verdict_sentence

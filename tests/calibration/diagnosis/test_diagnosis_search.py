@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.candidates import simulate
+from calibration.diagnosis.pool import base_candidate
 from calibration.diagnosis.recalibrate import recalibrate_from
+from calibration.diagnosis.returning import bring_along, try_smaller
 from calibration.diagnosis.scan import scan
-from calibration.diagnosis.search import Effort, base_candidate, bring_along, search, try_smaller
+from calibration.diagnosis.search import Effort, search
 
 
 def astray(pool, by):

@@ -1,0 +1,77 @@
+"""All models a search has tried, by the set of mechanisms in them."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.diagnosis.candidates import Candidate, candidate, simulate
+from calibration.diagnosis.problem import Problem
+from calibration.diagnosis.recalibrate import Baseline
+from calibration.diagnosis.scan import Signature
+from calibration.diagnosis.score import compare
+from qcar_twin.parameters import ParameterSet
+
+
+@dataclasses.dataclass
+class Pool:
+  """All models tried, with what is needed to try more.
+
+  Attributes:
+    problem: residuals, with the present weights.
+    priors: declarations of the base parameters.
+    models: by set of mechanism ids; frozenset() is the recalibrated twin.
+    signatures: of the scan.
+    floor: smallest standard deviation of each residual channel: the sensors' own noise.
+    strayed: whether recalibration had ended so far above its minimum that the search has to begin anew from the lower one.
+  """
+
+  problem: Problem
+  priors: ParameterSet
+  models: dict[frozenset[str], Candidate]
+  signatures: dict[str, Signature]
+  floor: dict[str, float]
+  strayed: bool = False
+
+  @property
+  def base(self) -> Candidate:
+    return self.models[frozenset()]
+
+  def of_size(self, size: int) -> list[Candidate]:
+    return [m for key, m in self.models.items() if len(key) == size]
+
+  def best(self, models: Sequence[Candidate]) -> Candidate:
+    """The model with the largest gain, held out and in the priors; a mechanism more must bring 2 nats more."""
+    return max([self.base, *(m for m in models if m is not self.base)], key=self._worth)
+
+  def _worth(self, model: Candidate) -> float:
+    found = compare(model, self.base, self.problem.observations)
+    return found.total + found.priors - 2.0 * len(model.mechanisms)
+
+  def best_subset(self, key: frozenset[str]) -> Candidate:
+    """The best model with fewer mechanisms of a set."""
+    return min((m for k, m in self.models.items() if k < key), key=lambda m: m.cost)
+
+  def offer(self, model: Candidate) -> None:
+    """Keep a model where it fits better than what the pool has of its set."""
+    key = frozenset(model.mechanisms)
+    if key not in self.models or model.cost < self.models[key].cost:
+      self.models[key] = self.not_worse(model, self.best_subset(key)) if key else model
+
+  def not_worse(self, item: Candidate, parent: Candidate) -> Candidate:
+    """A set that fits worse than its subset takes the subset's estimates, with what was added at its null."""
+    if item.cost <= parent.cost:
+      return item
+    same = candidate(self.problem, item.mechanisms, parent, self.priors)
+    same.residual, same.jacobian = parent.residual.copy(), np.where(same.jacobian == 0.0, item.jacobian, same.jacobian)
+    assert same.cost <= parent.cost + 1e-6 * abs(parent.cost), "a nested model fitted worse than its parent"
+    return same
+
+
+def base_candidate(baseline: Baseline) -> Candidate:
+  """The recalibrated twin as a model of the pool."""
+  made = candidate(baseline.problem, (), None, baseline.fit.parameters)
+  made.theta, made.values, made.jacobian = baseline.theta.copy(), baseline.fit.theta.copy(), baseline.jacobian.copy()
+  simulate(baseline.problem, [made])
+  made.settled = True
+  return made
