@@ -69,7 +69,6 @@ def cut_recordings(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut =
   steps = np.array([len(p.commands) for p in pieces])
   longest = int(steps.max())
   commands = np.stack([_pad(p.commands, longest) for p in pieces])
-  pose = np.stack([_pad(p.pose, longest + 1) for p in pieces])
   segments = Segments(
     commands=commands,
     start=np.stack([p.start for p in pieces]),
@@ -78,7 +77,8 @@ def cut_recordings(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut =
     recording=tuple(recordings[p.index].name for p in pieces),
     offset=np.array([p.offset for p in pieces]),
     history=np.stack([history[p.index] + p.spent for p in pieces]),
-    pose=pose,
+    pose=np.stack([_pad(p.pose, longest + 1) for p in pieces]),
+    wheel_angle=np.stack([_pad(p.wheel_angle, longest + 1) for p in pieces]),
   )
   return Stretches(segments, np.array([p.first for p in pieces]), np.array([p.last for p in pieces]))
 
@@ -88,6 +88,7 @@ class _Piece:
   index: int
   commands: Array
   pose: Array
+  wheel_angle: Array
   start: Array
   offset: float
   first: float
@@ -104,7 +105,8 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
   # all stretches ride in one batch as long as the longest, so none may stick out by much
   count = max(1, int(np.ceil(duration / cut.length - 0.02)))
   edges = np.linspace(0, len(time), count + 1).round().astype(int)
-  pose = _pose_on(recording, np.append(time, time[-1] + cut.period))
+  grid = np.append(time, time[-1] + cut.period)
+  pose, wheel_angle = _pose_on(recording, grid), _wheel_angle_on(recording, grid, vehicle)
   pieces = []
   for low, high in zip(edges[:-1], edges[1:], strict=True):
     begin = max(0, low - int(round(cut.warm_up / cut.period))) if low else 0
@@ -114,6 +116,7 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
         index=index,
         commands=commands[begin:high],
         pose=pose[begin : high + 1],
+        wheel_angle=wheel_angle[begin : high + 1],
         start=measured_start(recording, float(time[begin]), vehicle, commands[begin, 1], begin == 0),
         offset=float(time[begin]),
         first=float(time[low]),
@@ -208,6 +211,22 @@ def _pose_on(recording: Recording, time: Array) -> Array:
       stream = recording[name]
       pose[:, column] = np.interp(time, stream.time, stream.value)
   return pose
+
+
+def _wheel_angle_on(recording: Recording, time: Array, vehicle: Vehicle) -> Array:
+  """Angle the wheels have turned since time[0] by the encoder, rad, (len(time),); NaN without one.
+
+  theta = gear_ratio int w dt over the encoder's own samples (trapezoids). A gap is bridged by a straight line; before
+  the first and after the last sample the nearest speed holds.
+  """
+  if "motor_speed" not in recording.channels:
+    return np.full(len(time), np.nan)
+  stream = recording["motor_speed"]
+  at = np.union1d(stream.time, time)
+  speed = np.interp(at, stream.time, stream.value)
+  angle = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(at)))
+  turned = np.interp(time, at, angle)
+  return vehicle.gear_ratio * (turned - turned[0])
 
 
 def _pad(values: Array, length: int) -> Array:

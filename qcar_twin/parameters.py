@@ -26,6 +26,8 @@ class Parameter:
     std: prior standard deviation in `unit`; None for a weak prior (a third of the range).
     typical: size worth talking about, in `unit`; materiality is judged against it.
     description: one line for reports.
+    step: move worth one step of a fit, in `unit`, where prior and typical size say nothing of it: about the width of
+      the cost's minimum. Differences are taken over a few percent of it and long steps are held back in units of it.
   """
 
   name: str
@@ -38,6 +40,7 @@ class Parameter:
   std: float | None = None
   typical: float | None = None
   description: str = ""
+  step: float | None = None
 
   def __post_init__(self) -> None:
     if not self.lower <= self.nominal <= self.upper:
@@ -50,8 +53,8 @@ class Parameter:
 
   @property
   def scale(self) -> float:
-    """A natural step: the prior's standard deviation, else the typical size, else the range / 10."""
-    return self.std or self.typical or (self.upper - self.lower) / 10.0
+    """A natural step: the one stated, else the prior's standard deviation, the typical size, the range / 10."""
+    return self.step or self.std or self.typical or (self.upper - self.lower) / 10.0
 
 
 class ParameterSet:

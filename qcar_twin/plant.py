@@ -55,6 +55,9 @@ class Segments:
       (heat and charge carry over from recording to recording); None for a fresh car.
     pose: measured x, y, yaw on the control grid, (S, T + 1, 3), NaN where there is none; what a place-
       or heading-bound effect looks up; None to use the simulated pose.
+    wheel_angle: angle the wheels have turned since the recording's start by the encoder, mean of all, on the
+      control grid, rad, (S, T + 1), NaN where unknown; what an effect that comes round with the wheels looks
+      up; None to use the simulated angle, which starts at 0 in every segment.
   """
 
   commands: Array
@@ -65,6 +68,7 @@ class Segments:
   offset: Array
   history: Array | None = None
   pose: Array | None = None
+  wheel_angle: Array | None = None
 
   def __post_init__(self) -> None:
     size = len(self.recording)
@@ -75,6 +79,16 @@ class Segments:
 
   def __len__(self) -> int:
     return len(self.recording)
+
+  @property
+  def measured(self) -> Array:
+    """Measured x, y [m], yaw and wheel angle [rad] on the control grid, (S, T + 1, 4), NaN where unknown."""
+    known = np.full((len(self), self.commands.shape[1] + 1, 4), np.nan)
+    if self.pose is not None:
+      known[..., :3] = self.pose
+    if self.wheel_angle is not None:
+      known[..., 3] = self.wheel_angle
+    return known
 
 
 @dataclasses.dataclass(frozen=True)

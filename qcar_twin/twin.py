@@ -132,14 +132,13 @@ class Twin:
     tile = lambda a: np.tile(a, (n,) + (1,) * (a.ndim - 1))  # noqa: E731
     commands = np.ascontiguousarray(tile(segments.commands).transpose(1, 0, 2))  # (T, n * S, 2)
     history = None if segments.history is None else tile(segments.history)
-    start, offset = tile(segments.start), tile(segments.offset)
+    start, offset, measured = tile(segments.start), tile(segments.offset), tile(segments.measured)
     start = self._as_measured(np.repeat(theta, size, axis=0), start)
     simulation = self.begin(np.repeat(theta, size, axis=0), start, history, offset, commands[0], self.batch(n * size))
-    pose = None if segments.pose is None else tile(segments.pose)
     signals = np.empty((length + 1, n * size, len(SIGNALS)))
     signals[0] = simulation.signals
     for k in range(length):
-      signals[k + 1] = simulation.step(commands[k], None if pose is None else pose[:, k])
+      signals[k + 1] = simulation.step(commands[k], measured[:, k])
     return np.ascontiguousarray(signals.transpose(1, 0, 2)).reshape(n, size, length + 1, len(SIGNALS))
 
   def _as_measured(self, theta: Array, start: Array) -> Array:
@@ -204,7 +203,7 @@ class Simulation:
     self._bind(twin.model)
     self._place(start)
     self.signals = np.zeros((len(theta), len(SIGNALS)))
-    self._yaw = start[:, 2].copy()
+    self._yaw, self._wheel_angle = start[:, 2].copy(), np.zeros(len(theta))
     self._read()
     self.signals[:, 6:8] = 0.0
     self._slots = [
@@ -212,37 +211,39 @@ class Simulation:
       for m in twin.mechanisms
       if m.stage in _STEPPED and (rows := twin.present(m, theta)) is not None
     ]
-    pose = self.signals[:, :3]
+    known = np.column_stack([self.signals[:, :3], self._wheel_angle])
     for slot in self._slots:
-      slot.state = slot.mechanism.initial(slot.theta, self._context(slot, command, pose))
-    self._write_models(command, pose, first=True)
+      slot.state = slot.mechanism.initial(slot.theta, self._context(slot, command, known))
+    self._write_models(command, known, first=True)
 
   @property
   def batch(self) -> Batch:
     """What carries the cars."""
     return self._batch
 
-  def step(self, commands: Array, pose: Array | None = None) -> Array:
+  def step(self, commands: Array, measured: Array | None = None) -> Array:
     """Hold commands (N, 2) for one control period; returns the signals after it, (N, 10).
 
     Args:
       commands: V, rad.
-      pose: measured x, y, yaw for place- and heading-bound effects, (N, 3); NaN or None for the simulated one.
+      measured: x, y, yaw and wheel angle for effects bound to them, (N, 4); NaN or None for the simulated ones.
     """
-    pose = self.signals[:, :3] if pose is None else np.where(np.isfinite(pose), pose, self.signals[:, :3])
+    known = np.column_stack([self.signals[:, :3], self._wheel_angle])
+    known = known if measured is None else np.where(np.isfinite(measured), measured, known)
     acting = np.array(commands, dtype=np.float64)
     force: Array | None = None
     for slot in self._slots:
-      context = self._context(slot, commands, pose)
+      context = self._context(slot, commands, known)
       if slot.commands:
         acting[slot.rows] = slot.mechanism.command(slot.theta, context, slot.state, acting[slot.rows])
       if slot.pushes:
         force = np.zeros((len(commands), 3)) if force is None else force
         force[slot.rows] += slot.mechanism.wrench(slot.theta, context, slot.state)
     if any(slot.mechanism.varies for slot in self._slots):
-      self._write_models(commands, pose, first=False)
+      self._write_models(commands, known, first=False)
     self._ctrl[:] = acting
     self._push(force)
+    self._wheel_angle = known[:, 3] + self._twin.period * self._twin.car.gear_ratio * self.signals[:, 8]
     self._batch.step(nstep=self._twin.substeps)
     self._time += self._twin.period
     self._read()
@@ -291,7 +292,7 @@ class Simulation:
     out[:, 8] = v[:, self._handles.motor_dof]
     out[:, 9] = 0.5 * (q[:, self._handles.steering_qpos[0]] + q[:, self._handles.steering_qpos[1]])
 
-  def _context(self, slot: "_Slot", commands: Array, pose: Array) -> Context:
+  def _context(self, slot: "_Slot", commands: Array, known: Array) -> Context:
     rows, values = slot.rows, self._fields.values
     return Context(
       car=self._twin.car,
@@ -301,12 +302,13 @@ class Simulation:
       commands=commands[rows],
       history=self._history[rows],
       recording_time=self._recording_time[rows] + self._time,
-      pose=pose[rows],
+      pose=known[rows, :3],
+      wheel_angle=known[rows, 3],
       torque_per_volt=values["torque_per_volt"][rows],
       back_emf=values["motor_damping"][rows],
     )
 
-  def _write_models(self, commands: Array, pose: Array, first: bool) -> None:
+  def _write_models(self, commands: Array, known: Array, first: bool) -> None:
     """Let contact-stage mechanisms change the simulator, always from the fitted values."""
     dirty: set[str] = set()
     if first:
@@ -316,7 +318,7 @@ class Simulation:
     for slot in self._slots:
       if slot.writes and (first or slot.mechanism.varies or slot.mechanism.stage == "contact"):
         view = Recorder(self._fields, slot.rows, self._untouched)
-        slot.mechanism.write_model(slot.theta, self._context(slot, commands, pose), view)
+        slot.mechanism.write_model(slot.theta, self._context(slot, commands, known), view)
         dirty |= view.changed
     if dirty:
       self._fields.write(dirty, slice(None))

@@ -131,7 +131,7 @@ def predicted_nats(problem: Problem, model: Candidate, rival: Candidate, library
   planned = _planned(problem.observations, problem, library)
   steps = np.array([difference_step(rival, i) for i in range(len(rival.free))])
   moved = problem.embed(rival.free.names, rival.values + np.diag(steps), rival.theta)
-  segments = dataclasses.replace(planned.stretches.segments, pose=None)
+  segments = dataclasses.replace(planned.stretches.segments, pose=None, wheel_angle=None)
   thetas = np.vstack([model.theta, rival.theta, moved])
   predicted = planned.predict(problem.twin.rollout(thetas, segments)) * _scale(problem, planned)
   difference, jacobian = predicted[0] - predicted[1], ((predicted[2:] - predicted[1]) / steps[:, None]).T

@@ -63,6 +63,8 @@ class Context:
     history: seconds driven and V^2 s spent before the segment, (n, 2).
     recording_time: time since the start of the recording, s, (n,).
     pose: x, y, yaw a place- or heading-bound effect looks up, (n, 3): measured where known, else simulated.
+    wheel_angle: angle the wheels have turned since the start of the recording, rad, (n,): measured where an encoder
+      was logged, else simulated since the start of the segment.
     torque_per_volt: fitted motor torque per volt, N m / V, motor side, (n,).
     back_emf: fitted damping of the motor, N m s / rad, motor side, (n,): with it, the part of the
       voltage that drives current is V - back_emf / torque_per_volt * motor_speed.
@@ -76,6 +78,7 @@ class Context:
   history: Array
   recording_time: Array
   pose: Array
+  wheel_angle: Array
   torque_per_volt: Array
   back_emf: Array
 

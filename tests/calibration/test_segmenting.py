@@ -9,7 +9,7 @@ from calibration.observations import CHANNELS, displacement, observe
 from calibration.segmenting import Cut, cut_recordings, measured_start, shift_commands
 from qcar_twin.dataset import DataSet
 from qcar_twin.plant import SIGNALS, START, Prediction
-from qcar_twin.recording import Recording
+from qcar_twin.recording import Recording, Stream
 from qcar_twin.vehicle import Vehicle
 
 CAR = Vehicle.load()
@@ -120,6 +120,28 @@ def test_commands_shift_by_whole_periods_and_hold_at_the_ends():
   np.testing.assert_array_equal(shift_commands(commands, 1), commands[[0, 0, 1]])
   np.testing.assert_array_equal(shift_commands(commands, -1), commands[[1, 2, 2]])
   assert shift_commands(commands, 0) is commands
+
+
+def test_the_wheels_angle_goes_on_from_stretch_to_stretch():
+  """1 m/s all the time: the angle is the distance over the wheel's radius since the recording began, warm-ups included."""
+  segments = cut_recordings([circle(), circle(12.0, "other")], CAR, Cut(length=5.0)).segments
+  since = segments.offset[:, None] + 0.01 * np.arange(segments.commands.shape[1] + 1)
+  assert np.sum(segments.offset == 0.0) == 2 and segments.wheel_angle is not None
+  for angle, time, steps in zip(segments.wheel_angle, since, segments.steps, strict=True):
+    np.testing.assert_allclose(angle[: steps + 1], time[: steps + 1] / CAR.wheel_radius, rtol=1e-9)
+
+
+def test_the_wheels_angle_bridges_gaps_and_late_beginnings_of_the_encoder():
+  whole = circle()
+  time, speed = whole["motor_speed"].time, whole["motor_speed"].value * np.linspace(1.0, 2.0, 2000)
+  gap = (time > 0.3) & ((time < 7.0) | (time > 7.4))
+  angles = []
+  for there in (time >= 0.0, gap):
+    streams = {**whole.streams, "motor_speed": Stream(time[there], speed[there])}
+    angles.append(cut_recordings([whole.replace(streams=streams)], CAR, Cut(length=5.0)).segments.wheel_angle)
+  np.testing.assert_allclose(angles[1], angles[0], atol=0.1)  # 0.3 s at a speed known to 1.5 %
+  blind = whole.replace(streams={k: v for k, v in whole.streams.items() if k != "motor_speed"})
+  assert np.isnan(cut_recordings([blind], CAR, Cut(length=5.0)).segments.wheel_angle).all()
 
 
 def test_a_recording_too_short_to_simulate_is_refused():

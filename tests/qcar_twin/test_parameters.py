@@ -42,6 +42,7 @@ def test_prior_scale_and_concatenation():
   parameters = ParameterSet([MASS]) + [FRICTION, OPEN]
   assert parameters.std.tolist() == [0.02, 2.0 / 3.0, 1.0]  # a third of the range where nothing is stated
   assert parameters.scale.tolist() == [0.02, 1.0, 0.3]
+  assert Parameter("order", 1.0, 0.2, 12.0, "-", step=0.05).scale == 0.05
   assert parameters.names == ("mass", "friction", "open")
 
 

@@ -150,6 +150,43 @@ def test_a_mechanism_at_its_null_is_absent_bit_for_bit(twin: Twin):
   )
 
 
+@pytest.fixture(scope="module")
+def ripple():
+  """A twin that cogs, its parameters, 2 s of driving, the signals and the wheels' angle it had, (1, T + 1)."""
+  cogging = Twin(CAR, select(["cogging"]), substeps=2)
+  theta = cogging.parameters.vector({"cogging": 0.2, "cogging_cosine": 0.1, "cogging_order": 5.0})
+  driving = drive(steering=(0.0,), seconds=2.0)
+  found = cogging.rollout(theta, driving)
+  turns = 0.01 * CAR.gear_ratio * np.cumsum(found.channel("motor_speed")[0], axis=1)
+  return cogging, theta, driving, found.signals[0], np.pad(turns, ((0, 0), (1, 0)))[:, :-1]
+
+
+def test_a_ripple_keeps_its_phase_from_segment_to_segment(ripple):
+  """The second half by itself, with the angle an encoder gave, is the second half of the whole; without it, it is not."""
+  cogging, theta, driving, whole, angle = ripple
+  start = whole[:, 100, [SIGNALS.index(name) for name in START]]
+  half = dataclasses.replace(driving, commands=driving.commands[:, 100:], steps=np.array([100]), start=start)
+  known = dataclasses.replace(half, wheel_angle=angle[:, 100:])
+  speed = SIGNALS.index("motor_speed")
+  far = [np.std((cogging.rollout(theta, s).signals[0] - whole[:, 100:])[0, 20:, speed]) for s in (known, half)]
+  assert far[0] < 0.05 * far[1]
+
+
+def test_a_ripple_without_an_encoder_goes_with_the_simulated_wheels(ripple):
+  cogging, theta, driving, whole, angle = ripple
+  for known in (np.full_like(angle, np.nan), np.where(np.arange(201) < 50, angle, np.nan), angle):
+    again = cogging.rollout(theta, dataclasses.replace(driving, wheel_angle=known)).signals[0]
+    np.testing.assert_allclose(again, whole, rtol=1e-9, atol=1e-9)
+
+
+def test_an_absent_ripple_leaves_the_measured_angle_unread(ripple):
+  cogging, _, driving, _, angle = ripple
+  known = dataclasses.replace(driving, wheel_angle=angle + 1.0)
+  bare = Twin(CAR, substeps=2)
+  expected = bare.rollout(bare.parameters.nominal, driving).signals
+  np.testing.assert_array_equal(cogging.rollout(cogging.parameters.nominal, known).signals, expected)
+
+
 def test_sensor_mechanisms_share_one_simulation(twin: Twin, monkeypatch):
   loaded = twin.with_mechanisms(select(["gyro_scale"]))
   theta = np.tile(loaded.parameters.nominal, (3, 1))

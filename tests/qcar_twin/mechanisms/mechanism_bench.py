@@ -96,6 +96,7 @@ class Drive:
       history=self.history,
       recording_time=self.offset + time,
       pose=signals[:, :3],
+      wheel_angle=self.car.gear_ratio * PERIOD * sum(self.signals[:k, :, SIGNALS.index("motor_speed")], np.zeros(n)),
       torque_per_volt=np.full(n, 0.0272),
       back_emf=np.full(n, 7.1e-5),
     )
