@@ -74,7 +74,7 @@ def search(
   likely = [m.mechanisms[0] for m in sorted(pool.of_size(1), key=lambda m: m.cost)[:LIKELY]]
   for model in far_models(problem, base, pool.priors, list(signatures), likely):
     pool.offer(model)
-  _insist(pool)
+  insist(pool)
   go_on(pool, earlier)
   best = pool.best(pool.of_size(1))
   if best is not pool.base and try_smaller(pool, best) > _STRAYED:
@@ -138,14 +138,16 @@ def _nominate_triples(pool: Pool, count: int) -> list[frozenset[str]]:
 def _explains(pool: Pool, model: Candidate) -> dict[str, float]:
   """Nats each further mechanism's signature would explain of a model's residual, to first order.
 
-  A promise counts as much as the mechanism's own refit kept of what the scan had promised.
+  A promise counts as much as the mechanism's own refit kept of what the scan had promised. A parameter that every model
+  fits within a tolerance does not imitate the mechanism that lets it go beyond.
   """
-  project = Projector(model)
-  anchor = project(model.residual[None, : model.fitted])[0]
-  out = {}
+  common, out = Projector(model), {}
   for name, signature in pool.signatures.items():
     if not signature.testable or name in model.mechanisms:
       continue
+    own = {p.name for p in pool.problem.mechanism(name).parameters} & set(model.free.names)
+    project = Projector(model, own) if own else common
+    anchor = project(model.residual[None, : model.fitted])[0]
     direction = project(signature.direction[None].astype(np.float64))[0]
     power = float(direction @ direction)
     out[name] = _kept(pool, name) * 0.5 * float(anchor @ direction) ** 2 / power if power > 1e-9 else 0.0
@@ -174,7 +176,7 @@ def _fit_sets(pool: Pool, sets: Sequence[frozenset[str]], iterations: int) -> No
     pool.models[key] = pool.not_worse(item, pool.best_subset(key))
 
 
-def _insist(pool: Pool) -> None:
+def insist(pool: Pool) -> None:
   """Try harder where a refit broke what the scan had promised, with the columns of everything simulated anew.
 
   The base's columns are those of the recalibrated twin. Where it has bent far to imitate an effect, a step along them

@@ -231,6 +231,20 @@ def test_names_by_which_recordings_that_only_judge_are_predicted_worse_are_dropp
   assert [c.mechanism for c in decide(pool, Thresholds(much=0.05)).claims] == ["steering_offset"]
 
 
+def test_nothing_excuses_a_name_that_spoils_one_channel(offset_pool):
+  """On average over the channels it may be better, and it may explain much: the twin would be worse in that channel."""
+  single, observations = offset_pool.models[frozenset(["steering_offset"])], offset_pool.problem.observations
+  spoilt = single.residual.copy()
+  rows = np.flatnonzero(observations.select("accel_x"))
+  rows = rows[rows >= single.fitted]
+  assert len(rows) > 0
+  spoilt[rows] = 1.5 * offset_pool.base.residual[rows]
+  models = {frozenset(): offset_pool.base, frozenset(["steering_offset"]): dataclasses.replace(single, residual=spoilt)}
+  pool = dataclasses.replace(offset_pool, models=models)
+  assert decide(pool, Thresholds(much=0.05)).claims == ()
+  assert [c.mechanism for c in decide(pool, Thresholds(much=0.05, spoiled=1.6)).claims] == ["steering_offset"]
+
+
 def absorbed(pool, sigmas, share):
   """A pool whose base bent the mass by so many prior deviations, where a side force lets it go back.
 

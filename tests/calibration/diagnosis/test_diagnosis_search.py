@@ -7,12 +7,12 @@ import diagnosis_rig as rig
 import numpy as np
 import pytest
 
-from calibration.diagnosis.candidates import simulate
+from calibration.diagnosis.candidates import candidate, simulate
 from calibration.diagnosis.pool import base_candidate
 from calibration.diagnosis.recalibrate import recalibrate_from
-from calibration.diagnosis.returning import bring_along, try_smaller
+from calibration.diagnosis.returning import bring_along, go_on, try_smaller
 from calibration.diagnosis.scan import scan
-from calibration.diagnosis.search import Effort, search
+from calibration.diagnosis.search import Effort, insist, search
 
 
 def astray(pool, by):
@@ -82,6 +82,49 @@ def test_rivals_left_at_a_higher_place_are_brought_along(offset_pool):
     assert pool.models[key].cost == pytest.approx(offset_pool.models[key].cost, abs=2.0)
     assert pool.models[key].cost <= pool.base.cost
   assert pool.models[frozenset(["steering_offset"])] is best
+
+
+def test_a_promise_that_a_refit_broke_is_tried_with_fresh_columns(offset_pool):
+  """A base whose columns are wrong leads every refit nowhere; what the scan promised is found all the same."""
+  problem, name = offset_pool.problem, "steering_offset"
+  key, exact = frozenset([name]), offset_pool.models[frozenset(["steering_offset"])]
+  stale = dataclasses.replace(offset_pool.base, jacobian=-offset_pool.base.jacobian)
+  broken = candidate(problem, (name,), stale, offset_pool.priors)
+  simulate(problem, [broken])
+  models = {frozenset(): stale, key: broken}
+  pool = dataclasses.replace(offset_pool, models=models)
+  assert pool.signatures[name].gain > 50.0 and broken.cost == pytest.approx(stale.cost)
+  insist(pool)
+  assert pool.models[key].cost == pytest.approx(exact.cost, abs=1.0)
+  kept = dataclasses.replace(offset_pool, models=offset_pool.models | {})
+  insist(kept)
+  assert kept.models[key] is offset_pool.models[key]
+
+
+def test_models_of_an_earlier_search_go_on_from_where_they_ended(offset_pool):
+  problem, name = offset_pool.problem, "steering_offset"
+  exact = offset_pool.models[frozenset([name])]
+  earlier = dataclasses.replace(exact, values=exact.values.copy())
+  earlier.values[earlier.free.index("torque_per_volt")] *= 1.1
+  pool = dataclasses.replace(offset_pool, models={frozenset(): offset_pool.base})
+  go_on(pool, [offset_pool.base, earlier])
+  assert set(pool.models) == {frozenset(), frozenset([name])}
+  assert pool.models[frozenset([name])].cost == pytest.approx(exact.cost, abs=1.0)
+  assert pool.base is offset_pool.base and problem is pool.problem
+
+
+def test_a_model_is_offered_to_a_pool_that_keeps_the_better(offset_pool):
+  key = frozenset(["side_force"])
+  held, base = offset_pool.models[key], offset_pool.base
+  pool = dataclasses.replace(offset_pool, models=dict(offset_pool.models))
+  pool.offer(dataclasses.replace(held, residual=1.1 * held.residual))
+  assert pool.models[key] is held
+  better = dataclasses.replace(held, residual=0.9 * held.residual)
+  pool.offer(better)
+  assert pool.models[key] is better
+  pool = dataclasses.replace(offset_pool, models={frozenset(): base})
+  pool.offer(dataclasses.replace(held, residual=2.0 * base.residual))
+  assert pool.models[key].cost == pytest.approx(base.cost)  # the base's estimates with the mechanism at its null
 
 
 def test_what_bends_is_refitted_whatever_the_scan_says(offset_pool, monkeypatch):
