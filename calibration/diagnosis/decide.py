@@ -16,7 +16,7 @@ from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.recalibrate import BIAS_MECHANISMS
 from calibration.diagnosis.score import Comparison, compare, judged
 from calibration.diagnosis.search import ensure
-from calibration.diagnosis.thresholds import Thresholds, material, significant, strength
+from calibration.diagnosis.thresholds import Thresholds, material, significant, strength, stretched
 from calibration.observations import CHANNELS
 
 
@@ -77,9 +77,11 @@ def _grown(pool: Pool, thresholds: Thresholds) -> Candidate:
 
 
 def _passes(pool: Pool, model: Candidate, test: Comparison, thresholds: Thresholds) -> bool:
-  """Whether a model is significant and all it names matters."""
-  return significant(test, thresholds) and all(
-    material(pool, model, name, thresholds.material) for name in model.mechanisms
+  """Whether a model is significant and all it names matters; of several names none may be stretched to its bound."""
+  matter = all(material(pool, model, name, thresholds.material) for name in model.mechanisms)
+  alone = len(model.mechanisms) == 1
+  return (
+    matter and significant(test, thresholds) and (alone or not any(stretched(pool, model, n) for n in model.mechanisms))
   )
 
 

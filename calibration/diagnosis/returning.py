@@ -29,8 +29,7 @@ def try_smaller(pool: Pool, best: Candidate) -> float:
   smaller = dict.fromkeys([frozenset(), *(frozenset(best.mechanisms) - {name} for name in best.mechanisms)])
   made = [candidate(pool.problem, sorted(key), best, pool.priors) for key in smaller]
   simulate(pool.problem, made)
-  refine(pool.problem, made, 1, full=True)
-  refine(pool.problem, made, _RETURNING - 1)
+  refine(pool.problem, made, _RETURNING)
   for model in made:
     pool.offer(model)
   return before - pool.base.cost

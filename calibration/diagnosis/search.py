@@ -30,8 +30,9 @@ _STARTS = (0.3, 1.0)  # shares of the scanned size a refit may start from
 _STRAYED = 50.0  # nats that the recalibrated twin may come down before nothing fitted from it counts any more
 _DOUBTED = 0.1  # least part of a promise that is believed after a refit did not keep it
 _PROMISED, _BROKEN = 50.0, 0.5  # nats a scan must have promised, and the part below which a refit broke the promise
-_INSISTED, _POLISHED = 2, 5  # mechanisms that are tried harder, and steps with fresh columns of everything
-_DONE = 3.0  # nats below which a step with fresh columns is not followed by another
+_INSISTED, _PATIENCE = 2, 4  # mechanisms that are tried harder, and their steps with fresh columns of everything
+_POLISHED = 2  # such steps for the best model
+_DONE = 5.0  # nats below which a step with fresh columns is not followed by another
 Report = Callable[[str], None]
 
 
@@ -185,7 +186,7 @@ def insist(pool: Pool) -> None:
   broken = {n: s.gain for n, s in pool.signatures.items() if s.gain > _PROMISED and _kept(pool, n) < _BROKEN}
   names = sorted(broken, key=lambda n: -broken[n])[:_INSISTED]
   made = _begun(pool, [frozenset([name]) for name in names])
-  refine(pool.problem, made, _POLISHED, full=True)
+  refine(pool.problem, made, _PATIENCE, full=True)
   for model in made:
     pool.offer(model)
 

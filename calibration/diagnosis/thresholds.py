@@ -97,3 +97,14 @@ def material(pool: Pool, model: Candidate, name: str, share: float) -> bool:
     if size >= share * (parameter.typical or parameter.scale) and size >= std:
       return True
   return False
+
+
+def stretched(pool: Pool, model: Candidate, name: str) -> bool:
+  """Whether an amplitude of a mechanism went as far as it may: what it then makes up for is more often something else."""
+  for p in pool.problem.mechanism(name).parameters:
+    if p.null is None or p.name not in model.free:
+      continue
+    value = model.estimate(p.name)[0]
+    if any(abs(value - bound) < 1e-6 * p.scale for bound in (p.lower, p.upper) if bound != p.null):
+      return True
+  return False

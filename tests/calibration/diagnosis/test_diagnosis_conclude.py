@@ -7,7 +7,7 @@ import diagnosis_rig as rig
 import numpy as np
 import pytest
 
-from calibration.diagnosis.claims import bias_claims
+from calibration.diagnosis.claims import bias_claims, claim
 from calibration.diagnosis.conclude import Doubt, conclude, heeded, left_over, notable
 from calibration.diagnosis.decide import decide
 from calibration.diagnosis.detect import Detection, Detector
@@ -16,7 +16,7 @@ from calibration.diagnosis.missed import most_missed
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.recalibrate import SENSOR_BIASES
 from calibration.diagnosis.score import compare
-from calibration.diagnosis.thresholds import Thresholds
+from calibration.diagnosis.thresholds import Thresholds, stretched
 from calibration.diagnosis.unknown import unknown_sensors
 from calibration.diagnosis.wording import verdict_sentence
 
@@ -229,6 +229,22 @@ def test_names_by_which_recordings_that_only_judge_are_predicted_worse_are_dropp
   assert [c.mechanism for c in decide(pool, Thresholds(worse=1.1)).claims] == ["steering_offset"]
   # one that explains much of all that is missed stays
   assert [c.mechanism for c in decide(pool, Thresholds(much=0.05)).claims] == ["steering_offset"]
+
+
+def test_an_amplitude_at_its_bound_halves_the_probability_and_is_no_second_name(pair_pool):
+  """What goes as far as it may makes up for something else more often than not; at its null it is only absent."""
+  pair = pair_pool.models[frozenset(["side_force", "steering_offset"])]
+  index = pair.free.index("side_force")
+  limit = pair_pool.problem.mechanism("side_force").parameters[0].upper
+  assert not stretched(pair_pool, pair, "side_force")
+  pair = dataclasses.replace(pair, values=pair.values.copy())
+  pair.values[index] = limit
+  assert stretched(pair_pool, pair, "side_force") and not stretched(pair_pool, pair, "steering_offset")
+  pool = dataclasses.replace(pair_pool, models=pair_pool.models | {frozenset(pair.mechanisms): pair})
+  plain = claim(pair_pool, pair_pool.models[frozenset(pair.mechanisms)], "side_force", Thresholds()).probability
+  assert claim(pool, pair, "side_force", Thresholds()).probability == pytest.approx(0.5 * plain)
+  assert {c.mechanism for c in decide(pair_pool).claims} == {"steering_offset", "side_force"}
+  assert len(decide(pool).claims) == 1
 
 
 def test_nothing_excuses_a_name_that_spoils_one_channel(offset_pool):
