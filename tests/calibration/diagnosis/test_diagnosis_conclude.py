@@ -231,7 +231,7 @@ def test_names_by_which_recordings_that_only_judge_are_predicted_worse_are_dropp
   assert [c.mechanism for c in decide(pool, Thresholds(much=0.05)).claims] == ["steering_offset"]
 
 
-def test_an_amplitude_at_its_bound_halves_the_probability_and_is_no_second_name(pair_pool):
+def test_an_amplitude_at_its_bound_is_no_claim(pair_pool):
   """What goes as far as it may makes up for something else more often than not; at its null it is only absent."""
   pair = pair_pool.models[frozenset(["side_force", "steering_offset"])]
   index = pair.free.index("side_force")
@@ -242,7 +242,7 @@ def test_an_amplitude_at_its_bound_halves_the_probability_and_is_no_second_name(
   assert stretched(pair_pool, pair, "side_force") and not stretched(pair_pool, pair, "steering_offset")
   pool = dataclasses.replace(pair_pool, models=pair_pool.models | {frozenset(pair.mechanisms): pair})
   plain = claim(pair_pool, pair_pool.models[frozenset(pair.mechanisms)], "side_force", Thresholds()).probability
-  assert claim(pool, pair, "side_force", Thresholds()).probability == pytest.approx(0.5 * plain)
+  assert claim(pool, pair, "side_force", Thresholds()).probability == pytest.approx(0.4 * plain, rel=0.01)
   assert {c.mechanism for c in decide(pair_pool).claims} == {"steering_offset", "side_force"}
   assert len(decide(pool).claims) == 1
 
