@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 SIZES = (0.8,)
 _INVISIBLE = 3.0  # nats at typical size below which a mechanism can't be tested
+_SHOWN_BY = {"pose_x": "pose_forward"}  # needed channels that are compared under another name
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +35,8 @@ class Signature:
     answer: by how much the base parameters would move to meet it, by name.
     gain: half the drop of the projected sum of squares at the best trial, nats.
     shown: half the squared norm of the projected signature at typical size, nats: what the
-      manoeuvres would show of it where its shape shows most (a change of grip after the last run shows nothing).
+      manoeuvres would show of it where its shape shows most (a change of grip after the last run shows nothing); 0
+      where a channel was not measured without which it cannot be told apart.
     survives: share of that signature that recalibration cannot absorb, 0 to 1.
     direction: projected signature of the best trial on the fitted values, (K,), float32.
     trials: gain per trial: (values, nats).
@@ -142,7 +144,16 @@ def scan(
       collected[mechanism.name].append(Trial(start, rest.astype(np.float32), float(whole @ whole), answer, plain))
     progress(min(i + chunk, len(jobs)), len(jobs))
   anchor = lambda m: anchors[m.name if m.name in projectors else ""]  # noqa: E731
-  return {m.name: _signature(m, collected[m.name], anchor(m), base.free.names) for m in mechanisms if collected[m.name]}
+  found = {
+    m.name: _signature(m, collected[m.name], anchor(m), base.free.names) for m in mechanisms if collected[m.name]
+  }
+  blind = [m.name for m in mechanisms if m.name in found and not _measured(problem, m)]
+  return found | {name: dataclasses.replace(found[name], shown=0.0) for name in blind}
+
+
+def _measured(problem: Problem, mechanism: Mechanism) -> bool:
+  """Whether all channels were measured that a mechanism declares to need."""
+  return all(_SHOWN_BY.get(channel, channel) in problem.observations.present for channel in mechanism.needs)
 
 
 def _projector(base: Candidate, mechanism: Mechanism) -> Projector:

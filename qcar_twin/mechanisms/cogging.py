@@ -23,6 +23,7 @@ class Cogging(Mechanism):
   name = "cogging"
   subsystem = "drive"
   stage = "actuator"
+  needs = ("motor_speed",)
   signed = True
   parameters = (
     Parameter("cogging", 0.0, -1.0, 1.0, "V", "A", null=0.0, typical=0.15, description="sine part"),

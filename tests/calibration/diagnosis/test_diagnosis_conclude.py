@@ -254,11 +254,11 @@ def test_nothing_excuses_a_name_that_spoils_one_channel(offset_pool):
   rows = np.flatnonzero(observations.select("accel_x"))
   rows = rows[rows >= single.fitted]
   assert len(rows) > 0
-  spoilt[rows] = 1.5 * offset_pool.base.residual[rows]
+  spoilt[rows] = 1.7 * offset_pool.base.residual[rows]
   models = {frozenset(): offset_pool.base, frozenset(["steering_offset"]): dataclasses.replace(single, residual=spoilt)}
   pool = dataclasses.replace(offset_pool, models=models)
   assert decide(pool, Thresholds(much=0.05)).claims == ()
-  assert [c.mechanism for c in decide(pool, Thresholds(much=0.05, spoiled=1.6)).claims] == ["steering_offset"]
+  assert [c.mechanism for c in decide(pool, Thresholds(much=0.05, spoiled=1.8)).claims] == ["steering_offset"]
 
 
 def absorbed(pool, sigmas, share):

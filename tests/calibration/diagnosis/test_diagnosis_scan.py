@@ -37,6 +37,19 @@ def test_gain_of_the_truth_equals_the_drop_of_the_exact_refit(offset_pool):
   assert exact > 100
 
 
+def test_what_needs_a_channel_that_was_not_measured_is_untestable(offset_pool, monkeypatch):
+  """A ripple over turns of the wheels without an encoder was claimed on a car that had only its speed logged."""
+  problem = offset_pool.problem
+  kind = type(problem.mechanism("steering_offset"))
+  seen = scan(problem, offset_pool.base, [problem.mechanism("steering_offset")])["steering_offset"]
+  assert seen.testable
+  monkeypatch.setattr(kind, "needs", ("yaw_rate",))
+  assert scan(problem, offset_pool.base, [problem.mechanism("steering_offset")])["steering_offset"].testable
+  monkeypatch.setattr(kind, "needs", ("yaw_rate", "speed"))
+  blind = scan(problem, offset_pool.base, [problem.mechanism("steering_offset")])["steering_offset"]
+  assert not blind.testable and blind.gain == pytest.approx(seen.gain)
+
+
 def test_a_concealed_effect_is_untestable_not_absent(offset_pool):
   concealed = offset_pool.signatures["gyro_scale"]  # on this car it is the cornering stiffness by another name
   assert not concealed.testable
