@@ -143,8 +143,8 @@ def _useful(pool: Pool, best: Candidate, thresholds: Thresholds) -> Candidate:
 
   Two kinds are not dropped: one that frees what was measured from what it was bent to, since what it replaced had
   imitated it well, and one that explains much of all that is missed, beside which something else still acts. But
-  nothing excuses a channel that is spoiled: a drag that takes four fifths of the speed's error away and doubles that of
-  the turns is no repair, whatever it explains.
+  nothing excuses a channel that is spoiled: a drag that takes a third of the motor speed's error away and makes 1.8 of
+  that of the turns is no repair, whatever it explains.
   """
   observations = pool.problem.observations
   error = lambda m: float(np.exp(np.mean(np.log(r)))) if (r := judged(m, pool.base, observations)).size else 1.0  # noqa: E731
