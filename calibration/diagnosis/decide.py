@@ -6,6 +6,7 @@ Rivals that fit as well are named with it. Whether something nameless remains is
 """
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -68,7 +69,9 @@ def _grown(pool: Pool, thresholds: Thresholds) -> Candidate:
   best, observations = pool.base, pool.problem.observations
   for size in (1, 2, 3):
     needed = thresholds.beside_others() if size > 1 else thresholds
-    better = [m for m in pool.of_size(size) if _passes(pool, m, compare(m, best, observations), needed)]
+    better = [
+      m for m in pool.of_size(size) if _passes(pool, m, compare(m, best, observations), needed, best.mechanisms)
+    ]
     found = min(better, key=lambda m: m.cost, default=best)
     if best.mechanisms and not _worth_adding(pool, found, best, thresholds):
       return best
@@ -76,13 +79,17 @@ def _grown(pool: Pool, thresholds: Thresholds) -> Candidate:
   return best
 
 
-def _passes(pool: Pool, model: Candidate, test: Comparison, thresholds: Thresholds) -> bool:
-  """Whether a model is significant and all it names matters; of several names none may be stretched to its bound."""
-  matter = all(material(pool, model, name, thresholds.material) for name in model.mechanisms)
+def _passes(pool: Pool, model: Candidate, test: Comparison, thresholds: Thresholds, before: Sequence[str] = ()) -> bool:
+  """Whether a model is significant and all it names matters; of several names none may be stretched to its bound.
+
+  Names that were found `before` need not matter more beside others than they had to alone: it is what comes on top that
+  may be no more than what their formulas leave over.
+  """
   alone = len(model.mechanisms) == 1
-  return (
-    matter and significant(test, thresholds) and (alone or not any(stretched(pool, model, n) for n in model.mechanisms))
-  )
+  share = {n: thresholds.material if alone or n in before else thresholds.further for n in model.mechanisms}
+  if not all(material(pool, model, name, share[name]) for name in model.mechanisms):
+    return False
+  return significant(test, thresholds) and (alone or not any(stretched(pool, model, n) for n in model.mechanisms))
 
 
 def _worth_adding(pool: Pool, found: Candidate, best: Candidate, thresholds: Thresholds) -> bool:

@@ -18,7 +18,7 @@ from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.problem import Problem, weighting_from
 from calibration.diagnosis.recalibrate import Baseline, sensor_floor
 from calibration.diagnosis.returning import LIKELY, bring_along, go_on, try_smaller
-from calibration.diagnosis.scan import Projector, Signature
+from calibration.diagnosis.scan import Projector, Signature, explained
 from calibration.diagnosis.score import compare
 
 Array = NDArray[np.float64]
@@ -92,7 +92,7 @@ def search(
   report("polishing the best model")
   best = pool.best(list(pool.models.values()))
   if best is not pool.base:
-    _polish(pool, best)
+    _polish(pool, [best], _POLISHED)
     lowered = try_smaller(pool, best)
     # with new weights the base was only brought near its minimum, and its cost is many times larger
     pool.strayed = pool.problem is problem and lowered > _STRAYED
@@ -139,8 +139,9 @@ def _nominate_triples(pool: Pool, count: int) -> list[frozenset[str]]:
 def _explains(pool: Pool, model: Candidate) -> dict[str, float]:
   """Nats each further mechanism's signature would explain of a model's residual, to first order.
 
-  A promise counts as much as the mechanism's own refit kept of what the scan had promised. A parameter that every model
-  fits within a tolerance does not imitate the mechanism that lets it go beyond.
+  A promise counts as much as the mechanism's own refit kept of what the scan had promised, and nothing where an amplitude
+  without a sign would have to be negative. A parameter that every model fits within a tolerance does not imitate the
+  mechanism that lets it go beyond.
   """
   common, out = Projector(model), {}
   for name, signature in pool.signatures.items():
@@ -148,10 +149,9 @@ def _explains(pool: Pool, model: Candidate) -> dict[str, float]:
       continue
     own = {p.name for p in pool.problem.mechanism(name).parameters} & set(model.free.names)
     project = Projector(model, own) if own else common
-    anchor = project(model.residual[None, : model.fitted])[0]
+    rest = project(model.residual[None, : model.fitted])[0]
     direction = project(signature.direction[None].astype(np.float64))[0]
-    power = float(direction @ direction)
-    out[name] = _kept(pool, name) * 0.5 * float(anchor @ direction) ** 2 / power if power > 1e-9 else 0.0
+    out[name] = _kept(pool, name) * explained(direction, rest, pool.problem.mechanism(name).signed)
   return out
 
 
@@ -186,18 +186,19 @@ def insist(pool: Pool) -> None:
   broken = {n: s.gain for n, s in pool.signatures.items() if s.gain > _PROMISED and _kept(pool, n) < _BROKEN}
   names = sorted(broken, key=lambda n: -broken[n])[:_INSISTED]
   made = _begun(pool, [frozenset([name]) for name in names])
-  refine(pool.problem, made, _PATIENCE, full=True)
+  _polish(pool, made, _PATIENCE)
   for model in made:
     pool.offer(model)
 
 
-def _polish(pool: Pool, model: Candidate) -> None:
-  """Take a model to its minimum; a step that a stale Jacobian led nowhere says nothing about it."""
-  for _ in range(_POLISHED):
-    before, model.settled = model.cost, False
-    refine(pool.problem, [model], 1, full=True)
-    if before - model.cost < _DONE:
-      return
+def _polish(pool: Pool, models: Sequence[Candidate], steps: int) -> None:
+  """Steps along fresh columns while they lead somewhere; one that a stale Jacobian led nowhere says nothing."""
+  for _ in range(steps):
+    before = {id(m): m.cost for m in models}
+    for model in models:
+      model.settled = False
+    refine(pool.problem, models, 1, full=True)
+    models = [m for m in models if before[id(m)] - m.cost >= _DONE]
 
 
 def _begun(pool: Pool, sets: Sequence[frozenset[str]]) -> list[Candidate]:

@@ -28,8 +28,8 @@ class Thresholds:
     priors: nats by which a mechanism must free measured parameters from what they were bent to, where recalibration
       leaves no residual of it.
     material: share of the typical size: the twin's own simplifications look like a tenth of some effects, however clearly.
-    further: the same for a mechanism beside others, for which `many` nats don't help, either: a first formula that is
-      right in kind but not in every detail leaves small things over.
+    further: the same for a mechanism that comes to others, for which `many` nats don't help, either: a first formula that
+      is right in kind but not in every detail leaves small things over.
     bias: the same for biases of the IMU and the encoder's lag, of which every one has some.
     beside: share of the cost explained so far, at all or in the channels where it shows, that a further mechanism
       must bring: a formula that is right in kind but not in every detail leaves about that much for others to pick up.
@@ -63,7 +63,7 @@ class Thresholds:
 
   def beside_others(self) -> "Thresholds":
     """What a mechanism beside others needs."""
-    return dataclasses.replace(self, many=np.inf, material=max(self.material, self.further))
+    return dataclasses.replace(self, many=np.inf)
 
 
 def significant(test: Comparison, thresholds: Thresholds) -> bool:

@@ -201,7 +201,17 @@ def test_a_second_name_needs_more_than_a_first(pair_pool):
   alone = Thresholds(material=0.1, further=1.5)
   assert len(decide(pair_pool, alone).claims) == 1
   limits = Thresholds().beside_others()
-  assert limits.material == Thresholds().further and limits.many == np.inf and limits.t == Thresholds().t
+  assert limits.many == np.inf and limits.t == Thresholds().t
+
+
+def test_a_first_name_need_not_matter_more_once_a_second_has_joined_it():
+  """A trim of 0.8 typical sizes, then a push of 1.0: a limit of 0.95 is for what joins, a higher one keeps it out."""
+  pool = rig.session({"steering_offset": 0.03, "side_force": 0.7}, seed=3, pose=True)
+  both = frozenset(["side_force", "steering_offset"])
+  pool.models[both] = rig.solved(pool.problem, tuple(sorted(both)))
+  assert pool.models[both].estimate("steering_offset")[0] < 0.95 * 0.035
+  assert {c.mechanism for c in decide(pool, Thresholds(further=0.95)).claims} == both
+  assert [c.mechanism for c in decide(pool, Thresholds(further=1.5)).claims] == ["steering_offset"]
 
 
 def test_what_explains_a_tenth_of_all_that_is_missed_needs_a_smaller_t(offset_pool):

@@ -12,7 +12,7 @@ from calibration.diagnosis.pool import base_candidate
 from calibration.diagnosis.recalibrate import recalibrate_from
 from calibration.diagnosis.returning import bring_along, go_on, try_smaller
 from calibration.diagnosis.scan import scan
-from calibration.diagnosis.search import Effort, insist, search
+from calibration.diagnosis.search import Effort, _explains, insist, search
 
 
 def astray(pool, by):
@@ -140,3 +140,14 @@ def test_what_bends_is_refitted_whatever_the_scan_says(offset_pool, monkeypatch)
   assert refitted() == {"steering_offset"}
   monkeypatch.setattr(type(problem.mechanism("quadratic_drag")), "bends", True)
   assert refitted() == {"steering_offset", "quadratic_drag"}
+
+
+def test_an_amplitude_that_would_have_to_be_negative_promises_nothing(offset_pool, monkeypatch):
+  """A trim to the left explains a car that turns left; one that could only be to the right does not."""
+  signature = offset_pool.signatures["steering_offset"]
+  assert _explains(offset_pool, offset_pool.base)["steering_offset"] > 50.0
+  monkeypatch.setattr(type(offset_pool.problem.mechanism("steering_offset")), "signed", False)
+  assert _explains(offset_pool, offset_pool.base)["steering_offset"] > 50.0
+  opposite = dataclasses.replace(signature, direction=-signature.direction)
+  pool = dataclasses.replace(offset_pool, signatures=offset_pool.signatures | {"steering_offset": opposite})
+  assert _explains(pool, pool.base)["steering_offset"] == 0.0
