@@ -12,7 +12,7 @@ from calibration.diagnosis.pool import base_candidate
 from calibration.diagnosis.recalibrate import recalibrate_from
 from calibration.diagnosis.returning import bring_along, go_on, try_smaller
 from calibration.diagnosis.scan import scan
-from calibration.diagnosis.search import Effort, _explains, insist, search
+from calibration.diagnosis.search import Effort, _explains, _without_trifles, insist, search
 
 
 def astray(pool, by):
@@ -151,3 +151,17 @@ def test_an_amplitude_that_would_have_to_be_negative_promises_nothing(offset_poo
   opposite = dataclasses.replace(signature, direction=-signature.direction)
   pool = dataclasses.replace(offset_pool, signatures=offset_pool.signatures | {"steering_offset": opposite})
   assert _explains(pool, pool.base)["steering_offset"] == 0.0
+
+
+def test_a_set_that_lost_much_with_a_trifle_is_fitted_from_where_the_trifle_led(offset_pool):
+  """A trim left at a third of its size, and a drag of nothing beside which it found the whole: the drag was no reason."""
+  key, exact = frozenset(["steering_offset"]), offset_pool.models[frozenset(["steering_offset"])]
+  third = {"steering_offset": exact.estimate("steering_offset")[0] / 3.0}
+  stuck = candidate(offset_pool.problem, ("steering_offset",), offset_pool.base, rig.BASE, third)
+  simulate(offset_pool.problem, [stuck])
+  pair = rig.solved(offset_pool.problem, ("quadratic_drag", "steering_offset"))
+  pool = dataclasses.replace(offset_pool, models={frozenset(): offset_pool.base, key: stuck})
+  assert stuck.cost - pair.cost > 50.0
+  pool.models[frozenset(pair.mechanisms)] = pair
+  _without_trifles(pool)
+  assert pool.models[key].cost == pytest.approx(exact.cost, rel=1e-3)
