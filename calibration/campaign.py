@@ -5,7 +5,6 @@ hash before the truth is looked at. A campaign that is stopped goes on where it 
 """
 
 import dataclasses
-import hashlib
 import json
 import os
 from collections.abc import Sequence
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.campaign_archive import digest
 from calibration.campaign_reference import baselines, oracle
 from calibration.diagnosis.diagnose import Outcome, diagnose
 from calibration.diagnosis.output import document
@@ -79,10 +79,10 @@ def run_case(case: Case, folder: Path, threads: int = 1) -> Path:
   dataset = DataSet(case.name, session.recordings, session.vehicle, session.vehicle_std)
   outcome = diagnose(dataset, threads=threads)
   answer = _answer(outcome)
-  digest = hashlib.sha256(json.dumps(answer, sort_keys=True).encode()).hexdigest()
+  sealed = digest(answer)
   # the truth joins the file only after the answer and its hash stand
   truth, holdout = session.truth["effects"], dataset.role("holdout")
-  result = {"case": dataclasses.asdict(case), "answer": answer, "sha256": digest, "truth": truth}
+  result = {"case": dataclasses.asdict(case), "answer": answer, "sha256": sealed, "truth": truth}
   result |= {"oracle": oracle(outcome, [t["id"] for t in truth], holdout), "baselines": baselines(outcome, holdout)}
   folder.mkdir(parents=True, exist_ok=True)
   temporary = path.with_suffix(".part")

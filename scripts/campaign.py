@@ -10,6 +10,7 @@ from joblib import Parallel, delayed
 from tqdm import tqdm
 
 from calibration.campaign import draw_cases, run_case
+from calibration.campaign_archive import pack, unpack
 from calibration.campaign_page import campaign_page
 from calibration.campaign_score import score_table
 
@@ -34,6 +35,8 @@ class Config:
   """Session design: compact (about 2 minutes of driving), lab (5 minutes) or paper."""
   jobs: int = 2
   """Cases that run side by side, one core each."""
+  archive: Path | None = None
+  """One file with all answers: those in it are taken over first, and it is written anew at the end."""
   page: Path | None = None
   """Markdown page to write beside a picture of the confusions."""
   score_only: bool = False
@@ -46,6 +49,8 @@ def main(config: Config) -> str:
   """Run what is missing; returns the score as a Markdown table."""
   counts = (1, 1, 1, 1) if config.quick else (config.nulls, config.singles, config.pairs, config.outside)
   cases = draw_cases(config.seed, *counts, design=config.design)
+  if config.archive and config.archive.is_file():
+    unpack(config.archive, config.out)
   # kinds take turns, so that a campaign that is stopped early has seen all of them
   of_kind = Counter(case.kind for case in cases)
   cases.sort(key=lambda case: (int(case.name.split("_")[1]) / of_kind[case.kind], case.name))
@@ -57,6 +62,8 @@ def main(config: Config) -> str:
   results = [json.loads(path.read_text()) for path in answers if path.is_file()]
   table = score_table(results)
   (config.out / "score.md").write_text(table)
+  if config.archive:
+    pack(config.out, config.archive)
   if config.page:
     command = f"python scripts/campaign.py --out out/{config.out.name} --seed {config.seed}"
     config.page.write_text(campaign_page(results, len(cases), command, config.page.parent))

@@ -15,7 +15,7 @@ from calibration.diagnosis.claims import Claim, bias_claims, claim
 from calibration.diagnosis.leftover import Leftover
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.recalibrate import BIAS_MECHANISMS
-from calibration.diagnosis.score import Comparison, compare, judged
+from calibration.diagnosis.score import Comparison, compare, judged, judged_at_all
 from calibration.diagnosis.search import ensure
 from calibration.diagnosis.thresholds import Thresholds, material, significant, strength, stretched
 from calibration.observations import CHANNELS
@@ -154,7 +154,7 @@ def _useful(pool: Pool, best: Candidate, thresholds: Thresholds) -> Candidate:
   that of the turns is no repair, whatever it explains.
   """
   observations = pool.problem.observations
-  error = lambda m: float(np.exp(np.mean(np.log(r)))) if (r := judged(m, pool.base, observations)).size else 1.0  # noqa: E731
+  error = lambda m: judged_at_all(m, pool.base, observations)  # noqa: E731
   spoiled = lambda m: judged(m, pool.base, observations).max(initial=1.0) > thresholds.spoiled  # noqa: E731
   while best.mechanisms and (error(best) > thresholds.worse or spoiled(best)):
     keys = [frozenset(best.mechanisms) - {name} for name in best.mechanisms]

@@ -147,6 +147,12 @@ def judged(larger: Candidate, smaller: Candidate, observations: Observations) ->
   return np.sqrt(power[0][seen] / power[1][seen])
 
 
+def judged_at_all(larger: Candidate, smaller: Candidate, observations: Observations) -> float:
+  """The same as one number, the geometric mean over channels; 1 where no recording judges."""
+  ratios = judged(larger, smaller, observations)
+  return float(np.exp(np.mean(np.log(ratios)))) if ratios.size else 1.0
+
+
 def evidence(larger: Candidate, smaller: Candidate, observations: Observations) -> float:
   """Log profile likelihood ratio with unknown channel variances, nats: sum_c n_c / 2 log(S0_c / S1_c), plus priors."""
   total = prior_part(smaller) - prior_part(larger)

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from calibration.campaign import Case, draw_cases, run_case
+from calibration.campaign_archive import digest, pack, unpack
 from calibration.campaign_figure import confusion_table
 from calibration.campaign_nulls import spurious, spurious_table
 from calibration.campaign_page import AIMS, campaign_page
@@ -219,3 +220,31 @@ def test_what_nulls_let_mechanisms_reach():
   ]
   assert spurious(nulls) == [("pose_mount", 2, 30.0, 3.5, 0.3)]
   assert "| pose_mount | 2 | 30 | 3.5 | 0.30 |" in spurious_table(nulls)
+
+
+def test_an_archive_gives_back_every_answer_and_keeps_those_that_are_there(tmp_path):
+  made = tmp_path / "made"
+  made.mkdir()
+  for name, size in (("null_00", 0.1), ("single_03", 0.30000000000000004)):
+    answer = {"verdict": "explained", "size": size, "claims": []}
+    whole = {"case": {"name": name}, "answer": answer, "sha256": digest(answer), "truth": []}
+    (made / f"{name}.json").write_text(json.dumps(whole, indent=1))
+  archive, again = tmp_path / "answers.jsonl.xz", tmp_path / "again"
+  assert pack(made, archive) == 2
+  assert unpack(archive, again) == 2 and unpack(archive, again) == 0
+  for path in made.iterdir():
+    assert json.loads((again / path.name).read_text()) == json.loads(path.read_text())
+  assert not list(tmp_path.rglob("*.part"))
+
+
+def test_an_answer_that_was_changed_later_is_not_taken_from_an_archive(tmp_path):
+  whole = {
+    "case": {"name": "null_00"},
+    "answer": {"verdict": "explained"},
+    "sha256": digest({"verdict": "no_mismatch"}),
+  }
+  (tmp_path / "null_00.json").write_text(json.dumps(whole))
+  pack(tmp_path, tmp_path / "answers.jsonl.xz")
+  with pytest.raises(ValueError, match="null_00 was changed"):
+    unpack(tmp_path / "answers.jsonl.xz", tmp_path / "again")
+  assert not list((tmp_path / "again").iterdir())

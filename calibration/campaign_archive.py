@@ -1,0 +1,44 @@
+"""All answers of a campaign in one compressed file: a page can be checked without hours of driving, a campaign go on elsewhere."""
+
+import hashlib
+import json
+import lzma
+import os
+from pathlib import Path
+
+
+def digest(answer: dict) -> str:
+  """SHA-256 of an answer; it is taken before the truth is looked at."""
+  return hashlib.sha256(json.dumps(answer, sort_keys=True).encode()).hexdigest()
+
+
+def pack(folder: Path, archive: Path) -> int:
+  """Write all answers of a folder into an archive, one JSON object per line; returns how many."""
+  answers = [json.loads(path.read_text()) for path in sorted(folder.glob("*_*.json"))]
+  temporary = archive.with_name(archive.name + ".part")
+  temporary.write_bytes(lzma.compress("\n".join(json.dumps(a) for a in answers).encode(), preset=9))
+  os.replace(temporary, archive)
+  return len(answers)
+
+
+def unpack(archive: Path, folder: Path) -> int:
+  """Write the answers of an archive into a folder that lacks them; returns how many it lacked.
+
+  Raises:
+    ValueError: an answer is not the one its hash was taken of.
+  """
+  folder.mkdir(parents=True, exist_ok=True)
+  lines = lzma.decompress(archive.read_bytes()).decode().splitlines()
+  missing = 0
+  for result in map(json.loads, lines):
+    path = folder / f"{result['case']['name']}.json"
+    if digest(result["answer"]) != result["sha256"]:
+      raise ValueError(
+        f"{archive}: the answer to {path.stem} was changed after its hash was taken; take the archive from its source again"
+      )
+    if not path.is_file():
+      temporary = path.with_suffix(".part")
+      temporary.write_text(json.dumps(result, indent=1))
+      os.replace(temporary, path)
+      missing += 1
+  return missing
