@@ -50,6 +50,7 @@ class Comparison:
 
 
 CAP = 10.0  # nats a block can bring to the decision
+_LEAST_SPREAD = 0.01 * CAP  # where every block brings the cap, t would be a number without meaning
 
 
 def groups_of(observations: Observations, least: int = 8, length: float = 10.0) -> NDArray[np.int64]:
@@ -133,7 +134,7 @@ def compared(after: Array, before: Array, block: NDArray[np.int64]) -> Compariso
   capped = np.clip(gains, -CAP, CAP)
   count = len(gains)
   spread = float(np.std(capped, ddof=1)) if count > 1 else np.inf
-  t = float(np.mean(capped) / (spread + 1e-9) * np.sqrt(count)) if count > 1 else 0.0
+  t = float(np.mean(capped) / max(spread, _LEAST_SPREAD) * np.sqrt(count)) if count > 1 else 0.0
   moved = np.abs(gains) > 0.02
   share = float(np.mean(gains[moved] > 0)) if moved.any() else 0.0
   return Comparison(float(capped.sum()), t, share, gains, float(0.5 * np.sum(before**2)))

@@ -14,6 +14,7 @@ from calibration.diagnosis.score import (
   channel_shares,
   clustered_std,
   compare,
+  compared,
   evidence,
   groups_of,
   held_out,
@@ -139,3 +140,9 @@ def test_judged_is_the_ratio_of_errors_where_nothing_was_fitted_channel_by_chann
   assert_allclose(judged(other, base, observations), expected, rtol=1e-12)
   everything = dataclasses.replace(base, fitted=len(observations))
   assert judged(everything, base, observations).size == 0
+
+
+def test_where_every_block_brings_all_it_may_t_stays_a_number_to_read():
+  block = np.repeat(np.arange(25), 4)
+  found = compared(np.zeros(100), np.full(100, 10.0), block)
+  assert found.gain == 25 * CAP and 10.0 < found.t <= 100.0 * np.sqrt(25)
