@@ -5,14 +5,12 @@ hash before the truth is looked at. A campaign that is stopped goes on where it 
 """
 
 import dataclasses
-import json
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from calibration.campaign_archive import digest
+from calibration.campaign_archive import digest, keep
 from calibration.campaign_reference import baselines, oracle
 from calibration.diagnosis.diagnose import Outcome, diagnose
 from calibration.diagnosis.output import document
@@ -85,9 +83,7 @@ def run_case(case: Case, folder: Path, threads: int = 1) -> Path:
   result = {"case": dataclasses.asdict(case), "answer": answer, "sha256": sealed, "truth": truth}
   result |= {"oracle": oracle(outcome, [t["id"] for t in truth], holdout), "baselines": baselines(outcome, holdout)}
   folder.mkdir(parents=True, exist_ok=True)
-  temporary = path.with_suffix(".part")
-  temporary.write_text(json.dumps(result, indent=1))
-  os.replace(temporary, path)
+  keep(result, path)
   return path
 
 

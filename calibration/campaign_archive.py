@@ -12,6 +12,13 @@ def digest(answer: dict) -> str:
   return hashlib.sha256(json.dumps(answer, sort_keys=True).encode()).hexdigest()
 
 
+def keep(result: dict, path: Path) -> None:
+  """Write one answered case, whole or not at all."""
+  temporary = path.with_suffix(".part")
+  temporary.write_text(json.dumps(result, indent=1))
+  os.replace(temporary, path)
+
+
 def pack(folder: Path, archive: Path) -> int:
   """Write all answers of a folder into an archive, one JSON object per line; returns how many."""
   answers = [json.loads(path.read_text()) for path in sorted(folder.glob("*_*.json"))]
@@ -37,8 +44,6 @@ def unpack(archive: Path, folder: Path) -> int:
         f"{archive}: the answer to {path.stem} was changed after its hash was taken; take the archive from its source again"
       )
     if not path.is_file():
-      temporary = path.with_suffix(".part")
-      temporary.write_text(json.dumps(result, indent=1))
-      os.replace(temporary, path)
+      keep(result, path)
       missing += 1
   return missing
