@@ -32,9 +32,9 @@ _STRAYED = 50.0  # nats that the recalibrated twin may come down before nothing 
 _DOUBTED = 0.1  # least part of a promise that is believed after a refit did not keep it
 _PROMISED, _BROKEN = 50.0, 0.5  # nats a scan must have promised, and the part below which a refit broke the promise
 _INSISTED, _PATIENCE = 2, 4  # mechanisms that are tried harder, and their steps with fresh columns of everything
-_TRIFLE = 0.15  # share of the typical size below which a mechanism can't be what many nats are due to
 _POLISHED = 2  # such steps for the best model
 _DONE = 5.0  # nats below which a step with fresh columns is not followed by another
+_TRIFLE = 0.15  # share of the typical size below which a mechanism can't be what many nats are due to
 Report = Callable[[str], None]
 
 
