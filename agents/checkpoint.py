@@ -14,7 +14,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from agents.ddpg import Agent
-from agents.output import write_text
+from qcar_twin.whole_file import write_text
 
 POINTER = "checkpoint.json"
 ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")

@@ -2,7 +2,6 @@
 
 import dataclasses
 import difflib
-import os
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +14,7 @@ from agents.feedforward import FeedforwardFeedback
 from agents.linear_rate import LinearRate
 from agents.lq import LqCm, LqEd
 from qcar_twin.single_track import Car
+from qcar_twin.whole_file import write_text
 
 FILE = Path(__file__).resolve().parents[1] / "data" / "controllers.toml"
 VERSIONS = ("loose", "tuned")
@@ -110,10 +110,7 @@ def save(table: Mapping[str, Mapping[str, Mapping[str, Any]]], file: Path = FILE
     for version, entry in versions.items():
       lines += ["", f"[{name}.{version}]"]
       lines += [f"{key} = {_toml(value)}" for key, value in entry.items()]
-  file.parent.mkdir(parents=True, exist_ok=True)
-  part = file.with_suffix(".part")
-  part.write_text("\n".join(lines) + "\n", encoding="utf-8")
-  os.replace(part, file)
+  write_text(file, "\n".join(lines) + "\n")
 
 
 def _toml(value: Any) -> str:

@@ -21,7 +21,6 @@ from agents.control import Controller
 from agents.environments import SERVO
 from agents.kpis import Kpis, kpis
 from agents.model import Model
-from agents.output import write_text
 from agents.policy_file import load_policy
 from agents.speed import SpeedGains
 from agents.team import EqualSensors, Team
@@ -29,6 +28,7 @@ from qcar_twin.estimation.observer import SensedObserver, TrueObserver
 from qcar_twin.paths import path_named
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import qcar_sensors
+from qcar_twin.whole_file import write_text
 
 Array = NDArray[np.float64]
 PlantMaker = Callable[[str], tuple[Plant, Array]]

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 
 from agents.closed_loop import Drive
 from qcar_twin.paths import CAR_LENGTH, CAR_WIDTH, Path
+from qcar_twin.whole_file import whole_file
 
 COLOURS = {
   "ff_fb": "tab:blue",
@@ -113,8 +114,6 @@ def trace_figure(drive: Drive, file: File, car: int = 0) -> None:
 
 
 def _save(figure: plt.Figure, file: File) -> None:
-  """Write beside the place, then move there."""
-  part = file.with_name(file.stem + ".part" + file.suffix)
-  figure.savefig(part, dpi=110)
-  part.replace(file)
+  with whole_file(file) as part:
+    figure.savefig(part, dpi=110)
   plt.close(figure)

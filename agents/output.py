@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -12,13 +11,7 @@ from agents import figures
 from agents.closed_loop import Drive
 from agents.kpis import Kpis
 from qcar_twin.plant import COMMANDS, SIGNALS
-
-
-def write_text(file: Path, text: str) -> None:
-  """Replace a file in one go."""
-  part = file.with_name(file.name + ".part")
-  part.write_text(text, encoding="utf-8")
-  os.replace(part, file)
+from qcar_twin.whole_file import write_text
 
 
 def write_drive(folder: Path, label: str, drive: Drive, indicators: Kpis, config: Mapping[str, object]) -> str:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from safetensors.numpy import load_file, save_file
 
 from agents.control import Situation
-from agents.output import write_text
 from agents.sight import Sight
+from qcar_twin.whole_file import whole_file, write_text
 
 Array = NDArray[np.float64]
 Layers = tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
@@ -61,14 +61,12 @@ class Policy:
 
 def save_policy(policy: Policy, folder: Path) -> None:
   """Write policy.safetensors and policy.json, each replaced as a whole."""
-  folder.mkdir(parents=True, exist_ok=True)
   tensors = {}
   for k, (weight, bias) in enumerate(policy.layers):
     tensors[f"weight_{k}"], tensors[f"bias_{k}"] = np.ascontiguousarray(weight), np.ascontiguousarray(bias)
-  part = folder / (WEIGHTS + ".part")
-  save_file(tensors, part)
-  part.chmod(0o644)  # the library writes for the owner alone
-  part.replace(folder / WEIGHTS)
+  with whole_file(folder / WEIGHTS) as part:
+    save_file(tensors, part)
+    part.chmod(0o644)  # the library writes for the owner alone
   about = {
     "format": FORMAT,
     "kind": policy.name,
@@ -123,14 +121,11 @@ def export_onnx(policy: Policy, file: Path, tolerance: float = 1e-5) -> float:
   """
   import onnx
 
-  file.parent.mkdir(parents=True, exist_ok=True)
-  part = file.with_name(file.name + ".part")
-  onnx.save(_graph(policy), str(part))
-  worst = onnx_difference(policy, part)
-  if not worst <= tolerance:
-    part.unlink()
-    raise RuntimeError(f"{file.name}: the exported policy differs by {worst:.3g} rad/s")
-  part.replace(file)
+  with whole_file(file) as part:
+    onnx.save(_graph(policy), str(part))
+    worst = onnx_difference(policy, part)
+    if not worst <= tolerance:
+      raise RuntimeError(f"{file.name}: the exported policy differs by {worst:.3g} rad/s")
   return worst
 
 

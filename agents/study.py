@@ -18,10 +18,10 @@ from agents.ddpg import Settings
 from agents.environments import Options
 from agents.evaluate import Case, PlantMaker, Row, contestants, known_plant, run_together
 from agents.kpis import Kpis
-from agents.output import write_text
 from agents.sight import Sight
 from agents.train import Plan, train
 from qcar_twin.envs.task import Reward
+from qcar_twin.whole_file import write_text
 
 PATHS = ("o", "infinity", "c")
 MISMATCH = (0.92, 1.0)  # steering gain -, offset deg, fixed before anything was trained

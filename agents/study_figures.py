@@ -12,6 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from agents.figures import COLOURS
+from qcar_twin.whole_file import whole_file
 
 VARIANT_COLOURS = {
   "standard": "tab:green",
@@ -73,7 +74,5 @@ def study_bars(table: Sequence[Mapping[str, Any]], names: Sequence[str], file: P
 
 
 def _save(figure: plt.Figure, file: Path) -> None:
-  """Write beside the place, then move there."""
-  part = file.with_name(file.stem + ".part" + file.suffix)
-  figure.savefig(part, dpi=110)
-  part.replace(file)
+  with whole_file(file) as part:
+    figure.savefig(part, dpi=110)

@@ -7,7 +7,6 @@ checkpoint, best/ and last/ (policies) and, once it is over, result.json. Test p
 import csv
 import dataclasses
 import json
-import os
 import time
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,6 @@ from agents.environments import Options, OwnPlant, fleet, plant_of, task_of
 from agents.imitation import imitate, teacher
 from agents.kpis import Kpis, kpis
 from agents.model import Model
-from agents.output import write_text
 from agents.policy_file import Policy, export_onnx, load_policy, save_policy, sight_from
 from agents.sight import Sight
 from agents.speed import SpeedGains
@@ -33,6 +31,7 @@ from qcar_twin.envs.task import Reward
 from qcar_twin.envs.vector_env import FleetVecEnv
 from qcar_twin.estimation.observer import SensedObserver, TrueObserver
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
+from qcar_twin.whole_file import whole_file, write_text
 
 EPISODE_COLUMNS = ("episode", "steps", "length", "return", "rmse", "finished", "seconds")
 EVALUATION_COLUMNS = ("episode", "rmse", "me", "iaca", "finished", "seconds")
@@ -210,13 +209,10 @@ def append_row(file: Path, columns: tuple[str, ...], row: list[float]) -> None:
 
 def rewrite(file: Path, columns: tuple[str, ...], rows: list[list[float]]) -> None:
   """A table of exactly these rows: what came after the last checkpoint is driven again."""
-  part = file.with_name(file.name + ".part")
-  part.unlink(missing_ok=True)
-  with open(part, "w", newline="", encoding="utf-8") as stream:
+  with whole_file(file) as part, open(part, "w", newline="", encoding="utf-8") as stream:
     writer = csv.writer(stream)
     writer.writerow(columns)
     writer.writerows([[f"{value:.6g}" for value in row] for row in rows])
-  os.replace(part, file)
 
 
 def provenance(plan: Plan, episode: int) -> dict[str, Any]:

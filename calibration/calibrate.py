@@ -28,7 +28,7 @@ from calibration.longitudinal import NotIdentifiable
 from calibration.match import PARTS, Answer, StepComparison, bicycle_values, levels_of, match_bicycle, mean_percent
 from calibration.observations import UNITS, observe
 from calibration.segmenting import Cut
-from calibration.stages import Stages, fingerprint, write_json
+from calibration.stages import Stages, fingerprint
 from calibration.standing import split_standing
 from qcar_twin.dataset import DataSet
 from qcar_twin.mechanisms import select
@@ -38,6 +38,7 @@ from qcar_twin.twin import Twin
 from qcar_twin.twin_file import save_twin
 from qcar_twin.twin_parameters import informed
 from qcar_twin.vehicle import Vehicle
+from qcar_twin.whole_file import write_json
 
 Array = NDArray[np.float64]
 Against = Literal["identified", "recordings"]

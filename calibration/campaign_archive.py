@@ -3,8 +3,9 @@
 import hashlib
 import json
 import lzma
-import os
 from pathlib import Path
+
+from qcar_twin.whole_file import whole_file, write_text
 
 
 def digest(answer: dict) -> str:
@@ -14,17 +15,14 @@ def digest(answer: dict) -> str:
 
 def keep(result: dict, path: Path) -> None:
   """Write one answered case, whole or not at all."""
-  temporary = path.with_suffix(".part")
-  temporary.write_text(json.dumps(result, indent=1))
-  os.replace(temporary, path)
+  write_text(path, json.dumps(result, indent=1))
 
 
 def pack(folder: Path, archive: Path) -> int:
   """Write all answers of a folder into an archive, one JSON object per line; returns how many."""
   answers = [json.loads(path.read_text()) for path in sorted(folder.glob("*_*.json"))]
-  temporary = archive.with_name(archive.name + ".part")
-  temporary.write_bytes(lzma.compress("\n".join(json.dumps(a) for a in answers).encode(), preset=9))
-  os.replace(temporary, archive)
+  with whole_file(archive) as part:
+    part.write_bytes(lzma.compress("\n".join(json.dumps(a) for a in answers).encode(), preset=9))
   return len(answers)
 
 

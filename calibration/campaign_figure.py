@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.campaign_score import Result
 from calibration.report.style import new_figure
+from qcar_twin.whole_file import whole_file
 
 
 def confusion_table(results: Sequence[Result]) -> tuple[list[str], list[str], NDArray[np.int64]]:
@@ -35,11 +36,9 @@ def draw_confusion(results: Sequence[Result], path: str | Path) -> Path:
   axes.set_xlabel("first claim")
   axes.set_ylabel("truth")
   axes.grid(False)
-  path = Path(path)
-  temporary = path.with_suffix(".part")
-  canvas.savefig(temporary, format="png", dpi=140)
-  temporary.replace(path)
-  return path
+  with whole_file(path) as part:
+    canvas.savefig(part, format="png", dpi=140)
+  return Path(path)
 
 
 def _truth(result: Result) -> str:

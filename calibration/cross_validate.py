@@ -27,7 +27,6 @@ from calibration.longitudinal import NotIdentifiable
 from calibration.observations import CHANNELS, UNITS, Observations, observe
 from calibration.parting import Parting, part
 from calibration.segmenting import Cut
-from calibration.stages import write_json
 from calibration.standing import split_standing
 from qcar_twin.bicycle import PARAMETERS, Bicycle
 from qcar_twin.dataset import DataSet
@@ -35,6 +34,7 @@ from qcar_twin.plant import Prediction, Segments
 from qcar_twin.recording import Recording
 from qcar_twin.twin import Twin
 from qcar_twin.vehicle import Vehicle
+from qcar_twin.whole_file import write_json
 
 Array = NDArray[np.float64]
 

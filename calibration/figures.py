@@ -5,7 +5,6 @@ Squares are recordings used to identify, diamonds those kept to validate.
 """
 
 import os
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -24,6 +23,7 @@ from calibration.understeer import Understeer
 from qcar_twin import kinematics
 from qcar_twin.bicycle import MeasuredCar
 from qcar_twin.dataset import DataSet
+from qcar_twin.whole_file import whole_file
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -187,12 +187,6 @@ def _panels(items: Sequence[T], role: Callable[[T], str], panel: Callable[[Axes,
 
 
 def _written(figure: Figure, path: Path) -> Path:
-  handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-  os.close(handle)
-  try:
-    figure.savefig(temporary, format="png", dpi=120)
-    os.replace(temporary, path)
-  except BaseException:
-    Path(temporary).unlink(missing_ok=True)
-    raise
+  with whole_file(path) as part:
+    figure.savefig(part, format="png", dpi=120)
   return path

@@ -13,7 +13,6 @@ import dataclasses
 import json
 import math
 import os
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal
@@ -28,6 +27,7 @@ from calibration.understeer import Understeer, understeer_characteristic
 from qcar_twin.bicycle import PARAMETERS, Bicycle, MeasuredCar, TurningLosses
 from qcar_twin.dataset import DataSet
 from qcar_twin.vehicle import Vehicle
+from qcar_twin.whole_file import write_json
 
 Array = NDArray[np.float64]
 SteadyState = Literal["exact", "paper"]
@@ -112,17 +112,7 @@ class Identification:
 
   def save(self, path: str | os.PathLike[str]) -> Path:
     """Write as JSON, whole or not at all; unknown numbers are null."""
-    path = Path(path)
-    text = json.dumps(_plain(dataclasses.asdict(self)), indent=1, allow_nan=False) + "\n"
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-      with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(text)
-      os.replace(temporary, path)
-    except BaseException:
-      Path(temporary).unlink(missing_ok=True)
-      raise
-    return path
+    return write_json(path, dataclasses.asdict(self))
 
   @classmethod
   def load(cls, path: str | os.PathLike[str]) -> "Identification":
@@ -204,14 +194,6 @@ def _table(found: Identification) -> list[str]:
     rows.append(f"  linear up to {found.understeer.linear_limit:.2g} m/s^2 of lateral acceleration (ramp steer)")
   notes = found.drive.notes + (found.lateral.notes if found.lateral else (f"tyres: {found.missing}",))
   return rows + [f"  note: {note}" for note in notes]
-
-
-def _plain(value: Any) -> Any:
-  if isinstance(value, dict):
-    return {key: _plain(item) for key, item in value.items()}
-  if isinstance(value, (list, tuple)):
-    return [_plain(item) for item in value]
-  return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _number(value: Any) -> Any:

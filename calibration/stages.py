@@ -10,16 +10,14 @@ import functools
 import hashlib
 import json
 import logging
-import math
 import os
-import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from qcar_twin.dataset import DataSet
+from qcar_twin.whole_file import write_json
 
 log = logging.getLogger(__name__)
 
@@ -78,39 +76,3 @@ def fingerprint(dataset: DataSet) -> str:
       digest.update(np.ascontiguousarray(stream.time).tobytes())
       digest.update(np.ascontiguousarray(stream.value).tobytes())
   return digest.hexdigest()
-
-
-def write_json(path: str | os.PathLike[str], data: Any) -> Path:
-  """Write plain data, whole or not at all; NaN and infinity become null."""
-  return write_text(path, json.dumps(plain(data), indent=1, allow_nan=False, ensure_ascii=False) + "\n")
-
-
-def write_text(path: str | os.PathLike[str], text: str) -> Path:
-  """Write a text file, whole or not at all; its folder is made."""
-  path = Path(path)
-  path.parent.mkdir(parents=True, exist_ok=True)
-  handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-  try:
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-      file.write(text)
-    os.chmod(temporary, 0o644)
-    os.replace(temporary, path)
-  except BaseException:
-    Path(temporary).unlink(missing_ok=True)
-    raise
-  return path
-
-
-def plain(value: Any) -> Any:
-  """Mappings, sequences, arrays and numbers as JSON has them."""
-  if isinstance(value, Mapping):
-    return {str(key): plain(item) for key, item in value.items()}
-  if isinstance(value, np.ndarray):
-    return plain(value.tolist())
-  if isinstance(value, (list, tuple)):
-    return [plain(item) for item in value]
-  if isinstance(value, (bool, np.bool_)):
-    return bool(value)
-  if isinstance(value, (float, np.floating)):
-    return float(value) if math.isfinite(value) else None
-  return int(value) if isinstance(value, np.integer) else value

@@ -19,6 +19,7 @@ from qcar_twin.mapping import resolve, streams_of
 from qcar_twin.plausibility import check_limits, check_units
 from qcar_twin.recording import ROLES, Recording, RecordingError, nearest
 from qcar_twin.validation import MIN_SAMPLES, gap_limit
+from qcar_twin.whole_file import write_text
 
 _log = logging.getLogger(__name__)
 _PERIOD = 0.01  # s, on which commands are added up
@@ -158,12 +159,10 @@ def _samples(recording: Recording, start: float, end: float) -> int:
 
 def write_recording(path: str | os.PathLike[str], recording: Recording) -> Path:
   """Write one recording as CSV in canonical channels, blank where a channel has no sample; every float survives exactly."""
-  path = Path(path)
   time, columns = recording.columns()
   cells = [["" if value != value else repr(value) for value in column.tolist()] for column in (time, *columns.values())]
   lines = [",".join(("time", *columns)), *(",".join(row) for row in zip(*cells, strict=True))]
-  _write_text(path, "\n".join(lines) + "\n")
-  return path
+  return write_text(path, "\n".join(lines) + "\n")
 
 
 def write_dataset(
@@ -201,17 +200,6 @@ def _write_all(folder: Path, recordings: tuple[Recording, ...], text: str) -> No
     for recording in recordings:
       os.replace(Path(staging) / f"{recording.name}.csv", folder / f"{recording.name}.csv")
     os.replace(Path(staging) / FILE_NAME, folder / FILE_NAME)
-
-
-def _write_text(path: Path, text: str) -> None:
-  handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-  try:
-    with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
-      file.write(text)
-    os.replace(temporary, path)
-  except BaseException:
-    Path(temporary).unlink(missing_ok=True)
-    raise
 
 
 def _toml(

@@ -19,6 +19,7 @@ from qcar_twin.paths import Path
 from qcar_twin.plant import SIGNALS
 from qcar_twin.scene import GHOST, Puppet, scene, settle_view
 from qcar_twin.vehicle import Vehicle
+from qcar_twin.whole_file import whole_file
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -177,19 +178,17 @@ def write_video(file: File, pictures: Iterator[Picture], fps: int) -> int:
   first = next(pictures, None)
   if first is None:
     raise ValueError(f"{file.name}: no frames to write")
-  file.parent.mkdir(parents=True, exist_ok=True)
-  part = file.with_name(file.stem + ".part.mp4")
   size = (first.shape[1], first.shape[0])
-  writer = imageio_ffmpeg.write_frames(str(part), size, fps=fps, quality=7, macro_block_size=2)
-  writer.send(None)
   count = 0
-  try:
-    for picture in itertools.chain([first], pictures):
-      writer.send(np.ascontiguousarray(picture))
-      count += 1
-  finally:
-    writer.close()
-  os.replace(part, file)
+  with whole_file(file) as part:
+    writer = imageio_ffmpeg.write_frames(str(part), size, fps=fps, quality=7, macro_block_size=2)
+    writer.send(None)
+    try:
+      for picture in itertools.chain([first], pictures):
+        writer.send(np.ascontiguousarray(picture))
+        count += 1
+    finally:
+      writer.close()
   return count
 
 
@@ -197,10 +196,8 @@ def write_still(file: File, picture: Picture) -> None:
   """Write a picture as PNG."""
   import imageio.v3 as imageio
 
-  file.parent.mkdir(parents=True, exist_ok=True)
-  part = file.with_name(file.stem + ".part.png")
-  imageio.imwrite(part, picture)
-  os.replace(part, file)
+  with whole_file(file) as part:
+    imageio.imwrite(part, picture)
 
 
 def signals_of(channels: dict[str, Array]) -> Array:

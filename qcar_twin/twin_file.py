@@ -5,7 +5,6 @@ Every tool that simulates takes such a file, so a repaired twin is used like the
 
 import dataclasses
 import json
-import os
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from qcar_twin.mechanisms import select
 from qcar_twin.twin import Twin
 from qcar_twin.vehicle import Vehicle
+from qcar_twin.whole_file import write_text
 
 Array = NDArray[np.float64]
 FORMAT = 1
@@ -39,12 +39,7 @@ def save_twin(path: str | Path, twin: Twin, theta: Array, note: str = "") -> Pat
   for mechanism in present:
     lines += ["", f"[mechanisms.{mechanism.name}]"]
     lines += _table({p.name: values[p.name] for p in mechanism.parameters})
-  target = Path(path)
-  target.parent.mkdir(parents=True, exist_ok=True)
-  temporary = target.with_name(target.name + ".part")
-  temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
-  os.replace(temporary, target)
-  return target
+  return write_text(path, "\n".join(lines) + "\n")
 
 
 def load_twin(path: str | Path, substeps: int = 5, threads: int = 0) -> tuple[Twin, Array]:

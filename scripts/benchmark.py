@@ -10,6 +10,7 @@ import tyro
 
 from calibration.benchmark import Pair, overhead_pair, threads_pair, tyre_pairs
 from calibration.benchmark_fit import fit_pairs
+from qcar_twin.whole_file import write_text
 
 PAGE = """# Speed, in pairs
 
@@ -62,9 +63,7 @@ def main(config: Config) -> tuple[Pair, ...]:
   print("\n".join(str(pair) for pair in pairs))
   library = any("library" not in side and "sysid" in side for side in fits[0].sides)
   text = PAGE.format(rows="\n".join(row(pair) for pair in pairs), fits=LIBRARY if library else WITHOUT)
-  temporary = config.out.with_suffix(".part")
-  temporary.write_text(text, encoding="utf-8")
-  temporary.replace(config.out)
+  write_text(config.out, text)
   return pairs
 
 

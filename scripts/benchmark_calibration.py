@@ -12,6 +12,7 @@ from calibration.benchmark_calibration import judge, match, page
 from calibration.proving_ground import make_session
 from calibration.proving_ground.seal import seal
 from calibration.proving_ground.session import save
+from qcar_twin.whole_file import write_text
 
 REAL = Path("../shared/data")
 PAGE = """# Calibration of the twin
@@ -74,9 +75,7 @@ def main(config: Config) -> str:
   datasets = () if config.quick else config.datasets
   records = [judge(path, config.work / path.name, config.threads) for path in datasets]
   text = PAGE.format(tables=page(records, steps))
-  temporary = config.out.with_suffix(".part")
-  temporary.write_text(text, encoding="utf-8")
-  temporary.replace(config.out)
+  write_text(config.out, text)
   print(text)
   return text
 

@@ -11,11 +11,11 @@ import tyro
 from agents.controllers import load
 from agents.estimation_report import cost_section, oval_section, recorded_section
 from agents.model import Model
-from agents.output import write_text
 from agents.tracking_report import tracking_section
 from calibration.identify import identify
 from qcar_twin.dataset import DataSet
 from qcar_twin.vehicle import Vehicle
+from qcar_twin.whole_file import write_text
 
 HEAD = """# Results: sensors, federated filter, model-based controllers
 

@@ -14,6 +14,7 @@ from calibration.identify import identify
 from calibration.proving_ground import Session, Spec, make_sessions
 from qcar_twin.dataset import DataSet
 from qcar_twin.vehicle import Vehicle
+from qcar_twin.whole_file import write_text
 
 TRUTH = ("P1", "P2", "P3", "cornering_stiffness_front", "cornering_stiffness_rear")
 SYMBOLS = ("P1", "P2", "P3", "C_f", "C_r")
@@ -66,9 +67,7 @@ def main(config: Config) -> None:
     *(f"| {' | '.join(row(session))} |" for session in sessions),
   ]
   text = "\n".join(lines) + "\n"
-  temporary = config.out.with_suffix(".part")
-  temporary.write_text(text, encoding="utf-8")
-  temporary.replace(config.out)
+  write_text(config.out, text)
   print(text)
 
 

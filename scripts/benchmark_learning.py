@@ -10,8 +10,8 @@ from pathlib import Path
 import torch
 import tyro
 
-from agents.output import write_text
 from agents.timing import gradient_steps_per_second, raw_gradient_steps_per_second, steps_per_second, training_shares
+from qcar_twin.whole_file import write_text
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,6 +13,7 @@ from calibration.campaign import draw_cases, run_case
 from calibration.campaign_archive import pack, unpack
 from calibration.campaign_page import campaign_page
 from calibration.campaign_score import score_table
+from qcar_twin.whole_file import write_text
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,12 +62,12 @@ def main(config: Config) -> str:
   answers = [config.out / f"{c.name}.json" for c in cases]
   results = [json.loads(path.read_text()) for path in answers if path.is_file()]
   table = score_table(results)
-  (config.out / "score.md").write_text(table)
+  write_text(config.out / "score.md", table)
   if config.archive:
     pack(config.out, config.archive)
   if config.page:
     command = f"python scripts/campaign.py --out out/{config.out.name} --seed {config.seed}"
-    config.page.write_text(campaign_page(results, len(cases), command, config.page.parent))
+    write_text(config.page, campaign_page(results, len(cases), command, config.page.parent))
   print(table)
   return table
 

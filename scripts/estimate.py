@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from agents.output import write_text
 from calibration.identify import Identification, identify
 from calibration.longitudinal import NotIdentifiable
 from qcar_twin.bicycle import Bicycle
@@ -18,6 +17,7 @@ from qcar_twin.estimation.output import write_estimates
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.sensors.noise import standstill_noise
 from qcar_twin.vehicle import Vehicle
+from qcar_twin.whole_file import write_text
 
 ONBOARD = ("motor_speed", "speed", "accel_x", "accel_y", "yaw_rate")
 

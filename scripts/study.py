@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from agents.evaluate import known_plant
 from agents.foreign import Foreign
-from agents.output import write_text
 from agents.study import VARIANTS, Job, driving_jobs, settings, training_jobs
 from agents.study_report import page
 from calibration.proving_ground.car import Car
 from calibration.proving_ground.plant import ProvingGroundPlant
 from calibration.proving_ground.session import stream
 from qcar_twin.plant import Plant
+from qcar_twin.whole_file import write_text
 
 GROUND = "proving ground"
 

@@ -5,10 +5,8 @@ nothing that fails the check is written.
 """
 
 import dataclasses
-import json
 import math
 import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -24,6 +22,7 @@ from calibration.diagnosis.locate import Location
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.ship import ChannelFit
 from calibration.diagnosis.unknown import smooth_forces
+from qcar_twin.whole_file import plain, write_json
 
 VERDICTS = ("no_mismatch", "explained", "partly_explained", "unexplained")
 FILE, REPORT, FIGURES = "diagnosis.json", "report.html", "figures"
@@ -75,7 +74,7 @@ def write_outputs(out_dir: str | os.PathLike[str], diagnosis: Diagnosis) -> Path
   found = faults(content)
   if found:
     raise ValueError(f"{FILE} breaks its schema: {'; '.join(found[:5])}")
-  write_text(folder / FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")
+  write_json(folder / FILE, content)
   return write_report(folder, diagnosis)
 
 
@@ -139,34 +138,6 @@ def unknown_variables(name: str) -> list[str]:
     if force.name == name:
       return list(getattr(force, "variables", ()))
   return ["velocity_x", "yaw_rate", "accel_x", "accel_y"]
-
-
-def plain(value: Any) -> Any:
-  """Nested plain Python types: numpy scalars and arrays converted, what is not finite turned into None."""
-  if isinstance(value, Mapping):
-    return {str(k): plain(v) for k, v in value.items()}
-  if isinstance(value, (list, tuple, np.ndarray)):
-    return [plain(v) for v in value]
-  if isinstance(value, (bool, np.bool_)):
-    return bool(value)
-  if isinstance(value, (int, np.integer)):
-    return int(value)
-  if isinstance(value, (float, np.floating)):
-    return float(value) if math.isfinite(value) else None
-  return value
-
-
-def write_text(path: Path, text: str) -> None:
-  """Write a file whole or not at all."""
-  handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-  try:
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-      file.write(text)
-    os.chmod(temporary, 0o644)
-    os.replace(temporary, path)
-  except BaseException:
-    Path(temporary).unlink(missing_ok=True)
-    raise
 
 
 def _claim(claim: Claim) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from calibration.diagnosis.ship import ChannelFit, recovered_share
 from calibration.observations import CHANNELS, UNITS
 from calibration.report import Picture, Section, Table, picture, write_page
 from qcar_twin.mechanisms.base import Mechanism
+from qcar_twin.whole_file import whole_file
 
 Array = NDArray[np.float64]
 
@@ -27,12 +28,10 @@ def write_report(folder: Path, diagnosis: Diagnosis) -> Path:
   """Write report.html and, beside it, its figures as files; returns the page's path."""
   sections = report_sections(diagnosis)
   pictures = [p for section in sections for p in section.figures]
-  (folder / FIGURES).mkdir(parents=True, exist_ok=True)
   for number, item in enumerate(pictures, start=1):
     target = folder / FIGURES / f"{number:02d}_{_slug(item.caption)}.{item.kind}"
-    temporary = target.with_suffix(".part")
-    temporary.write_bytes(item.image)
-    temporary.replace(target)
+    with whole_file(target) as part:
+      part.write_bytes(item.image)
   return write_page(
     folder / REPORT, f"Diagnosis of {diagnosis.dataset}", verdict(diagnosis), sections, _subtitle(diagnosis)
   )

@@ -8,11 +8,11 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import os
 import secrets
-import tempfile
 import zlib
 from pathlib import Path
+
+from qcar_twin.whole_file import write_text
 
 PLAIN, PACKED, COMMITMENT = "truth.json", "truth.sealed", "truth.sha256"
 
@@ -62,12 +62,3 @@ def unseal(folder: Path, published: str | None = None) -> dict:
   if mark != body["sha256"] or (published is not None and mark != published.strip()):
     raise SealError(f"{found[0].name} is not the truth that was committed to: its hash is {mark}")
   return json.loads(text)
-
-
-def write_text(path: Path, text: str) -> None:
-  """Write a file whole or not at all."""
-  path.parent.mkdir(parents=True, exist_ok=True)
-  handle, temporary = tempfile.mkstemp(dir=path.parent)
-  with os.fdopen(handle, "w") as file:
-    file.write(text)
-  os.replace(temporary, path)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,6 +10,7 @@ import numpy as np
 
 from qcar_twin.dataset import write_dataset
 from qcar_twin.recording import Recording
+from qcar_twin.whole_file import whole_file
 
 from .car import Car, describe, fleet, one_of
 from .designs import plan
@@ -300,11 +299,8 @@ def draw_effect(rng: np.random.Generator) -> tuple[str, float]:
 
 def save_clean(session: Session, folder: Path) -> None:
   """Write the true signals of every run to folder/clean.npz, arrays (T, 11) in the order of the truth's `signals`."""
-  folder.mkdir(parents=True, exist_ok=True)
-  handle, temporary = tempfile.mkstemp(dir=folder, suffix=".npz")
-  os.close(handle)
-  np.savez_compressed(temporary, allow_pickle=False, **session.clean)
-  os.replace(temporary, folder / "clean.npz")
+  with whole_file(folder / "clean.npz") as part:
+    np.savez_compressed(part, allow_pickle=False, **session.clean)
 
 
 def save(session: Session, folder: Path, name: str, mark: str) -> None:

@@ -19,7 +19,7 @@ import jinja2
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from calibration.stages import write_text
+from qcar_twin.whole_file import write_text
 
 Cell = str | float | int | bool | None
 

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 
 from qcar_twin.estimation.offline import NAMES, Estimates
 from qcar_twin.recording import Recording
+from qcar_twin.whole_file import whole_file
 
 LABELS = {
   "pose_x": "X [m]",
@@ -87,8 +88,6 @@ def _shade(axes: Axes, estimates: Estimates) -> None:
 
 
 def _save(figure: plt.Figure, file: Path) -> None:
-  """Write beside the place, then move there."""
-  part = file.with_name(file.stem + ".part" + file.suffix)
-  figure.savefig(part, dpi=110)
-  part.replace(file)
+  with whole_file(file) as part:
+    figure.savefig(part, dpi=110)
   plt.close(figure)

@@ -1,6 +1,5 @@
 """What an offline run of the filter leaves behind: estimates as CSV, figures, a summary."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +7,7 @@ import numpy as np
 from qcar_twin.estimation import figures
 from qcar_twin.estimation.offline import Estimates
 from qcar_twin.recording import Recording
+from qcar_twin.whole_file import write_text
 
 
 def write_estimates(
@@ -23,9 +23,7 @@ def write_estimates(
   columns = estimates.columns()
   rows = np.column_stack(list(columns.values()))
   text = "\n".join([",".join(columns), *(",".join(f"{x:.7g}" for x in row) for row in rows)]) + "\n"
-  part = folder / f"{recording.name}.csv.part"
-  part.write_text(text, encoding="utf-8")
-  os.replace(part, folder / f"{recording.name}.csv")
+  write_text(folder / f"{recording.name}.csv", text)
   figures.states_figure(estimates, recording, rolling_radius, folder / f"{recording.name}_states.png")
   figures.position_figure(estimates, recording, folder / f"{recording.name}_position.png")
   refused = {f"{channel}: {reason}": count for (channel, reason), count in estimates.refused.items()}

@@ -3,13 +3,13 @@
 `python -m qcar_twin.mechanisms.document docs/mechanisms.md` writes the page; no mechanism is defined here.
 """
 
-import os
 import re
 import sys
 from pathlib import Path
 
 from qcar_twin.mechanisms import catalogue
 from qcar_twin.mechanisms.base import Mechanism
+from qcar_twin.whole_file import write_text
 
 SUBSYSTEMS = ("steering", "tyre", "ground", "drive", "body", "sensor")
 _SECTION = re.compile(r"^  (Equation|Units|Source|Confounded with): ", re.MULTILINE)
@@ -61,10 +61,7 @@ def _entry(mechanism: Mechanism) -> list[str]:
 
 def write(path: Path) -> None:
   """Write the page to a file, through a temporary one."""
-  path.parent.mkdir(parents=True, exist_ok=True)
-  temporary = path.with_suffix(".tmp")
-  temporary.write_text(page(), encoding="utf-8")
-  os.replace(temporary, path)
+  write_text(path, page())
 
 
 if __name__ == "__main__":

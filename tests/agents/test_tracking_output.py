@@ -12,7 +12,7 @@ from agents import figures
 from agents.controllers import make
 from agents.kpis import kpis
 from agents.model import STEERING_LAG, Model
-from agents.output import indicator_line, write_drive, write_text, write_traces
+from agents.output import indicator_line, write_drive, write_traces
 from qcar_twin.bicycle import Bicycle
 from qcar_twin.plant import SIGNALS
 from qcar_twin.twin import Twin
@@ -58,13 +58,6 @@ def test_traces_hold_signals_commands_and_estimates(tmp_path, lane_change):
   )
   np.testing.assert_allclose(rows["pose_y"], lane_change.signals[:, 1, 1], atol=1e-5)
   np.testing.assert_allclose(rows["cross_track_error"], lane_change.cross_track[:, 1], atol=1e-6)
-
-
-def test_files_are_replaced_in_one_go(tmp_path):
-  file = tmp_path / "page.md"
-  write_text(file, "one")
-  write_text(file, "two")
-  assert file.read_text() == "two" and [f.name for f in tmp_path.iterdir()] == ["page.md"]
 
 
 def test_cars_of_a_drive_can_be_picked(lane_change):

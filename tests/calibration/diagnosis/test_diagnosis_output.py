@@ -14,11 +14,9 @@ from calibration.diagnosis.output import (
   document,
   faults,
   parameter_shifts,
-  plain,
   unknown_summary,
   unknown_variables,
   write_outputs,
-  write_text,
 )
 from calibration.diagnosis.ship import ChannelFit
 from calibration.diagnosis.wording import verdict_sentence
@@ -125,12 +123,6 @@ def test_an_experiment_fits_the_schema(explained):
   assert faults(document(dataclasses.replace(explained, next_experiment=wish))) == []
 
 
-def test_plain_types_only():
-  mixed = {"a": np.float32(1.5), "b": np.array([1, 2]), "c": (np.bool_(True), np.int64(3)), "d": float("inf"), 5: None}
-  assert plain(mixed) == {"a": 1.5, "b": [1, 2], "c": [True, 3], "d": None, "5": None}
-  assert [type(v) for v in plain(mixed)["c"]] == [bool, int]
-
-
 def test_shifts_are_in_prior_standard_deviations(offset_pool):
   base = offset_pool.base
   shift = parameter_shifts(base)["mass"]
@@ -148,15 +140,6 @@ def test_the_unknown_speaks_only_where_the_verdict_rests_on_it():
   assert unknown_summary(partly)["share"] == pytest.approx(0.0)  # the claim gains as much as the nameless force
   assert HELD.gain > 0
   assert "accel_y" in unknown_variables("unknown_sensor_yaw_rate")
-
-
-def test_a_file_is_written_whole_or_not_at_all(tmp_path):
-  target = tmp_path / "a.json"
-  write_text(target, "old")
-  with pytest.raises(TypeError):
-    write_text(target, 5)  # type: ignore[arg-type]
-  assert target.read_text() == "old"
-  assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
 
 
 def test_what_is_left_over_tells_what_the_unknown_depends_on():

@@ -16,7 +16,7 @@ from calibration.proving_ground.session import save, stream
 from qcar_twin.dataset import DataSet
 
 ROOT = Path(__file__).parents[3]
-NOTHING_MORE = {"numpy", "scipy", "qcar_twin.recording", "qcar_twin.dataset", "__future__"}
+NOTHING_MORE = {"numpy", "scipy", "qcar_twin.recording", "qcar_twin.dataset", "qcar_twin.whole_file", "__future__"}
 STANDARD = {
   "base64",
   "collections",
@@ -30,7 +30,7 @@ STANDARD = {
   "pkgutil",
   "secrets",
 }
-STANDARD |= {"tempfile", "types", "typing", "zlib"}
+STANDARD |= {"types", "typing", "zlib"}
 
 
 @pytest.fixture(scope="module")

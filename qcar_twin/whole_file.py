@@ -1,0 +1,54 @@
+"""Files that appear whole or not at all, whatever stops the writer."""
+
+import contextlib
+import json
+import math
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+@contextlib.contextmanager
+def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
+  """A place to write to that becomes `path` when the block ends; after an error nothing is there but what was there before.
+
+  The place has the name of `path`, so that writers that go by the ending work, in a hidden folder beside it, so that it
+  is on the same disk and no listing of the folder finds it. The folder of `path` is made.
+  """
+  path = Path(path)
+  path.parent.mkdir(parents=True, exist_ok=True)
+  with tempfile.TemporaryDirectory(prefix=".writing-", dir=path.parent) as folder:
+    part = Path(folder) / path.name
+    yield part
+    part.replace(path)
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> Path:
+  """Write a text file in UTF-8, line ends as they are; returns its path."""
+  with whole_file(path) as part:
+    part.write_text(text, encoding="utf-8", newline="")
+  return Path(path)
+
+
+def write_json(path: str | os.PathLike[str], data: Any) -> Path:
+  """Write data as JSON, see `plain`; returns the file's path."""
+  return write_text(path, json.dumps(plain(data), indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def plain(value: Any) -> Any:
+  """Nested data as JSON has them: numpy's scalars and arrays converted, what is not finite turned into None."""
+  if isinstance(value, Mapping):
+    return {str(key): plain(item) for key, item in value.items()}
+  if isinstance(value, (list, tuple, np.ndarray)):
+    return [plain(item) for item in value]
+  if isinstance(value, (bool, np.bool_)):
+    return bool(value)
+  if isinstance(value, (int, np.integer)):
+    return int(value)
+  if isinstance(value, (float, np.floating)):
+    return float(value) if math.isfinite(value) else None
+  return value
