@@ -14,7 +14,8 @@ from calibration.diagnosis.decide import Decision, decide
 from calibration.diagnosis.detect import Detection, detect
 from calibration.diagnosis.experiment import next_experiment
 from calibration.diagnosis.locate import Location, locate
-from calibration.diagnosis.output import Diagnosis, write_outputs
+from calibration.diagnosis.output import Diagnosis, write_document
+from calibration.diagnosis.page import write_report
 from calibration.diagnosis.pool import Pool, base_candidate
 from calibration.diagnosis.reach import with_reach
 from calibration.diagnosis.recalibrate import (
@@ -129,12 +130,13 @@ def diagnose(
 
 
 def write(outcome: Outcome, folder: str | Path) -> Path:
-  """Write diagnosis.json, report.html and twin.toml (the repaired twin); returns the report's path."""
+  """Write diagnosis.json, report.html with its figures and twin.toml (the repaired twin); returns the report's path."""
   claims = ", ".join(c.mechanism for c in outcome.diagnosis.decision.claims) or "no mechanism added"
   save_twin(
     Path(folder) / "twin.toml", outcome.twin, outcome.after, f"repaired on {outcome.diagnosis.dataset}: {claims}"
   )
-  return write_outputs(folder, outcome.diagnosis)
+  write_document(folder, outcome.diagnosis)
+  return write_report(Path(folder), outcome.diagnosis)
 
 
 def fit_unknowns(pool: Pool, forces: bool = True) -> dict[str, Candidate]:

@@ -1,4 +1,4 @@
-"""What a diagnosis leaves behind: `diagnosis.json`, the report and its figures.
+"""What a diagnosis leaves behind for programs: `diagnosis.json`.
 
 `document` builds the JSON from plain Python types, `faults` checks it against the schema, and
 nothing that fails the check is written.
@@ -60,22 +60,17 @@ class Diagnosis:
   notes: tuple[str, ...] = ()
 
 
-def write_outputs(out_dir: str | os.PathLike[str], diagnosis: Diagnosis) -> Path:
-  """Write diagnosis.json, report.html and the figures; returns the path of the report.
+def write_document(folder: str | os.PathLike[str], diagnosis: Diagnosis) -> Path:
+  """Write diagnosis.json; returns its path.
 
   Raises:
-    ValueError: the document breaks the schema; says where.
+    ValueError: the document breaks the schema; says where, and writes nothing.
   """
-  from calibration.diagnosis.page import write_report  # the page needs this module first
-
-  folder = Path(out_dir)
-  folder.mkdir(parents=True, exist_ok=True)
   content = document(diagnosis)
   found = faults(content)
   if found:
     raise ValueError(f"{FILE} breaks its schema: {'; '.join(found[:5])}")
-  write_json(folder / FILE, content)
-  return write_report(folder, diagnosis)
+  return write_json(Path(folder) / FILE, content)
 
 
 def document(diagnosis: Diagnosis) -> dict[str, Any]:

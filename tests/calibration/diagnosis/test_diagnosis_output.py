@@ -16,8 +16,9 @@ from calibration.diagnosis.output import (
   parameter_shifts,
   unknown_summary,
   unknown_variables,
-  write_outputs,
+  write_document,
 )
+from calibration.diagnosis.page import write_report
 from calibration.diagnosis.ship import ChannelFit
 from calibration.diagnosis.wording import verdict_sentence
 from qcar_twin.mechanisms import catalogue
@@ -64,7 +65,8 @@ def test_the_document_says_what_was_found(explained):
 
 
 def test_files_are_strict_json_and_can_be_read_back(explained, tmp_path):
-  report = write_outputs(tmp_path / "out", explained)
+  write_document(tmp_path / "out", explained)
+  report = write_report(tmp_path / "out", explained)
   text = (tmp_path / "out" / FILE).read_text()
   assert "NaN" not in text and "Infinity" not in text
   assert faults(json.loads(text)) == []
@@ -87,11 +89,11 @@ def test_what_is_not_finite_becomes_null_where_that_is_allowed(explained):
 
 def test_a_broken_document_is_not_written(explained, tmp_path):
   with pytest.raises(ValueError, match=r"diagnosis.json breaks its schema: .seconds"):
-    write_outputs(tmp_path, dataclasses.replace(explained, seconds=float("nan")))
+    write_document(tmp_path, dataclasses.replace(explained, seconds=float("nan")))
   assert not (tmp_path / FILE).exists()
   with pytest.raises(ValueError, match="maybe_so.* is none of no_mismatch"):
     bad = dataclasses.replace(explained.decision, verdict="maybe_so")
-    write_outputs(tmp_path, dataclasses.replace(explained, decision=bad))
+    write_document(tmp_path, dataclasses.replace(explained, decision=bad))
 
 
 @pytest.mark.parametrize(

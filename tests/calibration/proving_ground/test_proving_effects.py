@@ -5,8 +5,8 @@ import pytest
 from comparing import differences, same
 
 from calibration.proving_ground import EFFECTS, Car, ProvingGroundPlant, Spec, make_session, make_sessions
+from calibration.proving_ground.ablation import NOISE
 from calibration.proving_ground.effects.base import Effect, towards
-from calibration.proving_ground.gaps import NOISE
 
 CATALOGUE = """steering_lag steering_delay steering_rate_limit steering_offset steering_gain_error steering_asymmetry steering_nonlinearity
 steering_backlash steering_dead_zone steering_quantisation steering_compliance tyre_relaxation tyre_saturation longitudinal_slip

@@ -10,8 +10,9 @@ import pytest
 from comparing import differences, same
 
 from calibration.proving_ground import Car, Spec, make_session, make_sessions
+from calibration.proving_ground.ablation import ABLATIONS, ablate
 from calibration.proving_ground.designs import DEGREES, DESIGNS, VOLTS, plan
-from calibration.proving_ground.gaps import ABLATIONS, ablate, gaps
+from calibration.proving_ground.gaps import gaps
 from calibration.proving_ground.session import save, stream
 from qcar_twin.dataset import DataSet
 
