@@ -42,7 +42,7 @@ def test_file_round_trip(tmp_path):
   assert entries(file)["lq_ed"]["tuned"]["effort"] == pytest.approx(NUMBERS["lq_ed"]["effort"])
   loaded = load(CAR, 0.5, file)
   assert set(loaded) == {(name, "tuned") for name in FAMILIES}
-  assert not list(tmp_path.glob("*.part"))
+  assert not list(tmp_path.glob(".writing-*"))
 
 
 def test_the_projects_file_holds_a_loose_and_a_tuned_version_of_each_with_their_origin():

@@ -234,7 +234,7 @@ def test_an_archive_gives_back_every_answer_and_keeps_those_that_are_there(tmp_p
   assert unpack(archive, again) == 2 and unpack(archive, again) == 0
   for path in made.iterdir():
     assert json.loads((again / path.name).read_text()) == json.loads(path.read_text())
-  assert not list(tmp_path.rglob("*.part"))
+  assert not list(tmp_path.rglob(".writing-*"))
 
 
 def test_an_answer_that_was_changed_later_is_not_taken_from_an_archive(tmp_path):

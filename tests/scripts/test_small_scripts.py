@@ -67,4 +67,4 @@ def test_benchmark_writes_a_row_for_every_pair(tmp_path, capsys):
   assert len(rows) == len(pairs) == 7 and all(f"| {pair.ratio:.2f} |" in text for pair in pairs)
   assert capsys.readouterr().out.count("(goal") == len(pairs)
   assert ("the library itself" in text) is any(pair.sides[0] == "mujoco.sysid" for pair in pairs)
-  assert not list(tmp_path.glob("*.part"))
+  assert not list(tmp_path.glob(".writing-*"))

@@ -72,7 +72,7 @@ def test_files_are_strict_json_and_can_be_read_back(explained, tmp_path):
   assert faults(json.loads(text)) == []
   assert json.loads(text) == document(explained)
   assert report.name == "report.html" and report.exists()
-  assert not [p for p in (tmp_path / "out").rglob("*") if p.name.startswith(".") or p.suffix == ".part"]
+  assert not [p for p in (tmp_path / "out").rglob("*") if p.name.startswith(".")]
 
 
 def test_what_is_not_finite_becomes_null_where_that_is_allowed(explained):

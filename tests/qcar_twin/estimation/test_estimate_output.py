@@ -59,4 +59,4 @@ def test_figures_are_images_with_something_in_them(tmp_path):
   for name in ("states", "errors"):
     image = matplotlib.image.imread(tmp_path / f"{name}.png")
     assert image.shape[0] > 200 and image[..., :3].std() > 0.02
-  assert not list(tmp_path.glob("*.part*"))
+  assert not list(tmp_path.glob(".writing-*"))
