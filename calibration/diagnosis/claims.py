@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -54,7 +55,7 @@ def claim(pool: Pool, best: Candidate, name: str, thresholds: Thresholds) -> Cla
   """
   without = pool.models[frozenset(best.mechanisms) - {name}]
   held_out = compare(best, without, pool.problem.observations)
-  rivals, serious, equivalent = [], [0.0], []
+  rivals, serious, equivalent = [], {}, []
   for key, model in pool.models.items():
     other = key - set(without.mechanisms)
     if len(key) == len(best.mechanisms) and set(without.mechanisms) < key and len(other) == 1 and name not in other:
@@ -62,16 +63,15 @@ def claim(pool: Pool, best: Candidate, name: str, thresholds: Thresholds) -> Cla
       rivals.append((rival, without.cost - model.cost))
       # one that would not be claimed itself (it frees priors and predicts worse) is no rival
       if significant(compare(model, without, pool.problem.observations), thresholds):
-        serious.append(without.cost - model.cost)
+        serious[rival] = without.cost - model.cost
       gap = compare(best, model, pool.problem.observations)
       if gap.t < thresholds.equivalent or gap.gain < 0.03 * held_out.gain:
         equivalent.append(rival)
   rivals.sort(key=lambda r: -r[1])
-  gain = without.cost - best.cost
-  margin = gain - max(serious)
+  probability = _against_rivals(held_out, without.cost - best.cost, serious, equivalent)
   return Claim(
     mechanism=name,
-    probability=_probability(held_out, margin) * (_AT_BOUND if stretched(pool, best, name) else 1.0),
+    probability=probability * (_AT_BOUND if stretched(pool, best, name) else 1.0),
     evidence_nats=evidence(best, without, pool.problem.observations),
     held_out=held_out,
     parameters=_estimates(pool, name, best),
@@ -79,6 +79,19 @@ def claim(pool: Pool, best: Candidate, name: str, thresholds: Thresholds) -> Cla
     equivalent_to=tuple(equivalent),
     certain=True,
   )
+
+
+def _against_rivals(
+  held_out: Comparison, gain: float, serious: Mapping[str, float], equivalent: Collection[str]
+) -> float:
+  """Probability of a name by its margin over the next serious rival, in nats; or its share, where several can't be told apart.
+
+  That several names fit does not make it less likely that something is there: each has its part of what all have.
+  """
+  others = [nats for name, nats in serious.items() if name not in equivalent]
+  equals = 1 + sum(name in equivalent for name in serious)
+  alone = _probability(held_out, gain - max(serious.values(), default=0.0))
+  return max(alone, _probability(held_out, gain - max(others, default=0.0)) / equals)
 
 
 def _probability(held_out: Comparison, margin: float) -> float:

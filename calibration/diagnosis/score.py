@@ -29,6 +29,7 @@ class Comparison:
     blocks: uncapped gain per block, (B,).
     before: held-out half sum of squares of the smaller model, nats.
     priors: nats by which the larger model's parameters lie closer to what was measured of the car.
+    added: free parameters the larger model has more.
     total: the gain with a hundred times wider cap: how much there is to explain at all.
   """
 
@@ -38,6 +39,7 @@ class Comparison:
   blocks: Array
   before: float
   priors: float = 0.0
+  added: int = 1
 
   @property
   def relative(self) -> float:
@@ -118,7 +120,8 @@ def compare(larger: Candidate, smaller: Candidate, observations: Observations) -
   share = np.clip(-(pull.sum() - pull) / rest, 0.0, 2.0)
   moved += share[group] * step
   found = compared(moved, smaller.residual, observations.block)
-  return dataclasses.replace(found, priors=prior_part(smaller) - prior_part(larger))
+  added = len(larger.free) - len(smaller.free)
+  return dataclasses.replace(found, priors=prior_part(smaller) - prior_part(larger), added=added)
 
 
 def compare_freely(larger: Candidate, smaller: Candidate, observations: Observations) -> Comparison:

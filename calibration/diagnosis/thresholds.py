@@ -16,11 +16,14 @@ class Thresholds:
   """What a claim needs; set by hand on about sixty development sessions of the proving ground.
 
   What sessions without any effect reach is listed on a campaign's page: apart from what recalibration is allowed to
-  absorb (TOLERANCES), mechanisms of material size stayed below t = 2.2 and 42 nats on 20 of them.
+  absorb (TOLERANCES), mechanisms of material size stayed below t = 2.6 and 46 nats on 50 of them.
 
   Attributes:
     t: held-out gain over its standard error.
+    sure: such a gain is not chance: a name with it is not dropped for being `worse` on few recordings, and where none of
+      several reaches `probability` the verdict is not "no mismatch".
     nats: held-out gain.
+    shape: nats more for every parameter but the first: a change of grip at any time, by any amount, finds one that fits.
     many, t_many: more nats than chance brings will do with a smaller t: an effect that acts now and then scatters.
     much, t_much: with a share of all that is missed that chance never explains (0.03), the same with a smaller t still:
       a formula that is wrong in shape makes some blocks worse, and what it brings the others is capped.
@@ -36,14 +39,17 @@ class Thresholds:
     trace, plain: a smaller share will do, but at least `trace`, for a mechanism of at least `plain` typical sizes.
     probability: a name less likely right than this is not claimed.
     worse: a set of names by which recordings that only judge are predicted worse by this factor is cut down, but
-      for those that explain `much`.
+      for those that explain `much` or are `sure`.
     spoiled: a set of names by which one channel of theirs gets worse by this factor is cut down without exception. A drag
       that only turns feel, which was named for a drag on the drive, made 1.8 of one; a right motor_heating 1.4.
     equivalent: a rival within so many standard errors of the claim can't be told apart.
+    close: share of what the best fit explains within which an equivalent one may go first.
   """
 
-  t: float = 2.4
+  t: float = 2.6
+  sure: float = 3.0
   nats: float = 20.0
+  shape: float = 2.0
   many: float = 45.0
   t_many: float = 1.8
   much: float = 0.1
@@ -60,6 +66,7 @@ class Thresholds:
   worse: float = 1.01
   spoiled: float = 1.6
   equivalent: float = 1.0
+  close: float = 0.05
 
   def beside_others(self) -> "Thresholds":
     """What a mechanism beside others needs."""
@@ -78,9 +85,10 @@ def significant(test: Comparison, thresholds: Thresholds) -> bool:
 
 def strength(test: Comparison, thresholds: Thresholds) -> float:
   """Held-out evidence in units of what a claim needs."""
-  usual = min(test.t / thresholds.t, test.gain / thresholds.nats)
+  gain = test.gain - thresholds.shape * max(test.added - 1, 0)
+  usual = min(test.t / thresholds.t, gain / thresholds.nats)
   enough = max(test.t / thresholds.t_many, min(test.t / thresholds.t_much, test.relative / thresholds.much))
-  return max(usual, min(enough, test.gain / thresholds.many))
+  return max(usual, min(enough, gain / thresholds.many))
 
 
 def material(pool: Pool, model: Candidate, name: str, share: float) -> bool:
