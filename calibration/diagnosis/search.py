@@ -117,26 +117,35 @@ def _nominate_singles(problem: Problem, signatures: dict[str, Signature], count:
 
 
 def _nominate_pairs(pool: Pool, count: int) -> list[frozenset[str]]:
-  """Partners of the best singles by what their signature explains of the single's residual."""
-  singles = sorted(pool.of_size(1), key=lambda m: m.cost)[:6]
-  gains: dict[frozenset[str], float] = {}
-  for model in singles:
-    for name, gain in _explains(pool, model).items():
-      key = frozenset([*model.mechanisms, name])
-      if gain > _WORTH_A_PAIR:
-        gains[key] = max(gains.get(key, -np.inf), gain - (model.cost - pool.base.cost))
-  return sorted((k for k in gains if k not in pool.models), key=lambda k: -gains[k])[:count]
+  """Partners of the best singles by what their signature explains of the single's residual, and those that bend."""
+  return list(dict.fromkeys([*_nominate_larger(pool, 1, 6)[:count], *_bending_partners(pool)]))
 
 
 def _nominate_triples(pool: Pool, count: int) -> list[frozenset[str]]:
-  pairs = sorted(pool.of_size(2), key=lambda m: m.cost)[:3]
+  return _nominate_larger(pool, 2, 3)[:count]
+
+
+def _nominate_larger(pool: Pool, size: int, parents: int) -> list[frozenset[str]]:
+  """Sets one larger than the best of a size that promise enough and are not in the pool, best first."""
   gains: dict[frozenset[str], float] = {}
-  for model in pairs:
+  for model in sorted(pool.of_size(size), key=lambda m: m.cost)[:parents]:
     for name, gain in _explains(pool, model).items():
       key = frozenset([*model.mechanisms, name])
-      if gain > _WORTH_A_PAIR:
+      if gain > _WORTH_A_PAIR and key not in pool.models:
         gains[key] = max(gains.get(key, -np.inf), gain - (model.cost - pool.base.cost))
-  return sorted(gains, key=lambda k: -gains[k])[:count]
+  return sorted(gains, key=lambda k: -gains[k])
+
+
+def _bending_partners(pool: Pool) -> list[frozenset[str]]:
+  """The best single, where it stands beyond doubt, with each mechanism of which a scan's straight line tells little.
+
+  A centre of gravity 14 mm off the middle promised 8 nats beside an error of the steering, and was worth 540.
+  """
+  best = pool.best(pool.of_size(1))
+  if best is pool.base or not _beyond_doubt(pool, best, pool.base):
+    return []
+  bending = (n for n, s in pool.signatures.items() if s.testable and pool.problem.mechanism(n).bends)
+  return [frozenset([*best.mechanisms, name]) for name in bending if name not in best.mechanisms]
 
 
 def _explains(pool: Pool, model: Candidate) -> dict[str, float]:
@@ -291,5 +300,9 @@ def _worth_growing(pool: Pool) -> bool:
   pairs = pool.of_size(2)
   if not pairs:
     return False
-  gain = compare(pool.best(pairs), pool.best(pool.of_size(1)), pool.problem.observations)
+  return _beyond_doubt(pool, pool.best(pairs), pool.best(pool.of_size(1)))
+
+
+def _beyond_doubt(pool: Pool, larger: Candidate, smaller: Candidate) -> bool:
+  gain = compare(larger, smaller, pool.problem.observations)
   return gain.gain > 10.0 and gain.t > 2.0

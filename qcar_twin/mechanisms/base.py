@@ -142,8 +142,8 @@ class Mechanism:
     symmetric: True if mirrored commands give mirrored motion under it.
     varies: True if `write_model` must run every control period instead of once.
     signed: True if negative sizes are meaningful.
-    bends: True if its answer is far from proportional to its size (delays, changes of grip), so that a scan at
-      one size tells little of another and a search should refit it whatever the scan says.
+    bends: True if its answer is far from proportional to its size (delays, changes of grip, a centre of gravity off the
+      middle), so that a scan at one size tells little of another and a search should refit it whatever the scan says.
   """
 
   name: ClassVar[str]

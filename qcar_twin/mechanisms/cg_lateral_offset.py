@@ -18,6 +18,7 @@ class CgLateralOffset(Mechanism):
   stage = "contact"
   symmetric = False
   signed = True
+  bends = True  # tyres and axles move far to make up for it, and a straight line from there leads elsewhere
   parameters = (
     Parameter("cg_lateral_offset", 0.0, -0.06, 0.06, "m", "e", null=0.0, typical=0.014, description="to the left"),
   )

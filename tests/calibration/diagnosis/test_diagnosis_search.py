@@ -12,7 +12,7 @@ from calibration.diagnosis.pool import base_candidate
 from calibration.diagnosis.recalibrate import recalibrate_from
 from calibration.diagnosis.returning import bring_along, go_on, try_smaller
 from calibration.diagnosis.scan import scan
-from calibration.diagnosis.search import Effort, _explains, _without_trifles, insist, search
+from calibration.diagnosis.search import Effort, _explains, _nominate_pairs, _without_trifles, insist, search
 
 
 def astray(pool, by):
@@ -165,3 +165,18 @@ def test_a_set_that_lost_much_with_a_trifle_is_fitted_from_where_the_trifle_led(
   pool.models[frozenset(pair.mechanisms)] = pair
   _without_trifles(pool)
   assert pool.models[key].cost == pytest.approx(exact.cost, rel=1e-3)
+
+
+def test_beside_a_name_beyond_doubt_what_bends_is_tried_whatever_the_scan_promised(
+  offset_pool, clean_pool, monkeypatch
+):
+  monkeypatch.setattr(type(offset_pool.problem.mechanism("quadratic_drag")), "bends", True)
+  found, bending = _nominate_pairs(offset_pool, 0), frozenset(["quadratic_drag", "steering_offset"])
+  assert found == [bending]
+  silent = {n: dataclasses.replace(s, gain=0.0) for n, s in offset_pool.signatures.items()}
+  assert bending in _nominate_pairs(dataclasses.replace(offset_pool, signatures=silent), 5)
+  assert len(set(found := _nominate_pairs(offset_pool, 50))) == len(found)
+  # nothing is beyond doubt where there is no effect, and an untestable one is never tried
+  assert _nominate_pairs(clean_pool, 0) == []
+  blind = {n: dataclasses.replace(s, shown=0.0) for n, s in offset_pool.signatures.items()}
+  assert _nominate_pairs(dataclasses.replace(offset_pool, signatures=blind), 5) == []
