@@ -16,6 +16,8 @@ from qcar_twin.parameters import ParameterSet
 # of a value, by which a formula right in kind but not in every detail misses: a standard deviation, from a median error
 # of 0.128 over the right names of campaign 1414213 (0.128 / 0.6745), whose 90 % intervals with 0.12 held 65 %
 _FORM = 0.19
+# radius, in the usual deviations, of a disc that biases half as large on average leave as seldom as the square about it
+_ROUND = 1.1
 _AT_BOUND = 0.4  # what is left of a probability whose mechanism was stretched as far as it may: too little for a claim
 
 
@@ -132,13 +134,14 @@ def bias_claims(pool: Pool, best: Candidate, thresholds: Thresholds) -> list[Cla
 
 
 def _beyond_usual(model: Candidate, names: list[str]) -> bool:
-  """Whether one of the biases exceeds the standard deviation that every such sensor is believed to have.
+  """Whether the biases together exceed the standard deviation that every such sensor is believed to have.
 
   Not that of its prior: where the gyro was read at rest, this says how well its bias is known and not how usual it is.
+  Together, since a bias of 0.2 m/s^2 halfway between two axes is no smaller than one along either.
   """
   usual = {n: SENSOR_BIASES.get(n, model.free[n].std) for n in names}
-  known = {n: s for n, s in usual.items() if s is not None}
-  return not known or any(abs(model.estimate(n)[0] - (model.free[n].null or 0.0)) > s for n, s in known.items())
+  sizes = [(model.estimate(n)[0] - (model.free[n].null or 0.0)) / s for n, s in usual.items() if s is not None]
+  return not sizes or float(np.linalg.norm(sizes)) > (1.0 if len(sizes) == 1 else _ROUND)
 
 
 def _at_null(model: Candidate, names: list[str]) -> Candidate:

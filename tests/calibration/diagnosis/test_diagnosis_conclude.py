@@ -2,12 +2,13 @@
 
 import copy
 import dataclasses
+from types import SimpleNamespace
 
 import diagnosis_rig as rig
 import numpy as np
 import pytest
 
-from calibration.diagnosis.claims import bias_claims, claim
+from calibration.diagnosis.claims import _beyond_usual, bias_claims, claim
 from calibration.diagnosis.conclude import Doubt, conclude, heeded, left_over, notable
 from calibration.diagnosis.decide import decide
 from calibration.diagnosis.detect import Detection, Detector
@@ -19,7 +20,7 @@ from calibration.diagnosis.score import compare
 from calibration.diagnosis.thresholds import Thresholds, stretched
 from calibration.diagnosis.unknown import unknown_sensors
 from calibration.diagnosis.wording import verdict_sentence
-from qcar_twin.parameters import ParameterSet
+from qcar_twin.parameters import Parameter, ParameterSet
 
 
 def over(pool, model):
@@ -194,6 +195,23 @@ def test_a_bias_is_claimed_beyond_what_every_sensor_has(monkeypatch):
   for usual, claims in ((0.02, ["gyro_bias"]), (0.3, [])):
     monkeypatch.setitem(SENSOR_BIASES, "gyro_bias", usual)
     assert [c.mechanism for c in bias_claims(pool, base, Thresholds())] == claims
+
+
+def test_how_usual_a_bias_is_does_not_depend_on_its_direction():
+  """The disc is left as seldom as the square of one standard deviation by biases half as large on average."""
+  free = ParameterSet(Parameter(f"accel_bias_{axis}", 0.0, -1.0, 1.0, "m/s^2", null=0.0) for axis in "xy")
+  usual = SENSOR_BIASES["accel_bias_x"]
+
+  def beyond(x, y):
+    model = SimpleNamespace(free=free, estimate=lambda name: ({"accel_bias_x": x, "accel_bias_y": y}[name], 0.01))
+    return _beyond_usual(model, ["accel_bias_x", "accel_bias_y"])
+
+  for angle in np.linspace(0.0, 2.0 * np.pi, 9):
+    assert beyond(1.15 * usual * np.cos(angle), 1.15 * usual * np.sin(angle))
+    assert not beyond(1.05 * usual * np.cos(angle), 1.05 * usual * np.sin(angle))
+  draws = 0.5 * np.random.default_rng(0).standard_normal((200_000, 2))
+  square, disc = np.mean(np.abs(draws).max(axis=1) > 1.0), np.mean(np.linalg.norm(draws, axis=1) > 1.1)
+  assert disc == pytest.approx(square, rel=0.03)
 
 
 def test_a_second_name_needs_more_than_a_first(pair_pool):
