@@ -5,7 +5,6 @@ Every run is `closed_loop.drive` with sensors and federated filter, the same for
 
 import dataclasses
 import itertools
-import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -28,7 +27,7 @@ from qcar_twin.estimation.observer import SensedObserver, TrueObserver
 from qcar_twin.paths import path_named
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import qcar_sensors
-from qcar_twin.whole_file import write_text
+from qcar_twin.whole_file import write_json, write_text
 
 Array = NDArray[np.float64]
 PlantMaker = Callable[[str], tuple[Plant, Array]]
@@ -212,7 +211,7 @@ def write_evaluation(folder: Path, rows: Sequence[Row], group: Callable[[str], s
   table = summary(rows, group)
   text = in_words(table)
   content = {"summary": table, "runs": [row.as_json() for row in rows]}
-  write_text(folder / "evaluation.json", json.dumps(content, indent=1) + "\n")
+  write_json(folder / "evaluation.json", content)
   write_text(folder / "evaluation.txt", text + "\n")
   for number, circumstances in enumerate(dict.fromkeys(e["circumstances"] for e in table)):
     bars: dict[str, dict[str, tuple[float, float, float]]] = {}

@@ -1,7 +1,6 @@
 """What a tracking run leaves behind: kpis.json, traces.csv, figures."""
 
 import dataclasses
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from agents import figures
 from agents.closed_loop import Drive
 from agents.kpis import Kpis
 from qcar_twin.plant import COMMANDS, SIGNALS
-from qcar_twin.whole_file import write_text
+from qcar_twin.whole_file import write_json, write_text
 
 
 def write_drive(folder: Path, label: str, drive: Drive, indicators: Kpis, config: Mapping[str, object]) -> str:
@@ -26,9 +25,8 @@ def write_drive(folder: Path, label: str, drive: Drive, indicators: Kpis, config
   figures.trace_figure(drive, folder / "traces.png")
   if drive.path.lanes:
     figures.lane_change_figure({label: drive}, folder / "lane_change.png")
-  rows = {f.name: np.asarray(getattr(indicators, f.name)).tolist() for f in dataclasses.fields(indicators)}
-  finite = {name: [x if np.isfinite(x) else None for x in values] for name, values in rows.items()}
-  write_text(folder / "kpis.json", json.dumps({"config": dict(config), "kpis": finite}, indent=1, default=str) + "\n")
+  rows = {f.name: np.asarray(getattr(indicators, f.name)) for f in dataclasses.fields(indicators)}
+  write_json(folder / "kpis.json", {"config": config, "kpis": rows})
   write_traces(folder / "traces.csv", drive)
   return indicator_line(label, drive, indicators)
 

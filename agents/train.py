@@ -31,7 +31,7 @@ from qcar_twin.envs.task import Reward
 from qcar_twin.envs.vector_env import FleetVecEnv
 from qcar_twin.estimation.observer import SensedObserver, TrueObserver
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
-from qcar_twin.whole_file import whole_file, write_text
+from qcar_twin.whole_file import whole_file, write_json, write_text
 
 EPISODE_COLUMNS = ("episode", "steps", "length", "return", "rmse", "finished", "seconds")
 EVALUATION_COLUMNS = ("episode", "rmse", "me", "iaca", "finished", "seconds")
@@ -291,5 +291,5 @@ def _finish(agent: Agent, plan: Plan, folder: Path, progress: Progress) -> dict[
     "onnx_difference": difference,
     "resumed": progress.resumed,
   }
-  write_text(folder / "result.json", json.dumps(result, indent=1) + "\n")
+  write_json(folder / "result.json", result)
   return result

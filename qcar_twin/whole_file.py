@@ -40,7 +40,7 @@ def write_json(path: str | os.PathLike[str], data: Any) -> Path:
 
 
 def plain(value: Any) -> Any:
-  """Nested data as JSON has them: numpy's scalars and arrays converted, what is not finite turned into None."""
+  """Nested data as JSON has them: numpy's scalars and arrays converted, paths as text, what is not finite turned into None."""
   if isinstance(value, Mapping):
     return {str(key): plain(item) for key, item in value.items()}
   if isinstance(value, (list, tuple, np.ndarray)):
@@ -51,4 +51,4 @@ def plain(value: Any) -> Any:
     return int(value)
   if isinstance(value, (float, np.floating)):
     return float(value) if math.isfinite(value) else None
-  return value
+  return os.fspath(value) if isinstance(value, os.PathLike) else value

@@ -4,14 +4,13 @@ python scripts/benchmark_learning.py --out out/study/timings.json
 """
 
 import dataclasses
-import json
 from pathlib import Path
 
 import torch
 import tyro
 
 from agents.timing import gradient_steps_per_second, raw_gradient_steps_per_second, steps_per_second, training_shares
-from qcar_twin.whole_file import write_text
+from qcar_twin.whole_file import write_json
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +52,7 @@ def main(config: Config) -> list[str]:
     f"gradient steps per CPU second at batch 64: {ours:.0f} here, {raw:.0f} with stable-baselines3's own DDPG of 200 x 200"
   )
   config.out.parent.mkdir(parents=True, exist_ok=True)
-  write_text(config.out, json.dumps(found, indent=1) + "\n")
+  write_json(config.out, found)
   print("\n".join(found))
   return found
 

@@ -1,7 +1,6 @@
 """Run the federated filter over the recordings of a data set: estimates with standard deviations, figures."""
 
 import dataclasses
-import json
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from qcar_twin.estimation.output import write_estimates
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.sensors.noise import standstill_noise
 from qcar_twin.vehicle import Vehicle
-from qcar_twin.whole_file import write_text
+from qcar_twin.whole_file import write_json
 
 ONBOARD = ("motor_speed", "speed", "accel_x", "accel_y", "yaw_rate")
 
@@ -92,7 +91,7 @@ def main(config: Config) -> None:
     estimates = filter_recording(recording, bicycle.car(theta), settings, lateness)
     summary[recording.name] = write_estimates(config.out, recording, estimates, radius)
     print(f"{recording.name}: valid {100.0 * estimates.valid.mean():.1f} % of {recording.duration:.1f} s")
-  write_text(config.out / "summary.json", json.dumps(summary, indent=1) + "\n")
+  write_json(config.out / "summary.json", summary)
 
 
 if __name__ == "__main__":

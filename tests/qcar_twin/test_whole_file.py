@@ -1,6 +1,7 @@
 """A file is there as a whole, or what was there before is."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -47,7 +48,7 @@ def test_the_folder_is_made_and_the_file_has_ordinary_rights(tmp_path):
 
 
 def test_json_of_numpy_and_of_what_is_not_finite(tmp_path):
-  data = {"a": np.array([[1.5, np.nan]]), 2: (np.int64(3), np.bool_(True), float("inf")), "c": None, "d": "µ"}
+  data = {"a": np.array([[1.5, np.nan]]), 2: (np.int64(3), np.bool_(True), float("inf")), "c": None, "d": Path("µ")}
   assert json.loads(write_json(tmp_path / "a.json", data).read_text("utf-8")) == {
     "a": [[1.5, None]],
     "2": [3, True, None],
