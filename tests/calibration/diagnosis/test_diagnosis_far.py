@@ -62,3 +62,18 @@ def test_the_likely_are_tried_where_a_measured_parameter_was_bent(offset_pool):
   (model,) = far_models(offset_pool.problem, moved(base, "mass", 4.0), rig.BASE, [], ["steering_offset"])
   exact = offset_pool.models[frozenset(["steering_offset"])]
   assert model.mechanisms == ("steering_offset",) and model.cost == pytest.approx(exact.cost, rel=1e-6)
+
+
+def test_everything_considered_is_tried_where_a_measured_parameter_was_bent(offset_pool):
+  """However little the scan saw of it from the bent twin; what takes many starts must be likely to be tried."""
+  base = moved(offset_pool.base, "mass", 4.0 - unmoved(offset_pool.base, "mass"))
+  (model,) = far_models(offset_pool.problem, base, rig.BASE, ["steering_offset"])
+  exact = offset_pool.models[frozenset(["steering_offset"])]
+  assert model.mechanisms == ("steering_offset",) and model.cost == pytest.approx(exact.cost, rel=1e-6)
+
+
+def test_of_what_takes_many_starts_only_the_likely_are_tried(offset_pool, monkeypatch):
+  base = moved(offset_pool.base, "mass", 4.0 - unmoved(offset_pool.base, "mass"))
+  monkeypatch.setattr(type(offset_pool.problem.mechanism("steering_offset")), "starts", lambda self: ({}, {}))
+  assert far_models(offset_pool.problem, base, rig.BASE, ["steering_offset"]) == []
+  assert len(far_models(offset_pool.problem, base, rig.BASE, ["steering_offset"], ["steering_offset"])) == 1
