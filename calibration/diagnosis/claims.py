@@ -67,7 +67,9 @@ def claim(pool: Pool, best: Candidate, name: str, thresholds: Thresholds) -> Cla
       if significant(compare(model, without, pool.problem.observations), thresholds):
         serious[rival] = without.cost - model.cost
       gap = compare(best, model, pool.problem.observations)
-      if gap.t < thresholds.equivalent or gap.gain < 0.03 * held_out.gain:
+      # one that leaves what was measured as bent as it was is another matter, however alike they predict
+      alike = gap.t < thresholds.equivalent or gap.gain < 0.03 * held_out.gain
+      if alike and gap.priors < thresholds.priors:
         equivalent.append(rival)
   rivals.sort(key=lambda r: -r[1])
   probability = _against_rivals(held_out, without.cost - best.cost, serious, equivalent)

@@ -289,6 +289,17 @@ def test_names_that_fit_equally_well_share_the_probability(offset_pool):
   assert tied.verdict == "explained"
 
 
+def test_a_rival_that_leaves_bent_what_the_claim_frees_can_be_told_apart(offset_pool):
+  pool = twins_of(offset_pool, "steering_offset", ["side_force"])
+  claimed, rival = (pool.models[frozenset([n])] for n in ("steering_offset", "side_force"))
+  bent = dataclasses.replace(rival, values=rival.values.copy())
+  bent.values[bent.free.index("mass")] += 12.0 * rig.BASE["mass"].std  # 72 nats
+  pool.models[frozenset(["side_force"])] = bent
+  assert compare(claimed, bent, pool.problem.observations).t == 0.0
+  assert claim(pool, claimed, "steering_offset", Thresholds()).equivalent_to == ()
+  assert claim(pool, claimed, "steering_offset", Thresholds(priors=80.0)).equivalent_to == ("side_force",)
+
+
 def test_what_acts_beyond_doubt_under_names_too_many_to_claim_is_unexplained(offset_pool):
   pool = twins_of(offset_pool, "steering_offset", ["side_force"])
   needed = Thresholds(probability=0.7)
