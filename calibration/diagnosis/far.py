@@ -28,7 +28,7 @@ _DRIVE = ("torque_per_volt", "motor_damping", "driveline_friction", "rotor_inert
 _BENT = 2.0  # prior standard deviations beyond which a parameter is put back
 _WORTH = 30.0  # nats a trial must bring to the twin it is tried on
 _RIVALS = 3.0  # and how far above the recalibrated twin's cost it may lie
-_MOST = 3  # mechanisms that are fitted
+_MOST, _AT_MOST = 2, 4  # mechanisms that are fitted, and if more of them begin below the recalibrated twin
 _STEPS = 5
 
 
@@ -55,7 +55,7 @@ def far_models(
   delays = [name for name in FAR if name in considered]
   places = [_Place(priors.named(priors.nominal), _trials(problem, delays, _LARGE))]
   back, here, first = unbent(base, priors), base.free.named(base.values), dict.fromkeys([*delays, *likely])
-  # of a shape that takes many starts all can't be tried, and those that have one are refitted anyway
+  # a patch of floor anywhere, a change of grip at any time: too many starts to try them all where nothing speaks for them
   others = [n for n in considered if n not in first and len(problem.mechanism(n).starts()) == 1]
   for driving in (False, True):
     values = {name: value for name, value in back.items() if (name in _DRIVE) == driving}
@@ -67,7 +67,9 @@ def far_models(
   for place in places:
     for cost, name, start in _worthwhile(problem, base, place):
       best[name] = min(best.get(name, (np.inf, {})), (cost, dict(place.values) | start), key=lambda t: t[0])
-  chosen = sorted(best, key=lambda name: best[name][0])[:_MOST]
+  order = sorted(best, key=lambda name: best[name][0])
+  below = half_square(base.residual[: base.fitted]) - _WORTH
+  chosen = [name for i, name in enumerate(order) if i < _MOST or best[name][0] < below][:_AT_MOST]
   made = [candidate(problem, (name,), None, priors, best[name][1]) for name in chosen]
   simulate(problem, made)
   refine(problem, made, 1, full=True)

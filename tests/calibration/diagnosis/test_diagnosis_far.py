@@ -77,3 +77,12 @@ def test_of_what_takes_many_starts_only_the_likely_are_tried(offset_pool, monkey
   monkeypatch.setattr(type(offset_pool.problem.mechanism("steering_offset")), "starts", lambda self: ({}, {}))
   assert far_models(offset_pool.problem, base, rig.BASE, ["steering_offset"]) == []
   assert len(far_models(offset_pool.problem, base, rig.BASE, ["steering_offset"], ["steering_offset"])) == 1
+
+
+def test_beyond_the_best_two_only_what_begins_below_the_recalibrated_twin_is_fitted(offset_pool, monkeypatch):
+  base = moved(offset_pool.base, "mass", 4.0 - unmoved(offset_pool.base, "mass"))
+  monkeypatch.setattr(far, "_MOST", 0)
+  (model,) = far_models(offset_pool.problem, base, rig.BASE, ["steering_offset", "side_force"])
+  assert model.mechanisms == ("steering_offset",)
+  sunk = dataclasses.replace(base, residual=0.1 * base.residual)
+  assert far_models(offset_pool.problem, sunk, rig.BASE, ["steering_offset", "side_force"]) == []
