@@ -11,7 +11,7 @@ fitted, and 816 at its true size afterwards.)
 """
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ _DRIVE = ("torque_per_volt", "motor_damping", "driveline_friction", "rotor_inert
 _BENT = 2.0  # prior standard deviations beyond which a parameter is put back
 _WORTH = 30.0  # nats a trial must bring to the twin it is tried on
 _RIVALS = 3.0  # and how far above the recalibrated twin's cost it may lie
-_MOST, _AT_MOST = 2, 4  # mechanisms that are fitted, and if more of them begin below the recalibrated twin
+_MOST = 2  # mechanisms that are fitted
 _STEPS = 5
 
 
@@ -65,11 +65,9 @@ def far_models(
       places.append(_Place(here | values, trials))
   best: dict[str, tuple[float, dict[str, float]]] = {}
   for place in places:
-    for cost, name, start in _worthwhile(problem, base, place):
+    for cost, name, start in _worthwhile(problem, base, place, first):
       best[name] = min(best.get(name, (np.inf, {})), (cost, dict(place.values) | start), key=lambda t: t[0])
-  order = sorted(best, key=lambda name: best[name][0])
-  below = half_square(base.residual[: base.fitted]) - _WORTH
-  chosen = [name for i, name in enumerate(order) if i < _MOST or best[name][0] < below][:_AT_MOST]
+  chosen = sorted(best, key=lambda name: best[name][0])[:_MOST]
   made = [candidate(problem, (name,), None, priors, best[name][1]) for name in chosen]
   simulate(problem, made)
   refine(problem, made, 1, full=True)
@@ -92,8 +90,13 @@ def _trials(problem: Problem, names: Iterable[str], sizes: tuple[float, ...]) ->
   return found
 
 
-def _worthwhile(problem: Problem, base: Candidate, place: _Place) -> list[tuple[float, str, dict[str, float]]]:
-  """Half the sum of squares, mechanism and values of the trials that are worth fitting."""
+def _worthwhile(
+  problem: Problem, base: Candidate, place: _Place, first: Collection[str]
+) -> list[tuple[float, str, dict[str, float]]]:
+  """Half the sum of squares, mechanism and values of the trials that are worth fitting.
+
+  Of an unbent twin much makes up for something. What nothing speaks for but that must begin below the bent one.
+  """
   if not place.trials:
     return []
   begin: NDArray[np.float64] = problem.embed(list(place.values), np.array(list(place.values.values())), base.theta)[0]
@@ -101,6 +104,10 @@ def _worthwhile(problem: Problem, base: Candidate, place: _Place) -> list[tuple[
   for row, (_, start) in zip(thetas[1:], place.trials, strict=True):
     for parameter, value in start.items():
       row[problem.parameters.index(parameter)] = value
-  first, *costs = (half_square(r[: problem.fitted]) for r in problem.residual(thetas))
-  limit = min(first - _WORTH, _RIVALS * base.cost)
-  return [(c, name, start) for c, (name, start) in zip(costs, place.trials, strict=True) if c < limit]
+  alone, *costs = (half_square(r[: problem.fitted]) for r in problem.residual(thetas))
+  limit, below = min(alone - _WORTH, _RIVALS * base.cost), half_square(base.residual[: base.fitted]) - _WORTH
+  return [
+    (c, name, start)
+    for c, (name, start) in zip(costs, place.trials, strict=True)
+    if c < (limit if name in first else min(limit, below))
+  ]

@@ -3,6 +3,7 @@
 import dataclasses
 
 import diagnosis_rig as rig
+import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
@@ -79,10 +80,10 @@ def test_of_what_takes_many_starts_only_the_likely_are_tried(offset_pool, monkey
   assert len(far_models(offset_pool.problem, base, rig.BASE, ["steering_offset"], ["steering_offset"])) == 1
 
 
-def test_beyond_the_best_two_only_what_begins_below_the_recalibrated_twin_is_fitted(offset_pool, monkeypatch):
+def test_what_nothing_speaks_for_must_begin_below_the_recalibrated_twin(offset_pool):
   base = moved(offset_pool.base, "mass", 4.0 - unmoved(offset_pool.base, "mass"))
-  monkeypatch.setattr(far, "_MOST", 0)
-  (model,) = far_models(offset_pool.problem, base, rig.BASE, ["steering_offset", "side_force"])
-  assert model.mechanisms == ("steering_offset",)
-  sunk = dataclasses.replace(base, residual=0.1 * base.residual)
-  assert far_models(offset_pool.problem, sunk, rig.BASE, ["steering_offset", "side_force"]) == []
+  exact, fitted = offset_pool.models[frozenset(["steering_offset"])], base.fitted
+  lower = np.sqrt(0.7) * np.linalg.norm(exact.residual[:fitted]) / np.linalg.norm(base.residual[:fitted])
+  sunk = dataclasses.replace(base, residual=lower * base.residual)
+  assert far_models(offset_pool.problem, sunk, rig.BASE, ["steering_offset"]) == []
+  assert len(far_models(offset_pool.problem, sunk, rig.BASE, ["steering_offset"], ["steering_offset"])) == 1
