@@ -101,7 +101,8 @@ def _against_rivals(
 def _probability(held_out: Comparison, margin: float) -> float:
   """Probability that the name is right, from the margin over the next rival and the held-out t.
 
-  A logistic in log margin and t with plausible numbers. It is not calibrated yet: that takes a campaign.
+  A logistic in log margin and t with numbers set by hand before any campaign and not fitted since. In the 88 cases of
+  campaign 4669201 claims of 0.8 or more were right in 37 of 37, those below (halved where the verdict is partly) in 6 of 11.
   """
   score = -1.2 + 0.75 * math.log1p(max(margin, 0.0) / 3.0) + 0.25 * (min(held_out.t, 8.0) - 3.0)
   return float(np.clip(1.0 / (1.0 + math.exp(-score)), 0.02, 0.99))
