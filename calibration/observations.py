@@ -90,6 +90,32 @@ class Observations:
   def select(self, channel: str) -> NDArray[np.bool_]:
     return self.channel == CHANNELS.index(channel)
 
+  def split(self, count: int) -> tuple["Observations", "Observations"]:
+    """The first `count` values and the others, each with the stretches it takes to predict them.
+
+    Raises:
+      ValueError: a stretch holds values of both.
+    """
+    segments, stretch = self.stretches.segments, self._point // (self.stretches.segments.commands.shape[1] + 1)
+    first = int(stretch[count]) if count < len(self) else len(segments)
+    if np.any(stretch[:count] >= first) or np.any(stretch[count:] < first):
+      raise ValueError(
+        f"value {count} does not begin a stretch of its own; sort recordings by role before observing them"
+      )
+    return self._part(slice(0, count), slice(0, first)), self._part(slice(count, None), slice(first, len(segments)))
+
+  def _part(self, rows: slice, which: slice) -> "Observations":
+    stretches, moved = self.stretches, which.start * (self.stretches.segments.commands.shape[1] + 1)
+    return dataclasses.replace(
+      self,
+      stretches=Stretches(stretches.segments[which], stretches.first[which], stretches.last[which]),
+      **{name: getattr(self, name)[rows] for name in ("measured", "channel", "recording", "block", "time")},
+      _point=self._point[rows] - moved,
+      _fraction=self._fraction[rows],
+      _point_back=self._point_back[rows] - moved,
+      _fraction_back=self._fraction_back[rows],
+    )
+
   def predict(self, prediction: Prediction) -> Array:
     """Predicted values of every measured one, (n, M)."""
     n = len(prediction.signals)

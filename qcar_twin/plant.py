@@ -80,6 +80,14 @@ class Segments:
   def __len__(self) -> int:
     return len(self.recording)
 
+  def __getitem__(self, which: slice) -> "Segments":
+    """Some of the stretches, padded as all are."""
+    some = lambda a: None if a is None else a[which]  # noqa: E731
+    return Segments(
+      self.commands[which], self.start[which], self.steps[which], self.period, self.recording[which], self.offset[which],
+      some(self.history), some(self.pose), some(self.wheel_angle),
+    )  # fmt: skip
+
   @property
   def measured(self) -> Array:
     """Measured x, y [m], yaw and wheel angle [rad] on the control grid, (S, T + 1, 4), NaN where unknown."""

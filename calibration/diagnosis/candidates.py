@@ -34,6 +34,7 @@ class Candidate:
     jacobian: with respect to the free parameters, (M, p).
     fitted: the first so many rows are fitted, the others only judge.
     settled: the last iteration gained next to nothing.
+    judged: the rows that only judge belong to the present estimates.
   """
 
   mechanisms: tuple[str, ...]
@@ -44,6 +45,7 @@ class Candidate:
   values: Array
   fitted: int
   settled: bool = False
+  judged: bool = True
 
   @property
   def cost(self) -> float:
@@ -122,6 +124,9 @@ def simulate(problem: Problem, candidates: Sequence[Candidate]) -> None:
 def refine(problem: Problem, candidates: Sequence[Candidate], iterations: int, full: bool = False) -> None:
   """Gauss-Newton on every candidate at once; a step that does not lower the cost is not taken.
 
+  Slopes and steps are simulated on what is fitted alone; what only judges is predicted where each candidate ends. Its
+  rows of the Jacobian stay those the candidate was made with.
+
   Args:
     problem: residuals.
     candidates: simulated already.
@@ -131,9 +136,10 @@ def refine(problem: Problem, candidates: Sequence[Candidate], iterations: int, f
   for _ in range(iterations):
     active = [c for c in candidates if not c.settled]
     if not active:
-      return
+      break
     _fill_columns(problem, active, full)
     _try_steps(problem, active, full)
+  _judge(problem, [c for c in candidates if not c.judged])
 
 
 def _fill_columns(problem: Problem, candidates: Sequence[Candidate], full: bool) -> None:
@@ -149,8 +155,8 @@ def _fill_columns(problem: Problem, candidates: Sequence[Candidate], full: bool)
     theta = item.theta.copy()
     theta[problem.parameters.index(item.free.names[i])] += h
     moved.append(theta)
-  for (item, i, h), residual in zip(jobs, problem.residual(np.stack(moved)), strict=True):
-    item.jacobian[:, i] = (residual - item.residual) / h
+  for (item, i, h), residual in zip(jobs, problem.fitted_residual(np.stack(moved)), strict=True):
+    item.jacobian[: item.fitted, i] = (residual - item.residual[: item.fitted]) / h
 
 
 def difference_step(item: Candidate, i: int, share: float = 0.03) -> float:
@@ -162,19 +168,27 @@ def difference_step(item: Candidate, i: int, share: float = 0.03) -> float:
 def _try_steps(problem: Problem, candidates: Sequence[Candidate], fresh: bool) -> None:
   trials = [(item, values) for item in candidates for values in _steps(item, fresh)]
   thetas = [problem.embed(item.free.names, values, item.theta)[0] for item, values in trials]
-  outcomes = problem.residual(np.stack(thetas))
+  outcomes = problem.fitted_residual(np.stack(thetas))
   for item in candidates:
     rows = [k for k, (owner, _) in enumerate(trials) if owner is item]
-    costs = [half_square(outcomes[k][: item.fitted]) + prior_cost(trials[k][1], item.free) for k in rows]
+    costs = [half_square(outcomes[k]) + prior_cost(trials[k][1], item.free) for k in rows]
     best = rows[int(np.argmin(costs))]
     before, gain = item.cost, item.cost - min(costs)
     first = rows[0]
-    item.jacobian = broyden(
-      item.jacobian, item.residual, item.values, outcomes[first], trials[first][1], item.free.scale
-    )
+    seen, here = item.jacobian[: item.fitted], item.residual[: item.fitted]
+    item.jacobian[: item.fitted] = broyden(seen, here, item.values, outcomes[first], trials[first][1], item.free.scale)
     if gain > 0:
-      item.theta, item.residual, item.values = thetas[best], outcomes[best], trials[best][1]
+      item.residual = np.concatenate([outcomes[best], item.residual[item.fitted :]])
+      item.theta, item.values, item.judged = thetas[best], trials[best][1], False
     item.settled = gain < 1e-3 * abs(before) ** 0.5 + 0.3
+
+
+def _judge(problem: Problem, candidates: Sequence[Candidate]) -> None:
+  """Predict what only judges where candidates stand now."""
+  if candidates:
+    for item, rest in zip(candidates, problem.judging_residual(np.stack([c.theta for c in candidates])), strict=True):
+      item.residual = np.concatenate([item.residual[: item.fitted], rest])
+      item.judged = True
 
 
 def _steps(item: Candidate, fresh: bool) -> list[Array]:

@@ -104,7 +104,7 @@ def _worthwhile(
   for row, (_, start) in zip(thetas[1:], place.trials, strict=True):
     for parameter, value in start.items():
       row[problem.parameters.index(parameter)] = value
-  alone, *costs = (half_square(r[: problem.fitted]) for r in problem.residual(thetas))
+  alone, *costs = (half_square(r) for r in problem.fitted_residual(thetas))
   limit, below = min(alone - _WORTH, _RIVALS * base.cost), half_square(base.residual[: base.fitted]) - _WORTH
   return [
     (c, name, start)

@@ -61,7 +61,7 @@ class Problem:
     self.twin, self.observations, self.weighting, self.fitted = twin, observations, weighting, fitted
     self.base = tuple(base or twin.base.names)
     self._scale = weighting.scale(observations.channel)
-    self.evaluations = 0
+    self._parts = observations.split(fitted)
 
   @property
   def parameters(self) -> ParameterSet:
@@ -75,21 +75,36 @@ class Problem:
 
   def raw(self, theta: Array) -> Array:
     """Predicted minus measured in the channels' units, (n, M)."""
-    theta = np.atleast_2d(theta)
-    self.evaluations += len(theta)
-    out = np.empty((len(theta), len(self.observations)))
-    for i in range(0, len(theta), _COLUMNS):
-      prediction = self.predict(theta[i : i + _COLUMNS])
-      out[i : i + _COLUMNS] = self.observations.predict(prediction) - self.observations.measured
-    return out
+    return self._raw(theta, self.observations)
 
   def predict(self, theta: Array) -> Prediction:
-    with warnings_logged():
-      return self.twin.rollout(theta, self.observations.stretches.segments)
+    return self._predict(theta, self.observations)
 
   def residual(self, theta: Array) -> Array:
     """Whitened residuals, (n, M); a simulation that is not finite gives large ones."""
-    return np.nan_to_num(self.raw(theta) * self._scale, nan=1e3, posinf=1e3, neginf=-1e3)
+    return _finite(self.raw(theta) * self._scale)
+
+  def fitted_residual(self, theta: Array) -> Array:
+    """Those of the values that are fitted, (n, fitted): steps and slopes need no others, and the others take time."""
+    return _finite(self._raw(theta, self._parts[0]) * self._scale[: self.fitted])
+
+  def judging_residual(self, theta: Array) -> Array:
+    """Those of the values that only judge, (n, M - fitted)."""
+    return _finite(self._raw(theta, self._parts[1]) * self._scale[self.fitted :])
+
+  def _raw(self, theta: Array, observations: Observations) -> Array:
+    theta = np.atleast_2d(theta)
+    out = np.empty((len(theta), len(observations)))
+    if len(observations) == 0:
+      return out
+    for i in range(0, len(theta), _COLUMNS):
+      prediction = self._predict(theta[i : i + _COLUMNS], observations)
+      out[i : i + _COLUMNS] = observations.predict(prediction) - observations.measured
+    return out
+
+  def _predict(self, theta: Array, observations: Observations) -> Prediction:
+    with warnings_logged():
+      return self.twin.rollout(theta, observations.stretches.segments)
 
   def whiten(self, raw: Array) -> Array:
     return raw * self._scale
@@ -100,6 +115,10 @@ class Problem:
     full = np.tile(around, (len(values), 1))
     full[:, [self.parameters.index(n) for n in names]] = values
     return full
+
+
+def _finite(residual: Array) -> Array:
+  return np.nan_to_num(residual, nan=1e3, posinf=1e3, neginf=-1e3)
 
 
 @contextlib.contextmanager

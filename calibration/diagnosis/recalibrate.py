@@ -168,7 +168,7 @@ def _with_grip(base: ParameterSet, theta: Array, grip: float) -> Array:
 
 def _fit(problem: Problem, base: ParameterSet, start: Array, iterations: int, tolerance: float) -> Fit:
   around = problem.parameters.nominal
-  residual = lambda v: problem.residual(problem.embed(base.names, v, around))[:, : problem.fitted]  # noqa: E731
+  residual = lambda v: problem.fitted_residual(problem.embed(base.names, v, around))  # noqa: E731
   told = lambda i, cost: log.info("iteration %d: cost %.1f", i, cost)  # noqa: E731
   return fit(residual, base, start, iterations=iterations, tolerance=tolerance, robust=np.inf, progress=told)
 
@@ -255,5 +255,5 @@ def _best_start(twin: Twin, observations: Observations, fitted: int, base: Param
       guess[base.index(name)] *= stiffness
     guesses.append(np.clip(guess, base.lower, base.upper))
   guesses.append(base.nominal)
-  residual = problem.residual(problem.embed(base.names, np.stack(guesses), twin.parameters.nominal))[:, :fitted]
+  residual = problem.fitted_residual(problem.embed(base.names, np.stack(guesses), twin.parameters.nominal))
   return guesses[int(np.argmin(np.sum(np.abs(residual), axis=1)))]

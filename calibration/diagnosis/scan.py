@@ -136,7 +136,7 @@ def scan(
   for i in range(0, len(jobs), chunk):
     part = jobs[i : i + chunk]
     thetas = np.stack([_with(problem, base.theta, start) for _, start in part])
-    change = (problem.residual(thetas) - base.residual)[:, : base.fitted]
+    change = problem.fitted_residual(thetas) - base.residual[: base.fitted]
     for (mechanism, start), whole in zip(part, change, strict=True):
       project = projectors.get(mechanism.name, common)
       rest, answer = project(whole[None])[0], project.answer(whole[None])[0]

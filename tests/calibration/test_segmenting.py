@@ -171,3 +171,25 @@ def test_speed_that_never_carries_a_sign_is_compared_without_one():
   assert observations.unsigned_speed
   assert (observations.predict(Prediction(signals, 0.01)) > 0).all()
   assert set(observations.channel) == {CHANNELS.index("speed")}
+
+
+def test_values_split_between_recordings_are_predicted_as_before():
+  """From the same signals each part predicts what the whole predicts there, poses looked up a second earlier, too."""
+  recordings = [circle(20.0, "first"), circle(7.0, "second", speed=0.7), circle(9.0, "third", rate=0.3)]
+  whole = observe(recordings, CAR)
+  count = int(np.sum(whole.recording < 2))
+  head, tail = whole.split(count)
+  assert (len(head), len(tail)) == (count, len(whole) - count)
+  segments = [o.stretches.segments for o in (whole, head, tail)]
+  assert len(segments[1]) + len(segments[2]) == len(segments[0]) and set(segments[2].recording) == {"third"}
+  drawn = np.random.default_rng(0).standard_normal((2, *segments[0].measured.shape[:2], len(SIGNALS)))
+  predicted = whole.predict(Prediction(drawn, 0.01))
+  np.testing.assert_array_equal(head.predict(Prediction(drawn[:, : len(segments[1])], 0.01)), predicted[:, :count])
+  np.testing.assert_array_equal(tail.predict(Prediction(drawn[:, len(segments[1]) :], 0.01)), predicted[:, count:])
+  for name in ("measured", "channel", "recording", "block", "time"):
+    parts = np.concatenate([getattr(head, name), getattr(tail, name)])
+    np.testing.assert_array_equal(parts, getattr(whole, name))
+  everything, nothing = whole.split(len(whole))
+  assert len(everything) == len(whole) and len(nothing) == 0
+  with pytest.raises(ValueError, match="sort recordings by role"):
+    whole.split(3)

@@ -78,3 +78,14 @@ def test_a_larger_model_fits_no_worse(offset_pool):
   for key, model in offset_pool.models.items():
     if key:
       assert model.cost <= offset_pool.base.cost + 1e-6
+
+
+def test_what_only_judges_is_predicted_where_a_candidate_ends(offset_pool):
+  """Steps leave it alone; what a refined candidate says of it is what a simulation of everything says."""
+  problem = offset_pool.problem
+  model = candidate(problem, ("steering_offset",), None, rig.BASE)
+  simulate(problem, [model])
+  started = model.residual.copy()
+  refine(problem, [model], 2, full=True)
+  assert model.judged and np.abs(model.residual[problem.fitted :] - started[problem.fitted :]).max() > 0.1
+  assert_allclose(model.residual, problem.residual(model.theta[None])[0], atol=1e-9)
