@@ -71,9 +71,9 @@ def _split(claims: Sequence[Claim], accepted: Callable[[Claim], bool]) -> tuple[
 
 
 def _undecided(sure: Sequence[Claim]) -> str:
-  """What to say where something acts beyond doubt and no name of several is likely enough; "" where nothing does."""
+  """What to say where something acts beyond doubt and no name is likely enough; "" where nothing does."""
   names = dict.fromkeys(n for c in sure for n in (c.mechanism, *c.equivalent_to))
-  return f"At least one of {', '.join(names)} acts; these recordings don't tell which." if names else ""
+  return f"The nearest names are {', '.join(names)}; none of them is likely enough." if names else ""
 
 
 def _grown(pool: Pool, thresholds: Thresholds) -> Candidate:
@@ -105,16 +105,17 @@ def _foremost(pool: Pool, models: Sequence[Candidate], before: Candidate, thresh
 
 
 def _passes(pool: Pool, model: Candidate, test: Comparison, thresholds: Thresholds, before: Sequence[str] = ()) -> bool:
-  """Whether a model is significant and all it names matters; of several names none may be stretched to its bound.
+  """Whether a model is significant and all it names matters; what joins others may not be stretched to its bound.
 
   Names that were found `before` need not matter more beside others than they had to alone: it is what comes on top that
-  may be no more than what their formulas leave over.
+  may be no more than what their formulas leave over. Nor does one that is stretched keep a right one from joining it.
   """
   alone = len(model.mechanisms) == 1
   share = {n: thresholds.material if alone or n in before else thresholds.further for n in model.mechanisms}
   if not all(material(pool, model, name, share[name]) for name in model.mechanisms):
     return False
-  return significant(test, thresholds) and (alone or not any(stretched(pool, model, n) for n in model.mechanisms))
+  joined = () if alone else [n for n in model.mechanisms if n not in before]
+  return significant(test, thresholds) and not any(stretched(pool, model, n) for n in joined)
 
 
 def _worth_adding(pool: Pool, found: Candidate, best: Candidate, thresholds: Thresholds) -> bool:

@@ -107,11 +107,11 @@ def material(pool: Pool, model: Candidate, name: str, share: float) -> bool:
 
 
 def stretched(pool: Pool, model: Candidate, name: str) -> bool:
-  """Whether an amplitude of a mechanism went as far as it may: what it then makes up for is more often something else."""
+  """Whether an amplitude of a mechanism went as far as it may, to a standard deviation: what it then makes up for is more often something else."""
   for p in pool.problem.mechanism(name).parameters:
     if p.null is None or p.name not in model.free:
       continue
-    value = model.estimate(p.name)[0]
-    if any(abs(value - bound) < 1e-6 * p.scale for bound in (p.lower, p.upper) if bound != p.null):
+    value, std = model.estimate(p.name)
+    if any(abs(value - bound) < max(std, 1e-6 * p.scale) for bound in (p.lower, p.upper) if bound != p.null):
       return True
   return False

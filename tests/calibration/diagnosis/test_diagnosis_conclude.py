@@ -335,11 +335,25 @@ def test_an_amplitude_at_its_bound_is_no_claim(pair_pool):
   pair = dataclasses.replace(pair, values=pair.values.copy())
   pair.values[index] = limit
   assert stretched(pair_pool, pair, "side_force") and not stretched(pair_pool, pair, "steering_offset")
+  near = dataclasses.replace(pair, values=pair.values.copy())
+  for away, expected in ((0.9, True), (1.1, False)):  # standard deviations
+    near.values[index] = limit - away * pair.std[index]
+    assert stretched(pair_pool, near, "side_force") == expected
   pool = dataclasses.replace(pair_pool, models=pair_pool.models | {frozenset(pair.mechanisms): pair})
   plain = claim(pair_pool, pair_pool.models[frozenset(pair.mechanisms)], "side_force", Thresholds()).probability
   assert claim(pool, pair, "side_force", Thresholds()).probability == pytest.approx(0.4 * plain, rel=0.01)
   assert {c.mechanism for c in decide(pair_pool).claims} == {"steering_offset", "side_force"}
   assert len(decide(pool).claims) == 1
+
+
+def test_a_first_name_at_its_bound_does_not_keep_a_right_one_from_joining(pair_pool):
+  limit = pair_pool.problem.mechanism("steering_offset").parameters[0].upper
+  models = dict(pair_pool.models)
+  for key in (frozenset(["steering_offset"]), frozenset(["side_force", "steering_offset"])):
+    models[key] = dataclasses.replace(models[key], values=models[key].values.copy())
+    models[key].values[models[key].free.index("steering_offset")] = limit
+  assert min(pair_pool.of_size(1), key=lambda m: m.cost).mechanisms == ("steering_offset",)
+  assert [c.mechanism for c in decide(dataclasses.replace(pair_pool, models=models)).claims] == ["side_force"]
 
 
 def test_nothing_excuses_a_name_that_spoils_one_channel(offset_pool):
