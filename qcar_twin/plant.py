@@ -89,6 +89,12 @@ class Segments:
     )  # fmt: skip
 
   @property
+  def driven(self) -> tuple[float, float]:
+    """When the first segment begins and the last one ends, in seconds driven so far."""
+    before = np.zeros(len(self)) if self.history is None else self.history[:, 0]
+    return float(before.min()), float((before + self.period * self.steps).max())
+
+  @property
   def measured(self) -> Array:
     """Measured x, y [m], yaw and wheel angle [rad] on the control grid, (S, T + 1, 4), NaN where unknown."""
     known = np.full((len(self), self.commands.shape[1] + 1, 4), np.nan)

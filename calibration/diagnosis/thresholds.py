@@ -92,16 +92,18 @@ def strength(test: Comparison, thresholds: Thresholds) -> float:
 
 
 def material(pool: Pool, model: Candidate, name: str, share: float) -> bool:
-  """Whether any amplitude of a mechanism reaches a share of its typical size, and its own uncertainty.
+  """Whether any amplitude of a mechanism, as far as the driving shows it, reaches a share of its typical size, and its own uncertainty.
 
   That it is there at all is for the evidence to say: amplitudes of one mechanism may be known together and not singly.
   """
-  for parameter in pool.problem.mechanism(name).parameters:
+  mechanism = pool.problem.mechanism(name)
+  shown = mechanism.shown(model.free.named(model.values), pool.problem.observations.stretches.segments.driven)
+  for parameter in mechanism.parameters:
     if parameter.null is None or parameter.name not in model.free:
       continue
     value, std = model.estimate(parameter.name)
     size = abs(value - parameter.null)
-    if size >= share * (parameter.typical or parameter.scale) and size >= std:
+    if shown * size >= share * (parameter.typical or parameter.scale) and size >= std:
       return True
   return False
 

@@ -37,8 +37,20 @@ class FrictionChange(Mechanism):
     drops = ({"friction_change_time": t, "friction_change_suddenness": 7.0} for t in (30.0, 60.0, 110.0, 200.0, 400.0))
     return (*drifts, *drops)
 
+  def shown(self, values: Mapping[str, float], driven: tuple[float, float]) -> float:
+    """What of the change falls into the middle four fifths of the driving; there must be some on either side of it."""
+    first, last = driven
+    early, late = first + 0.1 * (last - first), last - 0.1 * (last - first)
+    come = lambda t: _come(t, values["friction_change_time"], values["friction_change_suddenness"])  # noqa: E731
+    return float(come(late) - come(early))
+
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
     driven = context.history[:, 0] + context.time
-    exponent = theta[:, 2] * np.log(np.maximum(driven, 1e-6) / theta[:, 1])
-    change = theta[:, 0] * -np.expm1(-np.exp(np.clip(exponent, -50.0, 6.0)))
+    change = theta[:, 0] * _come(driven, theta[:, 1], theta[:, 2])
     scale_grip(model, change[:, None], theta[:, 3:])
+
+
+def _come(driven: Array | float, time: Array | float, suddenness: Array | float) -> Array:
+  """s, the share of the change that has come after so many seconds of driving."""
+  exponent = suddenness * np.log(np.maximum(driven, 1e-6) / time)
+  return -np.expm1(-np.exp(np.clip(exponent, -50.0, 6.0)))

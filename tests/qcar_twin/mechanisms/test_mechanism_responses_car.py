@@ -128,3 +128,16 @@ def test_pose_mount_turns_and_shifts_the_tracked_point():
   np.testing.assert_allclose(found["pose_x"], 1.0 - 0.02, atol=1e-12)
   np.testing.assert_allclose(found["pose_y"], 0.1, atol=1e-12)
   np.testing.assert_allclose(found["pose_yaw"], np.pi / 2 + 0.04)
+
+
+def test_of_a_change_of_grip_only_what_comes_amid_the_driving_is_shown():
+  """None of it before the driving began or after it ended, all of it in the middle, half of a slow one."""
+  change, driven = CATALOGUE["friction_change"], (100.0, 300.0)
+  share = lambda time, sudden: change.shown(  # noqa: E731
+    {"friction_change_time": time, "friction_change_suddenness": sudden}, driven
+  )
+  assert share(3.3, 0.7) < 0.01 and share(60.0, 30.0) < 0.01 and share(2000.0, 20.0) < 0.01
+  assert share(200.0, 20.0) > 0.99
+  # creeping in with 200 s from the start: exp(-120 / 200) - exp(-280 / 200)
+  assert share(200.0, 1.0) == pytest.approx(np.exp(-0.6) - np.exp(-1.4))
+  assert CATALOGUE["steering_delay"].shown({}, driven) == 1.0
