@@ -139,7 +139,7 @@ def _nominate_larger(pool: Pool, size: int, parents: int) -> list[frozenset[str]
 def _bending_partners(pool: Pool) -> list[frozenset[str]]:
   """The best single, where it stands beyond doubt, with each mechanism of which a scan's straight line tells little.
 
-  A centre of gravity 14 mm off the middle promised 8 nats beside an error of the steering, and was worth 540.
+  A centre of gravity 14 mm off the middle promised 8 nats beside an error of the steering, and brought 510.
   """
   best = pool.best(pool.of_size(1))
   if best is pool.base or not _beyond_doubt(pool, best, pool.base):

@@ -3,14 +3,18 @@
 from types import SimpleNamespace
 
 import diagnosis_rig as rig
+import numpy as np
 
 from calibration.diagnosis.claims import Claim
+from calibration.diagnosis.conclude import Doubt, conclude
 from calibration.diagnosis.decide import Decision
 from calibration.diagnosis.detect import detect
+from calibration.diagnosis.leftover import leftovers
 from calibration.diagnosis.locate import locate
 from calibration.diagnosis.output import Diagnosis
 from calibration.diagnosis.score import Comparison
 from calibration.diagnosis.ship import ChannelFit
+from calibration.diagnosis.unknown import unknown_sensors
 from qcar_twin.mechanisms import catalogue
 
 HELD: Comparison = SimpleNamespace(gain=120.0, total=120.0, t=5.0, share_positive=0.9)  # type: ignore[assignment]
@@ -55,3 +59,14 @@ def diagnosis_of(pool, claimed=(), verdict="explained", unknown=None, **changes)
     "stages": {"recalibration": 8.0, "scan": 3.0, "search": 1.5},
   }
   return Diagnosis(**(values | changes))
+
+
+def over(pool, model):
+  return leftovers(model, pool.problem, pool.problem.predict(model.theta[None]))
+
+
+def concluded(pool, decision, doubt=None):
+  problem = pool.problem
+  whitening = problem.whiten(np.ones(len(problem.observations)))
+  rivals = unknown_sensors(pool.base, problem.observations, problem.predict(pool.base.theta[None]), whitening)
+  return conclude(decision, pool, over(pool, pool.base), over(pool, decision.model), rivals, doubt or Doubt())
