@@ -6,7 +6,7 @@ Rivals that fit as well are named with it. Whether something nameless remains is
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -55,7 +55,8 @@ def decide(pool: Pool, thresholds: Thresholds = Thresholds()) -> Decision:  # no
   """
   best = _useful(pool, _simplified(pool, _grown(pool, thresholds), thresholds), thresholds)
   claims = bias_claims(pool, best, thresholds) + [claim(pool, best, name, thresholds) for name in best.mechanisms]
-  claims, doubtful = _split(claims, lambda c: c.probability >= thresholds.probability)
+  doubtful = [c for c in claims if c.probability < thresholds.probability]
+  claims = [c for c in claims if c.probability >= thresholds.probability]
   kept = frozenset(c.mechanism for c in claims) - set(BIAS_MECHANISMS)
   ensure(pool, [kept])
   best = pool.models[kept]
@@ -64,10 +65,6 @@ def decide(pool: Pool, thresholds: Thresholds = Thresholds()) -> Decision:  # no
   verdict = "explained" if claims else "unexplained" if alarm else "no_mismatch"
   possible, ranking = _possible(pool, claims, thresholds), _ranking(pool, claims)
   return Decision(verdict, tuple(claims), possible, best, None, ranking, alarm=alarm)
-
-
-def _split(claims: Sequence[Claim], accepted: Callable[[Claim], bool]) -> tuple[list[Claim], list[Claim]]:
-  return [c for c in claims if accepted(c)], [c for c in claims if not accepted(c)]
 
 
 def _undecided(sure: Sequence[Claim]) -> str:
@@ -94,7 +91,7 @@ def _grown(pool: Pool, thresholds: Thresholds) -> Candidate:
 def _foremost(pool: Pool, models: Sequence[Candidate], before: Candidate, thresholds: Thresholds) -> Candidate:
   """The model that fits best; of those that can't be told apart from it, the one whose gain is spread most evenly.
 
-  Two names that come within 2 nats of each other differ by how many stretches of driving speak for each.
+  Names that nearly tie differ by how many stretches of driving speak for each.
   """
   observations = pool.problem.observations
   first = min(models, key=lambda m: m.cost, default=before)
