@@ -1,4 +1,4 @@
-"""The controllers that are compared: data/controllers.toml holds weights and where they come from, gains are computed."""
+"""The controllers that are compared: data/controllers.toml holds weights and their origin, gains are computed."""
 
 import dataclasses
 import difflib
@@ -104,7 +104,8 @@ def entries(file: Path = FILE) -> dict[str, dict[str, dict[str, Any]]]:
 def save(table: Mapping[str, Mapping[str, Mapping[str, Any]]], file: Path = FILE) -> None:
   """Write entries, replacing the file in one go."""
   lines = [
-    "# Path-tracking controllers. LQ gains are computed from these weights and the identified model; made by scripts/tune.py."
+    "# Path-tracking controllers. LQ gains are computed from these weights and the identified model; made by "
+    "scripts/tune.py."
   ]
   for name, versions in table.items():
     for version, entry in versions.items():

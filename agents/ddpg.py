@@ -2,7 +2,8 @@
 
 Actor: two hidden layers of 200 ReLU, one tanh output. Critic: the observation through two layers of 200, the action
 through layers of 100 and 200, joined at their last ReLU, one linear output. Observations come in SI units and are
-scaled in the network, so that what is exported takes SI units too. Lillicrap et al., Continuous control with deep reinforcement learning, 2016.
+scaled in the network, so that what is exported takes SI units too. Lillicrap et al., Continuous control with deep
+reinforcement learning, 2016.
 """
 
 import dataclasses

@@ -44,7 +44,8 @@ class Options:
     twin: twin file of a calibrated or repaired twin; the nominal twin without it.
     substeps: simulation steps of the twin per control period; 2 is meant for training, 5 for everything else.
     estimator: what the agent sees: the federated filter on noisy sensors, or the truth.
-    demonstrator, version: controller of data/controllers.toml whose steering angle the reward compares with; "" for none.
+    demonstrator, version: controller of data/controllers.toml whose steering angle the reward compares with; "" for
+      none.
     steering_gain, steering_offset: of the linkage, - and deg; neither agent nor filter is told.
     gain_spread, offset_spread: half-widths around them, - and deg, within which every episode's linkage is drawn.
     randomise: draw the twin's measured parameters within their standard deviations for every episode.

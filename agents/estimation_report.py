@@ -63,7 +63,8 @@ def oval_section(model: Model, controller: Controller, count: int, figures: Path
   lines = [
     "## Oval at 0.5 m/s on the twin",
     "",
-    f"{count} cars, {laps} laps, LQ_cm steering on the estimate. Lidar 10 Hz, 50 ms late, 8 mm per axis with 0.3 s colour, 1 % spikes of"
+    f"{count} cars, {laps} laps, LQ_cm steering on the estimate. Lidar 10 Hz, 50 ms late, 8 mm per axis with 0.3 s "
+    "colour, 1 % spikes of"
     " 0.5 m, 1 % lost; IMU and encoder 100 Hz. NEES of the position is 2 for a consistent filter.",
     "",
     "| estimator | position RMSE [mm] | yaw RMSE [mrad] | NEES |",
@@ -187,8 +188,10 @@ def recorded_section(dataset: DataSet, vehicle: Vehicle, car: Car, figures: Path
   lines = [
     "## Real recordings: free driving of the dart",
     "",
-    "Vicon is the truth, moved to the centre of gravity; every tenth pose plus 8 mm and 8 mrad of white noise is the lidar. Errors at 100 Hz from 2 s on."
-    f" Onboard stamps are taken {1e3 * LATENESS:.0f} ms back. Process noise by likelihood on parts of stair_02 and ramp_01.",
+    "Vicon is the truth, moved to the centre of gravity; every tenth pose plus 8 mm and 8 mrad of white noise is "
+    "the lidar. Errors at 100 Hz from 2 s on."
+    f" Onboard stamps are taken {1e3 * LATENESS:.0f} ms back. Process noise by likelihood on parts of stair_02 and "
+    "ramp_01.",
     "",
     "| recording | role | estimator | position RMSE [mm] | yaw RMSE [mrad] | NEES |",
     "|---|---|---|---|---|---|",
@@ -291,8 +294,9 @@ def cost_section(model: Model) -> list[str]:
   return [
     "## Cost",
     "",
-    "One core; per 10 ms of car, sensors' samples taken in, both filters, master and report included; the best of many short windows.",
-    "A late fix makes both filters go again over the periods since its stamp; about half of each is filterpy's own update.",
+    "One core; per 10 ms of car, sensors' samples taken in, both filters, master and report included;",
+    "the best of many short windows. A late fix makes both filters go again over the periods since its stamp;",
+    "about half of each is filterpy's own update.",
     "",
     "| filter | µs per 10 ms |",
     "|---|---|",

@@ -74,7 +74,7 @@ def drive_oval(
 
 @dataclasses.dataclass(frozen=True)
 class Track:
-  """One estimator's output at the instants of `Oval.truth`: (T - 1, N, 2), (T - 1, N), ...; covariance xx xy yy or None."""
+  """One estimator's output at the instants of `Oval.truth`: (T - 1, N, 2), (T - 1, N); covariance xx xy yy or None."""
 
   position: Array
   covariance: Array | None = None
@@ -162,7 +162,7 @@ def reckoned(oval: Oval) -> Track:
 
 
 def kinematic_sideslip(oval: Oval) -> dict[str, Array]:
-  """Sideslip without a filter, (T - 1, N): the kinematic formula from command and from true wheel angle, and as printed."""
+  """Sideslip without a filter, (T - 1, N): the kinematic formula from command, from true wheel angle, as printed."""
   car = oval.model.car
   command = oval.result.commands[:-1, :, 1]
   wheels = oval.result.signals[1:, :, SIGNALS.index("steering_angle")]

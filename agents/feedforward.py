@@ -1,7 +1,7 @@
 """Feed-forward and feedback steering (FF-FB).
 
-delta_FF = L kappa + K_us v^2 kappa, the steady-state steering of the single track; delta_FB = -k (dy + x_la (dpsi + beta_ss)),
-a spring on the error projected x_la ahead, with the steady sideslip taken out so that it does not pull the
+delta_FF = L kappa + K_us v^2 kappa, the steady-state steering of the single track; delta_FB = -k (dy + x_la (dpsi +
+beta_ss)), a spring on the error projected x_la ahead, with the steady sideslip taken out so that it does not pull the
 car off a curve. Sources: Kapania and Gerdes, Design of a feedback-feedforward steering controller for
 accurate path tracking and stability at the limits of handling, Vehicle System Dynamics 53(12), 2015;
 Chatzikomis et al., IEEE Trans. Intelligent Vehicles 3(4), 2018.

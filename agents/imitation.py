@@ -1,10 +1,11 @@
 """A head start: the actor learns what a teacher that sees the truth would do, from what sensors and filter give.
 
-The linear rate policy on the true errors is the teacher. In the first round it drives by the estimate, in the others the
-student drives; the teacher only says what it would have done, and the actor is fitted to that. So it learns the teacher's
-answer to the errors that its own observation makes likely: the filter's bias is taken out. (A teacher at the wheel would
-hold the true error at zero and so teach that the estimate says nothing.) Sources: Ross, Gordon and Bagnell, A reduction of
-imitation learning to no-regret online learning, AISTATS 2011; Chen et al., Learning by cheating, CoRL 2019.
+The linear rate policy on the true errors is the teacher. In the first round it drives by the estimate, in the others
+the student drives; the teacher only says what it would have done, and the actor is fitted to that. So it learns the
+teacher's answer to the errors that its own observation makes likely: the filter's bias is taken out. (A teacher at the
+wheel would hold the true error at zero and so teach that the estimate says nothing.) Sources: Ross, Gordon and Bagnell,
+A reduction of imitation learning to no-regret online learning, AISTATS 2011; Chen et al., Learning by cheating, CoRL
+2019.
 """
 
 import dataclasses

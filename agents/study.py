@@ -55,7 +55,10 @@ VARIANTS = {
   "standard": Variant("the paper's agent: DDPG, four errors, LQ_ed tuned as demonstrator in the reward", STANDARD),
   "alone": Variant("the same without the demonstrator's term r_ed", ALONE),
   "wide": Variant(
-    "sees also command, curvature and their slow means; imitates the linear rate policy that sees the truth, on linkages drawn anew every episode",
+    (
+      "sees also command, curvature and their slow means; imitates the linear rate policy that sees the truth, on "
+      "linkages drawn anew every episode"
+    ),
     WIDE_PLAN,
   ),
   "recalibrated": Variant("wide, trained on the twin recalibrated to the car with the effect", WIDE_PLAN, twin=True),

@@ -146,7 +146,7 @@ def _training(found: list[dict[str, Any]]) -> list[str]:
 
 
 def place_section(folder: Path, settings: Sequence[str], first: str) -> list[str]:
-  """RMSE / ME medians of everybody in several settings, a block of rows per contestant; missing settings are left out."""
+  """RMSE / ME medians of everybody in several settings, a block of rows per contestant; those missing are left out."""
   tables = {name: table for name in settings if (table := driven(folder, name))}
   lines = [
     f"| | {first} | " + " | ".join(f"{p}: RMSE / ME mm" for p in PATHS) + " | lane change |",
@@ -168,7 +168,8 @@ def repair_section(folder: Path, plain: str, concealed: str) -> list[str]:
   """How much of the gap retraining on the repaired twin closes."""
   with_effect, without = driven(folder, concealed), driven(folder, plain)
   lines = [
-    "| path | wide, trained on the nominal twin, car without the effect | nominal twin | recalibrated twin | repaired twin | gap closed |"
+    "| path | wide, trained on the nominal twin, car without the effect | nominal twin | recalibrated twin | "
+    "repaired twin | gap closed |"
   ]
   lines.append("|---" * 6 + "|")
   for path in PATHS:
@@ -198,15 +199,17 @@ def page(folder: Path, file: Path, special: Sequence[str] = ()) -> str:
   lines = [
     "# Results: learning to track paths",
     "",
-    "Tables and figures are written by `python scripts/study.py --out out/study --car 4501 --page docs/results_learning.md`, after",
-    "`python scripts/repair_twin.py --out out/study` and `python scripts/benchmark_learning.py --out out/study/timings.json`; none of their numbers is typed in.",
+    "Tables and figures are written by `python scripts/study.py --out out/study --car 4501",
+    "--page docs/results_learning.md`, after `python scripts/repair_twin.py --out out/study` and",
+    "`python scripts/benchmark_learning.py --out out/study/timings.json`; none of their numbers is typed in.",
   ]
   notes = file.with_suffix("") / "notes.md"
   lines += ["", notes.read_text(encoding="utf-8").strip()] if notes.is_file() else []
   lines += ["", "## Trainings", "", *training_section(folder), "", *pictures[:1]]
   lines += ["", "## On the twin, 0.5 m/s, federated filter on noisy sensors", ""]
   lines += [
-    f"Medians [quartiles] over cars with noise of their own and all seeds of a variant. MIS: a steering gain of {gain:g} and an offset of {offset:g} deg that nobody is told.",
+    "Medians [quartiles] over cars with noise of their own and all seeds of a variant.",
+    f"MIS: a steering gain of {gain:g} and an offset of {offset:g} deg that nobody is told.",
     "",
   ]
   lines += [*kpi_section("N", nominal), "", *kpi_section("MIS", mismatched), "", *pictures[1:]]

@@ -1,4 +1,4 @@
-"""Where the time of a training goes, and how fast environments and gradient steps are; all in one run, in CPU seconds."""
+"""Where a training's time goes, and how fast environments and gradient steps are; all in one run, in CPU seconds."""
 
 import dataclasses
 import time
@@ -59,7 +59,7 @@ def watching(fleet_: Fleet) -> Iterator[dict[str, Watch]]:
 
 
 def training_shares(steps: int = 2000) -> dict[str, float]:
-  """CPU seconds of a stretch of training by part, after its warm-up: physics, sensors and filter, networks, the rest."""
+  """CPU seconds of a stretch of training by part, after its warm-up: physics, sensors and filter, networks, rest."""
   settings = Settings(warm_up=160)
   env = FleetVecEnv(fleet(Options(version="tuned"), range(settings.cars)))
   agent = make_agent(env, settings, 0)

@@ -42,7 +42,7 @@ class Case:
 
 
 def actuation(plant: str, steering: Sequence[str], repeats: int) -> Actuation:
-  """Steering of neighbouring groups of cars. The bicycle gets a servo (20 ms delay, 40 ms lag); the twin has its own."""
+  """Steering of neighbouring groups of cars. The bicycle gets a servo (20 ms delay, 40 ms lag); the twin has one."""
   gain, offset = np.repeat(np.array([STEERING[name] for name in steering]), repeats, axis=0).T
   own = {"delay": 0.0, "lag": 0.0} if plant != "bicycle" else {}
   return Actuation(gain=gain, offset=offset, **own)

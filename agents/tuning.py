@@ -1,4 +1,4 @@
-"""Fair tuning: every controller is searched on the S-path under the same noise, servo, mismatch and steering-rate cap."""
+"""Fair tuning: every controller is searched on the S-path with the same noise, servo, mismatch and cap on its rate."""
 
 import dataclasses
 import logging

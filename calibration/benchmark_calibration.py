@@ -115,9 +115,11 @@ def about(record: Record) -> str:
   counts = ", ".join(f"{len(dataset.role(role))} {role} ({s:.0f} s)" for role, s in driven.items() if s)
   lines = [f"{len(dataset.recordings)} recordings: {counts}."]
   if "validate" not in found["roles"]:
-    lines.append(f"There are none to judge by: the predictions below are of the role {', '.join(found['roles'])}, which was fitted.")  # fmt: skip
+    roles = ", ".join(found["roles"])
+    lines.append(f"There are none to judge by: the predictions below are of the role {roles}, which was fitted.")
   bicycle = found["bicycle"]
-  lines.append(f"Bicycle: {bicycle['origin'] if bicycle else 'none'}" + (f" ({found['missing']})." if found["missing"] else "."))  # fmt: skip
+  missing = f" ({found['missing']})" if found["missing"] else ""
+  lines.append(f"Bicycle: {bicycle['origin'] if bicycle else 'none'}{missing}.")
   if calibration["command_shift"]:
     lines.append(f"Commands act {calibration['command_shift']} control periods later than logged.")
   notes = [note for note in calibration["notes"] if note not in dataset.warnings]
@@ -173,7 +175,7 @@ def manoeuvre_table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> s
 
 
 def runs_table(record: Record, window: str = "free run") -> str:
-  """Speed RMSE of every recording that was predicted, and whether the car moves in it; the mean over those that move."""
+  """Speed RMSE of every recording that was predicted, and whether the car moves in it; the mean over those that do."""
   standing = split_standing(record.dataset.recordings)[1]
   rows, moving = [], []
   for name, windows in record.cross_validation["recordings"].items():

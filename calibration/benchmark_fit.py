@@ -1,10 +1,10 @@
 """The fit against `mujoco.sysid`: same residual, same parameters, same recordings, same start.
 
 sysid compiles a model for every column of a Jacobian; the twin's columns and recordings ride in one batch that is
-never compiled again. Both get a car's voltage, steering and measured start, and answer motor speed, yaw rate and lateral
-acceleration every 10 ms, each divided by a standard deviation. sysid needs packages of its own (`mujoco[sysid]`);
-where they are missing its way of working is timed instead: `mujoco.minimize`, sysid's default optimiser, on models
-compiled per column and rolled out in threads. Which of the two it was is said.
+never compiled again. Both get a car's voltage, steering and measured start, and answer motor speed, yaw rate and
+lateral acceleration every 10 ms, each divided by a standard deviation. sysid needs packages of its own
+(`mujoco[sysid]`); where they are missing its way of working is timed instead: `mujoco.minimize`, sysid's default
+optimiser, on models compiled per column and rolled out in threads. Which of the two it was is said.
 """
 
 import dataclasses

@@ -48,7 +48,8 @@ def fit_bicycle(
   for k in range(ROUNDS):
     weighting = weighting_from(observations, raw(start[None])[0], floor)
     scale = weighting.scale(observations.channel)
-    tell = lambda i, cost, k=k: progress(f"bicycle on recordings, round {k + 1}, iteration {i}, cost {cost:.0f}")  # noqa: E731
+    about = f"bicycle on recordings, round {k + 1}"
+    tell = lambda i, cost, about=about: progress(f"{about}, iteration {i}, cost {cost:.0f}")  # noqa: E731
     found = fit(lambda v, s=scale: raw(v) * s, priors, start, iterations=8, robust=np.inf, progress=tell)
     start = found.theta
   assert found is not None

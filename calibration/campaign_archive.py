@@ -1,4 +1,4 @@
-"""All answers of a campaign in one compressed file: a page can be checked without hours of driving, a campaign go on elsewhere."""
+"""All answers of a campaign in one compressed file: to check a page without hours of driving, or go on elsewhere."""
 
 import hashlib
 import json
@@ -39,7 +39,8 @@ def unpack(archive: Path, folder: Path) -> int:
     path = folder / f"{result['case']['name']}.json"
     if digest(result["answer"]) != result["sha256"]:
       raise ValueError(
-        f"{archive}: the answer to {path.stem} was changed after its hash was taken; take the archive from its source again"
+        f"{archive}: the answer to {path.stem} was changed after its hash was taken; take the archive from its "
+        "source again"
       )
     if not path.is_file():
       keep(result, path)

@@ -12,7 +12,7 @@ from qcar_twin.whole_file import whole_file
 
 
 def confusion_table(results: Sequence[Result]) -> tuple[list[str], list[str], NDArray[np.int64]]:
-  """Truths (rows), first claims (columns) and how often they met; pairs count with their first effect that was claimed."""
+  """Truths (rows), first claims (columns), how often they met; pairs count with their first effect that was claimed."""
   pairs = [(_truth(r), _answer(r)) for r in results]
   truths = sorted({t for t, _ in pairs}, key=lambda name: (name == "nothing", name))
   answers = sorted({a for _, a in pairs}, key=lambda name: (name == "no claim", name not in truths, name))

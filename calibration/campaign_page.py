@@ -1,4 +1,4 @@
-"""The page a campaign leaves in the documentation: aims, scores, simpler methods, every case, who was taken for whom."""
+"""The page a campaign leaves in the documents: aims, scores, simpler methods, every case, who was taken for whom."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -40,9 +40,11 @@ def campaign_page(results: Sequence[Result], drawn: int, command: str, folder: P
   lines = [
     "# Concealed cases",
     "",
-    f"`{command}`: {len(results)} of {drawn} sessions of the independent car, made from a seed not used while what is measured here was built (which state that is: docs/results.md),",
-    "diagnosed without sight of their truth; each answer and its hash were written before the truth was looked at. Compact design (129 s of",
-    "driving in 15 recordings), process noise, a noisy driver, heat and charge carried along. A name is right if it is the first claim.",
+    f"`{command}`: {len(results)} of {drawn} sessions of the independent car, made from a seed not used",
+    "while what is measured here was built (which state that is: docs/results.md), diagnosed without sight of their",
+    "truth; each answer and its hash were written before the truth was looked at. Compact design (129 s of driving in",
+    "15 recordings), process noise, a noisy driver, heat and charge carried along.",
+    "A name is right if it is the first claim.",
     "",
     "| aim | wanted | found |",
     "|---|---|---|",

@@ -144,7 +144,7 @@ def score_table(results: Sequence[Result]) -> str:
 
 
 def reliability(results: Sequence[Result]) -> list[tuple[float, float, int, float | None, float | None]]:
-  """What a stated probability is worth, per bin: its lower and upper end, claims, their mean probability, share that is right."""
+  """What a stated probability is worth, per bin: lower and upper end, claims, their mean probability, share right."""
   claims = [(c["probability"], c["mechanism"] in truth_ids(r)) for r in results for c in r["answer"]["claims"]]
   edges = (0.0, 0.5, 0.8, 0.95, 1.0)
   rows = []
@@ -211,7 +211,7 @@ def level(result: Result) -> str:
 
 
 def null_floor(nulls: Sequence[Result]) -> dict[str, float]:
-  """Hold-out error per channel that recalibrated twins reach on sessions without effects at the usual noise, the median."""
+  """Median hold-out error per channel of recalibrated twins on sessions without effects at the usual noise."""
   usual = [r["answer"]["fit"]["holdout"] for r in nulls if r["case"]["noise"] == 1.0]
   return {
     name: float(np.median([fit[name]["before"] for fit in usual if name in fit]))
@@ -220,7 +220,7 @@ def null_floor(nulls: Sequence[Result]) -> dict[str, float]:
 
 
 def recovered(result: Result, floor: Mapping[str, float]) -> float | None:
-  """Share of the squared hold-out error above a floor that the repair took away, over all channels in units of the floor.
+  """Share of the squared hold-out error above a floor that the repair took away, all channels in units of the floor.
 
   None where the error before hardly exceeds the floor (by less than a tenth): there is nothing to recover.
   """
@@ -244,7 +244,7 @@ def any_channel_worse(result: Result) -> bool:
 
 
 def any_channel_surely_worse(result: Result) -> bool:
-  """The same, and the 95 % interval of the change lies above nothing: a channel at its sensor's noise moves by chance."""
+  """The same, and the change's 95 % interval lies above nothing: a channel at its sensor's noise moves by chance."""
   fits = result["answer"]["fit"]["holdout"].values()
   return any(f["after"] > 1.01 * f["before"] and f["ci95"][0] > 0.0 for f in fits)
 

@@ -141,7 +141,7 @@ def fit(
 
 @dataclasses.dataclass(frozen=True)
 class _Trial:
-  """A step that was simulated: estimates, residual, cost, promised gain, share of it that was kept, factor on the damping."""
+  """A simulated step: estimates, residual, cost, promised gain, share of it that was kept, factor on the damping."""
 
   theta: Array
   outcome: Array
@@ -156,7 +156,7 @@ def _try(
   residual: Residual, parameters: ParameterSet, theta: Array, r: Array, jacobian: Array, cost: float, damping: float,
   robust: float,
 ) -> _Trial:  # fmt: skip
-  """A step as good as undamped; where it does not bring what the Jacobian promised, the best of it and of shorter ones."""
+  """A step as good as undamped; where it doesn't bring what the Jacobian promised, the best of it and shorter ones."""
 
   def judged(candidates: list[Array], eases: tuple[float, ...], evaluations: int) -> _Trial:
     outcomes = residual(np.stack(candidates))

@@ -51,7 +51,8 @@ class FreeRun:
 def free_run(plant: Plant, theta: Array, recording: Recording, vehicle: MeasuredCar) -> FreeRun:
   """Drive `recording` again with parameters theta (P,) of the plant."""
   time, commands = recording.commands(plant.period)
-  start = measured_start(recording, float(time[0]), vehicle, float(commands[0, 1]), True)  # pyright: ignore[reportArgumentType]
+  held = float(commands[0, 1])
+  start = measured_start(recording, float(time[0]), vehicle, held, True)  # pyright: ignore[reportArgumentType]
   segments = Segments(
     commands[None], start[None], np.array([len(commands)]), plant.period, (recording.name,), np.array([time[0]])
   )

@@ -1,8 +1,8 @@
 """The twin fitted to the identified bicycle: same voltage steps, same step steers, same answers.
 
 Voltage steps start at rest and last 4.5 / P2, as the identification's responses do. Step steers start at
-1.5 m/s straight ahead with the voltage that holds this speed, and rise at 3 rad/s; the bicycle answers them at the twin's own
-speed, as it does at the measured speed in the identification. Both pass the same zero-phase moving
+1.5 m/s straight ahead with the voltage that holds this speed, and rise at 3 rad/s; the bicycle answers them at the
+twin's own speed, as it does at the measured speed in the identification. Both pass the same zero-phase moving
 average. Errors are root mean squares over the response, per cent of the bicycle's steady value.
 
 Lateral acceleration is the motion's, v_y' + v_x r carried to the IMU's place: an accelerometer on the twin's
@@ -269,7 +269,7 @@ def bicycle_values(identification: Identification, twin: Twin) -> dict[str, floa
 
 
 def _with_bicycle(found: Fit, covariance: Array, residual: Callable[[Array], Array], theta: Array) -> Fit:
-  """The fit with the bicycle's covariance carried over: cov + S C S', S = -H^-1 J' dr/db. Unknown parts count as none."""
+  """The fit with the bicycle's covariance carried over: cov + S C S', S = -H^-1 J' dr/db. The unknown counts as 0."""
   known = np.flatnonzero(np.isfinite(np.diag(covariance)) & (np.diag(covariance) > 0.0))
   if known.size == 0:
     return found

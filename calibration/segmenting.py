@@ -128,7 +128,7 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
 
 
 def _thinned(pieces: list[_Piece], cut: Cut) -> list[_Piece]:
-  """At most `cut.most` seconds of pieces, evenly spread; at least one of every recording where that leaves room for others.
+  """At most `cut.most` seconds of pieces, evenly spread; at least one of every recording where there is room.
 
   Beginnings alone would not do: steps in steering come later, and a twin fitted without them has tyres at will.
   """
@@ -152,7 +152,7 @@ def _spread(count: int, take: int, phase: float) -> NDArray[np.int64]:
 
 
 def _allotted(counts: NDArray[np.int64], room: int) -> NDArray[np.int64]:
-  """How many pieces of each recording are kept: the same share of all, but at least one, and `room` altogether at most."""
+  """How many pieces of each recording are kept: the same share of all, but at least one, and `room` at most in all."""
   low, high = 0.0, 1.0
   for _ in range(30):
     share = 0.5 * (low + high)

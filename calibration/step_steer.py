@@ -213,7 +213,8 @@ def _optimum(transients: Transients, parameters: Sequence[Unknown], fitted: Indi
       residuals(y)
     return latest[y.tobytes()]
 
-  found = least_squares(residuals, start[fitted], jac=jacobian, xtol=1e-2, ftol=1e-6, gtol=1e-2)  # pyright: ignore[reportArgumentType]
+  accuracy = {"xtol": 1e-2, "ftol": 1e-6, "gtol": 1e-2}
+  found = least_squares(residuals, start[fitted], jac=jacobian, **accuracy)  # pyright: ignore[reportArgumentType]
   return whole(found.x)
 
 

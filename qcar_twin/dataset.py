@@ -47,7 +47,7 @@ class DataSet:
 
   @classmethod
   def load(cls, folder: str | os.PathLike[str]) -> DataSet:
-    """Read folder/dataset.toml and every recording it lists. Raises RecordingError naming file, channel, row and cure."""
+    """Read folder/dataset.toml and what it lists. Raises RecordingError naming file, channel, row and cure."""
     folder = Path(folder)
     manifest = read_manifest(folder)
     tables = [read_table(folder / entry.file, entry.file) for entry in manifest.entries]
@@ -88,7 +88,7 @@ class DataSet:
 
 
 def in_order(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-  """The same recordings, each with the seconds driven and V^2 s spent before it; one that knows them already keeps them."""
+  """The same recordings, each with the seconds driven and V^2 s spent before it; one that knows them keeps them."""
   out: list[Recording] = []
   seconds, energy = 0.0, 0.0
   for recording in recordings:
@@ -109,7 +109,8 @@ def _absent_columns(manifest: Manifest, tables: list[Table]) -> list[str]:
       tables[0].number(mapped.column, channel)
     if without:
       notes.append(
-        f"{channel}: column '{mapped.column}' is absent in {len(without)} of {len(tables)} files ({without[0].shown}, …)"
+        f"{channel}: column '{mapped.column}' is absent in {len(without)} of {len(tables)} files "
+        f"({without[0].shown}, …)"
       )
   return notes
 
@@ -138,7 +139,8 @@ def _cut(whole: Recording) -> tuple[list[Recording], list[str]]:
   ]
   if max(counts) < MIN_SAMPLES:
     raise RecordingError(
-      f"{whole.file}: too few samples ({max(counts)}); at least {MIN_SAMPLES} without a gap are needed; remove this recording"
+      f"{whole.file}: too few samples ({max(counts)}); at least {MIN_SAMPLES} without a gap are needed; remove "
+      "this recording"
     )
   notes += [
     f"{whole.file}: the piece from {span[0]:g} s to {span[1]:g} s has too few samples ({count}) and is left out"
@@ -158,7 +160,7 @@ def _samples(recording: Recording, start: float, end: float) -> int:
 
 
 def write_recording(path: str | os.PathLike[str], recording: Recording) -> Path:
-  """Write one recording as CSV in canonical channels, blank where a channel has no sample; every float survives exactly."""
+  """Write one recording as CSV in canonical channels, blank where there is no sample; every float survives exactly."""
   time, columns = recording.columns()
   cells = [["" if value != value else repr(value) for value in column.tolist()] for column in (time, *columns.values())]
   lines = [",".join(("time", *columns)), *(",".join(row) for row in zip(*cells, strict=True))]
@@ -176,8 +178,8 @@ def write_dataset(
   licence: str = "",
   source: str = "",
 ) -> Path:
-  """Write recordings and dataset.toml so that DataSet.load gives them back. Nothing in the folder changes unless all could be
-  written. Raises RecordingError for bad names, and for anything the loader would refuse in dataset.toml."""
+  """Write recordings and dataset.toml so that DataSet.load gives them back. Nothing in the folder changes unless all
+  could be written. Raises RecordingError for bad names, and for anything the loader would refuse in dataset.toml."""
   folder, recordings = Path(folder), tuple(recordings)
   text = _toml(name, vehicle, vehicle_std, recordings, description, command_timing, licence, source)
   created = not folder.exists()

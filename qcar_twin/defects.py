@@ -1,4 +1,4 @@
-"""What a careful person would notice in a recording's traces: frozen and clipped channels, channels that fall silent."""
+"""What a careful person would notice in a recording: frozen and clipped channels, channels that fall silent."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SILENT_STEPS, _SILENT_SECONDS = 10.0, 0.5
 
 @dataclass(frozen=True)
 class Runs:
-  """Stretches of equal values: indices of their first and last samples (r,), their value and their length in samples."""
+  """Stretches of equal values: indices of their first and last samples (r,), their value and length in samples."""
 
   first: np.ndarray
   last: np.ndarray
@@ -67,7 +67,7 @@ def frozen(recording: Recording) -> list[str]:
 
 
 def clipped(recording: Recording) -> list[str]:
-  """A finely resolved channel that enters its own largest or smallest value abruptly and stays there for several samples."""
+  """A finely resolved channel that jumps to its own largest or smallest value and stays for several samples."""
   notes = []
   for channel in _CLIPPABLE:
     if channel not in recording:
@@ -103,7 +103,7 @@ def _note(recording: Recording, channel: str, what: str, spans: list[tuple[float
 
 
 def _long_runs(stream: Stream, other: Stream | None = None) -> list[tuple[float, float]]:
-  """Spans (s) in which the value repeats for long, both by the clock and in samples, and beyond the channel's own habit."""
+  """Spans (s) in which the value repeats for long, by the clock and in samples, and beyond the channel's own habit."""
   value = stream.value if other is None else stream.value + 1j * other.value
   runs = Runs.of(value)
   habit = 5.0 * np.median(runs.length) if runs.length.size > 3 else 0.0
@@ -119,7 +119,7 @@ def _within(stream: Stream, span: tuple[float, float]) -> np.ndarray:
 
 
 def _speed_in(recording: Recording, span: tuple[float, float]) -> float:
-  """Mean measured speed magnitude in a span; infinite for a motor that turns when only its speed is known, 0 when unknown."""
+  """Mean measured speed in a span; infinite for a motor that turns when only its speed is known, 0 when unknown."""
   if "speed" in recording:
     value = _within(recording["speed"], span)
     return float(np.abs(value).mean()) if value.size else 0.0
@@ -136,8 +136,8 @@ def _at_rest(recording: Recording, channel: str, span: tuple[float, float]) -> b
 
 
 def _should_change(recording: Recording, stream: Stream, span: tuple[float, float]) -> bool:
-  """Whether the voltage says that a repeated speed is a fault: it changes much in the span, or a standing car gets more than
-  a moving one usually does."""
+  """Whether the voltage says that a repeated speed is a fault: it changes much in the span, or a standing car gets more
+  than a moving one usually does."""
   if "motor_voltage" not in recording:
     return False
   voltage = recording["motor_voltage"]

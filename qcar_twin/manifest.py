@@ -93,7 +93,8 @@ def _read_toml(folder: Path) -> dict[str, Any]:
     raise RecordingError(f"{folder}: is a file; give the folder that holds {FILE_NAME}")
   if not path.is_file():
     raise RecordingError(
-      f"{folder}: holds no {FILE_NAME}; write one with a [vehicle] table and a [[recording]] per file (see docs/recordings.md)"
+      f"{folder}: holds no {FILE_NAME}; write one with a [vehicle] table and a [[recording]] per file (see "
+      "docs/recordings.md)"
     )
   try:
     return tomllib.loads(path.read_text(encoding="utf-8-sig"))
@@ -157,7 +158,8 @@ def _vehicle(raw: Mapping[str, Any]) -> tuple[dict[str, float | str], dict[str, 
   steering = vehicle.get("max_steering", 0.5)
   if float(steering) > math.pi / 2:
     raise RecordingError(
-      f"{FILE_NAME}: [vehicle] max_steering is {steering:g} rad, more than a right angle; in degrees? multiply by 0.0174533"
+      f"{FILE_NAME}: [vehicle] max_steering is {steering:g} rad, more than a right angle; in degrees? multiply by "
+      "0.0174533"
     )
   return vehicle, _std(_table(raw, "std", "[vehicle] "), vehicle)
 

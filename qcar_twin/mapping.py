@@ -18,7 +18,9 @@ _MIN_RUNS = 5  # runs of equal values that make a publisher's rate sure
 
 @dataclass(frozen=True)
 class Clock:
-  """Sample times of a file's rows. `first` marks the rows where a slower publisher's stamp is new; `row_time` is each row's own time."""
+  """Sample times of a file's rows. `first` marks the rows where a slower publisher's stamp is new; `row_time` is each
+  row's own time.
+  """
 
   stamp: np.ndarray
   row_time: np.ndarray
@@ -32,8 +34,8 @@ class Clock:
 def resolve(table: Table, mapping: Mapping[str, Mapped]) -> dict[str, Mapped]:
   """The mapping that applies to one file: [channels], then columns that already have a channel's name.
 
-  Without any [channels] every column claims to be a channel, so a near miss is an error. An optional channel whose column
-  this file lacks is left out; a missing clock, voltage or gate is an error.
+  Without any [channels] every column claims to be a channel, so a near miss is an error. An optional channel whose
+  column this file lacks is left out; a missing clock, voltage or gate is an error.
   """
   used = {mapped.column for mapped in mapping.values()}
   resolved = {
@@ -107,7 +109,8 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
 def _blank(table: Table, channel: str, notes: list[str]) -> None:
   if channel == "motor_voltage" or channel in ("motor_speed", "speed"):
     raise RecordingError(
-      f"{table.shown}: needed channel '{channel}' has no sample, every cell is blank; map another column or remove this recording"
+      f"{table.shown}: needed channel '{channel}' has no sample, every cell is blank; map another column or remove "
+      "this recording"
     )
   notes.append(f"{table.shown}: {channel} has no sample, every cell is blank; the channel is left out")
 
@@ -144,7 +147,7 @@ def _refuse_bad_values(table: Table, channel: str, column: str, raw: np.ndarray)
 
 
 def _clock(table: Table, mapping: Mapping[str, Mapped]) -> tuple[Clock, list[str]]:
-  """Row times, after the checks. Repeated stamps are accepted only where the data set says that a publisher holds its values."""
+  """Row times, after the checks. Repeated stamps pass only where the data set says that a publisher holds values."""
   mapped = mapping["time"]
   raw = table.number(mapped.column, "time")
   stamp = mapped.scale * raw + mapped.offset
@@ -202,7 +205,8 @@ def held_samples(value: np.ndarray, usual: int) -> np.ndarray:
   """Indices of the samples behind values that a slower publisher repeats, (k,).
 
   A run of equal values is one sample; a run much longer than the publisher's `usual` number of rows is a true constant,
-  published several times, and gives one sample per `usual` rows. `usual` 0 (unknown) keeps the changes and the last row.
+  published several times, and gives one sample per `usual` rows. `usual` 0 (unknown) keeps the changes and the last
+  row.
   """
   start = np.flatnonzero(_changed(value))
   length = np.diff(np.r_[start, value.size])
@@ -214,8 +218,10 @@ def held_samples(value: np.ndarray, usual: int) -> np.ndarray:
 
 
 def _publisher_rows(values: Mapping[str, np.ndarray]) -> dict[str, int]:
-  """How many rows each held channel's publisher usually repeats a value: the lower quartile of its run lengths. A channel
-  that changes seldom takes the smallest of those that change often, else its own; 0 when it never changes and nothing is known."""
+  """How many rows each held channel's publisher usually repeats a value: the lower quartile of its run lengths. A
+  channel that changes seldom takes the smallest of those that change often, else its own; 0 when it never changes and
+  nothing is known.
+  """
   lengths = {}
   for channel, value in values.items():
     start = np.flatnonzero(_changed(value[~np.isnan(value)]))

@@ -270,7 +270,7 @@ def infinity_shape() -> Path:
 
 
 def double_lane_change(origin: float, base: float, scale: float = 0.1) -> tuple[list[Piece], tuple[Lane, ...]]:
-  """ISO 3888-2 scaled: sections 12, 13.5, 11, 12.5, 12 m; lanes b1 = 1.1 w + 0.25, b3 = w + 1, b5 = max(1.3 w + 0.25, 3) m.
+  """ISO 3888-2 scaled: parts 12, 13.5, 11, 12.5, 12 m; lanes b1 = 1.1 w + 1/4, b3 = w + 1, b5 = max(1.3 w + 1/4, 3) m.
 
   Lanes 1 and 5 share their right border, lane 3 begins 1 m to the left of lane 1's left border. The path
   runs in the lanes' middles; each change is two opposite trapezia of curvature.

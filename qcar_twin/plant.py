@@ -84,7 +84,8 @@ class Segments:
     """Some of the stretches, padded as all are."""
     some = lambda a: None if a is None else a[which]  # noqa: E731
     return Segments(
-      self.commands[which], self.start[which], self.steps[which], self.period, self.recording[which], self.offset[which],
+      self.commands[which], self.start[which], self.steps[which], self.period,
+      self.recording[which], self.offset[which],
       some(self.history), some(self.pose), some(self.wheel_angle),
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Are the numbers of a recording in the units they claim? Limits first, then kinematics: one channel is witness of another."""
+"""Are a recording's numbers in the units they claim? Limits first, then kinematics: one channel witnesses another."""
 
 from __future__ import annotations
 
@@ -80,7 +80,8 @@ def check_limits(recording: Recording) -> None:
         limit.suspects[-1],
       )
       raise RecordingError(
-        f"{recording.file or recording.name}: {channel} reaches {magnitude.max():g} {limit.unit}, implausible above {limit.value:g} {limit.unit} "
+        f"{recording.file or recording.name}: {channel} reaches {magnitude.max():g} {limit.unit}, implausible "
+        f"above {limit.value:g} {limit.unit} "
         f"(first at {at:g} s); {_cure(unit)}"
       )
 
@@ -92,7 +93,7 @@ def _cure(unit: Unit) -> str:
 
 @dataclass(frozen=True)
 class Comparison:
-  """A channel's bin means (n,) beside what another channel says they must be (n,); equal when units and signs are right."""
+  """A channel's bin means (n,) beside what another says they must be (n,); equal when units and signs are right."""
 
   channel: str
   witness: str
@@ -102,8 +103,8 @@ class Comparison:
   tolerance: float = _LOOSE
 
   def slope(self) -> tuple[float, float]:
-    """Slope of measured on expected (with an intercept, for bias) and their correlation; NaN when there is too little motion
-    or the slope's standard error, slope * sqrt((1 / correlation^2 - 1) / (n - 2)), is too large."""
+    """Slope of measured on expected (with an intercept, for bias) and their correlation; NaN when there is too little
+    motion or the slope's standard error, slope * sqrt((1 / correlation^2 - 1) / (n - 2)), is too large."""
     both = np.isfinite(self.measured) & np.isfinite(self.expected)
     x, y = self.expected[both], self.measured[both]
     if x.size < _BINS or x.std() == 0.0 or y.std() == 0.0:
@@ -127,7 +128,9 @@ def compare(recording: Recording, vehicle: Mapping[str, float | str]) -> list[Co
 
 
 def check_units(recording: Recording, vehicle: Mapping[str, float | str]) -> list[str]:
-  """Raises RecordingError when a channel agrees with its witness but for the factor of a usual unit; returns warnings about signs."""
+  """Raises RecordingError when a channel agrees with its witness but for the factor of a usual unit; returns warnings
+  about signs.
+  """
   notes, shown = [], recording.file or recording.name
   for comparison in compare(recording, vehicle):
     slope, correlation = comparison.slope()
@@ -139,7 +142,8 @@ def check_units(recording: Recording, vehicle: Mapping[str, float | str]) -> lis
       )
     if correlation < -_SIGN_CORRELATION and -2.0 < slope < -0.5:
       notes.append(
-        f"{shown}: {comparison.channel} runs against {comparison.witness} (slope {slope:.2f}); signs are ISO 8855: x forward, y left, "
+        f"{shown}: {comparison.channel} runs against {comparison.witness} (slope {slope:.2f}); signs are ISO 8855: "
+        "x forward, y left, "
         "turning positive counter-clockwise, speed negative in reverse; set scale = -1 on the channel that differs"
       )
   return notes

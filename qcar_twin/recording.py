@@ -75,7 +75,8 @@ def _frozen(array: object) -> np.ndarray:
 class Stream:
   """Samples of one channel: `time` (k,) in s, strictly increasing, and `value` (k,) in the channel's SI unit.
 
-  Both arrays are read-only float64. Raises RecordingError for unequal lengths, NaN, infinity or time that does not increase.
+  Both arrays are read-only float64. Raises RecordingError for unequal lengths, NaN, infinity or time that does not
+  increase.
   """
 
   time: np.ndarray
@@ -142,7 +143,7 @@ class Recording:
   def from_columns(
     cls, name: str, time: np.ndarray, columns: Mapping[str, np.ndarray], **about: str | None
   ) -> Recording:
-    """Build from columns on one clock `time` (k,) in s; a NaN means no sample. `about`: file, role, manoeuvre, session."""
+    """Build from columns on one clock `time` (k,) in s; NaN is no sample. `about`: file, role, manoeuvre, session."""
     streams = {}
     for channel, column in columns.items():
       value = np.asarray(column, dtype=float)
@@ -214,8 +215,8 @@ class Recording:
     return self.start + period * np.arange(int(np.floor(self.duration / period + 1e-6)) + 1)
 
   def resample(self, period: float) -> dict[str, np.ndarray]:
-    """Every channel on one grid of `period` s, with the grid as "time": measurements linear (NaN outside their own span),
-    commands by zero-order hold. All arrays (T,), in SI units."""
+    """Every channel on one grid of `period` s, with the grid as "time": measurements linear (NaN outside their own
+    span), commands by zero-order hold. All arrays (T,), in SI units."""
     time = self.grid(period)
     columns = {"time": time}
     for name, stream in self.streams.items():
@@ -224,7 +225,7 @@ class Recording:
     return columns
 
   def commands(self, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """Time (T,) in s on the grid of `period`, and (T, 2): motor_voltage [V], steering_command [rad], by zero-order hold.
+    """Time (T,) in s on the grid of `period`, and (T, 2): motor_voltage [V], steering_command [rad], each held.
 
     Row k acts from time k until time k + period. A command that is absent is 0; before its first sample it has the
     value of that sample.
@@ -237,7 +238,7 @@ class Recording:
     return time, commands
 
   def columns(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """The streams as one table: every sample time once (k,), s, and each channel (k,) with NaN where it has no sample."""
+    """The streams as one table: every sample time once (k,), s, and each channel (k,), NaN where it has no sample."""
     time = np.unique(np.concatenate([stream.time for stream in self.streams.values()]))
     table = {name: np.full(time.size, np.nan) for name in self.streams}
     for name, stream in self.streams.items():

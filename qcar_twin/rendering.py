@@ -135,7 +135,7 @@ class Film:
   def frames(
     self, signals: Array, ghost: Array | None = None, period: float = 0.01, label: str = ""
   ) -> Iterator[Picture]:
-    """Pictures of a drive, signals (T, 10) and ghost (T', 10) every `period` s, with time, speed and error written in."""
+    """Pictures of a drive, signals (T, 10) and ghost (T', 10) every `period` s, time, speed and error written in."""
     stride = 1.0 / (self.look.fps * period)
     rows = np.round(np.arange(0.0, len(signals) - 0.5, stride)).astype(int)
     errors = self._errors(signals[rows]) if self.path is not None else None

@@ -27,7 +27,8 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
       _open("motor_damping", v.motor_damping, 40.0, "N m s/rad", "K_t K_v/R_a + B", std.get("motor_damping")),
       Parameter("driveline_friction", v.driveline_friction, 0.0, 40.0 * v.driveline_friction, "N m", "T_c",
                 typical=0.3 * v.driveline_friction),
-      # steps of the voltage show only its sum with the car's mass; one much lighter lets the wheels chatter when they slip
+      # steps of the voltage show only its sum with the car's mass; one much lighter lets the wheels chatter when they
+      # slip
       _near("rotor_inertia", v.rotor_inertia, 0.4, "kg m^2", "J_m", 3.0),
       _open("cornering_stiffness_front", v.cornering_stiffness_front, 8.0, "N/rad", "C_f"),
       _open("cornering_stiffness_rear", v.cornering_stiffness_rear, 8.0, "N/rad", "C_r"),

@@ -49,11 +49,13 @@ def check_time_unit(shown: str, time: np.ndarray) -> None:
       (1e-9, "ticks"),
     )
     raise RecordingError(
-      f'{shown}: time steps by {step:g}, implausible for seconds; it looks like {unit}: set time = {{ column = "…", scale = {scale:g} }}'
+      f"{shown}: time steps by {step:g}, implausible for seconds; it looks like {unit}: set time = "
+      f'{{ column = "…", scale = {scale:g} }}'
     )
   if step < 2e-5:
     raise RecordingError(
-      f"{shown}: time steps by {step:g} s, implausibly little; is it in hours or days? set scale to the seconds in one unit"
+      f"{shown}: time steps by {step:g} s, implausibly little; is it in hours or days? set scale to the seconds in "
+      "one unit"
     )
 
 

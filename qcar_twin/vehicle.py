@@ -156,7 +156,7 @@ class Vehicle:
 
   @classmethod
   def from_dataset(cls, vehicle: Mapping[str, float | str], std: Mapping[str, float] | None = None) -> "Vehicle":
-    """A car from a data set's [vehicle] table; what it doesn't give is the QCar's, scaled to this car's mass and wheels.
+    """A car from a data set's [vehicle] table; what it lacks is the QCar's, scaled to this car's mass and wheels.
 
     A measured `motor_constant` [V s/rad] and `motor_resistance` [ohm] become torque_per_volt = K/R and
     motor_damping = K^2/R. Entries a vehicle does not have are said and left out.

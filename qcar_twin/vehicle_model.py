@@ -70,7 +70,7 @@ def tyre_of(car: Vehicle, wheel: str) -> list[float]:
 
 
 def differential_rows(damping: ArrayLike, timestep: float, invweight: float) -> tuple[np.ndarray, np.ndarray]:
-  """Solver numbers that make the equality `front_differential` or `rear_differential` a damper, torque = -b (w_l - w_r).
+  """Solver numbers that make equality `front_differential` or `rear_differential` a damper, torque = -b (w_l - w_r).
 
   A row with reference -v/h and regularisation R = 1/(h b) solves for -b times the speed at the end of the
   step: stable from open (switch the equality off) to locked. Write them to eq_solref and eq_solimp, and eq_active to 1.

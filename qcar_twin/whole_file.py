@@ -14,7 +14,7 @@ import numpy as np
 
 @contextlib.contextmanager
 def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
-  """A place to write to that becomes `path` when the block ends; after an error nothing is there but what was there before.
+  """A place to write to that becomes `path` when the block ends; after an error nothing has changed there.
 
   The place has the name of `path`, so that writers that go by the ending work, in a hidden folder beside it, so that it
   is on the same disk and no listing of the folder finds it. The folder of `path` is made.
@@ -40,7 +40,7 @@ def write_json(path: str | os.PathLike[str], data: Any) -> Path:
 
 
 def plain(value: Any) -> Any:
-  """Nested data as JSON has them: numpy's scalars and arrays converted, paths as text, what is not finite turned into None."""
+  """Nested data as JSON has them: numpy's scalars and arrays converted, paths as text, None for what is not finite."""
   if isinstance(value, Mapping):
     return {str(key): plain(item) for key, item in value.items()}
   if isinstance(value, (list, tuple, np.ndarray)):

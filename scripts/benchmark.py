@@ -15,15 +15,16 @@ from qcar_twin.whole_file import write_text
 PAGE = """# Speed, in pairs
 
 `python scripts/benchmark.py --out docs/results_speed.md`; both sides of a line ran in one process on two cores.
-Ratios are medians of the ratios of rounds in which the sides take turns (fits run once each), times are medians; processor time
-where one thread works, wall time for two threads and for the fits.
+Ratios are medians of the ratios of rounds in which the sides take turns (fits run once each), times are medians;
+processor time where one thread works, wall time for two threads and for the fits.
 
 | what | sides | first [us] | second [us] | per | first / second | goal | |
 |---|---|---|---|---|---|---|---|
 {rows}
 
-The fits start together and have the same residual (tested equal to 1e-3 of a standard deviation), parameters, recordings and step of 5 ms,
-each with its tool's default settings. MuJoCo's profiling clock is stopped on both sides, as the twin does it. {fits}
+The fits start together and have the same residual (tested equal to 1e-3 of a standard deviation), parameters,
+recordings and step of 5 ms, each with its tool's default settings. MuJoCo's profiling clock is stopped on both sides,
+as the twin does it. {fits}
 """
 
 LIBRARY = "The first side is the library itself, `mujoco.sysid.optimize` with its default optimiser."
@@ -52,7 +53,8 @@ def row(pair: Pair) -> str:
   first, second = (f"{1e6 * s:.4g}" for s in pair.seconds)
   said = "reached" if pair.reached else "missed"
   note = f"{said}; {pair.note}" if pair.note else said
-  return f"| {pair.name} | {', '.join(pair.sides)} | {first} | {second} | {pair.unit} | {pair.ratio:.2f} | {pair.aim} | {note} |"
+  cells = (pair.name, ", ".join(pair.sides), first, second, pair.unit, f"{pair.ratio:.2f}", pair.aim, note)
+  return f"| {' | '.join(cells)} |"
 
 
 def main(config: Config) -> tuple[Pair, ...]:

@@ -17,20 +17,23 @@ from qcar_twin.whole_file import write_text
 REAL = Path("../shared/data")
 PAGE = """# Calibration of the twin
 
-`python scripts/benchmark_calibration.py --work out/calibrations --out docs/results_calibration.md`; for one data set alone
-`python scripts/calibrate.py --dataset DIR --against identified` (or `recordings`) and `python scripts/cross_validate.py --dataset DIR --twin FILE`.
+`python scripts/benchmark_calibration.py --work out/calibrations --out docs/results_calibration.md`;
+for one data set alone `python scripts/calibrate.py --dataset DIR --against identified` (or `recordings`)
+and `python scripts/cross_validate.py --dataset DIR --twin FILE`.
 
-Step responses are compared as the paper does: root mean square over the response, per cent of the steady value, mean over the steps.
-`identify` are the steps the twin was fitted to, `validate` those it was not. Sessions `session_...` are drives of the independent car
-without any concealed effect, with the seed of their name; `sample` conceals one.
+Step responses are compared as the paper does: root mean square over the response, per cent of the steady value, mean
+over the steps. `identify` are the steps the twin was fitted to, `validate` those it was not. Sessions `session_...` are
+drives of the independent car without any concealed effect, with the seed of their name; `sample` conceals one.
 
-On recordings, the calibration's errors are those of stretches of 6 s at most; the cross-validation starts both models anew every 0.5 s, every 2 s, or never.
-Displacements are over 1 s, over 0.4 s in windows of 0.5 s. Where a data set is long, the fit sees an even sample of 420 s.
-`before` is the twin at the data set's nominal numbers. What `[vehicle]` does not say comes from `assets/qcar.toml`, and the drive
-there is itself a fit to straight runs of a QCar: on qcar_ground the error before is no measure of an uninformed start.
+On recordings, the calibration's errors are those of stretches of 6 s at most; the cross-validation starts both models
+anew every 0.5 s, every 2 s, or never. Displacements are over 1 s, over 0.4 s in windows of 0.5 s. Where a data set is
+long, the fit sees an even sample of 420 s.
+`before` is the twin at the data set's nominal numbers. What `[vehicle]` does not say comes from `assets/qcar.toml`, and
+the drive there is itself a fit to straight runs of a QCar: on qcar_ground the error before is no measure of an
+uninformed start.
 
-Hold-out recordings are not used on this page. Those of qcar_ground and dart were looked at while the identification and the first guess
-of the drive were developed, so for that part they are not untouched; no figure below rests on them.
+Hold-out recordings are not used on this page. Those of qcar_ground and dart were looked at while the identification
+and the first guess of the drive were developed, so for that part they are not untouched; no figure below rests on them.
 
 {tables}"""
 

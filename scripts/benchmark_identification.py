@@ -60,9 +60,13 @@ def main(config: Config) -> None:
   sessions = make_sessions([Spec(config.seed + k, (), design) for k in range(count)])
   published = " / ".join(f"{value:.3f}" for value in PUBLISHED.values())
   lines = [
-    f"Sessions of design `{design}`, no concealed effect, seeds from {config.seed}. The paper: 1.88 % longitudinal, 7.33 % lateral, oval {published}.",
+    f"Sessions of design `{design}`, no concealed effect, seeds from {config.seed}.",
+    f"The paper: 1.88 % longitudinal, 7.33 % lateral, oval {published}.",
     "",
-    f"| seed | longitudinal [%] | lateral [%] | error / std of {', '.join(SYMBOLS)} | oval, plain: {' / '.join(PUBLISHED)} | oval with turning losses |",
+    (
+      f"| seed | longitudinal [%] | lateral [%] | error / std of {', '.join(SYMBOLS)} | oval, plain: "
+      f"{' / '.join(PUBLISHED)} | oval with turning losses |"
+    ),
     "|---|---|---|---|---|---|",
     *(f"| {' | '.join(row(session))} |" for session in sessions),
   ]

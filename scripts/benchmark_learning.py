@@ -36,7 +36,8 @@ def main(config: Config) -> list[str]:
   steps = shares.pop("steps")
   said = ", ".join(f"{name} {100.0 * seconds / total:.0f} %" for name, seconds in shares.items())
   found = [
-    f"a training step of 8 cars (one gradient step per 8 environment steps): {1e3 * total / steps:.3f} ms of CPU per environment step; {said}"
+    f"a training step of 8 cars (one gradient step per 8 environment steps): {1e3 * total / steps:.3f} ms of CPU "
+    f"per environment step; {said}"
   ]
   rounds = range(1 if config.quick else config.rounds)
   for cars in (1, 8, 64):
@@ -49,7 +50,8 @@ def main(config: Config) -> list[str]:
   ours = max(gradient_steps_per_second(400 // part) for _ in rounds)
   raw = max(raw_gradient_steps_per_second(400 // part) for _ in rounds)
   found.append(
-    f"gradient steps per CPU second at batch 64: {ours:.0f} here, {raw:.0f} with stable-baselines3's own DDPG of 200 x 200"
+    f"gradient steps per CPU second at batch 64: {ours:.0f} here, {raw:.0f} with stable-baselines3's own DDPG of "
+    "200 x 200"
   )
   config.out.parent.mkdir(parents=True, exist_ok=True)
   write_json(config.out, found)

@@ -1,4 +1,4 @@
-"""Predict recordings that took no part in a fit with the twin and with the bicycle; writes cross_validation.json and report.html.
+"""Predict recordings no fit has seen with the twin and the bicycle; writes cross_validation.json and report.html.
 
 python scripts/cross_validate.py --dataset data/sample --twin out/calibration/twin.toml --out out/cross_validation
 """
@@ -24,7 +24,7 @@ from qcar_twin.twin_file import load_twin
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """Twin against bicycle against recordings: RMSE and NRMSE by channel, for windows of 0.5 s and 2 s and for free runs."""
+  """Twin against bicycle against recordings: RMSE and NRMSE by channel, for windows of 0.5 s, of 2 s and free runs."""
 
   dataset: Path
   """Folder with dataset.toml (SI units, see docs)."""

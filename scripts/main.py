@@ -1,4 +1,4 @@
-"""The main job on one data set: identify, calibrate, cross-validate, diagnose; prints the verdict and the report's path.
+"""The main job on one data set: identify, calibrate, cross-validate, diagnose; prints verdict and report's path.
 
 python scripts/main.py --dataset data/sample --out out/sample
 """

@@ -23,7 +23,7 @@ class Config:
   """The car, what it conceals, how long the diagnosis may look."""
 
   out: Path
-  """folder of the study; recalibrated.toml and repaired.toml are written there, the session and its diagnosis below it"""
+  """folder of the study for recalibrated.toml and repaired.toml, with the session and its diagnosis below it"""
   car: int = 4501
   """seed of car, driver and noise"""
   effect: str = "steering_delay"

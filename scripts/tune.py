@@ -66,9 +66,10 @@ def main(config: Config) -> None:
   for name in config.controllers:
     found = tune(FAMILIES[name], plant, theta, model.car, model.filter_settings("bicycle"), search)
     origin = (
-      f"scripts/tune.py: S-path at {config.speed:g} m/s on the single track ({numbers}), servo lag {1e3 * servo.lag:.0f} ms and"
-      f" delay {1e3 * servo.delay:.0f} ms, sensors and federated filter, {len(MISMATCH)} cars of steering gain 0.95 to 1.05 and"
-      f" offset +-0.5 deg, cap {np.degrees(search.rate_cap):.0f} deg/s rms, {search.generations} x {search.candidates} trials, seed {config.seed}"
+      f"scripts/tune.py: S-path at {config.speed:g} m/s on the single track ({numbers}), servo lag"
+      f" {1e3 * servo.lag:.0f} ms and delay {1e3 * servo.delay:.0f} ms, sensors and federated filter, {len(MISMATCH)}"
+      f" cars of steering gain 0.95 to 1.05 and offset +-0.5 deg, cap {np.degrees(search.rate_cap):.0f} deg/s rms,"
+      f" {search.generations} x {search.candidates} trials, seed {config.seed}"
     )
     tuned = found.numbers | {"rmse": found.rmse, "steering_rate": found.steering_rate, "origin": origin}
     table[name] = {"loose": LOOSE[name] | {"origin": LOOSE_ORIGIN}, "tuned": tuned}

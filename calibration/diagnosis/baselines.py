@@ -79,7 +79,7 @@ def run_baselines(pool: Pool, holdout: Sequence[Recording], cut: Cut = DEFAULT_C
 
 
 def unprofiled_ranking(signatures: Mapping[str, Signature]) -> tuple[tuple[str, float], ...]:
-  """Mechanisms by the nats their whole effect, scaled freely, takes off the recalibrated twin's residual, best first."""
+  """Mechanisms by the nats their whole effect, scaled freely, takes off the recalibrated residual, best first."""
   return tuple(sorted(((n, s.unprofiled) for n, s in signatures.items()), key=lambda kv: -kv[1]))
 
 

@@ -88,7 +88,7 @@ def claim(pool: Pool, best: Candidate, name: str, thresholds: Thresholds) -> Cla
 def _against_rivals(
   held_out: Comparison, gain: float, serious: Mapping[str, float], equivalent: Collection[str]
 ) -> float:
-  """Probability of a name by its margin over the next serious rival, in nats; or its share, where several can't be told apart.
+  """Probability of a name by its margin over the next serious rival, in nats; or its share where several tie.
 
   That several names fit does not make it less likely that something is there: each has its part of what all have.
   """
@@ -102,14 +102,15 @@ def _probability(held_out: Comparison, margin: float) -> float:
   """Probability that the name is right, from the margin over the next rival and the held-out t.
 
   A logistic in log margin and t with numbers set by hand before any campaign and not fitted since. In the 88 cases of
-  campaign 4669201 claims of 0.8 or more were right in 37 of 37, those below (halved where the verdict is partly) in 6 of 11.
+  campaign 4669201 claims of 0.8 or more were right in 37 of 37, those below (halved where the verdict is partly) in 6
+  of 11.
   """
   score = -1.2 + 0.75 * math.log1p(max(margin, 0.0) / 3.0) + 0.25 * (min(held_out.t, 8.0) - 3.0)
   return float(np.clip(1.0 / (1.0 + math.exp(-score)), 0.02, 0.99))
 
 
 def _estimates(pool: Pool, name: str, model: Candidate) -> dict[str, dict[str, float | str]]:
-  """Value, standard deviation and unit of a mechanism's parameters; the formula's own error is part of the deviation."""
+  """Value, standard deviation and unit of a mechanism's parameters; the deviation holds the formula's own error."""
   values = model.free.named(model.values)
   scatter = model.free.named(clustered_std(model, pool.problem.observations))
   found = [p for p in pool.problem.mechanism(name).parameters if p.name in model.free]

@@ -30,7 +30,8 @@ class Doubt:
       effects stay below.
     usual: blocks or stretches the levels hold for.
     material: share of a channel's spread that a structure must make up: with quiet sensors the twin's own
-      simplifications become visible (1.5 % on a session without effects at half the usual noise; 8 % with a nameless one).
+      simplifications become visible (1.5 % on a session without effects at half the usual noise; 8 % with a nameless
+      one).
     share: part of the recalibrated twin's own leftover (in units of its level) that may remain beside a right name:
       a formula right in kind is not right in every detail.
     factor: by which an UNKNOWN rival must beat the named model where nothing is left over.
@@ -38,8 +39,8 @@ class Doubt:
     explains: share of the held-out sum of squares it must explain.
     t: and its lead over its standard error.
     loud: by which a detector must exceed its level to say so without a name or a leftover.
-    heard: detectors that may. The exponent of the pose error tells too little, and drift is hard on quiet sensors however
-      small (30 times its noise for 1 % of friction on a real car).
+    heard: detectors that may. The exponent of the pose error tells too little, and drift is hard on quiet sensors
+      however small (30 times its noise for 1 % of friction on a real car).
   """
 
   levels: Mapping[str, float] = dataclasses.field(
@@ -118,7 +119,7 @@ def conclude(
 
 
 def heeded(decision: Decision, detection: Detection, doubt: Doubt = Doubt()) -> Decision:  # noqa: B008 - frozen
-  """The decision, `unexplained` where nothing was found but a detector is far above what recordings without effects show."""
+  """The decision, `unexplained` where nothing was found but a detector is far above its level."""
   loudest = max((detection[name] for name in doubt.heard), key=lambda d: d.statistic / d.threshold)
   if decision.verdict != "no_mismatch" or loudest.statistic <= doubt.loud * loudest.threshold:
     return decision

@@ -32,7 +32,8 @@ class Decision:
     model: the model behind the claims; the recalibrated twin if there are none.
     unknown: name of the UNKNOWN rival that did best, and its held-out comparison with the base.
     ranking: every mechanism tried with its evidence, best first.
-    leftovers: structure the model behind the claims leaves beyond what recordings without effects show, strongest first.
+    leftovers: structure the model behind the claims leaves beyond what recordings without effects show, strongest
+      first.
     alarm: what the loudest detector says where nothing else does, or what the model still misses; "" otherwise.
   """
 
@@ -173,8 +174,9 @@ def _useful(pool: Pool, best: Candidate, thresholds: Thresholds) -> Candidate:
 
   Three kinds are not dropped: one that frees what was measured from what it was bent to, since what it replaced had
   imitated it well; one that explains much of all that is missed, beside which something else still acts; and one whose
-  evidence, in which these recordings were counted, is beyond doubt. But nothing excuses a channel that is spoiled: a drag that takes a third of the motor speed's error away and makes 1.8 of
-  that of the turns is no repair, whatever it explains.
+  evidence, in which these recordings were counted, is beyond doubt. But nothing excuses a channel that is spoiled: a
+  drag that takes a third of the motor speed's error away and makes 1.8 of that of the turns is no repair, whatever it
+  explains.
   """
   observations = pool.problem.observations
   error = lambda m: judged_at_all(m, pool.base, observations)  # noqa: E731

@@ -119,7 +119,7 @@ def predictability(
 
 
 def predicted_share(features: Array, target: Array, group: NDArray[np.int64]) -> float:
-  """1 - error / power of ridge predictions of target (k,) from features (k, F), each group predicted from the others."""
+  """1 - error / power of ridge predictions of target (k,) from features (k, F), each group foretold by the others."""
   kinds = np.unique(group)
   power = float(target @ target)
   if len(kinds) < 2 or power <= 0:
@@ -191,7 +191,7 @@ def prior_conflict(base: Candidate) -> tuple[float, tuple[str, str]]:
 
 
 def prior_shifts(base: Candidate) -> dict[str, float]:
-  """(fitted - prior) / sqrt(prior variance - posterior variance) of parameters with a stated prior that the data inform."""
+  """(fitted - prior) / sqrt(prior variance - posterior variance) of parameters with a prior that the data inform."""
   out = {}
   for i, parameter in enumerate(base.free):
     if parameter.std is None or parameter.null is not None:  # a sensor's bias was never measured
@@ -228,7 +228,8 @@ def horizon_conflict(
 def pose_errors(
   observations: Observations, prediction: Prediction, passport: Mapping[str, ChannelNoise], horizon: float
 ) -> Array:
-  """RMS error of displacements over a horizon, forward, left [m] and turn [rad], without the pose's noise, (3,); 0 if below it."""
+  """RMS error of displacements over a horizon: forward, left [m], turn [rad], (3,); less the pose's noise, at "
+  "least 0."""
   segments = observations.stretches.segments
   if segments.pose is None or not {"pose_x", "pose_y", "pose_yaw"} <= passport.keys():
     return np.zeros(3)

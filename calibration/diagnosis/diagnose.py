@@ -159,10 +159,10 @@ def fit_unknowns(pool: Pool, forces: bool = True) -> dict[str, Candidate]:
 
 
 def _searched(baseline: Baseline, tried: Sequence[Mechanism], effort: Effort, clock: "_Clock") -> tuple[Baseline, Pool]:
-  """Scan and search; once more from a lower minimum of the recalibrated twin where a larger model has shown the way to one.
+  """Scan and search; once more from a lower minimum of the recalibrated twin where a larger model led to one.
 
-  Where wheels slide the cost has many minima. In a development session recalibration had stopped 7000 nats too high; one
-  mechanism's fit left that place, and was claimed for it.
+  Where wheels slide the cost has many minima. In a development session recalibration had stopped 7000 nats too high;
+  one mechanism's fit left that place, and was claimed for it.
   """
   earlier: list[Candidate] = []
   while True:

@@ -1,7 +1,8 @@
 """S7, what to drive next: the manoeuvre that would best tell the claim from the rival that is closest to it.
 
 Both fitted models drive every manoeuvre of a small library, made of speeds and steering angles the recordings
-already hold. What the rival could still bend to imitate, within what the recordings say of its parameters, does not count:
+already hold. What the rival could still bend to imitate, within what the recordings say of its parameters, does not
+count:
 
   nats = (d'd - d'J (H + J'J)^-1 J'd) / 2
 

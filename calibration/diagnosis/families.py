@@ -37,7 +37,7 @@ def past_commands(observations: Observations, prediction: Prediction) -> Array:
 
 
 def heading(observations: Observations, prediction: Prediction) -> Array:
-  """First and second harmonics of the measured heading, alone and for a moving car, (S, T + 1, 8); no columns without one."""
+  """First and second harmonics of the measured heading, alone and for a moving car, (S, T + 1, 8); without one none."""
   pose = observations.stretches.segments.pose
   if pose is None or not np.isfinite(pose[..., 2]).all():
     return np.zeros((*prediction.channel("yaw_rate")[0].shape, 0))
@@ -60,7 +60,7 @@ def places(observations: Observations, prediction: Prediction) -> Array:
 
 
 def histories(observations: Observations, prediction: Prediction) -> Array:
-  """What the car did in the last seconds (cornering and drive power, leaky means), times what it feels now, (S, T + 1, 24)."""
+  """Leaky means of cornering and drive power over the last seconds, times what the car feels now, (S, T + 1, 24)."""
   sliding = np.abs(prediction.channel("accel_y")[0] * prediction.channel("velocity_x")[0]) / 3.0
   driving = np.abs(prediction.channel("motor_speed")[0] * held(observations.stretches.segments.commands)[0]) / 300.0
   now = [np.tanh(prediction.channel(name)[0] / MOTION[name]) for name in ("accel_x", "accel_y", "yaw_rate")]

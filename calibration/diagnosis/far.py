@@ -4,9 +4,9 @@ A delay of 0.2 s is no small change of a twin whose tyres went soft to imitate i
 another one, and a refit from there ends in a minimum of its own (a lag of 55 ms came back as 38 ms, 290 nats short).
 So mechanisms are also tried on parameters that recalibration has not bent: delays and lags at up to several times
 their typical size on the first guess of everything, and all of them on the recalibrated twin with
-the measured parameters put back that were moved beyond belief: those of the drive for mechanisms of the drive, the others
-for all others. Where that explains much, the whole model is fitted from there. (A relaxation length that grows at low
-speed, 85 nats and an eighth of its size by a refit from the bent twin, is worth 459 there before anything is
+the measured parameters put back that were moved beyond belief: those of the drive for mechanisms of the drive, the
+others for all others. Where that explains much, the whole model is fitted from there. (A relaxation length that grows
+at low speed, 85 nats and an eighth of its size by a refit from the bent twin, is worth 459 there before anything is
 fitted, and 816 at its true size afterwards.)
 """
 
@@ -22,7 +22,8 @@ from calibration.diagnosis.scan import trial_starts
 from qcar_twin.parameters import ParameterSet
 
 FAR = ("steering_delay", "steering_lag", "drive_delay", "drive_lag", "imu_latency", "pose_latency")
-# of the typical size: of delays on the first guess, of those and of likely ones on the unbent twin, and of all others there
+# of the typical size: of delays on the first guess, of those and of likely ones on the unbent twin, and of all others
+# there
 _LARGE, _USUAL, _WHOLE = (1.0, 2.5, 5.0), (0.6, 1.3), (1.0,)
 _DRIVE = ("torque_per_volt", "motor_damping", "driveline_friction", "rotor_inertia", "longitudinal_stiffness")
 _BENT = 2.0  # prior standard deviations beyond which a parameter is put back
@@ -55,11 +56,15 @@ def far_models(
   delays = [name for name in FAR if name in considered]
   places = [_Place(priors.named(priors.nominal), _trials(problem, delays, _LARGE))]
   back, here, first = unbent(base, priors), base.free.named(base.values), dict.fromkeys([*delays, *likely])
-  # a patch of floor anywhere, a change of grip at any time: too many starts to try them all where nothing speaks for them
+  # a patch of floor anywhere, a change of grip at any time: too many starts to try all where nothing speaks for them
   others = [n for n in considered if n not in first and len(problem.mechanism(n).starts()) == 1]
   for driving in (False, True):
     values = {name: value for name, value in back.items() if (name in _DRIVE) == driving}
-    about = lambda names: [n for n in names if (problem.mechanism(n).subsystem == "drive") == driving]  # noqa: B023, E731
+    about = lambda names: [  # noqa: E731
+      n
+      for n in names
+      if (problem.mechanism(n).subsystem == "drive") == driving  # noqa: B023
+    ]
     if values:
       trials = _trials(problem, about(first), _USUAL) + _trials(problem, about(others), _WHOLE)
       places.append(_Place(here | values, trials))

@@ -102,7 +102,7 @@ def locate(
 
 
 def value_evidence(pool: Pool, better: Candidate | None) -> Array:
-  """Nats per value, (M,): drop of half the squared residual; its excess over the sensor's own noise without a better model."""
+  """Nats per value, (M,): drop of half the squared residual; without a better model its excess over noise."""
   base, observations = pool.base, pool.problem.observations
   if better is not None:
     return 0.5 * (base.residual**2 - better.residual**2)

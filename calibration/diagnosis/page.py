@@ -114,8 +114,8 @@ def _what(d: Diagnosis) -> Section:
     )
   rivals = [(c.mechanism, name, round(nats, 1), "no" if name in c.equivalent_to else "yes")
             for c in claims for name, nats in c.rivals]  # fmt: skip
-  tables = [Table("Claims", ("mechanism", "probability", "evidence [nats]", "held-out gain [nats]", "held-out t", "can't be told from"),
-                  [_claim_row(c) for c in claims])] if claims else []  # fmt: skip
+  columns = ("mechanism", "probability", "evidence [nats]", "held-out gain [nats]", "held-out t", "can't be told from")
+  tables = [Table("Claims", columns, [_claim_row(c) for c in claims])] if claims else []
   if rivals:
     tables.append(Table("Rivals", ("instead of", "rival", "evidence [nats]", "can be told apart"), rivals))
   chart = _pictures(
@@ -147,14 +147,15 @@ def _model(d: Diagnosis) -> Section:
     for parameter in mechanism.parameters:
       row = claim.parameters.get(parameter.name, {})
       if row:
-        rows.append((claim.mechanism, parameter.name, parameter.symbol, float(row["value"]), float(row["std"]), parameter.unit,
-                     wording.amount(float(row["value"]), float(row["std"]), parameter.unit), parameter.description))  # fmt: skip
+        value, std, unit = float(row["value"]), float(row["std"]), parameter.unit
+        said = wording.amount(value, std, unit)
+        rows.append((claim.mechanism, parameter.name, parameter.symbol, value, std, unit, said, parameter.description))
   columns = ("mechanism", "parameter", "symbol", "value", "std", "unit", "in words", "meaning")
   return Section("The model", "\n".join(lines), [Table("Fitted parameters", columns, rows)])
 
 
 def effect_on_car(d: Diagnosis, name: str) -> str:
-  """How much a claimed mechanism moves each channel on these recordings, after recalibration: "It moves yaw rate by …"."""
+  """How much a claimed mechanism moves each channel here, after recalibration: "It moves yaw rate by …"."""
   model = d.decision.model
   without = d.pool.models.get(frozenset(model.mechanisms) - {name})
   if without is None or name not in model.mechanisms:
@@ -209,9 +210,11 @@ def _priors(d: Diagnosis) -> Section:
   rows = []
   for name, shift in parameter_shifts(base).items():
     final = model.estimate(name)[0] if name in model.free else None
-    measured = base.free[name].std is not None and base.free[name].null is None
-    rows.append((name, base.free[name].unit, shift["prior"] if base.free[name].null is None else None, float(base.free.std[base.free.index(name)]) if measured else None,
-                 shift["fitted"], base.estimate(name)[1], surprise.get(name), final))  # fmt: skip
+    physical = base.free[name].null is None
+    prior = shift["prior"] if physical else None
+    std = float(base.free.std[base.free.index(name)]) if physical and base.free[name].std is not None else None
+    fitted = (shift["fitted"], base.estimate(name)[1])
+    rows.append((name, base.free[name].unit, prior, std, *fitted, surprise.get(name), final))
   text = (
     "An effect that recalibration absorbs leaves no error; it shows as a measured parameter that moved."
     " Parameters without a measured prior were free."

@@ -23,7 +23,8 @@ class Pool:
     models: by set of mechanism ids; frozenset() is the recalibrated twin.
     signatures: of the scan.
     floor: smallest standard deviation of each residual channel: the sensors' own noise.
-    strayed: whether recalibration had ended so far above its minimum that the search has to begin anew from the lower one.
+    strayed: whether recalibration had ended so far above its minimum that the search has to begin anew from the lower
+      one.
   """
 
   problem: Problem

@@ -123,7 +123,7 @@ def _finite(residual: Array) -> Array:
 
 @contextlib.contextmanager
 def warnings_logged() -> Iterator[None]:
-  """MuJoCo's warnings go to the log: a trial that flies apart loses on cost, and is no news for whoever runs a diagnosis.
+  """MuJoCo's warnings go to the log: a trial that flies apart loses on cost, and is no news for the user.
 
   MuJoCo itself writes them to the terminal and to a file in the working directory.
   """

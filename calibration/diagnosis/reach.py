@@ -78,6 +78,7 @@ def _sentence(name: str, beyond: NDArray[np.bool_], ranges: Array) -> str:
   channel, share = COMMANDS[k], 100.0 * float(np.mean(beyond[:, k]))
   return (
     f"{name} was fitted although its role is validate: {share:.0f} % of its driving has {channel} outside"
-    f" {ranges[0, k]:.3g} to {ranges[1, k]:.3g} {CHANNELS[channel].unit}, and no recording with the role identify goes there."
+    f" {ranges[0, k]:.3g} to {ranges[1, k]:.3g} {CHANNELS[channel].unit}, and no recording with the role identify "
+    "goes there."
     " The hold-out recordings judge what came of it."
   )

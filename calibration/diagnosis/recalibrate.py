@@ -115,7 +115,7 @@ def recalibrate(
 
 
 def recalibrate_from(baseline: Baseline, theta: Array) -> Baseline:
-  """The recalibrated twin fitted again from estimates of all parameters, (P,), with weights from the residuals there."""
+  """The recalibrated twin fitted again from estimates of all parameters, (P,), weighted by the residuals there."""
   old, base = baseline.problem, baseline.fit.parameters
   start = theta[[old.parameters.index(name) for name in base.names]]
   problem = _weighted(old.twin, old.observations, old.fitted, base, start, sensor_floor(baseline.passport))
@@ -213,7 +213,7 @@ def _read_at_rest(gyro: Parameter, recordings: Sequence[Recording]) -> Parameter
 
 
 def with_tolerances(priors: ParameterSet, twin: Twin) -> ParameterSet:
-  """The same and the errors that are allowed for, within three standard deviations, so that they are not taken for physics.
+  """The same and the errors that are allowed for, within three standard deviations, lest they be taken for physics.
 
   A wheel radius that is 0.9 % off makes every turn 0.9 % too wide: without this it was claimed as an error of the
   steering. So were an accelerometer that feels a body roll which the twin's does not have, and a linkage that turns

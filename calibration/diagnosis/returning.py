@@ -1,4 +1,4 @@
-"""Ways back between minima: what was found with a mechanism in the model is offered to models without it, and the reverse.
+"""Ways back between minima: what was found with a mechanism is offered to models without it, and the reverse.
 
 The cost has several minima. A search that compares a model at one with a model at another compares places, not physics.
 """

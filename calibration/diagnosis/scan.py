@@ -188,7 +188,7 @@ def trial_starts(mechanism: Mechanism, sizes: Sequence[float]) -> list[dict[str,
 
 
 def explained(change: Array, residual: Array, signed: bool = False) -> float:
-  """Drop of half the sum of squares when a change of residuals is added at its best size, nats; negative only if signed."""
+  """Drop of half the sum of squares when a change of residuals is added at its best size, nats; < 0 only if signed."""
   power = float(change @ change)
   pull = -float(residual @ change)
   pull = abs(pull) if signed else max(pull, 0.0)

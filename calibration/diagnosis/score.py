@@ -144,7 +144,7 @@ def compared(after: Array, before: Array, block: NDArray[np.int64]) -> Compariso
 
 
 def judged(larger: Candidate, smaller: Candidate, observations: Observations) -> Array:
-  """RMS error of a model on recordings that only judge over that of another one, per channel they show; empty where none judges."""
+  """RMS error of a model over another's on recordings that only judge, per channel; empty where none judges."""
   channel = observations.channel[larger.fitted :]
   power = [np.bincount(channel, m.residual[larger.fitted :] ** 2, minlength=len(CHANNELS)) for m in (larger, smaller)]
   seen = (power[0] > 0.0) & (power[1] > 0.0)

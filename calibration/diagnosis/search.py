@@ -71,7 +71,7 @@ def search(
     again if there was an earlier search.
   """
   problem = baseline.problem
-  pool = Pool(problem, baseline.fit.parameters, {frozenset(): base}, signatures, sensor_floor(baseline.passport))  # fmt: skip
+  pool = Pool(problem, baseline.fit.parameters, {frozenset(): base}, signatures, sensor_floor(baseline.passport))
   report("refitting single mechanisms")
   _fit_sets(pool, [frozenset([n]) for n in _nominate_singles(problem, signatures, effort.singles)], effort.iterations)
   likely = [m.mechanisms[0] for m in sorted(pool.of_size(1), key=lambda m: m.cost)[:LIKELY]]
@@ -151,9 +151,9 @@ def _bending_partners(pool: Pool) -> list[frozenset[str]]:
 def _explains(pool: Pool, model: Candidate) -> dict[str, float]:
   """Nats each further mechanism's signature would explain of a model's residual, to first order.
 
-  A promise counts as much as the mechanism's own refit kept of what the scan had promised, and nothing where an amplitude
-  without a sign would have to be negative. A parameter that every model fits within a tolerance does not imitate the
-  mechanism that lets it go beyond.
+  A promise counts as much as the mechanism's own refit kept of what the scan had promised, and nothing where an
+  amplitude without a sign would have to be negative. A parameter that every model fits within a tolerance does not
+  imitate the mechanism that lets it go beyond.
   """
   common, out = Projector(model), {}
   for name, signature in pool.signatures.items():
@@ -216,8 +216,8 @@ def _polish(pool: Pool, models: Sequence[Candidate], steps: int) -> None:
 def _without_trifles(pool: Pool) -> None:
   """Fit the sets without a mechanism that is too small to matter and yet worth much: they have not found their minimum.
 
-  A clock that drifts by nothing brought 600 nats beside a centre of gravity off the middle, which alone stood at a third
-  of the offset it had in the pair.
+  A clock that drifts by nothing brought 600 nats beside a centre of gravity off the middle, which alone stood at a
+  third of the offset it had in the pair.
   """
   for _ in range(2):  # of a set of three, one after the other
     best = pool.best(list(pool.models.values()))
@@ -232,7 +232,7 @@ def _without_trifles(pool: Pool) -> None:
 
 
 def _begun(pool: Pool, sets: Sequence[frozenset[str]]) -> list[Candidate]:
-  """One simulated model per set, from the best of a small and a whole start: far from the base the scan's line may bend."""
+  """One simulated model per set, from the better of a small and a whole start: far from the base the scan may bend."""
   trials = []
   for key in sets:
     parent = pool.best_subset(key)

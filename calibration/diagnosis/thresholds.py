@@ -20,19 +20,21 @@ class Thresholds:
 
   Attributes:
     t: held-out gain over its standard error.
-    sure: such a gain is not chance: a name with it is not dropped for being `worse` on few recordings, and where none of
-      several reaches `probability` the verdict is not "no mismatch".
+    sure: such a gain is not chance: a name with it is not dropped for being `worse` on few recordings, and where none
+      of several reaches `probability` the verdict is not "no mismatch".
     nats: held-out gain.
-    shape: nats more for every parameter but the first: a change of grip at any time, by any amount, finds one that fits.
+    shape: nats more for every parameter but the first: a change of grip at any time, by any amount, finds one that
+      fits.
     many, t_many: more nats than chance brings will do with a smaller t: an effect that acts now and then scatters.
     much, t_much: with a share of all that is missed that chance never explains (0.03), the same with a smaller t still:
       a formula that is wrong in shape makes some blocks worse, and what it brings the others is capped.
     share: groups that gained.
     priors: nats by which a mechanism must free measured parameters from what they were bent to, where recalibration
       leaves no residual of it.
-    material: share of the typical size: the twin's own simplifications look like a tenth of some effects, however clearly.
-    further: the same for a mechanism that comes to others, for which `many` nats don't help, either: a first formula that
-      is right in kind but not in every detail leaves small things over.
+    material: share of the typical size: the twin's own simplifications look like a tenth of some effects, however
+      clearly.
+    further: the same for a mechanism that comes to others, for which `many` nats don't help, either: a first formula
+      that is right in kind but not in every detail leaves small things over.
     bias: the same for biases of the IMU and the encoder's lag, of which every one has some.
     beside: share of the cost explained so far, at all or in the channels where it shows, that a further mechanism
       must bring: a formula that is right in kind but not in every detail leaves about that much for others to pick up.
@@ -40,8 +42,8 @@ class Thresholds:
     probability: a name less likely right than this is not claimed.
     worse: a set of names by which recordings that only judge are predicted worse by this factor is cut down, but
       for those that explain `much` or are `sure`.
-    spoiled: a set of names by which one channel of theirs gets worse by this factor is cut down without exception. A drag
-      that only turns feel, which was named for a drag on the drive, made 1.8 of one; a right motor_heating 1.4.
+    spoiled: a set of names by which one channel of theirs gets worse by this factor is cut down without exception. A
+      drag that only turns feel, which was named for a drag on the drive, made 1.8 of one; a right motor_heating 1.4.
     equivalent: a rival within so many standard errors of the claim can't be told apart.
     close: share of what the best fit explains within which an equivalent one may go first.
   """
@@ -92,7 +94,7 @@ def strength(test: Comparison, thresholds: Thresholds) -> float:
 
 
 def material(pool: Pool, model: Candidate, name: str, share: float) -> bool:
-  """Whether any amplitude of a mechanism, as far as the driving shows it, reaches a share of its typical size, and its own uncertainty.
+  """Whether any amplitude, as far as the driving shows it, reaches a share of its typical size, and its deviation.
 
   That it is there at all is for the evidence to say: amplitudes of one mechanism may be known together and not singly.
   """
@@ -109,7 +111,10 @@ def material(pool: Pool, model: Candidate, name: str, share: float) -> bool:
 
 
 def stretched(pool: Pool, model: Candidate, name: str) -> bool:
-  """Whether an amplitude of a mechanism went as far as it may, to a standard deviation: what it then makes up for is more often something else."""
+  """Whether an amplitude went as far as it may, to a standard deviation.
+
+  What it then makes up for is more often something else.
+  """
   for p in pool.problem.mechanism(name).parameters:
     if p.null is None or p.name not in model.free:
       continue

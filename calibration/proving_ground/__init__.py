@@ -1,4 +1,4 @@
-"""The proving ground: an independent simulated car, recordings made with it, concealed effects, and the sealed truth."""
+"""The proving ground: an independent simulated car, its recordings, concealed effects, and the sealed truth."""
 
 from .car import Car
 from .effects import EFFECTS

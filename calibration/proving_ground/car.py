@@ -1,4 +1,4 @@
-"""The numbers of an independent 1:10 car, drawn from a seed, and what a person with a scale and a ruler would write down about it."""
+"""The numbers of an independent 1:10 car, drawn from a seed, and what a scale and a ruler would say of it."""
 
 from __future__ import annotations
 
@@ -73,14 +73,18 @@ class Car:
     grip_rear = grip_front * rng.uniform(1.0, 1.25)
     return cls(
             mass=mass, cg_to_front=front, cg_to_rear=rear, yaw_inertia=mass * front * rear * rng.uniform(0.62, 0.85),
-            track_width=rng.uniform(0.160, 0.185), cg_height=rng.uniform(0.036, 0.054), wheel_radius=rng.uniform(0.031, 0.036),
-            wheel_inertia=rng.uniform(4e-5, 7e-5), ackermann=rng.uniform(0.4, 1.0), servo_rate=rng.uniform(270.0, 340.0),
+            track_width=rng.uniform(0.160, 0.185), cg_height=rng.uniform(0.036, 0.054),
+            wheel_radius=rng.uniform(0.031, 0.036),
+            wheel_inertia=rng.uniform(4e-5, 7e-5), ackermann=rng.uniform(0.4, 1.0),
+            servo_rate=rng.uniform(270.0, 340.0),
             motor_constant=rng.uniform(2.6e-3, 3.2e-3), motor_resistance=rng.uniform(0.13, 0.19),
-            motor_inertia=rng.uniform(2e-6, 4e-6), motor_viscous=rng.uniform(0.5e-6, 1.5e-6), motor_coulomb=rng.uniform(1.5e-3, 3.5e-3),
+            motor_inertia=rng.uniform(2e-6, 4e-6), motor_viscous=rng.uniform(0.5e-6, 1.5e-6),
+            motor_coulomb=rng.uniform(1.5e-3, 3.5e-3),
             cornering_front=grip_front * load_front, cornering_rear=grip_rear * load_rear,
             slip_stiffness=rng.uniform(20.0, 30.0) * mass * GRAVITY / 4, friction=rng.uniform(0.78, 1.05),
       brush_share=rng.uniform(0.0, 0.2),
-            relaxation=rng.uniform(0.008, 0.013), rolling_resistance=rng.uniform(0.010, 0.018), roll_front=rng.uniform(0.42, 0.58),
+            relaxation=rng.uniform(0.008, 0.013), rolling_resistance=rng.uniform(0.010, 0.018),
+            roll_front=rng.uniform(0.42, 0.58),
             imu_x=rng.uniform(-0.03, 0.04), imu_y=rng.uniform(-0.015, 0.015),
         )  # fmt: skip
 
@@ -96,7 +100,7 @@ class Car:
     return self.motor_inertia + self.gear_ratio**2 * moved
 
   def linearised(self) -> dict[str, float]:
-    """P1, P2, P3 of w' = P1 V - P2 w - P3 sgn w (motor side, cold, straight) and the axles' cornering stiffness at zero slip."""
+    """P1, P2, P3 of w' = P1 V - P2 w - P3 sgn w (motor, cold, straight) and the axles' cornering stiffness."""
     resistance_torque = self.gear_ratio * self.wheel_radius * self.rolling_resistance * self.mass * GRAVITY
     back_emf = self.motor_constant**2 / self.motor_resistance
     return {
@@ -111,8 +115,8 @@ class Car:
     """The [vehicle] table as measured, and its standard deviations; a normal error is cut at two of them."""
     exact = {"gear_ratio": self.gear_ratio, "max_steering": self.max_steering}
     std = {
-            "mass": 0.01, "yaw_inertia": 0.06 * self.yaw_inertia, "cg_to_front": 0.002, "cg_to_rear": 0.002, "track_width": 0.001,
-            "cg_height": 0.004, "wheel_radius": 1.5e-4, "imu_x": 0.003, "imu_y": 0.003,
+            "mass": 0.01, "yaw_inertia": 0.06 * self.yaw_inertia, "cg_to_front": 0.002, "cg_to_rear": 0.002,
+            "track_width": 0.001, "cg_height": 0.004, "wheel_radius": 1.5e-4, "imu_x": 0.003, "imu_y": 0.003,
             "motor_constant": 0.015 * self.motor_constant, "motor_resistance": 0.04 * self.motor_resistance,
         }  # fmt: skip
     error = np.clip(rng.standard_normal(len(std)), -2, 2)

@@ -1,4 +1,4 @@
-"""Session designs: the ordered manoeuvres of a laboratory session, of a compact one for large campaigns, and of the paper's alone."""
+"""Session designs: the manoeuvres of a laboratory session, of a compact one for large campaigns, of the paper's."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ DESIGNS: dict[str, Callable[[np.random.Generator], list[Manoeuvre]]] = {"lab": l
 
 
 def plan(design: str, rng: np.random.Generator) -> list[Manoeuvre]:
-  """The manoeuvres of a design in driving order; the second half is driven after a pause. Raises KeyError with the valid names."""
+  """The manoeuvres of a design in order; the second half is driven after a pause. KeyError lists the valid names."""
   if design not in DESIGNS:
     raise KeyError(f"no session design '{design}'; valid are: {', '.join(DESIGNS)}")
   runs = DESIGNS[design](rng)

@@ -1,4 +1,4 @@
-"""A driver with a shaky hand: feedback on the speed and on a line, tremor and reaction time; what comes out is what is logged."""
+"""A driver with a shaky hand: feedback on speed and line, tremor and reaction time; what comes out is logged."""
 
 from __future__ import annotations
 
@@ -34,7 +34,11 @@ class Driver:
   """Turns what the car does into commands (2, N), for N manoeuvres at once."""
 
   def __init__(self, runs: list[Manoeuvre], noise: np.ndarray, believed: SimpleNamespace) -> None:
-    """`noise` (T, 4, N) from `shaking`; `believed`: wheelbase, speed_per_motor, volts_per_speed, volts_to_move, max_steering (N,)."""
+    """Feedback that remembers.
+
+    `noise` (T, 4, N) from `shaking`; `believed`: wheelbase, speed_per_motor, volts_per_speed, volts_to_move,
+    max_steering (N,).
+    """
     longest, n = len(noise), len(runs)
     self.steer, self.volts = np.zeros((2, longest, n))
     self.speed = np.full((longest, n), np.nan)
@@ -49,7 +53,7 @@ class Driver:
     self.column = np.arange(n)
 
   def commands(self, k: int, x: np.ndarray, y: np.ndarray, yaw: np.ndarray, motor: np.ndarray) -> np.ndarray:
-    """Voltage [V] and steering [rad] from tick k to the next, (2, N), from pose [m, m, rad] and motor speed [rad/s] (N,)."""
+    """Voltage [V] and steering [rad] from tick k to the next, (2, N), by pose [m, m, rad] and motor speed [rad/s]."""
     tremor_v, tremor_s, offset, slip = self.noise[k]
     speed = motor * self.believed.speed_per_motor
     steer = self.steer[k] + self._follow(x, y, yaw, speed, offset) + tremor_s

@@ -1,8 +1,9 @@
 """Double-track car with body roll and pitch, tyres on a flexible carcass, four wheel spins and two differentials.
 
-Every state is an array over cars (N,); wheels are ordered front left, front right, rear left, rear right. ISO 8855 signs.
-Tyre: slip through carcass deflection u, u' = v_s - (|V_r| + |v_s|) u / sigma, whose steady state is u / sigma = v_s / (|V_r| + |v_s|);
-with q = |C u / sigma| / (mu F_z) the force is C u / sigma times a mix of tanh(q) / q and the brush's 1 - q/3 + q^2/27 (Pacejka 2012, 3.2).
+Every state is an array over cars (N,); wheels are ordered front left, front right, rear left, rear right. ISO 8855
+signs. Tyre: slip through carcass deflection u, u' = v_s - (|V_r| + |v_s|) u / sigma, whose steady state is
+u / sigma = v_s / (|V_r| + |v_s|); with q = |C u / sigma| / (mu F_z) the force is C u / sigma times a mix of
+tanh(q) / q and the brush's 1 - q/3 + q^2/27 (Pacejka 2012, 3.2).
 Dry friction of the motor: Dahl 1968, in the form s' = (w - |w| s) / (z_s + |w| T), torque T_c s.
 """
 
@@ -17,14 +18,17 @@ from .car import GRAVITY, static_loads
 STATES = (
     "x", "y", "yaw", "vx", "vy", "yaw_rate", "roll", "pitch", "roll_speed", "pitch_speed",
     "wheel_fl", "wheel_fr", "wheel_rl", "wheel_rr", "motor", "twist_front", "twist_rear",
-    "ux_fl", "ux_fr", "ux_rl", "ux_rr", "uy_fl", "uy_fr", "uy_rl", "uy_rr", "servo", "servo_speed", "bristle", "motor_angle",
+    "ux_fl", "ux_fr", "ux_rl", "ux_rr", "uy_fl", "uy_fr", "uy_rl", "uy_rr",
+    "servo", "servo_speed", "bristle", "motor_angle",
 )  # fmt: skip
 QUICKEST_BRISTLE = 6e-4  # s, T above
 ROW = {name: row for row, name in enumerate(STATES)}
 
 
 class Frame:
-  """Named views of one state array (29, N): rows by name, groups `wheel` (4, N), `twist` (2, N), `carcass` (2, 4, N), `tilt` (2, N)."""
+  """Named views of one state array (29, N): rows by name, groups `wheel` (4, N), `twist` (2, N), `carcass` (2, 4, N),
+  `tilt` (2, N).
+  """
 
   def __init__(self, array: np.ndarray) -> None:
     self.array = array
@@ -38,7 +42,9 @@ class Frame:
 
 
 class Dynamics:
-  """x' = f(x, inputs) for N cars at once. Inputs are public arrays that a step may change: voltage, steer_target, bend, wrench, …"""
+  """x' = f(x, inputs) for N cars at once. Inputs are public arrays that a step may change: voltage, steer_target, bend,
+  wrench, …
+  """
 
   def __init__(self, car: SimpleNamespace) -> None:
     n = len(car.mass)
@@ -107,7 +113,7 @@ class Dynamics:
     k.servo_speed[:] = self.rate_servo * (self.steer_target - z.servo) - self.damping_servo * z.servo_speed
 
   def _slip(self, z: Frame) -> None:
-    """Slide velocity of the four contact patches (2, 4, N) [m/s], positive where the tyre pushes the car forward or left."""
+    """Slide velocity of the contact patches (2, 4, N) [m/s], positive where the tyre pushes the car forward or left."""
     angle = z.servo + self.bend
     inner = self.toe_gain * angle * angle
     np.add(angle, inner, out=self.steer[0])
@@ -204,7 +210,9 @@ class Dynamics:
 
 
 def rolling_start(dynamics: Dynamics, start: np.ndarray) -> None:
-  """Put the cars at start (N, 7): x, y, yaw [m, m, rad], velocity_x, velocity_y [m/s], yaw_rate [rad/s], steering_angle [rad]."""
+  """Put the cars at start (N, 7): x, y, yaw [m, m, rad], velocity_x, velocity_y [m/s], yaw_rate [rad/s], steering_angle
+  [rad].
+  """
   s, car = dynamics.state, dynamics.car
   s.array[:] = 0.0
   s.x[:], s.y[:], s.yaw[:], s.vx[:], s.vy[:], s.yaw_rate[:], s.servo[:] = start.T

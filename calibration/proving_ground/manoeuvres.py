@@ -30,7 +30,9 @@ class Path:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-  """One run. `steer` [rad] is added to the path follower's angle; where `speed` [m/s] is NaN, `volts` acts open loop. Arrays (T,)."""
+  """One run. `steer` [rad] is added to the path follower's angle; where `speed` [m/s] is NaN, `volts` acts open loop.
+  Arrays (T,).
+  """
 
   name: str
   kind: str
@@ -107,8 +109,8 @@ def voltage_step(volts: float, role: str, duration: float = 5.5) -> Manoeuvre:
 
 
 def steering_step(degrees: float, role: str, duration: float = 5.5, speed: float = 1.5) -> Manoeuvre:
-  """Rolling straight for a second, then a step of the wheel held to the end; the car's software slews the command, or the front
-  tyres would slide through every step."""
+  """Rolling straight for a second, then a step of the wheel held to the end; the car's software slews the command, or
+  the front tyres would slide through every step."""
   time = clock(duration)
   steer = np.clip((time - 0.99) * SLEW, 0.0, degrees * DEGREE)
   return at_speed(

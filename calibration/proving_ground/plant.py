@@ -14,8 +14,8 @@ COLUMNS = [TRACE.index(name) for name in TRACE if name != "motor_angle"]
 
 
 class Drive:
-  """N cars under way. `signals` (N, 10): pose x, y [m], yaw [rad], velocity x, y [m/s], yaw rate [rad/s], acceleration x, y at the IMU
-  [m/s^2], motor speed [rad/s], mean road-wheel angle [rad]; true values, no sensor noise."""
+  """N cars under way. `signals` (N, 10): pose x, y [m], yaw [rad], velocity x, y [m/s], yaw rate [rad/s], acceleration
+  x, y at the IMU [m/s^2], motor speed [rad/s], mean road-wheel angle [rad]; true values, no sensor noise."""
 
   def __init__(self, sim: Simulation, noise: float, rng: np.random.Generator) -> None:
     self._sim, self._noise, self._rng = sim, noise, rng
@@ -45,7 +45,7 @@ class Drive:
 
 
 class ProvingGroundPlant:
-  """N copies of one car, with concealed effects if wanted. `effects`: (id, size) pairs; `noise`: factor on process noise."""
+  """N copies of one car, concealed effects if wanted. `effects`: (id, size) pairs; `noise`: factor on process noise."""
 
   period = PERIOD
 
@@ -57,7 +57,9 @@ class ProvingGroundPlant:
       effect_class(name)
 
   def begin(self, start: np.ndarray) -> Drive:
-    """Cars at start (N, 7): pose x, y [m], yaw [rad], velocity x, y [m/s], yaw rate [rad/s], steering angle [rad]; wheels rolling."""
+    """Cars at start (N, 7): pose x, y [m], yaw [rad], velocity x, y [m/s], yaw rate [rad/s], steering angle [rad];
+    wheels rolling.
+    """
     start = np.atleast_2d(np.asarray(start, float))
     if start.shape[1] != 7:
       raise ValueError(f"start must be (N, 7), got {start.shape}")

@@ -29,7 +29,8 @@ def commitment(truth: bytes, salt: bytes) -> str:
 def seal(truth: dict, data: Path, out: Path, packed: bool = False, salt: bytes | None = None) -> str:
   """Write the truth to the folder `out` and its commitment to `data`/truth.sha256; returns the commitment.
 
-  Raises SealError when `out` lies inside `data`. `packed` compresses and encodes, so that a search does not meet the text.
+  Raises SealError when `out` lies inside `data`. `packed` compresses and encodes, so that a search does not meet the
+  text.
   """
   data, out = Path(data).resolve(), Path(out).resolve()
   if out == data or data in out.parents:

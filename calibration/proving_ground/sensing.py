@@ -19,7 +19,7 @@ RESOLUTION = {
 
 
 class Log:
-  """Channels on the control grid (T, N), before and after noise; `state` gives the true signals (T, N) by name of TRACE."""
+  """Channels on the control grid (T, N), before and after noise; `state`: the true signals (T, N) by name of TRACE."""
 
   def __init__(self, sim: Simulation, ticks: int) -> None:
     self.sim, self.car, self.ticks = sim, sim.car, ticks
@@ -32,7 +32,7 @@ class Log:
       effect.sense(self)
 
   def state(self, name: str, delay: np.ndarray | float = 0.0) -> np.ndarray:
-    """True signal `delay` (T, N) or (N,) or number [s] before each tick, linear between fine rows, held before the start."""
+    """True signal `delay` (T, N), (N,) or number [s] before each tick, linear between fine rows, held before start."""
     row = self.fine[:, TRACE.index(name)]
     if isinstance(delay, float) and delay == 0.0:
       return row[: FINE * self.ticks : FINE].copy()

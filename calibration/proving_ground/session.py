@@ -1,4 +1,4 @@
-"""Sessions: cars, manoeuvres and concealed effects in; recordings, the measured vehicle table and the sealed truth out."""
+"""Sessions: cars, manoeuvres and concealed effects in; recordings, the vehicle table and the sealed truth out."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ CLEAR = (
 
 @dataclass(frozen=True)
 class Spec:
-  """What to make. `effects`: (id, size) pairs, size in multiples of the typical magnitude; `noise` scales sensor and process noise."""
+  """What to make. `effects`: (id, size in multiples of the typical one); `noise` scales sensor and process noise."""
 
   seed: int
   effects: tuple[tuple[str, float], ...] = ()

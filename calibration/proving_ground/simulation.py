@@ -1,4 +1,4 @@
-"""N cars driven one control period at a time, with their concealed effects; keeps the fine history that the sensors are read from."""
+"""N cars driven one control period at a time, with concealed effects; keeps the fine history the sensors read."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from .manoeuvres import PERIOD
 TRACE = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "accel_x", "accel_y", "motor", "motor_angle", "road")
 HOOKS = ("act", "link", "load", "contact")
 SENSOR_ERRORS = (
-    "imu_delay", "pose_delay", "pose_drift", "gyro_gain", "imu_twist", "accel_bias_x", "accel_bias_y", "gyro_bias", "bias_walk",
-    "pose_turn", "pose_ahead", "pose_aside",
+    "imu_delay", "pose_delay", "pose_drift", "gyro_gain", "imu_twist",
+    "accel_bias_x", "accel_bias_y", "gyro_bias", "bias_walk", "pose_turn", "pose_ahead", "pose_aside",
 )  # fmt: skip
 
 
@@ -39,7 +39,9 @@ class Carried:
 
 
 class Simulation:
-  """State of N cars under way. Public: dynamics, command (2, N) [V, rad], road (N,) [rad], heat (N,) [K], used (N,) [C], time [s] of the run."""
+  """State of N cars under way. Public: dynamics, command (2, N) [V, rad], road (N,) [rad], heat (N,) [K], used (N,)
+  [C], time [s] of the run.
+  """
 
   def __init__(self, car: SimpleNamespace, effects: tuple[Effect, ...] = (), substep: float = 1e-3) -> None:
     for name in SENSOR_ERRORS:
@@ -62,8 +64,8 @@ class Simulation:
   def begin(
     self, start: np.ndarray, held: np.ndarray | None = None, carried: Carried | None = None, ticks: int = 0
   ) -> None:
-    """Set the cars at start (N, 7), with `held` (2, N) [V, rad] commanded for long enough before, and what earlier runs left.
-    The trace has room for `ticks` periods; after that its last row is written over."""
+    """Set the cars at start (N, 7), with `held` (2, N) [V, rad] commanded for long enough before, and what earlier runs
+    left. The trace has room for `ticks` periods; after that its last row is written over."""
     rolling_start(self.dynamics, start)
     self.carried = carried or self.carried
     self.heat[:], self.used[:], self.time = self.carried.heat, self.carried.used, 0.0
@@ -78,7 +80,7 @@ class Simulation:
     self._keep()
 
   def advance(self, command: np.ndarray, disturbance: np.ndarray | None = None) -> None:
-    """Hold command (2, N) [V, rad] for one period. `disturbance` (7, N): N, N, N m on the body and relative wheel load errors."""
+    """Hold command (2, N) [V, rad] for one period. `disturbance` (7, N): N, N, N m on the body, relative loads."""
     d = self.dynamics
     if disturbance is not None:
       moving = np.tanh(np.abs(d.state.vx) / 0.15)

@@ -58,7 +58,8 @@ def sections(result: CrossValidation) -> list[Section]:
 
 def _errors(result: CrossValidation) -> Section:
   text = (
-    "Windows are started anew from the measured speed, yaw rate and pose; a free run is started once and never corrected."
+    "Windows are started anew from the measured speed, yaw rate and pose; a free run is started once and never "
+    "corrected."
     " RMSE in the channel's unit. NRMSE is RMSE over the standard deviation of what was measured: 0 is perfect, 1 no"
     " better than the mean. Displacements of the pose are over 1 s, over 0.4 s in windows of 0.5 s."
   )
@@ -100,7 +101,8 @@ def _bars(result: CrossValidation) -> Picture:
 def _parting(parting: Parting) -> Section:
   told = parting.sentences()
   text = (
-    "Root mean square difference of twin and bicycle in windows of 2 s, by measured speed and lateral acceleration (v r),"
+    "Root mean square difference of twin and bicycle in windows of 2 s, by measured speed and lateral acceleration "
+    "(v r),"
     " beside each one's error there.\n\n"
   )
   text += "\n".join(f"* {line}." for line in told) or "They differ by less than 5 % of what is measured everywhere."
@@ -142,7 +144,10 @@ def _maps(parting: Parting) -> list[Picture]:
   return [
     picture(
       figure,
-      "Difference of twin and bicycle in per cent of what is measured, by speed and lateral acceleration; empty where nobody drove.",
+      (
+        "Difference of twin and bicycle in per cent of what is measured, by speed and lateral acceleration; empty "
+        "where nobody drove."
+      ),
     )
   ]
 

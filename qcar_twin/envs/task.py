@@ -110,7 +110,7 @@ class TrackingTask:
     return math.ceil(1.25 * self.distance / (self.speed * self.period))
 
   def start_state(self, rng: np.random.Generator) -> Array:
-    """A start drawn for one car, (7,) in the order of `plant.START`: near the path's start, at speed, wheels straight."""
+    """A start drawn for one car, (7,) as `plant.START` has it: near the path's start, at speed, wheels straight."""
     offset, turned = rng.uniform(-1.0, 1.0, 2) * (self.start_offset, self.start_heading)
     x, y, yaw = self.path.start
     place = x - offset * math.sin(yaw), y + offset * math.cos(yaw), yaw + turned

@@ -139,7 +139,7 @@ class FilterSettings:
     return dataclasses.replace(self, **changes)
 
   def pose_noise(self, score: Any) -> tuple[Any, Any]:
-    """Variance of a lidar position and yaw at a score (a float or an array) on the lidar's scale, colour allowed for."""
+    """Variance of a lidar position and yaw at a score (float or array) on the lidar's scale, colour allowed for."""
     score, factor = score * (100.0 / self.score_full), self.lidar_factor
     if isinstance(score, np.ndarray):
       return factor * self.position_variance.of(score), factor * self.yaw_variance.of(score)

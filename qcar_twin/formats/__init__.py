@@ -34,7 +34,7 @@ def _reader(path: Path, shown: str) -> Callable[[Path, str], Table]:
 
 
 def read_table(path: Path, shown: str | None = None) -> Table:
-  """Read one log file. `shown` is how error texts call it. Raises RecordingError: missing, unreadable, empty, broken."""
+  """Read one log file; `shown` is its name in errors. Raises RecordingError: missing, unreadable, empty, broken."""
   shown = shown or path.name
   if not path.exists():
     raise RecordingError(f"{shown}: no such file in {path.parent}; check `file` in dataset.toml")

@@ -59,7 +59,7 @@ def read_npz(path: Path, shown: str) -> Table:
 
 
 def table_of_arrays(arrays: dict[str, np.ndarray], shown: str) -> Table:
-  """Columns from arrays that need not all be columns: keep the vectors of the length of `time`, else of the commonest length."""
+  """Columns from arrays that need not all be columns: the vectors as long as `time`, else of the commonest length."""
   vectors = {name: np.squeeze(array) for name, array in arrays.items() if array.dtype.kind in "fiub"}
   vectors = {name: vector.astype(float) for name, vector in vectors.items() if vector.ndim == 1 and vector.size}
   if not vectors:

@@ -20,8 +20,10 @@ def read_mat(path: Path, shown: str) -> Table:
   """Read a .mat file of version 4 to 7 as columns.
 
   * a vector `speed` is column `speed`;
-  * a matrix `log` whose first signal increases (QUARC: first row time, a column per step) gives `log(1)`, `log(2)`, …, `time`;
-  * a structure with time `log` gives `log.<label>` per signal (else the block's name), `log.<label>(2)` for vector signals;
+  * a matrix `log` whose first signal increases (QUARC: first row time, a column per step) gives `log(1)`, `log(2)`, …,
+    `time`;
+  * a structure with time `log` gives `log.<label>` per signal (else the block's name), `log.<label>(2)` for vector
+    signals;
   * a structure of vectors gives `log.<field>`.
   A name without its `log.` is understood too when it is unique. Structures with different clocks are merged.
   """

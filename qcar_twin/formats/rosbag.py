@@ -1,4 +1,4 @@
-"""ROS 2 MCAP and SQLite bags and ROS 1 bags: every topic's numbers as columns `topic.field`, without a ROS installation."""
+"""ROS 2 MCAP and SQLite bags and ROS 1 bags: every topic's numbers as columns `topic.field`, without ROS."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ def read_bag(path: Path, shown: str) -> Table:
     raise
   except Exception as error:  # the reader raises many kinds for damaged files
     raise RecordingError(
-      f"{shown}: is not a readable bag ({error}); a bag that was cut off can be repaired with `mcap recover` or `ros2 bag reindex`"
+      f"{shown}: is not a readable bag ({error}); a bag that was cut off can be repaired with `mcap recover` or "
+      "`ros2 bag reindex`"
     ) from error
   if not topics:
     raise RecordingError(

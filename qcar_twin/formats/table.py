@@ -41,7 +41,8 @@ class Table:
       near = nearest(column, self.columns)
       near = near if near.startswith("; did") else "."
       raise RecordingError(
-        f"{self.shown}: {channel} is mapped to column '{column}', which does not exist{near} Columns that exist: {self.listing()}"
+        f"{self.shown}: {channel} is mapped to column '{column}', which does not exist{near} Columns that exist: "
+        f"{self.listing()}"
       )
     if column in self.ambiguous:
       raise RecordingError(
@@ -88,7 +89,7 @@ class Clocked:
 
 
 def merge(shown: str, groups: Sequence[Clocked]) -> Table:
-  """One table from groups with clocks of their own: every time once, in column `time`, and NaN where a group has no sample.
+  """One table from groups with clocks of their own: every time once, in column `time`; NaN where there is no sample.
 
   Raises RecordingError when a group's own clock goes backwards, repeats or has no value.
   """

@@ -9,7 +9,8 @@ class CgLateralOffset(Mechanism):
 
   Equation: M_z = e F_x about the centre of gravity, and the wheels of one side carry more.
   Units: e m, centre of gravity to the left of the middle.
-  Source: Gillespie, Fundamentals of Vehicle Dynamics, SAE, 1992, ch. 1; Genta and Morello, The Automotive Chassis, 2009.
+  Source: Gillespie, Fundamentals of Vehicle Dynamics, SAE, 1992, ch. 1; Genta and Morello, The Automotive Chassis,
+    2009.
   Confounded with: steering_offset, drive_asymmetry, uneven tyres.
   """
 

@@ -1,4 +1,4 @@
-"""What an agent sees beyond the four errors: the same in training and in a drive, in SI units, remembered as it should be."""
+"""What an agent sees beyond the four errors: the same in training and in a drive, in SI units, remembered rightly."""
 
 import dataclasses
 
@@ -61,7 +61,7 @@ def test_curvature_is_seen_as_far_ahead_as_asked_and_over_the_end_of_a_lap():
 
 
 def test_training_and_drive_show_the_agent_the_same():
-  """The same policy steers a fleet in training as it steers a drive, bit for bit, so that what is learnt is what counts."""
+  """A policy steers a fleet in training as it steers a drive, bit for bit, so that what is learnt is what counts."""
   policy, model = steering_policy(), Model.nominal()
   env = FleetVecEnv(fleet(OPTIONS, [0], model), WIDE)
   observation, commands = env.reset(), []

@@ -19,7 +19,7 @@ CARS = len(MISMATCH)
 
 @pytest.fixture
 def trial(monkeypatch):
-  """Replaces the drive: `answer(controller) -> (rmse m, steering_rate rad/s)` per candidate; what was driven is kept."""
+  """Replaces the drive: `answer(controller) -> (rmse m, steering_rate rad/s)` per candidate; keeps what was driven."""
   driven = []
 
   def replace(answer):

@@ -12,7 +12,8 @@ from qcar_twin.recording import Recording
 PERIOD = 0.01
 NUMBERS = {
   "mass": 2.7, "yaw_inertia": 0.030, "cg_to_front": 0.124, "cg_to_rear": 0.132, "wheel_radius": 0.033,
-  "gear_ratio": 0.0953668, "max_steering": 0.5236, "imu_x": 0.02, "imu_y": -0.01, "track_width": 0.17, "cg_height": 0.045,
+  "gear_ratio": 0.0953668, "max_steering": 0.5236, "imu_x": 0.02, "imu_y": -0.01, "track_width": 0.17,
+  "cg_height": 0.045,
 }  # fmt: skip
 VEHICLE = SimpleNamespace(**NUMBERS)
 ROLLING = VEHICLE.gear_ratio * VEHICLE.wheel_radius

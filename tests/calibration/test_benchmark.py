@@ -40,7 +40,10 @@ def test_the_clock_is_the_one_asked_for():
   assert paired(lambda: None, lambda: None, 4, clock=lambda: float(next(ticks))) == (1.0, 1.0, 1.0)
 
 
-@pytest.mark.parametrize(("ratio", "at_most", "reached"), [(0.79, True, True), (0.81, True, False), (0.9, False, True), (0.7, False, False)])  # fmt: skip
+@pytest.mark.parametrize(
+  ("ratio", "at_most", "reached"),
+  [(0.79, True, True), (0.81, True, False), (0.9, False, True), (0.7, False, False)],
+)
 def test_a_goal_is_reached_from_its_own_side(ratio, at_most, reached):
   found = pair(ratio, at_most)
   assert found.reached is reached

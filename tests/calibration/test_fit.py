@@ -40,7 +40,7 @@ def test_a_linear_problem_gives_the_closed_form_posterior(problem):
 
 
 def test_a_linear_problem_takes_one_jacobian(problem):
-  """A step that keeps its promise is tried alone, and the small one after it, foretold by the same Jacobian, is the end."""
+  """A step that keeps its promise is tried alone; the small one after it, foretold by the same Jacobian, is the end."""
   matrix, _, target = problem
   p = parameters()
   found = fit(linear(matrix, target), p, robust=np.inf)

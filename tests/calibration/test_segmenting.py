@@ -123,7 +123,7 @@ def test_commands_shift_by_whole_periods_and_hold_at_the_ends():
 
 
 def test_the_wheels_angle_goes_on_from_stretch_to_stretch():
-  """1 m/s all the time: the angle is the distance over the wheel's radius since the recording began, warm-ups included."""
+  """1 m/s all the time: the angle is the distance over the wheel's radius since the start, warm-ups included."""
   segments = cut_recordings([circle(), circle(12.0, "other")], CAR, Cut(length=5.0)).segments
   since = segments.offset[:, None] + 0.01 * np.arange(segments.commands.shape[1] + 1)
   assert np.sum(segments.offset == 0.0) == 2 and segments.wheel_angle is not None

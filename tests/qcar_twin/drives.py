@@ -1,4 +1,4 @@
-"""A small car that obeys its own kinematics exactly, and data sets of its drives on disk: material for the recording tests."""
+"""A small car that obeys its own kinematics exactly, and data sets of its drives on disk, for the recording tests."""
 
 import numpy as np
 

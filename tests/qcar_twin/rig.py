@@ -74,7 +74,7 @@ class Rig:
     self.run(0.0, 0.0, 0.0, 0.4)
 
   def run(self, forward: float, left: float, rolling: float, seconds: float) -> np.ndarray:
-    """Drive with constant velocities, m/s, `rolling` being spin times radius; F_x, F_y, F_z after every step, (n, 3)."""
+    """Drive at constant velocities, m/s, `rolling` being spin times radius; F_x, F_y, F_z after each step, (n, 3)."""
     self.data.qvel[[0, 1, 3]] = forward, left, rolling / self.radius
     steps = max(1, round(seconds / self.model.opt.timestep))
     forces = np.empty((steps, 3))

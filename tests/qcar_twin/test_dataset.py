@@ -56,7 +56,10 @@ def test_roles_select_and_names_find_recordings(tmp_path):
 def test_scale_and_offset_apply_in_that_order(tmp_path):
   time, columns = drive()
   log = {"duty": columns["motor_voltage"] / 8.0, "v": (columns["motor_speed"] - 3.0) / 2.0}
-  channels = 'time = { column = "time" }\nmotor_voltage = { column = "duty", scale = 8.0 }\nmotor_speed = { column = "v", scale = 2, offset = 3 }'
+  channels = (
+    'time = { column = "time" }\nmotor_voltage = { column = "duty", scale = 8.0 }\n'
+    'motor_speed = { column = "v", scale = 2, offset = 3 }'
+  )
   (run,) = DataSet.load(folder_with(tmp_path, time, log, channels=channels)).recordings
   assert run["motor_voltage"].value == pytest.approx(columns["motor_voltage"], abs=1e-12)
   assert run["motor_speed"].value == pytest.approx(columns["motor_speed"], abs=1e-12)

@@ -109,7 +109,10 @@ def test_time_held_by_a_slower_publisher_is_spread_for_the_faster_channels(tmp_p
   assert run["pose_x"].time == pytest.approx(time + 0.005, abs=1e-9)
   assert (run["pose_x"].value == columns["pose_x"]).all()
   assert data.warnings == (
-    "run.csv: time repeats because a slower publisher holds it; pose_x, pose_y, pose_yaw change in between and are spread evenly between its stamps",
+    (
+      "run.csv: time repeats because a slower publisher holds it; pose_x, pose_y, pose_yaw change in between and are "
+      "spread evenly between its stamps"
+    ),
   )
 
 

@@ -97,7 +97,7 @@ def test_dart_with_vicon_has_onboard_at_10_hz_and_pose_at_100_hz(dart):
 
 
 def test_dart_pose_times_agree_with_the_motion_capture_clock(dart):
-  """Spread between the onboard stamps, the pose is within a few milliseconds of its own clock, which the mapping does not use."""
+  """Spread between the onboard stamps, the pose is within milliseconds of its own clock, which the mapping ignores."""
   raw = np.genfromtxt(DATA / "dart" / "free_driving" / "free_01.csv", delimiter=",", names=True)
   valid = raw["elapsed_time_sensors"] > 0.0
   error = dart["free_01"]["pose_x"].time - raw["vicon_time"][valid]

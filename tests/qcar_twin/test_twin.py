@@ -162,7 +162,7 @@ def ripple():
 
 
 def test_a_ripple_keeps_its_phase_from_segment_to_segment(ripple):
-  """The second half by itself, with the angle an encoder gave, is the second half of the whole; without it, it is not."""
+  """The second half by itself, with an encoder's angle, is the second half of the whole; without it, it is not."""
   cogging, theta, driving, whole, angle = ripple
   start = whole[:, 100, [SIGNALS.index(name) for name in START]]
   half = dataclasses.replace(driving, commands=driving.commands[:, 100:], steps=np.array([100]), start=start)
@@ -229,7 +229,7 @@ def test_a_bad_twin_file_says_what_to_do(tmp_path):
 
 
 def test_a_start_read_off_the_encoder_follows_the_wheel_radius():
-  """Coasting cars with wheels 2 % larger than stated: the first speed of the motor is as measured, the car is 2 % faster."""
+  """Coasting cars with wheels 2 % larger than stated: the motor's first speed is as measured, the car 2 % faster."""
   car = Twin(CAR, select(["wheel_radius_error"]), substeps=2)
   theta = np.stack([car.parameters.nominal, car.parameters.vector({"wheel_radius_error": 0.02})])
   segments = drive(voltage=0.0, steering=(0.0,), seconds=0.1)

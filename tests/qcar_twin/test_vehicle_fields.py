@@ -1,4 +1,4 @@
-"""The documented model fields: written per simulation they are the car rebuilt, and no value a fit may try breaks it."""
+"""The documented model fields: written per simulation they are the car rebuilt, and no value a fit tries breaks it."""
 
 import dataclasses
 

@@ -16,10 +16,11 @@ EFFECTS: dict[str, type[Effect]] = {}
 
 
 class Effect:
-  """Base of every effect. `size` is in multiples of the typical magnitude; hooks do nothing unless a subclass says otherwise.
+  """Base of every effect. `size` is in multiples of the typical magnitude; hooks do nothing unless a subclass does.
 
-  Class attributes: `id` (canonical name), `subsystem`, `parameter` (name of the quantity), `typical` (its magnitude at size 1), `unit`,
-  `signed` (a negative size means the other direction), `catalogue` (False: physics that the diagnosis has no name for).
+  Class attributes: `id` (canonical name), `subsystem`, `parameter` (name of the quantity), `typical` (its magnitude at
+  size 1), `unit`, `signed` (a negative size means the other direction), `catalogue` (False: physics that the diagnosis
+  has no name for).
   """
 
   id: ClassVar[str] = ""

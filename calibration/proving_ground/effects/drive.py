@@ -47,7 +47,7 @@ class DriveDelay(SteeringDelay):
 
 
 class BatterySag(Effect):
-  """The pack gives way under power: V / (1 + s p), p the power through a quick (10 ms) and a slow (1.5 s) part, 1 at stall with 2.5 V."""
+  """The pack gives way under power p (a quick, 10 ms, and a slow part, 1.5 s; 1 at stall with 2.5 V): V / (1 + s p)."""
 
   id, subsystem, parameter, typical, unit = "battery_sag", "drive", "battery_sag", 0.30, "-"
 
@@ -116,7 +116,7 @@ class DriveAsymmetry(Effect):
 
 
 class Cogging(Effect):
-  """A gear out of true: torque that ripples n times a turn of the wheels (n drawn from 2 to 5), with an overtone of a quarter."""
+  """A gear out of true: torque that ripples n times a turn of the wheels (n from 2 to 5), with an overtone of 1/4."""
 
   id, subsystem, parameter, typical, unit = "cogging", "drive", "cogging_torque", 2.5e-3, "N m"
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class CoulombFriction(Effect):
-  """Seized bearings: a torque against each wheel, (2/pi) arctan of its speed; parameter: the force it makes at the car."""
+  """Seized bearings: a torque against each wheel, (2/pi) arctan of its speed; parameter: its force on the car."""
 
   id, subsystem, parameter, typical, unit = "coulomb_friction", "drive", "coulomb_friction", 1.0, "N"
 
@@ -25,7 +25,7 @@ class CoulombFriction(Effect):
 
 
 class Stiction(Effect):
-  """Grease that sets: a bristle holds the motor until it turns, its hold fading as 1 / (1 + (v / v_s)^2), v_s = 0.12 m/s."""
+  """Grease that sets: a bristle holds the motor till it turns, its hold fading: 1 / (1 + (v / v_s)^2), v_s 0.12 m/s."""
 
   id, subsystem, parameter, typical, unit = "stiction", "drive", "stiction_force", 0.7, "N"
 
@@ -37,7 +37,7 @@ class Stiction(Effect):
 
 
 class SteeringDrag(Effect):
-  """Universal joints bind when the wheels are turned: F = c (sqrt(delta^2 + e^2) - e), e = 0.03 rad, at the front wheels."""
+  """Universal joints bind in a turn: F = c (sqrt(delta^2 + e^2) - e), e = 0.03 rad, at the front wheels."""
 
   id, subsystem, parameter, typical, unit = "steering_drag", "drive", "steering_drag", 2.0, "N"
 
@@ -91,7 +91,7 @@ class CgLateralOffset(Effect):
 
 
 class Payload(Effect):
-  """A box on the deck, ahead of or behind the centre of gravity; pose marker and IMU stay where they are on the chassis."""
+  """A box on the deck, ahead of or behind the centre of gravity; pose marker and IMU stay on the chassis."""
 
   id, subsystem, parameter, typical, unit = "payload", "body", "payload_mass", 0.55, "kg"
 

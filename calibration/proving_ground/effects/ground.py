@@ -69,7 +69,7 @@ class LoadTransfer(Effect):
 
 
 class CombinedSlip(Effect):
-  """Side force lost to drive: F_y / (1 + e (u / u_2)^1.5), u = abs(F_x) / (mu F_z), u_2 that of 2 m/s^2; beside the tyre's own circle."""
+  """Side force lost to drive: F_y / (1 + e (u / u_2)^1.5), u = abs(F_x) / (mu F_z), u_2 at 2 m/s^2."""
 
   id, subsystem, parameter, typical, unit = "combined_slip", "tyre", "combined_slip", 0.20, "-"
 

@@ -134,7 +134,7 @@ class AccelSaturation(Outside):
 
 
 class RadioDropout(Outside):
-  """The radio loses words: now and then both commands stay as they were for 0.15 to 0.3 s; parameter: mean losses per second."""
+  """The radio loses words: now and then both commands stay put for 0.15 to 0.3 s; parameter: mean losses per second."""
 
   id, subsystem, parameter, typical, unit = "radio_dropout", "command", "losses_per_second", 0.4, "1/s"
 

@@ -15,7 +15,7 @@ DEGREE = np.pi / 180
 
 
 class SteeringLag(Effect):
-  """Second-order servo (damping ratio 0.8) with a soft limit of its speed; parameter: 2 zeta / omega, the lag at low frequency."""
+  """Second-order servo (damping 0.8) with a soft limit of its speed; parameter: 2 zeta / omega, the slow lag."""
 
   id, subsystem, parameter, typical, unit = "steering_lag", "steering", "steering_lag", 0.055, "s"
 
@@ -132,8 +132,8 @@ class SteeringNonlinearity(Effect):
 
 
 class SteeringBacklash(Effect):
-  """A pin in a slot: the wheels rest in it by friction, are carried by its edges (within 2 ms) and crawl to the side that the
-  tyres push to."""
+  """A pin in a slot: the wheels rest in it by friction, are carried by its edges (within 2 ms) and crawl to the side
+  that the tyres push to."""
 
   id, subsystem, parameter, typical, unit = "steering_backlash", "steering", "steering_play", 1.5 * DEGREE, "rad"
 

@@ -256,7 +256,8 @@ def test_names_by_which_recordings_that_only_judge_are_predicted_worse_are_dropp
   pool = dataclasses.replace(offset_pool, models=models)
   assert decide(pool, Thresholds(sure=np.inf)).claims == ()
   assert [c.mechanism for c in decide(pool, Thresholds(sure=np.inf, worse=1.1)).claims] == ["steering_offset"]
-  # one that explains much of all that is missed stays, and one whose evidence, those recordings counted, is beyond doubt
+  # one that explains much of all that is missed stays, and one whose evidence, those recordings counted, is beyond
+  # doubt
   assert [c.mechanism for c in decide(pool, Thresholds(sure=np.inf, much=0.05)).claims] == ["steering_offset"]
   assert compare(models[frozenset(["steering_offset"])], offset_pool.base, pool.problem.observations).t > 3.0
   assert [c.mechanism for c in decide(pool).claims] == ["steering_offset"]

@@ -1,4 +1,4 @@
-"""The next experiment: its promise is what a refit on it would show, and it is asked for only where names are in doubt."""
+"""The next experiment: its promise is what a refit on it would show, and it is asked for only where names are open."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Effects are also tried on a twin that recalibration has not bent: fitted where they explain much, left alone elsewhere."""
+"""Effects are also tried on a twin that was not bent: fitted where they explain much, left alone elsewhere."""
 
 import dataclasses
 
@@ -57,7 +57,7 @@ def unmoved(base, name):
 
 
 def test_the_likely_are_tried_where_a_measured_parameter_was_bent(offset_pool):
-  """Without delays to try and nothing bent nothing is tried; a bent mass lets the likely one in, to its exact minimum."""
+  """Without delays and with nothing bent nothing is tried; a bent mass lets the likely one in, to its exact minimum."""
   base = moved(offset_pool.base, "mass", -unmoved(offset_pool.base, "mass"))
   assert far_models(offset_pool.problem, base, rig.BASE, [], ["steering_offset"]) == []
   (model,) = far_models(offset_pool.problem, moved(base, "mass", 4.0), rig.BASE, [], ["steering_offset"])

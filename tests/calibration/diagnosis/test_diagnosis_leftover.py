@@ -133,8 +133,9 @@ def test_a_car_without_a_pose_has_no_heading_and_no_place(clean_pool):
   prediction = clean_pool.problem.predict(clean_pool.base.theta[None])
   shape = prediction.signals.shape[1:3]
   stretches = observations.stretches
-  bare = type(observations)(**{**vars(observations), "stretches": type(stretches)(
-    type(stretches.segments)(**{**vars(stretches.segments), "pose": None}), stretches.first, stretches.last)})  # fmt: skip
+  still = type(stretches.segments)(**{**vars(stretches.segments), "pose": None})
+  cut = type(stretches)(still, stretches.first, stretches.last)
+  bare = type(observations)(**{**vars(observations), "stretches": cut})
   assert heading(bare, prediction).shape == (*shape, 0) == places(bare, prediction).shape
   assert motion(bare, prediction).shape == (*shape, 15)
   assert past_commands(bare, prediction).shape == (*shape, 17)

@@ -154,7 +154,7 @@ def test_an_amplitude_that_would_have_to_be_negative_promises_nothing(offset_poo
 
 
 def test_a_set_that_lost_much_with_a_trifle_is_fitted_from_where_the_trifle_led(offset_pool):
-  """A trim left at a third of its size, and a drag of nothing beside which it found the whole: the drag was no reason."""
+  """A trim left at a third of its size, and a drag of nothing with which it found the whole: the drag is no reason."""
   key, exact = frozenset(["steering_offset"]), offset_pool.models[frozenset(["steering_offset"])]
   third = {"steering_offset": exact.estimate("steering_offset")[0] / 3.0}
   stuck = candidate(offset_pool.problem, ("steering_offset",), offset_pool.base, rig.BASE, third)

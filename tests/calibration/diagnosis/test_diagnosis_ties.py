@@ -22,7 +22,7 @@ def twins_of(pool, name, others):
 
 
 def renamed(pool, single, name, other):
-  """A model of another mechanism with the residuals of the first: that mechanism's first amplitude at its typical size."""
+  """A model of another mechanism with the residuals of the first, its first amplitude at its typical size."""
   declared = pool.problem.mechanism(other).parameters
   amplitude = next(p for p in declared if p.null is not None)
   mine = next(p for p in pool.problem.mechanism(name).parameters if p.null is not None)

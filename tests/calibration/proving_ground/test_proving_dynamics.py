@@ -1,4 +1,4 @@
-"""The independent car against things that are known exactly: rest, mirror images, energy, order of the method, linear theory."""
+"""The independent car against what is known exactly: rest, mirror images, energy, the method's order, linear theory."""
 
 import dataclasses
 

@@ -8,12 +8,13 @@ from calibration.proving_ground import EFFECTS, Car, ProvingGroundPlant, Spec, m
 from calibration.proving_ground.ablation import NOISE
 from calibration.proving_ground.effects.base import Effect, towards
 
-CATALOGUE = """steering_lag steering_delay steering_rate_limit steering_offset steering_gain_error steering_asymmetry steering_nonlinearity
-steering_backlash steering_dead_zone steering_quantisation steering_compliance tyre_relaxation tyre_saturation longitudinal_slip
-wheel_radius_error load_transfer combined_slip friction_change friction_patch side_force floor_slope drive_dead_zone drive_lag
-drive_delay coulomb_friction stiction steering_drag differential_lock quadratic_drag battery_sag battery_discharge motor_heating
-coast_freewheel drive_asymmetry driveline_backlash cogging cg_lateral_offset payload imu_misalignment imu_lever_arm gyro_scale
-accel_bias gyro_bias pose_latency imu_latency clock_drift pose_mount""".split()
+CATALOGUE = """steering_lag steering_delay steering_rate_limit steering_offset steering_gain_error steering_asymmetry
+steering_nonlinearity steering_backlash steering_dead_zone steering_quantisation steering_compliance tyre_relaxation
+tyre_saturation longitudinal_slip wheel_radius_error load_transfer combined_slip friction_change friction_patch
+side_force floor_slope drive_dead_zone drive_lag drive_delay coulomb_friction stiction steering_drag differential_lock
+quadratic_drag battery_sag battery_discharge motor_heating coast_freewheel drive_asymmetry driveline_backlash cogging
+cg_lateral_offset payload imu_misalignment imu_lever_arm gyro_scale accel_bias gyro_bias pose_latency imu_latency
+clock_drift pose_mount""".split()
 IDS = sorted(EFFECTS)
 POSE_NOISE = {"pose_x": 0.006, "pose_y": 0.006}
 NEEDS_A_WHOLE_SESSION = ("battery_discharge", "clock_drift", "friction_change", "friction_patch", "motor_heating")
@@ -38,7 +39,7 @@ def whole() -> dict:
 
 
 def drive(effects=(), volts=1.5, steer=(0.0,), seconds=2.0, car=PLAIN) -> np.ndarray:
-  """Signals (N, T + 1, 10) from rest; `volts` and `steer` are numbers, (T,) or, for N cars side by side, (N, 1) or (N, T)."""
+  """Signals (N, T + 1, 10) from rest; `volts` and `steer`: numbers, (T,) or, for N cars, (N, 1) or (N, T)."""
   ticks = round(seconds / 0.01)
   volts, steer = np.broadcast_arrays(np.atleast_2d(volts), np.atleast_2d(steer), np.empty((1, ticks)))[:2]
   run = ProvingGroundPlant(car, effects).begin(np.zeros((len(volts), 7)))
@@ -222,8 +223,8 @@ def test_a_standing_car_without_commands_stays(name, made):
   assert np.hypot(still[-1, 3], still[-1, 4]) < 1e-3
 
 
-SYMMETRIC = """steering_lag steering_backlash tyre_relaxation tyre_saturation combined_slip differential_lock steering_drag payload
-steering_compliance longitudinal_slip load_transfer yaw_drag tyre_temperature""".split()
+SYMMETRIC = """steering_lag steering_backlash tyre_relaxation tyre_saturation combined_slip differential_lock
+steering_drag payload steering_compliance longitudinal_slip load_transfer yaw_drag tyre_temperature""".split()
 
 
 @pytest.mark.parametrize("name", SYMMETRIC)

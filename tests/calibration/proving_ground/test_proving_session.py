@@ -143,7 +143,8 @@ def test_an_unknown_design_is_refused():
 def test_recordings_have_the_channels_at_their_rates(session):
   for recording in session.recordings:
     assert set(recording.channels) == {
-      "motor_voltage", "steering_command", "motor_speed", "accel_x", "accel_y", "yaw_rate", "pose_x", "pose_y", "pose_yaw", "pose_score",
+      "motor_voltage", "steering_command", "motor_speed", "accel_x", "accel_y", "yaw_rate",
+      "pose_x", "pose_y", "pose_yaw", "pose_score",
     }  # fmt: skip
     assert np.diff(recording["yaw_rate"].time) == pytest.approx(0.01)
     assert np.diff(recording["pose_x"].time) == pytest.approx(0.1)
