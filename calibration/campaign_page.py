@@ -3,9 +3,13 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from calibration.campaign_figure import draw_confusion
 from calibration.campaign_nulls import spurious_table
 from calibration.campaign_score import Result, score, score_table
+from calibration.proving_ground.designs import plan
+from calibration.proving_ground.manoeuvres import PERIOD
 
 # figure of merit, what it is called, its aim: at least (+) or at most (-)
 AIMS = (
@@ -42,9 +46,8 @@ def campaign_page(results: Sequence[Result], drawn: int, command: str, folder: P
     "",
     f"`{command}`: {len(results)} of {drawn} sessions of the independent car, made from a seed not used",
     "while what is measured here was built (which state that is: docs/results.md), diagnosed without sight of their",
-    "truth; each answer and its hash were written before the truth was looked at. Compact design (129 s of driving in",
-    "15 recordings), process noise, a noisy driver, heat and charge carried along.",
-    "A name is right if it is the first claim.",
+    f"truth; each answer and its hash were written before the truth was looked at. {_designs(results)},",
+    "process noise, a noisy driver, heat and charge carried along. A name is right if it is the first claim.",
     "",
     "| aim | wanted | found |",
     "|---|---|---|",
@@ -57,3 +60,12 @@ def campaign_page(results: Sequence[Result], drawn: int, command: str, folder: P
   lines += ["", f"![First claims against the truth]({picture.name})", "", "All figures:", "", score_table(results)]
   lines += ["What explained something on sessions without an effect, alone and held out:", "", spurious_table(results)]
   return "\n".join(lines)
+
+
+def _designs(results: Sequence[Result]) -> str:
+  """The session designs that were driven, with their size."""
+  said = []
+  for name in dict.fromkeys(result["case"]["design"] for result in results):
+    runs = plan(name, np.random.default_rng(0))  # the draw decides where free drives go, not how long they take
+    said.append(f"{name} ({PERIOD * sum(run.ticks for run in runs):.0f} s of driving in {len(runs)} recordings)")
+  return f"Session design: {' and '.join(said)}"

@@ -50,7 +50,7 @@ def result(
     "seconds": 60.0,
   }
   stated = [{"id": i, "parameters": {"steering_delay": 0.04} if i == "steering_delay" else {}} for i, _ in truth]
-  case = {"name": f"{kind}_0", "kind": kind, "seed": 1, "effects": truth, "noise": 1.0}
+  case = {"name": f"{kind}_0", "kind": kind, "seed": 1, "effects": truth, "noise": 1.0, "design": "compact"}
   oracle = {"nats": nats, "holdout": {"yaw_rate": 0.4}}
   methods = {
     "white_noise_bic": {"claims": ["gyro_scale"], "ranking": [["gyro_scale", 9.0]], "holdout": {"yaw_rate": 0.8}}
@@ -139,7 +139,7 @@ def test_confusion_counts_first_claims_by_truth():
 def test_the_page_sets_every_aim_beside_what_was_found(tmp_path):
   cases = [result("null", []), result("single", DELAY, ["steering_delay"])]
   text = campaign_page(cases, 5, "python x", tmp_path)
-  assert "2 of 5 sessions" in text
+  assert "2 of 5 sessions" in text and "compact (129 s of driving in 15 recordings)" in text
   assert (tmp_path / "confusion.png").stat().st_size > 1000
   assert "| single effects: right name first | >= 0.9 | 1 |" in text
   assert "| sessions without an effect in which something was claimed | <= 0.034 | 0 |" in text
