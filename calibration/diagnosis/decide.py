@@ -6,6 +6,7 @@ Rivals that fit as well are named with it. Whether something nameless remains is
 """
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,7 +15,6 @@ from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.claims import Claim, bias_claims, claim
 from calibration.diagnosis.leftover import Leftover
 from calibration.diagnosis.pool import Pool
-from calibration.diagnosis.recalibrate import BIAS_MECHANISMS
 from calibration.diagnosis.score import Comparison, compare, judged, judged_at_all
 from calibration.diagnosis.search import ensure
 from calibration.diagnosis.thresholds import Thresholds, material, significant, strength, stretched
@@ -54,18 +54,52 @@ def decide(pool: Pool, thresholds: Thresholds = Thresholds()) -> Decision:  # no
     pool: all fitted models.
     thresholds: what a claim needs.
   """
-  best = _useful(pool, _simplified(pool, _grown(pool, thresholds), thresholds), thresholds)
-  claims = bias_claims(pool, best, thresholds) + [claim(pool, best, name, thresholds) for name in best.mechanisms]
-  doubtful = [c for c in claims if c.probability < thresholds.probability]
-  claims = [c for c in claims if c.probability >= thresholds.probability]
-  kept = frozenset(c.mechanism for c in claims) - set(BIAS_MECHANISMS)
-  ensure(pool, [kept])
-  best = pool.models[kept]
-  claims.sort(key=lambda c: -c.evidence_nats)
-  alarm = "" if claims else _undecided([c for c in doubtful if c.held_out.t >= thresholds.sure])
+  best = _needed(pool, _grown(pool, thresholds), thresholds)
+  names = _names(pool, best, thresholds)
+  best = _likely(pool, best, thresholds)
+  claims = bias_claims(pool, best, thresholds) + _names(pool, best, thresholds)
+  claims = sorted((c for c in claims if c.probability >= thresholds.probability), key=lambda c: -c.evidence_nats)
+  alarm = "" if claims else _undecided([c for c in names if c.held_out.t >= thresholds.sure])
   verdict = "explained" if claims else "unexplained" if alarm else "no_mismatch"
   possible, ranking = _possible(pool, claims, thresholds), _ranking(pool, claims)
   return Decision(verdict, tuple(claims), possible, best, None, ranking, alarm=alarm)
+
+
+def _names(pool: Pool, model: Candidate, thresholds: Thresholds) -> list[Claim]:
+  """Every name of a model, weighed."""
+  ensure(pool, [frozenset(model.mechanisms) - {name} for name in model.mechanisms])
+  return [claim(pool, model, name, thresholds) for name in model.mechanisms]
+
+
+def _needed(pool: Pool, model: Candidate, thresholds: Thresholds) -> Candidate:
+  """What is left of a set without the names that it does not need, or that do harm where nothing was fitted."""
+  return _useful(pool, _simplified(pool, model, thresholds), thresholds)
+
+
+def _likely(pool: Pool, best: Candidate, thresholds: Thresholds) -> Candidate:
+  """The best of a set and the smaller ones inside it, largest first, in which every name is likely enough.
+
+  In a smaller one each name must be needed and matter again: what was found beside a name that is not claimed may have
+  been what its formula leaves over.
+  """
+  for size in range(len(best.mechanisms), 0, -1):
+    sets = [frozenset(names) for names in itertools.combinations(best.mechanisms, size)]
+    ensure(pool, sets)
+    found = [
+      m
+      for m in (pool.models[s] for s in sets)
+      if (m is best or _stands(pool, m, thresholds))
+      and all(c.probability >= thresholds.probability for c in _names(pool, m, thresholds))
+    ]
+    if found:
+      return min(found, key=lambda m: m.cost)
+  return pool.base
+
+
+def _stands(pool: Pool, model: Candidate, thresholds: Thresholds) -> bool:
+  """Whether a set needs each of its names, and each matters."""
+  matter = all(material(pool, model, name, thresholds.material) for name in model.mechanisms)
+  return matter and _needed(pool, model, thresholds) is model
 
 
 def _undecided(sure: Sequence[Claim]) -> str:

@@ -14,3 +14,12 @@ def offset_pool():
 def clean_pool():
   """A car without any hidden effect."""
   return rig.session({}, seed=5)
+
+
+@pytest.fixture(scope="session")
+def pair_pool():
+  """A car with two effects and the models of both, one and none."""
+  pool = rig.session({"steering_offset": 0.03, "side_force": 0.5}, seed=3, pose=True)
+  both = frozenset(["side_force", "steering_offset"])
+  pool.models[both] = rig.solved(pool.problem, tuple(sorted(both)))
+  return pool

@@ -23,15 +23,6 @@ from calibration.diagnosis.wording import verdict_sentence
 from qcar_twin.parameters import Parameter, ParameterSet
 
 
-@pytest.fixture(scope="module")
-def pair_pool():
-  """A car with two effects and the models of both, one and none."""
-  pool = rig.session({"steering_offset": 0.03, "side_force": 0.5}, seed=3, pose=True)
-  both = frozenset(["side_force", "steering_offset"])
-  pool.models[both] = rig.solved(pool.problem, tuple(sorted(both)))
-  return pool
-
-
 def test_a_right_name_is_claimed_and_leaves_nothing_over(offset_pool):
   decision = concluded(offset_pool, decide(offset_pool))
   assert [c.mechanism for c in decision.claims] == ["steering_offset"]

@@ -30,7 +30,9 @@ def renamed(pool, single, name, other):
   free = ParameterSet(amplitude if p.name == mine.name else p for p in single.free)
   values = single.values.copy()
   values[index] = amplitude.null + (amplitude.typical or amplitude.scale)
-  return dataclasses.replace(single, mechanisms=(other,), free=free, values=values)
+  return dataclasses.replace(
+    single, mechanisms=tuple(sorted({*single.mechanisms, other} - {name})), free=free, values=values
+  )
 
 
 def test_names_that_fit_equally_well_share_the_probability(offset_pool):
@@ -76,3 +78,20 @@ def test_of_names_that_cannot_be_told_apart_the_one_with_the_steadier_gain_goes_
   assert pool.models[frozenset(["side_force"])].cost < pool.models[frozenset(["steering_offset"])].cost
   assert [c.mechanism for c in decide(pool).claims] == ["steering_offset"]
   assert [c.mechanism for c in decide(pool, Thresholds(close=0.0)).claims] == ["side_force"]
+
+
+def test_what_is_only_found_beside_a_name_too_doubtful_to_claim_is_not_claimed_either(pair_pool):
+  """Beside a force the trim ties with another name; alone it has no rival, and the force alone brings nothing."""
+  force, trim = frozenset(["side_force"]), frozenset(["steering_offset"])
+  pair = pair_pool.models[force | trim]
+  nothing = dataclasses.replace(pair_pool.models[force], residual=pair_pool.base.residual)
+  models = {frozenset(): pair_pool.base, trim: pair_pool.models[trim], force: nothing, force | trim: pair}
+  models[frozenset(["side_force", "gyro_scale"])] = renamed(pair_pool, pair, "steering_offset", "gyro_scale")
+  pool, needed = dataclasses.replace(pair_pool, models=models), Thresholds(probability=0.6)
+  weighed = {c: claim(pool, pair, c, needed).probability for c in pair.mechanisms}
+  assert weighed["steering_offset"] < 0.6 < weighed["side_force"]
+  assert [c.mechanism for c in decide(pool, needed).claims] == ["steering_offset"]
+  # the force by itself once it explains something: the better of the two
+  better = dataclasses.replace(pool, models=models | {force: pair_pool.models[force]})
+  cheaper = min((pair_pool.models[force], pair_pool.models[trim]), key=lambda m: m.cost)
+  assert [c.mechanism for c in decide(better, needed).claims] == list(cheaper.mechanisms)
