@@ -31,14 +31,14 @@ AIMS = (
 )
 
 
-def campaign_page(results: Sequence[Result], drawn: int, command: str, folder: Path) -> str:
-  """Markdown of the whole campaign; draws confusion.png into the folder.
+def campaign_page(results: Sequence[Result], drawn: int, command: str, picture: Path) -> str:
+  """Markdown of the whole campaign; draws a picture of the confusions.
 
   Args:
     results: answered cases.
     drawn: how many the campaign has.
     command: that made them.
-    folder: where page and picture go.
+    picture: PNG file, in the page's folder.
   """
   figures = score(results)
   lines = [
@@ -56,7 +56,7 @@ def campaign_page(results: Sequence[Result], drawn: int, command: str, folder: P
     value = figures.get(name)
     wanted = f"{'<=' if aim < 0 or str(aim) == '-0.0' else '>='} {abs(aim):.3g}"
     lines.append(f"| {meaning} | {wanted} | {'-' if value is None else f'{value:.3g}'} |")
-  picture = draw_confusion(results, folder / "confusion.png")
+  draw_confusion(results, picture)
   lines += ["", f"![First claims against the truth]({picture.name})", "", "All figures:", "", score_table(results)]
   lines += ["What explained something on sessions without an effect, alone and held out:", "", spurious_table(results)]
   return "\n".join(lines)

@@ -39,7 +39,7 @@ class Config:
   archive: Path | None = None
   """One file with all answers: those in it are taken over first, and it is written anew at the end."""
   page: Path | None = None
-  """Markdown page to write beside a picture of the confusions."""
+  """Markdown page to write; a picture of the confusions goes beside it, named alike."""
   score_only: bool = False
   """Run nothing: score the answers that are there."""
   quick: bool = False
@@ -67,7 +67,7 @@ def main(config: Config) -> str:
     pack(config.out, config.archive)
   if config.page:
     command = f"python scripts/campaign.py --out out/{config.out.name} --seed {config.seed}"
-    write_text(config.page, campaign_page(results, len(cases), command, config.page.parent))
+    write_text(config.page, campaign_page(results, len(cases), command, config.page.with_suffix(".png")))
   print(table)
   return table
 

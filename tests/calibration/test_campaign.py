@@ -138,9 +138,9 @@ def test_confusion_counts_first_claims_by_truth():
 
 def test_the_page_sets_every_aim_beside_what_was_found(tmp_path):
   cases = [result("null", []), result("single", DELAY, ["steering_delay"])]
-  text = campaign_page(cases, 5, "python x", tmp_path)
+  text = campaign_page(cases, 5, "python x", tmp_path / "seed.png")
   assert "2 of 5 sessions" in text and "compact (129 s of driving in 15 recordings)" in text
-  assert (tmp_path / "confusion.png").stat().st_size > 1000
+  assert "(seed.png)" in text and (tmp_path / "seed.png").stat().st_size > 1000
   assert "| single effects: right name first | >= 0.9 | 1 |" in text
   assert "| sessions without an effect in which something was claimed | <= 0.034 | 0 |" in text
   assert all(meaning in text for _, meaning, _ in AIMS) and set(n for n, _, _ in AIMS) <= set(score(cases))

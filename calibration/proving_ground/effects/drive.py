@@ -114,6 +114,10 @@ class DriveAsymmetry(Effect):
     volts = sim.command[0, self.columns]
     volts *= 1 - self.value / (1 + np.exp(np.clip(volts / 0.01, -40, 40)))
 
+  def truth(self) -> dict[str, float]:
+    """Canonically, how much stronger backwards than forwards."""
+    return {self.parameter: -self.value}
+
 
 class Cogging(Effect):
   """A gear out of true: torque that ripples n times a turn of the wheels (n from 2 to 5), with an overtone of 1/4."""

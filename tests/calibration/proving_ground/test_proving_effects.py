@@ -205,6 +205,8 @@ def test_drive_asymmetry_weakens_reverse_only():
   weak, bare = (drive(e, volts, seconds=0.6)[:, -1, 3] for e in ((("drive_asymmetry", 1.0),), ()))
   assert weak[0] / bare[0] == pytest.approx(1.0, abs=1e-6)
   assert 0.85 < weak[1] / bare[1] < 0.92
+  effect = EFFECTS["drive_asymmetry"](1.0, slice(0, 1), np.random.default_rng(0))
+  assert effect.truth()["drive_asymmetry"] < 0.0 < effect.value  # stated as the gain backwards
 
 
 @pytest.mark.parametrize(
