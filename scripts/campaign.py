@@ -66,7 +66,9 @@ def main(config: Config) -> str:
   if config.archive:
     pack(config.out, config.archive)
   if config.page:
-    command = f"python scripts/campaign.py --out out/{config.out.name} --seed {config.seed}"
+    usual, options = Config(config.out), ("nulls", "singles", "pairs", "outside", "design")
+    other = [f" --{n} {getattr(config, n)}" for n in options if getattr(config, n) != getattr(usual, n)]
+    command = f"python scripts/campaign.py --out out/{config.out.name} --seed {config.seed}{''.join(other)}"
     write_text(config.page, campaign_page(results, len(cases), command, config.page.with_suffix(".png")))
   print(table)
   return table

@@ -73,11 +73,26 @@ def test_drift_names_the_parameter_and_the_recordings():
 def test_a_measured_parameter_that_moved_is_named():
   twin = rig.LinearTwin()
   heavy = rig.LinearTwin()
-  recordings = rig.measure(heavy, rig.drive(), {"mass": 3.45}, noise=0.2)
+  recordings = rig.measure(heavy, rig.drive(), {"mass": 3.8}, noise=0.2)
   base = rig.solved(rig.problem_of(twin, recordings))
   statistic, (alarm, _) = prior_conflict(base)
   assert statistic > LEVELS["priors"]
   assert alarm.startswith("mass was measured as 2.7 kg")
+
+
+@pytest.mark.parametrize(
+  ("informed", "expected"), [(0.99, 6.0 / 0.99**0.5), (0.6, 6.0 / 0.6**0.5), (0.1, 6.0 / 0.5**0.5)]
+)
+def test_a_shift_of_what_the_data_hardly_inform_is_not_blown_up(clean_pool, informed, expected):
+  """Share of the mass's prior variance that the data take away; with less than a twentieth it is not asked."""
+  base = rig.solved(clean_pool.problem)
+  i, std = base.free.index("mass"), base.free["mass"].std
+  values, stds = base.values.copy(), base.std.copy()
+  values[i], stds[i] = base.free["mass"].nominal + 6.0 * std, std * np.sqrt(1.0 - informed)
+  shifted = SimpleNamespace(free=base.free, values=values, std=stds)
+  assert prior_conflict(shifted)[0] == pytest.approx(expected)
+  stds[i] = std * np.sqrt(0.96)
+  assert prior_conflict(shifted)[0] < 1.5
 
 
 def test_no_measured_parameter_no_conflict(clean_pool):
