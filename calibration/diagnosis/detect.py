@@ -234,7 +234,7 @@ def horizon_conflict(
 def pose_errors(
   observations: Observations, prediction: Prediction, passport: Mapping[str, ChannelNoise], horizon: float
 ) -> Array:
-  """RMS error of displacements over a horizon: forward, left [m], turn [rad], (3,); without the pose's noise."""
+  """RMS error of displacements over a horizon: forward, left [m], turn [rad], (3,), less the pose's noise, or 0."""
   segments = observations.stretches.segments
   if segments.pose is None or not {"pose_x", "pose_y", "pose_yaw"} <= passport.keys():
     return np.zeros(3)
