@@ -22,7 +22,7 @@ def confusion_table(results: Sequence[Result]) -> tuple[list[str], list[str], ND
   return truths, answers, table
 
 
-def draw_confusion(results: Sequence[Result], path: str | Path) -> Path:
+def draw_confusion(results: Sequence[Result], path: str | Path) -> None:
   """Write the table as a picture."""
   truths, answers, table = confusion_table(results)
   canvas, ((axes,),) = new_figure(1, 1, width=0.17 * len(answers) + 2.2, row_height=0.15 * len(truths) + 1.8)
@@ -38,7 +38,6 @@ def draw_confusion(results: Sequence[Result], path: str | Path) -> Path:
   axes.grid(False)
   with whole_file(path) as part:
     canvas.savefig(part, format="png", dpi=140)
-  return Path(path)
 
 
 def _truth(result: Result) -> str:
