@@ -201,7 +201,7 @@ def in_words(table: Sequence[Mapping[str, Any]]) -> str:
 
 def _cell(entry: Mapping[str, Any], name: str, scale: float) -> str:
   low, high = entry[f"{name}_quartiles"]
-  say = lambda x: "  left" if x is None else f"{scale * x:6.1f}"  # noqa: E731
+  say = lambda x: "  left" if x is None else f"{scale * x:6.1f}"
   return f"{say(entry[name])} [{say(low)}, {say(high)}]"
 
 

@@ -46,7 +46,7 @@ def cell(entry: dict[str, Any] | None, indicator: str, scale: float, spread: boo
   """Median [quartiles]."""
   if entry is None:
     return ""
-  say = lambda x: "left" if x is None else f"{scale * x:.1f}"  # noqa: E731
+  say = lambda x: "left" if x is None else f"{scale * x:.1f}"
   low, high = entry[f"{indicator}_quartiles"]
   return say(entry[indicator]) + (f" [{say(low)}, {say(high)}]" if spread else "")
 
@@ -133,7 +133,7 @@ def _training(found: list[dict[str, Any]]) -> list[str]:
   share = np.median(np.array(seconds["learning"]) / np.array(seconds["total"]))
   full = [r["ten_full_episodes_in_a_row_at"] for r in found]
   best = [np.nan if r["best_rmse_training_path"] is None else 1e3 * r["best_rmse_training_path"] for r in found]
-  spread = lambda x: f"{np.nanmedian(x):.0f} ({np.nanmin(x):.0f} to {np.nanmax(x):.0f})"  # noqa: E731
+  spread = lambda x: f"{np.nanmedian(x):.0f} ({np.nanmin(x):.0f} to {np.nanmax(x):.0f})"
   return [
     "/".join(dict.fromkeys(str(r["episodes"]) for r in found)),
     spread(seconds["total"]),

@@ -82,11 +82,11 @@ def steps_per_second(cars: int, periods: int = 400, estimator: str = "fekf") -> 
   if cars == 1:
     env: Any = make_env(version="tuned", estimator=estimator)
     env.reset(seed=0)
-    step = lambda: env.step(rng.uniform(-0.3, 0.3, 1).astype(np.float32))  # noqa: E731
+    step = lambda: env.step(rng.uniform(-0.3, 0.3, 1).astype(np.float32))
   else:
     vector = FleetVecEnv(fleet(Options(version="tuned", estimator=estimator), range(cars)))  # type: ignore[arg-type]
     vector.reset()
-    step = lambda: vector.step(rng.uniform(-0.3, 0.3, (cars, 1)).astype(np.float32))  # noqa: E731
+    step = lambda: vector.step(rng.uniform(-0.3, 0.3, (cars, 1)).astype(np.float32))
   for _ in range(20):
     step()
   begun = time.process_time()

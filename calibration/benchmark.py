@@ -121,7 +121,7 @@ def overhead_pair(rounds: int = 41, cars: int = CARS) -> Pair:
   """10 ms of many cars: the twin's step against the bare steps of the batch inside it."""
   twin = Twin(QCAR, threads=1)
   simulation, commands = _turning_cars(twin, cars)
-  bare = lambda: [simulation.batch.step(nstep=twin.substeps) for _ in range(PERIODS)]  # noqa: E731
+  bare = lambda: [simulation.batch.step(nstep=twin.substeps) for _ in range(PERIODS)]
   with timers_stopped():
     first, second, ratio = paired(lambda: _drive(simulation, commands), bare, rounds, time.process_time)
   seconds = (first / PERIODS / cars, second / PERIODS / cars)

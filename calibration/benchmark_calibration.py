@@ -59,7 +59,7 @@ def judge(dataset: str | os.PathLike[str], folder: str | os.PathLike[str], threa
 
 
 def _calibrated(dataset: DataSet, folder: Path, against: Against, threads: int) -> Document:
-  make = lambda: calibrate(dataset, against, folder, threads=threads).write(folder)  # noqa: E731
+  make = lambda: calibrate(dataset, against, folder, threads=threads).write(folder)
   return _kept(folder / "calibration.json", make)
 
 

@@ -125,7 +125,7 @@ def _trace(run: Callable[[Callable[[float], None]], float]) -> list[Told]:
   """Whenever a fit tells its cost, and when it returns."""
   trace: list[Told] = []
   wall, busy = time.perf_counter(), time.process_time()
-  tell = lambda cost: trace.append(Told(time.perf_counter() - wall, time.process_time() - busy, cost))  # noqa: E731
+  tell = lambda cost: trace.append(Told(time.perf_counter() - wall, time.process_time() - busy, cost))
   tell(run(tell))
   return trace
 
@@ -139,7 +139,7 @@ def by_batch(task: Task, tell: Callable[[float], None]) -> float:
 def by_sysid(task: Task, tell: Callable[[float], None]) -> float:
   """`mujoco.sysid.optimize`, or its optimiser where its packages are missing; returns its cost."""
   car = RecompiledCar(task)
-  hear = lambda trace: tell(float(trace[-1].objective - trace[-1].reduction))  # noqa: E731
+  hear = lambda trace: tell(float(trace[-1].objective - trace[-1].reduction))
   if library_available():
     params, residual = car.library_problem()
     found, _ = sysid.optimize(params, residual, verbose=False, iter_callback=hear, output=io.StringIO())

@@ -49,7 +49,7 @@ def fit_bicycle(
     weighting = weighting_from(observations, raw(start[None])[0], floor)
     scale = weighting.scale(observations.channel)
     about = f"bicycle on recordings, round {k + 1}"
-    tell = lambda i, cost, about=about: progress(f"{about}, iteration {i}, cost {cost:.0f}")  # noqa: E731
+    tell = lambda i, cost, about=about: progress(f"{about}, iteration {i}, cost {cost:.0f}")
     found = fit(lambda v, s=scale: raw(v) * s, priors, start, iterations=8, robust=np.inf, progress=tell)
     start = found.theta
   assert found is not None

@@ -171,11 +171,11 @@ def calibrate(
     if identification is None:
       raise NotIdentifiable(f"{missing}; or calibrate against the recordings themselves (--against recordings)")
     twin = Twin(vehicle, substeps=2, threads=threads)
-    work = lambda: _to_bicycle(twin, identification, quick, progress)  # noqa: E731
+    work = lambda: _to_bicycle(twin, identification, quick, progress)
   else:
     biases = [] if set(mechanisms) & set(BIAS_MECHANISMS) else list(BIAS_MECHANISMS)
     twin = Twin(vehicle, select([*mechanisms, *biases]), substeps=2, threads=threads)
-    work = lambda: _to_recordings(twin, dataset, identification, mechanisms, quick, progress)  # noqa: E731
+    work = lambda: _to_recordings(twin, dataset, identification, mechanisms, quick, progress)
   found = stages.kept("fit")
   if found:
     progress("fit taken from an earlier run")
@@ -204,7 +204,7 @@ def _identified(dataset: DataSet, steady_state: SteadyState, vehicle: Vehicle) -
 
 
 def _to_bicycle(twin: Twin, identification: Identification, quick: bool, progress: Progress) -> dict[str, Any]:
-  tell = lambda k, cost: progress(f"fit to the identified model, iteration {k}, cost {cost:.0f}")  # noqa: E731
+  tell = lambda k, cost: progress(f"fit to the identified model, iteration {k}, cost {cost:.0f}")
   match = match_bicycle(twin, identification, twin.base, iterations=3 if quick else 12, progress=tell)
   estimates = _table(match.fit, twin.base, "the identified model does not show it")
   notes = [*identification.drive.notes, *(identification.lateral.notes if identification.lateral else ())]

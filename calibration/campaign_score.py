@@ -83,7 +83,7 @@ def score_baselines(results: Sequence[Result]) -> dict[str, dict[str, float | in
   nulls, singles = ([r for r in results if r["case"]["kind"] == kind] for kind in ("null", "single"))
   effects = [r for r in results if r["case"]["kind"] in ("single", "pair")]
   for method in methods:
-    told = lambda r, m=method: r["baselines"][m]  # noqa: E731
+    told = lambda r, m=method: r["baselines"][m]
     names = any(told(r)["claims"] or told(r)["ranking"] for r in results)
     methods[method] = {
       "nulls_with_claim": sum(bool(told(r)["claims"]) for r in nulls) if names else None,

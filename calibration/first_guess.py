@@ -47,7 +47,7 @@ def _integrals(recording: Recording, vehicle: Vehicle) -> Array:
   if name == "speed":
     speed = speed / (vehicle.gear_ratio * vehicle.wheel_radius)
   width = int(_WINDOW / _PERIOD)
-  total = lambda x: np.concatenate([[0.0], np.cumsum(x)]) * _PERIOD  # noqa: E731
+  total = lambda x: np.concatenate([[0.0], np.cumsum(x)]) * _PERIOD
   sign = np.tanh(speed / 5.0)
   parts = [total(commands[:, 0]), total(speed), total(sign)]
   starts = np.arange(0, len(time) - width - 1, width // 2)

@@ -166,7 +166,7 @@ def _try(
     kept = (cost - found[best]) / max(promised, 1e-300)
     return _Trial(candidates[best], outcomes[best], found[best], promised, kept, eases[best], evaluations)
 
-  step = lambda factor: _lm_step(jacobian, r, theta, parameters, robust, damping * factor)  # noqa: E731
+  step = lambda factor: _lm_step(jacobian, r, theta, parameters, robust, damping * factor)
   first = judged([step(0.01)], (0.03,), 1)
   if first.kept >= _TRUSTED:
     return first

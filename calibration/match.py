@@ -114,7 +114,7 @@ class StepComparison:
   def __init__(self, twin: Twin, bicycle: Bicycle, theta: Array, volts: Sequence[Level], angles: Sequence[Level]):
     """theta: the bicycle's parameters, (5,). Voltages that don't move it are left out."""
     car = bicycle.car(theta)
-    moving = lambda v: car.drive_gain * abs(v) > 1.05 * car.drive_friction  # noqa: E731
+    moving = lambda v: car.drive_gain * abs(v) > 1.05 * car.drive_friction
     self._twin, self._bicycle, self._rolling = twin, bicycle, float(car.rolling_radius)
     self.volts = tuple(level for level in volts if moving(level.value))
     self.angles = tuple(angles)
@@ -251,7 +251,7 @@ def match_bicycle(
   found = fit(residual, free, first, iterations, np.inf, tolerance=1e-3, progress=progress)
   found = with_jacobian(found, finite_differences(residual, free, found.theta, found.residual), np.inf)
   theta = full(found.theta[None])[0]
-  moved = lambda bicycle: comparison.residual(theta[None], bicycle)[0]  # noqa: E731
+  moved = lambda bicycle: comparison.residual(theta[None], bicycle)[0]
   found = _with_bicycle(found, identification.covariance, moved, bicycle_theta)
   return Match(found, theta, comparison.answers(theta, bicycle_theta))
 

@@ -32,8 +32,8 @@ class Handles:
   @classmethod
   def of(cls, model: mujoco.MjModel, prefix: str = "") -> "Handles":
     """Handles of the car whose names carry `prefix`, as after MjSpec.attach."""
-    dof = lambda name: int(model.joint(prefix + name).dofadr[0])  # noqa: E731
-    sensor = lambda name: int(model.sensor(prefix + name).adr[0])  # noqa: E731
+    dof = lambda name: int(model.joint(prefix + name).dofadr[0])
+    sensor = lambda name: int(model.sensor(prefix + name).adr[0])
     return cls(
       chassis=model.body(prefix + "chassis").id,
       wheels=tuple(model.geom(prefix + wheel).id for wheel in WHEELS),

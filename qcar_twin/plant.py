@@ -82,7 +82,7 @@ class Segments:
 
   def __getitem__(self, which: slice) -> "Segments":
     """Some of the stretches, padded as all are."""
-    some = lambda a: None if a is None else a[which]  # noqa: E731
+    some = lambda a: None if a is None else a[which]
     return Segments(
       self.commands[which], self.start[which], self.steps[which], self.period,
       self.recording[which], self.offset[which],

@@ -86,7 +86,7 @@ class Puppet:
   """
 
   def __init__(self, model: mujoco.MjModel, vehicle: Vehicle, prefix: str = ""):
-    at = lambda name: int(model.joint(prefix + name).qposadr[0])  # noqa: E731
+    at = lambda name: int(model.joint(prefix + name).qposadr[0])
     self._vehicle, self._free = vehicle, at("chassis")
     self._knuckles = [at(f"{wheel}_steering") for wheel in WHEELS[:2]]
     self._spins = [at(f"{wheel}_spin") for wheel in WHEELS]

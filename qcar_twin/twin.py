@@ -129,7 +129,7 @@ class Twin:
 
   def _simulate(self, theta: Array, segments: Segments) -> Array:
     n, size, length = len(theta), len(segments), segments.commands.shape[1]
-    tile = lambda a: np.tile(a, (n,) + (1,) * (a.ndim - 1))  # noqa: E731
+    tile = lambda a: np.tile(a, (n,) + (1,) * (a.ndim - 1))
     commands = np.ascontiguousarray(tile(segments.commands).transpose(1, 0, 2))  # (T, n * S, 2)
     history = None if segments.history is None else tile(segments.history)
     start, offset, measured = tile(segments.start), tile(segments.offset), tile(segments.measured)

@@ -62,7 +62,7 @@ def quantities(theta: Array, base: ParameterSet, vehicle: Vehicle) -> dict[str, 
   """Simulator quantities of N cars from their parameters (N, P >= len(base)): (N,) or, per wheel, (N, 4)."""
   size = len(theta)
   column = {name: np.array(theta[:, i]) for i, name in enumerate(base.names)}
-  wheelwise = lambda value: np.tile(np.asarray(value, float).reshape(-1, 1), (size // np.size(value), 4))  # noqa: E731
+  wheelwise = lambda value: np.tile(np.asarray(value, float).reshape(-1, 1), (size // np.size(value), 4))
   front, rear = column.pop("cornering_stiffness_front") / 2, column.pop("cornering_stiffness_rear") / 2
   out = {
     "cornering_stiffness": np.stack([front, front, rear, rear], axis=-1),

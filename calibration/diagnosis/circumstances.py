@@ -70,7 +70,7 @@ def circumstances(observations: Observations, prediction: Prediction, strength: 
   voltage, steering = held(segments.commands)
   steps = int(round(RATE_SPAN / segments.period))
   rate = (steering - lagged(steering, steps)) / RATE_SPAN
-  signal = lambda name: prediction.channel(name)[0]  # noqa: E731
+  signal = lambda name: prediction.channel(name)[0]
   features = {
     "speed": np.hypot(signal("velocity_x"), signal("velocity_y")),
     "accel_x": signal("accel_x"),

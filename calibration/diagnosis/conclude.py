@@ -76,7 +76,7 @@ def left_over(decision: Decision, pool: Pool, doubt: Doubt) -> tuple[list[Leftov
   Without a claim, what a mechanism explains that is there but too small to matter is no riddle, either: the second
   is then that of the first such mechanism.
   """
-  over = lambda m: leftovers(m, pool.problem, pool.problem.predict(m.theta[None]))  # noqa: E731
+  over = lambda m: leftovers(m, pool.problem, pool.problem.predict(m.theta[None]))
   before, named = over(pool.base), decision.model
   if not decision.claims and decision.possible and notable(before, doubt):
     named = pool.models[frozenset([decision.possible[0]])]
@@ -89,7 +89,7 @@ def conclude(
   before: Sequence[Leftover],
   after: Sequence[Leftover],
   unknowns: Mapping[str, Candidate],
-  doubt: Doubt = Doubt(),  # noqa: B008 - frozen
+  doubt: Doubt = Doubt(),
 ) -> Decision:
   """The decision with its verdict.
 
@@ -118,7 +118,7 @@ def conclude(
   return dataclasses.replace(decision, verdict=verdict, claims=claims, unknown=unknown, leftovers=rest, alarm=alarm)
 
 
-def heeded(decision: Decision, detection: Detection, doubt: Doubt = Doubt()) -> Decision:  # noqa: B008 - frozen
+def heeded(decision: Decision, detection: Detection, doubt: Doubt = Doubt()) -> Decision:
   """The decision, `unexplained` where nothing was found but a detector is far above its level."""
   loudest = max((detection[name] for name in doubt.heard), key=lambda d: d.statistic / d.threshold)
   if decision.verdict != "no_mismatch" or loudest.statistic <= doubt.loud * loudest.threshold:

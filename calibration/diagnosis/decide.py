@@ -47,7 +47,7 @@ class Decision:
   alarm: str = ""
 
 
-def decide(pool: Pool, thresholds: Thresholds = Thresholds()) -> Decision:  # noqa: B008 - frozen
+def decide(pool: Pool, thresholds: Thresholds = Thresholds()) -> Decision:
   """Weigh the pool's named models; the verdict is provisional until `conclude` has looked at what is left.
 
   Args:
@@ -167,7 +167,7 @@ def _share_where_it_shows(pool: Pool, found: Candidate, best: Candidate) -> floa
   another one, however small it is beside a strong first.
   """
   fitted, channel = found.fitted, pool.problem.observations.channel[: found.fitted]
-  power = lambda m: 0.5 * np.bincount(channel, m.residual[:fitted] ** 2, minlength=len(CHANNELS))  # noqa: E731
+  power = lambda m: 0.5 * np.bincount(channel, m.residual[:fitted] ** 2, minlength=len(CHANNELS))
   new, old = power(best) - power(found), power(pool.base) - power(best)
   order = np.argsort(-new)
   brought = np.cumsum(np.maximum(new[order], 0.0))
@@ -213,15 +213,13 @@ def _useful(pool: Pool, best: Candidate, thresholds: Thresholds) -> Candidate:
   explains.
   """
   observations = pool.problem.observations
-  error = lambda m: judged_at_all(m, pool.base, observations)  # noqa: E731
-  spoiled = lambda m: judged(m, pool.base, observations).max(initial=1.0) > thresholds.spoiled  # noqa: E731
+  error = lambda m: judged_at_all(m, pool.base, observations)
+  spoiled = lambda m: judged(m, pool.base, observations).max(initial=1.0) > thresholds.spoiled
   while best.mechanisms and (error(best) > thresholds.worse or spoiled(best)):
     keys = [frozenset(best.mechanisms) - {name} for name in best.mechanisms]
     ensure(pool, keys)
     tests = [(compare(best, pool.models[key], observations), pool.models[key]) for key in keys]
-    excused = lambda t: (  # noqa: E731
-      t.priors >= thresholds.priors or t.relative >= thresholds.much or t.t >= thresholds.sure
-    )
+    excused = lambda t: t.priors >= thresholds.priors or t.relative >= thresholds.much or t.t >= thresholds.sure
     smaller = [m for t, m in tests if spoiled(best) or not excused(t)]
     if not smaller:
       return best

@@ -165,7 +165,7 @@ def _drift_sentences(base: Candidate, votes: Sequence[tuple[Array, Array, str]],
   worst = int(np.argmax(np.sum(strength**2, axis=0)))
   high, low = votes[int(np.argmax(strength[:, worst]))], votes[int(np.argmin(strength[:, worst]))]
   parameter = base.free.names[worst]
-  percent = lambda v: 100 * v[0][worst] * base.free.scale[worst] / (abs(base.values[worst]) or 1.0)  # noqa: E731
+  percent = lambda v: 100 * v[0][worst] * base.free.scale[worst] / (abs(base.values[worst]) or 1.0)
   alarm = (
     f"No one {parameter} fits all recordings: '{high[2]}' pulls it by {percent(high):+.0f} %, "
     f"'{low[2]}' by {percent(low):+.0f} %, {statistic:.1f} times as hard as noise would."

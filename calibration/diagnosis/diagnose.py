@@ -74,9 +74,9 @@ def diagnose(
   dataset: DataSet,
   mechanisms: Sequence[str] | None = None,
   start: Start | None = None,
-  effort: Effort = Effort(),  # noqa: B008 - frozen
-  thresholds: Thresholds = Thresholds(),  # noqa: B008
-  doubt: Doubt = Doubt(),  # noqa: B008
+  effort: Effort = Effort(),
+  thresholds: Thresholds = Thresholds(),
+  doubt: Doubt = Doubt(),
   substeps: int = 2,
   threads: int = 0,
   report: Report = lambda stage, share: None,

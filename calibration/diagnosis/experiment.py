@@ -100,7 +100,7 @@ def manoeuvres(reach: Reach) -> list[Manoeuvre]:
     volts = np.broadcast_to(np.asarray(speed) * reach.volts, t.shape)
     found.append(Manoeuvre(about, np.column_stack([volts, steering])))
 
-  said = lambda v: f"{v:.2g} m/s ({v * reach.volts:.2g} V)"  # noqa: E731
+  said = lambda v: f"{v:.2g} m/s ({v * reach.volts:.2g} V)"
   slow, fast = said(reach.slow), said(reach.fast)
   for v, angle, at in ((reach.slow, reach.angle, slow), (reach.fast, 0.5 * reach.angle, fast)):
     add(f"circles at {at}, 4 s left and 4 s right with {angle:.2g} rad", v, angle * _square(t, 4.0))

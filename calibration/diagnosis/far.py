@@ -60,13 +60,9 @@ def far_models(
   others = [n for n in considered if n not in first and len(problem.mechanism(n).starts()) == 1]
   for driving in (False, True):
     values = {name: value for name, value in back.items() if (name in _DRIVE) == driving}
-    about = lambda names: [  # noqa: E731
-      n
-      for n in names
-      if (problem.mechanism(n).subsystem == "drive") == driving  # noqa: B023
-    ]
     if values:
-      trials = _trials(problem, about(first), _USUAL) + _trials(problem, about(others), _WHOLE)
+      trials = _trials(problem, _about(problem, first, driving), _USUAL)
+      trials += _trials(problem, _about(problem, others, driving), _WHOLE)
       places.append(_Place(here | values, trials))
   best: dict[str, tuple[float, dict[str, float]]] = {}
   for place in places:
@@ -84,6 +80,11 @@ def unbent(base: Candidate, priors: ParameterSet) -> dict[str, float]:
   """Nominal values of the measured parameters that recalibration moved further than is believable, by name."""
   here = base.free.named(base.values)
   return {p.name: p.nominal for p in priors if p.std and abs(here[p.name] - p.nominal) > _BENT * p.std}
+
+
+def _about(problem: Problem, names: Iterable[str], driving: bool) -> list[str]:
+  """Those of some mechanisms that are of the drive, or those that are not."""
+  return [n for n in names if (problem.mechanism(n).subsystem == "drive") == driving]
 
 
 def _trials(problem: Problem, names: Iterable[str], sizes: tuple[float, ...]) -> list[tuple[str, dict[str, float]]]:

@@ -128,7 +128,7 @@ def _settled(
   """The minimum near a start: every model of a search is measured against it, so it is sought to a nat."""
   found = _fit(problem, base, start, 12, 0.0)
   around = problem.parameters.nominal
-  everything = lambda v: problem.residual(problem.embed(base.names, v, around))  # noqa: E731
+  everything = lambda v: problem.residual(problem.embed(base.names, v, around))
   whole = finite_differences(everything, base, found.theta, everything(found.theta[None])[0])
   theta = problem.embed(base.names, found.theta, around)[0]
   return Baseline(problem, passport, found, theta, whole, shift)
@@ -168,8 +168,8 @@ def _with_grip(base: ParameterSet, theta: Array, grip: float) -> Array:
 
 def _fit(problem: Problem, base: ParameterSet, start: Array, iterations: int, tolerance: float) -> Fit:
   around = problem.parameters.nominal
-  residual = lambda v: problem.fitted_residual(problem.embed(base.names, v, around))  # noqa: E731
-  told = lambda i, cost: log.info("iteration %d: cost %.1f", i, cost)  # noqa: E731
+  residual = lambda v: problem.fitted_residual(problem.embed(base.names, v, around))
+  told = lambda i, cost: log.info("iteration %d: cost %.1f", i, cost)
   return fit(residual, base, start, iterations=iterations, tolerance=tolerance, robust=np.inf, progress=told)
 
 

@@ -143,7 +143,7 @@ def scan(
       plain = explained(whole, base.residual[: base.fitted], mechanism.signed)
       collected[mechanism.name].append(Trial(start, rest.astype(np.float32), float(whole @ whole), answer, plain))
     progress(min(i + chunk, len(jobs)), len(jobs))
-  anchor = lambda m: anchors[m.name if m.name in projectors else ""]  # noqa: E731
+  anchor = lambda m: anchors[m.name if m.name in projectors else ""]
   found = {
     m.name: _signature(m, collected[m.name], anchor(m), base.free.names) for m in mechanisms if collected[m.name]
   }

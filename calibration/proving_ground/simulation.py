@@ -132,6 +132,6 @@ class Simulation:
     return np.stack([s.x, s.y, s.yaw, s.vx, s.vy, s.yaw_rate, a_x, a_y, s.motor, s.motor_angle, s.servo + d.bend])
 
 
-def _bound(hook, sim: Simulation):  # noqa: ANN001, ANN202
+def _bound(hook, sim: Simulation):
   """A hook of an effect as the dynamics call it."""
   return lambda _dynamics: hook(sim)

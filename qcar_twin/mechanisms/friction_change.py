@@ -41,7 +41,7 @@ class FrictionChange(Mechanism):
     """What of the change falls into the middle four fifths of the driving; there must be some on either side of it."""
     first, last = driven
     early, late = first + 0.1 * (last - first), last - 0.1 * (last - first)
-    come = lambda t: _come(t, values["friction_change_time"], values["friction_change_suddenness"])  # noqa: E731
+    come = lambda t: _come(t, values["friction_change_time"], values["friction_change_suddenness"])
     return float(come(late) - come(early))
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:

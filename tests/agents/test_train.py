@@ -152,7 +152,7 @@ def test_the_best_is_kept_and_a_worse_one_does_not_replace_it(tmp_path, monkeypa
     return Kpis(value * one, value * one, one, one, one > 0, one > 0)
 
   monkeypatch.setattr(training, "judge", scripted)
-  always = lambda self, episode: original(self, episode | {"finished": True})  # noqa: E731
+  always = lambda self, episode: original(self, episode | {"finished": True})
   original = training.Keeper._count
   monkeypatch.setattr(training.Keeper, "_count", always)
   result = train(dataclasses.replace(PLAN, every=3), tmp_path)

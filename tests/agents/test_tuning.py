@@ -39,7 +39,7 @@ def trial(monkeypatch):
   return replace
 
 
-def run(search=Search(candidates=8, elite=3, generations=3)):  # noqa: B008 - frozen
+def run(search=Search(candidates=8, elite=3, generations=3)):
   return tune(FAMILY, PLANT, THETA, CAR, SETTINGS, search)
 
 

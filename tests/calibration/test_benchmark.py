@@ -31,7 +31,7 @@ def test_two_calls_take_turns_and_who_begins_changes():
 
 def test_the_ratio_is_of_rounds_so_a_slow_spell_hits_both_sides():
   lengths = iter([0, 0, 1, 1, 8, 8, 1, 1, 8, 8])  # ms; both sides are slow together
-  step = lambda: time.sleep(1e-3 * next(lengths))  # noqa: E731
+  step = lambda: time.sleep(1e-3 * next(lengths))
   assert paired(step, step, 4)[2] == pytest.approx(1.0, abs=0.3)
 
 

@@ -74,7 +74,7 @@ def calibration(shift=0):
 
 
 def steps(longitudinal, lateral):
-  both = lambda x: {"identify": x, "validate": x}  # noqa: E731
+  both = lambda x: {"identify": x, "validate": x}
   return {"steps_rmse_percent": {"longitudinal": both(longitudinal), "lateral": both(lateral), "yaw_rate": both(0.5)}}
 
 

@@ -73,7 +73,7 @@ def test_a_step_response_gives_its_gain_and_time_constant_back():
   p = ParameterSet(
     [Parameter("gain", 1.0, 0.0, 50.0, "rad/s/V", std=30.0), Parameter("tau", 0.1, 0.01, 5.0, "s", std=3.0)]
   )
-  response = lambda t: t[:, :1] * (1.0 - np.exp(-time / t[:, 1:]))  # noqa: E731
+  response = lambda t: t[:, :1] * (1.0 - np.exp(-time / t[:, 1:]))
   target = response(np.array([[12.0, 0.6]]))
   found = fit(lambda t: (response(t) - target) / 0.01, p, iterations=30, robust=np.inf, step=1e-4)
   np.testing.assert_allclose(found.theta, [12.0, 0.6], rtol=1e-4)
@@ -102,7 +102,7 @@ def test_spikes_do_not_move_a_robust_fit(problem):
   spiked = target.copy()
   spiked[::40] += 500.0
   plain, robust = (fit(linear(matrix, spiked), parameters(), robust=width) for width in (np.inf, 2.0))
-  error = lambda f: np.max(np.abs(f.theta - truth) / truth)  # noqa: E731
+  error = lambda f: np.max(np.abs(f.theta - truth) / truth)
   assert error(robust) < 0.1 * error(plain)
 
 

@@ -20,7 +20,7 @@ def circle(seconds: float = 20.0, name: str = "circle", speed: float = 1.0, rate
   time = np.arange(0.0, seconds, 0.01)
   yaw = rate * time
   slow = np.arange(len(time)) % 10 == 0
-  blank = lambda values: np.where(slow, values, np.nan)  # noqa: E731
+  blank = lambda values: np.where(slow, values, np.nan)
   return Recording.from_columns(
     name,
     time,

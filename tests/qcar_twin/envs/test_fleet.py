@@ -85,7 +85,7 @@ def test_restart_with_other_parameters(kind):
 
 
 def test_a_twin_with_mechanisms_gets_simulations_of_its_own():
-  make = lambda: twin().with_mechanisms(select(["steering_delay"]))  # noqa: E731
+  make = lambda: twin().with_mechanisms(select(["steering_delay"]))
   made = bodies_of(make, np.tile(make().parameters.nominal, (2, 1)), starts(2))
   assert isinstance(made, SeparateBodies)
 
@@ -207,7 +207,7 @@ def test_servo_of_the_task_delays_and_lags_and_restarts_straight():
 
 
 def test_demonstrator_pays_for_imitation_and_its_action_is_rate_bounded():
-  wanted = lambda errors, speed: np.full_like(speed, 0.1)  # noqa: E731
+  wanted = lambda errors, speed: np.full_like(speed, 0.1)
   near, far = (make_fleet([0], "bicycle", False, demonstrator=wanted) for _ in range(2))
   alone = make_fleet([0], "bicycle", False)
   assert near.expert_action()[0] == 1.5

@@ -133,7 +133,7 @@ def test_pose_mount_turns_and_shifts_the_tracked_point():
 def test_of_a_change_of_grip_only_what_comes_amid_the_driving_is_shown():
   """None of it before the driving began or after it ended, all of it in the middle, part of a slow one."""
   change, driven = CATALOGUE["friction_change"], (100.0, 300.0)
-  share = lambda time, sudden: change.shown(  # noqa: E731
+  share = lambda time, sudden: change.shown(
     {"friction_change_time": time, "friction_change_suddenness": sudden}, driven
   )
   assert share(3.3, 0.7) < 0.01 and share(60.0, 30.0) < 0.01 and share(2000.0, 20.0) < 0.01
