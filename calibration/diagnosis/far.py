@@ -26,6 +26,7 @@ FAR = ("steering_delay", "steering_lag", "drive_delay", "drive_lag", "imu_latenc
 # there
 _LARGE, _USUAL, _WHOLE = (1.0, 2.5, 5.0), (0.6, 1.3), (1.0,)
 _DRIVE = ("torque_per_volt", "motor_damping", "driveline_friction", "rotor_inertia", "longitudinal_stiffness")
+_ALONG = ("longitudinal_slip",)  # not of the drive, and yet what recalibration bends to imitate it is
 _BENT = 2.0  # prior standard deviations beyond which a parameter is put back
 _WORTH = 30.0  # nats a trial must bring to the twin it is tried on
 _RIVALS = 3.0  # and how far above the recalibrated twin's cost it may lie
@@ -83,8 +84,8 @@ def unbent(base: Candidate, priors: ParameterSet) -> dict[str, float]:
 
 
 def _about(problem: Problem, names: Iterable[str], driving: bool) -> list[str]:
-  """Those of some mechanisms that are of the drive, or those that are not."""
-  return [n for n in names if (problem.mechanism(n).subsystem == "drive") == driving]
+  """Those of some mechanisms that push the car along, or those that do not."""
+  return [n for n in names if (problem.mechanism(n).subsystem == "drive" or n in _ALONG) == driving]
 
 
 def _trials(problem: Problem, names: Iterable[str], sizes: tuple[float, ...]) -> list[tuple[str, dict[str, float]]]:

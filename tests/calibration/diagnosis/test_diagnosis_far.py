@@ -1,6 +1,7 @@
 """Effects are also tried on a twin that was not bent: fitted where they explain much, left alone elsewhere."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import diagnosis_rig as rig
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from calibration.diagnosis import far
-from calibration.diagnosis.far import FAR, far_models, unbent
+from calibration.diagnosis.far import FAR, _about, far_models, unbent
 from qcar_twin.mechanisms import catalogue
 
 
@@ -71,6 +72,14 @@ def test_everything_considered_is_tried_where_a_measured_parameter_was_bent(offs
   (model,) = far_models(offset_pool.problem, base, rig.BASE, ["steering_offset"])
   exact = offset_pool.models[frozenset(["steering_offset"])]
   assert model.mechanisms == ("steering_offset",) and model.cost == pytest.approx(exact.cost, rel=1e-6)
+
+
+def test_slip_along_is_tried_where_what_the_drive_bent_was_put_back():
+  """A soft tread is imitated by the longitudinal stiffness, which is put back with the drive's parameters."""
+  problem, names = SimpleNamespace(mechanism=catalogue().__getitem__), ("longitudinal_slip", "drive_lag", "payload")
+  assert _about(problem, names, True) == ["longitudinal_slip", "drive_lag"]
+  assert _about(problem, names, False) == ["payload"]
+  assert "longitudinal_stiffness" in far._DRIVE
 
 
 def test_of_what_takes_many_starts_only_the_likely_are_tried(offset_pool, monkeypatch):

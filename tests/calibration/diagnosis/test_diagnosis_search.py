@@ -12,7 +12,16 @@ from calibration.diagnosis.pool import base_candidate
 from calibration.diagnosis.recalibrate import recalibrate_from
 from calibration.diagnosis.returning import bring_along, go_on, try_smaller
 from calibration.diagnosis.scan import scan
-from calibration.diagnosis.search import Effort, _explains, _nominate_pairs, _without_trifles, insist, search
+from calibration.diagnosis.search import (
+  Effort,
+  _begun,
+  _explains,
+  _nominate_pairs,
+  _without_trifles,
+  insist,
+  race,
+  search,
+)
 
 
 def astray(pool, by):
@@ -99,6 +108,48 @@ def test_a_promise_that_a_refit_broke_is_tried_with_fresh_columns(offset_pool):
   kept = dataclasses.replace(offset_pool, models=offset_pool.models | {})
   insist(kept)
   assert kept.models[key] is offset_pool.models[key]
+
+
+def begun_short(pool, *sizes):
+  """A pool of singles that have only been begun, at shares of what they have at their minima: {name: share}."""
+  models = {frozenset(): dataclasses.replace(pool.base)}
+  for name, share in sizes:
+    start = {name: share * pool.models[frozenset([name])].estimate(name)[0]}
+    models[frozenset([name])] = candidate(pool.problem, (name,), pool.base, pool.priors, start)
+  simulate(pool.problem, [m for key, m in models.items() if key])
+  return dataclasses.replace(pool, models=models)
+
+
+def test_singles_that_nearly_tie_are_taken_to_their_minima(offset_pool, monkeypatch):
+  """The weaker of two that stopped short may be the stronger at its minimum."""
+  monkeypatch.setattr("calibration.diagnosis.search._NEAR", 0.0)
+  pool = begun_short(offset_pool, ("steering_offset", 0.3), ("side_force", 0.0))
+  race(pool)
+  for key in (frozenset(["steering_offset"]), frozenset(["side_force"])):
+    assert pool.models[key].cost == pytest.approx(offset_pool.models[key].cost, abs=1.0)
+  assert pool.base.cost == pytest.approx(offset_pool.base.cost, abs=1.0)
+
+
+def test_no_race_where_one_is_far_ahead_or_nothing_is_to_be_won(offset_pool, clean_pool):
+  for whole, pair in ((offset_pool, ("steering_offset", "side_force")), (clean_pool, ("gyro_scale", "side_force"))):
+    pool = begun_short(whole, (pair[0], 0.5), (pair[1], 0.0))
+    before = {key: model.cost for key, model in pool.models.items()}
+    race(pool)
+    assert {key: model.cost for key, model in pool.models.items()} == before
+
+
+def test_a_start_may_leave_the_base_where_it_is(offset_pool, monkeypatch):
+  """Where the way in which the base would meet an effect is wrong, the effect alone is the better beginning."""
+  name, key = "steering_offset", frozenset(["steering_offset"])
+  signature = offset_pool.signatures[name]
+  wrong = dataclasses.replace(signature, answer=dict.fromkeys(signature.answer, 0.0) | {"torque_per_volt": 60.0})
+  pool = dataclasses.replace(
+    offset_pool, models={frozenset(): offset_pool.base}, signatures=offset_pool.signatures | {name: wrong}
+  )
+  (begun,) = _begun(pool, [key])
+  assert begun.estimate("torque_per_volt")[0] == offset_pool.base.estimate("torque_per_volt")[0]
+  assert begun.estimate(name)[0] == pytest.approx(signature.start[name])
+  assert begun.cost < offset_pool.base.cost
 
 
 def test_models_of_an_earlier_search_go_on_from_where_they_ended(offset_pool):
