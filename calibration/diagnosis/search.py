@@ -36,7 +36,8 @@ _INSISTED, _PATIENCE = 2, 4  # mechanisms that are tried harder, and their steps
 _POLISHED = 2  # such steps for the best model
 _DONE = 5.0  # nats below which a step with fresh columns is not followed by another
 _WORTH_A_RACE = 20.0  # nats of the best single below which it is not asked whether others come as far
-_NEAR, _RACING = 0.5, 3  # share of its gain from which on others race it, and how many take part
+# nats behind it and share of its gain from which on others race it, and how many take part
+_BEHIND, _NEAR, _RACING = 60.0, 0.5, 3
 _TRIFLE = 0.15  # share of the typical size below which a mechanism can't be what many nats are due to
 Report = Callable[[str], None]
 
@@ -215,7 +216,8 @@ def race(pool: Pool) -> None:
   """
   ranked = sorted(pool.of_size(1), key=lambda m: m.cost)
   most = pool.base.cost - ranked[0].cost if ranked else 0.0
-  near = [m for m in ranked[:_RACING] if pool.base.cost - m.cost >= _NEAR * most]
+  behind = min(_BEHIND, (1.0 - _NEAR) * most)
+  near = [m for m in ranked[:_RACING] if m.cost - ranked[0].cost <= behind]
   if most > _WORTH_A_RACE and len(near) > 1:
     _polish(pool, [pool.base, *near], _POLISHED)
 

@@ -123,6 +123,7 @@ def begun_short(pool, *sizes):
 def test_singles_that_nearly_tie_are_taken_to_their_minima(offset_pool, monkeypatch):
   """The weaker of two that stopped short may be the stronger at its minimum."""
   monkeypatch.setattr("calibration.diagnosis.search._NEAR", 0.0)
+  monkeypatch.setattr("calibration.diagnosis.search._BEHIND", np.inf)
   pool = begun_short(offset_pool, ("steering_offset", 0.3), ("side_force", 0.0))
   race(pool)
   for key in (frozenset(["steering_offset"]), frozenset(["side_force"])):
