@@ -4,7 +4,7 @@ A delay of 0.2 s is no small change of a twin whose tyres went soft to imitate i
 another one, and a refit from there ends in a minimum of its own (a lag of 55 ms came back as 38 ms, 290 nats short).
 So mechanisms are also tried on parameters that recalibration has not bent: delays and lags at up to several times
 their typical size on the first guess of everything, and all of them on the recalibrated twin with
-the measured parameters put back that were moved beyond belief: those of the drive for mechanisms of the drive, the
+the measured parameters put back that were moved beyond belief: those of the drive for mechanisms that push along, the
 others for all others. Where that explains much, the whole model is fitted from there. (A relaxation length that grows
 at low speed, 85 nats and an eighth of its size by a refit from the bent twin, is worth 459 there before anything is
 fitted, and 816 at its true size afterwards.)
