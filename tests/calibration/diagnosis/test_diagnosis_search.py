@@ -112,7 +112,7 @@ def test_a_promise_that_a_refit_broke_is_tried_with_fresh_columns(offset_pool):
 
 def begun_short(pool, *sizes):
   """A pool of singles that have only been begun, at shares of what they have at their minima: {name: share}."""
-  models = {frozenset(): dataclasses.replace(pool.base)}
+  models = {frozenset(): dataclasses.replace(pool.base, jacobian=pool.base.jacobian.copy())}
   for name, share in sizes:
     start = {name: share * pool.models[frozenset([name])].estimate(name)[0]}
     models[frozenset([name])] = candidate(pool.problem, (name,), pool.base, pool.priors, start)
