@@ -30,6 +30,7 @@ class Comparison:
     before: held-out half sum of squares of the smaller model, nats.
     priors: nats by which the larger model's parameters lie closer to what was measured of the car.
     added: free parameters the larger model has more.
+    drop: nats by which the larger model fits better, its priors included.
     total: the gain with a hundred times wider cap: how much there is to explain at all.
   """
 
@@ -40,6 +41,7 @@ class Comparison:
   before: float
   priors: float = 0.0
   added: int = 1
+  drop: float = np.inf
 
   @property
   def relative(self) -> float:
@@ -121,7 +123,8 @@ def compare(larger: Candidate, smaller: Candidate, observations: Observations) -
   moved += share[group] * step
   found = compared(moved, smaller.residual, observations.block)
   added = len(larger.free) - len(smaller.free)
-  return dataclasses.replace(found, priors=prior_part(smaller) - prior_part(larger), added=added)
+  freed, drop = prior_part(smaller) - prior_part(larger), smaller.cost - larger.cost
+  return dataclasses.replace(found, priors=freed, added=added, drop=drop)
 
 
 def compare_freely(larger: Candidate, smaller: Candidate, observations: Observations) -> Comparison:
