@@ -1,0 +1,42 @@
+"""What counts as significant: held-out evidence, and no more of it than the fit gained."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis.score import Comparison, compare
+from calibration.diagnosis.thresholds import Thresholds, significant, strength
+
+LIMITS = Thresholds()
+
+
+def comparison(gain, t, **other):
+  return Comparison(gain=gain, t=t, share_positive=0.7, blocks=np.full(40, gain / 40), before=1e4, **other)
+
+
+def test_a_gain_needs_nats_a_t_and_most_of_the_blocks():
+  enough = comparison(LIMITS.nats, LIMITS.t)
+  assert strength(enough, LIMITS) == pytest.approx(1.0) and significant(enough, LIMITS)
+  assert not significant(comparison(0.9 * LIMITS.nats, LIMITS.t), LIMITS)
+  assert not significant(comparison(LIMITS.nats, 0.9 * LIMITS.t), LIMITS)
+  assert not significant(dataclasses.replace(enough, share_positive=0.9 * LIMITS.share), LIMITS)
+
+
+def test_every_parameter_but_the_first_needs_nats_of_its_own():
+  assert strength(comparison(LIMITS.nats, LIMITS.t, added=4), LIMITS) < 1.0
+  assert significant(comparison(LIMITS.nats + 3 * LIMITS.shape, LIMITS.t, added=4), LIMITS)
+
+
+def test_held_out_evidence_counts_as_far_as_the_fit_bears_it_out():
+  """A change of grip that a session without effects was fitted with (null_27 of seed 2502907): no claim."""
+  lucky = comparison(42.2, 2.74, added=4, drop=20.2)
+  assert not significant(lucky, LIMITS)
+  assert significant(dataclasses.replace(lucky, drop=42.2), LIMITS)
+
+
+def test_the_drop_is_what_the_fit_gained_with_its_priors(offset_pool):
+  model, base = offset_pool.models[frozenset(["steering_offset"])], offset_pool.base
+  found = compare(model, base, offset_pool.problem.observations)
+  assert found.drop == pytest.approx(base.cost - model.cost)
+  assert compare(base, model, offset_pool.problem.observations).drop == pytest.approx(-found.drop)
