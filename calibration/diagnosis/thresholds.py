@@ -88,8 +88,8 @@ def significant(test: Comparison, thresholds: Thresholds) -> bool:
 def strength(test: Comparison, thresholds: Thresholds) -> float:
   """Held-out evidence in units of what a claim needs, as far as the fit bears it out.
 
-  A change of grip was fitted 20 nats better, bent what was measured for it, and was worth 42 by luck where nothing was
-  fitted.
+  In a session without any effect a change of grip gained 42 nats held out, validation recordings and none of what it
+  costs the priors among them, where the fit had gained 20.
   """
   gain = min(test.gain, test.drop) - thresholds.shape * max(test.added - 1, 0)
   usual = min(test.t / thresholds.t, gain / thresholds.nats)
