@@ -41,6 +41,20 @@ def signal_index(name: str) -> int:
 
 
 @dataclasses.dataclass(frozen=True)
+class Driving:
+  """What recordings cover.
+
+  Attributes:
+    first, last: when their driving begins and ends, s driven in the data set.
+    places: x, y of the car wherever its pose was measured, m, world frame, (k, 2).
+  """
+
+  first: float
+  last: float
+  places: Array
+
+
+@dataclasses.dataclass(frozen=True)
 class Segments:
   """Stretches of driving of equal padded length.
 
@@ -90,10 +104,12 @@ class Segments:
     )  # fmt: skip
 
   @property
-  def driven(self) -> tuple[float, float]:
-    """When the first segment begins and the last one ends, in seconds driven so far."""
+  def driving(self) -> Driving:
+    """When and where all of it was driven."""
     before = np.zeros(len(self)) if self.history is None else self.history[:, 0]
-    return float(before.min()), float((before + self.period * self.steps).max())
+    places = self.measured[..., :2].reshape(-1, 2)
+    last = float((before + self.period * self.steps).max())
+    return Driving(float(before.min()), last, places[np.isfinite(places).all(axis=1)])
 
   @property
   def measured(self) -> Array:

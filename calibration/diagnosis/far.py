@@ -58,7 +58,7 @@ def far_models(
   places = [_Place(priors.named(priors.nominal), _trials(problem, delays, _LARGE))]
   back, here, first = unbent(base, priors), base.free.named(base.values), dict.fromkeys([*delays, *likely])
   # a patch of floor anywhere, a change of grip at any time: too many starts to try all where nothing speaks for them
-  others = [n for n in considered if n not in first and len(problem.mechanism(n).starts()) == 1]
+  others = [n for n in considered if n not in first and len(problem.mechanism(n).starts(problem.driving)) == 1]
   for driving in (False, True):
     values = {name: value for name, value in back.items() if (name in _DRIVE) == driving}
     if values:
@@ -93,7 +93,7 @@ def _trials(problem: Problem, names: Iterable[str], sizes: tuple[float, ...]) ->
   for name in names:
     mechanism = problem.mechanism(name)
     tried = sizes if name in FAR or not mechanism.signed else (-1.0, 1.0)
-    found += [(name, start) for start in trial_starts(mechanism, tried)]
+    found += [(name, start) for start in trial_starts(mechanism, tried, problem.driving)]
   return found
 
 

@@ -7,6 +7,7 @@ independent samples ("nats"), not rows of a log.
 
 import contextlib
 import dataclasses
+import functools
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from calibration.observations import CHANNELS, Observations
 from qcar_twin.mechanisms.base import Mechanism
 from qcar_twin.parameters import ParameterSet
-from qcar_twin.plant import Prediction
+from qcar_twin.plant import Driving, Prediction
 from qcar_twin.twin import Twin
 
 Array = NDArray[np.float64]
@@ -66,6 +67,11 @@ class Problem:
   @property
   def parameters(self) -> ParameterSet:
     return self.twin.parameters
+
+  @functools.cached_property
+  def driving(self) -> Driving:
+    """When and where all recordings were driven that are fitted or judge."""
+    return self.observations.stretches.segments.driving
 
   def mechanism(self, name: str) -> Mechanism:
     return next(m for m in self.twin.mechanisms if m.name == name)

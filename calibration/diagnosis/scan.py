@@ -17,6 +17,7 @@ from calibration.diagnosis.problem import Problem
 from calibration.fit import inverse_curvature
 from qcar_twin.mechanisms.base import Mechanism
 from qcar_twin.parameters import ParameterSet
+from qcar_twin.plant import Driving
 
 Array = NDArray[np.float64]
 
@@ -129,7 +130,7 @@ def scan(
     m.name: _projector(base, m) for m in mechanisms if {p.name for p in m.parameters} & set(base.free.names)
   }
   common = Projector(base)
-  jobs = [(m, start) for m in mechanisms for start in trial_starts(m, _with_signs(m, sizes))]
+  jobs = [(m, start) for m in mechanisms for start in trial_starts(m, _with_signs(m, sizes), problem.driving)]
   anchors = {name: p(base.residual[None, : base.fitted])[0] for name, p in (projectors | {"": common}).items()}
   collected: dict[str, list[Trial]] = {m.name: [] for m in mechanisms}
   chunk = 24
@@ -166,13 +167,13 @@ def _with_signs(mechanism: Mechanism, sizes: Sequence[float]) -> Sequence[float]
   return (*sizes, *(-size for size in sizes)) if both else sizes
 
 
-def trial_starts(mechanism: Mechanism, sizes: Sequence[float]) -> list[dict[str, float]]:
-  """Parameter values to try: each amplitude alone, at multiples of its typical size, within its bounds.
+def trial_starts(mechanism: Mechanism, sizes: Sequence[float], driving: Driving) -> list[dict[str, float]]:
+  """Parameter values to try on some driving: each amplitude alone, at multiples of its typical size, within its bounds.
 
   Where shape parameters need several starts, one size does, with either sign if given: the refit finds the rest.
   """
   starts = []
-  places = mechanism.starts()
+  places = mechanism.starts(driving)
   if len(places) > 1:
     middle = sorted(abs(size) for size in sizes)[len(sizes) // 2]
     sizes = [size for size in sizes if abs(size) == middle]

@@ -79,7 +79,8 @@ def search(
   report("refitting single mechanisms")
   _fit_sets(pool, [frozenset([n]) for n in _nominate_singles(problem, signatures, effort.singles)], effort.iterations)
   likely = [m.mechanisms[0] for m in sorted(pool.of_size(1), key=lambda m: m.cost)[:LIKELY]]
-  for model in far_models(problem, base, pool.priors, list(signatures), likely):
+  seen = [name for name, signature in signatures.items() if signature.shown > 0.0]
+  for model in far_models(problem, base, pool.priors, seen, likely):
     pool.offer(model)
   insist(pool)
   go_on(pool, earlier)

@@ -103,7 +103,7 @@ def material(pool: Pool, model: Candidate, name: str, share: float) -> bool:
   That it is there at all is for the evidence to say: amplitudes of one mechanism may be known together and not singly.
   """
   mechanism = pool.problem.mechanism(name)
-  shown = mechanism.shown(model.free.named(model.values), pool.problem.observations.stretches.segments.driven)
+  shown = mechanism.shown(model.free.named(model.values), pool.problem.driving)
   for parameter in mechanism.parameters:
     if parameter.null is None or parameter.name not in model.free:
       continue

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.parameters import Parameter
-from qcar_twin.plant import SIGNALS
+from qcar_twin.plant import SIGNALS, Driving
 
 Array = NDArray[np.float64]
 Stage = Literal["command", "actuator", "force", "contact", "sensor"]
@@ -176,14 +176,14 @@ class Mechanism:
     """Start states (N, 7), in the order of START, read off sensors that err as this mechanism says."""
     return start
 
-  def shown(self, values: Mapping[str, float], driven: tuple[float, float]) -> float:
-    """Share of the amplitudes that driving between two times (s driven in the data set) can show, 0 to 1.
+  def shown(self, values: Mapping[str, float], driving: Driving) -> float:
+    """Share of the amplitudes that the driving can show, 0 to 1.
 
     What comes before the driving began is there all along: the car's other parameters have taken it in.
     """
     return 1.0
 
-  def starts(self) -> Sequence[Mapping[str, float]]:
+  def starts(self, driving: Driving) -> Sequence[Mapping[str, float]]:
     """Values of the shape parameters from which a search begins; more than one where one start can miss it."""
     return ({},)
 

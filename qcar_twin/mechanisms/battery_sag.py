@@ -7,6 +7,7 @@ import numpy as np
 from qcar_twin.mechanisms.base import Array, Context, Mechanism, State
 from qcar_twin.mechanisms.elements import REFERENCE_VOLTAGE, idle_voltage, ramp
 from qcar_twin.parameters import Parameter
+from qcar_twin.plant import Driving
 
 CORNER = 0.005  # of the reference current
 
@@ -30,7 +31,7 @@ class BatterySag(Mechanism):
     Parameter("battery_sag_time", 0.03, 0.001, 20.0, "s", "tau", std=0.5, description="recovery time"),
   )
 
-  def starts(self) -> Sequence[Mapping[str, float]]:
+  def starts(self, driving: Driving) -> Sequence[Mapping[str, float]]:
     """Resistance alone, and a battery that recovers over seconds."""
     return ({"battery_sag_time": 0.03}, {"battery_sag_time": 2.0})
 

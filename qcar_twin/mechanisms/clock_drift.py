@@ -3,6 +3,7 @@
 from qcar_twin.mechanisms.base import Array, Mechanism, Track
 from qcar_twin.mechanisms.elements import replaced, shifted
 from qcar_twin.parameters import Parameter
+from qcar_twin.plant import Driving
 
 POSE = ("pose_x", "pose_y", "pose_yaw")
 ONBOARD = ("yaw_rate", "accel_x", "accel_y", "motor_speed")
@@ -26,7 +27,7 @@ class ClockDrift(Mechanism):
     Parameter("clock_drift_onboard", 0.8, 0.0, 1.0, "-", "s", description="share of the car's own sensors"),
   )
 
-  def starts(self) -> tuple[dict[str, float], ...]:
+  def starts(self, driving: Driving) -> tuple[dict[str, float], ...]:
     """The pose's clock alone, or all sensors' clock: a search from one hardly finds the other."""
     return {"clock_drift_onboard": 0.0}, {"clock_drift_onboard": 0.95}
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from qcar_twin.mechanisms.base import Array, Context, Mechanism, State
 from qcar_twin.parameters import Parameter
+from qcar_twin.plant import Driving
 
 
 class Cogging(Mechanism):
@@ -32,7 +33,7 @@ class Cogging(Mechanism):
     Parameter("cogging_order", 1.0, 0.2, 12.0, "-", "n", description="periods per turn of the wheels", step=0.05),
   )
 
-  def starts(self) -> Sequence[Mapping[str, float]]:
+  def starts(self, driving: Driving) -> Sequence[Mapping[str, float]]:
     """Whole orders: what is fixed to the wheels' shaft, as a gear, meets the same place once a turn."""
     return tuple({"cogging_order": float(order)} for order in range(1, 7))
 

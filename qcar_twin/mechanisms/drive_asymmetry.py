@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from qcar_twin.mechanisms.base import Array, Context, Mechanism, State
 from qcar_twin.mechanisms.elements import idle_voltage, ramp
 from qcar_twin.parameters import Parameter
+from qcar_twin.plant import Driving
 
 CORNER = 0.02  # V
 
@@ -28,7 +29,7 @@ class DriveAsymmetry(Mechanism):
     Parameter("drive_asymmetry_by_voltage", 0.3, 0.0, 1.0, "-", "s", description="0 by torque, 1 by voltage"),
   )
 
-  def starts(self) -> Sequence[Mapping[str, float]]:
+  def starts(self, driving: Driving) -> Sequence[Mapping[str, float]]:
     """By the sign of the torque, and of the voltage."""
     return ({"drive_asymmetry_by_voltage": 0.05}, {"drive_asymmetry_by_voltage": 0.95})
 

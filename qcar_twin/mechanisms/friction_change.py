@@ -7,6 +7,10 @@ import numpy as np
 from qcar_twin.mechanisms.base import Array, Context, Mechanism, Model
 from qcar_twin.mechanisms.elements import scale_grip
 from qcar_twin.parameters import Parameter
+from qcar_twin.plant import Driving
+
+# s of the first drop that is tried, and from each to the next: so close that each sees the next one's flank
+EARLIEST, RATIO = 30.0, 1.9
 
 
 class FrictionChange(Mechanism):
@@ -31,15 +35,17 @@ class FrictionChange(Mechanism):
     Parameter("friction_change_stiffness", 0.5, 0.0, 1.0, "-", "share", description="share that stiffness takes"),
   )
 
-  def starts(self) -> Sequence[Mapping[str, float]]:
-    """A fast and a slow drift, and drops at times so close that each sees the next one's flank."""
+  def starts(self, driving: Driving) -> Sequence[Mapping[str, float]]:
+    """A fast and a slow drift, and drops while the car was driven."""
     drifts = ({"friction_change_time": t, "friction_change_suddenness": 1.0} for t in (60.0, 300.0))
-    drops = ({"friction_change_time": t, "friction_change_suddenness": 7.0} for t in (30.0, 60.0, 110.0, 200.0, 400.0))
+    count = 1 + int(max(np.log(driving.last / EARLIEST) / np.log(RATIO), 0.0))
+    times = [t for t in EARLIEST * RATIO ** np.arange(count) if t > driving.first]
+    drops = ({"friction_change_time": float(t), "friction_change_suddenness": 7.0} for t in times)
     return (*drifts, *drops)
 
-  def shown(self, values: Mapping[str, float], driven: tuple[float, float]) -> float:
+  def shown(self, values: Mapping[str, float], driving: Driving) -> float:
     """What of the change falls into the middle four fifths of the driving; there must be some on either side of it."""
-    first, last = driven
+    first, last = driving.first, driving.last
     early, late = first + 0.1 * (last - first), last - 0.1 * (last - first)
     come = lambda t: _come(t, values["friction_change_time"], values["friction_change_suddenness"])
     return float(come(late) - come(early))

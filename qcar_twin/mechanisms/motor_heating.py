@@ -7,6 +7,7 @@ import numpy as np
 from qcar_twin.mechanisms.base import Array, Context, Mechanism, State
 from qcar_twin.mechanisms.elements import USUAL_VOLTAGE, idle_voltage
 from qcar_twin.parameters import Parameter
+from qcar_twin.plant import Driving
 
 
 class MotorHeating(Mechanism):
@@ -29,7 +30,7 @@ class MotorHeating(Mechanism):
     Parameter("motor_heating_time", 60.0, 5.0, 600.0, "s", "tau", description="thermal time constant"),
   )
 
-  def starts(self) -> Sequence[Mapping[str, float]]:
+  def starts(self, driving: Driving) -> Sequence[Mapping[str, float]]:
     """A small motor and a large one."""
     return ({"motor_heating_time": 20.0}, {"motor_heating_time": 120.0})
 

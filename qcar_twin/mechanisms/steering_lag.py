@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from qcar_twin.mechanisms.base import Array, Context, Mechanism, State
 from qcar_twin.mechanisms.elements import lag_step, second_order
 from qcar_twin.parameters import Parameter
+from qcar_twin.plant import Driving
 
 
 class SteeringLag(Mechanism):
@@ -26,7 +27,7 @@ class SteeringLag(Mechanism):
     Parameter("steering_lag_inertia", 0.1, 0.0, 2.0, "-", "q", description="1 / (2 zeta)^2, zeta damping ratio"),
   )
 
-  def starts(self) -> Sequence[Mapping[str, float]]:
+  def starts(self, driving: Driving) -> Sequence[Mapping[str, float]]:
     """Nearly first order, and a servo with a damping ratio of 0.7."""
     return ({"steering_lag_inertia": 0.05}, {"steering_lag_inertia": 0.5})
 

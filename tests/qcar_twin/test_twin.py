@@ -69,6 +69,18 @@ def test_simulations_of_one_twin_do_not_disturb_each_other(twin: Twin):
   np.testing.assert_array_equal(one.signals, alone.signals)
 
 
+def test_segments_tell_when_and_where_they_were_driven():
+  pose = np.full((2, 6, 3), np.nan)
+  pose[1, :3] = [[1.0, 2.0, 0.1], [1.1, 2.0, 0.1], [1.2, np.nan, 0.1]]
+  history = np.array([[40.0, 9.0], [12.0, 3.0]])
+  start, commands = np.zeros((2, len(START))), np.zeros((2, 5, 2))
+  plain = Segments(commands, start, np.array([5, 3]), 0.1, ("a", "b"), np.zeros(2))
+  assert (plain.driving.first, plain.driving.last, len(plain.driving.places)) == (0.0, 0.5, 0)
+  known = dataclasses.replace(plain, history=history, pose=pose).driving
+  assert (known.first, known.last) == (12.0, 40.5)
+  np.testing.assert_array_equal(known.places, [[1.0, 2.0], [1.1, 2.0]])
+
+
 def test_mirrored_commands_give_mirrored_motion(twin: Twin):
   signals = twin.rollout(twin.parameters.nominal, drive(steering=(0.2, -0.2))).signals[0]
   odd = np.array(

@@ -10,6 +10,9 @@ from numpy.testing import assert_allclose
 from calibration.diagnosis.candidates import candidate, refine, simulate
 from calibration.diagnosis.scan import Projector, at_bound, confusion, pair_gain, scan, trial_starts
 from qcar_twin.mechanisms import select
+from qcar_twin.plant import Driving
+
+DRIVING = Driving(0.0, 130.0, np.random.default_rng(0).normal(0.0, 1.0, (300, 2)))
 
 
 def test_projection_removes_what_the_base_parameters_imitate(offset_pool):
@@ -73,7 +76,7 @@ def test_the_start_has_the_sign_and_size_of_the_truth(truth):
 
 def test_trials_stay_in_bounds_and_cover_every_amplitude():
   for mechanism in select(["side_force", "gyro_bias", "steering_lag", "quadratic_drag"]):
-    starts = trial_starts(mechanism, (0.3, 0.8, 1.6))
+    starts = trial_starts(mechanism, (0.3, 0.8, 1.6), DRIVING)
     declared = {p.name: p for p in mechanism.parameters}
     for start in starts:
       assert all(declared[n].lower <= v <= declared[n].upper for n, v in start.items())
@@ -83,8 +86,8 @@ def test_trials_stay_in_bounds_and_cover_every_amplitude():
 
 def test_grip_that_changes_is_tried_both_ways_at_one_size():
   (change,) = select(["friction_change"])
-  sizes = [start["friction_change"] for start in trial_starts(change, (0.3, 0.8, -0.3, -0.8))]
-  places = len(change.starts())
+  sizes = [start["friction_change"] for start in trial_starts(change, (0.3, 0.8, -0.3, -0.8), DRIVING)]
+  places = len(change.starts(DRIVING))
   assert (
     places > 1 and len(sizes) == 2 * places and sum(sizes) == pytest.approx(0.0) and sum(s > 0 for s in sizes) == places
   )

@@ -9,6 +9,7 @@ from mechanism_bench import BenchModel, drive, mirror_results, run, stacked, sti
 
 from qcar_twin.mechanisms import catalogue, select
 from qcar_twin.mechanisms.base import Mechanism, describe
+from qcar_twin.plant import Driving
 
 CANONICAL = """
 steering_lag steering_delay steering_rate_limit steering_offset steering_gain_error steering_asymmetry
@@ -72,8 +73,9 @@ def test_parameters_declare_null_and_size(mechanism):
 @each
 def test_search_starts_are_shapes_inside_their_bounds(mechanism):
   shapes = {p.name: p for p in mechanism.parameters if p.null is None}
-  starts = mechanism.starts()
-  assert len(starts) >= 1
+  places = np.random.default_rng(0).normal(0.0, 2.0, (500, 2))
+  starts = [s for xy in (places, places[:0]) for s in mechanism.starts(Driving(5.0, 700.0, xy))]
+  assert len(starts) >= 2
   for start in starts:
     assert set(start) <= set(shapes)
     assert all(shapes[k].lower <= v <= shapes[k].upper for k, v in start.items())

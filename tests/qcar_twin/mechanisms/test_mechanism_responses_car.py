@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from mechanism_bench import CAR, CATALOGUE, PERIOD, BenchModel, changed, drive, motion, shown
 
+from qcar_twin.plant import Driving
+
 # Tyres, ground, body ------------------------------------------------------------------------------
 
 
@@ -132,12 +134,41 @@ def test_pose_mount_turns_and_shifts_the_tracked_point():
 
 def test_of_a_change_of_grip_only_what_comes_amid_the_driving_is_shown():
   """None of it before the driving began or after it ended, all of it in the middle, part of a slow one."""
-  change, driven = CATALOGUE["friction_change"], (100.0, 300.0)
+  change, driving = CATALOGUE["friction_change"], Driving(100.0, 300.0, np.zeros((0, 2)))
   share = lambda time, sudden: change.shown(
-    {"friction_change_time": time, "friction_change_suddenness": sudden}, driven
+    {"friction_change_time": time, "friction_change_suddenness": sudden}, driving
   )
   assert share(3.3, 0.7) < 0.01 and share(60.0, 30.0) < 0.01 and share(2000.0, 20.0) < 0.01
   assert share(200.0, 20.0) > 0.99
   # creeping in with 200 s from the start: exp(-120 / 200) - exp(-280 / 200)
   assert share(200.0, 1.0) == pytest.approx(np.exp(-0.6) - np.exp(-1.4))
-  assert CATALOGUE["steering_delay"].shown({}, driven) == 1.0
+  assert CATALOGUE["steering_delay"].shown({}, driving) == 1.0
+
+
+def test_a_change_of_grip_is_sought_while_the_car_is_driven():
+  """However long that is: between one drop that is tried and the next, and up to the end, there is no wide gap."""
+  change = CATALOGUE["friction_change"]
+  for first, last in ((0.0, 130.0), (100.0, 3000.0)):
+    found = change.starts(Driving(first, last, np.zeros((0, 2))))
+    times = np.array([s["friction_change_time"] for s in found if s["friction_change_suddenness"] > 2.0])
+    assert first < times[0] and times[-1] < last
+    assert np.all(np.diff(np.log([max(first, 30.0), *times, last])) < np.log(2.0))
+
+
+@pytest.mark.parametrize("middle", [(0.0, 0.0), (30.0, -20.0)])
+@pytest.mark.parametrize("size", [0.5, 2.0, 15.0])
+def test_a_slippery_place_is_sought_wherever_the_car_was(middle, size):
+  """Nine tenths of the driving lie inside a patch that is tried, wherever the room has its origin."""
+  patch, rng = CATALOGUE["friction_patch"], np.random.default_rng(1)
+  places = np.array(middle) + size * rng.uniform(-1.0, 1.0, (4000, 2))
+  starts = patch.starts(Driving(0.0, 100.0, places))
+  tried = np.array([[s[f"friction_patch_{name}"] for name in ("x", "y", "radius")] for s in starts])
+  assert len(tried) <= 36
+  away = np.linalg.norm(places[:, None] - tried[:, :2], axis=2) - tried[:, 2]
+  assert np.mean(away.min(axis=1) < 0.0) >= 0.9
+  if size < 2.0:
+    assert tried[:, 2].max() < 0.7
+
+
+def test_without_a_pose_there_is_no_place_to_seek():
+  assert CATALOGUE["friction_patch"].starts(Driving(0.0, 100.0, np.zeros((0, 2)))) == ({},)
