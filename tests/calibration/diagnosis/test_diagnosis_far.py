@@ -84,7 +84,7 @@ def test_slip_along_is_tried_where_what_the_drive_bent_was_put_back():
 
 def test_of_what_takes_many_starts_only_the_likely_are_tried(offset_pool, monkeypatch):
   base = moved(offset_pool.base, "mass", 4.0 - unmoved(offset_pool.base, "mass"))
-  monkeypatch.setattr(type(offset_pool.problem.mechanism("steering_offset")), "starts", lambda self: ({}, {}))
+  monkeypatch.setattr(type(offset_pool.problem.mechanism("steering_offset")), "starts", lambda self, driving: ({}, {}))
   assert far_models(offset_pool.problem, base, rig.BASE, ["steering_offset"]) == []
   assert len(far_models(offset_pool.problem, base, rig.BASE, ["steering_offset"], ["steering_offset"])) == 1
 
