@@ -1,6 +1,7 @@
 """What is significant and what matters: the limits a name must pass, and the tests against them."""
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -25,6 +26,8 @@ class Thresholds:
     nats: held-out gain, and no more of it than the fit gained.
     shape: nats more for every parameter but the first: a change of grip at any time, by any amount, finds one that
       fits.
+    sought: by which the square of t must be larger for every parameter but two, as in Akaike's criterion: the place of
+      a slippery patch is chosen on all recordings, those left out among them.
     many, t_many: more nats than chance brings will do with a smaller t: an effect that acts now and then scatters.
     much, t_much: with a share of all that is missed that chance never explains (0.03), the same with a smaller t still:
       a formula that is wrong in shape makes some blocks worse, and what it brings the others is capped.
@@ -52,6 +55,7 @@ class Thresholds:
   sure: float = 3.0
   nats: float = 20.0
   shape: float = 2.0
+  sought: float = 2.0
   many: float = 45.0
   t_many: float = 1.8
   much: float = 0.1
@@ -92,8 +96,9 @@ def strength(test: Comparison, thresholds: Thresholds) -> float:
   costs the priors among them, where the fit had gained 20.
   """
   gain = min(test.gain, test.drop) - thresholds.shape * max(test.added - 1, 0)
-  usual = min(test.t / thresholds.t, gain / thresholds.nats)
-  enough = max(test.t / thresholds.t_many, min(test.t / thresholds.t_much, test.relative / thresholds.much))
+  t = lambda limit: test.t / math.hypot(limit, math.sqrt(thresholds.sought * max(test.added - 2, 0)))
+  usual = min(t(thresholds.t), gain / thresholds.nats)
+  enough = max(t(thresholds.t_many), min(t(thresholds.t_much), test.relative / thresholds.much))
   return max(usual, min(enough, gain / thresholds.many))
 
 

@@ -18,6 +18,7 @@ class TyreRelaxation(Mechanism):
   name = "tyre_relaxation"
   subsystem = "tyre"
   stage = "contact"
+  bends = True  # tyres and servo move far to make up for it, and a straight line from there promises nothing
   parameters = (
     Parameter("tyre_relaxation", 0.0, 0.0, 0.4, "m", "d_sigma", null=0.0, typical=0.06, description="added length"),
   )

@@ -82,11 +82,12 @@ def test_an_amplitude_the_driving_does_not_show_does_not_matter(offset_pool, mon
   """A change that came before the driving began is there all along."""
   seen = []
   mechanism = offset_pool.problem.mechanism("steering_offset")
-  monkeypatch.setattr(type(mechanism), "shown", lambda self, values, driven: seen.append((values, driven)) or 0.1)
+  monkeypatch.setattr(type(mechanism), "shown", lambda self, values, driving: seen.append((values, driving)) or 0.1)
   assert "steering_offset" in {c.mechanism for c in decide(offset_pool, Thresholds(material=0.05)).claims}
   assert "steering_offset" not in {c.mechanism for c in decide(offset_pool).claims}
-  values, (first, last) = seen[0]
-  assert first == 0.0 and last == pytest.approx(10 * rig.LENGTH, rel=0.01) and "steering_offset" in values
+  values, driving = seen[0]
+  assert driving.first == 0.0 and driving.last == pytest.approx(10 * rig.LENGTH, rel=0.01)
+  assert "steering_offset" in values
 
 
 def test_what_a_mechanism_too_small_to_matter_explains_is_no_riddle(offset_pool):

@@ -24,13 +24,22 @@ def test_a_gain_needs_nats_a_t_and_most_of_the_blocks():
 
 
 def test_every_parameter_but_the_first_needs_nats_of_its_own():
-  assert strength(comparison(LIMITS.nats, LIMITS.t, added=4), LIMITS) < 1.0
-  assert significant(comparison(LIMITS.nats + 3 * LIMITS.shape, LIMITS.t, added=4), LIMITS)
+  t = np.sqrt(LIMITS.t**2 + 2 * LIMITS.sought)
+  assert strength(comparison(LIMITS.nats, t, added=4), LIMITS) < 1.0
+  assert strength(comparison(LIMITS.nats + 3 * LIMITS.shape, t, added=4), LIMITS) == pytest.approx(1.0)
+
+
+def test_what_was_sought_far_and_wide_needs_a_larger_t():
+  """A slippery place that a session without effects was fitted with (null_10 of seed 6626070): no claim."""
+  lucky = comparison(53.7, 2.66, added=5)
+  assert significant(dataclasses.replace(lucky, added=2), LIMITS)
+  assert not significant(lucky, LIMITS) and not significant(dataclasses.replace(lucky, gain=500.0), LIMITS)
+  assert significant(dataclasses.replace(lucky, t=3.6), LIMITS)
 
 
 def test_held_out_evidence_counts_as_far_as_the_fit_bears_it_out():
-  """A change of grip that a session without effects was fitted with (null_27 of seed 2502907): no claim."""
-  lucky = comparison(42.2, 2.74, added=4, drop=20.2)
+  """A change of grip that a session without effects was fitted with gained twice as much held out: no claim."""
+  lucky = comparison(42.2, 3.4, added=4, drop=20.2)
   assert not significant(lucky, LIMITS)
   assert significant(dataclasses.replace(lucky, drop=42.2), LIMITS)
 
