@@ -32,6 +32,8 @@ class Thresholds:
     much, t_much: with a share of all that is missed that chance never explains (0.03), the same with a smaller t still:
       a formula that is wrong in shape makes some blocks worse, and what it brings the others is capped.
     share: groups that gained.
+    clear: a share of all that is missed, nearly twice what sessions without effects reach (0.034), from which on `nats`
+      and `t_many` will do, wherever it was sought: what acts in one place is seen in few blocks.
     priors: nats by which a mechanism must free measured parameters from what they were bent to, where recalibration
       leaves no residual of it.
     material: share of the typical size: the twin's own simplifications look like a tenth of some effects, however
@@ -60,6 +62,7 @@ class Thresholds:
   t_many: float = 1.8
   much: float = 0.1
   t_much: float = 1.2
+  clear: float = 0.06
   share: float = 0.55
   priors: float = 60.0
   material: float = 0.15
@@ -76,7 +79,7 @@ class Thresholds:
 
   def beside_others(self) -> "Thresholds":
     """What a mechanism beside others needs."""
-    return dataclasses.replace(self, many=np.inf)
+    return dataclasses.replace(self, many=np.inf, clear=np.inf)
 
 
 def significant(test: Comparison, thresholds: Thresholds) -> bool:
@@ -99,7 +102,8 @@ def strength(test: Comparison, thresholds: Thresholds) -> float:
   t = lambda limit: test.t / math.hypot(limit, math.sqrt(thresholds.sought * max(test.added - 2, 0)))
   usual = min(t(thresholds.t), gain / thresholds.nats)
   enough = max(t(thresholds.t_many), min(t(thresholds.t_much), test.relative / thresholds.much))
-  return max(usual, min(enough, gain / thresholds.many))
+  clear = min(test.t / thresholds.t_many, test.relative / thresholds.clear, gain / thresholds.nats)
+  return max(usual, min(enough, gain / thresholds.many), clear)
 
 
 def material(pool: Pool, model: Candidate, name: str, share: float) -> bool:

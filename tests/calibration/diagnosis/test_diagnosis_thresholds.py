@@ -37,6 +37,16 @@ def test_what_was_sought_far_and_wide_needs_a_larger_t():
   assert significant(dataclasses.replace(lucky, t=3.6), LIMITS)
 
 
+def test_what_acts_in_one_place_needs_no_more_where_it_explains_much():
+  """A slippery place that is there (single_34 of seed 4669201), and one that explains half as much."""
+  local = comparison(51.7, 2.23, added=5)
+  assert local.relative < 0.5 * LIMITS.clear and not significant(local, LIMITS)
+  large = dataclasses.replace(local, before=51.7 / 0.09)
+  assert significant(large, LIMITS) and not significant(large, LIMITS.beside_others())
+  assert not significant(dataclasses.replace(large, t=0.9 * LIMITS.t_many), LIMITS)
+  assert not significant(dataclasses.replace(large, before=51.7 / 0.05), LIMITS)
+
+
 def test_held_out_evidence_counts_as_far_as_the_fit_bears_it_out():
   """A change of grip that a session without effects was fitted with gained twice as much held out: no claim."""
   lucky = comparison(42.2, 3.4, added=4, drop=20.2)
