@@ -59,11 +59,11 @@ def far_models(
   back, here, first = unbent(base, priors), base.free.named(base.values), dict.fromkeys([*delays, *likely])
   # a patch of floor anywhere, a change of grip at any time: too many starts to try all where nothing speaks for them
   others = [n for n in considered if n not in first and len(problem.mechanism(n).starts(problem.driving)) == 1]
-  for driving in (False, True):
-    values = {name: value for name, value in back.items() if (name in _DRIVE) == driving}
+  for along in (False, True):
+    values = {name: value for name, value in back.items() if (name in _DRIVE) == along}
     if values:
-      trials = _trials(problem, _about(problem, first, driving), _USUAL)
-      trials += _trials(problem, _about(problem, others, driving), _WHOLE)
+      trials = _trials(problem, _about(problem, first, along), _USUAL)
+      trials += _trials(problem, _about(problem, others, along), _WHOLE)
       places.append(_Place(here | values, trials))
   best: dict[str, tuple[float, dict[str, float]]] = {}
   for place in places:
@@ -83,9 +83,9 @@ def unbent(base: Candidate, priors: ParameterSet) -> dict[str, float]:
   return {p.name: p.nominal for p in priors if p.std and abs(here[p.name] - p.nominal) > _BENT * p.std}
 
 
-def _about(problem: Problem, names: Iterable[str], driving: bool) -> list[str]:
+def _about(problem: Problem, names: Iterable[str], along: bool) -> list[str]:
   """Those of some mechanisms that push the car along, or those that do not."""
-  return [n for n in names if (problem.mechanism(n).subsystem == "drive" or n in _ALONG) == driving]
+  return [n for n in names if (problem.mechanism(n).subsystem == "drive" or n in _ALONG) == along]
 
 
 def _trials(problem: Problem, names: Iterable[str], sizes: tuple[float, ...]) -> list[tuple[str, dict[str, float]]]:

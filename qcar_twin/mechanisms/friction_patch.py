@@ -50,8 +50,9 @@ class FrictionPatch(Mechanism):
     corner, side = driving.places.min(axis=0), SIDE
     while len(squares := _squares((driving.places - corner) / side)) > MOST:
       side *= LARGER
-    middles = np.clip(corner + (squares + 0.5) * side, -50.0, 50.0)
-    radius = min(0.75 * side, 5.0)
+    _, place, _, size, _ = self.parameters
+    middles = np.clip(corner + (squares + 0.5) * side, place.lower, place.upper)
+    radius = min(0.75 * side, size.upper)
     return tuple(
       {"friction_patch_x": float(x), "friction_patch_y": float(y), "friction_patch_radius": radius} for x, y in middles
     )
