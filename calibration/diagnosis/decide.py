@@ -156,8 +156,10 @@ def _worth_adding(pool: Pool, found: Candidate, best: Candidate, thresholds: Thr
   if share >= thresholds.beside or _share_where_it_shows(pool, found, best) >= thresholds.beside:
     return True
   new = set(found.mechanisms) - set(best.mechanisms)
-  plain = all(material(pool, found, name, thresholds.plain) for name in new)
-  return plain and share >= thresholds.trace
+  reaches = lambda size: all(material(pool, found, name, size) for name in new)
+  if share >= thresholds.trace and reaches(thresholds.plain):
+    return True
+  return compare(found, best, pool.problem.observations).relative >= thresholds.rest and reaches(thresholds.full)
 
 
 def _share_where_it_shows(pool: Pool, found: Candidate, best: Candidate) -> float:

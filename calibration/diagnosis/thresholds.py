@@ -44,6 +44,8 @@ class Thresholds:
     beside: share of the cost explained so far, at all or in the channels where it shows, that a further mechanism
       must bring: a formula that is right in kind but not in every detail leaves about that much for others to pick up.
     trace, plain: a smaller share will do, but at least `trace`, for a mechanism of at least `plain` typical sizes.
+    rest, full: so will a share of all that is missed beside the first, more than sessions without effects reach, for
+      one of at least `full` typical sizes: next to a first of ten thousands of nats any other is less than a trace.
     probability: a name less likely right than this is not claimed.
     worse: a set of names by which recordings that only judge are predicted worse by this factor is cut down, but
       for those that explain `much` or are `sure`.
@@ -71,6 +73,8 @@ class Thresholds:
   beside: float = 0.05
   trace: float = 0.01
   plain: float = 0.4
+  rest: float = 0.04
+  full: float = 0.8
   probability: float = 0.4
   worse: float = 1.01
   spoiled: float = 1.6

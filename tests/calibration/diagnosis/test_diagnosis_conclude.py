@@ -69,8 +69,22 @@ def test_two_effects_are_claimed_together(pair_pool):
 
 
 def test_a_trace_beside_a_strong_effect_is_not_claimed(pair_pool):
-  strict = Thresholds(beside=1e6, trace=1e6)
+  strict = Thresholds(beside=1e6, trace=1e6, rest=1e6)
   assert len(decide(pair_pool, strict).claims) == 1
+
+
+def test_of_full_size_a_share_of_what_the_first_leaves_will_do(pair_pool):
+  """Beside a first of ten thousands of nats any other is less than a trace of it."""
+  share = dict(beside=1e6, trace=1e6)
+  first = decide(pair_pool, Thresholds(**share, rest=1e6)).model
+  both = pair_pool.models[frozenset({"steering_offset", "side_force"})]
+  rest = compare(both, first, pair_pool.problem.observations).relative
+  new = (set(both.mechanisms) - set(first.mechanisms)).pop()
+  parameter = next(p for p in pair_pool.problem.mechanism(new).parameters if p.null is not None)
+  size = abs(both.estimate(parameter.name)[0] - parameter.null) / (parameter.typical or parameter.scale)
+  for least, full, claims in ((0.9, 0.9, 2), (1.1, 0.9, 1), (0.9, 1.1, 1)):
+    strict = Thresholds(**share, rest=least * rest, full=full * size)
+    assert len(decide(pair_pool, strict).claims) == claims
 
 
 def test_what_is_too_small_to_matter_is_possible_at_most(offset_pool):
@@ -109,7 +123,7 @@ def test_a_small_effect_in_other_channels_is_named_beside_a_strong_one():
   pool.models[both] = rig.solved(pool.problem, tuple(sorted(both)))
   alone = pool.models[frozenset(["quadratic_drag"])]
   assert alone.cost - pool.models[both].cost < 0.2 * (pool.base.cost - alone.cost)
-  decision = decide(pool, Thresholds(beside=0.2, plain=np.inf))
+  decision = decide(pool, Thresholds(beside=0.2, plain=np.inf, full=np.inf))
   assert {c.mechanism for c in decision.claims} == both
 
 
@@ -120,7 +134,7 @@ def test_what_a_wrong_formula_leaves_where_it_acts_is_no_second_effect():
   both = frozenset(truth)
   pool.models[both] = rig.solved(pool.problem, tuple(sorted(both)))
   assert {c.mechanism for c in decide(pool, Thresholds(beside=0.01)).claims} == both
-  assert {c.mechanism for c in decide(pool, Thresholds(beside=0.6, plain=np.inf)).claims} == {"steering_offset"}
+  assert {c.mechanism for c in decide(pool, Thresholds(beside=0.6, plain=np.inf, full=np.inf)).claims} == {"steering_offset"}
 
 
 def test_a_loud_detector_without_a_name_is_unexplained(clean_pool):
