@@ -134,7 +134,8 @@ def test_what_a_wrong_formula_leaves_where_it_acts_is_no_second_effect():
   both = frozenset(truth)
   pool.models[both] = rig.solved(pool.problem, tuple(sorted(both)))
   assert {c.mechanism for c in decide(pool, Thresholds(beside=0.01)).claims} == both
-  assert {c.mechanism for c in decide(pool, Thresholds(beside=0.6, plain=np.inf, full=np.inf)).claims} == {"steering_offset"}
+  strict = Thresholds(beside=0.6, plain=np.inf, full=np.inf)
+  assert {c.mechanism for c in decide(pool, strict).claims} == {"steering_offset"}
 
 
 def test_a_loud_detector_without_a_name_is_unexplained(clean_pool):
