@@ -121,6 +121,18 @@ def simulate(problem: Problem, candidates: Sequence[Candidate]) -> None:
       item.residual = residual
 
 
+def begin(problem: Problem, candidates: Sequence[Candidate]) -> None:
+  """The same of what is fitted alone: what only judges is for refine to predict, where each of them ends.
+
+  Of several starts most are given up before anything is judged by them.
+  """
+  if candidates:
+    started = problem.fitted_residual(np.stack([c.theta for c in candidates]))
+    for item, residual in zip(candidates, started, strict=True):
+      item.residual = np.concatenate([residual, np.zeros(len(problem.observations) - item.fitted)])
+      item.judged = False
+
+
 def refine(problem: Problem, candidates: Sequence[Candidate], iterations: int, full: bool = False) -> None:
   """Gauss-Newton on every candidate at once; a step that does not lower the cost is not taken.
 
@@ -129,7 +141,7 @@ def refine(problem: Problem, candidates: Sequence[Candidate], iterations: int, f
 
   Args:
     problem: residuals.
-    candidates: simulated already.
+    candidates: simulated already, or begun.
     iterations: at most this many.
     full: simulate the base parameters' columns too.
   """

@@ -16,7 +16,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.diagnosis.candidates import Candidate, candidate, half_square, refine, simulate
+from calibration.diagnosis.candidates import Candidate, begin, candidate, half_square, refine
 from calibration.diagnosis.problem import Problem
 from calibration.diagnosis.scan import trial_starts
 from qcar_twin.parameters import ParameterSet
@@ -71,7 +71,7 @@ def far_models(
       best[name] = min(best.get(name, (np.inf, {})), (cost, dict(place.values) | start), key=lambda t: t[0])
   chosen = sorted(best, key=lambda name: best[name][0])[:_MOST]
   made = [candidate(problem, (name,), None, priors, best[name][1]) for name in chosen]
-  simulate(problem, made)
+  begin(problem, made)
   refine(problem, made, 1, full=True)
   refine(problem, made, _STEPS - 1)
   return made

@@ -5,7 +5,7 @@ The cost has several minima. A search that compares a model at one with a model 
 
 from collections.abc import Sequence
 
-from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
+from calibration.diagnosis.candidates import Candidate, begin, candidate, refine
 from calibration.diagnosis.pool import Pool
 
 LIKELY = 5  # best singles that are tried from elsewhere, too
@@ -28,7 +28,7 @@ def try_smaller(pool: Pool, best: Candidate) -> float:
   before = pool.base.cost
   smaller = dict.fromkeys([frozenset(), *(frozenset(best.mechanisms) - {name} for name in best.mechanisms)])
   made = [candidate(pool.problem, sorted(key), best, pool.priors) for key in smaller]
-  simulate(pool.problem, made)
+  begin(pool.problem, made)
   refine(pool.problem, made, _RETURNING)
   for model in made:
     pool.offer(model)
@@ -48,7 +48,7 @@ def bring_along(pool: Pool, best: Candidate) -> None:
     own = {p.name for name in model.mechanisms for p in pool.problem.mechanism(name).parameters}
     start = {name: value for name, value in model.free.named(model.values).items() if name in own}
     made.append(candidate(pool.problem, model.mechanisms, pool.base, pool.priors, start))
-  simulate(pool.problem, made)
+  begin(pool.problem, made)
   refine(pool.problem, made, _RETURNING)
   for model in made:
     pool.offer(model)
@@ -69,7 +69,7 @@ def go_on(pool: Pool, models: Sequence[Candidate]) -> None:
     for m in models
     if m.mechanisms
   ]
-  simulate(pool.problem, made)
+  begin(pool.problem, made)
   refine(pool.problem, made, _LEADING, full=True)
   for model in made:
     pool.offer(model)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
+from calibration.diagnosis.candidates import Candidate, begin, candidate, refine
 from calibration.diagnosis.far import far_models
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.problem import Problem, weighting_from
@@ -245,7 +245,7 @@ def _without_trifles(pool: Pool) -> None:
     smaller = [pool.models.get(frozenset(best.mechanisms) - {n}) for n in trifles]
     keys = [m.mechanisms for m in smaller if m and m.mechanisms and m.cost - best.cost > _PROMISED]
     made = [candidate(pool.problem, key, best, pool.priors) for key in keys]
-    simulate(pool.problem, made)
+    begin(pool.problem, made)
     _polish(pool, made, _PATIENCE)
     for model in made:
       pool.offer(model)
@@ -263,7 +263,7 @@ def _begun(pool: Pool, sets: Sequence[frozenset[str]]) -> list[Candidate]:
     new = sorted(key - set(parent.mechanisms))
     starts = [_start(pool, parent, new, share, meet) for share, meet in _STARTS]
     trials += [candidate(pool.problem, sorted(key), parent, pool.priors, start) for start in starts]
-  simulate(pool.problem, trials)
+  begin(pool.problem, trials)
   turns = range(0, len(trials), len(_STARTS))
   return [min(trials[i : i + len(_STARTS)], key=lambda m: m.cost) for i in turns]
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from calibration.diagnosis.candidates import candidate, refine, simulate
+from calibration.diagnosis.candidates import begin, candidate, refine, simulate
 
 
 def normal_equations(problem, free):
@@ -89,3 +89,18 @@ def test_what_only_judges_is_predicted_where_a_candidate_ends(offset_pool):
   refine(problem, [model], 2, full=True)
   assert model.judged and np.abs(model.residual[problem.fitted :] - started[problem.fitted :]).max() > 0.1
   assert_allclose(model.residual, problem.residual(model.theta[None])[0], atol=1e-9)
+
+
+def test_a_model_begun_ends_like_one_that_was_simulated(offset_pool):
+  """What only judges is not predicted at the start, and is at the end, even where no step was worth taking."""
+  problem = offset_pool.problem
+  whole, begun = (candidate(problem, ("steering_offset",), None, rig.BASE) for _ in range(2))
+  simulate(problem, [whole])
+  begin(problem, [begun])
+  assert not begun.judged and begun.cost == whole.cost and not begun.residual[problem.fitted :].any()
+  for iterations in (0, 2):
+    refine(problem, [whole], iterations, full=True)
+    refine(problem, [begun], iterations, full=True)
+    assert begun.judged
+    assert_allclose(begun.residual, whole.residual, atol=1e-9)
+    assert_allclose(begun.values, whole.values, atol=1e-12)
