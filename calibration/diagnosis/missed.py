@@ -12,10 +12,12 @@ import numpy as np
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.pool import Pool
 
-# Shares of a channel's spread; three times what three proving-ground sessions without effects leave at the most (motor
-# speed 0.016, yaw rate 0.010 at the double noise level), see docs/diagnosis.md. Displacements are not asked: one slide
-# of the car decides them (0.11 to the left on a session without effects, 0.02 usually).
-LEVELS = {"motor_speed": 0.05, "speed": 0.05, "yaw_rate": 0.03}
+# Shares of a channel's spread. Of motor speed twice what sessions without effects leave at the most (0.016; right names
+# 0.018, effects no name is right for up to 0.135), of yaw rate three times (0.010 at the double noise level), see
+# docs/diagnosis.md. Displacements are not asked: one slide of the car decides them (0.11 to the left on a session
+# without effects, 0.02 usually).
+LEVELS = {"motor_speed": 0.03, "speed": 0.05, "yaw_rate": 0.03}
+_SCATTER = 3.0  # standard deviations by which the mean square of white noise may exceed its variance by chance
 # in the channels' units; a smaller spread counts as this one: pushes of the road are no share of a turn hardly driven
 _LEAST = {"motor_speed": 80.0, "speed": 0.4, "yaw_rate": 0.4}
 _TELLING = 1.0 / 3.0  # of a channel's spread, that recordings which only judge must show to be asked alone
@@ -64,6 +66,9 @@ def most_missed(model: Candidate, pool: Pool) -> Missed | None:
     spread = max(whole, _LEAST[channel])
     telling = (rows & judging).any() and np.std(observations.measured[rows & judging]) >= _TELLING * whole
     asked = rows & judging if telling else rows
-    excess = np.mean(np.square(error[asked])) - pool.floor.get(channel, 0.0) ** 2
-    found.append(Missed(channel, float(np.sqrt(max(excess, 0.0))) / spread, LEVELS[channel]))
+    noise = pool.floor.get(channel, 0.0) ** 2
+    excess = np.mean(np.square(error[asked])) - noise
+    chance = _SCATTER * noise * np.sqrt(2.0 / np.count_nonzero(asked))
+    level = float(np.hypot(LEVELS[channel], np.sqrt(chance) / spread))
+    found.append(Missed(channel, float(np.sqrt(max(excess, 0.0))) / spread, level))
   return max(found, key=lambda m: m.strength, default=None)

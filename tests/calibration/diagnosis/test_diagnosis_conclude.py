@@ -14,7 +14,7 @@ from calibration.diagnosis.conclude import Doubt, conclude, heeded, left_over, n
 from calibration.diagnosis.decide import decide
 from calibration.diagnosis.detect import Detection, Detector
 from calibration.diagnosis.leftover import Leftover
-from calibration.diagnosis.missed import most_missed
+from calibration.diagnosis.missed import LEVELS, most_missed
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.recalibrate import SENSOR_BIASES
 from calibration.diagnosis.score import compare
@@ -190,6 +190,18 @@ def test_what_a_model_misses_is_measured_beyond_the_noise_and_on_what_judges(cle
   problem.observations = dataclasses.replace(observations, measured=straight)
   pool = dataclasses.replace(clean_pool, problem=problem)
   assert most_missed(dataclasses.replace(base, residual=elsewhere), pool).strength > 1.0
+
+
+def test_the_level_of_what_is_missed_allows_for_the_scatter_of_the_noise(clean_pool):
+  """The mean square of n values of white noise scatters by sqrt(2/n) of its variance; without noise nothing does."""
+  base, observations = clean_pool.base, clean_pool.problem.observations
+  asked = observations.select("motor_speed") & (np.arange(len(observations)) >= base.fitted)
+  spread = max(np.std(observations.measured[observations.select("motor_speed")]), 80.0)
+  off = dataclasses.replace(base, residual=clean_pool.problem.whiten(np.where(asked, 0.2 * spread, 0.0)))
+  loud, quiet = (most_missed(off, dataclasses.replace(clean_pool, floor=floor)) for floor in ({"motor_speed": 8.0}, {}))
+  assert quiet.channel == loud.channel == "motor_speed" and quiet.level == LEVELS["motor_speed"]
+  scatter = (8.0 / spread) ** 2 * np.sqrt(2.0 / asked.sum())
+  assert (loud.level**2 - quiet.level**2) / scatter == pytest.approx(3.0)
 
 
 def test_a_bias_is_claimed_beyond_what_every_sensor_has(monkeypatch):
