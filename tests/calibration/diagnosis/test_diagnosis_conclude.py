@@ -1,6 +1,5 @@
 """Claims and verdicts: a right name is claimed and leaves nothing over, a wrong one or none does not pass."""
 
-import copy
 import dataclasses
 from types import SimpleNamespace
 
@@ -14,7 +13,6 @@ from calibration.diagnosis.conclude import Doubt, conclude, heeded, left_over, n
 from calibration.diagnosis.decide import decide
 from calibration.diagnosis.detect import Detection, Detector
 from calibration.diagnosis.leftover import Leftover
-from calibration.diagnosis.missed import LEVELS, most_missed
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.recalibrate import SENSOR_BIASES
 from calibration.diagnosis.score import compare
@@ -169,39 +167,6 @@ def test_a_model_that_still_misses_much_of_the_motion_explains_part_of_it_at_mos
   assert doubted.verdict == after and "yaw_rate" in doubted.alarm
   assert [c.probability for c in doubted.claims] == [0.5 * c.probability for c in decision.claims]
   assert doubted.alarm in verdict_sentence(doubted, {m.name: m for m in pool.problem.twin.mechanisms})
-
-
-def test_what_a_model_misses_is_measured_beyond_the_noise_and_on_what_judges(clean_pool):
-  base, observations = clean_pool.base, clean_pool.problem.observations
-  quiet = most_missed(base, clean_pool)
-  assert quiet is not None and quiet.strength < 1.0
-  judging = np.arange(len(observations)) >= base.fitted
-  rows = observations.select("motor_speed")
-  spread = max(np.std(observations.measured[rows]), 80.0)
-  error = np.where(rows & judging, 0.1 * spread, 0.0)
-  found = most_missed(
-    dataclasses.replace(base, residual=clean_pool.problem.whiten(np.hypot(error, 8.0 * rows))), clean_pool
-  )
-  assert found is not None and found.channel == "motor_speed" and found.share == pytest.approx(0.1, rel=1e-6)
-  elsewhere = clean_pool.problem.whiten(np.where(rows & ~judging, 0.3 * spread, 0.0))
-  assert most_missed(dataclasses.replace(base, residual=elsewhere), clean_pool).strength < 1.0
-  straight = np.where(judging, 0.0, observations.measured)  # recordings that hardly move a channel tell nothing of it
-  problem = copy.copy(clean_pool.problem)
-  problem.observations = dataclasses.replace(observations, measured=straight)
-  pool = dataclasses.replace(clean_pool, problem=problem)
-  assert most_missed(dataclasses.replace(base, residual=elsewhere), pool).strength > 1.0
-
-
-def test_the_level_of_what_is_missed_allows_for_the_scatter_of_the_noise(clean_pool):
-  """The mean square of n values of white noise scatters by sqrt(2/n) of its variance; without noise nothing does."""
-  base, observations = clean_pool.base, clean_pool.problem.observations
-  asked = observations.select("motor_speed") & (np.arange(len(observations)) >= base.fitted)
-  spread = max(np.std(observations.measured[observations.select("motor_speed")]), 80.0)
-  off = dataclasses.replace(base, residual=clean_pool.problem.whiten(np.where(asked, 0.2 * spread, 0.0)))
-  loud, quiet = (most_missed(off, dataclasses.replace(clean_pool, floor=floor)) for floor in ({"motor_speed": 8.0}, {}))
-  assert quiet.channel == loud.channel == "motor_speed" and quiet.level == LEVELS["motor_speed"]
-  scatter = (8.0 / spread) ** 2 * np.sqrt(2.0 / asked.sum())
-  assert (loud.level**2 - quiet.level**2) / scatter == pytest.approx(3.0)
 
 
 def test_a_bias_is_claimed_beyond_what_every_sensor_has(monkeypatch):
