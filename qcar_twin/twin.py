@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 _STEPPED = ("command", "actuator", "force", "contact")
 # qpos of the free joint: position, quaternion; qvel: velocity in the world frame, rate in the body frame
 _VX, _VY, _YAW_RATE = 0, 1, 5
+_READ_ON = 25  # control periods after a stretch's end that sensors with fast clocks may still read
 
 
 class Twin:
@@ -113,10 +114,8 @@ class Twin:
     per_turn = max(1, self.rows // len(segments))
     turns = [self._simulate(stepped[i : i + per_turn], segments) for i in range(0, len(stepped), per_turn)]
     signals = np.concatenate(turns)[same.reshape(-1)]  # (n, S, T + 1, 10)
-    if any(m.stage == "sensor" for m in self.mechanisms):
-      flat = signals.reshape(-1, *signals.shape[2:])
-      size = len(segments)
-      self.measured(np.repeat(theta, size, axis=0), flat, np.tile(segments.offset, len(theta)))
+    flat, offset = signals.reshape(-1, *signals.shape[2:]), np.tile(segments.offset, len(theta))
+    self.measured(np.repeat(theta, len(segments), axis=0), flat, offset)
     return Prediction(signals, segments.period)
 
   def _without_sensors(self, theta: Array) -> Array:
@@ -135,10 +134,12 @@ class Twin:
     start, offset, measured = tile(segments.start), tile(segments.offset), tile(segments.measured)
     start = self._as_measured(np.repeat(theta, size, axis=0), start)
     simulation = self.begin(np.repeat(theta, size, axis=0), start, history, offset, commands[0], self.batch(n * size))
+    ends = np.minimum(np.tile(segments.steps, n) + _READ_ON, length)  # after it a car rests: nothing is measured
     signals = np.empty((length + 1, n * size, len(SIGNALS)))
     signals[0] = simulation.signals
-    for k in range(length):
-      signals[k + 1] = simulation.step(commands[k], measured[:, k])
+    for k in range(last := int(ends.max())):
+      signals[k + 1] = simulation.step(commands[k], measured[:, k], np.flatnonzero(ends > k))
+    signals[last + 1 :] = signals[last]
     return np.ascontiguousarray(signals.transpose(1, 0, 2)).reshape(n, size, length + 1, len(SIGNALS))
 
   def _as_measured(self, theta: Array, start: Array) -> Array:
@@ -180,8 +181,7 @@ class Twin:
   def _settle(self) -> float:
     """Height at which the nominal car stands, m."""
     data = mujoco.MjData(self.model)
-    for _ in range(int(1.5 / self.model.opt.timestep)):
-      mujoco.mj_step(self.model, data)
+    mujoco.mj_step(self.model, data, int(1.5 / self.model.opt.timestep))
     return float(data.joint("chassis").qpos[2])
 
 
@@ -221,12 +221,13 @@ class Simulation:
     """What carries the cars."""
     return self._batch
 
-  def step(self, commands: Array, measured: Array | None = None) -> Array:
+  def step(self, commands: Array, measured: Array | None = None, running: NDArray[np.intp] | None = None) -> Array:
     """Hold commands (N, 2) for one control period; returns the signals after it, (N, 10).
 
     Args:
       commands: V, rad.
       measured: x, y, yaw and wheel angle for effects bound to them, (N, 4); NaN or None for the simulated ones.
+      running: cars that are moved on, in rising order; the others stay as they are. All by default.
     """
     known = np.column_stack([self.signals[:, :3], self._wheel_angle])
     known = known if measured is None else np.where(np.isfinite(measured), measured, known)
@@ -242,9 +243,10 @@ class Simulation:
     if any(slot.mechanism.varies for slot in self._slots):
       self._write_models(commands, known, first=False)
     self._ctrl[:] = acting
-    self._push(force)
+    if force is not None:
+      self._push(force)
     self._wheel_angle = known[:, 3] + self._twin.period * self._twin.car.gear_ratio * self.signals[:, 8]
-    self._batch.step(nstep=self._twin.substeps)
+    self._batch.step(running, nstep=self._twin.substeps)
     self._time += self._twin.period
     self._read()
     return self.signals
@@ -252,8 +254,7 @@ class Simulation:
   def _bind(self, model: mujoco.MjModel) -> None:
     batch = self._batch
     self._qpos, self._qvel, self._ctrl, self._act = batch.qpos, batch.qvel, batch.ctrl, batch.act
-    self._xfrc = batch.bind("xfrc_applied")
-    self._sensordata = batch.bind("sensordata")
+    self._xfrc, self._sensordata = batch.bind("xfrc_applied"), batch.bind("sensordata")
     self._handles = Handles.of(model)
 
   def _place(self, start: Array) -> None:
@@ -325,9 +326,7 @@ class Simulation:
     if first:
       self._batch.set_const()  # what MuJoCo derives from masses follows them
 
-  def _push(self, force: Array | None) -> None:
-    if force is None:
-      return
+  def _push(self, force: Array) -> None:
     cosine, sine = np.cos(self.signals[:, 2]), np.sin(self.signals[:, 2])
     self._xfrc[:, self._handles.chassis, 0] = cosine * force[:, 0] - sine * force[:, 1]
     self._xfrc[:, self._handles.chassis, 1] = sine * force[:, 0] + cosine * force[:, 1]

@@ -102,7 +102,8 @@ def _worthwhile(
 ) -> list[tuple[float, str, dict[str, float]]]:
   """Half the sum of squares, mechanism and values of the trials that are worth fitting.
 
-  Of an unbent twin much makes up for something. What nothing speaks for but that must begin below the bent one.
+  Of an unbent twin much makes up for something. What nothing speaks for but that must begin below the bent one. Most
+  lie far above, as a part of the recordings tells.
   """
   if not place.trials:
     return []
@@ -111,10 +112,11 @@ def _worthwhile(
   for row, (_, start) in zip(thetas[1:], place.trials, strict=True):
     for parameter, value in start.items():
       row[problem.parameters.index(parameter)] = value
-  alone, *costs = (half_square(r) for r in problem.fitted_residual(thetas))
-  limit, below = min(alone - _WORTH, _RIVALS * base.cost), half_square(base.residual[: base.fitted]) - _WORTH
+  highest, below = _RIVALS * base.cost, half_square(base.residual[: base.fitted]) - _WORTH
+  limits = [highest if name in first else min(highest, below) for name, _ in place.trials]
+  alone, *costs = problem.fitted_cost(thetas, np.array([np.inf, *limits]))
   return [
-    (c, name, start)
-    for c, (name, start) in zip(costs, place.trials, strict=True)
-    if c < (limit if name in first else min(limit, below))
+    (float(c), name, start)
+    for c, limit, (name, start) in zip(costs, limits, place.trials, strict=True)
+    if c < min(limit, alone - _WORTH)
   ]

@@ -28,6 +28,7 @@ log = logging.getLogger(__name__)
 _SPIKE = 6.0  # residuals beyond this many standard deviations lose weight
 _MEMORY = 0.1  # s within which samples of one channel count as one witness
 _COLUMNS = 48  # simulations of the whole data set held in memory at once
+_LEGS = 4  # parts after each of which a trial that costs too much is given up
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,6 +94,31 @@ class Problem:
   def fitted_residual(self, theta: Array) -> Array:
     """Those of the values that are fitted, (n, fitted): steps and slopes need no others, and the others take time."""
     return _finite(self._raw(theta, self._parts[0]) * self._scale[: self.fitted])
+
+  def fitted_cost(self, theta: Array, limit: Array) -> Array:
+    """Half their sum of squares, nats, (n,); inf where it exceeds `limit`, (n,).
+
+    A vector whose first recordings cost more than that already is not simulated on the others.
+    """
+    cost = np.zeros(len(theta))
+    for rows, part in self._legs:
+      going = np.flatnonzero(cost <= limit)
+      if len(going):
+        cost[going] += 0.5 * np.sum(np.square(_finite(self._raw(theta[going], part) * self._scale[rows])), axis=1)
+    return np.where(cost <= limit, cost, np.inf)
+
+  @functools.cached_property
+  def _legs(self) -> list[tuple[slice, Observations]]:
+    """The recordings that are fitted in a few parts of about equal length, each with its rows of the residual."""
+    rest, begin, legs = self._parts[0], 0, []
+    between = np.flatnonzero(np.diff(rest.recording)) + 1
+    for k in range(1, _LEGS):
+      end = int(between[np.argmin(np.abs(between - k * self.fitted / _LEGS))]) if len(between) else begin
+      if end > begin:
+        leg, rest = rest.split(end - begin)
+        legs.append((slice(begin, end), leg))
+        begin = end
+    return [*legs, (slice(begin, self.fitted), rest)]
 
   def judging_residual(self, theta: Array) -> Array:
     """Those of the values that only judge, (n, M - fitted)."""

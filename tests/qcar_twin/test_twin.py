@@ -40,6 +40,19 @@ def test_any_grouping_gives_the_same_bits(twin: Twin):
   np.testing.assert_array_equal(together, narrow)
 
 
+def test_a_stretch_shorter_than_its_padding_is_driven_to_its_end_and_no_further(twin: Twin):
+  """With a second's quarter beyond it, for sensors with fast clocks; the padding is not simulated."""
+  whole = twin.rollout(twin.parameters.nominal, drive()).signals[0]
+  steps = np.array([150, 60, 30])
+  cut = twin.rollout(twin.parameters.nominal, dataclasses.replace(drive(), steps=steps)).signals[0]
+  for before, after, end in zip(whole, cut, np.minimum(steps + 25, 150), strict=True):
+    np.testing.assert_array_equal(after[: end + 1], before[: end + 1])
+    assert np.all(after[end:] == after[end])
+  short = twin.rollout(twin.parameters.nominal, dataclasses.replace(drive(), steps=np.array([10, 5, 5]))).signals[0]
+  np.testing.assert_array_equal(short[0, :36], whole[0, :36])
+  assert np.all(short[0, 35:] == short[0, 35])
+
+
 def test_stepping_equals_a_rollout(twin: Twin):
   segments = drive()
   rollout = twin.rollout(twin.parameters.nominal, segments).signals[0]

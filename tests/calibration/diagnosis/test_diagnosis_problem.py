@@ -43,8 +43,9 @@ def test_what_listened_before_listens_again():
   assert len(heard) == 1 and "unstable" in heard[0]
 
 
-def test_fitted_and_judging_residuals_are_those_of_one_simulation_of_everything_to_the_last_bit():
-  """MuJoCo's cars don't see each other, however many are stepped together."""
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+  """Three recordings of different length, of which the last only judges."""
   time = np.arange(0.0, 2.0, 0.01)
   recordings = [
     Recording.from_columns(
@@ -63,14 +64,38 @@ def test_fitted_and_judging_residuals_are_those_of_one_simulation_of_everything_
   twin = Twin(QCAR, select(["steering_delay", "battery_discharge", "imu_latency"]), threads=1)
   observations = observe(recordings, QCAR)
   weighting = Weighting(np.ones(len(CHANNELS)), np.ones(len(CHANNELS)), np.ones(len(observations)))
-  fitted = int(np.sum(observations.recording < 2))
-  problem = Problem(twin, observations, weighting, fitted)
-  theta = np.stack([twin.parameters.nominal] * 3)
-  theta[1, twin.parameters.index("steering_delay")] = 0.04
-  theta[2, twin.parameters.index("imu_latency")] = 0.03
+  return Problem(twin, observations, weighting, int(np.sum(observations.recording < 2)))
+
+
+@pytest.fixture(scope="module")
+def theta(problem: Problem) -> np.ndarray:
+  theta = np.stack([problem.parameters.nominal] * 3)
+  theta[1, problem.parameters.index("steering_delay")] = 0.04
+  theta[2, problem.parameters.index("imu_latency")] = 0.03
+  return theta
+
+
+def test_fitted_and_judging_residuals_are_those_of_one_simulation_of_everything_to_the_last_bit(problem, theta):
+  """MuJoCo's cars don't see each other, however many are stepped together."""
   everything = problem.residual(theta)
-  np.testing.assert_array_equal(problem.fitted_residual(theta), everything[:, :fitted])
-  np.testing.assert_array_equal(problem.judging_residual(theta), everything[:, fitted:])
+  np.testing.assert_array_equal(problem.fitted_residual(theta), everything[:, : problem.fitted])
+  np.testing.assert_array_equal(problem.judging_residual(theta), everything[:, problem.fitted :])
   assert len(np.unique(everything, axis=0)) == 3 and np.isfinite(everything).all()
-  alone = Problem(twin, observations, weighting, len(observations))
+  alone = Problem(problem.twin, problem.observations, problem.weighting, len(problem.observations))
   assert alone.judging_residual(theta).shape == (3, 0)
+
+
+def test_a_cost_is_that_of_the_residual_where_it_stays_below_its_limit(problem, theta):
+  exact = 0.5 * np.sum(np.square(problem.fitted_residual(theta)), axis=1)
+  np.testing.assert_allclose(problem.fitted_cost(theta, np.full(3, np.inf)), exact, rtol=1e-12)
+  found = problem.fitted_cost(theta, exact * [1.001, 0.999, 0.0])
+  assert found[0] == pytest.approx(exact[0], rel=1e-12) and np.isinf(found[1:]).all()
+
+
+def test_what_costs_too_much_is_not_simulated_to_the_end(problem, theta, monkeypatch):
+  simulated = []
+  rollout = problem.twin.rollout
+  seen = lambda thetas, segments: simulated.append((len(thetas), segments.recording)) or rollout(thetas, segments)
+  monkeypatch.setattr(problem.twin, "rollout", seen)
+  problem.fitted_cost(theta, np.array([np.inf, 1.0, 1.0]))
+  assert simulated == [(3, ("run 0",)), (1, ("run 1",))]
