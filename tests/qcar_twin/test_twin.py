@@ -41,7 +41,7 @@ def test_any_grouping_gives_the_same_bits(twin: Twin):
 
 
 def test_a_stretch_shorter_than_its_padding_is_driven_to_its_end_and_no_further(twin: Twin):
-  """With a second's quarter beyond it, for sensors with fast clocks; the padding is not simulated."""
+  """And a quarter of a second beyond it, for sensors with fast clocks."""
   whole = twin.rollout(twin.parameters.nominal, drive()).signals[0]
   steps = np.array([150, 60, 30])
   cut = twin.rollout(twin.parameters.nominal, dataclasses.replace(drive(), steps=steps)).signals[0]
