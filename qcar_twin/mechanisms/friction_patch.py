@@ -60,7 +60,7 @@ class FrictionPatch(Mechanism):
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
     car, (x, y, yaw) = context.car, context.pose.T
     cosine, sine = np.cos(yaw), np.sin(yaw)
-    # a row per wheel until the end: operations along the cars are twice as quick as along four wheels
+    # a row per wheel until the end: operations along the cars are quicker than along four wheels
     ahead = np.array([[car.cg_to_front], [car.cg_to_front], [-car.cg_to_rear], [-car.cg_to_rear]])
     left = 0.5 * car.track_width * np.array([[1.0], [-1.0], [1.0], [-1.0]])
     away_x = x - theta[:, 1] + cosine * ahead - sine * left  # (4, n)
