@@ -3,11 +3,13 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out/sample
+# wheels only; warnings about the machine's package indexes are left out, errors are not; bytecode is made on first use
+PIP := $(BIN)/python -m pip install -qq --no-compile --disable-pip-version-check
 
-.PHONY: run test check train install plugin clean
+.PHONY: run test check docs train install plugin clean
 
 run: install
-	$(BIN)/python scripts/main.py --dataset data/sample --out $(OUT)
+	$(BIN)/qcar-twin run --dataset data/sample --out $(OUT)
 
 test: install
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2
@@ -17,22 +19,24 @@ check: install
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 
+docs: install
+	$(BIN)/python -m qcar_twin.twin.mechanisms.document docs/mechanisms.md
+
 train: install
-	$(BIN)/python scripts/train.py --out out/train
+	$(BIN)/qcar-twin train --out out/train
 
 install: $(VENV)/installed
 
-# torch by itself and pinned: installed through another package's wish it drags in GPU packages
+# The project itself is installed editable: a checkout runs and tests its own sources, changed or not.
 $(VENV)/installed: requirements.lock pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet torch==2.13.0
-	$(BIN)/python -m pip install --quiet -r requirements.lock
-	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
-	$(BIN)/python -m qcar_twin.tyre.build
+	$(PIP) --only-binary :all: -r requirements.lock
+	$(PIP) --no-deps --no-index --no-build-isolation --editable .
+	$(BIN)/python -m qcar_twin.vehicle.tyre.build
 	touch $@
 
 plugin: install
-	$(BIN)/python -m qcar_twin.tyre.build
+	$(BIN)/python -m qcar_twin.vehicle.tyre.build
 
 clean:
 	rm -rf $(VENV) out

@@ -1,1 +1,26 @@
-"""Calibration of the twin on recordings, cross-validation, and diagnosis of missing physics."""
+"""Calibration of the twin on recordings, cross-validation, and diagnosis of missing physics.
+
+  from calibration import calibrate, cross_validate, diagnose
+
+Each name is imported when it is first asked for, so that the proving ground never loads the twin.
+"""
+
+from importlib import import_module
+from typing import Any
+
+_ROOMS = {
+  "calibrate": "calibrating",
+  "cross_validate": "checking",
+  "diagnose": "diagnosis",
+  "draw_cases": "campaign",
+  "identify": "identification",
+  "make_session": "proving_ground",
+  "run_case": "campaign",
+}
+__all__ = list(_ROOMS)  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+  if name not in _ROOMS:
+    raise AttributeError(f"calibration has no '{name}'; it offers {', '.join(__all__)}")
+  return getattr(import_module(f"calibration.{_ROOMS[name]}"), name)

@@ -7,6 +7,8 @@ rad/s, accelerations in m/s^2. A position (x, y) on the car is measured from its
 Source of the steady-turning formulas: Rajamani, Vehicle Dynamics and Control, 2nd ed. (2012), ch. 3.
 """
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,6 +34,33 @@ def body_to_world(yaw: Quantity, x: Quantity, y: Quantity) -> tuple[Array, Array
 def world_to_body(yaw: Quantity, x: Quantity, y: Quantity) -> tuple[Array, Array]:
   """Rotate a vector from the world frame into the body frame: R(yaw)^T (x, y)."""
   return body_to_world(-np.asarray(yaw, dtype=np.float64), x, y)
+
+
+# -- from the motor to the road ------------------------------------------------------------------
+
+
+class Geared(Protocol):
+  """A car whose motor turns its wheels."""
+
+  @property
+  def gear_ratio(self) -> float: ...  # G, wheel speed / motor speed
+  @property
+  def wheel_radius(self) -> float: ...  # R_w, rolling radius, m
+
+
+def rolling_radius(car: Geared) -> float:
+  """Travel per radian that the motor turns, G R_w [m/rad]."""
+  return car.gear_ratio * car.wheel_radius
+
+
+def road_speed(motor_speed: Quantity, car: Geared) -> Array:
+  """Speed of a car whose wheels don't slip: v = omega G R_w [m/s], from the motor's omega [rad/s], both signed."""
+  return np.asarray(motor_speed, dtype=np.float64) * car.gear_ratio * car.wheel_radius
+
+
+def motor_speed(road_speed: Quantity, car: Geared) -> Array:
+  """Motor speed of a car whose wheels don't slip: omega = v / (G R_w) [rad/s], from v [m/s], both signed."""
+  return np.asarray(road_speed, dtype=np.float64) / rolling_radius(car)
 
 
 # -- velocity and acceleration of a point on the car ---------------------------------------------

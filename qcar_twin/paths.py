@@ -164,12 +164,14 @@ class Path:
       yaw_rate: rad/s, (...).
     """
     point = self.at(arc_length)
-    dx, dy = pose[..., 0] - point.x, pose[..., 1] - point.y
+    x, y, yaw = np.moveaxis(pose, -1, 0)
+    forward, left = np.moveaxis(velocity, -1, 0)
+    dx, dy = x - point.x, y - point.y
     across = dy * np.cos(point.yaw) - dx * np.sin(point.yaw)
-    heading = wrap_angle(pose[..., 2] - point.yaw)
+    heading = wrap_angle(yaw - point.yaw)
     cos, sin = np.cos(heading), np.sin(heading)
-    rate = (velocity[..., 0] * cos - velocity[..., 1] * sin) / _clearance(point.curvature, across)
-    lateral = velocity[..., 0] * sin + velocity[..., 1] * cos
+    rate = (forward * cos - left * sin) / _clearance(point.curvature, across)
+    lateral = forward * sin + left * cos
     turn = np.asarray(yaw_rate) - point.curvature * rate
     return Errors(across, lateral, heading, turn, rate, point.curvature)
 

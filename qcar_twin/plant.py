@@ -27,7 +27,10 @@ SIGNALS = (
   "steering_angle",  # rad, mean road-wheel angle
 )
 START = ("pose_x", "pose_y", "pose_yaw", "velocity_x", "velocity_y", "yaw_rate", "steering_angle")
-COMMANDS = ("motor_voltage", "steering_command")  # V, rad
+COMMANDS = ("motor_voltage", "steering_command")  # V, rad; of a car whose drive takes a voltage
+POSITION, POSE, VELOCITY = slice(0, 2), slice(0, 3), slice(3, 5)  # columns of SIGNALS and of START alike
+YAW, YAW_RATE = SIGNALS.index("pose_yaw"), SIGNALS.index("yaw_rate")  # in both, too
+VOLTAGE, STEERING = range(len(COMMANDS))  # columns of COMMANDS
 
 Array = NDArray[np.float64]
 
@@ -59,14 +62,15 @@ class Segments:
   """Stretches of driving of equal padded length.
 
   Attributes:
-    commands: motor voltage [V] and steering command [rad] held over each control period, (S, T, 2).
+    commands: drive command [V, or what the car's drive takes] and steering command [rad] held over each control period,
+      (S, T, 2).
     start: initial state in the order of START, (S, 7).
     steps: number of valid control periods of each segment, (S,).
     period: control period, s.
     recording: name of the recording each segment was cut from, S of them.
     offset: time within that recording at which the segment starts, s, (S,).
-    history: driving before each segment, (S, 2): seconds, and the integral of voltage squared, V^2 s
-      (heat and charge carry over from recording to recording); None for a fresh car.
+    history: driving before each segment, (S, 2): seconds, and the integral of the drive command
+      squared, V^2 s of a voltage (heat and charge carry over from recording to recording); None for a fresh car.
     pose: measured x, y, yaw on the control grid, (S, T + 1, 3), NaN where there is none; what a place-
       or heading-bound effect looks up; None to use the simulated pose.
     wheel_angle: angle the wheels have turned since the recording's start by the encoder, mean of all, on the
@@ -107,12 +111,12 @@ class Segments:
   def driving(self) -> Driving:
     """When and where all of it was driven."""
     before = np.zeros(len(self)) if self.history is None else self.history[:, 0]
-    places = self.measured[..., :2].reshape(-1, 2)
+    places = self.measured_pose[..., :2].reshape(-1, 2)
     last = float((before + self.period * self.steps).max())
     return Driving(float(before.min()), last, places[np.isfinite(places).all(axis=1)])
 
   @property
-  def measured(self) -> Array:
+  def measured_pose(self) -> Array:
     """Measured x, y [m], yaw and wheel angle [rad] on the control grid, (S, T + 1, 4), NaN where unknown."""
     known = np.full((len(self), self.commands.shape[1] + 1, 4), np.nan)
     if self.pose is not None:

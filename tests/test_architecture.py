@@ -1,50 +1,163 @@
-"""The rules of the house, checked on the source: directions, sizes, words."""
+"""The rules of the house: rooms, directions, circles, sizes, words; read off the source or a fresh interpreter."""
 
 import ast
+import functools
 import re
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("qcar_twin", "calibration", "agents", "scripts")
+from tests import ROOT
+
+PACKAGES = ("qcar_twin", "calibration", "agents", "commands")
 FILES = sorted(p for package in PACKAGES for p in (ROOT / package).rglob("*.py"))
-NUMPY_ONLY = ("parameters.py", "kinematics.py", "recording.py")
 FORBIDDEN_NAMES = re.compile(r"(^|_)(utils?|helpers?|manager|handler|data2)($|_)|_old$|^do_|\d{2,}_")
+MOST_FILES = 16  # that a folder holds before it is several rooms; a registry of one kind of thing may hold more
+REGISTRIES = ("qcar_twin/twin/mechanisms", "commands")
 
 
-def imports(path: Path) -> set[str]:
-  """Absolute names of modules a file imports, relative imports resolved."""
+def module_of(path: Path) -> str:
+  """Dotted name of a file; a package's is its folder's."""
+  return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+MODULES = {module_of(p): p for p in FILES}
+FACES = sorted(m for m, p in MODULES.items() if p.name == "__init__.py")
+
+
+def imported_names(path: Path) -> Iterator[tuple[str, str]]:
+  """(module, name) of everything a file imports, anywhere in it, relative imports resolved; name "" for a module."""
   package = path.relative_to(ROOT).parent.parts
-  found = set()
   for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
     if isinstance(node, ast.Import):
-      found |= {alias.name for alias in node.names}
+      yield from ((alias.name, "") for alias in node.names)
     elif isinstance(node, ast.ImportFrom):
       base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
       module = ".".join(part for part in (base, node.module or "") if part)
-      found |= {module} | {f"{module}.{alias.name}" for alias in node.names}
+      yield from ((module, alias.name) for alias in node.names)
+
+
+def imports(path: Path) -> set[str]:
+  """Absolute names of modules and of names in them that a file imports."""
+  found = {f"{module}.{item}" if item else module for module, item in imported_names(path)}
+  return found | {module for module, _ in imported_names(path)}
+
+
+@functools.cache
+def graph() -> dict[str, set[str]]:
+  """Module -> modules of this project that it names in an import; a package's face counts as a module."""
+  found = {}
+  for module, path in MODULES.items():
+    used = {f"{m}.{n}" if f"{m}.{n}" in MODULES else m for m, n in imported_names(path)}
+    found[module] = {name for name in used if name in MODULES and name != module}
   return found
+
+
+def circles(edges: Mapping[str, set[str]]) -> list[list[str]]:
+  """Groups of nodes that reach each other (strongly connected components of two and more)."""
+
+  @functools.cache
+  def reach(node: str) -> frozenset[str]:
+    seen, todo = set(), [node]
+    while todo:
+      for other in edges.get(todo.pop(), set()) - seen:
+        seen.add(other)
+        todo.append(other)
+    return frozenset(seen)
+
+  groups = {frozenset(b for b in reach(a) if a in reach(b)) for a in edges}
+  return sorted(sorted(group) for group in groups if len(group) > 1)
 
 
 def outside(names: set[str]) -> set[str]:
   """Top-level packages beyond the standard library and this project."""
-  import sys
-
   return {n.split(".")[0] for n in names} - set(sys.stdlib_module_names) - set(PACKAGES)
+
+
+@functools.cache
+def really_loaded(statement: str) -> frozenset[str]:
+  """Names of all modules that a statement brings into a fresh interpreter."""
+  code = f"import sys; before = set(sys.modules); {statement}; print(' '.join(set(sys.modules) - before))"
+  run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+  return frozenset(run.stdout.split())
 
 
 def test_there_are_files_to_check():
   assert len(FILES) > 60
 
 
-@pytest.mark.parametrize("name", NUMPY_ONLY)
-def test_the_core_needs_numpy_only(name: str):
-  assert outside(imports(ROOT / "qcar_twin" / name)) <= {"numpy"}
+def test_a_circle_is_found():
+  assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]
+
+
+def test_no_file_imports_itself_back():
+  assert circles(graph()) == []
+
+
+def test_no_room_imports_itself_back():
+  """Rooms are the folders below a package; what a folder holds belongs to it."""
+  room = lambda module: ".".join(module.split(".")[:2])
+  edges: dict[str, set[str]] = {}
+  for module, used in graph().items():
+    if module not in PACKAGES:
+      edges.setdefault(room(module), set()).update(room(u) for u in used if room(u) != room(module))
+  assert circles(edges) == []
+
+
+def test_nothing_underscored_crosses_a_file():
+  for path in FILES:
+    crossing = [f"{m}.{n}" for m, n in imported_names(path) if m.split(".")[0] in PACKAGES and n.startswith("_")]
+    assert not crossing, f"{path.relative_to(ROOT)} imports {crossing}"
+
+
+def test_no_import_is_for_the_type_checker_alone():
+  for path in FILES:
+    assert "typing.TYPE_CHECKING" not in imports(path), path.relative_to(ROOT)
+
+
+@pytest.mark.parametrize("folder", sorted({p.parent for p in FILES}), ids=lambda p: str(p.relative_to(ROOT)))
+def test_a_folder_is_one_room(folder: Path):
+  if folder.relative_to(ROOT).as_posix() not in REGISTRIES:
+    assert len(list(folder.glob("*.py"))) - 1 <= MOST_FILES
+
+
+@pytest.mark.parametrize("package", FACES)
+def test_a_face_has_what_it_offers(package: str):
+  face = import_module(package)
+  for name in getattr(face, "__all__", ()):
+    assert getattr(face, name) is not None
+    assert not name.startswith("_")
+
+
+@pytest.mark.parametrize(
+  "statement",
+  [
+    "import qcar_twin.recordings",
+    "from qcar_twin import DataSet",
+    "import qcar_twin.parameters, qcar_twin.kinematics, qcar_twin.plant",
+    "import qcar_twin.vehicle",
+    "import qcar_twin.bicycle",
+  ],
+)
+def test_numpy_is_all_that_is_really_loaded(statement: str):
+  assert "numpy" in really_loaded(statement)
+  assert outside(set(really_loaded(statement))) <= {"numpy"}
+
+
+def test_the_proving_ground_never_loads_the_twin():
+  loaded = really_loaded("import calibration.proving_ground")
+  own = {name for name in loaded if name.split(".")[0] in PACKAGES}
+  files = ("qcar_twin.recordings", "qcar_twin.atomic_io", "calibration.proving_ground")  # files, no physics
+  assert not {name for name in own - {"qcar_twin", "calibration"} if not name.startswith(files)}
+  assert not {"mujoco", "torch", "sklearn"} & loaded
 
 
 def test_a_mechanism_never_imports_another():
-  folder = ROOT / "qcar_twin" / "mechanisms"
+  folder = ROOT / "qcar_twin" / "twin" / "mechanisms"
   shared = {"base", "elements", "document", "__init__"}
   mechanisms = {p.stem for p in folder.glob("*.py")} - shared
   for path in folder.glob("*.py"):
@@ -58,27 +171,18 @@ def test_a_mechanism_never_imports_another():
 @pytest.mark.parametrize(
   ("package", "banned"),
   [
-    ("qcar_twin/estimation", ("mujoco",)),
-    ("agents", ("calibration", "scripts")),
-    ("qcar_twin", ("calibration", "agents", "scripts")),
-    ("calibration", ("scripts", "agents")),
+    ("agents", ("calibration", "commands")),
+    ("qcar_twin", ("calibration", "agents", "commands")),
+    ("qcar_twin/estimation", ("mujoco", "qcar_twin.twin")),
+    ("calibration", ("commands", "agents")),
+    ("calibration/fitting", ("calibration.diagnosis", "calibration.checking", "calibration.identification")),
+    ("calibration/diagnosis", ("calibration.checking", "calibration.campaign", "calibration.proving_ground")),
   ],
 )
 def test_directions(package: str, banned: tuple[str, ...]):
   for path in (ROOT / package).rglob("*.py"):
-    tops = {n.split(".")[0] for n in imports(path)}
-    assert not tops & set(banned), f"{path.relative_to(ROOT)} imports {tops & set(banned)}"
-
-
-def test_the_proving_ground_shares_nothing_with_the_twin():
-  # files, no physics
-  allowed = {"qcar_twin", "qcar_twin.recording", "qcar_twin.dataset", "qcar_twin.whole_file"}
-  for path in (ROOT / "calibration" / "proving_ground").rglob("*.py"):
-    for name in imports(path):
-      if name.startswith("qcar_twin"):
-        assert ".".join(name.split(".")[:2]) in allowed, f"{path.name} imports {name}"
-      if name.startswith("calibration."):
-        assert name.startswith("calibration.proving_ground"), f"{path.name} imports {name}"
+    used = {n for n in imports(path) if any(n == b or n.startswith(b + ".") for b in banned)}
+    assert not used, f"{path.relative_to(ROOT)} imports {used}"
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
@@ -105,8 +209,8 @@ def test_public_functions_are_typed_and_said(path: Path):
       assert not untyped, f"{node.name}: {untyped} have no type"
 
 
-def test_scripts_are_thin():
-  for path in (ROOT / "scripts").glob("*.py"):
+def test_commands_are_thin():
+  for path in (ROOT / "commands").glob("*.py"):
     assert path.read_text().count("\n") <= 100, path.name
 
 
@@ -115,3 +219,75 @@ def test_no_pickle_and_no_absolute_paths():
     text = path.read_text(encoding="utf-8")
     assert "pickle" not in imports(path), path.name
     assert not re.search(r"[\"'](/work|/tmp|/root|/home)/", text), path.name
+
+
+TALE = re.compile(
+  r"\b(single|pair|null|outside)_\d\d\b|\b(seed|campaign)s? \d{5,}"  # a case, a campaign
+  r"|\b(?=[0-9a-f]*\d)(?=[0-9a-f]*[a-f])[0-9a-f]{7,40}\b(?![.-])"  # a commit
+)
+PAGES = sorted((ROOT / "docs").glob("*.md"))
+WRITTEN = [
+  p for p in PAGES if not p.name.startswith("results") and p.name not in ("diagnosis_history.md", "mechanisms.md")
+]
+TOLD = [*FILES, ROOT / "README.md", *WRITTEN]  # what says what is, and not how it came to be
+SCREENS, LINES, COLUMNS = 4, 50, 120  # that a page of the documents fits on
+LYING = {
+  p.relative_to(ROOT).as_posix() for top in (*PACKAGES, "tests", "docs", "data") for p in (ROOT / top).rglob("*")
+}
+
+
+def is_there(dotted: str) -> bool:
+  """Whether a module, or a name of one or of a package's face, exists: `qcar_twin.vehicle.tyre.build`."""
+  whole, parent, name = dotted.replace(".", "/"), *dotted.replace(".", "/").rsplit("/", 1)
+  face = ROOT / parent / "__init__.py"
+  offered = face.exists() and name in face.read_text(encoding="utf-8")
+  return whole in LYING or f"{whole}.py" in LYING or f"{parent}.py" in LYING or offered
+
+
+def named_paths(page: Path) -> Iterator[tuple[str, bool]]:
+  """Paths that a page names, and whether each exists: its links, files, folders and modules in backticks."""
+  text = page.read_text(encoding="utf-8")
+  for link in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text):
+    if "://" not in link:
+      yield link, (page.parent / link).exists()
+  for word in re.findall(r"[\w./-]+", " ".join(re.findall(r"`([^`\n]+)`", text))):
+    if "/_build/" in word:  # made on the machine
+      continue
+    if "/" in word and word.split("/")[0] in (*PACKAGES, "tests", "docs"):
+      yield word, (ROOT / word.rstrip("./")).exists()
+    elif re.fullmatch(r"[\w/]+\.(py|c)", word):
+      yield word, any(f"/{path}".endswith(f"/{word}") for path in LYING)
+    elif re.fullmatch(rf"({'|'.join(PACKAGES)}|tests)(\.[a-z_]+)+", word):
+      yield word, is_there(word)
+
+
+@pytest.mark.parametrize("path", TOLD, ids=lambda p: str(p.relative_to(ROOT)))
+def test_no_case_no_seed_and_no_commit_is_told(path: Path):
+  found = TALE.search(path.read_text(encoding="utf-8"))
+  assert not found, f"{found} belongs into docs/diagnosis_history.md; say why in terms of mechanism"
+
+
+def test_a_tale_is_noticed():
+  assert all(map(TALE.search, ("as in single_07", "seed 6626070 had", "since af878d2, it")))
+  assert not any(map(TALE.search, ("null_rate", "seed 7", "6626070", "effaced", "single_track", "1e-05")))
+
+
+@pytest.mark.parametrize("page", WRITTEN, ids=lambda p: p.name)
+def test_a_page_fits_on_four_screens(page: Path):
+  lines = page.read_text(encoding="utf-8").splitlines()
+  assert sum(max(1, -(-len(line) // COLUMNS)) for line in lines) <= SCREENS * LINES
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda p: p.name)
+def test_what_a_page_names_exists(page: Path):
+  # the history tells of files that are gone, the pages on extending of files that a reader writes
+  if page.name != "diagnosis_history.md" and not page.name.startswith("extending"):
+    assert not [name for name, there in named_paths(page) if not there]
+
+
+@pytest.mark.parametrize("page", [*WRITTEN, ROOT / "README.md"], ids=lambda p: p.name)
+def test_what_a_page_imports_is_offered(page: Path):
+  text = page.read_text(encoding="utf-8")
+  for module, names in re.findall(r"^\s*from ([\w.]+) import ([\w, ]+)$", text, re.M):
+    if module.split(".")[0] in PACKAGES:
+      assert all(hasattr(import_module(module), name.strip()) for name in names.split(",")), f"{module}: {names}"

@@ -1,4 +1,6 @@
-"""Where simulation and recordings differ, what physics was left out, and what the fit gains by it.
+"""Where simulation and recordings differ, what physics was left out, and what the fit gains by it."""
 
-One stage a file: passport, recalibrate, detect, locate, scan, search, unknown, decide, ship.
-"""
+from calibration.diagnosis.outcome import Diagnosis, Outcome
+from calibration.diagnosis.pipeline import diagnose
+
+__all__ = ["Diagnosis", "Outcome", "diagnose"]

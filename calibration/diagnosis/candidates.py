@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.diagnosis.problem import Problem
-from calibration.fit import bounded_solve, broyden, inverse_curvature, prior_cost
+from calibration.fitting.likelihood import Problem
+from calibration.fitting.optimiser import bounded_solve, broyden, inverse_curvature, prior_cost
 from qcar_twin.parameters import ParameterSet
 
 Array = NDArray[np.float64]
@@ -32,9 +32,9 @@ class Candidate:
     theta: full vector, (P,).
     residual: whitened, (M,).
     jacobian: with respect to the free parameters, (M, p).
-    fitted: the first so many rows are fitted, the others only judge.
+    n_train: the first so many rows are fitted, the others only judge.
     settled: the last iteration gained next to nothing.
-    judged: the rows that only judge belong to the present estimates.
+    validation_current: the rows that only judge belong to the present estimates.
   """
 
   mechanisms: tuple[str, ...]
@@ -43,25 +43,25 @@ class Candidate:
   residual: Array
   jacobian: Array
   values: Array
-  fitted: int
+  n_train: int
   settled: bool = False
-  judged: bool = True
+  validation_current: bool = True
 
   @property
   def cost(self) -> float:
     """Half the sum of squares plus the prior, nats."""
-    return half_square(self.residual[: self.fitted]) + prior_cost(self.values, self.free)
+    return half_square(self.residual[: self.n_train]) + prior_cost(self.values, self.free)
 
   @property
   def curvature(self) -> Array:
     """Posterior curvature, (p, p)."""
-    seen = self.jacobian[: self.fitted]
+    seen = self.jacobian[: self.n_train]
     return seen.T @ seen + np.diag(1.0 / self.free.std**2)
 
   @property
   def gradient(self) -> Array:
     """Slope of the cost, (p,)."""
-    seen = self.jacobian[: self.fitted].T @ self.residual[: self.fitted]
+    seen = self.jacobian[: self.n_train].T @ self.residual[: self.n_train]
     return seen + (self.values - self.free.nominal) / self.free.std**2
 
   @property
@@ -111,7 +111,7 @@ def candidate(
   values = np.clip(values, free.lower, free.upper)
   theta = problem.embed(free.names, values, problem.parameters.nominal)[0]
   empty = np.zeros(len(problem.observations))
-  return Candidate(tuple(mechanisms), free, theta, empty, jacobian, values, problem.fitted)
+  return Candidate(tuple(mechanisms), free, theta, empty, jacobian, values, problem.n_train)
 
 
 def simulate(problem: Problem, candidates: Sequence[Candidate]) -> None:
@@ -129,8 +129,8 @@ def begin(problem: Problem, candidates: Sequence[Candidate]) -> None:
   if candidates:
     started = problem.fitted_residual(np.stack([c.theta for c in candidates]))
     for item, residual in zip(candidates, started, strict=True):
-      item.residual = np.concatenate([residual, np.zeros(len(problem.observations) - item.fitted)])
-      item.judged = False
+      item.residual = np.concatenate([residual, np.zeros(len(problem.observations) - item.n_train)])
+      item.validation_current = False
 
 
 def refine(problem: Problem, candidates: Sequence[Candidate], iterations: int, full: bool = False) -> None:
@@ -151,7 +151,7 @@ def refine(problem: Problem, candidates: Sequence[Candidate], iterations: int, f
       break
     _fill_columns(problem, active, full)
     _try_steps(problem, active, full)
-  _judge(problem, [c for c in candidates if not c.judged])
+  _judge(problem, [c for c in candidates if not c.validation_current])
 
 
 def _fill_columns(problem: Problem, candidates: Sequence[Candidate], full: bool) -> None:
@@ -168,7 +168,7 @@ def _fill_columns(problem: Problem, candidates: Sequence[Candidate], full: bool)
     theta[problem.parameters.index(item.free.names[i])] += h
     moved.append(theta)
   for (item, i, h), residual in zip(jobs, problem.fitted_residual(np.stack(moved)), strict=True):
-    item.jacobian[: item.fitted, i] = (residual - item.residual[: item.fitted]) / h
+    item.jacobian[: item.n_train, i] = (residual - item.residual[: item.n_train]) / h
 
 
 def difference_step(item: Candidate, i: int, share: float = 0.03) -> float:
@@ -187,11 +187,11 @@ def _try_steps(problem: Problem, candidates: Sequence[Candidate], fresh: bool) -
     best = rows[int(np.argmin(costs))]
     before, gain = item.cost, item.cost - min(costs)
     first = rows[0]
-    seen, here = item.jacobian[: item.fitted], item.residual[: item.fitted]
-    item.jacobian[: item.fitted] = broyden(seen, here, item.values, outcomes[first], trials[first][1], item.free.scale)
+    seen, here = item.jacobian[: item.n_train], item.residual[: item.n_train]
+    item.jacobian[: item.n_train] = broyden(seen, here, item.values, outcomes[first], trials[first][1], item.free.scale)
     if gain > 0:
-      item.residual = np.concatenate([outcomes[best], item.residual[item.fitted :]])
-      item.theta, item.values, item.judged = thetas[best], trials[best][1], False
+      item.residual = np.concatenate([outcomes[best], item.residual[item.n_train :]])
+      item.theta, item.values, item.validation_current = thetas[best], trials[best][1], False
     item.settled = gain < 1e-3 * abs(before) ** 0.5 + 0.3
 
 
@@ -199,8 +199,8 @@ def _judge(problem: Problem, candidates: Sequence[Candidate]) -> None:
   """Predict what only judges where candidates stand now."""
   if candidates:
     for item, rest in zip(candidates, problem.judging_residual(np.stack([c.theta for c in candidates])), strict=True):
-      item.residual = np.concatenate([item.residual[: item.fitted], rest])
-      item.judged = True
+      item.residual = np.concatenate([item.residual[: item.n_train], rest])
+      item.validation_current = True
 
 
 def _steps(item: Candidate, fresh: bool) -> list[Array]:

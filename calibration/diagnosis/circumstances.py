@@ -11,7 +11,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.observations import CHANNELS, Observations
+from calibration.fitting.observations import CHANNELS, Observations
+from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.plant import Prediction
 
 Array = NDArray[np.float64]
@@ -67,7 +68,7 @@ def circumstances(observations: Observations, prediction: Prediction, strength: 
     damping: motor damping with back-EMF, N m s/rad, motor side.
   """
   segments = observations.stretches.segments
-  voltage, steering = held(segments.commands)
+  voltage, steering = held_commands(segments.commands)
   steps = int(round(RATE_SPAN / segments.period))
   rate = (steering - lagged(steering, steps)) / RATE_SPAN
   signal = lambda name: prediction.channel(name)[0]
@@ -94,7 +95,7 @@ def regressors(observations: Observations, prediction: Prediction) -> Array:
   Each is divided by a size usual for a 1:10 car, so that one ridge suits all.
   """
   segments = observations.stretches.segments
-  u = np.stack(held(segments.commands), axis=-1) / [2.0, 0.25]
+  u = np.stack(held_commands(segments.commands), axis=-1) / [2.0, 0.25]
   past = [lagged(u, int(round(lag / segments.period))) for lag in LAGS]
   scales = {"velocity_x": 1.0, "yaw_rate": 1.5, "accel_x": 1.5, "accel_y": 1.5}
   state = np.stack([np.tanh(prediction.channel(n)[0] / (3.0 * s)) * 3.0 for n, s in scales.items()], axis=-1)
@@ -107,7 +108,7 @@ def regressors(observations: Observations, prediction: Prediction) -> Array:
 
 def commands_and_state(observations: Observations, prediction: Prediction) -> Array:
   """Present and past commands and the twin's state as they are, (S, T + 1, F): what a black box learns from."""
-  u = np.stack(held(observations.stretches.segments.commands), axis=-1)
+  u = np.stack(held_commands(observations.stretches.segments.commands), axis=-1)
   past = [lagged(u, int(round(lag / prediction.period))) for lag in LAGS]
   names = ("velocity_x", "velocity_y", "yaw_rate", "accel_x", "accel_y", "motor_speed", "steering_angle")
   state = np.stack([prediction.channel(n)[0] for n in names], axis=-1)
@@ -118,7 +119,7 @@ def at_values(grid: Array, observations: Observations, channel: str) -> Array:
   """Grid features (S, T + 1, F) at the measured values of a channel; the mean over the horizon for displacements."""
   flat = grid.reshape(-1, grid.shape[-1])
   point = observations.grid_points[observations.channel == CHANNELS.index(channel)]
-  if not channel.startswith("pose_"):
+  if RESIDUALS[channel].displacement is None:
     return flat[point]
   steps = int(round(observations.horizon / observations.stretches.segments.period))
   total = np.concatenate([np.zeros((1, flat.shape[1])), np.cumsum(flat, axis=0)])
@@ -126,7 +127,7 @@ def at_values(grid: Array, observations: Observations, channel: str) -> Array:
   return (total[point + 1] - total[first]) / (point + 1 - first)[:, None]
 
 
-def held(commands: Array) -> tuple[Array, Array]:
+def held_commands(commands: Array) -> tuple[Array, Array]:
   """Voltage and steering on the grid, (S, T + 1): what acts from each grid point on; the last one is held."""
   whole = np.concatenate([commands, commands[:, -1:]], axis=1)
   return whole[..., 0], whole[..., 1]

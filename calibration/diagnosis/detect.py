@@ -1,4 +1,4 @@
-"""S2, detect: four independent signs that the recalibrated twin lacks something, before any physics is named.
+"""Four independent signs that the recalibrated twin lacks something, before any physics is named.
 
 Each detector gives one number, the level that recordings without any hidden effect stay below, and a
 plain sentence. They need no simulation beyond one run of the fitted twin.
@@ -12,17 +12,18 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.circumstances import at_values, regressors
-from calibration.diagnosis.passport import ChannelNoise
-from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.recalibrate import Baseline
 from calibration.diagnosis.score import groups_of
-from calibration.observations import Observations, displacement
+from calibration.fitting.likelihood import Problem
+from calibration.fitting.noise import ChannelNoise
+from calibration.fitting.observations import Observations
+from calibration.fitting.recalibration import RecalibratedTwin
+from calibration.fitting.residual_channels import displacement
 from qcar_twin.plant import Prediction
 
 Array = NDArray[np.float64]
 
-# The largest statistics of 20 proving-ground sessions without effects at three noise levels (campaigns 6180339 and
-# 2718281), rounded up; horizons: lower, since the exponent of a steady error is 1. See docs/diagnosis.md.
+# Set by hand: the largest statistics of proving-ground sessions without effects at three noise levels, rounded up;
+# horizons: lower, since the exponent of a steady error is 1.
 LEVELS = {"predictability": 0.25, "drift": 5.0, "priors": 9.0, "horizons": 0.98}
 HORIZONS = (0.5, 2.0)  # s
 _RIDGES = (0.03, 0.3, 3.0)  # of the power of each regressor; the best one counts
@@ -63,7 +64,7 @@ class Detection:
 
 
 def detect(
-  baseline: Baseline,
+  baseline: RecalibratedTwin,
   base: Candidate,
   prediction: Prediction | None = None,
   problem: Problem | None = None,
@@ -194,8 +195,7 @@ def prior_shifts(base: Candidate) -> dict[str, float]:
   """(fitted - prior) / sqrt(prior variance - posterior variance) of parameters with a prior that the data inform.
 
   The difference counts as half the prior variance at least: the less the data say of a parameter, the farther the
-  twin's own simplifications carry it. On a session without effects a mass of which they took away an eighth of the
-  prior variance was 6.2 prior deviations off, which counted as 17.5.
+  twin's own simplifications carry it, and the smaller is the deviation that a true shift would have.
   """
   out = {}
   for i, parameter in enumerate(base.free):

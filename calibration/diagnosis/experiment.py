@@ -1,4 +1,4 @@
-"""S7, what to drive next: the manoeuvre that would best tell the claim from the rival that is closest to it.
+"""What to drive next: the manoeuvre that would best tell the claim from the rival that is closest to it.
 
 Both fitted models drive every manoeuvre of a small library, made of speeds and steering angles the recordings
 already hold. What the rival could still bend to imitate, within what the recordings say of its parameters, does not
@@ -17,14 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, difference_step
-from calibration.diagnosis.claims import Claim
-from calibration.diagnosis.decide import Decision
 from calibration.diagnosis.pool import Pool
-from calibration.diagnosis.problem import Problem, Weighting, correlation_length
-from calibration.fit import inverse_curvature
-from calibration.observations import CHANNELS, Observations, observe
+from calibration.diagnosis.search.claims import Claim
+from calibration.diagnosis.search.decide import Decision
+from calibration.fitting.likelihood import Problem, Weighting, correlation_length
+from calibration.fitting.observations import CHANNELS, Observations, observe
+from calibration.fitting.optimiser import inverse_curvature
+from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.plant import signal_index
-from qcar_twin.recording import Recording, Stream
+from qcar_twin.recordings.recording import Recording, Stream
 
 Array = NDArray[np.float64]
 NOTHING = "no_mismatch"  # the rival of a mechanism that is possible but not claimed
@@ -33,7 +34,7 @@ _LASTS, _RATE = 8.0, 100.0  # s of a manoeuvre, Hz of commands and channels
 
 
 @dataclasses.dataclass(frozen=True)
-class Reach:
+class DrivenRange:
   """What was driven, and so can be driven again: volts per m/s, a slow and a fast speed, m/s, a wide angle, rad."""
 
   volts: float
@@ -79,7 +80,7 @@ def _doubtful(claim: Claim) -> bool:
   return claim.probability < _SURE or bool(claim.equivalent_to)
 
 
-def reach(pool: Pool) -> Reach:
+def reach(pool: Pool) -> DrivenRange:
   """Speeds, angles and volts per m/s the recordings hold, as the recalibrated twin drives them."""
   segments = pool.problem.observations.stretches.segments
   velocity = pool.problem.predict(pool.base.theta[None]).signals[0, :, 1:, signal_index("velocity_x")]
@@ -87,10 +88,10 @@ def reach(pool: Pool) -> Reach:
   v, volts, angle = velocity[driven], segments.commands[..., 0][driven], np.abs(segments.commands[..., 1][driven])
   fast = max(float(np.quantile(np.abs(v), 0.98)), 0.3)
   gain = float(np.sum(volts * v) / max(float(np.sum(v**2)), 1e-6))
-  return Reach(gain, max(0.25, 0.35 * fast), fast, float(np.clip(np.quantile(angle, 0.98), 0.1, 0.5)))
+  return DrivenRange(gain, max(0.25, 0.35 * fast), fast, float(np.clip(np.quantile(angle, 0.98), 0.1, 0.5)))
 
 
-def manoeuvres(reach: Reach) -> list[Manoeuvre]:
+def manoeuvres(reach: DrivenRange) -> list[Manoeuvre]:
   """The library: turns at two speeds, straight drives, and both together."""
   t = np.arange(0.0, _LASTS - 1e-9, 1.0 / _RATE)
   found: list[Manoeuvre] = []
@@ -151,9 +152,7 @@ def _planned(observations: Observations, problem: Problem, library: Sequence[Man
   """Where the channels the recordings hold would be seen on each manoeuvre, started at rest."""
   commands = np.arange(0.0, _LASTS - 1e-9, 1.0 / _RATE)
   sampled = np.arange(0.0, _LASTS + 1e-9, 1.0 / _RATE)
-  poses = ("pose_x", "pose_y", "pose_yaw") if "pose_forward" in observations.present else ("pose_yaw",)
-  names = [n for n in observations.present if not n.startswith("pose_")]
-  names += poses if "pose_turn" in observations.present else ()
+  names = dict.fromkeys(needed for name in observations.present for needed in RESIDUALS[name].needs)
   recordings = []
   for k, item in enumerate(library):
     streams = {name: Stream(sampled, np.zeros_like(sampled)) for name in names}

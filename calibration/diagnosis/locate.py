@@ -1,4 +1,4 @@
-"""S3, locate: when, in which channels, on which degree of freedom and under which circumstances the twin is wrong.
+"""The location: when, in which channels, on which degree of freedom and under which circumstances the twin is wrong.
 
 The unit is evidence in nats: how much the model behind the claim lowers half the sum of squares at
 each value. Without a claim it is what the residual holds above the sensors' own noise.
@@ -14,8 +14,8 @@ from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.circumstances import UNITS, Circumstances, circumstances
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.region import Region, find_region
-from calibration.diagnosis.unknown import SUBSYSTEM
-from calibration.observations import CHANNELS, Observations
+from calibration.diagnosis.unexplained.unknown import SUBSYSTEM
+from calibration.fitting.observations import CHANNELS, Observations
 from qcar_twin.plant import Prediction
 
 Array = NDArray[np.float64]

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.diagnosis.candidates import Candidate, candidate, simulate
-from calibration.diagnosis.problem import Problem
-from calibration.diagnosis.recalibrate import Baseline
 from calibration.diagnosis.scan import Signature
 from calibration.diagnosis.score import compare
+from calibration.fitting.likelihood import Problem
+from calibration.fitting.recalibration import RecalibratedTwin
 from qcar_twin.parameters import ParameterSet
 
 
@@ -23,8 +23,8 @@ class Pool:
     models: by set of mechanism ids; frozenset() is the recalibrated twin.
     signatures: of the scan.
     floor: smallest standard deviation of each residual channel: the sensors' own noise.
-    strayed: whether recalibration had ended so far above its minimum that the search has to begin anew from the lower
-      one.
+    base_not_converged: whether recalibration had ended so far above its minimum that the search has to begin
+      anew from the lower one.
   """
 
   problem: Problem
@@ -32,7 +32,7 @@ class Pool:
   models: dict[frozenset[str], Candidate]
   signatures: dict[str, Signature]
   floor: dict[str, float]
-  strayed: bool = False
+  base_not_converged: bool = False
 
   @property
   def base(self) -> Candidate:
@@ -69,7 +69,7 @@ class Pool:
     return same
 
 
-def base_candidate(baseline: Baseline) -> Candidate:
+def base_candidate(baseline: RecalibratedTwin) -> Candidate:
   """The recalibrated twin as a model of the pool."""
   made = candidate(baseline.problem, (), None, baseline.fit.parameters)
   made.theta, made.values, made.jacobian = baseline.theta.copy(), baseline.fit.theta.copy(), baseline.jacobian.copy()

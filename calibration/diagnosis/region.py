@@ -73,8 +73,8 @@ def find_region(
   """
   everywhere = Region((), units, 1.0, 1.0)
   number = np.unique(block, return_inverse=True)[1].reshape(-1)
-  grown, judged = number % 2 == 0, number % 2 == 1
-  if grown.sum() < 50 or judged.sum() < 50 or evidence[grown].sum() <= 0 or evidence[judged].sum() <= 0:
+  grown, tested = number % 2 == 0, number % 2 == 1
+  if grown.sum() < 50 or tested.sum() < 50 or evidence[grown].sum() <= 0 or evidence[tested].sum() <= 0:
     return everywhere
   tree = DecisionTreeRegressor(max_depth=_DEPTH, min_samples_leaf=max(10, int(_LEAST * grown.sum())), random_state=0)
   # a few moments with huge evidence would otherwise cut out single skids
@@ -84,7 +84,7 @@ def find_region(
     own = _shares(conditions, features[grown], names, evidence[grown])
     value = own[0] - own[1] - _PER_CONDITION * len(conditions)
     if value > worth:
-      worth, best = value, Region(conditions, units, *_shares(conditions, features[judged], names, evidence[judged]))
+      worth, best = value, Region(conditions, units, *_shares(conditions, features[tested], names, evidence[tested]))
   return best
 
 

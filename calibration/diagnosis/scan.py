@@ -1,4 +1,4 @@
-"""S4, the scan: every mechanism at finite size, with what recalibration can absorb projected out.
+"""The scan: every mechanism at finite size, with what recalibration can absorb projected out.
 
 A mechanism's signature at a size is the change of all residuals it makes. What the base parameters
 could imitate is removed (within their priors), so the rest is what only this mechanism can explain.
@@ -7,17 +7,18 @@ show at all (concealment), and which effects look alike on them (confusion).
 """
 
 import dataclasses
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
-from calibration.diagnosis.problem import Problem
-from calibration.fit import inverse_curvature
-from qcar_twin.mechanisms.base import Mechanism
+from calibration.fitting.likelihood import Problem
+from calibration.fitting.optimiser import inverse_curvature
+from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.plant import Driving
+from qcar_twin.twin.mechanisms.base import Mechanism
 
 Array = NDArray[np.float64]
 
@@ -38,7 +39,7 @@ class Signature:
     shown: half the squared norm of the projected signature at typical size, nats: what the
       manoeuvres would show of it where its shape shows most (a change of grip after the last run shows nothing); 0
       where a channel was not measured without which it cannot be told apart.
-    survives: share of that signature that recalibration cannot absorb, 0 to 1.
+    unabsorbed_share: share of that signature that recalibration cannot absorb, 0 to 1.
     direction: projected signature of the best trial on the fitted values, (K,), float32.
     trials: gain per trial: (values, nats).
     unprofiled: gain of the best trial if nothing is projected out, nats: what a plain ranking would go by.
@@ -49,7 +50,7 @@ class Signature:
   answer: dict[str, float]
   gain: float
   shown: float
-  survives: float
+  unabsorbed_share: float
   direction: NDArray[np.float32]
   trials: tuple[tuple[dict[str, float], float], ...]
   unprofiled: float
@@ -87,7 +88,7 @@ class Projector:
   def __init__(self, model: Candidate, held: Collection[str] = ()):
     """`held`: parameters that imitate nothing, either."""
     loose = ~at_bound(model) & ~np.isin(model.free.names, list(held))
-    self._jacobian = model.jacobian[: model.fitted] * loose
+    self._jacobian = model.jacobian[: model.n_train] * loose
     free = np.flatnonzero(loose)
     self._inverse = np.zeros((len(loose), len(loose)))
     kept = ParameterSet(model.free[model.free.names[i]] for i in free)
@@ -113,7 +114,7 @@ def scan(
   base: Candidate,
   mechanisms: Sequence[Mechanism],
   sizes: Sequence[float] = SIZES,
-  progress: Callable[[int, int], None] = lambda done, total: None,
+  progress: Progress = silent,
 ) -> dict[str, Signature]:
   """Signatures of mechanisms against a fitted model.
 
@@ -124,26 +125,26 @@ def scan(
     sizes: multiples of the typical size to try. A signed mechanism is tried with one sign and scaled
       with both: its signature is odd in its size to first order, and the refit sees to the rest. At the contact
       both signs are tried: less grip makes wheels slide that more grip would not have changed.
-    progress: told how many trials are done.
+    progress: told the share of the trials that is done.
   """
   projectors = {
     m.name: _projector(base, m) for m in mechanisms if {p.name for p in m.parameters} & set(base.free.names)
   }
   common = Projector(base)
   jobs = [(m, start) for m in mechanisms for start in trial_starts(m, _with_signs(m, sizes), problem.driving)]
-  anchors = {name: p(base.residual[None, : base.fitted])[0] for name, p in (projectors | {"": common}).items()}
+  anchors = {name: p(base.residual[None, : base.n_train])[0] for name, p in (projectors | {"": common}).items()}
   collected: dict[str, list[Trial]] = {m.name: [] for m in mechanisms}
   chunk = 24
   for i in range(0, len(jobs), chunk):
     part = jobs[i : i + chunk]
     thetas = np.stack([_with(problem, base.theta, start) for _, start in part])
-    change = problem.fitted_residual(thetas) - base.residual[: base.fitted]
+    change = problem.fitted_residual(thetas) - base.residual[: base.n_train]
     for (mechanism, start), whole in zip(part, change, strict=True):
       project = projectors.get(mechanism.name, common)
       rest, answer = project(whole[None])[0], project.answer(whole[None])[0]
-      plain = explained(whole, base.residual[: base.fitted], mechanism.signed)
+      plain = explained(whole, base.residual[: base.n_train], mechanism.signed)
       collected[mechanism.name].append(Trial(start, rest.astype(np.float32), float(whole @ whole), answer, plain))
-    progress(min(i + chunk, len(jobs)), len(jobs))
+    progress("scan", min(i + chunk, len(jobs)) / len(jobs))
   anchor = lambda m: anchors[m.name if m.name in projectors else ""]
   found = {
     m.name: _signature(m, collected[m.name], anchor(m), base.free.names) for m in mechanisms if collected[m.name]
@@ -173,7 +174,7 @@ def trial_starts(mechanism: Mechanism, sizes: Sequence[float], driving: Driving)
   Where shape parameters need several starts, one size does, with either sign if given: the refit finds the rest.
   """
   starts = []
-  places = mechanism.starts(driving)
+  places = mechanism.initial_guesses(driving)
   if len(places) > 1:
     middle = sorted(abs(size) for size in sizes)[len(sizes) // 2]
     sizes = [size for size in sizes if abs(size) == middle]
@@ -238,7 +239,7 @@ def _signature(mechanism: Mechanism, trials: list[Trial], anchor: Array, base: S
     answer=dict(zip(base, (factors[top] * trials[top].answer).tolist(), strict=True)),
     gain=gains[top],
     shown=shown[most],
-    survives=2.0 * shown[most] / whole if whole > 0 else 0.0,
+    unabsorbed_share=2.0 * shown[most] / whole if whole > 0 else 0.0,
     direction=trials[top].rest,
     trials=tuple(zip(values, gains, strict=True)),
     unprofiled=max(t.unprofiled for t in trials),

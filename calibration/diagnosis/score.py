@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
-from calibration.fit import inverse_curvature
-from calibration.observations import CHANNELS, Observations
+from calibration.fitting.observations import CHANNELS, Observations
+from calibration.fitting.optimiser import inverse_curvature
 
 Array = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ def held_out(model: Candidate, group: NDArray[np.int64]) -> Array:
   scale = model.free.scale[inside]
   out = model.residual.copy()
   for index in rows:
-    if index[0] >= model.fitted:
+    if index[0] >= model.n_train:
       continue
     part, r = model.jacobian[index][:, inside], model.residual[index]
     # the fit is taken as it stands: what its slope still promises is no gain yet
@@ -96,8 +96,8 @@ def clustered_std(model: Candidate, observations: Observations) -> Array:
   precision P and the inverse posterior curvature C (Liang and Zeger 1986, eq. 4); never below the plain deviations,
   which hold where neighbouring samples are independent witnesses.
   """
-  group = groups_of(observations)[: model.fitted]
-  pulls = model.jacobian[: model.fitted] * model.residual[: model.fitted, None]
+  group = groups_of(observations)[: model.n_train]
+  pulls = model.jacobian[: model.n_train] * model.residual[: model.n_train, None]
   slopes = np.stack([np.bincount(group, column) for column in pulls.T], axis=1)[np.unique(group)]
   slopes -= slopes.mean(axis=0)
   count = len(slopes)
@@ -116,7 +116,7 @@ def compare(larger: Candidate, smaller: Candidate, observations: Observations) -
   step = larger.residual - smaller.residual
   moved = smaller.residual.copy()
   group = groups_of(observations)
-  fitted = np.arange(len(step)) < larger.fitted
+  fitted = np.arange(len(step)) < larger.n_train
   pull, power = (np.bincount(group, np.where(fitted, x, 0.0)) for x in (smaller.residual * step, step**2))
   rest = np.maximum(power.sum() - power, 1e-12)
   share = np.clip(-(pull.sum() - pull) / rest, 0.0, 2.0)
@@ -146,24 +146,24 @@ def compared(after: Array, before: Array, block: NDArray[np.int64]) -> Compariso
   return Comparison(float(capped.sum()), t, share, gains, float(0.5 * np.sum(before**2)))
 
 
-def judged(larger: Candidate, smaller: Candidate, observations: Observations) -> Array:
+def validation_ratios(larger: Candidate, smaller: Candidate, observations: Observations) -> Array:
   """RMS error of a model over another's on recordings that only judge, per channel; empty where none judges."""
-  channel = observations.channel[larger.fitted :]
-  power = [np.bincount(channel, m.residual[larger.fitted :] ** 2, minlength=len(CHANNELS)) for m in (larger, smaller)]
+  channel = observations.channel[larger.n_train :]
+  power = [np.bincount(channel, m.residual[larger.n_train :] ** 2, minlength=len(CHANNELS)) for m in (larger, smaller)]
   seen = (power[0] > 0.0) & (power[1] > 0.0)
   return np.sqrt(power[0][seen] / power[1][seen])
 
 
-def judged_at_all(larger: Candidate, smaller: Candidate, observations: Observations) -> float:
+def validation_ratio(larger: Candidate, smaller: Candidate, observations: Observations) -> float:
   """The same as one number, the geometric mean over channels; 1 where no recording judges."""
-  ratios = judged(larger, smaller, observations)
+  ratios = validation_ratios(larger, smaller, observations)
   return float(np.exp(np.mean(np.log(ratios)))) if ratios.size else 1.0
 
 
 def evidence(larger: Candidate, smaller: Candidate, observations: Observations) -> float:
   """Log profile likelihood ratio with unknown channel variances, nats: sum_c n_c / 2 log(S0_c / S1_c), plus priors."""
   total = prior_part(smaller) - prior_part(larger)
-  channel = observations.channel[: larger.fitted]
+  channel = observations.channel[: larger.n_train]
   for index in np.unique(channel):
     rows = np.flatnonzero(channel == index)
     before = float(np.sum(smaller.residual[rows] ** 2))

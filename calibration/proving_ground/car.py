@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields, replace
 from types import SimpleNamespace
 
 import numpy as np
+
+from .drivetrain import Drivetrain
 
 GRAVITY = 9.81  # m/s^2
 GEAR_RATIO = (13 * 19) / (70 * 37)  # wheel speed / motor speed of the QCar's gears
@@ -61,6 +63,7 @@ class Car:
   copper: float = 0.0020  # 1/K, rise of the armature resistance (copper and brushes together)
   charge: float = 9000.0  # C, usable charge of the pack
   discharge: float = 0.01  # share of the voltage lost over the whole charge
+  drivetrain: Drivetrain = Drivetrain()
 
   @classmethod
   def draw(cls, rng: np.random.Generator) -> Car:
@@ -88,6 +91,36 @@ class Car:
             imu_x=rng.uniform(-0.03, 0.04), imu_y=rng.uniform(-0.015, 0.015),
         )  # fmt: skip
 
+  @classmethod
+  def draw_f1tenth(cls, rng: np.random.Generator, layout: str, command: str) -> Car:
+    """A car of the F1TENTH kind: O'Kelly et al., F1TENTH: An Open-source Evaluation Environment, NeurIPS 2019 (mass,
+    lengths, inertia of its simulator's car), a brushless motor of 3500 rpm/V behind a VESC, lead about 12 to 1.
+
+    The VESC's speed loop brings the car to its speed in a tenth of a second and believes in a wheel a few per cent off.
+    """
+    mass, front, rear = rng.uniform(3.2, 3.9), rng.uniform(0.155, 0.163), rng.uniform(0.168, 0.175)
+    load_front, load_rear = (0.5 * mass * GRAVITY * arm / (front + rear) for arm in (rear, front))
+    grip_front = rng.uniform(9.0, 12.0)
+    car = cls(
+      mass=mass, cg_to_front=front, cg_to_rear=rear, yaw_inertia=mass * front * rear * rng.uniform(0.5, 0.65),
+      track_width=rng.uniform(0.23, 0.25), cg_height=rng.uniform(0.060, 0.075), wheel_radius=rng.uniform(0.049, 0.053),
+      wheel_inertia=rng.uniform(1.6e-4, 2.2e-4), gear_ratio=1 / rng.uniform(11.5, 12.5), max_steering=0.4189,
+      ackermann=rng.uniform(0.4, 0.9), servo_rate=rng.uniform(120.0, 180.0),
+      motor_constant=60 / (2 * np.pi * 3500) * rng.uniform(0.95, 1.05), motor_resistance=rng.uniform(0.05, 0.08),
+      motor_inertia=rng.uniform(4e-6, 7e-6), motor_viscous=rng.uniform(2e-6, 4e-6),
+      motor_coulomb=rng.uniform(2e-3, 4e-3),
+      cornering_front=grip_front * load_front, cornering_rear=grip_front * rng.uniform(1.0, 1.2) * load_rear,
+      slip_stiffness=rng.uniform(20.0, 30.0) * mass * GRAVITY / 4, friction=rng.uniform(0.8, 1.0),
+      relaxation=rng.uniform(0.010, 0.016), rolling_resistance=rng.uniform(0.012, 0.018),
+      roll_rate=rng.uniform(50.0, 60.0), pitch_rate=rng.uniform(55.0, 65.0),
+      imu_x=rng.uniform(-0.03, 0.05), imu_y=rng.uniform(-0.01, 0.01),
+    )  # fmt: skip
+    proportional = car.inertia / (0.1 * car.motor_constant)
+    travel = car.gear_ratio * car.wheel_radius * rng.uniform(0.96, 1.04)
+    limit = rng.uniform(0.35, 0.45) * GRAVITY * car.inertia / (car.motor_constant * car.gear_ratio * car.wheel_radius)
+    train = Drivetrain(layout, command, 11.1, limit, proportional, proportional / 0.6, 1 / travel)
+    return replace(car, drivetrain=train)
+
   @property
   def wheelbase(self) -> float:
     """Distance of the axles [m]."""
@@ -100,20 +133,31 @@ class Car:
     return self.motor_inertia + self.gear_ratio**2 * moved
 
   def linearised(self) -> dict[str, float]:
-    """P1, P2, P3 of w' = P1 V - P2 w - P3 sgn w (motor, cold, straight) and the axles' cornering stiffness."""
+    """P1, P2, P3 of w' = P1 u - P2 w - P3 sgn w (motor, cold, straight) and the axles' cornering stiffness.
+
+    u is the drive command; a limit of the current and the memory of a speed loop are left out.
+    """
     resistance_torque = self.gear_ratio * self.wheel_radius * self.rolling_resistance * self.mass * GRAVITY
     back_emf = self.motor_constant**2 / self.motor_resistance
+    train, loop = self.drivetrain, self.motor_constant * self.drivetrain.proportional
+    gain, damping = {
+      "voltage": (self.motor_constant / (self.inertia * self.motor_resistance), back_emf),
+      "duty": (self.motor_constant * train.supply / (self.inertia * self.motor_resistance), back_emf),
+      "current": (self.motor_constant / self.inertia, 0.0),
+      "speed": (loop * train.motor_per_speed / self.inertia, loop),
+    }[train.command]
     return {
-      "P1": self.motor_constant / (self.inertia * self.motor_resistance),  # rad/s^2/V
-      "P2": (back_emf + self.motor_viscous) / self.inertia,  # 1/s
+      "P1": gain,  # rad/s^2/V, or per unit of another command
+      "P2": (damping + self.motor_viscous) / self.inertia,  # 1/s
       "P3": (self.motor_coulomb + resistance_torque) / self.inertia,  # rad/s^2
       "cornering_stiffness_front": 2 * self.cornering_front,  # N/rad
       "cornering_stiffness_rear": 2 * self.cornering_rear,
     }
 
-  def measured(self, rng: np.random.Generator) -> tuple[dict[str, float], dict[str, float]]:
+  def measured(self, rng: np.random.Generator) -> tuple[dict[str, float | str], dict[str, float]]:
     """The [vehicle] table as measured, and its standard deviations; a normal error is cut at two of them."""
-    exact = {"gear_ratio": self.gear_ratio, "max_steering": self.max_steering}
+    exact: dict[str, float | str] = {"gear_ratio": self.gear_ratio, "max_steering": self.max_steering}
+    exact |= self.drivetrain.described()
     std = {
             "mass": 0.01, "yaw_inertia": 0.06 * self.yaw_inertia, "cg_to_front": 0.002, "cg_to_rear": 0.002,
             "track_width": 0.001, "cg_height": 0.004, "wheel_radius": 1.5e-4, "imu_x": 0.003, "imu_y": 0.003,
@@ -125,9 +169,25 @@ class Car:
     return value | exact, std
 
 
+def armature(car: Car, command: np.ndarray, motor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+  """Current [A] and voltage [V] of the cold motor at a speed [rad/s] under a drive command, for a reckoning of heat."""
+  train = car.drivetrain
+  if train.command in ("voltage", "duty"):
+    volts = command if train.command == "voltage" else command * train.supply
+    return (volts - car.motor_constant * motor) / car.motor_resistance, volts
+  wish = command if train.command == "current" else train.proportional * (train.motor_per_speed * command - motor)
+  current = np.clip(wish, -train.max_current, train.max_current)
+  return current, car.motor_constant * motor + car.motor_resistance * current
+
+
+NUMBERS = tuple(f.name for f in fields(Car) if f.name != "drivetrain")
+
+
 def fleet(cars: list[Car], counts: list[int]) -> SimpleNamespace:
-  """The cars' numbers as columns: attribute -> array (N,), car i repeated counts[i] times."""
-  return SimpleNamespace(**{f.name: np.repeat([getattr(car, f.name) for car in cars], counts) for f in fields(Car)})
+  """The cars' numbers as columns: attribute -> array (N,), car i repeated counts[i] times; drivetrains as a list."""
+  trains = [car.drivetrain for car, count in zip(cars, counts, strict=True) for _ in range(count)]
+  columns = {name: np.repeat([getattr(car, name) for car in cars], counts) for name in NUMBERS}
+  return SimpleNamespace(**columns, drivetrain=trains)
 
 
 def static_loads(car: SimpleNamespace) -> np.ndarray:
@@ -139,11 +199,12 @@ def static_loads(car: SimpleNamespace) -> np.ndarray:
   return np.stack([front * left, front * (1 - left), rear * left, rear * (1 - left)])
 
 
-def describe(car: Car) -> dict[str, float]:
+def describe(car: Car) -> dict[str, float | str]:
   """The car's own numbers for the truth file."""
-  return {name: float(value) for name, value in asdict(car).items()}
+  return {name: float(getattr(car, name)) for name in NUMBERS} | car.drivetrain.described()
 
 
 def one_of(columns: SimpleNamespace, index: int) -> Car:
   """The car of one column, with whatever effects did to it."""
-  return Car(**{f.name: float(getattr(columns, f.name)[index]) for f in fields(Car)})
+  numbers = {name: float(getattr(columns, name)[index]) for name in NUMBERS}
+  return Car(**numbers, drivetrain=columns.drivetrain[index])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -68,7 +69,40 @@ def compact(rng: np.random.Generator) -> list[Manoeuvre]:
   ]
 
 
-DESIGNS: dict[str, Callable[[np.random.Generator], list[Manoeuvre]]] = {"lab": lab, "compact": compact, "paper": paper}
+LEVELS = {"duty": ((0.07, 0.13, 0.2), (0.1, 0.17)), "speed": ((0.7, 1.4, 2.2), (1.0, 1.8))}
+CURRENTS = ((7.0, 10.0, -6.0, 12.0), (9.0, 6.0, -7.0))  # A
+TURNS = ((6.0, "identify"), (10.0, "identify"), (8.0, "validate"))  # deg
+
+
+def vesc(command: str, rng: np.random.Generator) -> list[Manoeuvre]:
+  """Twelve recordings, about 43 s, of a car with a VESC that is told a duty, a current or a speed."""
+  if command == "current":
+    own = [m.pulses(CURRENTS[0], 6.0, "identify", "pulses"), m.pulses(CURRENTS[1], 4.0, "validate", "pulses_other")]
+  else:
+    steps, longer = f"{command}_step", 2.0 if command == "duty" else 1.0  # a duty's steps settle in half a second
+    own = [
+      m.staircase(LEVELS[command][0], 5.0 * longer, "identify", f"{steps}s", steps),
+      m.staircase(LEVELS[command][1], 3.5 * longer, "validate", f"{steps}s_other", steps),
+    ]
+  return [
+    m.standstill(1.5),
+    *own,
+    m.speed_changes(rng, 5.0, "identify", "speed_changes"),
+    *(m.steering_step(degrees, role, 2.5) for degrees, role in TURNS),
+    m.circles(0.8, 20.0, 4.0, "identify", "circles_slow"),  # wide angles, or nothing shows the linkage
+    m.circles(1.8, 10.0, 4.0, "identify", "circles_fast"),
+    m.chirp(1.4, 3.5, "identify", "chirp"),
+    m.free_drive(rng, 5.0, "validate", "free_drive_a"),
+    m.oval(1.2, 4.0, "holdout"),
+  ]
+
+
+DESIGNS: dict[str, Callable[[np.random.Generator], list[Manoeuvre]]] = {
+  "lab": lab,
+  "compact": compact,
+  "paper": paper,
+  **{f"vesc_{command}": partial(vesc, command) for command in ("duty", "current", "speed")},
+}
 
 
 def plan(design: str, rng: np.random.Generator) -> list[Manoeuvre]:

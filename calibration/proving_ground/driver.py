@@ -9,8 +9,9 @@ from scipy.signal import lfilter
 
 from .manoeuvres import PERIOD, SPACING, Manoeuvre, Path
 
-VOLT_STEP, ANGLE_STEP = 1e-3, 1e-4  # V, rad: resolution of the commands, the same in car and log
-VOLT_LIMIT = 4.0  # V
+ANGLE_STEP = 1e-4  # rad: resolution of the command, the same in car and log
+BELIEFS = ("wheelbase", "speed_per_motor", "volts_per_speed", "volts_to_move", "max_steering")
+BELIEFS += ("answer", "tremor", "limit", "step")
 REACTION = 0.06  # s
 
 
@@ -36,8 +37,9 @@ class Driver:
   def __init__(self, runs: list[Manoeuvre], noise: np.ndarray, believed: SimpleNamespace) -> None:
     """Feedback that remembers.
 
-    `noise` (T, 4, N) from `shaking`; `believed`: wheelbase, speed_per_motor, volts_per_speed, volts_to_move,
-    max_steering (N,).
+    `noise` (T, 4, N) from `shaking`; `believed`, (N,) each: wheelbase, speed_per_motor, volts_per_speed, volts_to_move,
+    max_steering; of the drive command, which is volts or the drivetrain's own: how much of it the feedback on speed and
+    the tremor move for a volt (answer, tremor), its limit and step.
     """
     longest, n = len(noise), len(runs)
     self.steer, self.volts = np.zeros((2, longest, n))
@@ -57,21 +59,22 @@ class Driver:
     tremor_v, tremor_s, offset, slip = self.noise[k]
     speed = motor * self.believed.speed_per_motor
     steer = self.steer[k] + self._follow(x, y, yaw, speed, offset) + tremor_s
-    volts = self._hold(self.speed[k], speed + slip, self.volts[k]) + tremor_v * (
+    volts = self._hold(self.speed[k], speed + slip, self.volts[k]) + self.believed.tremor * tremor_v * (
       (self.volts[k] != 0) | ~np.isnan(self.speed[k])
     )
     limit = self.believed.max_steering
-    volts, steer = np.clip(volts, -VOLT_LIMIT, VOLT_LIMIT), np.clip(steer, -limit, limit)
-    return np.stack([np.round(volts / VOLT_STEP) * VOLT_STEP, np.round(steer / ANGLE_STEP) * ANGLE_STEP])
+    most, least = self.believed.limit, self.believed.step
+    volts, steer = np.clip(volts, -most, most), np.clip(steer, -limit, limit)
+    return np.stack([np.round(volts / least) * least, np.round(steer / ANGLE_STEP) * ANGLE_STEP])
 
   def _hold(self, wish: np.ndarray, speed: np.ndarray, volts: np.ndarray) -> np.ndarray:
-    """Proportional-integral speed control on top of the voltage believed to be needed."""
+    """Proportional-integral speed control on top of the command believed to be needed."""
     holding = ~np.isnan(wish)
     error = np.where(holding, wish - speed, 0.0)
     self.windup = np.clip(self.windup + 1.2 * error * PERIOD, -1.0, 1.0)
     wanted = np.where(holding, wish, 0.0)
     guess = self.believed.volts_per_speed * wanted + self.believed.volts_to_move * np.sign(wanted)
-    return np.where(holding, guess + 0.9 * error + self.windup, volts)
+    return np.where(holding, guess + self.believed.answer * 0.9 * error + self.believed.answer * self.windup, volts)
 
   def _follow(self, x: np.ndarray, y: np.ndarray, yaw: np.ndarray, speed: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """Curvature ahead, plus feedback on offset and heading, through the driver's reaction time."""

@@ -40,6 +40,9 @@ class Frame:
     self.carcass = array[17:25].reshape(2, 4, n)
     self.tilt, self.tilt_speed = array[6:8], array[8:10]
 
+  def __getattr__(self, name: str) -> np.ndarray:
+    raise AttributeError(f"a car has no state '{name}'; there are {', '.join(STATES)}")
+
 
 class Dynamics:
   """x' = f(x, inputs) for N cars at once. Inputs are public arrays that a step may change: voltage, steer_target, bend,
@@ -57,6 +60,9 @@ class Dynamics:
       np.zeros((3, n)),
       np.zeros((3, n)),
     )  # N, N, N m on the body at its centre of gravity
+    self.driven: np.ndarray | None = None  # (2, N), 1 where the motor turns the axle, 0 where it rolls free; None: both
+    self.regulated: np.ndarray | None = None  # (N,) where electronics keep the current at `demand`; None: nowhere
+    self.demand = np.zeros(n)  # A
     self.gravity = np.zeros((2, n))  # m/s^2, world frame, of a floor that is not level
     self.wheel_torque, self.motor_torque = np.zeros((4, n)), np.zeros(n)  # N m, outer ones
     self.unevenness, self.grip = np.ones((4, n)), np.ones((4, n))  # factors on wheel load and on friction
@@ -176,7 +182,12 @@ class Dynamics:
       axle = car.shaft_stiffness * wound + car.shaft_damping * k.twist * ((wound != 0.0) | (car.shaft_play == 0.0))
     else:
       axle = car.shaft_stiffness * z.twist + car.shaft_damping * k.twist
+    if self.driven is not None:
+      axle = axle * self.driven
+      k.twist[:] *= self.driven
     self.current = self.conduct * (self.voltage - self.constant * z.motor) / self.resistance
+    if self.regulated is not None:
+      self.current = np.where(self.regulated, self.demand, self.current)
     turning = np.abs(z.motor)
     k.bristle[:] = (z.motor - turning * z.bristle) / (car.presliding + QUICKEST_BRISTLE * turning)
     own = self.constant * self.current - car.motor_viscous * z.motor - car.motor_coulomb * z.bristle

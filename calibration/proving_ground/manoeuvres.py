@@ -30,7 +30,8 @@ class Path:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-  """One run. `steer` [rad] is added to the path follower's angle; where `speed` [m/s] is NaN, `volts` acts open loop.
+  """One run. `steer` [rad] is added to the path follower's angle; where `speed` [m/s] is NaN, `volts` acts open loop:
+  a voltage, or what else the car's drive takes.
   Arrays (T,).
   """
 
@@ -154,13 +155,27 @@ def circles(speed: float, degrees: float, duration: float, role: str, name: str)
   return at_speed(name, "circle", role, np.full(time.shape, speed), steer, start=(0.0, -0.5, 0.0))
 
 
-def staircase(volts: tuple[float, ...], duration: float, role: str, name: str) -> Manoeuvre:
-  """Voltage levels of equal length after half a second of rest."""
+def staircase(volts: tuple[float, ...], duration: float, role: str, name: str, kind: str = "voltage_step") -> Manoeuvre:
+  """Levels of the drive command of equal length after half a second of rest."""
   time = clock(duration)
   index = np.clip((time - 0.5) / (duration - 0.5) * len(volts), 0, len(volts) - 1e-9).astype(int)
-  return open_loop(
-    name, "voltage_step", role, np.where(time < 0.5, 0.0, np.array(volts)[index]), start=(-4.5, 1.0, 0.0, 0.0)
-  )
+  return open_loop(name, kind, role, np.where(time < 0.5, 0.0, np.array(volts)[index]), start=(-4.5, 1.0, 0.0, 0.0))
+
+
+def pulses(levels: tuple[float, ...], duration: float, role: str, name: str) -> Manoeuvre:
+  """From rest, the drive command at each level for an equal time, let go for the last two fifths of it."""
+  time = clock(duration)
+  part = duration / len(levels)
+  index = np.minimum(time // part, len(levels) - 1).astype(int)
+  return open_loop(name, "pulses", role, np.where(time % part < 0.6 * part, np.array(levels)[index], 0.0))
+
+
+def speed_changes(rng: np.random.Generator, duration: float, role: str, name: str, quickest: float = 2.4) -> Manoeuvre:
+  """Speeds that jump among random levels, with a little steering."""
+  length = len(clock(duration))
+  speed = held(rng, length, np.linspace(0.5, quickest, 6), 0.8, 1.6)
+  steer = smooth(held(rng, length, np.array([-8, -4, 0, 4, 8]) * DEGREE, 0.5, 1.2), 5)
+  return at_speed(name, "speed_changes", role, speed, steer)
 
 
 def coast_downs(duration: float, role: str = "identify") -> Manoeuvre:

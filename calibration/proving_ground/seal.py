@@ -12,7 +12,7 @@ import secrets
 import zlib
 from pathlib import Path
 
-from qcar_twin.whole_file import write_text
+from qcar_twin.atomic_io import write_text
 
 PLAIN, PACKED, COMMITMENT = "truth.json", "truth.sealed", "truth.sha256"
 

@@ -13,7 +13,8 @@ EDGES = 4 * 720  # encoder counts per turn of the motor
 WINDOW = 2  # rows (4 ms) over which encoder edges are differenced
 POSE_EVERY = 10  # ticks
 RESOLUTION = {
-    "motor_voltage": 4, "steering_command": 5, "motor_speed": 2, "accel_x": 3, "accel_y": 3, "yaw_rate": 4,
+    "motor_voltage": 4, "motor_duty": 5, "motor_current": 3, "speed_command": 4, "steering_command": 5,
+    "motor_speed": 2, "accel_x": 3, "accel_y": 3, "yaw_rate": 4,
     "pose_x": 4, "pose_y": 4, "pose_yaw": 4, "pose_score": 3,
 }  # fmt: skip  # decimals written
 

@@ -8,13 +8,14 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from qcar_twin.dataset import write_dataset
-from qcar_twin.recording import Recording
-from qcar_twin.whole_file import whole_file
+from qcar_twin.atomic_io import whole_file
+from qcar_twin.recordings.dataset import write_dataset
+from qcar_twin.recordings.recording import Recording
 
-from .car import Car, describe, fleet, one_of
+from .car import Car, armature, describe, fleet, one_of
 from .designs import plan
-from .driver import Driver, coloured, shaking
+from .driver import BELIEFS, Driver, coloured, shaking
+from .drivetrain import CHANNEL, LIMIT, STEP
 from .effects import Effect, effect_class
 from .gaps import gaps
 from .manoeuvres import PERIOD, Manoeuvre
@@ -25,7 +26,8 @@ WIDEST = 800_000  # ticks x cars of one simulation: its trace takes 350 MB
 PAUSE = 15.0  # s between two runs
 FORCE_NOISE = ((0.05, 0.07, 0.004), 0.15)  # N, N, N m rms on the body; s memory
 LOAD_NOISE = (0.03, 0.06)  # relative rms of each wheel's load; s memory
-AUTOMATED = ("standstill", "voltage_step", "steering_step")  # nobody's hand is on the wheel
+STEPS = ("voltage_step", "duty_step", "speed_step")
+AUTOMATED = ("standstill", *STEPS, "steering_step")  # nobody's hand is on the wheel
 
 CLEAR = (
   "steering_delay",
@@ -58,7 +60,7 @@ class Spec:
   effects: tuple[tuple[str, float], ...] = ()
   design: str = "lab"
   noise: float = 1.0
-  car: Car | None = None
+  car: Car | None = None  # drawn, of the kind the design is for
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ class Session:
   """One laboratory session. `clean`: recording name -> the true signals (T, 11) in the order of simulation.TRACE."""
 
   recordings: tuple[Recording, ...]
-  vehicle: dict[str, float]
+  vehicle: dict[str, float | str]
   vehicle_std: dict[str, float]
   truth: dict
   clean: dict[str, np.ndarray] = field(repr=False)
@@ -79,7 +81,7 @@ class _Draft:
   spec: Spec
   car: Car
   runs: list[Manoeuvre]
-  vehicle: dict[str, float]
+  vehicle: dict[str, float | str]
   vehicle_std: dict[str, float]
   shaking: np.ndarray  # (T, 4, n)
   disturbance: np.ndarray  # (T, 7, n)
@@ -126,13 +128,13 @@ def stream(seed: int, topic: int) -> np.random.Generator:
 
 
 def _draft(spec: Spec, first: int) -> _Draft:
-  car = spec.car or Car.draw(stream(spec.seed, 0))
+  car = spec.car or _drawn(spec)
   vehicle, std = car.measured(stream(spec.seed, 1))
   runs = plan(spec.design, stream(spec.seed, 2))
   ticks, n = max(run.ticks for run in runs), len(runs)
   hand = shaking(stream(spec.seed, 3), ticks, n)
   hand[:, 1, [run.kind in AUTOMATED for run in runs]] = 0.0
-  hand[:, 0, [run.kind == "voltage_step" for run in runs]] = 0.0
+  hand[:, 0, [run.kind in STEPS for run in runs]] = 0.0
   rng = stream(spec.seed, 4)
   body = coloured(rng, (ticks, 3, n), FORCE_NOISE[1]) * np.array(FORCE_NOISE[0])[:, None] * (car.mass / 2.7)
   floor = coloured(rng, (ticks, 4, n), LOAD_NOISE[1]) * LOAD_NOISE[0]
@@ -146,6 +148,13 @@ def _draft(spec: Spec, first: int) -> _Draft:
   return _Draft(
     spec, car, runs, vehicle, std, hand, spec.noise * np.concatenate([body, floor], axis=1), columns, effects
   )
+
+
+def _drawn(spec: Spec) -> Car:
+  """A car of the kind the design is for."""
+  kind, _, command = spec.design.partition("vesc_")
+  rng = stream(spec.seed, 0)
+  return Car.draw(rng) if kind or not command else Car.draw_f1tenth(rng, "rear", command)
 
 
 def _drive(drafts: list[_Draft]) -> tuple[Simulation, np.ndarray]:
@@ -189,22 +198,24 @@ def _belief(drafts: list[_Draft]) -> SimpleNamespace:
   for draft in drafts:
     line, v = draft.car.linearised(), draft.vehicle
     feel = 1 + 0.03 * stream(draft.spec.seed, 5).standard_normal(2)
-    per_motor = v["gear_ratio"] * v["wheel_radius"]
+    per_motor = float(v["gear_ratio"]) * float(v["wheel_radius"])
+    command = draft.car.drivetrain.command
+    answer = {"voltage": 1.0, "speed": 0.0}.get(command, 3.0 / (line["P1"] * per_motor))
     rows.append(
       (
-        v["cg_to_front"] + v["cg_to_rear"],
+        float(v["cg_to_front"]) + float(v["cg_to_rear"]),
         per_motor,
-        feel[0] * line["P2"] / line["P1"] / per_motor,
-        feel[1] * line["P3"] / line["P1"],
+        1.0 if command == "speed" else feel[0] * line["P2"] / line["P1"] / per_motor,
+        0.0 if command == "speed" else feel[1] * line["P3"] / line["P1"],
         v["max_steering"],
+        answer,
+        1.0 if command == "speed" else answer,
+        LIMIT[command],
+        STEP[command],
       )
     )
   table = np.repeat(np.array(rows), [len(draft.runs) for draft in drafts], axis=0)
-  return SimpleNamespace(
-    **dict(
-      zip(("wheelbase", "speed_per_motor", "volts_per_speed", "volts_to_move", "max_steering"), table.T, strict=True)
-    )
-  )
+  return SimpleNamespace(**dict(zip(BELIEFS, table.T, strict=True)))
 
 
 def _carried(draft: _Draft) -> Carried:
@@ -227,9 +238,9 @@ def _reckon(car: Car, runs: list[Manoeuvre]) -> tuple[np.ndarray, np.ndarray]:
   volts = np.stack([np.pad(run.volts, (0, longest - run.ticks)) for run in runs], axis=1)
   steady = np.where(wish > 0, (line["P2"] * wish + 1.3 * line["P3"]) / line["P1"], volts)
   for applied in steady:
-    current = (applied - car.motor_constant * motor) / car.motor_resistance
+    current, volts_on = armature(car, applied, motor)
     loss += PERIOD * current**2 * car.motor_resistance
-    charge += PERIOD * np.abs(current * applied) / 11.1
+    charge += PERIOD * np.abs(current * volts_on) / 11.1
     motor = motor + PERIOD * (line["P1"] * applied - line["P2"] * motor - line["P3"] * np.tanh(motor / 3.0))
   return loss, charge
 
@@ -239,7 +250,7 @@ def _collect(draft: _Draft, log: Log, commands: np.ndarray) -> Session:
   spec, columns, ticks = draft.spec, draft.columns, len(draft.shaking)
   own = {name: values[:ticks, columns] for name, values in log.channels.items()}
   noisy = add_noise(own, log.vibration[:ticks, columns], spec.noise, stream(spec.seed, 6))
-  noisy |= {"motor_voltage": commands[:ticks, 0], "steering_command": commands[:ticks, 1]}
+  noisy |= {CHANNEL[draft.car.drivetrain.command]: commands[:ticks, 0], "steering_command": commands[:ticks, 1]}
   fine = log.fine[::5, :, columns]
   recordings, clean = [], {}
   for i, run in enumerate(draft.runs):
@@ -306,7 +317,7 @@ def save_clean(session: Session, folder: Path) -> None:
 def save(session: Session, folder: Path, name: str, mark: str) -> None:
   """Write the recordings and the vehicle table as a data set whose description publishes the commitment `mark`."""
   text = f"Laboratory session of the independent simulated car. Truth sealed, SHA-256 with salt: {mark}"
-  rounded = {key: float(f"{value:.6g}") for key, value in session.vehicle.items()}
+  rounded = {key: v if isinstance(v, str) else float(f"{v:.6g}") for key, v in session.vehicle.items()}
   std = {key: float(f"{value:.3g}") for key, value in session.vehicle_std.items()}
   write_dataset(
     folder, name, rounded, std, session.recordings, description=text, licence="MIT", source="calibration/proving_ground"

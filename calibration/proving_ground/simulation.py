@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any, Protocol
 
 import numpy as np
 
 from .car import GRAVITY
 from .dynamics import Dynamics, rolling_start
-from .effects import Effect
+from .electronics import Electronics
 from .manoeuvres import PERIOD
 
 TRACE = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "accel_x", "accel_y", "motor", "motor_angle", "road")
@@ -18,6 +19,19 @@ SENSOR_ERRORS = (
     "imu_delay", "pose_delay", "pose_drift", "gyro_gain", "imu_twist",
     "accel_bias_x", "accel_bias_y", "gyro_bias", "bias_walk", "pose_turn", "pose_ahead", "pose_aside",
 )  # fmt: skip
+
+
+class Concealed(Protocol):
+  """What the simulation asks of an effect; see effects.base.Effect for what each hook may change."""
+
+  def implements(self, hook: str) -> bool: ...
+  def prepare(self, car: SimpleNamespace) -> None: ...
+  def begin(self, sim: Simulation) -> None: ...
+  def act(self, sim: Simulation) -> None: ...
+  def link(self, sim: Simulation) -> None: ...
+  def load(self, sim: Simulation) -> None: ...
+  def contact(self, sim: Simulation) -> None: ...
+  def sense(self, log: Any) -> None: ...
 
 
 @dataclass
@@ -43,13 +57,14 @@ class Simulation:
   [C], time [s] of the run.
   """
 
-  def __init__(self, car: SimpleNamespace, effects: tuple[Effect, ...] = (), substep: float = 1e-3) -> None:
+  def __init__(self, car: SimpleNamespace, effects: tuple[Concealed, ...] = (), substep: float = 1e-3) -> None:
     for name in SENSOR_ERRORS:
       setattr(car, name, np.zeros(len(car.mass)))
     for effect in effects:
       effect.prepare(car)
     self.car, self.effects, self.h = car, effects, substep
     self.dynamics = Dynamics(car)
+    self.electronics = Electronics(self.dynamics, car.drivetrain)
     n = self.n = self.dynamics.n
     self.substeps = round(PERIOD / substep)
     self.stride = max(1, self.substeps // 5)  # the trace is kept every 2 ms
@@ -74,13 +89,16 @@ class Simulation:
     for effect in self.effects:
       effect.begin(self)
     self.dynamics.voltage[:] = self.command[0]
+    self.electronics.begin()
+    self.electronics.apply(self.command[0], 1.0 - self.car.discharge * self.used / self.car.charge, 0.0)
     self.dynamics.stage.array[:] = self.dynamics.state.array
     self.dynamics.derivative()
     self.trace, self.filled = np.empty((1 + ticks * self.substeps // self.stride, len(TRACE), self.n)), 0
     self._keep()
 
   def advance(self, command: np.ndarray, disturbance: np.ndarray | None = None) -> None:
-    """Hold command (2, N) [V, rad] for one period. `disturbance` (7, N): N, N, N m on the body, relative loads."""
+    """Hold command (2, N) [V, or what the drivetrain takes; rad] for one period. `disturbance` (7, N): N, N, N m on the
+    body, relative loads."""
     d = self.dynamics
     if disturbance is not None:
       moving = np.tanh(np.abs(d.state.vx) / 0.15)
@@ -103,7 +121,9 @@ class Simulation:
     d.resistance[:] = car.motor_resistance * (1.0 + car.copper * self.heat)
     for effect in self.hooks["act"]:
       effect.act(self)
-    d.voltage[:] = self.command[0] * (1.0 - car.discharge * self.used / car.charge)
+    left = 1.0 - car.discharge * self.used / car.charge
+    d.voltage[:] = self.command[0] * left
+    self.electronics.apply(self.command[0], left, self.h)
     np.clip(self.command[1], -car.max_steering, car.max_steering, out=d.steer_target)
     self.road[:] = d.state.servo
     for effect in self.hooks["link"]:

@@ -1,6 +1,6 @@
 """The task as a dm_control environment, listed by name and usable in its viewer.
 
-  from agents.environments import suite               # suite().names: path_tracking_s, _o, _infinity, _c
+  from agents.learning.dm_suite import suite  # suite().names: path_tracking_s, _o, _infinity, _c
   dm_control.viewer.launch(suite().load("path_tracking_s"))
 
 The fleet simulates; dm_control's physics only shows the car, posed from the fleet's signals, so that plant, sensors
@@ -13,13 +13,14 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 from dm_control import mujoco
+from dm_control.mujoco import wrapper
 from dm_control.rl import control
 from dm_env import specs
 from numpy.typing import NDArray
 
 from qcar_twin.envs.fleet import Fleet, Outcome
-from qcar_twin.scene import Puppet, scene
-from qcar_twin.vehicle import Vehicle
+from qcar_twin.rendering.scene import Puppet, scene
+from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 OBSERVATIONS = ("cross_track_error", "cross_track_rate", "heading_error", "heading_rate")  # m, m/s, rad, rad/s
@@ -105,7 +106,7 @@ def environment(fleet: Fleet, vehicle: Vehicle | None = None, flat_observation: 
   vehicle = vehicle or Vehicle.load()
   spec = scene(vehicle, fleet.task.path)
   spec.option.timestep = fleet.task.period
-  physics = ShownCar.from_model(mujoco.wrapper.MjModel(spec.compile()))
+  physics = ShownCar.from_model(wrapper.MjModel(spec.compile()))
   return control.Environment(physics, PathTracking(fleet, physics, vehicle), flat_observation=flat_observation)
 
 

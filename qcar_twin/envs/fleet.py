@@ -1,43 +1,28 @@
-"""N cars on the path-tracking task: plant, sensors and filter, speed control, progress, reward, ends, restarts.
+"""N cars on the path-tracking task: `DrivenCars` with starts, reward, ends, restarts.
 
 Every car has random streams of its own, from its own seed: what happens to a car does not depend on which other
 cars drive beside it. The environments only translate; everything they do is done here.
 """
 
 import dataclasses
-import math
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from qcar_twin.envs.bodies import bodies_of
+from qcar_twin.bicycle.single_track import SingleTrackCar
+from qcar_twin.envs.car_batch import car_batch
+from qcar_twin.envs.driven_cars import ESTIMATED, TRUE, Course, DrivenCars, Linkage, SpeedControl, one_of
 from qcar_twin.envs.task import TrackingTask
-from qcar_twin.estimation.batch import BatchEstimate
 from qcar_twin.estimation.observer import Observer, SensedObserver, TrueObserver
 from qcar_twin.estimation.settings import FilterSettings
-from qcar_twin.past import remember
 from qcar_twin.paths import Errors
-from qcar_twin.plant import Plant
+from qcar_twin.plant import START, Plant
 from qcar_twin.sensors.base import Sensor
 from qcar_twin.sensors.suite import Reading, SensorSuite
-from qcar_twin.single_track import Car
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-
-class SpeedControl(Protocol):
-  """A speed controller of N cars."""
-
-  def restart(self, which: Mask, speed: Array) -> None:
-    """Take over some cars anew at speeds (N,), m/s."""
-    ...
-
-  def voltage(self, speed: Array, target: ArrayLike, period: float) -> Array:
-    """Motor voltage, V, (N,)."""
-    ...
 
 
 Demonstrator = Callable[[Errors, Array], Array]
@@ -67,7 +52,7 @@ class Spread:
 
 
 @dataclasses.dataclass(frozen=True)
-class Outfit:
+class FleetConfig:
   """What the cars of a fleet consist of.
 
   Attributes:
@@ -85,7 +70,7 @@ class Outfit:
   speed_control: Callable[[Array], SpeedControl]
   demonstrator: Demonstrator | None = None
   sensors: dict[str, Sensor] | None = None
-  car: Car | None = None
+  car: SingleTrackCar | None = None
   settings: FilterSettings | None = None
   spread: Spread | None = None
 
@@ -122,31 +107,6 @@ class CarwiseSensors:
     ]
 
 
-class Linkage:
-  """What happens to the steering commands of N cars on their way: delay, lag, gain, offset."""
-
-  def __init__(self, task: TrackingTask, count: int):
-    self._task = task
-    self._share = 1.0 - math.exp(-task.period / task.servo_lag) if task.servo_lag > 0.0 else 1.0
-    self._line = np.zeros((round(task.servo_delay / task.period), count))
-    self._angle = np.zeros(count)
-    self._gain, self._offset = np.ones(count), np.zeros(count)
-
-  def restart(self, which: Mask, rngs: Sequence[np.random.Generator]) -> None:
-    """Wheels straight, nothing under way, gain and offset of a new episode, in some cars; `rngs` has one per car."""
-    self._line[:, which] = 0.0
-    self._angle[which] = 0.0
-    for i in np.flatnonzero(which):
-      self._gain[i], self._offset[i] = self._task.linkage(rngs[int(i)])
-
-  def pass_on(self, steering: Array) -> Array:
-    """The command the plant gets, rad, (N,)."""
-    line = np.concatenate([self._line, steering[None]])
-    self._line = line[1:]
-    self._angle = self._angle + self._share * (line[0] - self._angle)
-    return self._gain * self._angle + self._offset
-
-
 @dataclasses.dataclass(frozen=True)
 class Outcome:
   """What a control period brought, (N,) each: reward; lost (`terminated`); at the end or out of time (`truncated`)."""
@@ -161,19 +121,17 @@ class Fleet:
 
   Args:
     task: what is driven.
-    outfit: the cars.
+    config: the cars.
     seeds: one per car.
 
   Attributes:
-    signals: true, (N, 10).  steering: commanded, rad, (N,).  estimate: of the cars.
-    errors: relative to the path, (2, N) each: as estimated, and true.  arc_length: likewise, m, (2, N).
-    past: slow means of steering command and path curvature, rad and 1/m, (N, 2).
+    cars: the loop they drive in.
     episode_steps: control periods since the last restart, (N,).
   """
 
-  def __init__(self, task: TrackingTask, outfit: Outfit, seeds: Sequence[int]):
-    self.task, self.outfit, self.count = task, outfit, len(seeds)
-    self._limits = outfit.plant() if outfit.spread else None
+  def __init__(self, task: TrackingTask, config: FleetConfig, seeds: Sequence[int]):
+    self.task, self.config, self.count = task, config, len(seeds)
+    self._limits = config.plant() if config.spread else None
     self.seed(seeds)
 
   def seed(self, seeds: Sequence[int]) -> None:
@@ -181,54 +139,63 @@ class Fleet:
     if len(seeds) != self.count:
       raise ValueError(f"{len(seeds)} seeds for {self.count} cars")
     self._rngs = [np.random.default_rng([seed, 1]) for seed in seeds]
-    everyone = np.ones(self.count, dtype=bool)
-    theta, start = self._draw(everyone)
-    self._bodies = bodies_of(self.outfit.plant, theta, start)
-    self._observer = self.outfit.observer(seeds)
-    self._linkage = Linkage(self.task, self.count)
-    self._linkage.restart(everyone, self._rngs)
-    self.steering = np.zeros(self.count)
-    self.past = np.zeros((self.count, 2))
+    task, everyone = self.task, np.ones(self.count, dtype=bool)
+    self._plant = car_batch(self.config.plant, *self._draw(everyone))
+    linkage = Linkage(self.count, task.servo_delay, task.servo_lag, task.period, *self._draw_linkage(everyone))
+    course, observer = Course(task.path, task.speed, task.period), self.config.observer(seeds)
+    self.cars = DrivenCars(course, self._plant, linkage, observer, self.config.speed_control)
+    self._linkage = linkage
     self.episode_steps = np.zeros(self.count, dtype=np.int64)
-    self.arc_length = np.zeros((2, self.count))
-    self.estimate: BatchEstimate = self._observer.begin(self.signals)
-    self._speed_control = self.outfit.speed_control(self.estimate.speed)
-    self._look()
 
   @property
   def signals(self) -> Array:
-    return self._bodies.signals
+    """True, (N, 10)."""
+    return self.cars.signals
+
+  @property
+  def steering(self) -> Array:
+    """Commanded, rad, (N,)."""
+    return self.cars.steering
+
+  @property
+  def past(self) -> Array:
+    """Slow means of steering command and path curvature, rad and 1/m, (N, 2)."""
+    return self.cars.past
+
+  @property
+  def errors(self) -> Errors:
+    """Relative to the path, (2, N) each: as estimated, and true."""
+    return self.cars.errors
+
+  @property
+  def arc_length(self) -> Array:
+    """Likewise, m, (2, N)."""
+    return self.cars.arc_length
 
   @property
   def observation(self) -> Array:
     """What the agent sees, (N, 4): m, m/s, rad, rad/s."""
-    return self.errors.observation[0]
+    return self.errors.observation[ESTIMATED]
 
   @property
   def cross_track(self) -> Array:
     """True cross-track error, m, (N,)."""
-    return self.errors.cross_track[1]
+    return self.errors.cross_track[TRUE]
 
   def restart(self, which: Mask) -> None:
     """New episodes for some cars, (N,)."""
     if not which.any():
       return
-    theta, start = self._draw(which)
-    self._bodies.restart(which, theta, start)
-    self._linkage.restart(which, self._rngs)
-    self.steering = np.where(which, 0.0, self.steering)
-    self.past = np.where(which[:, None], 0.0, self.past)
+    self._plant.restart(which, *self._draw(which))
+    self._linkage.restart(which, *self._draw_linkage(which))
+    self.cars.restart(which)
     self.episode_steps = np.where(which, 0, self.episode_steps)
-    self.arc_length = np.where(which, 0.0, self.arc_length)
-    self.estimate = self._observer.begin(self.signals, which)
-    self._speed_control.restart(which, self.estimate.speed)
-    self._look()
 
   def expert(self) -> Array:
     """Steering angle the demonstrator would set now, rad, (N,); the present one where there is no demonstrator."""
-    if self.outfit.demonstrator is None:
+    if self.config.demonstrator is None:
       return self.steering
-    wanted = self.outfit.demonstrator(_pick(self.errors, self._judge), self._speeds()[self._judge])
+    wanted = self.config.demonstrator(one_of(self.errors, self._judge), self.cars.speeds[self._judge])
     return np.clip(wanted, -self.task.lock, self.task.lock)
 
   def expert_action(self) -> Array:
@@ -241,55 +208,33 @@ class Fleet:
     task = self.task
     rate = np.clip(np.asarray(action, dtype=np.float64).reshape(self.count), -task.largest_rate, task.largest_rate)
     expert = self.expert()
-    self.steering = np.clip(self.steering + task.period * rate, -task.lock, task.lock)
-    voltage = self._speed_control.voltage(np.nan_to_num(self.estimate.speed), task.speed, task.period)
-    commands = np.stack([voltage, self.steering], axis=-1)
-    self._observer.command(commands)
-    applied = commands.copy()
-    applied[:, 1] = self._linkage.pass_on(self.steering)
-    self.estimate = self._observer.observe(self._bodies.step(applied))
+    self.cars.step(np.clip(self.steering + task.period * rate, -task.lock, task.lock))
     self.episode_steps = self.episode_steps + 1
-    self._look(moving=True)
-    self.past = remember(self.past, self.steering, self.errors.curvature[0], task.period)
-    difference = self.steering - expert if self.outfit.demonstrator else np.zeros(self.count)
-    judged = _pick(self.errors, self._judge)
+    difference = self.steering - expert if self.config.demonstrator else np.zeros(self.count)
+    judged = one_of(self.errors, self._judge)
     reward, lost = task.reward_of(judged.cross_track, judged.heading, rate, difference)
     lost |= ~np.isfinite(self.signals).all(axis=-1)
-    over = (self.arc_length[1] >= task.distance) | (self.episode_steps >= task.longest)
+    over = (self.arc_length[TRUE] >= task.distance) | (self.episode_steps >= task.longest)
     return Outcome(reward, lost, over & ~lost)
 
   @property
   def _judge(self) -> int:
-    return 1 if self.task.judged_by_truth else 0
+    return TRUE if self.task.judged_by_truth else ESTIMATED
 
   def _draw(self, which: Mask) -> tuple[Array, Array]:
-    """Parameters (N, P) and starts (N, 7) of cars that begin; rows of the others keep their parameters."""
+    """Parameters (N, P) and starts (N, 7) of the cars that begin; rows of the others keep their parameters."""
     if which.all():
-      self._theta = np.tile(self.outfit.theta, (self.count, 1))
-    start = np.zeros((self.count, 7))
+      self._theta = np.tile(self.config.theta, (self.count, 1))
+    start = np.zeros((self.count, len(START)))
     for i in np.flatnonzero(which):
       start[i] = self.task.start_state(self._rngs[i])
-      if self.outfit.spread and self._limits:
-        self._theta[i] = self.outfit.spread.draw(self._limits, self.outfit.theta, self._rngs[i])
+      if self.config.spread and self._limits:
+        self._theta[i] = self.config.spread.draw(self._limits, self.config.theta, self._rngs[i])
     return self._theta.copy(), start
 
-  def _speeds(self) -> Array:
-    """As estimated and true, m/s, (2, N)."""
-    return np.stack([np.nan_to_num(self.estimate.speed), np.hypot(self.signals[:, 3], self.signals[:, 4])])
-
-  def _look(self, moving: bool = False) -> None:
-    """Errors at the nearest path point, searched around where the paper's ds/dt puts it."""
-    path, signals, estimate = self.task.path, self.signals, self.estimate
-    pose = np.nan_to_num(np.stack([estimate.pose, signals[:, :3]]))
-    velocity = np.nan_to_num(np.stack([estimate.velocity, signals[:, 3:5]]))
-    rate = np.nan_to_num(np.stack([estimate.yaw_rate, signals[:, 5]]))
-    near = self.arc_length
-    if moving:
-      near = near + self.task.period * path.errors(near, pose, velocity, rate).arc_rate
-    self.arc_length = path.nearest(pose[..., 0], pose[..., 1], near=near)
-    self.errors = path.errors(self.arc_length, pose, velocity, rate)
-
-
-def _pick(errors: Errors, which: int) -> Errors:
-  """Estimated (0) or true (1) errors, (N,) each."""
-  return Errors(*(getattr(errors, field.name)[which] for field in dataclasses.fields(Errors)))
+  def _draw_linkage(self, which: Mask) -> tuple[Array, Array]:
+    """Steering gain, -, and offset, rad, (N,), of the episodes that begin; nothing for the other cars."""
+    gain, offset = np.ones(self.count), np.zeros(self.count)
+    for i in np.flatnonzero(which):
+      gain[i], offset[i] = self.task.linkage(self._rngs[i])
+    return gain, offset

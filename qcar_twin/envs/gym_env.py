@@ -68,7 +68,7 @@ class PathTrackingEnv(gymnasium.Env):
     if self.render_mode is None:
       return None
     if self._film is None:
-      from qcar_twin.rendering import Film  # needs OpenGL, which training does not
+      from qcar_twin.rendering.film import Film  # needs OpenGL, which training does not
 
       self._film = Film(self.fleet.task.path)
     return self._film.frame(self.fleet.signals[0])

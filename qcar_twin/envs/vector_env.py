@@ -14,7 +14,7 @@ Indices = int | Sequence[int] | None
 Array = NDArray[np.float64]
 
 
-class Sight(Protocol):
+class FleetView(Protocol):
   """What an agent sees of a fleet, where that is more than the paper's four errors."""
 
   @property
@@ -34,16 +34,16 @@ class FleetVecEnv(VecEnv):
   the true cross-track error `rmse`, m.
 
   Args:
-    sight: what the agent sees; the four errors without it.
+    view: what the agent sees; the four errors without it.
   """
 
-  def __init__(self, fleet: Fleet, sight: Sight | None = None):
-    self.fleet, self.sight = fleet, sight
+  def __init__(self, fleet: Fleet, view: FleetView | None = None):
+    self.fleet, self.view = fleet, view
     self.render_mode = None
     self._actions = np.zeros(fleet.count)
     self._begun = False
     self._return, self._squares = np.zeros(fleet.count), np.zeros(fleet.count)
-    super().__init__(fleet.count, observation_space(sight.size if sight else 4), action_space(fleet.task))
+    super().__init__(fleet.count, observation_space(view.size if view else 4), action_space(fleet.task))
 
   def reset(self) -> NDArray[np.float32]:
     if any(seed is not None for seed in self._seeds):
@@ -75,7 +75,7 @@ class FleetVecEnv(VecEnv):
     return observation, outcome.reward.astype(np.float32), done, infos
 
   def _seen(self) -> NDArray[np.float32]:
-    return (self.sight.of(self.fleet) if self.sight else self.fleet.observation).astype(np.float32)
+    return (self.view.of(self.fleet) if self.view else self.fleet.observation).astype(np.float32)
 
   def _last_words(self, i: int, observation: NDArray[np.float32], truncated: bool) -> dict[str, Any]:
     steps = int(self.fleet.episode_steps[i])

@@ -1,14 +1,17 @@
-"""What a filter reports about one car at one time."""
+"""What a filter reports about one car, or about N cars, at one time, and what speaks against it."""
 
+import dataclasses
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.estimation.models import BETA, YAW, R, V
+from qcar_twin.estimation.settings import FilterSettings
 
-Snapshot = tuple[NDArray[np.float64], NDArray[np.float64]]  # state and covariance
+Array = NDArray[np.float64]
+Snapshot = tuple[Array, Array]  # state and covariance
 MOTION = (("pose_yaw", YAW), ("speed", V), ("sideslip_angle", BETA), ("yaw_rate", R))  # names in EKF_BM's state
 
 
@@ -65,3 +68,33 @@ def no_estimate(time: float, reason: str) -> Estimate:
   """An estimate that says nothing but why."""
   nan, inf = math.nan, math.inf
   return Estimate(time, nan, nan, nan, nan, nan, nan, (inf, 0.0, inf), None, None, (reason,))
+
+
+@dataclasses.dataclass(frozen=True)
+class BatchEstimate:
+  """Fused estimates of N cars, units as in `Estimate`."""
+
+  pose: Array  # x, y, yaw, (N, 3)
+  velocity: Array  # body frame at the centre of gravity, m/s, (N, 2)
+  speed: Array  # (N,)
+  sideslip_angle: Array  # (N,)
+  yaw_rate: Array  # (N,)
+  covariance: Array  # of the position: xx, xy, yy, (N, 3)
+  valid: NDArray[np.bool_]  # (N,)
+
+
+def doubts(
+  settings: FilterSettings, position_variance: Any, yaw_variance: Any, age: Any, refused: Any
+) -> tuple[tuple[Any, str, Any], ...]:
+  """What may speak against an estimate: whether it does, in which words, and the number in them.
+
+  Args:
+    position_variance: the larger one, m^2.  yaw_variance: rad^2.  age: of the last accepted pose, s.
+    refused: poses in a row.  Numbers of one car or arrays (N,).
+  """
+  return (
+    (position_variance > settings.position_limit**2, "position known to {:.2f} m only", position_variance**0.5),
+    (yaw_variance > settings.yaw_limit**2, "yaw known to {:.2f} rad only", yaw_variance**0.5),
+    (age > settings.lidar_timeout, "no accepted pose for {:.1f} s", age),
+    (refused >= min(3, settings.lost_after), "the last {} poses contradict the estimate", refused),
+  )

@@ -1,22 +1,29 @@
-"""The federated extended Kalman filter of one car, online: the paper's section on EKFs, no-reset mode.
+"""The federated filter of one car, online: `FederatedBatch` of one, whose samples come one by one, with times.
 
-Measurements of any rate may come late and out of order: every period's inputs, measurements and outcome
-are kept for a while, and a late arrival makes the filter start over from its period.
+Measurements of any rate may come late and out of order.
 """
 
 import math
 from collections import Counter
 
-from qcar_twin.estimation.estimate import Estimate, no_estimate
-from qcar_twin.estimation.local_filters import START_STD, LocalFilters
-from qcar_twin.estimation.settings import FilterSettings
-from qcar_twin.estimation.timeline import POSE, Slot, Timeline
-from qcar_twin.recording import COMMANDS, nearest
-from qcar_twin.single_track import Car
+import numpy as np
 
-INPUTS = (*COMMANDS, "accel_x", "accel_y")  # act from their slot until the next
-TAKES = (*INPUTS, "motor_speed", "speed", "yaw_rate", *POSE, "pose_score")
-_TAKEN = frozenset(TAKES)
+from qcar_twin.bicycle.single_track import SingleTrackCar
+from qcar_twin.estimation.batch import FederatedBatch
+from qcar_twin.estimation.estimate import Estimate, doubts, no_estimate
+from qcar_twin.estimation.master import fuse_positions
+from qcar_twin.estimation.models import YAW, X, Y
+from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.estimation.state import START_STD, Slot
+from qcar_twin.estimation.timeline import Clock
+from qcar_twin.recordings.channels import COMMANDS
+from qcar_twin.recordings.recording import nearest
+
+ACCEL, MOTION, FIX = ("accel_x", "accel_y"), ("speed", "yaw_rate"), ("pose_x", "pose_y", "pose_yaw", "pose_score")
+INPUTS = (*COMMANDS, *ACCEL)  # act from their slot until the next
+TAKES = (*INPUTS, "motor_speed", *MOTION, *FIX)
+_GROUPS = {"commands": COMMANDS, "accel": ACCEL, "motion": MOTION, "fix": FIX}  # columns of a slot's arrays
+_PLACES = {name: (group, i) for group, names in _GROUPS.items() for i, name in enumerate(names)}
 
 
 class FederatedFilter:
@@ -29,34 +36,31 @@ class FederatedFilter:
     settings: noise, gates, limits.
   """
 
-  def __init__(self, car: Car, settings: FilterSettings | None = None):
-    self.settings = settings or FilterSettings()
-    self._filters = LocalFilters(car, self.settings)
-    self._scale = {  # where a sample is kept, what is subtracted from it, what it is multiplied by
-      **{name: (name, 0.0, 1.0) for name in (*COMMANDS, "speed")},
-      **{name: (name, getattr(self.settings, f"{name}_bias"), 1.0) for name in ("accel_x", "accel_y", "yaw_rate")},
-      "motor_speed": ("speed", 0.0, self._filters.car.rolling_radius),
-    }
-    self._timeline = Timeline(self.settings.period, self.settings.buffer)
+  def __init__(self, car: SingleTrackCar, settings: FilterSettings | None = None):
+    self.settings = settings = settings or FilterSettings()
+    self._reach = round(settings.buffer / settings.period)  # slots that may be written, back and ahead
+    self._batch = FederatedBatch(car, settings, 1, self._reach, ahead=self._reach, watched=True, lib=math)
+    self._places = {**_PLACES, "motor_speed": _PLACES["speed"]}
+    self._rolling_radius = self._batch.filters.car.rolling_radius
+    self._clock = Clock(settings.period)
     self._started: int | None = None  # slot of the first pose
-    self._current = 0  # last slot passed
-    self._recent_time, self._recent = math.nan, (0, 0.0, Slot())  # time of the last sample, and where it went
-    self._dirty: int | None = None  # first slot whose outcome a late arrival has spoilt
+    self._recent_time, self._recent = math.nan, (0, 0.0, self._batch.slots[0])  # of the last sample, where it went
 
   @property
   def refused(self) -> Counter[tuple[str, str]]:
     """How often a sample was not used, by (channel, reason); recounted when the past is filtered again."""
-    return self._filters.refused
+    return self._batch.filters.refused
 
   @property
   def nis(self) -> tuple[float, float]:
     """Of the last lidar fix in EKF_BM and in EKF_PM."""
-    return self._filters.nis
+    bicycle, point = self._batch.nis[0].tolist()
+    return bicycle, point
 
   @property
   def evidence(self) -> tuple[float, float]:
     """Log likelihood of the fixes in EKF_BM and in EKF_PM; counts a fix again when the past is filtered again."""
-    bicycle, point = self._filters.evidence
+    bicycle, point = self._batch.filters.evidence[0].tolist()
     return bicycle, point
 
   # -- what arrives ------------------------------------------------------------------------------
@@ -69,7 +73,7 @@ class FederatedFilter:
     Raises:
       KeyError: a channel the filter has no use for, with the nearest one.
     """
-    if channel not in _TAKEN:
+    if channel not in self._places:
       raise KeyError(f"the filter takes no channel '{channel}'{nearest(channel, TAKES)}")
     if not (math.isfinite(time) and math.isfinite(value)):
       self.refused[channel, "not finite"] += 1
@@ -77,76 +81,91 @@ class FederatedFilter:
     if time == self._recent_time:  # samples of one time come together
       index, offset, slot = self._recent
     else:
-      index, offset = self._timeline.place(time)
+      index, offset = self._clock.place(time)
       reason = self._out_of_reach(index, channel)
       if reason is not None:
         self.refused[channel, reason] += 1
         return
-      slot = self._timeline[index]
+      slot = self._batch.slots[index]
       if self._started is not None and index > self._started:
         self._recent_time, self._recent = time, (index, offset, slot)
-    if not self._put(slot, channel, value, offset):
+    if self._put(slot, channel, value, offset):
+      self._batch.spoil(index + (channel in INPUTS))
+    else:
       self.refused[channel, "repeated"] += 1
-    elif index <= self._current and self._started is not None:
-      spoilt = index + (channel in INPUTS)
-      if spoilt <= self._current:
-        self._dirty = spoilt if self._dirty is None else min(self._dirty, spoilt)
 
   def _out_of_reach(self, index: int, channel: str) -> str | None:
-    timeline = self._timeline
-    if not timeline.keeps(index):
+    present = self._batch.present
+    if not self._batch.slots.keeps(index):
       return "too late"
     if self._started is None:
       return None
-    if self._current - timeline.reach <= index <= self._current + timeline.reach:
+    if present - self._reach <= index <= present + self._reach:
       return None if index > self._started or (index == self._started and channel in INPUTS) else "before the start"
-    return "too late" if index < self._current else "in the future"
+    return "too late" if index < present else "in the future"
 
   def _put(self, slot: Slot, channel: str, value: float, offset: float) -> bool:
     """Store a sample; False when the slot already holds one. The last of two commands counts."""
-    if channel not in self._scale:
-      if slot.pose is None:
-        slot.pose, slot.offset = {}, offset
-      fresh = channel not in slot.pose
-      slot.pose.setdefault(channel, value)
-      return fresh
-    name, bias, scale = self._scale[channel]
-    fresh = getattr(slot, name) is None or channel in COMMANDS
+    group, column = self._places[channel]
+    if group == "fix" and slot.fix is None:
+      slot.fix, slot.offset = np.full((1, len(FIX)), np.nan), offset
+    row = getattr(slot, group)[0]
+    fresh = channel in COMMANDS or math.isnan(row[column])
     if fresh:
-      setattr(slot, name, (value - bias) * scale)
+      row[column] = value * self._rolling_radius if channel == "motor_speed" else value
     return fresh
 
   # -- the clock ---------------------------------------------------------------------------------
 
   def start(self, time: float, pose: tuple[float, float, float], speed: float = 0.0, std: float = 0.01) -> None:
     """Start from a known pose (m, m, rad; standard deviation `std`) and speed (m/s) instead of the first fix."""
-    index, _ = self._timeline.place(time)
-    self._filters.start(pose, speed, std)
-    self._timeline[index].outcome = self._filters.outcome
-    self._started, self._current, self._dirty = index, index, None
+    self._started = self._batch.present = self._clock.place(time)[0]
+    self._batch.start(np.array([pose]), np.array([speed]), std)
 
   def estimate(self, time: float) -> Estimate:
     """Advance to a time, s, starting over from where late arrivals have changed the past, and report."""
-    target, _ = self._timeline.place(time)
+    index, _ = self._clock.place(time)
     self._recent_time = math.nan
     if self._started is None:
       self._start_at_first_fix()
     if self._started is None:
       return no_estimate(time, "no pose has arrived yet")
-    first = self._current + 1
-    if self._dirty is not None:
-      first = self._dirty
-      self._filters.restore(self._timeline[first - 1].outcome)
-    for index in range(first, max(target, self._current) + 1):
-      slot = self._timeline[index]
-      self._filters.step(self._timeline[index - 1], slot, self._timeline.time(index))
-      slot.outcome = self._filters.outcome
-    self._current, self._dirty = max(target, self._current), None
-    return self._filters.report(time)
+    index = max(index, self._batch.present)
+    self._batch.go_to(index, self._clock.time(index))
+    return self._report(time)
 
   def _start_at_first_fix(self) -> None:
-    index = self._timeline.first_fix()
+    index = self._batch.slots.first_fix()
     if index is not None:
-      slot = self._timeline[index]
-      x, y, yaw = ((slot.pose or {})[name] for name in POSE)
-      self.start(self._timeline.time(index), (x, y, yaw), slot.speed or 0.0, START_STD[0])
+      slot = self._batch.slots[index]
+      assert slot.fix is not None
+      (x, y, yaw, _), (speed, _) = slot.fix[0].tolist(), slot.motion[0].tolist()
+      self.start(self._clock.time(index), (x, y, yaw), 0.0 if math.isnan(speed) else speed, START_STD[0])
+
+  # -- what is known -----------------------------------------------------------------------------
+
+  def _report(self, time: float) -> Estimate:
+    """The master's position and EKF_BM's motion, in plain floats."""
+    state, settings = self._batch.state, self.settings
+    bicycle, point = (state.bicycle[0], state.bicycle_covariance[0]), None
+    x, y, *motion = state.bicycle[0].tolist()
+    (xx, xy, _, _, _, _), (_, yy, *_), *_ = bicycle[1].tolist()
+    position, spread = (x, y), (xx, xy, yy)
+    if self._batch.filters.point_on(state)[0]:
+      point = state.point[0], state.point_covariance[0]
+      (xx, xy, _, _), (_, yy, *_), *_ = point[1].tolist()
+      position, spread = fuse_positions(position, spread, (point[0].item(X), point[0].item(Y)), (xx, xy, yy))
+    against = doubts(
+      settings, max(spread[0], spread[2]), bicycle[1].item(YAW, YAW), state.age.item(), state.refused.item()
+    )
+    reasons = tuple(text.format(number) for wrong, text, number in against if wrong)
+    speed, yaw, beta, rate = motion
+    return Estimate(time, *position, yaw, speed, beta, rate, spread, bicycle, point, reasons, self._warnings(point))
+
+  def _warnings(self, point: object) -> tuple[str, ...]:
+    warnings = []
+    if self._batch.state.watches[0].doubted:
+      warnings.append("the encoder contradicts the poses and is left out")
+    if point is None and not self.settings.central:
+      warnings.append("no accelerometer: the point filter is left out")
+    return tuple(warnings)

@@ -3,16 +3,12 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
 from qcar_twin.estimation.offline import NAMES, Estimates
-from qcar_twin.recording import Recording
-from qcar_twin.whole_file import whole_file
+from qcar_twin.plotting import BEFORE, BICYCLE, MEASURED, NOISE, RULE, TWIN, house, new_figure, save
+from qcar_twin.recordings.recording import Recording
 
 LABELS = {
   "pose_x": "X [m]",
@@ -24,49 +20,52 @@ LABELS = {
 }
 
 
+@house()
 def states_figure(estimates: Estimates, recording: Recording, rolling_radius: float, file: Path) -> None:
   """Each estimate with a band of two standard deviations over what was measured of it."""
-  figure, parts = plt.subplots(3, 2, figsize=(12, 8), sharex=True, layout="constrained")
+  figure, parts = new_figure(3, 2, width=12.0, row_height=2.5, share_x=True)
   for axes, name in zip(parts.T.ravel(), NAMES, strict=True):
     _measured(axes, name, recording, rolling_radius)
     value, spread = estimates.value[name], 2.0 * estimates.std[name]
     good = np.isfinite(value)
-    axes.plot(estimates.time[good], value[good], color="tab:blue", lw=1.0, label="estimate")
-    axes.fill_between(estimates.time[good], (value - spread)[good], (value + spread)[good], color="tab:blue", alpha=0.2)
+    axes.plot(estimates.time[good], value[good], color=TWIN, lw=1.0, label="estimate")
+    axes.fill_between(estimates.time[good], (value - spread)[good], (value + spread)[good], color=TWIN, alpha=0.2)
     _shade(axes, estimates)
     axes.set_ylabel(LABELS[name])
   parts[0, 0].legend(fontsize=8)
   for axes in parts[-1]:
     axes.set_xlabel("time [s]")
-  _save(figure, file)
+  save(figure, file)
 
 
+@house()
 def position_figure(estimates: Estimates, recording: Recording, file: Path) -> None:
   """The path: fixes, both local filters, the master."""
-  figure, axes = plt.subplots(figsize=(7, 6), layout="constrained")
+  figure, ((axes,),) = new_figure(width=7.0, row_height=5.6)
   if "pose_x" in recording.streams and "pose_y" in recording.streams:
     y = recording["pose_y"].at(recording["pose_x"].time)
-    axes.plot(recording["pose_x"].value, y, "k.", ms=2.0, label="measured")
-  axes.plot(*estimates.point.T, color="0.6", lw=0.8, label="point filter")
-  axes.plot(*estimates.bicycle.T, color="tab:orange", lw=0.8, label="bicycle filter")
-  axes.plot(estimates.value["pose_x"], estimates.value["pose_y"], color="tab:blue", lw=1.0, label="fused")
+    axes.plot(recording["pose_x"].value, y, ".", color=MEASURED, ms=2.0, label="measured")
+  axes.plot(*estimates.point.T, color=BEFORE, lw=0.8, label="point filter")
+  axes.plot(*estimates.bicycle.T, color=BICYCLE, lw=0.8, label="bicycle filter")
+  axes.plot(estimates.value["pose_x"], estimates.value["pose_y"], color=TWIN, lw=1.0, label="fused")
   axes.set_aspect("equal")
   axes.set_xlabel("X [m]")
   axes.set_ylabel("Y [m]")
   axes.legend(fontsize=8)
-  _save(figure, file)
+  save(figure, file)
 
 
+@house()
 def error_figure(time: np.ndarray, errors: Mapping[str, np.ndarray], ylabel: str, file: Path) -> None:
   """Errors of several estimators over time."""
-  figure, axes = plt.subplots(figsize=(9, 3.5), layout="constrained")
+  figure, ((axes,),) = new_figure(width=9.0, row_height=3.1)
   for name, values in errors.items():
     raw = name.startswith("lidar")
-    axes.plot(time, values, lw=0.5 if raw else 0.9, color="0.75" if raw else None, zorder=1 if raw else 2, label=name)
+    axes.plot(time, values, lw=0.5 if raw else 0.9, color=RULE if raw else None, zorder=1 if raw else 2, label=name)
   axes.set_xlabel("time [s]")
   axes.set_ylabel(ylabel)
   axes.legend(fontsize=8)
-  _save(figure, file)
+  save(figure, file)
 
 
 def _measured(axes: Axes, name: str, recording: Recording, rolling_radius: float) -> None:
@@ -77,17 +76,12 @@ def _measured(axes: Axes, name: str, recording: Recording, rolling_radius: float
     return
   stream = recording[name]
   value = np.unwrap(stream.value) if name == "pose_yaw" else scale * stream.value
-  axes.plot(stream.time, value, "k.", ms=1.5, alpha=0.6, label="measured")
+  axes.plot(stream.time, value, ".", color=MEASURED, ms=1.5, alpha=0.6, label="measured")
 
 
 def _shade(axes: Axes, estimates: Estimates) -> None:
   """Grey where the estimate says that it is not valid."""
   edges = np.flatnonzero(np.diff(np.concatenate([[0], ~estimates.valid, [0]])))
   for begin, end in zip(edges[::2], edges[1::2], strict=True):
-    axes.axvspan(estimates.time[begin], estimates.time[min(end, len(estimates.time) - 1)], color="0.85", lw=0)
-
-
-def _save(figure: plt.Figure, file: Path) -> None:
-  with whole_file(file) as part:
-    figure.savefig(part, dpi=110)
-  plt.close(figure)
+    span = estimates.time[[begin, min(end, len(estimates.time) - 1)]].tolist()
+    axes.axvspan(*span, color=NOISE, lw=0)

@@ -1,78 +1,80 @@
-"""The wall around filterpy: the only file that imports it.
+"""The extended Kalman filter of N cars side by side: prediction, and correction by one scalar after the other.
 
-`LocalFilter` is filterpy's extended Kalman filter with the prediction given from outside, selected
-rows of the state as measurement, and a gate on the normalised innovation squared (NIS) before use.
+Measurement noise is independent between components, so taking a fix component by component is the joint update
+exactly (Simon, Optimal State Estimation, Wiley 2006, section 6.1), its normalised innovations squared and the
+logarithms of its innovation variances add up to those of the joint fix, and no matrix is inverted.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Snapshot = tuple[Array, Array]  # state and covariance; filterpy replaces both arrays, it never writes into them
+Mask = NDArray[np.bool_]
 
 
-class LocalFilter(ExtendedKalmanFilter):
-  """An extended Kalman filter whose measurements are components of its state.
+class Corrected(NamedTuple):
+  """What a measurement of several components makes of N estimates.
 
-  Args:
-    state: initial estimate, (n,).
-    covariance: of its error, (n, n).
-    model_noise: covariance added per prediction, (n, n).
+  Attributes:
+    state, covariance: afterwards, (N, n) and (N, n, n).
+    nis: normalised innovation squared of the components used, (N,).
+    log_determinant: of their innovation covariance, (N,).
   """
 
-  def __init__(self, state: Array, covariance: Array, model_noise: Array):
-    super().__init__(dim_x=len(state), dim_z=1)
-    self.x = np.array(state, dtype=np.float64)
-    self.P = np.array(covariance, dtype=np.float64)
-    self.Q = np.array(model_noise, dtype=np.float64)
-    self._following = self.x
-    self._selectors: dict[tuple[int, ...], Callable[[Array], Array]] = {}
-
-  @property
-  def snapshot(self) -> Snapshot:
-    """State and covariance as they are now."""
-    return self.x, self.P
-
-  def restore(self, snapshot: Snapshot) -> None:
-    """Go back to an earlier snapshot."""
-    self.x, self.P = snapshot
-
-  def predict_x(self, u: object = 0) -> None:
-    """Called by filterpy's `predict`: take the state computed outside by the nonlinear model."""
-    self.x = self._following
-
-  def predict_to(self, following: Array, transition: Array) -> None:
-    """Predict to a state computed outside; P <- F P F' + Q with F = d following / d x, (n, n)."""
-    self._following, self.F = following, transition
-    self.predict()
-
-  def innovation_covariance(self, rows: tuple[int, ...], noise: Array) -> Array:
-    """S = H P H' + R for H selecting `rows`; noise is R, (k, k)."""
-    return self.P[np.ix_(rows, rows)] + noise
-
-  def correct(self, rows: tuple[int, ...], innovation: Iterable[float], noise: Array) -> None:
-    """Update with z - h(x) already formed (angles wrapped), for H selecting `rows`.
-
-    Args:
-      rows: which state each measurement is of, k of them.
-      innovation: (k,).
-      noise: R, (k, k).
-    """
-    select = self._selectors.get(rows)
-    if select is None:
-      selector = np.eye(self.dim_x)[list(rows)]
-      select = self._selectors[rows] = lambda _: selector
-    # a tuple: filterpy deep-copies what it is given, which is slow for arrays
-    self.update(tuple(innovation), select, _zero, noise)
-
-  def correct_with(self, selector: Array, innovation: Array, noise: Array) -> None:
-    """The same for any measurement matrix H = d h / d x, (k, n)."""
-    self.update(innovation, lambda _: selector, _zero, noise)
+  state: Array
+  covariance: Array
+  nis: Array
+  log_determinant: Array
 
 
-def _zero(_: Array) -> float:
-  """The innovation is formed outside, so the predicted measurement is zero."""
-  return 0.0
+def predict(covariance: Array, transition: Array, noise: Array) -> Array:
+  """F P F' + Q, (N, n, n), for P (N, n, n), F (N, n, n) or (n, n), Q (n, n)."""
+  return transition @ covariance @ transition.swapaxes(-1, -2) + noise
+
+
+def absorb(
+  state: Array, covariance: Array, column: Array, spread: Array, innovation: Array, used: Mask
+) -> tuple[Array, Array]:
+  """State and covariance after one scalar measurement with slope h: x + K y, P - K (P h)', K = P h / s.
+
+  Args:
+    column: P h, (N, n).  spread: s = h' P h + R, (N,).
+    innovation: y, finite, (N,).  used: cars that have the measurement, (N,); the others stay as they are.
+  """
+  gain = np.where(used[:, None], column / spread[:, None], 0.0)
+  return state + gain * innovation[:, None], covariance - gain[:, :, None] * column[:, None, :]
+
+
+def correct(
+  state: Array, covariance: Array, row: int, value: Array, noise: Array | float, used: Mask
+) -> tuple[Array, Array, Array, Array]:
+  """Take measured values, (N,), of one component of the state, of variance `noise`.
+
+  Returns:
+    State and covariance afterwards, innovation (zero where not used) and its variance, (N,) each.
+  """
+  column = covariance[:, :, row]
+  spread = column[:, row] + noise
+  innovation = np.where(used, value - state[:, row], 0.0)
+  return *absorb(state, covariance, column, spread, innovation, used), innovation, spread
+
+
+def correct_together(
+  state: Array, covariance: Array, rows: Sequence[int], values: Array, noise: Array, used: Mask
+) -> Corrected:
+  """Take a fix of several components of the state at once.
+
+  Args:
+    rows: which components, k of them.
+    values, noise: measured, with angles within half a turn of the state, and their variances, (N, k).
+    used: components that were measured, (N, k).
+  """
+  nis, log_determinant = np.zeros(len(state)), np.zeros(len(state))
+  for i, row in enumerate(rows):
+    state, covariance, innovation, spread = correct(state, covariance, row, values[:, i], noise[:, i], used[:, i])
+    nis += innovation**2 / spread
+    log_determinant += np.where(used[:, i], np.log(spread), 0.0)
+  return Corrected(state, covariance, nis, log_determinant)

@@ -1,6 +1,6 @@
 """Motion models of the two local filters, discretised at the control period, with their Jacobians.
 
-The equations are those of `qcar_twin.single_track`; here they are stepped cheaply enough for a filter
+The equations are those of `qcar_twin.bicycle.single_track`; here they are stepped cheaply enough for a filter
 (one car in microseconds) and with the transition's exact Jacobian. Written once for single cars and for
 many: states are tuples of floats, or of arrays (N,), and `lib` is `math` or `numpy` accordingly.
 Units m, s, rad, V; axes ISO 8855, steering and yaw positive to the left.
@@ -10,7 +10,7 @@ import math
 from types import ModuleType
 from typing import Any
 
-from qcar_twin.single_track import Car
+from qcar_twin.bicycle.single_track import SingleTrackCar
 
 STANDSTILL = 0.02  # m/s, below which |v| in the lateral model is smoothed: sqrt(v^2 + STANDSTILL^2)
 BM_STATES = ("pose_x", "pose_y", "speed", "pose_yaw", "sideslip_angle", "yaw_rate")
@@ -20,7 +20,7 @@ X, Y, V, YAW, BETA, R = range(6)
 State = tuple[Any, ...]  # one float, or one array (N,), per state
 
 
-def speed_step(v: Any, voltage: Any, car: Car, period: float, lib: ModuleType = math) -> tuple[Any, Any]:
+def speed_step(v: Any, voltage: Any, car: SingleTrackCar, period: float, lib: ModuleType = math) -> tuple[Any, Any]:
   """Speed after a period of dv/dt = G R_w (P1 V - P3 sgn v) - P2 v, m/s, and its derivative by v.
 
   Euler, with Coulomb friction as the limit it is: it takes at most h G R_w P3 off the speed and never turns
@@ -35,7 +35,7 @@ def speed_step(v: Any, voltage: Any, car: Car, period: float, lib: ModuleType = 
 
 
 def bicycle_step(
-  state: State, voltage: Any, steering: Any, car: Car, period: float, lib: ModuleType = math
+  state: State, voltage: Any, steering: Any, car: SingleTrackCar, period: float, lib: ModuleType = math
 ) -> tuple[State, State]:
   """EKF_BM's prediction over one period and the Jacobian entries that are neither 0 nor 1.
 
@@ -65,7 +65,7 @@ def bicycle_step(
 
 
 def lateral_step(
-  state: State, acceleration: State, steering: Any, car: Car, period: float, lib: ModuleType = math
+  state: State, acceleration: State, steering: Any, car: SingleTrackCar, period: float, lib: ModuleType = math
 ) -> tuple[State, State]:
   """Sideslip and yaw rate after a period (backward Euler) and their derivatives by v, beta, r.
 
@@ -139,7 +139,7 @@ def cg_acceleration(accel: State, yaw_rate: Any, lever: tuple[float, float]) -> 
   return accel[0] + turn * lever[0], accel[1] + turn * lever[1]
 
 
-def lateral_acceleration(state: State, steering: Any, car: Car, lib: ModuleType = math) -> tuple[Any, State]:
+def lateral_acceleration(state: State, steering: Any, car: SingleTrackCar, lib: ModuleType = math) -> tuple[Any, State]:
   """a_y = (F_front + F_rear) / m at the centre of gravity, m/s^2, and its derivatives by v, beta, r."""
   _, _, v, _, beta, r = state
   a = lib.sqrt(v * v + STANDSTILL * STANDSTILL)

@@ -1,58 +1,16 @@
-"""Bookkeeping that decides when a sensor is not believed, for one car."""
+"""Whether one car's encoder is believed: its speed against the one that the lidar's raw fixes tell."""
 
 import dataclasses
 import itertools
 import math
 import statistics
 
-STEADY = 0.2  # m: refused fixes that lie this close to each other, the car's own motion allowed for, are no spikes
-MOTION = 1.5  # times the distance driven since the last one is allowed besides
 WINDOW = 10  # intervals between fixes over which speeds are compared, a second of lidar
 SPACING = 0.08  # s, least time between fixes that are compared
 SLACK = 0.1  # m/s by which lidar and encoder may differ, besides
 RELATIVE_SLACK = 0.15  # of the speed: slip, wheel radius
 NOISE_SLACK = 1.7  # fix standard deviations per interval: three of the median of ten differences
 PERSISTENCE = 3  # comparisons in a row before the verdict changes
-
-
-@dataclasses.dataclass(slots=True)
-class Monitor:
-  """Lidar fixes refused in a row, and whether they tell the same story.
-
-  Attributes:
-    age: since the last accepted fix, s.
-    refused: fixes refused in a row.
-    steady: of those, how many in a row lie where a car could have got to from their predecessor.
-    x, y: last refused fix, m.
-    driven: distance since that fix, m.
-  """
-
-  age: float = 0.0
-  refused: int = 0
-  steady: int = 0
-  x: float = 0.0
-  y: float = 0.0
-  driven: float = 0.0
-
-  def copy(self) -> "Monitor":
-    """An independent copy."""
-    return Monitor(self.age, self.refused, self.steady, self.x, self.y, self.driven)
-
-  def drive(self, speed: float, period: float) -> None:
-    """Let a period pass."""
-    self.age += period
-    self.driven += abs(speed) * period
-
-  def accept(self) -> None:
-    """Note an accepted fix."""
-    self.age, self.refused, self.steady = 0.0, 0, 0
-
-  def refuse(self, x: float, y: float) -> int:
-    """Note a refused fix, m; returns how many in a row tell one story."""
-    agrees = self.refused > 0 and math.hypot(x - self.x, y - self.y) < STEADY + MOTION * self.driven
-    self.steady = self.steady + 1 if agrees else 1
-    self.refused, self.x, self.y, self.driven = self.refused + 1, x, y, 0.0
-    return self.steady
 
 
 @dataclasses.dataclass(slots=True)

@@ -4,11 +4,11 @@ import dataclasses
 import logging
 from collections.abc import Mapping, Sequence
 
+from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.estimation.federated import FederatedFilter
 from qcar_twin.estimation.offline import events_of, filter_events
 from qcar_twin.estimation.settings import FilterSettings
-from qcar_twin.recording import Recording
-from qcar_twin.single_track import Car
+from qcar_twin.recordings.recording import Recording
 
 log = logging.getLogger(__name__)
 BICYCLE = ("walk_speed", "walk_yaw_rate", "walk_sideslip", "walk_yaw", "walk_position")
@@ -17,7 +17,10 @@ FACTORS = (0.25, 0.5, 2.0, 4.0)
 
 
 def evidence(
-  recordings: Sequence[Recording], car: Car, settings: FilterSettings, lateness: Mapping[str, float] | None = None
+  recordings: Sequence[Recording],
+  car: SingleTrackCar,
+  settings: FilterSettings,
+  lateness: Mapping[str, float] | None = None,
 ) -> tuple[float, float]:
   """Log likelihood of the poses in EKF_BM and in EKF_PM over recordings: innovations, Gaussian, cut at the gate."""
   bicycle = point = 0.0
@@ -30,7 +33,7 @@ def evidence(
 
 def fit_noise(
   recordings: Sequence[Recording],
-  car: Car,
+  car: SingleTrackCar,
   settings: FilterSettings,
   lateness: Mapping[str, float] | None = None,
   rounds: int = 2,

@@ -5,17 +5,21 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_twin.estimation.batch import BatchEstimate, FederatedBatch
+from qcar_twin.bicycle.single_track import SingleTrackCar
+from qcar_twin.estimation.batch import FederatedBatch
+from qcar_twin.estimation.estimate import BatchEstimate
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.kinematics import sideslip_angle
-from qcar_twin.plant import SIGNALS
+from qcar_twin.plant import signal_index
 from qcar_twin.sensors.suite import Reading, SensorSuite
-from qcar_twin.single_track import Car
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Heard = tuple[Array, Array, Array | None, int]
-COLUMN = {name: i for i, name in enumerate(SIGNALS)}
+SPEED, TURNING = 0, 1  # columns of the motion that the filter is told
+POSE = slice(signal_index("pose_x"), signal_index("pose_yaw") + 1)  # columns of the signals
+VELOCITY = slice(signal_index("velocity_x"), signal_index("velocity_y") + 1)
+YAW_RATE, MOTOR_SPEED = signal_index("yaw_rate"), signal_index("motor_speed")
 
 
 class Observer(Protocol):
@@ -46,15 +50,15 @@ class TrueObserver:
 
   def observe(self, signals: Array) -> BatchEstimate:
     """The signals as an estimate without error."""
-    velocity = signals[:, [COLUMN["velocity_x"], COLUMN["velocity_y"]]]
+    velocity = signals[:, VELOCITY]
     count = len(signals)
     speed = np.hypot(*velocity.T) * np.where(velocity[:, 0] < 0.0, -1.0, 1.0)
     return BatchEstimate(
-      signals[:, :3].copy(),
+      signals[:, POSE].copy(),
       velocity.copy(),
       speed,
       sideslip_angle(velocity[:, 0], velocity[:, 1]),
-      signals[:, COLUMN["yaw_rate"]].copy(),
+      signals[:, YAW_RATE].copy(),
       np.zeros((count, 3)),
       np.asarray(np.isfinite(signals).all(axis=1)),
     )
@@ -73,7 +77,9 @@ class SensedObserver:
       (N, 2), a fix (N, 4) or None and its age in periods.
   """
 
-  def __init__(self, suite: SensorSuite, car: Car, settings: FilterSettings | None = None, keep: bool = False):
+  def __init__(
+    self, suite: SensorSuite, car: SingleTrackCar, settings: FilterSettings | None = None, keep: bool = False
+  ):
     self.suite = suite
     self._rolling_radius = float(np.asarray(car.rolling_radius))
     self.heard: list[Heard] = []
@@ -85,8 +91,8 @@ class SensedObserver:
     """The filter is told where the cars start, to a centimetre."""
     which = np.ones(self.suite.count, dtype=bool) if which is None else which
     self.suite.restart(which, signals)
-    speed = signals[:, COLUMN["motor_speed"]] * self._rolling_radius
-    self.filter.start(signals[:, :3], speed, std=0.01, which=which)
+    speed = signals[:, MOTOR_SPEED] * self._rolling_radius
+    self.filter.start(signals[:, POSE], speed, std=0.01, which=which)
     return self.filter.estimate()
 
   def command(self, commands: Array) -> None:
@@ -112,9 +118,9 @@ class SensedObserver:
       raise ValueError(f"{', '.join(reading.channels)} arrive {reading.age} periods late; only the lidar's pose may")
     for i, name in enumerate(reading.channels):
       if name == "motor_speed":
-        motion[:, 0] = reading.values[:, i] * self._rolling_radius
+        motion[:, SPEED] = reading.values[:, i] * self._rolling_radius
       elif name == "yaw_rate":
-        motion[:, 1] = reading.values[:, i]
+        motion[:, TURNING] = reading.values[:, i]
     if "accel_x" in reading.channels:
       accel = reading.values[:, [reading.channels.index(name) for name in ("accel_x", "accel_y")]]
     return motion, accel

@@ -6,12 +6,12 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.estimation.estimate import Estimate
 from qcar_twin.estimation.federated import TAKES, FederatedFilter
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.kinematics import kinematic_sideslip_angle, wrap_angle
-from qcar_twin.recording import Recording, RecordingError
-from qcar_twin.single_track import Car
+from qcar_twin.recordings.recording import Recording, RecordingError
 
 Array = NDArray[np.float64]
 NAMES = ("pose_x", "pose_y", "pose_yaw", "speed", "sideslip_angle", "yaw_rate")
@@ -81,7 +81,7 @@ def events_of(
 
 def filter_recording(
   recording: Recording,
-  car: Car,
+  car: SingleTrackCar,
   settings: FilterSettings | None = None,
   lateness: Mapping[str, float] | None = None,
   latency: Mapping[str, float] | None = None,
@@ -142,7 +142,7 @@ def _estimates(times: Array, rows: Array, reasons: dict[str, int], federated: Fe
 
 
 def dead_reckoning(
-  start: Array, speed: Array, yaw_rate: Array, steering: Array, car: Car, period: float = 0.01
+  start: Array, speed: Array, yaw_rate: Array, steering: Array, car: SingleTrackCar, period: float = 0.01
 ) -> Array:
   """Encoder and gyro integrated from a known pose, with the kinematic sideslip: x, y, yaw, (..., T, 3).
 

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
+from qcar_twin.atomic_io import write_text
 from qcar_twin.estimation import figures
 from qcar_twin.estimation.offline import Estimates
-from qcar_twin.recording import Recording
-from qcar_twin.whole_file import write_text
+from qcar_twin.recordings.recording import Recording
 
 
 def write_estimates(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from qcar_twin.recording import Recording
+from qcar_twin.recordings.recording import Recording
 from qcar_twin.sensors.noise import Standstill
 from qcar_twin.sensors.score import ScoreVariance
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
-from qcar_twin.recording import Recording, RecordingError
+from qcar_twin.recordings.channels import channels_of
+from qcar_twin.recordings.recording import Recording, RecordingError
 
 Array = NDArray[np.float64]
 
@@ -133,8 +134,7 @@ def standstill_noise(recording: Recording) -> Mapping[str, Standstill]:
         raise RecordingError(
           f"recording '{recording.name}': {name} changes; noise is measured while the car stands still"
         )
-  commands = ("motor_voltage", "steering_command", "pose_score")
-  names = [n for n in recording.channels if n not in commands and len(recording[n]) >= 100]
+  names = [n for n in channels_of("sensor") if n in recording and len(recording[n]) >= 100]
   if not names:
     raise RecordingError(f"recording '{recording.name}' has no channel with 100 samples; record a minute of standstill")
   return {name: channel_noise(recording[name].time, recording[name].value) for name in names}

@@ -1,12 +1,16 @@
-"""IMU and encoder of N simulated cars."""
+"""IMU, encoder and sensors of your own of N simulated cars; how noisy each is comes from its channel's record."""
 
 import dataclasses
 import math
+from collections.abc import Callable
 
 import numpy as np
 
+from qcar_twin.plant import signal_index
+from qcar_twin.recordings.channels import CHANNELS, Channel
 from qcar_twin.sensors.base import IMU, MOTOR_SPEED, Array, Mask, Timing
 from qcar_twin.sensors.noise import ChannelNoise, ErrorStream
+from qcar_twin.vehicle.vehicle import Vehicle
 
 
 @dataclasses.dataclass(frozen=True)
@@ -14,8 +18,8 @@ class Imu:
   """Specific force at the IMU and yaw rate. Defaults: a MEMS unit on a car with running motor."""
 
   timing: Timing = Timing()
-  accel: ChannelNoise = ChannelNoise(white=0.15, bias=0.05, walk=0.003)  # m/s^2
-  gyro: ChannelNoise = ChannelNoise(white=0.01, bias=0.003, walk=0.0003)  # rad/s
+  accel: ChannelNoise = ChannelNoise(white=CHANNELS["accel_x"].noise, bias=0.05, walk=0.003)  # m/s^2
+  gyro: ChannelNoise = ChannelNoise(white=CHANNELS["yaw_rate"].noise, bias=0.003, walk=0.0003)  # rad/s
   channels = ("accel_x", "accel_y", "yaw_rate")
 
   def begin(self, count: int, period: float, rng: np.random.Generator) -> "ImuRun":
@@ -82,3 +86,49 @@ class EncoderRun:
     """Some cars go on at another speed."""
     if self._speed is not None:
       self._speed = np.where(which, signals[:, MOTOR_SPEED], self._speed)
+
+
+@dataclasses.dataclass(frozen=True)
+class ModelledSensor:
+  """A sensor of one channel that reads a function of the signals, with the white noise of the channel's record.
+
+  Attributes:
+    channel: its record.
+    model: its reading from the signals (N,) by name and the car's numbers: the one its residual is predicted with.
+    car: numbers of the cars.
+    timing: when it samples.
+  """
+
+  channel: Channel
+  model: Callable[[Callable[[str], Array], Vehicle], Array]
+  car: Vehicle
+  timing: Timing = Timing()
+
+  @property
+  def channels(self) -> tuple[str, ...]:
+    """The one it measures."""
+    return (self.channel.name,)
+
+  def begin(self, count: int, period: float, rng: np.random.Generator) -> "ModelledRun":
+    """Put it to work in N cars."""
+    noise = ChannelNoise(white=0.0 if math.isnan(self.channel.noise) else self.channel.noise)
+    return ModelledRun(self, ErrorStream((noise,), count, 1.0 / self.timing.rate, rng))
+
+
+class ModelledRun:
+  """Such a sensor of N cars under way."""
+
+  def __init__(self, sensor: ModelledSensor, errors: ErrorStream):
+    self._sensor, self._errors = sensor, errors
+
+  def observe(self, signals: Array) -> None:
+    """Nothing to remember between samples."""
+
+  def sample(self, signals: Array) -> Array:
+    """Its reading, (N, 1)."""
+    value = self._sensor.model(lambda name: signals[:, signal_index(name)], self._sensor.car)
+    return value[:, None] + self._errors.sample()
+
+  def restart(self, which: Mask, signals: Array) -> None:
+    """Its errors have no memory of a run."""
+    self._errors.restart(which)

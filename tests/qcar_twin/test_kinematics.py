@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from qcar_twin import kinematics
+from qcar_twin.vehicle.vehicle import Vehicle
 
 LENGTHS = (0.128, 0.140)  # m, front and rear
 angles = st.floats(-0.5, 0.5)
@@ -162,3 +163,12 @@ def test_printed_steady_state_is_exact_only_there_and_where_sideslip_vanishes(fr
   np.testing.assert_allclose((printed - exact) * speed**2, (ratio - 1.0) * bare, atol=1e-12)
   no_sideslip = np.sqrt(CAR["cg_to_rear"] * rear * wheelbase / (CAR["mass"] * CAR["cg_to_front"]))
   np.testing.assert_allclose(*_printed_and_exact(front, rear, no_sideslip), rtol=1e-9)
+
+
+@given(st.floats(-500.0, 500.0))
+def test_motor_and_road_speed_undo_each_other(omega):
+  car = Vehicle(gear_ratio=0.1, wheel_radius=0.03)
+  speed = kinematics.road_speed(omega, car)
+  np.testing.assert_allclose(speed, 0.003 * omega, rtol=1e-12, atol=1e-300)
+  np.testing.assert_allclose(speed, omega * kinematics.rolling_radius(car), rtol=1e-12, atol=1e-300)
+  np.testing.assert_allclose(kinematics.motor_speed(speed, car), omega, rtol=1e-12, atol=1e-300)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import difflib
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-if TYPE_CHECKING:
-  from ..sensing import Log
-  from ..simulation import Simulation
+from ..sensing import Log
+from ..simulation import Simulation
 
 EFFECTS: dict[str, type[Effect]] = {}
 

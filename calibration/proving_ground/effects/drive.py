@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from ..simulation import Simulation
 from .base import Effect, towards
 from .steering import SteeringDelay
-
-if TYPE_CHECKING:
-  from ..simulation import Simulation
 
 
 class DriveDeadZone(Effect):

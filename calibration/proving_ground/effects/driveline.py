@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..simulation import Simulation
 from .base import Effect
-
-if TYPE_CHECKING:
-  from ..simulation import Simulation
 
 
 class CoulombFriction(Effect):

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..car import GRAVITY
+from ..simulation import Simulation
 from .base import Effect
-
-if TYPE_CHECKING:
-  from ..simulation import Simulation
 
 
 class TyreRelaxation(Effect):

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from ..sensing import Log
+from ..simulation import Simulation
 from .base import Effect, towards
-
-if TYPE_CHECKING:
-  from ..sensing import Log
-  from ..simulation import Simulation
 
 
 class Outside(Effect):

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from ..simulation import Simulation
 from .base import Effect, towards
-
-if TYPE_CHECKING:
-  from ..simulation import Simulation
 
 DEGREE = np.pi / 180
 

@@ -2,20 +2,20 @@
 
 from types import SimpleNamespace
 
-import diagnosis_rig as rig
 import numpy as np
 
-from calibration.diagnosis.claims import Claim
-from calibration.diagnosis.conclude import Doubt, conclude
-from calibration.diagnosis.decide import Decision
 from calibration.diagnosis.detect import detect
-from calibration.diagnosis.leftover import leftovers
+from calibration.diagnosis.holdout_errors import ChannelFit
 from calibration.diagnosis.locate import locate
-from calibration.diagnosis.output import Diagnosis
+from calibration.diagnosis.outcome import Diagnosis
 from calibration.diagnosis.score import Comparison
-from calibration.diagnosis.ship import ChannelFit
-from calibration.diagnosis.unknown import unknown_sensors
-from qcar_twin.mechanisms import catalogue
+from calibration.diagnosis.search.claims import Claim
+from calibration.diagnosis.search.conclude import UnexplainedLevels, conclude
+from calibration.diagnosis.search.decide import Decision
+from calibration.diagnosis.unexplained.leftover import leftovers
+from calibration.diagnosis.unexplained.unknown import unknown_sensors
+from qcar_twin.twin.mechanisms import catalogue
+from tests.calibration.diagnosis import diagnosis_rig as rig
 
 HELD: Comparison = SimpleNamespace(gain=120.0, total=120.0, t=5.0, share_positive=0.9)  # type: ignore[assignment]
 
@@ -44,8 +44,8 @@ def diagnosis_of(pool, claimed=(), verdict="explained", unknown=None, **changes)
   ranking = tuple(sorted(((n, s.gain) for n, s in pool.signatures.items()), key=lambda kv: -kv[1]))
   decision = decision_of(verdict, claimed, unknown=unknown, model=model, ranking=ranking)
   fits = {
-    "yaw_rate": ChannelFit(0.2, 0.16, 0.15, (-0.3, -0.1), "rad/s", 900),
-    "accel_y": ChannelFit(0.7, 0.52, 0.5, (-0.35, -0.2), "m/s^2", 900),
+    "yaw_rate": ChannelFit(0.2, 0.16, 0.15, 0.15, (-0.3, -0.1), "rad/s", 900),
+    "accel_y": ChannelFit(0.7, 0.52, 0.5, 0.5, (-0.35, -0.2), "m/s^2", 900),
   }
   values = {
     "dataset": "linear car",
@@ -65,8 +65,10 @@ def over(pool, model):
   return leftovers(model, pool.problem, pool.problem.predict(model.theta[None]))
 
 
-def concluded(pool, decision, doubt=None):
+def concluded(pool, decision, levels=None):
   problem = pool.problem
   whitening = problem.whiten(np.ones(len(problem.observations)))
   rivals = unknown_sensors(pool.base, problem.observations, problem.predict(pool.base.theta[None]), whitening)
-  return conclude(decision, pool, over(pool, pool.base), over(pool, decision.model), rivals, doubt or Doubt())
+  return conclude(
+    decision, pool, over(pool, pool.base), over(pool, decision.model), rivals, levels or UnexplainedLevels()
+  )

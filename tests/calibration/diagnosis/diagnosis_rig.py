@@ -9,21 +9,25 @@ from types import SimpleNamespace
 import numpy as np
 
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
-from calibration.diagnosis.passport import ChannelNoise
 from calibration.diagnosis.pool import Pool
-from calibration.diagnosis.problem import Problem, Weighting
-from calibration.diagnosis.recalibrate import Baseline
 from calibration.diagnosis.scan import scan
-from calibration.observations import CHANNELS, observe
-from calibration.segmenting import cut_recordings
-from qcar_twin.mechanisms import select
+from calibration.fitting.likelihood import Problem, Weighting
+from calibration.fitting.noise import ChannelNoise
+from calibration.fitting.observations import CHANNELS, observe
+from calibration.fitting.recalibration import RecalibratedTwin
+from calibration.fitting.windows import cut_recordings
 from qcar_twin.parameters import Parameter, ParameterSet
-from qcar_twin.plant import SIGNALS, Prediction
-from qcar_twin.recording import Recording, Stream
+from qcar_twin.plant import COMMANDS, SIGNALS, Prediction
+from qcar_twin.recordings.recording import Recording, Stream
+from qcar_twin.twin.mechanisms import select
+from qcar_twin.vehicle.drive import DRIVES
 
 PERIOD, LENGTH, SAMPLING = 0.01, 6.0, 0.05  # s
 NOISE = {"motor_speed": 8.0, "accel_x": 0.5, "accel_y": 0.5, "yaw_rate": 0.15}
-VEHICLE = SimpleNamespace(gear_ratio=0.1, wheel_radius=0.03, max_steering=0.5, cg_to_front=0.13, cg_to_rear=0.12)
+VEHICLE = SimpleNamespace(
+  gear_ratio=0.1, wheel_radius=0.03, max_steering=0.5, cg_to_front=0.13, cg_to_rear=0.12, motor=DRIVES["voltage"],
+  commands=COMMANDS, drive="voltage",
+)  # fmt: skip
 BASE = ParameterSet(
   (
     Parameter("torque_per_volt", 100.0, 10.0, 400.0, "N m/V", typical=30.0),
@@ -146,9 +150,9 @@ def solved(problem, mechanisms=()) -> Candidate:
   return model
 
 
-def baseline_of(problem, base) -> Baseline:
+def baseline_of(problem, base) -> RecalibratedTwin:
   passport = {n: ChannelNoise(s, 0.0, "standstill", 0.0, 0.0, 50.0, 0.02) for n, s in NOISE.items()}
-  return Baseline(problem, passport, None, base.theta, base.jacobian, 0)  # type: ignore[arg-type]
+  return RecalibratedTwin(problem, passport, None, base.theta, base.jacobian, 0)  # type: ignore[arg-type]
 
 
 def pool_of(problem, mechanisms=MECHANISMS) -> Pool:

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from qcar_twin.bicycle import Bicycle
-from qcar_twin.envs.fleet import Fleet, Outfit
+from qcar_twin.bicycle.bicycle import Bicycle
+from qcar_twin.envs.fleet import Fleet, FleetConfig
 from qcar_twin.envs.task import TrackingTask
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.paths import path_named
 from qcar_twin.sensors.suite import qcar_sensors
-from qcar_twin.twin import Twin
-from qcar_twin.vehicle import Vehicle
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import Vehicle
 
 VEHICLE = Vehicle.load()
 BICYCLE = Bicycle(VEHICLE)
@@ -37,7 +37,7 @@ def twin():
 def make_fleet(seeds, plant="twin", sensed=True, path="s", demonstrator=None, spread=None, **task):
   """A fleet of len(seeds) cars."""
   make = twin if plant == "twin" else (lambda: Bicycle(VEHICLE)) if plant == "bicycle" else plant
-  outfit = Outfit(
+  config = FleetConfig(
     make,
     make().parameters.nominal,
     Holding,
@@ -47,7 +47,7 @@ def make_fleet(seeds, plant="twin", sensed=True, path="s", demonstrator=None, sp
     settings=FilterSettings(lidar_correlation=0.3, front_drive_share=0.5) if sensed else None,
     spread=spread,
   )
-  return Fleet(TrackingTask(path_named(path), **task), outfit, list(seeds))
+  return Fleet(TrackingTask(path_named(path), **task), config, list(seeds))
 
 
 def actions(steps, cars, seed=0):

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from fleet_rig import actions, make_fleet
 from gymnasium.utils.env_checker import check_env as gymnasium_check
 from stable_baselines3.common.env_checker import check_env as sb3_check
 
 from qcar_twin.envs.dm_env import OBSERVATIONS, Suite, environment
 from qcar_twin.envs.gym_env import PathTrackingEnv
 from qcar_twin.envs.vector_env import FleetVecEnv
+from tests.qcar_twin.envs.fleet_rig import actions, make_fleet
 
 SEED = 11
 
@@ -149,7 +149,7 @@ def test_suite_lists_names_and_knows_the_nearest():
 
 
 def test_gymnasium_environment_shows_pictures_when_asked():
-  from qcar_twin.rendering import RenderingUnavailable
+  from qcar_twin.rendering.film import RenderingUnavailable
 
   env = PathTrackingEnv(make_fleet([0], "bicycle", sensed=False), render_mode="rgb_array")
   env.reset(seed=0)

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from fleet_rig import BICYCLE, VEHICLE, actions, make_fleet, twin
 
-from qcar_twin.bicycle import Bicycle
-from qcar_twin.envs.bodies import BicycleBodies, SeparateBodies, TwinBodies, bodies_of
+from qcar_twin.bicycle.bicycle import Bicycle
+from qcar_twin.envs.car_batch import BicycleBatch, SeparateCars, TwinBatch, car_batch
 from qcar_twin.envs.fleet import Spread
-from qcar_twin.mechanisms import select
 from qcar_twin.paths import path_from_pieces
 from qcar_twin.plant import signal_index
+from qcar_twin.twin.mechanisms import select
+from tests.qcar_twin.envs.fleet_rig import BICYCLE, VEHICLE, actions, make_fleet, twin
 
 ALL = np.ones(1, dtype=bool)
 
@@ -26,7 +26,7 @@ def run(fleet, rates):
   return np.stack(signals), np.stack(seen), np.stack(rewards)
 
 
-# -- bodies --------------------------------------------------------------------------------------
+# -- batches of cars -----------------------------------------------------------------------------
 
 
 def starts(count, seed=0):
@@ -36,11 +36,11 @@ def starts(count, seed=0):
   return out
 
 
-def bodies(kind, theta, start):
+def batch_of(kind, theta, start):
   if kind == "separate":
-    return SeparateBodies(lambda: Bicycle(VEHICLE), theta, start)
-  made = bodies_of(twin if kind == "twin" else lambda: Bicycle(VEHICLE), theta, start)
-  assert isinstance(made, TwinBodies if kind == "twin" else BicycleBodies)
+    return SeparateCars(lambda: Bicycle(VEHICLE), theta, start)
+  made = car_batch(twin if kind == "twin" else lambda: Bicycle(VEHICLE), theta, start)
+  assert isinstance(made, TwinBatch if kind == "twin" else BicycleBatch)
   return made
 
 
@@ -49,8 +49,8 @@ def test_a_restarted_car_drives_like_a_fresh_one_and_the_others_drive_on(kind):
   nominal = (twin() if kind == "twin" else BICYCLE).parameters.nominal
   theta, start, again = np.tile(nominal, (3, 1)), starts(3), starts(3, seed=1)
   commands = np.random.default_rng(2).uniform([0.3, -0.3], [1.2, 0.3], (60, 3, 2))
-  untouched, restarted = bodies(kind, theta, start), bodies(kind, theta, start)
-  fresh = bodies(kind, theta, again)
+  untouched, restarted = batch_of(kind, theta, start), batch_of(kind, theta, start)
+  fresh = batch_of(kind, theta, again)
   for k in range(20):
     untouched.step(commands[k])
     restarted.step(commands[k])
@@ -73,11 +73,11 @@ def test_restart_with_other_parameters(kind):
     soft[parameters.index("mass")] *= 1.2
   start = starts(2)
   theta = np.stack([parameters.nominal, soft])
-  restarted = bodies(kind, np.tile(parameters.nominal, (2, 1)), start)
+  restarted = batch_of(kind, np.tile(parameters.nominal, (2, 1)), start)
   command = np.array([[0.8, 0.2], [0.8, 0.2]])
   restarted.step(command)
   restarted.restart(np.array([False, True]), theta, start)
-  fresh = bodies(kind, theta, start)
+  fresh = batch_of(kind, theta, start)
   for _ in range(30):
     b, c = restarted.step(command), fresh.step(command)
   np.testing.assert_allclose(b[1], c[1], rtol=0.0, atol=1e-14)
@@ -86,8 +86,8 @@ def test_restart_with_other_parameters(kind):
 
 def test_a_twin_with_mechanisms_gets_simulations_of_its_own():
   make = lambda: twin().with_mechanisms(select(["steering_delay"]))
-  made = bodies_of(make, np.tile(make().parameters.nominal, (2, 1)), starts(2))
-  assert isinstance(made, SeparateBodies)
+  made = car_batch(make, np.tile(make().parameters.nominal, (2, 1)), starts(2))
+  assert isinstance(made, SeparateCars)
 
 
 # -- fleet ---------------------------------------------------------------------------------------
@@ -163,7 +163,7 @@ def test_time_runs_out_for_a_car_that_stands():
       return np.zeros_like(speed)
 
   fleet = make_fleet([0], plant="bicycle", sensed=False, start_offset=0.0, start_heading=0.0)
-  object.__setattr__(fleet.outfit, "speed_control", Standing)
+  object.__setattr__(fleet.config, "speed_control", Standing)
   fleet.task = type(fleet.task)(path_from_pieces("line", [(0.5, 0.0, 0.0)]), start_offset=0.0, start_heading=0.0)
   fleet.seed([0])
   ends = [fleet.step(np.zeros(1)).truncated[0] for _ in range(fleet.task.longest)]

@@ -5,12 +5,12 @@ import math
 
 import numpy as np
 
+from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.estimation import models
 from qcar_twin.estimation.federated import FederatedFilter
 from qcar_twin.estimation.settings import FilterSettings
-from qcar_twin.single_track import Car
 
-CAR = Car(4800.0, 8.0, 1600.0, 150.0, 210.0, 2.7, 0.030, 0.120, 0.136, 0.0953668 * 0.033)
+CAR = SingleTrackCar(4800.0, 8.0, 1600.0, 150.0, 210.0, 2.7, 0.030, 0.120, 0.136, 0.0953668 * 0.033)
 PERIOD = 0.01
 
 

@@ -3,11 +3,11 @@
 import dataclasses
 
 import numpy as np
-from estimation_rig import CAR, journey
-from test_filter_offline import recording_of
 
 from qcar_twin.estimation.noise_fit import evidence, fit_noise
 from qcar_twin.estimation.settings import FilterSettings
+from tests.qcar_twin.estimation.estimation_rig import CAR, journey
+from tests.qcar_twin.estimation.test_offline import recording_of
 
 LOOSE = dataclasses.replace(FilterSettings(), walk_yaw=0.16, walk_position=0.08)
 

@@ -2,15 +2,16 @@
 
 import numpy as np
 import pytest
-from estimation_rig import CAR, PERIOD, hold
 
-from qcar_twin.bicycle import Bicycle
+from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.estimation.observer import SensedObserver, TrueObserver
 from qcar_twin.estimation.settings import FilterSettings
-from qcar_twin.plant import START
+from qcar_twin.plant import COMMANDS, START
 from qcar_twin.sensors.base import Timing
 from qcar_twin.sensors.onboard import Imu
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
+from qcar_twin.vehicle.drive import DRIVES
+from tests.qcar_twin.estimation.estimation_rig import CAR, PERIOD, hold
 
 
 class Numbers:
@@ -18,6 +19,7 @@ class Numbers:
 
   mass, yaw_inertia, cg_to_front, cg_to_rear = CAR.mass, CAR.yaw_inertia, CAR.cg_to_front, CAR.cg_to_rear
   wheel_radius, gear_ratio, max_steering, imu_x, imu_y = 0.033, 0.0953668, 0.5236, 0.03, 0.0
+  motor, commands = DRIVES["voltage"], COMMANDS
 
 
 THETA = np.array([CAR.drive_gain, CAR.drive_damping, CAR.drive_friction, 150.0, 210.0])

@@ -1,0 +1,68 @@
+"""The identified model that controllers and filter are built on, and the plants they are tried on."""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.bicycle.bicycle import Bicycle
+from qcar_twin.bicycle.single_track import SingleTrackCar
+from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.plant import Plant
+from qcar_twin.twin.file import load_twin
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+STEERING_LAG = {"bicycle": 0.05, "twin": 0.015, "proving_ground": 0.05}  # s, told to the filter: delay and lag as one
+
+FRONT_SHARE = {"all-wheel": 0.5, "rear": 0.0, "front": 1.0}  # of the front wheels in what the encoder on the motor sees
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+  """A vehicle with the five identified numbers of its single track.
+
+  Attributes:
+    vehicle: measured numbers.  theta: of `Bicycle`, (5,).
+  """
+
+  vehicle: Vehicle
+  theta: Array
+
+  @classmethod
+  def nominal(cls) -> "Model":
+    """The QCar's measured numbers and the nominal bicycle."""
+    vehicle = Vehicle.load()
+    return cls(vehicle, Bicycle(vehicle).parameters.nominal)
+
+  @property
+  def car(self) -> SingleTrackCar:
+    """Numbers of the equations."""
+    return Bicycle(self.vehicle).car(self.theta)
+
+  def plant(self, name: str, twin_file: str = "") -> tuple[Plant, Array]:
+    """A plant by name and its parameter vector: "bicycle" (this model) or "twin" (nominal, or a twin file).
+
+    Raises:
+      KeyError: another name.
+    """
+    if name == "bicycle":
+      return Bicycle(self.vehicle), self.theta
+    if name == "twin":
+      if twin_file:
+        return load_twin(twin_file, threads=1)
+      twin = Twin(self.vehicle, threads=1)
+      return twin, twin.parameters.nominal
+    raise KeyError(f"no plant '{name}'; there are bicycle and twin")
+
+  def filter_settings(self, plant: str, **changes: object) -> FilterSettings:
+    """Settings of the federated filter for a plant: its IMU's place, its steering's lag, the lidar's colour."""
+    base = FilterSettings(
+      imu_x=self.vehicle.imu_x,
+      imu_y=self.vehicle.imu_y,
+      steering_lag=STEERING_LAG[plant],
+      lidar_correlation=0.3,
+      front_drive_share=0.0 if plant == "bicycle" else FRONT_SHARE[self.vehicle.layout],
+    )
+    return dataclasses.replace(base, **changes)

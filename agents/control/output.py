@@ -1,0 +1,52 @@
+"""What a tracking run leaves behind: kpis.json, traces.csv, figures."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from agents.control import figures
+from agents.control.closed_loop import Drive
+from agents.control.kpis import Kpis
+from qcar_twin.atomic_io import write_json, write_text
+from qcar_twin.plant import COMMANDS, SIGNALS
+
+
+def write_drive(folder: Path, label: str, drive: Drive, indicators: Kpis, config: Mapping[str, object]) -> str:
+  """Write a drive into a folder; returns the indicators in one line.
+
+  Args:
+    label: controller and version, as in the figures.
+    config: what was asked for; kept beside the indicators.
+  """
+  folder.mkdir(parents=True, exist_ok=True)
+  figures.tracking_figure({label: drive}, folder / "tracking.png")
+  figures.trace_figure(drive, folder / "traces.png")
+  if drive.path.lanes:
+    figures.lane_change_figure({label: drive}, folder / "lane_change.png")
+  rows = {f.name: np.asarray(getattr(indicators, f.name)) for f in dataclasses.fields(indicators)}
+  write_json(folder / "kpis.json", {"config": config, "kpis": rows})
+  write_traces(folder / "traces.csv", drive)
+  return indicator_line(label, drive, indicators)
+
+
+def write_traces(file: Path, drive: Drive, car: int = 0) -> None:
+  """One car's true signals, commands, estimated pose and cross-track error as columns, SI units."""
+  columns = np.column_stack(
+    [drive.time, drive.signals[:, car], drive.commands[:, car], drive.pose[:, car], drive.cross_track[:, car]]
+  )
+  names = ("time", *SIGNALS, *COMMANDS, "estimated_x", "estimated_y", "estimated_yaw", "cross_track_error")
+  lines = [",".join(names), *(",".join(f"{x:.6g}" for x in row) for row in columns)]
+  write_text(file, "\n".join(lines) + "\n")
+
+
+def indicator_line(label: str, drive: Drive, indicators: Kpis) -> str:
+  """Medians over the runs, in words."""
+  me, rmse, iaca = (float(np.median(x)) for x in (indicators.me, indicators.rmse, indicators.iaca))
+  line = (
+    f"{label} on {drive.path.name}: ME {1e3 * me:.1f} mm, RMSE {1e3 * rmse:.1f} mm, IACA {np.degrees(iaca):.2f} deg"
+  )
+  if drive.path.lanes:
+    line += f", {int(indicators.inside.sum())} of {len(indicators.inside)} runs between the borders"
+  return line

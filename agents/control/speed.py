@@ -1,0 +1,67 @@
+"""Speed control: proportional-integral with friction compensation, from the identified drive model."""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from qcar_twin.bicycle.single_track import SingleTrackCar
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class SpeedGains:
+  """V = friction sgn(target) + proportional e + integral of e.
+
+  Attributes:
+    hold: voltage per speed that steady motion needs, V s/m: where the integrator starts on a moving car.
+    friction: voltage that friction needs, V.
+    proportional: V s/m.  integral: V/m.  limit: largest voltage, V.
+  """
+
+  hold: float
+  friction: float
+  proportional: float
+  integral: float
+  limit: float = 11.1
+
+  @classmethod
+  def design(cls, car: SingleTrackCar, response_time: float = 0.3, limit: float = 11.1) -> "SpeedGains":
+    """Pole-cancelling gains: the speed follows its reference like a first-order lag of `response_time` s.
+
+    With dv/dt = b V - P2 v - friction, b = G R_w P1: proportional = 1 / (b response_time), integral = P2 times that
+    (Skogestad, Simple analytic rules for model reduction and PID controller tuning, J. Process Control 13, 2003).
+    """
+    gain = float(car.rolling_radius * np.asarray(car.drive_gain))  # m/s^2/V
+    proportional = 1.0 / (gain * response_time)
+    damping = float(np.asarray(car.drive_damping))
+    friction = float(np.asarray(car.drive_friction) / np.asarray(car.drive_gain))
+    return cls(damping / gain, friction, proportional, damping * proportional, limit)
+
+
+class SpeedController:
+  """The PI controller of N cars with its integrators.
+
+  Args:
+    gains: from SpeedGains.design.
+    speed: of the cars when it takes over, m/s, (N,).
+  """
+
+  def __init__(self, gains: SpeedGains, speed: Array):
+    self.gains = gains
+    self._integral = gains.hold * np.asarray(speed, dtype=np.float64)
+
+  def restart(self, which: NDArray[np.bool_], speed: Array) -> None:
+    """Take over some cars anew at speeds (N,), m/s."""
+    self._integral = np.where(which, self.gains.hold * speed, self._integral)
+
+  def voltage(self, speed: Array, target: ArrayLike, period: float) -> Array:
+    """Motor voltage, V, (N,), for measured and wanted speeds, m/s. The integrator stands still at the limit."""
+    gains, target = self.gains, np.asarray(target, dtype=np.float64)
+    error = target - speed
+    wanted = gains.friction * np.sign(target) + gains.proportional * error + self._integral
+    voltage = np.clip(wanted, -gains.limit, gains.limit)
+    free = (voltage == wanted) | (np.sign(error) != np.sign(wanted))
+    self._integral = self._integral + np.where(free, gains.integral * error * period, 0.0)
+    return voltage

@@ -1,0 +1,100 @@
+"""Fair tuning: every controller is searched on the S-path with the same noise, servo, mismatch and cap on its rate."""
+
+import dataclasses
+import logging
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.control.closed_loop import Actuation, Task, drive
+from agents.control.controllers import Family, make, side_by_side
+from agents.control.kpis import kpis
+from agents.control.speed import SpeedGains
+from qcar_twin.bicycle.single_track import SingleTrackCar
+from qcar_twin.estimation.observer import SensedObserver
+from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.paths import path_named
+from qcar_twin.plant import Plant
+from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
+
+Array = NDArray[np.float64]
+log = logging.getLogger(__name__)
+MISMATCH = ((1.0, 0.0), (0.95, 0.5), (1.05, -0.5), (1.0, 0.0))  # steering gain -, offset deg, of the cars of a trial
+
+
+@dataclasses.dataclass(frozen=True)
+class Search:
+  """A cross-entropy search over the logarithms of a controller's numbers.
+
+  Attributes:
+    candidates: per generation.  elite: of them kept.  generations: how many.
+    rate_cap: root mean square steering rate allowed, rad/s.
+    speed: m/s.  seed: of sensors and search.
+  """
+
+  candidates: int = 24
+  elite: int = 6
+  generations: int = 8
+  rate_cap: float = float(np.radians(80.0))
+  speed: float = 0.5
+  seed: int = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class Tuned:
+  """What a search found: numbers by name, their RMSE in m and steering rate in rad/s over the trial."""
+
+  numbers: dict[str, float]
+  rmse: float
+  steering_rate: float
+
+
+def tune(
+  family: Family, plant: Plant, theta: Array, car: SingleTrackCar, settings: FilterSettings, search: Search
+) -> Tuned:
+  """Least RMSE on the S-path under the rate cap.
+
+  Args:
+    family: the controller's numbers and where to begin.
+    plant, theta: what is driven, and its parameters (P,).
+    car: the identified model that gains, speed control and filter use.
+    settings: of the filter.
+  """
+  rng = np.random.default_rng(search.seed)
+  mean, spread = np.log10(family.start), np.full(len(family.start), family.spread)
+  for generation in range(search.generations):
+    points = mean + spread * rng.standard_normal((search.candidates, len(mean)))
+    points[0] = mean
+    seed = search.seed + 1 + generation  # new noise each time: no candidate wins by luck for long
+    costs, _ = _trial(family, points, plant, theta, car, settings, search, seed)
+    order = np.argsort(costs)[: search.elite]
+    mean, spread = points[order].mean(axis=0), np.maximum(points[order].std(axis=0), 0.02)
+    log.info("%s generation %d: %.2f mm", family.name, generation, 1e3 * costs[order[0]])
+  _, trials = _trial(family, mean[None], plant, theta, car, settings, search, search.seed + 1000)
+  return trials[0]
+
+
+def _trial(
+  family: Family,
+  points: Array,
+  plant: Plant,
+  theta: Array,
+  car: SingleTrackCar,
+  settings: FilterSettings,
+  search: Search,
+  seed: int,
+) -> tuple[Array, list[Tuned]]:
+  """Costs (m) of candidates (C, k) as logarithms, each driven once per mismatch."""
+  cars = len(MISMATCH)
+  numbers = [dict(zip(family.numbers, (10.0**point).tolist(), strict=True)) for point in points]
+  controller = side_by_side([make(family.name, entry, car, search.speed) for entry in numbers], cars)
+  count = cars * len(points)
+  gain, offset = np.tile(np.array(MISMATCH).T, len(points))
+  actuation = Actuation(gain=gain, offset=np.radians(offset))
+  task = Task(path_named("s"), speed=search.speed, actuation=actuation)
+  observer = SensedObserver(SensorSuite(qcar_sensors(), count, seed), car, settings)
+  result = kpis(drive(plant, np.tile(theta, (count, 1)), controller, SpeedGains.design(car), observer, task))
+  rmse = np.sqrt(np.mean(np.where(result.finished, result.rmse, 1.0).reshape(-1, cars) ** 2, axis=1))
+  rate = np.sqrt(np.mean(result.steering_rate.reshape(-1, cars) ** 2, axis=1))
+  costs = rmse + 0.1 * np.maximum(rate / search.rate_cap - 1.0, 0.0)
+  return costs, [Tuned(*row) for row in zip(numbers, rmse.tolist(), rate.tolist(), strict=True)]

@@ -1,0 +1,1 @@
+"""The learning agent: environments, training, its policy as data."""

@@ -1,0 +1,67 @@
+"""What an agent sees beyond the paper's four errors.
+
+The federated filter predicts with the steering it was told. A linkage nobody told it about bends its estimate to one
+side; command, curvature and their slow means give away by how much. An agent that sees them can learn it, one that
+sees the four errors alone cannot.
+"""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.envs.fleet import Fleet
+from qcar_twin.paths import Path
+
+Array = NDArray[np.float64]
+STEERING_SCALE, CURVATURE_SCALE = 2.0, 0.6  # 1/rad and m: what is seen becomes of order one
+
+
+@dataclasses.dataclass(frozen=True)
+class ObservationSpec:
+  """The paper's four errors with the defaults.
+
+  Attributes:
+    steering: also the last steering command, rad.
+    previews: also the path's curvature, 1/m, so far ahead, m; 0 is beside the car.
+    past: also the slow means of steering command and curvature, rad and 1/m, see `qcar_twin.slow_means`.
+  """
+
+  steering: bool = False
+  previews: tuple[float, ...] = ()
+  past: bool = False
+
+  @property
+  def size(self) -> int:
+    """Numbers seen per car."""
+    return len(self.names)
+
+  @property
+  def scale(self) -> tuple[float, ...]:
+    """What the numbers beyond the four errors are multiplied with in the network."""
+    now = (STEERING_SCALE,) * self.steering + (CURVATURE_SCALE,) * len(self.previews)
+    return now + (STEERING_SCALE, CURVATURE_SCALE) * self.past
+
+  @property
+  def names(self) -> tuple[str, ...]:
+    """What is seen, with units."""
+    errors = ("cross_track_error m", "its rate m/s", "heading_error rad", "its rate rad/s")
+    ahead = tuple(f"curvature {x:g} m ahead 1/m" for x in self.previews)
+    past = ("mean steering_command rad", "mean curvature 1/m")
+    return errors + ("steering_command rad",) * self.steering + ahead + past * self.past
+
+  def look(self, errors: Array, steering: Array, past: Array, path: Path, arc_length: Array) -> Array:
+    """What is seen, (N, size).
+
+    Args:
+      errors: the four, (N, 4).  steering: last command, rad, (N,).  past: slow means, (N, 2).
+      path, arc_length: and where on it the cars are, m, (N,).
+    """
+    parts = [errors] + [steering[:, None]] * self.steering
+    if self.previews:
+      parts.append(path.at(arc_length[:, None] + np.array(self.previews)).curvature)
+    return np.concatenate(parts + [past] * self.past, axis=1)
+
+  def of(self, fleet: Fleet) -> Array:
+    """What is seen of a fleet, by its cars' own estimates, (N, size)."""
+    return self.look(fleet.observation, fleet.steering, fleet.past, fleet.task.path, fleet.arc_length[0])

@@ -1,0 +1,166 @@
+"""A trained policy as data: weights in safetensors, the rest in JSON, export to ONNX. Nothing in it can be executed.
+
+policy.safetensors: `weight_k` (out, in) and `bias_k` (out,) of layer k, float32.
+policy.json: what is seen and its scale, bounds, and where the policy comes from.
+"""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors.numpy import load_file, save_file
+
+from agents.control.interface import Situation
+from agents.learning.observation import ObservationSpec
+from qcar_twin.atomic_io import whole_file, write_text
+
+Array = NDArray[np.float64]
+Layers = tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
+FORMAT = 1
+WEIGHTS, DESCRIPTION, ONNX = "policy.safetensors", "policy.json", "policy.onnx"
+SHIPPED = Path(__file__).resolve().parents[1] / "data" / "policy"  # the policy that comes with the package
+
+
+@dataclasses.dataclass(frozen=True)
+class Policy:
+  """A tanh-bounded ReLU network from errors to steering rate, as a controller.
+
+  Attributes:
+    layers: weights (out, in) and biases (out,).
+    observation_scale: (n,), 1/m, s/m, 1/rad, s/rad for the four errors, then of what else is seen.
+    largest_rate: bound of the steering rate, rad/s.  lock: of the steering angle it integrates, rad.
+    provenance: how it was trained, with its indicators.
+    sight: what is seen.
+  """
+
+  layers: Layers
+  observation_scale: tuple[float, ...]
+  largest_rate: float = 1.5
+  lock: float = 0.5236
+  provenance: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+  name: str = "ddpg"
+  sight: ObservationSpec = ObservationSpec()
+
+  def rate(self, observation: Array) -> Array:
+    """Steering rate, rad/s, (N,), for observations in SI units, (N, n); single precision inside, as trained."""
+    x = observation.astype(np.float32) * np.asarray(self.observation_scale, dtype=np.float32)
+    for weight, bias in self.layers[:-1]:
+      x = np.maximum(x @ weight.T + bias, 0.0)
+    weight, bias = self.layers[-1]
+    return self.largest_rate * np.tanh(x @ weight.T + bias)[:, 0].astype(np.float64)
+
+  def steer(self, situation: Situation) -> Array:
+    """Steering command: the last one moved on by the rate."""
+    errors, path, arc_length = situation.errors.observation, situation.path, situation.arc_length
+    rate = self.rate(self.sight.look(errors, situation.steering, situation.past, path, arc_length))
+    return np.clip(situation.steering + rate * situation.period, -self.lock, self.lock)
+
+
+def save_policy(policy: Policy, folder: Path) -> None:
+  """Write policy.safetensors and policy.json, each replaced as a whole."""
+  tensors = {}
+  for k, (weight, bias) in enumerate(policy.layers):
+    tensors[f"weight_{k}"], tensors[f"bias_{k}"] = np.ascontiguousarray(weight), np.ascontiguousarray(bias)
+  with whole_file(folder / WEIGHTS) as part:
+    save_file(tensors, part)
+    part.chmod(0o644)  # the library writes for the owner alone
+  about = {
+    "format": FORMAT,
+    "kind": policy.name,
+    "layers": len(policy.layers),
+    "observation": list(policy.sight.names),
+    "observation_scale": list(policy.observation_scale),
+    "action": "steering rate rad/s",
+    "largest_rate": policy.largest_rate,
+    "lock": policy.lock,
+    "sight": dataclasses.asdict(policy.sight),
+    "provenance": dict(policy.provenance),
+  }
+  write_text(folder / DESCRIPTION, json.dumps(about, indent=1, default=str) + "\n")
+
+
+def load_policy(folder: Path) -> Policy:
+  """Read what `save_policy` wrote.
+
+  Raises:
+    FileNotFoundError, ValueError: with the file's name and the cure.
+  """
+  for name in (WEIGHTS, DESCRIPTION):
+    if not (folder / name).is_file():
+      raise FileNotFoundError(f"{folder / name}: no such file; a policy folder is made by qcar-twin train")
+  about = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
+  if about.get("format") != FORMAT:
+    raise ValueError(f"{folder / DESCRIPTION}: not a policy of format {FORMAT}; train it again with qcar-twin train")
+  tensors = load_file(folder / WEIGHTS)
+  try:
+    layers = tuple((tensors[f"weight_{k}"], tensors[f"bias_{k}"]) for k in range(about["layers"]))
+  except KeyError as error:
+    raise ValueError(f"{folder / WEIGHTS}: {error.args[0]} is missing; the two files do not belong together") from error
+  scale = tuple(float(x) for x in about["observation_scale"])
+  sight = sight_from(about.get("sight", {}))
+  return Policy(layers, scale, about["largest_rate"], about["lock"], about["provenance"], about["kind"], sight)
+
+
+def sight_from(table: Mapping[str, Any]) -> ObservationSpec:
+  """A sight from its JSON; the paper's agent's where a file says nothing."""
+  previews = tuple(float(x) for x in table.get("previews", ()))
+  return ObservationSpec(bool(table.get("steering", False)), previews, bool(table.get("past", False)))
+
+
+def export_onnx(policy: Policy, file: Path, tolerance: float = 1e-5) -> float:
+  """Write the policy as ONNX, `observation` (N, n) -> `steering_rate` (N, 1), and check that it acts the same.
+
+  Returns:
+    Largest difference over 1000 observations, rad/s.
+
+  Raises:
+    RuntimeError: it acts differently by more than `tolerance`; nothing is left behind then.
+  """
+  import onnx
+
+  with whole_file(file) as part:
+    onnx.save(_graph(policy), str(part))
+    worst = onnx_difference(policy, part)
+    if not worst <= tolerance:
+      raise RuntimeError(f"{file.name}: the exported policy differs by {worst:.3g} rad/s")
+  return worst
+
+
+def onnx_difference(policy: Policy, file: Path, seed: int = 0) -> float:
+  """Largest difference in steering rate, rad/s, between a policy and an ONNX file, over 1000 observations."""
+  import onnxruntime
+
+  size = np.array([0.1, 0.3, 0.3, 1.0, *[1.0 / scale for scale in policy.sight.scale]])
+  observation = size * np.random.default_rng(seed).standard_normal((1000, len(size)))
+  session = onnxruntime.InferenceSession(file.read_bytes(), providers=["CPUExecutionProvider"])
+  (rate,) = session.run(None, {"observation": observation.astype(np.float32)})
+  return float(np.max(np.abs(np.asarray(rate)[:, 0] - policy.rate(observation))))
+
+
+def _graph(policy: Policy):
+  """The network as an ONNX model."""
+  from onnx import TensorProto, checker, helper, numpy_helper
+
+  scale = np.asarray(policy.observation_scale, dtype=np.float32)
+  weights = [numpy_helper.from_array(scale, "scale")]
+  weights.append(numpy_helper.from_array(np.asarray(policy.largest_rate, np.float32), "largest_rate"))
+  nodes = [helper.make_node("Mul", ["observation", "scale"], ["x0"])]
+  for k, (weight, bias) in enumerate(policy.layers):
+    weights += [
+      numpy_helper.from_array(weight.copy(), f"weight_{k}"),
+      numpy_helper.from_array(bias.copy(), f"bias_{k}"),
+    ]
+    nodes.append(helper.make_node("Gemm", [f"x{k}", f"weight_{k}", f"bias_{k}"], [f"y{k}"], transB=1))
+    last = k == len(policy.layers) - 1
+    nodes.append(helper.make_node("Tanh" if last else "Relu", [f"y{k}"], [f"x{k + 1}"]))
+  nodes.append(helper.make_node("Mul", [f"x{len(policy.layers)}", "largest_rate"], ["steering_rate"]))
+  inputs = [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["cars", policy.sight.size])]
+  outputs = [helper.make_tensor_value_info("steering_rate", TensorProto.FLOAT, ["cars", 1])]
+  graph = helper.make_graph(nodes, "policy", inputs, outputs, weights)
+  model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+  checker.check_model(model)
+  return model

@@ -1,0 +1,191 @@
+"""The study of the results page as jobs that can be done one by one: trainings of every variant and seed, then drives.
+
+A job is done when its file is there. Trainings go to VARIANT/seedK (and are resumed from their last checkpoint), drives
+to evaluated/SETTING/GROUP.json, where a group is the controllers or a variant with the seeds that were driven; a drive
+with more seeds replaces one with fewer.
+"""
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.control.kpis import Kpis
+from agents.learning.ddpg import Settings
+from agents.learning.environments import Options
+from agents.learning.evaluate import EvaluationCase, PlantMaker, Row, contestants, known_plant, run_together
+from agents.learning.observation import ObservationSpec
+from agents.learning.train import Plan, train
+from qcar_twin.atomic_io import write_text
+from qcar_twin.envs.task import Reward
+
+PATHS = ("o", "infinity", "c")
+MISMATCH = (0.92, 1.0)  # steering gain -, offset deg, fixed before anything was trained
+CONTROLLERS = "controllers"
+WIDE = ObservationSpec(steering=True, previews=(0.0, 0.15), past=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class Variant:
+  """A way of training.
+
+  Attributes:
+    about: in a line.
+    plan: of an agent without its seed.
+    twin: whether it waits for a twin file of its own name to train on.
+  """
+
+  about: str
+  plan: Plan
+  twin: bool = False
+
+
+STANDARD = Plan(Options(version="tuned", reward=Reward(m6=1.0)))
+ALONE = dataclasses.replace(STANDARD, options=Options(demonstrator="", reward=Reward(m6=0.0)))
+WIDE_PLAN = Plan(
+  Options(demonstrator="", reward=Reward(m6=0.0), gain_spread=0.1, offset_spread=1.5),
+  Settings(episodes=0, imitations=72, mirror=True),
+  sight=WIDE,
+)
+VARIANTS = {
+  "standard": Variant("the paper's agent: DDPG, four errors, LQ_ed tuned as demonstrator in the reward", STANDARD),
+  "alone": Variant("the same without the demonstrator's term r_ed", ALONE),
+  "wide": Variant(
+    (
+      "sees also command, curvature and their slow means; imitates the linear rate policy that sees the truth, on "
+      "linkages drawn anew every episode"
+    ),
+    WIDE_PLAN,
+  ),
+  "recalibrated": Variant("wide, trained on the twin recalibrated to the car with the effect", WIDE_PLAN, twin=True),
+  "repaired": Variant("wide, trained on the twin the diagnosis repaired", WIDE_PLAN, twin=True),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Setting:
+  """Circumstances in which groups are driven on several paths.
+
+  Attributes:
+    cases: one per path.  groups: of VARIANTS, or CONTROLLERS.
+    versions: of the controllers.
+  """
+
+  cases: tuple[EvaluationCase, ...]
+  groups: tuple[str, ...]
+  versions: tuple[str, ...] = ("tuned",)
+
+
+def _cases(paths: Sequence[str] = PATHS, **circumstances: Any) -> tuple[EvaluationCase, ...]:
+  return tuple(EvaluationCase(path, **circumstances) for path in paths)
+
+
+def settings(
+  cars: int = 8, speeds: Sequence[float] = (0.3, 0.7, 0.9, 1.2), plants: Sequence[str] = (), special: Sequence[str] = ()
+) -> dict[str, Setting]:
+  """What is driven, by name.
+
+  Args:
+    cars: runs of each contestant.
+    speeds: m/s, beside 0.5.
+    plants: by the names the plant maker knows, on which everybody is driven besides the twin.
+    special: plants on which the agents trained on twins of their own are driven, too.
+  """
+  gain, offset = MISMATCH
+  everyone = (CONTROLLERS, "standard", "alone", "wide")
+  bent = _cases(steering_gain=gain, steering_offset=offset, cars=cars)
+  known = {
+    "N": Setting(_cases(cars=cars), everyone, ("loose", "tuned")),
+    "MIS": Setting(bent, everyone, ("loose", "tuned")),
+  }
+  few = (CONTROLLERS, "standard", "wide")
+  known |= {f"{speed:g} m/s": Setting(_cases(speed=speed, cars=max(2, cars // 2)), few) for speed in speeds}
+  own = tuple(name for name, variant in VARIANTS.items() if variant.twin)
+  for plant in (*plants, *special):
+    groups = few + own * (plant in special)
+    known[plant] = Setting(_cases(plant=plant, cars=max(2, cars // 2)), groups)
+  return known
+
+
+@dataclasses.dataclass(frozen=True)
+class Job:
+  """Something to do: `work` leaves `file`, whose presence says that it was done."""
+
+  name: str
+  file: Path
+  work: Callable[[], Any]
+
+
+def training_jobs(folder: Path, variant: str, seeds: Sequence[int], episodes: int | None = None) -> list[Job]:
+  """One per seed; a variant that waits for its twin has none until folder/VARIANT.toml is there."""
+  chosen = VARIANTS[variant]
+  twin = folder / f"{variant}.toml"
+  if chosen.twin and not twin.is_file():
+    return []
+  found = []
+  for seed in seeds:
+    plan = dataclasses.replace(chosen.plan, seed=seed)
+    if chosen.twin:
+      plan = dataclasses.replace(plan, options=dataclasses.replace(plan.options, twin=str(twin)))
+    if episodes and not plan.settings.imitations:
+      plan = dataclasses.replace(plan, settings=dataclasses.replace(plan.settings, episodes=episodes))
+    target = folder / variant / f"seed{seed}"
+    work = partial(warm_start, plan, target)
+    found.append(Job(f"train {variant} {seed}", target / "result.json", work))
+  return found
+
+
+def warm_start(plan: Plan, folder: Path) -> dict[str, Any]:
+  """Train into a folder, from its last checkpoint where it has one; a training without one begins anew."""
+  resumable = (folder / "checkpoint.json").is_file()
+  if not resumable:
+    (folder / "training.json").unlink(missing_ok=True)
+  return train(plan, folder, resume=resumable)
+
+
+def driving_jobs(folder: Path, name: str, setting: Setting, plant: PlantMaker = known_plant) -> list[Job]:
+  """One per group of a setting whose trainings are there."""
+  found = []
+  for group in setting.groups:
+    policies = trained(folder, group)
+    if group == CONTROLLERS or policies:
+      file = " ".join([group, *(label.split()[-1] for label in policies)]) + ".json"
+      target = folder / "evaluated" / name.replace("/", " per ") / file
+      work = partial(drive_group, group, policies, setting, target, plant)
+      found.append(Job(f"drive {name} {group}", target, work))
+  return found
+
+
+def trained(folder: Path, variant: str) -> dict[str, Path]:
+  """Policies of a variant's finished trainings, by label."""
+  done = sorted((folder / variant).glob("seed*/result.json"))
+  return {f"{variant} {file.parent.name.removeprefix('seed')}": file.parent / "best" for file in done}
+
+
+def drive_group(group: str, policies: Mapping[str, Path], setting: Setting, file: Path, plant: PlantMaker) -> None:
+  """Drive a group in all cases of a setting and keep the rows."""
+  rows: list[Row] = []
+  for case in setting.cases:
+    members = contestants(policies, case.speed, baselines=group == CONTROLLERS)
+    if group == CONTROLLERS:
+      members = {label: c for label, c in members.items() if label.split()[1] in setting.versions}
+    rows += run_together(members, case, plant)
+  file.parent.mkdir(parents=True, exist_ok=True)
+  for older in file.parent.glob(f"{group}*.json"):
+    older.unlink()
+  write_text(file, json.dumps([row.as_json() for row in rows]) + "\n")
+
+
+def read_rows(file: Path) -> list[Row]:
+  """What `drive_group` kept; errors of runs that left the path are infinite again."""
+  rows = []
+  for entry in json.loads(file.read_text(encoding="utf-8")):
+    case = EvaluationCase(**entry["case"])
+    values = {f.name: entry[f.name] for f in dataclasses.fields(Kpis)}
+    arrays = {n: np.array([np.inf if x is None else x for x in column]) for n, column in values.items()}
+    rows.append(Row(entry["contestant"], case, Kpis(**arrays)))
+  return rows

@@ -1,0 +1,1 @@
+"""Speed and accuracy in pairs, each in one run."""

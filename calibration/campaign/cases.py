@@ -1,0 +1,54 @@
+"""The cases of a campaign, drawn from one seed: sessions with no effect, one, two, or one without a name."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.proving_ground.effects import EFFECTS
+from qcar_twin.twin.mechanisms import catalogue
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+  """One session of a campaign: effects as (id, size in multiples of typical)."""
+
+  name: str
+  kind: str  # null, single, pair, outside
+  seed: int
+  effects: tuple[tuple[str, float], ...]
+  noise: float
+  design: str = "compact"
+
+
+def draw_cases(seed: int, nulls: int, singles: int, pairs: int, outside: int, design: str = "compact") -> list[Case]:
+  """Cases of a campaign, all decided by one seed.
+
+  Nulls take turns with three noise levels. Singles go through the catalogue in a drawn order, at the
+  typical size and at a third of it in turn. Pairs combine two subsystems at the typical size.
+  """
+  rng = np.random.default_rng(seed)
+  known = sorted(set(catalogue()) & set(EFFECTS))
+  foreign = sorted(set(EFFECTS) - set(known))
+  first = int(rng.integers(10**6, 10**8))
+  cases = [
+    Case(f"null_{i:02d}", "null", first + i, (), (0.5, 1.0, 2.0)[i % 3], design)
+    for i in range(nulls)
+  ]  # fmt: skip
+  order = [known[i] for i in rng.permutation(len(known))]
+  for i in range(singles):
+    effect = order[i % len(order)]
+    cases.append(Case(f"single_{i:02d}", "single", first + 1000 + i, ((effect, (1.0, 1 / 3)[i % 2]),), 1.0, design))
+  for i in range(pairs):
+    cases.append(Case(f"pair_{i:02d}", "pair", first + 2000 + i, _pair(rng, known), 1.0, design))
+  for i, k in enumerate(rng.permutation(len(foreign))[:outside]):
+    cases.append(Case(f"outside_{i:02d}", "outside", first + 3000 + i, ((foreign[k], 1.0),), 1.0, design))
+  return cases
+
+
+def _pair(rng: np.random.Generator, known: Sequence[str]) -> tuple[tuple[str, float], ...]:
+  found = catalogue()
+  while True:
+    one, other = (known[int(i)] for i in rng.permutation(len(known))[:2])
+    if found[one].subsystem != found[other].subsystem:
+      return (one, 1.0), (other, 1.0)

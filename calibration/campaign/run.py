@@ -1,0 +1,82 @@
+"""Campaigns on the proving ground: many sessions with concealed effects, diagnosed blind and scored.
+
+A case is made from its seed, diagnosed without sight of its truth, and its answer is written with its
+hash before the truth is looked at. A campaign that is stopped goes on where it was.
+"""
+
+import dataclasses
+from pathlib import Path
+
+from calibration.campaign.archive import digest, keep
+from calibration.campaign.cases import Case
+from calibration.campaign.reference import baselines, oracle
+from calibration.diagnosis.outcome import Outcome
+from calibration.diagnosis.pipeline import diagnose
+from calibration.diagnosis.pool import Pool
+from calibration.diagnosis.report.document import document
+from calibration.diagnosis.score import Comparison, compare
+from calibration.proving_ground import make_session
+from qcar_twin.recordings.dataset import DataSet
+
+
+def run_case(case: Case, folder: Path, threads: int = 1) -> Path:
+  """Make, diagnose and answer one case; does nothing if its answer is there."""
+  path = folder / f"{case.name}.json"
+  if path.is_file():
+    return path
+  session = make_session(case.seed, case.effects, case.design, case.noise)
+  dataset = DataSet(case.name, session.recordings, session.vehicle, session.vehicle_std)
+  outcome = diagnose(dataset, threads=threads)
+  answer = _answer(outcome)
+  sealed = digest(answer)
+  # the truth joins the file only after the answer and its hash stand
+  truth, holdout = session.truth["effects"], dataset.role("holdout")
+  result = {"case": dataclasses.asdict(case), "answer": answer, "sha256": sealed, "truth": truth}
+  result |= {"baselines": baselines(outcome, holdout), "oracle": oracle(outcome, [t["id"] for t in truth], holdout)}
+  folder.mkdir(parents=True, exist_ok=True)
+  keep(result, path)
+  return path
+
+
+def _answer(outcome: Outcome) -> dict:
+  """What the diagnosis says, and the figures that thresholds are held against."""
+  found = outcome.diagnosis
+  full = document(found)
+  keep = ("verdict", "claims", "where", "untestable", "fit", "seconds", "unknown")
+  out = {key: full[key] for key in keep} | {"ranking": full["ranking"][:12]}
+  out["stages"] = dict(found.stages)
+  out["tests"] = [{"mechanism": c.mechanism} | _figures(c.held_out) for c in found.decision.claims]
+  out["possible"] = list(found.decision.possible)
+  rival = found.decision.unknown
+  out["rival"] = None if rival is None else {"name": rival[0]} | _figures(rival[1])
+  out["trials"] = _trials(found.pool)
+  out["alarms"] = [d.name for d in found.detection.detectors if d.alarm]
+  out["statistics"] = {d.name: d.statistic for d in found.detection.detectors}
+  return out
+
+
+def _trials(pool: Pool) -> list[dict]:
+  """Every set that was fitted, with its figures: what thresholds are held against."""
+  rows = []
+  for key, model in pool.models.items():
+    if not key:
+      continue
+    sizes = {
+      p.name: [*model.estimate(p.name), p.typical or p.scale]
+      for name in key
+      for p in pool.problem.mechanism(name).parameters
+      if p.null is not None
+    }
+    test = compare(model, pool.base, pool.problem.observations)
+    rows.append({"set": sorted(key), "cost": pool.base.cost - model.cost, "sizes": sizes} | _figures(test))
+  return sorted(rows, key=lambda r: -r["total"])
+
+
+def _figures(test: Comparison) -> dict[str, float]:
+  return {
+    "t": test.t,
+    "gain": test.gain,
+    "share": test.share_positive,
+    "total": test.total,
+    "relative": test.relative,
+  }

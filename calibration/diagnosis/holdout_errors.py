@@ -1,0 +1,120 @@
+"""Errors before and after the repair, on recordings that took no part, against the noise floor.
+
+"Before" is the recalibrated twin, never an uncalibrated one. The hold-out is opened here, once.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.fitting.noise_floor import driving_noise, residual_floor
+from calibration.fitting.observations import UNITS, Observations, observe
+from calibration.fitting.windows import Cut
+from qcar_twin.recordings.recording import Recording
+from qcar_twin.twin.twin import Twin
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class ChannelFit:
+  """Root mean square error of one channel before and after the repair, in its unit.
+
+  Attributes:
+    noise_floor, driving_noise: of the sensors at standstill and while driving, in the channel's unit.
+    ci95: bounds of after / before - 1 by a block bootstrap: negative is an improvement.
+  """
+
+  before: float
+  after: float
+  noise_floor: float
+  driving_noise: float
+  ci95: tuple[float, float]
+  unit: str
+  samples: int
+
+
+def compare_twins(
+  twin: Twin,
+  before: Array,
+  after: Array,
+  recordings: Sequence[Recording],
+  floor: Mapping[str, float],
+  cut: Cut,
+  seed: int = 0,
+) -> tuple[dict[str, ChannelFit], Observations, Array]:
+  """Errors of two parameter vectors on recordings, per channel.
+
+  Args:
+    twin: the car with all mechanisms.
+    before, after: parameter vectors, (P,).
+    recordings: what to predict.
+    floor: noise of each residual channel at standstill.
+    cut: how recordings are cut; the timing that was fitted.
+    seed: of the bootstrap.
+
+  Returns:
+    per channel; the observations; errors (2, M) of before and after in each channel's unit.
+  """
+  if not recordings:
+    return {}, _empty(), np.zeros((2, 0))
+  observations = observe(recordings, twin.vehicle, cut)
+  prediction = twin.rollout(np.stack([before, after]), observations.stretches.segments)
+  errors = observations.predict(prediction) - observations.measured
+  random = np.random.default_rng(seed)
+  driving = residual_floor(driving_noise(recordings))
+  fits = {name: _channel(observations, errors, name, (floor, driving), random) for name in observations.present}
+  return fits, observations, errors
+
+
+def recovered_share(fits: Mapping[str, ChannelFit]) -> float:
+  """Share of the squared error above what the sensors make while driving that the repair removed; 0 without any."""
+  floor = {name: max(f.noise_floor, f.driving_noise) for name, f in fits.items()}
+  before, after = ({name: getattr(f, key) for name, f in fits.items()} for key in ("before", "after"))
+  share = share_removed(before, after, floor)
+  return 0.0 if share is None else share
+
+
+def share_removed(before: Mapping[str, float], after: Mapping[str, float], floor: Mapping[str, float]) -> float | None:
+  """Share of the squared error above a floor that is gone, every channel with the same weight; None without any.
+
+    1 - sum_c (a_c^2 - f_c^2)+ / b_c^2 / sum_c (b_c^2 - f_c^2)+ / b_c^2
+
+  A channel counts by how far it was above the floor in shares of its own error, so that neither a quiet sensor nor a
+  channel that was at its floor from the start decides.
+
+  Args:
+    before, after, floor: root mean square errors b, a, f by channel, in one unit per channel; channels without a
+      floor are left out.
+  """
+  names = [name for name in before if name in floor and before[name] > 0.0]
+  above = lambda error: sum(max(error[n] ** 2 - floor[n] ** 2, 0.0) / before[n] ** 2 for n in names)
+  excess = above(before)
+  return 1.0 - above(after) / excess if excess > 0.0 else None
+
+
+def _channel(
+  observations: Observations,
+  errors: Array,
+  name: str,
+  floors: tuple[Mapping[str, float], Mapping[str, float]],
+  random: np.random.Generator,
+) -> ChannelFit:
+  rows = observations.select(name)
+  squares = errors[:, rows] ** 2
+  block = observations.block[rows]
+  sums = np.stack([np.bincount(block, s) for s in squares])  # (2, B)
+  sums = sums[:, np.bincount(block) > 0]
+  picks = random.integers(0, sums.shape[1], (500, sums.shape[1]))
+  ratio = np.sqrt(sums[1][picks].sum(axis=1) / np.maximum(sums[0][picks].sum(axis=1), 1e-30)) - 1.0
+  before, after = np.sqrt(squares.mean(axis=1))
+  low, high = np.quantile(ratio, [0.025, 0.975])
+  still, driving = (float(floor.get(name, 0.0)) for floor in floors)
+  return ChannelFit(float(before), float(after), still, driving, (float(low), float(high)),
+                    UNITS[name], int(rows.sum()))  # fmt: skip
+
+
+def _empty() -> Observations:
+  return None  # type: ignore[return-value]

@@ -1,0 +1,68 @@
+"""What a diagnosis found, and the twin it repaired."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.diagnosis.detect import Detection
+from calibration.diagnosis.holdout_errors import ChannelFit
+from calibration.diagnosis.locate import Location
+from calibration.diagnosis.pool import Pool
+from calibration.diagnosis.search.decide import Decision
+from calibration.fitting.windows import Cut
+from qcar_twin.twin.twin import Twin
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Diagnosis:
+  """Everything that was found about one data set.
+
+  Attributes:
+    dataset: its name.
+    decision: verdict and claims.
+    detection: alarms before any physics was named.
+    location: where the mismatch shows.
+    pool: all models tried, with signatures of the scan.
+    validate, holdout: error per channel before and after; "before" is the recalibrated twin.
+    seconds: wall time.
+    stages: wall time of each stage, s, in order.
+    next_experiment: manoeuvre, separates, predicted_nats; None where none is needed.
+    repaired_twin: file of the repaired twin, relative to the output folder.
+    notes: warnings about the data set that a reader must know.
+  """
+
+  dataset: str
+  decision: Decision
+  detection: Detection
+  location: Location
+  pool: Pool
+  validate: Mapping[str, ChannelFit]
+  holdout: Mapping[str, ChannelFit]
+  seconds: float
+  stages: Mapping[str, float] = dataclasses.field(default_factory=dict)
+  next_experiment: Mapping[str, Any] | None = None
+  repaired_twin: str = "twin.toml"
+  notes: tuple[str, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+  """A diagnosis with the twin it repaired.
+
+  Attributes:
+    diagnosis: verdict, location, fits.
+    twin: the car with the whole catalogue.
+    before, after: parameter vectors of the recalibrated and the repaired twin, (P,).
+    cut: how recordings were cut, with the command timing that fitted best.
+  """
+
+  diagnosis: Diagnosis
+  twin: Twin
+  before: Array
+  after: Array
+  cut: Cut

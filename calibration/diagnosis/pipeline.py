@@ -1,0 +1,220 @@
+"""The diagnosis from end to end: a data set in, a verdict, a repaired twin and a report out."""
+
+import dataclasses
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.diagnosis.candidates import Candidate, candidate, refine
+from calibration.diagnosis.considered import always_free, considered
+from calibration.diagnosis.detect import Detection, detect
+from calibration.diagnosis.experiment import next_experiment
+from calibration.diagnosis.holdout_errors import ChannelFit, compare_twins
+from calibration.diagnosis.locate import Location, locate
+from calibration.diagnosis.outcome import Diagnosis, Outcome
+from calibration.diagnosis.pool import Pool, base_candidate
+from calibration.diagnosis.scan import scan
+from calibration.diagnosis.score import compare_freely
+from calibration.diagnosis.search.conclude import UnexplainedLevels, above_level, apply_alarms, conclude, left_over
+from calibration.diagnosis.search.decide import Decision, decide
+from calibration.diagnosis.search.structure import Effort, search
+from calibration.diagnosis.search.thresholds import Thresholds
+from calibration.diagnosis.unexplained.unknown import smooth_forces, unknown_sensors
+from calibration.fitting.coverage import with_coverage
+from calibration.fitting.dataset_recalibration import LONGEST, Start, recalibrate_dataset
+from calibration.fitting.recalibration import RecalibratedTwin, recalibrate_from
+from calibration.fitting.windows import Cut
+from calibration.progress import Progress, silent
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import Recording
+from qcar_twin.twin.mechanisms.base import Mechanism
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Prepared:
+  """A data set with the twin recalibrated on it, before anything is searched.
+
+  Attributes:
+    dataset: with the roles that are used, see `with_coverage`; notes: a sentence per role that was changed.
+    known: mechanisms of the twin, all at their null.
+    recalibrated: the twin.
+  """
+
+  dataset: DataSet
+  notes: tuple[str, ...]
+  known: tuple[Mechanism, ...]
+  recalibrated: RecalibratedTwin
+
+
+def prepare(
+  dataset: DataSet,
+  mechanisms: Sequence[str] | None = None,
+  start: Start | None = None,
+  substeps: int = 2,
+  threads: int = 0,
+  progress: Progress = silent,
+) -> Prepared:
+  """Recalibrate the twin that a diagnosis starts from; arguments as for `diagnose`."""
+  dataset, notes = with_coverage(dataset)
+  vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
+  known = considered(mechanisms, start, vehicle.drive)
+  twin = Twin(vehicle, [*known, *smooth_forces()], substeps=substeps, threads=threads)
+  return Prepared(dataset, notes, known, recalibrate_dataset(dataset, twin, start, progress=progress))
+
+
+def diagnose(
+  dataset: DataSet,
+  mechanisms: Sequence[str] | None = None,
+  start: Start | None = None,
+  effort: Effort = Effort(),
+  thresholds: Thresholds = Thresholds(),
+  levels: UnexplainedLevels = UnexplainedLevels(),
+  substeps: int = 2,
+  threads: int = 0,
+  progress: Progress = silent,
+  prepared: Prepared | None = None,
+) -> Outcome:
+  """Find out what physics a data set shows that the twin lacks.
+
+  Args:
+    dataset: recordings with roles; "identify" is fitted, "validate" judges (but see coverage.py), "holdout" is opened
+      at the end.
+    mechanisms: ids to consider; the whole catalogue by default.
+    start: a twin to go on from, with its parameters: they are the first guess, and its mechanisms are in every model.
+    effort: how wide to search.
+    thresholds: what a claim needs.
+    levels: what it takes to say that something nameless is there.
+    substeps: simulation steps per control period of 10 ms.
+    threads: of the simulation, 0 for all cores.
+    progress: told the stage and how much of it is done.
+    prepared: of `prepare` with the same data set, mechanisms and start, where it was done before.
+  """
+  clock = _Clock(progress)
+  clock.start("recalibration")
+  begun = prepared or prepare(dataset, mechanisms, start, substeps, threads)
+  dataset, twin = begun.dataset, begun.recalibrated.problem.twin
+  priors = begun.recalibrated.fit.parameters
+  tried = [m for m in begun.known if (mechanisms is None or m.name in mechanisms) and not always_free(m, priors)]
+  baseline, pool = _searched(begun.recalibrated, tried, effort, clock)
+  clock.start("decision and unknown rivals")
+  decision, unknowns = _with_unknown(decide(pool, thresholds), pool, levels)
+  clock.start("detection and location")
+  detection, decision = _detected(baseline, pool, decision, levels)
+  place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)
+  clock.start("hold-out")
+  cut = Cut(command_shift=baseline.command_shift, most=LONGEST)
+  validate, holdout = (_before_and_after(twin, pool, decision, dataset.role(r), cut) for r in ("validate", "holdout"))
+  diagnosis = Diagnosis(
+    dataset=dataset.name,
+    decision=decision,
+    detection=detection,
+    location=place,
+    pool=pool,
+    validate=validate,
+    holdout=holdout,
+    seconds=clock.stop(),
+    stages=clock.stages,
+    next_experiment=experiment,
+    notes=dataset.warnings + begun.notes,
+  )
+  return Outcome(diagnosis, twin, pool.base.theta, decision.model.theta, cut)
+
+
+def fit_unknowns(pool: Pool, forces: bool = True) -> dict[str, Candidate]:
+  """The UNKNOWN rivals, fitted with the pool's weights.
+
+  Args:
+    pool: all fitted models.
+    forces: forces, too, which have to be simulated; else errors of the sensors only.
+  """
+  made = []
+  if forces:
+    made = [candidate(pool.problem, (force.name,), pool.base, pool.priors) for force in smooth_forces()]
+    for item in made:
+      item.residual = pool.base.residual.copy()
+    refine(pool.problem, made, 1)
+  observations = pool.problem.observations
+  prediction = pool.problem.predict(pool.base.theta[None])
+  whitening = pool.problem.whiten(np.ones(len(observations)))
+  return {m.mechanisms[0]: m for m in made} | unknown_sensors(pool.base, observations, prediction, whitening)
+
+
+def _searched(
+  baseline: RecalibratedTwin, tried: Sequence[Mechanism], effort: Effort, clock: "_Clock"
+) -> tuple[RecalibratedTwin, Pool]:
+  """Scan and search; once more from a lower minimum of the recalibrated twin where a larger model led to one.
+
+  Where wheels slide the cost has many minima. A mechanism whose fit leaves a wrong one is credited with all that lies
+  between the two, unless the recalibrated twin is taken there as well.
+  """
+  earlier: list[Candidate] = []
+  while True:
+    base = base_candidate(baseline)
+    clock.start("scan")
+    signatures = scan(baseline.problem, base, tried, progress=clock.progress)
+    clock.start("search")
+    pool = search(baseline, base, signatures, effort, clock.progress, earlier)
+    if earlier or not pool.base_not_converged:
+      return baseline, pool
+    earlier = [pool.best(list(pool.models.values()))]
+    clock.start("recalibration")
+    baseline = recalibrate_from(baseline, pool.base.theta)
+
+
+def _with_unknown(decision: Decision, pool: Pool, levels: UnexplainedLevels) -> tuple[Decision, dict[str, Candidate]]:
+  """The verdict, and the UNKNOWN rivals behind it.
+
+  Unknown forces are simulated only where the named model leaves more over than recordings without any
+  effect do: elsewhere there is nothing left that they could explain.
+  """
+  before, after = left_over(decision, pool, levels)
+  unknowns = fit_unknowns(pool, forces=bool(above_level(after, levels)))
+  return conclude(decision, pool, before, after, unknowns, levels), unknowns
+
+
+def _detected(
+  baseline: RecalibratedTwin, pool: Pool, decision: Decision, levels: UnexplainedLevels
+) -> tuple[Detection, Decision]:
+  """What the detectors say of the recalibrated twin, and the decision that heeds them."""
+  detection = detect(baseline, pool.base, problem=pool.problem)
+  return detection, apply_alarms(decision, detection, levels)
+
+
+def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]) -> Location:
+  gains = {name: compare_freely(m, pool.base, pool.problem.observations).gain for name, m in unknowns.items()}
+  rests_on_unknown = decision.verdict == "unexplained" and decision.unknown is not None
+  rival = unknowns[decision.unknown[0]] if rests_on_unknown and decision.unknown else None
+  return locate(pool, decision.model, gains, rival, claimed=[c.mechanism for c in decision.claims])
+
+
+def _before_and_after(
+  twin: Twin, pool: Pool, decision: Decision, recordings: Sequence[Recording], cut: Cut
+) -> dict[str, ChannelFit]:
+  return compare_twins(twin, pool.base.theta, decision.model.theta, recordings, pool.floor, cut)[0]
+
+
+class _Clock:
+  """Wall time per stage."""
+
+  def __init__(self, progress: Progress):
+    self.progress, self._name, self._since = progress, "", 0.0
+    self.stages: dict[str, float] = {}
+
+  def start(self, name: str) -> None:
+    self.stop()
+    self._name, self._since = name, time.perf_counter()
+    self.progress(name)
+
+  def stop(self) -> float:
+    """Seconds of all stages so far."""
+    if self._name:
+      spent = time.perf_counter() - self._since
+      self.stages[self._name] = self.stages.get(self._name, 0.0) + spent
+      self._name = ""
+    return sum(self.stages.values())

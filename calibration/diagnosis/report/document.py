@@ -1,0 +1,208 @@
+"""What a diagnosis leaves behind for programs: `diagnosis.json`.
+
+`document` builds the JSON from plain Python types, `faults` checks it against the schema, and
+nothing that fails the check is written.
+"""
+
+import dataclasses
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.holdout_errors import ChannelFit
+from calibration.diagnosis.locate import Location
+from calibration.diagnosis.outcome import Diagnosis
+from calibration.diagnosis.search.claims import Claim
+from calibration.diagnosis.search.decide import Decision
+from calibration.diagnosis.unexplained.leftover import PROPERTIES
+from calibration.diagnosis.unexplained.unknown import smooth_forces
+from qcar_twin.atomic_io import plain, write_json
+
+VERDICTS = ("no_mismatch", "explained", "partly_explained", "unexplained")
+FILE, REPORT, FIGURES = "diagnosis.json", "report.html", "figures"
+
+
+def write_document(folder: str | os.PathLike[str], diagnosis: Diagnosis) -> Path:
+  """Write diagnosis.json; returns its path.
+
+  Raises:
+    ValueError: the document breaks the schema; says where, and writes nothing.
+  """
+  content = document(diagnosis)
+  found = faults(content)
+  if found:
+    raise ValueError(f"{FILE} breaks its schema: {'; '.join(found[:5])}")
+  return write_json(Path(folder) / FILE, content)
+
+
+def document(diagnosis: Diagnosis) -> dict[str, Any]:
+  """The JSON of a diagnosis as plain Python types; a number that is not finite becomes null."""
+  d, pool = diagnosis, diagnosis.pool
+  return plain(
+    {
+      "dataset": d.dataset,
+      "verdict": d.decision.verdict,
+      "claims": [_claim(c) for c in d.decision.claims],
+      "ranking": [{"mechanism": name, "evidence_nats": nats} for name, nats in d.decision.ranking],
+      "where": _where(d.location),
+      "unknown": unknown_summary(d.decision),
+      "parameter_shifts": parameter_shifts(pool.base),
+      "untestable": sorted(s.mechanism for s in pool.signatures.values() if not s.testable),
+      "concealment": {name: s.unabsorbed_share for name, s in sorted(pool.signatures.items())},
+      "next_experiment": d.next_experiment,
+      "fit": {"validate": _fits(d.validate, False), "holdout": _fits(d.holdout, True)},
+      "repaired_twin": d.repaired_twin,
+      "seconds": d.seconds,
+    }
+  )
+
+
+def parameter_shifts(model: Candidate) -> dict[str, dict[str, float]]:
+  """Per base parameter: prior, fitted, and the shift in prior standard deviations (`sigma`)."""
+  return {
+    p.name: {
+      "prior": p.nominal,
+      "fitted": float(model.values[i]),
+      "sigma": float((model.values[i] - p.nominal) / model.free.std[i]),
+    }
+    for i, p in enumerate(model.free)
+  }
+
+
+def unknown_summary(decision: Decision) -> dict[str, Any]:
+  """What a nameless error would depend on, where the verdict rests on one.
+
+  Variables and properties are those of the strongest structure that is left over, of the best UNKNOWN rival where
+  nothing is. `share` is the part of that rival's held-out gain that the named mechanisms do not reach.
+  """
+  out = {"depends_on": [], "properties": [], "formula": None, "share": 0.0}
+  if decision.verdict not in ("unexplained", "partly_explained"):
+    return out
+  if decision.unknown is not None:
+    name, comparison = decision.unknown
+    known = sum(max(c.held_out.gain, 0.0) for c in decision.claims if c.certain)
+    share = 1.0 - known / comparison.gain if comparison.gain > 0 else 0.0
+    out |= {"depends_on": unknown_variables(name), "share": float(np.clip(share, 0.0, 1.0))}
+  if decision.leftovers:
+    families = list(dict.fromkeys(item.family for item in decision.leftovers))
+    out |= {"depends_on": list(decision.leftovers[0].depends_on), "properties": [PROPERTIES[f] for f in families]}
+  return out
+
+
+def unknown_variables(name: str) -> list[str]:
+  """Variables an UNKNOWN rival is a function of."""
+  for force in smooth_forces():
+    if force.name == name:
+      return list(getattr(force, "variables", ()))
+  return ["velocity_x", "yaw_rate", "accel_x", "accel_y"]
+
+
+def _claim(claim: Claim) -> dict[str, Any]:
+  return {
+    "mechanism": claim.mechanism,
+    "probability": claim.probability,
+    "evidence_nats": claim.evidence_nats,
+    "parameters": {name: dict(row) for name, row in claim.parameters.items()},
+    "rivals": [{"mechanism": name, "evidence_nats": nats} for name, nats in claim.rivals],
+    "equivalent_to": list(claim.equivalent_to),
+  }
+
+
+def _where(location: Location) -> dict[str, Any]:
+  return {
+    "subsystem": location.subsystem,
+    "channels": location.channels,
+    "time": [dataclasses.asdict(span) for span in location.time],
+    "region": location.region.rule,
+    "region_share": location.region.share,
+  }
+
+
+def _fits(fits: Mapping[str, ChannelFit], interval: bool) -> dict[str, Any]:
+  rows = {}
+  for name, fit in fits.items():
+    rows[name] = {"before": fit.before, "after": fit.after, "noise_floor": fit.noise_floor,
+                  "driving_noise": fit.driving_noise}  # fmt: skip
+    if interval:
+      rows[name]["ci95"] = list(fit.ci95)
+  return rows
+
+
+# Schema: a type, a tuple of allowed values, [item], {"*": value} for any keys, or a dict of exactly these keys.
+_NUMBER = float
+_MAYBE = ("number or null",)  # a channel without enough data has no error
+_CHANNEL = {"before": _MAYBE, "after": _MAYBE, "noise_floor": _MAYBE, "driving_noise": _MAYBE}
+SCHEMA: dict[str, Any] = {
+  "dataset": str,
+  "verdict": VERDICTS,
+  "claims": [
+    {
+      "mechanism": str,
+      "probability": _NUMBER,
+      "evidence_nats": _NUMBER,
+      "parameters": {"*": {"value": _NUMBER, "std": _NUMBER, "unit": str}},
+      "rivals": [{"mechanism": str, "evidence_nats": _NUMBER}],
+      "equivalent_to": [str],
+    }
+  ],
+  "ranking": [{"mechanism": str, "evidence_nats": _NUMBER}],
+  "where": {
+    "subsystem": str,
+    "channels": {"*": _NUMBER},
+    "time": [{"recording": str, "start": _NUMBER, "end": _NUMBER, "share": _NUMBER}],
+    "region": str,
+    "region_share": _NUMBER,
+  },
+  "unknown": {"depends_on": [str], "properties": [str], "formula": "str or null", "share": _NUMBER},
+  "parameter_shifts": {"*": {"prior": _NUMBER, "fitted": _NUMBER, "sigma": _NUMBER}},
+  "untestable": [str],
+  "concealment": {"*": _NUMBER},
+  "next_experiment": "experiment or null",
+  "fit": {"validate": {"*": _CHANNEL}, "holdout": {"*": {**_CHANNEL, "ci95": [_MAYBE]}}},
+  "repaired_twin": str,
+  "seconds": _NUMBER,
+}
+_OPTIONAL: dict[str, Any] = {
+  "str or null": str,
+  "experiment or null": {"manoeuvre": str, "separates": [str], "predicted_nats": _NUMBER},
+}
+
+
+def faults(value: Any, schema: Any = None, where: str = "") -> list[str]:
+  """Where a document breaks the schema of `diagnosis.json`, as readable lines; empty if it holds."""
+  schema = SCHEMA if schema is None else schema
+  if isinstance(schema, str):
+    return [] if value is None else faults(value, _OPTIONAL[schema], where)
+  if schema is _MAYBE:
+    return [] if value is None else faults(value, _NUMBER, where)
+  if isinstance(schema, tuple):
+    return [] if value in schema else [f"{where}: {value!r} is none of {', '.join(schema)}"]
+  if isinstance(schema, list):
+    if not isinstance(value, list):
+      return [f"{where}: expected a list, got {type(value).__name__}"]
+    return [fault for i, item in enumerate(value) for fault in faults(item, schema[0], f"{where}[{i}]")]
+  if isinstance(schema, dict):
+    return _dict_faults(value, schema, where)
+  return _plain_faults(value, schema, where)
+
+
+def _dict_faults(value: Any, schema: dict[str, Any], where: str) -> list[str]:
+  if not isinstance(value, dict):
+    return [f"{where}: expected an object, got {type(value).__name__}"]
+  if set(schema) == {"*"}:
+    return [fault for key, item in value.items() for fault in faults(item, schema["*"], f"{where}.{key}")]
+  wrong = [f"{where}.{key}: missing" for key in schema if key not in value]
+  wrong += [f"{where}.{key}: not in the schema" for key in value if key not in schema]
+  return wrong + [f for key, part in schema.items() if key in value for f in faults(value[key], part, f"{where}.{key}")]
+
+
+def _plain_faults(value: Any, kind: type, where: str) -> list[str]:
+  if kind is float:
+    good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    return [] if good else [f"{where}: expected a finite number, got {value!r}"]
+  return [] if isinstance(value, kind) else [f"{where}: expected {kind.__name__}, got {type(value).__name__}"]

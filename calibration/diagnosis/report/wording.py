@@ -1,0 +1,124 @@
+"""Plain sentences about mechanisms and amounts, made from the declarations alone.
+
+Nothing here knows a particular mechanism: its first docstring line says what happens, its parameters
+say by how much.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+
+from calibration.diagnosis.search.claims import Claim
+from calibration.diagnosis.search.decide import Decision
+from calibration.diagnosis.unexplained.leftover import PROPERTIES, Leftover
+from qcar_twin.twin.mechanisms.base import Mechanism, describe
+
+_SMALLER = {"s": ("ms", 1e3, 0.5), "m": ("mm", 1e3, 0.5), "s/rad": ("ms/rad", 1e3, 0.5)}  # below this size, times that
+_PRETTY = {"m/s^2": "m/s²", "kg m^2": "kg m²", "rad/s^2": "rad/s²"}
+
+
+def amount(value: float, std: float | None, unit: str) -> str:
+  """ "41.0 ± 2.1 ms", "1.50 ± 0.12° (0.0262 rad)", "0.052 ± 0.004": value and spread in a unit that reads well."""
+  if unit == "rad":
+    degrees = None if std is None else math.degrees(std)
+    return f"{spread(math.degrees(value), degrees)}° ({value:.3g} rad)"
+  if unit in _SMALLER and abs(value) < _SMALLER[unit][2]:
+    name, factor, _ = _SMALLER[unit]
+    return f"{spread(factor * value, None if std is None else factor * std)} {name}"
+  return f"{spread(value, std)} {_PRETTY.get(unit, unit) if unit != '-' else ''}".rstrip()
+
+
+def spread(value: float, std: float | None) -> str:
+  """ "0.0412 ± 0.0021": the spread to two digits, the value to the same place."""
+  if std is None or not math.isfinite(std) or std <= 0:
+    return f"{value:.3g}"
+  places = 1 - math.floor(math.log10(std))
+  if places <= 0:
+    return f"{round(value, places):.0f} ± {round(std, places):.0f}"
+  return f"{value:.{places}f} ± {std:.{places}f}" if places <= 6 else f"{value:.3g} ± {std:.2g}"
+
+
+def sizes(claim: Claim, mechanism: Mechanism) -> str:
+  """The claimed amplitudes in words: "dead time 41.0 ± 2.1 ms"."""
+  parts = []
+  for parameter in mechanism.parameters:
+    row = claim.parameters.get(parameter.name)
+    if row is None or parameter.null is None:
+      continue
+    label = parameter.description or parameter.name.replace("_", " ")
+    parts.append(f"{label} {amount(float(row['value']), float(row['std']), parameter.unit)}")
+  return ", ".join(parts)
+
+
+def happening(mechanism: Mechanism) -> str:
+  """What a mechanism does, one sentence without its full stop: the first line of its docstring."""
+  return str(describe(mechanism)["summary"]).rstrip(".")
+
+
+def equation(mechanism: Mechanism) -> str:
+  """The equation from the docstring, on one line; "" if it states none."""
+  text = str(describe(mechanism)["text"])
+  found = re.search(r"Equation:\s*(.*?)\n\s*(?:Units|Source|Confounded with|Signs?)\s*:", text + "\nUnits:", re.S)
+  return re.sub(r"\s+", " ", found.group(1)).strip() if found else ""
+
+
+def claim_sentence(claim: Claim, mechanism: Mechanism) -> str:
+  """ "The steering executes what was commanded a while ago: dead time 41.0 ± 2.1 ms"."""
+  size = sizes(claim, mechanism)
+  return f"{happening(mechanism)}: {size}" if size else happening(mechanism)
+
+
+def verdict_sentence(decision: Decision, mechanisms: Mapping[str, Mechanism], recovered: float | None = None) -> str:
+  """The verdict for a reader in a hurry: what happens, how much, how sure, what the fit gains."""
+  named = [c for c in decision.claims if c.mechanism in mechanisms]
+  gain = f" It removes {100 * recovered:.0f} % of the excess error on recordings kept aside." if recovered else ""
+  if decision.verdict == "no_mismatch":
+    return "The recalibrated twin explains these recordings; no missing physics was found."
+  if decision.verdict == "unexplained" or not named:
+    about = f" The error behaves like {unknown_words(decision.unknown[0])}." if decision.unknown else ""
+    if decision.leftovers:
+      about = f" {leftover_sentence(decision.leftovers[0])}"
+    about = f" {decision.alarm}" if decision.alarm else about
+    close = f" The nearest named effect, {named[0].mechanism}, does not reach it." if named else ""
+    return f"The twin is wrong in a way that none of the known mechanisms explains.{about}{close}"
+  told = "; ".join(claim_sentence(c, mechanisms[c.mechanism]) + doubts(c) for c in named)
+  partly = " This explains only part of the mismatch." if decision.verdict == "partly_explained" else ""
+  if partly and decision.leftovers:
+    partly += f" {leftover_sentence(decision.leftovers[0])}"
+  partly += f" {decision.alarm}" if partly and decision.alarm else ""
+  return f"{told}.{partly}{gain}"
+
+
+def leftover_sentence(item: Leftover) -> str:
+  """ "What is left shows most in accel_x and turns with the heading (pose_yaw)."."""
+  return f"What is left shows most in {item.channel}: {PROPERTIES[item.family]} ({listed(item.depends_on)})."
+
+
+def doubts(claim: Claim) -> str:
+  """ " (probability 0.97; steering_lag fits as well)"."""
+  equal = (
+    f"; {listed(claim.equivalent_to)} fit{'s' if len(claim.equivalent_to) == 1 else ''} as well"
+    if claim.equivalent_to
+    else ""
+  )
+  return f" ({claim.mechanism}, probability {claim.probability:.2f}{equal})"
+
+
+def unknown_words(name: str) -> str:
+  """An UNKNOWN rival in words: "unknown_force_x" -> "an unknown force along the car"."""
+  known = {
+    "force_x": "an unknown force along the car",
+    "force_y": "an unknown force across the car",
+    "moment_z": "an unknown yaw moment",
+    "voltage": "an unknown change of the motor's voltage",
+    "steering": "an unknown change of the steering angle",
+  }
+  bare = name.removeprefix("unknown_")
+  if bare.startswith("sensor_"):
+    return f"an unknown error of the {bare.removeprefix('sensor_')} sensor"
+  return known.get(bare, f"an unknown {bare.replace('_', ' ')}")
+
+
+def listed(names: Sequence[str]) -> str:
+  """ "a", "a and b", "a, b and c"."""
+  return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else ""

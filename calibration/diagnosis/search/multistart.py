@@ -1,0 +1,120 @@
+"""Effects that recalibration bends out of shape around.
+
+A delay of 0.2 s is no small change of a twin whose tyres went soft to imitate it: seen from there, its signature is
+another one, and a refit from there ends in a minimum of its own.
+So mechanisms are also tried on parameters that recalibration has not bent: delays and lags at up to several times
+their typical size on the first guess of everything, and all of them on the recalibrated twin with
+the measured parameters put back that were moved beyond belief: those of the drive for mechanisms that push along, the
+others for all others. Where that explains much, the whole model is fitted from there.
+"""
+
+import dataclasses
+from collections.abc import Collection, Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.diagnosis.candidates import Candidate, begin, candidate, half_square, refine
+from calibration.diagnosis.scan import trial_starts
+from calibration.fitting.likelihood import Problem
+from qcar_twin.parameters import ParameterSet
+from qcar_twin.twin.mechanisms import by_subsystem
+
+# of the typical size: of delays on the first guess, of those and of likely ones on the unbent twin, and of all others
+# there
+_LARGE, _USUAL, _WHOLE = (1.0, 2.5, 5.0), (0.6, 1.3), (1.0,)
+_DRIVE = ("torque_per_volt", "motor_damping", "driveline_friction", "rotor_inertia", "longitudinal_stiffness")
+_BENT = 2.0  # prior standard deviations beyond which a parameter is put back
+_WORTH = 30.0  # nats a trial must bring to the twin it is tried on
+_RIVALS = 3.0  # and how far above the recalibrated twin's cost it may lie
+_MOST = 2  # mechanisms that are fitted
+_STEPS = 5
+
+
+@dataclasses.dataclass(frozen=True)
+class _Place:
+  """Base values, by name, and what to try there: (mechanism, parameter values)."""
+
+  values: Mapping[str, float]
+  trials: Sequence[tuple[str, dict[str, float]]]
+
+
+def multistart_models(
+  problem: Problem, base: Candidate, priors: ParameterSet, considered: Sequence[str], likely: Sequence[str] = ()
+) -> list[Candidate]:
+  """Models with one mechanism each, fitted from parameters that recalibration has not bent; often none.
+
+  Args:
+    problem: residuals.
+    base: the recalibrated twin.
+    priors: declarations of the base parameters.
+    considered: ids that may be used.
+    likely: ids to try at more than one size beside delays and lags, for instance the best of the scan.
+  """
+  delays = [m.name for m in by_subsystem(map(problem.mechanism, considered)) if m.sought_far]
+  places = [_Place(priors.named(priors.nominal), _trials(problem, delays, _LARGE))]
+  back, here, first = unbent(base, priors), base.free.named(base.values), dict.fromkeys([*delays, *likely])
+  # a patch of floor anywhere, a change of grip at any time: too many starts to try all where nothing speaks for them
+  others = [n for n in considered if n not in first and len(problem.mechanism(n).initial_guesses(problem.driving)) == 1]
+  for along in (False, True):
+    values = {name: value for name, value in back.items() if (name in _DRIVE) == along}
+    if values:
+      trials = _trials(problem, _about(problem, first, along), _USUAL)
+      trials += _trials(problem, _about(problem, others, along), _WHOLE)
+      places.append(_Place(here | values, trials))
+  best: dict[str, tuple[float, dict[str, float]]] = {}
+  for place in places:
+    for cost, name, start in _worthwhile(problem, base, place, first):
+      best[name] = min(best.get(name, (np.inf, {})), (cost, dict(place.values) | start), key=lambda t: t[0])
+  chosen = sorted(best, key=lambda name: best[name][0])[:_MOST]
+  made = [candidate(problem, (name,), None, priors, best[name][1]) for name in chosen]
+  begin(problem, made)
+  refine(problem, made, 1, full=True)
+  refine(problem, made, _STEPS - 1)
+  return made
+
+
+def unbent(base: Candidate, priors: ParameterSet) -> dict[str, float]:
+  """Nominal values of the measured parameters that recalibration moved further than is believable, by name."""
+  here = base.free.named(base.values)
+  return {p.name: p.nominal for p in priors if p.std and abs(here[p.name] - p.nominal) > _BENT * p.std}
+
+
+def _about(problem: Problem, names: Iterable[str], along: bool) -> list[str]:
+  """Those of some mechanisms that push the car along, or those that do not."""
+  found = {name: problem.mechanism(name) for name in names}
+  return [n for n, m in found.items() if (m.subsystem == "drive" or m.absorbed_by_drive) == along]
+
+
+def _trials(problem: Problem, names: Iterable[str], sizes: tuple[float, ...]) -> list[tuple[str, dict[str, float]]]:
+  found = []
+  for name in names:
+    mechanism = problem.mechanism(name)
+    tried = sizes if mechanism.sought_far or not mechanism.signed else (-1.0, 1.0)
+    found += [(name, start) for start in trial_starts(mechanism, tried, problem.driving)]
+  return found
+
+
+def _worthwhile(
+  problem: Problem, base: Candidate, place: _Place, first: Collection[str]
+) -> list[tuple[float, str, dict[str, float]]]:
+  """Half the sum of squares, mechanism and values of the trials that are worth fitting.
+
+  Of an unbent twin much makes up for something. What nothing speaks for but that must begin below the bent one. Most
+  lie far above, as a part of the recordings tells.
+  """
+  if not place.trials:
+    return []
+  begin: NDArray[np.float64] = problem.embed(list(place.values), np.array(list(place.values.values())), base.theta)[0]
+  thetas = np.tile(begin, (len(place.trials) + 1, 1))
+  for row, (_, start) in zip(thetas[1:], place.trials, strict=True):
+    for parameter, value in start.items():
+      row[problem.parameters.index(parameter)] = value
+  highest, below = _RIVALS * base.cost, half_square(base.residual[: base.n_train]) - _WORTH
+  limits = [highest if name in first else min(highest, below) for name, _ in place.trials]
+  alone, *costs = problem.fitted_cost(thetas, np.array([np.inf, *limits]))
+  return [
+    (float(c), name, start)
+    for c, limit, (name, start) in zip(costs, limits, place.trials, strict=True)
+    if c < min(limit, alone - _WORTH)
+  ]

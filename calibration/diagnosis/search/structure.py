@@ -1,0 +1,328 @@
+"""Joint refit and structure search: sets of up to three mechanisms, add, drop and swap.
+
+The scan nominates singles; signatures seen against the residuals of the best singles nominate
+pairs (so that two effects which hide each other are found together); a third is added to the best
+pairs only where a pair was worth it. Every set is refitted with all base parameters. A set never
+fits worse than its own subsets: where a start leads there, the subset's estimates are taken over.
+"""
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.diagnosis.candidates import Candidate, begin, candidate, refine
+from calibration.diagnosis.pool import Pool
+from calibration.diagnosis.scan import Projector, Signature, explained
+from calibration.diagnosis.score import compare
+from calibration.diagnosis.search.multistart import multistart_models
+from calibration.diagnosis.search.thresholds import material
+from calibration.diagnosis.search.warm_start import LIKELY, refit_rivals, refit_subsets, warm_start
+from calibration.fitting.likelihood import Problem, weighting_from
+from calibration.fitting.noise_floor import sensor_floor
+from calibration.fitting.recalibration import RecalibratedTwin
+from calibration.progress import Progress, silent
+
+Array = NDArray[np.float64]
+_HOPE = 10.0  # nats a model may still lie above its subset to be worth another step
+_WORTH_A_SINGLE = 2.0  # nats a mechanism must promise in the scan before it is refitted
+_WORTH_A_PAIR = 12.0  # nats a second one must promise before its pair is refitted; a claim takes more
+_OVERSHADOWED = 0.8  # share of the base's cost below which the best single puts all others in the shade
+# shares of the scanned size a refit may start from, with the base moved to meet it or as it is
+_STARTS = ((0.3, True), (1.0, True), (1.0, False))
+_STRAYED = 50.0  # nats that the recalibrated twin may come down before nothing fitted from it counts any more
+_DOUBTED = 0.1  # least part of a promise that is believed after a refit did not keep it
+_PROMISED, _BROKEN = 50.0, 0.5  # nats a scan must have promised, and the part below which a refit broke the promise
+_INSISTED, _PATIENCE = 2, 4  # mechanisms that are tried harder, and their steps with fresh columns of everything
+_POLISHED = 2  # such steps for the best model
+_DONE = 5.0  # nats below which a step with fresh columns is not followed by another
+_WORTH_A_RACE = 20.0  # nats of the best single below which it is left where it is
+# nats behind it and share of its gain from which on others race it, and how many take part in all
+_BEHIND, _NEAR, _RACING = 60.0, 0.5, 3
+_TRIFLE = 0.15  # share of the typical size below which a mechanism can't be what many nats are due to
+
+
+@dataclasses.dataclass(frozen=True)
+class Effort:
+  """How wide the search is: singles, pairs, triples that are refitted, and Gauss-Newton steps."""
+
+  singles: int = 9
+  pairs: int = 5
+  triples: int = 3
+  iterations: int = 3
+
+
+def search(
+  baseline: RecalibratedTwin,
+  base: Candidate,
+  signatures: dict[str, Signature],
+  effort: Effort = Effort(),
+  progress: Progress = silent,
+  earlier: Sequence[Candidate] = (),
+) -> Pool:
+  """Fit the sets worth fitting.
+
+  Args:
+    baseline: the recalibrated twin.
+    base: the same as a model of the pool, with its Jacobian.
+    signatures: from the scan against it.
+    effort: how wide to search.
+    progress: told what is being done.
+    earlier: models of a search from another minimum, which are fitted on from where they had ended.
+
+  Returns:
+    all models; those fitted by then where the recalibrated twin turned out to have `base_not_converged`, which it
+    is not asked again if there was an earlier search.
+  """
+  problem = baseline.problem
+  pool = Pool(problem, baseline.fit.parameters, {frozenset(): base}, signatures, sensor_floor(baseline.passport))
+  progress("refitting single mechanisms")
+  _fit_sets(pool, [frozenset([n]) for n in _nominate_singles(problem, signatures, effort.singles)], effort.iterations)
+  likely = [m.mechanisms[0] for m in sorted(pool.of_size(1), key=lambda m: m.cost)[:LIKELY]]
+  seen = [name for name, signature in signatures.items() if signature.shown > 0.0]
+  for model in multistart_models(problem, base, pool.priors, seen, likely):
+    pool.offer(model)
+  refine_stalled(pool)
+  warm_start(pool, earlier)
+  best = pool.best(pool.of_size(1))
+  if best is not pool.base and refit_subsets(pool, best) > _STRAYED:
+    if not earlier:
+      pool.base_not_converged = True
+      return pool
+    refit_rivals(pool, best)
+  _reweight_if_worth_it(pool)
+  refine_leaders(pool)
+  progress("refitting pairs")
+  _fit_sets(pool, _nominate_pairs(pool, effort.pairs), effort.iterations)
+  if _worth_growing(pool):
+    progress("refitting triples")
+    _fit_sets(pool, _nominate_triples(pool, effort.triples), effort.iterations)
+  progress("polishing the best model")
+  best = pool.best(list(pool.models.values()))
+  if best is not pool.base:
+    _polish(pool, [best], _POLISHED)
+    lowered = refit_subsets(pool, best)
+    # with new weights the base was only brought near its minimum, and its cost is many times larger
+    pool.base_not_converged = pool.problem is problem and lowered > _STRAYED
+    if lowered > _STRAYED and not pool.base_not_converged:
+      refit_rivals(pool, best)
+    _without_trifles(pool)
+  return pool
+
+
+def ensure(pool: Pool, sets: Iterable[frozenset[str]], iterations: int = 3) -> None:
+  """Fit sets that are not in the pool yet."""
+  _fit_sets(pool, [s for s in sets if s not in pool.models], iterations)
+
+
+def _nominate_singles(problem: Problem, signatures: dict[str, Signature], count: int) -> list[str]:
+  """The best of the scan, and those of which a scan's straight line tells little."""
+  visible = [s for s in signatures.values() if s.testable and s.gain > _WORTH_A_SINGLE]
+  best = [s.mechanism for s in sorted(visible, key=lambda s: -s.gain)[:count]]
+  return best + [
+    n for n, s in signatures.items() if s.testable and problem.mechanism(n).nonlinear_response and n not in best
+  ]
+
+
+def _nominate_pairs(pool: Pool, count: int) -> list[frozenset[str]]:
+  """Partners of the best singles by what their signature explains of the single's residual, and those that bend."""
+  return list(dict.fromkeys([*_nominate_larger(pool, 1, 6)[:count], *_bending_partners(pool)]))
+
+
+def _nominate_triples(pool: Pool, count: int) -> list[frozenset[str]]:
+  return _nominate_larger(pool, 2, 3)[:count]
+
+
+def _nominate_larger(pool: Pool, size: int, parents: int) -> list[frozenset[str]]:
+  """Sets one larger than the best of a size that promise enough and are not in the pool, best first."""
+  gains: dict[frozenset[str], float] = {}
+  for model in sorted(pool.of_size(size), key=lambda m: m.cost)[:parents]:
+    for name, gain in _explains(pool, model).items():
+      key = frozenset([*model.mechanisms, name])
+      if gain > _WORTH_A_PAIR and key not in pool.models:
+        gains[key] = max(gains.get(key, -np.inf), gain - (model.cost - pool.base.cost))
+  return sorted(gains, key=lambda k: -gains[k])
+
+
+def _bending_partners(pool: Pool) -> list[frozenset[str]]:
+  """The best single, where it stands beyond doubt, with each mechanism of which a scan's straight line tells little."""
+  best = pool.best(pool.of_size(1))
+  if best is pool.base or not _beyond_doubt(pool, best, pool.base):
+    return []
+  bending = (n for n, s in pool.signatures.items() if s.testable and pool.problem.mechanism(n).nonlinear_response)
+  return [frozenset([*best.mechanisms, name]) for name in bending if name not in best.mechanisms]
+
+
+def _explains(pool: Pool, model: Candidate) -> dict[str, float]:
+  """Nats each further mechanism's signature would explain of a model's residual, to first order.
+
+  A promise counts as much as the mechanism's own refit kept of what the scan had promised, and nothing where an
+  amplitude without a sign would have to be negative. A parameter that every model fits within a tolerance does not
+  imitate the mechanism that lets it go beyond.
+  """
+  common, out = Projector(model), {}
+  for name, signature in pool.signatures.items():
+    if not signature.testable or name in model.mechanisms:
+      continue
+    own = {p.name for p in pool.problem.mechanism(name).parameters} & set(model.free.names)
+    project = Projector(model, own) if own else common
+    rest = project(model.residual[None, : model.n_train])[0]
+    direction = project(signature.direction[None].astype(np.float64))[0]
+    out[name] = _kept(pool, name) * explained(direction, rest, pool.problem.mechanism(name).signed)
+  return out
+
+
+def _kept(pool: Pool, name: str) -> float:
+  """Part of the scan's promise that a mechanism's refit kept, at most 1.
+
+  1 where it was not refitted, or where one effect is so strong that nothing refitted without it tells anything.
+  """
+  alone, strongest = pool.models.get(frozenset([name])), min(m.cost for m in pool.of_size(1))
+  if alone is None or pool.signatures[name].gain <= 0 or strongest < _OVERSHADOWED * pool.base.cost:
+    return 1.0
+  return float(np.clip((pool.base.cost - alone.cost) / pool.signatures[name].gain, _DOUBTED, 1.0))
+
+
+def _fit_sets(pool: Pool, sets: Sequence[frozenset[str]], iterations: int) -> None:
+  made = _begun(pool, sets)
+  refine(pool.problem, made, 1)
+  # a second step is worth its simulations only where the first led somewhere
+  hopeful = [m for m in made if m.cost < pool.best_subset(frozenset(m.mechanisms)).cost + _HOPE]
+  refine(pool.problem, hopeful, iterations - 1)
+  for item in made:
+    key = frozenset(item.mechanisms)
+    pool.models[key] = pool.not_worse(item, pool.best_subset(key))
+
+
+def refine_stalled(pool: Pool) -> None:
+  """Try harder where a refit broke what the scan had promised, with the columns of everything simulated anew.
+
+  The base's columns are those of the recalibrated twin. Where it has bent far to imitate an effect, a step along them
+  leads nowhere.
+  """
+  broken = {n: s.gain for n, s in pool.signatures.items() if s.gain > _PROMISED and _kept(pool, n) < _BROKEN}
+  names = sorted(broken, key=lambda n: -broken[n])[:_INSISTED]
+  made = _begun(pool, [frozenset([name]) for name in names])
+  _polish(pool, made, _PATIENCE)
+  for model in made:
+    pool.offer(model)
+
+
+def refine_leaders(pool: Pool) -> None:
+  """Take the best single, those that nearly tie with it, and the base on along fresh columns.
+
+  Along stale ones they may stop further from their minima than they lie apart, and their order says nothing.
+  """
+  ranked = sorted(pool.of_size(1), key=lambda m: m.cost)
+  most = pool.base.cost - ranked[0].cost if ranked else 0.0
+  if most > _WORTH_A_RACE:
+    behind = min(_BEHIND, (1.0 - _NEAR) * most)
+    near = [m for m in ranked[:_RACING] if m.cost - ranked[0].cost <= behind]
+    _polish(pool, [pool.base, *near], _POLISHED)
+
+
+def _polish(pool: Pool, models: Sequence[Candidate], steps: int) -> None:
+  """Steps along fresh columns while they lead somewhere; one that a stale Jacobian led nowhere says nothing."""
+  for _ in range(steps):
+    before = {id(m): m.cost for m in models}
+    for model in models:
+      model.settled = False
+    refine(pool.problem, models, 1, full=True)
+    models = [m for m in models if before[id(m)] - m.cost >= _DONE]
+
+
+def _without_trifles(pool: Pool) -> None:
+  """Fit the sets without a mechanism that is too small to matter and yet worth much: they have not found their minimum.
+
+  What seems to bring them is the freedom that one parameter more gave the fit on its way.
+  """
+  for _ in range(2):  # of a set of three, one after the other
+    best = pool.best(list(pool.models.values()))
+    trifles = [n for n in best.mechanisms if not material(pool, best, n, _TRIFLE)]
+    smaller = [pool.models.get(frozenset(best.mechanisms) - {n}) for n in trifles]
+    keys = [m.mechanisms for m in smaller if m and m.mechanisms and m.cost - best.cost > _PROMISED]
+    made = [candidate(pool.problem, key, best, pool.priors) for key in keys]
+    begin(pool.problem, made)
+    _polish(pool, made, _PATIENCE)
+    for model in made:
+      pool.offer(model)
+
+
+def _begun(pool: Pool, sets: Sequence[frozenset[str]]) -> list[Candidate]:
+  """One simulated model per set, from the best of a few starts: far from the base the scan may bend.
+
+  So may the way in which the base would meet an effect.
+  """
+  trials = []
+  for key in sets:
+    parent = pool.best_subset(key)
+    new = sorted(key - set(parent.mechanisms))
+    starts = [_start(pool, parent, new, share, meet) for share, meet in _STARTS]
+    trials += [candidate(pool.problem, sorted(key), parent, pool.priors, start) for start in starts]
+  begin(pool.problem, trials)
+  turns = range(0, len(trials), len(_STARTS))
+  return [min(trials[i : i + len(_STARTS)], key=lambda m: m.cost) for i in turns]
+
+
+def _start(pool: Pool, parent: Candidate, new: Sequence[str], share: float, meet: bool) -> dict[str, float]:
+  """First values: the new mechanisms at a share of what was scanned, and the base moved to `meet` them."""
+  start: dict[str, float] = {}
+  for name in new:
+    signature = pool.signatures.get(name)
+    if signature is None:
+      continue
+    for parameter, move in signature.answer.items() if meet else ():
+      here = float(parent.values[parent.free.index(parameter)])
+      start[parameter] = start.get(parameter, here) + share * move
+    for p in pool.problem.mechanism(name).parameters:
+      if p.name in signature.start:
+        value = signature.start[p.name]
+        start[p.name] = value if p.null is None else p.null + share * (value - p.null)
+  return start
+
+
+def _reweight_if_worth_it(pool: Pool) -> None:
+  """Take channel weights from the best single where it explains much: what it explains was no noise.
+
+  Elsewhere the weights stay as they were, so that all models stand at the minimum of one and the
+  same cost; here the base and the best model are brought to the new one with all their columns. The
+  best model goes on to its minimum: where it stands, sets that contain it begin.
+  """
+  best = pool.best(pool.of_size(1))
+  if best is pool.base or compare(best, pool.base, pool.problem.observations).relative < 0.1:
+    return
+  _reweight(pool, best)
+  refine(pool.problem, [pool.base, best], 1, full=True)
+  refine(pool.problem, [best], 1, full=True)
+  refine(pool.problem, [best], 2)
+
+
+def _reweight(pool: Pool, best: Candidate) -> None:
+  """Weights from a model's residuals; known residuals, Jacobians and signatures are rescaled."""
+  problem = pool.problem
+  old = problem.whiten(np.ones(len(problem.observations)))
+  weighting = weighting_from(problem.observations, best.residual / old, pool.floor)
+  pool.problem = problem.reweighted(weighting)
+  ratio = pool.problem.whiten(np.ones(len(problem.observations))) / old
+  for model in pool.models.values():
+    model.residual = model.residual * ratio
+    model.jacobian = model.jacobian * ratio[:, None]
+    model.settled = False
+  pool.signatures = {
+    n: dataclasses.replace(s, direction=(s.direction * ratio[: len(s.direction)]).astype(np.float32))
+    for n, s in pool.signatures.items()
+  }
+
+
+def _worth_growing(pool: Pool) -> bool:
+  """Whether the best pair beats the best single beyond doubt."""
+  pairs = pool.of_size(2)
+  if not pairs:
+    return False
+  return _beyond_doubt(pool, pool.best(pairs), pool.best(pool.of_size(1)))
+
+
+def _beyond_doubt(pool: Pool, larger: Candidate, smaller: Candidate) -> bool:
+  gain = compare(larger, smaller, pool.problem.observations)
+  return gain.gain > 10.0 and gain.t > 2.0

@@ -1,0 +1,67 @@
+"""The recalibrated twin of a data set: what calibration and diagnosis both start from."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.fitting.first_guess import first_guess
+from calibration.fitting.recalibration import RecalibratedTwin, recalibrate
+from calibration.fitting.tolerances import with_sensor_biases, with_tolerances
+from calibration.fitting.windows import Cut
+from calibration.progress import Progress, silent
+from qcar_twin.parameters import Parameter, ParameterSet
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import Recording
+from qcar_twin.twin.parameters import informed
+from qcar_twin.twin.twin import Twin
+
+Start = tuple[Twin, NDArray[np.float64]]
+LONGEST = 420.0  # s of driving that are simulated; longer data sets are sampled evenly
+SHIFTS = (-1, 0, 1)  # control periods, where the log's timing convention is unknown
+
+
+def recalibrate_dataset(
+  dataset: DataSet,
+  twin: Twin,
+  start: Start | None = None,
+  added: Sequence[Parameter] = (),
+  most: float = LONGEST,
+  progress: Progress = silent,
+) -> RecalibratedTwin:
+  """The base parameters of a twin, and the small errors every car and sensor has, fitted to a data set.
+
+  Args:
+    dataset: recordings with roles, see `with_coverage`; role "holdout" stays closed.
+    twin: the car, with the sensors' errors and tolerances among its mechanisms and any others at their null.
+    start: a twin to go on from, with its parameters: the first guess.
+    added: parameters of mechanisms this car is known to need, fitted with the rest.
+    most: s of driving that are simulated.
+    progress: told what is being done.
+  """
+  recordings = [r for r in dataset.recordings if r.role != "holdout"]
+  priors = starting_priors(recordings, twin, start)
+  priors = ParameterSet([p for p in priors if p.name not in {a.name for a in added}]) + added
+  return recalibrate(twin, recordings, priors, command_shifts(dataset), Cut(most=most), progress)
+
+
+def command_shifts(dataset: DataSet) -> tuple[int, ...]:
+  """Command timings to try, control periods."""
+  return SHIFTS if dataset.command_timing == "unknown" else (0,)
+
+
+def starting_priors(recordings: Sequence[Recording], twin: Twin, start: Start | None) -> ParameterSet:
+  """What every model fits: the base, the sensors' own small errors, and what the twin to go on from has beyond them."""
+  base = first_guess(recordings, twin.vehicle)
+  if start is None:
+    return with_tolerances(with_sensor_biases(base, twin, recordings), twin)
+  values = start[0].parameters.named(start[1])
+  ruled = with_tolerances(ParameterSet(()), twin)
+  small = {p.name for p in ruled if p.lower <= values.get(p.name, 0.0) <= p.upper}
+  carried = [p for m in start[0].mechanisms if not m.sensor_errors for p in m.parameters if p.name not in small]
+  base = informed(base, {name: values[name] for name in base.names if name in values})
+  priors = with_sensor_biases(base, twin, recordings) + [
+    dataclasses.replace(p, nominal=values[p.name]) for p in carried
+  ]
+  return with_tolerances(priors, twin)

@@ -1,0 +1,79 @@
+"""First values of the drive's parameters, straight from the log, so that a fit starts in the right valley.
+
+The motor's equation omega' = P1 V - P2 omega - P3 sgn(omega), V the drive's command in its unit, integrated over
+windows so that no signal is differentiated, is solved for V and fitted by a robust regression. Solved for omega' it
+would be satisfied by P1 = P2 = P3 = 0 wherever the speed is steady, so that steady driving with a loss that the
+equation lacks (a turn) shrinks all three.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from calibration.fitting.windows import driven
+from qcar_twin.kinematics import motor_speed
+from qcar_twin.parameters import ParameterSet
+from qcar_twin.recordings.recording import Recording
+from qcar_twin.twin.parameters import base_parameters, drive_values, informed
+from qcar_twin.vehicle.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+_WINDOW = 0.4  # s over which the equation is integrated
+_PERIOD = 0.02  # s
+
+
+def first_guess(recordings: Sequence[Recording], vehicle: Vehicle) -> ParameterSet:
+  """Base parameters of the twin with drive values read off the recordings; nominal ones if that fails."""
+  base = base_parameters(vehicle)
+  rows = [_integrals(r, vehicle) for r in recordings]
+  table = np.concatenate([r for r in rows if len(r)] or [np.zeros((0, 4))])
+  if len(table) < 20:
+    return base
+  p1, p2, p3 = _regression(table)
+  values = drive_values(vehicle, p1, p2, p3)
+  if vehicle.drive == "speed":  # its loop's integral part takes the friction over: the log shows none to begin with
+    del values["driveline_friction"]
+  return informed(base, values)
+
+
+def _integrals(recording: Recording, vehicle: Vehicle) -> Array:
+  """Rows of change of motor speed, integral of V, of omega, of sgn(omega) over windows, (k, 4)."""
+  name = next((n for n in ("motor_speed", "speed") if n in recording.channels), None)
+  if name is None or recording.duration < 2 * _WINDOW:
+    return np.zeros((0, 4))
+  stream = recording[name]
+  time, commands = driven(recording, vehicle, _PERIOD)
+  speed = np.interp(time, stream.time, stream.value)
+  if name == "speed":
+    speed = motor_speed(speed, vehicle)
+  width = int(_WINDOW / _PERIOD)
+  total = lambda x: np.concatenate([[0.0], np.cumsum(x)]) * _PERIOD
+  sign = np.tanh(speed / 5.0)
+  parts = [total(commands[:, 0]), total(speed), total(sign)]
+  starts = np.arange(0, len(time) - width - 1, width // 2)
+  change = speed[starts + width] - speed[starts]
+  rows = np.column_stack([change, *[p[starts + width] - p[starts] for p in parts]])
+  return rows[np.abs(rows[:, 3]) > 0.9 * _WINDOW]  # windows in which the car rolls one way
+
+
+def _regression(table: Array) -> tuple[float, float, float]:
+  """P1, P2, P3 >= 0 from V = omega' / P1 + P2 / P1 omega + P3 / P1 sgn(omega), with two rounds of Huber weights.
+
+  Not finite where the speed never changes: then they can't be told.
+  """
+  matrix, volts = table[:, [0, 2, 3]], table[:, 1]
+  if not np.any(matrix[:, 0]):
+    return np.inf, np.inf, np.inf
+  weight = np.ones(len(table))
+  solution = np.ones(3)
+  for _ in range(3):
+    scale = np.abs(matrix).max(axis=0) + 1e-12
+    fit = lsq_linear(matrix / scale * weight[:, None], volts * weight, bounds=(0.0, np.inf))
+    solution = fit.x / scale
+    error = np.abs(volts - matrix @ solution)
+    weight = np.sqrt(1.0 / np.maximum(1.0, error / (2.0 * np.median(error) + 1e-9)))
+  p1 = 1.0 / float(solution[0]) if solution[0] > 0.0 else np.inf
+  return p1, p1 * float(solution[1]), p1 * float(solution[2])

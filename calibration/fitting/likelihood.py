@@ -1,0 +1,202 @@
+"""The twin with its whole catalogue, set against one set of recordings.
+
+Residuals are predicted minus measured, divided by each channel's standard deviation and by the
+square root of its correlation length in samples, so that half their sum of squares counts
+independent samples ("nats"), not rows of a log.
+"""
+
+import contextlib
+import dataclasses
+import functools
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.fitting.observations import CHANNELS, Observations
+from calibration.fitting.residual_channels import RESIDUALS
+from qcar_twin.parameters import ParameterSet
+from qcar_twin.plant import Driving, Prediction
+from qcar_twin.twin.mechanisms.base import Mechanism
+from qcar_twin.twin.twin import Twin
+
+Array = NDArray[np.float64]
+
+log = logging.getLogger(__name__)
+
+_SPIKE = 6.0  # residuals beyond this many standard deviations lose weight
+_MEMORY = 0.1  # s within which samples of one channel count as one witness
+_COLUMNS = 48  # simulations of the whole data set held in memory at once
+_LEGS = 4  # parts after each of which a trial that costs too much is given up
+
+
+@dataclasses.dataclass(frozen=True)
+class Weighting:
+  """How residuals become nats.
+
+  Attributes:
+    std: standard deviation per channel of CHANNELS; NaN where a channel is absent.
+    correlation: correlation length per channel, samples.
+    spike: weight per value against spikes, (M,).
+  """
+
+  std: Array
+  correlation: Array
+  spike: Array
+
+  def scale(self, channel: NDArray[np.int64]) -> Array:
+    """Factor on predicted minus measured, (M,)."""
+    return np.sqrt(self.spike / self.correlation[channel]) / self.std[channel]
+
+
+class Problem:
+  """Whitened residuals of the twin for any parameter vectors."""
+
+  def __init__(
+    self, twin: Twin, observations: Observations, weighting: Weighting, n_train: int, base: Sequence[str] | None = None
+  ):
+    """`n_train`: so many values, from the front, are fitted; the rest only judge (role "validate").
+
+    `base`: names of the parameters every model fits; the base twin's by default.
+    """
+    self.twin, self.observations, self.weighting, self.n_train = twin, observations, weighting, n_train
+    self.base = tuple(base or twin.base.names)
+    self._scale = weighting.scale(observations.channel)
+    self._parts = observations.split(n_train)
+
+  @property
+  def parameters(self) -> ParameterSet:
+    return self.twin.parameters
+
+  @functools.cached_property
+  def driving(self) -> Driving:
+    """When and where all recordings were driven that are fitted or judge."""
+    return self.observations.stretches.segments.driving
+
+  def mechanism(self, name: str) -> Mechanism:
+    return next(m for m in self.twin.mechanisms if m.name == name)
+
+  def reweighted(self, weighting: Weighting) -> "Problem":
+    return Problem(self.twin, self.observations, weighting, self.n_train, self.base)
+
+  def raw(self, theta: Array) -> Array:
+    """Predicted minus measured in the channels' units, (n, M)."""
+    return self._raw(theta, self.observations)
+
+  def predict(self, theta: Array) -> Prediction:
+    return self._predict(theta, self.observations)
+
+  def residual(self, theta: Array) -> Array:
+    """Whitened residuals, (n, M); a simulation that is not finite gives large ones."""
+    return _finite(self.raw(theta) * self._scale)
+
+  def fitted_residual(self, theta: Array) -> Array:
+    """Those of the values that are fitted, (n, n_train): steps and slopes need no others, and the others take time."""
+    return _finite(self._raw(theta, self._parts[0]) * self._scale[: self.n_train])
+
+  def fitted_cost(self, theta: Array, limit: Array) -> Array:
+    """Half their sum of squares, nats, (n,); inf where it exceeds `limit`, (n,).
+
+    A vector whose first recordings cost more than that already is not simulated on the others.
+    """
+    cost = np.zeros(len(theta))
+    for rows, part in self._legs:
+      going = np.flatnonzero(cost <= limit)
+      if len(going):
+        cost[going] += 0.5 * np.sum(np.square(_finite(self._raw(theta[going], part) * self._scale[rows])), axis=1)
+    return np.where(cost <= limit, cost, np.inf)
+
+  @functools.cached_property
+  def _legs(self) -> list[tuple[slice, Observations]]:
+    """The recordings that are fitted in a few parts of about equal length, each with its rows of the residual."""
+    rest, begin, legs = self._parts[0], 0, []
+    between = np.flatnonzero(np.diff(rest.recording)) + 1
+    for k in range(1, _LEGS):
+      end = int(between[np.argmin(np.abs(between - k * self.n_train / _LEGS))]) if len(between) else begin
+      if end > begin:
+        leg, rest = rest.split(end - begin)
+        legs.append((slice(begin, end), leg))
+        begin = end
+    return [*legs, (slice(begin, self.n_train), rest)]
+
+  def judging_residual(self, theta: Array) -> Array:
+    """Those of the values that only judge, (n, M - n_train)."""
+    return _finite(self._raw(theta, self._parts[1]) * self._scale[self.n_train :])
+
+  def _raw(self, theta: Array, observations: Observations) -> Array:
+    theta = np.atleast_2d(theta)
+    out = np.empty((len(theta), len(observations)))
+    if len(observations) == 0:
+      return out
+    for i in range(0, len(theta), _COLUMNS):
+      prediction = self._predict(theta[i : i + _COLUMNS], observations)
+      out[i : i + _COLUMNS] = observations.predict(prediction) - observations.measured
+    return out
+
+  def _predict(self, theta: Array, observations: Observations) -> Prediction:
+    with warnings_logged():
+      return self.twin.rollout(theta, observations.stretches.segments)
+
+  def whiten(self, raw: Array) -> Array:
+    return raw * self._scale
+
+  def embed(self, names: Sequence[str], values: Array, around: Array) -> Array:
+    """Full vectors, (n, P), with the named parameters set to values (n, len(names))."""
+    values = np.atleast_2d(values)
+    full = np.tile(around, (len(values), 1))
+    full[:, [self.parameters.index(n) for n in names]] = values
+    return full
+
+
+def _finite(residual: Array) -> Array:
+  return np.nan_to_num(residual, nan=1e3, posinf=1e3, neginf=-1e3)
+
+
+@contextlib.contextmanager
+def warnings_logged() -> Iterator[None]:
+  """MuJoCo's warnings go to the log: a trial that flies apart loses on cost, and is no news for the user.
+
+  MuJoCo itself writes them to the terminal and to a file in the working directory.
+  """
+  before = mujoco.get_mju_user_warning()
+  mujoco.set_mju_user_warning(lambda text: log.debug("MuJoCo: %s", text))
+  try:
+    yield
+  finally:
+    mujoco.set_mju_user_warning(before)
+
+
+def weighting_from(observations: Observations, raw: Array, floor: Mapping[str, float]) -> Weighting:
+  """Weights from the residuals of a fitted model, never below the sensors' own noise.
+
+  Args:
+    observations: what was measured.
+    raw: predicted minus measured, (M,).
+    floor: standard deviation of each sensor channel from the noise passport.
+  """
+  std = np.full(len(CHANNELS), np.nan)
+  correlation = np.ones(len(CHANNELS))
+  spike = np.ones(len(observations))
+  for index in np.unique(observations.channel):
+    rows = np.flatnonzero(observations.channel == index)
+    typical = 1.4826 * np.median(np.abs(raw[rows]))
+    rms = float(np.sqrt(np.mean(np.clip(raw[rows], -_SPIKE * typical, _SPIKE * typical) ** 2)))
+    std[index] = max(rms, floor.get(CHANNELS[index], 0.0), 1e-9)
+    spike[rows] = np.minimum(1.0, _SPIKE * std[index] / np.maximum(np.abs(raw[rows]), 1e-12))
+    correlation[index] = correlation_length(observations, rows)
+  return Weighting(std, correlation, spike)
+
+
+def correlation_length(observations: Observations, rows: NDArray[np.int64]) -> float:
+  """Samples that count as one witness: those within a tenth of a second; for displacements, within their horizon.
+
+  It is a convention, not an estimate: taken from residuals, a badly fitted channel would look strongly
+  correlated, lose its weight and so stay badly fitted.
+  """
+  time = observations.time[rows]
+  steps = np.diff(time)[np.diff(observations.recording[rows]) == 0]
+  step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
+  displaced = RESIDUALS[CHANNELS[observations.channel[rows[0]]]].displacement is not None
+  return max(1.0, (observations.horizon if displaced else _MEMORY) / step)

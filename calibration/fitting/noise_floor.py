@@ -1,0 +1,70 @@
+"""The least error a simulation can have on a recording: the sensors' own noise, at standstill and while driving."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.fitting.noise import ChannelNoise
+from calibration.fitting.residual_channels import RESIDUALS
+from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+
+_ORDER = 4  # of the difference that takes the motion away; white noise of deviation s leaves s sqrt(binom(8, 4))
+_GAIN = float(np.sqrt(70.0))
+_UNEVEN = 0.25  # of the usual interval, by which one may differ that counts as equal
+_ROLLS = 0.05  # of a recording's largest speed, below which the car stands or nearly so
+_NORMAL = 1.4826  # standard deviation of a normal variable over its median size
+
+
+def sensor_floor(passport: Mapping[str, ChannelNoise]) -> dict[str, float]:
+  """Standard deviation of each residual channel that the sensors make at standstill."""
+  return residual_floor({name: noise.std for name, noise in passport.items()})
+
+
+def driving_floor(recordings: Sequence[Recording], passport: Mapping[str, ChannelNoise]) -> dict[str, float]:
+  """Standard deviation of each residual channel that the sensors make while driving, never less than at standstill."""
+  driving = driving_noise(recordings)
+  floor = {name: noise.std for name, noise in passport.items()}
+  return residual_floor(floor | {name: max(std, floor.get(name, 0.0)) for name, std in driving.items()})
+
+
+def driving_noise(recordings: Sequence[Recording]) -> dict[str, float]:
+  """White noise of each sensor channel while the car rolls, from what no smooth motion makes.
+
+  Fourth differences of equally spaced samples take away any motion that a cubic follows over five of them and keep
+  white noise (Gasser, Sroka & Jennen-Steinmetz, Residual variance and residual pattern in nonlinear regression,
+  Biometrika 73, 1986, with a higher order); the median of their size is deaf to jolts and spikes.
+  """
+  sizes: dict[str, list[Array]] = {}
+  for recording in recordings:
+    for name in recording.channels:
+      stream = recording[name]
+      steps = np.diff(stream.time)
+      if len(steps) < _ORDER or not CHANNELS[name].is_measured:
+        continue
+      usual = np.median(steps)
+      usually = np.asarray(np.abs(steps - usual) < _UNEVEN * usual)
+      even = np.all(np.lib.stride_tricks.sliding_window_view(usually, _ORDER), axis=1)
+      even &= _moving(recording, stream.time)[: len(even)]
+      sizes.setdefault(name, []).append(np.abs(np.diff(stream.value, _ORDER))[even])
+  joined = {name: np.concatenate(parts) for name, parts in sizes.items()}
+  return {name: _NORMAL * float(np.median(v)) / _GAIN for name, v in joined.items() if len(v)}
+
+
+def _moving(recording: Recording, time: Array) -> NDArray[np.bool_]:
+  """Whether the car rolls at each time; everywhere where no channel tells its speed."""
+  name = next((n for n in ("motor_speed", "speed") if n in recording), None)
+  if name is None:
+    return np.ones(len(time), dtype=bool)
+  stream = recording[name]
+  size = np.abs(stream.value)
+  return np.interp(time, stream.time, size) > _ROLLS * float(size.max(initial=0.0))
+
+
+def residual_floor(std: Mapping[str, float]) -> dict[str, float]:
+  """Deviations of recorded channels as those of residual channels: a displacement carries the noise of two poses."""
+  made = {c.name: c.noise(*(std[n] for n in c.needs)) for c in RESIDUALS.values() if std.keys() >= set(c.needs)}
+  return dict(std) | made

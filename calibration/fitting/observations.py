@@ -1,0 +1,273 @@
+"""What was measured, as one long vector, and the same vector from a prediction.
+
+Poses are compared as displacements over a fixed horizon, seen from the car at the start of the
+horizon: a free run drifts in position and heading without bound under the smallest disturbance,
+its displacement over a second does not. The horizon is a choice (0.5 s and 2 s tell different
+errors apart), and no restart of the simulation is needed for it.
+"""
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.fitting.residual_channels import CHANNELS, POSE, RESIDUALS, UNITS, ResidualChannel
+from calibration.fitting.windows import DEFAULT_CUT, Cut, Stretches, cut_recordings
+from qcar_twin.plant import SIGNALS, Prediction, signal_index
+from qcar_twin.recordings.recording import Recording
+from qcar_twin.vehicle.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+__all__ = ["CHANNELS", "UNITS", "Observations", "noise_of", "observe"]
+Rows = dict[str, Any]  # values, channel, times, grid points and fractions of some rows
+_LONG, _SHORT = 1.0, 0.3  # s, horizons with and without a gyro
+_POSE = slice(signal_index(POSE[0]), signal_index(POSE[-1]) + 1)
+
+
+@dataclasses.dataclass(frozen=True)
+class Observations:
+  """M measured values in a fixed order.
+
+  Attributes:
+    stretches: what to simulate.
+    measured: values, (M,).
+    channel: index into CHANNELS, (M,).
+    recording: index of the recording, (M,).
+    block: running number of a block of about three seconds of one recording, (M,).
+    time: recording time of each value, s, (M,).
+    names: recording names.
+    unsigned_speed: True if the log's speed never carries a sign.
+    vehicle: numbers of the car, which some channels are predicted with.
+    horizon: time over which poses are differenced, s.
+  """
+
+  stretches: Stretches
+  measured: Array
+  channel: NDArray[np.int64]
+  recording: NDArray[np.int64]
+  block: NDArray[np.int64]
+  time: Array
+  names: tuple[str, ...]
+  unsigned_speed: bool
+  vehicle: Vehicle
+  horizon: float
+  _point: NDArray[np.int64]  # flat index of the grid point before each value, (M,)
+  _fraction: Array  # weight of the grid point after it, (M,)
+  _point_back: NDArray[np.int64]  # the same at the start of a pose horizon
+  _fraction_back: Array
+
+  def __len__(self) -> int:
+    return len(self.measured)
+
+  @property
+  def present(self) -> tuple[str, ...]:
+    """Channels that occur."""
+    return tuple(CHANNELS[i] for i in np.unique(self.channel))
+
+  @property
+  def grid_points(self) -> NDArray[np.int64]:
+    """Index of the grid point before each value in the flattened (segment, step) grid, (M,)."""
+    return self._point
+
+  def select(self, channel: str) -> NDArray[np.bool_]:
+    return self.channel == CHANNELS.index(channel)
+
+  def split(self, count: int) -> tuple["Observations", "Observations"]:
+    """The first `count` values and the others, each with the stretches it takes to predict them.
+
+    Raises:
+      ValueError: a stretch holds values of both.
+    """
+    segments, stretch = self.stretches.segments, self._point // (self.stretches.segments.commands.shape[1] + 1)
+    first = int(stretch[count]) if count < len(self) else len(segments)
+    if np.any(stretch[:count] >= first) or np.any(stretch[count:] < first):
+      raise ValueError(
+        f"value {count} does not begin a stretch of its own; sort recordings by role before observing them"
+      )
+    return self._part(slice(0, count), slice(0, first)), self._part(slice(count, None), slice(first, len(segments)))
+
+  def _part(self, rows: slice, which: slice) -> "Observations":
+    stretches, moved = self.stretches, which.start * (self.stretches.segments.commands.shape[1] + 1)
+    return dataclasses.replace(
+      self,
+      stretches=Stretches(stretches.segments[which], stretches.first[which], stretches.last[which]),
+      **{name: getattr(self, name)[rows] for name in ("measured", "channel", "recording", "block", "time")},
+      _point=self._point[rows] - moved,
+      _fraction=self._fraction[rows],
+      _point_back=self._point_back[rows] - moved,
+      _fraction_back=self._fraction_back[rows],
+    )
+
+  def predict(self, prediction: Prediction) -> Array:
+    """Predicted values of every measured one, (n, M)."""
+    n = len(prediction.signals)
+    flat = prediction.signals.reshape(n, -1, len(SIGNALS))
+    out = np.empty((n, len(self)))
+    for name in self.present:
+      rows = np.flatnonzero(self.select(name))
+      out[:, rows] = self._predict(RESIDUALS[name], flat, rows)
+    return out
+
+  def _predict(self, channel: ResidualChannel, flat: Array, rows: NDArray[np.int64]) -> Array:
+    point, fraction = self._point[rows], self._fraction[rows]
+    if channel.displacement is not None:
+      pose = flat[:, :, _POSE]
+      before = _interpolate(pose, self._point_back[rows], self._fraction_back[rows])
+      return channel.displacement(before, _interpolate(pose, point, fraction))
+    assert channel.model is not None
+    signal = lambda name: _interpolate(flat[:, :, signal_index(name)], point, fraction)
+    value = channel.model(signal, self.vehicle)
+    return np.abs(value) if channel.may_lose_sign and self.unsigned_speed else value
+
+
+def observe(
+  recordings: Sequence[Recording],
+  vehicle: Vehicle,
+  cut: Cut = DEFAULT_CUT,
+  horizon: float | None = None,
+  pose_rate: float = 10.0,
+  block: float = 3.0,
+) -> Observations:
+  """Collect the measured values of recordings.
+
+  Args:
+    recordings: what was driven.
+    vehicle: numbers of the car.
+    cut: how the recordings are cut for simulation.
+    horizon: time over which poses are differenced, s; 1 s, or 0.3 s where no gyro tells the quick turns.
+    pose_rate: poses are thinned to this rate, Hz.
+    block: length of an evidence block, s.
+  """
+  stretches = cut_recordings(recordings, vehicle, cut)
+  if horizon is None:
+    horizon = _LONG if any("yaw_rate" in r.channels for r in recordings) else _SHORT
+  by_name = {recording.name: index for index, recording in enumerate(recordings)}
+  grid = stretches.segments.commands.shape[1] + 1
+  parts: dict[str, list[Array]] = {k: [] for k in ("v", "c", "r", "t", "p", "f", "pb", "fb")}
+  for s, name in enumerate(stretches.segments.recording):
+    recording = recordings[by_name[name]]
+    place = _Grid(s * grid, float(stretches.segments.offset[s]), cut.period, int(stretches.segments.steps[s]))
+    span = (float(stretches.first[s]), float(stretches.last[s]))
+    for rows in _segment_rows(recording, place, span, horizon, pose_rate):
+      size = len(rows["v"])
+      parts["r"].append(np.full(size, by_name[name]))
+      for key, value in rows.items():
+        parts[key].append(np.broadcast_to(value, size))
+  joined = {key: np.concatenate(value) for key, value in parts.items()}
+  return Observations(
+    stretches=stretches,
+    measured=joined["v"],
+    channel=joined["c"].astype(np.int64),
+    recording=joined["r"].astype(np.int64),
+    block=_blocks(joined["r"], joined["t"], recordings, block),
+    time=joined["t"],
+    names=tuple(r.name for r in recordings),
+    unsigned_speed=_unsigned(recordings),
+    vehicle=vehicle,
+    horizon=horizon,
+    _point=joined["p"].astype(np.int64),
+    _fraction=joined["f"],
+    _point_back=joined["pb"].astype(np.int64),
+    _fraction_back=joined["fb"],
+  )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Grid:
+  """Where a segment's control grid lies in the flattened prediction."""
+
+  base: int
+  offset: float
+  period: float
+  steps: int
+
+  def locate(self, time: Array) -> tuple[Array, Array]:
+    position = np.clip((time - self.offset) / self.period, 0.0, self.steps)
+    point = np.minimum(position.astype(np.int64), self.steps - 1)
+    return self.base + point, position - point
+
+
+def _segment_rows(
+  recording: Recording, place: _Grid, span: tuple[float, float], horizon: float, pose_rate: float
+) -> Iterator[Rows]:
+  # the log's first row is the start state itself, not an outcome: scored rows come after it
+  low, high = span[0] + 1e-9, span[1] + 1e-9
+  compared = [c for c in RESIDUALS.values() if set(c.needs) <= recording.streams.keys() and c.instead not in recording]
+  for channel in compared:
+    if channel.model is not None:
+      stream = recording[channel.needs[0]]
+      keep = (stream.time > low) & (stream.time <= high)
+      point, fraction = place.locate(stream.time[keep])
+      yield {"v": stream.value[keep], "c": CHANNELS.index(channel.name), "t": stream.time[keep],
+             "p": point, "f": fraction, "pb": point, "fb": fraction}  # fmt: skip
+  displaced = [c for c in compared if c.displacement is not None]
+  if displaced:
+    yield from _pose_rows(displaced, recording, place, span, horizon, pose_rate)
+
+
+def _pose_rows(
+  channels: Sequence[ResidualChannel],
+  recording: Recording,
+  place: _Grid,
+  span: tuple[float, float],
+  horizon: float,
+  pose_rate: float,
+) -> Iterator[Rows]:
+  yaw = recording["pose_yaw"]
+  time = _thin(yaw.time[(yaw.time >= place.offset) & (yaw.time <= span[1] + 1e-9)], pose_rate)
+  later = time[time > span[0] + horizon - 1e-9]
+  if len(time) < 2 or len(later) == 0:
+    return
+  earlier = time[np.searchsorted(time, later - horizon - 1e-9).clip(0, len(time) - 1)]
+  before, after = _measured_pose(recording, earlier), _measured_pose(recording, later)
+  point, fraction = place.locate(later)
+  back, fraction_back = place.locate(earlier)
+  for channel in channels:
+    assert channel.displacement is not None
+    yield {"v": channel.displacement(before, after), "c": CHANNELS.index(channel.name), "t": later,
+           "p": point, "f": fraction, "pb": back, "fb": fraction_back}  # fmt: skip
+
+
+def _measured_pose(recording: Recording, time: Array) -> Array:
+  """x, y [m] and yaw [rad] at some times, s, (k, 3); 0 for one that is not measured."""
+  at = lambda stream: np.interp(time, stream.time, stream.value)
+  return np.stack([at(recording[name]) if name in recording else 0.0 * time for name in POSE], axis=-1)
+
+
+def _thin(time: Array, rate: float) -> Array:
+  """Every k-th time so that the mean rate is at most `rate`."""
+  if len(time) < 3:
+    return time
+  return time[:: max(1, int(round(rate**-1 / np.median(np.diff(time)))))]
+
+
+def _interpolate(values: Array, point: NDArray[np.int64], fraction: Array) -> Array:
+  """Linear interpolation along the flattened grid axis 1: values (n, G) or (n, G, k)."""
+  weight = fraction if values.ndim == 2 else fraction[:, None]
+  return values[:, point] * (1.0 - weight) + values[:, point + 1] * weight
+
+
+def _blocks(recording: Array, time: Array, recordings: Sequence[Recording], length: float) -> NDArray[np.int64]:
+  number, first = np.zeros(len(time), dtype=np.int64), 0
+  for index, item in enumerate(recordings):
+    rows = recording == index
+    count = max(1, int(round(item.duration / length)))
+    local = np.floor((time[rows] - item.start) / max(item.duration, 1e-9) * count).astype(np.int64)
+    number[rows] = first + np.clip(local, 0, count - 1)
+    first += count
+  return number
+
+
+def _unsigned(recordings: Sequence[Recording]) -> bool:
+  """True if the speed never goes negative although reverse was commanded for a while."""
+  lossy = [r[c.needs[0]] for c in RESIDUALS.values() if c.may_lose_sign for r in recordings if c.needs[0] in r]
+  return min((stream.value.min() for stream in lossy), default=-1.0) >= 0.0
+
+
+def noise_of(observations: Observations, levels: Mapping[str, float]) -> Array:
+  """Standard deviation of every measured value, (M,), from one level per channel."""
+  table = np.array([levels.get(name, np.nan) for name in CHANNELS])
+  return table[observations.channel]

@@ -1,0 +1,76 @@
+"""Small errors that every car and sensor has: every model fits them, so that they are not taken for physics.
+
+Which they are and how large is declared by the mechanisms; see `Mechanism.sensor_errors` and `Mechanism.tolerances`.
+"""
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from calibration.fitting.noise import means_at_rest
+from qcar_twin.parameters import Parameter, ParameterSet
+from qcar_twin.recordings.recording import Recording
+from qcar_twin.twin.mechanisms import catalogue
+from qcar_twin.twin.mechanisms.base import Mechanism, SensorError
+from qcar_twin.twin.twin import Twin
+
+_WIDEST = 3.0  # standard deviations that recalibration may use up; beyond them is a mechanism
+
+
+def sensor_error_mechanisms(mechanisms: Iterable[Mechanism]) -> tuple[Mechanism, ...]:
+  """Those with an error every sensor of the kind has, in the order in which every model fits them."""
+  return tuple(m for m in _ranked(mechanisms) if m.sensor_errors)
+
+
+def tolerated_mechanisms(mechanisms: Iterable[Mechanism]) -> tuple[Mechanism, ...]:
+  """Those with an error any description of a car leaves open, in the order in which every model fits them."""
+  return tuple(m for m in _ranked(mechanisms) if type(m).tolerances is not Mechanism.tolerances)
+
+
+def always_fitted() -> tuple[str, ...]:
+  """Ids of all of these in the catalogue: what a twin carries that is fitted to recordings."""
+  known = catalogue().values()
+  return tuple(dict.fromkeys(m.name for m in (*sensor_error_mechanisms(known), *tolerated_mechanisms(known))))
+
+
+def with_sensor_biases(base: ParameterSet, twin: Twin, recordings: Sequence[Recording]) -> ParameterSet:
+  """The base parameters and the small errors that the sensors of the twin have, each with its usual size as a prior.
+
+  One far beyond them is claimed as such; see bias_claims. One that shows where the car stands is read there.
+  """
+  declared = [(n, e) for m in sensor_error_mechanisms(twin.mechanisms) for n, e in m.sensor_errors.items()]
+  return base + [
+    _read_at_rest(dataclasses.replace(twin.parameters[name], std=error.std), error, recordings)
+    for name, error in declared
+  ]
+
+
+def _read_at_rest(parameter: Parameter, error: SensorError, recordings: Sequence[Recording]) -> Parameter:
+  """The parameter with what was read at rest as its prior, in standard deviations of what it wanders."""
+  means = means_at_rest(recordings, error.read_at_rest) if error.read_at_rest else np.zeros(0)
+  if not len(means):
+    return parameter
+  scatter = float(np.std(means, ddof=1)) if len(means) > 1 else 0.0
+  nominal = float(np.clip(np.mean(means), parameter.lower, parameter.upper))
+  return dataclasses.replace(parameter, nominal=nominal, std=min(float(np.hypot(error.wander, scatter)), error.std))
+
+
+def with_tolerances(priors: ParameterSet, twin: Twin) -> ParameterSet:
+  """The same and the errors that are allowed for, within three standard deviations, lest they be taken for physics.
+
+  A wheel radius that is 1 % off makes every turn 1 % too wide and would pass for an error of the steering; so would a
+  linkage that turns the two wheels a little otherwise, and a body roll that the twin's accelerometer does not feel for
+  a tilted sensor. No place is added that the vehicle's description states no standard deviation of.
+  """
+  stds = {}
+  for mechanism in tolerated_mechanisms(twin.mechanisms):
+    stds |= mechanism.tolerances(twin.car, twin.vehicle.std)
+  known = {name: std for name, std in stds.items() if std > 0.0 and name not in priors}
+  return priors + [
+    dataclasses.replace(twin.parameters[n], std=s, lower=-_WIDEST * s, upper=_WIDEST * s) for n, s in known.items()
+  ]
+
+
+def _ranked(mechanisms: Iterable[Mechanism]) -> list[Mechanism]:
+  return sorted(mechanisms, key=lambda m: (m.fitted_rank, m.name))

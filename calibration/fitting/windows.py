@@ -1,0 +1,252 @@
+"""Recordings cut into stretches that simulate side by side, each started from what was measured.
+
+A free run over minutes lets a small force error grow into a large one; a restart every few samples
+sees nothing but noise. Stretches of a few seconds, started from the measured speed and yaw rate,
+keep both in bounds. The first `warm_up` seconds of a stretch that starts in mid-recording are
+simulated but not scored: hidden states (servo, tyre, play) settle there.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.kinematics import road_speed
+from qcar_twin.plant import START, Segments
+from qcar_twin.recordings.dataset import in_order
+from qcar_twin.recordings.recording import Recording, Stream
+from qcar_twin.vehicle.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+_GOLDEN = 0.618  # of a turn between one recording's phase and the next one's, so that beginnings and ends take turns
+
+
+@dataclasses.dataclass(frozen=True)
+class Cut:
+  """How recordings are cut.
+
+  Attributes:
+    length: longest scored stretch, s.
+    warm_up: unscored lead-in of stretches that start in mid-recording, s.
+    period: control period, s.
+    most: seconds of driving that are kept at most, taken evenly from the whole; inf for all.
+    command_shift: control periods by which commands act later than logged (the timing convention); may be negative.
+  """
+
+  length: float = 6.0
+  warm_up: float = 0.4
+  period: float = 0.01
+  most: float = np.inf
+  command_shift: int = 0
+
+
+DEFAULT_CUT = Cut()
+
+
+@dataclasses.dataclass(frozen=True)
+class Stretches:
+  """Segments and the part of each that is scored: from `first` to `last`, s, recording time, (S,)."""
+
+  segments: Segments
+  first: Array
+  last: Array
+
+
+def cut_recordings(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut = DEFAULT_CUT) -> Stretches:
+  """Cut recordings into padded segments with measured start states.
+
+  Args:
+    recordings: in the order they were driven; heat and charge are carried along this order.
+    vehicle: numbers of the car (gear_ratio, wheel_radius, cg_to_front, cg_to_rear) and what drives it.
+    cut: lengths and timing.
+  """
+  pieces = [piece for index, recording in enumerate(recordings) for piece in _pieces(recording, index, vehicle, cut)]
+  if not pieces:
+    raise ValueError(
+      f"no recording is long enough to simulate; at least 0.2 s with a {vehicle.motor.channel} are needed"
+    )
+  pieces = _thinned(pieces, cut)
+  history = [np.array(r.before) for r in in_order(recordings)]
+  steps = np.array([len(p.commands) for p in pieces])
+  longest = int(steps.max())
+  commands = np.stack([_pad(p.commands, longest) for p in pieces])
+  segments = Segments(
+    commands=commands,
+    start=np.stack([p.start for p in pieces]),
+    steps=steps,
+    period=cut.period,
+    recording=tuple(recordings[p.index].name for p in pieces),
+    offset=np.array([p.offset for p in pieces]),
+    history=np.stack([history[p.index] + p.spent for p in pieces]),
+    pose=np.stack([_pad(p.pose, longest + 1) for p in pieces]),
+    wheel_angle=np.stack([_pad(p.wheel_angle, longest + 1) for p in pieces]),
+  )
+  return Stretches(segments, np.array([p.first for p in pieces]), np.array([p.last for p in pieces]))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Piece:
+  index: int
+  commands: Array
+  pose: Array
+  wheel_angle: Array
+  start: Array
+  offset: float
+  first: float
+  last: float
+  spent: Array
+
+
+def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> list[_Piece]:
+  time, commands = driven(recording, vehicle, cut.period)
+  commands = shift_commands(commands, cut.command_shift)
+  duration = len(time) * cut.period
+  if duration < 0.2:
+    return []
+  # all stretches ride in one batch as long as the longest, so none may stick out by much
+  count = max(1, int(np.ceil(duration / cut.length - 0.02)))
+  edges = np.linspace(0, len(time), count + 1).round().astype(int)
+  grid = np.append(time, time[-1] + cut.period)
+  pose, wheel_angle = _pose_on(recording, grid), _wheel_angle_on(recording, grid, vehicle)
+  pieces = []
+  for low, high in zip(edges[:-1], edges[1:], strict=True):
+    begin = max(0, low - int(round(cut.warm_up / cut.period))) if low else 0
+    spent = np.array([begin * cut.period, float(np.sum(commands[:begin, 0] ** 2)) * cut.period])
+    pieces.append(
+      _Piece(
+        index=index,
+        commands=commands[begin:high],
+        pose=pose[begin : high + 1],
+        wheel_angle=wheel_angle[begin : high + 1],
+        start=measured_start(recording, float(time[begin]), vehicle, commands[begin, 1], begin == 0),
+        offset=float(time[begin]),
+        first=float(time[low]),
+        last=float(time[high - 1] + cut.period),
+        spent=spent,
+      )
+    )
+  return pieces
+
+
+def driven(recording: Recording, vehicle: Vehicle, period: float) -> tuple[Array, Array]:
+  """Time (T,) [s] on the grid of `period`, and what drove the car: the drive's command in its unit and steering [rad].
+
+  Raises:
+    ValueError: the recording holds the command of another kind of drive.
+  """
+  if recording.drive_channel != vehicle.motor.channel and recording.drive_channel in recording:
+    if vehicle.motor.channel not in recording:
+      raise ValueError(
+        f"recording '{recording.name}' was driven by {recording.drive_channel}, but {vehicle.name} is driven by"
+        f' {vehicle.motor.channel} (drive = "{vehicle.drive}"); correct drive in [vehicle] of dataset.toml'
+      )
+  return recording.commands(period, vehicle.commands)
+
+
+def _thinned(pieces: list[_Piece], cut: Cut) -> list[_Piece]:
+  """At most `cut.most` seconds of pieces, evenly spread; at least one of every recording where there is room.
+
+  Beginnings alone would not do: steps in steering come later, and a twin fitted without them has tyres at will.
+  """
+  length = sum(len(p.commands) for p in pieces) * cut.period / len(pieces)
+  room = max(1, int(cut.most / length)) if np.isfinite(cut.most) else len(pieces)
+  if room >= len(pieces):
+    return pieces
+  counts = np.unique([p.index for p in pieces], return_counts=True)[1]
+  if room < 2 * len(counts):
+    return [pieces[i] for i in _spread(len(pieces), room, 0.5)]
+  kept, first = [], 0
+  for k, (count, take) in enumerate(zip(counts, _allotted(counts, room), strict=True)):
+    kept += [pieces[first + i] for i in _spread(count, take, _GOLDEN * k % 1.0)]
+    first += count
+  return kept
+
+
+def _spread(count: int, take: int, phase: float) -> NDArray[np.int64]:
+  """So many of `count` indices, evenly spread; the phase within [0, 1) says where the first lies."""
+  return ((np.arange(take) + phase) * count / take).astype(np.int64)
+
+
+def _allotted(counts: NDArray[np.int64], room: int) -> NDArray[np.int64]:
+  """How many pieces of each recording are kept: the same share of all, but at least one, and `room` at most in all."""
+  low, high = 0.0, 1.0
+  for _ in range(30):
+    share = 0.5 * (low + high)
+    low, high = (share, high) if np.maximum(1, share * counts).astype(int).sum() <= room else (low, share)
+  return np.maximum(1, low * counts).astype(np.int64)
+
+
+def shift_commands(commands: Array, command_shift: int) -> Array:
+  """Commands (T, 2) moved later by whole periods (earlier if negative); the ends are held."""
+  if command_shift == 0:
+    return commands
+  index = np.clip(np.arange(len(commands)) - command_shift, 0, len(commands) - 1)
+  return commands[index]
+
+
+def measured_start(recording: Recording, time: float, vehicle: Vehicle, steering: float, at_beginning: bool) -> Array:
+  """State at a time from the streams around it, in the order of START, (7,).
+
+  Speed and yaw rate are straight-line fits over 0.1 s; sideslip is the kinematic one.
+  """
+  values = dict.fromkeys(START, 0.0)
+  half = 0.06
+  for name in ("pose_x", "pose_y", "pose_yaw", "yaw_rate"):
+    if name in recording.channels:
+      values[name] = _level(recording[name], time, half if name == "yaw_rate" else 0.02)
+  values["velocity_x"] = _measured_speed(recording, time, vehicle, half)
+  if at_beginning and abs(values["velocity_x"]) < 0.02:
+    values["velocity_x"] = values["yaw_rate"] = 0.0
+  values["steering_angle"] = float(np.clip(steering, -vehicle.max_steering, vehicle.max_steering))
+  values["velocity_y"] = values["yaw_rate"] * vehicle.cg_to_rear
+  return np.array([values[name] for name in START])
+
+
+def _measured_speed(recording: Recording, time: float, vehicle: Vehicle, half: float) -> float:
+  if "motor_speed" in recording.channels:
+    return float(road_speed(_level(recording["motor_speed"], time, half), vehicle))
+  if "speed" in recording.channels:
+    return _level(recording["speed"], time, half)
+  return 0.0
+
+
+def _level(stream: Stream, time: float, half: float) -> float:
+  """Value of a straight line through the samples within +-half of a time; nearest sample if there are few."""
+  near = np.abs(stream.time - time) <= half
+  if near.sum() >= 4 and np.ptp(stream.time[near]) > 0:
+    slope, level = np.polyfit(stream.time[near] - time, stream.value[near], 1)
+    return float(level) if stream.time[near].min() <= time else float(stream.value[near].mean())
+  return float(np.interp(time, stream.time, stream.value))
+
+
+def _pose_on(recording: Recording, time: Array) -> Array:
+  """Measured x, y, yaw at times, (len(time), 3); NaN where a channel is missing."""
+  pose = np.full((len(time), 3), np.nan)
+  for column, name in enumerate(("pose_x", "pose_y", "pose_yaw")):
+    if name in recording.channels:
+      stream = recording[name]
+      pose[:, column] = np.interp(time, stream.time, stream.value)
+  return pose
+
+
+def _wheel_angle_on(recording: Recording, time: Array, vehicle: Vehicle) -> Array:
+  """Angle the wheels have turned since time[0] by the encoder, rad, (len(time),); NaN without one.
+
+  theta = gear_ratio int w dt over the encoder's own samples (trapezoids). A gap is bridged by a straight line; before
+  the first and after the last sample the nearest speed holds.
+  """
+  if "motor_speed" not in recording.channels:
+    return np.full(len(time), np.nan)
+  stream = recording["motor_speed"]
+  at = np.union1d(stream.time, time)
+  speed = np.interp(at, stream.time, stream.value)
+  angle = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(at)))
+  turned = np.interp(time, at, angle)
+  return vehicle.gear_ratio * (turned - turned[0])
+
+
+def _pad(values: Array, length: int) -> Array:
+  """Repeat the last row until there are `length` rows; a padded command holds its last value."""
+  return np.concatenate([values, np.repeat(values[-1:], length - len(values), axis=0)])

@@ -1,0 +1,200 @@
+"""The page of a calibration: verdict, step responses, errors on recordings, every parameter with its deviation."""
+
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from calibration.calibrating.calibration import Calibration, ChannelError
+from calibration.fitting.residual_channels import RESIDUALS
+from calibration.identification.identification import Identification
+from calibration.identification.match_bicycle import PARTS, Answer
+from calibration.reports.page import Picture, Section, Table, picture, write_page
+from qcar_twin.atomic_io import write_json
+from qcar_twin.bicycle.bicycle import PARAMETERS
+from qcar_twin.plotting import draw, house, new_figure
+from qcar_twin.twin.file import save_twin
+
+_PANELS = 4
+
+
+def write_calibration(calibration: Calibration, folder: str | os.PathLike[str]) -> Path:
+  """Write twin.toml, calibration.json and report.html; returns the report's path."""
+  folder, name = Path(folder), calibration.dataset.name
+  save_twin(
+    folder / "twin.toml", calibration.twin, calibration.theta, f"calibrated on {name} against {calibration.against}"
+  )
+  write_json(folder / "calibration.json", calibration.document())
+  dataset = calibration.dataset
+  subtitle = f"Data set {dataset.name}: {len(dataset.recordings)} recordings, {_minutes(calibration)}"
+  return write_page(
+    folder / "report.html", "Calibration of the twin", verdict(calibration), sections(calibration), subtitle
+  )
+
+
+def verdict(calibration: Calibration) -> str:
+  """The outcome in one sentence."""
+  if calibration.against == "identified":
+    text = (
+      f"The twin answers the identified model's voltage steps within {calibration.step_percent('longitudinal'):.2g} %"
+    )
+    lateral = calibration.step_percent("lateral")
+    steers = f" and its step steers within {lateral:.2g} % of lateral acceleration" if math.isfinite(lateral) else ""
+    return f"{text}{steers} (root mean square over the response, mean over the steps)."
+  judged = "validate" if "validate" in calibration.errors else "identify"
+  which = "recordings that took no part in the fit" if judged == "validate" else "the recordings it was fitted to"
+  best = [
+    f"{_words(c)} {_with_unit(e.after, c)} (before {_with_unit(e.before, c)})"
+    for c, e in _headline(calibration, judged)
+  ]
+  return f"On {which} the calibrated twin errs by {', '.join(best)} (root mean square)."
+
+
+def sections(calibration: Calibration) -> list[Section]:
+  """Everything the page shows, in reading order."""
+  parts = []
+  if calibration.errors:
+    parts.append(_recordings(calibration))
+  if calibration.answers:
+    parts.append(_steps(calibration))
+  parts.append(_parameters(calibration))
+  if calibration.identification:
+    parts.append(identification_section(calibration.identification))
+  elif calibration.missing:
+    parts.append(Section("Identified model", f"The bicycle model was not identified: {calibration.missing}."))
+  if calibration.notes:
+    parts.append(Section("What to know", "\n".join(f"* {note}" for note in calibration.notes)))
+  return parts
+
+
+def identification_section(found: Identification) -> Section:
+  """The bicycle's five parameters and how well it answers the steps it was made from."""
+  rows = []
+  for parameter, value, std in zip(PARAMETERS, found.theta, found.std, strict=True):
+    known = found.lateral is not None or not parameter.name.startswith("cornering")
+    rows.append((parameter.symbol, parameter.name, value if known else None, std if known else None, parameter.unit))
+  errors = [
+    (part, role, found.rmse_percent(part, role), found.steady_error(part, role))
+    for part in ("longitudinal", "lateral", "yaw_rate")
+    for role in ("identify", "validate")
+    if math.isfinite(found.rmse_percent(part, role))
+  ]
+  text = "The paper's bicycle model from voltage steps and step steers, by least squares in two stages."
+  if found.missing:
+    text += f" Not identified: {found.missing}."
+  tables = [Table("Parameters", ("", "name", "value", "standard deviation", "unit"), rows)]
+  titles = ("part", "role", "RMSE [% of the steady value]", "steady error at most [rad/s, m/s², rad/s]")
+  return Section(
+    "Identified model", text, [*tables, Table("Bicycle against the measured step responses", titles, errors)]
+  )
+
+
+def _steps(calibration: Calibration) -> Section:
+  rows = []
+  for part in PARTS:
+    percents = [calibration.step_percent(part, role) for role in ("identify", "validate")]
+    if any(map(math.isfinite, percents)):
+      rows.append((part, *percents))
+  text = (
+    "Twin and identified bicycle answer the same voltage steps from rest and the same step steers at 1.5 m/s. Lateral"
+    " acceleration is the motion's; what an accelerometer on the rolling body feels of gravity is left out."
+  )
+  if calibration.against == "recordings":
+    text += " The twin was fitted to the recordings, not to these steps: the difference is what the bicycle lacks."
+  table = Table("Difference of twin and bicycle, RMSE in per cent of the steady value, mean over steps",
+                ("part", "steps that were identified with", "validation steps"), rows)  # fmt: skip
+  return Section("Step responses", text, [table], _step_pictures(calibration.answers))
+
+
+def _step_pictures(answers: Sequence[Answer]) -> list[Picture]:
+  captions = {
+    "motor_speed": "Voltage steps from rest.",
+    "accel_y": "Lateral acceleration after a step of the steering.",
+    "yaw_rate": "Yaw rate after a step of the steering.",
+  }
+  pictures = []
+  for channel, caption in captions.items():
+    chosen = sorted((a for a in answers if a.channel == channel), key=lambda a: abs(a.level.value))
+    if chosen:
+      pictures.append(picture(_step_figure(chosen), f"{caption} Title: level and role, difference in per cent."))
+  return pictures
+
+
+@house()
+def _step_figure(answers: Sequence[Answer]) -> Figure:
+  chosen = [answers[i] for i in np.unique(np.linspace(0, len(answers) - 1, _PANELS).round().astype(int))]
+  rows = (len(chosen) + 1) // 2
+  figure, axes = new_figure(rows, min(2, len(chosen)))
+  for panel, answer in zip(axes.flat, chosen, strict=False):
+    draw(panel, answer.time, answer.bicycle, "bicycle")
+    draw(panel, answer.time, answer.twin, "twin")
+    steering = answer.channel != "motor_speed"
+    level = f"{math.degrees(answer.level.value):.3g}°" if steering else f"{answer.level.value:.3g} V"
+    panel.set_title(f"{level}, {answer.level.role}: {answer.rmse_percent:.2g} %", loc="left")
+    if steering:
+      panel.set_xlim(-0.2, 1.3)
+  for panel in axes[:, 0]:
+    panel.set_ylabel(_mathematics(RESIDUALS[answers[0].channel].axis))
+  for panel in axes[-1]:
+    panel.set_xlabel("time since the step [s]")
+  axes.flat[0].legend(loc="lower right")
+  return figure
+
+
+def _recordings(calibration: Calibration) -> Section:
+  tables = [
+    Table(
+      {"identify": "Recordings it was fitted to", "validate": "Recordings kept to validate"}[role],
+      ("channel", "before", "calibrated", "sensor noise", "calibrated / noise"),
+      [(RESIDUALS[c].axis, e.before, e.after, e.noise_floor, e.after / e.noise_floor) for c, e in items.items()],
+    )
+    for role, items in calibration.errors.items()
+  ]
+  text = (
+    "Root mean square errors on stretches of up to 6 s, each started from what was measured. Before: the car's measured"
+    " and nominal numbers. Displacements are over 1 s, seen from the car."
+  )
+  if calibration.command_shift:
+    text += f" Commands act {calibration.command_shift} control periods of 10 ms later than logged."
+  return Section("Errors on recordings", text, tables)
+
+
+def _parameters(calibration: Calibration) -> Section:
+  rows = []
+  for name, e in calibration.estimates.items():
+    said = e.reason_not_fitted or (
+      "at its bound" if e.at_bound else "identified" if e.identifiable else "mostly the prior"
+    )
+    rows.append((name, e.value, None if e.reason_not_fitted else e.std, e.prior, e.prior_std, e.unit, said))
+  titles = ("parameter", "value", "standard deviation", "prior", "its deviation", "unit", "")
+  text = (
+    "A parameter counts as identified where the data halve the variance of its prior. Standard deviations hold what"
+    " the model can't know about itself only as far as its own residuals show it."
+  )
+  return Section("Parameters", text, [Table("", titles, rows)])
+
+
+def _headline(calibration: Calibration, role: str) -> list[tuple[str, ChannelError]]:
+  items = calibration.errors[role]
+  chosen = ["motor_speed" if "motor_speed" in items else "speed", "yaw_rate", "accel_y"]
+  return [(name, items[name]) for name in chosen if name in items]
+
+
+def _words(channel: str) -> str:
+  return RESIDUALS[channel].words
+
+
+def _with_unit(value: float, channel: str) -> str:
+  return f"{value:.2g} {RESIDUALS[channel].symbol}"
+
+
+def _mathematics(text: str) -> str:
+  return text.replace("²", "$^2$")
+
+
+def _minutes(calibration: Calibration) -> str:
+  seconds = sum(r.duration for r in calibration.dataset.recordings)
+  return f"{seconds:.0f} s of driving" if seconds < 120 else f"{seconds / 60:.1f} min of driving"

@@ -1,0 +1,1 @@
+"""The command lines: `qcar-twin COMMAND`, one file each."""

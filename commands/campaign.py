@@ -1,0 +1,79 @@
+"""Run and score a campaign of concealed cases; stop and start it at will.
+
+qcar-twin campaign --out out/campaign --seed 1
+"""
+
+import dataclasses
+import json
+from collections import Counter
+from pathlib import Path
+
+from joblib import Parallel, delayed
+from tqdm import tqdm
+
+from calibration.campaign.archive import pack, unpack
+from calibration.campaign.cases import draw_cases
+from calibration.campaign.page import campaign_page
+from calibration.campaign.run import run_case
+from calibration.campaign.score import score_table
+from qcar_twin.atomic_io import write_text
+
+KEPT = "cases that were answered stay in --out, the same command goes on with the others"
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """Make, diagnose and score sessions of the independent car."""
+
+  out: Path
+  """Folder for the answers; those that are there are kept."""
+  seed: int = 1
+  """Decides every case."""
+  nulls: int = 30
+  """Sessions without any effect."""
+  singles: int = 40
+  """Sessions with one effect of the catalogue."""
+  pairs: int = 12
+  """Sessions with two effects of the catalogue."""
+  outside: int = 6
+  """Sessions with an effect the catalogue does not have."""
+  design: str = "compact"
+  """Session design: compact (about 2 minutes of driving), lab (5 minutes) or paper."""
+  jobs: int = 2
+  """Cases that run side by side, one core each."""
+  archive: Path | None = None
+  """One file with all answers: those in it are taken over first, and it is written anew at the end."""
+  page: Path | None = None
+  """Markdown page to write; a picture of the confusions goes beside it, named alike."""
+  score_only: bool = False
+  """Run nothing: score the answers that are there."""
+  quick: bool = False
+  """One case of each kind."""
+
+
+def main(config: Config) -> str:
+  """Run what is missing; returns the score as a Markdown table."""
+  counts = (1, 1, 1, 1) if config.quick else (config.nulls, config.singles, config.pairs, config.outside)
+  cases = draw_cases(config.seed, *counts, design=config.design)
+  if config.archive and config.archive.is_file():
+    unpack(config.archive, config.out)
+  # kinds take turns, so that a campaign that is stopped early has seen all of them
+  of_kind = Counter(case.kind for case in cases)
+  cases.sort(key=lambda case: (int(case.name.split("_")[1]) / of_kind[case.kind], case.name))
+  todo = [] if config.score_only else [c for c in cases if not (config.out / f"{c.name}.json").is_file()]
+  jobs = Parallel(n_jobs=config.jobs, return_as="generator_unordered")(delayed(run_case)(c, config.out) for c in todo)
+  for _ in tqdm(jobs, total=len(todo), desc="cases", unit="case"):
+    pass
+  answers = [config.out / f"{c.name}.json" for c in cases]
+  results = [json.loads(path.read_text()) for path in answers if path.is_file()]
+  table = score_table(results)
+  write_text(config.out / "score.md", table)
+  if config.archive:
+    pack(config.out, config.archive)
+  if config.page:
+    usual, options = Config(config.out), ("nulls", "singles", "pairs", "outside", "design")
+    other = [f" --{n} {getattr(config, n)}" for n in options if getattr(config, n) != getattr(usual, n)]
+    command = f"qcar-twin campaign --out out/{config.out.name} --seed {config.seed}{''.join(other)}"
+    write_text(config.page, campaign_page(results, len(cases), command, config.page.with_suffix(".png")))
+  print(table)
+  return table

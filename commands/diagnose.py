@@ -1,0 +1,52 @@
+"""Say where twin and recordings differ, what was left out, and what modelling it gains.
+
+Writes diagnosis.json, twin.toml (the repaired twin) and report.html.
+
+qcar-twin diagnose --dataset data/sample --out out/diagnosed
+"""
+
+import dataclasses
+from pathlib import Path
+
+from calibration.diagnosis.pipeline import diagnose
+from calibration.diagnosis.report.page import verdict, write_diagnosis
+from calibration.diagnosis.search.structure import Effort
+from calibration.progress import StageLine
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.twin.file import load_twin
+from qcar_twin.twin.mechanisms import add_file
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """Diagnose a data set; writes diagnosis.json, twin.toml (the repaired twin) and report.html."""
+
+  dataset: Path
+  """Folder with dataset.toml."""
+  out: Path
+  """Folder for the results."""
+  twin: Path | None = None
+  """twin.toml to go on from: its parameters are the first guess, its mechanisms are part of every model."""
+  mechanisms: tuple[str, ...] = ()
+  """Ids of the catalogue to consider; all of them by default."""
+  mechanism_files: tuple[Path, ...] = ()
+  """Python files with mechanisms of your own; they are run, so name none you have not read (docs/extending.md)."""
+  quick: bool = False
+  """A narrower search: fewer models are refitted."""
+  threads: int = 0
+  """Threads of the simulation, 0 for all cores."""
+
+
+def main(config: Config) -> Path:
+  """Run it; returns the path of the report."""
+  for file in config.mechanism_files:
+    add_file(file)
+  dataset = DataSet.load(config.dataset)
+  effort = Effort(singles=5, pairs=2, triples=1, iterations=1) if config.quick else Effort()
+  start = load_twin(config.twin) if config.twin else None
+  with StageLine() as progress:
+    outcome = diagnose(dataset, config.mechanisms or None, start, effort, threads=config.threads, progress=progress)
+  page = write_diagnosis(outcome, config.out)
+  print(verdict(outcome.diagnosis))
+  print(f"report: {page}")
+  return page

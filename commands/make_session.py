@@ -1,0 +1,85 @@
+"""Drive a session in the independent car, with concealed effects if wanted.
+
+Writes it as a data set, the truth apart and sealed.
+
+qcar-twin make-session --out OUT --seed 1 --effect steering_delay --size 1.0 --truth-out TRUTH
+"""
+
+from __future__ import annotations
+
+import secrets
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from calibration.proving_ground import EFFECTS, make_session
+from calibration.proving_ground.seal import seal
+from calibration.proving_ground.session import draw_effect, save, save_clean
+from qcar_twin.recordings.dataset import DataSet
+
+
+@dataclass(frozen=True)
+class Config:
+  """A session of the independent car."""
+
+  out: Path
+  """folder of the data set"""
+  seed: int = 0
+  """draws the car, the driver, the noise"""
+  effect: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+  """id of a concealed effect; may be given several times; `list` prints them all"""
+  size: tyro.conf.UseAppendAction[tuple[float, ...]] = ()
+  """size of each effect in multiples of its typical magnitude (1 where not given)"""
+  draw: bool = False
+  """conceal one effect drawn at random; it is printed nowhere and stands only in the truth"""
+  design: str = "lab"
+  """lab (about 5 min of driving), compact (2 min) or paper"""
+  noise_level: float = 1.0
+  """factor on sensor and process noise"""
+  truth_out: Path | None = None
+  """folder of the sealed truth; OUT_truth beside the data set where not given"""
+  clean: bool = False
+  """write the true states beside the truth too, as clean.npz"""
+  packed: bool = False
+  """compress and encode the truth, so that nobody reads it by accident"""
+  name: str = "session"
+  """name of the data set"""
+  quick: bool = False
+  """the compact design whatever `design` says"""
+
+
+def chosen(config: Config) -> tuple[tuple[str, float], ...]:
+  """The effects asked for, each with its size. Raises ValueError when there are more sizes than effects."""
+  if len(config.size) > len(config.effect):
+    raise ValueError(f"{len(config.size)} sizes for {len(config.effect)} effects: give each --size after its --effect")
+  sizes = (*config.size, *[1.0] * (len(config.effect) - len(config.size)))
+  drawn = (draw_effect(np.random.default_rng(secrets.randbits(64))),) if config.draw else ()
+  return (*zip(config.effect, sizes, strict=True), *drawn)
+
+
+def main(config: Config) -> DataSet | None:
+  """Make, write and read back one session, and print what was written; or list the effects."""
+  if "list" in config.effect:
+    print(
+      "\n".join(
+        f"{name:24s}{kind.parameter:24s}{kind.typical:8.3g} {kind.unit}" for name, kind in sorted(EFFECTS.items())
+      )
+    )
+    return None
+  began = time.perf_counter()
+  design = "compact" if config.quick else config.design
+  session = make_session(config.seed, chosen(config), design, config.noise_level)
+  took = time.perf_counter() - began
+  truth = config.truth_out or config.out.with_name(config.out.name + "_truth")
+  mark = seal(session.truth, config.out, truth, config.packed)
+  save(session, config.out, config.name, mark)
+  if config.clean:
+    save_clean(session, truth)
+  data = DataSet.load(config.out)
+  driven = sum(recording.duration for recording in data.recordings)
+  print(f"{len(data.recordings)} recordings, {driven:.0f} s of driving, made in {took:.1f} s: {config.out}")
+  print(f"truth committed to as {mark}")
+  return data

@@ -1,0 +1,159 @@
+"""N cars on a path under speed control, one control period after the other: the loop of training and of evaluation.
+
+Plant, steering linkage, sensors and filter, speed control, progress on the path. Who steers, and what it is worth,
+is not decided here.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from qcar_twin.estimation.estimate import BatchEstimate
+from qcar_twin.estimation.observer import POSE, VELOCITY, YAW_RATE, Observer
+from qcar_twin.paths import Errors, Path
+from qcar_twin.plant import Simulation
+from qcar_twin.slow_means import remember
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+ESTIMATED, TRUE = 0, 1  # rows of what is known twice
+
+
+class SpeedControl(Protocol):
+  """A speed controller of N cars."""
+
+  def restart(self, which: Mask, speed: Array) -> None:
+    """Take over some cars anew at speeds (N,), m/s."""
+    ...
+
+  def voltage(self, speed: Array, target: ArrayLike, period: float) -> Array:
+    """Motor voltage, V, (N,)."""
+    ...
+
+
+class Linkage:
+  """What happens to the steering commands of N cars on their way: delay, first-order lag, gain, offset.
+
+  Args:
+    count: N.
+    delay: s, rounded to control periods.  lag: time constant, s.
+    period: s.
+    gain, offset: - and rad, numbers or (N,).
+  """
+
+  def __init__(
+    self, count: int, delay: float, lag: float, period: float, gain: ArrayLike = 1.0, offset: ArrayLike = 0.0
+  ):
+    self._share = 1.0 - math.exp(-period / lag) if lag > 0.0 else 1.0
+    self._line = np.zeros((round(delay / period), count))
+    self._angle = np.zeros(count)
+    self._gain, self._offset = (np.array(np.broadcast_to(a, count), dtype=np.float64) for a in (gain, offset))
+
+  def restart(self, which: Mask, gain: Array, offset: Array) -> None:
+    """Wheels straight, nothing under way, another gain and offset, (N,), in some cars."""
+    self._line = np.where(which, 0.0, self._line)
+    self._angle = np.where(which, 0.0, self._angle)
+    self._gain, self._offset = np.where(which, gain, self._gain), np.where(which, offset, self._offset)
+
+  def pass_on(self, steering: Array) -> Array:
+    """The command the plant gets, rad, (N,)."""
+    line = np.concatenate([self._line, steering[None]])
+    self._line = line[1:]
+    self._angle = self._angle + self._share * (line[0] - self._angle)
+    return self._gain * self._angle + self._offset
+
+
+@dataclasses.dataclass(frozen=True)
+class Course:
+  """What is followed: a path from its start, at a speed, m/s, held by a speed controller; period in s."""
+
+  path: Path
+  speed: float
+  period: float
+
+
+class DrivenCars:
+  """N cars under way.
+
+  Args:
+    course: what is followed.
+    plant: the cars, begun.
+    linkage: None for commands that reach the plant as they are.
+    observer: what the cars know of themselves.
+    speed_control: made from initial speeds (N,), m/s.
+
+  Attributes:
+    commands: voltage and steering command of the last period, V and rad, (N, 2).
+    steering: commanded, rad, (N,).  estimate: of the cars.
+    errors: relative to the path, (2, N) each: as estimated, and true.  arc_length: likewise, m, (2, N).
+    past: slow means of steering command and path curvature, rad and 1/m, (N, 2).
+  """
+
+  def __init__(
+    self,
+    course: Course,
+    plant: Simulation,
+    linkage: Linkage | None,
+    observer: Observer,
+    speed_control: Callable[[Array], SpeedControl],
+  ):
+    self.course, self.plant, self.linkage, self.observer = course, plant, linkage, observer
+    count = len(plant.signals)
+    self.commands, self.steering = np.zeros((count, 2)), np.zeros(count)
+    self.past = np.zeros((count, 2))
+    self.arc_length = np.zeros((2, count))
+    self.estimate: BatchEstimate = observer.begin(self.signals)
+    self._speed_control = speed_control(self.estimate.speed)
+    self.errors = self._look()
+
+  @property
+  def signals(self) -> Array:
+    """True, (N, 10)."""
+    return self.plant.signals
+
+  @property
+  def speeds(self) -> Array:
+    """As estimated and true, m/s, (2, N)."""
+    return np.stack([np.nan_to_num(self.estimate.speed), np.hypot(*self.signals[:, VELOCITY].T)])
+
+  def restart(self, which: Mask) -> None:
+    """Let some cars, (N,), that have been put to the path's start begin anew."""
+    self.steering = np.where(which, 0.0, self.steering)
+    self.past = np.where(which[:, None], 0.0, self.past)
+    self.arc_length = np.where(which, 0.0, self.arc_length)
+    self.estimate = self.observer.begin(self.signals, which)
+    self._speed_control.restart(which, self.estimate.speed)
+    self.errors = self._look()
+
+  def step(self, steering: Array) -> None:
+    """Drive one control period with steering commands (N,), rad."""
+    course = self.course
+    self.steering = steering
+    voltage = self._speed_control.voltage(np.nan_to_num(self.estimate.speed), course.speed, course.period)
+    self.commands = np.stack([voltage, steering], axis=-1)
+    self.observer.command(self.commands)
+    reaching = self.linkage.pass_on(steering) if self.linkage else steering
+    self.estimate = self.observer.observe(self.plant.step(np.stack([voltage, reaching], axis=-1)))
+    self.errors = self._look(moving=True)
+    self.past = remember(self.past, steering, self.errors.curvature[ESTIMATED], course.period)
+
+  def _look(self, moving: bool = False) -> Errors:
+    """Errors at the nearest path point, searched around where the paper's ds/dt puts it."""
+    path, signals, estimate = self.course.path, self.signals, self.estimate
+    pose = np.nan_to_num(np.stack([estimate.pose, signals[:, POSE]]))
+    velocity = np.nan_to_num(np.stack([estimate.velocity, signals[:, VELOCITY]]))
+    rate = np.nan_to_num(np.stack([estimate.yaw_rate, signals[:, YAW_RATE]]))
+    near = self.arc_length
+    if moving:
+      near = near + self.course.period * path.errors(near, pose, velocity, rate).arc_rate
+    self.arc_length = path.nearest(pose[..., 0], pose[..., 1], near=near)
+    return path.errors(self.arc_length, pose, velocity, rate)
+
+
+def one_of(errors: Errors, which: int | slice) -> Errors:
+  """Errors at an index of their first axis, such as ESTIMATED or TRUE of (2, N)."""
+  return Errors(*(getattr(errors, field.name)[which] for field in dataclasses.fields(Errors)))

@@ -1,0 +1,117 @@
+"""What the filter of N cars knows at one instant, and what came in during one period."""
+
+import copy
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.estimation.models import BETA, V
+from qcar_twin.estimation.monitor import SpeedWatch
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+START_STD = (0.1, 0.1, 0.5, 0.1, 0.1, 0.5)  # m, m, m/s, rad, rad, rad/s: of EKF_BM after the first fix
+POINT_START_STD = (0.1, 0.1, 0.5, 0.5)  # m, m, m/s, m/s
+PLACE, VELOCITY = slice(0, 2), slice(2, 4)  # columns of EKF_PM's state; PLACE also of a fix and of EKF_BM's state
+
+
+@dataclasses.dataclass
+class FilterState:
+  """N cars; its arrays are replaced, never written into, so that a copy need not copy them.
+
+  Attributes:
+    bicycle, bicycle_covariance: EKF_BM, (N, 6), (N, 6, 6).
+    point, point_covariance: EKF_PM, (N, 4), (N, 4, 4).
+    commands: last voltage, V, and steering command, rad, (N, 2).
+    wheel_angle: of the road wheels, after the servo's lag, rad, (N,).
+    accel: last, at the IMU, m/s^2, (N, 2).  accel_age: since then, s, (N,).
+    age: since the last accepted fix, s, (N,).
+    refused: fixes refused in a row, (N,).
+    steady: of those, how many in a row lie where a car could have got to from their predecessor, (N,).
+    last: last refused fix, m, (N, 2).  driven: distance since that fix, m, (N,).
+    watches: of the encoders, one per car; empty where they are not watched.
+  """
+
+  bicycle: Array
+  bicycle_covariance: Array
+  point: Array
+  point_covariance: Array
+  commands: Array
+  wheel_angle: Array
+  accel: Array
+  accel_age: Array
+  age: Array
+  refused: NDArray[np.int64]
+  steady: NDArray[np.int64]
+  last: Array
+  driven: Array
+  watches: tuple[SpeedWatch, ...] = ()
+
+  @classmethod
+  def at(cls, pose: Array, speed: Array, std: float, watched: bool = False) -> "FilterState":
+    """Cars at poses, m, m, rad, (N, 3), with standard deviation `std`, and speeds, m/s, (N,)."""
+    count = len(pose)
+    x, y, yaw = pose.T
+    none = np.zeros(count)
+    spread = np.array([std, std, START_STD[V], std, *START_STD[BETA:]])
+    point_spread = np.array([std, std, *POINT_START_STD[VELOCITY]])
+    return cls(
+      bicycle=np.stack([x, y, speed, yaw, none, none], axis=-1),
+      bicycle_covariance=np.tile(np.diag(spread**2), (count, 1, 1)),
+      point=np.stack([x, y, speed * np.cos(yaw), speed * np.sin(yaw)], axis=-1),
+      point_covariance=np.tile(np.diag(point_spread**2), (count, 1, 1)),
+      commands=np.zeros((count, 2)),
+      wheel_angle=none,
+      accel=np.zeros((count, 2)),
+      accel_age=np.full(count, np.inf),
+      age=none,
+      refused=np.zeros(count, dtype=np.int64),
+      steady=np.zeros(count, dtype=np.int64),
+      last=np.zeros((count, 2)),
+      driven=none,
+      watches=tuple(SpeedWatch() for _ in range(count)) if watched else (),
+    )
+
+  def copy(self) -> "FilterState":
+    """One that can go its own way."""
+    return copy.copy(self)
+
+  def put(self, which: Mask, other: "FilterState") -> None:
+    """Take over some cars of another state of as many."""
+    for name, mine in vars(self).items():
+      if name != "watches":
+        setattr(self, name, choose(which, getattr(other, name), mine))
+    self.watches = tuple(b if new else a for new, a, b in zip(which, self.watches, other.watches, strict=False))
+
+
+def choose(which: Mask, these: Array, others: Array) -> Array:
+  """Rows of `these` for the cars in `which`, else of `others`; (N, ...)."""
+  return np.where(which.reshape(-1, *(1,) * (others.ndim - 1)), these, others)
+
+
+@dataclasses.dataclass(slots=True)
+class Slot:
+  """One period of N cars: what came in, NaN for no news, and the filter after it.
+
+  Attributes:
+    commands: voltage, V, and steering command, rad, from this slot on, (N, 2).
+    accel: at the IMU, m/s^2, acts from this slot on, (N, 2).
+    motion: measured speed, m/s, and yaw rate, rad/s, (N, 2).
+    fix: lidar x, y, m, yaw, rad, score, (N, 4); None for none.
+    offset: stamp of the fix after the slot's own time, s.
+    outcome: None while the filter has not passed.
+  """
+
+  commands: Array
+  accel: Array
+  motion: Array
+  fix: Array | None = None
+  offset: float = 0.0
+  outcome: FilterState | None = None
+
+  @classmethod
+  def empty(cls, count: int) -> "Slot":
+    """Nothing has come in for N cars."""
+    commands, accel, motion = np.full((3, count, 2), np.nan)
+    return cls(commands, accel, motion)

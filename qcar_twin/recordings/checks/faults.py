@@ -1,0 +1,167 @@
+"""What a careful person would notice in a recording: frozen and clipped channels, channels that fall silent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.recording import Recording, Stream
+
+_MIN_SAMPLES, _MIN_SECONDS = 10, 0.5  # a frozen stretch has at least these
+_MOVING = 0.1  # m/s, above which a pose must change
+_SILENT_STEPS, _SILENT_SECONDS = 10.0, 0.5
+
+
+@dataclass(frozen=True)
+class Runs:
+  """Stretches of equal values: indices of their first and last samples (r,), their value and length in samples."""
+
+  first: np.ndarray
+  last: np.ndarray
+  value: np.ndarray
+
+  @classmethod
+  def of(cls, value: np.ndarray) -> Runs:
+    first = np.flatnonzero(np.r_[True, value[1:] != value[:-1]])
+    return cls(first, np.r_[first[1:], value.size] - 1, value[first])
+
+  @property
+  def length(self) -> np.ndarray:
+    return self.last - self.first + 1
+
+
+def find_defects(recording: Recording) -> list[str]:
+  """Warnings about frozen, clipped and silent channels, each with its span in seconds."""
+  return [*frozen(recording), *clipped(recording), *silent(recording)]
+
+
+def frozen(recording: Recording) -> list[str]:
+  """A channel that repeats one value while the car shows that it cannot: noisy sensors away from rest, speed against
+  voltage, pose against speed."""
+  notes = []
+  for channel, stream in recording.streams.items():
+    named, so = channel, "do not trust it there"
+    if CHANNELS[channel].noisy:
+      bounds = [
+        extreme for extreme in _extremes(stream) if _clips(stream, extreme)
+      ]  # a clipped sensor is not a frozen one
+      stuck = [
+        span
+        for span in _long_runs(stream)
+        if _within(stream, span)[0] not in bounds and not _at_rest(recording, channel, span)
+      ]
+    elif channel in ("speed", "motor_speed"):
+      stuck = [span for span in _long_runs(stream) if _should_change(recording, stream, span)]
+      so = "a stuck encoder, or a car held by static friction"
+    elif channel == "pose_x" and "pose_y" in recording and len(recording["pose_y"]) == len(stream):
+      stuck = [span for span in _long_runs(stream, recording["pose_y"]) if _speed_in(recording, span) > _MOVING]
+      named, so = "pose_x, pose_y", "the car moved, so tracking was lost there"
+    else:
+      continue
+    if stuck:
+      notes.append(_note(recording, named, f"is frozen at {_within(stream, stuck[0])[0]:g}", stuck, so))
+  return notes
+
+
+def clipped(recording: Recording) -> list[str]:
+  """A finely resolved channel that jumps to its own largest or smallest value and stays for several samples."""
+  notes = []
+  for channel, stream in recording.streams.items():
+    for extreme in _extremes(stream) if CHANNELS[channel].clips else ():
+      spans = _clips(stream, extreme)
+      if spans:
+        notes.append(
+          _note(recording, channel, f"is clipped at {extreme:g}", spans, "its sensor range is too small for this run")
+        )
+  return notes
+
+
+def silent(recording: Recording) -> list[str]:
+  """A measured channel without samples for long while others go on."""
+  notes = []
+  for channel, stream in recording.streams.items():
+    if CHANNELS[channel].is_command or len(stream) < 3:
+      continue
+    step = np.diff(stream.time)
+    long = np.flatnonzero(step > max(_SILENT_STEPS * float(np.median(step)), _SILENT_SECONDS))
+    spans = [(float(stream.time[row]), float(stream.time[row + 1])) for row in long]
+    if spans:
+      notes.append(_note(recording, channel, "has no sample", spans, "it is interpolated there"))
+  return notes
+
+
+def _note(recording: Recording, channel: str, what: str, spans: list[tuple[float, float]], so: str) -> str:
+  start, end = spans[0]
+  more = f" and in {len(spans) - 1} more places" if len(spans) > 1 else ""
+  return f"{recording.file or recording.name}: {channel} {what} from {start:g} s to {end:g} s{more}; {so}"
+
+
+def _long_runs(stream: Stream, other: Stream | None = None) -> list[tuple[float, float]]:
+  """Spans (s) in which the value repeats for long, by the clock and in samples, and beyond the channel's own habit."""
+  value = stream.value if other is None else stream.value + 1j * other.value
+  runs = Runs.of(value)
+  habit = 5.0 * np.median(runs.length) if runs.length.size > 3 else 0.0
+  seconds = stream.time[runs.last] - stream.time[runs.first]
+  long = (runs.length >= max(_MIN_SAMPLES, habit)) & (seconds >= _MIN_SECONDS)
+  return [
+    (float(stream.time[a]), float(stream.time[b])) for a, b in zip(runs.first[long], runs.last[long], strict=True)
+  ]
+
+
+def _within(stream: Stream, span: tuple[float, float]) -> np.ndarray:
+  return stream.value[(stream.time >= span[0]) & (stream.time <= span[1])]
+
+
+def _speed_in(recording: Recording, span: tuple[float, float]) -> float:
+  """Mean measured speed in a span; infinite for a motor that turns when only its speed is known, 0 when unknown."""
+  if "speed" in recording:
+    value = _within(recording["speed"], span)
+    return float(np.abs(value).mean()) if value.size else 0.0
+  value = _within(recording["motor_speed"], span) if "motor_speed" in recording else np.zeros(0)
+  return np.inf if value.size and np.abs(value).min() > 1.0 else 0.0
+
+
+def _at_rest(recording: Recording, channel: str, span: tuple[float, float]) -> bool:
+  """A car that stands, or drives straight in a noise-free simulation, may well repeat a value."""
+  if _speed_in(recording, span) < 1e-3:
+    return True
+  straight = "steering_command" not in recording or not _within(recording["steering_command"], span).any()
+  return straight and channel in ("accel_y", "yaw_rate") and not _within(recording[channel], span).any()
+
+
+def _should_change(recording: Recording, stream: Stream, span: tuple[float, float]) -> bool:
+  """Whether the voltage says that a repeated speed is a fault: it changes much in the span, or a standing car gets more
+  than a moving one usually does."""
+  if "motor_voltage" not in recording:
+    return False
+  voltage = recording["motor_voltage"]
+  inside = voltage.at(np.linspace(span[0], span[1], 50))
+  if _within(stream, span).any():
+    return float(np.ptp(inside)) > 0.3 * float(np.ptp(voltage.value)) > 0.0
+  moving = np.abs(stream.value) > 0.1 * np.abs(stream.value).max()
+  usual = np.median(np.abs(voltage.at(stream.time[moving]))) if moving.any() else np.inf
+  return bool(usual > 0.0) and float(np.median(np.abs(inside))) >= float(usual)
+
+
+def _extremes(stream: Stream) -> tuple[float, float]:
+  return float(stream.value.max()), float(stream.value.min())
+
+
+def _clips(stream: Stream, extreme: float) -> list[tuple[float, float]]:
+  step = np.abs(np.diff(stream.value))
+  moving = step[step > 0.0]
+  if moving.size < _MIN_SAMPLES or extreme == 0.0 or np.median(moving) < 4.0 * moving.min():
+    return []
+  runs = Runs.of(stream.value)
+  others = runs.length[runs.value != extreme]
+  at = (runs.value == extreme) & (runs.length >= max(4, 3 * np.percentile(others, 99))) & (runs.first >= 2)
+  abrupt = np.array(
+    [step[max(first - 2, 0) : first].max(initial=0.0) >= 0.3 * np.median(moving) for first in runs.first[at]],
+    dtype=bool,
+  )
+  return [
+    (float(stream.time[a]), float(stream.time[b]))
+    for a, b in zip(runs.first[at][abrupt], runs.last[at][abrupt], strict=True)
+  ]

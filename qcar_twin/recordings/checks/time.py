@@ -1,0 +1,68 @@
+"""Is a recording what it says it is? Time, plausible units, frozen or clipped channels, gaps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qcar_twin.recordings.recording import RecordingError
+
+MIN_SAMPLES = 10
+_GAP_STEPS, _GAP_SECONDS = 5.0, 0.25
+
+
+def gap_limit(step: float) -> float:
+  """The longest interval between samples (s) that is not a gap, for a usual interval of `step` s."""
+  return max(_GAP_STEPS * step, _GAP_SECONDS)
+
+
+def check_order(label: str, time: np.ndarray, others: list[np.ndarray]) -> None:
+  """Time must be a finite number in every row and never go backwards."""
+  bad = np.flatnonzero(~np.isfinite(time))
+  if bad.size:
+    what = "is infinite" if np.isinf(time[bad[0]]) else "has no value (blank or NaN)"
+    raise RecordingError(
+      f"{label}: time {what} in row {bad[0] + 1}"
+      + (f" and {bad.size - 1} more rows" if bad.size > 1 else "")
+      + "; delete those rows"
+    )
+  back = np.flatnonzero(np.diff(time) < 0.0)
+  if back.size:
+    row = int(back[0]) + 1
+    cure = (
+      "split the file where the logger restarted"
+      if time[row] <= time[0] + 1.0 and back.size == 1
+      else "sort the rows by time"
+    )
+    raise RecordingError(
+      f"{label}: time goes backwards in row {row + 1} ({time[row]:g} s after {time[row - 1]:g} s); {cure}"
+    )
+
+
+def check_time_unit(label: str, time: np.ndarray) -> None:
+  """The usual step must be that of a control log in seconds."""
+  if time.size < 3:
+    return
+  step = float(np.median(np.diff(time)))
+  if step > 1.0:
+    scale, unit = next(
+      ((s, u) for s, u in ((1e-3, "milliseconds"), (1e-6, "microseconds"), (1e-9, "nanoseconds")) if step * s <= 0.5),
+      (1e-9, "ticks"),
+    )
+    raise RecordingError(
+      f"{label}: time steps by {step:g}, implausible for seconds; it looks like {unit}: set time = "
+      f'{{ column = "…", scale = {scale:g} }}'
+    )
+  if step < 2e-5:
+    raise RecordingError(
+      f"{label}: time steps by {step:g} s, implausibly little; is it in hours or days? set scale to the seconds in "
+      "one unit"
+    )
+
+
+def check_angle(label: str, channel: str, value: np.ndarray) -> None:
+  """An angle to be unwrapped must be in radians."""
+  jump = np.abs(np.diff(value)).max(initial=0.0)
+  if jump > 340.0:
+    raise RecordingError(
+      f"{label}: {channel} jumps by {jump:g}, implausible for radians; in degrees? set scale = 0.0174533"
+    )

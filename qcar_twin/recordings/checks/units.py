@@ -1,0 +1,211 @@
+"""Are a recording's numbers in the units they claim? Limits first, then kinematics: one channel witnesses another."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.recording import Recording, RecordingError
+
+_SPIKES = 2  # so many samples may always lie beyond a limit that allows spikes
+_BIN = 0.25  # s, over which channels are averaged before they are compared
+_BINS = 10  # fewest bins that a comparison is worth
+_UNIT_CORRELATION = 0.6  # agreement that convicts a unit
+_LOOSE, _EXACT = 1.5, 1.2  # nearness to a usual unit's factor: with slip and noise between the channels, and without
+_GENTLE = 4.0  # m/s^2; beyond it the wheels may spin and say nothing about acceleration
+_SIGN_CORRELATION = 0.85  # agreement that convicts a sign
+_SLOPE_ERROR = 0.15  # largest relative standard error of a slope that says anything
+
+
+@dataclass(frozen=True)
+class Suspect:
+  """A unit that a channel is often logged in by mistake, and the factor to SI."""
+
+  channel: str
+  unit: str
+  scale: float
+
+
+Slopes = tuple[tuple[float, Suspect], ...]
+
+
+def suspects_of(channel: str) -> tuple[Suspect, ...]:
+  """The units that a channel is often logged in by mistake."""
+  return tuple(Suspect(channel, unit, scale) for unit, scale in CHANNELS[channel].log_units)
+
+
+def check_limits(recording: Recording) -> None:
+  """Raises RecordingError when a channel exceeds what a 1:10 car can do, with the scale of the nearest usual unit."""
+  for name, stream in recording.streams.items():
+    channel, magnitude = CHANNELS[name], np.abs(stream.value)
+    beyond = magnitude > channel.limit
+    spikes = 0.0 if channel.is_command else channel.spikes
+    if beyond.sum() > (max(spikes * beyond.size, _SPIKES) if spikes else 0):
+      suspects, typical = suspects_of(name), float(np.median(magnitude[beyond]))
+      suspect = next((s for s in suspects if typical * s.scale < channel.limit / 5.0), suspects[-1])
+      raise RecordingError(
+        f"{recording.file or recording.name}: {name} reaches {magnitude.max():g} {channel.unit}, implausible "
+        f"above {channel.limit:g} {channel.unit} "
+        f"(first at {stream.time[int(np.argmax(beyond))]:g} s); {_cure(suspect)}"
+      )
+
+
+def _cure(suspect: Suspect) -> str:
+  also = " (and on pose_y)" if suspect.channel == "pose_x" else ""
+  return f"is it in {suspect.unit}? set scale = {suspect.scale:.6g} on {suspect.channel}{also} in [channels]"
+
+
+@dataclass(frozen=True)
+class Comparison:
+  """A channel's bin means (n,) beside what another says they must be (n,); equal when units and signs are right."""
+
+  channel: str
+  witness: str
+  measured: np.ndarray
+  expected: np.ndarray
+  suspects: Slopes  # slope that such a unit would give
+  tolerance: float = _LOOSE
+
+  def slope(self) -> tuple[float, float]:
+    """Slope of measured on expected (with an intercept, for bias) and their correlation; NaN when there is too little
+    motion or the slope's standard error, slope * sqrt((1 / correlation^2 - 1) / (n - 2)), is too large."""
+    both = np.isfinite(self.measured) & np.isfinite(self.expected)
+    x, y = self.expected[both], self.measured[both]
+    if x.size < _BINS or x.std() == 0.0 or y.std() == 0.0:
+      return math.nan, math.nan
+    correlation = float(np.corrcoef(x, y)[0, 1])
+    if not correlation**2 > 1.0 / (1.0 + _SLOPE_ERROR**2 * (x.size - 2)):
+      return math.nan, math.nan
+    return correlation * float(y.std() / x.std()), correlation
+
+  def convicted(self) -> list[Suspect]:
+    """The units whose factor the slope is near."""
+    slope, _ = self.slope()
+    return [
+      suspect
+      for factor, suspect in self.suspects
+      if slope > 0.0 and abs(math.log(slope / factor)) < math.log(self.tolerance)
+    ]
+
+
+def compare(recording: Recording, vehicle: Mapping[str, float | str]) -> list[Comparison]:
+  """Every comparison that the channels of this recording allow."""
+  return list(_comparisons(recording, vehicle))
+
+
+def check_units(recording: Recording, vehicle: Mapping[str, float | str]) -> list[str]:
+  """Raises RecordingError when a channel agrees with its witness but for the factor of a usual unit; returns warnings
+  about signs.
+  """
+  notes, label = [], recording.file or recording.name
+  for comparison in compare(recording, vehicle):
+    slope, correlation = comparison.slope()
+    units = comparison.convicted() if correlation > _UNIT_CORRELATION else []
+    if units:
+      cures = ", or ".join(dict.fromkeys(_cure(unit) for unit in units))
+      raise RecordingError(
+        f"{label}: {comparison.channel} is {slope:.3g} times {comparison.witness}, implausible; {cures}"
+      )
+    if correlation < -_SIGN_CORRELATION and -2.0 < slope < -0.5:
+      notes.append(
+        f"{label}: {comparison.channel} runs against {comparison.witness} (slope {slope:.2f}); signs are ISO 8855: "
+        "x forward, y left, "
+        "turning positive counter-clockwise, speed negative in reverse; set scale = -1 on the channel that differs"
+      )
+  return notes
+
+
+def _comparisons(recording: Recording, vehicle: Mapping[str, float | str]) -> Iterator[Comparison]:
+  bins, channels = _Bins(recording), set(recording.channels)
+  speed, name = _speed(bins, vehicle)
+  if {"yaw_rate", "pose_yaw"} <= channels:
+    yield _turning_of_pose(bins)
+  if {"pose_x", "pose_y"} <= channels:
+    yield _speed_of_pose(bins, speed, name)
+  if {"yaw_rate", "steering_command"} <= channels and {"cg_to_front", "cg_to_rear"} <= set(vehicle):
+    yield _turning_of_steering(bins, speed, name, float(vehicle["cg_to_front"]) + float(vehicle["cg_to_rear"]))
+  if {"accel_y", "yaw_rate"} <= channels:
+    yield _lateral(bins, speed, name)
+  if "accel_x" in channels:
+    yield _longitudinal(bins, speed, name)
+
+
+def _turning_of_pose(bins: _Bins) -> Comparison:
+  suspects = (*_inflated("yaw_rate"), *_deflated("pose_yaw"))
+  return Comparison(
+    "yaw_rate", "the change of pose_yaw", bins.mean("yaw_rate"), bins.change("pose_yaw"), suspects, _EXACT
+  )
+
+
+def _speed_of_pose(bins: _Bins, speed: np.ndarray, name: str) -> Comparison:
+  suspects = (*_inflated(name), *_deflated("pose_x"))
+  travelled = np.hypot(bins.change("pose_x"), bins.change("pose_y"))
+  return Comparison(name, "the speed of pose_x, pose_y", np.abs(speed), travelled, suspects, _EXACT)
+
+
+def _turning_of_steering(bins: _Bins, speed: np.ndarray, name: str, wheelbase: float) -> Comparison:
+  turning = speed * np.tan(bins.mean("steering_command")) / wheelbase
+  return Comparison("yaw_rate", f"{name} x steering / wheelbase", bins.mean("yaw_rate"), turning, _inflated("yaw_rate"))
+
+
+def _lateral(bins: _Bins, speed: np.ndarray, name: str) -> Comparison:
+  suspects = (*_inflated("accel_y"), *_deflated("yaw_rate"), *_rpm(name))
+  yaw_rate = bins.mean("yaw_rate")
+  return Comparison("accel_y", f"{name} x yaw_rate", bins.mean("accel_y"), speed * yaw_rate, suspects)
+
+
+def _longitudinal(bins: _Bins, speed: np.ndarray, name: str) -> Comparison:
+  suspects = (*_inflated("accel_x"), *_rpm(name))
+  gained = np.gradient(speed, _BIN)
+  gentle = np.where(np.abs(gained) < _GENTLE, gained, np.nan)
+  return Comparison("accel_x", f"the change of {name}", bins.mean("accel_x"), gentle, suspects)
+
+
+def _inflated(channel: str) -> Slopes:
+  """The slopes that a channel in another unit gives where it is the one measured."""
+  return tuple((1.0 / suspect.scale, suspect) for suspect in suspects_of(channel))
+
+
+def _deflated(channel: str) -> Slopes:
+  """The same where it is part of what is expected."""
+  return tuple((suspect.scale, suspect) for suspect in suspects_of(channel))
+
+
+def _rpm(name: str) -> Slopes:
+  """A motor speed in rpm looks like an acceleration in g: factors 0.105 and 0.102."""
+  return _deflated(name) if name == "motor_speed" else ()
+
+
+def _speed(bins: _Bins, vehicle: Mapping[str, float | str]) -> tuple[np.ndarray, str]:
+  """Speed in each bin, m/s (n,), and its channel; NaN when the motor's is known but no gear ratio and wheel radius."""
+  if "speed" in bins.recording:
+    return bins.mean("speed"), "speed"
+  metres_per_rad = float(vehicle.get("gear_ratio", math.nan)) * float(vehicle.get("wheel_radius", math.nan))
+  return bins.mean("motor_speed") * metres_per_rad, "motor_speed"
+
+
+class _Bins:
+  """A recording in bins of 0.25 s: means of a channel, and changes per second between bin edges."""
+
+  def __init__(self, recording: Recording) -> None:
+    self.recording = recording
+    self.edges = recording.start + _BIN * np.arange(max(int(recording.duration / _BIN), 2) + 1)
+
+  def mean(self, channel: str) -> np.ndarray:
+    bins = self.edges.size - 1
+    if channel not in self.recording:
+      return np.full(bins, np.nan)
+    stream = self.recording[channel]
+    if CHANNELS[channel].is_command:
+      return stream.at(0.5 * (self.edges[1:] + self.edges[:-1]))
+    index = np.clip(((stream.time - self.edges[0]) / _BIN).astype(int), 0, bins - 1)
+    count = np.bincount(index, minlength=bins)
+    with np.errstate(invalid="ignore", divide="ignore"):
+      return np.bincount(index, stream.value, minlength=bins) / count
+
+  def change(self, channel: str) -> np.ndarray:
+    return np.diff(self.recording[channel].interpolate(self.edges)) / _BIN

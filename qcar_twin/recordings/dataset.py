@@ -1,0 +1,260 @@
+"""A data set: a folder with one dataset.toml and any number of recording files."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from qcar_twin.atomic_io import write_text
+from qcar_twin.recordings.checks.faults import find_defects
+from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
+from qcar_twin.recordings.checks.units import check_limits, check_units
+from qcar_twin.recordings.formats import Table, read_table
+from qcar_twin.recordings.manifest import COMMAND_TIMINGS, FILE_NAME, Entry, Manifest, read_manifest
+from qcar_twin.recordings.mapping import resolve, streams_of
+from qcar_twin.recordings.recording import ROLES, Recording, RecordingError, nearest
+
+_log = logging.getLogger(__name__)
+_PERIOD = 0.01  # s, on which commands are added up
+
+
+@dataclass(frozen=True, eq=False)
+class DataSet:
+  """Recordings of one car in the order they were driven, what was measured of the car, and what to be wary of.
+
+  Each recording is told what was driven before it, whatever roles and sessions lie between.
+  """
+
+  name: str
+  recordings: tuple[Recording, ...]
+  vehicle: Mapping[str, float | str] = field(default_factory=dict)
+  vehicle_std: Mapping[str, float] = field(default_factory=dict)
+  description: str = ""
+  command_timing: str = "after_measurement"
+  licence: str = ""
+  source: str = ""
+  warnings: tuple[str, ...] = ()
+
+  def __post_init__(self) -> None:
+    object.__setattr__(self, "recordings", in_order(self.recordings))
+
+  @classmethod
+  def load(cls, folder: str | os.PathLike[str]) -> DataSet:
+    """Read folder/dataset.toml and what it lists. Raises RecordingError naming file, channel, row and cure."""
+    folder = Path(folder)
+    manifest = read_manifest(folder)
+    tables = [read_table(folder / entry.file, entry.file) for entry in manifest.entries]
+    warnings = list(manifest.notes) + _absent_columns(manifest, tables)
+    recordings: list[Recording] = []
+    for entry, table in zip(manifest.entries, tables, strict=True):
+      made, notes = _recordings(manifest, entry, table)
+      recordings += made
+      warnings += notes
+    for warning in warnings:
+      _log.warning(warning)
+    return cls(
+      manifest.name,
+      tuple(recordings),
+      manifest.vehicle,
+      manifest.vehicle_std,
+      manifest.description,
+      manifest.command_timing,
+      manifest.licence,
+      manifest.source,
+      tuple(warnings),
+    )
+
+  def role(self, role: str) -> tuple[Recording, ...]:
+    """The recordings with this role: identify, validate or holdout."""
+    if role not in ROLES:
+      raise RecordingError(f"unknown role '{role}'{nearest(role, ROLES)}")
+    return tuple(recording for recording in self.recordings if recording.role == role)
+
+  def __getitem__(self, name: str) -> Recording:
+    """The recording of this name; RecordingError names the nearest one."""
+    for recording in self.recordings:
+      if recording.name == name:
+        return recording
+    raise RecordingError(
+      f"data set '{self.name}' has no recording '{name}'{nearest(name, [r.name for r in self.recordings])}"
+    )
+
+
+def in_order(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+  """The same recordings, each with the seconds driven and V^2 s spent before it, V the drive's command; one that knows
+  them keeps them."""
+  out: list[Recording] = []
+  seconds, energy = 0.0, 0.0
+  for recording in recordings:
+    seconds, energy = recording.before or (seconds, energy)
+    out.append(recording.replace(before=(seconds, energy)))
+    _, commands = recording.commands(_PERIOD, (recording.drive_channel,))
+    seconds += len(commands) * _PERIOD
+    energy += float(np.sum(commands**2)) * _PERIOD
+  return tuple(out)
+
+
+def _absent_columns(manifest: Manifest, tables: list[Table]) -> list[str]:
+  """A mapped column that no file has is an error; one that some files lack is worth a line."""
+  notes = []
+  for channel, mapped in manifest.mapping.items():
+    without = [table for table in tables if mapped.column not in table]
+    if len(without) == len(tables):
+      tables[0].number(mapped.column, channel)
+    if without:
+      notes.append(
+        f"{channel}: column '{mapped.column}' is absent in {len(without)} of {len(tables)} files "
+        f"({without[0].label}, …)"
+      )
+  return notes
+
+
+def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Recording], list[str]]:
+  mapping = resolve(table, manifest.mapping)
+  streams, notes = streams_of(table, mapping)
+  whole = Recording(entry.name, streams, entry.file, entry.role, entry.manoeuvre, entry.session)
+  check_limits(whole)
+  pieces, cuts = _cut(whole)
+  signs = check_units(whole, manifest.vehicle)
+  return pieces, [*notes, *signs, *cuts, *(defect for piece in pieces for defect in find_defects(piece))]
+
+
+def _cut(whole: Recording) -> tuple[list[Recording], list[str]]:
+  """Cut where nothing was logged for long; pieces too short to use are dropped."""
+  time, _ = whole.columns()
+  steps = [float(np.median(np.diff(stream.time))) for stream in whole.streams.values() if len(stream) > 1]
+  step = min(steps, default=0.0)
+  after = np.flatnonzero(np.diff(time) > gap_limit(step)) + 1
+  spans = [(rows[0], rows[-1]) for rows in np.split(time, after)]
+  counts = [_samples(whole, *span) for span in spans]
+  notes = [
+    f"{whole.file}: nothing was logged from {time[row - 1]:g} s to {time[row]:g} s; the recording is cut there"
+    for row in after
+  ]
+  if max(counts) < MIN_SAMPLES:
+    raise RecordingError(
+      f"{whole.file}: too few samples ({max(counts)}); at least {MIN_SAMPLES} without a gap are needed; remove "
+      "this recording"
+    )
+  notes += [
+    f"{whole.file}: the piece from {span[0]:g} s to {span[1]:g} s has too few samples ({count}) and is left out"
+    for span, count in zip(spans, counts, strict=True)
+    if count < MIN_SAMPLES
+  ]
+  pieces = [whole.window(*span) for span, count in zip(spans, counts, strict=True) if count >= MIN_SAMPLES]
+  if len(pieces) > 1:
+    pieces = [piece.replace(name=f"{whole.name}#{number}") for number, piece in enumerate(pieces, 1)]
+  return pieces, notes
+
+
+def _samples(recording: Recording, start: float, end: float) -> int:
+  """Samples of the vehicle's speed in a span: what every use of a recording needs."""
+  time = recording["motor_speed" if "motor_speed" in recording else "speed"].time
+  return int(((time >= start) & (time <= end)).sum())
+
+
+def write_recording(path: str | os.PathLike[str], recording: Recording) -> Path:
+  """Write one recording as CSV in canonical channels, blank where there is no sample; every float survives exactly."""
+  time, columns = recording.columns()
+  cells = [["" if value != value else repr(value) for value in column.tolist()] for column in (time, *columns.values())]
+  lines = [",".join(("time", *columns)), *(",".join(row) for row in zip(*cells, strict=True))]
+  return write_text(path, "\n".join(lines) + "\n")
+
+
+def write_dataset(
+  folder: str | os.PathLike[str],
+  name: str,
+  vehicle: Mapping[str, float | str],
+  vehicle_std: Mapping[str, float],
+  recordings: Iterable[Recording],
+  description: str = "",
+  command_timing: str = "after_measurement",
+  licence: str = "",
+  source: str = "",
+) -> Path:
+  """Write recordings and dataset.toml so that DataSet.load gives them back. Nothing in the folder changes unless all
+  could be written. Raises RecordingError for bad names, and for anything the loader would refuse in dataset.toml."""
+  folder, recordings = Path(folder), tuple(recordings)
+  text = _toml(name, vehicle, vehicle_std, recordings, description, command_timing, licence, source)
+  created = not folder.exists()
+  folder.mkdir(parents=True, exist_ok=True)
+  try:
+    _write_all(folder, recordings, text)
+  except BaseException:
+    if created:
+      folder.rmdir()
+    raise
+  return folder
+
+
+def _write_all(folder: Path, recordings: tuple[Recording, ...], text: str) -> None:
+  with tempfile.TemporaryDirectory(prefix=".writing-", dir=folder) as staging:
+    for recording in recordings:
+      write_recording(Path(staging) / f"{recording.name}.csv", recording)
+    (Path(staging) / FILE_NAME).write_text(text, encoding="utf-8")
+    read_manifest(Path(staging))
+    for recording in recordings:
+      os.replace(Path(staging) / f"{recording.name}.csv", folder / f"{recording.name}.csv")
+    os.replace(Path(staging) / FILE_NAME, folder / FILE_NAME)
+
+
+def _toml(
+  name: str,
+  vehicle: Mapping[str, float | str],
+  vehicle_std: Mapping[str, float],
+  recordings: tuple[Recording, ...],
+  description: str,
+  command_timing: str,
+  licence: str,
+  source: str,
+) -> str:
+  if command_timing not in COMMAND_TIMINGS:
+    raise RecordingError(f"unknown command_timing '{command_timing}'{nearest(command_timing, COMMAND_TIMINGS)}")
+  for recording in recordings:
+    if (
+      not recording.name.strip() or any(mark in recording.name for mark in "/\\\0\n") or recording.name.startswith(".")
+    ):
+      raise RecordingError(f"recording name '{recording.name}' cannot be a file name; use letters, digits, _ and -")
+  top = {
+    "name": name,
+    "command_timing": command_timing,
+    "description": description,
+    "licence": licence,
+    "source": source,
+  }
+  tables = [_toml_table("", {key: value for key, value in top.items() if value}), _toml_table("[vehicle]", vehicle)]
+  if vehicle_std:
+    tables.append(_toml_table("[vehicle.std]", vehicle_std))
+  for recording in recordings:
+    about = {
+      "file": f"{recording.name}.csv",
+      "role": recording.role,
+      "manoeuvre": recording.manoeuvre,
+      "name": recording.name,
+    }
+    tables.append(
+      _toml_table("[[recording]]", about | ({"session": recording.session} if recording.session is not None else {}))
+    )
+  return "\n".join(tables)
+
+
+def _toml_table(head: str, content: Mapping[str, float | str]) -> str:
+  lines = [f"{_toml_key(key)} = {_toml_value(value)}" for key, value in content.items()]
+  return "\n".join(([head] if head else []) + lines) + "\n"
+
+
+def _toml_key(key: str) -> str:
+  return key if key.replace("_", "a").replace("-", "a").isalnum() and key.isascii() else json.dumps(key)
+
+
+def _toml_value(value: float | str) -> str:
+  if isinstance(value, str):
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+  return repr(float(value))

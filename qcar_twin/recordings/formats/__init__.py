@@ -1,0 +1,72 @@
+"""Files that logs come in: each reader turns one file into a `Table` of named columns.
+
+A module of this folder (or of one added to `__path__`) that reads files says so: `READERS = {".csv": "read_csv"}`, a
+suffix and the function for it. It is imported when such a file is read, so recordings need none of its libraries.
+"""
+
+from __future__ import annotations
+
+import ast
+import pkgutil
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+
+from qcar_twin.recordings.formats.table import Table
+from qcar_twin.recordings.recording import RecordingError
+
+BAG_FOLDER = ".db3"  # what a folder is read as: a ROS 2 bag
+
+
+def readers() -> dict[str, tuple[str, str]]:
+  """Suffix -> module and function that reads such files, as the modules declare them."""
+  found: dict[str, tuple[str, str]] = {}
+  for module in pkgutil.iter_modules(__path__):
+    path = Path(str(getattr(module.module_finder, "path", ""))) / f"{module.name}.py"
+    for suffix, function in _declared(path).items():
+      found[suffix] = (module.name, function)
+  return found
+
+
+def _declared(path: Path) -> dict[str, str]:
+  """What READERS says in a source file, read without importing it."""
+  for node in ast.parse(path.read_text(encoding="utf-8")).body if path.is_file() else ():
+    if isinstance(node, ast.Assign) and [getattr(target, "id", "") for target in node.targets] == ["READERS"]:
+      return ast.literal_eval(node.value)
+  return {}
+
+
+def _reader(path: Path, label: str) -> Callable[[Path, str], Table]:
+  suffix, known = BAG_FOLDER if path.is_dir() else path.suffix.lower(), readers()
+  if suffix not in known:
+    raise RecordingError(
+      f"{label}: cannot read '{path.suffix}' files; readable are: {', '.join(known)} and ROS 2 bag folders"
+    )
+  module, function = known[suffix]
+  return getattr(import_module(f"{__name__}.{module}"), function)
+
+
+def read_table(path: Path, label: str | None = None) -> Table:
+  """Read one log file; `label` is its name in errors. Raises RecordingError: missing, unreadable, empty, broken."""
+  label = label or path.name
+  if not path.exists():
+    raise RecordingError(f"{label}: no such file in {path.parent}; check `file` in dataset.toml")
+  read = _reader(path, label)
+  if path.is_file() and path.stat().st_size == 0:
+    raise RecordingError(f"{label}: the file is empty (0 bytes); record it again or remove it from dataset.toml")
+  try:
+    table = read(path, label)
+  except RecordingError:
+    raise
+  except OSError as error:
+    raise RecordingError(f"{label}: cannot be read ({error}); check the file and its permissions") from error
+  except Exception as error:  # readers raise many kinds for damaged files
+    raise RecordingError(
+      f"{label}: is damaged, or not the {path.suffix} file it is called ({error}); write it again"
+    ) from error
+  if table.rows == 0:
+    raise RecordingError(f"{label}: has column names but no rows; record it again or remove it from dataset.toml")
+  return table
+
+
+__all__ = ["Table", "read_table", "readers"]

@@ -1,0 +1,166 @@
+"""CSV, Parquet and NPZ: files that already are columns."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pyarrow
+import pyarrow.csv
+import pyarrow.parquet
+
+from qcar_twin.recordings.formats.table import NO_ROWS, Table
+from qcar_twin.recordings.recording import RecordingError
+
+READERS = {".csv": "read_csv", ".txt": "read_csv", ".tsv": "read_csv", ".parquet": "read_parquet", ".npz": "read_npz"}
+
+
+def read_csv(path: Path, label: str) -> Table:
+  """Comma, semicolon or tab separated text with a header line; a byte order mark and decimal commas are understood."""
+  separator, decimal, encoding = _dialect(path, label)
+  try:
+    table = _parse(path, separator, decimal, encoding)
+  except pyarrow.ArrowInvalid as error:
+    if "Empty CSV" in str(error):
+      raise RecordingError(f"{label}: the file is empty; record it again or remove it from dataset.toml") from error
+    raise RecordingError(
+      f"{label}: a row does not fit the header ({error}); repair or delete that row "
+      "(the last row is often cut off when a logger is killed)"
+    ) from error
+  if all(_numeric(name) for name in table.column_names):
+    raise RecordingError(
+      f"{label}: the first line holds numbers, not column names; add a header line such as time,motor_voltage,speed"
+    )
+  if len(table.column_names) == 1:
+    raise RecordingError(
+      f"{label}: only one column was found ('{table.column_names[0][:60]}'); separate the columns by commas"
+    )
+  return _from_arrow(table, label)
+
+
+def read_parquet(path: Path, label: str) -> Table:
+  """A Parquet file with flat numeric columns; null means no sample."""
+  try:
+    table = pyarrow.parquet.read_table(path)
+  except pyarrow.ArrowException as error:
+    raise RecordingError(f"{label}: is not a readable Parquet file ({error}); write it again") from error
+  return _from_arrow(table, label)
+
+
+def read_npz(path: Path, label: str) -> Table:
+  """One array per column, all of the length of `time`; NaN means no sample. Pickled objects are refused."""
+  try:
+    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+      arrays = {name: _loaded(archive, name, label) for name in archive.files}
+  except (zipfile.BadZipFile, EOFError, ValueError) as error:
+    if isinstance(error, RecordingError):
+      raise
+    raise RecordingError(f"{label}: is not a readable NPZ file ({error}); write it with numpy.savez") from error
+  return table_of_arrays(arrays, label)
+
+
+def table_of_arrays(arrays: dict[str, np.ndarray], label: str) -> Table:
+  """Columns from arrays that need not all be columns: the vectors as long as `time`, else of the commonest length."""
+  vectors = {name: np.squeeze(array) for name, array in arrays.items() if array.dtype.kind in "fiub"}
+  vectors = {name: vector.astype(float) for name, vector in vectors.items() if vector.ndim == 1 and vector.size}
+  if not vectors:
+    raise RecordingError(
+      f"{label}: holds no numeric vectors; save one array per channel, such as time and motor_voltage"
+    )
+  lengths = [vector.size for vector in vectors.values()]
+  length = vectors["time"].size if "time" in vectors else max(set(lengths), key=lengths.count)
+  odd = [f"{name} has {vector.size}" for name, vector in vectors.items() if vector.size not in (length, 1)]
+  if odd:
+    raise RecordingError(
+      f"{label}: arrays must have one length ({length} samples, as time): {', '.join(odd)}; "
+      "pad channels of another rate with NaN, or log them with their own time in a CSV"
+    )
+  columns = {name: vector for name, vector in vectors.items() if vector.size == length}
+  return Table(
+    label, columns, {name: np.flatnonzero(np.isnan(vector)) for name, vector in columns.items()}, blanks=False
+  )
+
+
+def _loaded(archive: np.lib.npyio.NpzFile, name: str, label: str) -> np.ndarray:
+  try:
+    return archive[name]
+  except ValueError as error:
+    raise RecordingError(
+      f"{label}: array '{name}' holds Python objects, which are never unpickled; save plain float arrays"
+    ) from error
+
+
+def _dialect(path: Path, label: str) -> tuple[str, str, str]:
+  """Separator, decimal mark and encoding, from the header and the first row."""
+  with path.open("rb") as file:
+    head = file.read(65536)
+  if head[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\x00" in head:
+    raise RecordingError(f"{label}: is not UTF-8 text (UTF-16, or a binary file); save it as CSV UTF-8")
+  lines = [line for line in head.splitlines() if line.strip()] + [b"", b""]
+  header, first = lines[0], lines[1]
+  separator = max(b",", b";", b"\t", key=header.count)
+  decimal = "," if separator != b"," and b"," in first else "."
+  try:
+    header.decode("utf-8")
+  except UnicodeDecodeError:
+    return separator.decode(), decimal, "latin1"
+  return separator.decode(), decimal, "utf8"
+
+
+def _parse(path: Path, separator: str, decimal: str, encoding: str) -> pyarrow.Table:
+  whole = min(
+    max(path.stat().st_size + 1, 1 << 16), (1 << 31) - 1
+  )  # column types come from the first block: take it all
+  return pyarrow.csv.read_csv(
+    path,
+    read_options=pyarrow.csv.ReadOptions(encoding=encoding, use_threads=False, block_size=whole),
+    parse_options=pyarrow.csv.ParseOptions(delimiter=separator),
+    convert_options=pyarrow.csv.ConvertOptions(null_values=[""], strings_can_be_null=True, decimal_point=decimal),
+  )
+
+
+def _numeric(name: str) -> bool:
+  try:
+    float(name)
+  except ValueError:
+    return False
+  return True
+
+
+def _from_arrow(table: pyarrow.Table, label: str) -> Table:
+  names = [name.strip() for name in table.column_names]
+  table = table.slice(0, _filled_rows(table))
+  columns, not_a_number = {}, {}
+  for index, name in enumerate(names):
+    columns[name], not_a_number[name] = _column(table.column(index))
+  ambiguous = frozenset(name for name in names if names.count(name) > 1)
+  return Table(label, columns, not_a_number, ambiguous)
+
+
+def _filled_rows(table: pyarrow.Table) -> int:
+  """Rows up to the last that is not blank in every cell: spreadsheets often leave blank rows at the end."""
+  rows = table.num_rows
+  while rows and all(not column[rows - 1].is_valid for column in table.columns):
+    rows -= 1
+  return rows
+
+
+def _column(column: pyarrow.ChunkedArray) -> tuple[np.ndarray, np.ndarray]:
+  """Float values with NaN where blank, and the rows that hold a NaN of their own; text stays text."""
+  kind = column.type
+  if pyarrow.types.is_timestamp(kind):
+    seconds = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[kind.unit]
+    return _column(column.cast(pyarrow.int64()))[0] * seconds, NO_ROWS
+  if not (
+    pyarrow.types.is_floating(kind)
+    or pyarrow.types.is_integer(kind)
+    or pyarrow.types.is_boolean(kind)
+    or pyarrow.types.is_null(kind)
+  ):
+    return np.array(column.to_pylist(), dtype=object), NO_ROWS
+  values = column.cast(pyarrow.float64(), safe=False).to_numpy()
+  nan = np.isnan(values)
+  if column.null_count:
+    nan = nan & ~column.is_null().to_numpy()
+  return values, np.flatnonzero(nan)

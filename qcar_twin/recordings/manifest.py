@@ -1,0 +1,256 @@
+"""dataset.toml: what a person wrote about a data set, parsed and checked before any recording is opened."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.recording import ROLES, RecordingError, UnknownChannelError, nearest
+
+FILE_NAME = "dataset.toml"
+COMMAND_TIMINGS = ("after_measurement", "unknown")
+_POSITIVE = (
+  "mass",
+  "yaw_inertia",
+  "cg_to_front",
+  "cg_to_rear",
+  "track_width",
+  "cg_height",
+  "wheel_radius",
+  "gear_ratio",
+  "max_steering",
+)
+_TOP = ("name", "command_timing", "description", "licence", "source", "vehicle", "channels", "recording")
+
+
+@dataclass(frozen=True)
+class Mapped:
+  """How one log column becomes a channel: value = (scale * column + offset) * gate column."""
+
+  column: str
+  scale: float = 1.0
+  offset: float = 0.0
+  wrap: bool = False
+  hold: bool = False
+  gate: str | None = None
+
+
+@dataclass(frozen=True)
+class Entry:
+  """One [[recording]] table."""
+
+  file: str
+  role: str
+  name: str
+  manoeuvre: str = "unspecified"
+  session: str | None = None
+
+
+@dataclass(frozen=True)
+class Manifest:
+  """The checked content of a dataset.toml. `notes` are warnings about it."""
+
+  name: str
+  entries: tuple[Entry, ...]
+  vehicle: dict[str, float | str]
+  vehicle_std: dict[str, float]
+  mapping: dict[str, Mapped]
+  command_timing: str = "after_measurement"
+  description: str = ""
+  licence: str = ""
+  source: str = ""
+  notes: tuple[str, ...] = field(default=())
+
+
+def read_manifest(folder: Path) -> Manifest:
+  """Read folder/dataset.toml. Raises RecordingError naming the key, what is wrong with it, and the cure."""
+  raw = _read_toml(folder)
+  notes = _unknown_keys(raw)
+  timing = _text(raw, "command_timing", "", COMMAND_TIMINGS[0])
+  if timing not in COMMAND_TIMINGS:
+    raise RecordingError(f"{FILE_NAME}: unknown command_timing '{timing}'{nearest(timing, COMMAND_TIMINGS)}")
+  vehicle, std = _vehicle(_table(raw, "vehicle", ""))
+  missing = [key for key in _POSITIVE if key not in vehicle]
+  if missing:
+    notes.append(
+      f"{FILE_NAME}: [vehicle] gives no {', '.join(missing)}; measure them, or the nominal car's numbers stand in"
+    )
+  mapping = _mapping(_table(raw, "channels", ""))
+  texts = {key: _text(raw, key, "", "") for key in ("description", "licence", "source")}
+  name = _text(raw, "name", "", folder.resolve().name)
+  return Manifest(name, _entries(raw), vehicle, std, mapping, timing, **texts, notes=tuple(notes))
+
+
+def _read_toml(folder: Path) -> dict[str, Any]:
+  path = folder / FILE_NAME
+  if not folder.exists():
+    raise RecordingError(f"{folder}: no such folder; give the folder that holds {FILE_NAME}")
+  if not folder.is_dir():
+    raise RecordingError(f"{folder}: is a file; give the folder that holds {FILE_NAME}")
+  if not path.is_file():
+    raise RecordingError(
+      f"{folder}: holds no {FILE_NAME}; write one with a [vehicle] table and a [[recording]] per file (see "
+      "docs/recordings.md)"
+    )
+  try:
+    return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+  except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    raise RecordingError(f"{FILE_NAME}: is not valid TOML ({error}); correct that line") from error
+  except OSError as error:
+    raise RecordingError(f"{FILE_NAME}: cannot be read ({error}); check its permissions") from error
+
+
+def _unknown_keys(raw: Mapping[str, Any]) -> list[str]:
+  notes = []
+  for key in raw:
+    ending = nearest(key, _TOP, cutoff=0.75)
+    if key not in _TOP and ending.startswith("; did"):
+      raise RecordingError(f"{FILE_NAME}: unknown key '{key}'{ending}")
+    if key not in _TOP:
+      notes.append(f"{FILE_NAME}: key '{key}' is not used")
+  return notes
+
+
+def _table(raw: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
+  value = raw.get(key, {})
+  if not isinstance(value, dict):
+    raise RecordingError(f"{FILE_NAME}: {where}{key} must be a table [{key}], not {value!r}")
+  return value
+
+
+def _text(raw: Mapping[str, Any], key: str, where: str, default: str) -> str:
+  value = raw.get(key, default)
+  if not isinstance(value, str) or (key in ("name", "file", "column", "gate") and not value.strip()):
+    raise RecordingError(f'{FILE_NAME}: {where}{key} must be text such as "{key}_1", not {value!r}')
+  return value
+
+
+def _number(raw: Mapping[str, Any], key: str, where: str, default: float = 0.0) -> float:
+  value = raw.get(key, default)
+  if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    raise RecordingError(f"{FILE_NAME}: {where}{key} must be a finite number, not {value!r}")
+  return float(value)
+
+
+def _flag(raw: Mapping[str, Any], key: str, where: str) -> bool:
+  value = raw.get(key, False)
+  if not isinstance(value, bool):
+    raise RecordingError(f"{FILE_NAME}: {where}{key} must be true or false, not {value!r}")
+  return value
+
+
+def _vehicle(raw: Mapping[str, Any]) -> tuple[dict[str, float | str], dict[str, float]]:
+  vehicle: dict[str, float | str] = {}
+  for key, value in raw.items():
+    if key == "std":
+      continue
+    ending = nearest(key, [known for known in _POSITIVE if known not in raw], cutoff=0.8)
+    if key not in _POSITIVE and ending.startswith("; did"):
+      raise RecordingError(f"{FILE_NAME}: [vehicle] has unknown key '{key}'{ending}")
+    vehicle[key] = value if isinstance(value, str) and key not in _POSITIVE else _number(raw, key, "[vehicle] ")
+  for key in _POSITIVE:
+    if key in vehicle and float(vehicle[key]) <= 0.0:
+      raise RecordingError(f"{FILE_NAME}: [vehicle] {key} must be positive, not {vehicle[key]:g}")
+  steering = vehicle.get("max_steering", 0.5)
+  if float(steering) > math.pi / 2:
+    raise RecordingError(
+      f"{FILE_NAME}: [vehicle] max_steering is {steering:g} rad, more than a right angle; in degrees? multiply by "
+      "0.0174533"
+    )
+  return vehicle, _std(_table(raw, "std", "[vehicle] "), vehicle)
+
+
+def _std(raw: Mapping[str, Any], vehicle: Mapping[str, Any]) -> dict[str, float]:
+  std = {}
+  for key in raw:
+    ending = nearest(key, vehicle, cutoff=0.8)
+    if key not in vehicle and ending.startswith("; did"):
+      raise RecordingError(f"{FILE_NAME}: [vehicle.std] has unknown key '{key}'{ending}")
+    std[key] = _number(raw, key, "[vehicle.std] ")
+    if std[key] <= 0.0:
+      raise RecordingError(
+        f"{FILE_NAME}: [vehicle.std] {key} must be positive, not {std[key]:g}; leave it out when it is not known"
+      )
+  return std
+
+
+def _mapping(raw: Mapping[str, Any]) -> dict[str, Mapped]:
+  mapping = {}
+  for channel, table in raw.items():
+    where = f"[channels] {channel} "
+    if channel not in CHANNELS:
+      raise UnknownChannelError(
+        f"{FILE_NAME}: [channels] names an unknown channel '{channel}'{nearest(channel, CHANNELS)}"
+      )
+    if not isinstance(table, dict):
+      raise RecordingError(
+        f'{FILE_NAME}: {where}must be a table such as {{ column = "log column", scale = 1.0 }}, not {table!r}'
+      )
+    _only(table, tuple(Mapped.__dataclass_fields__), where)
+    if "column" not in table:
+      raise RecordingError(f'{FILE_NAME}: {where}has no column; write {channel} = {{ column = "log column" }}')
+    gate = _text(table, "gate", where, "") if "gate" in table else None
+    mapping[channel] = Mapped(
+      _text(table, "column", where, ""),
+      _number(table, "scale", where, 1.0),
+      _number(table, "offset", where),
+      _flag(table, "wrap", where),
+      _flag(table, "hold", where),
+      gate,
+    )
+    if mapping[channel].scale == 0.0:
+      raise RecordingError(
+        f"{FILE_NAME}: {where}scale is 0, which erases the channel; give the factor to SI units or remove the channel"
+      )
+  return mapping
+
+
+def _only(table: Mapping[str, Any], valid: tuple[str, ...], where: str) -> None:
+  for key in table:
+    if key not in valid:
+      raise RecordingError(f"{FILE_NAME}: {where}has unknown key '{key}'{nearest(key, valid)}")
+
+
+def _entries(raw: Mapping[str, Any]) -> tuple[Entry, ...]:
+  tables = raw.get("recording", [])
+  if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+    raise RecordingError(f"{FILE_NAME}: write recordings as [[recording]] tables (two brackets)")
+  if not tables:
+    raise RecordingError(
+      f'{FILE_NAME}: lists no recordings; add [[recording]] tables with file = "…" and role = "identify"'
+    )
+  entries = tuple(_entry(table, f"[[recording]] {number} ") for number, table in enumerate(tables, 1))
+  seen: dict[str, str] = {}
+  for entry in entries:
+    if entry.name in seen:
+      raise RecordingError(
+        f"{FILE_NAME}: two recordings have one name, '{entry.name}' ({seen[entry.name]} and {entry.file}); "
+        'give one of them another, name = "…"'
+      )
+    seen[entry.name] = entry.file
+  return entries
+
+
+def _entry(table: Mapping[str, Any], where: str) -> Entry:
+  _only(table, tuple(Entry.__dataclass_fields__), where)
+  for key in ("file", "role"):
+    if key not in table:
+      raise RecordingError(
+        f"{FILE_NAME}: {where}has no {key}" + (f"; valid are: {', '.join(ROLES)}" if key == "role" else "")
+      )
+  file, role = _text(table, "file", where, ""), _text(table, "role", where, "")
+  if role not in ROLES:
+    raise RecordingError(f"{FILE_NAME}: {where}({file}) has unknown role '{role}'{nearest(role, ROLES)}")
+  session = _text(table, "session", where, "") if "session" in table else None
+  return Entry(
+    file,
+    role,
+    _text(table, "name", where, PurePosixPath(file).stem),
+    _text(table, "manoeuvre", where, "unspecified"),
+    session,
+  )

@@ -1,0 +1,246 @@
+"""From the columns of a log to streams of channels: scale, offset, gate, repeated samples, unwrapped angles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
+from qcar_twin.recordings.checks.time import check_angle, check_order, check_time_unit, gap_limit
+from qcar_twin.recordings.formats.table import NO_ROWS, Table
+from qcar_twin.recordings.manifest import Mapped
+from qcar_twin.recordings.recording import RecordingError, Stream, UnknownChannelError, nearest
+
+_FEW_NANS = 0.05  # formats without blanks: rarer NaNs in a command are faults, commoner ones are an asynchronous stream
+_MIN_RUNS = 5  # runs of equal values that make a publisher's rate sure
+
+
+@dataclass(frozen=True)
+class Clock:
+  """Sample times of a file's rows. `first` marks the rows where a slower publisher's stamp is new; `row_time` is each
+  row's own time.
+  """
+
+  stamp: np.ndarray
+  row_time: np.ndarray
+  first: np.ndarray
+
+  @property
+  def repeats(self) -> bool:
+    """Whether some rows share a stamp."""
+    return not bool(self.first.all())
+
+
+def resolve(table: Table, mapping: Mapping[str, Mapped]) -> dict[str, Mapped]:
+  """The mapping that applies to one file: [channels], then columns that already have a channel's name.
+
+  Without any [channels] every column claims to be a channel, so a near miss is an error. An optional channel whose
+  column this file lacks is left out; a missing clock, drive command or gate is an error.
+  """
+  used = {mapped.column for mapped in mapping.values()}
+  resolved = {
+    channel: Mapped(channel)
+    for channel in CHANNELS
+    if channel in table and channel not in mapping and channel not in used
+  }
+  if not mapping:
+    for column in table.columns:
+      _refuse_near_miss(table, column)
+  for channel, mapped in mapping.items():
+    if mapped.column in table or channel in ("time", _drive(mapping)):
+      resolved[channel] = mapped
+  for channel, others in (("time", ()), ("motor_voltage", DRIVE_COMMANDS[1:])):
+    if not resolved.keys() & {channel, *others}:
+      instead = f" (or {', '.join(others)}, whichever the drive takes)" if others else ""
+      cure = f'add {channel} = {{ column = "…" }}{instead} to [channels]'
+      raise RecordingError(
+        f"{table.label}: needed channel '{channel}' is missing; {cure}. Columns that exist: {table.listing()}"
+      )
+  if "motor_speed" not in resolved and "speed" not in resolved:
+    raise RecordingError(
+      f"{table.label}: neither 'motor_speed' nor 'speed' is there, and one of them is needed; "
+      f"map it in [channels]. Columns that exist: {table.listing()}"
+    )
+  return resolved
+
+
+def _refuse_near_miss(table: Table, column: str) -> None:
+  absent = [channel for channel in CHANNELS if channel not in table]
+  ending = nearest(column, absent, cutoff=0.8)
+  if column not in CHANNELS and ending.startswith("; did"):
+    raise UnknownChannelError(
+      f"{table.label}: unknown channel '{column}'{ending} Rename the column, or write a [channels] table, "
+      "after which other columns are ignored"
+    )
+
+
+def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, Stream], list[str]]:
+  """Streams by channel from one file, and notes about what was assumed. `mapping` comes from `resolve`."""
+  clock, notes = _clock(table, mapping)
+  values = {channel: _values(table, channel, mapped) for channel, mapped in mapping.items() if channel != "time"}
+  publisher_rows = _publisher_rows({channel: value for channel, value in values.items() if mapping[channel].hold})
+  streams, spread = {}, []
+  for channel, value in values.items():
+    there = np.flatnonzero(~np.isnan(value))
+    if there.size == 0:
+      _blank(table, channel, channel in (_drive(mapping), "motor_speed", "speed"), notes)
+      continue
+    if clock.repeats and _changes_inside(value, clock.first):
+      time = clock.row_time
+      spread.append(channel)
+    else:
+      time, there = clock.stamp, np.intersect1d(there, np.flatnonzero(clock.first))
+    if mapping[channel].hold and not clock.repeats:
+      there = there[published_samples(value[there], publisher_rows[channel])]
+    sampled = value[there]
+    if mapping[channel].wrap:
+      check_angle(table.label, channel, sampled)
+      sampled = np.unwrap(sampled)
+    elif CHANNELS[channel].angle and np.abs(np.diff(sampled)).max(initial=0.0) > np.pi:
+      notes.append(
+        f"{table.label}: {channel} jumps by more than half a turn; set wrap = true on {channel} in [channels]"
+      )
+    streams[channel] = Stream(time[there], sampled)
+  if spread:
+    notes.append(
+      f"{table.label}: time repeats because a slower publisher holds it; {', '.join(spread)} change in between "
+      "and are spread evenly between its stamps"
+    )
+  return streams, notes
+
+
+def _drive(mapping: Mapping[str, Mapped]) -> str | None:
+  """What commands the drive in these files: the first of them where a log has several."""
+  return next((channel for channel in DRIVE_COMMANDS if channel in mapping), None)
+
+
+def _blank(table: Table, channel: str, needed: bool, notes: list[str]) -> None:
+  if needed:
+    raise RecordingError(
+      f"{table.label}: needed channel '{channel}' has no sample, every cell is blank; map another column or remove "
+      "this recording"
+    )
+  notes.append(f"{table.label}: {channel} has no sample, every cell is blank; the channel is left out")
+
+
+def _values(table: Table, channel: str, mapped: Mapped) -> np.ndarray:
+  raw = table.number(mapped.column, channel)
+  value = mapped.scale * raw + mapped.offset if (mapped.scale, mapped.offset) != (1.0, 0.0) else raw
+  _refuse_bad_values(table, channel, mapped.column, value)
+  if mapped.gate is None:
+    return value
+  gate = table.number(mapped.gate, f"the gate of {channel}")
+  there = np.flatnonzero(~np.isnan(gate))
+  if there.size == 0:
+    raise RecordingError(
+      f"{table.label}: gate column '{mapped.gate}' of {channel} is blank in every row; remove the gate or log it"
+    )
+  return value * gate[there[np.maximum(np.searchsorted(there, np.arange(gate.size), side="right") - 1, 0)]]
+
+
+def _refuse_bad_values(table: Table, channel: str, column: str, raw: np.ndarray) -> None:
+  infinite = np.flatnonzero(np.isinf(raw))
+  bad, what = infinite, "infinite"
+  if CHANNELS[channel].is_command and not infinite.size:
+    nans = table.not_a_number.get(column, NO_ROWS)
+    bad, what = (nans if table.blanks or nans.size < _FEW_NANS * raw.size else NO_ROWS), "NaN"
+  if bad.size:
+    named = channel if channel == column else f"{channel} (column '{column}')"
+    cure = "leave the cell blank where there is no sample, or cut those rows out"
+    raise RecordingError(
+      f"{table.label}: {named} is {what} in row {bad[0] + 1}"
+      + (f" and {bad.size - 1} more" if bad.size > 1 else "")
+      + f"; {cure}"
+    )
+
+
+def _clock(table: Table, mapping: Mapping[str, Mapped]) -> tuple[Clock, list[str]]:
+  """Row times, after the checks. Repeated stamps pass only where the data set says that a publisher holds values."""
+  mapped = mapping["time"]
+  raw = table.number(mapped.column, "time")
+  stamp = mapped.scale * raw + mapped.offset
+  check_order(table.label, stamp, [table.columns[other.column] for other in mapping.values() if other.column in table])
+  repeated = [other.column for other in mapping.values() if other.hold]
+  first = np.r_[True, np.diff(stamp) > 0.0]
+  if not first.all():
+    _refuse_repeats(table, stamp, first, repeated)
+  check_time_unit(table.label, stamp[first])
+  return Clock(stamp, _row_times(stamp, first), first), []
+
+
+def _refuse_repeats(table: Table, stamp: np.ndarray, first: np.ndarray, repeated: list[str]) -> None:
+  row = int(np.argmin(first))
+  text = f"{table.label}: time repeats in row {row + 1} ({stamp[row]:g} s again)"
+  if not repeated:
+    raise RecordingError(
+      f"{text}; remove the repeated rows, or set hold = true on the channels that a slower publisher repeats"
+    )
+  for column in repeated:
+    inside = np.flatnonzero(_changed(table.columns[column]) & ~first)
+    if inside.size:
+      raise RecordingError(
+        f"{table.label}: time repeats in row {inside[0] + 1} ({stamp[inside[0]]:g} s again) although column "
+        f"'{column}', which has hold = true, changes there; remove the repeated rows"
+      )
+
+
+def _changed(value: np.ndarray) -> np.ndarray:
+  """Whether each row differs from the one before (a blank equals a blank); the first row counts as changed."""
+  same = (value[1:] == value[:-1]) | (np.isnan(value[1:]) & np.isnan(value[:-1]))
+  return np.r_[True, ~same]
+
+
+def _changes_inside(value: np.ndarray, first: np.ndarray) -> bool:
+  return bool((_changed(value) & ~first).any())
+
+
+def _row_times(stamp: np.ndarray, first: np.ndarray) -> np.ndarray:
+  """Spread the rows that share a stamp evenly until the next stamp, each at the middle of its share: row i of n at
+  stamp + (i + 1/2) / n of the interval. Before a gap, and in the last block, the usual row interval is taken."""
+  if first.all():
+    return stamp
+  start = np.flatnonzero(first)
+  count = np.diff(np.r_[start, stamp.size])
+  interval = np.diff(np.r_[stamp[start], np.inf])
+  usual = np.median((interval / count)[:-1]) if start.size > 1 else 0.0
+  limit = gap_limit(np.median(interval[:-1])) if start.size > 1 else 0.0
+  share = np.where(interval > limit, usual, interval / count)
+  index = np.arange(stamp.size) - np.repeat(start, count)
+  return stamp + (index + 0.5) * np.repeat(share, count)
+
+
+def published_samples(value: np.ndarray, usual: int) -> np.ndarray:
+  """Indices of the samples behind values that a slower publisher repeats, (k,).
+
+  A run of equal values is one sample; a run much longer than the publisher's `usual` number of rows is a true constant,
+  published several times, and gives one sample per `usual` rows. `usual` 0 (unknown) keeps the changes and the last
+  row.
+  """
+  start = np.flatnonzero(_changed(value))
+  length = np.diff(np.r_[start, value.size])
+  if usual == 0:
+    return np.unique(np.r_[start, value.size - 1])
+  repeats = np.maximum(np.round(length / usual).astype(int), 1)
+  within = np.arange(repeats.sum()) - np.repeat(np.cumsum(repeats) - repeats, repeats)
+  return np.repeat(start, repeats) + (within * np.repeat(length / repeats, repeats)).astype(int)
+
+
+def _publisher_rows(values: Mapping[str, np.ndarray]) -> dict[str, int]:
+  """How many rows each repeated channel's publisher usually repeats a value: the lower quartile of its run lengths. A
+  channel that changes seldom takes the smallest of those that change often, else its own; 0 when it never changes and
+  nothing is known.
+  """
+  lengths = {}
+  for channel, value in values.items():
+    start = np.flatnonzero(_changed(value[~np.isnan(value)]))
+    lengths[channel] = np.diff(start)[1:]  # neither the first run nor the last is whole
+  usual = {
+    channel: int(np.percentile(length, 25, method="lower")) for channel, length in lengths.items() if length.size
+  }
+  sure = [usual[channel] for channel, length in lengths.items() if length.size >= _MIN_RUNS]
+  return {
+    channel: usual[channel] if length.size >= _MIN_RUNS or (length.size and not sure) else min(sure, default=0)
+    for channel, length in lengths.items()
+  }

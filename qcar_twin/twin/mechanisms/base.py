@@ -1,0 +1,267 @@
+"""What a mechanism is: one piece of physics that can be added to the twin, with its own parameters.
+
+A mechanism is a small final class in a file of its own. It declares its parameters, each with the
+`null` value at which it is absent, how a search should treat it, and implements at most three of the hooks
+below. Nothing else lists mechanisms: whatever goes by a kind of them asks the declarations. Hooks see only
+the simulations in which the mechanism is present (some parameter differs from its null), as rows of
+arrays: n simulations side by side. So a null mechanism is not run at all, which is what makes
+"null" and "absent" the same bit for bit.
+
+Signs: ISO 8855, x forward, y left, yaw counter-clockwise.
+"""
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, ClassVar, Literal, Protocol, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.plant import SIGNALS, Driving
+from qcar_twin.vehicle.drive import DRIVES
+from qcar_twin.vehicle.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+Stage = Literal["command", "actuator", "force", "contact", "sensor"]
+Subsystem = Literal["steering", "tyre", "ground", "drive", "body", "sensor"]
+SUBSYSTEMS: tuple[Subsystem, ...] = get_args(Subsystem)
+State = dict[str, Array]
+
+
+@dataclasses.dataclass(frozen=True)
+class CarDimensions:
+  """The numbers of the car a mechanism may use.
+
+  They are the measured ones of the vehicle (kg, kg m^2, m, -, rad), not the fitted ones: the same
+  constants in every simulation, so that a mechanism's parameter keeps its meaning during a fit.
+  """
+
+  mass: float
+  yaw_inertia: float
+  cg_to_front: float
+  cg_to_rear: float
+  track_width: float
+  cg_height: float
+  wheel_radius: float
+  gear_ratio: float  # wheel speed / motor speed
+  max_steering: float
+  imu_x: float
+  imu_y: float
+
+  @property
+  def wheelbase(self) -> float:
+    return self.cg_to_front + self.cg_to_rear
+
+
+@dataclasses.dataclass
+class Context:
+  """What is known at the start of a control period, for the n simulations in which a mechanism is present.
+
+  Attributes:
+    car: the car's measured numbers.
+    period: control period, s.
+    time: time since each segment's start, s.
+    signals: state of the car, (n, 10), columns in the order of SIGNALS.
+    commands: logged commands of this period before any mechanism, (n, 2): V, rad; A or m/s, rad where the drive's
+      command is one; a duty is in volts.
+    history: seconds driven and V^2 s spent before the segment, (n, 2).
+    recording_time: time since the start of the recording, s, (n,).
+    pose: x, y, yaw a place- or heading-bound effect looks up, (n, 3): measured where known, else simulated.
+    wheel_angle: angle the wheels have turned since the start of the recording, rad, (n,): measured where an encoder
+      was logged, else simulated since the start of the segment.
+    torque_per_volt: fitted motor torque per volt, N m / V, motor side, (n,); per ampere, or per m/s, where the drive's
+      command is one.
+    motor_damping: fitted damping of the motor, N m s / rad, motor side, (n,): with it, the part of the
+      voltage that drives current is V - back_emf / torque_per_volt * motor_speed.
+  """
+
+  car: CarDimensions
+  period: float
+  time: float
+  signals: Array
+  commands: Array
+  history: Array
+  recording_time: Array
+  pose: Array
+  wheel_angle: Array
+  torque_per_volt: Array
+  motor_damping: Array
+
+  def signal(self, name: str) -> Array:
+    """One signal by name, (n,)."""
+    return self.signals[:, SIGNALS.index(name)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Track:
+  """A whole rollout, for the sensor side.
+
+  Attributes:
+    car: the car's measured numbers.
+    period: control period, s.
+    signals: (n, T + 1, 10), columns in the order of SIGNALS.
+    recording_time: time since the start of the recording, s, (n, T + 1).
+  """
+
+  car: CarDimensions
+  period: float
+  signals: Array
+  recording_time: Array
+
+  def signal(self, name: str) -> Array:
+    return self.signals[..., SIGNALS.index(name)]
+
+
+class Model(Protocol):
+  """The physical quantities a mechanism may change in the simulator, per simulation.
+
+  Quantities (n rows): wheel-wise, (n, 4) in the order front_left front_right rear_left rear_right:
+  `cornering_stiffness` [N/rad per wheel], `longitudinal_stiffness` [N per unit slip, per wheel],
+  `friction_coefficient` [-], `tyre_shape` [-], `load_exponent` [-], `relaxation_length` [m];
+  car-wise, (n,): `gravity_x`, `gravity_y` [m/s^2, world frame], `driveline_friction` [N m, motor side],
+  `driveline_damping` [N m s/rad, motor side], `torque_per_volt` [N m/V, motor side],
+  `rotor_inertia` [kg m^2, motor side], `differential_damping` [N m s/rad per axle],
+  `servo_time_constant` [s], `ackermann_fraction` [-], `added_mass` [kg], `added_mass_x` [m, from the
+  CG], `added_mass_y` [m], `cg_height_offset` [m], `cg_lateral_offset` [m].
+  """
+
+  def get(self, quantity: str) -> Array:
+    """Present values, (n, 4) or (n,): the fitted ones plus what earlier mechanisms changed."""
+    ...
+
+  def set(self, quantity: str, value: Array) -> None: ...
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorError:
+  """An error that every sensor of its kind has: every model fits it, and only one far beyond it is claimed.
+
+  Attributes:
+    std: its usual size, a standard deviation in the parameter's unit.
+    read_at_rest: channel whose mean is this error while the car stands; "" where something else may show there, too.
+    wander: by how much it may differ between rest and drive, a standard deviation.
+  """
+
+  std: float
+  read_at_rest: str = ""
+  wander: float = 0.0
+
+
+class Mechanism:
+  """Base of all mechanisms; see the module's text.
+
+  Class attributes:
+    name: canonical id.
+    subsystem: where a report says it belongs.
+    stage: where it acts: command (what reaches the actuators), actuator (voltage and steering as
+      functions of the car's state), force (on the body), contact (quantities of the simulator),
+      sensor (what is logged).
+    parameters: at least one; each with null, typical and a prior standard deviation or None.
+    needs: channels without which it cannot be told apart ("yaw_rate", ...).
+    dissipative: True if it can only take energy out of the car.
+    symmetric: True if mirrored commands give mirrored motion under it.
+    varies: True if `write_model` must run every control period instead of once.
+    signed: True if negative sizes are meaningful.
+    drives: kinds of drive command it makes sense for; see qcar_twin/vehicle/drive.py.
+    nonlinear_response: True if its answer is far from proportional to its size (delays, changes of grip, a centre of
+      gravity off the middle), so that a scan at one size tells little of another and a search should refit it
+      whatever the scan says.
+    sought_far: True if it may be so large that it is also sought at several times its typical size on parameters that
+      recalibration has not bent (delays and lags).
+    absorbed_by_drive: True if recalibration imitates it with the parameters of the drive, as it does all of
+      subsystem "drive".
+    sensor_errors: amplitudes that every sensor of the kind has some of, by parameter.
+    fitted_rank: place among the errors that every model fits (`sensor_errors`, `tolerances`), lowest first and by name
+      where equal: their order in a fit's vector.
+  """
+
+  name: ClassVar[str]
+  subsystem: ClassVar[Subsystem]
+  stage: ClassVar[Stage]
+  parameters: ClassVar[tuple[Parameter, ...]]
+  needs: ClassVar[tuple[str, ...]] = ()
+  dissipative: ClassVar[bool] = False
+  symmetric: ClassVar[bool] = True
+  varies: ClassVar[bool] = False
+  signed: ClassVar[bool] = False
+  drives: ClassVar[tuple[str, ...]] = tuple(DRIVES)
+  nonlinear_response: ClassVar[bool] = False
+  sought_far: ClassVar[bool] = False
+  absorbed_by_drive: ClassVar[bool] = False
+  sensor_errors: ClassVar[Mapping[str, SensorError]] = {}
+  fitted_rank: ClassVar[int] = 100
+
+  def initial(self, theta: Array, context: Context) -> State:
+    """Hidden state at a segment's start: named arrays whose first axis is n. theta is (n, p)."""
+    return {}
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    """Commands that act, (n, 2): V, rad, from those that came in, (n, 2); may change `state`."""
+    return command
+
+  def wrench(self, theta: Array, context: Context, state: State) -> Array:
+    """Force on the body at the CG, (n, 3): F_x [N], F_y [N], M_z [N m], body frame; may change `state`."""
+    return np.zeros((len(theta), 3))
+
+  def write_model(self, theta: Array, context: Context, model: Model) -> None:
+    """Change quantities of the simulator."""
+
+  def begin(self, theta: Array, start: Array) -> Array:
+    """Start states (N, 7), in the order of START, read off sensors that err as this mechanism says."""
+    return start
+
+  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
+    """Standard deviations of amplitudes that any description of a car leaves open, by parameter; 0 for none.
+
+    Every model fits them within three of these, so that they are not taken for physics.
+
+    Args:
+      car: the car's measured numbers.
+      std: standard deviations stated with them, by name of the vehicle's number.
+    """
+    return {}
+
+  def observable_share(self, values: Mapping[str, float], driving: Driving) -> float:
+    """Share of the amplitudes that the driving can show, 0 to 1.
+
+    What comes before the driving began is there all along: the car's other parameters have taken it in.
+    """
+    return 1.0
+
+  def initial_guesses(self, driving: Driving) -> Sequence[Mapping[str, float]]:
+    """Values of the shape parameters from which a search begins; more than one where one start can miss it."""
+    return ({},)
+
+  def measure(self, theta: Array, track: Track) -> Array:
+    """Signals as the sensors show them, (n, T + 1, 10), from the true ones in `track`."""
+    return track.signals
+
+
+def describe(mechanism: Mechanism) -> Mapping[str, Any]:
+  """What reports print of a mechanism: name, subsystem, first line, equation and parameters."""
+  text = (type(mechanism).__doc__ or "").strip()
+  return {
+    "name": mechanism.name,
+    "subsystem": mechanism.subsystem,
+    "stage": mechanism.stage,
+    "summary": text.splitlines()[0] if text else "",
+    "text": text,
+    "parameters": {p.name: p.unit for p in mechanism.parameters},
+  }
+
+
+def suited(mechanisms: Iterable[Mechanism], vehicle: Vehicle) -> tuple[Mechanism, ...]:
+  """The same mechanisms.
+
+  Raises:
+    ValueError: one of them presupposes another drive.
+  """
+  chosen = tuple(mechanisms)
+  for mechanism in chosen:
+    if vehicle.drive not in mechanism.drives:
+      raise ValueError(
+        f"mechanism '{mechanism.name}' is physics of a drive by {' or '.join(mechanism.drives)}; {vehicle.name} is"
+        f" driven by {vehicle.drive}: leave it out"
+      )
+  return chosen

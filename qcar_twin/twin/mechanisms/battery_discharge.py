@@ -1,0 +1,40 @@
+"""Battery that runs down."""
+
+import numpy as np
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.elements import USUAL_VOLTAGE
+
+SPAN = 300.0  # s: length of a session, over which the loss is stated
+
+
+class BatteryDischarge(Mechanism):
+  """The battery runs down from recording to recording, and the same command gives less voltage.
+
+  Equation: V = u exp(-d z), z = ((1 - h) t + h E / (1 V)^2) / 300 s, t seconds driven, E the integral of u^2.
+  Units: d -, relative loss after 300 s (at 1 V); h -, share that goes with the energy spent; E V^2 s.
+  Source: Chen and Rincon-Mora, IEEE Trans. Energy Conversion 21(2), 2006 (open-circuit voltage against charge).
+  Confounded with: motor_heating, torque per volt.
+  """
+
+  name = "battery_discharge"
+  subsystem = "drive"
+  stage = "actuator"
+  drives = ("voltage", "duty")
+  parameters = (
+    Parameter("battery_discharge", 0.0, 0.0, 1.0, "-", "d", null=0.0, typical=0.1, description="loss after 300 s"),
+    Parameter("battery_discharge_energy", 0.5, 0.0, 1.0, "-", "h", description="share that goes with energy"),
+  )
+
+  def initial(self, theta: Array, context: Context) -> State:
+    return {"energy": context.history[:, 1].copy()}
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    time = context.history[:, 0] + context.time
+    share = theta[:, 1]
+    used = ((1.0 - share) * time + share * state["energy"] / USUAL_VOLTAGE**2) / SPAN
+    acting = command.copy()
+    acting[:, 0] = command[:, 0] * np.exp(-theta[:, 0] * used)
+    state["energy"] = state["energy"] + context.commands[:, 0] ** 2 * context.period
+    return acting

@@ -1,0 +1,35 @@
+"""Differentials that hold left and right wheels together."""
+
+import numpy as np
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, Model
+
+HALF_LOCK = 0.02  # N m s/rad: damping at which a tight slow turn is half-way to a locked axle
+
+
+class DifferentialLock(Mechanism):
+  """Left and right wheels of an axle resist turning at different speeds.
+
+  Equation: M_wheel = -d (omega - omega_other side) - T sgn(omega - omega_other side) on each axle,
+  d = 0.02 x / (1 - x) N m s/rad.
+  Units: x -, 0 an open differential, 1 a locked axle; d N m s/rad; T N m, a preload that holds the wheels together
+  until it is overcome. In a turn it gives a yaw moment against the yaw rate, which the tyres limit to one that goes
+  with -r / v; that of a preload does not depend on speed.
+  Source: Wong, Theory of Ground Vehicles, 4th ed., 2008, ch. 3; Genta and Morello, The Automotive Chassis, 2009.
+  Confounded with: steering_drag, tyre scrub, steering_gain_error at one speed.
+  """
+
+  name = "differential_lock"
+  subsystem = "drive"
+  stage = "contact"
+  dissipative = True
+  parameters = (
+    Parameter("differential_lock", 0.0, 0.0, 0.98, "-", "x", null=0.0, typical=0.4, description="degree of locking"),
+    Parameter("differential_preload", 0.0, 0.0, 0.5, "N m", "T", null=0.0, typical=0.02, description="constant torque"),
+  )
+
+  def write_model(self, theta: Array, context: Context, model: Model) -> None:
+    degree = np.minimum(theta[:, 0], 0.999)
+    model.set("differential_damping", model.get("differential_damping") + HALF_LOCK * degree / (1.0 - degree))
+    model.set("differential_friction", model.get("differential_friction") + theta[:, 1])

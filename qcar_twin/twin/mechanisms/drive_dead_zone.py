@@ -1,0 +1,30 @@
+"""Motor driver that swallows small voltages."""
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.elements import dead_zone
+
+CORNER = 0.01  # V
+
+
+class DriveDeadZone(Mechanism):
+  """Small voltages do not reach the motor, and large ones lose as much (driver and brush drop).
+
+  Equation: V = sgn(u) max(|u| - b, 0).
+  Units: b V; corners rounded over 10 mV.
+  Source: Tao and Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities, 1996, ch. 2.
+  Confounded with: coulomb_friction (follows the motion, not the voltage), stiction.
+  """
+
+  name = "drive_dead_zone"
+  subsystem = "drive"
+  stage = "command"
+  drives = ("voltage", "duty")
+  parameters = (
+    Parameter("drive_dead_zone", 0.0, 0.0, 0.8, "V", "b", null=0.0, typical=0.15, description="voltage swallowed"),
+  )
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    acting = command.copy()
+    acting[:, 0] = dead_zone(command[:, 0], theta[:, 0], CORNER)
+    return acting

@@ -1,0 +1,31 @@
+"""Dead time between voltage command and motor."""
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.elements import backdrop, delay_line, delay_step
+
+
+class DriveDelay(Mechanism):
+  """The motor gets the voltage that was commanded a while ago.
+
+  Equation: V(t) = u(t - d).
+  Units: d s. Parts of a period mix two neighbouring commands, which is the exact mean.
+  Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, sec. 2.3.
+  Confounded with: drive_lag, imu_latency.
+  """
+
+  name = "drive_delay"
+  subsystem = "drive"
+  stage = "command"
+  nonlinear_response = True
+  sought_far = True
+  parameters = (Parameter("drive_delay", 0.0, 0.0, 0.2, "s", "d", null=0.0, typical=0.035, description="dead time"),)
+
+  def initial(self, theta: Array, context: Context) -> State:
+    longest = self.parameters[0].upper
+    return delay_line(theta[:, 0], context.period, longest, context.commands[:, 0], backdrop(context))
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    acting = command.copy()
+    acting[:, 0] = delay_step(state, command[:, 0])
+    return acting

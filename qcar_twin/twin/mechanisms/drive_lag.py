@@ -1,0 +1,36 @@
+"""Slow motor driver."""
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.elements import backdrop, lag_step, second_order
+
+
+class DriveLag(Mechanism):
+  """The voltage at the motor follows its command late and rounded off (driver ramp, inductance).
+
+  Equation: q tau^2 V'' + tau V' + V = u.
+  Units: tau s, q - (0 first order, 0.25 critically damped). Solved exactly for a held command.
+  Source: Franklin, Powell and Workman, Digital Control of Dynamic Systems, 3rd ed., 1998, ch. 4.
+  Confounded with: drive_delay, rotor inertia, longitudinal_slip.
+  """
+
+  name = "drive_lag"
+  subsystem = "drive"
+  stage = "command"
+  nonlinear_response = True
+  sought_far = True
+  parameters = (
+    Parameter("drive_lag", 0.0, 0.0, 0.6, "s", "tau", null=0.0, typical=0.1, description="low-frequency lag"),
+    Parameter("drive_lag_inertia", 0.02, 0.0, 2.0, "-", "q", description="1 / (2 zeta)^2, zeta damping ratio"),
+  )
+
+  def initial(self, theta: Array, context: Context) -> State:
+    state = second_order(theta[:, 0], theta[:, 1], context.period)
+    state["output"] = backdrop(context)
+    state["rate"] = state["output"] * 0.0
+    return state
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    acting = command.copy()
+    acting[:, 0] = lag_step(state, command[:, 0])
+    return acting

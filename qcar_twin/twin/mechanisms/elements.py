@@ -1,0 +1,156 @@
+"""Elementary responses that several mechanisms are made of: smooth kinks, lags, delays, drive force.
+
+Pure functions of arrays with the simulations along the first axis; no mechanism is defined here.
+"""
+
+import math
+
+import numpy as np
+
+from qcar_twin.kinematics import rolling_radius
+from qcar_twin.plant import signal_index
+from qcar_twin.twin.mechanisms.base import Array, Context, Model, State, Track
+
+REFERENCE_VOLTAGE = 2.5  # V: highest steady voltage of usual runs; sizes of electrical effects are stated there
+USUAL_VOLTAGE = 1.0  # V: of usual driving; what heat and charge do over a session is stated there
+KINK = 1e-3  # rad, V, ...: half-width over which corners are rounded; far below what any sensor resolves
+STANDSTILL = 0.05  # m/s: below it a force that needs motion fades out
+
+
+def smooth_abs(x: Array, width: float = KINK) -> Array:
+  """|x| with its corner rounded: sqrt(x^2 + width^2) - width; 0 at 0."""
+  return np.sqrt(x * x + width * width) - width
+
+
+def ramp(x: Array, width: float = KINK) -> Array:
+  """max(x, 0) with its corner rounded: x^2 / (x + width) above 0, exactly 0 below."""
+  x = np.maximum(x, 0.0)
+  return x * x / (x + width)
+
+
+def dead_zone(x: Array, half_width: Array, width: float = KINK) -> Array:
+  """sgn(x) max(|x| - half_width, 0) with its corners rounded; exactly x at half_width = 0."""
+  rise, fall = x - half_width, x + half_width
+  return x + 0.5 * (np.sqrt(rise * rise + width * width) - np.sqrt(fall * fall + width * width))
+
+
+def rolling_torque(force: Array, context: Context) -> Array:
+  """Torque on the motor side that stands for a force at the wheels: N -> N m, by equal power."""
+  return force * rolling_radius(context.car)
+
+
+def idle_voltage(context: Context) -> Array:
+  """Voltage at which the motor gives no torque at its present speed (back-EMF), V, (n,)."""
+  return context.motor_damping / context.torque_per_volt * context.signal("motor_speed")
+
+
+def drive_force(context: Context) -> Array:
+  """Force of the motor at the wheels for the logged voltage, N, (n,), before friction."""
+  torque = context.torque_per_volt * (context.commands[:, 0] - idle_voltage(context))
+  return torque / rolling_radius(context.car)
+
+
+def backdrop(context: Context) -> Array:
+  """Voltage that probably acted before a segment began, V: the first one if the car moves, none at rest."""
+  speed = context.signal("velocity_x")
+  return context.commands[:, 0] * np.tanh((speed / STANDSTILL) ** 2)
+
+
+def scale_grip(model: Model, change: Array, stiffness_share: Array) -> None:
+  """Scale the friction of the tyres by 1 + change, (n, 4), and their stiffness by a share of that, (n, 1)."""
+  model.set("friction_coefficient", model.get("friction_coefficient") * np.maximum(1.0 + change, 0.05))
+  stiffness = np.maximum(1.0 + stiffness_share * change, 0.05)
+  for quantity in ("cornering_stiffness", "longitudinal_stiffness"):
+    model.set(quantity, model.get(quantity) * stiffness)
+
+
+# Lags ---------------------------------------------------------------------------------------------
+
+
+def second_order(lag: Array, inertia: Array, period: float) -> State:
+  """Exact transition over one period of inertia lag^2 y'' + lag y' + y = u with u held.
+
+  `inertia` = 1 / (2 zeta)^2: 0 is a first-order lag, 0.25 critical damping, 0.5 zeta = 0.71. `lag`
+  is the low-frequency delay whatever the damping. With e = y - u and w = lag y', both in the unit
+  of y: e+ = a e + b w, w+ = c e + d w. lag and inertia are (n,), s and -.
+  """
+  steps = period / np.maximum(lag, 1e-9 * period)
+  inertia = np.maximum(inertia, 1e-6)
+  root = np.sqrt((1.0 - 4.0 * inertia).astype(complex))
+  root = np.where(np.abs(root) < 1e-5, 1e-5, root)  # a double pole as two very close ones
+  slow, fast = -2.0 / (1.0 + root), -(1.0 + root) / (2.0 * inertia)
+  decay_slow, decay_fast = np.exp(slow * steps), np.exp(fast * steps)
+  spread = slow - fast
+  a = (slow * decay_fast - fast * decay_slow) / spread
+  b = (decay_slow - decay_fast) / spread
+  c = slow * fast * -b
+  d = (slow * decay_slow - fast * decay_fast) / spread
+  return {"a": a.real, "b": b.real, "c": c.real, "d": d.real, "inertia": inertia, "steps": steps}
+
+
+def lag_step(state: State, target: Array) -> Array:
+  """Advance `output` and `rate` (lag times the output's slope) by one period; mean output over that period.
+
+  The mean is what a held command has to be to move the car as the continuous response would; it
+  follows from integrating the differential equation, and is the target itself at lag = 0.
+  """
+  error, rate = state["output"] - target, state["rate"]
+  output = target + state["a"] * error + state["b"] * rate
+  new_rate = state["c"] * error + state["d"] * rate
+  lost = state["inertia"] * (new_rate - rate) + (output - state["output"])
+  state["output"], state["rate"] = output, new_rate
+  return target - lost / state["steps"]
+
+
+# Tracks and delays ------------------------------------------------------------------------------------
+
+
+def delay_line(delay: Array, period: float, longest: float, present: Array, before: Array) -> State:
+  """A line of past commands, (n, K), newest first, for delays up to `longest` seconds.
+
+  What was commanded before the segment is not known; it is taken to have gone from `before`, what
+  acts now, to `present` in a straight line over the delay.
+  """
+  size = math.ceil(longest / period) + 2
+  samples = np.maximum(delay / period, 0.0)
+  age = np.arange(1, size + 1) / np.maximum(samples, 1e-9)[:, None]
+  line = present[:, None] + (before - present)[:, None] * np.minimum(age, 1.0)
+  whole = np.minimum(np.floor(samples), size - 2)
+  return {"line": line, "whole": whole, "part": samples - whole}
+
+
+def delay_step(state: State, command: Array) -> Array:
+  """Push one command, (n,), and read the delayed one.
+
+  A delay of a part of a period mixes two neighbours: the exact mean over the period of held commands.
+  """
+  line = state["line"]
+  line[:, 1:] = line[:, :-1].copy()
+  line[:, 0] = command
+  start = np.arange(len(line)) * line.shape[1] + state["whole"].astype(np.intp)
+  flat, part = line.ravel(), state["part"]
+  return (1.0 - part) * flat[start] + part * flat[start + 1]
+
+
+def shifted(values: Array, samples: Array, extrapolate: bool = False) -> Array:
+  """Tracks (n, T + 1) read `samples` ago, (n, 1) or (n, T + 1), by linear interpolation.
+
+  Outside the track the end value is held, or the end slope continued where `extrapolate`.
+  """
+  last = values.shape[1] - 1
+  position = np.arange(last + 1) - samples
+  if not extrapolate:
+    position = np.clip(position, 0.0, last)
+  left = np.clip(np.floor(position), 0, max(last - 1, 0)).astype(np.intp)
+  right = np.minimum(left + 1, last)
+  at_left = np.take_along_axis(values, left, axis=1)
+  slope = np.take_along_axis(values, right, axis=1) - at_left
+  return at_left + (position - left) * slope
+
+
+def replaced(track: Track, **signals: Array) -> Array:
+  """A copy of a track's signals, (n, T + 1, 10), with some of them put in by name."""
+  shown = track.signals.copy()
+  for name, value in signals.items():
+    shown[..., signal_index(name)] = value
+  return shown

@@ -1,0 +1,29 @@
+"""Motor speeds that arrive late."""
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Mechanism, SensorError, Track
+from qcar_twin.twin.mechanisms.elements import replaced, shifted
+
+
+class EncoderLatency(Mechanism):
+  """The motor speed shown is the one of a while ago (counts differenced over a window, a filter).
+
+  Equation: y(t) = x(t - d) for motor_speed; counts differenced over a window w look like d = w / 2.
+  Units: d s; parts of a period are interpolated.
+  Source: Brown, Schneider and Mulligan, IEEE Trans. Industrial Electronics 39, 1992 (speed from encoder counts).
+  Confounded with: drive_delay where no acceleration was recorded.
+  """
+
+  name = "encoder_latency"
+  subsystem = "sensor"
+  stage = "sensor"
+  needs = ("motor_speed",)
+  signed = True
+  sensor_errors = {"encoder_latency": SensorError(0.003)}
+  fitted_rank = 5
+  parameters = (
+    Parameter("encoder_latency", 0.0, -0.02, 0.1, "s", "d", null=0.0, typical=0.03, description="age of the speed"),
+  )
+
+  def measure(self, theta: Array, track: Track) -> Array:
+    return replaced(track, motor_speed=shifted(track.signal("motor_speed"), theta[:, :1] / track.period))

@@ -1,0 +1,27 @@
+"""Gyro that reads too much or too little."""
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Mechanism, Track
+from qcar_twin.twin.mechanisms.elements import replaced
+
+
+class GyroScale(Mechanism):
+  """The gyro reads a fixed share more than the car turns.
+
+  Equation: yaw_rate_measured = (1 + s) yaw_rate.
+  Units: s -.
+  Source: Titterton and Weston, Strapdown Inertial Navigation Technology, 2nd ed., 2004, ch. 4.
+  Confounded with: steering_gain_error where no pose was recorded.
+  """
+
+  name = "gyro_scale"
+  subsystem = "sensor"
+  stage = "sensor"
+  needs = ("yaw_rate",)
+  signed = True
+  parameters = (
+    Parameter("gyro_scale", 0.0, -0.3, 0.3, "-", "s", null=0.0, typical=0.05, description="relative scale error"),
+  )
+
+  def measure(self, theta: Array, track: Track) -> Array:
+    return replaced(track, yaw_rate=track.signal("yaw_rate") * (1.0 + theta[:, :1]))

@@ -1,0 +1,30 @@
+"""IMU data that arrive late."""
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Mechanism, Track
+from qcar_twin.twin.mechanisms.elements import replaced, shifted
+
+
+class ImuLatency(Mechanism):
+  """What the IMU shows happened a while ago (filter, bus, driver).
+
+  Equation: y(t) = x(t - d) for yaw_rate, accel_x and accel_y.
+  Units: d s; parts of a period are interpolated.
+  Source: Furgale, Rehder and Siegwart, IROS 2013 (temporal calibration of sensors).
+  Confounded with: steering_delay, steering_lag, where no pose was recorded.
+  """
+
+  name = "imu_latency"
+  subsystem = "sensor"
+  stage = "sensor"
+  needs = ("yaw_rate",)
+  signed = True
+  sought_far = True
+  parameters = (
+    Parameter("imu_latency", 0.0, -0.05, 0.25, "s", "d", null=0.0, typical=0.05, description="age of the data"),
+  )
+
+  def measure(self, theta: Array, track: Track) -> Array:
+    late = theta[:, :1] / track.period
+    names = ("yaw_rate", "accel_x", "accel_y")
+    return replaced(track, **{name: shifted(track.signal(name), late) for name in names})

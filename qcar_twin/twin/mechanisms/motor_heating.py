@@ -1,0 +1,50 @@
+"""Motor that gets weaker as it gets hot."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.plant import Driving
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.elements import USUAL_VOLTAGE, idle_voltage
+
+
+class MotorHeating(Mechanism):
+  """A hot motor has more resistance, so its torque fades, and weaker magnets, so it also idles faster; both recover.
+
+  Equation: torque = k exp(-(g + m) T) (u - e exp(-m T)), tau T' = (u / 1 V)^2 - T; before the segment the mean of
+    u^2 acted.
+  Units: g, m -, relative loss of conductance and of the motor constant once warm at 1 V; T - (1 is that warmth);
+    tau s; e is the back-EMF of the cold motor, V.
+  Source: Krishnan, Electric Motor Drives, 2001, ch. 2; Hughes and Drury, Electric Motors and Drives, 4th ed., 2013.
+  Confounded with: battery_discharge, which does not recover in a pause.
+  """
+
+  name = "motor_heating"
+  subsystem = "drive"
+  stage = "actuator"
+  drives = ("voltage", "duty")
+  parameters = (
+    Parameter("motor_heating", 0.0, 0.0, 1.0, "-", "g", null=0.0, typical=0.15, description="loss when warm"),
+    Parameter("motor_heating_magnets", 0.0, 0.0, 1.0, "-", "m", null=0.0, typical=0.15, description="magnets' part"),
+    Parameter("motor_heating_time", 60.0, 5.0, 600.0, "s", "tau", description="thermal time constant"),
+  )
+
+  def initial_guesses(self, driving: Driving) -> Sequence[Mapping[str, float]]:
+    """A small motor and a large one."""
+    return ({"motor_heating_time": 20.0}, {"motor_heating_time": 120.0})
+
+  def initial(self, theta: Array, context: Context) -> State:
+    seconds, energy = context.history.T
+    power = energy / np.maximum(seconds, 1e-6) / USUAL_VOLTAGE**2
+    return {"warmth": power * -np.expm1(-seconds / theta[:, 2])}
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    idle = idle_voltage(context)
+    acting = command.copy()
+    faded, magnets = (np.exp(-theta[:, i] * state["warmth"]) for i in (0, 1))
+    acting[:, 0] = idle + (command[:, 0] - idle * magnets) * magnets * faded
+    power = (context.commands[:, 0] / USUAL_VOLTAGE) ** 2
+    state["warmth"] = state["warmth"] + (power - state["warmth"]) * -np.expm1(-context.period / theta[:, 2])
+    return acting

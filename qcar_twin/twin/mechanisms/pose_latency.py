@@ -1,0 +1,30 @@
+"""Poses that arrive late."""
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Mechanism, Track
+from qcar_twin.twin.mechanisms.elements import replaced, shifted
+
+
+class PoseLatency(Mechanism):
+  """The pose shown is where the car was a while ago (scan matching, cameras, network).
+
+  Equation: y(t) = x(t - d) for pose_x, pose_y and pose_yaw.
+  Units: d s; parts of a period are interpolated, and the first motion is continued backwards.
+  Source: Furgale, Rehder and Siegwart, IROS 2013 (temporal calibration of sensors).
+  Confounded with: steering_delay together with drive_delay; pose_mount at constant speed.
+  """
+
+  name = "pose_latency"
+  subsystem = "sensor"
+  stage = "sensor"
+  needs = ("pose_x",)
+  signed = True
+  sought_far = True
+  parameters = (
+    Parameter("pose_latency", 0.0, -0.05, 0.3, "s", "d", null=0.0, typical=0.055, description="age of the pose"),
+  )
+
+  def measure(self, theta: Array, track: Track) -> Array:
+    late = theta[:, :1] / track.period
+    names = ("pose_x", "pose_y", "pose_yaw")
+    return replaced(track, **{name: shifted(track.signal(name), late, extrapolate=True) for name in names})

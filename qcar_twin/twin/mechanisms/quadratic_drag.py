@@ -1,0 +1,31 @@
+"""Drag that grows with the square of the speed."""
+
+import numpy as np
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+
+
+class QuadraticDrag(Mechanism):
+  """A force against the motion that grows with the square of the speed.
+
+  Equation: F = -c_2 |v| v, in the plane.
+  Units: c_2 kg/m, F N. Air drag of a body this size is 0.01 to 0.03 kg/m; the rest is tyre and gear churn.
+  Source: Rajamani, Vehicle Dynamics and Control, 2nd ed., 2012, sec. 4.1.1.
+  Confounded with: motor damping (linear in v), battery_sag.
+  """
+
+  name = "quadratic_drag"
+  subsystem = "drive"
+  stage = "force"
+  dissipative = True
+  parameters = (
+    Parameter("quadratic_drag", 0.0, 0.0, 2.0, "kg/m", "c_2", null=0.0, typical=0.4, description="force per v^2"),
+  )
+
+  def wrench(self, theta: Array, context: Context, state: State) -> Array:
+    ahead, aside = context.signal("velocity_x"), context.signal("velocity_y")
+    factor = -theta[:, 0] * np.sqrt(ahead * ahead + aside * aside)
+    force = np.zeros((len(theta), 3))
+    force[:, 0], force[:, 1] = factor * ahead, factor * aside
+    return force

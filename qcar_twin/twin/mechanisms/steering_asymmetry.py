@@ -1,0 +1,29 @@
+"""Steering linkage that turns further to one side."""
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.elements import smooth_abs
+
+
+class SteeringAsymmetry(Mechanism):
+  """The same command turns the wheels further to the left than to the right.
+
+  Equation: delta = u + a |u|, so the gain is 1 + a to the left and 1 - a to the right.
+  Units: a -, delta and u rad; the corner at zero is rounded over 1 mrad.
+  Source: Milliken and Milliken, Race Car Vehicle Dynamics, SAE, 1995, ch. 19 (steering linkage geometry).
+  Confounded with: steering_offset where only one amplitude of steering was driven.
+  """
+
+  name = "steering_asymmetry"
+  subsystem = "steering"
+  stage = "command"
+  symmetric = False
+  signed = True
+  parameters = (
+    Parameter("steering_asymmetry", 0.0, -0.5, 0.5, "-", "a", null=0.0, typical=0.1, description="left over mean, - 1"),
+  )
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    acting = command.copy()
+    acting[:, 1] += theta[:, 0] * smooth_abs(command[:, 1])
+    return acting

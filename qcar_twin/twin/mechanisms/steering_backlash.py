@@ -1,0 +1,34 @@
+"""Play in the steering linkage."""
+
+import numpy as np
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+
+
+class SteeringBacklash(Mechanism):
+  """The wheels follow only once the play in the linkage is taken up.
+
+  Equation: delta stays where it is while |u - delta| < b / 2, else it is dragged along:
+  delta+ = min(max(delta, u - b / 2), u + b / 2).
+  Units: b rad, the whole play at the wheels.
+  Source: Tao and Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities, 1996, ch. 2.
+  Confounded with: steering_dead_zone (no memory), steering_quantisation.
+  """
+
+  name = "steering_backlash"
+  subsystem = "steering"
+  stage = "command"
+  parameters = (
+    Parameter("steering_play", 0.0, 0.0, 0.15, "rad", "b", null=0.0, typical=0.026, description="whole play"),
+  )
+
+  def initial(self, theta: Array, context: Context) -> State:
+    return {"angle": context.signal("steering_angle").copy()}
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    acting = command.copy()
+    half = 0.5 * theta[:, 0]
+    state["angle"] = np.minimum(np.maximum(state["angle"], command[:, 1] - half), command[:, 1] + half)
+    acting[:, 1] = state["angle"]
+    return acting

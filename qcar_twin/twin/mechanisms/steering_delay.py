@@ -1,0 +1,31 @@
+"""Dead time between steering command and actuator."""
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.elements import delay_line, delay_step
+
+
+class SteeringDelay(Mechanism):
+  """The steering executes what was commanded a while ago.
+
+  Equation: delta(t) = u(t - d).
+  Units: d s, delta and u rad. Parts of a period mix two neighbouring commands, which is the exact mean.
+  Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, sec. 2.3.
+  Confounded with: steering_lag, imu_latency with pose_latency.
+  """
+
+  name = "steering_delay"
+  subsystem = "steering"
+  stage = "command"
+  nonlinear_response = True
+  sought_far = True
+  parameters = (Parameter("steering_delay", 0.0, 0.0, 0.2, "s", "d", null=0.0, typical=0.04, description="dead time"),)
+
+  def initial(self, theta: Array, context: Context) -> State:
+    longest = self.parameters[0].upper
+    return delay_line(theta[:, 0], context.period, longest, context.commands[:, 1], context.signal("steering_angle"))
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    acting = command.copy()
+    acting[:, 1] = delay_step(state, command[:, 1])
+    return acting

@@ -1,0 +1,34 @@
+"""Steering that turns more or less than commanded."""
+
+from collections.abc import Mapping
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
+
+
+class SteeringGainError(Mechanism):
+  """The road wheels turn by a fixed share more or less than commanded.
+
+  Equation: delta = (1 + k) u.
+  Units: k -, delta and u rad.
+  Source: Gillespie, Fundamentals of Vehicle Dynamics, SAE, 1992, ch. 8 (steering ratio).
+  Confounded with: steering_nonlinearity, cornering stiffness at one speed, gyro_scale.
+  """
+
+  name = "steering_gain_error"
+  subsystem = "steering"
+  stage = "command"
+  signed = True
+  fitted_rank = 7
+  parameters = (
+    Parameter("steering_gain_error", 0.0, -0.4, 0.4, "-", "k", null=0.0, typical=0.075, description="relative gain"),
+  )
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    acting = command.copy()
+    acting[:, 1] *= 1.0 + theta[:, 0]
+    return acting
+
+  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
+    """0.2 degrees at 30, as a protractor reads it."""
+    return {"steering_gain_error": 0.007}

@@ -1,0 +1,28 @@
+"""Steering trim."""
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+
+
+class SteeringOffset(Mechanism):
+  """The wheels point to one side when straight ahead is commanded.
+
+  Equation: delta = u + delta_0.
+  Units: delta_0 rad, positive to the left.
+  Source: Rajamani, Vehicle Dynamics and Control, 2nd ed., 2012, sec. 2.3; Censi et al., IEEE T-RO 29(2), 2013.
+  Confounded with: side_force, gyro_bias, floor_slope on a single heading.
+  """
+
+  name = "steering_offset"
+  subsystem = "steering"
+  stage = "command"
+  symmetric = False
+  signed = True
+  parameters = (
+    Parameter("steering_offset", 0.0, -0.2, 0.2, "rad", "delta_0", null=0.0, typical=0.035, description="trim, left"),
+  )
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    acting = command.copy()
+    acting[:, 1] += theta[:, 0]
+    return acting

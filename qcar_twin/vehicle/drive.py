@@ -1,0 +1,50 @@
+"""What a car's motor takes as its command, and which axles it turns.
+
+Whatever the command u, the motor's law is linear in it and in the motor's speed, within what the electronics allow:
+  torque = clip(a u - b omega, -T_max, T_max); the driveline's friction comes on top.
+voltage, u in V: a = K/R, b = K^2/R + B (armature circuit without inductance; Krishnan, Electric Motor Drives, 2001,
+  ch. 2). duty, u from -1 to 1: the same with u times the supply's voltage.
+current, u in A: a = K, b = B: the electronics keep the current, and the back-EMF does not show.
+speed, u in m/s: a = k / (G R_w), b = k + B: a speed loop of gain k, seen without its integral part, which takes over
+  the friction (Franklin, Powell and Emami-Naeini, Feedback Control of Dynamic Systems, 7th ed., 2015, sec. 4.3).
+"""
+
+import dataclasses
+from typing import Literal
+
+Layout = Literal["all-wheel", "rear", "front"]
+DriveKind = Literal["voltage", "duty", "current", "speed"]
+DRIVEN_AXLES: dict[str, tuple[str, ...]] = {"all-wheel": ("front", "rear"), "rear": ("rear",), "front": ("front",)}
+
+
+@dataclasses.dataclass(frozen=True)
+class Drive:
+  """One kind of drive command.
+
+  Attributes:
+    channel: of a recording that holds the command.  unit: of the command.
+    gain: the vehicle's number and the twin's parameter that is torque per command, a.  gain_unit, gain_symbol: of it.
+    damping_symbol: b in letters.
+    usual: P1 [rad/s^2 per unit] and P2 [1/s] of a usual 1:10 car's bicycle.
+    steps: manoeuvre of its steps, which identify the drive; "" where the speed settles under no constant command.
+  """
+
+  channel: str
+  unit: str
+  gain: str
+  gain_unit: str
+  gain_symbol: str
+  damping_symbol: str
+  usual: tuple[float, float]
+  steps: str = ""
+
+
+_ARMATURE = ("torque_per_volt", "N m/V", "K_t/R_a", "K_t K_v/R_a + B")
+DRIVES: dict[str, Drive] = {
+  "voltage": Drive("motor_voltage", "V", *_ARMATURE, (850.0, 2.5), "voltage_step"),
+  "duty": Drive("motor_duty", "-", *_ARMATURE, (1e4, 2.5), "duty_step"),
+  "current": Drive("motor_current", "A", "torque_per_ampere", "N m/A", "K_t", "B", (80.0, 0.15)),
+  "speed": Drive(
+    "speed_command", "m/s", "torque_per_speed", "N m s/m", "k/(G R_w)", "k + B", (3e3, 10.0), "speed_step"
+  ),
+}

@@ -1,0 +1,232 @@
+"""A car's numbers written into qcar_twin/assets/qcar.xml.
+
+Integration is explicit Euler with the dampers explicit too: what the contact solver takes for the velocity
+at the end of the step then is that velocity, which an implicit damper outside the solver would spoil.
+"""
+
+import math
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from qcar_twin.vehicle.tyre import add_tyres, law_parameters, tyre_user_data
+from qcar_twin.vehicle.vehicle import ASSETS, GRAVITY, QCAR, WHEELS, TyreKind, Vehicle
+
+_LOOKS_GROUP = 2
+_KNUCKLE_INERTIA = 2e-4  # of a road wheel with its share of the servo / mass of the car, m^2
+_FASTEST_DAMPER = 220.0  # 1/s, damping of a wheel's travel / its mass: what an explicit step of 5 ms stands
+_LONGEST_STEP = 0.005  # s
+_FASTEST_SERVO = 1e3  # rad/s, stands for no limit
+
+
+def car_spec(car: Vehicle, tyre: TyreKind = "contact", timestep: float = 0.002, looks: bool = False) -> mujoco.MjSpec:
+  """The car on a floor, ready to compile or to build a world around.
+
+  Args:
+    car: its numbers.
+    tyre: "contact" for the tyre inside the contact solver, "native" for MuJoCo's own friction.
+    timestep: s.
+    looks: keep the visual geoms, cameras and lights; without them a step costs a tenth less.
+  """
+  if tyre not in ("contact", "native"):
+    raise ValueError(f"tyre must be 'contact' or 'native', not '{tyre}'")
+  spec = mujoco.MjSpec.from_file(str(ASSETS / "qcar.xml"))
+  spec.modelname = car.name
+  spec.option.timestep = timestep
+  spec.option.gravity = [0.0, 0.0, -GRAVITY]
+  _write_chassis(spec, car)
+  _write_wheels(spec, car)
+  _write_drive(spec, car)
+  _write_steering(spec, car, timestep)
+  if tyre == "contact":
+    add_tyres(spec, "chassis", {wheel: tyre_of(car, wheel) for wheel in WHEELS})
+  else:
+    _soften(spec)
+  if looks:
+    _stretch_looks(spec, car)
+  else:
+    _strip_looks(spec)
+  return spec
+
+
+def tyre_of(car: Vehicle, wheel: str) -> list[float]:
+  """`geom_user` of a wheel: half its axle's cornering stiffness, at its static load."""
+  front = wheel.startswith("front")
+  axle = car.cornering_stiffness_front if front else car.cornering_stiffness_rear
+  own = {p.name: getattr(car, p.name, p.nominal) for p in law_parameters(car.tyre_law)}
+  return tyre_user_data(
+    car.tyre_law,
+    cornering_stiffness=axle / 2.0,
+    longitudinal_stiffness=car.longitudinal_stiffness / 4.0,
+    friction_coefficient=car.friction_coefficient,
+    load_exponent=car.load_exponent,
+    nominal_load=car.static_load[0 if front else 1],
+    relaxation_length=car.relaxation_length,
+    carcass_damping=car.carcass_damping,
+    **own,
+  )
+
+
+def differential_rows(damping: ArrayLike, timestep: float, invweight: float) -> tuple[np.ndarray, np.ndarray]:
+  """Solver numbers that make equality `front_differential` or `rear_differential` a damper, torque = -b (w_l - w_r).
+
+  A row with reference -v/h and regularisation R = 1/(h b) solves for -b times the speed at the end of the
+  step: stable from open (switch the equality off) to locked. Write them to eq_solref and eq_solimp, and eq_active to 1.
+
+  Args:
+    damping: b, N m s/rad, (n,).
+    timestep: h, s.
+    invweight: tendon_invweight0 of the tendon of that name, 1/(kg m^2).
+
+  Returns:
+    solref (n, 2) and solimp (n, 5).
+  """
+  strength = timestep * np.atleast_1d(np.asarray(damping, dtype=np.float64)) * invweight
+  impedance = np.clip(strength / (1.0 + strength), 1e-4, 0.9999)  # MuJoCo's own limits
+  fixed = np.ones_like(impedance)
+  solref = np.stack([-1e-9 * fixed, -impedance / timestep], axis=-1)
+  return solref, np.stack([impedance, impedance, fixed, 0.5 * fixed, 2.0 * fixed], axis=-1)
+
+
+def _write_chassis(spec: mujoco.MjSpec, car: Vehicle) -> None:
+  chassis, motor = spec.body("chassis"), spec.body("motor")
+  mass = car.mass - 4.0 * car.wheel_mass
+  chassis.pos = [0.0, 0.0, car.cg_height - _sinking(car)]
+  chassis.mass = mass - motor.mass
+  chassis.ipos = -car.wheel_mass * car.wheel_positions.sum(axis=0) / mass
+  motor.pos = chassis.ipos
+  chassis.inertia = _chassis_inertia(car, mass)
+  spec.site("imu").pos = [car.imu_x, car.imu_y, 0.0]
+  scale = _scale(car)
+  spec.site("lidar").pos = spec.site("lidar").pos * scale
+  hull = spec.geom("chassis")
+  hull.size, hull.pos = hull.size * scale, hull.pos * scale
+
+
+def _sinking(car: Vehicle) -> float:
+  """How deep the wheels stand in the floor, m: load x R / (K d) of MuJoCo's soft contact with the solref and solimp
+  of the wheels, R from the mean inverse mass of a wheel along z (its own) and x, y (nearly the car's).
+  """
+  time_constant, impedance = 0.01, 0.99
+  inverse_mass = (1.0 / car.wheel_mass + 4.2 / car.mass) / 3.0
+  return float(np.mean(car.static_load)) * (1.0 - impedance) * time_constant**2 * inverse_mass
+
+
+def _chassis_inertia(car: Vehicle, mass: float) -> list[float]:
+  """Roll, pitch and yaw inertia of the sprung mass: yaw as measured, the others of a flat box over the wheels.
+
+  Not too small for the dampers at a step of 5 ms, and a rigid body's: none exceeds the sum of the others.
+  """
+  yaw = car.chassis_yaw_inertia
+  roll = max(0.35 * yaw, mass * (0.35 * car.track_width) ** 2)
+  pitch = max(0.85 * yaw, mass * (0.30 * car.wheelbase) ** 2, 1.05 * roll - yaw)
+  return [roll, min(pitch, 0.95 * (roll + yaw)), yaw]
+
+
+def _write_wheels(spec: mujoco.MjSpec, car: Vehicle) -> None:
+  sprung = car.mass - 4.0 * car.wheel_mass
+  stiffness = sprung / 4.0 * (2.0 * math.pi * car.suspension_frequency) ** 2
+  damping = float(suspension_damping(stiffness, sprung, car.suspension_damping_ratio, car.wheel_mass))
+  for wheel, position in zip(WHEELS, car.wheel_positions, strict=True):
+    body, joint, geom = spec.body(wheel), spec.joint(f"{wheel}_suspension"), spec.geom(wheel)
+    load = car.static_load[0 if wheel.startswith("front") else 1]
+    body.pos, body.mass, body.inertia = position, car.wheel_mass, car.wheel_inertias
+    joint.stiffness[0], joint.damping[0] = stiffness, damping
+    joint.springref = -(load - car.wheel_mass * GRAVITY) / stiffness
+    spec.joint(f"{wheel}_spin").frictionloss = car.rolling_resistance * load * car.wheel_radius
+    geom.size = [car.wheel_radius, 0.45 * car.wheel_radius, car.wheel_radius]
+    geom.friction[0] = car.friction_coefficient
+  spec.geom("floor").friction[0] = car.friction_coefficient
+
+
+def suspension_damping(stiffness: ArrayLike, sprung: float, ratio: ArrayLike, wheel_mass: float) -> np.ndarray:
+  """Of one wheel, N s/m: `ratio` of the bounce's critical damping, as far as steps of 5 ms stand it.
+
+  With k and c over the wheel's mass, h^2 k + 2 h c < 4 is what explicit Euler stands; a quarter is kept back.
+
+  Args:
+    stiffness: of one wheel's spring, N/m.  sprung: mass on all four, kg.
+  """
+  rate = np.asarray(stiffness, dtype=np.float64) / wheel_mass
+  most = np.clip((3.0 - _LONGEST_STEP**2 * rate) / (2.0 * _LONGEST_STEP), 10.0, _FASTEST_DAMPER)
+  return np.minimum(np.asarray(ratio) * np.sqrt(np.asarray(stiffness) * sprung), most * wheel_mass)
+
+
+def _write_drive(spec: mujoco.MjSpec, car: Vehicle) -> None:
+  """Motor torque = K / R (u - K w), whatever the command u: K = damping / torque per command."""
+  constant = car.motor_damping / car.torque_per_command
+  motor = spec.actuator("motor")
+  motor.gainprm[:2] = [constant / car.torque_per_command, constant]
+  motor.ctrlrange = [-car.supply_voltage, car.supply_voltage]
+  if car.drive in ("current", "speed"):
+    motor.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
+  if math.isfinite(car.max_torque):
+    motor.forcelimited, motor.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-car.max_torque, car.max_torque]
+  joint = spec.joint("motor")
+  joint.armature, joint.frictionloss = car.rotor_inertia, car.driveline_friction
+  for axle in ("front", "rear"):  # a tendon's path can't be edited in place
+    spec.delete(spec.tendon(f"{axle}_axle"))
+    if axle not in car.driven_axles:
+      _free_axle(spec, axle)
+      continue
+    tendon = spec.add_tendon(name=f"{axle}_axle")
+    tendon.wrap_joint(f"{axle}_left_spin", 0.5)
+    tendon.wrap_joint(f"{axle}_right_spin", 0.5)
+    tendon.wrap_joint("motor", -car.gear_ratio)
+
+
+def _free_axle(spec: mujoco.MjSpec, axle: str) -> None:
+  """Take an axle's differential out: its wheels roll each for itself."""
+  for equality in (f"{axle}_axle", f"{axle}_differential"):
+    spec.delete(spec.equality(equality))
+  spec.delete(spec.tendon(f"{axle}_differential"))
+
+
+def _write_steering(spec: mujoco.MjSpec, car: Vehicle, timestep: float) -> None:
+  """The filter is the servo; with k = 2 J / h^2 and d = J / h the road wheels are where it points a step later."""
+  servo, inertia = spec.actuator("steering"), _KNUCKLE_INERTIA * car.mass
+  stiffness = 2.0 * inertia / timestep**2
+  servo.dynprm[0], servo.actearly = car.servo_time_constant, True
+  servo.gainprm[0], servo.biasprm[1], servo.biasprm[2] = stiffness, -stiffness, 0.0
+  force = servo_force(min(car.servo_rate, _FASTEST_SERVO), car.mass, timestep)
+  servo.ctrlrange, servo.forcerange = [-car.max_steering, car.max_steering], [-force, force]
+  for wheel in WHEELS[:2]:
+    joint = spec.joint(f"{wheel}_steering")
+    joint.armature, joint.damping[0] = inertia - car.wheel_inertias[2], inertia / timestep
+  spec.equality("ackermann").data[2] = car.ackermann_fraction * car.track_width / (2.0 * car.wheelbase)
+
+
+def servo_force(rate: float, mass: float, timestep: float) -> float:
+  """Force range of the steering actuator at which the road wheels turn no faster than `rate` [rad/s], N m."""
+  return 2.0 * _KNUCKLE_INERTIA * mass / timestep * rate
+
+
+def _scale(car: Vehicle) -> np.ndarray:
+  """Size of this car over the QCar's along x, y, z."""
+  return np.array([getattr(car, name) / getattr(QCAR, name) for name in ("wheelbase", "track_width", "wheel_radius")])
+
+
+def _stretch_looks(spec: mujoco.MjSpec, car: Vehicle) -> None:
+  scale, wheel = _scale(car), car.wheel_radius / QCAR.wheel_radius
+  for geom in spec.geoms:
+    if geom.group == _LOOKS_GROUP:
+      on_wheel = geom.parent.name in WHEELS
+      geom.pos = geom.pos * (wheel if on_wheel else scale)
+      geom.size = geom.size * (wheel if on_wheel else scale.min())
+
+
+def _soften(spec: mujoco.MjSpec) -> None:
+  """Wheel contacts with MuJoCo's default softness, at which its own friction chatters least."""
+  for wheel in WHEELS:
+    geom = spec.geom(wheel)
+    geom.solref, geom.solimp = [0.02, 1.0], [0.9, 0.95, 0.001, 0.5, 2.0]
+
+
+def _strip_looks(spec: mujoco.MjSpec) -> None:
+  """Take out what only a camera sees."""
+  for geom in list(spec.geoms):
+    if geom.group == _LOOKS_GROUP:
+      spec.delete(geom)
+  for part in [*spec.cameras, *spec.lights]:
+    spec.delete(part)

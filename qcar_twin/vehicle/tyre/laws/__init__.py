@@ -1,0 +1,52 @@
+"""The tyre laws: every file here that has a C function beside it is one.
+
+A law `x` is `x.py`, which declares its own parameters as PARAMETERS, and `x.h`, which defines
+
+    static inline mjtNum x_secant(const mjtNum* u, mjtNum rho)
+
+the force over that of a tyre that stays linear, at a linear force `rho` in units of mu F_z: 1 at rho = 0, and
+rho g(rho) <= 1, since the friction cone stands outside the tyre's own peak. `u` are the wheel's parameters, at the
+upper-case names of COLUMN.
+"""
+
+import functools
+import importlib
+import pkgutil
+from collections.abc import Mapping
+from pathlib import Path
+
+from qcar_twin.parameters import Parameter
+
+FOLDER = Path(__file__).parent
+DEFAULT = "sine"
+
+
+@functools.cache
+def tyre_laws() -> Mapping[str, tuple[Parameter, ...]]:
+  """Law -> its own parameters; the default first, the others by name.
+
+  Raises:
+    ValueError: a law lacks its C function, or two laws share a parameter's name.
+  """
+  found: dict[str, tuple[Parameter, ...]] = {}
+  for name in sorted((m.name for m in pkgutil.iter_modules(__path__)), key=lambda n: (n != DEFAULT, n)):
+    header = FOLDER / f"{name}.h"
+    if not header.is_file() or f"{name}_secant(" not in header.read_text(encoding="utf-8"):
+      raise ValueError(f"tyre law '{name}': laws/{name}.h does not define {name}_secant; see docs/extending.md")
+    found[name] = tuple(importlib.import_module(f"{__name__}.{name}").PARAMETERS)
+  names = [p.name for parameters in found.values() for p in parameters]
+  if len(set(names)) != len(names):
+    twice = next(n for n in names if names.count(n) > 1)
+    raise ValueError(f"two tyre laws have a parameter '{twice}'; give one of them another name")
+  return found
+
+
+def law_parameters(law: str) -> tuple[Parameter, ...]:
+  """A law's own parameters.
+
+  Raises:
+    ValueError: unknown law, with those there are.
+  """
+  if law not in tyre_laws():
+    raise ValueError(f"no tyre law '{law}'; there are {', '.join(tyre_laws())}")
+  return tyre_laws()[law]

@@ -1,0 +1,104 @@
+"""What tracking leaves behind: files, lines, figures, and the models it is set up from."""
+
+import dataclasses
+import json
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from agents.control import figures
+from agents.control.controllers import make
+from agents.control.kpis import kpis
+from agents.control.model import STEERING_LAG, Model
+from agents.control.output import indicator_line, write_drive, write_traces
+from qcar_twin.bicycle.bicycle import Bicycle
+from qcar_twin.plant import SIGNALS
+from qcar_twin.plotting import contestant_colour
+from qcar_twin.twin.twin import Twin
+from tests.agents.control.tracking_rig import CAR, follow
+
+LQ = make("lq_cm", {"cross_track_rate": 0.15, "heading": 0.1, "heading_rate": 1e-3, "effort": 0.03}, CAR, 0.5)
+
+
+@pytest.fixture(scope="module")
+def lane_change():
+  return follow(LQ, "c", count=2, offset=np.array([0.0, 0.01]))
+
+
+def test_a_drive_leaves_indicators_traces_and_figures(tmp_path, lane_change):
+  found = kpis(lane_change)
+  line = write_drive(tmp_path / "new", "lq_cm tuned", lane_change, found, {"path": "c"})
+  assert line == indicator_line("lq_cm tuned", lane_change, found)
+  assert line.startswith("lq_cm tuned on c: ME ") and line.endswith("2 of 2 runs between the borders")
+  content = json.loads((tmp_path / "new" / "kpis.json").read_text())
+  assert content["config"] == {"path": "c"} and content["kpis"]["rmse"] == pytest.approx(found.rmse.tolist())
+  for name in ("tracking", "traces", "lane_change"):
+    assert matplotlib.image.imread(tmp_path / "new" / f"{name}.png")[..., :3].std() > 0.02
+
+
+def test_a_lost_run_is_null_in_json_and_not_infinity(tmp_path, lane_change):
+  lost = dataclasses.replace(lane_change, finished=np.array([True, False]))
+  write_drive(tmp_path, "x", lost, kpis(lost), {})
+  text = (tmp_path / "kpis.json").read_text()
+  assert "Infinity" not in text and json.loads(text)["kpis"]["rmse"][1] is None
+
+
+def test_traces_hold_signals_commands_and_estimates(tmp_path, lane_change):
+  write_traces(tmp_path / "traces.csv", lane_change, car=1)
+  rows = np.genfromtxt(tmp_path / "traces.csv", delimiter=",", names=True)
+  assert rows.dtype.names == (
+    "time",
+    *SIGNALS,
+    "motor_voltage",
+    "steering_command",
+    "estimated_x",
+    "estimated_y",
+    "estimated_yaw",
+    "cross_track_error",
+  )
+  np.testing.assert_allclose(rows["pose_y"], lane_change.signals[:, 1, 1], atol=1e-5)
+  np.testing.assert_allclose(rows["cross_track_error"], lane_change.cross_track[:, 1], atol=1e-6)
+
+
+def test_cars_of_a_drive_can_be_picked(lane_change):
+  second = lane_change.cars(slice(1, 2))
+  assert second.signals.shape[1] == 1 and second.finished.shape == (1,)
+  assert kpis(second).me[0] == kpis(lane_change).me[1]
+  np.testing.assert_array_equal(second.cross_track[:, 0], lane_change.cross_track[:, 1])
+
+
+def test_indicator_bars_are_drawn(tmp_path):
+  table = {path: {"lq_cm tuned": (0.004, 0.01, 0.2), "ff_fb loose": (0.01, 0.03, 0.2)} for path in ("o", "c")}
+  figures.indicator_figure(table, tmp_path / "bars.png")
+  assert matplotlib.image.imread(tmp_path / "bars.png")[..., :3].std() > 0.02
+  assert contestant_colour("lq_cm tuned") != contestant_colour("ff_fb loose")
+
+
+# -- models --------------------------------------------------------------------------------------
+
+
+def test_nominal_model_is_the_qcar_and_its_bicycle():
+  model = Model.nominal()
+  plant, theta = model.plant("bicycle")
+  assert isinstance(plant, Bicycle) and theta.shape == (5,)
+  assert float(np.asarray(model.car.rolling_radius)) == pytest.approx(
+    model.vehicle.gear_ratio * model.vehicle.wheel_radius
+  )
+
+
+def test_twin_is_a_plant_too():
+  plant, theta = Model.nominal().plant("twin")
+  assert isinstance(plant, Twin) and theta.shape == (len(plant.parameters),)
+
+
+def test_filter_is_told_what_belongs_to_the_plant():
+  model = Model.nominal()
+  assert {name: model.filter_settings(name).steering_lag for name in STEERING_LAG} == STEERING_LAG
+  assert model.filter_settings("bicycle").front_drive_share == 0.0
+  assert model.filter_settings("twin", sharing=(0.5, 0.5)).sharing == (0.5, 0.5)
+
+
+def test_unknown_plant_lists_the_known():
+  with pytest.raises(KeyError, match="bicycle and twin"):
+    Model.nominal().plant("tricycle")

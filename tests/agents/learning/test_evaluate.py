@@ -1,0 +1,130 @@
+"""Evaluation: cases, contestants, seeds brought together, what is written, and work on several processes."""
+
+import json
+import os
+
+import joblib
+import numpy as np
+import pytest
+
+from agents.control.kpis import Kpis, kpis
+from agents.learning.evaluate import (
+  EvaluationCase,
+  Row,
+  contestants,
+  evaluate,
+  in_parallel,
+  in_words,
+  known_plant,
+  run_case,
+  summary,
+  write_evaluation,
+)
+from agents.learning.policy_file import save_policy
+from qcar_twin.bicycle.bicycle import Bicycle
+from tests.agents.learning.test_train import GOOD
+
+CASE = EvaluationCase("s", "bicycle", cars=2, estimator="truth")
+
+
+@pytest.fixture
+def folder(tmp_path):
+  save_policy(GOOD, tmp_path / "policy")
+  return tmp_path / "policy"
+
+
+def indicators(rmse, finished=True):
+  one, many = np.ones(len(rmse)), np.asarray(rmse, dtype=float)
+  ok = one > 0 if finished else np.isfinite(many)
+  return Kpis(2.0 * many, many, 0.1 * one, one, ok, ok)
+
+
+def test_contestants_are_all_controllers_and_the_policies():
+  names = list(contestants({}, 0.5))
+  for name in ("ff_fb loose", "lq_ed tuned", "lq_cm tuned", "linear_rate tuned"):
+    assert name in names
+  slow, fast = (contestants({}, speed)["lq_cm tuned"].gain for speed in (0.3, 1.2))
+  assert not np.allclose(slow, fast)
+
+
+def test_a_row_is_the_drive_of_its_case(folder):
+  rows = evaluate({"net": folder}, [CASE], versions=())
+  assert [row.contestant for row in rows] == ["net"]
+  np.testing.assert_array_equal(rows[0].kpis.rmse, kpis(run_case(GOOD, CASE)).rmse)
+
+
+def test_baselines_come_along(folder):
+  case = EvaluationCase("c", "bicycle", speed=1.0, cars=1, estimator="truth")
+  rows = evaluate({"net": folder}, [case], versions=("tuned",))
+  names = ["ff_fb tuned", "lq_ed tuned", "lq_cm tuned", "linear_rate tuned", "net"]
+  assert [row.contestant for row in rows] == names
+  rmse = {row.contestant: row.kpis.rmse[0] for row in rows}
+  assert rmse["lq_cm tuned"] < rmse["net"]
+
+
+def test_mismatch_sensors_and_plant_reach_the_drive():
+  plain = kpis(run_case(GOOD, CASE))
+  bent = kpis(run_case(GOOD, EvaluationCase("s", "bicycle", cars=2, estimator="truth", steering_offset=5.0)))
+  assert abs(bent.rmse[0] - plain.rmse[0]) > 1e-3
+  noisy = kpis(run_case(GOOD, EvaluationCase("s", "bicycle", cars=2)))
+  assert noisy.rmse[0] != noisy.rmse[1] and plain.rmse[0] == plain.rmse[1]
+  asked = []
+
+  def ground(name):
+    asked.append(name)
+    plant, theta = known_plant("bicycle")
+    assert isinstance(plant, Bicycle)
+    return plant, theta
+
+  run_case(GOOD, EvaluationCase("s", "ground", cars=1, estimator="truth"), ground)
+  assert asked == ["ground"]
+
+
+def test_summary_takes_medians_and_quartiles_over_cars_and_seeds():
+  rows = [Row(f"net {k}", CASE, indicators([0.001 * k, 0.001 * k + 0.010])) for k in range(1, 6)]
+  (entry,) = summary(rows, lambda label: label.split()[0])
+  values = np.concatenate([row.kpis.rmse for row in rows])
+  assert entry["contestant"] == "net" and entry["trainings"] == 5
+  assert entry["rmse"] == pytest.approx(np.median(values))
+  assert entry["rmse_quartiles"] == pytest.approx(np.quantile(values, [0.25, 0.75]).tolist())
+  assert entry["me"] == pytest.approx(2.0 * np.median(values)) and entry["inside"] == 1.0
+  assert len(summary(rows)) == 5
+
+
+def test_a_run_that_left_the_path_is_said_so(tmp_path):
+  rows = [Row("net", CASE, indicators([np.inf, np.inf, 0.01], finished=False))]
+  (entry,) = summary(rows)
+  assert entry["rmse"] is None and entry["finished"] == pytest.approx(1 / 3)
+  assert "left" in in_words([entry])
+  write_evaluation(tmp_path, rows)
+  stored = json.loads((tmp_path / "evaluation.json").read_text())
+  assert stored["runs"][0]["rmse"] == [None, None, 0.01]
+
+
+def test_what_is_written(tmp_path):
+  rows = [
+    Row(name, EvaluationCase(path, steering_gain=gain), indicators([0.004, 0.006]))
+    for name in ("ddpg", "lq_ed tuned")
+    for path in ("o", "c")
+    for gain in (1.0, 0.92)
+  ]
+  text = write_evaluation(tmp_path, rows)
+  assert sorted(p.name for p in tmp_path.iterdir()) == [
+    "evaluation.json",
+    "evaluation.txt",
+    "indicators_0.png",
+    "indicators_1.png",
+  ]
+  assert "gain 0.92" in text and "5.0 [" in text and (tmp_path / "evaluation.txt").read_text().strip() == text
+  stored = json.loads((tmp_path / "evaluation.json").read_text())
+  assert len(stored["summary"]) == 8 and len(stored["runs"]) == 8
+
+
+def _who(number):
+  return number, os.getpid()
+
+
+def test_work_is_done_in_other_processes_and_comes_back_in_order():
+  found = in_parallel([joblib.delayed(_who)(k) for k in range(6)], workers=2)
+  assert [number for number, _ in found] == list(range(6))
+  assert os.getpid() not in {process for _, process in found}

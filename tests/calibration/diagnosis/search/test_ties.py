@@ -1,0 +1,97 @@
+"""Names that can't be told apart: what they share, which goes first, and when there are too many to claim one."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis.score import compare
+from calibration.diagnosis.search.claims import claim
+from calibration.diagnosis.search.decide import decide
+from calibration.diagnosis.search.thresholds import Thresholds
+from qcar_twin.parameters import ParameterSet
+from tests.calibration.diagnosis import diagnosis_rig as rig
+from tests.calibration.diagnosis.diagnosis_results import concluded
+
+
+def twins_of(pool, name, others):
+  """The pool with models of other names that leave exactly what one leaves."""
+  single = pool.models[frozenset([name])]
+  models = {frozenset(): pool.base, frozenset([name]): single}
+  return dataclasses.replace(pool, models=models | {frozenset([o]): renamed(pool, single, name, o) for o in others})
+
+
+def renamed(pool, single, name, other):
+  """A model of another mechanism with the residuals of the first, its first amplitude at its typical size."""
+  declared = pool.problem.mechanism(other).parameters
+  amplitude = next(p for p in declared if p.null is not None)
+  mine = next(p for p in pool.problem.mechanism(name).parameters if p.null is not None)
+  index = single.free.index(mine.name)
+  free = ParameterSet(amplitude if p.name == mine.name else p for p in single.free)
+  values = single.values.copy()
+  values[index] = amplitude.null + (amplitude.typical or amplitude.scale)
+  return dataclasses.replace(
+    single, mechanisms=tuple(sorted({*single.mechanisms, other} - {name})), free=free, values=values
+  )
+
+
+def test_names_that_fit_equally_well_share_the_probability(offset_pool):
+  alone = decide(twins_of(offset_pool, "steering_offset", [])).claims[0].probability
+  tied = decide(twins_of(offset_pool, "steering_offset", ["side_force"]))
+  assert tied.claims[0].probability == pytest.approx(0.5 * alone, abs=0.05) and alone > 0.9
+  assert {tied.claims[0].mechanism, *tied.claims[0].equivalent_to} == {"steering_offset", "side_force"}
+  assert tied.verdict == "explained"
+
+
+def test_a_rival_that_leaves_bent_what_the_claim_frees_can_be_told_apart(offset_pool):
+  pool = twins_of(offset_pool, "steering_offset", ["side_force"])
+  claimed, rival = (pool.models[frozenset([n])] for n in ("steering_offset", "side_force"))
+  bent = dataclasses.replace(rival, values=rival.values.copy())
+  bent.values[bent.free.index("mass")] += 12.0 * rig.BASE["mass"].std  # 72 nats
+  pool.models[frozenset(["side_force"])] = bent
+  assert compare(claimed, bent, pool.problem.observations).t == 0.0
+  assert claim(pool, claimed, "steering_offset", Thresholds()).equivalent_to == ()
+  assert claim(pool, claimed, "steering_offset", Thresholds(priors=80.0)).equivalent_to == ("side_force",)
+
+
+def test_what_acts_beyond_doubt_under_names_too_many_to_claim_is_unexplained(offset_pool):
+  pool = twins_of(offset_pool, "steering_offset", ["side_force"])
+  needed = Thresholds(probability=0.7)
+  decision = decide(pool, needed)
+  assert decision.verdict == "unexplained" and decision.claims == ()
+  assert "steering_offset" in decision.alarm and "side_force" in decision.alarm
+  assert concluded(pool, decision).verdict == "unexplained"
+  assert decide(pool, dataclasses.replace(needed, sure=np.inf)).verdict == "no_mismatch"
+
+
+def test_of_names_that_cannot_be_told_apart_the_one_with_the_steadier_gain_goes_first(offset_pool):
+  """The other fits 22 nats better where it fits well already, and 20 worse everywhere else."""
+  pool = twins_of(offset_pool, "steering_offset", ["side_force"])
+  other, observations = pool.models[frozenset(["side_force"])], pool.problem.observations
+  gains = compare(other, pool.base, observations).blocks
+  block = np.unique(observations.block, return_inverse=True)[1].reshape(-1)
+  residual, good = other.residual.copy(), gains[block] > np.median(gains)
+  for rows, drop in ((good, 22.0), (~good, -20.0)):  # nats
+    rows &= np.arange(len(rows)) < other.n_train
+    residual[rows] *= np.sqrt(1.0 - 2.0 * drop / float(residual[rows] @ residual[rows]))
+  pool.models[frozenset(["side_force"])] = dataclasses.replace(other, residual=residual)
+  assert pool.models[frozenset(["side_force"])].cost < pool.models[frozenset(["steering_offset"])].cost
+  assert [c.mechanism for c in decide(pool).claims] == ["steering_offset"]
+  assert [c.mechanism for c in decide(pool, Thresholds(close=0.0)).claims] == ["side_force"]
+
+
+def test_what_is_only_found_beside_a_name_too_doubtful_to_claim_is_not_claimed_either(pair_pool):
+  """Beside a force the trim ties with another name; alone it has no rival, and the force alone brings nothing."""
+  force, trim = frozenset(["side_force"]), frozenset(["steering_offset"])
+  pair = pair_pool.models[force | trim]
+  nothing = dataclasses.replace(pair_pool.models[force], residual=pair_pool.base.residual)
+  models = {frozenset(): pair_pool.base, trim: pair_pool.models[trim], force: nothing, force | trim: pair}
+  models[frozenset(["side_force", "gyro_scale"])] = renamed(pair_pool, pair, "steering_offset", "gyro_scale")
+  pool, needed = dataclasses.replace(pair_pool, models=models), Thresholds(probability=0.6)
+  weighed = {c: claim(pool, pair, c, needed).probability for c in pair.mechanisms}
+  assert weighed["steering_offset"] < 0.6 < weighed["side_force"]
+  assert [c.mechanism for c in decide(pool, needed).claims] == ["steering_offset"]
+  # the force by itself once it explains something: the better of the two
+  better = dataclasses.replace(pool, models=models | {force: pair_pool.models[force]})
+  cheaper = min((pair_pool.models[force], pair_pool.models[trim]), key=lambda m: m.cost)
+  assert [c.mechanism for c in decide(better, needed).claims] == list(cheaper.mechanisms)

@@ -1,0 +1,63 @@
+"""Which judging recordings have to be fitted since nothing that is fitted goes where they go."""
+
+import numpy as np
+import pytest
+
+from calibration.fitting.coverage import with_coverage
+from calibration.proving_ground import make_session
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import Recording, Stream
+
+TIME = np.arange(0.0, 5.0, 0.01)
+
+
+def run(name: str, role: str, steering: float, volts: float = 1.5) -> Recording:
+  """Five seconds of a sweep of the steering from nought to an angle, rad."""
+  steer = steering * TIME / TIME[-1]
+  streams = {"motor_voltage": np.full(TIME.size, volts), "steering_command": steer, "speed": np.ones(TIME.size)}
+  return Recording(name, {k: Stream(TIME, v) for k, v in streams.items()}, role=role)
+
+
+def roles(dataset: DataSet) -> dict[str, str]:
+  return {r.name: r.role for r in dataset.recordings}
+
+
+def test_right_turns_that_nothing_fitted_has_are_fitted_too():
+  dataset = DataSet("left", (run("left", "identify", 0.3), run("right", "validate", -0.3), run("end", "holdout", -0.3)))
+  made, notes = with_coverage(dataset)
+  assert roles(made) == {"left": "identify", "right": "identify", "end": "holdout"}
+  assert len(notes) == 1 and "right" in notes[0] and "steering_command" in notes[0]
+
+
+def test_only_as_many_as_are_needed_change_their_role():
+  mild, wide = run("mild", "validate", -0.2), run("wide", "validate", -0.4)
+  made, notes = with_coverage(DataSet("left", (run("left", "identify", 0.3), mild, wide, run("end", "holdout", 0.2))))
+  assert roles(made)["wide"] == "identify" and roles(made)["mild"] == "validate"
+  assert len(notes) == 1
+
+
+def test_a_faster_drive_counts_as_well_as_a_wider_turn():
+  slow, fast = run("slow", "identify", 0.3, 1.0), run("fast", "validate", 0.3, 3.0)
+  made, notes = with_coverage(
+    DataSet("slow", (slow, run("turn", "identify", 0.3, 1.2), fast, run("end", "holdout", 0.2)))
+  )
+  assert roles(made)["fast"] == "identify" and "motor_voltage" in notes[0]
+
+
+@pytest.mark.parametrize("role", ["identify", "validate"])
+def test_without_a_hold_out_run_roles_stay_as_they_are(role: str):
+  dataset = DataSet("left", (run("left", "identify", 0.3), run("right", "validate", -0.3), run("end", role, 0.1)))
+  assert with_coverage(dataset) == (dataset, ())
+
+
+def test_a_car_that_was_not_driven_changes_nothing():
+  still = tuple(run(name, role, 0.3, 0.0) for name, role in (("a", "identify"), ("b", "validate"), ("c", "holdout")))
+  assert roles(with_coverage(DataSet("still", still))[0]) == {"a": "identify", "b": "validate", "c": "holdout"}
+
+
+@pytest.mark.parametrize("design", ["compact", "lab", "paper"])
+def test_designed_sessions_fit_everything_they_judge_by(design: str):
+  session = make_session(515, (), design, 1.0)
+  dataset = DataSet("designed", session.recordings, session.vehicle, session.vehicle_std)
+  made, notes = with_coverage(dataset)
+  assert roles(made) == roles(dataset) and not notes

@@ -1,0 +1,55 @@
+"""First values of the drive: read off runs of a motor whose three numbers are known."""
+
+import numpy as np
+import pytest
+
+from calibration.fitting.first_guess import first_guess
+from qcar_twin.recordings.recording import Recording, Stream
+from qcar_twin.twin.parameters import base_parameters
+from qcar_twin.vehicle.vehicle import Vehicle
+
+NUMBERS = {
+  "mass": 2.7, "yaw_inertia": 0.030, "cg_to_front": 0.124, "cg_to_rear": 0.132, "wheel_radius": 0.033,
+  "gear_ratio": 0.0953668, "max_steering": 0.5236, "imu_x": 0.0, "imu_y": 0.0, "track_width": 0.17, "cg_height": 0.045,
+}  # fmt: skip
+VEHICLE = Vehicle.from_dataset(NUMBERS, {})
+P1, P2, P3 = 620.0, 1.8, 115.0  # rad/s^2/V, 1/s, rad/s^2
+TIME = np.arange(0.0, 12.0, 0.01)
+STEP = np.where(TIME < 1.0, 0.0, np.where(TIME < 8.0, 2.0, 0.0))
+
+
+def run(volts: np.ndarray, lost: float = 0.0, name: str = "run", begin: float = 0.0) -> Recording:
+  """The motor's speed by small explicit steps, from `begin` s on; `lost` is a further friction, rad/s^2."""
+  omega = np.zeros(TIME.size)
+  for k in range(1, TIME.size):
+    free = omega[k - 1] + 0.01 * (P1 * volts[k - 1] - P2 * omega[k - 1])
+    omega[k] = max(free - 0.01 * (P3 + lost), 0.0)
+  kept = begin <= TIME
+  streams = {"motor_voltage": Stream(TIME[kept], volts[kept]), "motor_speed": Stream(TIME[kept], omega[kept])}
+  return Recording(name, streams)
+
+
+def numbers(*runs: Recording) -> np.ndarray:
+  """P1, P2, P3 of the guess."""
+  guess, names = first_guess(runs, VEHICLE), ("torque_per_volt", "motor_damping", "driveline_friction")
+  return np.array([guess[name].nominal for name in names]) / VEHICLE.drive_inertia
+
+
+def test_a_motor_of_known_numbers_is_read_off_its_step():
+  assert numbers(run(STEP), run(1.5 * STEP)) == pytest.approx([P1, P2, P3], rel=0.03)
+
+
+def test_long_steady_driving_with_a_loss_of_its_own_does_not_shrink_all_three():
+  """Forty runs in turns of all widths that cost speed beside one step straight ahead: the scale comes from the step."""
+  rng = np.random.default_rng(1)
+  drawn = zip(rng.uniform(1.5, 3.5, 40), rng.uniform(0.0, 700.0, 40), strict=True)
+  turns = [run(np.full(TIME.size, v), lost, f"turn_{i}", 4.0) for i, (v, lost) in enumerate(drawn)]
+  p1, p2, p3 = numbers(run(STEP), *turns)
+  assert 0.5 * P1 < p1 < 1.5 * P1 and 0.5 * P2 < p2 < 2.0 * P2 and P3 < p3 < P3 + 700.0
+
+
+@pytest.mark.parametrize("volts", [0.0, 2.0])
+def test_without_any_change_of_speed_the_nominal_values_stay(volts: float):
+  still = Recording("still", {"motor_voltage": Stream(TIME, np.full(TIME.size, volts)),
+                              "motor_speed": Stream(TIME, np.full(TIME.size, 500.0 * (volts > 0)))})  # fmt: skip
+  assert first_guess([still], VEHICLE).nominal == pytest.approx(base_parameters(VEHICLE).nominal)

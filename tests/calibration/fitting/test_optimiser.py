@@ -1,0 +1,127 @@
+"""The fit: exact on linear problems, honest about what the data don't say."""
+
+import numpy as np
+import pytest
+
+from calibration.fitting.optimiser import broyden, finite_differences, fit
+from qcar_twin.parameters import Parameter, ParameterSet
+
+
+def parameters(**changes) -> ParameterSet:
+  """Two parameters whose units are ten powers of ten apart."""
+  small = dict(nominal=2e-6, lower=0.0, upper=1e-4, std=5e-5) | changes
+  return ParameterSet(
+    [Parameter("stiffness", 100.0, 0.0, 1e4, "N/rad", std=3e3), Parameter("inertia", unit="kg m^2", **small)]
+  )
+
+
+def linear(matrix, target):
+  return lambda theta: theta @ matrix.T - target
+
+
+@pytest.fixture
+def problem():
+  rng = np.random.default_rng(3)
+  matrix = rng.normal(size=(400, 2)) * [1e-2, 1e6]
+  truth = np.array([181.0, 7e-6])
+  return matrix, truth, matrix @ truth + rng.normal(size=400)
+
+
+def test_a_linear_problem_gives_the_closed_form_posterior(problem):
+  matrix, _, target = problem
+  p = parameters()
+  found = fit(linear(matrix, target), p, robust=np.inf)
+  precision = matrix.T @ matrix + np.diag(1.0 / p.std**2)
+  mean = np.linalg.solve(precision, matrix.T @ target + p.nominal / p.std**2)
+  np.testing.assert_allclose(found.theta, mean, rtol=1e-6)
+  np.testing.assert_allclose(found.covariance, np.linalg.inv(precision), rtol=1e-5)
+  assert found.identifiable.all()
+  assert not found.at_bound.any()
+
+
+def test_a_linear_problem_takes_one_jacobian(problem):
+  """A step that keeps its promise is tried alone; the small one after it, foretold by the same Jacobian, is the end."""
+  matrix, _, target = problem
+  p = parameters()
+  found = fit(linear(matrix, target), p, robust=np.inf)
+  assert found.evaluations == 1 + len(p) + 2
+
+
+def test_without_a_tolerance_a_fresh_jacobian_that_promises_nothing_is_the_end(problem):
+  """One Jacobian to arrive, one to be sure: from the minimum itself a fit costs a start, a Jacobian and a step."""
+  matrix, _, target = problem
+  p = parameters()
+  there = fit(linear(matrix, target), p, robust=np.inf).theta
+  found = fit(linear(matrix, target), p, there, robust=np.inf, tolerance=0.0)
+  assert found.evaluations <= 1 + len(p) + 4
+  np.testing.assert_allclose(found.theta, there, rtol=1e-6)
+
+
+def test_truth_lies_within_three_standard_deviations_in_nearly_all_repeats():
+  rng = np.random.default_rng(5)
+  matrix, truth = rng.normal(size=(200, 2)) * [1e-2, 1e6], np.array([181.0, 7e-6])
+  score = []
+  for _ in range(60):
+    found = fit(linear(matrix, matrix @ truth + rng.normal(size=200)), parameters(), robust=np.inf)
+    score.append(np.abs(found.theta - truth) / found.std)
+  assert np.mean(np.array(score) < 1.0) == pytest.approx(0.68, abs=0.12)
+  assert np.max(score) < 4.0
+
+
+def test_a_step_response_gives_its_gain_and_time_constant_back():
+  time = np.linspace(0.0, 3.0, 200)
+  p = ParameterSet(
+    [Parameter("gain", 1.0, 0.0, 50.0, "rad/s/V", std=30.0), Parameter("tau", 0.1, 0.01, 5.0, "s", std=3.0)]
+  )
+  response = lambda t: t[:, :1] * (1.0 - np.exp(-time / t[:, 1:]))
+  target = response(np.array([[12.0, 0.6]]))
+  found = fit(lambda t: (response(t) - target) / 0.01, p, iterations=30, robust=np.inf, step=1e-4)
+  np.testing.assert_allclose(found.theta, [12.0, 0.6], rtol=1e-4)
+  assert list(found.iterations) == sorted(found.iterations, reverse=True)
+
+
+def test_a_parameter_stops_at_its_bound_and_says_so(problem):
+  matrix, _, target = problem
+  found = fit(linear(matrix, target), parameters(upper=4e-6), robust=np.inf)
+  assert found.theta[1] == pytest.approx(4e-6)
+  assert found.at_bound.tolist() == [False, True]
+  assert not found.identifiable[1]
+
+
+def test_what_the_data_do_not_show_keeps_its_prior(problem):
+  matrix, _, target = problem
+  blind = matrix * [1.0, 0.0]
+  found = fit(linear(blind, target), parameters(), robust=np.inf)
+  assert found.theta[1] == pytest.approx(2e-6)
+  assert found.std[1] == pytest.approx(5e-5)
+  assert found.identifiable.tolist() == [True, False]
+
+
+def test_spikes_do_not_move_a_robust_fit(problem):
+  matrix, truth, target = problem
+  spiked = target.copy()
+  spiked[::40] += 500.0
+  plain, robust = (fit(linear(matrix, spiked), parameters(), robust=width) for width in (np.inf, 2.0))
+  error = lambda f: np.max(np.abs(f.theta - truth) / truth)
+  assert error(robust) < 0.1 * error(plain)
+
+
+def test_a_start_that_is_not_finite_is_refused():
+  with pytest.raises(ValueError, match="not finite; start from nominal"):
+    fit(lambda t: np.full((len(t), 5), np.nan), parameters())
+
+
+def test_differences_are_mirrored_at_a_bound_and_exact_on_a_line(problem):
+  matrix, _, target = problem
+  p = parameters()
+  top = p.upper
+  jacobian = finite_differences(linear(matrix, target), p, top, linear(matrix, target)(top[None])[0])
+  np.testing.assert_allclose(jacobian, matrix, rtol=1e-6)
+
+
+def test_broyden_makes_the_jacobian_reproduce_the_step():
+  rng = np.random.default_rng(0)
+  jacobian, r, outcome = rng.normal(size=(7, 2)), rng.normal(size=7), rng.normal(size=7)
+  here, there = np.array([1.0, 2e-6]), np.array([1.5, 3e-6])
+  new = broyden(jacobian, r, here, outcome, there, np.array([1.0, 1e-6]))
+  np.testing.assert_allclose(new @ (there - here), outcome - r, rtol=1e-12)

@@ -1,0 +1,1 @@
+"""Each page of docs/extending.md done in a temporary copy of the project."""

@@ -1,0 +1,110 @@
+"""What a loader must notice: frozen and clipped channels."""
+
+import numpy as np
+import pytest
+
+from qcar_twin.recordings.checks.faults import Runs
+from qcar_twin.recordings.checks.time import gap_limit
+from tests.qcar_twin.recordings.drives import drive
+from tests.qcar_twin.recordings.loading import warned
+
+
+def test_runs():
+  runs = Runs.of(np.array([1.0, 1.0, 2.0, 1.0, 1.0, 1.0]))
+  assert (runs.first.tolist(), runs.last.tolist(), runs.value.tolist(), runs.length.tolist()) == (
+    [0, 2, 3],
+    [1, 2, 5],
+    [1, 2, 1],
+    [2, 1, 3],
+  )
+
+
+@pytest.mark.parametrize("channel", ["yaw_rate", "accel_x", "accel_y"])
+def test_a_frozen_sensor_is_named_with_its_span(tmp_path, channel):
+  time, columns = drive()
+  columns[channel][300:500] = 0.25
+  assert warned(tmp_path, time, columns) == (
+    f"run.csv: {channel} is frozen at 0.25 from 3 s to 4.99 s; do not trust it there",
+  )
+
+
+def test_a_frozen_pose_matters_only_while_the_car_moves(tmp_path):
+  time, columns = drive()
+  for channel in ("pose_x", "pose_y"):
+    columns[channel][300:400] = columns[channel][300]
+  (note,) = warned(tmp_path, time, columns)
+  assert "pose_x, pose_y is frozen" in note and "from 3 s to 3.99 s; the car moved, so tracking was lost there" in note
+
+
+def test_an_encoder_stuck_at_zero_is_told_from_a_standing_car(tmp_path):
+  time, columns = drive()
+  columns = {key: columns[key] for key in ("motor_voltage", "motor_speed")}
+  columns["motor_voltage"][800:] = 6.0
+  columns["motor_speed"][800:] = 0.0
+  (note,) = warned(tmp_path, time, columns)
+  assert "motor_speed is frozen at 0 from 8 s to 11.99 s; a stuck encoder, or a car held by static friction" in note
+  columns["motor_voltage"][800:] = 0.0
+  assert warned(tmp_path, time, columns) == ()
+
+
+def test_a_speed_that_ignores_the_voltage_is_frozen(tmp_path):
+  time, columns = drive()
+  columns = {key: columns[key] for key in ("motor_voltage", "motor_speed")}
+  columns["motor_speed"][500:700] = 123.0
+  (note,) = warned(tmp_path, time, columns)
+  assert "motor_speed is frozen at 123 from 5 s to 6.99 s" in note
+
+
+@pytest.mark.parametrize("channel, bound", [("yaw_rate", 0.9), ("accel_y", 0.8), ("accel_x", 0.7)])
+def test_clipping_is_named_with_its_span(tmp_path, channel, bound):
+  time, columns = drive()
+  value = columns[channel]
+  clipped = np.clip(value, -bound, bound)
+  assert (clipped != value).sum() > 10
+  columns[channel] = clipped
+  notes = warned(tmp_path, time, columns)
+  assert notes and all(
+    f"run.csv: {channel} is clipped at " in note and "sensor range is too small" in note for note in notes
+  )
+
+
+def test_smooth_extremes_saturated_commands_and_coarse_encoders_are_not_clipped(tmp_path):
+  time, columns = drive()
+  columns["steering_command"] = np.clip(columns["steering_command"], -0.2, 0.2)
+  columns["motor_speed"] = 5.0 * np.round(columns["motor_speed"] / 5.0)
+  columns["accel_x"] = np.gradient(0.8 + 0.5 * np.sin(1.7 * time), time)
+  assert not any("clipped" in note for note in warned(tmp_path, time, columns))
+
+
+def test_a_channel_that_falls_silent_is_mentioned(tmp_path):
+  time, columns = drive()
+  for channel in ("pose_x", "pose_y", "pose_yaw"):
+    columns[channel][400:520] = np.nan
+  notes = warned(tmp_path, time, columns)
+  assert len(notes) == 3
+  assert notes[0] == "run.csv: pose_x has no sample from 3.99 s to 5.2 s; it is interpolated there"
+
+
+def test_a_noise_free_drive_raises_no_warning(tmp_path):
+  """A simulator's straight run: yaw rate exactly zero, speed constant in the end."""
+  time = np.arange(0.0, 6.0, 0.01)
+  speed = 1.0 - np.exp(-time / 0.2)
+  columns = {
+    "motor_voltage": np.full(time.size, 4.0),
+    "steering_command": 0 * time,
+    "speed": np.round(speed, 9),
+    "accel_x": np.exp(-time / 0.2) / 0.2,
+  }
+  columns |= {
+    "accel_y": 0 * time,
+    "yaw_rate": 0 * time,
+    "pose_x": np.cumsum(speed) * 0.01,
+    "pose_y": 0 * time,
+    "pose_yaw": 0 * time,
+  }
+  assert warned(tmp_path, time, columns) == ()
+
+
+@pytest.mark.parametrize("step, limit", [(0.002, 0.25), (0.01, 0.25), (0.1, 0.5), (1.0, 5.0)])
+def test_gap_limit_scales_with_the_usual_step(step, limit):
+  assert gap_limit(step) == pytest.approx(limit)

@@ -1,0 +1,161 @@
+"""What a loader must notice: broken time, numbers that are no samples."""
+
+import numpy as np
+import pytest
+
+from qcar_twin.recordings.checks.time import MIN_SAMPLES
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.mapping import published_samples
+from tests.qcar_twin.recordings.drives import drive, folder_with
+from tests.qcar_twin.recordings.loading import refused_run, warned
+
+# ---------------------------------------------------------------- time
+
+
+def test_time_that_repeats(tmp_path):
+  time, columns = drive()
+  time[40] = time[39]
+  refused_run(
+    tmp_path, time, columns, "time repeats in row 41 (0.39 s again)", "remove the repeated rows, or set hold = true"
+  )
+
+
+def test_time_that_goes_backwards(tmp_path):
+  time, columns = drive()
+  time[[40, 41, 90, 91]] = time[[41, 40, 91, 90]]
+  refused_run(tmp_path, time, columns, "time goes backwards in row 42 (0.4 s after 0.41 s); sort the rows by time")
+
+
+def test_a_logger_that_restarted(tmp_path):
+  time, columns = drive()
+  time[600:] -= 6.0
+  refused_run(
+    tmp_path,
+    time,
+    columns,
+    "time goes backwards in row 601 (0 s after 5.99 s); split the file where the logger restarted",
+  )
+
+
+@pytest.mark.parametrize(
+  "value, text", [(np.nan, "time has no value (blank or NaN) in row 8"), (np.inf, "time is infinite in row 8")]
+)
+def test_time_without_a_value(tmp_path, value, text):
+  time, columns = drive()
+  time[[7, 9]] = value
+  refused_run(tmp_path, time, columns, text, "and 1 more rows; delete those rows")
+
+
+@pytest.mark.parametrize(
+  "factor, unit, scale", [(1e3, "milliseconds", "0.001"), (1e6, "microseconds", "1e-06"), (1e9, "nanoseconds", "1e-09")]
+)
+@pytest.mark.parametrize("start", [0.0, 1.7e9])
+def test_time_in_other_units(tmp_path, factor, unit, scale, start):
+  time, columns = drive()
+  refused_run(
+    tmp_path,
+    (time + start) * factor,
+    columns,
+    "implausible for seconds",
+    f"it looks like {unit}: set time = ",
+    f"scale = {scale}",
+  )
+  mapped = f'time = {{ column = "time", scale = {scale}, offset = {-start} }}'
+  (run,) = DataSet.load(folder_with(tmp_path, (time + start) * factor, columns, channels=mapped)).recordings
+  assert run["yaw_rate"].time == pytest.approx(time, abs=1e-6)
+
+
+def test_time_in_hours_or_days(tmp_path):
+  time, columns = drive()
+  refused_run(tmp_path, time / 86400.0, columns, "implausibly little; is it in hours or days?")
+
+
+def test_unix_seconds_are_plain_seconds(tmp_path):
+  time, columns = drive()
+  assert warned(tmp_path, time + 1.725e9, columns) == ()
+
+
+# ---------------------------------------------------------------- samples
+
+
+@pytest.mark.parametrize("rows", [1, 2, MIN_SAMPLES - 1])
+def test_too_few_samples(tmp_path, rows):
+  time, columns = drive()
+  few = {key: value[:rows] for key, value in columns.items()}
+  refused_run(tmp_path, time[:rows], few, f"too few samples ({rows}); at least {MIN_SAMPLES} without a gap are needed")
+
+
+def test_enough_samples_are_just_enough(tmp_path):
+  time, columns = drive()
+  data = DataSet.load(
+    folder_with(tmp_path, time[:MIN_SAMPLES], {key: value[:MIN_SAMPLES] for key, value in columns.items()})
+  )
+  assert len(data.recordings) == 1
+
+
+def test_a_log_of_lone_samples_between_gaps_has_too_few(tmp_path):
+  time, columns = drive()
+  scattered = time + 2.0 * np.floor(time / 0.05)  # a handful of samples at a time
+  refused_run(tmp_path, scattered, columns, "too few samples (6)")
+
+
+@pytest.mark.parametrize("channel", ["motor_voltage", "steering_command"])
+@pytest.mark.parametrize("text, what", [("nan", "NaN"), ("inf", "infinite"), ("-inf", "infinite")])
+def test_bad_numbers_in_commands(tmp_path, channel, text, what):
+  time, columns = drive()
+  columns[channel] = columns[channel].astype(object)
+  columns[channel][[16, 30]] = text
+  refused_run(
+    tmp_path, time, columns, f"{channel} is {what} in row 17 and 1 more; leave the cell blank where there is no sample"
+  )
+
+
+def test_a_mapped_bad_command_names_channel_and_column(tmp_path):
+  time, columns = drive()
+  columns["duty"] = columns.pop("motor_voltage").astype(object)
+  columns["duty"][3] = "nan"
+  refused_run(
+    tmp_path,
+    time,
+    columns,
+    "motor_voltage (column 'duty') is NaN in row 4; ",
+    channels='motor_voltage = { column = "duty" }',
+  )
+
+
+def test_nan_in_a_measurement_is_no_sample_but_infinity_is_an_error(tmp_path):
+  time, columns = drive()
+  columns["yaw_rate"] = columns["yaw_rate"].astype(object)
+  columns["yaw_rate"][5] = "NaN"
+  (run,) = DataSet.load(folder_with(tmp_path, time, columns)).recordings
+  assert len(run["yaw_rate"]) == time.size - 1
+  columns["yaw_rate"][5] = "1e999"
+  refused_run(tmp_path, time, columns, "yaw_rate is infinite in row 6")
+
+
+@pytest.mark.parametrize("channel", ["motor_voltage", "motor_speed"])
+def test_an_all_blank_needed_channel(tmp_path, channel):
+  time, columns = drive()
+  columns[channel] = np.full(time.size, np.nan)
+  refused_run(
+    tmp_path, time, columns, f"needed channel '{channel}' has no sample, every cell is blank; map another column"
+  )
+
+
+# ---------------------------------------------------------------- held samples
+
+
+@pytest.mark.parametrize(
+  "value, usual, kept",
+  [
+    ([1, 1, 2, 2, 3, 3], 2, [0, 2, 4]),
+    ([1, 2, 3], 1, [0, 1, 2]),
+    ([1, 1, 1, 1, 2, 2], 2, [0, 2, 4]),
+    ([1, 1, 1, 2, 2], 2, [0, 1, 3]),
+    ([1, 1, 2, 2, 2, 2, 2, 2], 2, [0, 2, 4, 6]),
+    ([5, 5, 5, 5], 0, [0, 3]),
+    ([5], 0, [0]),
+  ],
+)
+def test_published_samples(value, usual, kept):
+  assert published_samples(np.array(value, float), usual).tolist() == kept
