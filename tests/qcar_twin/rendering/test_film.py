@@ -150,6 +150,7 @@ def test_two_films_do_not_disturb_each_other():
   first.close()
 
 
+@pytest.mark.filterwarnings("ignore:Exception ignored:pytest.PytestUnraisableExceptionWarning")  # the reader's pipes
 @pytest.mark.usefixtures("opengl")
 def test_a_drive_becomes_a_video_of_its_length(tmp_path):
   path = path_named("s")
