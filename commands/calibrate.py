@@ -13,6 +13,7 @@ from calibration.calibrating.calibration import Calibration, calibrate
 from calibration.progress import StageLine
 from calibration.reports.calibration import verdict, write_calibration
 from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.twin.engines import EngineKind
 
 KEPT = "fits that were finished stay in --out, the same command goes on from them"
 
@@ -37,6 +38,8 @@ class Config:
   """Of random draws; kept with the results. The fits draw nothing, so they don't depend on it."""
   threads: int = 0
   """Threads of the simulation, 0 for all cores; results don't depend on it."""
+  plant: EngineKind = "reduced"
+  """What is searched with: the reduced car, confirmed by MuJoCo, or "mujoco" alone: many times as long."""
 
 
 def main(config: Config) -> Calibration:
@@ -52,6 +55,7 @@ def main(config: Config) -> Calibration:
       config.quick,
       config.threads,
       progress,
+      plant=config.plant,
     )
   report = write_calibration(found, config.out)
   print(verdict(found))

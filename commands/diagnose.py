@@ -13,6 +13,7 @@ from calibration.diagnosis.report.page import verdict, write_diagnosis
 from calibration.diagnosis.search.structure import Effort
 from calibration.progress import StageLine
 from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.twin.engines import EngineKind
 from qcar_twin.twin.file import load_twin
 from qcar_twin.twin.mechanisms import add_file
 
@@ -35,6 +36,8 @@ class Config:
   """A narrower search: fewer models are refitted."""
   threads: int = 0
   """Threads of the simulation, 0 for all cores."""
+  plant: EngineKind = "reduced"
+  """What is searched with: the reduced car, confirmed by MuJoCo, or "mujoco" alone: many times as long."""
 
 
 def main(config: Config) -> Path:
@@ -45,7 +48,9 @@ def main(config: Config) -> Path:
   effort = Effort(singles=5, pairs=2, triples=1, iterations=1) if config.quick else Effort()
   start = load_twin(config.twin) if config.twin else None
   with StageLine() as progress:
-    outcome = diagnose(dataset, config.mechanisms or None, start, effort, threads=config.threads, progress=progress)
+    outcome = diagnose(
+      dataset, config.mechanisms or None, start, effort, threads=config.threads, progress=progress, plant=config.plant
+    )
   page = write_diagnosis(outcome, config.out)
   print(verdict(outcome.diagnosis))
   print(f"report: {page}")

@@ -31,7 +31,7 @@ class Config:
   """who drives the translucent car"""
   path: str = "c"
   """s, o, infinity or c"""
-  plant: Literal["twin", "bicycle"] = "twin"
+  plant: Literal["twin", "reduced", "bicycle"] = "twin"
   """what is driven"""
   dataset: Path | None = None
   """show a recording of this data set instead of a drive"""

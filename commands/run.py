@@ -22,6 +22,7 @@ from calibration.reports.calibration import write_calibration
 from calibration.reports.cross_validation import verdict as validated
 from calibration.reports.cross_validation import write_cross_validation
 from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.twin.engines import EngineKind
 
 KEPT = "fits that were finished stay in --out, the same command goes on from them"
 
@@ -40,12 +41,14 @@ class Config:
   """Of random draws; kept with the results. The fits draw nothing."""
   threads: int = 0
   """Threads of the simulation, 0 for all cores."""
+  plant: EngineKind = "reduced"
+  """What is searched with: the reduced car, confirmed by MuJoCo, or "mujoco" alone: many times as long."""
 
 
 def main(config: Config) -> Path:
   """Run all four; returns the path of the diagnosis's report."""
   dataset = DataSet.load(config.dataset)
-  begun = functools.cache(lambda: prepare(dataset, threads=config.threads, progress=progress))
+  begun = functools.cache(lambda: prepare(dataset, threads=config.threads, progress=progress, plant=config.plant))
   with StageLine() as progress:
     found = calibrate(
       dataset,

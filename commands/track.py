@@ -36,7 +36,7 @@ class Config:
   """ff_fb, lq_ed, lq_cm or linear_rate"""
   version: str = "tuned"
   """tuned or loose"""
-  plant: Literal["twin", "bicycle", "proving_ground"] = "twin"
+  plant: Literal["twin", "reduced", "bicycle", "proving_ground"] = "twin"
   estimator: Literal["fekf", "truth"] = "fekf"
   twin: str = ""
   """twin file (TOML); the nominal twin without it"""

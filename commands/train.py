@@ -28,7 +28,7 @@ class Config:
   """of everything random"""
   resume: bool = False
   """go on from the last checkpoint in the folder"""
-  plant: Literal["twin", "bicycle"] = "twin"
+  plant: Literal["twin", "reduced", "bicycle"] = "twin"
   """what is driven"""
   twin: str = ""
   """twin file (TOML), as a calibration or a diagnosis writes; the nominal twin without it"""

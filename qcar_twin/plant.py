@@ -98,12 +98,13 @@ class Segments:
   def __len__(self) -> int:
     return len(self.recording)
 
-  def __getitem__(self, which: slice) -> "Segments":
+  def __getitem__(self, which: slice | NDArray[np.intp]) -> "Segments":
     """Some of the stretches, padded as all are."""
     some = lambda a: None if a is None else a[which]
+    names = self.recording[which] if isinstance(which, slice) else tuple(self.recording[i] for i in which)
     return Segments(
       self.commands[which], self.start[which], self.steps[which], self.period,
-      self.recording[which], self.offset[which],
+      names, self.offset[which],
       some(self.history), some(self.pose), some(self.wheel_angle),
     )  # fmt: skip
 

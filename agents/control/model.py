@@ -14,7 +14,8 @@ from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
-STEERING_LAG = {"bicycle": 0.05, "twin": 0.015, "proving_ground": 0.05}  # s, told to the filter: delay and lag as one
+# s, told to the filter: delay and lag as one
+STEERING_LAG = {"bicycle": 0.05, "twin": 0.015, "reduced": 0.015, "proving_ground": 0.05}
 
 FRONT_SHARE = {"all-wheel": 0.5, "rear": 0.0, "front": 1.0}  # of the front wheels in what the encoder on the motor sees
 
@@ -42,19 +43,21 @@ class Model:
     return Bicycle(self.vehicle).car(self.theta)
 
   def plant(self, name: str, twin_file: str = "") -> tuple[Plant, Array]:
-    """A plant by name and its parameter vector: "bicycle" (this model) or "twin" (nominal, or a twin file).
+    """A plant by name and its parameter vector: "bicycle" (this model), "twin" (nominal, or a twin file), or "reduced",
+    the same twin on the reduced car.
 
     Raises:
       KeyError: another name.
     """
     if name == "bicycle":
       return Bicycle(self.vehicle), self.theta
-    if name == "twin":
-      if twin_file:
-        return load_twin(twin_file, threads=1)
+    if name in ("twin", "reduced"):
       twin = Twin(self.vehicle, threads=1)
-      return twin, twin.parameters.nominal
-    raise KeyError(f"no plant '{name}'; there are bicycle and twin")
+      theta = twin.parameters.nominal
+      if twin_file:
+        twin, theta = load_twin(twin_file, threads=1)
+      return (twin.on("reduced") if name == "reduced" else twin), theta
+    raise KeyError(f"no plant '{name}'; there are bicycle, twin and reduced")
 
   def filter_settings(self, plant: str, **changes: object) -> FilterSettings:
     """Settings of the federated filter for a plant: its IMU's place, its steering's lag, the lidar's colour."""

@@ -37,7 +37,7 @@ class Options:
 
   Attributes:
     path: s, o, infinity or c.  speed: m/s.  laps: of a closed path.
-    plant: "twin" or "bicycle"; `own_plant` of `fleet` takes any other.
+    plant: "twin", "reduced" or "bicycle"; `own_plant` of `fleet` takes any other.
     twin: twin file of a calibrated or repaired twin; the nominal twin without it.
     substeps: simulation steps of the twin per control period; 2 is meant for training, 5 for everything else.
     estimator: what the agent sees: the federated filter on noisy sensors, or the truth.
@@ -53,7 +53,7 @@ class Options:
   path: str = "s"
   speed: float = 0.5
   laps: int = 1
-  plant: Literal["twin", "bicycle"] = "twin"
+  plant: Literal["twin", "reduced", "bicycle"] = "twin"
   twin: str = ""
   substeps: int = 2
   estimator: Literal["fekf", "truth"] = "fekf"
@@ -97,10 +97,11 @@ def plant_of(options: Options, model: Model) -> OwnPlant:
   """The plant that the options name."""
   if options.plant == "bicycle":
     return partial(Bicycle, model.vehicle), model.theta
+  engine = "reduced" if options.plant == "reduced" else "mujoco"
   if options.twin:
     theta = load_twin(options.twin, substeps=options.substeps, threads=1)[1]
-    return lambda: load_twin(options.twin, substeps=options.substeps, threads=1)[0], theta
-  make = partial(Twin, model.vehicle, substeps=options.substeps, threads=1)
+    return lambda: load_twin(options.twin, substeps=options.substeps, threads=1)[0].on(engine), theta
+  make = partial(Twin, model.vehicle, substeps=options.substeps, threads=1, engine=engine)
   return make, make().parameters.nominal
 
 

@@ -23,6 +23,7 @@ from calibration.benchmarks.speed import Pair
 from calibration.fitting.optimiser import fit
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.plant import SIGNALS, START, Segments
+from qcar_twin.twin.simulation import mujoco_batch
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.ids import Handles
 from qcar_twin.vehicle.mjcf import car_spec
@@ -171,9 +172,9 @@ class RecompiledCar:
     """Full state of every recording's start, as the twin places its cars."""
     twin, segments = self._task.twin, self._task.segments
     cars = twin.begin(np.tile(twin.parameters.nominal, (len(segments), 1)), segments.start)
-    data, states = mujoco.MjData(model), []
+    batch, data, states = mujoco_batch(cars), mujoco.MjData(model), []
     for k in range(len(segments)):
-      data.qpos[:], data.qvel[:], data.act[:] = cars._qpos[k], cars._qvel[k], cars._act[k]  # what the first step takes
+      data.qpos[:], data.qvel[:], data.act[:] = batch.qpos[k], batch.qvel[k], batch.act[k]  # what the first step takes
       state = np.empty(mujoco.mj_stateSize(model, _STATE))
       mujoco.mj_getState(model, data, state, _STATE)
       states.append(state)

@@ -25,9 +25,10 @@ from calibration.fitting.dataset_recalibration import LONGEST, command_shifts, r
 from calibration.fitting.noise import noise_passport
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import UNITS, observe
-from calibration.fitting.optimiser import Fit, with_jacobian
+from calibration.fitting.optimiser import Fit, finite_differences, with_jacobian
 from calibration.fitting.recalibration import RecalibratedTwin
 from calibration.fitting.static_friction import split_standing
+from calibration.fitting.surrogate import searching
 from calibration.fitting.tolerances import always_fitted
 from calibration.fitting.windows import Cut
 from calibration.identification.drive_fit import NotIdentifiable
@@ -44,6 +45,7 @@ from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
+from qcar_twin.twin.engines import EngineKind
 from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
@@ -144,6 +146,7 @@ def calibrate(
   threads: int = 0,
   progress: Progress = silent,
   recalibrated: Recalibrated = None,
+  plant: EngineKind = "reduced",
 ) -> Calibration:
   """Fit the twin of a data set's car.
 
@@ -157,6 +160,7 @@ def calibrate(
     progress: told what is being done.
     recalibrated: called for the recalibrated twin of this data set instead of fitting it here, where a diagnosis
       needs it as well; see calibration.diagnosis.pipeline.prepare.
+    plant: what is searched with against "recordings"; see `diagnose`.
 
   Raises:
     NotIdentifiable: against "identified" without voltage steps that identify the drive.
@@ -177,7 +181,9 @@ def calibrate(
     dataset, joined = with_coverage(dataset)
     # in the order of the catalogue, in which a diagnosis applies them: the same bits
     twin = Twin(vehicle, select(sorted({*mechanisms, *always_fitted()})), substeps=2, threads=threads)
-    work = lambda: _to_recordings(twin, dataset, mechanisms, quick, recalibrated, progress)
+    searched, said = searching(twin, plant)
+    joined += said
+    work = lambda: _to_recordings(searched, dataset, mechanisms, quick, recalibrated, progress)
   found = stages.kept("fit")
   if found:
     progress("fit taken from an earlier run")
@@ -238,9 +244,18 @@ def _to_recordings(
     notes.append(f"the log's command timing is unknown; commands fit best {found.command_shift} control periods later")
   if standing:
     notes.append(f"static friction holds the car in {', '.join(standing)}: left out of the fit, not of the errors")
-  fresh = with_jacobian(found.fit, found.jacobian[: len(found.fit.residual)], np.inf)
+  fresh = with_jacobian(found.fit, _slopes(found), np.inf)
   estimates = _table(fresh, twin.parameters, "not fitted")
   return {"estimates": estimates, "command_shift": int(found.command_shift), "notes": notes}
+
+
+def _slopes(found: RecalibratedTwin) -> Array:
+  """MuJoCo's slopes of the fitted residual, (n_train, p): the intervals rest on them, whatever searched."""
+  problem, base = found.problem, found.fit.parameters
+  if problem.exact is problem:
+    return found.jacobian[: problem.n_train]
+  residual = lambda v: problem.exact.fitted_residual(problem.embed(base.names, v, found.theta))
+  return finite_differences(residual, base, found.fit.theta, residual(found.fit.theta[None])[0])
 
 
 def _open_recordings(dataset: DataSet) -> list[Recording]:

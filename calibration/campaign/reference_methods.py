@@ -56,7 +56,7 @@ def run_baselines(pool: Pool, holdout: Sequence[Recording], cut: Cut = DEFAULT_C
     holdout: recordings kept aside.
     cut: how recordings are cut; the timing that was fitted.
   """
-  base, problem = pool.base, pool.problem
+  base, problem = pool.base, pool.problem.exact
   ranking = unprofiled_ranking(pool.signatures)
   order = bic_ranking(pool)
   chosen = pool.models[order[0][0]]

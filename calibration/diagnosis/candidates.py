@@ -35,6 +35,7 @@ class Candidate:
     n_train: the first so many rows are fitted, the others only judge.
     settled: the last iteration gained next to nothing.
     validation_current: the rows that only judge belong to the present estimates.
+    confirmed: the residual is MuJoCo's, where something else searched; corrected: so is the minimum. See confirm.py.
   """
 
   mechanisms: tuple[str, ...]
@@ -46,6 +47,8 @@ class Candidate:
   n_train: int
   settled: bool = False
   validation_current: bool = True
+  confirmed: bool = False
+  corrected: bool = False
 
   @property
   def cost(self) -> float:
@@ -102,16 +105,24 @@ def candidate(
   free = ParameterSet([*(p for p in priors if p.name not in freed), *added])
   values = free.nominal
   jacobian = np.zeros((len(problem.observations), len(free)))
-  for i, name in enumerate(free.names):
-    if parent is not None and name in parent.free:
-      values[i] = parent.values[parent.free.index(name)]
-      jacobian[:, i] = parent.jacobian[:, parent.free.index(name)]
-    if start and name in start:
-      values[i] = start[name]
+  if parent is not None:
+    taken = [i for i, name in enumerate(free.names) if name in parent.free]
+    theirs = [parent.free.index(free.names[i]) for i in taken]
+    values[taken] = parent.values[theirs]
+    jacobian[:, _run(taken)] = parent.jacobian[:, _run(theirs)]
+  for name, value in (start or {}).items():
+    if name in free:
+      values[free.index(name)] = value
   values = np.clip(values, free.lower, free.upper)
   theta = problem.embed(free.names, values, problem.parameters.nominal)[0]
   empty = np.zeros(len(problem.observations))
   return Candidate(tuple(mechanisms), free, theta, empty, jacobian, values, problem.n_train)
+
+
+def _run(places: list[int]) -> list[int] | slice:
+  """Places as a slice where they follow each other: columns are copied many times as fast."""
+  begin = places[0] if places else 0
+  return slice(begin, begin + len(places)) if places == list(range(begin, begin + len(places))) else places
 
 
 def simulate(problem: Problem, candidates: Sequence[Candidate]) -> None:
@@ -149,12 +160,13 @@ def refine(problem: Problem, candidates: Sequence[Candidate], iterations: int, f
     active = [c for c in candidates if not c.settled]
     if not active:
       break
-    _fill_columns(problem, active, full)
+    fill_columns(problem, active, full)
     _try_steps(problem, active, full)
   _judge(problem, [c for c in candidates if not c.validation_current])
 
 
-def _fill_columns(problem: Problem, candidates: Sequence[Candidate], full: bool) -> None:
+def fill_columns(problem: Problem, candidates: Sequence[Candidate], full: bool) -> None:
+  """Slopes of what is fitted, along the mechanisms' own parameters, or along all where `full`."""
   jobs = []
   for item in candidates:
     own = {p.name for name in item.mechanisms for p in problem.mechanism(name).parameters}
@@ -192,6 +204,7 @@ def _try_steps(problem: Problem, candidates: Sequence[Candidate], fresh: bool) -
     if gain > 0:
       item.residual = np.concatenate([outcomes[best], item.residual[item.n_train :]])
       item.theta, item.values, item.validation_current = thetas[best], trials[best][1], False
+      item.confirmed = item.corrected = False
     item.settled = gain < 1e-3 * abs(before) ** 0.5 + 0.3
 
 

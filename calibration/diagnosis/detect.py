@@ -80,7 +80,7 @@ def detect(
     levels: alarm level of each detector.
   """
   problem = problem or baseline.problem
-  prediction = prediction or problem.predict(base.theta[None])
+  prediction = prediction or problem.exact.predict(base.theta[None])
   observations = problem.observations
   found = (
     predictability(base.residual, observations, prediction),

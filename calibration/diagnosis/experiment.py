@@ -83,7 +83,7 @@ def _doubtful(claim: Claim) -> bool:
 def reach(pool: Pool) -> DrivenRange:
   """Speeds, angles and volts per m/s the recordings hold, as the recalibrated twin drives them."""
   segments = pool.problem.observations.stretches.segments
-  velocity = pool.problem.predict(pool.base.theta[None]).signals[0, :, 1:, signal_index("velocity_x")]
+  velocity = pool.problem.exact.predict(pool.base.theta[None]).signals[0, :, 1:, signal_index("velocity_x")]
   driven = np.arange(velocity.shape[1]) < segments.steps[:, None]
   v, volts, angle = velocity[driven], segments.commands[..., 0][driven], np.abs(segments.commands[..., 1][driven])
   fast = max(float(np.quantile(np.abs(v), 0.98)), 0.3)

@@ -87,7 +87,7 @@ def locate(
   else:
     source = "claim" if model.mechanisms else ("unknown" if unknown is not None else "residual")
     evidence = value_evidence(pool, model if model.mechanisms else unknown)
-  prediction = prediction or pool.problem.predict(base.theta[None])
+  prediction = prediction or pool.problem.exact.predict(base.theta[None])
   around = circumstances(observations, prediction, *_drive(pool, base))
   return Location(
     source=source,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.diagnosis.candidates import Candidate, candidate, refine
+from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
 from calibration.diagnosis.considered import always_free, considered
 from calibration.diagnosis.detect import Detection, detect
 from calibration.diagnosis.experiment import next_experiment
@@ -25,10 +25,12 @@ from calibration.diagnosis.unexplained.unknown import smooth_forces, unknown_sen
 from calibration.fitting.coverage import with_coverage
 from calibration.fitting.dataset_recalibration import LONGEST, Start, recalibrate_dataset
 from calibration.fitting.recalibration import RecalibratedTwin, recalibrate_from
+from calibration.fitting.surrogate import Surrogate, exact, searching
 from calibration.fitting.windows import Cut
 from calibration.progress import Progress, silent
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
+from qcar_twin.twin.engines import EngineKind
 from qcar_twin.twin.mechanisms.base import Mechanism
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
@@ -59,13 +61,19 @@ def prepare(
   substeps: int = 2,
   threads: int = 0,
   progress: Progress = silent,
+  plant: EngineKind = "reduced",
 ) -> Prepared:
   """Recalibrate the twin that a diagnosis starts from; arguments as for `diagnose`."""
   dataset, notes = with_coverage(dataset)
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   known = considered(mechanisms, start, vehicle.drive)
   twin = Twin(vehicle, [*known, *smooth_forces()], substeps=substeps, threads=threads)
-  return Prepared(dataset, notes, known, recalibrate_dataset(dataset, twin, start, progress=progress))
+  searched, said = searching(twin, plant)
+  recalibrated = recalibrate_dataset(dataset, searched, start, progress=progress)
+  if isinstance(found := recalibrated.problem.twin, Surrogate) and found.guarded:
+    names = ", ".join(sorted(found.guarded))
+    said += (f"simulated by MuJoCo throughout, since the reduced car is too far off: {names}",)
+  return Prepared(dataset, notes + said, known, recalibrated)
 
 
 def diagnose(
@@ -79,6 +87,7 @@ def diagnose(
   threads: int = 0,
   progress: Progress = silent,
   prepared: Prepared | None = None,
+  plant: EngineKind = "reduced",
 ) -> Outcome:
   """Find out what physics a data set shows that the twin lacks.
 
@@ -94,11 +103,13 @@ def diagnose(
     threads: of the simulation, 0 for all cores.
     progress: told the stage and how much of it is done.
     prepared: of `prepare` with the same data set, mechanisms and start, where it was done before.
+    plant: what is searched with: the reduced car, as far as it can stand in for MuJoCo's, or "mujoco" alone. What is
+      claimed is MuJoCo's either way.
   """
   clock = _Clock(progress)
   clock.start("recalibration")
-  begun = prepared or prepare(dataset, mechanisms, start, substeps, threads)
-  dataset, twin = begun.dataset, begun.recalibrated.problem.twin
+  begun = prepared or prepare(dataset, mechanisms, start, substeps, threads, plant=plant)
+  dataset, twin = begun.dataset, exact(begun.recalibrated.problem.twin)
   priors = begun.recalibrated.fit.parameters
   tried = [m for m in begun.known if (mechanisms is None or m.name in mechanisms) and not always_free(m, priors)]
   baseline, pool = _searched(begun.recalibrated, tried, effort, clock)
@@ -135,12 +146,14 @@ def fit_unknowns(pool: Pool, forces: bool = True) -> dict[str, Candidate]:
   """
   made = []
   if forces:
-    made = [candidate(pool.problem, (force.name,), pool.base, pool.priors) for force in smooth_forces()]
+    near = pool.problem.at(pool.base.theta)
+    made = [candidate(near, (force.name,), pool.base, pool.priors) for force in smooth_forces()]
     for item in made:
       item.residual = pool.base.residual.copy()
-    refine(pool.problem, made, 1)
+    refine(near, made, 1)
+    simulate(near.exact, made)
   observations = pool.problem.observations
-  prediction = pool.problem.predict(pool.base.theta[None])
+  prediction = pool.problem.exact.predict(pool.base.theta[None])
   whitening = pool.problem.whiten(np.ones(len(observations)))
   return {m.mechanisms[0]: m for m in made} | unknown_sensors(pool.base, observations, prediction, whitening)
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from calibration.fitting.observations import CHANNELS, Observations
 from calibration.fitting.residual_channels import RESIDUALS
+from calibration.fitting.surrogate import Surrogate
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.plant import Driving, Prediction
 from qcar_twin.twin.mechanisms.base import Mechanism
@@ -29,6 +30,7 @@ log = logging.getLogger(__name__)
 _SPIKE = 6.0  # residuals beyond this many standard deviations lose weight
 _MEMORY = 0.1  # s within which samples of one channel count as one witness
 _COLUMNS = 48  # simulations of the whole data set held in memory at once
+_KEPT = 3  # predictions
 _LEGS = 4  # parts after each of which a trial that costs too much is given up
 
 
@@ -65,6 +67,7 @@ class Problem:
     self.base = tuple(base or twin.base.names)
     self._scale = weighting.scale(observations.channel)
     self._parts = observations.split(n_train)
+    self._predicted: dict[bytes, Prediction] = {}
 
   @property
   def parameters(self) -> ParameterSet:
@@ -81,12 +84,44 @@ class Problem:
   def reweighted(self, weighting: Weighting) -> "Problem":
     return Problem(self.twin, self.observations, weighting, self.n_train, self.base)
 
+  def at(self, theta: Array) -> "Problem":
+    """The same with what is searched with put right by MuJoCo at full parameters, (P,); see surrogate.py."""
+    if not isinstance(self.twin, Surrogate):
+      return self
+    return Problem(self.twin.at(theta), self.observations, self.weighting, self.n_train, self.base)
+
+  def guarding(self, recordings: Sequence[str]) -> "Problem":
+    """The same with these recordings simulated by MuJoCo whatever the parameters."""
+    if not isinstance(self.twin, Surrogate) or not recordings:
+      return self
+    return Problem(self.twin.guarding(recordings), self.observations, self.weighting, self.n_train, self.base)
+
+  @property
+  def uncorrected(self) -> "Problem":
+    """The same on the reduced car as it is."""
+    if not isinstance(self.twin, Surrogate):
+      return self
+    return Problem(self.twin.uncorrected, self.observations, self.weighting, self.n_train, self.base)
+
+  @functools.cached_property
+  def exact(self) -> "Problem":
+    """The same on MuJoCo."""
+    if not isinstance(self.twin, Surrogate):
+      return self
+    return Problem(self.twin.exact, self.observations, self.weighting, self.n_train, self.base)
+
   def raw(self, theta: Array) -> Array:
     """Predicted minus measured in the channels' units, (n, M)."""
     return self._raw(theta, self.observations)
 
   def predict(self, theta: Array) -> Prediction:
-    return self._predict(theta, self.observations)
+    """Signals of one or more parameter vectors; those of the last few calls are kept."""
+    key = np.ascontiguousarray(theta).tobytes()
+    if key not in self._predicted:
+      while len(self._predicted) >= _KEPT:
+        self._predicted.pop(next(iter(self._predicted)))
+      self._predicted[key] = self._predict(theta, self.observations)
+    return self._predicted[key]
 
   def residual(self, theta: Array) -> Array:
     """Whitened residuals, (n, M); a simulation that is not finite gives large ones."""

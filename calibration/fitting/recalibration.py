@@ -16,7 +16,8 @@ from calibration.fitting.likelihood import Problem, Weighting, weighting_from
 from calibration.fitting.noise import ChannelNoise, noise_passport
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import Observations, observe
-from calibration.fitting.optimiser import Fit, finite_differences, fit
+from calibration.fitting.optimiser import Fit, finite_differences, fit, prior_cost
+from calibration.fitting.surrogate import anchored
 from calibration.fitting.windows import DEFAULT_CUT, Cut
 from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
@@ -30,6 +31,7 @@ log = logging.getLogger(__name__)
 _BODY = ("mass", "yaw_inertia", "cg_to_front", "cg_height_offset")
 # of the nominal friction, where rough fits begin: from above the wheels hold and the cost is smooth
 _GRIPS = (1.0, 1.4)
+_ROUNDS, _PARTS, _SETTLED = 6, (1.0, 0.3), 1.0  # corrections by MuJoCo; parts of a step; nats that end them
 _PART, _LEAST = 0.35, 85.0  # share of the driving a rough fit sees, and at least so many seconds
 
 
@@ -84,6 +86,7 @@ def recalibrate(
   raw = np.array([np.sum(np.abs(attempts[0][0].whiten(a[1]))[: attempts[0][0].n_train]) for a in attempts])
   start, shift = attempts[int(np.argmin(raw))][2], shifts[int(np.argmin(raw))]
   observations = observe(recordings, twin.vehicle, dataclasses.replace(cut, command_shift=shift))
+  twin = anchored(twin, base.names, start)
   problem = _weighted(twin, observations, fitted_count(observations, recordings), base, start, floor)
   return _settled(problem, passport, base, start, shift)
 
@@ -92,7 +95,7 @@ def recalibrate_from(baseline: RecalibratedTwin, theta: Array) -> RecalibratedTw
   """The recalibrated twin fitted again from estimates of all parameters, (P,), weighted by the residuals there."""
   old, base = baseline.problem, baseline.fit.parameters
   start = theta[[old.parameters.index(name) for name in base.names]]
-  problem = _weighted(old.twin, old.observations, old.n_train, base, start, sensor_floor(baseline.passport))
+  problem = _weighted(old.at(theta).twin, old.observations, old.n_train, base, start, sensor_floor(baseline.passport))
   return _settled(problem, baseline.passport, base, start, baseline.command_shift)
 
 
@@ -100,12 +103,52 @@ def _settled(
   problem: Problem, passport: Mapping[str, ChannelNoise], base: ParameterSet, start: Array, command_shift: int
 ) -> RecalibratedTwin:
   """The minimum near a start: every model of a search is measured against it, so it is sought to a nat."""
-  found = _fit(problem, base, start, 12, 0.0)
+  problem, found = _descended(problem, base, start)
+  if guarded := apart(problem, problem.embed(base.names, found.theta, problem.parameters.nominal)[0]):
+    log.info("left to MuJoCo: %s", ", ".join(guarded))
+    problem, found = _descended(problem.guarding(guarded), base, found.theta)
   around = problem.parameters.nominal
   everything = lambda v: problem.residual(problem.embed(base.names, v, around))
   whole = finite_differences(everything, base, found.theta, everything(found.theta[None])[0])
   theta = problem.embed(base.names, found.theta, around)[0]
   return RecalibratedTwin(problem, passport, found, theta, whole, command_shift)
+
+
+def apart(problem: Problem, theta: Array) -> list[str]:
+  """Recordings in which the reduced car lies further from MuJoCo's than that from what was measured, both in nats."""
+  if problem.exact is problem:
+    return []
+  observations = problem.observations
+  exact, reduced = problem.exact.residual(theta[None])[0], problem.uncorrected.residual(theta[None])[0]
+  nats = lambda values: np.bincount(observations.recording, values**2, minlength=len(observations.names))
+  further = nats(reduced - exact) > nats(exact)
+  return [name for name, far in zip(observations.names, further, strict=True) if far]
+
+
+def _descended(problem: Problem, base: ParameterSet, start: Array) -> tuple[Problem, Fit]:
+  """The minimum, and the problem there: a surrogate is put right by MuJoCo wherever its own minimum lay, until that
+  stays. A step that MuJoCo does not confirm is tried at a part of its length, and given up."""
+  around, found = problem.parameters.nominal, _fit(problem, base, start, 12, 0.0)
+  if problem.exact is problem:
+    return problem, found
+  theta, cost = start, np.inf
+  for _ in range(_ROUNDS):
+    trials = [found.theta] if not np.isfinite(cost) else [theta + s * (found.theta - theta) for s in _PARTS]
+    for trial in trials:
+      there = problem.at(problem.embed(base.names, trial, around)[0])
+      residual = there.fitted_residual(problem.embed(base.names, trial, around))[0]
+      lowered = 0.5 * float(residual @ residual) + prior_cost(trial, base)
+      log.info("MuJoCo: cost %.1f where the surrogate has %.1f", lowered, found.cost)
+      if lowered < cost:
+        break
+    else:
+      break
+    gain, problem, theta, cost = cost - lowered, there, trial, lowered
+    found = _fit(problem, base, theta, 6, 0.0)
+    if gain < _SETTLED and cost - found.cost < _SETTLED:
+      break
+  residual = problem.fitted_residual(problem.embed(base.names, theta, around))[0]
+  return problem, dataclasses.replace(found, theta=theta, residual=residual, cost=cost)
 
 
 def _approach(

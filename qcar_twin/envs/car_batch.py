@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.plant import SIGNALS, Plant, Simulation
 from qcar_twin.twin import parameters as twin_parameters
-from qcar_twin.twin.model_fields import Fields
 from qcar_twin.twin.twin import Twin
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-STATE = ("qpos", "qvel", "act", "ctrl", "qacc_warmstart", "plugin_state", "eq_active", "time")
 
 
 class CarBatch(Protocol):
@@ -36,7 +34,7 @@ class CarBatch(Protocol):
 
 
 class TwinBatch:
-  """Cars of a twin without mechanisms, all in one `mujoco.batch.Batch`.
+  """Cars of a twin without mechanisms, all in one simulation.
 
   Args:
     make: returns a new twin; two are made: one for the cars, one in which restarted cars are begun.
@@ -47,23 +45,21 @@ class TwinBatch:
     self._twin, self._nursery = make(), make()
     self._theta = np.array(theta, dtype=np.float64)
     self._simulation = self._twin.begin(self._theta, np.array(start))
-    self._batch = self._simulation.batch
-    self._fields = Fields(self._batch, self._twin.car, self._twin.tyre == "native")
     self.signals = self._simulation.signals
 
   def step(self, commands: Array) -> Array:
     return self._simulation.step(commands)
 
   def restart(self, which: Mask, theta: Array, start: Array) -> None:
+    engine = self._simulation.engine
     if np.any(theta[which] != self._theta[which]):
       self._theta[which] = theta[which]
-      self._fields.load(twin_parameters.quantities(self._theta, self._twin.base, self._twin.vehicle))
-      self._batch.set_const()
+      engine.load(twin_parameters.quantities(self._theta, self._twin.base, self._twin.vehicle))
+      engine.commit()
     for i in np.flatnonzero(which):
-      source = self._nursery.batch(1)
+      source = self._nursery.batch(1) if self._twin.engine == "mujoco" else None
       fresh = self._nursery.begin(theta[i : i + 1], start[i : i + 1], batch=source)
-      for name in STATE:
-        self._batch.bind(name)[i] = source.bind(name)[0]
+      engine.adopt(int(i), fresh.engine)
       self.signals[i] = fresh.signals[0]
 
 

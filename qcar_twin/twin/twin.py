@@ -1,10 +1,11 @@
-"""The physics twin: a MuJoCo car with mechanisms in slots, any number of cars side by side.
+"""The physics twin: a car with mechanisms in slots, any number of cars side by side.
 
-One `mujoco.batch.Batch` carries every parameter vector times every stretch of driving. Parameters
-are a flat vector with names; mechanisms that are at their null are not run at all.
+One engine carries every parameter vector times every stretch of driving. Parameters are a flat
+vector with names; mechanisms that are at their null are not run at all.
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import mujoco
@@ -12,24 +13,25 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from qcar_twin.plant import SIGNALS, START, Prediction, Segments
+from qcar_twin.plant import SIGNALS, Prediction, Segments
 from qcar_twin.twin import parameters as twin_parameters
-from qcar_twin.twin.mechanisms.base import CarDimensions, Context, Mechanism, State, Track, describe, suited
-from qcar_twin.twin.model_fields import Fields, Recorder, Rows
+from qcar_twin.twin.engines import ENGINES, Engine, EngineKind, Rows
+from qcar_twin.twin.engines.mujoco_cars import MujocoCars
+from qcar_twin.twin.engines.reduced.cars import Numbers, ReducedCars, constants, irreducible
+from qcar_twin.twin.mechanisms.base import CarDimensions, Mechanism, Track, describe, suited
+from qcar_twin.twin.simulation import Simulation
+from qcar_twin.twin.slots import STEPPED, Slot
 from qcar_twin.twin.timers import stop_timers
-from qcar_twin.vehicle.ids import Handles
-from qcar_twin.vehicle.mjcf import car_spec
+from qcar_twin.vehicle.mjcf import car_spec, sinking
 from qcar_twin.vehicle.vehicle import TyreKind, Vehicle
 
 Array = NDArray[np.float64]
-_STEPPED = ("command", "actuator", "force", "contact")
-# qpos of the free joint: position, quaternion; qvel: velocity in the world frame, rate in the body frame
-_VX, _VY, _YAW_RATE = 0, 1, 5
+_AT_ONCE = 3  # times as many reduced cars as others side by side
 _READ_ON = 25  # control periods after a stretch's end that sensors with fast clocks may still read
 
 
 class Twin:
-  """A car in MuJoCo.
+  """A car as MuJoCo simulates it, or as the reduced car stands in for that.
 
   Args:
     vehicle: the car's numbers.
@@ -38,6 +40,10 @@ class Twin:
     substeps: simulation steps per control period of 10 ms (5 = 2 ms, 2 = 5 ms).
     threads: threads of the batch, 0 for all cores. Results do not depend on it.
     rows: at most this many cars are simulated side by side; more columns are done in turns.
+    engine: "mujoco", or "reduced" for the car that is forty times as fast and good enough to search with.
+
+  Raises:
+    ValueError: a mechanism presupposes another drive, or there is no such engine for this car.
   """
 
   def __init__(
@@ -48,8 +54,14 @@ class Twin:
     substeps: int = 5,
     threads: int = 0,
     rows: int = 1024,
+    engine: EngineKind = "mujoco",
   ):
+    if engine not in ENGINES:
+      raise ValueError(f"engine must be one of {', '.join(ENGINES)}, not '{engine}'")
+    if engine == "reduced" and (lacking := irreducible(vehicle, tyre)):
+      raise ValueError(f'{vehicle.name} can\'t be simulated by the reduced car: {lacking}; use engine="mujoco"')
     stop_timers()
+    self.engine: EngineKind = engine
     self.vehicle, self.mechanisms = vehicle, suited(mechanisms, vehicle)
     self.tyre: TyreKind = tyre
     self.period, self.substeps, self.threads, self.rows = 0.01, substeps, threads, rows
@@ -70,7 +82,13 @@ class Twin:
 
   def with_mechanisms(self, mechanisms: Sequence[Mechanism]) -> "Twin":
     """The same car with other mechanisms."""
-    return Twin(self.vehicle, mechanisms, self.tyre, self.substeps, self.threads, self.rows)
+    return Twin(self.vehicle, mechanisms, self.tyre, self.substeps, self.threads, self.rows, self.engine)
+
+  def on(self, engine: EngineKind) -> "Twin":
+    """The same car and mechanisms on an engine; itself where it is on it."""
+    if engine == self.engine:
+      return self
+    return Twin(self.vehicle, self.mechanisms, self.tyre, self.substeps, self.threads, self.rows, engine)
 
   def begin(
     self,
@@ -89,29 +107,53 @@ class Twin:
       history: seconds driven and the command's square times s spent before, (N, 2).
       recording_time: time of the start within its recording, s, (N,).
       first_command: commands that stood when the simulation starts, (N, 2): what lags and delays begin with.
-      batch: what carries the cars; a new one by default, so that simulations don't disturb each other.
+      batch: what carries MuJoCo's cars; a new one by default, so that simulations don't disturb each other.
     """
     theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
     if theta.shape != (len(start), len(self.parameters)):
       raise ValueError(f"theta must be ({len(start)}, {len(self.parameters)}), got {theta.shape}")
-    size = len(start)
+    size, start = len(start), np.asarray(start, dtype=np.float64)
+    slots = [
+      Slot(m, rows, theta[rows][:, self._columns[m.name]])
+      for m in self.mechanisms
+      if m.stage in STEPPED and (rows := self.present(m, theta)) is not None
+    ]
     return Simulation(
-      self,
-      theta,
-      np.asarray(start, dtype=np.float64),
-      np.zeros((size, 2)) if history is None else history,
-      np.zeros(size) if recording_time is None else recording_time,
-      np.column_stack([np.zeros(size), start[:, 6]]) if first_command is None else first_command,
-      Batch(self.model, size, self.threads) if batch is None else batch,
+      engine=self._engine(size, batch),
+      values=twin_parameters.quantities(theta, self.base, self.vehicle),
+      slots=slots,
+      car=self.car,
+      period=self.period,
+      scale=np.array([self.vehicle.command_scale, 1.0]),
+      start=start,
+      history=np.zeros((size, 2)) if history is None else history,
+      recording_time=np.zeros(size) if recording_time is None else recording_time,
+      command=np.column_stack([np.zeros(size), start[:, 6]]) if first_command is None else first_command,
     )
+
+  def _engine(self, size: int, batch: Batch | None) -> Engine:
+    if self.engine == "reduced":
+      return ReducedCars(*self._reduced, self.car, sinking(self.vehicle), self.substeps, size, self.threads)
+    carried = Batch(self.model, size, self.threads) if batch is None else batch
+    return MujocoCars(carried, self.car, self.period, self.substeps, self._rest_height, self.tyre == "native")
+
+  @functools.cached_property
+  def _reduced(self) -> tuple[Numbers, Array]:
+    step, nominal = self.period / self.substeps, self.base.nominal[None]
+    numbers = Numbers(self.model, self.vehicle, self.car, step)
+    values = twin_parameters.quantities(nominal, self.base, self.vehicle)
+    return numbers, constants(self.vehicle, numbers, step, values)
 
   def rollout(self, theta: Array, segments: Segments) -> Prediction:
     """Every parameter vector, (n, P), over every segment; those that differ in sensors only share a simulation."""
     theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
     stepped, same = np.unique(self._without_sensors(theta), axis=0, return_inverse=True)
-    per_turn = max(1, self.rows // len(segments))
-    turns = [self._simulate(stepped[i : i + per_turn], segments) for i in range(0, len(stepped), per_turn)]
-    signals = np.concatenate(turns)[same.reshape(-1)]  # (n, S, T + 1, 10)
+    rows = self.rows if self.engine == "mujoco" else _AT_ONCE * self.rows
+    per_turn = max(1, rows // len(segments))
+    turns = [self.simulate(stepped[i : i + per_turn], segments) for i in range(0, len(stepped), per_turn)]
+    signals = turns[0] if len(turns) == 1 else np.concatenate(turns)
+    if not np.array_equal(same.reshape(-1), np.arange(len(stepped))):
+      signals = signals[same.reshape(-1)]  # (n, S, T + 1, 10)
     flat, offset = signals.reshape(-1, *signals.shape[2:]), np.tile(segments.offset, len(theta))
     self.sensed(np.repeat(theta, len(segments), axis=0), flat, offset)
     return Prediction(signals, segments.period)
@@ -124,21 +166,34 @@ class Twin:
         stepped[:, self._columns[mechanism.name]] = [p.nominal for p in mechanism.parameters]
     return stepped
 
-  def _simulate(self, theta: Array, segments: Segments) -> Array:
+  def simulate(self, theta: Array, segments: Segments) -> Array:
+    """Signals of every parameter vector over every segment before any sensor errs, (n, S, T + 1, 10)."""
     n, size, length = len(theta), len(segments), segments.commands.shape[1]
     tile = lambda a: np.tile(a, (n,) + (1,) * (a.ndim - 1))
     commands = np.ascontiguousarray(tile(segments.commands).transpose(1, 0, 2))  # (T, n * S, 2)
     history = None if segments.history is None else tile(segments.history)
     start, offset, pose = tile(segments.start), tile(segments.offset), tile(segments.measured_pose)
     start = self._as_measured(np.repeat(theta, size, axis=0), start)
-    simulation = self.begin(np.repeat(theta, size, axis=0), start, history, offset, commands[0], self.batch(n * size))
     ends = np.minimum(np.tile(segments.steps, n) + _READ_ON, length)  # after it a car rests: nothing is measured
-    signals = np.empty((length + 1, n * size, len(SIGNALS)))
-    signals[0] = simulation.signals
-    for k in range(last := int(ends.max())):
-      signals[k + 1] = simulation.step(commands[k], pose[:, k], np.flatnonzero(ends > k))
-    signals[last + 1 :] = signals[last]
-    return np.ascontiguousarray(signals.transpose(1, 0, 2)).reshape(n, size, length + 1, len(SIGNALS))
+    theta = np.repeat(theta, size, axis=0)
+    signals = np.empty((n * size, length + 1, len(SIGNALS)))
+    for rows in self._apart(theta):
+      some = lambda a, rows=rows: None if a is None else a[rows]
+      batch = self.batch(n * size) if self.engine == "mujoco" else None
+      cars = self.begin(theta[rows], start[rows], some(history), offset[rows], commands[0, rows], batch)
+      signals[rows] = cars.run(commands[:, rows], pose[rows], ends[rows])
+    return signals.reshape(n, size, length + 1, len(SIGNALS))
+
+  def _apart(self, theta: Array) -> list[Rows]:
+    """Cars that are simulated together: on the reduced car, those that must be asked how they move are apart."""
+    if self.engine == "mujoco":
+      return [slice(None)]
+    busy = np.zeros(len(theta), dtype=bool)
+    for mechanism in self.mechanisms:
+      if mechanism.stage in STEPPED and (rows := self.present(mechanism, theta)) is not None:
+        slot = Slot(mechanism, rows, theta[rows])
+        busy[rows] |= slot.acts and not slot.foreseen
+    return [rows for rows in (np.flatnonzero(~busy), np.flatnonzero(busy)) if len(rows)]
 
   def _as_measured(self, theta: Array, start: Array) -> Array:
     """Start states (N, 7) of stretches as cars with parameters (N, P) had them, given what their sensors said."""
@@ -156,7 +211,9 @@ class Twin:
         rows = self.present(mechanism, theta)
         if rows is not None:
           track = Track(self.car, self.period, signals[rows], time[rows])
-          signals[rows] = mechanism.measure(theta[rows][:, self._columns[mechanism.name]], track)
+          shown = mechanism.measure(theta[rows][:, self._columns[mechanism.name]], track)
+          if shown is not track.signals or not isinstance(rows, slice):
+            signals[rows] = shown
     return signals
 
   def present(self, mechanism: Mechanism, theta: Array) -> Rows | None:
@@ -185,166 +242,3 @@ class Twin:
 
 def _moves_start(mechanism: Mechanism) -> bool:
   return type(mechanism).begin is not Mechanism.begin
-
-
-class Simulation:
-  """Cars under way. `signals` is the present state, (N, 10); `step` advances by one control period."""
-
-  def __init__(
-    self, twin: Twin, theta: Array, start: Array, history: Array, recording_time: Array, command: Array, batch: Batch
-  ):
-    self._twin, self._theta, self._batch = twin, theta, batch
-    self._batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-    self._fields = Fields(self._batch, twin.car, twin.tyre == "native")
-    self._fields.load(twin_parameters.quantities(theta, twin.base, twin.vehicle))
-    self._scale = np.array([twin.vehicle.command_scale, 1.0])
-    self._history, command = history * self._scale[::-1] ** 2, command * self._scale
-    self._recording_time, self._time = recording_time, 0.0
-    self._bind(twin.model)
-    self._place(start)
-    self.signals = np.zeros((len(theta), len(SIGNALS)))
-    self._yaw, self._wheel_angle = start[:, 2].copy(), np.zeros(len(theta))
-    self._read()
-    self.signals[:, 6:8] = 0.0
-    self._slots = [
-      _Slot(m, rows, theta[rows][:, twin._columns[m.name]])
-      for m in twin.mechanisms
-      if m.stage in _STEPPED and (rows := twin.present(m, theta)) is not None
-    ]
-    known = np.column_stack([self.signals[:, :3], self._wheel_angle])
-    for slot in self._slots:
-      slot.state = slot.mechanism.initial(slot.theta, self._context(slot, command, known))
-    self._write_models(command, known, first=True)
-
-  @property
-  def batch(self) -> Batch:
-    """What carries the cars."""
-    return self._batch
-
-  def step(self, commands: Array, pose: Array | None = None, running: NDArray[np.intp] | None = None) -> Array:
-    """Hold commands (N, 2) for one control period; returns the signals after it, (N, 10).
-
-    Args:
-      commands: drive [unit of its command], steering [rad].
-      pose: measured x, y, yaw and wheel angle for effects bound to them, (N, 4); NaN or None for the simulated ones.
-      running: cars that are moved on, in rising order; the others stay as they are. All by default.
-    """
-    known = np.column_stack([self.signals[:, :3], self._wheel_angle])
-    known = known if pose is None else np.where(np.isfinite(pose), pose, known)
-    commands = commands * self._scale
-    acting = np.array(commands, dtype=np.float64)
-    force: Array | None = None
-    for slot in self._slots:
-      context = self._context(slot, commands, known)
-      if slot.commands:
-        acting[slot.rows] = slot.mechanism.command(slot.theta, context, slot.state, acting[slot.rows])
-      if slot.pushes:
-        force = np.zeros((len(commands), 3)) if force is None else force
-        force[slot.rows] += slot.mechanism.wrench(slot.theta, context, slot.state)
-    if any(slot.mechanism.varies for slot in self._slots):
-      self._write_models(commands, known, first=False)
-    self._ctrl[:] = acting
-    if force is not None:
-      self._push(force)
-    self._wheel_angle = known[:, 3] + self._twin.period * self._twin.car.gear_ratio * self.signals[:, 8]
-    self._batch.step(running, nstep=self._twin.substeps)
-    self._time += self._twin.period
-    self._read()
-    return self.signals
-
-  def _bind(self, model: mujoco.MjModel) -> None:
-    batch = self._batch
-    self._qpos, self._qvel, self._ctrl, self._act = batch.qpos, batch.qvel, batch.ctrl, batch.act
-    self._xfrc, self._sensordata = batch.bind("xfrc_applied"), batch.bind("sensordata")
-    self._handles = Handles.of(model)
-
-  def _place(self, start: Array) -> None:
-    s = {name: start[:, i] for i, name in enumerate(START)}
-    car = self._twin.car
-    self._qpos[:, 0], self._qpos[:, 1], self._qpos[:, 2] = s["pose_x"], s["pose_y"], self._twin._rest_height
-    self._qpos[:, 3], self._qpos[:, 6] = np.cos(s["pose_yaw"] / 2), np.sin(s["pose_yaw"] / 2)
-    cosine, sine = np.cos(s["pose_yaw"]), np.sin(s["pose_yaw"])
-    self._qvel[:, _VX] = cosine * s["velocity_x"] - sine * s["velocity_y"]
-    self._qvel[:, _VY] = sine * s["velocity_x"] + cosine * s["velocity_y"]
-    self._qvel[:, _YAW_RATE] = s["yaw_rate"]
-    half = car.track_width / 2
-    for k, dof in enumerate(self._handles.spin_dofs):
-      side = half if k % 2 == 0 else -half
-      self._qvel[:, dof] = (s["velocity_x"] - s["yaw_rate"] * side) / car.wheel_radius
-    self._qvel[:, self._handles.motor_dof] = s["velocity_x"] / car.wheel_radius / car.gear_ratio
-    curve = car.track_width / (2 * car.wheelbase) * self._fields.values["ackermann_fraction"] * s["steering_angle"] ** 2
-    self._qpos[:, self._handles.steering_qpos[0]] = s["steering_angle"] + curve
-    self._qpos[:, self._handles.steering_qpos[1]] = s["steering_angle"] - curve
-    self._act[:] = 0.0
-    self._act[:, -1] = s["steering_angle"]
-
-  def _read(self) -> None:
-    q, v, out = self._qpos, self._qvel, self.signals
-    yaw = np.arctan2(2 * (q[:, 3] * q[:, 6] + q[:, 4] * q[:, 5]), 1 - 2 * (q[:, 5] ** 2 + q[:, 6] ** 2))
-    self._yaw += np.mod(yaw - self._yaw + np.pi, 2 * np.pi) - np.pi
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    out[:, 0], out[:, 1], out[:, 2] = q[:, 0], q[:, 1], self._yaw
-    out[:, 3] = cosine * v[:, _VX] + sine * v[:, _VY]
-    out[:, 4] = -sine * v[:, _VX] + cosine * v[:, _VY]
-    out[:, 5] = v[:, _YAW_RATE]
-    # the sensor spoke a substep ago: its frame has turned since then by r h, on average half of it
-    at, half_turn = self._handles.accelerometer, 0.5 * self._twin.period / self._twin.substeps * v[:, _YAW_RATE]
-    ax, ay = self._sensordata[:, at], self._sensordata[:, at + 1]
-    out[:, 6], out[:, 7] = ax + half_turn * ay, ay - half_turn * ax
-    out[:, 8] = v[:, self._handles.motor_dof]
-    out[:, 9] = 0.5 * (q[:, self._handles.steering_qpos[0]] + q[:, self._handles.steering_qpos[1]])
-
-  def _context(self, slot: "_Slot", commands: Array, known: Array) -> Context:
-    rows, values = slot.rows, self._fields.values
-    return Context(
-      car=self._twin.car,
-      period=self._twin.period,
-      time=self._time,
-      signals=self.signals[rows],
-      commands=commands[rows],
-      history=self._history[rows],
-      recording_time=self._recording_time[rows] + self._time,
-      pose=known[rows, :3],
-      wheel_angle=known[rows, 3],
-      torque_per_volt=values["torque_per_volt"][rows],
-      motor_damping=values["motor_damping"][rows],
-    )
-
-  def _write_models(self, commands: Array, known: Array, first: bool) -> None:
-    """Let contact-stage mechanisms change the simulator, always from the fitted values."""
-    dirty: set[str] = set()
-    if first:
-      self._untouched: dict[str, Array] = {}
-    for name, value in self._untouched.items():
-      self._fields.values[name][:] = value
-    for slot in self._slots:
-      if slot.writes and (first or slot.mechanism.varies or slot.mechanism.stage == "contact"):
-        view = Recorder(self._fields, slot.rows, self._untouched)
-        slot.mechanism.write_model(slot.theta, self._context(slot, commands, known), view)
-        dirty |= view.changed
-    if dirty:
-      self._fields.write(dirty, slice(None))
-    if first:
-      self._batch.set_const()  # what MuJoCo derives from masses follows them
-
-  def _push(self, force: Array) -> None:
-    cosine, sine = np.cos(self.signals[:, 2]), np.sin(self.signals[:, 2])
-    self._xfrc[:, self._handles.chassis, 0] = cosine * force[:, 0] - sine * force[:, 1]
-    self._xfrc[:, self._handles.chassis, 1] = sine * force[:, 0] + cosine * force[:, 1]
-    self._xfrc[:, self._handles.chassis, 5] = force[:, 2]
-
-
-@dataclasses.dataclass
-class _Slot:
-  """A mechanism in the simulations where it is present."""
-
-  mechanism: Mechanism
-  rows: Rows
-  theta: Array
-  state: State = dataclasses.field(default_factory=dict)
-
-  def __post_init__(self) -> None:
-    kind = type(self.mechanism)
-    self.commands = kind.command is not Mechanism.command
-    self.pushes = kind.wrench is not Mechanism.wrench
-    self.writes = kind.write_model is not Mechanism.write_model

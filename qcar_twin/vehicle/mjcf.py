@@ -92,7 +92,7 @@ def differential_rows(damping: ArrayLike, timestep: float, invweight: float) -> 
 def _write_chassis(spec: mujoco.MjSpec, car: Vehicle) -> None:
   chassis, motor = spec.body("chassis"), spec.body("motor")
   mass = car.mass - 4.0 * car.wheel_mass
-  chassis.pos = [0.0, 0.0, car.cg_height - _sinking(car)]
+  chassis.pos = [0.0, 0.0, car.cg_height - sinking(car)]
   chassis.mass = mass - motor.mass
   chassis.ipos = -car.wheel_mass * car.wheel_positions.sum(axis=0) / mass
   motor.pos = chassis.ipos
@@ -104,13 +104,34 @@ def _write_chassis(spec: mujoco.MjSpec, car: Vehicle) -> None:
   hull.size, hull.pos = hull.size * scale, hull.pos * scale
 
 
-def _sinking(car: Vehicle) -> float:
-  """How deep the wheels stand in the floor, m: load x R / (K d) of MuJoCo's soft contact with the solref and solimp
-  of the wheels, R from the mean inverse mass of a wheel along z (its own) and x, y (nearly the car's).
-  """
-  time_constant, impedance = 0.01, 0.99
-  inverse_mass = (1.0 / car.wheel_mass + 4.2 / car.mass) / 3.0
+def sinking(car: Vehicle) -> float:
+  """How deep the wheels stand in the floor, m: load x R / stiffness of their contact."""
+  time_constant, impedance, inverse_mass = _contact(car)
   return float(np.mean(car.static_load)) * (1.0 - impedance) * time_constant**2 * inverse_mass
+
+
+def contact_row(car: Vehicle) -> tuple[float, float, float]:
+  """Reference damping [1/s], stiffness [1/s^2] and regularisation R [1/kg] of a wheel's contact with the floor.
+
+  MuJoCo's for a critical solref of time constant t and a solimp of d: 2 / (d t), d / (d t)^2 and (1 - d) / d times the
+  contact's inverse mass.
+  """
+  time_constant, impedance, inverse_mass = _contact(car)
+  damping, stiffness = 2.0 / (impedance * time_constant), 1.0 / (impedance * time_constant**2)
+  return damping, stiffness, (1.0 - impedance) / impedance * inverse_mass
+
+
+def _contact(car: Vehicle) -> tuple[float, float, float]:
+  """Time constant [s] and impedance of the wheels' contact in qcar.xml, and what MuJoCo takes for its inverse mass.
+
+  That is the mean of a wheel's along z, its own, and along x and y, nearly the car's.
+  """
+  return 0.01, 0.99, (1.0 / car.wheel_mass + 4.2 / car.mass) / 3.0
+
+
+def wheel_half_width(car: Vehicle) -> float:
+  """Half axis of the wheels' ellipsoid along the axle, m."""
+  return 0.45 * car.wheel_radius
 
 
 def _chassis_inertia(car: Vehicle, mass: float) -> list[float]:
@@ -135,7 +156,7 @@ def _write_wheels(spec: mujoco.MjSpec, car: Vehicle) -> None:
     joint.stiffness[0], joint.damping[0] = stiffness, damping
     joint.springref = -(load - car.wheel_mass * GRAVITY) / stiffness
     spec.joint(f"{wheel}_spin").frictionloss = car.rolling_resistance * load * car.wheel_radius
-    geom.size = [car.wheel_radius, 0.45 * car.wheel_radius, car.wheel_radius]
+    geom.size = [car.wheel_radius, wheel_half_width(car), car.wheel_radius]
     geom.friction[0] = car.friction_coefficient
   spec.geom("floor").friction[0] = car.friction_coefficient
 

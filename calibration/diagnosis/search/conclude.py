@@ -75,7 +75,7 @@ def left_over(decision: Decision, pool: Pool, levels: UnexplainedLevels) -> tupl
   Without a claim, what a mechanism explains that is there but too small to matter is no riddle, either: the second
   is then that of the first such mechanism.
   """
-  over = lambda m: leftovers(m, pool.problem, pool.problem.predict(m.theta[None]))
+  over = lambda m: leftovers(m, pool.problem, pool.problem.exact.predict(m.theta[None]))
   before, named = over(pool.base), decision.model
   if not decision.claims and decision.possible and above_level(before, levels):
     named = pool.models[frozenset([decision.possible[0]])]

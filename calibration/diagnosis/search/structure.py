@@ -12,7 +12,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.diagnosis.candidates import Candidate, begin, candidate, refine
+from calibration.diagnosis.candidates import Candidate, begin, candidate, refine, simulate
+from calibration.diagnosis.confirm import confirm, confirm_best
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.scan import Projector, Signature, explained
 from calibration.diagnosis.score import compare
@@ -108,12 +109,15 @@ def search(
     if lowered > _STRAYED and not pool.base_not_converged:
       refit_rivals(pool, best)
     _without_trifles(pool)
+  confirm_best(pool)
   return pool
 
 
 def ensure(pool: Pool, sets: Iterable[frozenset[str]], iterations: int = 3) -> None:
   """Fit sets that are not in the pool yet."""
-  _fit_sets(pool, [s for s in sets if s not in pool.models], iterations)
+  new = [s for s in sets if s not in pool.models]
+  _fit_sets(pool, new, iterations)
+  confirm(pool, closely=[pool.models[key] for key in new])
 
 
 def _nominate_singles(problem: Problem, signatures: dict[str, Signature], count: int) -> list[str]:
@@ -299,8 +303,13 @@ def _reweight_if_worth_it(pool: Pool) -> None:
 
 
 def _reweight(pool: Pool, best: Candidate) -> None:
-  """Weights from a model's residuals; known residuals, Jacobians and signatures are rescaled."""
-  problem = pool.problem
+  """Weights from a model's residuals; known residuals, Jacobians and signatures are rescaled.
+
+  A surrogate is put right at that model first: from there the search goes on.
+  """
+  problem = pool.problem.at(best.theta)
+  if problem is not pool.problem:
+    simulate(problem, list(pool.models.values()))
   old = problem.whiten(np.ones(len(problem.observations)))
   weighting = weighting_from(problem.observations, best.residual / old, pool.floor)
   pool.problem = problem.reweighted(weighting)

@@ -162,6 +162,8 @@ class Mechanism:
     dissipative: True if it can only take energy out of the car.
     symmetric: True if mirrored commands give mirrored motion under it.
     varies: True if `write_model` must run every control period instead of once.
+    open_loop: True if `command` goes by commands, time and its own state alone, never by how the car moves: its context
+      holds no signals then, and a whole drive's commands are worked out before the car is simulated.
     signed: True if negative sizes are meaningful.
     drives: kinds of drive command it makes sense for; see qcar_twin/vehicle/drive.py.
     nonlinear_response: True if its answer is far from proportional to its size (delays, changes of grip, a centre of
@@ -184,6 +186,7 @@ class Mechanism:
   dissipative: ClassVar[bool] = False
   symmetric: ClassVar[bool] = True
   varies: ClassVar[bool] = False
+  open_loop: ClassVar[bool] = False
   signed: ClassVar[bool] = False
   drives: ClassVar[tuple[str, ...]] = tuple(DRIVES)
   nonlinear_response: ClassVar[bool] = False
@@ -234,7 +237,7 @@ class Mechanism:
     return ({},)
 
   def measure(self, theta: Array, track: Track) -> Array:
-    """Signals as the sensors show them, (n, T + 1, 10), from the true ones in `track`."""
+    """Signals as the sensors show them, (n, T + 1, 10), from the true ones in `track`, whose array may be changed."""
     return track.signals
 
 

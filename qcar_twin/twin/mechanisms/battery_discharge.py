@@ -21,6 +21,7 @@ class BatteryDischarge(Mechanism):
   name = "battery_discharge"
   subsystem = "drive"
   stage = "actuator"
+  open_loop = True
   drives = ("voltage", "duty")
   parameters = (
     Parameter("battery_discharge", 0.0, 0.0, 1.0, "-", "d", null=0.0, typical=0.1, description="loss after 300 s"),

@@ -19,6 +19,7 @@ class DriveDeadZone(Mechanism):
   name = "drive_dead_zone"
   subsystem = "drive"
   stage = "command"
+  open_loop = True
   drives = ("voltage", "duty")
   parameters = (
     Parameter("drive_dead_zone", 0.0, 0.0, 0.8, "V", "b", null=0.0, typical=0.15, description="voltage swallowed"),

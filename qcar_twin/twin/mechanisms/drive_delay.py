@@ -17,6 +17,7 @@ class DriveDelay(Mechanism):
   name = "drive_delay"
   subsystem = "drive"
   stage = "command"
+  open_loop = True
   nonlinear_response = True
   sought_far = True
   parameters = (Parameter("drive_delay", 0.0, 0.0, 0.2, "s", "d", null=0.0, typical=0.035, description="dead time"),)

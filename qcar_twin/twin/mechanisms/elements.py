@@ -149,8 +149,7 @@ def shifted(values: Array, samples: Array, extrapolate: bool = False) -> Array:
 
 
 def replaced(track: Track, **signals: Array) -> Array:
-  """A copy of a track's signals, (n, T + 1, 10), with some of them put in by name."""
-  shown = track.signals.copy()
+  """A track's signals, (n, T + 1, 10), with some of them put in by name; the same array, since tracks are large."""
   for name, value in signals.items():
-    shown[..., signal_index(name)] = value
-  return shown
+    track.signals[..., signal_index(name)] = value
+  return track.signals

@@ -17,6 +17,7 @@ class SteeringDelay(Mechanism):
   name = "steering_delay"
   subsystem = "steering"
   stage = "command"
+  open_loop = True
   nonlinear_response = True
   sought_far = True
   parameters = (Parameter("steering_delay", 0.0, 0.0, 0.2, "s", "d", null=0.0, typical=0.04, description="dead time"),)

@@ -18,6 +18,7 @@ class SteeringGainError(Mechanism):
   name = "steering_gain_error"
   subsystem = "steering"
   stage = "command"
+  open_loop = True
   signed = True
   fitted_rank = 7
   parameters = (

@@ -21,6 +21,7 @@ class SteeringLag(Mechanism):
   name = "steering_lag"
   subsystem = "steering"
   stage = "command"
+  open_loop = True
   nonlinear_response = True
   sought_far = True
   parameters = (

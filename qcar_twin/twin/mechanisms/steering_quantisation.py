@@ -19,6 +19,7 @@ class SteeringQuantisation(Mechanism):
   name = "steering_quantisation"
   subsystem = "steering"
   stage = "command"
+  open_loop = True
   parameters = (
     Parameter("steering_dead_band", 0.0, 0.0, 0.08, "rad", "b", null=0.0, typical=0.013, description="held change"),
     Parameter("steering_dead_band_sharpness", 12.0, 4.0, 80.0, "-", "p", description="suddenness of the release"),

@@ -19,6 +19,7 @@ class SteeringRateLimit(Mechanism):
   name = "steering_rate_limit"
   subsystem = "steering"
   stage = "command"
+  open_loop = True
   parameters = (
     Parameter(
       "steering_inverse_rate", 0.0, 0.0, 1.0, "s/rad", "q", null=0.0, typical=0.2, description="1 / highest rate"

@@ -8,6 +8,7 @@ import pytest
 from qcar_twin.plant import SIGNALS, START, Segments
 from qcar_twin.twin.file import load_twin, save_twin
 from qcar_twin.twin.mechanisms import catalogue, select
+from qcar_twin.twin.simulation import mujoco_batch
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 
@@ -66,7 +67,7 @@ def test_the_imu_stays_where_it_was_stated_from_the_centre_of_gravity(twin: Twin
   theta = np.stack([twin.parameters.nominal, twin.parameters.vector({"cg_to_front": CAR.cg_to_front + 0.01})])
   simulation = twin.begin(theta, np.zeros((2, len(START))))
   imu = twin.model.site("imu").id
-  place = simulation.batch.expand("site_pos")[:, imu, 0]
+  place = mujoco_batch(simulation).expand("site_pos")[:, imu, 0]
   np.testing.assert_allclose(place, [CAR.imu_x, CAR.imu_x - 0.01], atol=1e-12)
 
 
@@ -217,8 +218,8 @@ def test_sensor_mechanisms_share_one_simulation(twin: Twin, monkeypatch):
   theta = np.tile(loaded.parameters.nominal, (3, 1))
   theta[:, loaded.parameters.index("gyro_scale")] = [0.0, 0.1, -0.1]
   simulated = []
-  original = Twin._simulate
-  monkeypatch.setattr(Twin, "_simulate", lambda self, t, s: simulated.append(len(t)) or original(self, t, s))
+  original = Twin.simulate
+  monkeypatch.setattr(Twin, "simulate", lambda self, t, s: simulated.append(len(t)) or original(self, t, s))
   rates = loaded.rollout(theta, drive()).channel("yaw_rate")
   assert simulated == [1]
   np.testing.assert_allclose(rates[1], 1.1 * rates[0], rtol=1e-12)

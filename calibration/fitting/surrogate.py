@@ -1,0 +1,117 @@
+"""A twin to search with: the reduced car, put right by MuJoCo at one place.
+
+  signals(theta) = reduced(theta) + MuJoCo(anchor) - reduced(anchor)
+
+so at its anchor it is MuJoCo's own answer, and away from there it errs by how much the two cars' slopes differ. (The
+additive correction of surrogate optimisation: Alexandrov and Lewis, An overview of first-order model management for
+engineering optimization, Optimization and Engineering 2, 2001.) Sensors err after the correction.
+"""
+
+import copy
+from collections.abc import Collection, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.plant import Segments
+from qcar_twin.twin.engines import EngineKind
+from qcar_twin.twin.engines.reduced.cars import irreducible
+from qcar_twin.twin.twin import Twin
+
+Array = NDArray[np.float64]
+
+
+class Surrogate(Twin):
+  """The reduced car in place of a MuJoCo twin.
+
+  Args:
+    exact: the twin it stands in for.
+    anchor: parameters at which it is MuJoCo's, (P,); None for the reduced car as it is.
+    guarded: names of recordings that MuJoCo simulates whatever the parameters, since the two differ too much there.
+
+  Raises:
+    ValueError: the reduced car lacks something that this car has.
+  """
+
+  def __init__(self, exact: Twin, anchor: Array | None = None, guarded: Collection[str] = ()):
+    super().__init__(
+      exact.vehicle, exact.mechanisms, exact.tyre, exact.substeps, exact.threads, exact.rows, engine="reduced"
+    )
+    self.exact, self.anchor, self.guarded = exact, anchor, frozenset(guarded)
+    self._corrections: dict[tuple[str, float, int], Array] = {}
+
+  def at(self, anchor: Array) -> "Surrogate":
+    """The same, put right at other parameters, (P,)."""
+    made = copy.copy(self)
+    made.anchor, made._corrections = np.array(anchor), {}
+    return made
+
+  @property
+  def uncorrected(self) -> "Surrogate":
+    """The reduced car as it is, everywhere."""
+    made = copy.copy(self)
+    made.anchor, made.guarded = None, frozenset()
+    return made
+
+  def guarding(self, recordings: Collection[str]) -> "Surrogate":
+    """The same with these recordings left to MuJoCo."""
+    made = copy.copy(self)
+    made.guarded = self.guarded | set(recordings)
+    return made
+
+  def simulate(self, theta: Array, segments: Segments) -> Array:
+    left = np.array([name in self.guarded for name in segments.recording])
+    signals = np.empty((len(theta), len(segments), segments.commands.shape[1] + 1, 10))
+    if not left.all():
+      free = segments[np.flatnonzero(~left)]
+      signals[:, ~left] = super().simulate(theta, free)
+      if self.anchor is not None:
+        signals[:, ~left] += self._correction(free)
+    if left.any():
+      signals[:, left] = self.exact.simulate(theta, segments[np.flatnonzero(left)])
+    return signals
+
+  def _correction(self, segments: Segments) -> Array:
+    """MuJoCo minus reduced at the anchor, (S, T + 1, 10); simulated once per segment."""
+    keys = [
+      (name, float(offset), hash(commands.tobytes()))
+      for name, offset, commands in zip(segments.recording, segments.offset, segments.commands, strict=True)
+    ]
+    unknown = np.array([i for i, key in enumerate(keys) if key not in self._corrections], dtype=int)
+    if len(unknown):
+      assert self.anchor is not None
+      some, theta = segments[unknown], self.anchor[None]
+      for i, change in zip(
+        unknown, self.exact.simulate(theta, some)[0] - super().simulate(theta, some)[0], strict=True
+      ):
+        self._corrections[keys[i]] = np.nan_to_num(change, posinf=0.0, neginf=0.0)
+    return np.stack([self._corrections[key] for key in keys])
+
+
+def searching(twin: Twin, engine: EngineKind = "reduced") -> tuple[Twin, tuple[str, ...]]:
+  """What to search with in place of a twin, and what there is to say about it.
+
+  Args:
+    twin: in MuJoCo.
+    engine: "mujoco" for the twin itself; it is also taken where the reduced car can't stand in.
+  """
+  if engine == "mujoco":
+    return twin, ()
+  lacking = irreducible(twin.vehicle, twin.tyre)
+  if lacking:
+    return twin, (f"searched on MuJoCo alone, many times as long: the reduced car can't stand in, {lacking}",)
+  return Surrogate(twin), ()
+
+
+def exact(twin: Twin) -> Twin:
+  """The MuJoCo twin behind what is searched with."""
+  return twin.exact if isinstance(twin, Surrogate) else twin
+
+
+def anchored(twin: Twin, names: Sequence[str], values: Array) -> Twin:
+  """What is searched with, put right at estimates of some parameters, the others nominal."""
+  if not isinstance(twin, Surrogate):
+    return twin
+  theta = twin.parameters.nominal
+  theta[[twin.parameters.index(name) for name in names]] = values
+  return twin.at(theta)

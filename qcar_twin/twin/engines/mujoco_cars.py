@@ -1,0 +1,109 @@
+"""Cars in MuJoCo, side by side in one `mujoco.batch.Batch`."""
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from qcar_twin.plant import START
+from qcar_twin.twin.engines import Array, Rows
+from qcar_twin.twin.engines.model_fields import Fields
+from qcar_twin.twin.mechanisms.base import CarDimensions
+from qcar_twin.vehicle.ids import Handles
+
+_STATE = ("qpos", "qvel", "act", "ctrl", "qacc_warmstart", "plugin_state", "eq_active", "time")
+# qpos of the free joint: position, quaternion; qvel: velocity in the world frame, rate in the body frame
+_VX, _VY, _YAW_RATE = 0, 1, 5
+
+
+class MujocoCars:
+  """The engine that the twin's claims are made on; see `Engine`.
+
+  Args:
+    batch: what carries the cars; put back to MuJoCo's start.
+    car: measured numbers.
+    period: control period, s.  substeps: simulation steps in it.
+    rest_height: of the chassis frame as the nominal car stands, m.
+    native_tyre: MuJoCo's own friction in place of the tyre's law.
+  """
+
+  def __init__(
+    self, batch: Batch, car: CarDimensions, period: float, substeps: int, rest_height: float, native_tyre: bool
+  ):
+    self.batch, self._car, self._rest_height = batch, car, rest_height
+    self._period, self._substeps = period, substeps
+    batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+    self._fields = Fields(batch, car, native_tyre)
+    self._qpos, self._qvel, self._ctrl, self._act = batch.qpos, batch.qvel, batch.ctrl, batch.act
+    self._xfrc, self._sensordata = batch.bind("xfrc_applied"), batch.bind("sensordata")
+    self._handles = Handles.of(batch.model)
+
+  @property
+  def values(self) -> dict[str, Array]:
+    return self._fields.values
+
+  def load(self, values: dict[str, Array]) -> None:
+    self._fields.load(values)
+
+  def write(self, changed: set[str], rows: Rows) -> None:
+    self._fields.write(changed, rows)
+
+  def commit(self) -> None:
+    self.batch.set_const()
+
+  def place(self, start: Array, signals: Array) -> None:
+    s = {name: start[:, i] for i, name in enumerate(START)}
+    car = self._car
+    self._qpos[:, 0], self._qpos[:, 1], self._qpos[:, 2] = s["pose_x"], s["pose_y"], self._rest_height
+    self._qpos[:, 3], self._qpos[:, 6] = np.cos(s["pose_yaw"] / 2), np.sin(s["pose_yaw"] / 2)
+    cosine, sine = np.cos(s["pose_yaw"]), np.sin(s["pose_yaw"])
+    self._qvel[:, _VX] = cosine * s["velocity_x"] - sine * s["velocity_y"]
+    self._qvel[:, _VY] = sine * s["velocity_x"] + cosine * s["velocity_y"]
+    self._qvel[:, _YAW_RATE] = s["yaw_rate"]
+    half = car.track_width / 2
+    for k, dof in enumerate(self._handles.spin_dofs):
+      side = half if k % 2 == 0 else -half
+      self._qvel[:, dof] = (s["velocity_x"] - s["yaw_rate"] * side) / car.wheel_radius
+    self._qvel[:, self._handles.motor_dof] = s["velocity_x"] / car.wheel_radius / car.gear_ratio
+    curve = car.track_width / (2 * car.wheelbase) * self.values["ackermann_fraction"] * s["steering_angle"] ** 2
+    self._qpos[:, self._handles.steering_qpos[0]] = s["steering_angle"] + curve
+    self._qpos[:, self._handles.steering_qpos[1]] = s["steering_angle"] - curve
+    self._act[:] = 0.0
+    self._act[:, -1] = s["steering_angle"]
+    self._yaw = start[:, 2].copy()
+    self._read(signals)
+    signals[:, 6:8] = 0.0
+
+  def adopt(self, row: int, other: "MujocoCars") -> None:
+    for name in _STATE:
+      self.batch.bind(name)[row] = other.batch.bind(name)[0]
+
+  def push(self, force: Array, signals: Array) -> None:
+    cosine, sine = np.cos(signals[:, 2]), np.sin(signals[:, 2])
+    self._xfrc[:, self._handles.chassis, 0] = cosine * force[:, 0] - sine * force[:, 1]
+    self._xfrc[:, self._handles.chassis, 1] = sine * force[:, 0] + cosine * force[:, 1]
+    self._xfrc[:, self._handles.chassis, 5] = force[:, 2]
+
+  def advance(self, commands: Array, running: NDArray[np.intp] | None, signals: Array) -> None:
+    self._ctrl[:] = commands
+    self.batch.step(running, nstep=self._substeps)
+    self._read(signals)
+
+  def run(self, commands: Array, periods: NDArray[np.int64], signals: Array) -> bool:
+    return False
+
+  def _read(self, out: Array) -> None:
+    q, v = self._qpos, self._qvel
+    yaw = np.arctan2(2 * (q[:, 3] * q[:, 6] + q[:, 4] * q[:, 5]), 1 - 2 * (q[:, 5] ** 2 + q[:, 6] ** 2))
+    self._yaw += np.mod(yaw - self._yaw + np.pi, 2 * np.pi) - np.pi
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    out[:, 0], out[:, 1], out[:, 2] = q[:, 0], q[:, 1], self._yaw
+    out[:, 3] = cosine * v[:, _VX] + sine * v[:, _VY]
+    out[:, 4] = -sine * v[:, _VX] + cosine * v[:, _VY]
+    out[:, 5] = v[:, _YAW_RATE]
+    # the sensor spoke a substep ago: its frame has turned since then by r h, on average half of it
+    at, half_turn = self._handles.accelerometer, 0.5 * self._period / self._substeps * v[:, _YAW_RATE]
+    ax, ay = self._sensordata[:, at], self._sensordata[:, at + 1]
+    out[:, 6], out[:, 7] = ax + half_turn * ay, ay - half_turn * ax
+    out[:, 8] = v[:, self._handles.motor_dof]
+    out[:, 9] = 0.5 * (q[:, self._handles.steering_qpos[0]] + q[:, self._handles.steering_qpos[1]])

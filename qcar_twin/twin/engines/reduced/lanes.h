@@ -1,0 +1,71 @@
+// Cars side by side in the lanes of vector registers, with the compiler's vector extension: wherever the processor has
+// no such registers the same source becomes scalar code. Every operation is IEEE's own, so all of them give the same bits.
+
+#include <math.h>
+#include <stdint.h>
+
+#define LANES 4
+typedef double V __attribute__((vector_size(8 * LANES)));
+typedef int64_t Mask __attribute__((vector_size(8 * LANES)));  // all bits of a lane, or none
+#define INLINE static inline __attribute__((always_inline))
+
+INLINE V all(double x) { return x - (V){0}; }
+INLINE V load(const double* x) { V v; __builtin_memcpy(&v, x, sizeof v); return v; }
+INLINE void store(double* x, V v) { __builtin_memcpy(x, &v, sizeof v); }
+INLINE V pick(Mask m, V a, V b) { return (V)(((Mask)a & m) | ((Mask)b & ~m)); }  // m ? a : b
+INLINE V least(V a, V b) { return pick(a < b, a, b); }
+INLINE V most(V a, V b) { return pick(a > b, a, b); }
+INLINE V clip(V x, V bound) { return most(least(x, bound), -bound); }
+INLINE V absolute(V x) { return (V)((Mask)x & INT64_MAX); }
+
+INLINE V root(V x) {
+  for (int l = 0; l < LANES; l++) x[l] = sqrt(x[l]);
+  return x;
+}
+
+// x - x^3/3! + ... and 1 - x^2/2! + ..., up to x^last
+INLINE V sine_series(V x, int last) {
+  V q = x * x, s = all(1);
+  for (int n = last; n > 1; n -= 2) s = 1 - q * s * (1. / (n * (n - 1)));
+  return x * s;
+}
+
+INLINE V cosine_series(V x, int last) {
+  V q = x * x, s = all(1);
+  for (int n = last; n > 1; n -= 2) s = 1 - q * s * (1. / (n * (n - 1)));
+  return s;
+}
+
+// 0 <= x <= pi, to 1e-14
+INLINE V sine(V x) { return sine_series(least(x, M_PI - x), 19); }
+
+// x >= 0: atan x = k pi / 8 + atan u with |u| <= tan(pi / 8), and atan u by its series, to 1e-13
+INLINE V arctangent(V x) {
+  const double c = 0.41421356237309503;  // tan(pi / 8)
+  Mask large = x > 1;
+  V u = pick(large, 1 - c * x, x - c) / pick(large, x + c, 1 + c * x), q = u * u, s = all(1. / 33);
+  for (int n = 31; n > 0; n -= 2) s = 1. / n - q * s;
+  return pick(large, all(3 * M_PI / 8), all(M_PI / 8)) + u * s;
+}
+
+#define WHOLE 6755399441055744.0  // 1.5 * 2^52: added to a double, its low bits are the nearest integer
+
+// |x| < 700, to 1e-14
+INLINE V exponential(V x) {
+  V k = x * 1.4426950408889634 + WHOLE, f = x - (k - WHOLE) * 0.6931471805599453, s = all(1);
+  for (int n = 12; n > 0; n--) s = 1 + f * s * (1. / n);
+  return (V)((Mask)s + ((Mask)k << 52));
+}
+
+// x > 0, to 1e-14: exponent, and twice the area tangent of a mantissa between sqrt(1/2) and sqrt(2)
+INLINE V logarithm(V x) {
+  Mask bits = (Mask)x, high;
+  V m = (V)((bits & 0xfffffffffffffLL) | 0x3ff0000000000000LL);
+  high = m > M_SQRT2;
+  V e = (V)((bits >> 52) + 0x4338000000000000LL - 1023) - WHOLE;
+  e = pick(high, e + 1, e);
+  m = pick(high, .5 * m, m);
+  V u = (m - 1) / (m + 1), q = u * u, s = all(1. / 21);
+  for (int n = 19; n > 0; n -= 2) s = 1. / n + q * s;
+  return e * 0.6931471805599453 + 2 * u * s;
+}

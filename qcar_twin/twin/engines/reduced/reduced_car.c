@@ -1,0 +1,365 @@
+// The reduced car: what MuJoCo computes for qcar.xml, written out for this one structure. Equations: docs/reduced.md.
+//
+// Unknowns of a step are the velocities at its end: the car's along x and y of the heading in its middle, yaw, roll and
+// pitch rate, the two wheel speed differences, the motor's speed. All forces that depend on them (tyres, differentials,
+// Coulomb friction) are implicit, so the step is one symmetric 8 x 8 system; springs, gravity and the motor's torque
+// are those of its beginning, as in MuJoCo's semi-implicit Euler.
+//
+// Arrays: row r of state S and numbers P holds one quantity of all cars, `stride` doubles a row, a multiple of LANES.
+
+#include "lanes.h"
+#include "layout.h"
+
+#define CREEP_SPEED 0.005  // m/s; this and the next three as in vehicle/tyre/tyre.c
+#define DAMPED_SPEED 0.1
+#define LEAST_LOAD 0.02
+#define CONE_RESERVE 1.5
+#define SLOWEST_SLIDE 0.05  // rad/s, below which a differential's Coulomb friction is viscous
+#define N_SIGNAL 10
+
+enum { VX, VY, YAW, ROLL, PITCH, FRONT, REAR, MOTOR, N_UNKNOWN };
+#define AT(i, j) ((i) * ((i) + 1) / 2 + (j))  // place in a lower triangle, j <= i
+
+typedef struct {
+  const double *C, *P;
+  double* S;
+  long stride;
+} Cars;
+
+INLINE V number(const Cars* a, int row) { return load(a->P + row * a->stride); }
+INLINE V state(const Cars* a, int row) { return load(a->S + row * a->stride); }
+INLINE void put(const Cars* a, int row, V value) { store(a->S + row * a->stride, value); }
+
+// a direction over the ground
+typedef struct { V x, y; } Pair;
+
+INLINE Pair turned(Pair a, V s, V c) { return (Pair){c * a.x - s * a.y, s * a.x + c * a.y}; }
+
+// what the tyres add to the system: along the car's plane (vx, vy, yaw), the motor and the two differences
+typedef struct {
+  V plane[6], plane_motor[3], plane_axle[2][3], motor, motor_axle[2], axle[2];
+  V to_plane[3], to_motor, to_axle[2];
+} Tyres;
+
+// a wheel in this step: rows of its slip velocity over (vx, vy, yaw), and how its slips go on
+typedef struct {
+  V along[3], across[3];
+  Pair turning;  // slip velocity that the end's heading adds, m/s
+  Pair kept;     // of the slips of now
+  V gain;        // slip at the end per slip velocity at the end, s/m; 0 in the air
+} Wheel;
+
+// the springs' and floor's part of a step
+typedef struct {
+  V load[4];    // N; -1 in the air
+  V acceleration[4];  // of the wheel without the floor's force, m/s^2, downwards
+  V sum, about_x, about_y;  // of the springs on the body: N, N m
+} Suspension;
+
+INLINE double side_of(int k) { return k % 2 ? -1. : 1.; }  // 1 left, -1 right
+
+// Wheels on springs; the floor is MuJoCo's soft contact row, a reference acceleration with a regularisation.
+INLINE void suspend(const Cars* a, V roll, V pitch, V heave, V roll_rate, V pitch_rate, V heave_rate, Suspension* out) {
+  const double *C = a->C, mass = C[C_WHEEL_MASS];
+  V spring = number(a, P_SPRING), damper = number(a, P_DAMPER);
+  out->sum = out->about_x = out->about_y = all(0);
+  for (int k = 0; k < 4; k++) {
+    V x = C[k < 2 ? C_FRONT_X : C_REAR_X] - number(a, P_SPRUNG_X), y = side_of(k) * C[C_HALF_TRACK] - number(a, P_SPRUNG_Y);
+    V height = state(a, S_HEIGHT + k), rise = state(a, S_RISE + k);
+    V force = C[k < 2 ? C_FRONT_PRELOAD : C_REAR_PRELOAD] -
+              spring * (heave + y * roll - x * pitch - height - C[C_SINKING]) -
+              damper * (heave_rate + y * roll_rate - x * pitch_rate - rise);
+    V falling = C[C_GRAVITY] + force * (1 / mass);
+    V pressed = (falling - C[C_CONTACT_DAMPING] * rise - C[C_CONTACT_STIFFNESS] * height) *
+                (1 / (1 / mass + C[C_CONTACT_SOFTNESS]));
+    out->load[k] = pick(height < 0, most(pressed, all(0)), all(-1));
+    out->acceleration[k] = falling;
+    out->sum += force;
+    out->about_x += force * y;
+    out->about_y += force * x;
+  }
+}
+
+// One wheel's tyre: the law and its secant as in tyre.c, added to the system.
+//   now, before: the car's velocity in the heading of the step's middle and beginning, m/s
+//   speed: of the wheel, rad/s; s, c: of its steering angle in the middle of the step; turn: of the wheel's heading in
+//   half a step, rad; st, ct: of its steering angle at the beginning
+INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, V roll_rate, V pitch_rate, V speed, V st,
+                       V ct, V s, V c, V turn, V* pressed, Wheel* w, Tyres* sum) {
+  const double *C = a->C, h = C[C_STEP], radius = C[C_ROLLING_RADIUS], height = C[C_ORIGIN_HEIGHT];
+  const double x = C[k < 2 ? C_FRONT_X : C_REAR_X], y = side_of(k) * C[C_HALF_TRACK], half = .5 * side_of(k);
+  const int axle = k / 2;
+  V nominal = all(C[k < 2 ? C_FRONT_LOAD : C_REAR_LOAD]);
+  // slip velocity: translation along the heading of the middle of the step, rotation as it is now
+  w->along[0] = c, w->along[1] = s, w->along[2] = st * x - ct * y;
+  w->across[0] = -s, w->across[1] = c, w->across[2] = ct * x + st * y;
+  w->turning = (Pair){turn * (ct * before.y - st * before.x), -turn * (ct * before.x + st * before.y)};
+  V rolling = radius * speed, ux = now.x - height * pitch_rate, uy = now.y + height * roll_rate;
+  V vx = w->along[0] * ux + w->along[1] * uy + w->along[2] * yaw_rate - rolling - w->turning.x;
+  V vy = w->across[0] * ux + w->across[1] * uy + w->across[2] * yaw_rate - w->turning.y;
+
+  // load, and what falls with it
+  V old = state(a, S_LOAD + k);
+  Mask unset = old < 0;
+  V load = pick(unset, nominal, most(old, LEAST_LOAD * nominal)), ratio = load / nominal;
+  V fall = exponential(-number(a, P_LOAD_EXPONENT + k) * logarithm(ratio));
+  V stiff_x = number(a, P_LONGITUDINAL_STIFFNESS + k) * fall * ratio;
+  V stiff_y = number(a, P_CORNERING_STIFFNESS + k) * fall * ratio;
+  V friction = number(a, P_FRICTION_COEFFICIENT + k) * fall;
+
+  // transient slip, its linear force in units of friction times load, and the law's secant there
+  V reference = root(rolling * rolling + vx * vx + vy * vy + CREEP_SPEED * CREEP_SPEED);
+  V length = number(a, P_RELAXATION_LENGTH + k), inverse = 1 / (length + h * reference), gain = h * inverse;
+  V keep = length * inverse, zx = pick(unset, vx / reference, state(a, S_SLIP_X + k));
+  V zy = pick(unset, vy / reference, state(a, S_SLIP_Y + k));
+  V px = stiff_x * (keep * zx + gain * vx), py = stiff_y * (keep * zy + gain * vy);
+  V shape = number(a, P_TYRE_SHAPE + k), rho = root(px * px + py * py) / (friction * load);
+  V bent = sine(shape * arctangent(rho / shape)) / most(rho, all(1e-4)), secant = pick(rho < 1e-4, all(1), bent);
+  V fade = DAMPED_SPEED * DAMPED_SPEED / (DAMPED_SPEED * DAMPED_SPEED + rolling * rolling);
+  V damping = C[C_CARCASS_DAMPING] / number(a, P_CORNERING_STIFFNESS + k) * length * (1 / h) * fade * fade;
+  V kx = stiff_x * (secant + damping), ky = stiff_y * (secant + damping);
+
+  // The elliptic cone around the law holds a load that has vanished within the step; at its corner MuJoCo's solver
+  // shares what the tyre wants between the floor's push and the friction.
+  Mask grounded = *pressed > -.5;
+  V axes = root(ky / kx), cone_x = CONE_RESERVE * friction * most(all(1), 1 / axes), cone_y = cone_x * axes;
+  V ex = px * secant / cone_x, ey = py * secant / cone_y, wanted = load * friction * rho * secant;
+  V edge = wanted / most(root(ex * ex + ey * ey), all(1e-9)), stiff = all(1 / C[C_WHEEL_MASS] + C[C_CONTACT_SOFTNESS]);
+  V soft = 1 / (h * .5 * (kx + ky) * gain) + C[C_PATCH_MOBILITY];
+  V shared = (stiff * *pressed + edge * soft * wanted) / (stiff + edge * edge * soft);
+  Mask beyond = edge * *pressed < wanted;
+  V share = pick(beyond, edge * shared / most(wanted, all(1e-9)), all(1));
+  share = pick(grounded, share, all(0));
+  *pressed = pick(grounded, pick(beyond, shared, *pressed), all(0));
+
+  // force on the car  f = -c v(end) - b  along both directions
+  V cx = h * share * kx * gain, cy = h * share * ky * gain;
+  V bx = h * share * (kx * keep - stiff_x * damping) * zx + cx * w->turning.x;
+  V by = h * share * (ky * keep - stiff_y * damping) * zy + cy * w->turning.y;
+  V spin = -radius * all(C[C_GEAR]), differ = all(-radius * half);  // rows over motor and difference
+  for (int i = 0, n = 0; i < 3; i++) {
+    V ax = cx * w->along[i], ay = cy * w->across[i];
+    for (int j = 0; j <= i; j++, n++) sum->plane[n] += ax * w->along[j] + ay * w->across[j];
+    sum->plane_motor[i] += ax * spin;
+    sum->plane_axle[axle][i] += ax * differ;
+    sum->to_plane[i] -= w->along[i] * bx + w->across[i] * by;
+  }
+  sum->motor += cx * spin * spin;
+  sum->motor_axle[axle] += cx * spin * differ;
+  sum->axle[axle] += cx * differ * differ;
+  sum->to_motor -= spin * bx;
+  sum->to_axle[axle] -= differ * bx;
+
+  w->gain = pick(grounded, gain, all(0));
+  w->kept = (Pair){pick(grounded, keep * zx, all(0)), pick(grounded, keep * zy, all(0))};
+}
+
+// Solves A u = b in place of b; A is lost. Coulomb friction on the last unknown, the motor, takes at most `friction` off
+// its impulse: with all others eliminated that is a clip.
+INLINE void solve(V A[], V b[], V friction) {
+  V diagonal[N_UNKNOWN], scaled[N_UNKNOWN];
+  for (int j = 0; j < N_UNKNOWN; j++) {
+    V d = A[AT(j, j)];
+    for (int k = 0; k < j; k++) {
+      scaled[k] = A[AT(j, k)] * diagonal[k];
+      d -= scaled[k] * A[AT(j, k)];
+      b[j] -= A[AT(j, k)] * b[k];
+    }
+    diagonal[j] = d;
+    V inverse = 1 / d;
+    A[AT(j, j)] = inverse;
+    for (int i = j + 1; i < N_UNKNOWN; i++) {
+      V off = A[AT(i, j)];
+      for (int k = 0; k < j; k++) off -= A[AT(i, k)] * scaled[k];
+      A[AT(i, j)] = off * inverse;
+    }
+  }
+  b[MOTOR] -= clip(b[MOTOR], friction);
+  for (int j = N_UNKNOWN - 1; j >= 0; j--) {
+    b[j] *= A[AT(j, j)];
+    for (int k = j + 1; k < N_UNKNOWN; k++) b[j] -= A[AT(k, j)] * b[k];
+  }
+}
+
+// One control period of LANES cars: `count` steps with the commands held; force: x, y [N] and moment [N m] on the body
+// at the CG, in the body frame of the period's beginning, or NULL.
+static void drive_lanes(const Cars* a, V command, V steering, const V force[3], int count, V out[N_SIGNAL]) {
+  const double *C = a->C, h = C[C_STEP], hc = C[C_ORIGIN_HEIGHT], radius = C[C_ROLLING_RADIUS], gear = C[C_GEAR];
+  const double wheels = 4 * C[C_WHEEL_INERTIA] * gear;  // spin of the wheels per motor speed
+  command = clip(command, all(C[C_MAX_COMMAND]));
+  steering = clip(steering, all(C[C_MAX_STEERING]));
+  V x = state(a, S_X), y = state(a, S_Y), yaw = state(a, S_YAW), c = state(a, S_COSINE), s = state(a, S_SINE);
+  V norm = 1.5 - .5 * (c * c + s * s);
+  c *= norm, s *= norm;
+  Pair v = {state(a, S_VELOCITY_X), state(a, S_VELOCITY_Y)}, pushed = {all(0), all(0)}, felt = pushed;
+  V yaw_rate = state(a, S_YAW_RATE), roll = state(a, S_ROLL), pitch = state(a, S_PITCH), heave = state(a, S_HEAVE);
+  V roll_rate = state(a, S_ROLL_RATE), pitch_rate = state(a, S_PITCH_RATE), heave_rate = state(a, S_HEAVE_RATE);
+  V motor = state(a, S_MOTOR), front = state(a, S_FRONT_DIFFERENCE), rear = state(a, S_REAR_DIFFERENCE);
+  V servo = state(a, S_SERVO), servo_before = state(a, S_SERVO_BEFORE), moment = all(0);
+  if (force) pushed = turned((Pair){force[0], force[1]}, s, c), moment = force[2];
+  const Pair gravity = {number(a, P_GRAVITY_X), number(a, P_GRAVITY_Y)};
+  const V m = number(a, P_MASS), mx = number(a, P_MOMENT_X), my = number(a, P_MOMENT_Y), mz = number(a, P_MOMENT_Z);
+  const V iyr = number(a, P_YAW_ROLL_INERTIA), iyp = number(a, P_YAW_PITCH_INERTIA), iy = number(a, P_YAW_INERTIA);
+  const V ir = number(a, P_ROLL_INERTIA), ip = number(a, P_PITCH_INERTIA), im = number(a, P_SPINNING_INERTIA);
+  const V sx = number(a, P_SPRUNG_X), sy = number(a, P_SPRUNG_Y), sz = number(a, P_SPRUNG_Z);
+  const V curve = number(a, P_ACKERMANN), share = number(a, P_SERVO_SHARE);
+  const V viscous = number(a, P_DIFFERENTIAL_DAMPING), coulomb = number(a, P_DIFFERENTIAL_FRICTION);
+
+  for (int n = 0; n < count; n++) {
+    V half = .5 * h * yaw_rate, dc = cosine_series(half, 6), ds = sine_series(half, 7);
+    V cm = c * dc - s * ds, sm = s * dc + c * ds;  // heading of the middle of the step
+    Pair now = turned(v, -sm, cm), before = turned(v, -s, c);
+    Suspension springs;
+    suspend(a, roll, pitch, heave, roll_rate, pitch_rate, heave_rate, &springs);
+
+    Tyres t = {0};
+    Wheel wheel[4];
+    V way = servo - servo_before, bend = curve * servo * servo, bending = bend - curve * servo_before * servo_before;
+    for (int k = 0; k < 2; k++) {
+      V angle = servo + side_of(k) * bend, step = way + side_of(k) * bending;
+      V st = sine_series(angle, 15), ct = cosine_series(angle, 16), d1 = .5 * step, s1 = sine_series(d1, 5), c1 = cosine_series(d1, 6);
+      roll_wheel(a, k, now, before, yaw_rate, roll_rate, pitch_rate, gear * motor + .5 * side_of(k) * front, st, ct,
+                 st * c1 + ct * s1, ct * c1 - st * s1, half + d1, springs.load + k, wheel + k, &t);
+    }
+    for (int k = 2; k < 4; k++)
+      roll_wheel(a, k, now, before, yaw_rate, roll_rate, pitch_rate, gear * motor + .5 * side_of(k) * rear, all(0),
+                 all(1), all(0), all(1), half, springs.load + k, wheel + k, &t);
+
+    // inertia of car, wheels and motor, and the tyres': patches move with hc times roll rate to the left
+    V A[AT(N_UNKNOWN - 1, N_UNKNOWN)], b[N_UNKNOWN];
+    const V* T = t.plane;
+    A[AT(VX, VX)] = m + T[0];
+    A[AT(VY, VX)] = T[1];
+    A[AT(VY, VY)] = m + T[2];
+    A[AT(YAW, VX)] = T[3] - my;
+    A[AT(YAW, VY)] = T[4] + mx;
+    A[AT(YAW, YAW)] = T[5] + iy;
+    A[AT(ROLL, VX)] = hc * T[1];
+    A[AT(ROLL, VY)] = hc * T[2] - mz;
+    A[AT(ROLL, YAW)] = hc * T[4] + iyr;
+    A[AT(ROLL, ROLL)] = hc * hc * T[2] + ir;
+    A[AT(PITCH, VX)] = mz - hc * T[0];
+    A[AT(PITCH, VY)] = -hc * T[1];
+    A[AT(PITCH, YAW)] = iyp - hc * T[3];
+    A[AT(PITCH, ROLL)] = -hc * hc * T[1];
+    A[AT(PITCH, PITCH)] = hc * hc * T[0] + ip;
+    for (int axle = 0; axle < 2; axle++) {
+      int row = FRONT + axle;
+      const V* G = t.plane_axle[axle];
+      V slip = absolute(axle ? rear : front);
+      A[AT(row, VX)] = G[0], A[AT(row, VY)] = G[1], A[AT(row, YAW)] = G[2];
+      A[AT(row, ROLL)] = hc * G[1], A[AT(row, PITCH)] = -hc * G[0];
+      A[AT(row, row)] = t.axle[axle] + .5 * C[C_WHEEL_INERTIA] + h * (viscous + coulomb / most(slip, all(SLOWEST_SLIDE)));
+      A[AT(MOTOR, row)] = t.motor_axle[axle];
+      b[row] = .5 * C[C_WHEEL_INERTIA] * (axle ? rear : front) + t.to_axle[axle];
+    }
+    A[AT(REAR, FRONT)] = all(0);
+    A[AT(MOTOR, VX)] = t.plane_motor[0], A[AT(MOTOR, VY)] = t.plane_motor[1], A[AT(MOTOR, YAW)] = t.plane_motor[2];
+    A[AT(MOTOR, ROLL)] = hc * t.plane_motor[1], A[AT(MOTOR, PITCH)] = wheels - hc * t.plane_motor[0];
+    A[AT(MOTOR, MOTOR)] = t.motor + im;
+
+    // momentum now, and the impulses that don't depend on the end: centrifugal and gyroscopic ones among them
+    Pair f = turned(pushed, -sm, cm), g = turned(gravity, -sm, cm);
+    V spin2 = yaw_rate * yaw_rate, next_way = share * (steering - servo);
+    V torque = clip(command * number(a, P_TORQUE_PER_COMMAND) - number(a, P_MOTOR_DAMPING) * motor, number(a, P_MAX_TORQUE));
+    b[VX] = m * now.x - my * yaw_rate + mz * pitch_rate + h * (f.x + m * g.x + spin2 * mx) + t.to_plane[0];
+    b[VY] = m * now.y + mx * yaw_rate - mz * roll_rate + h * (f.y + m * g.y + spin2 * my) + t.to_plane[1];
+    b[YAW] = mx * now.y - my * now.x + iy * yaw_rate + iyr * roll_rate + iyp * pitch_rate +
+             h * (moment + sx * f.y - sy * f.x + mx * g.y - my * g.x) + t.to_plane[2] -
+             C[C_KNUCKLE_INERTIA] / h * (next_way - way);
+    b[ROLL] = -mz * now.y + iyr * yaw_rate + ir * roll_rate + hc * t.to_plane[1] +
+              h * (-sz * f.y - mz * g.y + springs.about_x + springs.sum * (C[C_ROLL_ARM] + sz) * roll + spin2 * iyp +
+                   (yaw_rate + .5 * way / h) * wheels * motor);
+    b[PITCH] = mz * now.x + iyp * yaw_rate + ip * pitch_rate + wheels * motor - hc * t.to_plane[0] +
+               h * (sz * f.x + mz * g.x - springs.about_y + springs.sum * (C[C_PITCH_ARM] + sz) * pitch - spin2 * iyr);
+    b[MOTOR] = im * motor + wheels * pitch_rate + t.to_motor + h * (torque - number(a, P_DRIVELINE_DAMPING) * motor);
+    solve(A, b, h * number(a, P_DRIVELINE_FRICTION));
+
+    for (int k = 0; k < 4; k++) {
+      const Wheel* w = wheel + k;
+      V ux = b[VX] - hc * b[PITCH], uy = b[VY] + hc * b[ROLL];
+      V rim = radius * (gear * b[MOTOR] + .5 * side_of(k) * b[k < 2 ? FRONT : REAR]);
+      V vx = w->along[0] * ux + w->along[1] * uy + w->along[2] * b[YAW] - rim + w->turning.x;
+      V vy = w->across[0] * ux + w->across[1] * uy + w->across[2] * b[YAW] + w->turning.y;
+      V rise = state(a, S_RISE + k) + h * (springs.load[k] * (1 / C[C_WHEEL_MASS]) - springs.acceleration[k]);
+      put(a, S_SLIP_X + k, w->kept.x + w->gain * vx);
+      put(a, S_SLIP_Y + k, w->kept.y + w->gain * vy);
+      put(a, S_LOAD + k, springs.load[k]);
+      put(a, S_RISE + k, rise);
+      put(a, S_HEIGHT + k, state(a, S_HEIGHT + k) + h * rise);
+    }
+    Pair next = turned((Pair){b[VX], b[VY]}, sm, cm);
+    if (n == count - 1) {  // what an accelerometer shows in this step, in its frame of the step's beginning
+      Pair pull = turned((Pair){(next.x - v.x) * (1 / h) - gravity.x, (next.y - v.y) * (1 / h) - gravity.y}, -s, c);
+      V turning = (b[YAW] - yaw_rate) * (1 / h), ahead = C[C_IMU_X] + number(a, P_CG_SHIFT);
+      felt.x = pull.x - turning * C[C_IMU_Y] - spin2 * ahead - C[C_GRAVITY] * pitch;
+      felt.y = pull.y + turning * ahead - spin2 * C[C_IMU_Y] + C[C_GRAVITY] * roll;
+    }
+    v = next;
+    yaw_rate = b[YAW], roll_rate = b[ROLL], pitch_rate = b[PITCH], front = b[FRONT], rear = b[REAR], motor = b[MOTOR];
+    heave_rate += h * (springs.sum / number(a, P_SPRUNG_MASS) - C[C_GRAVITY]);
+    x += h * v.x, y += h * v.y, yaw += h * yaw_rate;
+    roll += h * roll_rate, pitch += h * pitch_rate, heave += h * heave_rate;
+    V angle = h * yaw_rate;
+    Pair heading = turned((Pair){c, s}, sine_series(angle, 7), cosine_series(angle, 8));
+    c = heading.x, s = heading.y;
+    servo_before = servo;
+    servo += next_way;
+  }
+
+  put(a, S_X, x), put(a, S_Y, y), put(a, S_YAW, yaw), put(a, S_COSINE, c), put(a, S_SINE, s);
+  put(a, S_VELOCITY_X, v.x), put(a, S_VELOCITY_Y, v.y), put(a, S_YAW_RATE, yaw_rate);
+  put(a, S_ROLL, roll), put(a, S_PITCH, pitch), put(a, S_HEAVE, heave);
+  put(a, S_ROLL_RATE, roll_rate), put(a, S_PITCH_RATE, pitch_rate), put(a, S_HEAVE_RATE, heave_rate);
+  put(a, S_MOTOR, motor), put(a, S_FRONT_DIFFERENCE, front), put(a, S_REAR_DIFFERENCE, rear);
+  put(a, S_SERVO, servo), put(a, S_SERVO_BEFORE, servo_before);
+  // as twin.py reads an accelerometer that spoke a step ago
+  V half = .5 * h * yaw_rate;
+  Pair body = turned(v, -s, c);
+  out[0] = x, out[1] = y, out[2] = yaw, out[3] = body.x, out[4] = body.y, out[5] = yaw_rate;
+  out[6] = felt.x + half * felt.y, out[7] = felt.y - half * felt.x, out[8] = motor, out[9] = servo;
+}
+
+INLINE V gather(const double* values, long car, long size, long width) {
+  V v;
+  for (int l = 0; l < LANES; l++) v[l] = values[(car + l < size ? car + l : size - 1) * width];
+  return v;
+}
+
+INLINE void scatter(const V out[N_SIGNAL], double* signals, long row, long lane) {
+  for (int i = 0; i < N_SIGNAL; i++) signals[row * N_SIGNAL + i] = out[i][lane];
+}
+
+// One control period of `count` blocks of LANES cars. commands (size, 2), force (size, 3) or NULL, signals (size, 10).
+void advance(const double* C, const double* P, double* S, long stride, long size, const double* commands,
+             const double* force, double* signals, int steps, const int64_t* blocks, long count) {
+  for (long i = 0; i < count; i++) {
+    long car = LANES * blocks[i];
+    Cars a = {C, P + car, S + car, stride};
+    V out[N_SIGNAL], push[3];
+    for (int k = 0; k < 3; k++) push[k] = force ? gather(force + k, car, size, 3) : all(0);
+    drive_lanes(&a, gather(commands, car, size, 2), gather(commands + 1, car, size, 2), force ? push : 0, steps, out);
+    for (long l = 0; l < LANES && car + l < size; l++) scatter(out, signals, car + l, l);
+  }
+}
+
+// Whole runs of `count` blocks of LANES cars from block `first`: commands (T, size, 2), periods to drive (size,),
+// signals (size, T + 1, 10), of which row 0 is there; a car that has driven its periods keeps its last row.
+void drive(const double* C, const double* P, double* S, long stride, long size, const double* commands, long T,
+           const int64_t* periods, double* signals, int steps, long first, long count) {
+  for (long car = LANES * first; car < LANES * (first + count) && car < size; car += LANES) {
+    Cars a = {C, P + car, S + car, stride};
+    long longest = 0;
+    for (long l = 0; l < LANES && car + l < size; l++) longest = periods[car + l] > longest ? periods[car + l] : longest;
+    for (long k = 0; k < T; k++) {
+      V out[N_SIGNAL];
+      const double* now = commands + 2 * size * k;
+      if (k < longest) drive_lanes(&a, gather(now, car, size, 2), gather(now + 1, car, size, 2), 0, steps, out);
+      for (long l = 0; l < LANES && car + l < size; l++) {
+        double* row = signals + ((car + l) * (T + 1) + k) * N_SIGNAL;
+        if (k < periods[car + l]) scatter(out, row, 1, l);
+        else __builtin_memcpy(row + N_SIGNAL, row, N_SIGNAL * sizeof(double));
+      }
+    }
+  }
+}

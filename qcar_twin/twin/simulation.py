@@ -1,0 +1,171 @@
+"""Cars under way: mechanisms in slots, and an engine that moves what they act on."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from qcar_twin.plant import SIGNALS
+from qcar_twin.twin.engines import Array, Engine
+from qcar_twin.twin.engines.mujoco_cars import MujocoCars
+from qcar_twin.twin.mechanisms.base import CarDimensions, Context
+from qcar_twin.twin.slots import Recorder, Slot
+
+_MOTOR_SPEED = SIGNALS.index("motor_speed")
+
+
+def mujoco_batch(simulation: "Simulation") -> Batch:
+  """What carries a simulation's cars in MuJoCo.
+
+  Raises:
+    TypeError: something else carries them.
+  """
+  if not isinstance(simulation.engine, MujocoCars):
+    raise TypeError('these cars are not in MuJoCo; make the twin with engine="mujoco"')
+  return simulation.engine.batch
+
+
+class Simulation:
+  """`signals` is the present state, (N, 10); `step` advances by one control period, `run` by many.
+
+  Args:
+    engine: with as many cars; `values` are loaded into it.
+    values: base quantities of the cars, see twin/parameters.py.
+    slots: mechanisms that act while cars are under way, where they are present.
+    car: measured numbers.  period: control period, s.
+    scale: what the logged commands are multiplied by before anything else, (2,).
+    start, history, recording_time, command: as of `Twin.begin`.
+  """
+
+  def __init__(
+    self, engine: Engine, values: dict[str, Array], slots: Sequence[Slot], car: CarDimensions, period: float,
+    scale: Array, start: Array, history: Array, recording_time: Array, command: Array,
+  ):  # fmt: skip
+    self.engine, self._slots, self._car, self._period, self._scale = engine, list(slots), car, period, scale
+    self.engine.load(values)
+    self._history, command = history * scale[::-1] ** 2, command * scale
+    self._recording_time, self._time = recording_time, 0.0
+    self.signals = np.zeros((len(start), len(SIGNALS)))
+    self.engine.place(start, self.signals)
+    self._wheel_angle = np.zeros(len(start))
+    known = np.column_stack([self.signals[:, :3], self._wheel_angle])
+    for slot in self._slots:
+      slot.state = slot.mechanism.initial(slot.theta, self._context(slot, command, known))
+    self._untouched: dict[str, Array] = {}
+    self._write_models(command, known, first=True)
+
+  def step(self, commands: Array, pose: Array | None = None, running: NDArray[np.intp] | None = None) -> Array:
+    """Hold commands (N, 2) for one control period; returns the signals after it, (N, 10).
+
+    Args:
+      commands: drive [unit of its command], steering [rad].
+      pose: measured x, y, yaw and wheel angle for effects bound to them, (N, 4); NaN or None for the simulated ones.
+      running: cars that are moved on, in rising order; the others stay as they are. All by default.
+    """
+    commands = commands * self._scale
+    return self._step(commands, np.array(commands, dtype=np.float64), self._slots, pose, running)
+
+  def run(self, commands: Array, pose: Array, periods: NDArray[np.int64]) -> Array:
+    """Hold commands (T, N, 2), one control period each; returns all signals, (N, T + 1, 10).
+
+    Args:
+      pose: as of `step`, (N, >= T, 4).
+      periods: how many each car drives, (N,); it keeps its last signals afterwards.
+    """
+    length, size = len(commands), len(self.signals)
+    signals = np.empty((size, length + 1, len(SIGNALS)))
+    signals[:, 0] = self.signals
+    last, logged = int(periods.max()), commands * self._scale
+    acting, slots = self._foreseen(logged, last)
+    if not any(slot.acts for slot in slots) and self.engine.run(acting, periods, signals):
+      return signals
+    running: NDArray[np.intp] | None = None
+    for k in range(last):
+      if running is None or periods[running].min() <= k:
+        running = np.flatnonzero(periods > k)
+      signals[:, k + 1] = self._step(logged[k], acting[k], slots, pose[:, k], running)
+    signals[:, last + 1 :] = signals[:, last : last + 1]
+    return signals
+
+  def _foreseen(self, logged: Array, periods: int) -> tuple[Array, list[Slot]]:
+    """Commands (T, N, 2) as the first slots that don't ask how the car moves leave them, and the other slots."""
+    acting = np.array(logged, dtype=np.float64)
+    acts = [slot for slot in self._slots if slot.acts]
+    count = next((i for i, slot in enumerate(acts) if not slot.foreseen), len(acts))
+    blind = np.full((len(self.signals), len(SIGNALS)), np.nan)
+    nowhere = np.full((len(blind), 4), np.nan)
+    times = np.cumsum(np.full(periods, self._period)) - self._period
+    for slot in acts[:count]:
+      for k in range(periods):
+        context = self._context(slot, logged[k], nowhere, times[k], blind)
+        acting[k][slot.rows] = slot.mechanism.command(slot.theta, context, slot.state, acting[k][slot.rows])
+    return acting, [slot for slot in self._slots if slot not in acts[:count]]
+
+  def _step(
+    self, logged: Array, acting: Array, slots: Sequence[Slot], pose: Array | None, running: NDArray[np.intp] | None
+  ) -> Array:
+    """One control period of cars that were told `logged`, of which `acting` has got to these slots, (N, 2)."""
+    known = np.column_stack([self.signals[:, :3], self._wheel_angle])
+    known = known if pose is None else np.where(np.isfinite(pose), pose, known)
+    force: Array | None = None
+    for slot in slots:
+      if not (slot.commands or slot.pushes):
+        continue
+      context = self._context(slot, logged, known)
+      if slot.commands:
+        acting[slot.rows] = slot.mechanism.command(slot.theta, context, slot.state, acting[slot.rows])
+      if slot.pushes:
+        force = np.zeros((len(logged), 3)) if force is None else force
+        force[slot.rows] += slot.mechanism.wrench(slot.theta, context, slot.state)
+    if any(slot.mechanism.varies for slot in slots):
+      self._write_models(logged, known, first=False)
+    if force is not None:
+      self.engine.push(force, self.signals)
+    self._wheel_angle = known[:, 3] + self._period * self._car.gear_ratio * self.signals[:, _MOTOR_SPEED]
+    self.engine.advance(acting, running, self.signals)
+    self._time += self._period
+    return self.signals
+
+  def _context(
+    self, slot: Slot, commands: Array, known: Array, time: float | None = None, signals: Array | None = None
+  ) -> Context:
+    rows, values = slot.rows, self.engine.values
+    time = self._time if time is None else time
+    return Context(
+      car=self._car,
+      period=self._period,
+      time=time,
+      signals=(self.signals if signals is None else signals)[rows],
+      commands=commands[rows],
+      history=self._history[rows],
+      recording_time=self._recording_time[rows] + time,
+      pose=known[rows, :3],
+      wheel_angle=known[rows, 3],
+      torque_per_volt=values["torque_per_volt"][rows],
+      motor_damping=values["motor_damping"][rows],
+    )
+
+  def _write_models(self, commands: Array, known: Array, first: bool) -> None:
+    """Let contact-stage mechanisms change the simulator, always from the fitted values.
+
+    Afterwards only those that vary write again, and those that share a quantity with them.
+    """
+    slots = [slot for slot in self._slots if slot.writes]
+    again: set[str] = set() if first else set().union(*(s.touched for s in slots if s.mechanism.varies))
+    if not first:
+      while more := set().union(*(s.touched for s in slots if s.touched & again)) - again:
+        again |= more
+      slots = [slot for slot in slots if slot.mechanism.varies or slot.touched & again]
+    for name in again:
+      self.engine.values[name][:] = self._untouched[name]
+    dirty: set[str] = set()
+    for slot in slots:
+      view = Recorder(self.engine.values, slot.rows, self._untouched)
+      slot.mechanism.write_model(slot.theta, self._context(slot, commands, known), view)
+      slot.touched |= view.changed
+      dirty |= view.changed
+    if dirty:
+      self.engine.write(dirty, slice(None))
+    if first:
+      self.engine.commit()

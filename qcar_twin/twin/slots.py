@@ -1,0 +1,70 @@
+"""A mechanism in the simulations where it is present, and its view of their quantities."""
+
+import dataclasses
+import difflib
+
+from qcar_twin.twin.engines import Array, Rows
+from qcar_twin.twin.mechanisms.base import Mechanism, State
+
+STEPPED = ("command", "actuator", "force", "contact")  # stages that act while cars are under way
+
+
+@dataclasses.dataclass(eq=False)
+class Slot:
+  """A mechanism, the rows where it is present and its parameters there, (n, p)."""
+
+  mechanism: Mechanism
+  rows: Rows
+  theta: Array
+  state: State = dataclasses.field(default_factory=dict)
+  touched: set[str] = dataclasses.field(default_factory=set)  # quantities it has changed so far
+
+  def __post_init__(self) -> None:
+    kind = type(self.mechanism)
+    self.commands = kind.command is not Mechanism.command
+    self.pushes = kind.wrench is not Mechanism.wrench
+    self.writes = kind.write_model is not Mechanism.write_model
+
+  @property
+  def acts(self) -> bool:
+    """Whether it has something to do in every control period."""
+    return self.commands or self.pushes or self.mechanism.varies
+
+  @property
+  def foreseen(self) -> bool:
+    """Whether what it does is known before the car is simulated."""
+    return self.mechanism.open_loop and not self.pushes and not self.mechanism.varies
+
+
+class QuantityView:
+  """`Model` of qcar_twin.twin.mechanisms.base: the quantities of some rows, open to one mechanism."""
+
+  def __init__(self, values: dict[str, Array], rows: Rows):
+    self._values, self._rows = values, rows
+    self.changed: set[str] = set()
+
+  def get(self, quantity: str) -> Array:
+    return self._column(quantity)[self._rows].copy()
+
+  def set(self, quantity: str, value: Array) -> None:
+    self._column(quantity)[self._rows] = value
+    self.changed.add(quantity)
+
+  def _column(self, quantity: str) -> Array:
+    if quantity not in self._values:
+      near = difflib.get_close_matches(quantity, self._values, n=3) or sorted(self._values)
+      raise KeyError(f"no quantity '{quantity}' in the simulator; did you mean {', '.join(near)}?")
+    return self._values[quantity]
+
+
+class Recorder(QuantityView):
+  """A view that remembers the fitted value of whatever is changed first."""
+
+  def __init__(self, values: dict[str, Array], rows: Rows, untouched: dict[str, Array]):
+    super().__init__(values, rows)
+    self._before = untouched
+
+  def set(self, quantity: str, value: Array) -> None:
+    if quantity not in self._before:
+      self._before[quantity] = self._column(quantity).copy()
+    super().set(quantity, value)

@@ -1,0 +1,30 @@
+"""The comparison of the two cars: shares of noise, cosines, and a page that holds them."""
+
+import numpy as np
+import pytest
+
+from calibration.benchmarks.fast_plant import compare_plants
+from commands.benchmark_plant import Config, page
+from qcar_twin.recordings.dataset import DataSet
+from tests import ROOT
+
+
+@pytest.fixture(scope="module")
+def found():
+  return compare_plants(DataSet.load(ROOT / "data" / "sample"), vectors=3, most=25.0)
+
+
+def test_the_two_cars_agree_on_the_sample(found):
+  assert {"accel_x", "yaw_rate", "motor_speed"} <= set(found.channels)
+  assert found.vectors == 3 and all(len(v) == 3 for v in found.drawn.values())
+  assert 10.0 < found.seconds <= 30.0
+  assert max(found.channels.values()) < 3.0 and min(found.channels.values()) > 0.0
+  assert len(found.slopes) > 5 and np.median(list(found.slopes.values())) > 0.98
+  assert len(found.effects) > 15 and np.median(list(found.effects.values())) > 0.98
+  assert found.speed.seconds[0] > 5.0 * found.speed.seconds[1] > 0.0
+
+
+def test_the_page_says_how_it_was_made_and_holds_every_row(found):
+  text = page(found, Config(vectors=3, most=25.0))
+  assert "`qcar-twin benchmark-plant --dataset data/sample --vectors 3 --seed 0 --most 25`" in text
+  assert all(f"| {name} |" in text for name in (*found.channels, *found.slopes, *found.effects))

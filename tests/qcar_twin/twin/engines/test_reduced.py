@@ -1,0 +1,219 @@
+"""The reduced car is MuJoCo's car, forty times as fast: same structure, same mechanisms, nearly the same motion."""
+
+import ctypes
+import dataclasses
+import sys
+
+import numpy as np
+import pytest
+
+from qcar_twin.plant import SIGNALS, START, Segments
+from qcar_twin.twin.engines.reduced import build, layout
+from qcar_twin.twin.engines.reduced.cars import irreducible
+from qcar_twin.twin.mechanisms import catalogue
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import Vehicle
+
+CAR = Vehicle.load()
+PERIODS = 300
+TIME = 0.01 * np.arange(PERIODS)
+# share of the noise of usual sensors (accelerometer, gyro, encoder, motion capture): what a fit can see
+NOISE = {"accel_x": 0.25, "accel_y": 0.25, "yaw_rate": 0.01, "motor_speed": 2.0, "pose_x": 0.005, "pose_y": 0.005}
+MANOEUVRES = {
+  "rest": (0.0 * TIME, 0.0 * TIME),
+  "start": (np.where(TIME < 0.2, 0.0, 1.5), 0.0 * TIME),
+  "coast": (np.where(TIME < 1.5, 1.5, 0.0), 0.0 * TIME),
+  "brake gently": (np.where(TIME < 1.5, 1.5, 0.6), 0.0 * TIME),
+  "reverse": (np.where(TIME < 0.2, 0.0, -1.0), 0.0 * TIME),
+  "step steer": (1.2 + 0.0 * TIME, np.where(TIME < 1.0, 0.0, 0.15)),
+  "circle": (1.0 + 0.0 * TIME, 0.25 + 0.0 * TIME),
+  "slalom": (1.2 + 0.0 * TIME, 0.15 * np.sin(2 * np.pi * 0.7 * TIME)),
+  "quick slalom": (1.0 + 0.0 * TIME, 0.08 * np.sin(2 * np.pi * 2.0 * TIME)),
+  "throttle in a turn": (1.0 + 0.4 * np.sign(np.sin(2 * np.pi * 0.5 * TIME)), 0.12 + 0.0 * TIME),
+}
+
+
+def stretches(manoeuvres=MANOEUVRES) -> Segments:
+  commands = np.stack([np.stack(pair, axis=-1) for pair in manoeuvres.values()])
+  size = len(commands)
+  steps = np.full(size, PERIODS)
+  return Segments(commands, np.zeros((size, len(START))), steps, 0.01, tuple(manoeuvres), np.zeros(size))
+
+
+@pytest.fixture(scope="module")
+def mujoco_car() -> Twin:
+  return Twin(CAR, list(catalogue().values()), substeps=2, threads=1)
+
+
+@pytest.fixture(scope="module")
+def reduced(mujoco_car) -> Twin:
+  return mujoco_car.on("reduced")
+
+
+def with_effects(twin: Twin, names) -> np.ndarray:
+  theta = twin.parameters.nominal
+  for mechanism in twin.mechanisms:
+    if mechanism.name in names:
+      for p in mechanism.parameters:
+        if p.null is not None:
+          theta[twin.parameters.index(p.name)] = p.typical or p.scale
+  return theta
+
+
+def test_ten_manoeuvres_are_mujocos_within_a_share_of_sensor_noise(mujoco_car, reduced):
+  theta, segments = mujoco_car.parameters.nominal, stretches()
+  wrong = reduced.rollout(theta, segments).signals[0] - mujoco_car.rollout(theta, segments).signals[0]
+  for name, noise in NOISE.items():
+    rms = np.sqrt(np.mean(wrong[..., SIGNALS.index(name)] ** 2, axis=1))
+    assert rms.max() < noise, (name, dict(zip(MANOEUVRES, rms, strict=True)))
+
+
+def test_columns_point_where_mujocos_do(mujoco_car, reduced):
+  """Slopes with respect to what every fit frees, over all manoeuvres, in units of sensor noise."""
+  base, segments = mujoco_car.base, stretches()
+  here = mujoco_car.parameters.nominal
+  moved = np.tile(here, (len(base) + 1, 1))
+  moved[np.arange(1, len(base) + 1), np.arange(len(base))] += 0.02 * base.scale
+  columns = []
+  for twin in (mujoco_car, reduced):
+    signals = twin.rollout(moved, segments).signals
+    scaled = np.stack([signals[..., SIGNALS.index(n)] / noise for n, noise in NOISE.items()], axis=-1)
+    columns.append((scaled[1:] - scaled[:1]).reshape(len(base), -1))
+  norm = lambda a: np.linalg.norm(a, axis=1)
+  cosine = np.sum(columns[0] * columns[1], axis=1) / np.maximum(norm(columns[0]) * norm(columns[1]), 1e-12)
+  seen = norm(columns[0]) > 0.02 * 3.0  # what moves the signals by some of their noise within its own scale
+  low = {n: float(c) for n, c, s in zip(base.names, cosine, seen, strict=True) if s and c < 0.97}
+  assert seen.sum() > 12 and set(low) <= {"suspension_frequency", "cg_height_offset"}, low
+
+
+@pytest.mark.parametrize("name", sorted(catalogue()))
+def test_every_mechanism_runs_and_null_is_absent_bit_for_bit(reduced, name):
+  segments = stretches({k: MANOEUVRES[k] for k in ("slalom", "throttle in a turn")})
+  bare = Twin(CAR, substeps=2, threads=1, engine="reduced")
+  null = reduced.rollout(reduced.parameters.nominal, segments).signals[0]
+  np.testing.assert_array_equal(bare.rollout(bare.parameters.nominal, segments).signals[0], null)
+  present = reduced.rollout(with_effects(reduced, {name}), segments).signals[0]
+  assert np.isfinite(present).all()
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "reduced"])
+def test_commands_worked_out_beforehand_are_those_of_every_period(engine):
+  """What acts without asking how the car moves is run ahead of it; stepping asks it in every period."""
+  names = {"steering_nonlinearity", "steering_lag", "drive_delay", "battery_discharge", "battery_sag", "stiction"}
+  twin = Twin(CAR, [m for m in catalogue().values() if m.name in names], substeps=2, threads=1, engine=engine)
+  segments = stretches({k: MANOEUVRES[k] for k in ("slalom", "coast")})
+  for chosen in (names, names - {"battery_sag", "stiction"}):
+    theta = np.tile(with_effects(twin, chosen), (2, 1))
+    rollout = twin.rollout(theta[0], segments).signals[0]
+    cars = twin.begin(theta, segments.start, first_command=segments.commands[:, 0])
+    stepped = [cars.signals.copy()] + [cars.step(segments.commands[:, k]).copy() for k in range(PERIODS)]
+    np.testing.assert_array_equal(np.stack(stepped, axis=1), rollout)
+
+
+def test_an_open_loop_mechanism_is_shown_no_signals(monkeypatch):
+  """One that looks at the car all the same gets no number, so that the declaration can't be wrong unnoticed."""
+  seen = []
+  lag = catalogue()["steering_lag"]
+  monkeypatch.setattr(
+    type(lag), "command", lambda self, theta, context, state, command: seen.append(context) or command
+  )
+  twin = Twin(CAR, [lag], substeps=2, threads=1, engine="reduced")
+  twin.rollout(with_effects(twin, {"steering_lag"}), stretches({"slalom": MANOEUVRES["slalom"]}))
+  assert len(seen) == PERIODS and all(np.isnan(c.signals).all() and np.isnan(c.pose).all() for c in seen)
+
+
+def test_a_car_does_not_depend_on_those_beside_it_nor_on_threads(reduced):
+  segments = stretches()
+  theta = np.stack(
+    [with_effects(reduced, names) for names in ({"payload"}, {"battery_sag"}, set(), {"friction_patch"})]
+  )
+  theta[2, 0] *= 1.3
+  together = reduced.rollout(theta, segments).signals
+  threads = Twin(CAR, reduced.mechanisms, substeps=2, threads=2, engine="reduced").rollout(theta, segments).signals
+  np.testing.assert_array_equal(threads, together)
+  for k, row in enumerate(theta):
+    np.testing.assert_array_equal(reduced.rollout(row, segments).signals[0], together[k])
+
+
+def test_cars_that_are_not_running_stay(reduced):
+  theta = np.tile(reduced.parameters.nominal, (6, 1))
+  cars = reduced.begin(theta, np.zeros((6, len(START))))
+  commands = np.tile([1.5, 0.1], (6, 1))
+  for _ in range(20):
+    cars.step(commands)
+  before = cars.signals.copy()
+  cars.step(commands, running=np.array([1, 4]))
+  np.testing.assert_array_equal(cars.signals[[0, 2, 3, 5]], before[[0, 2, 3, 5]])
+  assert (cars.signals[[1, 4], 0] > before[[1, 4], 0]).all()
+  cars.step(commands)
+  assert (cars.signals[:, 0] > before[:, 0]).all()
+
+
+def test_mirrored_commands_give_mirrored_motion(reduced):
+  mirror = {name: (drive, -steer) for name, (drive, steer) in MANOEUVRES.items()}
+  theta = reduced.parameters.nominal
+  one, other = (reduced.rollout(theta, stretches(m)).signals[0] for m in (MANOEUVRES, mirror))
+  odd = [SIGNALS.index(n) for n in ("pose_y", "pose_yaw", "velocity_y", "yaw_rate", "accel_y", "steering_angle")]
+  one[..., odd] *= -1.0
+  np.testing.assert_allclose(one, other, atol=1e-6)
+
+
+def test_a_coasting_car_only_loses_energy(reduced):
+  start = np.zeros((1, len(START)))
+  start[0, START.index("velocity_x")] = 1.5
+  start[0, START.index("yaw_rate")] = 1.0
+  cars = reduced.begin(reduced.parameters.nominal[None], start)
+  energy = []
+  for _ in range(600):
+    s = cars.step(np.zeros((1, 2)))[0]
+    energy.append(0.5 * CAR.mass * (s[3] ** 2 + s[4] ** 2) + 0.5 * CAR.yaw_inertia * s[5] ** 2)
+  assert np.diff(energy[5:]).max() < 1e-4 and energy[-1] < 1e-3 * energy[0]
+
+
+def test_what_it_lacks_it_says():
+  other = dataclasses.replace(CAR, layout="rear", servo_rate=5.0)
+  assert irreducible(CAR, "contact") == ""
+  assert irreducible(other, "native").startswith("it lacks MuJoCo's own friction and rear-wheel drive and a servo of")
+  with pytest.raises(ValueError, match='by the reduced car: it lacks rear-wheel drive.*use engine="mujoco"'):
+    Twin(dataclasses.replace(CAR, layout="rear"), engine="reduced")
+  with pytest.raises(ValueError, match="engine must be one of mujoco, reduced, not 'bullet'"):
+    Twin(CAR, engine="bullet")  # type: ignore[arg-type]
+
+
+def test_every_compiler_and_processor_gives_the_same_bits(tmp_path):
+  """The tuned build, the plain one and the wheel's compiler: a period of the same cars."""
+  rng, size, ends = np.random.default_rng(3), 8, []
+  numbers = CARS_ROWS["numbers"] * (1.0 + 0.01 * rng.standard_normal((layout.N_NUMBER, size)))
+  for k, (compiler, tuning) in enumerate(
+    [
+      (build.compilers()[0], build.TUNED),
+      (build.compilers()[0], build.PLAIN),
+      ([sys.executable, "-m", "ziglang", "cc"], build.PLAIN),
+    ]
+  ):
+    target = tmp_path / f"{k}.so"
+    build.compile_car(compiler, tuning, target)
+    library = ctypes.CDLL(str(target))
+    library.advance.argtypes = build.load().advance.argtypes
+    library.advance.restype = None
+    state = CARS_ROWS["state"].repeat(size, axis=1).copy()
+    signals, blocks = np.zeros((size, len(SIGNALS))), np.arange(2)
+    commands = np.tile([1.5, 0.2], (size, 1))
+    pointers = [a.ctypes.data for a in (CARS_ROWS["constants"], numbers, state)]
+    for _ in range(50):
+      library.advance(
+        *pointers, size, size, commands.ctypes.data, None, signals.ctypes.data, 2, blocks.ctypes.data, len(blocks)
+      )
+    ends.append(state.tobytes() + signals.tobytes())
+  assert np.isfinite(signals).all() and signals[0, 0] > 0.1
+  assert ends[0] == ends[1] == ends[2]
+
+
+def _rows() -> dict[str, np.ndarray]:
+  """Numbers, constants and state of a nominal car, as the engine writes them."""
+  twin = Twin(CAR, substeps=2, threads=1, engine="reduced")
+  engine = twin.begin(twin.parameters.nominal[None], np.zeros((1, len(START)))).engine
+  return {"numbers": engine._numbers[:, :1], "constants": engine._constants, "state": engine._state[:, :1]}
+
+
+CARS_ROWS = _rows()
