@@ -158,14 +158,13 @@ def calibrate(
     quick: about 40 s of driving and few iterations, for a first look.
     threads: of the simulation, 0 for all cores; results don't depend on it.
     progress: told what is being done.
-    recalibrated: called for the recalibrated twin of this data set instead of fitting it here, where a diagnosis
-      needs it as well; see calibration.diagnosis.pipeline.prepare.
+    recalibrated: gives this data set's recalibrated twin where a diagnosis made it; see diagnosis.pipeline.prepare.
     plant: what is searched with against "recordings"; see `diagnose`.
 
   Raises:
     NotIdentifiable: against "identified" without voltage steps that identify the drive.
   """
-  began, joined = time.perf_counter(), ()
+  began, joined, said = time.perf_counter(), (), ()
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   progress("identification")
   identification, missing = _identified(dataset, steady_state, vehicle)
@@ -182,7 +181,6 @@ def calibrate(
     # in the order of the catalogue, in which a diagnosis applies them: the same bits
     twin = Twin(vehicle, select(sorted({*mechanisms, *always_fitted()})), substeps=2, threads=threads)
     searched, said = searching(twin, plant)
-    joined += said
     work = lambda: _to_recordings(searched, dataset, mechanisms, quick, recalibrated, progress)
   found = stages.kept("fit")
   if found:
@@ -195,7 +193,7 @@ def calibrate(
   fine = Twin(vehicle, twin.mechanisms, substeps=FINE, threads=threads)
   answers = _answers(fine, theta, identification) if identification else ()
   errors = _errors(fine, theta, dataset, found["command_shift"], quick) if against == "recordings" else {}
-  notes = (*dataset.warnings, *joined, *found["notes"], *_judged(estimates))
+  notes = (*dataset.warnings, *joined, *said, *found["notes"], *_judged(estimates))
   return Calibration(dataset, against, fine, theta, estimates, identification, missing, answers, errors,
                      found["command_shift"], notes, time.perf_counter() - began)  # fmt: skip
 

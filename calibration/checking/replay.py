@@ -88,7 +88,7 @@ def replay(
 def as_seen(twin: Twin, theta: Array, prediction: Prediction, segments: Segments) -> Prediction:
   """A prediction (1, S, T + 1, 10) as the sensors of a twin with parameters (P,) show it: biases, latencies."""
   signals = prediction.signals[0].copy()
-  twin.sensed(np.tile(theta, (len(segments), 1)), signals, segments.offset)
+  signals = twin.sensed(np.tile(theta, (len(segments), 1)), signals, segments.offset)
   return Prediction(signals[None], prediction.period)
 
 

@@ -155,8 +155,8 @@ class Twin:
     if not np.array_equal(same.reshape(-1), np.arange(len(stepped))):
       signals = signals[same.reshape(-1)]  # (n, S, T + 1, 10)
     flat, offset = signals.reshape(-1, *signals.shape[2:]), np.tile(segments.offset, len(theta))
-    self.sensed(np.repeat(theta, len(segments), axis=0), flat, offset)
-    return Prediction(signals, segments.period)
+    shown = self.sensed(np.repeat(theta, len(segments), axis=0), flat, offset)
+    return Prediction(shown.reshape(signals.shape), segments.period)
 
   def _without_sensors(self, theta: Array) -> Array:
     """The same vectors with sensor-side mechanisms at their nominal values."""
@@ -204,7 +204,7 @@ class Twin:
     return start
 
   def sensed(self, theta: Array, signals: Array, offset: Array) -> Array:
-    """Signals (N, T + 1, 10) as the sensors of a car with parameters (N, P) show them; changed in place."""
+    """Signals (N, T + 1, 10) as the sensors of a car with parameters (N, P) show them; the same array where none errs."""
     time = offset[:, None] + self.period * np.arange(signals.shape[1])
     for mechanism in self.mechanisms:
       if mechanism.stage == "sensor":
@@ -212,8 +212,7 @@ class Twin:
         if rows is not None:
           track = Track(self.car, self.period, signals[rows], time[rows])
           shown = mechanism.measure(theta[rows][:, self._columns[mechanism.name]], track)
-          if shown is not track.signals or not isinstance(rows, slice):
-            signals[rows] = shown
+          signals = shown if len(shown) == len(signals) else _with_rows(signals, rows, shown)
     return signals
 
   def present(self, mechanism: Mechanism, theta: Array) -> Rows | None:
@@ -238,6 +237,11 @@ class Twin:
     data = mujoco.MjData(self.model)
     mujoco.mj_step(self.model, data, int(1.5 / self.model.opt.timestep))
     return float(data.joint("chassis").qpos[2])
+
+
+def _with_rows(signals: Array, rows: Rows, shown: Array) -> Array:
+  signals[rows] = shown
+  return signals
 
 
 def _moves_start(mechanism: Mechanism) -> bool:

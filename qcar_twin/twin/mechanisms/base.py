@@ -237,7 +237,7 @@ class Mechanism:
     return ({},)
 
   def measure(self, theta: Array, track: Track) -> Array:
-    """Signals as the sensors show them, (n, T + 1, 10), from the true ones in `track`, whose array may be changed."""
+    """Signals as the sensors show them, (n, T + 1, 10), from the true ones in `track`."""
     return track.signals
 
 

@@ -149,7 +149,8 @@ def shifted(values: Array, samples: Array, extrapolate: bool = False) -> Array:
 
 
 def replaced(track: Track, **signals: Array) -> Array:
-  """A track's signals, (n, T + 1, 10), with some of them put in by name; the same array, since tracks are large."""
+  """A copy of a track's signals, (n, T + 1, 10), with some of them put in by name."""
+  shown = track.signals.copy()
   for name, value in signals.items():
-    track.signals[..., signal_index(name)] = value
-  return track.signals
+    shown[..., signal_index(name)] = value
+  return shown
