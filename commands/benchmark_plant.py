@@ -42,10 +42,12 @@ def page(found: Agreement, config: Config) -> str:
   """The page's text."""
   first, second = (1e6 * s for s in found.speed.seconds)
   rows = [
-    [n, f"{share:.2g}", f"{np.median(found.drawn[n]):.2g}", f"{np.quantile(found.drawn[n], 0.9):.2g}", found.worst[n]]
+    [n, f"{share:.2g}", f"{found.worst[n][1]:.2g} ({found.worst[n][0]})"]
+    + [f"{np.quantile(found.drawn[n], q):.2g}" for q in (0.5, 0.9)]
     for n, share in found.channels.items()
   ]
-  listed = lambda cosines: [[n, f"{c:.3f}"] for n, c in sorted(cosines.items(), key=lambda kv: kv[1])]
+  listed = lambda cosines: [[n, f"{a:.3f}", f"{b:.3f}"] for n, (a, b) in sorted(cosines.items(), key=lambda kv: kv[1])]
+  apart = ", ".join(sorted({recording for recording, _ in found.worst.values()}))
   lines = [
     "# The reduced car beside MuJoCo's",
     "",
@@ -55,18 +57,18 @@ def page(found: Agreement, config: Config) -> str:
     f"10 ms of one car, one thread, in pairs: {first:.1f} us in MuJoCo, {second:.2f} us on the reduced car,"
     f" {found.speed.ratio:.0f} times as fast.",
     "",
-    "Root mean square of the difference in units of sensor noise, at nominal parameters and over"
-    f" {found.vectors} random vectors:",
+    "Root mean square of the difference in units of sensor noise, median of the recordings, at nominal parameters and"
+    f" over {found.vectors} random vectors:",
     "",
-    *table(["channel", "nominal", "median of random", "9 of 10 random below", "where most of it is"], rows),
+    *table(["channel", "nominal", "its worst recording", "half of the random below", "nine of ten below"], rows),
     "",
     "Cosine between the slopes of both with respect to the base parameters (those worth a nat over their scale):",
     "",
-    *table(["parameter", "cosine"], listed(found.slopes)),
+    *table(["parameter", "all recordings", f"without {apart}"], listed(found.slopes)),
     "",
     "Cosine between what mechanisms of typical size change (those worth a nat):",
     "",
-    *table(["mechanism", "cosine"], listed(found.effects)),
+    *table(["mechanism", "all recordings", f"without {apart}"], listed(found.effects)),
     "",
   ]
   return "\n".join(lines)

@@ -5,6 +5,7 @@ Everything is in units of that data set's sensor noise, since what is below it n
 
 import dataclasses
 import time
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,22 +33,58 @@ class Agreement:
 
   Attributes:
     speed: seconds per 10 ms of one car, one thread.
-    channels: rms difference at nominal parameters / sensor noise, by channel.
-    drawn: the same over random parameter vectors, (vectors,) by channel.
-    worst: recording of the largest difference at nominal parameters, by channel.
-    slopes: cosine of the two slopes of all values in units of noise, by parameter, of those that can be seen.
-    effects: cosine of what the typical size of a mechanism changes, by mechanism, of those that can be seen.
-    vectors: random ones.  seconds: of driving.
+    channels: rms difference at nominal parameters / sensor noise, by channel: median of the recordings.
+    worst: the recording with the largest, and how much that is, by channel.
+    drawn: the median over random parameter vectors, (vectors,) by channel.
+    slopes: cosine of the two slopes in units of noise, by parameter, of those that can be seen: over all values, and
+      without the recordings that are the worst of a channel.
+    effects: the same of what the typical size of a mechanism changes, by mechanism.
+    seconds: of driving.
   """
 
   speed: Pair
   channels: dict[str, float]
+  worst: dict[str, tuple[str, float]]
   drawn: dict[str, Array]
-  worst: dict[str, str]
-  slopes: dict[str, float]
-  effects: dict[str, float]
-  vectors: int
+  slopes: dict[str, tuple[float, float]]
+  effects: dict[str, tuple[float, float]]
   seconds: float
+
+  @property
+  def vectors(self) -> int:
+    """How many random ones there were."""
+    return len(next(iter(self.drawn.values())))
+
+
+class _Sides:
+  """Both cars on one data set's driving."""
+
+  def __init__(self, dataset: DataSet, most: float):
+    recordings = [r for r in dataset.recordings if r.role != "holdout"]
+    self.vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
+    self.mechanisms = [m for m in catalogue().values() if self.vehicle.drive in m.drives]
+    self.exact = Twin(self.vehicle, self.mechanisms, substeps=2)
+    self.reduced = self.exact.on("reduced")
+    self.seen = observe(recordings, self.vehicle, Cut(most=most))
+    floor = sensor_floor(noise_passport(recordings))
+    noise = np.array([floor.get(name, np.nan) for name in CHANNELS])[self.seen.channel]
+    self._scale = np.where(np.isfinite(noise) & (noise > 0.0), 1.0 / noise, 0.0)
+
+  def answers(self, thetas: Array) -> tuple[Array, Array]:
+    """Of MuJoCo and the reduced car in units of sensor noise, (n, M) each; 0 where that is unknown."""
+    segments = self.seen.stretches.segments
+    exact, reduced = (self.seen.predict(t.rollout(thetas, segments)) for t in (self.exact, self.reduced))
+    return exact * self._scale, reduced * self._scale
+
+  def by_recording(self, wrong: Array) -> dict[str, dict[str, float]]:
+    """Channel -> recording -> rms of a difference, (M,)."""
+    seen, table = self.seen, {}
+    for name in seen.present:
+      rows = seen.select(name) & (self._scale > 0.0)
+      found = {seen.names[k]: wrong[rows & (seen.recording == k)] for k in np.unique(seen.recording[rows])}
+      if found:
+        table[name] = {recording: float(np.sqrt(np.mean(w**2))) for recording, w in found.items()}
+    return table
 
 
 def compare_plants(
@@ -61,79 +98,71 @@ def compare_plants(
     seed: of those draws.
     most: s of driving.
   """
-  recordings = [r for r in dataset.recordings if r.role != "holdout"]
-  vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
-  mechanisms = [m for m in catalogue().values() if vehicle.drive in m.drives]
-  twins = {engine: Twin(vehicle, mechanisms, substeps=2, engine=engine) for engine in ("mujoco", "reduced")}
-  seen = observe(recordings, vehicle, Cut(most=most))
-  noise = np.array([sensor_floor(noise_passport(recordings)).get(name, np.nan) for name in CHANNELS])[seen.channel]
-  keep = np.isfinite(noise) & (noise > 0.0)
-
-  def answers(thetas: Array) -> tuple[Array, Array]:
-    both = (seen.predict(twins[e].rollout(thetas, seen.stretches.segments)) / noise for e in ("mujoco", "reduced"))
-    exact, reduced = (np.where(keep, values, 0.0) for values in both)
-    return exact, reduced
-
-  def by_channel(wrong: Array) -> dict[str, float]:
-    rows = {name: seen.select(name) & keep for name in seen.present}
-    return {name: float(np.sqrt(np.mean(wrong[r] ** 2))) for name, r in rows.items() if r.any()}
-
+  sides = _Sides(dataset, most)
   progress("speed")
-  speed = _speed(vehicle)
-  base, nominal = twins["mujoco"].base, twins["mujoco"].parameters.nominal
-  progress("random parameters")
-  rng = np.random.default_rng(seed)
-  spread = np.where([p.std is None for p in base], base.scale / 3.0, base.std)
-  moves = rng.standard_normal((vectors, len(base))) * spread
-  drawn = np.tile(nominal, (vectors + 1, 1))
-  drawn[1:, : len(base)] = np.clip(base.nominal + moves, base.lower, base.upper)
+  speed = _speed(sides.vehicle)
   differences = []
+  drawn = _drawn(sides.exact, vectors, seed)
   for k in range(0, len(drawn), 8):
-    exact, reduced = answers(drawn[k : k + 8])
-    differences += list(reduced - exact)
+    exact, reduced = sides.answers(drawn[k : k + 8])
+    differences += [sides.by_recording(d) for d in reduced - exact]
     progress("random parameters", min(k + 8, len(drawn)) / len(drawn))
-  channels = by_channel(differences[0])
-  table = [by_channel(d) for d in differences[1:]]
-  worst = {n: _worst(differences[0], seen.select(n), seen.recording, seen.names) for n in channels}
   progress("slopes and effects")
-  names, moved = [], [nominal]
-  for i, p in enumerate(base):
-    names.append(p.name)
-    step = _STEP * base.scale[i]
-    moved.append(_changed(nominal, i, step if nominal[i] + step < base.upper[i] else -step))
-  for m in mechanisms:
-    names.append(m.name)
-    moved.append(nominal.copy())
-    for p in m.parameters:
-      if p.null is not None:
-        moved[-1][twins["mujoco"].parameters.index(p.name)] = p.null + (p.typical or p.scale)
-  exact, reduced = answers(np.stack(moved))
-  change, other = exact[1:] - exact[0], reduced[1:] - reduced[0]
-  size = np.sqrt(np.sum(change**2, axis=1))
-  cosine = np.sum(change * other, axis=1) / np.maximum(size * np.sqrt(np.sum(other**2, axis=1)), 1e-300)
-  whole = np.where(np.arange(len(names)) < len(base), size / _STEP, size)
-  found = {n: float(c) for n, c, w in zip(names, cosine, whole, strict=True) if 0.5 * w**2 > _VISIBLE}
+  median = lambda table: {name: float(np.median(list(of.values()))) for name, of in table.items()}
+  nominal, *others = differences
+  worst = {name: max(of.items(), key=lambda kv: kv[1]) for name, of in nominal.items()}
+  found = _cosines(sides, {recording for recording, _ in worst.values()})
   return Agreement(
     speed=speed,
-    channels=channels,
-    drawn={n: np.array([row[n] for row in table]) for n in channels},
+    channels=median(nominal),
     worst=worst,
-    slopes={n: c for n, c in found.items() if n in base},
-    effects={n: c for n, c in found.items() if n not in base},
-    vectors=vectors,
-    seconds=float(seen.stretches.segments.steps.sum()) * 0.01,
+    drawn={name: np.array([median(table)[name] for table in others]) for name in nominal},
+    slopes={n: c for n, c in found.items() if n in sides.exact.base},
+    effects={n: c for n, c in found.items() if n not in sides.exact.base},
+    seconds=float(sides.seen.stretches.segments.steps.sum()) * 0.01,
   )
 
 
-def _changed(theta: Array, i: int, step: float) -> Array:
-  out = theta.copy()
-  out[i] += step
-  return out
+def _drawn(twin: Twin, vectors: int, seed: int) -> Array:
+  """The nominal vector and random ones, (vectors + 1, P)."""
+  base, rng = twin.base, np.random.default_rng(seed)
+  spread = np.where([p.std is None for p in base], base.scale / 3.0, base.std)
+  thetas = np.tile(twin.parameters.nominal, (vectors + 1, 1))
+  moved = base.nominal + spread * rng.standard_normal((vectors, len(base)))
+  thetas[1:, : len(base)] = np.clip(moved, base.lower, base.upper)
+  return thetas
 
 
-def _worst(wrong: Array, rows: NDArray[np.bool_], recording: NDArray[np.int64], names: tuple[str, ...]) -> str:
-  power = np.bincount(recording[rows], wrong[rows] ** 2, minlength=len(names))
-  return f"{names[int(np.argmax(power))]}, {power.max() / max(power.sum(), 1e-300):.0%} of the squares"
+def _cosines(sides: _Sides, apart: Collection[str]) -> dict[str, tuple[float, float]]:
+  """Of the changes that both cars show for a parameter's step and for a mechanism's typical size, of those seen.
+
+  Over all recordings, and without some.
+  """
+  twin, base = sides.exact, sides.exact.base
+  moved = [twin.parameters.nominal]
+  for i in range(len(base)):
+    step = _STEP * base.scale[i]
+    moved.append(moved[0].copy())
+    moved[-1][i] += step if base.nominal[i] + step < base.upper[i] else -step
+  for m in sides.mechanisms:
+    moved.append(moved[0].copy())
+    for p in m.parameters:
+      if p.null is not None:
+        moved[-1][twin.parameters.index(p.name)] = p.null + (p.typical or p.scale)
+  exact, reduced = sides.answers(np.stack(moved))
+  change, other = exact[1:] - exact[0], reduced[1:] - reduced[0]
+  size = np.sqrt(np.sum(change**2, axis=1))
+  rest = np.array([name not in apart for name in sides.seen.names])[sides.seen.recording]
+  pairs = zip(_cosine(change, other), _cosine(change[:, rest], other[:, rest]), strict=True)
+  whole = np.where(np.arange(len(size)) < len(base), size / _STEP, size)
+  names = [*base.names, *(m.name for m in sides.mechanisms)]
+  return {n: pair for n, pair, w in zip(names, pairs, whole, strict=True) if 0.5 * w**2 > _VISIBLE}
+
+
+def _cosine(one: Array, other: Array) -> list[float]:
+  """Of each row with the same row, (n,)."""
+  power = np.sum(one**2, axis=1) * np.sum(other**2, axis=1)
+  return (np.sum(one * other, axis=1) / np.sqrt(np.maximum(power, 1e-300))).tolist()
 
 
 def _speed(vehicle: Vehicle, cars: int = 256, periods: int = 20, rounds: int = 15) -> Pair:

@@ -171,7 +171,7 @@ class Problem:
     return out
 
   def _predict(self, theta: Array, observations: Observations) -> Prediction:
-    with warnings_logged():
+    with warnings_logged(), np.errstate(all="ignore"):
       return self.twin.rollout(theta, observations.stretches.segments)
 
   def whiten(self, raw: Array) -> Array:

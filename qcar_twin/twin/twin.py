@@ -204,7 +204,7 @@ class Twin:
     return start
 
   def sensed(self, theta: Array, signals: Array, offset: Array) -> Array:
-    """Signals (N, T + 1, 10) as the sensors of a car with parameters (N, P) show them; the same array where none errs."""
+    """Signals (N, T + 1, 10) as the sensors of a car with parameters (N, P) show them; signals, changed or not."""
     time = offset[:, None] + self.period * np.arange(signals.shape[1])
     for mechanism in self.mechanisms:
       if mechanism.stage == "sensor":

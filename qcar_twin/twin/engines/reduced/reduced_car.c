@@ -15,6 +15,7 @@
 #define LEAST_LOAD 0.02
 #define CONE_RESERVE 1.5
 #define SLOWEST_SLIDE 0.05  // rad/s, below which a differential's Coulomb friction is viscous
+#define FLOWN_APART 1e6    // a signal beyond it, in SI units, is none: the parameters make no car
 #define N_SIGNAL 10
 
 enum { VX, VY, YAW, ROLL, PITCH, FRONT, REAR, MOTOR, N_UNKNOWN };
@@ -318,6 +319,7 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
   Pair body = turned(v, -s, c);
   out[0] = x, out[1] = y, out[2] = yaw, out[3] = body.x, out[4] = body.y, out[5] = yaw_rate;
   out[6] = felt.x + half * felt.y, out[7] = felt.y - half * felt.x, out[8] = motor, out[9] = servo;
+  for (int i = 0; i < N_SIGNAL; i++) out[i] = pick(absolute(out[i]) < FLOWN_APART, out[i], all(NAN));
 }
 
 INLINE V gather(const double* values, long car, long size, long width) {

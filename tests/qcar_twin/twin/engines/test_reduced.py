@@ -170,6 +170,17 @@ def test_a_coasting_car_only_loses_energy(reduced):
   assert np.diff(energy[5:]).max() < 1e-4 and energy[-1] < 1e-3 * energy[0]
 
 
+def test_a_car_that_is_none_gives_no_numbers_and_harms_no_other(reduced):
+  segments = stretches({"slalom": MANOEUVRES["slalom"]})
+  theta = np.tile(reduced.parameters.nominal, (3, 1))
+  theta[1, reduced.parameters.index("payload_mass")] = -CAR.mass
+  with np.errstate(all="ignore"):
+    found = reduced.rollout(theta, segments).signals[:, 0]
+  assert np.isnan(found[1]).any() and not np.any(np.abs(found[1]) > 1e6)
+  np.testing.assert_array_equal(found[0], reduced.rollout(theta[0], segments).signals[0, 0])
+  np.testing.assert_array_equal(found[0], found[2])
+
+
 def test_what_it_lacks_it_says():
   other = dataclasses.replace(CAR, layout="rear", servo_rate=5.0)
   assert irreducible(CAR, "contact") == ""
