@@ -1,8 +1,8 @@
 """What stands in for a stopwatch in tests: a clock that ticks when it is read, and the number of calls a piece of work
 makes, neither of which depends on the machine."""
 
-import itertools
 import gc
+import itertools
 import sys
 from collections.abc import Callable
 from types import SimpleNamespace
