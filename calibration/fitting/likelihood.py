@@ -96,13 +96,6 @@ class Problem:
       return self
     return Problem(self.twin.guarding(recordings), self.observations, self.weighting, self.n_train, self.base)
 
-  @property
-  def uncorrected(self) -> "Problem":
-    """The same on the reduced car as it is."""
-    if not isinstance(self.twin, Surrogate):
-      return self
-    return Problem(self.twin.uncorrected, self.observations, self.weighting, self.n_train, self.base)
-
   @functools.cached_property
   def exact(self) -> "Problem":
     """The same on MuJoCo."""

@@ -31,7 +31,9 @@ log = logging.getLogger(__name__)
 _BODY = ("mass", "yaw_inertia", "cg_to_front", "cg_height_offset")
 # of the nominal friction, where rough fits begin: from above the wheels hold and the cost is smooth
 _GRIPS = (1.0, 1.4)
-_ROUNDS, _PARTS, _SETTLED = 6, (1.0, 0.3), 1.0  # corrections by MuJoCo; parts of a step; nats that end them
+_ROUNDS, _SETTLED = 6, 1.0  # corrections by MuJoCo, and nats that end them
+_HELD = 0.9  # part of a surrogate's error that the recordings hold which are left to MuJoCo
+_CONFIRMED = 0.5  # part of a surrogate's promise that MuJoCo must confirm for it to be followed further
 _PART, _LEAST = 0.35, 85.0  # share of the driving a rough fit sees, and at least so many seconds
 
 
@@ -104,9 +106,6 @@ def _settled(
 ) -> RecalibratedTwin:
   """The minimum near a start: every model of a search is measured against it, so it is sought to a nat."""
   problem, found = _descended(problem, base, start)
-  if guarded := apart(problem, problem.embed(base.names, found.theta, problem.parameters.nominal)[0]):
-    log.info("left to MuJoCo: %s", ", ".join(guarded))
-    problem, found = _descended(problem.guarding(guarded), base, found.theta)
   around = problem.parameters.nominal
   everything = lambda v: problem.residual(problem.embed(base.names, v, around))
   whole = finite_differences(everything, base, found.theta, everything(found.theta[None])[0])
@@ -114,41 +113,51 @@ def _settled(
   return RecalibratedTwin(problem, passport, found, theta, whole, command_shift)
 
 
-def apart(problem: Problem, theta: Array) -> list[str]:
-  """Recordings in which the reduced car lies further from MuJoCo's than that from what was measured, both in nats."""
-  if problem.exact is problem:
-    return []
-  observations = problem.observations
-  exact, reduced = problem.exact.residual(theta[None])[0], problem.uncorrected.residual(theta[None])[0]
-  nats = lambda values: np.bincount(observations.recording, values**2, minlength=len(observations.names))
-  further = nats(reduced - exact) > nats(exact)
-  return [name for name, far in zip(observations.names, further, strict=True) if far]
+def misled(problem: Problem, theta: Array) -> list[str]:
+  """The fewest recordings that hold nearly all of a surrogate's error at full parameters, (P,), in nats."""
+  wrong = problem.residual(theta[None])[0] - problem.exact.residual(theta[None])[0]
+  nats = np.bincount(problem.observations.recording, wrong**2, minlength=len(problem.observations.names))
+  order = np.argsort(-nats)
+  count = 1 + int(np.searchsorted(np.cumsum(nats[order]), _HELD * nats.sum()))
+  return [problem.observations.names[k] for k in order[:count]]
 
 
 def _descended(problem: Problem, base: ParameterSet, start: Array) -> tuple[Problem, Fit]:
   """The minimum, and the problem there: a surrogate is put right by MuJoCo wherever its own minimum lay, until that
-  stays. A step that MuJoCo does not confirm is tried at a part of its length, and given up."""
+  stays. Where MuJoCo does not confirm a step, the slopes of the two differ: the recordings in which they do are left to
+  MuJoCo from then on, and if that does not help, the rest of the way goes along its own slopes."""
   around, found = problem.parameters.nominal, _fit(problem, base, start, 12, 0.0)
   if problem.exact is problem:
     return problem, found
-  theta, cost = start, np.inf
+  theta, cost, guarded = start, _cost(problem, base, start), []
   for _ in range(_ROUNDS):
-    trials = [found.theta] if not np.isfinite(cost) else [theta + s * (found.theta - theta) for s in _PARTS]
-    for trial in trials:
-      there = problem.at(problem.embed(base.names, trial, around)[0])
-      residual = there.fitted_residual(problem.embed(base.names, trial, around))[0]
-      lowered = 0.5 * float(residual @ residual) + prior_cost(trial, base)
-      log.info("MuJoCo: cost %.1f where the surrogate has %.1f", lowered, found.cost)
-      if lowered < cost:
-        break
-    else:
+    there = problem.at(problem.embed(base.names, found.theta, around)[0])
+    promised, lowered = cost - found.cost, cost - _cost(there, base, found.theta)
+    log.info("MuJoCo: %.1f nats of the %.1f that the surrogate promised", lowered, promised)
+    before, tried = problem, found.theta
+    if lowered > 0.0:
+      problem, theta, cost = there, found.theta, cost - lowered
+    refused = lowered < _CONFIRMED * promised - _SETTLED
+    if refused and not guarded:
+      guarded = misled(before, problem.embed(base.names, tried, around)[0])
+      log.info("left to MuJoCo: %s", ", ".join(guarded))
+      problem = problem.guarding(guarded)
+    elif refused:
+      found = _fit(problem.exact, base, theta, 8, 1e-3)
+      theta, cost = found.theta, found.cost
+      problem = problem.at(problem.embed(base.names, theta, around)[0])
       break
-    gain, problem, theta, cost = cost - lowered, there, trial, lowered
+    elif promised < _SETTLED:
+      break
     found = _fit(problem, base, theta, 6, 0.0)
-    if gain < _SETTLED and cost - found.cost < _SETTLED:
-      break
   residual = problem.fitted_residual(problem.embed(base.names, theta, around))[0]
   return problem, dataclasses.replace(found, theta=theta, residual=residual, cost=cost)
+
+
+def _cost(problem: Problem, base: ParameterSet, theta: Array) -> float:
+  """Of estimates of the base parameters, nats."""
+  residual = problem.fitted_residual(problem.embed(base.names, theta, problem.parameters.nominal))[0]
+  return 0.5 * float(residual @ residual) + prior_cost(theta, base)
 
 
 def _approach(

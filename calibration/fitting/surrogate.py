@@ -46,13 +46,6 @@ class Surrogate(Twin):
     made.anchor, made._corrections = np.array(anchor), {}
     return made
 
-  @property
-  def uncorrected(self) -> "Surrogate":
-    """The reduced car as it is, everywhere."""
-    made = copy.copy(self)
-    made.anchor, made.guarded = None, frozenset()
-    return made
-
   def guarding(self, recordings: Collection[str]) -> "Surrogate":
     """The same with these recordings left to MuJoCo."""
     made = copy.copy(self)
