@@ -8,7 +8,7 @@ there with the surrogate put right at their own estimates, as far as MuJoCo conf
 import copy
 from collections.abc import Sequence
 
-from calibration.diagnosis.candidates import Candidate, fill_columns, refine, simulate
+from calibration.diagnosis.candidates import Candidate, refine, simulate
 from calibration.diagnosis.pool import Pool
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.optimiser import bounded_solve
@@ -37,7 +37,6 @@ def confirm_best(pool: Pool) -> None:
     near = [m for key, m in pool.models.items() if m.cost < best.cost + _NEAR or subset(key)]
     confirm(pool, [*near, *singles])
   best = pool.best(list(pool.models.values()))
-  fill_columns(pool.problem.exact, [best], full=False)  # of what it names: sizes and their intervals rest on them
   pool.problem = pool.problem.at(best.theta)
 
 
@@ -79,6 +78,12 @@ def correct(problem: Problem, model: Candidate) -> None:
     if promised < _SETTLED or trial.cost >= model.cost:
       break
     model.theta, model.values, model.residual = trial.theta, trial.values, trial.residual
+  trial = copy.copy(model)
+  trial.jacobian, trial.settled = model.jacobian.copy(), False
+  refine(problem.exact, [trial], 1, full=True)  # a step along MuJoCo's own slopes, for what the surrogate's don't see
+  if trial.cost < model.cost:
+    model.theta, model.values, model.residual = trial.theta, trial.values, trial.residual
+  model.jacobian = trial.jacobian
   model.confirmed = model.corrected = True
 
 

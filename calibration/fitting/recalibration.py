@@ -125,11 +125,11 @@ def misled(problem: Problem, theta: Array) -> list[str]:
 def _descended(problem: Problem, base: ParameterSet, start: Array) -> tuple[Problem, Fit]:
   """The minimum, and the problem there: a surrogate is put right by MuJoCo wherever its own minimum lay, until that
   stays. Where MuJoCo does not confirm a step, the slopes of the two differ: the recordings in which they do are left to
-  MuJoCo from then on, and if that does not help, the rest of the way goes along its own slopes."""
+  MuJoCo from then on. The last step goes along MuJoCo's own slopes, several where the surrogate is refused again."""
   around, found = problem.parameters.nominal, _fit(problem, base, start, 12, 0.0)
   if problem.exact is problem:
     return problem, found
-  theta, cost, guarded = start, _cost(problem, base, start), []
+  theta, cost, guarded, refused = start, _cost(problem, base, start), [], False
   for _ in range(_ROUNDS):
     there = problem.at(problem.embed(base.names, found.theta, around)[0])
     promised, lowered = cost - found.cost, cost - _cost(there, base, found.theta)
@@ -142,16 +142,12 @@ def _descended(problem: Problem, base: ParameterSet, start: Array) -> tuple[Prob
       guarded = misled(before, problem.embed(base.names, tried, around)[0])
       log.info("left to MuJoCo: %s", ", ".join(guarded))
       problem = problem.guarding(guarded)
-    elif refused:
-      found = _fit(problem.exact, base, theta, 8, 1e-3)
-      theta, cost = found.theta, found.cost
-      problem = problem.at(problem.embed(base.names, theta, around)[0])
-      break
-    elif promised < _SETTLED:
+    elif refused or promised < _SETTLED:
       break
     found = _fit(problem, base, theta, 6, 0.0)
-  residual = problem.fitted_residual(problem.embed(base.names, theta, around))[0]
-  return problem, dataclasses.replace(found, theta=theta, residual=residual, cost=cost)
+  # what the surrogate's slopes don't see: where they were misleading to the end, as far as it takes
+  found = _fit(problem.exact, base, theta, 8 if refused else 1, 1e-3 if refused else 0.0)
+  return problem.at(problem.embed(base.names, found.theta, around)[0]), found
 
 
 def _cost(problem: Problem, base: ParameterSet, theta: Array) -> float:
