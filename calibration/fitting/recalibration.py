@@ -106,11 +106,20 @@ def _settled(
 ) -> RecalibratedTwin:
   """The minimum near a start: every model of a search is measured against it, so it is sought to a nat."""
   problem, found = _descended(problem, base, start)
-  around = problem.parameters.nominal
-  everything = lambda v: problem.residual(problem.embed(base.names, v, around))
-  whole = finite_differences(everything, base, found.theta, everything(found.theta[None])[0])
-  theta = problem.embed(base.names, found.theta, around)[0]
-  return RecalibratedTwin(problem, passport, found, theta, whole, command_shift)
+  theta = problem.embed(base.names, found.theta, problem.parameters.nominal)[0]
+  return RecalibratedTwin(problem, passport, found, theta, _slopes(problem, base, found.theta), command_shift)
+
+
+def on_mujoco(found: RecalibratedTwin) -> RecalibratedTwin:
+  """The same with MuJoCo's residuals and slopes, for a search on MuJoCo alone."""
+  problem = found.problem.exact
+  return dataclasses.replace(found, problem=problem, jacobian=_slopes(problem, found.fit.parameters, found.fit.theta))
+
+
+def _slopes(problem: Problem, base: ParameterSet, values: Array) -> Array:
+  """Of all values, fitted and judging, at estimates of the base parameters, (M, p)."""
+  everything = lambda v: problem.residual(problem.embed(base.names, v, problem.parameters.nominal))
+  return finite_differences(everything, base, values, everything(values[None])[0])
 
 
 def misled(problem: Problem, theta: Array) -> list[str]:
