@@ -1,4 +1,7 @@
-"""Compare the reduced car with MuJoCo's on a data set; writes a page."""
+"""Compare the reduced car with MuJoCo's on a data set; writes a page.
+
+qcar-twin benchmark-plant --dataset data/sample --out docs/results_fast_plant.md
+"""
 
 import dataclasses
 from pathlib import Path

@@ -100,5 +100,5 @@ def test_filter_is_told_what_belongs_to_the_plant():
 
 
 def test_unknown_plant_lists_the_known():
-  with pytest.raises(KeyError, match="bicycle and twin"):
+  with pytest.raises(KeyError, match="there are bicycle, twin and reduced"):
     Model.nominal().plant("tricycle")

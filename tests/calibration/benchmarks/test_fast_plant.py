@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.benchmarks.fast_plant import compare_plants
+from commands import benchmark_plant
 from commands.benchmark_plant import Config, page
 from qcar_twin.recordings.dataset import DataSet
 from tests import ROOT
@@ -30,3 +31,11 @@ def test_the_page_says_how_it_was_made_and_holds_every_row(found):
   text = page(found, Config(vectors=3, most=25.0))
   assert "`qcar-twin benchmark-plant --dataset data/sample --vectors 3 --seed 0 --most 25`" in text
   assert all(f"| {name} |" in text for name in (*found.channels, *found.slopes, *found.effects))
+
+
+def test_the_command_writes_the_page(found, tmp_path, monkeypatch, capsys):
+  monkeypatch.setattr(benchmark_plant, "compare_plants", lambda *given: found)
+  config = Config(ROOT / "data" / "sample", tmp_path / "page.md", vectors=3, most=25.0)
+  benchmark_plant.main(config)
+  assert (tmp_path / "page.md").read_text(encoding="utf-8") == page(found, config)
+  assert f"page: {tmp_path / 'page.md'}" in capsys.readouterr().out
