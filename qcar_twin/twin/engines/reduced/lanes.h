@@ -43,7 +43,7 @@ INLINE V sine(V x) { return sine_series(least(x, M_PI - x), 19); }
 INLINE V arctangent(V x) {
   const double c = 0.41421356237309503;  // tan(pi / 8)
   Mask large = x > 1;
-  V u = pick(large, 1 - c * x, x - c) / pick(large, x + c, 1 + c * x), q = u * u, s = all(1. / 33);
+  V u = pick(large, c * x - 1, x - c) / pick(large, x + c, 1 + c * x), q = u * u, s = all(1. / 33);
   for (int n = 31; n > 0; n -= 2) s = 1. / n - q * s;
   return pick(large, all(3 * M_PI / 8), all(M_PI / 8)) + u * s;
 }
