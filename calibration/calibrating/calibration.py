@@ -169,7 +169,7 @@ def calibrate(
   progress("identification")
   identification, missing = _identified(dataset, steady_state, vehicle)
   stages = Stages(
-    folder and Path(folder) / "stages", fingerprint(dataset), against, tuple(mechanisms), steady_state, quick
+    folder and Path(folder) / "stages", fingerprint(dataset), against, tuple(mechanisms), steady_state, quick, plant
   )
   if against == "identified":
     if identification is None:

@@ -160,12 +160,12 @@ def refine(problem: Problem, candidates: Sequence[Candidate], iterations: int, f
     active = [c for c in candidates if not c.settled]
     if not active:
       break
-    fill_columns(problem, active, full)
+    _fill_columns(problem, active, full)
     _try_steps(problem, active, full)
   _judge(problem, [c for c in candidates if not c.validation_current])
 
 
-def fill_columns(problem: Problem, candidates: Sequence[Candidate], full: bool) -> None:
+def _fill_columns(problem: Problem, candidates: Sequence[Candidate], full: bool) -> None:
   """Slopes of what is fitted, along the mechanisms' own parameters, or along all where `full`."""
   jobs = []
   for item in candidates:

@@ -1,8 +1,8 @@
 """MuJoCo's word on models that were searched for on the reduced car.
 
 Where a surrogate searched, a model's estimates are where the surrogate's cost is lowest, and its residual is the
-surrogate's. Before anything is decided, every model gets MuJoCo's residual, and those that matter are fitted on from
-there with the surrogate put right at their own estimates, as far as MuJoCo confirms it.
+surrogate's. Before anything is decided, the models a decision can rest on get MuJoCo's residual, and the best of them
+is fitted on from there with the surrogate put right at its own estimates, as far as MuJoCo confirms it.
 """
 
 import copy
@@ -78,12 +78,6 @@ def correct(problem: Problem, model: Candidate) -> None:
     if promised < _SETTLED or trial.cost >= model.cost:
       break
     model.theta, model.values, model.residual = trial.theta, trial.values, trial.residual
-  trial = copy.copy(model)
-  trial.jacobian, trial.settled = model.jacobian.copy(), False
-  refine(problem.exact, [trial], 1, full=True)  # a step along MuJoCo's own slopes, for what the surrogate's don't see
-  if trial.cost < model.cost:
-    model.theta, model.values, model.residual = trial.theta, trial.values, trial.residual
-  model.jacobian = trial.jacobian
   model.confirmed = model.corrected = True
 
 

@@ -24,7 +24,7 @@ from calibration.diagnosis.search.thresholds import Thresholds
 from calibration.diagnosis.unexplained.unknown import smooth_forces, unknown_sensors
 from calibration.fitting.coverage import with_coverage
 from calibration.fitting.dataset_recalibration import LONGEST, Start, recalibrate_dataset
-from calibration.fitting.recalibration import RecalibratedTwin, on_mujoco, recalibrate_from
+from calibration.fitting.recalibration import RecalibratedTwin, recalibrate_from
 from calibration.fitting.surrogate import Surrogate, exact, searching
 from calibration.fitting.windows import Cut
 from calibration.progress import Progress, silent
@@ -71,9 +71,8 @@ def prepare(
   searched, said = searching(twin, plant)
   recalibrated = recalibrate_dataset(dataset, searched, start, progress=progress)
   if isinstance(found := recalibrated.problem.twin, Surrogate) and found.guarded:
-    names = ", ".join(sorted(found.guarded))
-    said += (f"searched on MuJoCo, many times as long: the reduced car leads a fit astray in {names}",)
-    recalibrated = on_mujoco(recalibrated)
+    where = ", ".join(f"{name} from {offset:.4g} s" for name, offset in sorted(found.guarded))
+    said += (f"simulated by MuJoCo during the search, too: {where}; there the reduced car leads a fit astray",)
   return Prepared(dataset, notes + said, known, recalibrated)
 
 

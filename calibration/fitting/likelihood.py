@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from calibration.fitting.observations import CHANNELS, Observations
 from calibration.fitting.residual_channels import RESIDUALS
-from calibration.fitting.surrogate import Surrogate
+from calibration.fitting.surrogate import Stretch, Surrogate
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.plant import Driving, Prediction
 from qcar_twin.twin.mechanisms.base import Mechanism
@@ -90,11 +90,11 @@ class Problem:
       return self
     return Problem(self.twin.at(theta), self.observations, self.weighting, self.n_train, self.base)
 
-  def guarding(self, recordings: Sequence[str]) -> "Problem":
-    """The same with these recordings simulated by MuJoCo whatever the parameters."""
-    if not isinstance(self.twin, Surrogate) or not recordings:
+  def guarding(self, stretches: Sequence[Stretch]) -> "Problem":
+    """The same with these stretches simulated by MuJoCo whatever the parameters."""
+    if not isinstance(self.twin, Surrogate):
       return self
-    return Problem(self.twin.guarding(recordings), self.observations, self.weighting, self.n_train, self.base)
+    return Problem(self.twin.guarding(stretches), self.observations, self.weighting, self.n_train, self.base)
 
   @functools.cached_property
   def exact(self) -> "Problem":

@@ -72,6 +72,11 @@ class Observations:
     """Index of the grid point before each value in the flattened (segment, step) grid, (M,)."""
     return self._point
 
+  @property
+  def stretch(self) -> NDArray[np.int64]:
+    """Index of the simulated stretch of each value, (M,)."""
+    return self._point // (self.stretches.segments.commands.shape[1] + 1)
+
   def select(self, channel: str) -> NDArray[np.bool_]:
     return self.channel == CHANNELS.index(channel)
 
@@ -81,7 +86,7 @@ class Observations:
     Raises:
       ValueError: a stretch holds values of both.
     """
-    segments, stretch = self.stretches.segments, self._point // (self.stretches.segments.commands.shape[1] + 1)
+    segments, stretch = self.stretches.segments, self.stretch
     first = int(stretch[count]) if count < len(self) else len(segments)
     if np.any(stretch[:count] >= first) or np.any(stretch[count:] < first):
       raise ValueError(

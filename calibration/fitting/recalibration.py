@@ -17,7 +17,7 @@ from calibration.fitting.noise import ChannelNoise, noise_passport
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import Observations, observe
 from calibration.fitting.optimiser import Fit, finite_differences, fit, prior_cost
-from calibration.fitting.surrogate import anchored
+from calibration.fitting.surrogate import Stretch, anchored
 from calibration.fitting.windows import DEFAULT_CUT, Cut
 from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
@@ -31,9 +31,10 @@ log = logging.getLogger(__name__)
 _BODY = ("mass", "yaw_inertia", "cg_to_front", "cg_height_offset")
 # of the nominal friction, where rough fits begin: from above the wheels hold and the cost is smooth
 _GRIPS = (1.0, 1.4)
-_ROUNDS, _SETTLED = 6, 1.0  # corrections by MuJoCo, and nats that end them
-_HELD = 0.9  # part of a surrogate's error that the recordings hold which are left to MuJoCo
-_CONFIRMED = 0.5  # part of a surrogate's promise that MuJoCo must confirm for it to be followed further
+_ROUNDS, _SETTLED = 8, 1.0  # corrections by MuJoCo, and nats that end them
+_NOTICED = 10.0  # nats: no decision hangs on a smaller error; a claim needs twice as many (diagnosis/search/thresholds)
+# of a promised decrease: below, a model is not trusted over that step (Nocedal and Wright, 2nd ed., algorithm 4.1)
+_TRUSTED = 0.25
 _PART, _LEAST = 0.35, 85.0  # share of the driving a rough fit sees, and at least so many seconds
 
 
@@ -110,53 +111,53 @@ def _settled(
   return RecalibratedTwin(problem, passport, found, theta, _slopes(problem, base, found.theta), command_shift)
 
 
-def on_mujoco(found: RecalibratedTwin) -> RecalibratedTwin:
-  """The same with MuJoCo's residuals and slopes, for a search on MuJoCo alone."""
-  problem = found.problem.exact
-  return dataclasses.replace(found, problem=problem, jacobian=_slopes(problem, found.fit.parameters, found.fit.theta))
-
-
 def _slopes(problem: Problem, base: ParameterSet, values: Array) -> Array:
   """Of all values, fitted and judging, at estimates of the base parameters, (M, p)."""
   everything = lambda v: problem.residual(problem.embed(base.names, v, problem.parameters.nominal))
   return finite_differences(everything, base, values, everything(values[None])[0])
 
 
-def misled(problem: Problem, theta: Array) -> list[str]:
-  """The fewest recordings that hold nearly all of a surrogate's error at full parameters, (P,), in nats."""
-  wrong = problem.residual(theta[None])[0] - problem.exact.residual(theta[None])[0]
-  nats = np.bincount(problem.observations.recording, wrong**2, minlength=len(problem.observations.names))
-  order = np.argsort(-nats)
-  count = 1 + int(np.searchsorted(np.cumsum(nats[order]), _HELD * nats.sum()))
-  return [problem.observations.names[k] for k in order[:count]]
+def misled(problem: Problem, anchor: Array, tried: Array) -> list[Stretch]:
+  """The fewest stretches without which MuJoCo confirms a surrogate's step from its anchor, full parameters, (P,)."""
+  stretch, segments = problem.observations.stretch[: problem.n_train], problem.observations.stretches.segments
+  nats = lambda p, theta: np.bincount(stretch, 0.5 * p.fitted_residual(theta[None])[0] ** 2)
+  before = nats(problem, anchor)
+  promised, kept = before - nats(problem, tried), before - nats(problem.exact, tried)
+  order = np.argsort(kept - promised)
+  trusted = lambda rest: kept[rest].sum() >= _TRUSTED * promised[rest].sum()
+  count = next(k for k in range(1, len(order) + 1) if trusted(order[k:]))
+  return [(segments.recording[k], float(segments.offset[k])) for k in order[:count]]
 
 
 def _descended(problem: Problem, base: ParameterSet, start: Array) -> tuple[Problem, Fit]:
-  """The minimum, and the problem there: a surrogate is put right by MuJoCo wherever its own minimum lay, until that
-  stays. Where MuJoCo does not confirm a step, the slopes of the two differ: the recordings in which they do are left to
-  MuJoCo from then on. The last step goes along MuJoCo's own slopes, several where the surrogate is refused again."""
-  around, found = problem.parameters.nominal, _fit(problem, base, start, 12, 0.0)
+  """The minimum, and the problem there.
+
+  A surrogate is put right by MuJoCo wherever its own minimum lay, until it promises no more. Where MuJoCo does not
+  confirm a step, the stretches in which the slopes of the two differ are left to MuJoCo from then on.
+  """
+  embedded = lambda values: problem.embed(base.names, values, problem.parameters.nominal)[0]
+  found = _fit(problem, base, start, 12, 0.0)
   if problem.exact is problem:
     return problem, found
-  theta, cost, guarded, refused = start, _cost(problem, base, start), [], False
+  theta, cost = start, _cost(problem, base, start)
   for _ in range(_ROUNDS):
-    there = problem.at(problem.embed(base.names, found.theta, around)[0])
-    promised, lowered = cost - found.cost, cost - _cost(there, base, found.theta)
+    promised = cost - found.cost
+    if promised < _SETTLED:
+      break
+    there = problem.at(embedded(found.theta))
+    lowered = cost - _cost(there, base, found.theta)
     log.info("MuJoCo: %.1f nats of the %.1f that the surrogate promised", lowered, promised)
-    before, tried = problem, found.theta
+    if lowered < _TRUSTED * promised and promised - lowered > _NOTICED:
+      guarded = misled(problem, embedded(theta), embedded(found.theta))
+      log.info("left to MuJoCo: %s", guarded)
+      problem, there = problem.guarding(guarded), there.guarding(guarded)
+    elif lowered <= 0.0:
+      break
     if lowered > 0.0:
       problem, theta, cost = there, found.theta, cost - lowered
-    refused = lowered < _CONFIRMED * promised - _SETTLED
-    if refused and not guarded:
-      guarded = misled(before, problem.embed(base.names, tried, around)[0])
-      log.info("left to MuJoCo: %s", ", ".join(guarded))
-      problem = problem.guarding(guarded)
-    elif refused or promised < _SETTLED:
-      break
     found = _fit(problem, base, theta, 6, 0.0)
-  # what the surrogate's slopes don't see: where they were misleading to the end, as far as it takes
-  found = _fit(problem.exact, base, theta, 8 if refused else 1, 1e-3 if refused else 0.0)
-  return problem.at(problem.embed(base.names, found.theta, around)[0]), found
+  residual = problem.fitted_residual(embedded(theta)[None])[0]
+  return problem, dataclasses.replace(found, theta=theta, residual=residual, cost=cost)
 
 
 def _cost(problem: Problem, base: ParameterSet, theta: Array) -> float:

@@ -19,6 +19,7 @@ from qcar_twin.twin.engines.reduced.cars import irreducible
 from qcar_twin.twin.twin import Twin
 
 Array = NDArray[np.float64]
+Stretch = tuple[str, float]  # a recording's name, and where the stretch begins in it, s
 
 
 class Surrogate(Twin):
@@ -27,13 +28,13 @@ class Surrogate(Twin):
   Args:
     exact: the twin it stands in for.
     anchor: parameters at which it is MuJoCo's, (P,); None for the reduced car as it is.
-    guarded: names of recordings that MuJoCo simulates whatever the parameters, since the two differ too much there.
+    guarded: stretches that MuJoCo simulates whatever the parameters, since the two differ too much there.
 
   Raises:
     ValueError: the reduced car lacks something that this car has.
   """
 
-  def __init__(self, exact: Twin, anchor: Array | None = None, guarded: Collection[str] = ()):
+  def __init__(self, exact: Twin, anchor: Array | None = None, guarded: Collection[Stretch] = ()):
     super().__init__(
       exact.vehicle, exact.mechanisms, exact.tyre, exact.substeps, exact.threads, exact.rows, engine="reduced"
     )
@@ -46,14 +47,15 @@ class Surrogate(Twin):
     made.anchor, made._corrections = np.array(anchor), {}
     return made
 
-  def guarding(self, recordings: Collection[str]) -> "Surrogate":
-    """The same with these recordings left to MuJoCo."""
+  def guarding(self, stretches: Collection[Stretch]) -> "Surrogate":
+    """The same with these stretches left to MuJoCo."""
     made = copy.copy(self)
-    made.guarded = self.guarded | set(recordings)
+    made.guarded = self.guarded | set(stretches)
     return made
 
   def simulate(self, theta: Array, segments: Segments) -> Array:
-    left = np.array([name in self.guarded for name in segments.recording])
+    which = zip(segments.recording, segments.offset.tolist(), strict=True)
+    left = np.array([stretch in self.guarded for stretch in which])
     signals = np.empty((len(theta), len(segments), segments.commands.shape[1] + 1, 10))
     if not left.all():
       free = segments[np.flatnonzero(~left)]

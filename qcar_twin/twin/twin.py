@@ -40,7 +40,7 @@ class Twin:
     substeps: simulation steps per control period of 10 ms (5 = 2 ms, 2 = 5 ms).
     threads: threads of the batch, 0 for all cores. Results do not depend on it.
     rows: at most this many cars are simulated side by side; more columns are done in turns.
-    engine: "mujoco", or "reduced" for the car that is forty times as fast and good enough to search with.
+    engine: "mujoco", or "reduced" for the car that is thirty times as fast and good enough to search with.
 
   Raises:
     ValueError: a mechanism presupposes another drive, or there is no such engine for this car.
@@ -204,7 +204,7 @@ class Twin:
     return start
 
   def sensed(self, theta: Array, signals: Array, offset: Array) -> Array:
-    """Signals (N, T + 1, 10) as the sensors of a car with parameters (N, P) show them; signals, changed or not."""
+    """Signals (N, T + 1, 10) as the sensors of a car with parameters (N, P) show them. `signals` may be changed."""
     time = offset[:, None] + self.period * np.arange(signals.shape[1])
     for mechanism in self.mechanisms:
       if mechanism.stage == "sensor":

@@ -24,13 +24,12 @@ def dataset():
 
 
 def prepared(dataset, monkeypatch, guarded=(), plant="reduced"):
-  """What `prepare` makes where recalibration ends with these recordings left to MuJoCo."""
+  """What `prepare` makes where recalibration ends with these stretches left to MuJoCo."""
 
   def recalibrate(dataset, twin, start, progress):
     return Recalibrated(SimpleNamespace(twin=twin.guarding(guarded) if isinstance(twin, Surrogate) else twin))
 
   monkeypatch.setattr(pipeline, "recalibrate_dataset", recalibrate)
-  monkeypatch.setattr(pipeline, "on_mujoco", lambda found: Recalibrated(SimpleNamespace(twin=found.problem.twin.exact)))
   return pipeline.prepare(dataset, plant=plant)
 
 
@@ -40,13 +39,13 @@ def test_the_reduced_car_searches_and_there_is_nothing_to_say(dataset, monkeypat
   assert not any("MuJoCo" in note for note in found.notes)
 
 
-def test_where_it_misled_recalibration_mujoco_searches_and_the_report_names_the_recordings(dataset, monkeypatch):
-  found = prepared(dataset, monkeypatch, ["oval", "drive_brake"])
-  assert not isinstance(found.recalibrated.problem.twin, Surrogate)
-  assert found.notes[-1].endswith("the reduced car leads a fit astray in drive_brake, oval")
+def test_where_it_misled_recalibration_the_report_names_the_stretches(dataset, monkeypatch):
+  found = prepared(dataset, monkeypatch, [("oval", 12.0), ("drive_brake", 0.0)])
+  assert found.recalibrated.problem.twin.guarded == {("oval", 12.0), ("drive_brake", 0.0)}
+  assert "drive_brake from 0 s, oval from 12 s; there the reduced car leads a fit astray" in found.notes[-1]
 
 
 def test_mujoco_alone_where_it_was_asked_for(dataset, monkeypatch):
-  found = prepared(dataset, monkeypatch, ["oval"], "mujoco")
+  found = prepared(dataset, monkeypatch, [("oval", 0.0)], "mujoco")
   assert not isinstance(found.recalibrated.problem.twin, Surrogate)
   assert found.recalibrated.problem.twin.engine == "mujoco"

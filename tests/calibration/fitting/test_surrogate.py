@@ -61,9 +61,9 @@ def test_sensors_err_after_the_correction(twin):
   np.testing.assert_allclose(both[1, ..., rate], 1.1 * both[0, ..., rate], atol=1e-12)
 
 
-def test_a_guarded_recording_is_mujocos_whatever_the_parameters(twin):
+def test_a_guarded_stretch_is_mujocos_whatever_the_parameters(twin):
   theta = moved(twin, 0.5)
-  surrogate = Surrogate(twin).at(twin.parameters.nominal).guarding(["brake"])
+  surrogate = Surrogate(twin).at(twin.parameters.nominal).guarding([("brake", 0.0)])
   found, truth = surrogate.rollout(theta, SEGMENTS).signals[0], twin.rollout(theta, SEGMENTS).signals[0]
   np.testing.assert_array_equal(found[2], truth[2])
   assert np.abs(found[0] - truth[0]).max() > 0.0

@@ -209,10 +209,10 @@ def test_what_it_lacks_it_says():
     Twin(CAR, engine="bullet")  # type: ignore[arg-type]
 
 
-def test_every_compiler_and_processor_gives_the_same_bits(tmp_path):
+def test_every_compiler_and_processor_gives_the_same_bits(tmp_path, rows):
   """The tuned build, the plain one and the wheel's compiler: a period of the same cars."""
   rng, size, ends = np.random.default_rng(3), 8, []
-  numbers = CARS_ROWS["numbers"] * (1.0 + 0.01 * rng.standard_normal((layout.N_NUMBER, size)))
+  numbers = rows["numbers"] * (1.0 + 0.01 * rng.standard_normal((layout.N_NUMBER, size)))
   for k, (compiler, tuning) in enumerate(
     [
       (build.compilers()[0], build.TUNED),
@@ -225,10 +225,10 @@ def test_every_compiler_and_processor_gives_the_same_bits(tmp_path):
     library = ctypes.CDLL(str(target))
     library.advance.argtypes = build.load().advance.argtypes
     library.advance.restype = None
-    state = CARS_ROWS["state"].repeat(size, axis=1).copy()
+    state = rows["state"].repeat(size, axis=1).copy()
     signals, blocks = np.zeros((size, len(SIGNALS))), np.arange(2)
     commands = np.tile([1.5, 0.2], (size, 1))
-    pointers = [a.ctypes.data for a in (CARS_ROWS["constants"], numbers, state)]
+    pointers = [a.ctypes.data for a in (rows["constants"], numbers, state)]
     for _ in range(50):
       library.advance(
         *pointers, size, size, commands.ctypes.data, None, signals.ctypes.data, 2, blocks.ctypes.data, len(blocks)
@@ -238,11 +238,9 @@ def test_every_compiler_and_processor_gives_the_same_bits(tmp_path):
   assert ends[0] == ends[1] == ends[2]
 
 
-def _rows() -> dict[str, np.ndarray]:
+@pytest.fixture(scope="module")
+def rows() -> dict[str, np.ndarray]:
   """Numbers, constants and state of a nominal car, as the engine writes them."""
   twin = Twin(CAR, substeps=2, threads=1, engine="reduced")
   engine = twin.begin(twin.parameters.nominal[None], np.zeros((1, len(START)))).engine
   return {"numbers": engine._numbers[:, :1], "constants": engine._constants, "state": engine._state[:, :1]}
-
-
-CARS_ROWS = _rows()
