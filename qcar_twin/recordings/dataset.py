@@ -14,6 +14,7 @@ import numpy as np
 
 from qcar_twin.atomic_io import write_text
 from qcar_twin.recordings.checks.faults import find_defects
+from qcar_twin.recordings.checks.repeats import refuse_repeats
 from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
 from qcar_twin.recordings.checks.units import check_limits, check_units
 from qcar_twin.recordings.formats import Table, read_table
@@ -57,6 +58,7 @@ class DataSet:
       made, notes = _recordings(manifest, entry, table)
       recordings += made
       warnings += notes
+    warnings += refuse_repeats(recordings)
     for warning in warnings:
       _log.warning(warning)
     return cls(
@@ -121,9 +123,25 @@ def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Re
   streams, notes = streams_of(table, mapping)
   whole = Recording(entry.name, streams, entry.file, entry.role, entry.manoeuvre, entry.session)
   check_limits(whole)
+  if (entry.begin, entry.end) != (-np.inf, np.inf):
+    whole = _part(whole, entry)
   pieces, cuts = _cut(whole)
   signs = check_units(whole, manifest.vehicle)
   return pieces, [*notes, *signs, *cuts, *(defect for piece in pieces for defect in find_defects(piece))]
+
+
+def _part(whole: Recording, entry: Entry) -> Recording:
+  """What lies between from and to."""
+  if entry.begin >= whole.end or entry.end <= whole.start:
+    raise RecordingError(
+      f"{entry.file}: recording '{entry.name}' is to be a part {_span(entry)}, where the file has nothing: its "
+      f"time runs from {whole.start:g} s to {whole.end:g} s; correct from and to in {FILE_NAME}"
+    )
+  return whole.window(max(entry.begin, whole.start), min(entry.end, whole.end))
+
+
+def _span(entry: Entry) -> str:
+  return " ".join(f"{word} {at:g} s" for word, at in (("from", entry.begin), ("to", entry.end)) if np.isfinite(at))
 
 
 def _cut(whole: Recording) -> tuple[list[Recording], list[str]]:

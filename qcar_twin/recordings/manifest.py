@@ -25,30 +25,36 @@ _POSITIVE = (
   "gear_ratio",
   "max_steering",
 )
+_ENTRY = ("file", "role", "name", "manoeuvre", "session", "from", "to")
 _TOP = ("name", "command_timing", "description", "licence", "source", "vehicle", "channels", "recording")
 
 
 @dataclass(frozen=True)
 class Mapped:
-  """How one log column becomes a channel: value = (scale * column + offset) * gate column."""
+  """How one log column becomes a channel: value = (scale * column + offset) * gate column.
+
+  `wrap`: an angle that jumps by turns is unwrapped; None where nobody said: it is, with a note.
+  """
 
   column: str
   scale: float = 1.0
   offset: float = 0.0
-  wrap: bool = False
+  wrap: bool | None = None
   hold: bool = False
   gate: str | None = None
 
 
 @dataclass(frozen=True)
 class Entry:
-  """One [[recording]] table."""
+  """One [[recording]] table; `begin` and `end`, s on the file's own clock, where only a part of the file is meant."""
 
   file: str
   role: str
   name: str
   manoeuvre: str = "unspecified"
   session: str | None = None
+  begin: float = -math.inf
+  end: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -199,7 +205,7 @@ def _mapping(raw: Mapping[str, Any]) -> dict[str, Mapped]:
       _text(table, "column", where, ""),
       _number(table, "scale", where, 1.0),
       _number(table, "offset", where),
-      _flag(table, "wrap", where),
+      _flag(table, "wrap", where) if "wrap" in table else None,
       _flag(table, "hold", where),
       gate,
     )
@@ -237,7 +243,7 @@ def _entries(raw: Mapping[str, Any]) -> tuple[Entry, ...]:
 
 
 def _entry(table: Mapping[str, Any], where: str) -> Entry:
-  _only(table, tuple(Entry.__dataclass_fields__), where)
+  _only(table, _ENTRY, where)
   for key in ("file", "role"):
     if key not in table:
       raise RecordingError(
@@ -247,10 +253,19 @@ def _entry(table: Mapping[str, Any], where: str) -> Entry:
   if role not in ROLES:
     raise RecordingError(f"{FILE_NAME}: {where}({file}) has unknown role '{role}'{nearest(role, ROLES)}")
   session = _text(table, "session", where, "") if "session" in table else None
+  begin = _number(table, "from", where) if "from" in table else -math.inf
+  end = _number(table, "to", where) if "to" in table else math.inf
+  if begin >= end:
+    raise RecordingError(
+      f"{FILE_NAME}: {where}({file}) ends at {end:g} s, before it begins ({begin:g} s); swap from and to"
+    )
+  part = f"_{begin:g}s" if math.isfinite(begin) else ""
   return Entry(
     file,
     role,
-    _text(table, "name", where, PurePosixPath(file).stem),
+    _text(table, "name", where, PurePosixPath(file).stem + part),
     _text(table, "manoeuvre", where, "unspecified"),
     session,
+    begin,
+    end,
   )

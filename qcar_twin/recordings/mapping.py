@@ -95,12 +95,15 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
     if mapping[channel].hold and not clock.repeats:
       there = there[published_samples(value[there], publisher_rows[channel])]
     sampled = value[there]
-    if mapping[channel].wrap:
+    jumps = int(np.sum(np.abs(np.diff(sampled)) > np.pi))
+    unsaid = mapping[channel].wrap is None and CHANNELS[channel].angle and jumps > 0
+    if mapping[channel].wrap or unsaid:
       check_angle(table.label, channel, sampled)
       sampled = np.unwrap(sampled)
-    elif CHANNELS[channel].angle and np.abs(np.diff(sampled)).max(initial=0.0) > np.pi:
+    if unsaid:
       notes.append(
-        f"{table.label}: {channel} jumps by more than half a turn; set wrap = true on {channel} in [channels]"
+        f"{table.label}: {channel} jumps by more than half a turn ({_times(jumps)}) and is unwrapped; set "
+        f"wrap = true on {channel} in [channels] if that is right, wrap = false to keep the jumps"
       )
     streams[channel] = Stream(time[there], sampled)
   if spread:
@@ -109,6 +112,10 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
       "and are spread evenly between its stamps"
     )
   return streams, notes
+
+
+def _times(count: int) -> str:
+  return "once" if count == 1 else f"{count} times"
 
 
 def _drive(mapping: Mapping[str, Mapped]) -> str | None:

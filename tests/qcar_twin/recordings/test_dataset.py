@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from qcar_twin.recordings.dataset import DataSet, write_dataset
-from qcar_twin.recordings.recording import RecordingError, UnknownChannelError
+from qcar_twin.recordings.recording import ROLES, RecordingError, UnknownChannelError
 from tests.qcar_twin.recordings.drives import STD, VEHICLE, drive, folder_with, recording, write_csv, write_manifest
 from tests.qcar_twin.recordings.loading import refused
 
@@ -37,9 +37,8 @@ def test_a_canonical_folder_loads_as_it_is(tmp_path):
 
 
 def test_roles_select_and_names_find_recordings(tmp_path):
-  write_dataset(
-    tmp_path, "lab", VEHICLE, STD, [recording("a"), recording("b", role="validate"), recording("c", role="holdout")]
-  )
+  runs = [recording(name, seed=k, role=role) for k, (name, role) in enumerate(zip("abc", ROLES, strict=True))]
+  write_dataset(tmp_path, "lab", VEHICLE, STD, runs)
   data = DataSet.load(tmp_path)
   assert [[run.name for run in data.role(role)] for role in ("identify", "validate", "holdout")] == [
     ["a"],
@@ -89,13 +88,45 @@ def test_wrap_unwraps_the_angle_and_the_offset_survives(tmp_path):
   assert run["pose_yaw"].value == pytest.approx(turning + 0.25, abs=1e-9)
 
 
-def test_a_wrapped_heading_without_wrap_is_noticed(tmp_path):
+def test_one_long_log_gives_runs_of_every_role(tmp_path):
+  time, columns = drive(30.0)
+  parts = [("identify", "to = 10.0"), ("validate", "from = 10.0\nto = 20"), ("holdout", "from = 20.005")]
+  write_csv(tmp_path / "run.csv", time, columns)
+  tables = [f'[[recording]]\nfile = "run.csv"\nrole = "{role}"\n{span}' for role, span in parts]
+  (tmp_path / "dataset.toml").write_text("\n".join(['name = "lab"', *tables]), encoding="utf-8")
+  data = DataSet.load(tmp_path)
+  assert [(r.name, r.role) for r in data.recordings] == [
+    ("run", "identify"),
+    ("run_10s", "validate"),
+    ("run_20.005s", "holdout"),
+  ]
+  spans = [r["yaw_rate"].time[[0, -1]] for r in data.recordings]
+  np.testing.assert_allclose(spans, [(0.0, 10.0), (10.0, 20.0), (20.01, 29.99)])
+  assert data["run_20.005s"]["motor_voltage"].time[0] == 20.005  # the command in force there
+  refused(
+    write_manifest(tmp_path, extra="from = 50.0"), "run.csv", "a part from 50 s", "from 0 s to 29.99 s", "correct"
+  )
+  refused(write_manifest(tmp_path, extra="from = 5\nto = 2"), "(run.csv) ends at 2 s, before it begins (5 s)", "swap")
+  refused(write_manifest(tmp_path, extra='from = "start"'), "from must be a finite number")
+
+
+@pytest.mark.parametrize("wrap", ["", ", wrap = true", ", wrap = false"])
+def test_a_wrapped_heading_is_unwrapped_with_a_note_unless_it_is_said_what_it_is(tmp_path, wrap):
   time, columns = drive()
   log = {key: columns[key] for key in ("motor_voltage", "motor_speed")} | {
     "pose_yaw": (3.0 * time + np.pi) % (2 * np.pi) - np.pi
   }
-  (warning,) = DataSet.load(folder_with(tmp_path, time, log)).warnings
-  assert warning == "run.csv: pose_yaw jumps by more than half a turn; set wrap = true on pose_yaw in [channels]"
+  channels = f'pose_yaw = {{ column = "pose_yaw"{wrap} }}' + "".join(
+    f'\n{name} = {{ column = "{name}" }}' for name in ("time", "motor_voltage", "motor_speed")
+  )
+  data = DataSet.load(folder_with(tmp_path, time, log, channels=channels))
+  yaw = data["run"]["pose_yaw"].value
+  assert np.ptp(yaw) == pytest.approx(2 * np.pi if "false" in wrap else 3.0 * time[-1], abs=0.04)
+  note = (
+    "run.csv: pose_yaw jumps by more than half a turn (6 times) and is unwrapped; set wrap = true on pose_yaw in "
+    "[channels] if that is right, wrap = false to keep the jumps"
+  )
+  assert data.warnings == (() if wrap else (note,))
 
 
 def test_gate_multiplies_and_holds_its_last_value_over_blanks(tmp_path):
