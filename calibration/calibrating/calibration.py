@@ -41,6 +41,7 @@ from calibration.identification.match_bicycle import (
   match_bicycle,
   mean_percent,
 )
+from calibration.log_check import heed
 from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.recordings.dataset import DataSet
@@ -164,7 +165,7 @@ def calibrate(
   Raises:
     NotIdentifiable: against "identified" without voltage steps that identify the drive.
   """
-  began, joined, said = time.perf_counter(), (), ()
+  began, told, said = time.perf_counter(), (), ()
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   progress("identification")
   identification, missing = _identified(dataset, steady_state, vehicle)
@@ -177,7 +178,7 @@ def calibrate(
     twin = Twin(vehicle, substeps=2, threads=threads)
     work = lambda: _to_bicycle(twin, identification, quick, progress)
   else:
-    dataset, joined = with_coverage(dataset)
+    dataset, told = _ready(dataset)
     # in the order of the catalogue, in which a diagnosis applies them: the same bits
     twin = Twin(vehicle, select(sorted({*mechanisms, *always_fitted()})), substeps=2, threads=threads)
     searched, said = searching(twin, plant)
@@ -193,7 +194,7 @@ def calibrate(
   fine = Twin(vehicle, twin.mechanisms, substeps=FINE, threads=threads)
   answers = _answers(fine, theta, identification) if identification else ()
   errors = _errors(fine, theta, dataset, found["command_shift"], quick) if against == "recordings" else {}
-  notes = (*dataset.warnings, *joined, *said, *found["notes"], *_judged(estimates))
+  notes = (*told, *dataset.warnings, *said, *found["notes"], *_judged(estimates))
   return Calibration(dataset, against, fine, theta, estimates, identification, missing, answers, errors,
                      found["command_shift"], notes, time.perf_counter() - began)  # fmt: skip
 
@@ -254,6 +255,13 @@ def _slopes(found: RecalibratedTwin) -> Array:
     return found.jacobian[: problem.n_train]
   residual = lambda v: problem.exact.fitted_residual(problem.embed(base.names, v, found.theta))
   return finite_differences(residual, base, found.fit.theta, residual(found.fit.theta[None])[0])
+
+
+def _ready(dataset: DataSet) -> tuple[DataSet, tuple[str, ...]]:
+  """The data set with the roles that are used, and what is to be said of its sensors and roles."""
+  checked = heed(dataset)
+  dataset, joined = with_coverage(dataset)
+  return dataset, checked + joined
 
 
 def _open_recordings(dataset: DataSet) -> list[Recording]:

@@ -27,6 +27,7 @@ from calibration.fitting.dataset_recalibration import LONGEST, Start, recalibrat
 from calibration.fitting.recalibration import RecalibratedTwin, recalibrate_from
 from calibration.fitting.surrogate import Surrogate, exact, searching
 from calibration.fitting.windows import Cut
+from calibration.log_check import heed
 from calibration.progress import Progress, silent
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
@@ -43,7 +44,7 @@ class Prepared:
   """A data set with the twin recalibrated on it, before anything is searched.
 
   Attributes:
-    dataset: with the roles that are used, see `with_coverage`; notes: a sentence per role that was changed.
+    dataset: with the roles that are used, see `with_coverage`; notes: sensors that disagree, roles that were changed.
     known: mechanisms of the twin, all at their null.
     recalibrated: the twin.
   """
@@ -64,6 +65,7 @@ def prepare(
   plant: EngineKind = "reduced",
 ) -> Prepared:
   """Recalibrate the twin that a diagnosis starts from; arguments as for `diagnose`."""
+  checked = heed(dataset)
   dataset, notes = with_coverage(dataset)
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   known = considered(mechanisms, start, vehicle.drive)
@@ -73,7 +75,7 @@ def prepare(
   if isinstance(found := recalibrated.problem.twin, Surrogate) and found.guarded:
     where = ", ".join(f"{name} from {offset:.4g} s" for name, offset in sorted(found.guarded))
     said += (f"simulated by MuJoCo during the search, too: {where}; there the reduced car leads a fit astray",)
-  return Prepared(dataset, notes + said, known, recalibrated)
+  return Prepared(dataset, checked + notes + said, known, recalibrated)
 
 
 def diagnose(

@@ -1,0 +1,194 @@
+"""Motions that two sensors measure, each as the mean of a rate over short windows.
+
+Whatever is the integral of a rate (heading of yaw rate, path of speed, speed of acceleration) gives the rate's mean
+over a window without being differentiated; a rate gives it by being added up. So both sides are filtered alike.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.fitting.noise import ChannelNoise
+from qcar_twin.recordings.recording import Recording, Stream
+from qcar_twin.vehicle.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+STRAIGHT, TURNING = ("steady", "speeding up", "slowing down"), ("turning left", "turning right")
+REGIMES = (*STRAIGHT, *TURNING)
+_TURNS, _SPEEDS = 0.5, 0.3  # m/s^2 across and along, from which a window is called by its turn or its change of speed
+Means = Callable[[Array, float], Array]  # begin of windows (k,) s, length s -> mean of the rate in each, (k,)
+
+
+@dataclasses.dataclass(frozen=True)
+class Wheels:
+  """The channel that says how fast the wheels turn, and the speed of the car per unit of it, m/s."""
+
+  channel: str
+  scale: float
+
+  @classmethod
+  def of(cls, vehicle: Vehicle, recordings: Sequence[Recording]) -> "Wheels":
+    if any("motor_speed" in r for r in recordings):
+      return cls("motor_speed", vehicle.gear_ratio * vehicle.wheel_radius)
+    return cls("speed", 1.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion:
+  """One motion and the two who measure it.
+
+  Attributes:
+    name: what both measure, in words.
+    compared, reference: channels; the first of each is who measures, others take part.
+    of_compared, of_reference: a recording -> mean rates over windows.
+    noise: of both means over windows of so many seconds, in the rate's unit.
+    unit: of the rate.
+    within: how the car must be driven for the two to be the same motion, of REGIMES.
+    kinematic: they are the same by geometry alone, so a lag or a scale is a sensor's; else also how the car answers.
+  """
+
+  name: str
+  compared: tuple[str, ...]
+  reference: tuple[str, ...]
+  of_compared: Callable[[Recording], Means]
+  of_reference: Callable[[Recording], Means]
+  noise: Callable[[Mapping[str, ChannelNoise], float], tuple[float, float]]
+  unit: str
+  within: tuple[str, ...] = REGIMES
+  kinematic: bool = False
+
+  def measured_in(self, recording: Recording) -> bool:
+    return all(name in recording for name in (*self.compared, *self.reference))
+
+
+def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
+  """Those of which these recordings hold both sides."""
+  wheel, to_speed = wheels.channel, wheels.scale
+  pose = ("pose_x", "pose_y", "pose_yaw")
+  known = [
+    Motion(
+      "turning", ("yaw_rate",), ("pose_yaw",),
+      lambda r: _added(r["yaw_rate"]), lambda r: _increments(r["pose_yaw"]),
+      lambda n, w: (_mean_noise(n["yaw_rate"], w), _step_noise(n["pose_yaw"], w)),
+      "rad/s", kinematic=True,
+    ),
+    Motion(
+      "driving", (wheel,), pose,
+      lambda r: _added(r[wheel], to_speed), _path,
+      lambda n, w: (to_speed * _mean_noise(n[wheel], w), _step_noise(n["pose_x"], w)),
+      "m/s", STRAIGHT, kinematic=True,
+    ),
+    Motion(
+      "speeding up and slowing down", ("accel_x",), (wheel,),
+      lambda r: _added(r["accel_x"]), lambda r: _increments(r[wheel], to_speed),
+      lambda n, w: (_mean_noise(n["accel_x"], w), to_speed * _step_noise(n[wheel], w)),
+      "m/s^2", STRAIGHT,
+    ),
+    Motion(
+      "going round", ("accel_y",), (wheel, "yaw_rate"),
+      lambda r: _added(r["accel_y"]), lambda r: _product(r[wheel], r["yaw_rate"], to_speed),
+      lambda n, w: (_mean_noise(n["accel_y"], w), _mean_noise(n["yaw_rate"], w)),
+      "m/s^2", TURNING,
+    ),
+    Motion(
+      "answering the steering", ("yaw_rate",), ("steering_command", wheel),
+      lambda r: _added(r["yaw_rate"]), lambda r: _steered(r, wheels),
+      lambda n, w: (_mean_noise(n["yaw_rate"], w), _mean_noise(n[wheel], w) * to_speed),
+      "rad/s",
+    ),
+  ]  # fmt: skip
+  return [m for m in known if any(m.measured_in(r) for r in recordings)]
+
+
+def regimes(wheels: Wheels, recording: Recording, begin: Array, length: float) -> NDArray[np.str_]:
+  """How the car was driven in windows, one of REGIMES each, (k,)."""
+  label = np.full(len(begin), REGIMES[0], dtype="U16")
+  if wheels.channel not in recording:
+    return label
+  speed, change = (f(recording[wheels.channel], wheels.scale)(begin, length) for f in (_added, _increments))
+  rate = np.zeros(len(begin))
+  if "yaw_rate" in recording:
+    rate = _added(recording["yaw_rate"])(begin, length)
+  elif "pose_yaw" in recording:
+    rate = _increments(recording["pose_yaw"])(begin, length)
+  for name, there in (
+    ("speeding up", change > _SPEEDS),
+    ("slowing down", change < -_SPEEDS),
+    ("turning left", speed * rate > _TURNS),
+    ("turning right", speed * rate < -_TURNS),
+  ):
+    label[there] = name
+  return label
+
+
+def _added(stream: Stream, scale: float = 1.0) -> Means:
+  """Means of a rate that was sampled."""
+  area = np.r_[0.0, np.cumsum(0.5 * np.diff(stream.time) * (stream.value[1:] + stream.value[:-1]))]
+
+  def integral(time: Array) -> Array:
+    i = np.clip(np.searchsorted(stream.time, time, side="right") - 1, 0, len(stream) - 2)
+    t, dt = time - stream.time[i], stream.time[i + 1] - stream.time[i]
+    slope = (stream.value[i + 1] - stream.value[i]) / dt
+    return area[i] + t * (stream.value[i] + 0.5 * slope * t)
+
+  return lambda begin, length: (
+    scale * _inside(stream, begin, length, integral(begin + length) - integral(begin)) / length
+  )
+
+
+def _increments(stream: Stream, scale: float = 1.0) -> Means:
+  """Means of the rate of something that was sampled."""
+  at = lambda time: np.interp(time, stream.time, stream.value)
+  return lambda begin, length: scale * _inside(stream, begin, length, at(begin + length) - at(begin)) / length
+
+
+def _path(recording: Recording) -> Means:
+  """Forward speed from poses: displacements along the heading of the window's middle."""
+  x, y, yaw = (recording[name] for name in ("pose_x", "pose_y", "pose_yaw"))
+  at = lambda stream, time: np.interp(time, stream.time, stream.value)
+
+  def mean(begin: Array, length: float) -> Array:
+    heading, end = at(yaw, begin + 0.5 * length), begin + length
+    moved = np.cos(heading) * (at(x, end) - at(x, begin)) + np.sin(heading) * (at(y, end) - at(y, begin))
+    return _inside(x, begin, length, moved) / length
+
+  return mean
+
+
+def _product(speed: Stream, rate: Stream, scale: float) -> Means:
+  """Centripetal acceleration: mean of speed times yaw rate."""
+  time = rate.time[(rate.time >= speed.time[0]) & (rate.time <= speed.time[-1])]
+  if len(time) < 2:
+    return lambda begin, length: np.full(len(begin), np.nan)
+  return _added(Stream(time, scale * np.interp(time, speed.time, speed.value) * rate.at(time)))
+
+
+def _steered(recording: Recording, wheels: Wheels) -> Means:
+  """Speed times commanded angle, to which the yaw rate of a slow car is proportional."""
+  speed, command = recording[wheels.channel], recording["steering_command"]
+  time = np.arange(speed.time[0], speed.time[-1], 0.01)
+  if len(time) < 2:
+    return lambda begin, length: np.full(len(begin), np.nan)
+  return _added(Stream(time, wheels.scale * np.interp(time, speed.time, speed.value) * command.at(time)))
+
+
+def _inside(stream: Stream, begin: Array, length: float, value: Array) -> Array:
+  """NaN where a window lies outside a stream or in a gap of it."""
+  step = np.median(np.diff(stream.time))
+  first = np.searchsorted(stream.time, begin, side="right")
+  last = np.searchsorted(stream.time, begin + length, side="right")
+  whole = (begin >= stream.time[0]) & (begin + length <= stream.time[-1])
+  dense = (last - first) >= 0.5 * length / step - 1.0
+  return np.where(whole & dense, value, np.nan)
+
+
+def _mean_noise(noise: ChannelNoise, window: float) -> float:
+  """Of the mean of white noise over a window."""
+  return noise.std / np.sqrt(max(window * noise.rate, 1.0))
+
+
+def _step_noise(noise: ChannelNoise, window: float) -> float:
+  """Of a difference over a window, divided by it."""
+  return np.sqrt(2.0) * noise.std / window

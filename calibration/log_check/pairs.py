@@ -1,0 +1,181 @@
+"""Two sensors of one motion: how late, how much too large and how far off one is against the other.
+
+  compared(t) = scale * reference(t - lag) + bias
+
+fitted to means over short windows. The lag is where least is left over; the scale is Deming's, for noise in both
+(Fuller, Measurement Error Models, 1987, 1.3); deviations are the jackknife's over blocks of driving (Efron, The
+Jackknife, the Bootstrap and Other Resampling Plans, 1982). No model of a car takes part.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.fitting.noise import ChannelNoise
+from calibration.log_check.motions import REGIMES, Motion, Wheels, regimes
+from qcar_twin.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+_STEP = 0.01  # s between windows, and between the lags that are tried
+_LAGS = np.arange(-0.30, 0.505, _STEP)  # s
+_WINDOW = 0.2  # s, at least; three samples of the slower sensor
+_BLOCK = 3.0  # s of driving that are left out together: longer than any motion remembers
+_LEAST_BLOCKS = 6
+_LOUD = 3.0  # times its noise that a motion must be to be compared
+_NO_LAG = int(np.argmin(np.abs(_LAGS)))
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+  """A number and its standard deviation."""
+
+  value: float
+  std: float
+
+  def beyond(self, null: float, sigmas: float = 3.0) -> bool:
+    """Whether it is further from a number than that many deviations."""
+    return abs(self.value - null) > sigmas * self.std
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+  """What two sensors of a motion say of each other.
+
+  Attributes:
+    lag: s, positive where the compared sensor is late.  scale, bias: of it, in the rate's unit.
+    correlation: of the two, at that lag.
+    left: rms of what is left over, in the rate's unit; noise: what their noise explains of it.
+    seconds: compared.
+    regimes: scale by how the car was driven, where there was enough of it.
+    why_not: why they can't be compared; then all else is NaN.
+  """
+
+  motion: Motion
+  lag: Estimate
+  scale: Estimate
+  bias: Estimate
+  correlation: float
+  left: float
+  noise: float
+  seconds: float
+  regimes: Mapping[str, Estimate]
+  why_not: str = ""
+
+
+def compare(
+  motion: Motion, wheels: Wheels, recordings: Sequence[Recording], noise: Mapping[str, ChannelNoise]
+) -> Comparison:
+  """Compare the two sensors of a motion over all recordings that hold both."""
+  names = [n for n in (*motion.compared, *motion.reference) if n in noise]
+  window = max(_WINDOW, 3.0 / min(noise[n].rate for n in names))
+  levels = motion.noise(noise, window)
+  held = [r for r in recordings if motion.measured_in(r)]
+  blocks = [b for r in held for b in _blocks(motion, wheels, r, window)]
+  if len(blocks) < _LEAST_BLOCKS:
+    return _unknown(motion, f"less than {_LEAST_BLOCKS * _BLOCK:g} s hold both", len(blocks) * _BLOCK)
+  loud = float(np.std(np.concatenate([reference for _, reference in blocks])))
+  if loud < _LOUD * levels[1]:
+    said = f"the motion ({loud:.2g} {motion.unit}) is not {_LOUD:g} times the reference's noise ({levels[1]:.2g})"
+    return _unknown(motion, said, len(blocks) * _BLOCK)
+  ratio = (levels[0] / levels[1]) ** 2
+  found, spread = _jackknifed(np.stack([sums for sums, _ in blocks]), lambda s: _fit(s, ratio))
+  lag, scale, bias = (Estimate(float(v), float(s)) for v, s in zip(found[:3], spread[:3], strict=True))
+  return Comparison(
+    motion=motion,
+    lag=lag,
+    scale=scale,
+    bias=bias,
+    correlation=float(found[4]),
+    left=float(found[3]),
+    noise=float(np.hypot(levels[0], scale.value * levels[1])),
+    seconds=len(blocks) * _BLOCK,
+    regimes=_by_regime(motion, wheels, held, window, lag.value, ratio),
+  )
+
+
+def _blocks(motion: Motion, wheels: Wheels, recording: Recording, window: float) -> list[tuple[Array, Array]]:
+  """Of every few seconds of a recording: sums over windows for every lag, (lags, 6), and the reference's means."""
+  begin = np.arange(recording.start - _LAGS[0], recording.end - window - _LAGS[-1], _STEP)
+  if len(begin) < 2:
+    return []
+  compared, reference = motion.of_compared(recording)(begin, window), motion.of_reference(recording)
+  shifted = np.stack([reference(begin - lag, window) for lag in _LAGS])  # (lags, k)
+  known = np.isfinite(compared) & np.isfinite(shifted).all(axis=0)
+  known &= np.isin(regimes(wheels, recording, begin, window), motion.within)
+  number, made = np.floor((begin - begin[0]) / _BLOCK), []
+  for block in np.unique(number):
+    rows = known & (number == block)
+    if rows.sum() * _STEP >= 0.2 * _BLOCK:
+      made.append((_sums(shifted[:, rows], compared[rows]), shifted[_NO_LAG, rows]))
+  return made
+
+
+def _sums(x: Array, y: Array) -> Array:
+  """Count, sums and sums of products of x, (..., k), and y, (k,) -> (..., 6)."""
+  one, both = np.ones_like(x), np.broadcast_to(y, x.shape)
+  return np.stack([np.sum(a, axis=-1) for a in (one, x, both, x * x, x * both, both * both)], axis=-1)
+
+
+def _fit(sums: Array, ratio: float) -> Array:
+  """Lag, scale, bias, rms left over and correlation from sums, (n, lags, 6) -> (n, 5)."""
+  lines = _line(sums, ratio)
+  strength, rows = np.abs(lines[..., 3]), np.arange(len(sums))
+  best = np.argmax(strength, axis=1)
+  return np.column_stack([_vertex(strength, best), lines[rows, best]])
+
+
+def _line(sums: Array, ratio: float) -> Array:
+  """Deming's line: scale, bias, rms left over and correlation from sums, (..., 6) -> (..., 4).
+
+  Args:
+    ratio: variance of the compared sensor's noise over that of the reference's.
+  """
+  count, x, y, xx, xy, yy = np.moveaxis(sums, -1, 0)
+  mx, my = x / count, y / count
+  sxx, sxy, syy = xx / count - mx**2, xy / count - mx * my, yy / count - my**2
+  apart, safe = syy - ratio * sxx, np.where(np.abs(sxy) > 1e-300, sxy, 1e-300)
+  scale = (apart + np.sqrt(apart**2 + 4.0 * ratio * sxy**2)) / (2.0 * safe)
+  left = np.sqrt(np.maximum(syy - 2.0 * scale * sxy + scale**2 * sxx, 0.0))
+  return np.stack([scale, my - scale * mx, left, sxy / np.sqrt(np.maximum(sxx * syy, 1e-300))], axis=-1)
+
+
+def _vertex(height: Array, best: NDArray[np.intp]) -> Array:
+  """Lags at the tops of parabolas through the best lag and its neighbours, s, (n,)."""
+  rows, i = np.arange(len(height)), np.clip(best, 1, len(_LAGS) - 2)
+  before, top, after = height[rows, i - 1], height[rows, i], height[rows, i + 1]
+  bend = np.minimum(before - 2.0 * top + after, -1e-15)
+  return _LAGS[i] + np.clip(0.5 * (before - after) / bend, -1.0, 1.0) * _STEP
+
+
+def _jackknifed(sums: Array, fit: Callable[[Array], Array]) -> tuple[Array, Array]:
+  """An estimate from the sums of all blocks, (n, ...), and its standard deviation."""
+  total, count = sums.sum(axis=0), len(sums)
+  without = fit(total[None] - sums)
+  spread = (count - 1) / count * np.sum((without - without.mean(axis=0)) ** 2, axis=0)
+  return fit(total[None])[0], np.sqrt(spread)
+
+
+def _by_regime(
+  motion: Motion, wheels: Wheels, recordings: Sequence[Recording], window: float, lag: float, ratio: float
+) -> dict[str, Estimate]:
+  """Scale at the common lag, by how the car was driven in each window."""
+  sums: dict[str, list[Array]] = {}
+  for recording in recordings:
+    begin = np.arange(recording.start + max(lag, 0.0), recording.end - window, _STEP)
+    y, x = motion.of_compared(recording)(begin, window), motion.of_reference(recording)(begin - lag, window)
+    known, regime = np.isfinite(x) & np.isfinite(y), regimes(wheels, recording, begin, window)
+    number = np.floor((begin - recording.start) / _BLOCK)
+    for name in REGIMES:
+      for block in np.unique(number[known & (regime == name)]):
+        rows = known & (regime == name) & (number == block)
+        sums.setdefault(name, []).append(_sums(x[rows], y[rows]))
+  line = lambda s: _line(s, ratio)
+  enough = {name: np.stack(s) for name, s in sums.items() if len(s) >= _LEAST_BLOCKS}
+  return {n: Estimate(*(float(v[0]) for v in _jackknifed(s, line))) for n, s in enough.items()}
+
+
+def _unknown(motion: Motion, why: str, seconds: float) -> Comparison:
+  nothing = Estimate(np.nan, np.nan)
+  return Comparison(motion, nothing, nothing, nothing, np.nan, np.nan, np.nan, seconds, {}, why)

@@ -1,0 +1,128 @@
+"""The page of a checked log: what to know first, then sensors against each other, sampling, what the driving shows."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from calibration.fitting.observations import UNITS
+from calibration.log_check.check import LogCheck
+from calibration.log_check.pairs import Estimate
+from calibration.reports.page import Cell, Section, Table, picture, write_page
+from qcar_twin.atomic_io import write_json
+from qcar_twin.plotting import house, new_figure
+from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.recording import ROLES
+
+_DRAWN = 0.05  # s between points
+_TITLES = {"spoils": "What spoils a fit", "beware": "What to be wary of", "note": "What can't be told from this log"}
+
+
+def write_log_check(found: LogCheck, folder: str | os.PathLike[str]) -> Path:
+  """Write check.json and check.html; returns the page's path."""
+  folder = Path(folder)
+  write_json(folder / "check.json", found.document())
+  dataset = found.dataset
+  seconds = sum(r.duration for r in dataset.recordings)
+  subtitle = f"Data set {dataset.name}: {len(dataset.recordings)} recordings, {seconds:.0f} s"
+  return write_page(folder / "check.html", "The log, checked", found.verdict, sections(found), subtitle)
+
+
+def sections(found: LogCheck) -> list[Section]:
+  """Everything the page shows, in reading order."""
+  listed = [
+    Section(title, "\n".join(f"* {f.text}" for f in found.of(severity)))  # type: ignore[arg-type]
+    for severity, title in _TITLES.items()
+    if found.of(severity)  # type: ignore[arg-type]
+  ]
+  return [*listed, _sensors(found), _shown(found), _sampling(found), _driven(found)]
+
+
+def _sensors(found: LogCheck) -> Section:
+  text = (
+    "Channels that measure one motion, fitted to each other without a model of the car: compared(t) = scale ×"
+    " reference(t − lag) + bias over means of short windows; deviations by leaving blocks of driving out. Where"
+    " geometry alone ties them, a lag or a scale is a sensor's; elsewhere it is the car's answer, too (slip, roll)."
+  )
+  columns = (
+    "motion",
+    "compared",
+    "with",
+    "lag [ms]",
+    "scale",
+    "bias",
+    "unit",
+    "correlation",
+    "left",
+    "noise explains",
+    "s",
+  )
+  rows: list[Sequence[Cell]] = []
+  regimes: list[Sequence[Cell]] = []
+  for c in found.comparisons:
+    sides = (" · ".join(c.motion.compared), " · ".join(c.motion.reference))
+    if c.why_not:
+      rows.append([c.motion.name, *sides, c.why_not, "", "", c.motion.unit, "", "", "", c.seconds])
+      continue
+    numbers = (c.correlation, c.left, c.noise)
+    lag = Estimate(1e3 * c.lag.value, 1e3 * c.lag.std)
+    rows.append(
+      [f"{c.motion.name}{' (geometry)' if c.motion.kinematic else ''}", *sides, _pm(lag), _pm(c.scale), _pm(c.bias),
+       c.motion.unit, *numbers, c.seconds]
+    )  # fmt: skip
+    regimes += [[c.motion.name, name, _pm(e)] for name, e in c.regimes.items()]
+  tables = [Table("Two sensors of one motion", columns, rows)]
+  if regimes:
+    tables.append(Table("Scale by how the car was driven", ("motion", "driven", "scale"), regimes))
+  return Section("Sensors against each other", text, tables)
+
+
+def _shown(found: LogCheck) -> Section:
+  rows = [[s.physics, s.takes, s.amount, s.unit, s.verdict] for s in found.shown]
+  text = "Physics that was not excited can't be told apart from its absence, whatever is fitted."
+  return Section(
+    "What this driving can show", text, [Table("Excitation", ("physics", "takes", "driven", "", ""), rows)]
+  )
+
+
+def _sampling(found: LogCheck) -> Section:
+  rows: list[Sequence[Cell]] = []
+  for s in found.samplings:
+    noise = found.passport.get(s.channel)
+    rows.append(
+      [s.channel, CHANNELS[s.channel].unit, s.rate, s.publishes, 100.0 * s.jitter, s.longest, s.quantum, s.values,
+       noise.std if noise else None, noise.source if noise else ""]
+    )  # fmt: skip
+  columns = ("channel", "unit", "rate [Hz]", "new [Hz]", "jitter [%]", "longest interval [s]", "finest step",
+             "values", "noise", "noise from")  # fmt: skip
+  return Section("Sampling and noise", "", [Table("Channels", columns, rows)])
+
+
+def _driven(found: LogCheck) -> Section:
+  with house():
+    figure = _picture(found)
+  caption = "Wheels' speed against commanded steering: what is judged should lie where something was fitted"
+  return Section("What was driven", "", figures=[picture(figure, caption)])
+
+
+def _picture(found: LogCheck) -> Figure:
+  figure, ((axes,),) = new_figure(width=6.0, row_height=3.6)
+  recordings = found.dataset.recordings
+  channel = "motor_speed" if any("motor_speed" in r for r in recordings) else "speed"
+  for number, role in enumerate(ROLES):
+    driven = [r.resample(_DRAWN) for r in recordings if r.role == role and channel in r]
+    if driven:
+      angle = np.concatenate([c.get("steering_command", 0.0 * c["time"]) for c in driven])
+      speed = np.concatenate([c[channel] for c in driven])
+      axes.plot(angle, speed, ".", ms=2.0, alpha=0.5, color=f"C{number}", label=role)
+  axes.legend()
+  axes.set_xlabel("steering_command [rad]")
+  axes.set_ylabel(f"{channel} [{UNITS[channel]}]")
+  return figure
+
+
+def _pm(e: Estimate) -> str:
+  digits = 0 if not np.isfinite(e.std) or e.std <= 0.0 else max(0, 1 - int(np.floor(np.log10(e.std))))
+  return f"{e.value:.{min(digits, 6)}f} ± {e.std:.{min(digits, 6)}f}"

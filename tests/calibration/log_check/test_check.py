@@ -1,0 +1,77 @@
+"""The check of a log: what spoils it is refused before anything is fitted, what is odd is said with its cure."""
+
+import json
+
+import numpy as np
+import pytest
+
+from calibration.log_check import check_log, heed
+from calibration.log_check.check import gathered
+from commands import check
+from qcar_twin.recordings.dataset import DataSet, write_dataset
+from qcar_twin.recordings.recording import Recording, RecordingError, Stream
+from tests.calibration.log_check.test_pairs import changed, drives
+from tests.qcar_twin.recordings.drives import STD, VEHICLE
+
+
+def lab(runs: list[Recording]) -> DataSet:
+  return DataSet("lab", tuple(runs), VEHICLE, STD)
+
+
+def test_a_sound_log_is_fit_to_be_used_and_says_what_it_can_t_show():
+  found = check_log(lab(drives()))
+  assert found.verdict == "Fit to be used: nothing was found that would spoil a fit."
+  assert {s.physics: s.verdict for s in found.shown}["reverse"] == "none"
+  assert "reverse: can't be told, no driving backwards" in [f.text for f in found.of("note")]
+  assert heed(found.dataset) == ()
+
+
+@pytest.mark.parametrize(
+  ("channel", "scale", "says"),
+  [
+    ("yaw_rate", -1.0, "yaw_rate and pose_yaw say the contrary of turning: one of them has the wrong sign"),
+    ("accel_x", -1.0, "accel_x and motor_speed say the contrary of speeding up and slowing down"),
+    ("steering_command", -1.0, "yaw_rate and steering_command and motor_speed say the contrary of answering the"),
+    ("motor_speed", 2.5, "motor_speed and pose_x, pose_y and pose_yaw differ 2.49-fold in driving: a unit"),
+  ],
+)
+def test_sensors_that_contradict_each_other_stop_a_fit(channel, scale, says):
+  runs = [r.replace(streams={k: s for k, s in r.streams.items() if k != "accel_y"}) for r in drives()]
+  dataset = lab([changed(r, channel, scale=scale) for r in runs])
+  found = check_log(dataset)
+  assert says in found.of("spoils")[0].text and found.verdict.startswith("Not fit to be fitted as it is: ")
+  with pytest.raises(RecordingError, match="data set 'lab': "):
+    heed(dataset)
+
+
+def test_a_late_gyro_a_wrong_radius_and_a_held_value_are_told_with_their_size():
+  runs = []
+  for run in drives():
+    run = changed(changed(run, "yaw_rate", late=0.05), "motor_speed", scale=1.04)
+    stream = run["pose_yaw"]
+    streams = {**run.streams, "pose_yaw": Stream(stream.time, np.repeat(stream.value[::4], 4)[: len(stream)])}
+    runs.append(run.replace(streams=streams))
+  told = heed(lab(runs))
+  assert any(t.startswith("motor_speed reads +4.") and "against pose_x, pose_y and pose_yaw" in t for t in told)
+  assert any(t.startswith("yaw_rate is ") and "ms late against pose_yaw" in t for t in told)
+  assert any("pose_yaw is new 25 times a second only: set hold = true" in t for t in told)
+
+
+def test_warnings_alike_are_said_once():
+  warnings = ["a.csv: speed is frozen at 0 from 1.2 s", "b.csv: speed is frozen at 0 from 3e-4 s", "c.csv: no"]
+  assert gathered(warnings) == ["a.csv: speed is frozen at 0 from 1.2 s (and 1 more like it)", "c.csv: no"]
+
+
+def test_the_command_writes_a_page_and_numbers_for_programs(tmp_path, capsys):
+  runs = [changed(r, "yaw_rate", late=0.05) for r in drives()]
+  write_dataset(tmp_path / "lab", "lab", VEHICLE, STD, runs)
+  check.main(check.Config(tmp_path / "lab", tmp_path / "out"))
+  said = capsys.readouterr().out
+  assert "beware: yaw_rate is 55 ± " in said and f"page: {tmp_path / 'out' / 'check.html'}" in said
+  document = json.loads((tmp_path / "out" / "check.json").read_text())
+  turning = next(c for c in document["comparisons"] if c["motion"] == "turning")
+  assert turning["lag"]["value"] == pytest.approx(0.055, abs=0.001)
+  assert document["findings"][0]["channels"] == ["yaw_rate", "pose_yaw"] and document["schema"] == 1
+  page = (tmp_path / "out" / "check.html").read_text(encoding="utf-8")
+  for text in ("What to be wary of", "Sensors against each other", "What this driving can show"):
+    assert text in page

@@ -1,0 +1,91 @@
+"""Sensors of one motion: what was done to one of them is what the comparison says, within its own deviations."""
+
+import numpy as np
+import pytest
+
+from calibration.fitting.noise import noise_passport
+from calibration.log_check.motions import REGIMES, Wheels, motions, regimes
+from calibration.log_check.pairs import compare
+from qcar_twin.recordings.recording import Recording, Stream
+from qcar_twin.vehicle.vehicle import Vehicle
+from tests.qcar_twin.recordings.drives import STD, VEHICLE, recording
+
+AHEAD = 0.005  # s: the poses of these drives are summed up, half a sample ahead of what they are the integral of
+CAR = Vehicle.from_dataset(VEHICLE, STD)
+
+
+def changed(run: Recording, channel: str, late: float = 0.0, scale: float = 1.0, bias: float = 0.0) -> Recording:
+  stream = run[channel]
+  return run.replace(streams={**run.streams, channel: Stream(stream.time + late, scale * stream.value + bias)})
+
+
+def found(name: str, runs: list[Recording]):
+  wheels = Wheels.of(CAR, runs)
+  (motion,) = (m for m in motions(wheels, runs) if m.name == name)
+  return compare(motion, wheels, runs, noise_passport(runs))
+
+
+def drives(count: int = 3, **change) -> list[Recording]:
+  runs = [recording(f"run_{k}", seed=k, seconds=30.0) for k in range(count)]
+  return [changed(r, **change) for r in runs] if change else runs
+
+
+@pytest.mark.parametrize(
+  ("name", "channel", "late", "scale", "bias"),
+  [
+    ("turning", "yaw_rate", 0.0, 1.0, 0.0),
+    ("turning", "yaw_rate", 0.045, 1.03, 0.02),
+    ("turning", "yaw_rate", -0.02, 0.97, -0.01),
+    ("turning", "pose_yaw", 0.06, 1.0, 0.0),
+    ("driving", "motor_speed", 0.08, 1.0, 0.0),
+    ("driving", "motor_speed", 0.0, 1.05, 0.0),
+    ("speeding up and slowing down", "accel_x", 0.02, 1.1, 0.3),
+    ("going round", "accel_y", 0.03, 0.9, 0.2),
+  ],
+)
+def test_a_lag_a_scale_and_a_bias_are_found_where_they_were_put(name, channel, late, scale, bias):
+  c = found(name, drives(channel=channel, late=late, scale=scale, bias=bias))
+  sign, ahead = 1.0 if channel in c.motion.compared else -1.0, AHEAD if "pose_yaw" in c.motion.reference else 0.0
+  assert c.lag.value == pytest.approx(sign * late + ahead, abs=max(4.0 * c.lag.std, 0.002))
+  assert c.scale.value == pytest.approx(scale, abs=max(4.0 * c.scale.std, 0.003))
+  assert c.bias.value == pytest.approx(bias, abs=max(4.0 * c.bias.std, 0.005))
+  assert c.lag.std < 0.01 and c.scale.std < 0.02 and c.correlation > 0.95 and c.seconds > 20.0
+
+
+def test_a_value_that_a_slow_publisher_holds_is_late_by_its_age():
+  runs = []
+  for run in drives():
+    stream = run["motor_speed"]
+    slow = Stream(stream.time[::10] + 0.05, stream.value[::10])
+    runs.append(run.replace(streams={**run.streams, "motor_speed": slow}))
+  c = found("driving", runs)
+  assert c.lag.value == pytest.approx(0.05 + AHEAD, abs=max(4.0 * c.lag.std, 0.004))
+
+
+def test_the_deviations_are_those_of_repeated_drives():
+  scales = [(c.scale.value, c.scale.std) for k in range(12) for c in [found("turning", _seeded(k))]]
+  values, stds = np.array(scales).T
+  assert 0.4 < np.std(values) / np.median(stds) < 2.5
+
+
+def _seeded(k: int) -> list[Recording]:
+  return [recording(f"run_{i}", seed=100 * k + i, seconds=30.0) for i in range(2)]
+
+
+def test_where_nothing_moves_or_little_was_driven_nothing_is_said():
+  time = np.arange(3000) / 100.0
+  noise = lambda k, size: size * np.random.default_rng(k).standard_normal(len(time))
+  still = {"motor_voltage": 0 * time, "motor_speed": 0 * time, "yaw_rate": noise(1, 0.01), "pose_yaw": noise(2, 1e-3)}
+  c = found("turning", [Recording.from_columns("still", time, still)])
+  assert "is not 3 times the reference's noise" in c.why_not and np.isnan(c.scale.value)
+  assert "less than 18 s hold both" in found("turning", [recording(seconds=6.0)]).why_not
+
+
+def test_windows_are_called_by_how_the_car_was_driven():
+  time = np.arange(1000) / 100.0
+  speed = np.where(time < 3.0, 1.0, np.where(time < 6.0, 1.0 + 0.5 * (time - 3.0), 2.5))
+  rate = np.where(time < 8.0, 0.0, -1.0)
+  columns = {"motor_voltage": speed, "speed": speed, "yaw_rate": rate}
+  run = Recording.from_columns("run", time, columns)
+  labels = regimes(Wheels("speed", 1.0), run, np.array([1.0, 4.0, 7.0, 9.0]), 0.2)
+  assert labels.tolist() == ["steady", "speeding up", "steady", "turning right"] and set(labels) <= set(REGIMES)
