@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.proving_ground.effects import EFFECTS
+from calibration.proving_ground.wild import draw_wild_effects
 from qcar_twin.twin.mechanisms import catalogue
 
 
@@ -14,7 +15,7 @@ class Case:
   """One session of a campaign: effects as (id, size in multiples of typical)."""
 
   name: str
-  kind: str  # null, single, pair, outside
+  kind: str  # null, single, pair, outside, wild
   seed: int
   effects: tuple[tuple[str, float], ...]
   noise: float
@@ -29,7 +30,7 @@ def draw_cases(seed: int, nulls: int, singles: int, pairs: int, outside: int, de
   """
   rng = np.random.default_rng(seed)
   known = sorted(set(catalogue()) & set(EFFECTS))
-  foreign = sorted(set(EFFECTS) - set(known))
+  foreign = sorted(name for name in set(EFFECTS) - set(known) if not EFFECTS[name].wild)
   first = int(rng.integers(10**6, 10**8))
   cases = [
     Case(f"null_{i:02d}", "null", first + i, (), (0.5, 1.0, 2.0)[i % 3], design)
@@ -44,6 +45,16 @@ def draw_cases(seed: int, nulls: int, singles: int, pairs: int, outside: int, de
   for i, k in enumerate(rng.permutation(len(foreign))[:outside]):
     cases.append(Case(f"outside_{i:02d}", "outside", first + 3000 + i, ((foreign[k], 1.0),), 1.0, design))
   return cases
+
+
+def draw_wild_cases(seed: int, count: int) -> list[Case]:
+  """Cars far from the QCar with four to eight effects at once, all decided by one seed; see proving_ground/wild.py."""
+  first = int(np.random.default_rng(seed).integers(10**6, 10**8))
+  signed = frozenset(name for name, kind in EFFECTS.items() if kind.signed)
+  seeds = range(first, first + count)
+  return [
+    Case(f"wild_{i:02d}", "wild", s, draw_wild_effects(s, signed), 1.0, "wild") for i, s in enumerate(seeds)
+  ]  # fmt: skip
 
 
 def _pair(rng: np.random.Generator, known: Sequence[str]) -> tuple[tuple[str, float], ...]:

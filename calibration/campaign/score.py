@@ -11,6 +11,7 @@ from qcar_twin import markdown
 from qcar_twin.twin.mechanisms import catalogue
 
 Result = Mapping[str, Any]
+_KINDS = ("null", "single", "pair", "outside", "wild")
 # nats the right mechanisms bring: what is below counts as no effect at all
 LEVELS = {"easy": 1000.0, "medium": 150.0, "hard": 20.0, "invisible": -np.inf}
 
@@ -21,7 +22,7 @@ def score(results: Sequence[Result]) -> dict[str, float | int | None]:
   A name counts as right if it is the first claim, or one the tool itself declares indistinguishable
   from its first claim on these recordings. Top three counts the ranking.
   """
-  by = {kind: [r for r in results if r["case"]["kind"] == kind] for kind in ("null", "single", "pair", "outside")}
+  by = {kind: [r for r in results if r["case"]["kind"] == kind] for kind in _KINDS}
   singles = by["single"]
   typical = [r for r in singles if r["case"]["effects"][0][1] >= 0.99]
   small = [r for r in singles if r["case"]["effects"][0][1] < 0.99]
@@ -53,6 +54,7 @@ def score(results: Sequence[Result]) -> dict[str, float | int | None]:
     "outside_sure_and_wrong": _mean(
       [any(c["probability"] > 0.8 for c in r["answer"]["claims"]) for r in by["outside"]]
     ),
+    **_wild(by["wild"]),
     "coverage_90": _mean([inside for r in singles if right_first(r) for inside in parameters_inside(r)]),
     "right_first_easy": _mean([right_first(r) for r in singles if level(r) == "easy"]),
     "right_first_medium": _mean([right_first(r) for r in singles if level(r) == "medium"]),
@@ -71,6 +73,18 @@ def score(results: Sequence[Result]) -> dict[str, float | int | None]:
     "nulls_with_an_alarm": _mean(map(alarmed, by["null"])),
     "visible_effects_with_an_alarm": _mean(map(alarmed, [*visible, *by["pair"], *by["outside"]])),
     "seconds_median": _median([r["answer"]["seconds"] for r in results]),
+  }
+
+
+def _wild(results: Sequence[Result]) -> dict[str, float | int | None]:
+  """Of cars with many effects: names claimed that are there, effects of the catalogue that are named."""
+  return {
+    "wild": len(results),
+    "wild_names_there": _mean([name in truth_ids(r) for r in results for name in named(r)]),
+    "wild_effects_named": _mean([t["id"] in named(r) for r in results for t in r["truth"] if t["in_catalogue"]]),
+    "wild_error_over_oracle_median": _median(
+      [error_over(r, r["oracle"]["holdout"]) for r in results if r.get("oracle")]
+    ),
   }
 
 

@@ -101,6 +101,7 @@ DESIGNS: dict[str, Callable[[np.random.Generator], list[Manoeuvre]]] = {
   "lab": lab,
   "compact": compact,
   "paper": paper,
+  "wild": compact,
   **{f"vesc_{command}": partial(vesc, command) for command in ("duty", "current", "speed")},
 }
 

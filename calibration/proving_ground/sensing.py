@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from .driver import coloured
@@ -17,6 +19,22 @@ RESOLUTION = {
     "motor_speed": 2, "accel_x": 3, "accel_y": 3, "yaw_rate": 4,
     "pose_x": 4, "pose_y": 4, "pose_yaw": 4, "pose_score": 3,
 }  # fmt: skip  # decimals written
+
+
+@dataclass(frozen=True)
+class Sensors:
+  """How a session's sensors are logged. `pose_every`, `speed_every`: ticks between samples; `pose_noise`: factor on the
+  localisation's errors; `speed_late`: s by which the encoder's value is old."""
+
+  pose_every: int = POSE_EVERY
+  pose_noise: float = 1.0
+  speed_every: int = 1
+  speed_late: float = 0.0
+
+  def described(self) -> dict[str, float]:
+    """For the truth file."""
+    return {"pose_every": self.pose_every, "pose_noise": self.pose_noise, "speed_every": self.speed_every,
+            "speed_late": self.speed_late}  # fmt: skip
 
 
 class Log:
@@ -71,9 +89,10 @@ class Log:
 
 
 def add_noise(
-  channels: dict[str, np.ndarray], vibration: np.ndarray, level: float, rng: np.random.Generator
+  channels: dict[str, np.ndarray], vibration: np.ndarray, level: float, rng: np.random.Generator, poses: float = 1.0
 ) -> dict[str, np.ndarray]:
-  """Channels (T, n) of one session with noise and with `pose_score`; level 0 leaves biases and noise out."""
+  """Channels (T, n) of one session with noise and with `pose_score`; level 0 leaves biases and noise out; `poses` is a
+  factor on what localisation errs by."""
   shape = vibration.shape
   n = shape[1]
   out = dict(channels)
@@ -95,5 +114,5 @@ def add_noise(
     ("pose_yaw", 0.003, 0.002, 0.03),
   ):
     error = murk * (slow * coloured(rng, shape, 0.3) + quick * rng.standard_normal(shape))
-    out[name] = channels[name] + level * (error + spike * jump * rng.standard_normal(shape))
+    out[name] = channels[name] + poses * level * (error + spike * jump * rng.standard_normal(shape))
   return out

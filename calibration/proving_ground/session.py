@@ -19,8 +19,10 @@ from .drivetrain import CHANNEL, LIMIT, STEP
 from .effects import Effect, effect_class
 from .gaps import gaps
 from .manoeuvres import PERIOD, Manoeuvre
-from .sensing import POSE_EVERY, RESOLUTION, Log, add_noise
+from .sensing import RESOLUTION, Log, Sensors, add_noise
 from .simulation import TRACE, Carried, Simulation
+from .wild import DESIGN as WILD
+from .wild import draw_wild_car, draw_wild_sensors, known_of_it, scaled
 
 WIDEST = 800_000  # ticks x cars of one simulation: its trace takes 350 MB
 PAUSE = 15.0  # s between two runs
@@ -87,6 +89,7 @@ class _Draft:
   disturbance: np.ndarray  # (T, 7, n)
   columns: slice
   effects: tuple[Effect, ...] = ()
+  sensors: Sensors = Sensors()
 
 
 def make_session(
@@ -130,7 +133,10 @@ def stream(seed: int, topic: int) -> np.random.Generator:
 def _draft(spec: Spec, first: int) -> _Draft:
   car = spec.car or _drawn(spec)
   vehicle, std = car.measured(stream(spec.seed, 1))
-  runs = plan(spec.design, stream(spec.seed, 2))
+  runs, sensors = plan(spec.design, stream(spec.seed, 2)), Sensors()
+  if spec.design == WILD:
+    runs, sensors = [scaled(run, car) for run in runs], draw_wild_sensors(stream(spec.seed, 7))
+    vehicle, std = known_of_it(vehicle, std)
   ticks, n = max(run.ticks for run in runs), len(runs)
   hand = shaking(stream(spec.seed, 3), ticks, n)
   hand[:, 1, [run.kind in AUTOMATED for run in runs]] = 0.0
@@ -146,7 +152,7 @@ def _draft(spec: Spec, first: int) -> _Draft:
   for name, _ in spec.effects:
     effect_class(name)
   return _Draft(
-    spec, car, runs, vehicle, std, hand, spec.noise * np.concatenate([body, floor], axis=1), columns, effects
+    spec, car, runs, vehicle, std, hand, spec.noise * np.concatenate([body, floor], axis=1), columns, effects, sensors
   )
 
 
@@ -154,6 +160,8 @@ def _drawn(spec: Spec) -> Car:
   """A car of the kind the design is for."""
   kind, _, command = spec.design.partition("vesc_")
   rng = stream(spec.seed, 0)
+  if spec.design == WILD:
+    return draw_wild_car(rng)
   return Car.draw(rng) if kind or not command else Car.draw_f1tenth(rng, "rear", command)
 
 
@@ -249,26 +257,37 @@ def _collect(draft: _Draft, log: Log, commands: np.ndarray) -> Session:
   """Cut a session's columns out of the log, add noise, round, and write down the truth."""
   spec, columns, ticks = draft.spec, draft.columns, len(draft.shaking)
   own = {name: values[:ticks, columns] for name, values in log.channels.items()}
-  noisy = add_noise(own, log.vibration[:ticks, columns], spec.noise, stream(spec.seed, 6))
+  own["motor_speed"] = _late(own["motor_speed"], draft.sensors.speed_late)
+  noisy = add_noise(own, log.vibration[:ticks, columns], spec.noise, stream(spec.seed, 6), draft.sensors.pose_noise)
   noisy |= {CHANNEL[draft.car.drivetrain.command]: commands[:ticks, 0], "steering_command": commands[:ticks, 1]}
   fine = log.fine[::5, :, columns]
   recordings, clean = [], {}
   for i, run in enumerate(draft.runs):
-    recordings.append(_recording(run, {name: values[: run.ticks, i] for name, values in noisy.items()}))
+    kept = {name: values[: run.ticks, i] for name, values in noisy.items()}
+    recordings.append(_recording(run, kept, draft.sensors))
     clean[run.name] = fine[: run.ticks, :, i]
   return Session(
     tuple(recordings), draft.vehicle, draft.vehicle_std, _truth(draft, one_of(log.car, columns.start)), clean
   )
 
 
-def _recording(run: Manoeuvre, columns: dict[str, np.ndarray]) -> Recording:
+def _late(values: np.ndarray, late: float) -> np.ndarray:
+  """A channel (T, n) as it was some seconds ago, linear between ticks, held before the start."""
+  if late == 0.0:
+    return values
+  ticks = np.arange(len(values))
+  return np.stack([np.interp(ticks - late / PERIOD, ticks, column) for column in values.T], axis=1)
+
+
+def _recording(run: Manoeuvre, columns: dict[str, np.ndarray], sensors: Sensors) -> Recording:
   """One run as streams of its own sample times, rounded to what the log file holds."""
   time = np.round(PERIOD * np.arange(run.ticks), 4)
   table = {}
   for name, values in columns.items():
     table[name] = np.round(values, RESOLUTION[name])
-    if name.startswith("pose"):
-      table[name] = np.where(np.arange(run.ticks) % POSE_EVERY == 0, table[name], np.nan)
+    every = sensors.pose_every if name.startswith("pose") else sensors.speed_every if name == "motor_speed" else 1
+    if every > 1:
+      table[name] = np.where(np.arange(run.ticks) % every == 0, table[name], np.nan)
   return Recording.from_columns(
     run.name, time, table, file=f"{run.name}.csv", role=run.role, manoeuvre=run.kind, session=run.session
   )
@@ -292,6 +311,7 @@ def _truth(draft: _Draft, driven: Car) -> dict:
     "seed": spec.seed,
     "design": spec.design,
     "noise": spec.noise,
+    "sensors": draft.sensors.described(),
     "effects": effects,
     "car": describe(draft.car),
     "car_as_driven": describe(driven),

@@ -19,7 +19,7 @@ class Effect:
 
   Class attributes: `id` (canonical name), `subsystem`, `parameter` (name of the quantity), `typical` (its magnitude at
   size 1), `unit`, `signed` (a negative size means the other direction), `catalogue` (False: physics that the diagnosis
-  has no name for).
+  has no name for), `wild` (True: of wild sessions only).
   """
 
   id: ClassVar[str] = ""
@@ -29,6 +29,7 @@ class Effect:
   unit: ClassVar[str]
   signed: ClassVar[bool] = False
   catalogue: ClassVar[bool] = True
+  wild: ClassVar[bool] = False
 
   def __init__(self, size: float, columns: slice, rng: np.random.Generator) -> None:
     """`columns`: the cars (recordings) it acts on; `rng`: for what the size does not fix (a place, a heading)."""
