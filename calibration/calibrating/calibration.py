@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.calibrating.stage_cache import Stages, fingerprint
-from calibration.fitting.coverage import with_coverage
 from calibration.fitting.dataset_recalibration import LONGEST, command_shifts, recalibrate_dataset
 from calibration.fitting.noise import noise_passport
 from calibration.fitting.noise_floor import sensor_floor
@@ -41,7 +40,7 @@ from calibration.identification.match_bicycle import (
   match_bicycle,
   mean_percent,
 )
-from calibration.log_check import heed
+from calibration.log_check.ready import ready
 from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.recordings.dataset import DataSet
@@ -178,7 +177,7 @@ def calibrate(
     twin = Twin(vehicle, substeps=2, threads=threads)
     work = lambda: _to_bicycle(twin, identification, quick, progress)
   else:
-    dataset, told = _ready(dataset)
+    dataset, told = ready(dataset, QUICK if quick else LONGEST)
     # in the order of the catalogue, in which a diagnosis applies them: the same bits
     twin = Twin(vehicle, select(sorted({*mechanisms, *always_fitted()})), substeps=2, threads=threads)
     searched, said = searching(twin, plant)
@@ -255,13 +254,6 @@ def _slopes(found: RecalibratedTwin) -> Array:
     return found.jacobian[: problem.n_train]
   residual = lambda v: problem.exact.fitted_residual(problem.embed(base.names, v, found.theta))
   return finite_differences(residual, base, found.fit.theta, residual(found.fit.theta[None])[0])
-
-
-def _ready(dataset: DataSet) -> tuple[DataSet, tuple[str, ...]]:
-  """The data set with the roles that are used, and what is to be said of its sensors and roles."""
-  checked = heed(dataset)
-  dataset, joined = with_coverage(dataset)
-  return dataset, checked + joined
 
 
 def _open_recordings(dataset: DataSet) -> list[Recording]:

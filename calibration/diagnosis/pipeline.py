@@ -22,12 +22,11 @@ from calibration.diagnosis.search.decide import Decision, decide
 from calibration.diagnosis.search.structure import Effort, search
 from calibration.diagnosis.search.thresholds import Thresholds
 from calibration.diagnosis.unexplained.unknown import smooth_forces, unknown_sensors
-from calibration.fitting.coverage import with_coverage
 from calibration.fitting.dataset_recalibration import LONGEST, Start, recalibrate_dataset
 from calibration.fitting.recalibration import RecalibratedTwin, recalibrate_from
 from calibration.fitting.surrogate import Surrogate, exact, searching
 from calibration.fitting.windows import Cut
-from calibration.log_check import heed
+from calibration.log_check.ready import ready
 from calibration.progress import Progress, silent
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
@@ -65,8 +64,7 @@ def prepare(
   plant: EngineKind = "reduced",
 ) -> Prepared:
   """Recalibrate the twin that a diagnosis starts from; arguments as for `diagnose`."""
-  checked = heed(dataset)
-  dataset, notes = with_coverage(dataset)
+  dataset, notes = ready(dataset)
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   known = considered(mechanisms, start, vehicle.drive)
   twin = Twin(vehicle, [*known, *smooth_forces()], substeps=substeps, threads=threads)
@@ -75,7 +73,7 @@ def prepare(
   if isinstance(found := recalibrated.problem.twin, Surrogate) and found.guarded:
     where = ", ".join(f"{name} from {offset:.4g} s" for name, offset in sorted(found.guarded))
     said += (f"simulated by MuJoCo during the search, too: {where}; there the reduced car leads a fit astray",)
-  return Prepared(dataset, checked + notes + said, known, recalibrated)
+  return Prepared(dataset, notes + said, known, recalibrated)
 
 
 def diagnose(

@@ -18,7 +18,7 @@ from qcar_twin.twin.parameters import informed
 from qcar_twin.twin.twin import Twin
 
 Start = tuple[Twin, NDArray[np.float64]]
-LONGEST = 420.0  # s of driving that are simulated; longer data sets are sampled evenly
+LONGEST = 420.0  # s of driving that are simulated; see windows.Cut
 SHIFTS = (-1, 0, 1)  # control periods, where the log's timing convention is unknown
 
 
@@ -44,6 +44,17 @@ def recalibrate_dataset(
   priors = starting_priors(recordings, twin, start)
   priors = ParameterSet([p for p in priors if p.name not in {a.name for a in added}]) + added
   return recalibrate(twin, recordings, priors, command_shifts(dataset), Cut(most=most), progress)
+
+
+def left_out(dataset: DataSet, most: float = LONGEST) -> tuple[str, ...]:
+  """A sentence about what of a long data set is not simulated; none of a short one."""
+  driven = sum(r.duration for r in dataset.recordings if r.role != "holdout")
+  if driven <= most:
+    return ()
+  return (
+    f"{most:g} s of {driven:.0f} s of driving are simulated, half of them spread evenly and half chosen for what they "
+    f"tell; {driven - most:.0f} s are left out",
+  )
 
 
 def command_shifts(dataset: DataSet) -> tuple[int, ...]:

@@ -8,10 +8,12 @@ simulated but not scored: hidden states (servo, tyre, play) settle there.
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.fitting.informative import chosen, regressors
 from qcar_twin.kinematics import road_speed
 from qcar_twin.plant import START, Segments
 from qcar_twin.recordings.dataset import in_order
@@ -31,7 +33,7 @@ class Cut:
     length: longest scored stretch, s.
     warm_up: unscored lead-in of stretches that start in mid-recording, s.
     period: control period, s.
-    most: seconds of driving that are kept at most, taken evenly from the whole; inf for all.
+    most: seconds of driving that are kept at most, by spread and by what they tell; inf for all.
     command_shift: control periods by which commands act later than logged (the timing convention); may be negative.
   """
 
@@ -67,7 +69,7 @@ def cut_recordings(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut =
     raise ValueError(
       f"no recording is long enough to simulate; at least 0.2 s with a {vehicle.motor.channel} are needed"
     )
-  pieces = _thinned(pieces, cut)
+  pieces = _thinned(pieces, recordings, cut)
   history = [np.array(r.before) for r in in_order(recordings)]
   steps = np.array([len(p.commands) for p in pieces])
   longest = int(steps.max())
@@ -92,6 +94,8 @@ class _Piece:
   commands: Array
   pose: Array
   wheel_angle: Array
+  speed: Array
+  heading: Array
   start: Array
   offset: float
   first: float
@@ -110,7 +114,7 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
   edges = np.linspace(0, len(time), count + 1).round().astype(int)
   grid = np.append(time, time[-1] + cut.period)
   pose, wheel_angle = _pose_on(recording, grid), _wheel_angle_on(recording, grid, vehicle)
-  pieces = []
+  speed, pieces = _speed_on(recording, time, vehicle), []
   for low, high in zip(edges[:-1], edges[1:], strict=True):
     begin = max(0, low - int(round(cut.warm_up / cut.period))) if low else 0
     spent = np.array([begin * cut.period, float(np.sum(commands[:begin, 0] ** 2)) * cut.period])
@@ -120,6 +124,8 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
         commands=commands[begin:high],
         pose=pose[begin : high + 1],
         wheel_angle=wheel_angle[begin : high + 1],
+        speed=speed[begin:high],
+        heading=np.nan_to_num(pose[begin:high, 2]),
         start=measured_start(recording, float(time[begin]), vehicle, commands[begin, 1], begin == 0),
         offset=float(time[begin]),
         first=float(time[low]),
@@ -145,27 +151,44 @@ def driven(recording: Recording, vehicle: Vehicle, period: float) -> tuple[Array
   return recording.commands(period, vehicle.commands)
 
 
-def _thinned(pieces: list[_Piece], cut: Cut) -> list[_Piece]:
-  """At most `cut.most` seconds of pieces, evenly spread; at least one of every recording where there is room.
+def _thinned(pieces: list[_Piece], recordings: Sequence[Recording], cut: Cut) -> list[_Piece]:
+  """At most `cut.most` seconds of pieces: half of them evenly spread, the other half those that add most to them.
 
-  Beginnings alone would not do: steps in steering come later, and a twin fitted without them has tyres at will.
+  A twin that lacks physics is bent by whatever it is fitted to, so what is kept must also be like the whole; of those
+  that are fitted and those that judge the same share is kept.
   """
   length = sum(len(p.commands) for p in pieces) * cut.period / len(pieces)
   room = max(1, int(cut.most / length)) if np.isfinite(cut.most) else len(pieces)
   if room >= len(pieces):
     return pieces
-  counts = np.unique([p.index for p in pieces], return_counts=True)[1]
-  if room < 2 * len(counts):
-    return [pieces[i] for i in _spread(len(pieces), room, 0.5)]
+  kept: set[int] = set()
+  roles = np.array([recordings[p.index].role for p in pieces])
+  for role in dict.fromkeys(roles.tolist()):
+    own = np.flatnonzero(roles == role)
+    share = max(1, round(room * len(own) / len(pieces)))
+    spread = _evenly([pieces[i].index for i in own], (share + 1) // 2)
+    told = [regressors(p.commands, p.speed, p.heading, cut.period, float(p.spent[1])) for p in (pieces[i] for i in own)]
+    kept |= {int(own[i]) for i in chosen(told, share, spread)}
+  return [pieces[i] for i in sorted(kept)]
+
+
+def _evenly(recording: Sequence[int], room: int) -> NDArray[np.int64]:
+  """So many of the pieces of recordings, evenly spread; at least one of every recording where there is room.
+
+  Beginnings alone would not do: steps in steering come later, and a twin fitted without them has tyres at will.
+  """
+  counts = np.unique(recording, return_counts=True)[1]
+  if room < len(counts):
+    return _spread(len(recording), room, _GOLDEN * np.arange(room) % 1.0)
   kept, first = [], 0
   for k, (count, take) in enumerate(zip(counts, _allotted(counts, room), strict=True)):
-    kept += [pieces[first + i] for i in _spread(count, take, _GOLDEN * k % 1.0)]
+    kept.append(first + _spread(count, take, _GOLDEN * k % 1.0))
     first += count
-  return kept
+  return np.concatenate(kept)
 
 
-def _spread(count: int, take: int, phase: float) -> NDArray[np.int64]:
-  """So many of `count` indices, evenly spread; the phase within [0, 1) says where the first lies."""
+def _spread(count: int, take: int, phase: float | NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+  """One of `count` indices from each of so many equal parts; the phase within [0, 1) says where in its part it lies."""
   return ((np.arange(take) + phase) * count / take).astype(np.int64)
 
 
@@ -210,6 +233,14 @@ def _measured_speed(recording: Recording, time: float, vehicle: Vehicle, half: f
   if "speed" in recording.channels:
     return _level(recording["speed"], time, half)
   return 0.0
+
+
+def _speed_on(recording: Recording, time: Array, vehicle: Vehicle) -> Array:
+  """Measured speed at times, m/s; 0 without a channel that says it."""
+  at = lambda name: np.interp(time, recording[name].time, recording[name].value)
+  if "motor_speed" in recording.channels:
+    return np.asarray(road_speed(at("motor_speed"), vehicle))
+  return at("speed") if "speed" in recording.channels else np.zeros(len(time))
 
 
 def _level(stream: Stream, time: float, half: float) -> float:

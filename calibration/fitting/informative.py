@@ -1,0 +1,61 @@
+"""Which stretches of a long log to simulate: those that together tell most about a car.
+
+A car answers its commands and its speed; what it does not see of them no fit can find. So each stretch is described by
+regressors that the laws of cars are made of (command, speed, drag, direction, steering, lateral acceleration, changes),
+and stretches are chosen one at a time for the determinant of the information they add up to:
+
+  next = argmax log det(M + G_s),   G_s = sum over the stretch of phi phi'
+
+(D-optimal design, chosen greedily: Fedorov, Theory of Optimal Experiments, 1972). No car is simulated for it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_PRIOR = 1e-3  # of the mean information of a stretch: what is known before the first
+
+
+def regressors(commands: Array, speed: Array, heading: Array, period: float, spent: float) -> Array:
+  """What a stretch excites, (T, 16), each in its own unit.
+
+  Args:
+    commands: drive and steering [rad], (T, 2).  speed: measured, m/s, (T,).
+    heading: measured, rad, (T,); 0 where that is unknown.
+    spent: command squared times s before it: heat and charge.
+  """
+  drive, steering = commands.T
+  change = lambda v: np.gradient(v, period) if len(v) > 1 else np.zeros_like(v)
+  forward, moving = np.sign(speed), np.abs(speed) > 1e-3
+  turn, across = speed * steering, speed**2 * steering
+  return np.stack(
+    [drive, speed, speed * np.abs(speed), forward * moving, drive * speed, np.where(moving, 0.0, drive), change(speed),
+     steering * moving, np.abs(steering) * moving, turn, across, across * np.abs(across), change(steering) * speed,
+     forward * spent, np.cos(heading) * moving, np.sin(heading) * moving],
+    axis=1,
+  )  # fmt: skip
+
+
+def chosen(stretches: Sequence[Array], room: int, already: Sequence[int] | NDArray[np.int64] = ()) -> NDArray[np.int64]:
+  """Indices of so many stretches, in their order.
+
+  Args:
+    stretches: their regressors, (T_s, k) each.
+    already: chosen for another reason; they count.
+  """
+  if room >= len(stretches):
+    return np.arange(len(stretches))
+  scale = np.sqrt(np.mean(np.concatenate([s**2 for s in stretches]), axis=0))
+  told = np.stack([s.T @ s for s in (s / np.where(scale > 0.0, scale, 1.0) for s in stretches)])
+  known = _PRIOR * np.trace(told.mean(axis=0)) / told.shape[1] * np.eye(told.shape[1])
+  taken = [int(i) for i in already]
+  known = known + told[taken].sum(axis=0)
+  left = [i for i in range(len(stretches)) if i not in taken]
+  for _ in range(room - len(taken)):
+    best = left[int(np.argmax(np.linalg.slogdet(known + told[left])[1]))]
+    known = known + told[best]
+    left.remove(best)
+    taken.append(best)
+  return np.sort(np.array(taken, dtype=np.int64))
