@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 log = logging.getLogger(__name__)
 
+_WORST = 1e3  # standard deviations that a residual counts at most
 _SPIKE = 6.0  # residuals beyond this many standard deviations lose weight
 _MEMORY = 0.1  # s within which samples of one channel count as one witness
 _COLUMNS = 48  # simulations of the whole data set held in memory at once
@@ -117,7 +118,7 @@ class Problem:
     return self._predicted[key]
 
   def residual(self, theta: Array) -> Array:
-    """Whitened residuals, (n, M); a simulation that is not finite gives large ones."""
+    """Whitened residuals, (n, M); one that is not finite counts as _WORST."""
     return _finite(self.raw(theta) * self._scale)
 
   def fitted_residual(self, theta: Array) -> Array:
@@ -160,7 +161,8 @@ class Problem:
       return out
     for i in range(0, len(theta), _COLUMNS):
       prediction = self._predict(theta[i : i + _COLUMNS], observations)
-      out[i : i + _COLUMNS] = observations.predict(prediction) - observations.measured
+      with np.errstate(all="ignore"):  # of a trial that flies apart
+        out[i : i + _COLUMNS] = observations.predict(prediction) - observations.measured
     return out
 
   def _predict(self, theta: Array, observations: Observations) -> Prediction:
@@ -179,7 +181,8 @@ class Problem:
 
 
 def _finite(residual: Array) -> Array:
-  return np.nan_to_num(residual, nan=1e3, posinf=1e3, neginf=-1e3)
+  """A trial that flies apart counts as bad, not as infinitely bad: squares of the rest would overflow in a solver."""
+  return np.clip(np.nan_to_num(residual, nan=_WORST), -_WORST, _WORST)
 
 
 @contextlib.contextmanager

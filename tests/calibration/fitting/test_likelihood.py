@@ -1,5 +1,6 @@
 """The problem's simulations: MuJoCo's warnings about trials that fly apart."""
 
+import dataclasses
 import logging
 
 import mujoco
@@ -99,3 +100,15 @@ def test_what_costs_too_much_is_not_simulated_to_the_end(problem, theta, monkeyp
   monkeypatch.setattr(problem.twin, "rollout", seen)
   problem.fitted_cost(theta, np.array([np.inf, 1.0, 1.0]))
   assert simulated == [(3, ("run 0",)), (1, ("run 1",))]
+
+
+def test_a_trial_that_flies_apart_costs_much_and_not_infinitely(problem, theta, monkeypatch):
+  """What is squared in a solver must stay finite, whatever a simulation says."""
+  here = theta[:1]
+  usual = problem.predict(here)
+  for wild in (np.nan, np.inf, -np.inf, 1e200, -1e200):
+    signals = usual.signals.copy()
+    signals[..., 50:, :] = wild
+    monkeypatch.setattr(problem, "_predict", lambda *given, s=signals: dataclasses.replace(usual, signals=s))
+    residual = problem.residual(here)[0]
+    assert np.isfinite(residual @ residual) and np.abs(residual).max() == pytest.approx(1e3)
