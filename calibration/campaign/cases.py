@@ -29,8 +29,9 @@ def draw_cases(seed: int, nulls: int, singles: int, pairs: int, outside: int, de
   typical size and at a third of it in turn. Pairs combine two subsystems at the typical size.
   """
   rng = np.random.default_rng(seed)
-  known = sorted(set(catalogue()) & set(EFFECTS))
-  foreign = sorted(name for name in set(EFFECTS) - set(known) if not EFFECTS[name].wild)
+  tame = {name for name, kind in EFFECTS.items() if not kind.wild}
+  known = sorted(set(catalogue()) & tame)
+  foreign = sorted(tame - set(known))
   first = int(rng.integers(10**6, 10**8))
   cases = [
     Case(f"null_{i:02d}", "null", first + i, (), (0.5, 1.0, 2.0)[i % 3], design)

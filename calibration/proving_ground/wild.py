@@ -23,7 +23,7 @@ CIRCLES = (1.5, np.radians(10.0))  # m/s and rad, of them
 
 # (effects of which at most one is there, how often one of them is, sizes in multiples of the typical one)
 POOLS: tuple[tuple[tuple[str, ...], float, tuple[float, float]], ...] = (
-  (("steering_map", "steering_nonlinearity", "steering_gain_error", "steering_asymmetry"), 0.85, (0.7, 2.5)),
+  (("steering_saturation", "steering_nonlinearity", "steering_gain_error", "steering_asymmetry"), 0.85, (0.7, 2.5)),
   (("drive_chopped", "drive_dead_zone", "drive_asymmetry", "coast_freewheel"), 0.85, (0.5, 1.3)),
   (("steering_delay",), 0.6, (0.3, 2.5)),
   (("drive_delay",), 0.4, (0.3, 2.8)),

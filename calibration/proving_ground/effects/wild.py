@@ -10,12 +10,13 @@ from .base import Effect
 DEGREE = np.pi / 180
 
 
-class SteeringMap(Effect):
-  """A servo that is too steep in the middle and gives up early, differently on either side: delta = L tanh(g u / L),
-  g = 1 + 0.25 k and L = lock / k on the left, g = 1 + 0.15 k and L = lock / 1.4 k on the right."""
+class SteeringSaturation(Effect):
+  """A servo that is too steep in the middle and gives up early, differently on either side:
+  delta = g u / (1 + |g u / L|^3)^(1/3), g = 1 + 0.25 k, L = lock / k on the left, 1 + 0.15 k and lock / 1.4 k on the
+  right."""
 
-  id, subsystem, parameter, typical, unit = "steering_map", "steering", "steering_map", 1.0, "-"
-  catalogue, wild = False, True
+  id, subsystem, parameter, typical, unit = "steering_saturation", "steering", "steering_map", 1.0, "-"
+  wild = True
 
   def begin(self, sim: Simulation) -> None:
     lock = sim.car.max_steering[self.columns]
@@ -25,8 +26,9 @@ class SteeringMap(Effect):
   def act(self, sim: Simulation) -> None:
     wanted = sim.command[1, self.columns]
     side = (wanted < 0.0).astype(int)
+    steep = self.gain[side] * wanted
     most = np.take_along_axis(self.most, side[None], axis=0)[0]
-    wanted[:] = most * np.tanh(self.gain[side] * wanted / most)
+    wanted[:] = steep / np.cbrt(1.0 + np.abs(steep / most) ** 3)
 
   def truth(self) -> dict[str, float]:
     k = self.value
@@ -36,10 +38,11 @@ class SteeringMap(Effect):
 
 class DriveChopped(Effect):
   """A chopped supply without a freewheel path: the motor is on the pack for a share d of the time and open for the
-  rest, so its back-EMF acts for that share only: torque = d K (V - K w) / R. Size mixes it with the usual bridge."""
+  rest, so its back-EMF acts for about that share, a little more since currents take time to end: K w weighs
+  1 - x (1 - d)^1.15."""
 
   id, subsystem, parameter, typical, unit = "drive_chopped", "drive", "drive_chopped", 1.0, "-"
-  catalogue, wild = False, True
+  wild = True
 
   def act(self, sim: Simulation) -> None:
     c, d = self.columns, sim.dynamics
@@ -47,7 +50,7 @@ class DriveChopped(Effect):
     supply = np.array([train.supply if train.command == "duty" else 4.0 for train in sim.car.drivetrain])[c]
     volts = sim.command[0, c]
     share = np.clip(np.abs(volts) / np.where(duty, 1.0, supply), 0.0, 1.0)
-    mixed = 1.0 - min(self.value, 1.0) * (1.0 - share)
+    mixed = 1.0 - min(self.value, 1.0) * (1.0 - share) ** 1.15
     # the same current at standstill, less of the back-EMF while open
     d.conduct[c] *= mixed
     volts /= np.maximum(mixed, 1e-3)

@@ -40,7 +40,7 @@ def test_a_case_has_four_to_eight_effects_of_different_kinds():
       assert sum(name in pool for name in names) <= 1
     assert all(size > 0.0 or EFFECTS[name].signed for name, size in case.effects)
   drawn = {name for case in CASES for name, _ in case.effects}
-  assert {"steering_map", "drive_chopped", "session_trim"} <= drawn and len(drawn) > 20
+  assert {"steering_saturation", "drive_chopped", "session_trim"} <= drawn and len(drawn) > 20
 
 
 def test_wild_effects_are_of_wild_cases_only():
@@ -90,9 +90,9 @@ def drive(effects, volts, steer, car=None):
   return run.signals[0]
 
 
-def test_a_steering_map_is_steeper_about_the_middle_and_flat_at_lock_on_each_side_in_its_own_way():
+def test_a_steering_saturation_is_steeper_about_the_middle_and_flat_at_lock_on_each_side_in_its_own_way():
   small, large = 0.05, 0.52
-  map_of = lambda u: drive((("steering_map", 1.5),), 0.8, u)[9]
+  map_of = lambda u: drive((("steering_saturation", 1.5),), 0.8, u)[9]
   assert map_of(small) > 1.2 * small and -map_of(-small) > 1.1 * small
   assert map_of(large) < 0.36 and -map_of(-large) < 0.26 and map_of(large) > -map_of(-large)
 
