@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from calibration.proving_ground import EFFECTS, make_session
+from calibration.proving_ground import EFFECTS, Spec
+from calibration.proving_ground.long_session import make_long_session
 from calibration.proving_ground.seal import seal
 from calibration.proving_ground.session import draw_effect, save, save_clean
 from qcar_twin.recordings.dataset import DataSet
@@ -37,6 +38,8 @@ class Config:
   """conceal one effect drawn at random; it is printed nowhere and stands only in the truth"""
   design: str = "lab"
   """lab (about 5 min of driving), compact (2 min) or paper"""
+  sessions: int = 1
+  """so many of the same car, one after the other, for a long log"""
   noise_level: float = 1.0
   """factor on sensor and process noise"""
   truth_out: Path | None = None
@@ -71,7 +74,7 @@ def main(config: Config) -> DataSet | None:
     return None
   began = time.perf_counter()
   design = "compact" if config.quick else config.design
-  session = make_session(config.seed, chosen(config), design, config.noise_level)
+  session = make_long_session(Spec(config.seed, chosen(config), design, config.noise_level), config.sessions)
   took = time.perf_counter() - began
   truth = config.truth_out or config.out.with_name(config.out.name + "_truth")
   mark = seal(session.truth, config.out, truth, config.packed)

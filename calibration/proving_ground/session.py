@@ -131,7 +131,7 @@ def stream(seed: int, topic: int) -> np.random.Generator:
 
 
 def _draft(spec: Spec, first: int) -> _Draft:
-  car = spec.car or _drawn(spec)
+  car = spec.car or drawn_car(spec)
   vehicle, std = car.measured(stream(spec.seed, 1))
   runs, sensors = plan(spec.design, stream(spec.seed, 2)), Sensors()
   if spec.design == WILD:
@@ -156,7 +156,7 @@ def _draft(spec: Spec, first: int) -> _Draft:
   )
 
 
-def _drawn(spec: Spec) -> Car:
+def drawn_car(spec: Spec) -> Car:
   """A car of the kind the design is for."""
   kind, _, command = spec.design.partition("vesc_")
   rng = stream(spec.seed, 0)

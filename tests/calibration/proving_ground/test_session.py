@@ -12,6 +12,7 @@ from calibration.proving_ground import Car, Spec, make_session, make_sessions
 from calibration.proving_ground.ablation import ABLATIONS, ablate
 from calibration.proving_ground.designs import DEGREES, DESIGNS, VOLTS, plan
 from calibration.proving_ground.gaps import gaps
+from calibration.proving_ground.long_session import make_long_session
 from calibration.proving_ground.session import save, stream
 from qcar_twin.recordings.dataset import DataSet
 from tests import ROOT
@@ -225,3 +226,16 @@ def test_closing_a_gap_changes_little():
   assert set(sizes) == set(ABLATIONS)
   assert max(max(channels.values()) for channels in sizes.values()) < 4.0
   assert all("value" in gap or gap["gap"] for gap in gaps(Car()))
+
+
+def test_sessions_of_one_car_make_a_long_log():
+  long = make_long_session(Spec(5, (("steering_delay", 1.0),), "tiny", 1.0), 3)
+  one = make_session(5, (("steering_delay", 1.0),), "tiny", 1.0)
+  count = len(one.recordings)
+  assert len(long.recordings) == 3 * count == len({r.name for r in long.recordings}) == len(long.clean)
+  assert long.vehicle == one.vehicle and long.truth == one.truth
+  for mine, other in zip(long.recordings, one.recordings, strict=False):
+    assert mine.name == other.name and np.array_equal(mine["yaw_rate"].value, other["yaw_rate"].value)
+  second = long.recordings[count]
+  assert second.name == f"{one.recordings[0].name}_2" and second.session.endswith(" 2")
+  assert not np.array_equal(second["yaw_rate"].value, one.recordings[0]["yaw_rate"].value)
