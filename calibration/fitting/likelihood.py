@@ -163,6 +163,7 @@ class Problem:
       prediction = self._predict(theta[i : i + _COLUMNS], observations)
       with np.errstate(all="ignore"):  # of a trial that flies apart
         out[i : i + _COLUMNS] = observations.predict(prediction) - observations.measured
+      log.info("%d of %d variants driven", min(i + _COLUMNS, len(theta)), len(theta))
     return out
 
   def _predict(self, theta: Array, observations: Observations) -> Prediction:

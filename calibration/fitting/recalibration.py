@@ -81,7 +81,8 @@ def recalibrate(
   passport = noise_passport(recordings)
   base, floor = priors or twin.base, sensor_floor(passport)
   driven = sum(r.duration for r in recordings)
-  part = dataclasses.replace(cut, most=max(_LEAST, _PART * min(driven, cut.most)))
+  # weights are read off its residuals, so the part must be like the whole
+  part = dataclasses.replace(cut, evenly=True, most=max(_LEAST, _PART * min(driven, cut.most)))
   attempts = []
   for shift in shifts:
     progress(f"recalibration, commands shifted by {shift}" if len(shifts) > 1 else "recalibration")

@@ -8,7 +8,6 @@ simulated but not scored: hidden states (servo, tyre, play) settle there.
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +32,8 @@ class Cut:
     length: longest scored stretch, s.
     warm_up: unscored lead-in of stretches that start in mid-recording, s.
     period: control period, s.
-    most: seconds of driving that are kept at most, by spread and by what they tell; inf for all.
+    most: seconds of driving that are kept at most; inf for all.
+    evenly: they are spread evenly; else half of them are chosen for what they tell.
     command_shift: control periods by which commands act later than logged (the timing convention); may be negative.
   """
 
@@ -41,6 +41,7 @@ class Cut:
   warm_up: float = 0.4
   period: float = 0.01
   most: float = np.inf
+  evenly: bool = False
   command_shift: int = 0
 
 
@@ -152,7 +153,8 @@ def driven(recording: Recording, vehicle: Vehicle, period: float) -> tuple[Array
 
 
 def _thinned(pieces: list[_Piece], recordings: Sequence[Recording], cut: Cut) -> list[_Piece]:
-  """At most `cut.most` seconds of pieces: half of them evenly spread, the other half those that add most to them.
+  """At most `cut.most` seconds of pieces: half of them, or two of every recording, evenly spread, and those that add
+  most to them.
 
   A twin that lacks physics is bent by whatever it is fitted to, so what is kept must also be like the whole; of those
   that are fitted and those that judge the same share is kept.
@@ -161,25 +163,29 @@ def _thinned(pieces: list[_Piece], recordings: Sequence[Recording], cut: Cut) ->
   room = max(1, int(cut.most / length)) if np.isfinite(cut.most) else len(pieces)
   if room >= len(pieces):
     return pieces
+  recording = np.array([p.index for p in pieces])
+  if cut.evenly:
+    return [pieces[i] for i in _evenly(recording, room)]
   kept: set[int] = set()
-  roles = np.array([recordings[p.index].role for p in pieces])
+  roles = np.array([recordings[i].role for i in recording])
   for role in dict.fromkeys(roles.tolist()):
     own = np.flatnonzero(roles == role)
     share = max(1, round(room * len(own) / len(pieces)))
-    spread = _evenly([pieces[i].index for i in own], (share + 1) // 2)
+    each = 2 * len(np.unique(recording[own]))
+    spread = _evenly(recording[own], min(share, max((share + 1) // 2, each)))
     told = [regressors(p.commands, p.speed, p.heading, cut.period, float(p.spent[1])) for p in (pieces[i] for i in own)]
     kept |= {int(own[i]) for i in chosen(told, share, spread)}
   return [pieces[i] for i in sorted(kept)]
 
 
-def _evenly(recording: Sequence[int], room: int) -> NDArray[np.int64]:
+def _evenly(recording: NDArray[np.int64], room: int) -> NDArray[np.int64]:
   """So many of the pieces of recordings, evenly spread; at least one of every recording where there is room.
 
   Beginnings alone would not do: steps in steering come later, and a twin fitted without them has tyres at will.
   """
   counts = np.unique(recording, return_counts=True)[1]
-  if room < len(counts):
-    return _spread(len(recording), room, _GOLDEN * np.arange(room) % 1.0)
+  if room < 2 * len(counts):
+    return _spread(len(recording), room, 0.5)
   kept, first = [], 0
   for k, (count, take) in enumerate(zip(counts, _allotted(counts, room), strict=True)):
     kept.append(first + _spread(count, take, _GOLDEN * k % 1.0))
@@ -187,8 +193,8 @@ def _evenly(recording: Sequence[int], room: int) -> NDArray[np.int64]:
   return np.concatenate(kept)
 
 
-def _spread(count: int, take: int, phase: float | NDArray[np.floating[Any]]) -> NDArray[np.int64]:
-  """One of `count` indices from each of so many equal parts; the phase within [0, 1) says where in its part it lies."""
+def _spread(count: int, take: int, phase: float) -> NDArray[np.int64]:
+  """So many of `count` indices, evenly spread; the phase within [0, 1) says where the first lies."""
   return ((np.arange(take) + phase) * count / take).astype(np.int64)
 
 

@@ -102,8 +102,8 @@ def test_a_long_data_set_is_sampled_evenly_and_no_recording_is_lost():
 def test_what_is_kept_of_a_long_data_set_is_not_beginnings_alone():
   """A twin fitted to the first seconds of every recording never sees a corner that comes later."""
   recordings = [circle(60.0, f"r{i}") for i in range(12)]
-  for most in (60.0, 240.0):  # fewer pieces than two of every recording, and more
-    segments = cut_recordings(recordings, CAR, Cut(length=5.0, most=most)).segments
+  for most, evenly in ((60.0, False), (240.0, True), (240.0, False)):  # fewer than two of every recording, and more
+    segments = cut_recordings(recordings, CAR, Cut(length=5.0, most=most, evenly=evenly)).segments
     assert segments.steps.sum() * 0.01 <= 1.1 * most
     thirds = np.histogram(segments.offset, bins=3, range=(0.0, 60.0))[0]
     assert thirds.min() >= len(segments.offset) / 12  # half of them are spread evenly
