@@ -33,12 +33,12 @@ $(VENV)/installed: requirements.lock pyproject.toml
 	$(PIP) --only-binary :all: -r requirements.lock
 	$(PIP) --no-deps --no-index --no-build-isolation --editable .
 	$(BIN)/python -m qcar_twin.vehicle.tyre.build
-	$(BIN)/python -m qcar_twin.twin.engines.reduced.build
+	$(BIN)/python -c "from qcar_twin.twin.engines.reduced.build import build; print(build().name)"
 	touch $@
 
 plugin: install
 	$(BIN)/python -m qcar_twin.vehicle.tyre.build
-	$(BIN)/python -m qcar_twin.twin.engines.reduced.build
+	$(BIN)/python -c "from qcar_twin.twin.engines.reduced.build import build; print(build().name)"
 
 clean:
 	rm -rf $(VENV) out
