@@ -23,16 +23,18 @@ Means = Callable[[Array, float], Array]  # begin of windows (k,) s, length s -> 
 
 @dataclasses.dataclass(frozen=True)
 class Wheels:
-  """The channel that says how fast the wheels turn, and the speed of the car per unit of it, m/s."""
+  """The channel that says how fast the wheels turn, the speed of the car per unit of it, m/s, and whether it never
+  carries a sign."""
 
   channel: str
   scale: float
+  unsigned: bool = False
 
   @classmethod
   def of(cls, vehicle: Vehicle, recordings: Sequence[Recording]) -> "Wheels":
-    if any("motor_speed" in r for r in recordings):
-      return cls("motor_speed", vehicle.gear_ratio * vehicle.wheel_radius)
-    return cls("speed", 1.0)
+    channel = "motor_speed" if any("motor_speed" in r for r in recordings) else "speed"
+    scale = vehicle.gear_ratio * vehicle.wheel_radius if channel == "motor_speed" else 1.0
+    return cls(channel, scale, all(r[channel].value.min() >= 0.0 for r in recordings if channel in r))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,7 +78,7 @@ def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
     ),
     Motion(
       "driving", (wheel,), pose,
-      lambda r: _added(r[wheel], to_speed), _path,
+      lambda r: _added(r[wheel], to_speed), lambda r: _path(r, wheels.unsigned),
       lambda n, w: (to_speed * _mean_noise(n[wheel], w), _step_noise(n["pose_x"], w)),
       "m/s", STRAIGHT, kinematic=True,
     ),
@@ -144,15 +146,15 @@ def _increments(stream: Stream, scale: float = 1.0) -> Means:
   return lambda begin, length: scale * _inside(stream, begin, length, at(begin + length) - at(begin)) / length
 
 
-def _path(recording: Recording) -> Means:
-  """Forward speed from poses: displacements along the heading of the window's middle."""
+def _path(recording: Recording, unsigned: bool) -> Means:
+  """Forward speed from poses: displacements along the heading of the window's middle, or their size."""
   x, y, yaw = (recording[name] for name in ("pose_x", "pose_y", "pose_yaw"))
   at = lambda stream, time: np.interp(time, stream.time, stream.value)
 
   def mean(begin: Array, length: float) -> Array:
     heading, end = at(yaw, begin + 0.5 * length), begin + length
     moved = np.cos(heading) * (at(x, end) - at(x, begin)) + np.sin(heading) * (at(y, end) - at(y, begin))
-    return _inside(x, begin, length, moved) / length
+    return _inside(x, begin, length, np.abs(moved) if unsigned else moved) / length
 
   return mean
 

@@ -62,6 +62,19 @@ def test_a_value_that_a_slow_publisher_holds_is_late_by_its_age():
   assert c.lag.value == pytest.approx(0.05 + AHEAD, abs=max(4.0 * c.lag.std, 0.004))
 
 
+def test_a_speed_that_never_carries_a_sign_is_compared_by_its_size():
+  runs = []
+  for run in drives():
+    speed, back = run["motor_speed"], run.name == "run_1"
+    heading = run["pose_yaw"]
+    streams = {**run.streams, "motor_speed": Stream(speed.time, np.abs(speed.value))}
+    if back:  # the same path, driven backwards
+      streams["pose_yaw"] = Stream(heading.time, heading.value + np.pi)
+    runs.append(run.replace(streams=streams))
+  c = found("driving", runs)
+  assert c.correlation > 0.99 and c.scale.value == pytest.approx(1.0, abs=0.01)
+
+
 def test_the_deviations_are_those_of_repeated_drives():
   scales = [(c.scale.value, c.scale.std) for k in range(12) for c in [found("turning", _seeded(k))]]
   values, stds = np.array(scales).T
