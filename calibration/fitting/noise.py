@@ -30,7 +30,7 @@ class ChannelNoise:
     source: "standstill" or "differences".
     autocorrelation: of neighbouring samples at standstill, NaN if unknown.
     quantum: smallest step between different values.
-    rate: samples per second.
+    rate: samples per second; 0 of single samples.
     latest: longest interval between samples, s: a bound on how old a value can be.
   """
 
@@ -108,8 +108,8 @@ def _channel_noise(name: str, spans: list[tuple[Recording, list[tuple[float, flo
     source=source,
     autocorrelation=correlation,
     quantum=quantum,
-    rate=float(1.0 / np.median(gaps)),
-    latest=float(np.quantile(gaps, 0.99)),
+    rate=float(1.0 / np.median(gaps)) if len(gaps) else 0.0,
+    latest=float(np.quantile(gaps, 0.99)) if len(gaps) else np.inf,
   )
 
 

@@ -62,7 +62,7 @@ class Motion:
   kinematic: bool = False
 
   def measured_in(self, recording: Recording) -> bool:
-    return all(name in recording for name in (*self.compared, *self.reference))
+    return all(name in recording and len(recording[name]) > 1 for name in (*self.compared, *self.reference))
 
 
 def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
@@ -107,13 +107,14 @@ def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
 def regimes(wheels: Wheels, recording: Recording, begin: Array, length: float) -> NDArray[np.str_]:
   """How the car was driven in windows, one of REGIMES each, (k,)."""
   label = np.full(len(begin), REGIMES[0], dtype="U16")
-  if wheels.channel not in recording:
+  some = lambda channel: channel in recording and len(recording[channel]) > 1
+  if not some(wheels.channel):
     return label
   speed, change = (f(recording[wheels.channel], wheels.scale)(begin, length) for f in (_added, _increments))
   rate = np.zeros(len(begin))
-  if "yaw_rate" in recording:
+  if some("yaw_rate"):
     rate = _added(recording["yaw_rate"])(begin, length)
-  elif "pose_yaw" in recording:
+  elif some("pose_yaw"):
     rate = _increments(recording["pose_yaw"])(begin, length)
   for name, there in (
     ("speeding up", change > _SPEEDS),

@@ -57,6 +57,25 @@ def test_a_late_gyro_a_wrong_radius_and_a_held_value_are_told_with_their_size():
   assert any("pose_yaw is new 25 times a second only: set hold = true" in t for t in told)
 
 
+@pytest.mark.parametrize("channel", ["yaw_rate", "pose_yaw", "accel_x", "motor_speed", "steering_command"])
+@pytest.mark.parametrize("kept", [1, 2, 15])
+def test_a_channel_of_few_samples_is_no_error(channel, kept):
+  runs = [r.replace(streams={**r.streams, channel: Stream(*_first(r[channel], kept))}) for r in drives(2)]
+  found = check_log(lab(runs))
+  assert not found.of("spoils") and found.document()["shown"]
+
+
+def _first(stream: Stream, count: int) -> tuple[np.ndarray, np.ndarray]:
+  return stream.time[:count], stream.value[:count]
+
+
+def test_a_car_that_never_moves_is_said_in_words():
+  time = np.arange(1000) / 100.0
+  columns = {"motor_voltage": 0 * time, "steering_command": 0 * time, "motor_speed": 0 * time, "yaw_rate": 0 * time}
+  found = check_log(lab([Recording.from_columns("still", time, columns)]))
+  assert not found.of("spoils") and "drive map: can't be told" in found.of("note")[0].text
+
+
 def test_warnings_alike_are_said_once():
   warnings = ["a.csv: speed is frozen at 0 from 1.2 s", "b.csv: speed is frozen at 0 from 3e-4 s", "c.csv: no"]
   assert gathered(warnings) == ["a.csv: speed is frozen at 0 from 1.2 s (and 1 more like it)", "c.csv: no"]
