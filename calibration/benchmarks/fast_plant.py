@@ -65,7 +65,7 @@ class _Sides:
     self.mechanisms = [m for m in catalogue().values() if self.vehicle.drive in m.drives]
     self.exact = Twin(self.vehicle, self.mechanisms, substeps=2)
     self.reduced = self.exact.on("reduced")
-    self.seen = observe(recordings, self.vehicle, Cut(most=most))
+    self.seen = observe(recordings, self.vehicle, Cut(most=most, evenly=True))
     floor = sensor_floor(noise_passport(recordings))
     noise = np.array([floor.get(name, np.nan) for name in CHANNELS])[self.seen.channel]
     self._scale = np.where(np.isfinite(noise) & (noise > 0.0), 1.0 / noise, 0.0)
