@@ -4,6 +4,7 @@ qcar-twin benchmark-learning --out out/study/timings.json
 """
 
 import dataclasses
+import itertools
 from pathlib import Path
 
 import torch
@@ -44,13 +45,13 @@ def main(config: Config) -> list[str]:
     f"per environment step; {said}"
   ]
   rounds = range(1 if config.quick else config.rounds)
-  for cars in (1, 8, 64):
-    for estimator, seen in (("fekf", "sensors and filter"), ("truth", "truth")):
-      speed = max(steps_per_second(cars, 400 // part, estimator) for _ in rounds)
-      face = "gymnasium, 1 car" if cars == 1 else f"VecEnv, {cars} cars"
-      found.append(
-        f"{face}, {seen}: {speed:.0f} environment steps per CPU second, {1e6 / speed:.0f} us per 10 ms of car"
-      )
+  seen = (("fekf", "sensors and filter"), ("truth", "truth"))
+  for plant, cars, (estimator, shown) in itertools.product(("twin", "reduced"), (1, 8, 64), seen):
+    speed = max(steps_per_second(cars, 400 // part, estimator, plant) for _ in rounds)
+    face = "gymnasium, 1 car" if cars == 1 else f"VecEnv, {cars} cars"
+    found.append(
+      f"{plant}, {face}, {shown}: {speed:.0f} environment steps per CPU second, {1e6 / speed:.0f} us per 10 ms of car"
+    )
   ours = max(gradient_steps_per_second(400 // part) for _ in rounds)
   raw = max(raw_gradient_steps_per_second(400 // part) for _ in rounds)
   found.append(

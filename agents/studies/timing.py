@@ -75,15 +75,16 @@ def training_shares(steps: int = 2000) -> dict[str, float]:
   return seconds | {"rest": total - sum(seconds.values()), "total": total, "steps": float(steps)}
 
 
-def steps_per_second(cars: int, periods: int = 400, estimator: str = "fekf") -> float:
+def steps_per_second(cars: int, periods: int = 400, estimator: str = "fekf", plant: str = "twin") -> float:
   """Environment steps of all cars per CPU second: one car through gymnasium, more through the VecEnv."""
   rng = np.random.default_rng(0)
   if cars == 1:
-    env: Any = make_env(version="tuned", estimator=estimator)
+    env: Any = make_env(version="tuned", estimator=estimator, plant=plant)
     env.reset(seed=0)
     step = lambda: env.step(rng.uniform(-0.3, 0.3, 1).astype(np.float32))
   else:
-    vector = FleetVecEnv(fleet(Options(version="tuned", estimator=estimator), range(cars)))  # type: ignore[arg-type]
+    options = Options(version="tuned", estimator=estimator, plant=plant)  # type: ignore[arg-type]
+    vector = FleetVecEnv(fleet(options, range(cars)))
     vector.reset()
     step = lambda: vector.step(rng.uniform(-0.3, 0.3, (cars, 1)).astype(np.float32))
   for _ in range(20):
