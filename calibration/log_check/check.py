@@ -102,10 +102,15 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
 def heed(dataset: DataSet) -> tuple[str, ...]:
   """What whoever fits to a log must be told: sensors of one motion that disagree, values that are held.
 
+  Role "holdout" stays closed.
+
   Raises:
     RecordingError: two sensors contradict each other, so that a fit to both would mean nothing.
   """
-  found = check_log(dataset)
+  seen = tuple(r for r in dataset.recordings if r.role != "holdout")
+  if not seen:
+    return ()
+  found = check_log(dataclasses.replace(dataset, recordings=seen))
   if spoilt := found.of("spoils"):
     raise RecordingError(f"data set '{dataset.name}': {spoilt[0].text}")
   return tuple(f.text for f in found.of("beware") if f.channels)

@@ -2,6 +2,7 @@
 
 import pytest
 
+from calibration.log_check import heed
 from calibration.log_check.ready import ready
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import RecordingError
@@ -17,6 +18,13 @@ def test_sensors_that_disagree_and_driving_left_out_are_said():
   late, left = notes
   assert late.startswith("yaw_rate is 55 ± ") and left.startswith("60 s of 90 s of driving are simulated, half of them")
   assert left.endswith("30 s are left out")
+
+
+def test_hold_out_recordings_stay_closed():
+  runs = [*drives(3), *(changed(r, "yaw_rate", scale=-1.0).replace(role="holdout", name="kept") for r in drives(1))]
+  assert ready(DataSet("lab", tuple(runs), VEHICLE, STD))[1] == ()
+  closed = [r.replace(role="holdout") for r in drives()]
+  assert heed(DataSet("lab", tuple(closed), VEHICLE, STD)) == ()
 
 
 def test_a_sound_short_log_says_nothing():
