@@ -73,6 +73,8 @@ class Segments:
       squared, V^2 s of a voltage (heat and charge carry over from recording to recording); None for a fresh car.
     pose: measured x, y, yaw on the control grid, (S, T + 1, 3), NaN where there is none; what a place-
       or heading-bound effect looks up; None to use the simulated pose.
+    start_rate: how fast the measured states were changing there, per s, (S, 7): what a sensor that speaks late has
+      missed; None where nobody knows.
     wheel_angle: angle the wheels have turned since the recording's start by the encoder, mean of all, on the
       control grid, rad, (S, T + 1), NaN where unknown; what an effect that comes round with the wheels looks
       up; None to use the simulated angle, which starts at 0 in every segment.
@@ -87,6 +89,7 @@ class Segments:
   history: Array | None = None
   pose: Array | None = None
   wheel_angle: Array | None = None
+  start_rate: Array | None = None
 
   def __post_init__(self) -> None:
     size = len(self.recording)
@@ -105,7 +108,7 @@ class Segments:
     return Segments(
       self.commands[which], self.start[which], self.steps[which], self.period,
       names, self.offset[which],
-      some(self.history), some(self.pose), some(self.wheel_angle),
+      some(self.history), some(self.pose), some(self.wheel_angle), some(self.start_rate),
     )  # fmt: skip
 
   @property

@@ -36,7 +36,14 @@ class Surrogate(Twin):
 
   def __init__(self, exact: Twin, anchor: Array | None = None, guarded: Collection[Stretch] = ()):
     super().__init__(
-      exact.vehicle, exact.mechanisms, exact.tyre, exact.substeps, exact.threads, exact.rows, engine="reduced"
+      exact.vehicle,
+      exact.mechanisms,
+      exact.tyre,
+      exact.substeps,
+      exact.threads,
+      exact.rows,
+      engine="reduced",
+      sessions=exact.sessions,
     )
     self.exact, self.anchor, self.guarded = exact, anchor, frozenset(guarded)
     self._corrections: dict[tuple[str, float, int], Array] = {}

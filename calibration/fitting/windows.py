@@ -7,7 +7,7 @@ simulated but not scored: hidden states (servo, tyre, play) settle there.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
+_SPAN = 0.1  # s: before and after a stretch's beginning, between which its states' rates are taken
 _GOLDEN = 0.618  # of a turn between one recording's phase and the next one's, so that beginnings and ends take turns
 
 
@@ -85,6 +86,7 @@ def cut_recordings(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut =
     history=np.stack([history[p.index] + p.spent for p in pieces]),
     pose=np.stack([_pad(p.pose, longest + 1) for p in pieces]),
     wheel_angle=np.stack([_pad(p.wheel_angle, longest + 1) for p in pieces]),
+    start_rate=np.stack([p.rate for p in pieces]),
   )
   return Stretches(segments, np.array([p.first for p in pieces]), np.array([p.last for p in pieces]))
 
@@ -98,6 +100,7 @@ class _Piece:
   speed: Array
   heading: Array
   start: Array
+  rate: Array
   offset: float
   first: float
   last: float
@@ -119,6 +122,7 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
   for low, high in zip(edges[:-1], edges[1:], strict=True):
     begin = max(0, low - int(round(cut.warm_up / cut.period))) if low else 0
     spent = np.array([begin * cut.period, float(np.sum(commands[:begin, 0] ** 2)) * cut.period])
+    start_at = lambda t, begin=begin: measured_start(recording, t, vehicle, commands[begin, 1], begin == 0)
     pieces.append(
       _Piece(
         index=index,
@@ -127,7 +131,8 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
         wheel_angle=wheel_angle[begin : high + 1],
         speed=speed[begin:high],
         heading=np.nan_to_num(pose[begin:high, 2]),
-        start=measured_start(recording, float(time[begin]), vehicle, commands[begin, 1], begin == 0),
+        start=start_at(float(time[begin])),
+        rate=_rate(start_at, float(time[begin]), begin == 0),
         offset=float(time[begin]),
         first=float(time[low]),
         last=float(time[high - 1] + cut.period),
@@ -231,6 +236,13 @@ def measured_start(recording: Recording, time: float, vehicle: Vehicle, steering
   values["steering_angle"] = float(np.clip(steering, -vehicle.max_steering, vehicle.max_steering))
   values["velocity_y"] = values["yaw_rate"] * vehicle.cg_to_rear
   return np.array([values[name] for name in START])
+
+
+def _rate(start_at: Callable[[float], Array], time: float, at_beginning: bool) -> Array:
+  """How fast the measured states change at a time, per s, (7,); a car that waits to be driven stands."""
+  if at_beginning and start_at(time)[START.index("velocity_x")] == 0.0:
+    return np.zeros(len(START))
+  return (start_at(time + _SPAN) - start_at(time - _SPAN)) / (2.0 * _SPAN)
 
 
 def _measured_speed(recording: Recording, time: float, vehicle: Vehicle, half: float) -> float:

@@ -19,6 +19,7 @@ from qcar_twin.twin.engines import ENGINES, Engine, EngineKind, Rows
 from qcar_twin.twin.engines.mujoco_cars import MujocoCars
 from qcar_twin.twin.engines.reduced.cars import Numbers, ReducedCars, constants, irreducible
 from qcar_twin.twin.mechanisms.base import CarDimensions, Mechanism, Track, describe, suited
+from qcar_twin.twin.sessions import ONE_SESSION, SessionShifts
 from qcar_twin.twin.simulation import Simulation
 from qcar_twin.twin.slots import STEPPED, Slot
 from qcar_twin.twin.timers import stop_timers
@@ -41,6 +42,7 @@ class Twin:
     threads: threads of the batch, 0 for all cores. Results do not depend on it.
     rows: at most this many cars are simulated side by side; more columns are done in turns.
     engine: "mujoco", or "reduced" for the car that is thirty times as fast and good enough to search with.
+    sessions: parameters that differ from session to session; see sessions.py.
 
   Raises:
     ValueError: a mechanism presupposes another drive, or there is no such engine for this car.
@@ -55,6 +57,7 @@ class Twin:
     threads: int = 0,
     rows: int = 1024,
     engine: EngineKind = "mujoco",
+    sessions: SessionShifts = ONE_SESSION,
   ):
     if engine not in ENGINES:
       raise ValueError(f"engine must be one of {', '.join(ENGINES)}, not '{engine}'")
@@ -68,6 +71,8 @@ class Twin:
     self.car = CarDimensions(**{f.name: getattr(vehicle, f.name) for f in dataclasses.fields(CarDimensions)})
     self.base = twin_parameters.base_parameters(vehicle)
     self.parameters = self.base + [p for m in self.mechanisms for p in m.parameters]
+    self.sessions = sessions
+    self.parameters = self.parameters + sessions.parameters(self.parameters)
     self.model = car_spec(vehicle, tyre=tyre, timestep=self.period / substeps).compile()
     self._columns = {m.name: [self.parameters.index(p.name) for p in m.parameters] for m in self.mechanisms}
     self._rest_height = self._settle()
@@ -82,13 +87,13 @@ class Twin:
 
   def with_mechanisms(self, mechanisms: Sequence[Mechanism]) -> "Twin":
     """The same car with other mechanisms."""
-    return Twin(self.vehicle, mechanisms, self.tyre, self.substeps, self.threads, self.rows, self.engine)
+    return Twin(self.vehicle, mechanisms, self.tyre, self.substeps, self.threads, self.rows, self.engine, self.sessions)
 
   def on(self, engine: EngineKind) -> "Twin":
     """The same car and mechanisms on an engine; itself where it is on it."""
     if engine == self.engine:
       return self
-    return Twin(self.vehicle, self.mechanisms, self.tyre, self.substeps, self.threads, self.rows, engine)
+    return Twin(self.vehicle, self.mechanisms, self.tyre, self.substeps, self.threads, self.rows, engine, self.sessions)
 
   def begin(
     self,
@@ -155,7 +160,7 @@ class Twin:
     if not np.array_equal(same.reshape(-1), np.arange(len(stepped))):
       signals = signals[same.reshape(-1)]  # (n, S, T + 1, 10)
     flat, offset = signals.reshape(-1, *signals.shape[2:]), np.tile(segments.offset, len(theta))
-    shown = self.sensed(np.repeat(theta, len(segments), axis=0), flat, offset)
+    shown = self.sensed(self._in_sessions(theta, segments), flat, offset)
     return Prediction(shown.reshape(signals.shape), segments.period)
 
   def _without_sensors(self, theta: Array) -> Array:
@@ -173,9 +178,10 @@ class Twin:
     commands = np.ascontiguousarray(tile(segments.commands).transpose(1, 0, 2))  # (T, n * S, 2)
     history = None if segments.history is None else tile(segments.history)
     start, offset, pose = tile(segments.start), tile(segments.offset), tile(segments.measured_pose)
-    start = self._as_measured(np.repeat(theta, size, axis=0), start)
+    theta = self._in_sessions(theta, segments)
+    rate = np.zeros_like(start) if segments.start_rate is None else tile(segments.start_rate)
+    start = self._as_measured(theta, start, rate)
     ends = np.minimum(np.tile(segments.steps, n) + _READ_ON, length)  # after it a car rests: nothing is measured
-    theta = np.repeat(theta, size, axis=0)
     signals = np.empty((n * size, length + 1, len(SIGNALS)))
     for rows in self._apart(theta):
       some = lambda a, rows=rows: None if a is None else a[rows]
@@ -183,6 +189,10 @@ class Twin:
       cars = self.begin(theta[rows], start[rows], some(history), offset[rows], commands[0, rows], batch)
       signals[rows] = cars.run(commands[:, rows], pose[rows], ends[rows])
     return signals.reshape(n, size, length + 1, len(SIGNALS))
+
+  def _in_sessions(self, theta: Array, segments: Segments) -> Array:
+    """Parameters of every vector, (n, P), in every segment's session, (n * S, P)."""
+    return self.sessions.apply(np.repeat(theta, len(segments), axis=0), segments.recording, self.parameters)
 
   def _apart(self, theta: Array) -> list[Rows]:
     """Cars that are simulated together: on the reduced car, those that must be asked how they move are apart."""
@@ -195,12 +205,12 @@ class Twin:
         busy[rows] |= slot.acts and not slot.foreseen
     return [rows for rows in (np.flatnonzero(~busy), np.flatnonzero(busy)) if len(rows)]
 
-  def _as_measured(self, theta: Array, start: Array) -> Array:
+  def _as_measured(self, theta: Array, start: Array, rate: Array) -> Array:
     """Start states (N, 7) of stretches as cars with parameters (N, P) had them, given what their sensors said."""
     for mechanism in filter(_moves_start, self.mechanisms):
       rows = self.present(mechanism, theta)
       if rows is not None:
-        start[rows] = mechanism.begin(theta[rows][:, self._columns[mechanism.name]], start[rows])
+        start[rows] = mechanism.begin(theta[rows][:, self._columns[mechanism.name]], start[rows], rate[rows])
     return start
 
   def sensed(self, theta: Array, signals: Array, offset: Array) -> Array:

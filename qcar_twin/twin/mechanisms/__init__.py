@@ -50,8 +50,13 @@ def add_file(path: str | Path) -> tuple[str, ...]:
 
 
 def offered(drive: str) -> tuple[Mechanism, ...]:
-  """Every mechanism of the catalogue that a car with this kind of drive command can have."""
-  return tuple(m for m in catalogue().values() if drive in m.drives)
+  """Every mechanism of the catalogue that a car with this kind of drive command can have and a diagnosis can name."""
+  return tuple(m for m in catalogue().values() if drive in m.drives and not m.curve)
+
+
+def curves(drive: str) -> tuple[Mechanism, ...]:
+  """Every curve of no known form that a car with this kind of drive command can have."""
+  return tuple(m for m in catalogue().values() if drive in m.drives and m.curve)
 
 
 def select(names: Iterable[str]) -> tuple[Mechanism, ...]:

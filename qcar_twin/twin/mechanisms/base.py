@@ -171,6 +171,7 @@ class Mechanism:
       whatever the scan says.
     sought_far: True if it may be so large that it is also sought at several times its typical size on parameters that
       recalibration has not bent (delays and lags).
+    curve: True if it only outlines what named mechanisms may be: a calibration fits it, a diagnosis never names it.
     absorbed_by_drive: True if recalibration imitates it with the parameters of the drive, as it does all of
       subsystem "drive".
     sensor_errors: amplitudes that every sensor of the kind has some of, by parameter.
@@ -192,6 +193,7 @@ class Mechanism:
   nonlinear_response: ClassVar[bool] = False
   sought_far: ClassVar[bool] = False
   absorbed_by_drive: ClassVar[bool] = False
+  curve: ClassVar[bool] = False
   sensor_errors: ClassVar[Mapping[str, SensorError]] = {}
   fitted_rank: ClassVar[int] = 100
 
@@ -210,8 +212,14 @@ class Mechanism:
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
     """Change quantities of the simulator."""
 
-  def begin(self, theta: Array, start: Array) -> Array:
-    """Start states (N, 7), in the order of START, read off sensors that err as this mechanism says."""
+  def begin(self, theta: Array, start: Array, rate: Array) -> Array:
+    """Start states (N, 7), in the order of START, of cars whose sensors err as this mechanism says.
+
+    Args:
+      theta: parameters, (N, p).
+      start: states as the sensors showed them.
+      rate: how fast they changed there, per s, (N, 7); 0 where nobody knows.
+    """
     return start
 
   def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from qcar_twin.kinematics import rolling_radius
-from qcar_twin.plant import signal_index
+from qcar_twin.plant import START, signal_index
 from qcar_twin.twin.mechanisms.base import Array, Context, Model, State, Track
 
 REFERENCE_VOLTAGE = 2.5  # V: highest steady voltage of usual runs; sizes of electrical effects are stated there
@@ -32,6 +32,14 @@ def dead_zone(x: Array, half_width: Array, width: float = KINK) -> Array:
   """sgn(x) max(|x| - half_width, 0) with its corners rounded; exactly x at half_width = 0."""
   rise, fall = x - half_width, x + half_width
   return x + 0.5 * (np.sqrt(rise * rise + width * width) - np.sqrt(fall * fall + width * width))
+
+
+def polyline(x: Array, knots: Array, heights: Array) -> Array:
+  """Straight lines between knots (K,), of heights (n, K), at x, (n,); held beyond the first and the last."""
+  left = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
+  part = np.clip((x - knots[left]) / (knots[left + 1] - knots[left]), 0.0, 1.0)
+  rows = np.arange(len(x))
+  return (1.0 - part) * heights[rows, left] + part * heights[rows, left + 1]
 
 
 def rolling_torque(force: Array, context: Context) -> Array:
@@ -146,6 +154,14 @@ def shifted(values: Array, samples: Array, extrapolate: bool = False) -> Array:
   at_left = np.take_along_axis(values, left, axis=1)
   slope = np.take_along_axis(values, right, axis=1) - at_left
   return at_left + (position - left) * slope
+
+
+def caught_up(start: Array, rate: Array, late: Array, *states: str) -> Array:
+  """Start states (n, 7) whose sensors spoke `late`, (n,) s: x(t) = y(t) + d y'(t) for the states named."""
+  out = start.copy()
+  for name in states:
+    out[:, START.index(name)] += late * rate[:, START.index(name)]
+  return out
 
 
 def replaced(track: Track, **signals: Array) -> Array:

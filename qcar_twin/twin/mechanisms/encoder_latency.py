@@ -2,7 +2,7 @@
 
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, Mechanism, SensorError, Track
-from qcar_twin.twin.mechanisms.elements import replaced, shifted
+from qcar_twin.twin.mechanisms.elements import caught_up, replaced, shifted
 
 
 class EncoderLatency(Mechanism):
@@ -22,8 +22,11 @@ class EncoderLatency(Mechanism):
   sensor_errors = {"encoder_latency": SensorError(0.003)}
   fitted_rank = 5
   parameters = (
-    Parameter("encoder_latency", 0.0, -0.02, 0.1, "s", "d", null=0.0, typical=0.03, description="age of the speed"),
+    Parameter("encoder_latency", 0.0, -0.12, 0.15, "s", "d", null=0.0, typical=0.03, description="age of the speed"),
   )
+
+  def begin(self, theta: Array, start: Array, rate: Array) -> Array:
+    return caught_up(start, rate, theta[:, 0], "velocity_x")
 
   def measure(self, theta: Array, track: Track) -> Array:
     return replaced(track, motor_speed=shifted(track.signal("motor_speed"), theta[:, :1] / track.period))

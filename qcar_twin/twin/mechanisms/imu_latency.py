@@ -2,7 +2,7 @@
 
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, Mechanism, Track
-from qcar_twin.twin.mechanisms.elements import replaced, shifted
+from qcar_twin.twin.mechanisms.elements import caught_up, replaced, shifted
 
 
 class ImuLatency(Mechanism):
@@ -21,8 +21,11 @@ class ImuLatency(Mechanism):
   signed = True
   sought_far = True
   parameters = (
-    Parameter("imu_latency", 0.0, -0.05, 0.25, "s", "d", null=0.0, typical=0.05, description="age of the data"),
+    Parameter("imu_latency", 0.0, -0.12, 0.25, "s", "d", null=0.0, typical=0.05, description="age of the data"),
   )
+
+  def begin(self, theta: Array, start: Array, rate: Array) -> Array:
+    return caught_up(start, rate, theta[:, 0], "velocity_y", "yaw_rate")
 
   def measure(self, theta: Array, track: Track) -> Array:
     late = theta[:, :1] / track.period

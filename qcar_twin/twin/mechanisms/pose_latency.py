@@ -21,7 +21,7 @@ class PoseLatency(Mechanism):
   signed = True
   sought_far = True
   parameters = (
-    Parameter("pose_latency", 0.0, -0.05, 0.3, "s", "d", null=0.0, typical=0.055, description="age of the pose"),
+    Parameter("pose_latency", 0.0, -0.12, 0.3, "s", "d", null=0.0, typical=0.055, description="age of the pose"),
   )
 
   def measure(self, theta: Array, track: Track) -> Array:

@@ -28,7 +28,7 @@ class WheelRadiusError(Mechanism):
     Parameter("wheel_radius_error", 0.0, -0.2, 0.2, "-", "e", null=0.0, typical=0.04, description="relative radius"),
   )
 
-  def begin(self, theta: Array, start: Array) -> Array:
+  def begin(self, theta: Array, start: Array, rate: Array) -> Array:
     out = start.copy()
     out[:, START.index("velocity_x")] *= 1.0 + theta[:, 0]  # the speed at the start was read off the encoder
     return out

@@ -1,0 +1,50 @@
+"""What the motor does with its command and speed, as curves of no known form."""
+
+import numpy as np
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.elements import idle_voltage, polyline
+
+_PUSH, _BRAKE = np.array([0.0, 0.125, 0.25, 0.5, 0.75, 1.0]), np.array([0.0, 0.25, 0.5, 1.0])
+
+
+class DriveCurve(Mechanism):
+  """The motor's torque is a free curve of the command, less the back-EMF by a free share of the command.
+
+  Equation: V = u + sgn(u) U sum_k a_k h_k(|u| / U) + e sum_j b_j h_j(|u| / U), h hats, held beyond U; e the back-EMF;
+  the torque is proportional to V - e, so b = 1 is a motor that does not brake at that command.
+  Units: a_k - (shares of U), b_j -, U V, the largest command driven; u, V, e V.
+  Source: hat functions, de Boor, A Practical Guide to Splines, Springer, 2001, ch. III (piecewise linear).
+  Confounded with: every named error of the drive's map, which it is there to outline.
+  """
+
+  name = "drive_curve"
+  subsystem = "drive"
+  stage = "actuator"
+  drives = ("voltage", "duty")
+  absorbed_by_drive = True
+  signed = True
+  curve = True
+  parameters = (
+    *(
+      Parameter(f"drive_push_{i}", 0.0, -0.8, 0.8, "-", f"a_{i}", null=0.0, typical=0.03, std=0.1, description="torque")
+      for i in range(1, len(_PUSH))
+    ),
+    *(
+      Parameter(
+        f"drive_brake_{i}", 0.0, -2.0, 1.0, "-", f"b_{i}", null=0.0, typical=0.1, std=0.5, description="braking"
+      )
+      for i in range(len(_BRAKE))
+    ),
+    Parameter("drive_curve_reach", 5.0, 0.1, 100.0, "V", "U", std=1e-3, description="largest command"),
+  )
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    voltage, reach, last = command[:, 0], theta[:, -1], len(_PUSH) - 1
+    share = np.abs(voltage) / reach
+    push = np.insert(theta[:, :last], 0, 0.0, axis=1)
+    acting = command.copy()
+    acting[:, 0] += np.sign(voltage) * reach * polyline(share, _PUSH, push)
+    acting[:, 0] += idle_voltage(context) * polyline(share, _BRAKE, theta[:, last:-1])
+    return acting

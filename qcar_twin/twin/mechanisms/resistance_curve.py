@@ -1,0 +1,42 @@
+"""What holds the car back at each speed, as a curve of no known form."""
+
+import numpy as np
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.elements import STANDSTILL, polyline
+
+_GRAVITY = 9.81
+_KNOTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+
+
+class ResistanceCurve(Mechanism):
+  """A force against the motion that is a free curve of the speed, over and above what the base car has.
+
+  Equation: F = -m g tanh(v / v_0) sum_k r_k h_k(|v| / V), h_k hats, 0 at rest, held beyond V; v_0 = 0.05 m/s.
+  Units: r_k - (shares of the weight m g); V m/s, the highest speed driven; F N.
+  Source: hat functions, de Boor, A Practical Guide to Splines, Springer, 2001, ch. III (piecewise linear).
+  Confounded with: motor damping, quadratic_drag and every other resistance, which it is there to outline.
+  """
+
+  name = "resistance_curve"
+  subsystem = "drive"
+  stage = "force"
+  signed = True
+  curve = True
+  parameters = (
+    *(
+      Parameter(f"resistance_{i}", 0.0, -0.2, 0.5, "-", f"r_{i}", null=0.0, typical=0.005, std=0.02,
+                description="force")
+      for i in range(1, len(_KNOTS))
+    ),
+    Parameter("resistance_curve_reach", 3.0, 0.1, 40.0, "m/s", "V", std=1e-3, description="highest speed"),
+  )  # fmt: skip
+
+  def wrench(self, theta: Array, context: Context, state: State) -> Array:
+    speed = context.signal("velocity_x")
+    heights = np.insert(theta[:, :-1], 0, 0.0, axis=1)
+    force = np.zeros((len(theta), 3))
+    weight = _GRAVITY * context.car.mass * np.tanh(speed / STANDSTILL)
+    force[:, 0] = -weight * polyline(np.abs(speed) / theta[:, -1], _KNOTS, heights)
+    return force

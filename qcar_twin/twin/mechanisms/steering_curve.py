@@ -1,0 +1,41 @@
+"""What the wheels do with a steering command, as a curve of no known form."""
+
+import numpy as np
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.elements import polyline
+
+_KNOTS = np.array([-1.0, -2.0 / 3.0, -1.0 / 3.0, 0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])
+_PLACES = ("right_3", "right_2", "right_1", "left_1", "left_2", "left_3")
+
+
+class SteeringCurve(Mechanism):
+  """The wheels' angle departs from the command by a free curve, left and right on their own.
+
+  Equation: delta = u + delta_max sum_k c_k h_k(u / delta_max), h_k hats about thirds of the lock; 0 in the middle, held
+  beyond the lock.
+  Units: c_k - (shares of the lock delta_max); u, delta rad, left positive.
+  Source: hat functions, de Boor, A Practical Guide to Splines, Springer, 2001, ch. III (piecewise linear).
+  Confounded with: every named error of the steering's map, which it is there to outline.
+  """
+
+  name = "steering_curve"
+  subsystem = "steering"
+  stage = "command"
+  open_loop = True
+  symmetric = False
+  signed = True
+  curve = True
+  parameters = tuple(
+    Parameter(f"steering_curve_{place}", 0.0, -0.8, 0.8, "-", f"c_{i}", null=0.0, typical=0.05, std=0.15,
+              description="departure")
+    for i, place in enumerate(_PLACES)
+  )  # fmt: skip
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    lock = context.car.max_steering
+    heights = np.insert(theta, len(_PLACES) // 2, 0.0, axis=1)
+    acting = command.copy()
+    acting[:, 1] += lock * polyline(command[:, 1] / lock, _KNOTS, heights)
+    return acting

@@ -1,0 +1,64 @@
+"""Parameters that differ from session to session: a servo's trim, the charge of a pack, the floor.
+
+A shifted parameter has one more parameter per session, named `parameter@session`, which is added to it in the
+recordings of that session and is null elsewhere. A recording of a session that nobody knows is driven with the mean.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.parameters import Parameter, ParameterSet
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class SessionShifts:
+  """Which parameters are shifted, and which recording belongs to which session.
+
+  Attributes:
+    session_of: session of each recording, by its name.
+    std: how far each shifted parameter wanders between sessions, a standard deviation in its unit.
+  """
+
+  session_of: Mapping[str, str]
+  std: Mapping[str, float]
+
+  @property
+  def names(self) -> tuple[str, ...]:
+    """Of the sessions, in alphabetical order."""
+    return tuple(sorted(set(self.session_of.values())))
+
+  def parameters(self, known: ParameterSet) -> list[Parameter]:
+    """One per shifted parameter and session, null and nominal 0."""
+    made = []
+    for name, std in self.std.items():
+      kept, reach = known[name], 4.0 * std
+      made += [
+        Parameter(f"{name}@{session}", 0.0, -reach, reach, kept.unit, f"{kept.symbol}@{session}", 0.0, std, std)
+        for session in self.names
+      ]
+    return made
+
+  def apply(self, theta: Array, recordings: Sequence[str], parameters: ParameterSet) -> Array:
+    """Vectors (n * S, P), n times the S recordings in turn, with the shifts of each recording's session added.
+
+    `theta` is changed in place.
+    """
+    if not self.std:
+      return theta
+    session = [self.session_of.get(name) for name in recordings]
+    rows = np.arange(len(theta)) % len(recordings)
+    for name in self.std:
+      at, kept = parameters.index(name), parameters[name]
+      for known in self.names:
+        here = np.array([s == known for s in session])[rows]
+        theta[here, at] += theta[here, parameters.index(f"{name}@{known}")]
+      theta[:, at] = np.clip(theta[:, at], kept.lower, kept.upper)
+    return theta
+
+
+ONE_SESSION = SessionShifts({}, {})
