@@ -172,6 +172,8 @@ class Mechanism:
     sought_far: True if it may be so large that it is also sought at several times its typical size on parameters that
       recalibration has not bent (delays and lags).
     curve: True if it only outlines what named mechanisms may be: a calibration fits it, a diagnosis never names it.
+    outlined_by: id of the curve whose shape it is one form of; "" for none. Its hooks go by the present command and
+      speed alone.
     absorbed_by_drive: True if recalibration imitates it with the parameters of the drive, as it does all of
       subsystem "drive".
     sensor_errors: amplitudes that every sensor of the kind has some of, by parameter.
@@ -194,6 +196,7 @@ class Mechanism:
   sought_far: ClassVar[bool] = False
   absorbed_by_drive: ClassVar[bool] = False
   curve: ClassVar[bool] = False
+  outlined_by: ClassVar[str] = ""
   sensor_errors: ClassVar[Mapping[str, SensorError]] = {}
   fitted_rank: ClassVar[int] = 100
 

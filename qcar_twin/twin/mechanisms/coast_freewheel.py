@@ -19,6 +19,7 @@ class CoastFreewheel(Mechanism):
   name = "coast_freewheel"
   subsystem = "drive"
   stage = "actuator"
+  outlined_by = "drive_curve"
   drives = ("voltage", "duty")
   parameters = (
     Parameter("coast_freewheel", 0.0, 0.0, 1.0, "-", "x", null=0.0, typical=0.6, description="braking taken away"),

@@ -28,13 +28,11 @@ class DriveCurve(Mechanism):
   curve = True
   parameters = (
     *(
-      Parameter(f"drive_push_{i}", 0.0, -0.8, 0.8, "-", f"a_{i}", null=0.0, typical=0.03, std=0.1, description="torque")
+      Parameter(f"drive_push_{i}", 0.0, -0.8, 0.8, "-", f"a_{i}", null=0.0, typical=0.05, description="torque")
       for i in range(1, len(_PUSH))
     ),
     *(
-      Parameter(
-        f"drive_brake_{i}", 0.0, -2.0, 1.0, "-", f"b_{i}", null=0.0, typical=0.1, std=0.5, description="braking"
-      )
+      Parameter(f"drive_brake_{i}", 0.0, -2.0, 1.0, "-", f"b_{i}", null=0.0, typical=0.25, description="braking")
       for i in range(len(_BRAKE))
     ),
     Parameter("drive_curve_reach", 5.0, 0.1, 100.0, "V", "U", std=1e-3, description="largest command"),

@@ -19,6 +19,7 @@ class DriveDeadZone(Mechanism):
   name = "drive_dead_zone"
   subsystem = "drive"
   stage = "command"
+  outlined_by = "drive_curve"
   open_loop = True
   drives = ("voltage", "duty")
   parameters = (

@@ -18,6 +18,7 @@ class QuadraticDrag(Mechanism):
   name = "quadratic_drag"
   subsystem = "drive"
   stage = "force"
+  outlined_by = "resistance_curve"
   dissipative = True
   parameters = (
     Parameter("quadratic_drag", 0.0, 0.0, 2.0, "kg/m", "c_2", null=0.0, typical=0.4, description="force per v^2"),

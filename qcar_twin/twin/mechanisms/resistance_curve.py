@@ -26,7 +26,7 @@ class ResistanceCurve(Mechanism):
   curve = True
   parameters = (
     *(
-      Parameter(f"resistance_{i}", 0.0, -0.2, 0.5, "-", f"r_{i}", null=0.0, typical=0.005, std=0.02,
+      Parameter(f"resistance_{i}", 0.0, -0.2, 0.5, "-", f"r_{i}", null=0.0, typical=0.01,
                 description="force")
       for i in range(1, len(_KNOTS))
     ),

@@ -13,9 +13,8 @@ _PLACES = ("right_3", "right_2", "right_1", "left_1", "left_2", "left_3")
 class SteeringCurve(Mechanism):
   """The wheels' angle departs from the command by a free curve, left and right on their own.
 
-  Equation: delta = u + delta_max sum_k c_k h_k(u / delta_max), h_k hats about thirds of the lock; 0 in the middle, held
-  beyond the lock.
-  Units: c_k - (shares of the lock delta_max); u, delta rad, left positive.
+  Equation: delta = u + U sum_k c_k h_k(u / U), h_k hats about thirds of U; 0 in the middle, held beyond U.
+  Units: c_k - (shares of U), U rad, the largest command driven; u, delta rad, left positive.
   Source: hat functions, de Boor, A Practical Guide to Splines, Springer, 2001, ch. III (piecewise linear).
   Confounded with: every named error of the steering's map, which it is there to outline.
   """
@@ -27,15 +26,18 @@ class SteeringCurve(Mechanism):
   symmetric = False
   signed = True
   curve = True
-  parameters = tuple(
-    Parameter(f"steering_curve_{place}", 0.0, -0.8, 0.8, "-", f"c_{i}", null=0.0, typical=0.05, std=0.15,
-              description="departure")
-    for i, place in enumerate(_PLACES)
+  parameters = (
+    *(
+      Parameter(f"steering_curve_{place}", 0.0, -0.8, 0.8, "-", f"c_{i}", null=0.0, typical=0.075,
+                description="departure")
+      for i, place in enumerate(_PLACES)
+    ),
+    Parameter("steering_curve_reach", 0.5, 0.02, 1.2, "rad", "U", std=1e-3, description="largest command"),
   )  # fmt: skip
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
-    lock = context.car.max_steering
-    heights = np.insert(theta, len(_PLACES) // 2, 0.0, axis=1)
+    reach, middle = theta[:, -1], len(_PLACES) // 2
+    heights = np.insert(theta[:, :-1], middle, 0.0, axis=1)
     acting = command.copy()
-    acting[:, 1] += lock * polyline(command[:, 1] / lock, _KNOTS, heights)
+    acting[:, 1] += reach * polyline(command[:, 1] / reach, _KNOTS, heights)
     return acting

@@ -17,6 +17,7 @@ class SteeringDeadZone(Mechanism):
   name = "steering_dead_zone"
   subsystem = "steering"
   stage = "command"
+  outlined_by = "steering_curve"
   open_loop = True
   parameters = (
     Parameter("steering_dead_zone", 0.0, 0.0, 0.15, "rad", "b", null=0.0, typical=0.026, description="half-width"),

@@ -16,6 +16,7 @@ class SteeringOffset(Mechanism):
   name = "steering_offset"
   subsystem = "steering"
   stage = "command"
+  outlined_by = "steering_curve"
   open_loop = True
   symmetric = False
   signed = True

@@ -1,0 +1,203 @@
+"""What a free base reaches on a data set, beside today's base, named forms alone and a black box."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from calibration.campaign.reference_methods import boosted_residual, rms
+from calibration.characterise.flexible import Characterised, characterise
+from calibration.characterise.forms import LEVEL, Form, Outline, outlines
+from calibration.fitting.dataset_recalibration import LONGEST, recalibrate_dataset
+from calibration.fitting.likelihood import Problem
+from calibration.fitting.noise_floor import driving_noise, residual_floor
+from calibration.fitting.observations import UNITS, observe
+from calibration.fitting.recalibration import RecalibratedTwin
+from calibration.fitting.surrogate import searching
+from calibration.fitting.tolerances import always_fitted
+from calibration.fitting.windows import Cut
+from calibration.log_check.ready import ready
+from calibration.progress import Progress, silent
+from qcar_twin.plant import Prediction
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import Recording
+from qcar_twin.twin.engines import EngineKind
+from qcar_twin.twin.mechanisms import select
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+KINDS = ("base", "characterised", "named", "black_box", "noise")
+
+
+@dataclasses.dataclass(frozen=True)
+class Term:
+  """One number that was fitted beside the curves.
+
+  Attributes:
+    name: of the parameter, `parameter@session` for a session's own.
+    value, std: in `unit`; the deviation counts a stretch of driving as one witness.
+    there: it differs from its null by more than chance over all terms.
+  """
+
+  name: str
+  value: float
+  std: float
+  unit: str
+  there: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Study:
+  """Four twins of one car on recordings that took no part.
+
+  Attributes:
+    dataset: name; notes: what its check said.
+    found: the twin with curves; outlines: its curves and the forms they may have.
+    terms: everything else that was freed.
+    named: the twin with named forms in the curves' place; None where no curve has a known form.
+    errors: by KINDS, then channel: root mean square errors on the hold-out, in `units`; "noise" is the sensors' while
+      driving.
+  """
+
+  dataset: str
+  notes: tuple[str, ...]
+  found: Characterised
+  outlines: tuple[Outline, ...]
+  terms: tuple[Term, ...]
+  named: Characterised | None
+  errors: Mapping[str, Mapping[str, float]]
+  units: Mapping[str, str]
+
+  def document(self) -> dict[str, Any]:
+    """Everything a program may want of it, as plain values."""
+    form = lambda f: None if f is None else dataclasses.asdict(f)
+    curves = [
+      {"curve": o.curve, "there": o.is_there, "p_without": o.departs, "places": list(o.places),
+       "heights": o.heights.tolist(), "std": o.std.tolist(), "named": form(o.named), "possible": [list(f.mechanisms) for f in o.possible],
+       "tried": [dataclasses.asdict(f) for f in o.forms[:6]]}
+      for o in self.outlines
+    ]  # fmt: skip
+    return {
+      "dataset": self.dataset,
+      "notes": list(self.notes),
+      "curves": curves,
+      "terms": [dataclasses.asdict(t) for t in self.terms],
+      "named_forms": list(self.named.forms) if self.named else [],
+      "holdout": {kind: dict(values) for kind, values in self.errors.items()},
+      "units": dict(self.units),
+      "command_shift": self.found.fitted.command_shift,
+    }
+
+
+def study(
+  dataset: DataSet,
+  most: float = LONGEST,
+  threads: int = 0,
+  progress: Progress = silent,
+  plant: EngineKind = "reduced",
+) -> Study:
+  """Characterise a data set's car; the hold-out is opened at the end, once.
+
+  Args:
+    dataset: recordings with roles.
+    most: s of driving that are simulated.
+    threads: of the simulation, 0 for all cores.
+    progress: told the stage.
+    plant: what is searched with: the reduced car, confirmed by MuJoCo, or "mujoco" alone.
+  """
+  dataset, notes = ready(dataset)
+  progress("the base as it is")
+  base = _base(dataset, most, threads, plant)
+  progress("curves")
+  found = characterise(dataset, most=most, threads=threads, plant=plant)
+  drawn = tuple(outlines(found))
+  names = [name for o in drawn if (form := o.named) for name in form.mechanisms]
+  named = None
+  if any(o.is_there for o in drawn):
+    progress("named forms in the curves' place")
+    named = characterise(dataset, names, [o.curve for o in drawn], most, threads=threads, plant=plant)
+  progress("hold-out")
+  errors, units = _errors(base, found, named, dataset.role("holdout"))
+  return Study(dataset.name, dataset.warnings + notes, found, drawn, terms(found), named, errors, units)
+
+
+def terms(found: Characterised) -> tuple[Term, ...]:
+  """What was freed beside the curves; there, where chance over all of them leaves no more than LEVEL (Bonferroni)."""
+  parameters, values = found.fitted.fit.parameters, found.fitted.fit.theta
+  std = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+  mechanisms = {m.name: m for m in found.twin.mechanisms}
+  amplitudes = {p.name for name in (*found.beside, *found.forms) for p in mechanisms[name].parameters if p.null == 0.0}
+  listed = [i for i, p in enumerate(parameters) if p.name in amplitudes or "@" in p.name]
+  wanted = float(norm.isf(0.5 * LEVEL / max(len(listed), 1)))
+  return tuple(
+    Term(p.name, float(values[i]), float(std[i]), p.unit, bool(abs(values[i]) > wanted * std[i] > 0.0))
+    for i in listed
+    for p in [parameters[parameters.names[i]]]
+  )
+
+
+def _base(dataset: DataSet, most: float, threads: int, plant: EngineKind) -> RecalibratedTwin:
+  vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
+  searched, _ = searching(Twin(vehicle, select(always_fitted()), substeps=2, threads=threads), plant)
+  return recalibrate_dataset(dataset, searched, most=most)
+
+
+def _errors(
+  base: RecalibratedTwin, found: Characterised, named: Characterised | None, holdout: Sequence[Recording]
+) -> tuple[dict[str, dict[str, float]], dict[str, str]]:
+  """Root mean square errors by kind and channel; {} without a hold-out."""
+  if not holdout:
+    return {}, {}
+  cut = Cut(command_shift=base.command_shift, most=LONGEST)
+  problem: Problem = base.problem.exact
+  observations = observe(holdout, problem.twin.vehicle, cut)
+  prediction = problem.twin.rollout(base.theta[None], observations.stretches.segments)
+  raw = observations.predict(prediction)[0] - observations.measured
+  learnt = problem.predict(base.theta[None])
+  residual = problem.observations.predict(learnt)[0] - problem.observations.measured
+  trees = boosted_residual(problem.observations, learnt, residual, observations, prediction, raw)
+  errors = {"base": rms(observations, raw), "characterised": _error(found, holdout)}
+  if named:
+    errors["named"] = _error(named, holdout)
+  noise = residual_floor(driving_noise(holdout))
+  errors |= {"black_box": rms(observations, trees)}
+  errors["noise"] = {name: float(noise[name]) for name in observations.present if name in noise}
+  return errors, {name: UNITS[name] for name in observations.present}
+
+
+def _error(found: Characterised, holdout: Sequence[Recording]) -> dict[str, float]:
+  cut = Cut(command_shift=found.fitted.command_shift, most=LONGEST)
+  observations = observe(holdout, found.twin.vehicle, cut)
+  prediction: Prediction = found.twin.rollout(found.theta[None], observations.stretches.segments)
+  return rms(observations, observations.predict(prediction)[0] - observations.measured)
+
+
+def sentences(found: Study) -> list[str]:
+  """What the terminal says, a line a finding."""
+  lines = []
+  for outline in found.outlines:
+    lines.append(f"{outline.curve}: {_said(outline)}")
+  there = [f"{t.name} = {t.value:.3g} ± {t.std:.1g} {t.unit}" for t in found.terms if t.there]
+  lines.append("besides: " + ("; ".join(there) if there else "nothing that stands out from chance"))
+  for channel, unit in found.units.items():
+    parts = [f"{kind.replace('_', ' ')} {found.errors[kind][channel]:.4g}" for kind in KINDS
+             if channel in found.errors.get(kind, {})]  # fmt: skip
+    lines.append(f"hold-out {channel} [{unit}]: " + ", ".join(parts))
+  return lines
+
+
+def _said(outline: Outline) -> str:
+  form: Form | None = outline.named
+  if not outline.is_there:
+    return "no departure from the base car's law"
+  if form is None:
+    return "departs, as a curve of no known form (its table is in characterise.json)"
+  values = ", ".join(f"{n} = {v:.3g} ± {form.std[n]:.1g}" for n, v in form.values.items())
+  others = len(outline.possible) - 1
+  rivals = f" ({others} other forms fit, too)" if others else ""
+  return f"departs as {' and '.join(form.mechanisms)} would: {values}{rivals}"

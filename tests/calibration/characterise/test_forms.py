@@ -1,0 +1,112 @@
+"""Curves get the name of the form they were made of, and none where they have none."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calibration.characterise.flexible import Characterised
+from calibration.characterise.forms import LEVEL, _answer, _context, _questions, outlines, projection
+from qcar_twin.plant import START, Segments
+from qcar_twin.twin.mechanisms import curves, select
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import Vehicle
+
+CAR = Vehicle.load()
+CURVES = tuple(m.name for m in curves("voltage"))
+REACH = {"drive_curve_reach": 3.0, "resistance_curve_reach": 2.5, "steering_curve_reach": CAR.max_steering}
+NOISE = 0.004  # of a height
+
+
+def characterised(heights: dict[str, np.ndarray]) -> Characterised:
+  """A fitted twin whose curves have these heights, each known to NOISE; the driving covers lock, supply and speed."""
+  twin = Twin(CAR, select(CURVES), substeps=2, engine="reduced")
+  values = dict(REACH)
+  for name, value in heights.items():
+    values |= dict(zip([p.name for p in select([name])[0].parameters if p.null is not None], value, strict=True))
+  theta = twin.parameters.vector(twin.parameters.named(twin.parameters.nominal) | values)
+  commands = np.zeros((1, 200, 2))
+  commands[0, :, 0] = np.linspace(0.0, 3.0, 200)
+  commands[0, :, 1] = np.linspace(-CAR.max_steering, CAR.max_steering, 200)
+  start = np.zeros((1, len(START)))
+  start[0, START.index("velocity_x")] = 2.5
+  segments = Segments(commands, start, np.array([200]), 0.01, ("a",), np.zeros(1))
+  problem = SimpleNamespace(
+    twin=twin,
+    mechanism=lambda name: next(m for m in twin.mechanisms if m.name == name),
+    observations=SimpleNamespace(stretches=SimpleNamespace(segments=segments)),
+  )
+  problem.exact = problem
+  fit = SimpleNamespace(parameters=twin.parameters, theta=theta)
+  found = Characterised(SimpleNamespace(problem=problem, fit=fit, theta=theta), CURVES, ("steering_offset",))
+  object.__setattr__(found, "fitted", SimpleNamespace(problem=problem, fit=fit, theta=theta))
+  return found
+
+
+@pytest.fixture(autouse=True)
+def known_covariance(monkeypatch):
+  size = lambda found: len(found.fitted.fit.parameters)
+  monkeypatch.setattr(Characterised, "covariance", property(lambda found: NOISE**2 * np.eye(size(found))))
+
+
+def heights_of(curve: str, forms: dict[str, dict[str, float]], rng=None) -> np.ndarray:
+  """Heights of a curve that is made of named forms, with noise."""
+  blank = characterised({})
+  item = blank.fitted.problem.mechanism(curve)
+  project, _ = projection(blank, item)
+  mechanisms = select(forms)
+  theta = [forms[m.name].get(p.name, p.nominal) for m in mechanisms for p in m.parameters]
+  found = project(mechanisms, np.array(theta))
+  return found if rng is None else found + NOISE * rng.standard_normal(len(found))
+
+
+MADE = {
+  "steering_saturation": ("steering_curve", {"steering_saturation": 1.5, "steering_steepness": 0.3}),
+  "steering_asymmetry": ("steering_curve", {"steering_asymmetry": 0.15}),
+  "drive_chopped": ("drive_curve", {"drive_chopped": 0.8, "drive_chopped_supply": 6.0}),
+  "quadratic_drag": ("resistance_curve", {"quadratic_drag": 0.8}),
+}
+
+
+@pytest.mark.parametrize("form", MADE)
+def test_a_form_gives_the_curve_its_name(form: str):
+  curve, values = MADE[form]
+  rng = np.random.default_rng(5)
+  found = {o.curve: o for o in outlines(characterised({curve: heights_of(curve, {form: values}, rng)}))}
+  assert [name for name, o in found.items() if o.is_there] == [curve]
+  right = next(f for f in found[curve].possible if f.mechanisms == (form,))
+  for name, value in values.items():
+    assert right.values[name] == pytest.approx(value, abs=4.0 * right.std[name] + 1e-9)
+  assert len(found[curve].named.values) <= len(right.values)
+
+
+def test_right_forms_are_refused_as_often_as_stated():
+  rng, curve, form = np.random.default_rng(6), "steering_curve", "steering_asymmetry"
+  exact, tries = heights_of(curve, {form: {"steering_asymmetry": 0.2}}), 60
+  refused = 0
+  for _ in range(tries):
+    noisy = exact + NOISE * rng.standard_normal(len(exact))
+    (outline,) = [o for o in outlines(characterised({curve: noisy})) if o.curve == curve]
+    fitted = next(f for f in outline.forms if f.mechanisms == (form,))
+    refused += fitted.p_value < LEVEL
+  assert refused <= 5  # binomial, 60 at 0.02: more than 5 in one of 1000
+
+
+def test_a_zigzag_has_no_known_form():
+  zigzag = 0.15 * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+  found = {o.curve: o for o in outlines(characterised({"steering_curve": zigzag}))}
+  assert found["steering_curve"].is_there and found["steering_curve"].named is None
+
+
+def test_no_departure_has_no_name():
+  assert not any(o.is_there or o.named for o in outlines(characterised({})))
+
+
+def test_the_base_cars_own_gain_and_damping_are_no_departure():
+  blank = characterised({})
+  curve = blank.fitted.problem.mechanism("drive_curve")
+  commands, speeds = _questions(blank, curve)
+  unit = projection(blank, curve)[1]
+  found = {o.curve: o for o in outlines(characterised({"drive_curve": 0.3 * unit[:, 0] + 0.2 * unit[:, 1]}))}
+  assert not found["drive_curve"].is_there
+  assert np.isfinite(_answer([curve], np.full(10, 0.1), _context(blank, commands, speeds))).all()
