@@ -77,11 +77,18 @@ class Study:
     """Everything a program may want of it, as plain values."""
     form = lambda f: None if f is None else dataclasses.asdict(f)
     curves = [
-      {"curve": o.curve, "there": o.is_there, "p_without": o.departs, "places": list(o.places),
-       "heights": o.heights.tolist(), "std": o.std.tolist(), "named": form(o.named), "possible": [list(f.mechanisms) for f in o.possible],
-       "tried": [dataclasses.asdict(f) for f in o.forms[:6]]}
+      {
+        "curve": o.curve,
+        "there": o.is_there,
+        "p_without": o.departs,
+        "places": list(o.places),
+        "heights": o.heights.tolist(),
+        "std": o.std.tolist(),
+        "named": form(o.named),
+        "possible": [list(f.mechanisms) for f in o.possible],
+      }
       for o in self.outlines
-    ]  # fmt: skip
+    ]
     return {
       "dataset": self.dataset,
       "notes": list(self.notes),
