@@ -82,7 +82,7 @@ class LocalFilters:
     state = start.copy()
     self._take_inputs(state, before)
     self._predict(state)
-    self._correct_motion(state, now.motion)
+    self._correct_motion(state, now.motion, time)
     if self.settings.central:
       self._correct_acceleration(state, now.accel)
     if now.fix is not None:
@@ -138,15 +138,15 @@ class LocalFilters:
 
   # -- encoder, gyro, accelerometer --------------------------------------------------------------
 
-  def _correct_motion(self, state: FilterState, measured: Array) -> None:
+  def _correct_motion(self, state: FilterState, measured: Array, time: float) -> None:
     """Encoder, then gyro; both gates look at the prediction, as in the joint update."""
     settings, limit = self.settings, self.settings.limits[0]
     motion = measured - self._motion_bias
     if settings.front_drive_share:
       motion[:, SPEED] /= 1.0 + settings.front_drive_share * (1.0 / np.cos(state.wheel_angle) - 1.0)
+    said = motion.copy()
     if state.watches:
-      self._watch_travel(state, motion[:, SPEED])
-      motion[[w.doubted for w in state.watches], SPEED] = np.nan
+      self._watch_encoders(state, measured[:, SPEED], motion)
     used = []
     for row, noise, name, value in zip(MOTION_ROWS, self._noises, ("speed", "yaw_rate"), motion.T, strict=True):
       innovation = value - state.bicycle[:, row]
@@ -158,12 +158,41 @@ class LocalFilters:
       state.bicycle, state.bicycle_covariance, _, _ = kalman.correct(
         state.bicycle, state.bicycle_covariance, row, value, noise, fits
       )
+    if state.odometers:
+      self._watch_odometry(state, np.where(used[YAW_RATE], said[:, YAW_RATE], np.nan), time)
 
-  def _watch_travel(self, state: FilterState, speed: Array) -> None:
+  def _watch_encoders(self, state: FilterState, raw: Array, motion: Array) -> None:
+    """Take out of `motion` what is not believed; open the speed of cars that have felt what their encoder says."""
     state.watches = tuple(watch.copy() for watch in state.watches)
-    for watch, v in zip(state.watches, speed.tolist(), strict=True):
-      if math.isfinite(v):
-        watch.travel(v, self.settings.period)
+    forward = np.where(state.accel_age <= self.settings.accel_timeout, state.accel[:, 0], np.nan)
+    variance = state.bicycle_covariance[:, V, V]
+    reaches = np.sqrt(self.settings.limits[0] * (variance + self._noises[SPEED]))
+    opened = np.zeros(len(raw))
+    for i, (watch, odometer) in enumerate(zip(state.watches, state.odometers, strict=True)):
+      watch.coast(float(forward[i]), self.settings.period)
+      speed, reach = float(motion[i, SPEED]), float(reaches[i])
+      motion[i, YAW_RATE] -= odometer.bias
+      if not math.isfinite(speed):
+        continue
+      watch.hear(float(raw[i]))
+      watch.travel(speed, self.settings.period)
+      innovation = speed - float(state.bicycle[i, V])
+      fits = abs(innovation) <= reach
+      if not (fits or watch.suspended) and watch.borne_out(speed, reach):
+        opened[i], fits = innovation**2, True
+      watch.judge(speed, innovation, reach, fits)
+    if opened.any():
+      state.bicycle_covariance = state.bicycle_covariance.copy()
+      state.bicycle_covariance[:, V, V] += opened
+    motion[[not watch.believed for watch in state.watches], SPEED] = np.nan
+
+  def _watch_odometry(self, state: FilterState, gyro: Array, time: float) -> None:
+    """Go on with odometry; where the gyro is not used the filter's own rate stands in."""
+    state.odometers = tuple(odometer.copy() for odometer in state.odometers)
+    for i, odometer in enumerate(state.odometers):
+      _, _, speed, _, sideslip, rate = state.bicycle[i].tolist()
+      told = float(gyro[i])
+      odometer.travel(time, speed, sideslip, told if math.isfinite(told) else rate + odometer.bias, self.settings.period)
 
   def _count(self, channel: str, reason: str, which: Mask) -> None:
     if number := int(np.count_nonzero(which)):
@@ -197,17 +226,45 @@ class LocalFilters:
         x, y = fix[i, PLACE].tolist()
         watch.compare(time + offset, x, y, math.sqrt(position[i]))
     # without lidar EKF_PM soon believes anything, so a fix must pass the gate of EKF_BM first
-    accepted = self._fix_bicycle(state, fix[:, POSE], noise / self.settings.sharing[BICYCLE], offset)
-    self._fix_point(state, fix[:, PLACE], noise[:, PLACE] / self.settings.sharing[POINT], offset, accepted)
+    stamps = np.full(len(fix), offset)
+    if state.odometers:
+      stamps = stamps - [odometer.delay for odometer in state.odometers]
+    accepted = self._fix_bicycle(state, fix[:, POSE], noise / self.settings.sharing[BICYCLE], stamps)
+    self._fix_point(state, fix[:, PLACE], noise[:, PLACE] / self.settings.sharing[POINT], stamps, accepted)
+    if state.odometers:
+      self._compare_odometry(state, fix, noise, offset, time, accepted)
 
-  def _fix_bicycle(self, state: FilterState, pose: Array, noise: Array, offset: float) -> Mask:
+  def _compare_odometry(
+    self, state: FilterState, fix: Array, noise: Array, offset: float, time: float, accepted: Mask
+  ) -> None:
+    """Let the odometers judge gyros and stamps by the accepted fixes; what was wrong for a while is known less well."""
+    widened = np.zeros((len(fix), 6))
+    factor, correlation = self.settings.lidar_factor, self.settings.lidar_correlation
+    for i in np.flatnonzero(accepted & np.isfinite(fix[:, POSE]).all(axis=1)):
+      _, _, speed, yaw, sideslip, rate = state.bicycle[i].tolist()
+      ahead = offset * speed * math.cos(yaw + sideslip), offset * speed * math.sin(yaw + sideslip), offset * rate
+      x, y, heading = (fix[i, POSE] - ahead).tolist()
+      stds = math.sqrt(noise[i, 0] / factor), math.sqrt(noise[i, 2] / factor)
+      found = state.odometers[i].compare(time, (x, y, heading), stds, (speed, sideslip, rate), correlation)
+      if found is not None:
+        along, across = speed * found.delay, 0.5 * found.span * found.bias
+        widened[i, [X, Y]] = along**2
+        widened[i, YAW] = across**2 + (rate * found.delay) ** 2
+        widened[i, R] = found.bias**2
+    if widened.any():
+      state.bicycle_covariance = state.bicycle_covariance + widened[:, :, None] * np.eye(6)
+      point = np.zeros((len(fix), 4, 4))
+      point[:, [X, Y], [X, Y]] = widened[:, [X, Y]]
+      state.point_covariance = state.point_covariance + point
+
+  def _fix_bicycle(self, state: FilterState, pose: Array, noise: Array, offset: Array) -> Mask:
     """Take poses, (N, 3), where they fit or the car is lost without them; which ones."""
     there = np.isfinite(pose)
     values = pose.copy()
-    if offset:
+    if offset.any():
       v, course = state.bicycle[:, V], state.bicycle[:, YAW] + state.bicycle[:, BETA]
       ahead = v * np.cos(course), v * np.sin(course), state.bicycle[:, R]
-      values -= offset * np.stack(ahead, axis=-1)
+      values -= offset[:, None] * np.stack(ahead, axis=-1)
     turned = np.where(there[:, 2], values[:, 2] - state.bicycle[:, YAW], 0.0)
     values[:, 2] = state.bicycle[:, YAW] + wrap_angle(turned)
     trial = kalman.correct_together(state.bicycle, state.bicycle_covariance, POSE_ROWS, values, noise, there)
@@ -238,10 +295,10 @@ class LocalFilters:
     state.driven = np.where(wrong, 0.0, state.driven)
     return wrong & (state.steady >= self.settings.lost_after)
 
-  def _fix_point(self, state: FilterState, place: Array, noise: Array, offset: float, accepted: Mask) -> None:
+  def _fix_point(self, state: FilterState, place: Array, noise: Array, offset: Array, accepted: Mask) -> None:
     """A fix EKF_BM has accepted but EKF_PM cannot is the accelerometer's fault: start EKF_PM afresh."""
     there = np.isfinite(place) & (accepted & self.point_on(state))[:, None]
-    values = place - offset * state.point[:, 2:] if offset else place
+    values = place - offset[:, None] * state.point[:, 2:] if offset.any() else place
     trial = kalman.correct_together(state.point, state.point_covariance, PLACE_ROWS, values, noise, there)
     fits, some = self._judge(trial, there, POINT), there.any(axis=1)
     state.point = choose(some & fits, trial.state, state.point)

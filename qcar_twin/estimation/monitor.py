@@ -1,5 +1,6 @@
-"""Whether one car's encoder is believed: its speed against the one that the lidar's raw fixes tell."""
+"""Whether one car's encoder is believed: against its own past, the filter, the accelerometer and the raw fixes."""
 
+import copy
 import dataclasses
 import itertools
 import math
@@ -11,6 +12,11 @@ SLACK = 0.1  # m/s by which lidar and encoder may differ, besides
 RELATIVE_SLACK = 0.15  # of the speed: slip, wheel radius
 NOISE_SLACK = 1.7  # fix standard deviations per interval: three of the median of ten differences
 PERSISTENCE = 3  # comparisons in a row before the verdict changes
+FALSE_ALARM = 1e-6  # probability of calling a sound encoder frozen, per sample
+REMEMBERED = 200.0  # samples by which it is known how often a sound encoder repeats itself
+REFUSALS = 3  # samples in a row beyond the filter's gate, each 1e-4 likely by chance, that suspend it
+AGREEMENTS = 20  # samples in a row within the gate as it was before that bring it back
+COASTING = 0.5  # m/s^2, by which an accelerometer on a rolling, pitching car may be wrong for a while
 
 
 @dataclasses.dataclass(slots=True)
@@ -25,16 +31,78 @@ class SpeedWatch:
     distance: the encoder's, m.
     doubted: whether the encoder is left out at present.
     contrary: comparisons in a row that contradict `doubted`.
+    last, repeated: last sample, m/s, and how often it has been repeated since.
+    repeats, samples: how many of how many former samples repeated the one before, fading.
+    refusals, agreements: samples in a row that the filter refused, and that agree with it while suspended.
+    suspended: whether the filter's gate has refused it in a row.
+    reach: m/s, of the gate at the first refusal.
+    coasted: m/s, the last sample that was used and what the accelerometer has added since.  since: then, s.
   """
 
   fixes: tuple[tuple[float, float, float, float], ...] = ()
   distance: float = 0.0
   doubted: bool = False
   contrary: int = 0
+  last: float = math.nan
+  repeated: int = 0
+  repeats: float = 0.0
+  samples: float = 0.0
+  refusals: int = 0
+  agreements: int = 0
+  suspended: bool = False
+  reach: float = 0.0
+  coasted: float = math.nan
+  since: float = 0.0
 
   def copy(self) -> "SpeedWatch":
     """An independent copy."""
-    return SpeedWatch(self.fixes, self.distance, self.doubted, self.contrary)
+    return copy.copy(self)
+
+  @property
+  def frozen(self) -> bool:
+    """Whether it has repeated a sample other than zero more often than it ever would.
+
+    A coarse encoder repeats itself often, a fine one hardly: its own past says how often, runs that have ended
+    counted. At rest every encoder repeats its zero.
+    """
+    likely = (self.repeats + 1.0) / (self.samples + 2.0)
+    return self.last != 0.0 and self.repeated * math.log(likely) < math.log(FALSE_ALARM)
+
+  @property
+  def believed(self) -> bool:
+    """Whether the filter may use it."""
+    return not (self.doubted or self.suspended or self.frozen)
+
+  def hear(self, sample: float) -> None:
+    """Take a raw sample, m/s."""
+    if sample == self.last:
+      self.repeated += 1
+      return
+    faded = max(0.0, 1.0 - (self.repeated + 1) / REMEMBERED)
+    self.repeats, self.samples = faded * self.repeats + self.repeated, faded * self.samples + self.repeated + 1
+    self.last, self.repeated = sample, 0
+
+  def coast(self, acceleration: float, period: float) -> None:
+    """What the accelerometer, m/s^2 forward, says has become of the speed; NaN where there is none."""
+    self.coasted += acceleration * period
+    self.since += period
+
+  def borne_out(self, speed: float, reach: float) -> bool:
+    """Whether the accelerometer has felt what the encoder says: a car that hits something is no fault of it."""
+    return abs(speed - self.coasted) <= reach + COASTING * self.since
+
+  def judge(self, speed: float, innovation: float, reach: float, fits: bool) -> None:
+    """Take the filter's verdict on a sample, m/s: its innovation and the reach of its gate, m/s."""
+    if self.suspended:
+      self.agreements = self.agreements + 1 if abs(innovation) <= self.reach else 0
+      self.suspended = self.agreements < AGREEMENTS
+      self.refusals = 0
+    elif fits:
+      self.refusals, self.coasted, self.since = 0, speed, 0.0
+    else:
+      self.reach = self.reach if self.refusals else reach
+      self.refusals += 1
+      self.suspended, self.agreements = self.refusals >= REFUSALS, 0
 
   def travel(self, speed: float, period: float) -> None:
     """Add one encoder sample, m/s held for `period` s."""
