@@ -18,12 +18,11 @@ from agents.control.interface import Controller, Situation
 from agents.control.model import Model
 from agents.control.speed import SpeedController, SpeedGains
 from qcar_twin.envs.driven_cars import ESTIMATED, Course, DrivenCars, one_of
-from qcar_twin.estimation.models import YAW as YAW_STATE
 from qcar_twin.estimation.observer import SensedObserver
 from qcar_twin.estimation.offline import angle_error, position_nees
 from qcar_twin.paths import path_named
 from qcar_twin.plant import POSE, POSITION, YAW
-from qcar_twin.sensors.faults import Fault
+from qcar_twin.sensors.faults import Fault, Kind
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
 
 Array = NDArray[np.float64]
@@ -50,7 +49,7 @@ class FaultClass:
   end: float = END
 
 
-def _during(channel: str, kind, size: float = 0.0, chance: float = 0.0) -> Fault:
+def _during(channel: str, kind: Kind, size: float = 0.0, chance: float = 0.0) -> Fault:
   return Fault(channel, kind, BEGIN, END, size, chance)
 
 
@@ -102,19 +101,25 @@ class Run:
 
   Attributes:
     position: estimated minus true, m, (T, N, 2).  yaw: likewise, rad.
-    covariance: of the position, xx xy yy, m^2, (T, N, 3).  yaw_variance: rad^2.
+    covariance: of the position, xx xy yy, m^2, (T, N, 3).
+    bounds: of the errors of position, m, and yaw, rad, (T, N, 2).
   """
 
   position: Array
   yaw: Array
   covariance: Array
-  yaw_variance: Array
+  bounds: Array
   valid: Mask
 
   @property
   def error(self) -> Array:
     """Of the position, m."""
     return np.hypot(*np.moveaxis(self.position, -1, 0))
+
+  @property
+  def beyond(self) -> Mask:
+    """Which errors of position and of yaw are beyond their bounds, (T, N, 2)."""
+    return np.stack([self.error, np.abs(self.yaw)], axis=-1) > self.bounds
 
   @property
   def nees(self) -> Array:
@@ -149,16 +154,15 @@ def record(model: Model, plant: str, controller: Controller, path: str, count: i
   return Recorded(path, np.stack(signals), np.stack(commands), seed)
 
 
-def estimate(model: Model, plant: str, drive: Recorded, faults: tuple[Fault, ...]) -> Run:
-  """The watched filter on a drive whose sensors have these faults; its first row is the instant after the start."""
+def estimate(model: Model, plant: str, drive: Recorded, faults: tuple[Fault, ...], watched: bool = True) -> Run:
+  """The filter on a drive whose sensors have these faults; its first row is the instant after the start."""
   suite = SensorSuite(qcar_sensors(), drive.signals.shape[1], drive.seed, faults=faults)
-  observer = SensedObserver(suite, model.car, model.filter_settings(plant), watched=True)
+  observer = SensedObserver(suite, model.car, model.filter_settings(plant), watched=watched)
   observer.begin(drive.signals[0])
   rows = []
   for commands, signals in zip(drive.commands, drive.signals[1:], strict=True):
     observer.command(commands)
     e, truth = observer.observe(signals), signals[:, POSE]
-    spread = observer.filter.state.bicycle_covariance[:, YAW_STATE, YAW_STATE]
     turned = angle_error(e.pose[:, YAW], truth[:, YAW])
-    rows.append((e.pose[:, POSITION] - truth[:, POSITION], turned, e.covariance, spread, e.valid))
+    rows.append((e.pose[:, POSITION] - truth[:, POSITION], turned, e.covariance, e.bounds, e.valid))
   return Run(*(np.stack(column) for column in zip(*rows, strict=True)))

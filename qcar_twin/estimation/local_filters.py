@@ -4,6 +4,7 @@ EKF_BM is the single track (position, speed, yaw, sideslip, yaw rate) with lidar
 the point mass driven by the accelerometer, with the lidar's position. A missing sample is NaN.
 """
 
+import copy
 import dataclasses
 import math
 from collections import Counter
@@ -192,7 +193,9 @@ class LocalFilters:
     for i, odometer in enumerate(state.odometers):
       _, _, speed, _, sideslip, rate = state.bicycle[i].tolist()
       told = float(gyro[i])
-      odometer.travel(time, speed, sideslip, told if math.isfinite(told) else rate + odometer.bias, self.settings.period)
+      odometer.travel(
+        time, speed, sideslip, told if math.isfinite(told) else rate + odometer.bias, self.settings.period
+      )
 
   def _count(self, channel: str, reason: str, which: Mask) -> None:
     if number := int(np.count_nonzero(which)):
@@ -221,41 +224,51 @@ class LocalFilters:
     scored = np.isfinite(fix[:, SCORE])
     position, yaw = self.settings.pose_noise(np.where(scored, fix[:, SCORE], self._assumed_score))
     noise = np.stack([position, position, yaw], axis=-1)
-    for i, watch in enumerate(state.watches):
-      if np.isfinite(fix[i, PLACE]).all():
-        x, y = fix[i, PLACE].tolist()
-        watch.compare(time + offset, x, y, math.sqrt(position[i]))
+    offsets = np.full(len(fix), offset)
+    if state.watches:
+      fix, offsets = self._watch_fixes(state, fix, offsets, time, np.sqrt(position))
     # without lidar EKF_PM soon believes anything, so a fix must pass the gate of EKF_BM first
-    stamps = np.full(len(fix), offset)
+    accepted = self._fix_bicycle(state, fix[:, POSE], noise / self.settings.sharing[BICYCLE], offsets)
+    self._fix_point(state, fix[:, PLACE], noise[:, PLACE] / self.settings.sharing[POINT], offsets, accepted)
     if state.odometers:
-      stamps = stamps - [odometer.delay for odometer in state.odometers]
-    accepted = self._fix_bicycle(state, fix[:, POSE], noise / self.settings.sharing[BICYCLE], stamps)
-    self._fix_point(state, fix[:, PLACE], noise[:, PLACE] / self.settings.sharing[POINT], stamps, accepted)
-    if state.odometers:
-      self._compare_odometry(state, fix, noise, offset, time, accepted)
+      self._judge_gyros(state, fix, noise / self.settings.lidar_factor, offsets, time, accepted)
 
-  def _compare_odometry(
-    self, state: FilterState, fix: Array, noise: Array, offset: float, time: float, accepted: Mask
+  def _watch_fixes(
+    self, state: FilterState, fix: Array, offsets: Array, time: float, stds: Array
+  ) -> tuple[Array, Array]:
+    """Fixes without those that are off the beat, and when they were measured after the slot, s."""
+    state.clocks = tuple(copy.copy(clock) for clock in state.clocks)
+    fix, offsets = fix.copy(), offsets.copy()
+    for i in np.flatnonzero(np.isfinite(fix[:, PLACE]).all(axis=1)):
+      if not state.clocks[i].hear(time + float(offsets[i])):
+        fix[i] = np.nan
+        self._count("pose", "off the beat", np.array([True]))
+        continue
+      offsets[i] -= state.clocks[i].delay
+      x, y = fix[i, PLACE].tolist()
+      state.watches[i].compare(time + float(offsets[i]), x, y, float(stds[i]))
+    return fix, offsets
+
+  def _judge_gyros(
+    self, state: FilterState, fix: Array, noise: Array, offsets: Array, time: float, accepted: Mask
   ) -> None:
-    """Let the odometers judge gyros and stamps by the accepted fixes; what was wrong for a while is known less well."""
-    widened = np.zeros((len(fix), 6))
-    factor, correlation = self.settings.lidar_factor, self.settings.lidar_correlation
+    """Let the odometers judge gyros by the accepted fixes; what was wrong for a while is known less well."""
+    widened, unseen = np.zeros((len(fix), 6)), state.unseen.copy()
     for i in np.flatnonzero(accepted & np.isfinite(fix[:, POSE]).all(axis=1)):
       _, _, speed, yaw, sideslip, rate = state.bicycle[i].tolist()
-      ahead = offset * speed * math.cos(yaw + sideslip), offset * speed * math.sin(yaw + sideslip), offset * rate
+      course, since = yaw + sideslip, float(offsets[i])
+      ahead = since * speed * math.cos(course), since * speed * math.sin(course), since * rate
       x, y, heading = (fix[i, POSE] - ahead).tolist()
-      stds = math.sqrt(noise[i, 0] / factor), math.sqrt(noise[i, 2] / factor)
-      found = state.odometers[i].compare(time, (x, y, heading), stds, (speed, sideslip, rate), correlation)
+      stds = math.sqrt(noise[i, 0]), math.sqrt(noise[i, 2])
+      odometer, motion = state.odometers[i], (speed, sideslip, rate)
+      found = odometer.compare(time, (x, y, heading), stds, motion, self.settings.lidar_correlation)
+      unseen[i] = odometer.unseen
       if found is not None:
-        along, across = speed * found.delay, 0.5 * found.span * found.bias
-        widened[i, [X, Y]] = along**2
-        widened[i, YAW] = across**2 + (rate * found.delay) ** 2
+        widened[i, YAW] = (0.5 * found.span * found.bias) ** 2
         widened[i, R] = found.bias**2
+    state.unseen = unseen
     if widened.any():
       state.bicycle_covariance = state.bicycle_covariance + widened[:, :, None] * np.eye(6)
-      point = np.zeros((len(fix), 4, 4))
-      point[:, [X, Y], [X, Y]] = widened[:, [X, Y]]
-      state.point_covariance = state.point_covariance + point
 
   def _fix_bicycle(self, state: FilterState, pose: Array, noise: Array, offset: Array) -> Mask:
     """Take poses, (N, 3), where they fit or the car is lost without them; which ones."""

@@ -1,4 +1,7 @@
-"""Whether one car's encoder is believed: against its own past, the filter, the accelerometer and the raw fixes."""
+"""Whether one car's encoder and the stamps of its fixes are believed.
+
+The encoder is held against its own past, the filter, the accelerometer and the raw fixes; stamps against their beat.
+"""
 
 import copy
 import dataclasses
@@ -16,6 +19,8 @@ FALSE_ALARM = 1e-6  # probability of calling a sound encoder frozen, per sample
 REMEMBERED = 200.0  # samples by which it is known how often a sound encoder repeats itself
 REFUSALS = 3  # samples in a row beyond the filter's gate, each 1e-4 likely by chance, that suspend it
 AGREEMENTS = 20  # samples in a row within the gate as it was before that bring it back
+BEATS = 10  # stamps by which it is known that a lidar keeps its beat
+OFF_BEAT = 0.2  # of the interval between fixes, by which a stamp may miss the beat
 COASTING = 0.5  # m/s^2, by which an accelerometer on a rolling, pitching car may be wrong for a while
 
 
@@ -128,3 +133,52 @@ class SpeedWatch:
     self.contrary = self.contrary + 1 if disagree != self.doubted else 0
     if self.contrary >= PERSISTENCE:
       self.doubted, self.contrary = disagree, 0
+
+
+@dataclasses.dataclass(slots=True)
+class StampWatch:
+  """Whether the fixes' stamps keep the lidar's beat.
+
+  A lidar turns at its own rate whatever becomes of its data on their way. Stamps that are made from the time of
+  arrival keep that rate, too, until the latency changes: then they miss the beat, all by the same time. A fix off the
+  beat is not used until three agree by how much, which is then the latency that the stamps do not say. Nothing arrives
+  before it was measured, so that it is an added latency of up to four fifths of an interval. Stamps without a beat are
+  taken as they are.
+
+  Attributes:
+    stamps: s, the last ones on the beat.
+    delay: of the fixes beyond their stamps, s.
+    odd: s, the last ones that missed it.
+    slack: s, by which a stamp may miss it.
+  """
+
+  stamps: tuple[float, ...] = ()
+  delay: float = 0.0
+  odd: tuple[float, ...] = ()
+  slack: float = 0.0
+
+  def hear(self, stamp: float) -> bool:
+    """Take a stamp, s; whether its fix may be used."""
+    if len(self.stamps) <= BEATS:
+      self.stamps = (*self.stamps, stamp)
+      return True
+    gaps = [b - a for a, b in itertools.pairwise(self.stamps)]
+    interval = statistics.median(gaps)
+    beats = lambda time: time / interval - round(time / interval)
+    if interval <= 0.0 or max(abs(beats(gap)) for gap in gaps) > OFF_BEAT:
+      return self._on(stamp)
+    if abs(beats(stamp - self.stamps[-1])) <= OFF_BEAT:
+      return self._on(stamp)
+    self.odd = (*self.odd[1 - PERSISTENCE :], stamp)
+    if len(self.odd) < PERSISTENCE or max(abs(beats(b - a)) for a, b in itertools.pairwise(self.odd)) > OFF_BEAT:
+      return False
+    change = interval * beats(stamp - self.stamps[-1])
+    self.slack = OFF_BEAT * interval
+    # an added latency of less than an interval
+    self.delay = (self.delay + change + self.slack) % interval - self.slack
+    self.stamps = tuple(s + change for s in self.stamps)
+    return self._on(stamp)
+
+  def _on(self, stamp: float) -> bool:
+    self.stamps, self.odd = (*self.stamps[1:], stamp), ()
+    return True

@@ -61,6 +61,7 @@ class TrueObserver:
       signals[:, YAW_RATE].copy(),
       np.zeros((count, 3)),
       np.asarray(np.isfinite(signals).all(axis=1)),
+      np.zeros((count, 2)),
     )
 
 

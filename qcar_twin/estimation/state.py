@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.estimation.models import BETA, V
-from qcar_twin.estimation.monitor import SpeedWatch
+from qcar_twin.estimation.monitor import SpeedWatch, StampWatch
 from qcar_twin.estimation.odometry_watch import OdometryWatch
 
 Array = NDArray[np.float64]
@@ -32,7 +32,8 @@ class FilterState:
     steady: of those, how many in a row lie where a car could have got to from their predecessor, (N,).
     last: last refused fix, m, (N, 2).  driven: distance since that fix, m, (N,).
     watches: of the encoders, one per car; empty where they are not watched.
-    odometers: of gyros and stamps, likewise.
+    clocks: of the stamps of their fixes, likewise.  odometers: of their gyros.
+    unseen: rad by which a bias of the gyro may turn the yaw before it is found, (N,).
   """
 
   bicycle: Array
@@ -48,7 +49,9 @@ class FilterState:
   steady: NDArray[np.int64]
   last: Array
   driven: Array
+  unseen: Array
   watches: tuple[SpeedWatch, ...] = ()
+  clocks: tuple[StampWatch, ...] = ()
   odometers: tuple[OdometryWatch, ...] = ()
 
   @classmethod
@@ -73,7 +76,9 @@ class FilterState:
       steady=np.zeros(count, dtype=np.int64),
       last=np.zeros((count, 2)),
       driven=none,
+      unseen=none,
       watches=tuple(SpeedWatch() for _ in range(count * watched)),
+      clocks=tuple(StampWatch() for _ in range(count * watched)),
       odometers=tuple(OdometryWatch() for _ in range(count * watched)),
     )
 

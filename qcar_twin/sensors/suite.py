@@ -79,7 +79,9 @@ class SensorSuite:
 
   def _delays(self, name: str, sensor: Sensor) -> tuple[int, int]:
     """Periods in which a sample taken now arrives, and is said to have been taken."""
-    delays = np.sum([fault.delay(sensor.channels, self._step * self.period) for fault in self.faults] or [[0.0, 0.0]], 0)
+    delays = np.sum(
+      [fault.delay(sensor.channels, self._step * self.period) for fault in self.faults] or [[0.0, 0.0]], 0
+    )
     late, unsaid = (round(delay / self.period) for delay in delays)
     return self._step + self._latency[name] + late, self._step + unsaid
 
