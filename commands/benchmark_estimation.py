@@ -38,7 +38,7 @@ class Config:
   """cars with sensor noise of their own on the oval"""
   runs: int = 8
   """cars per case of the controller table"""
-  faulty: int = 10
+  faulty: int = 8
   """cars per path and class of faults"""
   sections: tuple[str, ...] = SECTIONS
   """which are measured (oval, recorded, faults, tracking, cost); the others stay as they are in the file"""

@@ -90,7 +90,8 @@ def bounds_of(settings: FilterSettings, covariance: Any, yaw_variance: Any, unse
   """What the errors of position, m, and yaw, rad, exceed with the probability `risk` only.
 
   Args:
-    covariance: xx, xy, yy, m^2.  yaw_variance: rad^2.
+    covariance: xx, xy, yy, m^2; EKF_BM's own where both filters use the lidar in full and the fusion believes too much.
+    yaw_variance: rad^2.
     unseen: rad by which a fault may turn the yaw before it is found.  Numbers of one car or arrays (N,).
   """
   xx, xy, yy = covariance

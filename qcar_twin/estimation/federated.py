@@ -154,6 +154,7 @@ class FederatedFilter:
     x, y, *motion = state.bicycle[0].tolist()
     (xx, xy, _, _, _, _), (_, yy, *_), *_ = bicycle[1].tolist()
     position, spread = (x, y), (xx, xy, yy)
+    honest = spread
     if self._batch.filters.point_on(state)[0]:
       point = state.point[0], state.point_covariance[0]
       (xx, xy, _, _), (_, yy, *_), *_ = point[1].tolist()
@@ -163,7 +164,8 @@ class FederatedFilter:
     )
     reasons = tuple(text.format(number) for wrong, text, number in against if wrong)
     speed, yaw, beta, rate = motion
-    bounds = bounds_of(settings, spread, bicycle[1].item(YAW, YAW), state.unseen.item())
+    honest = honest if sum(settings.sharing) > 1.0 else spread
+    bounds = bounds_of(settings, honest, bicycle[1].item(YAW, YAW), state.unseen.item())
     warnings = self._warnings(point)
     return Estimate(time, *position, yaw, speed, beta, rate, spread, bicycle, point, reasons, warnings, bounds)
 
