@@ -33,7 +33,7 @@ class FederatedBatch:
     count: N.
     oldest: age of the oldest fix that may arrive, periods.
     ahead: how far beyond the present slots may be written, periods.
-    watched: whether encoders, gyros and stamps are watched for faults (`SpeedWatch`, `OdometryWatch`, `StampWatch`).
+    watched: whether encoders, gyros and stamps are watched for faults (`SpeedWatch`, `GyroWatch`, `StampWatch`).
     lib: steps the models: `numpy`, or for one car `math`.
   """
 

@@ -11,10 +11,10 @@ import numpy as np
 from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.estimation.batch import FederatedBatch
 from qcar_twin.estimation.estimate import Estimate, bounds_of, doubts, no_estimate
+from qcar_twin.estimation.gyro_watch import GyroWatch
 from qcar_twin.estimation.master import fuse_positions
 from qcar_twin.estimation.models import YAW, X, Y
 from qcar_twin.estimation.monitor import SpeedWatch, StampWatch
-from qcar_twin.estimation.odometry_watch import OdometryWatch
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.estimation.state import START_STD, Slot
 from qcar_twin.estimation.timeline import Clock
@@ -178,7 +178,7 @@ class FederatedFilter:
       warnings.append("no accelerometer: the point filter is left out")
     return tuple(warnings)
 
-  def _found(self, watch: SpeedWatch, clock: StampWatch, odometer: OdometryWatch) -> list[str]:
+  def _found(self, watch: SpeedWatch, clock: StampWatch, odometer: GyroWatch) -> list[str]:
     """What the watches hold against the sensors."""
     warnings = []
     if not watch.believed:

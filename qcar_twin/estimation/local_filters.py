@@ -41,7 +41,7 @@ MOTION_ROWS, POSE_ROWS, PLACE_ROWS = (V, R), (X, Y, YAW), (X, Y)  # of a state, 
 VOLTAGE, STEERING = 0, 1  # columns of the commands
 SPEED, YAW_RATE = 0, 1  # columns of the measured motion
 ACCEL_Y = 1  # column of the acceleration
-POSE, SCORE = slice(0, 3), 3  # columns of a fix
+POSE, YAW_OF_FIX, SCORE = slice(0, 3), 2, 3  # columns of a fix
 BICYCLE, POINT = 0, 1  # columns of NIS and evidence
 
 
@@ -83,7 +83,7 @@ class LocalFilters:
     state = start.copy()
     self._take_inputs(state, before)
     self._predict(state)
-    self._correct_motion(state, now.motion, time)
+    self._correct_motion(state, now.motion)
     if self.settings.central:
       self._correct_acceleration(state, now.accel)
     if now.fix is not None:
@@ -139,7 +139,7 @@ class LocalFilters:
 
   # -- encoder, gyro, accelerometer --------------------------------------------------------------
 
-  def _correct_motion(self, state: FilterState, measured: Array, time: float) -> None:
+  def _correct_motion(self, state: FilterState, measured: Array) -> None:
     """Encoder, then gyro; both gates look at the prediction, as in the joint update."""
     settings, limit = self.settings, self.settings.limits[0]
     motion = measured - self._motion_bias
@@ -160,7 +160,7 @@ class LocalFilters:
         state.bicycle, state.bicycle_covariance, row, value, noise, fits
       )
     if state.odometers:
-      self._watch_odometry(state, np.where(used[YAW_RATE], said[:, YAW_RATE], np.nan), time)
+      self._watch_gyros(state, np.where(used[YAW_RATE], said[:, YAW_RATE], np.nan))
 
   def _watch_encoders(self, state: FilterState, raw: Array, motion: Array) -> None:
     """Take out of `motion` what is not believed; open the speed of cars that have felt what their encoder says."""
@@ -187,15 +187,11 @@ class LocalFilters:
       state.bicycle_covariance[:, V, V] += opened
     motion[[not watch.believed for watch in state.watches], SPEED] = np.nan
 
-  def _watch_odometry(self, state: FilterState, gyro: Array, time: float) -> None:
-    """Go on with odometry; where the gyro is not used the filter's own rate stands in."""
+  def _watch_gyros(self, state: FilterState, gyro: Array) -> None:
+    """Add up what the gyros tell; where the gyro is not used the filter's own rate stands in."""
     state.odometers = tuple(odometer.copy() for odometer in state.odometers)
     for i, odometer in enumerate(state.odometers):
-      _, _, speed, _, sideslip, rate = state.bicycle[i].tolist()
-      told = float(gyro[i])
-      odometer.travel(
-        time, speed, sideslip, told if math.isfinite(told) else rate + odometer.bias, self.settings.period
-      )
+      odometer.travel(gyro.item(i), state.bicycle.item(i, R) + odometer.bias, self.settings.period)
 
   def _count(self, channel: str, reason: str, which: Mask) -> None:
     if number := int(np.count_nonzero(which)):
@@ -255,13 +251,9 @@ class LocalFilters:
     """Let the odometers judge gyros by the accepted fixes; what was wrong for a while is known less well."""
     widened, unseen = np.zeros((len(fix), 6)), state.unseen.copy()
     for i in np.flatnonzero(accepted & np.isfinite(fix[:, POSE]).all(axis=1)):
-      _, _, speed, yaw, sideslip, rate = state.bicycle[i].tolist()
-      course, since = yaw + sideslip, float(offsets[i])
-      ahead = since * speed * math.cos(course), since * speed * math.sin(course), since * rate
-      x, y, heading = (fix[i, POSE] - ahead).tolist()
-      stds = math.sqrt(noise[i, 0]), math.sqrt(noise[i, 2])
-      odometer, motion = state.odometers[i], (speed, sideslip, rate)
-      found = odometer.compare(time, (x, y, heading), stds, motion, self.settings.lidar_correlation)
+      odometer, rate = state.odometers[i], state.bicycle.item(i, R)
+      yaw, std = fix.item(i, YAW_OF_FIX) - float(offsets[i]) * rate, math.sqrt(noise.item(i, YAW_OF_FIX))
+      found = odometer.compare(time, yaw, std, rate, self.settings.lidar_correlation)
       unseen[i] = odometer.unseen
       if found is not None:
         widened[i, YAW] = (0.5 * found.span * found.bias) ** 2

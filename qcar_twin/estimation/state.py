@@ -6,9 +6,9 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from qcar_twin.estimation.gyro_watch import GyroWatch
 from qcar_twin.estimation.models import BETA, V
 from qcar_twin.estimation.monitor import SpeedWatch, StampWatch
-from qcar_twin.estimation.odometry_watch import OdometryWatch
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -52,7 +52,7 @@ class FilterState:
   unseen: Array
   watches: tuple[SpeedWatch, ...] = ()
   clocks: tuple[StampWatch, ...] = ()
-  odometers: tuple[OdometryWatch, ...] = ()
+  odometers: tuple[GyroWatch, ...] = ()
 
   @classmethod
   def at(cls, pose: Array, speed: Array, std: float, watched: bool = False) -> "FilterState":
@@ -79,7 +79,7 @@ class FilterState:
       unseen=none,
       watches=tuple(SpeedWatch() for _ in range(count * watched)),
       clocks=tuple(StampWatch() for _ in range(count * watched)),
-      odometers=tuple(OdometryWatch() for _ in range(count * watched)),
+      odometers=tuple(GyroWatch() for _ in range(count * watched)),
     )
 
   def copy(self) -> "FilterState":
