@@ -11,13 +11,13 @@ import numpy as np
 from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.estimation.batch import FederatedBatch
 from qcar_twin.estimation.estimate import Estimate, bounds_of, doubts, no_estimate
-from qcar_twin.estimation.gyro_watch import GyroWatch
 from qcar_twin.estimation.master import fuse_positions
 from qcar_twin.estimation.models import YAW, X, Y
-from qcar_twin.estimation.monitor import SpeedWatch, StampWatch
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.estimation.state import START_STD, Slot
 from qcar_twin.estimation.timeline import Clock
+from qcar_twin.estimation.watches.gyro import GyroWatch
+from qcar_twin.estimation.watches.monitor import SpeedWatch, StampWatch
 from qcar_twin.recordings.channels import COMMANDS
 from qcar_twin.recordings.recording import nearest
 

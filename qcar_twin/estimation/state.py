@@ -6,9 +6,9 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_twin.estimation.gyro_watch import GyroWatch
 from qcar_twin.estimation.models import BETA, V
-from qcar_twin.estimation.monitor import SpeedWatch, StampWatch
+from qcar_twin.estimation.watches.gyro import GyroWatch
+from qcar_twin.estimation.watches.monitor import SpeedWatch, StampWatch
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from qcar_twin.estimation.federated import FederatedFilter
-from qcar_twin.estimation.monitor import SpeedWatch
 from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.estimation.watches.monitor import SpeedWatch
 from tests.qcar_twin.estimation.estimation_rig import CAR, PERIOD, hold, journey, position_errors, rms, run
 
 FIXES = slice(0, None, 10)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from qcar_twin.estimation.federated import FederatedFilter
-from qcar_twin.estimation.monitor import SpeedWatch, StampWatch
+from qcar_twin.estimation.watches.monitor import SpeedWatch, StampWatch
 from tests.qcar_twin.estimation.estimation_rig import CAR, PERIOD, hold, journey, position_errors, run
 
 BEGIN, END = 800, 1300  # periods
