@@ -41,7 +41,6 @@ def fault_section(model: Model, controller: Controller, count: int, quick: bool 
       errors.append((title, *_error_cells(faulty, beside, case.end, typical)))
       honesty.append((title, *_honesty_cells(faulty)))
   number = sound[True].error.shape[1]
-  low, high = chi2.ppf([0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2], 2 * number) / number
   about = [f"* {name}: {case.about}" for name, case in FAULTS.items() if name in classes]
   return [
     "## The filter under faults",
@@ -54,14 +53,27 @@ def fault_section(model: Model, controller: Controller, count: int, quick: bool 
     "",
     *about,
     "",
+    *_errors_part(errors, typical),
+    "",
+    *_honesty_part(honesty, number),
+  ]
+
+
+def _errors_part(rows: list[tuple[str, ...]], typical: float) -> list[str]:
+  return [
     "Position error from the fault's begin on, and recovery: how long after its end (a bias that stays: after its"
     f" begin) the estimate is last more than {1e3 * typical:.1f} mm, the RMSE with sound sensors, away from the one"
     " that the sound sensors of the same run give.",
     "",
     *markdown.table(
-      ("fault", "peak, median [mm]", "peak, largest", "yaw peak [mrad]", "recovery [s]", "longest"), errors
+      ("fault", "peak, median [mm]", "peak, largest", "yaw peak [mrad]", "recovery [s]", "longest"), rows
     ),
-    "",
+  ]
+
+
+def _honesty_part(rows: list[tuple[str, ...]], number: int) -> list[str]:
+  low, high = chi2.ppf([0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2], 2 * number) / number
+  return [
     f"Honesty: the bounds that are stated beside the estimate are exceeded with probability {FilterSettings().risk:g}"
     " each. Valid is the share of all instants from the fault's begin on; beyond is the share of the valid instants"
     " at which position or yaw are beyond their bounds; then runs in which that happens at all, of all, with the"
@@ -80,7 +92,7 @@ def fault_section(model: Model, controller: Controller, count: int, quick: bool 
         "NEES at the end",
         "later",
       ),
-      honesty,
+      rows,
     ),
   ]
 
