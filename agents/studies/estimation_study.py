@@ -115,7 +115,7 @@ def central(oval: Oval) -> Track:
   position, yaw, slip = np.empty((steps, count, 2)), np.empty((steps, count)), np.empty((steps, count))
   covariance = np.empty((steps, count, 3))
   for i in range(count):
-    online = FederatedFilter(oval.model.car, settings)
+    online = FederatedFilter(oval.model.car, settings, watched=False)
     x, y, heading, speed = (float(v) for v in signals[0, i, :4])
     online.start(0.0, (x, y, heading), speed)
     for k, heard in enumerate(oval.heard):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.bicycle.single_track import SingleTrackCar
-from qcar_twin.estimation.estimate import BatchEstimate, doubts
+from qcar_twin.estimation.estimate import BatchEstimate, bounds_of, doubts
 from qcar_twin.estimation.local_filters import LocalFilters
 from qcar_twin.estimation.master import fuse_positions
 from qcar_twin.estimation.models import BETA, YAW, R, V, X, Y
@@ -33,7 +33,7 @@ class FederatedBatch:
     count: N.
     oldest: age of the oldest fix that may arrive, periods.
     ahead: how far beyond the present slots may be written, periods.
-    watched: whether encoders are compared with the raw fixes (`SpeedWatch`).
+    watched: whether encoders, gyros and stamps are watched for faults (`SpeedWatch`, `GyroWatch`, `StampWatch`).
     lib: steps the models: `numpy`, or for one car `math`.
   """
 
@@ -144,4 +144,6 @@ class FederatedBatch:
     valid = ~np.logical_or.reduce([wrong for wrong, _, _ in against])
     pose = np.stack([x, y, yaw], axis=-1)
     velocity = np.stack([v * np.cos(beta), v * np.sin(beta)], axis=-1)
-    return BatchEstimate(pose, velocity, v, beta, state.bicycle[:, R], covariance, valid)
+    honest = spread if sum(settings.sharing) > 1.0 else covariance.T
+    bounds = np.stack(bounds_of(settings, honest, bicycle[:, YAW, YAW], state.unseen), axis=-1)
+    return BatchEstimate(pose, velocity, v, beta, state.bicycle[:, R], covariance, valid, bounds)

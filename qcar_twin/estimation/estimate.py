@@ -26,6 +26,7 @@ class Estimate(NamedTuple):
     bicycle, point: state and covariance of EKF_BM and EKF_PM; None for a filter that is off.
     reasons: why the estimate should not be used; empty when it is valid.
     warnings: what is wrong with the sensors although the estimate may be used.
+    bounds: of the errors of position, m, and yaw, rad, each exceeded with the probability `FilterSettings.risk`.
   """
 
   time: float
@@ -40,6 +41,7 @@ class Estimate(NamedTuple):
   point: Snapshot | None
   reasons: tuple[str, ...]
   warnings: tuple[str, ...] = ()
+  bounds: tuple[float, float] = (math.inf, math.inf)
 
   @property
   def valid(self) -> bool:
@@ -81,6 +83,21 @@ class BatchEstimate:
   yaw_rate: Array  # (N,)
   covariance: Array  # of the position: xx, xy, yy, (N, 3)
   valid: NDArray[np.bool_]  # (N,)
+  bounds: Array  # of the errors of position, m, and yaw, rad, (N, 2)
+
+
+def bounds_of(settings: FilterSettings, covariance: Any, yaw_variance: Any, unseen: Any) -> tuple[Any, Any]:
+  """What the errors of position, m, and yaw, rad, exceed with the probability `risk` only.
+
+  Args:
+    covariance: xx, xy, yy, m^2; EKF_BM's own where both filters use the lidar in full and the fusion believes too much.
+    yaw_variance: rad^2.
+    unseen: rad by which a fault may turn the yaw before it is found.  Numbers of one car or arrays (N,).
+  """
+  xx, xy, yy = covariance
+  largest = 0.5 * (xx + yy) + (0.25 * (xx - yy) ** 2 + xy**2) ** 0.5
+  place, angle = settings.reach
+  return place * largest**0.5, angle * yaw_variance**0.5 + unseen
 
 
 def doubts(

@@ -10,12 +10,14 @@ import numpy as np
 
 from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.estimation.batch import FederatedBatch
-from qcar_twin.estimation.estimate import Estimate, doubts, no_estimate
+from qcar_twin.estimation.estimate import Estimate, bounds_of, doubts, no_estimate
 from qcar_twin.estimation.master import fuse_positions
 from qcar_twin.estimation.models import YAW, X, Y
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.estimation.state import START_STD, Slot
 from qcar_twin.estimation.timeline import Clock
+from qcar_twin.estimation.watches.gyro import GyroWatch
+from qcar_twin.estimation.watches.monitor import SpeedWatch, StampWatch
 from qcar_twin.recordings.channels import COMMANDS
 from qcar_twin.recordings.recording import nearest
 
@@ -34,12 +36,13 @@ class FederatedFilter:
   Args:
     car: the identified single-track model.
     settings: noise, gates, limits.
+    watched: whether encoder, gyro and stamps are watched for faults.
   """
 
-  def __init__(self, car: SingleTrackCar, settings: FilterSettings | None = None):
+  def __init__(self, car: SingleTrackCar, settings: FilterSettings | None = None, watched: bool = True):
     self.settings = settings = settings or FilterSettings()
     self._reach = round(settings.buffer / settings.period)  # slots that may be written, back and ahead
-    self._batch = FederatedBatch(car, settings, 1, self._reach, ahead=self._reach, watched=True, lib=math)
+    self._batch = FederatedBatch(car, settings, 1, self._reach, ahead=self._reach, watched=watched, lib=math)
     self._places = {**_PLACES, "motor_speed": _PLACES["speed"]}
     self._rolling_radius = self._batch.filters.car.rolling_radius
     self._clock = Clock(settings.period)
@@ -151,6 +154,7 @@ class FederatedFilter:
     x, y, *motion = state.bicycle[0].tolist()
     (xx, xy, _, _, _, _), (_, yy, *_), *_ = bicycle[1].tolist()
     position, spread = (x, y), (xx, xy, yy)
+    honest = spread
     if self._batch.filters.point_on(state)[0]:
       point = state.point[0], state.point_covariance[0]
       (xx, xy, _, _), (_, yy, *_), *_ = point[1].tolist()
@@ -160,12 +164,28 @@ class FederatedFilter:
     )
     reasons = tuple(text.format(number) for wrong, text, number in against if wrong)
     speed, yaw, beta, rate = motion
-    return Estimate(time, *position, yaw, speed, beta, rate, spread, bicycle, point, reasons, self._warnings(point))
+    honest = honest if sum(settings.sharing) > 1.0 else spread
+    bounds = bounds_of(settings, honest, bicycle[1].item(YAW, YAW), state.unseen.item())
+    warnings = self._warnings(point)
+    return Estimate(time, *position, yaw, speed, beta, rate, spread, bicycle, point, reasons, warnings, bounds)
 
   def _warnings(self, point: object) -> tuple[str, ...]:
-    warnings = []
-    if self._batch.state.watches[0].doubted:
-      warnings.append("the encoder contradicts the poses and is left out")
+    state = self._batch.state
+    warnings: list[str] = []
+    for watch, clock, odometer in zip(state.watches, state.clocks, state.odometers, strict=True):
+      warnings += self._found(watch, clock, odometer)
     if point is None and not self.settings.central:
       warnings.append("no accelerometer: the point filter is left out")
     return tuple(warnings)
+
+  def _found(self, watch: SpeedWatch, clock: StampWatch, odometer: GyroWatch) -> list[str]:
+    """What the watches hold against the sensors."""
+    warnings = []
+    if not watch.believed:
+      against = "contradicts the poses" if watch.doubted else "is frozen" if watch.frozen else "contradicts the filter"
+      warnings.append(f"the encoder {against} and is left out")
+    if odometer.bias:
+      warnings.append(f"the gyro is taken to be off by {odometer.bias:+.3f} rad/s")
+    if clock.delay > clock.slack:
+      warnings.append(f"the poses are taken to be {1e3 * clock.delay:.0f} ms older than their stamps say")
+    return warnings

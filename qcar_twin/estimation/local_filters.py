@@ -4,6 +4,7 @@ EKF_BM is the single track (position, speed, yaw, sideslip, yaw rate) with lidar
 the point mass driven by the accelerometer, with the lidar's position. A missing sample is NaN.
 """
 
+import copy
 import dataclasses
 import math
 from collections import Counter
@@ -40,7 +41,7 @@ MOTION_ROWS, POSE_ROWS, PLACE_ROWS = (V, R), (X, Y, YAW), (X, Y)  # of a state, 
 VOLTAGE, STEERING = 0, 1  # columns of the commands
 SPEED, YAW_RATE = 0, 1  # columns of the measured motion
 ACCEL_Y = 1  # column of the acceleration
-POSE, SCORE = slice(0, 3), 3  # columns of a fix
+POSE, YAW_OF_FIX, SCORE = slice(0, 3), 2, 3  # columns of a fix
 BICYCLE, POINT = 0, 1  # columns of NIS and evidence
 
 
@@ -144,9 +145,9 @@ class LocalFilters:
     motion = measured - self._motion_bias
     if settings.front_drive_share:
       motion[:, SPEED] /= 1.0 + settings.front_drive_share * (1.0 / np.cos(state.wheel_angle) - 1.0)
+    said = motion.copy()
     if state.watches:
-      self._watch_travel(state, motion[:, SPEED])
-      motion[[w.doubted for w in state.watches], SPEED] = np.nan
+      self._watch_encoders(state, measured[:, SPEED], motion)
     used = []
     for row, noise, name, value in zip(MOTION_ROWS, self._noises, ("speed", "yaw_rate"), motion.T, strict=True):
       innovation = value - state.bicycle[:, row]
@@ -158,12 +159,39 @@ class LocalFilters:
       state.bicycle, state.bicycle_covariance, _, _ = kalman.correct(
         state.bicycle, state.bicycle_covariance, row, value, noise, fits
       )
+    if state.odometers:
+      self._watch_gyros(state, np.where(used[YAW_RATE], said[:, YAW_RATE], np.nan))
 
-  def _watch_travel(self, state: FilterState, speed: Array) -> None:
+  def _watch_encoders(self, state: FilterState, raw: Array, motion: Array) -> None:
+    """Take out of `motion` what is not believed; open the speed of cars that have felt what their encoder says."""
     state.watches = tuple(watch.copy() for watch in state.watches)
-    for watch, v in zip(state.watches, speed.tolist(), strict=True):
-      if math.isfinite(v):
-        watch.travel(v, self.settings.period)
+    forward = np.where(state.accel_age <= self.settings.accel_timeout, state.accel[:, 0], np.nan)
+    variance = state.bicycle_covariance[:, V, V]
+    reaches = np.sqrt(self.settings.limits[0] * (variance + self._noises[SPEED]))
+    opened = np.zeros(len(raw))
+    for i, (watch, odometer) in enumerate(zip(state.watches, state.odometers, strict=True)):
+      watch.coast(float(forward[i]), self.settings.period)
+      speed, reach = float(motion[i, SPEED]), float(reaches[i])
+      motion[i, YAW_RATE] -= odometer.bias
+      if not math.isfinite(speed):
+        continue
+      watch.hear(float(raw[i]))
+      watch.travel(speed, self.settings.period)
+      innovation = speed - float(state.bicycle[i, V])
+      fits = abs(innovation) <= reach
+      if not (fits or watch.suspended) and watch.borne_out(speed, reach):
+        opened[i], fits = innovation**2, True
+      watch.judge(speed, innovation, reach, fits)
+    if opened.any():
+      state.bicycle_covariance = state.bicycle_covariance.copy()
+      state.bicycle_covariance[:, V, V] += opened
+    motion[[not watch.believed for watch in state.watches], SPEED] = np.nan
+
+  def _watch_gyros(self, state: FilterState, gyro: Array) -> None:
+    """Add up what the gyros tell; where the gyro is not used the filter's own rate stands in."""
+    state.odometers = tuple(odometer.copy() for odometer in state.odometers)
+    for i, odometer in enumerate(state.odometers):
+      odometer.travel(gyro.item(i), state.bicycle.item(i, R) + odometer.bias, self.settings.period)
 
   def _count(self, channel: str, reason: str, which: Mask) -> None:
     if number := int(np.count_nonzero(which)):
@@ -192,22 +220,56 @@ class LocalFilters:
     scored = np.isfinite(fix[:, SCORE])
     position, yaw = self.settings.pose_noise(np.where(scored, fix[:, SCORE], self._assumed_score))
     noise = np.stack([position, position, yaw], axis=-1)
-    for i, watch in enumerate(state.watches):
-      if np.isfinite(fix[i, PLACE]).all():
-        x, y = fix[i, PLACE].tolist()
-        watch.compare(time + offset, x, y, math.sqrt(position[i]))
+    offsets = np.full(len(fix), offset)
+    if state.watches:
+      fix, offsets = self._watch_fixes(state, fix, offsets, time, np.sqrt(position))
     # without lidar EKF_PM soon believes anything, so a fix must pass the gate of EKF_BM first
-    accepted = self._fix_bicycle(state, fix[:, POSE], noise / self.settings.sharing[BICYCLE], offset)
-    self._fix_point(state, fix[:, PLACE], noise[:, PLACE] / self.settings.sharing[POINT], offset, accepted)
+    accepted = self._fix_bicycle(state, fix[:, POSE], noise / self.settings.sharing[BICYCLE], offsets)
+    self._fix_point(state, fix[:, PLACE], noise[:, PLACE] / self.settings.sharing[POINT], offsets, accepted)
+    if state.odometers:
+      self._judge_gyros(state, fix, noise / self.settings.lidar_factor, offsets, time, accepted)
 
-  def _fix_bicycle(self, state: FilterState, pose: Array, noise: Array, offset: float) -> Mask:
+  def _watch_fixes(
+    self, state: FilterState, fix: Array, offsets: Array, time: float, stds: Array
+  ) -> tuple[Array, Array]:
+    """Fixes without those that are off the beat, and when they were measured after the slot, s."""
+    state.clocks = tuple(copy.copy(clock) for clock in state.clocks)
+    fix, offsets = fix.copy(), offsets.copy()
+    for i in np.flatnonzero(np.isfinite(fix[:, PLACE]).all(axis=1)):
+      if not state.clocks[i].hear(time + float(offsets[i])):
+        fix[i] = np.nan
+        self._count("pose", "off the beat", np.array([True]))
+        continue
+      offsets[i] -= state.clocks[i].delay
+      x, y = fix[i, PLACE].tolist()
+      state.watches[i].compare(time + float(offsets[i]), x, y, float(stds[i]))
+    return fix, offsets
+
+  def _judge_gyros(
+    self, state: FilterState, fix: Array, noise: Array, offsets: Array, time: float, accepted: Mask
+  ) -> None:
+    """Let the odometers judge gyros by the accepted fixes; what was wrong for a while is known less well."""
+    widened, unseen = np.zeros((len(fix), 6)), state.unseen.copy()
+    for i in np.flatnonzero(accepted & np.isfinite(fix[:, POSE]).all(axis=1)):
+      odometer, rate = state.odometers[i], state.bicycle.item(i, R)
+      yaw, std = fix.item(i, YAW_OF_FIX) - float(offsets[i]) * rate, math.sqrt(noise.item(i, YAW_OF_FIX))
+      found = odometer.compare(time, yaw, std, rate, self.settings.lidar_correlation)
+      unseen[i] = odometer.unseen
+      if found is not None:
+        widened[i, YAW] = (0.5 * found.span * found.bias) ** 2
+        widened[i, R] = found.bias**2
+    state.unseen = unseen
+    if widened.any():
+      state.bicycle_covariance = state.bicycle_covariance + widened[:, :, None] * np.eye(6)
+
+  def _fix_bicycle(self, state: FilterState, pose: Array, noise: Array, offset: Array) -> Mask:
     """Take poses, (N, 3), where they fit or the car is lost without them; which ones."""
     there = np.isfinite(pose)
     values = pose.copy()
-    if offset:
+    if offset.any():
       v, course = state.bicycle[:, V], state.bicycle[:, YAW] + state.bicycle[:, BETA]
       ahead = v * np.cos(course), v * np.sin(course), state.bicycle[:, R]
-      values -= offset * np.stack(ahead, axis=-1)
+      values -= offset[:, None] * np.stack(ahead, axis=-1)
     turned = np.where(there[:, 2], values[:, 2] - state.bicycle[:, YAW], 0.0)
     values[:, 2] = state.bicycle[:, YAW] + wrap_angle(turned)
     trial = kalman.correct_together(state.bicycle, state.bicycle_covariance, POSE_ROWS, values, noise, there)
@@ -238,10 +300,10 @@ class LocalFilters:
     state.driven = np.where(wrong, 0.0, state.driven)
     return wrong & (state.steady >= self.settings.lost_after)
 
-  def _fix_point(self, state: FilterState, place: Array, noise: Array, offset: float, accepted: Mask) -> None:
+  def _fix_point(self, state: FilterState, place: Array, noise: Array, offset: Array, accepted: Mask) -> None:
     """A fix EKF_BM has accepted but EKF_PM cannot is the accelerometer's fault: start EKF_PM afresh."""
     there = np.isfinite(place) & (accepted & self.point_on(state))[:, None]
-    values = place - offset * state.point[:, 2:] if offset else place
+    values = place - offset[:, None] * state.point[:, 2:] if offset.any() else place
     trial = kalman.correct_together(state.point, state.point_covariance, PLACE_ROWS, values, noise, there)
     fits, some = self._judge(trial, there, POINT), there.any(axis=1)
     state.point = choose(some & fits, trial.state, state.point)

@@ -61,6 +61,7 @@ class TrueObserver:
       signals[:, YAW_RATE].copy(),
       np.zeros((count, 3)),
       np.asarray(np.isfinite(signals).all(axis=1)),
+      np.zeros((count, 2)),
     )
 
 
@@ -71,6 +72,8 @@ class SensedObserver:
     suite: sensors of N cars; the lidar's channel order is pose_x, pose_y, pose_yaw, pose_score.
     car: the identified model the filter predicts with.
     settings: of the filter.
+    keep: whether to keep what was heard.
+    watched: whether the sensors are watched for faults, as in the online filter.
 
   Attributes:
     heard: what the filter was given each period, when `keep` is set: speed and yaw rate (N, 2), accelerations
@@ -78,14 +81,20 @@ class SensedObserver:
   """
 
   def __init__(
-    self, suite: SensorSuite, car: SingleTrackCar, settings: FilterSettings | None = None, keep: bool = False
+    self,
+    suite: SensorSuite,
+    car: SingleTrackCar,
+    settings: FilterSettings | None = None,
+    keep: bool = False,
+    watched: bool = False,
   ):
     self.suite = suite
     self._rolling_radius = float(np.asarray(car.rolling_radius))
     self.heard: list[Heard] = []
     self._keep = keep
     settings = settings or FilterSettings()
-    self.filter = FederatedBatch(car, settings, suite.count, oldest=round(settings.buffer / settings.period))
+    oldest = round(settings.buffer / settings.period)
+    self.filter = FederatedBatch(car, settings, suite.count, oldest=oldest, watched=watched)
 
   def begin(self, signals: Array, which: Mask | None = None) -> BatchEstimate:
     """The filter is told where the cars start, to a centimetre."""

@@ -47,6 +47,7 @@ class FilterSettings:
     accel_timeout: without an accelerometer for this long EKF_PM is left out, s.
     lidar_timeout: without an accepted fix for this long the estimate is not valid, s.
     position_limit, yaw_limit: standard deviations beyond which the estimate is not valid, m and rad.
+    risk: probability with which an error may be larger than the bound that is stated for it.
     lost_after: steadily refused fixes in a row after which the position is taken from the lidar afresh.
   """
 
@@ -82,6 +83,7 @@ class FilterSettings:
   lidar_timeout: float = 5.0
   position_limit: float = 0.15
   yaw_limit: float = 0.3
+  risk: float = 1e-3
   lost_after: int = 5
 
   def __post_init__(self) -> None:
@@ -101,6 +103,11 @@ class FilterSettings:
     """NIS limits for one, two and three measured components."""
     first, second, third = (float(chi2.isf(self.gate, k)) for k in (1, 2, 3))
     return first, second, third
+
+  @cached_property
+  def reach(self) -> tuple[float, float]:
+    """Standard deviations that bound a position (of its worst direction) and an angle, by `risk`."""
+    return math.sqrt(float(chi2.isf(self.risk, 2))), math.sqrt(float(chi2.isf(self.risk, 1)))
 
   def with_scores_of(self, recordings: Iterable[Recording]) -> "FilterSettings":
     """These settings with the scale of the recordings' scores: to 1 when none exceeds it, else to 100."""

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.estimation.models import BETA, V
-from qcar_twin.estimation.monitor import SpeedWatch
+from qcar_twin.estimation.watches.gyro import GyroWatch
+from qcar_twin.estimation.watches.monitor import SpeedWatch, StampWatch
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -31,6 +32,8 @@ class FilterState:
     steady: of those, how many in a row lie where a car could have got to from their predecessor, (N,).
     last: last refused fix, m, (N, 2).  driven: distance since that fix, m, (N,).
     watches: of the encoders, one per car; empty where they are not watched.
+    clocks: of the stamps of their fixes, likewise.  odometers: of their gyros.
+    unseen: rad by which a bias of the gyro may turn the yaw before it is found, (N,).
   """
 
   bicycle: Array
@@ -46,7 +49,10 @@ class FilterState:
   steady: NDArray[np.int64]
   last: Array
   driven: Array
+  unseen: Array
   watches: tuple[SpeedWatch, ...] = ()
+  clocks: tuple[StampWatch, ...] = ()
+  odometers: tuple[GyroWatch, ...] = ()
 
   @classmethod
   def at(cls, pose: Array, speed: Array, std: float, watched: bool = False) -> "FilterState":
@@ -70,7 +76,10 @@ class FilterState:
       steady=np.zeros(count, dtype=np.int64),
       last=np.zeros((count, 2)),
       driven=none,
-      watches=tuple(SpeedWatch() for _ in range(count)) if watched else (),
+      unseen=none,
+      watches=tuple(SpeedWatch() for _ in range(count * watched)),
+      clocks=tuple(StampWatch() for _ in range(count * watched)),
+      odometers=tuple(GyroWatch() for _ in range(count * watched)),
     )
 
   def copy(self) -> "FilterState":
@@ -80,9 +89,11 @@ class FilterState:
   def put(self, which: Mask, other: "FilterState") -> None:
     """Take over some cars of another state of as many."""
     for name, mine in vars(self).items():
-      if name != "watches":
-        setattr(self, name, choose(which, getattr(other, name), mine))
-    self.watches = tuple(b if new else a for new, a, b in zip(which, self.watches, other.watches, strict=False))
+      theirs = getattr(other, name)
+      if isinstance(mine, tuple):
+        setattr(self, name, tuple(b if new else a for new, a, b in zip(which, mine, theirs, strict=False)))
+      else:
+        setattr(self, name, choose(which, theirs, mine))
 
 
 def choose(which: Mask, these: Array, others: Array) -> Array:

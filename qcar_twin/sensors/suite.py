@@ -10,7 +10,7 @@ import zlib
 import numpy as np
 
 from qcar_twin.sensors.base import Array, Mask, Sensor, SensorRun
-from qcar_twin.sensors.faults import Fault
+from qcar_twin.sensors.faults import Fault, FaultRun
 from qcar_twin.sensors.onboard import Encoder, Imu
 from qcar_twin.sensors.statistical_lidar import StatisticalLidar
 
@@ -38,7 +38,7 @@ class SensorSuite:
     count: N.
     seed: of the whole suite.
     period: control period, s.
-    faults: added to what the sensors say.
+    faults: what makes them wrong.
   """
 
   def __init__(
@@ -51,14 +51,16 @@ class SensorSuite:
     self._lost = {name: np.random.default_rng([seed, zlib.crc32(name.encode()), 1]) for name in sensors}
     self._every = {name: sensor.timing.every(period) for name, sensor in sensors.items()}
     self._latency = {name: round(sensor.timing.latency / period) for name, sensor in sensors.items()}
-    self._waiting: dict[str, list[tuple[int, Array]]] = {name: [] for name in sensors}
+    # what is under way: period of arrival, of measurement as it will be told, samples
+    self._waiting: dict[str, list[tuple[int, int, Array]]] = {name: [] for name in sensors}
+    self._faults = [FaultRun(fault, np.random.default_rng([seed, 2, i])) for i, fault in enumerate(faults)]
     self._step = -1
 
   def restart(self, which: Mask, signals: Array) -> None:
     """Begin some runs anew (N,): new biases, nothing under way."""
     for name, run in self._runs.items():
       run.restart(which, signals)
-      for _, values in self._waiting[name]:
+      for _, _, values in self._waiting[name]:
         values[which] = np.nan
 
   def measure(self, signals: Array) -> list[Reading]:
@@ -69,17 +71,25 @@ class SensorSuite:
       run = self._runs[name]
       run.observe(signals)
       if self._step % self._every[name] == 0:
-        self._waiting[name].append((self._step, self._sample(name, sensor, run, signals)))
-      while self._waiting[name] and self._step - self._waiting[name][0][0] >= self._latency[name]:
-        stamp, values = self._waiting[name].pop(0)
+        self._waiting[name].append((*self._delays(name, sensor), self._sample(name, sensor, run, signals)))
+      while self._waiting[name] and self._step >= self._waiting[name][0][0]:
+        _, stamp, values = self._waiting[name].pop(0)
         arrived.append(Reading(sensor.channels, self._step - stamp, values))
     return arrived
+
+  def _delays(self, name: str, sensor: Sensor) -> tuple[int, int]:
+    """Periods in which a sample taken now arrives, and is said to have been taken."""
+    delays = np.sum(
+      [fault.delay(sensor.channels, self._step * self.period) for fault in self.faults] or [[0.0, 0.0]], 0
+    )
+    late, unsaid = (round(delay / self.period) for delay in delays)
+    return self._step + self._latency[name] + late, self._step + unsaid
 
   def _sample(self, name: str, sensor: Sensor, run: SensorRun, signals: Array) -> Array:
     values = run.sample(signals)
     lost = self._lost[name].random(self.count) < sensor.timing.dropout
     values = np.where(lost[:, None], np.nan, values)
-    for fault in self.faults:
+    for fault in self._faults:
       values = fault.apply(sensor.channels, self._step * self.period, values)
     return values
 

@@ -30,6 +30,13 @@ def test_estimation_without_a_real_car_says_so_on_its_page(tmp_path):
   text = (tmp_path / "page.md").read_text(encoding="utf-8")
   assert "`qcar-twin benchmark-estimation --quick`" in text and "Left out: run with `--dart DIR`." in text
   assert "nan" not in text and list((tmp_path / "page").glob("*.png"))
+  assert "## The filter under faults" in text and "| encoder stuck |" in text
+  before = text.split("## Cost")[0]
+  benchmark_estimation.main(benchmark_estimation.Config(tmp_path / "page.md", quick=True, sections=("cost",)))
+  again = (tmp_path / "page.md").read_text(encoding="utf-8")
+  assert again.split("## Cost")[0] == before and "online, one car" in again.split("## Cost")[1]
+  with pytest.raises(ValueError, match="no section speed; there are oval, recorded, faults"):
+    benchmark_estimation.main(benchmark_estimation.Config(tmp_path / "page.md", quick=True, sections=("speed",)))
 
 
 def test_a_tuned_controller_joins_the_file_with_its_origin(tmp_path):

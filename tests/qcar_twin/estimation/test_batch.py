@@ -57,7 +57,7 @@ def tell(federated, i, k, motion, accel, fix, latency):
 @pytest.mark.parametrize(("latency", "settings"), [(0, FilterSettings()), (5, HARD), (9, HARD)])
 def test_many_cars_at_once_are_as_many_told_sample_by_sample(latency, settings):
   online = [FederatedFilter(CAR, settings) for _ in range(CARS)]
-  batch = FederatedBatch(CAR, settings, CARS)
+  batch = FederatedBatch(CAR, settings, CARS, watched=True)
   pose = np.stack([np.zeros(CARS), np.zeros(CARS), 0.1 * np.arange(CARS)], axis=1)
   batch.start(pose, np.full(CARS, 0.5))
   for i, federated in enumerate(online):

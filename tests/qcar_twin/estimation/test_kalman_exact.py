@@ -116,7 +116,7 @@ def test_a_drive_is_filterpys_drive_at_every_period(chosen):
   trip = troubled(12.0, seed=5)
   start, speed = tuple(trip.truth[0, [0, 1, 3]]), trip.truth[0, 2]
   reference = Reference(CAR, chosen, start, speed)
-  online, batch = FederatedFilter(CAR, chosen), FederatedBatch(CAR, chosen, 2)
+  online, batch = FederatedFilter(CAR, chosen, watched=False), FederatedBatch(CAR, chosen, 2)
   online.start(0.0, start, speed)
   batch.start(np.tile(start, (2, 1)), np.full(2, speed))
   batch.slots[0].accel = np.tile(trip.accel[0], (2, 1))

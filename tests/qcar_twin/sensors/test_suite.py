@@ -164,5 +164,37 @@ def test_faults_act_on_their_channel_in_their_time(fault, expected):
 
 
 def test_unknown_fault_lists_the_kinds():
-  with pytest.raises(ValueError, match="offset, stuck, lost, not_finite"):
+  with pytest.raises(ValueError, match="offset, stuck, frozen, lost, not_finite, spikes, late, late_unsaid"):
     Fault("accel_x", "wobble", 0.0)  # type: ignore[arg-type]
+
+
+def test_a_frozen_channel_repeats_the_sample_before():
+  suite = SensorSuite({"imu": QUIET}, 2, 0, faults=(Fault("accel_x", "frozen", 0.1, 0.2),))
+  found = collect(suite, 30, now=lambda k: signals(2, accel_x=0.01 * k))["accel_x"]
+  column = np.array([v[:, 0] for _, _, v in found])
+  np.testing.assert_array_equal(column[9:20], np.tile(column[9], (11, 1)))
+  assert column[20, 0] == pytest.approx(0.2)
+
+
+def test_spikes_hit_their_share_of_the_samples_either_way():
+  suite = SensorSuite({"imu": QUIET}, 50, 0, faults=(Fault("accel_x", "spikes", 0.0, size=2.0, chance=0.3),))
+  found = np.array([v[:, 0] for _, _, v in collect(suite, 200)["accel_x"]])
+  assert np.isin(np.round(np.abs(found), 9), (0.0, 2.0)).all()
+  assert (found > 1.0).mean() == pytest.approx(0.15, abs=0.01) and (found < -1.0).mean() == pytest.approx(
+    0.15, abs=0.01
+  )
+
+
+@pytest.mark.parametrize(("kind", "ages"), [("late", {5, 10}), ("late_unsaid", {5})])
+def test_a_late_fix_says_its_age_or_not(kind, ages):
+  lidar = StatisticalLidar(Timing(10.0, 0.05, 0.0), spike_chance=0.0)
+  suite = SensorSuite({"lidar": lidar}, 1, 0, faults=(Fault("pose_x", kind, 1.0, 2.0, 0.05),))
+  heard = [(k, r.age) for k in range(300) for r in suite.measure(signals()) if "pose_x" in r.channels]
+  assert {age for _, age in heard} == ages
+  periods = [k % 10 for k, _ in heard]
+  assert periods == [5] * 10 + [0] * 10 + [5] * (len(heard) - 20)
+
+
+def test_nothing_arrives_before_it_was_measured():
+  with pytest.raises(ValueError, match="before it was measured"):
+    Fault("pose_x", "late", 0.0, size=-0.1)

@@ -1,0 +1,1 @@
+"""What watches one car's sensors for faults: encoder and stamps, gyro."""
