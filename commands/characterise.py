@@ -1,6 +1,6 @@
 """Give the twin free curves for its maps, fit them, and say which forms they have.
 
-Writes twin.toml and characterise.json.
+Writes twin.toml (the better of the two on recordings that only judge) and characterise.json.
 
 qcar-twin characterise --dataset data/sample --out out/characterised
 """
@@ -39,7 +39,7 @@ def main(config: Config) -> Study:
   with StageLine() as progress:
     found = study(dataset, config.most, config.threads, progress, config.plant)
   note = f"characterised on {found.dataset}: curves of no known form; sessions' own trims are left out"
-  save_twin(config.out / "twin.toml", found.found.twin, found.found.theta, note)
+  save_twin(config.out / "twin.toml", *found.shipped, note)
   write_json(config.out / "characterise.json", found.document())
   for line in sentences(found):
     print(line)

@@ -59,7 +59,9 @@ class Study:
     dataset: name; notes: what its check said.
     found: the twin with curves; outlines: its curves and the forms they may have.
     terms: everything else that was freed.
-    named: the twin with named forms in the curves' place; None where no curve has a known form.
+    named: the twin with named forms in the curves' place; None where no curve departs.
+    gain: how much smaller its errors are than the base's on recordings that only judged (role "validate"), 1 minus the
+      geometric mean over the channels; 0 without such recordings.
     errors: by KINDS, then channel: root mean square errors on the hold-out, in `units`; "noise" is the sensors' while
       driving.
   """
@@ -72,6 +74,15 @@ class Study:
   named: Characterised | None
   errors: Mapping[str, Mapping[str, float]]
   units: Mapping[str, str]
+  base: RecalibratedTwin
+  gain: float
+
+  @property
+  def shipped(self) -> tuple[Twin, Array]:
+    """The twin to go on with: the one with curves, unless the base does better on recordings that only judged."""
+    if self.gain < 0.0:
+      return self.base.problem.exact.twin, self.base.theta
+    return self.found.twin, self.found.theta
 
   def document(self) -> dict[str, Any]:
     """Everything a program may want of it, as plain values."""
@@ -98,6 +109,7 @@ class Study:
       "holdout": {kind: dict(values) for kind, values in self.errors.items()},
       "units": dict(self.units),
       "command_shift": self.found.fitted.command_shift,
+      "validation_gain": self.gain,
     }
 
 
@@ -130,7 +142,9 @@ def study(
     named = characterise(dataset, names, [o.curve for o in drawn], most, threads=threads, plant=plant)
   progress("hold-out")
   errors, units = _errors(base, found, named, dataset.role("holdout"))
-  return Study(dataset.name, dataset.warnings + notes, found, drawn, terms(found), named, errors, units)
+  gain = _gain(base, found, dataset.role("validate"))
+  said = dataset.warnings + notes
+  return Study(dataset.name, said, found, drawn, terms(found), named, errors, units, base, gain)
 
 
 def terms(found: Characterised) -> tuple[Term, ...]:
@@ -154,6 +168,13 @@ def _base(dataset: DataSet, most: float, threads: int, plant: EngineKind) -> Rec
   return recalibrate_dataset(dataset, searched, most=most)
 
 
+def _gain(base: RecalibratedTwin, found: Characterised, judging: Sequence[Recording]) -> float:
+  if not judging:
+    return 0.0
+  before, after = _error(base, judging), _error(found.fitted, judging)
+  return 1.0 - float(np.exp(np.mean([np.log(after[name] / before[name]) for name in before if before[name] > 0.0])))
+
+
 def _errors(
   base: RecalibratedTwin, found: Characterised, named: Characterised | None, holdout: Sequence[Recording]
 ) -> tuple[dict[str, dict[str, float]], dict[str, str]]:
@@ -168,19 +189,20 @@ def _errors(
   learnt = problem.predict(base.theta[None])
   residual = problem.observations.predict(learnt)[0] - problem.observations.measured
   trees = boosted_residual(problem.observations, learnt, residual, observations, prediction, raw)
-  errors = {"base": rms(observations, raw), "characterised": _error(found, holdout)}
+  errors = {"base": rms(observations, raw), "characterised": _error(found.fitted, holdout)}
   if named:
-    errors["named"] = _error(named, holdout)
+    errors["named"] = _error(named.fitted, holdout)
   noise = residual_floor(driving_noise(holdout))
   errors |= {"black_box": rms(observations, trees)}
   errors["noise"] = {name: float(noise[name]) for name in observations.present if name in noise}
   return errors, {name: UNITS[name] for name in observations.present}
 
 
-def _error(found: Characterised, holdout: Sequence[Recording]) -> dict[str, float]:
-  cut = Cut(command_shift=found.fitted.command_shift, most=LONGEST)
-  observations = observe(holdout, found.twin.vehicle, cut)
-  prediction: Prediction = found.twin.rollout(found.theta[None], observations.stretches.segments)
+def _error(found: RecalibratedTwin, recordings: Sequence[Recording]) -> dict[str, float]:
+  """Root mean square error of a fitted twin per channel, in its unit."""
+  twin = found.problem.exact.twin
+  observations = observe(recordings, twin.vehicle, Cut(command_shift=found.command_shift, most=LONGEST))
+  prediction: Prediction = twin.rollout(found.theta[None], observations.stretches.segments)
   return rms(observations, observations.predict(prediction)[0] - observations.measured)
 
 
@@ -191,6 +213,8 @@ def sentences(found: Study) -> list[str]:
     lines.append(f"{outline.curve}: {_said(outline)}")
   there = [f"{t.name} = {t.value:.3g} ± {t.std:.1g} {t.unit}" for t in found.terms if t.there]
   lines.append("besides: " + ("; ".join(there) if there else "nothing that stands out from chance"))
+  better = "better" if found.gain >= 0.0 else "worse, so the base is written"
+  lines.append(f"on recordings that only judge the twin with curves is {100.0 * abs(found.gain):.0f} % {better}")
   for channel, unit in found.units.items():
     parts = [f"{kind.replace('_', ' ')} {found.errors[kind][channel]:.4g}" for kind in KINDS
              if channel in found.errors.get(kind, {})]  # fmt: skip
