@@ -17,8 +17,9 @@ import tyro
 
 from calibration.proving_ground import EFFECTS, Spec
 from calibration.proving_ground.long_session import make_long_session
-from calibration.proving_ground.seal import seal
-from calibration.proving_ground.session import draw_effect, save, save_clean
+from calibration.laboratory.seal import seal
+from calibration.laboratory.written import save, save_clean
+from calibration.proving_ground.session import draw_effect
 from qcar_twin.recordings.dataset import DataSet
 
 

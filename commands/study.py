@@ -16,7 +16,7 @@ from agents.studies.study import VARIANTS, Job, driving_jobs, settings, training
 from agents.studies.study_report import page
 from calibration.proving_ground.car import Car
 from calibration.proving_ground.plant import ProvingGroundPlant
-from calibration.proving_ground.session import stream
+from calibration.laboratory.written import stream
 from qcar_twin.atomic_io import write_text
 from qcar_twin.plant import Plant
 

@@ -8,8 +8,8 @@ import numpy as np
 from calibration.campaign.figure import draw_confusion
 from calibration.campaign.nulls import spurious_table
 from calibration.campaign.score import Result, score, score_table
-from calibration.proving_ground.designs import plan
-from calibration.proving_ground.manoeuvres import PERIOD
+from calibration.laboratory.designs import plan
+from calibration.laboratory.manoeuvres import PERIOD
 from qcar_twin import markdown
 
 # figure of merit, what it is called, its aim: at least (+) or at most (-)

@@ -3,6 +3,7 @@
 from .car import Car
 from .effects import EFFECTS
 from .plant import ProvingGroundPlant
-from .session import Session, Spec, make_session, make_sessions
+from ..laboratory.written import Session
+from .session import Spec, make_session, make_sessions
 
 __all__ = ["EFFECTS", "Car", "ProvingGroundPlant", "Session", "Spec", "make_session", "make_sessions"]

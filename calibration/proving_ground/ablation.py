@@ -8,7 +8,8 @@ from collections.abc import Callable
 import numpy as np
 
 from .car import GRAVITY, Car
-from .session import Session, Spec, make_sessions
+from ..laboratory.written import Session
+from .session import Spec, make_sessions
 
 NOISE = {
   "motor_speed": 0.55,

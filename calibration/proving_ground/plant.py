@@ -6,7 +6,7 @@ import numpy as np
 
 from .car import Car, fleet
 from .effects import effect_class
-from .manoeuvres import PERIOD
+from ..laboratory.manoeuvres import PERIOD
 from .session import FORCE_NOISE, LOAD_NOISE
 from .simulation import TRACE, Simulation
 

@@ -11,7 +11,7 @@ import numpy as np
 from .car import GRAVITY
 from .dynamics import Dynamics, rolling_start
 from .electronics import Electronics
-from .manoeuvres import PERIOD
+from ..laboratory.manoeuvres import PERIOD
 
 TRACE = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "accel_x", "accel_y", "motor", "motor_angle", "road")
 HOOKS = ("act", "link", "load", "contact")

@@ -12,7 +12,7 @@ import numpy as np
 
 from .car import GRAVITY, Car
 from .drivetrain import LIMIT, Drivetrain
-from .manoeuvres import SPACING, Manoeuvre, Path
+from ..laboratory.manoeuvres import SPACING, Manoeuvre, Path
 from .sensing import Sensors
 
 DESIGN = "wild"
