@@ -39,12 +39,12 @@ class SecondCar:
   gear_ratio: float = (13 * 19) / (70 * 37)  # wheel speed / motor speed
   motor_constant: float = 2.9e-3  # N m/A and V s/rad
   motor_resistance: float = 0.155  # ohm, at the room's temperature
-  motor_inductance: float = 8e-5  # H
+  motor_inductance: float = 1.7e-4  # H
   motor_inertia: float = 3e-6  # kg m^2
   motor_viscous: float = 1e-6  # N m s/rad
   winding_warmth: float = 6.0  # K, most that a session brings
   gear_friction: float = 0.026  # N m at the gears' output
-  gear_presliding: float = 0.05  # rad, there
+  gear_presliding: float = 0.09  # rad, there
   shaft_stiffness: float = 25.0  # N m/rad of all shafts in series, at the wheels
   shaft_damping: float = 0.02  # N m s/rad
   grease_axle: float = 1.5e-4  # N m s/rad, between left and right
@@ -108,7 +108,7 @@ class SecondCar:
       ride_damping=rng.uniform(0.3, 0.6), ackermann=rng.uniform(0.5, 1.0),
       servo_time=rng.uniform(4e-3, 8e-3), servo_speed=rng.uniform(10.0, 17.0),
       motor_constant=rng.uniform(2.65e-3, 3.15e-3), motor_resistance=rng.uniform(0.135, 0.180),
-      motor_inductance=rng.uniform(6e-5, 1.2e-4), motor_inertia=rng.uniform(2.2e-6, 3.8e-6),
+      motor_inductance=rng.uniform(1.2e-4, 2.2e-4), motor_inertia=rng.uniform(2.2e-6, 3.8e-6),
       motor_viscous=rng.uniform(0.5e-6, 1.5e-6), winding_warmth=rng.uniform(3.0, 8.0),
       gear_friction=rng.uniform(0.018, 0.034), shaft_stiffness=rng.uniform(18.0, 35.0),
       grease_axle=rng.uniform(0.5e-4, 2.5e-4), grease_centre=rng.uniform(1e-4, 5e-4),

@@ -146,8 +146,7 @@ def rest_loads(car: SimpleNamespace) -> np.ndarray:
 def _tilt(s: State) -> np.ndarray:
   """Chassis axes in floor axes (3, 3, n): a turn by the pitch, then by the roll."""
   cr, sr, cp, sp = np.cos(s.roll), np.sin(s.roll), np.cos(s.pitch), np.sin(s.pitch)
-  zero = np.zeros_like(cr)
-  return np.stack([np.stack([cp, sp * sr, sp * cr]), np.stack([zero, cr, -sr]), np.stack([-sp, cp * sr, cp * cr])])
+  return np.array([[cp, sp * sr, sp * cr], [np.zeros_like(cr), cr, -sr], [-sp, cp * sr, cp * cr]])
 
 
 def _turned(tilt: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:

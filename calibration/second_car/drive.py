@@ -23,6 +23,8 @@ RUB_FADE = 1.0  # rad/s
 
 def swallowed(value: np.ndarray, zone: np.ndarray) -> np.ndarray:
   """A signal after a dead zone of half-width `zone`, its corners hyperbolas; nothing is changed where zone is 0."""
+  if not zone.any():
+    return value
   over = np.abs(value) - zone
   soft = KNEE * zone
   kept = 0.5 * (over + np.sqrt(over * over + soft * soft)) - 0.5 * (np.sqrt(zone * zone + soft * soft) - zone)
@@ -31,6 +33,8 @@ def swallowed(value: np.ndarray, zone: np.ndarray) -> np.ndarray:
 
 def reference_rate(car: SimpleNamespace, state: State, wanted: np.ndarray) -> np.ndarray:
   """Rate of the bridge's smoothed reference [V/s]."""
+  if not car.drive_time.any():
+    return np.zeros_like(wanted)
   pull = (wanted - state.reference) / np.where(car.drive_time > 0.0, car.drive_time, 1.0)
   return np.where(car.drive_time > 0.0, pull / np.sqrt(1.0 + (pull / SLEW) ** 2), 0.0)
 

@@ -22,6 +22,7 @@ class Floor:
     self.along, self.across = number * np.cos(heading), number * np.sin(heading)
     self.phase, self.level = phase, level
     self.height = level * STEEPNESS * np.sqrt(2.0 / WAVES) / number  # every wave has the same share of the slope
+    self.slopes = np.stack([self.height * self.along, self.height * self.across], axis=1)
 
   def at(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Height [m] and slopes along the room's x and y, each of the shape of x."""
@@ -29,15 +30,13 @@ class Floor:
       nothing = np.zeros_like(x)
       return nothing, nothing, nothing
     turn = np.multiply.outer(x, self.along) + np.multiply.outer(y, self.across) + self.phase
-    lift = np.cos(turn)
-    return (
-      np.sin(turn) @ self.height,
-      lift @ (self.height * self.along),
-      lift @ (self.height * self.across),
-    )
+    slopes = np.cos(turn) @ self.slopes
+    return np.sin(turn) @ self.height, slopes[..., 0], slopes[..., 1]
 
 
 def grip(car: SimpleNamespace, x: np.ndarray, y: np.ndarray) -> np.ndarray:
   """Factor on friction where the wheels (4, n) stand."""
+  if not car.patch_loss.any():
+    return np.ones_like(x)
   outside = (np.hypot(x - car.patch_x, y - car.patch_y) - car.patch_radius) / EDGE
   return 1.0 - car.patch_loss / (1.0 + np.exp(np.clip(outside, -40.0, 40.0)))

@@ -9,7 +9,7 @@ import numpy as np
 from .drive import swallowed
 from .states import State
 
-CARRIED = 1e-3  # s in which the horn carries the linkage along
+CARRIED = 1.5e-3  # s in which the horn carries the linkage along
 
 
 def steering_rates(car: SimpleNamespace, state: State, rate: State, command: np.ndarray) -> None:
