@@ -7,7 +7,7 @@ import numpy as np
 
 from calibration.proving_ground.effects import EFFECTS
 from calibration.proving_ground.wild import draw_wild_effects
-from calibration.second_car import SECOND_EFFECTS
+from calibration.second_car.effects import SECOND_EFFECTS, draw_size
 from qcar_twin.twin.mechanisms import catalogue
 
 
@@ -25,7 +25,6 @@ class Case:
 
 
 NOISE_LEVELS = (0.5, 1.0, 2.0)  # that sessions without an effect take turns with
-SECOND_SIZES = (0.85, 1.25)  # of typical: those of `make-session --draw`
 
 
 def draw_cases(seed: int, nulls: int, singles: int, pairs: int, outside: int, design: str = "compact") -> list[Case]:
@@ -79,8 +78,7 @@ def draw_second_cases(seed: int, nulls: int, singles: int, design: str = "compac
   ]  # fmt: skip
   for i in range(singles):
     effect = order[i % len(order)]
-    sign = float(rng.choice([-1.0, 1.0])) if SECOND_EFFECTS[effect].signed else 1.0
-    size = sign * round(float(rng.uniform(*SECOND_SIZES)), 3)
+    size = draw_size(effect, rng)
     cases.append(Case(f"single_{i:02d}", "single", first + 1000 + i, ((effect, size),), 1.0, design, "second"))
   return cases
 

@@ -5,7 +5,7 @@ differentials, an integrator with error control. Of the first car it shares mano
 """
 
 from .car import SecondCar
-from .effects import SECOND_EFFECTS
+from .effects import SECOND_EFFECTS, draw_second_effect
 from .session import make_second_session
 
-__all__ = ["SECOND_EFFECTS", "SecondCar", "make_second_session"]
+__all__ = ["SECOND_EFFECTS", "SecondCar", "draw_second_effect", "make_second_session"]

@@ -137,6 +137,7 @@ _KINDS = (
   SecondEffect("imu_latency", "sensor", 0.055, "s", _sets("imu_delay", "imu_latency")),
 )
 SECOND_EFFECTS: dict[str, SecondEffect] = {kind.id: kind for kind in _KINDS}
+SIZES = (0.85, 1.25)  # of typical, of what is drawn
 
 
 def second_effect(name: str, size: float) -> SecondEffect:
@@ -149,6 +150,18 @@ def second_effect(name: str, size: float) -> SecondEffect:
   if size < 0.0 and not kind.signed:
     raise ValueError(f"effect '{name}' has no negative size, got {size:g}")
   return kind
+
+
+def draw_size(name: str, rng: np.random.Generator) -> float:
+  """About the typical size, of either sign where the effect has one."""
+  sign = float(rng.choice([-1.0, 1.0])) if SECOND_EFFECTS[name].signed else 1.0
+  return sign * round(float(rng.uniform(*SIZES)), 3)
+
+
+def draw_second_effect(rng: np.random.Generator) -> tuple[str, float]:
+  """One effect and its size."""
+  name = str(rng.choice(sorted(SECOND_EFFECTS)))
+  return name, draw_size(name, rng)
 
 
 def conceal(
