@@ -16,10 +16,10 @@ from typing import Literal
 import numpy as np
 import tyro
 
-from calibration.proving_ground import EFFECTS, Spec
-from calibration.proving_ground.long_session import make_long_session
 from calibration.laboratory.seal import seal
 from calibration.laboratory.written import save, save_clean
+from calibration.proving_ground import EFFECTS, Spec
+from calibration.proving_ground.long_session import make_long_session
 from calibration.proving_ground.session import draw_effect
 from calibration.second_car import SECOND_EFFECTS, draw_second_effect, make_second_session
 from qcar_twin.recordings.dataset import DataSet
@@ -73,7 +73,11 @@ def main(config: Config) -> DataSet | None:
   """Make, write and read back one session, and print what was written; or list the effects."""
   if "list" in config.effect:
     kinds = SECOND_EFFECTS if config.car == "second" else EFFECTS
-    print("\n".join(f"{name:24s}{kind.subsystem:12s}{kind.typical:8.3g} {kind.unit}" for name, kind in sorted(kinds.items())))
+    print(
+      "\n".join(
+        f"{name:24s}{kind.subsystem:12s}{kind.typical:8.3g} {kind.unit}" for name, kind in sorted(kinds.items())
+      )
+    )
     return None
   if config.car == "second" and config.sessions > 1:
     raise ValueError(f"the second car drives one session at a time, not {config.sessions}: leave --sessions out")

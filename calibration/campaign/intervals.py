@@ -23,7 +23,7 @@ def counts(results: Sequence[Result]) -> list[tuple[str, int, int]]:
     ("of those that the right model sees (20 nats or more)", right_first, seen),
     ("single effects: right name among the claims", lambda r: bool(named(r) & truth_ids(r)), singles),
     ("single effects: a wrong name first", wrong, singles),
-    ("single effects: a wrong name beside or in place of the right one", lambda r: bool(named(r) - truth_ids(r)), singles),
+    ("single effects: a wrong name claimed, first or not", lambda r: bool(named(r) - truth_ids(r)), singles),
     ("single effects: nothing claimed", lambda r: not r["answer"]["claims"], singles),
   )  # fmt: skip
   return [(said, sum(map(test, chosen)), len(chosen)) for said, test, chosen in rows]

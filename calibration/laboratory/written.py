@@ -61,6 +61,4 @@ def save(session: Session, folder: Path, name: str, mark: str) -> None:
   text = f"Laboratory session of the independent simulated car. Truth sealed, SHA-256 with salt: {mark}"
   rounded = {key: v if isinstance(v, str) else float(f"{v:.6g}") for key, v in session.vehicle.items()}
   std = {key: float(f"{value:.3g}") for key, value in session.vehicle_std.items()}
-  write_dataset(
-    folder, name, rounded, std, session.recordings, description=text, licence="MIT", source=session.source
-  )
+  write_dataset(folder, name, rounded, std, session.recordings, description=text, licence="MIT", source=session.source)

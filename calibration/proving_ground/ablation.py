@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .car import GRAVITY, Car
 from ..laboratory.written import Session
+from .car import GRAVITY, Car
 from .session import Spec, make_sessions
 
 NOISE = {

@@ -7,14 +7,14 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from .car import Car, armature, describe, fleet, one_of
 from ..laboratory.designs import plan
 from ..laboratory.driver import BELIEFS, Driver, coloured, hands
+from ..laboratory.manoeuvres import PERIOD, Manoeuvre
+from ..laboratory.written import Session, as_recording, stream
+from .car import Car, armature, describe, fleet, one_of
 from .drivetrain import CHANNEL, LIMIT, STEP
 from .effects import Effect, effect_class
 from .gaps import gaps
-from ..laboratory.manoeuvres import PERIOD, Manoeuvre
-from ..laboratory.written import Session, as_recording, stream
 from .sensing import RESOLUTION, Log, Sensors, add_noise
 from .simulation import TRACE, Carried, Simulation
 from .wild import DESIGN as WILD

@@ -1,7 +1,7 @@
 """A rigid chassis in space on four struts, four wheels that spin: x' = f(t, x) for n cars at once.
 
-Newton and Euler in the chassis' own axes, m (v' + w x v) = F, I w' + w x I w = M; roll, pitch and yaw turn about x, y, z
-of the car in the order yaw, pitch, roll (ISO 8855: x forward, y left, z up, so that a positive pitch lowers the nose).
+Newton and Euler in the chassis' own axes, m (v' + w x v) = F, I w' + w x I w = M; it is turned by yaw,
+pitch and roll in this order (ISO 8855: x forward, y left, z up, so that a positive pitch lowers the nose).
 Floor axes: those of the room turned by the yaw. A strut stands upright between its corner and the floor and carries the
 load at rest plus spring and damper; tyre forces act where it stands.
 """

@@ -16,7 +16,7 @@ class Floor:
   """Height h = sum a sin(k x + l y + phase) of one room; `level` scales it, at 0 it is flat."""
 
   def __init__(self, rng: np.random.Generator, level: float) -> None:
-    length = np.exp(rng.uniform(*np.log(LENGTHS), WAVES))
+    length = LENGTHS[0] * (LENGTHS[1] / LENGTHS[0]) ** rng.uniform(0.0, 1.0, WAVES)
     heading, phase = rng.uniform(-np.pi, np.pi, (2, WAVES))
     number = 2 * np.pi / length
     self.along, self.across = number * np.cos(heading), number * np.sin(heading)

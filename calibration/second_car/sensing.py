@@ -43,7 +43,9 @@ def sense(
   shape, speed = (ticks, trace.shape[2]), np.abs(signal["vx"][grid])
   for name in imu:
     kind = "gyro" if name == "yaw_rate" else "accel"
-    session, run = (noise * size * rng.standard_normal(count) for size, count in zip(BIAS[kind], (1, shape[1])))
+    session, run = (
+      noise * size * rng.standard_normal(count) for size, count in zip(BIAS[kind], (1, shape[1]), strict=True)
+    )
     shake = np.hypot(NOISE[kind], SHAKEN[kind] * speed)
     out[name] = out[name] + session + run + noise * shake * rng.standard_normal(shape)
   out["motor_speed"] = _encoder(signal, noise, rng)[grid]
@@ -52,7 +54,7 @@ def sense(
 
 def _filtered(values: np.ndarray) -> np.ndarray:
   """Through the IMU's filter, which has settled before the start."""
-  b, a = butter(2, IMU_CUTOFF, fs=FINE / PERIOD)
+  b, a = butter(2, IMU_CUTOFF, fs=FINE / PERIOD)  # pyright: ignore[reportAssignmentType, reportGeneralTypeIssues]
   settled = np.multiply.outer(lfilter_zi(b, a), values[0])
   return np.asarray(lfilter(b, a, values, axis=0, zi=settled)[0])
 
@@ -62,7 +64,9 @@ def _late(values: np.ndarray, delay: np.ndarray) -> np.ndarray:
   if not np.any(delay):
     return values
   rows, steps = np.arange(len(values)), np.linspace(0.75, 1.25, 9)
-  moved = [[np.interp(rows - s * d * FINE / PERIOD, rows, v) for v, d in zip(values.T, delay)] for s in steps]
+  moved = [
+    [np.interp(rows - s * d * FINE / PERIOD, rows, v) for v, d in zip(values.T, delay, strict=True)] for s in steps
+  ]
   return np.mean(moved, axis=0).T
 
 

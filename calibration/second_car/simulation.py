@@ -1,6 +1,6 @@
 """The second car's runs side by side under commands, one control period at a time; scipy's Bogacki-Shampine pair 3(2).
 
-The step follows the local error (Bogacki and Shampine, Appl. Math. Lett. 2(4), 1989) and ends wherever a command arrives.
+The step follows the local error (Bogacki and Shampine, Appl. Math. Lett. 2(4), 1989) and ends where a command arrives.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ JITTER = 0.1  # of a delay, from one packet to the next
 
 
 def columns(car: SecondCar, n: int, sprung: float | None = None) -> SimpleNamespace:
-  """The car's numbers repeated for n runs; `sprung`: mass the springs were made for [kg], the car's own if not given."""
+  """The car's numbers repeated for n runs; `sprung`: mass the springs were made for [kg], the car's own if None."""
   table = {name: np.full(n, value) for name, value in car.described().items()}
   return SimpleNamespace(**table, warm=np.ones(n), sprung=np.full(n, sprung or car.mass))
 
@@ -84,7 +84,7 @@ class Simulation:
     """From begin to end, filling the rows of the trace on the way. Raises RuntimeError where the step vanishes."""
     solver = RK23(
       self._rates, begin, self._y, end, first_step=min(self._step, end - begin), rtol=0.1 * self.tolerance,
-      atol=self.tolerance * self._scale,
+      atol=self.tolerance * self._scale,  # pyright: ignore[reportArgumentType]  # an array is taken as well
     )  # fmt: skip
     row = int(np.floor(begin / PERIOD * FINE + 1e-6)) + 1
     while solver.status == "running":

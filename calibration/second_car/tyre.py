@@ -1,11 +1,11 @@
 """Rubber on the floor: averaged LuGre friction of a contact patch, along and across at once.
 
-Canudas de Wit and Tsiotras, CDC 1999; Velenis, Tsiotras, Canudas de Wit and Sorine, Vehicle System Dynamics 43(1), 2005:
+Canudas de Wit and Tsiotras, CDC 1999; Velenis, Tsiotras, Canudas de Wit and Sorine, Veh. Syst. Dyn. 43(1), 2005:
   z_j' = v_j - (s_j |v| / g + k_j |w r|) z_j,   F_j = -F_z (s_j z_j + d(v) z_j'),   j = x, y,
   g = mu_k + (mu_s - mu_k) exp(-sqrt(|v| / v_s)),
-v the sliding velocity of the rubber over the floor. k_j L is such that the steady force is that of bristles spread evenly
-over a patch of length L: k L = (1 - e^-q) / f, f = 1 - (1 - e^-q) / q, q = s L |v| / (g |w r|). So the stiffness at
-small slip is s L / 2 times the load, the way to build up a force L / 2.
+v the sliding velocity of the rubber over the floor. k_j L is such that the steady force is that of bristles spread
+evenly over a patch of length L: k L = (1 - e^-q) / f, f = 1 - (1 - e^-q) / q, q = s L |v| / (g |w r|). So the
+stiffness at small slip is s L / 2 times the load, the way to build up a force L / 2.
 """
 
 from __future__ import annotations

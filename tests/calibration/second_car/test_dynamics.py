@@ -36,7 +36,7 @@ def test_terminal_speed_is_that_of_the_motor_equation():
 
 
 def test_understeer_gradient_is_that_of_the_axles():
-  """delta = L / R + (1 / c_f - 1 / c_r) a_y / g, with stiffness over load c (Gillespie 1992, ch. 6), at small angles."""
+  """delta = L / R + (1 / c_f - 1 / c_r) a_y / g, with stiffness over load c (Gillespie 1992, ch. 6)."""
   cars = [replace(CAR, cornering_front=8.0, cornering_rear=rear, ackermann=0.0) for rear in (8.0, 16.0)]
   angle = 0.05
   simulation, _ = go(cars, lambda _t: (1.3, angle), 2.0, speed=1.1, steer=angle)

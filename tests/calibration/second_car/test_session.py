@@ -1,4 +1,4 @@
-"""Sessions of the second car: the seed decides, noise and effects leave each other alone, nothing shared but the layout."""
+"""Sessions of the second car: the seed decides, noise and effects leave each other alone."""
 
 import json
 from dataclasses import replace
