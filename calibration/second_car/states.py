@@ -14,8 +14,8 @@ SCALES = {
   "along_fl": 5e-4, "along_fr": 5e-4, "along_rl": 5e-4, "along_rr": 5e-4,
   "across_fl": 5e-4, "across_fr": 5e-4, "across_rl": 5e-4, "across_rr": 5e-4,
 }  # fmt: skip
-"""State -> a usual size of it, to which the integrator's tolerance is relative. Velocities u, v, w and p, q, r are those of
-the chassis in its own axes, straight and angular; the bristles' deflections are along and across the wheels."""
+"""State -> a usual size of it, to which the integrator's tolerance is relative. Velocities u, v, w and p, q, r are the
+chassis' own, straight and angular, in its axes; the bristles' deflections are along and across the wheels."""
 NAMES = tuple(SCALES)
 
 
