@@ -1,8 +1,7 @@
 """The numbers of the second car, drawn from a seed within published or plausible ranges; null values of its effects.
 
 SI units, ISO 8855 axes (x forward, y left, z up), wheels in the order front left, front right, rear left, rear right.
-Lengths, gears and encoder: Quanser, QCar User Manual. Bristle friction: Canudas de Wit and Tsiotras, Dynamic tire
-friction models for vehicle traction control, CDC 1999.
+Lengths, gears and encoder: Quanser, QCar User Manual. Bristle friction: Canudas de Wit and Tsiotras, CDC 1999.
 """
 
 from __future__ import annotations

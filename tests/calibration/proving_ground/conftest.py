@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from calibration.laboratory import designs
 from calibration.laboratory import manoeuvres as m
-from calibration.proving_ground import designs
 
 
 def tiny(rng: np.random.Generator) -> list[m.Manoeuvre]:
