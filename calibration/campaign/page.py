@@ -49,7 +49,7 @@ def campaign_page(results: Sequence[Result], drawn: int, command: str, picture: 
     f"`{command}`: {len(results)} of {drawn} sessions of the {_car(results)}, made from a seed not used",
     "while what is measured here was built (which state that is: docs/results.md), diagnosed without sight of their",
     f"truth; each answer and its hash were written before the truth was looked at. {_designs(results)},",
-    "process noise, a noisy driver. A name is right if it is the first claim.",
+    f"process noise, a noisy driver{_carried(results)}. A name is right if it is the first claim.",
     "",
   ]
   rows = []
@@ -65,10 +65,17 @@ def campaign_page(results: Sequence[Result], drawn: int, command: str, picture: 
   return "\n".join(lines)
 
 
+def _second(results: Sequence[Result]) -> bool:
+  """Whether the second car drove; answers from before there was one are the first's."""
+  return any(result["case"].get("car") == "second" for result in results)
+
+
 def _car(results: Sequence[Result]) -> str:
-  """Which car; answers from before there was a second are the first's."""
-  second = any(result["case"].get("car") == "second" for result in results)
-  return "second independent car (`calibration/second_car`)" if second else "independent car"
+  return "second independent car (`calibration/second_car`)" if _second(results) else "independent car"
+
+
+def _carried(results: Sequence[Result]) -> str:
+  return "" if _second(results) else ", heat and charge carried along"
 
 
 def _designs(results: Sequence[Result]) -> str:
