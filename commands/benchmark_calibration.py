@@ -7,9 +7,9 @@ import dataclasses
 from pathlib import Path
 
 from calibration.benchmarks.calibration import judge, match, page
+from calibration.laboratory.seal import seal
+from calibration.laboratory.written import save
 from calibration.proving_ground import make_session
-from calibration.proving_ground.seal import seal
-from calibration.proving_ground.session import save
 from qcar_twin.atomic_io import write_text
 
 REAL = Path("../shared/data")

@@ -7,12 +7,13 @@ import dataclasses
 import json
 from collections import Counter
 from pathlib import Path
+from typing import Literal
 
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
 from calibration.campaign.archive import pack, unpack
-from calibration.campaign.cases import draw_cases, draw_wild_cases
+from calibration.campaign.cases import draw_cases, draw_second_cases, draw_wild_cases
 from calibration.campaign.page import campaign_page
 from calibration.campaign.run import run_case
 from calibration.campaign.score import score_table
@@ -39,6 +40,8 @@ class Config:
   """Sessions with an effect the catalogue does not have."""
   wild: int = 0
   """Sessions of cars far from the QCar with four to eight effects at once."""
+  car: Literal["first", "second"] = "first"
+  """Which independent car; the second, of another structure, has sessions with no effect and with one only."""
   design: str = "compact"
   """Session design: compact (about 2 minutes of driving), lab (5 minutes) or paper."""
   jobs: int = 2
@@ -56,7 +59,10 @@ class Config:
 def main(config: Config) -> str:
   """Run what is missing; returns the score as a Markdown table."""
   counts = (1, 1, 1, 1) if config.quick else (config.nulls, config.singles, config.pairs, config.outside)
-  cases = draw_cases(config.seed, *counts, design=config.design) + draw_wild_cases(config.seed, config.wild)
+  if config.car == "second":
+    cases = draw_second_cases(config.seed, *counts[:2], design=config.design)
+  else:
+    cases = draw_cases(config.seed, *counts, design=config.design) + draw_wild_cases(config.seed, config.wild)
   if config.archive and config.archive.is_file():
     unpack(config.archive, config.out)
   # kinds take turns, so that a campaign that is stopped early has seen all of them
@@ -73,7 +79,7 @@ def main(config: Config) -> str:
   if config.archive:
     pack(config.out, config.archive)
   if config.page:
-    usual, options = Config(config.out), ("nulls", "singles", "pairs", "outside", "wild", "design")
+    usual, options = Config(config.out), ("car", "nulls", "singles", "pairs", "outside", "wild", "design")
     other = [f" --{n} {getattr(config, n)}" for n in options if getattr(config, n) != getattr(usual, n)]
     command = f"qcar-twin campaign --out out/{config.out.name} --seed {config.seed}{''.join(other)}"
     write_text(config.page, campaign_page(results, len(cases), command, config.page.with_suffix(".png")))

@@ -11,25 +11,30 @@ import secrets
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import tyro
 
+from calibration.laboratory.seal import seal
+from calibration.laboratory.written import save, save_clean
 from calibration.proving_ground import EFFECTS, Spec
 from calibration.proving_ground.long_session import make_long_session
-from calibration.proving_ground.seal import seal
-from calibration.proving_ground.session import draw_effect, save, save_clean
+from calibration.proving_ground.session import draw_effect
+from calibration.second_car import SECOND_EFFECTS, draw_second_effect, make_second_session
 from qcar_twin.recordings.dataset import DataSet
 
 
 @dataclass(frozen=True)
 class Config:
-  """A session of the independent car."""
+  """A session of an independent car."""
 
   out: Path
   """folder of the data set"""
   seed: int = 0
   """draws the car, the driver, the noise"""
+  car: Literal["first", "second"] = "first"
+  """which independent car; the second is of another structure and slower to simulate"""
   effect: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
   """id of a concealed effect; may be given several times; `list` prints them all"""
   size: tyro.conf.UseAppendAction[tuple[float, ...]] = ()
@@ -59,22 +64,29 @@ def chosen(config: Config) -> tuple[tuple[str, float], ...]:
   if len(config.size) > len(config.effect):
     raise ValueError(f"{len(config.size)} sizes for {len(config.effect)} effects: give each --size after its --effect")
   sizes = (*config.size, *[1.0] * (len(config.effect) - len(config.size)))
-  drawn = (draw_effect(np.random.default_rng(secrets.randbits(64))),) if config.draw else ()
+  draw = draw_second_effect if config.car == "second" else draw_effect
+  drawn = (draw(np.random.default_rng(secrets.randbits(64))),) if config.draw else ()
   return (*zip(config.effect, sizes, strict=True), *drawn)
 
 
 def main(config: Config) -> DataSet | None:
   """Make, write and read back one session, and print what was written; or list the effects."""
   if "list" in config.effect:
+    kinds = SECOND_EFFECTS if config.car == "second" else EFFECTS
     print(
       "\n".join(
-        f"{name:24s}{kind.parameter:24s}{kind.typical:8.3g} {kind.unit}" for name, kind in sorted(EFFECTS.items())
+        f"{name:24s}{kind.subsystem:12s}{kind.typical:8.3g} {kind.unit}" for name, kind in sorted(kinds.items())
       )
     )
     return None
+  if config.car == "second" and config.sessions > 1:
+    raise ValueError(f"the second car drives one session at a time, not {config.sessions}: leave --sessions out")
   began = time.perf_counter()
   design = "compact" if config.quick else config.design
-  session = make_long_session(Spec(config.seed, chosen(config), design, config.noise_level), config.sessions)
+  if config.car == "second":
+    session = make_second_session(config.seed, chosen(config), design, config.noise_level)
+  else:
+    session = make_long_session(Spec(config.seed, chosen(config), design, config.noise_level), config.sessions)
   took = time.perf_counter() - began
   truth = config.truth_out or config.out.with_name(config.out.name + "_truth")
   mark = seal(session.truth, config.out, truth, config.packed)

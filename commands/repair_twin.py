@@ -9,9 +9,9 @@ from pathlib import Path
 from calibration.diagnosis.pipeline import diagnose
 from calibration.diagnosis.report.page import verdict, write_diagnosis
 from calibration.diagnosis.search.structure import Effort
+from calibration.laboratory.seal import seal
+from calibration.laboratory.written import save
 from calibration.proving_ground import make_session
-from calibration.proving_ground.seal import seal
-from calibration.proving_ground.session import save
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.file import save_twin
 

@@ -14,9 +14,9 @@ from agents.control.external_plant import ExternalPlant
 from agents.learning.evaluate import known_plant
 from agents.studies.study import VARIANTS, Job, driving_jobs, settings, training_jobs
 from agents.studies.study_report import page
+from calibration.laboratory.written import stream
 from calibration.proving_ground.car import Car
 from calibration.proving_ground.plant import ProvingGroundPlant
-from calibration.proving_ground.session import stream
 from qcar_twin.atomic_io import write_text
 from qcar_twin.plant import Plant
 

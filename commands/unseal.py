@@ -9,7 +9,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from calibration.proving_ground.seal import COMMITMENT, unseal
+from calibration.laboratory.seal import COMMITMENT, unseal
 
 
 @dataclass(frozen=True)

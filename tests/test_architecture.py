@@ -151,9 +151,24 @@ def test_numpy_is_all_that_is_really_loaded(statement: str):
 def test_the_proving_ground_never_loads_the_twin():
   loaded = really_loaded("import calibration.proving_ground")
   own = {name for name in loaded if name.split(".")[0] in PACKAGES}
-  files = ("qcar_twin.recordings", "qcar_twin.atomic_io", "calibration.proving_ground")  # files, no physics
+  files = ("qcar_twin.recordings", "qcar_twin.atomic_io", "calibration.laboratory")  # files, no physics
+  files += ("calibration.proving_ground",)
   assert not {name for name in own - {"qcar_twin", "calibration"} if not name.startswith(files)}
   assert not {"mujoco", "torch", "sklearn"} & loaded
+
+
+def test_the_second_car_never_loads_the_twin_or_the_first():
+  loaded = really_loaded("import calibration.second_car, calibration.second_car.session")
+  own = {name for name in loaded if name.split(".")[0] in PACKAGES}
+  files = ("qcar_twin.recordings", "qcar_twin.atomic_io", "calibration.laboratory", "calibration.second_car")
+  assert not {name for name in own - {"qcar_twin", "calibration"} if not name.startswith(files)}
+  assert not {"mujoco", "torch", "sklearn"} & loaded
+
+
+def test_the_laboratory_knows_no_car():
+  for path in (ROOT / "calibration" / "laboratory").glob("*.py"):
+    used = {n for n in imports(path) if n.startswith(("calibration.proving_ground", "calibration.second_car"))}
+    assert not used, path.name
 
 
 def test_a_mechanism_never_imports_another():

@@ -13,8 +13,8 @@ from calibration import calibrate, cross_validate
 from calibration.calibrating.calibration import Calibration
 from calibration.checking.cross_validation import CrossValidation, find_reference
 from calibration.fitting.windows import Cut
+from calibration.laboratory.written import save
 from calibration.proving_ground import Car, make_session
-from calibration.proving_ground.session import save
 from qcar_twin.recordings.dataset import DataSet
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from calibration.proving_ground.effects import EFFECTS
 from calibration.proving_ground.wild import draw_wild_effects
+from calibration.second_car.effects import SECOND_EFFECTS, draw_size
 from qcar_twin.twin.mechanisms import catalogue
 
 
@@ -20,6 +21,10 @@ class Case:
   effects: tuple[tuple[str, float], ...]
   noise: float
   design: str = "compact"
+  car: str = "first"  # of the independent cars: first, second
+
+
+NOISE_LEVELS = (0.5, 1.0, 2.0)  # that sessions without an effect take turns with
 
 
 def draw_cases(seed: int, nulls: int, singles: int, pairs: int, outside: int, design: str = "compact") -> list[Case]:
@@ -34,7 +39,7 @@ def draw_cases(seed: int, nulls: int, singles: int, pairs: int, outside: int, de
   foreign = sorted(tame - set(known))
   first = int(rng.integers(10**6, 10**8))
   cases = [
-    Case(f"null_{i:02d}", "null", first + i, (), (0.5, 1.0, 2.0)[i % 3], design)
+    Case(f"null_{i:02d}", "null", first + i, (), NOISE_LEVELS[i % 3], design)
     for i in range(nulls)
   ]  # fmt: skip
   order = [known[i] for i in rng.permutation(len(known))]
@@ -56,6 +61,26 @@ def draw_wild_cases(seed: int, count: int) -> list[Case]:
   return [
     Case(f"wild_{i:02d}", "wild", s, draw_wild_effects(s, signed), 1.0, "wild") for i, s in enumerate(seeds)
   ]  # fmt: skip
+
+
+def draw_second_cases(seed: int, nulls: int, singles: int, design: str = "compact") -> list[Case]:
+  """Cases of the second car, for tests of transfer: sessions with no effect and with one, all decided by one seed.
+
+  Nulls take turns with three noise levels; singles go through the second car's effects in a drawn order, at about the
+  typical size and either sign where an effect has one.
+  """
+  rng = np.random.default_rng([seed, 2])
+  first, kinds = int(rng.integers(10**6, 10**8)), sorted(SECOND_EFFECTS)
+  order = [kinds[i] for i in rng.permutation(len(kinds))]
+  cases = [
+    Case(f"null_{i:02d}", "null", first + i, (), NOISE_LEVELS[i % 3], design, "second")
+    for i in range(nulls)
+  ]  # fmt: skip
+  for i in range(singles):
+    effect = order[i % len(order)]
+    size = draw_size(effect, rng)
+    cases.append(Case(f"single_{i:02d}", "single", first + 1000 + i, ((effect, size),), 1.0, design, "second"))
+  return cases
 
 
 def _pair(rng: np.random.Generator, known: Sequence[str]) -> tuple[tuple[str, float], ...]:

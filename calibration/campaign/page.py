@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from calibration.campaign.figure import draw_confusion
+from calibration.campaign.intervals import interval_table
 from calibration.campaign.nulls import spurious_table
 from calibration.campaign.score import Result, score, score_table
-from calibration.proving_ground.designs import plan
-from calibration.proving_ground.manoeuvres import PERIOD
+from calibration.laboratory.designs import plan
+from calibration.laboratory.manoeuvres import PERIOD
 from qcar_twin import markdown
 
 # figure of merit, what it is called, its aim: at least (+) or at most (-)
@@ -45,10 +46,10 @@ def campaign_page(results: Sequence[Result], drawn: int, command: str, picture: 
   lines = [
     "# Concealed cases",
     "",
-    f"`{command}`: {len(results)} of {drawn} sessions of the independent car, made from a seed not used",
+    f"`{command}`: {len(results)} of {drawn} sessions of the {_car(results)}, made from a seed not used",
     "while what is measured here was built (which state that is: docs/results.md), diagnosed without sight of their",
     f"truth; each answer and its hash were written before the truth was looked at. {_designs(results)},",
-    "process noise, a noisy driver, heat and charge carried along. A name is right if it is the first claim.",
+    f"process noise, a noisy driver{_carried(results)}. A name is right if it is the first claim.",
     "",
   ]
   rows = []
@@ -57,10 +58,24 @@ def campaign_page(results: Sequence[Result], drawn: int, command: str, picture: 
     wanted = f"{'<=' if aim < 0 or str(aim) == '-0.0' else '>='} {abs(aim):.3g}"
     rows.append((meaning, wanted, "-" if value is None else f"{value:.3g}"))
   lines += markdown.table(("aim", "wanted", "found"), rows)
+  lines += ["", "Shares with exact intervals:", "", interval_table(results)]
   draw_confusion(results, picture)
   lines += ["", f"![First claims against the truth]({picture.name})", "", "All figures:", "", score_table(results)]
   lines += ["What explained something on sessions without an effect, alone and held out:", "", spurious_table(results)]
   return "\n".join(lines)
+
+
+def _second(results: Sequence[Result]) -> bool:
+  """Whether the second car drove; answers from before there was one are the first's."""
+  return any(result["case"].get("car") == "second" for result in results)
+
+
+def _car(results: Sequence[Result]) -> str:
+  return "second independent car (`calibration/second_car`)" if _second(results) else "independent car"
+
+
+def _carried(results: Sequence[Result]) -> str:
+  return "" if _second(results) else ", heat and charge carried along"
 
 
 def _designs(results: Sequence[Result]) -> str:

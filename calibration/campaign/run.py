@@ -16,7 +16,10 @@ from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.report.document import document
 from calibration.diagnosis.score import Comparison, compare
 from calibration.proving_ground import make_session
+from calibration.second_car import make_second_session
 from qcar_twin.recordings.dataset import DataSet
+
+MAKERS = {"first": make_session, "second": make_second_session}
 
 
 def run_case(case: Case, folder: Path, threads: int = 1) -> Path:
@@ -24,7 +27,7 @@ def run_case(case: Case, folder: Path, threads: int = 1) -> Path:
   path = folder / f"{case.name}.json"
   if path.is_file():
     return path
-  session = make_session(case.seed, case.effects, case.design, case.noise)
+  session = MAKERS[case.car](case.seed, case.effects, case.design, case.noise)
   dataset = DataSet(case.name, session.recordings, session.vehicle, session.vehicle_std)
   outcome = diagnose(dataset, threads=threads)
   answer = _answer(outcome)

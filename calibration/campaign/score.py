@@ -15,6 +15,8 @@ _KINDS = ("null", "single", "pair", "outside", "wild")
 # nats the right mechanisms bring: what is below counts as no effect at all
 LEVELS = {"easy": 1000.0, "medium": 150.0, "hard": 20.0, "invisible": -np.inf}
 
+TYPICAL = 0.5  # of the typical size: a single effect below it is one of the small ones
+
 
 def score(results: Sequence[Result]) -> dict[str, float | int | None]:
   """All figures of merit; None where a campaign has no case for one.
@@ -24,8 +26,8 @@ def score(results: Sequence[Result]) -> dict[str, float | int | None]:
   """
   by = {kind: [r for r in results if r["case"]["kind"] == kind] for kind in _KINDS}
   singles = by["single"]
-  typical = [r for r in singles if r["case"]["effects"][0][1] >= 0.99]
-  small = [r for r in singles if r["case"]["effects"][0][1] < 0.99]
+  typical = [r for r in singles if abs(r["case"]["effects"][0][1]) >= TYPICAL]
+  small = [r for r in singles if abs(r["case"]["effects"][0][1]) < TYPICAL]
   visible = [r for r in singles if level(r) != "invisible"]
   claimed = [r for r in [*singles, *by["pair"]] if r["answer"]["claims"]]
   floor = null_floor(by["null"])

@@ -7,8 +7,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..laboratory.written import Session
 from .car import GRAVITY, Car
-from .session import Session, Spec, make_sessions
+from .session import Spec, make_sessions
 
 NOISE = {
   "motor_speed": 0.55,

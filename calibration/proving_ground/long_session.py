@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 
-from .session import Session, Spec, drawn_car, make_sessions
+from ..laboratory.written import Session
+from .session import Spec, drawn_car, make_sessions
 
 
 def make_long_session(spec: Spec, count: int) -> Session:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..laboratory.manoeuvres import PERIOD
 from .car import Car, fleet
 from .effects import effect_class
-from .manoeuvres import PERIOD
 from .session import FORCE_NOISE, LOAD_NOISE
 from .simulation import TRACE, Simulation
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .driver import coloured
-from .manoeuvres import PERIOD
+from ..laboratory.driver import coloured
+from ..laboratory.manoeuvres import PERIOD
 from .simulation import TRACE, Simulation
 
 FINE = 5  # rows of the trace per control period
@@ -30,6 +30,12 @@ class Sensors:
   pose_noise: float = 1.0
   speed_every: int = 1
   speed_late: float = 0.0
+
+  @property
+  def every(self) -> dict[str, int]:
+    """Channel -> ticks between its samples, where that is not each."""
+    poses = {name: self.pose_every for name in RESOLUTION if name.startswith("pose")}
+    return poses | {"motor_speed": self.speed_every}
 
   def described(self) -> dict[str, float]:
     """For the truth file."""

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
-from pathlib import Path
+from dataclasses import dataclass, fields
 from types import SimpleNamespace
 
 import numpy as np
 
-from qcar_twin.atomic_io import whole_file
-from qcar_twin.recordings.dataset import write_dataset
-from qcar_twin.recordings.recording import Recording
-
+from ..laboratory.designs import plan
+from ..laboratory.driver import BELIEFS, Driver, coloured, hands
+from ..laboratory.manoeuvres import PERIOD, Manoeuvre
+from ..laboratory.written import Session, as_recording, stream
 from .car import Car, armature, describe, fleet, one_of
-from .designs import plan
-from .driver import BELIEFS, Driver, coloured, shaking
 from .drivetrain import CHANNEL, LIMIT, STEP
 from .effects import Effect, effect_class
 from .gaps import gaps
-from .manoeuvres import PERIOD, Manoeuvre
 from .sensing import RESOLUTION, Log, Sensors, add_noise
 from .simulation import TRACE, Carried, Simulation
 from .wild import DESIGN as WILD
@@ -28,8 +24,6 @@ WIDEST = 800_000  # ticks x cars of one simulation: its trace takes 350 MB
 PAUSE = 15.0  # s between two runs
 FORCE_NOISE = ((0.05, 0.07, 0.004), 0.15)  # N, N, N m rms on the body; s memory
 LOAD_NOISE = (0.03, 0.06)  # relative rms of each wheel's load; s memory
-STEPS = ("voltage_step", "duty_step", "speed_step")
-AUTOMATED = ("standstill", *STEPS, "steering_step")  # nobody's hand is on the wheel
 
 CLEAR = (
   "steering_delay",
@@ -63,17 +57,6 @@ class Spec:
   design: str = "lab"
   noise: float = 1.0
   car: Car | None = None  # drawn, of the kind the design is for
-
-
-@dataclass(frozen=True)
-class Session:
-  """One laboratory session. `clean`: recording name -> the true signals (T, 11) in the order of simulation.TRACE."""
-
-  recordings: tuple[Recording, ...]
-  vehicle: dict[str, float | str]
-  vehicle_std: dict[str, float]
-  truth: dict
-  clean: dict[str, np.ndarray] = field(repr=False)
 
 
 @dataclass
@@ -125,11 +108,6 @@ def _together(specs: list[Spec]) -> list[Session]:
   return [_collect(draft, log, commands[:, :, draft.columns]) for draft in drafts]
 
 
-def stream(seed: int, topic: int) -> np.random.Generator:
-  """An independent stream of random numbers for each topic of a session, so that an effect does not move the others."""
-  return np.random.default_rng([seed, topic])
-
-
 def _draft(spec: Spec, first: int) -> _Draft:
   car = spec.car or drawn_car(spec)
   vehicle, std = car.measured(stream(spec.seed, 1))
@@ -138,9 +116,7 @@ def _draft(spec: Spec, first: int) -> _Draft:
     runs, sensors = [scaled(run, car) for run in runs], draw_wild_sensors(stream(spec.seed, 7))
     vehicle, std = known_of_it(vehicle, std)
   ticks, n = max(run.ticks for run in runs), len(runs)
-  hand = shaking(stream(spec.seed, 3), ticks, n)
-  hand[:, 1, [run.kind in AUTOMATED for run in runs]] = 0.0
-  hand[:, 0, [run.kind in STEPS for run in runs]] = 0.0
+  hand = hands(stream(spec.seed, 3), runs)
   rng = stream(spec.seed, 4)
   body = coloured(rng, (ticks, 3, n), FORCE_NOISE[1]) * np.array(FORCE_NOISE[0])[:, None] * (car.mass / 2.7)
   floor = coloured(rng, (ticks, 4, n), LOAD_NOISE[1]) * LOAD_NOISE[0]
@@ -264,7 +240,7 @@ def _collect(draft: _Draft, log: Log, commands: np.ndarray) -> Session:
   recordings, clean = [], {}
   for i, run in enumerate(draft.runs):
     kept = {name: values[: run.ticks, i] for name, values in noisy.items()}
-    recordings.append(_recording(run, kept, draft.sensors))
+    recordings.append(as_recording(run, kept, RESOLUTION, draft.sensors.every))
     clean[run.name] = fine[: run.ticks, :, i]
   return Session(
     tuple(recordings), draft.vehicle, draft.vehicle_std, _truth(draft, one_of(log.car, columns.start)), clean
@@ -277,20 +253,6 @@ def _late(values: np.ndarray, late: float) -> np.ndarray:
     return values
   ticks = np.arange(len(values))
   return np.stack([np.interp(ticks - late / PERIOD, ticks, column) for column in values.T], axis=1)
-
-
-def _recording(run: Manoeuvre, columns: dict[str, np.ndarray], sensors: Sensors) -> Recording:
-  """One run as streams of its own sample times, rounded to what the log file holds."""
-  time = np.round(PERIOD * np.arange(run.ticks), 4)
-  table = {}
-  for name, values in columns.items():
-    table[name] = np.round(values, RESOLUTION[name])
-    every = sensors.pose_every if name.startswith("pose") else sensors.speed_every if name == "motor_speed" else 1
-    if every > 1:
-      table[name] = np.where(np.arange(run.ticks) % every == 0, table[name], np.nan)
-  return Recording.from_columns(
-    run.name, time, table, file=f"{run.name}.csv", role=run.role, manoeuvre=run.kind, session=run.session
-  )
 
 
 def _truth(draft: _Draft, driven: Car) -> dict:
@@ -326,19 +288,3 @@ def draw_effect(rng: np.random.Generator) -> tuple[str, float]:
   name = str(rng.choice(CLEAR))
   sign = float(rng.choice([-1.0, 1.0])) if effect_class(name).signed else 1.0
   return name, sign * round(float(rng.uniform(0.85, 1.25)), 3)
-
-
-def save_clean(session: Session, folder: Path) -> None:
-  """Write the true signals of every run to folder/clean.npz, arrays (T, 11) in the order of the truth's `signals`."""
-  with whole_file(folder / "clean.npz") as part:
-    np.savez_compressed(part, allow_pickle=False, **session.clean)
-
-
-def save(session: Session, folder: Path, name: str, mark: str) -> None:
-  """Write the recordings and the vehicle table as a data set whose description publishes the commitment `mark`."""
-  text = f"Laboratory session of the independent simulated car. Truth sealed, SHA-256 with salt: {mark}"
-  rounded = {key: v if isinstance(v, str) else float(f"{v:.6g}") for key, v in session.vehicle.items()}
-  std = {key: float(f"{value:.3g}") for key, value in session.vehicle_std.items()}
-  write_dataset(
-    folder, name, rounded, std, session.recordings, description=text, licence="MIT", source="calibration/proving_ground"
-  )

@@ -8,10 +8,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..laboratory.manoeuvres import PERIOD
 from .car import GRAVITY
 from .dynamics import Dynamics, rolling_start
 from .electronics import Electronics
-from .manoeuvres import PERIOD
 
 TRACE = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "accel_x", "accel_y", "motor", "motor_angle", "road")
 HOOKS = ("act", "link", "load", "contact")

@@ -10,9 +10,9 @@ import dataclasses
 
 import numpy as np
 
+from ..laboratory.manoeuvres import SPACING, Manoeuvre, Path
 from .car import GRAVITY, Car
 from .drivetrain import LIMIT, Drivetrain
-from .manoeuvres import SPACING, Manoeuvre, Path
 from .sensing import Sensors
 
 DESIGN = "wild"

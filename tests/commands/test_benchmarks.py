@@ -71,3 +71,11 @@ def test_a_campaign_goes_on_with_the_cases_that_have_no_answer(tmp_path, archive
   campaign.main(config)
   answered = {path.stem for path in (tmp_path / "out").glob("*_*.json")}
   assert len(answered) == 6 and len(asked) == 6 and not answered & set(asked)
+
+
+def test_a_campaign_of_the_second_car_asks_for_its_cases(tmp_path, monkeypatch):
+  asked = []
+  monkeypatch.setattr(campaign, "run_case", lambda case, folder: asked.append(case))
+  campaign.main(campaign.Config(tmp_path / "out", seed=3, nulls=2, singles=3, jobs=1, car="second"))
+  assert sorted(case.kind for case in asked) == ["null"] * 2 + ["single"] * 3
+  assert {case.car for case in asked} == {"second"}

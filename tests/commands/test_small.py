@@ -43,6 +43,17 @@ def test_make_session_wants_an_effect_for_every_size(tmp_path):
   assert not (tmp_path / "data").exists()
 
 
+def test_make_session_knows_the_second_car(tmp_path, capsys):
+  assert make_session.main(make_session.Config(tmp_path / "data", car="second", effect=("list",))) is None
+  told = capsys.readouterr().out
+  assert "steering_delay" in told
+  assert "cogging" not in told  # an effect of the first car
+  with pytest.raises(ValueError, match="one session at a time, not 2"):
+    make_session.main(make_session.Config(tmp_path / "data", car="second", sessions=2))
+  with pytest.raises(KeyError, match="no effect 'cogging'"):
+    make_session.main(make_session.Config(tmp_path / "data", car="second", effect=("cogging",), quick=True))
+
+
 def test_make_session_lists_the_effects(tmp_path, capsys):
   assert make_session.main(make_session.Config(tmp_path / "data", effect=("list",))) is None
   lines = capsys.readouterr().out.splitlines()

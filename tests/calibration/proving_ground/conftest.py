@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from calibration.proving_ground import designs
-from calibration.proving_ground import manoeuvres as m
+from calibration.laboratory import designs
+from calibration.laboratory import manoeuvres as m
 
 
 def tiny(rng: np.random.Generator) -> list[m.Manoeuvre]:

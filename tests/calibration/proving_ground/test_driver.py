@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from calibration.laboratory import manoeuvres as m
+from calibration.laboratory.designs import DESIGNS
+from calibration.laboratory.driver import Driver, coloured, shaking, stack_paths
 from calibration.proving_ground import Spec, make_sessions
-from calibration.proving_ground import manoeuvres as m
 from calibration.proving_ground.car import Car, fleet
-from calibration.proving_ground.designs import DESIGNS
-from calibration.proving_ground.driver import Driver, coloured, shaking, stack_paths
 from calibration.proving_ground.sensing import EDGES, Log, add_noise
 from calibration.proving_ground.simulation import Simulation
 

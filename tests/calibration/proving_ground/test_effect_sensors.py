@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from calibration.laboratory.written import save_clean
 from calibration.proving_ground import EFFECTS, ProvingGroundPlant, Spec, make_sessions
 from calibration.proving_ground.car import fleet
 from calibration.proving_ground.dynamics import rolling_start
-from calibration.proving_ground.session import CLEAR, draw_effect, save_clean
+from calibration.proving_ground.session import CLEAR, draw_effect
 from calibration.proving_ground.simulation import Simulation
 from tests.calibration.proving_ground.effect_bench import PLAIN, effect, go, simulation
 

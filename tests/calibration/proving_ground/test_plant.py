@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from calibration.laboratory.seal import COMMITMENT, PACKED, PLAIN, SealError, commitment, seal, unseal
 from calibration.proving_ground import Car, ProvingGroundPlant
-from calibration.proving_ground.seal import COMMITMENT, PACKED, PLAIN, SealError, commitment, seal, unseal
 from tests import ROOT
 
 TRUTH = {"effects": [{"id": "payload", "size": 1.0}], "seed": 4}

@@ -8,12 +8,12 @@ import sys
 import numpy as np
 import pytest
 
+from calibration.laboratory.designs import DEGREES, DESIGNS, VOLTS, plan
+from calibration.laboratory.written import save, stream
 from calibration.proving_ground import Car, Spec, make_session, make_sessions
 from calibration.proving_ground.ablation import ABLATIONS, ablate
-from calibration.proving_ground.designs import DEGREES, DESIGNS, VOLTS, plan
 from calibration.proving_ground.gaps import gaps
 from calibration.proving_ground.long_session import make_long_session
-from calibration.proving_ground.session import save, stream
 from qcar_twin.recordings.dataset import DataSet
 from tests import ROOT
 from tests.calibration.proving_ground.comparing import differences, same

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from calibration.campaign.cases import draw_cases, draw_wild_cases
+from calibration.laboratory.manoeuvres import SPACING, oval
+from calibration.laboratory.written import stream
 from calibration.proving_ground import EFFECTS, Car, ProvingGroundPlant, Spec, make_session, make_sessions
 from calibration.proving_ground.drivetrain import LIMIT, Drivetrain
-from calibration.proving_ground.manoeuvres import SPACING, oval
 from calibration.proving_ground.sensing import Sensors
-from calibration.proving_ground.session import stream
 from calibration.proving_ground.wild import POOLS, draw_wild_car, draw_wild_sensors, scaled
 from qcar_twin.recordings.dataset import DataSet, write_dataset
 from tests.calibration.proving_ground.comparing import same

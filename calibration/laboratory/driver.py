@@ -13,6 +13,8 @@ ANGLE_STEP = 1e-4  # rad: resolution of the command, the same in car and log
 BELIEFS = ("wheelbase", "speed_per_motor", "volts_per_speed", "volts_to_move", "max_steering")
 BELIEFS += ("answer", "tremor", "limit", "step")
 REACTION = 0.06  # s
+STEPS = ("voltage_step", "duty_step", "speed_step")
+AUTOMATED = ("standstill", *STEPS, "steering_step")  # nobody's hand is on the wheel
 
 
 def coloured(rng: np.random.Generator, shape: tuple[int, ...], memory: float, period: float = PERIOD) -> np.ndarray:
@@ -29,6 +31,14 @@ def shaking(rng: np.random.Generator, ticks: int, n: int) -> np.ndarray:
   return np.stack(
     [size * coloured(rng, (ticks, n), memory) for memory, size in zip(memories, sizes, strict=True)], axis=1
   )
+
+
+def hands(rng: np.random.Generator, runs: list[Manoeuvre]) -> np.ndarray:
+  """The driver's noise over a session's runs (longest, 4, n), as `shaking`; a step is commanded by the software."""
+  noise = shaking(rng, max(run.ticks for run in runs), len(runs))
+  noise[:, 1, [run.kind in AUTOMATED for run in runs]] = 0.0
+  noise[:, 0, [run.kind in STEPS for run in runs]] = 0.0
+  return noise
 
 
 class Driver:
