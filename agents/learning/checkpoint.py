@@ -6,15 +6,18 @@ any instant leaves either the old or the new checkpoint.
 
 import json
 import shutil
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
 from agents.learning.ddpg import Agent
 from qcar_twin.atomic_io import write_text
+from qcar_twin.untrusted import UnreadableFile, inside, read_json
 
 POINTER = "checkpoint.json"
 ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
@@ -66,8 +69,15 @@ def load_checkpoint(agent: Agent, folder: Path) -> dict[str, Any]:
   """
   if not (folder / POINTER).is_file():
     raise FileNotFoundError(f"{folder / POINTER}: no checkpoint to resume from; start without --resume")
-  state = json.loads((folder / POINTER).read_text(encoding="utf-8"))
-  source = folder / state["folder"]
+  state = read_json(folder / POINTER)
+  source = inside(folder, str(state.get("folder")))
+  try:
+    return _go_on(agent, state, source)
+  except (KeyError, TypeError, IndexError, RuntimeError, SafetensorError, zipfile.BadZipFile) as error:
+    raise UnreadableFile(f"{source}: is no checkpoint of this training ({error}); start in another folder") from error
+
+
+def _go_on(agent: Agent, state: dict[str, Any], source: Path) -> dict[str, Any]:
   _restore(agent, load_file(source / "networks.safetensors"))
   buffer = agent.replay_buffer
   assert buffer is not None

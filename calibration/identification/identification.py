@@ -10,7 +10,6 @@ Recordings with role "holdout" are not looked at.
 """
 
 import dataclasses
-import json
 import math
 import os
 from collections.abc import Iterable
@@ -28,6 +27,7 @@ from qcar_twin.atomic_io import write_json
 from qcar_twin.bicycle.bicycle import PARAMETERS, Bicycle, MeasuredCar, TurningLosses, drive_of
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.untrusted import read_json
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -119,8 +119,8 @@ class Identification:
   def load(cls, path: str | os.PathLike[str]) -> "Identification":
     """Read what `save` wrote. Raises ValueError that names the file if it is something else."""
     try:
-      return _read(cls, json.loads(Path(path).read_text(encoding="utf-8")))
-    except (KeyError, TypeError, json.JSONDecodeError) as error:
+      return _read(cls, read_json(path))
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
       raise ValueError(
         f"{Path(path).name} is no identification ({error}); write it with Identification.save"
       ) from error

@@ -17,8 +17,8 @@ from qcar_twin.recordings.checks.faults import find_defects
 from qcar_twin.recordings.checks.repeats import refuse_repeats
 from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
 from qcar_twin.recordings.checks.units import check_limits, check_units
-from qcar_twin.recordings.formats import Table, read_table
-from qcar_twin.recordings.manifest import COMMAND_TIMINGS, FILE_NAME, Entry, Manifest, read_manifest
+from qcar_twin.recordings.formats import Table, read_inside
+from qcar_twin.recordings.manifest import COMMAND_TIMINGS, FILE_NAME, Entry, Manifest, read_manifest, require_file_name
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import ROLES, Recording, RecordingError, nearest
 
@@ -51,7 +51,7 @@ class DataSet:
     """Read folder/dataset.toml and what it lists. Raises RecordingError naming file, channel, row and cure."""
     folder = Path(folder)
     manifest = read_manifest(folder)
-    tables = [read_table(folder / entry.file, entry.file) for entry in manifest.entries]
+    tables = [read_inside(folder, entry.file) for entry in manifest.entries]
     warnings = list(manifest.notes) + _absent_columns(manifest, tables)
     recordings: list[Recording] = []
     for entry, table in zip(manifest.entries, tables, strict=True):
@@ -236,10 +236,7 @@ def _toml(
   if command_timing not in COMMAND_TIMINGS:
     raise RecordingError(f"unknown command_timing '{command_timing}'{nearest(command_timing, COMMAND_TIMINGS)}")
   for recording in recordings:
-    if (
-      not recording.name.strip() or any(mark in recording.name for mark in "/\\\0\n") or recording.name.startswith(".")
-    ):
-      raise RecordingError(f"recording name '{recording.name}' cannot be a file name; use letters, digits, _ and -")
+    require_file_name(recording.name)
   top = {
     "name": name,
     "command_timing": command_timing,

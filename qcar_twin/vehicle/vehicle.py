@@ -8,13 +8,13 @@ import dataclasses
 import difflib
 import logging
 import math
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from qcar_twin.untrusted import is_number, read_toml
 from qcar_twin.vehicle.drive import DRIVEN_AXLES, DRIVES, Drive, DriveKind, Layout
 
 log = logging.getLogger(__name__)
@@ -99,9 +99,15 @@ class Vehicle:
 
   def __post_init__(self) -> None:
     for field in dataclasses.fields(self):
-      value = getattr(self, field.name)
-      if field.name in (*_MEASURED, "max_torque") and not (isinstance(value, (int, float)) and value > 0.0):
-        raise ValueError(f"vehicle '{self.name}': {field.name} must be a positive number, not {value!r}")
+      value, name = getattr(self, field.name), field.name
+      if isinstance(field.default, str) and not isinstance(value, str):
+        raise ValueError(f"vehicle: {name} must be text, not {value!r:.60}")
+      if not isinstance(field.default, float):
+        continue
+      least = -math.inf if name in _EITHER_SIGN else 0.0
+      if not is_number(value, name in _UNLIMITED) or value < least or (value == 0.0 and name not in _MAY_VANISH):
+        what = "finite" if least else "non-negative" if name in _MAY_VANISH else "positive"
+        raise ValueError(f"vehicle '{self.name}': {name} must be a {what} number, not {value!r:.60}")
     for name, known in _CHOICES.items():
       if getattr(self, name) not in known:
         raise ValueError(
@@ -185,8 +191,7 @@ class Vehicle:
     Raises:
       ValueError: unknown or malformed entry, with the nearest valid name.
     """
-    with open(path, "rb") as file:
-      table = tomllib.load(file)
+    table = read_toml(path)
     texts = {key: str(table.pop(key)) for key in ("name", *_CHOICES) if key in table}
     for key, entry in table.items():
       if not isinstance(entry, dict) or "value" not in entry:
@@ -194,6 +199,8 @@ class Vehicle:
     values = {key: entry["value"] for key, entry in table.items()}
     std = {key: entry["std"] for key, entry in table.items() if "std" in entry}
     _known(values, Path(path).name)
+    if wrong := [key for key, value in (*values.items(), *std.items()) if not is_number(value, infinite=True)]:
+      raise ValueError(f"{Path(path).name}: value and std of '{wrong[0]}' must be numbers")
     return cls.from_dataset({"name": Path(path).stem} | texts | values, std)
 
   @classmethod
@@ -238,6 +245,12 @@ _MEASURED = (
   "max_steering",
   "supply_voltage",
 )
+_EITHER_SIGN = ("imu_x", "imu_y", "ackermann_fraction")
+_MAY_VANISH = (
+  *_EITHER_SIGN, "motor_damping", "driveline_friction", "rotor_inertia", "rolling_resistance", "load_exponent",
+  "relaxation_length", "carcass_damping", "servo_time_constant", "suspension_damping_ratio", "tyre_shape",
+)  # fmt: skip
+_UNLIMITED = ("max_torque", "servo_rate")
 _CHOICES = {"layout": tuple(DRIVEN_AXLES), "drive": tuple(DRIVES)}
 _WORDS = (*_CHOICES, "tyre_law")
 _MOTOR_FIGURES = ("motor_constant", "motor_resistance", "max_current")

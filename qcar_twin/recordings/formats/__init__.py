@@ -14,6 +14,7 @@ from pathlib import Path
 
 from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.recording import RecordingError
+from qcar_twin.untrusted import UnreadableFile, bounded_memory, inside
 
 BAG_FOLDER = ".db3"  # what a folder is read as: a ROS 2 bag
 
@@ -49,15 +50,15 @@ def _reader(path: Path, label: str) -> Callable[[Path, str], Table]:
 def read_table(path: Path, label: str | None = None) -> Table:
   """Read one log file; `label` is its name in errors. Raises RecordingError: missing, unreadable, empty, broken."""
   label = label or path.name
-  if not path.exists():
-    raise RecordingError(f"{label}: no such file in {path.parent}; check `file` in dataset.toml")
+  size = _size(path, label)
   read = _reader(path, label)
-  if path.is_file() and path.stat().st_size == 0:
-    raise RecordingError(f"{label}: the file is empty (0 bytes); record it again or remove it from dataset.toml")
   try:
-    table = read(path, label)
+    with bounded_memory(size):
+      table = read(path, label)
   except RecordingError:
     raise
+  except MemoryError as error:
+    raise RecordingError(_too_large(label, size)) from error
   except OSError as error:
     raise RecordingError(f"{label}: cannot be read ({error}); check the file and its permissions") from error
   except Exception as error:  # readers raise many kinds for damaged files
@@ -69,4 +70,31 @@ def read_table(path: Path, label: str | None = None) -> Table:
   return table
 
 
-__all__ = ["Table", "read_table", "readers"]
+def read_inside(folder: Path, file: str) -> Table:
+  """The log that a data set names; it has to lie in the data set's folder, whatever links say."""
+  try:
+    return read_table(inside(folder, file), file)
+  except UnreadableFile as error:
+    raise RecordingError(str(error)) from error
+
+
+def _size(path: Path, label: str) -> int:
+  """Bytes of a file, or of all files of a folder; RecordingError where there are none."""
+  if not path.exists():
+    raise RecordingError(f"{label}: no such file in {path.parent}; check `file` in dataset.toml")
+  if not path.is_file() and not path.is_dir():
+    raise RecordingError(f"{label}: is neither a file nor a folder; check `file` in dataset.toml")
+  size = path.stat().st_size if path.is_file() else sum(part.stat().st_size for part in path.iterdir())
+  if path.is_file() and size == 0:
+    raise RecordingError(f"{label}: the file is empty (0 bytes); record it again or remove it from dataset.toml")
+  return size
+
+
+def _too_large(label: str, size: int) -> str:
+  return (
+    f"{label}: unpacks to far more than its {size} bytes can hold, so that its lengths are damaged or it is none of a"
+    " car; write it again, a longer drive in several files"
+  )
+
+
+__all__ = ["Table", "read_inside", "read_table", "readers"]
