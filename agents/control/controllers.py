@@ -92,11 +92,14 @@ def load(car: SingleTrackCar, speed: float = 0.5, file: Path = FILE) -> dict[tup
   """
   if not file.exists():
     raise FileNotFoundError(f"{file} does not exist; run qcar-twin tune to make it")
-  return {
-    (name, version): make(name, entry, car, speed)
-    for name, versions in entries(file).items()
-    for version, entry in versions.items()
-  }
+  try:
+    return {
+      (name, version): make(name, entry, car, speed)
+      for name, versions in entries(file).items()
+      for version, entry in versions.items()
+    }
+  except (KeyError, ValueError, OverflowError, np.linalg.LinAlgError) as error:
+    raise UnreadableFile(f"{file.name}: {error.args[0]}; run qcar-twin tune to make it anew") from error
 
 
 def entries(file: Path = FILE) -> dict[str, dict[str, dict[str, Any]]]:

@@ -23,6 +23,7 @@ from qcar_twin.untrusted import UnreadableFile, bounded_memory, is_number, read_
 Array = NDArray[np.float64]
 Layers = tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
 FORMAT = 1
+MOST_LAYERS = 100
 WEIGHTS, DESCRIPTION, ONNX = "policy.safetensors", "policy.json", "policy.onnx"
 SHIPPED = Path(__file__).resolve().parents[1] / "data" / "policy"  # the policy that comes with the package
 
@@ -111,7 +112,12 @@ def load_policy(folder: Path) -> Policy:
   if not isinstance(history, dict) or not isinstance(kind, str):
     raise UnreadableFile(f"{where}: kind or provenance is missing; train the policy again")
   scales, rate, lock = tuple(map(float, scale)), float(about["largest_rate"]), float(about["lock"])
-  return Policy(layers, scales, rate, lock, history, kind, sight)
+  policy = Policy(layers, scales, rate, lock, history, kind, sight)
+  with np.errstate(all="ignore"):
+    rates = policy.rate(np.stack([np.zeros(sight.size), np.ones(sight.size), -np.ones(sight.size)]))
+  if not np.isfinite(rates).all():
+    raise UnreadableFile(f"{where}: its numbers are too large for single precision; train the policy again")
+  return policy
 
 
 def _layers(file: Path, count: object, inputs: Sequence[int]) -> Layers:
@@ -122,10 +128,10 @@ def _layers(file: Path, count: object, inputs: Sequence[int]) -> Layers:
   except (SafetensorError, MemoryError, ValueError, TypeError, KeyError) as error:
     raise UnreadableFile(f"{file}: is not a readable safetensors file ({error}); train the policy again") from error
   layers, apart = [], "the two files do not belong together; take both from one training"
-  for k in range(count if isinstance(count, int) and 0 < count <= len(tensors) else 0):
-    weight, bias = tensors.get(f"weight_{k}"), tensors.get(f"bias_{k}")
-    if weight is None or bias is None:
-      raise UnreadableFile(f"{file}: weight or bias of layer {k} is missing; {apart}")
+  for k in range(count if isinstance(count, int) and 0 < count <= MOST_LAYERS else 0):
+    if missing := [name for name in (f"weight_{k}", f"bias_{k}") if name not in tensors]:
+      raise UnreadableFile(f"{file}: {missing[0]} is missing; {apart}")
+    weight, bias = tensors[f"weight_{k}"], tensors[f"bias_{k}"]
     if weight.ndim != 2 or bias.shape != weight.shape[:1] or {weight.shape[1]} != set(inputs):
       shapes = f"{weight.shape} and {bias.shape}"
       raise UnreadableFile(f"{file}: layer {k} of {shapes} does not fit {inputs} inputs; {apart}")

@@ -38,7 +38,10 @@ def unpack(archive: Path, folder: Path) -> int:
   folder.mkdir(parents=True, exist_ok=True)
   missing = 0
   for result in _unpacked(archive):
-    path = inside(folder, f"{result['case']['name']}.json")
+    try:
+      path = inside(folder, f"{result['case']['name']}.json")
+    except UnreadableFile as error:
+      raise UnreadableFile(f"{archive}: {error}") from error
     if digest(result["answer"]) != result["sha256"]:
       raise UnreadableFile(
         f"{archive}: the answer to {path.stem} was changed after its hash was taken; take the archive from its "

@@ -50,20 +50,24 @@ def _reader(path: Path, label: str) -> Callable[[Path, str], Table]:
 def read_table(path: Path, label: str | None = None) -> Table:
   """Read one log file; `label` is its name in errors. Raises RecordingError: missing, unreadable, empty, broken."""
   label = label or path.name
-  size = _size(path, label)
+  try:
+    size = _size(path, label)
+  except UnreadableFile as error:  # a bag's part that is a link to elsewhere
+    raise RecordingError(f"{label}: {error}") from error
   read = _reader(path, label)
   try:
     with bounded_memory(size):
       table = read(path, label)
-  except RecordingError:
-    raise
+  except RecordingError as error:  # what a library says takes several lines at times
+    raise RecordingError(" ".join(str(error).split())) from error
   except MemoryError as error:
     raise RecordingError(_too_large(label, size)) from error
   except OSError as error:
     raise RecordingError(f"{label}: cannot be read ({error}); check the file and its permissions") from error
   except Exception as error:  # readers raise many kinds for damaged files
+    said = " ".join(str(error).split())
     raise RecordingError(
-      f"{label}: is damaged, or not the {path.suffix} file it is called ({error}); write it again"
+      f"{label}: is damaged, or not the {path.suffix} file it is called ({said}); write it again"
     ) from error
   if table.rows == 0:
     raise RecordingError(f"{label}: has column names but no rows; record it again or remove it from dataset.toml")
@@ -84,7 +88,8 @@ def _size(path: Path, label: str) -> int:
     raise RecordingError(f"{label}: no such file in {path.parent}; check `file` in dataset.toml")
   if not path.is_file() and not path.is_dir():
     raise RecordingError(f"{label}: is neither a file nor a folder; check `file` in dataset.toml")
-  size = path.stat().st_size if path.is_file() else sum(part.stat().st_size for part in path.iterdir())
+  parts = [path] if path.is_file() else [inside(path, part.name) for part in path.iterdir()]
+  size = sum(part.stat().st_size for part in parts)
   if path.is_file() and size == 0:
     raise RecordingError(f"{label}: the file is empty (0 bytes); record it again or remove it from dataset.toml")
   return size
