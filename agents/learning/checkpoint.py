@@ -16,7 +16,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
 from agents.learning.ddpg import Agent
-from qcar_twin.atomic_io import write_text
+from qcar_twin.atomic_io import whole_folder, write_text
 from qcar_twin.untrusted import UnreadableFile, inside, read_json
 
 POINTER = "checkpoint.json"
@@ -31,19 +31,11 @@ def save_checkpoint(agent: Agent, folder: Path, progress: dict[str, Any]) -> Non
     progress: of the training, kept as JSON.
   """
   name = f"checkpoint_{agent.num_timesteps}"
-  target = folder / name
-  target.mkdir(parents=True, exist_ok=True)
-  save_file(_tensors(agent), target / "networks.safetensors")
+  with whole_folder(folder / name) as part:
+    _write(agent, part)
   buffer = agent.replay_buffer
   assert buffer is not None
-  filled = buffer.buffer_size if buffer.full else buffer.pos
-  key, words, *rest = np.random.get_state()
-  np.savez(
-    target / "arrays.npz",
-    random_words=words,
-    torch_random=torch.get_rng_state().numpy(),
-    **{array: getattr(buffer, array)[:filled] for array in ARRAYS},
-  )
+  key, _, *rest = np.random.get_state()
   state = {
     "folder": name,
     "num_timesteps": agent.num_timesteps,
@@ -58,6 +50,20 @@ def save_checkpoint(agent: Agent, folder: Path, progress: dict[str, Any]) -> Non
   for old in folder.glob("checkpoint_*"):
     if old.name != name:
       shutil.rmtree(old)
+
+
+def _write(agent: Agent, folder: Path) -> None:
+  """Networks, optimisers, buffer and random words as files."""
+  save_file(_tensors(agent), folder / "networks.safetensors")
+  buffer = agent.replay_buffer
+  assert buffer is not None
+  filled = buffer.buffer_size if buffer.full else buffer.pos
+  np.savez(
+    folder / "arrays.npz",
+    random_words=np.random.get_state()[1],
+    torch_random=torch.get_rng_state().numpy(),
+    **{array: getattr(buffer, array)[:filled] for array in ARRAYS},
+  )
 
 
 def load_checkpoint(agent: Agent, folder: Path) -> dict[str, Any]:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import logging
 import os
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from qcar_twin.atomic_io import write_text
+from qcar_twin.atomic_io import staging, write_text
 from qcar_twin.recordings.checks.faults import find_defects
 from qcar_twin.recordings.checks.repeats import refuse_repeats
 from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
@@ -213,14 +212,14 @@ def write_dataset(
 
 
 def _write_all(folder: Path, recordings: tuple[Recording, ...], text: str) -> None:
-  with tempfile.TemporaryDirectory(prefix=".writing-", dir=folder) as staging:
+  with staging(folder) as place:
     for recording in recordings:
-      write_recording(Path(staging) / f"{recording.name}.csv", recording)
-    (Path(staging) / FILE_NAME).write_text(text, encoding="utf-8")
-    read_manifest(Path(staging))
+      write_recording(place / f"{recording.name}.csv", recording)
+    (place / FILE_NAME).write_text(text, encoding="utf-8")
+    read_manifest(place)
     for recording in recordings:
-      os.replace(Path(staging) / f"{recording.name}.csv", folder / f"{recording.name}.csv")
-    os.replace(Path(staging) / FILE_NAME, folder / FILE_NAME)
+      os.replace(place / f"{recording.name}.csv", folder / f"{recording.name}.csv")
+    os.replace(place / FILE_NAME, folder / FILE_NAME)
 
 
 def _toml(

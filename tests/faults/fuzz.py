@@ -1,23 +1,25 @@
-"""Reads damaged files, each in a process of its own with bounds: `python -m tests.faults.fuzz --help`.
+"""Reads damaged files in processes of their own with bounds: `python -m tests.faults.fuzz --help`.
 
 A reader has to end in a finite result or in one of this project's own errors that names the file, within 10 s of
 processor time and 2 GB of memory. Anything else is a fault: another exception, a signal, a bound.
 """
 
 import argparse
+import json
 import logging
 import os
 import resource
-import shutil
 import signal
 import tempfile
 import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -26,6 +28,7 @@ from tests.faults.mutations import damaged
 from tests.faults.samples import KINDS
 
 SECONDS, MEMORY, WALL = 10, 2e9, 120  # s of processor time, bytes, s of the clock on a busy machine
+BATCH = 100  # files that one process reads as long as it lives
 CLEAR, RIGHT = "clear error", "result"
 
 
@@ -46,34 +49,50 @@ class Outcome:
 
 def apart(read: Callable[[], object], names: tuple[str, ...]) -> Outcome:
   """Read in a forked process and say how it ended; `names`: one of them has to be in an error's text."""
-  ends, begins = os.pipe()
-  child = os.fork()
-  if child == 0:
-    os.close(ends)
-    _bound()
-    said = _ended(read, names)
-    os.write(begins, "\n".join(said).encode(errors="replace")[:60000])
-    os._exit(0)
-  os.close(begins)
-  with os.fdopen(ends, "rb") as pipe:
-    text = pipe.read().decode(errors="replace")
-  _, status, used = os.wait4(child, 0)
-  if os.WIFSIGNALED(status):
-    text = f"killed by {signal.Signals(os.WTERMSIG(status)).name}\n{text}"
-  end, _, said = text.partition("\n")
-  return Outcome(end, said, used.ru_utime + used.ru_stime, 1024.0 * used.ru_maxrss)
+  return next(one_by_one([read], names))
 
 
-def _bound() -> None:
-  """Bounds of this process; its output goes nowhere."""
+def one_by_one(reads: Sequence[Callable[[], object]], names: tuple[str, ...]) -> Iterator[Outcome]:
+  """Read one after the other in a forked process, and in a fresh one after a reader that brought its own down."""
+  todo = list(reads)
+  while todo:
+    ends, begins = os.pipe()
+    child = os.fork()
+    if child == 0:
+      os.close(ends)
+      with os.fdopen(begins, "w", encoding="utf-8", errors="replace") as pipe:
+        _read_all(todo, names, pipe)
+      os._exit(0)
+    os.close(begins)
+    with os.fdopen(ends, encoding="utf-8", errors="replace") as pipe:
+      for line in pipe:
+        yield Outcome(**json.loads(line))
+        del todo[0]
+    _, status, used = os.wait4(child, 0)
+    if os.WIFSIGNALED(status):
+      name = signal.Signals(os.WTERMSIG(status)).name
+      yield Outcome(f"killed by {name}", "", used.ru_utime + used.ru_stime, 1024.0 * used.ru_maxrss)
+      del todo[0]
+
+
+def _read_all(reads: Sequence[Callable[[], object]], names: tuple[str, ...], pipe: TextIO) -> None:
+  """In the forked process: a line of JSON for every reader; its output goes nowhere."""
   quiet = os.open(os.devnull, os.O_RDWR)
   for stream in (1, 2):
     os.dup2(quiet, stream)
-  resource.setrlimit(resource.RLIMIT_CPU, (SECONDS + 1, SECONDS + 2))
   resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-  signal.alarm(WALL)
   logging.disable(logging.CRITICAL)
   warnings.simplefilter("ignore")
+  for read in reads:
+    began = time.process_time()
+    resource.setrlimit(resource.RLIMIT_CPU, (int(began) + SECONDS + 1, resource.RLIM_INFINITY))
+    signal.alarm(WALL)
+    Path("/proc/self/clear_refs").write_text("5")  # the peak of memory starts anew
+    end, said = _ended(read, names)
+    peak = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+    outcome = Outcome(end, said[:20000], time.process_time() - began, 1024.0 * int(peak.split()[1]))
+    pipe.write(json.dumps(asdict(outcome)) + "\n")
+    pipe.flush()
 
 
 def _ended(read: Callable[[], object], names: tuple[str, ...]) -> tuple[str, str]:
@@ -99,15 +118,19 @@ def fuzz(name: str, count: int, seed: int, folder: Path) -> Iterator[tuple[int, 
   files = kind.make(good)
   if (whole := apart(lambda: kind.read(good), ("",))).end != RIGHT:
     raise ValueError(f"{name}: the undamaged file cannot be read: {whole.said}")
-  tried = folder / "tried"
-  for number in range(count):
-    own = seed * 1_000_000 + number
+  names = (*(path.stem for path in good.rglob("*")), "recording name")
+  contents = {file: (good / file).read_bytes() for file in files}
+  seeds = [seed * 1_000_000 + number for number in range(count)]
+
+  def read(number: int) -> object:
     file = files[number % len(files)]
-    shutil.copytree(good, tried)
-    (tried / file).write_bytes(damaged((good / file).read_bytes(), own, kind.text))
-    names = (*(path.stem for path in good.rglob("*")), "recording name")
-    yield own, apart(lambda: kind.read(tried), names)
-    shutil.rmtree(tried)
+    for name, content in contents.items():
+      (good / name).write_bytes(damaged(content, seeds[number], kind.text) if name == file else content)
+    return kind.read(good)
+
+  for start in range(0, count, BATCH):
+    some = range(start, min(start + BATCH, count))
+    yield from zip(seeds[start:], one_by_one([partial(read, number) for number in some], names), strict=False)
 
 
 def main() -> None:
