@@ -1,6 +1,7 @@
 """Files that appear whole or not at all, whatever stops the writer."""
 
 import contextlib
+import errno
 import functools
 import json
 import math
@@ -16,6 +17,8 @@ from typing import Any
 import numpy as np
 
 _HIDDEN = ".writing-"
+_ROOM = 1 << 14  # bytes
+_REFUSED = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM)
 _COMPUTER = re.sub(r"[^A-Za-z0-9.]", "_", platform.node()) or "here"
 
 
@@ -54,9 +57,35 @@ def staging(place: Path) -> Iterator[Path]:
 
   What a writer that was killed left behind goes, too: its name says on which computer and in which process it ran.
   """
-  _sweep(place.resolve())
-  with tempfile.TemporaryDirectory(prefix=f"{_HIDDEN}{_COMPUTER}-{os.getpid()}-", dir=place) as folder:
-    yield Path(folder)
+  with naming(place):
+    _sweep(place.resolve())
+    with tempfile.TemporaryDirectory(prefix=f"{_HIDDEN}{_COMPUTER}-{os.getpid()}-", dir=place) as folder, naming(place):
+      yield Path(folder)
+
+
+@contextlib.contextmanager
+def naming(place: str | os.PathLike[str]) -> Iterator[None]:
+  """Errors of a disk that is full or may not be written to become OSErrors that name the place.
+
+  Libraries that write in C say so in errors of their own, or only that something they wrote to has gone.
+  """
+  try:
+    yield
+  except Exception as error:
+    if isinstance(error, OSError) and error.errno in _REFUSED:
+      raise OSError(error.errno, os.strerror(error.errno), os.fspath(place)) from error
+    for code in (errno.ENOSPC, errno.EFBIG):
+      if os.strerror(code) in str(error) or (code == errno.ENOSPC and _full(Path(place))):
+        raise OSError(code, os.strerror(code), os.fspath(place)) from error
+    raise
+
+
+def _full(place: Path) -> bool:
+  """Whether there is no room left for a small file."""
+  try:
+    return shutil.disk_usage(place).free < _ROOM
+  except OSError:
+    return False
 
 
 @functools.cache

@@ -27,7 +27,7 @@ from agents.learning.environments import Options, OwnPlant, fleet, plant_of, tas
 from agents.learning.imitation import imitate, teacher
 from agents.learning.observation import ObservationSpec
 from agents.learning.policy_file import Policy, export_onnx, load_policy, save_policy, sight_from
-from qcar_twin.atomic_io import whole_file, write_json, write_text
+from qcar_twin.atomic_io import naming, whole_file, write_json, write_text
 from qcar_twin.envs.task import Reward
 from qcar_twin.envs.vector_env import FleetVecEnv
 from qcar_twin.estimation.observer import SensedObserver, TrueObserver
@@ -209,7 +209,7 @@ class Keeper(BaseCallback):
 def append_row(file: Path, columns: tuple[str, ...], row: list[float]) -> None:
   """One row at the end of a table, which is begun where there is none."""
   fresh = not file.exists()
-  with open(file, "a", newline="", encoding="utf-8") as stream:
+  with naming(file.parent), open(file, "a", newline="", encoding="utf-8") as stream:
     writer = csv.writer(stream)
     if fresh:
       writer.writerow(columns)
