@@ -88,6 +88,7 @@ def inside(folder: str | os.PathLike[str], name: str) -> Path:
   home = Path(folder).resolve()
   try:
     target = (home / name).resolve()
+    target.exists()
   except (OSError, RuntimeError) as error:  # a link to itself, a name too long
     raise UnreadableFile(f"'{name[:200]}' cannot be found ({error}); correct the name") from error
   if not target.is_relative_to(home):

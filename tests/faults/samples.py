@@ -110,8 +110,8 @@ def _manifest(folder: Path) -> list[str]:
 
 def _twin(folder: Path) -> list[str]:
   twin = Twin(QCAR, select(["steering_offset", "battery_sag"]), threads=1)
-  theta = twin.parameters.nominal
-  theta[-2:] = 0.9 * twin.parameters.upper[-2:]
+  values = {p.name: 0.5 * p.upper for mechanism in twin.mechanisms for p in mechanism.parameters}
+  theta = twin.parameters.vector(values)
   save_twin(folder / "twin.toml", twin, theta, "a twin")
   return ["twin.toml"]
 
