@@ -38,7 +38,8 @@ def in_parallel(calls: Sequence[Call], workers: int = 1, ray: bool = False) -> I
     return
   numbered = (joblib.delayed(_numbered)(index, call) for index, call in enumerate(calls))
   try:
-    yield from joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(numbered)
+    found: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(numbered)
+    yield from found
   except BrokenProcessPool as error:
     raise WorkerLost(
       "a worker process was killed, for want of memory most likely; run the same command again with fewer processes"

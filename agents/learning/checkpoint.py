@@ -60,7 +60,7 @@ def _write(agent: Agent, folder: Path) -> None:
   filled = buffer.buffer_size if buffer.full else buffer.pos
   np.savez(
     folder / "arrays.npz",
-    random_words=np.random.get_state()[1],
+    random_words=np.random.get_state(legacy=True)[1],  # pyright: ignore[reportArgumentType]
     torch_random=torch.get_rng_state().numpy(),
     **{array: getattr(buffer, array)[:filled] for array in ARRAYS},
   )

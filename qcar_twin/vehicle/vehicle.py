@@ -99,7 +99,7 @@ class Vehicle:
 
   def __post_init__(self) -> None:
     for field in dataclasses.fields(self):
-      value, name = getattr(self, field.name), field.name
+      value, name = vars(self)[field.name], field.name
       if isinstance(field.default, str) and not isinstance(value, str):
         raise ValueError(f"vehicle: {name} must be text, not {value!r:.60}")
       if not isinstance(field.default, float):
