@@ -99,13 +99,13 @@ class Vehicle:
 
   def __post_init__(self) -> None:
     for field in dataclasses.fields(self):
-      value, name = vars(self)[field.name], field.name
+      name, value = field.name, vars(self)[field.name]
       if isinstance(field.default, str) and not isinstance(value, str):
         raise ValueError(f"vehicle: {name} must be text, not {value!r:.60}")
       if not isinstance(field.default, float):
         continue
       least = -math.inf if name in _EITHER_SIGN else 0.0
-      if not is_number(value, name in _UNLIMITED) or value < least or (value == 0.0 and name not in _MAY_VANISH):
+      if not is_number(value, name in _UNLIMITED) or float(value) < least or (value == 0.0 and name not in _MAY_VANISH):
         what = "finite" if least else "non-negative" if name in _MAY_VANISH else "positive"
         raise ValueError(f"vehicle '{self.name}': {name} must be a {what} number, not {value!r:.60}")
     for name, known in _CHOICES.items():
