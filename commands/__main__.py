@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
+from qcar_twin.cures import cure
+
 USAGE = """usage: qcar-twin [--traceback] COMMAND [options]
 
 {commands}
@@ -40,10 +42,8 @@ def sentence(error: Exception) -> str | None:
     return f"this needs the package '{(error.name or '').partition('.')[0]}', which is not installed"
   if isinstance(error, KeyError) and error.args and " " in str(error.args[0]):
     return str(error.args[0])
-  if isinstance(error, OSError) and error.strerror:
-    return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-  own = type(error).__module__.partition(".")[0] in PACKAGES
-  return str(error) if own or isinstance(error, (OSError, ValueError)) else None
+  own = isinstance(error, ValueError) or type(error).__module__.partition(".")[0] in PACKAGES
+  return cure(error) or (str(error) if own else None)
 
 
 def run(name: str, arguments: Sequence[str], traceback: bool = False) -> int:

@@ -9,7 +9,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Literal
 
-from joblib import Parallel, delayed
+from joblib import delayed
 from tqdm import tqdm
 
 from calibration.campaign.archive import pack, unpack
@@ -18,6 +18,7 @@ from calibration.campaign.page import campaign_page
 from calibration.campaign.run import run_case
 from calibration.campaign.score import score_table
 from qcar_twin.atomic_io import write_text
+from qcar_twin.parallel import in_parallel
 
 KEPT = "cases that were answered stay in --out, the same command goes on with the others"
 
@@ -46,6 +47,8 @@ class Config:
   """Session design: compact (about 2 minutes of driving), lab (5 minutes) or paper."""
   jobs: int = 2
   """Cases that run side by side, one core each."""
+  ray: bool = False
+  """On the Ray cluster at hand instead of in local processes; all its computers have to see --out."""
   archive: Path | None = None
   """One file with all answers: those in it are taken over first, and it is written anew at the end."""
   page: Path | None = None
@@ -69,7 +72,7 @@ def main(config: Config) -> str:
   of_kind = Counter(case.kind for case in cases)
   cases.sort(key=lambda case: (int(case.name.split("_")[1]) / of_kind[case.kind], case.name))
   todo = [] if config.score_only else [c for c in cases if not (config.out / f"{c.name}.json").is_file()]
-  jobs = Parallel(n_jobs=config.jobs, return_as="generator_unordered")(delayed(run_case)(c, config.out) for c in todo)
+  jobs = in_parallel([delayed(run_case)(c, config.out) for c in todo], config.jobs, config.ray)
   for _ in tqdm(jobs, total=len(todo), desc="cases", unit="case"):
     pass
   answers = [config.out / f"{c.name}.json" for c in cases]

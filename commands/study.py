@@ -4,20 +4,21 @@ qcar-twin study --out out/study [--limit 1] [--page docs/results_learning.md]
 """
 
 import dataclasses
-import time
 from pathlib import Path
 
 import numpy as np
+from joblib import delayed
 from numpy.typing import NDArray
 
 from agents.control.external_plant import ExternalPlant
 from agents.learning.evaluate import known_plant
-from agents.studies.study import VARIANTS, Job, driving_jobs, settings, training_jobs
+from agents.studies.study import VARIANTS, Job, driving_jobs, settings, timed, training_jobs
 from agents.studies.study_report import page
 from calibration.laboratory.written import stream
 from calibration.proving_ground.car import Car
 from calibration.proving_ground.plant import ProvingGroundPlant
 from qcar_twin.atomic_io import write_text
+from qcar_twin.parallel import in_parallel
 from qcar_twin.plant import Plant
 
 GROUND = "proving ground"
@@ -46,6 +47,10 @@ class Config:
   """effect of that car"""
   limit: int = 0
   """stop after so many jobs; 0 for all"""
+  workers: int = 1
+  """jobs side by side, one core each"""
+  ray: bool = False
+  """on the Ray cluster at hand instead of in local processes; all its computers have to see --out"""
   page: Path | None = None
   """Markdown file to write from what is there"""
   quick: bool = False
@@ -83,11 +88,12 @@ def main(config: Config) -> int:
   """Do what is left, up to the limit, write the page; returns the number of jobs that are left."""
   done = 0
   while (left := [job for job in jobs(config) if not job.file.is_file()]) and done < (config.limit or done + 1):
-    done += 1
-    began, cpu = time.perf_counter(), time.process_time()
-    left[0].work()
-    spent = f"{time.perf_counter() - began:.0f} s, {time.process_time() - cpu:.0f} s of CPU"
-    print(f"{left[0].name}: {spent}; {len(left) - 1} jobs left", flush=True)
+    most = config.limit - done if config.limit else None
+    alike = [job for job in left if job.name.split()[0] == left[0].name.split()[0]][:most]  # drives wait for trainings
+    for index, (wall, cpu) in in_parallel([delayed(timed)(job) for job in alike], config.workers, config.ray):
+      done += 1
+      left.remove(alike[index])
+      print(f"{alike[index].name}: {wall:.0f} s, {cpu:.0f} s of CPU; {len(left)} jobs left", flush=True)
   if config.page:
     write_text(config.page, page(config.out, config.page, config.special))
   return len(left)

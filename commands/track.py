@@ -11,6 +11,7 @@ import numpy as np
 
 from agents.control import controllers
 from agents.control.closed_loop import Actuation, Drive, Task, drive
+from agents.control.external_plant import ExternalPlant
 from agents.control.kpis import Kpis, kpis
 from agents.control.model import Model
 from agents.control.output import write_drive
@@ -18,9 +19,8 @@ from agents.control.speed import SpeedGains
 from calibration.identification.identification import Identification
 from calibration.proving_ground.plant import ProvingGroundPlant
 from qcar_twin.estimation.observer import Observer, SensedObserver, TrueObserver
-from qcar_twin.parameters import ParameterSet
 from qcar_twin.paths import path_named
-from qcar_twin.plant import Simulation
+from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
 
 
@@ -57,14 +57,11 @@ class Config:
   """one run"""
 
 
-class Ground:
-  """The independent car in the shape of a plant; it has no parameters to set."""
-
-  period = ProvingGroundPlant.period
-  parameters = ParameterSet(())
-
-  def begin(self, theta: np.ndarray, start: np.ndarray) -> Simulation:
-    return ProvingGroundPlant().begin(start)
+def plant_of(config: Config, model: Model) -> tuple[Plant, np.ndarray]:
+  """What is driven, and its parameters; the independent car has none."""
+  if config.plant != "proving_ground":
+    return model.plant(config.plant, config.twin)
+  return ExternalPlant(ProvingGroundPlant().begin, ProvingGroundPlant.period), np.empty(0)  # type: ignore[return-value]
 
 
 def run(config: Config) -> tuple[Drive, Kpis]:
@@ -72,7 +69,7 @@ def run(config: Config) -> tuple[Drive, Kpis]:
   model = Model.nominal()
   if config.identified:
     model = dataclasses.replace(model, theta=Identification.load(config.identified).theta)
-  plant, theta = (Ground(), np.empty(0)) if config.plant == "proving_ground" else model.plant(config.plant, config.twin)
+  plant, theta = plant_of(config, model)
   count = 1 if config.quick else config.runs
   wrong = {"gain": config.steering_gain, "offset": np.radians(config.steering_offset)}
   servo = Actuation(**wrong) if config.plant == "bicycle" else Actuation(delay=0.0, lag=0.0, **wrong)

@@ -8,12 +8,14 @@ import logging
 from pathlib import Path
 
 import numpy as np
+from joblib import delayed
 
 from agents.control.closed_loop import Actuation
 from agents.control.controllers import FAMILIES, FILE, entries, save
 from agents.control.model import Model
 from agents.control.tuning import MISMATCH, Search, tune
 from calibration.identification.identification import Identification
+from qcar_twin.parallel import in_parallel
 
 LOOSE = {
   "ff_fb": {"gain": 1.0, "preview": 0.3},
@@ -41,6 +43,10 @@ class Config:
   """m/s"""
   seed: int = 0
   """of sensors and search"""
+  workers: int = 1
+  """controllers side by side, one core each"""
+  ray: bool = False
+  """on the Ray cluster at hand instead of in local processes"""
   quick: bool = False
   """two small generations instead of eight"""
 
@@ -63,8 +69,11 @@ def main(config: Config) -> None:
   servo = Actuation()
   numbers = ", ".join(f"{name} {value:.4g}" for name, value in plant.parameters.named(theta).items())
   table = entries(config.out)
-  for name in config.controllers:
-    found = tune(FAMILIES[name], plant, theta, model.car, model.filter_settings("bicycle"), search)
+  families = [FAMILIES[name] for name in config.controllers]
+  filtered = model.filter_settings("bicycle")
+  calls = [delayed(tune)(family, plant, theta, model.car, filtered, search) for family in families]
+  for index, found in in_parallel(calls, config.workers, config.ray):
+    name = families[index].name
     origin = (
       f"qcar-twin tune: S-path at {config.speed:g} m/s on the single track ({numbers}), servo lag"
       f" {1e3 * servo.lag:.0f} ms and delay {1e3 * servo.delay:.0f} ms, sensors and federated filter, {len(MISMATCH)}"

@@ -1,15 +1,25 @@
 """Files that appear whole or not at all, whatever stops the writer."""
 
 import contextlib
+import errno
+import functools
 import json
 import math
 import os
+import platform
+import re
+import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+_HIDDEN = ".writing-"
+_ROOM = 1 << 14  # bytes
+_REFUSED = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM)
+_COMPUTER = re.sub(r"[^A-Za-z0-9.]", "_", platform.node()) or "here"
 
 
 @contextlib.contextmanager
@@ -21,10 +31,83 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
   """
   path = Path(path)
   path.parent.mkdir(parents=True, exist_ok=True)
-  with tempfile.TemporaryDirectory(prefix=".writing-", dir=path.parent) as folder:
-    part = Path(folder) / path.name
+  with staging(path.parent) as folder:
+    part = folder / path.name
     yield part
     part.replace(path)
+
+
+@contextlib.contextmanager
+def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+  """An empty folder to write to that becomes `path`, in place of what is there, when the block ends."""
+  path = Path(path)
+  path.parent.mkdir(parents=True, exist_ok=True)
+  with staging(path.parent) as folder:
+    part = folder / path.name
+    part.mkdir()
+    yield part
+    if path.exists():
+      path.rename(folder / "replaced")
+    part.rename(path)
+
+
+@contextlib.contextmanager
+def staging(place: Path) -> Iterator[Path]:
+  """A hidden folder in `place` for what is being written; it is gone afterwards.
+
+  What a writer that was killed left behind goes, too: its name says on which computer and in which process it ran.
+  """
+  with naming(place):
+    _sweep(place.resolve())
+    with tempfile.TemporaryDirectory(prefix=f"{_HIDDEN}{_COMPUTER}-{os.getpid()}-", dir=place) as folder, naming(place):
+      yield Path(folder)
+
+
+@contextlib.contextmanager
+def naming(place: str | os.PathLike[str]) -> Iterator[None]:
+  """Errors of a disk that is full or may not be written to become OSErrors that name the place.
+
+  Libraries that write in C say so in errors of their own, or only that something they wrote to has gone.
+  """
+  try:
+    yield
+  except Exception as error:
+    if isinstance(error, OSError) and error.errno in _REFUSED:
+      raise OSError(error.errno, os.strerror(error.errno), os.fspath(place)) from error
+    for code in (errno.ENOSPC, errno.EFBIG):
+      if os.strerror(code) in str(error) or (code == errno.ENOSPC and _full(Path(place))):
+        raise OSError(code, os.strerror(code), os.fspath(place)) from error
+    raise
+
+
+def _full(place: Path) -> bool:
+  """Whether there is no room left for a small file."""
+  try:
+    return shutil.disk_usage(place).free < _ROOM
+  except OSError:
+    return False
+
+
+@functools.cache
+def _sweep(place: Path) -> None:
+  """Remove what dead processes of this computer were writing in a folder; looked for once per process."""
+  for left in place.glob(f"{_HIDDEN}{_COMPUTER}-*"):
+    process = left.name.split("-")[-2]
+    if process.isdecimal() and not _runs(int(process)):
+      shutil.rmtree(left, ignore_errors=True)
+
+
+def _runs(process: int) -> bool:
+  """Whether a process of this computer is there; True where nobody can say."""
+  if os.name != "posix":
+    return True
+  try:
+    os.kill(process, 0)
+  except ProcessLookupError:
+    return False
+  except OSError:  # somebody else's
+    return True
+  return True
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:

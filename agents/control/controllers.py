@@ -2,7 +2,6 @@
 
 import dataclasses
 import difflib
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from agents.control.linear_rate import LinearRate
 from agents.control.lq import LqCm, LqEd
 from qcar_twin.atomic_io import write_text
 from qcar_twin.bicycle.single_track import SingleTrackCar
+from qcar_twin.untrusted import UnreadableFile, is_number, read_toml
 
 FILE = Path(__file__).resolve().parents[1] / "data" / "controllers.toml"
 VERSIONS = ("loose", "tuned")
@@ -60,9 +60,9 @@ def make(
   if name not in FAMILIES:
     near = difflib.get_close_matches(name, FAMILIES, n=1) or list(FAMILIES)
     raise KeyError(f"no controller '{name}'; did you mean {', '.join(near)}?")
-  missing = [n for n in FAMILIES[name].numbers if n not in numbers]
+  missing = [n for n in FAMILIES[name].numbers if not is_number(numbers.get(n))]
   if missing:
-    raise KeyError(f"controller '{name}' lacks {', '.join(missing)}")
+    raise KeyError(f"controller '{name}' lacks the numbers {', '.join(missing)}")
   if name == "ff_fb":
     return FeedforwardFeedback(car, numbers["gain"], numbers["preview"])
   if name == "linear_rate":
@@ -92,17 +92,28 @@ def load(car: SingleTrackCar, speed: float = 0.5, file: Path = FILE) -> dict[tup
   """
   if not file.exists():
     raise FileNotFoundError(f"{file} does not exist; run qcar-twin tune to make it")
-  table = tomllib.loads(file.read_text(encoding="utf-8"))
-  return {
-    (name, version): make(name, entry, car, speed)
-    for name, versions in table.items()
-    for version, entry in versions.items()
-  }
+  try:
+    return {
+      (name, version): make(name, entry, car, speed)
+      for name, versions in entries(file).items()
+      for version, entry in versions.items()
+    }
+  except (KeyError, ValueError, OverflowError, np.linalg.LinAlgError) as error:
+    raise UnreadableFile(f"{file.name}: {error.args[0]}; run qcar-twin tune to make it anew") from error
 
 
 def entries(file: Path = FILE) -> dict[str, dict[str, dict[str, Any]]]:
-  """The file as it is: name -> version -> numbers and provenance; empty when there is none."""
-  return tomllib.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+  """The file as it is: name -> version -> numbers and provenance; empty when there is none.
+
+  Raises:
+    UnreadableFile: it is something else.
+  """
+  table = read_toml(file) if file.exists() else {}
+  for name, versions in table.items():
+    for version, entry in versions.items() if isinstance(versions, dict) else [("", None)]:
+      if not isinstance(entry, dict) or not all(isinstance(x, str) or is_number(x) for x in entry.values()):
+        raise UnreadableFile(f"{file}: [{name}.{version}] must be a table of finite numbers; run qcar-twin tune")
+  return table
 
 
 def save(table: Mapping[str, Mapping[str, Mapping[str, Any]]], file: Path = FILE) -> None:

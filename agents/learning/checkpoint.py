@@ -6,15 +6,18 @@ any instant leaves either the old or the new checkpoint.
 
 import json
 import shutil
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
 from agents.learning.ddpg import Agent
-from qcar_twin.atomic_io import write_text
+from qcar_twin.atomic_io import whole_folder, write_text
+from qcar_twin.untrusted import UnreadableFile, inside, read_json
 
 POINTER = "checkpoint.json"
 ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
@@ -28,19 +31,11 @@ def save_checkpoint(agent: Agent, folder: Path, progress: dict[str, Any]) -> Non
     progress: of the training, kept as JSON.
   """
   name = f"checkpoint_{agent.num_timesteps}"
-  target = folder / name
-  target.mkdir(parents=True, exist_ok=True)
-  save_file(_tensors(agent), target / "networks.safetensors")
+  with whole_folder(folder / name) as part:
+    _write(agent, part)
   buffer = agent.replay_buffer
   assert buffer is not None
-  filled = buffer.buffer_size if buffer.full else buffer.pos
-  key, words, *rest = np.random.get_state()
-  np.savez(
-    target / "arrays.npz",
-    random_words=words,
-    torch_random=torch.get_rng_state().numpy(),
-    **{array: getattr(buffer, array)[:filled] for array in ARRAYS},
-  )
+  key, _, *rest = np.random.get_state()
   state = {
     "folder": name,
     "num_timesteps": agent.num_timesteps,
@@ -57,6 +52,20 @@ def save_checkpoint(agent: Agent, folder: Path, progress: dict[str, Any]) -> Non
       shutil.rmtree(old)
 
 
+def _write(agent: Agent, folder: Path) -> None:
+  """Networks, optimisers, buffer and random words as files."""
+  save_file(_tensors(agent), folder / "networks.safetensors")
+  buffer = agent.replay_buffer
+  assert buffer is not None
+  filled = buffer.buffer_size if buffer.full else buffer.pos
+  np.savez(
+    folder / "arrays.npz",
+    random_words=np.random.get_state(legacy=True)[1],  # pyright: ignore[reportArgumentType]
+    torch_random=torch.get_rng_state().numpy(),
+    **{array: getattr(buffer, array)[:filled] for array in ARRAYS},
+  )
+
+
 def load_checkpoint(agent: Agent, folder: Path) -> dict[str, Any]:
   """Put a fresh agent into the state of the last checkpoint; returns the training's progress.
 
@@ -66,8 +75,15 @@ def load_checkpoint(agent: Agent, folder: Path) -> dict[str, Any]:
   """
   if not (folder / POINTER).is_file():
     raise FileNotFoundError(f"{folder / POINTER}: no checkpoint to resume from; start without --resume")
-  state = json.loads((folder / POINTER).read_text(encoding="utf-8"))
-  source = folder / state["folder"]
+  state = read_json(folder / POINTER)
+  source = inside(folder, str(state.get("folder")))
+  try:
+    return _go_on(agent, state, source)
+  except (KeyError, TypeError, IndexError, RuntimeError, SafetensorError, zipfile.BadZipFile) as error:
+    raise UnreadableFile(f"{source}: is no checkpoint of this training ({error}); start in another folder") from error
+
+
+def _go_on(agent: Agent, state: dict[str, Any], source: Path) -> dict[str, Any]:
   _restore(agent, load_file(source / "networks.safetensors"))
   buffer = agent.replay_buffer
   assert buffer is not None

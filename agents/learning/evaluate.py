@@ -5,7 +5,6 @@ Every run is `closed_loop.drive` with sensors and federated filter, the same for
 
 import dataclasses
 import itertools
-import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from agents.learning.environments import SERVO
 from agents.learning.policy_file import load_policy
 from qcar_twin.atomic_io import write_json, write_text
 from qcar_twin.estimation.observer import SensedObserver, TrueObserver
+from qcar_twin.parallel import in_order
 from qcar_twin.paths import path_named
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import qcar_sensors
@@ -145,22 +145,7 @@ def evaluate(
     ray: send the work to the Ray cluster at hand (RAY_ADDRESS), or a local one, instead of local processes.
   """
   calls = [joblib.delayed(_everybody)(policies, case, plant, versions) for case in cases]
-  return list(itertools.chain.from_iterable(in_parallel(calls, workers, ray)))
-
-
-def in_parallel(calls: Sequence[Any], workers: int = 1, ray: bool = False) -> list[Any]:
-  """Run joblib's delayed calls in processes, or on Ray; results in the order of the calls."""
-  if not ray:
-    return list(joblib.Parallel(n_jobs=workers)(calls))
-  # an extra that is not in the lock file (`cluster` in pyproject.toml): checked where it is installed
-  import ray as cluster  # pyright: ignore[reportMissingImports]
-  from ray.util.joblib import register_ray  # pyright: ignore[reportMissingImports]
-
-  if not cluster.is_initialized():
-    cluster.init(address=os.environ.get("RAY_ADDRESS"), include_dashboard=False, log_to_driver=False)
-  register_ray()
-  with joblib.parallel_config("ray", n_jobs=workers):
-    return list(joblib.Parallel()(calls))
+  return list(itertools.chain.from_iterable(in_order(calls, workers, ray)))
 
 
 def summary(rows: Sequence[Row], group: Callable[[str], str] = lambda label: label) -> list[dict[str, Any]]:

@@ -6,21 +6,24 @@ policy.json: what is seen and its scale, bounds, and where the policy comes from
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
 from agents.control.interface import Situation
 from agents.learning.observation import ObservationSpec
 from qcar_twin.atomic_io import whole_file, write_text
+from qcar_twin.untrusted import UnreadableFile, bounded_memory, is_number, read_json
 
 Array = NDArray[np.float64]
 Layers = tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
 FORMAT = 1
+MOST_LAYERS = 100
 WEIGHTS, DESCRIPTION, ONNX = "policy.safetensors", "policy.json", "policy.onnx"
 SHIPPED = Path(__file__).resolve().parents[1] / "data" / "policy"  # the policy that comes with the package
 
@@ -92,17 +95,53 @@ def load_policy(folder: Path) -> Policy:
   for name in (WEIGHTS, DESCRIPTION):
     if not (folder / name).is_file():
       raise FileNotFoundError(f"{folder / name}: no such file; a policy folder is made by qcar-twin train")
-  about = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
+  about, where = read_json(folder / DESCRIPTION), folder / DESCRIPTION
   if about.get("format") != FORMAT:
-    raise ValueError(f"{folder / DESCRIPTION}: not a policy of format {FORMAT}; train it again with qcar-twin train")
-  tensors = load_file(folder / WEIGHTS)
+    raise UnreadableFile(f"{where}: not a policy of format {FORMAT}; train it again with qcar-twin train")
+  wrong = [name for name in ("largest_rate", "lock") if not (is_number(about.get(name)) and about[name] > 0.0)]
+  scale = about.get("observation_scale")
+  if wrong or not isinstance(scale, list) or not all(map(is_number, scale)):
+    named = wrong[0] if wrong else "observation_scale"
+    raise UnreadableFile(f"{where}: {named} must be finite and there; train the policy again")
   try:
-    layers = tuple((tensors[f"weight_{k}"], tensors[f"bias_{k}"]) for k in range(about["layers"]))
-  except KeyError as error:
-    raise ValueError(f"{folder / WEIGHTS}: {error.args[0]} is missing; the two files do not belong together") from error
-  scale = tuple(float(x) for x in about["observation_scale"])
-  sight = sight_from(about.get("sight", {}))
-  return Policy(layers, scale, about["largest_rate"], about["lock"], about["provenance"], about["kind"], sight)
+    sight = sight_from(about.get("sight", {}))
+  except (AttributeError, TypeError, ValueError) as error:
+    raise UnreadableFile(f"{where}: sight is not that of a policy ({error}); train it again") from error
+  layers = _layers(folder / WEIGHTS, about.get("layers"), [len(scale), sight.size])
+  history, kind = about.get("provenance"), about.get("kind")
+  if not isinstance(history, dict) or not isinstance(kind, str):
+    raise UnreadableFile(f"{where}: kind or provenance is missing; train the policy again")
+  scales, rate, lock = tuple(map(float, scale)), float(about["largest_rate"]), float(about["lock"])
+  policy = Policy(layers, scales, rate, lock, history, kind, sight)
+  with np.errstate(all="ignore"):
+    rates = policy.rate(np.stack([np.zeros(sight.size), np.ones(sight.size), -np.ones(sight.size)]))
+  if not np.isfinite(rates).all():
+    raise UnreadableFile(f"{where}: its numbers are too large for single precision; train the policy again")
+  return policy
+
+
+def _layers(file: Path, count: object, inputs: Sequence[int]) -> Layers:
+  """The network's weights and biases, checked to be finite and to fit each other and what is seen."""
+  try:
+    with bounded_memory(file.stat().st_size):
+      tensors = load_file(file)
+  except (SafetensorError, MemoryError, ValueError, TypeError, KeyError) as error:
+    raise UnreadableFile(f"{file}: is not a readable safetensors file ({error}); train the policy again") from error
+  layers, apart = [], "the two files do not belong together; take both from one training"
+  for k in range(count if isinstance(count, int) and 0 < count <= MOST_LAYERS else 0):
+    if missing := [name for name in (f"weight_{k}", f"bias_{k}") if name not in tensors]:
+      raise UnreadableFile(f"{file}: {missing[0]} is missing; {apart}")
+    weight, bias = tensors[f"weight_{k}"], tensors[f"bias_{k}"]
+    if weight.ndim != 2 or bias.shape != weight.shape[:1] or {weight.shape[1]} != set(inputs):
+      shapes = f"{weight.shape} and {bias.shape}"
+      raise UnreadableFile(f"{file}: layer {k} of {shapes} does not fit {inputs} inputs; {apart}")
+    if not (weight.dtype == bias.dtype == np.float32 and np.isfinite(weight).all() and np.isfinite(bias).all()):
+      raise UnreadableFile(f"{file}: layer {k} holds what is no finite float32; train the policy again")
+    layers.append((weight, bias))
+    inputs = [weight.shape[0]]
+  if inputs != [1]:
+    raise UnreadableFile(f"{file}: has no network of {count!r:.20} layers with one output; {apart}")
+  return tuple(layers)
 
 
 def sight_from(table: Mapping[str, Any]) -> ObservationSpec:

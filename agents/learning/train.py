@@ -21,17 +21,18 @@ from agents.control.closed_loop import Actuation, Task, drive
 from agents.control.kpis import Kpis, kpis
 from agents.control.model import Model
 from agents.control.speed import SpeedGains
-from agents.learning.checkpoint import load_checkpoint, save_checkpoint
+from agents.learning.checkpoint import POINTER, load_checkpoint, save_checkpoint
 from agents.learning.ddpg import Agent, Settings, actor_layers, demonstrate, make_agent
 from agents.learning.environments import Options, OwnPlant, fleet, plant_of, task_of
 from agents.learning.imitation import imitate, teacher
 from agents.learning.observation import ObservationSpec
 from agents.learning.policy_file import Policy, export_onnx, load_policy, save_policy, sight_from
-from qcar_twin.atomic_io import whole_file, write_json, write_text
+from qcar_twin.atomic_io import naming, whole_file, write_json, write_text
 from qcar_twin.envs.task import Reward
 from qcar_twin.envs.vector_env import FleetVecEnv
 from qcar_twin.estimation.observer import SensedObserver, TrueObserver
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
+from qcar_twin.untrusted import UnreadableFile, read_json
 
 EPISODE_COLUMNS = ("episode", "steps", "length", "return", "rmse", "finished", "seconds")
 EVALUATION_COLUMNS = ("episode", "rmse", "me", "iaca", "finished", "seconds")
@@ -71,6 +72,14 @@ class Plan:
     settings["observation_scale"] = tuple(settings["observation_scale"])
     rest = {name: table[name] for name in ("seed", "every", "judges", "progress_bar")}
     return cls(Options(**options), Settings(**settings), **rest, sight=sight_from(table.get("sight", {})))
+
+  @classmethod
+  def kept(cls, file: Path) -> "Plan":
+    """The plan in a training's folder. Raises UnreadableFile where it is none."""
+    try:
+      return cls.from_json(read_json(file))
+    except (KeyError, TypeError, ValueError) as error:
+      raise UnreadableFile(f"{file}: is no plan of a training ({error}); start in another folder") from error
 
 
 @dataclasses.dataclass
@@ -200,7 +209,7 @@ class Keeper(BaseCallback):
 def append_row(file: Path, columns: tuple[str, ...], row: list[float]) -> None:
   """One row at the end of a table, which is begun where there is none."""
   fresh = not file.exists()
-  with open(file, "a", newline="", encoding="utf-8") as stream:
+  with naming(file.parent), open(file, "a", newline="", encoding="utf-8") as stream:
     writer = csv.writer(stream)
     if fresh:
       writer.writerow(columns)
@@ -234,7 +243,8 @@ def train(
   """
   asked = folder / "training.json"
   if resume and asked.is_file():
-    plan = Plan.from_json(json.loads(asked.read_text(encoding="utf-8")))
+    plan = Plan.kept(asked)
+    resume = (folder / POINTER).is_file()  # one that was killed before its first checkpoint begins anew
   elif asked.is_file():
     raise FileExistsError(f"{folder} holds a training already; go on with --resume or choose another folder")
   folder.mkdir(parents=True, exist_ok=True)

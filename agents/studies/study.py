@@ -7,6 +7,7 @@ with more seeds replaces one with fewer.
 
 import dataclasses
 import json
+import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -118,6 +119,13 @@ class Job:
   name: str
   file: Path
   work: Callable[[], Any]
+
+
+def timed(job: Job) -> tuple[float, float]:
+  """Do a job; s of the clock and of the processor that it took."""
+  began, cpu = time.perf_counter(), time.process_time()
+  job.work()
+  return time.perf_counter() - began, time.process_time() - cpu
 
 
 def training_jobs(folder: Path, variant: str, seeds: Sequence[int], episodes: int | None = None) -> list[Job]:

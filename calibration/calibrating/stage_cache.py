@@ -8,7 +8,6 @@ A stage counts only for the same recordings, options and program; anything else 
 
 import functools
 import hashlib
-import json
 import logging
 import os
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 
 from qcar_twin.atomic_io import write_json
 from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.untrusted import read_json
 
 log = logging.getLogger(__name__)
 
@@ -35,11 +35,11 @@ class Stages:
     if self._folder is None or not (path := self._folder / f"{name}.json").is_file():
       return None
     try:
-      stored = json.loads(path.read_text(encoding="utf-8"))
-    except json.JSONDecodeError:
+      stored = read_json(path)
+    except ValueError:
       log.warning("%s is not readable: the stage is done again", path.name)
       return None
-    if not isinstance(stored, dict) or stored.get("key") != self._key:
+    if stored.get("key") != self._key:
       return None
     log.info("stage '%s' taken from %s", name, path)
     return stored["result"]

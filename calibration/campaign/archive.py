@@ -6,6 +6,9 @@ import lzma
 from pathlib import Path
 
 from qcar_twin.atomic_io import whole_file, write_text
+from qcar_twin.untrusted import MOST_JSON, SPARE_MEMORY, UnreadableFile, inside, require_file
+
+MOST_UNPACKED = 1 << 29  # bytes of answers: a campaign of thousands of cases
 
 
 def digest(answer: dict) -> str:
@@ -30,15 +33,17 @@ def unpack(archive: Path, folder: Path) -> int:
   """Write the answers of an archive into a folder that lacks them; returns how many it lacked.
 
   Raises:
-    ValueError: an answer is not the one its hash was taken of.
+    UnreadableFile: it is no archive, or an answer is not the one its hash was taken of.
   """
   folder.mkdir(parents=True, exist_ok=True)
-  lines = lzma.decompress(archive.read_bytes()).decode().splitlines()
   missing = 0
-  for result in map(json.loads, lines):
-    path = folder / f"{result['case']['name']}.json"
+  for result in _unpacked(archive):
+    try:
+      path = inside(folder, f"{result['case']['name']}.json")
+    except UnreadableFile as error:
+      raise UnreadableFile(f"{archive}: {error}") from error
     if digest(result["answer"]) != result["sha256"]:
-      raise ValueError(
+      raise UnreadableFile(
         f"{archive}: the answer to {path.stem} was changed after its hash was taken; take the archive from its "
         "source again"
       )
@@ -46,3 +51,21 @@ def unpack(archive: Path, folder: Path) -> int:
       keep(result, path)
       missing += 1
   return missing
+
+
+def _unpacked(archive: Path) -> list[dict]:
+  """The answers in an archive."""
+  require_file(archive, MOST_JSON)
+  reader = lzma.LZMADecompressor(memlimit=SPARE_MEMORY)
+  try:
+    text = reader.decompress(archive.read_bytes(), MOST_UNPACKED)
+    if not reader.eof:
+      raise UnreadableFile(f"{archive}: is cut off, or unpacks to more than {MOST_UNPACKED >> 20} MiB; fetch it again")
+    answers = [json.loads(line) for line in text.decode().splitlines()]
+    if not all(isinstance(a["case"]["name"], str) and {"answer", "sha256"} <= set(a) for a in answers):
+      raise ValueError("an answer without its case or hash")
+  except UnreadableFile:
+    raise
+  except (lzma.LZMAError, ValueError, KeyError, TypeError, RecursionError) as error:
+    raise UnreadableFile(f"{archive}: is no archive of answers ({error}); take it from its source again") from error
+  return answers

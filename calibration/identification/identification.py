@@ -10,7 +10,6 @@ Recordings with role "holdout" are not looked at.
 """
 
 import dataclasses
-import json
 import math
 import os
 from collections.abc import Iterable
@@ -28,6 +27,7 @@ from qcar_twin.atomic_io import write_json
 from qcar_twin.bicycle.bicycle import PARAMETERS, Bicycle, MeasuredCar, TurningLosses, drive_of
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.untrusted import UnreadableFile, read_json
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -119,9 +119,12 @@ class Identification:
   def load(cls, path: str | os.PathLike[str]) -> "Identification":
     """Read what `save` wrote. Raises ValueError that names the file if it is something else."""
     try:
-      return _read(cls, json.loads(Path(path).read_text(encoding="utf-8")))
-    except (KeyError, TypeError, json.JSONDecodeError) as error:
-      raise ValueError(
+      found = _read(cls, read_json(path))
+      if not np.isfinite(np.asarray(found.theta, dtype=float)).all():
+        raise ValueError("a parameter has no finite value")
+      return found
+    except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
+      raise UnreadableFile(
         f"{Path(path).name} is no identification ({error}); write it with Identification.save"
       ) from error
 

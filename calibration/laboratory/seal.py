@@ -13,6 +13,7 @@ import zlib
 from pathlib import Path
 
 from qcar_twin.atomic_io import write_text
+from qcar_twin.untrusted import MOST_JSON, read_json
 
 PLAIN, PACKED, COMMITMENT = "truth.json", "truth.sealed", "truth.sha256"
 
@@ -54,12 +55,20 @@ def unseal(folder: Path, published: str | None = None) -> dict:
   found = [folder / name for name in (PLAIN, PACKED) if (folder / name).exists()]
   if not found:
     raise SealError(f"no {PLAIN} or {PACKED} in {folder}: give the folder that --truth-out named")
-  body = json.loads(found[0].read_text())
+  try:
+    return _opened(read_json(found[0]), found[0].name, published)
+  except (KeyError, TypeError, ValueError, zlib.error) as error:
+    if isinstance(error, SealError):
+      raise
+    raise SealError(f"{found[0].name} is damaged ({error}); take it from its source again") from error
+
+
+def _opened(body: dict, name: str, published: str | None) -> dict:
   if "packed" in body:
-    text = zlib.decompress(base64.b85decode(body["packed"]))
+    text = zlib.decompressobj().decompress(base64.b85decode(body["packed"]), MOST_JSON)
   else:
     text = json.dumps(body["truth"], indent=1, sort_keys=True).encode()
   mark = commitment(text, bytes.fromhex(body["salt"]))
   if mark != body["sha256"] or (published is not None and mark != published.strip()):
-    raise SealError(f"{found[0].name} is not the truth that was committed to: its hash is {mark}")
+    raise SealError(f"{name} is not the truth that was committed to: its hash is {mark}")
   return json.loads(text)

@@ -5,20 +5,19 @@ from __future__ import annotations
 import json
 import logging
 import os
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from qcar_twin.atomic_io import write_text
+from qcar_twin.atomic_io import staging, write_text
 from qcar_twin.recordings.checks.faults import find_defects
 from qcar_twin.recordings.checks.repeats import refuse_repeats
 from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
 from qcar_twin.recordings.checks.units import check_limits, check_units
-from qcar_twin.recordings.formats import Table, read_table
-from qcar_twin.recordings.manifest import COMMAND_TIMINGS, FILE_NAME, Entry, Manifest, read_manifest
+from qcar_twin.recordings.formats import Table, read_inside
+from qcar_twin.recordings.manifest import COMMAND_TIMINGS, FILE_NAME, Entry, Manifest, read_manifest, require_file_name
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import ROLES, Recording, RecordingError, nearest
 
@@ -51,7 +50,7 @@ class DataSet:
     """Read folder/dataset.toml and what it lists. Raises RecordingError naming file, channel, row and cure."""
     folder = Path(folder)
     manifest = read_manifest(folder)
-    tables = [read_table(folder / entry.file, entry.file) for entry in manifest.entries]
+    tables = [read_inside(folder, entry.file) for entry in manifest.entries]
     warnings = list(manifest.notes) + _absent_columns(manifest, tables)
     recordings: list[Recording] = []
     for entry, table in zip(manifest.entries, tables, strict=True):
@@ -213,14 +212,14 @@ def write_dataset(
 
 
 def _write_all(folder: Path, recordings: tuple[Recording, ...], text: str) -> None:
-  with tempfile.TemporaryDirectory(prefix=".writing-", dir=folder) as staging:
+  with staging(folder) as place:
     for recording in recordings:
-      write_recording(Path(staging) / f"{recording.name}.csv", recording)
-    (Path(staging) / FILE_NAME).write_text(text, encoding="utf-8")
-    read_manifest(Path(staging))
+      write_recording(place / f"{recording.name}.csv", recording)
+    (place / FILE_NAME).write_text(text, encoding="utf-8")
+    read_manifest(place)
     for recording in recordings:
-      os.replace(Path(staging) / f"{recording.name}.csv", folder / f"{recording.name}.csv")
-    os.replace(Path(staging) / FILE_NAME, folder / FILE_NAME)
+      os.replace(place / f"{recording.name}.csv", folder / f"{recording.name}.csv")
+    os.replace(place / FILE_NAME, folder / FILE_NAME)
 
 
 def _toml(
@@ -236,10 +235,7 @@ def _toml(
   if command_timing not in COMMAND_TIMINGS:
     raise RecordingError(f"unknown command_timing '{command_timing}'{nearest(command_timing, COMMAND_TIMINGS)}")
   for recording in recordings:
-    if (
-      not recording.name.strip() or any(mark in recording.name for mark in "/\\\0\n") or recording.name.startswith(".")
-    ):
-      raise RecordingError(f"recording name '{recording.name}' cannot be a file name; use letters, digits, _ and -")
+    require_file_name(recording.name)
   top = {
     "name": name,
     "command_timing": command_timing,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -11,6 +10,7 @@ from typing import Any
 
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.recording import ROLES, RecordingError, UnknownChannelError, nearest
+from qcar_twin.untrusted import UnreadableFile, inside, is_number, read_toml
 
 FILE_NAME = "dataset.toml"
 COMMAND_TIMINGS = ("after_measurement", "unknown")
@@ -104,9 +104,9 @@ def _read_toml(folder: Path) -> dict[str, Any]:
       "docs/recordings.md)"
     )
   try:
-    return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-  except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-    raise RecordingError(f"{FILE_NAME}: is not valid TOML ({error}); correct that line") from error
+    return read_toml(inside(folder, FILE_NAME))
+  except UnreadableFile as error:
+    raise RecordingError(str(error)) from error
   except OSError as error:
     raise RecordingError(f"{FILE_NAME}: cannot be read ({error}); check its permissions") from error
 
@@ -138,8 +138,8 @@ def _text(raw: Mapping[str, Any], key: str, where: str, default: str) -> str:
 
 def _number(raw: Mapping[str, Any], key: str, where: str, default: float = 0.0) -> float:
   value = raw.get(key, default)
-  if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-    raise RecordingError(f"{FILE_NAME}: {where}{key} must be a finite number, not {value!r}")
+  if not is_number(value):
+    raise RecordingError(f"{FILE_NAME}: {where}{key} must be a finite number, not {value!r:.60}")
   return float(value)
 
 
@@ -216,6 +216,12 @@ def _mapping(raw: Mapping[str, Any]) -> dict[str, Mapped]:
   return mapping
 
 
+def require_file_name(name: str) -> None:
+  """Raises RecordingError for a recording's name that results could not be filed under, or only elsewhere."""
+  if not name.strip() or any(ord(mark) < 32 or mark in "/\\\x7f" for mark in name) or name.startswith("."):
+    raise RecordingError(f"recording name {name!r:.80} cannot be a file name; use letters, digits, _ and -")
+
+
 def _only(table: Mapping[str, Any], valid: tuple[str, ...], where: str) -> None:
   for key in table:
     if key not in valid:
@@ -260,10 +266,12 @@ def _entry(table: Mapping[str, Any], where: str) -> Entry:
       f"{FILE_NAME}: {where}({file}) ends at {end:g} s, before it begins ({begin:g} s); swap from and to"
     )
   part = f"_{begin:g}s" if math.isfinite(begin) else ""
+  name = _text(table, "name", where, PurePosixPath(file).stem + part)
+  require_file_name(name)
   return Entry(
     file,
     role,
-    _text(table, "name", where, PurePosixPath(file).stem + part),
+    name,
     _text(table, "manoeuvre", where, "unspecified"),
     session,
     begin,

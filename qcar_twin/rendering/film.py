@@ -197,7 +197,7 @@ def write_still(file: File, picture: Picture) -> None:
   import imageio.v3 as imageio
 
   with whole_file(file) as part:
-    imageio.imwrite(part, picture)
+    part.write_bytes(imageio.imwrite("<bytes>", picture, extension=".png"))
 
 
 def signals_of(channels: dict[str, Array]) -> Array:

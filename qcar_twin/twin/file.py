@@ -4,10 +4,11 @@ Every tool that simulates takes such a file, so a repaired twin is used like the
 """
 
 import dataclasses
+import difflib
 import json
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from qcar_twin.atomic_io import write_text
 from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.twin import Twin
+from qcar_twin.untrusted import UnreadableFile, is_number, read_toml
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -51,25 +53,43 @@ def load_twin(path: str | Path, substeps: int = 5, threads: int = 0) -> tuple[Tw
   source = Path(path)
   if not source.is_file():
     raise FileNotFoundError(f"{source}: no such twin file; calibrate first (qcar-twin calibrate writes twin.toml)")
-  with open(source, "rb") as file:
-    try:
-      table = tomllib.load(file)
-    except tomllib.TOMLDecodeError as error:
-      raise ValueError(f"{source}: not a valid TOML file: {error}") from error
-  if table.get("format") != FORMAT or "vehicle" not in table or "parameters" not in table:
-    raise ValueError(f"{source}: not a twin file of format {FORMAT}; write it again with qcar-twin calibrate")
-  numbers = dict(table["vehicle"])
-  std = numbers.pop("std", {})
-  vehicle = Vehicle(**numbers, std=std)
-  mechanisms = table.get("mechanisms", {})
-  twin = Twin(vehicle, select(mechanisms), tyre=table.get("tyre", "contact"), substeps=substeps, threads=threads)
-  values = dict(table["parameters"])
-  for entries in mechanisms.values():
-    values |= entries
+  table = read_toml(source)
+  if table.get("format") != FORMAT:
+    raise UnreadableFile(f"{source}: not a twin file of format {FORMAT}; write it again with qcar-twin calibrate")
+  vehicle, values, mechanisms = (_part(source, table, name) for name in ("vehicle", "parameters", "mechanisms"))
+  std, known = _numbers(source, "vehicle.std", vehicle.pop("std", {})), {f.name for f in dataclasses.fields(Vehicle)}
+  if unknown := sorted(set(vehicle) - known):
+    near = difflib.get_close_matches(unknown[0], known, n=1) or sorted(known)[:9]
+    raise UnreadableFile(f"{source}: a vehicle has no '{unknown[0]}'; did you mean {', '.join(near)}?")
   try:
-    return twin, twin.parameters.vector(values)
-  except KeyError as error:
-    raise ValueError(f"{source}: {error.args[0]}") from error
+    car, tyre = Vehicle(**vehicle, std=std), table.get("tyre", "contact")
+    twin = Twin(car, select(mechanisms), tyre=tyre, substeps=substeps, threads=threads)
+    numbers = _numbers(source, "parameters", values)
+    for name, entries in mechanisms.items():
+      numbers |= _numbers(source, f"mechanisms.{name}", entries)
+    return twin, twin.parameters.vector(numbers)
+  except (KeyError, ValueError) as error:
+    if isinstance(error, UnreadableFile):
+      raise
+    raise UnreadableFile(f"{source}: {error.args[0]}") from error
+
+
+def _part(source: Path, table: Mapping[str, Any], name: str) -> dict[str, Any]:
+  """One of the file's tables; only the mechanisms' may be absent."""
+  part = table.get(name, {} if name == "mechanisms" else None)
+  if not isinstance(part, dict):
+    raise UnreadableFile(f"{source}: has no table [{name}]; write it again with qcar-twin calibrate")
+  return dict(part)
+
+
+def _numbers(source: Path, where: str, table: Any) -> dict[str, float]:
+  """A table of finite numbers."""
+  if not isinstance(table, dict):
+    raise UnreadableFile(f"{source}: [{where}] must be a table of numbers, not {table!r:.60}")
+  for name, value in table.items():
+    if not is_number(value):
+      raise UnreadableFile(f"{source}: [{where}] {name} must be a finite number, not {value!r:.60}")
+  return {name: float(value) for name, value in table.items()}
 
 
 def _table(values: Mapping[str, object]) -> list[str]:

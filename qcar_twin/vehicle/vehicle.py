@@ -8,13 +8,13 @@ import dataclasses
 import difflib
 import logging
 import math
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from qcar_twin.untrusted import UnreadableFile, is_number, read_toml
 from qcar_twin.vehicle.drive import DRIVEN_AXLES, DRIVES, Drive, DriveKind, Layout
 
 log = logging.getLogger(__name__)
@@ -99,14 +99,19 @@ class Vehicle:
 
   def __post_init__(self) -> None:
     for field in dataclasses.fields(self):
-      value = getattr(self, field.name)
-      if field.name in (*_MEASURED, "max_torque") and not (isinstance(value, (int, float)) and value > 0.0):
-        raise ValueError(f"vehicle '{self.name}': {field.name} must be a positive number, not {value!r}")
+      name, value = field.name, vars(self)[field.name]
+      if isinstance(field.default, str) and not isinstance(value, str):
+        raise ValueError(f"vehicle: {name} must be text, not {value!r:.60}")
+      if not isinstance(field.default, float):
+        continue
+      least = -math.inf if name in _EITHER_SIGN else 0.0
+      if not is_number(value, name in _UNLIMITED) or float(value) < least or (value == 0.0 and name not in _MAY_VANISH):
+        what = "finite" if least else "non-negative" if name in _MAY_VANISH else "positive"
+        raise ValueError(f"vehicle '{self.name}': {name} must be a {what} number, not {value!r:.60}")
     for name, known in _CHOICES.items():
       if getattr(self, name) not in known:
-        raise ValueError(
-          f"vehicle '{self.name}': {name} must be one of {', '.join(known)}, not {getattr(self, name)!r}"
-        )
+        said = f"must be one of {', '.join(known)}, not {getattr(self, name)!r}"
+        raise ValueError(f"vehicle '{self.name}': {name} {said}")
     if self.chassis_yaw_inertia <= 0.0:
       least = self.yaw_inertia - self.chassis_yaw_inertia
       raise ValueError(
@@ -183,18 +188,27 @@ class Vehicle:
     What it lacks is filled in as by `from_dataset`.
 
     Raises:
-      ValueError: unknown or malformed entry, with the nearest valid name.
+      UnreadableFile: unknown or malformed entry, with the nearest valid name.
     """
-    with open(path, "rb") as file:
-      table = tomllib.load(file)
+    table = read_toml(path)
+    try:
+      return cls._of_figures(table, Path(path).stem)
+    except (ValueError, OverflowError) as error:
+      raise UnreadableFile(f"{Path(path).name}: {error}") from error
+
+  @classmethod
+  def _of_figures(cls, table: dict[str, Any], stem: str) -> "Vehicle":
+    """A car from a file's entries."""
     texts = {key: str(table.pop(key)) for key in ("name", *_CHOICES) if key in table}
     for key, entry in table.items():
       if not isinstance(entry, dict) or "value" not in entry:
-        raise ValueError(f"{Path(path).name}: '{key}' must be a table with value, unit and source")
+        raise ValueError(f"'{key}' must be a table with value, unit and source")
     values = {key: entry["value"] for key, entry in table.items()}
     std = {key: entry["std"] for key, entry in table.items() if "std" in entry}
-    _known(values, Path(path).name)
-    return cls.from_dataset({"name": Path(path).stem} | texts | values, std)
+    _known(values)
+    if wrong := [key for key, value in (*values.items(), *std.items()) if not is_number(value, infinite=True)]:
+      raise ValueError(f"value and std of '{wrong[0]}' must be numbers")
+    return cls.from_dataset({"name": stem} | texts | values, std)
 
   @classmethod
   def from_dataset(cls, vehicle: Mapping[str, float | str], std: Mapping[str, float] | None = None) -> "Vehicle":
@@ -238,6 +252,12 @@ _MEASURED = (
   "max_steering",
   "supply_voltage",
 )
+_EITHER_SIGN = ("imu_x", "imu_y", "ackermann_fraction")
+_MAY_VANISH = (
+  *_EITHER_SIGN, "motor_damping", "driveline_friction", "rotor_inertia", "rolling_resistance", "load_exponent",
+  "relaxation_length", "carcass_damping", "servo_time_constant", "suspension_damping_ratio", "tyre_shape",
+)  # fmt: skip
+_UNLIMITED = ("max_torque", "servo_rate")
 _CHOICES = {"layout": tuple(DRIVEN_AXLES), "drive": tuple(DRIVES)}
 _WORDS = (*_CHOICES, "tyre_law")
 _MOTOR_FIGURES = ("motor_constant", "motor_resistance", "max_current")
@@ -278,13 +298,13 @@ def _motor_figures(
   return given, std
 
 
-def _known(values: Mapping[str, object], where: str) -> None:
+def _known(values: Mapping[str, object]) -> None:
   """Raise for names a vehicle does not have."""
   names = sorted(_field_names())
   for key in values:
     if key not in (*names, *_MOTOR_FIGURES):
       near = difflib.get_close_matches(key, names, n=2) or names[:9]
-      raise ValueError(f"{where}: a vehicle has no '{key}'; did you mean {', '.join(near)}?")
+      raise ValueError(f"a vehicle has no '{key}'; did you mean {', '.join(near)}?")
 
 
 def _scaled(car: Vehicle, yaw_inertia: float | None) -> dict[str, float]:

@@ -7,6 +7,7 @@ import numpy as np
 from qcar_twin.recordings.recording import RecordingError
 
 MIN_SAMPLES = 10
+LONGEST = 30 * 86400.0  # s that one file may span; a log of days with the nights between, and no damaged clock
 _GAP_STEPS, _GAP_SECONDS = 5.0, 0.25
 
 
@@ -35,6 +36,14 @@ def check_order(label: str, time: np.ndarray, others: list[np.ndarray]) -> None:
     )
     raise RecordingError(
       f"{label}: time goes backwards in row {row + 1} ({time[row]:g} s after {time[row - 1]:g} s); {cure}"
+    )
+
+  longest = float(np.ptp(time)) if time.size else 0.0
+  if longest > LONGEST:
+    row = int(np.argmax(np.diff(time))) + 1
+    raise RecordingError(
+      f"{label}: time runs over {longest / 86400.0:.3g} days, with a jump to {time[row]:g} s in row {row + 1}; correct"
+      " that row's time, or split the file there"
     )
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.recording import RecordingError
+from qcar_twin.untrusted import UnreadableFile, bounded_memory, inside
 
 BAG_FOLDER = ".db3"  # what a folder is read as: a ROS 2 bag
 
@@ -49,24 +50,56 @@ def _reader(path: Path, label: str) -> Callable[[Path, str], Table]:
 def read_table(path: Path, label: str | None = None) -> Table:
   """Read one log file; `label` is its name in errors. Raises RecordingError: missing, unreadable, empty, broken."""
   label = label or path.name
-  if not path.exists():
-    raise RecordingError(f"{label}: no such file in {path.parent}; check `file` in dataset.toml")
-  read = _reader(path, label)
-  if path.is_file() and path.stat().st_size == 0:
-    raise RecordingError(f"{label}: the file is empty (0 bytes); record it again or remove it from dataset.toml")
   try:
-    table = read(path, label)
-  except RecordingError:
-    raise
+    size = _size(path, label)
+  except UnreadableFile as error:  # a bag's part that is a link to elsewhere
+    raise RecordingError(f"{label}: {error}") from error
+  read = _reader(path, label)
+  try:
+    with bounded_memory(size):
+      table = read(path, label)
+  except RecordingError as error:  # what a library says takes several lines at times
+    raise RecordingError(" ".join(str(error).split())) from error
+  except MemoryError as error:
+    raise RecordingError(_too_large(label, size)) from error
   except OSError as error:
     raise RecordingError(f"{label}: cannot be read ({error}); check the file and its permissions") from error
   except Exception as error:  # readers raise many kinds for damaged files
+    said = " ".join(str(error).split())
     raise RecordingError(
-      f"{label}: is damaged, or not the {path.suffix} file it is called ({error}); write it again"
+      f"{label}: is damaged, or not the {path.suffix} file it is called ({said}); write it again"
     ) from error
   if table.rows == 0:
     raise RecordingError(f"{label}: has column names but no rows; record it again or remove it from dataset.toml")
   return table
 
 
-__all__ = ["Table", "read_table", "readers"]
+def read_inside(folder: Path, file: str) -> Table:
+  """The log that a data set names; it has to lie in the data set's folder, whatever links say."""
+  try:
+    return read_table(inside(folder, file), file)
+  except UnreadableFile as error:
+    raise RecordingError(str(error)) from error
+
+
+def _size(path: Path, label: str) -> int:
+  """Bytes of a file, or of all files of a folder; RecordingError where there are none."""
+  if not path.exists():
+    raise RecordingError(f"{label}: no such file in {path.parent}; check `file` in dataset.toml")
+  if not path.is_file() and not path.is_dir():
+    raise RecordingError(f"{label}: is neither a file nor a folder; check `file` in dataset.toml")
+  parts = [path] if path.is_file() else [inside(path, part.name) for part in path.iterdir()]
+  size = sum(part.stat().st_size for part in parts)
+  if path.is_file() and size == 0:
+    raise RecordingError(f"{label}: the file is empty (0 bytes); record it again or remove it from dataset.toml")
+  return size
+
+
+def _too_large(label: str, size: int) -> str:
+  return (
+    f"{label}: unpacks to far more than its {size} bytes can hold, so that its lengths are damaged or it is none of a"
+    " car; write it again, a longer drive in several files"
+  )
+
+
+__all__ = ["Table", "read_inside", "read_table", "readers"]

@@ -13,6 +13,10 @@ import pyarrow.parquet
 from qcar_twin.recordings.formats.table import NO_ROWS, Table
 from qcar_twin.recordings.recording import RecordingError
 
+pyarrow.set_memory_pool(pyarrow.system_memory_pool())  # the default reserves address space far beyond what is read
+
+_LONGEST_LINE = 1 << 16  # bytes of a header: thousands of names
+
 READERS = {".csv": "read_csv", ".txt": "read_csv", ".tsv": "read_csv", ".parquet": "read_parquet", ".npz": "read_npz"}
 
 
@@ -42,8 +46,10 @@ def read_csv(path: Path, label: str) -> Table:
 def read_parquet(path: Path, label: str) -> Table:
   """A Parquet file with flat numeric columns; null means no sample."""
   try:
-    table = pyarrow.parquet.read_table(path)
-  except pyarrow.ArrowException as error:
+    table = pyarrow.parquet.read_table(path, use_threads=False, pre_buffer=False)
+  except (pyarrow.ArrowException, OSError) as error:
+    if isinstance(error, MemoryError) or getattr(error, "errno", None):
+      raise
     raise RecordingError(f"{label}: is not a readable Parquet file ({error}); write it again") from error
   return _from_arrow(table, label)
 
@@ -86,6 +92,8 @@ def _loaded(archive: np.lib.npyio.NpzFile, name: str, label: str) -> np.ndarray:
   try:
     return archive[name]
   except ValueError as error:
+    if "allow_pickle" not in str(error):
+      raise
     raise RecordingError(
       f"{label}: array '{name}' holds Python objects, which are never unpickled; save plain float arrays"
     ) from error
@@ -94,9 +102,14 @@ def _loaded(archive: np.lib.npyio.NpzFile, name: str, label: str) -> np.ndarray:
 def _dialect(path: Path, label: str) -> tuple[str, str, str]:
   """Separator, decimal mark and encoding, from the header and the first row."""
   with path.open("rb") as file:
-    head = file.read(65536)
+    head = file.read(_LONGEST_LINE)
   if head[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\x00" in head:
     raise RecordingError(f"{label}: is not UTF-8 text (UTF-16, or a binary file); save it as CSV UTF-8")
+  if len(head) == _LONGEST_LINE and not head.strip().count(b"\n") and b"\r" not in head.strip():
+    raise RecordingError(
+      f"{label}: the first line has more than {_LONGEST_LINE >> 10} KiB and is no header; write one line of names and"
+      " one line a sample"
+    )
   lines = [line for line in head.splitlines() if line.strip()] + [b"", b""]
   header, first = lines[0], lines[1]
   separator = max(b",", b";", b"\t", key=header.count)

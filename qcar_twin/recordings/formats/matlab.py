@@ -53,6 +53,8 @@ def _load(path: Path, label: str) -> dict[str, Any]:
     raise RecordingError(
       f'{label}: is a MATLAB 7.3 (HDF5) file; in MATLAB load it and save it again with save("log.mat", "-v7")'
     ) from error
+  except MemoryError:
+    raise
   except Exception as error:  # the reader raises many kinds for damaged files
     raise RecordingError(f"{label}: is not a readable .mat file ({error}); save it again with -v7") from error
   return {name: value for name, value in variables.items() if not name.startswith("__")}

@@ -31,7 +31,7 @@ def read_bag(path: Path, label: str) -> Table:
   try:
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
       topics = _read_topics(reader, label)
-  except (RecordingError, PermissionError):
+  except (RecordingError, PermissionError, MemoryError):
     raise
   except Exception as error:  # the reader raises many kinds for damaged files
     raise RecordingError(

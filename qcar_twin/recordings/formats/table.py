@@ -67,7 +67,9 @@ class Table:
     cure = "write numbers with a decimal point, or leave the cell blank where there is no sample"
     if channel == "time":
       cure = "time must be a number of seconds in every row"
-    return f"{self.label}: {about} has '{str(cell)[:40]}' in row {row + 1}, which is not a number; {cure}"
+    return (
+      f"{self.label}: {about} has '{' '.join(str(cell)[:40].split())}' in row {row + 1}, which is not a number; {cure}"
+    )
 
 
 def _is_number(cell: object) -> bool:

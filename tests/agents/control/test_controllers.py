@@ -63,7 +63,7 @@ def test_missing_file_names_the_cure(tmp_path):
 def test_unknown_controller_and_missing_number():
   with pytest.raises(KeyError, match="did you mean lq_ed"):
     make("lq_de", {}, CAR, 0.5)
-  with pytest.raises(KeyError, match="lacks preview"):
+  with pytest.raises(KeyError, match="lacks the numbers preview"):
     make("ff_fb", {"gain": 1.0}, CAR, 0.5)
 
 

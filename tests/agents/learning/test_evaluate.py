@@ -1,9 +1,7 @@
 """Evaluation: cases, contestants, seeds brought together, what is written, and work on several processes."""
 
 import json
-import os
 
-import joblib
 import numpy as np
 import pytest
 
@@ -13,7 +11,6 @@ from agents.learning.evaluate import (
   Row,
   contestants,
   evaluate,
-  in_parallel,
   in_words,
   known_plant,
   run_case,
@@ -118,13 +115,3 @@ def test_what_is_written(tmp_path):
   assert "gain 0.92" in text and "5.0 [" in text and (tmp_path / "evaluation.txt").read_text().strip() == text
   stored = json.loads((tmp_path / "evaluation.json").read_text())
   assert len(stored["summary"]) == 8 and len(stored["runs"]) == 8
-
-
-def _who(number):
-  return number, os.getpid()
-
-
-def test_work_is_done_in_other_processes_and_comes_back_in_order():
-  found = in_parallel([joblib.delayed(_who)(k) for k in range(6)], workers=2)
-  assert [number for number, _ in found] == list(range(6))
-  assert os.getpid() not in {process for _, process in found}

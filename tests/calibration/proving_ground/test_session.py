@@ -24,6 +24,7 @@ NOTHING_MORE = {
   "qcar_twin.recordings.recording",
   "qcar_twin.recordings.dataset",
   "qcar_twin.atomic_io",
+  "qcar_twin.untrusted",
   "__future__",
 }
 

@@ -229,7 +229,7 @@ def test_a_byte_order_mark_in_dataset_toml_is_harmless_and_other_encodings_are_n
   (folder / "dataset.toml").write_text(text, encoding="utf-8-sig")
   assert DataSet.load(folder).name == "lab"
   (folder / "dataset.toml").write_text(text.replace("lab", "Labör"), encoding="latin-1")
-  refused(folder, "dataset.toml: is not valid TOML")
+  refused(folder, "dataset.toml: is not UTF-8 text")
 
 
 def test_name_defaults_to_the_folder_and_unused_keys_and_unmeasured_numbers_are_mentioned(tmp_path):
