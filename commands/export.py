@@ -1,0 +1,96 @@
+"""Write recordings, twins' answers and their errors as MCAP for Foxglove, PlotJuggler and Rerun.
+
+One file a recording: /measured, /before, /after, and /error_before, /error_after with forces.
+
+qcar-twin export --dataset data/sample --diagnosis out/diagnosed --out out/mcap
+qcar-twin export --log out/tracked/traces.csv --out out/mcap
+"""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+
+from calibration.checking.twin_log import UNITS, sources_of
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.mcap_writer import write_mcap
+from qcar_twin.recordings.recording import RecordingError, Stream
+from qcar_twin.twin.file import load_twin
+from qcar_twin.twin.twin import Twin
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """What is written, and where."""
+
+  out: Path
+  """folder for one MCAP file a recording; files of the same name are replaced"""
+  dataset: Path | None = None
+  """folder with dataset.toml"""
+  recordings: tuple[str, ...] = ()
+  """names; all of them without it"""
+  diagnosis: Path | None = None
+  """folder that `diagnose` wrote: its recalibrated twin is `before`, its repaired one `after`"""
+  before: Path | None = None
+  """twin file shown as `before`"""
+  after: Path | None = None
+  """twin file shown as `after`"""
+  window: float = 6.0
+  """s between restarts of the twins from what was measured; 0 for one free run"""
+  log: Path | None = None
+  """any other file that can be read, a rollout's traces.csv for instance: its columns, as they are"""
+
+
+def main(config: Config) -> list[Path]:
+  """Write the files and print their names; returns them."""
+  if (config.dataset is None) == (config.log is None):
+    raise ValueError("give either --dataset, a folder with dataset.toml, or --log, one file")
+  made = [of_log(config.log, config.out)] if config.log else of_dataset(config)
+  for path in made:
+    print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
+  return made
+
+
+def of_log(file: Path, out: Path) -> Path:
+  """The columns of any log as topics `/log/column`."""
+  table = read_table(file)
+  time = table.number("time", "time")
+  numbers = {name: column for name, column in table.columns.items() if name != "time" and column.dtype != object}
+  there = {name: np.isfinite(column) for name, column in numbers.items()}
+  streams = {name.strip("/"): Stream(time[there[name]], column[there[name]]) for name, column in numbers.items()}
+  return write_mcap(out / f"{file.stem}.mcap", {"log": streams}, {"file": file.name})
+
+
+def of_dataset(config: Config) -> list[Path]:
+  """One file a recording."""
+  assert config.dataset is not None
+  dataset, twins = DataSet.load(config.dataset), twins_of(config)
+  chosen = [dataset[name] for name in config.recordings] or list(dataset.recordings)
+  shift = next((shift for path in (config.after, config.before) if path and (shift := command_shift(path))), 0)
+  made = []
+  for recording in chosen:
+    about = {"dataset": dataset.name, "recording": recording.name, "role": recording.role}
+    sources = sources_of(recording, twins, config.window or math.inf, shift)
+    made.append(write_mcap(config.out / f"{recording.name}.mcap", sources, about, UNITS))
+  return made
+
+
+def twins_of(config: Config) -> dict[str, tuple[Twin, np.ndarray]]:
+  """Twins by what they are called in the file."""
+  beside = config.diagnosis
+  if beside and not (beside / "twin.toml").is_file():
+    raise RecordingError(f"{beside}: holds no twin.toml; give the folder that `qcar-twin diagnose --out` wrote")
+  files = {
+    "before": config.before or (beside and beside / "recalibrated.toml"),
+    "after": config.after or (beside and beside / "twin.toml"),
+  }
+  return {name: load_twin(path, threads=1) for name, path in files.items() if path}
+
+
+def command_shift(twin: Path) -> int:
+  """The timing that was fitted with a twin, where the calibration beside it says so."""
+  beside = twin.with_name("calibration.json")
+  return int(json.loads(beside.read_text(encoding="utf-8")).get("command_shift", 0)) if beside.is_file() else 0
