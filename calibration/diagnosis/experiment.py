@@ -35,8 +35,8 @@ _LASTS, _RATE = 8.0, 100.0  # s of a manoeuvre, Hz of commands and channels
 
 @dataclasses.dataclass(frozen=True)
 class DrivenRange:
-  """What was driven, and so can be driven again: the drive's command per m/s and its unit, a slow and a fast speed, m/s,
-  a wide angle, rad."""
+  """What was driven, and so can be driven again: the drive's command per m/s, a slow and a fast speed, m/s, a wide
+  angle, rad; `unit` of the command."""
 
   command: float
   slow: float

@@ -23,7 +23,7 @@ _HELD = 2.0  # rows for which a value stays, median, from which a faster log rep
 
 @dataclasses.dataclass
 class Guess:
-  """One channel's column. `why` are the reasons for it, each a clause."""
+  """One channel's column. `why` are the reasons for it, each a clause; `named`: its name says the unit."""
 
   channel: str
   column: str
@@ -32,6 +32,7 @@ class Guess:
   wrap: bool | None = None
   hold: bool = False
   gate: str | None = None
+  named: bool = False
   why: list[str] = dataclasses.field(default_factory=list)
 
   @property
@@ -112,7 +113,7 @@ def _scale(columns: Columns, guess: Guess) -> None:
   """The factor to SI, by the unit in the name or by the size of the values."""
   channel, unit, top = CHANNELS[guess.channel], unit_of(guess.column), columns.top(guess.column)
   if unit is not None and unit[1] == channel.unit:
-    guess.scale = unit[2]
+    guess.scale, guess.named = unit[2], True
     guess.why.append(f"in {unit[0]}")
   elif guess.channel == "time":
     _scale_time(columns, guess)

@@ -89,6 +89,7 @@ _RULES: dict[str, tuple[str, ...]] = {
   "battery_voltage": ("battery|bat|batt|vbat|supply !current|percent|percentage|charge|temperature",),
   "armature_current": ("current|amps !command|cmd|target|desired|setpoint|battery|supply|time",),
 }
+_PULSES = ("us", "µs")  # what radio-control servos and speed controllers are commanded in
 _RAW, _SMOOTH = (
   {"raw"},
   {"filtered", "filt", "smoothed", "smooth", "ema", "avg", "average", "estimated", "est", "lowpass"},
@@ -135,15 +136,17 @@ def readings(column: str) -> list[Reading]:
   if column in CHANNELS:
     return [Reading(column, 10.0, "it has the channel's name")]
   words, unit = set(words_of(column)), unit_of(column)
+  bare = set(words_of(_BRACKET.sub(" ", column)))
   found = []
   for channel, rules in _RULES.items():
-    met = [terms for rule in rules if (terms := _met(rule, words))]
+    met = [terms for rule in rules if (terms := _met(rule, words, bare))]
     if not met:
       continue
     best = max(met, key=len)
     score = len(best) + 0.5 * len(set(best)) / len(words)
     score += 0.2 * bool(words & _RAW) - 0.5 * bool(words & _SMOOTH)
-    if unit is not None and unit[1] != CHANNELS[channel].unit:
+    pulse = unit is not None and unit[0] in _PULSES and channel in ("motor_duty", "steering_command")
+    if unit is not None and unit[1] != CHANNELS[channel].unit and not pulse:
       score -= 2.0
     elif unit is not None:
       score += 0.5
@@ -152,12 +155,13 @@ def readings(column: str) -> list[Reading]:
   return sorted(found, key=lambda reading: -reading.score)
 
 
-def _met(rule: str, words: set[str]) -> tuple[str, ...]:
-  """The words that meet a rule, one per term; empty where one is not met or a forbidden one is there."""
+def _met(rule: str, words: set[str], bare: set[str]) -> tuple[str, ...]:
+  """The words that meet a rule, one per term; empty where one is not met or a forbidden one is there. `bare`: those
+  outside brackets."""
   wanted, _, forbidden = rule.partition(" !")
   if words & set(forbidden.split("|")):
     return ()
   terms = [next((word for word in term.split("|") if word in words), "") for term in wanted.split(" ")]
-  if len(terms) == 1 and len(terms[0]) == 1 and any(word not in _UNITS for word in words - set(terms)):
+  if len(terms) == 1 and len(terms[0]) == 1 and any(word not in _UNITS for word in bare - set(terms)):
     return ()  # a letter is a name only where it stands alone
   return tuple(terms) if all(terms) else ()

@@ -109,7 +109,7 @@ def _all_fitted(tables: Sequence[Table]) -> list[Part]:
 
 def _head(name: str, topics: TopicMap | None) -> list[str]:
   lines = [
-    "# A first draft: every line with `guess:` is one, with its reason. Correct it, or delete the mark once it is true.",
+    "# A first draft: a line with `guess:` is one, with its reason. Correct it, or delete the mark once it is true.",
     f"name = {_text(name)}",
   ]
   if topics is not None:

@@ -54,7 +54,8 @@ def _convicted(
   for comparison in compare(recording, vehicle):
     slope, correlation = comparison.slope()
     units = comparison.convicted() if correlation > _AGREE else []
-    if len(units) == 1 and units[0].channel in guesses:
+    units = [unit for unit in units if unit.channel in guesses and not guesses[unit.channel].named]
+    if len(units) == 1:
       return (
         units[0].channel,
         units[0].scale,

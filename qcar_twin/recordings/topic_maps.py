@@ -48,8 +48,8 @@ class TopicMap:
       match = next((fits for column in wanted if (fits := _matches(column, there))), ())
       if len(match) > 1:
         raise RecordingError(
-          f"{label}: map '{self.name}' finds {channel} in several topics ({', '.join(match)}); say which in [channels]: "
-          f'{channel} = {{ column = "{match[0]}" }}'
+          f"{label}: map '{self.name}' finds {channel} in several topics ({', '.join(match)}); say which in "
+          f'[channels]: {channel} = {{ column = "{match[0]}" }}'
         )
       if match:
         found[channel] = Mapped(match[0], how.scale, how.offset, how.wrap)

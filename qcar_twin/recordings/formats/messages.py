@@ -22,8 +22,8 @@ Row = tuple[int, int, dict[str, float]]  # received and stamped, ns since the ba
 
 def row_of(message: Any, topic: str, received: int, start: int) -> Row | None:
   """What one message says, None where it holds no number."""
-  numbers = dict(_numbers(message, topic, 0))
-  return (received - start, _stamp(message) - start, numbers) if numbers else None
+  numbers, stamp = dict(_numbers(message, topic, 0)), _stamp(message)
+  return (received - start, (received if stamp is None else stamp) - start, numbers) if numbers else None
 
 
 def topic_columns(rows: list[Row]) -> Clocked:
@@ -53,8 +53,8 @@ def _is_repeated(part: Any) -> bool:
   return hasattr(part, "__len__") and not isinstance(part, str | bytes | Mapping)
 
 
-def _stamp(message: Any) -> int:
-  """The header's stamp (Foxglove: the message's own) in ns; 0 when there is none."""
+def _stamp(message: Any) -> int | None:
+  """The header's stamp (Foxglove: the message's own) in ns; None when there is none."""
   parts = _fields(message) or {}
   for holder in (_fields(parts.get("header")) or {}, parts):
     for name in _STAMPS:
@@ -63,7 +63,7 @@ def _stamp(message: Any) -> int:
       rest = stamp.get("nanosec", stamp.get("nsec", stamp.get("nanos", 0)))
       if isinstance(seconds, int) and isinstance(rest, int):
         return seconds * _NS + rest
-  return 0
+  return None
 
 
 def _numbers(value: Any, name: str, depth: int) -> Iterator[tuple[str, float]]:

@@ -1,6 +1,7 @@
 """The next experiment: its promise is what a refit on it would show, and it is asked for only where names are open."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.testing import assert_allclose
@@ -16,6 +17,7 @@ from calibration.diagnosis.experiment import (
   to_separate,
 )
 from calibration.diagnosis.search.decide import decide
+from qcar_twin.vehicle.drive import DRIVES
 from tests.calibration.diagnosis import diagnosis_rig as rig
 
 REACH = DrivenRange(command=8.0, slow=0.3, fast=0.8, angle=0.3)
@@ -110,8 +112,8 @@ def test_a_car_driven_by_duty_is_promised_the_same(offset_pool, monkeypatch):
   """What drives the motor is another channel, and nothing else differs."""
   model, rival = models(offset_pool, "steering_offset", "side_force")
   promised = predicted_nats(offset_pool.problem, model, rival, manoeuvres(REACH))
-  twin = offset_pool.problem.twin
-  monkeypatch.setattr(twin, "vehicle", dataclasses.replace(twin.vehicle, drive="duty"))
+  duty = {"motor": DRIVES["duty"], "commands": (DRIVES["duty"].channel, "steering_command"), "drive": "duty"}
+  monkeypatch.setattr(offset_pool.problem.twin, "vehicle", SimpleNamespace(**(vars(rig.VEHICLE) | duty)))
   assert_allclose(predicted_nats(offset_pool.problem, model, rival, manoeuvres(REACH)), promised)
   assert reach(offset_pool).unit == "-"
   assert any("of full duty" in m.about for m in manoeuvres(dataclasses.replace(REACH, unit="-")))
