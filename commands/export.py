@@ -40,6 +40,9 @@ class Config:
   """twin file shown as `after`"""
   window: float = 6.0
   """s between restarts of the twins from what was measured; 0 for one free run"""
+  command_shift: int | None = None
+  """control periods of 10 ms by which commands act later than logged; where not given, as calibration.json beside a
+  twin says, else 0"""
   log: Path | None = None
   """any other file that can be read, a rollout's traces.csv for instance: its columns, as they are"""
 
@@ -69,7 +72,7 @@ def of_dataset(config: Config) -> list[Path]:
   assert config.dataset is not None
   dataset, twins = DataSet.load(config.dataset), twins_of(config)
   chosen = [dataset[name] for name in config.recordings] or list(dataset.recordings)
-  shift = next((shift for path in (config.after, config.before) if path and (shift := command_shift(path))), 0)
+  shift = fitted_shift(config) if config.command_shift is None else config.command_shift
   made = []
   for recording in chosen:
     about = {"dataset": dataset.name, "recording": recording.name, "role": recording.role}
@@ -90,7 +93,10 @@ def twins_of(config: Config) -> dict[str, tuple[Twin, np.ndarray]]:
   return {name: load_twin(path, threads=1) for name, path in files.items() if path}
 
 
-def command_shift(twin: Path) -> int:
+def fitted_shift(config: Config) -> int:
   """The timing that was fitted with a twin, where the calibration beside it says so."""
-  beside = twin.with_name("calibration.json")
-  return int(json.loads(beside.read_text(encoding="utf-8")).get("command_shift", 0)) if beside.is_file() else 0
+  for twin in (config.after, config.before):
+    beside = twin.with_name("calibration.json") if twin else None
+    if beside and beside.is_file():
+      return int(json.loads(beside.read_text(encoding="utf-8")).get("command_shift", 0))
+  return 0

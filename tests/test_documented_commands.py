@@ -3,8 +3,10 @@ cheap ones are run as they stand."""
 
 import ast
 import importlib
+import json
 import re
 import shlex
+import shutil
 from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
@@ -16,6 +18,7 @@ from commands.__main__ import commands, dispatch
 from tests import ROOT
 
 KNOWN = commands()
+TOUR = ROOT / "docs" / "tour.ipynb"
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 CHEAP = ("make-session", "check", "unseal", "estimate", "track", "new", "export")  # run for real, with --quick
 PREFIX = r"(?:\.venv/bin/)?qcar-twin"
@@ -57,6 +60,13 @@ def lines_of(page: Path) -> Iterator[Line]:
       yield Line(name, found[1].replace("\n", " "), False)
 
 
+def notebook_lines() -> Iterator[Line]:
+  """The shell's lines of the tour."""
+  for cell in json.loads(TOUR.read_text(encoding="utf-8"))["cells"]:
+    source = "".join(cell["source"])
+    yield from (Line(TOUR.name, found, True) for found in re.findall(r"(?m)^!qcar-twin (.+?)(?: 2>.*)?$", source))
+
+
 def docstring_lines() -> Iterator[Line]:
   """The lines that `qcar-twin NAME --help` shows to be copied."""
   for path in sorted((ROOT / "commands").glob("[!_]*.py")):
@@ -64,7 +74,7 @@ def docstring_lines() -> Iterator[Line]:
     yield from (Line(path.name, found, True) for found in re.findall(r"(?m)^qcar-twin (.+)$", said))
 
 
-LINES = [*(line for page in PAGES for line in lines_of(page)), *docstring_lines()]
+LINES = [*(line for page in PAGES for line in lines_of(page)), *notebook_lines(), *docstring_lines()]
 
 
 def config_of(name: str) -> type:
@@ -80,7 +90,14 @@ def completed(config: type, words: list[str]) -> list[str]:
 
 def test_the_pages_have_lines_to_check():
   assert len(LINES) > 60 and sum(line.whole for line in LINES) > 40
-  assert {line.where for line in LINES} >= {"README.md", "check.md", "learning.md", "estimation.md", "recordings.md"}
+  assert {line.where for line in LINES} >= {
+    "README.md",
+    "check.md",
+    "learning.md",
+    "estimation.md",
+    "logs.md",
+    "tour.ipynb",
+  }
   listed = [line for line in LINES if line.where == "README.md"]
   assert {line.words[0] for line in listed} >= {"make-session", "diagnose", "train", "evaluate", "campaign"}
 
@@ -112,14 +129,16 @@ def test_what_make_is_asked_for_is_a_target(page):
 
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory):
-  """A folder as README finds it: data/ beside out/, in which its own session has been made."""
+  """A folder as README finds it: data/ and logs/ beside out/, in which its own session has been made."""
   folder = tmp_path_factory.mktemp("desk")
   (folder / "data").symlink_to(ROOT / "data")
-  (folder / "docs").mkdir()
   with pytest.MonkeyPatch.context() as patch:
     patch.chdir(folder)
     (made,) = [line for line in LINES if line.where == "README.md" and line.words[0] == "make-session"]
     assert dispatch([*made.words, "--quick"]) == 0
+  (folder / "logs").mkdir()
+  for log in sorted((folder / "out" / "session").glob("*.csv"))[:3]:
+    shutil.copy(log, folder / "logs")
   return folder
 
 
@@ -128,7 +147,11 @@ def _inputs(words: list[str]) -> list[str]:
   return [value for option, value in zip(words, words[1:], strict=False) if "/" in value and not option.endswith("out")]
 
 
-CHEAP_LINES = {line.text: line for line in LINES if line.whole and line.words[0] in CHEAP and "DIR" not in line.words}
+CHEAP_LINES = {
+  line.text: line
+  for line in LINES
+  if line.where.endswith(".md") and line.whole and line.words[0] in CHEAP and "DIR" not in line.words
+}
 
 
 @pytest.mark.slow

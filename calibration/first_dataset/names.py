@@ -39,7 +39,7 @@ _UNITS: dict[str, tuple[str, float]] = {
 
 # words that make a column a channel: all of the terms, each in one of its spellings; after "!" words that forbid it
 _RULES: dict[str, tuple[str, ...]] = {
-  "time": ("time|timestamp|stamp|clock|elapsed|tout|t",),
+  "time": ("elapsed|log|system|ros time|stamp|clock", "time|timestamp|stamp|clock|elapsed|tout|t"),
   "motor_voltage": (
     "motor|command|cmd|applied|armature|input|esc|drive voltage|volt|volts|v !battery|bat|batt|supply|measured",
     "voltage|volts !battery|bat|batt|vbat|supply|measured",

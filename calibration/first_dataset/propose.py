@@ -168,10 +168,12 @@ def _found(guesses: Mapping[str, Guess]) -> list[str]:
 
 def _recording(part: Part) -> list[str]:
   lines = ["", "[[recording]]", f"file = {_text(part.file)}", f"role = {_text(part.role)}  # {MARK} {part.why}"]
+  if part.name:
+    lines.insert(2, f"name = {_text(part.name)}")
   if part.begin is not None:
-    lines.append(f"from = {_number(part.begin)}  # {MARK} s on the file's clock")
+    lines.append(f"from = {round(part.begin, 3)!r}  # {MARK} s on the file's clock")
   if part.end is not None:
-    lines.append(f"to = {_number(part.end)}  # {MARK} s on the file's clock")
+    lines.append(f"to = {round(part.end, 3)!r}  # {MARK} s on the file's clock")
   if part.manoeuvre:
     lines.append(f"manoeuvre = {_text(part.manoeuvre)}  # {MARK} {part.why_manoeuvre}")
   return lines

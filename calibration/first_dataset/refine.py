@@ -20,6 +20,8 @@ _AGREE = 0.6  # correlation from which a comparison says something of a unit
 _BIN = 0.25  # s, over which speed, command and turning are compared
 _GENTLE = 2.0  # m/s^2 across, below which a car of this size goes where its wheels point
 _TIED = 0.7  # correlation from which turning says what a steering command means
+_SOLVED = 20  # repetitions, after which the scale of an angle below 45 deg is solved to the last digit that counts
+_STEEPEST = 1.2  # rad, where the tangent is still tame
 _ROAD_ANGLE = (0.6, 1.6)  # of the angle kinematics ask for: a command within it is the angle itself
 
 
@@ -87,24 +89,31 @@ def settle_steering(columns: Columns, guesses: dict[str, Guess], vehicle: Vehicl
   if share:
     guess.scale, guess.offset = guess.scale * vehicle.max_steering, guess.offset * vehicle.max_steering
     guess.why.append(f"a share of full lock, {vehicle.max_steering:g} rad")
-  angle, turning = _turning(recordings_of(columns, guesses), vehicle)
-  if angle.size < 10 or not angle.any() or abs(correlation := float(np.corrcoef(angle, turning)[0, 1])) < _TIED:
+  rate, angle, turning = _turning(recordings_of(columns, guesses), vehicle)
+  straight = rate * angle
+  if angle.size < 10 or not straight.any() or abs(correlation := float(np.corrcoef(straight, turning)[0, 1])) < _TIED:
     return
-  ratio = float(angle @ turning / (angle @ angle))
-  sign = math.copysign(1.0, correlation)
+  ratio, sign = _ratio(rate, angle, turning), math.copysign(1.0, correlation)
   if sign < 0.0:
     guess.why.append("the car turned the other way")
-  if share or not _ROAD_ANGLE[0] < abs(ratio) < _ROAD_ANGLE[1]:
-    guess.why.append(
-      f"the car turned {abs(ratio):.2g} times as such an angle would turn a wheelbase of {vehicle.wheelbase:g} m"
-    )
-    sign *= abs(ratio)
+  if share or not _ROAD_ANGLE[0] < ratio < _ROAD_ANGLE[1]:
+    guess.why.append(f"a wheelbase of {vehicle.wheelbase:g} m turns as the car did with {ratio:.2g} times that angle")
+    sign *= ratio
   guess.scale, guess.offset = guess.scale * sign, guess.offset * sign
 
 
-def _turning(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[Array, Array]:
-  """Speed times commanded angle over wheelbase, and yaw rate, both rad/s, in bins while the car drives."""
-  expected, measured = [np.empty(0)], [np.empty(0)]
+def _ratio(rate: Array, angle: Array, turning: Array) -> float:
+  """Least squares k > 0 of turning = +-rate tan(k angle), by repeated scaling."""
+  ratio = 1.0
+  for _ in range(_SOLVED):
+    expected = rate * np.tan(np.clip(ratio * angle, -_STEEPEST, _STEEPEST))
+    ratio *= abs(float(expected @ turning / (expected @ expected)))
+  return ratio
+
+
+def _turning(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[Array, Array, Array]:
+  """Speed over wheelbase [1/s], commanded angle [rad] and yaw rate [rad/s] in bins, where the car turns gently."""
+  found = [np.empty((3, 0))]
   for recording in recordings:
     edges = recording.start + _BIN * np.arange(int(recording.duration / _BIN) + 1)
     middle = 0.5 * (edges[1:] + edges[:-1])
@@ -121,9 +130,9 @@ def _turning(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[Array, 
     speed *= rolling_radius(vehicle) if wheels else 1.0
     angle = recording["steering_command"].at(middle)
     there = np.isfinite(turn) & np.isfinite(speed) & (np.abs(speed * turn) < _GENTLE)
-    expected.append((speed * angle / vehicle.wheelbase)[there])
-    measured.append(turn[there])
-  return np.concatenate(expected), np.concatenate(measured)
+    found.append(np.stack([speed / vehicle.wheelbase, angle, turn])[:, there])
+  rate, angle, turning = np.concatenate(found, axis=1)
+  return rate, angle, turning
 
 
 def usual_supply(recordings: Sequence[Recording]) -> float | None:

@@ -6,6 +6,7 @@ Many files share the roles out in turn, so that every kind of driving has each; 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import PurePosixPath
 
 import numpy as np
 
@@ -24,7 +25,7 @@ _STILL, _LEVEL = 0.02, 0.95  # of the largest command: nothing; share of a step'
 
 @dataclass(frozen=True)
 class Part:
-  """One [[recording]]: a file, or the part between `begin` and `end`, s on its own clock."""
+  """One [[recording]]: a file, or a part of it from `begin` to `end`, s on its clock, with a name of its own."""
 
   file: str
   role: str
@@ -33,6 +34,7 @@ class Part:
   manoeuvre: str = ""
   why: str = ""
   why_manoeuvre: str = ""
+  name: str = ""
 
 
 def share_out(recordings: Sequence[Recording], drive_steps: str) -> list[Part]:
@@ -62,14 +64,14 @@ def share_out(recordings: Sequence[Recording], drive_steps: str) -> list[Part]:
 
 
 def _cut(recording: Recording, manoeuvre: str, seen: str) -> list[Part]:
-  begin, parts = recording.start, []
+  """By the samples of the speed: a logger's stale rows, or a pause, take no share."""
+  stem, parts = PurePosixPath(recording.file).stem, []
+  time = recording["motor_speed" if "motor_speed" in recording else "speed"].time
+  edges = [None, *(float(time[int(len(time) * share)]) for share in np.cumsum([s for _, s in _SHARES])[:-1]), None]
   for number, (role, share) in enumerate(_SHARES):
-    end = round(begin + share * recording.duration, 3)
-    last = number == len(_SHARES) - 1
-    why = f"{100 * share:.0f} % of {recording.duration:.0f} s, by time"
-    first = None if number == 0 else begin
-    parts.append(Part(recording.file, role, first, None if last else end, manoeuvre, why, seen))
-    begin = end
+    why = f"{100 * share:.0f} % of the samples, by time"
+    name = f"{stem}_{number + 1}"
+    parts.append(Part(recording.file, role, edges[number], edges[number + 1], manoeuvre, why, seen, name))
   return parts
 
 

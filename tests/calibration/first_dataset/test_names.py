@@ -71,6 +71,10 @@ def test_a_unit_is_read_off_the_name(column, unit, factor):
     assert found is not None and found[1:] == (unit, pytest.approx(factor))
 
 
+def test_a_logs_own_clock_goes_before_that_of_one_device():
+  assert readings("elapsed time sensors")[0].score > readings("vicon time")[0].score
+
+
 def test_words_are_split_where_people_split_them():
   assert words_of("steeringAngle [deg]") == ("steering", "angle", "deg")
   assert words_of("IMU_accelX") == ("imu", "accel", "x") and words_of("W (IMU)") == ("w", "imu")

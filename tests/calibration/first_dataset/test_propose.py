@@ -159,6 +159,17 @@ def test_names_with_quotes_and_odd_signs_survive(tmp_path):
   assert table["channels"]["motor_speed"]["column"] == "motor\\speed"
 
 
+def test_a_long_log_with_stamps_of_the_day_is_cut_by_time(tmp_path):
+  time, own = drive(60.0)
+  write_csv(
+    tmp_path / "run.csv", 1_725_000_000.0 + time, {name: own[name] for name in ("motor_voltage", "motor_speed")}
+  )
+  written(tmp_path, proposed(tmp_path, "run.csv").text)
+  parts = DataSet.load(tmp_path).recordings
+  assert [run.role for run in parts] == ["identify", "validate", "holdout"]
+  assert [run.duration for run in parts] == pytest.approx([36.0, 12.0, 12.0], abs=0.02)
+
+
 def runs(count, seconds=12.0, name="run"):
   time, own = drive(seconds)
   make = lambda k: Recording.from_columns(f"{name}_{k}", time, own, file=f"{name}_{k}.csv")
