@@ -16,8 +16,8 @@ import numpy as np
 from calibration.checking.twin_log import UNITS, sources_of
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.formats import read_table
-from qcar_twin.recordings.mcap_writer import write_mcap
-from qcar_twin.recordings.recording import RecordingError, Stream
+from qcar_twin.recordings.mcap_writer import streams_of_table, write_mcap
+from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.twin.file import load_twin
 from qcar_twin.twin.twin import Twin
 
@@ -59,12 +59,7 @@ def main(config: Config) -> list[Path]:
 
 def of_log(file: Path, out: Path) -> Path:
   """The columns of any log as topics `/log/column`."""
-  table = read_table(file)
-  time = table.number("time", "time")
-  numbers = {name: column for name, column in table.columns.items() if name != "time" and column.dtype != object}
-  there = {name: np.isfinite(column) for name, column in numbers.items()}
-  streams = {name.strip("/"): Stream(time[there[name]], column[there[name]]) for name, column in numbers.items()}
-  return write_mcap(out / f"{file.stem}.mcap", {"log": streams}, {"file": file.name})
+  return write_mcap(out / f"{file.stem}.mcap", {"log": streams_of_table(read_table(file))}, {"file": file.name})
 
 
 def of_dataset(config: Config) -> list[Path]:

@@ -71,7 +71,7 @@ def _in_order(signals: Array, offset: Array, steps: NDArray[np.int64], period: f
   for place, number in enumerate(order):
     count = int(steps[number]) + 1
     if place + 1 < len(order):
-      count = min(count, int(round((offset[order[place + 1]] - offset[number]) / period)))
+      count = min(count, round(float(offset[order[place + 1]] - offset[number]) / period))
     times.append(offset[number] + period * np.arange(count))
     rows.append(signals[number, :count])
   return np.concatenate(times), np.concatenate(rows)

@@ -22,6 +22,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from qcar_twin.atomic_io import whole_file
 from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.recording import RecordingError, Stream
 
 _ACKERMANN = {
@@ -122,6 +123,14 @@ _VIEWS = (
   _View("motor", "sensor_msgs/msg/JointState", ("motor_speed",), True, _motor),
   _View("battery", "sensor_msgs/msg/BatteryState", ("battery_voltage", "armature_current"), False, _battery),
 )
+
+
+def streams_of_table(table: Table) -> dict[str, Stream]:
+  """The numeric columns of any log beside its column `time`, s, by name; blank cells are no samples."""
+  time = table.number("time", "time")
+  numbers = {name: column for name, column in table.columns.items() if name != "time" and column.dtype != object}
+  there = {name: np.isfinite(column) for name, column in numbers.items()}
+  return {name.strip("/"): Stream(time[there[name]], column[there[name]]) for name, column in numbers.items()}
 
 
 def write_mcap(
