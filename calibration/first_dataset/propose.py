@@ -20,6 +20,7 @@ MARK = "guess:"
 _NEEDED = {"motor_speed": ("motor_speed", "speed"), "motor_voltage": DRIVE_COMMANDS}
 _VEHICLE = ("mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "track_width", "cg_height", "wheel_radius",
             "gear_ratio", "max_steering")  # fmt: skip
+_LISTED = 60  # columns at most
 _WIDE = 0.3  # standard deviation of a number nobody measured, as a share of it
 
 
@@ -156,7 +157,11 @@ def _channels(columns: Columns, guesses: Mapping[str, Guess], missing: Sequence[
     name for name in dict.fromkeys(name for table in columns.tables for name in table.columns) if name not in taken
   ]
   if over:
-    lines.append(f"# columns that are not used: {_plain(', '.join(over[:60]))}")
+    lines.append(f"# columns that are not used: {_plain(', '.join(over[:_LISTED]))}")
+  for name in over[:_LISTED] if missing else ():
+    if name in columns.names:
+      values = columns.values(name)
+      lines.append(f"# {_plain(name)}: {values.min():.4g} to {values.max():.4g}")
   return lines
 
 

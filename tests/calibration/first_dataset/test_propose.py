@@ -146,6 +146,7 @@ def test_what_is_missing_is_named_in_the_file_and_apart(tmp_path):
   assert proposal.missing == ("motor_speed or speed", " or ".join(DRIVE_COMMANDS))
   assert "# needed, and no column says it is this; fill it in" not in proposal.text.split("[channels]")[0]
   assert "columns that are not used: log(2), log(3)" in proposal.text
+  assert re.search(r"(?m)^# log\(2\): [-.\d]+ to [.\d]+$", proposal.text), "the range tells a person which it is"
   with pytest.raises(RecordingError, match="needed channel 'motor_voltage' is missing"):
     DataSet.load(tmp_path)
 
