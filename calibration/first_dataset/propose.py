@@ -150,7 +150,7 @@ def _channels(columns: Columns, guesses: Mapping[str, Guess], missing: Sequence[
     entry |= {"hold": True} if guess.hold else {}
     entry |= {"gate": guess.gate} if guess.gate else {}
     inside = ", ".join(f"{key} = {_value(value)}" for key, value in entry.items())
-    lines.append(f"{guess.channel} = {{ {inside} }}  # {MARK} {'; '.join(guess.why)}")
+    lines.append(f"{guess.channel} = {{ {inside} }}  # {MARK} {_plain('; '.join(guess.why))}")
   lines += [f'# {what} = {{ column = "…" }}  # needed, and no column says it is this; fill it in' for what in missing]
   taken = {guess.column for guess in guesses.values()} | {guess.gate for guess in guesses.values()}
   over = [
