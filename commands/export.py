@@ -1,4 +1,4 @@
-"""Write recordings, twins' answers and their errors as MCAP for Foxglove, PlotJuggler and Rerun.
+"""Write recordings, twins and their errors as MCAP for Foxglove, PlotJuggler and Rerun.
 
 One file a recording: /measured, /before, /after, and /error_before, /error_after with forces.
 
