@@ -1,4 +1,4 @@
-"""Write a first dataset.toml from logs, guesses marked with their reasons, and check what came out.
+"""Write a first dataset.toml from logs, guesses marked with their reasons, and check it.
 
 qcar-twin new my_session drive_1.csv drive_2.mcap
 qcar-twin new my_session logs/
