@@ -8,10 +8,9 @@ qcar-twin check --dataset data/sample --out out/check
 import dataclasses
 from pathlib import Path
 
-from calibration.log_check.check import LogCheck, check_log
+from calibration.log_check.check import LogCheck, check_log, load_to_check
 from calibration.progress import StageLine
 from calibration.reports.log_check import write_log_check
-from qcar_twin.recordings.dataset import DataSet
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,7 +25,7 @@ class Config:
 
 def main(config: Config) -> LogCheck:
   """Run it, write the results, print what to know and where the page is."""
-  dataset = DataSet.load(config.dataset)
+  dataset = load_to_check(config.dataset)
   with StageLine() as progress:
     found = check_log(dataset, progress)
   page = write_log_check(found, config.out)

@@ -1,6 +1,6 @@
 """Train the path-tracking agent on the twin.
 
-qcar-twin train --out OUT [--episodes 300] [--seed S] [--resume]
+qcar-twin train --out OUT [--episodes 300] [--seed 1] [--resume]
 """
 
 import dataclasses

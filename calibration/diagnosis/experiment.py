@@ -35,17 +35,19 @@ _LASTS, _RATE = 8.0, 100.0  # s of a manoeuvre, Hz of commands and channels
 
 @dataclasses.dataclass(frozen=True)
 class DrivenRange:
-  """What was driven, and so can be driven again: volts per m/s, a slow and a fast speed, m/s, a wide angle, rad."""
+  """What was driven, and so can be driven again: the drive's command per m/s, a slow and a fast speed, m/s, a wide
+  angle, rad; `unit` of the command."""
 
-  volts: float
+  command: float
   slow: float
   fast: float
   angle: float
+  unit: str = "V"
 
 
 @dataclasses.dataclass(frozen=True)
 class Manoeuvre:
-  """What to do, in words, and as motor voltage, V, and steering command, rad, at 100 Hz, (T, 2)."""
+  """What to do, in words, and as the drive's command in its unit and steering command, rad, at 100 Hz, (T, 2)."""
 
   about: str
   commands: Array
@@ -81,14 +83,15 @@ def _doubtful(claim: Claim) -> bool:
 
 
 def reach(pool: Pool) -> DrivenRange:
-  """Speeds, angles and volts per m/s the recordings hold, as the recalibrated twin drives them."""
+  """Speeds, angles and the drive's command per m/s the recordings hold, as the recalibrated twin drives them."""
   segments = pool.problem.observations.stretches.segments
   velocity = pool.problem.exact.predict(pool.base.theta[None]).signals[0, :, 1:, signal_index("velocity_x")]
   driven = np.arange(velocity.shape[1]) < segments.steps[:, None]
-  v, volts, angle = velocity[driven], segments.commands[..., 0][driven], np.abs(segments.commands[..., 1][driven])
+  v, command, angle = velocity[driven], segments.commands[..., 0][driven], np.abs(segments.commands[..., 1][driven])
   fast = max(float(np.quantile(np.abs(v), 0.98)), 0.3)
-  gain = float(np.sum(volts * v) / max(float(np.sum(v**2)), 1e-6))
-  return DrivenRange(gain, max(0.25, 0.35 * fast), fast, float(np.clip(np.quantile(angle, 0.98), 0.1, 0.5)))
+  gain = float(np.sum(command * v) / max(float(np.sum(v**2)), 1e-6))
+  widest = float(np.clip(np.quantile(angle, 0.98), 0.1, 0.5))
+  return DrivenRange(gain, max(0.25, 0.35 * fast), fast, widest, pool.problem.twin.vehicle.motor.unit)
 
 
 def manoeuvres(reach: DrivenRange) -> list[Manoeuvre]:
@@ -98,10 +101,11 @@ def manoeuvres(reach: DrivenRange) -> list[Manoeuvre]:
   still = np.zeros_like(t)
 
   def add(about: str, speed: Array | float, steering: Array) -> None:
-    volts = np.broadcast_to(np.asarray(speed) * reach.volts, t.shape)
-    found.append(Manoeuvre(about, np.column_stack([volts, steering])))
+    command = np.broadcast_to(np.asarray(speed) * reach.command, t.shape)
+    found.append(Manoeuvre(about, np.column_stack([command, steering])))
 
-  said = lambda v: f"{v:.2g} m/s ({v * reach.volts:.2g} V)"
+  unit = {"-": "of full duty"}.get(reach.unit, reach.unit)
+  said = lambda v: f"{v:.2g} m/s ({v * reach.command:.2g} {unit})"
   slow, fast = said(reach.slow), said(reach.fast)
   for v, angle, at in ((reach.slow, reach.angle, slow), (reach.fast, 0.5 * reach.angle, fast)):
     add(f"circles at {at}, 4 s left and 4 s right with {angle:.2g} rad", v, angle * _square(t, 4.0))
@@ -156,7 +160,7 @@ def _planned(observations: Observations, problem: Problem, library: Sequence[Man
   recordings = []
   for k, item in enumerate(library):
     streams = {name: Stream(sampled, np.zeros_like(sampled)) for name in names}
-    for column, name in enumerate(("motor_voltage", "steering_command")):
+    for column, name in enumerate(problem.twin.vehicle.commands):
       streams[name] = Stream(commands, item.commands[:, column])
     recordings.append(Recording(str(k), streams))
   return observe(recordings, problem.twin.vehicle, horizon=observations.horizon)

@@ -1,6 +1,8 @@
 """A log checked before anything is fitted to it: what spoils results, what to be wary of, what it can show."""
 
 import dataclasses
+import logging
+import os
 import re
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -11,6 +13,7 @@ from calibration.log_check.pairs import Comparison, compare
 from calibration.log_check.shows import Shown, what_it_shows
 from calibration.log_check.timing import Sampling, samplings
 from calibration.progress import Progress, silent
+from qcar_twin.recordings import dataset as dataset_module
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.vehicle.vehicle import Vehicle
@@ -74,6 +77,16 @@ class LogCheck:
       "comparisons": [_comparison(c) for c in self.comparisons],
       "shown": [{**dataclasses.asdict(s), "verdict": s.verdict} for s in self.shown],
     }
+
+
+def load_to_check(folder: str | os.PathLike[str]) -> DataSet:
+  """A data set whose warnings are not printed: a check says them among its findings, each kind once."""
+  log = logging.getLogger(dataset_module.__name__)
+  before, log.disabled = log.disabled, True
+  try:
+    return DataSet.load(folder)
+  finally:
+    log.disabled = before
 
 
 def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:

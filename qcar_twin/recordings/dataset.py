@@ -17,9 +17,18 @@ from qcar_twin.recordings.checks.repeats import refuse_repeats
 from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
 from qcar_twin.recordings.checks.units import check_limits, check_units
 from qcar_twin.recordings.formats import Table, read_inside
-from qcar_twin.recordings.manifest import COMMAND_TIMINGS, FILE_NAME, Entry, Manifest, read_manifest, require_file_name
+from qcar_twin.recordings.manifest import (
+  COMMAND_TIMINGS,
+  FILE_NAME,
+  Entry,
+  Manifest,
+  Mapped,
+  read_manifest,
+  require_file_name,
+)
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import ROLES, Recording, RecordingError, nearest
+from qcar_twin.recordings.topic_maps import topic_map
 
 _log = logging.getLogger(__name__)
 _PERIOD = 0.01  # s, on which commands are added up
@@ -118,7 +127,7 @@ def _absent_columns(manifest: Manifest, tables: list[Table]) -> list[str]:
 
 
 def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Recording], list[str]]:
-  mapping = resolve(table, manifest.mapping)
+  mapping = resolve(table, _mapping(manifest, table))
   streams, notes = streams_of(table, mapping)
   whole = Recording(entry.name, streams, entry.file, entry.role, entry.manoeuvre, entry.session)
   check_limits(whole)
@@ -127,6 +136,13 @@ def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Re
   pieces, cuts = _cut(whole)
   signs = check_units(whole, manifest.vehicle)
   return pieces, [*notes, *signs, *cuts, *(defect for piece in pieces for defect in find_defects(piece))]
+
+
+def _mapping(manifest: Manifest, table: Table) -> dict[str, Mapped]:
+  """What the ready-made map says of this file, if there is one, and over it what dataset.toml itself says."""
+  if not manifest.topics:
+    return manifest.mapping
+  return topic_map(manifest.topics).mapping(table.columns, table.label, manifest.mapping) | manifest.mapping
 
 
 def _part(whole: Recording, entry: Entry) -> Recording:

@@ -26,7 +26,7 @@ _POSITIVE = (
   "max_steering",
 )
 _ENTRY = ("file", "role", "name", "manoeuvre", "session", "from", "to")
-_TOP = ("name", "command_timing", "description", "licence", "source", "vehicle", "channels", "recording")
+_TOP = ("name", "command_timing", "description", "licence", "source", "map", "vehicle", "channels", "recording")
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Manifest:
-  """The checked content of a dataset.toml. `notes` are warnings about it."""
+  """The checked content of a dataset.toml. `notes` are warnings about it, `topics` the map of its key `map`."""
 
   name: str
   entries: tuple[Entry, ...]
@@ -71,6 +71,7 @@ class Manifest:
   licence: str = ""
   source: str = ""
   notes: tuple[str, ...] = field(default=())
+  topics: str = ""
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -89,7 +90,8 @@ def read_manifest(folder: Path) -> Manifest:
   mapping = _mapping(_table(raw, "channels", ""))
   texts = {key: _text(raw, key, "", "") for key in ("description", "licence", "source")}
   name = _text(raw, "name", "", folder.resolve().name)
-  return Manifest(name, _entries(raw), vehicle, std, mapping, timing, **texts, notes=tuple(notes))
+  topics = _text(raw, "map", "", "") if "map" in raw else ""
+  return Manifest(name, _entries(raw), vehicle, std, mapping, timing, **texts, notes=tuple(notes), topics=topics)
 
 
 def _read_toml(folder: Path) -> dict[str, Any]:
@@ -131,7 +133,7 @@ def _table(raw: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
 
 def _text(raw: Mapping[str, Any], key: str, where: str, default: str) -> str:
   value = raw.get(key, default)
-  if not isinstance(value, str) or (key in ("name", "file", "column", "gate") and not value.strip()):
+  if not isinstance(value, str) or (key in ("name", "file", "column", "gate", "map") and not value.strip()):
     raise RecordingError(f'{FILE_NAME}: {where}{key} must be text such as "{key}_1", not {value!r}')
   return value
 

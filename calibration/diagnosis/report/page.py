@@ -27,13 +27,15 @@ Array = NDArray[np.float64]
 
 
 def write_diagnosis(outcome: Outcome, folder: str | Path) -> Path:
-  """Write diagnosis.json, report.html with its figures and twin.toml (the repaired twin); returns the report's path."""
+  """Write diagnosis.json, report.html with its figures, twin.toml (the repaired twin) and recalibrated.toml (the same
+  before the repair); returns the report's path."""
+  folder = Path(folder)
   claims = ", ".join(c.mechanism for c in outcome.diagnosis.decision.claims) or "no mechanism added"
-  save_twin(
-    Path(folder) / "twin.toml", outcome.twin, outcome.after, f"repaired on {outcome.diagnosis.dataset}: {claims}"
-  )
+  name = outcome.diagnosis.dataset
+  save_twin(folder / "recalibrated.toml", outcome.twin, outcome.before, f"recalibrated on {name}, nothing added")
+  save_twin(folder / "twin.toml", outcome.twin, outcome.after, f"repaired on {name}: {claims}")
   write_document(folder, outcome.diagnosis)
-  return write_report(Path(folder), outcome.diagnosis)
+  return write_report(folder, outcome.diagnosis)
 
 
 def write_report(folder: Path, diagnosis: Diagnosis) -> Path:

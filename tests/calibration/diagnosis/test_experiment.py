@@ -1,6 +1,7 @@
 """The next experiment: its promise is what a refit on it would show, and it is asked for only where names are open."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.testing import assert_allclose
@@ -16,9 +17,10 @@ from calibration.diagnosis.experiment import (
   to_separate,
 )
 from calibration.diagnosis.search.decide import decide
+from qcar_twin.vehicle.drive import DRIVES
 from tests.calibration.diagnosis import diagnosis_rig as rig
 
-REACH = DrivenRange(volts=8.0, slow=0.3, fast=0.8, angle=0.3)
+REACH = DrivenRange(command=8.0, slow=0.3, fast=0.8, angle=0.3)
 
 
 def models(pool, one, other):
@@ -79,7 +81,7 @@ def test_an_effect_of_the_steering_is_not_looked_for_on_a_straight_line(clean_po
 def test_the_library_stays_within_what_was_driven():
   for manoeuvre in manoeuvres(REACH):
     assert isinstance(manoeuvre, Manoeuvre) and manoeuvre.commands.shape == (800, 2)
-    assert np.abs(manoeuvre.commands[:, 0]).max() <= REACH.volts * REACH.fast * (1 + 1e-12)
+    assert np.abs(manoeuvre.commands[:, 0]).max() <= REACH.command * REACH.fast * (1 + 1e-12)
     assert np.abs(manoeuvre.commands[:, 1]).max() <= REACH.angle * (1 + 1e-12)
   assert len({m.about for m in manoeuvres(REACH)}) == len(manoeuvres(REACH))
 
@@ -88,7 +90,7 @@ def test_reach_is_read_off_the_recordings(clean_pool):
   found = reach(clean_pool)
   commands = clean_pool.problem.observations.stretches.segments.commands
   assert 0.1 <= found.angle <= np.abs(commands[..., 1]).max()
-  assert found.slow < found.fast and found.volts > 0
+  assert found.slow < found.fast and found.command > 0 and found.unit == "V"
 
 
 def test_certain_names_need_no_experiment_and_doubtful_ones_do(offset_pool, clean_pool):
@@ -104,3 +106,14 @@ def test_certain_names_need_no_experiment_and_doubtful_ones_do(offset_pool, clea
   possible = dataclasses.replace(nothing, claims=(), possible=("side_force",))
   names, _, rival = to_separate(clean_pool, possible)
   assert names == ("side_force", NOTHING) and rival is clean_pool.base
+
+
+def test_a_car_driven_by_duty_is_promised_the_same(offset_pool, monkeypatch):
+  """What drives the motor is another channel, and nothing else differs."""
+  model, rival = models(offset_pool, "steering_offset", "side_force")
+  promised = predicted_nats(offset_pool.problem, model, rival, manoeuvres(REACH))
+  duty = {"motor": DRIVES["duty"], "commands": (DRIVES["duty"].channel, "steering_command"), "drive": "duty"}
+  monkeypatch.setattr(offset_pool.problem.twin, "vehicle", SimpleNamespace(**(vars(rig.VEHICLE) | duty)))
+  assert_allclose(predicted_nats(offset_pool.problem, model, rival, manoeuvres(REACH)), promised)
+  assert reach(offset_pool).unit == "-"
+  assert any("of full duty" in m.about for m in manoeuvres(dataclasses.replace(REACH, unit="-")))

@@ -1,0 +1,167 @@
+"""What the name of a log's column says: its words, its unit, and the channels that it may be."""
+
+import math
+import re
+from dataclasses import dataclass
+
+from qcar_twin.recordings.channels import CHANNELS, GRAVITY
+
+_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+_BRACKET = re.compile(r"[\[(<{]([^\])>}]*)[\])>}]")
+
+# a unit as people write it -> the SI unit it is of, and the factor to it
+_UNITS: dict[str, tuple[str, float]] = {
+  **dict.fromkeys(("s", "sec", "secs", "seconds"), ("s", 1.0)),
+  **dict.fromkeys(("ms", "msec", "millis", "milliseconds"), ("s", 1e-3)),
+  **dict.fromkeys(("us", "µs", "usec", "micros", "microseconds"), ("s", 1e-6)),
+  **dict.fromkeys(("ns", "nsec", "nanos", "nanoseconds", "nanosec"), ("s", 1e-9)),
+  **dict.fromkeys(("rad", "radians"), ("rad", 1.0)),
+  **dict.fromkeys(("deg", "degrees", "degree", "°"), ("rad", math.pi / 180.0)),
+  **dict.fromkeys(("rad/s", "rads", "radps", "radsec"), ("rad/s", 1.0)),
+  **dict.fromkeys(("deg/s", "dps", "degs", "degps", "°/s", "degsec"), ("rad/s", math.pi / 180.0)),
+  **dict.fromkeys(("rpm", "1/min"), ("rad/s", math.tau / 60.0)),
+  **dict.fromkeys(("m/s", "mps"), ("m/s", 1.0)),
+  **dict.fromkeys(("km/h", "kmh", "kph"), ("m/s", 1 / 3.6)),
+  **dict.fromkeys(("cm/s", "cmps"), ("m/s", 0.01)),
+  **dict.fromkeys(("mm/s", "mmps"), ("m/s", 0.001)),
+  **dict.fromkeys(("m/s2", "m/s^2", "m/s²", "mps2", "mss"), ("m/s^2", 1.0)),
+  **dict.fromkeys(("g",), ("m/s^2", GRAVITY)),
+  **dict.fromkeys(("mg",), ("m/s^2", GRAVITY / 1000.0)),
+  **dict.fromkeys(("m", "meter", "metre", "meters", "metres"), ("m", 1.0)),
+  **dict.fromkeys(("cm",), ("m", 0.01)),
+  **dict.fromkeys(("mm",), ("m", 0.001)),
+  **dict.fromkeys(("v", "volt", "volts"), ("V", 1.0)),
+  **dict.fromkeys(("mv", "millivolts"), ("V", 0.001)),
+  **dict.fromkeys(("a", "amp", "amps"), ("A", 1.0)),
+  **dict.fromkeys(("ma", "milliamps"), ("A", 0.001)),
+  **dict.fromkeys(("%", "pct", "percent"), ("-", 0.01)),
+}
+
+# words that make a column a channel: all of the terms, each in one of its spellings; after "!" words that forbid it
+_RULES: dict[str, tuple[str, ...]] = {
+  "time": ("elapsed|log|system|ros time|stamp|clock", "time|timestamp|stamp|clock|elapsed|tout|t"),
+  "motor_voltage": (
+    "motor|command|cmd|applied|armature|input|esc|drive voltage|volt|volts|v !battery|bat|batt|supply|measured",
+    "voltage|volts !battery|bat|batt|vbat|supply|measured",
+  ),
+  "motor_duty": ("duty|pwm|throttle|gas|thr !steering|steer|servo",),
+  "motor_current": ("current|amps command|cmd|target|desired|setpoint|ref|reference",),
+  "speed_command": (
+    "speed|velocity|vel|v command|cmd|target|desired|setpoint|ref|reference|goal !angular|yaw|steering",
+  ),
+  "steering_command": (
+    "steering|steer|servo|delta|str !measured|actual|feedback|fb|velocity|rate|speed",
+    "wheel angle !measured|actual|feedback|fb",
+  ),
+  "motor_speed": ("motor|tach|tacho|shaft speed|velocity|vel|omega|rpm|rate|w", "rpm !e"),
+  "speed": (
+    "speed|velocity|vel|v"
+    " !angular|yaw|gyro|motor|command|cmd|target|desired|setpoint|ref|reference|steering|y|z|lateral",
+    "vx|vlong",
+  ),
+  "accel_x": (
+    "acc|accel|acceleration|accelerometer x|forward|fwd|long|longitudinal|lon !angular|target|command",
+    "ax|accx|accelx !angular",
+  ),
+  "accel_y": (
+    "acc|accel|acceleration|accelerometer y|left|lat|lateral !angular|target|command",
+    "ay|accy|accely !angular",
+  ),
+  "yaw_rate": (
+    "yaw|heading|psi|turn rate|dot|speed|velocity|vel !target|command|desired",
+    "gyro|gyroscope|angular|omega|w|imu z|yaw !accel|acc|acceleration|linear|wheel|motor|mag",
+    "gyro|gyroscope !x|y",
+    "wz|gz|gyroz|yawrate|omegaz",
+    "w imu|gyro",
+  ),
+  "pose_x": (
+    "pose|pos|position|vicon|mocap|optitrack|lidar|slam|map|world|loc|tf x|px !acc|vel|velocity|rate",
+    "px",
+    "x",
+  ),
+  "pose_y": (
+    "pose|pos|position|vicon|mocap|optitrack|lidar|slam|map|world|loc|tf y|py !acc|vel|velocity|rate",
+    "py",
+    "y",
+  ),
+  "pose_yaw": ("yaw|heading|theta|psi|orientation !rate|dot|vel|velocity|speed|gyro|x|z|w|target|desired",),
+  "pose_score": ("score|confidence|quality",),
+  "battery_voltage": ("battery|bat|batt|vbat|supply !current|percent|percentage|charge|temperature",),
+  "armature_current": ("current|amps !command|cmd|target|desired|setpoint|battery|supply|time",),
+}
+_PULSES = ("us", "µs")  # what radio-control servos and speed controllers are commanded in
+_RAW, _SMOOTH = (
+  {"raw"},
+  {"filtered", "filt", "smoothed", "smooth", "ema", "avg", "average", "estimated", "est", "lowpass"},
+)
+
+
+@dataclass(frozen=True)
+class Reading:
+  """A channel that a column's name may mean.
+
+  Attributes:
+    score: how well it fits; terms of the rule that were met, more for a unit that fits, less for smoothed values.
+    why: in words.
+  """
+
+  channel: str
+  score: float
+  why: str
+
+
+def words_of(column: str) -> tuple[str, ...]:
+  """Lower-case words of a name: "steeringAngle [deg]" has steering, angle, deg."""
+  return tuple(word.lower() for word in _WORD.findall(column))
+
+
+def unit_of(column: str) -> tuple[str, str, float] | None:
+  """The unit a name ends with or has in brackets: as written, the SI unit it is of, the factor to it."""
+  for inside in _BRACKET.findall(column):
+    written = inside.strip().lower()
+    if written in _UNITS:
+      return (inside.strip(), *_UNITS[written])
+  words = words_of(_BRACKET.sub(" ", column))
+  for count in (3, 2, 1):
+    if len(words) > count:
+      tail = words[-count:]
+      for written in ("/".join(tail), tail[0] + "/" + "".join(tail[1:]), "".join(tail)):
+        if written in _UNITS:
+          return (written, *_UNITS[written])
+  return None
+
+
+def readings(column: str) -> list[Reading]:
+  """Channels that the name may mean, best first."""
+  if column in CHANNELS:
+    return [Reading(column, 10.0, "it has the channel's name")]
+  words, unit = set(words_of(column)), unit_of(column)
+  bare = set(words_of(_BRACKET.sub(" ", column)))
+  found = []
+  for channel, rules in _RULES.items():
+    met = [terms for rule in rules if (terms := _met(rule, words, bare))]
+    if not met:
+      continue
+    best = max(met, key=len)
+    score = len(best) + 0.5 * len(set(best)) / len(words)
+    score += 0.2 * bool(words & _RAW) - 0.5 * bool(words & _SMOOTH)
+    pulse = unit is not None and unit[0] in _PULSES and channel in ("motor_duty", "steering_command")
+    if unit is not None and unit[1] != CHANNELS[channel].unit and not pulse:
+      score -= 2.0
+    elif unit is not None:
+      score += 0.5
+    if score > 0.0:
+      found.append(Reading(channel, score, f"its name says {' '.join(best)}"))
+  return sorted(found, key=lambda reading: -reading.score)
+
+
+def _met(rule: str, words: set[str], bare: set[str]) -> tuple[str, ...]:
+  """The words that meet a rule, one per term; empty where one is not met or a forbidden one is there. `bare`: those
+  outside brackets."""
+  wanted, _, forbidden = rule.partition(" !")
+  if words & set(forbidden.split("|")):
+    return ()
+  terms = [next((word for word in term.split("|") if word in words), "") for term in wanted.split(" ")]
+  if len(terms) == 1 and len(terms[0]) == 1 and any(word not in _UNITS for word in bare - set(terms)):
+    return ()  # a letter is a name only where it stands alone
+  return tuple(terms) if all(terms) else ()

@@ -1,0 +1,92 @@
+"""Where the logs of a new data set lie: those inside its folder stay, others are copied in; nothing is replaced."""
+
+import os
+import re
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from qcar_twin.atomic_io import whole_file
+from qcar_twin.recordings.formats import readers
+from qcar_twin.recordings.manifest import FILE_NAME
+from qcar_twin.recordings.recording import RecordingError
+
+_BAG = "metadata.yaml"  # what makes a folder a ROS 2 bag
+_PROSE = (".txt",)  # read where it is named; in a folder it is more often a note than a log
+
+
+@dataclass(frozen=True)
+class Placed:
+  """One log: where it is, and its name within the data set's folder, with forward slashes."""
+
+  source: Path
+  name: str
+  copied: bool
+
+
+def logs_of(paths: Sequence[Path]) -> list[Path]:
+  """The logs that are meant, in natural order: files, bags, and everything readable below other folders.
+
+  Raises:
+    RecordingError: a path that is not there, or a folder without a log.
+  """
+  found: list[Path] = []
+  for path in paths:
+    if not path.exists():
+      raise RecordingError(f"{path}: no such file or folder")
+    if path.is_file() or (path / _BAG).is_file():
+      found.append(path)
+    else:
+      found += _below(path)
+  return sorted(dict.fromkeys(found), key=lambda path: _natural(path.as_posix()))
+
+
+def _below(folder: Path) -> list[Path]:
+  known = {suffix for suffix in readers() if suffix not in _PROSE}
+  bags = {path.parent for path in folder.rglob(_BAG)}
+  files = [p for p in folder.rglob("*") if p.is_file() and p.suffix.lower() in known and not bags & set(p.parents)]
+  seen = [path for path in (*bags, *files) if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
+  if not seen:
+    raise RecordingError(f"{folder}: holds no log; readable are {', '.join(sorted(known))} and ROS 2 bag folders")
+  return seen
+
+
+def _natural(name: str) -> list[tuple[bool, int, str]]:
+  """Sorts `step_9` before `step_10`."""
+  return [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in re.split(r"(\d+)", name)]
+
+
+def placed(folder: Path, logs: Sequence[Path]) -> list[Placed]:
+  """Names within the data set's folder, below what the logs outside it have in common.
+
+  Raises:
+    RecordingError: there is a dataset.toml already, or another file where a log would be copied to.
+  """
+  if (folder / FILE_NAME).exists():
+    raise RecordingError(
+      f"{folder / FILE_NAME}: is there already and is not replaced; remove it, or name another folder"
+    )
+  inside = folder.resolve()
+  outside = [path.resolve() for path in logs if not path.resolve().is_relative_to(inside)]
+  common = Path(os.path.commonpath([path.parent for path in outside])) if outside else inside
+  found = []
+  for path in logs:
+    there = path.resolve()
+    copied = not there.is_relative_to(inside)
+    name = there.relative_to(common if copied else inside).as_posix()
+    if copied and (folder / name).exists():
+      raise RecordingError(f"{folder / name}: is there already and is not replaced; remove it, or name another folder")
+    found.append(Placed(path, name, copied))
+  return found
+
+
+def copy_in(folder: Path, logs: Sequence[Placed]) -> None:
+  """Copy the logs from outside, each whole or not at all."""
+  for log in logs:
+    if log.copied:
+      with whole_file(folder / log.name) as part:
+        if log.source.is_dir():
+          shutil.copytree(log.source, part)
+        else:
+          shutil.copyfile(log.source, part)

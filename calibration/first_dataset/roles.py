@@ -1,0 +1,91 @@
+"""Which recordings are fitted, which choose between models and which are kept for the end: a proposal.
+
+Many files share the roles out in turn, so that every kind of driving has each; few long ones are cut by time.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+
+import numpy as np
+
+from qcar_twin.recordings.recording import Recording
+
+_TURNS = ("identify", "identify", "validate", "identify", "holdout")  # of five files of one kind
+_FEW = {
+  2: ("identify", "holdout"),
+  3: ("identify", "validate", "holdout"),
+  4: ("identify", "identify", "validate", "holdout"),
+}
+_SHARES = (("identify", 0.6), ("validate", 0.2), ("holdout", 0.2))  # of a file that is cut
+_LONG = 30.0  # s, of a file that can be cut
+_STILL, _LEVEL = 0.02, 0.95  # of the largest command: nothing; share of a step's time at rest or at its level
+
+
+@dataclass(frozen=True)
+class Part:
+  """One [[recording]]: a file, or a part of it from `begin` to `end`, s on its clock, with a name of its own."""
+
+  file: str
+  role: str
+  begin: float | None = None
+  end: float | None = None
+  manoeuvre: str = ""
+  why: str = ""
+  why_manoeuvre: str = ""
+  name: str = ""
+
+
+def share_out(recordings: Sequence[Recording], drive_steps: str) -> list[Part]:
+  """Roles for recordings, one per file, in the order they were driven.
+
+  Args:
+    recordings: whole files.
+    drive_steps: what a step of this car's drive command is called as a manoeuvre; "" where it identifies nothing.
+  """
+  groups: dict[str, list[int]] = {}
+  for place, recording in enumerate(recordings):
+    groups.setdefault(re.sub(r"\d.*$", "", recording.file), []).append(place)
+  roles: dict[int, tuple[str, str]] = {}
+  rest = [place for group in groups.values() if len(group) < len(_TURNS) for place in group]
+  for group in [*(g for g in groups.values() if len(g) >= len(_TURNS)), rest]:
+    given = _FEW.get(len(group)) or [_TURNS[k % len(_TURNS)] for k in range(len(group))]
+    why = f"{len(group)} files take turns" if len(group) > 1 else "the only one of its kind"
+    roles |= {place: (role, why) for place, role in zip(sorted(group), given, strict=True)}
+  parts = []
+  for place, recording in enumerate(recordings):
+    manoeuvre, seen = manoeuvre_of(recording, drive_steps)
+    if len(recordings) < 3 and recording.duration >= _LONG:
+      parts += _cut(recording, manoeuvre, seen)
+    else:
+      parts.append(Part(recording.file, roles[place][0], None, None, manoeuvre, roles[place][1], seen))
+  return parts
+
+
+def _cut(recording: Recording, manoeuvre: str, seen: str) -> list[Part]:
+  """By the samples of the speed: a logger's stale rows, or a pause, take no share."""
+  stem, parts = PurePosixPath(recording.file).stem, []
+  time = recording["motor_speed" if "motor_speed" in recording else "speed"].time
+  edges = [None, *(float(time[int(len(time) * share)]) for share in np.cumsum([s for _, s in _SHARES])[:-1]), None]
+  for number, (role, share) in enumerate(_SHARES):
+    why = f"{100 * share:.0f} % of the samples, by time"
+    name = f"{stem}_{number + 1}"
+    parts.append(Part(recording.file, role, edges[number], edges[number + 1], manoeuvre, why, seen, name))
+  return parts
+
+
+def manoeuvre_of(recording: Recording, drive_steps: str) -> tuple[str, str]:
+  """A label that the identification goes by, and the reason for it; empty where the driving is none of them."""
+  drive = recording[recording.drive_channel].value
+  most = float(np.abs(drive).max())
+  steering = recording["steering_command"].value if "steering_command" in recording else np.zeros(1)
+  turned = float(np.ptp(steering))
+  if most == 0.0 and turned == 0.0:
+    return "standstill", "no command"
+  level = drive[np.abs(drive) > _STILL * most]
+  usual = float(np.median(level)) if level.size else 0.0
+  stepped = np.mean((np.abs(drive) <= _STILL * most) | (np.abs(drive - usual) <= _STILL * most)) >= _LEVEL
+  if drive_steps and stepped and level.size and turned <= 0.02:
+    return drive_steps, "one level of the drive's command, straight on"
+  return "", ""

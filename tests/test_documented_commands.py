@@ -1,0 +1,169 @@
+"""Every `qcar-twin …` line in README, docs and the commands' own docstrings: known, complete, its options there; the
+cheap ones are run as they stand."""
+
+import ast
+import importlib
+import json
+import re
+import shlex
+import shutil
+from collections.abc import Iterator
+from dataclasses import MISSING, dataclass, fields
+from pathlib import Path
+
+import pytest
+import tyro
+
+from commands.__main__ import commands, dispatch
+from tests import ROOT
+
+KNOWN = commands()
+TOUR = ROOT / "docs" / "tour.ipynb"
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+CHEAP = ("make-session", "check", "unseal", "estimate", "track", "new", "export")  # run for real, with --quick
+PREFIX = r"(?:\.venv/bin/)?qcar-twin"
+
+
+@dataclass(frozen=True)
+class Line:
+  """A command as it is written. `whole`: it stands on a line of its own and has to be complete."""
+
+  where: str
+  text: str
+  whole: bool
+
+  @property
+  def words(self) -> list[str]:
+    """Without comment, line continuations and the brackets that mark what may be left out."""
+    plain = re.sub(r"[\[\]]", " ", self.text.replace("\\\n", " "))
+    return shlex.split(plain, comments=True)
+
+  def __str__(self) -> str:
+    return f"{self.where}: {self.text}"
+
+
+def lines_of(page: Path) -> Iterator[Line]:
+  """Commands of a page: in code blocks, in tables whose head names qcar-twin, and in backticks within the prose."""
+  text, name = page.read_text(encoding="utf-8"), page.name
+  fence = re.compile(r"^```.*?^```", re.M | re.S)
+  blocks = [*fence.findall(text), *re.findall(r"(?m)^    .+$", fence.sub("", text))]
+  for block in blocks:
+    for found in re.finditer(rf"^\s*{PREFIX} ((?:[^\n]*\\\n)*[^\n]+)", block, re.M):
+      yield Line(name, found[1], True)
+  prose = fence.sub("", text)
+  for table in re.findall(r"(?m)(?:^\|.*\n)+", prose):
+    head, *rows = table.splitlines()
+    if "qcar-twin" in head:
+      yield from (Line(name, span, True) for row in rows[1:] for span in re.findall(r"`([^`]+)`", row))
+  for span in re.findall(r"`([^`]+)`", prose):
+    if (found := re.match(rf"{PREFIX}\s+([a-z][^\n]*(?:\n[^\n]+)*)", span)) and "..." not in span:
+      yield Line(name, found[1].replace("\n", " "), False)
+
+
+def notebook_lines() -> Iterator[Line]:
+  """The shell's lines of the tour."""
+  for cell in json.loads(TOUR.read_text(encoding="utf-8"))["cells"]:
+    source = "".join(cell["source"])
+    yield from (Line(TOUR.name, found, True) for found in re.findall(r"(?m)^!qcar-twin (.+?)(?: 2>.*)?$", source))
+
+
+def docstring_lines() -> Iterator[Line]:
+  """The lines that `qcar-twin NAME --help` shows to be copied."""
+  for path in sorted((ROOT / "commands").glob("[!_]*.py")):
+    said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    yield from (Line(path.name, found, True) for found in re.findall(r"(?m)^qcar-twin (.+)$", said))
+
+
+LINES = [*(line for page in PAGES for line in lines_of(page)), *notebook_lines(), *docstring_lines()]
+
+
+def config_of(name: str) -> type:
+  return importlib.import_module(f"commands.{name.replace('-', '_')}").Config
+
+
+def completed(config: type, words: list[str]) -> list[str]:
+  """With what has to be given and is not, for a command that prose names by the options it is about."""
+  needed = [f.name for f in fields(config) if f.default is MISSING and f.default_factory is MISSING]
+  absent = [name for name in needed if f"--{name.replace('_', '-')}" not in words]
+  return words + [word for name in absent for word in (f"--{name.replace('_', '-')}", "x")]
+
+
+def test_the_pages_have_lines_to_check():
+  assert len(LINES) > 60 and sum(line.whole for line in LINES) > 40
+  assert {line.where for line in LINES} >= {
+    "README.md",
+    "check.md",
+    "learning.md",
+    "estimation.md",
+    "logs.md",
+    "tour.ipynb",
+  }
+  listed = [line for line in LINES if line.where == "README.md"]
+  assert {line.words[0] for line in listed} >= {"make-session", "diagnose", "train", "evaluate", "campaign"}
+
+
+def test_every_command_is_documented():
+  assert {line.words[0] for line in LINES} == set(KNOWN)
+
+
+@pytest.mark.parametrize("line", LINES, ids=str)
+def test_a_documented_command_is_one_and_its_options_exist(line, capsys):
+  name, *words = line.words
+  assert name in KNOWN, f"{line}: no such command"
+  if not words and not line.whole:
+    return  # prose that names the command
+  config = config_of(name)
+  try:
+    tyro.cli(config, prog=name, args=words if line.whole else completed(config, words))
+  except SystemExit:
+    pytest.fail(f"{line}\n{capsys.readouterr().err}")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_what_make_is_asked_for_is_a_target(page):
+  targets = set(re.findall(r"(?m)^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8")))
+  text = page.read_text(encoding="utf-8")
+  asked = re.findall(r"(?m)^make ([a-z]+)", text) + re.findall(r"`make ([a-z]+)`", text)
+  assert set(asked) <= targets
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory):
+  """A folder as README finds it: data/ and logs/ beside out/, in which its own session has been made."""
+  folder = tmp_path_factory.mktemp("desk")
+  (folder / "data").symlink_to(ROOT / "data")
+  with pytest.MonkeyPatch.context() as patch:
+    patch.chdir(folder)
+    (made,) = [line for line in LINES if line.where == "README.md" and line.words[0] == "make-session"]
+    assert dispatch([*made.words, "--quick"]) == 0
+  (folder / "logs").mkdir()
+  for log in sorted((folder / "out" / "session").glob("*.csv"))[:3]:
+    shutil.copy(log, folder / "logs")
+  return folder
+
+
+def _inputs(words: list[str]) -> list[str]:
+  """Paths that a command reads."""
+  return [value for option, value in zip(words, words[1:], strict=False) if "/" in value and not option.endswith("out")]
+
+
+CHEAP_LINES = {
+  line.text: line
+  for line in LINES
+  if line.where.endswith(".md") and line.whole and line.words[0] in CHEAP and not {"DIR", "NAME"} & set(line.words)
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("line", CHEAP_LINES.values(), ids=str)
+def test_a_cheap_command_runs_as_it_stands(line, desk, monkeypatch, capsys):
+  monkeypatch.chdir(desk)
+  words = line.words
+  if words[0] == "make-session":
+    assert (desk / "out" / "session" / "dataset.toml").is_file()
+    return
+  absent = [path for path in _inputs(words) if not Path(path).exists()]
+  if absent:
+    pytest.skip(f"reads {', '.join(absent)}, which a long command makes")
+  quick = ["--quick"] if "quick" in {field.name for field in fields(config_of(words[0]))} else []
+  assert dispatch([*words, *quick]) == 0, capsys.readouterr().err
