@@ -1,13 +1,13 @@
-"""One self-contained HTML page: verdict first, then sections of text, tables and figures.
+"""One self-contained HTML page: verdict first, then sections of text, tables, charts, explorers and films.
 
-Everything is inside the file: no script, no style sheet, no picture is fetched. All text is escaped.
+Everything is inside the file, plotly.js included: the page forbids itself to fetch anything. All text is escaped.
 
   write_page("out/report.html", "Calibration", "The twin answers within 0.8 %.", [Section("Steps", "…")])
 """
 
-import base64
 import dataclasses
-import io
+import functools
+import json
 import math
 import os
 import re
@@ -16,16 +16,21 @@ from pathlib import Path
 from typing import Literal
 
 import jinja2
-from matplotlib.figure import Figure
+from markupsafe import Markup
 
-from qcar_twin.atomic_io import write_text
-from qcar_twin.plotting import house
+from qcar_twin.atomic_io import plain, write_text
+from qcar_twin.pages.charts import Chart, Clip
+from qcar_twin.pages.explorer import Explorer
+from qcar_twin.plotting import HEAT, PALETTE
 
 Cell = str | float | int | bool | None
+Figure = Chart | Explorer | Clip
+Tone = Literal["plain", "good", "partly", "bad"]
 
-_TYPES = {"png": "image/png", "svg": "image/svg+xml"}
+_HERE = Path(__file__).parent
+_LONG = 16  # rows of a table that is folded away
 _TEMPLATES = jinja2.Environment(
-  loader=jinja2.FileSystemLoader(Path(__file__).parent),
+  loader=jinja2.FileSystemLoader(_HERE),
   autoescape=True,
   undefined=jinja2.StrictUndefined,
   trim_blocks=True,
@@ -46,37 +51,23 @@ class Table:
       if len(row) != len(self.columns):
         raise ValueError(f"table '{self.caption}', row {number}: {len(row)} cells for {len(self.columns)} columns")
 
-
-@dataclasses.dataclass(frozen=True)
-class Picture:
-  """An image with its caption: PNG or SVG bytes."""
-
-  image: bytes
-  caption: str
-  kind: Literal["png", "svg"] = "png"
-
   @property
-  def uri(self) -> str:
-    """The image as a data URI."""
-    return f"data:{_TYPES[self.kind]};base64,{base64.b64encode(self.image).decode('ascii')}"
+  def folded(self) -> bool:
+    """Whether a reader has to open it."""
+    return len(self.rows) > _LONG
 
 
 @dataclasses.dataclass(frozen=True)
 class Section:
-  """A titled part of the page. Blank lines part the text into paragraphs; lines that start with "* " make a list."""
+  """A titled part of the page: text, figures, tables.
+
+  Blank lines part the text into paragraphs; lines that start with "* " make a list.
+  """
 
   title: str
   text: str = ""
   tables: Sequence[Table] = ()
-  figures: Sequence[Picture] = ()
-
-
-def picture(figure: Figure, caption: str, kind: Literal["png", "svg"] = "png", dpi: int = 130) -> Picture:
-  """A matplotlib figure as bytes; SVG for a few hundred points, PNG for long records."""
-  buffer = io.BytesIO()
-  with house():
-    figure.savefig(buffer, format=kind, dpi=dpi, metadata={"Date": None} if kind == "svg" else None)
-  return Picture(buffer.getvalue(), caption, kind)
+  figures: Sequence[Figure] = ()
 
 
 def write_page(
@@ -85,6 +76,8 @@ def write_page(
   verdict: str,
   sections: Iterable[Section],
   subtitle: str = "",
+  facts: Sequence[tuple[str, str]] = (),
+  tone: Tone = "plain",
 ) -> Path:
   """Write the page, whole or not at all.
 
@@ -94,21 +87,65 @@ def write_page(
     verdict: the outcome in one plain sentence; shown first.
     sections: parts, in order; each gets an entry in the list of contents.
     subtitle: what was looked at: data set, car, seed.
+    facts: a few numbers that go with the verdict: what, how much.
+    tone: the colour beside the verdict.
   """
   if not verdict.strip():
     raise ValueError("a report starts with its verdict; give one sentence")
   parts = tuple(sections)
+  figures = [figure for part in parts for figure in part.figures]
+  drawn = any(isinstance(figure, (Chart, Explorer)) for figure in figures)
   text = _TEMPLATES.get_template("page.html").render(
     title=title,
     subtitle=subtitle,
     verdict=verdict,
+    facts=facts,
+    tone=tone,
     sections=parts,
     anchors=_anchors([part.title for part in parts]),
+    exploring=any(isinstance(figure, Explorer) for figure in figures),
+    filmed=any(isinstance(figure, Clip) for figure in figures),
+    kind=lambda figure: {Chart: "chart", Explorer: "explorer", Clip: "clip"}[type(figure)],
+    as_json=_as_json,
     blocks=_blocks,
     show=show,
     numeric=_numeric,
+    style=Markup(_style()),
+    script=Markup(_file("page.js")),
+    plotly=Markup(_plotly()) if drawn else "",
   )
   return write_text(path, text)
+
+
+@functools.cache
+def _plotly() -> str:
+  """Source of plotly.js, from the wheel."""
+  from plotly.offline import get_plotlyjs  # a tenth of a second, for pages with charts only
+
+  return get_plotlyjs().replace("</script", "<\\/script")
+
+
+@functools.cache
+def _file(name: str) -> str:
+  return (_HERE / name).read_text(encoding="utf-8")
+
+
+def _style() -> str:
+  """The style sheet, with the house's colours on light and on dark as variables."""
+  scale = {f"heat-{i}": pair for i, pair in enumerate(zip(*HEAT, strict=True))}
+  sets = [" ".join(f"--{name}: {pair[i]};" for name, pair in {**PALETTE, **scale}.items()) for i in range(2)]
+  light, dark = sets
+  return (
+    f":root {{ color-scheme: light; {light} }}\n"
+    f"@media (prefers-color-scheme: dark) {{ :root:not([data-theme=light]) {{ color-scheme: dark; {dark} }} }}\n"
+    f":root[data-theme=dark] {{ color-scheme: dark; {dark} }}\n" + _file("page.css")
+  )
+
+
+def _as_json(figure: Chart | Explorer) -> Markup:
+  """A figure's data for a script element: no character that could end it."""
+  text = json.dumps(plain(figure.data()), allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+  return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 
 
 def show(cell: Cell) -> str:
