@@ -112,7 +112,12 @@ def bars(
       trace["error_y"] = {"type": "data", "symmetric": False, "array": _plain(high - centre),
                           "arrayminus": _plain(centre - low), "color": "@ink", "thickness": 1.2}  # fmt: skip
     traces.append(trace)
-  layout: dict[str, Any] = {"barmode": "group", "yaxis": axis(title, rangemode="tozero"), "xaxis": {"type": "category"}}
+  layout: dict[str, Any] = {
+    "barmode": "group",
+    "bargap": 0.35,
+    "yaxis": axis(title, rangemode="tozero"),
+    "xaxis": {"type": "category"},
+  }
   if level is not None:
     layout["shapes"] = [{"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": level[0], "y1": level[0],
                          "line": {"color": "@note", "width": 1, "dash": "dot"}}]  # fmt: skip
@@ -192,7 +197,9 @@ def panels(
   columns = min(columns, max(len(parts), 1))
   rows = -(-len(parts) // columns)
   layout: dict[str, Any] = {"grid": {"rows": rows, "columns": columns, "pattern": "independent", "ygap": 0.42,
-                                     "xgap": 0.16}, "annotations": []}  # fmt: skip
+                                     "xgap": 0.16}, "annotations": [], "margin": {"l": 56, "r": 16, "t": 64, "b": 44},
+                            "legend": {"orientation": "h", "x": 0, "xanchor": "left", "yref": "container", "y": 0.995,
+                                       "yanchor": "top"}}  # fmt: skip
   traces: list[dict[str, Any]] = []
   seen: set[str] = set()
   for number, (heading, y_title, own) in enumerate(parts):
@@ -207,7 +214,7 @@ def panels(
       {"xref": f"x{mark} domain", "yref": f"y{mark} domain", "x": 0, "y": 1.02, "text": heading, "showarrow": False,
        "xanchor": "left", "yanchor": "bottom", "font": {"size": 13}}
     )  # fmt: skip
-  return Chart(caption, traces, layout, 60 + height * rows)
+  return Chart(caption, traces, layout, 80 + height * rows)
 
 
 def _plain(values: ArrayLike) -> list[float | None]:

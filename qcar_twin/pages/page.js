@@ -5,6 +5,7 @@ const root = document.documentElement;
 const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
 const plots = [];  // things that can be drawn again: {draw()}
 const explorers = [];
+let printing = false;
 
 // ---- colours -----------------------------------------------------------------------------------
 
@@ -42,7 +43,8 @@ function frame(height) {
   };
 }
 
-const config = {displaylogo: false, responsive: true, showTips: false,
+const config = {displaylogo: false, responsive: true, showTips: false, showSendToCloud: false,
+  displayModeBar: "hover",
   modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d", "zoomIn2d", "zoomOut2d"]};
 
 // Draws or draws again; a newer drawing of the same place waits for the older one.
@@ -186,9 +188,9 @@ class Explorer {
 
   drawChannels() {
     const run = this.data.runs[this.run], traces = [], shapes = [], named = new Set();
-    const count = run.panels.length, gap = count > 1 ? 0.035 : 0;
+    const count = run.panels.length, gap = count > 1 ? 0.022 : 0;
     const height = (1 - gap * (count - 1)) / Math.max(count, 1);
-    const layout = {...frame(70 + 135 * Math.max(count, 1)), shapes, hovermode: "x", hoversubplots: "axis",
+    const layout = {...frame(70 + (printing ? 80 : 124) * Math.max(count, 1)), shapes, hovermode: "x", hoversubplots: "axis",
       dragmode: "zoom", uirevision: "channels"};
     layout.xaxis = {title: {text: "time [s]"}, anchor: count > 1 ? `y${count}` : "y", showspikes: true,
       spikemode: "across", spikethickness: 1, spikecolor: "@note", spikedash: "dot", hoverformat: ".2f"};
@@ -205,7 +207,7 @@ class Explorer {
       }
     });
     for (const [from, to] of run.shaded) {
-      shapes.push({type: "rect", yref: "paper", y0: 0, y1: 1, x0: from, x1: to, fillcolor: "@evidence", opacity: 0.55,
+      shapes.push({type: "rect", yref: "paper", y0: 0, y1: 1, x0: from, x1: to, fillcolor: "@evidence", opacity: 0.4,
         line: {width: 0}, layer: "below"});
     }
     if (this.at !== null) {
@@ -378,6 +380,7 @@ let before = null;
 addEventListener("beforeprint", () => {
   before = {theme: root.dataset.theme, open: [...document.querySelectorAll("details:not([open])")]};
   root.dataset.theme = "light";
+  printing = true;
   for (const one of before.open) one.open = true;
   for (const one of plots) one.draw();
   document.querySelectorAll(".js-plotly-plot").forEach(one => Plotly.Plots.resize(one));
@@ -387,6 +390,7 @@ addEventListener("afterprint", () => {
   if (before.theme) root.dataset.theme = before.theme; else delete root.dataset.theme;
   for (const one of before.open) one.open = false;
   before = null;
+  printing = false;
   drawAll();
 });
 

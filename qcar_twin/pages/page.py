@@ -157,8 +157,8 @@ def show(cell: Cell) -> str:
   if isinstance(cell, str):
     return cell
   if float(cell) == int(cell) if math.isfinite(float(cell)) else False:
-    return f"{int(cell):d}" if abs(cell) < 1e6 else f"{cell:.4g}"
-  return f"{cell:.4g}".replace("-", "\u2212")
+    return f"{int(cell):d}".replace("-", "\u2212") if abs(cell) < 1e6 else f"{cell:.4g}"
+  return f"{cell:.{0 if 1e4 <= abs(cell) < 1e6 else 4}{'f' if 1e4 <= abs(cell) < 1e6 else 'g'}}".replace("-", "\u2212")
 
 
 def _numeric(cell: Cell) -> bool:

@@ -15,6 +15,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
+_SEEN = 0.4  # m beside the car, within the chase camera's view
 LOOK = Look("chase", 480, 270, fps=15, shadows=False)  # a frame takes a software renderer a twentieth of a second
 
 
@@ -32,7 +33,7 @@ def comparison_film(
     ghosts: what is written in, colour and signals (T, 10) of each translucent car.
 
   Returns:
-    the film as mp4, and a JPEG of the moment at which the first ghost is farthest from the car.
+    the film as mp4, and a JPEG of the moment at which the first ghost is farthest from the car and still seen.
 
   Raises:
     RenderingUnavailable: there is no OpenGL.
@@ -47,7 +48,7 @@ def comparison_film(
     label, colour, ghost = ghosts[0]
     apart = np.hypot(*(ghost[rows, POSITION] - signals[rows, POSITION]).T)
     film.paint_ghost(to_rgba(colour, alpha=0.45))
-    shown = rows[int(np.argmax(apart))]
+    shown = rows[int(np.argmax(np.where(apart <= _SEEN, apart, -apart)))]
     return mp4, _jpeg(film.frame(signals[shown], ghost[shown], label))
   finally:
     film.close()

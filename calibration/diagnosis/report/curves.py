@@ -109,7 +109,7 @@ def _drive_map(twin: Twin, states: Array, steady: _Signals, thetas: Mapping[str,
     f"{motor.channel.replace('_', ' ')}{unit}",
     "speed [m/s]",
     ("drive",),
-    "torque = a u - b omega - friction",
+    "motor torque a u - b omega against the driveline's friction",
     {who: (states[:, 0], s[:, speed]) for who, s in steady.items()},
   )
 
@@ -123,7 +123,7 @@ def _steering_map(twin: Twin, states: Array, steady: _Signals, thetas: Mapping[s
     "commanded angle [°]",
     "angle that fits the turn [°]",
     ("steering",),
-    "arctan(wheelbase · yaw rate / speed)",
+    "wheels follow the command; Ackermann geometry; axles slip; shown is arctan(wheelbase yaw rate / speed)",
     {who: (np.degrees(states[:, 1]), turned(s)) for who, s in steady.items()},
   )
 
@@ -143,6 +143,6 @@ def _axle_curve(twin: Twin, states: Array, steady: _Signals, thetas: Mapping[str
     "slip angle [°]",
     "side force [N]",
     ("tyre", "ground", "body"),
-    "m · l_r / l · speed · yaw rate in a steady turn",
+    "stiffness times slip, bounded by friction times load; shown is m l_r / l speed yaw rate",
     points,
   )

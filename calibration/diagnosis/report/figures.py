@@ -17,6 +17,7 @@ from qcar_twin.pages import Chart, Explorer, Moment, bars, line, ranked
 Array = NDArray[np.float64]
 
 LABELS = {"before": "twin before", "twin": "twin repaired", "nominal": "nominal"}
+_RIVALS = 4  # shown even where they explain nothing
 _POINTS = 3000  # of the line of evidence
 
 
@@ -83,8 +84,8 @@ def ranked_evidence(decision: Decision, most: int = 14) -> Chart:
   """Bars of evidence, best first; claims in the twin's colour, what can't be told from them hatched."""
   claimed = {c.mechanism for c in decision.claims}
   equal = {name for c in decision.claims for name in c.equivalent_to}
-  rows = [(name, nats, "twin" if name in claimed else "nominal", name in equal)
-          for name, nats in decision.ranking[:most]]  # fmt: skip
+  shown = [row for k, row in enumerate(decision.ranking[:most]) if row[1] > 0.0 or k < _RIVALS]
+  rows = [(name, nats, "twin" if name in claimed else "nominal", name in equal) for name, nats in shown]
   caption = "Evidence for each mechanism when it is added alone, best first. Hatched: not to be told from a claim."
   return ranked(caption, rows, "evidence [nats]")
 

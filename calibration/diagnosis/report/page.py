@@ -16,7 +16,7 @@ from calibration.diagnosis.report.document import REPORT, unknown_variables, wri
 from calibration.diagnosis.report.grounds import alarms, drive_next, effort, priors, unseen
 from calibration.diagnosis.search.claims import Claim
 from calibration.diagnosis.unexplained.leftover import PROPERTIES
-from calibration.fitting.observations import CHANNELS, UNITS
+from calibration.fitting.observations import CHANNELS
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages import Cell, Section, Table, write_page
 from qcar_twin.pages.page import Figure, Tone
@@ -76,7 +76,7 @@ def facts(d: Diagnosis) -> list[tuple[str, str]]:
     )
   if d.location.source != "residual" and d.location.channels:
     first, share = next(iter(d.location.channels.items()))
-    rows.append((f"Shows most in ({100 * share:.0f} %)", RESIDUALS[first].words))
+    rows.append(("Shows most in", f"{RESIDUALS[first].words} ({100 * share:.0f} %)"))
   return rows
 
 
@@ -95,11 +95,12 @@ def _where(d: Diagnosis, shown: Demonstration) -> Section:
     "unknown": "Evidence is what the best error without a name explains better than the recalibrated twin does",
     "residual": "Nothing is claimed; what is shown as evidence is where the recalibrated twin errs most",
   }[place.source]
+  region = str(place.region).replace("^2", "²").replace("<=", "≤").replace("_", " ")
   text = (
     f"{meaning}, in nats: 1 nat makes it e times as likely, 10 nats 22 000 times.\n\n"
     + (f"* Part of the car: {place.subsystem}\n" if place.subsystem != "none" else "")
     + f"* Channels: {', '.join(told)}\n"
-    + f"* Circumstances: {place.region} holds {100 * place.region.share:.0f} % of the evidence in"
+    + f"* Circumstances: {region} holds {100 * place.region.share:.0f} % of the evidence in"
     f" {100 * place.region.samples:.0f} % of the driving\n"
   )
   if shown.no_film:
@@ -209,7 +210,7 @@ def effect_on_car(d: Diagnosis, name: str) -> str:
     return ""
   moved = channel_changes(d, model, without)
   top = sorted(moved, key=lambda n: -moved[n][1])[:3]
-  told = ", ".join(f"{n.replace('_', ' ')} by {moved[n][0]:.2g} {UNITS[n]}" for n in top)
+  told = ", ".join(f"{RESIDUALS[n].words} by {moved[n][0]:.2g} {RESIDUALS[n].symbol}" for n in top)
   return f"On these recordings it moves {told} (root mean square)."
 
 
@@ -245,7 +246,7 @@ def _errors(d: Diagnosis) -> Section:
 
 
 def _fit_table(caption: str, fits: Mapping[str, ChannelFit]) -> Table | None:
-  rows = [(name, f.unit, f.before, f.after, f.noise_floor, f.driving_noise,
+  rows = [(RESIDUALS[name].words, RESIDUALS[name].symbol, f.before, f.after, f.noise_floor, f.driving_noise,
            100 * (f.after / f.before - 1.0) if f.before else 0.0,
            f"{100 * f.ci95[0]:+.1f} to {100 * f.ci95[1]:+.1f}") for name, f in fits.items()]  # fmt: skip
   columns = (

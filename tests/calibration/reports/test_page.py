@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 import pytest
+from calibration.reports.page import show
 
 from calibration.reports import Picture, Section, Table, picture, write_page
-from calibration.reports.page import show
 from qcar_twin import plotting
 
 
