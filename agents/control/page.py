@@ -22,14 +22,15 @@ def write_tracking(folder: File, label: str, drive: Drive, indicators: Kpis, sen
     label: controller and version.
     sentence: the indicators in one line.
   """
-  parts = [_drives(drive), _errors(label, drive), _indicators(indicators)]
+  parts = [drive_section(drive), _errors(label, drive), _indicators(indicators)]
   return write_page(
     folder / "report.html", f"{label} on path {drive.path.name}", f"{sentence}.", parts,
     "Medians over the runs. ME: largest cross-track error; RMSE: its root mean square; IACA: mean absolute steering.",
   )  # fmt: skip
 
 
-def _drives(drive: Drive) -> Section:
+def drive_section(drive: Drive) -> Section:
+  """Every run: channels beside the map, the moments of the largest errors."""
   runs, moments = [], []
   for car in range(drive.signals.shape[1]):
     name, until = f"run {car + 1}", drive.under_way[:, car]
