@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from qcar_twin.pages.charts import packed
 
 Array = NDArray[np.float64]
-ROOM = 200_000  # numbers of an explorer's channels at most: a megabyte of the page
+ROOM = 200_000  # numbers of an explorer's channels, about: a megabyte of the page
+_FEW = 300  # samples of a line that is never thinned
 SPOTS = 4_000  # places on a map at most
 
 
@@ -91,7 +92,7 @@ class Explorer:
     level: what the map is coloured by, with its unit; "" for one colour.
     shade: what is shaded.
     guides: lines drawn on the map: x, y, name.
-    room: numbers of channels kept at most.
+    room: numbers of channels that are kept, about.
   """
 
   caption: str
@@ -109,11 +110,18 @@ class Explorer:
     return max(1, -(-total // self.room))
 
   @property
+  def comparable(self) -> bool:
+    """Whether errors can be shown: something was measured on the clock of something else."""
+    panels = [panel for run in self.runs for panel in run.panels]
+    measured = [(ln, panel) for panel in panels for ln in panel.lines if ln.who == "measured"]
+    return any(other.time is ln.time for ln, panel in measured for other in panel.lines if other is not ln)
+
+  @property
   def told(self) -> str:
     """The caption with what a reader must know of the thinning."""
     if self.stride == 1:
       return self.caption
-    return f"{self.caption} Drawn is {ordinal(self.stride)} sample; figures and tables use all."
+    return f"{self.caption} Drawn is {ordinal(self.stride)} sample of long lines; tables use all."
 
   def data(self) -> dict[str, Any]:
     """What the page's script draws."""
@@ -125,6 +133,7 @@ class Explorer:
       "runs": [_run(r, self.stride, apart) for r in self.runs],
       "moments": [{"run": names.index(m.run), "start": m.start, "end": m.end, "text": m.text}
                   for m in self.moments if m.run in names],
+      "comparable": self.comparable,
       "level": self.level,
       "shade": self.shade,
       "guides": [{"x": packed(x), "y": packed(y), "name": name} for x, y, name in self.guides],
@@ -157,7 +166,9 @@ def _run(run: Run, stride: int, apart: int) -> dict[str, Any]:
 
 
 def _kept(item: Line, stride: int) -> NDArray[np.int64]:
-  """Every so many samples of a line, and all that make its gaps."""
+  """Every so many samples of a line, and all that make its gaps; all of a line of few."""
+  if len(item.value) <= _FEW:
+    return np.arange(len(item.value))
   regular = np.arange(len(item.value)) % stride == 0
   return np.flatnonzero(regular | (np.isnan(item.time) & (stride > 1)))
 

@@ -93,7 +93,7 @@ class Explorer {
     this.span = null;  // seconds shown
     this.at = null;  // second marked
     for (const run of data.runs) this.unpack(run);
-    this.comparable = data.runs.some(run => run.panels.some(panel => this.reference(panel)));
+    this.comparable = data.comparable;
     this.build();
   }
 

@@ -57,7 +57,10 @@ def test_the_page_shows_bands_about_what_was_measured_and_when_it_is_not_valid(t
   run = explorer.runs[0]
   assert [p.title.split(" [")[0] for p in run.panels] == ["x", "y", "yaw", "speed", "sideslip", "yaw rate"]
   measured, estimate = run.panels[3].lines
-  assert (measured.who, measured.dots) == ("measured", True) and measured.value.max() < 5.0  # m/s, not the motor's rad/s
+  assert (measured.who, measured.dots) == (
+    "measured",
+    True,
+  ) and measured.value.max() < 5.0  # m/s
   known = np.isfinite(estimate.spread)
   np.testing.assert_allclose(estimate.spread[known], 2.0 * estimates.std["speed"][known])
   silent = np.flatnonzero(~estimates.valid)
