@@ -59,6 +59,7 @@ def _confusion(results: Sequence[Result]) -> Section:
     truths,
     np.where(table > 0, table, np.nan),
     ("first claim", "truth", "sessions"),
+    (0.0, float(table.max(initial=1))),
   )
   return Section("What was taken for what", "", figures=[chart])
 

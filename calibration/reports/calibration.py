@@ -11,9 +11,10 @@ from calibration.calibrating.calibration import Calibration, ChannelError
 from calibration.fitting.residual_channels import RESIDUALS
 from calibration.identification.identification import Identification
 from calibration.identification.match_bicycle import PARTS, Answer
+from calibration.reports.drives import runs_of
 from qcar_twin.atomic_io import write_json
 from qcar_twin.bicycle.bicycle import PARAMETERS
-from qcar_twin.pages import Chart, Section, Table, line, panels, write_page
+from qcar_twin.pages import Chart, Explorer, Section, Table, line, panels, write_page
 from qcar_twin.twin.file import save_twin
 
 _PANELS = 4
@@ -149,7 +150,23 @@ def _recordings(calibration: Calibration) -> Section:
   )
   if calibration.command_shift:
     text += f" Commands act {calibration.command_shift} control periods of 10 ms later than logged."
-  return Section("Errors on recordings", text, tables)
+  return Section("Errors on recordings", text, tables, _explorer(calibration))
+
+
+def _explorer(calibration: Calibration) -> list[Explorer]:
+  if calibration.replay is None:
+    return []
+  before, after = calibration.replay.predicted
+  noise = {c: e.noise_floor for items in calibration.errors.values() for c, e in items.items()}
+  roles = {r.name: r.role for r in calibration.dataset.recordings}
+  labels = {"before": "twin before", "twin": "twin calibrated"}
+  runs = runs_of(calibration.replay.observations, {"before": before, "twin": after}, labels, noise, notes=roles)
+  runs.sort(key=lambda run: (run.note != "validate", -run.seconds))
+  caption = (
+    "What was measured, and what the twin makes of the same commands. Lines break where the simulation starts anew from"
+    " the measurement."
+  )
+  return [Explorer(caption, runs)]
 
 
 def _parameters(calibration: Calibration) -> Section:

@@ -164,7 +164,9 @@ def _ovals(result: CrossValidation) -> Section:
 def _runs(result: CrossValidation) -> Section:
   free = result.replays[-1]
   notes = {r.name: r.manoeuvre for r in result.dataset.recordings}
-  runs = runs_of(free.observations, free.predicted, noise=result.noise, channels=_DRAWN, notes=notes)
+  predicted = {m: free.predicted[m] for m in reversed(result.models)}  # the twin on top
+  runs = runs_of(free.observations, predicted, noise=result.noise, channels=_DRAWN, notes=notes)
+  runs.sort(key=lambda run: -run.seconds)
   caption = f"Measured values beside what the models make of the same commands: {free.name}."
   return Section("Runs", "", figures=[Explorer(caption, runs)])
 

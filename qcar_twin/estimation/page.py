@@ -46,6 +46,7 @@ def write_estimation(
 def sections(filtered: Sequence[tuple[Recording, Estimates]], rolling_radius: float) -> list[Section]:
   """Everything the page shows, in reading order."""
   runs = [_run(recording, estimates, rolling_radius) for recording, estimates in filtered]
+  runs.sort(key=lambda run: -run.seconds)
   invalid = [Moment(r.name, a, b, f"{r.name}: not valid, {a:.1f} to {b:.1f} s") for r in runs for a, b in r.shaded]
   caption = (
     f"Estimates with a band of {_SIGMAS:g} standard deviations over what was measured. Shaded: the estimate says that"

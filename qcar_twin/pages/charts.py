@@ -196,7 +196,7 @@ def panels(
   """
   columns = min(columns, max(len(parts), 1))
   rows = -(-len(parts) // columns)
-  layout: dict[str, Any] = {"grid": {"rows": rows, "columns": columns, "pattern": "independent", "ygap": 0.42,
+  layout: dict[str, Any] = {"grid": {"rows": rows, "columns": columns, "pattern": "independent", "ygap": 0.36,
                                      "xgap": 0.16}, "annotations": [], "margin": {"l": 56, "r": 16, "t": 64, "b": 44},
                             "legend": {"orientation": "h", "x": 0, "xanchor": "left", "yref": "container", "y": 0.995,
                                        "yanchor": "top"}}  # fmt: skip

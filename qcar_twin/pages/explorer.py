@@ -73,6 +73,13 @@ class Run:
   note: str = ""
   shaded: Sequence[tuple[float, float]] = ()
 
+  @property
+  def seconds(self) -> float:
+    """From the first sample of any line to the last."""
+    times = [ln.time[np.isfinite(ln.time)] for panel in self.panels for ln in panel.lines]
+    known = np.concatenate([t for t in times if len(t)] or [np.zeros(1)])
+    return float(np.ptp(known))
+
 
 @dataclasses.dataclass(frozen=True)
 class Moment:
