@@ -135,6 +135,13 @@ class Explorer {
     plots.push({draw: () => this.draw()});
   }
 
+  // The title of a panel in lines short enough for its height.
+  heading(panel) {
+    const [name, unit] = panel.title.split(" [");
+    const short = name.length > 16 ? name.replace(/ (?=[^ ]*$)/, "<br>") : name;
+    return unit ? `${short}<br>[${unit}` : short;
+  }
+
   reference(panel) {
     return panel.lines.length > 1 && panel.lines.find(line => line.who === "measured");
   }
@@ -151,9 +158,19 @@ class Explorer {
   jump(run, time, span) {
     this.run = run;
     this.at = span ? null : time;
-    this.span = span || [time - 2, time + 2];
+    this.span = span || this.around(time);
     this.choice.value = run;
     return this.draw();
+  }
+
+  // Four seconds about a time, within the current run.
+  around(time) {
+    const ends = this.data.runs[this.run].panels.flatMap(panel => panel.lines).flatMap(line => {
+      const known = line.t.filter(Number.isFinite);
+      return known.length ? [known[0], known[known.length - 1]] : [];
+    });
+    const low = Math.max(Math.min(...ends), Math.min(time - 2, Math.max(...ends) - 4));
+    return [low, low + 4];
   }
 
   look(span) {
@@ -199,7 +216,7 @@ class Explorer {
       const top = 1 - i * (height + gap), mark = i ? String(i + 1) : "";
       const reference = this.errors && this.reference(panel);
       layout[`yaxis${mark}`] = {domain: [Math.max(0, top - height), top], autorange: true,
-        title: {text: (reference ? "error of " : "") + panel.title.replace(" [", "<br>["), font: {size: 11}}};
+        title: {text: (reference ? "error of<br>" : "") + this.heading(panel), font: {size: 10.5}}};
       for (const line of panel.lines) this.addLine(traces, named, line, reference, mark);
       if (reference && panel.noise > 0) {
         shapes.push({type: "rect", xref: "paper", x0: 0, x1: 1, yref: `y${mark}`, y0: -panel.noise, y1: panel.noise,
