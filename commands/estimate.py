@@ -87,7 +87,7 @@ def main(config: Config) -> None:
   chosen = [r for r in dataset.recordings if r.name in wanted]
   if not chosen:
     raise ValueError(f"nothing to estimate with a pose; there are {', '.join(r.name for r in dataset.recordings)}")
-  lateness = dict.fromkeys(ONBOARD, config.onboard_lateness)
+  lateness: dict[str, float] = dict.fromkeys(ONBOARD, config.onboard_lateness)
   if config.fit_noise:
     training = [r for r in dataset.role("identify") if "pose_x" in r.streams]
     settings = fit_noise(training, bicycle.car(theta), settings, lateness)

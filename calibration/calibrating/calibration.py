@@ -203,10 +203,9 @@ def calibrate(
   fine = Twin(vehicle, twin.mechanisms, substeps=FINE, threads=threads)
   answers = _answers(fine, theta, identification) if identification else ()
   replay = _replay(fine, theta, dataset, found["command_shift"], quick) if against == "recordings" else None
-  errors = _errors(replay, dataset) if replay else {}
   notes = (*told, *dataset.warnings, *said, *found["notes"], *_judged(estimates))
-  return Calibration(dataset, against, fine, theta, estimates, identification, missing, answers, errors,
-                     found["command_shift"], notes, time.perf_counter() - began, replay)  # fmt: skip
+  return Calibration(dataset, against, fine, theta, estimates, identification, missing, answers,
+    _errors(replay, dataset) if replay else {}, found["command_shift"], notes, time.perf_counter() - began, replay)  # fmt: skip
 
 
 def _identified(dataset: DataSet, steady_state: SteadyState, vehicle: Vehicle) -> tuple[Identification | None, str]:
@@ -326,8 +325,8 @@ def _errors(replay: Replay, dataset: DataSet) -> dict[str, dict[str, ChannelErro
       rows = (roles == role) & observations.select(channel)
       if rows.any():
         before, after = np.sqrt(np.mean(np.square(wrong[:, rows]), axis=1)).tolist()
-        noise = floor.get(channel, float("nan"))
-        errors.setdefault(role, {})[channel] = ChannelError(before, after, noise, UNITS[channel])
+        found = ChannelError(before, after, floor.get(channel, float("nan")), UNITS[channel])
+        errors.setdefault(role, {})[channel] = found
   return errors
 
 

@@ -66,9 +66,8 @@ def _confusion(results: Sequence[Result]) -> Section:
 
 def _probabilities(results: Sequence[Result]) -> Section:
   rows = [(f"{low:g} to {high:g}", count, stated, right) for low, high, count, stated, right in reliability(results)]
-  known = [row for row in rows if row[1]]
-  nan = float("nan")
-  values = {who: [nan if r[k] is None else r[k] for r in known] for who, k in (("before", 2), ("twin", 3))}
+  known = [(name, stated or 0.0, right or 0.0) for name, count, stated, right in rows if count]
+  values = {"before": [stated for _, stated, _ in known], "twin": [right for *_, right in known]}
   labels = {"before": "stated", "twin": "share right"}
   chart = bars(
     "Claims by the probability that was stated.", [r[0] for r in known], values, "probability", labels=labels

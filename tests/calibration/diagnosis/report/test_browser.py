@@ -174,7 +174,7 @@ def test_keys_step_through_moments_errors_and_sections(opened):
   press(opened, "0")
   wait(opened, "return reportExplorers[0].span === null")
   press(opened, "e")
-  wait(opened, "return reportExplorers[0].channels._fullLayout.yaxis3.title.text.startsWith('error of ')")
+  wait(opened, "return reportExplorers[0].channels._fullLayout.yaxis3.title.text.startsWith('error of')")
   names = opened.execute_script("return reportExplorers[0].channels.data.map(t => t.name)")
   assert "measured" not in names and {"twin before", "twin repaired"} <= set(names)
   press(opened, "j")
