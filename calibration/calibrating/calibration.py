@@ -205,7 +205,7 @@ def calibrate(
   replay = _replay(fine, theta, dataset, found["command_shift"], quick) if against == "recordings" else None
   notes = (*told, *dataset.warnings, *said, *found["notes"], *_judged(estimates))
   return Calibration(dataset, against, fine, theta, estimates, identification, missing, answers,
-    _errors(replay, dataset) if replay else {}, found["command_shift"], notes, time.perf_counter() - began, replay)  # fmt: skip
+    _errors(replay, dataset), found["command_shift"], notes, time.perf_counter() - began, replay)  # fmt: skip
 
 
 def _identified(dataset: DataSet, steady_state: SteadyState, vehicle: Vehicle) -> tuple[Identification | None, str]:
@@ -313,20 +313,21 @@ def _replay(twin: Twin, theta: Array, dataset: DataSet, command_shift: int, quic
   return Replay(observations, observations.predict(twin.rollout(both, observations.stretches.segments)))
 
 
-def _errors(replay: Replay, dataset: DataSet) -> dict[str, dict[str, ChannelError]]:
+def _errors(replay: Replay | None, dataset: DataSet) -> dict[str, dict[str, ChannelError]]:
   """Errors of the uncalibrated and the calibrated twin by role and channel."""
+  if replay is None:
+    return {}
   recordings, observations = _open_recordings(dataset), replay.observations
   floor = sensor_floor(noise_passport(recordings))
-  wrong = replay.predicted - observations.measured
   roles = np.array([r.role for r in recordings])[observations.recording]
   errors: dict[str, dict[str, ChannelError]] = {}
   for role in ("identify", "validate"):
     for channel in observations.present:
       rows = (roles == role) & observations.select(channel)
       if rows.any():
-        before, after = np.sqrt(np.mean(np.square(wrong[:, rows]), axis=1)).tolist()
-        found = ChannelError(before, after, floor.get(channel, float("nan")), UNITS[channel])
-        errors.setdefault(role, {})[channel] = found
+        wrong, noise = replay.predicted[:, rows] - observations.measured[rows], floor.get(channel, float("nan"))
+        before, after = np.sqrt(np.mean(np.square(wrong), axis=1)).tolist()
+        errors.setdefault(role, {})[channel] = ChannelError(before, after, noise, UNITS[channel])
   return errors
 
 
