@@ -15,6 +15,7 @@ from tqdm import tqdm
 from calibration.campaign.archive import pack, unpack
 from calibration.campaign.cases import draw_cases, draw_second_cases, draw_wild_cases
 from calibration.campaign.page import campaign_page
+from calibration.campaign.report import write_campaign
 from calibration.campaign.run import run_case
 from calibration.campaign.score import score_table
 from qcar_twin.atomic_io import write_text
@@ -28,7 +29,7 @@ class Config:
   """Make, diagnose and score sessions of the independent car."""
 
   out: Path
-  """Folder for the answers; those that are there are kept."""
+  """Folder for the answers and report.html; answers that are there are kept."""
   seed: int = 1
   """Decides every case."""
   nulls: int = 30
@@ -81,10 +82,11 @@ def main(config: Config) -> str:
   write_text(config.out / "score.md", table)
   if config.archive:
     pack(config.out, config.archive)
+  usual, options = Config(config.out), ("car", "nulls", "singles", "pairs", "outside", "wild", "design")
+  other = [f" --{n} {getattr(config, n)}" for n in options if getattr(config, n) != getattr(usual, n)]
+  command = f"qcar-twin campaign --out out/{config.out.name} --seed {config.seed}{''.join(other)}"
+  report = write_campaign(config.out, results, len(cases), command)
   if config.page:
-    usual, options = Config(config.out), ("car", "nulls", "singles", "pairs", "outside", "wild", "design")
-    other = [f" --{n} {getattr(config, n)}" for n in options if getattr(config, n) != getattr(usual, n)]
-    command = f"qcar-twin campaign --out out/{config.out.name} --seed {config.seed}{''.join(other)}"
     write_text(config.page, campaign_page(results, len(cases), command, config.page.with_suffix(".png")))
-  print(table)
+  print(f"{table}report: {report}")
   return table

@@ -1,6 +1,6 @@
 """Run the federated filter over the recordings of a data set.
 
-Writes estimates with standard deviations, figures and summary.json.
+Writes estimates with standard deviations as CSV, report.html and summary.json.
 
 qcar-twin estimate --dataset DIR --out OUT [--noise-from standstill] [--fit-noise]
 """
@@ -17,6 +17,7 @@ from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.estimation.noise_fit import fit_noise
 from qcar_twin.estimation.offline import filter_recording
 from qcar_twin.estimation.output import write_estimates
+from qcar_twin.estimation.page import write_estimation
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.dataset import DataSet
@@ -33,7 +34,7 @@ class Config:
   dataset: Path
   """folder with dataset.toml"""
   out: Path
-  """folder for estimates, figures and summary.json"""
+  """folder for estimates, report.html and summary.json"""
   recordings: tuple[str, ...] = ()
   """names; all that hold a pose without it"""
   identified: Path | None = None
@@ -86,14 +87,14 @@ def main(config: Config) -> None:
   chosen = [r for r in dataset.recordings if r.name in wanted]
   if not chosen:
     raise ValueError(f"nothing to estimate with a pose; there are {', '.join(r.name for r in dataset.recordings)}")
-  config.out.mkdir(parents=True, exist_ok=True)
   lateness: dict[str, float] = dict.fromkeys(ONBOARD, config.onboard_lateness)
   if config.fit_noise:
     training = [r for r in dataset.role("identify") if "pose_x" in r.streams]
     settings = fit_noise(training, bicycle.car(theta), settings, lateness)
-  summary = {}
+  summary, filtered = {}, []
   for recording in chosen[: 1 if config.quick else None]:
-    estimates = filter_recording(recording, bicycle.car(theta), settings, lateness)
-    summary[recording.name] = write_estimates(config.out, recording, estimates, radius)
-    print(f"{recording.name}: valid {100.0 * estimates.valid.mean():.1f} % of {recording.duration:.1f} s")
+    filtered.append((recording, filter_recording(recording, bicycle.car(theta), settings, lateness)))
+    summary[recording.name] = write_estimates(config.out, *filtered[-1])
+    print(f"{recording.name}: valid {100.0 * filtered[-1][1].valid.mean():.1f} % of {recording.duration:.1f} s")
   write_json(config.out / "summary.json", summary)
+  print(f"report: {write_estimation(config.out, filtered, radius, dataset.name)}")

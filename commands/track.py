@@ -1,4 +1,4 @@
-"""Follow a path in closed loop and report ME, RMSE and IACA with traces and figures.
+"""Follow a path in closed loop and report ME, RMSE and IACA with traces and a page.
 
 qcar-twin track --path infinity --controller lq_cm --estimator fekf --plant twin --out OUT
 """
@@ -29,7 +29,7 @@ class Config:
   """One controller on one path."""
 
   out: Path
-  """folder for kpis.json, traces.csv and figures"""
+  """folder for kpis.json, traces.csv and report.html"""
   path: str = "infinity"
   """s, o, infinity or c"""
   controller: str = "lq_cm"
@@ -87,6 +87,6 @@ def run(config: Config) -> tuple[Drive, Kpis]:
 
 
 def main(config: Config) -> None:
-  """Write kpis.json, traces.csv and the figures, and print the indicators."""
+  """Write kpis.json, traces.csv and report.html, and print the indicators."""
   result, found = run(config)
   print(write_drive(config.out, f"{config.controller} {config.version}", result, found, dataclasses.asdict(config)))

@@ -15,7 +15,7 @@ from qcar_twin.atomic_io import whole_file
 MEASURED = "#000000"
 TWIN = "#1f6fb4"
 BICYCLE = "#e07b1a"
-BEFORE = "#9a9a9a"
+BEFORE = "#c8553d"
 NOISE = "#dedede"  # shaded
 EVIDENCE = "#f3d9a4"  # background of the seconds that carry evidence
 RULE = "#d5d5d5"  # thin lines between recordings
@@ -35,6 +35,26 @@ CONTESTANTS = {  # controllers by the first part of their label, variants of the
   "recalibrated": "#8c564b",
   "repaired": "#e377c2",
 }
+PALETTE = {  # of interactive pages, by name: on light, on dark
+  "ink": ("#1a1a1a", "#e9e9e6"),
+  "paper": ("#ffffff", "#16181b"),
+  "soft": ("#5b5b5b", "#a9abad"),
+  "note": (NOTE, "#8f9296"),
+  "rule": ("#dcdcdc", "#3a3d42"),
+  "grid": ("#e8e8e8", "#2c2f34"),
+  "raised": ("#f4f7fa", "#1f2329"),
+  "measured": (MEASURED, "#f4f4f0"),
+  "twin": (TWIN, "#5fb0f2"),
+  "bicycle": (BICYCLE, "#ffa856"),
+  "before": (BEFORE, "#ff8a70"),
+  "nominal": ("#8a8a8a", "#8f9296"),
+  "noise": (NOISE, "#3a3d42"),
+  "evidence": (EVIDENCE, "#5a4a24"),
+  "good": ("#2e7d4f", "#5cc98a"),
+  "partly": ("#b7791f", "#e8b04a"),
+  "bad": ("#b3261e", "#ff8a80"),
+}
+HEAT = (("#e6e3da", "#f2b45c", "#b30019"), ("#3b3f45", "#c77a22", "#ffe08a"))  # little to much: on light, on dark
 COLOURS = {"measured": MEASURED, "twin": TWIN, "bicycle": BICYCLE, "before": BEFORE, "noise floor": NOISE}
 
 _RC: dict[Any, Any] = {

@@ -160,7 +160,13 @@ def test_the_proving_ground_never_loads_the_twin():
 def test_the_second_car_never_loads_the_twin_or_the_first():
   loaded = really_loaded("import calibration.second_car, calibration.second_car.session")
   own = {name for name in loaded if name.split(".")[0] in PACKAGES}
-  files = ("qcar_twin.recordings", "qcar_twin.atomic_io", "qcar_twin.untrusted", "calibration.laboratory", "calibration.second_car")
+  files = (
+    "qcar_twin.recordings",
+    "qcar_twin.atomic_io",
+    "qcar_twin.untrusted",
+    "calibration.laboratory",
+    "calibration.second_car",
+  )
   assert not {name for name in own - {"qcar_twin", "calibration"} if not name.startswith(files)}
   assert not {"mujoco", "torch", "sklearn"} & loaded
 

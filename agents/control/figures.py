@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 
 from agents.control.closed_loop import Drive
 from qcar_twin.paths import CAR_LENGTH, CAR_WIDTH, Path
-from qcar_twin.plant import POSE, POSITION, STEERING, VELOCITY, VOLTAGE
-from qcar_twin.plotting import PATH, TWIN, contestant_colour, house, new_figure, save
+from qcar_twin.plant import POSE, POSITION
+from qcar_twin.plotting import PATH, contestant_colour, house, new_figure, save
 
 LINES = {"loose": "--", "tuned": "-"}
 
@@ -82,25 +82,4 @@ def indicator_figure(table: Mapping[str, Mapping[str, Sequence[float]]], file: F
     axes.set_xticks(np.arange(len(table)) + 0.35, list(table))
     axes.set_title(title)
   parts[0].legend(fontsize=6)
-  save(figure, file)
-
-
-@house()
-def trace_figure(drive: Drive, file: File, car: int = 0) -> None:
-  """Speed, steering, voltage and the error of the estimated position of one car over time."""
-  figure, parts = new_figure(4, 1, width=9.0, row_height=1.9, share_x=True)
-  time, until = drive.time, drive.under_way[:, car]
-  series = (
-    ("speed [m/s]", np.hypot(*drive.signals[:, car, VELOCITY].T)),
-    ("steering command [deg]", np.degrees(drive.commands[:, car, STEERING])),
-    ("motor voltage [V]", drive.commands[:, car, VOLTAGE]),
-    (
-      "error of estimated position [mm]",
-      1e3 * np.hypot(*(drive.pose[:, car, POSITION] - drive.signals[:, car, POSITION]).T),
-    ),
-  )
-  for axes, (label, values) in zip(parts[:, 0], series, strict=True):
-    axes.plot(time[until], values[until], color=TWIN, lw=0.9)
-    axes.set_ylabel(label, fontsize=8)
-  parts[-1, 0].set_xlabel("time [s]")
   save(figure, file)

@@ -1,4 +1,4 @@
-"""What a tracking run leaves behind: kpis.json, traces.csv, figures."""
+"""What a tracking run leaves behind: kpis.json, traces.csv, report.html."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.control import figures
 from agents.control.closed_loop import Drive
 from agents.control.kpis import Kpis
+from agents.control.page import write_tracking
 from qcar_twin.atomic_io import write_json, write_text
 from qcar_twin.plant import COMMANDS, SIGNALS
 
@@ -17,18 +17,16 @@ def write_drive(folder: Path, label: str, drive: Drive, indicators: Kpis, config
   """Write a drive into a folder; returns the indicators in one line.
 
   Args:
-    label: controller and version, as in the figures.
+    label: controller and version.
     config: what was asked for; kept beside the indicators.
   """
   folder.mkdir(parents=True, exist_ok=True)
-  figures.tracking_figure({label: drive}, folder / "tracking.png")
-  figures.trace_figure(drive, folder / "traces.png")
-  if drive.path.lanes:
-    figures.lane_change_figure({label: drive}, folder / "lane_change.png")
   rows = {f.name: np.asarray(getattr(indicators, f.name)) for f in dataclasses.fields(indicators)}
   write_json(folder / "kpis.json", {"config": config, "kpis": rows})
   write_traces(folder / "traces.csv", drive)
-  return indicator_line(label, drive, indicators)
+  told = indicator_line(label, drive, indicators)
+  write_tracking(folder, label, drive, indicators, told)
+  return told
 
 
 def write_traces(file: Path, drive: Drive, car: int = 0) -> None:

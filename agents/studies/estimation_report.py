@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from agents.control.interface import Controller
 from agents.control.model import Model
+from agents.studies import estimation_figures as draw
 from agents.studies.estimation_study import (
   SIDESLIP,
   Oval,
@@ -26,7 +27,6 @@ from agents.studies.estimation_study import (
 )
 from qcar_twin import markdown
 from qcar_twin.bicycle.single_track import SingleTrackCar
-from qcar_twin.estimation import figures as draw
 from qcar_twin.estimation.batch import FederatedBatch
 from qcar_twin.estimation.federated import FederatedFilter
 from qcar_twin.estimation.noise_fit import fit_noise

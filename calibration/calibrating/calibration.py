@@ -23,7 +23,7 @@ from calibration.calibrating.stage_cache import Stages, fingerprint
 from calibration.fitting.dataset_recalibration import LONGEST, command_shifts, recalibrate_dataset
 from calibration.fitting.noise import noise_passport
 from calibration.fitting.noise_floor import sensor_floor
-from calibration.fitting.observations import UNITS, observe
+from calibration.fitting.observations import UNITS, Observations, observe
 from calibration.fitting.optimiser import Fit, finite_differences, with_jacobian
 from calibration.fitting.recalibration import RecalibratedTwin
 from calibration.fitting.static_friction import split_standing
@@ -88,6 +88,14 @@ class ChannelError:
   unit: str
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Replay:
+  """What was measured, and predicted before and after calibration, (2, M), in the channels' units."""
+
+  observations: Observations
+  predicted: Array
+
+
 @dataclasses.dataclass(frozen=True)
 class Calibration:
   """A calibrated twin.
@@ -100,6 +108,7 @@ class Calibration:
     errors: role -> channel -> error on the stretches of recordings that were used; empty against "identified".
     command_shift: control periods by which commands act later than logged.
     notes: what a reader must know.
+    replay: the recordings that were used with what the twin made of them; None against "identified".
   """
 
   dataset: DataSet
@@ -114,6 +123,7 @@ class Calibration:
   command_shift: int
   notes: tuple[str, ...]
   seconds: float
+  replay: Replay | None = None
 
   def step_percent(self, part: str, role: str | None = None) -> float:
     """Mean difference from the bicycle on steps, per cent: part "longitudinal", "lateral" or "yaw_rate"."""
@@ -192,10 +202,10 @@ def calibrate(
   progress("comparison")
   fine = Twin(vehicle, twin.mechanisms, substeps=FINE, threads=threads)
   answers = _answers(fine, theta, identification) if identification else ()
-  errors = _errors(fine, theta, dataset, found["command_shift"], quick) if against == "recordings" else {}
+  replay = _replay(fine, theta, dataset, found["command_shift"], quick) if against == "recordings" else None
   notes = (*told, *dataset.warnings, *said, *found["notes"], *_judged(estimates))
-  return Calibration(dataset, against, fine, theta, estimates, identification, missing, answers, errors,
-                     found["command_shift"], notes, time.perf_counter() - began)  # fmt: skip
+  return Calibration(dataset, against, fine, theta, estimates, identification, missing, answers,
+    _errors(replay, dataset), found["command_shift"], notes, time.perf_counter() - began, replay)  # fmt: skip
 
 
 def _identified(dataset: DataSet, steady_state: SteadyState, vehicle: Vehicle) -> tuple[Identification | None, str]:
@@ -260,10 +270,6 @@ def _open_recordings(dataset: DataSet) -> list[Recording]:
   return [r for r in dataset.recordings if r.role != "holdout"]
 
 
-def _cut(quick: bool, command_shift: int) -> Cut:
-  return Cut(most=QUICK if quick else LONGEST, command_shift=command_shift)
-
-
 def _table(found: Fit, every: ParameterSet, reason: str) -> dict[str, dict[str, Any]]:
   """Estimates of all parameters; what no residual shows goes back to its prior."""
   force = np.sqrt(np.sum(np.square(found.jacobian), axis=0)) * found.parameters.std
@@ -299,23 +305,28 @@ def _answers(twin: Twin, theta: Array, identification: Identification) -> tuple[
   return StepComparison(twin, bicycle, values, *levels_of(identification)).answers(theta, values)
 
 
-def _errors(
-  twin: Twin, theta: Array, dataset: DataSet, command_shift: int, quick: bool
-) -> dict[str, dict[str, ChannelError]]:
-  """Errors of the uncalibrated and the calibrated twin by role and channel."""
-  recordings = _open_recordings(dataset)
-  floor = sensor_floor(noise_passport(recordings))
-  observations = observe(recordings, twin.vehicle, _cut(quick, command_shift))
+def _replay(twin: Twin, theta: Array, dataset: DataSet, command_shift: int, quick: bool) -> Replay:
+  """The uncalibrated and the calibrated twin on every recording but those held out."""
+  cut = Cut(most=QUICK if quick else LONGEST, command_shift=command_shift)
+  observations = observe(_open_recordings(dataset), twin.vehicle, cut)
   both = np.stack([twin.parameters.nominal, theta])
-  wrong = observations.predict(twin.rollout(both, observations.stretches.segments)) - observations.measured
+  return Replay(observations, observations.predict(twin.rollout(both, observations.stretches.segments)))
+
+
+def _errors(replay: Replay | None, dataset: DataSet) -> dict[str, dict[str, ChannelError]]:
+  """Errors of the uncalibrated and the calibrated twin by role and channel."""
+  if replay is None:
+    return {}
+  recordings, observations = _open_recordings(dataset), replay.observations
+  floor = sensor_floor(noise_passport(recordings))
   roles = np.array([r.role for r in recordings])[observations.recording]
   errors: dict[str, dict[str, ChannelError]] = {}
   for role in ("identify", "validate"):
     for channel in observations.present:
       rows = (roles == role) & observations.select(channel)
       if rows.any():
-        before, after = np.sqrt(np.mean(np.square(wrong[:, rows]), axis=1)).tolist()
-        noise = floor.get(channel, float("nan"))
+        wrong, noise = replay.predicted[:, rows] - observations.measured[rows], floor.get(channel, float("nan"))
+        before, after = np.sqrt(np.mean(np.square(wrong), axis=1)).tolist()
         errors.setdefault(role, {})[channel] = ChannelError(before, after, noise, UNITS[channel])
   return errors
 

@@ -140,7 +140,7 @@ def score_table(results: Sequence[Result]) -> str:
     (f"{low:g} to {high:g}", str(count), *("-" if v is None else f"{v:.2f}" for v in (stated, right)))
     for low, high, count, stated, right in reliability(results)
   ]
-  cases = [_case_row(r) for r in sorted(results, key=lambda r: r["case"]["name"])]
+  cases = [case_row(r) for r in sorted(results, key=lambda r: r["case"]["name"])]
   tables = (
     markdown.table(("figure", "value"), figures),
     markdown.table(("method", "nulls with a claim", "right name", "wrong name", "hold-out error, median"), methods),
@@ -154,7 +154,8 @@ def _shown(value: float | int | None) -> str:
   return "-" if value is None else (str(value) if isinstance(value, int) else f"{value:.3f}")
 
 
-def _case_row(result: Result) -> tuple[str, ...]:
+def case_row(result: Result) -> tuple[str, ...]:
+  """Name, seed, truth, verdict, claims, and the first three of the ranking."""
   case, answer = result["case"], result["answer"]
   truth = ", ".join(f"{i} x {s:.2g}" for i, s in case["effects"]) or "nothing"
   claims = ", ".join(f"{c['mechanism']} ({c['probability']:.2f})" for c in answer["claims"]) or "-"

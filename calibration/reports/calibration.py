@@ -6,16 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from calibration.calibrating.calibration import Calibration, ChannelError
 from calibration.fitting.residual_channels import RESIDUALS
 from calibration.identification.identification import Identification
 from calibration.identification.match_bicycle import PARTS, Answer
-from calibration.reports.page import Picture, Section, Table, picture, write_page
+from calibration.reports.drives import runs_of
 from qcar_twin.atomic_io import write_json
 from qcar_twin.bicycle.bicycle import PARAMETERS
-from qcar_twin.plotting import draw, house, new_figure
+from qcar_twin.pages import Chart, Explorer, Section, Table, line, panels, write_page
 from qcar_twin.twin.file import save_twin
 
 _PANELS = 4
@@ -106,42 +105,34 @@ def _steps(calibration: Calibration) -> Section:
     text += " The twin was fitted to the recordings, not to these steps: the difference is what the bicycle lacks."
   table = Table("Difference of twin and bicycle, RMSE in per cent of the steady value, mean over steps",
                 ("part", "steps that were identified with", "validation steps"), rows)  # fmt: skip
-  return Section("Step responses", text, [table], _step_pictures(calibration.answers))
+  return Section("Step responses", text, [table], _step_charts(calibration.answers))
 
 
-def _step_pictures(answers: Sequence[Answer]) -> list[Picture]:
+def _step_charts(answers: Sequence[Answer]) -> list[Chart]:
   captions = {
-    "motor_speed": "Voltage steps from rest.",
+    "motor_speed": "Steps of the drive's command from rest.",
     "accel_y": "Lateral acceleration after a step of the steering.",
     "yaw_rate": "Yaw rate after a step of the steering.",
   }
-  pictures = []
+  charts = []
   for channel, caption in captions.items():
     chosen = sorted((a for a in answers if a.channel == channel), key=lambda a: abs(a.level.value))
     if chosen:
-      pictures.append(picture(_step_figure(chosen), f"{caption} Title: level and role, difference in per cent."))
-  return pictures
+      charts.append(_step_chart(chosen, f"{caption} Above each: level and role, difference in per cent."))
+  return charts
 
 
-@house()
-def _step_figure(answers: Sequence[Answer]) -> Figure:
+def _step_chart(answers: Sequence[Answer], caption: str) -> Chart:
   chosen = [answers[i] for i in np.unique(np.linspace(0, len(answers) - 1, _PANELS).round().astype(int))]
-  rows = (len(chosen) + 1) // 2
-  figure, axes = new_figure(rows, min(2, len(chosen)))
-  for panel, answer in zip(axes.flat, chosen, strict=False):
-    draw(panel, answer.time, answer.bicycle, "bicycle")
-    draw(panel, answer.time, answer.twin, "twin")
+  parts = []
+  for answer in chosen:
     steering = answer.channel != "motor_speed"
     level = f"{math.degrees(answer.level.value):.3g}°" if steering else f"{answer.level.value:.3g} V"
-    panel.set_title(f"{level}, {answer.level.role}: {answer.rmse_percent:.2g} %", loc="left")
-    if steering:
-      panel.set_xlim(-0.2, 1.3)
-  for panel in axes[:, 0]:
-    panel.set_ylabel(_mathematics(RESIDUALS[answers[0].channel].axis))
-  for panel in axes[-1]:
-    panel.set_xlabel("time since the step [s]")
-  axes.flat[0].legend(loc="lower right")
-  return figure
+    shown = (answer.time >= -0.2) & (answer.time <= 1.3) if steering else np.full(len(answer.time), True)
+    lines = [line(answer.time[shown], y[shown], who) for who, y in (("bicycle", answer.bicycle), ("twin", answer.twin))]
+    heading = f"{level}, {answer.level.role}: {answer.rmse_percent:.2g} %"
+    parts.append((heading, RESIDUALS[answer.channel].axis, lines))
+  return panels(caption, parts, "time since the step [s]")
 
 
 def _recordings(calibration: Calibration) -> Section:
@@ -159,7 +150,23 @@ def _recordings(calibration: Calibration) -> Section:
   )
   if calibration.command_shift:
     text += f" Commands act {calibration.command_shift} control periods of 10 ms later than logged."
-  return Section("Errors on recordings", text, tables)
+  return Section("Errors on recordings", text, tables, _explorer(calibration))
+
+
+def _explorer(calibration: Calibration) -> list[Explorer]:
+  if calibration.replay is None:
+    return []
+  before, after = calibration.replay.predicted
+  noise = {c: e.noise_floor for items in calibration.errors.values() for c, e in items.items()}
+  roles = {r.name: r.role for r in calibration.dataset.recordings}
+  labels = {"before": "twin before", "twin": "twin calibrated"}
+  runs = runs_of(calibration.replay.observations, {"before": before, "twin": after}, labels, noise, notes=roles)
+  runs.sort(key=lambda run: (run.note != "validate", -run.seconds))
+  caption = (
+    "What was measured, and what the twin makes of the same commands. Lines break where the simulation starts anew from"
+    " the measurement."
+  )
+  return [Explorer(caption, runs)]
 
 
 def _parameters(calibration: Calibration) -> Section:
@@ -189,10 +196,6 @@ def _words(channel: str) -> str:
 
 def _with_unit(value: float, channel: str) -> str:
   return f"{value:.2g} {RESIDUALS[channel].symbol}"
-
-
-def _mathematics(text: str) -> str:
-  return text.replace("²", "$^2$")
 
 
 def _minutes(calibration: Calibration) -> str:

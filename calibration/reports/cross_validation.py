@@ -6,20 +6,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from calibration.checking.cross_validation import CrossValidation, Replay, ordered
 from calibration.checking.free_run import CHANNELS as OVAL_CHANNELS
 from calibration.checking.free_run import PUBLISHED
 from calibration.checking.model_difference import Cell, ModelDifference
 from calibration.fitting.observations import UNITS
-from calibration.reports.page import Picture, Section, Table, picture, write_page
+from calibration.reports.drives import runs_of
 from qcar_twin.atomic_io import write_json
-from qcar_twin.plotting import BEFORE, bars, draw, house, new_figure
+from qcar_twin.pages import Chart, Explorer, Section, Table, bars, heat_map, write_page
 
-_OVERLAYS = 5  # recordings that are drawn
-_DRAWN = ("motor_speed", "speed", "yaw_rate", "accel_y")
-_POINTS = 4000  # of a line
+_DRAWN = ("motor_speed", "speed", "yaw_rate", "accel_y", "accel_x", "pose_forward", "pose_left", "pose_turn")
+_MOST = 50.0  # per cent of a difference that is coloured
 
 
 def write_cross_validation(result: CrossValidation, folder: str | os.PathLike[str]) -> Path:
@@ -67,7 +65,7 @@ def _errors(result: CrossValidation) -> Section:
     " better than the mean. Displacements of the pose are over 1 s, over 0.4 s in windows of 0.5 s."
   )
   tables = [Table(_capital(r.name), _titles(result), _rows(result, r)) for r in result.replays]
-  return Section("Errors by window and channel", text, tables, [_bars(result)])
+  return Section("Errors by window and channel", text, tables, [_bars(result.replays[-1], result.models)])
 
 
 def _titles(result: CrossValidation) -> tuple[str, ...]:
@@ -86,19 +84,12 @@ def _rows(result: CrossValidation, replay: Replay, recording: int | None = None)
   return rows
 
 
-@house()
-def _bars(result: CrossValidation) -> Picture:
-  figure, axes = new_figure(1, len(result.replays), row_height=2.6)
-  for panel, replay in zip(axes[0], result.replays, strict=True):
-    scores = {m: replay.scores(m) for m in result.models}
-    channels = ordered(list(scores["twin"]))
-    bars(panel, [_plain(c) for c in channels], {m: [s[c].nrmse for c in channels] for m, s in scores.items()})
-    panel.set_title(replay.name, loc="left")
-    if panel.get_ylim()[1] > 0.6:
-      panel.axhline(1.0, color=BEFORE, linewidth=0.8)
-  axes[0, 0].set_ylabel("NRMSE")
-  axes[0, 0].legend()
-  return picture(figure, "NRMSE by channel: 0 is perfect, 1 no better than the mean.")
+def _bars(replay: Replay, models: Sequence[str]) -> Chart:
+  scores = {m: replay.scores(m) for m in models}
+  channels = ordered(list(scores["twin"]))
+  values = {m: [s[c].nrmse for c in channels] for m, s in scores.items()}
+  caption = f"{_capital(replay.name)}: NRMSE by channel."
+  return bars(caption, [_plain(c) for c in channels], values, "NRMSE", level=(1.0, "no better than the mean"))
 
 
 def _parting(difference: ModelDifference) -> Section:
@@ -133,40 +124,22 @@ def _cell(cell: Cell, edge: tuple[float, float], unit: str) -> tuple:
   return name, region, cell.size, cell.difference, 100.0 * cell.share, cell.twin, cell.bicycle, cell.samples
 
 
-@house()
-def _maps(difference: ModelDifference) -> list[Picture]:
+def _maps(difference: ModelDifference) -> list[Chart]:
   channels = [c for c in ("yaw_rate", "accel_y") if any(cell.channel == c for cell in difference.grid)]
-  if not channels:
-    return []
-  figure, axes = new_figure(1, len(channels), row_height=2.8)
-  for panel, channel in zip(axes[0], channels, strict=True):
-    _map(panel, [c for c in difference.grid if c.channel == channel])
-    panel.set_title(f"{_plain(channel)} [%]", loc="left")
-    panel.set_xlabel("speed [m/s]")
-    panel.set_ylabel("lateral acceleration [m/s$^2$]")
-  return [
-    picture(
-      figure,
-      (
-        "Difference of twin and bicycle in per cent of what is measured, by speed and lateral acceleration; empty "
-        "where nobody drove."
-      ),
-    )
-  ]
+  return [_map(name, [c for c in difference.grid if c.channel == name]) for name in channels]
 
 
-def _map(panel, cells: Sequence[Cell]) -> None:
+def _map(channel: str, cells: Sequence[Cell]) -> Chart:
   speeds, laterals = sorted({c.speed for c in cells}), sorted({c.lateral for c in cells})
   shares = np.full((len(laterals), len(speeds)), np.nan)
   for c in cells:
     shares[laterals.index(c.lateral), speeds.index(c.speed)] = 100.0 * c.share
-  panel.imshow(np.minimum(shares, 50.0), origin="lower", cmap="Blues", vmin=0.0, vmax=50.0, aspect="auto")
-  for (i, j), share in np.ndenumerate(shares):
-    if np.isfinite(share):
-      panel.text(j, i, f"{share:.0f}", ha="center", va="center", fontsize=8, color="white" if share > 30 else "black")
-  panel.set_xticks(range(len(speeds)), [_range(s) for s in speeds], rotation=40, ha="right", rotation_mode="anchor")
-  panel.set_yticks(range(len(laterals)), [_range(a) for a in laterals])
-  panel.grid(False)
+  caption = (
+    f"{_capital(_plain(channel))}: difference of twin and bicycle in per cent of what is measured; empty where nobody"
+    f" drove, {_MOST:.0f} and more in one colour."
+  )
+  titles = ("speed [m/s]", "lateral acceleration [m/s²]", "%")
+  return heat_map(caption, [_range(e) for e in speeds], [_range(e) for e in laterals], shares, titles, (0.0, _MOST))
 
 
 def _range(edge: tuple[float, float]) -> str:
@@ -190,30 +163,12 @@ def _ovals(result: CrossValidation) -> Section:
 
 def _runs(result: CrossValidation) -> Section:
   free = result.replays[-1]
-  names = free.observations.names
-  manoeuvre = {r.name: r.manoeuvre for r in result.dataset.recordings}
-  last = {manoeuvre[name]: k for k, name in enumerate(names)}  # one of each
-  chosen = sorted(list(last.values())[-_OVERLAYS:])
-  pictures = [picture(_overlay(result, free, k), f"{names[k]}: {free.name}.") for k in chosen]
-  return Section("Runs", "Measured values beside what the models make of the same commands.", figures=pictures)
-
-
-@house()
-def _overlay(result: CrossValidation, replay: Replay, recording: int) -> Figure:
-  own = replay.observations.recording == recording
-  channels = [c for c in _DRAWN if np.any(own & replay.observations.select(c))]
-  figure, axes = new_figure(max(len(channels), 1), 1, row_height=1.6, share_x=True)
-  for panel, channel in zip(axes[:, 0], channels, strict=False):
-    rows = np.flatnonzero(own & replay.observations.select(channel))
-    rows = rows[:: max(1, len(rows) // _POINTS)]
-    time = replay.observations.time[rows]
-    draw(panel, time, replay.observations.measured[rows], "measured")
-    for model in reversed(result.models):
-      draw(panel, time, replay.predicted[model][rows], model)
-    panel.set_ylabel(f"{_plain(channel)}\n[{UNITS[channel].replace('^2', '$^2$')}]")
-  axes[0, 0].legend(loc="upper right", ncols=3)
-  axes[-1, 0].set_xlabel("time [s]")
-  return figure
+  notes = {r.name: r.manoeuvre for r in result.dataset.recordings}
+  predicted = {m: free.predicted[m] for m in reversed(result.models)}  # the twin on top
+  runs = runs_of(free.observations, predicted, noise=result.noise, channels=_DRAWN, notes=notes)
+  runs.sort(key=lambda run: -run.seconds)
+  caption = f"Measured values beside what the models make of the same commands: {free.name}."
+  return Section("Runs", "", figures=[Explorer(caption, runs)])
 
 
 def _by_recording(result: CrossValidation) -> Section:

@@ -5,18 +5,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from calibration.fitting.observations import UNITS
 from calibration.log_check.check import LogCheck
 from calibration.log_check.pairs import Estimate
-from calibration.reports.page import Cell, Section, Table, picture, write_page
 from qcar_twin.atomic_io import write_json
-from qcar_twin.plotting import house, new_figure
+from qcar_twin.pages import Cell, Chart, Section, Table, write_page
+from qcar_twin.pages.charts import axis, packed
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.recording import ROLES
 
 _DRAWN = 0.05  # s between points
+_SPOTS = 4000  # of a role at most
 _TITLES = {"spoils": "What spoils a fit", "beware": "What to be wary of", "note": "What can't be told from this log"}
 
 
@@ -101,26 +101,20 @@ def _sampling(found: LogCheck) -> Section:
 
 
 def _driven(found: LogCheck) -> Section:
-  with house():
-    figure = _picture(found)
-  caption = "Wheels' speed against commanded steering: what is judged should lie where something was fitted"
-  return Section("What was driven", "", figures=[picture(figure, caption)])
-
-
-def _picture(found: LogCheck) -> Figure:
-  figure, ((axes,),) = new_figure(width=6.0, row_height=3.6)
   recordings = found.dataset.recordings
   channel = "motor_speed" if any("motor_speed" in r for r in recordings) else "speed"
-  for number, role in enumerate(ROLES):
+  traces = []
+  for role, colour in zip(ROLES, ("@twin", "@bicycle", "@good"), strict=True):
     driven = [r.resample(_DRAWN) for r in recordings if r.role == role and channel in r]
     if driven:
       angle = np.concatenate([c.get("steering_command", 0.0 * c["time"]) for c in driven])
       speed = np.concatenate([c[channel] for c in driven])
-      axes.plot(angle, speed, ".", ms=2.0, alpha=0.5, color=f"C{number}", label=role)
-  axes.legend()
-  axes.set_xlabel("steering_command [rad]")
-  axes.set_ylabel(f"{channel} [{UNITS[channel]}]")
-  return figure
+      apart = max(1, len(angle) // _SPOTS)
+      traces.append({"type": "scatter", "mode": "markers", "x": packed(angle[::apart]), "y": packed(speed[::apart]),
+                     "name": role, "marker": {"size": 3, "opacity": 0.5, "color": colour}})  # fmt: skip
+  layout = {"xaxis": axis("steering command [rad]"), "yaxis": axis(f"{channel.replace('_', ' ')} [{UNITS[channel]}]")}
+  caption = "Wheels' speed against commanded steering: what is judged should lie where something was fitted."
+  return Section("What was driven", "", figures=[Chart(caption, traces, layout, 420)])
 
 
 def _pm(e: Estimate) -> str:

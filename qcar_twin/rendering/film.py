@@ -108,6 +108,14 @@ class Film:
     self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
     self._camera.fixedcamid = self._model.camera(look.camera).id
 
+  def paint_ghost(self, colour: tuple[float, float, float, float]) -> None:
+    """Give the second car another colour, red, green, blue and opacity from 0 to 1."""
+    for number in range(self._model.ngeom):
+      geom = self._model.geom(number)
+      if geom.name.startswith(GHOST_PREFIX) or self._model.body(geom.bodyid[0]).name.startswith(GHOST_PREFIX):
+        if self._model.geom_group[number] == 2:
+          self._model.geom_rgba[number] = colour
+
   def frame(self, signals: Array, ghost: Array | None = None, text: str = "", elapsed: float = 0.0) -> Picture:
     """One picture, (height, width, 3).
 

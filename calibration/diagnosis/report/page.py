@@ -4,50 +4,57 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
-from calibration.diagnosis.detect import prior_shifts
-from calibration.diagnosis.experiment import NOTHING
 from calibration.diagnosis.holdout_errors import ChannelFit, recovered_share
 from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.report import figures, wording
-from calibration.diagnosis.report.document import FIGURES, REPORT, parameter_shifts, unknown_variables, write_document
-from calibration.diagnosis.scan import confusion
+from calibration.diagnosis.report.curves import curve_chart
+from calibration.diagnosis.report.demonstration import NOTHING_SHOWN, Demonstration, demonstrate
+from calibration.diagnosis.report.document import REPORT, unknown_variables, write_document
+from calibration.diagnosis.report.grounds import alarms, drive_next, effort, priors, unseen
 from calibration.diagnosis.search.claims import Claim
 from calibration.diagnosis.unexplained.leftover import PROPERTIES
-from calibration.fitting.observations import CHANNELS, UNITS
-from calibration.reports import Picture, Section, Table, picture, write_page
-from qcar_twin.atomic_io import whole_file
+from calibration.fitting.observations import CHANNELS
+from calibration.fitting.residual_channels import RESIDUALS
+from qcar_twin.pages import Cell, Section, Table, write_page
+from qcar_twin.pages.page import Figure, Tone
 from qcar_twin.twin.file import save_twin
 from qcar_twin.twin.mechanisms.base import Mechanism
 
 Array = NDArray[np.float64]
+_TONES: dict[str, Tone] = {
+  "no_mismatch": "good", "explained": "good", "partly_explained": "partly", "unexplained": "bad",
+}  # fmt: skip
+_SAID = {
+  "no_mismatch": "nothing is missing", "explained": "explained", "partly_explained": "explained in part",
+  "unexplained": "not explained",
+}  # fmt: skip
 
 
 def write_diagnosis(outcome: Outcome, folder: str | Path) -> Path:
-  """Write diagnosis.json, report.html with its figures, twin.toml (the repaired twin) and recalibrated.toml (the same
-  before the repair); returns the report's path."""
+  """Write diagnosis.json, report.html, twin.toml (the repaired twin) and recalibrated.toml (the same before the repair);
+  returns the report's path."""
   folder = Path(folder)
   claims = ", ".join(c.mechanism for c in outcome.diagnosis.decision.claims) or "no mechanism added"
   name = outcome.diagnosis.dataset
   save_twin(folder / "recalibrated.toml", outcome.twin, outcome.before, f"recalibrated on {name}, nothing added")
   save_twin(folder / "twin.toml", outcome.twin, outcome.after, f"repaired on {name}: {claims}")
   write_document(folder, outcome.diagnosis)
-  return write_report(folder, outcome.diagnosis)
+  return write_report(folder, outcome.diagnosis, demonstrate(outcome))
 
 
-def write_report(folder: Path, diagnosis: Diagnosis) -> Path:
-  """Write report.html and, beside it, its figures as files; returns the page's path."""
-  sections = report_sections(diagnosis)
-  pictures = [p for section in sections for p in section.figures]
-  for number, item in enumerate(pictures, start=1):
-    target = folder / FIGURES / f"{number:02d}_{_slug(item.caption)}.{item.kind}"
-    with whole_file(target) as part:
-      part.write_bytes(item.image)
+def write_report(folder: Path, diagnosis: Diagnosis, shown: Demonstration = NOTHING_SHOWN) -> Path:
+  """Write report.html; returns its path."""
   return write_page(
-    folder / REPORT, f"Diagnosis of {diagnosis.dataset}", verdict(diagnosis), sections, _subtitle(diagnosis)
+    folder / REPORT,
+    f"Diagnosis of {diagnosis.dataset}",
+    verdict(diagnosis),
+    report_sections(diagnosis, shown),
+    _subtitle(diagnosis),
+    facts(diagnosis),
+    _TONES[diagnosis.decision.verdict],
   )
 
 
@@ -59,60 +66,59 @@ def verdict(diagnosis: Diagnosis) -> str:
   return wording.verdict_sentence(diagnosis.decision, _mechanisms(diagnosis), kept)
 
 
-def report_sections(diagnosis: Diagnosis) -> list[Section]:
+def facts(d: Diagnosis) -> list[tuple[str, str]]:
+  """The numbers that go with the verdict."""
+  rows = [("Verdict", _SAID[d.decision.verdict])]
+  for claim in d.decision.claims[:2]:
+    rows.append((f"Probability that it is {claim.mechanism}", f"{claim.probability:.2f}"))
+  if d.decision.claims and (d.holdout or d.validate):
+    kept = "recordings kept aside" if d.holdout else "validation recordings"
+    rows.append(
+      (f"Error above sensor noise removed, {kept}", f"{100 * recovered_share(d.holdout or d.validate):.0f} %")
+    )
+  if d.location.source != "residual" and d.location.channels:
+    first, share = next(iter(d.location.channels.items()))
+    rows.append(("Shows most in", f"{RESIDUALS[first].words} ({100 * share:.0f} %)"))
+  return rows
+
+
+def report_sections(d: Diagnosis, shown: Demonstration = NOTHING_SHOWN) -> list[Section]:
   """All sections in reading order."""
   return [
-    _where(diagnosis),
-    _what(diagnosis),
-    _model(diagnosis),
-    _errors(diagnosis),
-    _priors(diagnosis),
-    _blind_spots(diagnosis),
-    _alarms(diagnosis),
-    _effort(diagnosis),
-  ]
+    _where(d, shown), _what(d), _model(d, shown), _errors(d), drive_next(d), unseen(d), priors(d), alarms(d), effort(d)
+  ]  # fmt: skip
 
 
-def _where(d: Diagnosis) -> Section:
+def _where(d: Diagnosis, shown: Demonstration) -> Section:
   place, observations = d.location, d.pool.problem.observations
-  after = d.decision.model.residual
-  channels = ", ".join(f"{name} {100 * share:.0f} %" for name, share in place.channels.items() if share >= 0.01)
+  told = [f"{RESIDUALS[name].words} {100 * share:.0f} %" for name, share in place.channels.items() if share > 0.01]
   meaning = {
-    "claim": "Evidence is what the claimed physics gains over the recalibrated twin.",
-    "unknown": "Evidence is what the best nameless error gains over the recalibrated twin.",
-    "residual": "Nothing is claimed; shown is where the recalibrated twin's error is largest.",
+    "claim": "Evidence is what the claimed physics explains better than the recalibrated twin does",
+    "unknown": "Evidence is what the best error without a name explains better than the recalibrated twin does",
+    "residual": "Nothing is claimed; what is shown as evidence is where the recalibrated twin errs most",
   }[place.source]
+  region = str(place.region).replace("^2", "²").replace("<=", "≤").replace("_", " ")
   text = (
-    f"{meaning}\n\n* Subsystem: {place.subsystem}\n* Channels: {channels}\n"
-    f"* Circumstances: {place.region} holds {100 * place.region.share:.0f} % of the evidence"
-    f" in {100 * place.region.samples:.0f} % of the driving\n"
+    f"{meaning}, in nats: 1 nat makes it e times as likely, 10 nats 22 000 times.\n\n"
+    + (f"* Part of the car: {place.subsystem}\n" if place.subsystem != "none" else "")
+    + f"* Channels: {', '.join(told)}\n"
+    + f"* Circumstances: {region} holds {100 * place.region.share:.0f} % of the evidence in"
+    f" {100 * place.region.samples:.0f} % of the driving\n"
   )
-  if place.degree:
-    text += f"* A nameless error would have to be {wording.unknown_words('unknown_' + place.degree)}\n"
-  left = Table(
-    "What the model behind the verdict leaves over, beyond what recordings without hidden effects show",
-    ("channel", "property", "follows", "per block of 3 s [nats]"),
-    [(i.channel, PROPERTIES[i.family], ", ".join(i.depends_on), round(i.nats, 2)) for i in d.decision.leftovers],
-  )
+  if shown.no_film:
+    text += f"\n\n{shown.no_film}"
   spans = Table(
     "Seconds that carry most of the evidence",
     ("recording", "from [s]", "to [s]", "share [%]"),
     [(s.recording, round(s.start, 2), round(s.end, 2), round(100 * s.share, 1)) for s in place.time],
   )
-  pictures = _pictures(
-    (figures.traces(d.pool, after, place), "Measured, before and after; seconds that carry evidence are shaded"),
-    (figures.evidence_over_time(observations, place), "Evidence through the recordings"),
-    (figures.drive_map(observations, place), "Map of the drive, coloured by mismatch"),
-  )
-  return Section("Where", text, [spans, *([left] if d.decision.leftovers else []), *_degrees(d)], pictures)
-
-
-def _degrees(d: Diagnosis) -> list[Table]:
-  if not d.location.degrees:
-    return []
-  rows = [(wording.unknown_words("unknown_" + n), ", ".join(unknown_variables("unknown_" + n)), round(g, 1))
-          for n, g in d.location.degrees.items()]  # fmt: skip
-  return [Table("Nameless errors, for comparison", ("acts as", "smooth function of", "held-out gain [nats]"), rows)]
+  drawn: list[Figure | None] = [
+    shown.clip,
+    figures.explorer(d.pool, d.decision.model.residual, place),
+    figures.channel_shares(place),
+    figures.evidence_over_time(observations, place),
+  ]
+  return Section("Where", text, [spans], [f for f in drawn if f is not None])
 
 
 def _what(d: Diagnosis) -> Section:
@@ -121,21 +127,39 @@ def _what(d: Diagnosis) -> Section:
   text = "\n".join(lines) or "No mechanism is claimed."
   if d.decision.possible:
     text += f"\n\nVisible but too small to matter: {wording.listed(d.decision.possible)}."
-  if d.decision.unknown:
-    name, held = d.decision.unknown
-    text += (
-      f"\n\nThe best nameless rival is {wording.unknown_words(name)}: {held.gain:.0f} nats held out, t = {held.t:.1f}."
-    )
   rivals = [(c.mechanism, name, round(nats, 1), "no" if name in c.equivalent_to else "yes")
             for c in claims for name, nats in c.rivals]  # fmt: skip
   columns = ("mechanism", "probability", "evidence [nats]", "held-out gain [nats]", "held-out t", "can't be told from")
   tables = [Table("Claims", columns, [_claim_row(c) for c in claims])] if claims else []
   if rivals:
     tables.append(Table("Rivals", ("instead of", "rival", "evidence [nats]", "can be told apart"), rivals))
-  chart = _pictures(
-    (figures.ranked_evidence(d.decision), "Evidence per mechanism, best first; hatched: not told apart")
-  )
-  return Section("What", text, tables, chart if d.decision.ranking else [])
+  nameless, more = _nameless(d)
+  drawn = [figures.ranked_evidence(d.decision)] if d.decision.ranking else []
+  return Section("What", text + nameless, tables + more, drawn)
+
+
+def _nameless(d: Diagnosis) -> tuple[str, list[Table]]:
+  """What is known of an error without a name, where the verdict says that there is one."""
+  if d.decision.verdict not in ("unexplained", "partly_explained"):
+    return "", []
+  text, tables = "", []
+  if d.decision.leftovers:
+    text += "\n\nWhat is left over is more than recordings without hidden effects show; how it behaves is listed below."
+    rows: list[tuple[Cell, ...]] = [
+      (RESIDUALS[i.channel].words, PROPERTIES[i.family], ", ".join(i.depends_on), round(i.nats, 2))
+      for i in d.decision.leftovers
+    ]
+    tables.append(Table("What is left over", ("channel", "property", "follows", "per block of 3 s [nats]"), rows))
+  if d.location.degrees:
+    best = next(iter(d.location.degrees))
+    text += (
+      f"\n\nAn error without a name was tried in every place where one could act, as a smooth function of the motion."
+      f" {wording.unknown_words('unknown_' + best).capitalize()} explains most."
+    )
+    found = [(wording.unknown_words("unknown_" + n), ", ".join(unknown_variables("unknown_" + n)), round(g, 1))
+             for n, g in d.location.degrees.items()]  # fmt: skip
+    tables.append(Table("Errors without a name", ("acts as", "smooth function of", "held-out gain [nats]"), found))
+  return text, tables
 
 
 def _claim_row(c: Claim) -> tuple[str | float, ...]:
@@ -150,10 +174,12 @@ def _claim_row(c: Claim) -> tuple[str | float, ...]:
   )
 
 
-def _model(d: Diagnosis) -> Section:
-  mechanisms = _mechanisms(d)
+def _model(d: Diagnosis, shown: Demonstration) -> Section:
+  drawn = [curve_chart(shown.curves, figures.LABELS)] if shown.curves else []
+  tables = [_forms(d, shown)] if shown.curves else []
   if not d.decision.claims:
-    return Section("The model", "The twin stays as recalibrated; nothing is added.")
+    return Section("The model", "The twin stays as recalibrated; nothing is added.", tables, drawn)
+  mechanisms = _mechanisms(d)
   lines, rows = [], []
   for claim in d.decision.claims:
     mechanism = mechanisms[claim.mechanism]
@@ -165,7 +191,17 @@ def _model(d: Diagnosis) -> Section:
         said = wording.amount(value, std, unit)
         rows.append((claim.mechanism, parameter.name, parameter.symbol, value, std, unit, said, parameter.description))
   columns = ("mechanism", "parameter", "symbol", "value", "std", "unit", "in words", "meaning")
-  return Section("The model", "\n".join(lines), [Table("Fitted parameters", columns, rows)])
+  return Section("The model", "\n".join(lines), [Table("Fitted parameters", columns, rows), *tables], drawn)
+
+
+def _forms(d: Diagnosis, shown: Demonstration) -> Table:
+  """The named forms that shape each curve: the base twin's, and the claims that act on the same part."""
+  claimed = _mechanisms(d)
+  rows = []
+  for curve in shown.curves:
+    acting = [name for name, m in claimed.items() if m.subsystem in curve.subsystems]
+    rows.append((curve.heading, curve.form, wording.listed(acting) or "nothing"))
+  return Table("Forms behind the curves", ("curve", "form", "changed by"), rows)
 
 
 def effect_on_car(d: Diagnosis, name: str) -> str:
@@ -176,7 +212,7 @@ def effect_on_car(d: Diagnosis, name: str) -> str:
     return ""
   moved = channel_changes(d, model, without)
   top = sorted(moved, key=lambda n: -moved[n][1])[:3]
-  told = ", ".join(f"{n.replace('_', ' ')} by {moved[n][0]:.2g} {UNITS[n]}" for n in top)
+  told = ", ".join(f"{RESIDUALS[n].words} by {moved[n][0]:.2g} {RESIDUALS[n].symbol}" for n in top)
   return f"On these recordings it moves {told} (root mean square)."
 
 
@@ -207,14 +243,12 @@ def _errors(d: Diagnosis) -> Section:
     above = "Of the squared error above the noise while driving, every channel with the same weight,"
     gone = f"{above} {100 * share:.0f} % is gone."
     text += f"\n\n{gone if share > 0 else 'The repair does not lower the error on these recordings.'}"
-  chart = _pictures(
-    (figures.before_and_after(shown), "Errors before and after in multiples of the noise, with 95 % bounds")
-  )
-  return Section("Before and after", text, tables, chart)
+  chart = figures.before_and_after(shown, "recordings kept aside" if d.holdout else "validation recordings")
+  return Section("Before and after", text, tables, [chart] if chart else [])
 
 
 def _fit_table(caption: str, fits: Mapping[str, ChannelFit]) -> Table | None:
-  rows = [(name, f.unit, f.before, f.after, f.noise_floor, f.driving_noise,
+  rows = [(RESIDUALS[name].words, RESIDUALS[name].symbol, f.before, f.after, f.noise_floor, f.driving_noise,
            100 * (f.after / f.before - 1.0) if f.before else 0.0,
            f"{100 * f.ci95[0]:+.1f} to {100 * f.ci95[1]:+.1f}") for name, f in fits.items()]  # fmt: skip
   columns = (
@@ -230,68 +264,6 @@ def _fit_table(caption: str, fits: Mapping[str, ChannelFit]) -> Table | None:
   return Table(caption, columns, rows) if rows else None
 
 
-def _priors(d: Diagnosis) -> Section:
-  base, model = d.pool.base, d.decision.model
-  surprise = prior_shifts(base)
-  rows = []
-  for name, shift in parameter_shifts(base).items():
-    final = model.estimate(name)[0] if name in model.free else None
-    physical = base.free[name].null is None
-    prior = shift["prior"] if physical else None
-    std = float(base.free.std[base.free.index(name)]) if physical and base.free[name].std is not None else None
-    fitted = (shift["fitted"], base.estimate(name)[1])
-    rows.append((name, base.free[name].unit, prior, std, *fitted, surprise.get(name), final))
-  text = (
-    "An effect that recalibration absorbs leaves no error; it shows as a measured parameter that moved."
-    " Parameters without a measured prior were free."
-  )
-  columns = ("parameter", "unit", "measured", "± std", "recalibrated", "± std ", "shift [std]", "with the claims")
-  return Section("Parameters against their measurements", text, [Table("Base parameters", columns, rows)])
-
-
-def _blind_spots(d: Diagnosis) -> Section:
-  signatures = d.pool.signatures
-  blind = sorted(s.mechanism for s in signatures.values() if not s.testable)
-  text = "* Not testable on these recordings: " + (wording.listed(blind) or "none")
-  text += "\n* Not testable does not mean absent: these manoeuvres don't excite them."
-  if d.next_experiment:
-    one, other = ("no effect at all" if name == NOTHING else name for name in d.next_experiment["separates"])
-    text += f"\n* Drive next: {d.next_experiment['manoeuvre']}."
-    text += f" It should tell {one} from {other} by about {d.next_experiment['predicted_nats']:.0f} nats"
-  rows = [(s.mechanism, round(100 * s.unabsorbed_share, 1), round(s.shown, 1), "yes" if s.testable else "no")
-          for s in sorted(signatures.values(), key=lambda s: s.unabsorbed_share)]  # fmt: skip
-  hidden = Table("Concealment: how much of each effect, at its typical size, recalibration cannot absorb",
-                 ("mechanism", "survives [%]", "would show [nats]", "testable"), rows)  # fmt: skip
-  pairs = sorted({tuple(sorted((a, b))): c for a, row in confusion(signatures).items() for b, c in row.items()}.items(),
-                 key=lambda kv: -kv[1])  # fmt: skip
-  alike = Table("Effects that look alike on these recordings", ("one", "other", "likeness (1: the same)"),
-                [(a, b, round(c, 3)) for (a, b), c in pairs[:25]])  # fmt: skip
-  return Section("What these recordings can't show", text, [hidden, *([alike] if pairs else [])])
-
-
-def _alarms(d: Diagnosis) -> Section:
-  rows = [
-    (x.name, round(x.statistic, 3), x.threshold, "alarm" if x.alarm else "quiet", x.sentence)
-    for x in d.detection.detectors
-  ]
-  text = "Four signs that do not depend on any named physics; sessions without hidden effects stay below the levels."
-  return Section("Detectors", text, [Table("", ("detector", "statistic", "level", "state", "meaning"), rows)])
-
-
-def _effort(d: Diagnosis) -> Section:
-  rows = [(name, round(s, 1), round(100 * s / d.seconds, 1) if d.seconds else 0.0) for name, s in d.stages.items()]
-  text = f"{d.seconds:.0f} s in all; {len(d.pool.models)} models were fitted."
-  if d.notes:
-    text += "\n\n" + "\n".join(f"* {note}" for note in d.notes)
-  return Section(
-    "Time and warnings", text, [Table("Wall time", ("stage", "seconds", "share [%]"), rows)] if rows else []
-  )
-
-
-def _pictures(*pairs: tuple[Figure | None, str]) -> list[Picture]:
-  return [picture(figure, caption) for figure, caption in pairs if figure is not None]
-
-
 def _mechanisms(d: Diagnosis) -> dict[str, Mechanism]:
   return {c.mechanism: d.pool.problem.mechanism(c.mechanism) for c in d.decision.claims}
 
@@ -300,8 +272,3 @@ def _subtitle(d: Diagnosis) -> str:
   observations = d.pool.problem.observations
   seconds = float(observations.stretches.segments.steps.sum()) * observations.stretches.segments.period
   return f"{len(observations.names)} recordings, {seconds:.0f} s of driving, {len(observations)} measured values"
-
-
-def _slug(caption: str) -> str:
-  words = "".join(c if c.isalnum() else " " for c in caption.lower()).split()
-  return "_".join(words[:4])

@@ -71,7 +71,12 @@ def claim_sentence(claim: Claim, mechanism: Mechanism) -> str:
 def verdict_sentence(decision: Decision, mechanisms: Mapping[str, Mechanism], recovered: float | None = None) -> str:
   """The verdict for a reader in a hurry: what happens, how much, how sure, what the fit gains."""
   named = [c for c in decision.claims if c.mechanism in mechanisms]
-  gain = f" It removes {100 * recovered:.0f} % of the excess error on recordings kept aside." if recovered else ""
+  gain = (
+    f" With this in the twin, {100 * recovered:.0f} % of its error above the sensors' noise is gone on recordings kept"
+    " aside."
+    if recovered
+    else ""
+  )
   if decision.verdict == "no_mismatch":
     return "The recalibrated twin explains these recordings; no missing physics was found."
   if decision.verdict == "unexplained" or not named:

@@ -12,6 +12,7 @@ from agents.control.controllers import make
 from agents.control.kpis import kpis
 from agents.control.model import STEERING_LAG, Model
 from agents.control.output import indicator_line, write_drive, write_traces
+from agents.control.page import drive_section
 from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.plant import SIGNALS
 from qcar_twin.plotting import contestant_colour
@@ -26,15 +27,26 @@ def lane_change():
   return follow(LQ, "c", count=2, offset=np.array([0.0, 0.01]))
 
 
-def test_a_drive_leaves_indicators_traces_and_figures(tmp_path, lane_change):
+def test_a_drive_leaves_indicators_traces_and_a_page(tmp_path, lane_change):
   found = kpis(lane_change)
   line = write_drive(tmp_path / "new", "lq_cm tuned", lane_change, found, {"path": "c"})
   assert line == indicator_line("lq_cm tuned", lane_change, found)
   assert line.startswith("lq_cm tuned on c: ME ") and line.endswith("2 of 2 runs between the borders")
   content = json.loads((tmp_path / "new" / "kpis.json").read_text())
   assert content["config"] == {"path": "c"} and content["kpis"]["rmse"] == pytest.approx(found.rmse.tolist())
-  for name in ("tracking", "traces", "lane_change"):
-    assert matplotlib.image.imread(tmp_path / "new" / f"{name}.png")[..., :3].std() > 0.02
+  assert {file.name for file in (tmp_path / "new").iterdir()} == {"kpis.json", "traces.csv", "report.html"}
+  assert line in (tmp_path / "new" / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_page_shows_every_run_beside_the_reference(lane_change):
+  explorer = drive_section(lane_change).figures[0]
+  assert [run.name for run in explorer.runs] == ["run 1", "run 2"] and len(explorer.moments) == 2
+  assert [name for *_, name in explorer.guides] == ["reference", *["border"] * 2 * len(lane_change.path.lanes)]
+  error = explorer.runs[1].panels[0].lines[0].value
+  np.testing.assert_allclose(error, 1e3 * lane_change.cross_track[lane_change.under_way[:, 1], 1])
+  worst = explorer.moments[1]
+  time = explorer.runs[1].panels[0].lines[0].time
+  assert np.abs(error[(time >= worst.start) & (time <= worst.end)]).max() == np.abs(error).max()
 
 
 def test_a_lost_run_is_null_in_json_and_not_infinity(tmp_path, lane_change):

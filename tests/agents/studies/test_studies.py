@@ -139,7 +139,7 @@ def test_track_command(tmp_path):
   found = json.loads((tmp_path / "kpis.json").read_text())
   assert found["kpis"]["finished"] == [True] and 0.0 < found["kpis"]["rmse"][0] < 0.02
   names = {file.name for file in tmp_path.iterdir()}
-  assert names == {"kpis.json", "traces.csv", "tracking.png", "traces.png", "lane_change.png"}
+  assert names == {"kpis.json", "traces.csv", "report.html"}
   header, first = (tmp_path / "traces.csv").read_text().splitlines()[:2]
   assert header.startswith("time,pose_x") and len(first.split(",")) == len(header.split(","))
 

@@ -9,6 +9,7 @@ from calibration.campaign.cases import Case, draw_cases
 from calibration.campaign.figure import confusion_table
 from calibration.campaign.nulls import spurious, spurious_table
 from calibration.campaign.page import AIMS, campaign_page
+from calibration.campaign.report import sections, verdict
 from calibration.campaign.run import run_case
 from calibration.campaign.score import (
   error_over,
@@ -154,6 +155,19 @@ def test_the_page_sets_every_aim_beside_what_was_found(tmp_path):
   assert "| single effects: right name first | >= 0.9 | 1 |" in text
   assert "| sessions without an effect in which something was claimed | <= 0.034 | 0 |" in text
   assert all(meaning in text for _, meaning, _ in AIMS) and set(n for n, _, _ in AIMS) <= set(score(cases))
+
+
+def test_the_report_says_how_often_the_right_name_came_first():
+  cases = [result("null", []), result("single", DELAY, ["steering_delay"]), result("single", DELAY, ["gyro_scale"])]
+  assert verdict(cases) == (
+    "The right name came first in 50 % of 2 sessions with one effect; something was claimed in 0 of 1 sessions without"
+    " any."
+  )
+  assert verdict([]) == "No session has been answered yet." and len(sections([])) == 1
+  parts = {part.title: part for part in sections(cases)}
+  assert len(parts["Every case"].tables[0].rows) == 3 and len(parts["Aims"].tables[0].rows) == len(AIMS)
+  chart = parts["What was taken for what"].figures[0].data()["traces"][0]
+  assert sum(v or 0 for row in chart["z"] for v in row) == 3
 
 
 def test_pairs_want_both_and_nothing_false():

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from qcar_twin.estimation import figures
 from qcar_twin.estimation.estimate import no_estimate
 from qcar_twin.estimation.offline import NAMES, filter_recording
 from qcar_twin.estimation.output import write_estimates
+from qcar_twin.estimation.page import sections, write_estimation
 from tests.qcar_twin.estimation.estimation_rig import CAR, journey, run
 from tests.qcar_twin.estimation.test_offline import recording_of
 
@@ -39,24 +39,32 @@ def test_no_estimate_says_why_and_is_not_valid():
 
 def test_written_estimates_can_be_read_again(tmp_path):
   estimates = filter_recording(RECORDING, CAR)
-  summary = write_estimates(tmp_path, RECORDING, estimates, CAR.rolling_radius)
+  summary = write_estimates(tmp_path, RECORDING, estimates)
   rows = np.genfromtxt(tmp_path / "journey.csv", delimiter=",", names=True)
   assert rows.dtype.names[:2] == ("time", "pose_x") and len(rows) == len(estimates.time)
   np.testing.assert_allclose(rows["speed"], estimates.value["speed"], rtol=1e-6)
   np.testing.assert_allclose(rows["pose_yaw_std"], estimates.std["pose_yaw"], rtol=1e-6)
   assert summary == {"valid": 1.0, "not valid because": {}, "refused": {}}
-  assert {file.name for file in tmp_path.iterdir()} == {"journey.csv", "journey_states.png", "journey_position.png"}
+  assert {file.name for file in tmp_path.iterdir()} == {"journey.csv"}
 
 
-def test_figures_are_images_with_something_in_them(tmp_path):
-  import matplotlib.image
-
+def test_the_page_shows_bands_about_what_was_measured_and_when_it_is_not_valid(tmp_path):
   trip = journey(4.0)
   trip.fix[200:] = np.nan
-  estimates = filter_recording(recording_of(trip), CAR)
-  figures.states_figure(estimates, RECORDING, CAR.rolling_radius, tmp_path / "states.png")
-  figures.error_figure(estimates.time, {"FEKF": estimates.std["pose_x"]}, "std [m]", tmp_path / "errors.png")
-  for name in ("states", "errors"):
-    image = matplotlib.image.imread(tmp_path / f"{name}.png")
-    assert image.shape[0] > 200 and image[..., :3].std() > 0.02
-  assert not list(tmp_path.glob(".writing-*"))
+  recording = recording_of(trip)
+  estimates = filter_recording(recording, CAR)
+  explorer = sections([(recording, estimates)], CAR.rolling_radius)[0].figures[0]
+  run = explorer.runs[0]
+  assert [p.title.split(" [")[0] for p in run.panels] == ["x", "y", "yaw", "speed", "sideslip", "yaw rate"]
+  measured, estimate = run.panels[3].lines
+  assert (measured.who, measured.dots) == (
+    "measured",
+    True,
+  ) and measured.value.max() < 5.0  # m/s
+  known = np.isfinite(estimate.spread)
+  np.testing.assert_allclose(estimate.spread[known], 2.0 * estimates.std["speed"][known])
+  silent = np.flatnonzero(~estimates.valid)
+  if len(silent):
+    assert run.shaded[0][0] <= estimates.time[silent[0]] and len(explorer.moments) == len(run.shaded)
+  page = write_estimation(tmp_path, [(recording, estimates)], CAR.rolling_radius, "trip")
+  assert f"valid for {100.0 * estimates.valid.mean():.1f} %" in page.read_text(encoding="utf-8")

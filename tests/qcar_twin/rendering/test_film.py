@@ -9,6 +9,7 @@ import pytest
 
 from qcar_twin.paths import path_named
 from qcar_twin.plant import SIGNALS, signal_index
+from qcar_twin.rendering.clip import comparison_film
 from qcar_twin.rendering.film import (
   CAMERAS,
   Film,
@@ -209,3 +210,18 @@ def test_recorded_channels_become_signals_with_substitutes():
   assert np.all(signals[:, signal_index("velocity_y")] == 0.0)
   with pytest.raises(KeyError, match="pose_yaw"):
     signals_of({"pose_x": steps, "pose_y": steps})
+
+
+@pytest.mark.filterwarnings("ignore:Exception ignored:pytest.PytestUnraisableExceptionWarning")  # the reader's pipes
+@pytest.mark.usefixtures("opengl")
+def test_a_comparison_shows_one_ghost_after_the_other(tmp_path):
+  drive = along(path_named("o"), 60)
+  late = np.concatenate([np.repeat(drive[:1], 20, axis=0), drive[:-20]])
+  look = Look("chase", 160, 120, fps=10, shadows=False)
+  film, still = comparison_film(drive, [("before", "#ff0000", late), ("after", "#0000ff", drive)], 0.01, VEHICLE, look)
+  (tmp_path / "film.mp4").write_bytes(film)
+  pictures = imageio.imread(tmp_path / "film.mp4", plugin="FFMPEG")
+  assert len(pictures) == 2 * 6 and len(film) < 300_000
+  assert imageio.imread(still, extension=".jpg").shape == (120, 160, 3)
+  red = lambda picture: int(np.sum((picture[..., 0] > 150) & (picture[..., 1] < 110) & (picture[..., 2] < 110)))
+  assert red(pictures[5]) > red(pictures[11]) + 20

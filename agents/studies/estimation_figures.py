@@ -1,4 +1,4 @@
-"""Figures of the filter, like the paper's: positions, yaw, yaw rate, speed, sideslip; measured black, estimate blue."""
+"""Figures of the filter for documents: positions, yaw, yaw rate, speed, sideslip; measured black, estimate blue."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,17 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from qcar_twin.estimation.offline import NAMES, Estimates
-from qcar_twin.plotting import BEFORE, BICYCLE, MEASURED, NOISE, RULE, TWIN, house, new_figure, save
+from qcar_twin.estimation.page import LABELS
+from qcar_twin.plotting import MEASURED, NOISE, RULE, TWIN, house, new_figure, save
 from qcar_twin.recordings.recording import Recording
-
-LABELS = {
-  "pose_x": "X [m]",
-  "pose_y": "Y [m]",
-  "pose_yaw": "yaw [rad]",
-  "speed": "speed [m/s]",
-  "sideslip_angle": "sideslip [rad]",
-  "yaw_rate": "yaw rate [rad/s]",
-}
 
 
 @house()
@@ -35,23 +27,6 @@ def states_figure(estimates: Estimates, recording: Recording, rolling_radius: fl
   parts[0, 0].legend(fontsize=8)
   for axes in parts[-1]:
     axes.set_xlabel("time [s]")
-  save(figure, file)
-
-
-@house()
-def position_figure(estimates: Estimates, recording: Recording, file: Path) -> None:
-  """The path: fixes, both local filters, the master."""
-  figure, ((axes,),) = new_figure(width=7.0, row_height=5.6)
-  if "pose_x" in recording.streams and "pose_y" in recording.streams:
-    y = recording["pose_y"].at(recording["pose_x"].time)
-    axes.plot(recording["pose_x"].value, y, ".", color=MEASURED, ms=2.0, label="measured")
-  axes.plot(*estimates.point.T, color=BEFORE, lw=0.8, label="point filter")
-  axes.plot(*estimates.bicycle.T, color=BICYCLE, lw=0.8, label="bicycle filter")
-  axes.plot(estimates.value["pose_x"], estimates.value["pose_y"], color=TWIN, lw=1.0, label="fused")
-  axes.set_aspect("equal")
-  axes.set_xlabel("X [m]")
-  axes.set_ylabel("Y [m]")
-  axes.legend(fontsize=8)
   save(figure, file)
 
 

@@ -1,0 +1,91 @@
+"""The page of an offline run of the filter: how long it was valid, estimates with bands over what was measured."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.estimation.offline import NAMES, Estimates
+from qcar_twin.pages import Explorer, Line, Moment, Panel, Route, Run, Section, Table, write_page
+from qcar_twin.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+LABELS = {
+  "pose_x": "x [m]",
+  "pose_y": "y [m]",
+  "pose_yaw": "yaw [rad]",
+  "speed": "speed [m/s]",
+  "sideslip_angle": "sideslip [rad]",
+  "yaw_rate": "yaw rate [rad/s]",
+}
+_SIGMAS = 2.0  # half the width of the bands, standard deviations
+
+
+def write_estimation(
+  folder: Path, filtered: Sequence[tuple[Recording, Estimates]], rolling_radius: float, dataset: str
+) -> Path:
+  """Write report.html; returns its path.
+
+  Args:
+    filtered: recordings with their estimates.
+    rolling_radius: m of travel per rad of the motor, to show the encoder as a speed.
+    dataset: its name.
+  """
+  valid = np.concatenate([e.valid for _, e in filtered])
+  seconds = sum(r.duration for r, _ in filtered)
+  verdict = f"The filter's estimate was valid for {100.0 * valid.mean():.1f} % of {seconds:.0f} s of driving."
+  subtitle = f"Data set {dataset}: {len(filtered)} recordings"
+  return write_page(
+    folder / "report.html", "Estimation", verdict, sections(filtered, rolling_radius), subtitle,
+    tone="good" if valid.mean() > 0.99 else "partly",
+  )  # fmt: skip
+
+
+def sections(filtered: Sequence[tuple[Recording, Estimates]], rolling_radius: float) -> list[Section]:
+  """Everything the page shows, in reading order."""
+  runs = [_run(recording, estimates, rolling_radius) for recording, estimates in filtered]
+  runs.sort(key=lambda run: -run.seconds)
+  invalid = [Moment(r.name, a, b, f"{r.name}: not valid, {a:.1f} to {b:.1f} s") for r in runs for a, b in r.shaded]
+  caption = (
+    f"Estimates with a band of {_SIGMAS:g} standard deviations over what was measured. Shaded: the estimate says that"
+    " it is not valid. The map shows the fused position; click it to see that moment."
+  )
+  parts = [Section("Estimates", "", figures=[Explorer(caption, runs, invalid, shade="not valid")])]
+  rows = [(r.name, r.duration, 100.0 * float(e.valid.mean()), _told(e.reasons)) for r, e in filtered]
+  refused = [(r.name, channel, reason, count) for r, e in filtered for (channel, reason), count in e.refused.items()]
+  tables = [Table("Recordings", ("recording", "duration [s]", "valid [%]", "not valid because (periods)"), rows)]
+  if refused:
+    tables.append(Table("Samples that were refused", ("recording", "channel", "why", "samples"), refused))
+  return [*parts, Section("What was used", "", tables)]
+
+
+def _told(reasons: Mapping[str, int]) -> str:
+  return ", ".join(f"{reason} ({count})" for reason, count in reasons.items()) or "–"
+
+
+def _run(recording: Recording, estimates: Estimates, rolling_radius: float) -> Run:
+  panels = []
+  for name in NAMES:
+    known = np.isfinite(estimates.value[name])
+    value, spread = (np.where(known, v, np.nan) for v in (estimates.value[name], _SIGMAS * estimates.std[name]))
+    lines = [*_measured(name, recording, rolling_radius), Line("twin", estimates.time, value, "estimate", spread)]
+    panels.append(Panel(LABELS[name], lines))
+  route = Route(estimates.time, estimates.value["pose_x"], estimates.value["pose_y"])
+  return Run(recording.name, panels, route, shaded=_not_valid(estimates))
+
+
+def _measured(name: str, recording: Recording, rolling_radius: float) -> list[Line]:
+  channel, scale = ("motor_speed", rolling_radius) if name == "speed" and "motor_speed" in recording else (name, 1.0)
+  if channel not in recording:
+    return []
+  stream = recording[channel]
+  value = np.unwrap(stream.value) if name == "pose_yaw" else scale * stream.value
+  return [Line("measured", stream.time, value, dots=True)]
+
+
+def _not_valid(estimates: Estimates) -> list[tuple[float, float]]:
+  edges: Any = np.flatnonzero(np.diff(np.concatenate([[0], ~estimates.valid, [0]])))
+  ends = np.minimum(edges, len(estimates.time) - 1)
+  return [(float(estimates.time[a]), float(estimates.time[b])) for a, b in zip(ends[::2], ends[1::2], strict=True)]
