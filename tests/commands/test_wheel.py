@@ -40,7 +40,7 @@ def test_every_source_and_every_file_of_data_is_in_it(wheel):
     if path.suffix in SOURCES and "_build" not in path.parts
   }
   assert found == wanted
-  assert {"agents/data/policy/policy.onnx", "qcar_twin/assets/qcar.xml", "calibration/reports/page.html"} <= found
+  assert {"agents/data/policy/policy.onnx", "qcar_twin/assets/qcar.xml", "qcar_twin/pages/page.html"} <= found
 
 
 def test_the_command_and_what_it_needs_are_declared(wheel):

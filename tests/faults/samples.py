@@ -19,7 +19,7 @@ from agents.control.model import Model
 from agents.learning.policy_file import Policy, load_policy, save_policy
 from calibration.campaign.archive import digest, keep, pack, unpack
 from calibration.identification.identification import Identification, identify
-from calibration.proving_ground.seal import seal, unseal
+from calibration.laboratory.seal import seal, unseal
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.file import load_twin, save_twin
 from qcar_twin.twin.mechanisms import select

@@ -10,7 +10,7 @@ import pytest
 
 from agents.learning.policy_file import load_policy
 from calibration.campaign.archive import unpack
-from calibration.reports.page import Section, write_page
+from qcar_twin.pages.page import Section, write_page
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.twin.file import load_twin

@@ -48,8 +48,8 @@ def identified_curves(twin: Twin, thetas: Mapping[str, Array], driven: DrivenRan
     plan.append((_drive_map, [(float(u), 0.0, 0.0) for u in levels]))
   angles = np.linspace(-driven.angle, driven.angle, _LEVELS)
   if np.ptp(commands[:, 1]) > 0.02:
-    plan.append((_steering_map, [(driven.slow * driven.volts, float(d), driven.slow) for d in angles]))
-    plan.append((_axle_curve, [(driven.fast * driven.volts, float(d), driven.fast) for d in angles]))
+    plan.append((_steering_map, [(driven.slow * driven.command, float(d), driven.slow) for d in angles]))
+    plan.append((_axle_curve, [(driven.fast * driven.command, float(d), driven.fast) for d in angles]))
   if not plan:
     return []
   states = np.array([state for _, own in plan for state in own])  # drive command, steering command, first speed

@@ -34,8 +34,10 @@ _SAID = {
 
 
 def write_diagnosis(outcome: Outcome, folder: str | Path) -> Path:
-  """Write diagnosis.json, report.html, twin.toml (the repaired twin) and recalibrated.toml (the same before the repair);
-  returns the report's path."""
+  """Write diagnosis.json, report.html, twin.toml (the repaired twin) and recalibrated.toml (the one before it).
+
+  Returns the report's path.
+  """
   folder = Path(folder)
   claims = ", ".join(c.mechanism for c in outcome.diagnosis.decision.claims) or "no mechanism added"
   name = outcome.diagnosis.dataset
