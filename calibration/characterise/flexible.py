@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.characterise.ages import PERIOD, clock, command_lead, told_without_a_model
 from calibration.fitting.dataset_recalibration import LONGEST, command_shifts, starting_priors
 from calibration.fitting.recalibration import RecalibratedTwin, recalibrate
 from calibration.fitting.surrogate import searching
@@ -37,6 +38,7 @@ BESIDE = (
   "steering_offset", "steering_lag", "steering_delay", "drive_lag", "drive_delay", "encoder_latency", "imu_latency",
   "pose_latency", "gyro_scale", "wheel_radius_error", "steering_drag",
 )  # fmt: skip
+DELAYS = ("steering_delay", "drive_delay")
 TRIM, GAIN = 0.02, 0.1  # rad, and share: how far a servo's trim and a pack's voltage usually wander between sessions
 _TYPICAL = ("longitudinal_stiffness",)  # held near figures of the class in twin/parameters.py, to 15 %
 _REACH = 20.0  # times a typical figure: its order of magnitude, and a little more
@@ -65,6 +67,20 @@ class Characterised:
   @property
   def theta(self) -> Array:
     return self.fitted.theta
+
+  @property
+  def lead(self) -> float:
+    """By how much commands act before they are logged, s; delays are counted from there."""
+    return -PERIOD * min(self.fitted.command_shift, 0)
+
+  @property
+  def unshifted(self) -> Array:
+    """Estimates for commands as they are given, (P,): delays less the lead, none below zero."""
+    theta = self.theta.copy()
+    for name in set(DELAYS) & set(self.beside):
+      at = self.twin.parameters.index(name)
+      theta[at] = max(theta[at] - self.lead, 0.0)
+    return theta
 
   @property
   def covariance(self) -> Array:
@@ -115,14 +131,16 @@ def characterise(
   recordings = [r for r in dataset.recordings if r.role != "holdout"]
   shapes = tuple(m.name for m in curves(vehicle.drive) if m.name not in instead_of and seen_by(m, recordings))
   known = {m.name for m in offered(vehicle.drive) if seen_by(m, recordings)}
-  beside = tuple(name for name in BESIDE if name in known)
+  beside = tuple(name for name in BESIDE if name in known and name != clock(recordings))
   names = dict.fromkeys((*shapes, *beside, *forms))
   shifts = session_shifts(dataset, vehicle) if "steering_offset" in beside else ONE_SESSION
   twin = Twin(vehicle, select(dict.fromkeys((*names, *always_fitted()))), substeps=substeps, threads=threads,
               sessions=shifts)  # fmt: skip
   searched, _ = searching(twin, plant)
   priors = flexible_priors(recordings, searched, tuple(names), reaches(recordings, vehicle))
-  fitted = recalibrate(searched, recordings, priors, command_shifts(dataset), Cut(most=most), progress)
+  lead = command_lead(recordings)
+  shifts = (-lead,) if lead else command_shifts(dataset)
+  fitted = recalibrate(searched, recordings, priors, shifts, Cut(most=most), progress)
   return Characterised(fitted, shapes, beside, tuple(forms))
 
 
@@ -171,18 +189,22 @@ def flexible_priors(
   ]
   taken = {p.name for p in placed}
   base = [_unmeasured(p) for p in starting_priors(recordings, twin, None) if p.name not in taken]
-  gauge = 0.5 * command_interval(recordings)
-  timed = [dataclasses.replace(p, std=gauge) if p.name == "pose_latency" else p for p in placed]
+  timed = _timed(placed, recordings, twin.vehicle)
   return ParameterSet([*base, *timed, *twin.sessions.parameters(twin.parameters)])
 
 
-def command_interval(recordings: Sequence[Recording]) -> float:
-  """Longest usual time between two logged commands, s: a change is logged up to so much after it acted.
-
-  Only sums of the ages of commands and sensors show, so one of them is held: the pose's, within half of this.
-  """
-  streams = [r[name] for r in recordings for name in (r.drive_channel, "steering_command") if name in r]
-  return max(float(np.median(np.diff(s.time))) for s in streams if len(s.time) > 1)
+def _timed(placed: Sequence[Parameter], recordings: Sequence[Recording], vehicle: Vehicle) -> list[Parameter]:
+  """The same with what is known of ages: sensors' from geometry, delays counted from commands that were moved."""
+  told = told_without_a_model(recordings, vehicle) if clock(recordings) == "pose_latency" else {}
+  late = PERIOD * command_lead(recordings)
+  known = {name: (float(value), std) for name, (value, std) in told.items()}
+  known |= {name: (late, 0.5 * late + 0.04) for name in DELAYS if late}
+  return [
+    dataclasses.replace(p, nominal=float(np.clip(known[p.name][0], p.lower, p.upper)), std=known[p.name][1])
+    if p.name in known
+    else p
+    for p in placed
+  ]
 
 
 def _unmeasured(parameter: Parameter) -> Parameter:

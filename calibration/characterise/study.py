@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from calibration.campaign.reference_methods import boosted_residual, rms
-from calibration.characterise.flexible import Characterised, characterise
+from calibration.characterise.flexible import DELAYS, Characterised, characterise
 from calibration.characterise.forms import LEVEL, Form, Outline, outlines
 from calibration.fitting.dataset_recalibration import LONGEST, recalibrate_dataset
 from calibration.fitting.likelihood import Problem
@@ -82,7 +82,7 @@ class Study:
     """The twin to go on with: the one with curves, unless the base does better on recordings that only judged."""
     if self.gain < 0.0:
       return self.base.problem.exact.twin, self.base.theta
-    return self.found.twin, self.found.theta
+    return self.found.twin, self.found.unshifted
 
   def document(self) -> dict[str, Any]:
     """Everything a program may want of it, as plain values."""
@@ -155,11 +155,13 @@ def terms(found: Characterised) -> tuple[Term, ...]:
   amplitudes = {p.name for name in (*found.beside, *found.forms) for p in mechanisms[name].parameters if p.null == 0.0}
   listed = [i for i, p in enumerate(parameters) if p.name in amplitudes or "@" in p.name]
   wanted = float(norm.isf(0.5 * LEVEL / max(len(listed), 1)))
-  return tuple(
-    Term(p.name, float(values[i]), float(std[i]), p.unit, bool(abs(values[i]) > wanted * std[i] > 0.0))
-    for i in listed
-    for p in [parameters[parameters.names[i]]]
-  )
+  made = []
+  for i in listed:
+    parameter, value, spread = parameters[parameters.names[i]], float(values[i]), float(std[i])
+    if parameter.name in DELAYS:  # a change may have acted anywhere between two logged commands
+      value, spread = value - found.lead, float(np.hypot(spread, found.lead / np.sqrt(12.0)))
+    made.append(Term(parameter.name, value, spread, parameter.unit, bool(abs(value) > wanted * spread > 0.0)))
+  return tuple(made)
 
 
 def _base(dataset: DataSet, most: float, threads: int, plant: EngineKind) -> RecalibratedTwin:
