@@ -205,6 +205,12 @@ class Place:
     out[np.append(self.readings.begins[1:], True)] = 0.0
     return np.concatenate(made, axis=2), out
 
+  def force_columns(self) -> tuple[Array, Array]:
+    """Slopes over a force in every window: compressed (J, rows, 3), and of ends (J, 7, 3)."""
+    ends = self.transition[:, :, 7:10].copy()
+    ends[np.append(self.readings.begins[1:], True)] = 0.0
+    return self.compress(np.nan_to_num(self._raw[:, :, 7:10] * self.weight[..., None])), ends
+
   def smoothed(self, noise: Noise, residual: Array, gap: Array, starts: Array) -> tuple[Array, Array]:
     """Means of the starts' deviations (J, 7) and of forces, pose errors, biases (J, n - 7), in their units."""
     _, states = self.whiten(noise, residual, gap, starts, keep=True)

@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 SETTLED = 0.5  # nats per linearisation below which a minimum is reached
 _STEP = 0.1  # of a parameter's scale, over which slopes are taken
 _LARGEST = 0.5  # m/s, rad/s, m or rad by which a start moves in a step at most
-_TURNS, _CHORD, _HALVINGS = 3, 3, 4
+_TURNS, _CHORD, _HALVINGS = 2, 3, 4
 _SHARES = (1.0, 0.4, 0.1, 0.0)  # of the starts' shift that each recording chooses from
 _NOISE_PRIOR = 1.0  # standard deviation of the logarithm of the forces' memory about its start
 _SWEEP = ((1.0, 1.0), (3.0, 3.0), (10.0, 3.0), (10.0, 10.0), (40.0, 20.0))  # times the first force noise, along, across
@@ -115,7 +115,7 @@ def fit_noise(place: Place, noise: Noise, evaluations: int) -> Noise:
 
 def refit(
   twin: Twin, readings: Readings, noise: Noise, free: ParameterSet, theta: Array, starts: Array,
-  steps: int = 6, evaluations: Sequence[int] = (80, 40, 30), place: Place | None = None,
+  steps: int = 6, evaluations: Sequence[int] = (70, 30, 20), place: Place | None = None,
   columns: tuple[Array, Array] | None = None, trusting: int = 2, settled_at: float = SETTLED,
 ) -> Minimum:  # fmt: skip
   """Fit free parameters, starts and noise from given ones.
@@ -189,6 +189,7 @@ def _descend(
   spent = 0
   for chord in range(_CHORD):
     error = white.rows(0).ravel()
+    squares = np.bincount(place.readings.recording, (white.rows(0) ** 2).sum(axis=1))
     slope = columns.T @ error - prior_of(free, theta[at]) / free.std
     step = bounded(curvature, slope, theta[at], free.lower, free.upper)
     promised, share, better = float(slope @ step - 0.5 * step @ curvature @ step), 1.0, False
@@ -197,8 +198,10 @@ def _descend(
       tried[at] = np.clip(theta[at] + share * step, free.lower, free.upper)
       change = made[0] @ (share * step), made[1] @ (share * step)
       shift, _ = _smoothed(place, noise, residual, gap, starts, change)
-      begun_at, r, g, after = _best_starts(place, noise, tried, starts, np.clip(shift, -_LARGEST, _LARGEST))
-      spent += len(_SHARES)
+      begun_at, r, g, after = _best_starts(
+        place, noise, tried, starts, np.clip(shift, -_LARGEST, _LARGEST), squares
+      )
+      spent += 2
       reached = after.cost + 0.5 * float(np.sum(prior_of(free, tried[at]) ** 2))
       better = reached < cost
       if better:
@@ -213,15 +216,24 @@ def _descend(
 
 
 def _best_starts(
-  place: Place, noise: Noise, theta: Array, starts: Array, shift: Array
+  place: Place, noise: Noise, theta: Array, starts: Array, shift: Array, before: Array
 ) -> tuple[Array, Array, Array, Whitened]:
-  """Starts moved by as much of a shift as suits each recording: starts, residual, gaps, whitened."""
+  """Starts moved by as much of a shift as suits each recording: starts, residual, gaps, whitened.
+
+  Args:
+    before: squares of every recording so far; where none gets worse, the whole shift is taken without trying others.
+  """
+  promising = lambda squares: bool(np.all(squares <= before))
+  whole = Whitened(before, before, np.inf)
   recording, unit, tried = place.readings.recording, _unit(place), []
   for share in _SHARES:
+    if share == _SHARES[1] and promising(tried[0][0]):
+      return tried[0][1], tried[0][2], tried[0][3], whole
     moved_to = starts + share * shift * unit
     predicted, ended = place.simulate(theta[None], moved_to)
     r, g = _finite(*place.misfit(predicted[0], ended[0], moved_to))
     white, _ = place.whiten(noise, r, g, moved_to)
+    whole = white if share == 1.0 else whole
     tried.append((np.bincount(recording, (white.rows(0) ** 2).sum(axis=1)), moved_to, r, g))
   best = np.argmin([t[0] for t in tried], axis=0)[recording]
   chosen, r, g = (np.choose(best[:, None], [t[k] for t in tried]) for k in (1, 2, 3))
