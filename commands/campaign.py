@@ -65,7 +65,9 @@ def main(config: Config) -> str:
   of_kind = Counter(case.kind for case in cases)
   cases.sort(key=lambda case: (int(case.name.split("_")[1]) / of_kind[case.kind], case.name))
   todo = [] if config.score_only else [c for c in cases if not (config.out / f"{c.name}.json").is_file()]
-  jobs = Parallel(n_jobs=config.jobs, return_as="generator_unordered")(delayed(run_case)(c, config.out, engine=config.engine) for c in todo)
+  jobs = Parallel(n_jobs=config.jobs, return_as="generator_unordered")(
+    delayed(run_case)(c, config.out, engine=config.engine) for c in todo
+  )
   for _ in tqdm(jobs, total=len(todo), desc="cases", unit="case"):
     pass
   answers = [config.out / f"{c.name}.json" for c in cases]

@@ -21,7 +21,6 @@ from calibration.proving_ground import make_session
 from qcar_twin.atomic_io import plain
 from qcar_twin.recordings.dataset import DataSet
 
-
 ENGINES = ("search", "likelihood")
 
 

@@ -1,4 +1,4 @@
-"""A constant force on the body: what the process noise is made of, as a mechanism so that a twin can be asked about it."""
+"""A constant force on the body: what process noise is made of, as a mechanism, so that a twin can be asked about it."""
 
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State

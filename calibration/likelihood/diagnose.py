@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.considered import considered
 from calibration.diagnosis.holdout_errors import ChannelFit, compare_twins
-from calibration.fitting.dataset_recalibration import LONGEST, starting_priors
+from calibration.fitting.dataset_recalibration import LONGEST
 from calibration.fitting.noise import noise_passport
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.windows import Cut
@@ -17,6 +17,7 @@ from calibration.likelihood.body_force import BodyForce
 from calibration.likelihood.hypotheses import Option, options
 from calibration.likelihood.levels import Levels, levels
 from calibration.likelihood.noise import FITTED, first_noise
+from calibration.likelihood.priors import base_priors
 from calibration.likelihood.readings import read
 from calibration.likelihood.remains import Remains, remains
 from calibration.likelihood.search import Found, Setting, search
@@ -81,7 +82,7 @@ def diagnose_by_likelihood(
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   known, fitted = considered(mechanisms, None, vehicle.drive), list(dataset.role("identify"))
   twin = Twin(vehicle, [*known, BodyForce()], substeps=substeps, threads=threads, engine="reduced")
-  base = starting_priors(fitted, twin, None)
+  base = base_priors(fitted, twin)
   readings = read(fitted, vehicle, Cut(most=LONGEST))
   nominal = twin.parameters.vector({p.name: p.nominal for p in base})
   setting = Setting(twin, readings, base, tuple(options(known, base, readings)), nominal)
@@ -138,14 +139,21 @@ def document(finding: Finding) -> dict:
     "verdict": finding.verdict,
     "claims": [_claim(finding, o, p) for o, p in finding.claims],
     "ranking": [{"mechanism": n, "evidence_nats": gains.get(n, scanned.get(n, 0.0))} for n in order[:12]],
-    "where": {"subsystem": catalogue()[first].subsystem if first else "", "depends_on": list(finding.remains.depends_on)},
+    "where": {
+      "subsystem": catalogue()[first].subsystem if first else "",
+      "depends_on": list(finding.remains.depends_on),
+    },
     "unknown": {"depends_on": list(finding.remains.depends_on), "gains": dict(finding.remains.gains)},
     "fit": {"validate": fits(finding.validate), "holdout": fits(finding.holdout)},
     "noise": {name: best.noise.value(name) for name in FITTED},
-    "shifts": {p.name: float((v - p.nominal) / s) for p, v, s in zip(best.free, best.values, best.free.std, strict=True)},
+    "shifts": {
+      p.name: float((v - p.nominal) / s) for p, v, s in zip(best.free, best.values, best.free.std, strict=True)
+    },
     "level": found.level,
     "nats": found.base.cost - best.cost,
-    "models": [{"set": list(k), "nats": found.base.cost - c} for k, c in sorted(found.models.items(), key=lambda m: m[1])],
+    "models": [
+      {"set": list(k), "nats": found.base.cost - c} for k, c in sorted(found.models.items(), key=lambda m: m[1])
+    ],
     "forces": dict(finding.remains.forces),
     "simulations": found.simulations,
     "seconds": finding.seconds,

@@ -118,3 +118,34 @@ double whiten(long J, long n, long nx, long nf, long p, const double* R, double*
   }
   return half;
 }
+
+// Smoothed means of the states (J, n) in place of X, which holds those after each window: Rauch, Tung and Striebel.
+// Other arguments as of `whiten`; P and P0 are its covariances after and before each window, X0 its means before.
+void smooth(long J, long n, long nx, long nf, const double* A, const unsigned char* begins, const double* keep, double* X,
+            const double* P, const double* X0, const double* P0) {
+  double ahead[MOST * MOST], f[MOST * MOST], g[MOST * MOST], unit[MOST], miss[MOST];
+  for (long j = J - 2; j >= 0; j--) {
+    if (begins[j + 1]) continue;
+    const double* before = P0 + (j + 1) * n * n;
+    for (long i = 0; i < n; i++) unit[i] = 1 / sqrt(before[i * n + i] + 1e-300);
+    for (long i = 0; i < n; i++) {
+      for (long k = 0; k < n; k++) ahead[i * n + k] = before[i * n + k] * unit[i] * unit[k];
+      ahead[i * n + i] += 1e-12;
+      miss[i] = (X[(j + 1) * n + i] - X0[(j + 1) * n + i]) * unit[i];
+    }
+    if (!factor(ahead, n)) continue;
+    forward(ahead, miss, n, 1);
+    for (long i = n - 1; i >= 0; i--) {
+      for (long k = i + 1; k < n; k++) miss[i] -= ahead[k * n + i] * miss[k];
+      miss[i] /= ahead[i * n + i];
+    }
+    memset(f, 0, sizeof f);
+    for (long i = 0; i < nx; i++)
+      for (long k = 0; k < nx + nf; k++) f[i * n + k] = A[(j * nx + i) * (nx + nf) + k] * unit[i];
+    for (long i = nx; i < n; i++) f[i * n + i] = keep[i - nx] * unit[i];
+    memset(g, 0, sizeof g);
+    add_product(g, f, P + j * n * n, n, n, n, 1);
+    for (long i = 0; i < n; i++)
+      for (long k = 0; k < n; k++) X[j * n + k] += g[i * n + k] * miss[i];
+  }
+}

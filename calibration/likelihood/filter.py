@@ -85,19 +85,13 @@ def whiten(
 
 def smooth(chain: Chain, states: Filtered) -> Array:
   """Means of the states given all readings, (J, n): Rauch, Tung and Striebel, AIAA Journal 3(8), 1965."""
-  out = states.after.copy()
-  size = out.shape[1]
-  step = np.zeros((size, size))
-  step[7:, 7:] = np.diag(chain.memory)
-  for j in range(len(out) - 2, -1, -1):
-    if chain.begins[j + 1]:
-      continue
-    step[:7, :10] = chain.transition[j]
-    ahead, mean = states.before_covariance[j + 1], states.before[j + 1]
-    unit = np.sqrt(np.diag(ahead)) + 1e-300
-    scaled = ahead / np.outer(unit, unit) + 1e-12 * np.eye(size)
-    gain = np.linalg.solve(scaled, (step @ states.after_covariance[j]) / unit[:, None]).T / unit
-    out[j] += gain @ (out[j + 1] - mean)
+  out, size = states.after.copy(), states.after.shape[1]
+  arrays = [_contiguous(a) for a in (chain.transition, chain.memory)]
+  begins = np.ascontiguousarray(chain.begins, dtype=np.uint8)
+  _library().smooth(
+    len(out), size, 7, 3, arrays[0].ctypes.data, begins.ctypes.data, arrays[1].ctypes.data, out.ctypes.data,
+    states.after_covariance.ctypes.data, states.before.ctypes.data, states.before_covariance.ctypes.data,
+  )  # fmt: skip
   return out
 
 
@@ -111,6 +105,8 @@ def _library() -> ctypes.CDLL:
   whole, array = ctypes.c_long, ctypes.c_void_p
   library.whiten.argtypes = [whole] * 5 + [array] * 14
   library.whiten.restype = ctypes.c_double
+  library.smooth.argtypes = [whole] * 4 + [array] * 7
+  library.smooth.restype = None
   return library
 
 

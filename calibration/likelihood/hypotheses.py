@@ -61,7 +61,9 @@ def options(mechanisms: Sequence[Mechanism], base: ParameterSet, readings: Readi
     if set(m.needs) - set(readings.channels):
       continue
     amplitudes = tuple(
-      dataclasses.replace(p, std=BELIEVED * p.typical, nominal=p.null) for p in m.parameters if p.null is not None and p.typical
+      dataclasses.replace(p, std=BELIEVED * p.typical, nominal=p.null)
+      for p in m.parameters
+      if p.null is not None and p.typical
     )
     shapes = [p for p in m.parameters if p.null is None]
     for guess in m.initial_guesses(driving):
@@ -134,7 +136,9 @@ def weigh(
   # by chance: what the best of them explains is no chance and is taken off first
   best = where[int(np.argmax(gain))]
   clean = columns - base @ cross
-  score = score - _by_block(np.einsum("jrk,jr->jk", clean, clean[:, :, best] @ size[int(np.argmax(gain))]), blocks, count)
+  score = score - _by_block(
+    np.einsum("jrk,jr->jk", clean, clean[:, :, best] @ size[int(np.argmax(gain))]), blocks, count
+  )
   flipped = np.random.default_rng(seed).choice([-1.0, 1.0], (draws, count)) @ score
   chance = np.max([_worth(flipped[:, part], inverse, one_sided[part]) - logs for part, inverse, logs in solved], axis=0)
   return Weighed(gain, size, chance)
@@ -157,8 +161,9 @@ def _worth(score: Array, inverse: Array, one_sided: NDArray[np.bool_]) -> Array:
 def families(readings: Readings, starts: Array) -> dict[str, Array]:
   """Functions that a nameless force may be of, each (J, k) with mean square 1 or less."""
   v, r, x, y, yaw = (starts[:, i] for i in (0, 3, 4, 5, 6))
-  commands = readings.segments.commands[readings.stretch, np.minimum(readings.first_period + EVERY // 2,
-                                                                      readings.segments.commands.shape[1] - 1)]  # fmt: skip
+  every_command = readings.segments.commands
+  middle = np.minimum(readings.first_period + EVERY // 2, every_command.shape[1] - 1)
+  commands = every_command[readings.stretch, middle]
   drive, steer = commands.T
   history = readings.segments.history
   spent = np.zeros(len(readings)) if history is None else history[readings.stretch, 0]
@@ -167,7 +172,9 @@ def families(readings: Readings, starts: Array) -> dict[str, Array]:
   past = [_faded(p, readings.begins, window, t) for p in (drive**2, np.abs(v * r)) for t in _MEMORIES]
   middle = [(np.linspace(np.quantile(c, 0.02), np.quantile(c, 0.98), _BUMPS)) for c in (x, y)]
   wide = [max(float(np.ptp(m)) / (_BUMPS - 1), 0.1) for m in middle]
-  bumps = [np.exp(-0.5 * ((x - a) / wide[0]) ** 2 - 0.5 * ((y - b) / wide[1]) ** 2) for a in middle[0] for b in middle[1]]
+  bumps = [
+    np.exp(-0.5 * ((x - a) / wide[0]) ** 2 - 0.5 * ((y - b) / wide[1]) ** 2) for a in middle[0] for b in middle[1]
+  ]
   made = {
     "state": [v, v * np.abs(v), r, v * r, r * np.abs(r), np.sign(v)],
     "commands": [drive, steer, drive * np.abs(drive), steer * np.abs(steer), drive * steer],

@@ -40,7 +40,7 @@ class Whitened:
   """Half the sum of squares of independent unit-variance numbers is minus the log likelihood.
 
   Attributes:
-    innovation, rest: residual (and columns) as the filter and as the compression leave them, (J, n, 1 + p), (J, m', 1 + p).
+    innovation, rest: residual and columns as filter and compression leave them, (J, n, 1 + p), (J, m', 1 + p).
     half_log: half the log determinant.
   """
 
@@ -192,7 +192,7 @@ class Place:
     return Whitened(innovation, z[:, self.states :], half), states
 
   def columns(self, theta: Array, moves: Array) -> tuple[Array, Array]:
-    """Slopes over vectors that differ from this place by a move each: compressed (J, rows, p), and of ends (J, 7, p)."""
+    """Slopes over vectors that differ from this place by a move each: compressed (J, rows, p), of ends (J, 7, p)."""
     made, ends = [], []
     for low in range(0, len(theta), 24):
       some = slice(low, low + 24)

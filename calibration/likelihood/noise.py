@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 
 MOVES = 0.1  # m/s: a car that stands is pushed by nothing: roads and draughts come with motion
 BIASED = {"accel_x": 0.02, "accel_y": 0.02, "yaw_rate": 0.002}  # m/s^2, rad/s: wander of a bias between runs
-# degrees of freedom of the readings' distribution, with which a fast mode that the twin lacks (a shaft that rings after a
-# jolt, wheels that slide) spoils a window and no more: Lange, Little and Taylor, J. Am. Stat. Assoc. 84, 1989, take 4
+# degrees of freedom of the readings' distribution, with which a fast mode that the twin lacks (a shaft that rings after
+# a jolt, wheels that slide) spoils a window and no more: Lange, Little and Taylor, J. Am. Stat. Assoc. 84, 1989, take 4
 TAIL = 4.0
 _LEAST_TRUST = 1e-4
 _BINS = 8  # of speed, in which a sensor's noise is read off
@@ -73,7 +73,9 @@ class Noise:
 
   def distrust(self, readings: Readings) -> float:
     """What the trusts cost: their prior, and the width they give to the readings, nats."""
-    count = np.stack([readings.used[:, readings.channel == c].sum(axis=1) for c in range(len(readings.channels))], axis=1)
+    count = np.stack(
+      [readings.used[:, readings.channel == c].sum(axis=1) for c in range(len(readings.channels))], axis=1
+    )
     logs = np.log(self.trust)
     return float(np.sum(0.5 * TAIL * (self.trust - 1.0 - logs) - 0.5 * count * logs))
 

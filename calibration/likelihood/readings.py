@@ -14,7 +14,7 @@ from calibration.fitting.residual_channels import POSE, RESIDUALS
 from calibration.fitting.windows import Cut, driven, measured_start, pose_on, shift_commands, wheel_angle_on
 from calibration.likelihood.stray import stray_poses
 from qcar_twin.kinematics import motor_speed
-from qcar_twin.plant import MOTION, SIGNALS, START, Segments, signal_index
+from qcar_twin.plant import MOTION, START, Segments, signal_index
 from qcar_twin.recordings.dataset import in_order
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.vehicle.vehicle import Vehicle

@@ -127,7 +127,7 @@ def refit(
     settled_at: nats that a linearisation must bring to be followed by another.
     trusting: linearisations before residuals say which windows are trusted less.
   """
-  spent, settled, at = 0, False, indices(twin, free)
+  spent, settled = 0, False
   for step in range(steps):
     here = place if step == 0 and place is not None else Place(twin, readings, noise, theta, starts)
     made = columns if step == 0 and columns is not None else here.columns(*moved(here, list(free)))
@@ -198,9 +198,7 @@ def _descend(
       tried[at] = np.clip(theta[at] + share * step, free.lower, free.upper)
       change = made[0] @ (share * step), made[1] @ (share * step)
       shift, _ = _smoothed(place, noise, residual, gap, starts, change)
-      begun_at, r, g, after = _best_starts(
-        place, noise, tried, starts, np.clip(shift, -_LARGEST, _LARGEST), squares
-      )
+      begun_at, r, g, after = _best_starts(place, noise, tried, starts, np.clip(shift, -_LARGEST, _LARGEST), squares)
       spent += 2
       reached = after.cost + 0.5 * float(np.sum(prior_of(free, tried[at]) ** 2))
       better = reached < cost

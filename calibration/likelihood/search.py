@@ -17,7 +17,7 @@ from calibration.likelihood.levels import Levels
 from calibration.likelihood.linear import Place
 from calibration.likelihood.noise import Noise
 from calibration.likelihood.readings import Readings
-from calibration.likelihood.refit import Minimum, conclude, indices, moved, prior_of, refit
+from calibration.likelihood.refit import Minimum, moved, prior_of, refit
 from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.twin.twin import Twin
@@ -27,9 +27,16 @@ Array = NDArray[np.float64]
 log = logging.getLogger(__name__)
 
 # effort, which decides nothing: more of it costs time and finds the same or better
-FROM_NOMINAL, FROM_SCAN, KEPT = 3, 2, 2  # names in the race by either ranking, and those that are refitted to the end
-NAMES = 4  # at most
-_FIRST, _LAST, _NAMELESS = 3, 5, 8  # linearisations of a racer, of one that is kept, and of the base
+FROM_NOMINAL, FROM_SCAN, KEPT = 2, 2, 2  # names in the race by either ranking, and those that are refitted to the end
+BESIDE, NAMES = 2, 4  # names that are tried beside others in a round, and names at most
+_FIRST, _LAST, _MORE, _NAMELESS = (
+  2,
+  4,
+  3,
+  7,
+)  # linearisations of a racer, of one that is kept, beside others, of the base
+_SAFE = 4.0  # times the level that a name is worth by a straight line, above which leaving it out is not tried
+_OFF = 0.3  # of the typical size, off its null, that an amplitude begins at
 _CLOSE = 2.0  # nats a linearisation brings at most where a refit ends
 
 
@@ -108,22 +115,28 @@ class _Run:
   minima: dict[tuple[str, ...], Minimum]
   simulations: int = 0
 
-  def fit(self, names: Sequence[Option], steps: int = _LAST, onwards: bool = False) -> Minimum:
-    """Names refitted from the nominal car, or on from where a shorter refit ended."""
-    key, s = tuple(sorted(o.key for o in names)), self.setting
+  def fit(
+    self, names: Sequence[Option], steps: int = _LAST, onwards: bool = False, near: Minimum | None = None
+  ) -> Minimum:
+    """Names refitted from the nominal car, or on from where a shorter refit or a model near by ended."""
+    key, s = _key(names), self.setting
     known = self.minima.get(key)
     if known is not None and (known.settled or not onwards):
       return known
-    if known is None:
-      free, theta, starts, noise = started(s, names), self.setting.nominal.copy(), s.readings.starts, self.base.noise
-      for option in names:
-        for p in (*option.amplitudes, *option.shapes):
-          theta[s.twin.parameters.index(p.name)] = p.nominal
-      theta = towards_hint(s, names, theta)
-    else:
-      free, theta, starts, noise = known.free, known.theta, known.starts, known.noise
-    made = refit(s.twin, s.readings, noise, free, theta, starts, steps, (30, 20, 20), trusting=0 if known else 1,
-                 settled_at=_CLOSE)  # fmt: skip
+    free, theta, starts, noise = started(s, names), s.nominal.copy(), s.readings.starts, self.base.noise
+    if known or near:
+      begun = known or near
+      assert begun is not None
+      theta, starts, noise = begun.theta.copy(), begun.starts, begun.noise
+      gone = set(begun.free.names) - set(free.names)
+      for name in gone:
+        theta[s.twin.parameters.index(name)] = s.nominal[s.twin.parameters.index(name)]
+    fresh = [o for o in names if known is None and not (near and set(p.name for p in o.shapes) & set(near.free.names))]
+    theta = hinted(s, fresh, theta, near)
+    trusting = 0 if known or near else 1
+    made = refit(
+      s.twin, s.readings, noise, free, theta, starts, steps, (30, 20, 20), trusting=trusting, settled_at=_CLOSE
+    )
     self.minima[key] = made
     self.simulations += made.simulations
     log.info("%s: cost %.1f, %.1f nats below the base", key, made.cost, self.base.cost - made.cost)
@@ -131,6 +144,7 @@ class _Run:
 
   def race(self, racers: Sequence[Option]) -> tuple[Option, ...]:
     """The best single name by refits; nothing where none beats the base."""
+    racers = list(racers)
     costs = [self.fit([o], _FIRST).cost for o in racers]
     kept = [racers[i] for i in np.argsort(costs)[:KEPT]]
     last = [self.fit([o], _LAST, onwards=True).cost for o in kept]
@@ -143,30 +157,41 @@ class _Run:
     weighed, asked = scan(self.setting, here, self.levels, {o.name for o in names})
     level = float(np.quantile(weighed.chance, 1.0 - self.levels.family_wise))
     order = [i for i in _best_of_each(asked, weighed.gain) if weighed.gain[i] > level]
-    log.info("beside %s: level %.1f, %s", [o.key for o in names], level, [(asked[i].key, round(weighed.gain[i])) for i in order[:4]])
+    log.info(
+      "beside %s: level %.1f, %s",
+      [o.key for o in names],
+      level,
+      [(asked[i].key, round(weighed.gain[i])) for i in order[:4]],
+    )
     if not order:
       return ()
     known = {o.name for o in names}
-    tried = _without_doubles([*(asked[i] for i in order[:2]), *[o for o in others if o.name not in known][:1]])
-    made = [(self.fit([*names, o]), o) for o in tried]
+    tried = _without_doubles([*(asked[i] for i in order[:BESIDE]), *[o for o in others if o.name not in known][:1]])[
+      :BESIDE
+    ]
+    made = [(self.fit([*names, o], _MORE, near=here), o) for o in tried]
     best, option = min(made, key=lambda m: m[0].cost)
     return (*names, option) if here.cost - best.cost > level else ()
 
   def dropped(self, names: tuple[Option, ...], level: float) -> tuple[Option, ...]:
-    """The names without those that cost no more than chance to leave out."""
-    while names:
-      whole = self.fit(names).cost
-      loss = [self.fit([o for o in names if o is not left]).cost - whole for left in names]
+    """The names without those that cost no more than the level to leave out.
+
+    What a straight line promises to cost more than `_SAFE` times that is not refitted.
+    """
+    while len(names) > 1:
+      here, loss = self.fit(names), []
+      for left in names:
+        loss.append(worth(here, left))
+        if loss[-1] <= _SAFE * level:
+          loss[-1] = self.fit([o for o in names if o is not left], _MORE, near=here).cost - here.cost
       if min(loss) > level:
         break
       names = tuple(o for i, o in enumerate(names) if i != int(np.argmin(loss)))
-    return names
+    return names if not names or self.base.cost - self.fit(names).cost > level else ()
 
   def found(self, names: tuple[Option, ...], level: float, table: tuple[tuple[str, float], ...]) -> Found:
     """The result; names by what leaving each out costs, most first."""
-    if len(names) > 1:
-      loss = {o.key: self.fit([n for n in names if n is not o]).cost for o in names}
-      names = tuple(sorted(names, key=lambda o: -loss[o.key]))
+    names = tuple(sorted(names, key=lambda o: -worth(self.fit(names), o)))
     models = {key: m.cost for key, m in self.minima.items()}
     return Found(self.base, self.fit(names) if names else self.base, names, level, table, models, dict(self.minima),
                  self.simulations + self.base.simulations)  # fmt: skip
@@ -180,13 +205,28 @@ def started(setting: Setting, names: Sequence[Option]) -> ParameterSet:
   return free
 
 
-def towards_hint(setting: Setting, names: Sequence[Option], theta: Array) -> Array:
-  """Amplitudes that stand at their null moved off it, lest their shapes have no slope."""
+def hinted(setting: Setting, names: Sequence[Option], theta: Array, near: Minimum | None) -> Array:
+  """Shapes at their starts, and amplitudes with a shape off their null, lest it have no slope."""
+  present = set(near.free.names) if near else set()
   for option in names:
-    if option.shapes:
-      for p in option.amplitudes:
-        theta[setting.twin.parameters.index(p.name)] = (p.null or 0.0) + 0.3 * (p.typical or p.scale)
+    for p in option.shapes:
+      theta[setting.twin.parameters.index(p.name)] = p.nominal
+    for p in option.amplitudes if option.shapes else ():
+      if p.name not in present:
+        theta[setting.twin.parameters.index(p.name)] = (p.null or 0.0) + _OFF * (p.typical or p.scale)
   return theta
+
+
+def worth(at: Minimum, option: Option) -> float:
+  """Nats that a name's amplitudes are from their null, by the curvature at a minimum."""
+  index = [at.free.index(p.name) for p in option.amplitudes]
+  away = at.values[index] - np.array([p.null or 0.0 for p in option.amplitudes])
+  covariance = np.linalg.inv(at.precision)[np.ix_(index, index)]
+  return 0.5 * float(away @ np.linalg.solve(covariance, away))
+
+
+def _key(names: Sequence[Option]) -> tuple[str, ...]:
+  return tuple(sorted(o.key for o in names))
 
 
 def scan(
@@ -196,7 +236,9 @@ def scan(
   asked = [o for o in setting.options if o.name not in without]
   columns, ends, where = responses(at.place, asked)
   made, _ = at.place.whiten(at.noise, at.place.residual, at.place.gap, at.starts, columns, ends)
-  return _weighed(at.white.rows(slice(1, None)), at.precision, at, made.rows(slice(1, None)), asked, where, levels), asked
+  return _weighed(
+    at.white.rows(slice(1, None)), at.precision, at, made.rows(slice(1, None)), asked, where, levels
+  ), asked
 
 
 def _weighed(

@@ -124,7 +124,9 @@ class Simulation:
       if acts:
         for k in range(first, last):
           running = np.flatnonzero(left > k - first)
-          signals[:, k + 1] = self._step(logged[k], acting[k], slots, pose[:, k], running) if len(running) else self.signals
+          signals[:, k + 1] = (
+            self._step(logged[k], acting[k], slots, pose[:, k], running) if len(running) else self.signals
+          )
         continue
       part = scratch if last - first == every else np.empty((size, last - first + 1, len(SIGNALS)))
       part[:, 0] = self.signals
@@ -147,10 +149,34 @@ class Simulation:
     nowhere = np.full((len(blind), 4), np.nan)
     times = np.cumsum(np.full(periods, self._period)) - self._period
     for slot in acts[:count]:
+      if not slot.state:  # nothing is carried from period to period: all of them at once
+        self._at_once(slot, logged[:periods], acting[:periods], times)
+        continue
       for k in range(periods):
         context = self._context(slot, logged[k], nowhere, times[k], blind)
         acting[k][slot.rows] = slot.mechanism.command(slot.theta, context, slot.state, acting[k][slot.rows])
     return acting, [slot for slot in self._slots if slot not in acts[:count]]
+
+  def _at_once(self, slot: Slot, logged: Array, acting: Array, times: Array) -> None:
+    """Commands (T, N, 2) of a mechanism without hidden state, in place."""
+    count, size = len(logged), len(slot.theta)
+    over = lambda a: np.repeat(a[None], count, axis=0).reshape(count * size, *a.shape[1:])
+    time, values = np.repeat(times, size), self.engine.values
+    context = Context(
+      car=self._car,
+      period=self._period,
+      time=time,  # type: ignore[arg-type]
+      signals=np.broadcast_to(np.nan, (count * size, len(SIGNALS))),
+      commands=logged[:, slot.rows].reshape(-1, 2),
+      history=over(self._history[slot.rows]),
+      recording_time=over(self._recording_time[slot.rows]) + time,
+      pose=np.broadcast_to(np.nan, (count * size, 3)),
+      wheel_angle=np.broadcast_to(np.nan, count * size),
+      torque_per_volt=over(values["torque_per_volt"][slot.rows]),
+      motor_damping=over(values["motor_damping"][slot.rows]),
+    )
+    came = acting[:, slot.rows].reshape(-1, 2)
+    acting[:, slot.rows] = slot.mechanism.command(over(slot.theta), context, slot.state, came).reshape(count, size, 2)
 
   def _step(
     self, logged: Array, acting: Array, slots: Sequence[Slot], pose: Array | None, running: NDArray[np.intp] | None

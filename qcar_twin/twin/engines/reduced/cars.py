@@ -164,7 +164,7 @@ class ReducedCars:
     signals[:, :6], signals[:, 6:8], signals[:, 8], signals[:, 9] = start[:, :6], 0.0, motor, s["steering_angle"]
 
   def restart(self, start: Array, signals: Array, leaders: NDArray[np.intp] | None = None) -> None:
-    """Put the cars to the motions (N, 7) of `MOTION`; slips, suspension, servo and wheel differences go on as they were.
+    """Put the cars to the motions (N, 7) of `MOTION`; slips, suspension, servo, differences go on as they were.
 
     Args:
       signals: (N, 10), brought in line.
