@@ -63,7 +63,7 @@ class Finding:
 
 
 def diagnose_by_likelihood(
-  dataset: DataSet, mechanisms: Sequence[str] | None = None, substeps: int = 2, threads: int = 0,
+  dataset: DataSet, mechanisms: Sequence[str] | None = None, substeps: int = 5, threads: int = 0,
   limits: Levels | None = None, progress: Progress = silent,
 ) -> Finding:  # fmt: skip
   """Find out what physics a data set shows that the twin lacks, by likelihood.

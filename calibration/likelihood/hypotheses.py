@@ -61,7 +61,9 @@ def options(mechanisms: Sequence[Mechanism], base: ParameterSet, readings: Readi
     if set(m.needs) - set(readings.channels):
       continue
     amplitudes = tuple(
-      dataclasses.replace(p, std=BELIEVED * p.typical, nominal=p.null)
+      dataclasses.replace(
+        p, std=BELIEVED * p.typical, nominal=p.null, step=base[p.name].std if p.name in base else p.step
+      )
       for p in m.parameters
       if p.null is not None and p.typical
     )
@@ -80,7 +82,7 @@ def responses(place: Place, asked: Sequence[Option]) -> tuple[Array, Array, list
       vector, i = place.theta.copy(), place.twin.parameters.index(p.name)
       for shape in option.shapes:
         vector[place.twin.parameters.index(shape.name)] = shape.nominal
-      step = _ASKED * (p.typical or p.scale)
+      step = _ASKED * (p.step or p.typical or p.scale)
       step = step if vector[i] + step <= p.upper else -step
       vector[i] += step
       theta.append(vector)
@@ -170,11 +172,9 @@ def families(readings: Readings, starts: Array) -> dict[str, Array]:
   time = spent + readings.first_period * readings.segments.period
   window = EVERY * readings.segments.period
   past = [_faded(p, readings.begins, window, t) for p in (drive**2, np.abs(v * r)) for t in _MEMORIES]
-  middle = [(np.linspace(np.quantile(c, 0.02), np.quantile(c, 0.98), _BUMPS)) for c in (x, y)]
-  wide = [max(float(np.ptp(m)) / (_BUMPS - 1), 0.1) for m in middle]
-  bumps = [
-    np.exp(-0.5 * ((x - a) / wide[0]) ** 2 - 0.5 * ((y - b) / wide[1]) ** 2) for a in middle[0] for b in middle[1]
-  ]
+  along = [(np.linspace(np.quantile(c, 0.02), np.quantile(c, 0.98), _BUMPS)) for c in (x, y)]
+  wide = [max(float(np.ptp(m)) / (_BUMPS - 1), 0.1) for m in along]
+  bumps = [np.exp(-0.5 * ((x - a) / wide[0]) ** 2 - 0.5 * ((y - b) / wide[1]) ** 2) for a in along[0] for b in along[1]]
   made = {
     "state": [v, v * np.abs(v), r, v * r, r * np.abs(r), np.sign(v)],
     "commands": [drive, steer, drive * np.abs(drive), steer * np.abs(steer), drive * steer],
