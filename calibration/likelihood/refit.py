@@ -27,7 +27,6 @@ _LARGEST = 0.5  # m/s, rad/s, m or rad by which a start moves in a step at most
 _TURNS, _CHORD, _HALVINGS = 2, 3, 4
 _SHARES = (1.0, 0.4, 0.1, 0.0)  # of the starts' shift that each recording chooses from
 _NOISE_PRIOR = 1.0  # standard deviation of the logarithm of the forces' memory about its start
-_SWEEP = ((1.0, 1.0), (3.0, 3.0), (10.0, 3.0), (10.0, 10.0), (40.0, 20.0))  # times the first force noise, along, across
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,7 +88,7 @@ def prior_of(free: ParameterSet, values: Array) -> Array:
 
 
 def fit_noise(place: Place, noise: Noise, evaluations: int) -> Noise:
-  """The noise that makes a residual most likely; where to begin is swept first."""
+  """The noise that makes a residual most likely, from what it was or from where all fits begin."""
   low, high = (np.log([FITTED[n][k] for n in FITTED]) for k in (1, 2))
   begun = np.log([FITTED[n][0] for n in FITTED])
   memory = list(FITTED).index("memory")
@@ -98,25 +97,21 @@ def fit_noise(place: Place, noise: Noise, evaluations: int) -> Noise:
     inside = np.clip(fitted, low, high)
     white, _ = place.whiten(dataclasses.replace(noise, fitted=inside), place.residual, place.gap, place.starts)
     out = white.cost + 0.5 * ((inside[memory] - begun[memory]) / _NOISE_PRIOR) ** 2
-    return (out if np.isfinite(out) else 1e12) + 10.0 * float(np.sum((fitted - inside) ** 2))
+    return out if np.isfinite(out) else 1e12
 
-  swept = [noise.fitted]
-  if evaluations > 60:
-    for along, across in _SWEEP:
-      tried = begun.copy()
-      tried[:3] += np.log([along, across, across])
-      swept.append(tried)
-  start = min(swept, key=cost)
-  simplex = np.vstack([start, start + np.diag([0.4, 0.4, 0.4, 0.3, 0.5, 0.3, 0.3, 0.3])])
-  options = {"maxfev": evaluations, "initial_simplex": simplex, "xatol": 0.02, "fatol": 0.3, "adaptive": True}
-  found = minimize(cost, start, method="Nelder-Mead", options=options)
-  return dataclasses.replace(noise, fitted=np.clip(found.x, low, high))
+  start = min((noise.fitted, begun), key=cost)
+  bounds = list(zip(low, high, strict=True))
+  options = {"maxfun": evaluations, "eps": 0.02, "ftol": 1e-9, "gtol": 0.1}
+  found = minimize(cost, start, method="L-BFGS-B", bounds=bounds, options=options)
+  better = found.x if found.fun < cost(start) else start
+  return dataclasses.replace(noise, fitted=np.clip(better, low, high))
 
 
 def refit(
   twin: Twin, readings: Readings, noise: Noise, free: ParameterSet, theta: Array, starts: Array,
-  steps: int = 6, evaluations: Sequence[int] = (70, 30, 20), place: Place | None = None,
+  steps: int = 6, evaluations: Sequence[int] = (120, 60, 40), place: Place | None = None,
   columns: tuple[Array, Array] | None = None, trusting: int = 2, settled_at: float = SETTLED,
+  brief: bool = False,
 ) -> Minimum:  # fmt: skip
   """Fit free parameters, starts and noise from given ones.
 
@@ -124,6 +119,7 @@ def refit(
     steps: linearisations at most.
     evaluations: of the noise's likelihood in each linearisation, the last for all further ones; 0 to keep it.
     place, columns: of the first linearisation, where they are known.
+    brief: whether slopes of the last linearisation do for what is said of the minimum.
     settled_at: nats that a linearisation must bring to be followed by another.
     trusting: linearisations before residuals say which windows are trusted less.
   """
@@ -141,13 +137,16 @@ def refit(
       noise = fit_noise(here, noise, tries) if tries else noise
       theta, starts, down, more = _descend(here, noise, free, theta, starts, made)
       gained, spent = gained + down, spent + more
+      if down > 0.0:
+        here = here.towards(theta, starts)
       if down < SETTLED:
         break
-      here = here.towards(theta, starts)
     log.info("linearisation %d: %.1f nats down", step, gained)
     if gained < settled_at:
       settled = True
       break
+  if brief:
+    return _concluded(here, made, noise, free, spent, settled)
   return conclude(twin, readings, noise, free, theta, starts, spent, settled)
 
 
@@ -157,13 +156,18 @@ def conclude(
 ) -> Minimum:  # fmt: skip
   """The minimum with its slopes, where a descent ended."""
   here = Place(twin, readings, noise, theta, starts)
-  made = here.columns(*moved(here, list(free)))
-  white, _ = here.whiten(noise, here.residual, here.gap, starts, *made)
-  values = theta[indices(twin, free)]
+  return _concluded(here, here.columns(*moved(here, list(free))), noise, free, spent + 12 + len(free), settled)
+
+
+def _concluded(
+  here: Place, made: tuple[Array, Array], noise: Noise, free: ParameterSet, spent: int, settled: bool
+) -> Minimum:
+  white, _ = here.whiten(noise, here.residual, here.gap, here.starts, *made)
+  values = here.theta[indices(here.twin, free)]
   rows = white.rows(slice(1, None)).reshape(-1, len(free))
   precision = rows.T @ rows + np.diag(free.std**-2)
-  cost = white.cost + noise.distrust(readings) + 0.5 * float(np.sum(prior_of(free, values) ** 2))
-  return Minimum(free, theta, starts, noise, cost, here, white, precision, spent + 12 + len(free), settled)
+  cost = white.cost + noise.distrust(here.readings) + 0.5 * float(np.sum(prior_of(free, values) ** 2))
+  return Minimum(free, here.theta, here.starts, noise, cost, here, white, precision, spent, settled)
 
 
 def heeding(place: Place, noise: Noise) -> Noise:

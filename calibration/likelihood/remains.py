@@ -44,7 +44,7 @@ def remains(at: Minimum, limits: Levels) -> Remains:
   pull = -prior_of(at.free, at.values) / at.free.std
   weighed = weigh(at.white.rows(slice(1, None)), at.precision, pull, place.readings.block, at.white.rows(0),
                   white.rows(slice(1, None)), where, width, np.zeros(len(width), dtype=bool), limits.draws)  # fmt: skip
-  level = float(np.quantile(weighed.chance, 1.0 - limits.family_wise))
+  level = max(float(np.quantile(weighed.chance, 1.0 - limits.family_wise)), 0.0)
   gains = dict(zip(tables, weighed.gain.tolist(), strict=True))
   above = tuple(name for name in sorted(gains, key=lambda n: -gains[n]) if gains[name] > level)
   _, others = place.smoothed(at.noise, place.residual, place.gap, at.starts)

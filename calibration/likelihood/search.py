@@ -17,7 +17,7 @@ from calibration.likelihood.levels import Levels
 from calibration.likelihood.linear import Place
 from calibration.likelihood.noise import Noise
 from calibration.likelihood.readings import Readings
-from calibration.likelihood.refit import Minimum, moved, prior_of, refit
+from calibration.likelihood.refit import Minimum, conclude, moved, prior_of, refit
 from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.twin.twin import Twin
@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 
 # effort, which decides nothing: more of it costs time and finds the same or better
 FROM_NOMINAL, FROM_SCAN, KEPT = 2, 2, 2  # names in the race by either ranking, and those that are refitted to the end
-BESIDE, NAMES = 2, 4  # names that are tried beside others in a round, and names at most
+BESIDE, NAMES = 1, 4  # names that are tried beside others in a round, and names at most
 _FIRST, _LAST, _MORE, _NAMELESS = (
   2,
   4,
@@ -86,7 +86,7 @@ def search(setting: Setting, noise: Noise, levels: Levels, progress: Progress = 
                steps=_NAMELESS, settled_at=_CLOSE)  # fmt: skip
   progress("scan")
   weighed, asked = scan(setting, base, levels)
-  level = float(np.quantile(weighed.chance, 1.0 - levels.family_wise))
+  level = chance_level(weighed, levels)
   order = _best_of_each(asked, weighed.gain)
   table = tuple((asked[i].key, float(weighed.gain[i])) for i in order)
   log.info("level %.1f; scan: %s", level, table[:6])
@@ -135,7 +135,7 @@ class _Run:
     theta = hinted(s, fresh, theta, near)
     trusting = 0 if known or near else 1
     made = refit(
-      s.twin, s.readings, noise, free, theta, starts, steps, (30, 20, 20), trusting=trusting, settled_at=_CLOSE
+      s.twin, s.readings, noise, free, theta, starts, steps, (60, 40, 40), trusting=trusting, settled_at=_CLOSE
     )
     self.minima[key] = made
     self.simulations += made.simulations
@@ -154,8 +154,9 @@ class _Run:
   def grown(self, names: tuple[Option, ...], others: Sequence[Option]) -> tuple[Option, ...]:
     """The names and one more, refitted together, where that is worth more than chance; () else."""
     here = self.fit(names)
+    here = conclude(self.setting.twin, self.setting.readings, here.noise, here.free, here.theta, here.starts, 0, True)
     weighed, asked = scan(self.setting, here, self.levels, {o.name for o in names})
-    level = float(np.quantile(weighed.chance, 1.0 - self.levels.family_wise))
+    level = chance_level(weighed, self.levels)
     order = [i for i in _best_of_each(asked, weighed.gain) if weighed.gain[i] > level]
     log.info(
       "beside %s: level %.1f, %s",
@@ -197,6 +198,11 @@ class _Run:
                  self.simulations + self.base.simulations)  # fmt: skip
 
 
+def chance_level(weighed: Weighed, levels: Levels) -> float:
+  """Nats that the best hypothesis reaches by chance in the stated share of such data sets; never below even odds."""
+  return max(float(np.quantile(weighed.chance, 1.0 - levels.family_wise)), 0.0)
+
+
 def started(setting: Setting, names: Sequence[Option]) -> ParameterSet:
   """The base's free parameters and the names'."""
   free = setting.base
@@ -236,9 +242,21 @@ def scan(
   asked = [o for o in setting.options if o.name not in without]
   columns, ends, where = responses(at.place, asked)
   made, _ = at.place.whiten(at.noise, at.place.residual, at.place.gap, at.starts, columns, ends)
-  return _weighed(
-    at.white.rows(slice(1, None)), at.precision, at, made.rows(slice(1, None)), asked, where, levels
-  ), asked
+  base = at.white.rows(slice(1, None))
+  columns = shared(base, at.free, made.rows(slice(1, None)), asked)
+  return _weighed(base, at.precision, at, columns, asked, where, levels), asked
+
+
+def shared(base: Array, free: ParameterSet, columns: Array, asked: Sequence[Option]) -> Array:
+  """Columns of options with the base's own where it has the parameter: then only a wider prior is asked for.
+
+  Slopes over an age differ on either side of 0, as interpolated signals do; two of them would make a filter.
+  """
+  out = columns.copy()
+  for k, p in enumerate(p for o in asked for p in o.amplitudes):
+    if p.name in free:
+      out[:, :, k] = base[:, :, free.index(p.name)]
+  return out
 
 
 def _weighed(
@@ -267,8 +285,9 @@ def rank_from_nominal(setting: Setting, base: Minimum) -> list[tuple[Option, flo
   amplitudes = [p for o in s.options for p in o.amplitudes]
   width = np.array([p.std or p.scale for p in amplitudes])
   one_sided = np.array([p.lower >= (p.null or 0.0) for p in amplitudes])
-  weighed = weigh(rows[:, :, :count], precision, np.zeros(count), s.readings.block, white.rows(0), rows[:, :, count:],
-                  where, width, one_sided, 1)  # fmt: skip
+  asked = shared(rows[:, :, :count], s.base, rows[:, :, count:], s.options)
+  weighed = weigh(rows[:, :, :count], precision, np.zeros(count), s.readings.block, white.rows(0), asked, where, width,
+                  one_sided, 1)  # fmt: skip
   return [(s.options[i], float(weighed.gain[i])) for i in _best_of_each(s.options, weighed.gain)]
 
 
