@@ -96,8 +96,12 @@ class Place:
   def simulate(self, theta: Array, starts: Array, moved: Array | None = None) -> tuple[Array, Array]:
     """Predicted readings (n, J, m) and motions at the windows' ends (n, J, 7) of vectors (n, P)."""
     readings = self.readings
-    signals = self.twin.simulate_windows(theta, readings.segments, readings.begun(starts), EVERY, moved)
-    size = len(readings.segments)
+    begun, size = readings.begun(starts), len(readings.segments)
+    if moved is None:  # those that differ in sensors only share a simulation
+      stepped, same = np.unique(self.twin.without_sensors(theta), axis=0, return_inverse=True)
+      signals = self.twin.simulate_windows(stepped, readings.segments, begun, EVERY)[same.reshape(-1)]
+    else:
+      signals = self.twin.simulate_windows(theta, readings.segments, begun, EVERY, moved)
     flat, offset = signals.reshape(-1, *signals.shape[2:]), np.tile(readings.segments.offset, len(theta))
     ended = readings.ends(signals)
     shown = self.twin.sensed(np.repeat(theta, size, axis=0), flat, offset).reshape(signals.shape)

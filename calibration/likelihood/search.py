@@ -192,9 +192,14 @@ class _Run:
 
   def found(self, names: tuple[Option, ...], level: float, table: tuple[tuple[str, float], ...]) -> Found:
     """The result; names by what leaving each out costs, most first."""
-    names = tuple(sorted(names, key=lambda o: -worth(self.fit(names), o)))
+    best, s = self.fit(names) if names else self.base, self.setting
+    if names:
+      names = tuple(sorted(names, key=lambda o: -worth(best, o)))
+      best = conclude(
+        s.twin, s.readings, best.noise, best.free, best.theta, best.starts, best.simulations, best.settled
+      )
     models = {key: m.cost for key, m in self.minima.items()}
-    return Found(self.base, self.fit(names) if names else self.base, names, level, table, models, dict(self.minima),
+    return Found(self.base, best, names, level, table, models, dict(self.minima),
                  self.simulations + self.base.simulations)  # fmt: skip
 
 

@@ -147,7 +147,7 @@ class Twin:
   def rollout(self, theta: Array, segments: Segments) -> Prediction:
     """Every parameter vector, (n, P), over every segment; those that differ in sensors only share a simulation."""
     theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
-    stepped, same = np.unique(self._without_sensors(theta), axis=0, return_inverse=True)
+    stepped, same = np.unique(self.without_sensors(theta), axis=0, return_inverse=True)
     rows = self.rows if self.engine == "mujoco" else _AT_ONCE * self.rows
     per_turn = max(1, rows // len(segments))
     turns = [self.simulate(stepped[i : i + per_turn], segments) for i in range(0, len(stepped), per_turn)]
@@ -158,7 +158,7 @@ class Twin:
     shown = self.sensed(np.repeat(theta, len(segments), axis=0), flat, offset)
     return Prediction(shown.reshape(signals.shape), segments.period)
 
-  def _without_sensors(self, theta: Array) -> Array:
+  def without_sensors(self, theta: Array) -> Array:
     """The same vectors with sensor-side mechanisms at their nominal values."""
     stepped = theta.copy()
     for mechanism in self.mechanisms:
