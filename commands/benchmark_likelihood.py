@@ -28,6 +28,8 @@ class Config:
   """Further starts for each, with other tyres and motors."""
   substeps: int = 5
   """Simulation steps per control period."""
+  gaussian: bool = False
+  """Trust every window alike, as a Gaussian likelihood does."""
   quick: bool = False
   """One car, a few seconds of driving, two linearisations."""
 
@@ -55,7 +57,7 @@ def main(config: Config) -> None:
   """Run it and write the table."""
   seeds = [config.seed + k for k in range(1 if config.quick else config.sessions)]
   limits = {"seconds": 25.0, "steps": 2} if config.quick else {}
-  limits |= {"substeps": config.substeps, "poor": config.poor}
+  limits |= {"substeps": config.substeps, "poor": config.poor, "gaussian": config.gaussian}
   found = [whiteness(make_session(s, (), "compact"), **limits) for s in seeds]
   titles = ("seed", "chi-square per reading", f"largest correlation at lags {LAGS[0]} to {LAGS[-1]}", "distrusted",
             "forces [N, N, N m]", "memory [s]", "error [%] (in standard deviations)", "within 90 %",

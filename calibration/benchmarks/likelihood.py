@@ -44,11 +44,14 @@ class Whiteness:
   simulations: int
 
 
-def whiteness(session: Session, seconds: float = np.inf, steps: int = 8, substeps: int = 5, poor: int = 0) -> Whiteness:
+def whiteness(
+  session: Session, seconds: float = np.inf, steps: int = 8, substeps: int = 5, poor: int = 0, gaussian: bool = False
+) -> Whiteness:
   """Fit the base to a session's fitted recordings.
 
   Args:
     seconds: of driving at most.  steps: linearisations at most.  poor: further starts, with other tyres and motors.
+    gaussian: every window is trusted alike.
   """
   dataset = DataSet("session", session.recordings, session.vehicle, session.vehicle_std)
   vehicle, fitted = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std), list(dataset.role("identify"))
@@ -56,12 +59,13 @@ def whiteness(session: Session, seconds: float = np.inf, steps: int = 8, substep
   twin = Twin(vehicle, known, substeps=substeps, threads=1, engine="reduced")
   base, readings = base_priors(fitted, twin), read(fitted, vehicle, Cut(most=seconds))
   nominal, noise = twin.parameters.vector({p.name: p.nominal for p in base}), first_noise(fitted, readings)
-  found, costs = refit(twin, readings, noise, base, nominal, readings.starts, steps), []
+  trusting = steps if gaussian else 2
+  found, costs = refit(twin, readings, noise, base, nominal, readings.starts, steps, trusting=trusting), []
   for k in range(poor):
     start, rng = nominal.copy(), np.random.default_rng(k)
     for name in ("cornering_stiffness_front", "cornering_stiffness_rear", vehicle.motor.gain, "longitudinal_stiffness"):
       start[twin.parameters.index(name)] *= rng.choice(_POORER)
-    costs.append(refit(twin, readings, noise, base, start, readings.starts, steps).cost)
+    costs.append(refit(twin, readings, noise, base, start, readings.starts, steps, trusting=trusting).cost)
   left = found.place.left_over(*found.place.smoothed(found.noise, found.place.residual, found.place.gap, found.starts))
   score, error = _against(found, session.truth)
   return Whiteness(

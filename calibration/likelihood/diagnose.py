@@ -38,7 +38,8 @@ class Finding:
   Attributes:
     dataset: its name.  found: minima and names.  claims: names that are also material in free runs, with probabilities.
     remains: what the smoothed forces still depend on.
-    twin: in MuJoCo; before, after: its parameters without and with the claims, (P,).
+    twin: in MuJoCo; before, after: its parameters without the claims, and those that are shipped, (P,): with the
+      claims, unless these make free runs worse.
     validate, holdout: free-run errors per channel.  seconds: wall time.  notes: on the data set.
   """
 
@@ -93,18 +94,18 @@ def diagnose_by_likelihood(
                                              if n in exact.parameters})  # fmt: skip
   before, after = theta(found.base), theta(found.best)
   floor = sensor_floor(noise_passport(fitted))
-  judged = lambda role: compare_twins(exact, before, after, dataset.role(role), floor, Cut(most=LONGEST))[0]
-  validate = judged("validate")
-  passed = bool(found.names) and material(validate, limits)
-  claims = tuple((o, probability(found, o)) for o in found.names) if passed else ()
-  holdout = judged("holdout")
+  judged = lambda role, last: compare_twins(exact, before, last, dataset.role(role), floor, Cut(most=LONGEST))[0]
+  tried = judged("validate", after)
+  claims = tuple((o, probability(found, o)) for o in found.names) if material(tried, limits) else ()
+  shipped = after if claims and harmless(tried, limits) else before
+  validate, holdout = (judged(role, shipped) for role in ("validate", "holdout"))
   rest = remains(found.best, limits)
-  return Finding(dataset.name, found, claims, rest, exact, before, after if claims else before, validate, holdout,
+  return Finding(dataset.name, found, claims, rest, exact, before, shipped, validate, holdout,
                  time.perf_counter() - since, dataset.warnings + notes)  # fmt: skip
 
 
 def material(fits: Mapping[str, ChannelFit], limits: Levels) -> bool:
-  """Whether some channel's free-run error loses a stated share of what it has above the sensors', and none gets worse.
+  """Whether some channel's free-run error loses a stated share of what it has above the sensors'.
 
   Without recordings that judge, evidence alone decides.
   """
@@ -113,6 +114,11 @@ def material(fits: Mapping[str, ChannelFit], limits: Levels) -> bool:
     excess = fit.before**2 - max(fit.noise_floor, fit.driving_noise) ** 2
     shares.append((fit.before**2 - fit.after**2) / excess if excess > 0.0 else 0.0)
   return not shares or max(shares) >= limits.material
+
+
+def harmless(fits: Mapping[str, ChannelFit], limits: Levels) -> bool:
+  """Whether no channel's free-run error grows by more than a stated share and beyond chance."""
+  return not any(f.after > (1.0 + limits.harmless) * f.before and f.ci95[0] > 0.0 for f in fits.values())
 
 
 def probability(found: Found, option: Option) -> float:

@@ -107,7 +107,7 @@ class Weighed:
 
 
 def weigh(
-  base: Array, base_precision: Array, pull: Array, blocks: Array, residual: Array, columns: Array,
+  base: Array, base_precision: Array, pull: Array, blocks: NDArray[np.intp], residual: Array, columns: Array,
   where: Sequence[slice], width: Array, one_sided: NDArray[np.bool_], draws: int, seed: int = 0,
 ) -> Weighed:  # fmt: skip
   """Marginal likelihoods by linear algebra, without simulation.
@@ -146,7 +146,7 @@ def weigh(
   return Weighed(gain, size, chance)
 
 
-def _by_block(values: Array, blocks: Array, count: int) -> Array:
+def _by_block(values: Array, blocks: NDArray[np.intp], count: int) -> Array:
   out = np.zeros((count, values.shape[1]))
   np.add.at(out, blocks, values)
   return out

@@ -1,5 +1,6 @@
 """A diagnosis by likelihood from end to end, on a short drive of the twin itself."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from calibration.campaign.cases import Case
 from calibration.campaign.run import run_case
 from calibration.diagnosis.holdout_errors import ChannelFit
-from calibration.likelihood.diagnose import diagnose_by_likelihood, document, material
+from calibration.likelihood.diagnose import diagnose_by_likelihood, document, harmless, material
 from calibration.likelihood.levels import levels
 from qcar_twin.atomic_io import plain
 from qcar_twin.plant import START, Segments, signal_index
@@ -39,7 +40,7 @@ def dataset(offset: float) -> DataSet:
       table[name] = np.where(np.arange(PERIODS) % 10 == 0, value, np.nan)
     made.append(Recording.from_columns(f"run_{k}", time, table, file=f"run_{k}.csv", role=role))
   stated = {name: getattr(CAR, name) for name in ("mass", "cg_to_front", "cg_to_rear", "wheel_radius", "gear_ratio")}
-  return DataSet("offset", made, stated, {})
+  return DataSet("offset", tuple(made), stated, {})
 
 
 @pytest.mark.parametrize(("offset", "names"), [(OFFSET, ["steering_offset"]), (0.0, [])])
@@ -64,6 +65,13 @@ def test_a_name_that_moves_no_free_run_is_not_material():
   assert not material({"a": channel(1.0, 0.999)}, limits)
   assert not material({"a": channel(0.4, 0.3)}, limits)  # below the sensors' own noise nothing can be won
   assert material({}, limits)
+
+
+def test_a_twin_that_gets_surely_worse_is_not_shipped():
+  limits = levels()
+  sure, chance = (dataclasses.replace(channel(1.0, 1.1), ci95=ci) for ci in ((0.02, 0.2), (-0.05, 0.2)))
+  assert not harmless({"a": channel(1.0, 0.5), "b": sure}, limits)
+  assert harmless({"b": chance, "c": channel(1.0, 1.005)}, limits)
 
 
 def test_an_engine_that_there_is_not_is_refused(tmp_path):

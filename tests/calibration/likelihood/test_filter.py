@@ -58,6 +58,7 @@ def test_the_smoother_gives_the_dense_gaussians_mean():
   rng = np.random.default_rng(6)
   c, first, readings = chain(rng), np.zeros((COUNT, 7)), rng.normal(size=(COUNT, SIZE, 1))
   _, _, states = whiten(c, readings, np.zeros((COUNT, 7, 1)), first, keep=True)
+  assert states is not None
   mean, cov = dense(c, first)
   h = np.zeros((COUNT * SIZE, COUNT * SIZE))
   for j in range(COUNT):

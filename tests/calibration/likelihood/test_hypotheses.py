@@ -15,7 +15,7 @@ def weighed(effect: float, seed: int = 0, names: int = 20):
   flat = base.reshape(-1, 3)
   precision = flat.T @ flat + np.eye(3)
   # the base at its own minimum
-  move = np.linalg.solve(precision, flat.T @ residual.ravel())
+  move = np.asarray(np.linalg.solve(precision, flat.T @ residual.ravel()), dtype=np.float64)
   where = [slice(i, i + 1) for i in range(names)]
   return weigh(base, precision, -move, BLOCKS, residual - base @ move, columns, where, np.ones(names),
                np.zeros(names, dtype=bool), 600, seed)  # fmt: skip
