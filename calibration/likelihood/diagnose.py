@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from calibration.likelihood.levels import Levels, levels
 from calibration.likelihood.noise import FITTED, first_noise
 from calibration.likelihood.priors import base_priors
 from calibration.likelihood.readings import read
+from calibration.likelihood.refit import Minimum
 from calibration.likelihood.remains import Remains, remains
 from calibration.likelihood.search import Found, Setting, search
 from calibration.log_check.ready import ready
@@ -36,7 +37,8 @@ class Finding:
   """What a diagnosis by likelihood found.
 
   Attributes:
-    dataset: its name.  found: minima and names.  claims: names that are also material in free runs, with probabilities.
+    dataset: its name.  found: minima and names.  last: the minimum with the claims.
+    claims: names that are also material in free runs, with probabilities.
     remains: what the smoothed forces still depend on.
     twin: in MuJoCo; before, after: its parameters without the claims, and those that are shipped, (P,): with the
       claims, unless these make free runs worse.
@@ -45,6 +47,7 @@ class Finding:
 
   dataset: str
   found: Found
+  last: Minimum
   claims: tuple[tuple[Option, float], ...]
   remains: Remains
   twin: Twin
@@ -90,18 +93,37 @@ def diagnose_by_likelihood(
   found = search(setting, first_noise(fitted, readings), limits, progress)
   progress("free runs")
   exact = Twin(vehicle, known, substeps=substeps, threads=threads)
-  theta = lambda m: exact.parameters.vector({n: v for n, v in zip(twin.parameters.names, m.theta, strict=True)
-                                             if n in exact.parameters})  # fmt: skip
-  before, after = theta(found.base), theta(found.best)
-  floor = sensor_floor(noise_passport(fitted))
-  judged = lambda role, last: compare_twins(exact, before, last, dataset.role(role), floor, Cut(most=LONGEST))[0]
-  tried = judged("validate", after)
-  claims = tuple((o, probability(found, o)) for o in found.names) if material(tried, limits) else ()
-  shipped = after if claims and harmless(tried, limits) else before
-  validate, holdout = (judged(role, shipped) for role in ("validate", "holdout"))
-  rest = remains(found.best, limits)
-  return Finding(dataset.name, found, claims, rest, exact, before, shipped, validate, holdout,
-                 time.perf_counter() - since, dataset.warnings + notes)  # fmt: skip
+  floor, cut = sensor_floor(noise_passport(fitted)), Cut(most=LONGEST)
+  judge = lambda role, one, other: compare_twins(
+    exact, _exactly(exact, one), _exactly(exact, other), dataset.role(role), floor, cut
+  )[0]
+  names = claimed(found, lambda one, other: material(judge("validate", one, other), limits))
+  last = found.minimum(names)
+  claims = tuple((o, probability(found, last, o)) for o in names)
+  shipped = last if harmless(judge("validate", found.base, last), limits) else found.base
+  validate, holdout = (judge(role, found.base, shipped) for role in ("validate", "holdout"))
+  rest = remains(found.settled(names), limits)
+  before, after = _exactly(exact, found.base), _exactly(exact, shipped)
+  seconds, said = time.perf_counter() - since, dataset.warnings + notes
+  return Finding(dataset.name, found, last, claims, rest, exact, before, after, validate, holdout, seconds, said)
+
+
+def claimed(found: Found, is_material: Callable[[Minimum, Minimum], bool]) -> tuple[Option, ...]:
+  """The names that are material, each beside those claimed before it, in the order in which they were found.
+
+  What was only refitted together with a name that is not material is not claimed.
+  """
+  kept: tuple[Option, ...] = ()
+  for option in found.names:
+    if found.has((*kept, option)) and is_material(found.minimum(kept), found.minimum((*kept, option))):
+      kept = (*kept, option)
+  return kept
+
+
+def _exactly(twin: Twin, model: Minimum) -> Array:
+  """A minimum's parameters as a twin without body forces takes them, (P,)."""
+  values = dict(zip(model.place.twin.parameters.names, model.theta, strict=True))
+  return twin.parameters.vector({name: values[name] for name in twin.parameters.names})
 
 
 def material(fits: Mapping[str, ChannelFit], limits: Levels) -> bool:
@@ -121,16 +143,16 @@ def harmless(fits: Mapping[str, ChannelFit], limits: Levels) -> bool:
   return not any(f.after > (1.0 + limits.harmless) * f.before and f.ci95[0] > 0.0 for f in fits.values())
 
 
-def probability(found: Found, option: Option) -> float:
+def probability(found: Found, last: Minimum, option: Option) -> float:
   """Of a name among the refitted rivals of its kind: exp(-cost) over their sum, with the base among them."""
-  own = found.best.cost
+  own = last.cost
   rivals = [cost for key, cost in found.models.items() if not any(k.split(" ")[0] == option.name for k in key)]
   return float(1.0 / (1.0 + sum(np.exp(min(own - cost, 50.0)) for cost in rivals)))
 
 
 def document(finding: Finding) -> dict:
   """The finding as plain types, with the keys of a diagnosis that a campaign scores."""
-  found, best = finding.found, finding.found.best
+  found, best = finding.found, finding.last
   fits = lambda table: {name: dataclasses.asdict(f) | {"ci95": list(f.ci95)} for name, f in table.items()}
   first = finding.claims[0][0].name if finding.claims else ""
   gains: dict[str, float] = {}
@@ -168,7 +190,7 @@ def document(finding: Finding) -> dict:
 
 
 def _claim(finding: Finding, option: Option, share: float) -> dict:
-  best = finding.found.best
+  best = finding.last
   std = dict(zip(best.free.names, best.std, strict=True))
   values = dict(zip(best.free.names, best.values, strict=True))
   names = [p for p in (*option.amplitudes, *option.shapes)]

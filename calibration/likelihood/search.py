@@ -191,14 +191,9 @@ class _Run:
     return names if not names or self.base.cost - self.fit(names).cost > level else ()
 
   def found(self, names: tuple[Option, ...], level: float, table: tuple[tuple[str, float], ...]) -> Found:
-    """The result; names by what leaving each out costs, most first."""
-    best, s = self.fit(names) if names else self.base, self.setting
-    if names:
-      names = tuple(sorted(names, key=lambda o: -worth(best, o)))
-      best = conclude(
-        s.twin, s.readings, best.noise, best.free, best.theta, best.starts, best.simulations, best.settled
-      )
+    """The result."""
     models = {key: m.cost for key, m in self.minima.items()}
+    best = self.fit(names) if names else self.base
     return Found(self.base, best, names, level, table, models, dict(self.minima),
                  self.simulations + self.base.simulations)  # fmt: skip
 
