@@ -22,6 +22,7 @@ from calibration.likelihood.readings import read
 from calibration.likelihood.refit import Minimum
 from calibration.likelihood.remains import Remains, remains
 from calibration.likelihood.search import Found, Setting, search
+from calibration.likelihood.second_stage import calibrated, calibrated_with
 from calibration.log_check.ready import ready
 from calibration.progress import Progress, silent
 from qcar_twin.recordings.dataset import DataSet
@@ -30,6 +31,8 @@ from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
+
+_SHIPPED = 2  # simulation steps per control period of the twin that is shipped, as of every calibration
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,18 +95,20 @@ def diagnose_by_likelihood(
   setting = Setting(twin, readings, base, tuple(options(known, base, readings)), nominal)
   found = search(setting, first_noise(fitted, readings), limits, progress)
   progress("free runs")
-  exact = Twin(vehicle, known, substeps=substeps, threads=threads)
-  floor, cut = sensor_floor(noise_passport(fitted)), Cut(most=LONGEST)
-  judge = lambda role, one, other: compare_twins(
-    exact, _exactly(exact, one), _exactly(exact, other), dataset.role(role), floor, cut
-  )[0]
-  names = claimed(found, lambda one, other: material(judge("validate", one, other), limits))
+  exact = Twin(vehicle, known, substeps=_SHIPPED, threads=threads)
+  floor = sensor_floor(noise_passport(fitted))
+  judge = lambda role, one, other: compare_twins(exact, one, other, dataset.role(role), floor, Cut(most=LONGEST))[0]
+  judged = lambda one, other: material(judge("validate", _exactly(exact, one), _exactly(exact, other)), limits)
+  names = claimed(found, judged)
   last = found.minimum(names)
   claims = tuple((o, probability(found, last, o)) for o in names)
-  shipped = last if harmless(judge("validate", found.base, last), limits) else found.base
-  validate, holdout = (judge(role, found.base, shipped) for role in ("validate", "holdout"))
+  progress("calibration in free runs")
+  before = after = calibrated(exact, dataset)
+  if names:
+    tried = calibrated_with(exact, dataset, names, last)
+    after = tried if harmless(judge("validate", before, tried), limits) else before
+  validate, holdout = (judge(role, before, after) for role in ("validate", "holdout"))
   rest = remains(found.settled(names), limits)
-  before, after = _exactly(exact, found.base), _exactly(exact, shipped)
   seconds, said = time.perf_counter() - since, dataset.warnings + notes
   return Finding(dataset.name, found, last, claims, rest, exact, before, after, validate, holdout, seconds, said)
 

@@ -74,6 +74,20 @@ class Found:
   minima: dict[tuple[str, ...], Minimum]
   simulations: int
 
+  def has(self, names: Sequence[Option]) -> bool:
+    """Whether a set of names was refitted."""
+    return not names or _key(names) in self.minima
+
+  def minimum(self, names: Sequence[Option]) -> Minimum:
+    """Of a set of names that was refitted; the base of none."""
+    return self.minima[_key(names)] if names else self.base
+
+  def settled(self, names: Sequence[Option]) -> Minimum:
+    """The same with slopes taken there."""
+    m = self.minimum(names)
+    twin, readings = m.place.twin, m.place.readings
+    return conclude(twin, readings, m.noise, m.free, m.theta, m.starts, m.simulations, m.settled)
+
 
 def search(setting: Setting, noise: Noise, levels: Levels, progress: Progress = silent) -> Found:
   """The names that a data set speaks for.
