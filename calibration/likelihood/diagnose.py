@@ -98,49 +98,51 @@ def diagnose_by_likelihood(
   exact = Twin(vehicle, known, substeps=_SHIPPED, threads=threads)
   floor = sensor_floor(noise_passport(fitted))
   judge = lambda role, one, other: compare_twins(exact, one, other, dataset.role(role), floor, Cut(most=LONGEST))[0]
-  judged = lambda one, other: material(judge("validate", _exactly(exact, one), _exactly(exact, other)), limits)
-  names = claimed(found, judged)
+  progress("calibration in free runs")
+  before = calibrated(exact, dataset)
+  names, tried = claimed(
+    found,
+    before,
+    lambda names: calibrated_with(exact, dataset, names, found.minimum(names)),
+    lambda one, other: material(judge("validate", one, other), limits),
+  )
   last = found.minimum(names)
   claims = tuple((o, probability(found, last, o)) for o in names)
-  progress("calibration in free runs")
-  before = after = calibrated(exact, dataset)
-  if names:
-    tried = calibrated_with(exact, dataset, names, last)
-    after = tried if harmless(judge("validate", before, tried), limits) else before
+  after = tried if harmless(judge("validate", before, tried), limits) else before
   validate, holdout = (judge(role, before, after) for role in ("validate", "holdout"))
   rest = remains(found.settled(names), limits)
   seconds, said = time.perf_counter() - since, dataset.warnings + notes
   return Finding(dataset.name, found, last, claims, rest, exact, before, after, validate, holdout, seconds, said)
 
 
-def claimed(found: Found, is_material: Callable[[Minimum, Minimum], bool]) -> tuple[Option, ...]:
-  """The names that are material, each beside those claimed before it, in the order in which they were found.
+def claimed(
+  found: Found, before: Array, fit: Callable[[Sequence[Option]], Array], is_material: Callable[[Array, Array], bool]
+) -> tuple[tuple[Option, ...], Array]:
+  """The names that are material, each beside those claimed before it in the order in which they were found.
 
-  What was only refitted together with a name that is not material is not claimed.
+  Args:
+    before: calibration without a name, (P,).  fit: one with names.  is_material: whether one is so much better than another.
+
+  Returns:
+    the names, and the calibration with them. What was only refitted together with a name that is not material is not
+    claimed.
   """
   kept: tuple[Option, ...] = ()
+  theta = before
   for option in found.names:
-    if found.has((*kept, option)) and is_material(found.minimum(kept), found.minimum((*kept, option))):
-      kept = (*kept, option)
-  return kept
-
-
-def _exactly(twin: Twin, model: Minimum) -> Array:
-  """A minimum's parameters as a twin without body forces takes them, (P,)."""
-  values = dict(zip(model.place.twin.parameters.names, model.theta, strict=True))
-  return twin.parameters.vector({name: values[name] for name in twin.parameters.names})
+    if found.has((*kept, option)):
+      tried = fit((*kept, option))
+      if is_material(theta, tried):
+        kept, theta = (*kept, option), tried
+  return kept, theta
 
 
 def material(fits: Mapping[str, ChannelFit], limits: Levels) -> bool:
-  """Whether some channel's free-run error loses a stated share of what it has above the sensors'.
+  """Whether some channel's squared free-run error loses a stated share.
 
   Without recordings that judge, evidence alone decides.
   """
-  shares = []
-  for fit in fits.values():
-    excess = fit.before**2 - max(fit.noise_floor, fit.driving_noise) ** 2
-    shares.append((fit.before**2 - fit.after**2) / excess if excess > 0.0 else 0.0)
-  return not shares or max(shares) >= limits.material
+  return not fits or max(1.0 - (f.after / f.before) ** 2 for f in fits.values() if f.before > 0.0) >= limits.material
 
 
 def harmless(fits: Mapping[str, ChannelFit], limits: Levels) -> bool:

@@ -130,7 +130,7 @@ def weigh(
   gain, size, solved = np.zeros(len(where)), [], []
   for h, part in enumerate(where):
     precision = gram[part, part] + np.eye(part.stop - part.start)
-    inverse, logs = np.linalg.inv(precision), 0.5 * np.linalg.slogdet(precision)[1]
+    inverse, logs = np.linalg.inv(precision).astype(np.float64), 0.5 * np.linalg.slogdet(precision)[1]
     value = inverse @ total[part]
     size.append(value)
     solved.append((part, inverse, logs))

@@ -12,7 +12,7 @@ class Levels:
   """Attributes:
   family_wise: share of data sets without an effect on which anything passes by chance.
   draws: random signs of blocks that its level is read from.
-  material: share of the squared free-run error above the sensors' that a claim takes off some channel.
+  material: share of some channel's squared free-run error that a claim takes off.
   harmless: share by which no channel may get worse in free runs.
   """
 

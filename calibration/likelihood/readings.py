@@ -133,7 +133,7 @@ def read(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut) -> Reading
     stretch=owner,
     first_period=number * EVERY - shift,
     measured=rows["measured"],
-    used=rows["used"],
+    used=rows["used"].astype(bool),
     channels=tuple(present),
     channel=rows["channel"].astype(np.intp),
     point=rows["point"].astype(np.intp) - np.where(rows["used"], shift[:, None], 0),

@@ -193,7 +193,7 @@ def _descend(
   spent = 0
   for chord in range(_CHORD):
     error = white.rows(0).ravel()
-    squares = np.bincount(place.readings.recording, (white.rows(0) ** 2).sum(axis=1))
+    squares = np.bincount(place.readings.recording, (white.rows(0) ** 2).sum(axis=1)).astype(np.float64)
     slope = columns.T @ error - prior_of(free, theta[at]) / free.std
     step = bounded(curvature, slope, theta[at], free.lower, free.upper)
     promised, share, better = float(slope @ step - 0.5 * step @ curvature @ step), 1.0, False

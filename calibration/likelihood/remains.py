@@ -48,5 +48,5 @@ def remains(at: Minimum, limits: Levels) -> Remains:
   gains = dict(zip(tables, weighed.gain.tolist(), strict=True))
   above = tuple(name for name in sorted(gains, key=lambda n: -gains[n]) if gains[name] > level)
   _, others = place.smoothed(at.noise, place.residual, place.gap, at.starts)
-  forces = dict(zip(FORCES, np.sqrt(np.mean(others[:, :3] ** 2, axis=0)).tolist(), strict=True))
+  forces: dict[str, float] = dict(zip(FORCES, np.sqrt(np.mean(others[:, :3] ** 2, axis=0)).tolist(), strict=True))
   return Remains(gains, level, above, forces)

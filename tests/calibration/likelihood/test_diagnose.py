@@ -63,7 +63,6 @@ def test_a_name_that_moves_no_free_run_is_not_material():
   limits = levels()
   assert material({"a": channel(1.0, 0.9), "b": channel(1.0, 1.0)}, limits)
   assert not material({"a": channel(1.0, 0.999)}, limits)
-  assert not material({"a": channel(0.4, 0.3)}, limits)  # below the sensors' own noise nothing can be won
   assert material({}, limits)
 
 
