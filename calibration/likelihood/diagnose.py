@@ -121,7 +121,8 @@ def claimed(
   """The names that are material, each beside those claimed before it in the order in which they were found.
 
   Args:
-    before: calibration without a name, (P,).  fit: one with names.  is_material: whether one is so much better than another.
+    before: calibration without a name, (P,).  fit: one with names.
+    is_material: whether a calibration is so much better than another.
 
   Returns:
     the names, and the calibration with them. What was only refitted together with a name that is not material is not
