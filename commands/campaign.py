@@ -58,6 +58,8 @@ class Config:
   """Run nothing: score the answers that are there."""
   quick: bool = False
   """One case of each kind."""
+  engine: str = "search"
+  """What diagnoses: search, or likelihood (see docs/likelihood.md)."""
 
 
 def main(config: Config) -> str:
@@ -73,7 +75,7 @@ def main(config: Config) -> str:
   of_kind = Counter(case.kind for case in cases)
   cases.sort(key=lambda case: (int(case.name.split("_")[1]) / of_kind[case.kind], case.name))
   todo = [] if config.score_only else [c for c in cases if not (config.out / f"{c.name}.json").is_file()]
-  jobs = in_parallel([delayed(run_case)(c, config.out) for c in todo], config.jobs, config.ray)
+  jobs = in_parallel([delayed(run_case)(c, config.out, engine=config.engine) for c in todo], config.jobs, config.ray)
   for _ in tqdm(jobs, total=len(todo), desc="cases", unit="case"):
     pass
   answers = [config.out / f"{c.name}.json" for c in cases]

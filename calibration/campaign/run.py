@@ -15,20 +15,36 @@ from calibration.diagnosis.pipeline import diagnose
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.report.document import document
 from calibration.diagnosis.score import Comparison, compare
+from calibration.likelihood.diagnose import diagnose_by_likelihood
+from calibration.likelihood.diagnose import document as document_by_likelihood
 from calibration.proving_ground import make_session
 from calibration.second_car import make_second_session
+from qcar_twin.atomic_io import plain
 from qcar_twin.recordings.dataset import DataSet
 
 MAKERS = {"first": make_session, "second": make_second_session}
+ENGINES = ("search", "likelihood")
 
 
-def run_case(case: Case, folder: Path, threads: int = 1) -> Path:
-  """Make, diagnose and answer one case; does nothing if its answer is there."""
+def run_case(case: Case, folder: Path, threads: int = 1, engine: str = "search") -> Path:
+  """Make, diagnose and answer one case; does nothing if its answer is there.
+
+  Args:
+    engine: "search" for `diagnose`, "likelihood" for `diagnose_by_likelihood`; the latter leaves no pool that reference
+      methods and the oracle could be taken from.
+
+  Raises:
+    ValueError: there is no such engine.
+  """
+  if engine not in ENGINES:
+    raise ValueError(f"engine must be one of {', '.join(ENGINES)}, not '{engine}'")
   path = folder / f"{case.name}.json"
   if path.is_file():
     return path
   session = MAKERS[case.car](case.seed, case.effects, case.design, case.noise)
   dataset = DataSet(case.name, session.recordings, session.vehicle, session.vehicle_std)
+  if engine == "likelihood":
+    return _kept(case, document_by_likelihood(diagnose_by_likelihood(dataset, threads=threads)), session.truth, path)
   outcome = diagnose(dataset, threads=threads)
   answer = _answer(outcome)
   sealed = digest(answer)
@@ -38,6 +54,14 @@ def run_case(case: Case, folder: Path, threads: int = 1) -> Path:
   result |= {"baselines": baselines(outcome, holdout), "oracle": oracle(outcome, [t["id"] for t in truth], holdout)}
   folder.mkdir(parents=True, exist_ok=True)
   keep(result, path)
+  return path
+
+
+def _kept(case: Case, answer: dict, truth: dict, path: Path) -> Path:
+  """An answer without references; the truth joins the file only after the answer and its hash stand."""
+  result = {"case": dataclasses.asdict(case), "answer": answer, "sha256": digest(answer), "truth": truth["effects"]}
+  path.parent.mkdir(parents=True, exist_ok=True)
+  keep(plain(result), path)
   return path
 
 

@@ -221,7 +221,7 @@ def parameters_inside(result: Result) -> list[bool]:
 
 def alarmed(result: Result) -> bool:
   """Whether any of the four detectors is above its level."""
-  return any(result["answer"]["statistics"][name] > limit for name, limit in ALARM.items())
+  return any(result["answer"]["statistics"].get(name, -np.inf) > limit for name, limit in ALARM.items())
 
 
 def level(result: Result) -> str:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from calibration.fitting.noise import ChannelNoise
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.recordings.channels import CHANNELS
-from qcar_twin.recordings.recording import Recording
+from qcar_twin.recordings.recording import Recording, Stream
 
 Array = NDArray[np.float64]
 
@@ -41,17 +41,23 @@ def driving_noise(recordings: Sequence[Recording]) -> dict[str, float]:
   sizes: dict[str, list[Array]] = {}
   for recording in recordings:
     for name in recording.channels:
-      stream = recording[name]
-      steps = np.diff(stream.time)
-      if len(steps) < _ORDER or not CHANNELS[name].is_measured:
+      if not CHANNELS[name].is_measured:
         continue
-      usual = np.median(steps)
-      usually = np.asarray(np.abs(steps - usual) < _UNEVEN * usual)
-      even = np.all(np.lib.stride_tricks.sliding_window_view(usually, _ORDER), axis=1)
-      even &= _moving(recording, stream.time)[: len(even)]
-      sizes.setdefault(name, []).append(np.abs(np.diff(stream.value, _ORDER))[even])
+      time, size = rough_differences(recording[name])
+      sizes.setdefault(name, []).append(size[_moving(recording, time)])
   joined = {name: np.concatenate(parts) for name, parts in sizes.items()}
-  return {name: _NORMAL * float(np.median(v)) / _GAIN for name, v in joined.items() if len(v)}
+  return {name: _NORMAL * float(np.median(v)) for name, v in joined.items() if len(v)}
+
+
+def rough_differences(stream: Stream) -> tuple[Array, Array]:
+  """Time [s] and size of each fourth difference of equally spaced samples, as standard deviations of white noise."""
+  steps = np.diff(stream.time)
+  if len(steps) < _ORDER:
+    return np.zeros(0), np.zeros(0)
+  usual = np.median(steps)
+  usually = np.asarray(np.abs(steps - usual) < _UNEVEN * usual)
+  even = np.all(np.lib.stride_tricks.sliding_window_view(usually, _ORDER), axis=1)
+  return stream.time[: len(even)][even], (np.abs(np.diff(stream.value, _ORDER)) / _GAIN)[even]
 
 
 def _moving(recording: Recording, time: Array) -> NDArray[np.bool_]:

@@ -117,7 +117,7 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
   count = max(1, int(np.ceil(duration / cut.length - 0.02)))
   edges = np.linspace(0, len(time), count + 1).round().astype(int)
   grid = np.append(time, time[-1] + cut.period)
-  pose, wheel_angle = _pose_on(recording, grid), _wheel_angle_on(recording, grid, vehicle)
+  pose, wheel_angle = pose_on(recording, grid), wheel_angle_on(recording, grid, vehicle)
   speed, pieces = _speed_on(recording, time, vehicle), []
   for low, high in zip(edges[:-1], edges[1:], strict=True):
     begin = max(0, low - int(round(cut.warm_up / cut.period))) if low else 0
@@ -270,7 +270,7 @@ def _level(stream: Stream, time: float, half: float) -> float:
   return float(np.interp(time, stream.time, stream.value))
 
 
-def _pose_on(recording: Recording, time: Array) -> Array:
+def pose_on(recording: Recording, time: Array) -> Array:
   """Measured x, y, yaw at times, (len(time), 3); NaN where a channel is missing."""
   pose = np.full((len(time), 3), np.nan)
   for column, name in enumerate(("pose_x", "pose_y", "pose_yaw")):
@@ -280,7 +280,7 @@ def _pose_on(recording: Recording, time: Array) -> Array:
   return pose
 
 
-def _wheel_angle_on(recording: Recording, time: Array, vehicle: Vehicle) -> Array:
+def wheel_angle_on(recording: Recording, time: Array, vehicle: Vehicle) -> Array:
   """Angle the wheels have turned since time[0] by the encoder, rad, (len(time),); NaN without one.
 
   theta = gear_ratio int w dt over the encoder's own samples (trapezoids). A gap is bridged by a straight line; before

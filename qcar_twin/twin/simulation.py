@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from qcar_twin.plant import SIGNALS
 from qcar_twin.twin.engines import Array, Engine
 from qcar_twin.twin.engines.mujoco_cars import MujocoCars
+from qcar_twin.twin.engines.reduced.cars import ReducedCars
 from qcar_twin.twin.mechanisms.base import CarDimensions, Context
 from qcar_twin.twin.slots import Recorder, Slot
 
@@ -88,6 +89,57 @@ class Simulation:
     signals[:, last + 1 :] = signals[:, last : last + 1]
     return signals
 
+  def run_windows(
+    self, commands: Array, pose: Array, periods: NDArray[np.int64], starts: Array, every: int,
+    leaders: NDArray[np.intp] | None = None,
+  ) -> Array:  # fmt: skip
+    """As `run`, but every few periods the cars are put to given motions; all else they carry goes on.
+
+    Args:
+      starts: motions at the windows' beginnings, (N, K, 7), in the order of MOTION; K * every >= T.
+      every: periods of a window.
+      leaders: cars whose carried states each takes over where a window begins, (N,): all rows have the same mechanisms
+        with hidden states then.
+
+    Returns:
+      signals (N, T + 1, 10); a row between two windows is the end of the earlier one.
+
+    Raises:
+      TypeError: the cars are not reduced ones.
+    """
+    if not isinstance(self.engine, ReducedCars):
+      raise TypeError('windows are for reduced cars; make the twin with engine="reduced"')
+    length, size = len(commands), len(self.signals)
+    signals, scratch = np.empty((size, length + 1, len(SIGNALS))), np.empty((size, every + 1, len(SIGNALS)))
+    acting, slots = self._foreseen(commands * self._scale, int(periods.max()))
+    acts, logged = any(slot.acts for slot in slots), commands * self._scale
+    for window, first in enumerate(range(0, length, every)):
+      self.engine.restart(starts[:, window], self.signals, leaders)
+      if leaders is not None:
+        self._follow(leaders)
+      if first == 0:
+        signals[:, 0] = self.signals
+      last = min(first + every, length)
+      left = np.clip(periods - first, 0, last - first)
+      if acts:
+        for k in range(first, last):
+          running = np.flatnonzero(left > k - first)
+          signals[:, k + 1] = (
+            self._step(logged[k], acting[k], slots, pose[:, k], running) if len(running) else self.signals
+          )
+        continue
+      part = scratch if last - first == every else np.empty((size, last - first + 1, len(SIGNALS)))
+      part[:, 0] = self.signals
+      self.engine.run(acting[first:last], left, part)
+      signals[:, first + 1 : last + 1], self.signals = part[:, 1:], part[:, -1].copy()
+    return signals
+
+  def _follow(self, leaders: NDArray[np.intp]) -> None:
+    """Every car takes over the hidden states of its leader's mechanisms."""
+    self._wheel_angle = self._wheel_angle[leaders]
+    for slot in self._slots:
+      slot.state = {name: value[leaders] for name, value in slot.state.items()}
+
   def _foreseen(self, logged: Array, periods: int) -> tuple[Array, list[Slot]]:
     """Commands (T, N, 2) as the first slots that don't ask how the car moves leave them, and the other slots."""
     acting = np.array(logged, dtype=np.float64)
@@ -97,10 +149,34 @@ class Simulation:
     nowhere = np.full((len(blind), 4), np.nan)
     times = np.cumsum(np.full(periods, self._period)) - self._period
     for slot in acts[:count]:
+      if not slot.state:  # nothing is carried from period to period: all of them at once
+        self._at_once(slot, logged[:periods], acting[:periods], times)
+        continue
       for k in range(periods):
         context = self._context(slot, logged[k], nowhere, times[k], blind)
         acting[k][slot.rows] = slot.mechanism.command(slot.theta, context, slot.state, acting[k][slot.rows])
     return acting, [slot for slot in self._slots if slot not in acts[:count]]
+
+  def _at_once(self, slot: Slot, logged: Array, acting: Array, times: Array) -> None:
+    """Commands (T, N, 2) of a mechanism without hidden state, in place."""
+    count, size = len(logged), len(slot.theta)
+    over = lambda a: np.repeat(a[None], count, axis=0).reshape(count * size, *a.shape[1:])
+    time, values = np.repeat(times, size), self.engine.values
+    context = Context(
+      car=self._car,
+      period=self._period,
+      time=time,  # type: ignore[arg-type]
+      signals=np.broadcast_to(np.nan, (count * size, len(SIGNALS))),
+      commands=logged[:, slot.rows].reshape(-1, 2),
+      history=over(self._history[slot.rows]),
+      recording_time=over(self._recording_time[slot.rows]) + time,
+      pose=np.broadcast_to(np.nan, (count * size, 3)),
+      wheel_angle=np.broadcast_to(np.nan, count * size),
+      torque_per_volt=over(values["torque_per_volt"][slot.rows]),
+      motor_damping=over(values["motor_damping"][slot.rows]),
+    )
+    came = acting[:, slot.rows].reshape(-1, 2)
+    acting[:, slot.rows] = slot.mechanism.command(over(slot.theta), context, slot.state, came).reshape(count, size, 2)
 
   def _step(
     self, logged: Array, acting: Array, slots: Sequence[Slot], pose: Array | None, running: NDArray[np.intp] | None

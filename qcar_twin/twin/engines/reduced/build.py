@@ -24,7 +24,7 @@ TUNED, PLAIN = ("-march=native",), ()
 def library_path() -> Path:
   """Where the library for this processor and these sources belongs."""
   sources = SOURCE.read_bytes() + SOURCE.with_name("lanes.h").read_bytes() + header().encode()
-  key = hashlib.sha256(sources + " ".join(_FLAGS).encode() + _processor().encode()).hexdigest()[:12]
+  key = hashlib.sha256(sources + " ".join(_FLAGS).encode() + processor().encode()).hexdigest()[:12]
   return native.place_for(SOURCE, f"reduced_car-{platform.machine().lower()}-{key}{native.SUFFIX}")
 
 
@@ -62,7 +62,7 @@ def load() -> ctypes.CDLL:
   return library
 
 
-def _processor() -> str:
+def processor() -> str:
   """What the processor can do, as far as the system says: a library made for one may not run on another."""
   try:
     lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()

@@ -1,0 +1,1 @@
+"""The likelihood of recordings under a twin with process noise, and a diagnosis that rests on it."""
