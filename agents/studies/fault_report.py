@@ -132,7 +132,7 @@ def _honesty_cells(faulty: Run) -> tuple[str, ...]:
   cells = [f"{100 * valid.mean():.1f} %"]
   for i in range(2):
     wrong = beyond[..., i] & valid
-    cells += [f"{100 * wrong.sum() / max(valid.sum(), 1):.1f} %", share(wrong.any(axis=0))]
+    cells += [f"{100 * wrong.sum() / max(valid.sum(), 1):.1f} %", share(np.asarray(wrong.any(axis=0)))]
   cells.append(f"{1e3 * np.median(faulty.bounds[late, :, 0]):.0f}")
   return *cells, *(f"{faulty.nees[row(t)].mean():.1f}" for t in (END, END + AFTER))
 
