@@ -9,7 +9,7 @@ import dataclasses
 from pathlib import Path
 
 from calibration.diagnosis.pipeline import diagnose
-from calibration.diagnosis.report.page import verdict, write_diagnosis
+from calibration.diagnosis.report.page import advice, verdict, write_diagnosis
 from calibration.diagnosis.search.structure import Effort
 from calibration.progress import StageLine
 from qcar_twin.recordings.dataset import DataSet
@@ -53,5 +53,5 @@ def main(config: Config) -> Path:
     )
   page = write_diagnosis(outcome, config.out)
   print(verdict(outcome.diagnosis))
-  print(f"report: {page}")
+  print(f"{advice(outcome.diagnosis, config.dataset)}report: {page}")
   return page

@@ -12,8 +12,8 @@ from pathlib import Path
 from calibration.calibrating.calibration import calibrate
 from calibration.checking.cross_validation import cross_validate, find_reference
 from calibration.diagnosis.pipeline import diagnose, prepare
+from calibration.diagnosis.report.page import advice, write_diagnosis
 from calibration.diagnosis.report.page import verdict as diagnosed
-from calibration.diagnosis.report.page import write_diagnosis
 from calibration.diagnosis.search.structure import Effort
 from calibration.fitting.windows import Cut
 from calibration.progress import StageLine
@@ -82,5 +82,5 @@ def main(config: Config) -> Path:
     outcome = diagnose(dataset, effort=effort, threads=config.threads, progress=progress, prepared=begun())
   report = write_diagnosis(outcome, config.out / "diagnosis")
   print(diagnosed(outcome.diagnosis))
-  print(f"report: {report}")
+  print(f"{advice(outcome.diagnosis, config.dataset)}report: {report}")
   return report

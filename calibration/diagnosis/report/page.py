@@ -68,6 +68,16 @@ def verdict(diagnosis: Diagnosis) -> str:
   return wording.verdict_sentence(diagnosis.decision, _mechanisms(diagnosis), kept)
 
 
+def advice(diagnosis: Diagnosis, dataset: Path) -> str:
+  """What to try next where no name explains what is left; "" elsewhere."""
+  if diagnosis.decision.verdict not in ("unexplained", "partly_explained"):
+    return ""
+  return (
+    "something is left that no name explains: the maps themselves may differ from the twin's laws; fit them with\n"
+    f"  qcar-twin characterise --dataset {dataset} --out out/characterised\n"
+  )
+
+
 def facts(d: Diagnosis) -> list[tuple[str, str]]:
   """The numbers that go with the verdict."""
   rows = [("Verdict", _SAID[d.decision.verdict])]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from calibration.diagnosis.report import figures
 from calibration.diagnosis.report.curves import Curve
 from calibration.diagnosis.report.demonstration import Demonstration
 from calibration.diagnosis.report.page import (
+  advice,
   channel_changes,
   effect_on_car,
   facts,
@@ -45,6 +47,12 @@ def test_the_page_stands_alone_and_opens_with_the_verdict(explained, tmp_path):
     assert f"<h2>{title.replace(chr(39), '&#39;')}</h2>" in text
   assert not re.search(r'(src|href)="(?!data:|#)', text[: text.index("plotly.js v")])
   assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_free_maps_are_advised_where_something_is_left(explained, nothing):
+  left = dataclasses.replace(explained, decision=dataclasses.replace(explained.decision, verdict="partly_explained"))
+  assert "qcar-twin characterise --dataset data/sample" in advice(left, Path("data/sample"))
+  assert advice(explained, Path("data/sample")) == advice(nothing, Path("data/sample")) == ""
 
 
 def test_every_section_says_something(explained):
