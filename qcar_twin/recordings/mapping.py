@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
-from qcar_twin.recordings.checks.time import check_angle, check_order, check_time_unit, gap_limit
+from qcar_twin.recordings.checks.time import check_angle, check_order, check_span, check_time_unit, gap_limit
 from qcar_twin.recordings.formats.table import NO_ROWS, Table
 from qcar_twin.recordings.manifest import Mapped
 from qcar_twin.recordings.recording import RecordingError, Stream, UnknownChannelError, nearest
@@ -174,6 +174,7 @@ def _clock(table: Table, mapping: Mapping[str, Mapped]) -> tuple[Clock, list[str
   if not first.all():
     _refuse_repeats(table, stamp, first, repeated)
   check_time_unit(table.label, stamp[first])
+  check_span(table.label, stamp)
   return Clock(stamp, _row_times(stamp, first), first), []
 
 

@@ -5,6 +5,7 @@ OpenGL comes from EGL (or OSMesa with MUJOCO_GL=osmesa), video from the ffmpeg t
 
 import dataclasses
 import difflib
+import errno
 import itertools
 import os
 from collections.abc import Iterator
@@ -197,7 +198,22 @@ def write_video(file: File, pictures: Iterator[Picture], fps: int) -> int:
         count += 1
     finally:
       writer.close()
+    _require_whole(part, count)
   return count
+
+
+def _require_whole(video: File, frames: int) -> None:
+  """Raises OSError where the encoder, which says nothing of it, could not write all frames."""
+  import imageio_ffmpeg
+
+  try:
+    if imageio_ffmpeg.count_frames_and_secs(str(video))[0] >= frames:
+      return
+  except RuntimeError:
+    pass  # cut off in the middle
+  with open(video, "ab") as file:  # what stopped the encoder stops this, and says why
+    file.write(bytes(4096))
+  raise OSError(errno.EIO, "the video could not be written whole", str(video))
 
 
 def write_still(file: File, picture: Picture) -> None:

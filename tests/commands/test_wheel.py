@@ -13,7 +13,7 @@ from packaging.utils import canonicalize_name
 from tests import ROOT
 
 PACKAGES = ("qcar_twin", "calibration", "agents", "commands")
-SOURCES = (".py", ".c", ".h", ".xml", ".toml", ".html", ".json", ".txt", ".onnx", ".safetensors")
+SOURCES = (".py", ".c", ".h", ".xml", ".toml", ".html", ".css", ".js", ".json", ".txt", ".onnx", ".safetensors")
 
 
 @pytest.fixture(scope="module")

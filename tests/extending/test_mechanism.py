@@ -77,7 +77,7 @@ save_twin({str(twin)!r}, twin, twin.parameters.vector({{"cable_pull": 2.0}}))
 from qcar_twin.twin.file import load_twin
 try:
   load_twin({str(twin)!r})
-except KeyError as error:
+except ValueError as error:
   print(error)
 """
   if not (copy.folder / PATH).exists():

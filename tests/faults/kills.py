@@ -121,7 +121,7 @@ def _parse(path: Path) -> None:
     assert len({len(row) for row in csv.reader(data.decode().splitlines())}) == 1, "rows of different lengths"
     assert data.endswith(b"\n"), "cut off"
   elif kind == ".npz":
-    with np.load(path, allow_pickle=False) as arrays:
+    with open(path, "rb") as file, np.load(file, allow_pickle=False) as arrays:
       assert all(arrays[name].shape is not None for name in arrays.files)
   elif kind == ".safetensors":
     load_file(path)

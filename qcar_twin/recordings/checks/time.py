@@ -38,6 +38,9 @@ def check_order(label: str, time: np.ndarray, others: list[np.ndarray]) -> None:
       f"{label}: time goes backwards in row {row + 1} ({time[row]:g} s after {time[row - 1]:g} s); {cure}"
     )
 
+
+def check_span(label: str, time: np.ndarray) -> None:
+  """One file is no longer than a log of days."""
   longest = float(np.ptp(time)) if time.size else 0.0
   if longest > LONGEST:
     row = int(np.argmax(np.diff(time))) + 1

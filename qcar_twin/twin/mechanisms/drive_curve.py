@@ -35,7 +35,7 @@ class DriveCurve(Mechanism):
       Parameter(f"drive_brake_{i}", 0.0, -2.0, 1.0, "-", f"b_{i}", null=0.0, typical=0.25, description="braking")
       for i in range(len(_BRAKE))
     ),
-    Parameter("drive_curve_reach", 5.0, 0.1, 100.0, "V", "U", std=1e-3, description="largest command"),
+    Parameter("drive_curve_reach", 2.0, 0.1, 100.0, "V", "U", std=1e-3, description="largest command"),
   )
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:

@@ -30,7 +30,7 @@ class ResistanceCurve(Mechanism):
                 description="force")
       for i in range(1, len(_KNOTS))
     ),
-    Parameter("resistance_curve_reach", 3.0, 0.1, 40.0, "m/s", "V", std=1e-3, description="highest speed"),
+    Parameter("resistance_curve_reach", 1.5, 0.1, 40.0, "m/s", "V", std=1e-3, description="highest speed"),
   )  # fmt: skip
 
   def wrench(self, theta: Array, context: Context, state: State) -> Array:

@@ -32,7 +32,7 @@ class SteeringCurve(Mechanism):
                 description="departure")
       for i, place in enumerate(_PLACES)
     ),
-    Parameter("steering_curve_reach", 0.5, 0.02, 1.2, "rad", "U", std=1e-3, description="largest command"),
+    Parameter("steering_curve_reach", 0.25, 0.02, 1.2, "rad", "U", std=1e-3, description="largest command"),
   )  # fmt: skip
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:

@@ -16,7 +16,7 @@ from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 from tests.calibration.diagnosis.diagnosis_results import diagnosis_of
 
-DRIVEN = DrivenRange(volts=1.5, slow=0.5, fast=1.2, angle=0.3)
+DRIVEN = DrivenRange(command=1.5, slow=0.5, fast=1.2, angle=0.3)
 COMMANDS = np.column_stack([np.linspace(-1.0, 3.0, 50), np.linspace(-0.3, 0.3, 50)])
 
 
