@@ -30,7 +30,7 @@ class Config:
   threads: int = 0
   """Threads of the simulation, 0 for all cores; results don't depend on it."""
   plant: EngineKind = "reduced"
-  """What is searched with: the reduced car, confirmed by MuJoCo, or "mujoco" alone: many times as long."""
+  """What is fitted on: the reduced car, or "mujoco", many times as long; errors are MuJoCo's either way."""
 
 
 def main(config: Config) -> Study:

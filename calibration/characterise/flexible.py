@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from calibration.characterise.ages import PERIOD, clock, command_lead, told_without_a_model
 from calibration.fitting.dataset_recalibration import LONGEST, command_shifts, starting_priors
 from calibration.fitting.recalibration import RecalibratedTwin, recalibrate
-from calibration.fitting.surrogate import searching
 from calibration.fitting.tolerances import always_fitted
 from calibration.fitting.windows import Cut
 from calibration.progress import Progress, silent
@@ -25,6 +24,7 @@ from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.engines import EngineKind
+from qcar_twin.twin.engines.reduced.cars import irreducible
 from qcar_twin.twin.mechanisms import curves, offered, select
 from qcar_twin.twin.mechanisms.base import Mechanism
 from qcar_twin.twin.sessions import ONE_SESSION, SessionShifts
@@ -62,7 +62,8 @@ class Characterised:
 
   @property
   def twin(self) -> Twin:
-    return self.fitted.problem.exact.twin
+    """The car in MuJoCo, by which it is judged and shipped."""
+    return self.fitted.problem.exact.twin.on("mujoco")
 
   @property
   def theta(self) -> Array:
@@ -125,7 +126,7 @@ def characterise(
     substeps: simulation steps per control period of 10 ms.
     threads: of the simulation, 0 for all cores.
     progress: told the stage.
-    plant: what is searched with.
+    plant: what is fitted on: the reduced car, or "mujoco", many times as long.
   """
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   recordings = [r for r in dataset.recordings if r.role != "holdout"]
@@ -136,12 +137,20 @@ def characterise(
   shifts = session_shifts(dataset, vehicle) if "steering_offset" in beside else ONE_SESSION
   twin = Twin(vehicle, select(dict.fromkeys((*names, *always_fitted()))), substeps=substeps, threads=threads,
               sessions=shifts)  # fmt: skip
-  searched, _ = searching(twin, plant)
+  searched = fitted_on(twin, plant)
   priors = flexible_priors(recordings, searched, tuple(names), reaches(recordings, vehicle))
   lead = command_lead(recordings)
   shifts = (-lead,) if lead else command_shifts(dataset)
   fitted = recalibrate(searched, recordings, priors, shifts, Cut(most=most), progress)
   return Characterised(fitted, shapes, beside, tuple(forms))
+
+
+def fitted_on(twin: Twin, plant: EngineKind) -> Twin:
+  """What a free base is fitted on: the reduced car as it is, where it can stand in.
+
+  A correction by MuJoCo at one place, as recalibration has it, is worth little to a fit that moves as far as this one.
+  """
+  return twin if plant == "mujoco" or irreducible(twin.vehicle, twin.tyre) else twin.on("reduced")
 
 
 def seen_by(mechanism: Mechanism, recordings: Sequence[Recording]) -> bool:

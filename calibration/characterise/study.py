@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from calibration.campaign.reference_methods import boosted_residual, rms
-from calibration.characterise.flexible import DELAYS, Characterised, characterise
+from calibration.characterise.flexible import DELAYS, Characterised, characterise, fitted_on
 from calibration.characterise.forms import LEVEL, Form, Outline, outlines
 from calibration.fitting.dataset_recalibration import LONGEST, recalibrate_dataset
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.noise_floor import driving_noise, residual_floor
 from calibration.fitting.observations import UNITS, observe
 from calibration.fitting.recalibration import RecalibratedTwin
-from calibration.fitting.surrogate import searching
 from calibration.fitting.tolerances import always_fitted
 from calibration.fitting.windows import Cut
 from calibration.log_check.ready import ready
@@ -81,7 +80,7 @@ class Study:
   def shipped(self) -> tuple[Twin, Array]:
     """The twin to go on with: the one with curves, unless the base does better on recordings that only judged."""
     if self.gain < 0.0:
-      return self.base.problem.exact.twin, self.base.theta
+      return self.base.problem.exact.twin.on("mujoco"), self.base.theta
     return self.found.twin, self.found.unshifted
 
   def document(self) -> dict[str, Any]:
@@ -127,7 +126,7 @@ def study(
     most: s of driving that are simulated.
     threads: of the simulation, 0 for all cores.
     progress: told the stage.
-    plant: what is searched with: the reduced car, confirmed by MuJoCo, or "mujoco" alone.
+    plant: what is fitted on: the reduced car, or "mujoco", many times as long; errors are MuJoCo's either way.
   """
   dataset, notes = ready(dataset)
   progress("the base as it is")
@@ -166,7 +165,7 @@ def terms(found: Characterised) -> tuple[Term, ...]:
 
 def _base(dataset: DataSet, most: float, threads: int, plant: EngineKind) -> RecalibratedTwin:
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
-  searched, _ = searching(Twin(vehicle, select(always_fitted()), substeps=2, threads=threads), plant)
+  searched = fitted_on(Twin(vehicle, select(always_fitted()), substeps=2, threads=threads), plant)
   return recalibrate_dataset(dataset, searched, most=most)
 
 
@@ -186,7 +185,7 @@ def _errors(
   cut = Cut(command_shift=base.command_shift, most=LONGEST)
   problem: Problem = base.problem.exact
   observations = observe(holdout, problem.twin.vehicle, cut)
-  prediction = problem.twin.rollout(base.theta[None], observations.stretches.segments)
+  prediction = problem.twin.on("mujoco").rollout(base.theta[None], observations.stretches.segments)
   raw = observations.predict(prediction)[0] - observations.measured
   learnt = problem.predict(base.theta[None])
   residual = problem.observations.predict(learnt)[0] - problem.observations.measured
@@ -202,7 +201,7 @@ def _errors(
 
 def _error(found: RecalibratedTwin, recordings: Sequence[Recording]) -> dict[str, float]:
   """Root mean square error of a fitted twin per channel, in its unit."""
-  twin = found.problem.exact.twin
+  twin = found.problem.exact.twin.on("mujoco")
   observations = observe(recordings, twin.vehicle, Cut(command_shift=found.command_shift, most=LONGEST))
   prediction: Prediction = twin.rollout(found.theta[None], observations.stretches.segments)
   return rms(observations, observations.predict(prediction)[0] - observations.measured)

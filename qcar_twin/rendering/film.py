@@ -207,7 +207,7 @@ def _require_whole(video: File, frames: int) -> None:
   import imageio_ffmpeg
 
   try:
-    if imageio_ffmpeg.count_frames_and_secs(str(video))[0] >= frames:
+    if (imageio_ffmpeg.count_frames_and_secs(str(video))[0] or 0) >= frames:
       return
   except RuntimeError:
     pass  # cut off in the middle
