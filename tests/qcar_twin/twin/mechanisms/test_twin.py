@@ -157,6 +157,8 @@ def test_own_sizes_are_found_again(twin, nominal):
   for _ in range(15):
     moving = moving and _gauss_newton(twin, theta, columns, data / scale, scale, moving)
   for mechanism, row, cs, true in zip(ALL, theta, columns, truth, strict=True):
+    if mechanism.curve:  # two voltages do not show the heights between them
+      continue
     np.testing.assert_allclose(row[cs], true, rtol=LOOSE.get(mechanism.name, 0.02), err_msg=mechanism.name)
 
 
