@@ -19,12 +19,13 @@ from calibration.characterise.flexible import Characterised
 from qcar_twin.plant import SIGNALS
 from qcar_twin.twin.mechanisms import offered
 from qcar_twin.twin.mechanisms.base import CarDimensions, Context, Mechanism
+from qcar_twin.twin.mechanisms.elements import STANDSTILL
+from qcar_twin.vehicle.vehicle import GRAVITY
 
 Array = NDArray[np.float64]
 
 LEVEL = 0.02  # share of right forms that are refused, and of absent departures that are taken for one
 _MOST = 2  # forms that one curve may be made of
-_FAST = 1.0  # back-EMF or highest speed at which a curve's braking and resistance are read, in shares of the highest
 
 
 @dataclasses.dataclass(frozen=True)
@@ -170,9 +171,9 @@ def _questions(found: Characterised, curve: Mechanism) -> tuple[Array, Array]:
     commands[:, 1] = lowest[1] + across * (highest[1] - lowest[1])
     return commands, np.full(len(across), 0.5 * top)
   if curve.stage == "force":
-    return commands, across * _FAST * top
+    return commands, across * top
   commands[:, 0] = max(lowest[0], 0.0) + across * (highest[0] - max(lowest[0], 0.0))
-  return np.tile(commands, (3, 1)), np.repeat(np.array([0.0, 0.5, 1.0]) * _FAST * top, len(across))
+  return np.tile(commands, (3, 1)), np.repeat(np.array([0.0, 0.5, 1.0]) * top, len(across))
 
 
 def _base_can(curve: Mechanism, commands: Array, context: Context) -> Array:
@@ -181,7 +182,7 @@ def _base_can(curve: Mechanism, commands: Array, context: Context) -> Array:
     return np.zeros((len(commands), 0))
   speed = context.signal("velocity_x")
   if curve.stage == "force":
-    return np.stack([speed, np.tanh(speed / 0.05)], axis=1)
+    return np.stack([speed, np.tanh(speed / STANDSTILL)], axis=1)
   back = context.motor_damping / context.torque_per_volt * context.signal("motor_speed")
   return np.stack([commands[:, 0], back], axis=1)
 
@@ -198,7 +199,7 @@ def _answer(mechanisms: Sequence[Mechanism], theta: Array, context: Context) -> 
     else:
       acting = mechanism.command(own, context, mechanism.initial(own, context), acting)
   if mechanisms[0].stage == "force":
-    return -force / (9.81 * context.car.mass)
+    return -force / (GRAVITY * context.car.mass)
   return (acting - context.commands)[:, 1 if mechanisms[0].subsystem == "steering" else 0]
 
 

@@ -5,8 +5,8 @@ import numpy as np
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
 from qcar_twin.twin.mechanisms.elements import STANDSTILL, polyline
+from qcar_twin.vehicle.vehicle import GRAVITY
 
-_GRAVITY = 9.81
 _KNOTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 
 
@@ -37,6 +37,6 @@ class ResistanceCurve(Mechanism):
     speed = context.signal("velocity_x")
     heights = np.insert(theta[:, :-1], 0, 0.0, axis=1)
     force = np.zeros((len(theta), 3))
-    weight = _GRAVITY * context.car.mass * np.tanh(speed / STANDSTILL)
+    weight = GRAVITY * context.car.mass * np.tanh(speed / STANDSTILL)
     force[:, 0] = -weight * polyline(np.abs(speed) / theta[:, -1], _KNOTS, heights)
     return force
