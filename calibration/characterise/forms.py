@@ -149,17 +149,17 @@ def projection(found: Characterised, curve: Mechanism) -> tuple[Callable[[Sequen
   Both sides are asked through their hooks at the same commands and speeds, as many as the curve has heights and more,
   and the curve is fitted to the answers by least squares.
   """
-  commands, speeds = _questions(found, curve)
-  context = _context(found, commands, speeds)
+  commands, speeds = questions(found, curve)
+  context = situation(found, commands, speeds)
   own = [p for p in curve.parameters if p.null is not None]
   fixed = [found.theta[found.twin.parameters.index(p.name)] for p in curve.parameters if p.null is None]
-  unit = np.array([_answer([curve], np.array([*row, *fixed]), context) for row in np.eye(len(own))]).T
+  unit = np.array([answer([curve], np.array([*row, *fixed]), context) for row in np.eye(len(own))]).T
   inverse = np.linalg.pinv(unit)
-  project = lambda mechanisms, theta: inverse @ _answer(mechanisms, theta, context)
-  return project, inverse @ _base_can(curve, commands, context)
+  project = lambda mechanisms, theta: inverse @ answer(mechanisms, theta, context)
+  return project, inverse @ base_can(curve, commands, context)
 
 
-def _questions(found: Characterised, curve: Mechanism) -> tuple[Array, Array]:
+def questions(found: Characterised, curve: Mechanism) -> tuple[Array, Array]:
   """Commands (n, 2) [V, rad] and speeds (n,) [m/s] at which a curve and its forms are compared: what was driven."""
   segments = found.fitted.problem.observations.stretches.segments
   inside = np.arange(segments.commands.shape[1]) < segments.steps[:, None]
@@ -176,7 +176,7 @@ def _questions(found: Characterised, curve: Mechanism) -> tuple[Array, Array]:
   return np.tile(commands, (3, 1)), np.repeat(np.array([0.0, 0.5, 1.0]) * top, len(across))
 
 
-def _base_can(curve: Mechanism, commands: Array, context: Context) -> Array:
+def base_can(curve: Mechanism, commands: Array, context: Context) -> Array:
   """What gain, damping and friction of the base car do at the questions, (n, k)."""
   if curve.subsystem == "steering":
     return np.zeros((len(commands), 0))
@@ -187,7 +187,7 @@ def _base_can(curve: Mechanism, commands: Array, context: Context) -> Array:
   return np.stack([commands[:, 0], back], axis=1)
 
 
-def _answer(mechanisms: Sequence[Mechanism], theta: Array, context: Context) -> Array:
+def answer(mechanisms: Sequence[Mechanism], theta: Array, context: Context) -> Array:
   """What mechanisms, one after the other, change at the questions, (n,): rad, V, or shares of the weight."""
   size, used = len(context.commands), 0
   acting, force = context.commands.copy(), np.zeros(size)
@@ -203,7 +203,7 @@ def _answer(mechanisms: Sequence[Mechanism], theta: Array, context: Context) -> 
   return (acting - context.commands)[:, 1 if mechanisms[0].subsystem == "steering" else 0]
 
 
-def _context(found: Characterised, commands: Array, speeds: Array) -> Context:
+def situation(found: Characterised, commands: Array, speeds: Array) -> Context:
   twin, size = found.twin, len(commands)
   car: CarDimensions = twin.car
   values = twin.parameters.named(found.theta)

@@ -59,8 +59,8 @@ class Study:
     found: the twin with curves; outlines: its curves and the forms they may have.
     terms: everything else that was freed.
     named: the twin with named forms in the curves' place; None where no curve departs.
-    gain: how much smaller its errors are than the base's on recordings that only judged (role "validate"), 1 minus the
-      geometric mean over the channels; 0 without such recordings.
+    judged: as `errors`, of the base and the twin with curves on recordings that only judged (role "validate"); {}
+      without such recordings.
     errors: by KINDS, then channel: root mean square errors on the hold-out, in `units`; "noise" is the sensors' while
       driving.
   """
@@ -74,7 +74,12 @@ class Study:
   errors: Mapping[str, Mapping[str, float]]
   units: Mapping[str, str]
   base: RecalibratedTwin
-  gain: float
+  judged: Mapping[str, Mapping[str, float]]
+
+  @property
+  def gain(self) -> float:
+    """By which share its errors are smaller than the base's on recordings that only judged; 0 without any."""
+    return 1.0 - ratio(self.judged["characterised"], self.judged["base"]) if self.judged else 0.0
 
   @property
   def shipped(self) -> tuple[Twin, Array]:
@@ -108,6 +113,7 @@ class Study:
       "holdout": {kind: dict(values) for kind, values in self.errors.items()},
       "units": dict(self.units),
       "command_shift": self.found.fitted.command_shift,
+      "validate": {kind: dict(values) for kind, values in self.judged.items()},
       "validation_gain": self.gain,
     }
 
@@ -141,9 +147,9 @@ def study(
     named = characterise(dataset, names, [o.curve for o in drawn], most, threads=threads, plant=plant)
   progress("hold-out")
   errors, units = _errors(base, found, named, dataset.role("holdout"))
-  gain = _gain(base, found, dataset.role("validate"))
+  judged = _judged(base, found, dataset.role("validate"))
   said = dataset.warnings + notes
-  return Study(dataset.name, said, found, drawn, terms(found), named, errors, units, base, gain)
+  return Study(dataset.name, said, found, drawn, terms(found), named, errors, units, base, judged)
 
 
 def terms(found: Characterised) -> tuple[Term, ...]:
@@ -169,11 +175,16 @@ def _base(dataset: DataSet, most: float, threads: int, plant: EngineKind) -> Rec
   return recalibrate_dataset(dataset, searched, most=most)
 
 
-def _gain(base: RecalibratedTwin, found: Characterised, judging: Sequence[Recording]) -> float:
-  if not judging:
-    return 0.0
-  before, after = _error(base, judging), _error(found.fitted, judging)
-  return 1.0 - float(np.exp(np.mean([np.log(after[name] / before[name]) for name in before if before[name] > 0.0])))
+def ratio(after: Mapping[str, float], before: Mapping[str, float]) -> float:
+  """Geometric mean over the channels of both of after / before, errors in one unit per channel; 1 without any."""
+  shares = [after[name] / before[name] for name in before if name in after and before[name] > 0.0]
+  return float(np.exp(np.mean(np.log(shares)))) if shares else 1.0
+
+
+def _judged(
+  base: RecalibratedTwin, found: Characterised, judging: Sequence[Recording]
+) -> dict[str, dict[str, float]]:
+  return {"base": _error(base, judging), "characterised": _error(found.fitted, judging)} if judging else {}
 
 
 def _errors(

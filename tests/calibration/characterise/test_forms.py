@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.characterise.flexible import Characterised
-from calibration.characterise.forms import LEVEL, _answer, _context, _questions, outlines, projection
+from calibration.characterise.forms import LEVEL, answer, outlines, projection, questions, situation
 from qcar_twin.plant import START, Segments
 from qcar_twin.twin.mechanisms import curves, select
 from qcar_twin.twin.twin import Twin
@@ -105,8 +105,8 @@ def test_no_departure_has_no_name():
 def test_the_base_cars_own_gain_and_damping_are_no_departure():
   blank = characterised({})
   curve = blank.fitted.problem.mechanism("drive_curve")
-  commands, speeds = _questions(blank, curve)
+  commands, speeds = questions(blank, curve)
   unit = projection(blank, curve)[1]
   found = {o.curve: o for o in outlines(characterised({"drive_curve": 0.3 * unit[:, 0] + 0.2 * unit[:, 1]}))}
   assert not found["drive_curve"].is_there
-  assert np.isfinite(_answer([curve], np.full(10, 0.1), _context(blank, commands, speeds))).all()
+  assert np.isfinite(answer([curve], np.full(10, 0.1), situation(blank, commands, speeds))).all()
