@@ -1,6 +1,6 @@
 """Give the twin free curves for its maps, fit them, and say which forms they have.
 
-Writes twin.toml (the better of the two on recordings that only judge) and characterise.json.
+Writes twin.toml (the better of the two on recordings that only judge), characterise.json and report.html.
 
 qcar-twin characterise --dataset data/sample --out out/characterised
 """
@@ -8,6 +8,7 @@ qcar-twin characterise --dataset data/sample --out out/characterised
 import dataclasses
 from pathlib import Path
 
+from calibration.characterise.page import write_study
 from calibration.characterise.study import Study, sentences, study
 from calibration.fitting.dataset_recalibration import LONGEST
 from calibration.progress import StageLine
@@ -43,5 +44,6 @@ def main(config: Config) -> Study:
   write_json(config.out / "characterise.json", found.document())
   for line in sentences(found):
     print(line)
-  print(f"twin: {config.out / 'twin.toml'}")
+  which = "the base" if found.gain < 0.0 else "with curves"
+  print(f"twin, {which}: {config.out / 'twin.toml'}\nreport: {write_study(found, config.out)}")
   return found

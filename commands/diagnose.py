@@ -1,6 +1,6 @@
 """Say where twin and recordings differ, what was left out, and what modelling it gains.
 
-Writes diagnosis.json, twin.toml (the repaired twin) and report.html.
+Writes diagnosis.json, twin.toml (the repaired twin, or the one with free curves where that is better) and report.html.
 
 qcar-twin diagnose --dataset data/sample --out out/diagnosed
 """
@@ -8,8 +8,9 @@ qcar-twin diagnose --dataset data/sample --out out/diagnosed
 import dataclasses
 from pathlib import Path
 
+from calibration.characterise.after_diagnosis import When, write_with_curves
 from calibration.diagnosis.pipeline import diagnose
-from calibration.diagnosis.report.page import advice, verdict, write_diagnosis
+from calibration.diagnosis.report.page import verdict
 from calibration.diagnosis.search.structure import Effort
 from calibration.progress import StageLine
 from qcar_twin.recordings.dataset import DataSet
@@ -38,6 +39,8 @@ class Config:
   """Threads of the simulation, 0 for all cores."""
   plant: EngineKind = "reduced"
   """What is searched with: the reduced car, confirmed by MuJoCo, or "mujoco" alone: many times as long."""
+  curves: When = "auto"
+  """Fit free curves in the maps' place: "auto" where something is left without a name (docs/characterise.md)."""
 
 
 def main(config: Config) -> Path:
@@ -51,7 +54,10 @@ def main(config: Config) -> Path:
     outcome = diagnose(
       dataset, config.mechanisms or None, start, effort, threads=config.threads, progress=progress, plant=config.plant
     )
-  page = write_diagnosis(outcome, config.out)
   print(verdict(outcome.diagnosis))
-  print(f"{advice(outcome.diagnosis, config.dataset)}report: {page}")
+  with StageLine() as progress:
+    page, said = write_with_curves(
+      outcome, dataset, config.out, config.curves, threads=config.threads, progress=progress, plant=config.plant
+    )
+  print("\n".join([*said, f"report: {page}"]))
   return page

@@ -9,12 +9,13 @@ import dataclasses
 import functools
 from pathlib import Path
 
-from calibration.calibrating.calibration import calibrate
+from calibration.calibrating.calibration import QUICK, calibrate
+from calibration.characterise.after_diagnosis import When, write_with_curves
 from calibration.checking.cross_validation import cross_validate, find_reference
 from calibration.diagnosis.pipeline import diagnose, prepare
-from calibration.diagnosis.report.page import advice, write_diagnosis
 from calibration.diagnosis.report.page import verdict as diagnosed
 from calibration.diagnosis.search.structure import Effort
+from calibration.fitting.dataset_recalibration import LONGEST
 from calibration.fitting.windows import Cut
 from calibration.progress import StageLine
 from calibration.reports.calibration import verdict as calibrated
@@ -43,6 +44,8 @@ class Config:
   """Threads of the simulation, 0 for all cores."""
   plant: EngineKind = "reduced"
   """What is searched with: the reduced car, confirmed by MuJoCo, or "mujoco" alone: many times as long."""
+  curves: When = "auto"
+  """Fit free curves in the maps' place: "auto" where something is left without a name (docs/characterise.md)."""
 
 
 def main(config: Config) -> Path:
@@ -80,7 +83,11 @@ def main(config: Config) -> Path:
   effort = Effort(singles=5, pairs=2, triples=1, iterations=1) if config.quick else Effort()
   with StageLine() as progress:
     outcome = diagnose(dataset, effort=effort, threads=config.threads, progress=progress, prepared=begun())
-  report = write_diagnosis(outcome, config.out / "diagnosis")
   print(diagnosed(outcome.diagnosis))
-  print(f"{advice(outcome.diagnosis, config.dataset)}report: {report}")
+  most = QUICK if config.quick else LONGEST
+  with StageLine() as progress:
+    report, said = write_with_curves(
+      outcome, dataset, config.out / "diagnosis", config.curves, most, config.threads, progress, config.plant
+    )
+  print("\n".join([*said, f"report: {report}"]))
   return report

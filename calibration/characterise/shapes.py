@@ -1,8 +1,8 @@
 """Identified curves in physical units: road angle over command, torque over command and speed, resistance over speed.
 
 Gain, damping and friction of the base car trade with the straight part of a curve. What is drawn as the base law is
-therefore the one of all base cars that comes nearest to the curve, in the metric of its covariance, and a departure is
-what is left between the two; forms are treated alike, so that they lie on the curve where they fit it.
+therefore the one of all base cars that comes nearest to the curve by least squares, and a departure is what is left
+between the two; forms are treated alike, so that they lie on the curve where they fit it.
 """
 
 import dataclasses
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.characterise.flexible import Characterised
-from calibration.characterise.forms import Form, Outline, answer, base_can, projection, questions, situation
+from calibration.characterise.forms import Form, Outline, answer, base_can, questions, situation
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.mechanisms.base import Context, Mechanism
@@ -95,22 +95,17 @@ def _shape(found: Characterised, outline: Outline, covariance: Array) -> Shape:
   fixed = [found.theta[found.twin.parameters.index(p.name)] for p in curve.parameters if p.null is None]
   unit = np.array([answer([curve], np.array([*row, *fixed]), context) for row in np.eye(len(own))]).T
   at = [found.fitted.fit.parameters.index(name) for name in own]
-  project, nuisance = projection(found, curve)
-  nearest = _nearest(covariance[np.ix_(at, at)], nuisance)
   basis = base_can(curve, commands, context)
-  taken = unit - basis @ nearest
+  nearest = basis @ np.linalg.pinv(basis)
   axes = _axes(found, curve, commands, speeds, context)
-  law = axes.law + axes.scale * basis @ nearest @ outline.heights
-  drawn = axes.scale * taken @ outline.heights
-  spread = taken @ covariance[np.ix_(at, at)] @ taken.T
-  std = abs(axes.scale) * np.sqrt(np.maximum(np.diag(spread), 0.0))
+  law = axes.law + axes.scale * nearest @ unit @ outline.heights
+  left = axes.scale * (unit - nearest @ unit)
+  drawn, spread = left @ outline.heights, left @ covariance[np.ix_(at, at)] @ left.T
+  std = np.sqrt(np.maximum(np.diag(spread), 0.0))
   forms: dict[str, Array] = {}
   for form in outline.possible:
-    mechanisms, theta = _made_of(form)
-    heights = project(mechanisms, theta)
-    forms[" and ".join(form.mechanisms)] = axes.scale * (
-      answer(mechanisms, theta, context) - basis @ nearest @ heights
-    )
+    acting = answer(*_made_of(form), context)
+    forms[" and ".join(form.mechanisms)] = axes.scale * (acting - nearest @ acting)
   views = []
   levels = np.unique(speeds) if curve.stage == "actuator" else [None]
   for level in levels:
@@ -130,15 +125,6 @@ def _made_of(form: Form) -> tuple[Sequence[Mechanism], Array]:
   return mechanisms, np.array([form.values[p.name] for m in mechanisms for p in m.parameters])
 
 
-def _nearest(covariance: Array, nuisance: Array) -> Array:
-  """Share of each column of `nuisance` (k, q) in heights, by generalised least squares, (q, k)."""
-  if not nuisance.shape[1]:
-    return np.zeros((0, len(covariance)))
-  size = len(covariance)
-  root = np.linalg.cholesky(covariance + 1e-9 * np.trace(covariance) / size * np.eye(size))
-  return np.linalg.pinv(np.linalg.solve(root, nuisance)) @ np.linalg.inv(root)
-
-
 def _axes(found: Characterised, curve: Mechanism, commands: Array, speeds: Array, context: Context) -> _Axes:
   twin, vehicle = found.twin, found.twin.vehicle
   if curve.subsystem == "steering":
@@ -156,4 +142,6 @@ def _axes(found: Characterised, curve: Mechanism, commands: Array, speeds: Array
   unit = "" if motor.unit == "-" else f" {motor.unit}"
   titles = (f"{motor.channel.replace('_', ' ')}{f' [{motor.unit}]' if unit else ''}", "motor torque [mN m]")
   law = 1e3 * gain * (commands[:, 0] - idle_voltage(context))
-  return _Axes("drive", titles, (unit.strip() or "of full duty", "mN m"), commands[:, 0] / vehicle.command_scale, law, 1e3 * gain)
+  return _Axes(
+    "drive", titles, (unit.strip() or "of full duty", "mN m"), commands[:, 0] / vehicle.command_scale, law, 1e3 * gain
+  )

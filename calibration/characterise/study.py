@@ -177,13 +177,11 @@ def _base(dataset: DataSet, most: float, threads: int, plant: EngineKind) -> Rec
 
 def ratio(after: Mapping[str, float], before: Mapping[str, float]) -> float:
   """Geometric mean over the channels of both of after / before, errors in one unit per channel; 1 without any."""
-  shares = [after[name] / before[name] for name in before if name in after and before[name] > 0.0]
+  shares = [after[name] / before[name] for name in before if before[name] > 0.0 and after.get(name, 0.0) > 0.0]
   return float(np.exp(np.mean(np.log(shares)))) if shares else 1.0
 
 
-def _judged(
-  base: RecalibratedTwin, found: Characterised, judging: Sequence[Recording]
-) -> dict[str, dict[str, float]]:
+def _judged(base: RecalibratedTwin, found: Characterised, judging: Sequence[Recording]) -> dict[str, dict[str, float]]:
   return {"base": _error(base, judging), "characterised": _error(found.fitted, judging)} if judging else {}
 
 
@@ -225,8 +223,11 @@ def sentences(found: Study) -> list[str]:
     lines.append(f"{outline.curve}: {_said(outline)}")
   there = [f"{t.name} = {t.value:.3g} ± {t.std:.1g} {t.unit}" for t in found.terms if t.there]
   lines.append("besides: " + ("; ".join(there) if there else "nothing that stands out from chance"))
-  better = "better" if found.gain >= 0.0 else "worse, so the base is written"
-  lines.append(f"on recordings that only judge the twin with curves is {100.0 * abs(found.gain):.0f} % {better}")
+  better = "better" if found.gain >= 0.0 else "worse"
+  if found.judged:
+    lines.append(
+      f"on recordings that only judge the twin with curves is {100.0 * abs(found.gain):.0f} % {better} than the base"
+    )
   for channel, unit in found.units.items():
     parts = [f"{kind.replace('_', ' ')} {found.errors[kind][channel]:.4g}" for kind in KINDS
              if channel in found.errors.get(kind, {})]  # fmt: skip

@@ -27,20 +27,25 @@ VERDICTS = ("no_mismatch", "explained", "partly_explained", "unexplained")
 FILE, REPORT, FIGURES = "diagnosis.json", "report.html", "figures"
 
 
-def write_document(folder: str | os.PathLike[str], diagnosis: Diagnosis) -> Path:
+def write_document(
+  folder: str | os.PathLike[str], diagnosis: Diagnosis, curves: Mapping[str, Any] | None = None
+) -> Path:
   """Write diagnosis.json; returns its path.
+
+  Args:
+    curves: what free curves found, as plain values; None where they were not fitted.
 
   Raises:
     ValueError: the document breaks the schema; says where, and writes nothing.
   """
-  content = document(diagnosis)
+  content = document(diagnosis, curves)
   found = faults(content)
   if found:
     raise ValueError(f"{FILE} breaks its schema: {'; '.join(found[:5])}")
   return write_json(Path(folder) / FILE, content)
 
 
-def document(diagnosis: Diagnosis) -> dict[str, Any]:
+def document(diagnosis: Diagnosis, curves: Mapping[str, Any] | None = None) -> dict[str, Any]:
   """The JSON of a diagnosis as plain Python types; a number that is not finite becomes null."""
   d, pool = diagnosis, diagnosis.pool
   return plain(
@@ -56,6 +61,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
       "concealment": {name: s.unabsorbed_share for name, s in sorted(pool.signatures.items())},
       "next_experiment": d.next_experiment,
       "fit": {"validate": _fits(d.validate, False), "holdout": _fits(d.holdout, True)},
+      "curves": curves,
       "repaired_twin": d.repaired_twin,
       "seconds": d.seconds,
     }
@@ -164,11 +170,13 @@ SCHEMA: dict[str, Any] = {
   "concealment": {"*": _NUMBER},
   "next_experiment": "experiment or null",
   "fit": {"validate": {"*": _CHANNEL}, "holdout": {"*": {**_CHANNEL, "ci95": [_MAYBE]}}},
+  "curves": "object or null",
   "repaired_twin": str,
   "seconds": _NUMBER,
 }
 _OPTIONAL: dict[str, Any] = {
   "str or null": str,
+  "object or null": dict,  # its keys are those of characterise.json
   "experiment or null": {"manoeuvre": str, "separates": [str], "predicted_nats": _NUMBER},
 }
 

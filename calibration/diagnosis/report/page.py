@@ -13,6 +13,7 @@ from calibration.diagnosis.report import figures, wording
 from calibration.diagnosis.report.curves import curve_chart
 from calibration.diagnosis.report.demonstration import NOTHING_SHOWN, Demonstration, demonstrate
 from calibration.diagnosis.report.document import REPORT, unknown_variables, write_document
+from calibration.diagnosis.report.further import NOTHING_FURTHER, Further
 from calibration.diagnosis.report.grounds import alarms, drive_next, effort, priors, unseen
 from calibration.diagnosis.search.claims import Claim
 from calibration.diagnosis.unexplained.leftover import PROPERTIES
@@ -31,10 +32,19 @@ _SAID = {
   "no_mismatch": "nothing is missing", "explained": "explained", "partly_explained": "explained in part",
   "unexplained": "not explained",
 }  # fmt: skip
+_HELPS = 4  # sections up to "Before and after"
 
 
-def write_diagnosis(outcome: Outcome, folder: str | Path) -> Path:
+def write_diagnosis(
+  outcome: Outcome, folder: str | Path, shown: Demonstration | None = None, further: Further = NOTHING_FURTHER
+) -> Path:
   """Write diagnosis.json, report.html, twin.toml (the repaired twin) and recalibrated.toml (the one before it).
+
+  Args:
+    outcome: of `diagnose`.
+    folder: for the results.
+    shown: what was driven to be shown, where that was done before.
+    further: what a later stage adds, its twin in the repaired one's place.
 
   Returns the report's path.
   """
@@ -42,20 +52,24 @@ def write_diagnosis(outcome: Outcome, folder: str | Path) -> Path:
   claims = ", ".join(c.mechanism for c in outcome.diagnosis.decision.claims) or "no mechanism added"
   name = outcome.diagnosis.dataset
   save_twin(folder / "recalibrated.toml", outcome.twin, outcome.before, f"recalibrated on {name}, nothing added")
-  save_twin(folder / "twin.toml", outcome.twin, outcome.after, f"repaired on {name}: {claims}")
-  write_document(folder, outcome.diagnosis)
-  return write_report(folder, outcome.diagnosis, demonstrate(outcome))
+  repaired = (outcome.twin, outcome.after, f"repaired on {name}: {claims}")
+  save_twin(folder / "twin.toml", *(further.twin or repaired))
+  write_document(folder, outcome.diagnosis, further.curves)
+  return write_report(folder, outcome.diagnosis, shown or demonstrate(outcome), further)
 
 
-def write_report(folder: Path, diagnosis: Diagnosis, shown: Demonstration = NOTHING_SHOWN) -> Path:
+def write_report(
+  folder: Path, diagnosis: Diagnosis, shown: Demonstration = NOTHING_SHOWN, further: Further = NOTHING_FURTHER
+) -> Path:
   """Write report.html; returns its path."""
+  sections = report_sections(diagnosis, shown)
   return write_page(
     folder / REPORT,
     f"Diagnosis of {diagnosis.dataset}",
-    verdict(diagnosis),
-    report_sections(diagnosis, shown),
+    f"{verdict(diagnosis)} {further.sentence}".rstrip(),
+    [*sections[:_HELPS], *further.sections, *sections[_HELPS:]],
     _subtitle(diagnosis),
-    facts(diagnosis),
+    [*facts(diagnosis), *further.facts],
     _TONES[diagnosis.decision.verdict],
   )
 
@@ -68,14 +82,9 @@ def verdict(diagnosis: Diagnosis) -> str:
   return wording.verdict_sentence(diagnosis.decision, _mechanisms(diagnosis), kept)
 
 
-def advice(diagnosis: Diagnosis, dataset: Path) -> str:
-  """What to try next where no name explains what is left; "" elsewhere."""
-  if diagnosis.decision.verdict not in ("unexplained", "partly_explained"):
-    return ""
-  return (
-    "something is left that no name explains: the maps themselves may differ from the twin's laws; fit them with\n"
-    f"  qcar-twin characterise --dataset {dataset} --out out/characterised\n"
-  )
+def something_nameless(diagnosis: Diagnosis) -> bool:
+  """Whether something is left that no name on the base car's own laws explains."""
+  return diagnosis.decision.verdict in ("unexplained", "partly_explained")
 
 
 def facts(d: Diagnosis) -> list[tuple[str, str]]:
@@ -152,7 +161,7 @@ def _what(d: Diagnosis) -> Section:
 
 def _nameless(d: Diagnosis) -> tuple[str, list[Table]]:
   """What is known of an error without a name, where the verdict says that there is one."""
-  if d.decision.verdict not in ("unexplained", "partly_explained"):
+  if not something_nameless(d):
     return "", []
   text, tables = "", []
   if d.decision.leftovers:

@@ -2,7 +2,6 @@
 
 import dataclasses
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,8 +9,8 @@ import pytest
 from calibration.diagnosis.report import figures
 from calibration.diagnosis.report.curves import Curve
 from calibration.diagnosis.report.demonstration import Demonstration
+from calibration.diagnosis.report.further import Further
 from calibration.diagnosis.report.page import (
-  advice,
   channel_changes,
   effect_on_car,
   facts,
@@ -20,7 +19,7 @@ from calibration.diagnosis.report.page import (
   write_report,
 )
 from calibration.fitting.observations import CHANNELS
-from qcar_twin.pages import Explorer
+from qcar_twin.pages import Explorer, Section
 from qcar_twin.pages.charts import unpacked
 from tests.calibration.diagnosis.diagnosis_results import decision_of, diagnosis_of
 
@@ -49,10 +48,13 @@ def test_the_page_stands_alone_and_opens_with_the_verdict(explained, tmp_path):
   assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
 
 
-def test_free_maps_are_advised_where_something_is_left(explained, nothing):
-  left = dataclasses.replace(explained, decision=dataclasses.replace(explained.decision, verdict="partly_explained"))
-  assert "qcar-twin characterise --dataset data/sample" in advice(left, Path("data/sample"))
-  assert advice(explained, Path("data/sample")) == advice(nothing, Path("data/sample")) == ""
+def test_what_a_later_stage_adds_stands_behind_before_and_after(explained, tmp_path):
+  added = Further("Curves found nothing.", [("curves", "none")], [Section("Free curves: the maps", "flat")])
+  text = write_report(tmp_path, explained, further=added).read_text()
+  assert text.index("The wheels point to one side") < text.index("Curves found nothing.") < text.index("<h2>")
+  titles = re.findall(r"<h2>(.*?)</h2>", text)
+  assert titles.index("Free curves: the maps") == titles.index("Before and after") + 1
+  assert len(titles) == len(SECTIONS) + 1 and "<dt>curves</dt>" in text
 
 
 def test_every_section_says_something(explained):

@@ -1,0 +1,260 @@
+"""The page of free curves: what departs, the curves with their names, what stands beside them, and what it gains."""
+
+import dataclasses
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from calibration.characterise import wording
+from calibration.characterise.forms import LEVEL, Outline
+from calibration.characterise.shapes import Shape, View, shapes
+from calibration.characterise.study import Study, Term, ratio
+from calibration.diagnosis.report.wording import listed
+from calibration.fitting.residual_channels import RESIDUALS
+from qcar_twin.pages import Cell, Chart, Section, Table, bars, line, panels, write_page
+from qcar_twin.pages.charts import Trace, packed
+from qcar_twin.pages.page import Tone
+
+REPORT = "report.html"
+_BAND = 1.96  # standard deviations: 95 % of a Gaussian
+_RIVALS = (("dash", "good"), ("dashdot", "before"), ("longdash", "partly"), ("dash", "note"))  # forms beside the name
+_SWATCH, _LETTER, _WIDE, _LINE = 60, 7, 900, 20  # pixels of a legend's entry, of its letters, of a line of entries
+_READABLE = {"s": ("ms", 1e3), "rad": ("°", float(np.degrees(1.0)))}
+_LABELS = {"before": "base", "twin": "with curves", "bicycle": "named forms only", "nominal": "black box"}
+
+Errors = Mapping[str, Mapping[str, float]]
+
+
+def write_study(found: Study, folder: str | os.PathLike[str]) -> Path:
+  """Write report.html; returns its path."""
+  drawn = shapes(found.found, found.outlines)
+  observations = found.found.fitted.problem.observations
+  seconds = float(observations.stretches.segments.steps.sum()) * observations.stretches.segments.period
+  subtitle = f"{len(observations.names)} recordings, {seconds:.0f} s of driving, {len(observations)} measured values"
+  return write_page(
+    Path(folder) / REPORT,
+    f"Free curves of {found.dataset}",
+    wording.verdict(found, drawn),
+    [*sections(found, drawn), checked(found)],
+    subtitle,
+    facts(found, drawn),
+    tone(found),
+  )
+
+
+def tone(found: Study) -> Tone:
+  """The colour beside the verdict: whether there is something, and whether modelling it helps."""
+  if not any(o.is_there for o in found.outlines):
+    return "plain"
+  before, after, _ = wording.compared(found)
+  return "good" if found.gain >= 0.0 and ratio(after, before) < 1.0 else "partly"
+
+
+def facts(found: Study, drawn: Sequence[Shape]) -> list[tuple[str, str]]:
+  """The numbers that go with the verdict."""
+  there = [s.part for o, s in zip(found.outlines, drawn, strict=True) if o.is_there]
+  rows = [("Departs from the base laws", listed(there) or "nothing")]
+  for name, kinds in (("hold-out", found.errors), ("validation", found.judged)):
+    if kinds:
+      change = 100.0 * (ratio(kinds["characterised"], kinds["base"]) - 1.0)
+      rows.append((f"Errors with curves, {name}", f"{change:+.0f} %".replace("-", "−")))
+  return [*rows, ("twin.toml is", "the base" if found.gain < 0.0 else "the twin with curves")]
+
+
+def sections(found: Study, drawn: Sequence[Shape], diagnosed: Errors | None = None, before: str = "") -> list[Section]:
+  """What a page says of the curves, in reading order.
+
+  Args:
+    found: what was studied; drawn: its curves.
+    diagnosed: errors by "holdout" and "validate", then channel, of the twin that a diagnosis repaired.
+    before: put before the titles, on a page that has others.
+  """
+  made = [_curves(found, drawn), *([_sessions(found)] if _of_sessions(found) else []), _beside(found)]
+  made.append(_errors(found, diagnosed or {}))
+  return [Section(f"{before}{s.title}", s.text, s.tables, s.figures) for s in made]
+
+
+def checked(found: Study) -> Section:
+  """What the check of the data set said."""
+  return Section("What the data set's check said", "\n".join(f"* {n}" for n in found.notes) or "Nothing to remark.")
+
+
+def _curves(found: Study, drawn: Sequence[Shape]) -> Section:
+  text = (
+    "Dotted is the base car's law, of all its gains, dampings and frictions those that come nearest; blue is what these"
+    " recordings say, its band holds the truth in 95 % of cars. Where the band leaves zero in the departures, the"
+    " twin's own law is wrong there. Forms of the catalogue that may be the curve lie over it: its name, the simplest"
+    " that is not refused, is drawn through, the others are dashed."
+  )
+  tables = []
+  for outline, shape in zip(found.outlines, drawn, strict=True):
+    said = wording.departure(outline, shape) if outline.is_there else f"{shape.part.capitalize()}: no departure shows."
+    text += f"\n* {said} {wording.form_words(outline)}".rstrip()
+  if any(o.is_there for o in found.outlines):
+    tables = [_verdicts(found.outlines), *([_forms(found)] if any(o.possible for o in found.outlines) else [])]
+  return Section("The maps", text, tables, [curve_chart(shape) for shape in drawn])
+
+
+def _verdicts(outlines: Sequence[Outline]) -> Table:
+  rows: list[tuple[Cell, ...]] = []
+  for o in outlines:
+    name = listed(o.named.mechanisms) if o.named else "none known" if o.is_there else "–"
+    others = ", ".join(" and ".join(f.mechanisms) for f in o.possible[1:]) or "–"
+    rows.append((o.curve, o.is_there, f"{o.departs:.1e}", name, others))
+  title = f"so improbable without one (there below {LEVEL:g})"
+  return Table("Curves and names", ("curve", "departs", title, "name", "fits as well"), rows)
+
+
+def _forms(found: Study) -> Table:
+  """Sizes of the names: as read off the curves, and as fitted in their place."""
+  fitted: dict[str, tuple[float, float | None]] = {}
+  if found.named:
+    parameters, values = found.named.fitted.fit.parameters, found.named.fitted.fit.theta
+    std = np.sqrt(np.maximum(np.diag(found.named.covariance), 0.0))
+    held = found.named.fitted.fit.at_bound  # a bound leaves no deviation to be told
+    fitted = {name: (float(values[i]), None if held[i] else float(std[i])) for i, name in enumerate(parameters.names)}
+  rows = []
+  for outline in found.outlines:
+    for name, value in (outline.named.values if outline.named else {}).items():
+      unit = found.named.twin.parameters[name].unit if found.named else ""
+      std = outline.named.std[name] if outline.named else None
+      rows.append((outline.curve, name, value, std, *fitted.get(name, (None, None)), unit))
+  columns = ("curve", "parameter", "off the curve", "± std", "fitted in its place", "± std ", "unit")
+  return Table("Sizes of the named forms", columns, rows)
+
+
+def curve_chart(shape: Shape) -> Chart:
+  """A curve and its departure from the base car's law, with bands and forms."""
+  parts: list[tuple[str, str, list[Trace]]] = []
+  for whole in (True, False):
+    for view in shape.views:
+      heading = f"{shape.part.capitalize()} {view.heading}".strip() if whole else "departure from the law"
+      parts.append((heading, shape.y_title if whole else f"departure [{shape.y_unit}]", _traces(view, whole)))
+  count = len(shape.views) if len(shape.views) > 1 else 2
+  caption = f"{shape.part.capitalize()} where it was driven, and its departure from the base car's law."
+  chart = panels(caption, parts, shape.x_title, columns=count, height=250)
+  names = {str(trace["name"]) for trace in chart.traces}
+  lines = sum(_SWATCH + _LETTER * len(name) for name in names) // _WIDE
+  layout = {**chart.layout, "margin": {**chart.layout["margin"], "t": 64 + _LINE * lines}}
+  return dataclasses.replace(chart, layout=layout, height=chart.height + _LINE * lines)
+
+
+def _traces(view: View, whole: bool) -> list[Trace]:
+  law = view.law if whole else np.zeros(len(view.x))
+  curve, wide = law + view.departure, _BAND * view.std
+  band = {
+    "type": "scatter", "mode": "lines", "fill": "toself", "fillcolor": "@twin/0.2", "line": {"width": 0},
+    "name": "its 95 % band", "legendgroup": "band", "hoverinfo": "skip",
+    "x": packed(np.concatenate([view.x, view.x[::-1]])),
+    "y": packed(np.concatenate([curve + wide, (curve - wide)[::-1]])),
+  }  # fmt: skip
+  tip = {"hovertemplate": "%{x:.3g}: %{y:.3g}"}
+  traces: list[Trace] = [band, line(view.x, law, "nominal", "base law", style={"dash": "dot"}, **tip)]
+  traces.append(line(view.x, curve, "twin", "free curve", **tip))
+  for number, (name, departure) in enumerate(list(view.forms.items())[: 1 + len(_RIVALS)]):
+    dash, who = ("solid", "bicycle") if number == 0 else _RIVALS[number - 1]
+    traces.append(line(view.x, law + departure, who, name, style={"dash": dash}, **tip))
+  return traces
+
+
+def _of_sessions(found: Study) -> list[Term]:
+  return [t for t in found.terms if "@" in t.name]
+
+
+def _sessions(found: Study) -> Section:
+  """Trims and gains of the sessions, a row each."""
+  twin, terms = found.found.twin, {t.name: t for t in found.terms}
+  gain, values = twin.vehicle.motor.gain, twin.parameters.named(found.found.theta)
+  scaled = {gain: (100.0 / values[gain], "%")} | {
+    n: _readable(twin.parameters[n].unit) for n in twin.sessions.std if n != gain
+  }
+  columns, rows = ["session"], []
+  for name in twin.sessions.std:
+    columns += [
+      f"{'drive gain' if name == gain else 'steering trim'} [{scaled[name][1]}]",
+      f"± std of {name}",
+      f"{name} stands out",
+    ]
+  for session in twin.sessions.names:
+    row: list[Cell] = [session]
+    for name, (factor, _) in ((n, scaled[n]) for n in twin.sessions.std):
+      term = terms[f"{name}@{session}"]
+      row += [factor * term.value, factor * term.std, term.there]
+    rows.append(row)
+  text = (
+    "Each session has a trim of its steering and a gain of its drive of its own, as departures from the mean of all:"
+    " a servo's horn slips, a pack is fuller. They are left out of twin.toml, which is the mean car."
+  )
+  return Section("The sessions", text, [Table("Sessions against their mean", columns, rows)])
+
+
+def _readable(unit: str) -> tuple[float, str]:
+  name, factor = _READABLE.get(unit, (unit, 1.0))
+  return factor, name
+
+
+def _beside(found: Study) -> Section:
+  rows: list[tuple[Cell, ...]] = []
+  held = dict(zip(found.found.fitted.fit.parameters.names, found.found.fitted.fit.at_bound.tolist(), strict=True))
+  for term in sorted((t for t in found.terms if "@" not in t.name), key=lambda t: -abs(t.value) / max(t.std, 1e-12)):
+    factor, unit = _readable(term.unit)
+    said = found.found.twin.parameters[term.name].description or term.name.replace("_", " ")
+    bound = held[term.name]
+    out = "at its bound" if bound else "yes" if term.there else "no"
+    rows.append((term.name, said, factor * term.value, None if bound else factor * term.std, unit, out))
+  text = (
+    "What would bend the curves if it were left out was freed with them: ages of sensors and actuators in ms, scales,"
+    f" the loss of turning. A value stands out where chance over all of them would leave less in {100 * LEVEL:.0f} % of"
+    " cars. Ages count from the pose, or from the encoder where no pose was recorded."
+  )
+  columns = ("parameter", "what it is", "value", "± std", "unit", "stands out")
+  return Section("Beside the maps", text, [Table("Freed beside the curves", columns, rows)] if rows else [])
+
+
+def _errors(found: Study, diagnosed: Errors) -> Section:
+  if not (found.errors or found.judged):
+    return Section("What it gains", "No recordings were kept aside, so nothing can be shown.")
+  text = (
+    "Errors are root mean squares of free runs from measured starts, in each channel's unit, by MuJoCo. Base is today's"
+    " twin, recalibrated; named forms only has the names in the curves' place; the black box is boosted trees on the"
+    " base's residual, which may use what no law of a car does; noise is the sensors' own while driving."
+  )
+  if diagnosed:
+    text += " This base was recalibrated for the curves and may differ a little from the one the diagnosis began with."
+  roles = (
+    ("Hold-out, opened once", found.errors, diagnosed.get("holdout")),
+    ("Validation, which decides what is written", found.judged, diagnosed.get("validate")),
+  )
+  tables = []
+  for caption, errors, repaired in roles:
+    if errors:
+      kinds = {**errors, "diagnosed": repaired} if repaired else errors
+      tables.append(_error_table(caption, kinds))
+  return Section("What it gains", text, tables, [_error_chart(found)] if found.errors else [])
+
+
+def _error_table(caption: str, errors: Errors) -> Table:
+  titles = {"base": "base", "diagnosed": "after the diagnosis", "characterised": "with curves",
+            "named": "named forms only", "black_box": "black box", "noise": "noise"}  # fmt: skip
+  present = [kind for kind in titles if kind in errors]
+  rows: list[list[Cell]] = []
+  for channel in errors["base"]:
+    values: list[Cell] = [errors[kind].get(channel) for kind in present]
+    change = 100.0 * (errors["characterised"][channel] / errors["base"][channel] - 1.0)
+    rows.append([RESIDUALS[channel].words, RESIDUALS[channel].symbol, *values, f"{change:+.1f}".replace("-", "−")])
+  return Table(caption, ("channel", "unit", *(titles[k] for k in present), "curves / base [%]"), rows)
+
+
+def _error_chart(found: Study) -> Chart:
+  channels = [name for name in found.errors["base"] if found.errors["noise"].get(name, 0.0) > 0.0]
+  kinds = {"before": "base", "twin": "characterised", "bicycle": "named", "nominal": "black_box"}
+  values = {
+    who: [found.errors[kind][name] / found.errors["noise"][name] for name in channels]
+    for who, kind in kinds.items()
+    if kind in found.errors
+  }
+  caption = "Errors on recordings that took no part, in multiples of the sensors' noise while driving."
+  names = [RESIDUALS[name].words for name in channels]
+  return bars(caption, names, values, "error / noise", level=(1.0, "noise"), labels=_LABELS)

@@ -1,0 +1,33 @@
+"""What a stage after the diagnosis adds to its results: words, sections, a key of diagnosis.json, another twin."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.pages import Section
+from qcar_twin.twin.twin import Twin
+
+
+@dataclasses.dataclass(frozen=True)
+class Further:
+  """Results of a stage that the diagnosis itself does not know.
+
+  Attributes:
+    sentence: said right after the verdict; "" for nothing.
+    facts: numbers that go with the verdict.
+    sections: shown after "Before and after".
+    curves: key "curves" of diagnosis.json.
+    twin: what is written as twin.toml in the repaired twin's place: twin, parameters (P,), note.
+  """
+
+  sentence: str = ""
+  facts: Sequence[tuple[str, str]] = ()
+  sections: Sequence[Section] = ()
+  curves: Mapping[str, Any] | None = None
+  twin: tuple[Twin, NDArray[np.float64], str] | None = None
+
+
+NOTHING_FURTHER = Further()
