@@ -93,7 +93,8 @@ def with_curves(found: Study, diagnosis: Diagnosis) -> Further:
 
 def sentence(found: Study, diagnosis: Diagnosis, drawn: tuple[Shape, ...]) -> str:
   """What the curves found, and how far the errors fell from stage to stage."""
-  return f"Free curves over the twin's maps: {wording.departures(found, drawn)} {fall(found, diagnosis)}".rstrip()
+  said = wording.departures(found, drawn)
+  return f"Free curves were fitted over the twin's maps. {said} {fall(found, diagnosis)}".rstrip()
 
 
 def fall(found: Study, diagnosis: Diagnosis) -> str:

@@ -21,8 +21,17 @@ REPORT = "report.html"
 _BAND = 1.96  # standard deviations: 95 % of a Gaussian
 _RIVALS = (("dash", "good"), ("dashdot", "before"), ("longdash", "partly"), ("dash", "note"))  # forms beside the name
 _SWATCH, _LETTER, _WIDE, _LINE = 60, 7, 900, 20  # pixels of a legend's entry, of its letters, of a line of entries
+_SMALLEST = 1e-4  # probability that is written out
 _READABLE = {"s": ("ms", 1e3), "rad": ("°", float(np.degrees(1.0)))}
-_LABELS = {"before": "base", "twin": "with curves", "bicycle": "named forms only", "nominal": "black box"}
+_KINDS = {  # of twins, as tables and charts call them
+  "base": "base",
+  "diagnosed": "after the diagnosis",
+  "characterised": "with curves",
+  "named": "named forms only",
+  "black_box": "black box",
+  "noise": "noise",
+}
+_BARS = {"before": "diagnosed", "twin": "characterised", "bicycle": "named", "nominal": "black_box", "noise": "noise"}
 
 Errors = Mapping[str, Mapping[str, float]]
 
@@ -78,22 +87,24 @@ def sections(found: Study, drawn: Sequence[Shape], diagnosed: Errors | None = No
 
 def checked(found: Study) -> Section:
   """What the check of the data set said."""
-  return Section("What the data set's check said", "\n".join(f"* {n}" for n in found.notes) or "Nothing to remark.")
+  title = "What the data set's check said"
+  if not found.notes:
+    return Section(title, "Nothing to remark.")
+  text = "What the check of the data set found to be remarked, and what was done about it."
+  return Section(title, text, [Table("Remarks", ("remark",), [(note,) for note in found.notes])])
 
 
 def _curves(found: Study, drawn: Sequence[Shape]) -> Section:
   text = (
     "Dotted is the base car's law, of all its gains, dampings and frictions those that come nearest; blue is what these"
-    " recordings say, its band holds the truth in 95 % of cars. Where the band leaves zero in the departures, the"
-    " twin's own law is wrong there. Forms of the catalogue that may be the curve lie over it: its name, the simplest"
-    " that is not refused, is drawn through, the others are dashed."
+    " recordings say, its band holds the truth in 95 % of cars, place by place. Whether a curve departs is judged over"
+    " all of it at once, in the table below. Forms of the catalogue that may be the curve lie over it: its name, the"
+    " simplest that is not refused, is drawn through, the others are dashed."
   )
-  tables = []
   for outline, shape in zip(found.outlines, drawn, strict=True):
     said = wording.departure(outline, shape) if outline.is_there else f"{shape.part.capitalize()}: no departure shows."
     text += f"\n* {said} {wording.form_words(outline)}".rstrip()
-  if any(o.is_there for o in found.outlines):
-    tables = [_verdicts(found.outlines), *([_forms(found)] if any(o.possible for o in found.outlines) else [])]
+  tables = [_verdicts(found.outlines), *([_forms(found)] if any(o.possible for o in found.outlines) else [])]
   return Section("The maps", text, tables, [curve_chart(shape) for shape in drawn])
 
 
@@ -102,8 +113,10 @@ def _verdicts(outlines: Sequence[Outline]) -> Table:
   for o in outlines:
     name = listed(o.named.mechanisms) if o.named else "none known" if o.is_there else "–"
     others = ", ".join(" and ".join(f.mechanisms) for f in o.possible[1:]) or "–"
-    rows.append((o.curve, o.is_there, f"{o.departs:.1e}", name, others))
-  title = f"so improbable without one (there below {LEVEL:g})"
+    rows.append(
+      (o.curve, o.is_there, f"{o.departs:.2g}" if o.departs >= _SMALLEST else f"< {_SMALLEST:g}", name, others)
+    )
+  title = f"how often chance makes as much (departs below {LEVEL:g})"
   return Table("Curves and names", ("curve", "departs", title, "name", "fits as well"), rows)
 
 
@@ -172,11 +185,8 @@ def _sessions(found: Study) -> Section:
   }
   columns, rows = ["session"], []
   for name in twin.sessions.std:
-    columns += [
-      f"{'drive gain' if name == gain else 'steering trim'} [{scaled[name][1]}]",
-      f"± std of {name}",
-      f"{name} stands out",
-    ]
+    unit = scaled[name][1]
+    columns += [f"{'drive gain' if name == gain else 'steering trim'} [{unit}]", f"± std [{unit}]", "stands out"]
   for session in twin.sessions.names:
     row: list[Cell] = [session]
     for name, (factor, _) in ((n, scaled[n]) for n in twin.sessions.std):
@@ -224,37 +234,35 @@ def _errors(found: Study, diagnosed: Errors) -> Section:
   if diagnosed:
     text += " This base was recalibrated for the curves and may differ a little from the one the diagnosis began with."
   roles = (
-    ("Hold-out, opened once", found.errors, diagnosed.get("holdout")),
-    ("Validation, which decides what is written", found.judged, diagnosed.get("validate")),
+    ("holdout", "Hold-out, opened once", found.errors),
+    ("validate", "Validation, which decides what is written", found.judged),
   )
-  tables = []
-  for caption, errors, repaired in roles:
-    if errors:
-      kinds = {**errors, "diagnosed": repaired} if repaired else errors
-      tables.append(_error_table(caption, kinds))
-  return Section("What it gains", text, tables, [_error_chart(found)] if found.errors else [])
+  kinds = {role: (caption, {**errors, **_repaired(diagnosed, role)}) for role, caption, errors in roles if errors}
+  tables = [_error_table(caption, errors) for caption, errors in kinds.values()]
+  return Section("What it gains", text, tables, [_error_chart(kinds["holdout"][1])] if found.errors else [])
+
+
+def _repaired(diagnosed: Errors, role: str) -> dict[str, Mapping[str, float]]:
+  return {"diagnosed": diagnosed[role]} if diagnosed.get(role) else {}
 
 
 def _error_table(caption: str, errors: Errors) -> Table:
-  titles = {"base": "base", "diagnosed": "after the diagnosis", "characterised": "with curves",
-            "named": "named forms only", "black_box": "black box", "noise": "noise"}  # fmt: skip
-  present = [kind for kind in titles if kind in errors]
+  present = [kind for kind in _KINDS if kind in errors]
   rows: list[list[Cell]] = []
   for channel in errors["base"]:
     values: list[Cell] = [errors[kind].get(channel) for kind in present]
     change = 100.0 * (errors["characterised"][channel] / errors["base"][channel] - 1.0)
     rows.append([RESIDUALS[channel].words, RESIDUALS[channel].symbol, *values, f"{change:+.1f}".replace("-", "−")])
-  return Table(caption, ("channel", "unit", *(titles[k] for k in present), "curves / base [%]"), rows)
+  return Table(caption, ("channel", "unit", *(_KINDS[k] for k in present), "curves / base [%]"), rows)
 
 
-def _error_chart(found: Study) -> Chart:
-  channels = [name for name in found.errors["base"] if found.errors["noise"].get(name, 0.0) > 0.0]
-  kinds = {"before": "base", "twin": "characterised", "bicycle": "named", "nominal": "black_box"}
-  values = {
-    who: [found.errors[kind][name] / found.errors["noise"][name] for name in channels]
-    for who, kind in kinds.items()
-    if kind in found.errors
-  }
-  caption = "Errors on recordings that took no part, in multiples of the sensors' noise while driving."
+def _error_chart(errors: Errors) -> Chart:
+  """Errors of every kind in shares of the base's."""
+  base = errors["base"]
+  channels = [name for name in base if base[name] > 0.0]
+  share = lambda kind: [errors[kind].get(name, np.nan) / base[name] for name in channels]
+  values = {who: share(kind) for who, kind in _BARS.items() if kind in errors}
+  caption = "Errors on recordings that took no part, in shares of the base's: below the line is better."
   names = [RESIDUALS[name].words for name in channels]
-  return bars(caption, names, values, "error / noise", level=(1.0, "noise"), labels=_LABELS)
+  labels = {who: _KINDS[kind] for who, kind in _BARS.items()}
+  return bars(caption, names, values, "error / error of the base", level=(1.0, "base"), labels=labels)

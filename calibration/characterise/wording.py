@@ -18,7 +18,7 @@ def verdict(found: Study, drawn: tuple[Shape, ...]) -> str:
 
 
 def departures(found: Study, drawn: tuple[Shape, ...]) -> str:
-  """ "The steering departs from the base car's law by up to 1.2 ± 0.1° …, as steering_nonlinearity would."."""
+  """ "Steering departs from the base car's law by up to 1.2 ± 0.1° …, as steering_nonlinearity would."."""
   told = [departure(o, s) for o, s in zip(found.outlines, drawn, strict=True) if o.is_there]
   kept = [s.part for o, s in zip(found.outlines, drawn, strict=True) if not o.is_there]
   if kept:
@@ -38,7 +38,7 @@ def departure(outline: Outline, shape: Shape) -> str:
   gap = "" if shape.y_unit == "°" else " "
   place = f"{where:.2g}{'' if shape.x_unit.startswith('°') else ' '}{shape.x_unit}"
   text = (
-    f"{shape.part.capitalize()}: departs from the base car's law by up to {spread(value, std)}{gap}{shape.y_unit}"
+    f"{shape.part.capitalize()} departs from the base car's law by up to {spread(value, std)}{gap}{shape.y_unit}"
     f" (at {place})"
   ).replace("-", "−")
   if outline.named is None:

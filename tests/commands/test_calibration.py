@@ -42,7 +42,7 @@ def tiny(work):
 @pytest.fixture(scope="module")
 def whole(work, tiny):
   """`qcar-twin run` on the tiny session: folder of its results and what it said."""
-  report, said = run("run", dataset=tiny, out=work / "tiny", quick=True, threads=1)
+  report, said = run("run", dataset=tiny, out=work / "tiny", quick=True, threads=1, curves="never")
   assert report == work / "tiny" / "diagnosis" / "report.html"
   return work / "tiny", said
 
@@ -126,7 +126,13 @@ def test_diagnose_names_a_concealed_offset_of_the_steering(work):
   tiny_session.write(work / "data" / "offset", {"steering_offset": {"steering_offset": 0.04}})
   among = ("steering_gain_error", "steering_offset", "accel_bias", "gyro_bias", "encoder_latency")
   page, said = run(
-    "diagnose", dataset=work / "data" / "offset", out=work / "offset", mechanisms=among, quick=True, threads=1
+    "diagnose",
+    dataset=work / "data" / "offset",
+    out=work / "offset",
+    mechanisms=among,
+    quick=True,
+    threads=1,
+    curves="never",
   )
   document = read(work / "offset" / "diagnosis.json")
   claim = document["claims"][0]

@@ -52,7 +52,7 @@ VICTIMS = {
     results=("calibration.json", "twin.toml"),
   ),
   "diagnose": Victim(
-    "diagnose --dataset {data} --out {out} --quick --threads 1", results=("diagnosis.json", "twin.toml")
+    "diagnose --dataset {data} --out {out} --quick --threads 1 --curves never", results=("diagnosis.json", "twin.toml")
   ),
   "campaign": Victim(
     "campaign --out {out} --seed 3 --nulls 1 --singles 1 --pairs 0 --outside 0 --jobs 1 --design paper",
