@@ -58,6 +58,7 @@ def write_with_curves(
   Returns:
     the report's path, and what the terminal says of the curves, a line a finding.
   """
+  progress("film and report")
   shown = demonstrate(outcome)
   page = write_diagnosis(outcome, folder, shown)
   if not wanted(when, outcome.diagnosis):
