@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.characterise import wording
 from calibration.characterise.forms import LEVEL, Outline
-from calibration.characterise.shapes import Shape, View, shapes
+from calibration.characterise.shapes import BAND, Shape, View, shapes
 from calibration.characterise.study import Study, Term, ratio
 from calibration.diagnosis.report.wording import listed
 from calibration.fitting.residual_channels import RESIDUALS
@@ -18,7 +18,6 @@ from qcar_twin.pages.charts import Trace, packed
 from qcar_twin.pages.page import Tone
 
 REPORT = "report.html"
-_BAND = 1.96  # standard deviations: 95 % of a Gaussian
 _RIVALS = (("dash", "good"), ("dashdot", "before"), ("longdash", "partly"), ("dash", "note"))  # forms beside the name
 _SWATCH, _LETTER, _WIDE, _LINE = 60, 7, 900, 20  # pixels of a legend's entry, of its letters, of a line of entries
 _SMALLEST = 1e-4  # probability that is written out
@@ -156,7 +155,7 @@ def curve_chart(shape: Shape) -> Chart:
 
 def _traces(view: View, whole: bool) -> list[Trace]:
   law = view.law if whole else np.zeros(len(view.x))
-  curve, wide = law + view.departure, _BAND * view.std
+  curve, wide = law + view.departure, BAND * view.std
   band = {
     "type": "scatter", "mode": "lines", "fill": "toself", "fillcolor": "@twin/0.2", "line": {"width": 0},
     "name": "its 95 % band", "legendgroup": "band", "hoverinfo": "skip",

@@ -21,6 +21,7 @@ from qcar_twin.vehicle.vehicle import GRAVITY
 
 Array = NDArray[np.float64]
 
+BAND = 1.96  # standard deviations: 95 % of a Gaussian
 _STEADY = 3.0 * STANDSTILL  # m/s: below it a resistance fades out towards rest, and nothing of it is seen
 
 
@@ -62,10 +63,11 @@ class Shape:
   views: tuple[View, ...]
 
   @property
-  def largest(self) -> tuple[float, float, float]:
-    """The largest departure, its deviation, and where it is: y, y, x."""
-    view = max(self.views, key=lambda v: float(np.max(np.abs(v.departure))))
-    at = int(np.argmax(np.abs(view.departure)))
+  def clearest(self) -> tuple[float, float, float]:
+    """The departure whose band keeps farthest from zero, its deviation, and where it is: y, y, x."""
+    sure = lambda v: np.abs(v.departure) - BAND * v.std
+    view = max(self.views, key=lambda v: float(np.max(sure(v))))
+    at = int(np.argmax(sure(view)))
     return float(view.departure[at]), float(view.std[at]), float(view.x[at])
 
 

@@ -18,7 +18,7 @@ def verdict(found: Study, drawn: tuple[Shape, ...]) -> str:
 
 
 def departures(found: Study, drawn: tuple[Shape, ...]) -> str:
-  """ "Steering departs from the base car's law by up to 1.2 ± 0.1° …, as steering_nonlinearity would."."""
+  """ "Steering departs from the base car's law, most clearly by 1.2 ± 0.1° …, as steering_nonlinearity would."."""
   told = [departure(o, s) for o, s in zip(found.outlines, drawn, strict=True) if o.is_there]
   kept = [s.part for o, s in zip(found.outlines, drawn, strict=True) if not o.is_there]
   if kept:
@@ -34,13 +34,11 @@ def departures(found: Study, drawn: tuple[Shape, ...]) -> str:
 
 def departure(outline: Outline, shape: Shape) -> str:
   """One curve that is there, in a sentence."""
-  value, std, where = shape.largest
+  value, std, where = shape.clearest
   gap = "" if shape.y_unit == "°" else " "
   place = f"{where:.2g}{'' if shape.x_unit.startswith('°') else ' '}{shape.x_unit}"
-  text = (
-    f"{shape.part.capitalize()} departs from the base car's law by up to {spread(value, std)}{gap}{shape.y_unit}"
-    f" (at {place})"
-  ).replace("-", "−")
+  size = f"{spread(value, std)}{gap}{shape.y_unit} (at {place})".replace("-", "−")
+  text = f"{shape.part.capitalize()} departs from the base car's law, most clearly by {size}"
   if outline.named is None:
     return f"{text}, in a shape that no named form has."
   others = len(outline.possible) - 1
@@ -65,7 +63,7 @@ def form_words(outline: Outline) -> str:
 
 def term_words(term: Term) -> str:
   """ "encoder_latency 41 ± 2 ms"."""
-  return f"{term.name.replace('@', ' in session ')} {amount(term.value, term.std, term.unit)}"
+  return f"{term.name.replace('@', ' in session ')} {amount(term.value, term.std, term.unit).replace('-', '−')}"
 
 
 def gain_sentence(found: Study) -> str:
