@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import scipy.io
 
+from qcar_twin.recordings.formats.apart import ReaderEnded, read_apart
 from qcar_twin.recordings.formats.columnar import table_of_arrays
 from qcar_twin.recordings.formats.table import Clocked, Table, merge
 from qcar_twin.recordings.recording import RecordingError
 
 READERS = {".mat": "read_mat"}
-_CLOCKS = ("time", "Time", "t", "tout")
+_CONTENT = "qcar_twin.recordings.formats.matlab_content"  # read apart: SciPy's reader comes down on some files
 
 
 def read_mat(path: Path, label: str) -> Table:
@@ -28,14 +27,16 @@ def read_mat(path: Path, label: str) -> Table:
   * a structure of vectors gives `log.<field>`.
   A name without its `log.` is understood too when it is unique. Structures with different clocks are merged.
   """
-  variables = _load(path, label)
+  try:
+    groups = read_apart(_CONTENT, path, label)
+  except ReaderEnded as error:
+    raise RecordingError(f"{label}: is not a readable .mat file ({error}); save it again with -v7") from error
   clocked, vectors = [], {}
-  for name, value in variables.items():
-    for time, columns in _columns(name, value):
-      if time is None:
-        vectors |= columns
-      else:
-        clocked.append(Clocked(time, columns))
+  for time, columns in groups:
+    if time is None:
+      vectors |= columns
+    else:
+      clocked.append(Clocked(time, columns))
   if not clocked and not vectors:
     raise RecordingError(
       f"{label}: holds no numeric vectors (timeseries, table and Simulink Dataset objects cannot be read); "
@@ -44,78 +45,6 @@ def read_mat(path: Path, label: str) -> Table:
   if not clocked:
     return table_of_arrays(vectors, label)
   return _with_short_names(merge(label, _joined(clocked, vectors)))
-
-
-def _load(path: Path, label: str) -> dict[str, Any]:
-  try:
-    variables = scipy.io.loadmat(path, simplify_cells=True)
-  except NotImplementedError as error:
-    raise RecordingError(
-      f'{label}: is a MATLAB 7.3 (HDF5) file; in MATLAB load it and save it again with save("log.mat", "-v7")'
-    ) from error
-  except MemoryError:
-    raise
-  except Exception as error:  # the reader raises many kinds for damaged files
-    raise RecordingError(f"{label}: is not a readable .mat file ({error}); save it again with -v7") from error
-  return {name: value for name, value in variables.items() if not name.startswith("__")}
-
-
-def _columns(name: str, value: Any) -> Iterator[tuple[np.ndarray | None, dict[str, np.ndarray]]]:
-  """The clock (or None) and the columns that a variable holds."""
-  if isinstance(value, Mapping):
-    yield from _structure(name, value)
-  elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
-    if value.ndim == 1 and value.size:
-      yield None, {name: value.astype(float)}
-    elif value.ndim == 2:
-      yield _matrix(name, value.astype(float))
-
-
-def _matrix(name: str, value: np.ndarray) -> tuple[np.ndarray | None, dict[str, np.ndarray]]:
-  signals = value if value.shape[1] > value.shape[0] else value.T  # (signals, samples)
-  columns = {f"{name}({number})": signal for number, signal in enumerate(signals, 1)}
-  increasing = bool((np.diff(signals[0]) > 0.0).all())
-  return (signals[0] if increasing else None), columns
-
-
-def _structure(name: str, value: Mapping[str, Any]) -> Iterator[tuple[np.ndarray | None, dict[str, np.ndarray]]]:
-  clock = next((np.asarray(value[key], dtype=float).ravel() for key in _CLOCKS if _is_vector(value.get(key))), None)
-  columns = {f"{name}.{key}": np.asarray(field, dtype=float) for key, field in value.items() if _is_vector(field)}
-  if clock is not None:
-    columns = {key: column for key, column in columns.items() if column.size == clock.size}
-    columns |= _signals(name, value.get("signals"), clock.size)
-  if columns:
-    yield clock, columns
-  for key, field in value.items():
-    if isinstance(field, Mapping) and key != "signals":
-      yield from _structure(f"{name}.{key}", field)
-
-
-def _is_vector(value: Any) -> bool:
-  return isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fiub" and value.size > 0
-
-
-def _signals(name: str, signals: Any, samples: int) -> dict[str, np.ndarray]:
-  """Columns of the `signals` of a structure with time: one structure or an array of them, each with `values`."""
-  listed = [signals] if isinstance(signals, Mapping) else list(signals) if signals is not None else []
-  columns = {}
-  for number, signal in enumerate(listed, 1):
-    values = np.asarray(signal.get("values", ()), dtype=float)
-    if samples not in values.shape:
-      continue
-    values = np.moveaxis(values, values.shape.index(samples), 0).reshape(samples, -1)
-    label = _label(signal) or f"signals({number})"
-    for part in range(values.shape[1]):
-      columns[f"{name}.{label}" if values.shape[1] == 1 else f"{name}.{label}({part + 1})"] = values[:, part]
-  return columns
-
-
-def _label(signal: Mapping[str, Any]) -> str:
-  label = signal.get("label")
-  if isinstance(label, str) and label.strip():
-    return label.strip().strip("<>")
-  block = signal.get("blockName")
-  return block.rsplit("/", 1)[-1].strip() if isinstance(block, str) else ""
 
 
 def _joined(clocked: list[Clocked], vectors: Mapping[str, np.ndarray]) -> list[Clocked]:
