@@ -12,7 +12,7 @@ run: install
 	$(BIN)/qcar-twin run --dataset data/sample --out $(OUT)
 
 test: install
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 check: install
 	$(BIN)/ruff check .

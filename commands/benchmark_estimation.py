@@ -70,7 +70,7 @@ def main(config: Config) -> None:
     "recorded": lambda: recorded(config, figures),
     "faults": lambda: fault_section(model, best, faulty, quick=config.quick),
     "tracking": lambda: tracking_section(model, controllers, runs, figures, quick=config.quick),
-    "cost": lambda: cost_section(model),
+    "cost": lambda: cost_section(model, quick=config.quick),
   }
   kept = pieces(config.out)
   if unknown := set(config.sections) - set(work):

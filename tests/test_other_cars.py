@@ -14,8 +14,10 @@ from calibration.calibrating.calibration import Calibration
 from calibration.checking.cross_validation import CrossValidation, find_reference
 from calibration.fitting.windows import Cut
 from calibration.laboratory.written import save
-from calibration.proving_ground import Car, make_session
+from calibration.proving_ground import Car, Spec, make_sessions
 from qcar_twin.recordings.dataset import DataSet
+
+DRIVES = ("speed", "current")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,11 +47,19 @@ class Trial:
     return replay.scores(model)[channel].nrmse
 
 
-@pytest.fixture(scope="module", params=["speed", "current"])
-def trial(request, tmp_path_factory) -> Trial:
+@pytest.fixture(scope="module")
+def logged():
+  """Command of the drive -> the car and its session; both are driven in one simulation."""
+  cars = {drive: Car.draw_f1tenth(np.random.default_rng(5), "rear", drive) for drive in DRIVES}
+  sessions = make_sessions([Spec(11, (), f"vesc_{drive}", 1.0, car) for drive, car in cars.items()])
+  return {drive: (car, session) for (drive, car), session in zip(cars.items(), sessions, strict=True)}
+
+
+@pytest.fixture(scope="module", params=DRIVES)
+def trial(request, logged, tmp_path_factory) -> Trial:
   folder: Path = tmp_path_factory.mktemp("car") / request.param
-  car = Car.draw_f1tenth(np.random.default_rng(5), "rear", request.param)
-  save(make_session(11, (), f"vesc_{request.param}", 1.0, car), folder, "f1tenth", "none")
+  car, session = logged[request.param]
+  save(session, folder, "f1tenth", "none")
   dataset = DataSet.load(folder)
   found = calibrate(dataset, against="recordings", quick=True)
   reference, missing = find_reference(dataset, Cut(most=20.0))

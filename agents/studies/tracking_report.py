@@ -14,7 +14,8 @@ from agents.studies.tracking_study import MISMATCHED, NOMINAL, VALIDATION, run_t
 def tracking_section(
   model: Model, controllers: Mapping[tuple[str, str], Controller], runs: int, figures: Path, quick: bool = False
 ) -> list[str]:
-  """Markdown lines; figures are written beside."""
+  """Markdown lines; figures are written beside. `quick`: two controllers through the lane change on the bicycle."""
+  paths = ("c",) if quick else VALIDATION
   families: dict[str, dict[str, Controller]] = {}
   for name, version in [("lq_cm", "tuned"), ("ff_fb", "loose")] if quick else controllers:
     families.setdefault(name, {})[version] = controllers[name, version]
@@ -28,7 +29,7 @@ def tracking_section(
   ]
   for plant in ("bicycle",) if quick else ("twin", "bicycle"):
     conditions = [("truth", NOMINAL), ("fekf", NOMINAL), ("fekf", MISMATCHED)]
-    table, drives = run_table(families, model, plant, VALIDATION, conditions, runs)
+    table, drives = run_table(families, model, plant, paths, conditions, runs)
     shown = {case: d for case, d in drives.items() if (case.sees, case.steering) == ("fekf", MISMATCHED)}
     lines += ["", f"### {plant}", "", *table_rows(table)]
     lines += _figures(plant, table, shown, figures)
@@ -38,7 +39,8 @@ def tracking_section(
 def _figures(plant: str, table: Mapping, drives: Mapping, folder: Path) -> list[str]:
   """Paths with cross-track errors, lane change, indicators: MIS on the estimate."""
   out = []
-  for path in VALIDATION:
+  paths = dict.fromkeys(case.path for case in drives)
+  for path in paths:
     here = {case.label: drive for case, drive in drives.items() if case.path == path}
     file = folder / f"tracking_{plant}_{path}.png"
     draw.tracking_figure(here, file)
@@ -53,7 +55,7 @@ def _figures(plant: str, table: Mapping, drives: Mapping, folder: Path) -> list[
       for case in drives
       if case.path == path
     }
-    for path in VALIDATION
+    for path in paths
   }
   file = folder / f"indicators_{plant}.png"
   draw.indicator_figure(bars, file)

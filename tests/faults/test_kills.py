@@ -34,7 +34,7 @@ def test_a_training_killed_before_its_first_checkpoint_begins_anew(tmp_path):
   with pytest.raises(RuntimeError, match="training.json"):
     finish("train --out {out} --resume", out=tmp_path / "out")
   (tmp_path / "out" / "training.json").unlink()
-  finish(VICTIMS["train"].words, out=tmp_path / "out")
+  finish(f"{VICTIMS['train'].words} --episodes 8", out=tmp_path / "out")
   for left in ("checkpoint.json", "result.json"):
     (tmp_path / "out" / left).unlink()
   finish(VICTIMS["train"].again, out=tmp_path / "out")

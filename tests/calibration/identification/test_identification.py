@@ -141,13 +141,13 @@ def test_real_dart_on_its_throttle_steps():
 
 
 @pytest.mark.slow
-def test_independent_car_is_identified_over_five_seeds():
+def test_independent_car_is_identified_over_three_seeds():
   """Every parameter within three deviations of the truth, every error within the paper's; the plain bicycle's yaw
   rate on the oval, driven at larger angles than the steps, only on average (the turning losses mend it)."""
   from calibration.proving_ground import Spec, make_sessions
 
   yaw_rates = []
-  for made_session in make_sessions([Spec(seed, (), "paper") for seed in (1, 2, 3, 4, 5)]):
+  for made_session in make_sessions([Spec(seed, (), "paper") for seed in (1, 2, 3)]):
     dataset = DataSet("session", made_session.recordings, made_session.vehicle, made_session.vehicle_std)
     found, vehicle = identify(dataset), Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
     truth = np.array([made_session.truth["linearised"][name] for name in TRUE_NAMES])
