@@ -34,6 +34,7 @@ def test_likelihood_of_a_session_without_an_effect_is_a_row(tmp_path, capsys):
   assert seed.strip() == "41900" and 0.3 < float(chi) < 3.0
 
 
+@pytest.mark.slow
 def test_estimation_without_a_real_car_says_so_on_its_page(tmp_path):
   benchmark_estimation.main(benchmark_estimation.Config(tmp_path / "page.md", quick=True))
   text = (tmp_path / "page.md").read_text(encoding="utf-8")

@@ -13,6 +13,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 RUNS = ("voltage_steps", "drive_brake", "ramp_steer_fast", "circles_slow", "standstill")
 
 
+@pytest.mark.slow
 def test_wheels_that_slide_do_not_bend_the_car():
   """A car with more grip than the first guess brakes so hard that the guess's wheels spin backwards.
 

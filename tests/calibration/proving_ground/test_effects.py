@@ -94,6 +94,7 @@ def test_an_effect_of_typical_size_shows_within_seconds(name, made):
   assert max(evidence.values()) > 15, evidence
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NEEDS_A_WHOLE_SESSION)
 def test_an_effect_that_needs_time_or_place_shows_in_a_session(name, whole):
   evidence = nats(whole[""], whole[name])

@@ -57,6 +57,7 @@ def test_the_seed_decides_everything(monkeypatch):
   assert same(again, make_sessions(specs)[1])
 
 
+@pytest.mark.slow
 def test_they_drive_far_fast_and_stay_cars(sessions, tmp_path):
   for case, session in zip(CASES[:3], sessions, strict=True):
     motion = np.concatenate(list(session.clean.values()))
