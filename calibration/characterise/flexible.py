@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.characterise.ages import PERIOD, clock, command_lead, told_without_a_model
 from calibration.fitting.dataset_recalibration import LONGEST, command_shifts, starting_priors
-from calibration.fitting.recalibration import RecalibratedTwin, recalibrate
+from calibration.fitting.recalibration import RecalibratedTwin, recalibrate, reweighted, settled
 from calibration.fitting.tolerances import always_fitted
 from calibration.fitting.windows import Cut
 from calibration.progress import Progress, silent
@@ -42,6 +42,7 @@ DELAYS = ("steering_delay", "drive_delay")
 TRIM, GAIN = 0.02, 0.1  # rad, and share: how far a servo's trim and a pack's voltage usually wander between sessions
 _TYPICAL = ("longitudinal_stiffness",)  # held near figures of the class in twin/parameters.py, to 15 %
 _REACH = 20.0  # times a typical figure: its order of magnitude, and a little more
+STARTS = 4  # rough fits, of which the best is fitted to the end
 _TOP = 0.995  # quantile of the speed that counts as the highest: the rest is spikes
 
 
@@ -141,7 +142,8 @@ def characterise(
   priors = flexible_priors(recordings, searched, tuple(names), reaches(recordings, vehicle))
   lead = command_lead(recordings)
   shifts = (-lead,) if lead else command_shifts(dataset)
-  fitted = recalibrate(searched, recordings, priors, shifts, Cut(most=most), progress)
+  rough = recalibrate(searched, recordings, priors, shifts, Cut(most=most), progress, STARTS)
+  fitted = settled(reweighted(rough), rough.passport, priors, rough.fit.theta, rough.command_shift)
   return Characterised(fitted, shapes, beside, tuple(forms))
 
 

@@ -6,6 +6,7 @@ full of road noise does not drown the others.
 """
 
 import dataclasses
+import itertools
 import logging
 from collections.abc import Mapping, Sequence
 
@@ -66,6 +67,7 @@ def recalibrate(
   shifts: Sequence[int] = (0,),
   cut: Cut = DEFAULT_CUT,
   progress: Progress = silent,
+  starts: int = 1,
 ) -> RecalibratedTwin:
   """Fit the base parameters to recordings.
 
@@ -76,6 +78,7 @@ def recalibrate(
     shifts: command timings to try, control periods; more than one where the log's convention is unknown.
     cut: how recordings are cut.
     progress: told what is being done.
+    starts: rough fits for every timing, the first from the first guess, the others from draws of what has a null.
   """
   recordings = sorted(recordings, key=lambda r: r.role == "validate")
   passport = noise_passport(recordings)
@@ -83,16 +86,18 @@ def recalibrate(
   driven = sum(r.duration for r in recordings)
   # weights are read off its residuals, so the part must be like the whole
   part = dataclasses.replace(cut, evenly=True, most=max(_LEAST, _PART * min(driven, cut.most)))
-  attempts = []
-  for shift in shifts:
-    progress(f"recalibration, commands shifted by {shift}" if len(shifts) > 1 else "recalibration")
-    attempts.append(_approach(twin, recordings, base, floor, dataclasses.replace(part, command_shift=shift)))
-  raw = np.array([np.sum(np.abs(attempts[0][0].whiten(a[1]))[: attempts[0][0].n_train]) for a in attempts])
-  start, shift = attempts[int(np.argmin(raw))][2], shifts[int(np.argmin(raw))]
+  rng, attempts = np.random.default_rng(0), []
+  for shift, number in itertools.product(shifts, range(starts)):
+    progress(f"recalibration, start {len(attempts) + 1} of {len(shifts) * starts}" if len(shifts) * starts > 1 else
+             "recalibration")  # fmt: skip
+    drawn = _drawn(base, rng) if number else None
+    found = _approach(twin, recordings, base, floor, dataclasses.replace(part, command_shift=shift), drawn)
+    attempts.append((*found, shift))
+  start, shift = _best_of(attempts)
   observations = observe(recordings, twin.vehicle, dataclasses.replace(cut, command_shift=shift))
   twin = anchored(twin, base.names, start)
   problem = _weighted(twin, observations, fitted_count(observations, recordings), base, start, floor)
-  return _settled(problem, passport, base, start, shift)
+  return settled(problem, passport, base, start, shift)
 
 
 def recalibrate_from(baseline: RecalibratedTwin, theta: Array) -> RecalibratedTwin:
@@ -100,10 +105,16 @@ def recalibrate_from(baseline: RecalibratedTwin, theta: Array) -> RecalibratedTw
   old, base = baseline.problem, baseline.fit.parameters
   start = theta[[old.parameters.index(name) for name in base.names]]
   problem = _weighted(old.at(theta).twin, old.observations, old.n_train, base, start, sensor_floor(baseline.passport))
-  return _settled(problem, baseline.passport, base, start, baseline.command_shift)
+  return settled(problem, baseline.passport, base, start, baseline.command_shift)
 
 
-def _settled(
+def reweighted(found: RecalibratedTwin) -> Problem:
+  """The problem with weights from the residuals of the fit: those of a rough one let channels slip that it missed."""
+  old, floor = found.problem.at(found.theta), sensor_floor(found.passport)
+  return _weighted(old.twin, old.observations, old.n_train, found.fit.parameters, found.fit.theta, floor)
+
+
+def settled(
   problem: Problem, passport: Mapping[str, ChannelNoise], base: ParameterSet, start: Array, command_shift: int
 ) -> RecalibratedTwin:
   """The minimum near a start: every model of a search is measured against it, so it is sought to a nat."""
@@ -167,13 +178,32 @@ def _cost(problem: Problem, base: ParameterSet, theta: Array) -> float:
   return 0.5 * float(residual @ residual) + prior_cost(theta, base)
 
 
+def _drawn(base: ParameterSet, rng: np.random.Generator) -> dict[str, float]:
+  """What has a null, drawn from its prior: the log's first guess knows nothing of it."""
+  sought = [p for p in base if p.null is not None]
+  draws = rng.normal(size=len(sought))
+  return {
+    p.name: float(np.clip(p.nominal + (p.std or p.scale) * z, p.lower, p.upper))
+    for p, z in zip(sought, draws, strict=True)
+  }
+
+
+def _best_of(attempts: Sequence[tuple[Problem, Array, Array, int]]) -> tuple[Array, int]:
+  """Estimates and timing of the rough fit that leaves least, all weighted alike: by the first one's errors."""
+  raw = np.array([np.sum(np.abs(attempts[0][0].whiten(a[1]))[: attempts[0][0].n_train]) for a in attempts])
+  return attempts[int(np.argmin(raw))][2], attempts[int(np.argmin(raw))][3]
+
+
 def _approach(
-  twin: Twin, recordings: Sequence[Recording], base: ParameterSet, floor: Mapping[str, float], cut: Cut
-) -> tuple[Problem, Array, Array]:
+  twin: Twin, recordings: Sequence[Recording], base: ParameterSet, floor: Mapping[str, float], cut: Cut,
+  drawn: Mapping[str, float] | None = None,
+) -> tuple[Problem, Array, Array]:  # fmt: skip
   """A rough fit on part of the driving: the problem, predicted minus measured, and the estimates."""
   observations = observe(recordings, twin.vehicle, cut)
   n_train = fitted_count(observations, recordings)
   start, held = _best_start(twin, observations, n_train, base), _held(base)
+  for name, value in (drawn or {}).items():
+    start[base.index(name)] = value
   problem = _weighted(twin, observations, n_train, base, start, floor)
   attempts = [_fit(problem, held, _with_grip(base, start, grip), 5, 1e-2) for grip in _GRIPS]
   found = min(attempts, key=lambda f: f.cost)

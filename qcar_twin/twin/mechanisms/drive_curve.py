@@ -6,7 +6,7 @@ from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
 from qcar_twin.twin.mechanisms.elements import idle_voltage, polyline
 
-_PUSH, _BRAKE = np.array([0.0, 0.125, 0.25, 0.5, 0.75, 1.0]), np.array([0.0, 0.25, 0.5, 1.0])
+_PUSH, _BRAKE = np.array([0.0, 0.125, 0.25, 0.5, 0.75, 1.0]), np.array([0.0, 0.05, 0.25, 0.5, 1.0])
 
 
 class DriveCurve(Mechanism):

@@ -7,7 +7,7 @@ from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
 from qcar_twin.twin.mechanisms.elements import STANDSTILL, polyline
 from qcar_twin.vehicle.vehicle import GRAVITY
 
-_KNOTS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+_KNOTS = np.array([0.0, 0.05, 0.25, 0.5, 0.75, 1.0])
 
 
 class ResistanceCurve(Mechanism):

@@ -1,0 +1,153 @@
+"""A characterised twin as one model among others: what is tried beside it, in its place or without it.
+
+The twin's slopes serve for every model near it: only what a model has of its own is simulated anew, and all of a round
+share their simulations (calibration/diagnosis/candidates.py).
+"""
+
+import dataclasses
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from calibration.characterise.flexible import Characterised
+from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
+from calibration.diagnosis.score import compare, compared, validation_ratio
+from calibration.fitting.likelihood import Problem
+from calibration.fitting.recalibration import reweighted, settled
+from qcar_twin.parameters import Parameter, ParameterSet
+from qcar_twin.twin.mechanisms import offered, select
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.02  # of models that are right and refused, and of things that are not there and taken for one
+MATERIAL = 0.01  # of the errors: what makes less of a difference nobody misses
+_KEPT = 3  # models of a round that are fitted to the end
+
+
+@dataclasses.dataclass(frozen=True)
+class Test:
+  """A simpler model against a richer one, on driving that neither was fitted to.
+
+  Attributes:
+    t: what the richer one gains, mean over spread of blocks of driving.
+    nats: that gain.
+    worse: the simpler one's error over the richer one's, geometric mean over the channels.
+  """
+
+  t: float
+  nats: float
+  worse: float
+
+  @property
+  def p_value(self) -> float:
+    """How often chance gains as much; 1 where the error grows by less than what matters."""
+    return float(norm.sf(self.t)) if self.worse > 1.0 + MATERIAL else 1.0
+
+
+def tested(simpler: Candidate, richer: Candidate, problem: Problem) -> Test:
+  """On recordings that only judge; where there are none, on what each group of recordings gains from the others."""
+  n, observations = simpler.n_train, problem.observations
+  if n == len(observations):
+    found = compare(richer, simpler, observations)
+    return Test(found.t, found.total, float(1.0 / np.sqrt(max(1.0 - found.relative, 1e-6))))
+  found = compared(richer.residual[n:], simpler.residual[n:], observations.block[n:])
+  return Test(found.t, found.total, validation_ratio(simpler, richer, observations))
+
+
+@dataclasses.dataclass(frozen=True)
+class Trials:
+  """A characterised twin that models are tried against.
+
+  Attributes:
+    problem: residuals of a twin with the whole catalogue, weighted by what the characterised twin leaves.
+    base: that twin as a model.
+    found: what it came from; curves, forms: what is in it by now.
+  """
+
+  problem: Problem
+  base: Candidate
+  found: Characterised
+  curves: tuple[str, ...]
+  forms: tuple[str, ...] = ()
+
+  @classmethod
+  def of(cls, found: Characterised) -> "Trials":
+    old = found.fitted.problem
+    names = dict.fromkeys(m.name for m in (*old.twin.mechanisms, *offered(old.twin.vehicle.drive)))
+    twin = old.exact.twin.with_mechanisms(select(names))
+    weighting = reweighted(found.fitted).weighting
+    problem = Problem(twin, old.observations, weighting, old.n_train, found.fitted.fit.parameters.names)
+    base = candidate(problem, (), None, found.fitted.fit.parameters)
+    base.values = found.fitted.fit.theta.copy()
+    base.theta = problem.embed(base.free.names, base.values, problem.parameters.nominal)[0]
+    channel = old.observations.channel
+    base.jacobian = found.fitted.jacobian * (weighting.scale(channel) / old.weighting.scale(channel))[:, None]
+    simulate(problem, [base])
+    refine(problem, [base], 2)
+    return cls(problem, base, found, found.curves)
+
+  def model(
+    self, forms: Sequence[str] = (), start: Mapping[str, float] | None = None, without: Collection[str] = ()
+  ) -> Candidate:
+    """The base with mechanisms more, from first values, and without some parameters, which go to their null."""
+    rest = ParameterSet([p for p in self.base.free if p.name not in without])
+    made = candidate(self.problem, (*self.forms, *forms), self.base, rest, dict(start or {}))
+    made.free = ParameterSet([_open(p) for p in made.free])
+    return made
+
+  def going_on_from(self, chosen: Candidate, without: str = "") -> "Trials":
+    """The same with another base, which may do without a curve."""
+    kept = tuple(name for name in self.curves if name != without)
+    return dataclasses.replace(self, base=chosen, curves=kept, forms=chosen.mechanisms)
+
+  def settled(self) -> Characterised:
+    """The base as a characterised twin, fitted to its minimum, with no mechanism that it does without."""
+    gone = set(self.found.curves) - set(self.curves)
+    have = [m.name for m in self.found.fitted.problem.twin.mechanisms if m.name not in gone]
+    twin = self.problem.exact.twin.with_mechanisms(select(dict.fromkeys((*have, *self.forms))))
+    free = self.base.free
+    smaller = Problem(twin, self.problem.observations, self.problem.weighting, self.problem.n_train, free.names)
+    fitted = settled(smaller, self.found.fitted.passport, free, self.base.values, self.found.fitted.command_shift)
+    return dataclasses.replace(self.found, fitted=fitted, curves=self.curves, forms=self.forms)
+
+
+def fit_together(problem: Problem, models: Sequence[Candidate], plainest: Candidate | None = None) -> list[Candidate]:
+  """Models fitted, the best of them with all their slopes anew; all of them, best first.
+
+  Args:
+    problem: residuals.
+    models: not yet simulated.
+    plainest: one of them that all others contain: it is fitted to the end, too, from the best place that any of them
+      found, lest what is there by accident of the search be taken for theirs.
+  """
+  simulate(problem, models)
+  refine(problem, models, 3)
+  last = sorted((m for m in models if m is not plainest), key=lambda m: m.cost)[:_KEPT]
+  if plainest is not None:
+    _move_to_best(problem, plainest, last)
+    last.append(plainest)
+  for item in last:
+    item.settled = False
+  refine(problem, last, 1, full=True)
+  return sorted(models, key=lambda m: m.cost)
+
+
+def _move_to_best(problem: Problem, plainest: Candidate, others: Sequence[Candidate]) -> None:
+  """Put a model where others ended, in what it shares with them, if it costs less there."""
+  moved = []
+  for other in others:
+    values = np.array([other.values[other.free.index(name)] for name in plainest.free.names])
+    theta = problem.embed(plainest.free.names, values, plainest.theta)[0]
+    moved.append(dataclasses.replace(plainest, values=values, theta=theta))
+  simulate(problem, moved)
+  best = min([plainest, *moved], key=lambda m: m.cost)
+  plainest.values, plainest.theta, plainest.residual = best.values, best.theta, best.residual
+
+
+def _open(parameter: Parameter) -> Parameter:
+  """With a prior: twice the typical size about its null, where nothing is known of it."""
+  if parameter.std:
+    return parameter
+  return dataclasses.replace(parameter, std=2.0 * (parameter.typical or 0.3 * abs(parameter.nominal) or 1.0))

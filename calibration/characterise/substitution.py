@@ -1,0 +1,91 @@
+"""Named forms in a curve's place, told by refits on the driving itself.
+
+A curve's heights and their covariance say which forms come into question (forms.py). Whether one will do is asked of
+the recordings: the twin is refitted with the form instead of the curve, and with neither, and the simplest twin stays
+that predicts driving it was not fitted to as well as the curve does. Where none does, the curve has no known form.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+from calibration.characterise.forms import Form, Outline
+from calibration.characterise.refits import Test, Trials, fit_together, tested
+from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.score import clustered_std
+from calibration.fitting.likelihood import Problem
+from calibration.progress import Progress, silent
+
+_PAIRS = 4  # of two forms each that are refitted: the best of all by the heights alone
+
+
+@dataclasses.dataclass(frozen=True)
+class Substituted:
+  """A characterised twin after its curves were asked for their names.
+
+  Attributes:
+    trials: the twin with named forms where they will do and curves where none will.
+    named: the same with the best of the forms in place of those curves, too.
+    outlines: the curves as they were fitted, their forms with estimates and p-values of the refits.
+  """
+
+  trials: Trials
+  named: Trials
+  outlines: tuple[Outline, ...]
+
+
+def substituted(trials: Trials, drawn: Sequence[Outline], progress: Progress = silent) -> Substituted:
+  """Ask every curve of a twin for its name, one after the other, each beside what the others were given."""
+  told, left = [], {o.curve: o for o in drawn}
+  for name in sorted(left, key=_turn):
+    progress(f"names for the {name.replace('_', ' ')}")
+    trials, outline = _named(trials, left[name])
+    told.append(outline)
+  named = trials
+  for outline in told:
+    if outline.curve in named.curves:
+      named, _ = _named(named, outline, whatever=True)
+  return Substituted(trials, named, tuple(told))
+
+
+def _turn(curve: str) -> tuple[bool, bool]:
+  """Steering before the drive, and losses last: they make up for either."""
+  return not curve.startswith("steering"), not curve.startswith("drive")
+
+
+def _named(trials: Trials, outline: Outline, whatever: bool = False) -> tuple[Trials, Outline]:
+  """With the form that will do in the curve's place; `whatever`: with the best, will it do or not."""
+  problem, curve = trials.problem, trials.problem.mechanism(outline.curve)
+  heights = {p.name for p in curve.parameters}
+  tried = [trials.model(forms, start, heights) for forms, start in _options(outline)]
+  names = {id(m): forms for m, (forms, _) in zip(tried, _options(outline), strict=True)}
+  tests = {names[id(m)]: (m, tested(m, trials.base, problem)) for m in fit_together(problem, tried, tried[0])}
+  told = tuple(sorted((_form(names_, *found, problem) for names_, found in tests.items() if names_), key=_plainness))
+  outline = dataclasses.replace(outline, departs=tests[()][1].p_value, forms=told)
+  if not outline.is_there:
+    chosen = ()
+  elif outline.named:
+    chosen = outline.named.mechanisms
+  elif whatever:
+    chosen = min(tests, key=lambda names: tests[names][1].worse)
+  else:
+    return trials, outline
+  return trials.going_on_from(tests[chosen][0], outline.curve), outline
+
+
+def _options(outline: Outline) -> list[tuple[tuple[str, ...], dict[str, float]]]:
+  """Neither curve nor form, every form, and the best pairs by the heights, with first values."""
+  single = [f for f in outline.forms if len(f.mechanisms) == 1]
+  pairs = sorted((f for f in outline.forms if len(f.mechanisms) > 1), key=lambda f: f.misfit)[:_PAIRS]
+  return [((), {}), *((f.mechanisms, dict(f.values)) for f in (*single, *pairs))]
+
+
+def _form(names: tuple[str, ...], fitted: Candidate, test: Test, problem: Problem) -> Form:
+  spread = clustered_std(fitted, problem.observations)
+  own = [p.name for name in names for p in problem.mechanism(name).parameters]
+  at = {name: fitted.free.index(name) for name in own}
+  values, std = ({n: float(x[i]) for n, i in at.items()} for x in (fitted.values, spread))
+  return Form(names, values, std, test.worse, test.p_value)
+
+
+def _plainness(form: Form) -> tuple[int, float]:
+  return len(form.values), form.misfit
