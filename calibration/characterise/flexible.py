@@ -42,7 +42,6 @@ DELAYS = ("steering_delay", "drive_delay")
 TRIM, GAIN = 0.02, 0.1  # rad, and share: how far a servo's trim and a pack's voltage usually wander between sessions
 _TYPICAL = ("longitudinal_stiffness",)  # held near figures of the class in twin/parameters.py, to 15 %
 _REACH = 20.0  # times a typical figure: its order of magnitude, and a little more
-STARTS = 4  # rough fits, of which the best is fitted to the end
 _TOP = 0.995  # quantile of the speed that counts as the highest: the rest is spikes
 
 
@@ -116,6 +115,7 @@ def characterise(
   threads: int = 0,
   progress: Progress = silent,
   plant: EngineKind = "reduced",
+  starts: int = 1,
 ) -> Characterised:
   """Fit a twin with curves to a data set; its role "holdout" stays closed.
 
@@ -128,6 +128,7 @@ def characterise(
     threads: of the simulation, 0 for all cores.
     progress: told the stage.
     plant: what is fitted on: the reduced car, or "mujoco", many times as long.
+    starts: rough fits, of which the best is fitted to the end.
   """
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   recordings = [r for r in dataset.recordings if r.role != "holdout"]
@@ -142,7 +143,7 @@ def characterise(
   priors = flexible_priors(recordings, searched, tuple(names), reaches(recordings, vehicle))
   lead = command_lead(recordings)
   shifts = (-lead,) if lead else command_shifts(dataset)
-  rough = recalibrate(searched, recordings, priors, shifts, Cut(most=most), progress, STARTS)
+  rough = recalibrate(searched, recordings, priors, shifts, Cut(most=most), progress, starts)
   fitted = settled(reweighted(rough), rough.passport, priors, rough.fit.theta, rough.command_shift)
   return Characterised(fitted, shapes, beside, tuple(forms))
 

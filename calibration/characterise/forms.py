@@ -35,7 +35,8 @@ class Form:
   Attributes:
     mechanisms: ids.
     values, std: of their parameters.
-    misfit: what is left, chi-square; p_value: how often the right form leaves as much.
+    misfit: what is left: chi-square of the heights or, where the driving was asked, its error over the curve's.
+    p_value: how often the right form leaves as much.
   """
 
   mechanisms: tuple[str, ...]
@@ -54,6 +55,7 @@ class Outline:
     places: where its heights belong, in shares of the reach; heights, std: (k,), in the curve's own unit.
     departs: how improbable such heights are without any departure, a p-value.
     forms: all that were fitted, fewest parameters first and best first among equals.
+    asked: questions among which chance may bring no more than LEVEL.
   """
 
   curve: str
@@ -62,15 +64,16 @@ class Outline:
   std: Array
   departs: float
   forms: tuple[Form, ...]
+  asked: int = 1
 
   @property
   def is_there(self) -> bool:
-    return self.departs < LEVEL
+    return self.departs * self.asked < LEVEL
 
   @property
   def possible(self) -> tuple[Form, ...]:
     """Forms that are not refused, the simplest first; () without a departure."""
-    return tuple(form for form in self.forms if form.p_value >= LEVEL) if self.is_there else ()
+    return tuple(form for form in self.forms if form.p_value * self.asked >= LEVEL) if self.is_there else ()
 
   @property
   def named(self) -> Form | None:

@@ -13,7 +13,7 @@ from scipy.stats import norm
 
 from calibration.characterise.flexible import Characterised
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
-from calibration.diagnosis.score import compare, compared, validation_ratio
+from calibration.diagnosis.score import compare
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.recalibration import reweighted, settled
 from qcar_twin.parameters import Parameter, ParameterSet
@@ -33,7 +33,7 @@ class Test:
   Attributes:
     t: what the richer one gains, mean over spread of blocks of driving.
     nats: that gain.
-    worse: the simpler one's error over the richer one's, geometric mean over the channels.
+    worse: the simpler one's error over the richer one's, root mean square of all channels as they are weighted.
   """
 
   t: float
@@ -47,13 +47,9 @@ class Test:
 
 
 def tested(simpler: Candidate, richer: Candidate, problem: Problem) -> Test:
-  """On recordings that only judge; where there are none, on what each group of recordings gains from the others."""
-  n, observations = simpler.n_train, problem.observations
-  if n == len(observations):
-    found = compare(richer, simpler, observations)
-    return Test(found.t, found.total, float(1.0 / np.sqrt(max(1.0 - found.relative, 1e-6))))
-  found = compared(richer.residual[n:], simpler.residual[n:], observations.block[n:])
-  return Test(found.t, found.total, validation_ratio(simpler, richer, observations))
+  """On recordings that only judge, and on what each group of the others gains along the line fitted to the rest."""
+  found = compare(richer, simpler, problem.observations)
+  return Test(found.t, found.total, float(1.0 / np.sqrt(max(1.0 - found.relative, 1e-6))))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from calibration.campaign.reference_methods import boosted_residual, rms
+from calibration.characterise.additions import Addition, with_additions
 from calibration.characterise.flexible import DELAYS, Characterised, characterise, fitted_on
 from calibration.characterise.forms import LEVEL, Form, Outline, outlines
+from calibration.characterise.refits import Trials
+from calibration.characterise.substitution import named_only, substituted
 from calibration.fitting.dataset_recalibration import LONGEST, recalibrate_dataset
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.noise_floor import driving_noise, residual_floor
@@ -30,7 +33,8 @@ from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-KINDS = ("base", "characterised", "named", "black_box", "noise")
+KINDS = ("base", "curves", "characterised", "named", "black_box", "noise")
+_SHIPPED = ("base", "curves", "characterised", "named")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,10 +61,11 @@ class Study:
   Attributes:
     dataset: name; notes: what its check said.
     found: the twin with curves; outlines: its curves and the forms they may have.
-    terms: everything else that was freed.
-    named: the twin with named forms in the curves' place; None where no curve departs.
-    judged: as `errors`, of the base and the twin with curves on recordings that only judged (role "validate"); {}
-      without such recordings.
+    told: the twin that is told of: named forms where they will do, no curve where none departs, curves where no form
+      will do, and the effects that joined (`additions`).
+    terms: every number in it beside the base's own.
+    named: the same with the best form where none will do; `told` itself where there is no such curve.
+    judged: as `errors`, of the twins on recordings that only judged (role "validate"); {} without such recordings.
     errors: by KINDS, then channel: root mean square errors on the hold-out, in `units`; "noise" is the sensors' while
       driving.
   """
@@ -69,8 +74,10 @@ class Study:
   notes: tuple[str, ...]
   found: Characterised
   outlines: tuple[Outline, ...]
+  told: Characterised
+  additions: tuple[Addition, ...]
   terms: tuple[Term, ...]
-  named: Characterised | None
+  named: Characterised
   errors: Mapping[str, Mapping[str, float]]
   units: Mapping[str, str]
   base: RecalibratedTwin
@@ -78,15 +85,23 @@ class Study:
 
   @property
   def gain(self) -> float:
-    """By which share its errors are smaller than the base's on recordings that only judged; 0 without any."""
-    return 1.0 - ratio(self.judged["characterised"], self.judged["base"]) if self.judged else 0.0
+    """By which share the best twin's errors are smaller than the base's where they only judged; 0 without any."""
+    return 1.0 - ratio(self.judged[self.best], self.judged["base"]) if self.judged else 0.0
+
+  @property
+  def best(self) -> str:
+    """The kind of twin that errs least on recordings that only judged; the base without any."""
+    if not self.judged:
+      return "base"
+    return min(_SHIPPED, key=lambda kind: ratio(self.judged[kind], self.judged["base"]))
 
   @property
   def shipped(self) -> tuple[Twin, Array]:
-    """The twin to go on with: the one with curves, unless the base does better on recordings that only judged."""
-    if self.gain < 0.0:
+    """The twin to go on with: the best."""
+    if self.best == "base":
       return self.base.problem.exact.twin.on("mujoco"), self.base.theta
-    return self.found.twin, self.found.unshifted
+    chosen = {"curves": self.found, "characterised": self.told, "named": self.named}[self.best]
+    return chosen.twin, chosen.unshifted
 
   def document(self) -> dict[str, Any]:
     """Everything a program may want of it, as plain values."""
@@ -109,12 +124,17 @@ class Study:
       "notes": list(self.notes),
       "curves": curves,
       "terms": [dataclasses.asdict(t) for t in self.terms],
-      "named_forms": list(self.named.forms) if self.named else [],
+      "named_forms": list(self.named.forms),
+      "additions": [
+        {"mechanism": a.mechanism, "nats": a.test.nats, "t": a.test.t, "error_without": a.test.worse}
+        for a in self.additions
+      ],
       "holdout": {kind: dict(values) for kind, values in self.errors.items()},
       "units": dict(self.units),
       "command_shift": self.found.fitted.command_shift,
       "validate": {kind: dict(values) for kind, values in self.judged.items()},
       "validation_gain": self.gain,
+      "best": self.best,
     }
 
 
@@ -139,17 +159,17 @@ def study(
   base = _base(dataset, most, threads, plant)
   progress("curves")
   found = characterise(dataset, most=most, threads=threads, plant=plant)
-  drawn = tuple(outlines(found))
-  names = [name for o in drawn if (form := o.named) for name in form.mechanisms]
-  named = None
-  if any(o.is_there for o in drawn):
-    progress("named forms in the curves' place")
-    named = characterise(dataset, names, [o.curve for o in drawn], most, threads=threads, plant=plant)
+  trials, drawn = substituted(Trials.of(found), outlines(found), progress)
+  trials, joined = with_additions(trials, progress)
+  progress("fitting what is named to the end")
+  told = trials.settled()
+  named = named_only(trials, drawn).settled() if trials.curves else told
   progress("hold-out")
-  errors, units = _errors(base, found, named, dataset.role("holdout"))
-  judged = _judged(base, found, dataset.role("validate"))
+  twins = {"curves": found, "characterised": told, "named": named}
+  errors, units = _errors(base, twins, dataset.role("holdout"))
+  judged = _judged(base, twins, dataset.role("validate"))
   said = dataset.warnings + notes
-  return Study(dataset.name, said, found, drawn, terms(found), named, errors, units, base, judged)
+  return Study(dataset.name, said, found, drawn, told, joined, terms(told), named, errors, units, base, judged)
 
 
 def terms(found: Characterised) -> tuple[Term, ...]:
@@ -165,8 +185,15 @@ def terms(found: Characterised) -> tuple[Term, ...]:
     parameter, value, spread = parameters[parameters.names[i]], float(values[i]), float(std[i])
     if parameter.name in DELAYS:  # a change may have acted anywhere between two logged commands
       value, spread = value - found.lead, float(np.hypot(spread, found.lead / np.sqrt(12.0)))
+    if "@" in parameter.name:  # what all sessions share is the car's
+      value -= float(np.mean([v for p, v in zip(parameters, values, strict=True) if _same(p.name, parameter.name)]))
     made.append(Term(parameter.name, value, spread, parameter.unit, bool(abs(value) > wanted * spread > 0.0)))
   return tuple(made)
+
+
+def _same(one: str, other: str) -> bool:
+  """Whether two parameters of sessions are of one kind."""
+  return "@" in one and one.split("@")[0] == other.split("@")[0]
 
 
 def _base(dataset: DataSet, most: float, threads: int, plant: EngineKind) -> RecalibratedTwin:
@@ -181,12 +208,16 @@ def ratio(after: Mapping[str, float], before: Mapping[str, float]) -> float:
   return float(np.exp(np.mean(np.log(shares)))) if shares else 1.0
 
 
-def _judged(base: RecalibratedTwin, found: Characterised, judging: Sequence[Recording]) -> dict[str, dict[str, float]]:
-  return {"base": _error(base, judging), "characterised": _error(found.fitted, judging)} if judging else {}
+def _judged(
+  base: RecalibratedTwin, twins: Mapping[str, Characterised], judging: Sequence[Recording]
+) -> dict[str, dict[str, float]]:
+  if not judging:
+    return {}
+  return {"base": _error(base, judging)} | {kind: _error(twin.fitted, judging) for kind, twin in twins.items()}
 
 
 def _errors(
-  base: RecalibratedTwin, found: Characterised, named: Characterised | None, holdout: Sequence[Recording]
+  base: RecalibratedTwin, twins: Mapping[str, Characterised], holdout: Sequence[Recording]
 ) -> tuple[dict[str, dict[str, float]], dict[str, str]]:
   """Root mean square errors by kind and channel; {} without a hold-out."""
   if not holdout:
@@ -199,9 +230,7 @@ def _errors(
   learnt = problem.predict(base.theta[None])
   residual = problem.observations.predict(learnt)[0] - problem.observations.measured
   trees = boosted_residual(problem.observations, learnt, residual, observations, prediction, raw)
-  errors = {"base": rms(observations, raw), "characterised": _error(found.fitted, holdout)}
-  if named:
-    errors["named"] = _error(named.fitted, holdout)
+  errors = {"base": rms(observations, raw)} | {kind: _error(twin.fitted, holdout) for kind, twin in twins.items()}
   noise = residual_floor(driving_noise(holdout))
   errors |= {"black_box": rms(observations, trees)}
   errors["noise"] = {name: float(noise[name]) for name in observations.present if name in noise}
@@ -221,12 +250,16 @@ def sentences(found: Study) -> list[str]:
   lines = []
   for outline in found.outlines:
     lines.append(f"{outline.curve}: {_said(outline)}")
+  lines += [
+    f"{a.mechanism} joins: without it the errors are {100.0 * (a.test.worse - 1.0):.0f} % larger"
+    for a in found.additions
+  ]
   there = [f"{t.name} = {t.value:.3g} ± {t.std:.1g} {t.unit}" for t in found.terms if t.there]
   lines.append("besides: " + ("; ".join(there) if there else "nothing that stands out from chance"))
   better = "better" if found.gain >= 0.0 else "worse"
   if found.judged:
     lines.append(
-      f"on recordings that only judge the twin with curves is {100.0 * abs(found.gain):.0f} % {better} than the base"
+      f"on recordings that only judge the best, {found.best}, is {100.0 * abs(found.gain):.0f} % {better} than the base"
     )
   for channel, unit in found.units.items():
     parts = [f"{kind.replace('_', ' ')} {found.errors[kind][channel]:.4g}" for kind in KINDS

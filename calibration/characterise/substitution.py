@@ -18,33 +18,29 @@ from calibration.progress import Progress, silent
 _PAIRS = 4  # of two forms each that are refitted: the best of all by the heights alone
 
 
-@dataclasses.dataclass(frozen=True)
-class Substituted:
-  """A characterised twin after its curves were asked for their names.
+def substituted(
+  trials: Trials, drawn: Sequence[Outline], progress: Progress = silent
+) -> tuple[Trials, tuple[Outline, ...]]:
+  """Ask every curve of a twin for its name, one after the other, each beside what the others were given.
 
-  Attributes:
-    trials: the twin with named forms where they will do and curves where none will.
-    named: the same with the best of the forms in place of those curves, too.
-    outlines: the curves as they were fitted, their forms with estimates and p-values of the refits.
+  Returns:
+    the twin with named forms where they will do and curves where none will; the curves as they were fitted, their forms
+    with estimates and p-values of the refits.
   """
-
-  trials: Trials
-  named: Trials
-  outlines: tuple[Outline, ...]
-
-
-def substituted(trials: Trials, drawn: Sequence[Outline], progress: Progress = silent) -> Substituted:
-  """Ask every curve of a twin for its name, one after the other, each beside what the others were given."""
   told, left = [], {o.curve: o for o in drawn}
   for name in sorted(left, key=_turn):
     progress(f"names for the {name.replace('_', ' ')}")
     trials, outline = _named(trials, left[name])
     told.append(outline)
-  named = trials
+  return trials, tuple(told)
+
+
+def named_only(trials: Trials, told: Sequence[Outline]) -> Trials:
+  """The twin with the best of the forms in place of the curves, too, that none will do for."""
   for outline in told:
-    if outline.curve in named.curves:
-      named, _ = _named(named, outline, whatever=True)
-  return Substituted(trials, named, tuple(told))
+    if outline.curve in trials.curves:
+      trials, _ = _named(trials, outline, whatever=True)
+  return trials
 
 
 def _turn(curve: str) -> tuple[bool, bool]:
@@ -60,7 +56,8 @@ def _named(trials: Trials, outline: Outline, whatever: bool = False) -> tuple[Tr
   names = {id(m): forms for m, (forms, _) in zip(tried, _options(outline), strict=True)}
   tests = {names[id(m)]: (m, tested(m, trials.base, problem)) for m in fit_together(problem, tried, tried[0])}
   told = tuple(sorted((_form(names_, *found, problem) for names_, found in tests.items() if names_), key=_plainness))
-  outline = dataclasses.replace(outline, departs=tests[()][1].p_value, forms=told)
+  asked = len(tried)  # at an error rate over all that are asked: Bonferroni
+  outline = dataclasses.replace(outline, departs=tests[()][1].p_value, forms=told, asked=asked)
   if not outline.is_there:
     chosen = ()
   elif outline.named:

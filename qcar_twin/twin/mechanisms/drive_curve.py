@@ -6,15 +6,17 @@ from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
 from qcar_twin.twin.mechanisms.elements import idle_voltage, polyline
 
-_PUSH, _BRAKE = np.array([0.0, 0.125, 0.25, 0.5, 0.75, 1.0]), np.array([0.0, 0.05, 0.25, 0.5, 1.0])
+_PUSH, _BRAKE = np.array([0.0, 0.125, 0.25, 0.5, 0.75, 1.0]), np.array([0.0, 0.5, 1.0])
+_REST = 0.03  # share of the largest command below which a driver takes it for none
 
 
 class DriveCurve(Mechanism):
   """The motor's torque is a free curve of the command, less the back-EMF by a free share of the command.
 
-  Equation: V = u + sgn(u) U sum_k a_k h_k(|u| / U) + e sum_j b_j h_j(|u| / U), h hats, held beyond U; e the back-EMF;
-  the torque is proportional to V - e, so b = 1 is a motor that does not brake at that command.
-  Units: a_k - (shares of U), b_j -, U V, the largest command driven; u, V, e V.
+  Equation: V = u + sgn(u) U sum_k a_k h_k(|u| / U) + e (b_r max(1 - |u| / 0.03 U, 0) + sum_j b_j h_j(|u| / U)), h hats,
+  held beyond U; e the back-EMF; the torque is proportional to V - e, so b = 1 is a motor that does not brake at that
+  command. What a driver does without any command is its own matter, and has a number of its own, b_r.
+  Units: a_k - (shares of U), b_j, b_r -, U V, the largest command driven; u, V, e V.
   Source: hat functions, de Boor, A Practical Guide to Splines, Springer, 2001, ch. III (piecewise linear).
   Confounded with: every named error of the drive's map, which it is there to outline.
   """
@@ -35,6 +37,7 @@ class DriveCurve(Mechanism):
       Parameter(f"drive_brake_{i}", 0.0, -2.0, 1.0, "-", f"b_{i}", null=0.0, typical=0.25, description="braking")
       for i in range(len(_BRAKE))
     ),
+    Parameter("drive_brake_rest", 0.0, -2.0, 1.0, "-", "b_r", null=0.0, typical=0.25, description="braking at rest"),
     Parameter("drive_curve_reach", 2.0, 0.1, 100.0, "V", "U", std=1e-3, description="largest command"),
   )
 
@@ -44,5 +47,6 @@ class DriveCurve(Mechanism):
     push = np.insert(theta[:, :last], 0, 0.0, axis=1)
     acting = command.copy()
     acting[:, 0] += np.sign(voltage) * reach * polyline(share, _PUSH, push)
-    acting[:, 0] += idle_voltage(context) * polyline(share, _BRAKE, theta[:, last:-1])
+    braking = polyline(share, _BRAKE, theta[:, last:-2]) + theta[:, -2] * np.maximum(1.0 - share / _REST, 0.0)
+    acting[:, 0] += idle_voltage(context) * braking
     return acting
