@@ -44,6 +44,7 @@ def main(config: Config) -> Study:
   write_json(config.out / "characterise.json", found.document())
   for line in sentences(found):
     print(line)
-  which = "the base" if found.gain < 0.0 else "with curves"
-  print(f"twin, {which}: {config.out / 'twin.toml'}\nreport: {write_study(found, config.out)}")
+  print(
+    f"twin, the best of four by validation, {found.best.replace('_', ' ')}: {config.out / 'twin.toml'}\nreport: {write_study(found, config.out)}"
+  )
   return found

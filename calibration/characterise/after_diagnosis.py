@@ -71,7 +71,7 @@ def write_with_curves(
   further = with_curves(found, outcome.diagnosis)
   page = write_diagnosis(outcome, folder, shown, further)
   save_twin(folder / "diagnosed.toml", outcome.twin, outcome.after, f"repaired on {found.dataset}, without curves")
-  save_twin(folder / "characterised.toml", found.found.twin, found.found.unshifted, _note(found))
+  save_twin(folder / "characterised.toml", *found.shipped, _note(found))
   return page, [*sentences(found), chosen(found, outcome.diagnosis)]
 
 
@@ -88,7 +88,7 @@ def with_curves(found: Study, diagnosis: Diagnosis) -> Further:
     [("twin.toml is", "the twin with curves" if curved else "the diagnosed twin")],
     parts,
     {**found.document(), "shipped": "characterised" if curved else "diagnosed"},
-    (found.found.twin, found.found.unshifted, _note(found)) if curved else None,
+    (*found.shipped, _note(found)) if curved else None,
   )
 
 
@@ -100,10 +100,10 @@ def sentence(found: Study, diagnosis: Diagnosis, drawn: tuple[Shape, ...]) -> st
 
 def fall(found: Study, diagnosis: Diagnosis) -> str:
   """Errors from the base over the diagnosed twin to the twin with curves, on recordings that took no part."""
-  fits, after = diagnosis.holdout, found.errors.get("characterised", {})
+  fits, after = diagnosis.holdout, found.errors.get(found.best, {})
   where = "recordings kept aside"
   if not (fits and after):
-    fits, after, where = diagnosis.validate, found.judged.get("characterised", {}), "validation recordings"
+    fits, after, where = diagnosis.validate, found.judged.get(found.best, {}), "validation recordings"
   if not (fits and after):
     return ""
   before = {name: fit.before for name, fit in fits.items()}
@@ -131,7 +131,7 @@ def chosen(found: Study, diagnosis: Diagnosis) -> str:
 
 def _on_validation(found: Study, diagnosis: Diagnosis) -> float:
   repaired: Mapping[str, float] = {name: fit.after for name, fit in diagnosis.validate.items()}
-  return ratio(found.judged.get("characterised", {}), repaired)
+  return ratio(found.judged.get(found.best, {}), repaired)
 
 
 def _note(found: Study) -> str:

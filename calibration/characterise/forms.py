@@ -25,6 +25,7 @@ from qcar_twin.vehicle.vehicle import GRAVITY
 Array = NDArray[np.float64]
 
 LEVEL = 0.02  # share of right forms that are refused, and of absent departures that are taken for one
+_CRAWLING = (0.01, 0.03)  # shares of the highest speed
 _MOST = 2  # forms that one curve may be made of
 
 
@@ -174,7 +175,7 @@ def questions(found: Characterised, curve: Mechanism) -> tuple[Array, Array]:
     commands[:, 1] = lowest[1] + across * (highest[1] - lowest[1])
     return commands, np.full(len(across), 0.5 * top)
   if curve.stage == "force":
-    return commands, across * top
+    return np.zeros((len(across) + len(_CRAWLING), 2)), np.concatenate([_CRAWLING, across]) * top
   commands[:, 0] = max(lowest[0], 0.0) + across * (highest[0] - max(lowest[0], 0.0))
   return np.tile(commands, (3, 1)), np.repeat(np.array([0.0, 0.5, 1.0]) * top, len(across))
 

@@ -25,7 +25,8 @@ _READABLE = {"s": ("ms", 1e3), "rad": ("°", float(np.degrees(1.0)))}
 _KINDS = {  # of twins, as tables and charts call them
   "base": "base",
   "diagnosed": "after the diagnosis",
-  "characterised": "with curves",
+  "curves": "all maps free",
+  "characterised": "characterised",
   "named": "named forms only",
   "black_box": "black box",
   "noise": "noise",
@@ -67,8 +68,8 @@ def facts(found: Study, drawn: Sequence[Shape]) -> list[tuple[str, str]]:
   for name, kinds in (("hold-out", found.errors), ("validation", found.judged)):
     if kinds:
       change = 100.0 * (ratio(kinds["characterised"], kinds["base"]) - 1.0)
-      rows.append((f"Errors with curves, {name}", f"{change:+.0f} %".replace("-", "−")))
-  return [*rows, ("twin.toml is", "the base" if found.gain < 0.0 else "the twin with curves")]
+      rows.append((f"Errors characterised, {name}", f"{change:+.0f} %".replace("-", "−")))
+  return [*rows, ("twin.toml is", _KINDS[found.best])]
 
 
 def sections(found: Study, drawn: Sequence[Shape], diagnosed: Errors | None = None, before: str = "") -> list[Section]:
@@ -120,20 +121,18 @@ def _verdicts(outlines: Sequence[Outline]) -> Table:
 
 
 def _forms(found: Study) -> Table:
-  """Sizes of the names: as read off the curves, and as fitted in their place."""
-  fitted: dict[str, tuple[float, float | None]] = {}
-  if found.named:
-    parameters, values = found.named.fitted.fit.parameters, found.named.fitted.fit.theta
-    std = np.sqrt(np.maximum(np.diag(found.named.covariance), 0.0))
-    held = found.named.fitted.fit.at_bound  # a bound leaves no deviation to be told
-    fitted = {name: (float(values[i]), None if held[i] else float(std[i])) for i, name in enumerate(parameters.names)}
+  """Sizes of the names: as fitted in the curves' place one by one, and with everything else at the end."""
+  parameters, values = found.told.fitted.fit.parameters, found.told.fitted.fit.theta
+  std = np.sqrt(np.maximum(np.diag(found.told.covariance), 0.0))
+  held = found.told.fitted.fit.at_bound  # a bound leaves no deviation to be told
+  fitted = {name: (float(values[i]), None if held[i] else float(std[i])) for i, name in enumerate(parameters.names)}
   rows = []
   for outline in found.outlines:
     for name, value in (outline.named.values if outline.named else {}).items():
-      unit = found.named.twin.parameters[name].unit if found.named else ""
-      std = outline.named.std[name] if outline.named else None
-      rows.append((outline.curve, name, value, std, *fitted.get(name, (None, None)), unit))
-  columns = ("curve", "parameter", "off the curve", "± std", "fitted in its place", "± std ", "unit")
+      unit = found.told.twin.parameters[name].unit
+      off = outline.named.std[name] if outline.named else None
+      rows.append((outline.curve, name, value, off, *fitted.get(name, (None, None)), unit))
+  columns = ("curve", "parameter", "in its place", "± std", "with all else", "± std ", "unit")
   return Table("Sizes of the named forms", columns, rows)
 
 
@@ -206,10 +205,10 @@ def _readable(unit: str) -> tuple[float, str]:
 
 def _beside(found: Study) -> Section:
   rows: list[tuple[Cell, ...]] = []
-  held = dict(zip(found.found.fitted.fit.parameters.names, found.found.fitted.fit.at_bound.tolist(), strict=True))
+  held = dict(zip(found.told.fitted.fit.parameters.names, found.told.fitted.fit.at_bound.tolist(), strict=True))
   for term in sorted((t for t in found.terms if "@" not in t.name), key=lambda t: -abs(t.value) / max(t.std, 1e-12)):
     factor, unit = _readable(term.unit)
-    said = found.found.twin.parameters[term.name].description or term.name.replace("_", " ")
+    said = found.told.twin.parameters[term.name].description or term.name.replace("_", " ")
     bound = held[term.name]
     out = "at its bound" if bound else "yes" if term.there else "no"
     rows.append((term.name, said, factor * term.value, None if bound else factor * term.std, unit, out))
@@ -227,7 +226,8 @@ def _errors(found: Study, diagnosed: Errors) -> Section:
     return Section("What it gains", "No recordings were kept aside, so nothing can be shown.")
   text = (
     "Errors are root mean squares of free runs from measured starts, in each channel's unit, by MuJoCo. Base is today's"
-    " twin, recalibrated; named forms only has the names in the curves' place; the black box is boosted trees on the"
+    " twin, recalibrated; all maps free has a curve for every map; characterised has names where they will do and"
+    " curves where none will; named forms only has the best name everywhere; the black box is boosted trees on the"
     " base's residual, which may use what no law of a car does; noise is the sensors' own while driving."
   )
   if diagnosed:
@@ -252,7 +252,7 @@ def _error_table(caption: str, errors: Errors) -> Table:
     values: list[Cell] = [errors[kind].get(channel) for kind in present]
     change = 100.0 * (errors["characterised"][channel] / errors["base"][channel] - 1.0)
     rows.append([RESIDUALS[channel].words, RESIDUALS[channel].symbol, *values, f"{change:+.1f}".replace("-", "−")])
-  return Table(caption, ("channel", "unit", *(_KINDS[k] for k in present), "curves / base [%]"), rows)
+  return Table(caption, ("channel", "unit", *(_KINDS[k] for k in present), "characterised / base [%]"), rows)
 
 
 def _error_chart(errors: Errors) -> Chart:

@@ -67,17 +67,17 @@ def term_words(term: Term) -> str:
 
 
 def gain_sentence(found: Study) -> str:
-  """Whether the twin with curves predicts recordings that took no part better, by channel."""
+  """Whether the characterised twin predicts recordings that took no part better, by channel."""
   before, after, where = compared(found)
   if not after:
-    return "No recordings were kept aside, so nothing shows whether the curves predict better."
+    return "No recordings were kept aside, so nothing shows whether the characterised twin predicts better."
   named = found.errors.get("named")
   alone = f" With the named forms alone it {errs(named, before)}." if named else ""
-  return f"On {where} the twin with curves {errs(after, before)} than the base: {changes(after, before)}.{alone}"
+  return f"On {where} the characterised twin {errs(after, before)} than the base: {changes(after, before)}.{alone}"
 
 
 def compared(found: Study) -> tuple[Mapping[str, float], Mapping[str, float], str]:
-  """Errors of the base and of the twin with curves on the recordings that tell most, and which those are; {} for none.
+  """Errors of the base and of the characterised twin on the recordings that tell most, and which those are; or {}.
 
   The hold-out where there is one, else what judged.
   """
