@@ -18,6 +18,7 @@ from calibration.campaign.page import campaign_page
 from calibration.campaign.report import write_campaign
 from calibration.campaign.run import run_case
 from calibration.campaign.score import score_table
+from calibration.campaign.wild_score import wild_table
 from qcar_twin.atomic_io import write_text
 from qcar_twin.parallel import in_parallel
 
@@ -59,7 +60,7 @@ class Config:
   quick: bool = False
   """One case of each kind."""
   engine: str = "search"
-  """What diagnoses: search, or likelihood (see docs/likelihood.md)."""
+  """What answers: search, likelihood (docs/likelihood.md), or characterise, for wild cases (docs/characterise.md)."""
 
 
 def main(config: Config) -> str:
@@ -80,10 +81,13 @@ def main(config: Config) -> str:
     pass
   answers = [config.out / f"{c.name}.json" for c in cases]
   results = [json.loads(path.read_text()) for path in answers if path.is_file()]
-  table = score_table(results)
+  table = wild_table(results) if config.engine == "characterise" else score_table(results)
   write_text(config.out / "score.md", table)
   if config.archive:
     pack(config.out, config.archive)
+  if config.engine == "characterise":
+    print(f"{table}score: {config.out / 'score.md'}")
+    return table
   usual, options = Config(config.out), ("car", "nulls", "singles", "pairs", "outside", "wild", "design")
   other = [f" --{n} {getattr(config, n)}" for n in options if getattr(config, n) != getattr(usual, n)]
   command = f"qcar-twin campaign --out out/{config.out.name} --seed {config.seed}{''.join(other)}"

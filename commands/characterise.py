@@ -44,7 +44,7 @@ def main(config: Config) -> Study:
   write_json(config.out / "characterise.json", found.document())
   for line in sentences(found):
     print(line)
-  print(
-    f"twin, the best of four by validation, {found.best.replace('_', ' ')}: {config.out / 'twin.toml'}\nreport: {write_study(found, config.out)}"
-  )
+  which = found.best.replace("_", " ")
+  print(f"twin, the best of four by validation, {which}: {config.out / 'twin.toml'}")
+  print(f"report: {write_study(found, config.out)}")
   return found

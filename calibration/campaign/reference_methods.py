@@ -13,14 +13,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.ensemble import HistGradientBoostingRegressor
 
+from calibration.diagnosis.black_box import boosted_residual, rms
 from calibration.diagnosis.candidates import Candidate
-from calibration.diagnosis.circumstances import at_values, commands_and_state
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.scan import Signature
 from calibration.fitting.likelihood import Problem
-from calibration.fitting.observations import CHANNELS, Observations, observe
+from calibration.fitting.observations import observe
 from calibration.fitting.windows import DEFAULT_CUT, Cut
 from qcar_twin.plant import Prediction
 from qcar_twin.recordings.recording import Recording
@@ -100,43 +99,9 @@ def white_noise_bic(problem: Problem, model: Candidate) -> float:
   return float(total)
 
 
-def boosted_residual(
-  observations: Observations,
-  prediction: Prediction,
-  raw: Array,
-  others: Observations,
-  other_prediction: Prediction,
-  other_raw: Array,
-) -> Array:
-  """What is left of other recordings' residuals once trees have taken off what they learnt, (M',).
-
-  Args:
-    observations, prediction, raw: recordings to learn from: the twin's signals (one vector) and
-      predicted minus measured, (M,).
-    others, other_prediction, other_raw: recordings to judge on.
-  """
-  grid, other_grid = commands_and_state(observations, prediction), commands_and_state(others, other_prediction)
-  left = other_raw.copy()
-  for name in set(observations.present) & set(others.present):
-    rows, there = observations.select(name), others.select(name)
-    trees = HistGradientBoostingRegressor(
-      max_iter=150, learning_rate=0.06, max_leaf_nodes=15, min_samples_leaf=40, l2_regularization=1.0, random_state=0
-    )
-    trees.fit(at_values(grid, observations, name), raw[rows])
-    left[there] = other_raw[there] - trees.predict(at_values(other_grid, others, name))
-  return left
-
-
 def raw_residual(problem: Problem, model: Candidate) -> Array:
   """Predicted minus measured in each channel's unit, (M,); the model must carry the problem's weights."""
   return model.residual / problem.whiten(np.ones(len(problem.observations)))
-
-
-def rms(observations: Observations, raw: Array) -> dict[str, float]:
-  """Root mean square per channel."""
-  return {
-    CHANNELS[i]: float(np.sqrt(np.mean(raw[observations.channel == i] ** 2))) for i in np.unique(observations.channel)
-  }
 
 
 def _first(prediction: Prediction) -> Prediction:

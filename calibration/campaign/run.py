@@ -10,6 +10,8 @@ from pathlib import Path
 from calibration.campaign.archive import digest, keep
 from calibration.campaign.cases import Case
 from calibration.campaign.reference import baselines, oracle
+from calibration.campaign.wild_score import informed
+from calibration.characterise.study import study
 from calibration.diagnosis.outcome import Outcome
 from calibration.diagnosis.pipeline import diagnose
 from calibration.diagnosis.pool import Pool
@@ -23,15 +25,15 @@ from qcar_twin.atomic_io import plain
 from qcar_twin.recordings.dataset import DataSet
 
 MAKERS = {"first": make_session, "second": make_second_session}
-ENGINES = ("search", "likelihood")
+ENGINES = ("search", "likelihood", "characterise")
 
 
 def run_case(case: Case, folder: Path, threads: int = 1, engine: str = "search") -> Path:
   """Make, diagnose and answer one case; does nothing if its answer is there.
 
   Args:
-    engine: "search" for `diagnose`, "likelihood" for `diagnose_by_likelihood`; the latter leaves no pool that reference
-      methods and the oracle could be taken from.
+    engine: "search" for `diagnose`, "likelihood" for `diagnose_by_likelihood`, "characterise" for `study`; the latter
+      two leave no pool that reference methods could be taken from.
 
   Raises:
     ValueError: there is no such engine.
@@ -45,6 +47,10 @@ def run_case(case: Case, folder: Path, threads: int = 1, engine: str = "search")
   dataset = DataSet(case.name, session.recordings, session.vehicle, session.vehicle_std)
   if engine == "likelihood":
     return _kept(case, document_by_likelihood(diagnose_by_likelihood(dataset, threads=threads)), session.truth, path)
+  if engine == "characterise":
+    return _kept(
+      case, study(dataset, threads=threads).document(), session.truth, path, informed(dataset, case, threads)
+    )
   outcome = diagnose(dataset, threads=threads)
   answer = _answer(outcome)
   sealed = digest(answer)
@@ -57,9 +63,11 @@ def run_case(case: Case, folder: Path, threads: int = 1, engine: str = "search")
   return path
 
 
-def _kept(case: Case, answer: dict, truth: dict, path: Path) -> Path:
-  """An answer without references; the truth joins the file only after the answer and its hash stand."""
+def _kept(case: Case, answer: dict, truth: dict, path: Path, oracle: dict | None = None) -> Path:
+  """An answer and its hash; truth and oracle join the file only after them."""
+  answer = plain(answer)
   result = {"case": dataclasses.asdict(case), "answer": answer, "sha256": digest(answer), "truth": truth["effects"]}
+  result |= {"sensors": truth.get("sensors")} | ({"oracle": oracle} if oracle else {})
   path.parent.mkdir(parents=True, exist_ok=True)
   keep(plain(result), path)
   return path

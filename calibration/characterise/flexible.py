@@ -108,44 +108,43 @@ class Characterised:
 
 def characterise(
   dataset: DataSet,
-  forms: Sequence[str] = (),
-  instead_of: Sequence[str] = (),
+  known: Sequence[str] | None = None,
   most: float = LONGEST,
   substeps: int = 2,
   threads: int = 0,
   progress: Progress = silent,
   plant: EngineKind = "reduced",
-  starts: int = 1,
 ) -> Characterised:
   """Fit a twin with curves to a data set; its role "holdout" stays closed.
 
   Args:
     dataset: checked, see `ready`.
-    forms: ids of named mechanisms to fit with the rest.
-    instead_of: ids of curves that are left out, since a form stands for them.
+    known: ids of the mechanisms that are there: they are fitted instead of curves and of what stands beside them, which
+      is what somebody could do who knew the car.
     most: s of driving that are simulated.
     substeps: simulation steps per control period of 10 ms.
     threads: of the simulation, 0 for all cores.
     progress: told the stage.
     plant: what is fitted on: the reduced car, or "mujoco", many times as long.
-    starts: rough fits, of which the best is fitted to the end.
   """
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   recordings = [r for r in dataset.recordings if r.role != "holdout"]
-  shapes = tuple(m.name for m in curves(vehicle.drive) if m.name not in instead_of and seen_by(m, recordings))
-  known = {m.name for m in offered(vehicle.drive) if seen_by(m, recordings)}
-  beside = tuple(name for name in BESIDE if name in known and name != clock(recordings))
-  names = dict.fromkeys((*shapes, *beside, *forms))
-  shifts = session_shifts(dataset, vehicle) if "steering_offset" in beside else ONE_SESSION
-  twin = Twin(vehicle, select(dict.fromkeys((*names, *always_fitted()))), substeps=substeps, threads=threads,
+  shown = {m.name for m in (*offered(vehicle.drive), *curves(vehicle.drive)) if seen_by(m, recordings)}
+  shapes = tuple(m.name for m in curves(vehicle.drive) if known is None and m.name in shown)
+  wanted = [name for name in BESIDE if name != clock(recordings)] if known is None else known
+  beside = tuple(name for name in wanted if name in shown)
+  trim = ("steering_offset",) if "steering_offset" in shown else ()  # what a session's own trim is counted from
+  names = tuple(dict.fromkeys((*shapes, *beside, *trim)))
+  shifts = session_shifts(dataset, vehicle) if "steering_offset" in names else ONE_SESSION
+  twin = Twin(vehicle, select(dict.fromkeys([*names, *always_fitted()])), substeps=substeps, threads=threads,
               sessions=shifts)  # fmt: skip
   searched = fitted_on(twin, plant)
-  priors = flexible_priors(recordings, searched, tuple(names), reaches(recordings, vehicle))
+  priors = flexible_priors(recordings, searched, names, reaches(recordings, vehicle))
   lead = command_lead(recordings)
   shifts = (-lead,) if lead else command_shifts(dataset)
-  rough = recalibrate(searched, recordings, priors, shifts, Cut(most=most), progress, starts)
+  rough = recalibrate(searched, recordings, priors, shifts, Cut(most=most), progress)
   fitted = settled(reweighted(rough), rough.passport, priors, rough.fit.theta, rough.command_shift)
-  return Characterised(fitted, shapes, beside, tuple(forms))
+  return Characterised(fitted, shapes, beside)
 
 
 def fitted_on(twin: Twin, plant: EngineKind) -> Twin:

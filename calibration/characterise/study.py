@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from calibration.campaign.reference_methods import boosted_residual, rms
 from calibration.characterise.additions import Addition, with_additions
 from calibration.characterise.flexible import DELAYS, Characterised, characterise, fitted_on
 from calibration.characterise.forms import LEVEL, Form, Outline, outlines
 from calibration.characterise.refits import Trials
 from calibration.characterise.substitution import named_only, substituted
+from calibration.diagnosis.black_box import boosted_residual, rms
 from calibration.fitting.dataset_recalibration import LONGEST, recalibrate_dataset
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.noise_floor import driving_noise, residual_floor
@@ -213,7 +213,7 @@ def _judged(
 ) -> dict[str, dict[str, float]]:
   if not judging:
     return {}
-  return {"base": _error(base, judging)} | {kind: _error(twin.fitted, judging) for kind, twin in twins.items()}
+  return {"base": error_of(base, judging)} | {kind: error_of(twin.fitted, judging) for kind, twin in twins.items()}
 
 
 def _errors(
@@ -230,14 +230,14 @@ def _errors(
   learnt = problem.predict(base.theta[None])
   residual = problem.observations.predict(learnt)[0] - problem.observations.measured
   trees = boosted_residual(problem.observations, learnt, residual, observations, prediction, raw)
-  errors = {"base": rms(observations, raw)} | {kind: _error(twin.fitted, holdout) for kind, twin in twins.items()}
+  errors = {"base": rms(observations, raw)} | {kind: error_of(twin.fitted, holdout) for kind, twin in twins.items()}
   noise = residual_floor(driving_noise(holdout))
   errors |= {"black_box": rms(observations, trees)}
   errors["noise"] = {name: float(noise[name]) for name in observations.present if name in noise}
   return errors, {name: UNITS[name] for name in observations.present}
 
 
-def _error(found: RecalibratedTwin, recordings: Sequence[Recording]) -> dict[str, float]:
+def error_of(found: RecalibratedTwin, recordings: Sequence[Recording]) -> dict[str, float]:
   """Root mean square error of a fitted twin per channel, in its unit."""
   twin = found.problem.exact.twin.on("mujoco")
   observations = observe(recordings, twin.vehicle, Cut(command_shift=found.command_shift, most=LONGEST))

@@ -6,7 +6,6 @@ full of road noise does not drown the others.
 """
 
 import dataclasses
-import itertools
 import logging
 from collections.abc import Mapping, Sequence
 
@@ -67,7 +66,6 @@ def recalibrate(
   shifts: Sequence[int] = (0,),
   cut: Cut = DEFAULT_CUT,
   progress: Progress = silent,
-  starts: int = 1,
 ) -> RecalibratedTwin:
   """Fit the base parameters to recordings.
 
@@ -78,7 +76,6 @@ def recalibrate(
     shifts: command timings to try, control periods; more than one where the log's convention is unknown.
     cut: how recordings are cut.
     progress: told what is being done.
-    starts: rough fits for every timing, the first from the first guess, the others from draws of what has a null.
   """
   recordings = sorted(recordings, key=lambda r: r.role == "validate")
   passport = noise_passport(recordings)
@@ -86,14 +83,12 @@ def recalibrate(
   driven = sum(r.duration for r in recordings)
   # weights are read off its residuals, so the part must be like the whole
   part = dataclasses.replace(cut, evenly=True, most=max(_LEAST, _PART * min(driven, cut.most)))
-  rng, attempts = np.random.default_rng(0), []
-  for shift, number in itertools.product(shifts, range(starts)):
-    progress(f"recalibration, start {len(attempts) + 1} of {len(shifts) * starts}" if len(shifts) * starts > 1 else
-             "recalibration")  # fmt: skip
-    drawn = _drawn(base, rng) if number else None
-    found = _approach(twin, recordings, base, floor, dataclasses.replace(part, command_shift=shift), drawn)
-    attempts.append((*found, shift))
-  start, shift = _best_of(attempts)
+  attempts = []
+  for shift in shifts:
+    progress(f"recalibration, commands shifted by {shift}" if len(shifts) > 1 else "recalibration")
+    attempts.append(_approach(twin, recordings, base, floor, dataclasses.replace(part, command_shift=shift)))
+  raw = np.array([np.sum(np.abs(attempts[0][0].whiten(a[1]))[: attempts[0][0].n_train]) for a in attempts])
+  start, shift = attempts[int(np.argmin(raw))][2], shifts[int(np.argmin(raw))]
   observations = observe(recordings, twin.vehicle, dataclasses.replace(cut, command_shift=shift))
   twin = anchored(twin, base.names, start)
   problem = _weighted(twin, observations, fitted_count(observations, recordings), base, start, floor)
@@ -178,32 +173,13 @@ def _cost(problem: Problem, base: ParameterSet, theta: Array) -> float:
   return 0.5 * float(residual @ residual) + prior_cost(theta, base)
 
 
-def _drawn(base: ParameterSet, rng: np.random.Generator) -> dict[str, float]:
-  """What has a null, drawn from its prior: the log's first guess knows nothing of it."""
-  sought = [p for p in base if p.null is not None]
-  draws = rng.normal(size=len(sought))
-  return {
-    p.name: float(np.clip(p.nominal + (p.std or p.scale) * z, p.lower, p.upper))
-    for p, z in zip(sought, draws, strict=True)
-  }
-
-
-def _best_of(attempts: Sequence[tuple[Problem, Array, Array, int]]) -> tuple[Array, int]:
-  """Estimates and timing of the rough fit that leaves least, all weighted alike: by the first one's errors."""
-  raw = np.array([np.sum(np.abs(attempts[0][0].whiten(a[1]))[: attempts[0][0].n_train]) for a in attempts])
-  return attempts[int(np.argmin(raw))][2], attempts[int(np.argmin(raw))][3]
-
-
 def _approach(
-  twin: Twin, recordings: Sequence[Recording], base: ParameterSet, floor: Mapping[str, float], cut: Cut,
-  drawn: Mapping[str, float] | None = None,
-) -> tuple[Problem, Array, Array]:  # fmt: skip
+  twin: Twin, recordings: Sequence[Recording], base: ParameterSet, floor: Mapping[str, float], cut: Cut
+) -> tuple[Problem, Array, Array]:
   """A rough fit on part of the driving: the problem, predicted minus measured, and the estimates."""
   observations = observe(recordings, twin.vehicle, cut)
   n_train = fitted_count(observations, recordings)
   start, held = _best_start(twin, observations, n_train, base), _held(base)
-  for name, value in (drawn or {}).items():
-    start[base.index(name)] = value
   problem = _weighted(twin, observations, n_train, base, start, floor)
   attempts = [_fit(problem, held, _with_grip(base, start, grip), 5, 1e-2) for grip in _GRIPS]
   found = min(attempts, key=lambda f: f.cost)

@@ -57,8 +57,10 @@ def test_what_is_written_is_whole(done):
   assert [c["curve"] for c in document["curves"]] == [o.curve for o in found.outlines]
   twin, theta = load_twin(out / "twin.toml")
   shipped, kept = found.shipped
-  better = found.found.twin if document["validation_gain"] >= 0.0 else found.base.problem.twin
-  assert shipped.engine == "mujoco" and shipped.parameters.names == better.parameters.names
+  twins = {"curves": found.found, "characterised": found.told, "named": found.named}
+  judged = {kind: ratio(found.judged[kind], found.judged["base"]) for kind in ("base", *twins)}
+  assert document["best"] == found.best == min(judged, key=judged.__getitem__)
+  assert shipped.engine == "mujoco" and shipped.parameters.names == twins[found.best].twin.parameters.names
   values, expected = twin.parameters.named(theta), shipped.parameters.named(kept)
   for name in twin.parameters.names:
     assert values[name] == pytest.approx(expected[name])
@@ -134,7 +136,8 @@ def test_curves_are_fitted_where_something_has_no_name_or_when_told(name):
 def test_the_twin_that_goes_on_is_the_better_by_validation(done, outcome, tmp_path, monkeypatch, better):
   found, (dataset, diagnosed) = done[0], outcome
   errors = {n: f.after * (0.9 if better else 1.1) for n, f in diagnosed.diagnosis.validate.items()}
-  found = dataclasses.replace(found, judged={"base": found.judged["base"], "characterised": errors})
+  worse = {n: 2.0 * max(e, found.judged["base"][n]) for n, e in errors.items()}
+  found = dataclasses.replace(found, judged=dict.fromkeys(found.judged, worse) | {"curves": errors})
   monkeypatch.setattr(after_diagnosis, "study", lambda *given: found)
   page, said = write_with_curves(diagnosed, dataset, tmp_path, "always")
   whose = (found.found.twin, found.found.unshifted) if better else (diagnosed.twin, diagnosed.after)
@@ -143,12 +146,12 @@ def test_the_twin_that_goes_on_is_the_better_by_validation(done, outcome, tmp_pa
   assert same_twin(tmp_path / "characterised.toml", found.found.twin, found.found.unshifted)
   document = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
   assert document["curves"]["shipped"] == ("characterised" if better else "diagnosed")
-  assert document["curves"]["validate"]["characterised"] == pytest.approx(errors)
+  assert document["curves"]["validate"]["curves"] == pytest.approx(errors)
   assert said[:-1] == sentences(found) and said[-1].startswith("twin.toml is")
   text = page.read_text(encoding="utf-8")
   fits = diagnosed.diagnosis.holdout
   before = {name: fit.before for name, fit in fits.items()}
-  fell = 100.0 * ratio(found.errors["characterised"], before)
+  fell = 100.0 * ratio(found.errors["curves"], before)
   assert said[-1].replace("'", "&#39;") in text and f"{fell:.0f} % with curves" in text[: text.index("<h2>")]
   assert "<h2>Free curves: The maps</h2>" in text and ">after the diagnosis</th>" in text
 

@@ -15,7 +15,7 @@ class ResistanceCurve(Mechanism):
   """A force against the motion that is a free curve of the speed, over and above what the base car has.
 
   Equation: F = -m g tanh(v / v_0) (r_c max(1 - |v| / 0.05 V, 0) + sum_k r_k h_k(|v| / V)), h_k hats, 0 at rest, held
-  beyond V; v_0 = 0.05 m/s. Crawling has a number of its own, r_c: dry friction changes there within centimetres a second.
+  beyond V; v_0 = 0.05 m/s. Crawling has a number of its own, r_c: dry friction changes there within a few cm/s.
   Units: r_k, r_c - (shares of the weight m g); V m/s, the highest speed driven; F N.
   Source: hat functions, de Boor, A Practical Guide to Splines, Springer, 2001, ch. III (piecewise linear).
   Confounded with: motor damping, quadratic_drag and every other resistance, which it is there to outline.
@@ -32,7 +32,7 @@ class ResistanceCurve(Mechanism):
                 description="force")
       for i in range(1, len(_KNOTS))
     ),
-    Parameter("resistance_crawling", 0.0, -0.2, 0.5, "-", "r_c", null=0.0, typical=0.01, description="force at a crawl"),
+    Parameter("resistance_crawling", 0.0, -0.2, 0.5, "-", "r_c", null=0.0, typical=0.01, description="at a crawl"),
     Parameter("resistance_curve_reach", 1.5, 0.1, 40.0, "m/s", "V", std=1e-3, description="highest speed"),
   )  # fmt: skip
 

@@ -6,13 +6,12 @@ import pytest
 from calibration.campaign.reference_methods import (
   METHODS,
   bic_ranking,
-  boosted_residual,
   raw_residual,
-  rms,
   run_baselines,
   unprofiled_ranking,
   white_noise_bic,
 )
+from calibration.diagnosis.black_box import boosted_residual, rms
 from calibration.diagnosis.scan import explained, scan
 from calibration.fitting.observations import observe
 from tests.calibration.diagnosis import diagnosis_rig as rig

@@ -1,0 +1,103 @@
+"""What characterising the cars of a wild campaign is worth, from its answers and truths alone."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from calibration.campaign.cases import Case
+from calibration.campaign.intervals import exact_interval
+from calibration.campaign.score import Result, truth_ids
+from calibration.characterise.flexible import characterise
+from calibration.characterise.study import error_of
+from calibration.log_check.ready import ready
+from qcar_twin import markdown
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.twin.mechanisms import catalogue
+
+TWINS = ("base", "curves", "characterised", "named", "black_box")
+# whose estimate is held against the generator's number, and by how much it may be off: absolute, share
+AGES = {"encoder_latency": (0.01, 0.1), "imu_latency": (0.01, 0.1), "gyro_scale": (0.0, 0.1)}
+
+
+def informed(dataset: DataSet, case: Case, threads: int = 1) -> dict[str, Any]:
+  """The oracle: the twin with what is really there, as far as the catalogue has it, and its errors on the hold-out."""
+  checked, _ = ready(dataset)
+  known = [name for name, _ in case.effects if name in catalogue()]
+  return {
+    "known": known,
+    "holdout": error_of(characterise(checked, known, threads=threads).fitted, checked.role("holdout")),
+  }
+
+
+def names(answer: Mapping[str, Any]) -> set[str]:
+  """What an answer says is there: forms of curves, effects that joined, and numbers beside them that stand out."""
+  owner = {p.name: m.name for m in catalogue().values() for p in m.parameters}
+  beside = {owner[t["name"]] for t in answer["terms"] if t["there"] and t["name"] in owner}
+  forms = {name for c in answer["curves"] if c["named"] for name in c["named"]["mechanisms"]}
+  return beside | forms | {a["mechanism"] for a in answer["additions"]}
+
+
+def shaped(answer: Mapping[str, Any]) -> set[str]:
+  """Curves that an answer says depart, under whatever name."""
+  return {c["curve"] for c in answer["curves"] if c["there"]}
+
+
+def is_shaped(effect: str, answer: Mapping[str, Any]) -> bool:
+  """Whether an effect is named, or the curve of its map is said to depart."""
+  found = catalogue().get(effect)
+  if effect in names(answer):
+    return True
+  # effects that no form of a curve is declared for, though they act on its map
+  maps = {"steering_map": "steering_curve", "drive_asymmetry": "drive_curve", "coulomb_friction": "resistance_curve"}
+  return (maps.get(effect) or (found.outlined_by if found else "")) in shaped(answer)
+
+
+def wild_table(results: Sequence[Result]) -> str:
+  """Errors over the oracle's by channel, names with their intervals, and the cases, as Markdown."""
+  channels = list(dict.fromkeys(name for r in results for name in r["oracle"]["holdout"]))
+  rows = []
+  for kind in TWINS:
+    ratios = {c: [r["answer"]["holdout"][kind][c] / r["oracle"]["holdout"][c] for r in results
+                  if c in r["oracle"]["holdout"]] for c in channels}  # fmt: skip
+    rows.append((kind.replace("_", " "), *(f"{np.median(ratios[c]):.2f}" for c in channels)))
+  table = markdown.table(("hold-out error over the oracle's, median", *channels), rows)
+  counted = [_share(said, hits) for said, hits in _counts(results)]
+  counts = markdown.table(("counted", "cases", "share", "95 % interval"), [row for row in counted if row])
+  cases = markdown.table(("case", "truth", "names", "depart", "best"), [_case(r) for r in results])
+  return "\n\n".join("\n".join(lines) for lines in (table, counts, cases)) + "\n"
+
+
+def _counts(results: Sequence[Result]) -> list[tuple[str, list[bool]]]:
+  known = [(r, t["id"]) for r in results for t in r["truth"] if t["in_catalogue"]]
+  right = lambda r, name: name in truth_ids(r) or (name == "encoder_latency" and (r["sensors"] or {}).get("speed_late"))
+  claimed = [(r, name) for r in results for name in sorted(names(r["answer"]))]
+  return [
+    ("names that are there", [bool(right(r, name)) for r, name in claimed]),
+    ("effects of the catalogue that are named", [name in names(r["answer"]) for r, name in known]),
+    ("the same, named or shaped", [is_shaped(name, r["answer"]) for r, name in known]),
+    ("sensors' ages and scales within 10 ms or 10 %", [ok for r in results for ok in _ages(r)]),
+  ]
+
+
+def _ages(result: Result) -> list[bool]:
+  """Of every age and scale that the generator states, whether the estimate is near it."""
+  stated = {name: v for t in result["truth"] for name, v in (t.get("parameters") or {}).items() if name in AGES}
+  stated |= {"encoder_latency": late} if (late := (result["sensors"] or {}).get("speed_late")) else {}
+  told = {t["name"]: t["value"] for t in result["answer"]["terms"]}
+  near = lambda name, value: abs(told[name] - value) <= max(AGES[name][0], AGES[name][1] * abs(value))
+  return [near(name, value) for name, value in stated.items() if name in told]
+
+
+def _share(said: str, hits: Sequence[bool]) -> tuple[str, ...] | None:
+  if not hits:
+    return None
+  low, high = exact_interval(sum(hits), len(hits))
+  return said, f"{sum(hits)} of {len(hits)}", f"{np.mean(hits):.2f}", f"{low:.2f} to {high:.2f}"
+
+
+def _case(result: Result) -> tuple[str, ...]:
+  truth = ", ".join(f"{i} x {s:.2g}" for i, s in result["case"]["effects"])
+  answer = result["answer"]
+  listed = lambda found: ", ".join(sorted(found)) or "-"
+  return result["case"]["name"], truth, listed(names(answer)), listed(shaped(answer)), answer["best"].replace("_", " ")

@@ -1,0 +1,48 @@
+"""What no law of a car is needed for: boosted trees on a twin's residual.
+
+A reference, not a floor: on minutes of driving trees learn less than the right law would.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.ensemble import HistGradientBoostingRegressor
+
+from calibration.diagnosis.circumstances import at_values, commands_and_state
+from calibration.fitting.observations import CHANNELS, Observations
+from qcar_twin.plant import Prediction
+
+Array = NDArray[np.float64]
+
+
+def boosted_residual(
+  observations: Observations,
+  prediction: Prediction,
+  raw: Array,
+  others: Observations,
+  other_prediction: Prediction,
+  other_raw: Array,
+) -> Array:
+  """What is left of other recordings' residuals once trees have taken off what they learnt, (M',).
+
+  Args:
+    observations, prediction, raw: recordings to learn from: the twin's signals (one vector) and
+      predicted minus measured, (M,).
+    others, other_prediction, other_raw: recordings to judge on.
+  """
+  grid, other_grid = commands_and_state(observations, prediction), commands_and_state(others, other_prediction)
+  left = other_raw.copy()
+  for name in set(observations.present) & set(others.present):
+    rows, there = observations.select(name), others.select(name)
+    trees = HistGradientBoostingRegressor(
+      max_iter=150, learning_rate=0.06, max_leaf_nodes=15, min_samples_leaf=40, l2_regularization=1.0, random_state=0
+    )
+    trees.fit(at_values(grid, observations, name), raw[rows])
+    left[there] = other_raw[there] - trees.predict(at_values(other_grid, others, name))
+  return left
+
+
+def rms(observations: Observations, raw: Array) -> dict[str, float]:
+  """Root mean square per channel."""
+  return {
+    CHANNELS[i]: float(np.sqrt(np.mean(raw[observations.channel == i] ** 2))) for i in np.unique(observations.channel)
+  }

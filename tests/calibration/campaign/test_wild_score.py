@@ -1,0 +1,83 @@
+"""The score of characterised wild cars counts names, shapes and ages as it says."""
+
+import numpy as np
+import pytest
+
+from calibration.campaign.wild_score import is_shaped, names, shaped, wild_table
+
+HOLDOUT = {"yaw_rate": 0.02, "motor_speed": 1.0}
+
+
+def curve(name, there, forms=()):
+  named = {"mechanisms": list(forms), "values": {}, "std": {}} if forms else None
+  return {"curve": name, "there": there, "named": named}
+
+
+def term(name, value, there):
+  return {"name": name, "value": value, "std": 0.1 * abs(value), "unit": "s", "there": there}
+
+
+def result(curves, terms, additions, truth, sensors=None, worse=1.0):
+  twin = {name: worse * value for name, value in HOLDOUT.items()}
+  kinds = ("base", "curves", "characterised", "named", "black_box")
+  answer = {
+    "curves": curves,
+    "terms": terms,
+    "additions": [{"mechanism": name} for name in additions],
+    "holdout": {k: twin for k in kinds},
+    "best": "named",
+  }
+  case = {"name": "wild_00", "effects": [(t["id"], 1.0) for t in truth]}
+  return {"case": case, "answer": answer, "truth": truth, "sensors": sensors, "oracle": {"holdout": HOLDOUT}}
+
+
+def effect(name, **parameters):
+  return {"id": name, "in_catalogue": True, "parameters": parameters}
+
+
+@pytest.fixture
+def found():
+  curves = [
+    curve("steering_curve", True, ["steering_asymmetry"]),
+    curve("drive_curve", True),
+    curve("resistance_curve", False),
+  ]
+  terms = [
+    term("encoder_latency", 0.055, True), term("imu_latency", 0.08, True), term("gyro_scale", 0.0, False),
+    term("steering_offset@morning", 0.02, True),
+  ]  # fmt: skip
+  truth = [
+    effect("steering_asymmetry", steering_asymmetry=0.1),
+    effect("drive_chopped"),
+    effect("stiction"),
+    effect("imu_latency", imu_latency=0.03),
+  ]
+  return result(curves, terms, ["payload"], truth, {"speed_late": 0.05}, worse=1.5)
+
+
+def test_names_are_forms_joiners_and_numbers_that_stand_out(found):
+  assert names(found["answer"]) == {"steering_asymmetry", "payload", "encoder_latency", "imu_latency"}
+  assert shaped(found["answer"]) == {"steering_curve", "drive_curve"}
+
+
+def test_a_departing_curve_shapes_what_acts_on_its_map_and_nothing_else(found):
+  assert is_shaped("drive_chopped", found["answer"]) and is_shaped("drive_asymmetry", found["answer"])
+  assert not is_shaped("stiction", found["answer"]) and not is_shaped("coulomb_friction", found["answer"])
+
+
+def test_the_table_counts_them(found):
+  table = wild_table([found])
+  rows = {
+    row.split("|")[1].strip(): [cell.strip() for cell in row.split("|")[2:-1]]
+    for row in table.splitlines()
+    if "|" in row
+  }
+  assert rows["characterised"] == ["1.50", "1.50"]
+  assert (
+    rows["names that are there"][0] == "3 of 4"
+  )  # a late encoder is a sensor's way, no effect; payload is not there
+  assert rows["effects of the catalogue that are named"][0] == "2 of 4"
+  assert rows["the same, named or shaped"][0] == "3 of 4"
+  assert rows["sensors' ages and scales within 10 ms or 10 %"][0] == "1 of 2"
+  low, high = (float(x) for x in rows["the same, named or shaped"][2].split(" to "))
+  assert low < 0.75 < high and np.isfinite([low, high]).all()
