@@ -38,7 +38,7 @@ BESIDE = (
   "steering_offset", "steering_lag", "steering_delay", "drive_lag", "drive_delay", "encoder_latency", "imu_latency",
   "pose_latency", "gyro_scale", "wheel_radius_error", "steering_drag",
 )  # fmt: skip
-DELAYS = ("steering_delay", "drive_delay")
+DELAYS, AGES = ("steering_delay", "drive_delay"), ("encoder_latency", "imu_latency", "pose_latency")
 TRIM, GAIN = 0.02, 0.1  # rad, and share: how far a servo's trim and a pack's voltage usually wander between sessions
 _TYPICAL = ("longitudinal_stiffness",)  # held near figures of the class in twin/parameters.py, to 15 %
 _REACH = 20.0  # times a typical figure: its order of magnitude, and a little more
@@ -52,12 +52,14 @@ class Characterised:
   Attributes:
     fitted: the twin, with what every model fits, curves and what stands beside them.
     curves: ids of the curves in it; beside: ids of what stands beside them.
+    clock: the age that counts as zero.
     forms: ids of named forms in a curve's place.
   """
 
   fitted: RecalibratedTwin
   curves: tuple[str, ...]
   beside: tuple[str, ...]
+  clock: str = "pose_latency"
   forms: tuple[str, ...] = ()
 
   @property
@@ -144,7 +146,7 @@ def characterise(
   shifts = (-lead,) if lead else command_shifts(dataset)
   rough = recalibrate(searched, recordings, priors, shifts, Cut(most=most), progress)
   fitted = settled(reweighted(rough), rough.passport, priors, rough.fit.theta, rough.command_shift)
-  return Characterised(fitted, shapes, beside)
+  return Characterised(fitted, shapes, beside, clock(recordings))
 
 
 def fitted_on(twin: Twin, plant: EngineKind) -> Twin:

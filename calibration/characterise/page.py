@@ -16,6 +16,7 @@ from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages import Cell, Chart, Section, Table, bars, line, panels, write_page
 from qcar_twin.pages.charts import Trace, packed
 from qcar_twin.pages.page import Tone
+from qcar_twin.twin.mechanisms import catalogue
 
 REPORT = "report.html"
 _RIVALS = (("dash", "good"), ("dashdot", "before"), ("longdash", "partly"), ("dash", "note"))  # forms beside the name
@@ -206,16 +207,17 @@ def _readable(unit: str) -> tuple[float, str]:
 def _beside(found: Study) -> Section:
   rows: list[tuple[Cell, ...]] = []
   held = dict(zip(found.told.fitted.fit.parameters.names, found.told.fitted.fit.at_bound.tolist(), strict=True))
+  declared = {p.name: p for mechanism in catalogue().values() for p in mechanism.parameters}
   for term in sorted((t for t in found.terms if "@" not in t.name), key=lambda t: -abs(t.value) / max(t.std, 1e-12)):
     factor, unit = _readable(term.unit)
-    said = found.told.twin.parameters[term.name].description or term.name.replace("_", " ")
-    bound = held[term.name]
+    said = declared[term.name].description or term.name.replace("_", " ")
+    bound = held.get(term.name, False)
     out = "at its bound" if bound else "yes" if term.there else "no"
     rows.append((term.name, said, factor * term.value, None if bound else factor * term.std, unit, out))
   text = (
     "What would bend the curves if it were left out was freed with them: ages of sensors and actuators in ms, scales,"
     f" the loss of turning. A value stands out where chance over all of them would leave less in {100 * LEVEL:.0f} % of"
-    " cars. Ages count from the pose, or from the encoder where no pose was recorded."
+    " cars. Ages count from the pose, from the encoder where no pose was recorded, or from whichever sensor is youngest."
   )
   columns = ("parameter", "what it is", "value", "± std", "unit", "stands out")
   return Section("Beside the maps", text, [Table("Freed beside the curves", columns, rows)] if rows else [])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from calibration.characterise.additions import Addition, with_additions
-from calibration.characterise.flexible import DELAYS, Characterised, characterise, fitted_on
+from calibration.characterise.flexible import AGES, DELAYS, Characterised, characterise, fitted_on
 from calibration.characterise.forms import LEVEL, Form, Outline, outlines
 from calibration.characterise.refits import Trials
 from calibration.characterise.substitution import named_only, substituted
@@ -188,7 +188,28 @@ def terms(found: Characterised) -> tuple[Term, ...]:
     if "@" in parameter.name:  # what all sessions share is the car's
       value -= float(np.mean([v for p, v in zip(parameters, values, strict=True) if _same(p.name, parameter.name)]))
     made.append(Term(parameter.name, value, spread, parameter.unit, bool(abs(value) > wanted * spread > 0.0)))
-  return tuple(made)
+  return tuple(no_age_below_zero(made, found.clock, wanted))
+
+
+def no_age_below_zero(made: Sequence[Term], clock: str, wanted: float) -> list[Term]:
+  """Ages and delays counted from the youngest sensor: nothing is read before it happens.
+
+  Where one seems to speak before the clock does, the clock is late, by as much at least, and commands act so much
+  sooner than they seem to.
+  """
+  ages = [t for t in made if t.name in AGES and t.name != clock]
+  youngest = min(ages, key=lambda t: t.value, default=None)
+  if youngest is None or youngest.value > -wanted * youngest.std:
+    return list(made)
+  late = -youngest.value
+  moved = [Term(clock, late, youngest.std, "s", True)]
+  for term in made:
+    if term in ages or term.name in DELAYS:
+      value = term.value + (late if term in ages else -late)
+      spread = 0.0 if term is youngest else float(np.hypot(term.std, youngest.std))
+      term = dataclasses.replace(term, value=value, std=spread, there=bool(abs(value) > wanted * spread > 0.0))
+    moved.append(term)
+  return moved
 
 
 def _same(one: str, other: str) -> bool:
