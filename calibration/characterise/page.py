@@ -217,7 +217,7 @@ def _beside(found: Study) -> Section:
   text = (
     "What would bend the curves if it were left out was freed with them: ages of sensors and actuators in ms, scales,"
     f" the loss of turning. A value stands out where chance over all of them would leave less in {100 * LEVEL:.0f} % of"
-    " cars. Ages count from the pose, from the encoder where no pose was recorded, or from whichever sensor is youngest."
+    " cars. Ages count from the pose, the encoder where no pose was recorded, or whichever sensor is youngest."
   )
   columns = ("parameter", "what it is", "value", "± std", "unit", "stands out")
   return Section("Beside the maps", text, [Table("Freed beside the curves", columns, rows)] if rows else [])

@@ -122,12 +122,14 @@ def _dialect(path: Path, label: str) -> tuple[str, str, str]:
 
 
 def _parse(path: Path, separator: str, decimal: str, encoding: str) -> pyarrow.Table:
-  whole = min(
-    max(path.stat().st_size + 1, 1 << 16), (1 << 31) - 1
-  )  # column types come from the first block: take it all
+  source, size = str(path), path.stat().st_size
+  if encoding != "utf8":  # pyarrow's own conversion takes its memory from the pool that reserves so much
+    text = path.read_bytes().decode(encoding).encode()
+    source, size = pyarrow.BufferReader(text), len(text)
+  whole = min(max(size + 1, 1 << 16), (1 << 31) - 1)  # column types come from the first block: take it all
   return pyarrow.csv.read_csv(
-    path,
-    read_options=pyarrow.csv.ReadOptions(encoding=encoding, use_threads=False, block_size=whole),
+    source,
+    read_options=pyarrow.csv.ReadOptions(use_threads=False, block_size=whole),
     parse_options=pyarrow.csv.ParseOptions(delimiter=separator),
     convert_options=pyarrow.csv.ConvertOptions(null_values=[""], strings_can_be_null=True, decimal_point=decimal),
   )

@@ -15,7 +15,7 @@ class DriveCurve(Mechanism):
 
   Equation: V = u + sgn(u) U sum_k a_k h_k(|u| / U) + e (b_r max(1 - |u| / 0.03 U, 0) + sum_j b_j h_j(|u| / U)), h hats,
   held beyond U; e the back-EMF; the torque is proportional to V - e, so b = 1 is a motor that does not brake at that
-  command. What a driver does without any command is its own matter, and has a number of its own, b_r.
+  command, and no sum is more. What a driver does without any command is its own matter, with a number of its own, b_r.
   Units: a_k - (shares of U), b_j, b_r -, U V, the largest command driven; u, V, e V.
   Source: hat functions, de Boor, A Practical Guide to Splines, Springer, 2001, ch. III (piecewise linear).
   Confounded with: every named error of the drive's map, which it is there to outline.
@@ -48,5 +48,5 @@ class DriveCurve(Mechanism):
     acting = command.copy()
     acting[:, 0] += np.sign(voltage) * reach * polyline(share, _PUSH, push)
     braking = polyline(share, _BRAKE, theta[:, last:-2]) + theta[:, -2] * np.maximum(1.0 - share / _REST, 0.0)
-    acting[:, 0] += idle_voltage(context) * braking
+    acting[:, 0] += idle_voltage(context) * np.minimum(braking, 1.0)
     return acting
