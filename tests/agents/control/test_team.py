@@ -21,11 +21,12 @@ FIELDS = ("rmse", "me", "iaca", "steering_rate")
 
 @pytest.mark.parametrize("estimator", ["truth", "fekf"])
 def test_everybody_drives_as_alone(estimator):
-  case = EvaluationCase("s", "bicycle", cars=2, estimator=estimator)
-  members = {name: c for name, c in contestants({}, 0.5).items() if name in ("lq_cm tuned", "linear_rate tuned")}
+  case = EvaluationCase("s", "bicycle", speed=1.0, cars=2, estimator=estimator)
+  members = {name: c for name, c in contestants({}, 1.0).items() if name in ("lq_cm tuned", "linear_rate tuned")}
   members["net"] = GOOD
   for row in run_together(members, case):
     alone = kpis(run_case(members[row.contestant], case))
+    assert alone.finished.all(), row.contestant
     for field in FIELDS:
       np.testing.assert_allclose(getattr(row.kpis, field), getattr(alone, field), rtol=1e-9, err_msg=row.contestant)
     assert row.case == case and row.kpis.rmse.shape == (2,)

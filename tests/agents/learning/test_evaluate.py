@@ -24,6 +24,12 @@ from tests.agents.learning.test_train import GOOD
 CASE = EvaluationCase("s", "bicycle", cars=2, estimator="truth")
 
 
+@pytest.fixture(scope="module")
+def plain():
+  """Indicators of the drive of `CASE`."""
+  return kpis(run_case(GOOD, CASE))
+
+
 @pytest.fixture
 def folder(tmp_path):
   save_policy(GOOD, tmp_path / "policy")
@@ -44,10 +50,10 @@ def test_contestants_are_all_controllers_and_the_policies():
   assert not np.allclose(slow, fast)
 
 
-def test_a_row_is_the_drive_of_its_case(folder):
+def test_a_row_is_the_drive_of_its_case(folder, plain):
   rows = evaluate({"net": folder}, [CASE], versions=())
   assert [row.contestant for row in rows] == ["net"]
-  np.testing.assert_array_equal(rows[0].kpis.rmse, kpis(run_case(GOOD, CASE)).rmse)
+  np.testing.assert_array_equal(rows[0].kpis.rmse, plain.rmse)
 
 
 def test_baselines_come_along(folder):
@@ -59,8 +65,7 @@ def test_baselines_come_along(folder):
   assert rmse["lq_cm tuned"] < rmse["net"]
 
 
-def test_mismatch_sensors_and_plant_reach_the_drive():
-  plain = kpis(run_case(GOOD, CASE))
+def test_mismatch_sensors_and_plant_reach_the_drive(plain):
   bent = kpis(run_case(GOOD, EvaluationCase("s", "bicycle", cars=2, estimator="truth", steering_offset=5.0)))
   assert abs(bent.rmse[0] - plain.rmse[0]) > 1e-3
   noisy = kpis(run_case(GOOD, EvaluationCase("s", "bicycle", cars=2)))

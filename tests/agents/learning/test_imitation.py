@@ -96,9 +96,10 @@ def test_an_agent_that_only_imitates_is_judged_kept_and_exported(tmp_path, monke
 def test_imitation_is_not_repeated_by_resuming(tmp_path, monkeypatch):
   monkeypatch.setattr(imitation, "ROUNDS", 1)
   monkeypatch.setattr(imitation, "STEPS", 50)
-  train(PLAN, tmp_path)
+  plan = dataclasses.replace(PLAN, settings=dataclasses.replace(SETTINGS, imitations=2))
+  train(plan, tmp_path)
   monkeypatch.setattr("agents.learning.train.imitate", lambda *_: pytest.fail("imitated again"))
-  assert train(PLAN, tmp_path, resume=True)["resumed"] == 1
+  assert train(plan, tmp_path, resume=True)["resumed"] == 1
 
 
 # -- left and right, two critics ------------------------------------------------------------------
