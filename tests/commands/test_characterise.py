@@ -51,6 +51,16 @@ def test_what_judges_gets_better_and_every_reference_is_there(done):
   assert found.gain > 0.03  # by validation; twenty seconds of driving do not carry to the harder turns of the hold-out
 
 
+def test_names_stand_where_they_will_do_and_no_curve_where_none_departs(done):
+  found, _ = done
+  there = {o.curve: o for o in found.outlines if o.is_there}
+  assert any("steering_nonlinearity" in form.mechanisms for form in there["steering_curve"].possible)
+  named = [name for o in there.values() if o.named for name in o.named.mechanisms]
+  assert set(named) | {a.mechanism for a in found.additions} == set(found.told.forms)
+  assert set(found.told.curves) == {name for name, o in there.items() if o.named is None}
+  assert not found.named.curves and len(found.told.fitted.fit.parameters) < len(found.found.fitted.fit.parameters)
+
+
 def test_what_is_written_is_whole(done):
   found, out = done
   document = json.loads((out / "characterise.json").read_text())

@@ -1,0 +1,84 @@
+"""What makes a simpler twin do, and what is fitted before two are compared."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calibration.characterise import refits
+from calibration.characterise.refits import LEVEL, MATERIAL, fit_together
+from qcar_twin.parameters import Parameter, ParameterSet
+
+
+def test_a_difference_that_is_sure_but_does_not_matter_refuses_nothing():
+  assert refits.Test(t=30.0, nats=500.0, worse=1.0 + 0.9 * MATERIAL).p_value == 1.0
+  assert refits.Test(t=30.0, nats=500.0, worse=1.0 + 1.1 * MATERIAL).p_value < 1e-9
+
+
+def test_a_difference_that_chance_makes_refuses_nothing_however_large():
+  assert refits.Test(t=1.0, nats=500.0, worse=2.0).p_value > LEVEL
+  assert refits.Test(t=-3.0, nats=-50.0, worse=2.0).p_value > 0.99
+
+
+@dataclasses.dataclass
+class Model:
+  """Costs the square of the distance of its parameters from (1, 2), plus one where it lacks the second."""
+
+  free: ParameterSet
+  values: np.ndarray
+  theta: np.ndarray
+  residual: np.ndarray
+  settled: bool = False
+
+  @property
+  def cost(self):
+    return float(self.residual @ self.residual)
+
+
+A, B = (Parameter(name, 0.0, -9.0, 9.0, "-", null=0.0) for name in "ab")
+
+
+def embedded(names, values, around):
+  return np.array([np.concatenate([values, [0.0] * (2 - len(values))])])
+
+
+PROBLEM = SimpleNamespace(embed=embedded)
+
+
+def made(parameters, *values):
+  at = np.array(values, float)
+  return Model(ParameterSet(parameters), at, PROBLEM.embed((), at, None)[0], np.zeros(2))
+
+
+@pytest.fixture
+def fitting(monkeypatch):
+  """Stands in for the simulation: residuals follow from the parameters, and `full` tells who was fitted to the end."""
+  full = []
+
+  def simulate(problem, models):
+    for item in models:
+      item.residual = item.theta - np.array([1.0, 2.0])
+
+  def refine(problem, models, iterations, full_slopes=False, **given):
+    if given.get("full"):
+      full.extend(models)
+
+  monkeypatch.setattr(refits, "simulate", simulate)
+  monkeypatch.setattr(refits, "refine", refine)
+  return full
+
+
+def test_the_plainest_is_fitted_to_the_end_from_the_best_place(fitting):
+  plainest, near, far = made([A], -5.0), made([A, B], 1.0, 1.5), made([A, B], 4.0, 4.0)
+  order = fit_together(PROBLEM, [plainest, near, far], plainest)
+  assert order == [near, plainest, far]
+  assert plainest.values.tolist() == [1.0] and plainest.theta.tolist() == [1.0, 0.0]  # where `near` had it
+  assert any(item is plainest for item in fitting) and not plainest.settled
+
+
+def test_without_a_plainest_the_best_are_fitted_to_the_end(fitting):
+  models = [made([A, B], float(k), 2.0) for k in range(6)]
+  order = fit_together(PROBLEM, models)
+  assert [m.cost for m in order] == sorted(m.cost for m in models)
+  assert sorted(m.cost for m in fitting) == [0.0, 1.0, 1.0]
