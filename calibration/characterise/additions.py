@@ -57,7 +57,7 @@ def _next(trials: Trials) -> tuple[Trials, Addition] | None:
 
 def _open_questions(trials: Trials) -> list[Mechanism]:
   """Named effects that are not in the twin, that the recordings can show, and that no curve of it outlines."""
-  inside = {*trials.found.beside, *trials.forms}
+  inside = {*trials.beside, *trials.forms, trials.clock}
   fitted = trials.base.free
   return [
     m

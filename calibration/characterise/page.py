@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from calibration.characterise import wording
-from calibration.characterise.forms import LEVEL, Outline
+from calibration.characterise.forms import Outline
+from calibration.characterise.refits import LEVEL, MATERIAL
 from calibration.characterise.shapes import BAND, Shape, View, shapes
-from calibration.characterise.study import Study, Term, ratio
+from calibration.characterise.study import Study, ratio
+from calibration.characterise.terms import Term
 from calibration.diagnosis.report.wording import listed
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages import Cell, Chart, Section, Table, bars, line, panels, write_page
@@ -213,13 +215,15 @@ def _beside(found: Study) -> Section:
     said = declared[term.name].description or term.name.replace("_", " ")
     bound = held.get(term.name, False)
     out = "at its bound" if bound else "yes" if term.there else "no"
-    rows.append((term.name, said, factor * term.value, None if bound else factor * term.std, unit, out))
+    lost = None if term.error_without is None else 100.0 * (term.error_without - 1.0)
+    rows.append((term.name, said, factor * term.value, None if bound else factor * term.std, unit, lost, out))
   text = (
     "What would bend the curves if it were left out was freed with them: ages of sensors and actuators in ms, scales,"
-    f" the loss of turning. A value stands out where chance over all of them would leave less in {100 * LEVEL:.0f} % of"
-    " cars. Ages count from the pose, the encoder where no pose was recorded, or whichever sensor is youngest."
+    f" the loss of turning. A value stands out where a twin refitted without it errs by {100 * MATERIAL:.0f} % more at"
+    f" least, beyond what chance makes in {100 * LEVEL:.0f} % of cars. What the twin does as well without is left out of"
+    " it and stands here as it was fitted before. Ages count from the youngest sensor."
   )
-  columns = ("parameter", "what it is", "value", "± std", "unit", "stands out")
+  columns = ("parameter", "what it is", "value", "± std", "unit", "error without it [%]", "stands out")
   return Section("Beside the maps", text, [Table("Freed beside the curves", columns, rows)] if rows else [])
 
 

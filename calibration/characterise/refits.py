@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from calibration.characterise.flexible import Characterised
+from calibration.characterise.flexible import DELAYS, Characterised
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
 from calibration.diagnosis.score import compare
 from calibration.fitting.likelihood import Problem
@@ -41,9 +41,14 @@ class Test:
   worse: float
 
   @property
+  def chance(self) -> float:
+    """How often chance gains as much."""
+    return float(norm.sf(self.t))
+
+  @property
   def p_value(self) -> float:
-    """How often chance gains as much; 1 where the error grows by less than what matters."""
-    return float(norm.sf(self.t)) if self.worse > 1.0 + MATERIAL else 1.0
+    """The same; 1 where the error grows by less than what matters."""
+    return self.chance if self.worse > 1.0 + MATERIAL else 1.0
 
 
 def tested(simpler: Candidate, richer: Candidate, problem: Problem) -> Test:
@@ -59,13 +64,15 @@ class Trials:
   Attributes:
     problem: residuals of a twin with the whole catalogue, weighted by what the characterised twin leaves.
     base: that twin as a model.
-    found: what it came from; curves, forms: what is in it by now.
+    found: what it came from; curves, beside, forms: what is in it by now; clock: the age that counts as zero.
   """
 
   problem: Problem
   base: Candidate
   found: Characterised
   curves: tuple[str, ...]
+  beside: tuple[str, ...]
+  clock: str
   forms: tuple[str, ...] = ()
 
   @classmethod
@@ -82,15 +89,20 @@ class Trials:
     base.jacobian = found.fitted.jacobian * (weighting.scale(channel) / old.weighting.scale(channel))[:, None]
     simulate(problem, [base])
     refine(problem, [base], 2)
-    return cls(problem, base, found, found.curves)
+    return cls(problem, base, found, found.curves, found.beside, found.clock)
 
   def model(
     self, forms: Sequence[str] = (), start: Mapping[str, float] | None = None, without: Collection[str] = ()
   ) -> Candidate:
-    """The base with mechanisms more, from first values, and without some parameters, which go to their null."""
+    """The base with mechanisms more, from first values, and without some parameters, which go to their null.
+
+    Delays are counted from where the commands were moved to, so theirs is the lead.
+    """
     rest = ParameterSet([p for p in self.base.free if p.name not in without])
     made = candidate(self.problem, (*self.forms, *forms), self.base, rest, dict(start or {}))
     made.free = ParameterSet([_open(p) for p in made.free])
+    for name in set(without) & set(DELAYS):
+      made.theta[self.problem.parameters.index(name)] = self.found.lead
     return made
 
   def going_on_from(self, chosen: Candidate, without: str = "") -> "Trials":
@@ -98,15 +110,20 @@ class Trials:
     kept = tuple(name for name in self.curves if name != without)
     return dataclasses.replace(self, base=chosen, curves=kept, forms=chosen.mechanisms)
 
+  def left_out(self, chosen: Candidate, names: Collection[str]) -> "Trials":
+    """The same with a base that does without some of what stood beside the curves."""
+    kept = tuple(name for name in self.beside if name not in names)
+    return dataclasses.replace(self, base=chosen, beside=kept)
+
   def settled(self) -> Characterised:
     """The base as a characterised twin, fitted to its minimum, with no mechanism that it does without."""
-    gone = set(self.found.curves) - set(self.curves)
+    gone = {*self.found.curves, *self.found.beside} - {*self.curves, *self.beside}
     have = [m.name for m in self.found.fitted.problem.twin.mechanisms if m.name not in gone]
-    twin = self.problem.exact.twin.with_mechanisms(select(dict.fromkeys((*have, *self.forms))))
+    twin = self.problem.exact.twin.with_mechanisms(select(dict.fromkeys((*have, *self.beside, *self.forms))))
     free = self.base.free
     smaller = Problem(twin, self.problem.observations, self.problem.weighting, self.problem.n_train, free.names)
     fitted = settled(smaller, self.found.fitted.passport, free, self.base.values, self.found.fitted.command_shift)
-    return dataclasses.replace(self.found, fitted=fitted, curves=self.curves, forms=self.forms)
+    return Characterised(fitted, self.curves, self.beside, self.clock, self.forms)
 
 
 def fit_together(problem: Problem, models: Sequence[Candidate], plainest: Candidate | None = None) -> list[Candidate]:

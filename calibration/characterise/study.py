@@ -6,13 +6,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from calibration.characterise.additions import Addition, with_additions
-from calibration.characterise.flexible import AGES, DELAYS, Characterised, characterise, fitted_on
-from calibration.characterise.forms import LEVEL, Form, Outline, outlines
+from calibration.characterise.flexible import Characterised, characterise, fitted_on
+from calibration.characterise.forms import Form, Outline, outlines
 from calibration.characterise.refits import Trials
+from calibration.characterise.removals import without_the_needless
 from calibration.characterise.substitution import named_only, substituted
+from calibration.characterise.terms import Term, terms
+from calibration.characterise.youngest import by_the_youngest
 from calibration.diagnosis.black_box import boosted_residual, rms
 from calibration.fitting.dataset_recalibration import LONGEST, recalibrate_dataset
 from calibration.fitting.likelihood import Problem
@@ -35,23 +37,6 @@ Array = NDArray[np.float64]
 
 KINDS = ("base", "curves", "characterised", "named", "black_box", "noise")
 _SHIPPED = ("base", "curves", "characterised", "named")
-
-
-@dataclasses.dataclass(frozen=True)
-class Term:
-  """One number that was fitted beside the curves.
-
-  Attributes:
-    name: of the parameter, `parameter@session` for a session's own.
-    value, std: in `unit`; the deviation counts a stretch of driving as one witness.
-    there: it differs from its null by more than chance over all terms.
-  """
-
-  name: str
-  value: float
-  std: float
-  unit: str
-  there: bool
 
 
 @dataclasses.dataclass(frozen=True)
@@ -159,8 +144,9 @@ def study(
   base = _base(dataset, most, threads, plant)
   progress("curves")
   found = characterise(dataset, most=most, threads=threads, plant=plant)
-  trials, drawn = substituted(Trials.of(found), outlines(found), progress)
-  trials, joined = with_additions(trials, progress)
+  trials, drawn = substituted(by_the_youngest(Trials.of(found)), outlines(found), progress)
+  whole, joined = with_additions(trials, progress)
+  trials, tests = without_the_needless(whole, progress)
   progress("fitting what is named to the end")
   told = trials.settled()
   named = named_only(trials, drawn).settled() if trials.curves else told
@@ -169,52 +155,9 @@ def study(
   errors, units = _errors(base, twins, dataset.role("holdout"))
   judged = _judged(base, twins, dataset.role("validate"))
   said = dataset.warnings + notes
-  return Study(dataset.name, said, found, drawn, told, joined, terms(told), named, errors, units, base, judged)
-
-
-def terms(found: Characterised) -> tuple[Term, ...]:
-  """What was freed beside the curves; there, where chance over all of them leaves no more than LEVEL (Bonferroni)."""
-  parameters, values = found.fitted.fit.parameters, found.fitted.fit.theta
-  std = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
-  mechanisms = {m.name: m for m in found.twin.mechanisms}
-  amplitudes = {p.name for name in (*found.beside, *found.forms) for p in mechanisms[name].parameters if p.null == 0.0}
-  listed = [i for i, p in enumerate(parameters) if p.name in amplitudes or "@" in p.name]
-  wanted = float(norm.isf(0.5 * LEVEL / max(len(listed), 1)))
-  made = []
-  for i in listed:
-    parameter, value, spread = parameters[parameters.names[i]], float(values[i]), float(std[i])
-    if parameter.name in DELAYS:  # a change may have acted anywhere between two logged commands
-      value, spread = value - found.lead, float(np.hypot(spread, found.lead / np.sqrt(12.0)))
-    if "@" in parameter.name:  # what all sessions share is the car's
-      value -= float(np.mean([v for p, v in zip(parameters, values, strict=True) if _same(p.name, parameter.name)]))
-    made.append(Term(parameter.name, value, spread, parameter.unit, bool(abs(value) > wanted * spread > 0.0)))
-  return tuple(no_age_below_zero(made, found.clock, wanted))
-
-
-def no_age_below_zero(made: Sequence[Term], clock: str, wanted: float) -> list[Term]:
-  """Ages and delays counted from the youngest sensor: nothing is read before it happens.
-
-  Where one seems to speak before the clock does, the clock is late, by as much at least, and commands act so much
-  sooner than they seem to.
-  """
-  ages = [t for t in made if t.name in AGES and t.name != clock]
-  youngest = min(ages, key=lambda t: t.value, default=None)
-  if youngest is None or youngest.value > -wanted * youngest.std:
-    return list(made)
-  late = -youngest.value
-  moved = [Term(clock, late, youngest.std, "s", True)]
-  for term in made:
-    if term in ages or term.name in DELAYS:
-      value = term.value + (late if term in ages else -late)
-      spread = 0.0 if term is youngest else float(np.hypot(term.std, youngest.std))
-      term = dataclasses.replace(term, value=value, std=spread, there=bool(abs(value) > wanted * spread > 0.0))
-    moved.append(term)
-  return moved
-
-
-def _same(one: str, other: str) -> bool:
-  """Whether two parameters of sessions are of one kind."""
-  return "@" in one and one.split("@")[0] == other.split("@")[0]
+  return Study(
+    dataset.name, said, found, drawn, told, joined, terms(told, whole, tests), named, errors, units, base, judged
+  )
 
 
 def _base(dataset: DataSet, most: float, threads: int, plant: EngineKind) -> RecalibratedTwin:

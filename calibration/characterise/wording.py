@@ -4,7 +4,8 @@ from collections.abc import Mapping
 
 from calibration.characterise.forms import Outline
 from calibration.characterise.shapes import Shape
-from calibration.characterise.study import Study, Term, ratio
+from calibration.characterise.study import Study, ratio
+from calibration.characterise.terms import Term
 from calibration.diagnosis.report.wording import amount, happening, listed, spread
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.twin.mechanisms import select

@@ -1,32 +1,79 @@
-"""Ages are told from the youngest sensor."""
+"""What is told of the numbers beside the curves."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
-from calibration.characterise.study import Term, no_age_below_zero
+from calibration.characterise import refits
+from calibration.characterise import terms as module
+from calibration.characterise.terms import terms
+from qcar_twin.parameters import Parameter, ParameterSet
 
-WANTED = 3.0
-
-
-def term(name, value, std=0.001):
-  return Term(name, value, std, "s", abs(value) > WANTED * std)
-
-
-def told(*terms):
-  return {t.name: t for t in no_age_below_zero(terms, "pose_latency", WANTED)}
+MISSED = refits.Test(t=9.0, nats=300.0, worse=1.2)
+SMALL = refits.Test(t=9.0, nats=300.0, worse=1.001)
+GONE = refits.Test(t=0.1, nats=0.0, worse=1.0)
 
 
-def test_a_sensor_that_speaks_before_the_clock_makes_the_clock_late():
-  found = told(
-    term("encoder_latency", -0.020), term("imu_latency", 0.010), term("steering_delay", 0.021), term("gyro_scale", 0.03)
-  )
-  assert found["pose_latency"].value == pytest.approx(0.020) and found["pose_latency"].there
-  assert found["encoder_latency"].value == 0.0 and not found["encoder_latency"].there
-  assert found["imu_latency"].value == pytest.approx(0.030) and found["imu_latency"].there
-  assert found["steering_delay"].value == pytest.approx(0.001) and not found["steering_delay"].there
-  assert found["gyro_scale"] == term("gyro_scale", 0.03)
+def parameter(name, unit="s"):
+  return Parameter(name, 0.0, -1.0, 1.0, unit, "x", null=0.0)
 
 
-def test_what_chance_makes_of_an_age_moves_no_clock():
-  terms = (term("encoder_latency", -0.002), term("imu_latency", 0.010), term("drive_delay", 0.02))
-  assert tuple(told(*terms).values()) == terms
-  assert told(term("gyro_scale", 0.03)) == {"gyro_scale": term("gyro_scale", 0.03)}
+def mechanism(name):
+  return SimpleNamespace(name=name, parameters=(parameter(name), Parameter(f"{name}_power", 1.0, 0.0, 2.0, "-")))
+
+
+def told(values, lead=0.0, std=0.001, forms=()):
+  free = ParameterSet([parameter(name) for name in values])
+  fit = SimpleNamespace(parameters=free, theta=np.array(list(values.values()), float))
+  covariance = std**2 * np.eye(len(free))
+  return SimpleNamespace(fitted=SimpleNamespace(fit=fit), covariance=covariance, lead=lead, forms=forms)
+
+
+@pytest.fixture
+def before(monkeypatch):
+  """A twin that was fitted with three mechanisms, before any went."""
+  monkeypatch.setattr(module, "clustered_std", lambda model, observations: np.full(len(model.free), 0.002))
+  beside = ("imu_latency", "gyro_scale", "drive_delay")
+  base = SimpleNamespace(free=ParameterSet([parameter(n) for n in beside]), values=np.array([0.05, 0.004, 0.03]))
+  problem = SimpleNamespace(mechanism=mechanism, observations=None)
+  return SimpleNamespace(beside=beside, base=base, problem=problem)
+
+
+def by_name(found):
+  return {t.name: t for t in found}
+
+
+def test_a_number_is_there_where_the_twin_is_worse_without_it_by_what_matters(before):
+  values = {"imu_latency": 0.05, "gyro_scale": 0.5, "drive_delay": 0.03}
+  tests = {"imu_latency": MISSED, "gyro_scale": SMALL, "drive_delay": MISSED}
+  found = by_name(terms(told(values), before, tests))
+  assert found["imu_latency"].there and found["imu_latency"].error_without == 1.2
+  assert not found["gyro_scale"].there and found["gyro_scale"].value == 0.5
+  assert "imu_latency_power" not in found
+
+
+def test_what_the_twin_does_without_is_told_as_it_was(before):
+  tests = {"imu_latency": MISSED, "gyro_scale": GONE, "drive_delay": GONE}
+  found = by_name(terms(told({"imu_latency": 0.06, "drive_delay": 0.03}), before, tests))
+  assert found["imu_latency"].value == 0.06
+  assert (found["gyro_scale"].value, found["gyro_scale"].std, found["gyro_scale"].there) == (0.004, 0.002, False)
+  assert not found["drive_delay"].there
+
+
+def test_delays_count_from_where_commands_were_moved_to(before):
+  tests = dict.fromkeys(before.beside, MISSED)
+  found = by_name(terms(told({"drive_delay": 0.03}, lead=0.02), before, tests))
+  assert found["drive_delay"].value == pytest.approx(0.01)
+  assert found["drive_delay"].std == pytest.approx(np.hypot(0.001, 0.02 / np.sqrt(12.0)))
+
+
+def test_forms_that_were_chosen_by_refits_are_there(before):
+  assert by_name(terms(told({"stiction": 0.1}, forms=("stiction",)), before, {}))["stiction"].there
+
+
+def test_sessions_are_told_from_their_mean_and_beyond_chance(before):
+  values = {"steering_offset@a": 0.031, "steering_offset@b": 0.029}
+  found = by_name(terms(told(values, std=0.0001), before, {}))
+  assert found["steering_offset@a"].value == pytest.approx(0.001) and found["steering_offset@a"].there
+  assert not by_name(terms(told(values, std=0.01), before, {}))["steering_offset@a"].there

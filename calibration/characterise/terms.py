@@ -1,0 +1,93 @@
+"""The numbers beside the curves: their values, and whether the car has them."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from calibration.characterise.flexible import DELAYS, Characterised
+from calibration.characterise.refits import LEVEL, Test, Trials
+from calibration.characterise.removals import matters
+from calibration.diagnosis.score import clustered_std
+from qcar_twin.parameters import ParameterSet
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Term:
+  """One number that was fitted beside the curves.
+
+  Attributes:
+    name: of the parameter, `parameter@session` for a session's own.
+    value, std: in `unit`; the deviation counts a stretch of driving as one witness.
+    there: the twin predicts worse without it or, where sessions have it as well, it differs from zero by more than
+      chance over all of those.
+    error_without: of the twin without it over the twin with it, on driving that neither was fitted to; None where that
+      was not asked.
+  """
+
+  name: str
+  value: float
+  std: float
+  unit: str
+  there: bool
+  error_without: float | None = None
+
+
+def terms(told: Characterised, before: Trials, tests: Mapping[str, Test]) -> tuple[Term, ...]:
+  """Every number beside the curves, as it is in a twin or, where the twin does without, as it was before.
+
+  Args:
+    told: the twin.
+    before: the twin before anything was left out; tests: what it is worth against one without each mechanism.
+  """
+  free, std = told.fitted.fit.parameters, np.sqrt(np.maximum(np.diag(told.covariance), 0.0))
+  inside = {p.name: (v, s) for p, v, s in zip(free, told.fitted.fit.theta.tolist(), std.tolist(), strict=True)}
+  outside = _estimates(before)
+  made = []
+  for name in dict.fromkeys((*before.beside, *told.forms)):
+    error = tests[name].worse if name in tests else None
+    for parameter in before.problem.mechanism(name).parameters:
+      if parameter.null == 0.0 and (parameter.name in inside or parameter.name in outside):
+        there = parameter.name in inside and (name not in tests or matters(tests, name))
+        value, spread = inside.get(parameter.name) or outside[parameter.name]
+        made.append(_counted(Term(parameter.name, value, spread, parameter.unit, there, error), told.lead))
+  return tuple(_shared_with_sessions(made, _of_sessions(free, inside)))
+
+
+def _estimates(model: Trials) -> dict[str, tuple[float, float]]:
+  """Values and deviations of a twin that is tried, by parameter."""
+  spread = clustered_std(model.base, model.problem.observations)
+  return {
+    name: (value, std)
+    for name, value, std in zip(model.base.free.names, model.base.values.tolist(), spread.tolist(), strict=True)
+  }
+
+
+def _counted(term: Term, lead: float) -> Term:
+  """Delays from where the commands were moved to: a change may have acted anywhere between two of them."""
+  if term.name not in DELAYS:
+    return term
+  return dataclasses.replace(term, value=term.value - lead, std=float(np.hypot(term.std, lead / np.sqrt(12.0))))
+
+
+def _of_sessions(free: ParameterSet, inside: Mapping[str, tuple[float, float]]) -> list[Term]:
+  """Departures of sessions from the mean of all: what they share is the car's."""
+  listed = [p for p in free if "@" in p.name]
+  kinds = {p.name.split("@")[0] for p in listed}
+  mean = {kind: float(np.mean([inside[p.name][0] for p in listed if p.name.split("@")[0] == kind])) for kind in kinds}
+  return [
+    Term(p.name, inside[p.name][0] - mean[p.name.split("@")[0]], inside[p.name][1], p.unit, False) for p in listed
+  ]
+
+
+def _shared_with_sessions(made: Sequence[Term], sessions: Sequence[Term]) -> list[Term]:
+  """With the terms of sessions, there by more than chance over all that are: no refit without them tells them apart."""
+  kinds = {t.name.split("@")[0] for t in sessions}
+  count = len(sessions) + sum(t.name in kinds for t in made)
+  wanted = float(norm.isf(0.5 * LEVEL / max(count, 1)))
+  by_chance = lambda t: dataclasses.replace(t, there=bool(abs(t.value) > wanted * t.std > 0.0))
+  return [*(by_chance(t) if t.name in kinds else t for t in made), *map(by_chance, sessions)]
