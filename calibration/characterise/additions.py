@@ -8,7 +8,8 @@ joins, as long as that is more than chance over all that were tried and some cha
 
 import dataclasses
 
-from calibration.characterise.refits import LEVEL, Test, Trials, fit_together, tested
+from calibration.characterise.forms import LEVEL
+from calibration.characterise.refits import Test, Trials, fit_together, tested
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.scan import Signature, scan
 from calibration.progress import Progress, silent

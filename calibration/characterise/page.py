@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from calibration.characterise import wording
-from calibration.characterise.forms import Outline
-from calibration.characterise.refits import LEVEL, MATERIAL
+from calibration.characterise.forms import LEVEL, Outline
+from calibration.characterise.refits import MATERIAL
 from calibration.characterise.shapes import BAND, Shape, View, shapes
 from calibration.characterise.study import Study, ratio
 from calibration.characterise.terms import Term
@@ -220,8 +220,8 @@ def _beside(found: Study) -> Section:
   text = (
     "What would bend the curves if it were left out was freed with them: ages of sensors and actuators in ms, scales,"
     f" the loss of turning. A value stands out where a twin refitted without it errs by {100 * MATERIAL:.0f} % more at"
-    f" least, beyond what chance makes in {100 * LEVEL:.0f} % of cars. What the twin does as well without is left out of"
-    " it and stands here as it was fitted before. Ages count from the youngest sensor."
+    f" least, beyond what chance makes in {100 * LEVEL:.0f} % of cars. What the twin does as well without is left out"
+    " of it and stands here as it was fitted before. Ages count from the youngest sensor."
   )
   columns = ("parameter", "what it is", "value", "± std", "unit", "error without it [%]", "stands out")
   return Section("Beside the maps", text, [Table("Freed beside the curves", columns, rows)] if rows else [])

@@ -21,7 +21,6 @@ from qcar_twin.twin.mechanisms import offered, select
 
 Array = NDArray[np.float64]
 
-LEVEL = 0.02  # of models that are right and refused, and of things that are not there and taken for one
 MATERIAL = 0.01  # of the errors: what makes less of a difference nobody misses
 _KEPT = 3  # models of a round that are fitted to the end
 

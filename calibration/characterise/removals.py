@@ -8,7 +8,8 @@ that nobody missed go together, the least missed first, as far as driving that t
 from collections.abc import Mapping
 
 from calibration.characterise.flexible import DELAYS
-from calibration.characterise.refits import LEVEL, Test, Trials, fit_together, tested
+from calibration.characterise.forms import LEVEL
+from calibration.characterise.refits import Test, Trials, fit_together, tested
 from calibration.progress import Progress, silent
 
 

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from calibration.characterise.flexible import DELAYS, Characterised
-from calibration.characterise.refits import LEVEL, Test, Trials
+from calibration.characterise.forms import LEVEL
+from calibration.characterise.refits import Test, Trials
 from calibration.characterise.removals import matters
 from calibration.diagnosis.score import clustered_std
 from qcar_twin.parameters import ParameterSet

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from calibration.characterise import refits
-from calibration.characterise.refits import LEVEL, MATERIAL, fit_together
+from calibration.characterise.forms import LEVEL
+from calibration.characterise.refits import MATERIAL, fit_together
 from qcar_twin.parameters import Parameter, ParameterSet
 
 
