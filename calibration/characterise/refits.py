@@ -151,6 +151,8 @@ def _move_to_best(problem: Problem, plainest: Candidate, others: Sequence[Candid
   moved = []
   for other in others:
     values = np.array([other.values[other.free.index(name)] for name in plainest.free.names])
+    # what the plainest is measured to within, another may have freed
+    values = np.clip(values, plainest.free.lower, plainest.free.upper)
     theta = problem.embed(plainest.free.names, values, plainest.theta)[0]
     moved.append(dataclasses.replace(plainest, values=values, theta=theta))
   simulate(problem, moved)

@@ -78,6 +78,14 @@ def test_the_plainest_is_fitted_to_the_end_from_the_best_place(fitting):
   assert any(item is plainest for item in fitting) and not plainest.settled
 
 
+def test_the_plainest_stays_within_what_was_measured_of_it(fitting):
+  """Another model may have freed what the plainest knows closely."""
+  measured = Parameter("a", 0.0, -0.1, 0.1, "-", null=0.0)
+  plainest, near = made([measured], -0.1), made([A, B], 1.0, 2.0)
+  fit_together(PROBLEM, [plainest, near], plainest)
+  assert plainest.values.tolist() == [0.1] and plainest.theta.tolist() == [0.1, 0.0]
+
+
 def test_without_a_plainest_the_best_are_fitted_to_the_end(fitting):
   models = [made([A, B], float(k), 2.0) for k in range(6)]
   order = fit_together(PROBLEM, models)
