@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 OUT ?= out/sample
 # wheels only; warnings about the machine's package indexes are left out, errors are not; bytecode is made on first use
 PIP := $(BIN)/python -m pip install -qq --no-compile --disable-pip-version-check
+# where a machine forbids bytecode, every command and every process of a test would compile SciPy and Torch anew
+export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: run test check docs train install plugin clean
 
