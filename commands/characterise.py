@@ -1,6 +1,8 @@
 """Give the twin free curves for its maps, fit them, and say which forms they have.
 
-Writes twin.toml (the better of the two on recordings that only judge), characterise.json and report.html.
+Writes twin.toml (the best of four on recordings that only judge), characterise.json and report.html. With --compare it
+says which numbers moved between two data sets instead (comparison.json and .html), with --leave-sessions-out what a twin
+is worth on a session that it was not fitted to (sessions.json and .html).
 
 qcar-twin characterise --dataset data/sample --out out/characterised
 """
@@ -8,6 +10,8 @@ qcar-twin characterise --dataset data/sample --out out/characterised
 import dataclasses
 from pathlib import Path
 
+from calibration.characterise import comparison, left_out
+from calibration.characterise.cars_page import write_comparison, write_left_out
 from calibration.characterise.page import write_study
 from calibration.characterise.study import Study, sentences, study
 from calibration.fitting.dataset_recalibration import LONGEST
@@ -30,13 +34,25 @@ class Config:
   """Driving that is simulated, s."""
   threads: int = 0
   """Threads of the simulation, 0 for all cores; results don't depend on it."""
+  compare: Path | None = None
+  """A second data set, of this car or of another like it: which numbers moved between the two."""
+  leave_sessions_out: bool = False
+  """Fit without each session in turn and judge on it, with the mean trim and gain and with its own."""
   plant: EngineKind = "reduced"
   """What is fitted on: the reduced car, or "mujoco", many times as long; errors are MuJoCo's either way."""
 
 
-def main(config: Config) -> Study:
-  """Run it, write the results, print what was found."""
+def main(config: Config) -> Study | None:
+  """Run it, write the results, print what was found; the study, where it was one."""
   dataset = DataSet.load(config.dataset)
+  if config.compare and config.leave_sessions_out:
+    raise ValueError("--compare and --leave-sessions-out are two questions: ask one at a time")
+  if config.compare:
+    _compare(config, dataset, DataSet.load(config.compare))
+    return None
+  if config.leave_sessions_out:
+    _leave_out(config, dataset)
+    return None
   with StageLine() as progress:
     found = study(dataset, config.most, config.threads, progress, config.plant)
   note = f"characterised on {found.dataset}: curves of no known form; sessions' own trims are left out"
@@ -48,3 +64,21 @@ def main(config: Config) -> Study:
   print(f"twin, the best of four by validation, {which}: {config.out / 'twin.toml'}")
   print(f"report: {write_study(found, config.out)}")
   return found
+
+
+def _compare(config: Config, first: DataSet, second: DataSet) -> None:
+  with StageLine() as progress:
+    moved = comparison.compare_cars(first, second, config.most, config.threads, progress)
+  write_json(config.out / "comparison.json", [dataclasses.asdict(m) for m in moved])
+  for line in comparison.sentences(moved, first.name, second.name):
+    print(line)
+  print(f"report: {write_comparison(moved, first.name, second.name, config.out)}")
+
+
+def _leave_out(config: Config, dataset: DataSet) -> None:
+  with StageLine() as progress:
+    found = left_out.leave_sessions_out(dataset, config.most, config.threads, progress)
+  write_json(config.out / "sessions.json", [dataclasses.asdict(item) for item in found])
+  for line in left_out.sentences(found):
+    print(line)
+  print(f"report: {write_left_out(found, dataset.name, config.out)}")

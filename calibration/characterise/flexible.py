@@ -116,6 +116,7 @@ def characterise(
   threads: int = 0,
   progress: Progress = silent,
   plant: EngineKind = "reduced",
+  reach: Mapping[str, float] | None = None,
 ) -> Characterised:
   """Fit a twin with curves to a data set; its role "holdout" stays closed.
 
@@ -128,6 +129,7 @@ def characterise(
     threads: of the simulation, 0 for all cores.
     progress: told the stage.
     plant: what is fitted on: the reduced car, or "mujoco", many times as long.
+    reach: where the curves' last knots lie, see `reaches`, which reads it off the recordings.
   """
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   recordings = [r for r in dataset.recordings if r.role != "holdout"]
@@ -141,7 +143,7 @@ def characterise(
   twin = Twin(vehicle, select(dict.fromkeys([*names, *always_fitted()])), substeps=substeps, threads=threads,
               sessions=shifts)  # fmt: skip
   searched = fitted_on(twin, plant)
-  priors = flexible_priors(recordings, searched, names, reaches(recordings, vehicle))
+  priors = flexible_priors(recordings, searched, names, reach or reaches(recordings, vehicle))
   lead = command_lead(recordings)
   shifts = (-lead,) if lead else command_shifts(dataset)
   rough = recalibrate(searched, recordings, priors, shifts, Cut(most=most), progress)

@@ -24,6 +24,7 @@ _WINDOW = 0.2  # s, at least; three samples of the slower sensor
 _BLOCK = 3.0  # s of driving that are left out together: longer than any motion remembers
 _LEAST_BLOCKS = 6
 _LOUD = 3.0  # times its noise that a motion must be to be compared
+_UNRELATED, _STILL = 1e-9, 1e-30  # a correlation, and a variance in squared units, that are rounding
 _NO_LAG = int(np.argmin(np.abs(_LAGS)))
 
 
@@ -135,7 +136,8 @@ def _line(sums: Array, ratio: float) -> Array:
   count, x, y, xx, xy, yy = np.moveaxis(sums, -1, 0)
   mx, my = x / count, y / count
   sxx, sxy, syy = xx / count - mx**2, xy / count - mx * my, yy / count - my**2
-  apart, safe = syy - ratio * sxx, np.where(np.abs(sxy) > 1e-300, sxy, 1e-300)
+  apart, least = syy - ratio * sxx, _UNRELATED * np.sqrt(np.maximum(sxx, _STILL) * np.maximum(syy, _STILL))
+  safe = np.where(np.abs(sxy) > least, sxy, least)
   scale = (apart + np.sqrt(apart**2 + 4.0 * ratio * sxy**2)) / (2.0 * safe)
   left = np.sqrt(np.maximum(syy - 2.0 * scale * sxy + scale**2 * sxx, 0.0))
   return np.stack([scale, my - scale * mx, left, sxy / np.sqrt(np.maximum(sxx * syy, 1e-300))], axis=-1)
