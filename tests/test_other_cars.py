@@ -18,6 +18,7 @@ from calibration.proving_ground import Car, Spec, make_sessions
 from qcar_twin.recordings.dataset import DataSet
 
 DRIVES = ("speed", "current")
+pytestmark = pytest.mark.slow
 
 
 @dataclasses.dataclass(frozen=True)
