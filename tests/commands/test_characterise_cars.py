@@ -32,7 +32,7 @@ def folders(tmp_path_factory):
 def found(folders):
   """Each car characterised, the curves' knots at the same places."""
   reach = {"drive_curve_reach": 2.0, "resistance_curve_reach": 1.5, "steering_curve_reach": 0.2}
-  return {name: fit(ready(DataSet.load(folders / name))[0], threads=2, reach=reach) for name in CARS}
+  return {name: fit(ready(DataSet.load(folders / name))[0], threads=2, most=15.0, reach=reach) for name in CARS}
 
 
 def test_what_moved_between_two_data_sets_is_named_with_its_size(found):
