@@ -1,8 +1,8 @@
 """Give the twin free curves for its maps, fit them, and say which forms they have.
 
 Writes twin.toml (the best of four on recordings that only judge), characterise.json and report.html. With --compare it
-says which numbers moved between two data sets (comparison.json and .html), with --leave-sessions-out what a twin is worth
-on a session that it was not fitted to (sessions.json and .html), instead.
+says which numbers moved between two data sets instead (comparison.json and .html), with --leave-sessions-out what a
+twin is worth on a session that it was not fitted to (sessions.json and .html).
 
 qcar-twin characterise --dataset data/sample --out out/characterised
 """
