@@ -5,7 +5,7 @@ the car has them is asked at the end, as it is of every name: of refits without.
 that nobody missed go together, the least missed first, as far as driving that the twin was not fitted to bears it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from calibration.characterise.flexible import DELAYS
 from calibration.characterise.forms import LEVEL
@@ -27,9 +27,7 @@ def without_the_needless(trials: Trials, progress: Progress = silent) -> tuple[T
     return trials, {}
   progress("what the twin does as well without")
   problem, base = trials.problem, trials.base
-  alone = {name: trials.model(without=_parameters(trials, [name])) for name in asked}
-  fit_together(problem, list(alone.values()))
-  tests = {name: tested(model, base, problem) for name, model in alone.items()}
+  tests = worth(trials, asked)
   goes = [name for name in asked if tests[name].chance * len(asked) >= LEVEL and not _holds_a_lead(trials, name)]
   goes.sort(key=lambda name: tests[name].t)
   models = [trials.model(without=_parameters(trials, goes[: count + 1])) for count in range(len(goes))]
@@ -43,6 +41,13 @@ def without_the_needless(trials: Trials, progress: Progress = silent) -> tuple[T
       break
     borne = model
   return (trials.left_out(borne, goes) if borne else trials), tests
+
+
+def worth(trials: Trials, names: Sequence[str]) -> dict[str, Test]:
+  """What a twin is worth against one without each of some mechanisms alone."""
+  models = {name: trials.model(without=_parameters(trials, [name])) for name in names}
+  fit_together(trials.problem, list(models.values()))
+  return {name: tested(model, trials.base, trials.problem) for name, model in models.items()}
 
 
 def matters(tests: Mapping[str, Test], name: str) -> bool:

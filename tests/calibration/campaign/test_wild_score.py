@@ -28,7 +28,13 @@ def result(curves, terms, additions, truth, sensors=None, worse=1.0):
     "best": "named",
   }
   case = {"name": "wild_00", "effects": [(t["id"], 1.0) for t in truth]}
-  return {"case": case, "answer": answer, "truth": truth, "sensors": sensors, "oracle": {"holdout": HOLDOUT}}
+  return {
+    "case": case,
+    "answer": answer,
+    "truth": truth,
+    "sensors": sensors,
+    "oracle": {"holdout": HOLDOUT, "seen": [t["id"] for t in truth[:2]]},
+  }
 
 
 def effect(name, **parameters):
@@ -76,8 +82,14 @@ def test_the_table_counts_them(found):
   assert (
     rows["names that are there"][0] == "3 of 4"
   )  # a late encoder is a sensor's way, no effect; payload is not there
-  assert rows["effects of the catalogue that are named"][0] == "2 of 4"
-  assert rows["the same, named or shaped"][0] == "3 of 4"
+  assert rows["effects of the catalogue, named"][0] == "2 of 4"
+  assert rows["effects of the catalogue, named or shaped"][0] == "3 of 4"
+  seen = [t["id"] for t in found["truth"][:2]]
+  for label, told in (
+    ("named", names(found["answer"])),
+    ("named or shaped", {n for n in seen if is_shaped(n, found["answer"])}),
+  ):
+    assert rows[f"effects that the oracle sees, {label}"][0] == f"{len(told & set(seen))} of 2"
   assert rows["sensors' ages and scales within 10 ms or 10 %"][0] == "1 of 2"
-  low, high = (float(x) for x in rows["the same, named or shaped"][2].split(" to "))
+  low, high = (float(x) for x in rows["effects of the catalogue, named or shaped"][2].split(" to "))
   assert low < 0.75 < high and np.isfinite([low, high]).all()
