@@ -8,7 +8,7 @@ the one with the fewest parameters is the name; a curve that none fits has no kn
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from calibration.characterise.flexible import Characterised
 from qcar_twin.plant import SIGNALS
-from qcar_twin.twin.mechanisms import offered
+from qcar_twin.twin.mechanisms import offered, select
 from qcar_twin.twin.mechanisms.base import CarDimensions, Context, Mechanism
 from qcar_twin.twin.mechanisms.elements import STANDSTILL
 from qcar_twin.vehicle.vehicle import GRAVITY
@@ -80,6 +80,23 @@ class Outline:
   def named(self) -> Form | None:
     """The simplest form that is not refused."""
     return next(iter(self.possible), None)
+
+
+def left_with(outline: Outline, told: Collection[str]) -> Outline:
+  """An outline whose name has only those mechanisms that are told of in the end; no departure, where none is."""
+  form = outline.named
+  if form is None or all(name in told for name in form.mechanisms):
+    return outline
+  rest = select([name for name in form.mechanisms if name in told])
+  own = {p.name for mechanism in rest for p in mechanism.parameters}
+  if not rest:
+    return dataclasses.replace(outline, departs=1.0)
+  kept = lambda values: {name: value for name, value in values.items() if name in own}
+  names = tuple(m.name for m in rest)
+  smaller = dataclasses.replace(form, mechanisms=names, values=kept(form.values), std=kept(form.std))
+  # it takes the place of a like one that was refused alone, beside what had joined by then
+  others = [f for f in outline.forms if f is not form and f.mechanisms != names]
+  return dataclasses.replace(outline, forms=(smaller, *others))
 
 
 def outlines(found: Characterised) -> list[Outline]:

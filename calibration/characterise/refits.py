@@ -95,14 +95,24 @@ class Trials:
   ) -> Candidate:
     """The base with mechanisms more, from first values, and without some parameters, which go to their null.
 
-    Delays are counted from where the commands were moved to, so theirs is the lead.
+    Delays are counted from where the commands were moved to, so theirs is the lead. A parameter that every car has goes
+    back to what was measured of it, where a form had freed it.
     """
-    rest = ParameterSet([p for p in self.base.free if p.name not in without])
-    made = candidate(self.problem, (*self.forms, *forms), self.base, rest, dict(start or {}))
+    kept = [name for name in self.forms if not set(without) & {p.name for p in self.problem.mechanism(name).parameters}]
+    measured = [p for p in self._every_car if p.name in without]
+    rest = ParameterSet([*(p for p in self.base.free if p.name not in without), *measured])
+    made = candidate(self.problem, (*kept, *forms), self.base, rest, dict(start or {}))
     made.free = ParameterSet([_open(p) for p in made.free])
     for name in set(without) & set(DELAYS):
       made.theta[self.problem.parameters.index(name)] = self.found.lead
     return made
+
+  @property
+  def _every_car(self) -> list[Parameter]:
+    """What is fitted whatever stands beside it or in a curve's place."""
+    named = {*self.found.curves, *self.found.beside, *self.beside}
+    theirs = {p.name for name in named for p in self.problem.mechanism(name).parameters}
+    return [p for p in self.found.fitted.fit.parameters if p.name not in theirs]
 
   def going_on_from(self, chosen: Candidate, without: str = "") -> "Trials":
     """The same with another base, which may do without a curve."""
@@ -110,9 +120,9 @@ class Trials:
     return dataclasses.replace(self, base=chosen, curves=kept, forms=chosen.mechanisms)
 
   def left_out(self, chosen: Candidate, names: Collection[str]) -> "Trials":
-    """The same with a base that does without some of what stood beside the curves."""
+    """The same with a base that does without some of what stood beside the curves or joined them."""
     kept = tuple(name for name in self.beside if name not in names)
-    return dataclasses.replace(self, base=chosen, beside=kept)
+    return dataclasses.replace(self, base=chosen, beside=kept, forms=chosen.mechanisms)
 
   def settled(self) -> Characterised:
     """The base as a characterised twin, fitted to its minimum, with no mechanism that it does without."""

@@ -1,8 +1,9 @@
-"""What stands beside the maps and makes no difference goes.
+"""What makes no difference goes.
 
-Lags, delays, ages and scales of sensors are fitted from the beginning, since their absence would bend the maps. Whether
-the car has them is asked at the end, as it is of every name: of refits without. Each is left out alone, then the ones
-that nobody missed go together, the least missed first, as far as driving that the twin was not fitted to bears it.
+Lags, delays, ages and scales of sensors are fitted from the beginning, since their absence would bend the maps, and a
+form that did in a curve's place may do nothing once others stand beside it. Whether the car has them is asked at the
+end, of refits without. Each is left out alone, then the ones that nobody missed go together, the least missed first, as
+far as driving that the twin was not fitted to bears it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,10 +20,10 @@ def without_the_needless(trials: Trials, progress: Progress = silent) -> tuple[T
   What is too small to matter, yet more than chance, stays in the twin: it is no effect to tell of, and no harm.
 
   Returns:
-    the twin; by mechanism that was fitted beside the curves, what the twin is worth against one without it: alone or,
-    for the first of those nobody missed that can't go with the others, together with them.
+    the twin; by mechanism beside the curves or in a curve's place, what the twin is worth against one without it: alone
+    or, for the first of those nobody missed that can't go with the others, together with them.
   """
-  asked = [name for name in trials.beside if name not in _shared_with_sessions(trials)]
+  asked = [name for name in (*trials.beside, *trials.forms) if name not in _shared_with_sessions(trials)]
   if not asked:
     return trials, {}
   progress("what the twin does as well without")
@@ -67,4 +68,4 @@ def _parameters(trials: Trials, names: list[str]) -> set[str]:
 def _shared_with_sessions(trials: Trials) -> set[str]:
   """What sessions have shifts of: without what they share the shifts would stand in for it."""
   shifted = {name.split("@")[0] for name in trials.base.free.names if "@" in name}
-  return {name for name in trials.beside if _parameters(trials, [name]) & shifted}
+  return {name for name in (*trials.beside, *trials.forms) if _parameters(trials, [name]) & shifted}

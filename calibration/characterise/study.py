@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from calibration.characterise.additions import Addition, with_additions
 from calibration.characterise.flexible import Characterised, characterise, fitted_on
-from calibration.characterise.forms import Form, Outline, outlines
+from calibration.characterise.forms import Form, Outline, left_with, outlines
 from calibration.characterise.refits import Trials
-from calibration.characterise.removals import without_the_needless
+from calibration.characterise.removals import matters, without_the_needless
 from calibration.characterise.substitution import named_only, substituted
 from calibration.characterise.terms import Term, terms
 from calibration.characterise.youngest import by_the_youngest
@@ -147,6 +147,9 @@ def study(
   trials, drawn = substituted(by_the_youngest(Trials.of(found)), outlines(found), progress)
   whole, joined = with_additions(trials, progress)
   trials, tests = without_the_needless(whole, progress)
+  in_the_end = [name for name in trials.forms if name not in tests or matters(tests, name)]
+  drawn = tuple(left_with(outline, in_the_end) for outline in drawn)
+  joined = tuple(a for a in joined if a.mechanism in in_the_end)
   progress("fitting what is named to the end")
   told = trials.settled()
   named = named_only(trials, drawn).settled() if trials.curves else told

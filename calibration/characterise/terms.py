@@ -49,7 +49,7 @@ def terms(told: Characterised, before: Trials, tests: Mapping[str, Test]) -> tup
   inside = {p.name: (v, s) for p, v, s in zip(free, told.fitted.fit.theta.tolist(), std.tolist(), strict=True)}
   outside = _estimates(before)
   made = []
-  for name in dict.fromkeys((*before.beside, *told.forms)):
+  for name in dict.fromkeys((*before.beside, *before.forms)):
     error = tests[name].worse if name in tests else None
     for parameter in before.problem.mechanism(name).parameters:
       if parameter.null == 0.0 and (parameter.name in inside or parameter.name in outside):

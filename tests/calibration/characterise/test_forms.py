@@ -1,12 +1,23 @@
 """Curves get the name of the form they were made of, and none where they have none."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from calibration.characterise.flexible import Characterised
-from calibration.characterise.forms import LEVEL, answer, outlines, projection, questions, situation
+from calibration.characterise.forms import (
+  LEVEL,
+  Form,
+  Outline,
+  answer,
+  left_with,
+  outlines,
+  projection,
+  questions,
+  situation,
+)
 from qcar_twin.plant import START, Segments
 from qcar_twin.twin.mechanisms import curves, select
 from qcar_twin.twin.twin import Twin
@@ -110,3 +121,29 @@ def test_the_base_cars_own_gain_and_damping_are_no_departure():
   found = {o.curve: o for o in outlines(characterised({"drive_curve": 0.3 * unit[:, 0] + 0.2 * unit[:, 1]}))}
   assert not found["drive_curve"].is_there
   assert np.isfinite(answer([curve], np.full(10, 0.1), situation(blank, commands, speeds))).all()
+
+
+def named(*mechanisms):
+  values = {p.name: 0.1 for m in select(mechanisms) for p in m.parameters}
+  return Form(mechanisms, values, values, 1.0, 1.0)
+
+
+def outline(*forms):
+  return Outline("steering_curve", ("steering_curve_left_1",), np.zeros(1), np.ones(1), 0.0, forms)
+
+
+def test_a_name_keeps_what_is_told_of_in_the_end():
+  pair, single = named("steering_gain_error", "steering_saturation"), named("steering_saturation")
+  found = left_with(outline(pair), ["steering_saturation"]).named
+  assert found.mechanisms == ("steering_saturation",) and set(found.values) == set(found.std) == set(single.values)
+  assert left_with(outline(pair), pair.mechanisms) == outline(pair)
+
+
+def test_a_curve_whose_name_is_not_told_of_does_not_depart():
+  left = left_with(outline(named("steering_gain_error")), ["battery_sag"])
+  assert not left.is_there and left.named is None
+
+
+def test_a_curve_without_a_name_departs_whatever_is_told_of():
+  refused = dataclasses.replace(named("steering_gain_error"), p_value=0.0)
+  assert left_with(outline(refused), []).is_there

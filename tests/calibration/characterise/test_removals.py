@@ -19,11 +19,13 @@ class Fake:
   beside: tuple
   lead: float = 0.0
   more: tuple = ()
+  forms: tuple = ()
 
   def __post_init__(self):
     parameter = lambda name: Parameter(name, 0.0, -1.0, 1.0, "s", null=0.0)
     self.problem = SimpleNamespace(mechanism=lambda name: SimpleNamespace(parameters=(parameter(name),)))
-    self.base = SimpleNamespace(free=ParameterSet([parameter(n) for n in (*self.beside, *self.more)]))
+    everything = (*self.beside, *self.forms, *self.more)
+    self.base = SimpleNamespace(free=ParameterSet([parameter(n) for n in everything]))
     self.found = SimpleNamespace(lead=self.lead)
 
   def model(self, without):
@@ -31,7 +33,8 @@ class Fake:
 
   def left_out(self, chosen, names):
     assert chosen == frozenset(names)
-    return Fake(tuple(n for n in self.beside if n not in names), self.lead, self.more)
+    left = lambda among: tuple(n for n in among if n not in names)
+    return Fake(left(self.beside), self.lead, self.more, left(self.forms))
 
 
 @pytest.fixture
@@ -50,6 +53,12 @@ def test_only_what_is_missed_stays(asked):
   trials, tests = without_the_needless(Fake(("steering_lag", "imu_latency", "gyro_scale")))
   assert trials.beside == ("imu_latency",)
   assert [matters(tests, name) for name in ("steering_lag", "imu_latency", "gyro_scale")] == [False, True, False]
+
+
+def test_a_form_that_does_nothing_once_others_have_joined_goes(asked):
+  asked(lambda without: SURE if {"battery_sag", "imu_latency"} & without else 0.2)
+  trials, _ = without_the_needless(Fake(("imu_latency",), forms=("steering_gain_error", "battery_sag")))
+  assert (trials.beside, trials.forms) == (("imu_latency",), ("battery_sag",))
 
 
 def test_of_two_that_stand_in_for_each_other_one_stays_and_matters(asked):

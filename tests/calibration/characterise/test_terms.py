@@ -37,7 +37,7 @@ def before(monkeypatch):
   beside = ("imu_latency", "gyro_scale", "drive_delay")
   base = SimpleNamespace(free=ParameterSet([parameter(n) for n in beside]), values=np.array([0.05, 0.004, 0.03]))
   problem = SimpleNamespace(mechanism=mechanism, observations=None)
-  return SimpleNamespace(beside=beside, base=base, problem=problem)
+  return SimpleNamespace(beside=beside, base=base, problem=problem, forms=())
 
 
 def by_name(found):
@@ -69,7 +69,10 @@ def test_delays_count_from_where_commands_were_moved_to(before):
 
 
 def test_forms_that_were_chosen_by_refits_are_there(before):
-  assert by_name(terms(told({"stiction": 0.1}, forms=("stiction",)), before, {}))["stiction"].there
+  before.forms = ("stiction", "motor_heating")
+  values = {"stiction": 0.1, "motor_heating": 0.1}
+  found = by_name(terms(told(values, forms=before.forms), before, {"stiction": MISSED, "motor_heating": SMALL}))
+  assert found["stiction"].there and not found["motor_heating"].there
 
 
 def test_sessions_are_told_from_their_mean_and_beyond_chance(before):
