@@ -11,8 +11,8 @@ import dataclasses
 from pathlib import Path
 
 from calibration.characterise import comparison, left_out
-from calibration.characterise.cars_page import write_comparison, write_left_out
-from calibration.characterise.page import write_study
+from calibration.characterise.report.cars_page import write_comparison, write_left_out
+from calibration.characterise.report.page import write_study
 from calibration.characterise.study import Study, sentences, study
 from calibration.fitting.dataset_recalibration import LONGEST
 from calibration.progress import StageLine

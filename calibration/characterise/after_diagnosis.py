@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
-from calibration.characterise import wording
-from calibration.characterise.page import sections
-from calibration.characterise.shapes import Shape, shapes
+from calibration.characterise.report import wording
+from calibration.characterise.report.page import sections
+from calibration.characterise.report.shapes import Shape, shapes
 from calibration.characterise.study import Study, ratio, sentences, study
 from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.report.demonstration import demonstrate

@@ -13,10 +13,10 @@ import pytest
 
 from calibration.characterise import after_diagnosis
 from calibration.characterise.after_diagnosis import wanted, write_with_curves
-from calibration.characterise.page import sections
-from calibration.characterise.shapes import shapes
+from calibration.characterise.report.page import sections
+from calibration.characterise.report.shapes import shapes
+from calibration.characterise.report.wording import verdict
 from calibration.characterise.study import KINDS, ratio, sentences
-from calibration.characterise.wording import verdict
 from calibration.diagnosis.pipeline import diagnose
 from calibration.diagnosis.search.structure import Effort
 from commands import characterise

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.characterise import wording
 from calibration.characterise.forms import LEVEL, Outline
 from calibration.characterise.refits import MATERIAL
-from calibration.characterise.shapes import BAND, Shape, View, shapes
+from calibration.characterise.report import wording
+from calibration.characterise.report.shapes import BAND, Shape, View, shapes
 from calibration.characterise.study import Study, ratio
 from calibration.characterise.terms import Term
 from calibration.diagnosis.report.wording import listed

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.characterise.forms import outlines, projection
-from calibration.characterise.shapes import shapes
+from calibration.characterise.report.shapes import shapes
 from tests.calibration.characterise.test_forms import (  # noqa: F401  (a fixture that is used everywhere)
   MADE,
   NOISE,

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from calibration.characterise.forms import Outline
-from calibration.characterise.shapes import Shape
+from calibration.characterise.report.shapes import Shape
 from calibration.characterise.study import Study, ratio
 from calibration.characterise.terms import Term
 from calibration.diagnosis.report.wording import amount, happening, listed, spread
