@@ -17,12 +17,14 @@ from tests.commands.tiny_session import write
 def said(words: list[str], limit: int | None = None, **environment: str) -> str:
   """What a command that fails says on its last line; nothing of it may be a traceback."""
   bound = None if limit is None else lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+  # Python keeps bytecode that could be written only in part, and every later process would stumble over it
+  unwritten = {} if limit is None else {"PYTHONDONTWRITEBYTECODE": "1"}
   done = subprocess.run(
     [sys.executable, "-m", "commands", *words],
     capture_output=True,
     text=True,
     cwd=ROOT,
-    env=os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"} | environment,
+    env=os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"} | unwritten | environment,
     preexec_fn=bound,
     check=False,
   )
