@@ -19,7 +19,7 @@ from calibration.diagnosis.black_box import boosted_residual, rms
 from calibration.fitting.dataset_recalibration import LONGEST, recalibrate_dataset
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.noise_floor import driving_noise, residual_floor
-from calibration.fitting.observations import UNITS, observe
+from calibration.fitting.observations import UNITS, Observations, observe
 from calibration.fitting.recalibration import RecalibratedTwin
 from calibration.fitting.tolerances import always_fitted
 from calibration.fitting.windows import Cut
@@ -35,7 +35,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-KINDS = ("base", "curves", "characterised", "named", "black_box", "noise")
+KINDS = ("base", "curves", "characterised", "named", "black_box", "black_box_on_characterised", "noise")
 _SHIPPED = ("base", "curves", "characterised", "named")
 
 
@@ -189,19 +189,26 @@ def _errors(
   """Root mean square errors by kind and channel; {} without a hold-out."""
   if not holdout:
     return {}, {}
-  cut = Cut(command_shift=base.command_shift, most=LONGEST)
-  problem: Problem = base.problem.exact
-  observations = observe(holdout, problem.twin.vehicle, cut)
-  prediction = problem.twin.on("mujoco").rollout(base.theta[None], observations.stretches.segments)
-  raw = observations.predict(prediction)[0] - observations.measured
-  learnt = problem.predict(base.theta[None])
-  residual = problem.observations.predict(learnt)[0] - problem.observations.measured
-  trees = boosted_residual(problem.observations, learnt, residual, observations, prediction, raw)
-  errors = {"base": rms(observations, raw)} | {kind: error_of(twin.fitted, holdout) for kind, twin in twins.items()}
-  noise = residual_floor(driving_noise(holdout))
+  observations, left, trees = _with_trees(base, holdout)
+  errors = {"base": rms(observations, left)} | {kind: error_of(twin.fitted, holdout) for kind, twin in twins.items()}
   errors |= {"black_box": rms(observations, trees)}
+  observations, _, trees = _with_trees(twins["characterised"].fitted, holdout)
+  errors |= {"black_box_on_characterised": rms(observations, trees)}
+  noise = residual_floor(driving_noise(holdout))
   errors["noise"] = {name: float(noise[name]) for name in observations.present if name in noise}
   return errors, {name: UNITS[name] for name in observations.present}
+
+
+def _with_trees(found: RecalibratedTwin, recordings: Sequence[Recording]) -> tuple[Observations, Array, Array]:
+  """A fitted twin on recordings: what was observed, and predicted minus measured without and with trees on top."""
+  problem: Problem = found.problem.exact
+  cut = Cut(command_shift=found.command_shift, most=LONGEST)
+  observations = observe(recordings, problem.twin.vehicle, cut)
+  prediction = problem.twin.on("mujoco").rollout(found.theta[None], observations.stretches.segments)
+  left = observations.predict(prediction)[0] - observations.measured
+  learnt = problem.predict(found.theta[None])
+  residual = problem.observations.predict(learnt)[0] - problem.observations.measured
+  return observations, left, boosted_residual(problem.observations, learnt, residual, observations, prediction, left)
 
 
 def error_of(found: RecalibratedTwin, recordings: Sequence[Recording]) -> dict[str, float]:

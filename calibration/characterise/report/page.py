@@ -31,7 +31,8 @@ _KINDS = {  # of twins, as tables and charts call them
   "curves": "all maps free",
   "characterised": "characterised",
   "named": "named forms only",
-  "black_box": "black box",
+  "black_box": "black box on base",
+  "black_box_on_characterised": "black box on characterised",
   "noise": "noise",
 }
 _BARS = {"before": "diagnosed", "twin": "characterised", "bicycle": "named", "nominal": "black_box", "noise": "noise"}
@@ -234,7 +235,8 @@ def _errors(found: Study, diagnosed: Errors) -> Section:
     "Errors are root mean squares of free runs from measured starts, in each channel's unit, by MuJoCo. Base is today's"
     " twin, recalibrated; all maps free has a curve for every map; characterised has names where they will do and"
     " curves where none will; named forms only has the best name everywhere; the black box is boosted trees on the"
-    " base's residual, which may use what no law of a car does; noise is the sensors' own while driving."
+    " base's residual, or on the characterised twin's, which may use what no law of a car does; noise is the sensors'"
+    " own while driving."
   )
   if diagnosed:
     text += " This base was recalibrated for the curves and may differ a little from the one the diagnosis began with."
