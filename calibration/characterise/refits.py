@@ -53,7 +53,9 @@ class Test:
 def tested(simpler: Candidate, richer: Candidate, problem: Problem) -> Test:
   """On recordings that only judge, and on what each group of the others gains along the line fitted to the rest."""
   found = compare(richer, simpler, problem.observations)
-  return Test(found.t, found.total, float(1.0 / np.sqrt(max(1.0 - found.relative, 1e-6))))
+  # not of capped gains: what is worse without bound, as a model that flies apart, would pass for next to no loss
+  left = found.before - float(found.blocks.sum())
+  return Test(found.t, found.total, float(np.sqrt(found.before / max(left, 1e-12 * found.before))))
 
 
 @dataclasses.dataclass(frozen=True)

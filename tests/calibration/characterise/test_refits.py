@@ -37,7 +37,7 @@ class Model:
     return float(self.residual @ self.residual)
 
 
-A, B = (Parameter(name, 0.0, -9.0, 9.0, "-", null=0.0) for name in "ab")
+A, B = (Parameter(name, 0.0, -9.0, 9.0, "-", std=1.0, null=0.0) for name in "ab")
 
 
 def embedded(names, values, around):
@@ -91,3 +91,20 @@ def test_without_a_plainest_the_best_are_fitted_to_the_end(fitting):
   order = fit_together(PROBLEM, models)
   assert [m.cost for m in order] == sorted(m.cost for m in models)
   assert sorted(m.cost for m in fitting) == [0.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("times", [1.5, 30.0, 1e5])
+def test_a_model_that_is_far_worse_is_told_so_however_far(times):
+  rng = np.random.default_rng(0)
+  count, blocks = 2000, 40
+  observations = SimpleNamespace(
+    names=tuple("abcdefgh"),
+    recording=np.repeat(np.arange(8), count // 8),
+    block=np.repeat(np.arange(blocks), count // blocks),
+  )
+  good, wrong = rng.normal(size=(2, count))
+  model = lambda residual: SimpleNamespace(
+    residual=residual, n_train=count, free=ParameterSet([A]), values=np.zeros(1), cost=0.0
+  )
+  test = refits.tested(model(good + times * wrong), model(good), SimpleNamespace(observations=observations))
+  assert test.worse == pytest.approx(np.hypot(1.0, times), rel=0.05) and test.p_value < 1e-6
