@@ -87,7 +87,8 @@ def motor_speed_after(
   push = np.asarray(drive_gain) * command
   forward = np.sign(motor_speed)
   held = push - drive_friction * forward  # deceleration has the sign opposite to the motion
-  with np.errstate(divide="ignore", invalid="ignore"):
+  # a push of next to nothing stops the motor after as good as infinite time
+  with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
     stop = np.log1p(-drive_damping * np.asarray(motor_speed) / held) / drive_damping
   stop = np.where(forward == 0.0, 0.0, np.where(held * forward < 0.0, stop, np.inf))
   free = np.maximum(np.abs(push) - drive_friction, 0.0) * np.sign(push)  # away from rest

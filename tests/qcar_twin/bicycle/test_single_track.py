@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
@@ -33,6 +33,7 @@ def run(x, u, duration, steps, car=CAR):
 
 @settings(max_examples=60)
 @given(st.floats(-400.0, 400.0), st.floats(-3.0, 3.0), st.floats(0.0, 2.0), st.floats(0.001, 1.0))
+@example(1.0, 5e-324, 0.0, 1.0)
 def test_motor_is_a_semigroup_through_rest_and_reversal(start, voltage, friction_scale, duration):
   """One long step equals many short ones, whatever rest or reversal lies between."""
   numbers = 480.0, 8.0, 200.0 * friction_scale
