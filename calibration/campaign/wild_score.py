@@ -8,10 +8,10 @@ import numpy as np
 from calibration.campaign.cases import Case
 from calibration.campaign.intervals import exact_interval
 from calibration.campaign.score import Result, truth_ids
+from calibration.characterise.driven import error_of
 from calibration.characterise.flexible import characterise
 from calibration.characterise.refits import Trials
 from calibration.characterise.removals import matters, worth
-from calibration.characterise.study import error_of
 from calibration.log_check.ready import ready
 from qcar_twin import markdown
 from qcar_twin.recordings.dataset import DataSet

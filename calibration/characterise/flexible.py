@@ -198,7 +198,7 @@ def flexible_priors(
 ) -> ParameterSet:
   """What is fitted: all that recalibration fits, and the parameters of the mechanisms named, with wide priors."""
   mechanisms = {m.name: m for m in twin.mechanisms}
-  added = [_open(p) for name in names for p in mechanisms[name].parameters]
+  added = [opened(p) for name in names for p in mechanisms[name].parameters]
   placed = [
     dataclasses.replace(p, nominal=reach[p.name], std=1e-3 * reach[p.name]) if p.name in reach else p for p in added
   ]
@@ -230,7 +230,7 @@ def _unmeasured(parameter: Parameter) -> Parameter:
   return dataclasses.replace(parameter, std=nominal, lower=nominal / _REACH, upper=nominal * _REACH)
 
 
-def _open(parameter: Parameter) -> Parameter:
+def opened(parameter: Parameter) -> Parameter:
   """Known to twice its typical size, where nothing better is stated."""
   wide = 2.0 * (parameter.typical or 0.3 * abs(parameter.nominal) or 1.0)
   return dataclasses.replace(parameter, std=parameter.std or wide)

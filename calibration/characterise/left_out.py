@@ -12,12 +12,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.characterise.driven import driven, error_of
 from calibration.characterise.flexible import GAIN, TRIM, Characterised, characterise
 from calibration.diagnosis.black_box import rms
 from calibration.diagnosis.candidates import Candidate, refine, simulate
 from calibration.fitting.dataset_recalibration import LONGEST
 from calibration.fitting.likelihood import Problem
-from calibration.fitting.observations import UNITS, Observations, observe
+from calibration.fitting.observations import UNITS, observe
 from calibration.fitting.windows import Cut
 from calibration.log_check.ready import ready
 from calibration.progress import Progress, silent
@@ -79,31 +80,24 @@ def leave_sessions_out(
 
 
 def _judged(found: Characterised, session: str, recordings: Sequence[Recording]) -> LeftOut:
-  cut = Cut(command_shift=found.fitted.command_shift, most=LONGEST)
-  seen = observe(recordings, found.twin.vehicle, cut)
-  mean = rms(seen, _left(found, found.theta, seen))
-  units = {name: UNITS[name] for name in seen.present}
+  mean = error_of(found.fitted, recordings)
+  units = {name: UNITS[name] for name in mean}
   halves = recordings[::2], recordings[1::2]
   if not halves[1]:
     return LeftOut(session, len(recordings), mean, {}, units)
   squares: dict[str, list[tuple[float, int]]] = {}
   for fitted, judged in (halves, halves[::-1]):
-    other = observe(judged, found.twin.vehicle, cut)
-    left = _left(found, _with_own_shifts(found, observe(fitted, found.twin.vehicle, cut)), other)
+    other, _, left = driven(found.fitted, judged, _with_own_shifts(found, fitted))
     for name, value in rms(other, left).items():
       squares.setdefault(name, []).append((value, len(other.select(name))))
   own = {n: float(np.sqrt(np.average([v**2 for v, _ in x], weights=[k for _, k in x]))) for n, x in squares.items()}
   return LeftOut(session, len(recordings), mean, own, units)
 
 
-def _left(found: Characterised, theta: Array, observations: Observations) -> Array:
-  """Predicted minus measured, by MuJoCo, (M,)."""
-  prediction = found.twin.rollout(theta[None], observations.stretches.segments)
-  return observations.predict(prediction)[0] - observations.measured
-
-
-def _with_own_shifts(found: Characterised, observations: Observations) -> Array:
+def _with_own_shifts(found: Characterised, recordings: Sequence[Recording]) -> Array:
   """All parameters, (P,), with trim and gain fitted to a session's recordings and everything else as it is."""
+  cut = Cut(command_shift=found.fitted.command_shift, most=LONGEST)
+  observations = observe(recordings, found.twin.vehicle, cut)
   searched = found.fitted.problem
   gain = found.twin.vehicle.motor.gain
   known = searched.parameters.named(found.theta)

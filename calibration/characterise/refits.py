@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from calibration.characterise.flexible import DELAYS, Characterised
+from calibration.characterise.flexible import DELAYS, Characterised, opened
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
 from calibration.diagnosis.score import compare
 from calibration.fitting.likelihood import Problem
@@ -104,7 +104,7 @@ class Trials:
     measured = [p for p in self._every_car if p.name in without]
     rest = ParameterSet([*(p for p in self.base.free if p.name not in without), *measured])
     made = candidate(self.problem, (*kept, *forms), self.base, rest, dict(start or {}))
-    made.free = ParameterSet([_open(p) for p in made.free])
+    made.free = ParameterSet([opened(p) for p in made.free])
     for name in set(without) & set(DELAYS):
       made.theta[self.problem.parameters.index(name)] = self.found.lead
     return made
@@ -170,10 +170,3 @@ def _move_to_best(problem: Problem, plainest: Candidate, others: Sequence[Candid
   simulate(problem, moved)
   best = min([plainest, *moved], key=lambda m: m.cost)
   plainest.values, plainest.theta, plainest.residual = best.values, best.theta, best.residual
-
-
-def _open(parameter: Parameter) -> Parameter:
-  """With a prior: twice the typical size about its null, where nothing is known of it."""
-  if parameter.std:
-    return parameter
-  return dataclasses.replace(parameter, std=2.0 * (parameter.typical or 0.3 * abs(parameter.nominal) or 1.0))

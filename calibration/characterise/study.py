@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.characterise.additions import Addition, with_additions
+from calibration.characterise.driven import driven, error_of
 from calibration.characterise.flexible import Characterised, characterise, fitted_on
 from calibration.characterise.forms import Form, Outline, left_with, outlines
 from calibration.characterise.refits import Trials
@@ -19,13 +20,11 @@ from calibration.diagnosis.black_box import boosted_residual, rms
 from calibration.fitting.dataset_recalibration import LONGEST, recalibrate_dataset
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.noise_floor import driving_noise, residual_floor
-from calibration.fitting.observations import UNITS, Observations, observe
+from calibration.fitting.observations import UNITS, Observations
 from calibration.fitting.recalibration import RecalibratedTwin
 from calibration.fitting.tolerances import always_fitted
-from calibration.fitting.windows import Cut
 from calibration.log_check.ready import ready
 from calibration.progress import Progress, silent
-from qcar_twin.plant import Prediction
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.engines import EngineKind
@@ -202,21 +201,10 @@ def _errors(
 def _with_trees(found: RecalibratedTwin, recordings: Sequence[Recording]) -> tuple[Observations, Array, Array]:
   """A fitted twin on recordings: what was observed, and predicted minus measured without and with trees on top."""
   problem: Problem = found.problem.exact
-  cut = Cut(command_shift=found.command_shift, most=LONGEST)
-  observations = observe(recordings, problem.twin.vehicle, cut)
-  prediction = problem.twin.on("mujoco").rollout(found.theta[None], observations.stretches.segments)
-  left = observations.predict(prediction)[0] - observations.measured
+  observations, prediction, left = driven(found, recordings)
   learnt = problem.predict(found.theta[None])
   residual = problem.observations.predict(learnt)[0] - problem.observations.measured
   return observations, left, boosted_residual(problem.observations, learnt, residual, observations, prediction, left)
-
-
-def error_of(found: RecalibratedTwin, recordings: Sequence[Recording]) -> dict[str, float]:
-  """Root mean square error of a fitted twin per channel, in its unit."""
-  twin = found.problem.exact.twin.on("mujoco")
-  observations = observe(recordings, twin.vehicle, Cut(command_shift=found.command_shift, most=LONGEST))
-  prediction: Prediction = twin.rollout(found.theta[None], observations.stretches.segments)
-  return rms(observations, observations.predict(prediction)[0] - observations.measured)
 
 
 def sentences(found: Study) -> list[str]:
