@@ -9,6 +9,7 @@ from calibration.campaign.cases import Case
 from calibration.campaign.intervals import exact_interval
 from calibration.campaign.score import Result, truth_ids
 from calibration.characterise.driven import error_of
+from calibration.characterise.finish import fitted_to_all
 from calibration.characterise.flexible import characterise
 from calibration.characterise.refits import Trials
 from calibration.characterise.removals import matters, worth
@@ -35,7 +36,7 @@ def informed(dataset: DataSet, case: Case, threads: int = 1) -> dict[str, Any]:
   tests = worth(Trials.of(found), found.beside)
   return {
     "known": known,
-    "holdout": error_of(found.fitted, checked.role("holdout")),
+    "holdout": error_of(fitted_to_all(found.fitted), checked.role("holdout")),
     "seen": [name for name in tests if matters(tests, name)],
   }
 

@@ -99,6 +99,13 @@ def left_with(outline: Outline, told: Collection[str]) -> Outline:
   return dataclasses.replace(outline, forms=(smaller, *others))
 
 
+def redrawn(drawn: Sequence[Outline], found: Characterised) -> tuple[Outline, ...]:
+  """Outlines with the heights that their curves have in another fit of the same twin; what is said of them stays."""
+  std = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+  at = lambda outline: [found.fitted.fit.parameters.index(name) for name in outline.places]
+  return tuple(dataclasses.replace(o, heights=found.fitted.fit.theta[at(o)], std=std[at(o)]) for o in drawn)
+
+
 def outlines(found: Characterised) -> list[Outline]:
   """Every curve of a characterised twin with the forms it may have."""
   covariance, parameters = found.covariance, found.fitted.fit.parameters

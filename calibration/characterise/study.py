@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from calibration.characterise.additions import Addition, with_additions
 from calibration.characterise.driven import driven, error_of
+from calibration.characterise.finish import finished, fitted_to_all
 from calibration.characterise.flexible import Characterised, characterise, fitted_on
-from calibration.characterise.forms import Form, Outline, left_with, outlines
+from calibration.characterise.forms import Form, Outline, left_with, outlines, redrawn
 from calibration.characterise.refits import Trials
 from calibration.characterise.removals import matters, without_the_needless
 from calibration.characterise.substitution import named_only, substituted
@@ -49,7 +50,8 @@ class Study:
       will do, and the effects that joined (`additions`).
     terms: every number in it beside the base's own.
     named: the same with the best form where none will do; `told` itself where there is no such curve.
-    judged: as `errors`, of the twins on recordings that only judged (role "validate"); {} without such recordings.
+    judged: as `errors`, of the twins on recordings that only judged (role "validate"), before they were fitted to
+      those, too (`finish`); {} without such recordings.
     errors: by KINDS, then channel: root mean square errors on the hold-out, in `units`; "noise" is the sensors' while
       driving.
   """
@@ -152,11 +154,15 @@ def study(
   progress("fitting what is named to the end")
   told = trials.settled()
   named = named_only(trials, drawn).settled() if trials.curves else told
+  twins = {"curves": found, "characterised": told, "named": named}
+  judged = _judged(base, twins, dataset.role("validate"))
+  progress("fitting to what judged, too")
+  base, found, named = fitted_to_all(base), finished(found), finished(named)
+  told = finished(told) if trials.curves else named
   progress("hold-out")
   twins = {"curves": found, "characterised": told, "named": named}
   errors, units = _errors(base, twins, dataset.role("holdout"))
-  judged = _judged(base, twins, dataset.role("validate"))
-  said = dataset.warnings + notes
+  said, drawn = dataset.warnings + notes, redrawn(drawn, found)
   return Study(
     dataset.name, said, found, drawn, told, joined, terms(told, whole, tests), named, errors, units, base, judged
   )

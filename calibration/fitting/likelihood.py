@@ -85,6 +85,10 @@ class Problem:
   def reweighted(self, weighting: Weighting) -> "Problem":
     return Problem(self.twin, self.observations, weighting, self.n_train, self.base)
 
+  def fitting(self, n_train: int) -> "Problem":
+    """The same with so many values, from the front, that are fitted."""
+    return Problem(self.twin, self.observations, self.weighting, n_train, self.base)
+
   def at(self, theta: Array) -> "Problem":
     """The same with what is searched with put right by MuJoCo at full parameters, (P,); see surrogate.py."""
     if not isinstance(self.twin, Surrogate):

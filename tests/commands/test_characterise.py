@@ -13,12 +13,14 @@ import pytest
 
 from calibration.characterise import after_diagnosis
 from calibration.characterise.after_diagnosis import wanted, write_with_curves
+from calibration.characterise.driven import error_of
 from calibration.characterise.report.page import sections
 from calibration.characterise.report.shapes import shapes
 from calibration.characterise.report.wording import verdict
 from calibration.characterise.study import KINDS, ratio, sentences
 from calibration.diagnosis.pipeline import diagnose
 from calibration.diagnosis.search.structure import Effort
+from calibration.log_check.ready import ready
 from commands import characterise
 from qcar_twin.pages.page import show
 from qcar_twin.recordings.dataset import DataSet
@@ -49,6 +51,17 @@ def test_what_judges_gets_better_and_every_reference_is_there(done):
   found, _ = done
   assert set(found.errors) <= set(KINDS) and {"base", "characterised", "black_box", "noise"} <= set(found.errors)
   assert found.gain > 0.03  # by validation; twenty seconds of driving do not carry to the harder turns of the hold-out
+
+
+def test_what_is_shipped_is_fitted_to_what_judged_too(done):
+  found, out = done
+  twins = {"base": found.base, "curves": found.found.fitted, "characterised": found.told.fitted,
+           "named": found.named.fitted}  # fmt: skip
+  judging = ready(DataSet.load(out.parent / "data"))[0].role("validate")
+  for kind, twin in twins.items():
+    assert twin.problem.n_train == len(twin.problem.observations)
+    # what it was told of before it had seen them is larger than what it leaves there now
+    assert ratio(error_of(twin, judging), found.judged[kind]) < 1.0
 
 
 def test_names_stand_where_they_will_do_and_no_curve_where_none_departs(done):

@@ -236,10 +236,11 @@ def _errors(found: Study, diagnosed: Errors) -> Section:
     " twin, recalibrated; all maps free has a curve for every map; characterised has names where they will do and"
     " curves where none will; named forms only has the best name everywhere; the black box is boosted trees on the"
     " base's residual, or on the characterised twin's, which may use what no law of a car does; noise is the sensors'"
-    " own while driving."
+    " own while driving. Validation errors are of twins that had not seen these recordings; then all were fitted to"
+    " them as well, and are told of, written and driven on the hold-out like that."
   )
   if diagnosed:
-    text += " This base was recalibrated for the curves and may differ a little from the one the diagnosis began with."
+    text += " This base was recalibrated for the curves, and so differs from the one the diagnosis began with."
   roles = (
     ("holdout", "Hold-out, opened once", found.errors),
     ("validate", "Validation, which decides what is written", found.judged),
