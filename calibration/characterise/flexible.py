@@ -124,7 +124,7 @@ def characterise(
     dataset: checked, see `ready`.
     known: ids of the mechanisms that are there: they are fitted instead of curves and of what stands beside them, which
       is what somebody could do who knew the car.
-    most: s of driving that are simulated.
+    most: s of driving that are simulated, spread evenly.
     substeps: simulation steps per control period of 10 ms.
     threads: of the simulation, 0 for all cores.
     progress: told the stage.
@@ -146,7 +146,8 @@ def characterise(
   priors = flexible_priors(recordings, searched, names, reach or reaches(recordings, vehicle))
   lead = command_lead(recordings)
   shifts = (-lead,) if lead else command_shifts(dataset)
-  rough = recalibrate(searched, recordings, priors, shifts, Cut(most=most), progress)
+  # evenly: what is chosen for what it tells is what the car does at its limits, which bends a twin that lacks physics
+  rough = recalibrate(searched, recordings, priors, shifts, Cut(most=most, evenly=True), progress)
   fitted = settled(reweighted(rough), rough.passport, priors, rough.fit.theta, rough.command_shift)
   return Characterised(fitted, shapes, beside, clock(recordings))
 

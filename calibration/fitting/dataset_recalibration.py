@@ -29,6 +29,7 @@ def recalibrate_dataset(
   added: Sequence[Parameter] = (),
   most: float = LONGEST,
   progress: Progress = silent,
+  evenly: bool = False,
 ) -> RecalibratedTwin:
   """The base parameters of a twin, and the small errors every car and sensor has, fitted to a data set.
 
@@ -39,11 +40,12 @@ def recalibrate_dataset(
     added: parameters of mechanisms this car is known to need, fitted with the rest.
     most: s of driving that are simulated.
     progress: told what is being done.
+    evenly: it is spread evenly; else half of it is chosen for what it tells.
   """
   recordings = [r for r in dataset.recordings if r.role != "holdout"]
   priors = starting_priors(recordings, twin, start)
   priors = ParameterSet([p for p in priors if p.name not in {a.name for a in added}]) + added
-  return recalibrate(twin, recordings, priors, command_shifts(dataset), Cut(most=most), progress)
+  return recalibrate(twin, recordings, priors, command_shifts(dataset), Cut(most=most, evenly=evenly), progress)
 
 
 def left_out(dataset: DataSet, most: float = LONGEST) -> tuple[str, ...]:

@@ -256,7 +256,7 @@ class Twin:
       if mechanism.stage == "sensor":
         rows = self.present(mechanism, theta)
         if rows is not None:
-          track = Track(self.car, self.period, signals[rows], time[rows])
+          track = Track(self.car, self.period, signals[rows], time[rows], own=True)
           shown = mechanism.measure(theta[rows][:, self._columns[mechanism.name]], track)
           signals = shown if len(shown) == len(signals) else _with_rows(signals, rows, shown)
     return signals

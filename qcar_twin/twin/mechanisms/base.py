@@ -102,12 +102,14 @@ class Track:
     period: control period, s.
     signals: (n, T + 1, 10), columns in the order of SIGNALS.
     recording_time: time since the start of the recording, s, (n, T + 1).
+    own: nobody else looks at `signals`, so what a sensor shows may be written over them.
   """
 
   car: CarDimensions
   period: float
   signals: Array
   recording_time: Array
+  own: bool = False
 
   def signal(self, name: str) -> Array:
     return self.signals[..., SIGNALS.index(name)]

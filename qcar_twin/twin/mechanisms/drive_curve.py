@@ -44,7 +44,8 @@ class DriveCurve(Mechanism):
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     voltage, reach, last = command[:, 0], theta[:, -1], len(_PUSH) - 1
     share = np.abs(voltage) / reach
-    push = np.insert(theta[:, :last], 0, 0.0, axis=1)
+    push = np.zeros((len(theta), len(_PUSH)))
+    push[:, 1:] = theta[:, :last]
     acting = command.copy()
     acting[:, 0] += np.sign(voltage) * reach * polyline(share, _PUSH, push)
     braking = polyline(share, _BRAKE, theta[:, last:-2]) + theta[:, -2] * np.maximum(1.0 - share / _REST, 0.0)

@@ -36,10 +36,10 @@ def dead_zone(x: Array, half_width: Array, width: float = KINK) -> Array:
 
 def polyline(x: Array, knots: Array, heights: Array) -> Array:
   """Straight lines between knots (K,), of heights (n, K), at x, (n,); held beyond the first and the last."""
-  left = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
-  part = np.clip((x - knots[left]) / (knots[left + 1] - knots[left]), 0.0, 1.0)
-  rows = np.arange(len(x))
-  return (1.0 - part) * heights[rows, left] + part * heights[rows, left + 1]
+  left = np.searchsorted(knots[1:-1], x, side="right")
+  part = np.minimum(np.maximum((x - knots[left]) / np.diff(knots)[left], 0.0), 1.0)
+  place = left + len(knots) * np.arange(len(x))
+  return (1.0 - part) * heights.take(place) + part * heights.take(place + 1)
 
 
 def rolling_torque(force: Array, context: Context) -> Array:
@@ -114,7 +114,7 @@ def lag_step(state: State, target: Array) -> Array:
 
 
 def delay_line(delay: Array, period: float, longest: float, present: Array, before: Array) -> State:
-  """A line of past commands, (n, K), newest first, for delays up to `longest` seconds.
+  """A ring of past commands, (n, K), from the newest at `newest`, (n,), backwards, for delays up to `longest` seconds.
 
   What was commanded before the segment is not known; it is taken to have gone from `before`, what
   acts now, to `present` in a straight line over the delay.
@@ -124,7 +124,7 @@ def delay_line(delay: Array, period: float, longest: float, present: Array, befo
   age = np.arange(1, size + 1) / np.maximum(samples, 1e-9)[:, None]
   line = present[:, None] + (before - present)[:, None] * np.minimum(age, 1.0)
   whole = np.minimum(np.floor(samples), size - 2)
-  return {"line": line, "whole": whole, "part": samples - whole}
+  return {"line": line, "newest": np.zeros(len(line)), "whole": whole, "part": samples - whole}
 
 
 def delay_step(state: State, command: Array) -> Array:
@@ -132,12 +132,13 @@ def delay_step(state: State, command: Array) -> Array:
 
   A delay of a part of a period mixes two neighbours: the exact mean over the period of held commands.
   """
-  line = state["line"]
-  line[:, 1:] = line[:, :-1].copy()
-  line[:, 0] = command
-  start = np.arange(len(line)) * line.shape[1] + state["whole"].astype(np.intp)
-  flat, part = line.ravel(), state["part"]
-  return (1.0 - part) * flat[start] + part * flat[start + 1]
+  line, part = state["line"], state["part"]
+  size = line.shape[1]
+  first, flat = size * np.arange(len(line)), line.reshape(-1)
+  state["newest"] = (state["newest"] - 1.0) % size
+  flat[first + state["newest"].astype(np.intp)] = command
+  place = (state["newest"] + state["whole"]).astype(np.intp)
+  return (1.0 - part) * flat[first + place % size] + part * flat[first + (place + 1) % size]
 
 
 def shifted(values: Array, samples: Array, extrapolate: bool = False) -> Array:
@@ -165,8 +166,8 @@ def caught_up(start: Array, rate: Array, late: Array, *states: str) -> Array:
 
 
 def replaced(track: Track, **signals: Array) -> Array:
-  """A copy of a track's signals, (n, T + 1, 10), with some of them put in by name."""
-  shown = track.signals.copy()
+  """Signals of a track, (n, T + 1, 10), with some put in by name; a copy, unless they are its own to change."""
+  shown = track.signals if track.own else track.signals.copy()
   for name, value in signals.items():
     shown[..., signal_index(name)] = value
   return shown

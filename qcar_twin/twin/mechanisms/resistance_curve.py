@@ -38,7 +38,8 @@ class ResistanceCurve(Mechanism):
 
   def wrench(self, theta: Array, context: Context, state: State) -> Array:
     speed = context.signal("velocity_x")
-    heights, share = np.insert(theta[:, :-2], 0, 0.0, axis=1), np.abs(speed) / theta[:, -1]
+    share, heights = np.abs(speed) / theta[:, -1], np.zeros((len(theta), len(_KNOTS)))
+    heights[:, 1:] = theta[:, :-2]
     resisting = polyline(share, _KNOTS, heights) + theta[:, -2] * np.maximum(1.0 - share / _CRAWL, 0.0)
     force = np.zeros((len(theta), 3))
     weight = GRAVITY * context.car.mass * np.tanh(speed / STANDSTILL)

@@ -37,7 +37,8 @@ class SteeringCurve(Mechanism):
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     reach, middle = theta[:, -1], len(_PLACES) // 2
-    heights = np.insert(theta[:, :-1], middle, 0.0, axis=1)
+    heights = np.zeros((len(theta), len(_KNOTS)))
+    heights[:, :middle], heights[:, middle + 1 :] = theta[:, :middle], theta[:, middle:-1]
     acting = command.copy()
     acting[:, 1] += reach * polyline(command[:, 1] / reach, _KNOTS, heights)
     return acting

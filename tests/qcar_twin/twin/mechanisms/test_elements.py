@@ -1,5 +1,7 @@
 """Elementary responses against closed forms and independent integrators."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -112,6 +114,17 @@ def test_delay_at_its_longest_stays_in_the_line():
   assert found[9] < 5.0 and found[10] == 5.0
 
 
+@given(st.lists(st.floats(0.0, 0.1), min_size=1, max_size=4), st.integers(1, 60))
+def test_delay_of_any_length_reads_the_line_through_old_commands(delays, steps):
+  commands = np.random.default_rng(steps).normal(size=(steps, len(delays)))
+  state = elements.delay_line(np.array(delays), PERIOD, 0.1, commands[0], commands[0])
+  found = np.array([elements.delay_step(state, c) for c in commands])
+  at = np.arange(steps)
+  for row, delay in enumerate(delays):
+    wanted = np.interp(at - delay / PERIOD, at, commands[:, row])  # held at the first one before it
+    np.testing.assert_allclose(found[:, row], wanted, atol=1e-9)
+
+
 def test_delay_begins_with_a_straight_line_from_what_acted_before():
   state = elements.delay_line(np.array([0.04]), PERIOD, 0.1, np.array([1.0]), np.array([0.2]))
   found = [elements.delay_step(state, np.ones(1))[0] for _ in range(6)]
@@ -175,3 +188,6 @@ def test_replaced_puts_in_columns_by_name_and_copies():
   assert np.all(out[..., 5] == 7.0) and not np.any(track.signals[..., 5] == 7.0)
   with pytest.raises(KeyError, match="yaw_rate"):
     elements.replaced(track, yaw_rates=np.zeros((2, 6)))
+  own = dataclasses.replace(track, own=True)
+  assert elements.replaced(own, yaw_rate=np.full((2, 6), 7.0)) is own.signals
+  np.testing.assert_array_equal(own.signals, out)
