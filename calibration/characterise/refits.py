@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from calibration.characterise.bounds import as_wide, widened
 from calibration.characterise.flexible import DELAYS, Characterised, opened
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
 from calibration.diagnosis.score import compare
@@ -105,6 +106,7 @@ class Trials:
     rest = ParameterSet([*(p for p in self.base.free if p.name not in without), *measured])
     made = candidate(self.problem, (*kept, *forms), self.base, rest, dict(start or {}))
     made.free = ParameterSet([opened(p) for p in made.free])
+    as_wide(made, self.base, self.problem)
     for name in set(without) & set(DELAYS):
       made.theta[self.problem.parameters.index(name)] = self.found.lead
     return made
@@ -155,6 +157,10 @@ def fit_together(problem: Problem, models: Sequence[Candidate], plainest: Candid
   for item in last:
     item.settled = False
   refine(problem, last, 1, full=True)
+  again = [item for item in last if widened(problem, item)]
+  for item in again:
+    item.settled = False
+  refine(problem, again, 2, full=True)
   return sorted(models, key=lambda m: m.cost)
 
 

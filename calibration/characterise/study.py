@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.characterise.additions import Addition, with_additions
+from calibration.characterise.bounds import said
 from calibration.characterise.driven import driven, error_of
 from calibration.characterise.finish import finished, fitted_to_all
 from calibration.characterise.flexible import Characterised, characterise, fitted_on
@@ -140,7 +141,7 @@ def study(
     progress: told the stage.
     plant: what is fitted on: the reduced car, or "mujoco", many times as long; errors are MuJoCo's either way.
   """
-  dataset, notes = ready(dataset)
+  dataset, notes = ready(dataset, most, evenly=True)
   progress("the base as it is")
   base = _base(dataset, most, threads, plant)
   progress("curves")
@@ -162,9 +163,10 @@ def study(
   progress("hold-out")
   twins = {"curves": found, "characterised": told, "named": named}
   errors, units = _errors(base, twins, dataset.role("holdout"))
-  said, drawn = dataset.warnings + notes, redrawn(drawn, found)
+  wide = said(trials.problem, told.forms, told.fitted.fit.parameters)
+  notes, drawn = dataset.warnings + notes + wide, redrawn(drawn, found)
   return Study(
-    dataset.name, said, found, drawn, told, joined, terms(told, whole, tests), named, errors, units, base, judged
+    dataset.name, notes, found, drawn, told, joined, terms(told, whole, tests), named, errors, units, base, judged
   )
 
 

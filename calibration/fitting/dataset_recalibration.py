@@ -48,15 +48,13 @@ def recalibrate_dataset(
   return recalibrate(twin, recordings, priors, command_shifts(dataset), Cut(most=most, evenly=evenly), progress)
 
 
-def left_out(dataset: DataSet, most: float = LONGEST) -> tuple[str, ...]:
+def left_out(dataset: DataSet, most: float = LONGEST, evenly: bool = False) -> tuple[str, ...]:
   """A sentence about what of a long data set is not simulated; none of a short one."""
   driven = sum(r.duration for r in dataset.recordings if r.role != "holdout")
   if driven <= most:
     return ()
-  return (
-    f"{most:g} s of {driven:.0f} s of driving are simulated, half of them spread evenly and half chosen for what they "
-    f"tell; {driven - most:.0f} s are left out",
-  )
+  how = "spread evenly" if evenly else "half of them spread evenly and half chosen for what they tell"
+  return (f"{most:g} s of {driven:.0f} s of driving are simulated, {how}; {driven - most:.0f} s are left out",)
 
 
 def command_shifts(dataset: DataSet) -> tuple[int, ...]:

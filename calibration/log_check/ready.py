@@ -6,15 +6,16 @@ from calibration.log_check.check import heed
 from qcar_twin.recordings.dataset import DataSet
 
 
-def ready(dataset: DataSet, most: float = LONGEST) -> tuple[DataSet, tuple[str, ...]]:
+def ready(dataset: DataSet, most: float = LONGEST, evenly: bool = False) -> tuple[DataSet, tuple[str, ...]]:
   """The data set with the roles that are used, and sentences about sensors that disagree, roles, and what is left out.
 
   Args:
     most: s of driving that will be simulated.
+    evenly: it is spread evenly; else half of it is chosen for what it tells.
 
   Raises:
     RecordingError: two sensors contradict each other.
   """
   checked = heed(dataset)
   dataset, joined = with_coverage(dataset)
-  return dataset, (*checked, *joined, *left_out(dataset, most))
+  return dataset, (*checked, *joined, *left_out(dataset, most, evenly))

@@ -31,6 +31,7 @@ class Model:
   theta: np.ndarray
   residual: np.ndarray
   settled: bool = False
+  mechanisms: tuple[str, ...] = ()
 
   @property
   def cost(self):

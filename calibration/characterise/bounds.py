@@ -1,0 +1,68 @@
+"""Bounds of forms that follow from the nominal car's size, and go further where another car asks for it.
+
+A dead zone of at most 0.8 V and a drag of at most 2 kg/m are generous for a QCar; a larger car has more of both. A
+share has bounds that are a law: no motor lets go by more than the whole. So a form's number that has a unit and ends at
+its bound is fitted again with a bound twice as far, once; what ends there again is at a bound, and says so.
+"""
+
+import dataclasses
+from collections.abc import Collection
+
+from calibration.diagnosis.candidates import Candidate
+from calibration.fitting.likelihood import Problem
+from qcar_twin.parameters import Parameter, ParameterSet
+
+_FURTHER = 2.0
+_AT = 1e-6  # of the range: nearer than that is at the bound
+
+
+def widened(problem: Problem, model: Candidate) -> bool:
+  """Move the bounds at which a model's forms ended twice as far, once; whether any was."""
+  free = [_moved(problem.parameters[p.name], p, float(v)) if _sized(problem, model, p) else p
+          for p, v in zip(model.free, model.values, strict=True)]  # fmt: skip
+  changed = any(new is not old for new, old in zip(free, model.free, strict=True))
+  model.free = ParameterSet(free)
+  return changed
+
+
+def as_wide(made: Candidate, base: Candidate, problem: Problem) -> None:
+  """Give a model made from another the bounds that were widened there, and the values that those left room for."""
+  names = [p.name for p in made.free if p.name in base.free and _wider(base.free[p.name], p)]
+  made.free = made.free.replace(
+    **{n: dataclasses.replace(made.free[n], lower=base.free[n].lower, upper=base.free[n].upper) for n in names}
+  )
+  for name in names:
+    value = base.values[base.free.index(name)]
+    made.values[made.free.index(name)] = made.theta[problem.parameters.index(name)] = value
+
+
+def said(problem: Problem, forms: Collection[str], fitted: ParameterSet) -> tuple[str, ...]:
+  """A sentence for every bound of a form that was widened."""
+  declared = [p for name in forms for p in problem.mechanism(name).parameters if p.name in fitted]
+  return tuple(
+    f"{p.name} ended at a bound of its range, {p.lower:g} to {p.upper:g} {p.unit}, which is made for the nominal car;"
+    f" it was fitted again between {fitted[p.name].lower:g} and {fitted[p.name].upper:g}"
+    for p in declared
+    if _wider(fitted[p.name], p)
+  )
+
+
+def _sized(problem: Problem, model: Candidate, parameter: Parameter) -> bool:
+  """Whether a parameter is a form's number that has a unit."""
+  forms = (problem.mechanism(name) for name in model.mechanisms)
+  own = {p.name for mechanism in forms if mechanism.outlined_by for p in mechanism.parameters}
+  return parameter.name in own and parameter.unit != "-"
+
+
+def _moved(declared: Parameter, parameter: Parameter, value: float) -> Parameter:
+  near = _AT * (parameter.upper - parameter.lower)
+  if value >= parameter.upper - near and parameter.upper == declared.upper:
+    return dataclasses.replace(parameter, upper=_FURTHER * declared.upper)
+  # a bound of zero is a law: there is nothing less than none
+  if value <= parameter.lower + near and parameter.lower == declared.lower != 0.0:
+    return dataclasses.replace(parameter, lower=min(_FURTHER * declared.lower, declared.lower / _FURTHER))
+  return parameter
+
+
+def _wider(one: Parameter, other: Parameter) -> bool:
+  return one.upper > other.upper or one.lower < other.lower
