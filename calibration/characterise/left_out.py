@@ -62,7 +62,7 @@ def leave_sessions_out(
   Raises:
     ValueError: fewer than two sessions have recordings beside the hold-out.
   """
-  dataset, _ = ready(dataset)
+  dataset, _ = ready(dataset, most)
   kept = [r for r in dataset.recordings if r.role != "holdout"]
   sessions = sorted({r.session for r in kept if r.session})
   if len(sessions) < 2:

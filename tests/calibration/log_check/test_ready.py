@@ -18,6 +18,9 @@ def test_sensors_that_disagree_and_driving_left_out_are_said():
   late, left = notes
   assert late.startswith("yaw_rate is 55 ± ") and left.startswith("60 s of 90 s of driving are simulated, half of them")
   assert left.endswith("30 s are left out")
+  assert ready(dataset, most=60.0, evenly=True)[1][-1] == (
+    "60 s of 90 s of driving are simulated, spread evenly; 30 s are left out"
+  )
 
 
 def test_hold_out_recordings_stay_closed():
