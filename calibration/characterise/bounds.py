@@ -8,26 +8,39 @@ its bound is fitted again with a bound twice as far, once; what ends there again
 import dataclasses
 from collections.abc import Collection
 
+import numpy as np
+from numpy.typing import NDArray
+
 from calibration.diagnosis.candidates import Candidate
 from calibration.fitting.likelihood import Problem
 from qcar_twin.parameters import Parameter, ParameterSet
+
+Array = NDArray[np.float64]
 
 _FURTHER = 2.0
 _AT = 1e-6  # of the range: nearer than that is at the bound
 
 
+def further(problem: Problem, forms: Collection[str], free: ParameterSet, values: Array) -> ParameterSet:
+  """The same parameters with those bounds twice as far at which forms ended, values (p,); itself where none did."""
+  made = [_moved(problem.parameters[p.name], p, float(v)) if _sized(problem, forms, p) else p
+          for p, v in zip(free, values, strict=True)]  # fmt: skip
+  return ParameterSet(made) if any(new is not old for new, old in zip(made, free, strict=True)) else free
+
+
 def widened(problem: Problem, model: Candidate) -> bool:
-  """Move the bounds at which a model's forms ended twice as far, once; whether any was."""
-  free = [_moved(problem.parameters[p.name], p, float(v)) if _sized(problem, model, p) else p
-          for p, v in zip(model.free, model.values, strict=True)]  # fmt: skip
-  changed = any(new is not old for new, old in zip(free, model.free, strict=True))
-  model.free = ParameterSet(free)
-  return changed
+  """Move the bounds at which a model's forms ended; whether any was."""
+  before, model.free = model.free, further(problem, model.mechanisms, model.free, model.values)
+  return model.free is not before
 
 
 def as_wide(made: Candidate, base: Candidate, problem: Problem) -> None:
-  """Give a model made from another the bounds that were widened there, and the values that those left room for."""
-  names = [p.name for p in made.free if p.name in base.free and _wider(base.free[p.name], p)]
+  """Give the forms of a model made from another the bounds that were widened there, and the values those left room for.
+
+  What every car has to within a tolerance, and a form frees, goes back to the tolerance where the form is left out.
+  """
+  forms = [p for p in made.free if p.name in base.free and _sized(problem, made.mechanisms, p)]
+  names = [p.name for p in forms if _wider(base.free[p.name], p)]
   made.free = made.free.replace(
     **{n: dataclasses.replace(made.free[n], lower=base.free[n].lower, upper=base.free[n].upper) for n in names}
   )
@@ -47,10 +60,10 @@ def said(problem: Problem, forms: Collection[str], fitted: ParameterSet) -> tupl
   )
 
 
-def _sized(problem: Problem, model: Candidate, parameter: Parameter) -> bool:
+def _sized(problem: Problem, forms: Collection[str], parameter: Parameter) -> bool:
   """Whether a parameter is a form's number that has a unit."""
-  forms = (problem.mechanism(name) for name in model.mechanisms)
-  own = {p.name for mechanism in forms if mechanism.outlined_by for p in mechanism.parameters}
+  outlined = (m for m in [problem.mechanism(name) for name in forms] if m.outlined_by)
+  own = {p.name for mechanism in outlined for p in mechanism.parameters}
   return parameter.name in own and parameter.unit != "-"
 
 

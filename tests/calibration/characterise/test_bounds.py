@@ -73,6 +73,15 @@ def test_models_made_of_a_widened_one_keep_its_room_and_its_values():
   assert made.values[0] == made.theta[0] == 1.3 * ZONE.upper and made.values[1] == 2.5
 
 
+def test_what_a_form_had_freed_is_held_to_its_tolerance_again_without_it():
+  base = ended(drive_dead_zone=0.5 * ZONE.upper)
+  without = ended(drive_dead_zone=0.05 * ZONE.upper)
+  without.mechanisms = ()
+  without.free = ParameterSet([dataclasses.replace(ZONE, upper=0.1 * ZONE.upper)])
+  as_wide(without, base, PROBLEM)
+  assert without.free["drive_dead_zone"].upper == 0.1 * ZONE.upper and without.values[0] == 0.05 * ZONE.upper
+
+
 def test_it_is_said():
   model = ended(drive_dead_zone=ZONE.upper, mass=3.0)
   assert said(PROBLEM, model.mechanisms, model.free) == ()
