@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.fitting.likelihood import Problem
+from calibration.fitting.recalibration import RecalibratedTwin, settled
 from qcar_twin.parameters import Parameter, ParameterSet
 
 Array = NDArray[np.float64]
@@ -26,6 +27,15 @@ def further(problem: Problem, forms: Collection[str], free: ParameterSet, values
   made = [_moved(problem.parameters[p.name], p, float(v)) if _sized(problem, forms, p) else p
           for p, v in zip(free, values, strict=True)]  # fmt: skip
   return ParameterSet(made) if any(new is not old for new, old in zip(made, free, strict=True)) else free
+
+
+def with_room(found: RecalibratedTwin, forms: Collection[str]) -> RecalibratedTwin:
+  """A fitted twin, fitted on with more room where forms in it ended at their bounds; itself where none did."""
+  free = found.fit.parameters
+  wide = further(found.problem, forms, free, found.fit.theta)
+  if wide is free:
+    return found
+  return settled(found.problem, found.passport, wide, found.fit.theta, found.command_shift)
 
 
 def widened(problem: Problem, model: Candidate) -> bool:

@@ -8,6 +8,7 @@ is fitted to all the data.) The hold-out stays closed.
 
 import dataclasses
 
+from calibration.characterise.bounds import with_room
 from calibration.characterise.flexible import Characterised
 from calibration.fitting.recalibration import RecalibratedTwin, reweighted, settled
 
@@ -23,4 +24,4 @@ def fitted_to_all(found: RecalibratedTwin) -> RecalibratedTwin:
 
 def finished(found: Characterised) -> Characterised:
   """A characterised twin, the same: see `fitted_to_all`."""
-  return dataclasses.replace(found, fitted=fitted_to_all(found.fitted))
+  return dataclasses.replace(found, fitted=with_room(fitted_to_all(found.fitted), found.forms))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from calibration.characterise.bounds import as_wide, further, widened
+from calibration.characterise.bounds import as_wide, widened, with_room
 from calibration.characterise.flexible import DELAYS, Characterised, opened
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
 from calibration.diagnosis.score import compare
@@ -135,10 +135,8 @@ class Trials:
     twin = self.problem.exact.twin.with_mechanisms(select(dict.fromkeys((*have, *self.beside, *self.forms))))
     free = self.base.free
     smaller = Problem(twin, self.problem.observations, self.problem.weighting, self.problem.n_train, free.names)
-    passport, shift = self.found.fitted.passport, self.found.fitted.command_shift
-    fitted = settled(smaller, passport, free, self.base.values, shift)
-    if (wide := further(smaller, self.forms, free, fitted.fit.theta)) is not free:
-      fitted = settled(smaller, passport, wide, fitted.fit.theta, shift)
+    fitted = settled(smaller, self.found.fitted.passport, free, self.base.values, self.found.fitted.command_shift)
+    fitted = with_room(fitted, self.forms)
     return Characterised(fitted, self.curves, self.beside, self.clock, self.forms)
 
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from calibration.characterise import bounds
 from calibration.characterise.bounds import as_wide, said, widened
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.twin.mechanisms import catalogue
@@ -80,6 +81,18 @@ def test_what_a_form_had_freed_is_held_to_its_tolerance_again_without_it():
   without.free = ParameterSet([dataclasses.replace(ZONE, upper=0.1 * ZONE.upper)])
   as_wide(without, base, PROBLEM)
   assert without.free["drive_dead_zone"].upper == 0.1 * ZONE.upper and without.values[0] == 0.05 * ZONE.upper
+
+
+def test_a_fitted_twin_is_fitted_on_where_it_has_more_room_and_left_alone_elsewhere(monkeypatch):
+  asked = []
+  monkeypatch.setattr(bounds, "settled", lambda problem, noise, free, start, shift: asked.append(free) or "fitted on")
+  made = lambda model: SimpleNamespace(
+    problem=PROBLEM, passport={}, command_shift=0, fit=SimpleNamespace(parameters=model.free, theta=model.values)
+  )
+  inside, at = made(ended(drive_dead_zone=0.5)), made(ended(drive_dead_zone=ZONE.upper))
+  assert bounds.with_room(inside, ("drive_dead_zone",)) is inside and not asked
+  assert bounds.with_room(at, ("drive_dead_zone",)) == "fitted on"
+  assert asked[0]["drive_dead_zone"].upper == 2.0 * ZONE.upper
 
 
 def test_it_is_said():
