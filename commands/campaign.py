@@ -16,7 +16,7 @@ from calibration.campaign.archive import pack, unpack
 from calibration.campaign.cases import draw_cases, draw_second_cases, draw_wild_cases
 from calibration.campaign.page import campaign_page
 from calibration.campaign.report import write_campaign
-from calibration.campaign.run import run_case
+from calibration.campaign.run import all_answered, attempt
 from calibration.campaign.score import score_table
 from calibration.campaign.wild_score import wild_table
 from qcar_twin.atomic_io import write_text
@@ -59,7 +59,7 @@ class Config:
   """Run nothing: score the answers that are there."""
   quick: bool = False
   """One case of each kind."""
-  engine: str = "search"
+  engine: Literal["search", "likelihood", "characterise"] = "search"
   """What answers: search, likelihood (docs/likelihood.md), or characterise, for wild cases (docs/characterise.md)."""
 
 
@@ -76,9 +76,8 @@ def main(config: Config) -> str:
   of_kind = Counter(case.kind for case in cases)
   cases.sort(key=lambda case: (int(case.name.split("_")[1]) / of_kind[case.kind], case.name))
   todo = [] if config.score_only else [c for c in cases if not (config.out / f"{c.name}.json").is_file()]
-  jobs = in_parallel([delayed(run_case)(c, config.out, engine=config.engine) for c in todo], config.jobs, config.ray)
-  for _ in tqdm(jobs, total=len(todo), desc="cases", unit="case"):
-    pass
+  jobs = in_parallel([delayed(attempt)(c, config.out, engine=config.engine) for c in todo], config.jobs, config.ray)
+  said = [line for _, line in tqdm(jobs, total=len(todo), desc="cases", unit="case")]
   answers = [config.out / f"{c.name}.json" for c in cases]
   results = [json.loads(path.read_text()) for path in answers if path.is_file()]
   table = wild_table(results) if config.engine == "characterise" else score_table(results)
@@ -87,6 +86,7 @@ def main(config: Config) -> str:
     pack(config.out, config.archive)
   if config.engine == "characterise":
     print(f"{table}score: {config.out / 'score.md'}")
+    all_answered(said, config.out)
     return table
   usual, options = Config(config.out), ("car", "nulls", "singles", "pairs", "outside", "wild", "design")
   other = [f" --{n} {getattr(config, n)}" for n in options if getattr(config, n) != getattr(usual, n)]
@@ -95,4 +95,5 @@ def main(config: Config) -> str:
   if config.page:
     write_text(config.page, campaign_page(results, len(cases), command, config.page.with_suffix(".png")))
   print(f"{table}report: {report}")
+  all_answered(said, config.out)
   return table

@@ -61,7 +61,8 @@ def main(config: Config) -> Study | None:
   for line in sentences(found):
     print(line)
   which = found.best.replace("_", " ")
-  print(f"twin, the best of four by validation, {which}: {config.out / 'twin.toml'}")
+  why = "the best of four by validation" if found.judged else "since no recordings only judge, as far as borne out"
+  print(f"twin, {why}, {which}: {config.out / 'twin.toml'}")
   print(f"report: {write_study(found, config.out)}")
   return found
 

@@ -16,7 +16,7 @@ from qcar_twin.plant import START
 from qcar_twin.twin.simulation import mujoco_batch
 from qcar_twin.twin.timers import timers_stopped
 from qcar_twin.twin.twin import Simulation, Twin
-from qcar_twin.vehicle.mjcf import car_spec
+from qcar_twin.vehicle.mjcf import car_model
 from qcar_twin.vehicle.vehicle import QCAR, TyreKind
 
 Array = NDArray[np.float64]
@@ -104,7 +104,7 @@ def _tyre_pair(turn: tuple[float, float], rounds: int) -> Pair:
 
 def _turning_car(tyre: TyreKind, turn: tuple[float, float]) -> tuple[Callable[[], None], float]:
   """STEPS steps of a car that already turns, from the same state at every call; and its lateral acceleration, m/s^2."""
-  model = car_spec(QCAR, tyre=tyre, timestep=0.002).compile()
+  model = car_model(QCAR, tyre)
   data = mujoco.MjData(model)
   data.ctrl[:] = turn
   mujoco.mj_step(model, data, nstep=int(2.0 / model.opt.timestep))

@@ -5,6 +5,8 @@ hash before the truth is looked at. A campaign that is stopped goes on where it 
 """
 
 import dataclasses
+import traceback
+from collections.abc import Sequence
 from pathlib import Path
 
 from calibration.campaign.archive import digest, keep
@@ -21,11 +23,41 @@ from calibration.likelihood.diagnose import diagnose_by_likelihood
 from calibration.likelihood.diagnose import document as document_by_likelihood
 from calibration.proving_ground import make_session
 from calibration.second_car import make_second_session
-from qcar_twin.atomic_io import plain
+from qcar_twin.atomic_io import plain, write_text
 from qcar_twin.recordings.dataset import DataSet
 
 MAKERS = {"first": make_session, "second": make_second_session}
 ENGINES = ("search", "likelihood", "characterise")
+
+
+class CaseFailed(RuntimeError):
+  """Cases without an answer, because making one ended in an error."""
+
+
+def attempt(case: Case, folder: Path, engine: str = "search") -> str:
+  """`run_case`, whatever it raises: "" if it was answered, else a line that says what came instead.
+
+  An error's traceback stays in `folder` as NAME.error.txt until the case is answered.
+  """
+  story = folder / f"{case.name}.error.txt"
+  try:
+    run_case(case, folder, engine=engine)
+  except Exception as error:  # one case that cannot be answered must not cost the others theirs
+    write_text(story, traceback.format_exc())
+    return f"{case.name} ({type(error).__name__}: {error})"
+  story.unlink(missing_ok=True)
+  return ""
+
+
+def all_answered(said: Sequence[str], folder: Path) -> None:
+  """Raises CaseFailed if one of the lines of `attempt` says that there is no answer."""
+  failed = sorted(line for line in said if line)
+  if failed:
+    count = "1 case has" if len(failed) == 1 else f"{len(failed)} cases have"
+    raise CaseFailed(
+      f"{count} no answer: {'; '.join(failed)}. The others are scored; {folder}/*.error.txt say where it arose, and the"
+      " same command tries again"
+    )
 
 
 def run_case(case: Case, folder: Path, threads: int = 1, engine: str = "search") -> Path:

@@ -11,8 +11,8 @@ from calibration.campaign.score import Result, truth_ids
 from calibration.characterise.driven import error_of
 from calibration.characterise.finish import fitted_to_all
 from calibration.characterise.flexible import characterise
-from calibration.characterise.refits import Trials
-from calibration.characterise.removals import matters, worth
+from calibration.characterise.naming.refits import Trials
+from calibration.characterise.naming.removals import matters, worth
 from calibration.log_check.ready import ready
 from qcar_twin import markdown
 from qcar_twin.recordings.dataset import DataSet

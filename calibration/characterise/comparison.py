@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import norm
 
 from calibration.characterise.flexible import Characterised, characterise, reaches
-from calibration.characterise.forms import LEVEL
+from calibration.characterise.naming.forms import LEVEL
 from calibration.fitting.dataset_recalibration import LONGEST
 from calibration.log_check.ready import ready
 from calibration.progress import Progress, silent

@@ -8,8 +8,8 @@ is fitted to all the data.) The hold-out stays closed.
 
 import dataclasses
 
-from calibration.characterise.bounds import with_room
 from calibration.characterise.flexible import Characterised
+from calibration.characterise.naming.bounds import with_room
 from calibration.fitting.recalibration import RecalibratedTwin, reweighted, settled
 
 

@@ -7,17 +7,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.characterise.additions import Addition, with_additions
-from calibration.characterise.bounds import said
 from calibration.characterise.driven import driven, error_of
 from calibration.characterise.finish import finished, fitted_to_all
 from calibration.characterise.flexible import Characterised, characterise, fitted_on
-from calibration.characterise.forms import Form, Outline, left_with, outlines, redrawn
-from calibration.characterise.refits import Trials
-from calibration.characterise.removals import matters, without_the_needless
-from calibration.characterise.substitution import named_only, substituted
-from calibration.characterise.terms import Term, terms
-from calibration.characterise.youngest import by_the_youngest
+from calibration.characterise.naming.additions import Addition, with_additions
+from calibration.characterise.naming.bounds import said
+from calibration.characterise.naming.forms import Form, Outline, left_with, outlines, redrawn
+from calibration.characterise.naming.refits import Trials
+from calibration.characterise.naming.removals import matters, without_the_needless
+from calibration.characterise.naming.rivals import renamed, with_rivals
+from calibration.characterise.naming.substitution import named_only, substituted
+from calibration.characterise.naming.terms import Term, terms
+from calibration.characterise.naming.youngest import by_the_youngest
 from calibration.diagnosis.black_box import boosted_residual, rms
 from calibration.fitting.dataset_recalibration import LONGEST, recalibrate_dataset
 from calibration.fitting.likelihood import Problem
@@ -77,9 +78,13 @@ class Study:
 
   @property
   def best(self) -> str:
-    """The kind of twin that errs least on recordings that only judged; the base without any."""
+    """The kind of twin that errs least on recordings that only judged.
+
+    Without any, the twin that is told of: what is in it was borne out by driving that it was not fitted to.
+    """
     if not self.judged:
-      return "base"
+      found = any(o.is_there for o in self.outlines) or any(t.there for t in self.terms) or self.additions
+      return "characterised" if found else "base"
     return min(_SHIPPED, key=lambda kind: ratio(self.judged[kind], self.judged["base"]))
 
   @property
@@ -147,11 +152,14 @@ def study(
   progress("curves")
   found = characterise(dataset, most=most, threads=threads, plant=plant)
   trials, drawn = substituted(by_the_youngest(Trials.of(found)), outlines(found), progress)
-  whole, joined = with_additions(trials, progress)
-  trials, tests = without_the_needless(whole, progress)
+  settled, exchanged, tests = with_rivals(with_additions(trials, progress), progress)
+  whole = with_additions(settled, progress) if exchanged else settled
+  drawn = tuple(renamed(outline, exchanged, whole) for outline in drawn)
+  trials, tests = without_the_needless(whole, progress, tests if whole is settled else None)
   in_the_end = [name for name in trials.forms if name not in tests or matters(tests, name)]
   drawn = tuple(left_with(outline, in_the_end) for outline in drawn)
-  joined = tuple(a for a in joined if a.mechanism in in_the_end)
+  forms = {name for outline in drawn if outline.named for name in outline.named.mechanisms}
+  joined = tuple(Addition(name, tests[name]) for name in in_the_end if name in tests and name not in forms)
   progress("fitting what is named to the end")
   told = trials.settled()
   named = named_only(trials, drawn).settled() if trials.curves else told

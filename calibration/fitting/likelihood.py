@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 
 log = logging.getLogger(__name__)
 
+_APART = 1e150  # in any unit: more is no motion, and its square no number
 _WORST = 1e3  # standard deviations that a residual counts at most
 _SPIKE = 6.0  # residuals beyond this many standard deviations lose weight
 _MEMORY = 0.1  # s within which samples of one channel count as one witness
@@ -207,6 +208,8 @@ def warnings_logged() -> Iterator[None]:
 def weighting_from(observations: Observations, raw: Array, floor: Mapping[str, float]) -> Weighting:
   """Weights from the residuals of a fitted model, never below the sensors' own noise.
 
+  Where the model flies apart its residuals tell nothing of a channel's scatter, and get no weight.
+
   Args:
     observations: what was measured.
     raw: predicted minus measured, (M,).
@@ -217,10 +220,12 @@ def weighting_from(observations: Observations, raw: Array, floor: Mapping[str, f
   spike = np.ones(len(observations))
   for index in np.unique(observations.channel):
     rows = np.flatnonzero(observations.channel == index)
-    typical = 1.4826 * np.median(np.abs(raw[rows]))
-    rms = float(np.sqrt(np.mean(np.clip(raw[rows], -_SPIKE * typical, _SPIKE * typical) ** 2)))
+    size = np.nan_to_num(np.abs(raw[rows]), nan=_APART, posinf=_APART)
+    seen = size[size < _APART]
+    typical = 1.4826 * np.median(seen) if len(seen) else 0.0
+    rms = float(np.sqrt(np.mean(np.minimum(seen, _SPIKE * typical) ** 2))) if len(seen) else 0.0
     std[index] = max(rms, floor.get(CHANNELS[index], 0.0), 1e-9)
-    spike[rows] = np.minimum(1.0, _SPIKE * std[index] / np.maximum(np.abs(raw[rows]), 1e-12))
+    spike[rows] = np.minimum(1.0, _SPIKE * std[index] / np.maximum(size, 1e-12))
     correlation[index] = correlation_length(observations, rows)
   return Weighting(std, correlation, spike)
 

@@ -23,7 +23,7 @@ from qcar_twin.twin.sessions import ONE_SESSION, SessionShifts
 from qcar_twin.twin.simulation import Simulation
 from qcar_twin.twin.slots import STEPPED, Slot
 from qcar_twin.twin.timers import stop_timers
-from qcar_twin.vehicle.mjcf import car_spec, sinking
+from qcar_twin.vehicle.mjcf import car_model, sinking
 from qcar_twin.vehicle.vehicle import TyreKind, Vehicle
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ class Twin:
     self.parameters = self.base + [p for m in self.mechanisms for p in m.parameters]
     self.sessions = sessions
     self.parameters = self.parameters + sessions.parameters(self.parameters)
-    self.model = car_spec(vehicle, tyre=tyre, timestep=self.period / substeps).compile()
+    self.model = car_model(vehicle, tyre, self.period / substeps)
     self._columns = {m.name: [self.parameters.index(p.name) for p in m.parameters] for m in self.mechanisms}
     self._rest_height = self._settle()
     self._batches: dict[int, Batch] = {}

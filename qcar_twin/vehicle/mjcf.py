@@ -50,6 +50,21 @@ def car_spec(car: Vehicle, tyre: TyreKind = "contact", timestep: float = 0.002, 
   return spec
 
 
+def car_model(car: Vehicle, tyre: TyreKind = "contact", timestep: float = 0.002) -> mujoco.MjModel:
+  """The car on a floor, compiled; arguments as `car_spec`.
+
+  Raises:
+    ValueError: no body can have these masses, inertias or lengths; in one line, with the vehicle's name.
+  """
+  spec = car_spec(car, tyre, timestep)
+  try:
+    return spec.compile()
+  except ValueError as error:
+    said = " ".join(str(error).removeprefix("Error: ").split())
+    cure = "correct its masses, its yaw_inertia and its lengths"
+    raise ValueError(f"vehicle '{car.name}' can't be built: {said}; {cure}") from error
+
+
 def tyre_of(car: Vehicle, wheel: str) -> list[float]:
   """`geom_user` of a wheel: half its axle's cornering stiffness, at its static load."""
   front = wheel.startswith("front")

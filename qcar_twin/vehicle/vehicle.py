@@ -108,10 +108,10 @@ class Vehicle:
       if not is_number(value, name in _UNLIMITED) or float(value) < least or (value == 0.0 and name not in _MAY_VANISH):
         what = "finite" if least else "non-negative" if name in _MAY_VANISH else "positive"
         raise ValueError(f"vehicle '{self.name}': {name} must be a {what} number, not {value!r:.60}")
+      object.__setattr__(self, name, float(value))  # an integer beyond 64 bits is no number to NumPy
     for name, known in _CHOICES.items():
-      if getattr(self, name) not in known:
-        said = f"must be one of {', '.join(known)}, not {getattr(self, name)!r}"
-        raise ValueError(f"vehicle '{self.name}': {name} {said}")
+      if (value := getattr(self, name)) not in known:
+        raise ValueError(f"vehicle '{self.name}': {name} must be one of {', '.join(known)}, not {value!r}")
     if self.chassis_yaw_inertia <= 0.0:
       least = self.yaw_inertia - self.chassis_yaw_inertia
       raise ValueError(

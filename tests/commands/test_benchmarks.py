@@ -78,7 +78,7 @@ def test_a_campaign_is_scored_from_its_archive(tmp_path, archive, capsys):
 
 def test_a_campaign_goes_on_with_the_cases_that_have_no_answer(tmp_path, archive, monkeypatch):
   asked = []
-  monkeypatch.setattr(campaign, "run_case", lambda case, folder, engine: asked.append(case.name))
+  monkeypatch.setattr(campaign, "attempt", lambda case, folder, engine: asked.append(case.name) or "")
   config = campaign.Config(tmp_path / "out", archive=tmp_path / "answers.jsonl.xz", jobs=1, **DRAWN)
   campaign.main(config)
   answered = {path.stem for path in (tmp_path / "out").glob("*_*.json")}
@@ -87,7 +87,7 @@ def test_a_campaign_goes_on_with_the_cases_that_have_no_answer(tmp_path, archive
 
 def test_a_campaign_of_the_second_car_asks_for_its_cases(tmp_path, monkeypatch):
   asked = []
-  monkeypatch.setattr(campaign, "run_case", lambda case, folder, engine: asked.append(case))
+  monkeypatch.setattr(campaign, "attempt", lambda case, folder, engine: asked.append(case) or "")
   campaign.main(campaign.Config(tmp_path / "out", seed=3, nulls=2, singles=3, jobs=1, car="second"))
   assert sorted(case.kind for case in asked) == ["null"] * 2 + ["single"] * 3
   assert {case.car for case in asked} == {"second"}

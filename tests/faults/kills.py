@@ -170,24 +170,26 @@ class Tally:
 
 
 def torment(name: str, kills: int, every: int, seed: int, work: Path, data: Path) -> tuple[Tally, list[str]]:
-  """Kill a command at random moments; compare after every so many kills (a chain: after the last)."""
+  """Kill a command at random moments; compare after every so many kills (a chain: whenever it came to its end)."""
   victim, random, tally, said = VICTIMS[name], np.random.default_rng(seed), Tally(), []
   whole = work / "whole"
   tally.seconds = finish(victim.words, data=data, out=whole)
-  out, words = work / "killed", victim.words
+  out = work / "killed"
+  words = lambda: victim.again if victim.again and (out / "training.json").is_file() else victim.words
   for number in range(1, kills + 1):
-    tally.kills += kill_after(random.uniform(0.1, 1.0) * tally.seconds, words, data=data, out=out)
+    hit = kill_after(random.uniform(0.1, 1.0) * tally.seconds, words(), data=data, out=out)
+    tally.kills += hit
     if found := broken(out):
       tally.broken += 1
       said += [f"{name}, kill {number}: {line}" for line in found]
-    words = victim.again if victim.again and (out / "training.json").is_file() else victim.words
-    if number % every == 0 if not victim.chain else number == kills:
-      finish(words, data=data, out=out)
+    ended = victim.chain and not hit  # what the kills before had left was gone on with, to the end
+    if ended or (number == kills if victim.chain else number % every == 0):
+      finish(words(), data=data, out=out)
       tally.reruns += 1
       found = broken(out) + differences(victim, whole, out)
       tally.different += bool(found)
       said += [f"{name}, rerun after kill {number}: {line}" for line in found]
-    if not victim.chain:
+    if ended or not victim.chain:
       shutil.rmtree(out, ignore_errors=True)
   return tally, said
 

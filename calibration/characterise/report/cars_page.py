@@ -6,8 +6,8 @@ from pathlib import Path
 
 from calibration.characterise.comparison import Moved
 from calibration.characterise.comparison import sentences as moves
-from calibration.characterise.forms import LEVEL
 from calibration.characterise.left_out import LeftOut
+from calibration.characterise.naming.forms import LEVEL
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages import Cell, Section, Table, write_page
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.characterise.forms import LEVEL, Outline
-from calibration.characterise.refits import MATERIAL
+from calibration.characterise.naming.forms import LEVEL, Outline
+from calibration.characterise.naming.refits import MATERIAL
+from calibration.characterise.naming.terms import Term
 from calibration.characterise.report import wording
 from calibration.characterise.report.shapes import BAND, Shape, View, shapes
 from calibration.characterise.study import Study, ratio
-from calibration.characterise.terms import Term
 from calibration.diagnosis.report.wording import listed
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages import Cell, Chart, Section, Table, bars, line, panels, write_page

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.characterise.flexible import Characterised
-from calibration.characterise.forms import Form, Outline, answer, base_can, questions, situation
+from calibration.characterise.naming.forms import Form, Outline, answer, base_can, questions, situation
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.mechanisms.base import Context, Mechanism

@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 
-from calibration.characterise.forms import Outline
+from calibration.characterise.naming.forms import Outline
+from calibration.characterise.naming.terms import Term
 from calibration.characterise.report.shapes import Shape
 from calibration.characterise.study import Study, ratio
-from calibration.characterise.terms import Term
 from calibration.diagnosis.report.wording import amount, happening, listed, spread
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.twin.mechanisms import select

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from calibration.campaign import run
 from calibration.campaign.archive import digest, pack, unpack
 from calibration.campaign.cases import Case, draw_cases
 from calibration.campaign.figure import confusion_table
@@ -272,3 +273,21 @@ def test_an_answer_that_was_changed_later_is_not_taken_from_an_archive(tmp_path)
   with pytest.raises(ValueError, match="null_00 was changed"):
     unpack(tmp_path / "answers.jsonl.xz", tmp_path / "again")
   assert not list((tmp_path / "again").iterdir())
+
+
+def test_a_case_that_ends_in_an_error_is_told_of_and_tried_again(tmp_path, monkeypatch):
+  case, folder = Case("null_00", "null", 1, (), 1.0), tmp_path / "out"
+
+  def broken(*_, **__):
+    raise ValueError("no minimum")
+
+  monkeypatch.setattr(run, "run_case", broken)
+  said = run.attempt(case, folder)
+  assert "null_00" in said and "no minimum" in said
+  assert ", in broken" in (folder / "null_00.error.txt").read_text()
+  with pytest.raises(run.CaseFailed, match=r"1 case has no answer: null_00 .*no minimum"):
+    run.all_answered(["", said], folder)
+  monkeypatch.setattr(run, "run_case", lambda *_, **__: folder)
+  assert run.attempt(case, folder) == ""
+  assert not list(folder.glob("*.error.txt"))
+  run.all_answered([""], folder)

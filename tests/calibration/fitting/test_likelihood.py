@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from calibration.fitting.likelihood import Problem, Weighting, warnings_logged
+from calibration.fitting.likelihood import Problem, Weighting, warnings_logged, weighting_from
 from calibration.fitting.observations import CHANNELS, observe
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.mechanisms import select
@@ -112,3 +112,27 @@ def test_a_trial_that_flies_apart_costs_much_and_not_infinitely(problem, theta, 
     monkeypatch.setattr(problem, "_predict", lambda *given, s=signals: dataclasses.replace(usual, signals=s))
     residual = problem.residual(here)[0]
     assert np.isfinite(residual @ residual) and np.abs(residual).max() == pytest.approx(1e3)
+
+
+class Values:
+  """So many values of one channel, ten a second."""
+
+  horizon = 1.0
+
+  def __init__(self, count):
+    self.channel, self.recording, self.time = np.zeros(count, int), np.zeros(count, int), 0.1 * np.arange(count)
+
+  def __len__(self):
+    return len(self.time)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e200])
+def test_where_a_model_flies_apart_nothing_is_learnt_of_the_scatter(bad):
+  raw, values = np.random.default_rng(3).normal(0.0, 0.2, 400), Values(400)
+  whole, apart = (weighting_from(values, r, {}) for r in (raw, np.where(np.arange(400) % 4 == 0, bad, raw)))
+  assert apart.std[0] == pytest.approx(whole.std[0], rel=0.15)
+  assert np.isfinite(apart.spike).all() and apart.spike[::4].max() < 1e-100 and apart.spike[1::4].min() > 0.5
+
+
+def test_a_model_that_flies_apart_everywhere_weighs_by_the_sensors_noise():
+  assert weighting_from(Values(9), np.full(9, np.nan), {CHANNELS[0]: 0.3}).std[0] == 0.3

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from qcar_twin.vehicle.ids import Handles
-from qcar_twin.vehicle.mjcf import car_spec, differential_rows, servo_force
+from qcar_twin.vehicle.mjcf import car_model, car_spec, differential_rows, servo_force
 from qcar_twin.vehicle.vehicle import ASSETS, GRAVITY, WHEELS, Vehicle
 
 CAR = Vehicle.load()
@@ -320,3 +320,13 @@ def test_motor_bench_figures_become_the_drive():
   car = Vehicle.from_dataset(DART | {"motor_constant": 0.003, "motor_resistance": 0.1})
   assert car.torque_per_volt == pytest.approx(0.03) and car.motor_damping == pytest.approx(9e-5)
   assert 0 < car.std["torque_per_volt"] < 0.3 * car.torque_per_volt
+
+
+def test_bodies_that_cannot_be_are_said_in_one_line():
+  with pytest.raises(ValueError, match=r"vehicle '.*' can't be built: .*; correct its masses") as refused:
+    car_model(dataclasses.replace(CAR, wheel_mass=1e-20, wheel_inertia=1e-25))
+  assert "\n" not in str(refused.value)
+
+
+def test_an_integer_of_any_length_is_a_number():
+  assert dataclasses.replace(CAR, max_torque=10**30).max_torque == 1e30

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from calibration.characterise.forms import outlines, projection
+from calibration.characterise.naming.forms import outlines, projection
 from calibration.characterise.report.shapes import shapes
-from tests.calibration.characterise.test_forms import (  # noqa: F401  (a fixture that is used everywhere)
+from tests.calibration.characterise.naming.test_forms import (  # noqa: F401  (a fixture that is used everywhere)
   MADE,
   NOISE,
   REACH,

@@ -5,12 +5,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from calibration.characterise.flexible import DELAYS, Characterised
-from calibration.characterise.forms import LEVEL
-from calibration.characterise.refits import Test, Trials
-from calibration.characterise.removals import matters
+from calibration.characterise.naming.refits import Test, Trials
+from calibration.characterise.naming.removals import matters, stands_out
 from calibration.diagnosis.score import clustered_std
 from qcar_twin.parameters import ParameterSet
 
@@ -56,7 +54,7 @@ def terms(told: Characterised, before: Trials, tests: Mapping[str, Test]) -> tup
         there = parameter.name in inside and (name not in tests or matters(tests, name))
         value, spread = inside.get(parameter.name) or outside[parameter.name]
         made.append(_counted(Term(parameter.name, value, spread, parameter.unit, there, error), told.lead))
-  return tuple(_shared_with_sessions(made, _of_sessions(free, inside)))
+  return tuple(_by_chance(made, _of_sessions(free, inside), tests, before))
 
 
 def _estimates(model: Trials) -> dict[str, tuple[float, float]]:
@@ -85,10 +83,13 @@ def _of_sessions(free: ParameterSet, inside: Mapping[str, tuple[float, float]]) 
   ]
 
 
-def _shared_with_sessions(made: Sequence[Term], sessions: Sequence[Term]) -> list[Term]:
-  """With the terms of sessions, there by more than chance over all that are: no refit without them tells them apart."""
-  kinds = {t.name.split("@")[0] for t in sessions}
+def _by_chance(made: Sequence[Term], sessions: Sequence[Term], tests: Mapping[str, Test], before: Trials) -> list[Term]:
+  """With the terms of sessions; they, and what they differ in, are there where they stand out from chance.
+
+  No refit tells what sessions share from what they have of their own.
+  """
+  asked = {p.name for name in tests for p in before.problem.mechanism(name).parameters}
+  kinds = {t.name.split("@")[0] for t in sessions} - asked
   count = len(sessions) + sum(t.name in kinds for t in made)
-  wanted = float(norm.isf(0.5 * LEVEL / max(count, 1)))
-  by_chance = lambda t: dataclasses.replace(t, there=bool(abs(t.value) > wanted * t.std > 0.0))
-  return [*(by_chance(t) if t.name in kinds else t for t in made), *map(by_chance, sessions)]
+  tell = lambda t: dataclasses.replace(t, there=stands_out(t.value, t.std, count))
+  return [*(tell(t) if t.name in kinds else t for t in made), *map(tell, sessions)]

@@ -1,8 +1,9 @@
 """Bounds of forms that follow from the nominal car's size, and go further where another car asks for it.
 
-A dead zone of at most 0.8 V and a drag of at most 2 kg/m are generous for a QCar; a larger car has more of both. A
-share has bounds that are a law: no motor lets go by more than the whole. So a form's number that has a unit and ends at
-its bound is fitted again with a bound twice as far, once; what ends there again is at a bound, and says so.
+A dead zone of at most 0.8 V, a drag of at most 2 kg/m or half of the angle lost at lock are generous for a QCar; other
+cars have more of them. Nothing and the whole are bounds by law: no motor lets go by more than the whole. So a form's
+size that ends at another bound is fitted again with a bound twice as far, once; what ends there again is at a bound,
+and says so.
 """
 
 import dataclasses
@@ -71,17 +72,18 @@ def said(problem: Problem, forms: Collection[str], fitted: ParameterSet) -> tupl
 
 
 def _sized(problem: Problem, forms: Collection[str], parameter: Parameter) -> bool:
-  """Whether a parameter is a form's number that has a unit."""
+  """Whether a parameter is a form's size."""
   outlined = (m for m in [problem.mechanism(name) for name in forms] if m.outlined_by)
   own = {p.name for mechanism in outlined for p in mechanism.parameters}
-  return parameter.name in own and parameter.unit != "-"
+  return parameter.name in own and (parameter.unit != "-" or parameter.null is not None)
 
 
 def _moved(declared: Parameter, parameter: Parameter, value: float) -> Parameter:
   near = _AT * (parameter.upper - parameter.lower)
-  if value >= parameter.upper - near and parameter.upper == declared.upper:
+  whole = declared.unit == "-" and declared.upper == 1.0
+  if value >= parameter.upper - near and parameter.upper == declared.upper and not whole:
     return dataclasses.replace(parameter, upper=_FURTHER * declared.upper)
-  # a bound of zero is a law: there is nothing less than none
+  # there is nothing less than none
   if value <= parameter.lower + near and parameter.lower == declared.lower != 0.0:
     return dataclasses.replace(parameter, lower=min(_FURTHER * declared.lower, declared.lower / _FURTHER))
   return parameter

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.characterise import youngest
-from calibration.characterise.youngest import by_the_youngest
+from calibration.characterise.naming import youngest
+from calibration.characterise.naming.youngest import by_the_youngest
 from qcar_twin.parameters import Parameter, ParameterSet
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calibration.characterise.flexible import Characterised
-from calibration.characterise.forms import (
+from calibration.characterise.naming.forms import (
   LEVEL,
   Form,
   Outline,

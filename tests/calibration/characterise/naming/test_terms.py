@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.characterise import refits
-from calibration.characterise import terms as module
-from calibration.characterise.terms import terms
+from calibration.characterise.naming import refits
+from calibration.characterise.naming import terms as module
+from calibration.characterise.naming.terms import terms
 from qcar_twin.parameters import Parameter, ParameterSet
 
 MISSED = refits.Test(t=9.0, nats=300.0, worse=1.2)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from calibration.characterise.bounds import as_wide, widened, with_room
 from calibration.characterise.flexible import DELAYS, Characterised, opened
+from calibration.characterise.naming.bounds import as_wide, widened, with_room
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
 from calibration.diagnosis.score import compare
 from calibration.fitting.likelihood import Problem
@@ -112,11 +112,17 @@ class Trials:
     return made
 
   @property
+  def _shifted(self) -> set[str]:
+    """Mechanisms that sessions have shifts of: the twin keeps them, at null where it does without."""
+    twin = self.found.fitted.problem.twin
+    return {m.name for m in twin.mechanisms if {p.name for p in m.parameters} & set(twin.sessions.std)}
+
+  @property
   def _every_car(self) -> list[Parameter]:
-    """What is fitted whatever stands beside it or in a curve's place."""
+    """What is fitted whatever stands beside it or in a curve's place; sessions' shifts go with what they are of."""
     named = {*self.found.curves, *self.found.beside, *self.beside}
     theirs = {p.name for name in named for p in self.problem.mechanism(name).parameters}
-    return [p for p in self.found.fitted.fit.parameters if p.name not in theirs]
+    return [p for p in self.found.fitted.fit.parameters if p.name not in theirs and "@" not in p.name]
 
   def going_on_from(self, chosen: Candidate, without: str = "") -> "Trials":
     """The same with another base, which may do without a curve."""
@@ -130,7 +136,7 @@ class Trials:
 
   def settled(self) -> Characterised:
     """The base as a characterised twin, fitted to its minimum, with no mechanism that it does without."""
-    gone = {*self.found.curves, *self.found.beside} - {*self.curves, *self.beside}
+    gone = {*self.found.curves, *self.found.beside} - {*self.curves, *self.beside} - self._shifted
     have = [m.name for m in self.found.fitted.problem.twin.mechanisms if m.name not in gone]
     twin = self.problem.exact.twin.with_mechanisms(select(dict.fromkeys((*have, *self.beside, *self.forms))))
     free = self.base.free

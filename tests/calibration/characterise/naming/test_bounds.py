@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.characterise import bounds
-from calibration.characterise.bounds import as_wide, said, widened
+from calibration.characterise.naming import bounds
+from calibration.characterise.naming.bounds import as_wide, said, widened
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.twin.mechanisms import catalogue
 

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.characterise import refits
-from calibration.characterise.forms import LEVEL
-from calibration.characterise.refits import MATERIAL, fit_together
+from calibration.characterise.naming import refits
+from calibration.characterise.naming.forms import LEVEL
+from calibration.characterise.naming.refits import MATERIAL, fit_together
 from qcar_twin.parameters import Parameter, ParameterSet
 
 

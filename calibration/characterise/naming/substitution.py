@@ -8,8 +8,8 @@ that predicts driving it was not fitted to as well as the curve does. Where none
 import dataclasses
 from collections.abc import Sequence
 
-from calibration.characterise.forms import Form, Outline
-from calibration.characterise.refits import Test, Trials, fit_together, tested
+from calibration.characterise.naming.forms import Form, Outline
+from calibration.characterise.naming.refits import Test, Trials, fit_together, tested
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.score import clustered_std
 from calibration.fitting.likelihood import Problem

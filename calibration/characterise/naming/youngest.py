@@ -9,7 +9,7 @@ import dataclasses
 import numpy as np
 
 from calibration.characterise.flexible import AGES, DELAYS
-from calibration.characterise.refits import Trials
+from calibration.characterise.naming.refits import Trials
 from calibration.diagnosis.candidates import refine, simulate
 from qcar_twin.parameters import Parameter, ParameterSet
 

@@ -8,8 +8,8 @@ joins, as long as that is more than chance over all that were tried and some cha
 
 import dataclasses
 
-from calibration.characterise.forms import LEVEL
-from calibration.characterise.refits import Test, Trials, fit_together, tested
+from calibration.characterise.naming.forms import LEVEL
+from calibration.characterise.naming.refits import Test, Trials, fit_together, tested
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.scan import Signature, scan
 from calibration.progress import Progress, silent
@@ -22,28 +22,26 @@ _MOST = 8  # additions: more effects than any session was ever made with
 
 @dataclasses.dataclass(frozen=True)
 class Addition:
-  """A named effect that joined: its id, and the twin before it against the twin with it."""
+  """A named effect that is in a twin and not a form of a curve: its id, and the twin without it against the twin."""
 
   mechanism: str
   test: Test
 
 
-def with_additions(trials: Trials, progress: Progress = silent) -> tuple[Trials, tuple[Addition, ...]]:
-  """A twin with the named effects that driving it was not fitted to bears out."""
-  made: list[Addition] = []
-  while len(made) < _MOST:
-    progress(f"named effects beside the maps, {len(made)} found")
-    step = _next(trials)
-    if step is None:
+def with_additions(trials: Trials, progress: Progress = silent) -> Trials:
+  """A twin with the named effects, `forms`, that driving it was not fitted to bears out."""
+  for found in range(_MOST):
+    progress(f"named effects beside the maps, {found} found")
+    larger = _next(trials)
+    if larger is None:
       break
-    trials, addition = step
-    made.append(addition)
-  return trials, tuple(made)
+    trials = larger
+  return trials
 
 
-def _next(trials: Trials) -> tuple[Trials, Addition] | None:
+def _next(trials: Trials) -> Trials | None:
   """The twin with one named effect more; None where none is borne out."""
-  problem, base, tried = trials.problem, trials.base, _open_questions(trials)
+  problem, base, tried = trials.problem, trials.base, open_questions(trials)
   signatures = [s for s in scan(problem, base, tried).values() if s.testable and s.gain > 0.0]
   leading = sorted(signatures, key=lambda s: -s.gain)[:_TRIED]
   if not leading:
@@ -52,11 +50,10 @@ def _next(trials: Trials) -> tuple[Trials, Addition] | None:
   borne_out = [(m, test) for m in models if (test := tested(base, m, problem)).p_value * len(tried) < LEVEL]
   if not borne_out:
     return None
-  best, test = max(borne_out, key=lambda found: found[1].nats)
-  return trials.going_on_from(best), Addition(best.mechanisms[-1], test)
+  return trials.going_on_from(max(borne_out, key=lambda found: found[1].nats)[0])
 
 
-def _open_questions(trials: Trials) -> list[Mechanism]:
+def open_questions(trials: Trials) -> list[Mechanism]:
   """Named effects that are not in the twin, that the recordings can show, and that no curve of it outlines."""
   inside = {*trials.beside, *trials.forms, trials.clock}
   fitted = trials.base.free
