@@ -12,6 +12,7 @@ from calibration.characterise.after_diagnosis import When, write_with_curves
 from calibration.diagnosis.pipeline import diagnose
 from calibration.diagnosis.report.page import verdict
 from calibration.diagnosis.search.structure import Effort
+from calibration.fitting.dataset_recalibration import LONGEST
 from calibration.progress import StageLine
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.engines import EngineKind
@@ -34,7 +35,7 @@ class Config:
   mechanism_files: tuple[Path, ...] = ()
   """Python files with mechanisms of your own; they are run, so name none you have not read (docs/extending.md)."""
   quick: bool = False
-  """A narrower search: fewer models are refitted."""
+  """A narrower search: fewer models are refitted, and curves are fitted to a quarter of the driving."""
   threads: int = 0
   """Threads of the simulation, 0 for all cores."""
   plant: EngineKind = "reduced"
@@ -55,9 +56,10 @@ def main(config: Config) -> Path:
       dataset, config.mechanisms or None, start, effort, threads=config.threads, progress=progress, plant=config.plant
     )
   print(verdict(outcome.diagnosis))
+  most = LONGEST / 4.0 if config.quick else LONGEST
   with StageLine() as progress:
     page, said = write_with_curves(
-      outcome, dataset, config.out, config.curves, threads=config.threads, progress=progress, plant=config.plant
+      outcome, dataset, config.out, config.curves, most, config.threads, progress, config.plant
     )
   print("\n".join([*said, f"report: {page}"]))
   return page

@@ -125,7 +125,7 @@ def about(record: Record) -> str:
   lines.append(f"Bicycle: {bicycle['origin'] if bicycle else 'none'}{missing}.")
   if calibration["command_shift"]:
     lines.append(f"Commands act {calibration['command_shift']} control periods later than logged.")
-  notes = [note for note in calibration["notes"] if note not in dataset.warnings]
+  notes = [note for note in calibration["notes"] if note not in dataset.notices]
   return "\n".join(lines + [f"* {note}" for note in notes])
 
 

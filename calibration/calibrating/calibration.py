@@ -203,7 +203,7 @@ def calibrate(
   fine = Twin(vehicle, twin.mechanisms, substeps=FINE, threads=threads)
   answers = _answers(fine, theta, identification) if identification else ()
   replay = _replay(fine, theta, dataset, found["command_shift"], quick) if against == "recordings" else None
-  notes = (*told, *dataset.warnings, *said, *found["notes"], *_judged(estimates))
+  notes = (*told, *dataset.notices, *said, *found["notes"], *_judged(estimates))
   return Calibration(dataset, against, fine, theta, estimates, identification, missing, answers,
     _errors(replay, dataset), found["command_shift"], notes, time.perf_counter() - began, replay)  # fmt: skip
 

@@ -172,7 +172,7 @@ def study(
   twins = {"curves": found, "characterised": told, "named": named}
   errors, units = _errors(base, twins, dataset.role("holdout"))
   wide = said(trials.problem, told.forms, told.fitted.fit.parameters)
-  notes, drawn = dataset.warnings + notes + wide, redrawn(drawn, found)
+  notes, drawn = dataset.notices + notes + wide, redrawn(drawn, found)
   return Study(
     dataset.name, notes, found, drawn, told, joined, terms(told, whole, tests), named, errors, units, base, judged
   )

@@ -6,6 +6,7 @@ A reference, not a floor: on minutes of driving trees learn less than the right 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.ensemble import HistGradientBoostingRegressor
+from threadpoolctl import threadpool_limits
 
 from calibration.diagnosis.circumstances import at_values, commands_and_state
 from calibration.fitting.observations import CHANNELS, Observations
@@ -36,8 +37,10 @@ def boosted_residual(
     trees = HistGradientBoostingRegressor(
       max_iter=150, learning_rate=0.06, max_leaf_nodes=15, min_samples_leaf=40, l2_regularization=1.0, random_state=0
     )
-    trees.fit(at_values(grid, observations, name), raw[rows])
-    left[there] = other_raw[there] - trees.predict(at_values(other_grid, others, name))
+    # on one thread: those of OpenMP wait for one another by spinning, tens of times as long where cores are busy
+    with threadpool_limits(1, user_api="openmp"):
+      trees.fit(at_values(grid, observations, name), raw[rows])
+      left[there] = other_raw[there] - trees.predict(at_values(other_grid, others, name))
   return left
 
 

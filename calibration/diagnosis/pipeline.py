@@ -132,7 +132,7 @@ def diagnose(
     seconds=clock.stop(),
     stages=clock.stages,
     next_experiment=experiment,
-    notes=dataset.warnings + begun.notes,
+    notes=dataset.notices + begun.notes,
   )
   return Outcome(diagnosis, twin, pool.base.theta, decision.model.theta, cut)
 

@@ -111,7 +111,7 @@ def diagnose_by_likelihood(
   after = tried if harmless(judge("validate", before, tried), limits) else before
   validate, holdout = (judge(role, before, after) for role in ("validate", "holdout"))
   rest = remains(found.settled(names), limits)
-  seconds, said = time.perf_counter() - since, dataset.warnings + notes
+  seconds, said = time.perf_counter() - since, dataset.notices + notes
   return Finding(dataset.name, found, last, claims, rest, exact, before, after, validate, holdout, seconds, said)
 
 

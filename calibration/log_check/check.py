@@ -3,8 +3,6 @@
 import dataclasses
 import logging
 import os
-import re
-from collections.abc import Sequence
 from typing import Any, Literal
 
 from calibration.fitting.noise import ChannelNoise, noise_passport
@@ -103,7 +101,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
   shown = what_it_shows(vehicle, wheels, recordings)
   findings = [
     *(f for c in compared for f in _disagreements(c)),
-    *(Finding("beware", (), warning) for warning in gathered(dataset.warnings)),
+    *(Finding("beware", (), warning) for warning in dataset.notices),
     *(f for s in sampled for f in _held(s)),
     *(Finding("note", (), f"{s.physics}: can't be told, no {s.takes}") for s in shown if s.verdict == "none"),
   ]
@@ -127,15 +125,6 @@ def heed(dataset: DataSet) -> tuple[str, ...]:
   if spoilt := found.of("spoils"):
     raise RecordingError(f"data set '{dataset.name}': {spoilt[0].text}")
   return tuple(f.text for f in found.of("beware") if f.channels)
-
-
-def gathered(warnings: Sequence[str]) -> list[str]:
-  """The same, with one for all that differ in nothing but a file's name and numbers."""
-  alike: dict[str, list[str]] = {}
-  for warning in warnings:
-    alike.setdefault(re.sub(r"[-+.\d]+(e[-+]?\d+)?", "#", warning.partition(": ")[2] or warning), []).append(warning)
-  more = lambda count: f" (and {count} more like it)" if count else ""
-  return [f"{group[0]}{more(len(group) - 1)}" for group in alike.values()]
 
 
 def _disagreements(c: Comparison) -> list[Finding]:

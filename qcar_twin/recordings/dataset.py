@@ -27,6 +27,7 @@ from qcar_twin.recordings.manifest import (
   require_file_name,
 )
 from qcar_twin.recordings.mapping import resolve, streams_of
+from qcar_twin.recordings.notices import gathered
 from qcar_twin.recordings.recording import ROLES, Recording, RecordingError, nearest
 from qcar_twin.recordings.topic_maps import topic_map
 
@@ -67,8 +68,8 @@ class DataSet:
       recordings += made
       warnings += notes
     warnings += refuse_repeats(recordings)
-    for warning in warnings:
-      _log.warning(warning)
+    for notice in gathered(warnings):
+      _log.warning(notice)
     return cls(
       manifest.name,
       tuple(recordings),
@@ -80,6 +81,11 @@ class DataSet:
       manifest.source,
       tuple(warnings),
     )
+
+  @property
+  def notices(self) -> tuple[str, ...]:
+    """The warnings, one for all that differ in nothing but a file's name and numbers."""
+    return gathered(self.warnings)
 
   def role(self, role: str) -> tuple[Recording, ...]:
     """The recordings with this role: identify, validate or holdout."""

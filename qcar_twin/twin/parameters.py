@@ -16,6 +16,7 @@ from qcar_twin.vehicle.tyre import law_parameters, tyre_laws
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
+_LOSSES = ("motor_damping", "driveline_friction", "drive_damping", "drive_friction")
 _LOOP_REACH = 6.0  # times slower or faster than usual; a loop yet faster chatters at steps of 5 ms when the wheels slip
 
 
@@ -107,9 +108,11 @@ def quantities(theta: Array, base: ParameterSet, vehicle: Vehicle) -> dict[str, 
 
 
 def informed(parameters: ParameterSet, values: Mapping[str, float]) -> ParameterSet:
-  """The same parameters with better first guesses: nominal value, bounds and scale move along.
+  """The same parameters with better first guesses: the nominal value and what goes by it move along.
 
-  Only parameters without a measured prior are moved; a measured one keeps its value.
+  A first guess bounds nothing: bounds reach as far as those about the old value and those about the new one do
+  together. Nor do steps shrink of a loss that is guessed to be next to nothing, where another effect may have hidden
+  it. Only parameters without a measured prior are moved; a measured one keeps its value.
   """
   moved = {}
   for name, value in values.items():
@@ -117,9 +120,9 @@ def informed(parameters: ParameterSet, values: Mapping[str, float]) -> Parameter
     if old.std is not None or not np.isfinite(value) or value <= 0 or old.nominal <= 0:
       continue
     ratio = value / old.nominal
-    moved[name] = dataclasses.replace(
-      old, nominal=value, lower=old.lower * ratio, upper=old.upper * ratio, typical=(old.typical or 0) * ratio
-    )
+    lower, upper = min(old.lower, old.lower * ratio), max(old.upper, old.upper * ratio)
+    typical = (old.typical or 0) * (max(ratio, 1.0) if name in _LOSSES else ratio)
+    moved[name] = dataclasses.replace(old, nominal=value, lower=lower, upper=upper, typical=typical)
   return parameters.replace(**moved)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from calibration.fitting.first_guess import first_guess
 from qcar_twin.recordings.recording import Recording, Stream
-from qcar_twin.twin.parameters import base_parameters
+from qcar_twin.twin.parameters import base_parameters, informed
 from qcar_twin.vehicle.vehicle import Vehicle
 
 NUMBERS = {
@@ -53,3 +53,19 @@ def test_without_any_change_of_speed_the_nominal_values_stay(volts: float):
   still = Recording("still", {"motor_voltage": Stream(TIME, np.full(TIME.size, volts)),
                               "motor_speed": Stream(TIME, np.full(TIME.size, 500.0 * (volts > 0)))})  # fmt: skip
   assert first_guess([still], VEHICLE).nominal == pytest.approx(base_parameters(VEHICLE).nominal)
+
+
+def test_a_first_guess_bounds_nothing():
+  base = base_parameters(VEHICLE)
+  for factor in (1e-6, 1e6):
+    guess = informed(base, {p.name: factor * p.nominal for p in base if p.nominal > 0.0 and p.std is None})
+    for old, new in zip(base, guess, strict=True):
+      assert new.lower <= old.lower and new.upper >= old.upper
+
+
+def test_steps_of_a_loss_that_is_guessed_to_be_nothing_stay_as_they_were():
+  base = base_parameters(VEHICLE)
+  guess = informed(base, {"motor_damping": 1e-12, "driveline_friction": 1e-12, "torque_per_volt": 1e-12})
+  assert guess["motor_damping"].scale == base["motor_damping"].scale
+  assert guess["driveline_friction"].scale == base["driveline_friction"].scale
+  assert guess["torque_per_volt"].scale < 1e-6 * base["torque_per_volt"].scale

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from calibration.log_check import check_log, heed
-from calibration.log_check.check import gathered
 from commands import check
 from qcar_twin.recordings.dataset import DataSet, write_dataset
 from qcar_twin.recordings.recording import Recording, RecordingError, Stream
@@ -74,11 +73,6 @@ def test_a_car_that_never_moves_is_said_in_words():
   columns = {"motor_voltage": 0 * time, "steering_command": 0 * time, "motor_speed": 0 * time, "yaw_rate": 0 * time}
   found = check_log(lab([Recording.from_columns("still", time, columns)]))
   assert not found.of("spoils") and "drive map: can't be told" in found.of("note")[0].text
-
-
-def test_warnings_alike_are_said_once():
-  warnings = ["a.csv: speed is frozen at 0 from 1.2 s", "b.csv: speed is frozen at 0 from 3e-4 s", "c.csv: no"]
-  assert gathered(warnings) == ["a.csv: speed is frozen at 0 from 1.2 s (and 1 more like it)", "c.csv: no"]
 
 
 def test_the_command_writes_a_page_and_numbers_for_programs(tmp_path, capsys):
