@@ -12,6 +12,7 @@ from calibration.characterise.finish import finished, fitted_to_all
 from calibration.characterise.flexible import Characterised, characterise, fitted_on
 from calibration.characterise.naming.additions import Addition, with_additions
 from calibration.characterise.naming.bounds import said
+from calibration.characterise.naming.families import made_simpler
 from calibration.characterise.naming.forms import Form, Outline, left_with, outlines, redrawn
 from calibration.characterise.naming.refits import Trials
 from calibration.characterise.naming.removals import matters, without_the_needless
@@ -107,6 +108,7 @@ class Study:
         "heights": o.heights.tolist(),
         "std": o.std.tolist(),
         "named": form(o.named),
+        "nearly": form(o.nearly),
         "possible": [list(f.mechanisms) for f in o.possible],
       }
       for o in self.outlines
@@ -154,7 +156,7 @@ def study(
   trials, drawn = substituted(by_the_youngest(Trials.of(found)), outlines(found), progress)
   settled, exchanged, tests = with_rivals(with_additions(trials, progress), progress)
   whole = with_additions(settled, progress) if exchanged else settled
-  drawn = tuple(renamed(outline, exchanged, whole) for outline in drawn)
+  whole, drawn = made_simpler(whole, [renamed(outline, exchanged, whole) for outline in drawn], progress)
   trials, tests = without_the_needless(whole, progress, tests if whole is settled else None)
   in_the_end = [name for name in trials.forms if name not in tests or matters(tests, name)]
   drawn = tuple(left_with(outline, in_the_end) for outline in drawn)
@@ -247,12 +249,15 @@ def sentences(found: Study) -> list[str]:
 
 
 def _said(outline: Outline) -> str:
-  form: Form | None = outline.named
+  form: Form | None = outline.told
   if not outline.is_there:
     return "no departure from the base car's law"
   if form is None:
     return "departs, as a curve of no known form (its table is in characterise.json)"
   values = ", ".join(f"{n} = {v:.3g} ± {form.std[n]:.1g}" for n, v in form.values.items())
+  if outline.nearly:
+    share = f"which leave{'s' if len(form.mechanisms) == 1 else ''} {100.0 * outline.left(form):.0f} % of it"
+    return f"departs nearly as {' and '.join(form.mechanisms)} would, {share}: {values}"
   others = len(outline.possible) - 1
   rivals = f" ({others} other forms fit, too)" if others else ""
   return f"departs as {' and '.join(form.mechanisms)} would: {values}{rivals}"

@@ -89,8 +89,13 @@ def held_out(model: Candidate, group: NDArray[np.int64]) -> Array:
   return out
 
 
-def clustered_std(model: Candidate, observations: Observations) -> Array:
+def clustered_std(model: Candidate, observations: Observations, directions: Array | None = None) -> Array:
   """Posterior standard deviations when residuals of one group share their disturbances, (p,).
+
+  Args:
+    model: fitted.
+    observations: it was fitted to.
+    directions: weights of sums of the parameters whose deviations are asked instead, (k, p).
 
   The sandwich C (sum_g s_g s_g' + P) C with the slopes s_g = J_g' r_g of each group about their mean, the prior
   precision P and the inverse posterior curvature C (Liang and Zeger 1986, eq. 4); never below the plain deviations,
@@ -104,7 +109,9 @@ def clustered_std(model: Candidate, observations: Observations) -> Array:
   scatter = slopes.T @ slopes * (count / max(count - 1, 1))
   inverse = inverse_curvature(model.curvature, model.free)
   spread = inverse @ (scatter + np.diag(1.0 / model.free.std**2)) @ inverse
-  return np.maximum(np.sqrt(np.maximum(np.diag(spread), 0.0)), model.std)
+  asked = np.eye(len(inverse)) if directions is None else directions
+  along = lambda matrix: np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", asked, matrix, asked), 0.0))
+  return np.maximum(along(spread), along(inverse))
 
 
 def compare(larger: Candidate, smaller: Candidate, observations: Observations) -> Comparison:

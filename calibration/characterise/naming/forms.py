@@ -25,6 +25,7 @@ from qcar_twin.vehicle.vehicle import GRAVITY
 Array = NDArray[np.float64]
 
 LEVEL = 0.02  # share of right forms that are refused, and of absent departures that are taken for one
+BENT = 0.2  # of what a departure is worth that a form may leave, to be nearly it: a stated prior, not calibrated
 _CRAWLING = (0.01, 0.03)  # shares of the highest speed
 _MOST = 2  # forms that one curve may be made of
 
@@ -57,6 +58,8 @@ class Outline:
     departs: how improbable such heights are without any departure, a p-value.
     forms: all that were fitted, fewest parameters first and best first among equals.
     asked: questions among which chance may bring no more than LEVEL.
+    without: error of the twin with neither the curve nor a form over the one with the curve; 1 where the driving was
+      not asked.
   """
 
   curve: str
@@ -66,6 +69,7 @@ class Outline:
   departs: float
   forms: tuple[Form, ...]
   asked: int = 1
+  without: float = 1.0
 
   @property
   def is_there(self) -> bool:
@@ -80,6 +84,22 @@ class Outline:
   def named(self) -> Form | None:
     """The simplest form that is not refused."""
     return next(iter(self.possible), None)
+
+  @property
+  def nearly(self) -> Form | None:
+    """Where all forms are refused, the simplest that leaves next to nothing of what the departure is worth."""
+    if self.named or not self.is_there:
+      return None
+    return next((form for form in self.forms if self.left(form) <= BENT), None)
+
+  @property
+  def told(self) -> Form | None:
+    """What is said of a departure: its name, or what it nearly is."""
+    return self.named or self.nearly
+
+  def left(self, form: Form) -> float:
+    """Of the error that comes of leaving the departure out, the share that a form leaves; 1 where none was asked."""
+    return (form.misfit - 1.0) / (self.without - 1.0) if self.without > 1.0 else 1.0
 
 
 def left_with(outline: Outline, told: Collection[str]) -> Outline:

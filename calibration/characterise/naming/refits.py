@@ -13,8 +13,9 @@ from scipy.stats import norm
 
 from calibration.characterise.flexible import DELAYS, Characterised, opened
 from calibration.characterise.naming.bounds import as_wide, widened, with_room
+from calibration.characterise.naming.forms import Form
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
-from calibration.diagnosis.score import compare
+from calibration.diagnosis.score import clustered_std, compare
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.recalibration import reweighted, settled
 from qcar_twin.parameters import Parameter, ParameterSet
@@ -144,6 +145,15 @@ class Trials:
     fitted = settled(smaller, self.found.fitted.passport, free, self.base.values, self.found.fitted.command_shift)
     fitted = with_room(fitted, self.forms)
     return Characterised(fitted, self.curves, self.beside, self.clock, self.forms)
+
+
+def fitted_form(names: tuple[str, ...], fitted: Candidate, test: Test, problem: Problem) -> Form:
+  """Mechanisms as a refitted twin has them, with what the twin that they were set against is worth against it."""
+  spread = clustered_std(fitted, problem.observations)
+  own = [p.name for name in names for p in problem.mechanism(name).parameters]
+  at = {name: fitted.free.index(name) for name in own}
+  values, std = ({n: float(x[i]) for n, i in at.items()} for x in (fitted.values, spread))
+  return Form(names, values, std, test.worse, test.p_value)
 
 
 def fit_together(problem: Problem, models: Sequence[Candidate], plainest: Candidate | None = None) -> list[Candidate]:

@@ -14,6 +14,7 @@ from scipy.stats import norm
 from calibration.characterise.flexible import DELAYS
 from calibration.characterise.naming.forms import LEVEL
 from calibration.characterise.naming.refits import Test, Trials, fit_together, tested
+from calibration.characterise.naming.sessions import contrasts
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.score import clustered_std
 from calibration.progress import Progress, silent
@@ -105,14 +106,10 @@ def _own(trials: Trials, names: Collection[str]) -> set[str]:
 def _differ(trials: Trials) -> set[str]:
   """Parameters of which some session's shift stands out from the mean of all."""
   base = trials.base
-  at = {name: i for i, name in enumerate(base.free.names) if "@" in name}
-  if not at:
+  asked = {name: weights for name, weights in contrasts(base.free.names).items() if "@" in name}
+  if not asked:
     return set()
-  spread = clustered_std(base, trials.problem.observations)
-  kinds = {name.split("@")[0] for name in at}
-  mean = {kind: np.mean([base.values[i] for name, i in at.items() if name.split("@")[0] == kind]) for kind in kinds}
-  return {
-    kind
-    for name, i in at.items()
-    if stands_out(float(base.values[i] - mean[kind := name.split("@")[0]]), float(spread[i]), len(at))
-  }
+  directions = np.array(list(asked.values()))
+  values, spread = directions @ base.values, clustered_std(base, trials.problem.observations, directions)
+  out = [stands_out(value, std, len(asked)) for value, std in zip(values.tolist(), spread.tolist(), strict=True)]
+  return {name.split("@")[0] for name, there in zip(asked, out, strict=True) if there}

@@ -9,10 +9,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from calibration.characterise.naming.forms import Form, Outline
-from calibration.characterise.naming.refits import Test, Trials, fit_together, tested
-from calibration.diagnosis.candidates import Candidate
-from calibration.diagnosis.score import clustered_std
-from calibration.fitting.likelihood import Problem
+from calibration.characterise.naming.refits import Trials, fit_together, fitted_form, tested
 from calibration.progress import Progress, silent
 
 _PAIRS = 4  # of two forms each that are refitted: the best of all by the heights alone
@@ -55,9 +52,10 @@ def _named(trials: Trials, outline: Outline, whatever: bool = False) -> tuple[Tr
   tried = [trials.model(forms, start, heights) for forms, start in _options(outline)]
   names = {id(m): forms for m, (forms, _) in zip(tried, _options(outline), strict=True)}
   tests = {names[id(m)]: (m, tested(m, trials.base, problem)) for m in fit_together(problem, tried, tried[0])}
-  told = tuple(sorted((_form(names_, *found, problem) for names_, found in tests.items() if names_), key=_plainness))
+  told = tuple(sorted((fitted_form(n, *found, problem) for n, found in tests.items() if n), key=_plainness))
   asked = len(tried)  # at an error rate over all that are asked: Bonferroni
-  outline = dataclasses.replace(outline, departs=tests[()][1].p_value, forms=told, asked=asked)
+  nothing = tests[()][1]
+  outline = dataclasses.replace(outline, departs=nothing.p_value, forms=told, asked=asked, without=nothing.worse)
   if not outline.is_there:
     chosen = ()
   elif outline.named:
@@ -74,14 +72,6 @@ def _options(outline: Outline) -> list[tuple[tuple[str, ...], dict[str, float]]]
   single = [f for f in outline.forms if len(f.mechanisms) == 1]
   pairs = sorted((f for f in outline.forms if len(f.mechanisms) > 1), key=lambda f: f.misfit)[:_PAIRS]
   return [((), {}), *((f.mechanisms, dict(f.values)) for f in (*single, *pairs))]
-
-
-def _form(names: tuple[str, ...], fitted: Candidate, test: Test, problem: Problem) -> Form:
-  spread = clustered_std(fitted, problem.observations)
-  own = [p.name for name in names for p in problem.mechanism(name).parameters]
-  at = {name: fitted.free.index(name) for name in own}
-  values, std = ({n: float(x[i]) for n, i in at.items()} for x in (fitted.values, spread))
-  return Form(names, values, std, test.worse, test.p_value)
 
 
 def _plainness(form: Form) -> tuple[int, float]:

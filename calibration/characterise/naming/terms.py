@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from calibration.characterise.flexible import DELAYS, Characterised
 from calibration.characterise.naming.refits import Test, Trials
 from calibration.characterise.naming.removals import matters, stands_out
+from calibration.characterise.naming.sessions import contrasts
 from calibration.diagnosis.score import clustered_std
 from qcar_twin.parameters import ParameterSet
 
@@ -43,8 +44,7 @@ def terms(told: Characterised, before: Trials, tests: Mapping[str, Test]) -> tup
     told: the twin.
     before: the twin before anything was left out; tests: what it is worth against one without each mechanism.
   """
-  free, std = told.fitted.fit.parameters, np.sqrt(np.maximum(np.diag(told.covariance), 0.0))
-  inside = {p.name: (v, s) for p, v, s in zip(free, told.fitted.fit.theta.tolist(), std.tolist(), strict=True)}
+  free, inside = told.fitted.fit.parameters, _estimated(told)
   outside = _estimates(before)
   made = []
   for name in dict.fromkeys((*before.beside, *before.forms)):
@@ -55,6 +55,15 @@ def terms(told: Characterised, before: Trials, tests: Mapping[str, Test]) -> tup
         value, spread = inside.get(parameter.name) or outside[parameter.name]
         made.append(_counted(Term(parameter.name, value, spread, parameter.unit, there, error), told.lead))
   return tuple(_by_chance(made, _of_sessions(free, inside), tests, before))
+
+
+def _estimated(told: Characterised) -> dict[str, tuple[float, float]]:
+  """Values and deviations of a twin's parameters; of sessions' shifts from their mean, and with it what they share."""
+  names = told.fitted.fit.parameters.names
+  weights = dict(zip(names, np.eye(len(names)), strict=True)) | contrasts(names)
+  directions = np.array([weights[name] for name in names])
+  std = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", directions, told.covariance, directions), 0.0))
+  return dict(zip(names, zip((directions @ told.fitted.fit.theta).tolist(), std.tolist(), strict=True), strict=True))
 
 
 def _estimates(model: Trials) -> dict[str, tuple[float, float]]:
@@ -75,12 +84,7 @@ def _counted(term: Term, lead: float) -> Term:
 
 def _of_sessions(free: ParameterSet, inside: Mapping[str, tuple[float, float]]) -> list[Term]:
   """Departures of sessions from the mean of all: what they share is the car's."""
-  listed = [p for p in free if "@" in p.name]
-  kinds = {p.name.split("@")[0] for p in listed}
-  mean = {kind: float(np.mean([inside[p.name][0] for p in listed if p.name.split("@")[0] == kind])) for kind in kinds}
-  return [
-    Term(p.name, inside[p.name][0] - mean[p.name.split("@")[0]], inside[p.name][1], p.unit, False) for p in listed
-  ]
+  return [Term(p.name, *inside[p.name], p.unit, False) for p in free if "@" in p.name]
 
 
 def _by_chance(made: Sequence[Term], sessions: Sequence[Term], tests: Mapping[str, Test], before: Trials) -> list[Term]:

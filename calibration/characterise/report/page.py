@@ -108,14 +108,15 @@ def _curves(found: Study, drawn: Sequence[Shape]) -> Section:
   for outline, shape in zip(found.outlines, drawn, strict=True):
     said = wording.departure(outline, shape) if outline.is_there else f"{shape.part.capitalize()}: no departure shows."
     text += f"\n* {said} {wording.form_words(outline)}".rstrip()
-  tables = [_verdicts(found.outlines), *([_forms(found)] if any(o.possible for o in found.outlines) else [])]
+  tables = [_verdicts(found.outlines), *([_forms(found)] if any(o.told for o in found.outlines) else [])]
   return Section("The maps", text, tables, [curve_chart(shape) for shape in drawn])
 
 
 def _verdicts(outlines: Sequence[Outline]) -> Table:
   rows: list[tuple[Cell, ...]] = []
   for o in outlines:
-    name = listed(o.named.mechanisms) if o.named else "none known" if o.is_there else "–"
+    unnamed = f"nearly {listed(o.nearly.mechanisms)}" if o.nearly else "none known" if o.is_there else "–"
+    name = listed(o.named.mechanisms) if o.named else unnamed
     others = ", ".join(" and ".join(f.mechanisms) for f in o.possible[1:]) or "–"
     rows.append(
       (o.curve, o.is_there, f"{o.departs:.2g}" if o.departs >= _SMALLEST else f"< {_SMALLEST:g}", name, others)
@@ -130,12 +131,11 @@ def _forms(found: Study) -> Table:
   std = np.sqrt(np.maximum(np.diag(found.told.covariance), 0.0))
   held = found.told.fitted.fit.at_bound  # a bound leaves no deviation to be told
   fitted = {name: (float(values[i]), None if held[i] else float(std[i])) for i, name in enumerate(parameters.names)}
-  rows = []
-  for outline in found.outlines:
-    for name, value in (outline.named.values if outline.named else {}).items():
-      unit = found.told.twin.parameters[name].unit
-      off = outline.named.std[name] if outline.named else None
-      rows.append((outline.curve, name, value, off, *fitted.get(name, (None, None)), unit))
+  unit = {p.name: p.unit for mechanism in catalogue().values() for p in mechanism.parameters}
+  rows: list[tuple[Cell, ...]] = []
+  for outline, form in ((o, o.told) for o in found.outlines if o.told):
+    for name, value in form.values.items():
+      rows.append((outline.curve, name, value, form.std[name], *fitted.get(name, (None, None)), unit[name]))
   columns = ("curve", "parameter", "in its place", "± std", "with all else", "± std ", "unit")
   return Table("Sizes of the named forms", columns, rows)
 

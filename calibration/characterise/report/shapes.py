@@ -33,7 +33,7 @@ class View:
     heading: at what speed, where that matters.
     x: command or speed, (n,); law: of the nearest base car, (n,).
     departure, std: of the curve from that law, (n,).
-    forms: departure of each form that may be its name, the named one first, (n,).
+    forms: departure of each form that may be its name, the named one first, or of what it nearly is, (n,).
   """
 
   heading: str
@@ -105,7 +105,7 @@ def _shape(found: Characterised, outline: Outline, covariance: Array) -> Shape:
   drawn, spread = left @ outline.heights, left @ covariance[np.ix_(at, at)] @ left.T
   std = np.sqrt(np.maximum(np.diag(spread), 0.0))
   forms: dict[str, Array] = {}
-  for form in outline.possible:
+  for form in outline.possible or ([outline.nearly] if outline.nearly else []):
     acting = answer(*_made_of(form), context)
     forms[" and ".join(form.mechanisms)] = axes.scale * (acting - nearest @ acting)
   views = []

@@ -40,6 +40,9 @@ def departure(outline: Outline, shape: Shape) -> str:
   place = f"{where:.2g}{'' if shape.x_unit.startswith('°') else ' '}{shape.x_unit}"
   size = f"{spread(value, std)}{gap}{shape.y_unit} (at {place})".replace("-", "−")
   text = f"{shape.part.capitalize()} departs from the base car's law, most clearly by {size}"
+  if (form := outline.nearly) is not None:
+    left = f"{100.0 * outline.left(form):.0f} % of what it is worth is left"
+    return f"{text}, nearly as {listed(form.mechanisms)} would: {left}, more than chance leaves of a right name."
   if outline.named is None:
     return f"{text}, in a shape that no named form has."
   others = len(outline.possible) - 1
@@ -48,10 +51,11 @@ def departure(outline: Outline, shape: Shape) -> str:
 
 
 def form_words(outline: Outline) -> str:
-  """What a curve's name means, and how large it is; "" without a name."""
-  if outline.named is None:
+  """What a curve's name means, or what the curve nearly is, and how large it is; "" without either."""
+  form = outline.told
+  if form is None:
     return ""
-  mechanisms, form = select(outline.named.mechanisms), outline.named
+  mechanisms = select(form.mechanisms)
   said = []
   for mechanism in mechanisms:
     sizes = [

@@ -129,6 +129,19 @@ def test_deviations_hold_where_a_group_shares_its_disturbance():
   assert models[0].std[0] < 0.25 * spread  # taken as independent witnesses, the samples promise far too much
 
 
+def test_deviations_of_sums_hold_where_the_numbers_stand_in_for_each_other():
+  """Only the sum of two numbers shows: known well, though neither of them is."""
+  random, count = np.random.default_rng(1), 24 * 50
+  observations = SimpleNamespace(names=tuple("abcdefghijkl" * 2), recording=np.repeat(np.arange(24), 50))
+  free = ParameterSet([Parameter(name, 0.0, -10.0, 10.0, "-", std=1.0) for name in "ab"])
+  noise = random.standard_normal(count)
+  model = Candidate((), free, np.zeros(2), noise - noise.mean(), np.ones((count, 2)), np.zeros(2), count)
+  plain = clustered_std(model, observations)
+  total, difference = clustered_std(model, observations, np.array([[1.0, 1.0], [1.0, -1.0]]))
+  assert plain[0] == pytest.approx(np.sqrt(0.5), rel=0.01) and difference == pytest.approx(np.sqrt(2.0), rel=0.01)
+  assert total == pytest.approx(1.0 / np.sqrt(count), rel=0.3)
+
+
 def test_judged_is_the_ratio_of_errors_where_nothing_was_fitted_channel_by_channel(offset_pool):
   base, observations = offset_pool.base, offset_pool.problem.observations
   residual = base.residual.copy()

@@ -49,7 +49,7 @@ def asked(monkeypatch):
 
   def ask(rule):
     monkeypatch.setattr(removals, "fit_together", lambda problem, models: models)
-    monkeypatch.setattr(removals, "clustered_std", lambda model, observations: np.full(len(model.free), 0.1))
+    monkeypatch.setattr(removals, "clustered_std", lambda model, observations, asked: np.full(len(asked), 0.1))
     monkeypatch.setattr(removals, "tested", lambda model, base, problem: refits.Test(rule(model), 1.0, 1.1))
 
   return ask

@@ -75,6 +75,19 @@ def test_forms_that_were_chosen_by_refits_are_there(before):
   assert found["stiction"].there and not found["motor_heating"].there
 
 
+def test_what_sessions_share_is_told_as_well_as_it_is_known(before):
+  """Shared and shifts stand in for each other, and all are known to 0.02; their sums are known to 0.0005."""
+  before.beside = ("steering_offset",)
+  before.base.free, before.base.values = ParameterSet([parameter("steering_offset")]), np.zeros(1)
+  found = told({"steering_offset": 0.004, "steering_offset@a": 0.0305, "steering_offset@b": 0.0295})
+  trade = np.array([1.0, -1.0, -1.0])
+  found.covariance = 0.0005**2 * np.eye(3) + 0.02**2 * np.outer(trade, trade)
+  shared = by_name(terms(found, before, {}))["steering_offset"]
+  assert shared.value == pytest.approx(0.034) and shared.std < 0.001 and shared.there
+  (first,) = (t for t in terms(found, before, {}) if t.name == "steering_offset@a")
+  assert first.value == pytest.approx(0.0005) and first.std < 0.001 and not first.there
+
+
 def test_sessions_are_told_from_their_mean_and_beyond_chance(before):
   values = {"steering_offset@a": 0.031, "steering_offset@b": 0.029}
   found = by_name(terms(told(values, std=0.0001), before, {}))
