@@ -14,8 +14,8 @@ from tqdm import tqdm
 
 from calibration.campaign.archive import pack, unpack
 from calibration.campaign.cases import draw_cases, draw_second_cases, draw_wild_cases
-from calibration.campaign.page import campaign_page
-from calibration.campaign.report import write_campaign
+from calibration.campaign.page import campaign_page, wild_page
+from calibration.campaign.report import write_campaign, write_wild
 from calibration.campaign.run import all_answered, attempt
 from calibration.campaign.score import score_table
 from calibration.campaign.wild_score import wild_table
@@ -54,7 +54,7 @@ class Config:
   archive: Path | None = None
   """One file with all answers: those in it are taken over first, and it is written anew at the end."""
   page: Path | None = None
-  """Markdown page to write; a picture of the confusions goes beside it, named alike."""
+  """Markdown page to write; a picture of the confusions goes beside it, named alike, but for wild cases."""
   score_only: bool = False
   """Run nothing: score the answers that are there."""
   quick: bool = False
@@ -80,19 +80,18 @@ def main(config: Config) -> str:
   said = [line for _, line in tqdm(jobs, total=len(todo), desc="cases", unit="case")]
   answers = [config.out / f"{c.name}.json" for c in cases]
   results = [json.loads(path.read_text()) for path in answers if path.is_file()]
-  table = wild_table(results) if config.engine == "characterise" else score_table(results)
+  wild = config.engine == "characterise"
+  table = wild_table(results) if wild else score_table(results)
   write_text(config.out / "score.md", table)
   if config.archive:
     pack(config.out, config.archive)
-  if config.engine == "characterise":
-    print(f"{table}score: {config.out / 'score.md'}")
-    all_answered(said, config.out)
-    return table
-  usual, options = Config(config.out), ("car", "nulls", "singles", "pairs", "outside", "wild", "design")
+  usual, options = Config(config.out), ("car", "nulls", "singles", "pairs", "outside", "wild", "design", "engine")
   other = [f" --{n} {getattr(config, n)}" for n in options if getattr(config, n) != getattr(usual, n)]
   command = f"qcar-twin campaign --out out/{config.out.name} --seed {config.seed}{''.join(other)}"
-  report = write_campaign(config.out, results, len(cases), command)
-  if config.page:
+  report = (write_wild if wild else write_campaign)(config.out, results, len(cases), command)
+  if config.page and wild:
+    write_text(config.page, wild_page(results, len(cases), command))
+  elif config.page:
     write_text(config.page, campaign_page(results, len(cases), command, config.page.with_suffix(".png")))
   print(f"{table}report: {report}")
   all_answered(said, config.out)

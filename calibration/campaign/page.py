@@ -9,6 +9,7 @@ from calibration.campaign.figure import draw_confusion
 from calibration.campaign.intervals import interval_table
 from calibration.campaign.nulls import spurious_table
 from calibration.campaign.score import Result, score, score_table
+from calibration.campaign.wild_score import wild_table, wild_verdict
 from calibration.laboratory.designs import plan
 from calibration.laboratory.manoeuvres import PERIOD
 from qcar_twin import markdown
@@ -63,6 +64,12 @@ def campaign_page(results: Sequence[Result], drawn: int, command: str, picture: 
   lines += ["", f"![First claims against the truth]({picture.name})", "", "All figures:", "", score_table(results)]
   lines += ["What explained something on sessions without an effect, alone and held out:", "", spurious_table(results)]
   return "\n".join(lines)
+
+
+def wild_page(results: Sequence[Result], drawn: int, command: str) -> str:
+  """Markdown of a campaign of wild cars; arguments as above."""
+  said = f"`{command}`: {len(results)} of {drawn} sessions. {wild_verdict(results)}"
+  return f"# Concealed wild cars\n\n{said}\n\n{wild_table(results)}"
 
 
 def _second(results: Sequence[Result]) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 from calibration.campaign.figure import confusion_table
 from calibration.campaign.page import AIMS
 from calibration.campaign.score import Result, case_row, reliability, score, score_baselines
+from calibration.campaign.wild_score import wild_tables, wild_verdict
 from qcar_twin.pages import Section, Table, bars, heat_map, write_page
 
 _CASE = ("case", "seed", "truth", "verdict", "claims", "top three")
@@ -23,6 +24,13 @@ def write_campaign(folder: Path, results: Sequence[Result], drawn: int, command:
   """
   subtitle = f"{len(results)} of {drawn} sessions answered; made by {command}"
   return write_page(folder / "report.html", "Concealed cases", verdict(results), sections(results), subtitle)
+
+
+def write_wild(folder: Path, results: Sequence[Result], drawn: int, command: str) -> Path:
+  """The same of wild cars: errors over the oracle's, names and shapes that were counted, every case."""
+  subtitle = f"{len(results)} of {drawn} sessions answered; made by {command}"
+  told = [Section(title, "", [Table("", columns, rows)]) for title, columns, rows in wild_tables(results)]
+  return write_page(folder / "report.html", "Concealed wild cars", wild_verdict(results), told, subtitle)
 
 
 def verdict(results: Sequence[Result]) -> str:

@@ -72,6 +72,18 @@ def wild_table(results: Sequence[Result]) -> str:
   return "\n\n".join("\n".join(lines) for lines in listed) + "\n"
 
 
+def wild_verdict(results: Sequence[Result]) -> str:
+  """The outcome in one sentence."""
+  if not results:
+    return "No session has been answered yet."
+  over = [_error(r, "shipped", c) / error for r in results for c, error in r["oracle"]["holdout"].items()]
+  hits = dict(_counts(results))["names that are there"]
+  return (
+    f"The twins that are shipped err {np.median(over):.2f} times as much on the hold-out as the oracle, the median of"
+    f" channels and cases; {sum(hits)} of {len(hits)} names that were claimed are there."
+  )
+
+
 def wild_tables(results: Sequence[Result]) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
   """The same as title, columns and rows."""
   channels = list(dict.fromkeys(name for r in results for name in r["oracle"]["holdout"]))

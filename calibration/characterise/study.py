@@ -17,7 +17,7 @@ from calibration.characterise.naming.forms import Form, Outline, left_with, outl
 from calibration.characterise.naming.refits import Trials
 from calibration.characterise.naming.removals import matters, without_the_needless
 from calibration.characterise.naming.rivals import renamed, with_rivals
-from calibration.characterise.naming.substitution import named_only, substituted
+from calibration.characterise.naming.substitution import named_again, named_only, substituted
 from calibration.characterise.naming.terms import Term, terms
 from calibration.characterise.naming.youngest import by_the_youngest
 from calibration.diagnosis.black_box import boosted_residual, rms
@@ -156,7 +156,10 @@ def study(
   trials, drawn = substituted(by_the_youngest(Trials.of(found)), outlines(found), progress)
   settled, exchanged, tests = with_rivals(with_additions(trials, progress), progress)
   whole = with_additions(settled, progress) if exchanged else settled
-  whole, drawn = made_simpler(whole, [renamed(outline, exchanged, whole) for outline in drawn], progress)
+  grown = whole is not trials
+  drawn = tuple(renamed(outline, exchanged, whole) for outline in drawn)
+  whole, drawn = named_again(whole, drawn, progress) if grown else (whole, drawn)
+  whole, drawn = made_simpler(whole, drawn, progress)
   trials, tests = without_the_needless(whole, progress, tests if whole is settled else None)
   in_the_end = [name for name in trials.forms if name not in tests or matters(tests, name)]
   drawn = tuple(left_with(outline, in_the_end) for outline in drawn)

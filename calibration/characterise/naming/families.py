@@ -16,32 +16,35 @@ from calibration.progress import Progress, silent
 def made_simpler(
   trials: Trials, drawn: Sequence[Outline], progress: Progress = silent
 ) -> tuple[Trials, tuple[Outline, ...]]:
-  """A twin whose maps have the simplest forms that will do beside all that has joined, and their outlines."""
+  """A twin whose maps have the simplest forms that will do beside all that has joined, and their outlines.
+
+  A map that showed no departure at first may have been joined by forms of its own since: they are asked as well.
+  """
   told = []
   for outline in drawn:
-    simpler = _simpler(trials, outline)
+    family = tuple(n for n in trials.forms if trials.problem.mechanism(n).outlined_by == outline.curve)
+    simpler = _simpler(trials, outline, family)
     if simpler:
       progress(f"simpler names for the {outline.curve.replace('_', ' ')}")
-      trials, outline = _asked(trials, outline, simpler)
+      trials, outline = _asked(trials, outline, family, simpler)
     told.append(outline)
   return trials, tuple(told)
 
 
-def _simpler(trials: Trials, outline: Outline) -> list[Form]:
-  """Forms of a map that is in a twin by name, with fewer parameters than the name has."""
-  form = outline.named
-  if form is None or not set(form.mechanisms) <= set(trials.forms):
-    return []
-  used = set(trials.forms) - set(form.mechanisms)
-  return [f for f in outline.forms if len(f.values) < len(form.values) and not used & set(f.mechanisms)]
+def _simpler(trials: Trials, outline: Outline, family: Sequence[str]) -> list[Form]:
+  """Forms of a map with fewer parameters than the ones it has in a twin."""
+  used = sum(len(trials.problem.mechanism(name).parameters) for name in family)
+  return [form for form in outline.forms if len(form.values) < used]
 
 
-def _asked(trials: Trials, outline: Outline, simpler: Sequence[Form]) -> tuple[Trials, Outline]:
+def _asked(trials: Trials, outline: Outline, family: Sequence[str], simpler: Sequence[Form]) -> tuple[Trials, Outline]:
   """With the simplest of the simpler forms that is not refused, if there is one."""
-  problem, base, name = trials.problem, trials.base, outline.named
-  assert name is not None
-  now = {p: float(base.values[base.free.index(p)]) for p in name.values}
-  models = [trials.model(f.mechanisms, {**f.values, **{p: now[p] for p in f.values if p in now}}, now) for f in simpler]
+  problem, base = trials.problem, trials.base
+  own = {p.name for name in family for p in problem.mechanism(name).parameters}
+  now = {name: float(base.values[base.free.index(name)]) for name in own}
+  models = [
+    trials.model(form.mechanisms, {n: now.get(n, value) for n, value in form.values.items()}, own) for form in simpler
+  ]
   of = {id(model): form for model, form in zip(models, simpler, strict=True)}
   tests = [(m, tested(m, base, problem)) for m in fit_together(problem, models)]
   will_do = [(m, test) for m, test in tests if test.p_value * len(models) >= LEVEL]
@@ -49,7 +52,9 @@ def _asked(trials: Trials, outline: Outline, simpler: Sequence[Form]) -> tuple[T
     return trials, outline
   chosen, test = min(will_do, key=lambda found: (len(of[id(found[0])].values), found[1].worse))
   form = fitted_form(of[id(chosen)].mechanisms, chosen, test, problem)
+  smaller = trials.left_out(chosen, set(family) - set(form.mechanisms))
+  if outline.named is None:
+    return smaller, outline
   # the former name did no better, and is not told of as if it fitted as well
-  others = [f for f in outline.forms if f.mechanisms not in (form.mechanisms, name.mechanisms)]
-  gone = set(name.mechanisms) - set(form.mechanisms)
-  return trials.left_out(chosen, gone), dataclasses.replace(outline, forms=(form, *others))
+  others = [f for f in outline.forms if f.mechanisms not in (form.mechanisms, outline.named.mechanisms)]
+  return smaller, dataclasses.replace(outline, forms=(form, *others))

@@ -32,6 +32,19 @@ def substituted(
   return trials, tuple(told)
 
 
+def named_again(
+  trials: Trials, drawn: Sequence[Outline], progress: Progress = silent
+) -> tuple[Trials, tuple[Outline, ...]]:
+  """Ask the curves that are left for their names once more, beside all that has joined since."""
+  told = []
+  for outline in drawn:
+    if outline.curve in trials.curves:
+      progress(f"names for the {outline.curve.replace('_', ' ')}, once more")
+      trials, outline = _named(trials, outline)
+    told.append(outline)
+  return trials, tuple(told)
+
+
 def named_only(trials: Trials, told: Sequence[Outline]) -> Trials:
   """The twin with the best of the forms in place of the curves, too, that none will do for."""
   for outline in told:

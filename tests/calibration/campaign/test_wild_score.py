@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.campaign.wild_score import is_shaped, names, shaped, wild_table
+from calibration.campaign.wild_score import is_shaped, names, shaped, wild_table, wild_verdict
 
 HOLDOUT = {"yaw_rate": 0.02, "motor_speed": 1.0}
 
@@ -78,7 +78,7 @@ def test_the_table_counts_them(found):
     for row in table.splitlines()
     if "|" in row
   }
-  assert rows["characterised"] == ["1.50", "1.50"]
+  assert rows["characterised"] == rows["shipped"] == ["1.50", "1.50"]
   assert (
     rows["names that are there"][0] == "3 of 4"
   )  # a late encoder is a sensor's way, no effect; payload is not there
@@ -93,3 +93,28 @@ def test_the_table_counts_them(found):
   assert rows["sensors' ages and scales within 10 ms or 10 %"][0] == "1 of 2"
   low, high = (float(x) for x in rows["effects of the catalogue, named or shaped"][2].split(" to "))
   assert low < 0.75 < high and np.isfinite([low, high]).all()
+
+
+def counted(found, label):
+  return next(row.split("|")[2].strip() for row in wild_table([found]).splitlines() if f" {label} |" in row)
+
+
+def test_what_a_curve_nearly_is_counts_as_a_name(found):
+  found["answer"]["curves"][1]["nearly"] = {"mechanisms": ["drive_dead_zone"]}
+  assert "drive_dead_zone" in names(found["answer"]) and counted(found, "names that are there") == "3 of 5"
+
+
+def test_the_mean_of_trims_that_are_told_is_an_offset_and_both_counts_are_given(found):
+  both = "the same, the mean of sessions' trims counted as an offset"
+  found["answer"]["terms"].append(term("steering_offset", 0.005, True))
+  assert counted(found, both) == "3 of 5"
+  found["truth"].append({"id": "session_trim", "in_catalogue": False})
+  assert counted(found, "names that are there") == "3 of 5" and counted(found, both) == "4 of 5"
+  assert counted(found, "trims of sessions told") == "1 of 1"
+  found["answer"]["terms"][3]["there"] = False
+  assert counted(found, both) == "3 of 5" and counted(found, "trims of sessions told") == "0 of 1"
+
+
+def test_the_outcome_in_a_sentence(found):
+  assert "1.50 times as much" in wild_verdict([found]) and "3 of 4 names" in wild_verdict([found])
+  assert wild_verdict([]) == "No session has been answered yet."

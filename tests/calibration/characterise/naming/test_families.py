@@ -27,7 +27,10 @@ class Fake:
   def __post_init__(self):
     free = [p for name in self.forms for p in SIZES.get(name, ("lag_a",))]
     self.base = SimpleNamespace(free=free, values=np.full(len(free), 0.7), mechanisms=self.forms)
-    mechanism = lambda name: SimpleNamespace(parameters=[SimpleNamespace(name=p) for p in SIZES[name]])
+    mechanism = lambda name: SimpleNamespace(
+      parameters=[SimpleNamespace(name=p) for p in SIZES.get(name, ("lag_a",))],
+      outlined_by="drive_curve" if name in SIZES else "",
+    )
     self.problem = SimpleNamespace(observations=None, mechanism=mechanism)
     self.started = []
 
@@ -92,3 +95,10 @@ def test_a_part_of_a_pair_starts_where_it_stands(judged):
   trials = Fake(("bent", "dead"))
   made_simpler(trials, [outline(form("bent", "dead"), REFUSED)])
   assert trials.started == [{"dead_a": 0.7}]
+
+
+def test_forms_that_joined_a_map_without_a_departure_are_asked_too(judged):
+  judged(lambda names: "dead" in names)
+  level = dataclasses.replace(outline(form("bent"), form("dead")), departs=1.0)
+  trials, (drawn,) = made_simpler(Fake(), [level])
+  assert set(trials.forms) == {"lag", "dead"} and drawn is level
