@@ -2,7 +2,8 @@
 
 Writes twin.toml (the best of four on recordings that only judge), characterise.json and report.html. With --compare it
 says which numbers moved between two data sets instead (comparison.json and .html), with --leave-sessions-out what a
-twin is worth on a session that it was not fitted to (sessions.json and .html).
+twin is worth on a session that it was not fitted to (sessions.json and .html), with --starts what of its errors is the
+search's (starts.json and .html).
 
 qcar-twin characterise --dataset data/sample --out out/characterised
 """
@@ -10,8 +11,8 @@ qcar-twin characterise --dataset data/sample --out out/characterised
 import dataclasses
 from pathlib import Path
 
-from calibration.characterise import comparison, left_out
-from calibration.characterise.report.cars_page import write_comparison, write_left_out
+from calibration.characterise import comparison, left_out, starts
+from calibration.characterise.report.cars_page import write_comparison, write_left_out, write_starts
 from calibration.characterise.report.page import write_study
 from calibration.characterise.study import Study, sentences, study
 from calibration.fitting.dataset_recalibration import LONGEST
@@ -38,6 +39,8 @@ class Config:
   """A second data set, of this car or of another like it: which numbers moved between the two."""
   leave_sessions_out: bool = False
   """Fit without each session in turn and judge on it, with the mean trim and gain and with its own."""
+  starts: int = 0
+  """Fit all maps free from so many starts, the usual one and others drawn about it: do they end alike?"""
   plant: EngineKind = "reduced"
   """What is fitted on: the reduced car, or "mujoco", many times as long; errors are MuJoCo's either way."""
 
@@ -45,13 +48,16 @@ class Config:
 def main(config: Config) -> Study | None:
   """Run it, write the results, print what was found; the study, where it was one."""
   dataset = DataSet.load(config.dataset)
-  if config.compare and config.leave_sessions_out:
-    raise ValueError("--compare and --leave-sessions-out are two questions: ask one at a time")
+  if sum(map(bool, (config.compare, config.leave_sessions_out, config.starts))) > 1:
+    raise ValueError("--compare, --leave-sessions-out and --starts are questions of their own: ask one at a time")
   if config.compare:
     _compare(config, dataset, DataSet.load(config.compare))
     return None
   if config.leave_sessions_out:
     _leave_out(config, dataset)
+    return None
+  if config.starts:
+    _from_starts(config, dataset)
     return None
   with StageLine() as progress:
     found = study(dataset, config.most, config.threads, progress, config.plant)
@@ -83,3 +89,12 @@ def _leave_out(config: Config, dataset: DataSet) -> None:
   for line in left_out.sentences(found):
     print(line)
   print(f"report: {write_left_out(found, dataset.name, config.out)}")
+
+
+def _from_starts(config: Config, dataset: DataSet) -> None:
+  with StageLine() as progress:
+    found = starts.from_starts(dataset, config.starts, 0, config.most, config.threads, progress)
+  write_json(config.out / "starts.json", [dataclasses.asdict(s) for s in found])
+  for line in starts.sentences(found):
+    print(line)
+  print(f"report: {write_starts(found, dataset.name, config.out)}")

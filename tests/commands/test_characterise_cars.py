@@ -1,4 +1,4 @@
-"""`characterise --compare` and `--leave-sessions-out` on small sessions."""
+"""`characterise --compare`, `--leave-sessions-out` and `--starts` on small sessions."""
 
 import dataclasses
 import json
@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from calibration.characterise import comparison, left_out
+from calibration.characterise import comparison, left_out, starts
 from calibration.characterise.comparison import compare_cars, compared
 from calibration.characterise.flexible import characterise as fit
 from calibration.characterise.left_out import leave_sessions_out
@@ -98,3 +98,21 @@ def test_leaving_out_takes_two_sessions_and_one_question_at_a_time(folders, tmp_
   config = characterise.Config(folders / "before", tmp_path, compare=folders / "again", leave_sessions_out=True)
   with pytest.raises(ValueError, match="one at a time"):
     characterise.main(config)
+
+
+def test_a_fit_from_several_starts_says_what_scatters(folders, found, tmp_path, monkeypatch, capsys):
+  monkeypatch.setattr(starts, "characterise", lambda dataset, **_: found["before"])
+  characterise.main(characterise.Config(folders / "before", tmp_path, starts=3, threads=2))
+  items = json.loads((tmp_path / "starts.json").read_text(encoding="utf-8"))
+  costs = [i["cost"] for i in items]
+  assert len(items) == 3 and len(set(costs)) == 3  # three fits, not one thrice
+  assert max(costs) < 1.5 * min(costs)  # they began at a hundred times as much and more
+  assert all(np.isfinite(v) and v > 0.0 for i in items for v in i["errors"].values()) and items[0]["errors"]
+  said = capsys.readouterr().out
+  assert "cost [nats]: " in said and "yaw_rate [rad/s]" in said and "standard deviation" in said
+  assert "start 3" in (tmp_path / "starts.html").read_text(encoding="utf-8")
+
+
+def test_one_start_tells_no_spread(folders):
+  with pytest.raises(ValueError, match="two starts at least"):
+    starts.from_starts(DataSet.load(folders / "before"), 1)

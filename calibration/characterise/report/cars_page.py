@@ -1,13 +1,16 @@
-"""Pages of two data sets compared, and of sessions left out."""
+"""Pages of two data sets compared, of sessions left out, and of one fit from several starts."""
 
 import os
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from calibration.characterise.comparison import Moved
 from calibration.characterise.comparison import sentences as moves
 from calibration.characterise.left_out import LeftOut
 from calibration.characterise.naming.forms import LEVEL
+from calibration.characterise.starts import Started
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages import Cell, Section, Table, write_page
 
@@ -48,3 +51,18 @@ def write_left_out(found: Sequence[LeftOut], name: str, folder: str | os.PathLik
     sections.append(Section(f"Session {item.session}", text, [Table("Root mean square errors", columns, rows)]))
   verdict = "Each session driven by a twin that was fitted to the others."
   return write_page(Path(folder) / "sessions.html", f"Sessions of {name}, left out in turn", verdict, sections)
+
+
+def write_starts(found: Sequence[Started], name: str, folder: str | os.PathLike[str]) -> Path:
+  """Write starts.html; returns its path."""
+  columns = ("channel", "unit", *(f"start {k + 1}" for k in range(len(found))), "standard deviation")
+  rows: list[Sequence[Cell]] = [
+    ("cost", "nats", *(s.cost for s in found), float(np.std([s.cost for s in found], ddof=1)))
+  ]
+  for channel in found[0].errors:
+    errors = [s.errors[channel] for s in found]
+    rows.append((RESIDUALS[channel].words, RESIDUALS[channel].symbol, *errors, float(np.std(errors, ddof=1))))
+  text = "The first start is the usual one. Errors are root mean squares where nothing was fitted."
+  table = Section("Costs and errors", text, [Table("", columns, rows)])
+  verdict = f"The twin with free maps, fitted from {len(found)} starts."
+  return write_page(Path(folder) / "starts.html", f"Starts of {name}", verdict, [table])

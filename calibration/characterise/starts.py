@@ -1,0 +1,98 @@
+"""What of a free twin's errors is the search's: the same fit from several starts.
+
+The first start is where the fit begins anyway. The others are drawn about it, every parameter by its own scale (what
+was measured of it, or its typical size) and within its bounds, and are fitted to the same residuals with the same
+weights. Where all end in one minimum their costs and errors agree.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+
+from calibration.characterise.driven import error_of
+from calibration.characterise.finish import finished
+from calibration.characterise.flexible import Characterised, characterise
+from calibration.fitting.dataset_recalibration import LONGEST
+from calibration.fitting.observations import UNITS
+from calibration.fitting.recalibration import settled
+from calibration.log_check.ready import ready
+from calibration.progress import Progress, silent
+from qcar_twin.recordings.dataset import DataSet
+
+_ROUNDS = 4  # of a fit that may not have come to its end from afar
+_SETTLED = 1.0  # nats that a further round has to gain
+
+
+@dataclasses.dataclass(frozen=True)
+class Started:
+  """Where one start ended.
+
+  Attributes:
+    cost: half the sum of squares at the minimum, priors included, nats.
+    errors: root mean square errors by channel where nothing was fitted: the hold-out, or what only judged; {} without
+      either.
+  """
+
+  cost: float
+  errors: Mapping[str, float]
+
+
+def from_starts(
+  dataset: DataSet, count: int, seed: int = 0, most: float = LONGEST, threads: int = 0, progress: Progress = silent
+) -> tuple[Started, ...]:
+  """The twin with free maps from the usual start and from `count` - 1 drawn ones.
+
+  Args:
+    dataset: as `study` takes it.
+    count: starts.
+    seed: of the drawn ones.
+    most: s of driving that are simulated, spread evenly.
+    threads: of the simulation, 0 for all cores.
+    progress: told which start.
+
+  Raises:
+    ValueError: fewer than two starts, of which no spread can be told.
+  """
+  if count < 2:
+    raise ValueError(f"--starts {count}: a spread takes two starts at least")
+  dataset, _ = ready(dataset, most, evenly=True)
+  progress(f"start 1 of {count}")
+  first = characterise(dataset, most=most, threads=threads)
+  made, random = [_ended(first, dataset)], np.random.default_rng(seed)
+  for k in range(1, count):
+    progress(f"start {k + 1} of {count}")
+    made.append(_ended(_again(first, random), dataset))
+  return tuple(made)
+
+
+def _again(first: Characterised, random: np.random.Generator) -> Characterised:
+  """The same fit from a start that is drawn."""
+  old = first.fitted
+  free = old.fit.parameters
+  start = np.clip(free.nominal + free.scale * random.standard_normal(len(free)), free.lower, free.upper)
+  found = settled(old.problem, old.passport, free, start, old.command_shift)
+  for _ in range(_ROUNDS):
+    before = found.fit.cost
+    found = settled(old.problem, old.passport, free, found.fit.theta, old.command_shift)
+    if before - found.fit.cost < _SETTLED:
+      break
+  return dataclasses.replace(first, fitted=found)
+
+
+def _ended(found: Characterised, dataset: DataSet) -> Started:
+  aside = dataset.role("holdout")
+  twin = finished(found) if aside else found
+  judging = aside or dataset.role("validate")
+  return Started(float(found.fitted.fit.cost), error_of(twin.fitted, judging) if judging else {})
+
+
+def sentences(found: tuple[Started, ...]) -> list[str]:
+  """What the terminal says, a line a channel: every start's error, the usual one first, and their deviation."""
+  listed = lambda values: ", ".join(f"{v:.4g}" for v in values)
+  lines = [f"cost [nats]: {listed(s.cost for s in found)}"]
+  for name in found[0].errors:
+    errors = [s.errors[name] for s in found]
+    spread = float(np.std(errors, ddof=1))
+    lines.append(f"{name} [{UNITS[name]}]: {listed(errors)}; standard deviation {spread:.2g}")
+  return lines
