@@ -25,6 +25,8 @@ def boosted_residual(
 ) -> Array:
   """What is left of other recordings' residuals once trees have taken off what they learnt, (M',).
 
+  Where the twin flies apart there is nothing to learn; of a channel of which that is all, nothing is taken off.
+
   Args:
     observations, prediction, raw: recordings to learn from: the twin's signals (one vector) and
       predicted minus measured, (M,).
@@ -34,12 +36,15 @@ def boosted_residual(
   left = other_raw.copy()
   for name in set(observations.present) & set(others.present):
     rows, there = observations.select(name), others.select(name)
+    usable = np.isfinite(raw[rows])
+    if not usable.any():
+      continue
     trees = HistGradientBoostingRegressor(
       max_iter=150, learning_rate=0.06, max_leaf_nodes=15, min_samples_leaf=40, l2_regularization=1.0, random_state=0
     )
     # on one thread: those of OpenMP wait for one another by spinning, tens of times as long where cores are busy
     with threadpool_limits(1, user_api="openmp"):
-      trees.fit(at_values(grid, observations, name), raw[rows])
+      trees.fit(at_values(grid, observations, name)[usable], raw[rows][usable])
       left[there] = other_raw[there] - trees.predict(at_values(other_grid, others, name))
   return left
 

@@ -13,7 +13,7 @@ from qcar_twin.twin.engines.reduced.cars import ReducedCars
 from qcar_twin.twin.mechanisms.base import CarDimensions, Context
 from qcar_twin.twin.slots import Recorder, Slot
 
-_MOTOR_SPEED = SIGNALS.index("motor_speed")
+_MOTOR_SPEED, _ANGLE = SIGNALS.index("motor_speed"), SIGNALS.index("steering_angle")
 
 
 def mujoco_batch(simulation: "Simulation") -> Batch:
@@ -51,10 +51,24 @@ class Simulation:
     self.engine.place(start, self.signals)
     self._wheel_angle = np.zeros(len(start))
     known = np.column_stack([self.signals[:, :3], self._wheel_angle])
-    for slot in self._slots:
-      slot.state = slot.mechanism.initial(slot.theta, self._context(slot, command, known))
+    self._settle(command, known)
     self._untouched: dict[str, Array] = {}
     self._write_models(command, known, first=True)
+
+  def _settle(self, command: Array, known: Array) -> None:
+    """Hidden states at the start, as if what stands there had come a long way: through the slots before each.
+
+    Else a lag behind a trim or a bent map would begin without them, and so would the car, window by window.
+    """
+    arriving, standing = command.copy(), self.signals.copy()
+    for slot in self._slots:
+      passes = slot.mechanism.stage == "command"
+      context = self._context(slot, arriving, known, None, standing) if passes else self._context(slot, command, known)
+      slot.state = slot.mechanism.initial(slot.theta, context)
+      if passes and not slot.state:
+        came, angle = arriving[slot.rows], np.column_stack([arriving[slot.rows, 0], standing[slot.rows, _ANGLE]])
+        arriving[slot.rows] = slot.mechanism.command(slot.theta, context, slot.state, came)
+        standing[slot.rows, _ANGLE] = slot.mechanism.command(slot.theta, context, slot.state, angle)[:, 1]
 
   def step(self, commands: Array, pose: Array | None = None, running: NDArray[np.intp] | None = None) -> Array:
     """Hold commands (N, 2) for one control period; returns the signals after it, (N, 10).

@@ -203,7 +203,11 @@ class Mechanism:
   fitted_rank: ClassVar[int] = 100
 
   def initial(self, theta: Array, context: Context) -> State:
-    """Hidden state at a segment's start: named arrays whose first axis is n. theta is (n, p)."""
+    """Hidden state at a segment's start: named arrays whose first axis is n. theta is (n, p).
+
+    On stage "command" the context's commands and steering angle are those that the mechanisms before leave of the first
+    command and of the angle that stands.
+    """
     return {}
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:

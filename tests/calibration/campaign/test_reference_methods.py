@@ -101,6 +101,18 @@ def test_trees_leave_a_perfect_twin_nearly_alone(clean_pool):
   assert np.allclose(left, raw)  # nothing to learn, nothing changed
 
 
+def test_trees_learn_nothing_where_the_twin_flies_apart(offset_pool):
+  """Some values of one channel are no numbers, and all of another: the rest is learnt as ever."""
+  problem, base = offset_pool.problem, offset_pool.base
+  observations, prediction = problem.observations, problem.predict(base.theta[None])
+  raw = raw_residual(problem, base)
+  broken, turn, ahead = raw.copy(), observations.select("yaw_rate"), observations.select("accel_x")
+  broken[turn[:5]], broken[ahead] = np.nan, np.inf
+  left = boosted_residual(observations, prediction, broken, observations, prediction, raw)
+  assert np.isfinite(left).all() and np.array_equal(left[ahead], raw[ahead])
+  assert np.sum(left[turn] ** 2) < 0.8 * np.sum(raw[turn] ** 2)
+
+
 def test_without_holdout_there_are_names_but_no_errors(offset_pool):
   found = run_baselines(offset_pool, [])
   assert found["unprofiled_ranking"].claims and not any(a.holdout for a in found.values())

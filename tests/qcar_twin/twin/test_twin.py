@@ -264,3 +264,26 @@ def test_a_start_read_off_the_encoder_follows_the_wheel_radius():
   assert larger[SIGNALS.index("velocity_x")] == pytest.approx(1.02 * true[SIGNALS.index("velocity_x")])
   assert larger[SIGNALS.index("motor_speed")] == pytest.approx(true[SIGNALS.index("motor_speed")])
   assert segments.start[0, START.index("velocity_x")] == 1.0  # what was measured stays as it was
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "reduced"])
+@pytest.mark.parametrize("first", ["steering_offset", "steering_lag"])
+def test_a_trim_stands_from_the_start_wherever_it_is_added(first, engine):
+  """A car that was under way had its wheels where its trim puts them, behind a lag and a delay as well as before."""
+  names = ("steering_offset", "steering_lag", "steering_delay")
+  order = (first, *(n for n in names if n != first))
+  moved = Twin(CAR, select(order), substeps=2, engine=engine)
+  values = {"steering_offset": 0.05, "steering_lag": 0.1, "steering_delay": 0.06}
+  segments = drive(steering=(0.0,))
+  segments.start[:, START.index("velocity_x")] = 1.0
+  angle = moved.rollout(moved.parameters.vector(values), segments).signals[0, 0, :, SIGNALS.index("steering_angle")]
+  assert angle[5:] == pytest.approx(0.05, abs=2e-3)  # the servo's own few ms later
+
+
+def test_a_bent_map_stands_from_the_start_behind_a_lag():
+  bent = Twin(CAR, select(["steering_gain_error", "steering_lag"]), substeps=2, engine="reduced")
+  segments = drive(steering=(0.2,))
+  segments.commands[:, :, 1] = segments.start[:, START.index("steering_angle")] = 0.2
+  theta = bent.parameters.vector({"steering_gain_error": -0.25, "steering_lag": 0.2})
+  angle = bent.rollout(theta, segments).signals[0, 0, :, SIGNALS.index("steering_angle")]
+  assert angle[5:] == pytest.approx(0.15, abs=2e-3)
