@@ -107,7 +107,7 @@ def test_trees_learn_nothing_where_the_twin_flies_apart(offset_pool):
   observations, prediction = problem.observations, problem.predict(base.theta[None])
   raw = raw_residual(problem, base)
   broken, turn, ahead = raw.copy(), observations.select("yaw_rate"), observations.select("accel_x")
-  broken[turn[:5]], broken[ahead] = np.nan, np.inf
+  broken[np.flatnonzero(turn)[:5]], broken[ahead] = np.nan, np.inf
   left = boosted_residual(observations, prediction, broken, observations, prediction, raw)
   assert np.isfinite(left).all() and np.array_equal(left[ahead], raw[ahead])
   assert np.sum(left[turn] ** 2) < 0.8 * np.sum(raw[turn] ** 2)
