@@ -29,11 +29,13 @@ class Started:
   """Where one start ended.
 
   Attributes:
-    cost: half the sum of squares at the minimum, priors included, nats.
+    began: half the sum of squares where the fit began, priors included, nats.
+    cost: the same at the minimum.
     errors: root mean square errors by channel where nothing was fitted: the hold-out, or what only judged; {} without
       either.
   """
 
+  began: float
   cost: float
   errors: Mapping[str, float]
 
@@ -59,38 +61,40 @@ def from_starts(
   dataset, _ = ready(dataset, most, evenly=True)
   progress(f"start 1 of {count}")
   first = characterise(dataset, most=most, threads=threads)
-  made, random = [_ended(first, dataset)], np.random.default_rng(seed)
+  made, random = [_ended(first, dataset, first.fitted.fit.iterations[0])], np.random.default_rng(seed)
   for k in range(1, count):
     progress(f"start {k + 1} of {count}")
-    made.append(_ended(_again(first, random), dataset))
+    again, began = _again(first, random)
+    made.append(_ended(again, dataset, began))
   return tuple(made)
 
 
-def _again(first: Characterised, random: np.random.Generator) -> Characterised:
-  """The same fit from a start that is drawn."""
+def _again(first: Characterised, random: np.random.Generator) -> tuple[Characterised, float]:
+  """The same fit from a start that is drawn, and the cost there."""
   old = first.fitted
   free = old.fit.parameters
   start = np.clip(free.nominal + free.scale * random.standard_normal(len(free)), free.lower, free.upper)
   found = settled(old.problem, old.passport, free, start, old.command_shift)
+  began = found.fit.iterations[0]
   for _ in range(_ROUNDS):
     before = found.fit.cost
     found = settled(old.problem, old.passport, free, found.fit.theta, old.command_shift)
     if before - found.fit.cost < _SETTLED:
       break
-  return dataclasses.replace(first, fitted=found)
+  return dataclasses.replace(first, fitted=found), began
 
 
-def _ended(found: Characterised, dataset: DataSet) -> Started:
+def _ended(found: Characterised, dataset: DataSet, began: float) -> Started:
   aside = dataset.role("holdout")
   twin = finished(found) if aside else found
   judging = aside or dataset.role("validate")
-  return Started(float(found.fitted.fit.cost), error_of(twin.fitted, judging) if judging else {})
+  return Started(float(began), float(found.fitted.fit.cost), error_of(twin.fitted, judging) if judging else {})
 
 
 def sentences(found: tuple[Started, ...]) -> list[str]:
   """What the terminal says, a line a channel: every start's error, the usual one first, and their deviation."""
   listed = lambda values: ", ".join(f"{v:.4g}" for v in values)
-  lines = [f"cost [nats]: {listed(s.cost for s in found)}"]
+  lines = [f"cost [nats]: {listed(s.cost for s in found)}, from {listed(s.began for s in found)}"]
   for name in found[0].errors:
     errors = [s.errors[name] for s in found]
     spread = float(np.std(errors, ddof=1))

@@ -57,7 +57,8 @@ def write_starts(found: Sequence[Started], name: str, folder: str | os.PathLike[
   """Write starts.html; returns its path."""
   columns = ("channel", "unit", *(f"start {k + 1}" for k in range(len(found))), "standard deviation")
   rows: list[Sequence[Cell]] = [
-    ("cost", "nats", *(s.cost for s in found), float(np.std([s.cost for s in found], ddof=1)))
+    ("cost where it began", "nats", *(s.began for s in found), ""),
+    ("cost", "nats", *(s.cost for s in found), float(np.std([s.cost for s in found], ddof=1))),
   ]
   for channel in found[0].errors:
     errors = [s.errors[channel] for s in found]
