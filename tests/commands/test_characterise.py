@@ -146,6 +146,11 @@ def test_sessions_stand_in_a_table_with_their_trims_in_degrees(done):
   ]
   assert [row[0] for row in section.tables[0].rows] == ["a", "b"]
   assert section.tables[0].rows[0][1] == pytest.approx(np.degrees(0.01)) and "[°]" in section.tables[0].columns[1]
+  lacks = dataclasses.replace(
+    found, found=stub, terms=own[:1], outlines=()
+  )  # what one does as well without is not told
+  (section,) = [s for s in sections(lacks, ()) if s.title == "The sessions"]
+  assert section.tables[0].rows[1] == ["b", None, None, False]
 
 
 @pytest.mark.parametrize("name", ["no_mismatch", "explained", "partly_explained", "unexplained"])

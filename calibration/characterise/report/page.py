@@ -192,8 +192,8 @@ def _sessions(found: Study) -> Section:
   for session in twin.sessions.names:
     row: list[Cell] = [session]
     for name, (factor, _) in ((n, scaled[n]) for n in twin.sessions.std):
-      term = terms[f"{name}@{session}"]
-      row += [factor * term.value, factor * term.std, term.there]
+      term = terms.get(f"{name}@{session}")  # what sessions do as well without is not in the twin
+      row += [factor * term.value, factor * term.std, term.there] if term else [None, None, False]
     rows.append(row)
   text = (
     "Each session has a trim of its steering and a gain of its drive of its own, as departures from the mean of all:"
