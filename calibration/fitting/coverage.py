@@ -1,7 +1,8 @@
 """Whether the fitted recordings go everywhere the judging ones go, and what to do where they don't.
 
 An error of the steering to the right can't be learnt from turns to the left. A recording that only judges and
-goes where no fitted one goes can veto a name and can't find one: it is fitted, too, and the hold-out runs judge.
+goes where no fitted one goes can veto a name and can't find one: that half of it which goes there more is fitted, too,
+and the other half goes on judging, as the hold-out runs do.
 """
 
 import dataclasses
@@ -10,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.fitting.windows import DEFAULT_CUT
 from qcar_twin.recordings.channels import CHANNELS, COMMANDS
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
@@ -21,42 +23,61 @@ _EDGE = 1.0  # per cent of the fitted driving that is left out at either end of 
 _WIDER = 0.1  # of the range, by which it is widened: so far a fit is trusted beyond what it saw
 _DRIVEN = 0.1  # of the largest voltage, below which the car is taken to stand or to coast
 _PERIOD = 0.01  # s
+_WHOLE = 2.0 * DEFAULT_CUT.length  # s: of a shorter recording a half would not fill a stretch, so it stays whole
 
 
 def with_coverage(dataset: DataSet) -> tuple[DataSet, tuple[str, ...]]:
-  """Give recordings that go far outside what is fitted the role "identify", farthest first, until few are left outside.
+  """Give what goes far outside what is fitted the role "identify", farthest first, until little is left outside.
 
-  Asked is what the car was commanded while it was driven: motor voltage and steering angle, sign and all.
-  Nothing is changed where no hold-out recording would be left to judge.
+  Asked is what the car was commanded while it was driven: motor voltage and steering angle, sign and all. Recordings
+  are halved, again where half is too much or too little; short ones change their role whole. Nothing is changed where
+  no hold-out recording would be left to judge.
 
   Args:
     dataset: recordings with roles.
 
   Returns:
-    the data set with the roles to be used, and a sentence per recording whose role was changed.
+    the data set with the roles to be used, and a sentence per recording, or part of one, whose role was changed.
   """
   recordings, notes = list(dataset.recordings), []
   if not dataset.role("holdout") or not dataset.role("identify"):
     return dataset, ()
-  driven = _driven(recordings)
+  least = _DRIVEN * max(float(np.abs(c[:, 0]).max(initial=0.0)) for c in map(_commands, recordings))
   while True:
+    driven = [_driven(r, least) for r in recordings]
     ranges = _ranges([d for r, d in zip(recordings, driven, strict=True) if r.role == "identify"])
     judging = [i for i, r in enumerate(recordings) if r.role == "validate" and len(driven[i])]
-    beyond = {i: _beyond(driven[i], ranges) for i in judging}
-    outside = {i: int(b.any(axis=1).sum()) for i, b in beyond.items()}
+    outside = {i: int(_beyond(driven[i], ranges).any(axis=1).sum()) for i in judging}
     if ranges is None or sum(outside.values()) <= _OUTSIDE * sum(len(driven[i]) for i in judging):
       break
     i = max(judging, key=outside.__getitem__)
-    notes.append(_sentence(recordings[i].name, beyond[i], ranges))
-    recordings[i] = recordings[i].replace(role="identify")
+    pieces = _halves(recordings[i])
+    beyond = [_beyond(_driven(p, least), ranges) for p in pieces]
+    taken = max(range(len(pieces)), key=lambda k: int(beyond[k].any(axis=1).sum()))
+    notes.append(_sentence(pieces[taken], beyond[taken], ranges))
+    pieces[taken] = pieces[taken].replace(role="identify")
+    recordings[i : i + 1] = pieces
   return dataclasses.replace(dataset, recordings=tuple(recordings)), tuple(notes)
 
 
-def _driven(recordings: Sequence[Recording]) -> list[Array]:
-  """Commands of each recording while the motor is powered, (k, 2)."""
-  commands = [r.commands(_PERIOD)[1] for r in recordings]
-  least = _DRIVEN * max(float(np.abs(c[:, 0]).max(initial=0.0)) for c in commands)
-  return [c[np.abs(c[:, 0]) > least] for c in commands]
+def _halves(recording: Recording) -> list[Recording]:
+  """A recording cut in the middle; a short one as it is."""
+  if recording.duration < _WHOLE:
+    return [recording]
+  middle = 0.5 * (recording.start + recording.end)
+  spans = (recording.start, float(np.nextafter(middle, -np.inf))), (middle, recording.end)
+  first, second = (recording.window(*s).replace(name=f"{recording.name}#{k}") for k, s in enumerate(spans, 1))
+  return [first, second.replace(before=None)]  # what was driven before it is counted anew, the first half with it
+
+
+def _commands(recording: Recording) -> Array:
+  return recording.commands(_PERIOD)[1]
+
+
+def _driven(recording: Recording, least: float) -> Array:
+  """Commands while the motor gets more than `least` volts, either way, (k, 2)."""
+  commands = _commands(recording)
+  return commands[np.abs(commands[:, 0]) > least]
 
 
 def _ranges(driven: Sequence[Array]) -> Array | None:
@@ -74,12 +95,11 @@ def _beyond(driven: Array, ranges: Array | None) -> NDArray[np.bool_]:
   return np.zeros(driven.shape, bool) if ranges is None else (driven < ranges[0]) | (driven > ranges[1])
 
 
-def _sentence(name: str, beyond: NDArray[np.bool_], ranges: Array) -> str:
+def _sentence(piece: Recording, beyond: NDArray[np.bool_], ranges: Array) -> str:
   k = int(np.argmax(beyond.sum(axis=0)))
   channel, share = COMMANDS[k], 100.0 * float(np.mean(beyond[:, k]))
   return (
-    f"{name} was fitted although its role is validate: {share:.0f} % of its driving has {channel} outside"
-    f" {ranges[0, k]:.3g} to {ranges[1, k]:.3g} {CHANNELS[channel].unit}, and no recording with the role identify "
-    "goes there."
-    " The hold-out recordings judge what came of it."
+    f"{piece.name} ({piece.start:.1f} s to {piece.end:.1f} s) was fitted although its role is validate: {share:.0f} %"
+    f" of its driving has {channel} outside {ranges[0, k]:.3g} to {ranges[1, k]:.3g} {CHANNELS[channel].unit}, and no"
+    " recording with the role identify goes there. The rest and the hold-out recordings judge what came of it."
   )

@@ -11,11 +11,12 @@ from qcar_twin.recordings.recording import Recording, Stream
 TIME = np.arange(0.0, 5.0, 0.01)
 
 
-def run(name: str, role: str, steering: float, volts: float = 1.5) -> Recording:
-  """Five seconds of a sweep of the steering from nought to an angle, rad."""
-  steer = steering * TIME / TIME[-1]
+def run(name: str, role: str, steering: float, volts: float = 1.5, seconds: float = 5.0) -> Recording:
+  """A sweep of the steering from nought to an angle, rad."""
+  time = TIME * seconds / 5.0
+  steer = steering * time / time[-1]
   streams = {"motor_voltage": np.full(TIME.size, volts), "steering_command": steer, "speed": np.ones(TIME.size)}
-  return Recording(name, {k: Stream(TIME, v) for k, v in streams.items()}, role=role)
+  return Recording(name, {k: Stream(time, v) for k, v in streams.items()}, role=role)
 
 
 def roles(dataset: DataSet) -> dict[str, str]:
@@ -34,6 +35,31 @@ def test_only_as_many_as_are_needed_change_their_role():
   made, notes = with_coverage(DataSet("left", (run("left", "identify", 0.3), mild, wide, run("end", "holdout", 0.2))))
   assert roles(made)["wide"] == "identify" and roles(made)["mild"] == "validate"
   assert len(notes) == 1
+
+
+def test_of_a_long_recording_the_half_that_goes_farther_is_fitted_and_the_other_judges():
+  right, end = run("right", "validate", -0.3, seconds=40.0), run("end", "holdout", -0.3)
+  made, notes = with_coverage(DataSet("left", (run("left", "identify", 0.3), right, end)))
+  fitted = [r for r in made.role("identify") if r.name != "left"]
+  judging = made.role("validate")
+  assert fitted and judging and judging[0].end < fitted[-1].start  # the sweep's end is what nothing else shows
+  assert fitted[-1].end == right.end and judging[0].start == right.start
+  assert sum(len(r.streams["speed"]) for r in (*fitted, *judging)) == len(right.streams["speed"])  # no sample twice
+  whole = DataSet("left", (run("left", "identify", 0.3), right, end))
+  assert made.recordings[-1].before == pytest.approx(whole.recordings[-1].before)
+  for earlier, later in zip(made.recordings[:-1], made.recordings[1:], strict=True):
+    assert later.before[0] > earlier.before[0]  # heat and charge are carried on from half to half
+  assert "right#2 (20.0 s to 39.9 s)" in notes[0]
+
+
+def test_what_is_like_itself_throughout_is_cut_once():
+  steer = -0.3 * np.sin(2.0 * np.pi * np.linspace(0.0, 40.0, 4001)) ** 2
+  time = np.linspace(0.0, 40.0, 4001)
+  streams = {"motor_voltage": np.full(time.size, 1.5), "steering_command": steer, "speed": np.ones(time.size)}
+  right = Recording("right", {k: Stream(time, v) for k, v in streams.items()}, role="validate")
+  made, notes = with_coverage(DataSet("left", (run("left", "identify", 0.3), right, run("end", "holdout", 0.1))))
+  assert sorted(r.role for r in made.recordings if r.name.startswith("right#")) == ["identify", "validate"]
+  assert len(notes) == 1 and "20.0 s" in notes[0]
 
 
 def test_a_faster_drive_counts_as_well_as_a_wider_turn():
