@@ -57,7 +57,7 @@ class Outline:
     places: where its heights belong, in shares of the reach; heights, std: (k,), in the curve's own unit.
     departs: how improbable such heights are without any departure, a p-value.
     forms: all that were fitted, fewest parameters first and best first among equals.
-    asked: questions among which chance may bring no more than LEVEL.
+    asked: questions among which chance may bring no more than LEVEL departures.
     without: error of the twin with neither the curve nor a form over the one with the curve; 1 where the driving was
       not asked.
   """
@@ -77,8 +77,11 @@ class Outline:
 
   @property
   def possible(self) -> tuple[Form, ...]:
-    """Forms that are not refused, the simplest first; () without a departure."""
-    return tuple(form for form in self.forms if form.p_value * self.asked >= LEVEL) if self.is_there else ()
+    """Forms that are not refused, the simplest first; () without a departure.
+
+    One of them is right at most, and that one is asked once: that many are asked makes none of them likelier.
+    """
+    return tuple(form for form in self.forms if form.p_value >= LEVEL) if self.is_there else ()
 
   @property
   def named(self) -> Form | None:

@@ -60,6 +60,16 @@ def tested(simpler: Candidate, richer: Candidate, problem: Problem) -> Test:
   return Test(found.t, found.total, float(np.sqrt(found.before / max(left, 1e-12 * found.before))))
 
 
+def refusal(simpler: Candidate, trials: "Trials") -> Test:
+  """Of a model in the twin's place: the harder of the tests against the twin as it is and against the one with all maps
+  free. Each of a chain of names may pass for as good as the twin before it, and the last one be far from the first."""
+  return min((tested(simpler, richer, trials.problem) for richer in (trials.base, trials.freest)), key=_kept)
+
+
+def _kept(test: Test) -> tuple[float, float]:
+  return test.p_value, -test.t
+
+
 @dataclasses.dataclass(frozen=True)
 class Trials:
   """A characterised twin that models are tried against.
@@ -68,6 +78,7 @@ class Trials:
     problem: residuals of a twin with the whole catalogue, weighted by what the characterised twin leaves.
     base: that twin as a model.
     found: what it came from; curves, beside, forms: what is in it by now; clock: the age that counts as zero.
+    freest: that twin with all its maps free, before any was named.
   """
 
   problem: Problem
@@ -76,6 +87,7 @@ class Trials:
   curves: tuple[str, ...]
   beside: tuple[str, ...]
   clock: str
+  freest: Candidate
   forms: tuple[str, ...] = ()
 
   @classmethod
@@ -92,7 +104,7 @@ class Trials:
     base.jacobian = found.fitted.jacobian * (weighting.scale(channel) / old.weighting.scale(channel))[:, None]
     simulate(problem, [base])
     refine(problem, [base], 2)
-    return cls(problem, base, found, found.curves, found.beside, found.clock)
+    return cls(problem, base, found, found.curves, found.beside, found.clock, base)
 
   def model(
     self, forms: Sequence[str] = (), start: Mapping[str, float] | None = None, without: Collection[str] = ()

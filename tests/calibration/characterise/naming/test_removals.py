@@ -131,6 +131,6 @@ def test_what_is_left_out_takes_its_shifts_along_and_gives_back_what_was_measure
   base = Candidate((), free, np.zeros(4), np.zeros(5), np.ones((5, 4)), np.array([0.03, 2.1, 0.0, 0.0]), 5)
   fitted = SimpleNamespace(fit=SimpleNamespace(parameters=free))
   found = SimpleNamespace(curves=(), beside=("steering_offset",), fitted=fitted, lead=0.0)
-  trials = refits.Trials(problem, base, found, (), ("steering_offset",), "pose_latency")
+  trials = refits.Trials(problem, base, found, (), ("steering_offset",), "pose_latency", base)
   left = trials.model(without=parameters_of(trials, ["steering_offset"]))
   assert left.free.names == ("mass",) and left.values.tolist() == [2.1]
