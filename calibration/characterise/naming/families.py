@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from calibration.characterise.naming.forms import LEVEL, Form, Outline
-from calibration.characterise.naming.refits import Trials, fit_together, fitted_form, refusal
+from calibration.characterise.naming.refits import Trials, borne, fit_together, fitted_form, tested
 from calibration.progress import Progress, silent
 
 
@@ -46,12 +46,12 @@ def _asked(trials: Trials, outline: Outline, family: Sequence[str], simpler: Seq
     trials.model(form.mechanisms, {n: now.get(n, value) for n, value in form.values.items()}, own) for form in simpler
   ]
   of = {id(model): form for model, form in zip(models, simpler, strict=True)}
-  tests = [(m, refusal(m, trials)) for m in fit_together(problem, models)]
-  will_do = [(m, test) for m, test in tests if test.p_value >= LEVEL]
+  tests = [(m, tested(m, base, problem)) for m in fit_together(problem, models)]
+  will_do = [(m, test) for m, test in tests if borne(m, trials) >= LEVEL]
   if not will_do:
     return trials, outline
   chosen, test = min(will_do, key=lambda found: (len(of[id(found[0])].values), found[1].worse))
-  form = fitted_form(of[id(chosen)].mechanisms, chosen, test, problem)
+  form = fitted_form(of[id(chosen)].mechanisms, chosen, test, trials)
   smaller = trials.left_out(chosen, set(family) - set(form.mechanisms))
   if outline.named is None:
     return smaller, outline

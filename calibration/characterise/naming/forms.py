@@ -57,7 +57,7 @@ class Outline:
     places: where its heights belong, in shares of the reach; heights, std: (k,), in the curve's own unit.
     departs: how improbable such heights are without any departure, a p-value.
     forms: all that were fitted, fewest parameters first and best first among equals.
-    asked: questions among which chance may bring no more than LEVEL departures.
+    asked: curves of the car, among all of which chance may bring no more than LEVEL departures (Bonferroni).
     without: error of the twin with neither the curve nor a form over the one with the curve; 1 where the driving was
       not asked.
   """
@@ -162,7 +162,9 @@ def _outline(
         forms.append(form)
   forms.sort(key=lambda f: (len(f.values), f.misfit))
   departs = float(chi2.sf(np.sum(white(heights) ** 2), left))
-  return Outline(curve.name, tuple(names), heights, np.sqrt(np.diag(covariance)), departs, tuple(forms))
+  return Outline(
+    curve.name, tuple(names), heights, np.sqrt(np.diag(covariance)), departs, tuple(forms), len(found.curves)
+  )
 
 
 def _fitted(

@@ -60,14 +60,11 @@ def tested(simpler: Candidate, richer: Candidate, problem: Problem) -> Test:
   return Test(found.t, found.total, float(np.sqrt(found.before / max(left, 1e-12 * found.before))))
 
 
-def refusal(simpler: Candidate, trials: "Trials") -> Test:
-  """Of a model in the twin's place: the harder of the tests against the twin as it is and against the one with all maps
-  free. Each of a chain of names may pass for as good as the twin before it, and the last one be far from the first."""
-  return min((tested(simpler, richer, trials.problem) for richer in (trials.base, trials.freest)), key=_kept)
-
-
-def _kept(test: Test) -> tuple[float, float]:
-  return test.p_value, -test.t
+def borne(simpler: Candidate, trials: "Trials") -> float:
+  """How often chance makes as much as a model in the twin's place lacks, against the twin as it is and against the one
+  with all maps free, the less often. Of a chain of names each may pass for as good as the twin before it, and the last
+  one be far from the first."""
+  return min(tested(simpler, richer, trials.problem).p_value for richer in (trials.base, trials.freest))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -159,13 +156,14 @@ class Trials:
     return Characterised(fitted, self.curves, self.beside, self.clock, self.forms)
 
 
-def fitted_form(names: tuple[str, ...], fitted: Candidate, test: Test, problem: Problem) -> Form:
+def fitted_form(names: tuple[str, ...], fitted: Candidate, test: Test, trials: Trials) -> Form:
   """Mechanisms as a refitted twin has them, with what the twin that they were set against is worth against it."""
+  problem = trials.problem
   spread = clustered_std(fitted, problem.observations)
   own = [p.name for name in names for p in problem.mechanism(name).parameters]
   at = {name: fitted.free.index(name) for name in own}
   values, std = ({n: float(x[i]) for n, i in at.items()} for x in (fitted.values, spread))
-  return Form(names, values, std, test.worse, test.p_value)
+  return Form(names, values, std, test.worse, borne(fitted, trials))
 
 
 def fit_together(problem: Problem, models: Sequence[Candidate], plainest: Candidate | None = None) -> list[Candidate]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.characterise.naming.additions import open_questions
 from calibration.characterise.naming.forms import LEVEL, Outline
-from calibration.characterise.naming.refits import Test, Trials, fit_together, refusal, tested
+from calibration.characterise.naming.refits import Test, Trials, borne, fit_together, tested
 from calibration.characterise.naming.removals import asked_of, matters, parameters_of, without_each
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.scan import Projector, explained, trial_starts
@@ -109,7 +109,7 @@ def _is_better(model: Candidate, trials: Trials, asked: int) -> bool:
   base, problem = trials.base, trials.problem
   more = len(model.free) - len(base.free)
   if more < 0:
-    return refusal(model, trials).p_value >= LEVEL
+    return borne(model, trials) >= LEVEL
   found = tested(base, model, problem)
   return found.p_value * asked < LEVEL if more > 0 else found.nats > 0.0
 

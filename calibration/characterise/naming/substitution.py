@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from calibration.characterise.naming.forms import Form, Outline
-from calibration.characterise.naming.refits import Trials, fit_together, fitted_form, refusal, tested
+from calibration.characterise.naming.refits import Trials, fit_together, fitted_form, tested
 from calibration.progress import Progress, silent
 
 _PAIRS = 4  # of two forms each that are refitted: the best of all by the heights alone
@@ -64,11 +64,10 @@ def _named(trials: Trials, outline: Outline, whatever: bool = False) -> tuple[Tr
   heights = {p.name for p in curve.parameters}
   tried = [trials.model(forms, start, heights) for forms, start in _options(outline)]
   names = {id(m): forms for m, (forms, _) in zip(tried, _options(outline), strict=True)}
-  tests = {names[id(m)]: (m, refusal(m, trials)) for m in fit_together(problem, tried, tried[0])}
-  told = tuple(sorted((fitted_form(n, *found, problem) for n, found in tests.items() if n), key=_plainness))
-  asked = len(tried)  # at an error rate over all that are asked: Bonferroni
-  nothing = tested(tests[()][0], trials.base, problem)  # beside what the other maps have: theirs is not its loss
-  outline = dataclasses.replace(outline, departs=nothing.p_value, forms=told, asked=asked, without=nothing.worse)
+  tests = {names[id(m)]: (m, tested(m, trials.base, problem)) for m in fit_together(problem, tried, tried[0])}
+  told = tuple(sorted((fitted_form(n, *found, trials) for n, found in tests.items() if n), key=_plainness))
+  nothing = tests[()][1]
+  outline = dataclasses.replace(outline, departs=nothing.p_value, forms=told, without=nothing.worse)
   if not outline.is_there:
     chosen = ()
   elif outline.named:

@@ -26,7 +26,7 @@ class Fake:
 
   def __post_init__(self):
     free = [p for name in self.forms for p in SIZES.get(name, ("lag_a",))]
-    self.base = SimpleNamespace(free=free, values=np.full(len(free), 0.7), mechanisms=self.forms)
+    self.base = self.freest = SimpleNamespace(free=free, values=np.full(len(free), 0.7), mechanisms=self.forms)
     mechanism = lambda name: SimpleNamespace(
       parameters=[SimpleNamespace(name=p) for p in SIZES.get(name, ("lag_a",))],
       outlined_by="drive_curve" if name in SIZES else "",
@@ -53,7 +53,8 @@ def judged(monkeypatch):
   def judge(rule):
     monkeypatch.setattr(families, "fit_together", lambda problem, models: models)
     worse = lambda model: refits.Test(0.0 if rule(set(model.mechanisms)) else 9.0, 100.0, 1.1)
-    monkeypatch.setattr(families, "tested", lambda model, base, problem: worse(model))
+    for module in (families, refits):
+      monkeypatch.setattr(module, "tested", lambda model, base, problem: worse(model))
     monkeypatch.setattr(refits, "clustered_std", lambda model, observations: np.full(len(model.free), 0.02))
 
   return judge

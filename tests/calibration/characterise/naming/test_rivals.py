@@ -83,7 +83,8 @@ def asked(monkeypatch):
   without = lambda trials, names: {name: trials.model(without={name}) for name in names}
   monkeypatch.setattr(rivals, "fit_together", lambda problem, models: models)
   monkeypatch.setattr(rivals, "without_each", without)
-  monkeypatch.setattr(rivals, "tested", test)
+  for module in (rivals, refits):
+    monkeypatch.setattr(module, "tested", test)
   monkeypatch.setattr(rivals, "asked_of", lambda trials: list(trials.forms))
   monkeypatch.setattr(rivals, "parameters_of", lambda trials, names: set(names))
   monkeypatch.setattr(rivals, "open_questions", lambda trials: [effect(n) for n in SHAPES if n not in trials.forms])
@@ -128,14 +129,19 @@ def test_what_was_exchanged_is_not_asked_again(asked):
 def test_the_simpler_stays_unless_it_is_refused(monkeypatch, more, t, nats, taken):
   model = lambda count: SimpleNamespace(free=[None] * count, mechanisms=("new",))
   trials = SimpleNamespace(
-    base=model(3), problem=None, left_out=lambda chosen, names: "exchanged", model=lambda *given: model(3 + more)
+    base=model(3),
+    freest=model(3),
+    problem=None,
+    left_out=lambda chosen, names: "exchanged",
+    model=lambda *given: model(3 + more),
   )
   monkeypatch.setattr(rivals, "rivals", lambda trials, missed, asked: [Rival("new", "old", {}, 1.0)])
   monkeypatch.setattr(rivals, "asked_of", lambda trials: [])
   monkeypatch.setattr(rivals, "without_each", lambda trials, names: {})
   monkeypatch.setattr(rivals, "parameters_of", lambda trials, names: set())
   monkeypatch.setattr(rivals, "fit_together", lambda problem, models: models)
-  monkeypatch.setattr(rivals, "tested", lambda simpler, richer, problem: refits.Test(t, nats, 1.1))
+  for module in (rivals, refits):
+    monkeypatch.setattr(module, "tested", lambda simpler, richer, problem: refits.Test(t, nats, 1.1))
   monkeypatch.setattr(rivals, "_ROUNDS", 1)
   assert (with_rivals(trials)[0] == "exchanged") is taken
 

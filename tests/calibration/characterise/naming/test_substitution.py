@@ -25,7 +25,7 @@ class Fake:
     owned = lambda name: SIZES.get(name, ("height",))
     mechanism = lambda name: SimpleNamespace(parameters=[SimpleNamespace(name=p) for p in owned(name)])
     self.problem = SimpleNamespace(observations=None, mechanism=mechanism)
-    self.base = SimpleNamespace(mechanisms=self.forms)
+    self.base = self.freest = SimpleNamespace(mechanisms=self.forms)
 
   def model(self, forms, start, without):
     assert set(without) == {"height"}
@@ -43,7 +43,8 @@ def judged(monkeypatch):
   def judge(error):
     test = lambda model: refits.Test(9.0, 100.0, error(set(model.mechanisms)))
     monkeypatch.setattr(substitution, "fit_together", lambda problem, models, plainest: models)
-    monkeypatch.setattr(substitution, "tested", lambda model, base, problem: test(model))
+    for module in (substitution, refits):
+      monkeypatch.setattr(module, "tested", lambda model, base, problem: test(model))
     monkeypatch.setattr(refits, "clustered_std", lambda model, observations: np.full(len(model.free), 0.02))
 
   return judge
