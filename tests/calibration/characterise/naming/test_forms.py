@@ -169,3 +169,12 @@ def test_a_curve_is_nearly_nothing_where_it_has_a_name_or_does_not_depart_or_nob
   assert dataclasses.replace(drawn, forms=(named("steering_gain_error"), almost)).nearly is None
   assert dataclasses.replace(drawn, departs=1.0).told is None
   assert dataclasses.replace(drawn, without=1.0).told is None
+
+
+@pytest.mark.parametrize("p, possible", [(0.03, True), (0.01, False)])
+def test_a_form_is_refused_by_its_own_test_however_many_are_asked(p, possible):
+  form = Form(("steering_asymmetry",), {"a": 1.0}, {"a": 0.1}, 1.2, p)
+  others = tuple(Form((f"other_{k}",), {"a": 1.0}, {"a": 0.1}, 2.0, 0.0) for k in range(9))
+  drawn = Outline("steering_curve", ("h",), np.zeros(1), np.ones(1), 1e-6, (form, *others), asked=3)
+  assert (drawn.named is form) is possible
+  assert dataclasses.replace(drawn, departs=0.01).possible == ()  # 1 % is no departure of three curves

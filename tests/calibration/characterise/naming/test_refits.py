@@ -109,3 +109,23 @@ def test_a_model_that_is_far_worse_is_told_so_however_far(times):
   )
   test = refits.tested(model(good + times * wrong), model(good), SimpleNamespace(observations=observations))
   assert test.worse == pytest.approx(np.hypot(1.0, times), rel=0.05) and test.p_value < 1e-6
+
+
+def test_a_chain_of_names_is_held_against_the_twin_it_began_with():
+  """One step makes the errors larger by what nobody misses; two of them by more."""
+  count, blocks = 8000, 80
+  observations = SimpleNamespace(
+    names=tuple("abcdefgh"),
+    recording=np.repeat(np.arange(8), count // 8),
+    block=np.repeat(np.arange(blocks), count // blocks),
+  )
+  good, first, second = np.random.default_rng(1).normal(size=(3, count))
+  model = lambda residual: SimpleNamespace(
+    residual=residual, n_train=0, free=ParameterSet([A]), values=np.zeros(1), cost=0.0
+  )
+  free, one = model(good), model(good + 0.12 * first)
+  both = model(good + 0.12 * first + 0.12 * second)
+  trials = SimpleNamespace(base=one, freest=one, problem=SimpleNamespace(observations=observations))
+  assert refits.borne(one, trials) == refits.borne(both, trials) == 1.0
+  trials.freest = free
+  assert refits.borne(one, trials) == 1.0 and refits.borne(both, trials) < 1e-3
