@@ -121,7 +121,7 @@ def test_a_chain_of_names_is_held_against_the_twin_it_began_with():
   )
   good, first, second = np.random.default_rng(1).normal(size=(3, count))
   model = lambda residual: SimpleNamespace(
-    residual=residual, n_train=0, free=ParameterSet([A]), values=np.zeros(1), cost=0.0
+    residual=residual, n_train=count, free=ParameterSet([A]), values=np.zeros(1), cost=0.0
   )
   free, one = model(good), model(good + 0.12 * first)
   both = model(good + 0.12 * first + 0.12 * second)
