@@ -18,6 +18,11 @@ from qcar_twin.pages import Chart, Explorer, Section, Table, line, panels, write
 from qcar_twin.twin.file import save_twin
 
 _PANELS = 4
+_NOTICED = 0.01  # of an error: what makes less of a difference nobody misses, a stated prior
+_WORSE = (
+  "It errs more than before the calibration in {}: either numbers of the car are wrong by more than [vehicle.std] of"
+  " dataset.toml says, or the fitted recordings lack driving like that. Look at the recordings below before you use it."
+)
 
 
 def write_calibration(calibration: Calibration, folder: str | os.PathLike[str]) -> Path:
@@ -49,7 +54,9 @@ def verdict(calibration: Calibration) -> str:
     f"{_words(c)} {_with_unit(e.after, c)} (before {_with_unit(e.before, c)})"
     for c, e in _headline(calibration, judged)
   ]
-  return f"On {which} the calibrated twin errs by {', '.join(best)} (root mean square)."
+  said = f"On {which} the calibrated twin errs by {', '.join(best)} (root mean square)."
+  worse = [_words(c) for c, e in calibration.errors[judged].items() if e.after > (1.0 + _NOTICED) * e.before]
+  return f"{said} {_WORSE.format(', '.join(worse))}" if worse else said
 
 
 def sections(calibration: Calibration) -> list[Section]:
