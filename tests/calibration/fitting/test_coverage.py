@@ -62,6 +62,14 @@ def test_what_is_like_itself_throughout_is_cut_once():
   assert len(notes) == 1 and "20.0 s" in notes[0]
 
 
+def test_a_recording_whose_speed_is_lost_midway_stays_whole():
+  right = run("right", "validate", -0.3, seconds=40.0)
+  lost = Stream(right["speed"].time[:150], right["speed"].value[:150])
+  right = right.replace(streams={**right.streams, "speed": lost})
+  made, _ = with_coverage(DataSet("left", (run("left", "identify", 0.3), right, run("end", "holdout", -0.3))))
+  assert roles(made) == {"left": "identify", "right": "identify", "end": "holdout"}
+
+
 def test_a_faster_drive_counts_as_well_as_a_wider_turn():
   slow, fast = run("slow", "identify", 0.3, 1.0), run("fast", "validate", 0.3, 3.0)
   made, notes = with_coverage(
