@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.fitting.copies import copies, filled
 from calibration.fitting.observations import CHANNELS, Observations
 from calibration.fitting.residual_channels import RESIDUALS
 from calibration.fitting.surrogate import Stretch, Surrogate
@@ -32,6 +33,7 @@ _WORST = 1e3  # standard deviations that a residual counts at most
 _SPIKE = 6.0  # residuals beyond this many standard deviations lose weight
 _MEMORY = 0.1  # s within which samples of one channel count as one witness
 _COLUMNS = 48  # simulations of the whole data set held in memory at once
+_WORTH_A_COPY = 400_000  # residuals; fewer are done sooner than a copy of the process is made
 _KEPT = 3  # predictions
 _LEGS = 4  # parts after each of which a trial that costs too much is given up
 
@@ -161,19 +163,36 @@ class Problem:
 
   def _raw(self, theta: Array, observations: Observations) -> Array:
     theta = np.atleast_2d(theta)
-    out = np.empty((len(theta), len(observations)))
-    if len(observations) == 0:
-      return out
-    for i in range(0, len(theta), _COLUMNS):
-      prediction = self._predict(theta[i : i + _COLUMNS], observations)
-      with np.errstate(all="ignore"):  # of a trial that flies apart
-        out[i : i + _COLUMNS] = observations.predict(prediction) - observations.measured
-      log.info("%d of %d variants driven", min(i + _COLUMNS, len(theta)), len(theta))
-    return out
+    workers = self._workers(len(theta), observations)
+    twin = self.twin if workers == 1 else self._apart
 
-  def _predict(self, theta: Array, observations: Observations) -> Prediction:
+    def fill(out: Array, first: int, last: int) -> None:
+      at_once = max(1, _COLUMNS // workers)
+      for i in range(first, last, at_once):
+        these = slice(i, min(i + at_once, last))
+        prediction = self._predict(theta[these], observations, twin)
+        with np.errstate(all="ignore"):  # of a trial that flies apart
+          out[these] = observations.predict(prediction) - observations.measured
+        log.info("%d of %d variants driven", min(workers * (these.stop - first), len(theta)), len(theta))
+
+    return filled(fill, len(theta), len(observations), workers) if len(observations) else np.empty((len(theta), 0))
+
+  def _workers(self, variants: int, observations: Observations) -> int:
+    """Processes that share the variants: more than one only where there is enough to drive."""
+    if self.twin.engine != "reduced" or variants * len(observations) < _WORTH_A_COPY:
+      return 1
+    workers = min(self.twin.threads or copies(), copies())
+    if workers > 1 and isinstance(self.twin, Surrogate):
+      self.twin.prepare(observations.stretches.segments)
+    return workers
+
+  @functools.cached_property
+  def _apart(self) -> Twin:
+    return self.twin.apart()
+
+  def _predict(self, theta: Array, observations: Observations, twin: Twin | None = None) -> Prediction:
     with warnings_logged(), np.errstate(all="ignore"):
-      return self.twin.rollout(theta, observations.stretches.segments)
+      return (twin or self.twin).rollout(theta, observations.stretches.segments)
 
   def whiten(self, raw: Array) -> Array:
     return raw * self._scale

@@ -60,9 +60,25 @@ class Surrogate(Twin):
     made.guarded = self.guarded | set(stretches)
     return made
 
-  def simulate(self, theta: Array, segments: Segments) -> Array:
+  def apart(self) -> "Surrogate":
+    made = super().apart()
+    made.exact = self.exact.apart()
+    return made
+
+  def prepare(self, segments: Segments) -> None:
+    """Simulate by MuJoCo what any parameters need on these segments."""
+    if self.anchor is not None:
+      free = np.flatnonzero(~self._left(segments))
+      if len(free):
+        self._correction(segments[free])
+
+  def _left(self, segments: Segments) -> NDArray[np.bool_]:
+    """Segments that are left to MuJoCo."""
     which = zip(segments.recording, segments.offset.tolist(), strict=True)
-    left = np.array([stretch in self.guarded for stretch in which])
+    return np.array([stretch in self.guarded for stretch in which], dtype=bool)
+
+  def simulate(self, theta: Array, segments: Segments) -> Array:
+    left = self._left(segments)
     signals = np.empty((len(theta), len(segments), segments.commands.shape[1] + 1, 10))
     if not left.all():
       free = segments[np.flatnonzero(~left)]

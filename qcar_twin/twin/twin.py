@@ -4,9 +4,11 @@ One engine carries every parameter vector times every stretch of driving. Parame
 vector with names; mechanisms that are at their null are not run at all.
 """
 
+import copy
 import dataclasses
 import functools
 from collections.abc import Sequence
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -94,6 +96,12 @@ class Twin:
     if engine == self.engine:
       return self
     return Twin(self.vehicle, self.mechanisms, self.tyre, self.substeps, self.threads, self.rows, engine, self.sessions)
+
+  def apart(self) -> Self:
+    """The same for a process without this one's threads: on one thread, with batches of its own."""
+    made = copy.copy(self)
+    made.threads, made._batches = 1, {}
+    return made
 
   def begin(
     self,

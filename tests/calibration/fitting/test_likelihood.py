@@ -7,8 +7,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from calibration.fitting import likelihood
+from calibration.fitting.copies import filled
 from calibration.fitting.likelihood import Problem, Weighting, warnings_logged, weighting_from
 from calibration.fitting.observations import CHANNELS, observe
+from calibration.fitting.surrogate import Surrogate
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.twin import Twin
@@ -84,6 +87,27 @@ def test_fitted_and_judging_residuals_are_those_of_one_simulation_of_everything_
   assert len(np.unique(everything, axis=0)) == 3 and np.isfinite(everything).all()
   alone = Problem(problem.twin, problem.observations, problem.weighting, len(problem.observations))
   assert alone.judging_residual(theta).shape == (3, 0)
+
+
+@pytest.mark.parametrize("kind", ["reduced", "put right", "guarded"])
+def test_residuals_are_the_same_to_the_last_bit_whatever_the_number_of_processes(problem, theta, kind, monkeypatch):
+  twin = Twin(QCAR, problem.twin.mechanisms, substeps=2, threads=0)
+  stretches = problem.observations.stretches.segments
+  first = (stretches.recording[0], float(stretches.offset[0]))
+  searched = {
+    "reduced": lambda: twin.on("reduced"),
+    "put right": lambda: Surrogate(twin).at(theta[1]),
+    "guarded": lambda: Surrogate(twin, guarded=[first]).at(theta[1]),
+  }[kind]
+  many, shares = np.tile(theta, (3, 1)) * np.linspace(1.0, 1.1, 9)[:, None], []
+  fill = lambda work, rows, columns, workers: shares.append(workers) or filled(work, rows, columns, workers)
+  monkeypatch.setattr(likelihood, "filled", fill)
+  monkeypatch.setattr(likelihood, "copies", lambda: 3)
+  alone = Problem(searched(), problem.observations, problem.weighting, problem.n_train).residual(many)
+  monkeypatch.setattr(likelihood, "_WORTH_A_COPY", 0)
+  together = Problem(searched(), problem.observations, problem.weighting, problem.n_train).residual(many)
+  np.testing.assert_array_equal(together, alone)
+  assert shares == [1, 3] and len(np.unique(alone, axis=0)) == 9
 
 
 def test_a_cost_is_that_of_the_residual_where_it_stays_below_its_limit(problem, theta):
