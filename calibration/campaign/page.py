@@ -8,6 +8,7 @@ import numpy as np
 from calibration.campaign.figure import draw_confusion
 from calibration.campaign.intervals import interval_table
 from calibration.campaign.nulls import spurious_table
+from calibration.campaign.own_structure import own_table
 from calibration.campaign.score import Result, score, score_table
 from calibration.campaign.wild_score import wild_table, wild_verdict
 from calibration.laboratory.designs import plan
@@ -63,6 +64,13 @@ def campaign_page(results: Sequence[Result], drawn: int, command: str, picture: 
   draw_confusion(results, picture)
   lines += ["", f"![First claims against the truth]({picture.name})", "", "All figures:", "", score_table(results)]
   lines += ["What explained something on sessions without an effect, alone and held out:", "", spurious_table(results)]
+  own = own_table(results)
+  if own:
+    lines += [
+      "Claims of what was not concealed, and every such car has by itself (they count as wrong above):",
+      "",
+      own,
+    ]
   return "\n".join(lines)
 
 

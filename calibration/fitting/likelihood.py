@@ -113,7 +113,7 @@ class Problem:
 
   def raw(self, theta: Array) -> Array:
     """Predicted minus measured in the channels' units, (n, M)."""
-    return self._raw(theta, self.observations)
+    return self._driven(theta, self.observations)
 
   def predict(self, theta: Array) -> Prediction:
     """Signals of one or more parameter vectors; those of the last few calls are kept."""
@@ -126,11 +126,11 @@ class Problem:
 
   def residual(self, theta: Array) -> Array:
     """Whitened residuals, (n, M); one that is not finite counts as _WORST."""
-    return _finite(self.raw(theta) * self._scale)
+    return self._driven(theta, self.observations, self._scale)
 
   def fitted_residual(self, theta: Array) -> Array:
     """Those of the values that are fitted, (n, n_train): steps and slopes need no others, and the others take time."""
-    return _finite(self._raw(theta, self._parts[0]) * self._scale[: self.n_train])
+    return self._driven(theta, self._parts[0], self._scale[: self.n_train])
 
   def fitted_cost(self, theta: Array, limit: Array) -> Array:
     """Half their sum of squares, nats, (n,); inf where it exceeds `limit`, (n,).
@@ -141,7 +141,7 @@ class Problem:
     for rows, part in self._legs:
       going = np.flatnonzero(cost <= limit)
       if len(going):
-        cost[going] += 0.5 * np.sum(np.square(_finite(self._raw(theta[going], part) * self._scale[rows])), axis=1)
+        cost[going] += 0.5 * np.sum(np.square(self._driven(theta[going], part, self._scale[rows])), axis=1)
     return np.where(cost <= limit, cost, np.inf)
 
   @functools.cached_property
@@ -159,9 +159,10 @@ class Problem:
 
   def judging_residual(self, theta: Array) -> Array:
     """Those of the values that only judge, (n, M - n_train)."""
-    return _finite(self._raw(theta, self._parts[1]) * self._scale[self.n_train :])
+    return self._driven(theta, self._parts[1], self._scale[self.n_train :])
 
-  def _raw(self, theta: Array, observations: Observations) -> Array:
+  def _driven(self, theta: Array, observations: Observations, scale: Array | None = None) -> Array:
+    """Predicted minus measured, (n, M); with a factor, (M,), times that, and bounded."""
     theta = np.atleast_2d(theta)
     workers = self._workers(len(theta), observations)
     twin = self.twin if workers == 1 else self._apart
@@ -172,7 +173,9 @@ class Problem:
         these = slice(i, min(i + at_once, last))
         prediction = self._predict(theta[these], observations, twin)
         with np.errstate(all="ignore"):  # of a trial that flies apart
-          out[these] = observations.predict(prediction) - observations.measured
+          np.subtract(observations.predict(prediction), observations.measured, out=out[these])
+          if scale is not None:
+            _bound(np.multiply(out[these], scale, out=out[these]))
         log.info("%d of %d variants driven", min(workers * (these.stop - first), len(theta)), len(theta))
 
     return filled(fill, len(theta), len(observations), workers) if len(observations) else np.empty((len(theta), 0))
@@ -205,9 +208,10 @@ class Problem:
     return full
 
 
-def _finite(residual: Array) -> Array:
+def _bound(residual: Array) -> None:
   """A trial that flies apart counts as bad, not as infinitely bad: squares of the rest would overflow in a solver."""
-  return np.clip(np.nan_to_num(residual, nan=_WORST), -_WORST, _WORST)
+  np.clip(residual, -_WORST, _WORST, out=residual)
+  residual[np.isnan(residual)] = _WORST
 
 
 @contextlib.contextmanager

@@ -6,6 +6,6 @@ differentials, an integrator with error control. Of the first car it shares mano
 
 from .car import SecondCar
 from .effects import SECOND_EFFECTS, draw_second_effect
-from .session import make_second_session
+from .session import drawn_car, make_second_session
 
-__all__ = ["SECOND_EFFECTS", "SecondCar", "draw_second_effect", "make_second_session"]
+__all__ = ["SECOND_EFFECTS", "SecondCar", "draw_second_effect", "drawn_car", "make_second_session"]

@@ -44,7 +44,7 @@ def make_second_session(
   """
   if design not in DESIGNS:
     raise KeyError(f"the second car does not drive the design '{design}'; valid are: {', '.join(DESIGNS)}")
-  bare = car or SecondCar.draw(stream(seed, 0))
+  bare = car or drawn_car(seed)
   vehicle, std = bare.measured(stream(seed, 1))
   runs = plan(design, stream(seed, 2))
   driven, told = conceal(bare, tuple((name, size) for name, size in effects if size != 0.0), stream(seed, 100))
@@ -62,6 +62,11 @@ def make_second_session(
   truth = {"seed": seed, "design": design, "noise": noise, "effects": told, "car": bare.described(),
            "car_as_driven": driven.described(), "signals": list(SIGNALS)}  # fmt: skip
   return Session(recordings, vehicle, std, truth, clean, "calibration/second_car")
+
+
+def drawn_car(seed: int) -> SecondCar:
+  """The car of a seed's session, before any effect."""
+  return SecondCar.draw(stream(seed, 0))
 
 
 def _drive(

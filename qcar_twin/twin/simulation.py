@@ -155,21 +155,29 @@ class Simulation:
       slot.state = {name: value[leaders] for name, value in slot.state.items()}
 
   def _foreseen(self, logged: Array, periods: int) -> tuple[Array, list[Slot]]:
-    """Commands (T, N, 2) as the first slots that don't ask how the car moves leave them, and the other slots."""
+    """Commands (T, N, 2) as the first slots that don't ask how the car moves leave them, and the other slots.
+
+    The first of each command: what is done to the steering does not wait for what is done to the drive.
+    """
     acting = np.array(logged, dtype=np.float64)
-    acts = [slot for slot in self._slots if slot.acts]
-    count = next((i for i, slot in enumerate(acts) if not slot.foreseen), len(acts))
+    ahead: list[Slot] = []
+    unknown: frozenset[int] = frozenset()
+    for slot in self._slots:
+      if slot.acts and slot.foreseen and not slot.columns & unknown:
+        ahead.append(slot)
+      else:
+        unknown |= slot.columns
     blind = np.full((len(self.signals), len(SIGNALS)), np.nan)
     nowhere = np.full((len(blind), 4), np.nan)
     times = np.cumsum(np.full(periods, self._period)) - self._period
-    for slot in acts[:count]:
+    for slot in ahead:
       if not slot.state:  # nothing is carried from period to period: all of them at once
         self._at_once(slot, logged[:periods], acting[:periods], times)
         continue
       for k in range(periods):
         context = self._context(slot, logged[k], nowhere, times[k], blind)
         acting[k][slot.rows] = slot.mechanism.command(slot.theta, context, slot.state, acting[k][slot.rows])
-    return acting, [slot for slot in self._slots if slot not in acts[:count]]
+    return acting, [slot for slot in self._slots if slot not in ahead]
 
   def _at_once(self, slot: Slot, logged: Array, acting: Array, times: Array) -> None:
     """Commands (T, N, 2) of a mechanism without hidden state, in place."""

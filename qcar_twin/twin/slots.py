@@ -7,6 +7,7 @@ from qcar_twin.twin.engines import Array, Rows
 from qcar_twin.twin.mechanisms.base import Mechanism, State
 
 STEPPED = ("command", "actuator", "force", "contact")  # stages that act while cars are under way
+_COLUMNS = {"drive": frozenset((0,)), "steering": frozenset((1,))}  # commands that a subsystem changes; both by default
 
 
 @dataclasses.dataclass(eq=False)
@@ -34,6 +35,11 @@ class Slot:
   def foreseen(self) -> bool:
     """Whether what it does is known before the car is simulated."""
     return self.mechanism.open_loop and not self.pushes and not self.mechanism.varies
+
+  @property
+  def columns(self) -> frozenset[int]:
+    """Of the commands, those that it changes."""
+    return _COLUMNS.get(self.mechanism.subsystem, frozenset((0, 1))) if self.commands else frozenset()
 
 
 class QuantityView:

@@ -190,12 +190,17 @@ class Twin:
     rate = np.zeros_like(start) if segments.start_rate is None else tile(segments.start_rate)
     start = self._as_measured(theta, start, rate)
     ends = np.minimum(np.tile(segments.steps, n) + _READ_ON, length)  # after it a car rests: nothing is measured
-    signals = np.empty((n * size, length + 1, len(SIGNALS)))
-    for rows in self._apart(theta):
+    groups = self._apart(theta)
+    signals = np.empty((n * size if len(groups) > 1 else 0, length + 1, len(SIGNALS)))
+    for rows in groups:
       some = lambda a, rows=rows: None if a is None else a[rows]
       batch = self.batch(n * size) if self.engine == "mujoco" else None
       cars = self.begin(theta[rows], start[rows], some(history), offset[rows], commands[0, rows], batch)
-      signals[rows] = cars.run(commands[:, rows], pose[rows], ends[rows])
+      driven = cars.run(commands[:, rows], pose[rows], ends[rows])
+      if len(groups) == 1:
+        signals = driven
+      else:
+        signals[rows] = driven
     return signals.reshape(n, size, length + 1, len(SIGNALS))
 
   def _in_sessions(self, theta: Array, segments: Segments) -> Array:
@@ -247,7 +252,9 @@ class Twin:
       if mechanism.stage in STEPPED and (rows := self.present(mechanism, theta)) is not None:
         slot = Slot(mechanism, rows, theta[rows])
         busy[rows] |= slot.acts and not slot.foreseen
-    return [rows for rows in (np.flatnonzero(~busy), np.flatnonzero(busy)) if len(rows)]
+    if busy.all() or not busy.any():
+      return [slice(None)]
+    return [np.flatnonzero(~busy), np.flatnonzero(busy)]
 
   def _as_measured(self, theta: Array, start: Array, rate: Array) -> Array:
     """Start states (N, 7) of stretches as cars with parameters (N, P) had them, given what their sensors said."""

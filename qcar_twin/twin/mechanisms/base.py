@@ -211,7 +211,10 @@ class Mechanism:
     return {}
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
-    """Commands that act, (n, 2): V, rad, from those that came in, (n, 2); may change `state`."""
+    """Commands that act, (n, 2): V, rad, from those that came in, (n, 2); may change `state`.
+
+    Subsystem "drive" changes the first one alone and subsystem "steering" the second, whatever the other is.
+    """
     return command
 
   def wrench(self, theta: Array, context: Context, state: State) -> Array:

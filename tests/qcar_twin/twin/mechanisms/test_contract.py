@@ -123,6 +123,18 @@ def test_hooks_are_those_of_the_stage(mechanism):
 
 
 @each
+def test_drive_and_steering_leave_each_others_command_alone(mechanism):
+  """So what is known ahead of one of them can be worked out before the other."""
+  if mechanism.subsystem not in ("drive", "steering") or type(mechanism).command is Mechanism.command:
+    return
+  own, motion, theta = ("drive", "steering").index(mechanism.subsystem), drive(), theta_of(mechanism, 1.0, 5)
+  acting = run(mechanism, theta, motion)["command"]
+  np.testing.assert_array_equal(acting[..., 1 - own], motion.commands[..., 1 - own])
+  motion.commands[..., 1 - own] *= -0.7
+  np.testing.assert_array_equal(run(mechanism, theta, motion)["command"][..., own], acting[..., own])
+
+
+@each
 def test_null_parameters_change_nothing(mechanism):
   """Where a twin does not even run it; so approaching the null must approach absence."""
   motion = drive()
