@@ -59,6 +59,7 @@ def load() -> ctypes.CDLL:
   library.advance.argtypes = [array, array, array, whole, whole, array, array, array, ctypes.c_int, array, whole]
   library.drive.argtypes = [array, array, array, whole, whole, array, whole, array, array, ctypes.c_int, whole, whole]
   library.advance.restype = library.drive.restype = None
+  library.lanes.argtypes, library.lanes.restype = [], whole
   return library
 
 

@@ -20,7 +20,6 @@ from qcar_twin.vehicle.mjcf import contact_row, sinking, wheel_half_width
 from qcar_twin.vehicle.tyre.laws import DEFAULT
 from qcar_twin.vehicle.vehicle import GRAVITY, TyreKind, Vehicle
 
-LANES = 4  # as in lanes.h
 _WORTH_A_THREAD = 64  # blocks of cars in a period below which a second thread costs more than it brings
 _PIECES = 8  # of a run per thread: blocks end at different times
 _WHEEL = {name.lower(): row for name, row in layout.NUMBER_ROW.items() if name in layout.WHEEL_NUMBERS}
@@ -120,7 +119,9 @@ class ReducedCars:
   ):
     self._writer, self._constants, self._car, self._sinking = numbers, constants, car, sinking
     self._size, self._substeps, self._threads = size, substeps, threads or os.cpu_count() or 1
-    self._stride = -(-size // LANES) * LANES
+    self._library = load()
+    self._lanes = self._library.lanes()
+    self._stride = -(-size // self._lanes) * self._lanes
     self._state = np.zeros((layout.N_STATE, self._stride))
     self._numbers = np.ones((layout.N_NUMBER, self._stride))
     self._pointers = tuple(a.ctypes.data for a in (self._constants, self._numbers, self._state))
@@ -128,7 +129,6 @@ class ReducedCars:
     self._running: NDArray[np.intp] | None = None
     self._blocks, self._still = self._moving(None)
     self.values: dict[str, Array] = {}
-    self._library = load()
 
   def load(self, values: dict[str, Array]) -> None:
     self.values = values
@@ -217,18 +217,18 @@ class ReducedCars:
         *self._pointers, self._stride, self._size, commands.ctypes.data, len(commands), periods.ctypes.data,
         signals.ctypes.data, self._substeps, first, count,
       ),
-      self._stride // LANES,
+      self._stride // self._lanes,
       self._threads,
       _PIECES,
     )  # fmt: skip
     return True
 
   def _moving(self, running: NDArray[np.intp] | None) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-    """Blocks of LANES cars with one in them that runs, and the cars in those blocks that stay as they are."""
+    """Blocks of a register's cars with one in them that runs, and the cars in those blocks that stay as they are."""
     if running is None or len(running) == self._size:
-      return np.arange(self._stride // LANES), np.empty(0, dtype=np.intp)
-    blocks = np.unique(running // LANES)
-    beside = (LANES * blocks[:, None] + np.arange(LANES)).ravel()
+      return np.arange(self._stride // self._lanes), np.empty(0, dtype=np.intp)
+    blocks = np.unique(running // self._lanes)
+    beside = (self._lanes * blocks[:, None] + np.arange(self._lanes)).ravel()
     return blocks, np.setdiff1d(beside[beside < self._size], running)
 
   def _spread(self, call: Callable[[int, int], None], blocks: int, threads: int, pieces: int = 1) -> None:

@@ -4,7 +4,11 @@
 #include <math.h>
 #include <stdint.h>
 
+#ifdef __AVX512F__
+#define LANES 8
+#else
 #define LANES 4
+#endif
 typedef double V __attribute__((vector_size(8 * LANES)));
 typedef int64_t Mask __attribute__((vector_size(8 * LANES)));  // all bits of a lane, or none
 #define INLINE static inline __attribute__((always_inline))

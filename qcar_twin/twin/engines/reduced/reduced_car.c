@@ -332,6 +332,9 @@ INLINE void scatter(const V out[N_SIGNAL], double* signals, long row, long lane)
   for (int i = 0; i < N_SIGNAL; i++) signals[row * N_SIGNAL + i] = out[i][lane];
 }
 
+// How many cars a block has.
+long lanes(void) { return LANES; }
+
 // One control period of `count` blocks of LANES cars. commands (size, 2), force (size, 3) or NULL, signals (size, 10).
 void advance(const double* C, const double* P, double* S, long stride, long size, const double* commands,
              const double* force, double* signals, int steps, const int64_t* blocks, long count) {

@@ -226,7 +226,8 @@ def test_every_compiler_and_processor_gives_the_same_bits(tmp_path, rows):
     library.advance.argtypes = build.load().advance.argtypes
     library.advance.restype = None
     state = rows["state"].repeat(size, axis=1).copy()
-    signals, blocks = np.zeros((size, len(SIGNALS))), np.arange(2)
+    library.lanes.restype = ctypes.c_long
+    signals, blocks = np.zeros((size, len(SIGNALS))), np.arange(size // library.lanes())
     commands = np.tile([1.5, 0.2], (size, 1))
     pointers = [a.ctypes.data for a in (rows["constants"], numbers, state)]
     for _ in range(50):
