@@ -11,6 +11,7 @@ import multiprocessing
 import multiprocessing.process
 import os
 import signal
+import sys
 import time
 from collections.abc import Callable
 
@@ -26,8 +27,11 @@ _PATIENCE = 5.0  # times as long as this process took for its own part, and as m
 
 
 def copies() -> int:
-  """How many processes can work at once that way: one per core, or one where processes can't be copied."""
-  alone = not hasattr(os, "fork") or multiprocessing.current_process().daemon
+  """How many processes can work at once that way: one per core, or one where processes can't be copied safely.
+
+  Elsewhere than on Linux system libraries may have threads of their own, which a copy lacks.
+  """
+  alone = sys.platform != "linux" or multiprocessing.current_process().daemon
   return 1 if alone else os.cpu_count() or 1
 
 
