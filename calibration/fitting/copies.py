@@ -75,10 +75,12 @@ def _fill(fill: Fill, out: Array, first: int, last: int) -> None:
   """What a copy does: nobody but the first process answers to the keyboard and the log."""
   signal.signal(signal.SIGINT, signal.SIG_IGN)
   logging.disable(logging.CRITICAL)
+  ended = 1  # what is not done is done again by the first process, which then says what is wrong
   try:
     fill(out, first, last)
-  except BaseException:
-    os._exit(1)  # it is done again by the first process, which then says what is wrong
+    ended = 0
+  finally:
+    os._exit(ended)  # at once: a lock of a thread that is not here, as that of a stream, is never released
 
 
 def _ended(child: multiprocessing.process.BaseProcess) -> None:
