@@ -42,7 +42,7 @@ MECHANISMS = ("steering_offset", "quadratic_drag", "gyro_scale", "side_force")
 class LinearTwin:
   """Answers like a Twin; `rollout` is linear in theta to the last bit but for rounding."""
 
-  period = PERIOD
+  period, engine = PERIOD, "linear"
 
   def __init__(self, mechanisms=MECHANISMS):
     self.vehicle, self.base, self.mechanisms = VEHICLE, BASE, select(mechanisms)
