@@ -153,18 +153,35 @@ def compared(after: Array, before: Array, block: NDArray[np.int64]) -> Compariso
   return Comparison(float(capped.sum()), t, share, gains, float(0.5 * np.sum(before**2)))
 
 
-def validation_ratios(larger: Candidate, smaller: Candidate, observations: Observations) -> Array:
-  """RMS error of a model over another's on recordings that only judge, per channel; empty where none judges."""
-  channel = observations.channel[larger.n_train :]
-  power = [np.bincount(channel, m.residual[larger.n_train :] ** 2, minlength=len(CHANNELS)) for m in (larger, smaller)]
-  seen = (power[0] > 0.0) & (power[1] > 0.0)
-  return np.sqrt(power[0][seen] / power[1][seen])
+def validation_nats(model: Candidate, observations: Observations) -> Array:
+  """Half the sum of squares per channel on recordings that only judge, nats; zeros where none judges."""
+  channel = observations.channel[model.n_train :]
+  return 0.5 * np.bincount(channel, model.residual[model.n_train :] ** 2, minlength=len(CHANNELS))
 
 
 def validation_ratio(larger: Candidate, smaller: Candidate, observations: Observations) -> float:
-  """The same as one number, the geometric mean over channels; 1 where no recording judges."""
-  ratios = validation_ratios(larger, smaller, observations)
+  """RMS error of a model over another's on recordings that only judge, the geometric mean over channels; 1 if none."""
+  ratios = _ratios(*(validation_nats(m, observations) for m in (larger, smaller)))
   return float(np.exp(np.mean(np.log(ratios)))) if ratios.size else 1.0
+
+
+def spoils(larger: Candidate, smaller: Candidate, observations: Observations, factor: float, share: float) -> bool:
+  """Whether a model multiplies a channel's RMS error on recordings that only judge, at a price.
+
+  Args:
+    larger, smaller: the model, and what it is held against.
+    observations: both were fitted to.
+    factor: by which one channel's error grows.
+    share: of the nats that all other channels win, which those that grow may lose together.
+  """
+  after, before = (validation_nats(m, observations) for m in (larger, smaller))
+  lost, won = np.maximum(after - before, 0.0).sum(), np.maximum(before - after, 0.0).sum()
+  return bool(_ratios(after, before).max(initial=1.0) > factor and lost > share * won)
+
+
+def _ratios(after: Array, before: Array) -> Array:
+  seen = (after > 0.0) & (before > 0.0)
+  return np.sqrt(after[seen] / before[seen])
 
 
 def evidence(larger: Candidate, smaller: Candidate, observations: Observations) -> float:

@@ -64,7 +64,8 @@ def claim(pool: Pool, best: Candidate, name: str, thresholds: Thresholds) -> Cla
       (rival,) = other
       rivals.append((rival, without.cost - model.cost))
       # one that would not be claimed itself (it frees priors and predicts worse) is no rival
-      if significant(compare(model, without, pool.problem.observations), thresholds):
+      stands = significant(compare(model, without, pool.problem.observations), thresholds)
+      if stands and not _needed_beside(pool, model, name, thresholds):
         serious[rival] = without.cost - model.cost
       gap = compare(best, model, pool.problem.observations)
       # one that leaves what was measured as bent as it was is another matter, however alike they predict
@@ -83,6 +84,12 @@ def claim(pool: Pool, best: Candidate, name: str, thresholds: Thresholds) -> Cla
     equivalent_to=tuple(equivalent),
     certain=True,
   )
+
+
+def _needed_beside(pool: Pool, rival: Candidate, name: str, thresholds: Thresholds) -> bool:
+  """Whether a name is still needed where a rival is in its place: both act, and neither speaks against the other."""
+  both = pool.models.get(frozenset([*rival.mechanisms, name]))
+  return both is not None and significant(compare(both, rival, pool.problem.observations), thresholds.beside_others())
 
 
 def _against_rivals(

@@ -13,7 +13,7 @@ import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.pool import Pool
-from calibration.diagnosis.score import Comparison, compare, validation_ratio, validation_ratios
+from calibration.diagnosis.score import Comparison, compare, spoils, validation_ratio
 from calibration.diagnosis.search.claims import Claim, bias_claims, claim
 from calibration.diagnosis.search.structure import ensure
 from calibration.diagnosis.search.thresholds import Thresholds, material, significant, strength, stretched
@@ -116,24 +116,21 @@ def _grown(pool: Pool, thresholds: Thresholds) -> Candidate:
     better = [
       m for m in pool.of_size(size) if _passes(pool, m, compare(m, best, observations), needed, best.mechanisms)
     ]
-    found = _foremost(pool, better, best, thresholds)
+    found = _foremost(pool, better, best)
     if best.mechanisms and not _worth_adding(pool, found, best, thresholds):
       return best
     best = found
   return best
 
 
-def _foremost(pool: Pool, models: Sequence[Candidate], before: Candidate, thresholds: Thresholds) -> Candidate:
-  """The model that fits best; of those that can't be told apart from it, the one whose gain is spread most evenly.
+def _foremost(pool: Pool, models: Sequence[Candidate], before: Candidate) -> Candidate:
+  """The model that fits best, or the one that held-out evidence prefers to it.
 
-  Names that nearly tie differ by how many stretches of driving speak for each.
+  One with more parameters fits better what it was fitted to, and may foretell the rest worse.
   """
-  observations = pool.problem.observations
   first = min(models, key=lambda m: m.cost, default=before)
-  near = thresholds.close * (before.cost - first.cost)
-  equal = [m for m in models if m.cost - first.cost <= near]
-  equal = [m for m in equal if m is first or compare(first, m, observations).t < thresholds.equivalent]
-  return max(equal, key=lambda m: compare(m, before, observations).t, default=before)
+  ahead = lambda m: 0.0 if m is first else compare(first, m, pool.problem.observations).gain
+  return min(models, key=ahead, default=before)
 
 
 def _passes(pool: Pool, model: Candidate, test: Comparison, thresholds: Thresholds, before: Sequence[str] = ()) -> bool:
@@ -211,11 +208,12 @@ def _useful(pool: Pool, best: Candidate, thresholds: Thresholds) -> Candidate:
   Three kinds are not dropped: one that frees what was measured from what it was bent to, since what it replaced had
   imitated it well; one that explains much of all that is missed, beside which something else still acts; and one whose
   evidence, in which these recordings were counted, is beyond doubt. But nothing excuses a channel that is spoiled: what
-  takes error from one channel and multiplies that of another is no repair, whatever it explains.
+  takes error from one channel and multiplies that of another is no repair, whatever it explains; unless what is lost is
+  no more beside what is won than a formula leaves that is right in kind but not in every detail.
   """
   observations = pool.problem.observations
   error = lambda m: validation_ratio(m, pool.base, observations)
-  spoiled = lambda m: validation_ratios(m, pool.base, observations).max(initial=1.0) > thresholds.spoiled
+  spoiled = lambda m: spoils(m, pool.base, observations, thresholds.spoiled, thresholds.beside)
   while best.mechanisms and (error(best) > thresholds.worse or spoiled(best)):
     keys = [frozenset(best.mechanisms) - {name} for name in best.mechanisms]
     ensure(pool, keys)

@@ -48,10 +48,9 @@ class Thresholds:
     probability: a name less likely right than this is not claimed.
     worse: a set of names by which recordings that only judge are predicted worse by this factor is cut down, but
       for those that explain `much` or are `sure`.
-    spoiled: a set of names by which one channel of theirs gets worse by this factor is cut down without exception; a
-      right name whose formula is not right in detail spoils one by less.
+    spoiled: a set of names by which one channel of theirs gets worse by this factor is cut down, unless all that it
+      makes worse is less than `beside` of what it makes better, in nats.
     equivalent: a rival within so many standard errors of the claim can't be told apart.
-    close: share of what the best fit explains within which an equivalent one may go first.
   """
 
   t: float = 2.6
@@ -78,7 +77,6 @@ class Thresholds:
   worse: float = 1.01
   spoiled: float = 1.6
   equivalent: float = 1.0
-  close: float = 0.05
 
   def beside_others(self) -> "Thresholds":
     """What a mechanism beside others needs."""
