@@ -96,3 +96,16 @@ def test_what_is_only_found_beside_a_name_too_doubtful_to_claim_is_not_claimed_e
   better = dataclasses.replace(pool, models=models | {force: pair_pool.models[force]})
   cheaper = min((pair_pool.models[force], pair_pool.models[trim]), key=lambda m: m.cost)
   assert [c.mechanism for c in decide(better, needed).claims] == list(cheaper.mechanisms)
+
+
+def test_what_a_name_is_still_needed_beside_is_no_rival(pair_pool):
+  """Both act: the one that brings less is doubted only as long as nobody looked at them together."""
+  force, trim = frozenset(["side_force"]), frozenset(["steering_offset"])
+  (weaker,) = max((force, trim), key=lambda key: pair_pool.models[key].cost)
+  weigh = lambda pool: claim(pool, pool.models[frozenset([weaker])], weaker, Thresholds()).probability
+  apart = dataclasses.replace(pair_pool, models={k: m for k, m in pair_pool.models.items() if k != force | trim})
+  assert weigh(pair_pool) > 0.8 > 0.6 > weigh(apart)
+  stronger = next(iter((force | trim) - {weaker}))
+  same = dataclasses.replace(pair_pool.models[force | trim], residual=pair_pool.models[frozenset([stronger])].residual)
+  needless = dataclasses.replace(pair_pool, models={**pair_pool.models, force | trim: same})
+  assert weigh(needless) == weigh(apart)
