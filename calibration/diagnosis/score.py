@@ -156,7 +156,8 @@ def compared(after: Array, before: Array, block: NDArray[np.int64]) -> Compariso
 def validation_nats(model: Candidate, observations: Observations) -> Array:
   """Half the sum of squares per channel on recordings that only judge, nats; zeros where none judges."""
   channel = observations.channel[model.n_train :]
-  return 0.5 * np.bincount(channel, model.residual[model.n_train :] ** 2, minlength=len(CHANNELS))
+  squares = np.bincount(channel, model.residual[model.n_train :] ** 2, minlength=len(CHANNELS))
+  return 0.5 * squares.astype(np.float64)
 
 
 def validation_ratio(larger: Candidate, smaller: Candidate, observations: Observations) -> float:
