@@ -67,9 +67,13 @@ def with_tolerances(priors: ParameterSet, twin: Twin) -> ParameterSet:
   for mechanism in tolerated_mechanisms(twin.mechanisms):
     stds |= mechanism.tolerances(twin.car, twin.vehicle.std)
   known = {name: std for name, std in stds.items() if std > 0.0 and name not in priors}
-  return priors + [
-    dataclasses.replace(twin.parameters[n], std=s, lower=-_WIDEST * s, upper=_WIDEST * s) for n, s in known.items()
-  ]
+  return priors + [_tolerated(twin.parameters[name], std) for name, std in known.items()]
+
+
+def _tolerated(parameter: Parameter, std: float) -> Parameter:
+  """The parameter within three standard deviations, to one side where it has one sign only."""
+  lower, upper = max(parameter.lower, -_WIDEST * std), min(parameter.upper, _WIDEST * std)
+  return dataclasses.replace(parameter, std=std, lower=lower, upper=upper)
 
 
 def _ranked(mechanisms: Iterable[Mechanism]) -> list[Mechanism]:

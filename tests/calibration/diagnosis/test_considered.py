@@ -95,6 +95,11 @@ def test_a_rulers_errors_are_free_within_three_of_its_deviations():
   assert "wheel_radius_error" not in starting_priors([], Twin(silent, considered([], None), threads=1), None)
 
 
+def test_what_has_one_sign_is_free_to_that_side_only():
+  rate = starting_priors([], Twin(RULED, considered([], None), threads=1), None)["steering_inverse_rate"]
+  assert (rate.nominal, rate.lower, rate.upper) == (0.0, 0.0, pytest.approx(3.0 * rate.std))
+
+
 @pytest.mark.parametrize("found, freed", [(0.005, False), (0.04, True)])
 def test_a_repaired_twin_carries_only_what_is_more_than_a_rulers_error(found, freed):
   twin = Twin(RULED, considered(["imu_lever_arm"], None), threads=1)
