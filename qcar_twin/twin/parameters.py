@@ -50,9 +50,18 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
                 std=std.get("cg_height", 0.1 * v.cg_height)),
       Parameter("suspension_frequency", v.suspension_frequency, 0.25 * v.suspension_frequency, stiffest_suspension(v),
                 "Hz", "f_z", std=0.5 * v.suspension_frequency),
+      *_centre(v),
       *_torque_limit(v),
     )
   )  # fmt: skip
+
+
+def _centre(vehicle: Vehicle) -> tuple[Parameter, ...]:
+  """The differential between two driven axles: few descriptions of a car say whether there is one."""
+  if len(vehicle.driven_axles) < 2:
+    return ()
+  name, std = "centre_differential", vehicle.std.get("centre_differential", 0.5)
+  return (Parameter(name, vehicle.centre_differential, 0.0, 1.0, "-", "x_c", std=std),)
 
 
 def _torque_limit(vehicle: Vehicle) -> tuple[Parameter, ...]:

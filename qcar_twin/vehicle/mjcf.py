@@ -13,10 +13,13 @@ from numpy.typing import ArrayLike
 from qcar_twin.vehicle.tyre import add_tyres, law_parameters, tyre_user_data
 from qcar_twin.vehicle.vehicle import ASSETS, GRAVITY, QCAR, WHEELS, TyreKind, Vehicle
 
+CENTRE_SWITCH = {"front_axle": False, "rear_axle": False, "axles": True, "centre": True}  # equalities of a differential
 _LOOKS_GROUP = 2
 _KNUCKLE_INERTIA = 2e-4  # of a road wheel with its share of the servo / mass of the car, m^2
 _FASTEST_DAMPER = 220.0  # 1/s, damping of a wheel's travel / its mass: what an explicit step of 5 ms stands
 _LONGEST_STEP = 0.005  # s
+_HALF_FREE = 0.1  # N m s/rad
+_ONE_SHAFT = 1e-6  # centre differential below which nothing tells it from a shaft
 _FASTEST_SERVO = 1e3  # rad/s, stands for no limit
 
 
@@ -38,6 +41,7 @@ def car_spec(car: Vehicle, tyre: TyreKind = "contact", timestep: float = 0.002, 
   _write_chassis(spec, car)
   _write_wheels(spec, car)
   _write_drive(spec, car)
+  _write_centre(spec, car, timestep)
   _write_steering(spec, car, timestep)
   if tyre == "contact":
     add_tyres(spec, "chassis", {wheel: tyre_of(car, wheel) for wheel in WHEELS})
@@ -102,6 +106,22 @@ def differential_rows(damping: ArrayLike, timestep: float, invweight: float) -> 
   fixed = np.ones_like(impedance)
   solref = np.stack([-1e-9 * fixed, -impedance / timestep], axis=-1)
   return solref, np.stack([impedance, impedance, fixed, 0.5 * fixed, 2.0 * fixed], axis=-1)
+
+
+def centre_damping(freedom: ArrayLike) -> np.ndarray:
+  """Damping between the axles' mean wheel speeds, b = 0.1 (1 - x) / x N m s/rad, of a `centre_differential` x.
+
+  At 0.1 a slow tight turn is half-way from one shaft to an open differential: there tyres hold the axles together by
+  C_x R_w^2 / (4 v), 0.15 N m s/rad at 1 m/s.
+  """
+  share = np.clip(np.asarray(freedom, dtype=np.float64), _ONE_SHAFT, 1.0)
+  return _HALF_FREE * (1.0 - share) / share
+
+
+def centre_rows(freedom: float, timestep: float, wheel_inertia: float) -> tuple[np.ndarray, np.ndarray]:
+  """Solver numbers of equality `centre`, as `differential_rows`; 1 / wheel_inertia is its tendon's inverse weight."""
+  solref, solimp = differential_rows(centre_damping(freedom), timestep, 1.0 / wheel_inertia)
+  return solref[0], solimp[0]
 
 
 def _write_chassis(spec: mujoco.MjSpec, car: Vehicle) -> None:
@@ -210,6 +230,24 @@ def _write_drive(spec: mujoco.MjSpec, car: Vehicle) -> None:
     tendon.wrap_joint(f"{axle}_left_spin", 0.5)
     tendon.wrap_joint(f"{axle}_right_spin", 0.5)
     tendon.wrap_joint("motor", -car.gear_ratio)
+
+
+def _write_centre(spec: mujoco.MjSpec, car: Vehicle, timestep: float) -> None:
+  """The differential between two driven axles: instead of both axles' equalities where there is one."""
+  spec.delete(spec.tendon("axles"))
+  if len(car.driven_axles) < 2:
+    for part in (spec.equality("axles"), spec.equality("centre"), spec.tendon("centre")):
+      spec.delete(part)
+    return
+  tendon = spec.add_tendon(name="axles")
+  for wheel in WHEELS:
+    tendon.wrap_joint(f"{wheel}_spin", 0.25)
+  tendon.wrap_joint("motor", -car.gear_ratio)
+  if car.centre_differential > 0.0:
+    for name, active in CENTRE_SWITCH.items():
+      spec.equality(name).active = active
+    centre = spec.equality("centre")
+    centre.solref, centre.solimp = centre_rows(car.centre_differential, timestep, car.wheel_inertia)
 
 
 def _free_axle(spec: mujoco.MjSpec, axle: str) -> None:

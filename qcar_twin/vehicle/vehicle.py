@@ -36,6 +36,7 @@ class Vehicle:
     gear_ratio: wheel speed / motor speed.  max_steering: mean road-wheel angle at lock, rad.
     imu_x, imu_y: IMU ahead of and left of the CG, m.
     layout: axles the motor turns, "all-wheel", "rear" or "front"; the wheels of another axle roll free.
+    centre_differential: between two driven axles, 0 one shaft, 1 an open differential; see mjcf.centre_damping.
     drive: what the motor is commanded with, "voltage", "duty", "current" or "speed"; see qcar_twin/vehicle/drive.py.
     supply_voltage: of the battery, V: what a duty of 1 puts on the motor, and the most a voltage can be.
     torque_per_volt: motor torque per volt at standstill, K/R, N m/V; of a drive by voltage or duty.
@@ -70,6 +71,7 @@ class Vehicle:
   imu_x: float = 0.0
   imu_y: float = 0.0
   layout: Layout = "all-wheel"
+  centre_differential: float = 0.0
   drive: DriveKind = "voltage"
   supply_voltage: float = 12.0
   torque_per_volt: float = 0.0272
@@ -112,6 +114,9 @@ class Vehicle:
     for name, known in _CHOICES.items():
       if (value := getattr(self, name)) not in known:
         raise ValueError(f"vehicle '{self.name}': {name} must be one of {', '.join(known)}, not {value!r}")
+    if self.centre_differential > 1.0:
+      said = f"centre_differential must be from 0 (one shaft) to 1 (open), not {self.centre_differential:g}"
+      raise ValueError(f"vehicle '{self.name}': {said}")
     if self.chassis_yaw_inertia <= 0.0:
       least = self.yaw_inertia - self.chassis_yaw_inertia
       raise ValueError(
@@ -241,21 +246,14 @@ class Vehicle:
 
 
 _MEASURED = (
-  "mass",
-  "yaw_inertia",
-  "cg_to_front",
-  "cg_to_rear",
-  "track_width",
-  "cg_height",
-  "wheel_radius",
-  "gear_ratio",
-  "max_steering",
-  "supply_voltage",
-)
+  "mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "track_width", "cg_height", "wheel_radius", "gear_ratio",
+  "max_steering", "supply_voltage",
+)  # fmt: skip
 _EITHER_SIGN = ("imu_x", "imu_y", "ackermann_fraction")
 _MAY_VANISH = (
-  *_EITHER_SIGN, "motor_damping", "driveline_friction", "rotor_inertia", "rolling_resistance", "load_exponent",
-  "relaxation_length", "carcass_damping", "servo_time_constant", "suspension_damping_ratio", "tyre_shape",
+  *_EITHER_SIGN, "centre_differential", "motor_damping", "driveline_friction", "rotor_inertia", "rolling_resistance",
+  "load_exponent", "relaxation_length", "carcass_damping", "servo_time_constant", "suspension_damping_ratio",
+  "tyre_shape",
 )  # fmt: skip
 _UNLIMITED = ("max_torque", "servo_rate")
 _CHOICES = {"layout": tuple(DRIVEN_AXLES), "drive": tuple(DRIVES)}

@@ -11,7 +11,7 @@ from qcar_twin.twin.engines import Array, Rows
 from qcar_twin.twin.engines.chassis import BODY, Chassis, Springs
 from qcar_twin.twin.mechanisms.base import CarDimensions
 from qcar_twin.vehicle.ids import Handles
-from qcar_twin.vehicle.mjcf import differential_rows
+from qcar_twin.vehicle.mjcf import CENTRE_SWITCH, centre_damping, differential_rows
 from qcar_twin.vehicle.tyre import COLUMN
 
 TYRE = tuple(name for name in COLUMN if name not in ("tag", "nominal_load", "carcass_damping"))
@@ -23,6 +23,7 @@ OTHER = (
   "differential_friction",
   "servo_time_constant",
   "ackermann_fraction",
+  "centre_differential",
   "suspension_frequency",
   "suspension_damping_ratio",
 )
@@ -108,6 +109,8 @@ class Fields:
         self._batch.expand("eq_solref")[rows, equality] = solref
         self._batch.expand("eq_solimp")[rows, equality] = solimp
         self._batch.bind("eq_active")[rows, equality] = damping > 0.0
+    if "centre_differential" in changed:
+      self._write_centre(rows)
     if "differential_friction" in changed:
       for tendon in self._differential_tendons:
         self._batch.expand("tendon_frictionloss")[rows, tendon] = self.values["differential_friction"][rows]
@@ -124,3 +127,12 @@ class Fields:
         self._batch.expand("jnt_stiffness")[rows, joint] = stiffness
         self._batch.expand("qpos_spring")[rows, model.jnt_qposadr[joint]] = -load / stiffness
         self._batch.expand("dof_damping")[rows, model.jnt_dofadr[joint]] = damping
+
+  def _write_centre(self, rows: Rows) -> None:
+    freedom, model = self.values["centre_differential"][rows], self._batch.model
+    weight = float(model.tendon_invweight0[model.tendon("centre").id])
+    solref, solimp = differential_rows(centre_damping(freedom), self._timestep, weight)
+    self._batch.expand("eq_solref")[rows, model.equality("centre").id] = solref
+    self._batch.expand("eq_solimp")[rows, model.equality("centre").id] = solimp
+    for name, active in CENTRE_SWITCH.items():
+      self._batch.bind("eq_active")[rows, model.equality(name).id] = (freedom > 0.0) == active

@@ -16,7 +16,7 @@ from qcar_twin.twin.engines.reduced import layout
 from qcar_twin.twin.engines.reduced.build import load
 from qcar_twin.twin.mechanisms.base import CarDimensions
 from qcar_twin.vehicle.ids import Handles
-from qcar_twin.vehicle.mjcf import contact_row, sinking, wheel_half_width
+from qcar_twin.vehicle.mjcf import centre_damping, contact_row, sinking, wheel_half_width
 from qcar_twin.vehicle.tyre.laws import DEFAULT
 from qcar_twin.vehicle.vehicle import GRAVITY, TyreKind, Vehicle
 
@@ -74,6 +74,8 @@ class Numbers:
       out[row["SERVO_SHARE"]] = -np.expm1(-self._step / np.maximum(value["servo_time_constant"], 1e-9))
     if "ackermann_fraction" in changed:
       out[row["ACKERMANN"]] = self._car.track_width / (2.0 * self._car.wheelbase) * value["ackermann_fraction"]
+    if "centre_differential" in changed:
+      out[row["CENTRE_DAMPING"]] = centre_damping(value["centre_differential"])
     if "rotor_inertia" in changed:
       wheels = 4.0 * self._vehicle.wheel_inertia * self._car.gear_ratio**2
       out[row["SPINNING_INERTIA"]] = value["rotor_inertia"] + wheels
@@ -293,7 +295,8 @@ def constants(vehicle: Vehicle, numbers: Numbers, step: float, nominal: dict[str
 def _patch_mobility(v: Vehicle, height: float, numbers: Array) -> float:
   """Mean inverse mass of a wheel's patch along the ground, J M^-1 J' over both directions and all wheels, 1/kg.
 
-  Of the system that reduced_car.c solves, without tyres: (vx, vy, yaw, roll, pitch rate, differences, motor).
+  Of the system that reduced_car.c solves, without tyres: (vx, vy, yaw, roll, pitch rate, differences, motor), with the
+  axles on one shaft.
   """
   n = {name: float(numbers[row]) for name, row in layout.NUMBER_ROW.items()}
   wheels, mx, my, mz = 4.0 * v.wheel_inertia * v.gear_ratio, n["MOMENT_X"], n["MOMENT_Y"], n["MOMENT_Z"]

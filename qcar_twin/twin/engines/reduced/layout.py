@@ -23,6 +23,7 @@ STATE = (
   "MOTOR",  # rad/s
   "FRONT_DIFFERENCE",  # left minus right wheel speed, rad/s
   "REAR_DIFFERENCE",
+  "CENTRE_DIFFERENCE",  # front minus rear axle's mean wheel speed, rad/s
   "SERVO",  # mean road-wheel angle, rad
   "SERVO_BEFORE",  # of the step before
 )
@@ -41,6 +42,7 @@ NUMBERS = (
   "DRIVELINE_DAMPING",
   "DIFFERENTIAL_DAMPING",
   "DIFFERENTIAL_FRICTION",
+  "CENTRE_DAMPING",  # between the axles, N m s/rad
   "GRAVITY_X",  # m/s^2, world frame
   "GRAVITY_Y",
   "SERVO_SHARE",  # of the way to its command that the servo goes in a step

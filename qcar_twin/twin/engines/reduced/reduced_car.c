@@ -1,9 +1,9 @@
 // The reduced car: what MuJoCo computes for qcar.xml, written out for this one structure. Equations: docs/reduced.md.
 //
 // Unknowns of a step are the velocities at its end: the car's along x and y of the heading in its middle, yaw, roll and
-// pitch rate, the two wheel speed differences, the motor's speed. All forces that depend on them (tyres, differentials,
-// Coulomb friction) are implicit, so the step is one symmetric 8 x 8 system; springs, gravity and the motor's torque
-// are those of its beginning, as in MuJoCo's semi-implicit Euler.
+// pitch rate, the wheel speed differences of both axles and between them, the motor's speed. All forces that depend on
+// them (tyres, differentials, Coulomb friction) are implicit, so the step is one symmetric 9 x 9 system; springs,
+// gravity and the motor's torque are those of its beginning, as in MuJoCo's semi-implicit Euler.
 //
 // Arrays: row r of state S and numbers P holds one quantity of all cars, `stride` doubles a row, a multiple of LANES.
 
@@ -18,7 +18,7 @@
 #define FLOWN_APART 1e6    // a signal beyond it, in SI units, is none: the parameters make no car
 #define N_SIGNAL 10
 
-enum { VX, VY, YAW, ROLL, PITCH, FRONT, REAR, MOTOR, N_UNKNOWN };
+enum { VX, VY, YAW, ROLL, PITCH, FRONT, REAR, CENTRE, MOTOR, N_UNKNOWN };
 #define AT(i, j) ((i) * ((i) + 1) / 2 + (j))  // place in a lower triangle, j <= i
 
 typedef struct {
@@ -36,10 +36,11 @@ typedef struct { V x, y; } Pair;
 
 INLINE Pair turned(Pair a, V s, V c) { return (Pair){c * a.x - s * a.y, s * a.x + c * a.y}; }
 
-// what the tyres add to the system: along the car's plane (vx, vy, yaw), the motor and the two differences
+// what the tyres add to the system: along the car's plane (vx, vy, yaw), and of each axle the mean wheel speed and the
+// difference
 typedef struct {
-  V plane[6], plane_motor[3], plane_axle[2][3], motor, motor_axle[2], axle[2];
-  V to_plane[3], to_motor, to_axle[2];
+  V plane[6], plane_mean[2][3], plane_axle[2][3], mean[2], mean_axle[2], axle[2];
+  V to_plane[3], to_mean[2], to_axle[2];
 } Tyres;
 
 // a wheel in this step: rows of its slip velocity over (vx, vy, yaw), and how its slips go on
@@ -137,18 +138,18 @@ INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, 
   V cx = h * share * kx * gain, cy = h * share * ky * gain;
   V bx = h * share * (kx * keep - stiff_x * damping) * zx + cx * w->turning.x;
   V by = h * share * (ky * keep - stiff_y * damping) * zy + cy * w->turning.y;
-  V spin = -radius * all(C[C_GEAR]), differ = all(-radius * half);  // rows over motor and difference
+  V spin = all(-radius), differ = all(-radius * half);  // rows over the axle's mean speed and difference
   for (int i = 0, n = 0; i < 3; i++) {
     V ax = cx * w->along[i], ay = cy * w->across[i];
     for (int j = 0; j <= i; j++, n++) sum->plane[n] += ax * w->along[j] + ay * w->across[j];
-    sum->plane_motor[i] += ax * spin;
+    sum->plane_mean[axle][i] += ax * spin;
     sum->plane_axle[axle][i] += ax * differ;
     sum->to_plane[i] -= w->along[i] * bx + w->across[i] * by;
   }
-  sum->motor += cx * spin * spin;
-  sum->motor_axle[axle] += cx * spin * differ;
+  sum->mean[axle] += cx * spin * spin;
+  sum->mean_axle[axle] += cx * spin * differ;
   sum->axle[axle] += cx * differ * differ;
-  sum->to_motor -= spin * bx;
+  sum->to_mean[axle] -= spin * bx;
   sum->to_axle[axle] -= differ * bx;
 
   w->gain = pick(grounded, gain, all(0));
@@ -196,6 +197,7 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
   V yaw_rate = state(a, S_YAW_RATE), roll = state(a, S_ROLL), pitch = state(a, S_PITCH), heave = state(a, S_HEAVE);
   V roll_rate = state(a, S_ROLL_RATE), pitch_rate = state(a, S_PITCH_RATE), heave_rate = state(a, S_HEAVE_RATE);
   V motor = state(a, S_MOTOR), front = state(a, S_FRONT_DIFFERENCE), rear = state(a, S_REAR_DIFFERENCE);
+  V centre = state(a, S_CENTRE_DIFFERENCE);
   V servo = state(a, S_SERVO), servo_before = state(a, S_SERVO_BEFORE), moment = all(0);
   if (force) pushed = turned((Pair){force[0], force[1]}, s, c), moment = force[2];
   const Pair gravity = {number(a, P_GRAVITY_X), number(a, P_GRAVITY_Y)};
@@ -205,6 +207,7 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
   const V sx = number(a, P_SPRUNG_X), sy = number(a, P_SPRUNG_Y), sz = number(a, P_SPRUNG_Z);
   const V curve = number(a, P_ACKERMANN), share = number(a, P_SERVO_SHARE);
   const V viscous = number(a, P_DIFFERENTIAL_DAMPING), coulomb = number(a, P_DIFFERENTIAL_FRICTION);
+  const V between = number(a, P_CENTRE_DAMPING);
 
   for (int n = 0; n < count; n++) {
     V half = .5 * h * yaw_rate, dc = cosine_series(half, 6), ds = sine_series(half, 7);
@@ -219,12 +222,12 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
     for (int k = 0; k < 2; k++) {
       V angle = servo + side_of(k) * bend, step = way + side_of(k) * bending;
       V st = sine_series(angle, 15), ct = cosine_series(angle, 16), d1 = .5 * step, s1 = sine_series(d1, 5), c1 = cosine_series(d1, 6);
-      roll_wheel(a, k, now, before, yaw_rate, roll_rate, pitch_rate, gear * motor + .5 * side_of(k) * front, st, ct,
-                 st * c1 + ct * s1, ct * c1 - st * s1, half + d1, springs.load + k, wheel + k, &t);
+      roll_wheel(a, k, now, before, yaw_rate, roll_rate, pitch_rate, gear * motor + .5 * (centre + side_of(k) * front), st,
+                 ct, st * c1 + ct * s1, ct * c1 - st * s1, half + d1, springs.load + k, wheel + k, &t);
     }
     for (int k = 2; k < 4; k++)
-      roll_wheel(a, k, now, before, yaw_rate, roll_rate, pitch_rate, gear * motor + .5 * side_of(k) * rear, all(0),
-                 all(1), all(0), all(1), half, springs.load + k, wheel + k, &t);
+      roll_wheel(a, k, now, before, yaw_rate, roll_rate, pitch_rate, gear * motor - .5 * (centre - side_of(k) * rear),
+                 all(0), all(1), all(0), all(1), half, springs.load + k, wheel + k, &t);
 
     // inertia of car, wheels and motor, and the tyres': patches move with hc times roll rate to the left
     V A[AT(N_UNKNOWN - 1, N_UNKNOWN)], b[N_UNKNOWN];
@@ -251,13 +254,20 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
       A[AT(row, VX)] = G[0], A[AT(row, VY)] = G[1], A[AT(row, YAW)] = G[2];
       A[AT(row, ROLL)] = hc * G[1], A[AT(row, PITCH)] = -hc * G[0];
       A[AT(row, row)] = t.axle[axle] + .5 * C[C_WHEEL_INERTIA] + h * (viscous + coulomb / most(slip, all(SLOWEST_SLIDE)));
-      A[AT(MOTOR, row)] = t.motor_axle[axle];
+      A[AT(MOTOR, row)] = gear * t.mean_axle[axle];
+      A[AT(CENTRE, row)] = (axle ? -.5 : .5) * t.mean_axle[axle];
       b[row] = .5 * C[C_WHEEL_INERTIA] * (axle ? rear : front) + t.to_axle[axle];
     }
     A[AT(REAR, FRONT)] = all(0);
-    A[AT(MOTOR, VX)] = t.plane_motor[0], A[AT(MOTOR, VY)] = t.plane_motor[1], A[AT(MOTOR, YAW)] = t.plane_motor[2];
-    A[AT(MOTOR, ROLL)] = hc * t.plane_motor[1], A[AT(MOTOR, PITCH)] = wheels - hc * t.plane_motor[0];
-    A[AT(MOTOR, MOTOR)] = t.motor + im;
+    for (int i = 0; i < 3; i++) {
+      A[AT(CENTRE, i)] = .5 * (t.plane_mean[0][i] - t.plane_mean[1][i]);
+      A[AT(MOTOR, i)] = gear * (t.plane_mean[0][i] + t.plane_mean[1][i]);
+    }
+    A[AT(CENTRE, ROLL)] = hc * A[AT(CENTRE, VY)], A[AT(CENTRE, PITCH)] = -hc * A[AT(CENTRE, VX)];
+    A[AT(CENTRE, CENTRE)] = .25 * (t.mean[0] + t.mean[1]) + C[C_WHEEL_INERTIA] + h * between;
+    A[AT(MOTOR, ROLL)] = hc * A[AT(MOTOR, VY)], A[AT(MOTOR, PITCH)] = wheels - hc * A[AT(MOTOR, VX)];
+    A[AT(MOTOR, CENTRE)] = .5 * gear * (t.mean[0] - t.mean[1]);
+    A[AT(MOTOR, MOTOR)] = gear * gear * (t.mean[0] + t.mean[1]) + im;
 
     // momentum now, and the impulses that don't depend on the end: centrifugal and gyroscopic ones among them
     Pair f = turned(pushed, -sm, cm), g = turned(gravity, -sm, cm);
@@ -273,13 +283,16 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
                    (yaw_rate + .5 * way / h) * wheels * motor);
     b[PITCH] = mz * now.x + iyp * yaw_rate + ip * pitch_rate + wheels * motor - hc * t.to_plane[0] +
                h * (sz * f.x + mz * g.x - springs.about_y + springs.sum * (C[C_PITCH_ARM] + sz) * pitch - spin2 * iyr);
-    b[MOTOR] = im * motor + wheels * pitch_rate + t.to_motor + h * (torque - number(a, P_DRIVELINE_DAMPING) * motor);
+    b[CENTRE] = C[C_WHEEL_INERTIA] * centre + .5 * (t.to_mean[0] - t.to_mean[1]);
+    b[MOTOR] = im * motor + wheels * pitch_rate + gear * (t.to_mean[0] + t.to_mean[1]) +
+               h * (torque - number(a, P_DRIVELINE_DAMPING) * motor);
     solve(A, b, h * number(a, P_DRIVELINE_FRICTION));
 
     for (int k = 0; k < 4; k++) {
       const Wheel* w = wheel + k;
       V ux = b[VX] - hc * b[PITCH], uy = b[VY] + hc * b[ROLL];
-      V rim = radius * (gear * b[MOTOR] + .5 * side_of(k) * b[k < 2 ? FRONT : REAR]);
+      V apart = k < 2 ? b[CENTRE] : -b[CENTRE];
+      V rim = radius * (gear * b[MOTOR] + .5 * (apart + side_of(k) * b[k < 2 ? FRONT : REAR]));
       V vx = w->along[0] * ux + w->along[1] * uy + w->along[2] * b[YAW] - rim + w->turning.x;
       V vy = w->across[0] * ux + w->across[1] * uy + w->across[2] * b[YAW] + w->turning.y;
       V rise = state(a, S_RISE + k) + h * (springs.load[k] * (1 / C[C_WHEEL_MASS]) - springs.acceleration[k]);
@@ -298,6 +311,7 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
     }
     v = next;
     yaw_rate = b[YAW], roll_rate = b[ROLL], pitch_rate = b[PITCH], front = b[FRONT], rear = b[REAR], motor = b[MOTOR];
+    centre = b[CENTRE];
     heave_rate += h * (springs.sum / number(a, P_SPRUNG_MASS) - C[C_GRAVITY]);
     x += h * v.x, y += h * v.y, yaw += h * yaw_rate;
     roll += h * roll_rate, pitch += h * pitch_rate, heave += h * heave_rate;
@@ -313,6 +327,7 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
   put(a, S_ROLL, roll), put(a, S_PITCH, pitch), put(a, S_HEAVE, heave);
   put(a, S_ROLL_RATE, roll_rate), put(a, S_PITCH_RATE, pitch_rate), put(a, S_HEAVE_RATE, heave_rate);
   put(a, S_MOTOR, motor), put(a, S_FRONT_DIFFERENCE, front), put(a, S_REAR_DIFFERENCE, rear);
+  put(a, S_CENTRE_DIFFERENCE, centre);
   put(a, S_SERVO, servo), put(a, S_SERVO_BEFORE, servo_before);
   // as twin.py reads an accelerometer that spoke a step ago
   V half = .5 * h * yaw_rate;

@@ -8,7 +8,7 @@ import pytest
 from mujoco.batch import Batch
 
 from qcar_twin.vehicle.ids import Handles
-from qcar_twin.vehicle.mjcf import car_spec, tyre_of
+from qcar_twin.vehicle.mjcf import CENTRE_SWITCH, car_spec, centre_damping, differential_rows, tyre_of
 from qcar_twin.vehicle.vehicle import WHEELS, Vehicle
 
 CAR = Vehicle.load()
@@ -37,6 +37,12 @@ def _write_field(batch: Batch, name: str, car: Vehicle) -> None:
     batch.expand("eq_data")[:, model.equality("ackermann").id, 2] = (
       car.ackermann_fraction * car.track_width / (2 * car.wheelbase)
     )
+  elif name == "centre_differential":
+    row, weight = model.equality("centre").id, model.tendon_invweight0[model.tendon("centre").id]
+    rows = differential_rows(centre_damping(car.centre_differential), model.opt.timestep, weight)
+    batch.expand("eq_solref")[:, row], batch.expand("eq_solimp")[:, row] = rows
+    for equality, active in CENTRE_SWITCH.items():
+      batch.bind("eq_active")[:, model.equality(equality).id] = active
   elif name == "rolling_resistance":
     loads = np.repeat(car.static_load, 2)
     batch.expand("dof_frictionloss")[:, list(handles.spin_dofs)] = car.rolling_resistance * loads * car.wheel_radius
@@ -54,6 +60,7 @@ def _write_field(batch: Batch, name: str, car: Vehicle) -> None:
     ("servo_time_constant", 0.03),
     ("ackermann_fraction", 0.2),
     ("rolling_resistance", 0.03),
+    ("centre_differential", 0.7),
     ("cornering_stiffness_front", 120.0),
     ("friction_coefficient", 0.3),
     ("relaxation_length", 0.05),
@@ -64,6 +71,7 @@ def test_a_field_written_per_simulation_is_the_car_rebuilt(name, value):
   batch = Batch(car_spec(CAR).compile(), 1, 1)
   _write_field(batch, name, changed)
   batch.set_const()
+  switched = batch.bind("eq_active").copy()
   ends = []
   for model in (car_spec(changed).compile(), car_spec(CAR).compile()):
     data = mujoco.MjData(model)
@@ -71,6 +79,7 @@ def test_a_field_written_per_simulation_is_the_car_rebuilt(name, value):
     mujoco.mj_step(model, data, 400)
     ends.append(data.qpos[:2].copy())
   batch.reset()
+  batch.bind("eq_active")[:] = switched
   batch.ctrl[:] = [2.0, 0.3]
   batch.step(nstep=400)
   np.testing.assert_allclose(batch.qpos[0, :2], ends[0], atol=1e-6)

@@ -62,8 +62,9 @@ def with_effects(twin: Twin, names) -> np.ndarray:
   return theta
 
 
-def test_manoeuvres_are_mujocos_within_a_share_of_sensor_noise(mujoco_car, reduced):
-  theta, segments = mujoco_car.parameters.nominal, stretches()
+@pytest.mark.parametrize("freedom", [0.0, 0.5, 1.0])
+def test_manoeuvres_are_mujocos_within_a_share_of_sensor_noise(mujoco_car, reduced, freedom):
+  theta, segments = mujoco_car.parameters.vector({"centre_differential": freedom}), stretches()
   wrong = reduced.rollout(theta, segments).signals[0] - mujoco_car.rollout(theta, segments).signals[0]
   for name, noise in NOISE.items():
     rms = np.sqrt(np.mean(wrong[..., SIGNALS.index(name)] ** 2, axis=1))
