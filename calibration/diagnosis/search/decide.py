@@ -13,7 +13,7 @@ import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.pool import Pool
-from calibration.diagnosis.score import Comparison, compare, spoils, validation_ratio
+from calibration.diagnosis.score import Comparison, compare, compare_freely, spoils, validation_ratio
 from calibration.diagnosis.search.claims import Claim, bias_claims, claim
 from calibration.diagnosis.search.structure import ensure
 from calibration.diagnosis.search.thresholds import Thresholds, material, significant, strength, stretched
@@ -126,10 +126,11 @@ def _grown(pool: Pool, thresholds: Thresholds) -> Candidate:
 def _foremost(pool: Pool, models: Sequence[Candidate], before: Candidate) -> Candidate:
   """The model that fits best, or the one that held-out evidence prefers to it.
 
-  One with more parameters fits better what it was fitted to, and may foretell the rest worse.
+  One with more parameters fits better what it was fitted to, and may foretell the rest worse. Neither holds the other,
+  so all parameters of both are fitted to the other groups.
   """
   first = min(models, key=lambda m: m.cost, default=before)
-  ahead = lambda m: 0.0 if m is first else compare(first, m, pool.problem.observations).gain
+  ahead = lambda m: 0.0 if m is first else compare_freely(first, m, pool.problem.observations).gain
   return min(models, key=ahead, default=before)
 
 

@@ -36,11 +36,9 @@ _STRAYED = 50.0  # nats that the recalibrated twin may come down before nothing 
 _DOUBTED = 0.1  # least part of a promise that is believed after a refit did not keep it
 _PROMISED, _BROKEN = 50.0, 0.5  # nats a scan must have promised, and the part below which a refit broke the promise
 _INSISTED, _PATIENCE = 2, 4  # mechanisms that are tried harder, and their steps with fresh columns of everything
-_POLISHED = 2  # such steps for the best model
 _DONE = 5.0  # nats below which a step with fresh columns is not followed by another
 _WORTH_A_RACE = 20.0  # nats of the best single below which it is left where it is
-# nats behind it and share of its gain from which on others race it, and how many take part in all
-_BEHIND, _NEAR, _RACING = 60.0, 0.5, 3
+_NEAR, _RACING = 0.5, 3  # share of its gain from which on others race it, and how many take part in all
 _TRIFLE = 0.15  # share of the typical size below which a mechanism can't be what many nats are due to
 
 
@@ -102,7 +100,7 @@ def search(
   progress("polishing the best model")
   best = pool.best(list(pool.models.values()))
   if best is not pool.base:
-    _polish(pool, [best], _POLISHED)
+    _polish(pool, [best], _PATIENCE)
     lowered = refit_subsets(pool, best)
     # with new weights the base was only brought near its minimum, and its cost is many times larger
     pool.base_not_converged = pool.problem is problem and lowered > _STRAYED
@@ -214,16 +212,15 @@ def refine_stalled(pool: Pool) -> None:
 
 
 def refine_leaders(pool: Pool) -> None:
-  """Take the best single, those that nearly tie with it, and the base on along fresh columns.
+  """Take the best single, those that explain half as much at least, and the base on along fresh columns.
 
   Along stale ones they may stop further from their minima than they lie apart, and their order says nothing.
   """
   ranked = sorted(pool.of_size(1), key=lambda m: m.cost)
   most = pool.base.cost - ranked[0].cost if ranked else 0.0
   if most > _WORTH_A_RACE:
-    behind = min(_BEHIND, (1.0 - _NEAR) * most)
-    near = [m for m in ranked[:_RACING] if m.cost - ranked[0].cost <= behind]
-    _polish(pool, [pool.base, *near], _POLISHED)
+    near = [m for m in ranked[:_RACING] if m.cost - ranked[0].cost <= (1.0 - _NEAR) * most]
+    _polish(pool, [pool.base, *near], _PATIENCE)
 
 
 def _polish(pool: Pool, models: Sequence[Candidate], steps: int) -> None:
