@@ -120,10 +120,9 @@ def begun_short(pool, *sizes):
   return dataclasses.replace(pool, models=models)
 
 
-def test_singles_that_nearly_tie_are_taken_to_their_minima(offset_pool, monkeypatch):
+def test_singles_that_explain_enough_are_taken_to_their_minima(offset_pool, monkeypatch):
   """The weaker of two that stopped short may be the stronger at its minimum."""
   monkeypatch.setattr("calibration.diagnosis.search.structure._NEAR", 0.0)
-  monkeypatch.setattr("calibration.diagnosis.search.structure._BEHIND", np.inf)
   pool = begun_short(offset_pool, ("steering_offset", 0.3), ("side_force", 0.0))
   refine_leaders(pool)
   for key in (frozenset(["steering_offset"]), frozenset(["side_force"])):
