@@ -112,16 +112,10 @@ def centre_damping(freedom: ArrayLike) -> np.ndarray:
   """Damping between the axles' mean wheel speeds, b = 0.1 (1 - x) / x N m s/rad, of a `centre_differential` x.
 
   At 0.1 a slow tight turn is half-way from one shaft to an open differential: there tyres hold the axles together by
-  C_x R_w^2 / (4 v), 0.15 N m s/rad at 1 m/s.
+  C_x R_w^2 / (4 v), 0.1 N m s/rad of the QCar at 1.5 m/s.
   """
   share = np.clip(np.asarray(freedom, dtype=np.float64), _ONE_SHAFT, 1.0)
   return _HALF_FREE * (1.0 - share) / share
-
-
-def centre_rows(freedom: float, timestep: float, wheel_inertia: float) -> tuple[np.ndarray, np.ndarray]:
-  """Solver numbers of equality `centre`, as `differential_rows`; 1 / wheel_inertia is its tendon's inverse weight."""
-  solref, solimp = differential_rows(centre_damping(freedom), timestep, 1.0 / wheel_inertia)
-  return solref[0], solimp[0]
 
 
 def _write_chassis(spec: mujoco.MjSpec, car: Vehicle) -> None:
@@ -246,8 +240,9 @@ def _write_centre(spec: mujoco.MjSpec, car: Vehicle, timestep: float) -> None:
   if car.centre_differential > 0.0:
     for name, active in CENTRE_SWITCH.items():
       spec.equality(name).active = active
-    centre = spec.equality("centre")
-    centre.solref, centre.solimp = centre_rows(car.centre_differential, timestep, car.wheel_inertia)
+    centre, weight = spec.equality("centre"), 1.0 / car.wheel_inertia  # what MuJoCo finds for its tendon
+    rows = differential_rows(centre_damping(car.centre_differential), timestep, weight)
+    (centre.solref,), (centre.solimp,) = rows
 
 
 def _free_axle(spec: mujoco.MjSpec, axle: str) -> None:

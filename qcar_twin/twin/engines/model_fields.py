@@ -105,9 +105,7 @@ class Fields:
     if "differential_damping" in changed:
       damping = self.values["differential_damping"][rows]
       for equality, weight in self._differential:
-        solref, solimp = differential_rows(damping, self._timestep, weight)
-        self._batch.expand("eq_solref")[rows, equality] = solref
-        self._batch.expand("eq_solimp")[rows, equality] = solimp
+        self._write_damper(equality, weight, damping, rows)
         self._batch.bind("eq_active")[rows, equality] = damping > 0.0
     if "centre_differential" in changed:
       self._write_centre(rows)
@@ -128,11 +126,14 @@ class Fields:
         self._batch.expand("qpos_spring")[rows, model.jnt_qposadr[joint]] = -load / stiffness
         self._batch.expand("dof_damping")[rows, model.jnt_dofadr[joint]] = damping
 
+  def _write_damper(self, equality: int, weight: float, damping: Array, rows: Rows) -> None:
+    solref, solimp = differential_rows(damping, self._timestep, weight)
+    self._batch.expand("eq_solref")[rows, equality] = solref
+    self._batch.expand("eq_solimp")[rows, equality] = solimp
+
   def _write_centre(self, rows: Rows) -> None:
     freedom, model = self.values["centre_differential"][rows], self._batch.model
     weight = float(model.tendon_invweight0[model.tendon("centre").id])
-    solref, solimp = differential_rows(centre_damping(freedom), self._timestep, weight)
-    self._batch.expand("eq_solref")[rows, model.equality("centre").id] = solref
-    self._batch.expand("eq_solimp")[rows, model.equality("centre").id] = solimp
+    self._write_damper(model.equality("centre").id, weight, centre_damping(freedom), rows)
     for name, active in CENTRE_SWITCH.items():
       self._batch.bind("eq_active")[rows, model.equality(name).id] = (freedom > 0.0) == active
