@@ -19,6 +19,7 @@ from calibration.diagnosis.pipeline import diagnose
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.report.document import document
 from calibration.diagnosis.score import Comparison, compare
+from calibration.diagnosis.search.decide import figures
 from calibration.likelihood.diagnose import diagnose_by_likelihood
 from calibration.likelihood.diagnose import document as document_by_likelihood
 from calibration.proving_ground import make_session
@@ -116,6 +117,7 @@ def _answer(outcome: Outcome) -> dict:
   out["possible"] = list(found.decision.possible)
   rival = found.decision.unknown
   out["rival"] = None if rival is None else {"name": rival[0]} | _figures(rival[1])
+  out["weighed"] = figures(found.pool)
   out["trials"] = _trials(found.pool)
   out["alarms"] = [d.name for d in found.detection.detectors if d.alarm]
   out["statistics"] = {d.name: d.statistic for d in found.detection.detectors}

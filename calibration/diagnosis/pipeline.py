@@ -20,7 +20,7 @@ from calibration.diagnosis.score import compare_freely
 from calibration.diagnosis.search.conclude import UnexplainedLevels, above_level, apply_alarms, conclude, left_over
 from calibration.diagnosis.search.decide import Decision, decide
 from calibration.diagnosis.search.structure import Effort, search
-from calibration.diagnosis.search.thresholds import Thresholds
+from calibration.diagnosis.search.weighing import Levels
 from calibration.diagnosis.unexplained.unknown import smooth_forces, unknown_sensors
 from calibration.fitting.dataset_recalibration import LONGEST, Start, recalibrate_dataset
 from calibration.fitting.recalibration import RecalibratedTwin, recalibrate_from
@@ -81,7 +81,7 @@ def diagnose(
   mechanisms: Sequence[str] | None = None,
   start: Start | None = None,
   effort: Effort = Effort(),
-  thresholds: Thresholds = Thresholds(),
+  claiming: Levels | None = None,
   levels: UnexplainedLevels = UnexplainedLevels(),
   substeps: int = 2,
   threads: int = 0,
@@ -97,7 +97,7 @@ def diagnose(
     mechanisms: ids to consider; the whole catalogue by default.
     start: a twin to go on from, with its parameters: they are the first guess, and its mechanisms are in every model.
     effort: how wide to search.
-    thresholds: what a claim needs.
+    claiming: what a claim needs; the levels of search/levels.toml by default.
     levels: what it takes to say that something nameless is there.
     substeps: simulation steps per control period of 10 ms.
     threads: of the simulation, 0 for all cores.
@@ -114,7 +114,7 @@ def diagnose(
   tried = [m for m in begun.known if (mechanisms is None or m.name in mechanisms) and not always_free(m, priors)]
   baseline, pool = _searched(begun.recalibrated, tried, effort, clock)
   clock.start("decision and unknown rivals")
-  decision, unknowns = _with_unknown(decide(pool, thresholds), pool, levels)
+  decision, unknowns = _with_unknown(decide(pool, claiming), pool, levels)
   clock.start("detection and location")
   detection, decision = _detected(baseline, pool, decision, levels)
   place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)

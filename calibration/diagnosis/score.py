@@ -153,38 +153,6 @@ def compared(after: Array, before: Array, block: NDArray[np.int64]) -> Compariso
   return Comparison(float(capped.sum()), t, share, gains, float(0.5 * np.sum(before**2)))
 
 
-def validation_nats(model: Candidate, observations: Observations) -> Array:
-  """Half the sum of squares per channel on recordings that only judge, nats; zeros where none judges."""
-  channel = observations.channel[model.n_train :]
-  squares = np.bincount(channel, model.residual[model.n_train :] ** 2, minlength=len(CHANNELS))
-  return 0.5 * squares.astype(np.float64)
-
-
-def validation_ratio(larger: Candidate, smaller: Candidate, observations: Observations) -> float:
-  """RMS error of a model over another's on recordings that only judge, the geometric mean over channels; 1 if none."""
-  ratios = _ratios(*(validation_nats(m, observations) for m in (larger, smaller)))
-  return float(np.exp(np.mean(np.log(ratios)))) if ratios.size else 1.0
-
-
-def spoils(larger: Candidate, smaller: Candidate, observations: Observations, factor: float, share: float) -> bool:
-  """Whether a model multiplies a channel's RMS error on recordings that only judge, at a price.
-
-  Args:
-    larger, smaller: the model, and what it is held against.
-    observations: both were fitted to.
-    factor: by which one channel's error grows.
-    share: of the nats that all other channels win, which those that grow may lose together.
-  """
-  after, before = (validation_nats(m, observations) for m in (larger, smaller))
-  lost, won = np.maximum(after - before, 0.0).sum(), np.maximum(before - after, 0.0).sum()
-  return bool(_ratios(after, before).max(initial=1.0) > factor and lost > share * won)
-
-
-def _ratios(after: Array, before: Array) -> Array:
-  seen = (after > 0.0) & (before > 0.0)
-  return np.sqrt(after[seen] / before[seen])
-
-
 def evidence(larger: Candidate, smaller: Candidate, observations: Observations) -> float:
   """Log profile likelihood ratio with unknown channel variances, nats: sum_c n_c / 2 log(S0_c / S1_c), plus priors."""
   total = prior_part(smaller) - prior_part(larger)

@@ -32,7 +32,7 @@ _BODY = ("mass", "yaw_inertia", "cg_to_front", "cg_height_offset")
 # of the nominal friction, where rough fits begin: from above the wheels hold and the cost is smooth
 _GRIPS = (1.0, 1.4)
 _ROUNDS, _SETTLED = 8, 1.0  # corrections by MuJoCo, and nats that end them
-_NOTICED = 10.0  # nats: no decision hangs on a smaller error; a claim needs twice as many (diagnosis/search/thresholds)
+_NOTICED = 10.0  # nats: no decision hangs on a smaller error; hardly a claim rests on twice as many
 # of a promised decrease: below, a model is not trusted over that step (Nocedal and Wright, 2nd ed., algorithm 4.1)
 _TRUSTED = 0.25
 _PART, _LEAST = 0.35, 85.0  # share of the driving a rough fit sees, and at least so many seconds

@@ -1,24 +1,19 @@
 """A claim: a mechanism that is held responsible, with its evidence, its rivals and its estimates."""
 
 import dataclasses
-import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.score import Comparison, clustered_std, compare, evidence
-from calibration.diagnosis.search.thresholds import Thresholds, material, significant, stretched
+from calibration.diagnosis.search.weighing import Levels, Weighed, shown_size, stretched, weighed
 from calibration.fitting.tolerances import sensor_error_mechanisms
 from qcar_twin.parameters import ParameterSet
 
-# standard deviation, as a share of the size, by which a formula right in kind but not in every detail misses; set by
-# hand from the errors of right names on concealed cases
-_FORM = 0.19
 # radius, in the usual deviations, of a disc that biases half as large on average leave as seldom as the square about it
 _ROUND = 1.1
-_AT_BOUND = 0.4  # what is left of a probability whose mechanism was stretched as far as it may: too little for a claim
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,6 +23,7 @@ class Claim:
   Attributes:
     mechanism: id.
     probability: that the name is right, 0 to 1.
+    shared: that it or one of `equivalent_to` is.
     evidence_nats: log profile likelihood ratio over the model without it.
     held_out: the same comparison on recordings left out.
     parameters: value, std and unit of each of its parameters.
@@ -38,6 +34,7 @@ class Claim:
 
   mechanism: str
   probability: float
+  shared: float
   evidence_nats: float
   held_out: Comparison
   parameters: dict[str, dict[str, float | str]]
@@ -46,100 +43,85 @@ class Claim:
   certain: bool
 
 
-def claim(pool: Pool, best: Candidate, name: str, thresholds: Thresholds) -> Claim:
-  """One mechanism of the best model, weighed against the model without it and against what fits in its place.
+def claim(pool: Pool, best: Candidate, name: str, levels: Levels) -> Claim:
+  """One mechanism of a model, weighed against the model without it and against what fits in its place.
+
+  Names that can't be told apart have one probability together, as if the others were not there, since that several fit
+  does not make it less likely that something is; of it each has at most its part by its own odds. A name that was
+  stretched as far as it may is none.
 
   Args:
     pool: all fitted models, the one without `name` among them.
     best: the model behind the claims.
     name: id of one of its mechanisms.
-    thresholds: what a serious rival needs, and how close an equivalent one comes.
+    levels: what decides.
   """
-  without = pool.models[frozenset(best.mechanisms) - {name}]
-  held_out = compare(best, without, pool.problem.observations)
-  rivals, serious, equivalent = [], {}, []
-  for key, model in pool.models.items():
-    other = key - set(without.mechanisms)
-    if len(key) == len(best.mechanisms) and set(without.mechanisms) < key and len(other) == 1 and name not in other:
-      (rival,) = other
-      rivals.append((rival, without.cost - model.cost))
-      # one that would not be claimed itself (it frees priors and predicts worse) is no rival
-      stands = significant(compare(model, without, pool.problem.observations), thresholds)
-      if stands and not _needed_beside(pool, model, name, thresholds):
-        serious[rival] = without.cost - model.cost
-      gap = compare(best, model, pool.problem.observations)
-      # one that leaves what was measured as bent as it was is another matter, however alike they predict
-      alike = gap.t < thresholds.equivalent or gap.gain < 0.03 * held_out.gain
-      if alike and gap.priors < thresholds.priors:
-        equivalent.append(rival)
-  rivals.sort(key=lambda r: -r[1])
-  probability = _against_rivals(held_out, without.cost - best.cost, serious, equivalent)
+  found, without = weighed(pool, best, name), pool.models[frozenset(best.mechanisms) - {name}]
+  equivalent = tuple(rival for rival, _ in found.rivals if _alike(pool, best, name, rival, levels))
+  shared = _probability(found, levels, equivalent) * (not stretched(pool, best, name))
+  odds = [_odds(pool, _replaced(pool, best, name, n), n, levels) for n in (name, *equivalent)]
   return Claim(
     mechanism=name,
-    probability=probability * (_AT_BOUND if stretched(pool, best, name) else 1.0),
+    probability=min(_probability(found, levels), odds[0] / sum(odds) * shared),
+    shared=shared,
     evidence_nats=evidence(best, without, pool.problem.observations),
-    held_out=held_out,
-    parameters=_estimates(pool, name, best),
-    rivals=tuple(rivals[:5]),
-    equivalent_to=tuple(equivalent),
+    held_out=found.held_out,
+    parameters=_estimates(pool, name, best, levels),
+    rivals=found.rivals[:5],
+    equivalent_to=equivalent,
     certain=True,
   )
 
 
-def _needed_beside(pool: Pool, rival: Candidate, name: str, thresholds: Thresholds) -> bool:
-  """Whether a name is still needed where a rival is in its place: both act, and neither speaks against the other."""
-  both = pool.models.get(frozenset([*rival.mechanisms, name]))
-  return both is not None and significant(compare(both, rival, pool.problem.observations), thresholds.beside_others())
+def _alike(pool: Pool, best: Candidate, name: str, rival: str, levels: Levels) -> bool:
+  """Whether neither driving left out nor what was measured of the car tells a rival in a name's place from it."""
+  model = _replaced(pool, best, name, rival)
+  gap = compare(best, model, pool.problem.observations)
+  return gap.t < levels.equivalent and gap.priors < levels.near and not stretched(pool, model, rival)
 
 
-def _against_rivals(
-  held_out: Comparison, gain: float, serious: Mapping[str, float], equivalent: Collection[str]
-) -> float:
-  """Probability of a name by its margin over the next serious rival, in nats; or its share where several tie.
-
-  That several names fit does not make it less likely that something is there: each has its part of what all have.
-  """
-  others = [nats for name, nats in serious.items() if name not in equivalent]
-  equals = 1 + sum(name in equivalent for name in serious)
-  alone = _probability(held_out, gain - max(serious.values(), default=0.0))
-  return max(alone, _probability(held_out, gain - max(others, default=0.0)) / equals)
+def _replaced(pool: Pool, model: Candidate, name: str, other: str) -> Candidate:
+  """A model with another name in one's place."""
+  return pool.models[frozenset(model.mechanisms) - {name} | {other}]
 
 
-def _probability(held_out: Comparison, margin: float) -> float:
-  """Probability that the name is right, from the margin over the next rival and the held-out t.
-
-  A logistic in log margin and t; its numbers are set by hand, not fitted.
-  """
-  score = -1.2 + 0.75 * math.log1p(max(margin, 0.0) / 3.0) + 0.25 * (min(held_out.t, 8.0) - 3.0)
-  return float(np.clip(1.0 / (1.0 + math.exp(-score)), 0.02, 0.99))
+def _odds(pool: Pool, model: Candidate, name: str, levels: Levels) -> float:
+  probability = _probability(weighed(pool, model, name), levels)
+  return probability / (1.0 - probability)
 
 
-def _estimates(pool: Pool, name: str, model: Candidate) -> dict[str, dict[str, float | str]]:
+def _probability(found: Weighed, levels: Levels, leaving_out: tuple[str, ...] = ()) -> float:
+  return levels.probability(found.held_out.t, found.size, found.margin(leaving_out))
+
+
+def _estimates(pool: Pool, name: str, model: Candidate, levels: Levels) -> dict[str, dict[str, float | str]]:
   """Value, standard deviation and unit of a mechanism's parameters; the deviation holds the formula's own error."""
   values = model.free.named(model.values)
   scatter = model.free.named(clustered_std(model, pool.problem.observations))
   found = [p for p in pool.problem.mechanism(name).parameters if p.name in model.free]
-  form = {p.name: 0.0 if p.null is None else _FORM * abs(values[p.name] - p.null) for p in found}
+  form = {p.name: 0.0 if p.null is None else levels.form * abs(values[p.name] - p.null) for p in found}
   return {
     p.name: {"value": values[p.name], "std": float(np.hypot(scatter[p.name], form[p.name])), "unit": p.unit}
     for p in found
   }
 
 
-def bias_claims(pool: Pool, best: Candidate, thresholds: Thresholds) -> list[Claim]:
+def bias_claims(pool: Pool, best: Candidate, levels: Levels) -> list[Claim]:
   """IMU biases far beyond what every IMU has; they are part of every model, so leaving them out is the test."""
   claims = []
   for mechanism in sorted(sensor_error_mechanisms(pool.problem.twin.mechanisms), key=lambda m: m.name):
     name, names = mechanism.name, [p.name for p in mechanism.parameters if p.name in best.free]
     usual = {n: e.std for n, e in mechanism.sensor_errors.items()}
-    if not names or not material(pool, best, name, thresholds.bias) or not _beyond_usual(best, names, usual):
+    size = shown_size(pool, best, name)
+    if not names or size < levels.bias or not _beyond_usual(best, names, usual):
       continue
     without = _at_null(best, names)
     test = compare(best, without, pool.problem.observations)
-    if significant(test, thresholds):
+    probability = levels.probability(test.t, size, without.cost - best.cost)
+    if probability >= levels.claim:
       gain = evidence(best, without, pool.problem.observations)
-      estimates = _estimates(pool, name, best)
-      claims.append(Claim(name, _probability(test, gain), gain, test, estimates, (), (), True))
+      estimates = _estimates(pool, name, best, levels)
+      claims.append(Claim(name, probability, probability, gain, test, estimates, (), (), True))
   return claims
 
 

@@ -18,8 +18,8 @@ from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.scan import Projector, Signature, explained
 from calibration.diagnosis.score import compare
 from calibration.diagnosis.search.multistart import multistart_models
-from calibration.diagnosis.search.thresholds import material
 from calibration.diagnosis.search.warm_start import LIKELY, refit_rivals, refit_subsets, warm_start
+from calibration.diagnosis.search.weighing import shown_size
 from calibration.fitting.likelihood import Problem, weighting_from
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.recalibration import RecalibratedTwin
@@ -240,7 +240,7 @@ def _without_trifles(pool: Pool) -> None:
   """
   for _ in range(2):  # of a set of three, one after the other
     best = pool.best(list(pool.models.values()))
-    trifles = [n for n in best.mechanisms if not material(pool, best, n, _TRIFLE)]
+    trifles = [n for n in best.mechanisms if shown_size(pool, best, n) < _TRIFLE]
     smaller = [pool.models.get(frozenset(best.mechanisms) - {n}) for n in trifles]
     keys = [m.mechanisms for m in smaller if m and m.mechanisms and m.cost - best.cost > _PROMISED]
     made = [candidate(pool.problem, key, best, pool.priors) for key in keys]

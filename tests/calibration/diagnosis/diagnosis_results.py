@@ -28,7 +28,7 @@ def claim_of(mechanism, equivalent=(), gain=300.0):
     value = size if p.null is None else p.null + size
     parameters[p.name] = {"value": value, "std": size / 20.0, "unit": p.unit}
   rivals = tuple((name, 0.5 * gain) for name in equivalent) or (("steering_lag", 100.0),)
-  return Claim(mechanism.name, 0.97, gain, HELD, parameters, rivals, tuple(equivalent), True)
+  return Claim(mechanism.name, 0.97, 0.97, gain, HELD, parameters, rivals, tuple(equivalent), True)
 
 
 def decision_of(verdict, claimed, equivalent=(), unknown=None, model=None, ranking=()):

@@ -1,6 +1,5 @@
 """Leave-one-out by linear algebra is the refit without that group; gains and shares add up."""
 
-import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,9 +17,6 @@ from calibration.diagnosis.score import (
   groups_of,
   held_out,
   prior_part,
-  spoils,
-  validation_nats,
-  validation_ratio,
 )
 from calibration.fitting.observations import CHANNELS
 from qcar_twin.parameters import Parameter, ParameterSet
@@ -142,42 +138,6 @@ def test_deviations_of_sums_hold_where_the_numbers_stand_in_for_each_other():
   total, difference = clustered_std(model, observations, np.array([[1.0, 1.0], [1.0, -1.0]]))
   assert plain[0] == pytest.approx(np.sqrt(0.5), rel=0.01) and difference == pytest.approx(np.sqrt(2.0), rel=0.01)
   assert total == pytest.approx(1.0 / np.sqrt(count), rel=0.3)
-
-
-@pytest.fixture
-def doubled(offset_pool):
-  """The recalibrated twin with twice the error of the yaw rate where nothing was fitted."""
-  base, observations = offset_pool.base, offset_pool.problem.observations
-  residual = base.residual.copy()
-  residual[: base.n_train] *= 7.0
-  residual[base.n_train :] *= np.where(observations.channel[base.n_train :] == CHANNELS.index("yaw_rate"), 2.0, 1.0)
-  return dataclasses.replace(base, residual=residual)
-
-
-def test_what_only_judges_is_weighed_channel_by_channel_and_what_was_fitted_left_out(offset_pool, doubled):
-  base, observations = offset_pool.base, offset_pool.problem.observations
-  before, after = validation_nats(base, observations), validation_nats(doubled, observations)
-  expected = np.where(np.arange(len(before)) == CHANNELS.index("yaw_rate"), 4.0, 1.0) * before
-  assert_allclose(after, expected, rtol=1e-12)
-  channels = np.unique(observations.channel[base.n_train :]).size
-  assert validation_ratio(doubled, base, observations) == pytest.approx(2.0 ** (1.0 / channels))
-  everything = dataclasses.replace(base, n_train=len(observations))
-  assert validation_ratio(everything, base, observations) == 1.0
-  assert not spoils(everything, base, observations, 1.0, 0.0)
-
-
-def test_a_spoiled_channel_counts_beside_what_the_others_win(offset_pool, doubled):
-  base, observations = offset_pool.base, offset_pool.problem.observations
-  assert spoils(doubled, base, observations, 1.9, 0.05)
-  assert not spoils(doubled, base, observations, 2.1, 0.05)
-  lost = (validation_nats(doubled, observations) - validation_nats(base, observations)).max()
-  rows = np.flatnonzero(observations.channel != CHANNELS.index("yaw_rate"))
-  rows = rows[rows >= base.n_train]
-  better, worse = doubled.residual.copy(), base.residual.copy()
-  worse[rows] *= np.sqrt(1.0 + 20.0 * lost / (0.5 * float(worse[rows] @ worse[rows])))  # 20 times as many to be won
-  before = dataclasses.replace(base, residual=worse)
-  assert spoils(dataclasses.replace(doubled, residual=better), before, observations, 1.9, 0.04)
-  assert not spoils(dataclasses.replace(doubled, residual=better), before, observations, 1.9, 0.06)
 
 
 def test_where_every_block_brings_all_it_may_t_stays_a_number_to_read():

@@ -1,0 +1,115 @@
+"""Levels with sources, the probability they make of four figures, and the fit of its weights to answers."""
+
+import dataclasses
+import math
+import shutil
+
+import numpy as np
+import pytest
+
+from calibration.campaign.set_levels import WEIGHTS, fitted_weights, write_weights
+from calibration.diagnosis.score import compare
+from calibration.diagnosis.search.decide import CONSIDERED, figures
+from calibration.diagnosis.search.weighing import FILE, Levels, read_levels, usual_levels, weighed
+from commands import set_levels
+from tests import ROOT
+
+LEVELS = usual_levels()
+
+
+def test_a_probability_is_logistic_in_what_levels_say():
+  logit = (
+    LEVELS.constant + 2.0 * LEVELS.t + math.log(0.5) * LEVELS.size + math.log1p(30.0 / LEVELS.near) * LEVELS.margin
+  )
+  assert LEVELS.probability(2.0, 0.5, 30.0) == pytest.approx(1.0 / (1.0 + math.exp(-logit)))
+
+
+@pytest.mark.parametrize("more", [(3.0, 0.5, 30.0), (2.0, 0.6, 30.0), (2.0, 0.5, 40.0)])
+def test_more_of_anything_makes_a_name_likelier(more):
+  assert LEVELS.probability(*more) > LEVELS.probability(2.0, 0.5, 30.0)
+
+
+def test_beyond_their_limits_figures_tell_no_more():
+  most, least = LEVELS.most_t, LEVELS.least_size
+  assert LEVELS.figures(9.0 * most, 7.0, 1.0) == LEVELS.figures(most, 1.0, 1.0)
+  assert LEVELS.figures(-9.0 * most, 0.0, 1.0) == LEVELS.figures(-most, least, 1.0)
+  assert LEVELS.figures(0.0, 1.0, -5.0)[2] == -LEVELS.figures(0.0, 1.0, 5.0)[2]
+
+
+@pytest.mark.parametrize(
+  "change, said",
+  [
+    (("[near]", "[far]"), "levels must be"),
+    (('source = "one standard error"', 'source = ""'), "'equivalent' has no source"),
+  ],
+)
+def test_a_level_that_is_missing_or_has_no_source_is_refused(tmp_path, change, said):
+  file = tmp_path / "levels.toml"
+  file.write_text(FILE.read_text().replace(*change))
+  with pytest.raises(ValueError, match=said):
+    read_levels(file)
+
+
+def test_a_name_is_weighed_against_the_model_without_it_and_its_rivals(pair_pool):
+  both = pair_pool.models[frozenset(["side_force", "steering_offset"])]
+  found, without = weighed(pair_pool, both, "side_force"), pair_pool.models[frozenset(["steering_offset"])]
+  assert found.drop == pytest.approx(without.cost - both.cost)
+  assert found.held_out.t == compare(both, without, pair_pool.problem.observations).t
+  parameter = pair_pool.problem.mechanism("side_force").parameters[0]
+  assert found.size == pytest.approx(abs(both.estimate("side_force")[0]) / parameter.typical)
+  single = pair_pool.models[frozenset(["steering_offset"])]
+  alone = weighed(pair_pool, single, "steering_offset")
+  best = max(nats for _, nats in alone.rivals)
+  assert alone.rivals[0][1] == best and alone.margin() == pytest.approx(alone.drop - max(best, 0.0))
+  assert alone.margin(leaving_out=tuple(n for n, _ in alone.rivals)) == pytest.approx(alone.drop)
+
+
+def test_an_answer_holds_the_figures_of_the_sets_that_fit_best(pair_pool):
+  rows = figures(pair_pool)
+  singles = {tuple(r["set"]) for r in rows if len(r["set"]) == 1}
+  assert len(singles) <= CONSIDERED and ("steering_offset",) in singles
+  assert {"set", "name", "t", "size", "margin", "nats", "stretched"} == set(rows[0])
+
+
+def answers(weights, count=3000, seed=0):
+  """Cases of one name each, right as often as weights say."""
+  random, levels = np.random.default_rng(seed), dataclasses.replace(LEVELS, **weights)
+  made = []
+  for _ in range(count):
+    t, size, margin = random.uniform(-3.0, 6.0), np.exp(random.uniform(-3.0, 0.5)), random.normal(0.0, 60.0)
+    there = random.random() < levels.probability(t, size, margin)
+    row = {"name": "side_force", "t": t, "size": size, "margin": margin, "stretched": False}
+    made.append({"answer": {"weighed": [row]}, "truth": [{"id": "side_force" if there else "stiction"}]})
+  return made
+
+
+def test_weights_are_found_again_from_answers():
+  truth = dict(zip(WEIGHTS, (-1.0, 0.7, 1.4, 0.4), strict=True))
+  found = fitted_weights(answers(truth), LEVELS)
+  assert found == pytest.approx(truth, abs=0.15)
+
+
+def test_answers_that_tell_nothing_are_refused():
+  with pytest.raises(ValueError, match="answer more cases"):
+    fitted_weights([{"answer": {}, "truth": []}], LEVELS)
+
+
+def test_weights_are_written_beside_the_other_levels_with_the_command(tmp_path):
+  file = shutil.copy(FILE, tmp_path / "levels.toml")
+  write_weights(dict.fromkeys(WEIGHTS, 0.25), "a command", file)
+  written = read_levels(file)
+  assert written == dataclasses.replace(LEVELS, **dict.fromkeys(WEIGHTS, 0.25))
+  assert file.read_text().count('command = "a command"') == len(WEIGHTS)
+  file.write_text(file.read_text().replace("[size]", "[length]"))
+  with pytest.raises(ValueError, match="no table"):
+    write_weights(dict.fromkeys(WEIGHTS, 0.25), "a command", file)
+
+
+def test_the_levels_are_those_of_the_archive_they_name(tmp_path):
+  """So that no number that decides is older or newer than what it is said to come from."""
+  archive = ROOT / "docs/answers_weighed.jsonl.xz"
+  file = shutil.copy(FILE, tmp_path / "levels.toml")
+  said = set_levels.main(set_levels.Config((archive,), file))
+  assert said.startswith("186 answers")
+  assert dataclasses.astuple(read_levels(file)) == pytest.approx(dataclasses.astuple(LEVELS), abs=0.002)
+  assert isinstance(LEVELS, Levels)
