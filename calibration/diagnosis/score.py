@@ -49,6 +49,16 @@ class Comparison:
     return self.total / self.before if self.before > 0 else 0.0
 
   @property
+  def standard_error(self) -> float:
+    """Of the gain, nats, from the scatter of the blocks."""
+    return _standard_error(np.clip(self.blocks, -CAP, CAP))
+
+  @property
+  def t_with_priors(self) -> float:
+    """The same t with what the priors gain counted as held out: what was measured of a car is no part of any block."""
+    return (self.gain + self.priors) / self.standard_error
+
+  @property
   def total(self) -> float:
     return float(np.clip(self.blocks, -100.0 * CAP, 100.0 * CAP).sum())
 
@@ -140,14 +150,18 @@ def compare_freely(larger: Candidate, smaller: Candidate, observations: Observat
   return compared(held_out(larger, group), held_out(smaller, group), observations.block)
 
 
+def _standard_error(capped: Array) -> float:
+  """Of the sum of blocks' gains; inf where a single block shows no scatter."""
+  count = len(capped)
+  return max(float(np.std(capped, ddof=1)), _LEAST_SPREAD) * float(np.sqrt(count)) if count > 1 else np.inf
+
+
 def compared(after: Array, before: Array, block: NDArray[np.int64]) -> Comparison:
   """Blocks' gains from held-out residuals of a larger and a smaller model, and the block of each, (M,)."""
   drop = 0.5 * (before**2 - after**2)
   gains = np.bincount(block, drop)[np.unique(block)].astype(np.float64)
   capped = np.clip(gains, -CAP, CAP)
-  count = len(gains)
-  spread = float(np.std(capped, ddof=1)) if count > 1 else np.inf
-  t = float(np.mean(capped) / max(spread, _LEAST_SPREAD) * np.sqrt(count)) if count > 1 else 0.0
+  t = float(capped.sum()) / _standard_error(capped)
   moved = np.abs(gains) > 0.02
   share = float(np.mean(gains[moved] > 0)) if moved.any() else 0.0
   return Comparison(float(capped.sum()), t, share, gains, float(0.5 * np.sum(before**2)))

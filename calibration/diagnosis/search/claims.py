@@ -91,7 +91,7 @@ def _odds(pool: Pool, model: Candidate, name: str, levels: Levels) -> float:
 
 
 def _probability(found: Weighed, levels: Levels, leaving_out: tuple[str, ...] = ()) -> float:
-  return levels.probability(found.held_out.t, found.size, found.margin(leaving_out))
+  return levels.probability(found.t, found.size, found.margin(leaving_out))
 
 
 def _estimates(pool: Pool, name: str, model: Candidate, levels: Levels) -> dict[str, dict[str, float | str]]:
@@ -117,7 +117,7 @@ def bias_claims(pool: Pool, best: Candidate, levels: Levels) -> list[Claim]:
       continue
     without = _at_null(best, names)
     test = compare(best, without, pool.problem.observations)
-    probability = levels.probability(test.t, size, without.cost - best.cost)
+    probability = levels.probability(test.t_with_priors, size, without.cost - best.cost)
     if probability >= levels.claim:
       gain = evidence(best, without, pool.problem.observations)
       estimates = _estimates(pool, name, best, levels)

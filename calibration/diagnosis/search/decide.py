@@ -77,7 +77,7 @@ def figures(pool: Pool) -> list[dict[str, object]]:
   for model in (m for size in range(1, LARGEST + 1) for m in foremost(pool, size)):
     for name in model.mechanisms:
       found = weighed(pool, model, name)
-      row = {"t": found.held_out.t, "size": found.size, "margin": found.margin(), "nats": found.drop}
+      row = {"t": found.t, "size": found.size, "margin": found.margin(), "nats": found.drop}
       rows.append({"set": list(model.mechanisms), "name": name, "stretched": stretched(pool, model, name)} | row)
   return rows
 
@@ -98,7 +98,7 @@ def _goes_beyond(pool: Pool, model: Candidate, best: Candidate, levels: Levels) 
     return True
   gain, ahead = compare(model, best, pool.problem.observations), best.cost - model.cost
   for found in (weighed(pool, model, name) for name in model.mechanisms):
-    t, margin = min(gain.t, found.held_out.t), min(ahead, found.margin())
+    t, margin = min(gain.t_with_priors, found.t), min(ahead, found.margin())
     if levels.probability(t, found.size, margin) < levels.claim:
       return False
   return True
@@ -116,7 +116,7 @@ def _possible(pool: Pool, claims: Sequence[Claim], levels: Levels) -> tuple[str,
   """Mechanisms that would be claimed if they were of their typical size."""
   named = {c.mechanism for c in claims}
   singles = [(m.mechanisms[0], weighed(pool, m, m.mechanisms[0])) for m in foremost(pool, 1)]
-  likely = lambda w: levels.probability(w.held_out.t, 1.0, w.margin()) >= levels.claim
+  likely = lambda w: levels.probability(w.t, 1.0, w.margin()) >= levels.claim
   return tuple(name for name, found in singles if name not in named and likely(found))
 
 

@@ -59,7 +59,7 @@ class Levels:
     """That a name is right.
 
     Args:
-      t: held-out gain over its standard error.
+      t: held-out gain over its standard error, with what the priors gain.
       size: share of the typical size that the driving shows.
       margin: nats by which it fits better than nothing, or than the best other name in its place, in its priors, too.
     """
@@ -104,6 +104,11 @@ class Weighed:
   size: float
   drop: float
   rivals: tuple[tuple[str, float], ...]
+
+  @property
+  def t(self) -> float:
+    """Held-out gain over its standard error, with what the priors gain: an effect that recalibration absorbs shows there."""
+    return self.held_out.t_with_priors
 
   def margin(self, leaving_out: tuple[str, ...] = ()) -> float:
     """Nats ahead of the best rival but for some, or of nothing."""

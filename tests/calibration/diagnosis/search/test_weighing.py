@@ -113,3 +113,12 @@ def test_the_levels_are_those_of_the_archive_they_name(tmp_path):
   assert said.startswith("186 answers")
   assert dataclasses.astuple(read_levels(file)) == pytest.approx(dataclasses.astuple(LEVELS), abs=0.002)
   assert isinstance(LEVELS, Levels)
+
+
+def test_what_the_priors_gain_counts_as_held_out(offset_pool):
+  """A mass that goes back to what was measured, by as many nats as the blocks' scatter: one more of t."""
+  single, base = offset_pool.models[frozenset(["steering_offset"])], offset_pool.base
+  found = compare(single, base, offset_pool.problem.observations)
+  assert found.t == pytest.approx(found.gain / found.standard_error)
+  more = dataclasses.replace(found, priors=found.priors + found.standard_error)
+  assert more.t_with_priors == pytest.approx(found.t_with_priors + 1.0) and more.t == found.t
