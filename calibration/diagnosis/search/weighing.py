@@ -107,7 +107,7 @@ class Weighed:
 
   @property
   def t(self) -> float:
-    """Held-out gain over its standard error, with what the priors gain: an effect that recalibration absorbs shows there."""
+    """Held-out gain over its standard error, with what the priors gain: there absorbed effects show."""
     return self.held_out.t_with_priors
 
   def margin(self, leaving_out: tuple[str, ...] = ()) -> float:
