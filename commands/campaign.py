@@ -59,8 +59,8 @@ class Config:
   """Run nothing: score the answers that are there."""
   quick: bool = False
   """One case of each kind."""
-  engine: Literal["search", "likelihood", "characterise"] = "search"
-  """What answers: search, likelihood (docs/likelihood.md), or characterise, for wild cases (docs/characterise.md)."""
+  engine: Literal["search", "characterise"] = "search"
+  """What answers: search (docs/diagnosis.md), or characterise, for wild cases (docs/characterise.md)."""
 
 
 def main(config: Config) -> str:

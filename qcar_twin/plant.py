@@ -27,7 +27,6 @@ SIGNALS = (
   "steering_angle",  # rad, mean road-wheel angle
 )
 START = ("pose_x", "pose_y", "pose_yaw", "velocity_x", "velocity_y", "yaw_rate", "steering_angle")
-MOTION = ("velocity_x", "motor_speed", "velocity_y", "yaw_rate", "pose_x", "pose_y", "pose_yaw")  # what a push changes
 COMMANDS = ("motor_voltage", "steering_command")  # V, rad; of a car whose drive takes a voltage
 POSITION, POSE, VELOCITY = slice(0, 2), slice(0, 3), slice(3, 5)  # columns of SIGNALS and of START alike
 YAW, YAW_RATE = SIGNALS.index("pose_yaw"), SIGNALS.index("yaw_rate")  # in both, too

@@ -20,15 +20,13 @@ from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.report.document import document
 from calibration.diagnosis.score import Comparison, compare
 from calibration.diagnosis.search.decide import figures
-from calibration.likelihood.diagnose import diagnose_by_likelihood
-from calibration.likelihood.diagnose import document as document_by_likelihood
 from calibration.proving_ground import make_session
 from calibration.second_car import make_second_session
 from qcar_twin.atomic_io import plain, write_text
 from qcar_twin.recordings.dataset import DataSet
 
 MAKERS = {"first": make_session, "second": make_second_session}
-ENGINES = ("search", "likelihood", "characterise")
+ENGINES = ("search", "characterise")
 
 
 class CaseFailed(RuntimeError):
@@ -65,8 +63,8 @@ def run_case(case: Case, folder: Path, threads: int = 1, engine: str = "search")
   """Make, diagnose and answer one case; does nothing if its answer is there.
 
   Args:
-    engine: "search" for `diagnose`, "likelihood" for `diagnose_by_likelihood`, "characterise" for `study`; the latter
-      two leave no pool that reference methods could be taken from.
+    engine: "search" for `diagnose`, "characterise" for `study`, which leaves no pool that reference methods could be
+      taken from.
 
   Raises:
     ValueError: there is no such engine.
@@ -78,8 +76,6 @@ def run_case(case: Case, folder: Path, threads: int = 1, engine: str = "search")
     return path
   session = MAKERS[case.car](case.seed, case.effects, case.design, case.noise)
   dataset = DataSet(case.name, session.recordings, session.vehicle, session.vehicle_std)
-  if engine == "likelihood":
-    return _kept(case, document_by_likelihood(diagnose_by_likelihood(dataset, threads=threads)), session.truth, path)
   if engine == "characterise":
     return _kept(
       case, study(dataset, threads=threads).document(), session.truth, path, informed(dataset, case, threads)

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from qcar_twin.plant import SIGNALS
 from qcar_twin.twin.engines import Array, Engine
 from qcar_twin.twin.engines.mujoco_cars import MujocoCars
-from qcar_twin.twin.engines.reduced.cars import ReducedCars
 from qcar_twin.twin.mechanisms.base import CarDimensions, Context
 from qcar_twin.twin.slots import Recorder, Slot
 
@@ -102,57 +101,6 @@ class Simulation:
       signals[:, k + 1] = self._step(logged[k], acting[k], slots, pose[:, k], running)
     signals[:, last + 1 :] = signals[:, last : last + 1]
     return signals
-
-  def run_windows(
-    self, commands: Array, pose: Array, periods: NDArray[np.int64], starts: Array, every: int,
-    leaders: NDArray[np.intp] | None = None,
-  ) -> Array:  # fmt: skip
-    """As `run`, but every few periods the cars are put to given motions; all else they carry goes on.
-
-    Args:
-      starts: motions at the windows' beginnings, (N, K, 7), in the order of MOTION; K * every >= T.
-      every: periods of a window.
-      leaders: cars whose carried states each takes over where a window begins, (N,): all rows have the same mechanisms
-        with hidden states then.
-
-    Returns:
-      signals (N, T + 1, 10); a row between two windows is the end of the earlier one.
-
-    Raises:
-      TypeError: the cars are not reduced ones.
-    """
-    if not isinstance(self.engine, ReducedCars):
-      raise TypeError('windows are for reduced cars; make the twin with engine="reduced"')
-    length, size = len(commands), len(self.signals)
-    signals, scratch = np.empty((size, length + 1, len(SIGNALS))), np.empty((size, every + 1, len(SIGNALS)))
-    acting, slots = self._foreseen(commands * self._scale, int(periods.max()))
-    acts, logged = any(slot.acts for slot in slots), commands * self._scale
-    for window, first in enumerate(range(0, length, every)):
-      self.engine.restart(starts[:, window], self.signals, leaders)
-      if leaders is not None:
-        self._follow(leaders)
-      if first == 0:
-        signals[:, 0] = self.signals
-      last = min(first + every, length)
-      left = np.clip(periods - first, 0, last - first)
-      if acts:
-        for k in range(first, last):
-          running = np.flatnonzero(left > k - first)
-          signals[:, k + 1] = (
-            self._step(logged[k], acting[k], slots, pose[:, k], running) if len(running) else self.signals
-          )
-        continue
-      part = scratch if last - first == every else np.empty((size, last - first + 1, len(SIGNALS)))
-      part[:, 0] = self.signals
-      self.engine.run(acting[first:last], left, part)
-      signals[:, first + 1 : last + 1], self.signals = part[:, 1:], part[:, -1].copy()
-    return signals
-
-  def _follow(self, leaders: NDArray[np.intp]) -> None:
-    """Every car takes over the hidden states of its leader's mechanisms."""
-    self._wheel_angle = self._wheel_angle[leaders]
-    for slot in self._slots:
-      slot.state = {name: value[leaders] for name, value in slot.state.items()}
 
   def _foreseen(self, logged: Array, periods: int) -> tuple[Array, list[Slot]]:
     """Commands (T, N, 2) as the first slots that don't ask how the car moves leave them, and the other slots.

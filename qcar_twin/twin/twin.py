@@ -207,42 +207,6 @@ class Twin:
     """Parameters of every vector, (n, P), in every segment's session, (n * S, P)."""
     return self.sessions.apply(np.repeat(theta, len(segments), axis=0), segments.recording, self.parameters)
 
-  def simulate_windows(
-    self, theta: Array, segments: Segments, starts: Array, every: int, moved: Array | None = None
-  ) -> Array:
-    """Signals of reduced cars that are put to given motions every few periods, before any sensor errs.
-
-    Args:
-      theta: parameter vectors, (n, P).
-      segments: S stretches of T periods.
-      starts: motions in the order of MOTION where windows begin, (S, K, 7).
-      every: periods of a window; K * every >= T.
-      moved: by how much each vector's starts differ from these, (n, 7), which then all carry what the first one carries
-        from window to window; None for starts as given and every car's own carried states.
-
-    Returns:
-      (n, S, T + 1, 10); a row between two windows is the end of the earlier one.
-    """
-    n, size, length = len(theta), len(segments), segments.commands.shape[1]
-    per_turn = n if moved is not None else max(1, _AT_ONCE * self.rows // size)
-    if n > per_turn:
-      turns = range(0, n, per_turn)
-      return np.concatenate([self.simulate_windows(theta[i : i + per_turn], segments, starts, every) for i in turns])
-    tile = lambda a: np.tile(a, (n,) + (1,) * (a.ndim - 1))
-    commands = np.ascontiguousarray(tile(segments.commands).transpose(1, 0, 2))
-    history = None if segments.history is None else tile(segments.history)
-    begun, pose = tile(starts), tile(segments.measured_pose)
-    leaders = None if moved is None else np.tile(np.arange(size), n)
-    if moved is not None:
-      begun += np.repeat(moved, size, axis=0)[:, None]
-    theta, offset, start = self._in_sessions(theta, segments), tile(segments.offset), tile(segments.start)
-    signals, steps = np.empty((n * size, length + 1, len(SIGNALS))), np.tile(segments.steps, n)
-    for rows in self._apart(theta) if moved is None else [slice(None)]:
-      some = lambda a, rows=rows: None if a is None else a[rows]
-      cars = self.begin(theta[rows], start[rows], some(history), offset[rows], commands[0, rows])
-      signals[rows] = cars.run_windows(commands[:, rows], pose[rows], steps[rows], begun[rows], every, leaders)
-    return signals.reshape(n, size, length + 1, len(SIGNALS))
-
   def _apart(self, theta: Array) -> list[Rows]:
     """Cars that are simulated together: on the reduced car, those that must be asked how they move are apart."""
     if self.engine == "mujoco":

@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from agents.control.controllers import entries
-from commands import benchmark_estimation, benchmark_identification, benchmark_likelihood, campaign, tune
+from commands import benchmark_estimation, benchmark_identification, campaign, tune
 from tests import ROOT
 
 ANSWERS = ROOT / "docs" / "answers_1123581.jsonl.xz"  # six cases of a campaign of twelve
@@ -23,15 +23,6 @@ def test_identification_of_two_cars_is_a_row_each(tmp_path, capsys):
   for row in rows(text):
     longitudinal, lateral = (float(cell) for cell in row.split("|")[2:4])
     assert 0.0 < longitudinal < 5.0 and 0.0 < lateral < 10.0
-
-
-def test_likelihood_of_a_session_without_an_effect_is_a_row(tmp_path, capsys):
-  benchmark_likelihood.main(benchmark_likelihood.Config(tmp_path / "page.md", seed=41900, substeps=2, quick=True))
-  text = (tmp_path / "page.md").read_text(encoding="utf-8")
-  (row,) = rows(text)
-  assert text in capsys.readouterr().out
-  seed, chi = row.split("|")[1:3]
-  assert seed.strip() == "41900" and 0.3 < float(chi) < 3.0
 
 
 @pytest.mark.slow

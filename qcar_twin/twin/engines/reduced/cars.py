@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_twin.plant import MOTION, START, signal_index
+from qcar_twin.plant import START
 from qcar_twin.twin.engines import Array, Rows
 from qcar_twin.twin.engines.chassis import BODY, Chassis, Springs
 from qcar_twin.twin.engines.reduced import layout
@@ -164,29 +164,6 @@ class ReducedCars:
     self._state[layout.STATE_ROW["HEIGHT"] :][:4] = -self._sinking
     self._state[:, n:] = self._state[:, n - 1 : n]
     signals[:, :6], signals[:, 6:8], signals[:, 8], signals[:, 9] = start[:, :6], 0.0, motor, s["steering_angle"]
-
-  def restart(self, start: Array, signals: Array, leaders: NDArray[np.intp] | None = None) -> None:
-    """Put the cars to the motions (N, 7) of `MOTION`; slips, suspension, servo, differences go on as they were.
-
-    Args:
-      signals: (N, 10), brought in line.
-      leaders: rows whose other states each car takes over first, (N,); its own by default.
-    """
-    n = self._size
-    if leaders is not None:
-      self._state[:, :n] = self._state[:, leaders]
-    s = {name: start[:, i] for i, name in enumerate(MOTION)}
-    cosine, sine = np.cos(s["pose_yaw"]), np.sin(s["pose_yaw"])
-    moved = {
-      "X": s["pose_x"], "Y": s["pose_y"], "YAW": s["pose_yaw"], "COSINE": cosine, "SINE": sine,
-      "VELOCITY_X": cosine * s["velocity_x"] - sine * s["velocity_y"],
-      "VELOCITY_Y": sine * s["velocity_x"] + cosine * s["velocity_y"],
-      "YAW_RATE": s["yaw_rate"], "MOTOR": s["motor_speed"],
-    }  # fmt: skip
-    for name, value in moved.items():
-      self._state[layout.STATE_ROW[name], :n] = value
-    self._state[:, n:] = self._state[:, n - 1 : n]
-    signals[:, [signal_index(name) for name in MOTION]] = start
 
   def adopt(self, row: int, other: "ReducedCars") -> None:
     self._state[:, row] = other._state[:, 0]

@@ -1,1 +1,0 @@
-"""The likelihood of recordings under a twin with process noise, and a diagnosis that rests on it."""
