@@ -4,16 +4,30 @@ from collections.abc import Sequence
 
 from scipy.stats import binomtest
 
-from calibration.campaign.score import Result, level, named, right_first, truth_ids
+from calibration.campaign.score import (
+  Result,
+  any_channel_surely_worse,
+  any_channel_worse,
+  both_seen,
+  level,
+  named,
+  right_first,
+  right_variables,
+  said_so,
+  truth_ids,
+  worse_than_right_model,
+)
 from qcar_twin import markdown
 
 CONFIDENCE = 0.95
 
 
 def counts(results: Sequence[Result]) -> list[tuple[str, int, int]]:
-  """(what was counted, how often, of how many) of sessions with no effect and with one."""
+  """(what was counted, how often, of how many)."""
   nulls, singles = ([r for r in results if r["case"]["kind"] == kind] for kind in ("null", "single"))
+  pairs, outside = ([r for r in results if r["case"]["kind"] == kind] for kind in ("pair", "outside"))
   seen = [r for r in singles if level(r) != "invisible"]
+  both = lambda r: named(r) >= truth_ids(r)
   wrong = lambda r: bool(r["answer"]["claims"]) and not right_first(r)
   rows = (
     ("sessions without an effect: something claimed", lambda r: bool(r["answer"]["claims"]), nulls),
@@ -25,6 +39,14 @@ def counts(results: Sequence[Result]) -> list[tuple[str, int, int]]:
     ("single effects: a wrong name first", wrong, singles),
     ("single effects: a wrong name claimed, first or not", lambda r: bool(named(r) - truth_ids(r)), singles),
     ("single effects: nothing claimed", lambda r: not r["answer"]["claims"], singles),
+    ("pairs: both named", both, pairs),
+    ("of those of which the right model sees each (20 nats or more)", both, [r for r in pairs if both_seen(r)]),
+    ("pairs: nothing false", lambda r: named(r) <= truth_ids(r), pairs),
+    ("outside the catalogue: said so", said_so, outside),
+    ("the same, and by the right variables", right_variables, outside),
+    ("a hold-out channel worse by more than 1 %", any_channel_worse, results),
+    ("the same, beyond the change's 95 % interval", any_channel_surely_worse, results),
+    ("worse by more than 1 % than before and than the right model's", worse_than_right_model, results),
   )  # fmt: skip
   return [(said, sum(map(test, chosen)), len(chosen)) for said, test, chosen in rows]
 

@@ -20,8 +20,9 @@ def oracle(outcome: Outcome, effects: Sequence[str], holdout: Sequence[Recording
   """The twin with the mechanisms that are really there, as far as the catalogue has them; None where it has none.
 
   Returns:
-    nats: drop of the cost it brings over the recalibrated twin; t, gain: held out; parameters: value and
-    standard deviation; holdout: RMS error per channel in its unit.
+    nats: drop of the cost it brings over the recalibrated twin; lost_without: of that, nats that are lost where one of
+    them is left out; t, gain: held out; parameters: value and standard deviation; holdout: RMS error per channel in
+    its unit.
   """
   known = frozenset(effects) & frozenset(catalogue())
   if not known:
@@ -29,7 +30,7 @@ def oracle(outcome: Outcome, effects: Sequence[str], holdout: Sequence[Recording
   key, left = known - {m.name for m in sensor_error_mechanisms(catalogue().values())}, outcome.diagnosis.pool
   # what is fitted here nobody nominated: it must not join the models that other methods choose from
   pool = dataclasses.replace(left, models=dict(left.models))
-  ensure(pool, [key] if key else [])
+  ensure(pool, [key, *(key - {name} for name in key)] if key else [])
   model = pool.models[key]
   test = compare(model, pool.base, pool.problem.observations)
   names = [p.name for name in known for p in pool.problem.mechanism(name).parameters if p.name in model.free]
@@ -37,6 +38,7 @@ def oracle(outcome: Outcome, effects: Sequence[str], holdout: Sequence[Recording
   fits = compare_twins(outcome.twin, pool.base.theta, model.theta, holdout, pool.floor, outcome.cut)[0]
   return {
     "nats": pool.base.cost - model.cost,
+    "lost_without": {name: pool.models[key - {name}].cost - model.cost for name in sorted(key)},
     "t": test.t,
     "gain": test.gain,
     "parameters": {name: (model.estimate(name)[0], float(std[model.free.index(name)])) for name in names},

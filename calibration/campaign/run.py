@@ -115,8 +115,6 @@ def _answer(outcome: Outcome) -> dict:
   out["rival"] = None if rival is None else {"name": rival[0]} | _figures(rival[1])
   out["weighed"] = figures(found.pool)
   out["trials"] = _trials(found.pool)
-  out["alarms"] = [d.name for d in found.detection.detectors if d.alarm]
-  out["statistics"] = {d.name: d.statistic for d in found.detection.detectors}
   return out
 
 

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from calibration.diagnosis.detect import LEVELS as ALARM
 from calibration.diagnosis.holdout_errors import share_removed
+from calibration.diagnosis.unexplained.leftover import PROPERTIES
+from calibration.proving_ground.effects.base import effect_class
 from qcar_twin import markdown
 from qcar_twin.twin.mechanisms import catalogue
 
@@ -52,7 +53,8 @@ def score(results: Sequence[Result]) -> dict[str, float | int | None]:
     "pairs_at_least_one": _mean([bool(named(r) & truth_ids(r)) for r in by["pair"]]),
     "pairs_nothing_false": _mean([named(r) <= truth_ids(r) for r in by["pair"]]),
     "outside": len(by["outside"]),
-    "outside_unknown": _mean([r["answer"]["verdict"] in ("unexplained", "partly_explained") for r in by["outside"]]),
+    "outside_unknown": _mean(map(said_so, by["outside"])),
+    "outside_right_variables": _mean(map(right_variables, by["outside"])),
     "outside_sure_and_wrong": _mean(
       [any(c["probability"] > 0.8 for c in r["answer"]["claims"]) for r in by["outside"]]
     ),
@@ -72,8 +74,7 @@ def score(results: Sequence[Result]) -> dict[str, float | int | None]:
     "channels_worse": _mean(map(any_channel_worse, [r for r in results if r["answer"]["claims"]])),
     "channels_worse_of_all_cases": _mean(map(any_channel_worse, results)),
     "channels_worse_beyond_chance": _mean(map(any_channel_surely_worse, results)),
-    "nulls_with_an_alarm": _mean(map(alarmed, by["null"])),
-    "visible_effects_with_an_alarm": _mean(map(alarmed, [*visible, *by["pair"], *by["outside"]])),
+    "calibration_error": calibration_error(results),
     "seconds_median": _median([r["answer"]["seconds"] for r in results]),
   }
 
@@ -174,6 +175,12 @@ def reliability(results: Sequence[Result]) -> list[tuple[float, float, int, floa
   return rows
 
 
+def calibration_error(results: Sequence[Result]) -> float | None:
+  """Expected calibration error: |mean stated probability - share right| over the bins, weighted by their claims."""
+  bins = [(count, abs(stated - right)) for *_, count, stated, right in reliability(results) if count]  # type: ignore[operator]
+  return float(np.average([off for _, off in bins], weights=[count for count, _ in bins])) if bins else None
+
+
 def truth_ids(result: Result) -> set[str]:
   return {t["id"] for t in result["truth"]}
 
@@ -219,11 +226,6 @@ def parameters_inside(result: Result) -> list[bool]:
   return [abs(claim[k]["value"] - v) <= 1.645 * claim[k]["std"] for k, v in stated.items() if k in claim and v]
 
 
-def alarmed(result: Result) -> bool:
-  """Whether any of the four detectors is above its level."""
-  return any(result["answer"]["statistics"].get(name, -np.inf) > limit for name, limit in ALARM.items())
-
-
 def level(result: Result) -> str:
   """How hard a case is, by what the right model brings over the recalibrated twin: see LEVELS."""
   nats = (result.get("oracle") or {}).get("nats", 0.0)
@@ -267,6 +269,30 @@ def error_over(result: Result, reference: Mapping[str, float]) -> float:
 def any_channel_worse(result: Result) -> bool:
   """Whether any hold-out channel is worse by more than 1 % after the repair."""
   return any(f["after"] > 1.01 * f["before"] for f in result["answer"]["fit"]["holdout"].values())
+
+
+def worse_than_right_model(result: Result) -> bool:
+  """Whether any hold-out channel is worse by more than 1 % after the repair, and than with the right model."""
+  right = (result.get("oracle") or {}).get("holdout", {})
+  fits = result["answer"]["fit"]["holdout"]
+  return any(f["after"] > 1.01 * max(f["before"], right.get(name, 0.0)) for name, f in fits.items())
+
+
+def both_seen(result: Result) -> bool:
+  """Whether the right model loses the nats of a visible effect by leaving any one of its mechanisms out."""
+  lost = (result.get("oracle") or {}).get("lost_without", {})
+  return bool(lost) and min(lost.values()) >= LEVELS["hard"]
+
+
+def said_so(result: Result) -> bool:
+  """Whether the verdict says that something nameless acts."""
+  return result["answer"]["verdict"] in ("unexplained", "partly_explained")
+
+
+def right_variables(result: Result) -> bool:
+  """Whether the strongest property of a nameless effect is one that its formula is a function of."""
+  properties = {PROPERTIES[f] for t in result["truth"] for f in getattr(effect_class(t["id"]), "carried_by", ())}
+  return bool(properties & set(((result["answer"].get("unknown") or {}).get("properties") or [])[:1]))
 
 
 def any_channel_surely_worse(result: Result) -> bool:

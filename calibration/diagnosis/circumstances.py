@@ -1,4 +1,4 @@
-"""What the car was doing at every measured value: named features that detection and location share.
+"""What the car was doing at every measured value: named features for location and for leftovers.
 
 Features come from the commands and from the recalibrated twin's own motion, not from the
 measurements that are being judged, so that a sensor's error cannot explain itself; only the place
@@ -18,7 +18,7 @@ from qcar_twin.plant import Prediction
 Array = NDArray[np.float64]
 
 RATE_SPAN = 0.2  # s over which the steering rate is taken: the past, so that what follows a step is part of it
-LAGS = (0.0, 0.05, 0.1, 0.2, 0.4)  # s, of the commands that leftover predictability may use
+LAGS = (0.0, 0.05, 0.1, 0.2, 0.4)  # s, of the commands that a black box may use
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,23 +87,6 @@ def circumstances(observations: Observations, prediction: Prediction, strength: 
   if segments.pose is not None and np.isfinite(segments.pose).all():
     features |= {"pose_x": segments.pose[:, :, 0], "pose_y": segments.pose[:, :, 1]}
   return Circumstances({k: np.nan_to_num(v) for k, v in features.items()}, segments.period)
-
-
-def regressors(observations: Observations, prediction: Prediction) -> Array:
-  """What leftover predictability may use, (S, T + 1, F): past u, |u|, u^2 and the state with its products.
-
-  Each is divided by a size usual for a 1:10 car, so that one ridge suits all.
-  """
-  segments = observations.stretches.segments
-  u = np.stack(held_commands(segments.commands), axis=-1) / [2.0, 0.25]
-  past = [lagged(u, int(round(lag / segments.period))) for lag in LAGS]
-  scales = {"velocity_x": 1.0, "yaw_rate": 1.5, "accel_x": 1.5, "accel_y": 1.5}
-  state = np.stack([np.tanh(prediction.channel(n)[0] / (3.0 * s)) * 3.0 for n, s in scales.items()], axis=-1)
-  square = np.einsum("sti,stj->stij", state, state)[..., *np.triu_indices(len(scales))]
-  moving = np.tanh(prediction.channel("velocity_x")[0] / 0.05)[..., None]
-  ones = np.ones((*moving.shape[:2], 1))
-  parts = [ones, moving, *past, np.abs(u), u * np.abs(u), u**2, state, np.abs(state), square]
-  return np.nan_to_num(np.concatenate(parts, axis=-1))
 
 
 def commands_and_state(observations: Observations, prediction: Prediction) -> Array:

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.diagnosis.detect import Detection
 from calibration.diagnosis.holdout_errors import ChannelFit
 from calibration.diagnosis.locate import Location
 from calibration.diagnosis.pool import Pool
@@ -25,7 +24,6 @@ class Diagnosis:
   Attributes:
     dataset: its name.
     decision: verdict and claims.
-    detection: alarms before any physics was named.
     location: where the mismatch shows.
     pool: all models tried, with signatures of the scan.
     validate, holdout: error per channel before and after; "before" is the recalibrated twin.
@@ -38,7 +36,6 @@ class Diagnosis:
 
   dataset: str
   decision: Decision
-  detection: Detection
   location: Location
   pool: Pool
   validate: Mapping[str, ChannelFit]

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
 from calibration.diagnosis.considered import always_free, considered
-from calibration.diagnosis.detect import Detection, detect
 from calibration.diagnosis.experiment import next_experiment
 from calibration.diagnosis.holdout_errors import ChannelFit, compare_twins
 from calibration.diagnosis.locate import Location, locate
@@ -17,7 +16,7 @@ from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.pool import Pool, base_candidate
 from calibration.diagnosis.scan import scan
 from calibration.diagnosis.score import compare_freely
-from calibration.diagnosis.search.conclude import UnexplainedLevels, above_level, apply_alarms, conclude, left_over
+from calibration.diagnosis.search.conclude import UnexplainedLevels, above_level, conclude, left_over
 from calibration.diagnosis.search.decide import Decision, decide
 from calibration.diagnosis.search.structure import Effort, search
 from calibration.diagnosis.search.weighing import Levels
@@ -113,10 +112,9 @@ def diagnose(
   priors = begun.recalibrated.fit.parameters
   tried = [m for m in begun.known if (mechanisms is None or m.name in mechanisms) and not always_free(m, priors)]
   baseline, pool = _searched(begun.recalibrated, tried, effort, clock)
-  clock.start("decision and unknown rivals")
+  clock.start("decision")
   decision, unknowns = _with_unknown(decide(pool, claiming), pool, levels)
-  clock.start("detection and location")
-  detection, decision = _detected(baseline, pool, decision, levels)
+  clock.start("location")
   place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)
   clock.start("hold-out")
   cut = Cut(command_shift=baseline.command_shift, most=LONGEST)
@@ -124,7 +122,6 @@ def diagnose(
   diagnosis = Diagnosis(
     dataset=dataset.name,
     decision=decision,
-    detection=detection,
     location=place,
     pool=pool,
     validate=validate,
@@ -137,21 +134,14 @@ def diagnose(
   return Outcome(diagnosis, twin, pool.base.theta, decision.model.theta, cut)
 
 
-def fit_unknowns(pool: Pool, forces: bool = True) -> dict[str, Candidate]:
-  """The UNKNOWN rivals, fitted with the pool's weights.
-
-  Args:
-    pool: all fitted models.
-    forces: forces, too, which have to be simulated; else errors of the sensors only.
-  """
-  made = []
-  if forces:
-    near = pool.problem.at(pool.base.theta)
-    made = [candidate(near, (force.name,), pool.base, pool.priors) for force in smooth_forces()]
-    for item in made:
-      item.residual = pool.base.residual.copy()
-    refine(near, made, 1)
-    simulate(near.exact, made)
+def fit_unknowns(pool: Pool) -> dict[str, Candidate]:
+  """The UNKNOWN rivals, fitted with the pool's weights: forces, which are simulated, and errors of the sensors."""
+  near = pool.problem.at(pool.base.theta)
+  made = [candidate(near, (force.name,), pool.base, pool.priors) for force in smooth_forces()]
+  for item in made:
+    item.residual = pool.base.residual.copy()
+  refine(near, made, 1)
+  simulate(near.exact, made)
   observations = pool.problem.observations
   prediction = pool.problem.exact.predict(pool.base.theta[None])
   whitening = pool.problem.whiten(np.ones(len(observations)))
@@ -181,22 +171,10 @@ def _searched(
 
 
 def _with_unknown(decision: Decision, pool: Pool, levels: UnexplainedLevels) -> tuple[Decision, dict[str, Candidate]]:
-  """The verdict, and the UNKNOWN rivals behind it.
-
-  Unknown forces are simulated only where the named model leaves more over than recordings without any
-  effect do: elsewhere there is nothing left that they could explain.
-  """
+  """The verdict, and the UNKNOWN rivals that say where what is left could act; none where nothing is."""
   before, after = left_over(decision, pool, levels)
-  unknowns = fit_unknowns(pool, forces=bool(above_level(after, levels)))
+  unknowns = fit_unknowns(pool) if above_level(after, levels) else {}
   return conclude(decision, pool, before, after, unknowns, levels), unknowns
-
-
-def _detected(
-  baseline: RecalibratedTwin, pool: Pool, decision: Decision, levels: UnexplainedLevels
-) -> tuple[Detection, Decision]:
-  """What the detectors say of the recalibrated twin, and the decision that heeds them."""
-  detection = detect(baseline, pool.base, problem=pool.problem)
-  return detection, apply_alarms(decision, detection, levels)
 
 
 def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]) -> Location:

@@ -1,6 +1,8 @@
 """The second half of a diagnosis's page: what to drive next, what could not be seen, and the grounds in numbers."""
 
-from calibration.diagnosis.detect import prior_shifts
+import numpy as np
+
+from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.experiment import NOTHING
 from calibration.diagnosis.outcome import Diagnosis
 from calibration.diagnosis.report import wording
@@ -63,16 +65,6 @@ def unseen(d: Diagnosis) -> Section:
   return Section("What could not be seen", text, [hidden, *([alike] if pairs else [])])
 
 
-def alarms(d: Diagnosis) -> Section:
-  """Signs that name nothing."""
-  rows = [
-    (x.name, round(x.statistic, 3), x.threshold, "alarm" if x.alarm else "quiet", x.sentence)
-    for x in d.detection.detectors
-  ]
-  text = "Four signs that do not depend on any named physics; sessions without hidden effects stay below the levels."
-  return Section("Detectors", text, [Table("", ("detector", "statistic", "level", "state", "meaning"), rows)])
-
-
 def effort(d: Diagnosis) -> Section:
   """Wall time, and what the data set's reader was warned of."""
   rows = [(name, round(s, 1), round(100 * s / d.seconds, 1) if d.seconds else 0.0) for name, s in d.stages.items()]
@@ -82,3 +74,20 @@ def effort(d: Diagnosis) -> Section:
   return Section(
     "Time and warnings", text, [Table("Wall time", ("stage", "seconds", "share [%]"), rows)] if rows else []
   )
+
+
+def prior_shifts(base: Candidate) -> dict[str, float]:
+  """(fitted - prior) / sqrt(prior variance - posterior variance) of parameters with a prior that the data inform.
+
+  The difference counts as half the prior variance at least: the less the data say of a parameter, the farther the
+  twin's own simplifications carry it, and the smaller is the deviation that a true shift would have.
+  """
+  out = {}
+  for i, parameter in enumerate(base.free):
+    if parameter.std is None or parameter.null is not None:  # a sensor's bias was never measured
+      continue
+    left = parameter.std**2 - base.std[i] ** 2
+    if left > 0.05 * parameter.std**2:
+      spread = np.sqrt(max(left, 0.5 * parameter.std**2))
+      out[parameter.name] = float((base.values[i] - parameter.nominal) / spread)
+  return out

@@ -14,7 +14,7 @@ from calibration.diagnosis.report.curves import curve_chart
 from calibration.diagnosis.report.demonstration import NOTHING_SHOWN, Demonstration, demonstrate
 from calibration.diagnosis.report.document import REPORT, unknown_variables, write_document
 from calibration.diagnosis.report.further import NOTHING_FURTHER, Further
-from calibration.diagnosis.report.grounds import alarms, drive_next, effort, priors, unseen
+from calibration.diagnosis.report.grounds import drive_next, effort, priors, unseen
 from calibration.diagnosis.search.claims import Claim
 from calibration.diagnosis.unexplained.leftover import PROPERTIES
 from calibration.fitting.observations import CHANNELS
@@ -106,7 +106,7 @@ def facts(d: Diagnosis) -> list[tuple[str, str]]:
 def report_sections(d: Diagnosis, shown: Demonstration = NOTHING_SHOWN) -> list[Section]:
   """All sections in reading order."""
   return [
-    _where(d, shown), _what(d), _model(d, shown), _errors(d), drive_next(d), unseen(d), priors(d), alarms(d), effort(d)
+    _where(d, shown), _what(d), _model(d, shown), _errors(d), drive_next(d), unseen(d), priors(d), effort(d)
   ]  # fmt: skip
 
 

@@ -83,14 +83,13 @@ def verdict_sentence(decision: Decision, mechanisms: Mapping[str, Mechanism], re
     about = f" The error behaves like {unknown_words(decision.unknown[0])}." if decision.unknown else ""
     if decision.leftovers:
       about = f" {leftover_sentence(decision.leftovers[0])}"
-    about = f" {decision.alarm}" if decision.alarm else about
+    about = f" {decision.undecided}" if decision.undecided else about
     close = f" The nearest named effect, {named[0].mechanism}, does not reach it." if named else ""
     return f"The twin is wrong in a way that none of the known mechanisms explains.{about}{close}"
   told = "; ".join(claim_sentence(c, mechanisms[c.mechanism]) + doubts(c) for c in named)
   partly = " This explains only part of the mismatch." if decision.verdict == "partly_explained" else ""
   if partly and decision.leftovers:
     partly += f" {leftover_sentence(decision.leftovers[0])}"
-  partly += f" {decision.alarm}" if partly and decision.alarm else ""
   return f"{told}.{partly}{gain}"
 
 

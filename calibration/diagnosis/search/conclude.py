@@ -1,7 +1,7 @@
-"""The verdict: names against what they leave over and against rivals without a name.
+"""The verdict: names against what they leave over.
 
 A right name leaves what recordings without any effect leave, a wrong one does not. So the verdict looks at the
-structure in the residuals of the model behind the claims, and at UNKNOWN rivals set against the same recalibrated twin.
+structure in the residuals of the model behind the claims; rivals without a name only say where it could come from.
 """
 
 import dataclasses
@@ -10,15 +10,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
-from calibration.diagnosis.detect import Detection
 from calibration.diagnosis.pool import Pool
-from calibration.diagnosis.score import Comparison, compare, compare_freely
+from calibration.diagnosis.score import Comparison, compare_freely
 from calibration.diagnosis.search.decide import Decision
 from calibration.diagnosis.unexplained.leftover import Leftover, leftovers
-from calibration.diagnosis.unexplained.residual_magnitude import worst_relative_error
-
-# what a verdict becomes where the model behind it misses more of the motion than it should
-DOUBTED = {"explained": "partly_explained", "no_mismatch": "unexplained"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,13 +28,6 @@ class UnexplainedLevels:
       simplifications become visible.
     share: part of the recalibrated twin's own leftover (in units of its level) that may remain beside a right name:
       a formula right in kind is not right in every detail.
-    factor: by which an UNKNOWN rival must beat the named model where nothing is left over.
-    least: nats it must be ahead.
-    explains: share of the held-out sum of squares it must explain.
-    t: and its lead over its standard error.
-    loud: by which a detector must exceed its level to say so without a name or a leftover.
-    heard: detectors that may. The exponent of the pose error tells too little, and drift is measured against the
-      noise: where sensors are quiet, a parameter that differs by a per cent is far above it.
   """
 
   levels: Mapping[str, float] = dataclasses.field(
@@ -50,12 +38,6 @@ class UnexplainedLevels:
   usual: int = 30
   material: float = 0.02
   share: float = 0.35
-  factor: float = 1.25
-  least: float = 40.0
-  explains: float = 0.2
-  t: float = 3.0
-  loud: float = 1.25
-  heard: tuple[str, ...] = ("predictability", "priors")
 
   def strength(self, item: Leftover) -> float:
     """A leftover in units of its family's level, which is higher where fewer blocks leave more to chance."""
@@ -99,30 +81,14 @@ def conclude(
     unknowns: UNKNOWN rivals, set against the recalibrated twin.
     levels: what it takes to say that something nameless is there.
   """
-  rest, unknown = above_level(after, levels), best_unknown(pool, unknowns)
+  rest = above_level(after, levels)
   remains = bool(rest) and _share_left(before, rest, levels) > levels.share
-  beaten = _beaten(decision, pool, unknown, unknowns, levels)
   claims, verdict = decision.claims, decision.verdict
-  if beaten or (remains and not claims):
-    verdict = "unexplained"
-  elif remains:
-    verdict = "partly_explained"
-  missed = worst_relative_error(decision.model, pool)
-  far_off = missed is not None and missed.strength > 1.0
-  if far_off:
-    verdict = DOUBTED.get(verdict, verdict)
-  if verdict != decision.verdict:
+  if remains:
+    verdict = "partly_explained" if claims else "unexplained"
     claims = tuple(dataclasses.replace(c, probability=0.5 * c.probability, certain=False) for c in claims)
-  alarm = missed.sentence if missed is not None and far_off else decision.alarm
-  return dataclasses.replace(decision, verdict=verdict, claims=claims, unknown=unknown, leftovers=rest, alarm=alarm)
-
-
-def apply_alarms(decision: Decision, detection: Detection, levels: UnexplainedLevels = UnexplainedLevels()) -> Decision:
-  """The decision, `unexplained` where nothing was found but a detector is far above its level."""
-  loudest = max((detection[name] for name in levels.heard), key=lambda d: d.statistic / d.threshold)
-  if decision.verdict != "no_mismatch" or loudest.statistic <= levels.loud * loudest.threshold:
-    return decision
-  return dataclasses.replace(decision, verdict="unexplained", alarm=loudest.sentence)
+  unknown = best_unknown(pool, unknowns)
+  return dataclasses.replace(decision, verdict=verdict, claims=claims, unknown=unknown, leftovers=rest)
 
 
 def best_unknown(pool: Pool, unknowns: Mapping[str, Candidate]) -> tuple[str, Comparison] | None:
@@ -134,19 +100,3 @@ def best_unknown(pool: Pool, unknowns: Mapping[str, Candidate]) -> tuple[str, Co
 def _share_left(before: Sequence[Leftover], rest: Sequence[Leftover], levels: UnexplainedLevels) -> float:
   strongest = max((levels.strength(i) for i in before), default=0.0)
   return levels.strength(rest[0]) / max(strongest, levels.strength(rest[0]))
-
-
-def _beaten(
-  decision: Decision,
-  pool: Pool,
-  unknown: tuple[str, Comparison] | None,
-  unknowns: Mapping[str, Candidate],
-  levels: UnexplainedLevels,
-) -> bool:
-  """Whether a nameless rival explains clearly more than the names do."""
-  if unknown is None or unknown[1].t <= levels.t or unknown[1].relative <= levels.explains:
-    return False
-  observations, named = pool.problem.observations, decision.model
-  known = compare(named, pool.base, observations).gain if named.mechanisms else 0.0
-  ahead = compare_freely(unknowns[unknown[0]], named, observations)
-  return unknown[1].gain > levels.factor * known + levels.least and ahead.t > levels.t

@@ -33,7 +33,7 @@ class Decision:
     ranking: every mechanism tried with its evidence, best first.
     leftovers: structure the model behind the claims leaves beyond what recordings without effects show, strongest
       first.
-    alarm: what the loudest detector says where nothing else does, or what the model still misses; "" otherwise.
+    undecided: what to say where something acts and several alike names share its probability; "" otherwise.
   """
 
   verdict: str
@@ -43,7 +43,7 @@ class Decision:
   unknown: tuple[str, Comparison] | None
   ranking: tuple[tuple[str, float], ...]
   leftovers: tuple[Leftover, ...] = ()
-  alarm: str = ""
+  undecided: str = ""
 
 
 def decide(pool: Pool, levels: Levels | None = None) -> Decision:
@@ -58,10 +58,10 @@ def decide(pool: Pool, levels: Levels | None = None) -> Decision:
   for size in range(1, LARGEST + 1):
     best, names = _likeliest(pool, size, best, levels) or (best, names)
   claims = sorted([*bias_claims(pool, best, levels), *names], key=lambda c: -c.evidence_nats)
-  alarm = "" if claims else _undecided(pool, levels)
-  verdict = "explained" if claims else "unexplained" if alarm else "no_mismatch"
+  undecided = "" if claims else _undecided(pool, levels)
+  verdict = "explained" if claims else "unexplained" if undecided else "no_mismatch"
   possible, ranking = _possible(pool, claims, levels), _ranking(pool, claims)
-  return Decision(verdict, tuple(claims), possible, best, None, ranking, alarm=alarm)
+  return Decision(verdict, tuple(claims), possible, best, None, ranking, undecided=undecided)
 
 
 def foremost(pool: Pool, size: int) -> list[Candidate]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from ..sensing import Log
@@ -10,15 +12,18 @@ from .base import Effect, towards
 
 
 class Outside(Effect):
-  """Base of the effects outside the catalogue."""
+  """Base of the effects outside the catalogue; `carried_by`: what its formula is a function of, one or more of
+  motion, commands, heading, place, history, rhythm, bursts."""
 
   catalogue = False
+  carried_by: ClassVar[tuple[str, ...]]
 
 
 class YawDrag(Outside):
   """Turning the car drags on the drive: F = -c abs(yaw rate) tanh(v / 0.05)."""
 
   id, subsystem, parameter, typical, unit = "yaw_drag", "drive", "drag_per_yaw_rate", 1.2, "N s/rad"
+  carried_by = ("motion",)
 
   def load(self, sim: Simulation) -> None:
     s, c = sim.dynamics.stage, self.columns
@@ -29,6 +34,7 @@ class GyroMagnet(Outside):
   """Steel under the floor bends the gyro's reading near one place."""
 
   id, subsystem, parameter, typical, unit, signed = "gyro_magnet", "sensor", "disturbance", 0.12, "rad/s", True
+  carried_by = ("place",)
 
   def choose(self, rng: np.random.Generator) -> None:
     self.centre = rng.uniform(-0.8, 0.8, 2)
@@ -46,6 +52,7 @@ class TorqueSteer(Outside):
   """Drive torque pulls the wheels aside through a linkage that rubs: play in current, then an angle."""
 
   id, subsystem, parameter, typical, unit, signed = "torque_steer", "steering", "angle_per_current", 6e-3, "rad/A", True
+  carried_by = ("commands", "motion")
 
   def begin(self, sim: Simulation) -> None:
     self.memory = np.zeros(sim.n)[self.columns]
@@ -60,6 +67,7 @@ class SteeringShimmy(Outside):
   """The steered wheels swing at 4.2 Hz, more and more with speed."""
 
   id, subsystem, parameter, typical, unit = "steering_shimmy", "steering", "swing_at_1.5m/s", 0.015, "rad"
+  carried_by = ("rhythm",)
 
   def link(self, sim: Simulation) -> None:
     v = sim.dynamics.state.vx[self.columns]
@@ -70,6 +78,7 @@ class TyreTemperature(Outside):
   """Tyres that warm by sliding lose grip and forget it over eight seconds."""
 
   id, subsystem, parameter, typical, unit = "tyre_temperature", "tyre", "grip_lost_at_1W", 0.8, "-"
+  carried_by = ("history",)
 
   def begin(self, sim: Simulation) -> None:
     self.warmth = np.zeros((4, sim.n))[:, self.columns]
@@ -85,6 +94,7 @@ class SideWind(Outside):
   """A fan across the room: force with the square of the relative air speed, in the world frame."""
 
   id, subsystem, parameter, typical, unit = "side_wind", "body", "force_at_rest", 0.6, "N"
+  carried_by = ("heading",)
   WIND = 3.0  # m/s
 
   def choose(self, rng: np.random.Generator) -> None:
@@ -109,6 +119,7 @@ class WheelImbalance(Outside):
   """A wheel out of balance shakes the car once a turn, with the square of its speed."""
 
   id, subsystem, parameter, typical, unit = "wheel_imbalance", "drive", "imbalance", 5e-4, "kg m"
+  carried_by = ("rhythm",)
 
   def load(self, sim: Simulation) -> None:
     s, c, wrench = sim.dynamics.stage, self.columns, sim.dynamics.wrench
@@ -122,6 +133,7 @@ class AccelSaturation(Outside):
   """The accelerometer flattens out: a / (1 + (a / a_0)^2)^(1/2), 1 / a_0 being the parameter."""
 
   id, subsystem, parameter, typical, unit = "accel_saturation", "sensor", "inverse_ceiling", 0.25, "s^2/m"
+  carried_by = ("motion",)
 
   def sense(self, log: Log) -> None:
     for name in ("accel_x", "accel_y"):
@@ -133,6 +145,7 @@ class RadioDropout(Outside):
   """The radio loses words: now and then both commands stay put for 0.15 to 0.3 s; parameter: mean losses per second."""
 
   id, subsystem, parameter, typical, unit = "radio_dropout", "command", "losses_per_second", 0.4, "1/s"
+  carried_by = ("bursts",)
 
   def begin(self, sim: Simulation) -> None:
     self.kept = sim.command[:, self.columns].copy()
@@ -152,6 +165,7 @@ class CarpetPile(Outside):
   """A carpet's pile: drag that changes with twice the heading."""
 
   id, subsystem, parameter, typical, unit = "carpet_pile", "ground", "drag", 0.8, "N"
+  carried_by = ("heading",)
 
   def choose(self, rng: np.random.Generator) -> None:
     self.grain = rng.uniform(0, np.pi)

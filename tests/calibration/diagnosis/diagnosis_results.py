@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from calibration.diagnosis.detect import detect
 from calibration.diagnosis.holdout_errors import ChannelFit
 from calibration.diagnosis.locate import locate
 from calibration.diagnosis.outcome import Diagnosis
@@ -15,7 +14,6 @@ from calibration.diagnosis.search.decide import Decision
 from calibration.diagnosis.unexplained.leftover import leftovers
 from calibration.diagnosis.unexplained.unknown import unknown_sensors
 from qcar_twin.twin.mechanisms import catalogue
-from tests.calibration.diagnosis import diagnosis_rig as rig
 
 HELD: Comparison = SimpleNamespace(gain=120.0, total=120.0, t=5.0, share_positive=0.9)  # type: ignore[assignment]
 
@@ -50,7 +48,6 @@ def diagnosis_of(pool, claimed=(), verdict="explained", unknown=None, **changes)
   values = {
     "dataset": "linear car",
     "decision": decision,
-    "detection": detect(rig.baseline_of(pool.problem, pool.base), pool.base),
     "location": locate(pool, model, {"unknown_steering": 80.0, "unknown_force_y": 20.0}),
     "pool": pool,
     "validate": fits,

@@ -25,7 +25,7 @@ from tests.calibration.diagnosis.diagnosis_results import decision_of, diagnosis
 
 SECTIONS = (
   "Where", "What", "The model", "Before and after", "What to drive next", "What could not be seen",
-  "Parameters against their measurements", "Detectors", "Time and warnings",
+  "Parameters against their measurements", "Time and warnings",
 )  # fmt: skip
 
 
@@ -89,7 +89,7 @@ def test_no_mismatch_still_says_where_the_largest_residual_is(nothing, tmp_path)
   assert "No mechanism is claimed" in sections[1].text
   assert "nothing is added" in sections[2].text
   assert "No recordings were kept aside" in sections[3].text
-  assert "a gap in run_1" in sections[8].text
+  assert "a gap in run_1" in sections[7].text
   assert "no missing physics" in verdict(nothing)
   assert write_report(tmp_path, nothing).exists()
 

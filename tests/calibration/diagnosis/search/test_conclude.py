@@ -6,11 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.diagnosis.detect import Detection, Detector
 from calibration.diagnosis.pool import Pool
-from calibration.diagnosis.report.wording import verdict_sentence
 from calibration.diagnosis.search.claims import _beyond_usual, bias_claims, claim
-from calibration.diagnosis.search.conclude import UnexplainedLevels, above_level, apply_alarms, conclude, left_over
+from calibration.diagnosis.search.conclude import UnexplainedLevels, above_level, conclude, left_over
 from calibration.diagnosis.search.decide import decide
 from calibration.diagnosis.search.weighing import stretched, usual_levels
 from calibration.diagnosis.unexplained.leftover import Leftover
@@ -118,39 +116,6 @@ def test_a_small_effect_in_other_channels_is_named_beside_a_strong_one():
   alone = pool.models[frozenset(["quadratic_drag"])]
   assert alone.cost - pool.models[both].cost < 0.2 * (pool.base.cost - alone.cost)
   assert {c.mechanism for c in decide(pool).claims} == both
-
-
-def test_a_loud_detector_without_a_name_is_unexplained(clean_pool):
-  def detection(**statistics):
-    levels = {"predictability": 0.2, "drift": 5.0, "priors": 8.0, "horizons": 1.0}
-    return Detection(
-      tuple(Detector(n, statistics.get(n, 0.0), level, False, f"{n} speaks.") for n, level in levels.items())
-    )
-
-  silent = concluded(clean_pool, decide(clean_pool))
-  assert apply_alarms(silent, detection(priors=8.5, drift=99.0, horizons=9.0)) == silent
-  loud = apply_alarms(silent, detection(predictability=0.3, priors=16.0))
-  assert loud.verdict == "unexplained" and loud.alarm == "priors speaks." and loud.claims == ()
-  assert "priors speaks." in verdict_sentence(loud, {})
-  named = dataclasses.replace(silent, verdict="explained")
-  assert apply_alarms(named, detection(priors=99.0)) == named
-
-
-@pytest.mark.parametrize("pool, before, after", [("offset_pool", "explained", "partly_explained"),
-                                                ("clean_pool", "no_mismatch", "unexplained")])  # fmt: skip
-def test_a_model_that_still_misses_much_of_the_motion_explains_part_of_it_at_most(pool, before, after, request):
-  """A turn rate that is off at random, far beyond the noise: no structure, no name, and yet no good twin."""
-  pool = request.getfixturevalue(pool)
-  decision = decide(pool)
-  assert concluded(pool, decision).verdict == before
-  model, observations = decision.model, pool.problem.observations
-  rows, error = observations.select("yaw_rate"), np.zeros(len(observations))
-  error[rows] = 0.4 * np.random.default_rng(1).standard_normal(rows.sum())  # rad/s
-  off = dataclasses.replace(model, residual=model.residual + pool.problem.whiten(error))
-  doubted = concluded(pool, dataclasses.replace(decision, model=off))
-  assert doubted.verdict == after and "yaw_rate" in doubted.alarm
-  assert [c.probability for c in doubted.claims] == [0.5 * c.probability for c in decision.claims]
-  assert doubted.alarm in verdict_sentence(doubted, {m.name: m for m in pool.problem.twin.mechanisms})
 
 
 def test_a_bias_is_claimed_beyond_what_every_sensor_has(monkeypatch):

@@ -60,9 +60,9 @@ def test_what_acts_under_names_too_many_to_claim_is_unexplained(offset_pool):
   needed = dataclasses.replace(usual_levels(), claim=0.7)
   decision = decide(pool, needed)
   assert decision.verdict == "unexplained" and decision.claims == ()
-  assert "steering_offset" in decision.alarm and "side_force" in decision.alarm
+  assert "steering_offset" in decision.undecided and "side_force" in decision.undecided
   assert concluded(pool, decision).verdict == "unexplained"
-  assert decide(pool, dataclasses.replace(needed, claim=0.999)).alarm == ""
+  assert decide(pool, dataclasses.replace(needed, claim=0.999)).undecided == ""
 
 
 def test_a_name_goes_first_that_is_likelier_and_not_the_one_that_fits_best(offset_pool):
