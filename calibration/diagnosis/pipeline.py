@@ -16,10 +16,10 @@ from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.pool import Pool, base_candidate
 from calibration.diagnosis.scan import scan
 from calibration.diagnosis.score import compare_freely
-from calibration.diagnosis.search.conclude import UnexplainedLevels, above_level, conclude, left_over
+from calibration.diagnosis.search.conclude import above_level, conclude, left_over
 from calibration.diagnosis.search.decide import Decision, decide
 from calibration.diagnosis.search.structure import Effort, search
-from calibration.diagnosis.search.weighing import Levels
+from calibration.diagnosis.search.weighing import Levels, usual_levels
 from calibration.diagnosis.unexplained.unknown import smooth_forces, unknown_sensors
 from calibration.fitting.dataset_recalibration import LONGEST, Start, recalibrate_dataset
 from calibration.fitting.recalibration import RecalibratedTwin, recalibrate_from
@@ -80,8 +80,7 @@ def diagnose(
   mechanisms: Sequence[str] | None = None,
   start: Start | None = None,
   effort: Effort = Effort(),
-  claiming: Levels | None = None,
-  levels: UnexplainedLevels = UnexplainedLevels(),
+  levels: Levels | None = None,
   substeps: int = 2,
   threads: int = 0,
   progress: Progress = silent,
@@ -96,8 +95,7 @@ def diagnose(
     mechanisms: ids to consider; the whole catalogue by default.
     start: a twin to go on from, with its parameters: they are the first guess, and its mechanisms are in every model.
     effort: how wide to search.
-    claiming: what a claim needs; the levels of search/levels.toml by default.
-    levels: what it takes to say that something nameless is there.
+    levels: what decides; those of search/levels.toml by default.
     substeps: simulation steps per control period of 10 ms.
     threads: of the simulation, 0 for all cores.
     progress: told the stage and how much of it is done.
@@ -108,12 +106,13 @@ def diagnose(
   clock = _Clock(progress)
   clock.start("recalibration")
   begun = prepared or prepare(dataset, mechanisms, start, substeps, threads, plant=plant)
+  levels = levels or usual_levels()
   dataset, twin = begun.dataset, exact(begun.recalibrated.problem.twin)
   priors = begun.recalibrated.fit.parameters
   tried = [m for m in begun.known if (mechanisms is None or m.name in mechanisms) and not always_free(m, priors)]
   baseline, pool = _searched(begun.recalibrated, tried, effort, clock)
   clock.start("decision")
-  decision, unknowns = _with_unknown(decide(pool, claiming), pool, levels)
+  decision, unknowns = _with_unknown(decide(pool, levels), pool, levels)
   clock.start("location")
   place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)
   clock.start("hold-out")
@@ -170,7 +169,7 @@ def _searched(
     baseline = recalibrate_from(baseline, pool.base.theta)
 
 
-def _with_unknown(decision: Decision, pool: Pool, levels: UnexplainedLevels) -> tuple[Decision, dict[str, Candidate]]:
+def _with_unknown(decision: Decision, pool: Pool, levels: Levels) -> tuple[Decision, dict[str, Candidate]]:
   """The verdict, and the UNKNOWN rivals that say where what is left could act; none where nothing is."""
   before, after = left_over(decision, pool, levels)
   unknowns = fit_unknowns(pool) if above_level(after, levels) else {}

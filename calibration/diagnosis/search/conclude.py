@@ -7,51 +7,39 @@ structure in the residuals of the model behind the claims; rivals without a name
 import dataclasses
 from collections.abc import Mapping, Sequence
 
-import numpy as np
+from scipy.stats import gamma
+from scipy.stats import t as student
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.score import Comparison, compare_freely
 from calibration.diagnosis.search.decide import Decision
+from calibration.diagnosis.search.weighing import Levels
 from calibration.diagnosis.unexplained.leftover import Leftover, leftovers
 
 
-@dataclasses.dataclass(frozen=True)
-class UnexplainedLevels:
-  """What it takes to say that something nameless is there; set by hand.
+def strength(item: Leftover, levels: Levels) -> float:
+  """A leftover's power in units of what it takes to be one; below 1 it is none.
 
-  Attributes:
-    levels: held-out nats per block (per stretch for a rhythm; odds for bursts) of each family that recordings without
-      effects stay below.
-    usual: blocks or stretches the levels hold for.
-    material: share of a channel's spread that a structure must make up: with quiet sensors the twin's own
-      simplifications become visible.
-    share: part of the recalibrated twin's own leftover (in units of its level) that may remain beside a right name:
-      a formula right in kind is not right in every detail.
+  Of smooth structure the square of its share of the channel's spread, where noise would hardly make it; of a line its
+  excess over what one in a smooth spectrum has by chance: the mean of n unit exponentials, less one; of bursts odds.
   """
-
-  levels: Mapping[str, float] = dataclasses.field(
-    default_factory=lambda: {
-      "motion": 2.0, "commands": 1.5, "heading": 1.0, "place": 1.0, "history": 1.6, "rhythm": 1.6, "bursts": 2.3,
-    }
-  )  # fmt: skip
-  usual: int = 30
-  material: float = 0.02
-  share: float = 0.35
-
-  def strength(self, item: Leftover) -> float:
-    """A leftover in units of its family's level, which is higher where fewer blocks leave more to chance."""
-    chance = np.sqrt(max(self.usual / item.count, 1.0)) if item.count else 1.0
-    return float(item.nats / (self.levels[item.family] * chance))
+  if item.count == 0:
+    return 0.0
+  if item.comparison is not None:
+    by_chance = float(student.sf(item.comparison.t, max(len(item.comparison.blocks) - 1, 1)))
+    return (item.size / levels.material) ** 2 if by_chance < levels.chance else 0.0
+  if item.line is not None:
+    return item.nats / (float(gamma.isf(levels.rhythm, item.count)) / item.count - 1.0)
+  return item.nats / levels.bursts if item.size >= levels.material else 0.0
 
 
-def above_level(found: Sequence[Leftover], levels: UnexplainedLevels) -> tuple[Leftover, ...]:
-  """Leftovers beyond their level and of a size that matters, strongest first."""
-  seen = (i for i in found if levels.strength(i) >= 1.0 and not i.size < levels.material)
-  return tuple(sorted(seen, key=lambda i: -levels.strength(i)))
+def above_level(found: Sequence[Leftover], levels: Levels) -> tuple[Leftover, ...]:
+  """Leftovers that are some, strongest first."""
+  return tuple(sorted((i for i in found if strength(i, levels) >= 1.0), key=lambda i: -strength(i, levels)))
 
 
-def left_over(decision: Decision, pool: Pool, levels: UnexplainedLevels) -> tuple[list[Leftover], list[Leftover]]:
+def left_over(decision: Decision, pool: Pool, levels: Levels) -> tuple[list[Leftover], list[Leftover]]:
   """Structure in the residuals of the recalibrated twin, and of the model behind the claims.
 
   Without a claim, what a mechanism explains that is there but too small to matter is no riddle, either: the second
@@ -70,7 +58,7 @@ def conclude(
   before: Sequence[Leftover],
   after: Sequence[Leftover],
   unknowns: Mapping[str, Candidate],
-  levels: UnexplainedLevels = UnexplainedLevels(),
+  levels: Levels,
 ) -> Decision:
   """The decision with its verdict.
 
@@ -79,14 +67,14 @@ def conclude(
     pool: all fitted models.
     before, after: what the recalibrated twin and the model behind the claims leave over.
     unknowns: UNKNOWN rivals, set against the recalibrated twin.
-    levels: what it takes to say that something nameless is there.
+    levels: what it takes to say that something nameless is there, and how much that makes names doubtful.
   """
   rest = above_level(after, levels)
-  remains = bool(rest) and _share_left(before, rest, levels) > levels.share
+  remains = bool(rest) and _share_left(before, rest, levels) > levels.remains
   claims, verdict = decision.claims, decision.verdict
   if remains:
     verdict = "partly_explained" if claims else "unexplained"
-    claims = tuple(dataclasses.replace(c, probability=0.5 * c.probability, certain=False) for c in claims)
+    claims = tuple(dataclasses.replace(c, probability=levels.doubt * c.probability, certain=False) for c in claims)
   unknown = best_unknown(pool, unknowns)
   return dataclasses.replace(decision, verdict=verdict, claims=claims, unknown=unknown, leftovers=rest)
 
@@ -97,6 +85,6 @@ def best_unknown(pool: Pool, unknowns: Mapping[str, Candidate]) -> tuple[str, Co
   return max(scored.items(), key=lambda kv: kv[1].gain, default=None)
 
 
-def _share_left(before: Sequence[Leftover], rest: Sequence[Leftover], levels: UnexplainedLevels) -> float:
-  strongest = max((levels.strength(i) for i in before), default=0.0)
-  return levels.strength(rest[0]) / max(strongest, levels.strength(rest[0]))
+def _share_left(before: Sequence[Leftover], rest: Sequence[Leftover], levels: Levels) -> float:
+  strongest = max((strength(i, levels) for i in before), default=0.0)
+  return strength(rest[0], levels) / max(strongest, strength(rest[0], levels))

@@ -22,7 +22,7 @@ FILE = Path(__file__).with_name("levels.toml")
 
 @dataclasses.dataclass(frozen=True)
 class Levels:
-  """The numbers that decide what is claimed.
+  """The numbers that decide what is claimed, and whether something is left.
 
   Attributes:
     constant, t, size, margin: weights of the logistic.
@@ -33,6 +33,14 @@ class Levels:
     bias: share of the typical size from which the bias of a sensor is one.
     equivalent: held-out t of a claim over a rival below which the two can't be told apart.
     form: standard deviation of a claimed size for the formula's own error, as a share of it.
+    chance: probability under noise from which on smooth structure of a channel is none.
+    material: share of a channel's spread from which on it matters: with quiet sensors the twin's own simplifications
+      become visible.
+    rhythm: probability under a smooth spectrum from which on a line is none.
+    bursts: odds that an error falls into the few strongest moments from which on they are bursts.
+    remains: part of the recalibrated twin's own leftover that may remain beside a right name: a formula right in kind
+      is not right in every detail.
+    doubt: what a probability is multiplied by where more remains.
   """
 
   constant: float
@@ -46,6 +54,12 @@ class Levels:
   bias: float
   equivalent: float
   form: float
+  chance: float
+  material: float
+  rhythm: float
+  bursts: float
+  remains: float
+  doubt: float
 
   def figures(self, t: float, size: float, margin: float) -> tuple[float, float, float]:
     """What the weights t, size and margin multiply."""

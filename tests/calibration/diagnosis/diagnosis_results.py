@@ -9,8 +9,9 @@ from calibration.diagnosis.locate import locate
 from calibration.diagnosis.outcome import Diagnosis
 from calibration.diagnosis.score import Comparison
 from calibration.diagnosis.search.claims import Claim
-from calibration.diagnosis.search.conclude import UnexplainedLevels, conclude
+from calibration.diagnosis.search.conclude import conclude
 from calibration.diagnosis.search.decide import Decision
+from calibration.diagnosis.search.weighing import usual_levels
 from calibration.diagnosis.unexplained.leftover import leftovers
 from calibration.diagnosis.unexplained.unknown import unknown_sensors
 from qcar_twin.twin.mechanisms import catalogue
@@ -66,6 +67,4 @@ def concluded(pool, decision, levels=None):
   problem = pool.problem
   whitening = problem.whiten(np.ones(len(problem.observations)))
   rivals = unknown_sensors(pool.base, problem.observations, problem.predict(pool.base.theta[None]), whitening)
-  return conclude(
-    decision, pool, over(pool, pool.base), over(pool, decision.model), rivals, levels or UnexplainedLevels()
-  )
+  return conclude(decision, pool, over(pool, pool.base), over(pool, decision.model), rivals, levels or usual_levels())

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.pool import Pool
+from calibration.diagnosis.score import Comparison
 from calibration.diagnosis.search.claims import _beyond_usual, bias_claims, claim
-from calibration.diagnosis.search.conclude import UnexplainedLevels, above_level, conclude, left_over
+from calibration.diagnosis.search.conclude import above_level, conclude, left_over, strength
 from calibration.diagnosis.search.decide import decide
 from calibration.diagnosis.search.weighing import stretched, usual_levels
 from calibration.diagnosis.unexplained.leftover import Leftover
+from calibration.diagnosis.unexplained.rhythm import Line
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.twin.mechanisms import catalogue
 from qcar_twin.twin.mechanisms.base import SensorError
@@ -43,20 +45,39 @@ def test_without_the_right_name_the_mismatch_is_unexplained(offset_pool):
   assert decision.leftovers[0].channel in ("accel_y", "yaw_rate")
 
 
+def smooth(size, t=4.0, blocks=36):
+  """Structure of a channel that is a function of the motion, of a share of its spread."""
+  test = Comparison(gain=40.0, t=t, share_positive=0.8, blocks=np.ones(blocks), before=900.0)
+  return Leftover("accel_y", "motion", ("speed",), 2.0, test, count=blocks, size=size)
+
+
 def test_a_name_that_leaves_much_over_is_doubted(offset_pool):
-  right = decide(offset_pool)
-  left = Leftover("accel_y", "motion", ("speed",), 10.0)
-  decision = conclude(right, offset_pool, [left], [dataclasses.replace(left, nats=6.0)], {})
+  right, levels = decide(offset_pool), usual_levels()
+  most = smooth(8.0 * levels.material)
+  left = lambda part: conclude(right, offset_pool, [most], [smooth(np.sqrt(part) * most.size)], {}, levels)
+  decision = left(1.1 * levels.remains)
   assert decision.verdict == "partly_explained"
-  assert decision.claims[0].probability == pytest.approx(0.5 * right.claims[0].probability)
-  assert conclude(right, offset_pool, [left], [dataclasses.replace(left, nats=2.5)], {}).verdict == "explained"
+  assert decision.claims[0].probability == pytest.approx(levels.doubt * right.claims[0].probability)
+  assert left(0.9 * levels.remains).verdict == "explained"
 
 
-def test_only_what_lies_above_its_level_is_notable():
-  levels = UnexplainedLevels()
-  items = [Leftover("accel_y", family, (), share * levels.levels[family])
-           for family, share in (("motion", 1.2), ("heading", 3.0), ("rhythm", 0.9))]  # fmt: skip
-  assert [i.family for i in above_level(items, levels)] == ["heading", "motion"]
+def test_smooth_structure_is_what_is_large_and_not_by_chance():
+  levels = usual_levels()
+  for size, t, notable in ((1.1, 4.0, True), (0.9, 4.0, False), (9.0, 1.0, False)):
+    item = smooth(size * levels.material, t)
+    assert (above_level([item], levels) == (item,)) == notable
+  assert strength(smooth(0.1, 4.0, blocks=3), levels) == 0.0  # four standard errors of three blocks are chance
+
+
+@pytest.mark.parametrize("count", [5, 25, 200])
+def test_a_line_is_one_that_noise_would_not_make(count):
+  """Mean excess of unit exponentials: the level is passed as often as it says, at a chance that can be counted."""
+  levels, random = dataclasses.replace(usual_levels(), rhythm=0.01), np.random.default_rng(count)
+  means = random.exponential(size=(20_000, count)).mean(axis=1) - 1.0
+  line = lambda nats: Leftover("accel_y", "rhythm", (), nats, None, Line("time", 3.0, nats, count), count)
+  assert np.mean([strength(line(x), levels) >= 1.0 for x in means]) == pytest.approx(0.01, abs=0.002)
+  assert strength(line(9.0), usual_levels()) > 1.0
+  assert strength(dataclasses.replace(line(9.0), count=0), levels) == 0.0
 
 
 def test_two_effects_are_claimed_together(pair_pool):
@@ -98,7 +119,7 @@ def test_two_names_that_imitate_one_are_no_larger_set(pair_pool):
 
 def test_what_a_mechanism_too_small_to_matter_explains_is_no_riddle(offset_pool):
   """Its structure stands out, and is gone once the effect, there but not claimed, is taken into account."""
-  levels = UnexplainedLevels()
+  levels = usual_levels()
   riddle = dataclasses.replace(decide(offset_pool), claims=(), possible=(), model=offset_pool.base)
   before, after = left_over(riddle, offset_pool, levels)
   assert above_level(before, levels) and after == before

@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration.diagnosis.search.conclude import UnexplainedLevels, above_level
+from calibration.diagnosis.search.conclude import above_level, strength
+from calibration.diagnosis.search.weighing import usual_levels
 from calibration.diagnosis.unexplained.bursts import bursts
 from calibration.diagnosis.unexplained.families import (
   heading,
@@ -69,7 +70,7 @@ def test_the_size_of_a_structure_is_its_share_of_what_the_channel_shows():
   rows = observations.select("accel_y")
   put = np.sqrt(np.mean(np.cos(2 * 0.1 * observations.time[rows]) ** 2)) / np.std(observations.measured[rows])
   assert 0.8 * put < own.size < 1.1 * put
-  levels = UnexplainedLevels(material=0.9 * own.size)
+  levels = dataclasses.replace(usual_levels(), material=0.9 * own.size)
   assert (
     above_level([own], levels) == (own,)
     and above_level([own], dataclasses.replace(levels, material=1.1 * own.size)) == ()
@@ -90,13 +91,13 @@ def test_errors_that_come_in_bursts_are_told_from_errors_that_are_always_there()
   def now_and_then(time, k):  # a quarter of a second in every ten
     return 3.0 * ((time + k) % 10.0 < 0.25)
 
-  items, levels = found(spoilt("yaw_rate", now_and_then)), UnexplainedLevels()
+  items, levels = found(spoilt("yaw_rate", now_and_then)), usual_levels()
   own = items["yaw_rate", "bursts"]
-  assert levels.strength(own) > 1.5 and own in above_level([own], levels)
+  assert strength(own, levels) > 1.5 and own in above_level([own], levels)
   assert "time: " in own.depends_on[0]
-  assert levels.strength(items["accel_y", "bursts"]) < 0.5
+  assert strength(items["accel_y", "bursts"], levels) < 0.5
   always = found(spoilt("yaw_rate", lambda time, k: 0.3 * np.cos(4.0 * time)))
-  assert levels.strength(always["yaw_rate", "bursts"]) < 0.5
+  assert strength(always["yaw_rate", "bursts"], levels) < 0.5
 
 
 def test_bursts_are_the_share_of_the_strongest_twentieth_while_the_car_moves(clean_pool):
