@@ -20,6 +20,7 @@ from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.report.document import document
 from calibration.diagnosis.score import Comparison, compare
 from calibration.diagnosis.search.decide import figures
+from calibration.diagnosis.unexplained.leftover import Leftover
 from calibration.proving_ground import make_session
 from calibration.second_car import make_second_session
 from qcar_twin.atomic_io import plain, write_text
@@ -114,8 +115,16 @@ def _answer(outcome: Outcome) -> dict:
   rival = found.decision.unknown
   out["rival"] = None if rival is None else {"name": rival[0]} | _figures(rival[1])
   out["weighed"] = figures(found.pool)
+  structures = [_structures(left) for left in found.left_over]
+  out["left_over"] = plain(dict(zip(("before", "after"), structures, strict=True)))
   out["trials"] = _trials(found.pool)
   return out
+
+
+def _structures(left: Sequence[Leftover]) -> list[dict]:
+  """What levels of structure are held against."""
+  keep = ("channel", "family", "nats", "count", "size")
+  return [{k: getattr(i, k) for k in keep} | {"t": i.comparison.t if i.comparison else None} for i in left]
 
 
 def _trials(pool: Pool) -> list[dict]:

@@ -1,7 +1,7 @@
 """What a diagnosis found, and the twin it repaired."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from calibration.diagnosis.holdout_errors import ChannelFit
 from calibration.diagnosis.locate import Location
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.search.decide import Decision
+from calibration.diagnosis.unexplained.leftover import Leftover
 from calibration.fitting.windows import Cut
 from qcar_twin.twin.twin import Twin
 
@@ -31,6 +32,8 @@ class Diagnosis:
     stages: wall time of each stage, s, in order.
     next_experiment: manoeuvre, separates, predicted_nats; None where none is needed.
     repaired_twin: file of the repaired twin, relative to the output folder.
+    left_over: structure in the residuals of the recalibrated twin, and of the model behind the claims: all of it, below
+      its level, too.
     notes: warnings about the data set that a reader must know.
   """
 
@@ -44,6 +47,7 @@ class Diagnosis:
   stages: Mapping[str, float] = dataclasses.field(default_factory=dict)
   next_experiment: Mapping[str, Any] | None = None
   repaired_twin: str = "twin.toml"
+  left_over: tuple[Sequence[Leftover], Sequence[Leftover]] = ((), ())
   notes: tuple[str, ...] = ()
 
 

@@ -112,7 +112,11 @@ def diagnose(
   tried = [m for m in begun.known if (mechanisms is None or m.name in mechanisms) and not always_free(m, priors)]
   baseline, pool = _searched(begun.recalibrated, tried, effort, clock)
   clock.start("decision")
-  decision, unknowns = _with_unknown(decide(pool, levels), pool, levels)
+  named = decide(pool, levels)
+  before, after = left_over(named, pool, levels)
+  # where nothing is left, nothing is to be said of where it could act
+  unknowns = fit_unknowns(pool) if above_level(after, levels) else {}
+  decision = conclude(named, pool, before, after, unknowns, levels)
   clock.start("location")
   place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)
   clock.start("hold-out")
@@ -128,6 +132,7 @@ def diagnose(
     seconds=clock.stop(),
     stages=clock.stages,
     next_experiment=experiment,
+    left_over=(before, after),
     notes=dataset.notices + begun.notes,
   )
   return Outcome(diagnosis, twin, pool.base.theta, decision.model.theta, cut)
@@ -167,13 +172,6 @@ def _searched(
     earlier = [pool.best(list(pool.models.values()))]
     clock.start("recalibration")
     baseline = recalibrate_from(baseline, pool.base.theta)
-
-
-def _with_unknown(decision: Decision, pool: Pool, levels: Levels) -> tuple[Decision, dict[str, Candidate]]:
-  """The verdict, and the UNKNOWN rivals that say where what is left could act; none where nothing is."""
-  before, after = left_over(decision, pool, levels)
-  unknowns = fit_unknowns(pool) if above_level(after, levels) else {}
-  return conclude(decision, pool, before, after, unknowns, levels), unknowns
 
 
 def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]) -> Location:

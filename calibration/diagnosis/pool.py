@@ -23,6 +23,7 @@ class Pool:
     models: by set of mechanism ids; frozenset() is the recalibrated twin.
     signatures: of the scan.
     floor: smallest standard deviation of each residual channel: the sensors' own noise.
+    kept: part of what the scan promised that a mechanism's refit kept, asked when all had the same weights and minimum.
     base_not_converged: whether recalibration had ended so far above its minimum that the search has to begin
       anew from the lower one.
   """
@@ -33,6 +34,7 @@ class Pool:
   signatures: dict[str, Signature]
   floor: dict[str, float]
   base_not_converged: bool = False
+  kept: dict[str, float] = dataclasses.field(default_factory=dict)
 
   @property
   def base(self) -> Candidate:

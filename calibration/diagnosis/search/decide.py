@@ -33,7 +33,8 @@ class Decision:
     ranking: every mechanism tried with its evidence, best first.
     leftovers: structure the model behind the claims leaves beyond what recordings without effects show, strongest
       first.
-    undecided: what to say where something acts and several alike names share its probability; "" otherwise.
+    undecided: names that are alike and share what none of them has; "" otherwise. Where nothing is left over it is not
+      said: what several names explain by chance is nothing.
   """
 
   verdict: str
@@ -59,7 +60,7 @@ def decide(pool: Pool, levels: Levels | None = None) -> Decision:
     best, names = _likeliest(pool, size, best, levels) or (best, names)
   claims = sorted([*bias_claims(pool, best, levels), *names], key=lambda c: -c.evidence_nats)
   undecided = "" if claims else _undecided(pool, levels)
-  verdict = "explained" if claims else "unexplained" if undecided else "no_mismatch"
+  verdict = "explained" if claims else "no_mismatch"
   possible, ranking = _possible(pool, claims, levels), _ranking(pool, claims)
   return Decision(verdict, tuple(claims), possible, best, None, ranking, undecided=undecided)
 
@@ -105,7 +106,7 @@ def _goes_beyond(pool: Pool, model: Candidate, best: Candidate, levels: Levels) 
 
 
 def _undecided(pool: Pool, levels: Levels) -> str:
-  """What to say where something acts and no name is likely enough, but several that are alike; "" else."""
+  """What to say, should the verdict be that something acts, where names that are alike share what none has; "" else."""
   singles = [claim(pool, model, model.mechanisms[0], levels) for model in foremost(pool, 1)]
   likely = [c for c in singles if c.shared >= levels.claim]
   names = dict.fromkeys(n for c in likely for n in (c.mechanism, *c.equivalent_to))

@@ -83,6 +83,7 @@ def search(
   for model in multistart_models(problem, base, pool.priors, seen, likely):
     pool.offer(model)
   refine_stalled(pool)
+  pool.kept = {m.mechanisms[0]: _kept(pool, m.mechanisms[0]) for m in pool.of_size(1)}
   warm_start(pool, earlier)
   best = pool.best(pool.of_size(1))
   if best is not pool.base and refit_subsets(pool, best) > _STRAYED:
@@ -171,7 +172,7 @@ def _explains(pool: Pool, model: Candidate) -> dict[str, float]:
     project = Projector(model, own) if own else common
     rest = project(model.residual[None, : model.n_train])[0]
     direction = project(signature.direction[None].astype(np.float64))[0]
-    out[name] = _kept(pool, name) * explained(direction, rest, pool.problem.mechanism(name).signed)
+    out[name] = pool.kept.get(name, 1.0) * explained(direction, rest, pool.problem.mechanism(name).signed)
   return out
 
 
@@ -212,15 +213,20 @@ def refine_stalled(pool: Pool) -> None:
 
 
 def refine_leaders(pool: Pool) -> None:
-  """Take the best single, those that explain half as much at least, and the base on along fresh columns.
+  """Take the leaders and the base on along fresh columns.
 
   Along stale ones they may stop further from their minima than they lie apart, and their order says nothing.
   """
+  if near := _leaders(pool):
+    _polish(pool, [pool.base, *near], _PATIENCE)
+
+
+def _leaders(pool: Pool) -> list[Candidate]:
+  """The best single and those that explain half as much, best first; none where it explains next to nothing."""
   ranked = sorted(pool.of_size(1), key=lambda m: m.cost)
   most = pool.base.cost - ranked[0].cost if ranked else 0.0
-  if most > _WORTH_A_RACE:
-    near = [m for m in ranked[:_RACING] if m.cost - ranked[0].cost <= (1.0 - _NEAR) * most]
-    _polish(pool, [pool.base, *near], _PATIENCE)
+  near = [m for m in ranked[:_RACING] if m.cost - ranked[0].cost <= (1.0 - _NEAR) * most]
+  return near if most > _WORTH_A_RACE else []
 
 
 def _polish(pool: Pool, models: Sequence[Candidate], steps: int) -> None:
@@ -286,17 +292,19 @@ def _start(pool: Pool, parent: Candidate, new: Sequence[str], share: float, meet
 def _reweight_if_worth_it(pool: Pool) -> None:
   """Take channel weights from the best single where it explains much: what it explains was no noise.
 
-  Elsewhere the weights stay as they were, so that all models stand at the minimum of one and the
-  same cost; here the base and the best model are brought to the new one with all their columns. The
-  best model goes on to its minimum: where it stands, sets that contain it begin.
+  Elsewhere the weights stay as they were, so that all models stand at the minimum of one and the same cost; here the
+  base, the best model and the other leaders are brought to the new one with all their columns. A leader left where it
+  was would lose to the best for no other reason. They go on to their minima: where they stand, sets that contain them
+  begin.
   """
   best = pool.best(pool.of_size(1))
   if best is pool.base or compare(best, pool.base, pool.problem.observations).relative < 0.1:
     return
+  leaders = list({id(m): m for m in [best, *_leaders(pool)]}.values())
   _reweight(pool, best)
-  refine(pool.problem, [pool.base, best], 1, full=True)
-  refine(pool.problem, [best], 1, full=True)
-  refine(pool.problem, [best], 2)
+  refine(pool.problem, [pool.base, *leaders], 1, full=True)
+  refine(pool.problem, leaders, 1, full=True)
+  refine(pool.problem, leaders, 2)
 
 
 def _reweight(pool: Pool, best: Candidate) -> None:
