@@ -211,14 +211,6 @@ def confusion(signatures: dict[str, Signature]) -> dict[str, dict[str, float]]:
   }
 
 
-def pair_gain(one: Signature, other: Signature, anchor: Array) -> float:
-  """Half the drop of the projected sum of squares when two signatures are scaled freely, nats."""
-  basis = np.stack([one.direction, other.direction]).astype(np.float64)
-  gram = basis @ basis.T
-  pull = basis @ anchor
-  return 0.5 * float(pull @ np.linalg.lstsq(gram, pull, rcond=None)[0])
-
-
 def _with(problem: Problem, theta: Array, values: dict[str, float]) -> Array:
   out = theta.copy()
   for name, value in values.items():

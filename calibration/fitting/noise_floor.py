@@ -24,13 +24,6 @@ def sensor_floor(passport: Mapping[str, ChannelNoise]) -> dict[str, float]:
   return residual_floor({name: noise.std for name, noise in passport.items()})
 
 
-def driving_floor(recordings: Sequence[Recording], passport: Mapping[str, ChannelNoise]) -> dict[str, float]:
-  """Standard deviation of each residual channel that the sensors make while driving, never less than at standstill."""
-  driving = driving_noise(recordings)
-  floor = {name: noise.std for name, noise in passport.items()}
-  return residual_floor(floor | {name: max(std, floor.get(name, 0.0)) for name, std in driving.items()})
-
-
 def driving_noise(recordings: Sequence[Recording]) -> dict[str, float]:
   """White noise of each sensor channel while the car rolls, from what no smooth motion makes.
 

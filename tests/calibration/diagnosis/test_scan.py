@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from calibration.diagnosis.candidates import candidate, refine, simulate
-from calibration.diagnosis.scan import Projector, at_bound, confusion, pair_gain, scan, trial_starts
+from calibration.diagnosis.scan import Projector, at_bound, confusion, scan, trial_starts
 from qcar_twin.plant import Driving
 from qcar_twin.twin.mechanisms import select
 from tests.calibration.diagnosis import diagnosis_rig as rig
@@ -101,16 +101,6 @@ def test_confusion_names_effects_that_look_alike():
   assert "side_force" not in confusion(signatures).get("steering_offset", {})
   twice = {"one": signatures["side_force"], "other": signatures["side_force"]}
   assert confusion(twice) == {"one": {"other": pytest.approx(1.0)}, "other": {"one": pytest.approx(1.0)}}
-
-
-def test_pair_gain_of_orthogonal_signatures_is_the_sum(offset_pool):
-  base = offset_pool.base
-  anchor = Projector(base)(base.residual[None, : base.n_train])[0]
-  one, other = offset_pool.signatures["steering_offset"], offset_pool.signatures["side_force"]
-  both = pair_gain(one, other, anchor)
-  assert both >= max(one.gain, other.gain) - 1e-3 * one.gain
-  same = pair_gain(one, one, anchor)
-  assert same == pytest.approx(one.gain, rel=1e-3)
 
 
 def test_what_stands_at_its_bound_imitates_nothing(offset_pool):

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.fitting.noise import noise_passport
-from calibration.fitting.noise_floor import driving_floor, driving_noise, residual_floor
+from calibration.fitting.noise_floor import driving_noise, residual_floor
 from qcar_twin.recordings.recording import Recording, Stream
 
 
@@ -35,12 +34,6 @@ def test_spikes_do_not_matter():
   assert driving_noise([drive({"motor_speed": 0.1, "yaw_rate": 0.02}, spikes=0.01)])["yaw_rate"] == pytest.approx(
     0.02, rel=0.15
   )
-
-
-def test_the_floor_is_never_below_standstill():
-  recordings = [drive({"motor_speed": 0.1, "yaw_rate": 0.02})]
-  assert driving_floor(recordings, {})["yaw_rate"] == driving_noise(recordings)["yaw_rate"]
-  assert driving_floor(recordings, noise_passport(recordings))["yaw_rate"] >= driving_noise(recordings)["yaw_rate"]
 
 
 def test_a_displacement_carries_two_poses():
