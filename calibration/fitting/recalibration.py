@@ -125,15 +125,24 @@ def _slopes(problem: Problem, base: ParameterSet, values: Array) -> Array:
 
 
 def misled(problem: Problem, anchor: Array, tried: Array) -> list[Stretch]:
-  """The fewest stretches without which MuJoCo confirms a surrogate's step from its anchor, full parameters, (P,)."""
+  """The fewest stretches without which MuJoCo confirms a surrogate's step from its anchor, full parameters, (P,).
+
+  Or without which what it denies is too little to be noticed: near a minimum a promise is a small difference of what
+  the stretches gain and lose, and hardly any of them could be trusted.
+  """
   stretch, segments = problem.observations.stretch[: problem.n_train], problem.observations.stretches.segments
   nats = lambda p, theta: np.bincount(stretch, 0.5 * p.fitted_residual(theta[None])[0] ** 2)
   before = nats(problem, anchor)
   promised, kept = before - nats(problem, tried), before - nats(problem.exact, tried)
   order = np.argsort(kept - promised)
-  trusted = lambda rest: kept[rest].sum() >= _TRUSTED * promised[rest].sum()
+  trusted = lambda rest: _trusted(promised[rest].sum(), kept[rest].sum())
   count = next(k for k in range(1, len(order) + 1) if trusted(order[k:]))
   return [(segments.recording[k], float(segments.offset[k])) for k in order[:count]]
+
+
+def _trusted(promised: float, lowered: float) -> bool:
+  """Whether a surrogate led well: MuJoCo's cost came down by enough of what was promised, nats, or nearly by it."""
+  return lowered >= _TRUSTED * promised or promised - lowered <= _NOTICED
 
 
 def _descended(problem: Problem, base: ParameterSet, start: Array) -> tuple[Problem, Fit]:
@@ -154,7 +163,7 @@ def _descended(problem: Problem, base: ParameterSet, start: Array) -> tuple[Prob
     there = problem.at(embedded(found.theta))
     lowered = cost - _cost(there, base, found.theta)
     log.info("MuJoCo: %.1f nats of the %.1f that the surrogate promised", lowered, promised)
-    if lowered < _TRUSTED * promised and promised - lowered > _NOTICED:
+    if not _trusted(promised, lowered):
       guarded = misled(problem, embedded(theta), embedded(found.theta))
       log.info("left to MuJoCo: %s", guarded)
       problem, there = problem.guarding(guarded), there.guarding(guarded)

@@ -39,3 +39,14 @@ class Linear:
 )
 def test_the_fewest_stretches_without_which_the_step_is_confirmed(slopes, left):
   assert misled(Linear((-1.0, -1.0, -1.0), Linear(slopes)), START, TRIED) == left
+
+
+def slope(nats):
+  """Of a stretch that comes down by so many nats on the way."""
+  return 0.5 * (np.sqrt(9.0 - 2.0 * nats / SIZE) - 3.0)
+
+
+def test_near_a_minimum_one_stretch_is_not_left_for_what_nobody_would_notice():
+  """Without the stretch that misled, 2 nats are promised as 5 less 3, and MuJoCo says 5 too many."""
+  promised, kept = ([slope(n) for n in nats] for nats in ((5.0, 20.0, -3.0), (1.0, -20.0, -6.0)))
+  assert misled(Linear(promised, Linear(kept)), START, TRIED) == [SPIN]
