@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from agents.control.controllers import entries
-from commands import benchmark_estimation, benchmark_identification, campaign, tune
+from commands import benchmark_base, benchmark_estimation, benchmark_identification, campaign, tune
 from tests import ROOT
 
 ANSWERS = ROOT / "docs" / "answers_1123581.jsonl.xz"  # six cases of a campaign of twelve
@@ -82,3 +82,14 @@ def test_a_campaign_of_the_second_car_asks_for_its_cases(tmp_path, monkeypatch):
   campaign.main(campaign.Config(tmp_path / "out", seed=3, nulls=2, singles=3, jobs=1, car="second"))
   assert sorted(case.kind for case in asked) == ["null"] * 2 + ["single"] * 3
   assert {case.car for case in asked} == {"second"}
+
+
+@pytest.mark.slow
+def test_the_base_of_a_session_without_an_effect_is_a_row(tmp_path, capsys):
+  text = benchmark_base.main(benchmark_base.Config(tmp_path / "page.md", seed=41900, quick=True))
+  assert (tmp_path / "page.md").read_text(encoding="utf-8") == text and text in capsys.readouterr().out
+  (row,) = rows(text)
+  seed, errors, inside, starts = (cell.strip() for cell in row.split("|")[1:5])
+  assert seed == "41900" and starts in ("0 of 1", "1 of 1") and inside.endswith(" of 8")
+  mass = next(float(part.split()[1]) for part in errors.split(", ") if part.startswith("mass "))
+  assert abs(mass) < 10.0  # per cent; it was weighed
