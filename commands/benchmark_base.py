@@ -67,7 +67,7 @@ def main(config: Config) -> str:
     f"stiffness of the tyres and the gain of the motor; a minimum is the same up to {ONE:g} nats. Standard deviations",
     "are a sandwich over recordings.",
     "",
-    f"* {inside} of {len(scores)} parameters lie in their 90 % interval; they err by {np.std(scores):.1f} times what is",
+    f"* {inside} of {len(scores)} parameters lie in their 90 % interval; errors are {np.std(scores):.1f} times what is",
     "  stated, root mean square about their mean.",
     f"* {sum(one.in_one for one in found)} of {sessions * poor} poor starts end in the least minimum; all of a",
     f"  session's in {sum(one.in_one == poor for one in found)} of {sessions}.",
