@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,11 @@ from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.pool import Pool, base_candidate
 from calibration.diagnosis.scan import scan
 from calibration.diagnosis.score import compare_freely
-from calibration.diagnosis.search.conclude import above_level, conclude, left_over
+from calibration.diagnosis.search.conclude import above_level, conclude, errors_left, left_over
 from calibration.diagnosis.search.decide import Decision, decide
 from calibration.diagnosis.search.structure import Effort, search
 from calibration.diagnosis.search.weighing import Levels, usual_levels
+from calibration.diagnosis.unexplained.leftover import Leftover
 from calibration.diagnosis.unexplained.unknown import smooth_forces, unknown_sensors
 from calibration.fitting.dataset_recalibration import LONGEST, Start, recalibrate_dataset
 from calibration.fitting.recalibration import RecalibratedTwin, recalibrate_from
@@ -112,16 +113,13 @@ def diagnose(
   tried = [m for m in begun.known if (mechanisms is None or m.name in mechanisms) and not always_free(m, priors)]
   baseline, pool = _searched(begun.recalibrated, tried, effort, clock)
   clock.start("decision")
-  named = decide(pool, levels)
-  before, after = left_over(named, pool, levels)
-  # where nothing is left, nothing is to be said of where it could act
-  unknowns = fit_unknowns(pool) if above_level(after, levels) else {}
-  decision = conclude(named, pool, before, after, unknowns, levels)
+  cut, named = Cut(command_shift=baseline.command_shift, most=LONGEST), decide(pool, levels)
+  validate = _before_and_after(twin, pool, named, dataset.role("validate"), cut)
+  decision, unknowns, left = _concluded(named, pool, validate, levels)
   clock.start("location")
   place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)
   clock.start("hold-out")
-  cut = Cut(command_shift=baseline.command_shift, most=LONGEST)
-  validate, holdout = (_before_and_after(twin, pool, decision, dataset.role(r), cut) for r in ("validate", "holdout"))
+  holdout = _before_and_after(twin, pool, decision, dataset.role("holdout"), cut)
   diagnosis = Diagnosis(
     dataset=dataset.name,
     decision=decision,
@@ -132,7 +130,7 @@ def diagnose(
     seconds=clock.stop(),
     stages=clock.stages,
     next_experiment=experiment,
-    left_over=(before, after),
+    left_over=left,
     notes=dataset.notices + begun.notes,
   )
   return Outcome(diagnosis, twin, pool.base.theta, decision.model.theta, cut)
@@ -172,6 +170,16 @@ def _searched(
     earlier = [pool.best(list(pool.models.values()))]
     clock.start("recalibration")
     baseline = recalibrate_from(baseline, pool.base.theta)
+
+
+def _concluded(
+  named: Decision, pool: Pool, validate: Mapping[str, ChannelFit], levels: Levels
+) -> tuple[Decision, dict[str, Candidate], tuple[list[Leftover], list[Leftover]]]:
+  """The verdict; UNKNOWN rivals that say where what is left could act, none where nothing is; what is left."""
+  errors = errors_left(validate, pool)
+  before, after = (a + b for a, b in zip(left_over(named, pool, levels), errors, strict=True))
+  unknowns = fit_unknowns(pool) if above_level(after, levels) else {}
+  return conclude(named, pool, before, after, unknowns, levels), unknowns, (before, after)
 
 
 def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]) -> Location:

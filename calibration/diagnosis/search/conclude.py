@@ -7,22 +7,26 @@ structure in the residuals of the model behind the claims; rivals without a name
 import dataclasses
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 from scipy.stats import gamma
 from scipy.stats import t as student
 
 from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.holdout_errors import ChannelFit
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.score import Comparison, compare_freely
 from calibration.diagnosis.search.decide import Decision
 from calibration.diagnosis.search.weighing import Levels
 from calibration.diagnosis.unexplained.leftover import Leftover, leftovers
+from calibration.fitting.residual_channels import RESIDUALS
 
 
 def strength(item: Leftover, levels: Levels) -> float:
   """A leftover's power in units of what it takes to be one; below 1 it is none.
 
   Of smooth structure the square of its share of the channel's spread, where noise would hardly make it; of a line its
-  excess over what one in a smooth spectrum has by chance: the mean of n unit exponentials, less one; of bursts odds.
+  excess over what one in a smooth spectrum has by chance: the mean of n unit exponentials, less one; of bursts odds; of
+  a whole error how many times the sensor's noise it is.
   """
   if item.count == 0:
     return 0.0
@@ -31,12 +35,14 @@ def strength(item: Leftover, levels: Levels) -> float:
     return (item.size / levels.material) ** 2 if by_chance < levels.chance else 0.0
   if item.line is not None:
     return item.nats / (float(gamma.isf(levels.rhythm, item.count)) / item.count - 1.0)
-  return item.nats / levels.bursts if item.size >= levels.material else 0.0
+  level = levels.error if item.family == "error" else levels.bursts
+  return item.nats / level if item.size >= levels.material else 0.0
 
 
 def above_level(found: Sequence[Leftover], levels: Levels) -> tuple[Leftover, ...]:
-  """Leftovers that are some, strongest first."""
-  return tuple(sorted((i for i in found if strength(i, levels) >= 1.0), key=lambda i: -strength(i, levels)))
+  """Leftovers that are some, strongest first, but whole errors, of which nothing else is known, last."""
+  order = lambda i: (i.family == "error", -strength(i, levels))
+  return tuple(sorted((i for i in found if strength(i, levels) >= 1.0), key=order))
 
 
 def left_over(decision: Decision, pool: Pool, levels: Levels) -> tuple[list[Leftover], list[Leftover]]:
@@ -85,6 +91,25 @@ def best_unknown(pool: Pool, unknowns: Mapping[str, Candidate]) -> tuple[str, Co
   return max(scored.items(), key=lambda kv: kv[1].gain, default=None)
 
 
+def errors_left(fits: Mapping[str, ChannelFit], pool: Pool) -> tuple[list[Leftover], list[Leftover]]:
+  """What two twins get wrong on recordings that were not fitted, before and after, of channels measured directly.
+
+  An error need not follow anything that is looked at. Displacements are not asked: one slide of the car decides them.
+  """
+  observations = pool.problem.observations
+  before, after = [], []
+  for channel, fit in fits.items():
+    noise = max(fit.noise_floor, fit.driving_noise)
+    if RESIDUALS[channel].displacement is not None or channel not in observations.present or noise <= 0.0:
+      continue
+    spread = float(np.std(observations.measured[observations.select(channel)]))
+    for error, out in ((fit.before, before), (fit.after, after)):
+      size = float(np.sqrt(max(error**2 - noise**2, 0.0))) / max(spread, 1e-12)
+      follows = ("it need not follow anything",)
+      out.append(Leftover(channel, "error", follows, error / noise, count=fit.samples, size=size))
+  return before, after
+
+
 def _share_left(before: Sequence[Leftover], rest: Sequence[Leftover], levels: Levels) -> float:
-  strongest = max((strength(i, levels) for i in before), default=0.0)
-  return strength(rest[0], levels) / max(strongest, strength(rest[0], levels))
+  left = max(strength(i, levels) for i in rest)
+  return left / max(left, *(strength(i, levels) for i in before), 0.0)

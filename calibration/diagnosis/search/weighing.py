@@ -38,6 +38,7 @@ class Levels:
       become visible.
     rhythm: probability under a smooth spectrum from which on a line is none.
     bursts: odds that an error falls into the few strongest moments from which on they are bursts.
+    error: multiple of a sensor's noise while driving from which on an error where nothing was fitted is more than that.
     remains: part of the recalibrated twin's own leftover that may remain beside a right name: a formula right in kind
       is not right in every detail.
     doubt: what a probability is multiplied by where more remains.
@@ -58,6 +59,7 @@ class Levels:
   material: float
   rhythm: float
   bursts: float
+  error: float
   remains: float
   doubt: float
 

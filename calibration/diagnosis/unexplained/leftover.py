@@ -43,6 +43,7 @@ PROPERTIES = {
   "history": "remembers the last seconds",
   "rhythm": "periodic",
   "bursts": "comes in short bursts",
+  "error": "many times the sensor's noise where nothing was fitted",
 }
 _USUAL = 0.1  # size of a coefficient in standard deviations of what the channel measured
 
@@ -53,10 +54,10 @@ class Leftover:
 
   Attributes:
     channel: where it shows.
-    family: of FAMILIES, "rhythm" or "bursts".
+    family: of FAMILIES, "rhythm", "bursts", or "error" for all that a channel's error is.
     depends_on: variables it follows, in words.
     nats: held-out gain per block of about three seconds; for a rhythm, the line's excess per stretch; for bursts, no
-      nats but the odds that an error falls into one.
+      nats but the odds that an error falls into one; for an error, its multiple of the sensor's noise.
     comparison: held out, by blocks; None for a rhythm and for bursts.
     line: the spectral line; None for a smooth one.
     count: blocks, stretches or windows behind it.

@@ -6,10 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from calibration.diagnosis.holdout_errors import ChannelFit
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.score import Comparison
 from calibration.diagnosis.search.claims import _beyond_usual, bias_claims, claim
-from calibration.diagnosis.search.conclude import above_level, conclude, left_over, strength
+from calibration.diagnosis.search.conclude import above_level, conclude, errors_left, left_over, strength
 from calibration.diagnosis.search.decide import decide
 from calibration.diagnosis.search.weighing import stretched, usual_levels
 from calibration.diagnosis.unexplained.leftover import Leftover
@@ -78,6 +79,21 @@ def test_a_line_is_one_that_noise_would_not_make(count):
   assert np.mean([strength(line(x), levels) >= 1.0 for x in means]) == pytest.approx(0.01, abs=0.002)
   assert strength(line(9.0), usual_levels()) > 1.0
   assert strength(dataclasses.replace(line(9.0), count=0), levels) == 0.0
+
+
+def test_an_error_that_follows_nothing_is_left_where_it_is_many_times_the_noise(offset_pool):
+  """Of channels measured directly; a displacement hangs on one slide of the car, and a quiet sensor sees trifles."""
+  levels, right = usual_levels(), decide(offset_pool)
+  fit = lambda before, after, noise: ChannelFit(before, after, 0.0, noise, (0.0, 0.0), "", 900)
+  fits = {"yaw_rate": fit(2.0, 1.5, 0.1), "accel_y": fit(1e-3, 1e-3, 1e-5), "pose_turn": fit(9.0, 9.0, 0.1)}
+  before, after = errors_left(fits, offset_pool)
+  assert [i.channel for i in after] == ["yaw_rate", "accel_y"] and after[0].nats == pytest.approx(15.0)
+  assert above_level(after, levels) == (after[0],)
+  assert conclude(right, offset_pool, before, after, {}, levels).verdict == "partly_explained"
+  mended = errors_left({"yaw_rate": fit(2.0, 0.5, 0.1)}, offset_pool)
+  assert conclude(right, offset_pool, *mended, {}, levels).verdict == "explained"
+  known = smooth(1.1 * levels.material)
+  assert above_level([*after, known], levels) == (known, after[0])
 
 
 def test_two_effects_are_claimed_together(pair_pool):
