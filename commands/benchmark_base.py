@@ -1,4 +1,4 @@
-"""Recalibrate on sessions without an effect: parameters against their truth, poor starts; writes a page.
+"""Recalibrate on sessions without an effect: parameters against truth, and poor starts.
 
 qcar-twin benchmark-base --out docs/results_base.md
 """
