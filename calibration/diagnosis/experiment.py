@@ -54,14 +54,19 @@ class Manoeuvre:
 
 
 def next_experiment(pool: Pool, decision: Decision) -> dict[str, object] | None:
-  """Manoeuvre, what it separates and the nats it is predicted to bring; None where nothing is left to separate."""
+  """Manoeuvre, what it separates and the nats it is predicted to bring; None where nothing is left to separate.
+
+  A manoeuvre on which one of the two flies apart tells nothing; None, too, where all are such.
+  """
   pair = to_separate(pool, decision)
   if pair is None:
     return None
   names, model, rival = pair
   library = manoeuvres(reach(pool))
   worth = predicted_nats(pool.problem, model, rival, library)
-  best = int(np.argmax(worth))
+  if not np.isfinite(worth).any():
+    return None
+  best = int(np.nanargmax(np.where(np.isfinite(worth), worth, np.nan)))
   return {"manoeuvre": library[best].about, "separates": list(names), "predicted_nats": float(worth[best])}
 
 

@@ -108,6 +108,16 @@ def test_certain_names_need_no_experiment_and_doubtful_ones_do(offset_pool, clea
   assert names == ("side_force", NOTHING) and rival is clean_pool.base
 
 
+def test_a_manoeuvre_on_which_a_model_flies_apart_is_not_proposed(offset_pool, monkeypatch):
+  decision = decide(offset_pool)
+  unsure = dataclasses.replace(decision, claims=(dataclasses.replace(decision.claims[0], probability=0.6),))
+  worth = np.full(len(manoeuvres(REACH)), np.nan)
+  monkeypatch.setattr("calibration.diagnosis.experiment.predicted_nats", lambda *args: worth)
+  assert next_experiment(offset_pool, unsure) is None
+  worth[:3] = 5.0, np.inf, 7.0
+  assert next_experiment(offset_pool, unsure)["predicted_nats"] == 7.0
+
+
 def test_a_car_driven_by_duty_is_promised_the_same(offset_pool, monkeypatch):
   """What drives the motor is another channel, and nothing else differs."""
   model, rival = models(offset_pool, "steering_offset", "side_force")
