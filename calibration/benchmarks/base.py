@@ -8,14 +8,13 @@ import numpy as np
 from calibration.diagnosis.pipeline import prepare
 from calibration.diagnosis.pool import base_candidate
 from calibration.diagnosis.score import clustered_std
-from calibration.fitting.recalibration import RecalibratedTwin, settled
+from calibration.fitting.recalibration import RecalibratedTwin, settled_from
 from calibration.proving_ground import Session
 from qcar_twin.recordings.dataset import DataSet
 
 LAGS = (1, 2, 3)
 ONE = 2.0  # nats above the least cost within which a minimum is the same: a likelihood ratio of e^2
 _POORER = (0.6, 1.6)  # times the tyres' stiffness and the motor's gain that recalibration begins with
-_ROUNDS, _SETTLED = 4, 1.0  # of a fit that may not have come to its end from afar, and nats that a round has to gain
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,13 +77,7 @@ def _from_poor_start(found: RecalibratedTwin, random: np.random.Generator) -> fl
   poor = ("cornering_stiffness_front", "cornering_stiffness_rear", "longitudinal_stiffness", "torque_per_volt")
   factors = {name: random.choice(_POORER) for name in poor if name in base}
   start = np.array([value * factors.get(name, 1.0) for name, value in base.named(base.nominal).items()])
-  values, cost = np.clip(start, base.lower, base.upper), np.inf
-  for _ in range(_ROUNDS):
-    again = settled(found.problem, found.passport, base, values, found.command_shift)
-    values, before, cost = again.fit.theta, cost, again.fit.cost
-    if before - cost < _SETTLED:
-      break
-  return float(cost)
+  return float(settled_from(found, np.clip(start, base.lower, base.upper)).fit.cost)
 
 
 def _correlation(values: np.ndarray) -> float:

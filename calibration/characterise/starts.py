@@ -15,13 +15,10 @@ from calibration.characterise.finish import finished
 from calibration.characterise.flexible import Characterised, characterise
 from calibration.fitting.dataset_recalibration import LONGEST
 from calibration.fitting.observations import UNITS
-from calibration.fitting.recalibration import settled
+from calibration.fitting.recalibration import settled_from
 from calibration.log_check.ready import ready
 from calibration.progress import Progress, silent
 from qcar_twin.recordings.dataset import DataSet
-
-_ROUNDS = 4  # of a fit that may not have come to its end from afar
-_SETTLED = 1.0  # nats that a further round has to gain
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,14 +71,8 @@ def _again(first: Characterised, random: np.random.Generator) -> tuple[Character
   old = first.fitted
   free = old.fit.parameters
   start = np.clip(free.nominal + free.scale * random.standard_normal(len(free)), free.lower, free.upper)
-  found = settled(old.problem, old.passport, free, start, old.command_shift)
-  began = found.fit.iterations[0]
-  for _ in range(_ROUNDS):
-    before = found.fit.cost
-    found = settled(old.problem, old.passport, free, found.fit.theta, old.command_shift)
-    if before - found.fit.cost < _SETTLED:
-      break
-  return dataclasses.replace(first, fitted=found), began
+  found = settled_from(old, start)
+  return dataclasses.replace(first, fitted=found), found.fit.iterations[0]
 
 
 def _ended(found: Characterised, dataset: DataSet, began: float) -> Started:

@@ -32,6 +32,7 @@ _BODY = ("mass", "yaw_inertia", "cg_to_front", "cg_height_offset")
 # of the nominal friction, where rough fits begin: from above the wheels hold and the cost is smooth
 _GRIPS = (1.0, 1.4)
 _ROUNDS, _SETTLED = 8, 1.0  # corrections by MuJoCo, and nats that end them
+_AFAR = 4  # rounds of a fit from afar
 _NOTICED = 10.0  # nats: no decision hangs on a smaller error; hardly a claim rests on twice as many
 # of a promised decrease: below, a model is not trusted over that step (Nocedal and Wright, 2nd ed., algorithm 4.1)
 _TRUSTED = 0.25
@@ -116,6 +117,19 @@ def settled(
   problem, found = _descended(problem, base, start)
   theta = problem.embed(base.names, found.theta, problem.parameters.nominal)[0]
   return RecalibratedTwin(problem, passport, found, theta, _slopes(problem, base, found.theta), command_shift)
+
+
+def settled_from(found: RecalibratedTwin, start: Array) -> RecalibratedTwin:
+  """The same fit from another start, (p,), in rounds while they gain: from afar one may not come to its end."""
+  old, base = found, found.fit.parameters
+  begun = settled(old.problem, old.passport, base, start, old.command_shift)
+  again, iterations = begun, begun.fit.iterations
+  for _ in range(_AFAR):
+    before = again.fit.cost
+    again = settled(old.problem, old.passport, base, again.fit.theta, old.command_shift)
+    if before - again.fit.cost < _SETTLED:
+      break
+  return dataclasses.replace(again, fit=dataclasses.replace(again.fit, iterations=iterations))
 
 
 def _slopes(problem: Problem, base: ParameterSet, values: Array) -> Array:
