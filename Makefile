@@ -22,7 +22,7 @@ check: install
 	$(BIN)/pyright
 
 docs: install
-	$(BIN)/python -m qcar_twin.twin.mechanisms.document docs/mechanisms.md
+	$(BIN)/python -m qcar_twin.twin.mechanisms.document docs/reference/mechanisms.md
 
 train: install
 	$(BIN)/qcar-twin train --out out/train

@@ -9,13 +9,13 @@ from importlib import import_module
 from typing import Any
 
 _ROOMS = {
-  "calibrate": "calibrating",
-  "cross_validate": "checking",
+  "calibrate": "twin_calibration",
+  "cross_validate": "cross_validation",
   "diagnose": "diagnosis",
-  "draw_cases": "campaign",
+  "draw_cases": "concealed.campaign",
   "identify": "identification",
-  "make_session": "proving_ground",
-  "run_case": "campaign",
+  "make_session": "concealed.proving_ground",
+  "run_case": "concealed.campaign",
 }
 __all__ = list(_ROOMS)  # noqa: PLE0605
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tests import ROOT
 
-GROUPS = {"code": ("qcar_twin", "calibration", "agents", "commands", "scripts"), "tests": ("tests",)}
+GROUPS = {"code": ("qcar_twin", "calibration", "agents", "scripts"), "tests": ("tests",)}
 
 
 def sizes(files: list[Path]) -> dict[str, float]:

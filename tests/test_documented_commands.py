@@ -14,12 +14,12 @@ from pathlib import Path
 import pytest
 import tyro
 
-from commands.__main__ import commands, dispatch
+from scripts.__main__ import commands, dispatch
 from tests import ROOT
 
 KNOWN = commands()
-TOUR = ROOT / "docs" / "tour.ipynb"
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+TOUR = ROOT / "docs" / "guide" / "tour.ipynb"
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 CHEAP = ("make-session", "check", "unseal", "estimate", "track", "new", "export")  # run for real, with --quick
 PREFIX = r"(?:\.venv/bin/)?qcar-twin"
 
@@ -69,7 +69,7 @@ def notebook_lines() -> Iterator[Line]:
 
 def docstring_lines() -> Iterator[Line]:
   """The lines that `qcar-twin NAME --help` shows to be copied."""
-  for path in sorted((ROOT / "commands").glob("[!_]*.py")):
+  for path in sorted((ROOT / "scripts").glob("[!_]*.py")):
     said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
     yield from (Line(path.name, found, True) for found in re.findall(r"(?m)^qcar-twin (.+)$", said))
 
@@ -78,7 +78,7 @@ LINES = [*(line for page in PAGES for line in lines_of(page)), *notebook_lines()
 
 
 def config_of(name: str) -> type:
-  return importlib.import_module(f"commands.{name.replace('-', '_')}").Config
+  return importlib.import_module(f"scripts.{name.replace('-', '_')}").Config
 
 
 def completed(config: type, words: list[str]) -> list[str]:

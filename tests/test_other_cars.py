@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from calibration import calibrate, cross_validate
-from calibration.calibrating.calibration import Calibration
-from calibration.checking.cross_validation import CrossValidation, find_reference
+from calibration.concealed.laboratory.written import save
+from calibration.concealed.proving_ground import Car, Spec, make_sessions
+from calibration.cross_validation.cross_validation import CrossValidation, find_reference
 from calibration.fitting.windows import Cut
-from calibration.laboratory.written import save
-from calibration.proving_ground import Car, Spec, make_sessions
+from calibration.twin_calibration.calibration import Calibration
 from qcar_twin.recordings.dataset import DataSet
 
 DRIVES = ("speed", "current")

@@ -1,4 +1,4 @@
-"""docs/tour.ipynb runs from its first cell to its last as it stands, and what is stored is what it says."""
+"""docs/guide/tour.ipynb runs from its first cell to its last as it stands, and what is stored is what it says."""
 
 import json
 import os
@@ -13,7 +13,7 @@ import pytest
 from qcar_twin.recordings.dataset import DataSet
 from tests import ROOT
 
-TOUR = ROOT / "docs" / "tour.ipynb"
+TOUR = ROOT / "docs" / "guide" / "tour.ipynb"
 RUN = """
 import sys, nbformat
 from nbclient import NotebookClient

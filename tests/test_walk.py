@@ -14,7 +14,7 @@ import pytest
 
 from tests import ROOT
 
-PAGE = (ROOT / "docs" / "walk.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "reference" / "walk.md").read_text(encoding="utf-8")
 INTRODUCTION, *SECTIONS = re.split(r"^## \d+\. ", PAGE, flags=re.M)
 STATION = re.compile(r"`([\w/]+\.py):([\w.]+)`")
 MOST_ROOMS, MOST_LINES = 10, 75  # a page

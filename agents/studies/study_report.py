@@ -192,7 +192,7 @@ def page(folder: Path, file: Path, special: Sequence[str] = ()) -> str:
     "# Results: learning to track paths",
     "",
     "Tables and figures are written by `qcar-twin study --out out/study --car 4501",
-    "--page docs/results_learning.md`, after `qcar-twin repair-twin --out out/study` and",
+    "--page docs/results/learning.md`, after `qcar-twin repair-twin --out out/study` and",
     "`qcar-twin benchmark-learning --out out/study/timings.json`; none of their numbers is typed in.",
   ]
   notes = file.with_suffix("") / "notes.md"

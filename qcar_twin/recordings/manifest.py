@@ -103,7 +103,7 @@ def _read_toml(folder: Path) -> dict[str, Any]:
   if not path.is_file():
     raise RecordingError(
       f"{folder}: holds no {FILE_NAME}; write one with a [vehicle] table and a [[recording]] per file (see "
-      "docs/recordings.md)"
+      "docs/reference/recordings.md)"
     )
   try:
     return read_toml(inside(folder, FILE_NAME))

@@ -1,4 +1,4 @@
-"""A car's numbers written into qcar_twin/assets/qcar.xml.
+"""A car's numbers written into assets/qcar.xml.
 
 Integration is explicit Euler with the dampers explicit too: what the contact solver takes for the velocity
 at the end of the step then is that velocity, which an implicit damper outside the solver would spoil.

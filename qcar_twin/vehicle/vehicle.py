@@ -1,6 +1,6 @@
 """A 1:10 car as numbers: what a person measures with a scale and a ruler, and nominal figures of drive and tyres.
 
-Any car is the same model with other numbers: `mjcf.car_spec` writes them into qcar_twin/assets/qcar.xml.
+Any car is the same model with other numbers: `mjcf.car_spec` writes them into assets/qcar.xml.
 Frame: x forward, y left, z up; the origin of the chassis is the car's centre of gravity.
 """
 
@@ -19,7 +19,8 @@ from qcar_twin.vehicle.drive import DRIVEN_AXLES, DRIVES, Drive, DriveKind, Layo
 
 log = logging.getLogger(__name__)
 
-ASSETS = Path(__file__).resolve().parents[1] / "assets"
+_INSTALLED = Path(__file__).resolve().parents[1] / "assets"  # within the package, as a wheel installs it
+ASSETS = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).resolve().parents[2] / "assets"  # a checkout
 GRAVITY = 9.81  # m/s^2
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 TyreKind = Literal["contact", "native"]

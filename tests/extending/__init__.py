@@ -1,1 +1,1 @@
-"""Each page of docs/extending.md done in a temporary copy of the project."""
+"""Each page of docs/guide/extending.md done in a temporary copy of the project."""

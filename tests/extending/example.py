@@ -1,4 +1,4 @@
-"""The examples of docs/extending.md, and a copy of the project to do them in."""
+"""The examples of docs/guide/extending.md, and a copy of the project to do them in."""
 
 import hashlib
 import os
@@ -10,9 +10,9 @@ from pathlib import Path
 
 from tests import ROOT
 
-PAGE = ROOT / "docs" / "extending.md"
+PAGE = ROOT / "docs" / "guide" / "extending.md"
 _FILE = re.compile(r"^`(?P<path>[\w./]+)`\n```\w+\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL)
-_PARTS = ("qcar_twin", "tests", "docs/mechanisms.md", "docs/tyre.md", "pyproject.toml")
+_PARTS = ("qcar_twin", "tests", "docs/reference/mechanisms.md", "docs/reference/tyre.md", "pyproject.toml")
 _MADE = shutil.ignore_patterns("__pycache__", "_build")
 
 
@@ -48,7 +48,7 @@ class Copy:
     return {path for path, mark in self._hashes().items() if self._before.get(path) != mark}
 
   def python(self, *arguments: str) -> str:
-    """What the interpreter prints, run in the copy; `calibration` and `commands` are the project's own."""
+    """What the interpreter prints, run in the copy; `calibration` and `scripts` are the project's own."""
     environment = os.environ | {"PYTHONPATH": f"{self.folder}{os.pathsep}{ROOT}", "PYTHONDONTWRITEBYTECODE": "1"}
     command = [sys.executable, *arguments]
     done = subprocess.run(command, capture_output=True, text=True, cwd=self.folder, env=environment, check=False)

@@ -1,4 +1,4 @@
-"""docs/extending_channel.md does what it says: its files are written to a folder of their own and run."""
+"""docs/guide/extending_channel.md does what it says: its files are written to a folder of their own and run."""
 
 import functools
 import json
@@ -36,7 +36,7 @@ NUMBERS = {
 
 def page():
   """File name -> text of every file that the page holds."""
-  text = (ROOT / "docs" / "extending_channel.md").read_text(encoding="utf-8")
+  text = (ROOT / "docs" / "guide" / "extending_channel.md").read_text(encoding="utf-8")
   blocks = re.findall(r"```python\n(# (\S+\.py)\n.*?)```", text, re.DOTALL)
   return {name: block for block, name in blocks}
 

@@ -91,15 +91,15 @@ def test_one_file_in_the_package_is_all_it_takes(copy):
   assert copy.touched() == {PATH}
   assert copy.python("-c", _SEEN).strip() == "seen"
   assert copy.tests("tests/qcar_twin/twin/mechanisms/test_contract.py", "-k", "cable_pull or every_file") >= 15
-  copy.python("-m", "qcar_twin.twin.mechanisms.document", "docs/mechanisms.md")
-  assert copy.touched() == {PATH, "docs/mechanisms.md"}  # the page is generated
-  assert "### cable_pull" in (copy.folder / "docs/mechanisms.md").read_text(encoding="utf-8")
+  copy.python("-m", "qcar_twin.twin.mechanisms.document", "docs/reference/mechanisms.md")
+  assert copy.touched() == {PATH, "docs/reference/mechanisms.md"}  # the page is generated
+  assert "### cable_pull" in (copy.folder / "docs/reference/mechanisms.md").read_text(encoding="utf-8")
 
 
 def test_a_named_file_is_run_by_the_diagnosis_and_refused_with_a_reason(tmp_path):
   file = tmp_path / "empty.py"
   file.write_text("x = 1\n", encoding="utf-8")
-  command = [sys.executable, "-m", "commands", "diagnose", "--dataset", str(tmp_path), "--out", str(tmp_path)]
+  command = [sys.executable, "-m", "scripts", "diagnose", "--dataset", str(tmp_path), "--out", str(tmp_path)]
   command += ["--mechanism-files", str(file)]
   environment = os.environ | {"PYTHONPATH": str(ROOT)}
   done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)

@@ -5,7 +5,7 @@ import pytest
 from tests.extending.example import Copy, files_of
 
 FILES = files_of("A tyre law")
-PAGE = "docs/tyre.md"
+PAGE = "docs/reference/tyre.md"
 
 _DRIVEN = """
 import dataclasses, sys, mujoco

@@ -11,7 +11,7 @@ import threading
 import time
 from pathlib import Path
 
-from commands import campaign
+from scripts import campaign
 
 
 def main() -> None:

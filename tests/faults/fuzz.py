@@ -23,7 +23,7 @@ from typing import TextIO
 
 import numpy as np
 
-from commands.__main__ import PACKAGES
+from qcar_twin.command_line import PACKAGES
 from tests.faults.mutations import damaged
 from tests.faults.samples import KINDS
 

@@ -25,7 +25,7 @@ import onnx
 from safetensors.numpy import load_file
 
 from tests import ROOT
-from tests.commands.tiny_session import write
+from tests.scripts.tiny_session import write
 
 TIMES = {"seconds", "stages", "sha256", "resumed"}  # keys of what no two runs have in common
 
@@ -65,7 +65,7 @@ VICTIMS = {
 
 def start(words: str, **places: Path) -> subprocess.Popen[bytes]:
   """The command in a group of processes of its own."""
-  command = [sys.executable, "-m", "commands", *words.format(**places).split()]
+  command = [sys.executable, "-m", "scripts", *words.format(**places).split()]
   environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
   return subprocess.Popen(
     command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True

@@ -37,7 +37,7 @@ def run(words: Sequence[str]) -> tuple[float, float, float]:
     os.dup2(begins, 2)
     os.chdir(ROOT)
     settings = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-    os.execve(sys.executable, [sys.executable, "-m", "commands", *words], settings)
+    os.execve(sys.executable, [sys.executable, "-m", "scripts", *words], settings)
   os.close(begins)
   with os.fdopen(ends, encoding="utf-8", errors="replace") as pipe:
     said = pipe.read()

@@ -17,9 +17,9 @@ from rosbags.typesys import Stores
 from agents.control import controllers
 from agents.control.model import Model
 from agents.learning.policy_file import Policy, load_policy, save_policy
-from calibration.campaign.archive import digest, keep, pack, unpack
+from calibration.concealed.campaign.archive import digest, keep, pack, unpack
+from calibration.concealed.laboratory.seal import seal, unseal
 from calibration.identification.identification import Identification, identify
-from calibration.laboratory.seal import seal, unseal
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.file import load_twin, save_twin
 from qcar_twin.twin.mechanisms import select

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from qcar_twin.atomic_io import staging, whole_file, whole_folder, write_text
-from tests.commands.tiny_session import write
 from tests.faults.kills import VICTIMS, broken, differences, finish, torment
+from tests.scripts.tiny_session import write
 
 WRITER = """
 import os, signal, sys

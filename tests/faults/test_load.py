@@ -3,8 +3,8 @@
 import pytest
 
 from qcar_twin.recordings.dataset import DataSet
-from tests.commands.tiny_session import write
 from tests.faults.load import SHORTEST, cut
+from tests.scripts.tiny_session import write
 
 
 def test_pieces_are_the_driving_they_were_cut_from(tmp_path):

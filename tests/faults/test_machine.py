@@ -11,7 +11,7 @@ import pytest
 from qcar_twin.atomic_io import whole_file, write_text
 from qcar_twin.cures import cure
 from tests import ROOT
-from tests.commands.tiny_session import write
+from tests.scripts.tiny_session import write
 
 
 def said(words: list[str], limit: int | None = None, **environment: str) -> str:
@@ -20,7 +20,7 @@ def said(words: list[str], limit: int | None = None, **environment: str) -> str:
   # Python keeps bytecode that could be written only in part, and every later process would stumble over it
   unwritten = {} if limit is None else {"PYTHONDONTWRITEBYTECODE": "1"}
   done = subprocess.run(
-    [sys.executable, "-m", "commands", *words],
+    [sys.executable, "-m", "scripts", *words],
     capture_output=True,
     text=True,
     cwd=ROOT,
@@ -125,7 +125,7 @@ native.importlib.util.find_spec = lambda name: None
 native.place_for = lambda source, name: __import__("pathlib").Path(sys.argv[1]) / name
 from qcar_twin.vehicle.tyre import build
 build.native = native
-from commands.__main__ import main
+from scripts.__main__ import main
 raise SystemExit(main(["track", "--quick", "--out", sys.argv[1] + "/out"]))
 """
 

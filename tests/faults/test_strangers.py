@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from agents.learning.policy_file import load_policy
-from calibration.campaign.archive import unpack
+from calibration.concealed.campaign.archive import unpack
 from qcar_twin.pages.page import Section, write_page
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import RecordingError
@@ -125,7 +125,7 @@ def test_no_text_of_a_vehicle_becomes_part_of_the_model(tmp_path):
   parsed = [
     p.name for p in (ROOT / "qcar_twin").rglob("*.py") if "MjSpec.from" in p.read_text() or "from_xml" in p.read_text()
   ]
-  assert parsed == ["mjcf.py"] and mujoco.MjSpec.from_file(str(ROOT / "qcar_twin" / "assets" / "qcar.xml"))
+  assert parsed == ["mjcf.py"] and mujoco.MjSpec.from_file(str(ROOT / "assets" / "qcar.xml"))
 
 
 def test_a_pickle_in_a_policys_place_is_not_run(tmp_path, monkeypatch):

@@ -11,7 +11,7 @@ from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.search.decide import Decision
 from calibration.fitting.observations import Observations
 from calibration.fitting.residual_channels import RESIDUALS
-from calibration.reports.drives import runs_of
+from calibration.shown_runs import runs_of
 from qcar_twin.pages import Chart, Explorer, Moment, bars, line, ranked
 
 Array = NDArray[np.float64]

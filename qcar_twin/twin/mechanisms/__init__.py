@@ -118,5 +118,5 @@ def _run(source: Path) -> ModuleType:
   sys.modules[name] = module
   spec.loader.exec_module(module)
   if not _defined(module):
-    raise ValueError(f"{source}: defines no mechanism; see docs/extending.md for what one is")
+    raise ValueError(f"{source}: defines no mechanism; see docs/guide/extending.md for what one is")
   return module

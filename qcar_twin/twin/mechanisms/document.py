@@ -1,6 +1,7 @@
 """The catalogue as a page to read, made from the mechanisms' own declarations and docstrings.
 
-`python -m qcar_twin.twin.mechanisms.document docs/mechanisms.md` writes the page; no mechanism is defined here.
+`python -m qcar_twin.twin.mechanisms.document docs/reference/mechanisms.md` writes the page; no mechanism is defined
+here.
 """
 
 import re
@@ -65,4 +66,4 @@ def write(path: Path) -> None:
 
 
 if __name__ == "__main__":
-  write(Path(sys.argv[1] if len(sys.argv) > 1 else "docs/mechanisms.md"))
+  write(Path(sys.argv[1] if len(sys.argv) > 1 else "docs/reference/mechanisms.md"))

@@ -1,4 +1,4 @@
-"""The tyre inside the contact solver: a MuJoCo engine plugin, its loader, its parameters. See docs/tyre.md."""
+"""The tyre inside the contact solver: a MuJoCo plugin, its loader, its parameters. See docs/reference/tyre.md."""
 
 import threading
 

@@ -3,7 +3,7 @@
 // MuJoCo calls a passive plugin after the constraint rows are made and before their reference accelerations are.
 // For every wheel on the ground the plugin turns the two friction rows of its contact into an implicit tyre: the
 // rows then solve for  f = -c v(t+h) - b,  a law that is linear in the slip velocity at the end of the step, so the
-// tyre is stable at any step and at standstill. The equations are in docs/tyre.md.
+// tyre is stable at any step and at standstill. The equations are in docs/reference/tyre.md.
 //
 // Directions: x where the wheel rolls (axle cross normal), y along the axle. Slip velocity is that of the rubber over
 // the ground, force is that of the ground on the wheel and opposes it.

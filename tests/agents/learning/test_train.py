@@ -88,7 +88,7 @@ def test_nothing_to_resume_is_said(tmp_path):
 
 def test_killed_in_the_middle_and_resumed_nothing_before_the_checkpoint_is_lost(tmp_path):
   folder = tmp_path / "run"
-  command = [sys.executable, "-m", "commands", "train", "--out", str(folder), "--quick", "--seed", "3"]
+  command = [sys.executable, "-m", "scripts", "train", "--out", str(folder), "--quick", "--seed", "3"]
   command += ["--episodes", "12"]
   environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
   first = subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)

@@ -116,7 +116,7 @@ def test_costs_are_per_period_and_car(monkeypatch):
 
 def command(name, *arguments):
   done = subprocess.run(
-    [sys.executable, "-m", "commands", name, *map(str, arguments)],
+    [sys.executable, "-m", "scripts", name, *map(str, arguments)],
     check=False,
     cwd=ROOT,
     env={

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from calibration.concealed.proving_ground import Spec, make_sessions
 from calibration.fitting.coverage import with_coverage
-from calibration.proving_ground import Spec, make_sessions
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording, Stream
 

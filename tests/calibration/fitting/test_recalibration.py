@@ -2,10 +2,10 @@
 
 import pytest
 
+from calibration.concealed.proving_ground import make_session
 from calibration.fitting.dataset_recalibration import starting_priors
 from calibration.fitting.recalibration import recalibrate
 from calibration.fitting.tolerances import sensor_error_mechanisms
-from calibration.proving_ground import make_session
 from qcar_twin.twin.mechanisms import catalogue
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from calibration.checking.free_run import PUBLISHED, free_run
+from calibration.cross_validation.free_run import PUBLISHED, free_run
 from calibration.identification.drive_fit import NotIdentifiable
 from calibration.identification.identification import Identification, identify
 from qcar_twin.bicycle.bicycle import TurningLosses
@@ -144,7 +144,7 @@ def test_real_dart_on_its_throttle_steps():
 def test_independent_car_is_identified_over_three_seeds():
   """Every parameter within three deviations of the truth, every error within the paper's; the plain bicycle's yaw
   rate on the oval, driven at larger angles than the steps, only on average (the turning losses mend it)."""
-  from calibration.proving_ground import Spec, make_sessions
+  from calibration.concealed.proving_ground import Spec, make_sessions
 
   yaw_rates = []
   for made_session in make_sessions([Spec(seed, (), "paper") for seed in (1, 2, 3)]):

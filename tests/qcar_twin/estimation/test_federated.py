@@ -248,7 +248,7 @@ def test_estimates_with_standard_deviations_that_mean_something():
 
 @pytest.mark.parametrize("latency", [0, 5])
 def test_a_late_fix_makes_the_filter_go_again_over_the_periods_since_its_stamp_and_no_more(latency):
-  """What an update costs, counted in steps of the filter; in microseconds it is in docs/results_estimation.md."""
+  """What an update costs, counted in steps of the filter; in microseconds it is in docs/results/estimation.md."""
   trip, federated, steps = journey(5.0), FederatedFilter(CAR), []
   filters = federated._batch.filters
   step = filters.step

@@ -20,7 +20,7 @@ MEASURED = [name for name, channel in CHANNELS.items() if channel.is_measured]
 
 
 def test_the_page_names_every_channel():
-  page = (ROOT / "docs" / "recordings.md").read_text(encoding="utf-8")
+  page = (ROOT / "docs" / "reference" / "recordings.md").read_text(encoding="utf-8")
   table = page.split("## Channels")[1].split("## dataset.toml")[0]
   assert set(re.findall(r"`(\w+)`", table.split("|---|---|---|")[1].split("\n\n")[0])) == set(CHANNELS)
 

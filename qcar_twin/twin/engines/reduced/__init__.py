@@ -1,1 +1,1 @@
-"""The reduced car: the twin's structure written out in C, for searching. See docs/reduced.md."""
+"""The reduced car: the twin's structure written out in C, for searching. See docs/reference/reduced.md."""

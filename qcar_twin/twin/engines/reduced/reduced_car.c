@@ -1,4 +1,4 @@
-// The reduced car: what MuJoCo computes for qcar.xml, written out for this one structure. Equations: docs/reduced.md.
+// The reduced car: what MuJoCo computes for qcar.xml, written out for this one structure. Equations: docs/reference/reduced.md.
 //
 // Unknowns of a step are the velocities at its end: the car's along x and y of the heading in its middle, yaw, roll and
 // pitch rate, the wheel speed differences of both axles and between them, the motor's speed. All forces that depend on

@@ -32,7 +32,7 @@ def tyre_laws() -> Mapping[str, tuple[Parameter, ...]]:
   for name in sorted((m.name for m in pkgutil.iter_modules(__path__)), key=lambda n: (n != DEFAULT, n)):
     header = FOLDER / f"{name}.h"
     if not header.is_file() or f"{name}_secant(" not in header.read_text(encoding="utf-8"):
-      raise ValueError(f"tyre law '{name}': laws/{name}.h does not define {name}_secant; see docs/extending.md")
+      raise ValueError(f"tyre law '{name}': laws/{name}.h does not define {name}_secant; see docs/guide/extending.md")
     found[name] = tuple(importlib.import_module(f"{__name__}.{name}").PARAMETERS)
   names = [p.name for parameters in found.values() for p in parameters]
   if len(set(names)) != len(names):

@@ -7,11 +7,11 @@ import shutil
 import numpy as np
 import pytest
 
-from calibration.campaign.set_levels import WEIGHTS, fitted_weights, write_weights
+from calibration.concealed.campaign.set_levels import WEIGHTS, fitted_weights, write_weights
 from calibration.diagnosis.score import compare
 from calibration.diagnosis.search.decide import CONSIDERED, figures
 from calibration.diagnosis.search.weighing import FILE, Levels, read_levels, usual_levels, weighed
-from commands import set_levels
+from scripts import set_levels
 from tests import ROOT
 
 LEVELS = usual_levels()
@@ -107,7 +107,7 @@ def test_weights_are_written_beside_the_other_levels_with_the_command(tmp_path):
 
 def test_the_levels_are_those_of_the_archive_they_name(tmp_path):
   """So that no number that decides is older or newer than what it is said to come from."""
-  archive = ROOT / "docs/answers_weighed.jsonl.xz"
+  archive = ROOT / "data/answers/weighed.jsonl.xz"
   file = shutil.copy(FILE, tmp_path / "levels.toml")
   said = set_levels.main(set_levels.Config((archive,), file))
   assert said.startswith("186 answers")

@@ -4,12 +4,12 @@ from qcar_twin.twin.mechanisms import catalogue
 from qcar_twin.twin.mechanisms.document import page, sections, write
 from tests import ROOT
 
-PAGE = ROOT / "docs" / "mechanisms.md"
+PAGE = ROOT / "docs" / "reference" / "mechanisms.md"
 
 
 def test_page_in_the_repository_is_current():
   assert PAGE.read_text(encoding="utf-8") == page(), (
-    "run python -m qcar_twin.twin.mechanisms.document docs/mechanisms.md"
+    "run python -m qcar_twin.twin.mechanisms.document docs/reference/mechanisms.md"
   )
 
 

@@ -32,7 +32,7 @@ def test_a_law_only_takes_energy(law):
 
 @each_law
 def test_a_law_has_its_section_on_the_page(law):
-  page = (ROOT / "docs" / "tyre.md").read_text(encoding="utf-8")
+  page = (ROOT / "docs" / "reference" / "tyre.md").read_text(encoding="utf-8")
   assert f"\n### {law}\n" in page
   assert all(f"`{p.name}`" in page for p in law_parameters(law))
 

@@ -1,6 +1,0 @@
-"""The twin with curves of no known form in its maps: what it reaches, and which named forms the curves have."""
-
-from calibration.characterise.flexible import Characterised, characterise
-from calibration.characterise.naming.forms import Form, Outline
-
-__all__ = ["Characterised", "Form", "Outline", "characterise"]

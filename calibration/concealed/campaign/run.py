@@ -1,0 +1,154 @@
+"""Campaigns on the proving ground: many sessions with concealed effects, diagnosed blind and scored.
+
+A case is made from its seed, diagnosed without sight of its truth, and its answer is written with its
+hash before the truth is looked at. A campaign that is stopped goes on where it was.
+"""
+
+import dataclasses
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+
+from calibration.concealed.campaign.archive import digest, keep
+from calibration.concealed.campaign.cases import Case
+from calibration.concealed.campaign.reference import baselines, oracle
+from calibration.concealed.campaign.wild_score import informed
+from calibration.concealed.proving_ground import make_session
+from calibration.concealed.second_car import make_second_session
+from calibration.diagnosis.curves.study import study
+from calibration.diagnosis.outcome import Outcome
+from calibration.diagnosis.pipeline import diagnose
+from calibration.diagnosis.pool import Pool
+from calibration.diagnosis.report.document import document
+from calibration.diagnosis.score import Comparison, compare
+from calibration.diagnosis.search.decide import figures
+from calibration.diagnosis.unexplained.leftover import Leftover
+from qcar_twin.atomic_io import plain, write_text
+from qcar_twin.recordings.dataset import DataSet
+
+MAKERS = {"first": make_session, "second": make_second_session}
+ENGINES = ("search", "characterise")
+
+
+class CaseFailed(RuntimeError):
+  """Cases without an answer, because making one ended in an error."""
+
+
+def attempt(case: Case, folder: Path, engine: str = "search") -> str:
+  """`run_case`, whatever it raises: "" if it was answered, else a line that says what came instead.
+
+  An error's traceback stays in `folder` as NAME.error.txt until the case is answered.
+  """
+  story = folder / f"{case.name}.error.txt"
+  try:
+    run_case(case, folder, engine=engine)
+  except Exception as error:  # one case that cannot be answered must not cost the others theirs
+    write_text(story, traceback.format_exc())
+    return f"{case.name} ({type(error).__name__}: {error})"
+  story.unlink(missing_ok=True)
+  return ""
+
+
+def all_answered(said: Sequence[str], folder: Path) -> None:
+  """Raises CaseFailed if one of the lines of `attempt` says that there is no answer."""
+  failed = sorted(line for line in said if line)
+  if failed:
+    count = "1 case has" if len(failed) == 1 else f"{len(failed)} cases have"
+    raise CaseFailed(
+      f"{count} no answer: {'; '.join(failed)}. The others are scored; {folder}/*.error.txt say where it arose, and the"
+      " same command tries again"
+    )
+
+
+def run_case(case: Case, folder: Path, threads: int = 1, engine: str = "search") -> Path:
+  """Make, diagnose and answer one case; does nothing if its answer is there.
+
+  Args:
+    engine: "search" for `diagnose`, "characterise" for `study`, which leaves no pool that reference methods could be
+      taken from.
+
+  Raises:
+    ValueError: there is no such engine.
+  """
+  if engine not in ENGINES:
+    raise ValueError(f"engine must be one of {', '.join(ENGINES)}, not '{engine}'")
+  path = folder / f"{case.name}.json"
+  if path.is_file():
+    return path
+  session = MAKERS[case.car](case.seed, case.effects, case.design, case.noise)
+  dataset = DataSet(case.name, session.recordings, session.vehicle, session.vehicle_std)
+  if engine == "characterise":
+    return _kept(
+      case, study(dataset, threads=threads).document(), session.truth, path, informed(dataset, case, threads)
+    )
+  outcome = diagnose(dataset, threads=threads)
+  answer = _answer(outcome)
+  sealed = digest(answer)
+  # the truth joins the file only after the answer and its hash stand
+  truth, holdout = session.truth["effects"], dataset.role("holdout")
+  result = {"case": dataclasses.asdict(case), "answer": answer, "sha256": sealed, "truth": truth}
+  result |= {"baselines": baselines(outcome, holdout), "oracle": oracle(outcome, [t["id"] for t in truth], holdout)}
+  folder.mkdir(parents=True, exist_ok=True)
+  keep(result, path)
+  return path
+
+
+def _kept(case: Case, answer: dict, truth: dict, path: Path, oracle: dict | None = None) -> Path:
+  """An answer and its hash; truth and oracle join the file only after them."""
+  answer = plain(answer)
+  result = {"case": dataclasses.asdict(case), "answer": answer, "sha256": digest(answer), "truth": truth["effects"]}
+  result |= {"sensors": truth.get("sensors")} | ({"oracle": oracle} if oracle else {})
+  path.parent.mkdir(parents=True, exist_ok=True)
+  keep(plain(result), path)
+  return path
+
+
+def _answer(outcome: Outcome) -> dict:
+  """What the diagnosis says, and the figures that thresholds are held against."""
+  found = outcome.diagnosis
+  full = document(found)
+  keep = ("verdict", "claims", "where", "untestable", "fit", "seconds", "unknown")
+  out = {key: full[key] for key in keep} | {"ranking": full["ranking"][:12]}
+  out["stages"] = dict(found.stages)
+  out["tests"] = [{"mechanism": c.mechanism} | _figures(c.held_out) for c in found.decision.claims]
+  out["possible"] = list(found.decision.possible)
+  rival = found.decision.unknown
+  out["rival"] = None if rival is None else {"name": rival[0]} | _figures(rival[1])
+  out["weighed"] = figures(found.pool)
+  structures = [_structures(left) for left in found.left_over]
+  out["left_over"] = plain(dict(zip(("before", "after"), structures, strict=True)))
+  out["trials"] = _trials(found.pool)
+  return out
+
+
+def _structures(left: Sequence[Leftover]) -> list[dict]:
+  """What levels of structure are held against."""
+  keep = ("channel", "family", "nats", "count", "size")
+  return [{k: getattr(i, k) for k in keep} | {"t": i.comparison.t if i.comparison else None} for i in left]
+
+
+def _trials(pool: Pool) -> list[dict]:
+  """Every set that was fitted, with its figures: what thresholds are held against."""
+  rows = []
+  for key, model in pool.models.items():
+    if not key:
+      continue
+    sizes = {
+      p.name: [*model.estimate(p.name), p.typical or p.scale]
+      for name in key
+      for p in pool.problem.mechanism(name).parameters
+      if p.null is not None
+    }
+    test = compare(model, pool.base, pool.problem.observations)
+    rows.append({"set": sorted(key), "cost": pool.base.cost - model.cost, "sizes": sizes} | _figures(test))
+  return sorted(rows, key=lambda r: -r["total"])
+
+
+def _figures(test: Comparison) -> dict[str, float]:
+  return {
+    "t": test.t,
+    "gain": test.gain,
+    "share": test.share_positive,
+    "total": test.total,
+    "relative": test.relative,
+  }

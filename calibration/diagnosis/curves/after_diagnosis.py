@@ -1,0 +1,138 @@
+"""Free curves as a stage after a diagnosis: where the base car's own laws leave something that has no name."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+from calibration.diagnosis.curves.report import wording
+from calibration.diagnosis.curves.report.page import sections
+from calibration.diagnosis.curves.report.shapes import Shape, shapes
+from calibration.diagnosis.curves.study import Study, ratio, sentences, study
+from calibration.diagnosis.outcome import Diagnosis, Outcome
+from calibration.diagnosis.report.demonstration import demonstrate
+from calibration.diagnosis.report.further import Further
+from calibration.diagnosis.report.page import something_nameless, write_diagnosis
+from calibration.fitting.dataset_recalibration import LONGEST
+from calibration.progress import Progress, silent
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.twin.engines import EngineKind
+from qcar_twin.twin.file import save_twin
+
+When = Literal["auto", "never", "always"]
+_ADVICE = (
+  "something is left that no name explains: the maps themselves may differ from the twin's laws; try --curves auto"
+)
+
+
+def wanted(when: When, diagnosis: Diagnosis) -> bool:
+  """Whether curves are fitted: "auto" where something is left that no name explains."""
+  return when == "always" or (when == "auto" and something_nameless(diagnosis))
+
+
+def write_with_curves(
+  outcome: Outcome,
+  dataset: DataSet,
+  folder: Path,
+  when: When = "auto",
+  most: float = LONGEST,
+  threads: int = 0,
+  progress: Progress = silent,
+  plant: EngineKind = "reduced",
+) -> tuple[Path, list[str]]:
+  """Write a diagnosis, fit free curves where they are wanted, and write it again with them.
+
+  The diagnosis is written before anything else begins, and stands where curves can't be fitted. Where they are,
+  diagnosed.toml and characterised.toml are the two twins that were compared, and twin.toml is the better one.
+
+  Args:
+    outcome: of `diagnose` on the data set.
+    dataset: as it was loaded.
+    folder: for the results.
+    when: curves are fitted.
+    most: s of driving that are simulated for them.
+    threads: of the simulation, 0 for all cores.
+    progress: told the stage.
+    plant: what curves are fitted on.
+
+  Returns:
+    the report's path, and what the terminal says of the curves, a line a finding.
+  """
+  progress("film and report")
+  shown = demonstrate(outcome)
+  page = write_diagnosis(outcome, folder, shown)
+  if not wanted(when, outcome.diagnosis):
+    return page, [_ADVICE] if something_nameless(outcome.diagnosis) else []
+  try:
+    found = study(dataset, most, threads, lambda stage, share=None: progress(f"free curves: {stage}", share), plant)
+  except ValueError as error:
+    further = Further(f"Free curves could not be fitted, and the diagnosis stands without them: {error}")
+    return write_diagnosis(outcome, folder, shown, further), [further.sentence]
+  further = with_curves(found, outcome.diagnosis)
+  page = write_diagnosis(outcome, folder, shown, further)
+  save_twin(folder / "diagnosed.toml", outcome.twin, outcome.after, f"repaired on {found.dataset}, without curves")
+  save_twin(folder / "characterised.toml", *found.shipped, _note(found))
+  return page, [*sentences(found), chosen(found, outcome.diagnosis)]
+
+
+def with_curves(found: Study, diagnosis: Diagnosis) -> Further:
+  """What the curves add to a diagnosis."""
+  drawn = shapes(found.found, found.outlines)
+  repaired = {role: {n: f.after for n, f in getattr(diagnosis, role).items()} for role in ("holdout", "validate")}
+  parts = sections(found, drawn, repaired, "Free curves: ")
+  last = parts.pop()
+  parts.append(dataclasses.replace(last, text=f"{chosen(found, diagnosis)}\n\n{last.text}"))
+  curved = curves_are_better(found, diagnosis)
+  return Further(
+    sentence(found, diagnosis, drawn),
+    [("twin.toml is", "the twin with curves" if curved else "the diagnosed twin")],
+    parts,
+    {**found.document(), "shipped": "characterised" if curved else "diagnosed"},
+    (*found.shipped, _note(found)) if curved else None,
+  )
+
+
+def sentence(found: Study, diagnosis: Diagnosis, drawn: tuple[Shape, ...]) -> str:
+  """What the curves found, and how far the errors fell from stage to stage."""
+  said = wording.departures(found, drawn)
+  return f"Free curves were fitted over the twin's maps. {said} {fall(found, diagnosis)}".rstrip()
+
+
+def fall(found: Study, diagnosis: Diagnosis) -> str:
+  """Errors from the base over the diagnosed twin to the twin with curves, on recordings that took no part."""
+  fits, after = diagnosis.holdout, found.errors.get(found.best, {})
+  where = "recordings kept aside"
+  if not (fits and after):
+    fits, after, where = diagnosis.validate, found.judged.get(found.best, {}), "validation recordings"
+  if not (fits and after):
+    return ""
+  before = {name: fit.before for name, fit in fits.items()}
+  repaired = {name: fit.after for name, fit in fits.items()}
+  return (
+    f"On {where} the errors go from 100 % for the recalibrated base to {100.0 * ratio(repaired, before):.0f} % after"
+    f" the diagnosis and {100.0 * ratio(after, before):.0f} % with curves (geometric mean over the channels)."
+  )
+
+
+def curves_are_better(found: Study, diagnosis: Diagnosis) -> bool:
+  """Whether the twin with curves errs less than the diagnosed one on recordings that only judge."""
+  return _on_validation(found, diagnosis) < 1.0
+
+
+def chosen(found: Study, diagnosis: Diagnosis) -> str:
+  """Which twin is written as twin.toml, and why."""
+  if not (found.judged and diagnosis.validate):
+    return 'twin.toml is the diagnosed twin: no recordings only judge (role "validate"), so curves are not trusted.'
+  share = 100.0 * (_on_validation(found, diagnosis) - 1.0)
+  less = f"{abs(share):.1f} % {'smaller' if share < 0.0 else 'larger'} than the diagnosed twin's"
+  which = "the twin with curves" if curves_are_better(found, diagnosis) else "the diagnosed twin"
+  return f"twin.toml is {which}: with curves the errors on validation recordings are {less}."
+
+
+def _on_validation(found: Study, diagnosis: Diagnosis) -> float:
+  repaired: Mapping[str, float] = {name: fit.after for name, fit in diagnosis.validate.items()}
+  return ratio(found.judged.get(found.best, {}), repaired)
+
+
+def _note(found: Study) -> str:
+  return f"characterised on {found.dataset}: curves of no known form; sessions' own trims are left out"

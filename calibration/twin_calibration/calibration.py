@@ -1,0 +1,350 @@
+"""Calibration of the twin: to the identified model's step responses, or to the recordings themselves.
+
+  calibration = calibrate(DataSet.load("data/sample"), against="recordings", folder="out/sample")
+  write_calibration(calibration, "out/sample")  # twin.toml, calibration.json, report.html
+
+Against "identified" the twin answers voltage steps and step steers like the bicycle (`match`). Against
+"recordings" it is the maximum a posteriori over all recordings with role "identify" (`recalibrate_dataset`), the
+twin that a diagnosis starts from; role "validate" judges, role "holdout" stays closed.
+What the recordings can't show stays at its prior and is said.
+"""
+
+import dataclasses
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.fitting.dataset_recalibration import LONGEST, command_shifts, recalibrate_dataset
+from calibration.fitting.noise import noise_passport
+from calibration.fitting.noise_floor import sensor_floor
+from calibration.fitting.observations import UNITS, Observations, observe
+from calibration.fitting.optimiser import Fit, finite_differences, with_jacobian
+from calibration.fitting.recalibration import RecalibratedTwin
+from calibration.fitting.static_friction import split_standing
+from calibration.fitting.surrogate import searching
+from calibration.fitting.tolerances import always_fitted
+from calibration.fitting.windows import Cut
+from calibration.identification.drive_fit import NotIdentifiable
+from calibration.identification.identification import Identification, SteadyState, identify
+from calibration.identification.match_bicycle import (
+  PARTS,
+  Answer,
+  StepComparison,
+  levels_of,
+  match_bicycle,
+  mean_percent,
+)
+from calibration.log_check.ready import ready
+from calibration.progress import Progress, silent
+from calibration.twin_calibration.stage_cache import Stages, fingerprint
+from qcar_twin.parameters import ParameterSet
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import Recording
+from qcar_twin.twin.engines import EngineKind
+from qcar_twin.twin.mechanisms import select
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+Against = Literal["identified", "recordings"]
+Recalibrated = Callable[[], RecalibratedTwin] | None
+
+QUICK = 40.0  # s of driving that are fitted for a first look
+FINE = 5  # simulation steps per control period of the final numbers: 2 ms
+_UNSEEN = 0.5  # a prior deviation of a parameter moves all residuals together by less than this: nothing shows it
+_OFF = 3.0  # prior deviations that are worth a word
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+  """One parameter after calibration, in `unit`.
+
+  Attributes:
+    reason_not_fitted: why it was not fitted, or that nothing in the recordings shows it; "" for a fitted one.
+  """
+
+  value: float
+  std: float
+  unit: str
+  prior: float
+  prior_std: float
+  at_bound: bool
+  identifiable: bool
+  reason_not_fitted: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class ChannelError:
+  """Root mean square error on recordings before and after calibration, and the sensor's own noise, in `unit`."""
+
+  before: float
+  after: float
+  noise_floor: float
+  unit: str
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Replay:
+  """What was measured, and predicted before and after calibration, (2, M), in the channels' units."""
+
+  observations: Observations
+  predicted: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Calibration:
+  """A calibrated twin.
+
+  Attributes:
+    twin, theta: the car at 2 ms steps and its parameter vector, (P,).
+    estimates: every parameter by name.
+    identification: the bicycle; None where `missing` says why.
+    answers: step responses of twin and bicycle.
+    errors: role -> channel -> error on the stretches of recordings that were used; empty against "identified".
+    command_shift: control periods by which commands act later than logged.
+    notes: what a reader must know.
+    replay: the recordings that were used with what the twin made of them; None against "identified".
+  """
+
+  dataset: DataSet
+  against: Against
+  twin: Twin
+  theta: Array
+  estimates: Mapping[str, Estimate]
+  identification: Identification | None
+  missing: str
+  answers: tuple[Answer, ...]
+  errors: Mapping[str, Mapping[str, ChannelError]]
+  command_shift: int
+  notes: tuple[str, ...]
+  seconds: float
+  replay: Replay | None = None
+
+  def step_percent(self, part: str, role: str | None = None) -> float:
+    """Mean difference from the bicycle on steps, per cent: part "longitudinal", "lateral" or "yaw_rate"."""
+    return mean_percent(self.answers, part, role)
+
+  def document(self) -> dict[str, Any]:
+    """What calibration.json holds."""
+    steps = {p: {r: self.step_percent(p, r) for r in ("identify", "validate")} for p in PARTS}
+    found = self.identification
+    return {
+      "dataset": self.dataset.name,
+      "against": self.against,
+      "parameters": {name: dataclasses.asdict(e) for name, e in self.estimates.items()},
+      "identified": dict(zip(("P1", "P2", "P3", "C_f", "C_r"), found.theta, strict=True)) if found else None,
+      "steps_rmse_percent": steps,
+      "errors": {r: {c: dataclasses.asdict(e) for c, e in items.items()} for r, items in self.errors.items()},
+      "command_shift": self.command_shift,
+      "notes": list(self.notes),
+      "seconds": round(self.seconds, 1),
+    }
+
+
+def calibrate(
+  dataset: DataSet,
+  against: Against = "identified",
+  folder: str | os.PathLike[str] | None = None,
+  mechanisms: Sequence[str] = (),
+  steady_state: SteadyState = "exact",
+  quick: bool = False,
+  threads: int = 0,
+  progress: Progress = silent,
+  recalibrated: Recalibrated = None,
+  plant: EngineKind = "reduced",
+) -> Calibration:
+  """Fit the twin of a data set's car.
+
+  Args:
+    against: "identified" or "recordings".
+    folder: where stage results are kept; a broken-off run with the same folder, data and options goes on from them.
+    mechanisms: ids of the catalogue this car is known to need; fitted with the rest against "recordings".
+    steady_state: of the identification.
+    quick: about 40 s of driving and few iterations, for a first look.
+    threads: of the simulation, 0 for all cores; results don't depend on it.
+    progress: told what is being done.
+    recalibrated: gives this data set's recalibrated twin where a diagnosis made it; see diagnosis.pipeline.prepare.
+    plant: what is searched with against "recordings"; see `diagnose`.
+
+  Raises:
+    NotIdentifiable: against "identified" without voltage steps that identify the drive.
+  """
+  began, told, said = time.perf_counter(), (), ()
+  vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
+  progress("identification")
+  identification, missing = _identified(dataset, steady_state, vehicle)
+  stages = Stages(
+    folder and Path(folder) / "stages", fingerprint(dataset), against, tuple(mechanisms), steady_state, quick, plant
+  )
+  if against == "identified":
+    if identification is None:
+      raise NotIdentifiable(f"{missing}; or calibrate against the recordings themselves (--against recordings)")
+    twin = Twin(vehicle, substeps=2, threads=threads)
+    work = lambda: _to_bicycle(twin, identification, quick, progress)
+  else:
+    dataset, told = ready(dataset, QUICK if quick else LONGEST)
+    # in the order of the catalogue, in which a diagnosis applies them: the same bits
+    twin = Twin(vehicle, select(sorted({*mechanisms, *always_fitted()})), substeps=2, threads=threads)
+    searched, said = searching(twin, plant)
+    work = lambda: _to_recordings(searched, dataset, mechanisms, quick, recalibrated, progress)
+  found = stages.kept("fit")
+  if found:
+    progress("fit taken from an earlier run")
+  else:
+    found = stages.keep("fit", work())
+  estimates = {name: _estimate(e) for name, e in found["estimates"].items()}
+  theta = twin.parameters.vector({name: e.value for name, e in estimates.items()})
+  progress("comparison")
+  fine = Twin(vehicle, twin.mechanisms, substeps=FINE, threads=threads)
+  answers = _answers(fine, theta, identification) if identification else ()
+  replay = _replay(fine, theta, dataset, found["command_shift"], quick) if against == "recordings" else None
+  notes = (*told, *dataset.notices, *said, *found["notes"], *_judged(estimates))
+  return Calibration(dataset, against, fine, theta, estimates, identification, missing, answers,
+    _errors(replay, dataset), found["command_shift"], notes, time.perf_counter() - began, replay)  # fmt: skip
+
+
+def _identified(dataset: DataSet, steady_state: SteadyState, vehicle: Vehicle) -> tuple[Identification | None, str]:
+  try:
+    found = identify(dataset, steady_state, vehicle=vehicle)
+  except NotIdentifiable as error:
+    return None, str(error)
+  return found, found.missing
+
+
+# -- the two fits --------------------------------------------------------------------------------
+
+
+def _to_bicycle(twin: Twin, identification: Identification, quick: bool, progress: Progress) -> dict[str, Any]:
+  tell = lambda k, cost: progress(f"fit to the identified model, iteration {k}, cost {cost:.0f}")
+  match = match_bicycle(twin, identification, twin.base, iterations=3 if quick else 12, progress=tell)
+  estimates = _table(match.fit, twin.base, "the identified model does not show it")
+  notes = [*identification.drive.notes, *(identification.lateral.notes if identification.lateral else ())]
+  lags = [n for n in ("servo_time_constant", "relaxation_length") if estimates.get(n, {}).get("at_bound")]
+  if lags:
+    notes.append(
+      f"{' and '.join(lags)} went to the bound: the identified model answers without lag. A twin for driving is"
+      " calibrated against the recordings"
+    )
+  if identification.lateral is None:
+    notes.append(f"tyres stay at their priors: {identification.missing}")
+  return {"estimates": estimates, "command_shift": 0, "notes": notes}
+
+
+def _to_recordings(
+  twin: Twin, dataset: DataSet, mechanisms: Sequence[str], quick: bool, recalibrated: Recalibrated, progress: Progress
+) -> dict[str, Any]:
+  fitted, standing = split_standing(dataset.recordings)
+  if recalibrated is None or standing:
+    added = [p for m in twin.mechanisms if m.name in mechanisms for p in m.parameters]
+    kept = dataclasses.replace(dataset, recordings=tuple(fitted))
+    found = recalibrate_dataset(kept, twin, added=added, most=QUICK if quick else LONGEST, progress=progress)
+  else:
+    found = recalibrated()
+  notes = ["no steering_command is logged: the car is taken to drive straight"]
+  if any("steering_command" in r for r in fitted):
+    notes = []
+  if len(command_shifts(dataset)) > 1:
+    notes.append(f"the log's command timing is unknown; commands fit best {found.command_shift} control periods later")
+  if standing:
+    notes.append(f"static friction holds the car in {', '.join(standing)}: left out of the fit, not of the errors")
+  fresh = with_jacobian(found.fit, _slopes(found), np.inf)
+  estimates = _table(fresh, twin.parameters, "not fitted")
+  return {"estimates": estimates, "command_shift": int(found.command_shift), "notes": notes}
+
+
+def _slopes(found: RecalibratedTwin) -> Array:
+  """MuJoCo's slopes of the fitted residual, (n_train, p): the intervals rest on them, whatever searched."""
+  problem, base = found.problem, found.fit.parameters
+  if problem.exact is problem:
+    return found.jacobian[: problem.n_train]
+  residual = lambda v: problem.exact.fitted_residual(problem.embed(base.names, v, found.theta))
+  return finite_differences(residual, base, found.fit.theta, residual(found.fit.theta[None])[0])
+
+
+def _open_recordings(dataset: DataSet) -> list[Recording]:
+  return [r for r in dataset.recordings if r.role != "holdout"]
+
+
+def _table(found: Fit, every: ParameterSet, reason: str) -> dict[str, dict[str, Any]]:
+  """Estimates of all parameters; what no residual shows goes back to its prior."""
+  force = np.sqrt(np.sum(np.square(found.jacobian), axis=0)) * found.parameters.std
+  table = {}
+  for p in every:
+    if p.name not in found.parameters:
+      table[p.name] = _not_fitted(p.nominal, p.nominal, p.std or (p.upper - p.lower) / 3.0, p.unit, reason)
+      continue
+    i = found.parameters.index(p.name)
+    row = found.table()[p.name]
+    if force[i] < _UNSEEN:
+      row = _not_fitted(row["prior"], row["prior"], row["prior_std"], p.unit, "no recording shows it")
+    table[p.name] = row
+  return table
+
+
+def _not_fitted(value: Any, prior: Any, std: Any, unit: str, reason: str) -> dict[str, Any]:
+  return {"value": value, "std": std, "unit": unit, "prior": prior, "prior_std": std,
+          "at_bound": False, "identifiable": False, "reason_not_fitted": reason}  # fmt: skip
+
+
+def _estimate(row: Mapping[str, Any]) -> Estimate:
+  """From a stored row, where an unknown number is null."""
+  known: dict[str, Any] = {key: np.nan if value is None else value for key, value in row.items()}
+  return Estimate(**known)
+
+
+# -- judging -------------------------------------------------------------------------------------
+
+
+def _answers(twin: Twin, theta: Array, identification: Identification) -> tuple[Answer, ...]:
+  bicycle, values = identification.bicycle(twin.vehicle)
+  return StepComparison(twin, bicycle, values, *levels_of(identification)).answers(theta, values)
+
+
+def _replay(twin: Twin, theta: Array, dataset: DataSet, command_shift: int, quick: bool) -> Replay:
+  """The uncalibrated and the calibrated twin on every recording but those held out."""
+  cut = Cut(most=QUICK if quick else LONGEST, command_shift=command_shift)
+  observations = observe(_open_recordings(dataset), twin.vehicle, cut)
+  both = np.stack([twin.parameters.nominal, theta])
+  return Replay(observations, observations.predict(twin.rollout(both, observations.stretches.segments)))
+
+
+def _errors(replay: Replay | None, dataset: DataSet) -> dict[str, dict[str, ChannelError]]:
+  """Errors of the uncalibrated and the calibrated twin by role and channel."""
+  if replay is None:
+    return {}
+  recordings, observations = _open_recordings(dataset), replay.observations
+  floor = sensor_floor(noise_passport(recordings))
+  roles = np.array([r.role for r in recordings])[observations.recording]
+  errors: dict[str, dict[str, ChannelError]] = {}
+  for role in ("identify", "validate"):
+    for channel in observations.present:
+      rows = (roles == role) & observations.select(channel)
+      if rows.any():
+        wrong, noise = replay.predicted[:, rows] - observations.measured[rows], floor.get(channel, float("nan"))
+        before, after = np.sqrt(np.mean(np.square(wrong), axis=1)).tolist()
+        errors.setdefault(role, {})[channel] = ChannelError(before, after, noise, UNITS[channel])
+  return errors
+
+
+def _judged(estimates: Mapping[str, Estimate]) -> list[str]:
+  """Words on parameters at a bound, unseen, or far from what was measured."""
+  unseen = [n for n, e in estimates.items() if e.reason_not_fitted == "no recording shows it"]
+  bound = [n for n, e in estimates.items() if e.at_bound]
+  far = {
+    n: (e.value - e.prior) / e.prior_std for n, e in estimates.items() if not e.reason_not_fitted and e.prior_std > 0
+  }
+  far = {n: share for n, share in far.items() if abs(share) > _OFF}
+  notes = []
+  if unseen:
+    notes.append(f"no recording shows {', '.join(unseen)}: left at the prior")
+  if bound:
+    notes.append(f"at a bound of the fit: {', '.join(bound)}")
+  if far:
+    listed = ", ".join(f"{n} {share:+.1f}" for n, share in far.items())
+    notes.append(f"far from the prior, in prior deviations: {listed}; something the twin lacks may hide here")
+  return notes

@@ -1,0 +1,57 @@
+"""How a command is run: its options read, and what went wrong said in a sentence that names a cure.
+
+A command is a module with a docstring, a dataclass `Config`, a function `main(config)` and, where a stopped run leaves
+something to go on from, `KEPT`, a sentence that says what.
+"""
+
+import logging
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import ModuleType
+
+from qcar_twin.cures import cure
+
+PACKAGES = ("qcar_twin", "calibration", "agents", "scripts")
+FAILED, MISUSED, INTERRUPTED = 1, 2, 130  # exit codes; the last is the shell's for Ctrl-C
+
+
+def sentence(error: Exception) -> str | None:
+  """What to tell the user, None where the error is none of the input but a fault of the program.
+
+  Input: files, values, unknown names (a KeyError with a sentence), missing packages, errors of this project's kinds.
+  """
+  if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] not in PACKAGES:
+    return f"this needs the package '{(error.name or '').partition('.')[0]}', which is not installed"
+  if isinstance(error, KeyError) and error.args and " " in str(error.args[0]):
+    return str(error.args[0])
+  own = isinstance(error, ValueError) or type(error).__module__.partition(".")[0] in PACKAGES
+  return cure(error) or (str(error) if own else None)
+
+
+def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], traceback: bool = False) -> int:
+  """Run the command that `load` imports under a name; returns the exit code. With `traceback` errors are raised."""
+  import tyro  # here, because the list of commands needs nothing but the standard library
+
+  module: ModuleType | None = None
+  logging.basicConfig(level=logging.WARNING, format="%(message)s")
+  try:
+    module = load()
+    module.main(tyro.cli(module.Config, prog=name, description=module.__doc__, args=list(arguments)))
+  except KeyboardInterrupt:
+    kept = getattr(module, "KEPT", "nothing of this run is kept: results are written at its end")
+    print(f"\n{name}: stopped; {kept}", file=sys.stderr)
+    return INTERRUPTED
+  except Exception as error:
+    said = None if isinstance(error, BrokenPipeError) else sentence(error)
+    if traceback or said is None:
+      raise
+    print(f"{name}: {said}", file=sys.stderr)
+    return FAILED
+  return 0
+
+
+def run_script() -> None:
+  """Run the file that Python was started with as the command it is; ends the process with its exit code."""
+  module = sys.modules["__main__"]
+  raise SystemExit(run(Path(str(module.__file__)).name, lambda: module, sys.argv[1:]))

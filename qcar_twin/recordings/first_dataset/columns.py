@@ -1,0 +1,216 @@
+"""Which column of some logs is which channel, in which unit: by its name first, then by what its values can be."""
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.first_dataset.names import readings, unit_of, words_of
+from qcar_twin.recordings.formats import Table
+from qcar_twin.recordings.manifest import Mapped
+from qcar_twin.recordings.recording import RecordingError
+
+Array = NDArray[np.float64]
+
+_NORMALISED = 1.05  # a command that stays within it, but beyond any 1:10 car's lock, is a share of full lock
+_LOCK = 0.7  # rad, 40 deg: beyond the road-wheel angle of any 1:10 car
+_GATES = {"armed", "arm", "safety", "enable", "enabled", "deadman", "active", "switch", "autonomous"}
+_PULSE = (900.0, 2100.0)  # us, of a radio-control servo or speed controller; 1500 is neutral, 500 the full travel
+_HELD = 2.0  # rows for which a value stays, median, from which a faster log repeats a slower sensor
+
+
+@dataclasses.dataclass
+class Guess:
+  """One channel's column. `why` are the reasons for it, each a clause; `named`: its name says the unit."""
+
+  channel: str
+  column: str
+  scale: float = 1.0
+  offset: float = 0.0
+  wrap: bool | None = None
+  hold: bool = False
+  gate: str | None = None
+  named: bool = False
+  why: list[str] = dataclasses.field(default_factory=list)
+
+  @property
+  def mapped(self) -> Mapped:
+    """As [channels] has it."""
+    return Mapped(self.column, self.scale, self.offset, self.wrap, self.hold, self.gate)
+
+
+class Columns:
+  """The columns of several logs, as numbers."""
+
+  def __init__(self, tables: Sequence[Table]):
+    self.tables = tables
+    self.names = tuple(dict.fromkeys(name for table in tables for name in table.columns if self._numeric(name)))
+
+  def _numeric(self, name: str) -> bool:
+    try:
+      return all(np.isfinite(table.number(name, name)).any() for table in self.holding(name))
+    except RecordingError:
+      return False
+
+  def holding(self, name: str) -> list[Table]:
+    """The logs that have a column."""
+    return [table for table in self.tables if name in table]
+
+  def values(self, name: str) -> Array:
+    """All values of a column that are there, one log after the other."""
+    found = np.concatenate([table.number(name, name) for table in self.holding(name)])
+    return found[np.isfinite(found)]
+
+  def constant(self, name: str) -> bool:
+    """Whether a column never changes, in any log."""
+    values = self.values(name)
+    return bool(np.ptp(values) == 0.0)
+
+  def rises(self, name: str) -> bool:
+    """Whether a column is in every log, has a value in every row and never goes back, as a clock does."""
+    if len(self.holding(name)) < len(self.tables):
+      return False
+    steps = [np.diff(table.number(name, name)) for table in self.tables]
+    return all(np.isfinite(step).all() and (step >= 0.0).all() and (step > 0.0).any() for step in steps)
+
+  def top(self, name: str) -> float:
+    """The largest magnitude, one in a thousand aside."""
+    return float(np.percentile(np.abs(self.values(name)), 99.9))
+
+
+def guess_columns(columns: Columns) -> dict[str, Guess]:
+  """Guesses by channel, each column once: names first, best fit first; then units by name and by value."""
+  offers = []
+  for place, name in enumerate(columns.names):
+    everywhere = 0.5 * (len(columns.holding(name)) == len(columns.tables))
+    for reading in readings(name):
+      if _possible(columns, name, reading.channel):
+        offers.append((reading.score + everywhere, -place, reading, name))
+  guesses: dict[str, Guess] = {}
+  for _, _, reading, name in sorted(offers, key=lambda offer: offer[:2], reverse=True):
+    if reading.channel not in guesses and name not in {guess.column for guess in guesses.values()}:
+      guesses[reading.channel] = Guess(reading.channel, name, why=[reading.why])
+  if "time" not in guesses:
+    clocks = [name for name in columns.names if columns.rises(name)]
+    if clocks:
+      guesses["time"] = Guess("time", clocks[0], why=["it rises through every file"])
+  for guess in guesses.values():
+    _scale(columns, guess)
+  _settle_voltage(columns, guesses)
+  hold(columns, guesses)
+  gate(columns, guesses)
+  return {channel: guesses[channel] for channel in CHANNELS if channel in guesses}
+
+
+def _possible(columns: Columns, name: str, channel: str) -> bool:
+  """Whether the values do not forbid it: a clock rises, a channel changes."""
+  return columns.rises(name) if channel == "time" else not columns.constant(name)
+
+
+def _scale(columns: Columns, guess: Guess) -> None:
+  """The factor to SI, by the unit in the name or by the size of the values."""
+  channel, unit, top = CHANNELS[guess.channel], unit_of(guess.column), columns.top(guess.column)
+  if unit is not None and unit[1] == channel.unit:
+    guess.scale, guess.named = unit[2], True
+    guess.why.append(f"in {unit[0]}")
+  elif guess.channel == "time":
+    _scale_time(columns, guess)
+  elif guess.channel in ("motor_duty", "steering_command") and _is_pulse(columns.values(guess.column)):
+    guess.scale, guess.offset = 1.0 / 500.0, -3.0
+    guess.why.append("values around 1500 are a servo's pulse in us, 500 to full travel")
+  elif top > channel.limit:
+    usual = [(name, factor) for name, factor in channel.log_units if top * factor < channel.limit]
+    if usual:
+      guess.scale = usual[0][1]
+      guess.why.append(f"it reaches {top:.3g}, too much for {channel.unit}, so in {usual[0][0]}")
+
+
+def _scale_time(columns: Columns, guess: Guess) -> None:
+  steps = [np.diff(table.number(guess.column, "time")) for table in columns.tables]
+  step = float(np.median(np.concatenate([each[each > 0.0] for each in steps])))
+  for factor, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns")):
+    if step * factor <= 0.5:
+      guess.scale = factor
+      guess.why.append(f"steps of {step:g} are a log's in {unit}")
+      return
+
+
+def _is_pulse(values: Array) -> bool:
+  low, high = np.percentile(values, [1, 99])
+  return bool(_PULSE[0] < low and high < _PULSE[1])
+
+
+def is_share_of_lock(columns: Columns, guess: Guess) -> bool:
+  """Whether a steering command without a unit is a share of full lock rather than an angle."""
+  return unit_of(guess.column) is None and (guess.offset != 0.0 or _LOCK < columns.top(guess.column) <= _NORMALISED)
+
+
+def _settle_voltage(columns: Columns, guesses: dict[str, Guess]) -> None:
+  """A voltage that hardly changes is the battery's, whatever it is called."""
+  guess = guesses.get("motor_voltage")
+  if guess is None or "battery_voltage" in guesses:
+    return
+  values = columns.values(guess.column)
+  if values.min() > 3.0 and np.std(values) < 0.15 * np.mean(values):
+    del guesses["motor_voltage"]
+    why = [f"a voltage that stays at {np.median(values):.3g} is the battery's"]
+    guesses["battery_voltage"] = dataclasses.replace(guess, channel="battery_voltage", why=why)
+
+
+def hold(columns: Columns, guesses: Mapping[str, Guess]) -> None:
+  """`hold` for the columns that repeat a slower sensor's sample over several rows."""
+  if "time" not in guesses:
+    return
+  clock = guesses["time"].column
+  repeats = [table for table in columns.tables if (np.diff(table.number(clock, "time")) == 0.0).any()]
+  for guess in guesses.values():
+    if guess.channel == "time":
+      continue
+    among = [table for table in repeats if guess.column in table]
+    if among and not any(_changes_inside(table, clock, guess.column) for table in among):
+      guess.hold = True
+      guess.why.append("it never changes while the time stamp repeats")
+    elif not repeats and CHANNELS[guess.channel].kind == "sensor":
+      stays = _usual_run([table.number(guess.column, guess.column) for table in columns.holding(guess.column)])
+      if stays >= _HELD:
+        guess.hold = True
+        guess.why.append(f"a value usually stays for {stays:.0f} rows")
+
+
+def _changes_inside(table: Table, clock: str, column: str) -> bool:
+  values = table.number(column, column)
+  same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
+  return bool((~same & (np.diff(table.number(clock, "time")) == 0.0)).any())
+
+
+def _usual_run(columns: Iterable[Array]) -> float:
+  """Rows for which one value stays, median over the runs that begin and end within a log; 1 where there are few."""
+  lengths = []
+  for values in columns:
+    there = values[np.isfinite(values)]
+    starts = np.flatnonzero(np.r_[True, there[1:] != there[:-1]])
+    lengths.append(np.diff(starts)[1:])
+  found = np.concatenate(lengths) if lengths else np.empty(0)
+  return float(np.median(found)) if found.size >= 10 else 1.0
+
+
+def gate(columns: Columns, guesses: Mapping[str, Guess]) -> None:
+  """A switch that the drive's command has to pass, where one was logged and was ever off under a command."""
+  drives = [guesses[name] for name in ("motor_voltage", "motor_duty", "motor_current") if name in guesses]
+  taken = {guess.column for guess in guesses.values()}
+  for name in columns.names:
+    switch = name not in taken and set(words_of(name)) & _GATES and set(np.unique(columns.values(name))) == {0.0, 1.0}
+    if not switch or not drives:
+      continue
+    pairs = [
+      (t.number(name, name), t.number(drives[0].column, "drive"))
+      for t in columns.holding(name)
+      if drives[0].column in t
+    ]
+    blocked = sum(int(np.sum((on == 0.0) & (np.abs(command) > 0.0))) for on, command in pairs)
+    if blocked and len(pairs) == len(columns.tables):
+      drives[0].gate = name
+      drives[0].why.append(f"'{name}' is 0 or 1, and 0 in {blocked} rows with a command")
+      return

@@ -1,0 +1,210 @@
+"""Logs in, the text of a first dataset.toml out, every guess marked as one with its reason."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
+from qcar_twin.recordings.first_dataset.refine import (
+  recordings_of,
+  settle_pose,
+  settle_steering,
+  settle_units,
+  usual_supply,
+)
+from qcar_twin.recordings.first_dataset.roles import Part, share_out
+from qcar_twin.recordings.formats import Table
+from qcar_twin.recordings.recording import Recording, RecordingError
+from qcar_twin.recordings.topic_maps import TopicMap, topic_maps
+from qcar_twin.vehicle.drive import DRIVES
+from qcar_twin.vehicle.vehicle import Vehicle
+
+MARK = "guess:"
+_NEEDED = {"motor_speed": ("motor_speed", "speed"), "motor_voltage": DRIVE_COMMANDS}
+_VEHICLE = ("mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "track_width", "cg_height", "wheel_radius",
+            "gear_ratio", "max_steering")  # fmt: skip
+_LISTED = 60  # columns at most
+_WIDE = 0.3  # standard deviation of a number nobody measured, as a share of it
+
+
+@dataclass(frozen=True)
+class Proposal:
+  """A dataset.toml, and what was not found.
+
+  Attributes:
+    text: of the file.
+    guesses: a line each, as they stand in the file.
+    channels: of these, the lines of [channels], or of what a ready-made map found.
+    missing: what the loader needs and no column seems to be.
+  """
+
+  text: str
+  guesses: tuple[str, ...]
+  channels: tuple[str, ...]
+  missing: tuple[str, ...]
+
+
+def propose(name: str, tables: Sequence[Table]) -> Proposal:
+  """A first dataset.toml for logs in the order they were driven; `Table.label` is the file's name in the folder.
+
+  Raises:
+    RecordingError: there are no logs.
+  """
+  if not tables:
+    raise RecordingError("no log was given; name at least one file")
+  topics, columns = _fitting_map(tables), Columns(tables)
+  known: Mapping[str, float | str] = topics.vehicle if topics else {}
+  if topics is not None:
+    guesses = _mapped(topics, tables)
+  else:
+    guesses = guess_columns(columns)
+  kind = str(known.get("drive", _drive(guesses)))
+  vehicle = Vehicle.from_dataset({"name": "car", **known, "drive": kind})
+  if topics is None:
+    settle_pose(columns, guesses)
+    settle_steering(columns, guesses, vehicle)
+    settle_units(columns, guesses, {key: getattr(vehicle, key) for key in _VEHICLE})
+  recordings = recordings_of(columns, guesses)
+  parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
+  missing = tuple(" or ".join(names) for names in _NEEDED.values() if not guesses.keys() & set(names))
+  if "time" not in guesses and not all("time" in table for table in tables):
+    missing = ("time", *missing)
+  lines = [*_head(name, topics), *_vehicle(vehicle, known, kind, recordings)]
+  channels = _channels(columns, guesses, missing) if topics is None else _found(guesses)
+  lines += ["", *channels]
+  lines += [line for part in parts for line in _recording(part)]
+  marked = tuple(line for line in lines if MARK in line and not line.startswith("#"))
+  return Proposal("\n".join(lines) + "\n", marked, tuple(channels[1:]), missing)
+
+
+def _fitting_map(tables: Sequence[Table]) -> TopicMap | None:
+  """The ready-made map that finds most channels, a drive command and a speed among them, in every log."""
+  fits = []
+  for found in topic_maps().values():
+    try:
+      channels = [set(found.mapping(table.columns, table.label)) for table in tables]
+    except RecordingError:
+      continue
+    if all(each & set(DRIVE_COMMANDS) and each & {"speed", "motor_speed"} for each in channels):
+      fits.append((min(map(len, channels)), found))
+  return max(fits, key=lambda fit: fit[0])[1] if fits else None
+
+
+def _mapped(topics: TopicMap, tables: Sequence[Table]) -> dict[str, Guess]:
+  found: dict[str, Guess] = {"time": Guess("time", "time", why=["seconds since the bag began"])}
+  for table in tables:
+    for channel, how in topics.mapping(table.columns, table.label).items():
+      found.setdefault(channel, Guess(channel, how.column, how.scale, how.offset, how.wrap, why=[f"map {topics.name}"]))
+  return found
+
+
+def _drive(guesses: Mapping[str, Guess]) -> str:
+  """What drives the car: the kind whose command was found, first of DRIVE_COMMANDS."""
+  channel = next((name for name in DRIVE_COMMANDS if name in guesses), DRIVE_COMMANDS[0])
+  return next(kind for kind, drive in DRIVES.items() if drive.channel == channel)
+
+
+def _all_fitted(tables: Sequence[Table]) -> list[Part]:
+  return [
+    Part(table.label, "identify", why="the columns have to be known before driving can be shared out")
+    for table in tables
+  ]
+
+
+def _head(name: str, topics: TopicMap | None) -> list[str]:
+  lines = [
+    "# A first draft: a line with `guess:` is one, with its reason. Correct it, or delete the mark once it is true.",
+    f"name = {_text(name)}",
+  ]
+  if topics is not None:
+    lines.append(f"map = {_text(topics.name)}  # {MARK} the topics are those of {topics.about}")
+  return lines
+
+
+def _vehicle(
+  vehicle: Vehicle, known: Mapping[str, float | str], kind: str, recordings: Sequence[Recording]
+) -> list[str]:
+  """[vehicle] with the numbers of a car that is known by its topics, of the QCar else, and wide deviations."""
+  whose = f"the {vehicle.name}'s usual number" if known else "the Quanser QCar's number"
+  lines = ["", "[vehicle]"]
+  if known.get("name"):
+    lines.append(f"name = {_text(vehicle.name)}  # {MARK} by its topics")
+  if kind != "voltage":
+    lines.append(f"drive = {_text(kind)}  # {MARK} the log's drive command is {DRIVES[kind].channel}")
+  supply = usual_supply(recordings)
+  if supply is not None:
+    lines.append(f"supply_voltage = {supply:.4g}  # {MARK} the battery's median in these logs, V")
+  lines += [f"{key} = {_number(getattr(vehicle, key))}  # {MARK} {whose}; measure yours" for key in _VEHICLE]
+  lines += ["", "[vehicle.std]"]
+  for key in _VEHICLE:
+    lines.append(
+      f"{key} = {_number(_WIDE * getattr(vehicle, key))}  # {MARK} {100 * _WIDE:.0f} %, as nobody measured it"
+    )
+  return lines
+
+
+def _channels(columns: Columns, guesses: Mapping[str, Guess], missing: Sequence[str]) -> list[str]:
+  lines = ["[channels]"]
+  for guess in guesses.values():
+    entry: dict[str, Any] = {"column": guess.column}
+    entry |= {"scale": guess.scale} if guess.scale != 1.0 else {}
+    entry |= {"offset": guess.offset} if guess.offset != 0.0 else {}
+    entry |= {"wrap": True} if guess.wrap else {}
+    entry |= {"hold": True} if guess.hold else {}
+    entry |= {"gate": guess.gate} if guess.gate else {}
+    inside = ", ".join(f"{key} = {_value(value)}" for key, value in entry.items())
+    lines.append(f"{guess.channel} = {{ {inside} }}  # {MARK} {_plain('; '.join(guess.why))}")
+  lines += [f'# {what} = {{ column = "…" }}  # needed, and no column says it is this; fill it in' for what in missing]
+  taken = {guess.column for guess in guesses.values()} | {guess.gate for guess in guesses.values()}
+  over = [
+    name for name in dict.fromkeys(name for table in columns.tables for name in table.columns) if name not in taken
+  ]
+  if over:
+    lines.append(f"# columns that are not used: {_plain(', '.join(over[:_LISTED]))}")
+  for name in over[:_LISTED] if missing else ():
+    if name in columns.names:
+      values = columns.values(name)
+      lines.append(f"# {_plain(name)}: {values.min():.4g} to {values.max():.4g}")
+  return lines
+
+
+def _found(guesses: Mapping[str, Guess]) -> list[str]:
+  """What the map found, as a comment: the map itself says it to the loader."""
+  found = [f"# {guess.channel}: {_plain(guess.column)}" for guess in guesses.values() if guess.channel in CHANNELS]
+  return ["# what the map finds in these logs:", *found]
+
+
+def _recording(part: Part) -> list[str]:
+  lines = ["", "[[recording]]", f"file = {_text(part.file)}", f"role = {_text(part.role)}  # {MARK} {part.why}"]
+  if part.name:
+    lines.insert(2, f"name = {_text(part.name)}")
+  if part.begin is not None:
+    lines.append(f"from = {round(part.begin, 3)!r}  # {MARK} s on the file's clock")
+  if part.end is not None:
+    lines.append(f"to = {round(part.end, 3)!r}  # {MARK} s on the file's clock")
+  if part.manoeuvre:
+    lines.append(f"manoeuvre = {_text(part.manoeuvre)}  # {MARK} {part.why_manoeuvre}")
+  return lines
+
+
+def _text(value: str) -> str:
+  return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _plain(value: str) -> str:
+  """As a comment may hold it: on one line, no control characters."""
+  return "".join(mark if mark.isprintable() else " " for mark in value)
+
+
+def _number(value: float) -> str:
+  """Six digits are more than any guess has."""
+  return repr(float(f"{value:.6g}")) if math.isfinite(value) else "0.0"
+
+
+def _value(value: object) -> str:
+  if isinstance(value, bool):
+    return "true" if value else "false"
+  return _text(value) if isinstance(value, str) else repr(float(f"{value:.10g}"))

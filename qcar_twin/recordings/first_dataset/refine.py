@@ -1,0 +1,141 @@
+"""Guesses checked against each other: units by two sensors of one motion, a steering's scale by the turning it made."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.kinematics import rolling_radius
+from qcar_twin.recordings.checks.units import compare
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, is_share_of_lock
+from qcar_twin.recordings.mapping import resolve, streams_of
+from qcar_twin.recordings.recording import Recording, RecordingError
+from qcar_twin.vehicle.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 4  # of units, each of which may uncover the next
+_AGREE = 0.6  # correlation from which a comparison says something of a unit
+_BIN = 0.25  # s, over which speed, command and turning are compared
+_GENTLE = 2.0  # m/s^2 across, below which a car of this size goes where its wheels point
+_TIED = 0.7  # correlation from which turning says what a steering command means
+_SOLVED = 20  # repetitions, after which the scale of an angle below 45 deg is solved to the last digit that counts
+_STEEPEST = 1.2  # rad, where the tangent is still tame
+_ROAD_ANGLE = (0.6, 1.6)  # of the angle kinematics ask for: a command within it is the angle itself
+
+
+def recordings_of(columns: Columns, guesses: Mapping[str, Guess]) -> list[Recording]:
+  """The logs as the guesses read them; those that cannot be read so are left out."""
+  mapping = {channel: guess.mapped for channel, guess in guesses.items()}
+  found = []
+  for table in columns.tables:
+    try:
+      found.append(Recording(table.label, streams_of(table, resolve(table, mapping))[0], table.label))
+    except RecordingError:
+      continue
+  return found
+
+
+def settle_units(columns: Columns, guesses: dict[str, Guess], vehicle: Mapping[str, float | str]) -> None:
+  """Scale what disagrees with another channel by the factor of a usual unit, as the loader would ask for."""
+  for _ in range(_ROUNDS):
+    recordings = recordings_of(columns, guesses)
+    found = next((unit for recording in recordings if (unit := _convicted(recording, vehicle, guesses))), None)
+    if found is None:
+      return
+    channel, scale, why = found
+    for name in ("pose_x", "pose_y") if channel == "pose_x" else (channel,):
+      guesses[name].scale *= scale
+      guesses[name].why.append(why)
+
+
+def _convicted(
+  recording: Recording, vehicle: Mapping[str, float | str], guesses: Mapping[str, Guess]
+) -> tuple[str, float, str] | None:
+  for comparison in compare(recording, vehicle):
+    slope, correlation = comparison.slope()
+    units = comparison.convicted() if correlation > _AGREE else []
+    units = [unit for unit in units if unit.channel in guesses and not guesses[unit.channel].named]
+    if len(units) == 1:
+      return (
+        units[0].channel,
+        units[0].scale,
+        f"{comparison.channel} is {slope:.3g} times {comparison.witness}: {units[0].unit}",
+      )
+  return None
+
+
+def settle_pose(columns: Columns, guesses: Mapping[str, Guess]) -> None:
+  """Unwrap a heading that jumps by a whole turn."""
+  heading = guesses.get("pose_yaw")
+  if heading is None:
+    return
+  values = np.concatenate(
+    [heading.scale * t.number(heading.column, "pose_yaw") for t in columns.holding(heading.column)]
+  )
+  values = values[np.isfinite(values)]
+  if np.abs(values).max() <= math.tau and (np.abs(np.diff(values)) > math.pi).any():
+    heading.wrap = True
+    heading.why.append("it jumps by turns")
+
+
+def settle_steering(columns: Columns, guesses: dict[str, Guess], vehicle: Vehicle) -> None:
+  """What a steering command is in, from how the car turned: at small slip yaw rate = speed * angle / wheelbase."""
+  guess = guesses.get("steering_command")
+  if guess is None:
+    return
+  share = is_share_of_lock(columns, guess)
+  if share:
+    guess.scale, guess.offset = guess.scale * vehicle.max_steering, guess.offset * vehicle.max_steering
+    guess.why.append(f"a share of full lock, {vehicle.max_steering:g} rad")
+  rate, angle, turning = _turning(recordings_of(columns, guesses), vehicle)
+  straight = rate * angle
+  if angle.size < 10 or not straight.any() or abs(correlation := float(np.corrcoef(straight, turning)[0, 1])) < _TIED:
+    return
+  ratio, sign = _ratio(rate, angle, turning), math.copysign(1.0, correlation)
+  if sign < 0.0:
+    guess.why.append("the car turned the other way")
+  if share or not _ROAD_ANGLE[0] < ratio < _ROAD_ANGLE[1]:
+    guess.why.append(f"a wheelbase of {vehicle.wheelbase:g} m turns as the car did with {ratio:.2g} times that angle")
+    sign *= ratio
+  guess.scale, guess.offset = guess.scale * sign, guess.offset * sign
+
+
+def _ratio(rate: Array, angle: Array, turning: Array) -> float:
+  """Least squares k > 0 of turning = +-rate tan(k angle), by repeated scaling."""
+  ratio = 1.0
+  for _ in range(_SOLVED):
+    expected = rate * np.tan(np.clip(ratio * angle, -_STEEPEST, _STEEPEST))
+    ratio *= abs(float(expected @ turning / (expected @ expected)))
+  return ratio
+
+
+def _turning(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[Array, Array, Array]:
+  """Speed over wheelbase [1/s], commanded angle [rad] and yaw rate [rad/s] in bins, where the car turns gently."""
+  found = [np.empty((3, 0))]
+  for recording in recordings:
+    edges = recording.start + _BIN * np.arange(int(recording.duration / _BIN) + 1)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    if "steering_command" not in recording or middle.size == 0:
+      continue
+    if "yaw_rate" in recording:
+      turn = recording["yaw_rate"].interpolate(middle)
+    elif "pose_yaw" in recording:
+      turn = np.diff(recording["pose_yaw"].interpolate(edges)) / _BIN
+    else:
+      continue
+    wheels = "speed" not in recording
+    speed = recording["motor_speed" if wheels else "speed"].interpolate(middle)
+    speed *= rolling_radius(vehicle) if wheels else 1.0
+    angle = recording["steering_command"].at(middle)
+    there = np.isfinite(turn) & np.isfinite(speed) & (np.abs(speed * turn) < _GENTLE)
+    found.append(np.stack([speed / vehicle.wheelbase, angle, turn])[:, there])
+  rate, angle, turning = np.concatenate(found, axis=1)
+  return rate, angle, turning
+
+
+def usual_supply(recordings: Sequence[Recording]) -> float | None:
+  """The battery's voltage, V, median over the logs; None where none was measured."""
+  values = [recording["battery_voltage"].value for recording in recordings if "battery_voltage" in recording]
+  return float(np.median(np.concatenate(values))) if values else None

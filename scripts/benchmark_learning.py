@@ -1,0 +1,69 @@
+"""Measure where a training's time goes and how fast its parts are.
+
+qcar-twin benchmark-learning --out out/study/timings.json
+"""
+
+import dataclasses
+import itertools
+from pathlib import Path
+
+import torch
+
+from agents.studies.timing import (
+  gradient_steps_per_second,
+  raw_gradient_steps_per_second,
+  steps_per_second,
+  training_shares,
+)
+from qcar_twin.atomic_io import write_json
+from qcar_twin.command_line import run_script
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """What is measured, in CPU seconds of one core."""
+
+  out: Path
+  """JSON file with a sentence per measurement"""
+  steps: int = 8000
+  """environment steps of the watched training"""
+  rounds: int = 3
+  """of every speed; the fastest is kept"""
+  quick: bool = False
+  """a tenth of it"""
+
+
+def main(config: Config) -> list[str]:
+  """Measure, write, print."""
+  torch.set_num_threads(1)
+  part = 10 if config.quick else 1
+  shares = training_shares(config.steps // part)
+  total = shares.pop("total")
+  steps = shares.pop("steps")
+  said = ", ".join(f"{name} {100.0 * seconds / total:.0f} %" for name, seconds in shares.items())
+  found = [
+    f"a training step of 8 cars (one gradient step per 8 environment steps): {1e3 * total / steps:.3f} ms of CPU "
+    f"per environment step; {said}"
+  ]
+  rounds = range(1 if config.quick else config.rounds)
+  seen = (("fekf", "sensors and filter"), ("truth", "truth"))
+  for plant, cars, (estimator, shown) in itertools.product(("twin", "reduced"), (1, 8, 64), seen):
+    speed = max(steps_per_second(cars, 400 // part, estimator, plant) for _ in rounds)
+    face = "gymnasium, 1 car" if cars == 1 else f"VecEnv, {cars} cars"
+    found.append(
+      f"{plant}, {face}, {shown}: {speed:.0f} environment steps per CPU second, {1e6 / speed:.0f} us per 10 ms of car"
+    )
+  ours = max(gradient_steps_per_second(400 // part) for _ in rounds)
+  raw = max(raw_gradient_steps_per_second(400 // part) for _ in rounds)
+  found.append(
+    f"gradient steps per CPU second at batch 64: {ours:.0f} here, {raw:.0f} with stable-baselines3's own DDPG of "
+    "200 x 200"
+  )
+  config.out.parent.mkdir(parents=True, exist_ok=True)
+  write_json(config.out, found)
+  print("\n".join(found))
+  return found
+
+
+if __name__ == "__main__":
+  run_script()

@@ -1,0 +1,105 @@
+"""Give the twin free curves for its maps, fit them, and say which forms they have.
+
+Writes twin.toml (the best of four on recordings that only judge), characterise.json and report.html. With --compare it
+says which numbers moved between two data sets instead (comparison.json and .html), with --leave-sessions-out what a
+twin is worth on a session that it was not fitted to (sessions.json and .html), with --starts what of its errors is the
+search's (starts.json and .html).
+
+qcar-twin characterise --dataset data/sample --out out/characterised
+"""
+
+import dataclasses
+from pathlib import Path
+
+from calibration.diagnosis.curves import comparison, left_out, starts
+from calibration.diagnosis.curves.report.cars_page import write_comparison, write_left_out, write_starts
+from calibration.diagnosis.curves.report.page import write_study
+from calibration.diagnosis.curves.study import Study, sentences, study
+from calibration.fitting.dataset_recalibration import LONGEST
+from calibration.progress import StageLine
+from qcar_twin.atomic_io import write_json
+from qcar_twin.command_line import run_script
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.twin.engines import EngineKind
+from qcar_twin.twin.file import save_twin
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """Free curves for drive, resistance and steering, beside lags, sensor ages and trims, against four references."""
+
+  dataset: Path
+  """Folder with dataset.toml (SI units, see docs)."""
+  out: Path = Path("out/characterised")
+  """Folder for the results."""
+  most: float = LONGEST
+  """Driving that is simulated, s."""
+  threads: int = 0
+  """Threads of the simulation, 0 for all cores; results don't depend on it."""
+  compare: Path | None = None
+  """A second data set, of this car or of another like it: which numbers moved between the two."""
+  leave_sessions_out: bool = False
+  """Fit without each session in turn and judge on it, with the mean trim and gain and with its own."""
+  starts: int = 0
+  """Fit all maps free from so many starts, the usual one and others drawn about it: do they end alike?"""
+  plant: EngineKind = "reduced"
+  """What is fitted on: the reduced car, or "mujoco", many times as long; errors are MuJoCo's either way."""
+
+
+def main(config: Config) -> Study | None:
+  """Run it, write the results, print what was found; the study, where it was one."""
+  dataset = DataSet.load(config.dataset)
+  if sum(map(bool, (config.compare, config.leave_sessions_out, config.starts))) > 1:
+    raise ValueError("--compare, --leave-sessions-out and --starts are questions of their own: ask one at a time")
+  if config.compare:
+    _compare(config, dataset, DataSet.load(config.compare))
+    return None
+  if config.leave_sessions_out:
+    _leave_out(config, dataset)
+    return None
+  if config.starts:
+    _from_starts(config, dataset)
+    return None
+  with StageLine() as progress:
+    found = study(dataset, config.most, config.threads, progress, config.plant)
+  note = f"characterised on {found.dataset}: curves of no known form; sessions' own trims are left out"
+  save_twin(config.out / "twin.toml", *found.shipped, note)
+  write_json(config.out / "characterise.json", found.document())
+  for line in sentences(found):
+    print(line)
+  which = found.best.replace("_", " ")
+  why = "the best of four by validation" if found.judged else "since no recordings only judge, as far as borne out"
+  print(f"twin, {why}, {which}: {config.out / 'twin.toml'}")
+  print(f"report: {write_study(found, config.out)}")
+  return found
+
+
+def _compare(config: Config, first: DataSet, second: DataSet) -> None:
+  with StageLine() as progress:
+    moved = comparison.compare_cars(first, second, config.most, config.threads, progress)
+  write_json(config.out / "comparison.json", [dataclasses.asdict(m) for m in moved])
+  for line in comparison.sentences(moved, first.name, second.name):
+    print(line)
+  print(f"report: {write_comparison(moved, first.name, second.name, config.out)}")
+
+
+def _leave_out(config: Config, dataset: DataSet) -> None:
+  with StageLine() as progress:
+    found = left_out.leave_sessions_out(dataset, config.most, config.threads, progress)
+  write_json(config.out / "sessions.json", [dataclasses.asdict(item) for item in found])
+  for line in left_out.sentences(found):
+    print(line)
+  print(f"report: {write_left_out(found, dataset.name, config.out)}")
+
+
+def _from_starts(config: Config, dataset: DataSet) -> None:
+  with StageLine() as progress:
+    found = starts.from_starts(dataset, config.starts, 0, config.most, config.threads, progress)
+  write_json(config.out / "starts.json", [dataclasses.asdict(s) for s in found])
+  for line in starts.sentences(found):
+    print(line)
+  print(f"report: {write_starts(found, dataset.name, config.out)}")
+
+
+if __name__ == "__main__":
+  run_script()

@@ -1,0 +1,70 @@
+"""Say where twin and recordings differ, what was left out, and what modelling it gains.
+
+Writes diagnosis.json, twin.toml (the repaired twin, or the one with free curves where that is better) and report.html.
+
+qcar-twin diagnose --dataset data/sample --out out/diagnosed
+"""
+
+import dataclasses
+from pathlib import Path
+
+from calibration.diagnosis.curves.after_diagnosis import When, write_with_curves
+from calibration.diagnosis.pipeline import diagnose
+from calibration.diagnosis.report.page import verdict
+from calibration.diagnosis.search.structure import Effort
+from calibration.fitting.dataset_recalibration import LONGEST
+from calibration.progress import StageLine
+from qcar_twin.command_line import run_script
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.twin.engines import EngineKind
+from qcar_twin.twin.file import load_twin
+from qcar_twin.twin.mechanisms import add_file
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """Diagnose a data set; writes diagnosis.json, twin.toml (the repaired twin) and report.html."""
+
+  dataset: Path
+  """Folder with dataset.toml."""
+  out: Path
+  """Folder for the results."""
+  twin: Path | None = None
+  """twin.toml to go on from: its parameters are the first guess, its mechanisms are part of every model."""
+  mechanisms: tuple[str, ...] = ()
+  """Ids of the catalogue to consider; all of them by default."""
+  mechanism_files: tuple[Path, ...] = ()
+  """Python files with mechanisms of your own; they are run, so read them first (docs/guide/extending.md)."""
+  quick: bool = False
+  """A narrower search: fewer models are refitted, and curves are fitted to a quarter of the driving."""
+  threads: int = 0
+  """Threads of the simulation, 0 for all cores."""
+  plant: EngineKind = "reduced"
+  """What is searched with: the reduced car, confirmed by MuJoCo, or "mujoco" alone: many times as long."""
+  curves: When = "auto"
+  """Fit free curves in the maps' place: "auto" where something is left without a name (docs/guide/curves.md)."""
+
+
+def main(config: Config) -> Path:
+  """Run it; returns the path of the report."""
+  for file in config.mechanism_files:
+    add_file(file)
+  dataset = DataSet.load(config.dataset)
+  effort = Effort(singles=5, pairs=2, triples=1, iterations=1) if config.quick else Effort()
+  start = load_twin(config.twin) if config.twin else None
+  with StageLine() as progress:
+    outcome = diagnose(
+      dataset, config.mechanisms or None, start, effort, threads=config.threads, progress=progress, plant=config.plant
+    )
+  print(verdict(outcome.diagnosis))
+  most = LONGEST / 4.0 if config.quick else LONGEST
+  with StageLine() as progress:
+    page, said = write_with_curves(
+      outcome, dataset, config.out, config.curves, most, config.threads, progress, config.plant
+    )
+  print("\n".join([*said, f"report: {page}"]))
+  return page
+
+
+if __name__ == "__main__":
+  run_script()

@@ -1,0 +1,105 @@
+"""Run the federated filter over the recordings of a data set.
+
+Writes estimates with standard deviations as CSV, report.html and summary.json.
+
+qcar-twin estimate --dataset DIR --out OUT [--noise-from standstill] [--fit-noise]
+"""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from calibration.identification.drive_fit import NotIdentifiable
+from calibration.identification.identification import Identification, identify
+from qcar_twin.atomic_io import write_json
+from qcar_twin.bicycle.bicycle import Bicycle
+from qcar_twin.command_line import run_script
+from qcar_twin.estimation.noise_fit import fit_noise
+from qcar_twin.estimation.offline import filter_recording
+from qcar_twin.estimation.output import write_estimates
+from qcar_twin.estimation.page import write_estimation
+from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.kinematics import rolling_radius
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.sensors.noise import standstill_noise
+from qcar_twin.vehicle.vehicle import Vehicle
+
+ONBOARD = ("motor_speed", "speed", "accel_x", "accel_y", "yaw_rate")
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """Estimate position and motion offline."""
+
+  dataset: Path
+  """folder with dataset.toml"""
+  out: Path
+  """folder for estimates, report.html and summary.json"""
+  recordings: tuple[str, ...] = ()
+  """names; all that hold a pose without it"""
+  identified: Path | None = None
+  """identification (JSON); made from the data set without it"""
+  noise_from: str = ""
+  """name of a standstill recording that sensor noise and biases are taken from"""
+  fit_noise: bool = False
+  """fit the filter's process noise to the identification recordings that hold a pose (a minute or more)"""
+  onboard_lateness: float = 0.0
+  """by how much IMU and encoder stamps are after their measurement, s"""
+  sharing: tuple[float, float] = (1.0, 1.0)
+  """information sharing of the lidar between EKF_BM and EKF_PM: 1 1 as printed, 0.5 0.5 consistent"""
+  quick: bool = False
+  """the first recording only"""
+
+
+def model_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> tuple[Bicycle, np.ndarray]:
+  """The identified bicycle: from the file, from the data set, or nominal when that has no steps to identify it from."""
+  if config.identified:
+    return Identification.load(config.identified).bicycle(vehicle)
+  try:
+    return identify(dataset, vehicle=vehicle).bicycle(vehicle)
+  except NotIdentifiable as error:
+    print(f"nominal drive and tyres are used, the data set identifies none: {error}")
+    return Bicycle(vehicle), Bicycle(vehicle).parameters.nominal
+
+
+def settings_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> FilterSettings:
+  """Filter settings, with noise from standstill when asked for."""
+  settings = FilterSettings(sharing=config.sharing, imu_x=vehicle.imu_x, imu_y=vehicle.imu_y)
+  settings = settings.with_scores_of(dataset.recordings)
+  if not config.noise_from:
+    return settings
+  named = {recording.name: recording for recording in dataset.recordings}
+  if config.noise_from not in named:
+    raise ValueError(f"no recording '{config.noise_from}'; there are {', '.join(named)}")
+  noise = standstill_noise(named[config.noise_from])
+  for name, found in noise.items():
+    print(f"{name}: {found}")
+  return settings.with_noise(noise, rolling_radius(vehicle))
+
+
+def main(config: Config) -> None:
+  """Filter every recording and write what came out."""
+  dataset = DataSet.load(config.dataset)
+  vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
+  bicycle, theta = model_of(config, dataset, vehicle)
+  settings, radius = settings_of(config, dataset, vehicle), rolling_radius(vehicle)
+  wanted = config.recordings or tuple(r.name for r in dataset.recordings if "pose_x" in r.streams)
+  chosen = [r for r in dataset.recordings if r.name in wanted]
+  if not chosen:
+    raise ValueError(f"nothing to estimate with a pose; there are {', '.join(r.name for r in dataset.recordings)}")
+  lateness: dict[str, float] = dict.fromkeys(ONBOARD, config.onboard_lateness)
+  if config.fit_noise:
+    training = [r for r in dataset.role("identify") if "pose_x" in r.streams]
+    settings = fit_noise(training, bicycle.car(theta), settings, lateness)
+  summary, filtered = {}, []
+  for recording in chosen[: 1 if config.quick else None]:
+    filtered.append((recording, filter_recording(recording, bicycle.car(theta), settings, lateness)))
+    summary[recording.name] = write_estimates(config.out, *filtered[-1])
+    print(f"{recording.name}: valid {100.0 * filtered[-1][1].valid.mean():.1f} % of {recording.duration:.1f} s")
+  write_json(config.out / "summary.json", summary)
+  print(f"report: {write_estimation(config.out, filtered, radius, dataset.name)}")
+
+
+if __name__ == "__main__":
+  run_script()

@@ -1,0 +1,86 @@
+"""Drive policies against the model-based controllers on O, infinity and C.
+
+qcar-twin evaluate --out OUT [--policy agents/data/policy] [--mismatch] [--plants twin bicycle proving_ground]
+"""
+
+import dataclasses
+import itertools
+from pathlib import Path
+
+import numpy as np
+
+from agents.control.external_plant import ExternalPlant
+from agents.control.figures import lane_change_figure, tracking_figure
+from agents.learning.evaluate import EvaluationCase, evaluate, known_plant, run_case, write_evaluation
+from agents.learning.policy_file import SHIPPED, load_policy
+from calibration.concealed.proving_ground.plant import ProvingGroundPlant
+from qcar_twin.command_line import run_script
+from qcar_twin.plant import Plant
+from qcar_twin.twin.file import load_twin
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """What is compared, and where."""
+
+  out: Path
+  """folder for evaluation.json, evaluation.txt and figures"""
+  policy: tuple[Path, ...] = (SHIPPED,)
+  """policy folders; several, as of trainings with different seeds, are summed up as one contestant"""
+  paths: tuple[str, ...] = ("o", "infinity", "c")
+  """s, o, infinity, c"""
+  plants: tuple[str, ...] = ("twin",)
+  """twin, bicycle, proving_ground, or a twin file (TOML)"""
+  speeds: tuple[float, ...] = (0.5,)
+  """m/s"""
+  mismatch: bool = False
+  """also with a steering gain of 0.92 and an offset of 1 deg that nobody is told"""
+  effects: tuple[str, ...] = ()
+  """concealed effects of the proving ground's car as name=size"""
+  cars: int = 4
+  """runs per case, each with sensor noise of its own"""
+  seed: int = 500
+  """of the sensors"""
+  workers: int = 1
+  """processes"""
+  ray: bool = False
+  """on the Ray cluster at hand instead of in local processes"""
+  quick: bool = False
+  """one car on the S, against the tuned controllers only"""
+
+
+def ground(effects: tuple[str, ...]) -> ExternalPlant:
+  """The independent car with concealed effects, each name=size."""
+  pairs = tuple((name, float(size)) for name, size in (entry.split("=") for entry in effects))
+  return ExternalPlant(ProvingGroundPlant(effects=pairs).begin, ProvingGroundPlant.period)
+
+
+def main(config: Config) -> None:
+  """Drive all cases, write the results, print the table."""
+  effects = config.effects
+
+  def plant(name: str) -> tuple[Plant, np.ndarray]:
+    if name == "proving_ground":
+      return ground(effects), np.empty(0)  # type: ignore[return-value]
+    return load_twin(name, threads=1) if name.endswith(".toml") else known_plant(name)
+
+  paths = ("s",) if config.quick else config.paths
+  wrong = [(1.0, 0.0)] + [(0.92, 1.0)] * config.mismatch
+  cars = 1 if config.quick else config.cars
+  cases = [
+    EvaluationCase(path, name, speed, gain, offset, cars, config.seed)
+    for name, speed, (gain, offset), path in itertools.product(config.plants, config.speeds, wrong, paths)
+  ]
+  policies = {f"ddpg {k}": folder for k, folder in enumerate(config.policy)}
+  versions = ("tuned",) if config.quick else ("loose", "tuned")
+  rows = evaluate(policies, cases, plant, config.workers, config.ray, versions)
+  print(write_evaluation(config.out, rows, lambda label: "ddpg" if label.startswith("ddpg") else label))
+  for case in cases[: len(paths)]:
+    drives = {"ddpg": run_case(load_policy(config.policy[0]), case, plant)}
+    tracking_figure(drives, config.out / f"tracking_{case.path}.png")
+    if drives["ddpg"].path.lanes:
+      lane_change_figure(drives, config.out / "lane_change.png")
+
+
+if __name__ == "__main__":
+  run_script()

@@ -1,0 +1,102 @@
+"""Write recordings, twins and their errors as MCAP for Foxglove, PlotJuggler and Rerun.
+
+One file a recording: /measured, /before, /after, and /error_before, /error_after with forces.
+
+qcar-twin export --dataset data/sample --diagnosis out/diagnosed --out out/mcap
+qcar-twin export --log out/tracked/traces.csv --out out/mcap
+"""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+
+from calibration.cross_validation.twin_log import UNITS, sources_of
+from qcar_twin.command_line import run_script
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.mcap_writer import streams_of_table, write_mcap
+from qcar_twin.recordings.recording import RecordingError
+from qcar_twin.twin.file import load_twin
+from qcar_twin.twin.twin import Twin
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """What is written, and where."""
+
+  out: Path
+  """folder for one MCAP file a recording; files of the same name are replaced"""
+  dataset: Path | None = None
+  """folder with dataset.toml"""
+  recordings: tuple[str, ...] = ()
+  """names; all of them without it"""
+  diagnosis: Path | None = None
+  """folder that `diagnose` wrote: its recalibrated twin is `before`, its repaired one `after`"""
+  before: Path | None = None
+  """twin file shown as `before`"""
+  after: Path | None = None
+  """twin file shown as `after`"""
+  window: float = 6.0
+  """s between restarts of the twins from what was measured; 0 for one free run"""
+  command_shift: int | None = None
+  """control periods of 10 ms by which commands act later than logged; where not given, as calibration.json beside a
+  twin says, else 0"""
+  log: Path | None = None
+  """any other file that can be read, a rollout's traces.csv for instance: its columns, as they are"""
+
+
+def main(config: Config) -> list[Path]:
+  """Write the files and print their names; returns them."""
+  if (config.dataset is None) == (config.log is None):
+    raise ValueError("give either --dataset, a folder with dataset.toml, or --log, one file")
+  made = [of_log(config.log, config.out)] if config.log else of_dataset(config)
+  for path in made:
+    print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
+  return made
+
+
+def of_log(file: Path, out: Path) -> Path:
+  """The columns of any log as topics `/log/column`."""
+  return write_mcap(out / f"{file.stem}.mcap", {"log": streams_of_table(read_table(file))}, {"file": file.name})
+
+
+def of_dataset(config: Config) -> list[Path]:
+  """One file a recording."""
+  assert config.dataset is not None
+  dataset, twins = DataSet.load(config.dataset), twins_of(config)
+  chosen = [dataset[name] for name in config.recordings] or list(dataset.recordings)
+  shift = fitted_shift(config) if config.command_shift is None else config.command_shift
+  made = []
+  for recording in chosen:
+    about = {"dataset": dataset.name, "recording": recording.name, "role": recording.role}
+    sources = sources_of(recording, twins, config.window or math.inf, shift)
+    made.append(write_mcap(config.out / f"{recording.name}.mcap", sources, about, UNITS))
+  return made
+
+
+def twins_of(config: Config) -> dict[str, tuple[Twin, np.ndarray]]:
+  """Twins by what they are called in the file."""
+  beside = config.diagnosis
+  if beside and not (beside / "twin.toml").is_file():
+    raise RecordingError(f"{beside}: holds no twin.toml; give the folder that `qcar-twin diagnose --out` wrote")
+  files = {
+    "before": config.before or (beside and beside / "recalibrated.toml"),
+    "after": config.after or (beside and beside / "twin.toml"),
+  }
+  return {name: load_twin(path, threads=1) for name, path in files.items() if path}
+
+
+def fitted_shift(config: Config) -> int:
+  """The timing that was fitted with a twin, where the calibration beside it says so."""
+  for twin in (config.after, config.before):
+    beside = twin.with_name("calibration.json") if twin else None
+    if beside and beside.is_file():
+      return int(json.loads(beside.read_text(encoding="utf-8")).get("command_shift", 0))
+  return 0
+
+
+if __name__ == "__main__":
+  run_script()

@@ -1,0 +1,62 @@
+"""Write a first dataset.toml from logs, guesses marked with their reasons, and check it.
+
+qcar-twin new my_session drive_1.csv drive_2.mcap
+qcar-twin new my_session logs/
+"""
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from calibration.log_check.check import check_log, load_to_check
+from calibration.log_check.report import write_log_check
+from calibration.progress import StageLine
+from qcar_twin.atomic_io import write_text
+from qcar_twin.command_line import run_script
+from qcar_twin.recordings.first_dataset.place import copy_in, logs_of, placed
+from qcar_twin.recordings.first_dataset.propose import propose
+from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.manifest import FILE_NAME
+from qcar_twin.recordings.recording import RecordingError
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """Channels by name, unit and values; roles by file or time; nothing that is there is replaced."""
+
+  folder: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="FOLDER")]]
+  """of the data set; made where it is not there; it must not hold a dataset.toml"""
+  files: tyro.conf.Positional[Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILES")]] = ()
+  """logs, or folders of logs; those outside FOLDER are copied into it; without any, the logs that FOLDER holds"""
+  out: Path | None = None
+  """folder for the check's page; FOLDER_check beside the data set where not given"""
+
+
+def main(config: Config) -> Path:
+  """Write it, print every guess, and what the check finds; returns the path of dataset.toml."""
+  logs = placed(config.folder, logs_of(config.files or (config.folder,)))
+  proposal = propose(config.folder.resolve().name, [read_table(log.source, log.name) for log in logs])
+  copy_in(config.folder, logs)
+  path = write_text(config.folder / FILE_NAME, proposal.text)
+  print(f"{path}: {len(logs)} log{'s' if len(logs) > 1 else ''}, {len(proposal.guesses)} guesses to look at")
+  print("\n".join(f"  {line}" for line in proposal.channels))
+  for name in proposal.missing:
+    print(f"missing: {name}; no column seems to be it, fill it in in [channels]")
+  try:
+    with StageLine() as progress:
+      found = check_log(load_to_check(config.folder), progress)
+  except RecordingError as error:
+    print(f"not yet readable: {error}")
+    return path
+  print(found.verdict)
+  for finding in (*found.of("spoils"), *found.of("beware")):
+    print(f"{finding.severity}: {finding.text}")
+  page = write_log_check(found, config.out or config.folder.with_name(f"{config.folder.resolve().name}_check"))
+  print(f"page: {page}")
+  return path
+
+
+if __name__ == "__main__":
+  run_script()

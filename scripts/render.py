@@ -1,0 +1,98 @@
+"""Film a policy, a controller or a recording, with a translucent second car if wanted.
+
+qcar-twin render --out film.mp4 [--policy DIR] [--path c] [--ghost "lq_ed tuned"] [--camera chase]
+qcar-twin render --out film.mp4 --dataset DIR --recording NAME [--twin twin.toml]
+"""
+
+import dataclasses
+from pathlib import Path
+from typing import Literal
+
+from agents.learning.evaluate import EvaluationCase, contestants, run_case
+from agents.learning.policy_file import SHIPPED
+from calibration.fitting.windows import Cut, cut_recordings
+from qcar_twin.command_line import run_script
+from qcar_twin.paths import path_named
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.rendering.film import Array, Film, Look, signals_of, write_still, write_video
+from qcar_twin.twin.file import load_twin
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """What is shown, and how."""
+
+  out: Path
+  """mp4 to write; a still of the middle is written beside it as PNG"""
+  policy: Path = SHIPPED
+  """policy folder"""
+  driver: str = "ddpg"
+  """who drives the solid car: ddpg (the policy), or a controller as "lq_cm tuned" """
+  ghost: str = ""
+  """who drives the translucent car"""
+  path: str = "c"
+  """s, o, infinity or c"""
+  plant: Literal["twin", "reduced", "bicycle"] = "twin"
+  """what is driven"""
+  dataset: Path | None = None
+  """show a recording of this data set instead of a drive"""
+  recording: str = ""
+  """its name"""
+  twin: str = ""
+  """twin file whose prediction is the translucent car beside the recording"""
+  camera: Literal["chase", "top", "onboard"] = "chase"
+  """camera on the solid car"""
+  fps: int = 25
+  """frames per second"""
+  size: tuple[int, int] = (640, 480)
+  """width and height, pixels"""
+  quick: bool = False
+  """two seconds, in small"""
+
+
+def driven(config: Config, driver: str) -> Array:
+  """Signals (T, 10) of a drive."""
+  case = EvaluationCase(config.path, config.plant, cars=1)
+  known = contestants({"ddpg": config.policy} if driver == "ddpg" else {}, case.speed, baselines=driver != "ddpg")
+  if driver not in known:
+    raise ValueError(f"nobody is called '{driver}'; there are ddpg, {', '.join(known)}")
+  drive = run_case(known[driver], case)
+  return drive.signals[drive.under_way[:, 0], 0]
+
+
+def recorded(config: Config, dataset: Path) -> tuple[Array, Array | None]:
+  """Signals of a recording, and of the twin under the same commands from the same start."""
+  recordings = {r.name: r for r in DataSet.load(dataset).recordings}
+  if config.recording not in recordings:
+    raise ValueError(f"no recording '{config.recording}'; there are {', '.join(recordings)}")
+  recording = recordings[config.recording]
+  signals = signals_of(recording.resample(0.01))
+  if not config.twin:
+    return signals, None
+  twin, theta = load_twin(config.twin, threads=1)
+  segments = cut_recordings([recording], twin.vehicle, Cut(length=recording.duration + 1.0)).segments
+  return signals, twin.rollout(theta[None], segments).signals[0, 0]
+
+
+def main(config: Config) -> None:
+  """Render."""
+  path = None
+  if config.dataset:
+    signals, ghost = recorded(config, config.dataset)
+  else:
+    path, signals = path_named(config.path), driven(config, config.driver)
+    ghost = driven(config, config.ghost) if config.ghost else None
+  width, height = (x // 2 if config.quick else x for x in config.size)
+  film = Film(path, look=Look(config.camera, width, height, config.fps), ghost=ghost is not None)
+  label = config.recording or (f"{config.driver}; ghost: {config.ghost}" if config.ghost else config.driver)
+  shown = film.frames(signals[: 200 if config.quick else None], ghost, label=label)
+  count = write_video(config.out, shown, config.fps)
+  middle = len(signals) // 2
+  still = film.frame(signals[middle], None if ghost is None else ghost[min(middle, len(ghost) - 1)], label)
+  write_still(config.out.with_suffix(".png"), still)
+  film.close()
+  print(f"{config.out}: {count} frames")
+
+
+if __name__ == "__main__":
+  run_script()

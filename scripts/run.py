@@ -1,0 +1,98 @@
+"""Do the main job on one data set: identify, calibrate, cross-validate, diagnose.
+
+Prints the verdicts and the report's path.
+
+qcar-twin run --dataset data/sample --out out/sample
+"""
+
+import dataclasses
+import functools
+from pathlib import Path
+
+from calibration.cross_validation.cross_validation import cross_validate, find_reference
+from calibration.cross_validation.report import verdict as validated
+from calibration.cross_validation.report import write_cross_validation
+from calibration.diagnosis.curves.after_diagnosis import When, write_with_curves
+from calibration.diagnosis.pipeline import diagnose, prepare
+from calibration.diagnosis.report.page import verdict as diagnosed
+from calibration.diagnosis.search.structure import Effort
+from calibration.fitting.dataset_recalibration import LONGEST
+from calibration.fitting.windows import Cut
+from calibration.progress import StageLine
+from calibration.twin_calibration.calibration import QUICK, calibrate
+from calibration.twin_calibration.report import verdict as calibrated
+from calibration.twin_calibration.report import write_calibration
+from qcar_twin.command_line import run_script
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.twin.engines import EngineKind
+
+KEPT = "fits that were finished stay in --out, the same command goes on from them"
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """Everything the project is for, in one command; every step writes a folder of its own below `out`."""
+
+  dataset: Path = Path("data/sample")
+  """Folder with dataset.toml (SI units)."""
+  out: Path = Path("out/sample")
+  """Folder for the results."""
+  quick: bool = False
+  """A first look: less driving in the fits, a narrower search."""
+  seed: int = 0
+  """Of random draws; kept with the results. The fits draw nothing."""
+  threads: int = 0
+  """Threads of the simulation, 0 for all cores."""
+  plant: EngineKind = "reduced"
+  """What is searched with: the reduced car, confirmed by MuJoCo, or "mujoco" alone: many times as long."""
+  curves: When = "auto"
+  """Fit free curves in the maps' place: "auto" where something is left without a name (docs/guide/curves.md)."""
+
+
+def main(config: Config) -> Path:
+  """Run all four; returns the path of the diagnosis's report."""
+  dataset = DataSet.load(config.dataset)
+  begun = functools.cache(lambda: prepare(dataset, threads=config.threads, progress=progress, plant=config.plant))
+  with StageLine() as progress:
+    found = calibrate(
+      dataset,
+      "recordings",
+      config.out / "calibration",
+      quick=config.quick,
+      threads=config.threads,
+      progress=progress,
+      recalibrated=lambda: begun().recalibrated,
+    )
+  print(calibrated(found))
+  write_calibration(found, config.out / "calibration")
+  with StageLine() as progress:
+    reference, missing = find_reference(
+      dataset, Cut(most=60.0 if config.quick else 300.0, command_shift=found.command_shift), progress
+    )
+    result = cross_validate(
+      dataset,
+      found.twin,
+      found.theta,
+      reference,
+      ("validate",),
+      found.command_shift,
+      missing=missing,
+      progress=progress,
+    )
+  print(validated(result))
+  write_cross_validation(result, config.out / "cross_validation")
+  effort = Effort(singles=5, pairs=2, triples=1, iterations=1) if config.quick else Effort()
+  with StageLine() as progress:
+    outcome = diagnose(dataset, effort=effort, threads=config.threads, progress=progress, prepared=begun())
+  print(diagnosed(outcome.diagnosis))
+  most = QUICK if config.quick else LONGEST
+  with StageLine() as progress:
+    report, said = write_with_curves(
+      outcome, dataset, config.out / "diagnosis", config.curves, most, config.threads, progress, config.plant
+    )
+  print("\n".join([*said, f"report: {report}"]))
+  return report
+
+
+if __name__ == "__main__":
+  run_script()

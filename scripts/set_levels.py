@@ -1,0 +1,45 @@
+"""Fit what a claim needs to answers of campaigns, and write it into levels.toml.
+
+qcar-twin set-levels --archives data/answers/weighed.jsonl.xz
+"""
+
+import dataclasses
+import json
+import tempfile
+from pathlib import Path
+
+from calibration.concealed.campaign.archive import unpack
+from calibration.concealed.campaign.set_levels import fitted_weights, write_weights
+from calibration.diagnosis.search.weighing import FILE, read_levels
+from qcar_twin.command_line import run_script
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """Answers to fit to, as a campaign's --archive keeps them."""
+
+  archives: tuple[Path, ...]
+  """Archives of answers; none of these cases may be counted when the outcome is measured."""
+  levels: Path = FILE
+  """File of levels whose weights are written anew."""
+  quick: bool = False
+  """The same: it takes seconds."""
+
+
+def main(config: Config) -> str:
+  """Fit and write; returns the weights."""
+  results = []
+  for archive in config.archives:
+    with tempfile.TemporaryDirectory() as folder:
+      unpack(archive, Path(folder))
+      results += [json.loads(path.read_text()) for path in sorted(Path(folder).glob("*.json"))]
+  weights = fitted_weights(results, read_levels(config.levels))
+  command = "qcar-twin set-levels --archives " + " ".join(str(a) for a in config.archives)
+  write_weights(weights, command, config.levels)
+  said = f"{len(results)} answers: " + ", ".join(f"{name} {value:.3f}" for name, value in weights.items())
+  print(f"{said}; written to {config.levels}")
+  return said
+
+
+if __name__ == "__main__":
+  run_script()

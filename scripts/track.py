@@ -1,0 +1,97 @@
+"""Follow a path in closed loop and report ME, RMSE and IACA with traces and a page.
+
+qcar-twin track --path infinity --controller lq_cm --estimator fekf --plant twin --out OUT
+"""
+
+import dataclasses
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from agents.control import controllers
+from agents.control.closed_loop import Actuation, Drive, Task, drive
+from agents.control.external_plant import ExternalPlant
+from agents.control.kpis import Kpis, kpis
+from agents.control.model import Model
+from agents.control.output import write_drive
+from agents.control.speed import SpeedGains
+from calibration.concealed.proving_ground.plant import ProvingGroundPlant
+from calibration.identification.identification import Identification
+from qcar_twin.command_line import run_script
+from qcar_twin.estimation.observer import Observer, SensedObserver, TrueObserver
+from qcar_twin.paths import path_named
+from qcar_twin.plant import Plant
+from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """One controller on one path."""
+
+  out: Path
+  """folder for kpis.json, traces.csv and report.html"""
+  path: str = "infinity"
+  """s, o, infinity or c"""
+  controller: str = "lq_cm"
+  """ff_fb, lq_ed, lq_cm or linear_rate"""
+  version: str = "tuned"
+  """tuned or loose"""
+  plant: Literal["twin", "reduced", "bicycle", "proving_ground"] = "twin"
+  estimator: Literal["fekf", "truth"] = "fekf"
+  twin: str = ""
+  """twin file (TOML); the nominal twin without it"""
+  identified: Path | None = None
+  """identification (JSON) that gains and filter are computed from; the nominal car without it"""
+  speed: float = 0.5
+  """m/s"""
+  laps: int = 1
+  """of a closed path"""
+  runs: int = 4
+  """cars with sensor noise of their own"""
+  steering_gain: float = 1.0
+  """of the linkage, unknown to the controller"""
+  steering_offset: float = 0.0
+  """deg, unknown to the controller"""
+  seed: int = 0
+  quick: bool = False
+  """one run"""
+
+
+def plant_of(config: Config, model: Model) -> tuple[Plant, np.ndarray]:
+  """What is driven, and its parameters; the independent car has none."""
+  if config.plant != "proving_ground":
+    return model.plant(config.plant, config.twin)
+  return ExternalPlant(ProvingGroundPlant().begin, ProvingGroundPlant.period), np.empty(0)  # type: ignore[return-value]
+
+
+def run(config: Config) -> tuple[Drive, Kpis]:
+  """Drive, and return the drive with its indicators."""
+  model = Model.nominal()
+  if config.identified:
+    model = dataclasses.replace(model, theta=Identification.load(config.identified).theta)
+  plant, theta = plant_of(config, model)
+  count = 1 if config.quick else config.runs
+  wrong = {"gain": config.steering_gain, "offset": np.radians(config.steering_offset)}
+  servo = Actuation(**wrong) if config.plant == "bicycle" else Actuation(delay=0.0, lag=0.0, **wrong)
+  task = Task(path_named(config.path), config.speed, config.laps, lock=model.vehicle.max_steering, actuation=servo)
+  numbers = controllers.entries().get(config.controller, {}).get(config.version)
+  if numbers is None:
+    raise ValueError(f"no {config.version} controller '{config.controller}' in {controllers.FILE}")
+  controller = controllers.make(config.controller, numbers, model.car, config.speed, task.lock)
+  observer: Observer = TrueObserver()
+  if config.estimator == "fekf":
+    suite = SensorSuite(qcar_sensors(), count, config.seed)
+    observer = SensedObserver(suite, model.car, model.filter_settings(config.plant))
+  result = drive(plant, np.tile(theta, (count, 1)), controller, SpeedGains.design(model.car), observer, task)
+  return result, kpis(result)
+
+
+def main(config: Config) -> None:
+  """Write kpis.json, traces.csv and report.html, and print the indicators."""
+  result, found = run(config)
+  print(write_drive(config.out, f"{config.controller} {config.version}", result, found, dataclasses.asdict(config)))
+
+
+if __name__ == "__main__":
+  run_script()

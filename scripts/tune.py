@@ -1,0 +1,91 @@
+"""Tune the path-tracking controllers on the S-path and keep them with their origin.
+
+qcar-twin tune --out agents/data/controllers.toml
+"""
+
+import dataclasses
+import logging
+from pathlib import Path
+
+import numpy as np
+from joblib import delayed
+
+from agents.control.closed_loop import Actuation
+from agents.control.controllers import FAMILIES, FILE, entries, save
+from agents.control.model import Model
+from agents.control.tuning import MISMATCH, Search, tune
+from calibration.identification.identification import Identification
+from qcar_twin.command_line import run_script
+from qcar_twin.parallel import in_parallel
+
+LOOSE = {
+  "ff_fb": {"gain": 1.0, "preview": 0.3},
+  "lq_ed": {"cross_track_rate": 0.001, "heading": 0.05, "heading_rate": 0.001, "effort": 0.05},
+  "lq_cm": {"cross_track_rate": 0.001, "heading": 0.05, "heading_rate": 0.001, "effort": 0.05},
+  "linear_rate": {"cross_track": 60.0, "cross_track_rate": 20.0, "heading": 10.0, "heading_rate": 2.0},
+}
+LOOSE_ORIGIN = (
+  "chosen by hand without tuning, as a first guess of the kind one would try on the car; kept for comparison"
+)
+KEPT = "controllers that were tuned are in the file"
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """Search every controller's numbers for the least RMSE on the S-path."""
+
+  out: Path = FILE
+  """TOML file that is updated"""
+  identified: Path | None = None
+  """identification (JSON) of the car; the nominal QCar without it"""
+  controllers: tuple[str, ...] = tuple(FAMILIES)
+  """which to tune"""
+  speed: float = 0.5
+  """m/s"""
+  seed: int = 0
+  """of sensors and search"""
+  workers: int = 1
+  """controllers side by side, one core each"""
+  ray: bool = False
+  """on the Ray cluster at hand instead of in local processes"""
+  quick: bool = False
+  """two small generations instead of eight"""
+
+
+def model_of(config: Config) -> Model:
+  """The model the gains are computed from."""
+  nominal = Model.nominal()
+  if config.identified is None:
+    return nominal
+  return dataclasses.replace(nominal, theta=Identification.load(config.identified).theta)
+
+
+def main(config: Config) -> None:
+  """Tune, and write the file after each controller."""
+  logging.getLogger("agents").setLevel(logging.INFO)  # a line a generation
+  model, search = model_of(config), Search(speed=config.speed, seed=config.seed)
+  if config.quick:
+    search = dataclasses.replace(search, candidates=4, elite=2, generations=2)
+  plant, theta = model.plant("bicycle")
+  servo = Actuation()
+  numbers = ", ".join(f"{name} {value:.4g}" for name, value in plant.parameters.named(theta).items())
+  table = entries(config.out)
+  families = [FAMILIES[name] for name in config.controllers]
+  filtered = model.filter_settings("bicycle")
+  calls = [delayed(tune)(family, plant, theta, model.car, filtered, search) for family in families]
+  for index, found in in_parallel(calls, config.workers, config.ray):
+    name = families[index].name
+    origin = (
+      f"qcar-twin tune: S-path at {config.speed:g} m/s on the single track ({numbers}), servo lag"
+      f" {1e3 * servo.lag:.0f} ms and delay {1e3 * servo.delay:.0f} ms, sensors and federated filter, {len(MISMATCH)}"
+      f" cars of steering gain 0.95 to 1.05 and offset +-0.5 deg, cap {np.degrees(search.rate_cap):.0f} deg/s rms,"
+      f" {search.generations} x {search.candidates} trials, seed {config.seed}"
+    )
+    tuned = found.numbers | {"rmse": found.rmse, "steering_rate": found.steering_rate, "origin": origin}
+    table[name] = {"loose": LOOSE[name] | {"origin": LOOSE_ORIGIN}, "tuned": tuned}
+    save(table, config.out)
+    print(f"{name}: RMSE {1e3 * found.rmse:.2f} mm at {np.degrees(found.steering_rate):.0f} deg/s rms -> {config.out}")
+
+
+if __name__ == "__main__":
+  run_script()

@@ -1,0 +1,80 @@
+"""What column names say: people's own names for every channel, their units, and names that must not be mistaken."""
+
+import math
+
+import pytest
+
+from qcar_twin.recordings.first_dataset.names import readings, unit_of, words_of
+
+
+@pytest.mark.parametrize(
+  "column, channel",
+  [
+    ("time", "time"), ("t", "time"), ("stamp_ms", "time"), ("elapsed time sensors", "time"), ("timestamp", "time"),
+    ("motorVoltage", "motor_voltage"), ("u_motor [V]", "motor_voltage"), ("cmd_voltage", "motor_voltage"),
+    ("throttle", "motor_duty"), ("pwm", "motor_duty"), ("duty_cycle", "motor_duty"),
+    ("current_cmd [A]", "motor_current"), ("target current", "motor_current"),
+    ("speed_cmd", "speed_command"), ("desired velocity [m/s]", "speed_command"), ("v_ref", "speed_command"),
+    ("steer", "steering_command"), ("servo", "steering_command"), ("steeringAngle [deg]", "steering_command"),
+    ("delta_cmd", "steering_command"), ("steering_angle_rad", "steering_command"),
+    ("motor speed", "motor_speed"), ("motor_rpm", "motor_speed"), ("tach [rpm]", "motor_speed"),
+    ("vel encoder", "speed"), ("speed_raw", "speed"), ("vx", "speed"), ("v [km/h]", "speed"), ("speed_mps", "speed"),
+    ("acc x (IMU)", "accel_x"), ("ax", "accel_x"), ("accel_forward", "accel_x"), ("imu_accel_x [g]", "accel_x"),
+    ("/imu.linear_acceleration.x", "accel_x"), ("accel_left", "accel_y"), ("ay_mps2", "accel_y"),
+    ("gyro z [deg/s]", "yaw_rate"), ("W (IMU)", "yaw_rate"), ("yaw_rate", "yaw_rate"), ("wz", "yaw_rate"),
+    ("/imu.angular_velocity.z", "yaw_rate"), ("heading rate", "yaw_rate"),
+    ("vicon x", "pose_x"), ("pos_y_mm", "pose_y"), ("x [m]", "pose_x"), ("y", "pose_y"),
+    ("heading", "pose_yaw"), ("vicon yaw", "pose_yaw"), ("theta [deg]", "pose_yaw"),
+    ("battery", "battery_voltage"), ("vbat", "battery_voltage"), ("current", "armature_current"),
+  ],
+)  # fmt: skip
+def test_a_name_means_a_channel(column, channel):
+  assert readings(column)[0].channel == channel
+
+
+@pytest.mark.parametrize(
+  "column",
+  ["gyro x", "mag_x", "distance", "odometer", "erpm", "temperature", "imu_accel_z", "seq", "status", "gas_temp_C"],
+)
+def test_what_is_no_channel_is_taken_for_none_that_a_fit_would_believe(column):
+  assert not {r.channel for r in readings(column)} & {
+    "pose_x",
+    "speed",
+    "accel_x",
+    "accel_y",
+    "yaw_rate",
+    "motor_speed",
+  }
+
+
+def test_the_measured_steering_is_no_command_and_a_filtered_speed_comes_second():
+  assert all(r.channel != "steering_command" for r in readings("steering_angle_measured"))
+  assert readings("speed_filtered")[0].score < readings("speed")[0].score < 10.5
+  assert readings("speed_raw")[0].score > readings("speed_filtered")[0].score
+
+
+@pytest.mark.parametrize(
+  "column, unit, factor",
+  [
+    ("stamp_ms", "s", 1e-3), ("time (us)", "s", 1e-6), ("steer [deg]", "rad", math.pi / 180.0), 
+    ("gyro_dps", "rad/s", math.pi / 180.0),
+    ("rate_rad_s", "rad/s", 1.0), ("motor [rpm]", "rad/s", math.tau / 60.0), ("acc_x_g", "m/s^2", 9.80665),
+    ("acc m/s2", None, None), ("ay_mps2", "m/s^2", 1.0), ("v [km/h]", "m/s", 1 / 3.6), ("pos_mm", "m", 1e-3),
+    ("battery_mV", "V", 1e-3), ("throttle_pct", "-", 0.01), ("speed", None, None), ("acc x (IMU)", None, None),
+  ],
+)  # fmt: skip
+def test_a_unit_is_read_off_the_name(column, unit, factor):
+  found = unit_of(column)
+  if unit is None:
+    assert found is None or column == "acc m/s2"
+  else:
+    assert found is not None and found[1:] == (unit, pytest.approx(factor))
+
+
+def test_a_logs_own_clock_goes_before_that_of_one_device():
+  assert readings("elapsed time sensors")[0].score > readings("vicon time")[0].score
+
+
+def test_words_are_split_where_people_split_them():
+  assert words_of("steeringAngle [deg]") == ("steering", "angle", "deg")
+  assert words_of("IMU_accelX") == ("imu", "accel", "x") and words_of("W (IMU)") == ("w", "imu")

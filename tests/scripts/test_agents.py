@@ -1,0 +1,70 @@
+"""The commands of the agents, run as a user would with --quick."""
+
+import json
+
+import pytest
+
+from agents.learning.policy_file import SHIPPED, load_policy, save_policy
+from qcar_twin.rendering.film import RenderingUnavailable
+from scripts import evaluate, render, train
+from tests import ROOT
+from tests.agents.learning.test_train import GOOD
+
+
+def test_evaluate_writes_results_and_figures(tmp_path, capsys):
+  save_policy(GOOD, tmp_path / "policy")
+  evaluate.main(evaluate.Config(tmp_path / "out", policy=(tmp_path / "policy",), plants=("bicycle",), quick=True))
+  assert "ddpg" in capsys.readouterr().out
+  summary = json.loads((tmp_path / "out" / "evaluation.json").read_text())["summary"]
+  assert {entry["path"] for entry in summary} == {"s"} and len(summary) == 5
+  names = {p.name for p in (tmp_path / "out").iterdir()}
+  assert {"indicators_0.png", "tracking_s.png", "evaluation.txt"} <= names
+
+
+def test_proving_ground_drives_with_the_effects_asked_for():
+  plain, bent = evaluate.ground(()), evaluate.ground(("steering_offset=1.0",))
+  start = [[0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0]]
+  ends = []
+  for ground in (plain, bent):
+    simulation = ground.begin(None, start)
+    for _ in range(100):
+      signals = simulation.step([[0.8, 0.0]])
+    ends.append(signals[0, 2])
+  assert abs(ends[0]) < 0.01 < abs(ends[1])
+
+
+@pytest.mark.parametrize("what", ["drive", "recording"])
+def test_render_makes_a_film_and_a_still(tmp_path, what):
+  save_policy(GOOD, tmp_path / "policy")
+  choice = {"policy": tmp_path / "policy", "path": "s", "plant": "bicycle", "ghost": "lq_cm tuned"}
+  if what == "recording":
+    choice = {"dataset": ROOT / "data" / "sample", "recording": "figure_eight"}
+  try:
+    render.main(render.Config(tmp_path / "film.mp4", quick=True, **choice))
+  except RenderingUnavailable as error:
+    pytest.skip(str(error))
+  assert (tmp_path / "film.mp4").stat().st_size > 5000 and (tmp_path / "film.png").stat().st_size > 2000
+
+
+def test_render_names_who_could_drive(tmp_path):
+  with pytest.raises(ValueError, match="lq_cm tuned"):
+    render.main(render.Config(tmp_path / "film.mp4", driver="lqr", plant="bicycle"))
+
+
+def test_train_asks_for_what_was_said(tmp_path):
+  plan = train.plan_of(train.Config(tmp_path, demonstrator="none", near=0.005, steering_gain=0.92, seed=7))
+  assert plan.options.demonstrator == "" and plan.options.reward.m6 == 0.0 and plan.options.reward.near == 0.005
+  assert plan.options.steering_gain == 0.92 and plan.seed == 7 and plan.settings.episodes == 300
+  assert train.plan_of(train.Config(tmp_path)).options.reward.m6 == 1.0
+  wide = train.plan_of(train.Config(tmp_path, wide=True, seed=2, twin="x.toml"))
+  assert wide.sight.size == 9 and wide.settings.imitations > 0 and (wide.seed, wide.options.twin) == (2, "x.toml")
+
+
+def test_the_shipped_policy_says_where_it_comes_from_and_stays_on_the_training_path():
+  from agents.control.kpis import kpis
+  from agents.learning.evaluate import EvaluationCase, run_case
+
+  policy = load_policy(SHIPPED)
+  assert policy.provenance["training"]["options"]["path"] == "s"
+  found = kpis(run_case(policy, EvaluationCase("s", cars=2)))
+  assert found.finished.all() and found.rmse.max() < 0.015

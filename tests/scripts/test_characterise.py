@@ -1,0 +1,210 @@
+"""`characterise` on a small session whose car turns less than it is told, the more the larger the angle.
+
+And the same curves as a stage after a diagnosis.
+"""
+
+import dataclasses
+import json
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis.curves import after_diagnosis
+from calibration.diagnosis.curves.after_diagnosis import wanted, write_with_curves
+from calibration.diagnosis.curves.driven import error_of
+from calibration.diagnosis.curves.report.page import sections
+from calibration.diagnosis.curves.report.shapes import shapes
+from calibration.diagnosis.curves.report.wording import verdict
+from calibration.diagnosis.curves.study import KINDS, ratio, sentences
+from calibration.diagnosis.pipeline import diagnose
+from calibration.diagnosis.search.structure import Effort
+from calibration.log_check.ready import ready
+from qcar_twin.pages.page import show
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.twin.file import load_twin
+from scripts import characterise
+from tests.scripts.tiny_session import write
+
+CONCEALED = {"steering_nonlinearity": {"steering_nonlinearity": 0.3, "steering_nonlinearity_power": 1.0}}
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+  folder = tmp_path_factory.mktemp("characterised")
+  write(folder / "data", CONCEALED)
+  config = characterise.Config(folder / "data", folder / "out", threads=2)
+  return characterise.main(config), folder / "out"
+
+
+def test_the_curve_is_the_one_that_was_concealed(done):
+  found, _ = done
+  steering = next(o for o in found.outlines if o.curve == "steering_curve")
+  reach = found.found.twin.parameters.named(found.found.theta)["steering_curve_reach"]
+  assert reach == pytest.approx(0.2, rel=0.05)
+  lost = -0.3 * reach / found.found.twin.vehicle.max_steering  # at the largest command, in shares of it
+  assert steering.heights[-1] == pytest.approx(lost, abs=3.0 * steering.std[-1])
+
+
+def test_what_judges_gets_better_and_every_reference_is_there(done):
+  found, _ = done
+  assert set(found.errors) <= set(KINDS) and {"base", "characterised", "black_box", "noise"} <= set(found.errors)
+  assert found.gain > 0.03  # by validation; twenty seconds of driving do not carry to the harder turns of the hold-out
+
+
+def test_what_is_shipped_is_fitted_to_what_judged_too(done):
+  found, out = done
+  twins = {"base": found.base, "curves": found.found.fitted, "characterised": found.told.fitted,
+           "named": found.named.fitted}  # fmt: skip
+  judging = ready(DataSet.load(out.parent / "data"))[0].role("validate")
+  for kind, twin in twins.items():
+    assert twin.problem.n_train == len(twin.problem.observations)
+    # what it was told of before it had seen them is larger than what it leaves there now
+    assert ratio(error_of(twin, judging), found.judged[kind]) < 1.0
+
+
+def test_names_stand_where_they_will_do_and_no_curve_where_none_departs(done):
+  found, _ = done
+  there = {o.curve: o for o in found.outlines if o.is_there}
+  assert any("steering_nonlinearity" in form.mechanisms for form in there["steering_curve"].possible)
+  named = [name for o in there.values() if o.named for name in o.named.mechanisms]
+  assert set(named) | {a.mechanism for a in found.additions} == set(found.told.forms)
+  assert set(found.told.curves) == {name for name, o in there.items() if o.named is None}
+  assert not found.named.curves and len(found.told.fitted.fit.parameters) < len(found.found.fitted.fit.parameters)
+
+
+def test_what_is_written_is_whole(done):
+  found, out = done
+  document = json.loads((out / "characterise.json").read_text())
+  assert [c["curve"] for c in document["curves"]] == [o.curve for o in found.outlines]
+  twin, theta = load_twin(out / "twin.toml")
+  shipped, kept = found.shipped
+  twins = {"curves": found.found, "characterised": found.told, "named": found.named}
+  judged = {kind: ratio(found.judged[kind], found.judged["base"]) for kind in ("base", *twins)}
+  assert document["best"] == found.best == min(judged, key=judged.__getitem__)
+  assert shipped.engine == "mujoco" and shipped.parameters.names == twins[found.best].twin.parameters.names
+  values, expected = twin.parameters.named(theta), shipped.parameters.named(kept)
+  for name in twin.parameters.names:
+    assert values[name] == pytest.approx(expected[name])
+
+
+@pytest.fixture(scope="module")
+def outcome(done):
+  dataset = DataSet.load(done[1].parent / "data")
+  effort = Effort(singles=1, pairs=0, triples=0, iterations=1)
+  return dataset, diagnose(dataset, ("steering_offset",), effort=effort, threads=2)
+
+
+def same_twin(file, twin, theta):
+  """Whether a file holds a twin: its mechanisms that act, and their values."""
+  loaded, values = load_twin(file)
+  here, there = loaded.parameters.named(values), twin.parameters.named(theta)
+  return all(name in there and there[name] == pytest.approx(here[name]) for name in here)
+
+
+def test_the_curve_is_drawn_in_degrees_where_it_was_driven(done):
+  found, _ = done
+  (steering,) = [s for s in shapes(found.found, found.outlines) if s.part == "steering"]
+  (view,) = steering.views
+  told, limit = np.radians(view.x), found.found.twin.vehicle.max_steering
+  concealed = np.degrees(-0.3 * told * np.abs(told) / limit)
+  assert np.all(np.abs(view.departure - concealed) < 4.0 * view.std + 0.1)
+  assert view.law == pytest.approx(view.x)
+  size, std, where = steering.clearest
+  assert size == pytest.approx(concealed[np.argmin(np.abs(view.x - where))], abs=4.0 * std) and abs(size) > 4.0 * std
+
+
+def test_the_page_says_what_was_found(done):
+  found, out = done
+  drawn = shapes(found.found, found.outlines)
+  text = (out / "report.html").read_text(encoding="utf-8")
+  body = text[: text.index("plotly.js v")]
+  assert body.index(verdict(found, drawn).replace("'", "&#39;")) < body.index("<h2>")
+  titles = re.findall(r"<h2>(.*?)</h2>", body)
+  assert titles == ["The maps", "Beside the maps", "What it gains", "What the data set&#39;s check said"]
+  assert body.count('<figure class="chart">') == len(found.outlines) + 1
+  for kind, values in found.errors.items():
+    assert all(f">{show(value)}</td>" in body for value in values.values()), kind
+  late = next(t for t in found.terms if t.name.endswith("_latency"))
+  assert f"<td>{late.name}</td>" in body and f">{show(1e3 * late.value)}</td>" in body
+  named = next(o.named for o in found.outlines if o.named)
+  assert all(name in body for name in named.mechanisms)
+
+
+def test_sessions_stand_in_a_table_with_their_trims_in_degrees(done):
+  found, _ = done
+  twin = SimpleNamespace(
+    vehicle=found.found.twin.vehicle,
+    parameters=found.found.twin.parameters,
+    sessions=SimpleNamespace(names=("a", "b"), std={"steering_offset": 0.02}),
+  )
+  stub = SimpleNamespace(twin=twin, theta=found.found.theta, fitted=found.found.fitted)
+  own = tuple(dataclasses.replace(found.terms[0], name=f"steering_offset@{s}", value=0.01, there=True) for s in "ab")
+  (section,) = [
+    s for s in sections(dataclasses.replace(found, found=stub, terms=own, outlines=()), ()) if s.title == "The sessions"
+  ]
+  assert [row[0] for row in section.tables[0].rows] == ["a", "b"]
+  assert section.tables[0].rows[0][1] == pytest.approx(np.degrees(0.01)) and "[°]" in section.tables[0].columns[1]
+  lacks = dataclasses.replace(
+    found, found=stub, terms=own[:1], outlines=()
+  )  # what one does as well without is not told
+  (section,) = [s for s in sections(lacks, ()) if s.title == "The sessions"]
+  assert section.tables[0].rows[1] == ["b", None, None, False]
+
+
+@pytest.mark.parametrize("name", ["no_mismatch", "explained", "partly_explained", "unexplained"])
+def test_curves_are_fitted_where_something_has_no_name_or_when_told(name):
+  diagnosis = SimpleNamespace(decision=SimpleNamespace(verdict=name))
+  assert wanted("auto", diagnosis) is (name in ("partly_explained", "unexplained"))
+  assert wanted("always", diagnosis) and not wanted("never", diagnosis)
+
+
+@pytest.mark.parametrize("better", [True, False])
+def test_the_twin_that_goes_on_is_the_better_by_validation(done, outcome, tmp_path, monkeypatch, better):
+  found, (dataset, diagnosed) = done[0], outcome
+  errors = {n: f.after * (0.9 if better else 1.1) for n, f in diagnosed.diagnosis.validate.items()}
+  worse = {n: 2.0 * max(e, found.judged["base"][n]) for n, e in errors.items()}
+  found = dataclasses.replace(found, judged=dict.fromkeys(found.judged, worse) | {"curves": errors})
+  monkeypatch.setattr(after_diagnosis, "study", lambda *given: found)
+  page, said = write_with_curves(diagnosed, dataset, tmp_path, "always")
+  whose = (found.found.twin, found.found.unshifted) if better else (diagnosed.twin, diagnosed.after)
+  assert same_twin(tmp_path / "twin.toml", *whose)
+  assert same_twin(tmp_path / "diagnosed.toml", diagnosed.twin, diagnosed.after)
+  assert same_twin(tmp_path / "characterised.toml", found.found.twin, found.found.unshifted)
+  document = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
+  assert document["curves"]["shipped"] == ("characterised" if better else "diagnosed")
+  assert document["curves"]["validate"]["curves"] == pytest.approx(errors)
+  assert said[:-1] == sentences(found) and said[-1].startswith("twin.toml is")
+  text = page.read_text(encoding="utf-8")
+  fits = diagnosed.diagnosis.holdout
+  before = {name: fit.before for name, fit in fits.items()}
+  fell = 100.0 * ratio(found.errors["curves"], before)
+  assert said[-1].replace("'", "&#39;") in text and f"{fell:.0f} % with curves" in text[: text.index("<h2>")]
+  assert "<h2>Free curves: The maps</h2>" in text and ">after the diagnosis</th>" in text
+
+
+def test_a_study_that_fails_leaves_the_diagnosis(outcome, tmp_path, monkeypatch):
+  dataset, diagnosed = outcome
+  written = []
+
+  def fails(*given):
+    written.append(sorted(p.name for p in tmp_path.iterdir()))
+    raise ValueError("too little driving")
+
+  monkeypatch.setattr(after_diagnosis, "study", fails)
+  page, (said,) = write_with_curves(diagnosed, dataset, tmp_path, "always")
+  assert {"diagnosis.json", "report.html", "twin.toml"} <= set(written[0])
+  text = page.read_text(encoding="utf-8")
+  assert said.endswith("too little driving") and said in text[: text.index("<h2>")]
+  assert same_twin(tmp_path / "twin.toml", diagnosed.twin, diagnosed.after)
+  assert json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))["curves"] is None
+
+
+def test_without_curves_something_nameless_is_pointed_out(outcome, tmp_path, monkeypatch):
+  dataset, diagnosed = outcome
+  monkeypatch.setattr(after_diagnosis, "study", lambda *given: pytest.fail("no curves were wanted"))
+  for name, said in (("unexplained", 1), ("no_mismatch", 0)):
+    decision = dataclasses.replace(diagnosed.diagnosis.decision, verdict=name)
+    changed = dataclasses.replace(diagnosed, diagnosis=dataclasses.replace(diagnosed.diagnosis, decision=decision))
+    assert len(write_with_curves(changed, dataset, tmp_path, "never")[1]) == said

@@ -1,0 +1,112 @@
+"""`qcar-twin`: the list of commands, what is said about errors, and what about a stopped run."""
+
+import dataclasses
+import importlib
+import re
+import subprocess
+import sys
+
+import pytest
+
+from qcar_twin.command_line import FAILED, INTERRUPTED, MISUSED, sentence
+from qcar_twin.recordings.recording import RecordingError
+from qcar_twin.rendering.film import RenderingUnavailable
+from scripts import train, unseal
+from scripts.__main__ import commands, main
+from tests import ROOT
+
+COMMANDS = commands()
+TESTS = [path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py")]
+
+
+def test_every_file_is_a_command_with_a_line():
+  files = {path.stem.replace("_", "-") for path in (ROOT / "scripts").glob("[!_]*.py")}
+  assert set(COMMANDS) == files and len(files) >= 20
+  assert all(20 < len(line) <= 92 and line.endswith(".") for line in COMMANDS.values())
+
+
+def test_the_list_comes_without_loading_anything():
+  code = "import sys; from scripts.__main__ import main; main(['--help']); print(set(sys.modules) & {'numpy', 'tyro'})"
+  said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
+  assert said.endswith("set()\n") and all(f"  {name} " in said for name in COMMANDS)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_options_that_explain_themselves(name, capsys):
+  with pytest.raises(SystemExit) as stopped:
+    main([name, "--help"])
+  assert stopped.value.code == 0
+  said = capsys.readouterr().out
+  assert f"usage: qcar-twin {name}" in said and " ".join(COMMANDS[name].split()[:4]) in said
+  module = importlib.import_module(f"scripts.{name.replace('-', '_')}")
+  assert f"qcar-twin {name}" in module.__doc__, "a line that can be copied"
+  for field in dataclasses.fields(module.Config):  # options, and what is given by its place alone
+    assert f"--{field.name.replace('_', '-')}" in said or field.name.upper() in said
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_is_run_by_a_test(name):
+  """Through its `main`, the table of tests/scripts/test_calibration.py, or a process of its own."""
+  stem = name.replace("-", "_")
+  ways = rf'\b{stem}(_command)?\.main\(|\brun\(\s*"{stem}"|command\("{stem}"|"scripts", "{stem}"'
+  assert any(re.search(ways, text) for text in TESTS), f"nothing runs qcar-twin {name}"
+
+
+@pytest.mark.parametrize(("typed", "meant"), [("diagnos", "diagnose"), ("cross_validat", "cross-validate")])
+def test_an_unknown_command_is_answered_with_the_nearest(typed, meant, capsys):
+  assert main([typed]) == MISUSED
+  assert capsys.readouterr().err == f"qcar-twin: no command '{typed}'; did you mean {meant}?\n"
+  assert main(["xyzzy"]) == MISUSED and "--help` lists them" in capsys.readouterr().err
+  assert main([]) == MISUSED and "usage" in capsys.readouterr().out
+
+
+def test_an_unknown_option_is_misuse(capsys):
+  with pytest.raises(SystemExit) as stopped:
+    main(["unseal", "--daat", "x"])
+  assert stopped.value.code == MISUSED and "--daat" in capsys.readouterr().err
+
+
+def test_what_is_wrong_with_the_input_is_said_in_a_sentence(tmp_path, capsys):
+  assert main(["diagnose", "--dataset", str(tmp_path / "none"), "--out", str(tmp_path / "out")]) == FAILED
+  said = capsys.readouterr().err.splitlines()
+  assert len(said) == 1 and said[0].startswith("qcar-twin diagnose: ") and str(tmp_path / "none") in said[0]
+  with pytest.raises(RecordingError):
+    main(["--traceback", "diagnose", "--dataset", str(tmp_path / "none"), "--out", str(tmp_path / "out")])
+
+
+@pytest.mark.parametrize(
+  ("error", "said"),
+  [
+    (FileNotFoundError(2, "No such file or directory", "a/b.csv"), "a/b.csv: No such file or directory"),
+    (ValueError("mass must be positive"), "mass must be positive"),
+    (KeyError("no path 'q'; did you mean s?"), "no path 'q'; did you mean s?"),
+    (RenderingUnavailable("no display"), "no display"),
+    (ModuleNotFoundError("No module named 'ray.util'", name="ray.util"), "'ray'"),
+    (KeyError("mass"), None),
+    (RuntimeError("unforeseen"), None),
+    (ModuleNotFoundError("No module named 'qcar_twin.nothing'", name="qcar_twin.nothing"), None),
+  ],
+)
+def test_only_what_is_none_of_the_programs_faults_is_a_sentence(error, said):
+  found = sentence(error)
+  assert found is None if said is None else said in found
+
+
+def test_a_fault_of_the_program_is_shown_in_full(monkeypatch):
+  def fail(config):
+    raise ZeroDivisionError
+
+  monkeypatch.setattr(unseal, "main", fail)
+  with pytest.raises(ZeroDivisionError):
+    main(["unseal"])
+
+
+def test_a_stopped_run_says_what_is_kept(monkeypatch, capsys):
+  def stop(config):
+    raise KeyboardInterrupt
+
+  for module in (train, unseal):
+    monkeypatch.setattr(module, "main", stop)
+  assert main(["train", "--out", "x"]) == INTERRUPTED
+  assert "--resume goes on from it" in capsys.readouterr().err
+  assert main(["unseal"]) == INTERRUPTED and "nothing of this run is kept" in capsys.readouterr().err

@@ -1,0 +1,51 @@
+"""The commands behind the results of learning."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+
+from agents.learning.train import Plan
+from agents.studies import study, study_report
+from agents.studies.study import VARIANTS, Variant
+from scripts import benchmark_learning
+from scripts import study as study_command
+from tests.agents.learning.test_train import PLAN
+from tests.agents.studies.test_study import CASE
+
+
+def test_script_does_a_limited_number_of_jobs_and_goes_on(tmp_path, monkeypatch, capsys):
+  small = dataclasses.replace(PLAN, settings=dataclasses.replace(PLAN.settings, episodes=4))
+  assert isinstance(small, Plan)
+  monkeypatch.setitem(VARIANTS, "standard", Variant("small", small))
+  monkeypatch.setattr(study, "_cases", lambda *_, **__: (CASE,))
+  config = study_command.Config(tmp_path / "out", variants=("standard",), quick=True, limit=1)
+  study_command.main(config)
+  assert (tmp_path / "out" / "standard" / "seed0" / "result.json").is_file()
+  assert not (tmp_path / "out" / "evaluated").exists()
+  left = study_command.main(dataclasses.replace(config, limit=0, page=tmp_path / "page.md"))
+  assert left == 0 and "jobs left" in capsys.readouterr().out
+  assert "| standard | 1 |" in (tmp_path / "page.md").read_text()
+
+
+def test_script_knows_the_independent_car_by_name():
+  start = np.array([[0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0]])
+  ends = []
+  for name in ("proving ground", "proving ground steering_offset=1", "proving ground car=3 steering_offset=1"):
+    plant, theta = study_command.plant(name)
+    simulation = plant.begin(theta, start)
+    for _ in range(60):
+      signals = simulation.step(np.array([[0.8, 0.0]]))
+    ends.append(signals[0, 2])
+  assert abs(ends[0]) < 0.01 < abs(ends[1]) and ends[2] not in ends[:2]
+  concealed = study_command.Config(Path("x"), car=3, concealed="steering_offset=1").special
+  assert concealed == ("proving ground car=3", "proving ground car=3 steering_offset=1")
+  assert study_report.FLOOR == "linear_rate tuned"
+
+
+def test_script_writes_a_sentence_per_measurement(tmp_path, monkeypatch, capsys):
+  monkeypatch.setattr(benchmark_learning, "steps_per_second", lambda *_: 1000.0)
+  found = benchmark_learning.main(benchmark_learning.Config(tmp_path / "timings.json", steps=800, quick=True))
+  assert json.loads((tmp_path / "timings.json").read_text()) == found
+  assert any("1000 us per 10 ms" in line for line in found) and "gradient steps" in capsys.readouterr().out
