@@ -28,13 +28,13 @@ def main(config: Config) -> LogCheck:
   """Run it, write the results, print what to know and where the page is."""
   dataset = load_to_check(config.dataset)
   with StageLine() as progress:
-    found = check_log(dataset, progress)
-  page = write_log_check(found, config.out)
-  print(found.verdict)
-  for finding in (*found.of("spoils"), *found.of("beware")):
+    check = check_log(dataset, progress)
+  page = write_log_check(check, config.out)
+  print(check.verdict)
+  for finding in (*check.of("spoils"), *check.of("beware")):
     print(f"{finding.severity}: {finding.text}")
   print(f"page: {page}")
-  return found
+  return check
 
 
 if __name__ == "__main__":

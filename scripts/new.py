@@ -31,7 +31,7 @@ class Config:
   files: tyro.conf.Positional[Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILES")]] = ()
   """logs, or folders of logs; those outside FOLDER are copied into it; without any, the logs that FOLDER holds"""
   out: Path | None = None
-  """folder for the check's page; FOLDER_check beside the data set where not given"""
+  """folder for the check's page; FOLDER_check next to the data set where not given"""
 
 
 def main(config: Config) -> Path:
@@ -46,14 +46,14 @@ def main(config: Config) -> Path:
     print(f"missing: {name}; no column seems to be it, fill it in in [channels]")
   try:
     with StageLine() as progress:
-      found = check_log(load_to_check(config.folder), progress)
+      check = check_log(load_to_check(config.folder), progress)
   except RecordingError as error:
     print(f"not yet readable: {error}")
     return path
-  print(found.verdict)
-  for finding in (*found.of("spoils"), *found.of("beware")):
+  print(check.verdict)
+  for finding in (*check.of("spoils"), *check.of("beware")):
     print(f"{finding.severity}: {finding.text}")
-  page = write_log_check(found, config.out or config.folder.with_name(f"{config.folder.resolve().name}_check"))
+  page = write_log_check(check, config.out or config.folder.with_name(f"{config.folder.resolve().name}_check"))
   print(f"page: {page}")
   return path
 

@@ -1,4 +1,4 @@
-"""A log checked before anything is fitted to it: what spoils results, what to be wary of, what it can show."""
+"""A log checked before anything is fitted to it: what spoils results, what may mislead one, what it can show."""
 
 import dataclasses
 import logging
@@ -35,12 +35,12 @@ class Finding:
 
 @dataclasses.dataclass(frozen=True)
 class LogCheck:
-  """What the check found.
+  """The outcome of the check.
 
   Attributes:
     findings: worst first.
     comparisons: of sensors that measure one motion.
-    passport: noise by channel.
+    noise: of a sample, by channel.
   """
 
   dataset: DataSet
@@ -48,7 +48,7 @@ class LogCheck:
   samplings: tuple[Sampling, ...]
   comparisons: tuple[Comparison, ...]
   shown: tuple[Shown, ...]
-  passport: dict[str, ChannelNoise]
+  noise: dict[str, ChannelNoise]
 
   def of(self, severity: Severity) -> tuple[Finding, ...]:
     return tuple(f for f in self.findings if f.severity == severity)
@@ -56,11 +56,12 @@ class LogCheck:
   @property
   def verdict(self) -> str:
     """The outcome in one sentence."""
-    spoilt, wary = self.of("spoils"), self.of("beware")
-    if spoilt:
-      return f"Not fit to be fitted as it is: {spoilt[0].text}"
-    if len(wary) > 0:
-      return f"Fit to be used; {len(wary)} thing{'s' if len(wary) > 1 else ''} to be wary of, first: {wary[0].text}"
+    spoiling, warnings = self.of("spoils"), self.of("beware")
+    if spoiling:
+      return f"Not fit to be fitted as it is: {spoiling[0].text}"
+    if len(warnings) > 0:
+      count = f"{len(warnings)} warning{'s' if len(warnings) > 1 else ''}"
+      return f"Fit to be used, with {count}, first: {warnings[0].text}"
     return "Fit to be used: nothing was found that would spoil a fit."
 
   def document(self) -> dict[str, Any]:
@@ -71,7 +72,7 @@ class LogCheck:
       "verdict": self.verdict,
       "findings": [dataclasses.asdict(f) for f in self.findings],
       "sampling": [dataclasses.asdict(s) for s in self.samplings],
-      "noise": {name: dataclasses.asdict(n) for name, n in self.passport.items()},
+      "noise": {name: dataclasses.asdict(n) for name, n in self.noise.items()},
       "comparisons": [_comparison(c) for c in self.comparisons],
       "shown": [{**dataclasses.asdict(s), "verdict": s.verdict} for s in self.shown],
     }
@@ -91,13 +92,13 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
   """Check a data set that could be loaded; without a model of a car."""
   recordings = dataset.recordings
   progress("noise and timing")
-  passport, sampled = noise_passport(recordings), samplings(recordings)
+  noise, sampled = noise_passport(recordings), samplings(recordings)
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   wheels = Wheels.of(vehicle, recordings)
   compared = []
   for motion in motions(wheels, recordings):
     progress(f"two sensors of one motion: {motion.name}")
-    compared.append(compare(motion, wheels, recordings, passport))
+    compared.append(compare(motion, wheels, recordings, noise))
   shown = what_it_shows(vehicle, wheels, recordings)
   findings = [
     *(f for c in compared for f in _disagreements(c)),
@@ -107,11 +108,11 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
   ]
   order = ("spoils", "beware", "note")
   findings.sort(key=lambda f: order.index(f.severity))
-  return LogCheck(dataset, tuple(findings), tuple(sampled), tuple(compared), tuple(shown), passport)
+  return LogCheck(dataset, tuple(findings), tuple(sampled), tuple(compared), tuple(shown), noise)
 
 
 def heed(dataset: DataSet) -> tuple[str, ...]:
-  """What whoever fits to a log must be told: sensors of one motion that disagree, values that are held.
+  """Warnings for every fit to a log: sensors of one motion that disagree, values that are held.
 
   Role "holdout" stays closed.
 
@@ -121,10 +122,10 @@ def heed(dataset: DataSet) -> tuple[str, ...]:
   seen = tuple(r for r in dataset.recordings if r.role != "holdout")
   if not seen:
     return ()
-  found = check_log(dataclasses.replace(dataset, recordings=seen))
-  if spoilt := found.of("spoils"):
-    raise RecordingError(f"data set '{dataset.name}': {spoilt[0].text}")
-  return tuple(f.text for f in found.of("beware") if f.channels)
+  check = check_log(dataclasses.replace(dataset, recordings=seen))
+  if spoiling := check.of("spoils"):
+    raise RecordingError(f"data set '{dataset.name}': {spoiling[0].text}")
+  return tuple(f.text for f in check.of("beware") if f.channels)
 
 
 def _disagreements(c: Comparison) -> list[Finding]:
@@ -142,16 +143,16 @@ def _disagreements(c: Comparison) -> list[Finding]:
     return [Finding("spoils", channels, f"{names} differ {c.scale.value:.3g}-fold in {c.motion.name}: {cure}")]
   if not c.motion.kinematic:
     return []
-  found: list[Finding] = []
+  findings: list[Finding] = []
   sensor, other = c.motion.compared[0], _list(c.motion.reference)
   if c.lag.beyond(0.0) and abs(c.lag.value) > _PERIOD:
     late = "late" if c.lag.value > 0.0 else "early"
     said = f"{sensor} is {1e3 * abs(c.lag.value):.0f} ± {1e3 * c.lag.std:.0f} ms {late} against {other}"
-    found.append(Finding("beware", channels, f"{said}; start states and lags that are fitted depend on it"))
+    findings.append(Finding("beware", channels, f"{said}; start states and lags that are fitted depend on it"))
   if c.scale.beyond(1.0) and abs(c.scale.value - 1.0) > _SCALE:
     said = f"{sensor} reads {100 * (c.scale.value - 1.0):+.1f} ± {100 * c.scale.std:.1f} % against {other}"
-    found.append(Finding("beware", channels, f"{said}; a scale, a gear ratio or a radius is off"))
-  return found
+    findings.append(Finding("beware", channels, f"{said}; a scale, a gear ratio or a radius is off"))
+  return findings
 
 
 def _held(s: Sampling) -> list[Finding]:
@@ -170,7 +171,7 @@ def _comparison(c: Comparison) -> dict[str, Any]:
     "unit": c.motion.unit,
     "kinematic": c.motion.kinematic,
     **{name: estimate(getattr(c, name)) for name in ("lag", "scale", "bias")},
-    **{name: getattr(c, name) for name in ("correlation", "left", "noise", "seconds", "why_not")},
+    **{name: getattr(c, name) for name in ("correlation", "residual", "noise", "seconds", "why_not")},
     "regimes": {name: estimate(e) for name, e in c.regimes.items()},
   }
 

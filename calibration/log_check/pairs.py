@@ -2,7 +2,7 @@
 
   compared(t) = scale * reference(t - lag) + bias
 
-fitted to means over short windows. The lag is where least is left over; the scale is Deming's, for noise in both
+fitted to means over short windows. The lag is where the residual is least; the scale is Deming's, for noise in both
 (Fuller, Measurement Error Models, 1987, 1.3); deviations are the jackknife's over blocks of driving (Efron, The
 Jackknife, the Bootstrap and Other Resampling Plans, 1982). No model of a car takes part.
 """
@@ -47,7 +47,7 @@ class Comparison:
   Attributes:
     lag: s, positive where the compared sensor is late.  scale, bias: of it, in the rate's unit.
     correlation: of the two, at that lag.
-    left: rms of what is left over, in the rate's unit; noise: what their noise explains of it.
+    residual: its rms, in the rate's unit; noise: what their noise explains of it.
     seconds: compared.
     regimes: scale by how the car was driven, where there was enough of it.
     why_not: why they can't be compared; then all else is NaN.
@@ -58,7 +58,7 @@ class Comparison:
   scale: Estimate
   bias: Estimate
   correlation: float
-  left: float
+  residual: float
   noise: float
   seconds: float
   regimes: Mapping[str, Estimate]
@@ -81,15 +81,15 @@ def compare(
     said = f"the motion ({loud:.2g} {motion.unit}) is not {_LOUD:g} times the reference's noise ({levels[1]:.2g})"
     return _unknown(motion, said, len(blocks) * _BLOCK)
   ratio = (levels[0] / levels[1]) ** 2
-  found, spread = _jackknifed(np.stack([sums for sums, _ in blocks]), lambda s: _fit(s, ratio))
-  lag, scale, bias = (Estimate(float(v), float(s)) for v, s in zip(found[:3], spread[:3], strict=True))
+  fit, spread = _jackknifed(np.stack([sums for sums, _ in blocks]), lambda s: _fit(s, ratio))
+  lag, scale, bias = (Estimate(float(v), float(s)) for v, s in zip(fit[:3], spread[:3], strict=True))
   return Comparison(
     motion=motion,
     lag=lag,
     scale=scale,
     bias=bias,
-    correlation=float(found[4]),
-    left=float(found[3]),
+    correlation=float(fit[4]),
+    residual=float(fit[3]),
     noise=float(np.hypot(levels[0], scale.value * levels[1])),
     seconds=len(blocks) * _BLOCK,
     regimes=_by_regime(motion, wheels, held, window, lag.value, ratio),
@@ -120,7 +120,7 @@ def _sums(x: Array, y: Array) -> Array:
 
 
 def _fit(sums: Array, ratio: float) -> Array:
-  """Lag, scale, bias, rms left over and correlation from sums, (n, lags, 6) -> (n, 5)."""
+  """Lag, scale, bias, rms residual and correlation from sums, (n, lags, 6) -> (n, 5)."""
   lines = _line(sums, ratio)
   strength, rows = np.abs(lines[..., 3]), np.arange(len(sums))
   best = np.argmax(strength, axis=1)
@@ -128,7 +128,7 @@ def _fit(sums: Array, ratio: float) -> Array:
 
 
 def _line(sums: Array, ratio: float) -> Array:
-  """Deming's line: scale, bias, rms left over and correlation from sums, (..., 6) -> (..., 4).
+  """Deming's line: scale, bias, rms residual and correlation from sums, (..., 6) -> (..., 4).
 
   Args:
     ratio: variance of the compared sensor's noise over that of the reference's.
@@ -139,8 +139,8 @@ def _line(sums: Array, ratio: float) -> Array:
   apart, least = syy - ratio * sxx, _UNRELATED * np.sqrt(np.maximum(sxx, _STILL) * np.maximum(syy, _STILL))
   safe = np.where(np.abs(sxy) > least, sxy, least)
   scale = (apart + np.sqrt(apart**2 + 4.0 * ratio * sxy**2)) / (2.0 * safe)
-  left = np.sqrt(np.maximum(syy - 2.0 * scale * sxy + scale**2 * sxx, 0.0))
-  return np.stack([scale, my - scale * mx, left, sxy / np.sqrt(np.maximum(sxx * syy, 1e-300))], axis=-1)
+  residual = np.sqrt(np.maximum(syy - 2.0 * scale * sxy + scale**2 * sxx, 0.0))
+  return np.stack([scale, my - scale * mx, residual, sxy / np.sqrt(np.maximum(sxx * syy, 1e-300))], axis=-1)
 
 
 def _vertex(height: Array, best: NDArray[np.intp]) -> Array:

@@ -17,7 +17,7 @@ from qcar_twin.recordings.recording import ROLES
 
 _DRAWN = 0.05  # s between points
 _SPOTS = 4000  # of a role at most
-_TITLES = {"spoils": "What spoils a fit", "beware": "What to be wary of", "note": "What can't be told from this log"}
+_TITLES = {"spoils": "What spoils a fit", "beware": "Warnings", "note": "What can't be told from this log"}
 
 
 def write_log_check(found: LogCheck, folder: str | os.PathLike[str]) -> Path:
@@ -66,7 +66,7 @@ def _sensors(found: LogCheck) -> Section:
     if c.why_not:
       rows.append([c.motion.name, *sides, c.why_not, "", "", c.motion.unit, "", "", "", c.seconds])
       continue
-    numbers = (c.correlation, c.left, c.noise)
+    numbers = (c.correlation, c.residual, c.noise)
     lag = Estimate(1e3 * c.lag.value, 1e3 * c.lag.std)
     rows.append(
       [f"{c.motion.name}{' (geometry)' if c.motion.kinematic else ''}", *sides, _pm(lag), _pm(c.scale), _pm(c.bias),
@@ -90,7 +90,7 @@ def _shown(found: LogCheck) -> Section:
 def _sampling(found: LogCheck) -> Section:
   rows: list[Sequence[Cell]] = []
   for s in found.samplings:
-    noise = found.passport.get(s.channel)
+    noise = found.noise.get(s.channel)
     rows.append(
       [s.channel, CHANNELS[s.channel].unit, s.rate, s.publishes, 100.0 * s.jitter, s.longest, s.quantum, s.values,
        noise.std if noise else None, noise.source if noise else ""]

@@ -64,6 +64,6 @@ def _sampling(channel: str, streams: Sequence[Stream]) -> Sampling:
 
 
 def _held(streams: Sequence[Stream]) -> float:
-  """Median length of the runs of one value, long ones (rest, a stuck sensor) aside."""
+  """Median length of the runs of one value, without the long ones (rest, a stuck sensor)."""
   lengths = np.concatenate([Runs.of(s.value).length[1:-1] for s in streams])
   return float(np.median(lengths)) if len(lengths) else 1.0

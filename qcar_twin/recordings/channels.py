@@ -1,6 +1,6 @@
 """What a recording may hold: one record per channel, and nothing about a channel anywhere else.
 
-The loader, the checks of units and faults, the noise passport, the simulated sensors and the table in
+The loader, the checks of units and faults, the noise model, the simulated sensors and the table in
 docs/reference/recordings.md all read it here. A channel of your own is one more record:
 `register(Channel("roll_rate", ...))`.
 """

@@ -37,9 +37,9 @@ _PERIOD = 0.01  # s, on which commands are added up
 
 @dataclass(frozen=True, eq=False)
 class DataSet:
-  """Recordings of one car in the order they were driven, what was measured of the car, and what to be wary of.
+  """Recordings of one car in the order they were driven, what was measured of the car, and warnings.
 
-  Each recording is told what was driven before it, whatever roles and sessions lie between.
+  Each recording knows what was driven before it, whatever roles and sessions lie between.
   """
 
   name: str

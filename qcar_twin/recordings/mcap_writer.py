@@ -126,7 +126,7 @@ _VIEWS = (
 
 
 def streams_of_table(table: Table) -> dict[str, Stream]:
-  """The numeric columns of any log beside its column `time`, s, by name; blank cells are no samples."""
+  """The numeric columns of any log next to its column `time`, s, by name; blank cells are no samples."""
   time = table.number("time", "time")
   numbers = {name: column for name, column in table.columns.items() if name != "time" and column.dtype != object}
   there = {name: np.isfinite(column) for name, column in numbers.items()}

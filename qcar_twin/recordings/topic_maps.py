@@ -41,7 +41,7 @@ class TopicMap:
     Raises:
       RecordingError: two topics could be meant, or the file has none of those the map knows.
     """
-    there, given, found = tuple(columns), frozenset(given), {}
+    there, given, mapping = tuple(columns), frozenset(given), {}
     for channel, (wanted, how) in self.choices.items():
       if channel in given:
         continue
@@ -52,14 +52,14 @@ class TopicMap:
           f'[channels]: {channel} = {{ column = "{match[0]}" }}'
         )
       if match:
-        found[channel] = Mapped(match[0], how.scale, how.offset, how.wrap)
-    if not found and not given:
+        mapping[channel] = Mapped(match[0], how.scale, how.offset, how.wrap)
+    if not mapping and not given:
       known = ", ".join(dict.fromkeys(column for wanted, _ in self.choices.values() for column in wanted))
       raise RecordingError(
         f"{label}: map '{self.name}' finds none of its columns ({known}); choose another map, or write [channels]. "
         f"Columns that exist: {', '.join(there[:40])}"
       )
-    return found
+    return mapping
 
 
 def _matches(column: str, there: tuple[str, ...]) -> tuple[str, ...]:

@@ -64,9 +64,9 @@ def find_repeats(recordings: Sequence[Recording]) -> list[Repeat]:
       pair = (holders[a], holders[b])
       first, second = recordings[pair[0]], recordings[pair[1]]
       time, samples = first[channel].time, count + _WINDOW - 1
-      found = Repeat(first, second, channel, time[start], time[start + samples - 1], second[channel].time[at])
-      if pair not in longest or found.end - found.start > longest[pair].end - longest[pair].start:
-        longest[pair] = found
+      repeat = Repeat(first, second, channel, time[start], time[start + samples - 1], second[channel].time[at])
+      if pair not in longest or repeat.end - repeat.start > longest[pair].end - longest[pair].start:
+        longest[pair] = repeat
   return [longest[pair] for pair in sorted(longest)]
 
 
@@ -89,13 +89,13 @@ def _shared(values: Sequence[np.ndarray]) -> list[tuple[int, int, int, int, int]
   order = np.lexsort((place, owner, key))
   key, owner, place = key[order], owner[order], place[order]
   same = np.flatnonzero((key[1:] == key[:-1]) & (owner[1:] != owner[:-1]))
-  found: dict[tuple[int, int, int], list[int]] = {}
+  starts_of: dict[tuple[int, int, int], list[int]] = {}
   for i in same:
     a, b, start, at = int(owner[i]), int(owner[i + 1]), int(place[i]), int(place[i + 1])
     if np.array_equal(values[a][start : start + _WINDOW], values[b][at : at + _WINDOW]):
-      found.setdefault((a, b, at - start), []).append(start)
+      starts_of.setdefault((a, b, at - start), []).append(start)
   runs = []
-  for (a, b, apart), starts in found.items():
+  for (a, b, apart), starts in starts_of.items():
     for run in np.split(np.sort(starts), np.flatnonzero(np.diff(np.sort(starts)) > 1) + 1):
       runs.append((a, b, int(run[0]), int(run[0]) + apart, len(run)))
   return runs

@@ -61,7 +61,7 @@ def _cure(suspect: Suspect) -> str:
 
 @dataclass(frozen=True)
 class Comparison:
-  """A channel's bin means (n,) beside what another says they must be (n,); equal when units and signs are right."""
+  """A channel's bin means (n,) and what another says they must be (n,); equal when units and signs are right."""
 
   channel: str
   witness: str

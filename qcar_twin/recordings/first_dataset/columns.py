@@ -60,8 +60,8 @@ class Columns:
 
   def values(self, name: str) -> Array:
     """All values of a column that are there, one log after the other."""
-    found = np.concatenate([table.number(name, name) for table in self.holding(name)])
-    return found[np.isfinite(found)]
+    values = np.concatenate([table.number(name, name) for table in self.holding(name)])
+    return values[np.isfinite(values)]
 
   def constant(self, name: str) -> bool:
     """Whether a column never changes, in any log."""
@@ -76,7 +76,7 @@ class Columns:
     return all(np.isfinite(step).all() and (step >= 0.0).all() and (step > 0.0).any() for step in steps)
 
   def top(self, name: str) -> float:
-    """The largest magnitude, one in a thousand aside."""
+    """The largest magnitude, without one in a thousand."""
     return float(np.percentile(np.abs(self.values(name)), 99.9))
 
 
@@ -192,8 +192,8 @@ def _usual_run(columns: Iterable[Array]) -> float:
     there = values[np.isfinite(values)]
     starts = np.flatnonzero(np.r_[True, there[1:] != there[:-1]])
     lengths.append(np.diff(starts)[1:])
-  found = np.concatenate(lengths) if lengths else np.empty(0)
-  return float(np.median(found)) if found.size >= 10 else 1.0
+  runs = np.concatenate(lengths) if lengths else np.empty(0)
+  return float(np.median(runs)) if runs.size >= 10 else 1.0
 
 
 def gate(columns: Columns, guesses: Mapping[str, Guess]) -> None:

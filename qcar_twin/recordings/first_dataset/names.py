@@ -137,7 +137,7 @@ def readings(column: str) -> list[Reading]:
     return [Reading(column, 10.0, "it has the channel's name")]
   words, unit = set(words_of(column)), unit_of(column)
   bare = set(words_of(_BRACKET.sub(" ", column)))
-  found = []
+  possible = []
   for channel, rules in _RULES.items():
     met = [terms for rule in rules if (terms := _met(rule, words, bare))]
     if not met:
@@ -151,8 +151,8 @@ def readings(column: str) -> list[Reading]:
     elif unit is not None:
       score += 0.5
     if score > 0.0:
-      found.append(Reading(channel, score, f"its name says {' '.join(best)}"))
-  return sorted(found, key=lambda reading: -reading.score)
+      possible.append(Reading(channel, score, f"its name says {' '.join(best)}"))
+  return sorted(possible, key=lambda reading: -reading.score)
 
 
 def _met(rule: str, words: set[str], bare: set[str]) -> tuple[str, ...]:

@@ -31,15 +31,15 @@ def logs_of(paths: Sequence[Path]) -> list[Path]:
   Raises:
     RecordingError: a path that is not there, or a folder without a log.
   """
-  found: list[Path] = []
+  logs: list[Path] = []
   for path in paths:
     if not path.exists():
       raise RecordingError(f"{path}: no such file or folder")
     if path.is_file() or (path / _BAG).is_file():
-      found.append(path)
+      logs.append(path)
     else:
-      found += _below(path)
-  return sorted(dict.fromkeys(found), key=lambda path: _natural(path.as_posix()))
+      logs += _below(path)
+  return sorted(dict.fromkeys(logs), key=lambda path: _natural(path.as_posix()))
 
 
 def _below(folder: Path) -> list[Path]:
@@ -70,15 +70,15 @@ def placed(folder: Path, logs: Sequence[Path]) -> list[Placed]:
   inside = folder.resolve()
   outside = [path.resolve() for path in logs if not path.resolve().is_relative_to(inside)]
   common = Path(os.path.commonpath([path.parent for path in outside])) if outside else inside
-  found = []
+  places = []
   for path in logs:
     there = path.resolve()
     copied = not there.is_relative_to(inside)
     name = there.relative_to(common if copied else inside).as_posix()
     if copied and (folder / name).exists():
       raise RecordingError(f"{folder / name}: is there already and is not replaced; remove it, or name another folder")
-    found.append(Placed(path, name, copied))
-  return found
+    places.append(Placed(path, name, copied))
+  return places
 
 
 def copy_in(folder: Path, logs: Sequence[Placed]) -> None:

@@ -32,12 +32,12 @@ _WIDE = 0.3  # standard deviation of a number nobody measured, as a share of it
 
 @dataclass(frozen=True)
 class Proposal:
-  """A dataset.toml, and what was not found.
+  """A dataset.toml, and what no column seems to be.
 
   Attributes:
     text: of the file.
     guesses: a line each, as they stand in the file.
-    channels: of these, the lines of [channels], or of what a ready-made map found.
+    channels: of these, the lines of [channels], or of what a ready-made map says.
     missing: what the loader needs and no column seems to be.
   """
 
@@ -73,7 +73,7 @@ def propose(name: str, tables: Sequence[Table]) -> Proposal:
   if "time" not in guesses and not all("time" in table for table in tables):
     missing = ("time", *missing)
   lines = [*_head(name, topics), *_vehicle(vehicle, known, kind, recordings)]
-  channels = _channels(columns, guesses, missing) if topics is None else _found(guesses)
+  channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
   lines += ["", *channels]
   lines += [line for part in parts for line in _recording(part)]
   marked = tuple(line for line in lines if MARK in line and not line.startswith("#"))
@@ -83,26 +83,28 @@ def propose(name: str, tables: Sequence[Table]) -> Proposal:
 def _fitting_map(tables: Sequence[Table]) -> TopicMap | None:
   """The ready-made map that finds most channels, a drive command and a speed among them, in every log."""
   fits = []
-  for found in topic_maps().values():
+  for topics in topic_maps().values():
     try:
-      channels = [set(found.mapping(table.columns, table.label)) for table in tables]
+      channels = [set(topics.mapping(table.columns, table.label)) for table in tables]
     except RecordingError:
       continue
     if all(each & set(DRIVE_COMMANDS) and each & {"speed", "motor_speed"} for each in channels):
-      fits.append((min(map(len, channels)), found))
+      fits.append((min(map(len, channels)), topics))
   return max(fits, key=lambda fit: fit[0])[1] if fits else None
 
 
 def _mapped(topics: TopicMap, tables: Sequence[Table]) -> dict[str, Guess]:
-  found: dict[str, Guess] = {"time": Guess("time", "time", why=["seconds since the bag began"])}
+  guesses: dict[str, Guess] = {"time": Guess("time", "time", why=["seconds since the bag began"])}
   for table in tables:
     for channel, how in topics.mapping(table.columns, table.label).items():
-      found.setdefault(channel, Guess(channel, how.column, how.scale, how.offset, how.wrap, why=[f"map {topics.name}"]))
-  return found
+      guesses.setdefault(
+        channel, Guess(channel, how.column, how.scale, how.offset, how.wrap, why=[f"map {topics.name}"])
+      )
+  return guesses
 
 
 def _drive(guesses: Mapping[str, Guess]) -> str:
-  """What drives the car: the kind whose command was found, first of DRIVE_COMMANDS."""
+  """What drives the car: the kind whose command was logged, first of DRIVE_COMMANDS."""
   channel = next((name for name in DRIVE_COMMANDS if name in guesses), DRIVE_COMMANDS[0])
   return next(kind for kind, drive in DRIVES.items() if drive.channel == channel)
 
@@ -171,10 +173,10 @@ def _channels(columns: Columns, guesses: Mapping[str, Guess], missing: Sequence[
   return lines
 
 
-def _found(guesses: Mapping[str, Guess]) -> list[str]:
-  """What the map found, as a comment: the map itself says it to the loader."""
-  found = [f"# {guess.channel}: {_plain(guess.column)}" for guess in guesses.values() if guess.channel in CHANNELS]
-  return ["# what the map finds in these logs:", *found]
+def _by_map(guesses: Mapping[str, Guess]) -> list[str]:
+  """What the map says, as a comment: the map itself says it to the loader."""
+  lines = [f"# {guess.channel}: {_plain(guess.column)}" for guess in guesses.values() if guess.channel in CHANNELS]
+  return ["# what the map finds in these logs:", *lines]
 
 
 def _recording(part: Part) -> list[str]:

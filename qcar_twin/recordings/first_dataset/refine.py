@@ -28,23 +28,23 @@ _ROAD_ANGLE = (0.6, 1.6)  # of the angle kinematics ask for: a command within it
 def recordings_of(columns: Columns, guesses: Mapping[str, Guess]) -> list[Recording]:
   """The logs as the guesses read them; those that cannot be read so are left out."""
   mapping = {channel: guess.mapped for channel, guess in guesses.items()}
-  found = []
+  recordings = []
   for table in columns.tables:
     try:
-      found.append(Recording(table.label, streams_of(table, resolve(table, mapping))[0], table.label))
+      recordings.append(Recording(table.label, streams_of(table, resolve(table, mapping))[0], table.label))
     except RecordingError:
       continue
-  return found
+  return recordings
 
 
 def settle_units(columns: Columns, guesses: dict[str, Guess], vehicle: Mapping[str, float | str]) -> None:
   """Scale what disagrees with another channel by the factor of a usual unit, as the loader would ask for."""
   for _ in range(_ROUNDS):
     recordings = recordings_of(columns, guesses)
-    found = next((unit for recording in recordings if (unit := _convicted(recording, vehicle, guesses))), None)
-    if found is None:
+    wrong = next((unit for recording in recordings if (unit := _convicted(recording, vehicle, guesses))), None)
+    if wrong is None:
       return
-    channel, scale, why = found
+    channel, scale, why = wrong
     for name in ("pose_x", "pose_y") if channel == "pose_x" else (channel,):
       guesses[name].scale *= scale
       guesses[name].why.append(why)
@@ -113,7 +113,7 @@ def _ratio(rate: Array, angle: Array, turning: Array) -> float:
 
 def _turning(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[Array, Array, Array]:
   """Speed over wheelbase [1/s], commanded angle [rad] and yaw rate [rad/s] in bins, where the car turns gently."""
-  found = [np.empty((3, 0))]
+  parts = [np.empty((3, 0))]
   for recording in recordings:
     edges = recording.start + _BIN * np.arange(int(recording.duration / _BIN) + 1)
     middle = 0.5 * (edges[1:] + edges[:-1])
@@ -130,8 +130,8 @@ def _turning(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[Array, 
     speed *= rolling_radius(vehicle) if wheels else 1.0
     angle = recording["steering_command"].at(middle)
     there = np.isfinite(turn) & np.isfinite(speed) & (np.abs(speed * turn) < _GENTLE)
-    found.append(np.stack([speed / vehicle.wheelbase, angle, turn])[:, there])
-  rate, angle, turning = np.concatenate(found, axis=1)
+    parts.append(np.stack([speed / vehicle.wheelbase, angle, turn])[:, there])
+  rate, angle, turning = np.concatenate(parts, axis=1)
   return rate, angle, turning
 
 

@@ -21,12 +21,12 @@ BAG_FOLDER = ".db3"  # what a folder is read as: a ROS 2 bag
 
 def readers() -> dict[str, tuple[str, str]]:
   """Suffix -> module and function that reads such files, as the modules declare them."""
-  found: dict[str, tuple[str, str]] = {}
+  declared: dict[str, tuple[str, str]] = {}
   for module in pkgutil.iter_modules(__path__):
     path = Path(str(getattr(module.module_finder, "path", ""))) / f"{module.name}.py"
     for suffix, function in _declared(path).items():
-      found[suffix] = (module.name, function)
-  return found
+      declared[suffix] = (module.name, function)
+  return declared
 
 
 def _declared(path: Path) -> dict[str, str]:

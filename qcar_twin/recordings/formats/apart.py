@@ -85,24 +85,24 @@ def _answered(process: subprocess.Popen[bytes], path: Path, label: str) -> list[
   head = _line(process)
   if "ended" in head:
     raise ReaderEnded(_cause(head["ended"]))
-  found: list[Group] = []
+  groups: list[Group] = []
   for names, sizes, clocked in head.get("groups", ()):
     columns = [_filled(np.empty(size), process) for size in sizes]
     clock = columns.pop(0) if clocked else None
-    found.append((clock, dict(zip(names, columns, strict=True))))
+    groups.append((clock, dict(zip(names, columns, strict=True))))
   if ended := _line(process).get("ended", 1):
     raise ReaderEnded(_cause(ended))
-  return _KINDS.get(head["failed"], ValueError)(head["said"]) if "failed" in head else found
+  return _KINDS.get(head["failed"], ValueError)(head["said"]) if "failed" in head else groups
 
 
 def _line(process: subprocess.Popen[bytes]) -> dict[str, Any]:
   assert process.stdout is not None
   line = process.stdout.readline()
   try:
-    found = json.loads(line)
+    content = json.loads(line)
   except ValueError as error:
     raise ReaderEnded("its reader ended in the middle of its answer") from error
-  return found if isinstance(found, dict) else {}
+  return content if isinstance(content, dict) else {}
 
 
 def _filled(column: np.ndarray, process: subprocess.Popen[bytes]) -> np.ndarray:
@@ -146,7 +146,7 @@ def end_all() -> None:
 
 def main(module: str) -> None:
   """Answer every line of JSON on the standard input until it is closed or a reader came down."""
-  signal.signal(signal.SIGINT, signal.SIG_IGN)  # who asks is told, and ends this process
+  signal.signal(signal.SIGINT, signal.SIG_IGN)  # the asking process gets it, too, and ends this one
   out = os.fdopen(os.dup(1), "wb")
   os.dup2(2, 1)  # what a library prints is no answer
   if resource is not None:
@@ -154,8 +154,8 @@ def main(module: str) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (hard, hard))  # inherited from the reading of one file
   read = import_module(module).groups
   for line in sys.stdin:
-    asked = json.loads(line)
-    path, label = Path(asked["path"]), asked["label"]
+    request = json.loads(line)
+    path, label = Path(request["path"]), request["label"]
     ended = _forked(read, path, label, out) if hasattr(os, "fork") else _answer(read, path, label, out)
     out.write(json.dumps({"ended": ended}).encode() + b"\n")
     out.flush()

@@ -48,10 +48,10 @@ def read_mat(path: Path, label: str) -> Table:
 
 
 def _joined(clocked: list[Clocked], vectors: Mapping[str, np.ndarray]) -> list[Clocked]:
-  """Put plain vectors beside the clock of their length; groups that share a clock stay groups."""
+  """Put plain vectors with the clock of their length; groups that share a clock stay groups."""
   first = clocked[0]
-  beside = {name: vector for name, vector in vectors.items() if vector.size == first.time.size and name != "time"}
-  return [Clocked(first.time, {**first.columns, **beside}), *clocked[1:]]
+  of_length = {name: vector for name, vector in vectors.items() if vector.size == first.time.size and name != "time"}
+  return [Clocked(first.time, {**first.columns, **of_length}), *clocked[1:]]
 
 
 def _with_short_names(table: Table) -> Table:

@@ -66,7 +66,7 @@ def _read(reader: McapReader, label: str) -> list[Clocked]:
       continue
     if row:
       rows.setdefault(channel.topic, []).append(row)
-  return [topic_columns(found) for found in rows.values()]
+  return [topic_columns(topic) for topic in rows.values()]
 
 
 def _decoder(schema: Schema | None, channel: Channel, label: str) -> Decode | None:

@@ -44,8 +44,8 @@ def _fields(value: Any) -> dict[str, Any] | None:
   if hasattr(value, "__dataclass_fields__"):
     return {name: getattr(value, name) for name in value.__dataclass_fields__ if name != "__msgtype__"}
   if hasattr(value, "DESCRIPTOR") and hasattr(value, "ListFields"):
-    found = {field.name: getattr(value, field.name) for field in value.DESCRIPTOR.fields}
-    return {name: list(part) if _is_repeated(part) else part for name, part in found.items()}
+    fields = {field.name: getattr(value, field.name) for field in value.DESCRIPTOR.fields}
+    return {name: list(part) if _is_repeated(part) else part for name, part in fields.items()}
   return None
 
 

@@ -67,4 +67,4 @@ def _read_topics(reader: AnyReader, label: str) -> list[Clocked]:
       continue
     if row := row_of(message, connection.topic, received, start):
       rows.setdefault(connection.topic, []).append(row)
-  return [topic_columns(found) for found in rows.values()]
+  return [topic_columns(topic) for topic in rows.values()]

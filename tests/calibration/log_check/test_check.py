@@ -86,5 +86,5 @@ def test_the_command_writes_a_page_and_numbers_for_programs(tmp_path, capsys):
   assert turning["lag"]["value"] == pytest.approx(0.055, abs=0.001)
   assert document["findings"][0]["channels"] == ["yaw_rate", "pose_yaw"] and document["schema"] == 1
   page = (tmp_path / "out" / "check.html").read_text(encoding="utf-8")
-  for text in ("What to be wary of", "Sensors against each other", "What this driving can show"):
+  for text in ("Warnings", "Sensors against each other", "What this driving can show"):
     assert text in page
