@@ -12,7 +12,8 @@ from packaging.utils import canonicalize_name
 
 from tests import ROOT
 
-PACKAGES = ("qcar_twin", "calibration", "agents", "scripts")
+PACKAGES = ("qcar_twin", "calibration", "agents", "assets", "scripts")
+INSIDE = ("assets", "scripts")  # installed as parts of qcar_twin
 SOURCES = (".py", ".c", ".h", ".xml", ".toml", ".html", ".css", ".js", ".json", ".txt", ".onnx", ".safetensors")
 
 
@@ -22,7 +23,7 @@ def wheel(tmp_path_factory):
   folder = tmp_path_factory.mktemp("wheel")
   for package in PACKAGES:
     shutil.copytree(ROOT / package, folder / "source" / package, ignore=shutil.ignore_patterns("__pycache__", "_build"))
-  for name in ("pyproject.toml", "README.md", "LICENSE"):
+  for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
     shutil.copy(ROOT / name, folder / "source")
   command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--no-index", "-w", folder]
   done = subprocess.run([*command, folder / "source"], capture_output=True, text=True, check=False)
@@ -34,13 +35,13 @@ def wheel(tmp_path_factory):
 def test_every_source_and_every_file_of_data_is_in_it(wheel):
   found = {name for name in wheel.namelist() if ".dist-info" not in name}
   wanted = {
-    path.relative_to(ROOT).as_posix()
+    ("qcar_twin/" if package in INSIDE else "") + path.relative_to(ROOT).as_posix()
     for package in PACKAGES
     for path in (ROOT / package).rglob("*")
     if path.suffix in SOURCES and "_build" not in path.parts
   }
   assert found == wanted
-  assert {"agents/data/policy/policy.onnx", "assets/qcar.xml", "qcar_twin/pages/page.html"} <= found
+  assert {"agents/data/policy/policy.onnx", "qcar_twin/assets/qcar.xml", "qcar_twin/pages/page.html"} <= found
 
 
 def test_the_command_and_what_it_needs_are_declared(wheel):
