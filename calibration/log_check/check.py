@@ -3,9 +3,10 @@
 import dataclasses
 import logging
 import os
-from typing import Any, Literal
+from typing import Any
 
 from calibration.fitting.noise import ChannelNoise, noise_passport
+from calibration.log_check.disagreements import Finding, Severity, disagreements
 from calibration.log_check.motions import Wheels, motions
 from calibration.log_check.pairs import Comparison, compare
 from calibration.log_check.shows import Shown, what_it_shows
@@ -15,22 +16,6 @@ from qcar_twin.recordings import dataset as dataset_module
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.vehicle.vehicle import Vehicle
-
-Severity = Literal["spoils", "beware", "note"]
-_PERIOD = 0.01  # s, of the twin's control: a lag below it is no finding
-_SCALE = 0.01  # a sensor's usual tolerance of sensitivity; a scale within it is no finding
-_CONTRARY, _ALIKE = -0.5, 0.8  # correlation of two sensors of one motion: contrary, and alike enough to be scaled
-_FACTOR = 2.0  # between two sensors of one motion, from which a unit or a gear is wrong
-
-
-@dataclasses.dataclass(frozen=True)
-class Finding:
-  """Something to know: `spoils` what is fitted, `beware`, or a `note`; channels it is about, and a sentence with the
-  cure."""
-
-  severity: Severity
-  channels: tuple[str, ...]
-  text: str
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,7 +86,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
     compared.append(compare(motion, wheels, recordings, noise))
   shown = what_it_shows(vehicle, wheels, recordings)
   findings = [
-    *(f for c in compared for f in _disagreements(c)),
+    *(f for c in compared for f in disagreements(c, wheels, vehicle.wheelbase, recordings, noise)),
     *(Finding("beware", (), warning) for warning in dataset.notices),
     *(f for s in sampled for f in _held(s)),
     *(Finding("note", (), f"{s.physics}: can't be told, no {s.takes}") for s in shown if s.verdict == "none"),
@@ -128,33 +113,6 @@ def heed(dataset: DataSet) -> tuple[str, ...]:
   return tuple(f.text for f in check.of("beware") if f.channels)
 
 
-def _disagreements(c: Comparison) -> list[Finding]:
-  """Of two sensors of one motion."""
-  channels = (*c.motion.compared, *c.motion.reference)
-  names = f"{_list(c.motion.compared)} and {_list(c.motion.reference)}"
-  if c.why_not:
-    return []
-  if c.correlation < _CONTRARY:
-    cure = "one of them has the wrong sign; set scale = -1 on it in [channels]"
-    return [Finding("spoils", channels, f"{names} say the contrary of {c.motion.name}: {cure}")]
-  steered = c.motion.reference[0] == "steering_command"
-  if c.correlation > _ALIKE and not steered and not 1.0 / _FACTOR < c.scale.value < _FACTOR:
-    cure = "a unit, a gear ratio or a wheel radius is wrong; correct scale in [channels], or [vehicle]"
-    return [Finding("spoils", channels, f"{names} differ {c.scale.value:.3g}-fold in {c.motion.name}: {cure}")]
-  if not c.motion.kinematic:
-    return []
-  findings: list[Finding] = []
-  sensor, other = c.motion.compared[0], _list(c.motion.reference)
-  if c.lag.beyond(0.0) and abs(c.lag.value) > _PERIOD:
-    late = "late" if c.lag.value > 0.0 else "early"
-    said = f"{sensor} is {1e3 * abs(c.lag.value):.0f} ± {1e3 * c.lag.std:.0f} ms {late} against {other}"
-    findings.append(Finding("beware", channels, f"{said}; start states and lags that are fitted depend on it"))
-  if c.scale.beyond(1.0) and abs(c.scale.value - 1.0) > _SCALE:
-    said = f"{sensor} reads {100 * (c.scale.value - 1.0):+.1f} ± {100 * c.scale.std:.1f} % against {other}"
-    findings.append(Finding("beware", channels, f"{said}; a scale, a gear ratio or a radius is off"))
-  return findings
-
-
 def _held(s: Sampling) -> list[Finding]:
   if s.held < 1.5:
     return []
@@ -174,7 +132,3 @@ def _comparison(c: Comparison) -> dict[str, Any]:
     **{name: getattr(c, name) for name in ("correlation", "residual", "noise", "seconds", "why_not")},
     "regimes": {name: estimate(e) for name, e in c.regimes.items()},
   }
-
-
-def _list(names: tuple[str, ...]) -> str:
-  return " and ".join(names) if len(names) < 3 else f"{', '.join(names[:-1])} and {names[-1]}"

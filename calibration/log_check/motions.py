@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 STRAIGHT, TURNING = ("steady", "speeding up", "slowing down"), ("turning left", "turning right")
 REGIMES = (*STRAIGHT, *TURNING)
 _TURNS, _SPEEDS = 0.5, 0.3  # m/s^2 across and along, from which a window is called by its turn or its change of speed
+_KEPT = 1.0  # s, for which a last command is believed to be in force
 Means = Callable[[Array, float], Array]  # begin of windows (k,) s, length s -> mean of the rate in each, (k,)
 
 
@@ -155,7 +156,8 @@ def _path(recording: Recording, unsigned: bool) -> Means:
   def mean(begin: Array, length: float) -> Array:
     heading, end = at(yaw, begin + 0.5 * length), begin + length
     moved = np.cos(heading) * (at(x, end) - at(x, begin)) + np.sin(heading) * (at(y, end) - at(y, begin))
-    return _inside(x, begin, length, np.abs(moved) if unsigned else moved) / length
+    known = (begin >= yaw.time[0]) & (end <= yaw.time[-1])
+    return np.where(known, _inside(x, begin, length, np.abs(moved) if unsigned else moved), np.nan) / length
 
   return mean
 
@@ -171,7 +173,7 @@ def _product(speed: Stream, rate: Stream, scale: float) -> Means:
 def _steered(recording: Recording, wheels: Wheels) -> Means:
   """Speed times commanded angle, to which the yaw rate of a slow car is proportional."""
   speed, command = recording[wheels.channel], recording["steering_command"]
-  time = np.arange(speed.time[0], speed.time[-1], 0.01)
+  time = np.arange(max(speed.time[0], command.time[0]), min(speed.time[-1], command.time[-1] + _KEPT), 0.01)
   if len(time) < 2:
     return lambda begin, length: np.full(len(begin), np.nan)
   return _added(Stream(time, wheels.scale * np.interp(time, speed.time, speed.value) * command.at(time)))

@@ -4,7 +4,8 @@
 
 fitted to means over short windows. The lag is where the residual is least; the scale is Deming's, for noise in both
 (Fuller, Measurement Error Models, 1987, 1.3); deviations are the jackknife's over blocks of driving (Efron, The
-Jackknife, the Bootstrap and Other Resampling Plans, 1982). No model of a car takes part.
+Jackknife, the Bootstrap and Other Resampling Plans, 1982). No model of a car takes part. The lag is sought within
+0.5 s, or about where a search over ten seconds puts it (`wide_lag`); one at the edge of its search is no estimate.
 """
 
 import dataclasses
@@ -15,15 +16,21 @@ from numpy.typing import NDArray
 
 from calibration.fitting.noise import ChannelNoise
 from calibration.log_check.motions import REGIMES, Motion, Wheels, regimes
+from calibration.log_check.wide_lag import sums_by_lag, wide_lag
 from qcar_twin.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 _STEP = 0.01  # s between windows, and between the lags that are tried
-_LAGS = np.arange(-0.30, 0.505, _STEP)  # s
+_LAGS = np.arange(-0.30, 0.505, _STEP)  # s, about the lag that the wide search gives
 _WINDOW = 0.2  # s, at least; three samples of the slower sensor
 _BLOCK = 3.0  # s of driving that are left out together: longer than any motion remembers
 _LEAST_BLOCKS = 6
 _LOUD = 3.0  # times its noise that a motion must be to be compared
+_RESTS = 0.01  # m/s, rad/s or m/s^2: a change below it is no motion, however quiet the sensors
+_MOVES = 0.1  # m/s or rad/s, from which a sensor alone shows that the car moved
+_CORE, _CONCENTRATIONS = 0.75, 5  # share of the blocks that one line has to fit, and rounds of finding them
+_ODD = 5.0  # times the median residual, beyond which a block is odd
+_HIDES = 4.0  # times as much variance as without the odd blocks: then they hide what the others say
 _UNRELATED, _STILL = 1e-9, 1e-30  # a correlation, and a variance in squared units, that are rounding
 _NO_LAG = int(np.argmin(np.abs(_LAGS)))
 
@@ -45,10 +52,15 @@ class Comparison:
   """What two sensors of a motion say of each other.
 
   Attributes:
-    lag: s, positive where the compared sensor is late.  scale, bias: of it, in the rate's unit.
+    lag: s, positive where the compared sensor is late; NaN where it lies at the edge of the search, and what else was
+      fitted says nothing.
+    scale, bias: of it, in the rate's unit.
     correlation: of the two, at that lag.
     residual: its rms, in the rate's unit; noise: what their noise explains of it.
     seconds: compared.
+    loud: standard deviation of the means, in the rate's unit: the reference's, by geometry the larger of the two.
+    levels: noise of both sides' means, in the rate's unit.
+    odd: s that are unlike all the rest and were left out of the fit: a place that was lost, a frame that was changed.
     regimes: scale by how the car was driven, where there was enough of it.
     why_not: why they can't be compared; then all else is NaN.
   """
@@ -62,6 +74,9 @@ class Comparison:
   noise: float
   seconds: float
   regimes: Mapping[str, Estimate]
+  loud: float = np.nan
+  levels: tuple[float, float] = (np.nan, np.nan)
+  odd: float = 0.0
   why_not: str = ""
 
 
@@ -73,19 +88,24 @@ def compare(
   window = max(_WINDOW, 3.0 / min(noise[n].rate for n in names))
   levels = motion.noise(noise, window)
   held = [r for r in recordings if motion.measured_in(r)]
-  blocks = [b for r in held for b in _blocks(motion, wheels, r, window)]
+  lags = _LAGS + _centre(motion, wheels, held, window)
+  blocks = [b for r in held for b in _blocks(motion, wheels, r, window, lags)]
   if len(blocks) < _LEAST_BLOCKS:
     return _unknown(motion, f"less than {_LEAST_BLOCKS * _BLOCK:g} s hold both", len(blocks) * _BLOCK)
+  sums = np.stack([sums for sums, _ in blocks])
   loud = float(np.std(np.concatenate([reference for _, reference in blocks])))
-  if loud < _LOUD * levels[1]:
+  moved = _spread(sums[:, _NO_LAG]) if motion.kinematic else 0.0
+  if loud < max(_LOUD * levels[1], _RESTS) and moved < max(_LOUD * levels[0], _MOVES):
     said = f"the motion ({loud:.2g} {motion.unit}) is not {_LOUD:g} times the reference's noise ({levels[1]:.2g})"
     return _unknown(motion, said, len(blocks) * _BLOCK)
   ratio = (levels[0] / levels[1]) ** 2
-  fit, spread = _jackknifed(np.stack([sums for sums, _ in blocks]), lambda s: _fit(s, ratio))
+  good = _alike(sums, lambda s: _fit(s, ratio, lags), lags)
+  fit, spread = _jackknifed(sums[good], lambda s: _fit(s, ratio, lags))
   lag, scale, bias = (Estimate(float(v), float(s)) for v, s in zip(fit[:3], spread[:3], strict=True))
+  inside = lags[1] < lag.value < lags[-2]
   return Comparison(
     motion=motion,
-    lag=lag,
+    lag=lag if inside else Estimate(np.nan, np.nan),
     scale=scale,
     bias=bias,
     correlation=float(fit[4]),
@@ -93,16 +113,34 @@ def compare(
     noise=float(np.hypot(levels[0], scale.value * levels[1])),
     seconds=len(blocks) * _BLOCK,
     regimes=_by_regime(motion, wheels, held, window, lag.value, ratio),
+    loud=max(loud, moved),
+    levels=levels,
+    odd=float(np.sum(~good)) * _BLOCK,
   )
 
 
-def _blocks(motion: Motion, wheels: Wheels, recording: Recording, window: float) -> list[tuple[Array, Array]]:
+def _centre(motion: Motion, wheels: Wheels, recordings: Sequence[Recording], window: float) -> float:
+  """The lag about which to search, s: 0, unless far away the two are much better alike."""
+  sums = []
+  for recording in recordings:
+    begin = np.arange(recording.start, recording.end - window, 5.0 * _STEP)
+    y, x = motion.of_compared(recording)(begin, window), motion.of_reference(recording)(begin, window)
+    y = np.where(np.isin(regimes(wheels, recording, begin, window), motion.within), y, np.nan)
+    if len(begin) > 1:
+      sums.append(sums_by_lag(x, y))
+  return wide_lag(sums, lambda s: _line(s, 1.0)[..., 3], 5.0 * _STEP, (_LAGS[0], _LAGS[-1])) if sums else 0.0
+
+
+def _blocks(
+  motion: Motion, wheels: Wheels, recording: Recording, window: float, lags: Array
+) -> list[tuple[Array, Array]]:
   """Of every few seconds of a recording: sums over windows for every lag, (lags, 6), and the reference's means."""
-  begin = np.arange(recording.start - _LAGS[0], recording.end - window - _LAGS[-1], _STEP)
+  first, last = recording.start - min(lags[0], 0.0), recording.end - window - max(lags[-1], 0.0)
+  begin = np.arange(first, last, _STEP)
   if len(begin) < 2:
     return []
   compared, reference = motion.of_compared(recording)(begin, window), motion.of_reference(recording)
-  shifted = np.stack([reference(begin - lag, window) for lag in _LAGS])  # (lags, k)
+  shifted = np.stack([reference(begin - lag, window) for lag in lags])  # (lags, k)
   known = np.isfinite(compared) & np.isfinite(shifted).all(axis=0)
   known &= np.isin(regimes(wheels, recording, begin, window), motion.within)
   number, made = np.floor((begin - begin[0]) / _BLOCK), []
@@ -119,12 +157,43 @@ def _sums(x: Array, y: Array) -> Array:
   return np.stack([np.sum(a, axis=-1) for a in (one, x, both, x * x, x * both, both * both)], axis=-1)
 
 
-def _fit(sums: Array, ratio: float) -> Array:
+def _fit(sums: Array, ratio: float, lags: Array) -> Array:
   """Lag, scale, bias, rms residual and correlation from sums, (n, lags, 6) -> (n, 5)."""
   lines = _line(sums, ratio)
   strength, rows = np.abs(lines[..., 3]), np.arange(len(sums))
   best = np.argmax(strength, axis=1)
-  return np.column_stack([_vertex(strength, best), lines[rows, best]])
+  return np.column_stack([_vertex(strength, best, lags), lines[rows, best]])
+
+
+def _spread(sums: Array) -> float:
+  """Standard deviation of the compared sensor's means from sums of blocks, (n, 6)."""
+  count, _, y, _, _, yy = sums.sum(axis=0)
+  return float(np.sqrt(max(yy / count - (y / count) ** 2, 0.0)))
+
+
+def _alike(sums: Array, fit: Callable[[Array], Array], lags: Array) -> NDArray[np.bool_]:
+  """Blocks that one line fits, (n,): all, unless few are so far off that they hide what the rest says.
+
+  Least trimmed squares over three quarters of the blocks (Rousseeuw and Van Driessen, Data Mining and Knowledge
+  Discovery 12, 2006); a block is odd beyond so many times their median residual.
+  """
+  core = np.arange(len(sums))
+  for _ in range(_CONCENTRATIONS):
+    residual = _residual(sums, fit(sums[core].sum(axis=0)[None])[0], lags)
+    core = np.argsort(residual)[: int(np.ceil(_CORE * len(sums)))]
+  good = np.less_equal(residual, _ODD * np.median(residual))
+  whole = _residual(sums, fit(sums.sum(axis=0)[None])[0], lags)
+  hidden = np.mean(whole**2) > _HIDES * np.mean(residual[good] ** 2)
+  return np.asarray(good) if hidden and np.mean(good) >= _CORE else np.ones(len(sums), dtype=np.bool_)
+
+
+def _residual(sums: Array, fit: Array, lags: Array) -> Array:
+  """Rms residual of each block about a line, (n,)."""
+  scale, bias = fit[1], fit[2]
+  near = int(np.argmin(np.abs(lags - fit[0])))
+  n, x, y, xx, xy, yy = np.moveaxis(sums[:, near], -1, 0)
+  squares = yy + scale**2 * xx + n * bias**2 - 2.0 * (scale * xy + bias * y - scale * bias * x)
+  return np.sqrt(np.maximum(squares / n, 0.0))
 
 
 def _line(sums: Array, ratio: float) -> Array:
@@ -143,12 +212,12 @@ def _line(sums: Array, ratio: float) -> Array:
   return np.stack([scale, my - scale * mx, residual, sxy / np.sqrt(np.maximum(sxx * syy, 1e-300))], axis=-1)
 
 
-def _vertex(height: Array, best: NDArray[np.intp]) -> Array:
+def _vertex(height: Array, best: NDArray[np.intp], lags: Array) -> Array:
   """Lags at the tops of parabolas through the best lag and its neighbours, s, (n,)."""
-  rows, i = np.arange(len(height)), np.clip(best, 1, len(_LAGS) - 2)
+  rows, i = np.arange(len(height)), np.clip(best, 1, len(lags) - 2)
   before, top, after = height[rows, i - 1], height[rows, i], height[rows, i + 1]
   bend = np.minimum(before - 2.0 * top + after, -1e-15)
-  return _LAGS[i] + np.clip(0.5 * (before - after) / bend, -1.0, 1.0) * _STEP
+  return lags[i] + np.clip(0.5 * (before - after) / bend, -1.0, 1.0) * _STEP
 
 
 def _jackknifed(sums: Array, fit: Callable[[Array], Array]) -> tuple[Array, Array]:
@@ -180,4 +249,4 @@ def _by_regime(
 
 def _unknown(motion: Motion, why: str, seconds: float) -> Comparison:
   nothing = Estimate(np.nan, np.nan)
-  return Comparison(motion, nothing, nothing, nothing, np.nan, np.nan, np.nan, seconds, {}, why)
+  return Comparison(motion, nothing, nothing, nothing, np.nan, np.nan, np.nan, seconds, {}, why_not=why)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import logging
 import os
@@ -12,7 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from qcar_twin.atomic_io import staging, write_text
-from qcar_twin.recordings.checks.faults import find_defects
+from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
+from qcar_twin.recordings.checks.faults import after_start, find_defects
+from qcar_twin.recordings.checks.jumps import Jump, without_jumps
 from qcar_twin.recordings.checks.repeats import refuse_repeats
 from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
 from qcar_twin.recordings.checks.units import check_limits, check_units
@@ -26,10 +29,12 @@ from qcar_twin.recordings.manifest import (
   read_manifest,
   require_file_name,
 )
-from qcar_twin.recordings.mapping import resolve, streams_of
+from qcar_twin.recordings.mapping import DATED, origin_of, resolve, stamps, streams_of
 from qcar_twin.recordings.notices import gathered
-from qcar_twin.recordings.recording import ROLES, Recording, RecordingError, nearest
+from qcar_twin.recordings.origin import near
+from qcar_twin.recordings.recording import ROLES, Recording, RecordingError, Stream, nearest
 from qcar_twin.recordings.topic_maps import topic_map
+from qcar_twin.recordings.unit_names import unit_of
 
 _log = logging.getLogger(__name__)
 _PERIOD = 0.01  # s, on which commands are added up
@@ -60,7 +65,7 @@ class DataSet:
     """Read folder/dataset.toml and what it lists. Raises RecordingError naming file, channel, row and cure."""
     folder = Path(folder)
     manifest = read_manifest(folder)
-    tables = [read_inside(folder, entry.file) for entry in manifest.entries]
+    tables = [read_inside(folder, entry.file).named(manifest.columns) for entry in manifest.entries]
     warnings = list(manifest.notes) + _absent_columns(manifest, tables)
     recordings: list[Recording] = []
     for entry, table in zip(manifest.entries, tables, strict=True):
@@ -72,7 +77,7 @@ class DataSet:
       _log.warning(notice)
     return cls(
       manifest.name,
-      tuple(recordings),
+      tuple(near(recordings)),
       manifest.vehicle,
       manifest.vehicle_std,
       manifest.description,
@@ -121,6 +126,8 @@ def _absent_columns(manifest: Manifest, tables: list[Table]) -> list[str]:
   """A mapped column that no file has is an error; one that some files lack is worth a line."""
   notes = []
   for channel, mapped in manifest.mapping.items():
+    if mapped.rate is not None:
+      continue
     without = [table for table in tables if mapped.column not in table]
     if len(without) == len(tables):
       tables[0].number(mapped.column, channel)
@@ -135,11 +142,15 @@ def _absent_columns(manifest: Manifest, tables: list[Table]) -> list[str]:
 def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Recording], list[str]]:
   mapping = resolve(table, _mapping(manifest, table))
   streams, notes = streams_of(table, mapping)
-  whole = Recording(entry.name, streams, entry.file, entry.role, entry.manoeuvre, entry.session)
-  check_limits(whole)
+  origin = (origin_of(stamps(table, mapping["time"])), 0.0, 0.0)
+  notes += _driven_by_hand(streams, manifest.vehicle, table.label)
+  whole = Recording(entry.name, streams, entry.file, entry.role, entry.manoeuvre, entry.session, origin=origin)
+  check_limits(whole, manifest.vehicle, _said(mapping))
   if (entry.begin, entry.end) != (-np.inf, np.inf):
     whole = _part(whole, entry)
-  pieces, cuts = _cut(whole)
+  whole, jumps, flickers = without_jumps(whole, _length(manifest.vehicle))
+  notes += flickers
+  pieces, cuts = _cut(whole, jumps)
   signs = check_units(whole, manifest.vehicle)
   return pieces, [*notes, *signs, *cuts, *(defect for piece in pieces for defect in find_defects(piece))]
 
@@ -151,8 +162,38 @@ def _mapping(manifest: Manifest, table: Table) -> dict[str, Mapped]:
   return topic_map(manifest.topics).mapping(table.columns, table.label, manifest.mapping) | manifest.mapping
 
 
+def _driven_by_hand(streams: dict[str, Stream], vehicle: Mapping[str, float | str], label: str) -> list[str]:
+  """The measured speed as the drive's command where none was logged, and a note that the drive cannot be judged."""
+  if set(DRIVE_COMMANDS) & set(streams):
+    return []
+  speed = streams.get("speed")
+  if speed is None:
+    travel = float(vehicle.get("gear_ratio", np.nan)) * float(vehicle.get("wheel_radius", np.nan))
+    if not np.isfinite(travel):
+      raise RecordingError(
+        f"{label}: no command of the drive was logged, and the speed is only the motor's; give gear_ratio and "
+        "wheel_radius in [vehicle], or map speed in [channels]"
+      )
+    speed = Stream(streams["motor_speed"].time, travel * streams["motor_speed"].value)
+  streams["speed_command"] = speed
+  return [
+    f"{label}: no command of the drive was logged; the measured speed stands for it, so that turning can be judged and "
+    'the drive cannot; write drive = "speed" in [vehicle]'
+  ]
+
+
+def _said(mapping: Mapping[str, Mapped]) -> set[str]:
+  """The channels whose columns name the unit that they are read in."""
+  units = {channel: unit_of(mapped.column) for channel, mapped in mapping.items()}
+  return {c for c, unit in units.items() if unit and unit[1:] == (CHANNELS[c].unit, mapping[c].scale)}
+
+
 def _part(whole: Recording, entry: Entry) -> Recording:
-  """What lies between from and to."""
+  """What lies between from and to, s on the file's clock, or from its start where that clock is a date's."""
+  dated = whole.origin[0]
+  if dated:
+    since = lambda time: time - dated if DATED < abs(time) < np.inf else time
+    entry = dataclasses.replace(entry, begin=since(entry.begin), end=since(entry.end))
   if entry.begin >= whole.end or entry.end <= whole.start:
     raise RecordingError(
       f"{entry.file}: recording '{entry.name}' is to be a part {_span(entry)}, where the file has nothing: its "
@@ -165,17 +206,29 @@ def _span(entry: Entry) -> str:
   return " ".join(f"{word} {at:g} s" for word, at in (("from", entry.begin), ("to", entry.end)) if np.isfinite(at))
 
 
-def _cut(whole: Recording) -> tuple[list[Recording], list[str]]:
-  """Cut where nothing was logged for long; pieces too short to use are dropped."""
+def _length(vehicle: Mapping[str, float | str]) -> float:
+  """The car's wheelbase, m; a 1:10 car's where it is not given."""
+  return float(vehicle.get("cg_to_front", 0.128)) + float(vehicle.get("cg_to_rear", 0.128))
+
+
+def _cut(whole: Recording, jumps: Sequence[Jump] = ()) -> tuple[list[Recording], list[str]]:
+  """Cut where nothing was logged for long and where the pose jumps; pieces too short to use are dropped."""
   time, _ = whole.columns()
   steps = [float(np.median(np.diff(stream.time))) for stream in whole.streams.values() if len(stream) > 1]
   step = min(steps, default=0.0)
   after = np.flatnonzero(np.diff(time) > gap_limit(step)) + 1
-  spans = [(rows[0], rows[-1]) for rows in np.split(time, after)]
+  cuts = np.union1d(after, np.searchsorted(time, [jump.after for jump in jumps]).astype(int))
+  spans = [(rows[0], rows[-1]) for rows in np.split(time, cuts)]
   counts = [_samples(whole, *span) for span in spans]
   notes = [
-    f"{whole.file}: nothing was logged from {time[row - 1]:g} s to {time[row]:g} s; the recording is cut there"
+    f"{whole.file}: nothing was logged from {time[row - 1]:g} s to {time[row]:g} s{after_start(whole)}; the recording "
+    "is cut there"
     for row in after
+  ]
+  notes += [
+    f"{whole.file}: the pose jumps by {jump.distance:.3g} m in {1e3 * (jump.after - jump.before):.0f} ms at "
+    f"{jump.after:g} s{after_start(whole)}; the recording is cut there"
+    for jump in jumps
   ]
   if max(counts) < MIN_SAMPLES:
     raise RecordingError(

@@ -9,6 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.checks.car import check_car
 from qcar_twin.recordings.recording import ROLES, RecordingError, UnknownChannelError, nearest
 from qcar_twin.untrusted import UnreadableFile, inside, is_number, read_toml
 
@@ -26,7 +27,18 @@ _POSITIVE = (
   "max_steering",
 )
 _ENTRY = ("file", "role", "name", "manoeuvre", "session", "from", "to")
-_TOP = ("name", "command_timing", "description", "licence", "source", "map", "vehicle", "channels", "recording")
+_TOP = (
+  "name",
+  "command_timing",
+  "description",
+  "licence",
+  "source",
+  "map",
+  "columns",
+  "vehicle",
+  "channels",
+  "recording",
+)
 
 
 @dataclass(frozen=True)
@@ -34,6 +46,9 @@ class Mapped:
   """How one log column becomes a channel: value = (scale * column + offset) * gate column.
 
   `wrap`: an angle that jumps by turns is unwrapped; None where nobody said: it is, with a note.
+  `late`: s by which the log has the channel later than it was; its samples are moved back by it.
+  Of the clock alone: `rate` [Hz] of a log without one, whose rows are 1 / rate apart; `steps`: each row has the time
+  since the row before; `sort`: rows that were written out of order are sorted by time.
   """
 
   column: str
@@ -42,6 +57,10 @@ class Mapped:
   wrap: bool | None = None
   hold: bool = False
   gate: str | None = None
+  late: float = 0.0
+  rate: float | None = None
+  steps: bool = False
+  sort: bool = False
 
 
 @dataclass(frozen=True)
@@ -59,7 +78,8 @@ class Entry:
 
 @dataclass(frozen=True)
 class Manifest:
-  """The checked content of a dataset.toml. `notes` are warnings about it, `topics` the map of its key `map`."""
+  """The checked content of a dataset.toml. `notes` are warnings about it, `topics` the map of its key `map`,
+  `columns` the names of the columns of files without a header."""
 
   name: str
   entries: tuple[Entry, ...]
@@ -72,6 +92,7 @@ class Manifest:
   source: str = ""
   notes: tuple[str, ...] = field(default=())
   topics: str = ""
+  columns: tuple[str, ...] = ()
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -91,7 +112,27 @@ def read_manifest(folder: Path) -> Manifest:
   texts = {key: _text(raw, key, "", "") for key in ("description", "licence", "source")}
   name = _text(raw, "name", "", folder.resolve().name)
   topics = _text(raw, "map", "", "") if "map" in raw else ""
-  return Manifest(name, _entries(raw), vehicle, std, mapping, timing, **texts, notes=tuple(notes), topics=topics)
+  return Manifest(
+    name,
+    _entries(raw),
+    vehicle,
+    std,
+    mapping,
+    timing,
+    **texts,
+    notes=tuple(notes),
+    topics=topics,
+    columns=_columns(raw),
+  )
+
+
+def _columns(raw: Mapping[str, Any]) -> tuple[str, ...]:
+  names = raw.get("columns", [])
+  if not isinstance(names, list) or not all(isinstance(name, str) and name.strip() for name in names):
+    raise RecordingError(f'{FILE_NAME}: columns must list names, as in columns = ["time", "speed"], not {names!r:.60}')
+  if len(set(names)) < len(names):
+    raise RecordingError(f"{FILE_NAME}: columns names one column twice; give each a name of its own")
+  return tuple(names)
 
 
 def _read_toml(folder: Path) -> dict[str, Any]:
@@ -170,6 +211,7 @@ def _vehicle(raw: Mapping[str, Any]) -> tuple[dict[str, float | str], dict[str, 
       f"{FILE_NAME}: [vehicle] max_steering is {steering:g} rad, more than a right angle; in degrees? multiply by "
       "0.0174533"
     )
+  check_car(vehicle, f"{FILE_NAME}: [vehicle]")
   return vehicle, _std(_table(raw, "std", "[vehicle] "), vehicle)
 
 
@@ -200,22 +242,44 @@ def _mapping(raw: Mapping[str, Any]) -> dict[str, Mapped]:
         f'{FILE_NAME}: {where}must be a table such as {{ column = "log column", scale = 1.0 }}, not {table!r}'
       )
     _only(table, tuple(Mapped.__dataclass_fields__), where)
-    if "column" not in table:
-      raise RecordingError(f'{FILE_NAME}: {where}has no column; write {channel} = {{ column = "log column" }}')
-    gate = _text(table, "gate", where, "") if "gate" in table else None
-    mapping[channel] = Mapped(
-      _text(table, "column", where, ""),
-      _number(table, "scale", where, 1.0),
-      _number(table, "offset", where),
-      _flag(table, "wrap", where) if "wrap" in table else None,
-      _flag(table, "hold", where),
-      gate,
-    )
-    if mapping[channel].scale == 0.0:
-      raise RecordingError(
-        f"{FILE_NAME}: {where}scale is 0, which erases the channel; give the factor to SI units or remove the channel"
-      )
+    mapping[channel] = _mapped(channel, table, where)
   return mapping
+
+
+def _mapped(channel: str, table: Mapping[str, Any], where: str) -> Mapped:
+  for key in () if channel == "time" else ("rate", "steps", "sort"):
+    if key in table:
+      raise RecordingError(f"{FILE_NAME}: {where}cannot have {key}, which belongs to time")
+  if channel == "time" and "rate" in table:
+    return _fixed_rate(table, where)
+  if "column" not in table:
+    raise RecordingError(f'{FILE_NAME}: {where}has no column; write {channel} = {{ column = "log column" }}')
+  mapped = Mapped(
+    _text(table, "column", where, ""),
+    _number(table, "scale", where, 1.0),
+    _number(table, "offset", where),
+    _flag(table, "wrap", where) if "wrap" in table else None,
+    _flag(table, "hold", where),
+    _text(table, "gate", where, "") if "gate" in table else None,
+    _number(table, "late", where),
+    steps=_flag(table, "steps", where),
+    sort=_flag(table, "sort", where),
+  )
+  if mapped.scale == 0.0:
+    raise RecordingError(
+      f"{FILE_NAME}: {where}scale is 0, which erases the channel; give the factor to SI units or remove the channel"
+    )
+  return mapped
+
+
+def _fixed_rate(table: Mapping[str, Any], where: str) -> Mapped:
+  """The clock of a log that has none."""
+  rate = _number(table, "rate", where)
+  if not rate > 0.0 or len(table) > 1:
+    raise RecordingError(
+      f"{FILE_NAME}: {where}needs a positive rate in Hz and nothing else, as in time = {{ rate = 50.0 }}"
+    )
+  return Mapped("", rate=rate)
 
 
 def require_file_name(name: str) -> None:

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
-from qcar_twin.recordings.checks.time import check_angle, check_order, check_span, check_time_unit, gap_limit
+from qcar_twin.recordings.checks.time import check_angle, check_order, check_span, check_time_unit, gap_limit, turn_of
 from qcar_twin.recordings.formats.table import NO_ROWS, Table
 from qcar_twin.recordings.manifest import Mapped
 from qcar_twin.recordings.recording import RecordingError, Stream, UnknownChannelError, nearest
 
 _FEW_NANS = 0.05  # formats without blanks: rarer NaNs in a command are faults, commoner ones are an asynchronous stream
+DATED = 1e6  # s, beyond which a clock is rebased: doubles are then 1e-10 s apart, a tenth of the streams' tolerance
 _MIN_RUNS = 5  # runs of equal values that make a publisher's rate sure
 
 
@@ -39,6 +40,11 @@ def resolve(table: Table, mapping: Mapping[str, Mapped]) -> dict[str, Mapped]:
   Without any [channels] every column claims to be a channel, so a near miss is an error. An optional channel whose
   column this file lacks is left out; a missing clock, drive command or gate is an error.
   """
+  if table.headless and not mapping:
+    raise RecordingError(
+      f"{table.label}: the first line holds numbers, not column names; add a header line such as "
+      'time,motor_voltage,speed, or columns = ["time", …] with a name for each column to dataset.toml'
+    )
   used = {mapped.column for mapped in mapping.values()}
   resolved = {
     channel: Mapped(channel)
@@ -51,13 +57,18 @@ def resolve(table: Table, mapping: Mapping[str, Mapped]) -> dict[str, Mapped]:
   for channel, mapped in mapping.items():
     if mapped.column in table or channel in ("time", _drive(mapping)):
       resolved[channel] = mapped
-  for channel, others in (("time", ()), ("motor_voltage", DRIVE_COMMANDS[1:])):
-    if not resolved.keys() & {channel, *others}:
-      instead = f" (or {', '.join(others)}, whichever the drive takes)" if others else ""
-      cure = f'add {channel} = {{ column = "…" }}{instead} to [channels]'
-      raise RecordingError(
-        f"{table.label}: needed channel '{channel}' is missing; {cure}. Columns that exist: {table.listing()}"
-      )
+  if "time" not in resolved:
+    cure = 'add time = { column = "…" } to [channels], or time = { rate = … } in Hz where every row is one step'
+    raise RecordingError(
+      f"{table.label}: needed channel 'time' is missing; {cure}. Columns that exist: {table.listing()}"
+    )
+  if not resolved.keys() & {*DRIVE_COMMANDS, "steering_command"}:
+    others = ", ".join(DRIVE_COMMANDS[1:])
+    raise RecordingError(
+      f"{table.label}: needed channel 'motor_voltage' is missing; add motor_voltage = {{ column = \"…\" }} (or {others}"
+      ", whichever the drive takes; or steering_command alone, where somebody drove by hand) to [channels]. Columns "
+      f"that exist: {table.listing()}"
+    )
   if "motor_speed" not in resolved and "speed" not in resolved:
     raise RecordingError(
       f"{table.label}: neither 'motor_speed' nor 'speed' is there, and one of them is needed; "
@@ -78,7 +89,8 @@ def _refuse_near_miss(table: Table, column: str) -> None:
 
 def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, Stream], list[str]]:
   """Streams by channel from one file, and notes about what was assumed. `mapping` comes from `resolve`."""
-  clock, notes = _clock(table, mapping)
+  table, notes = in_time_order(table, mapping["time"])
+  clock = _clock(table, mapping)
   values = {channel: _values(table, channel, mapped) for channel, mapped in mapping.items() if channel != "time"}
   publisher_rows = _publisher_rows({channel: value for channel, value in values.items() if mapping[channel].hold})
   streams, spread = {}, []
@@ -95,17 +107,18 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
     if mapping[channel].hold and not clock.repeats:
       there = there[published_samples(value[there], publisher_rows[channel])]
     sampled = value[there]
-    jumps = int(np.sum(np.abs(np.diff(sampled)) > np.pi))
-    unsaid = mapping[channel].wrap is None and CHANNELS[channel].angle and jumps > 0
+    period = turn_of(sampled) if CHANNELS[channel].angle or mapping[channel].wrap else 0.0
+    jumps = int(np.sum(np.abs(np.diff(sampled)) > 0.5 * period)) if period else 0
+    unsaid = mapping[channel].wrap is None and jumps > 0
     if mapping[channel].wrap or unsaid:
-      check_angle(table.label, channel, sampled)
-      sampled = np.unwrap(sampled)
+      check_angle(table.label, channel, sampled, period)
+      sampled = np.unwrap(sampled, period=period or np.pi * 2.0)
     if unsaid:
       notes.append(
         f"{table.label}: {channel} jumps by more than half a turn ({_times(jumps)}) and is unwrapped; set "
         f"wrap = true on {channel} in [channels] if that is right, wrap = false to keep the jumps"
       )
-    streams[channel] = Stream(time[there], sampled)
+    streams[channel] = Stream(time[there] - mapping[channel].late, sampled)
   if spread:
     notes.append(
       f"{table.label}: time repeats because a slower publisher holds it; {', '.join(spread)} change in between "
@@ -163,11 +176,38 @@ def _refuse_bad_values(table: Table, channel: str, column: str, raw: np.ndarray)
     )
 
 
-def _clock(table: Table, mapping: Mapping[str, Mapped]) -> tuple[Clock, list[str]]:
+def stamps(table: Table, mapped: Mapped) -> np.ndarray:
+  """Each row's time on the log's own clock, s."""
+  if mapped.rate is not None:
+    return np.arange(table.rows) / mapped.rate
+  stamp = mapped.scale * table.number(mapped.column, "time") + mapped.offset
+  return np.cumsum(stamp) - stamp[0] if mapped.steps else stamp
+
+
+def origin_of(stamp: np.ndarray) -> float:
+  """What is taken off a log's clock, s: its first stamp where that is a date's, so that a double resolves less of a
+  second than the tolerance of its streams; else 0."""
+  there = stamp[np.isfinite(stamp)]
+  return float(there.min()) if there.size and abs(float(there.min())) > DATED else 0.0
+
+
+def in_time_order(table: Table, mapped: Mapped) -> tuple[Table, list[str]]:
+  """The rows by time, where `sort` says that some were written out of order, and a note how many."""
+  if not mapped.sort:
+    return table, []
+  stamp = stamps(table, mapped)
+  late = np.flatnonzero(np.diff(stamp) < 0.0) + 1
+  if not late.size or not np.isfinite(stamp).all():
+    return table, []
+  order = np.argsort(stamp, kind="stable")
+  note = f"{table.label}: {late.size} of {table.rows} rows are out of order, first row {late[0] + 1}; sorted by time"
+  return table.rows_in(order), [note]
+
+
+def _clock(table: Table, mapping: Mapping[str, Mapped]) -> Clock:
   """Row times, after the checks. Repeated stamps pass only where the data set says that a publisher holds values."""
-  mapped = mapping["time"]
-  raw = table.number(mapped.column, "time")
-  stamp = mapped.scale * raw + mapped.offset
+  stamp = stamps(table, mapping["time"])
+  stamp = stamp - origin_of(stamp)
   check_order(table.label, stamp, [table.columns[other.column] for other in mapping.values() if other.column in table])
   repeated = [other.column for other in mapping.values() if other.hold]
   first = np.r_[True, np.diff(stamp) > 0.0]
@@ -175,7 +215,7 @@ def _clock(table: Table, mapping: Mapping[str, Mapped]) -> tuple[Clock, list[str
     _refuse_repeats(table, stamp, first, repeated)
   check_time_unit(table.label, stamp[first])
   check_span(table.label, stamp)
-  return Clock(stamp, _row_times(stamp, first), first), []
+  return Clock(stamp, _row_times(stamp, first), first)
 
 
 def _refuse_repeats(table: Table, stamp: np.ndarray, first: np.ndarray, repeated: list[str]) -> None:

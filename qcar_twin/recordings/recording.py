@@ -83,7 +83,8 @@ class Recording:
   """One run of one car. Streams are asynchronous: each channel has its own sample times.
 
   `before`: seconds driven and V^2 s spent in the data set before this run, for heat, charge and wear; None where nobody
-  knows, for instance outside a data set.
+  knows, for instance outside a data set. `origin`: s, m and m that were taken off the log's own time and
+  place.
 
   Raises UnknownChannelError for a stream that is no channel, RecordingError for an unknown role or no samples at all.
   """
@@ -95,6 +96,7 @@ class Recording:
   manoeuvre: str = "free_driving"
   session: str | None = None
   before: tuple[float, float] | None = None
+  origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
   def __post_init__(self) -> None:
     valid = [name for name in CHANNELS if name != "time"]

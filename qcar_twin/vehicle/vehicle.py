@@ -241,7 +241,7 @@ class Vehicle:
     numbers: dict[str, Any] = {key: float(value) for key, value in given.items() if key in _field_names()}
     name = str(vehicle.get("name", "car"))
     sizes = {key: value for key, value in numbers.items() if key in _MEASURED and key != "yaw_inertia"}
-    measured = cls(name=name, **texts, **sizes)
+    measured = cls(name=name, **texts, **sizes, wheel_mass=_WEIGHTLESS)
     numbers = _scaled(measured, numbers.get("yaw_inertia")) | numbers
     return cls(name=name, std=std, **texts, **numbers)
 
@@ -262,6 +262,7 @@ _WORDS = (*_CHOICES, "tyre_law")
 _MOTOR_FIGURES = ("motor_constant", "motor_resistance", "max_current")
 _LOOP_TIME = 0.1  # s, in which a usual speed loop brings the whole car to its speed
 _FIERCEST = 0.5 * GRAVITY  # m/s^2, acceleration that a usual limit of the motor's current allows
+_WEIGHTLESS = 1e-9  # kg, wheels of a car of which only sizes are asked: the QCar's yaw inertia says nothing of it
 _VISCOUS = 0.05  # of the motor's damping by back-EMF: what bearings, brushes and gears usually add
 QCAR = Vehicle()
 

@@ -92,10 +92,16 @@ def silent(recording: Recording) -> list[str]:
   return notes
 
 
+def after_start(recording: Recording) -> str:
+  """What a time is counted from, where it is not the log's own clock."""
+  return f" after the file's start ({recording.origin[0]:.3f})" if recording.origin[0] else ""
+
+
 def _note(recording: Recording, channel: str, what: str, spans: list[tuple[float, float]], so: str) -> str:
   start, end = spans[0]
   more = f" and in {len(spans) - 1} more places" if len(spans) > 1 else ""
-  return f"{recording.file or recording.name}: {channel} {what} from {start:g} s to {end:g} s{more}; {so}"
+  span = f"from {start:g} s to {end:g} s{after_start(recording)}"
+  return f"{recording.file or recording.name}: {channel} {what} {span}{more}; {so}"
 
 
 def _long_runs(stream: Stream, other: Stream | None = None) -> list[tuple[float, float]]:

@@ -8,6 +8,7 @@ from qcar_twin.recordings.recording import RecordingError
 
 MIN_SAMPLES = 10
 LONGEST = 30 * 86400.0  # s that one file may span; a log of days with the nights between, and no damaged clock
+_GLITCHES = 2  # jumps of a lost track in an angle, which are no turns; rows that came late, which are no restart
 _GAP_STEPS, _GAP_SECONDS = 5.0, 0.25
 
 
@@ -31,8 +32,8 @@ def check_order(label: str, time: np.ndarray, others: list[np.ndarray]) -> None:
     row = int(back[0]) + 1
     cure = (
       "split the file where the logger restarted"
-      if time[row] <= time[0] + 1.0 and back.size == 1
-      else "sort the rows by time"
+      if time[row] <= time[0] + 1.0 and back.size == 1 and np.sum(time[row:] < time[row - 1]) > _GLITCHES
+      else "set sort = true on time in [channels] where rows were written out of order"
     )
     raise RecordingError(
       f"{label}: time goes backwards in row {row + 1} ({time[row]:g} s after {time[row - 1]:g} s); {cure}"
@@ -71,10 +72,32 @@ def check_time_unit(label: str, time: np.ndarray) -> None:
     )
 
 
-def check_angle(label: str, channel: str, value: np.ndarray) -> None:
-  """An angle to be unwrapped must be in radians."""
-  jump = np.abs(np.diff(value)).max(initial=0.0)
-  if jump > 340.0:
+def turn_of(value: np.ndarray) -> float:
+  """The period at which an angle jumps: half a turn or a turn, in rad or in degrees; 0 where it never jumps so.
+
+  Most of the steps beyond half of a period must be within an eighth of it, and most of their neighbours below a
+  quarter: an angle that turns so fast has neighbours like itself.
+  """
+  step = np.abs(np.diff(value))
+  for period in (360.0, 180.0, 2.0 * np.pi, np.pi):
+    at = np.flatnonzero(step > 0.5 * period)
+    whole = at[np.abs(step[at] - period) < 0.125 * period]
+    beside = step[np.clip(np.r_[whole - 1, whole + 1], 0, step.size - 1)] if whole.size else np.inf
+    if whole.size > 0.5 * at.size and np.median(beside) < 0.25 * period:
+      return period
+  return 0.0
+
+
+def check_angle(label: str, channel: str, value: np.ndarray, period: float) -> None:
+  """An angle to be unwrapped must be in radians and jump by whole turns."""
+  steps = np.abs(np.diff(value))
+  jump = steps.max(initial=0.0)
+  if period in (360.0, 180.0):
     raise RecordingError(
       f"{label}: {channel} jumps by {jump:g}, implausible for radians; in degrees? set scale = 0.0174533"
+    )
+  if np.sum(steps > np.pi) > _GLITCHES and not period:
+    raise RecordingError(
+      f"{label}: {channel} jumps by {jump:g}, which is no whole turn, so that it cannot be unwrapped; set its scale to"
+      " the radians in one unit, or wrap = false to keep the jumps"
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ _UNIT_CORRELATION = 0.6  # agreement that convicts a unit
 _LOOSE, _EXACT = 1.5, 1.2  # nearness to a usual unit's factor: with slip and noise between the channels, and without
 _GENTLE = 4.0  # m/s^2; beyond it the wheels may spin and say nothing about acceleration
 _SIGN_CORRELATION = 0.85  # agreement that convicts a sign
+_USUAL_WHEELBASE = 0.256  # m, of the 1:10 car that the channels' limits are for
 _SLOPE_ERROR = 0.15  # largest relative standard error of a slope that says anything
 
 
@@ -38,20 +39,57 @@ def suspects_of(channel: str) -> tuple[Suspect, ...]:
   return tuple(Suspect(channel, unit, scale) for unit, scale in CHANNELS[channel].log_units)
 
 
-def check_limits(recording: Recording) -> None:
-  """Raises RecordingError when a channel exceeds what a 1:10 car can do, with the scale of the nearest usual unit."""
+def check_limits(
+  recording: Recording, vehicle: Mapping[str, float | str] | None = None, said: Collection[str] = ()
+) -> None:
+  """Raises RecordingError when a channel exceeds what a car of this size can do, with the scale of the nearest usual
+  unit.
+
+  Limits are a 1:10 car's; those of motion grow with the car by Froude's similarity: speed as sqrt(length), turning as
+  1 / sqrt(length). A speed that another sensor agrees with, or whose column names its unit, is what it says.
+
+  Args:
+    vehicle: [vehicle]; its wheelbase is the car's length.
+    said: channels whose column names the SI unit.
+  """
+  vehicle = vehicle or {}
   for name, stream in recording.streams.items():
     channel, magnitude = CHANNELS[name], np.abs(stream.value)
-    beyond = magnitude > channel.limit
+    limit = channel.limit * _similarity(channel.unit, vehicle)
+    beyond = magnitude > limit
     spikes = 0.0 if channel.is_command else channel.spikes
-    if beyond.sum() > (max(spikes * beyond.size, _SPIKES) if spikes else 0):
-      suspects, typical = suspects_of(name), float(np.median(magnitude[beyond]))
-      suspect = next((s for s in suspects if typical * s.scale < channel.limit / 5.0), suspects[-1])
-      raise RecordingError(
-        f"{recording.file or recording.name}: {name} reaches {magnitude.max():g} {channel.unit}, implausible "
-        f"above {channel.limit:g} {channel.unit} "
-        f"(first at {stream.time[int(np.argmax(beyond))]:g} s); {_cure(suspect)}"
-      )
+    if beyond.sum() <= (max(spikes * beyond.size, _SPIKES) if spikes else 0):
+      continue
+    if (name in said and channel.unit == "m/s") or _confirmed(recording, vehicle, name):
+      continue
+    suspects, typical = suspects_of(name), float(np.median(magnitude[beyond]))
+    suspect = next((s for s in suspects if typical * s.scale < limit / 5.0), suspects[-1])
+    larger = "; or give the car's size in [vehicle], where it is larger" if channel.unit == "m/s" else ""
+    raise RecordingError(
+      f"{recording.file or recording.name}: {name} reaches {magnitude.max():g} {channel.unit}, implausible "
+      f"above {limit:.3g} {channel.unit} "
+      f"(first at {stream.time[int(np.argmax(beyond))]:g} s); {_cure(suspect)}{larger}"
+    )
+
+
+def _similarity(unit: str, vehicle: Mapping[str, float | str]) -> float:
+  """How much further than a 1:10 car's a limit of this unit lies for a car of this wheelbase; never nearer."""
+  if not {"cg_to_front", "cg_to_rear"} <= set(vehicle):
+    return 1.0
+  root = math.sqrt((float(vehicle["cg_to_front"]) + float(vehicle["cg_to_rear"])) / _USUAL_WHEELBASE)
+  return max({"m/s": root, "rad/s": 1.0 / root}.get(unit, 1.0), 1.0)
+
+
+def _confirmed(recording: Recording, vehicle: Mapping[str, float | str], name: str) -> bool:
+  """Whether another sensor says the same of a channel: two that do not know of each other outweigh a limit."""
+  if name == "speed_command" and "speed" in recording:
+    top = [float(np.percentile(np.abs(recording[channel].value), 99.0)) for channel in (name, "speed")]
+    return 0.5 * top[0] < top[1] < 2.0 * top[0] and _confirmed(recording, vehicle, "speed")
+  for comparison in compare(recording, vehicle):
+    slope, correlation = comparison.slope()
+    if name in comparison.takes and correlation > _SIGN_CORRELATION and 1.0 / _EXACT < slope < _EXACT:
+      return True
+  return False
 
 
 def _cure(suspect: Suspect) -> str:
@@ -67,6 +105,7 @@ class Comparison:
   witness: str
   measured: np.ndarray
   expected: np.ndarray
+  takes: tuple[str, ...]  # the channels of both sides
   suspects: Slopes  # slope that such a unit would give
   tolerance: float = _LOOSE
 
@@ -137,32 +176,49 @@ def _comparisons(recording: Recording, vehicle: Mapping[str, float | str]) -> It
 def _turning_of_pose(bins: _Bins) -> Comparison:
   suspects = (*_inflated("yaw_rate"), *_deflated("pose_yaw"))
   return Comparison(
-    "yaw_rate", "the change of pose_yaw", bins.mean("yaw_rate"), bins.change("pose_yaw"), suspects, _EXACT
+    "yaw_rate",
+    "the change of pose_yaw",
+    bins.mean("yaw_rate"),
+    bins.change("pose_yaw"),
+    ("yaw_rate", "pose_yaw"),
+    suspects,
+    _EXACT,
   )
 
 
 def _speed_of_pose(bins: _Bins, speed: np.ndarray, name: str) -> Comparison:
   suspects = (*_inflated(name), *_deflated("pose_x"))
   travelled = np.hypot(bins.change("pose_x"), bins.change("pose_y"))
-  return Comparison(name, "the speed of pose_x, pose_y", np.abs(speed), travelled, suspects, _EXACT)
+  return Comparison(
+    name, "the speed of pose_x, pose_y", np.abs(speed), travelled, (name, "pose_x", "pose_y"), suspects, _EXACT
+  )
 
 
 def _turning_of_steering(bins: _Bins, speed: np.ndarray, name: str, wheelbase: float) -> Comparison:
   turning = speed * np.tan(bins.mean("steering_command")) / wheelbase
-  return Comparison("yaw_rate", f"{name} x steering / wheelbase", bins.mean("yaw_rate"), turning, _inflated("yaw_rate"))
+  return Comparison(
+    "yaw_rate",
+    f"{name} x steering / wheelbase",
+    bins.mean("yaw_rate"),
+    turning,
+    ("yaw_rate", "steering_command", name),
+    _inflated("yaw_rate"),
+  )
 
 
 def _lateral(bins: _Bins, speed: np.ndarray, name: str) -> Comparison:
   suspects = (*_inflated("accel_y"), *_deflated("yaw_rate"), *_rpm(name))
   yaw_rate = bins.mean("yaw_rate")
-  return Comparison("accel_y", f"{name} x yaw_rate", bins.mean("accel_y"), speed * yaw_rate, suspects)
+  return Comparison(
+    "accel_y", f"{name} x yaw_rate", bins.mean("accel_y"), speed * yaw_rate, ("accel_y", name, "yaw_rate"), suspects
+  )
 
 
 def _longitudinal(bins: _Bins, speed: np.ndarray, name: str) -> Comparison:
   suspects = (*_inflated("accel_x"), *_rpm(name))
   gained = np.gradient(speed, _BIN)
   gentle = np.where(np.abs(gained) < _GENTLE, gained, np.nan)
-  return Comparison("accel_x", f"the change of {name}", bins.mean("accel_x"), gentle, suspects)
+  return Comparison("accel_x", f"the change of {name}", bins.mean("accel_x"), gentle, ("accel_x", name), suspects)
 
 
 def _inflated(channel: str) -> Slopes:

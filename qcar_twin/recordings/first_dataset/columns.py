@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.recordings.channels import CHANNELS
-from qcar_twin.recordings.first_dataset.names import readings, unit_of, words_of
+from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.manifest import Mapped
 from qcar_twin.recordings.recording import RecordingError
+from qcar_twin.recordings.unit_names import unit_of, words_of
 
 Array = NDArray[np.float64]
 

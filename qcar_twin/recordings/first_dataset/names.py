@@ -1,41 +1,9 @@
 """What the name of a log's column says: its words, its unit, and the channels that it may be."""
 
-import math
-import re
 from dataclasses import dataclass
 
-from qcar_twin.recordings.channels import CHANNELS, GRAVITY
-
-_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
-_BRACKET = re.compile(r"[\[(<{]([^\])>}]*)[\])>}]")
-
-# a unit as people write it -> the SI unit it is of, and the factor to it
-_UNITS: dict[str, tuple[str, float]] = {
-  **dict.fromkeys(("s", "sec", "secs", "seconds"), ("s", 1.0)),
-  **dict.fromkeys(("ms", "msec", "millis", "milliseconds"), ("s", 1e-3)),
-  **dict.fromkeys(("us", "µs", "usec", "micros", "microseconds"), ("s", 1e-6)),
-  **dict.fromkeys(("ns", "nsec", "nanos", "nanoseconds", "nanosec"), ("s", 1e-9)),
-  **dict.fromkeys(("rad", "radians"), ("rad", 1.0)),
-  **dict.fromkeys(("deg", "degrees", "degree", "°"), ("rad", math.pi / 180.0)),
-  **dict.fromkeys(("rad/s", "rads", "radps", "radsec"), ("rad/s", 1.0)),
-  **dict.fromkeys(("deg/s", "dps", "degs", "degps", "°/s", "degsec"), ("rad/s", math.pi / 180.0)),
-  **dict.fromkeys(("rpm", "1/min"), ("rad/s", math.tau / 60.0)),
-  **dict.fromkeys(("m/s", "mps"), ("m/s", 1.0)),
-  **dict.fromkeys(("km/h", "kmh", "kph"), ("m/s", 1 / 3.6)),
-  **dict.fromkeys(("cm/s", "cmps"), ("m/s", 0.01)),
-  **dict.fromkeys(("mm/s", "mmps"), ("m/s", 0.001)),
-  **dict.fromkeys(("m/s2", "m/s^2", "m/s²", "mps2", "mss"), ("m/s^2", 1.0)),
-  **dict.fromkeys(("g",), ("m/s^2", GRAVITY)),
-  **dict.fromkeys(("mg",), ("m/s^2", GRAVITY / 1000.0)),
-  **dict.fromkeys(("m", "meter", "metre", "meters", "metres"), ("m", 1.0)),
-  **dict.fromkeys(("cm",), ("m", 0.01)),
-  **dict.fromkeys(("mm",), ("m", 0.001)),
-  **dict.fromkeys(("v", "volt", "volts"), ("V", 1.0)),
-  **dict.fromkeys(("mv", "millivolts"), ("V", 0.001)),
-  **dict.fromkeys(("a", "amp", "amps"), ("A", 1.0)),
-  **dict.fromkeys(("ma", "milliamps"), ("A", 0.001)),
-  **dict.fromkeys(("%", "pct", "percent"), ("-", 0.01)),
-}
+from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.unit_names import BRACKET, UNITS, unit_of, words_of
 
 # words that make a column a channel: all of the terms, each in one of its spellings; after "!" words that forbid it
 _RULES: dict[str, tuple[str, ...]] = {
@@ -110,33 +78,12 @@ class Reading:
   why: str
 
 
-def words_of(column: str) -> tuple[str, ...]:
-  """Lower-case words of a name: "steeringAngle [deg]" has steering, angle, deg."""
-  return tuple(word.lower() for word in _WORD.findall(column))
-
-
-def unit_of(column: str) -> tuple[str, str, float] | None:
-  """The unit a name ends with or has in brackets: as written, the SI unit it is of, the factor to it."""
-  for inside in _BRACKET.findall(column):
-    written = inside.strip().lower()
-    if written in _UNITS:
-      return (inside.strip(), *_UNITS[written])
-  words = words_of(_BRACKET.sub(" ", column))
-  for count in (3, 2, 1):
-    if len(words) > count:
-      tail = words[-count:]
-      for written in ("/".join(tail), tail[0] + "/" + "".join(tail[1:]), "".join(tail)):
-        if written in _UNITS:
-          return (written, *_UNITS[written])
-  return None
-
-
 def readings(column: str) -> list[Reading]:
   """Channels that the name may mean, best first."""
   if column in CHANNELS:
     return [Reading(column, 10.0, "it has the channel's name")]
   words, unit = set(words_of(column)), unit_of(column)
-  bare = set(words_of(_BRACKET.sub(" ", column)))
+  bare = set(words_of(BRACKET.sub(" ", column)))
   possible = []
   for channel, rules in _RULES.items():
     met = [terms for rule in rules if (terms := _met(rule, words, bare))]
@@ -162,6 +109,6 @@ def _met(rule: str, words: set[str], bare: set[str]) -> tuple[str, ...]:
   if words & set(forbidden.split("|")):
     return ()
   terms = [next((word for word in term.split("|") if word in words), "") for term in wanted.split(" ")]
-  if len(terms) == 1 and len(terms[0]) == 1 and any(word not in _UNITS for word in bare - set(terms)):
+  if len(terms) == 1 and len(terms[0]) == 1 and any(word not in UNITS for word in bare - set(terms)):
     return ()  # a letter is a name only where it stands alone
   return tuple(terms) if all(terms) else ()

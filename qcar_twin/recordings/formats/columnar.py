@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import zipfile
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from qcar_twin.recordings.recording import RecordingError
 
 pyarrow.set_memory_pool(pyarrow.system_memory_pool())  # the default reserves address space far beyond what is read
 
+UNNAMED = "unnamed"  # and its number: what a column without a name is called
 _LONGEST_LINE = 1 << 16  # bytes of a header: thousands of names
 
 READERS = {".csv": "read_csv", ".txt": "read_csv", ".tsv": "read_csv", ".parquet": "read_parquet", ".npz": "read_npz"}
@@ -22,9 +24,9 @@ READERS = {".csv": "read_csv", ".txt": "read_csv", ".tsv": "read_csv", ".parquet
 
 def read_csv(path: Path, label: str) -> Table:
   """Comma, semicolon or tab separated text with a header line; a byte order mark and decimal commas are understood."""
-  separator, decimal, encoding = _dialect(path, label)
+  dialect = _dialect(path, label)
   try:
-    table = _parse(path, separator, decimal, encoding)
+    table = _parse(path, dialect)
   except pyarrow.ArrowInvalid as error:
     if "Empty CSV" in str(error):
       raise RecordingError(f"{label}: the file is empty; record it again or remove it from dataset.toml") from error
@@ -32,15 +34,13 @@ def read_csv(path: Path, label: str) -> Table:
       f"{label}: a row does not fit the header ({error}); repair or delete that row "
       "(the last row is often cut off when a logger is killed)"
     ) from error
-  if all(_numeric(name) for name in table.column_names):
-    raise RecordingError(
-      f"{label}: the first line holds numbers, not column names; add a header line such as time,motor_voltage,speed"
-    )
   if len(table.column_names) == 1:
     raise RecordingError(
       f"{label}: only one column was found ('{table.column_names[0][:60]}'); separate the columns by commas"
     )
-  return _from_arrow(table, label)
+  if dialect.headless:
+    table = table.rename_columns([f"column_{number}" for number in range(1, table.num_columns + 1)])
+  return dataclasses.replace(_from_arrow(table, label), headless=dialect.headless)
 
 
 def read_parquet(path: Path, label: str) -> Table:
@@ -99,8 +99,19 @@ def _loaded(archive: np.lib.npyio.NpzFile, name: str, label: str) -> np.ndarray:
     ) from error
 
 
-def _dialect(path: Path, label: str) -> tuple[str, str, str]:
-  """Separator, decimal mark and encoding, from the header and the first row."""
+@dataclasses.dataclass(frozen=True)
+class _Dialect:
+  """How a text file is written; `comments`: lines above the header; `headless`: the first line holds numbers."""
+
+  separator: str
+  decimal: str
+  encoding: str
+  comments: int
+  headless: bool
+
+
+def _dialect(path: Path, label: str) -> _Dialect:
+  """From the header and the first row. Lines that begin with # stand above the header, or the last of them is it."""
   with path.open("rb") as file:
     head = file.read(_LONGEST_LINE)
   if head[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\x00" in head:
@@ -111,27 +122,38 @@ def _dialect(path: Path, label: str) -> tuple[str, str, str]:
       " one line a sample"
     )
   lines = [line for line in head.splitlines() if line.strip()] + [b"", b""]
-  header, first = lines[0], lines[1]
-  separator = max(b",", b";", b"\t", key=header.count)
+  marked = next((k for k, line in enumerate(lines) if not line.lstrip().startswith(b"#")), 0)
+  separator = max(b",", b";", b"\t", key=lines[marked].count)
+  numbers = lambda line: bool(line) and all(_numeric(cell) for cell in line.decode("latin1").split(separator.decode()))
+  comments = marked - 1 if marked and numbers(lines[marked]) else marked
+  header, first = lines[comments], lines[comments + 1]
   decimal = "," if separator != b"," and b"," in first else "."
   try:
     header.decode("utf-8")
+    encoding = "utf8"
   except UnicodeDecodeError:
-    return separator.decode(), decimal, "latin1"
-  return separator.decode(), decimal, "utf8"
+    encoding = "latin1"
+  return _Dialect(separator.decode(), decimal, encoding, comments, numbers(header))
 
 
-def _parse(path: Path, separator: str, decimal: str, encoding: str) -> pyarrow.Table:
+def _parse(path: Path, dialect: _Dialect) -> pyarrow.Table:
   source, size = str(path), path.stat().st_size
-  if encoding != "utf8":  # pyarrow's own conversion takes its memory from the pool that reserves so much
-    text = path.read_bytes().decode(encoding).encode()
+  if dialect.encoding != "utf8":  # pyarrow's own conversion takes its memory from the pool that reserves so much
+    text = path.read_bytes().decode(dialect.encoding).encode()
     source, size = pyarrow.BufferReader(text), len(text)
   whole = min(max(size + 1, 1 << 16), (1 << 31) - 1)  # column types come from the first block: take it all
   return pyarrow.csv.read_csv(
     source,
-    read_options=pyarrow.csv.ReadOptions(use_threads=False, block_size=whole),
-    parse_options=pyarrow.csv.ParseOptions(delimiter=separator),
-    convert_options=pyarrow.csv.ConvertOptions(null_values=[""], strings_can_be_null=True, decimal_point=decimal),
+    read_options=pyarrow.csv.ReadOptions(
+      use_threads=False,
+      block_size=whole,
+      skip_rows=dialect.comments,
+      autogenerate_column_names=dialect.headless,
+    ),
+    parse_options=pyarrow.csv.ParseOptions(delimiter=dialect.separator),
+    convert_options=pyarrow.csv.ConvertOptions(
+      null_values=[""], strings_can_be_null=True, decimal_point=dialect.decimal
+    ),
   )
 
 
@@ -144,13 +166,20 @@ def _numeric(name: str) -> bool:
 
 
 def _from_arrow(table: pyarrow.Table, label: str) -> Table:
-  names = [name.strip() for name in table.column_names]
+  names = [_name(name, number) for number, name in enumerate(table.column_names, 1)]
   table = table.slice(0, _filled_rows(table))
   columns, not_a_number = {}, {}
   for index, name in enumerate(names):
     columns[name], not_a_number[name] = _column(table.column(index))
   ambiguous = frozenset(name for name in names if names.count(name) > 1)
   return Table(label, columns, not_a_number, ambiguous)
+
+
+def _name(written: str, number: int) -> str:
+  """A column's name; the mark of a comment that the header was written as is none, and one without a name gets one."""
+  name = written.strip()
+  name = name.lstrip("# \t") if number == 1 and name.startswith("#") else name
+  return name or f"{UNNAMED}_{number}"
 
 
 def _filled_rows(table: pyarrow.Table) -> int:

@@ -89,8 +89,10 @@ def _signals(name: str, signals: Any, samples: int) -> dict[str, np.ndarray]:
 
 
 def _label(signal: Mapping[str, Any]) -> str:
-  label = signal.get("label")
-  if isinstance(label, str) and label.strip():
-    return label.strip().strip("<>")
+  """What a signal is called: its label, else its axis' title in the scope, else its block's name."""
+  for key in ("label", "title"):
+    text = signal.get(key)
+    if isinstance(text, str) and text.strip():
+      return text.strip().strip("<>")
   block = signal.get("blockName")
   return block.rsplit("/", 1)[-1].strip() if isinstance(block, str) else ""

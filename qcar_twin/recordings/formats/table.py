@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -20,6 +21,7 @@ class Table:
   `not_a_number`: per column, the rows where the file itself says NaN instead of leaving the cell blank.
   `ambiguous`: column names that occur more than once.
   `blanks`: whether the format can tell a blank cell from a NaN (CSV and Parquet can, NPZ and MAT cannot).
+  `headless`: the file names no columns; they are called column_1, column_2 and so on.
   """
 
   label: str
@@ -27,6 +29,7 @@ class Table:
   not_a_number: Mapping[str, np.ndarray]
   ambiguous: frozenset[str] = frozenset()
   blanks: bool = True
+  headless: bool = False
 
   @property
   def rows(self) -> int:
@@ -55,6 +58,31 @@ class Table:
       raise RecordingError(self._text_complaint(column, channel, values))
     return np.array([np.nan if cell is None else float(cell) for cell in values])
 
+  def named(self, names: Sequence[str]) -> Table:
+    """The columns of a file without a header under these names; RecordingError where their number differs."""
+    if not self.headless or not names:
+      return self
+    if len(names) != len(self.columns):
+      raise RecordingError(
+        f"{self.label}: has {len(self.columns)} columns, and columns in dataset.toml names {len(names)}; name each"
+      )
+    new = dict(zip(self.columns, names, strict=True))
+    return dataclasses.replace(
+      self,
+      columns={new[old]: values for old, values in self.columns.items()},
+      not_a_number={new[old]: rows for old, rows in self.not_a_number.items()},
+      headless=False,
+    )
+
+  def rows_in(self, order: np.ndarray) -> Table:
+    """The same rows in another order."""
+    place = np.argsort(order)
+    return dataclasses.replace(
+      self,
+      columns={name: values[order] for name, values in self.columns.items()},
+      not_a_number={name: np.sort(place[rows]) for name, rows in self.not_a_number.items()},
+    )
+
   def listing(self) -> str:
     """The names of the columns, for an error text; the first forty when there are more."""
     names = list(self.columns)
@@ -79,7 +107,7 @@ def _is_number(cell: object) -> bool:
     float(str(cell))
   except ValueError:
     return False
-  return True
+  return "_" not in str(cell)  # Python takes 2024_05_01 for a number
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,7 +76,11 @@ def test_any_drive_command_will_do(tmp_path, drive_command):
 def test_without_any_drive_command_the_loader_names_them_all(tmp_path):
   time, columns = drive()
   refused_run(
-    tmp_path, time, without(columns, "motor_voltage"), "needed channel 'motor_voltage' is missing", *DRIVE_COMMANDS
+    tmp_path,
+    time,
+    without(columns, "motor_voltage", "steering_command"),
+    "needed channel 'motor_voltage' is missing",
+    *DRIVE_COMMANDS,
   )
 
 

@@ -23,7 +23,7 @@ def test_time_that_repeats(tmp_path):
 def test_time_that_goes_backwards(tmp_path):
   time, columns = drive()
   time[[40, 41, 90, 91]] = time[[41, 40, 91, 90]]
-  refused_run(tmp_path, time, columns, "time goes backwards in row 42 (0.4 s after 0.41 s); sort the rows by time")
+  refused_run(tmp_path, time, columns, "time goes backwards in row 42 (0.4 s after 0.41 s); set sort = true on time")
 
 
 def test_a_logger_that_restarted(tmp_path):

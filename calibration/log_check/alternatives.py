@@ -1,0 +1,164 @@
+"""Readings of a channel that are tried where two sensors of one motion do not agree: sign, axis, period, frame, unit.
+
+Each alternative rewrites channels of the recordings; the comparison is then made again. Which one makes the two agree
+is the cure; where none does, which were tried is said.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.fitting.noise import ChannelNoise
+from calibration.log_check.motions import Motion, Wheels, motions
+from calibration.log_check.pairs import Comparison, compare
+from qcar_twin.recordings.recording import Recording, Stream
+
+Array = NDArray[np.float64]
+_AGREE = 0.9  # correlation from which an alternative makes two sensors agree
+_NEAR = 1.5  # factor within which their scale must then be 1
+_TURN = math.tau
+
+
+@dataclasses.dataclass(frozen=True)
+class Alternative:
+  """Another reading of a log.
+
+  Attributes:
+    name: what was changed, in words.
+    cure: what to write in dataset.toml.
+    apply: a recording -> the recording read so.
+    needs: channels that it changes.
+  """
+
+  name: str
+  cure: str
+  apply: Callable[[Recording], Recording]
+  needs: tuple[str, ...]
+
+
+def agreeing(
+  motion: Motion, wheels: Wheels, recordings: Sequence[Recording], noise: Mapping[str, ChannelNoise]
+) -> tuple[list[tuple[Alternative, Comparison]], list[str]]:
+  """Alternatives that make the two sensors of a motion agree, best first, and the names of all that were tried."""
+  takes = {*motion.compared, *motion.reference}
+  forward = dataclasses.replace(wheels, unsigned=False)  # by its size alone a path to the left is one to the right
+  motion = next((m for m in motions(forward, recordings) if m.name == motion.name), motion)
+  tried = [a for a in _ALTERNATIVES if takes & set(a.needs) and _all_hold(a, motion, recordings)]
+  scored = []
+  for alternative in tried:
+    held = [alternative.apply(r) for r in recordings if motion.measured_in(r)]
+    comparison = compare(motion, wheels, held, noise)
+    if not comparison.why_not and comparison.correlation > _AGREE and _of_one_size(comparison):
+      scored.append((alternative, comparison))
+  scored.sort(key=lambda pair: -pair[1].correlation)
+  return scored, [a.name for a in tried]
+
+
+def _all_hold(alternative: Alternative, motion: Motion, recordings: Sequence[Recording]) -> bool:
+  return all(set(alternative.needs) <= set(r.channels) for r in recordings if motion.measured_in(r))
+
+
+def _of_one_size(comparison: Comparison) -> bool:
+  """Steering's scale is the car's, one over its wheelbase."""
+  return comparison.motion.reference[0] == "steering_command" or 1.0 / _NEAR < comparison.scale.value < _NEAR
+
+
+def _rewritten(**changes: Callable[[Array], Array]) -> Callable[[Recording], Recording]:
+  def apply(recording: Recording) -> Recording:
+    streams = dict(recording.streams)
+    for channel, change in changes.items():
+      streams[channel] = Stream(streams[channel].time, change(streams[channel].value))
+    return recording.replace(streams=streams)
+
+  return apply
+
+
+def _exchanged(one: str, other: str) -> Callable[[Recording], Recording]:
+  return lambda r: r.replace(streams={**r.streams, one: r.streams[other], other: r.streams[one]})
+
+
+def _unwrapped(period: float, scale: float = 1.0) -> Callable[[Array], Array]:
+  return lambda value: scale * np.unwrap(np.mod(value, period), period=period)
+
+
+def _flip(channel: str) -> Alternative:
+  return Alternative(
+    f"{channel} with the other sign",
+    f"set scale = -1 on {channel} in [channels]",
+    _rewritten(**{channel: lambda v: -v}),
+    (channel,),
+  )
+
+
+def _turned(name: str, angle: float) -> Alternative:
+  cure = f"set offset = {angle:.6g} on pose_yaw in [channels]"
+  return Alternative(name, cure, _rewritten(pose_yaw=lambda v: v + angle), ("pose_yaw",))
+
+
+def _exchange(one: str, other: str) -> Alternative:
+  return Alternative(
+    f"{one} and {other} exchanged",
+    f"exchange the columns of {one} and {other} in [channels]",
+    _exchanged(one, other),
+    (one, other),
+  )
+
+
+def _compass(value: Array) -> Array:
+  """A heading from north, clockwise, from one from east, counter-clockwise, and the other way round."""
+  return 0.25 * _TURN - value
+
+
+_ALTERNATIVES = (
+  *(_flip(name) for name in ("yaw_rate", "accel_x", "accel_y", "steering_command", "speed", "motor_speed")),
+  Alternative(
+    "pose_yaw in degrees",
+    "set scale = 0.0174533 on pose_yaw in [channels]",
+    _rewritten(pose_yaw=_unwrapped(360.0, _TURN / 360.0)),
+    ("pose_yaw",),
+  ),
+  Alternative(
+    "pose_yaw repeating every half turn",
+    "record the heading over the whole turn, or leave pose_yaw out of [channels]",
+    _rewritten(pose_yaw=_unwrapped(0.5 * _TURN)),
+    ("pose_yaw",),
+  ),
+  Alternative(
+    "pose_yaw repeating every turn",
+    "set wrap = true on pose_yaw in [channels]",
+    _rewritten(pose_yaw=_unwrapped(_TURN)),
+    ("pose_yaw",),
+  ),
+  Alternative(
+    "pose_yaw a compass's, clockwise from north",
+    "set scale = -1, offset = 1.5708 on pose_yaw in [channels]",
+    _rewritten(pose_yaw=_compass),
+    ("pose_yaw",),
+  ),
+  _turned("pose_yaw a quarter turn further left", 0.25 * _TURN),
+  _turned("pose_yaw a quarter turn further right", -0.25 * _TURN),
+  _turned("pose_yaw turned round", 0.5 * _TURN),
+  Alternative(
+    "pose_y with the other sign",
+    "set scale = -1 on pose_y in [channels]",
+    _rewritten(pose_y=lambda v: -v),
+    ("pose_y",),
+  ),
+  _exchange("pose_x", "pose_y"),
+  _exchange("accel_x", "accel_y"),
+  Alternative(
+    "accel_x and accel_y exchanged and accel_x with the other sign",
+    "exchange the columns of accel_x and accel_y in [channels], and set scale = -1 on accel_x",
+    lambda r: _rewritten(accel_x=lambda v: -v)(_exchanged("accel_x", "accel_y")(r)),
+    ("accel_x", "accel_y"),
+  ),
+  Alternative(
+    "accel_x and accel_y exchanged and accel_y with the other sign",
+    "exchange the columns of accel_x and accel_y in [channels], and set scale = -1 on accel_y",
+    lambda r: _rewritten(accel_y=lambda v: -v)(_exchanged("accel_x", "accel_y")(r)),
+    ("accel_x", "accel_y"),
+  ),
+)

@@ -1,0 +1,55 @@
+"""Lags of seconds: two sensors' means correlated over ten seconds either way, by FFT.
+
+For every lag the sums over the windows where both have a value are exact (Padfield, Masked object registration in the
+Fourier domain, IEEE Trans. Image Process. 21, 2012), so that gaps and the ends of a recording take no part.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_STEPS = 200  # windows that the one is moved either way: 10 s of windows every 0.05 s
+_ALIKE = 0.95  # correlation that makes a far lag believable
+_BETTER = 0.5  # of the variance that the best near lag leaves unexplained: at most so much is left at a far one
+_HALF = 0.5  # of the windows must take part in a lag
+
+
+def sums_by_lag(x: Array, y: Array) -> Array:
+  """Count, sums and sums of products of y(i) and x(i - lag), (lags, 6), of lags -_STEPS ... _STEPS; NaN takes no part.
+
+  Args:
+    x, y: means of the reference and of the compared sensor in windows at equal distances, (k,).
+  """
+  mx, my = np.isfinite(x).astype(float), np.isfinite(y).astype(float)
+  x, y = np.where(mx > 0.0, x, 0.0), np.where(my > 0.0, y, 0.0)
+  size = 1 << int(np.ceil(np.log2(len(x) + _STEPS + 1)))
+  of = lambda a: np.fft.rfft(a, size)
+  pair = lambda a, b: np.fft.irfft(of(a) * np.conj(of(b)), size)[np.arange(-_STEPS, _STEPS + 1)]
+  return np.stack([pair(my, mx), pair(my, x), pair(y, mx), pair(my, x * x), pair(y, x), pair(y * y, mx)], axis=-1)
+
+
+def wide_lag(
+  sums: Sequence[Array], correlate: Callable[[Array], Array], step: float, near: tuple[float, float]
+) -> float:
+  """The lag far away at which two sensors agree much better than at any other, s; 0 where there is none, as where
+  driving repeats itself.
+
+  Args:
+    sums: of each recording, (lags, 6).
+    correlate: from sums (lags, 6) to correlations (lags,).
+    step: s between lags.
+    near: lags that are searched anyway, s.
+  """
+  total = np.sum(sums, axis=0)
+  lags, count = step * np.arange(-_STEPS, _STEPS + 1), total[:, 0]
+  enough = count >= max(_HALF * float(count[_STEPS]), 2.0)
+  if not enough[_STEPS]:
+    return 0.0
+  explained = np.where(enough, correlate(np.where(enough[:, None], total, total[_STEPS])) ** 2, 0.0)
+  inside = (lags >= near[0]) & (lags <= near[1])
+  best = int(np.argmax(np.where(inside, 0.0, explained)))
+  apart = np.abs(lags - lags[best]) > near[1] - near[0]
+  far, other = float(explained[best]), float(explained[inside | apart].max())
+  return float(lags[best]) if far > _ALIKE**2 and 1.0 - far < _BETTER * (1.0 - other) else 0.0

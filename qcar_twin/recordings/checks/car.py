@@ -1,0 +1,58 @@
+"""Can [vehicle] be a car? Numbers that belong together, by ratios that hold from a 1:43 model to a full-size car."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from qcar_twin.recordings.recording import RecordingError
+
+# mass / wheelbase^3, kg/m^3: a full-size car 1500 kg, 2.8 m has 70, a 1:10 car 160 to 300, a 1:43 model 230; a gram
+# or a centimetre in place of the SI unit is out by a thousand and more
+_DENSITY = (5.0, 5000.0)
+# yaw_inertia / (mass wheelbase^2): (k/L)^2 with a radius of gyration k of 0.2 to 1 wheelbase; cars have 0.1 to 0.25
+_GYRATION = (0.02, 1.0)
+# by the wheelbase: wheels of a car are 0.1 to 0.25, its track 0.4 to 1.1, its centre of gravity 0.1 to 0.4
+_LENGTHS = {"wheel_radius": (0.02, 0.6), "track_width": (0.15, 3.0), "cg_height": (0.02, 1.5)}
+
+
+def check_car(vehicle: Mapping[str, float | str], where: str) -> None:
+  """Raises RecordingError for numbers that cannot be one car's in SI units, with the unit that makes them so."""
+  number = lambda key: float(vehicle[key])
+  if "gear_ratio" in vehicle and number("gear_ratio") > 1.0:
+    gear = number("gear_ratio")
+    raise RecordingError(
+      f"{where} gear_ratio is wheel speed / motor speed, and {gear:g} would drive the wheels faster than the motor; it "
+      f"is inverted: write {1.0 / gear:.6g}"
+    )
+  if not {"cg_to_front", "cg_to_rear"} <= set(vehicle):
+    return
+  wheelbase = number("cg_to_front") + number("cg_to_rear")
+  if "mass" in vehicle:
+    _check_mass(number("mass"), wheelbase, where)
+  for key, (least, most) in _LENGTHS.items():
+    if key in vehicle and not least < number(key) / wheelbase < most:
+      raise RecordingError(
+        f"{where} {key} of {number(key):g} m does not fit a wheelbase of {wheelbase:g} m (cg_to_front + cg_to_rear);"
+        " give all lengths in m"
+      )
+  if {"mass", "yaw_inertia"} <= set(vehicle):
+    share = number("yaw_inertia") / (number("mass") * wheelbase**2)
+    if not _GYRATION[0] < share < _GYRATION[1]:
+      raise RecordingError(
+        f"{where} yaw_inertia of {number('yaw_inertia'):g} kg m^2 does not fit {number('mass'):g} kg and a wheelbase of"
+        f" {wheelbase:g} m; a usual car has {0.17 * number('mass') * wheelbase**2:.3g} kg m^2"
+      )
+
+
+def _check_mass(mass: float, wheelbase: float, where: str) -> None:
+  if _DENSITY[0] < mass / wheelbase**3 < _DENSITY[1]:
+    return
+  for scale, unit in ((1e-3, "mm"), (1e-2, "cm")):
+    if _DENSITY[0] < mass / (scale * wheelbase) ** 3 < _DENSITY[1]:
+      raise RecordingError(
+        f"{where} a wheelbase of {wheelbase:g} m (cg_to_front + cg_to_rear) does not fit {mass:g} kg; is it in {unit}?"
+        f" multiply all lengths by {scale:g}"
+      )
+  grams = _DENSITY[0] < 1e-3 * mass / wheelbase**3 < _DENSITY[1]
+  cure = f"is it in g? write {1e-3 * mass:g}" if grams else "give the mass in kg and all lengths in m"
+  raise RecordingError(f"{where} mass of {mass:g} kg does not fit a wheelbase of {wheelbase:g} m; {cure}")

@@ -1,0 +1,94 @@
+"""Two sensors of one motion that do not agree: it spoils a fit, with the cure that makes them agree."""
+
+import numpy as np
+import pytest
+
+from calibration.log_check import check_log
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import Recording, Stream
+from tests.calibration.log_check.test_pairs import changed, drives
+from tests.qcar_twin.recordings.drives import STD, VEHICLE, drive
+
+
+def lab(runs: list[Recording], **vehicle: float) -> DataSet:
+  return DataSet("lab", tuple(runs), VEHICLE | vehicle, STD)
+
+
+def rewritten(run: Recording, **values) -> Recording:
+  streams = {name: Stream(run[name].time, value) for name, value in values.items()}
+  return run.replace(streams={**run.streams, **streams})
+
+
+def spoiling(runs: list[Recording], **vehicle: float) -> list[str]:
+  return [f.text for f in check_log(lab(runs, **vehicle)).of("spoils")]
+
+
+@pytest.mark.parametrize("late", [0.8, 1.5, 3.0])
+def test_a_sensor_that_is_seconds_late_is_said_with_its_lag_and_the_cure_mends_it(late):
+  runs = drives(channel="accel_x", late=late)
+  (text,) = spoiling(runs)
+  said = float(text.split("set late = ")[1].split(" ")[0])
+  assert said == pytest.approx(late, abs=0.03) and "on accel_x in [channels]" in text
+  assert not spoiling([changed(r, "accel_x", late=-said) for r in runs])
+
+
+def wandering(seed: int) -> Recording:
+  """A drive that never repeats itself."""
+  time, columns = drive(60.0, seed=seed)
+  smooth = np.exp(-0.5 * (np.arange(-300, 301) / 60.0) ** 2)
+  noise = np.convolve(np.random.default_rng(seed).standard_normal(time.size), smooth / np.linalg.norm(smooth), "same")
+  yaw_rate, columns["speed"] = noise, 1.0 + 0.0 * time
+  yaw = np.cumsum(yaw_rate) / 100.0
+  columns |= {
+    "steering_command": np.arctan(0.256 * yaw_rate),
+    "accel_y": yaw_rate,
+    "yaw_rate": yaw_rate,
+    "pose_yaw": yaw,
+  }
+  columns |= {"pose_x": np.cumsum(np.cos(yaw)) / 100.0, "pose_y": np.cumsum(np.sin(yaw)) / 100.0}
+  del columns["motor_speed"], columns["accel_x"]
+  return Recording.from_columns(f"run_{seed}", time, columns)
+
+
+def test_a_lag_beyond_the_search_is_not_reported_as_one():
+  assert not spoiling([wandering(k) for k in range(2)])
+  runs = [changed(wandering(k), "yaw_rate", late=15.0) for k in range(2)]
+  texts = spoiling(runs)
+  assert texts and not any("set late = " in text for text in texts)
+
+
+def test_an_accelerometer_that_does_not_feel_the_curve_spoils():
+  noise = np.random.default_rng(1)
+  runs = [rewritten(r, accel_y=0.1 * noise.standard_normal(len(r["accel_y"]))) for r in drives()]
+  (text,) = spoiling(runs)
+  assert text.startswith("accel_y and motor_speed and yaw_rate do not agree in going round") and "tried in vain" in text
+
+
+def test_exchanged_axes_are_found_out_and_exchanging_them_mends_it():
+  runs = [rewritten(r, accel_x=r["accel_y"].value, accel_y=r["accel_x"].value) for r in drives()]
+  texts = spoiling(runs)
+  assert any("exchange the columns of accel_x and accel_y in [channels]" in text for text in texts)
+  assert not spoiling([rewritten(r, accel_x=r["accel_y"].value, accel_y=r["accel_x"].value) for r in runs])
+
+
+def test_a_heading_from_another_axis_is_found_out():
+  runs = [rewritten(r, pose_yaw=r["pose_yaw"].value + 0.5 * np.pi) for r in drives()]
+  texts = spoiling(runs)
+  assert any("pose_yaw a quarter turn further right" in text and "offset = -1.5708" in text for text in texts)
+  assert not spoiling([rewritten(r, pose_yaw=r["pose_yaw"].value - 0.5 * np.pi) for r in runs])
+
+
+def test_a_steering_angle_that_no_wheelbase_explains_spoils():
+  runs = [rewritten(r, steering_command=r["steering_command"].value / 3.7) for r in drives()]
+  (text,) = spoiling(runs)
+  assert "the car turns like one of wheelbase 0.0676 m" in text and "[vehicle] says 0.256 m" in text
+  assert not spoiling(drives(), cg_to_front=0.14)
+
+
+def test_a_frame_that_changes_for_a_while_does_not_hide_a_scale():
+  runs = [changed(r, "motor_speed", scale=1.3) for r in drives()]
+  heading = runs[2]["pose_yaw"]
+  runs[2] = rewritten(runs[2], pose_yaw=heading.value + 1.3 * (heading.time > 24.0))
+  texts = [f.text for f in check_log(lab(runs)).of("beware")]
+  assert any("motor_speed reads +30" in text for text in texts)
+  assert any("do not agree in driving as they do elsewhere" in text for text in texts)

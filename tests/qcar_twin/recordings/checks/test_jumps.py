@@ -1,0 +1,35 @@
+"""Poses that jump for good, flicker, stop and catch up."""
+
+import numpy as np
+import pytest
+
+from qcar_twin.recordings.dataset import DataSet
+from tests.qcar_twin.recordings.drives import drive, folder_with
+
+
+def test_a_jump_for_good_cuts_the_recording(tmp_path):
+  time, columns = drive()
+  columns["pose_x"][700:] += 16.0
+  columns["pose_y"][700:] -= 16.0
+  data = DataSet.load(folder_with(tmp_path, time, columns))
+  assert [(r.start, r.end) for r in data.recordings] == [(0.0, 6.99), (7.0, pytest.approx(11.99))]
+  assert data.warnings == ("run.csv: the pose jumps by 22.6 m in 10 ms at 7 s; the recording is cut there",)
+
+
+def test_single_wrong_poses_are_left_out(tmp_path):
+  time, columns = drive()
+  columns["pose_x"][[200, 201, 800]] += 5.0
+  data = DataSet.load(folder_with(tmp_path, time, columns))
+  (run,) = data.recordings
+  assert (
+    len(run["pose_x"]) == len(run["pose_yaw"]) == time.size - 3 and np.abs(np.diff(run["pose_x"].value)).max() < 0.1
+  )
+  assert data.warnings == ("run.csv: the pose jumps away and back, first at 2 s, 3 samples; they are left out",)
+
+
+def test_a_track_that_was_lost_and_catches_up_has_not_jumped(tmp_path):
+  time, columns = drive()
+  for name in ("pose_x", "pose_y"):
+    columns[name][300:500] = columns[name][300]
+  notes = DataSet.load(folder_with(tmp_path, time, columns)).warnings
+  assert len(notes) == 1 and "pose_x, pose_y is frozen" in notes[0]
