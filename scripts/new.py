@@ -5,6 +5,7 @@ qcar-twin new my_session logs/
 """
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -15,9 +16,10 @@ from calibration.log_check.report import write_log_check
 from calibration.progress import StageLine
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
-from qcar_twin.recordings.first_dataset.place import copy_in, logs_of, placed
+from qcar_twin.recordings.first_dataset.place import Placed, copy_in, logs_of, placed
 from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.formats.table import NoSamples, Table
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
 
@@ -36,8 +38,9 @@ class Config:
 
 def main(config: Config) -> Path:
   """Write it, print every guess, and what the check finds; returns the path of dataset.toml."""
-  logs = placed(config.folder, logs_of(config.files or (config.folder,)))
-  proposal = propose(config.folder.resolve().name, [read_table(log.source, log.name) for log in logs])
+  read = with_rows(placed(config.folder, logs_of(config.files or (config.folder,))))
+  logs = [log for log, _ in read]
+  proposal = propose(config.folder.resolve().name, [table for _, table in read])
   copy_in(config.folder, logs)
   path = write_text(config.folder / FILE_NAME, proposal.text)
   print(f"{path}: {len(logs)} log{'s' if len(logs) > 1 else ''}, {len(proposal.guesses)} guesses to look at")
@@ -56,6 +59,23 @@ def main(config: Config) -> Path:
   page = write_log_check(check, config.out or config.folder.with_name(f"{config.folder.resolve().name}_check"))
   print(f"page: {page}")
   return path
+
+
+def with_rows(logs: Sequence[Placed]) -> list[tuple[Placed, Table]]:
+  """The logs that hold a sample, with their content; each that holds none is said and left out.
+
+  Raises:
+    RecordingError: none holds a sample, or one cannot be read.
+  """
+  read: list[tuple[Placed, Table]] = []
+  for log in logs:
+    try:
+      read.append((log, read_table(log.source, log.name)))
+    except NoSamples as error:
+      print(f"left out: {str(error).partition(';')[0]}")
+  if not read:
+    raise RecordingError("no log holds a sample; record again, or name other files")
+  return read
 
 
 if __name__ == "__main__":

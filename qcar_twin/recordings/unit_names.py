@@ -19,6 +19,7 @@ UNITS: dict[str, tuple[str, float]] = {
   **dict.fromkeys(("rad/s", "rads", "radps", "radsec"), ("rad/s", 1.0)),
   **dict.fromkeys(("deg/s", "dps", "degs", "degps", "°/s", "degsec"), ("rad/s", math.pi / 180.0)),
   **dict.fromkeys(("rpm", "1/min"), ("rad/s", math.tau / 60.0)),
+  **dict.fromkeys(("rps", "rev/s", "1/s"), ("rad/s", math.tau)),
   **dict.fromkeys(("m/s", "mps"), ("m/s", 1.0)),
   **dict.fromkeys(("km/h", "kmh", "kph"), ("m/s", 1 / 3.6)),
   **dict.fromkeys(("cm/s", "cmps"), ("m/s", 0.01)),

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 _NORMALISED = 1.05  # a command that stays within it, but beyond any 1:10 car's lock, is a share of full lock
 _LOCK = 0.7  # rad, 40 deg: beyond the road-wheel angle of any 1:10 car
+_TICKS = 0.05  # share of rows in which a clock that a slower publisher holds has moved on
+_LATE_ROWS = 0.01  # share of rows that a logger of several threads writes out of order
 _GATES = {"armed", "arm", "safety", "enable", "enabled", "deadman", "active", "switch", "autonomous"}
 _PULSE = (900.0, 2100.0)  # us, of a radio-control servo or speed controller; 1500 is neutral, 500 the full travel
 _HELD = 2.0  # rows for which a value stays, median, from which a faster log repeats a slower sensor
@@ -24,7 +26,8 @@ _HELD = 2.0  # rows for which a value stays, median, from which a faster log rep
 
 @dataclasses.dataclass
 class Guess:
-  """One channel's column. `why` are the reasons for it, each a clause; `named`: its name says the unit."""
+  """One channel's column. `why` are the reasons for it, each a clause; `named`: its name says the unit;
+  `settled`: a share of lock was scaled to an angle."""
 
   channel: str
   column: str
@@ -33,13 +36,18 @@ class Guess:
   wrap: bool | None = None
   hold: bool = False
   gate: str | None = None
+  steps: bool = False
+  sort: bool = False
   named: bool = False
+  settled: bool = False
   why: list[str] = dataclasses.field(default_factory=list)
 
   @property
   def mapped(self) -> Mapped:
     """As [channels] has it."""
-    return Mapped(self.column, self.scale, self.offset, self.wrap, self.hold, self.gate)
+    return Mapped(
+      self.column, self.scale, self.offset, self.wrap, self.hold, self.gate, steps=self.steps, sort=self.sort
+    )
 
 
 class Columns:
@@ -69,12 +77,24 @@ class Columns:
     values = self.values(name)
     return bool(np.ptp(values) == 0.0)
 
-  def rises(self, name: str) -> bool:
-    """Whether a column is in every log, has a value in every row and never goes back, as a clock does."""
+  def rises(self, name: str, late: float = 0.0) -> bool:
+    """Whether a column is in every log, has a value in every row and goes on as a clock does: at most a share `late` of
+    its steps goes back, and it has many values."""
     if len(self.holding(name)) < len(self.tables):
       return False
     steps = [np.diff(table.number(name, name)) for table in self.tables]
-    return all(np.isfinite(step).all() and (step >= 0.0).all() and (step > 0.0).any() for step in steps)
+    return all(
+      np.isfinite(step).all() and np.sum(step < 0.0) <= late * step.size and np.mean(step > 0.0) > _TICKS
+      for step in steps
+    )
+
+  def steps(self, name: str) -> bool:
+    """Whether a column has the time since the row before in every row: positive, and much the same."""
+    if len(self.holding(name)) < len(self.tables):
+      return False
+    values = self.values(name)
+    low, usual, high = np.percentile(values, [5, 50, 95])
+    return bool(values.min() >= 0.0 and usual > 0.0 and 0.3 * usual < low <= high < 3.0 * usual)
 
   def top(self, name: str) -> float:
     """The largest magnitude, without one in a thousand."""
@@ -93,16 +113,30 @@ def guess_columns(columns: Columns) -> dict[str, Guess]:
   for _, _, reading, name in sorted(offers, key=lambda offer: offer[:2], reverse=True):
     if reading.channel not in guesses and name not in {guess.column for guess in guesses.values()}:
       guesses[reading.channel] = Guess(reading.channel, name, why=[reading.why])
-  if "time" not in guesses:
-    clocks = [name for name in columns.names if columns.rises(name)]
-    if clocks:
-      guesses["time"] = Guess("time", clocks[0], why=["it rises through every file"])
+  if "time" not in guesses and (clock := _clock(columns)) is not None:
+    guesses["time"] = clock
   for guess in guesses.values():
     _scale(columns, guess)
   _settle_voltage(columns, guesses)
   hold(columns, guesses)
   gate(columns, guesses)
   return {channel: guesses[channel] for channel in CHANNELS if channel in guesses}
+
+
+def _clock(columns: Columns) -> Guess | None:
+  """A clock whose name says time and that some rows were written late in, or whose steps it has; else one that rises,
+  whatever it is called, but no row numbers without a name."""
+  named = [name for name in columns.names if any(reading.channel == "time" for reading in readings(name))]
+  for name in named:
+    if columns.rises(name, _LATE_ROWS):
+      late = sum(int(np.sum(np.diff(table.number(name, name)) < 0.0)) for table in columns.tables)
+      why = [f"its name says time; {late} of {columns.values(name).size} rows are out of order"]
+      return Guess("time", name, sort=True, why=why)
+  for name in named:
+    if columns.steps(name):
+      return Guess("time", name, steps=True, why=["its name says time, and it has the steps from row to row"])
+  rising = [name for name in columns.names if columns.rises(name) and not name.lower().startswith("unnamed")]
+  return Guess("time", rising[0], why=["it rises through every file"]) if rising else None
 
 
 def _possible(columns: Columns, name: str, channel: str) -> bool:
@@ -129,7 +163,8 @@ def _scale(columns: Columns, guess: Guess) -> None:
 
 
 def _scale_time(columns: Columns, guess: Guess) -> None:
-  steps = [np.diff(table.number(guess.column, "time")) for table in columns.tables]
+  number = lambda table: table.number(guess.column, "time")
+  steps = [number(table) if guess.steps else np.diff(number(table)) for table in columns.tables]
   step = float(np.median(np.concatenate([each[each > 0.0] for each in steps])))
   for factor, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns")):
     if step * factor <= 0.5:
@@ -165,6 +200,8 @@ def hold(columns: Columns, guesses: Mapping[str, Guess]) -> None:
   if "time" not in guesses:
     return
   clock = guesses["time"].column
+  if guesses["time"].steps:
+    return
   repeats = [table for table in columns.tables if (np.diff(table.number(clock, "time")) == 0.0).any()]
   for guess in guesses.values():
     if guess.channel == "time":

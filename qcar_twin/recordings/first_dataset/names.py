@@ -9,37 +9,39 @@ from qcar_twin.recordings.unit_names import BRACKET, UNITS, unit_of, words_of
 _RULES: dict[str, tuple[str, ...]] = {
   "time": ("elapsed|log|system|ros time|stamp|clock", "time|timestamp|stamp|clock|elapsed|tout|t"),
   "motor_voltage": (
-    "motor|command|cmd|applied|armature|input|esc|drive voltage|volt|volts|v !battery|bat|batt|supply|measured",
+    "motor|command|commanded|cmd|applied|armature|input|esc|drive voltage|volt|volts|v"
+    " !battery|bat|batt|supply|measured",
     "voltage|volts !battery|bat|batt|vbat|supply|measured",
   ),
   "motor_duty": ("duty|pwm|throttle|gas|thr !steering|steer|servo",),
-  "motor_current": ("current|amps command|cmd|target|desired|setpoint|ref|reference",),
+  "motor_current": ("current|amps command|commanded|cmd|target|desired|setpoint|ref|reference",),
   "speed_command": (
-    "speed|velocity|vel|v command|cmd|target|desired|setpoint|ref|reference|goal !angular|yaw|steering",
+    "speed|velocity|vel|v command|commanded|cmd|target|desired|setpoint|ref|reference|goal !angular|yaw|steering",
   ),
   "steering_command": (
-    "steering|steer|servo|delta|str !measured|actual|feedback|fb|velocity|rate|speed",
+    "steering|steer|servo|delta|deltawheel|df|str !measured|actual|feedback|fb|velocity|rate|speed",
     "wheel angle !measured|actual|feedback|fb",
   ),
-  "motor_speed": ("motor|tach|tacho|shaft speed|velocity|vel|omega|rpm|rate|w", "rpm !e"),
+  "motor_speed": ("motor|tach|tacho|shaft speed|velocity|vel|omega|rpm|rps|rate|w", "rpm !e", "rps !gyro|gyr"),
   "speed": (
     "speed|velocity|vel|v"
-    " !angular|yaw|gyro|motor|command|cmd|target|desired|setpoint|ref|reference|steering|y|z|lateral",
+    " !angular|yaw|gyro|motor|command|commanded|cmd|target|desired|setpoint|ref|reference|steering|y|z|lateral",
     "vx|vlong",
   ),
   "accel_x": (
-    "acc|accel|acceleration|accelerometer x|forward|fwd|long|longitudinal|lon !angular|target|command",
+    "acc|accel|acceleration|accelerometer|a x|forward|fwd|long|longitudinal|lon !angular|target|command|commanded",
     "ax|accx|accelx !angular",
   ),
   "accel_y": (
-    "acc|accel|acceleration|accelerometer y|left|lat|lateral !angular|target|command",
+    "acc|accel|acceleration|accelerometer|a y|left|lat|lateral !angular|target|command|commanded",
     "ay|accy|accely !angular",
   ),
   "yaw_rate": (
-    "yaw|heading|psi|turn rate|dot|speed|velocity|vel !target|command|desired",
-    "gyro|gyroscope|angular|omega|w|imu z|yaw !accel|acc|acceleration|linear|wheel|motor|mag",
+    "yaw|heading|psi|turn rate|dot|speed|velocity|vel !target|command|commanded|desired",
+    "gyro|gyroscope|gyr|angular|omega|w|imu z|yaw !accel|acc|acceleration|linear|wheel|motor|mag",
     "gyro|gyroscope !x|y",
-    "wz|gz|gyroz|yawrate|omegaz",
+    "wz|gz|gyroz|gyrz|yawrate|omegaz|dpsi|dyaw|psidot|yawdot|r",
+    "omega !motor|wheel|shaft|x|y|command|commanded|cmd|target|desired",
     "w imu|gyro",
   ),
   "pose_x": (
@@ -52,10 +54,10 @@ _RULES: dict[str, tuple[str, ...]] = {
     "py",
     "y",
   ),
-  "pose_yaw": ("yaw|heading|theta|psi|orientation !rate|dot|vel|velocity|speed|gyro|x|z|w|target|desired",),
+  "pose_yaw": ("yaw|heading|theta|psi|phi|orientation !rate|dot|vel|velocity|speed|gyro|x|z|w|target|desired",),
   "pose_score": ("score|confidence|quality",),
   "battery_voltage": ("battery|bat|batt|vbat|supply !current|percent|percentage|charge|temperature",),
-  "armature_current": ("current|amps !command|cmd|target|desired|setpoint|battery|supply|time",),
+  "armature_current": ("current|amps !command|commanded|cmd|target|desired|setpoint|battery|supply|time",),
 }
 _PULSES = ("us", "µs")  # what radio-control servos and speed controllers are commanded in
 _RAW, _SMOOTH = (

@@ -8,13 +8,7 @@ from typing import Any
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
-from qcar_twin.recordings.first_dataset.refine import (
-  recordings_of,
-  settle_pose,
-  settle_steering,
-  settle_units,
-  usual_supply,
-)
+from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, usual_supply
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.recording import Recording, RecordingError
@@ -26,6 +20,9 @@ MARK = "guess:"
 _NEEDED = {"motor_speed": ("motor_speed", "speed"), "motor_voltage": DRIVE_COMMANDS}
 _VEHICLE = ("mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "track_width", "cg_height", "wheel_radius",
             "gear_ratio", "max_steering")  # fmt: skip
+# of a car's length, by which its numbers grow while its shape and density stay
+_POWERS = {"mass": 3, "yaw_inertia": 5, "cg_to_front": 1, "cg_to_rear": 1, "track_width": 1, "cg_height": 1,
+           "wheel_radius": 1}  # fmt: skip
 _LISTED = 60  # columns at most
 _WIDE = 0.3  # standard deviation of a number nobody measured, as a share of it
 
@@ -63,16 +60,20 @@ def propose(name: str, tables: Sequence[Table]) -> Proposal:
     guesses = guess_columns(columns)
   kind = str(known.get("drive", _drive(guesses)))
   vehicle = Vehicle.from_dataset({"name": "car", **known, "drive": kind})
+  wheelbase = vehicle.wheelbase
   if topics is None:
-    settle_pose(columns, guesses)
-    settle_steering(columns, guesses, vehicle)
-    settle_units(columns, guesses, {key: getattr(vehicle, key) for key in _VEHICLE})
+    wheelbase = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in _VEHICLE})
   recordings = recordings_of(columns, guesses)
   parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
-  missing = tuple(" or ".join(names) for names in _NEEDED.values() if not guesses.keys() & set(names))
+  by_hand = not guesses.keys() & set(DRIVE_COMMANDS) and "steering_command" in guesses
+  missing = tuple(
+    " or ".join(names)
+    for channel, names in _NEEDED.items()
+    if not guesses.keys() & set(names) and not (by_hand and channel == "motor_voltage")
+  )
   if "time" not in guesses and not all("time" in table for table in tables):
     missing = ("time", *missing)
-  lines = [*_head(name, topics), *_vehicle(vehicle, known, kind, recordings)]
+  lines = [*_head(name, topics), *_vehicle(vehicle, known, kind, recordings, wheelbase)]
   channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
   lines += ["", *channels]
   lines += [line for part in parts for line in _recording(part)]
@@ -105,7 +106,8 @@ def _mapped(topics: TopicMap, tables: Sequence[Table]) -> dict[str, Guess]:
 
 def _drive(guesses: Mapping[str, Guess]) -> str:
   """What drives the car: the kind whose command was logged, first of DRIVE_COMMANDS."""
-  channel = next((name for name in DRIVE_COMMANDS if name in guesses), DRIVE_COMMANDS[0])
+  by_hand = "speed_command" if "steering_command" in guesses else DRIVE_COMMANDS[0]
+  channel = next((name for name in DRIVE_COMMANDS if name in guesses), by_hand)
   return next(kind for kind, drive in DRIVES.items() if drive.channel == channel)
 
 
@@ -127,10 +129,15 @@ def _head(name: str, topics: TopicMap | None) -> list[str]:
 
 
 def _vehicle(
-  vehicle: Vehicle, known: Mapping[str, float | str], kind: str, recordings: Sequence[Recording]
+  vehicle: Vehicle, known: Mapping[str, float | str], kind: str, recordings: Sequence[Recording], wheelbase: float
 ) -> list[str]:
-  """[vehicle] with the numbers of a car that is known by its topics, of the QCar else, and wide deviations."""
+  """[vehicle] with the numbers of a car that is known by its topics, of the QCar else, grown to the wheelbase that the
+  log turns like, and wide deviations."""
   whose = f"the {vehicle.name}'s usual number" if known else "the Quanser QCar's number"
+  grown = wheelbase / vehicle.wheelbase
+  if grown != 1.0:
+    whose = f"this log turns like a wheelbase of {wheelbase:.3g} m; {whose} at that size"
+  sizes = {key: getattr(vehicle, key) * grown ** _POWERS.get(key, 0) for key in _VEHICLE}
   lines = ["", "[vehicle]"]
   if known.get("name"):
     lines.append(f"name = {_text(vehicle.name)}  # {MARK} by its topics")
@@ -139,12 +146,10 @@ def _vehicle(
   supply = usual_supply(recordings)
   if supply is not None:
     lines.append(f"supply_voltage = {supply:.4g}  # {MARK} the battery's median in these logs, V")
-  lines += [f"{key} = {_number(getattr(vehicle, key))}  # {MARK} {whose}; measure yours" for key in _VEHICLE]
+  lines += [f"{key} = {_number(sizes[key])}  # {MARK} {whose}; measure yours" for key in _VEHICLE]
   lines += ["", "[vehicle.std]"]
   for key in _VEHICLE:
-    lines.append(
-      f"{key} = {_number(_WIDE * getattr(vehicle, key))}  # {MARK} {100 * _WIDE:.0f} %, as nobody measured it"
-    )
+    lines.append(f"{key} = {_number(_WIDE * sizes[key])}  # {MARK} {100 * _WIDE:.0f} %, as nobody measured it")
   return lines
 
 
@@ -157,8 +162,11 @@ def _channels(columns: Columns, guesses: Mapping[str, Guess], missing: Sequence[
     entry |= {"wrap": True} if guess.wrap else {}
     entry |= {"hold": True} if guess.hold else {}
     entry |= {"gate": guess.gate} if guess.gate else {}
+    entry |= {key: True for key in ("steps", "sort") if getattr(guess, key)}
     inside = ", ".join(f"{key} = {_value(value)}" for key, value in entry.items())
     lines.append(f"{guess.channel} = {{ {inside} }}  # {MARK} {_plain('; '.join(guess.why))}")
+  if "time" in missing:
+    lines.append("# time = { rate = 50.0 }  # where every row is one step: the log's rate in Hz")
   lines += [f'# {what} = {{ column = "…" }}  # needed, and no column says it is this; fill it in' for what in missing]
   taken = {guess.column for guess in guesses.values()} | {guess.gate for guess in guesses.values()}
   over = [

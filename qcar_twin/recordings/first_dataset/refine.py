@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.kinematics import rolling_radius
+from qcar_twin.recordings.checks.time import turn_of
 from qcar_twin.recordings.checks.units import compare
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, is_share_of_lock
 from qcar_twin.recordings.mapping import resolve, streams_of
@@ -22,6 +23,7 @@ _GENTLE = 2.0  # m/s^2 across, below which a car of this size goes where its whe
 _TIED = 0.7  # correlation from which turning says what a steering command means
 _SOLVED = 20  # repetitions, after which the scale of an angle below 45 deg is solved to the last digit that counts
 _STEEPEST = 1.2  # rad, where the tangent is still tame
+_SAME_WHEELBASE = (0.9, 1.1)  # of the angle: within it the guessed wheelbase stays
 _ROAD_ANGLE = (0.6, 1.6)  # of the angle kinematics ask for: a command within it is the angle itself
 
 
@@ -55,6 +57,8 @@ def _convicted(
 ) -> tuple[str, float, str] | None:
   for comparison in compare(recording, vehicle):
     slope, correlation = comparison.slope()
+    if "steering_command" in comparison.takes and not guesses["steering_command"].named:
+      continue  # what it is in comes from how the car turned, once speed and gyro are settled
     units = comparison.convicted() if correlation > _AGREE else []
     units = [unit for unit in units if unit.channel in guesses and not guesses[unit.channel].named]
     if len(units) == 1:
@@ -67,39 +71,65 @@ def _convicted(
 
 
 def settle_pose(columns: Columns, guesses: Mapping[str, Guess]) -> None:
-  """Unwrap a heading that jumps by a whole turn."""
+  """Unwrap a heading that jumps by a whole turn; one that jumps by 360 is in degrees."""
   heading = guesses.get("pose_yaw")
-  if heading is None:
+  if heading is None or heading.wrap:
     return
   values = np.concatenate(
     [heading.scale * t.number(heading.column, "pose_yaw") for t in columns.holding(heading.column)]
   )
-  values = values[np.isfinite(values)]
-  if np.abs(values).max() <= math.tau and (np.abs(np.diff(values)) > math.pi).any():
+  period = turn_of(values[np.isfinite(values)])
+  if period:
     heading.wrap = True
-    heading.why.append("it jumps by turns")
+    heading.why.append(f"it jumps by turns of {period:.4g}")
+  if period in (180.0, 360.0):
+    heading.scale *= math.pi / 180.0
 
 
-def settle_steering(columns: Columns, guesses: dict[str, Guess], vehicle: Vehicle) -> None:
-  """What a steering command is in, from how the car turned: at small slip yaw rate = speed * angle / wheelbase."""
+def settle(columns: Columns, guesses: dict[str, Guess], vehicle: Vehicle, sizes: Mapping[str, float | str]) -> float:
+  """All guesses against each other, in one order until nothing moves: the heading's turns and all units, then sign and
+  geometry of the steering. Returns the wheelbase that the log turns like, m; the car's own where it says nothing else.
+  """
+  wheelbase = vehicle.wheelbase
+  for _ in range(_ROUNDS):
+    before = {channel: guess.mapped for channel, guess in guesses.items()}, wheelbase
+    settle_pose(columns, guesses)
+    settle_units(columns, guesses, sizes)
+    wheelbase = settle_steering(columns, guesses, vehicle, wheelbase)
+    if before == ({channel: guess.mapped for channel, guess in guesses.items()}, wheelbase):
+      break
+  return wheelbase
+
+
+def settle_steering(columns: Columns, guesses: dict[str, Guess], vehicle: Vehicle, wheelbase: float) -> float:
+  """What a steering command is in, from how the car turned: at small slip yaw rate = speed * angle / wheelbase.
+
+  Of the two that nobody measured, the one moves that is not known: the wheelbase where the angle's unit is, the angle's
+  scale else. Returns the wheelbase, m.
+  """
   guess = guesses.get("steering_command")
   if guess is None:
-    return
-  share = is_share_of_lock(columns, guess)
+    return wheelbase
+  share = not guess.settled and is_share_of_lock(columns, guess)
   if share:
     guess.scale, guess.offset = guess.scale * vehicle.max_steering, guess.offset * vehicle.max_steering
     guess.why.append(f"a share of full lock, {vehicle.max_steering:g} rad")
-  rate, angle, turning = _turning(recordings_of(columns, guesses), vehicle)
+  guess.settled = True
+  rate, angle, turning = _turning(recordings_of(columns, guesses), vehicle, wheelbase)
   straight = rate * angle
   if angle.size < 10 or not straight.any() or abs(correlation := float(np.corrcoef(straight, turning)[0, 1])) < _TIED:
-    return
+    return wheelbase
   ratio, sign = _ratio(rate, angle, turning), math.copysign(1.0, correlation)
   if sign < 0.0:
     guess.why.append("the car turned the other way")
-  if share or not _ROAD_ANGLE[0] < ratio < _ROAD_ANGLE[1]:
-    guess.why.append(f"a wheelbase of {vehicle.wheelbase:g} m turns as the car did with {ratio:.2g} times that angle")
+  known = guess.named or guess.column == guess.channel
+  if known and not _SAME_WHEELBASE[0] < ratio < _SAME_WHEELBASE[1]:
+    wheelbase = wheelbase / ratio
+  elif not known and (share or not _ROAD_ANGLE[0] < ratio < _ROAD_ANGLE[1]):
+    guess.why.append(f"a wheelbase of {wheelbase:g} m turns as the car did with {ratio:.2g} times that angle")
     sign *= ratio
   guess.scale, guess.offset = guess.scale * sign, guess.offset * sign
+  return wheelbase
 
 
 def _ratio(rate: Array, angle: Array, turning: Array) -> float:
@@ -111,7 +141,7 @@ def _ratio(rate: Array, angle: Array, turning: Array) -> float:
   return ratio
 
 
-def _turning(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[Array, Array, Array]:
+def _turning(recordings: Sequence[Recording], vehicle: Vehicle, wheelbase: float) -> tuple[Array, Array, Array]:
   """Speed over wheelbase [1/s], commanded angle [rad] and yaw rate [rad/s] in bins, where the car turns gently."""
   parts = [np.empty((3, 0))]
   for recording in recordings:
@@ -130,7 +160,7 @@ def _turning(recordings: Sequence[Recording], vehicle: Vehicle) -> tuple[Array, 
     speed *= rolling_radius(vehicle) if wheels else 1.0
     angle = recording["steering_command"].at(middle)
     there = np.isfinite(turn) & np.isfinite(speed) & (np.abs(speed * turn) < _GENTLE)
-    parts.append(np.stack([speed / vehicle.wheelbase, angle, turn])[:, there])
+    parts.append(np.stack([speed / wheelbase, angle, turn])[:, there])
   rate, angle, turning = np.concatenate(parts, axis=1)
   return rate, angle, turning
 

@@ -77,6 +77,8 @@ def _cut(recording: Recording, manoeuvre: str, seen: str) -> list[Part]:
 
 def manoeuvre_of(recording: Recording, drive_steps: str) -> tuple[str, str]:
   """A label that the identification goes by, and the reason for it; empty where the driving is none of them."""
+  if recording.drive_channel not in recording:
+    return "", ""
   drive = recording[recording.drive_channel].value
   most = float(np.abs(drive).max())
   steering = recording["steering_command"].value if "steering_command" in recording else np.zeros(1)

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
-from qcar_twin.recordings.formats.table import Table
+from qcar_twin.recordings.formats.table import NoSamples, Table
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.untrusted import UnreadableFile, bounded_memory, inside
 
@@ -70,7 +70,7 @@ def read_table(path: Path, label: str | None = None) -> Table:
       f"{label}: is damaged, or not the {path.suffix} file it is called ({said}); write it again"
     ) from error
   if table.rows == 0:
-    raise RecordingError(f"{label}: has column names but no rows; record it again or remove it from dataset.toml")
+    raise NoSamples(f"{label}: has column names but no rows; record it again or remove it from dataset.toml")
   return table
 
 
@@ -91,7 +91,7 @@ def _size(path: Path, label: str) -> int:
   parts = [path] if path.is_file() else [inside(path, part.name) for part in path.iterdir()]
   size = sum(part.stat().st_size for part in parts)
   if path.is_file() and size == 0:
-    raise RecordingError(f"{label}: the file is empty (0 bytes); record it again or remove it from dataset.toml")
+    raise NoSamples(f"{label}: the file is empty (0 bytes); record it again or remove it from dataset.toml")
   return size
 
 

@@ -10,6 +10,11 @@ import numpy as np
 
 from qcar_twin.recordings.recording import RecordingError, nearest
 
+
+class NoSamples(RecordingError):
+  """A log file without a single row: an aborted run, of which nothing can be read."""
+
+
 NO_ROWS = np.empty(0, dtype=int)
 _SHOWN_COLUMNS = 40
 

@@ -1,0 +1,232 @@
+"""False logs: every mistake of unit, sign, axis, age, clock and channel, through the loader and the log's check.
+
+A drive that obeys geometry is written with one falsity. What comes out is counted: right (read as it was driven),
+refused (an error, or a finding that spoils a fit), warned (a finding that names the channel), or passed wrongly, of
+which there must be none.
+
+python -m tests.faults.falsities --count 400 --seed 1
+"""
+
+import argparse
+import collections
+import dataclasses
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.log_check.check import check_log, load_to_check
+from qcar_twin.recordings.recording import RecordingError
+from tests.qcar_twin.recordings.drives import NOISE, VEHICLE, write_csv, write_manifest
+
+Array = NDArray[np.float64]
+Columns = dict[str, Array]
+RATE, SECONDS = 50.0, 90.0
+DEG = 180.0 / np.pi
+SIZES = {"1:43": 0.23, "1:10": 1.0, "1:5": 2.15, "full size": 11.0}  # of the 1:10 car's length
+
+
+@dataclasses.dataclass(frozen=True)
+class Falsity:
+  """A mistake: the channels it is about, and how it changes time and columns."""
+
+  name: str
+  channels: tuple[str, ...]
+  apply: Callable[[Array, Columns], tuple[Array, Columns]]
+
+
+def wander(seed: int, size: float = 1.0) -> tuple[Array, Columns]:
+  """Time (k,) and columns of a drive that never repeats itself, of a car `size` times as long as a 1:10 one.
+
+  Speeds grow with sqrt(size), so that lateral accelerations are alike (Froude's similarity).
+  """
+  random, time = np.random.default_rng(seed), np.arange(int(SECONDS * RATE)) / RATE
+  length, swift = 0.256 * size, np.sqrt(size)
+  speed = swift * np.maximum(1.2 + 0.5 * _smooth(random, time.size, 1.5 * swift), 0.0)
+  standing = (time < 3.0) | ((time > 45.0) & (time < 48.0))
+  speed = _rounded(np.where(standing, 0.0, speed), 0.4 * swift)
+  steering = 0.3 * np.tanh(_smooth(random, time.size, 0.8 * swift))
+  yaw_rate = speed * np.tan(steering) / length
+  yaw = np.cumsum(yaw_rate) / RATE
+  columns = {
+    "motor_voltage": 4.0 * speed / swift,
+    "steering_command": steering,
+    "speed": speed,
+    "accel_x": np.gradient(speed, time),
+    "accel_y": speed * yaw_rate,
+    "yaw_rate": yaw_rate,
+    "pose_x": np.cumsum(speed * np.cos(yaw)) / RATE,
+    "pose_y": np.cumsum(speed * np.sin(yaw)) / RATE,
+    "pose_yaw": yaw,
+  }
+  for channel, sigma in (NOISE | {"speed": 0.005}).items():
+    if channel in columns:
+      columns[channel] = columns[channel] + sigma * random.standard_normal(time.size)
+  return time, columns
+
+
+def _smooth(random: np.random.Generator, count: int, seconds: float) -> Array:
+  return _unit(_rounded(random.standard_normal(count), seconds))
+
+
+def _rounded(values: Array, seconds: float) -> Array:
+  width = seconds * RATE / 2.0
+  kernel = np.exp(-0.5 * (np.arange(-int(4 * width), int(4 * width) + 1) / width) ** 2)
+  return np.convolve(values, kernel / kernel.sum(), "same")
+
+
+def _unit(values: Array) -> Array:
+  return (values - values.mean()) / values.std()
+
+
+def _value(name: str, channel: str, change: Callable[[Array], Array]) -> Falsity:
+  return Falsity(name, (channel,), lambda t, c: (t, c | {channel: change(c[channel])}))
+
+
+def _scaled(channel: str, unit: str, factor: float) -> Falsity:
+  return _value(f"{channel} in {unit}", channel, lambda v: factor * v)
+
+
+def _late(channel: str, seconds: float) -> Falsity:
+  rows = int(seconds * RATE)
+  return _value(f"{channel} {seconds:g} s late", channel, lambda v: np.r_[np.full(rows, v[0]), v[:-rows]])
+
+
+def _exchanged(one: str, other: str) -> Falsity:
+  return Falsity(f"{one} and {other} exchanged", (one, other), lambda t, c: (t, c | {one: c[other], other: c[one]}))
+
+
+def _wrapped(period: float, factor: float) -> Callable[[Array], Array]:
+  return lambda v: factor * (np.mod(v + 0.5 * period, period) - 0.5 * period)
+
+
+def _clock(name: str, change: Callable[[Array], Array]) -> Falsity:
+  return Falsity(name, ("time",), lambda t, c: (change(t), c))
+
+
+def _set_back(time: Array) -> Array:
+  out = time.copy()
+  out[len(out) // 2 :] -= 5.0
+  return out
+
+
+FALSITIES = (
+  *(_scaled("yaw_rate", unit, f) for unit, f in (("deg/s", DEG), ("turns per minute", 60.0 / (2.0 * np.pi)))),
+  *(_scaled("speed", unit, f) for unit, f in (("km/h", 3.6), ("mph", 2.237), ("cm/s", 100.0), ("knots", 1.944))),
+  *(_scaled(channel, "g", 1.0 / 9.80665) for channel in ("accel_x", "accel_y")),
+  Falsity("pose in mm", ("pose_x", "pose_y"), lambda t, c: (t, c | {n: 1000.0 * c[n] for n in ("pose_x", "pose_y")})),
+  _scaled("steering_command", "degrees", DEG),
+  _scaled("steering_command", "per cent of lock", 100.0 / 0.5236),
+  _scaled("pose_yaw", "degrees", DEG),
+  _value("pose_yaw in degrees, wrapped", "pose_yaw", _wrapped(2.0 * np.pi, DEG)),
+  _value("pose_yaw wrapped", "pose_yaw", _wrapped(2.0 * np.pi, 1.0)),
+  _value("pose_yaw wrapped at half a turn", "pose_yaw", _wrapped(np.pi, 1.0)),
+  _value("pose_yaw from north, clockwise", "pose_yaw", lambda v: 0.5 * np.pi - v),
+  *(
+    _value(f"{c} with the other sign", c, lambda v: -v)
+    for c in ("yaw_rate", "accel_x", "accel_y", "pose_yaw", "pose_y")
+  ),
+  _value("steering_command with the other sign", "steering_command", lambda v: -v),
+  _value("pose_yaw turned round", "pose_yaw", lambda v: v + np.pi),
+  _value("pose_yaw a quarter turn off", "pose_yaw", lambda v: v + 0.5 * np.pi),
+  _exchanged("accel_x", "accel_y"),
+  _exchanged("pose_x", "pose_y"),
+  _exchanged("speed", "accel_x"),
+  _value("accel_y that feels nothing", "accel_y", lambda v: 0.1 * np.random.default_rng(5).standard_normal(v.size)),
+  _value("yaw_rate of another axis", "yaw_rate", lambda v: 0.05 * np.random.default_rng(6).standard_normal(v.size)),
+  *(_late(channel, s) for channel in ("yaw_rate", "accel_x", "speed") for s in (0.7, 2.0, 6.0)),
+  _value("speed that reads 30 % high", "speed", lambda v: 1.3 * v),
+  _clock("time in ms", lambda t: 1000.0 * t),
+  _clock("time a stamp of the day", lambda t: t + 1759663727.0),
+  _clock("time set back by 5 s", _set_back),
+  _clock("time as steps", lambda t: np.full(t.size, 1.0 / RATE)),
+  _clock("time at half speed", lambda t: 0.5 * t),
+)
+
+
+def outcome(falsity: Falsity | None, seed: int, size: float, folder: Path) -> tuple[str, str]:
+  """ "right", "refused", "warned" or "passed wrongly", and what was said."""
+  time, columns = wander(seed, size)
+  told, changed = falsity.apply(time, columns) if falsity else (time, columns)
+  write_csv(folder / "run.csv", told, changed)
+  powers = {"mass": 3, "yaw_inertia": 5, "gear_ratio": 0, "max_steering": 0}
+  car = {key: value * size ** powers.get(key, 1) for key, value in VEHICLE.items() if not isinstance(value, str)}
+  write_manifest(folder, vehicle=car)
+  try:
+    check = check_log(load_to_check(folder))
+  except RecordingError as error:
+    return "refused", str(error)
+  if spoiling := check.of("spoils"):
+    return "refused", spoiling[0].text
+  (*_, run) = check.dataset.recordings
+  if len(check.dataset.recordings) == 1 and _same(run, time, columns):
+    return "right", check.verdict
+  named = falsity.channels if falsity else ()
+  said = [f.text for f in check.of("beware") if any(channel in f.text for channel in named)]
+  return ("warned", said[0]) if said else ("passed wrongly", check.verdict)
+
+
+def _same(run, time: Array, columns: Columns) -> bool:
+  """Whether a recording is the drive, up to whole turns of the heading and where its clock begins."""
+  for name, values in columns.items():
+    stream = run[name]
+    if len(stream) != time.size or np.abs(stream.time - stream.time[0] - time).max() > 1e-5:
+      return False
+    apart = stream.value - values
+    apart = apart - 2.0 * np.pi * np.round(apart[0] / (2.0 * np.pi)) if name == "pose_yaw" else apart
+    if np.abs(apart).max() > 1e-6 * max(1.0, np.abs(values).max()):
+      return False
+  return True
+
+
+def table(count: int, seed: int) -> tuple[collections.Counter, dict[str, collections.Counter], list[str]]:
+  """Counts of outcomes, by falsity, and what was said where one passed; every falsity in turn, sizes by chance."""
+  random, total = np.random.default_rng(seed), collections.Counter()
+  rows: dict[str, collections.Counter] = {}
+  passed = []
+  with tempfile.TemporaryDirectory() as folder:
+    for number in range(count):
+      falsity = FALSITIES[number % len(FALSITIES)]
+      name, size = list(SIZES.items())[int(random.integers(len(SIZES)))]
+      result, said = outcome(falsity, int(random.integers(2**31)), size, Path(folder))
+      total[result] += 1
+      rows.setdefault(falsity.name, collections.Counter())[result] += 1
+      if result == "passed wrongly":
+        passed.append(f"{falsity.name}, {name}: {said}")
+  return total, rows, passed
+
+
+def alarms(count: int, seed: int) -> list[str]:
+  """What is said against sound logs of every size: refusals and findings that spoil."""
+  random = np.random.default_rng(seed)
+  with tempfile.TemporaryDirectory() as folder:
+    said = [
+      outcome(None, int(random.integers(2**31)), list(SIZES.values())[k % len(SIZES)], Path(folder))
+      for k in range(count)
+    ]
+  return [text for result, text in said if result != "right"]
+
+
+def main() -> None:
+  parser = argparse.ArgumentParser(description=__doc__)
+  parser.add_argument("--count", type=int, default=400, help="False logs.")
+  parser.add_argument("--sound", type=int, default=60, help="Sound logs.")
+  parser.add_argument("--seed", type=int, default=1, help="Of the drives and sizes.")
+  config = parser.parse_args()
+  total, rows, passed = table(config.count, config.seed)
+  kinds = ("right", "refused", "warned", "passed wrongly")
+  print("| falsity | " + " | ".join(kinds) + " |")
+  print("|---" * 5 + "|")
+  for name, counts in rows.items():
+    print(f"| {name} | " + " | ".join(str(counts[kind]) for kind in kinds) + " |")
+  print("| all | " + " | ".join(str(total[kind]) for kind in kinds) + " |")
+  print("\n".join(passed))
+  wrong = alarms(config.sound, config.seed)
+  print(f"false alarms on {config.sound} sound logs: {len(wrong)}")
+  print("\n".join(wrong))
+
+
+if __name__ == "__main__":
+  main()
