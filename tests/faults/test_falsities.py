@@ -17,6 +17,13 @@ def test_a_false_log_is_not_passed_as_fit(tmp_path, number):
   assert result in ("right", "refused", "warned"), f"{falsity.name}: {said}"
 
 
+@pytest.mark.parametrize("number", range(1, len(FALSITIES), 6))
+def test_a_false_log_under_strange_names_is_not_drafted_as_fit(tmp_path, number):
+  falsity = FALSITIES[number]
+  result, said = outcome(falsity, number, 1.0, tmp_path, drafted=True)
+  assert result in ("right", "refused", "warned"), f"{falsity.name}: {said}"
+
+
 @pytest.mark.slow
 def test_every_false_log_is_not_passed_as_fit(tmp_path):
   passed = [f.name for k, f in enumerate(FALSITIES) if outcome(f, 1000 + k, 1.0, tmp_path)[0] == "passed wrongly"]

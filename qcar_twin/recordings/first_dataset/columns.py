@@ -21,6 +21,7 @@ _TICKS = 0.05  # share of rows in which a clock that a slower publisher holds ha
 _LATE_ROWS = 0.01  # share of rows that a logger of several threads writes out of order
 _GATES = {"armed", "arm", "safety", "enable", "enabled", "deadman", "active", "switch", "autonomous"}
 _PULSE = (900.0, 2100.0)  # us, of a radio-control servo or speed controller; 1500 is neutral, 500 the full travel
+_COMMANDED, _FEW_STEPS = 20.0, 3  # rows for which a command stays, median, and how often it has to step
 _HELD = 2.0  # rows for which a value stays, median, from which a faster log repeats a slower sensor
 
 
@@ -108,7 +109,7 @@ def guess_columns(columns: Columns) -> dict[str, Guess]:
     everywhere = 0.5 * (len(columns.holding(name)) == len(columns.tables))
     for reading in readings(name):
       if _possible(columns, name, reading.channel):
-        offers.append((reading.score + everywhere, -place, reading, name))
+        offers.append((reading.score + everywhere - _stepped(columns, name, reading.channel), -place, reading, name))
   guesses: dict[str, Guess] = {}
   for _, _, reading, name in sorted(offers, key=lambda offer: offer[:2], reverse=True):
     if reading.channel not in guesses and name not in {guess.column for guess in guesses.values()}:
@@ -137,6 +138,14 @@ def _clock(columns: Columns) -> Guess | None:
       return Guess("time", name, steps=True, why=["its name says time, and it has the steps from row to row"])
   rising = [name for name in columns.names if columns.rises(name) and not name.lower().startswith("unnamed")]
   return Guess("time", rising[0], why=["it rises through every file"]) if rising else None
+
+
+def _stepped(columns: Columns, name: str, channel: str) -> float:
+  """What a column loses as a speed where it stays for long and steps: that is what was commanded, not what was done."""
+  if channel not in ("speed", "motor_speed"):
+    return 0.0
+  stays = _usual_run([table.number(name, name) for table in columns.holding(name)], _FEW_STEPS)
+  return 0.1 if stays >= _COMMANDED else 0.0
 
 
 def _possible(columns: Columns, name: str, channel: str) -> bool:
@@ -223,7 +232,7 @@ def _changes_inside(table: Table, clock: str, column: str) -> bool:
   return bool((~same & (np.diff(table.number(clock, "time")) == 0.0)).any())
 
 
-def _usual_run(columns: Iterable[Array]) -> float:
+def _usual_run(columns: Iterable[Array], least: int = 10) -> float:
   """Rows for which one value stays, median over the runs that begin and end within a log; 1 where there are few."""
   lengths = []
   for values in columns:
@@ -231,7 +240,7 @@ def _usual_run(columns: Iterable[Array]) -> float:
     starts = np.flatnonzero(np.r_[True, there[1:] != there[:-1]])
     lengths.append(np.diff(starts)[1:])
   runs = np.concatenate(lengths) if lengths else np.empty(0)
-  return float(np.median(runs)) if runs.size >= 10 else 1.0
+  return float(np.median(runs)) if runs.size >= least else 1.0
 
 
 def gate(columns: Columns, guesses: Mapping[str, Guess]) -> None:

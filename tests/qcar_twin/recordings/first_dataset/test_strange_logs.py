@@ -60,6 +60,14 @@ def test_what_was_commanded_is_not_what_was_measured(tmp_path):
   assert table["channels"]["speed"]["column"] == "actual_speed" and table["vehicle"]["drive"] == "speed"
 
 
+def test_of_two_speeds_without_a_word_the_stepped_one_is_not_measured(tmp_path):
+  time, own = drive(20.0)
+  held = np.repeat(speed_of(own)[::100], 100)
+  columns = {"VELOCITY (m/s)(1)": held, "VELOCITY (m/s)(2)": speed_of(own), "MOTOR VOLTAGE (V)": own["motor_voltage"]}
+  table, _ = log(tmp_path, time, columns)
+  assert table["channels"]["speed"]["column"] == "VELOCITY (m/s)(2)"
+
+
 def test_names_of_vehicle_dynamics_are_known(tmp_path):
   time, own = drive(20.0)
   columns = {

@@ -325,3 +325,11 @@ def test_a_log_of_ten_times_the_length_takes_no_more_calls(tmp_path):
     DataSet.load(folder)
     taken.append(calls(lambda folder=folder: DataSet.load(folder)))
   assert taken[1] < 1.2 * taken[0]
+
+
+def test_mat_structure_of_a_scope_has_its_titles(tmp_path):
+  plot = np.column_stack([COLUMNS["accel_x"], COLUMNS["accel_y"]])
+  signals = {"values": plot, "label": np.empty(0), "title": "ACCELERATION (m/s^2)"}
+  scipy.io.savemat(tmp_path / "a.mat", {"SCOPE": {"time": TIME, "signals": signals}})
+  table = read_table(tmp_path / "a.mat")
+  assert (table.number("ACCELERATION (m/s^2)(2)", "accel_y") == COLUMNS["accel_y"]).all()
