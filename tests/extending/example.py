@@ -12,7 +12,7 @@ from tests import ROOT
 
 PAGE = ROOT / "docs" / "guide" / "extending.md"
 _FILE = re.compile(r"^`(?P<path>[\w./]+)`\n```\w+\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL)
-_PARTS = ("qcar_twin", "tests", "docs/reference/mechanisms.md", "docs/reference/tyre.md", "pyproject.toml")
+_PARTS = ("assets", "qcar_twin", "tests", "docs/reference/mechanisms.md", "docs/reference/tyre.md", "pyproject.toml")
 _MADE = shutil.ignore_patterns("__pycache__", "_build")
 
 
