@@ -16,7 +16,8 @@ _SECTION = re.compile(r"^  (Equation|Units|Source|Confounded with): ", re.MULTIL
 _INTRODUCTION = """# Mechanisms
 
 Physics that can be added to the twin, one file each in `qcar_twin/twin/mechanisms/`: [how to add
-one](../guide/extending.md). Sizes are those worth talking about on a car of 2.7 kg; at its null, 0 in every case, a mechanism is not run at all.
+one](../guide/extending.md). Sizes are those worth talking about on a car of 2.7 kg; at its null, 0 in every case, a
+mechanism is not run at all.
 Signs follow ISO 8855. This page is written by `python -m qcar_twin.twin.mechanisms.document`.
 """
 
