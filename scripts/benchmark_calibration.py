@@ -25,7 +25,7 @@ over the steps. `identify` are the steps the twin was fitted to, `validate` thos
 drives of the independent car without any concealed effect, with the seed of their name; `sample` conceals one.
 
 On recordings, the calibration's errors are those of stretches of 6 s at most; the cross-validation starts both models
-anew every 0.5 s, every 2 s, or never. Displacements are over 1 s, over 0.4 s in windows of 0.5 s. Where a data set is
+again every 0.5 s, every 2 s, or never. Displacements are over 1 s, over 0.4 s in windows of 0.5 s. Where a data set is
 long, the fit sees 420 s of it, half of them spread evenly and half chosen for what they tell.
 `before` is the twin at the data set's nominal numbers. What `[vehicle]` does not say comes from
 `assets/qcar.toml`, and the drive there is itself a fit to straight runs of a QCar: on qcar_ground the error

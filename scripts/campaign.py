@@ -53,7 +53,7 @@ class Config:
   ray: bool = False
   """On the Ray cluster at hand instead of in local processes; all its computers have to see --out."""
   archive: Path | None = None
-  """One file with all answers: those in it are taken over first, and it is written anew at the end."""
+  """One file with all answers: those in it are taken over first, and it is replaced at the end."""
   page: Path | None = None
   """Markdown page to write; a picture of the confusions goes beside it, named alike, but for wild cases."""
   score_only: bool = False

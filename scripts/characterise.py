@@ -68,7 +68,7 @@ def main(config: Config) -> Study | None:
   for line in sentences(found):
     print(line)
   which = found.best.replace("_", " ")
-  why = "the best of four by validation" if found.judged else "since no recordings only judge, as far as borne out"
+  why = "the best of four by validation" if found.judged else "since no recordings only judge, as far as supported"
   print(f"twin, {why}, {which}: {config.out / 'twin.toml'}")
   print(f"report: {write_study(found, config.out)}")
   return found

@@ -37,8 +37,6 @@ class Config:
   """Roles of the recordings to predict; "holdout" is meant to be opened once, at the end."""
   quick: bool = False
   """Windows of 2 s only, a quick calibration."""
-  seed: int = 0
-  """Of random draws; nothing here draws."""
   threads: int = 0
   """Threads of the simulation, 0 for all cores; results don't depend on it."""
 

@@ -21,9 +21,7 @@ class Config:
   archives: tuple[Path, ...]
   """Archives of answers; none of these cases may be counted when the outcome is measured."""
   levels: Path = FILE
-  """File of levels whose weights are written anew."""
-  quick: bool = False
-  """The same: it takes seconds."""
+  """File of levels whose weights are replaced."""
 
 
 def main(config: Config) -> str:

@@ -48,9 +48,9 @@ class Config:
   steering_gain: float = 1.0
   """of the linkage, unknown to agent and filter"""
   steering_offset: float = 0.0
-  """deg, likewise"""
+  """of the linkage, unknown to agent and filter, deg"""
   randomise: bool = False
-  """draw the twin's measured parameters anew for every episode, within their standard deviations"""
+  """draw the twin's measured parameters for every episode, within their standard deviations"""
   cars: int = 8
   """driven side by side"""
   wide: bool = False
