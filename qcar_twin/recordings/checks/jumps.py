@@ -10,7 +10,7 @@ from qcar_twin.recordings.recording import Recording, Stream
 
 _NEIGHBOURS = 5  # steps on either side that say how far the car moves between two poses
 _BEYOND = 10.0  # times as fast as any neighbour: no car gains that speed within one sample
-_FLICKER = 3  # samples after which a pose that went away is back: wrong samples, and no new place
+_FLICKER = 3  # samples within which a pose that went away is back: wrong samples, and no new place
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,13 @@ def without_jumps(recording: Recording, least: float) -> tuple[Recording, list[J
   if len(x) != len(y) or not np.array_equal(x.time, y.time) or len(x) < 2 * _NEIGHBOURS:
     return recording, [], []
   place = x.value + 1j * y.value
-  wrong = _flickers(place, _jumps(x.time, place, least), least)
+  wrong = _flickers(place, _jumps(x.time, place, least))
   notes = []
   if wrong.any():
     first = x.time[int(np.argmax(wrong))]
     notes.append(
-      f"{recording.file or recording.name}: the pose jumps away and back, first at {first:g} s, {int(wrong.sum())} "
-      "samples; they are left out"
+      f"{recording.file or recording.name}: the pose jumps away and back, first at {first:g} s; wrong samples: "
+      f"{int(wrong.sum())}, left out"
     )
     recording = _kept(recording, x.time, ~wrong)
     place, time = place[~wrong], x.time[~wrong]
@@ -66,14 +66,22 @@ def _jumps(time: np.ndarray, place: np.ndarray, least: float) -> np.ndarray:
   return (speed > _BEYOND * usual) & (step > least)
 
 
-def _flickers(place: np.ndarray, jumps: np.ndarray, least: float) -> np.ndarray:
-  """Samples between a jump and one back, (k,)."""
+def _flickers(place: np.ndarray, jumps: np.ndarray) -> np.ndarray:
+  """Wrong samples before or after a jump, (k,): those away from the way that the pose takes on either side of them.
+
+  Within _FLICKER samples a car moves less than half a jump. So a pose that is nearer to the jump's other end by then
+  has come back, and the jump there or the jump back alone tells which samples are wrong.
+  """
   wrong = np.zeros(len(place), dtype=bool)
-  at = np.flatnonzero(jumps)
-  for go, back in zip(at[:-1], at[1:], strict=True):
-    away, home = abs(place[go + 1] - place[go]), abs(place[back + 1] - place[go])
-    if back - go <= _FLICKER and home < max(0.2 * away, least):
-      wrong[go + 1 : back + 1] = True
+  for last in np.flatnonzero(jumps):
+    first, low = last + 1, max(0, last - _FLICKER)
+    half = 0.5 * abs(place[first] - place[last])
+    back = np.flatnonzero(np.abs(place[first + 1 : first + 1 + _FLICKER] - place[last]) < half)
+    from_there = np.flatnonzero(np.abs(place[low:last] - place[first]) < half)
+    if len(back):
+      wrong[first : first + 1 + back[0]] = True
+    if len(from_there):
+      wrong[low + 1 + from_there[-1] : first] = True
   return wrong
 
 
