@@ -1,0 +1,168 @@
+"""While a script runs, clocks, waiting, locks and threads of Python's library go by the simulated clock.
+
+Only threads of the script notice. Whoever else calls gets the machine's clock and ordinary locks, also from what was
+made while a script ran and outlives it.
+"""
+
+import functools
+import multiprocessing.process
+import queue
+import threading
+import time
+from _thread import allocate_lock
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+from unittest import mock
+
+from qcar_twin.onboard.clock import Clock, DriveOver
+
+EPOCH = 1577836800.0  # s, what `time.time` says when a drive begins: 2020-01-01, the same for every drive
+_SHORTEST = 1e-5  # s of a sleep of nothing, so that whoever polls gets on
+
+
+class NoProcesses(RuntimeError):
+  """A script wanted to start another process."""
+
+
+class SimulatedLock:
+  """A lock whose waiting takes simulated time."""
+
+  def __init__(self, clock: Clock):
+    self._clock, self._lock = clock, allocate_lock()
+
+  def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
+    """As `threading.Lock.acquire`."""
+    if self._lock.acquire(False):
+      return True
+    if not blocking:
+      return False
+    if self._clock.current() is None:
+      return self._lock.acquire(True, timeout)
+    return self._clock.wait_for(lambda: self._lock.acquire(False), None if timeout < 0 else timeout)
+
+  def release(self) -> None:
+    """As `threading.Lock.release`."""
+    self._lock.release()
+
+  def locked(self) -> bool:
+    """Whether somebody holds it."""
+    return self._lock.locked()
+
+  def _at_fork_reinit(self) -> None:
+    self._lock = allocate_lock()
+
+  def __enter__(self) -> bool:
+    return self.acquire()
+
+  def __exit__(self, *_: object) -> None:
+    self.release()
+
+
+@contextmanager
+def simulated_time(clock: Clock) -> Iterator[None]:
+  """Let the calling thread, and the threads it starts, live on a clock."""
+  make_lock = functools.partial(SimulatedLock, clock)
+  monotonic = _reading(clock, time.monotonic, lambda t: t)
+  stand_ins: list[tuple[Any, str, Any]] = [
+    (time, "time", _reading(clock, time.time, lambda t: EPOCH + t)),
+    (time, "time_ns", _reading(clock, time.time_ns, lambda t: round(1e9 * (EPOCH + t)))),
+    (time, "perf_counter", _reading(clock, time.perf_counter, lambda t: t)),
+    (time, "perf_counter_ns", _reading(clock, time.perf_counter_ns, lambda t: round(1e9 * t))),
+    (time, "monotonic", monotonic),
+    (time, "monotonic_ns", _reading(clock, time.monotonic_ns, lambda t: round(1e9 * t))),
+    (time, "process_time", _reading(clock, time.process_time, lambda t: t)),
+    (time, "sleep", _sleep(clock, time.sleep)),
+    (threading, "_time", monotonic),
+    (threading, "_allocate_lock", make_lock),
+    (threading, "Lock", make_lock),
+    (threading, "RLock", threading._PyRLock),  # type: ignore[attr-defined]  # made of the locks above
+    (threading.Thread, "start", _start(clock, threading.Thread.start)),
+    (threading.Thread, "join", _join(clock, threading.Thread.join)),
+    (threading.Thread, "is_alive", _is_alive(threading.Thread.is_alive)),
+    (queue, "time", monotonic),
+    (queue, "SimpleQueue", queue._PySimpleQueue),  # type: ignore[attr-defined]
+    (multiprocessing.process.BaseProcess, "start", _no_process),
+  ]
+  with ExitStack() as stack:
+    for owner, name, stand_in in stand_ins:
+      stack.enter_context(mock.patch.object(owner, name, stand_in))
+    yield
+
+
+def _reading(clock: Clock, machine: Callable[[], Any], shown: Callable[[float], Any]) -> Callable[[], Any]:
+  """A clock that threads of the script read."""
+  return lambda: machine() if clock.current() is None else shown(clock.read())
+
+
+def _sleep(clock: Clock, machine: Callable[[float], None]) -> Callable[[float], None]:
+  def sleep(seconds: float) -> None:
+    if clock.current() is None:
+      machine(seconds)
+    elif seconds < 0:
+      raise ValueError("sleep length must be non-negative")
+    else:
+      clock.sleep_until(clock.now + max(float(seconds), _SHORTEST))
+
+  return sleep
+
+
+def _start(clock: Clock, machine: Callable[[threading.Thread], None]) -> Callable[[threading.Thread], None]:
+  """Threads that the script starts take turns."""
+
+  def start(thread: threading.Thread) -> None:
+    if clock.current() is None or getattr(thread, "_clock_member", None) is not None:
+      machine(thread)
+      return
+    member, run = clock.admit(thread.name, thread.daemon), thread.run
+
+    def take_turns() -> None:
+      try:
+        clock.enter(member)
+        run()
+      except DriveOver:
+        pass
+      except BaseException:
+        threading.excepthook(threading.ExceptHookArgs((*_raised(), thread)))  # type: ignore[call-arg]
+      finally:
+        clock.leave(member)
+
+    vars(thread).update(run=take_turns, _clock_member=member, _daemonic=True)  # the process never waits for it
+    with clock.outside():
+      machine(thread)
+
+  return start
+
+
+def _raised() -> tuple[Any, Any, Any]:
+  import sys
+
+  return sys.exc_info()
+
+
+def _join(clock: Clock, machine: Callable[..., None]) -> Callable[..., None]:
+  def join(thread: threading.Thread, timeout: float | None = None) -> None:
+    member = getattr(thread, "_clock_member", None)
+    if member is None or clock.current() is None:
+      machine(thread, timeout)
+    elif clock.current() is member:
+      raise RuntimeError("cannot join current thread")
+    else:
+      clock.wait_for(lambda: member.finished, timeout)
+
+  return join
+
+
+def _is_alive(machine: Callable[[threading.Thread], bool]) -> Callable[[threading.Thread], bool]:
+  def is_alive(thread: threading.Thread) -> bool:
+    member = getattr(thread, "_clock_member", None)
+    return machine(thread) if member is None else not member.finished
+
+  return is_alive
+
+
+def _no_process(process: Any) -> None:
+  raise NoProcesses(
+    f"the script starts another process ({process.name}), which has no part in the simulated car; use a thread, or"
+    " drive the script that the process runs by itself"
+  )
