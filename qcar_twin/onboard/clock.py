@@ -59,6 +59,7 @@ class Clock:
     self.stopped = False  # whether the script was stopped at its limit
     self.over = False
     self.failure: Exception | None = None  # of the car
+    self.lost: list[tuple[str, BaseException]] = []  # threads that ended in an error, by name
     self.running: Member | None = None
     self._move_car, self._real_time, self._begun = move, real_time, _wall()
     self._members: dict[int, Member] = {}
@@ -232,11 +233,11 @@ class Clock:
       while self._sleeping and self._sleeping[0][1] != self._sleeping[0][2].ticket:
         heapq.heappop(self._sleeping)
       due = self._sleeping[0][0] if self._sleeping else float("inf")
-      if due >= self.limit:
-        self._stop()
-      elif not self._sleeping:
+      if not self._sleeping:
         self._main.error = Deadlock("every thread of the script waits for another one")
         return self._settled(self._main)
+      if due >= self.limit:
+        self._stop()
       else:
         _, _, member = heapq.heappop(self._sleeping)
         self._move(due)

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 import traceback
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -31,6 +32,7 @@ class Terms:
 
   Attributes:
     arguments: of its command line.
+    name: of the recording, of which the noise goes by; the script's where not given.
     seconds: of simulated time after which it is stopped as by Ctrl-C.
     patience: seconds on the wall for which it may compute without looking at a clock or at the car.
     seed: of the sensors' noise, and of Python's and NumPy's shared random numbers.
@@ -39,6 +41,7 @@ class Terms:
   """
 
   arguments: tuple[str, ...] = ()
+  name: str = ""
   seconds: float = 600.0
   patience: float = 30.0
   seed: int = 0
@@ -77,7 +80,8 @@ def drive(script: Path, plant: OnboardPlant, terms: Terms = Terms()) -> Drive:
   script = Path(script)
   if not script.is_file():
     raise FileNotFoundError(f"{script}: no such script; name the Python file that drives the QCar")
-  car, began = Car(plant, terms.seed), time.perf_counter()
+  noise = zlib.crc32(f"{terms.seed} {terms.name or script.stem}".encode())  # no two recordings' noise is the same
+  car, began = Car(plant, noise), time.perf_counter()
   clock = Clock(car.move, terms.seconds, terms.real_time)
   rig = Rig(car, clock)
   with ExitStack() as stack:
@@ -86,7 +90,7 @@ def drive(script: Path, plant: OnboardPlant, terms: Terms = Terms()) -> Drive:
     stack.enter_context(simulated_time(clock))
     stack.enter_context(watched(clock, terms.patience))
     error = _run(script, clock)
-  notes = rig.notes()
+  notes = [*rig.notes(), *(_lost(name, fault, script) for name, fault in clock.lost)]
   if clock.stopped:
     notes.append(f"the script was stopped after {terms.seconds:g} s of driving, as by Ctrl-C; --seconds says when")
   return Drive(car, clock.now, time.perf_counter() - began, error, tuple(notes))
@@ -123,6 +127,11 @@ def _said(script: Path, clock: Clock, part: Callable[[Path, Clock], None]) -> st
   except Exception as error:
     return own_traceback(error, script)
   return ""
+
+
+def _lost(name: str, error: BaseException, script: Path) -> str:
+  said = str(error) if isinstance(error, Stuck) else own_traceback(error, script)
+  return f"thread '{name}' ended early, the script went on without it: {said}"
 
 
 def own_traceback(error: BaseException, script: Path) -> str:

@@ -167,9 +167,8 @@ def _absent(module: str, names: Mapping[str, Any]) -> Any:
     if name.startswith("__"):
       raise AttributeError(f"module '{module}' has no attribute '{name}'")
     near = difflib.get_close_matches(name, names, n=2)
-    there = (
-      f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(sorted(names)) or 'no names in it'}"
-    )
+    listed = f"there are {', '.join(sorted(names))}" if names else "it holds modules only"
+    there = f"did you mean {' or '.join(near)}?" if near else listed
     raise NotOffered(f"the simulated car has no '{name}' in {module}; {there}", name=module)
 
   return __getattr__

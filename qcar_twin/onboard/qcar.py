@@ -84,9 +84,9 @@ class QCar:
     if LEDs is not None:
       self.LEDs = np.array(LEDs, dtype=float)
     vehicle = self.rig.car.vehicle
-    duty = float(np.clip(throttle, -self.pwmLimit, self.pwmLimit))
+    duty = min(max(throttle, -self.pwmLimit), self.pwmLimit)
     drive = duty if vehicle.drive == "duty" else duty * vehicle.supply_voltage
-    angle = float(np.clip(steering, -MOST_STEERING, MOST_STEERING)) + self.steeringBias
+    angle = min(max(steering, -MOST_STEERING), MOST_STEERING) + self.steeringBias
     self.rig.car.tell(self.rig.clock.now, drive, angle)
 
   def read_write_std(self, throttle: float, steering: float, LEDs: Any = None) -> None:
@@ -119,6 +119,8 @@ class QCar:
 
 def _number(name: str, value: Any) -> float:
   """A finite number; arrays of one are what a script's arithmetic easily makes of one."""
+  if isinstance(value, (float, int)) and math.isfinite(value):
+    return float(value)
   values = np.asarray(value, dtype=float)
   if values.size != 1 or not np.isfinite(values).all():
     raise ValueError(f"QCar.write: {name} must be one finite number, not {value!r:.80}")

@@ -1,16 +1,19 @@
 """What was driven, as recordings of a data set: commands as they acted, sensors as they were read, roles proposed."""
 
 import dataclasses
+import itertools
 import math
+import os
 from pathlib import Path
 
 import numpy as np
 
+from qcar_twin.atomic_io import staging, write_text
 from qcar_twin.onboard.car import Car
 from qcar_twin.onboard.plants import OnboardPlant
-from qcar_twin.recordings.dataset import DataSet, write_dataset
+from qcar_twin.recordings.dataset import write_dataset
 from qcar_twin.recordings.first_dataset.roles import share_out
-from qcar_twin.recordings.manifest import FILE_NAME
+from qcar_twin.recordings.manifest import FILE_NAME, read_manifest
 from qcar_twin.recordings.recording import Recording, RecordingError
 
 _TURNS = ("identify", "validate", "identify", "identify", "holdout")  # of drives too short to be cut
@@ -38,28 +41,39 @@ def recording_of(car: Car, name: str) -> Recording:
   return Recording.from_columns(name, time, columns, file=f"{name}.csv")
 
 
+def free_name(folder: Path | None, script: str) -> str:
+  """What a script's next drive is called in the data set of a folder, which need not be there."""
+  there = folder is not None and (folder / FILE_NAME).is_file()
+  taken = {entry.session for entry in read_manifest(folder).entries} if folder and there else set()
+  runs = itertools.chain([script], (f"{script}_run{k}" for k in itertools.count(2)))
+  return next(name for name in runs if name not in taken)
+
+
 def add_drive(folder: Path, recording: Recording, plant: OnboardPlant, script: str) -> tuple[Recording, ...]:
   """Add a drive to the data set in a folder, which is made where there is none; returns what was added.
 
   A drive of half a minute or more is cut by time into parts to identify, to validate and to hold out; shorter ones take
-  turns. Roles are proposals: they stand in dataset.toml and can be changed there.
+  turns. Roles are proposals: they stand in dataset.toml, and what a person changed there stays.
 
   Raises:
     RecordingError: the folder holds the data set of another car.
   """
-  there: tuple[Recording, ...] = ()
-  if (folder / FILE_NAME).is_file():
-    dataset = DataSet.load(folder)
-    there = dataset.recordings
-    if dict(dataset.vehicle) != dict(plant.table):
-      raise RecordingError(f"{folder}: holds recordings of another car; name another folder with --record")
-  taken = {r.name.rpartition("_")[0] if r.name[-2:] in ("_1", "_2", "_3") else r.name for r in there}
-  name, count = recording.name, 2
-  while name in taken:
-    name, count = f"{recording.name}_run{count}", count + 1
-  added = _parts(recording.replace(name=name, file=f"{name}.csv"), len(there))
-  text = f"Scripts driven on board: {plant.name}; the last one was {script}"
-  write_dataset(folder, folder.resolve().name, plant.table, plant.std, (*there, *added), description=text)
+  text = f"Scripts driven on board: {plant.name}; the first one was {script}"
+  if not (folder / FILE_NAME).is_file():
+    added = _parts(recording, 0)
+    write_dataset(folder, folder.resolve().name, plant.table, plant.std, added, description=text)
+    return added
+  manifest = read_manifest(folder)
+  if dict(manifest.vehicle) != dict(plant.table):
+    raise RecordingError(f"{folder}: holds recordings of another car; name another folder with --record")
+  added = _parts(recording, len(manifest.entries))
+  with staging(folder) as place:
+    write_dataset(place, manifest.name, plant.table, plant.std, added)
+    tables = (place / FILE_NAME).read_text(encoding="utf-8").partition("[[recording]]")
+    for piece in added:
+      os.replace(place / f"{piece.name}.csv", folder / f"{piece.name}.csv")
+  before = (folder / FILE_NAME).read_text(encoding="utf-8").rstrip("\n")
+  write_text(folder / FILE_NAME, f"{before}\n\n{tables[1]}{tables[2]}")
   return added
 
 

@@ -122,8 +122,10 @@ def _start(clock: Clock, machine: Callable[[threading.Thread], None]) -> Callabl
         run()
       except DriveOver:
         pass
-      except BaseException:
-        threading.excepthook(threading.ExceptHookArgs((*_raised(), thread)))  # type: ignore[call-arg]
+      except SystemExit:
+        pass
+      except BaseException as error:
+        clock.lost.append((thread.name, error))
       finally:
         clock.leave(member)
 
@@ -132,12 +134,6 @@ def _start(clock: Clock, machine: Callable[[threading.Thread], None]) -> Callabl
       machine(thread)
 
   return start
-
-
-def _raised() -> tuple[Any, Any, Any]:
-  import sys
-
-  return sys.exc_info()
 
 
 def _join(clock: Clock, machine: Callable[..., None]) -> Callable[..., None]:

@@ -37,6 +37,7 @@ def watched(clock: Clock, patience: float) -> Iterator[None]:
   def bark(_: int, __: FrameType | None) -> None:
     raise Stuck(sentence(patience))
 
+  speaking = type("Stuck", (Stuck,), {"__str__": lambda _: sentence(patience)})  # raised as a class, without arguments
   before = signal.signal(signal.SIGALRM, bark) if interruptible else None
   ident = threading.get_ident()
 
@@ -51,7 +52,7 @@ def watched(clock: Clock, patience: float) -> Iterator[None]:
         if stuck == ident and interruptible:
           os.kill(os.getpid(), signal.SIGALRM)  # gets through to one that waits for input, too
         elif stuck is not None:
-          ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(stuck), ctypes.py_object(Stuck))
+          ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(stuck), ctypes.py_object(speaking))
 
   watcher = threading.Thread(target=watch, name="watchdog", daemon=True)
   with clock.outside():

@@ -1,0 +1,101 @@
+"""Run a QCar script unchanged on the twin, on simulated time, and record what was driven.
+
+qcar-twin drive my_script.py --twin out/sample/diagnosis/twin.toml --record out/driven
+qcar-twin drive my_script.py --plant reduced --effect steering_delay=0.04 -- 1 20
+"""
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from calibration.concealed.laboratory.written import stream
+from calibration.concealed.proving_ground.plant import ProvingGroundPlant
+from calibration.concealed.proving_ground.session import Spec, drawn_car
+from qcar_twin.command_line import run_script
+from qcar_twin.onboard.drive import Drive, Terms, drive
+from qcar_twin.onboard.plants import OnboardPlant, twin_plant, with_effects
+from qcar_twin.onboard.recorder import add_drive, free_name, recording_of
+from qcar_twin.twin.file import load_twin
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import Vehicle
+
+
+class ScriptFailed(RuntimeError):
+  """A script that did not come to its end; the text is its own traceback, and where what was driven is kept."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """The script, the car under it, and where the recording goes."""
+
+  script: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="SCRIPT")]]
+  """Python file that drives a QCar; its own arguments follow after --."""
+  arguments: tyro.conf.Positional[Annotated[tuple[str, ...], tyro.conf.arg(metavar="ARGUMENTS")]] = ()
+  """Arguments of the script."""
+  twin: Path | None = None
+  """twin.toml of a calibration or a diagnosis; the nominal QCar where not given."""
+  plant: Literal["twin", "reduced", "proving_ground"] = "twin"
+  """What is driven: the twin in MuJoCo, the reduced car, or the independent car that stands in for a real one."""
+  effect: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
+  """NAME=VALUE, may be given several times: a parameter of the catalogue in its unit; of the independent car, an effect
+  to conceal, in multiples of its typical size."""
+  record: Path | None = None
+  """Folder of a data set that the drive is added to; made where it is not there."""
+  real_time: bool = False
+  """Let a simulated second take a second, for a human who watches."""
+  seconds: float = 600.0
+  """Simulated time after which the script is stopped as by Ctrl-C, s."""
+  patience: float = 30.0
+  """Time on the wall that the script may compute without looking at a clock or at the car, s."""
+  seed: int = 0
+  """Of the sensors' noise and of the shared random numbers."""
+  car: int = 0
+  """Which independent car is driven."""
+  library: Path | None = None
+  """Folder with your own copy of the car's Python library, for modules that are not offered here."""
+
+
+def plant_of(config: Config) -> OnboardPlant:
+  """What is driven."""
+  if config.plant == "proving_ground":
+    if config.twin:
+      raise ValueError("the independent car is no twin: leave --twin out, or choose --plant twin")
+    return independent_car(config.car, config.effect, config.seed)
+  nominal = Twin(Vehicle.load(), threads=1)
+  twin, theta = load_twin(config.twin, threads=1) if config.twin else (nominal, nominal.parameters.nominal)
+  return twin_plant(*with_effects(twin, theta, config.effect), "reduced" if config.plant == "reduced" else "mujoco")
+
+
+def independent_car(number: int, effects: tuple[str, ...], seed: int) -> OnboardPlant:
+  """A car that shares no physics with the twin, with effects "NAME=SIZE" concealed in it."""
+  parts = [effect.partition("=") for effect in effects]
+  hidden = tuple((name, float(size or 1.0)) for name, _, size in parts)
+  car = drawn_car(Spec(number))
+  table, std = car.measured(stream(number, 1))
+  begin = ProvingGroundPlant(car, hidden, 1.0, seed).begin
+  return OnboardPlant(begin, Vehicle.from_dataset(table, std), table, std, f"independent car {number}")
+
+
+def main(config: Config) -> Drive:
+  """Drive, record, print what was driven; what ended a script early is raised when its recording is kept."""
+  plant = plant_of(config)
+  name, library = free_name(config.record, config.script.stem), config.library
+  terms = Terms(config.arguments, name, config.seconds, config.patience, config.seed, config.real_time, library)
+  driven = drive(config.script, plant, terms)
+  print(f"drove {driven.seconds:.1f} s in {driven.wall:.1f} s")
+  for note in driven.notes:
+    print(f"note: {note}")
+  kept = "nothing is kept without --record"
+  if config.record:
+    added = add_drive(config.record, recording_of(driven.car, name), plant, config.script.name)
+    kept = f"{config.record}: " + ", ".join(f"{r.name} ({r.role})" for r in added)
+    print(kept)
+  if driven.error:
+    raise ScriptFailed(f"{driven.error}\n{config.script.name} ended early after {driven.seconds:.1f} s; {kept}")
+  return driven
+
+
+if __name__ == "__main__":
+  run_script()

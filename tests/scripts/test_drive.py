@@ -1,0 +1,48 @@
+"""`qcar-twin drive`: a script on the twin, on the reduced car and on the independent one, and what is printed."""
+
+import pytest
+
+from qcar_twin.recordings.dataset import DataSet
+from scripts import drive
+from scripts.__main__ import main
+from tests.qcar_twin.onboard.rig import SCRIPTS
+
+
+def test_it_drives_and_records(tmp_path, capsys):
+  words = ["drive", str(SCRIPTS / "steps.py"), "--plant", "reduced", "--effect", "steering_delay=0.05"]
+  assert main([*words, "--record", str(tmp_path / "set"), "--", "1", "8"]) == 0
+  said = capsys.readouterr().out
+  assert "801 samples" in said and "drove 8.0 s in" in said and "steps (identify)" in said
+  assert DataSet.load(tmp_path / "set")["steps"].duration == pytest.approx(8.0, abs=0.02)
+
+
+def test_a_script_that_fails_keeps_its_recording(tmp_path, capsys):
+  script = tmp_path / "fails.py"
+  script.write_text("import time\nfrom pal.products.qcar import QCar\nQCar()\ntime.sleep(2)\nraise OSError('gone')\n")
+  assert main(["drive", str(script), "--plant", "reduced", "--record", str(tmp_path / "set")]) == 1
+  said = capsys.readouterr().err
+  assert "OSError: gone" in said and "fails.py ended early after 2.0 s" in said and "fails (identify)" in said
+  assert "line 5" in said and "runpy" not in said
+  assert DataSet.load(tmp_path / "set").recordings
+
+
+def test_the_independent_car_is_driven_behind_the_same_interface(tmp_path):
+  config = drive.Config(
+    SCRIPTS / "steps.py", ("1", "3"), plant="proving_ground", effect=("steering_delay=1",), record=tmp_path / "set"
+  )
+  assert drive.main(config).seconds == pytest.approx(3.0, abs=0.02)
+  assert DataSet.load(tmp_path / "set").vehicle["motor_constant"] > 0.0
+
+
+def test_a_twin_and_the_independent_car_are_not_driven_at_once(tmp_path):
+  with pytest.raises(ValueError, match="the independent car is no twin: leave --twin out"):
+    drive.main(drive.Config(SCRIPTS / "steps.py", twin=tmp_path / "twin.toml", plant="proving_ground"))
+
+
+def test_a_car_that_takes_a_current_cannot_be_driven_by_a_duty():
+  from qcar_twin.onboard.plants import OnboardPlant
+  from qcar_twin.vehicle.vehicle import Vehicle
+
+  vehicle = Vehicle(drive="current")
+  with pytest.raises(ValueError, match="a QCar's throttle is a duty"):
+    OnboardPlant(lambda start: None, vehicle, {}, {}, "x")  # type: ignore[arg-type, return-value]
