@@ -15,6 +15,7 @@ from calibration.concealed.proving_ground.plant import ProvingGroundPlant
 from calibration.concealed.proving_ground.session import Spec, drawn_car
 from qcar_twin.command_line import run_script
 from qcar_twin.onboard.drive import Drive, Terms, drive
+from qcar_twin.onboard.likeness import compared
 from qcar_twin.onboard.plants import OnboardPlant, twin_plant, with_effects
 from qcar_twin.onboard.recorder import add_drive, free_name, recording_of
 from qcar_twin.twin.file import load_twin
@@ -39,10 +40,11 @@ class Config:
   plant: Literal["twin", "reduced", "proving_ground"] = "twin"
   """What is driven: the twin in MuJoCo, the reduced car, or the independent car that stands in for a real one."""
   effect: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-  """NAME=VALUE, may be given several times: a parameter of the catalogue in its unit; of the independent car, an effect
-  to conceal, in multiples of its typical size."""
+  """NAME=VALUE, repeatable: a parameter in its unit; of the independent car, an effect in typical sizes."""
   record: Path | None = None
   """Folder of a data set that the drive is added to; made where it is not there."""
+  compare: Path | None = None
+  """Data set, such as the car's own, whose recording of the same script this drive is compared to."""
   real_time: bool = False
   """Let a simulated second take a second, for a human who watches."""
   seconds: float = 600.0
@@ -92,6 +94,8 @@ def main(config: Config) -> Drive:
     added = add_drive(config.record, recording_of(driven.car, name), plant, config.script.name)
     kept = f"{config.record}: " + ", ".join(f"{r.name} ({r.role})" for r in added)
     print(kept)
+  if config.compare:
+    print(compared(recording_of(driven.car, name), config.compare, config.script.stem))
   if driven.error:
     raise ScriptFailed(f"{driven.error}\n{config.script.name} ended early after {driven.seconds:.1f} s; {kept}")
   return driven

@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import math
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,7 @@ def recording_of(car: Car, name: str) -> Recording:
 def free_name(folder: Path | None, script: str) -> str:
   """What a script's next drive is called in the data set of a folder, which need not be there."""
   there = folder is not None and (folder / FILE_NAME).is_file()
-  taken = {entry.session for entry in read_manifest(folder).entries} if folder and there else set()
+  taken = {drive_of(entry.name) for entry in read_manifest(folder).entries} if folder and there else set()
   runs = itertools.chain([script], (f"{script}_run{k}" for k in itertools.count(2)))
   return next(name for name in runs if name not in taken)
 
@@ -77,13 +78,18 @@ def add_drive(folder: Path, recording: Recording, plant: OnboardPlant, script: s
   return added
 
 
+def drive_of(name: str) -> str:
+  """The drive that a recording, or a part of it, is of."""
+  return re.sub(r"_part\d$", "", name)
+
+
 def _parts(recording: Recording, place: int) -> tuple[Recording, ...]:
   made = []
   for part in share_out([recording], ""):
     begin = recording.start if part.begin is None else part.begin
     end = recording.end if part.end is None else part.end
-    name = part.name or recording.name
+    name = f"{recording.name}_part{len(made) + 1}" if part.name else recording.name
     role = part.role if part.name else _TURNS[place % len(_TURNS)]
     piece = recording.window(begin, end)
-    made.append(dataclasses.replace(piece, name=name, file=f"{name}.csv", role=role, session=recording.name))
+    made.append(dataclasses.replace(piece, name=name, file=f"{name}.csv", role=role))
   return tuple(made)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from qcar_twin.onboard.drive import Terms, drive
+from qcar_twin.onboard.likeness import compared, likeness
 from qcar_twin.onboard.recorder import add_drive, free_name, recording_of
 from qcar_twin.recordings.dataset import DataSet
-from qcar_twin.recordings.recording import RecordingError
+from qcar_twin.recordings.recording import RecordingError, Stream
 from tests.qcar_twin.onboard.rig import SCRIPTS, by_hand, drive_text, reduced
 
 
@@ -20,7 +21,11 @@ def driven():
 def test_a_long_drive_is_cut_by_time_and_short_ones_take_turns(driven, tmp_path):
   long, short, other = (drive.car for drive in driven)
   added = add_drive(tmp_path / "set", recording_of(long, "steps"), reduced(), "steps.py")
-  assert [(r.name, r.role) for r in added] == [("steps_1", "identify"), ("steps_2", "validate"), ("steps_3", "holdout")]
+  assert [(r.name, r.role) for r in added] == [
+    ("steps_part1", "identify"),
+    ("steps_part2", "validate"),
+    ("steps_part3", "holdout"),
+  ]
   manifest = tmp_path / "set" / "dataset.toml"
   mine = manifest.read_text(encoding="utf-8").replace('role = "validate"', 'role = "identify"')
   manifest.write_text(mine, encoding="utf-8")
@@ -29,9 +34,11 @@ def test_a_long_drive_is_cut_by_time_and_short_ones_take_turns(driven, tmp_path)
   add_drive(tmp_path / "set", recording_of(other, "threads_run2"), reduced(), "threads.py")
   dataset = DataSet.load(tmp_path / "set")
   roles = {r.name: r.role for r in dataset.recordings}
-  assert roles["steps_2"] == "identify" and len(roles) == 5  # what a person changed stays
-  assert dataset["steps_1"].duration == pytest.approx(24.0, abs=0.1)
-  assert {"motor_voltage", "steering_command", "motor_speed", "yaw_rate", "pose_x"} <= set(dataset["steps_1"].channels)
+  assert roles["steps_part2"] == "identify" and len(roles) == 5  # what a person changed stays
+  assert dataset["steps_part1"].duration == pytest.approx(24.0, abs=0.1)
+  assert {"motor_voltage", "steering_command", "motor_speed", "yaw_rate", "pose_x"} <= set(
+    dataset["steps_part1"].channels
+  )
 
 
 def test_commands_and_poses_stand_at_their_times(tmp_path):
@@ -67,3 +74,16 @@ def test_another_car_needs_another_folder(driven, tmp_path):
 def test_a_drive_of_nothing_is_no_recording(tmp_path):
   with pytest.raises(RecordingError, match="too short to be a recording: drive longer"):
     recording_of(drive_text(tmp_path, "from pal.products.qcar import QCar\nQCar()\n").car, "x")
+
+
+def test_two_drives_of_a_script_are_compared(driven, tmp_path):
+  long, _, short = (recording_of(drive.car, "steps") for drive in driven)
+  add_drive(tmp_path / "set", long, reduced(), "steps.py")
+  same = likeness(long, [long.window(0.0, 20.0), long.window(25.0, 40.0)])
+  assert same.seconds == pytest.approx(35.0) and max(*same.rms.values(), same.apart) < 1e-9
+  moved = long.replace(streams={**long.streams, "pose_x": Stream(long["pose_x"].time, long["pose_x"].value + 0.3)})
+  assert likeness(moved, [long]).apart == pytest.approx(0.3)
+  assert "this drive differs over 40 s by motor speed" in compared(long, tmp_path / "set", "steps")
+  assert likeness(short, [long]).rms["motor_speed"] > 50.0
+  with pytest.raises(RecordingError, match="holds no drive of 'stepps'; did you mean 'steps'"):
+    compared(long, tmp_path / "set", "stepps")

@@ -1,0 +1,64 @@
+"""How far two drives of one script are apart, such as the car's and its twin's: in the end what a twin is for."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from qcar_twin.onboard.recorder import drive_of
+from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import Recording, RecordingError, nearest
+
+COMPARED = ("motor_speed", "yaw_rate", "accel_y")
+
+
+@dataclasses.dataclass(frozen=True)
+class Likeness:
+  """Root mean square differences of two drives over the time both cover.
+
+  Attributes:
+    seconds: that both cover, s.
+    rms: by channel of COMPARED, in its unit, sensors' noise of both included.
+    apart: of the two positions at the same time, m; NaN where one has none.
+  """
+
+  seconds: float
+  rms: dict[str, float]
+  apart: float
+
+  def __str__(self) -> str:
+    said = [f"{name.replace('_', ' ')} {value:.3g} {CHANNELS[name].unit}" for name, value in self.rms.items()]
+    place = [f"position {self.apart:.3g} m"] if np.isfinite(self.apart) else []
+    return f"differs over {self.seconds:.0f} s by {', '.join([*said, *place])} (root mean square)"
+
+
+def likeness(ours: Recording, theirs: Sequence[Recording]) -> Likeness:
+  """Of one drive and another that may lie in several pieces, on the other's sample times, cut at the shorter one."""
+  squares: dict[str, list[np.ndarray]] = {name: [] for name in (*COMPARED, "apart")}
+  seconds = 0.0
+  for piece in theirs:
+    seconds += max(min(piece.end, ours.end) - max(piece.start, ours.start), 0.0)
+    for name in COMPARED:
+      if name in piece and name in ours:
+        squares[name].append((ours[name].interpolate(piece[name].time) - piece[name].value) ** 2)
+    if {"pose_x", "pose_y"} <= set(piece.channels) & set(ours.channels):
+      gaps = [ours[n].interpolate(piece[n].time) - piece[n].value for n in ("pose_x", "pose_y")]
+      squares["apart"].append(gaps[0] ** 2 + gaps[1] ** 2)
+  rms = {name: float(np.sqrt(np.nanmean(np.concatenate(parts)))) for name, parts in squares.items() if parts}
+  return Likeness(seconds, {name: rms[name] for name in COMPARED if name in rms}, rms.get("apart", float("nan")))
+
+
+def compared(ours: Recording, folder: Path, script: str) -> str:
+  """A sentence on how far a drive is from a script's recording in the data set of a folder.
+
+  Raises:
+    RecordingError: the script was not driven there.
+  """
+  recordings = DataSet.load(folder).recordings
+  theirs = [r for r in recordings if drive_of(r.name.partition("#")[0]) == script]  # a piece of one is named x#2
+  if not theirs:
+    drives = sorted({drive_of(r.name) for r in recordings})
+    raise RecordingError(f"{folder}: holds no drive of '{script}'{nearest(script, drives)}")
+  return f"{folder}: this drive {likeness(ours, theirs)}"
