@@ -1,7 +1,6 @@
 """Run a QCar script unchanged on the twin, on simulated time, and record what was driven.
 
-qcar-twin drive my_script.py --twin out/sample/diagnosis/twin.toml --record out/driven
-qcar-twin drive my_script.py --plant reduced --effect steering_delay=0.04 -- 1 20
+qcar-twin drive my_script.py --twin out/sample/diagnosis/twin.toml --effect steering_delay=0.04 -- 1 20
 """
 
 import dataclasses
@@ -55,6 +54,8 @@ class Config:
   """Of the sensors' noise and of the shared random numbers."""
   car: int = 0
   """Which independent car is driven."""
+  answers: tyro.conf.UseAppendAction[Annotated[tuple[str, ...], tyro.conf.arg(name="answer")]] = ()
+  """What the script hears where it asks by input(), repeatable, in turn."""
   library: Path | None = None
   """Folder with your own copy of the car's Python library, for modules that are not offered here."""
 
@@ -83,9 +84,8 @@ def independent_car(number: int, effects: tuple[str, ...], seed: int) -> Onboard
 def main(config: Config) -> Drive:
   """Drive, record, print what was driven; what ended a script early is raised when its recording is kept."""
   plant = plant_of(config)
-  name, library = free_name(config.record, config.script.stem), config.library
-  terms = Terms(config.arguments, name, config.seconds, config.patience, config.seed, config.real_time, library)
-  driven = drive(config.script, plant, terms)
+  name, shared = free_name(config.record, config.script.stem), {f.name for f in dataclasses.fields(Terms)} - {"name"}
+  driven = drive(config.script, plant, Terms(name=name, **{key: getattr(config, key) for key in shared}))
   print(f"drove {driven.seconds:.1f} s in {driven.wall:.1f} s")
   for note in driven.notes:
     print(f"note: {note}")

@@ -59,6 +59,7 @@ class Clock:
     self.stopped = False  # whether the script was stopped at its limit
     self.over = False
     self.failure: Exception | None = None  # of the car
+    self.asking = False  # whether a person is being asked, who may take their time
     self.lost: list[tuple[str, BaseException]] = []  # threads that ended in an error, by name
     self.running: Member | None = None
     self._move_car, self._real_time, self._begun = move, real_time, _wall()
@@ -147,6 +148,10 @@ class Clock:
     self._in_a_row += 1
     self._sleep_until(self.now + READ_COST * 2 ** min(self._in_a_row // 16, _DOUBLINGS))
     return self.now
+
+  def pass_moment(self) -> None:
+    """Let whoever takes a lock spend a moment, so that a loop that only polls gets on, too."""
+    self._sleep_until(self.now + READ_COST)
 
   def sleep_until(self, time: float) -> None:
     """Wait until a time, s."""

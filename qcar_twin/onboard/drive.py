@@ -17,6 +17,7 @@ from unittest import mock
 
 import numpy as np
 
+from qcar_twin.onboard.answers import answered
 from qcar_twin.onboard.car import Car
 from qcar_twin.onboard.clock import Clock, Deadlock, DriveOver
 from qcar_twin.onboard.offer import OfferedModules, in_place, offered
@@ -37,6 +38,7 @@ class Terms:
     patience: seconds on the wall for which it may compute without looking at a clock or at the car.
     seed: of the sensors' noise, and of Python's and NumPy's shared random numbers.
     real_time: whether a simulated second takes a second.
+    answers: to what it asks by `input`, in turn.
     library: folder with the owner's own library of the car, for what is not offered here.
   """
 
@@ -46,6 +48,7 @@ class Terms:
   patience: float = 30.0
   seed: int = 0
   real_time: bool = False
+  answers: tuple[str, ...] = ()
   library: Path | None = None
 
   def __post_init__(self) -> None:
@@ -88,9 +91,12 @@ def drive(script: Path, plant: OnboardPlant, terms: Terms = Terms()) -> Drive:
     stack.enter_context(_own_surroundings(script, terms))
     stack.enter_context(in_place(OfferedModules(offered(rig), terms.library)))
     stack.enter_context(simulated_time(clock))
+    unheard = stack.enter_context(answered(clock, terms.answers))
     stack.enter_context(watched(clock, terms.patience))
     error = _run(script, clock)
   notes = [*rig.notes(), *(_lost(name, fault, script) for name, fault in clock.lost)]
+  if unheard:
+    notes.append(f"the script asked '{unheard[0]}' and heard Enter, since nobody is there; --answer gives another one")
   if clock.stopped:
     notes.append(f"the script was stopped after {terms.seconds:g} s of driving, as by Ctrl-C; --seconds says when")
   return Drive(car, clock.now, time.perf_counter() - began, error, tuple(notes))

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from qcar_twin.onboard.rig import Rig
 ROOTS = ("pal", "hal", "quanser", "qvl", "pit")  # packages that belong to the car
 _CAMERA = "the simulated car has no camera; drive a script that goes by speed, gyro, pose or lidar"
 _PERSON = "nobody is at the controls of a simulated car; command it from the script"
+_NETWORK = "there is no other device to talk to on simulated time; take it out, or drive the part without it"
 _MAP = (
   "the road map of the manufacturer's mat is not part of this project; give waypoints, or --library with its folder"
 )
@@ -29,6 +30,11 @@ _REFUSED = {
   "pal.products.qcar": {"QCarCameras": _CAMERA, "QCarRealSense": _CAMERA, "QCar2DepthAligned": _CAMERA},
   "pal.utilities.vision": {"Camera2D": _CAMERA, "Camera3D": _CAMERA},
   "pal.utilities.gamepad": {"LogitechF710": _PERSON},
+  "pal.utilities.keyboard": {"QKeyboard": _PERSON, "KeyboardDrive": _PERSON},
+  "pal.utilities.stream": {"BasicStream": _NETWORK, "Timeout": _NETWORK},
+  "pal.utilities.probe": {"Probe": _NETWORK, "Observer": _NETWORK},
+  "pal.products.traffic_light": {"TrafficLight": _NETWORK},
+  "hal.utilities.image_processing": {"ImageProcessing": _CAMERA},
   "hal.products.mats": {"SDCSRoadMap": _MAP},
 }
 
@@ -44,29 +50,30 @@ class NotOnBoard(RuntimeError):
 class Scope:
   """A plot that is shown nowhere: whatever it is asked, it takes and forgets; the recording has the signals."""
 
-  axes: "Sequence[Scope]"
+  rig: ClassVar[Rig]
 
   def __init__(self, *_: Any, **__: Any):
-    self.axes = _Endless()
+    self.axes = _Axes(self)
 
   def __getattr__(self, name: str) -> Any:
     if name.startswith("__"):
       raise AttributeError(name)
-    return lambda *_, **__: Scope()
+    return lambda *_, **__: self.refreshAll()
 
-  @staticmethod
-  def refreshAll() -> None:
-    """Nothing is drawn."""
+  @classmethod
+  def refreshAll(cls) -> None:
+    """Nothing is drawn, which takes a moment: scripts wait by it."""
+    cls.rig.clock.read()
 
 
-class _Endless(Sequence[Scope]):
+class _Axes:
   """Axes of a plot, as many as are asked for."""
 
-  def __getitem__(self, _: Any) -> Any:
-    return Scope()
+  def __init__(self, scope: Scope):
+    self._scope = scope
 
-  def __len__(self) -> int:
-    return sys.maxsize
+  def __getitem__(self, _: int) -> Scope:
+    return self._scope
 
 
 def wrap_to_pi(angle: Any) -> Any:
@@ -82,6 +89,7 @@ def wrap_to_2pi(angle: Any) -> Any:
 def offered(rig: Rig) -> dict[str, dict[str, Any]]:
   """Module -> name -> what stands there, for one drive."""
   bound = {kind.__name__: type(kind.__name__, (kind,), {"rig": rig}) for kind in (QCar, QCarGPS, QCarLidar)}
+  scope = type("Scope", (Scope,), {"rig": rig})
   vehicle = rig.car.vehicle
   numbers = {"WHEEL_RADIUS": vehicle.wheel_radius, "WHEEL_BASE": vehicle.wheelbase, "cartype": 1, "carname": "qcar"}
   ekf = type("QCarEKF", (QCarEKF,), {"__init__": _with_wheelbase(vehicle.wheelbase)})
@@ -89,15 +97,12 @@ def offered(rig: Rig) -> dict[str, dict[str, Any]]:
     "pal.products.qcar": {**bound, "IS_PHYSICAL_QCAR": True, "QCAR_CONFIG": numbers},
     "pal.utilities.lidar": {"Lidar": bound["QCarLidar"]},
     "pal.utilities.math": {"wrap_to_pi": wrap_to_pi, "wrap_to_2pi": wrap_to_2pi, "TWO_PI": math.tau},
-    "pal.utilities.scope": {"Scope": Scope, "MultiScope": Scope, "XYScope": Scope},
-    "pal.utilities.vision": {},
-    "pal.utilities.gamepad": {},
+    "pal.utilities.scope": dict.fromkeys(("Scope", "MultiScope", "XYScope", "Signal"), scope),
     "hal.content.qcar_functions": {"QCarEKF": ekf},
     "hal.products.qcar": {"QCarEKF": ekf},
-    "hal.products.mats": {},
   }
   for module, refused in _REFUSED.items():
-    table[module] |= {name: _refusal(name, why) for name, why in refused.items()}
+    table.setdefault(module, {}).update({name: _refusal(name, why) for name, why in refused.items()})
   return table
 
 

@@ -33,12 +33,13 @@ class SimulatedLock:
 
   def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
     """As `threading.Lock.acquire`."""
+    if self._clock.current() is None:
+      return self._lock.acquire(blocking, timeout)
+    self._clock.pass_moment()
     if self._lock.acquire(False):
       return True
     if not blocking:
       return False
-    if self._clock.current() is None:
-      return self._lock.acquire(True, timeout)
     return self._clock.wait_for(lambda: self._lock.acquire(False), None if timeout < 0 else timeout)
 
   def release(self) -> None:
@@ -79,7 +80,8 @@ def simulated_time(clock: Clock) -> Iterator[None]:
     (threading, "RLock", threading._PyRLock),  # type: ignore[attr-defined]  # made of the locks above
     (threading.Thread, "start", _start(clock, threading.Thread.start)),
     (threading.Thread, "join", _join(clock, threading.Thread.join)),
-    (threading.Thread, "is_alive", _is_alive(threading.Thread.is_alive)),
+    (threading.Thread, "is_alive", _is_alive(clock, threading.Thread.is_alive)),
+    (threading.Event, "is_set", _is_set(clock, threading.Event.is_set)),
     (queue, "time", monotonic),
     (queue, "SimpleQueue", queue._PySimpleQueue),  # type: ignore[attr-defined]
     (multiprocessing.process.BaseProcess, "start", _no_process),
@@ -149,8 +151,21 @@ def _join(clock: Clock, machine: Callable[..., None]) -> Callable[..., None]:
   return join
 
 
-def _is_alive(machine: Callable[[threading.Thread], bool]) -> Callable[[threading.Thread], bool]:
+def _is_set(clock: Clock, machine: Callable[[threading.Event], bool]) -> Callable[[threading.Event], bool]:
+  """Looking at an event takes a moment, as looking at a clock does: scripts wait by it."""
+
+  def is_set(event: threading.Event) -> bool:
+    if clock.current() is not None:
+      clock.read()
+    return machine(event)
+
+  return is_set
+
+
+def _is_alive(clock: Clock, machine: Callable[[threading.Thread], bool]) -> Callable[[threading.Thread], bool]:
   def is_alive(thread: threading.Thread) -> bool:
+    if clock.current() is not None:
+      clock.read()
     member = getattr(thread, "_clock_member", None)
     return machine(thread) if member is None else not member.finished
 

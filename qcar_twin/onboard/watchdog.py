@@ -22,7 +22,7 @@ def sentence(patience: float) -> str:
   """What is said of a script that is stuck."""
   return (
     f"the script ran for {patience:g} s without looking at a clock or at the car, so that simulated time stood still:"
-    " a loop without time.sleep(), read() or time.time(), input() that waits for a person, or a long computation"
+    " a loop without time.sleep(), read() or time.time(), waiting for something outside, or a long computation"
     " (--patience allows more)"
   )
 
@@ -44,7 +44,7 @@ def watched(clock: Clock, patience: float) -> Iterator[None]:
   def watch() -> None:
     seen, quiet = -1, 0.0
     while not done.acquire(True, _LOOKS):
-      quiet = quiet + _LOOKS if clock.touched == seen else 0.0
+      quiet = quiet + _LOOKS if clock.touched == seen and not clock.asking else 0.0
       seen = clock.touched
       if quiet >= patience:
         quiet = 0.0

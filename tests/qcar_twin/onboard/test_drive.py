@@ -208,6 +208,48 @@ def test_random_numbers_and_the_script_s_own_modules_are_its_own(tmp_path, capsy
   assert np.array_equal(np.random.get_state()[1], state) and "settings" not in sys.modules
 
 
+def test_a_script_that_asks_hears_the_answers_given_and_then_enter(tmp_path, capsys):
+  driven = drive_text(tmp_path, "print([input('again? '), input(), input('and now? ')])\n", answers=("n", "7"))
+  assert driven.error == "" and capsys.readouterr().out == "again? n\n7\nand now? \n['n', '7', '']\n"
+  assert "the script asked 'and now? ' and heard Enter" in driven.notes[-1]
+
+
+@pytest.mark.parametrize(
+  "waiting",
+  ["while worker.is_alive(): pass", "while not done.is_set(): pass", "while worker.is_alive(): scope.refresh()"],
+)
+def test_a_main_thread_that_only_looks_whether_the_other_is_done_gets_on(tmp_path, waiting):
+  text = f"""
+    import threading, time
+    from pal.utilities.scope import MultiScope
+    scope, done = MultiScope(rows=1, cols=1), threading.Event()
+    def work():
+      time.sleep(3.0)
+      done.set()
+    worker = threading.Thread(target=work)
+    worker.start()
+    {waiting}
+  """
+  driven = drive_text(tmp_path, text)
+  assert driven.error == "" and driven.seconds == pytest.approx(3.0, abs=0.01)
+
+
+def test_a_queue_that_is_polled_lets_the_other_thread_get_on(tmp_path):
+  text = """
+    import queue, threading, time
+    box = queue.Queue()
+    threading.Thread(target=lambda: (time.sleep(0.05), box.put(1))).start()
+    while True:
+      try:
+        box.get_nowait()
+        break
+      except queue.Empty:
+        continue
+  """
+  driven = drive_text(tmp_path, text)
+  assert driven.error == "" and driven.seconds == pytest.approx(0.05, abs=0.001)
+
+
 def test_no_such_script_is_said(tmp_path):
   with pytest.raises(FileNotFoundError, match="no such script; name the Python file that drives the QCar"):
     drive(tmp_path / "none.py", reduced())

@@ -29,9 +29,10 @@ def test_what_there_is_not_is_said_with_what_there_is(tmp_path, line, said):
 def test_a_script_that_can_do_without_does(tmp_path, capsys):
   text = """
     try:
-      from pal.products.traffic_light import TrafficLight
+      from pal.products.traffic_lights import TrafficLight
     except ImportError as error:
       TrafficLight = None
+    from hal.utilities.image_processing import ImageProcessing
     from pal.utilities.math import *
     from pal.utilities.scope import MultiScope
     scope = MultiScope(rows=3, cols=1, title="Speed", fps=30)
