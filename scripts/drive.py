@@ -54,7 +54,7 @@ class Config:
   """Of the sensors' noise and of the shared random numbers."""
   car: int = 0
   """Which independent car is driven."""
-  answers: tyro.conf.UseAppendAction[Annotated[tuple[str, ...], tyro.conf.arg(name="answer")]] = ()
+  answer: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
   """What the script hears where it asks by input(), repeatable, in turn."""
   library: Path | None = None
   """Folder with your own copy of the car's Python library, for modules that are not offered here."""

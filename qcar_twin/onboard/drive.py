@@ -38,7 +38,7 @@ class Terms:
     patience: seconds on the wall for which it may compute without looking at a clock or at the car.
     seed: of the sensors' noise, and of Python's and NumPy's shared random numbers.
     real_time: whether a simulated second takes a second.
-    answers: to what it asks by `input`, in turn.
+    answer: to what it asks by `input`, in turn.
     library: folder with the owner's own library of the car, for what is not offered here.
   """
 
@@ -48,7 +48,7 @@ class Terms:
   patience: float = 30.0
   seed: int = 0
   real_time: bool = False
-  answers: tuple[str, ...] = ()
+  answer: tuple[str, ...] = ()
   library: Path | None = None
 
   def __post_init__(self) -> None:
@@ -91,7 +91,7 @@ def drive(script: Path, plant: OnboardPlant, terms: Terms = Terms()) -> Drive:
     stack.enter_context(_own_surroundings(script, terms))
     stack.enter_context(in_place(OfferedModules(offered(rig), terms.library)))
     stack.enter_context(simulated_time(clock))
-    unheard = stack.enter_context(answered(clock, terms.answers))
+    unheard = stack.enter_context(answered(clock, terms.answer))
     stack.enter_context(watched(clock, terms.patience))
     error = _run(script, clock)
   notes = [*rig.notes(), *(_lost(name, fault, script) for name, fault in clock.lost)]

@@ -209,7 +209,7 @@ def test_random_numbers_and_the_script_s_own_modules_are_its_own(tmp_path, capsy
 
 
 def test_a_script_that_asks_hears_the_answers_given_and_then_enter(tmp_path, capsys):
-  driven = drive_text(tmp_path, "print([input('again? '), input(), input('and now? ')])\n", answers=("n", "7"))
+  driven = drive_text(tmp_path, "print([input('again? '), input(), input('and now? ')])\n", answer=("n", "7"))
   assert driven.error == "" and capsys.readouterr().out == "again? n\n7\nand now? \n['n', '7', '']\n"
   assert "the script asked 'and now? ' and heard Enter" in driven.notes[-1]
 
