@@ -4,6 +4,7 @@ Integration is explicit Euler with the dampers explicit too: what the contact so
 at the end of the step then is that velocity, which an implicit damper outside the solver would spoil.
 """
 
+import functools
 import math
 
 import mujoco
@@ -15,6 +16,8 @@ from qcar_twin.vehicle.vehicle import ASSETS, GRAVITY, QCAR, WHEELS, TyreKind, V
 
 CENTRE_SWITCH = {"front_axle": False, "rear_axle": False, "axles": True, "centre": True}  # equalities of a differential
 _LOOKS_GROUP = 2
+_TWIN_SENSORS = ("accelerometer", "gyro", "encoder")
+_TWIN_SITES = ("imu", "lidar")
 _KNUCKLE_INERTIA = 2e-4  # of a road wheel with its share of the servo / mass of the car, m^2
 _FASTEST_DAMPER = 220.0  # 1/s, damping of a wheel's travel / its mass: what an explicit step of 5 ms stands
 _LONGEST_STEP = 0.005  # s
@@ -34,7 +37,7 @@ def car_spec(car: Vehicle, tyre: TyreKind = "contact", timestep: float = 0.002, 
   """
   if tyre not in ("contact", "native"):
     raise ValueError(f"tyre must be 'contact' or 'native', not '{tyre}'")
-  spec = mujoco.MjSpec.from_file(str(ASSETS / "qcar.xml"))
+  spec = _twin_file().copy()
   spec.modelname = car.name
   spec.option.timestep = timestep
   spec.option.gravity = [0.0, 0.0, -GRAVITY]
@@ -299,3 +302,17 @@ def _strip_looks(spec: mujoco.MjSpec) -> None:
       spec.delete(geom)
   for part in [*spec.cameras, *spec.lights]:
     spec.delete(part)
+
+
+@functools.cache
+def _twin_file() -> mujoco.MjSpec:
+  """assets/qcar.xml without what it offers to plain MuJoCo: keyframes, and sensors that would cost time in each step.
+
+  It is read once per process, because MuJoCo takes 20 ms to lay out the lidar's beams. Callers copy it.
+  """
+  spec = mujoco.MjSpec.from_file(str(ASSETS / "qcar.xml"))
+  extra_sensors = [sensor for sensor in spec.sensors if sensor.name not in _TWIN_SENSORS]
+  extra_sites = [site for site in spec.sites if site.name not in _TWIN_SITES]
+  for part in [*spec.keys, *extra_sensors, *extra_sites]:
+    spec.delete(part)
+  return spec

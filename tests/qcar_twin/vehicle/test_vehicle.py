@@ -222,13 +222,6 @@ def test_only_wheels_and_hull_collide_and_only_with_the_world():
   assert not model.geom_contype[[model.geom(name).id for name in colliding]].any()
 
 
-def test_the_file_alone_is_the_qcar():
-  plain = mujoco.MjModel.from_xml_path(str(ASSETS / "qcar.xml"))
-  model = car_spec(CAR, tyre="native", looks=True).compile()
-  assert (plain.nq, plain.nv, plain.nu, plain.nsensordata) == (model.nq, model.nv, model.nu, model.nsensordata)
-  assert plain.body_mass.sum() == pytest.approx(2.7, rel=0.01)
-
-
 def test_toml_has_a_source_for_every_number_and_agrees_with_the_defaults():
   table = tomllib.loads((ASSETS / "qcar.toml").read_text())
   entries = {key: value for key, value in table.items() if isinstance(value, dict)}
