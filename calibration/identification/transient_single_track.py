@@ -159,8 +159,8 @@ class _Car:
     rates = np.empty_like(state)
     rates[2] = roll * (np.arctan((v_y + n["cg_to_front"] * r) / speed) - delta - alpha_f)
     rates[3] = roll * (np.arctan((v_y - n["cg_to_rear"] * r) / speed) - alpha_r)
-    force_f = _brush(self._front * (alpha_f + n["carcass_time"] * rates[2]), self._limit_front) * np.cos(delta)
-    force_r = _brush(self._rear * (alpha_r + n["carcass_time"] * rates[3]), self._limit_rear)
+    force_f = brush_force(self._front * (alpha_f + n["carcass_time"] * rates[2]), self._limit_front) * np.cos(delta)
+    force_r = brush_force(self._rear * (alpha_r + n["carcass_time"] * rates[3]), self._limit_rear)
     accel = (force_f + force_r) / n["mass"]
     rates[0] = accel - speed * r
     rates[1] = (n["cg_to_front"] * force_f - n["cg_to_rear"] * force_r) / n["yaw_inertia"]
@@ -169,7 +169,7 @@ class _Car:
     return rates, accel
 
 
-def _brush(linear: Array, limit: Array) -> Array:
+def brush_force(linear: Array, limit: Array) -> Array:
   """Force of a brush tyre [N] from its linear force [N] and three times its peak: opposite, -linear (1 - s + s^2/3)."""
   slide = np.clip(linear / limit, -1.0, 1.0)
   return -limit * slide * (1.0 - np.abs(slide) + slide * slide / 3.0)

@@ -187,7 +187,7 @@ def lateral_transition(
   an error of third order in h.
   """
   matrix, constant = _blended(speed, accel, steering, car)
-  flow, once, twice = _exponential_integrals(matrix, duration)
+  flow, once, twice = exponential_integrals(matrix, duration)
   return Transition(flow, _apply(once, constant), once[..., 1, :], _apply(twice, constant)[..., 1])
 
 
@@ -195,7 +195,7 @@ def _apply(matrix: Array, vector: Array) -> Array:
   return np.einsum("...ij,...j->...i", matrix, vector)
 
 
-def _exponential_integrals(matrix: Array, duration: float) -> tuple[Array, Array, Array]:
+def exponential_integrals(matrix: Array, duration: float) -> tuple[Array, Array, Array]:
   """e^(A h) and its first and second integral over [0, h], for real A (..., 2, 2); any A, also singular.
 
   Each is f(A h) = f(l2) I + f[l1, l2] (A h - l2 I) with f = e^z, h (e^z - 1)/z, h^2 (e^z - 1 - z)/z^2 and

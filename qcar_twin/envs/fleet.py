@@ -218,6 +218,11 @@ class Fleet:
     return Outcome(reward, lost, over & ~lost)
 
   @property
+  def theta(self) -> Array:
+    """Parameters of each car in its present episode, (N, P); a copy."""
+    return self._theta.copy()
+
+  @property
   def _judge(self) -> int:
     return TRUE if self.task.judged_by_truth else ESTIMATED
 

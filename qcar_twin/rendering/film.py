@@ -147,7 +147,7 @@ class Film:
     """Pictures of a drive, signals (T, 10) and ghost (T', 10) every `period` s, time, speed and error written in."""
     stride = 1.0 / (self.look.fps * period)
     rows = np.round(np.arange(0.0, len(signals) - 0.5, stride)).astype(int)
-    errors = self._errors(signals[rows]) if self.path is not None else None
+    errors = self.cross_track_errors(signals[rows]) if self.path is not None else None
     for k, row in enumerate(rows):
       other = None if ghost is None else ghost[min(row, len(ghost) - 1)]
       lines = [label] * bool(label) + [
@@ -158,9 +158,14 @@ class Film:
         lines.append(f"error  {1e3 * errors[k]:+6.1f} mm")
       yield self.frame(signals[row], other, "\n".join(lines), 1.0 / self.look.fps)
 
-  def _errors(self, signals: Array) -> Array:
-    """Cross-track errors of rows in driving order, m."""
-    assert self.path is not None
+  def cross_track_errors(self, signals: Array) -> Array:
+    """Cross-track errors of rows (T, 10) in driving order, m, (T,), positive to the left of the path.
+
+    Raises:
+      ValueError: this film has no path.
+    """
+    if self.path is None:
+      raise ValueError("a film without a path has no cross-track errors; give Film the path")
     near, out = np.zeros(1), np.empty(len(signals))
     for k, row in enumerate(np.nan_to_num(signals)):
       near = self.path.nearest(row[:1], row[1:2], near=near)

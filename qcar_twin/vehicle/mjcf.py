@@ -310,7 +310,7 @@ def _twin_file() -> mujoco.MjSpec:
 
   It is read once per process, because MuJoCo takes 20 ms to lay out the lidar's beams. Callers copy it.
   """
-  spec = mujoco.MjSpec.from_file(str(ASSETS / "qcar.xml"))
+  spec = mujoco.MjSpec.from_string((ASSETS / "qcar.xml").read_text(encoding="utf-8"))  # MuJoCo's own paths are UTF-8
   extra_sensors = [sensor for sensor in spec.sensors if sensor.name not in _TWIN_SENSORS]
   extra_sites = [site for site in spec.sites if site.name not in _TWIN_SITES]
   for part in [*spec.keys, *extra_sensors, *extra_sites]:

@@ -206,7 +206,7 @@ def test_rear_stiffness_is_the_inverse_of_the_understeer_gradient():
 
 
 def test_brush_force_is_linear_at_first_and_ends_at_its_peak():
-  force = transient._brush(np.array([-1e-3, 1e-3, 30.0, 300.0, -3e4]), np.array(30.0))
+  force = transient.brush_force(np.array([-1e-3, 1e-3, 30.0, 300.0, -3e4]), np.array(30.0))
   np.testing.assert_allclose(force, [1e-3, -1e-3, -10.0, -10.0, 10.0], rtol=1e-4)
 
 

@@ -179,7 +179,7 @@ def test_exponential_and_its_integrals_equal_an_augmented_exponential(scale):
   matrices = scale * np.array(
     [[[-3.0, 1.0], [-2.0, -5.0]], [[1.0, 2.0], [2.0, 4.0]], [[-2.0, 1.0], [0.0, -2.0]], [[-1.0, 9.0], [-9.0, -1.0]]]
   )
-  found = single_track._exponential_integrals(matrices, 0.1)
+  found = single_track.exponential_integrals(matrices, 0.1)
   for k, matrix in enumerate(matrices):
     block = np.zeros((6, 6))
     block[:2, :2], block[:2, 2:4], block[2:4, 4:] = matrix, np.eye(2), np.eye(2)

@@ -230,9 +230,9 @@ def test_parameters_are_drawn_per_episode_with_the_covariance_asked_for():
   others = np.delete(draws, columns, axis=1)
   assert np.all(others == others[0])
   fleet = make_fleet([0, 1], sensed=False, spread=spread)
-  before = fleet._theta.copy()
+  before = fleet.theta
   fleet.restart(np.array([True, False]))
-  assert np.all(fleet._theta[0, columns] != before[0, columns]) and np.all(fleet._theta[1] == before[1])
+  assert np.all(fleet.theta[0, columns] != before[0, columns]) and np.all(fleet.theta[1] == before[1])
 
 
 def test_wrong_number_of_seeds_is_refused():

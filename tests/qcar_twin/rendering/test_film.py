@@ -174,7 +174,7 @@ def test_error_written_into_the_picture_is_the_cross_track_error():
   yaw = signals[:, 2]
   signals[:, 0] -= 0.03 * np.sin(yaw)
   signals[:, 1] += 0.03 * np.cos(yaw)
-  np.testing.assert_allclose(film._errors(signals), 0.03, atol=1e-9)
+  np.testing.assert_allclose(film.cross_track_errors(signals), 0.03, atol=1e-9)
   film.close()
 
 

@@ -114,19 +114,23 @@ class ReducedCars:
     car: measured numbers.  sinking: of the wheels at rest, m.
     substeps: simulation steps per control period.
     size: N.  threads: 0 for all cores; results do not depend on it.
+
+  Attributes:
+    constants, numbers, state: the arrays that the C code reads and writes, rows as in `layout`; numbers and state
+      have a column for each car, filled up to a whole number of lanes.
   """
 
   def __init__(
     self, numbers: Numbers, constants: Array, car: CarDimensions, sinking: float, substeps: int, size: int, threads: int
   ):
-    self._writer, self._constants, self._car, self._sinking = numbers, constants, car, sinking
+    self._writer, self.constants, self._car, self._sinking = numbers, constants, car, sinking
     self._size, self._substeps, self._threads = size, substeps, threads or os.cpu_count() or 1
     self._library = load()
     self._lanes = self._library.lanes()
     self._stride = -(-size // self._lanes) * self._lanes
-    self._state = np.zeros((layout.N_STATE, self._stride))
-    self._numbers = np.ones((layout.N_NUMBER, self._stride))
-    self._pointers = tuple(a.ctypes.data for a in (self._constants, self._numbers, self._state))
+    self.state = np.zeros((layout.N_STATE, self._stride))
+    self.numbers = np.ones((layout.N_NUMBER, self._stride))
+    self._pointers = tuple(a.ctypes.data for a in (self.constants, self.numbers, self.state))
     self._force: Array | None = None
     self._running: NDArray[np.intp] | None = None
     self._blocks, self._still = self._moving(None)
@@ -134,13 +138,13 @@ class ReducedCars:
 
   def load(self, values: dict[str, Array]) -> None:
     self.values = values
-    self._numbers[layout.NUMBER_ROW["MAX_TORQUE"]] = np.inf
+    self.numbers[layout.NUMBER_ROW["MAX_TORQUE"]] = np.inf
     self.write(set(values), slice(None))
 
   def write(self, changed: set[str], rows: Rows) -> None:
     """Of all cars, whichever rows were changed: a column costs next to nothing."""
-    self._writer.write(self.values, changed, self._numbers[:, : self._size])
-    self._numbers[:, self._size :] = self._numbers[:, self._size - 1 : self._size]
+    self._writer.write(self.values, changed, self.numbers[:, : self._size])
+    self.numbers[:, self._size :] = self.numbers[:, self._size - 1 : self._size]
 
   def commit(self) -> None:
     pass
@@ -157,16 +161,16 @@ class ReducedCars:
       "YAW_RATE": s["yaw_rate"], "MOTOR": motor, "FRONT_DIFFERENCE": difference, "REAR_DIFFERENCE": difference,
       "SERVO": s["steering_angle"], "SERVO_BEFORE": s["steering_angle"],
     }  # fmt: skip
-    self._state[:] = 0.0
+    self.state[:] = 0.0
     for name, value in placed.items():
-      self._state[layout.STATE_ROW[name], :n] = value
-    self._state[layout.STATE_ROW["LOAD"] :][:4] = -1.0
-    self._state[layout.STATE_ROW["HEIGHT"] :][:4] = -self._sinking
-    self._state[:, n:] = self._state[:, n - 1 : n]
+      self.state[layout.STATE_ROW[name], :n] = value
+    self.state[layout.STATE_ROW["LOAD"] :][:4] = -1.0
+    self.state[layout.STATE_ROW["HEIGHT"] :][:4] = -self._sinking
+    self.state[:, n:] = self.state[:, n - 1 : n]
     signals[:, :6], signals[:, 6:8], signals[:, 8], signals[:, 9] = start[:, :6], 0.0, motor, s["steering_angle"]
 
   def adopt(self, row: int, other: "ReducedCars") -> None:
-    self._state[:, row] = other._state[:, 0]
+    self.state[:, row] = other.state[:, 0]
 
   def push(self, force: Array, signals: Array) -> None:
     self._force = np.ascontiguousarray(force)
@@ -176,7 +180,7 @@ class ReducedCars:
     if running is not self._running:
       self._running, self._blocks, self._still = running, *self._moving(running)
     blocks, still = self._blocks, self._still
-    before = (self._state[:, still], signals[still]) if len(still) else None
+    before = (self.state[:, still], signals[still]) if len(still) else None
     self._spread(
       lambda first, count: self._library.advance(
         *self._pointers, self._stride, self._size, commands.ctypes.data,
@@ -187,7 +191,7 @@ class ReducedCars:
       self._threads if len(blocks) >= _WORTH_A_THREAD else 1,
     )  # fmt: skip
     if before:
-      self._state[:, still], signals[still] = before
+      self.state[:, still], signals[still] = before
 
   def run(self, commands: Array, periods: NDArray[np.int64], signals: Array) -> bool:
     commands, periods = np.ascontiguousarray(commands), np.ascontiguousarray(periods, dtype=np.int64)

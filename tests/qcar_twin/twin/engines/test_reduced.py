@@ -245,4 +245,4 @@ def rows() -> dict[str, np.ndarray]:
   """Numbers, constants and state of a nominal car, as the engine writes them."""
   twin = Twin(CAR, substeps=2, threads=1, engine="reduced")
   engine = twin.begin(twin.parameters.nominal[None], np.zeros((1, len(START)))).engine
-  return {"numbers": engine._numbers[:, :1], "constants": engine._constants, "state": engine._state[:, :1]}
+  return {"numbers": engine.numbers[:, :1], "constants": engine.constants, "state": engine.state[:, :1]}
