@@ -153,7 +153,7 @@ def ackermann_angles(
   """Road-wheel angles (left, right) [rad] of a steered axle.
 
   cot(delta_left) = cot(delta) - f t / (2 L), cot(delta_right) = cot(delta) + f t / (2 L): `fraction`
-  f = 0 steers both wheels alike, f = 1 points both at one turning centre, f < 0 toes the other way.
+  f = 0 steers both wheels equally, f = 1 points both at one turning centre, f < 0 toes the other way.
   `steering_angle` delta is that of the wheel in the middle of the axle. Raises ValueError where the
   turning centre of the inner wheel would lie inside the track.
   """

@@ -38,8 +38,8 @@ def in_parallel(calls: Sequence[Call], workers: int = 1, ray: bool = False) -> I
     return
   numbered = (joblib.delayed(_numbered)(index, call) for index, call in enumerate(calls))
   try:
-    found: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(numbered)
-    yield from found
+    results: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(numbered)
+    yield from results
   except BrokenProcessPool as error:
     raise WorkerLost(
       "a worker process was killed, for want of memory most likely; run the same command again with fewer processes"
@@ -48,8 +48,8 @@ def in_parallel(calls: Sequence[Call], workers: int = 1, ray: bool = False) -> I
 
 def in_order(calls: Sequence[Call], workers: int = 1, ray: bool = False) -> list[Any]:
   """Results in the order of the calls; otherwise as `in_parallel`."""
-  found = dict(in_parallel(calls, workers, ray))
-  return [found[index] for index in range(len(calls))]
+  results = dict(in_parallel(calls, workers, ray))
+  return [results[index] for index in range(len(calls))]
 
 
 def _numbered(index: int, call: Call) -> tuple[int, Any]:

@@ -28,7 +28,7 @@ SIGNALS = (
 )
 START = ("pose_x", "pose_y", "pose_yaw", "velocity_x", "velocity_y", "yaw_rate", "steering_angle")
 COMMANDS = ("motor_voltage", "steering_command")  # V, rad; of a car whose drive takes a voltage
-POSITION, POSE, VELOCITY = slice(0, 2), slice(0, 3), slice(3, 5)  # columns of SIGNALS and of START alike
+POSITION, POSE, VELOCITY = slice(0, 2), slice(0, 3), slice(3, 5)  # columns of SIGNALS and of START
 YAW, YAW_RATE = SIGNALS.index("pose_yaw"), SIGNALS.index("yaw_rate")  # in both, too
 VOLTAGE, STEERING = range(len(COMMANDS))  # columns of COMMANDS
 

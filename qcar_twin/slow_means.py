@@ -16,7 +16,7 @@ def remember(past: Array, steering: Array, curvature: Array, period: float) -> A
 
   Args:
     past: of steering command and curvature, rad and 1/m, (N, 2); zero when a drive begins.
-    steering: last command, rad, (N,).  curvature: of the path beside the car, 1/m, (N,).
+    steering: last command, rad, (N,).  curvature: of the path at the car, 1/m, (N,).
     period: s.
   """
   return past + period / MEMORY * (np.stack([steering, curvature], axis=-1) - past)

@@ -50,10 +50,10 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 def read_json(path: str | os.PathLike[str], most: int = MOST_JSON) -> dict[str, Any]:
   """A JSON file that holds an object. Raises UnreadableFile (what is wrong, where), FileNotFoundError, OSError."""
-  found = _parsed(Path(path).name, "JSON", json.loads, read_text(path, most))
-  if not isinstance(found, dict):
-    raise UnreadableFile(f"{Path(path).name}: holds no JSON object, but {type(found).__name__}; write it again")
-  return found
+  content = _parsed(Path(path).name, "JSON", json.loads, read_text(path, most))
+  if not isinstance(content, dict):
+    raise UnreadableFile(f"{Path(path).name}: holds no JSON object, but {type(content).__name__}; write it again")
+  return content
 
 
 def read_text(path: str | os.PathLike[str], most: int = MOST_TEXT) -> str:

@@ -44,17 +44,17 @@ def fit_bicycle(
     wrong = observations.predict(bicycle.rollout(theta, segments)) - observations.measured
     return np.nan_to_num(wrong, nan=1e3, posinf=1e3, neginf=-1e3)
 
-  found: Fit | None = None
+  estimate: Fit | None = None
   start = priors.nominal
   for k in range(ROUNDS):
     weighting = weighting_from(observations, raw(start[None])[0], floor)
     scale = weighting.scale(observations.channel)
     about = f"bicycle on recordings, round {k + 1}"
     tell = lambda i, cost, about=about: progress(f"{about}, iteration {i}, cost {cost:.0f}")
-    found = fit(lambda v, s=scale: raw(v) * s, priors, start, iterations=8, robust=np.inf, progress=tell)
-    start = found.theta
-  assert found is not None
-  return found
+    estimate = fit(lambda v, s=scale: raw(v) * s, priors, start, iterations=8, robust=np.inf, progress=tell)
+    start = estimate.theta
+  assert estimate is not None
+  return estimate
 
 
 def starting_values(recordings: Sequence[Recording], vehicle: Vehicle) -> ParameterSet:

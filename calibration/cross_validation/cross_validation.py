@@ -3,7 +3,7 @@
   result = cross_validate(dataset, twin, theta, reference)
   write_cross_validation(result, "out/cross_validation")
 
-Windows of 0.5 s and 2 s are started anew from what was measured, a free run never is. RMSE is in the channel's
+Windows of 0.5 s and 2 s are restarted from what was measured, a free run never is. RMSE is in the channel's
 unit; NRMSE is RMSE over the standard deviation of what was measured: 1 is no better than the mean. Displacements
 (pose_forward, pose_left, pose_turn) are over 1 s, over 0.4 s in windows of 0.5 s.
 """
@@ -144,10 +144,10 @@ def find_reference(dataset: DataSet, cut: Cut, progress: Progress = silent) -> t
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   progress("identification")
   try:
-    found = identify(dataset, vehicle=vehicle)
-    missing = found.missing
-    if found.lateral:
-      return ReferenceBicycle(*found.bicycle(vehicle), "identified from voltage steps and step steers"), ""
+    identification = identify(dataset, vehicle=vehicle)
+    missing = identification.missing
+    if identification.lateral:
+      return ReferenceBicycle(*identification.bicycle(vehicle), "identified from voltage steps and step steers"), ""
   except NotIdentifiable as error:
     missing = str(error)
   recordings, _ = split_standing([r for r in dataset.recordings if r.role == "identify"])
@@ -161,10 +161,10 @@ def find_reference(dataset: DataSet, cut: Cut, progress: Progress = silent) -> t
 def _oval(
   twin: Twin, theta: Array, reference: ReferenceBicycle | None, recording: Recording
 ) -> dict[str, dict[str, float]]:
-  found = {"twin": free_run(twin, theta, recording, twin.vehicle).rmse}
+  rmse = {"twin": free_run(twin, theta, recording, twin.vehicle).rmse}
   if reference:
-    found["bicycle"] = free_run(reference.bicycle, reference.theta, recording, twin.vehicle).rmse
-  return found
+    rmse["bicycle"] = free_run(reference.bicycle, reference.theta, recording, twin.vehicle).rmse
+  return rmse
 
 
 def ordered(channels: Sequence[str]) -> list[str]:

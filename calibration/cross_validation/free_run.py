@@ -1,4 +1,4 @@
-"""A recording driven again: the measured commands into a plant, its signals beside the measured ones.
+"""A recording driven again: the measured commands into a plant, its signals with the measured ones.
 
 Works for every `Plant`. The run starts from the measured speed and yaw rate and is never corrected.
 Measured and predicted signals pass the same zero-phase moving average.

@@ -1,4 +1,4 @@
-"""Where two models part: their difference by speed and lateral acceleration, beside each one's error there."""
+"""Where two models part: their difference by speed and lateral acceleration, with each one's error there."""
 
 import dataclasses
 import math
@@ -94,7 +94,7 @@ def _cells(
   speeds: Sequence[float],
   laterals: Sequence[float],
 ) -> list[Cell]:
-  found = []
+  cells = []
   measured, twin, bicycle = replay.observations.measured, replay.predicted["twin"], replay.predicted["bicycle"]
   least = QUIET * _root_mean_square(measured[rows])
   for low, high in zip(speeds[:-1], speeds[1:], strict=True):
@@ -104,8 +104,8 @@ def _cells(
         errors = [twin[here] - bicycle[here], twin[here] - measured[here], bicycle[here] - measured[here]]
         size = max(_root_mean_square(measured[here]), least)
         values = [_root_mean_square(e) for e in errors]
-        found.append(Cell(channel, (low, high), (left, right), int(here.sum()), size, *values))
-  return found
+        cells.append(Cell(channel, (low, high), (left, right), int(here.sum()), size, *values))
+  return cells
 
 
 def _root_mean_square(values: Array) -> float:
@@ -136,7 +136,7 @@ def _at(recording: Recording, channel: str, time: Array) -> Array:
 
 
 def _sentence(channel: str, by_speed: Sequence[Cell], by_lateral: Sequence[Cell]) -> list[str]:
-  found = []
+  sentences = []
   for cells, edge, unit in ((by_lateral, "lateral", "m/s² of lateral acceleration"), (by_speed, "speed", "m/s")):
     own = [c for c in cells if c.channel == channel]
     apart = [c for c in own if c.share > SHARE]
@@ -146,12 +146,12 @@ def _sentence(channel: str, by_speed: Sequence[Cell], by_lateral: Sequence[Cell]
     low, high = getattr(worst, edge)
     where = f"above {low:g} {unit}" if math.isinf(high) else f"between {low:g} and {high:g} {unit}"
     better = "twin" if worst.twin < worst.bicycle else "bicycle"
-    found.append(
+    sentences.append(
       f"{_name(channel)}: most {where}, by {worst.difference:.2g} {UNITS[channel]}"
       f" ({100 * worst.share:.0f} % of what is measured there); there the {better} is nearer to the recordings"
       f" (errors: twin {worst.twin:.2g}, bicycle {worst.bicycle:.2g})"
     )
-  return found
+  return sentences
 
 
 def _name(channel: str) -> str:

@@ -1,4 +1,4 @@
-"""A twin driven by a recording's commands, as streams beside those that were measured, and what it errs by.
+"""A twin driven by a recording's commands, as streams next to those that were measured, and its errors.
 
 The recording is cut into windows of some seconds, each started from what was measured; the errors are of the same
 windows. What the accelerometer says beyond the twin is also given as the force that acts on the car's mass unknown to

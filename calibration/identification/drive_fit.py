@@ -151,13 +151,13 @@ def _two_stages(settled: Sequence[Step], moving: Sequence[Step]) -> tuple[Array,
   for _ in range(12):
     slope, offset = steady_regression(settled, damping)
     direction = np.array([slope, 1.0, offset])
-    found = minimize_scalar(
+    optimum = minimize_scalar(
       lambda log_p2, direction=direction: responses.cost(np.exp(log_p2) * direction),
       bounds=tuple(bounds),
       method="bounded",
       options={"xatol": 1e-6},
     )
-    damping, before = float(np.exp(found.x)), damping
+    damping, before = float(np.exp(optimum.x)), damping
     if abs(damping / before - 1.0) < 1e-4:
       break
   return damping * np.array([slope, 1.0, offset]), slope, offset
@@ -262,7 +262,7 @@ def _jackknife(settled: Sequence[Step], moving: Sequence[Step], values: Array) -
 def _model_error(moving: Sequence[Step], values: Array) -> Array:
   """Covariance (3, 3) from what the fit leaves over, taken as one error common to all times and runs.
 
-  Heat, charge, tyre slip act alike in every run: leaving out runs does not show them. An error of the size
+  Heat, charge, tyre slip act equally in every run: leaving out runs does not show them. An error of the size
   of the residual and the shape of d omega / d log P2 moves log P2 by rms(residual) / rms(sensitivity).
   """
   responses, step = Responses(moving), 1e-3

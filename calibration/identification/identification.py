@@ -119,10 +119,10 @@ class Identification:
   def load(cls, path: str | os.PathLike[str]) -> "Identification":
     """Read what `save` wrote. Raises ValueError that names the file if it is something else."""
     try:
-      found = _read(cls, read_json(path))
-      if not np.isfinite(np.asarray(found.theta, dtype=float)).all():
+      identification = _read(cls, read_json(path))
+      if not np.isfinite(np.asarray(identification.theta, dtype=float)).all():
         raise ValueError("a parameter has no finite value")
-      return found
+      return identification
     except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
       raise UnreadableFile(
         f"{Path(path).name} is no identification ({error}); write it with Identification.save"
@@ -171,32 +171,40 @@ def _mean_percent(steps: Iterable[StepError], role: str) -> float:
   return float(np.mean(values)) if values else math.nan
 
 
-def _table(found: Identification) -> list[str]:
+def _table(identification: Identification) -> list[str]:
   rows = []
-  for parameter, value, std in zip(PARAMETERS, found.theta, found.std, strict=True):
-    known = found.lateral is not None or not parameter.name.startswith("cornering")
+  for parameter, value, std in zip(PARAMETERS, identification.theta, identification.std, strict=True):
+    known = identification.lateral is not None or not parameter.name.startswith("cornering")
     shown = f"{value:10.4g} +- {std:<9.3g}" if known else f"{'not identified':>23} "
     rows.append(f"  {parameter.symbol:4s} {parameter.name:26s} {shown} {parameter.unit}")
   for part, unit in (("longitudinal", "rad/s"), ("lateral", "m/s^2"), ("yaw_rate", "rad/s")):
     for role in ("identify", "validate"):
-      percent = found.rmse_percent(part, role)
+      percent = identification.rmse_percent(part, role)
       if math.isfinite(percent):
-        steady = found.steady_error(part, role)
+        steady = identification.steady_error(part, role)
         rows.append(f"  {part:13s} {role:9s} RMSE {percent:6.2f} %   steady state within {steady:.3g} {unit}")
-  if found.lateral is not None:
+  lateral = identification.lateral
+  if lateral is not None:
     rows.append(
-      f"  understeer gradient {found.lateral.understeer_gradient:.3g} rad s^2/m at {found.lateral.speed:.3g} m/s;"
-      f" the printed k_su is off by {found.lateral.printed_error_percent:+.2f} %"
+      f"  understeer gradient {lateral.understeer_gradient:.3g} rad s^2/m at {lateral.speed:.3g} m/s;"
+      f" the printed k_su is off by {lateral.printed_error_percent:+.2f} %"
     )
-  if found.losses != TurningLosses():
-    steering, std = found.losses.steering, found.lateral.steering_loss_std if found.lateral else math.nan
+  if identification.losses != TurningLosses():
+    steering, std = (
+      identification.losses.steering,
+      identification.lateral.steering_loss_std if identification.lateral else math.nan,
+    )
     rows.append(
       f"  beyond the paper, in turns: steering loss {steering:.2f} +- {std:.2f} 1/rad^2,"
-      f" drag {found.turning_drag:.0f} +- {found.turning_drag_std:.0f} rad/s^2 per rad^2"
+      f" drag {identification.turning_drag:.0f} +- {identification.turning_drag_std:.0f} rad/s^2 per rad^2"
     )
-  if found.understeer is not None:
-    rows.append(f"  linear up to {found.understeer.linear_limit:.2g} m/s^2 of lateral acceleration (ramp steer)")
-  notes = found.drive.notes + (found.lateral.notes if found.lateral else (f"tyres: {found.missing}",))
+  if identification.understeer is not None:
+    rows.append(
+      f"  linear up to {identification.understeer.linear_limit:.2g} m/s^2 of lateral acceleration (ramp steer)"
+    )
+  notes = identification.drive.notes + (
+    identification.lateral.notes if identification.lateral else (f"tyres: {identification.missing}",)
+  )
   return rows + [f"  note: {note}" for note in notes]
 
 

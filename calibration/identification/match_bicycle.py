@@ -135,20 +135,20 @@ class StepComparison:
     if "drives" in self._runs:
       prediction = self._twin.rollout(theta, self._runs["drives"])
       wanted = self._bicycle.rollout(bicycle_theta, self._runs["drives"]).channel("motor_speed")
-      found = moving_average(prediction.channel("motor_speed"))
-      out["motor_speed"] = found, np.broadcast_to(moving_average(wanted), found.shape)
+      motor_speed = moving_average(prediction.channel("motor_speed"))
+      out["motor_speed"] = motor_speed, np.broadcast_to(moving_average(wanted), motor_speed.shape)
     if "angles" in self._runs:
       out |= self._lateral(theta, bicycle_theta)
     return out
 
   def _lateral(self, theta: Array, bicycle_theta: Array) -> dict[str, tuple[Array, Array]]:
     segments, vehicle = self._runs["angles"], self._twin.vehicle
-    found = self._twin.rollout(theta, segments)
-    speed = moving_average(found.channel("motor_speed") * self._rolling, 0.2)
+    twin = self._twin.rollout(theta, segments)
+    speed = moving_average(twin.channel("motor_speed") * self._rolling, 0.2)
     car = self._bicycle.car(bicycle_theta)
     sideslip_angle, yaw_rate = single_track_answer(car, speed, segments.commands[..., 1], segments.period)
     answers = (
-      (found.channel("velocity_x"), found.channel("velocity_y"), found.channel("yaw_rate")),
+      (twin.channel("velocity_x"), twin.channel("velocity_y"), twin.channel("yaw_rate")),
       (speed * np.cos(sideslip_angle), speed * np.sin(sideslip_angle), yaw_rate),
     )
     accel = [planar_acceleration(*motion, vehicle, segments.period) for motion in answers]
@@ -167,23 +167,23 @@ class StepComparison:
   def residual(self, theta: Array, bicycle_theta: Array) -> Array:
     """Differences of the fitted steps in deviations of AIM, (n, M)."""
     parts = []
-    for channel, (found, wanted) in self.responses(theta, bicycle_theta).items():
+    for channel, (twin, wanted) in self.responses(theta, bicycle_theta).items():
       fitted = [k for k, level in enumerate(self.levels(channel)) if level.role == "identify"]
       first = 0 if channel == "motor_speed" else int(BEFORE / self._twin.period)
-      scale = AIM[channel] * np.abs(self.steady(channel, wanted)) * math.sqrt((found.shape[-1] - first) / WITNESSES)
-      error = (found - wanted) / scale[..., None]
-      parts.append(error[:, fitted, first:].reshape(len(found), -1))
+      scale = AIM[channel] * np.abs(self.steady(channel, wanted)) * math.sqrt((twin.shape[-1] - first) / WITNESSES)
+      error = (twin - wanted) / scale[..., None]
+      parts.append(error[:, fitted, first:].reshape(len(twin), -1))
     return np.concatenate(parts, axis=-1)
 
   def answers(self, theta: Array, bicycle_theta: Array) -> tuple[Answer, ...]:
     """Every step of one parameter vector (P,)."""
     out = []
-    for channel, (found, wanted) in self.responses(theta[None], bicycle_theta).items():
+    for channel, (twin, wanted) in self.responses(theta[None], bicycle_theta).items():
       steady = self.steady(channel, wanted[0])
       before = 0.0 if channel == "motor_speed" else BEFORE
-      time = self._twin.period * np.arange(found.shape[-1]) - before
+      time = self._twin.period * np.arange(twin.shape[-1]) - before
       for k, level in enumerate(self.levels(channel)):
-        out.append(Answer(channel, level, time, found[0, k], wanted[0, k], float(steady[k])))
+        out.append(Answer(channel, level, time, twin[0, k], wanted[0, k], float(steady[k])))
     return tuple(out)
 
 
@@ -250,12 +250,12 @@ def match_bicycle(
     return comparison.residual(full(values), bicycle_theta)
 
   first = free.vector({k: v for k, v in bicycle_values(identification, twin).items() if k in free})
-  found = fit(residual, free, first, iterations, np.inf, tolerance=1e-3, progress=progress)
-  found = with_jacobian(found, finite_differences(residual, free, found.theta, found.residual), np.inf)
-  theta = full(found.theta[None])[0]
+  estimate = fit(residual, free, first, iterations, np.inf, tolerance=1e-3, progress=progress)
+  estimate = with_jacobian(estimate, finite_differences(residual, free, estimate.theta, estimate.residual), np.inf)
+  theta = full(estimate.theta[None])[0]
   moved = lambda bicycle: comparison.residual(theta[None], bicycle)[0]
-  found = _with_bicycle(found, identification.covariance, moved, bicycle_theta)
-  return Match(found, theta, comparison.answers(theta, bicycle_theta))
+  estimate = _with_bicycle(estimate, identification.covariance, moved, bicycle_theta)
+  return Match(estimate, theta, comparison.answers(theta, bicycle_theta))
 
 
 def bicycle_values(identification: Identification, twin: Twin) -> dict[str, float]:
@@ -267,23 +267,25 @@ def bicycle_values(identification: Identification, twin: Twin) -> dict[str, floa
   return values
 
 
-def _with_bicycle(found: Fit, covariance: Array, residual: Callable[[Array], Array], theta: Array) -> Fit:
+def _with_bicycle(estimate: Fit, covariance: Array, residual: Callable[[Array], Array], theta: Array) -> Fit:
   """The fit with the bicycle's covariance carried over: cov + S C S', S = -H^-1 J' dr/db. The unknown counts as 0."""
   known = np.flatnonzero(np.isfinite(np.diag(covariance)) & (np.diag(covariance) > 0.0))
   if known.size == 0:
-    return found
+    return estimate
   r = residual(theta)
   moved = []
   for k in known:
     step = np.zeros(len(theta))
     step[k] = 1e-3 * theta[k]
     moved.append((residual(theta + step) - r) / step[k])
-  curvature = posterior_curvature(found.jacobian, found.residual, found.parameters, np.inf)
-  scale = found.parameters.scale
-  pull = (found.jacobian * scale).T @ np.stack(moved, axis=-1)
+  curvature = posterior_curvature(estimate.jacobian, estimate.residual, estimate.parameters, np.inf)
+  scale = estimate.parameters.scale
+  pull = (estimate.jacobian * scale).T @ np.stack(moved, axis=-1)
   shift = -scale[:, None] * np.linalg.solve(curvature * np.outer(scale, scale), pull)
-  shift[found.at_bound] = 0.0
-  return dataclasses.replace(found, covariance=found.covariance + shift @ covariance[np.ix_(known, known)] @ shift.T)
+  shift[estimate.at_bound] = 0.0
+  return dataclasses.replace(
+    estimate, covariance=estimate.covariance + shift @ covariance[np.ix_(known, known)] @ shift.T
+  )
 
 
 def _drive_steps(levels: Sequence[float], duration: float, period: float = 0.01) -> Segments:
@@ -313,7 +315,7 @@ def _segments(commands: Array, speed: float, name: str, period: float) -> Segmen
 
 
 def _distinct(steps) -> list[Level]:
-  found: dict[float, Level] = {}
+  levels: dict[float, Level] = {}
   for step in steps:
-    found.setdefault(round(step.level, 4), Level(float(step.level), step.role))
-  return list(found.values())
+    levels.setdefault(round(step.level, 4), Level(float(step.level), step.role))
+  return list(levels.values())

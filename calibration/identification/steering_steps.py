@@ -43,8 +43,8 @@ def find_turns(recordings: Sequence[Recording], vehicle: MeasuredCar) -> list[Tu
   for run in runs:
     lateral = [name for name in ("yaw_rate", "accel_y") if name in run]
     if lateral and ("motor_speed" in run or "speed" in run):
-      found = find_steps([run], "steering_command", lateral[0], SMALLEST, start_at_rest=False)
-      turns += [_turn(step, lateral, vehicle) for step in found]
+      steps = find_steps([run], "steering_command", lateral[0], SMALLEST, start_at_rest=False)
+      turns += [_turn(step, lateral, vehicle) for step in steps]
   return turns
 
 

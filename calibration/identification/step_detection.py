@@ -1,4 +1,4 @@
-"""Steps of a command found in recordings, and the steady end of the response to each.
+"""Steps of a command in recordings, and the steady end of the response to each.
 
 A step is a jump of the command that is then held. The response runs from the jump to the next one (or
 to the end of the recording); its steady window is the end of it that no longer drifts.
@@ -57,7 +57,7 @@ class Step:
 def moving_average(values: Array, duration: float = FILTER_TIME, period: float = PERIOD) -> Array:
   """Zero-phase moving average over the last axis, over an odd number of samples; shorter at the ends.
 
-  Applied alike to measurement and model, so that the filter leaves no bias in a comparison.
+  Applied to measurement and model, so that the filter leaves no bias in a comparison.
   """
   half = int(round(0.5 * duration / period))
   length = values.shape[-1]
@@ -89,13 +89,13 @@ def _steps_of(recording: Recording, command: str, channel: str, smallest: float,
   _, commands = recording.commands(PERIOD)
   values = commands[:, 1 if command == "steering_command" else 0]
   rows = _logged_rows(columns[channel])
-  found = []
+  steps = []
   for jump, begin, end in _plateaus(values[: rows.stop], start_at_rest):
     level = float(np.median(values[begin:end]))
     held = np.std(values[begin:end]) < 0.1 * abs(level)
     if held and abs(level) >= smallest and (end - begin) * PERIOD >= SHORTEST and jump >= rows.start:
-      found.append(_step(recording, columns, commands, level, channel, (max(jump, rows.start), begin, end)))
-  return found
+      steps.append(_step(recording, columns, commands, level, channel, (max(jump, rows.start), begin, end)))
+  return steps
 
 
 def _logged_rows(values: Array) -> slice:
@@ -152,7 +152,7 @@ def _step(
 def settled_rows(values: Array, tight: float = 0.004, loose: float = 0.08) -> int | None:
   """First row of the steady end of a response; None if it is nowhere near its end.
 
-  The longest end whose two halves have means within `tight` of each other (relative, beside what the
+  The longest end whose two halves have means within `tight` of each other (relative, on top of what the
   noise from sample to sample explains), of those that begin after 30, 40, ... 80 % of the response; else
   its last 40 % if the halves agree within `loose`.
   """

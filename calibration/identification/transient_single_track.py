@@ -12,7 +12,7 @@ So the transient is answered here by a single track with a saturating tyre, tran
 (brush tyre: Pacejka 2012, 3.2). C_f is fitted; C_r follows from the understeer gradient K of the steady
 turns. mu, T_servo, sigma and t_c are fitted too, each held by a prior. K and the measured numbers of the car
 are not: fitted, they would bend to whatever this model still lacks; their deviations pass into the result's.
-Amplitudes are left free per run and channel: shape only, the steady turns have told the amplitude.
+Amplitudes are left free per run and channel: shape only, the steady turns give the amplitude.
 """
 
 import dataclasses
@@ -178,7 +178,7 @@ def brush_force(linear: Array, limit: Array) -> Array:
 def fit_transients(transients: Transients, parameters: Sequence[Unknown]) -> TransientFit:
   """Maximum a posteriori of the fitted unknowns; Jacobian columns ride in one batch.
 
-  If more is left over than the noise explains, the noise is raised to it and the fit repeated: a model that is
+  If the residuals exceed the noise, the noise is raised to them and the fit repeated: a model that is
   wrong by that much may not outvote the priors.
   """
   fitted = np.flatnonzero([p.fitted for p in parameters])
@@ -214,8 +214,8 @@ def _optimum(transients: Transients, parameters: Sequence[Unknown], fitted: Indi
     return latest[y.tobytes()]
 
   accuracy = {"xtol": 1e-2, "ftol": 1e-6, "gtol": 1e-2}
-  found = least_squares(residuals, start[fitted], jac=jacobian, **accuracy)  # pyright: ignore[reportArgumentType]
-  return whole(found.x)
+  optimum = least_squares(residuals, start[fitted], jac=jacobian, **accuracy)  # pyright: ignore[reportArgumentType]
+  return whole(optimum.x)
 
 
 def _chi_squared(transients: Transients, parameters: Sequence[Unknown], fitted: Indices, z: Array) -> float:
@@ -283,8 +283,8 @@ def _whitened(transients: Transients, parameters: Sequence[Unknown], z: Array) -
   model = responses(_numbers(parameters, z), transients.steering, transients.speed)
   parts = []
   for name, measured in transients.measured.items():
-    wanted, found = measured[:, BEFORE:], model[name][..., BEFORE:]
-    gain = np.sum(wanted * found, axis=-1) / np.sum(np.square(found), axis=-1)
-    scaled = (wanted - gain[..., None] * found) / transients.noise[name]
+    wanted, modelled = measured[:, BEFORE:], model[name][..., BEFORE:]
+    gain = np.sum(wanted * modelled, axis=-1) / np.sum(np.square(modelled), axis=-1)
+    scaled = (wanted - gain[..., None] * modelled) / transients.noise[name]
     parts.append(scaled.reshape(len(z), -1))
   return np.concatenate(parts, axis=-1)

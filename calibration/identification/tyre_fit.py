@@ -6,10 +6,10 @@ the origin, and C_r = (k_su C_f L_f v^2 - C_f L_f^2) / L_r^2, which leaves sides
 and K. Yaw rate rather than lateral acceleration, because an IMU on a rolling body also feels g sin(roll), 2 %
 here, which passes for understeer. The car steers less at large angles (coupled axles scrub, tyres bend), as the
 square of the angle; K is the value at zero angle, where the linear model is meant, and what the square takes is
-kept beside it (`TurningLosses`).
+kept apart from it (`TurningLosses`).
 
 Transient "linear", as printed: C_f minimises the time-averaged squared error of the bicycle's lateral
-acceleration, filtered alike. "lagged": servo, transient slip and saturation are fitted with it (`transient`);
+acceleration, filtered in the same way. "lagged": servo, transient slip and saturation are fitted with it (`transient`);
 without them C_f misses the stiffness the tyres have at small slip by up to a half.
 """
 
@@ -162,13 +162,13 @@ def _linear_stage(used: Sequence[Turn], vehicle: MeasuredCar, constraint: _Const
   wanted = [moving_average(t.signals[channel]) for t in about]
 
   def cost(log_front: float) -> float:
-    found = transient.model(constraint.stiffness(np.exp(log_front), vehicle))[channel]
-    pairs = zip(wanted, found, about, strict=True)
+    modelled = transient.model(constraint.stiffness(np.exp(log_front), vehicle))[channel]
+    pairs = zip(wanted, modelled, about, strict=True)
     return float(sum(np.mean(np.square(w - f)[t.step.first :]) for w, f, t in pairs))
 
   bounds = np.log([PARAMETERS["cornering_stiffness_front"].lower, PARAMETERS["cornering_stiffness_front"].upper])
-  found = minimize_scalar(cost, bounds=tuple(bounds), method="bounded", options={"xatol": 1e-5})
-  return constraint.stiffness(float(np.exp(found.x)), vehicle)
+  optimum = minimize_scalar(cost, bounds=tuple(bounds), method="bounded", options={"xatol": 1e-5})
+  return constraint.stiffness(float(np.exp(optimum.x)), vehicle)
 
 
 def _measured_covariance(
@@ -286,9 +286,9 @@ def _errors(turns: Sequence[Turn], vehicle: MeasuredCar, values: Array, name: st
   for turn in turns:
     if name not in turn.signals or turn.step.steady is None:
       continue
-    found = LinearResponses([turn], vehicle).model(values)[name][0]
+    modelled = LinearResponses([turn], vehicle).model(values)[name][0]
     wanted = moving_average(turn.signals[name])
-    rmse = float(np.sqrt(np.mean(np.square(wanted - found)[turn.step.first :])))
+    rmse = float(np.sqrt(np.mean(np.square(wanted - modelled)[turn.step.first :])))
     speed, measured = turn.steady("speed"), turn.steady(name)
     wheelbase = vehicle.cg_to_front + vehicle.cg_to_rear
     model = float(turn.steady("steering") * kinematics.yaw_rate_gain(speed, wheelbase, gradient))

@@ -50,9 +50,9 @@ def understeer_characteristic(recordings: Sequence[Recording], vehicle: Measured
     lateral = "accel_y" if "accel_y" in recording else "yaw_rate"
     if recording.manoeuvre != "ramp_steer" or lateral not in recording or "steering_command" not in recording:
       continue
-    found = _characteristic(recording, lateral, vehicle)
-    if found is not None:
-      return found
+    understeer = _characteristic(recording, lateral, vehicle)
+    if understeer is not None:
+      return understeer
   return None
 
 

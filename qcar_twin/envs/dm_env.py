@@ -64,7 +64,7 @@ class PathTracking(control.Task):
     physics.show(self._puppet, self.fleet.signals[0], 0.0)
 
   def seed(self, seed: int) -> None:
-    """Let everything random start anew; the next reset begins the seed's first episode."""
+    """Restart everything random; the next reset begins the seed's first episode."""
     self.fleet.seed([seed])
     self._begun = False
 

@@ -27,7 +27,7 @@ class SpeedControl(Protocol):
   """A speed controller of N cars."""
 
   def restart(self, which: Mask, speed: Array) -> None:
-    """Take over some cars anew at speeds (N,), m/s."""
+    """Take over some cars again at speeds (N,), m/s."""
     ...
 
   def voltage(self, speed: Array, target: ArrayLike, period: float) -> Array:
@@ -89,7 +89,7 @@ class DrivenCars:
   Attributes:
     commands: voltage and steering command of the last period, V and rad, (N, 2).
     steering: commanded, rad, (N,).  estimate: of the cars.
-    errors: relative to the path, (2, N) each: as estimated, and true.  arc_length: likewise, m, (2, N).
+    errors: relative to the path, (2, N) each: as estimated, and true.  arc_length: as estimated, and true, m, (2, N).
     past: slow means of steering command and path curvature, rad and 1/m, (N, 2).
   """
 
@@ -121,7 +121,7 @@ class DrivenCars:
     return np.stack([np.nan_to_num(self.estimate.speed), np.hypot(*self.signals[:, VELOCITY].T)])
 
   def restart(self, which: Mask) -> None:
-    """Let some cars, (N,), that have been put to the path's start begin anew."""
+    """Let some cars, (N,), that have been put to the path's start begin again."""
     self.steering = np.where(which, 0.0, self.steering)
     self.past = np.where(which[:, None], 0.0, self.past)
     self.arc_length = np.where(which, 0.0, self.arc_length)

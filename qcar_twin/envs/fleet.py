@@ -1,7 +1,7 @@
 """N cars on the path-tracking task: `DrivenCars` with starts, reward, ends, restarts.
 
 Every car has random streams of its own, from its own seed: what happens to a car does not depend on which other
-cars drive beside it. The environments only translate; everything they do is done here.
+cars drive with it. The environments only translate; everything they do is done here.
 """
 
 import dataclasses
@@ -31,7 +31,7 @@ Demonstrator = Callable[[Errors, Array], Array]
 
 @dataclasses.dataclass(frozen=True)
 class Spread:
-  """Parameters drawn anew for every episode around the nominal ones.
+  """Parameters drawn again for every episode around the nominal ones.
 
   Attributes:
     names: of the plant's parameters.
@@ -135,7 +135,7 @@ class Fleet:
     self.seed(seeds)
 
   def seed(self, seeds: Sequence[int]) -> None:
-    """Begin all cars anew as a fresh fleet with these seeds would."""
+    """Restart all cars as a fresh fleet with these seeds would."""
     if len(seeds) != self.count:
       raise ValueError(f"{len(seeds)} seeds for {self.count} cars")
     self._rngs = [np.random.default_rng([seed, 1]) for seed in seeds]
@@ -169,7 +169,7 @@ class Fleet:
 
   @property
   def arc_length(self) -> Array:
-    """Likewise, m, (2, N)."""
+    """Arc length along the path, as estimated and true, m, (2, N)."""
     return self.cars.arc_length
 
   @property

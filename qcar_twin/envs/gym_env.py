@@ -43,7 +43,7 @@ class PathTrackingEnv(gymnasium.Env):
     self._film: Any = None
 
   def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
-    """A new episode; with a seed everything random starts anew from it."""
+    """A new episode; with a seed everything random restarts from it."""
     super().reset(seed=seed)
     if seed is not None:
       self.fleet.seed([seed])

@@ -68,8 +68,8 @@ class TrackingTask:
     reward: weights.  lost: th_u, cross-track error that ends an episode, m.
     largest_rate: bound of the action, rad/s.  lock: of the steering angle, rad.
     start_offset, start_heading: episodes start uniformly within +- these, m and rad.
-    steering_gain, steering_offset: of the linkage, - and rad; neither agent nor filter is told.
-    gain_spread, offset_spread: the linkage is drawn anew for every episode, uniformly within +- these around them.
+    steering_gain, steering_offset: of the linkage, - and rad; neither agent nor filter knows them.
+    gain_spread, offset_spread: the linkage is drawn again for every episode, uniformly within +- these around them.
     servo_delay, servo_lag: s, for plants that have no servo of their own.
     judged_by_truth: reward and ends from the true state, as a simulator allows; else from the estimate.
     period: control period, s.

@@ -65,7 +65,7 @@ class FederatedBatch:
   def start(self, pose: Array, speed: Array, std: float = 0.01, which: Mask | None = None) -> None:
     """Start cars (all, or those of a mask) at known poses (N, 3) and speeds (N,) in the present period.
 
-    What had been told of the cars of a mask before is of their former life.
+    Measurements of the masked cars from before are discarded.
     """
     fresh = FilterState.at(pose, speed, std, self._watched)
     slot = self.slots[self.present]

@@ -92,7 +92,7 @@ def bounds_of(settings: FilterSettings, covariance: Any, yaw_variance: Any, unse
   Args:
     covariance: xx, xy, yy, m^2; EKF_BM's own where both filters use the lidar in full and the fusion believes too much.
     yaw_variance: rad^2.
-    unseen: rad by which a fault may turn the yaw before it is found.  Numbers of one car or arrays (N,).
+    unseen: rad by which a fault may turn the yaw before it is detected.  Numbers of one car or arrays (N,).
   """
   xx, xy, yy = covariance
   largest = 0.5 * (xx + yy) + (0.25 * (xx - yy) ** 2 + xy**2) ** 0.5

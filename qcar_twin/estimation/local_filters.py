@@ -253,11 +253,11 @@ class LocalFilters:
     for i in np.flatnonzero(accepted & np.isfinite(fix[:, POSE]).all(axis=1)):
       odometer, rate = state.odometers[i], state.bicycle.item(i, R)
       yaw, std = fix.item(i, YAW_OF_FIX) - float(offsets[i]) * rate, math.sqrt(noise.item(i, YAW_OF_FIX))
-      found = odometer.compare(time, yaw, std, rate, self.settings.lidar_correlation)
+      estimate = odometer.compare(time, yaw, std, rate, self.settings.lidar_correlation)
       unseen[i] = odometer.unseen
-      if found is not None:
-        widened[i, YAW] = (0.5 * found.span * found.bias) ** 2
-        widened[i, R] = found.bias**2
+      if estimate is not None:
+        widened[i, YAW] = (0.5 * estimate.span * estimate.bias) ** 2
+        widened[i, R] = estimate.bias**2
     state.unseen = unseen
     if widened.any():
       state.bicycle_covariance = state.bicycle_covariance + widened[:, :, None] * np.eye(6)

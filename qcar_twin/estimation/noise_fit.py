@@ -52,9 +52,9 @@ def fit_noise(
       for name in names:
         for factor in FACTORS:
           trial = dataclasses.replace(settings, **{name: factor * getattr(before, name)})
-          found = evidence(recordings, car, trial, lateness)
-          if found[which] > best[which]:
-            settings, best = trial, found
+          log_likelihood = evidence(recordings, car, trial, lateness)
+          if log_likelihood[which] > best[which]:
+            settings, best = trial, log_likelihood
     log.info("noise fit, round %d: log likelihood %.1f and %.1f", turn + 1, *best)
     if settings == before:
       break

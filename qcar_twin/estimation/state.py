@@ -32,8 +32,8 @@ class FilterState:
     steady: of those, how many in a row lie where a car could have got to from their predecessor, (N,).
     last: last refused fix, m, (N, 2).  driven: distance since that fix, m, (N,).
     watches: of the encoders, one per car; empty where they are not watched.
-    clocks: of the stamps of their fixes, likewise.  odometers: of their gyros.
-    unseen: rad by which a bias of the gyro may turn the yaw before it is found, (N,).
+    clocks: of the stamps of their fixes, one per car; empty where they are not watched.  odometers: of their gyros.
+    unseen: rad by which a bias of the gyro may turn the yaw before it is detected, (N,).
   """
 
   bicycle: Array

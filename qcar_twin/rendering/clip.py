@@ -1,4 +1,4 @@
-"""A short film of one drive with a translucent car beside it, first as one model has it, then as another."""
+"""A short film of one drive with a translucent car next to it, first as one model has it, then as another."""
 
 import io
 import tempfile
@@ -15,7 +15,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-_SEEN = 0.4  # m beside the car, within the chase camera's view
+_SEEN = 0.4  # m to the side of the car, within the chase camera's view
 LOOK = Look("chase", 480, 270, fps=15, shadows=False)  # a frame takes a software renderer a twentieth of a second
 
 

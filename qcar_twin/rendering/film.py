@@ -242,5 +242,5 @@ def signals_of(channels: dict[str, Array]) -> Array:
     raise KeyError(f"the recording has no {', '.join(missing)}: a car can only be shown where its pose was measured")
   substitutes = {"velocity_x": "speed", "steering_angle": "steering_command"}
   none = np.zeros(len(channels["pose_x"]))
-  found = [channels.get(name, channels.get(substitutes.get(name, ""), none)) for name in SIGNALS]
-  return np.stack(found, axis=-1)
+  columns = [channels.get(name, channels.get(substitutes.get(name, ""), none)) for name in SIGNALS]
+  return np.stack(columns, axis=-1)

@@ -49,7 +49,7 @@ class SensorRun(Protocol):
     ...
 
   def restart(self, which: Mask, signals: Array) -> None:
-    """Begin some of the runs anew at these signals."""
+    """Restart some of the runs at these signals."""
     ...
 
 

@@ -45,7 +45,7 @@ class Room:
 
   @classmethod
   def around(cls, x: Array, y: Array, margin: float = 1.2, seed: int = 0) -> "Room":
-    """Four walls around a driven area and furniture along them, no two places alike.
+    """Four walls around a driven area and furniture along them, no two places the same.
 
     Args:
       x, y: of the driven path, m; furniture stays 0.5 m away from it.

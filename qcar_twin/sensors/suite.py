@@ -51,13 +51,13 @@ class SensorSuite:
     self._lost = {name: np.random.default_rng([seed, zlib.crc32(name.encode()), 1]) for name in sensors}
     self._every = {name: sensor.timing.every(period) for name, sensor in sensors.items()}
     self._latency = {name: round(sensor.timing.latency / period) for name, sensor in sensors.items()}
-    # what is under way: period of arrival, of measurement as it will be told, samples
+    # what is under way: period of arrival, of measurement as it will be reported, samples
     self._waiting: dict[str, list[tuple[int, int, Array]]] = {name: [] for name in sensors}
     self._faults = [FaultRun(fault, np.random.default_rng([seed, 2, i])) for i, fault in enumerate(faults)]
     self._step = -1
 
   def restart(self, which: Mask, signals: Array) -> None:
-    """Begin some runs anew (N,): new biases, nothing under way."""
+    """Restart some runs, (N,): new biases, nothing under way."""
     for name, run in self._runs.items():
       run.restart(which, signals)
       for _, _, values in self._waiting[name]:

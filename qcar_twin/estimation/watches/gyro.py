@@ -21,7 +21,7 @@ from scipy.stats import norm
 Array = NDArray[np.float64]
 WINDOWS = (8, 16, 40)  # last fixes that are compared: short for what is large, long for what is small
 HOLD = 0.1  # s that a rate of the gyro is held
-GAP = 1.0  # s without a fix after which the comparison begins anew
+GAP = 1.0  # s without a fix after which the comparison begins again
 FALSE_ALARM = 1e-6  # probability of a finding where there is nothing, per fix
 MISSED = 0.05  # probability of not finding the bias behind `unseen` within its window
 LIMIT = float(norm.isf(0.5 * FALSE_ALARM / len(WINDOWS)))  # shared by the tests made at each fix
@@ -31,7 +31,7 @@ TRUST = np.diag([0.0, 1.0, 1.0 / 0.05**2])  # b within 1 rad/s and tau within 50
 
 
 class Finding(NamedTuple):
-  """A bias that has been found, or found more exactly.
+  """A bias that has been detected, or estimated more exactly.
 
   Attributes:
     bias: by how much it has changed, rad/s.
@@ -44,18 +44,18 @@ class Finding(NamedTuple):
 
 @dataclasses.dataclass(slots=True)
 class GyroWatch:
-  """One car's gyro, the last fixes beside it, and what is held against it.
+  """One car's gyro, the last fixes, and the bias that they show.
 
   Attributes:
-    turned: integral of the gyro, rad.  told: its last rate, rad/s.  silent: since then, s.
+    turned: integral of the gyro, rad.  rate: its last rate, rad/s.  silent: since then, s.
     rows: of each fix: time s, yaw rad, its standard deviation rad, and `turned` and yaw rate rad/s then.
     bias: of the gyro, rad/s.
-    since: fixes since it was found, while it is still made more exact; -1 for none.
+    since: fixes since it was detected, while it is still made more exact; -1 for none.
     unseen: rad by which a bias turns the yaw that one of the windows would hardly miss, in its span.
   """
 
   turned: float = 0.0
-  told: float = 0.0
+  rate: float = 0.0
   silent: float = math.inf
   rows: tuple[tuple[float, ...], ...] = ()
   bias: float = 0.0
@@ -66,12 +66,12 @@ class GyroWatch:
     """An independent copy."""
     return copy.copy(self)
 
-  def travel(self, told: float, otherwise: float, period: float) -> None:
+  def travel(self, rate: float, otherwise: float, period: float) -> None:
     """A period, s, with a rate of the gyro, rad/s; NaN for none: the last one is held, after `HOLD` it is another's."""
-    self.silent = 0.0 if math.isfinite(told) else self.silent + period
-    if math.isfinite(told):
-      self.told = told
-    self.turned += period * (self.told if self.silent <= HOLD else otherwise)
+    self.silent = 0.0 if math.isfinite(rate) else self.silent + period
+    if math.isfinite(rate):
+      self.rate = rate
+    self.turned += period * (self.rate if self.silent <= HOLD else otherwise)
 
   def compare(self, time: float, yaw: float, std: float, rate: float, correlation: float) -> Finding | None:
     """Take an accepted fix at a time, s: its yaw, rad, standard deviation, rad, and the yaw rate then, rad/s.
@@ -141,7 +141,7 @@ def bias_of(design: Array, seen: Array, held: float) -> tuple[float, float]:
   """
   expected = np.array([0.0, held, 0.0])
   covariance = np.linalg.inv(design.T @ design + TRUST)
-  found = expected + covariance @ (design.T @ (seen - design @ expected))
-  residuals = seen - design @ found
+  posterior = expected + covariance @ (design.T @ (seen - design @ expected))
+  residuals = seen - design @ posterior
   excess = max(1.0, float(residuals @ residuals) / (len(seen) - UNKNOWNS))
-  return float(found[BIAS]), math.sqrt(excess * covariance[BIAS, BIAS])
+  return float(posterior[BIAS]), math.sqrt(excess * covariance[BIAS, BIAS])

@@ -83,22 +83,22 @@ def by_subsystem(mechanisms: Iterable[Mechanism]) -> list[Mechanism]:
 
 @functools.cache
 def _catalogue(files: tuple[Path, ...]) -> dict[str, Mechanism]:
-  found: dict[str, Mechanism] = {}
+  mechanisms: dict[str, Mechanism] = {}
   owner: dict[str, str] = {}
   own = sorted(m.name for m in pkgutil.iter_modules(__path__) if m.name != "base")
   for module in [*(importlib.import_module(f"{__name__}.{name}") for name in own), *map(_run, files)]:
     where = Path(str(module.__file__)).name
     for item in _defined(module):
-      if item.name in found:
+      if item.name in mechanisms:
         raise ValueError(f"mechanism '{item.name}' is defined twice: once more in {where}; give it another name")
-      found[item.name] = item()
+      mechanisms[item.name] = item()
       for parameter in item.parameters:
         if owner.setdefault(parameter.name, item.name) != item.name:
           raise ValueError(
             f"{where}: parameter '{parameter.name}' of {item.name} belongs to {owner[parameter.name]};"
             " give it another name"
           )
-  return found
+  return mechanisms
 
 
 def _defined(module: ModuleType) -> list[type[Mechanism]]:

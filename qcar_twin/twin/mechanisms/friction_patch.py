@@ -71,7 +71,7 @@ class FrictionPatch(Mechanism):
 
 def _squares(places: Array) -> Array:
   """Lower corners of the fewest unit squares that hold enough of some places, (k, 2)."""
-  found, count = np.unique(np.floor(places), axis=0, return_counts=True)
+  corners, count = np.unique(np.floor(places), axis=0, return_counts=True)
   order = np.argsort(-count, kind="stable")
   held = np.cumsum(count[order]) / len(places)
-  return found[order[: 1 + int(np.searchsorted(held, ENOUGH))]]
+  return corners[order[: 1 + int(np.searchsorted(held, ENOUGH))]]

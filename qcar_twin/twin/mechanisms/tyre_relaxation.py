@@ -19,7 +19,7 @@ class TyreRelaxation(Mechanism):
   subsystem = "tyre"
   stage = "contact"
   nonlinear_response = (
-    True  # tyres and servo move far to make up for it, and a straight line from there promises nothing
+    True  # tyres and servo move far to make up for it, and a linear model from there predicts nothing
   )
   parameters = (
     Parameter("tyre_relaxation", 0.0, 0.0, 0.4, "m", "d_sigma", null=0.0, typical=0.06, description="added length"),

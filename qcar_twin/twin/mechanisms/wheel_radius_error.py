@@ -12,7 +12,7 @@ class WheelRadiusError(Mechanism):
   """The wheels are larger than stated, so the motor turns more slowly at the same speed.
 
   Equation: omega_measured = omega / (1 + e), as omega G r_w (1 + e) = v.
-  Units: e -; positive for larger wheels. The force of the drive, which changes alike, is left to the
+  Units: e -; positive for larger wheels. The force of the drive, which changes by the same factor, is left to the
   fitted torque per volt.
   Source: Borenstein and Feng, IEEE T-RA 12(6), 1996 (systematic odometry errors).
   Confounded with: longitudinal_slip (grows with the drive), pose scale.

@@ -59,7 +59,7 @@ def build(force: bool = False) -> Path:
 
 
 def _libmujoco() -> Path:
-  """The engine's shared library, shipped beside its Python package."""
+  """The engine's shared library, shipped with its Python package."""
   folder = Path(str(mujoco.__file__)).parent
   candidates = sorted(folder.glob("libmujoco*.so*")) + sorted(folder.glob("libmujoco*.dylib"))
   candidates += sorted(folder.glob("mujoco.lib"))

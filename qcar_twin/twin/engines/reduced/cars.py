@@ -211,8 +211,8 @@ class ReducedCars:
     if running is None or len(running) == self._size:
       return np.arange(self._stride // self._lanes), np.empty(0, dtype=np.intp)
     blocks = np.unique(running // self._lanes)
-    beside = (self._lanes * blocks[:, None] + np.arange(self._lanes)).ravel()
-    return blocks, np.setdiff1d(beside[beside < self._size], running)
+    neighbours = (self._lanes * blocks[:, None] + np.arange(self._lanes)).ravel()
+    return blocks, np.setdiff1d(neighbours[neighbours < self._size], running)
 
   def _spread(self, call: Callable[[int, int], None], blocks: int, threads: int, pieces: int = 1) -> None:
     """The call on all blocks, in parts of (first, count), at once on so many threads."""

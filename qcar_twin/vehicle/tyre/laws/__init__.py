@@ -1,4 +1,4 @@
-"""The tyre laws: every file here that has a C function beside it is one.
+"""The tyre laws: every file here that has a C function next to it is one.
 
 A law `x` is `x.py`, which declares its own parameters as PARAMETERS, and `x.h`, which defines
 
@@ -28,17 +28,17 @@ def tyre_laws() -> Mapping[str, tuple[Parameter, ...]]:
   Raises:
     ValueError: a law lacks its C function, or two laws share a parameter's name.
   """
-  found: dict[str, tuple[Parameter, ...]] = {}
+  laws: dict[str, tuple[Parameter, ...]] = {}
   for name in sorted((m.name for m in pkgutil.iter_modules(__path__)), key=lambda n: (n != DEFAULT, n)):
     header = FOLDER / f"{name}.h"
     if not header.is_file() or f"{name}_secant(" not in header.read_text(encoding="utf-8"):
       raise ValueError(f"tyre law '{name}': laws/{name}.h does not define {name}_secant; see docs/guide/extending.md")
-    found[name] = tuple(importlib.import_module(f"{__name__}.{name}").PARAMETERS)
-  names = [p.name for parameters in found.values() for p in parameters]
+    laws[name] = tuple(importlib.import_module(f"{__name__}.{name}").PARAMETERS)
+  names = [p.name for parameters in laws.values() for p in parameters]
   if len(set(names)) != len(names):
     twice = next(n for n in names if names.count(n) > 1)
     raise ValueError(f"two tyre laws have a parameter '{twice}'; give one of them another name")
-  return found
+  return laws
 
 
 def law_parameters(law: str) -> tuple[Parameter, ...]:
