@@ -26,8 +26,8 @@ _COMPUTER = re.sub(r"[^A-Za-z0-9.]", "_", platform.node()) or "here"
 def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
   """A place to write to that becomes `path` when the block ends; after an error nothing has changed there.
 
-  The place has the name of `path`, so that writers that go by the ending work. It lies in a hidden folder next to `path`,
-  so that it is on the same disk and no listing of the folder finds it. The folder of `path` is made.
+  The place has the name of `path`, so that writers that go by the ending work. It lies in a hidden folder next to that
+  path, so that it is on the same disk and no listing of the folder finds it. The folder of `path` is made.
   """
   path = Path(path)
   path.parent.mkdir(parents=True, exist_ok=True)
