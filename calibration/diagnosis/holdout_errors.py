@@ -35,6 +35,27 @@ class ChannelFit:
   unit: str
   samples: int
 
+  @property
+  def noise(self) -> float:
+    """What the sensor itself makes, at standstill or while driving, whichever is more; in the channel's unit."""
+    return max(self.noise_floor, self.driving_noise)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Replay:
+  """Recordings that took no part in a fit, with the errors that twins make on them.
+
+  Attributes:
+    observations: M measured values.
+    before, after: predicted minus measured of the recalibrated and the repaired twin, (M,), in each channel's unit.
+    without: the same of the repaired twin without one of its mechanisms and with the rest refitted, by its name.
+  """
+
+  observations: Observations
+  before: Array
+  after: Array
+  without: Mapping[str, Array] = dataclasses.field(default_factory=dict)
+
 
 def compare_twins(
   twin: Twin,
@@ -44,7 +65,8 @@ def compare_twins(
   floor: Mapping[str, float],
   cut: Cut,
   seed: int = 0,
-) -> tuple[dict[str, ChannelFit], Observations, Array]:
+  without: Mapping[str, Array] | None = None,
+) -> tuple[dict[str, ChannelFit], Replay | None]:
   """Errors of two parameter vectors on recordings, per channel.
 
   Args:
@@ -54,24 +76,25 @@ def compare_twins(
     floor: noise of each residual channel at standstill.
     cut: how recordings are cut; the timing that was fitted.
     seed: of the bootstrap.
+    without: parameter vectors of the repaired twin without one of its mechanisms, by its name, (P,) each.
 
   Returns:
-    per channel; the observations; errors (2, M) of before and after in each channel's unit.
+    per channel; the errors value by value, None without recordings.
   """
   if not recordings:
-    return {}, _empty(), np.zeros((2, 0))
-  observations = observe(recordings, twin.vehicle, cut)
-  prediction = twin.rollout(np.stack([before, after]), observations.stretches.segments)
+    return {}, None
+  observations, reduced = observe(recordings, twin.vehicle, cut), without or {}
+  prediction = twin.rollout(np.stack([before, after, *reduced.values()]), observations.stretches.segments)
   errors = observations.predict(prediction) - observations.measured
   random = np.random.default_rng(seed)
   driving = residual_floor(driving_noise(recordings))
   fits = {name: _channel(observations, errors, name, (floor, driving), random) for name in observations.present}
-  return fits, observations, errors
+  return fits, Replay(observations, errors[0], errors[1], dict(zip(reduced, errors[2:], strict=True)))
 
 
 def recovered_share(fits: Mapping[str, ChannelFit]) -> float:
   """Share of the squared error above what the sensors make while driving that the repair removed; 0 without any."""
-  floor = {name: max(f.noise_floor, f.driving_noise) for name, f in fits.items()}
+  floor = {name: f.noise for name, f in fits.items()}
   before, after = ({name: getattr(f, key) for name, f in fits.items()} for key in ("before", "after"))
   share = share_removed(before, after, floor)
   return 0.0 if share is None else share
@@ -95,6 +118,20 @@ def share_removed(before: Mapping[str, float], after: Mapping[str, float], floor
   return 1.0 - above(after) / excess if excess > 0.0 else None
 
 
+def share_taken_off(replay: Replay, fits: Mapping[str, ChannelFit], name: str) -> float | None:
+  """What one mechanism takes off the recalibrated twin's squared error above sensor noise, as a share of it.
+
+  The share that all mechanisms remove (`share_removed`) less the share that the others remove without it. Of a single
+  mechanism this is `recovered_share`. None where the twin without it was not driven.
+  """
+  if name not in replay.without or not fits:
+    return None
+  select, error = replay.observations.select, replay.without[name]
+  left = {channel: float(np.sqrt(np.mean(error[select(channel)] ** 2))) for channel in fits}
+  others = share_removed({c: f.before for c, f in fits.items()}, left, {c: f.noise for c, f in fits.items()})
+  return None if others is None else recovered_share(fits) - others
+
+
 def _channel(
   observations: Observations,
   errors: Array,
@@ -103,7 +140,7 @@ def _channel(
   random: np.random.Generator,
 ) -> ChannelFit:
   rows = observations.select(name)
-  squares = errors[:, rows] ** 2
+  squares = errors[:2, rows] ** 2
   block = observations.block[rows]
   sums = np.stack([np.bincount(block, s) for s in squares])  # (2, B)
   sums = sums[:, np.bincount(block) > 0]
@@ -114,7 +151,3 @@ def _channel(
   still, driving = (float(floor.get(name, 0.0)) for floor in floors)
   return ChannelFit(float(before), float(after), still, driving, (float(low), float(high)),
                     UNITS[name], int(rows.sum()))  # fmt: skip
-
-
-def _empty() -> Observations:
-  return None  # type: ignore[return-value]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.diagnosis.holdout_errors import ChannelFit
+from calibration.diagnosis.holdout_errors import ChannelFit, Replay
 from calibration.diagnosis.locate import Location
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.search.decide import Decision
@@ -35,6 +35,7 @@ class Diagnosis:
     left_over: structure in the residuals of the recalibrated twin, and of the model behind the claims: all of it, below
       its level, too.
     notes: warnings about the data set that a reader must know.
+    replay: the held-out recordings, else those for validation, value by value; None without either.
   """
 
   dataset: str
@@ -49,6 +50,7 @@ class Diagnosis:
   repaired_twin: str = "twin.toml"
   left_over: tuple[Sequence[Leftover], Sequence[Leftover]] = ((), ())
   notes: tuple[str, ...] = ()
+  replay: Replay | None = None
 
 
 @dataclasses.dataclass(frozen=True)

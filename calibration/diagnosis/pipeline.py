@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
 from calibration.diagnosis.considered import always_free, considered
 from calibration.diagnosis.experiment import next_experiment
-from calibration.diagnosis.holdout_errors import ChannelFit, compare_twins
+from calibration.diagnosis.holdout_errors import ChannelFit, Replay, compare_twins
 from calibration.diagnosis.locate import Location, locate
 from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.pool import Pool, base_candidate
@@ -114,12 +114,12 @@ def diagnose(
   baseline, pool = _searched(begun.recalibrated, tried, effort, clock)
   clock.start("decision")
   cut, named = Cut(command_shift=baseline.command_shift, most=LONGEST), decide(pool, levels)
-  validate = _before_and_after(twin, pool, named, dataset.role("validate"), cut)
+  validate, judged = _before_and_after(twin, pool, named, dataset.role("validate"), cut)
   decision, unknowns, left = _concluded(named, pool, validate, levels)
   clock.start("location")
   place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)
   clock.start("hold-out")
-  holdout = _before_and_after(twin, pool, decision, dataset.role("holdout"), cut)
+  holdout, unseen = _before_and_after(twin, pool, decision, dataset.role("holdout"), cut)
   diagnosis = Diagnosis(
     dataset=dataset.name,
     decision=decision,
@@ -127,6 +127,7 @@ def diagnose(
     pool=pool,
     validate=validate,
     holdout=holdout,
+    replay=unseen or judged,
     seconds=clock.stop(),
     stages=clock.stages,
     next_experiment=experiment,
@@ -191,8 +192,10 @@ def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]) -> 
 
 def _before_and_after(
   twin: Twin, pool: Pool, decision: Decision, recordings: Sequence[Recording], cut: Cut
-) -> dict[str, ChannelFit]:
-  return compare_twins(twin, pool.base.theta, decision.model.theta, recordings, pool.floor, cut)[0]
+) -> tuple[dict[str, ChannelFit], Replay | None]:
+  model, key = decision.model, frozenset(decision.model.mechanisms)
+  without = {name: pool.models[key - {name}].theta for name in model.mechanisms if key - {name} in pool.models}
+  return compare_twins(twin, pool.base.theta, model.theta, recordings, pool.floor, cut, without=without)
 
 
 class _Clock:

@@ -40,11 +40,12 @@ _TEMPLATES = jinja2.Environment(
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-  """Rows of cells under column titles; units belong in the titles."""
+  """Rows of cells under column titles; units belong in the titles. A long one is folded unless `unfolded`."""
 
   caption: str
   columns: Sequence[str]
   rows: Sequence[Sequence[Cell]]
+  unfolded: bool = False
 
   def __post_init__(self) -> None:
     for number, row in enumerate(self.rows):
@@ -53,8 +54,8 @@ class Table:
 
   @property
   def folded(self) -> bool:
-    """Whether a reader has to open it."""
-    return len(self.rows) > _LONG
+    """Whether a reader has to open it: tables of more than 16 rows, unless they are to be seen at once."""
+    return len(self.rows) > _LONG and not self.unfolded
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from calibration.diagnosis.experiment import reach
 from calibration.diagnosis.outcome import Outcome
 from calibration.diagnosis.report.curves import Curve, identified_curves
-from calibration.fitting.observations import Observations
+from calibration.fitting.observations import CHANNELS, Observations
 from qcar_twin.pages import Clip
 from qcar_twin.plant import POSE, SIGNALS, VELOCITY, Prediction, signal_index
 from qcar_twin.plotting import BEFORE, TWIN
@@ -51,14 +51,14 @@ def demonstrate(outcome: Outcome) -> Demonstration:
   return Demonstration(clip, why, tuple(curves))
 
 
-def worst_stretch(observations: Observations, evidence: Array) -> int | None:
-  """The simulated stretch whose first seconds hold most evidence; None where no pose was measured."""
+def worst_stretch(observations: Observations, weight: Array) -> int | None:
+  """The simulated stretch whose first seconds hold most weight, (M,); None where no pose was measured."""
   segments = observations.stretches.segments
   if segments.pose is None:
     return None
   until = segments.offset[observations.stretch] + _LASTS
   early = observations.time <= until
-  sums = np.bincount(observations.stretch[early], evidence[early], len(segments))
+  sums = np.bincount(observations.stretch[early], weight[early], len(segments))
   posed = np.isfinite(segments.pose).all(axis=(1, 2)) & (segments.steps * segments.period >= _SHORTEST)
   if not posed.any():
     return None
@@ -67,8 +67,8 @@ def worst_stretch(observations: Observations, evidence: Array) -> int | None:
 
 def _film(outcome: Outcome) -> tuple[Clip | None, str]:
   d = outcome.diagnosis
-  observations = d.pool.problem.observations
-  worst = worst_stretch(observations, d.location.evidence)
+  observations, weight, whose = _to_film(outcome)
+  worst = worst_stretch(observations, weight)
   if worst is None:
     return None, "There is no film: where the car was is not in these recordings (pose_x, pose_y, pose_yaw)."
   segments = observations.stretches.segments
@@ -79,19 +79,36 @@ def _film(outcome: Outcome) -> tuple[Clip | None, str]:
   driven = outcome.twin.rollout(thetas, part)
   solid = recorded_signals(observations, worst, driven)[:steps]
   where = f"{part.recording[0]}, from {part.offset[0]:.1f} s"
-  ghosts = [(f"{where}\nghost: twin before", BEFORE, driven.signals[0, 0, :steps])]
+  ghosts = [(f"{where}\nghost: recalibrated twin", BEFORE, driven.signals[0, 0, :steps])]
   if repaired:
-    ghosts.append((f"{where}\nghost: twin repaired", TWIN, driven.signals[1, 0, :steps]))
+    ghosts.append((f"{where}\nghost: repaired twin", TWIN, driven.signals[1, 0, :steps]))
   try:
     film, still = comparison_film(solid, ghosts, part.period, outcome.twin.vehicle)
   except RenderingUnavailable as error:
     return None, f"There is no film: {error}."
-  then = ", then as the repaired twin has it (blue)" if repaired else ""
+  then = ", then of the repaired twin (blue)" if repaired else ""
   caption = (
-    f"The worst stretch, {where}. Solid: the car as recorded. Translucent: where the same commands take the twin from"
-    f" the same start, first as recalibrated (red){then}."
+    f"The film opens where car and recalibrated twin are apart, then runs from the start: {where} ({whose}). The solid"
+    " car is the recorded one. The translucent car is driven by the same commands from the same start: first that of"
+    f" the recalibrated twin (red){then}."
   )
   return Clip(film, caption, still), ""
+
+
+def _to_film(outcome: Outcome) -> tuple[Observations, Array, str]:
+  """Observations to choose from, how far the twins part at each value in multiples of sensor noise, and whose.
+
+  Held-out or validation recordings where they hold a pose, else those that were fitted.
+  """
+  d = outcome.diagnosis
+  if d.replay is not None and d.replay.observations.stretches.segments.pose is not None:
+    fits, whose = (d.holdout, "held-out") if d.holdout else (d.validate, "validation")
+    noise = np.array([fits[name].noise if name in fits else np.inf for name in CHANNELS])
+    noise = np.where(noise > 0.0, noise, np.inf)[d.replay.observations.channel]
+    repaired = bool(d.decision.model.mechanisms)
+    apart = d.replay.after - d.replay.before if repaired else d.replay.before
+    return d.replay.observations, np.square(apart / noise), whose
+  return d.pool.problem.observations, d.location.evidence, "fitted"
 
 
 def recorded_signals(observations: Observations, stretch: int, driven: Prediction) -> Array:

@@ -1,74 +1,111 @@
-"""The second half of a diagnosis's page: what to drive next, what could not be seen, and the grounds in numbers."""
+"""The second half of a diagnosis's page: parameters, evidence, what to drive next, what the recordings cannot show."""
 
 import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.experiment import NOTHING
 from calibration.diagnosis.outcome import Diagnosis
-from calibration.diagnosis.report import wording
+from calibration.diagnosis.report import figures, wording
 from calibration.diagnosis.report.document import parameter_shifts
 from calibration.diagnosis.scan import confusion
-from qcar_twin.pages import Section, Table
+from qcar_twin.pages import Cell, Section, Table
+
+_AT_BOUND = 1e-6  # of a parameter's range: nearer than that it is at its bound
+_FAR = 3.0  # standard deviations
 
 
 def drive_next(d: Diagnosis) -> Section:
-  """The manoeuvre that would tell most."""
+  """The manoeuvre that would settle most."""
+  title = "What to drive next"
   if not d.next_experiment:
-    return Section("What to drive next", "Nothing: no name is in doubt that another manoeuvre could settle.")
+    return Section(title, "Nothing: no name is in doubt that another manoeuvre could settle.")
   one, other = ("no effect at all" if name == NOTHING else name for name in d.next_experiment["separates"])
   nats = d.next_experiment["predicted_nats"]
   text = (
-    f"Drive {d.next_experiment['manoeuvre']}. It should tell {one} from {other}: about {nats:.0f} nats are expected"
-    " of it."
+    f"Drive {d.next_experiment['manoeuvre']}. It should distinguish {one} from {other}, with an expected evidence of"
+    f" about {nats:.0f} nats."
   )
-  return Section("What to drive next", text)
+  return Section(title, text)
+
+
+def evidence(d: Diagnosis) -> Section:
+  """Evidence of every mechanism, the only place where the page counts in nats."""
+  text = (
+    "Evidence says how much likelier the recordings are with a mechanism than without it. It is the natural logarithm"
+    " of that factor, and its unit is the nat: 1 nat is a factor of 2.7, 10 nats are a factor of 22 000. The evidence"
+    " of a claim is against the twin without it, that of any other mechanism against the recalibrated twin."
+  )
+  alternatives = [(c.mechanism, name, round(nats, 1), "yes" if name in c.equivalent_to else "no")
+                  for c in d.decision.claims for name, nats in c.rivals]  # fmt: skip
+  columns = ("instead of", "alternative", "evidence [nats]", "indistinguishable")
+  tables = [Table("Alternatives to the claims", columns, alternatives)] if alternatives else []
+  drawn = [figures.ranked_evidence(d.decision)] if d.decision.ranking else []
+  return Section("The evidence in numbers", text, tables, drawn)
 
 
 def priors(d: Diagnosis) -> Section:
-  """What recalibration made of the parameters, beside what was measured of them."""
+  """What the fit made of the parameters, against what was measured of them before."""
   base, model = d.pool.base, d.decision.model
-  surprise = prior_shifts(base)
-  rows = []
+  moved = prior_shifts(base)
+  rows: list[tuple[Cell, ...]] = []
   for name, shift in parameter_shifts(base).items():
-    final = model.estimate(name)[0] if name in model.free else None
-    physical = base.free[name].null is None
-    prior = shift["prior"] if physical else None
-    std = float(base.free.std[base.free.index(name)]) if physical and base.free[name].std is not None else None
-    fitted = (shift["fitted"], base.estimate(name)[1])
-    rows.append((name, base.free[name].unit, prior, std, *fitted, surprise.get(name), final))
+    parameter, (value, std) = base.free[name], base.estimate(name)
+    known = parameter.null is None and parameter.std is not None
+    prior = wording.spread(shift["prior"], parameter.std) if known else "–"
+    final = wording.spread(*model.estimate(name)) if name in model.free and model is not base else "–"
+    remark = _remark(base, name, moved.get(name))
+    rows.append(
+      (name, parameter.unit, prior, wording.spread(value, std), shift["sigma"] if known else None, final, remark)
+    )
   text = (
-    "An effect that recalibration absorbs leaves no error; it shows as a measured parameter that moved."
-    " Parameters without a measured prior were free."
+    "An effect that recalibration absorbs leaves no error. It shows as a measured parameter that moved. The shift is"
+    " the fitted value minus the measured one, in standard deviations of the measurement. A dash marks a parameter that"
+    " was not measured."
   )
-  columns = ("parameter", "unit", "measured", "± std", "recalibrated", "± std ", "shift [std]", "with the claims")
-  return Section("Parameters against their measurements", text, [Table("Base parameters", columns, rows)])
+  flagged = [f"* {row[0]}: {row[-1]}." for row in rows if row[-1]]
+  if flagged:
+    text += "\n\nThese parameters need a look:\n" + "\n".join(flagged)
+  columns = ("parameter", "unit", "measured ±", "recalibrated ±", "shift", "repaired ±", "remark")
+  return Section("Parameters and how far they moved", text, [Table("Parameters", columns, rows, unfolded=True)])
+
+
+def _remark(base: Candidate, name: str, moved: float | None) -> str:
+  """What a reader must know of a fitted parameter: that it ended at its bound, or moved beyond its measurement."""
+  parameter, value = base.free[name], base.estimate(name)[0]
+  parts = []
+  if min(value - parameter.lower, parameter.upper - value) <= _AT_BOUND * (parameter.upper - parameter.lower):
+    end = "lower" if value - parameter.lower < parameter.upper - value else "upper"
+    parts.append(f"at its {end} bound, so its deviation says little")
+  if moved is not None and abs(moved) > _FAR:
+    parts.append("moved farther than its measurement and these recordings allow")
+  return "; ".join(parts)
 
 
 def unseen(d: Diagnosis) -> Section:
-  """What these recordings could not have shown."""
+  """Effects that these recordings cannot show, or that recalibration hides."""
   signatures = d.pool.signatures
   blind = sorted(s.mechanism for s in signatures.values() if not s.testable)
   text = (
-    "These effects could not have been seen, because nothing in these recordings calls them up:"
-    f" {wording.listed(blind)}. That does not mean that the car is free of them."
+    f"These recordings cannot show {wording.listed(blind)}, because nothing in them excites these effects. That does"
+    " not mean that the car is free of them."
     if blind
     else "Every effect of the catalogue would have shown at its typical size."
   )
   rows = [(s.mechanism, round(100 * s.unabsorbed_share, 1), round(s.shown, 1), "yes" if s.testable else "no")
           for s in sorted(signatures.values(), key=lambda s: s.unabsorbed_share)]  # fmt: skip
-  hidden = Table("Concealment: how much of each effect, at its typical size, recalibration cannot absorb",
-                 ("mechanism", "survives [%]", "would show [nats]", "testable"), rows)  # fmt: skip
+  hidden = Table("How much of each effect, at its typical size, recalibration cannot absorb",
+                 ("mechanism", "not absorbed [%]", "evidence [nats]", "testable"), rows)  # fmt: skip
   pairs = sorted({tuple(sorted((a, b))): c for a, row in confusion(signatures).items() for b, c in row.items()}.items(),
                  key=lambda kv: -kv[1])  # fmt: skip
-  alike = Table("Effects that look alike on these recordings", ("one", "other", "likeness (1: the same)"),
-                [(a, b, round(c, 3)) for (a, b), c in pairs[:25]])  # fmt: skip
-  return Section("What could not be seen", text, [hidden, *([alike] if pairs else [])])
+  similar = Table("Effects that look similar on these recordings", ("one", "other", "correlation"),
+                  [(a, b, round(c, 3)) for (a, b), c in pairs[:25]])  # fmt: skip
+  return Section("What these recordings cannot show", text, [hidden, *([similar] if pairs else [])])
 
 
 def effort(d: Diagnosis) -> Section:
-  """Wall time, and what the data set's reader was warned of."""
+  """Wall time, and warnings about the data set."""
   rows = [(name, round(s, 1), round(100 * s / d.seconds, 1) if d.seconds else 0.0) for name, s in d.stages.items()]
-  text = f"{d.seconds:.0f} s in all; {len(d.pool.models)} models were fitted."
+  text = f"The diagnosis took {d.seconds:.0f} s and fitted {len(d.pool.models)} models."
   if d.notes:
     text += "\n\n" + "\n".join(f"* {note}" for note in d.notes)
   return Section(

@@ -8,12 +8,15 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
+from calibration.diagnosis.region import Region
 from calibration.diagnosis.search.claims import Claim
 from calibration.diagnosis.search.decide import Decision
 from calibration.diagnosis.unexplained.leftover import PROPERTIES, Leftover
+from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.twin.mechanisms.base import Mechanism, describe
 
 _SMALLER = {"s": ("ms", 1e3, 0.5), "m": ("mm", 1e3, 0.5), "s/rad": ("ms/rad", 1e3, 0.5)}  # below this size, times that
+_QUANTITIES = {"pose_yaw": "heading", "pose_x": "position x", "pose_y": "position y"}
 _PRETTY = {"m/s^2": "m/s²", "kg m^2": "kg m²", "rad/s^2": "rad/s²"}
 
 
@@ -58,8 +61,8 @@ def happening(mechanism: Mechanism) -> str:
 def equation(mechanism: Mechanism) -> str:
   """The equation from the docstring, on one line; "" if it states none."""
   text = str(describe(mechanism)["text"])
-  found = re.search(r"Equation:\s*(.*?)\n\s*(?:Units|Source|Confounded with|Signs?)\s*:", text + "\nUnits:", re.S)
-  return re.sub(r"\s+", " ", found.group(1)).strip() if found else ""
+  match = re.search(r"Equation:\s*(.*?)\n\s*(?:Units|Source|Confounded with|Signs?)\s*:", text + "\nUnits:", re.S)
+  return re.sub(r"\s+", " ", match.group(1)).strip() if match else ""
 
 
 def claim_sentence(claim: Claim, mechanism: Mechanism) -> str:
@@ -69,47 +72,63 @@ def claim_sentence(claim: Claim, mechanism: Mechanism) -> str:
 
 
 def verdict_sentence(decision: Decision, mechanisms: Mapping[str, Mechanism], recovered: float | None = None) -> str:
-  """The verdict for a reader in a hurry: what happens, how much, how sure, what the fit gains."""
+  """The verdict for a reader in a hurry: what happens, how much, how sure, what the repair removes."""
   named = [c for c in decision.claims if c.mechanism in mechanisms]
-  gain = (
-    f" With this in the twin, {100 * recovered:.0f} % of its error above the sensors' noise is gone on recordings kept"
-    " aside."
-    if recovered
-    else ""
-  )
   if decision.verdict == "no_mismatch":
-    return "The recalibrated twin explains these recordings; no missing physics was found."
+    return "The recalibrated twin explains these recordings, and no missing physics shows in them."
   if decision.verdict == "unexplained" or not named:
     about = f" The error behaves like {unknown_words(decision.unknown[0])}." if decision.unknown else ""
     if decision.leftovers:
-      about = f" {leftover_sentence(decision.leftovers[0])}"
+      about = f" {structure_sentence(decision.leftovers[0])}"
     about = f" {decision.undecided}" if decision.undecided else about
-    close = f" The nearest named effect, {named[0].mechanism}, does not reach it." if named else ""
+    close = f" The nearest named effect, {named[0].mechanism}, does not explain it." if named else ""
     return f"The twin is wrong in a way that none of the known mechanisms explains.{about}{close}"
-  told = "; ".join(claim_sentence(c, mechanisms[c.mechanism]) + doubts(c) for c in named)
+  effects = " ".join(f"{claim_sentence(c, mechanisms[c.mechanism])}{doubts(c)}." for c in named)
   partly = " This explains only part of the mismatch." if decision.verdict == "partly_explained" else ""
   if partly and decision.leftovers:
-    partly += f" {leftover_sentence(decision.leftovers[0])}"
-  return f"{told}.{partly}{gain}"
+    partly += f" {structure_sentence(decision.leftovers[0])}"
+  return f"{effects}{partly}{_gain(recovered)}"
 
 
-def leftover_sentence(item: Leftover) -> str:
-  """ "What is left shows most in accel_x and turns with the heading (pose_yaw)."."""
-  return f"What is left shows most in {item.channel}: {PROPERTIES[item.family]} ({listed(item.depends_on)})."
+def _gain(recovered: float | None) -> str:
+  if not recovered:
+    return ""
+  share = f"{100 * recovered:.0f} %"
+  return f" The repaired twin's squared error above sensor noise is {share} smaller on held-out recordings."
+
+
+def structure_sentence(item: Leftover) -> str:
+  """ "The rest shows most in longitudinal acceleration: turns with the heading (heading)."."""
+  follows = listed([quantity(name) for name in item.depends_on])
+  return f"The rest shows most in {RESIDUALS[item.channel].words}: {PROPERTIES[item.family]} ({follows})."
 
 
 def doubts(claim: Claim) -> str:
-  """ " (probability 0.97; steering_lag fits as well)"."""
-  equal = (
-    f"; {listed(claim.equivalent_to)} fit{'s' if len(claim.equivalent_to) == 1 else ''} as well"
-    if claim.equivalent_to
-    else ""
-  )
+  """ " (steering_delay, probability 0.97; indistinguishable from steering_lag)"."""
+  equal = f"; indistinguishable from {listed(claim.equivalent_to)}" if claim.equivalent_to else ""
   return f" ({claim.mechanism}, probability {claim.probability:.2f}{equal})"
 
 
+def quantity(name: str) -> str:
+  """A channel or a circumstance in words: "accel_x" -> "longitudinal acceleration", "abs(yaw_rate)" -> "size of …"."""
+  bare = name.removeprefix("abs(").removesuffix(")") if name.startswith("abs(") else name
+  words = RESIDUALS[bare].words if bare in RESIDUALS else _QUANTITIES.get(bare, bare.replace("_", " "))
+  return words if bare == name else f"size of the {words}"
+
+
+def rule(region: Region) -> str:
+  """An operating region in words: "longitudinal acceleration at most −0.71 m/s²"."""
+  parts = []
+  for condition in region.conditions:
+    unit = region.units.get(condition.feature, "")
+    bound = "above" if condition.above else "at most"
+    size = f"{condition.value:g}".replace("-", "−")
+    parts.append(f"{quantity(condition.feature)} {bound} {size} {_PRETTY.get(unit, unit)}".rstrip())
+  return " and ".join(parts) or "all driving"
+
+
 def unknown_words(name: str) -> str:
-  """An UNKNOWN rival in words: "unknown_force_x" -> "an unknown force along the car"."""
+  """An unnamed error in words: "unknown_force_x" -> "an unknown force along the car"."""
   known = {
     "force_x": "an unknown force along the car",
     "force_y": "an unknown force across the car",
@@ -119,7 +138,7 @@ def unknown_words(name: str) -> str:
   }
   bare = name.removeprefix("unknown_")
   if bare.startswith("sensor_"):
-    return f"an unknown error of the {bare.removeprefix('sensor_')} sensor"
+    return f"an unknown error of the {quantity(bare.removeprefix('sensor_'))} sensor"
   return known.get(bare, f"an unknown {bare.replace('_', ' ')}")
 
 

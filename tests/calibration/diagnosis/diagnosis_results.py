@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from calibration.diagnosis.holdout_errors import ChannelFit
+from calibration.diagnosis.holdout_errors import ChannelFit, Replay
 from calibration.diagnosis.locate import locate
 from calibration.diagnosis.outcome import Diagnosis
 from calibration.diagnosis.score import Comparison
@@ -37,6 +37,14 @@ def decision_of(verdict, claimed, equivalent=(), unknown=None, model=None, ranki
   return Decision(verdict, claims, (), model, (unknown, HELD) if unknown else None, ranked)  # type: ignore[arg-type]
 
 
+def replay_of(pool, model):
+  """The fitted recordings as if they had been held out, with a model and the same without each of its mechanisms."""
+  observations = pool.problem.observations
+  raw = lambda m: m.residual / pool.problem.whiten(np.ones(len(observations)))
+  key = frozenset(model.mechanisms)
+  return Replay(observations, raw(pool.base), raw(model), {n: raw(pool.models[key - {n}]) for n in key})
+
+
 def diagnosis_of(pool, claimed=(), verdict="explained", unknown=None, **changes):
   """A whole diagnosis of a pool of the linear car."""
   model = pool.models[frozenset(claimed)]
@@ -46,17 +54,18 @@ def diagnosis_of(pool, claimed=(), verdict="explained", unknown=None, **changes)
     "yaw_rate": ChannelFit(0.2, 0.16, 0.15, 0.15, (-0.3, -0.1), "rad/s", 900),
     "accel_y": ChannelFit(0.7, 0.52, 0.5, 0.5, (-0.35, -0.2), "m/s^2", 900),
   }
-  values = {
+  values: dict[str, object] = {
     "dataset": "linear car",
     "decision": decision,
     "location": locate(pool, model, {"unknown_steering": 80.0, "unknown_force_y": 20.0}),
     "pool": pool,
     "validate": fits,
     "holdout": fits,
+    "replay": replay_of(pool, model),
     "seconds": 12.5,
     "stages": {"recalibration": 8.0, "scan": 3.0, "search": 1.5},
   }
-  return Diagnosis(**(values | changes))
+  return Diagnosis(**(values | changes))  # type: ignore[arg-type]
 
 
 def over(pool, model):

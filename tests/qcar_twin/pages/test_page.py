@@ -114,8 +114,9 @@ def test_data_reach_the_page_as_they_were(tmp_path):
   assert data["moments"] == [{"run": 0, "start": 1.0, "end": 2.0, "text": "worst"}]
 
 
-def test_a_long_table_is_folded_away(tmp_path):
-  tables = [Table("short", ["a"], [[1]] * 16), Table("long", ["a"], [[1]] * 17)]
+def test_a_long_table_is_folded_away_unless_it_is_to_be_seen(tmp_path):
+  tables = [Table("short", ["a"], [[1]] * 16), Table("long", ["a"], [[1]] * 17),
+            Table("in sight", ["a"], [[1]] * 17, unfolded=True)]  # fmt: skip
   reader = read(write_page(tmp_path / "r.html", "T", "V", [Section("S", tables=tables)]))
   assert [tag for tag, _ in reader.tags].count("details") == 1 and "long (17 rows)" in reader.text
 
@@ -123,7 +124,8 @@ def test_a_long_table_is_folded_away(tmp_path):
 def test_lists_and_paragraphs(tmp_path):
   text = "First line\nsame paragraph\n\nThen:\n* one\n* two"
   reader = read(write_page(tmp_path / "r.html", "T", "V", [Section("S", text)]))
-  assert reader.text[-4:] == ["First line same paragraph", "Then:", "one", "two"]
+  begin = reader.text.index("First line same paragraph")
+  assert reader.text[begin:][:5] == ["First line same paragraph", "Then:", "one", "two", "Keys:"]
   assert [tag for tag, _ in reader.tags].count("li") == 2
 
 

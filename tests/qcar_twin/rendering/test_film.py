@@ -214,14 +214,15 @@ def test_recorded_channels_become_signals_with_substitutes():
 
 @pytest.mark.filterwarnings("ignore:Exception ignored:pytest.PytestUnraisableExceptionWarning")  # the reader's pipes
 @pytest.mark.usefixtures("opengl")
-def test_a_comparison_shows_one_ghost_after_the_other(tmp_path):
+def test_a_comparison_opens_where_the_two_part_and_shows_one_ghost_after_the_other(tmp_path):
   drive = along(path_named("o"), 60)
   late = np.concatenate([np.repeat(drive[:1], 20, axis=0), drive[:-20]])
   look = Look("chase", 160, 120, fps=10, shadows=False)
   film, still = comparison_film(drive, [("before", "#ff0000", late), ("after", "#0000ff", drive)], 0.01, VEHICLE, look)
   (tmp_path / "film.mp4").write_bytes(film)
   pictures = imageio.imread(tmp_path / "film.mp4", plugin="FFMPEG")
-  assert len(pictures) == 2 * 6 and len(film) < 300_000
+  assert len(pictures) == 10 + 2 * 6 and len(film) < 300_000
   assert imageio.imread(still, extension=".jpg").shape == (120, 160, 3)
   red = lambda picture: int(np.sum((picture[..., 0] > 150) & (picture[..., 1] < 110) & (picture[..., 2] < 110)))
-  assert red(pictures[5]) > red(pictures[11]) + 20
+  assert red(pictures[10 + 5]) > red(pictures[10 + 11]) + 20
+  assert red(pictures[0]) > red(pictures[10]) + 20  # the second a film stands, and its start with both in one place

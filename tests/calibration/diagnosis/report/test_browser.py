@@ -176,7 +176,7 @@ def test_keys_step_through_moments_errors_and_sections(opened):
   press(opened, "e")
   wait(opened, "return reportExplorers[0].channels._fullLayout.yaxis3.title.text.startsWith('error of')")
   names = opened.execute_script("return reportExplorers[0].channels.data.map(t => t.name)")
-  assert "measured" not in names and {"twin before", "twin repaired"} <= set(names)
+  assert "measured" not in names and {"recalibrated twin", "repaired twin"} <= set(names)
   press(opened, "j")
   opened.execute_script("scrollTo({top: 0, behavior: 'instant'})")
   press(opened, "j")

@@ -96,8 +96,8 @@ def test_the_film_has_the_twin_before_and_then_repaired(offset_pool, filmed):
   shown = demonstrate(outcome_of(offset_pool))
   ((signals, ghosts, _),) = filmed
   assert shown.clip is not None and shown.clip.film == b"film" and shown.no_film == ""
-  assert "first as recalibrated (red), then as the repaired twin has it (blue)" in shown.clip.caption
-  assert [label.split("ghost: ")[1] for label, *_ in ghosts] == ["twin before", "twin repaired"]
+  assert "first that of the recalibrated twin (red), then of the repaired twin (blue)" in shown.clip.caption
+  assert [label.split("ghost: ")[1] for label, *_ in ghosts] == ["recalibrated twin", "repaired twin"]
   assert all(ghost.shape == signals.shape for *_, ghost in ghosts) and len(signals) == 400
 
 

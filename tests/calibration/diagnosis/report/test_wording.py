@@ -75,9 +75,9 @@ def test_a_reader_in_a_hurry_learns_the_verdict():
 
 def test_what_cannot_be_told_apart_is_said():
   decision = decision_of("explained", ("steering_delay",), equivalent=("steering_lag", "imu_latency"))
-  assert "steering_lag and imu_latency fit as well" in verdict_sentence(decision, catalogue())
+  assert "indistinguishable from steering_lag and imu_latency" in verdict_sentence(decision, catalogue())
   single = decision_of("explained", ("steering_delay",), equivalent=("steering_lag",))
-  assert "steering_lag fits as well" in verdict_sentence(single, catalogue())
+  assert "indistinguishable from steering_lag)" in verdict_sentence(single, catalogue())
 
 
 def test_a_claim_that_is_not_in_the_catalogue_does_not_break_the_page():
@@ -88,5 +88,5 @@ def test_a_claim_that_is_not_in_the_catalogue_does_not_break_the_page():
 def test_small_words():
   assert listed([]) == "" and listed(["a"]) == "a" and listed(["a", "b"]) == "a and b"
   assert listed(["a", "b", "c"]) == "a, b and c"
-  assert unknown_words("unknown_sensor_yaw_rate") == "an unknown error of the yaw_rate sensor"
+  assert unknown_words("unknown_sensor_yaw_rate") == "an unknown error of the yaw rate sensor"
   assert unknown_words("unknown_something_else") == "an unknown something else"

@@ -1,0 +1,120 @@
+"""The first section of a diagnosis's page: how far twin and recordings are apart, before and after the repair."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from calibration.diagnosis.holdout_errors import ChannelFit, Replay, recovered_share
+from calibration.diagnosis.outcome import Diagnosis
+from calibration.diagnosis.report import figures
+from calibration.diagnosis.report.moments import Seconds, largest
+from calibration.fitting.residual_channels import RESIDUALS
+from qcar_twin.pages import Cell, Section, Table
+from qcar_twin.pages.page import Figure
+
+TITLE = "Errors before and after"
+
+
+def judged_on(d: Diagnosis) -> tuple[Mapping[str, ChannelFit], str]:
+  """The errors that count and the recordings they are of: held-out ones, else those for validation, else none."""
+  if d.holdout:
+    return d.holdout, "held-out recordings"
+  return d.validate, "validation recordings" if d.validate else ""
+
+
+def parting(d: Diagnosis) -> Seconds | None:
+  """The moment in which the two twins part most; without a repair, where the twin errs most."""
+  fits, _ = judged_on(d)
+  if d.replay is None or not fits:
+    return None
+  return largest(d.replay, fits, d.replay.after - d.replay.before if repaired(d) else d.replay.before)
+
+
+def repaired(d: Diagnosis) -> bool:
+  """Whether a mechanism was added to the twin."""
+  return bool(d.decision.model.mechanisms)
+
+
+def errors(d: Diagnosis) -> Section:
+  """How good it is: a sentence, the moment where the twins part most, all channels, the tables."""
+  fits, where = judged_on(d)
+  if not fits:
+    return Section(TITLE, "There are no held-out and no validation recordings, so no error can be shown.")
+  text = f"{how_good(d)}\n\n{_meaning(d)}"
+  seconds = parting(d)
+  drawn: list[Figure | None] = [
+    figures.moment(seconds, _parts_here(seconds, where, repaired(d)), repaired(d)) if seconds else None,
+    figures.before_and_after(fits, where, repaired(d)),
+  ]
+  named = (("Held-out recordings, opened once at the end", d.holdout), ("Validation recordings", d.validate))
+  tables = [error_table(caption, own) for caption, own in named if own]
+  return Section(TITLE, text, tables, [f for f in drawn if f is not None])
+
+
+def how_good(d: Diagnosis) -> str:
+  """What the repair removes in per cent, and what remains in multiples of sensor noise."""
+  fits, where = judged_on(d)
+  if not repaired(d):
+    return f"On {where} the recalibrated twin errs by {multiples(fits)}; {largest_in(fits)}."
+  share = recovered_share(fits)
+  if share <= 0.0:
+    return f"The repair does not lower the error on {where}. The error is {multiples(fits)}; {largest_in(fits)}."
+  gone = f"On {where} the repair removes {100 * share:.0f} % of the squared error above sensor noise."
+  return f"{gone} What remains is {multiples(fits)}; {largest_in(fits)}."
+
+
+def multiples(fits: Mapping[str, ChannelFit]) -> str:
+  """ "1.0 to 3.0 times the sensor noise": smallest and largest over the channels, after the repair."""
+  sizes = sorted(_size(f) for f in fits.values() if np.isfinite(_size(f)))
+  if not sizes:
+    return "of unknown size against the sensor noise"
+  low, high = f"{sizes[0]:.1f}", f"{sizes[-1]:.1f}"
+  return f"{low} times the sensor noise" if low == high else f"{low} to {high} times the sensor noise"
+
+
+def largest_in(fits: Mapping[str, ChannelFit]) -> str:
+  """ "the largest multiple is that of motor speed": the channel with most error after the repair."""
+  known = {name: _size(f) for name, f in fits.items() if np.isfinite(_size(f))}
+  if not known:
+    return "no sensor's noise is known"
+  return f"the largest multiple is that of {RESIDUALS[max(known, key=lambda n: known[n])].words}"
+
+
+def error_table(caption: str, fits: Mapping[str, ChannelFit]) -> Table:
+  """Root mean square errors by channel before and after, against the sensor noise, and the change with its interval."""
+  rows: list[tuple[Cell, ...]] = []
+  for name, f in fits.items():
+    change = 100 * (f.after / f.before - 1.0) if f.before else 0.0
+    interval = f"{100 * f.ci95[0]:+.1f} to {100 * f.ci95[1]:+.1f}".replace("-", "−")
+    rows.append((RESIDUALS[name].axis, f.before, f.after, f.noise, _size(f), round(change, 1), interval))
+  columns = ("channel", "before", "after", "sensor noise", "after / noise", "change [%]", "95 % interval [%]")
+  return Table(caption, columns, rows)
+
+
+def _size(fit: ChannelFit) -> float:
+  return fit.after / fit.noise if fit.noise > 0.0 else float("nan")
+
+
+def _meaning(d: Diagnosis) -> str:
+  twins = "Before is the recalibrated twin, never an uncalibrated one. After is the repaired twin."
+  if not repaired(d):
+    twins = "No mechanism was added, so before and after are one twin: the recalibrated one."
+  return (
+    f"{twins} An error is the root mean square of predicted minus measured values. Sensor noise is what the sensor"
+    " makes at standstill or while driving, whichever is more. In the per cent above, all channels weigh the same."
+  )
+
+
+def _parts_here(seconds: Seconds, where: str, has_repair: bool) -> str:
+  what = "the two twins part most" if has_repair else "the twin errs most"
+  words = RESIDUALS[seconds.channel].words
+  return (
+    f"The {seconds.end - seconds.start:.0f} s of {where} in which {what}: {words} in {seconds.recording}, from"
+    f" {seconds.start:.1f} s. There the {'difference' if has_repair else 'error'} is {seconds.size:.0f} times the"
+    " sensor noise. Below: errors, with the sensor noise shaded."
+  )
+
+
+def worst_left(replay: Replay, fits: Mapping[str, ChannelFit]) -> Seconds | None:
+  """The moment in which the repaired twin errs most."""
+  return largest(replay, fits, replay.after)
