@@ -1,4 +1,4 @@
-"""The page of a cross-validation: errors of twin and bicycle by window and channel, where they part, runs overlaid."""
+"""The page of a cross-validation: errors of twin and bicycle by channel, runs, and where the two models differ."""
 
 import math
 import os
@@ -12,6 +12,7 @@ from calibration.cross_validation.free_run import CHANNELS as OVAL_CHANNELS
 from calibration.cross_validation.free_run import PUBLISHED
 from calibration.cross_validation.model_difference import Cell, ModelDifference
 from calibration.fitting.observations import UNITS
+from calibration.fitting.residual_channels import RESIDUALS
 from calibration.shown_runs import runs_of
 from qcar_twin.atomic_io import write_json
 from qcar_twin.pages import Chart, Explorer, Section, Table, bars, heat_map, write_page
@@ -27,7 +28,8 @@ def write_cross_validation(result: CrossValidation, folder: str | os.PathLike[st
   driven = sum(r.duration for r in result.dataset.recordings if r.role in result.roles)
   names = result.replays[0].observations.names
   subtitle = f"Data set {result.dataset.name}, role {', '.join(result.roles)}: {len(names)} recordings, {driven:.0f} s"
-  return write_page(folder / "report.html", "Cross-validation of the twin", verdict(result), sections(result), subtitle)
+  title = "Cross-validation of the twin"
+  return write_page(folder / "report.html", title, verdict(result), sections(result), subtitle, facts(result))
 
 
 def verdict(result: CrossValidation) -> str:
@@ -35,34 +37,42 @@ def verdict(result: CrossValidation) -> str:
   window = result.replays[-1]
   twin = window.scores("twin")
   where = "free runs" if math.isinf(window.window) else f"windows of {window.name}"
-  told = ", ".join(f"{_plain(c)} {twin[c].rmse:.2g} {UNITS[c]}" for c in _headline(list(twin)))
-  text = f"In {where} the twin errs by {told}"
+  sizes = ", ".join(f"{_plain(c)} {twin[c].rmse:.2g} {_unit(c)}" for c in _headline(list(twin)))
+  text = f"In {where} the twin errs by {sizes} (root mean square)."
   if result.reference is None:
-    return f"{text}; there is no bicycle to compare with."
+    return f"{text} There is no bicycle model to compare with."
   bicycle = window.scores("bicycle")
   better = sum(twin[c].rmse < bicycle[c].rmse for c in twin)
-  return (
-    f"{text} (root mean square); it is nearer to the recordings than the bicycle on {better} of {len(twin)} channels."
-  )
+  return f"{text} It is nearer to the recordings than the bicycle model on {better} of {len(twin)} channels."
+
+
+def facts(result: CrossValidation) -> list[tuple[str, str]]:
+  """The numbers that go with the verdict: errors of the twin and of the bicycle model in the last window."""
+  scores = {m: result.replays[-1].scores(m) for m in result.models}
+  rows = []
+  for c in _headline(list(scores["twin"])):
+    others = [f", {m} {own[c].rmse:.2g}" for m, own in scores.items() if m != "twin"]
+    rows.append((f"Error of {_plain(c)} [{_unit(c)}]", f"twin {scores['twin'][c].rmse:.2g}{''.join(others)}"))
+  return rows
 
 
 def sections(result: CrossValidation) -> list[Section]:
   """Everything the page shows, in reading order."""
-  parts = [_errors(result)]
+  parts = [_errors(result), _runs(result)]
   if result.difference:
     parts.append(_parting(result.difference))
   if result.ovals:
     parts.append(_ovals(result))
-  parts += [_runs(result), _by_recording(result), _models(result)]
+  parts += [_by_recording(result), _models(result)]
   return parts
 
 
 def _errors(result: CrossValidation) -> Section:
   text = (
-    "Windows are started anew from the measured speed, yaw rate and pose; a free run is started once and never "
-    "corrected."
-    " RMSE in the channel's unit. NRMSE is RMSE over the standard deviation of what was measured: 0 is perfect, 1 no"
-    " better than the mean. Displacements of the pose are over 1 s, over 0.4 s in windows of 0.5 s."
+    "A window starts from the measured speed, yaw rate and pose. A free run starts once and is never corrected. RMSE is"
+    " the root mean square of predicted minus measured values in the channel's unit. NRMSE is RMSE over the standard"
+    " deviation of the measured values: 0 is perfect, 1 is no better than the mean. Displacements are those over 1 s,"
+    " or over 0.4 s in windows of 0.5 s."
   )
   tables = [Table(_capital(r.name), _titles(result), _rows(result, r)) for r in result.replays]
   return Section("Errors by window and channel", text, tables, [_bars(result.replays[-1], result.models)])
@@ -79,7 +89,7 @@ def _rows(result: CrossValidation, replay: Replay, recording: int | None = None)
   for c in ordered(list(scores["twin"])):
     own = [scores[m][c] for m in result.models]
     noise = result.noise.get(c)
-    title = f"{_plain(c)} [{UNITS[c]}]"
+    title = f"{_plain(c)} [{_unit(c)}]"
     rows.append((title, *(s.rmse for s in own), noise, *(s.nrmse for s in own), own[0].samples))
   return rows
 
@@ -93,13 +103,12 @@ def _bars(replay: Replay, models: Sequence[str]) -> Chart:
 
 
 def _parting(difference: ModelDifference) -> Section:
-  told = difference.sentences()
+  lines = difference.sentences()
   text = (
-    "Root mean square difference of twin and bicycle in windows of 2 s, by measured speed and lateral acceleration "
-    "(v r),"
-    " beside each one's error there.\n\n"
+    "The difference is the root mean square of twin minus bicycle in windows of 2 s, by measured speed and lateral"
+    " acceleration (speed times yaw rate). The tables give the error of each model there, too.\n\n"
   )
-  text += "\n".join(f"* {line}." for line in told) or "They differ by less than 5 % of what is measured everywhere."
+  text += "\n".join(f"* {line}." for line in lines) or "They differ by less than 5 % of what is measured everywhere."
   titles = (
     "channel",
     "region",
@@ -114,13 +123,13 @@ def _parting(difference: ModelDifference) -> Section:
     Table("By lateral acceleration", titles, [_cell(c, c.lateral, "m/s²") for c in difference.by_lateral]),
     Table("By speed", titles, [_cell(c, c.speed, "m/s") for c in difference.by_speed]),
   ]
-  return Section("Where the two models part", text, tables, _maps(difference))
+  return Section("Where the two models differ", text, tables, _maps(difference))
 
 
 def _cell(cell: Cell, edge: tuple[float, float], unit: str) -> tuple:
   low, high = edge
   region = f"above {low:g} {unit}" if math.isinf(high) else f"{low:g} to {high:g} {unit}"
-  name = f"{_plain(cell.channel)} [{UNITS[cell.channel]}]"
+  name = f"{_plain(cell.channel)} [{_unit(cell.channel)}]"
   return name, region, cell.size, cell.difference, 100.0 * cell.share, cell.twin, cell.bicycle, cell.samples
 
 
@@ -135,8 +144,8 @@ def _map(channel: str, cells: Sequence[Cell]) -> Chart:
   for c in cells:
     shares[laterals.index(c.lateral), speeds.index(c.speed)] = 100.0 * c.share
   caption = (
-    f"{_capital(_plain(channel))}: difference of twin and bicycle in per cent of what is measured; empty where nobody"
-    f" drove, {_MOST:.0f} and more in one colour."
+    f"{_capital(_plain(channel))}: difference of twin and bicycle in per cent of what is measured; empty where nothing"
+    f" was driven, {_MOST:.0f} and more in one colour."
   )
   titles = ("speed [m/s]", "lateral acceleration [m/s²]", "%")
   return heat_map(caption, [_range(e) for e in speeds], [_range(e) for e in laterals], shares, titles, (0.0, _MOST))
@@ -152,13 +161,13 @@ def _ovals(result: CrossValidation) -> Section:
     for channel in OVAL_CHANNELS:
       if channel in models["twin"]:
         values = [models[m].get(channel) for m in result.models]
-        rows.append((name, f"{_plain(channel)} [{OVAL_CHANNELS[channel]}]", *values, PUBLISHED[channel]))
+        rows.append((name, f"{_plain(channel)} [{_unit(channel)}]", *values, PUBLISHED[channel]))
   text = (
-    "Free runs of the ovals, measurement and model passed through the same zero-phase moving average of 0.1 s, beside"
-    " the errors that were published for the full-size experiment."
+    "Free runs of the ovals. Measurement and model pass the same zero-phase moving average of 0.1 s. The last column"
+    " holds the errors that were published for the full-size experiment."
   )
   titles = ("recording", "channel", *(f"RMSE {m}" for m in result.models), "published")
-  return Section("Ovals, as the paper reports them", text, [Table("", titles, rows)])
+  return Section("Ovals, compared with the paper", text, [Table("", titles, rows)])
 
 
 def _runs(result: CrossValidation) -> Section:
@@ -167,8 +176,8 @@ def _runs(result: CrossValidation) -> Section:
   predicted = {m: free.predicted[m] for m in reversed(result.models)}  # the twin on top
   runs = runs_of(free.observations, predicted, noise=result.noise, channels=_DRAWN, notes=notes)
   runs.sort(key=lambda run: -run.seconds)
-  caption = f"Measured values beside what the models make of the same commands: {free.name}."
-  return Section("Runs", "", figures=[Explorer(caption, runs)])
+  caption = f"Measured channels, and what the models predict for the same commands: {free.name}."
+  return Section("Channels and map", "", figures=[Explorer(caption, runs)])
 
 
 def _by_recording(result: CrossValidation) -> Section:
@@ -176,22 +185,23 @@ def _by_recording(result: CrossValidation) -> Section:
   rows = []
   for k, name in enumerate(free.observations.names):
     rows += [(name, *row) for row in _rows(result, free, k)]
-  return Section("Every recording", "", [Table(_capital(free.name), ("recording", *_titles(result)), rows)])
+  return Section("Errors by recording", "", [Table(_capital(free.name), ("recording", *_titles(result)), rows)])
 
 
 def _models(result: CrossValidation) -> Section:
   if result.reference is None:
-    return Section("The models", f"No bicycle: {result.missing}.")
-  text = f"The bicycle was {result.reference.origin}."
+    return Section("The models", f"There is no bicycle model: {result.missing}.")
+  text = f"The bicycle model was {result.reference.origin}."
   if result.missing:
     text += f" The paper's identification is not possible: {result.missing}."
   if result.twin.mechanisms:
     text += (
-      f" Mechanisms of the twin: {', '.join(m.name for m in result.twin.mechanisms)}; those of sensors act on both."
+      f" The twin has these mechanisms: {', '.join(m.name for m in result.twin.mechanisms)}. Those of sensors act on"
+      " both models."
     )
   parameters = result.reference.bicycle.parameters
   rows = [(p.symbol, p.name, float(v), p.unit) for p, v in zip(parameters, result.reference.theta, strict=True)]
-  return Section("The models", text, [Table("Bicycle", ("", "parameter", "value", "unit"), rows)])
+  return Section("The models", text, [Table("Bicycle model", ("symbol", "parameter", "value", "unit"), rows)])
 
 
 def _headline(channels: list[str]) -> list[str]:
@@ -200,7 +210,11 @@ def _headline(channels: list[str]) -> list[str]:
 
 
 def _plain(channel: str) -> str:
-  return {"accel_x": "acceleration along", "accel_y": "acceleration across"}.get(channel, channel.replace("_", " "))
+  return RESIDUALS[channel].words if channel in RESIDUALS else channel.replace("_", " ")
+
+
+def _unit(channel: str) -> str:
+  return UNITS[channel].replace("^2", "²") if channel in UNITS else OVAL_CHANNELS[channel].replace("^2", "²")
 
 
 def _capital(text: str) -> str:

@@ -66,8 +66,10 @@ class Answer:
 
   Attributes:
     channel: "motor_speed" [rad/s], "accel_y" [m/s^2] or "yaw_rate" [rad/s].
-    time: s since the step.  twin, bicycle: filtered responses on it.
+    time: s since the step.  twin, bicycle: filtered responses on it, which are compared.
     steady: of the bicycle.
+    drawn: the same responses of twin and bicycle before the filter, (2, T): they begin at the step, where a zero-phase
+      filter begins half its length earlier.
   """
 
   channel: str
@@ -76,6 +78,7 @@ class Answer:
   twin: Array
   bicycle: Array
   steady: float
+  drawn: Array
 
   @property
   def rmse_percent(self) -> float:
@@ -130,13 +133,18 @@ class StepComparison:
       raise ValueError("nothing to compare: no step moves the identified bicycle and there is no steering step")
 
   def responses(self, theta: Array, bicycle_theta: Array) -> dict[str, tuple[Array, Array]]:
-    """Channel -> (twin, bicycle), each (n, S, T + 1), for twin parameters (n, P) and a bicycle (5,)."""
+    """Channel -> (twin, bicycle) after the filter, each (n, S, T + 1), for twins (n, P) and a bicycle (5,)."""
+    made = self.unfiltered(theta, bicycle_theta)
+    return {channel: (moving_average(twin), moving_average(wanted)) for channel, (twin, wanted) in made.items()}
+
+  def unfiltered(self, theta: Array, bicycle_theta: Array) -> dict[str, tuple[Array, Array]]:
+    """The same responses as they are simulated."""
     out = {}
     if "drives" in self._runs:
       prediction = self._twin.rollout(theta, self._runs["drives"])
       wanted = self._bicycle.rollout(bicycle_theta, self._runs["drives"]).channel("motor_speed")
-      motor_speed = moving_average(prediction.channel("motor_speed"))
-      out["motor_speed"] = motor_speed, np.broadcast_to(moving_average(wanted), motor_speed.shape)
+      motor_speed = prediction.channel("motor_speed")
+      out["motor_speed"] = motor_speed, np.broadcast_to(wanted, motor_speed.shape)
     if "angles" in self._runs:
       out |= self._lateral(theta, bicycle_theta)
     return out
@@ -152,10 +160,7 @@ class StepComparison:
       (speed * np.cos(sideslip_angle), speed * np.sin(sideslip_angle), yaw_rate),
     )
     accel = [planar_acceleration(*motion, vehicle, segments.period) for motion in answers]
-    return {
-      "accel_y": (moving_average(accel[0]), moving_average(accel[1])),
-      "yaw_rate": (moving_average(answers[0][2]), moving_average(yaw_rate)),
-    }
+    return {"accel_y": (accel[0], accel[1]), "yaw_rate": (answers[0][2], yaw_rate)}
 
   def steady(self, channel: str, bicycle: Array) -> Array:
     """Steady values of the bicycle's answers (..., S, T + 1): where they end."""
@@ -178,12 +183,14 @@ class StepComparison:
   def answers(self, theta: Array, bicycle_theta: Array) -> tuple[Answer, ...]:
     """Every step of one parameter vector (P,)."""
     out = []
-    for channel, (twin, wanted) in self.responses(theta[None], bicycle_theta).items():
+    for channel, raw in self.unfiltered(theta[None], bicycle_theta).items():
+      twin, wanted = (moving_average(response) for response in raw)
       steady = self.steady(channel, wanted[0])
       before = 0.0 if channel == "motor_speed" else BEFORE
       time = self._twin.period * np.arange(twin.shape[-1]) - before
       for k, level in enumerate(self.levels(channel)):
-        out.append(Answer(channel, level, time, twin[0, k], wanted[0, k], float(steady[k])))
+        drawn = np.stack([response[0, k] for response in raw])
+        out.append(Answer(channel, level, time, twin[0, k], wanted[0, k], float(steady[k]), drawn))
     return tuple(out)
 
 

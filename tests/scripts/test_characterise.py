@@ -122,7 +122,7 @@ def test_the_page_says_what_was_found(done):
   body = text[: text.index("plotly.js v")]
   assert body.index(verdict(found, drawn).replace("'", "&#39;")) < body.index("<h2>")
   titles = re.findall(r"<h2>(.*?)</h2>", body)
-  assert titles == ["The maps", "Beside the maps", "What it gains", "What the data set&#39;s check said"]
+  assert titles == ["The maps", "Parameters fitted with the curves", "What it gains", "Warnings about the data set"]
   assert body.count('<figure class="chart">') == len(found.outlines) + 1
   for kind, values in found.errors.items():
     assert all(f">{show(value)}</td>" in body for value in values.values()), kind

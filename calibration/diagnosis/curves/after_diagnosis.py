@@ -101,7 +101,7 @@ def sentence(found: Study, diagnosis: Diagnosis, drawn: tuple[Shape, ...]) -> st
 def fall(found: Study, diagnosis: Diagnosis) -> str:
   """Errors from the base over the diagnosed twin to the twin with curves, on recordings that took no part."""
   fits, after = diagnosis.holdout, found.errors.get(found.best, {})
-  where = "recordings kept aside"
+  where = "held-out recordings"
   if not (fits and after):
     fits, after, where = diagnosis.validate, found.judged.get(found.best, {}), "validation recordings"
   if not (fits and after):

@@ -83,7 +83,7 @@ def unexplained(d: Diagnosis) -> Section:
     words = RESIDUALS[seconds.channel].words
     caption = (
       f"The {seconds.end - seconds.start:.0f} s of {where} in which the repaired twin errs most: {words} in"
-      f" {seconds.recording}, from {seconds.start:.1f} s. There its error is {seconds.size:.0f} times the sensor noise."
+      f" {seconds.recording}, from {seconds.start:.1f} s. There its error is {seconds.size:.2g} times the sensor noise."
     )
     drawn.append(figures.moment(seconds, caption))
   return Section(title, text, tables, drawn)

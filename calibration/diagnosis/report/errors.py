@@ -110,7 +110,7 @@ def _parts_here(seconds: Seconds, where: str, has_repair: bool) -> str:
   words = RESIDUALS[seconds.channel].words
   return (
     f"The {seconds.end - seconds.start:.0f} s of {where} in which {what}: {words} in {seconds.recording}, from"
-    f" {seconds.start:.1f} s. There the {'difference' if has_repair else 'error'} is {seconds.size:.0f} times the"
+    f" {seconds.start:.1f} s. There the {'difference' if has_repair else 'error'} is {seconds.size:.2g} times the"
     " sensor noise. Below: errors, with the sensor noise shaded."
   )
 

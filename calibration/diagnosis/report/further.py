@@ -18,7 +18,7 @@ class Further:
   Attributes:
     sentence: said right after the verdict; "" for nothing.
     facts: numbers that go with the verdict.
-    sections: shown after "Before and after".
+    sections: shown after "The repaired model".
     curves: key "curves" of diagnosis.json.
     twin: what is written as twin.toml in the repaired twin's place: twin, parameters (P,), note.
   """

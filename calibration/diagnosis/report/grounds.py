@@ -9,6 +9,7 @@ from calibration.diagnosis.report import figures, wording
 from calibration.diagnosis.report.document import parameter_shifts
 from calibration.diagnosis.scan import confusion
 from qcar_twin.pages import Cell, Section, Table
+from qcar_twin.pages.numbers import spread
 
 _AT_BOUND = 1e-6  # of a parameter's range: nearer than that it is at its bound
 _FAR = 3.0  # standard deviations
@@ -51,12 +52,10 @@ def priors(d: Diagnosis) -> Section:
   for name, shift in parameter_shifts(base).items():
     parameter, (value, std) = base.free[name], base.estimate(name)
     known = parameter.null is None and parameter.std is not None
-    prior = wording.spread(shift["prior"], parameter.std) if known else "–"
-    final = wording.spread(*model.estimate(name)) if name in model.free and model is not base else "–"
+    prior = spread(shift["prior"], parameter.std) if known else "–"
+    final = spread(*model.estimate(name)) if name in model.free and model is not base else "–"
     remark = _remark(base, name, moved.get(name))
-    rows.append(
-      (name, parameter.unit, prior, wording.spread(value, std), shift["sigma"] if known else None, final, remark)
-    )
+    rows.append((name, parameter.unit, prior, spread(value, std), shift["sigma"] if known else None, final, remark))
   text = (
     "An effect that recalibration absorbs leaves no error. It shows as a measured parameter that moved. The shift is"
     " the fitted value minus the measured one, in standard deviations of the measurement. A dash marks a parameter that"

@@ -13,6 +13,7 @@ from calibration.diagnosis.search.claims import Claim
 from calibration.diagnosis.search.decide import Decision
 from calibration.diagnosis.unexplained.leftover import PROPERTIES, Leftover
 from calibration.fitting.residual_channels import RESIDUALS
+from qcar_twin.pages.numbers import spread
 from qcar_twin.twin.mechanisms.base import Mechanism, describe
 
 _SMALLER = {"s": ("ms", 1e3, 0.5), "m": ("mm", 1e3, 0.5), "s/rad": ("ms/rad", 1e3, 0.5)}  # below this size, times that
@@ -29,16 +30,6 @@ def amount(value: float, std: float | None, unit: str) -> str:
     name, factor, _ = _SMALLER[unit]
     return f"{spread(factor * value, None if std is None else factor * std)} {name}"
   return f"{spread(value, std)} {_PRETTY.get(unit, unit) if unit != '-' else ''}".rstrip()
-
-
-def spread(value: float, std: float | None) -> str:
-  """ "0.0412 ± 0.0021": the spread to two digits, the value to the same place."""
-  if std is None or not math.isfinite(std) or std <= 0:
-    return f"{value:.3g}"
-  places = 1 - math.floor(math.log10(std))
-  if places <= 0:
-    return f"{round(value, places):.0f} ± {round(std, places):.0f}"
-  return f"{value:.{places}f} ± {std:.{places}f}" if places <= 6 else f"{value:.3g} ± {std:.2g}"
 
 
 def sizes(claim: Claim, mechanism: Mechanism) -> str:

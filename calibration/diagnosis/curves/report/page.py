@@ -91,10 +91,10 @@ def sections(found: Study, drawn: Sequence[Shape], diagnosed: Errors | None = No
 
 def checked(found: Study) -> Section:
   """What the check of the data set said."""
-  title = "What the data set's check said"
+  title = "Warnings about the data set"
   if not found.notes:
-    return Section(title, "Nothing to remark.")
-  text = "What the check of the data set found to be remarked, and what was done about it."
+    return Section(title, "There are none.")
+  text = "These are the warnings of the data set's check, and what was done about each."
   return Section(title, text, [Table("Remarks", ("remark",), [(note,) for note in found.notes])])
 
 
@@ -225,12 +225,16 @@ def _beside(found: Study) -> Section:
     " of it and stands here as it was fitted before. Ages count from the youngest sensor."
   )
   columns = ("parameter", "what it is", "value", "± std", "unit", "error without it [%]", "stands out")
-  return Section("Beside the maps", text, [Table("Freed beside the curves", columns, rows)] if rows else [])
+  return Section(
+    "Parameters fitted with the curves",
+    text,
+    [Table("Parameters fitted with the curves", columns, rows)] if rows else [],
+  )
 
 
 def _errors(found: Study, diagnosed: Errors) -> Section:
   if not (found.errors or found.judged):
-    return Section("What it gains", "No recordings were kept aside, so nothing can be shown.")
+    return Section("What it gains", "There are no held-out and no validation recordings, so no error can be shown.")
   text = (
     "Errors are root mean squares of free runs from measured starts, in each channel's unit, by MuJoCo. Base is today's"
     " twin, recalibrated; all maps free has a curve for every map; characterised has names where they will do and"
@@ -242,8 +246,8 @@ def _errors(found: Study, diagnosed: Errors) -> Section:
   if diagnosed:
     text += " This base was recalibrated for the curves, and so differs from the one the diagnosis began with."
   roles = (
-    ("holdout", "Hold-out, opened once", found.errors),
-    ("validate", "Validation, which decides what is written", found.judged),
+    ("holdout", "Held-out recordings, opened once at the end", found.errors),
+    ("validate", "Validation recordings, which decide what is written", found.judged),
   )
   kinds = {role: (caption, {**errors, **_repaired(diagnosed, role)}) for role, caption, errors in roles if errors}
   tables = [_error_table(caption, errors) for caption, errors in kinds.values()]
@@ -270,7 +274,7 @@ def _error_chart(errors: Errors) -> Chart:
   channels = [name for name in base if base[name] > 0.0]
   share = lambda kind: [errors[kind].get(name, np.nan) / base[name] for name in channels]
   values = {who: share(kind) for who, kind in _BARS.items() if kind in errors}
-  caption = "Errors on recordings that took no part, in shares of the base's: below the line is better."
+  caption = "Errors on held-out recordings, as shares of those of the base twin: below the line is better."
   names = [RESIDUALS[name].words for name in channels]
   labels = {who: _KINDS[kind] for who, kind in _BARS.items()}
   return bars(caption, names, values, "error / error of the base", level=(1.0, "base"), labels=labels)

@@ -6,8 +6,9 @@ from calibration.diagnosis.curves.naming.forms import Outline
 from calibration.diagnosis.curves.naming.terms import Term
 from calibration.diagnosis.curves.report.shapes import Shape
 from calibration.diagnosis.curves.study import Study, ratio
-from calibration.diagnosis.report.wording import amount, happening, listed, spread
+from calibration.diagnosis.report.wording import amount, happening, listed
 from calibration.fitting.residual_channels import RESIDUALS
+from qcar_twin.pages.numbers import spread
 from qcar_twin.twin.mechanisms import select
 
 _MOST = 3  # of what stands out, named in a sentence; the table has all
@@ -29,7 +30,9 @@ def departures(found: Study, drawn: tuple[Shape, ...]) -> str:
   beside = sorted((t for t in found.terms if t.there), key=lambda t: -abs(t.value) / t.std)
   if beside:
     rest = f" and {len(beside) - _MOST} more" if len(beside) > _MOST else ""
-    told.append(f"Beside the maps stand out {', '.join(term_words(t) for t in beside[:_MOST])}{rest}.")
+    told.append(
+      f"Among the other parameters, these stand out: {', '.join(term_words(t) for t in beside[:_MOST])}{rest}."
+    )
   return " ".join(told) or "No map could be seen in these recordings."
 
 
@@ -75,7 +78,7 @@ def gain_sentence(found: Study) -> str:
   """Whether the characterised twin predicts recordings that took no part better, by channel."""
   before, after, where = compared(found)
   if not after:
-    return "No recordings were kept aside, so nothing shows whether the characterised twin predicts better."
+    return "There are no held-out recordings, so nothing shows whether the characterised twin predicts better."
   named = found.errors.get("named")
   alone = f" With the named forms alone it {errs(named, before)}." if named else ""
   return f"On {where} the characterised twin {errs(after, before)} than the base: {changes(after, before)}.{alone}"
@@ -87,8 +90,8 @@ def compared(found: Study) -> tuple[Mapping[str, float], Mapping[str, float], st
   The hold-out where there is one, else what judged.
   """
   if found.errors:
-    return found.errors["base"], found.errors["characterised"], "recordings that took no part (the hold-out)"
-  return found.judged.get("base", {}), found.judged.get("characterised", {}), "recordings that only judged (validation)"
+    return found.errors["base"], found.errors["characterised"], "held-out recordings"
+  return found.judged.get("base", {}), found.judged.get("characterised", {}), "validation recordings"
 
 
 def errs(after: Mapping[str, float], before: Mapping[str, float]) -> str:

@@ -9,10 +9,10 @@ from calibration.diagnosis.report.wording import (
   happening,
   listed,
   sizes,
-  spread,
   unknown_words,
   verdict_sentence,
 )
+from qcar_twin.pages.numbers import spread
 from qcar_twin.twin.mechanisms import catalogue
 from tests.calibration.diagnosis.diagnosis_results import claim_of, decision_of
 
