@@ -142,7 +142,9 @@ def test_zoom_links_every_channel_and_a_double_click_undoes_it(opened):
   axes = opened.execute_script("return [...new Set(reportExplorers[0].channels._fullData.map(t => t.xaxis))]")
   panels = opened.execute_script("return reportExplorers[0].channels._fullLayout._subplots.yaxis.length")
   assert axes == ["x"] and panels > 5
-  mouse(opened).double_click(area).perform()
+  until = time.monotonic() + 60  # two clicks count as one double click only where a busy machine draws them 0.3 s apart
+  while opened.execute_script("return reportExplorers[0].span !== null") and time.monotonic() < until:
+    mouse(opened).double_click(area).perform()
   wait(opened, "return reportExplorers[0].span === null")
 
 
