@@ -15,6 +15,8 @@ from typing import Any
 import joblib
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
+from qcar_twin.extras import extra
+
 Call = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]  # what joblib's `delayed` makes
 
 
@@ -58,8 +60,8 @@ def _numbered(index: int, call: Call) -> tuple[int, Any]:
 
 
 def _on_ray(calls: Sequence[Call]) -> Iterator[tuple[int, Any]]:
-  # an extra that is not in the lock file (`cluster` in pyproject.toml): checked where it is installed
-  import ray as cluster  # pyright: ignore[reportMissingImports]
+  with extra("A Ray cluster"):  # not in the lock file: checked where it is installed
+    import ray as cluster  # pyright: ignore[reportMissingImports]
 
   if not cluster.is_initialized():
     cluster.init(address=os.environ.get("RAY_ADDRESS"), include_dashboard=False, log_to_driver=False)

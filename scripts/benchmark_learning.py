@@ -7,8 +7,6 @@ import dataclasses
 import itertools
 from pathlib import Path
 
-import torch
-
 from agents.studies.timing import (
   gradient_steps_per_second,
   raw_gradient_steps_per_second,
@@ -17,6 +15,10 @@ from agents.studies.timing import (
 )
 from qcar_twin.atomic_io import write_json
 from qcar_twin.command_line import run_script
+from qcar_twin.extras import extra
+
+with extra("Timing a training"):
+  import torch
 
 
 @dataclasses.dataclass(frozen=True)

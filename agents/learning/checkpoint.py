@@ -11,13 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
 
 from agents.learning.ddpg import Agent
 from qcar_twin.atomic_io import whole_folder, write_text
+from qcar_twin.extras import extra
 from qcar_twin.untrusted import UnreadableFile, inside, read_json
+
+with extra("Training"):
+  import torch
+  from safetensors import SafetensorError
+  from safetensors.torch import load_file, save_file
 
 POINTER = "checkpoint.json"
 ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")

@@ -12,17 +12,21 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from stable_baselines3 import DDPG
-from stable_baselines3.common.buffers import ReplayBuffer
-from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
-from stable_baselines3.common.policies import ContinuousCritic
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from stable_baselines3.common.type_aliases import ReplayBufferSamples
-from stable_baselines3.common.vec_env import VecEnv
-from stable_baselines3.td3.policies import TD3Policy
-from torch import nn
+
+from qcar_twin.extras import extra
+
+with extra("Training"):
+  import torch
+  from stable_baselines3 import DDPG
+  from stable_baselines3.common.buffers import ReplayBuffer
+  from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
+  from stable_baselines3.common.policies import ContinuousCritic
+  from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+  from stable_baselines3.common.type_aliases import ReplayBufferSamples
+  from stable_baselines3.common.vec_env import VecEnv
+  from stable_baselines3.td3.policies import TD3Policy
+  from torch import nn
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Literal
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,11 +19,15 @@ from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.envs.fleet import Demonstrator, Fleet, FleetConfig, Spread
 from qcar_twin.envs.gym_env import PathTrackingEnv
 from qcar_twin.envs.task import Reward, TrackingTask
+from qcar_twin.extras import extra
 from qcar_twin.paths import Errors, path_named
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import qcar_sensors
 from qcar_twin.twin.file import load_twin
 from qcar_twin.twin.twin import Twin
+
+with extra("The gymnasium environment"):
+  import gymnasium
 
 Array = NDArray[np.float64]
 ENV_ID = "QcarTwin/PathTracking-v0"

@@ -12,7 +12,6 @@ import dataclasses
 import math
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from agents.control import controllers
@@ -20,6 +19,10 @@ from agents.control.linear_rate import LinearRate
 from agents.control.model import Model
 from agents.control.tuning import Search, tune
 from agents.learning.ddpg import Agent
+from qcar_twin.extras import extra
+
+with extra("Training"):
+  import torch
 
 Array = NDArray[np.float64]
 ROUNDS = 3

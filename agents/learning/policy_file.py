@@ -12,13 +12,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
 
 from agents.control.interface import Situation
 from agents.learning.observation import ObservationSpec
 from qcar_twin.atomic_io import whole_file, write_text
+from qcar_twin.extras import extra
 from qcar_twin.untrusted import UnreadableFile, bounded_memory, is_number, read_json
+
+with extra("Reading a policy"):
+  from safetensors import SafetensorError
+  from safetensors.numpy import load_file, save_file
 
 Array = NDArray[np.float64]
 Layers = tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
@@ -159,7 +162,8 @@ def export_onnx(policy: Policy, file: Path, tolerance: float = 1e-5) -> float:
   Raises:
     RuntimeError: it acts differently by more than `tolerance`; nothing is left behind then.
   """
-  import onnx
+  with extra("Exporting a policy as ONNX"):
+    import onnx
 
   with whole_file(file) as part:
     onnx.save(_graph(policy), str(part))
@@ -171,7 +175,8 @@ def export_onnx(policy: Policy, file: Path, tolerance: float = 1e-5) -> float:
 
 def onnx_difference(policy: Policy, file: Path, seed: int = 0) -> float:
   """Largest difference in steering rate, rad/s, between a policy and an ONNX file, over 1000 observations."""
-  import onnxruntime
+  with extra("Checking an exported policy"):
+    import onnxruntime
 
   size = np.array([0.1, 0.3, 0.3, 1.0, *[1.0 / scale for scale in policy.sight.scale]])
   observation = size * np.random.default_rng(seed).standard_normal((1000, len(size)))
@@ -182,7 +187,8 @@ def onnx_difference(policy: Policy, file: Path, seed: int = 0) -> float:
 
 def _graph(policy: Policy):
   """The network as an ONNX model."""
-  from onnx import TensorProto, checker, helper, numpy_helper
+  with extra("Exporting a policy as ONNX"):
+    from onnx import TensorProto, checker, helper, numpy_helper
 
   scale = np.asarray(policy.observation_scale, dtype=np.float32)
   weights = [numpy_helper.from_array(scale, "scale")]

@@ -12,9 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from tqdm import tqdm
 
 from agents.control.closed_loop import Actuation, Task, drive
@@ -31,8 +28,14 @@ from qcar_twin.atomic_io import naming, whole_file, write_json, write_text
 from qcar_twin.envs.task import Reward
 from qcar_twin.envs.vector_env import FleetVecEnv
 from qcar_twin.estimation.observer import SensedObserver, TrueObserver
+from qcar_twin.extras import extra
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
 from qcar_twin.untrusted import UnreadableFile, read_json
+
+with extra("Training"):
+  import torch
+  from stable_baselines3.common.callbacks import BaseCallback
+  from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
 EPISODE_COLUMNS = ("episode", "steps", "length", "return", "rmse", "finished", "seconds")
 EVALUATION_COLUMNS = ("episode", "rmse", "me", "iaca", "finished", "seconds")

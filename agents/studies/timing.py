@@ -6,17 +6,20 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import gymnasium
 import numpy as np
-from stable_baselines3 import DDPG
-from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.vec_env import DummyVecEnv
 
 from agents.learning.ddpg import Settings, make_agent
 from agents.learning.environments import Options, fleet, make_env
 from qcar_twin.envs.fleet import Fleet
 from qcar_twin.envs.gym_env import observation_space
 from qcar_twin.envs.vector_env import FleetVecEnv
+from qcar_twin.extras import extra
+
+with extra("Timing a training"):
+  import gymnasium
+  from stable_baselines3 import DDPG
+  from stable_baselines3.common.logger import Logger
+  from stable_baselines3.common.vec_env import DummyVecEnv
 
 
 @dataclasses.dataclass

@@ -12,15 +12,18 @@ import difflib
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from dm_control import mujoco
-from dm_control.mujoco import wrapper
-from dm_control.rl import control
-from dm_env import specs
 from numpy.typing import NDArray
 
 from qcar_twin.envs.fleet import Fleet, Outcome
+from qcar_twin.extras import extra
 from qcar_twin.rendering.scene import Puppet, scene
 from qcar_twin.vehicle.vehicle import Vehicle
+
+with extra("The dm_control environment"):
+  from dm_control import mujoco
+  from dm_control.mujoco import wrapper
+  from dm_control.rl import control
+  from dm_env import specs
 
 Array = NDArray[np.float64]
 OBSERVATIONS = ("cross_track_error", "cross_track_rate", "heading_error", "heading_rate")  # m, m/s, rad, rad/s

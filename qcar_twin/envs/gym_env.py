@@ -2,13 +2,16 @@
 
 from typing import Any
 
-import gymnasium
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
 from qcar_twin.envs.fleet import Fleet
 from qcar_twin.envs.task import TrackingTask
+from qcar_twin.extras import extra
+
+with extra("The gymnasium environment"):
+  import gymnasium
+  from gymnasium import spaces
 
 Observation = NDArray[np.float32]
 

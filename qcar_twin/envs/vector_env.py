@@ -5,10 +5,13 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv
 
 from qcar_twin.envs.fleet import Fleet
 from qcar_twin.envs.gym_env import action_space, observation_space
+from qcar_twin.extras import extra
+
+with extra("The vectorised environment"):
+  from stable_baselines3.common.vec_env import VecEnv
 
 Indices = int | Sequence[int] | None
 Array = NDArray[np.float64]

@@ -17,13 +17,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.writer import Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from qcar_twin.atomic_io import whole_file
+from qcar_twin.extras import extra
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.recording import RecordingError, Stream
+
+with extra("Writing MCAP files"):
+  from mcap.writer import Writer
+  from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 _ACKERMANN = {
   "ackermann_msgs/msg/AckermannDrive": "float32 steering_angle\nfloat32 steering_angle_velocity\nfloat32 speed\n"

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.colors import to_rgba
 from numpy.typing import NDArray
 
+from qcar_twin.extras import extra
 from qcar_twin.plant import POSITION
 from qcar_twin.rendering.film import Film, Look, Picture, write_video
 from qcar_twin.vehicle.vehicle import Vehicle
@@ -84,7 +85,8 @@ def _text(label: str, time: float, apart: Array) -> str:
 
 
 def _jpeg(picture: Picture) -> bytes:
-  import imageio.v3 as imageio
+  with extra("Writing a picture"):
+    import imageio.v3 as imageio
 
   buffer = io.BytesIO()
   imageio.imwrite(buffer, picture, extension=".jpg", quality=85)

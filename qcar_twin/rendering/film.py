@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.atomic_io import whole_file
+from qcar_twin.extras import extra
 from qcar_twin.paths import Path
 from qcar_twin.plant import POSE, SIGNALS, VELOCITY, YAW_RATE
 from qcar_twin.rendering.scene import GHOST_PREFIX, Puppet, scene, settle_view
@@ -187,7 +188,8 @@ def write_video(file: File, pictures: Iterator[Picture], fps: int) -> int:
   Raises:
     ValueError: there are no pictures.
   """
-  import imageio_ffmpeg
+  with extra("Writing a film"):
+    import imageio_ffmpeg
 
   first = next(pictures, None)
   if first is None:
@@ -209,7 +211,8 @@ def write_video(file: File, pictures: Iterator[Picture], fps: int) -> int:
 
 def _require_whole(video: File, frames: int) -> None:
   """Raises OSError where the encoder, which says nothing of it, could not write all frames."""
-  import imageio_ffmpeg
+  with extra("Writing a film"):
+    import imageio_ffmpeg
 
   try:
     if (imageio_ffmpeg.count_frames_and_secs(str(video))[0] or 0) >= frames:
@@ -223,7 +226,8 @@ def _require_whole(video: File, frames: int) -> None:
 
 def write_still(file: File, picture: Picture) -> None:
   """Write a picture as PNG."""
-  import imageio.v3 as imageio
+  with extra("Writing a picture"):
+    import imageio.v3 as imageio
 
   with whole_file(file) as part:
     part.write_bytes(imageio.imwrite("<bytes>", picture, extension=".png"))

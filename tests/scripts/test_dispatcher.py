@@ -9,6 +9,7 @@ import sys
 import pytest
 
 from qcar_twin.command_line import FAILED, INTERRUPTED, MISUSED, sentence
+from qcar_twin.extras import MissingExtra
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.rendering.film import RenderingUnavailable
 from scripts import train, unseal
@@ -81,7 +82,8 @@ def test_what_is_wrong_with_the_input_is_said_in_a_sentence(tmp_path, capsys):
     (ValueError("mass must be positive"), "mass must be positive"),
     (KeyError("no path 'q'; did you mean s?"), "no path 'q'; did you mean s?"),
     (RenderingUnavailable("no display"), "no display"),
-    (ModuleNotFoundError("No module named 'ray.util'", name="ray.util"), "'ray'"),
+    (ModuleNotFoundError("No module named 'pandas.io'", name="pandas.io"), "'pandas'"),
+    (MissingExtra("Training needs the extra 'learn'"), "Training needs the extra 'learn'"),
     (KeyError("mass"), None),
     (RuntimeError("unforeseen"), None),
     (ModuleNotFoundError("No module named 'qcar_twin.nothing'", name="qcar_twin.nothing"), None),

@@ -9,6 +9,7 @@ from calibration.diagnosis.experiment import reach
 from calibration.diagnosis.outcome import Outcome
 from calibration.diagnosis.report.curves import Curve, identified_curves
 from calibration.fitting.observations import CHANNELS, Observations
+from qcar_twin.extras import MissingExtra
 from qcar_twin.pages import Clip
 from qcar_twin.plant import POSE, SIGNALS, VELOCITY, Prediction, signal_index
 from qcar_twin.plotting import BEFORE, TWIN
@@ -84,7 +85,7 @@ def _film(outcome: Outcome) -> tuple[Clip | None, str]:
     ghosts.append((f"{where}\nghost: repaired twin", TWIN, driven.signals[1, 0, :steps]))
   try:
     film, still = comparison_film(solid, ghosts, part.period, outcome.twin.vehicle)
-  except RenderingUnavailable as error:
+  except (RenderingUnavailable, MissingExtra) as error:
     return None, f"There is no film: {error}."
   then = ", then of the repaired twin (blue)" if repaired else ""
   caption = (

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
+from qcar_twin.extras import MissingExtra
 from qcar_twin.recordings.formats.table import NoSamples, Table
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.untrusted import UnreadableFile, bounded_memory, inside
@@ -44,7 +45,10 @@ def _reader(path: Path, label: str) -> Callable[[Path, str], Table]:
       f"{label}: cannot read '{path.suffix}' files; readable are: {', '.join(known)} and ROS 2 bag folders"
     )
   module, function = known[suffix]
-  return getattr(import_module(f"{__name__}.{module}"), function)
+  try:
+    return getattr(import_module(f"{__name__}.{module}"), function)
+  except MissingExtra as error:
+    raise RecordingError(f"{label}: {error}") from error
 
 
 def read_table(path: Path, label: str | None = None) -> Table:

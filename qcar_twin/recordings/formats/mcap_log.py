@@ -11,16 +11,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from mcap.exceptions import McapError
-from mcap.reader import McapReader, make_reader
-from mcap.records import Channel, Schema
-from mcap_protobuf.decoder import DecoderFactory
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
+from qcar_twin.extras import extra
 from qcar_twin.recordings.formats.messages import HEAVY, Row, row_of, topic_columns
 from qcar_twin.recordings.formats.rosbag import damaged, read_bag, table_of
 from qcar_twin.recordings.formats.table import Clocked, Table
 from qcar_twin.recordings.recording import RecordingError
+
+with extra("Reading MCAP files"):
+  from mcap.exceptions import McapError
+  from mcap.reader import McapReader, make_reader
+  from mcap.records import Channel, Schema
+  from mcap_protobuf.decoder import DecoderFactory
+  from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 READERS = {".mcap": "read_mcap"}
 _log = logging.getLogger(__name__)

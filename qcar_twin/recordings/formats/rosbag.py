@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
-from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.typesys import Stores, get_typestore
-
+from qcar_twin.extras import extra
 from qcar_twin.recordings.formats.messages import HEAVY, Row, row_of, topic_columns
 from qcar_twin.recordings.formats.table import Clocked, Table, merge
 from qcar_twin.recordings.recording import RecordingError
+
+with extra("Reading ROS bags and MCAP files"):
+  from rosbags.highlevel import AnyReader, AnyReaderError
+  from rosbags.typesys import Stores, get_typestore
 
 READERS = {".bag": "read_bag", ".db3": "read_bag"}
 _log = logging.getLogger(__name__)
