@@ -12,9 +12,18 @@ from qcar_twin.command_line import FAILED, MISUSED, run
 
 USAGE = """usage: qcar-twin [--traceback] COMMAND [options]
 
-{commands}
+use
+{use}
+
+measure
+{measure}
 
 `qcar-twin COMMAND --help` lists the options with their units; with --traceback an error says where it arose."""
+
+# in the order in which they are met; every other command measures this project itself
+USE = ("run", "new", "look", "check", "calibrate", "cross-validate", "diagnose", "curves")
+USE += ("drive", "estimate", "track", "train", "render", "export")
+ALIASES = {"characterise": "curves"}
 
 
 def commands() -> dict[str, str]:
@@ -25,8 +34,13 @@ def commands() -> dict[str, str]:
 
 
 def usage() -> str:
-  """The list of commands."""
-  return USAGE.format(commands="\n".join(f"  {name:<26}{text}" for name, text in commands().items()))
+  """The list of commands, those that one uses before those that measure the project."""
+  known = commands()
+  lines = {name: f"  {name:<26}{text}" for name, text in known.items()}
+  return USAGE.format(
+    use="\n".join(lines[name] for name in USE if name in lines),
+    measure="\n".join(line for name, line in lines.items() if name not in USE),
+  )
 
 
 def dispatch(words: list[str]) -> int:
@@ -37,6 +51,7 @@ def dispatch(words: list[str]) -> int:
     print(usage())
     return 0 if words else MISUSED
   known, name = commands(), words[0].replace("_", "-")
+  name = ALIASES.get(name, name)
   if name not in known:
     near = difflib.get_close_matches(name, known, 1, 0.5)
     meant = f"did you mean {near[0]}?" if near else "`qcar-twin --help` lists them."

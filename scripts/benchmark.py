@@ -34,16 +34,16 @@ WITHOUT = (
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """Seven ratios with their goals; run it on a quiet machine."""
+  """Seven ratios with their goals. Run it on a quiet machine."""
 
   out: Path
   """Markdown file to write."""
   rounds: int = 41
-  """Turns each side of a pair takes; each lasts 10 to 100 ms."""
+  """Number of turns that each side of a pair takes; each lasts 10 to 100 ms."""
   seed: int = 0
-  """Of the drives and the noise the fits get."""
+  """Seed of the drives and of the noise in the fits."""
   quick: bool = False
-  """Five turns, fits to two recordings of 1 s."""
+  """Five turns, and fits to two recordings of 1 s."""
 
 
 TITLES = ("what", "sides", "first [us]", "second [us]", "per", "first / second", "goal", "")

@@ -25,9 +25,9 @@ class Config:
   seed: int = 1
   """Seed of the first session; the others follow it."""
   sessions: int = 10
-  """How many cars."""
+  """Number of cars."""
   poor: int = 4
-  """Further starts for each, with other tyres and another motor."""
+  """Number of further starts for each car, with other tyres and another motor."""
   quick: bool = False
   """One car and one poor start."""
 

@@ -40,24 +40,24 @@ KEPT = "data sets that were finished stay in --work, the same command goes on wi
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """What was made before in `work` is kept; delete a folder there to make it again."""
+  """Results that are in `work` are kept. Delete a folder there to make it again."""
 
   out: Path
   """Markdown file to write."""
   work: Path = Path("out/calibrations")
-  """Folder of the results, one folder a data set."""
+  """Folder of the results, one folder per data set."""
   datasets: tuple[Path, ...] = (REAL / "qcar_ground", REAL / "dart", REAL / "cpm_ucar")
   """Data sets of real cars: calibrated against their recordings and cross-validated."""
   steps: tuple[Path, ...] = (Path("data/sample"),)
   """Data sets whose identified model the twin is fitted to."""
   seed: int = 501
-  """Of the first fresh session; the others follow it."""
+  """Seed of the first fresh session; the others follow it."""
   sessions: int = 2
-  """How many fresh sessions the twin is fitted to the identified model of."""
+  """Number of fresh sessions to whose identified model the twin is fitted."""
   quick: bool = False
   """Fresh sessions of two minutes and no real cars."""
   threads: int = 0
-  """Threads of the simulation, 0 for all cores; results don't depend on it."""
+  """Threads of the simulation; 0 uses every core. Results do not depend on it."""
 
 
 def fresh(config: Config, seed: int) -> Path:

@@ -1,4 +1,4 @@
-"""Measure the filter and the controllers and write their page with its figures.
+"""Measure the filter and the controllers, and write their page with its figures.
 
 qcar-twin benchmark-estimation --dart ../shared/data/dart [--sections faults cost]
 """
@@ -29,22 +29,22 @@ Medians, interquartile ranges in brackets.
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """What is measured."""
+  """Sections of the page, and how much is driven for each."""
 
   out: Path = Path("docs/results/estimation.md")
-  """Markdown file; figures go into a folder of its name beside it"""
+  """Markdown file; figures go into a folder of its name next to it."""
   dart: Path | None = None
-  """the dart data set; its section is left out without it"""
+  """Folder of the dart data set; its section is left out where not given."""
   seeds: int = 20
-  """cars with sensor noise of their own on the oval"""
+  """Number of cars on the oval, each with sensor noise of its own."""
   runs: int = 8
-  """cars per case of the controller table"""
+  """Number of cars per case of the controller table."""
   faulty: int = 8
-  """cars per path and class of faults"""
+  """Number of cars per path and class of faults."""
   sections: tuple[str, ...] = SECTIONS
-  """which are measured (oval, recorded, faults, tracking, cost); the others stay as they are in the file"""
+  """Sections to measure: oval, recorded, faults, tracking, cost. The others stay as they are in the file."""
   quick: bool = False
-  """two cars, one lap, few cases"""
+  """Two cars, one lap, few cases."""
 
 
 def recorded(config: Config, figures: Path) -> list[str]:

@@ -1,4 +1,4 @@
-"""Identify fresh sessions and set what was found beside the truth and the paper.
+"""Identify fresh sessions and compare the parameters with the truth and the paper.
 
 qcar-twin benchmark-identification --out docs/results/identification.md
 """
@@ -30,7 +30,7 @@ class Config:
   seed: int = 501
   """Seed of the first session; the others follow it."""
   sessions: int = 5
-  """How many cars."""
+  """Number of cars."""
   design: str = "lab"
   """Session design: lab or paper."""
   quick: bool = False

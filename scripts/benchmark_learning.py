@@ -23,16 +23,16 @@ with extra("Timing a training"):
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """What is measured, in CPU seconds of one core."""
+  """Length of the measurements, in CPU seconds of one core."""
 
   out: Path
-  """JSON file with a sentence per measurement"""
+  """JSON file with a sentence per measurement."""
   steps: int = 8000
-  """environment steps of the watched training"""
+  """Number of environment steps of the measured training."""
   rounds: int = 3
-  """of every speed; the fastest is kept"""
+  """Number of repetitions of every measurement; the fastest is kept."""
   quick: bool = False
-  """a tenth of it"""
+  """A tenth of the steps."""
 
 
 def main(config: Config) -> list[str]:

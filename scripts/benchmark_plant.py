@@ -1,4 +1,4 @@
-"""Compare the reduced car with MuJoCo's on a data set; writes a page.
+"""Compare the reduced car with MuJoCo's on a data set, and write a page.
 
 qcar-twin benchmark-plant --dataset data/sample --out docs/results/fast_plant.md
 """
@@ -18,18 +18,18 @@ from qcar_twin.recordings.dataset import DataSet
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """How far the reduced car, which fits search on, is from MuJoCo's; writes a Markdown page."""
+  """Differences between the reduced car, which fits search on, and MuJoCo's."""
 
   dataset: Path = Path("data/sample")
-  """Folder with dataset.toml."""
+  """Folder with dataset.toml, in SI units."""
   out: Path = Path("docs/results/fast_plant.md")
-  """The page."""
+  """Markdown page to write."""
   vectors: int = 50
-  """Random parameter vectors."""
+  """Number of random parameter vectors."""
   seed: int = 0
-  """Of their draws."""
+  """Seed of the parameter vectors."""
   most: float = 300.0
-  """Seconds of driving."""
+  """Longest driving that is simulated, s."""
 
 
 def main(config: Config) -> Agreement:

@@ -1,4 +1,4 @@
-"""Calibrate the twin of a data set's car.
+"""Fit the twin's parameters to a data set's car.
 
 Writes twin.toml, calibration.json and report.html.
 
@@ -24,23 +24,26 @@ class Config:
   """Fit the twin to the identified bicycle's step responses, or to the recordings themselves."""
 
   dataset: Path
-  """Folder with dataset.toml (SI units, see docs)."""
+  """Folder with dataset.toml, in SI units."""
   out: Path
-  """Folder for the results; a broken-off run with the same folder goes on where it was."""
+  """Folder for the results; a stopped run with the same folder continues."""
   against: Literal["identified", "recordings"] = "identified"
-  """identified: step responses of the paper's bicycle; recordings: everything with role "identify"."""
+  """Reference of the fit: 'identified' uses step responses of the identified bicycle, 'recordings' every recording
+  with role identify."""
   mechanism: tuple[str, ...] = ()
-  """Ids of the catalogue this car is known to need (docs/reference/mechanisms.md); against recordings only."""
+  """Ids of the catalogue that this car is known to need (docs/reference/mechanisms.md); only with --against
+  recordings."""
   steady_state: Literal["exact", "paper"] = "exact"
   """Understeer gradient of the identification: exact, or as printed in the paper."""
   quick: bool = False
-  """About 40 s of driving and few iterations: a first look."""
+  """First look: about 40 s of driving and few iterations."""
   seed: int = 0
-  """Of random draws; kept with the results. The fits draw nothing, so they don't depend on it."""
+  """Seed of random draws, stored with the results; the fits draw nothing and do not depend on it."""
   threads: int = 0
-  """Threads of the simulation, 0 for all cores; results don't depend on it."""
+  """Threads of the simulation; 0 uses every core. Results do not depend on it."""
   plant: EngineKind = "reduced"
-  """What is searched with: the reduced car, confirmed by MuJoCo, or "mujoco" alone: many times as long."""
+  """Simulator used during the search. 'reduced' searches with the fast C model and verifies the result in MuJoCo;
+  'mujoco' uses MuJoCo throughout and simulates 37 times slower."""
 
 
 def main(config: Config) -> Calibration:

@@ -1,4 +1,4 @@
-"""Run and score a campaign of concealed cases; stop and start it at will.
+"""Run and score a campaign of concealed cases, which may be stopped and continued.
 
 qcar-twin campaign --out out/campaign --seed 1
 """
@@ -33,35 +33,36 @@ class Config:
   out: Path
   """Folder for the answers and report.html; answers that are there are kept."""
   seed: int = 1
-  """Decides every case."""
+  """Seed that determines every case."""
   nulls: int = 30
-  """Sessions without any effect."""
+  """Number of sessions without any effect."""
   singles: int = 40
-  """Sessions with one effect of the catalogue."""
+  """Number of sessions with one effect of the catalogue."""
   pairs: int = 12
-  """Sessions with two effects of the catalogue."""
+  """Number of sessions with two effects of the catalogue."""
   outside: int = 6
-  """Sessions with an effect the catalogue does not have."""
+  """Number of sessions with an effect that the catalogue does not have."""
   wild: int = 0
-  """Sessions of cars far from the QCar with four to eight effects at once."""
+  """Number of sessions of cars far from the QCar, with four to eight effects at once."""
   car: Literal["first", "second"] = "first"
-  """Which independent car; the second, of another structure, has sessions with no effect and with one only."""
+  """Independent car to drive; the second, of another structure, has sessions with no effect and with one only."""
   design: str = "compact"
-  """Session design: compact (about 2 minutes of driving), lab (5 minutes) or paper."""
+  """Session design: compact (about 2 min of driving), lab (5 min) or paper."""
   jobs: int = 2
-  """Cases that run side by side, one core each."""
+  """Number of cases that run in parallel, one core each."""
   ray: bool = False
-  """On the Ray cluster at hand instead of in local processes; all its computers have to see --out."""
+  """Run on the Ray cluster at hand, not in local processes; its computers have to see --out."""
   archive: Path | None = None
-  """One file with all answers: those in it are taken over first, and it is replaced at the end."""
+  """File with all answers: those in it are unpacked first, and it is replaced at the end."""
   page: Path | None = None
-  """Markdown page to write; a picture of the confusions goes beside it, named alike, but for wild cases."""
+  """Markdown page to write; a picture of the confusions goes next to it, except for wild cases."""
   score_only: bool = False
-  """Run nothing: score the answers that are there."""
+  """Run nothing and score the answers that are there."""
   quick: bool = False
-  """One case of each kind."""
+  """Run one case of each kind."""
   engine: Literal["search", "characterise"] = "search"
-  """What answers: search (docs/guide/diagnosis.md), or characterise, for wild cases (docs/guide/curves.md)."""
+  """Method that answers: 'search' (docs/guide/diagnosis.md), or 'characterise' for wild cases
+  (docs/guide/curves.md)."""
 
 
 def main(config: Config) -> str:

@@ -16,10 +16,10 @@ from qcar_twin.command_line import run_script
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """Timing, repeated driving, sensors of one motion against each other, what was excited; no model of a car."""
+  """Timing, repeated driving, sensors of one motion against each other, and excitation; no model of a car."""
 
   dataset: Path
-  """Folder with dataset.toml (SI units, see docs)."""
+  """Folder with dataset.toml, in SI units."""
   out: Path = Path("out/check")
   """Folder for the results."""
 

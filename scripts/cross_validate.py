@@ -1,4 +1,4 @@
-"""Predict recordings no fit has seen with the twin and with the bicycle.
+"""Predict held-out recordings with the twin and with the bicycle model.
 
 Writes cross_validation.json and report.html.
 
@@ -28,17 +28,17 @@ class Config:
   """Twin against bicycle against recordings: RMSE and NRMSE by channel, for windows of 0.5 s, of 2 s and free runs."""
 
   dataset: Path
-  """Folder with dataset.toml (SI units, see docs)."""
+  """Folder with dataset.toml, in SI units."""
   out: Path
   """Folder for the results."""
   twin: Path | None = None
-  """twin.toml of a calibration; where not given, the twin is calibrated against the recordings first."""
+  """File twin.toml of a calibration; where not given, the twin is calibrated against the recordings first."""
   roles: tuple[str, ...] = ("validate",)
-  """Roles of the recordings to predict; "holdout" is meant to be opened once, at the end."""
+  """Roles of the recordings to predict; open 'holdout' once, at the end."""
   quick: bool = False
-  """Windows of 2 s only, a quick calibration."""
+  """Windows of 2 s only, and a quick calibration where no twin is given."""
   threads: int = 0
-  """Threads of the simulation, 0 for all cores; results don't depend on it."""
+  """Threads of the simulation; 0 uses every core. Results do not depend on it."""
 
 
 def main(config: Config) -> CrossValidation:

@@ -1,4 +1,4 @@
-"""Say where twin and recordings differ, what was left out, and what modelling it gains.
+"""Find where twin and recordings differ, and which missing physics explains it.
 
 Writes diagnosis.json, twin.toml (the repaired twin, or the one with free curves where that is better) and report.html.
 
@@ -26,23 +26,24 @@ class Config:
   """Diagnose a data set; writes diagnosis.json, twin.toml (the repaired twin) and report.html."""
 
   dataset: Path
-  """Folder with dataset.toml."""
+  """Folder with dataset.toml, in SI units."""
   out: Path
   """Folder for the results."""
   twin: Path | None = None
-  """twin.toml to go on from: its parameters are the first guess, its mechanisms are part of every model."""
+  """File twin.toml to start from: its parameters are the first guess and every model keeps its mechanisms."""
   mechanisms: tuple[str, ...] = ()
-  """Ids of the catalogue to consider; all of them by default."""
+  """Ids of the catalogue to consider; the whole catalogue where not given."""
   mechanism_files: tuple[Path, ...] = ()
-  """Python files with mechanisms of your own; they are run, so read them first (docs/guide/extending.md)."""
+  """Python files with mechanisms of your own. They are executed, so read them first (docs/guide/extending.md)."""
   quick: bool = False
-  """A narrower search: fewer models are refitted, and curves are fitted to a quarter of the driving."""
+  """Narrower search: fewer models are refitted, and curves are fitted to a quarter of the driving."""
   threads: int = 0
-  """Threads of the simulation, 0 for all cores."""
+  """Threads of the simulation; 0 uses every core. Results do not depend on it."""
   plant: EngineKind = "reduced"
-  """What is searched with: the reduced car, confirmed by MuJoCo, or "mujoco" alone: many times as long."""
+  """Simulator used during the search. 'reduced' searches with the fast C model and verifies the result in MuJoCo;
+  'mujoco' uses MuJoCo throughout and simulates 37 times slower."""
   curves: When = "auto"
-  """Fit free curves in the maps' place: "auto" where something is left without a name (docs/guide/curves.md)."""
+  """Fit free curves after the diagnosis: 'auto' fits them where a mismatch stays unexplained (docs/guide/curves.md)."""
 
 
 def main(config: Config) -> Path:

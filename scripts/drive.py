@@ -35,7 +35,7 @@ class Config:
   arguments: tyro.conf.Positional[Annotated[tuple[str, ...], tyro.conf.arg(metavar="ARGUMENTS")]] = ()
   """Arguments of the script."""
   twin: Path | None = None
-  """twin.toml of a calibration or a diagnosis; the nominal QCar where not given."""
+  """File twin.toml of a calibration or a diagnosis; the nominal QCar where not given."""
   plant: Literal["twin", "reduced", "proving_ground"] = "twin"
   """What is driven: the twin in MuJoCo, the reduced car, or the independent car that stands in for a real one."""
   effect: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
@@ -51,9 +51,9 @@ class Config:
   patience: float = 30.0
   """Time on the wall that the script may compute without looking at a clock or at the car, s."""
   seed: int = 0
-  """Of the sensors' noise and of the shared random numbers."""
+  """Seed of the sensors' noise and of the shared random numbers."""
   car: int = 0
-  """Which independent car is driven."""
+  """Seed of the independent car that is driven."""
   answer: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
   """What the script hears where it asks by input(), repeatable, in turn."""
   library: Path | None = None

@@ -33,23 +33,23 @@ class Config:
   """Estimate position and motion offline."""
 
   dataset: Path
-  """folder with dataset.toml"""
+  """Folder with dataset.toml, in SI units."""
   out: Path
-  """folder for estimates, report.html and summary.json"""
+  """Folder for the estimates, report.html and summary.json."""
   recordings: tuple[str, ...] = ()
-  """names; all that hold a pose without it"""
+  """Names of recordings; all that hold a pose where not given."""
   identified: Path | None = None
-  """identification (JSON); made from the data set without it"""
+  """Identification file (JSON); made from the data set where not given."""
   noise_from: str = ""
-  """name of a standstill recording that sensor noise and biases are taken from"""
+  """Name of a standstill recording from which sensor noise and biases are estimated."""
   fit_noise: bool = False
-  """fit the filter's process noise to the identification recordings that hold a pose (a minute or more)"""
+  """Fit the filter's process noise to the identification recordings with a pose; takes a minute or more."""
   onboard_lateness: float = 0.0
-  """by how much IMU and encoder stamps are after their measurement, s"""
+  """Delay of the IMU's and encoder's time stamps after their measurement, s."""
   sharing: tuple[float, float] = (1.0, 1.0)
-  """information sharing of the lidar between EKF_BM and EKF_PM: 1 1 as printed, 0.5 0.5 consistent"""
+  """Information sharing of the lidar between EKF_BM and EKF_PM, dimensionless: 1 1 as printed, 0.5 0.5 consistent."""
   quick: bool = False
-  """the first recording only"""
+  """Estimate the first recording only."""
 
 
 def model_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> tuple[Bicycle, np.ndarray]:

@@ -21,32 +21,32 @@ from qcar_twin.twin.file import load_twin
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """What is compared, and where."""
+  """Policies and circumstances that are compared."""
 
   out: Path
-  """folder for evaluation.json, evaluation.txt and figures"""
+  """Folder for evaluation.json, evaluation.txt and figures."""
   policy: tuple[Path, ...] = (SHIPPED,)
-  """policy folders; several, as of trainings with different seeds, are summed up as one contestant"""
+  """Policy folders; several, such as trainings with different seeds, are summed up as one contestant."""
   paths: tuple[str, ...] = ("o", "infinity", "c")
-  """s, o, infinity, c"""
+  """Paths to follow: s, o, infinity, c."""
   plants: tuple[str, ...] = ("twin",)
-  """twin, bicycle, proving_ground, or a twin file (TOML)"""
+  """Plants to drive: twin, bicycle, proving_ground, or a twin file (TOML)."""
   speeds: tuple[float, ...] = (0.5,)
-  """m/s"""
+  """Reference speeds, m/s."""
   mismatch: bool = False
-  """also with a steering gain of 0.92 and an offset of 1 deg that nobody is told"""
+  """Drive every case also with a steering gain of 0.92 and an offset of 1 deg that no controller knows."""
   effects: tuple[str, ...] = ()
-  """concealed effects of the proving ground's car as name=size"""
+  """Concealed effects of the proving ground's car as name=size, in multiples of the typical magnitude."""
   cars: int = 4
-  """runs per case, each with sensor noise of its own"""
+  """Number of cars per case, each with sensor noise of its own."""
   seed: int = 500
-  """of the sensors"""
+  """Seed of the sensor noise."""
   workers: int = 1
-  """processes"""
+  """Number of processes."""
   ray: bool = False
-  """on the Ray cluster at hand instead of in local processes"""
+  """Run on the Ray cluster at hand instead of in local processes; needs the extra 'cluster'."""
   quick: bool = False
-  """one car on the S, against the tuned controllers only"""
+  """Drive one car on the S-path, against the tuned controllers only."""
 
 
 def ground(effects: tuple[str, ...]) -> ExternalPlant:

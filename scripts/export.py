@@ -1,6 +1,6 @@
 """Write recordings, twins and their errors as MCAP for Foxglove, PlotJuggler and Rerun.
 
-One file a recording: /measured, /before, /after, and /error_before, /error_after with forces.
+One file per recording: /measured, /before, /after, and /error_before, /error_after with forces.
 
 qcar-twin export --dataset data/sample --diagnosis out/diagnosed --out out/mcap
 qcar-twin export --log out/tracked/traces.csv --out out/mcap
@@ -25,27 +25,27 @@ from qcar_twin.twin.twin import Twin
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """What is written, and where."""
+  """Recordings or a log, and the twins to compare them with."""
 
   out: Path
-  """folder for one MCAP file a recording; files of the same name are replaced"""
+  """Folder for one MCAP file per recording; files of the same name are replaced."""
   dataset: Path | None = None
-  """folder with dataset.toml"""
+  """Folder with dataset.toml, in SI units."""
   recordings: tuple[str, ...] = ()
-  """names; all of them without it"""
+  """Names of recordings; all of them where not given."""
   diagnosis: Path | None = None
-  """folder that `diagnose` wrote: its recalibrated twin is `before`, its repaired one `after`"""
+  """Folder that diagnose wrote: its recalibrated twin becomes `before`, its repaired twin `after`."""
   before: Path | None = None
-  """twin file shown as `before`"""
+  """Twin file shown as `before`."""
   after: Path | None = None
-  """twin file shown as `after`"""
+  """Twin file shown as `after`."""
   window: float = 6.0
-  """s between restarts of the twins from what was measured; 0 for one free run"""
+  """Time between restarts of the twins from the measured state, s; 0 for one free run."""
   command_shift: int | None = None
-  """control periods of 10 ms by which commands act later than logged; where not given, as calibration.json beside a
-  twin says, else 0"""
+  """Delay of commands against the log, control periods of 10 ms. Where not given, calibration.json next to the twin
+  decides, else 0."""
   log: Path | None = None
-  """any other file that can be read, a rollout's traces.csv for instance: its columns, as they are"""
+  """Any other readable log, such as traces.csv of track: its columns are written as they are."""
 
 
 def main(config: Config) -> list[Path]:

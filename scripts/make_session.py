@@ -1,6 +1,6 @@
-"""Drive a session in the independent car, with concealed effects if wanted.
+"""Drive a session in the independent car, with concealed effects where asked for.
 
-Writes it as a data set, the truth apart and sealed.
+Writes it as a data set, and its truth sealed in another folder.
 
 qcar-twin make-session --out OUT --seed 1 --effect steering_delay --size 1.0 --truth-out TRUTH
 """
@@ -31,33 +31,33 @@ class Config:
   """A session of an independent car."""
 
   out: Path
-  """folder of the data set"""
+  """Folder of the data set."""
   seed: int = 0
-  """draws the car, the driver, the noise"""
+  """Seed of the car, the driver and the noise."""
   car: Literal["first", "second"] = "first"
-  """which independent car; the second is of another structure and slower to simulate"""
+  """Independent car to drive; the second is of another structure and slower to simulate."""
   effect: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-  """id of a concealed effect; may be given several times; `list` prints them all"""
+  """Id of a concealed effect; repeatable. 'list' prints all ids."""
   size: tyro.conf.UseAppendAction[tuple[float, ...]] = ()
-  """size of each effect in multiples of its typical magnitude (1 where not given)"""
+  """Size of each effect in multiples of its typical magnitude; 1 where not given."""
   draw: bool = False
-  """conceal one effect drawn at random; it is printed nowhere and stands only in the truth"""
+  """Conceal one effect drawn at random; it is printed nowhere and stands only in the truth."""
   design: str = "lab"
-  """lab (about 5 min of driving), compact (2 min) or paper"""
+  """Session design: lab (about 5 min of driving), compact (2 min) or paper."""
   sessions: int = 1
-  """so many of the same car, one after the other, for a long log"""
+  """Number of sessions of the same car, one after the other, for a long log."""
   noise_level: float = 1.0
-  """factor on sensor and process noise"""
+  """Factor on sensor and process noise, dimensionless."""
   truth_out: Path | None = None
-  """folder of the sealed truth; OUT_truth beside the data set where not given"""
+  """Folder of the sealed truth; OUT_truth next to the data set where not given."""
   clean: bool = False
-  """write the true states beside the truth too, as clean.npz"""
+  """Write the true states next to the truth too, as clean.npz."""
   packed: bool = False
-  """compress and encode the truth, so that nobody reads it by accident"""
+  """Compress and encode the truth, so that nobody reads it by accident."""
   name: str = "session"
-  """name of the data set"""
+  """Name of the data set."""
   quick: bool = False
-  """the compact design whatever `design` says"""
+  """Use the compact design whatever --design says."""
 
 
 def chosen(config: Config) -> tuple[tuple[str, float], ...]:

@@ -26,14 +26,14 @@ from qcar_twin.recordings.recording import RecordingError
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """Channels by name, unit and values; roles by file or time; nothing that is there is replaced."""
+  """Channels are matched by name, unit and values, roles by file or time. No existing file is replaced."""
 
   folder: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="FOLDER")]]
-  """of the data set; made where it is not there; it must not hold a dataset.toml"""
+  """Folder of the data set; created where absent. It must not hold a dataset.toml."""
   files: tyro.conf.Positional[Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILES")]] = ()
-  """logs, or folders of logs; those outside FOLDER are copied into it; without any, the logs that FOLDER holds"""
+  """Logs, or folders of logs; those outside FOLDER are copied into it. Without any, the logs in FOLDER are used."""
   out: Path | None = None
-  """folder for the check's page; FOLDER_check next to the data set where not given"""
+  """Folder for the check's page; FOLDER_check next to the data set where not given."""
 
 
 def main(config: Config) -> Path:

@@ -1,4 +1,4 @@
-"""Film a policy, a controller or a recording, with a translucent second car if wanted.
+"""Film a policy, a controller or a recording, with a translucent second car where asked for.
 
 qcar-twin render --out film.mp4 [--policy DIR] [--path c] [--ghost "lq_ed tuned"] [--camera chase]
 qcar-twin render --out film.mp4 --dataset DIR --recording NAME [--twin twin.toml]
@@ -20,34 +20,34 @@ from qcar_twin.twin.file import load_twin
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """What is shown, and how."""
+  """The drive that is filmed, and the camera."""
 
   out: Path
-  """mp4 to write; a still of the middle is written beside it as PNG"""
+  """File (mp4) to write; a still of its middle is written next to it as PNG."""
   policy: Path = SHIPPED
-  """policy folder"""
+  """Folder of the policy."""
   driver: str = "ddpg"
-  """who drives the solid car: ddpg (the policy), or a controller as "lq_cm tuned" """
+  """Driver of the solid car: ddpg (the policy), or a controller such as "lq_cm tuned"."""
   ghost: str = ""
-  """who drives the translucent car"""
+  """Driver of the translucent car; none where empty."""
   path: str = "c"
-  """s, o, infinity or c"""
+  """Path to follow: s, o, infinity or c."""
   plant: Literal["twin", "reduced", "bicycle"] = "twin"
-  """what is driven"""
+  """Plant that is driven."""
   dataset: Path | None = None
-  """show a recording of this data set instead of a drive"""
+  """Show a recording of this data set instead of a drive."""
   recording: str = ""
-  """its name"""
+  """Name of the recording."""
   twin: str = ""
-  """twin file whose prediction is the translucent car beside the recording"""
+  """Twin file (TOML) whose prediction is the translucent car of a recording."""
   camera: Literal["chase", "top", "onboard"] = "chase"
-  """camera on the solid car"""
+  """Camera on the solid car."""
   fps: int = 25
-  """frames per second"""
+  """Frame rate, Hz."""
   size: tuple[int, int] = (640, 480)
-  """width and height, pixels"""
+  """Width and height of the film, pixels."""
   quick: bool = False
-  """two seconds, in small"""
+  """Film two seconds in half the size."""
 
 
 def driven(config: Config, driver: str) -> Array:

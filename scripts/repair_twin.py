@@ -1,4 +1,4 @@
-"""Diagnose a car that conceals an effect; keep its recalibrated and its repaired twin.
+"""Diagnose a car with a concealed effect, and keep its recalibrated and repaired twins.
 
 qcar-twin repair-twin --out out/study --car 4501 --effect steering_delay --size 2
 """
@@ -19,22 +19,22 @@ from qcar_twin.twin.file import save_twin
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """The car, what it conceals, how long the diagnosis may look."""
+  """The car, its concealed effect, and the width of the search."""
 
   out: Path
-  """folder of the study for recalibrated.toml and repaired.toml, with the session and its diagnosis below it"""
+  """Folder for recalibrated.toml and repaired.toml, with the session and its diagnosis in it."""
   car: int = 4501
-  """seed of car, driver and noise"""
+  """Seed of car, driver and noise."""
   effect: str = "steering_delay"
-  """id of the concealed effect"""
+  """Id of the concealed effect."""
   size: float = 2.0
-  """in multiples of its typical magnitude"""
+  """Size of the effect in multiples of its typical magnitude."""
   design: str = "compact"
-  """of the session: lab, compact or paper"""
+  """Session design: lab, compact or paper."""
   mechanisms: tuple[str, ...] = ()
-  """ids of the catalogue to consider; all of them by default"""
+  """Ids of the catalogue to consider; the whole catalogue where not given."""
   quick: bool = False
-  """a narrower search: fewer models are refitted"""
+  """Narrower search: fewer models are refitted."""
 
 
 def main(config: Config) -> str:

@@ -1,4 +1,4 @@
-"""Do the main job on one data set: identify, calibrate, cross-validate, diagnose.
+"""Identify, calibrate, cross-validate and diagnose one data set.
 
 Prints the verdicts and the report's path.
 
@@ -31,22 +31,23 @@ KEPT = "fits that were finished stay in --out, the same command goes on from the
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """Everything the project is for, in one command; every step writes a folder of its own below `out`."""
+  """The whole evaluation of a data set in one command."""
 
   dataset: Path = Path("data/sample")
-  """Folder with dataset.toml (SI units)."""
+  """Folder with dataset.toml, in SI units."""
   out: Path = Path("out/sample")
-  """Folder for the results."""
+  """Folder for the results; each step writes a folder of its own in it."""
   quick: bool = False
-  """A first look: less driving in the fits, a narrower search."""
+  """First look: less driving in the fits and a narrower search."""
   seed: int = 0
-  """Of random draws; kept with the results. The fits draw nothing."""
+  """Seed of random draws, stored with the results; the fits draw nothing."""
   threads: int = 0
-  """Threads of the simulation, 0 for all cores."""
+  """Threads of the simulation; 0 uses every core. Results do not depend on it."""
   plant: EngineKind = "reduced"
-  """What is searched with: the reduced car, confirmed by MuJoCo, or "mujoco" alone: many times as long."""
+  """Simulator used during the search. 'reduced' searches with the fast C model and verifies the result in MuJoCo;
+  'mujoco' uses MuJoCo throughout and simulates 37 times slower."""
   curves: When = "auto"
-  """Fit free curves in the maps' place: "auto" where something is left without a name (docs/guide/curves.md)."""
+  """Fit free curves after the diagnosis: 'auto' fits them where a mismatch stays unexplained (docs/guide/curves.md)."""
 
 
 def main(config: Config) -> Path:

@@ -1,6 +1,6 @@
-"""Fit what a claim needs to answers of campaigns, and write it into levels.toml.
+"""Fit the weights of the decision to answers of campaigns, and write levels.toml.
 
-qcar-twin set-levels --archives data/answers/weighed.jsonl.xz
+qcar-twin set-levels --archives data/answers/weighed.jsonl.xz --out out/levels.toml
 """
 
 import dataclasses
@@ -11,6 +11,7 @@ from pathlib import Path
 from calibration.concealed.campaign.archive import unpack
 from calibration.concealed.campaign.set_levels import fitted_weights, write_weights
 from calibration.diagnosis.search.weighing import FILE, read_levels
+from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
 
 
@@ -20,8 +21,10 @@ class Config:
 
   archives: tuple[Path, ...]
   """Archives of answers; none of these cases may be counted when the outcome is measured."""
+  out: Path
+  """File of levels to write, complete, with the fitted weights."""
   levels: Path = FILE
-  """File of levels whose weights are replaced."""
+  """File of levels whose other numbers are taken over; the installed one by default."""
 
 
 def main(config: Config) -> str:
@@ -32,10 +35,11 @@ def main(config: Config) -> str:
       unpack(archive, Path(folder))
       results += [json.loads(path.read_text()) for path in sorted(Path(folder).glob("*.json"))]
   weights = fitted_weights(results, read_levels(config.levels))
-  command = "qcar-twin set-levels --archives " + " ".join(str(a) for a in config.archives)
-  write_weights(weights, command, config.levels)
+  command = "qcar-twin set-levels --archives " + " ".join(str(a) for a in config.archives) + f" --out {config.out.name}"
+  write_text(config.out, config.levels.read_text(encoding="utf-8"))
+  write_weights(weights, command, config.out)
   said = f"{len(results)} answers: " + ", ".join(f"{name} {value:.3f}" for name, value in weights.items())
-  print(f"{said}; written to {config.levels}")
+  print(f"{said}; written to {config.out}")
   return said
 
 

@@ -1,4 +1,4 @@
-"""Train every variant, drive everybody everywhere, write the page; stop and start it at will.
+"""Train every agent variant, drive every case and write the page.
 
 qcar-twin study --out out/study [--limit 1] [--page docs/results/learning.md]
 """
@@ -28,34 +28,34 @@ KEPT = "jobs that were finished stay in --out, the same command goes on with the
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """Which jobs; those whose file is in the folder are done."""
+  """Jobs of the study. Those whose file is in the folder are done."""
 
   out: Path
-  """folder of the study"""
+  """Folder of the study."""
   variants: tuple[str, ...] = tuple(VARIANTS)
-  """which agents to train; recalibrated and repaired wait for OUT/NAME.toml, the twin they are trained on"""
+  """Agents to train. 'recalibrated' and 'repaired' wait for OUT/NAME.toml, the twin they are trained on."""
   seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
-  """of the trainings"""
+  """Seeds of the trainings."""
   few: tuple[int, ...] = (0, 1)
-  """seeds of the agents trained on a twin of their own"""
+  """Seeds of the agents that are trained on a twin of their own."""
   episodes: int = 300
-  """of a training"""
+  """Number of episodes per training."""
   effects: tuple[str, ...] = ("steering_delay=1", "steering_offset=1", "friction_change=1")
-  """concealed effects of the proving ground's car, name=size, each driven alone"""
+  """Concealed effects as name=size, in multiples of the typical magnitude, each driven alone."""
   car: int = -1
-  """seed of the session whose car the twins of their own were made for"""
+  """Seed of the session whose car the recalibrated and repaired twins were made for; -1 for none."""
   concealed: str = "steering_delay=2"
-  """effect of that car"""
+  """Concealed effect of that car as name=size, in multiples of the typical magnitude."""
   limit: int = 0
-  """stop after so many jobs; 0 for all"""
+  """Stop after this number of jobs; 0 for all."""
   workers: int = 1
-  """jobs side by side, one core each"""
+  """Number of jobs that run in parallel, one core each."""
   ray: bool = False
-  """on the Ray cluster at hand instead of in local processes; all its computers have to see --out"""
+  """Run on the Ray cluster at hand, not in local processes; its computers have to see --out."""
   page: Path | None = None
-  """Markdown file to write from what is there"""
+  """Markdown file to write from the results that are there."""
   quick: bool = False
-  """one seed, a few episodes, two cars, no other speeds and plants"""
+  """One seed, a few episodes, two cars, no other speeds and plants."""
 
   @property
   def special(self) -> tuple[str, ...]:

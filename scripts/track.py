@@ -1,4 +1,4 @@
-"""Follow a path in closed loop and report ME, RMSE and IACA with traces and a page.
+"""Follow a path in closed loop, and report ME, RMSE and IACA with traces and a page.
 
 qcar-twin track --path infinity --controller lq_cm --estimator fekf --plant twin --out OUT
 """
@@ -30,32 +30,35 @@ class Config:
   """One controller on one path."""
 
   out: Path
-  """folder for kpis.json, traces.csv and report.html"""
+  """Folder for kpis.json, traces.csv and report.html."""
   path: str = "infinity"
-  """s, o, infinity or c"""
+  """Path to follow: s, o, infinity or c."""
   controller: str = "lq_cm"
-  """ff_fb, lq_ed, lq_cm or linear_rate"""
+  """Controller: ff_fb, lq_ed, lq_cm or linear_rate."""
   version: str = "tuned"
-  """tuned or loose"""
+  """Version of the controller: tuned or loose."""
   plant: Literal["twin", "reduced", "bicycle", "proving_ground"] = "twin"
+  """Plant that is driven."""
   estimator: Literal["fekf", "truth"] = "fekf"
+  """State the controller receives: the federated filter on noisy sensors, or the truth."""
   twin: str = ""
-  """twin file (TOML); the nominal twin without it"""
+  """Twin file (TOML) of a calibration or a diagnosis; the nominal twin where empty."""
   identified: Path | None = None
-  """identification (JSON) that gains and filter are computed from; the nominal car without it"""
+  """Identification file (JSON) from which gains and filter are computed; the nominal car where not given."""
   speed: float = 0.5
-  """m/s"""
+  """Reference speed, m/s."""
   laps: int = 1
-  """of a closed path"""
+  """Number of laps of a closed path."""
   runs: int = 4
-  """cars with sensor noise of their own"""
+  """Number of cars, each with sensor noise of its own."""
   steering_gain: float = 1.0
-  """of the linkage, unknown to the controller"""
+  """Gain of the steering linkage, dimensionless; controller and filter do not know it."""
   steering_offset: float = 0.0
-  """deg, unknown to the controller"""
+  """Offset of the steering linkage, deg; controller and filter do not know it."""
   seed: int = 0
+  """Seed of the sensor noise."""
   quick: bool = False
-  """one run"""
+  """Drive one car only."""
 
 
 def plant_of(config: Config, model: Model) -> tuple[Plant, np.ndarray]:

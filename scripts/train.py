@@ -19,44 +19,44 @@ KEPT = "the last checkpoint stays in --out, --resume goes on from it"
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """One training; a folder that holds one is only continued, by its own plan, with --resume."""
+  """One training. A folder that holds one is only continued, by its own plan, with --resume."""
 
   out: Path
-  """folder of the training"""
+  """Folder of the training."""
   episodes: int = 300
-  """of training"""
+  """Number of training episodes."""
   seed: int = 0
-  """of everything random"""
+  """Seed of everything random."""
   resume: bool = False
-  """go on from the last checkpoint in the folder"""
+  """Continue from the last checkpoint in the folder."""
   plant: Literal["twin", "reduced", "bicycle"] = "twin"
-  """what is driven"""
+  """Plant that is driven."""
   twin: str = ""
-  """twin file (TOML), as a calibration or a diagnosis writes; the nominal twin without it"""
+  """Twin file (TOML) of a calibration or a diagnosis; the nominal twin where empty."""
   estimator: Literal["fekf", "truth"] = "fekf"
-  """what the agent sees: the federated filter on noisy sensors, or the truth"""
+  """State the agent receives: the federated filter on noisy sensors, or the truth."""
   demonstrator: str = "lq_ed"
-  """controller the reward compares with; "none" trains without the demonstrator's term"""
+  """Controller the reward compares with; 'none' trains without the demonstrator's term."""
   version: Literal["loose", "tuned"] = "tuned"
-  """of the demonstrator"""
+  """Version of the demonstrator."""
   demonstrator_weight: float = 1.0
-  """m6, 1/rad"""
+  """Weight m6 of the demonstrator's term in the reward, 1/rad."""
   demonstrations: int = 0
-  """episodes driven by the demonstrator that fill the replay buffer first"""
+  """Episodes driven by the demonstrator that fill the replay buffer first."""
   near: float = 0.002
-  """cross-track error below which the reward is flat, m"""
+  """Cross-track error below which the reward is flat, m."""
   steering_gain: float = 1.0
-  """of the linkage, unknown to agent and filter"""
+  """Gain of the steering linkage, dimensionless; agent and filter do not know it."""
   steering_offset: float = 0.0
-  """of the linkage, unknown to agent and filter, deg"""
+  """Offset of the steering linkage, deg; agent and filter do not know it."""
   randomise: bool = False
-  """draw the twin's measured parameters for every episode, within their standard deviations"""
+  """Draw the twin's measured parameters for every episode, within their standard deviations."""
   cars: int = 8
-  """driven side by side"""
+  """Number of cars that are driven in parallel."""
   wide: bool = False
-  """the agent that sees more and imitates a teacher that sees the truth; no episodes of reinforcement learning"""
+  """Train the agent with more observations, which imitates a teacher that sees the truth; no reinforcement learning."""
   quick: bool = False
-  """a few short episodes on the single track, to see that everything runs"""
+  """A few short episodes on the single-track model, to test that everything runs."""
 
 
 def plan_of(config: Config) -> Plan:

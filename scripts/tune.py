@@ -1,4 +1,4 @@
-"""Tune the path-tracking controllers on the S-path and keep them with their origin.
+"""Tune the path-tracking controllers on the S-path, and keep them with their origin.
 
 qcar-twin tune --out agents/data/controllers.toml
 """
@@ -11,7 +11,7 @@ import numpy as np
 from joblib import delayed
 
 from agents.control.closed_loop import Actuation
-from agents.control.controllers import FAMILIES, FILE, entries, save
+from agents.control.controllers import FAMILIES, entries, save
 from agents.control.model import Model
 from agents.control.tuning import MISMATCH, Search, tune
 from calibration.identification.identification import Identification
@@ -34,22 +34,22 @@ KEPT = "controllers that were tuned are in the file"
 class Config:
   """Search every controller's numbers for the least RMSE on the S-path."""
 
-  out: Path = FILE
-  """TOML file that is updated"""
+  out: Path
+  """TOML file that is updated."""
   identified: Path | None = None
-  """identification (JSON) of the car; the nominal QCar without it"""
+  """Identification file (JSON) of the car; the nominal QCar where not given."""
   controllers: tuple[str, ...] = tuple(FAMILIES)
-  """which to tune"""
+  """Controllers to tune."""
   speed: float = 0.5
-  """m/s"""
+  """Reference speed, m/s."""
   seed: int = 0
-  """of sensors and search"""
+  """Seed of sensors and search."""
   workers: int = 1
-  """controllers side by side, one core each"""
+  """Number of controllers that are tuned in parallel, one core each."""
   ray: bool = False
-  """on the Ray cluster at hand instead of in local processes"""
+  """Run on the Ray cluster at hand instead of in local processes; needs the extra 'cluster'."""
   quick: bool = False
-  """two small generations instead of eight"""
+  """Two small generations instead of eight."""
 
 
 def model_of(config: Config) -> Model:

@@ -15,12 +15,12 @@ from qcar_twin.command_line import run_script
 
 @dataclass(frozen=True)
 class Config:
-  """Which truth to open."""
+  """The truth to open."""
 
   truth: Path = Path("data/sample_truth")
-  """folder of the sealed truth"""
+  """Folder of the sealed truth."""
   data: Path = Path("data/sample")
-  """folder of the data set that published the hash"""
+  """Folder of the data set that published the hash."""
 
 
 def main(config: Config) -> dict:

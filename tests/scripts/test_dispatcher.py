@@ -13,7 +13,7 @@ from qcar_twin.extras import MissingExtra
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.rendering.film import RenderingUnavailable
 from scripts import train, unseal
-from scripts.__main__ import commands, main
+from scripts.__main__ import USE, commands, main
 from tests import ROOT
 
 COMMANDS = commands()
@@ -59,6 +59,20 @@ def test_an_unknown_command_is_answered_with_the_nearest(typed, meant, capsys):
   assert capsys.readouterr().err == f"qcar-twin: no command '{typed}'; did you mean {meant}?\n"
   assert main(["xyzzy"]) == MISUSED and "--help` lists them" in capsys.readouterr().err
   assert main([]) == MISUSED and "usage" in capsys.readouterr().out
+
+
+def test_the_list_has_what_one_uses_before_what_measures(capsys):
+  assert main(["--help"]) == 0
+  _, use, measure, _ = re.split(r"\n\n(?=use|measure|`)", capsys.readouterr().out)
+  named = [re.findall(r"(?m)^  (\S+) ", part) for part in (use, measure)]
+  assert set(USE) & set(COMMANDS) == set(named[0]) and sorted(named[0] + named[1]) == sorted(COMMANDS)
+  assert {"benchmark", "campaign", "set-levels", "unseal"} <= set(named[1])
+
+
+def test_an_alias_runs_the_command_that_it_stands_for(capsys):
+  with pytest.raises(SystemExit):
+    main(["characterise", "--help"])
+  assert "usage: qcar-twin curves" in capsys.readouterr().out
 
 
 def test_an_unknown_option_is_misuse(capsys):

@@ -1,4 +1,4 @@
-"""`characterise` on a small session whose car turns less than it is told, the more the larger the angle.
+"""`curves` on a small session whose car turns less than it is told, the more the larger the angle.
 
 And the same curves as a stage after a diagnosis.
 """
@@ -24,7 +24,7 @@ from calibration.log_check.ready import ready
 from qcar_twin.pages.page import show
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.file import load_twin
-from scripts import characterise
+from scripts import curves
 from tests.scripts.tiny_session import write
 
 CONCEALED = {"steering_nonlinearity": {"steering_nonlinearity": 0.3, "steering_nonlinearity_power": 1.0}}
@@ -34,8 +34,8 @@ CONCEALED = {"steering_nonlinearity": {"steering_nonlinearity": 0.3, "steering_n
 def done(tmp_path_factory):
   folder = tmp_path_factory.mktemp("characterised")
   write(folder / "data", CONCEALED)
-  config = characterise.Config(folder / "data", folder / "out", threads=2)
-  return characterise.main(config), folder / "out"
+  config = curves.Config(folder / "data", folder / "out", threads=2)
+  return curves.main(config), folder / "out"
 
 
 def test_the_curve_is_the_one_that_was_concealed(done):

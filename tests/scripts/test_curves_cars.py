@@ -1,4 +1,4 @@
-"""`characterise --compare`, `--leave-sessions-out` and `--starts` on small sessions."""
+"""`curves --compare`, `--leave-sessions-out` and `--starts` on small sessions."""
 
 import dataclasses
 import json
@@ -12,7 +12,7 @@ from calibration.diagnosis.curves.flexible import characterise as fit
 from calibration.diagnosis.curves.left_out import leave_sessions_out
 from calibration.log_check.ready import ready
 from qcar_twin.recordings.dataset import DataSet
-from scripts import characterise
+from scripts import curves
 from tests.scripts.tiny_session import write
 
 TRIM = 0.05  # rad
@@ -55,8 +55,8 @@ def test_the_command_writes_a_page_and_says_what_moved(folders, found, tmp_path,
     return found["before"] if len(asked) == 1 else found[second]
 
   monkeypatch.setattr(comparison, "characterise", fitted)
-  config = characterise.Config(folders / "before", tmp_path, compare=folders / second)
-  assert characterise.main(config) is None
+  config = curves.Config(folders / "before", tmp_path, compare=folders / second)
+  assert curves.main(config) is None
   assert asked[0] == asked[1] and asked[0]["steering_curve_reach"] == pytest.approx(0.2, abs=0.01)
   rows = json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))
   assert [r["name"] for r in rows if r["there"]] == (["steering_offset"] if second == "after" else [])
@@ -82,8 +82,8 @@ def test_a_session_with_a_trim_of_its_own_is_driven_better_with_it(folders, foun
     return found["before" if day == "monday" else "after"]
 
   monkeypatch.setattr(left_out, "characterise", others)
-  monkeypatch.setattr(characterise.DataSet, "load", lambda folder: both)
-  characterise.main(characterise.Config(folders, tmp_path, leave_sessions_out=True, threads=2))
+  monkeypatch.setattr(curves.DataSet, "load", lambda folder: both)
+  curves.main(curves.Config(folders, tmp_path, leave_sessions_out=True, threads=2))
   items = {i["session"]: i for i in json.loads((tmp_path / "sessions.json").read_text(encoding="utf-8"))}
   for item in items.values():  # the other session's trim is wrong for it, and two numbers of its own put that right
     assert item["own"]["yaw_rate"] < 0.5 * item["mean"]["yaw_rate"]
@@ -95,14 +95,14 @@ def test_a_session_with_a_trim_of_its_own_is_driven_better_with_it(folders, foun
 def test_leaving_out_takes_two_sessions_and_one_question_at_a_time(folders, tmp_path):
   with pytest.raises(ValueError, match="leaving one out takes two"):
     leave_sessions_out(DataSet.load(folders / "before"))
-  config = characterise.Config(folders / "before", tmp_path, compare=folders / "again", leave_sessions_out=True)
+  config = curves.Config(folders / "before", tmp_path, compare=folders / "again", leave_sessions_out=True)
   with pytest.raises(ValueError, match="one at a time"):
-    characterise.main(config)
+    curves.main(config)
 
 
 def test_a_fit_from_several_starts_says_what_scatters(folders, found, tmp_path, monkeypatch, capsys):
   monkeypatch.setattr(starts, "characterise", lambda dataset, **_: found["before"])
-  characterise.main(characterise.Config(folders / "before", tmp_path, starts=3, threads=2))
+  curves.main(curves.Config(folders / "before", tmp_path, starts=3, threads=2))
   items = json.loads((tmp_path / "starts.json").read_text(encoding="utf-8"))
   costs = [i["cost"] for i in items]
   assert len(items) == 3 and len(set(costs)) == 3  # three fits, not one thrice

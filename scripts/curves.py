@@ -1,11 +1,10 @@
-"""Give the twin free curves for its maps, fit them, and say which forms they have.
+"""Fit free curves in place of the twin's maps and identify which forms they have.
 
-Writes twin.toml (the best of four on recordings that only judge), characterise.json and report.html. With --compare it
-says which numbers moved between two data sets instead (comparison.json and .html), with --leave-sessions-out what a
-twin is worth on a session that it was not fitted to (sessions.json and .html), with --starts what of its errors is the
-search's (starts.json and .html).
+Writes twin.toml (the best of four on held-out recordings), characterise.json and report.html. --compare reports which
+parameters differ between two data sets (comparison.json), --leave-sessions-out how well a session is predicted that
+took no part in the fit (sessions.json), --starts whether fits from several starts agree (starts.json).
 
-qcar-twin characterise --dataset data/sample --out out/characterised
+qcar-twin curves --dataset data/sample --out out/curves
 """
 
 import dataclasses
@@ -26,24 +25,25 @@ from qcar_twin.twin.file import save_twin
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """Free curves for drive, resistance and steering, beside lags, sensor ages and trims, against four references."""
+  """Free curves for drive, resistance and steering, with lags, sensor ages and trims, against four references."""
 
   dataset: Path
-  """Folder with dataset.toml (SI units, see docs)."""
-  out: Path = Path("out/characterised")
+  """Folder with dataset.toml, in SI units."""
+  out: Path = Path("out/curves")
   """Folder for the results."""
   most: float = LONGEST
-  """Driving that is simulated, s."""
+  """Longest driving that is simulated, s."""
   threads: int = 0
-  """Threads of the simulation, 0 for all cores; results don't depend on it."""
+  """Threads of the simulation; 0 uses every core. Results do not depend on it."""
   compare: Path | None = None
-  """A second data set, of this car or of another like it: which numbers moved between the two."""
+  """Second data set, of this car or of a similar one: report which parameters differ between the two."""
   leave_sessions_out: bool = False
-  """Fit without each session in turn and judge on it, with the mean trim and gain and with its own."""
+  """Fit without each session in turn and predict it, with the mean trim and gain and with its own."""
   starts: int = 0
-  """Fit all maps free from so many starts, the usual one and others drawn about it: do they end alike?"""
+  """Number of starts of the fit of all curves; reports whether their results agree. 0 fits once."""
   plant: EngineKind = "reduced"
-  """What is fitted on: the reduced car, or "mujoco", many times as long; errors are MuJoCo's either way."""
+  """Simulator used by the fits. 'mujoco' simulates 37 times slower than 'reduced'; errors are computed in MuJoCo
+  either way."""
 
 
 def main(config: Config) -> Study | None:
