@@ -7,10 +7,10 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from calibration.concealed.benchmarks.base import LAGS, ONE, Base, recalibrated_base
 from calibration.concealed.proving_ground import make_session
+from calibration.progress import counted
 from qcar_twin import markdown
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
@@ -48,8 +48,8 @@ def main(config: Config) -> str:
   """Run it and write the page."""
   sessions, poor = (1, 1) if config.quick else (config.sessions, config.poor)
   seeds = [config.seed + k for k in range(sessions)]
-  rounds = tqdm(seeds, desc="sessions", unit="session")
-  found = [recalibrated_base(make_session(seed, (), "compact"), poor) for seed in rounds]
+  bases = (recalibrated_base(make_session(seed, (), "compact"), poor) for seed in seeds)
+  found = list(counted(bases, len(seeds), "session"))
   scores = [z for one in found for z in one.score.values()]
   titles = (
     "seed",

@@ -9,7 +9,7 @@ import dataclasses
 from pathlib import Path
 from typing import Literal
 
-from calibration.progress import StageLine
+from calibration.progress import CALIBRATION, StageLine
 from calibration.twin_calibration.calibration import Calibration, calibrate
 from calibration.twin_calibration.report import verdict, write_calibration
 from qcar_twin.command_line import run_script
@@ -49,7 +49,7 @@ class Config:
 def main(config: Config) -> Calibration:
   """Run it, write the results, print the verdict and where the report is."""
   dataset = DataSet.load(config.dataset)
-  with StageLine() as progress:
+  with StageLine(CALIBRATION) as progress:
     found = calibrate(
       dataset,
       config.against,

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Literal
 
 from joblib import delayed
-from tqdm import tqdm
 
 from calibration.concealed.campaign.archive import pack, unpack
 from calibration.concealed.campaign.cases import draw_cases, draw_second_cases, draw_wild_cases
@@ -19,6 +18,7 @@ from calibration.concealed.campaign.report import write_campaign, write_wild
 from calibration.concealed.campaign.run import all_answered, attempt
 from calibration.concealed.campaign.score import score_table
 from calibration.concealed.campaign.wild_score import wild_table
+from calibration.progress import counted
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
 from qcar_twin.parallel import in_parallel
@@ -79,7 +79,7 @@ def main(config: Config) -> str:
   cases.sort(key=lambda case: (int(case.name.split("_")[1]) / of_kind[case.kind], case.name))
   todo = [] if config.score_only else [c for c in cases if not (config.out / f"{c.name}.json").is_file()]
   jobs = in_parallel([delayed(attempt)(c, config.out, engine=config.engine) for c in todo], config.jobs, config.ray)
-  said = [line for _, line in tqdm(jobs, total=len(todo), desc="cases", unit="case")]
+  said = [line for _, line in counted(jobs, len(todo), "case")]
   answers = [config.out / f"{c.name}.json" for c in cases]
   results = [json.loads(path.read_text()) for path in answers if path.is_file()]
   wild = config.engine == "characterise"

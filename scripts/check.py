@@ -10,7 +10,7 @@ from pathlib import Path
 
 from calibration.log_check.check import LogCheck, check_log, load_to_check
 from calibration.log_check.report import write_log_check
-from calibration.progress import StageLine
+from calibration.progress import CHECK, StageLine
 from qcar_twin.command_line import run_script
 
 
@@ -27,7 +27,7 @@ class Config:
 def main(config: Config) -> LogCheck:
   """Run it, write the results, print what to know and where the page is."""
   dataset = load_to_check(config.dataset)
-  with StageLine() as progress:
+  with StageLine(CHECK) as progress:
     check = check_log(dataset, progress)
   page = write_log_check(check, config.out)
   print(check.verdict)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from calibration.cross_validation.cross_validation import WINDOWS, CrossValidation, cross_validate, find_reference
 from calibration.cross_validation.report import verdict, write_cross_validation
 from calibration.fitting.windows import Cut
-from calibration.progress import StageLine
+from calibration.progress import CALIBRATION, CROSS_VALIDATION, StageLine, joined
 from calibration.twin_calibration.calibration import calibrate
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
@@ -44,7 +44,8 @@ class Config:
 def main(config: Config) -> CrossValidation:
   """Run it, write the results, print the verdict and where the report is."""
   dataset = DataSet.load(config.dataset)
-  with StageLine() as progress:
+  plan = joined({} if config.twin else CALIBRATION, CROSS_VALIDATION)
+  with StageLine(plan) as progress:
     twin, theta, shift = _twin(config, dataset, progress)
     reference, missing = find_reference(
       dataset, Cut(most=60.0 if config.quick else 300.0, command_shift=shift), progress

@@ -1,8 +1,8 @@
 """Fit free curves in place of the twin's maps and identify which forms they have.
 
-Writes twin.toml (the best of four on held-out recordings), characterise.json and report.html. --compare reports which
-parameters differ between two data sets (comparison.json), --leave-sessions-out how well a session is predicted that
-took no part in the fit (sessions.json), --starts whether fits from several starts agree (starts.json).
+Writes twin.toml (the best of four on held-out recordings), characterise.json and report.html. With --compare: which
+parameters differ between two data sets. With --leave-sessions-out: how well a session is predicted that took no part
+in the fit. With --starts: whether fits from several starts agree.
 
 qcar-twin curves --dataset data/sample --out out/curves
 """
@@ -15,7 +15,7 @@ from calibration.diagnosis.curves.report.cars_page import write_comparison, writ
 from calibration.diagnosis.curves.report.page import write_study
 from calibration.diagnosis.curves.study import Study, sentences, study
 from calibration.fitting.dataset_recalibration import LONGEST
-from calibration.progress import StageLine
+from calibration.progress import CURVES, StageLine
 from qcar_twin.atomic_io import write_json
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
@@ -60,7 +60,7 @@ def main(config: Config) -> Study | None:
   if config.starts:
     _from_starts(config, dataset)
     return None
-  with StageLine() as progress:
+  with StageLine(CURVES) as progress:
     found = study(dataset, config.most, config.threads, progress, config.plant)
   note = f"characterised on {found.dataset}: curves of no known form; sessions' own trims are left out"
   save_twin(config.out / "twin.toml", *found.shipped, note)

@@ -13,7 +13,7 @@ from calibration.diagnosis.pipeline import diagnose
 from calibration.diagnosis.report.page import verdict
 from calibration.diagnosis.search.structure import Effort
 from calibration.fitting.dataset_recalibration import LONGEST
-from calibration.progress import StageLine
+from calibration.progress import DIAGNOSIS, StageLine
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.engines import EngineKind
@@ -53,13 +53,14 @@ def main(config: Config) -> Path:
   dataset = DataSet.load(config.dataset)
   effort = Effort(singles=5, pairs=2, triples=1, iterations=1) if config.quick else Effort()
   start = load_twin(config.twin) if config.twin else None
-  with StageLine() as progress:
+  progress = StageLine(DIAGNOSIS)
+  with progress:
     outcome = diagnose(
       dataset, config.mechanisms or None, start, effort, threads=config.threads, progress=progress, plant=config.plant
     )
   print(verdict(outcome.diagnosis))
   most = LONGEST / 4.0 if config.quick else LONGEST
-  with StageLine() as progress:
+  with progress:
     page, said = write_with_curves(
       outcome, dataset, config.out, config.curves, most, config.threads, progress, config.plant
     )

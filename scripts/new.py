@@ -13,7 +13,7 @@ import tyro
 
 from calibration.log_check.check import check_log, load_to_check
 from calibration.log_check.report import write_log_check
-from calibration.progress import StageLine
+from calibration.progress import CHECK, StageLine
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.first_dataset.place import Placed, copy_in, logs_of, placed
@@ -48,7 +48,7 @@ def main(config: Config) -> Path:
   for name in proposal.missing:
     print(f"missing: {name}; no column seems to be it, fill it in in [channels]")
   try:
-    with StageLine() as progress:
+    with StageLine(CHECK) as progress:
       check = check_log(load_to_check(config.folder), progress)
   except RecordingError as error:
     print(f"not yet readable: {error}")

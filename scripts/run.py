@@ -18,7 +18,7 @@ from calibration.diagnosis.report.page import verdict as diagnosed
 from calibration.diagnosis.search.structure import Effort
 from calibration.fitting.dataset_recalibration import LONGEST
 from calibration.fitting.windows import Cut
-from calibration.progress import StageLine
+from calibration.progress import CALIBRATION, CROSS_VALIDATION, DIAGNOSIS, StageLine, joined
 from calibration.twin_calibration.calibration import QUICK, calibrate
 from calibration.twin_calibration.report import verdict as calibrated
 from calibration.twin_calibration.report import write_calibration
@@ -53,8 +53,10 @@ class Config:
 def main(config: Config) -> Path:
   """Run all four; returns the path of the diagnosis's report."""
   dataset = DataSet.load(config.dataset)
+  after = {name: seconds for name, seconds in DIAGNOSIS.items() if name != "recalibration"}  # calibration has it
+  progress = StageLine(joined(CALIBRATION, CROSS_VALIDATION, after))
   begun = functools.cache(lambda: prepare(dataset, threads=config.threads, progress=progress, plant=config.plant))
-  with StageLine() as progress:
+  with progress:
     found = calibrate(
       dataset,
       "recordings",
@@ -66,7 +68,7 @@ def main(config: Config) -> Path:
     )
   print(calibrated(found))
   write_calibration(found, config.out / "calibration")
-  with StageLine() as progress:
+  with progress:
     reference, missing = find_reference(
       dataset, Cut(most=60.0 if config.quick else 300.0, command_shift=found.command_shift), progress
     )
@@ -83,11 +85,11 @@ def main(config: Config) -> Path:
   print(validated(result))
   write_cross_validation(result, config.out / "cross_validation")
   effort = Effort(singles=5, pairs=2, triples=1, iterations=1) if config.quick else Effort()
-  with StageLine() as progress:
+  with progress:
     outcome = diagnose(dataset, effort=effort, threads=config.threads, progress=progress, prepared=begun())
   print(diagnosed(outcome.diagnosis))
   most = QUICK if config.quick else LONGEST
-  with StageLine() as progress:
+  with progress:
     report, said = write_with_curves(
       outcome, dataset, config.out / "diagnosis", config.curves, most, config.threads, progress, config.plant
     )

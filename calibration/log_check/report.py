@@ -17,7 +17,7 @@ from qcar_twin.recordings.recording import ROLES
 
 _DRAWN = 0.05  # s between points
 _SPOTS = 4000  # of a role at most
-_TITLES = {"spoils": "What spoils a fit", "beware": "Warnings", "note": "What can't be told from this log"}
+_TITLES = {"spoils": "What spoils a fit", "beware": "Warnings", "note": "What this log cannot show"}
 
 
 def write_log_check(found: LogCheck, folder: str | os.PathLike[str]) -> Path:
@@ -43,8 +43,8 @@ def sections(found: LogCheck) -> list[Section]:
 def _sensors(found: LogCheck) -> Section:
   text = (
     "Channels that measure one motion, fitted to each other without a model of the car: compared(t) = scale ×"
-    " reference(t − lag) + bias over means of short windows; deviations by leaving blocks of driving out. Where"
-    " geometry alone ties them, a lag or a scale is a sensor's; elsewhere it is the car's answer, too (slip, roll)."
+    " reference(t − lag) + bias over means of short windows. Standard deviations come from leaving blocks of driving"
+    " out. Where geometry alone ties them, a lag or a scale is a sensor's. Elsewhere it is also the car's (slip, roll)."
   )
   columns = (
     "motion",
@@ -81,7 +81,7 @@ def _sensors(found: LogCheck) -> Section:
 
 def _shown(found: LogCheck) -> Section:
   rows = [[s.physics, s.takes, s.amount, s.unit, s.verdict] for s in found.shown]
-  text = "Physics that was not excited can't be told apart from its absence, whatever is fitted."
+  text = "Physics that was not excited cannot be distinguished from its absence, whatever is fitted."
   return Section(
     "What this driving can show", text, [Table("Excitation", ("physics", "takes", "driven", "", ""), rows)]
   )

@@ -1,28 +1,102 @@
-"""The line on the terminal: stages, shares, messages of fits; warnings stay warnings."""
+"""Stages on a terminal and in a log: shares, time left, messages of fits; warnings stay warnings."""
 
+import io
 import logging
+import sys
+import time
 
-from calibration.progress import Progress, StageLine, silent
+import pytest
+
+from calibration import progress as module
+from calibration.progress import (
+  CALIBRATION,
+  CROSS_VALIDATION,
+  DIAGNOSIS,
+  Progress,
+  StageLine,
+  Stages,
+  counted,
+  duration,
+  joined,
+  silent,
+)
+from tests.counting import ticking
 
 
-def test_messages_of_a_fit_follow_the_stage_and_nothing_else_prints_them(capsys, caplog):
+class Terminal(io.StringIO):
+  """A stream that is written over."""
+
+  def isatty(self) -> bool:
+    return True
+
+
+def on_terminal(monkeypatch) -> Terminal:
+  """What stands for the terminal in a test; capturing has its own before it begins."""
+  monkeypatch.setattr(sys, "stderr", stream := Terminal())
+  return stream
+
+
+def test_messages_of_a_fit_follow_the_stage_and_nothing_else_prints_them(monkeypatch, caplog):
+  terminal = on_terminal(monkeypatch)
   log, before = logging.getLogger("calibration.fitting"), logging.getLogger("calibration").level
-  with caplog.at_level(logging.WARNING), StageLine() as line:
+  with caplog.at_level(logging.WARNING), StageLine(DIAGNOSIS) as line:
     line("scan", 0.5)
     log.info("iteration 1")
     log.warning("beware")
-  assert "scan, 50 %: iteration 1" in capsys.readouterr().err
+  assert "stage 2 of 11 · scan, 50 %" in terminal.getvalue() and "left: iteration 1" in terminal.getvalue()
   assert [record.getMessage() for record in caplog.records] == ["beware"]
   assert logging.getLogger("calibration").level == before and logging.getLogger("calibration").propagate
 
 
-def test_a_stage_without_a_share_is_its_name(capsys):
+def test_a_log_has_one_plain_line_a_stage(capsys):
+  with StageLine(DIAGNOSIS) as line:
+    for stage, share in (("recalibration", None), ("scan", 0.1), ("scan", 0.9), ("search", None), ("decision", None)):
+      line(stage, share)
+      logging.getLogger("calibration.fitting").info("iteration")
+  said = capsys.readouterr().err
+  assert "\r" not in said and "iteration" not in said
+  starts = [text.partition(" · about")[0] for text in said.splitlines()]
+  assert starts == ["stage 1 of 11 · recalibration", "stage 2 of 11 · scan", "stage 7 of 11 · decision"]
+
+
+def test_what_is_printed_between_does_not_end_the_plan(capsys):
+  line = StageLine(joined(CALIBRATION, CROSS_VALIDATION))
+  for stages in (("identification", "fit taken from an earlier run", "comparison"), ("identification", "free run")):
+    with line:
+      for stage in stages:
+        line(stage)
+  numbers = [text.split()[1] for text in capsys.readouterr().err.splitlines()]
+  assert numbers == ["1", "2", "3", "4", "6"] and len(joined(CALIBRATION, CROSS_VALIDATION)) == 7
+
+
+def test_the_time_left_is_what_the_plan_has_left_at_the_pace_of_the_run(monkeypatch):
+  monkeypatch.setattr(module, "time", ticking())
+  stages = Stages({"first": 10.0, "second": 30.0, "third": 0.0})  # begins at 0 s; every question is a second later
+  assert stages.reached("first", None) and stages.left is None
+  assert stages.reached("second", None) and stages.left == pytest.approx(2.0 * 30.0 / 10.0)
+  assert not stages.reached("second, further", 0.5) and stages.left == pytest.approx(3.0 * 15.0 / 25.0)
+  assert stages.line("second") == "stage 2 of 3 · second · about 2 s left"
+  assert not stages.reached("first", None), "a stage that is past does not come again"
+  assert stages.reached("third", None) and stages.line("third") == "stage 3 of 3 · third"
+
+
+def test_without_a_plan_a_stage_is_its_name(monkeypatch):
+  terminal = on_terminal(monkeypatch)
   with StageLine() as line:
     line("decision")
-  assert "decision\n" in capsys.readouterr().err
+  assert "decision\n" in terminal.getvalue()
 
 
-def test_any_progress_is_told_with_and_without_a_share():
+def test_items_are_counted(monkeypatch):
+  terminal = on_terminal(monkeypatch)
+  log = io.StringIO()
+  assert list(counted(iter("ab"), 2, "case", log)) == ["a", "b"]
+  assert log.getvalue() == "case 1 of 2 · about 0 s left\ncase 2 of 2 · about 0 s left\n"
+  assert list(counted(iter("ab"), 2, "case")) == ["a", "b"] and "2/2" in terminal.getvalue()
+  assert duration(89.0) == "about 89 s" and duration(150.0) == "about 2 min" and time.monotonic() > 0.0
+
+
+def test_any_progress_is_called_with_and_without_a_share():
   said: list[tuple[str, float | None]] = []
   listeners: tuple[Progress, ...] = (silent, lambda stage, share=None: said.append((stage, share)))
   for progress in listeners:

@@ -100,8 +100,8 @@ def checked(found: Study) -> Section:
 
 def _curves(found: Study, drawn: Sequence[Shape]) -> Section:
   text = (
-    "Dotted is the base car's law, of all its gains, dampings and frictions those that come nearest; blue is what these"
-    " recordings say, its band holds the truth in 95 % of cars, place by place. Whether a curve departs is judged over"
+    "Dotted is the base car's law, with the gains, dampings and frictions that come nearest. Blue is what these"
+    " recordings show; its band holds the truth in 95 % of cars, place by place. Whether a curve departs is judged over"
     " all of it at once, in the table below. Forms of the catalogue that may be the curve lie over it: its name, the"
     " simplest that is not refused, is drawn through, the others are dashed."
   )
@@ -196,8 +196,8 @@ def _sessions(found: Study) -> Section:
       row += [factor * term.value, factor * term.std, term.there] if term else [None, None, False]
     rows.append(row)
   text = (
-    "Each session has a trim of its steering and a gain of its drive of its own, as departures from the mean of all:"
-    " a servo's horn slips, a pack is fuller. They are left out of twin.toml, which is the mean car."
+    "Each session has its own trim of the steering and gain of the drive, as departures from the mean of all sessions."
+    " A servo's horn slips, a pack is fuller. They are left out of twin.toml, which is the mean car."
   )
   return Section("The sessions", text, [Table("Sessions against their mean", columns, rows)])
 
@@ -237,11 +237,11 @@ def _errors(found: Study, diagnosed: Errors) -> Section:
     return Section("What it gains", "There are no held-out and no validation recordings, so no error can be shown.")
   text = (
     "Errors are root mean squares of free runs from measured starts, in each channel's unit, by MuJoCo. Base is today's"
-    " twin, recalibrated; all maps free has a curve for every map; characterised has names where they will do and"
-    " curves where none will; named forms only has the best name everywhere; the black box is boosted trees on the"
-    " base's residual, or on the characterised twin's, which may use what no law of a car does; noise is the sensors'"
-    " own while driving. Validation errors are of twins that had not seen these recordings; then all were fitted to"
-    " them as well, and are told of, written and driven on the hold-out like that."
+    " twin, recalibrated. All maps free has a curve for every map. Characterised has names where they will do and"
+    " curves where none will. Named forms only has the best name everywhere. The black box is boosted trees on the"
+    " base's residual, or on the characterised twin's, which may use what no law of a car does. Noise is the sensors'"
+    " own while driving. Validation errors are of twins that had not seen these recordings. All twins were then"
+    " fitted to them as well, and are reported, written and driven on the hold-out like that."
   )
   if diagnosed:
     text += " This base was recalibrated for the curves, and so differs from the one the diagnosis began with."

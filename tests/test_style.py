@@ -1,0 +1,80 @@
+"""What a stranger reads is in plain words: help texts, README, guide, the strings of reports."""
+
+import pytest
+
+from tests import ROOT
+from tests.style import Text, counts, paragraphs, sentences, texts
+
+# banned words, sentences over 30 words: what these files still have. Numbers here may only become smaller.
+ALLOWED = {
+  "README.md": (1, 2),
+  "agents/studies/fault_report.py": (1, 2),  # its pages, and those of the next four, were written with these words
+  "agents/studies/study.py": (1, 0),
+  "agents/studies/study_report.py": (1, 0),
+  "agents/studies/tracking_report.py": (2, 0),
+  "calibration/concealed/campaign/page.py": (1, 0),
+  "docs/guide/check.md": (1, 5),
+  "docs/guide/curves.md": (9, 24),
+  "docs/guide/diagnosis.md": (16, 16),
+  "docs/guide/estimation.md": (0, 6),
+  "docs/guide/extending.md": (1, 2),
+  "docs/guide/extending_channel.md": (1, 3),
+  "docs/guide/learning.md": (6, 10),
+  "docs/guide/logs.md": (0, 3),
+  "docs/guide/onboard.md": (0, 1),
+  "docs/guide/report.md": (1, 3),
+  "docs/guide/sessions_and_cars.md": (0, 3),
+}
+TEXTS = texts(ROOT)
+HELP = [text for text in TEXTS if text.kind == "help"]
+
+
+def test_there_is_something_to_read():
+  kinds = [text.kind for text in TEXTS]
+  assert kinds.count("help") > 200 and kinds.count("page") > 150 and kinds.count("report") > 60
+  assert {"scripts/diagnose.py --plant", "README.md", "calibration/diagnosis/report/page.py"} <= {
+    t.where for t in TEXTS
+  }
+
+
+def test_help_texts_are_sentences_with_a_unit():
+  assert not [f"{text.where}: lacks {', '.join(text.unfinished)}: {text.text}" for text in HELP if text.unfinished]
+
+
+def test_help_texts_are_short_and_in_plain_words():
+  assert not [f"{text.where}: {text.banned + text.long}" for text in HELP if text.banned or text.long]
+
+
+def test_pages_and_reports_have_no_more_dialect_than_is_listed():
+  more = {
+    file: (banned, long)
+    for file, (banned, long, _) in counts(ROOT).items()
+    if any(is_there > allowed for is_there, allowed in zip((banned, long), ALLOWED.get(file, (0, 0)), strict=True))
+  }
+  assert not more, f"{more}; `python -m tests.style` lists them all"
+
+
+def test_every_listed_file_is_there():
+  assert all((ROOT / file).is_file() for file in ALLOWED)
+
+
+@pytest.mark.parametrize(
+  ("text", "banned", "long", "lacks"),
+  [
+    (Text("help", "x", "Speed, m/s.", True), [], 0, []),
+    (Text("help", "x", "of training"), [], 0, ["capital", "full stop"]),
+    (Text("help", "x", "Reference speed.", True), [], 0, ["unit"]),
+    (Text("page", "x", "It is told anew, lest a rival stays."), ["told", "anew", "lest", "rival"], 0, []),
+    (Text("report", "x", "One. " + "word " * 30 + "end. Two."), [], 1, []),
+    (Text("report", "x", "word " * 29 + "end."), [], 0, []),
+  ],
+)
+def test_the_counts_count(text, banned, long, lacks):
+  assert (text.banned, len(text.long), text.unfinished) == (banned, long, lacks)
+
+
+def test_prose_is_read_without_code_tables_and_links():
+  page = "# Title\n\nOne [link](a.md) and `some code`.\nTwo.\n\n| a | b |\n\n"
+  page += "```sh\nlest\n```\n\n* first\n* second\n\n![x](y.png)"
+  assert [" ".join(p.split()) for p in paragraphs(page)] == ["One link and code. Two.", "first", "second"]
+  assert sentences("It takes 2.5 s. Then 3 s. (See `a`.) End") == ["It takes 2.5 s.", "Then 3 s.", "(See `a`.)", "End"]
