@@ -13,6 +13,7 @@ import math
 import os
 import re
 import stat
+import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -87,7 +88,7 @@ def inside(folder: str | os.PathLike[str], name: str) -> Path:
     raise UnreadableFile(f"{name!r} cannot be the name of a file; correct it")
   home = Path(folder).resolve()
   try:
-    target = (home / name).resolve()
+    target = (home / _in_this_locale(name)).resolve()
     target.exists()
   except (OSError, RuntimeError) as error:  # a link to itself, a name too long
     raise UnreadableFile(f"'{name[:200]}' cannot be found ({error}); correct the name") from error
@@ -96,6 +97,13 @@ def inside(folder: str | os.PathLike[str], name: str) -> Path:
       f"'{name}' lies outside {Path(folder)}, and files of a folder may only name what is in it; copy that file there"
     )
   return target
+
+
+def _in_this_locale(name: str) -> str:
+  """A file's name that a text has, as paths have it: in a POSIX locale those are bytes, whatever they mean."""
+  if sys.getfilesystemencoding() == "utf-8":
+    return name
+  return os.fsdecode(name.encode("utf-8", "surrogateescape"))
 
 
 @contextlib.contextmanager

@@ -67,7 +67,6 @@ class Pool:
       return item
     same = candidate(self.problem, item.mechanisms, parent, self.priors)
     same.residual, same.jacobian = parent.residual.copy(), np.where(same.jacobian == 0.0, item.jacobian, same.jacobian)
-    assert same.cost <= parent.cost + 1e-6 * abs(parent.cost), "a nested model fitted worse than its parent"
     return same
 
 

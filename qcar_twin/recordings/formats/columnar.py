@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import zipfile
 from pathlib import Path
 
@@ -46,7 +47,7 @@ def read_csv(path: Path, label: str) -> Table:
 def read_parquet(path: Path, label: str) -> Table:
   """A Parquet file with flat numeric columns; null means no sample."""
   try:
-    table = pyarrow.parquet.read_table(path, use_threads=False, pre_buffer=False)
+    table = pyarrow.parquet.read_table(_opened(path), use_threads=False, pre_buffer=False)
   except (pyarrow.ArrowException, OSError) as error:
     if isinstance(error, MemoryError) or getattr(error, "errno", None):
       raise
@@ -137,7 +138,7 @@ def _dialect(path: Path, label: str) -> _Dialect:
 
 
 def _parse(path: Path, dialect: _Dialect) -> pyarrow.Table:
-  source, size = str(path), path.stat().st_size
+  source, size = _opened(path), path.stat().st_size
   if dialect.encoding != "utf8":  # pyarrow's own conversion takes its memory from the pool that reserves so much
     text = path.read_bytes().decode(dialect.encoding).encode()
     source, size = pyarrow.BufferReader(text), len(text)
@@ -155,6 +156,11 @@ def _parse(path: Path, dialect: _Dialect) -> pyarrow.Table:
       null_values=[""], strings_can_be_null=True, decimal_point=dialect.decimal
     ),
   )
+
+
+def _opened(path: Path) -> pyarrow.NativeFile:
+  """The file, by the bytes of its name: pyarrow takes text for UTF-8, which names are not in every locale."""
+  return pyarrow.OSFile(os.fsencode(path))
 
 
 def _numeric(name: str) -> bool:

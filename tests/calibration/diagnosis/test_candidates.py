@@ -1,5 +1,7 @@
 """Candidates on a linear car: Gauss-Newton is exact, standard deviations are those of the normal equations."""
 
+import copy
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -104,3 +106,14 @@ def test_a_model_begun_ends_like_one_that_was_simulated(offset_pool):
     assert begun.validation_current
     assert_allclose(begun.residual, whole.residual, atol=1e-9)
     assert_allclose(begun.values, whole.values, atol=1e-12)
+
+
+def test_no_set_fits_worse_than_its_subset(offset_pool):
+  """One that does, as a search that went astray leaves it, takes the subset's estimates and its cost."""
+  pool = offset_pool
+  for key, model in ((key, model) for key, model in pool.models.items() if key):
+    parent = pool.best_subset(key)
+    astray = copy.copy(model)
+    astray.residual = 10.0 * parent.residual
+    taken = pool.not_worse(astray, parent)
+    assert model.cost <= parent.cost * (1.0 + 1e-6) and taken.cost <= parent.cost * (1.0 + 1e-6) < astray.cost
