@@ -115,7 +115,7 @@ class Stages:
 
 def duration(seconds: float) -> str:
   """ "about 40 s", "about 3 min"."""
-  return f"about {seconds:.0f} s" if seconds < 90.0 else f"about {seconds / 60.0:.0f} min"
+  return f"about {max(seconds, 1.0):.0f} s" if seconds < 90.0 else f"about {seconds / 60.0:.0f} min"
 
 
 class StageLine(logging.Handler):

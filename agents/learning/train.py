@@ -7,6 +7,7 @@ checkpoint, best/ and last/ (policies) and, once it is over, result.json. Test p
 import csv
 import dataclasses
 import json
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -141,7 +142,7 @@ class Keeper(BaseCallback):
       total=plan.settings.episodes,
       initial=len(progress.episodes),
       unit="episode",
-      disable=not plan.progress_bar,
+      disable=not (plan.progress_bar and sys.stderr.isatty()),
     )
 
   @property
@@ -194,12 +195,18 @@ class Keeper(BaseCallback):
     self.progress.evaluations.append(row)
     append_row(self._folder / "evaluations.csv", EVALUATION_COLUMNS, row)
     self.logger.record("evaluation/rmse", rmse)
-    self._bar.set_postfix_str(
-      f"S-path {1e3 * rmse:.1f} mm" if self._plan.options.path == "s" else f"{1e3 * rmse:.1f} mm"
-    )
+    self._say(episode, f"S-path {1e3 * rmse:.1f} mm" if self._plan.options.path == "s" else f"{1e3 * rmse:.1f} mm")
     if rmse < self.progress.best:
       self.progress.best, self.progress.best_episode = rmse, episode
       save_policy(policy, self._folder / "best")
+
+  def _say(self, episode: int, error: str) -> None:
+    """The last evaluation, behind the bar; one plain line where the output is no terminal."""
+    self._bar.set_postfix_str(error)
+    if self._plan.progress_bar and not sys.stderr.isatty():
+      total = self._plan.settings.episodes
+      left = self._elapsed() / max(episode, 1) * (total - episode) / 60.0
+      print(f"episode {episode} of {total} · {error} · about {left:.0f} min left", file=sys.stderr, flush=True)
 
   def _on_training_end(self) -> None:
     self.keep()

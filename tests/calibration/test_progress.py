@@ -91,7 +91,7 @@ def test_items_are_counted(monkeypatch):
   terminal = on_terminal(monkeypatch)
   log = io.StringIO()
   assert list(counted(iter("ab"), 2, "case", log)) == ["a", "b"]
-  assert log.getvalue() == "case 1 of 2 · about 0 s left\ncase 2 of 2 · about 0 s left\n"
+  assert log.getvalue() == "case 1 of 2 · about 1 s left\ncase 2 of 2 · about 1 s left\n"
   assert list(counted(iter("ab"), 2, "case")) == ["a", "b"] and "2/2" in terminal.getvalue()
   assert duration(89.0) == "about 89 s" and duration(150.0) == "about 2 min" and time.monotonic() > 0.0
 
