@@ -21,8 +21,12 @@ check: install
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 
+# pages from declarations and docstrings, then pictures of the sample's reports; these need chromium and its driver
 docs: install
 	$(BIN)/python -m qcar_twin.twin.mechanisms.document docs/reference/mechanisms.md
+	$(BIN)/python -m docs.make.api
+	$(BIN)/qcar-twin run --dataset data/sample --out out/docs
+	$(BIN)/python -m docs.make.pictures out/docs
 
 train: install
 	$(BIN)/qcar-twin train --out out/train

@@ -2,7 +2,7 @@
 cheap ones are run as they stand."""
 
 import ast
-import importlib
+import importlib.util
 import json
 import re
 import shlex
@@ -117,6 +117,19 @@ def test_a_documented_command_is_one_and_its_options_exist(line, capsys):
     tyro.cli(config, prog=name, args=words if line.whole else completed(config, words))
   except SystemExit:
     pytest.fail(f"{line}\n{capsys.readouterr().err}")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_line_for_a_shell_is_one_that_is_tried(page):
+  """A command of ours, a target of make, a script or module that is there."""
+  for block in re.findall(r"(?ms)^```sh\n(.*?)^```", page.read_text(encoding="utf-8")):
+    for line in filter(None, re.sub(r"\\\n", " ", block).splitlines()):
+      python = re.match(r"(?:\.venv/bin/)?python (?:-m ([\w.]+)|(\S+\.py))", line)
+      if python:
+        there = ROOT / (python[2] or python[1].replace(".", "/"))
+        assert there.exists() or there.with_suffix(".py").exists() or importlib.util.find_spec(python[1]), line
+      else:
+        assert re.match(rf"{PREFIX} |make |#", line), f"{page.name}: nothing tries '{line}'"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
