@@ -1,7 +1,9 @@
 """Parameters that differ from session to session: a servo's trim, the charge of a pack, the floor.
 
 A shifted parameter has one more parameter per session, named `parameter@session`, which is added to it in the
-recordings of that session and is null elsewhere. A recording of a session that nobody knows is driven with the mean.
+recordings of that session and is null elsewhere. The shifts need not have mean zero: a fit tells a shared number and
+the mean of its shifts apart by their priors alone. So the mean car is the shared number with the mean of the shifts, and
+a recording of a session that nobody knows is driven with it.
 """
 
 import dataclasses
@@ -46,7 +48,7 @@ class SessionShifts:
   def apply(self, theta: Array, recordings: Sequence[str], parameters: ParameterSet) -> Array:
     """Vectors (n * S, P), n times the S recordings in turn, with the shifts of each recording's session added.
 
-    `theta` is changed in place.
+    Without a known session, the mean of the shifts is added. `theta` is changed in place.
     """
     if not self.std:
       return theta
@@ -57,8 +59,25 @@ class SessionShifts:
       for known in self.names:
         here = np.array([s == known for s in session])[rows]
         theta[here, at] += theta[here, parameters.index(f"{name}@{known}")]
+      strange = np.array([s is None for s in session])[rows]
+      theta[strange, at] += theta[np.ix_(strange, self._shifts(name, parameters))].mean(axis=1)
       theta[:, at] = np.clip(theta[:, at], kept.lower, kept.upper)
     return theta
+
+  def mean_car(self, theta: Array, parameters: ParameterSet) -> Array:
+    """A vector (P,) whose shifts are departures from their mean, which stands in the shared numbers: every session is
+    driven as before, and so is the mean car by whoever leaves the shifts out.
+    """
+    centred = theta.copy()
+    for name in self.std:
+      at, shifts, kept = parameters.index(name), self._shifts(name, parameters), parameters[name]
+      centred[at] = np.clip(theta[at] + theta[shifts].mean(), kept.lower, kept.upper)
+      centred[shifts] += theta[at] - centred[at]
+    return centred
+
+  def _shifts(self, name: str, parameters: ParameterSet) -> list[int]:
+    """Where the shifts of a parameter stand."""
+    return [parameters.index(f"{name}@{session}") for session in self.names]
 
 
 ONE_SESSION = SessionShifts({}, {})

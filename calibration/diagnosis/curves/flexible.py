@@ -78,8 +78,10 @@ class Characterised:
 
   @property
   def unshifted(self) -> Array:
-    """Estimates for commands as they are given, (P,): delays less the lead, none below zero."""
-    theta = self.theta.copy()
+    """Estimates for commands as they are given, (P,): delays less the lead, none below zero; sessions' shifts are
+    departures from their mean, so that without them it is the mean car.
+    """
+    theta = self.twin.sessions.mean_car(self.theta, self.twin.parameters)
     for name in set(DELAYS) & set(self.beside):
       at = self.twin.parameters.index(name)
       theta[at] = max(theta[at] - self.lead, 0.0)

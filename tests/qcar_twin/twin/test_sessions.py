@@ -28,12 +28,34 @@ def test_each_session_has_its_own(twin: Twin):
   plain = Twin(CAR, select(["steering_offset"]), substeps=2, engine="reduced")
   shifted = twin.parameters.vector({"steering_offset": 0.01, "steering_offset@tuesday": -0.03})
   found = twin.rollout(shifted, drive()).signals[0]
-  mean, tuesday = (
-    plain.rollout(plain.parameters.vector({"steering_offset": value}), drive()).signals[0] for value in (0.01, -0.02)
+  monday, tuesday, mean = (
+    plain.rollout(plain.parameters.vector({"steering_offset": value}), drive()).signals[0]
+    for value in (0.01, -0.02, -0.005)
   )
-  np.testing.assert_array_equal(found[[0, 2]], mean[[0, 2]])
+  np.testing.assert_array_equal(found[0], monday[0])
   np.testing.assert_allclose(found[1], tuesday[1], rtol=1e-9, atol=1e-9)  # 0.01 - 0.03 is -0.02 to rounding
-  assert np.abs(tuesday[1] - mean[1]).max() > 0.05
+  np.testing.assert_allclose(found[2], mean[2], rtol=1e-9, atol=1e-9)  # nobody knows its session
+  assert np.abs(tuesday[1] - monday[1]).max() > 0.05
+
+
+def test_the_mean_car_drives_every_session_as_before_and_keeps_the_mean_when_shifts_are_left_out(twin: Twin):
+  theta = twin.parameters.vector(
+    {"steering_offset": 0.01, "steering_offset@monday": 0.05, "steering_offset@tuesday": 0.03}
+  )
+  centred = SHIFTS.mean_car(theta, twin.parameters)
+  np.testing.assert_allclose(
+    twin.rollout(centred, drive()).signals, twin.rollout(theta, drive()).signals, rtol=1e-9, atol=1e-9
+  )
+  named = twin.parameters.named(centred)
+  assert named["steering_offset"] == pytest.approx(0.05)
+  assert named["steering_offset@monday"] == pytest.approx(0.01) == pytest.approx(-named["steering_offset@tuesday"])
+
+
+def test_the_mean_car_stays_within_bounds(twin: Twin):
+  theta = twin.parameters.vector({"steering_offset": 0.19, "steering_offset@monday": 0.06})
+  named = twin.parameters.named(SHIFTS.mean_car(theta, twin.parameters))
+  assert named["steering_offset"] == 0.2
+  assert named["steering_offset@monday"] == pytest.approx(0.05)
 
 
 def test_without_shifts_it_is_the_same_twin(twin: Twin):
