@@ -4,22 +4,22 @@ import difflib
 import importlib.abc
 import importlib.machinery
 import importlib.util
-import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
-from typing import Any, ClassVar
+from typing import Any
 
-import numpy as np
-
+from qcar_twin.onboard.libraries import control, signals, timing
+from qcar_twin.onboard.libraries.plots import Scope
 from qcar_twin.onboard.pose_filter import QCarEKF
 from qcar_twin.onboard.qcar import QCar
 from qcar_twin.onboard.ranging import QCarGPS, QCarLidar
 from qcar_twin.onboard.rig import Rig
 
-ROOTS = ("pal", "hal", "quanser", "qvl", "pit")  # packages that belong to the car
+ROOTS = ("pal", "hal", "quanser", "qvl", "pit", "pyqtgraph")  # packages of the car, and the one it draws with
+ANY = ""  # in a module's table: what stands for every other name
 _CAMERA = "the simulated car has no camera; drive a script that goes by speed, gyro, pose or lidar"
 _PERSON = "nobody is at the controls of a simulated car; command it from the script"
 _NETWORK = "there is no other device to talk to on simulated time; take it out, or drive the part without it"
@@ -47,45 +47,6 @@ class NotOnBoard(RuntimeError):
   """A device that the simulated car does not have."""
 
 
-class Scope:
-  """A plot that is shown nowhere: whatever it is asked, it takes and forgets; the recording has the signals."""
-
-  rig: ClassVar[Rig]
-
-  def __init__(self, *_: Any, **__: Any):
-    self.axes = _Axes(self)
-
-  def __getattr__(self, name: str) -> Any:
-    if name.startswith("__"):
-      raise AttributeError(name)
-    return lambda *_, **__: self.refreshAll()
-
-  @classmethod
-  def refreshAll(cls) -> None:
-    """Nothing is drawn, which takes a moment: scripts wait by it."""
-    cls.rig.clock.read()
-
-
-class _Axes:
-  """Axes of a plot, as many as are asked for."""
-
-  def __init__(self, scope: Scope):
-    self._scope = scope
-
-  def __getitem__(self, _: int) -> Scope:
-    return self._scope
-
-
-def wrap_to_pi(angle: Any) -> Any:
-  """Angle within half a turn, rad."""
-  return np.mod(np.asarray(angle) + math.pi, math.tau)[()] - math.pi
-
-
-def wrap_to_2pi(angle: Any) -> Any:
-  """Angle within a turn from 0, rad."""
-  return np.mod(angle, math.tau)
-
-
 def offered(rig: Rig) -> dict[str, dict[str, Any]]:
   """Module -> name -> what stands there, for one drive."""
   bound = {kind.__name__: type(kind.__name__, (kind,), {"rig": rig}) for kind in (QCar, QCarGPS, QCarLidar)}
@@ -96,10 +57,15 @@ def offered(rig: Rig) -> dict[str, dict[str, Any]]:
   table = {
     "pal.products.qcar": {**bound, "IS_PHYSICAL_QCAR": True, "QCAR_CONFIG": numbers},
     "pal.utilities.lidar": {"Lidar": bound["QCarLidar"]},
-    "pal.utilities.math": {"wrap_to_pi": wrap_to_pi, "wrap_to_2pi": wrap_to_2pi, "TWO_PI": math.tau},
+    "pal.utilities.math": {n: getattr(signals, n) for n in ("wrap_to_pi", "wrap_to_2pi", "TWO_PI", "Calculus")},
     "pal.utilities.scope": dict.fromkeys(("Scope", "MultiScope", "XYScope", "Signal"), scope),
-    "hal.content.qcar_functions": {"QCarEKF": ekf},
-    "hal.products.qcar": {"QCarEKF": ekf},
+    "pal.utilities.timing": dict.fromkeys(("Timer", "QTimer"), timing.Timer),
+    "pal.resources.images": dict.fromkeys(("SDCS_CITYSCAPE", "SDCS_CITYSCAPE_SMALL"), "no picture"),
+    "hal.content.qcar_functions": {"QCarEKF": ekf, "QCarDriveController": control.QCarDriveController},
+    "hal.products.qcar": {"QCarEKF": ekf, "QCarDriveController": control.QCarDriveController},
+    "hal.utilities.control": {"PID": control.PID, "StanleyController": control.StanleyController},
+    "pyqtgraph": {ANY: scope()},
+    "pyqtgraph.Qt": {ANY: scope()},
   }
   for module, refused in _REFUSED.items():
     table.setdefault(module, {}).update({name: _refusal(name, why) for name, why in refused.items()})
@@ -132,6 +98,7 @@ class OfferedModules(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
   def __init__(self, table: Mapping[str, Mapping[str, Any]], library: Path | None = None):
     self._table, self._library = table, library
+    self._own: dict[str, ModuleType] = {}
     self._packages = {part for name in table for part in _parents(name)}
 
   def find_spec(
@@ -146,10 +113,8 @@ class OfferedModules(importlib.abc.MetaPathFinder, importlib.abc.Loader):
       return None
     if fullname in self._table or fullname in self._packages:
       return importlib.machinery.ModuleSpec(fullname, self, is_package=fullname in self._packages)
-    if self._library is not None:
-      folder = self._library.joinpath(*fullname.split(".")[:-1])
-      if spec := importlib.machinery.PathFinder.find_spec(fullname, [str(folder)]):
-        return spec
+    if spec := self._in_library(fullname):
+      return spec
     near = difflib.get_close_matches(fullname, self._table, n=2, cutoff=0.7)
     meant = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(sorted(self._table))}"
     raise NotOffered(f"the simulated car has no module '{fullname}'; {meant}", name=fullname)
@@ -157,26 +122,43 @@ class OfferedModules(importlib.abc.MetaPathFinder, importlib.abc.Loader):
   def exec_module(self, module: ModuleType) -> None:
     """Fill a module with what the table has for it."""
     names = dict(self._table.get(module.__name__, {}))
-    vars(module).update(names, __all__=sorted(names), __getattr__=_absent(module.__name__, names))
+    rest = names.pop(ANY, None)
+    others = self._absent(module.__name__, names) if rest is None else lambda name: getattr(rest, name)
+    vars(module).update(names, __all__=sorted(names), __getattr__=others)
+
+  def _in_library(self, fullname: str) -> importlib.machinery.ModuleSpec | None:
+    """Where the owner's library has a module; None where it has not, or there is none."""
+    if self._library is None:
+      return None
+    folder = self._library.joinpath(*fullname.split(".")[:-1])
+    return importlib.machinery.PathFinder.find_spec(fullname, [str(folder)])
+
+  def _absent(self, module: str, names: Mapping[str, Any]) -> Callable[[str], Any]:
+    """What a module answers that is asked for a name that the table has not: the owner's own, else a sentence."""
+
+    def __getattr__(name: str) -> Any:
+      if name.startswith("__"):
+        raise AttributeError(f"module '{module}' has no attribute '{name}'")
+      if hasattr(own := self._owner_s(module), name):
+        return getattr(own, name)
+      near = difflib.get_close_matches(name, names, n=2)
+      listed = f"there are {', '.join(sorted(names))}" if names else "it holds modules only"
+      there = f"did you mean {' or '.join(near)}?" if near else listed
+      raise NotOffered(f"the simulated car has no '{name}' in {module}; {there}", name=module)
+
+    return __getattr__
+
+  def _owner_s(self, fullname: str) -> ModuleType | None:
+    """The owner's own module of a name that the table has, too."""
+    if fullname not in self._own and (spec := self._in_library(fullname)) and spec.loader:
+      self._own[fullname] = importlib.util.module_from_spec(spec)
+      spec.loader.exec_module(self._own[fullname])
+    return self._own.get(fullname)
 
 
 def _parents(name: str) -> list[str]:
   parts = name.split(".")
   return [".".join(parts[:k]) for k in range(1, len(parts))]
-
-
-def _absent(module: str, names: Mapping[str, Any]) -> Any:
-  """What a module answers that is asked for a name it has not."""
-
-  def __getattr__(name: str) -> Any:
-    if name.startswith("__"):
-      raise AttributeError(f"module '{module}' has no attribute '{name}'")
-    near = difflib.get_close_matches(name, names, n=2)
-    listed = f"there are {', '.join(sorted(names))}" if names else "it holds modules only"
-    there = f"did you mean {' or '.join(near)}?" if near else listed
-    raise NotOffered(f"the simulated car has no '{name}' in {module}; {there}", name=module)
-
-  return __getattr__
 
 
 @contextmanager

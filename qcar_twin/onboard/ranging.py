@@ -21,12 +21,19 @@ class QCarGPS:
   Args:
     initialPose: x, y [m], yaw [rad] of the car when it is made: the simulated car is put there, or, where it has been
       driven already, the pose is counted from there.
-    calibrate: is not needed.
+    calibrate: is not needed; nor are ports, nor whether a lidar is attached.
   """
 
   rig: ClassVar[Rig]
 
-  def __init__(self, initialPose: Sequence[float] = (0, 0, 0), calibrate: bool = False):
+  def __init__(
+    self,
+    initialPose: Sequence[float] = (0, 0, 0),
+    calibrate: bool = False,
+    gpsPort: int = 18967,
+    lidarIdealPort: int = 18968,
+    attach_lidar: bool = True,
+  ):
     x, y, yaw = (float(value) for value in np.asarray(initialPose, dtype=float).reshape(3))
     self._taken, self._turn, self._shift = 0, 0.0, np.zeros(2)
     if not self.rig.car.begun:
@@ -51,9 +58,12 @@ class QCarGPS:
     return True
 
   def readLidar(self) -> bool:
-    """Take a scan into `angles` and `distances`."""
+    """Take a new scan into `angles` and `distances`, if there is one; never waits for it."""
+    self.rig.clock.read()
     if self._lidar is None:
       self._lidar = type("QCarLidar", (QCarLidar,), {"rig": self.rig})()
+    if self.rig.clock.now < self._lidar.due:
+      return False
     self._lidar.read()
     self.angles, self.distances = self._lidar.angles, self._lidar.distances
     return True
@@ -82,6 +92,7 @@ class QCarLidar:
   Attributes:
     angles: rad, clockwise seen from above, from the car's tail, (n,): pi is ahead.
     distances: m, (n,); 0 where nothing came back.
+    due: when the next scan is complete, s.
   """
 
   rig: ClassVar[Rig]
@@ -93,6 +104,8 @@ class QCarLidar:
     interpolationMode: int = 0,
     interpolationMaxDistance: float = 0,
     interpolationMaxAngle: float = 0,
+    enableFiltering: bool = True,
+    angularResolution: float = math.radians(1.0),
     type: str = "RPLidar",
   ):
     self.numMeasurements, car = numMeasurements, self.rig.car
@@ -101,15 +114,15 @@ class QCarLidar:
     walls = Room(room.boxes[:4])
     lidar = ScanningLidar(walls, beams=numMeasurements)
     self._run = ScanningLidarRun(lidar, 1, np.random.default_rng([car.seed, 3]))
-    self._due = 0.0
+    self.due = self.rig.clock.now
     self.angles = np.arange(numMeasurements) * math.tau / numMeasurements
     self.distances = np.zeros(numMeasurements)
 
   def read(self) -> bool:
     """Wait for the next turn of the lidar and take its scan."""
     clock = self.rig.clock
-    clock.sleep_until(max(self._due, clock.now))
-    self._due = clock.now + SCAN_PERIOD
+    clock.sleep_until(max(self.due, clock.now))
+    self.due += (math.floor((clock.now - self.due) / SCAN_PERIOD + 1e-9) + 1) * SCAN_PERIOD
     scan = self._run.scan(np.array(self.rig.car.pose))  # beam i points at 2 pi i / n, counter-clockwise from ahead
     order = np.round((math.pi - self.angles) / math.tau * self.numMeasurements).astype(int) % self.numMeasurements
     self.distances = np.nan_to_num(scan[order])

@@ -2,8 +2,8 @@
 
 A shifted parameter has one more parameter per session, named `parameter@session`, which is added to it in the
 recordings of that session and is null elsewhere. The shifts need not have mean zero: a fit tells a shared number and
-the mean of its shifts apart by their priors alone. So the mean car is the shared number with the mean of the shifts, and
-a recording of a session that nobody knows is driven with it.
+the mean of its shifts apart by their priors alone. So the mean car is the shared number with the mean of the shifts.
+A recording of a session that nobody knows is driven with the mean car.
 """
 
 import dataclasses
