@@ -43,6 +43,10 @@ class NotOffered(ModuleNotFoundError):
   """A module or a name of the car's libraries that there is nothing for; the text says what there is."""
 
 
+class _Refused:
+  """A class that there is nothing for: it is refused where it is made, and not where the owner's library has it."""
+
+
 class NotOnBoard(RuntimeError):
   """A device that the simulated car does not have."""
 
@@ -85,7 +89,11 @@ def _refusal(name: str, why: str) -> type:
   def __init__(self: object, *_: Any, **__: Any) -> None:
     raise NotOnBoard(f"{name}: {why}")
 
-  return type(name, (), {"__init__": __init__})
+  return type(name, (_Refused,), {"__init__": __init__})
+
+
+def _is_refusal(what: Any) -> bool:
+  return isinstance(what, type) and issubclass(what, _Refused)
 
 
 class OfferedModules(importlib.abc.MetaPathFinder, importlib.abc.Loader):
@@ -121,10 +129,11 @@ class OfferedModules(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
   def exec_module(self, module: ModuleType) -> None:
     """Fill a module with what the table has for it."""
-    names = dict(self._table.get(module.__name__, {}))
-    rest = names.pop(ANY, None)
-    others = self._absent(module.__name__, names) if rest is None else lambda name: getattr(rest, name)
-    vars(module).update(names, __all__=sorted(names), __getattr__=others)
+    listed = dict(self._table.get(module.__name__, {}))
+    rest = listed.pop(ANY, None)
+    others = self._absent(module.__name__, listed) if rest is None else lambda name: getattr(rest, name)
+    there = {name: what for name, what in listed.items() if not _is_refusal(what)}
+    vars(module).update(there, __all__=sorted(listed), __getattr__=others)
 
   def _in_library(self, fullname: str) -> importlib.machinery.ModuleSpec | None:
     """Where the owner's library has a module; None where it has not, or there is none."""
@@ -134,13 +143,15 @@ class OfferedModules(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     return importlib.machinery.PathFinder.find_spec(fullname, [str(folder)])
 
   def _absent(self, module: str, names: Mapping[str, Any]) -> Callable[[str], Any]:
-    """What a module answers that is asked for a name that the table has not: the owner's own, else a sentence."""
+    """What a module answers that is asked for a name there is nothing for: the owner's own, else a sentence."""
 
     def __getattr__(name: str) -> Any:
       if name.startswith("__"):
         raise AttributeError(f"module '{module}' has no attribute '{name}'")
       if hasattr(own := self._owner_s(module), name):
         return getattr(own, name)
+      if name in names:
+        return names[name]
       near = difflib.get_close_matches(name, names, n=2)
       listed = f"there are {', '.join(sorted(names))}" if names else "it holds modules only"
       there = f"did you mean {' or '.join(near)}?" if near else listed
@@ -149,10 +160,14 @@ class OfferedModules(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     return __getattr__
 
   def _owner_s(self, fullname: str) -> ModuleType | None:
-    """The owner's own module of a name that the table has, too."""
+    """The owner's own module of a name that the table has, too; None where it can't do without what is not offered."""
     if fullname not in self._own and (spec := self._in_library(fullname)) and spec.loader:
-      self._own[fullname] = importlib.util.module_from_spec(spec)
-      spec.loader.exec_module(self._own[fullname])
+      own = importlib.util.module_from_spec(spec)
+      try:
+        spec.loader.exec_module(own)
+      except NotOffered:
+        own = ModuleType(fullname)
+      self._own[fullname] = own
     return self._own.get(fullname)
 
 

@@ -110,3 +110,18 @@ def test_a_name_that_is_not_offered_comes_from_the_owner_s_module_of_that_name(t
   assert drive_text(tmp_path, text, library=tmp_path / "library").error == ""
   assert capsys.readouterr().out == "12 0.0\n"
   assert "no 'find_overlap' in pal.utilities.math" in drive_text(tmp_path, text).error
+
+
+def test_what_is_refused_here_comes_from_the_owner_s_library_where_it_can_do_without_the_car(tmp_path, capsys):
+  for module, text in (
+    ("hal/products/mats.py", "from pal.utilities.math import wrap_to_pi\nclass SDCSRoadMap:\n  nodes = 24\n"),
+    ("pal/products/qcar.py", "from quanser.hardware import HIL\nclass QCarCameras:\n  pass\n"),
+  ):
+    path = tmp_path / "library" / module
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+  text = "from hal.products.mats import *\nprint(SDCSRoadMap().nodes)\nfrom pal.products.qcar import QCarCameras\n"
+  driven = drive_text(tmp_path, text, library=tmp_path / "library")
+  assert (driven.error, capsys.readouterr().out) == ("", "24\n")
+  driven = drive_text(tmp_path, f"{text}QCarCameras()\n", library=tmp_path / "library")
+  assert "QCarCameras: the simulated car has no camera" in driven.error
