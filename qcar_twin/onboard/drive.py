@@ -94,7 +94,7 @@ def drive(script: Path, plant: OnboardPlant, terms: Terms = Terms()) -> Drive:
     unheard = stack.enter_context(answered(clock, terms.answer))
     stack.enter_context(watched(clock, terms.patience))
     error = _run(script, clock)
-  notes = [*rig.notes(), *(_lost(name, fault, script) for name, fault in clock.lost)]
+  notes = [*([] if error else rig.notes()), *(_lost(name, fault, script) for name, fault in clock.lost)]
   if unheard:
     notes.append(f"the script asked '{unheard[0]}' and heard Enter, since nobody is there; --answer gives another one")
   if clock.stopped:

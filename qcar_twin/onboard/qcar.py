@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.onboard.car import COUNTS, GRAVITY, Sample
-from qcar_twin.onboard.rig import READ_TIME, Rig
+from qcar_twin.onboard.rig import HANDED_OUT, READ_TIME, Rig
 
 MOST_STEERING = 0.6  # rad, beyond which the car's own electronics clip
 _IMMEDIATE, _TASK = 0, 1
@@ -71,7 +71,7 @@ class QCar:
     self._next = max(self._next, last - int(_BUFFERED * self.frequency) + 1)
     time = self._begun + self._next / self.frequency
     self._next += 1
-    clock.sleep_until(max(time, clock.now))
+    clock.sleep_until(max(time + HANDED_OUT, clock.now))
     self.rig.oldest = max(self.rig.oldest, clock.now - time)
     self._show(self.rig.car.sample(time))
 

@@ -49,6 +49,7 @@ class QCarGPS:
   def readGPS(self) -> bool:
     """Take the newest pose that has arrived; whether there was a new one."""
     self.rig.clock.read()
+    self.rig.ranged += 1
     arrived = self.rig.car.fixes
     if len(arrived) == self._taken:
       return False
@@ -121,6 +122,7 @@ class QCarLidar:
   def read(self) -> bool:
     """Wait for the next turn of the lidar and take its scan."""
     clock = self.rig.clock
+    self.rig.ranged += 1
     clock.sleep_until(max(self.due, clock.now))
     self.due += (math.floor((clock.now - self.due) / SCAN_PERIOD + 1e-9) + 1) * SCAN_PERIOD
     scan = self._run.scan(np.array(self.rig.car.pose))  # beam i points at 2 pi i / n, counter-clockwise from ahead

@@ -5,6 +5,7 @@ import dataclasses
 from qcar_twin.onboard.car import Car
 from qcar_twin.onboard.clock import Clock
 
+HANDED_OUT = 5e-6  # s from a task's sample to whoever waits for it, a switch of tasks, assumed; at 0 times of a loop are round
 READ_TIME = 5e-4  # s of an immediate reading, assumed: nobody has measured one on the car
 
 
@@ -15,6 +16,7 @@ class Rig:
   Attributes:
     car, clock: what is driven, and when.
     opened: QCars that the script made.  reads, writes: calls of them.
+    ranged: looks at pose and lidar.
     oldest: age of the oldest reading that a task handed out, s.
   """
 
@@ -23,6 +25,7 @@ class Rig:
   opened: int = 0
   reads: int = 0
   writes: int = 0
+  ranged: int = 0
   oldest: float = 0.0
 
   def notes(self) -> list[str]:
@@ -30,7 +33,7 @@ class Rig:
     if not self.opened:
       return ["the script made no QCar, so nothing was driven"]
     notes = []
-    if not self.reads:
+    if not self.reads and not self.ranged:
       notes.append(
         f"the script never read the car ({self.writes} writes): it drove blind; call read() in the loop, which with"
         " readMode=1 also keeps its rate"

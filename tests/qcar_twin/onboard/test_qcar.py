@@ -193,3 +193,19 @@ def test_the_filter_without_a_gyro_turns_by_the_steering():
   ekf = QCarEKF([0.0, 0.0, 0.0])
   ekf.update([1.0, 0.1], 0.1)
   assert ekf.x_hat[2, 0] == pytest.approx(0.1 * math.tan(0.1) / ekf.L)
+
+
+def test_times_of_a_loop_are_no_round_numbers(tmp_path, capsys):
+  """On a car nobody ever sees t == 1.0: scripts that leave that instant out (t < 1, t > 1) are right."""
+  text = """
+    import time
+    from pal.products.qcar import QCar
+    car = QCar(readMode=1, frequency=100)
+    begun, round_ones = time.time(), 0
+    for _ in range(300):
+      car.read()
+      round_ones += time.time() - begun in (1.0, 2.0)
+    print(round_ones)
+  """
+  assert drive_text(tmp_path, text).error == ""
+  assert capsys.readouterr().out == "0\n"
