@@ -5,7 +5,7 @@ import dataclasses
 from qcar_twin.onboard.car import Car
 from qcar_twin.onboard.clock import Clock
 
-HANDED_OUT = 5e-6  # s from a task's sample to whoever waits for it, a switch of tasks, assumed; at 0 times of a loop are round
+HANDED_OUT = 5e-6  # s, assumed, from a task's sample to whoever waits for it; at 0, a loop would see round times
 READ_TIME = 5e-4  # s of an immediate reading, assumed: nobody has measured one on the car
 
 

@@ -60,7 +60,7 @@ class SessionShifts:
         here = np.array([s == known for s in session])[rows]
         theta[here, at] += theta[here, parameters.index(f"{name}@{known}")]
       strange = np.array([s is None for s in session])[rows]
-      theta[strange, at] += theta[np.ix_(strange, self._shifts(name, parameters))].mean(axis=1)
+      theta[strange, at] += theta[strange][:, self._shifts(name, parameters)].mean(axis=1)
       theta[:, at] = np.clip(theta[:, at], kept.lower, kept.upper)
     return theta
 
