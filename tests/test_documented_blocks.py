@@ -34,6 +34,7 @@ BLOCK = re.compile(r"^```python\n(.*?)^```", re.M | re.S)
 ELSEWHERE = {  # pages whose blocks are files of a project; who tries them
   "extending.md": "extending/example.py",
   "extending_channel.md": "extending/test_channel.py",
+  "onboard.md": "qcar_twin/onboard/test_guide.py",
 }
 FOLDERS = [ROOT / "docs" / name for name in ("guide", "reference")]
 PAGES = {
