@@ -79,16 +79,20 @@ def joined(*plans: Plan) -> Plan:
 class Stages:
   """Where a run is within its plan, and how much longer it takes.
 
-  A stage ends when a later one of the plan begins; texts that begin no later stage belong to the present one.
+  A stage ends when a later one of the plan begins; texts that begin no later stage belong to the present one. Without a
+  plan every new text is a stage.
   """
 
   def __init__(self, plan: Plan):
     self._names = [[start.strip() for start in name.split("|")] for name in plan]
     self._seconds = list(plan.values())
-    self._at, self._share, self._began = -1, 0.0, time.monotonic()
+    self._at, self._share, self._began, self._last = -1, 0.0, time.monotonic(), ""
 
   def reached(self, text: str, share: float | None) -> bool:
     """Note what a run says; whether a stage of the plan begins with it."""
+    if not self._names:
+      self._last, before = text, self._last
+      return text != before
     later = range(self._at + 1, len(self._names))
     at = next((k for k in later if any(text.startswith(start) for start in self._names[k])), None)
     if at is None:

@@ -12,6 +12,7 @@ from calibration.concealed.proving_ground import make_session
 from calibration.diagnosis.pipeline import diagnose
 from calibration.diagnosis.report.page import verdict, write_diagnosis
 from calibration.diagnosis.search.structure import Effort
+from calibration.progress import DIAGNOSIS, StageLine
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.file import save_twin
@@ -43,7 +44,9 @@ def main(config: Config) -> str:
   mark = seal(session.truth, config.out / "session", config.out / "session_truth")
   save(session, config.out / "session", "concealed", mark)
   effort = Effort(singles=5, pairs=2, triples=1, iterations=1) if config.quick else Effort()
-  outcome = diagnose(DataSet.load(config.out / "session"), config.mechanisms or None, effort=effort, threads=1)
+  dataset = DataSet.load(config.out / "session")
+  with StageLine(DIAGNOSIS) as progress:
+    outcome = diagnose(dataset, config.mechanisms or None, effort=effort, threads=1, progress=progress)
   write_diagnosis(outcome, config.out / "diagnosis")
   save_twin(
     config.out / "recalibrated.toml", outcome.twin, outcome.before, "recalibrated to the session, nothing added"

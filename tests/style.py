@@ -35,8 +35,18 @@ REPORTS = (
   "demonstration",
   "study",
 )
-GUIDE = ("check", "curves", "characterise", "diagnosis", "estimation", "extending", "extending_channel", "learning")
-GUIDE += ("logs", "onboard", "recordings", "report", "sessions_and_cars")
+# pages of the guide in a checkout whose docs had no folders
+FLAT_GUIDE = (
+  "check",
+  "curves",
+  "characterise",
+  "diagnosis",
+  "estimation",
+  "extending",
+  "extending_channel",
+  "learning",
+)
+FLAT_GUIDE += ("logs", "onboard", "recordings", "report", "sessions_and_cars")
 
 
 @dataclass(frozen=True)
@@ -115,8 +125,8 @@ def helps(root: Path) -> Iterator[Text]:
 
 def pages(root: Path) -> Iterator[Text]:
   """README and the guide."""
-  guide = root / "docs" / "guide" if (root / "docs" / "guide").is_dir() else root / "docs"
-  files = [root / "README.md", *(guide / f"{name}.md" for name in GUIDE)]
+  guide = sorted((root / "docs" / "guide").glob("*.md")) or [root / "docs" / f"{name}.md" for name in FLAT_GUIDE]
+  files = [root / "README.md", *guide]
   for path in (path for path in files if path.is_file()):
     where = path.relative_to(root).as_posix()
     yield from (Text("page", where, text) for text in paragraphs(path.read_text(encoding="utf-8")))

@@ -7,23 +7,22 @@ from tests.style import Text, counts, paragraphs, sentences, texts
 
 # banned words, sentences over 30 words: what these files still have. Numbers here may only become smaller.
 ALLOWED = {
-  "README.md": (1, 2),
   "agents/studies/fault_report.py": (1, 2),  # its pages, and those of the next four, were written with these words
   "agents/studies/study.py": (1, 0),
   "agents/studies/study_report.py": (1, 0),
   "agents/studies/tracking_report.py": (2, 0),
   "calibration/concealed/campaign/page.py": (1, 0),
   "docs/guide/check.md": (1, 5),
-  "docs/guide/curves.md": (9, 24),
-  "docs/guide/diagnosis.md": (16, 16),
+  "docs/guide/curves.md": (0, 2),
+  "docs/guide/diagnosis.md": (0, 1),
   "docs/guide/estimation.md": (0, 6),
-  "docs/guide/extending.md": (1, 2),
-  "docs/guide/extending_channel.md": (1, 3),
-  "docs/guide/learning.md": (6, 10),
+  "docs/guide/extending.md": (0, 2),
+  "docs/guide/extending_channel.md": (0, 3),
+  "docs/guide/learning.md": (0, 7),
   "docs/guide/logs.md": (0, 3),
   "docs/guide/onboard.md": (0, 1),
-  "docs/guide/report.md": (1, 3),
-  "docs/guide/sessions_and_cars.md": (0, 3),
+  "docs/guide/report.md": (0, 2),
+  "docs/guide/twin.md": (0, 2),
 }
 TEXTS = texts(ROOT)
 HELP = [text for text in TEXTS if text.kind == "help"]

@@ -87,6 +87,13 @@ def test_without_a_plan_a_stage_is_its_name(monkeypatch):
   assert "decision\n" in terminal.getvalue()
 
 
+def test_without_a_plan_a_log_has_a_line_for_every_new_stage(capsys):
+  with StageLine() as line:
+    for stage, share in (("start 1 of 2", None), ("start 2 of 2", 0.1), ("start 2 of 2", 0.9)):
+      line(stage, share)
+  assert capsys.readouterr().err == "start 1 of 2\nstart 2 of 2\n"
+
+
 def test_items_are_counted(monkeypatch):
   terminal = on_terminal(monkeypatch)
   log = io.StringIO()

@@ -15,7 +15,7 @@ from scripts import repair_twin
 def test_both_twins_are_left_where_the_study_looks_for_them(tmp_path, monkeypatch):
   asked = {}
 
-  def diagnosed(dataset, mechanisms, effort, threads):
+  def diagnosed(dataset, mechanisms, effort, threads, progress):
     asked.update(dataset=dataset, mechanisms=mechanisms)
     twin = Twin(Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std), select(["steering_delay"]))
     before = twin.parameters.nominal
