@@ -4,6 +4,8 @@ A command is a module with a docstring, a dataclass `Config`, a function `main(c
 something to go on from, `KEPT`, a sentence that says what.
 """
 
+import codecs
+import io
 import logging
 import sys
 from collections.abc import Callable, Sequence
@@ -29,11 +31,23 @@ def sentence(error: Exception) -> str | None:
   return cure(error) or (str(error) if own else None)
 
 
+def let_every_character_through() -> None:
+  """Make the terminal take what a verdict says: a POSIX locale's knows ASCII only, others may lack a sign."""
+  for stream in (sys.stdout, sys.stderr):
+    if isinstance(stream, io.TextIOWrapper):
+      known = codecs.lookup(stream.encoding).name
+      if known == "ascii":  # its names of files are bytes, too
+        stream.reconfigure(encoding="utf-8", errors="surrogateescape")
+      elif known != "utf-8":
+        stream.reconfigure(errors="replace")
+
+
 def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], traceback: bool = False) -> int:
   """Run the command that `load` imports under a name; returns the exit code. With `traceback` errors are raised."""
   import tyro  # here, because the list of commands needs nothing but the standard library
 
   module: ModuleType | None = None
+  let_every_character_through()
   logging.basicConfig(level=logging.WARNING, format="%(message)s")
   try:
     module = load()

@@ -46,7 +46,7 @@ FLAT_GUIDE = (
   "extending_channel",
   "learning",
 )
-FLAT_GUIDE += ("logs", "onboard", "recordings", "report", "sessions_and_cars")
+FLAT_GUIDE += ("learning", "logs", "onboard", "recordings", "report", "sessions_and_cars")
 
 
 @dataclass(frozen=True)

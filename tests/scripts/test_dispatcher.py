@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import os
 import re
 import subprocess
 import sys
@@ -106,6 +107,16 @@ def test_what_is_wrong_with_the_input_is_said_in_a_sentence(tmp_path, capsys):
 def test_only_what_is_none_of_the_programs_faults_is_a_sentence(error, said):
   found = sentence(error)
   assert found is None if said is None else said in found
+
+
+def test_a_verdict_can_be_printed_in_a_posix_locale(tmp_path):
+  """Where the terminal's own encoding is ASCII; the folder's name goes out as it came in."""
+  folder = tmp_path / "größe"
+  code = "import sys; from qcar_twin.command_line import let_every_character_through as f; f(); "
+  posix = os.environ | {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+  command = [sys.executable, "-c", f"{code}print('1 m/s\\u00b2 \\u00b7', sys.argv[1])", folder]
+  done = subprocess.run(command, env=posix, capture_output=True, check=True, cwd=ROOT)
+  assert done.stdout.decode() == f"1 m/s² · {folder}\n"
 
 
 def test_a_fault_of_the_program_is_shown_in_full(monkeypatch):
