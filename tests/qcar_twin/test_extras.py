@@ -2,6 +2,7 @@
 
 import ast
 import functools
+import re
 import subprocess
 import sys
 import tomllib
@@ -36,19 +37,15 @@ def in_python(code: str) -> str:
   return done.stdout
 
 
-def imports_of(tree: ast.AST) -> set[str]:
-  """Top-level packages that a module imports, at its top or later."""
-  nodes = list(ast.walk(tree))
-  named = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
-  named += [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom) and node.level == 0]
-  return {name.partition(".")[0] for name in named}
+IMPORT = re.compile(r"(?m)^\s*(?:from (\w+)[\w.]* import |import (\w+))")
 
 
 @functools.cache
-def trees() -> dict[str, ast.AST]:
-  """Syntax of every module of the project, by its file."""
+def sources() -> dict[str, tuple[str, frozenset[str]]]:
+  """Text of every module of the project, by its file, and the packages that it imports, at its top or later."""
   files = [path for room in ROOMS for path in (ROOT / room).rglob("*.py")]
-  return {path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="utf-8")) for path in files}
+  texts = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in files}
+  return {file: (text, frozenset(a or b for a, b in IMPORT.findall(text))) for file, text in texts.items()}
 
 
 def distributions(requirements: list[str]) -> set[str]:
@@ -69,9 +66,8 @@ print(len(DataSet.load(Path("data/sample")).recordings), asked)""")
 def test_every_imported_package_is_declared_where_the_table_says():
   declared = {name: distributions(texts) for name, texts in PROJECT["optional-dependencies"].items()}
   plain = distributions(PROJECT["dependencies"])
-  used = set()
-  for tree in trees().values():
-    used |= imports_of(tree) - set(sys.stdlib_module_names) - {*ROOMS, ""}
+  used = set().union(*(names for _, names in sources().values())) - set(sys.stdlib_module_names) - set(ROOMS)
+  assert {"mujoco", "torch", "rosbags"} <= used
   for name in used:
     distribution = canonicalize_name(PACKAGES.get(name, name))
     assert distribution in (declared[EXTRA_OF[name]] if name in EXTRA_OF else plain), name
@@ -79,15 +75,18 @@ def test_every_imported_package_is_declared_where_the_table_says():
 
 
 def test_every_import_of_an_extra_stands_in_a_block_that_names_its_use():
-  for file, tree in trees().items():
-    if not imports_of(tree) & set(EXTRA_OF):
+  for file, (text, names) in sources().items():
+    if not names & set(EXTRA_OF):
       continue
+    tree = ast.parse(text)
     blocks = [node for node in ast.walk(tree) if isinstance(node, ast.With) and "extra(" in ast.unparse(node.items[0])]
     named = {id(node) for block in blocks for node in ast.walk(block)}
     bare = [
       node.lineno
       for node in ast.walk(tree)
-      if isinstance(node, ast.Import | ast.ImportFrom) and imports_of(node) & set(EXTRA_OF) and id(node) not in named
+      if isinstance(node, ast.Import | ast.ImportFrom)
+      and set(EXTRA_OF) & {a or b for a, b in IMPORT.findall(ast.unparse(node))}
+      and id(node) not in named
     ]
     assert not bare, f"{file}: line {bare}"
 
