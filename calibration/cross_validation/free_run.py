@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.fitting.windows import measured_start
+from calibration.fitting.start_states import measured_start
 from calibration.identification.step_detection import FILTER_TIME, moving_average
 from qcar_twin import kinematics
 from qcar_twin.bicycle.bicycle import MeasuredCar, drive_of

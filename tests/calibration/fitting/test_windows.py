@@ -7,7 +7,8 @@ import pytest
 
 from calibration.fitting.observations import CHANNELS, observe
 from calibration.fitting.residual_channels import displacement
-from calibration.fitting.windows import Cut, cut_recordings, measured_start, shift_commands
+from calibration.fitting.start_states import measured_start
+from calibration.fitting.windows import Cut, cut_recordings, shift_commands
 from qcar_twin.plant import SIGNALS, START, Prediction
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording, Stream

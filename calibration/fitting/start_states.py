@@ -1,0 +1,102 @@
+"""The state in which a simulation begins, read off the samples around its beginning.
+
+A channel's value at a time is that of a parabola through as many samples around it as agree with each other: the
+widest of nested windows whose interval still meets those of all narrower ones (the intersection of confidence
+intervals: Goldenshluger and Nemirovski, On spatially adaptive estimation of nonparametric regression, Mathematical
+Methods of Statistics 6, 1997). Where a recording begins in a launch that is its first sample or two; in steady driving
+it is all samples within 0.06 s.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.fitting.noise_floor import driving_noise
+from qcar_twin.kinematics import road_speed
+from qcar_twin.plant import START
+from qcar_twin.recordings.recording import Recording, Stream
+from qcar_twin.twin.parameters import base_parameters
+from qcar_twin.vehicle.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+_HALF = 0.06  # s on either side of a time, from which its value is taken
+_ORDER = 2  # of the polynomial: in a launch a straight line's curvature costs more than the third coefficient does
+_AGREE = 1.5  # standard deviations on either side of a value: intervals of 87 %
+_STANDS = 0.02  # m/s: a car that is slower when its recording begins waits to be driven
+_POSE = ("pose_x", "pose_y", "pose_yaw")
+
+
+def measured_start(
+  recording: Recording,
+  time: float,
+  vehicle: Vehicle,
+  steering: float,
+  at_beginning: bool,
+  noise: Mapping[str, float] | None = None,
+) -> Array:
+  """State at a time from the samples around it, in the order of START, (7,).
+
+  Args:
+    recording: what was measured.
+    time: s, recording time.
+    vehicle: numbers of the car.
+    steering: command that stands then, rad.
+    at_beginning: the recording begins then; a car that stands in its first sample starts at rest.
+    noise: white noise of each channel while the car rolls; `driving_noise` of this recording by default.
+
+  Sideslip is that of steady cornering: v_y = r l_r - v_x a_r with the rear axle's slip angle
+  a_r = m v_x r l_f / (L C_r) of the nominal tyre.
+  """
+  white = driving_noise([recording]) if noise is None else noise
+  at = lambda name, half=_HALF: level(recording[name], time, white.get(name, 0.0), half) if name in recording else 0.0
+  states = dict.fromkeys(START, 0.0) | {name: at(name, 0.02) for name in _POSE}
+  states["steering_angle"] = float(np.clip(steering, -vehicle.max_steering, vehicle.max_steering))
+  speed = float(road_speed(at("motor_speed"), vehicle)) if "motor_speed" in recording else at("speed")
+  if not at_beginning or abs(speed) >= _STANDS:
+    states |= {"velocity_x": speed, "yaw_rate": at("yaw_rate")}
+    states["velocity_y"] = _sideslip(vehicle, speed, states["yaw_rate"])
+  return np.array([states[name] for name in START])
+
+
+def level(stream: Stream, time: float, noise: float, half: float = _HALF) -> float:
+  """Value of a channel at a time; see the module. `noise`: of one sample."""
+  value, std = _nearest(stream, time, noise)
+  low, high = value - _AGREE * std, value + _AGREE * std
+  near = np.flatnonzero(np.abs(stream.time - time) <= half)
+  near = near[np.argsort(np.abs(stream.time[near] - time), kind="stable")]
+  for count in range(_ORDER + 3, len(near) + 1):
+    curve, spread = _curve(stream.time[near[:count]] - time, stream.value[near[:count]], noise)
+    if spread > std:
+      continue
+    low, high = max(low, curve - _AGREE * spread), min(high, curve + _AGREE * spread)
+    if low > high:
+      break
+    value, std = curve, spread
+  return value
+
+
+def _nearest(stream: Stream, time: float, noise: float) -> tuple[float, float]:
+  """Value between the two samples around a time; the nearest where they lie on one side. It may err by how much the
+  channel changes on the way to the nearest one."""
+  value = float(np.interp(time, stream.time, stream.value))
+  at = int(np.argmin(np.abs(stream.time - time)))
+  beside = [k for k in (at - 1, at + 1) if 0 <= k < len(stream.time)]
+  slopes = [abs((stream.value[k] - stream.value[at]) / (stream.time[k] - stream.time[at])) for k in beside]
+  return value, float(np.hypot(noise, max(slopes, default=0.0) * abs(stream.time[at] - time)))
+
+
+def _curve(time: Array, value: Array, noise: float) -> tuple[float, float]:
+  """A parabola's value at 0 and its standard deviation."""
+  powers = np.vander(time / np.abs(time).max(), _ORDER + 1, increasing=True)
+  weights = np.linalg.pinv(powers)[0]
+  return float(weights @ value), noise * float(np.sqrt(weights @ weights))
+
+
+def _sideslip(vehicle: Vehicle, speed: float, yaw_rate: float) -> float:
+  """Sideslip velocity of steady cornering, m/s."""
+  stiffness = base_parameters(vehicle)["cornering_stiffness_rear"].nominal
+  wheelbase = vehicle.cg_to_front + vehicle.cg_to_rear
+  slip_angle = vehicle.mass * speed * yaw_rate * vehicle.cg_to_front / (wheelbase * stiffness)
+  return yaw_rate * vehicle.cg_to_rear - abs(speed) * slip_angle

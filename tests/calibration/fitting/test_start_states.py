@@ -1,0 +1,68 @@
+"""Start states: read off the samples that agree with each other."""
+
+import numpy as np
+import pytest
+
+from calibration.fitting.start_states import level, measured_start
+from qcar_twin.plant import START
+from qcar_twin.recordings.recording import Recording, Stream
+from qcar_twin.vehicle.vehicle import QCAR
+
+
+def speed(time: np.ndarray) -> np.ndarray:
+  """A motor that has just been switched on, rad/s."""
+  return 200.0 * (1.0 - np.exp(-time / 0.05))
+
+
+def launch(rate: float, begin: float = 0.0, noise: float = 0.0, seed: int = 0) -> Stream:
+  time = np.arange(begin, 1.0, 1.0 / rate)
+  return Stream(time, speed(time) + noise * np.random.default_rng(seed).standard_normal(len(time)))
+
+
+def state(columns: dict[str, np.ndarray], at_beginning: bool, time: float = 0.0) -> dict[str, float]:
+  clock = 0.01 * np.arange(len(columns["yaw_rate"]))
+  recording = Recording.from_columns("r", clock, columns)
+  return dict(zip(START, measured_start(recording, time, QCAR, 0.3, at_beginning), strict=True))
+
+
+def test_a_recording_that_begins_in_a_launch_begins_with_its_first_sample():
+  stream = launch(100.0)
+  line = np.polyval(np.polyfit(stream.time[:7], stream.value[:7], 1), 0.0)
+  assert line > 10.0 and abs(level(stream, 0.0, 0.5)) < 1.0
+
+
+@pytest.mark.parametrize("begin", [0.02, 0.04, 0.08])
+def test_a_recording_that_begins_in_mid_launch_begins_where_the_car_is(begin):
+  errors = [level(launch(100.0, begin, 1.0, seed), begin, 1.0) - speed(np.array(begin)) for seed in range(100)]
+  assert abs(np.mean(errors)) < 1.0 and np.std(errors) < 1.6  # a sample's noise is 1; a mean of 0.06 s is 45 off
+
+
+def test_steady_driving_is_averaged():
+  steady = lambda seed: 100.0 + np.random.default_rng(seed).standard_normal(100)
+  errors = [level(Stream(np.arange(0.0, 1.0, 0.01), steady(k)), 0.5, 1.0) - 100.0 for k in range(200)]
+  assert np.std(errors) < 0.5  # of single samples it is 1
+
+
+@pytest.mark.parametrize("rate", [100.0, 20.0])
+def test_errors_in_a_launch_are_those_of_samples(rate):
+  """Anywhere in a launch: the curve of the rise is no larger an error than two samples' noise."""
+  error = [
+    level(launch(rate, 0.0, 1.0, k), t, 1.0) - speed(np.array(t)) for k, t in enumerate(np.arange(0.05, 0.2, 0.05))
+  ]
+  assert np.max(np.abs(error)) < 3.0
+
+
+def test_a_recording_whose_first_sample_stands_starts_at_rest():
+  time = 0.01 * np.arange(100)
+  columns = {"motor_speed": speed(time), "yaw_rate": np.full(100, 0.01)}
+  assert state(columns, True) | {"steering_angle": 0.0} == dict.fromkeys(START, 0.0)
+  assert state(columns, False, 0.5)["yaw_rate"] == pytest.approx(0.01)
+
+
+def test_sideslip_is_that_of_steady_cornering():
+  """v_y = r l_r - v a_r, and C_r a_r = m v r l_f / L balances the rear axle's share of the lateral force."""
+  columns = {"motor_speed": np.full(200, 1.5 / QCAR.wheel_radius / QCAR.gear_ratio), "yaw_rate": np.full(200, 2.0)}
+  found = state(columns, True)
+  slip_angle = 2.0 * QCAR.cg_to_rear / 1.5 - found["velocity_y"] / 1.5
+  share = QCAR.cg_to_front / (QCAR.cg_to_front + QCAR.cg_to_rear)
+  assert QCAR.cornering_stiffness_rear * slip_angle == pytest.approx(QCAR.mass * 1.5 * 2.0 * share)
