@@ -16,7 +16,6 @@ from calibration.fitting.noise_floor import driving_noise
 from qcar_twin.kinematics import road_speed
 from qcar_twin.plant import START
 from qcar_twin.recordings.recording import Recording, Stream
-from qcar_twin.twin.parameters import base_parameters
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -46,8 +45,8 @@ def measured_start(
     at_beginning: the recording begins then; a car that stands in its first sample starts at rest.
     noise: white noise of each channel while the car rolls; `driving_noise` of this recording by default.
 
-  Sideslip is that of steady cornering: v_y = r l_r - v_x a_r with the rear axle's slip angle
-  a_r = m v_x r l_f / (L C_r) of the nominal tyre.
+  Speed is that of the wheels, and sideslip that of a rear axle that does not slip, v_y = r l_r; what a car's own tyres
+  slip there is for the twin to add, see qcar_twin/twin/starts.py.
   """
   white = driving_noise([recording]) if noise is None else noise
   at = lambda name, half=_HALF: level(recording[name], time, white.get(name, 0.0), half) if name in recording else 0.0
@@ -56,7 +55,7 @@ def measured_start(
   speed = float(road_speed(at("motor_speed"), vehicle)) if "motor_speed" in recording else at("speed")
   if not at_beginning or abs(speed) >= _STANDS:
     states |= {"velocity_x": speed, "yaw_rate": at("yaw_rate")}
-    states["velocity_y"] = _sideslip(vehicle, speed, states["yaw_rate"])
+    states["velocity_y"] = states["yaw_rate"] * vehicle.cg_to_rear
   return np.array([states[name] for name in START])
 
 
@@ -92,11 +91,3 @@ def _curve(time: Array, value: Array, noise: float) -> tuple[float, float]:
   powers = np.vander(time / np.abs(time).max(), _ORDER + 1, increasing=True)
   weights = np.linalg.pinv(powers)[0]
   return float(weights @ value), noise * float(np.sqrt(weights @ weights))
-
-
-def _sideslip(vehicle: Vehicle, speed: float, yaw_rate: float) -> float:
-  """Sideslip velocity of steady cornering, m/s."""
-  stiffness = base_parameters(vehicle)["cornering_stiffness_rear"].nominal
-  wheelbase = vehicle.cg_to_front + vehicle.cg_to_rear
-  slip_angle = vehicle.mass * speed * yaw_rate * vehicle.cg_to_front / (wheelbase * stiffness)
-  return yaw_rate * vehicle.cg_to_rear - abs(speed) * slip_angle

@@ -24,6 +24,7 @@ from qcar_twin.twin.mechanisms.base import CarDimensions, Mechanism, Track, desc
 from qcar_twin.twin.sessions import ONE_SESSION, SessionShifts
 from qcar_twin.twin.simulation import Simulation
 from qcar_twin.twin.slots import STEPPED, Slot
+from qcar_twin.twin.starts import slipping
 from qcar_twin.twin.timers import stop_timers
 from qcar_twin.vehicle.mjcf import car_model, sinking
 from qcar_twin.vehicle.vehicle import TyreKind, Vehicle
@@ -187,8 +188,8 @@ class Twin:
     history = None if segments.history is None else tile(segments.history)
     start, offset, pose = tile(segments.start), tile(segments.offset), tile(segments.measured_pose)
     theta = self._in_sessions(theta, segments)
-    rate = np.zeros_like(start) if segments.start_rate is None else tile(segments.start_rate)
-    start = self._as_measured(theta, start, rate)
+    if segments.start_rate is not None:
+      start = self._as_measured(theta, start, tile(segments.start_rate))
     ends = np.minimum(np.tile(segments.steps, n) + _READ_ON, length)  # after it a car rests: nothing is measured
     groups = self._apart(theta)
     signals = np.empty((n * size if len(groups) > 1 else 0, length + 1, len(SIGNALS)))
@@ -221,12 +222,16 @@ class Twin:
     return [np.flatnonzero(~busy), np.flatnonzero(busy)]
 
   def _as_measured(self, theta: Array, start: Array, rate: Array) -> Array:
-    """Start states (N, 7) of stretches as cars with parameters (N, P) had them, given what their sensors said."""
+    """Start states (N, 7) of stretches as cars with parameters (N, P) had them, given what their sensors said.
+
+    `start` is what a car would have had whose tyres do not slip; `rate`: how fast that changed, per s, (N, 7).
+    """
     for mechanism in filter(_moves_start, self.mechanisms):
       rows = self.present(mechanism, theta)
       if rows is not None:
         start[rows] = mechanism.begin(theta[rows][:, self._columns[mechanism.name]], start[rows], rate[rows])
-    return start
+    values = {name: theta[:, i] for i, name in enumerate(self.base.names)}
+    return slipping(start, rate, values, self.car.wheelbase, 0.5 * len(self.vehicle.driven_axles))
 
   def sensed(self, theta: Array, signals: Array, offset: Array) -> Array:
     """Signals (N, T + 1, 10) as the sensors of a car with parameters (N, P) show them. `signals` may be changed."""
