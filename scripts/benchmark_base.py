@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.concealed.benchmarks.base import LAGS, ONE, Base, recalibrated_base
+from calibration.concealed.benchmarks.under_way import under_way_cases, under_way_table
 from calibration.concealed.proving_ground import make_session
 from calibration.progress import counted
 from qcar_twin import markdown
@@ -28,6 +29,8 @@ class Config:
   """Number of cars."""
   poor: int = 4
   """Number of further starts for each car, with other tyres and another motor."""
+  under_way: int = 0
+  """In place of these: so many sessions of either independent car whose recordings begin while it drives."""
   quick: bool = False
   """One car and one poor start."""
 
@@ -46,6 +49,11 @@ def row(seed: int, found: Base) -> tuple[str, ...]:
 
 def main(config: Config) -> str:
   """Run it and write the page."""
+  if config.under_way:
+    text = under_way_table(under_way_cases(config.seed, 1 if config.quick else config.under_way))
+    write_text(config.out, text)
+    print(text)
+    return text
   sessions, poor = (1, 1) if config.quick else (config.sessions, config.poor)
   seeds = [config.seed + k for k in range(sessions)]
   bases = (recalibrated_base(make_session(seed, (), "compact"), poor) for seed in seeds)

@@ -1,0 +1,84 @@
+"""What recalibration makes of sessions without an effect whose recordings begin while the car drives."""
+
+import dataclasses
+from collections.abc import Iterable
+
+import numpy as np
+
+from calibration.concealed.laboratory.written import Session
+from calibration.concealed.proving_ground import make_session
+from calibration.concealed.second_car import make_second_session
+from calibration.diagnosis.pipeline import prepare
+from calibration.fitting.noise_floor import driving_noise, residual_floor
+from qcar_twin import markdown
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import Recording, Stream
+
+FIRST = 0.2  # s after the beginning of what is scored, where a wrong start shows most
+_LAUNCH, _LATER = 0.35, 0.2  # of a recording's largest motor speed, or of its duration, where it is cut
+_SHOWN = ("motor_speed", "accel_x", "accel_y", "yaw_rate", "pose_forward", "pose_left")
+_LEAST = 2.5  # s that must be left of a recording
+
+
+@dataclasses.dataclass(frozen=True)
+class UnderWay:
+  """A session's recalibrated twin.
+
+  Attributes:
+    cost: at the minimum, nats.
+    errors: root mean square of each channel in multiples of its noise while the car drives: in the first FIRST s of
+      the stretches, and later.
+  """
+
+  cost: float
+  errors: dict[str, tuple[float, float]]
+
+
+def begun_under_way(recording: Recording, in_launch: bool) -> Recording:
+  """A recording from where its motor first turns at a third of its largest speed, or else from a fifth of it on."""
+  if "motor_speed" not in recording:
+    return recording
+  stream = recording["motor_speed"]
+  size = np.abs(stream.value)
+  later = stream.time[0] + _LATER * (stream.time[-1] - stream.time[0])
+  begin = float(stream.time[int(np.argmax(size > _LAUNCH * size.max()))] if in_launch else later)
+  if size.max() < 5.0 or stream.time[-1] - begin < _LEAST:
+    return recording
+  kept = {}
+  for name, whole in recording.streams.items():
+    some = whole.time >= begin - 1e-9
+    kept[name] = Stream(whole.time[some] - begin, whole.value[some])
+  return dataclasses.replace(recording, streams=kept)
+
+
+def recalibrated_under_way(session: Session) -> UnderWay:
+  """Recalibrate on a session, every other recording of which begins in a launch and the others in mid-drive."""
+  recordings = tuple(begun_under_way(r, k % 2 == 0) for k, r in enumerate(session.recordings))
+  found = prepare(DataSet("session", recordings, session.vehicle, session.vehicle_std), threads=1).recalibrated
+  problem, observations = found.problem, found.problem.observations
+  error = problem.exact.raw(found.theta[None])[0]
+  first = observations.time - observations.stretches.first[observations.stretch] < FIRST
+  noise = residual_floor(driving_noise(recordings))
+  fitted = np.arange(len(error)) < problem.n_train
+  size = lambda rows: float(np.sqrt(np.mean(error[rows] ** 2))) if rows.any() else np.nan
+  channels = [n for n in observations.present if noise.get(n)]
+  own = {name: fitted & observations.select(name) for name in channels}
+  return UnderWay(
+    found.fit.cost, {n: (size(rows & first) / noise[n], size(rows & ~first) / noise[n]) for n, rows in own.items()}
+  )
+
+
+def under_way_cases(seed: int, count: int) -> list[tuple[str, int]]:
+  """So many sessions of either independent car: its name and a seed."""
+  return [(car, seed + k) for car in ("first", "second") for k in range(count)]
+
+
+def under_way_table(cases: Iterable[tuple[str, int]]) -> str:
+  """Errors of each session's recalibrated twin, as Markdown."""
+  makers, rows = {"first": make_session, "second": make_second_session}, []
+  for car, seed in cases:
+    found = recalibrated_under_way(makers[car](seed, (), "compact"))
+    shown = ["; ".join(f"{error:.2f}" for error in found.errors[name]) for name in _SHOWN]
+    rows.append((f"{car}, {seed}", *shown, f"{found.cost:.0f}"))
+  titles = ("car, seed", *(name.replace("_", " ") for name in _SHOWN), "cost [nats]")
+  return "\n".join(markdown.table(titles, rows)) + "\n"
