@@ -27,7 +27,7 @@ class UnderWay:
   Attributes:
     cost: at the minimum, nats.
     errors: root mean square of each channel in multiples of its noise while the car drives: in the first FIRST s of
-      the stretches, and later.
+      the stretches, where a displacement has no value yet, NaN, and later.
   """
 
   cost: float
@@ -78,7 +78,7 @@ def under_way_table(cases: Iterable[tuple[str, int]]) -> str:
   makers, rows = {"first": make_session, "second": make_second_session}, []
   for car, seed in cases:
     found = recalibrated_under_way(makers[car](seed, (), "compact"))
-    shown = ["; ".join(f"{error:.2f}" for error in found.errors[name]) for name in _SHOWN]
+    shown = ["; ".join(f"{e:.2f}" for e in found.errors[name] if np.isfinite(e)) for name in _SHOWN]
     rows.append((f"{car}, {seed}", *shown, f"{found.cost:.0f}"))
   titles = ("car, seed", *(name.replace("_", " ") for name in _SHOWN), "cost [nats]")
   return "\n".join(markdown.table(titles, rows)) + "\n"
