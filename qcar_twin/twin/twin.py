@@ -188,8 +188,7 @@ class Twin:
     history = None if segments.history is None else tile(segments.history)
     start, offset, pose = tile(segments.start), tile(segments.offset), tile(segments.measured_pose)
     theta = self._in_sessions(theta, segments)
-    if segments.start_rate is not None:
-      start = self._as_measured(theta, start, tile(segments.start_rate))
+    start = self._as_measured(theta, start, None if segments.start_rate is None else tile(segments.start_rate))
     ends = np.minimum(np.tile(segments.steps, n) + _READ_ON, length)  # after it a car rests: nothing is measured
     groups = self._apart(theta)
     signals = np.empty((n * size if len(groups) > 1 else 0, length + 1, len(SIGNALS)))
@@ -221,15 +220,18 @@ class Twin:
       return [slice(None)]
     return [np.flatnonzero(~busy), np.flatnonzero(busy)]
 
-  def _as_measured(self, theta: Array, start: Array, rate: Array) -> Array:
+  def _as_measured(self, theta: Array, start: Array, rate: Array | None) -> Array:
     """Start states (N, 7) of stretches as cars with parameters (N, P) had them, given what their sensors said.
 
-    `start` is what a car would have had whose tyres do not slip; `rate`: how fast that changed, per s, (N, 7).
+    Where it is known how fast these changed, `rate` per s, (N, 7), tyres slip as the car's motion there needs.
     """
+    slope = np.zeros_like(start) if rate is None else rate
     for mechanism in filter(_moves_start, self.mechanisms):
       rows = self.present(mechanism, theta)
       if rows is not None:
-        start[rows] = mechanism.begin(theta[rows][:, self._columns[mechanism.name]], start[rows], rate[rows])
+        start[rows] = mechanism.begin(theta[rows][:, self._columns[mechanism.name]], start[rows], slope[rows])
+    if rate is None:
+      return start
     values = {name: theta[:, i] for i, name in enumerate(self.base.names)}
     return slipping(start, rate, values, self.car.wheelbase, 0.5 * len(self.vehicle.driven_axles))
 
