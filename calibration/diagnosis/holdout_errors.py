@@ -88,8 +88,14 @@ def compare_twins(
   errors = observations.predict(prediction) - observations.measured
   random = np.random.default_rng(seed)
   driving = residual_floor(driving_noise(recordings))
-  fits = {name: _channel(observations, errors, name, (floor, driving), random) for name in observations.present}
+  fits = {name: channel_fit(observations, errors, name, (floor, driving), random) for name in observations.present}
   return fits, Replay(observations, errors[0], errors[1], dict(zip(reduced, errors[2:], strict=True)))
+
+
+def ratio(after: Mapping[str, float], before: Mapping[str, float]) -> float:
+  """Geometric mean over the channels of both of after / before, errors in one unit per channel; 1 without any."""
+  shares = [after[name] / before[name] for name in before if before[name] > 0.0 and after.get(name, 0.0) > 0.0]
+  return float(np.exp(np.mean(np.log(shares)))) if shares else 1.0
 
 
 def recovered_share(fits: Mapping[str, ChannelFit]) -> float:
@@ -132,13 +138,22 @@ def share_taken_off(replay: Replay, fits: Mapping[str, ChannelFit], name: str) -
   return None if others is None else recovered_share(fits) - others
 
 
-def _channel(
+def channel_fit(
   observations: Observations,
   errors: Array,
   name: str,
   floors: tuple[Mapping[str, float], Mapping[str, float]],
   random: np.random.Generator,
 ) -> ChannelFit:
+  """Errors of one channel before and after, with the interval of their ratio.
+
+  Args:
+    observations: M measured values.
+    errors: predicted minus measured, before and after first, (2 or more, M).
+    name: of the channel.
+    floors: noise at standstill and while driving, by channel.
+    random: of the bootstrap over blocks.
+  """
   rows = observations.select(name)
   squares = errors[:2, rows] ** 2
   block = observations.block[rows]

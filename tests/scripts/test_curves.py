@@ -17,9 +17,11 @@ from calibration.diagnosis.curves.driven import error_of
 from calibration.diagnosis.curves.report.page import sections
 from calibration.diagnosis.curves.report.shapes import shapes
 from calibration.diagnosis.curves.report.wording import verdict
-from calibration.diagnosis.curves.study import KINDS, ratio, sentences
+from calibration.diagnosis.curves.study import KINDS, sentences
+from calibration.diagnosis.holdout_errors import ratio
 from calibration.diagnosis.pipeline import diagnose
 from calibration.diagnosis.search.structure import Effort
+from calibration.diagnosis.shipping import shipped, worse_channels
 from calibration.log_check.ready import ready
 from qcar_twin.pages.page import show
 from qcar_twin.recordings.dataset import DataSet
@@ -167,13 +169,14 @@ def test_the_twin_that_goes_on_is_the_better_by_validation(done, outcome, tmp_pa
   worse = {n: 2.0 * max(e, found.judged["base"][n]) for n, e in errors.items()}
   found = dataclasses.replace(found, judged=dict.fromkeys(found.judged, worse) | {"curves": errors})
   monkeypatch.setattr(after_diagnosis, "study", lambda *given: found)
+  monkeypatch.setattr(after_diagnosis, "worse_with_curves", lambda *given: ())
   page, said = write_with_curves(diagnosed, dataset, tmp_path, "always")
   whose = (found.found.twin, found.found.unshifted) if better else (diagnosed.twin, diagnosed.after)
   assert same_twin(tmp_path / "twin.toml", *whose)
   assert same_twin(tmp_path / "diagnosed.toml", diagnosed.twin, diagnosed.after)
   assert same_twin(tmp_path / "characterised.toml", found.found.twin, found.found.unshifted)
   document = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
-  assert document["curves"]["shipped"] == ("characterised" if better else "diagnosed")
+  assert document["shipped"] == ("curves" if better else "repaired")
   assert document["curves"]["validate"]["curves"] == pytest.approx(errors)
   assert said[:-1] == sentences(found) and said[-1].startswith("twin.toml is")
   text = page.read_text(encoding="utf-8")
@@ -182,6 +185,16 @@ def test_the_twin_that_goes_on_is_the_better_by_validation(done, outcome, tmp_pa
   fell = 100.0 * ratio(found.errors["curves"], before)
   assert said[-1].replace("'", "&#39;") in text and f"{fell:.0f} % with curves" in text[: text.index("<h2>")]
   assert "<h2>Free curves: The maps</h2>" in text and ">after the diagnosis</th>" in text
+
+
+def test_a_twin_that_steers_wrongly_loses_against_the_one_that_is_written_and_no_twin_against_itself(outcome):
+  dataset, diagnosed = outcome
+  judging = ready(dataset)[0].role("validate")
+  good = shipped(diagnosed)
+  theta = good.theta.copy()
+  theta[good.twin.parameters.index("steering_offset")] += 0.15
+  lost = worse_channels(good, dataclasses.replace(good, theta=theta), judging)
+  assert "yaw_rate" in lost and worse_channels(good, good, judging) == ()
 
 
 def test_a_study_that_fails_leaves_the_diagnosis(outcome, tmp_path, monkeypatch):

@@ -1,19 +1,23 @@
 """Free curves as a stage after a diagnosis: where the base car's own laws leave something that has no name."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
 from calibration.diagnosis.curves.report import wording
 from calibration.diagnosis.curves.report.page import sections
 from calibration.diagnosis.curves.report.shapes import Shape, shapes
-from calibration.diagnosis.curves.study import Study, ratio, sentences, study
+from calibration.diagnosis.curves.study import Study, sentences, study
+from calibration.diagnosis.holdout_errors import ratio
 from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.report.demonstration import demonstrate
 from calibration.diagnosis.report.further import Further
 from calibration.diagnosis.report.page import something_nameless, write_diagnosis
+from calibration.diagnosis.shipping import JUDGING, Written, kind, shipped, warning, worse_channels, worse_on
 from calibration.fitting.dataset_recalibration import LONGEST
+from calibration.fitting.residual_channels import RESIDUALS
+from calibration.log_check.ready import ready
 from calibration.progress import Progress, silent
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.engines import EngineKind
@@ -43,7 +47,8 @@ def write_with_curves(
   """Write a diagnosis, fit free curves where they are wanted, and write it again with them.
 
   The diagnosis is written before anything else begins, and stands where curves can't be fitted. Where they are,
-  diagnosed.toml and characterised.toml are the two twins that were compared, and twin.toml is the better one.
+  diagnosed.toml and characterised.toml are the two twins that were compared, and twin.toml is the better one
+  (`shipping`).
 
   Args:
     outcome: of `diagnose` on the data set.
@@ -62,32 +67,42 @@ def write_with_curves(
   shown = demonstrate(outcome)
   page = write_diagnosis(outcome, folder, shown)
   if not wanted(when, outcome.diagnosis):
-    return page, [_ADVICE] if something_nameless(outcome.diagnosis) else []
+    lines = [warning(outcome.diagnosis), _ADVICE if something_nameless(outcome.diagnosis) else ""]
+    return page, [line for line in lines if line]
   try:
     found = study(dataset, most, threads, lambda stage, share=None: progress(f"free curves: {stage}", share), plant)
   except ValueError as error:
     further = Further(f"Free curves could not be fitted, and the diagnosis stands without them: {error}")
     return write_diagnosis(outcome, folder, shown, further), [further.sentence]
-  further = with_curves(found, outcome.diagnosis)
+  worse = worse_with_curves(found, outcome, ready(dataset)[0])
+  further = with_curves(found, outcome.diagnosis, worse)
   page = write_diagnosis(outcome, folder, shown, further)
   save_twin(folder / "diagnosed.toml", outcome.twin, outcome.after, f"repaired on {found.dataset}, without curves")
   save_twin(folder / "characterised.toml", *found.shipped, _note(found))
-  return page, [*sentences(found), chosen(found, outcome.diagnosis)]
+  return page, [*sentences(found), chosen(found, outcome.diagnosis, worse)]
 
 
-def with_curves(found: Study, diagnosis: Diagnosis) -> Further:
-  """What the curves add to a diagnosis."""
+def worse_with_curves(found: Study, outcome: Outcome, dataset: DataSet) -> tuple[str, ...]:
+  """Channels that speak against the twin with curves as it would be written, see `shipping.worse_channels`."""
+  without = shipped(outcome)
+  curved = Written(*found.shipped, _note(found), found.shipped_shift)
+  worse = [channel for role in JUDGING for channel in worse_channels(without, curved, dataset.role(role))]
+  return tuple(dict.fromkeys(worse))
+
+
+def with_curves(found: Study, diagnosis: Diagnosis, worse: Sequence[str] = ()) -> Further:
+  """What the curves add to a diagnosis; `worse` as for `curves_are_better`."""
   drawn = shapes(found.found, found.outlines)
   repaired = {role: {n: f.after for n, f in getattr(diagnosis, role).items()} for role in ("holdout", "validate")}
   parts = sections(found, drawn, repaired, "Free curves: ")
   last = parts.pop()
-  parts.append(dataclasses.replace(last, text=f"{chosen(found, diagnosis)}\n\n{last.text}"))
-  curved = curves_are_better(found, diagnosis)
+  parts.append(dataclasses.replace(last, text=f"{chosen(found, diagnosis, worse)}\n\n{last.text}"))
+  curved = curves_are_better(found, diagnosis, worse)
   return Further(
     sentence(found, diagnosis, drawn),
-    [("twin.toml is", "the twin with curves" if curved else "the diagnosed twin")],
+    [("twin.toml is", f"the {'twin with curves' if curved else _without(diagnosis)}")],
     parts,
-    {**found.document(), "shipped": "characterised" if curved else "diagnosed"},
+    found.document(),
     (*found.shipped, _note(found)) if curved else None,
   )
 
@@ -114,24 +129,37 @@ def fall(found: Study, diagnosis: Diagnosis) -> str:
   )
 
 
-def curves_are_better(found: Study, diagnosis: Diagnosis) -> bool:
-  """Whether the twin with curves errs less than the diagnosed one on recordings that only judge."""
-  return _on_validation(found, diagnosis) < 1.0
+def curves_are_better(found: Study, diagnosis: Diagnosis, worse: Sequence[str] = ()) -> bool:
+  """Whether curves are written: they err less on recordings that only judge, and no channel speaks against them.
+
+  Args:
+    worse: channels that speak against it, see `worse_with_curves`.
+  """
+  return _on_validation(found, diagnosis) < 1.0 and not worse
 
 
-def chosen(found: Study, diagnosis: Diagnosis) -> str:
+def chosen(found: Study, diagnosis: Diagnosis, worse: Sequence[str] = ()) -> str:
   """Which twin is written as twin.toml, and why."""
+  without = f"twin.toml is the {_without(diagnosis)}"
   if not (found.judged and diagnosis.validate):
-    return 'twin.toml is the diagnosed twin: no recordings only judge (role "validate"), so curves are not trusted.'
+    return f'{without}: no recordings only judge (role "validate"), so curves are not trusted.'
   share = 100.0 * (_on_validation(found, diagnosis) - 1.0)
-  less = f"{abs(share):.1f} % {'smaller' if share < 0.0 else 'larger'} than the diagnosed twin's"
-  which = "the twin with curves" if curves_are_better(found, diagnosis) else "the diagnosed twin"
-  return f"twin.toml is {which}: with curves the errors on validation recordings are {less}."
+  size = f"{abs(share):.1f} % {'smaller' if share < 0.0 else 'larger'} than the {_without(diagnosis)}'s"
+  if worse:
+    words = " and ".join(RESIDUALS[channel].words for channel in worse)
+    return f"{without}: with curves the errors on validation recordings are {size}, but those of {words} grow."
+  which = "twin.toml is the twin with curves" if curves_are_better(found, diagnosis) else without
+  return f"{which}: with curves the errors on validation recordings are {size}."
+
+
+def _without(diagnosis: Diagnosis) -> str:
+  return f"{kind(diagnosis)} twin"
 
 
 def _on_validation(found: Study, diagnosis: Diagnosis) -> float:
-  repaired: Mapping[str, float] = {name: fit.after for name, fit in diagnosis.validate.items()}
-  return ratio(found.judged.get(found.best, {}), repaired)
+  key = "before" if worse_on(diagnosis) else "after"
+  without: Mapping[str, float] = {name: getattr(fit, key) for name, fit in diagnosis.validate.items()}
+  return ratio(found.judged.get(found.best, {}), without)
 
 
 def _note(found: Study) -> str:

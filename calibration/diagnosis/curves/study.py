@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from calibration.diagnosis.black_box import boosted_residual, rms
 from calibration.diagnosis.curves.driven import driven, error_of
 from calibration.diagnosis.curves.finish import finished, fitted_to_all
-from calibration.diagnosis.curves.flexible import Characterised, characterise, fitted_on
+from calibration.diagnosis.curves.flexible import DELAYS, Characterised, characterise, fitted_on
 from calibration.diagnosis.curves.naming.additions import Addition, with_additions
 from calibration.diagnosis.curves.naming.bounds import said
 from calibration.diagnosis.curves.naming.families import made_simpler
@@ -21,6 +21,7 @@ from calibration.diagnosis.curves.naming.rivals import renamed, with_rivals
 from calibration.diagnosis.curves.naming.substitution import named_again, named_only, substituted
 from calibration.diagnosis.curves.naming.terms import Term, terms
 from calibration.diagnosis.curves.naming.youngest import by_the_youngest
+from calibration.diagnosis.holdout_errors import ratio
 from calibration.fitting.dataset_recalibration import LONGEST, recalibrate_dataset
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.noise_floor import driving_noise, residual_floor
@@ -95,6 +96,14 @@ class Study:
       return self.base.problem.exact.twin.on("mujoco"), self.base.theta
     chosen = {"curves": self.found, "characterised": self.told, "named": self.named}[self.best]
     return chosen.twin, chosen.unshifted
+
+  @property
+  def shipped_shift(self) -> int:
+    """Control periods by which commands act later than logged for `shipped`: a lead is taken off its delays."""
+    chosen = {"curves": self.found, "characterised": self.told, "named": self.named}.get(self.best)
+    if chosen is None:
+      return self.base.command_shift
+    return max(chosen.fitted.command_shift, 0) if set(DELAYS) & set(chosen.beside) else chosen.fitted.command_shift
 
   def document(self) -> dict[str, Any]:
     """Everything a program may want of it, as plain values."""
@@ -187,12 +196,6 @@ def _base(dataset: DataSet, most: float, threads: int, plant: EngineKind) -> Rec
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   searched = fitted_on(Twin(vehicle, select(always_fitted()), substeps=2, threads=threads), plant)
   return recalibrate_dataset(dataset, searched, most=most, evenly=True)
-
-
-def ratio(after: Mapping[str, float], before: Mapping[str, float]) -> float:
-  """Geometric mean over the channels of both of after / before, errors in one unit per channel; 1 without any."""
-  shares = [after[name] / before[name] for name in before if before[name] > 0.0 and after.get(name, 0.0) > 0.0]
-  return float(np.exp(np.mean(np.log(shares)))) if shares else 1.0
 
 
 def _judged(

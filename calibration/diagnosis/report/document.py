@@ -24,28 +24,35 @@ from calibration.diagnosis.unexplained.unknown import smooth_forces
 from qcar_twin.atomic_io import plain, write_json
 
 VERDICTS = ("no_mismatch", "explained", "partly_explained", "unexplained")
+SHIPPED = ("repaired", "recalibrated", "curves")
 FILE, REPORT, FIGURES = "diagnosis.json", "report.html", "figures"
 
 
 def write_document(
-  folder: str | os.PathLike[str], diagnosis: Diagnosis, curves: Mapping[str, Any] | None = None
+  folder: str | os.PathLike[str],
+  diagnosis: Diagnosis,
+  curves: Mapping[str, Any] | None = None,
+  shipped: str = "repaired",
 ) -> Path:
   """Write diagnosis.json; returns its path.
 
   Args:
-    curves: what free curves found, as plain values; None where they were not fitted.
+    curves: what free curves show, as plain values; None where they were not fitted.
+    shipped: which twin is written as twin.toml, one of SHIPPED.
 
   Raises:
     ValueError: the document breaks the schema; says where, and writes nothing.
   """
-  content = document(diagnosis, curves)
+  content = document(diagnosis, curves, shipped)
   found = faults(content)
   if found:
     raise ValueError(f"{FILE} breaks its schema: {'; '.join(found[:5])}")
   return write_json(Path(folder) / FILE, content)
 
 
-def document(diagnosis: Diagnosis, curves: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def document(
+  diagnosis: Diagnosis, curves: Mapping[str, Any] | None = None, shipped: str = "repaired"
+) -> dict[str, Any]:
   """The JSON of a diagnosis as plain Python types; a number that is not finite becomes null."""
   d, pool = diagnosis, diagnosis.pool
   return plain(
@@ -63,6 +70,7 @@ def document(diagnosis: Diagnosis, curves: Mapping[str, Any] | None = None) -> d
       "fit": {"validate": _fits(d.validate, False), "holdout": _fits(d.holdout, True)},
       "curves": curves,
       "repaired_twin": d.repaired_twin,
+      "shipped": shipped,
       "seconds": d.seconds,
     }
   )
@@ -172,6 +180,7 @@ SCHEMA: dict[str, Any] = {
   "fit": {"validate": {"*": _CHANNEL}, "holdout": {"*": {**_CHANNEL, "ci95": [_MAYBE]}}},
   "curves": "object or null",
   "repaired_twin": str,
+  "shipped": SHIPPED,
   "seconds": _NUMBER,
 }
 _OPTIONAL: dict[str, Any] = {

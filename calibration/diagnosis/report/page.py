@@ -12,6 +12,7 @@ from calibration.diagnosis.report.document import REPORT, write_document
 from calibration.diagnosis.report.errors import errors, judged_on, multiples, parting, repaired
 from calibration.diagnosis.report.further import NOTHING_FURTHER, Further
 from calibration.diagnosis.report.grounds import drive_next, effort, evidence, priors, unseen
+from calibration.diagnosis.shipping import kind, shipped, warning
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages import Cell, Section, Table, write_page
 from qcar_twin.pages.page import Tone
@@ -32,7 +33,7 @@ _FIRST = 5  # sections up to the repaired model; a later stage's come next
 def write_diagnosis(
   outcome: Outcome, folder: str | Path, shown: Demonstration | None = None, further: Further = NOTHING_FURTHER
 ) -> Path:
-  """Write diagnosis.json, report.html, twin.toml (the repaired twin) and recalibrated.toml (the one before it).
+  """Write diagnosis.json, report.html, twin.toml (the repaired twin, see `shipping`) and recalibrated.toml.
 
   Args:
     outcome: of `diagnose`.
@@ -43,12 +44,12 @@ def write_diagnosis(
   Returns the report's path.
   """
   folder = Path(folder)
-  claims = ", ".join(c.mechanism for c in outcome.diagnosis.decision.claims) or "no mechanism added"
   name = outcome.diagnosis.dataset
   save_twin(folder / "recalibrated.toml", outcome.twin, outcome.before, f"recalibrated on {name}, nothing added")
-  repaired = (outcome.twin, outcome.after, f"repaired on {name}: {claims}")
-  save_twin(folder / "twin.toml", *(further.twin or repaired))
-  write_document(folder, outcome.diagnosis, further.curves)
+  without = shipped(outcome)
+  save_twin(folder / "twin.toml", *(further.twin or (without.twin, without.theta, without.note)))
+  of = "curves" if further.twin else kind(outcome.diagnosis)
+  write_document(folder, outcome.diagnosis, further.curves, of)
   return write_report(folder, outcome.diagnosis, shown or demonstrate(outcome), further)
 
 
@@ -63,9 +64,14 @@ def write_report(
     f"{verdict(diagnosis)} {further.sentence}".rstrip(),
     [*sections[:_FIRST], *further.sections, *sections[_FIRST:]],
     _subtitle(diagnosis),
-    [*facts(diagnosis), *further.facts],
+    [*facts(diagnosis), *(further.facts or _written(diagnosis))],
     _TONES[diagnosis.decision.verdict],
   )
+
+
+def _written(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+  sentence = warning(diagnosis)
+  return [("Written as twin.toml", sentence.removeprefix("twin.toml is ").rstrip("."))] if sentence else []
 
 
 def verdict(diagnosis: Diagnosis) -> str:

@@ -12,7 +12,8 @@ from calibration.diagnosis.curves.naming.refits import MATERIAL
 from calibration.diagnosis.curves.naming.terms import Term
 from calibration.diagnosis.curves.report import wording
 from calibration.diagnosis.curves.report.shapes import BAND, Shape, View, shapes
-from calibration.diagnosis.curves.study import Study, ratio
+from calibration.diagnosis.curves.study import Study
+from calibration.diagnosis.holdout_errors import ratio
 from calibration.diagnosis.report.wording import listed
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages import Cell, Chart, Section, Table, bars, line, panels, write_page

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from calibration.diagnosis.curves.naming.forms import Outline
 from calibration.diagnosis.curves.naming.terms import Term
 from calibration.diagnosis.curves.report.shapes import Shape
-from calibration.diagnosis.curves.study import Study, ratio
+from calibration.diagnosis.curves.study import Study
+from calibration.diagnosis.holdout_errors import ratio
 from calibration.diagnosis.report.wording import amount, happening, listed
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages.numbers import spread

@@ -1,0 +1,84 @@
+"""A twin that predicts worse than a simpler one is not written, and the report says so."""
+
+import dataclasses
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis import shipping
+from calibration.diagnosis.holdout_errors import ChannelFit
+from calibration.diagnosis.report import page
+from calibration.diagnosis.shipping import Written, kind, shipped, warning, worse_channels, worse_on
+from tests.calibration.diagnosis.diagnosis_results import diagnosis_of
+
+BLOCKS, SAMPLES = 40, 25
+
+
+def fits(**changes):
+  return {
+    name: ChannelFit(1.0, after, 0.1, 0.1, (after - 1.1, after - 0.9), "rad/s", 100) for name, after in changes.items()
+  }
+
+
+@pytest.fixture
+def outcome(offset_pool):
+  diagnosis = diagnosis_of(offset_pool, ("steering_offset",))
+  cut = SimpleNamespace(command_shift=-1)
+  return SimpleNamespace(diagnosis=diagnosis, twin="car", before=np.zeros(2), after=np.ones(2), cut=cut)
+
+
+@pytest.mark.parametrize(
+  ("validate", "holdout", "worse"),
+  [
+    (fits(yaw_rate=0.5, accel_y=1.4), fits(yaw_rate=0.9), ()),
+    (fits(yaw_rate=0.9, accel_y=1.2), fits(yaw_rate=0.9), ("validation",)),
+    (fits(yaw_rate=0.9), fits(yaw_rate=1.01), ("held-out",)),
+    (fits(yaw_rate=1.5), fits(accel_y=1.5), ("validation", "held-out")),
+    ({}, {}, ()),
+  ],
+)
+def test_the_recalibrated_twin_is_written_where_the_repaired_one_predicts_worse(outcome, validate, holdout, worse):
+  outcome.diagnosis = dataclasses.replace(outcome.diagnosis, validate=validate, holdout=holdout)
+  written = shipped(outcome)
+  assert worse_on(outcome.diagnosis) == worse
+  assert written.theta is (outcome.before if worse else outcome.after) and written.command_shift == -1
+  assert kind(outcome.diagnosis) == ("recalibrated" if worse else "repaired")
+  assert all(name in warning(outcome.diagnosis) and name in written.note for name in worse)
+  assert bool(warning(outcome.diagnosis)) is bool(worse)
+
+
+def test_file_document_and_page_tell_the_same(outcome, tmp_path, monkeypatch):
+  saved = {}
+  monkeypatch.setattr(page, "save_twin", lambda path, twin, theta, note: saved.update({path.name: (theta, note)}))
+  outcome.diagnosis = dataclasses.replace(outcome.diagnosis, validate=fits(yaw_rate=1.2))
+  text = page.write_diagnosis(outcome, tmp_path, page.NOTHING_SHOWN).read_text(encoding="utf-8")
+  assert saved["twin.toml"][0] is outcome.before and "validation" in saved["twin.toml"][1]
+  assert json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))["shipped"] == "recalibrated"
+  assert "<dt>Written as twin.toml</dt>" in text and "errors on validation recordings are larger" in text
+
+
+@pytest.mark.parametrize(
+  ("ratios", "against"),
+  [
+    ({"motor_speed": 0.5, "yaw_rate": 1.02, "accel_y": 0.9}, ()),  # a small loss in one, a gain in all
+    ({"motor_speed": 4.5, "yaw_rate": 0.4, "accel_y": 0.4}, ("motor_speed",)),  # all gain on average, one is lost
+    ({"motor_speed": 1.1, "yaw_rate": 1.2, "accel_y": 0.9}, ("motor_speed", "yaw_rate")),
+    ({"motor_speed": 0.9, "yaw_rate": 0.9, "accel_y": 0.9}, ()),
+  ],
+)
+def test_curves_must_not_lose_in_one_channel_more_than_all_gain(monkeypatch, ratios, against):
+  channels = np.repeat(list(ratios), BLOCKS * SAMPLES)
+  block = np.tile(np.repeat(np.arange(BLOCKS), SAMPLES), len(ratios))
+  observations = SimpleNamespace(present=tuple(ratios), block=block, select=lambda name: channels == name)
+  error = np.random.default_rng(3).normal(size=len(channels))
+  scaled = error * np.array([ratios[name] for name in channels])
+  monkeypatch.setattr(
+    shipping, "_driven", lambda written, recordings: (observations, error if written.note == "first" else scaled)
+  )
+  monkeypatch.setattr(shipping, "driving_noise", lambda recordings: {})
+  monkeypatch.setattr(shipping, "residual_floor", lambda noise: {})
+  first, second = (Written("car", np.zeros(1), note, 0) for note in ("first", "second"))
+  assert worse_channels(first, second, ["a recording"]) == against
+  assert worse_channels(first, second, []) == ()
