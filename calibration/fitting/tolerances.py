@@ -43,7 +43,7 @@ def with_sensor_biases(base: ParameterSet, twin: Twin, recordings: Sequence[Reco
   """
   declared = [(n, e) for m in sensor_error_mechanisms(twin.mechanisms) for n, e in m.sensor_errors.items()]
   return base + [
-    _read_at_rest(dataclasses.replace(twin.parameters[name], std=error.std, assumed=True), error, recordings)
+    _read_at_rest(dataclasses.replace(twin.parameters[name], std=error.std), error, recordings)
     for name, error in declared
   ]
 
@@ -75,7 +75,7 @@ def with_tolerances(priors: ParameterSet, twin: Twin) -> ParameterSet:
 def _tolerated(parameter: Parameter, std: float) -> Parameter:
   """The parameter within three standard deviations, to one side where it has one sign only."""
   lower, upper = max(parameter.lower, -_WIDEST * std), min(parameter.upper, _WIDEST * std)
-  return dataclasses.replace(parameter, std=std, lower=lower, upper=upper, assumed=True)
+  return dataclasses.replace(parameter, std=std, lower=lower, upper=upper)
 
 
 def widened(parameters: ParameterSet, estimates: NDArray[np.float64]) -> ParameterSet:
