@@ -1,9 +1,7 @@
 """IMU data that arrive late."""
 
-from collections.abc import Mapping
-
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Mechanism, Track
+from qcar_twin.twin.mechanisms.base import Array, Mechanism, Track
 from qcar_twin.twin.mechanisms.elements import caught_up, replaced, shifted
 
 
@@ -25,10 +23,6 @@ class ImuLatency(Mechanism):
   parameters = (
     Parameter("imu_latency", 0.0, -0.12, 0.25, "s", "d", null=0.0, typical=0.05, description="age of the data"),
   )
-
-  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
-    """Half a period of an IMU read at 100 Hz: no log says whether its samples are means of a period or its last one."""
-    return {"imu_latency": 0.005}
 
   def begin(self, theta: Array, start: Array, rate: Array) -> Array:
     return caught_up(start, rate, theta[:, 0], "velocity_y", "yaw_rate")
