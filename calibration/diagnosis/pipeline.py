@@ -25,7 +25,6 @@ from calibration.diagnosis.unexplained.unknown import smooth_forces, unknown_sen
 from calibration.fitting.dataset_recalibration import LONGEST, Start, recalibrate_dataset
 from calibration.fitting.recalibration import RecalibratedTwin, recalibrate_from
 from calibration.fitting.surrogate import Surrogate, exact, searching
-from calibration.fitting.tolerances import stopped
 from calibration.fitting.windows import Cut
 from calibration.log_check.ready import ready
 from calibration.progress import Progress, silent
@@ -74,8 +73,7 @@ def prepare(
   if isinstance(found := recalibrated.problem.twin, Surrogate) and found.guarded:
     where = ", ".join(f"{name} from {offset:.4g} s" for name, offset in sorted(found.guarded))
     said += (f"simulated by MuJoCo during the search, too: {where}; there the reduced car leads a fit astray",)
-  limits = stopped(recalibrated.fit.parameters, recalibrated.fit.theta, recalibrated.fit.at_bound)
-  return Prepared(dataset, notes + said + ((limits,) if limits else ()), known, recalibrated)
+  return Prepared(dataset, notes + said, known, recalibrated)
 
 
 def diagnose(

@@ -18,7 +18,6 @@ from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import Observations, observe
 from calibration.fitting.optimiser import Fit, finite_differences, fit, prior_cost
 from calibration.fitting.surrogate import Stretch, anchored
-from calibration.fitting.tolerances import widened
 from calibration.fitting.windows import DEFAULT_CUT, Cut
 from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
@@ -94,12 +93,7 @@ def recalibrate(
   observations = observe(recordings, twin.vehicle, dataclasses.replace(cut, command_shift=shift))
   twin = anchored(twin, base.names, start)
   problem = _weighted(twin, observations, fitted_count(observations, recordings), base, start, floor)
-  found = settled(problem, passport, base, start, shift)
-  wider = widened(base, found.fit.theta)
-  if any(p != q for p, q in zip(wider, base, strict=True)):
-    progress("recalibration within wider bounds")
-    found = settled(found.problem, passport, wider, found.fit.theta, shift)
-  return found
+  return settled(problem, passport, base, start, shift)
 
 
 def recalibrate_from(baseline: RecalibratedTwin, theta: Array) -> RecalibratedTwin:

@@ -7,7 +7,6 @@ import dataclasses
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.fitting.noise import means_at_rest
 from qcar_twin.parameters import Parameter, ParameterSet
@@ -16,7 +15,6 @@ from qcar_twin.twin.mechanisms import catalogue
 from qcar_twin.twin.mechanisms.base import Mechanism, SensorError
 from qcar_twin.twin.twin import Twin
 
-_TOUCHES = 1e-4  # of a bound, within which an estimate has stopped there
 _WIDEST = 3.0  # standard deviations that recalibration may use up; beyond them is a mechanism
 
 
@@ -76,34 +74,6 @@ def _tolerated(parameter: Parameter, std: float) -> Parameter:
   """The parameter within three standard deviations, to one side where it has one sign only."""
   lower, upper = max(parameter.lower, -_WIDEST * std), min(parameter.upper, _WIDEST * std)
   return dataclasses.replace(parameter, std=std, lower=lower, upper=upper)
-
-
-def widened(parameters: ParameterSet, estimates: NDArray[np.float64]) -> ParameterSet:
-  """The same with the bound twice as far at which an estimate, (p,), of an open or a class figure stopped.
-
-  Such a bound says where a search begins to be unlikely to end, and is no knowledge of the car.
-  """
-  moved = {}
-  for p, value in zip(parameters, estimates, strict=True):
-    if p.kind == "measured" or p.assumed or p.null is not None or p.lower <= 0.0:
-      continue
-    if value >= p.upper * (1.0 - _TOUCHES):
-      moved[p.name] = dataclasses.replace(p, upper=2.0 * p.upper)
-    elif value <= p.lower * (1.0 + _TOUCHES):
-      moved[p.name] = dataclasses.replace(p, lower=0.5 * p.lower)
-  return parameters.replace(**moved)
-
-
-def stopped(parameters: ParameterSet, estimates: NDArray[np.float64], at_bound: NDArray[np.bool_]) -> str:
-  """A sentence about estimates, (p,), that stopped at a bound, (p,); empty if none did."""
-  said = [
-    f"{p.name} = {value:.3g} {p.unit} ({p.prior})"
-    for p, value, at in zip(parameters, estimates, at_bound, strict=True)
-    if at and value != 0.0
-  ]
-  if not said:
-    return ""
-  return f"at the bound of what recalibration allows for: {', '.join(said)}; the twin may lack what these make up for"
 
 
 def _ranked(mechanisms: Iterable[Mechanism]) -> list[Mechanism]:
