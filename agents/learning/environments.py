@@ -20,7 +20,6 @@ from qcar_twin.envs.fleet import Demonstrator, Fleet, FleetConfig, Spread
 from qcar_twin.envs.gym_env import PathTrackingEnv
 from qcar_twin.envs.task import Reward, TrackingTask
 from qcar_twin.extras import extra
-from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.paths import Errors, path_named
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import qcar_sensors
@@ -133,14 +132,9 @@ def demonstrator_of(options: Options, model: Model) -> Demonstrator | None:
 
 
 def prior_spread(plant: Plant) -> Spread:
-  """The parameters with a prior, within their standard deviations, independent of each other."""
-  known = [p for p in plant.parameters if p.kind != "open"]
-  return Spread(tuple(p.name for p in known), np.diag([_drawn(p) ** 2 for p in known]))
-
-
-def _drawn(parameter: Parameter) -> float:
-  """Standard deviation of a draw: of what only the class says a log-normal prior's, but no more than a typical size."""
-  return parameter.std or min(float(ParameterSet([parameter]).std[0]), parameter.scale)
+  """The parameters a person measures, within their stated standard deviations, independent of each other."""
+  known = [p for p in plant.parameters if p.std]
+  return Spread(tuple(p.name for p in known), np.diag([float(p.std or 0.0) ** 2 for p in known]))
 
 
 def fleet(

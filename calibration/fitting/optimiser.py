@@ -222,19 +222,14 @@ def robust_cost(r: Array, width: float) -> Array:
   return 0.5 * r**2 if not np.isfinite(width) else width**2 * (np.sqrt(1.0 + (r / width) ** 2) - 1.0)
 
 
-def posterior_curvature(jacobian: Array, r: Array, theta: Array, parameters: ParameterSet, robust: float) -> Array:
-  """J' W J plus the prior's precision at theta, (p, p)."""
+def posterior_curvature(jacobian: Array, r: Array, parameters: ParameterSet, robust: float) -> Array:
+  """J' W J plus the prior's precision, (p, p)."""
   weighted = jacobian * robust_weights(r, robust)[:, None]
-  return jacobian.T @ weighted + np.diag(parameters.deviation_slopes(theta) ** 2)
+  return jacobian.T @ weighted + np.diag(1.0 / parameters.std**2)
 
 
 def prior_cost(theta: Array, parameters: ParameterSet) -> float:
-  return 0.5 * float(np.sum(parameters.deviations(theta) ** 2))
-
-
-def prior_gradient(theta: Array, parameters: ParameterSet) -> Array:
-  """Slope of `prior_cost`, (p,)."""
-  return parameters.deviations(theta) * parameters.deviation_slopes(theta)
+  return 0.5 * float(np.sum(((theta - parameters.nominal) / parameters.std) ** 2))
 
 
 def _cost(r: Array, theta: Array, parameters: ParameterSet, robust: float) -> float:
@@ -244,8 +239,8 @@ def _cost(r: Array, theta: Array, parameters: ParameterSet, robust: float) -> fl
 
 
 def _lm_step(jacobian: Array, r: Array, theta: Array, parameters: ParameterSet, robust: float, damping: float) -> Array:
-  curvature = posterior_curvature(jacobian, r, theta, parameters, robust)
-  gradient = jacobian.T @ (r * robust_weights(r, robust)) + prior_gradient(theta, parameters)
+  curvature = posterior_curvature(jacobian, r, parameters, robust)
+  gradient = jacobian.T @ (r * robust_weights(r, robust)) + (theta - parameters.nominal) / parameters.std**2
   return bounded_solve(curvature + damping * np.diag(np.diag(curvature)), gradient, theta, parameters)
 
 
@@ -281,11 +276,10 @@ def _finish(
 ) -> Fit:
   span = parameters.upper - parameters.lower
   at_bound = (theta - parameters.lower < 1e-6 * span) | (parameters.upper - theta < 1e-6 * span)
-  prior = parameters.deviation_slopes(theta) ** -2
-  covariance = np.diag(prior)
+  covariance = np.diag(parameters.std**2)
   free = np.flatnonzero(~at_bound)
   loose = ParameterSet(p for p, bound in zip(parameters, at_bound, strict=True) if not bound)
-  curvature = posterior_curvature(jacobian[:, free], r, theta[free], loose, robust)
+  curvature = posterior_curvature(jacobian[:, free], r, loose, robust)
   covariance[np.ix_(free, free)] = inverse_curvature(curvature, loose)
   variance = np.diag(covariance)
   return Fit(
@@ -293,7 +287,7 @@ def _finish(
     theta=theta,
     covariance=covariance,
     at_bound=at_bound,
-    identifiable=(variance < 0.5 * prior) & ~at_bound,
+    identifiable=(variance < 0.5 * parameters.std**2) & ~at_bound,
     cost=costs[-1],
     data_cost=float(np.sum(robust_cost(r, robust))),
     residual=r,

@@ -276,7 +276,7 @@ def _table(found: Fit, every: ParameterSet, reason: str) -> dict[str, dict[str, 
   table = {}
   for p in every:
     if p.name not in found.parameters:
-      table[p.name] = _not_fitted(p.nominal, p.nominal, float(ParameterSet([p]).std[0]), p.unit, reason)
+      table[p.name] = _not_fitted(p.nominal, p.nominal, p.std or (p.upper - p.lower) / 3.0, p.unit, reason)
       continue
     i = found.parameters.index(p.name)
     row = found.table()[p.name]

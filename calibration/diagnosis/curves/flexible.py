@@ -40,6 +40,8 @@ BESIDE = (
 )  # fmt: skip
 DELAYS, AGES = ("steering_delay", "drive_delay"), ("encoder_latency", "imu_latency", "pose_latency")
 TRIM, GAIN = 0.02, 0.1  # rad, and share: how far a servo's trim and a pack's voltage usually wander between sessions
+_TYPICAL = ("longitudinal_stiffness",)  # held near figures of the class in twin/parameters.py, to 15 %
+_REACH = 20.0  # times a typical figure: its order of magnitude, and a little more
 _TOP = 0.995  # quantile of the speed that counts as the highest: the rest is spikes
 
 
@@ -98,12 +100,11 @@ class Characterised:
     jacobian, residual = self.fitted.jacobian[:n, free], problem.fitted_residual(self.theta[None])[0]
     scale = found.parameters.scale[free]
     slopes = jacobian * scale
-    prior = found.parameters.deviation_slopes(found.theta)[free]
-    inverse = np.linalg.pinv(slopes.T @ slopes + np.diag((scale * prior) ** 2), hermitian=True)
+    inverse = np.linalg.pinv(slopes.T @ slopes + np.diag((scale / found.parameters.std[free]) ** 2), hermitian=True)
     stretch = problem.observations.stretch[:n]
     scores = np.zeros((stretch.max() + 1, len(free)))
     np.add.at(scores, stretch, slopes * residual[:, None])
-    meat = scores.T @ scores + np.diag((scale * prior) ** 2)
+    meat = scores.T @ scores + np.diag((scale / found.parameters.std[free]) ** 2)
     out = np.diag(found.parameters.std**2)
     out[np.ix_(free, free)] = inverse @ meat @ inverse * np.outer(scale, scale)
     return out
@@ -205,7 +206,7 @@ def flexible_priors(
     dataclasses.replace(p, nominal=reach[p.name], std=1e-3 * reach[p.name]) if p.name in reach else p for p in added
   ]
   taken = {p.name for p in placed}
-  base = [p for p in starting_priors(recordings, twin, None) if p.name not in taken]
+  base = [_unmeasured(p) for p in starting_priors(recordings, twin, None) if p.name not in taken]
   timed = _timed(placed, recordings, twin.vehicle)
   return ParameterSet([*base, *timed, *twin.sessions.parameters(twin.parameters)])
 
@@ -222,6 +223,14 @@ def _timed(placed: Sequence[Parameter], recordings: Sequence[Recording], vehicle
     else p
     for p in placed
   ]
+
+
+def _unmeasured(parameter: Parameter) -> Parameter:
+  """A figure typical of the class, which nobody measured on this car: known to its order of magnitude."""
+  if parameter.name not in _TYPICAL:
+    return parameter
+  nominal = parameter.nominal
+  return dataclasses.replace(parameter, std=nominal, lower=nominal / _REACH, upper=nominal * _REACH)
 
 
 def opened(parameter: Parameter) -> Parameter:

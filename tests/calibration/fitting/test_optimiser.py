@@ -125,13 +125,3 @@ def test_broyden_makes_the_jacobian_reproduce_the_step():
   here, there = np.array([1.0, 2e-6]), np.array([1.5, 3e-6])
   new = broyden(jacobian, r, here, outcome, there, np.array([1.0, 1e-6]))
   np.testing.assert_allclose(new @ (there - here), outcome - r, rtol=1e-12)
-
-
-def test_a_class_figure_is_weighed_in_factors():
-  """One value measured to 100 N of a stiffness known to a factor of 3: the minimum is that of a fine grid."""
-  p = ParameterSet([Parameter("stiffness", 500.0, 10.0, 5000.0, "N", factor=3.0)])
-  found = fit(lambda theta: (theta - 150.0) / 100.0, p, iterations=30, robust=np.inf, tolerance=0.0)
-  grid = np.linspace(50.0, 600.0, 55001)
-  cost = 0.5 * ((grid - 150.0) / 100.0) ** 2 + 0.5 * (np.log(grid / 500.0) / np.log(3.0)) ** 2
-  assert found.theta[0] == pytest.approx(grid[np.argmin(cost)], abs=0.5)
-  assert found.cost == pytest.approx(cost.min(), abs=1e-4)
