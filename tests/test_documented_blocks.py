@@ -1,5 +1,5 @@
 """Every ```python block of README, guide and reference is executed, page by page, in a folder as `make run` leaves it.
-Fields of JSON are those that are written.
+Fields of JSON are those that are written, and pictures show the sections that reports have.
 
 Pages say data/sample; here a session of nine short runs lies there. What they calibrate and diagnose is done once for
 all of them, with a narrow search; README's block also runs as it stands on the bundled sample (slow).
@@ -7,6 +7,7 @@ all of them, with a narrow search; README's block also runs as it stands on the 
 
 import functools
 import inspect
+import json
 import re
 import shutil
 from collections.abc import Iterator
@@ -24,6 +25,7 @@ from calibration.diagnosis.search.structure import Effort
 from calibration.log_check.check import check_log
 from calibration.twin_calibration.calibration import calibrate
 from calibration.twin_calibration.report import write_calibration
+from docs.make import pictures
 from qcar_twin import DataSet
 from tests import ROOT
 from tests.scripts import tiny_session
@@ -36,6 +38,7 @@ ELSEWHERE = {  # pages whose blocks are files of a project; who tries them
   "extending_channel.md": "extending/test_channel.py",
   "onboard.md": "qcar_twin/onboard/test_guide.py",
 }
+BY_THE_DATA = {"Warnings"}  # sections that only some data sets' reports have
 FOLDERS = [ROOT / "docs" / name for name in ("guide", "reference")]
 PAGES = {
   page.name: blocks
@@ -119,6 +122,17 @@ def test_fields_of_the_json_files_are_on_their_page(folder):
   for file, names in written.items():
     absent = sorted(name for name in names if f"`{name}`" not in parts[file])
     assert not absent, f"{file}: {', '.join(absent)}"
+
+
+def test_the_pictures_show_the_sections_that_reports_have(folder):
+  noted = json.loads((pictures.FOLDER / pictures.NOTED).read_text(encoding="utf-8"))
+  taken = {picture.stem for picture in pictures.FOLDER.glob("report_*.png")}
+  assert set(noted["pictures"]) == {shot.name for shot in pictures.SHOTS} == taken
+  worked(folder)
+  for report in ("calibration", "diagnosis"):
+    now = pictures.titles(folder / "out" / "sample" / report / "report.html")
+    changed = set(now) ^ set(noted["reports"][report])
+    assert changed <= BY_THE_DATA, f"{report}: {', '.join(sorted(changed))}; run make docs"
 
 
 @pytest.mark.slow

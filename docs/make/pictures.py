@@ -32,6 +32,7 @@ class Shot:
     section: beginning of the title of the section to show; "" for the top of the page.
     height: of the window, px.
     keys: pressed once the page is drawn.
+    part: selector of what is shown of the section; "" for its heading.
   """
 
   name: str
@@ -39,11 +40,12 @@ class Shot:
   section: str = ""
   height: int = 860
   keys: str = ""
+  part: str = ""
 
 
 SHOTS = (
-  Shot("report_verdict", "diagnosis"),
-  Shot("report_channels", "diagnosis", "Where", 1000, "ne"),
+  Shot("report_verdict", "diagnosis", height=1180),
+  Shot("report_channels", "diagnosis", "Where", 1100, "ne", ".explorer"),
   Shot("report_model", "diagnosis", "The repaired model", 1000),
   Shot("report_calibration", "calibration"),
   Shot("report_cross_validation", "cross_validation"),
@@ -88,10 +90,12 @@ def take(opened: Any, run: Path, shot: Shot) -> None:
   for key in shot.keys:
     opened.find_element(By.TAG_NAME, "body").send_keys(key)
   opened.execute_async_script(
-    "const [title, done] = arguments; document.documentElement.style.scrollBehavior = 'auto';"
+    "const [title, part, done] = arguments; document.documentElement.style.scrollBehavior = 'auto';"
     "const heading = [...document.querySelectorAll('h2')].find(h => h.textContent.startsWith(title));"
-    "if (title && heading) heading.scrollIntoView(); else scrollTo(0, 0); setTimeout(done, 1500)",
+    "const shown = part ? heading.closest('section').querySelector(part) : heading;"
+    "if (title) shown.scrollIntoView(); else scrollTo(0, 0); setTimeout(done, 1500)",
     shot.section,
+    shot.part,
   )
   opened.save_screenshot(str(FOLDER / f"{shot.name}.png"))
 
