@@ -161,7 +161,7 @@ def _inputs(words: list[str]) -> list[str]:
 
 
 CHEAP_LINES = {
-  line.text: line
+  tuple(line.words): line
   for line in LINES
   if line.where.endswith(".md") and line.whole and line.words[0] in CHEAP and not {"DIR", "NAME"} & set(line.words)
 }
