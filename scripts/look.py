@@ -30,7 +30,7 @@ class Config:
   """Logs, or a data set; what cannot be read as a drive is shown column by column, with the reason."""
 
   logs: tyro.conf.Positional[Annotated[tuple[Path, ...], tyro.conf.arg(metavar="LOGS")]]
-  """log files, bags or folders of them; or one folder with a dataset.toml"""
+  """Log files, bags or folders of them, or one folder with a dataset.toml."""
   out: Path = Path("out/look")
   """Folder for the page."""
 
