@@ -139,7 +139,7 @@ def test_a_stopped_run_says_what_is_kept(monkeypatch, capsys):
   assert main(["unseal"]) == INTERRUPTED and "nothing of this run is kept" in capsys.readouterr().err
 
 
-LONG = ("calibrate", "diagnose", "cross-validate", "estimate", "characterise", "campaign", "train")
+LONG = ("calibrate", "diagnose", "cross-validate", "estimate", "curves", "campaign", "train")
 
 
 @pytest.mark.parametrize("name", LONG)
