@@ -181,12 +181,12 @@ class StageLine(logging.Handler):
 
 def counted(items: Iterable[Item], total: int, what: str, stream: TextIO | None = None) -> Iterator[Item]:
   """The items, each shown when it is done: as a bar, or as "case 3 of 88 · about 40 min left" where no terminal is."""
-  stream = stream or sys.stderr
-  if stream.isatty():
-    yield from tqdm(items, total=total, desc=f"{what}s", unit=what, file=stream)
+  shown: TextIO = sys.stderr if stream is None else stream
+  if shown.isatty():
+    yield from tqdm(items, total=total, desc=f"{what}s", unit=what, file=shown)
     return
   began = time.monotonic()
   for done, item in enumerate(items, 1):
     left = (time.monotonic() - began) / done * (total - done)
-    print(f"{what} {done} of {total} · {duration(left)} left", file=stream, flush=True)
+    print(f"{what} {done} of {total} · {duration(left)} left", file=shown, flush=True)
     yield item
