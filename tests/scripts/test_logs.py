@@ -144,7 +144,7 @@ def test_a_log_whose_columns_say_nothing_is_kept_and_what_is_missing_is_said(tmp
 def tiny(tmp_path_factory):
   """A session, and two twins of its car: as the ruler says, and with the tyres it was driven with."""
   folder = tmp_path_factory.mktemp("tiny")
-  data = tiny_session.write(folder / "data")
+  data = tiny_session.write(folder / "data", run_in=100)
   twin = Twin(Vehicle.from_dataset(data.vehicle, data.vehicle_std), threads=1)
   named = twin.parameters.named(twin.parameters.nominal)
   true = named | {name: share * named[name] for name, share in tiny_session.TRUTH.items()}

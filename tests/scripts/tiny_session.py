@@ -45,10 +45,12 @@ def plan() -> list[tuple[str, str, str, float]]:
   return runs + [(f"weave_{role}", role, "excitation", 0.12 + 0.04 * k) for k, role in enumerate(roles)]
 
 
-def write(folder, concealed: dict[str, dict[str, float]] | None = None, seed: int = 0) -> DataSet:
+def write(folder, concealed: dict[str, dict[str, float]] | None = None, seed: int = 0, run_in: int = 0) -> DataSet:
   """Drive the session and write it; returns it as loaded.
 
   concealed: mechanism -> parameter -> value of physics the car has beyond the base.
+  run_in: samples under the first command before the log begins. Without it cars begin in mid-drive as none can: their
+    wheels roll without slip under a motor that pulls.
   """
   twin = Twin(QCAR, select(list(concealed or {})), substeps=2, threads=1)
   values = {name: share * twin.parameters[name].nominal for name, share in TRUTH.items()}
@@ -60,8 +62,9 @@ def write(folder, concealed: dict[str, dict[str, float]] | None = None, seed: in
   start[[r[2] != "voltage_step" for r in runs], START.index("velocity_x")] = SPEED
   commands = np.stack([commands_of(manoeuvre, level) for _, _, manoeuvre, level in runs])
   names = tuple(r[0] for r in runs)
-  segments = Segments(commands, start, np.full(len(runs), LENGTH), PERIOD, names, np.zeros(len(runs)))
-  signals, rng, made = twin.rollout(theta, segments).signals[0, :, :-1], np.random.default_rng(seed), []
+  driven = np.concatenate([np.repeat(commands[:, :1], run_in, axis=1), commands], axis=1)
+  segments = Segments(driven, start, np.full(len(runs), LENGTH + run_in), PERIOD, names, np.zeros(len(runs)))
+  signals, rng, made = twin.rollout(theta, segments).signals[0, :, run_in:-1], np.random.default_rng(seed), []
   for (name, role, manoeuvre, _), u, rows in zip(runs, commands, signals, strict=True):
     columns = {"motor_voltage": u[:, 0], "steering_command": u[:, 1]}
     for channel, std in NOISE.items():

@@ -61,7 +61,7 @@ def test_the_document_says_what_was_found(explained):
   assert "gyro_scale" in found["untestable"]
   assert set(found["concealment"]) == set(explained.pool.signatures)
   assert all(0.0 <= v <= 1.0 + 1e-6 for v in found["concealment"].values())
-  assert found["next_experiment"] is None and found["repaired_twin", "shipped"] == "twin.toml"
+  assert found["next_experiment"] is None and found["repaired_twin"] == "twin.toml"
 
 
 def test_files_are_strict_json_and_can_be_read_back(explained, tmp_path):
