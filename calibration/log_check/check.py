@@ -6,6 +6,7 @@ import os
 from typing import Any
 
 from calibration.fitting.noise import ChannelNoise, noise_passport
+from calibration.log_check.commands import command_findings
 from calibration.log_check.disagreements import Finding, Severity, disagreements
 from calibration.log_check.motions import Wheels, motions
 from calibration.log_check.pairs import Comparison, compare
@@ -87,6 +88,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
   shown = what_it_shows(vehicle, wheels, recordings)
   findings = [
     *(f for c in compared for f in disagreements(c, wheels, vehicle.wheelbase, recordings, noise)),
+    *command_findings(recordings),
     *(Finding("beware", (), warning) for warning in dataset.notices),
     *(f for s in sampled for f in _held(s)),
     *(Finding("note", (), f"{s.physics}: can't be told, no {s.takes}") for s in shown if s.verdict == "none"),

@@ -5,6 +5,7 @@ import re
 
 from qcar_twin.recordings.channels import GRAVITY
 
+_ALONE = ("rpm", "rps")  # units that are a name by themselves
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 BRACKET = re.compile(r"[\[(<{]([^\])>}]*)[\])>}]")
 
@@ -44,12 +45,14 @@ def words_of(column: str) -> tuple[str, ...]:
 
 
 def unit_of(column: str) -> tuple[str, str, float] | None:
-  """The unit a name ends with or has in brackets: as written, the SI unit it is of, the factor to it."""
+  """The unit a name ends with, has in brackets or is: as written, the SI unit it is of, the factor to it."""
   for inside in BRACKET.findall(column):
     written = inside.strip().lower()
     if written in UNITS:
       return (inside.strip(), *UNITS[written])
   words = words_of(BRACKET.sub(" ", column))
+  if len(words) == 1 and words[0] in _ALONE:
+    return (words[0], *UNITS[words[0]])
   for count in (3, 2, 1):
     if len(words) > count:
       tail = words[-count:]

@@ -51,7 +51,8 @@ def wander(seed: int, size: float = 1.0) -> tuple[Array, Columns]:
   random, time = np.random.default_rng(seed), np.arange(int(SECONDS * RATE)) / RATE
   length, swift = 0.256 * size, np.sqrt(size)
   speed = swift * np.maximum(1.2 + 0.5 * _smooth(random, time.size, 1.5 * swift), 0.0)
-  standing = (time < 3.0) | ((time > 45.0) & (time < 48.0))
+  stop = 3.0 * max(float(swift), 1.0)
+  standing = (time < stop) | ((time > 45.0) & (time < 45.0 + stop))
   speed = _rounded(np.where(standing, 0.0, speed), 0.4 * swift)
   steering = 0.3 * np.tanh(_smooth(random, time.size, 0.8 * swift))
   yaw_rate = speed * np.tan(steering) / length
@@ -108,6 +109,26 @@ def _wrapped(period: float, factor: float) -> Callable[[Array], Array]:
   return lambda v: factor * (np.mod(v + 0.5 * period, period) - 0.5 * period)
 
 
+def _released(time: Array, columns: Columns) -> tuple[Array, Columns]:
+  """A driver who asks for speed, for 30 s, from a car that was switched off while it stood."""
+  at, count = int(46.0 * RATE), int(30.0 * RATE)
+  still = lambda name, v: np.full(count, v[at] if name.startswith("pose") else 0.0)
+  noise = lambda name: 0.005 * np.random.default_rng(4).standard_normal(count) * (name in NOISE)
+  spliced = {name: np.r_[v[:at], still(name, v) + noise(name), v[at:]] for name, v in columns.items()}
+  spliced["motor_voltage"][at : at + count] = np.percentile(columns["motor_voltage"], 70.0)
+  return np.arange(time.size + count) / RATE, spliced
+
+
+def _staircase(values: Array) -> Array:
+  """What was commanded, in steps of a second and more, in the measured speed's place."""
+  random, levels = np.random.default_rng(9), np.zeros(values.size)
+  edges = np.r_[0, np.cumsum(random.integers(int(RATE), int(4 * RATE), values.size // int(RATE)))]
+  for first, last in zip(edges[:-1], edges[1:], strict=True):
+    if first < values.size:
+      levels[first:last] = values[min(last, values.size - 1)]
+  return levels
+
+
 def _clock(name: str, change: Callable[[Array], Array]) -> Falsity:
   return Falsity(name, ("time",), lambda t, c: (change(t), c))
 
@@ -143,6 +164,10 @@ FALSITIES = (
   _value("accel_y that feels nothing", "accel_y", lambda v: 0.1 * np.random.default_rng(5).standard_normal(v.size)),
   _value("yaw_rate of another axis", "yaw_rate", lambda v: 0.05 * np.random.default_rng(6).standard_normal(v.size)),
   *(_late(channel, s) for channel in ("yaw_rate", "accel_x", "speed") for s in (0.7, 2.0, 6.0)),
+  _value("motor_voltage about a neutral of 5 V", "motor_voltage", lambda v: v + 5.0),
+  _value("steering_command about 0.6 rad", "steering_command", lambda v: v + 0.6),
+  Falsity("a released switch under a driver who asks for speed", ("motor_voltage",), _released),
+  _value("the commanded speed as the measured one", "speed", _staircase),
   _value("speed that reads 30 % high", "speed", lambda v: 1.3 * v),
   _clock("time in ms", lambda t: 1000.0 * t),
   _clock("time a stamp of the day", lambda t: t + 1759663727.0),

@@ -166,7 +166,9 @@ def _channels(columns: Columns, guesses: Mapping[str, Guess], missing: Sequence[
     inside = ", ".join(f"{key} = {_value(value)}" for key, value in entry.items())
     lines.append(f"{guess.channel} = {{ {inside} }}  # {MARK} {_plain('; '.join(guess.why))}")
   if "time" in missing:
-    lines.append("# time = { rate = 50.0 }  # where every row is one step: the log's rate in Hz")
+    lines.append(
+      "# time = { rate = … }  # needed: the log's rate in Hz, which no column tells, where every row is one step"
+    )
   lines += [f'# {what} = {{ column = "…" }}  # needed, and no column says it is this; fill it in' for what in missing]
   taken = {guess.column for guess in guesses.values()} | {guess.gate for guess in guesses.values()}
   over = [

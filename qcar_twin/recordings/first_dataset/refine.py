@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.kinematics import rolling_radius
+from qcar_twin.recordings.channels import DRIVE_COMMANDS
+from qcar_twin.recordings.checks.acted import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.time import turn_of
 from qcar_twin.recordings.checks.units import compare
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, is_share_of_lock
@@ -87,18 +89,36 @@ def settle_pose(columns: Columns, guesses: Mapping[str, Guess]) -> None:
 
 
 def settle(columns: Columns, guesses: dict[str, Guess], vehicle: Vehicle, sizes: Mapping[str, float | str]) -> float:
-  """All guesses against each other, in one order until nothing moves: the heading's turns and all units, then sign and
-  geometry of the steering. Returns the wheelbase that the log turns like, m; the car's own where it says nothing else.
+  """All guesses against each other, in one order until nothing moves: the heading's turns and all units, neutrals, then
+  sign and geometry of the steering. Returns the wheelbase that the log turns like, m; the car's own where it says
+  nothing else.
   """
   wheelbase = vehicle.wheelbase
   for _ in range(_ROUNDS):
     before = {channel: guess.mapped for channel, guess in guesses.items()}, wheelbase
     settle_pose(columns, guesses)
     settle_units(columns, guesses, sizes)
+    settle_neutrals(columns, guesses)
     wheelbase = settle_steering(columns, guesses, vehicle, wheelbase)
     if before == ({channel: guess.mapped for channel, guess in guesses.items()}, wheelbase):
       break
   return wheelbase
+
+
+def settle_neutrals(columns: Columns, guesses: Mapping[str, Guess]) -> None:
+  """Count commands from the value under which the car stands, or goes straight on, where that is not 0.
+
+  A duty's full scale then goes from its neutral to its end, as a speed controller's does.
+  """
+  recordings = recordings_of(columns, guesses)
+  drive = next((name for name in DRIVE_COMMANDS if name in guesses), None)
+  neutrals = [drive_neutral(recordings, drive) if drive else None, steering_neutral(recordings)]
+  for neutral in (n for n in neutrals if n is not None):
+    guess = guesses[neutral.channel]
+    guess.offset -= neutral.value
+    if neutral.channel == "motor_duty" and 0.0 < neutral.value < 1.0:
+      guess.scale, guess.offset = (number / (1.0 - neutral.value) for number in (guess.scale, guess.offset))
+    guess.why.append(f"counted from its neutral: {neutral.why}")
 
 
 def settle_steering(columns: Columns, guesses: dict[str, Guess], vehicle: Vehicle, wheelbase: float) -> float:

@@ -85,16 +85,17 @@ def test_names_of_vehicle_dynamics_are_known(tmp_path):
   assert all("scale" not in table["channels"][channel] for channel in ("yaw_rate", "steering_command", "accel_y"))
 
 
-def test_a_log_without_a_clock_offers_its_rate(tmp_path):
+def test_a_log_without_a_clock_is_asked_for_its_rate(tmp_path):
   time, own = drive(20.0)
   columns = {"rps": own["motor_speed"] / (2.0 * np.pi), "throttle": own["motor_voltage"] / 8.0}
   columns["gyr_z"] = DEG * own["yaw_rate"]
   table, proposal = log(tmp_path, 0.0 * time, columns, "idle")
-  assert proposal.missing == ("time",) and "# time = { rate = 50.0 }" in proposal.text
+  assert proposal.missing == ("time",) and "# time = { rate = … }" in proposal.text
   assert table["channels"]["yaw_rate"]["column"] == "gyr_z"
-  written(tmp_path, proposal.text.replace("# time = { rate = 50.0 }", "time = { rate = 100.0 }"))
+  written(tmp_path, proposal.text.replace("# time = { rate = … }", "time = { rate = 100.0 }"))
   run = DataSet.load(tmp_path).recordings[0]
   assert run["yaw_rate"].value == pytest.approx(own["yaw_rate"]) and run["yaw_rate"].time == pytest.approx(time)
+  assert run["motor_speed"].value == pytest.approx(own["motor_speed"])
 
 
 def test_a_driver_by_hand_gives_a_data_set_of_the_lateral_half(tmp_path):

@@ -1,0 +1,76 @@
+"""Commands that are not what acted: a neutral that is not 0, a switch that was released, a commanded speed as the
+measured one."""
+
+from collections.abc import Sequence
+
+from calibration.log_check.disagreements import Finding
+from qcar_twin.recordings.channels import DRIVE_COMMANDS
+from qcar_twin.recordings.checks.acted import (
+  Idle,
+  Neutral,
+  drive_neutral,
+  idle_stretches,
+  steering_neutral,
+  was_commanded,
+)
+from qcar_twin.recordings.recording import Recording
+
+_MUCH = 0.05  # share of the driving: one sample in twenty that no model can explain outweighs the noise of the rest
+_APART = 0.2  # s, between two stretches that are one
+_LISTED = 3  # stretches that are named
+
+
+def command_findings(recordings: Sequence[Recording]) -> list[Finding]:
+  """What commands and motion say of each other; nothing where each command acted as it was logged."""
+  findings = []
+  for channel in DRIVE_COMMANDS:
+    driven = [r for r in recordings if r.drive_channel == channel and channel in r]
+    if driven:
+      findings += _drive(driven, channel)
+  if (straight := steering_neutral(recordings)) is not None:
+    findings.append(_neutral(straight))
+  for channel in ("speed", "motor_speed"):
+    if was_commanded(recordings, channel):
+      said = f"{channel} stays for long and leaps, as what was commanded does and no car; map the measured speed, and "
+      findings.append(Finding("spoils", (channel,), f"{said}this column as speed_command, in [channels]"))
+  return findings
+
+
+def _drive(recordings: Sequence[Recording], channel: str) -> list[Finding]:
+  neutral = drive_neutral(recordings, channel)
+  if neutral is not None:
+    return [_neutral(neutral)]
+  idle = idle_stretches(recordings, channel)
+  return [_idle(idle, recordings)] if idle else []
+
+
+def _neutral(neutral: Neutral) -> Finding:
+  cure = f"set offset = {-neutral.value:.6g} on {neutral.channel} in [channels], added to one that is there"
+  said = f"{neutral.channel} has its neutral at {neutral.value:.4g} and not at 0: {neutral.why}; {cure}"
+  return Finding("spoils", (neutral.channel,), said)
+
+
+def _idle(idle: Sequence[Idle], recordings: Sequence[Recording]) -> Finding:
+  seconds = sum(i.end - i.start for i in idle)
+  severity = "spoils" if seconds > _MUCH * sum(r.duration for r in recordings) else "beware"
+  spans = _spans(idle)
+  named = ", ".join(f"{file} {start:.2f} s to {end:.2f} s" for file, start, end in spans[:_LISTED])
+  more = f" and {len(spans) - _LISTED} more" if len(spans) > _LISTED else ""
+  cut = (
+    f"a [[recording]] of the file that ends at to = {spans[0][1]:.2f} and one that begins at from = {spans[0][2]:.2f}"
+  )
+  said = f"the car stands for {seconds:.1f} s under a {idle[0].channel} that drives it elsewhere ({named}{more})"
+  cure = f"a switch that was released, or a speed that stuck: cut the stretches out: {cut}"
+  return Finding(severity, (idle[0].channel,), f"{said}: {cure}")
+
+
+def _spans(idle: Sequence[Idle]) -> list[tuple[str, float, float]]:
+  """Files, or names where there are none, and seconds; stretches that a cut by time parted are one."""
+  spans: list[tuple[str, float, float]] = []
+  for i in sorted(idle, key=lambda i: (i.recording.file or i.recording.name, i.start)):
+    file = i.recording.file or i.recording.name
+    if spans and spans[-1][0] == file and i.start - spans[-1][2] < _APART:
+      spans[-1] = (file, spans[-1][1], i.end)
+    else:
+      spans.append((file, i.start, i.end))
+  return spans
