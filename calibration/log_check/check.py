@@ -3,6 +3,7 @@
 import dataclasses
 import logging
 import os
+from collections.abc import Sequence
 from typing import Any
 
 from calibration.fitting.noise import ChannelNoise, noise_passport
@@ -14,8 +15,9 @@ from calibration.log_check.shows import Shown, what_it_shows
 from calibration.log_check.timing import Sampling, samplings
 from calibration.progress import Progress, silent
 from qcar_twin.recordings import dataset as dataset_module
+from qcar_twin.recordings.completed import UNJUDGED
 from qcar_twin.recordings.dataset import DataSet
-from qcar_twin.recordings.recording import RecordingError
+from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.vehicle.vehicle import Vehicle
 
 
@@ -89,7 +91,8 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
   findings = [
     *(f for c in compared for f in disagreements(c, wheels, vehicle.wheelbase, recordings, noise)),
     *command_findings(recordings),
-    *(Finding("beware", (), warning) for warning in dataset.notices),
+    *(Finding("beware", _judged(warning), warning) for warning in dataset.notices),
+    *_straight_only(recordings),
     *(f for s in sampled for f in _held(s)),
     *(Finding("note", (), f"{s.physics}: can't be told, no {s.takes}") for s in shown if s.verdict == "none"),
   ]
@@ -113,6 +116,21 @@ def heed(dataset: DataSet) -> tuple[str, ...]:
   if spoiling := check.of("spoils"):
     raise RecordingError(f"data set '{dataset.name}': {spoiling[0].text}")
   return tuple(f.text for f in check.of("beware") if f.channels)
+
+
+def _judged(warning: str) -> tuple[str, ...]:
+  """The channel of a warning that every fit has to say again: one that stands for a sensor nobody had."""
+  return ("speed",) if UNJUDGED in warning else ()
+
+
+def _straight_only(recordings: Sequence[Recording]) -> list[Finding]:
+  """A log in which nothing tells how the car turned."""
+  if any({"yaw_rate", "pose_yaw", "accel_y"} & set(r.channels) for r in recordings):
+    return []
+  said = (
+    "no gyro, no heading and no accelerometer across was logged: the drive can be judged; turning, steering and tyres"
+  )
+  return [Finding("beware", ("steering_command",), f"{said} {UNJUDGED}, and keep the numbers they had")]
 
 
 def _held(s: Sampling) -> list[Finding]:

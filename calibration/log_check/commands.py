@@ -8,6 +8,7 @@ from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.checks.acted import (
   Idle,
   Neutral,
+  against,
   drive_neutral,
   idle_stretches,
   steering_neutral,
@@ -40,8 +41,18 @@ def _drive(recordings: Sequence[Recording], channel: str) -> list[Finding]:
   neutral = drive_neutral(recordings, channel)
   if neutral is not None:
     return [_neutral(neutral)]
+  if against(recordings, channel):
+    return [_against(recordings[0], channel)]
   idle = idle_stretches(recordings, channel)
   return [_idle(idle, recordings)] if idle else []
+
+
+def _against(recording: Recording, channel: str) -> Finding:
+  speed = "motor_speed" if "motor_speed" in recording else "speed"
+  cure = f"one of them has the wrong sign; set scale = -1 on {speed} or on {channel} in [channels]"
+  if speed in recording.derived:
+    cure = f"set scale = -1 on {channel}, or offset = 3.14159 on pose_yaw where the heading points backwards"
+  return Finding("spoils", (channel, speed), f"the car drives backwards under a positive {channel}: {cure}")
 
 
 def _neutral(neutral: Neutral) -> Finding:

@@ -98,7 +98,7 @@ def _scale_cure(c: Comparison, wheelbase: float) -> str:
     return "a unit, a gear ratio or a wheel radius is wrong; correct scale in [channels], or [vehicle]"
   return (
     f"the car turns like one of wheelbase {1.0 / c.scale.value:.3g} m, and [vehicle] says {wheelbase:.3g} m; correct "
-    "cg_to_front and cg_to_rear in [vehicle], or the scale of steering_command in [channels]"
+    "cg_to_front and cg_to_rear in [vehicle], or the scale of steering_command or of what gives the speed in [channels]"
   )
 
 

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 STRAIGHT, TURNING = ("steady", "speeding up", "slowing down"), ("turning left", "turning right")
 REGIMES = (*STRAIGHT, *TURNING)
 _TURNS, _SPEEDS = 0.5, 0.3  # m/s^2 across and along, from which a window is called by its turn or its change of speed
+_SLOW = 0.1  # m/s, below which a pose hardly tells the way it goes
 _KEPT = 1.0  # s, for which a last command is believed to be in force
 Means = Callable[[Array, float], Array]  # begin of windows (k,) s, length s -> mean of the rate in each, (k,)
 
@@ -102,7 +103,41 @@ def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
       "rad/s",
     ),
   ]  # fmt: skip
+  if not any("yaw_rate" in r for r in recordings):
+    known[-1] = dataclasses.replace(
+      known[-1],
+      compared=("pose_yaw",),
+      of_compared=lambda r: _increments(r["pose_yaw"]),
+      noise=lambda n, w: (_step_noise(n["pose_yaw"], w), _mean_noise(n[wheel], w) * to_speed),
+    )
+  if any(wheel in r.derived for r in recordings):
+    known[1] = _along_the_heading(known[1])
   return [m for m in known if any(m.measured_in(r) for r in recordings)]
+
+
+def _along_the_heading(driving: Motion) -> Motion:
+  """A speed that the pose gave agrees with the pose; that its heading is the way it goes is left to compare."""
+  return dataclasses.replace(
+    driving,
+    compared=("pose_yaw",),
+    reference=("pose_x", "pose_y"),
+    of_compared=lambda r: _path(r, True),
+    of_reference=lambda r: _travelled(r["pose_x"], r["pose_y"]),
+    noise=lambda n, w: (_step_noise(n["pose_x"], w), _step_noise(n["pose_x"], w)),
+    within=REGIMES,
+  )
+
+
+def _travelled(x: Stream, y: Stream) -> Means:
+  """Speed of a place whichever way it goes; NaN where it is slow, and noise has no direction."""
+  at = lambda stream, time: np.interp(time, stream.time, stream.value)
+
+  def mean(begin: Array, length: float) -> Array:
+    end = begin + length
+    speed = _inside(x, begin, length, np.hypot(at(x, end) - at(x, begin), at(y, end) - at(y, begin))) / length
+    return np.where(speed > _SLOW, speed, np.nan)
+
+  return mean
 
 
 def regimes(wheels: Wheels, recording: Recording, begin: Array, length: float) -> NDArray[np.str_]:

@@ -13,12 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from qcar_twin.atomic_io import staging, write_text
-from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
+from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.checks.faults import after_start, find_defects
 from qcar_twin.recordings.checks.jumps import Jump, without_jumps
 from qcar_twin.recordings.checks.repeats import refuse_repeats
 from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
 from qcar_twin.recordings.checks.units import check_limits, check_units
+from qcar_twin.recordings.completed import completed
 from qcar_twin.recordings.formats import Table, read_inside
 from qcar_twin.recordings.manifest import (
   COMMAND_TIMINGS,
@@ -32,7 +33,7 @@ from qcar_twin.recordings.manifest import (
 from qcar_twin.recordings.mapping import DATED, origin_of, resolve, stamps, streams_of
 from qcar_twin.recordings.notices import gathered
 from qcar_twin.recordings.origin import near
-from qcar_twin.recordings.recording import ROLES, Recording, RecordingError, Stream, nearest
+from qcar_twin.recordings.recording import ROLES, Recording, RecordingError, nearest
 from qcar_twin.recordings.topic_maps import topic_map
 from qcar_twin.recordings.unit_names import unit_of
 
@@ -143,7 +144,6 @@ def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Re
   mapping = resolve(table, _mapping(manifest, table))
   streams, notes = streams_of(table, mapping)
   origin = (origin_of(stamps(table, mapping["time"])), 0.0, 0.0)
-  notes += _driven_by_hand(streams, manifest.vehicle, table.label)
   whole = Recording(entry.name, streams, entry.file, entry.role, entry.manoeuvre, entry.session, origin=origin)
   check_limits(whole, manifest.vehicle, _said(mapping))
   if (entry.begin, entry.end) != (-np.inf, np.inf):
@@ -152,6 +152,8 @@ def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Re
   notes += flickers
   pieces, cuts = _cut(whole, jumps)
   signs = check_units(whole, manifest.vehicle)
+  pieces, said = completed(pieces, manifest.vehicle, table.label)
+  notes += said
   return pieces, [*notes, *signs, *cuts, *(defect for piece in pieces for defect in find_defects(piece))]
 
 
@@ -160,26 +162,6 @@ def _mapping(manifest: Manifest, table: Table) -> dict[str, Mapped]:
   if not manifest.topics:
     return manifest.mapping
   return topic_map(manifest.topics).mapping(table.columns, table.label, manifest.mapping) | manifest.mapping
-
-
-def _driven_by_hand(streams: dict[str, Stream], vehicle: Mapping[str, float | str], label: str) -> list[str]:
-  """The measured speed as the drive's command where none was logged, and a note that the drive cannot be judged."""
-  if set(DRIVE_COMMANDS) & set(streams):
-    return []
-  speed = streams.get("speed")
-  if speed is None:
-    travel = float(vehicle.get("gear_ratio", np.nan)) * float(vehicle.get("wheel_radius", np.nan))
-    if not np.isfinite(travel):
-      raise RecordingError(
-        f"{label}: no command of the drive was logged, and the speed is only the motor's; give gear_ratio and "
-        "wheel_radius in [vehicle], or map speed in [channels]"
-      )
-    speed = Stream(streams["motor_speed"].time, travel * streams["motor_speed"].value)
-  streams["speed_command"] = speed
-  return [
-    f"{label}: no command of the drive was logged; the measured speed stands for it, so that turning can be judged and "
-    'the drive cannot; write drive = "speed" in [vehicle]'
-  ]
 
 
 def _said(mapping: Mapping[str, Mapped]) -> set[str]:
@@ -247,14 +229,17 @@ def _cut(whole: Recording, jumps: Sequence[Jump] = ()) -> tuple[list[Recording],
 
 
 def _samples(recording: Recording, start: float, end: float) -> int:
-  """Samples of the vehicle's speed in a span: what every use of a recording needs."""
-  time = recording["motor_speed" if "motor_speed" in recording else "speed"].time
+  """Samples of the vehicle's speed, or of the pose that gives it, in a span: what every use of a recording needs."""
+  time = recording[next(name for name in ("motor_speed", "speed", "pose_x") if name in recording)].time
   return int(((time >= start) & (time <= end)).sum())
 
 
 def write_recording(path: str | os.PathLike[str], recording: Recording) -> Path:
-  """Write one recording as CSV in canonical channels, blank where there is no sample; every float survives exactly."""
-  time, columns = recording.columns()
+  """Write one recording as CSV in canonical channels, blank where there is no sample; every float survives exactly.
+  What was derived is left out: reading derives it again."""
+  time, columns = recording.replace(
+    streams={name: stream for name, stream in recording.streams.items() if name not in recording.derived}
+  ).columns()
   cells = [["" if value != value else repr(value) for value in column.tolist()] for column in (time, *columns.values())]
   lines = [",".join(("time", *columns)), *(",".join(row) for row in zip(*cells, strict=True))]
   return write_text(path, "\n".join(lines) + "\n")

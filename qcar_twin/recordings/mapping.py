@@ -69,10 +69,10 @@ def resolve(table: Table, mapping: Mapping[str, Mapped]) -> dict[str, Mapped]:
       ", whichever the drive takes; or steering_command alone, where somebody drove by hand) to [channels]. Columns "
       f"that exist: {table.listing()}"
     )
-  if "motor_speed" not in resolved and "speed" not in resolved:
+  if not resolved.keys() & {"motor_speed", "speed"} and not {"pose_x", "pose_y"} <= resolved.keys():
     raise RecordingError(
-      f"{table.label}: neither 'motor_speed' nor 'speed' is there, and one of them is needed; "
-      f"map it in [channels]. Columns that exist: {table.listing()}"
+      f"{table.label}: neither 'motor_speed' nor 'speed' is there, nor a pose that gives it (pose_x, pose_y), and one "
+      f"of them is needed; map it in [channels]. Columns that exist: {table.listing()}"
     )
   return resolved
 

@@ -84,7 +84,7 @@ class Recording:
 
   `before`: seconds driven and V^2 s spent in the data set before this run, for heat, charge and wear; None where nobody
   knows, for instance outside a data set. `origin`: s, m and m that were taken off the log's own time and
-  place.
+  place. `derived`: channels that no sensor measured but that others of this recording gave; they testify of nothing.
 
   Raises UnknownChannelError for a stream that is no channel, RecordingError for an unknown role or no samples at all.
   """
@@ -97,6 +97,7 @@ class Recording:
   session: str | None = None
   before: tuple[float, float] | None = None
   origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+  derived: tuple[str, ...] = ()
 
   def __post_init__(self) -> None:
     valid = [name for name in CHANNELS if name != "time"]

@@ -17,7 +17,10 @@ from qcar_twin.recordings.recording import Recording
 _PERIOD = 0.05  # s, of the grid on which commands and motion are compared
 _RESTS = 0.03  # of the usual top speed, below which the car stands
 _ANSWERS = 0.5  # s, within which a car that stands has answered a command; no drive's lag is longer
-_LEAST_REST, _LEAST_IDLE = 2.0, 2.0  # s at rest that tell a neutral, and in a row of a command that does nothing
+_LEAST_REST, _LEAST_IDLE = (
+  2.0,
+  2.0,
+)  # s at rest that tell a neutral (of driving: a sign), and in a row of a command that does nothing
 _NEAR = 0.02  # of the command's range: one level
 _MOST = 0.8  # share of the rest that a neutral has
 _OFF = 0.1  # of the command's range, beyond which a neutral is not 0
@@ -125,11 +128,20 @@ def idle_stretches(recordings: Sequence[Recording], channel: str, neutral: float
   ]
 
 
+def against(recordings: Sequence[Recording], channel: str) -> bool:
+  """Whether the car goes backwards under commands that are positive, and forwards under negative ones."""
+  held = [d for r in recordings if (d := _drive(r, channel)) is not None]
+  steady = [_steady(d) & (d.command != 0.0) for d in held]
+  signs = [np.sign(d.command[s] * d.speed[s]) for d, s in zip(held, steady, strict=True)]
+  count = sum(map(len, signs))
+  return count * _PERIOD >= _LEAST_REST and float(np.sum(np.concatenate(signs) < 0.0)) > _MOST * count
+
+
 def _drive(recording: Recording, channel: str) -> _Drive | None:
   name = "motor_speed" if "motor_speed" in recording else "speed"
   if channel not in recording or name not in recording or len(recording[name]) < 2:
     return None
-  if channel == "speed_command" and recording[channel].value is recording[name].value:
+  if channel in recording.derived:
     return None
   time, commands = recording.commands(_PERIOD, (channel,))
   stream = recording[name]

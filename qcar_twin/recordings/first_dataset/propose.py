@@ -66,10 +66,12 @@ def propose(name: str, tables: Sequence[Table]) -> Proposal:
   recordings = recordings_of(columns, guesses)
   parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
   by_hand = not guesses.keys() & set(DRIVE_COMMANDS) and "steering_command" in guesses
+  stood_for = {"motor_voltage"} if by_hand else set()
+  stood_for |= {"motor_speed"} if {"pose_x", "pose_y"} <= guesses.keys() else set()
   missing = tuple(
     " or ".join(names)
     for channel, names in _NEEDED.items()
-    if not guesses.keys() & set(names) and not (by_hand and channel == "motor_voltage")
+    if not guesses.keys() & set(names) and channel not in stood_for
   )
   if "time" not in guesses and not all("time" in table for table in tables):
     missing = ("time", *missing)

@@ -11,6 +11,7 @@ from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.checks.acted import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.time import turn_of
 from qcar_twin.recordings.checks.units import compare
+from qcar_twin.recordings.completed import with_speed
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, is_share_of_lock
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError
@@ -35,7 +36,8 @@ def recordings_of(columns: Columns, guesses: Mapping[str, Guess]) -> list[Record
   recordings = []
   for table in columns.tables:
     try:
-      recordings.append(Recording(table.label, streams_of(table, resolve(table, mapping))[0], table.label))
+      read = Recording(table.label, streams_of(table, resolve(table, mapping))[0], table.label)
+      recordings.append(with_speed(read)[0])
     except RecordingError:
       continue
   return recordings
