@@ -4,8 +4,11 @@ A command is a module with a docstring, a dataclass `Config`, a function `main(c
 something to go on from, `KEPT`, a sentence that says what.
 """
 
+import errno
 import logging
+import os
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -37,7 +40,9 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
   logging.basicConfig(level=logging.WARNING, format="%(message)s")
   try:
     module = load()
-    module.main(tyro.cli(module.Config, prog=name, description=module.__doc__, args=list(arguments)))
+    config = tyro.cli(module.Config, prog=name, description=module.__doc__, args=list(arguments))
+    refuse_early(config)
+    module.main(config)
   except KeyboardInterrupt:
     kept = getattr(module, "KEPT", "nothing of this run is kept: results are written at its end")
     print(f"\n{name}: stopped; {kept}", file=sys.stderr)
@@ -49,6 +54,37 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
     print(f"{name}: {said}", file=sys.stderr)
     return FAILED
   return 0
+
+
+def refuse_early(config: object) -> None:
+  """Refuse, before any work, what a command would stumble over at its end, by the names that options have everywhere:
+  `out` that cannot be written, `mechanism` or `mechanisms` that nobody knows, a `twin` that is no twin file.
+
+  Raises:
+    OSError, KeyError, ValueError: with the path or the name, and a cure.
+  """
+  out = getattr(config, "out", None)
+  if isinstance(out, Path):
+    _require_writable(out.parent if out.suffix and not out.is_dir() else out)
+  names = (*getattr(config, "mechanism", ()), *getattr(config, "mechanisms", ()))
+  if names and not getattr(config, "mechanism_files", ()):  # those are run by the command itself
+    from qcar_twin.twin.mechanisms import select
+
+    select(names)
+  twin = getattr(config, "twin", None)
+  if isinstance(twin, str | Path) and str(twin) and not getattr(config, "mechanism_files", ()):
+    from qcar_twin.twin.file import load_twin
+
+    load_twin(twin, threads=1)
+
+
+def _require_writable(folder: Path) -> None:
+  """Raises OSError where a folder cannot be made or written in; leaves nothing behind."""
+  nearest = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+  if not nearest.is_dir():
+    raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(nearest))
+  with tempfile.TemporaryFile(dir=nearest):
+    pass
 
 
 def run_script() -> None:

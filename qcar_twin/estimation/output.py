@@ -10,10 +10,15 @@ from qcar_twin.recordings.recording import Recording
 
 
 def write_estimates(folder: Path, recording: Recording, estimates: Estimates) -> dict[str, object]:
-  """Write NAME.csv into a folder; returns a summary."""
+  """Write NAME.csv into a folder, on the log's own clock and in its own frame, each number as it is; returns a summary.
+
+  The filter works on time and place counted from the recording's origin; doubles resolve a date's clock to 0.2 us.
+  """
   columns = estimates.columns()
-  rows = np.column_stack(list(columns.values()))
-  text = "\n".join([",".join(columns), *(",".join(f"{x:.7g}" for x in row) for row in rows)]) + "\n"
+  for name, taken in zip(("time", "pose_x", "pose_y"), recording.origin, strict=True):
+    columns[name] = columns[name] + taken
+  rows = np.column_stack(list(columns.values())).tolist()
+  text = "\n".join([",".join(columns), *(",".join(map(repr, row)) for row in rows)]) + "\n"
   write_text(folder / f"{recording.name}.csv", text)
   refused = {f"{channel}: {reason}": count for (channel, reason), count in estimates.refused.items()}
   share = float(np.mean(estimates.valid))

@@ -110,3 +110,38 @@ def test_a_stopped_run_says_what_is_kept(monkeypatch, capsys):
   assert main(["train", "--out", "x"]) == INTERRUPTED
   assert "--resume goes on from it" in capsys.readouterr().err
   assert main(["unseal"]) == INTERRUPTED and "nothing of this run is kept" in capsys.readouterr().err
+
+
+LONG = ("calibrate", "diagnose", "cross-validate", "estimate", "characterise", "campaign", "train")
+
+
+@pytest.mark.parametrize("name", LONG)
+def test_a_folder_that_cannot_be_made_is_refused_before_any_work(name, tmp_path, monkeypatch, capsys):
+  (tmp_path / "taken").write_text("a file")
+  module = importlib.import_module(f"scripts.{name.replace('-', '_')}")
+  monkeypatch.setattr(module, "main", lambda config: pytest.fail("work was begun"))
+  data = [] if name in ("campaign", "train") else ["--dataset", "data/sample"]
+  assert main([name, *data, "--out", str(tmp_path / "taken" / "deep")]) == FAILED
+  said = capsys.readouterr().err
+  assert f"{tmp_path / 'taken'}" in said and "a file is where a folder has to be; name another folder" in said
+  assert (tmp_path / "taken").read_text() == "a file" and len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+  ("name", "option", "value", "says"),
+  [
+    ("calibrate", "--mechanism", "steering_ofset", "no mechanism 'steering_ofset'; did you mean steering_offset"),
+    ("diagnose", "--mechanisms", "sticton", "no mechanism 'sticton'; did you mean stiction"),
+    ("diagnose", "--twin", "none.toml", "none.toml: no such twin file; calibrate first"),
+    ("cross-validate", "--twin", "pyproject.toml", "pyproject.toml: not a twin file of format"),
+    ("train", "--twin", "none.toml", "none.toml: no such twin file; calibrate first"),
+  ],
+)
+def test_a_name_or_a_file_that_is_wrong_is_refused_before_any_work(
+  name, option, value, says, tmp_path, monkeypatch, capsys
+):
+  module = importlib.import_module(f"scripts.{name.replace('-', '_')}")
+  monkeypatch.setattr(module, "main", lambda config: pytest.fail("work was begun"))
+  data = [] if name == "train" else ["--dataset", "data/sample"]
+  assert main([name, *data, "--out", str(tmp_path / "new"), option, value]) == FAILED
+  assert says in capsys.readouterr().err and not (tmp_path / "new").exists()

@@ -48,6 +48,17 @@ def test_written_estimates_can_be_read_again(tmp_path):
   assert {file.name for file in tmp_path.iterdir()} == {"journey.csv"}
 
 
+@pytest.mark.parametrize("origin", [(1759663727.0, 0.0, 0.0), (0.0, 5e5, 5.4e6), (86400.125, -2e4, 3.0)])
+def test_estimates_are_on_the_logs_own_clock_and_in_its_frame_to_the_last_bit(tmp_path, origin):
+  estimates = filter_recording(RECORDING, CAR)
+  write_estimates(tmp_path, RECORDING.replace(origin=origin), estimates)
+  rows = np.genfromtxt(tmp_path / "journey.csv", delimiter=",", names=True)
+  assert len(np.unique(rows["time"])) == len(estimates.time)
+  assert (rows["time"] == estimates.time + origin[0]).all() and (rows["speed"] == estimates.value["speed"]).all()
+  known = np.isfinite(estimates.value["pose_x"])
+  assert (rows["pose_x"] == estimates.value["pose_x"] + origin[1])[known].all()
+
+
 def test_the_page_shows_bands_about_what_was_measured_and_when_it_is_not_valid(tmp_path):
   trip = journey(4.0)
   trip.fix[200:] = np.nan
