@@ -47,12 +47,13 @@ def main(config: Config) -> Path:
   print("\n".join(f"  {line}" for line in proposal.channels))
   for name in proposal.missing:
     print(f"missing: {name}; no column seems to be it, fill it in in [channels]")
+  for question in proposal.questions:
+    print(f"to be answered: {question}")
   try:
     with StageLine() as progress:
       check = check_log(load_to_check(config.folder), progress)
   except RecordingError as error:
-    print(f"not yet readable: {error}")
-    return path
+    raise RecordingError(f"{path} was written and is not yet readable: {error}") from error
   print(check.verdict)
   for finding in (*check.of("spoils"), *check.of("beware")):
     print(f"{finding.severity}: {finding.text}")

@@ -27,18 +27,8 @@ _POSITIVE = (
   "max_steering",
 )
 _ENTRY = ("file", "role", "name", "manoeuvre", "session", "from", "to")
-_TOP = (
-  "name",
-  "command_timing",
-  "description",
-  "licence",
-  "source",
-  "map",
-  "columns",
-  "vehicle",
-  "channels",
-  "recording",
-)
+_TOP = ("name", "command_timing", "description", "licence", "source", "map", "columns", "undecided", "vehicle",
+        "channels", "recording")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -99,6 +89,7 @@ def read_manifest(folder: Path) -> Manifest:
   """Read folder/dataset.toml. Raises RecordingError naming the key, what is wrong with it, and the cure."""
   raw = _read_toml(folder)
   notes = _unknown_keys(raw)
+  _refuse_undecided(raw)
   timing = _text(raw, "command_timing", "", COMMAND_TIMINGS[0])
   if timing not in COMMAND_TIMINGS:
     raise RecordingError(f"{FILE_NAME}: unknown command_timing '{timing}'{nearest(timing, COMMAND_TIMINGS)}")
@@ -124,6 +115,15 @@ def read_manifest(folder: Path) -> Manifest:
     topics=topics,
     columns=_columns(raw),
   )
+
+
+def _refuse_undecided(raw: Mapping[str, Any]) -> None:
+  """A draft asks what it could not settle; nothing is read before a person has answered."""
+  if questions := raw.get("undecided"):
+    first = questions[0] if isinstance(questions, list) else questions
+    raise RecordingError(
+      f"{FILE_NAME}: not decided yet: {first}; write the right column in [channels], and delete it from undecided"
+    )
 
 
 def _columns(raw: Mapping[str, Any]) -> tuple[str, ...]:

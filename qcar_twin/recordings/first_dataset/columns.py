@@ -109,7 +109,7 @@ def guess_columns(columns: Columns) -> dict[str, Guess]:
     everywhere = 0.5 * (len(columns.holding(name)) == len(columns.tables))
     for reading in readings(name):
       if _possible(columns, name, reading.channel):
-        offers.append((reading.score + everywhere - _stepped(columns, name, reading.channel), -place, reading, name))
+        offers.append((reading.score + everywhere - stepped(columns, name, reading.channel), -place, reading, name))
   guesses: dict[str, Guess] = {}
   for _, _, reading, name in sorted(offers, key=lambda offer: offer[:2], reverse=True):
     if reading.channel not in guesses and name not in {guess.column for guess in guesses.values()}:
@@ -117,7 +117,7 @@ def guess_columns(columns: Columns) -> dict[str, Guess]:
   if "time" not in guesses and (clock := _clock(columns)) is not None:
     guesses["time"] = clock
   for guess in guesses.values():
-    _scale(columns, guess)
+    scale(columns, guess)
   _settle_voltage(columns, guesses)
   hold(columns, guesses)
   gate(columns, guesses)
@@ -140,7 +140,7 @@ def _clock(columns: Columns) -> Guess | None:
   return Guess("time", rising[0], why=["it rises through every file"]) if rising else None
 
 
-def _stepped(columns: Columns, name: str, channel: str) -> float:
+def stepped(columns: Columns, name: str, channel: str) -> float:
   """What a column loses as a speed where it stays for long and steps: that is what was commanded, not what was done."""
   if channel not in ("speed", "motor_speed"):
     return 0.0
@@ -153,8 +153,9 @@ def _possible(columns: Columns, name: str, channel: str) -> bool:
   return columns.rises(name) if channel == "time" else not columns.constant(name)
 
 
-def _scale(columns: Columns, guess: Guess) -> None:
-  """The factor to SI, by the unit in the name or by the size of the values."""
+def scale(columns: Columns, guess: Guess) -> None:
+  """The factor to SI, by the unit in the name or by the size of the values, from scratch."""
+  guess.scale, guess.offset, guess.named = 1.0, 0.0, False
   channel, unit, top = CHANNELS[guess.channel], unit_of(guess.column), columns.top(guess.column)
   if unit is not None and unit[1] == channel.unit:
     guess.scale, guess.named = unit[2], True

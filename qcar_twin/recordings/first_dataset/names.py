@@ -95,9 +95,11 @@ def readings(column: str) -> list[Reading]:
     score = len(best) + 0.5 * len(set(best)) / len(words)
     score += 0.2 * bool(words & _RAW) - 0.5 * bool(words & _SMOOTH)
     pulse = unit is not None and unit[0] in _PULSES and channel in ("motor_duty", "steering_command")
-    if unit is not None and unit[1] != CHANNELS[channel].unit and not pulse:
+    fits = unit is None or unit[1] == CHANNELS[channel].unit or pulse
+    letter = unit is not None and len(unit[0]) == 1 and not BRACKET.search(column)  # gyro_a is not in amperes
+    if not fits and not letter:
       score -= 2.0
-    elif unit is not None:
+    elif unit is not None and fits:
       score += 0.5
     if score > 0.0:
       possible.append(Reading(channel, score, f"its name says {' '.join(best)}"))

@@ -10,6 +10,7 @@ from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, usual_supply
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
+from qcar_twin.recordings.first_dataset.several import runner_up, settle_several
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.recordings.topic_maps import TopicMap, topic_maps
@@ -36,12 +37,14 @@ class Proposal:
     guesses: a line each, as they stand in the file.
     channels: of these, the lines of [channels], or of what a ready-made map says.
     missing: what the loader needs and no column seems to be.
+    questions: what several columns may equally be; the loader refuses the file until a person has chosen.
   """
 
   text: str
   guesses: tuple[str, ...]
   channels: tuple[str, ...]
   missing: tuple[str, ...]
+  questions: tuple[str, ...] = ()
 
 
 def propose(name: str, tables: Sequence[Table]) -> Proposal:
@@ -60,8 +63,9 @@ def propose(name: str, tables: Sequence[Table]) -> Proposal:
     guesses = guess_columns(columns)
   kind = str(known.get("drive", _drive(guesses)))
   vehicle = Vehicle.from_dataset({"name": "car", **known, "drive": kind})
-  wheelbase = vehicle.wheelbase
+  wheelbase, asked = vehicle.wheelbase, ()
   if topics is None:
+    asked = settle_several(columns, guesses, {key: getattr(vehicle, key) for key in _VEHICLE})
     wheelbase = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in _VEHICLE})
   recordings = recordings_of(columns, guesses)
   parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
@@ -75,12 +79,13 @@ def propose(name: str, tables: Sequence[Table]) -> Proposal:
   )
   if "time" not in guesses and not all("time" in table for table in tables):
     missing = ("time", *missing)
-  lines = [*_head(name, topics), *_vehicle(vehicle, known, kind, recordings, wheelbase)]
+  questions = tuple(question.text for question in asked)
+  lines = [*_head(name, topics, questions), *_vehicle(vehicle, known, kind, recordings, wheelbase)]
   channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
   lines += ["", *channels]
   lines += [line for part in parts for line in _recording(part)]
   marked = tuple(line for line in lines if MARK in line and not line.startswith("#"))
-  return Proposal("\n".join(lines) + "\n", marked, tuple(channels[1:]), missing)
+  return Proposal("\n".join(lines) + "\n", marked, tuple(channels[1:]), missing, questions)
 
 
 def _fitting_map(tables: Sequence[Table]) -> TopicMap | None:
@@ -120,11 +125,16 @@ def _all_fitted(tables: Sequence[Table]) -> list[Part]:
   ]
 
 
-def _head(name: str, topics: TopicMap | None) -> list[str]:
+def _head(name: str, topics: TopicMap | None, questions: Sequence[str]) -> list[str]:
   lines = [
     "# A first draft: a line with `guess:` is one, with its reason. Correct it, or delete the mark once it is true.",
     f"name = {_text(name)}",
   ]
+  if questions:
+    lines.append(
+      "# to be answered: correct its line in [channels], or leave it, and delete the question; else nothing is read"
+    )
+    lines.append(f"undecided = [{', '.join(map(_text, questions))}]")
   if topics is not None:
     lines.append(f"map = {_text(topics.name)}  # {MARK} the topics are those of {topics.about}")
   return lines
@@ -166,7 +176,8 @@ def _channels(columns: Columns, guesses: Mapping[str, Guess], missing: Sequence[
     entry |= {"gate": guess.gate} if guess.gate else {}
     entry |= {key: True for key in ("steps", "sort") if getattr(guess, key)}
     inside = ", ".join(f"{key} = {_value(value)}" for key, value in entry.items())
-    lines.append(f"{guess.channel} = {{ {inside} }}  # {MARK} {_plain('; '.join(guess.why))}")
+    why = [*guess.why, runner_up(columns, guess)]
+    lines.append(f"{guess.channel} = {{ {inside} }}  # {MARK} {_plain('; '.join(filter(None, why)))}")
   if "time" in missing:
     lines.append(
       "# time = { rate = … }  # needed: the log's rate in Hz, which no column tells, where every row is one step"

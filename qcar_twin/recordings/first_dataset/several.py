@@ -1,0 +1,214 @@
+"""Several columns that may be one channel: two gyros, four wheels, two poses. One is chosen and why, or it is asked."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.recordings.checks.units import compare
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, scale, stepped
+from qcar_twin.recordings.first_dataset.names import readings
+from qcar_twin.recordings.first_dataset.refine import recordings_of
+from qcar_twin.recordings.unit_names import words_of
+
+Array = NDArray[np.float64]
+
+_RIVAL = 0.55  # of a name's score, within which another name says as much
+_CLEAR = 0.3  # of it, from which the name decides where nothing else does
+_APART = 0.05  # of a correlation with a witness, from which one column is the better sensor
+_ALIKE = 0.98  # correlation of columns that measure one thing, and differ by noise
+_SPIKE, _SPIKES = 8.0, 5e-4  # times the usual step, and share of the samples, of a sensor that spikes
+_POSE = ("pose_x", "pose_y", "pose_yaw")
+_AXES = {"x", "y", "z", "px", "py", "yaw", "heading", "theta", "psi", "phi", "pose", "pos", "position", "orientation"}
+_MOST = 200000  # samples of a pose that are looked at
+_LEAST = 10  # bins that a correlation is worth
+
+
+@dataclasses.dataclass(frozen=True)
+class Question:
+  """A channel that columns of this log may equally be, and why none was chosen."""
+
+  channel: str
+  columns: tuple[str, ...]
+  why: str
+
+  @property
+  def text(self) -> str:
+    """For a person who has to answer it."""
+    return f"{self.channel} is {' or '.join(repr(name) for name in self.columns)}: {self.why}"
+
+
+def settle_several(
+  columns: Columns, guesses: dict[str, Guess], vehicle: Mapping[str, float | str]
+) -> tuple[Question, ...]:
+  """Choose among the columns that may be one channel; questions where nothing tells them apart.
+
+  A pose is taken from one source whole. Else the sensor that the other channels agree with is taken; of sensors that
+  agree alike, the one without spikes that is nearest to the rest; of two that differ and that nothing witnesses, the
+  one with the clearly better name, and none where the names say as much.
+  """
+  _one_source(columns, guesses)
+  questions = []
+  for channel, guess in list(guesses.items()):
+    rivals = _rivals(columns, guesses, channel)
+    if rivals:
+      question = _choose(columns, guesses, guess, rivals, vehicle)
+      questions += [question] if question else []
+  return tuple(questions)
+
+
+def _score(name: str, channel: str) -> float:
+  return next((reading.score for reading in readings(name) if reading.channel == channel), -math.inf)
+
+
+def _rivals(columns: Columns, guesses: Mapping[str, Guess], channel: str) -> list[str]:
+  """Columns, not taken, whose names say a channel as well as the one that was chosen."""
+  if channel == "time" or channel in _POSE:
+    return []
+  taken = {guess.column for guess in guesses.values()} | {guess.gate for guess in guesses.values()}
+  chosen = guesses[channel].column
+  best, least = _score(chosen, channel), stepped(columns, chosen, channel)
+  return [
+    name
+    for name in columns.names
+    if name not in taken
+    and _score(name, channel) >= best - _RIVAL
+    and not columns.constant(name)
+    and stepped(columns, name, channel) <= least
+  ]
+
+
+def runner_up(columns: Columns, guess: Guess) -> str:
+  """What a name scored for its channel and the best of the others, for the line of a draft."""
+  own = _score(guess.column, guess.channel)
+  others = [(_score(name, guess.channel), name) for name in columns.names if name != guess.column]
+  score, name = max(others, default=(-math.inf, ""))
+  if not math.isfinite(own):
+    return ""
+  return f"name {own:.2f}, next '{name}' {score:.2f}" if math.isfinite(score) else f"name {own:.2f}, no other"
+
+
+def _choose(
+  columns: Columns, guesses: dict[str, Guess], guess: Guess, rivals: Sequence[str], vehicle: Mapping[str, float | str]
+) -> Question | None:
+  names = (guess.column, *rivals)
+  heard = {name: _witnessed(columns, guesses, guess, name, vehicle) for name in names}
+  known = {name: value for name, value in heard.items() if math.isfinite(value)}
+  best = max(known, key=lambda name: known[name], default="")
+  near = [name for name in names if name in known and known[best] - known[name] < _APART]
+  if known and len(near) < len(names):
+    others = ", ".join(f"'{n}' {heard[n]:.3f}" if n in known else f"'{n}' not at all" for n in names if n != best)
+    _take(columns, guess, near[0] if guess.column not in near else guess.column)
+    guess.why.append(f"other sensors agree with it ({heard[guess.column]:.3f}; {others})")
+    names = tuple(near)
+  if len(names) < 2:
+    return None
+  likeness = _likeness(columns, names)
+  if known or min(likeness.values()) > _ALIKE:
+    spikes = {name: _spikes(columns.values(name)) for name in names}
+    clean = [name for name in names if spikes[name] <= max(min(spikes.values()), _SPIKES)]
+    chosen = max(clean, key=lambda name: (round(likeness[name], 3), name == guess.column))
+    said = [f"'{name}' spikes in {1e2 * spikes[name]:.2g} % of its samples" for name in names if name not in clean]
+    _take(columns, guess, chosen)
+    guess.why.append("; ".join([f"of {len(names)} alike ({', '.join(names)}) the nearest to all", *said]))
+    return None
+  if len(names) > 2 and sum(value > _ALIKE for value in likeness.values()) >= 2:
+    chosen = max(names, key=lambda name: likeness[name])
+    _take(columns, guess, chosen)
+    odd = ", ".join(name for name in names if likeness[name] <= _ALIKE)
+    guess.why.append(f"most of {len(names)} that may be it agree; unlike them: {odd}")
+    return None
+  margin = _score(guess.column, guess.channel) - max(_score(name, guess.channel) for name in names[1:])
+  if margin >= _CLEAR:
+    guess.why.append(f"its name says so by {margin:.2f} more than '{names[1]}', which differs")
+    return None
+  apart = min(likeness.values())
+  return Question(guess.channel, names, f"they differ (correlation {apart:.2f}), and no other channel tells which")
+
+
+def _take(columns: Columns, guess: Guess, name: str) -> None:
+  if guess.column != name:
+    guess.column, guess.why = name, []
+    scale(columns, guess)
+
+
+def _witnessed(
+  columns: Columns, guesses: dict[str, Guess], guess: Guess, name: str, vehicle: Mapping[str, float | str]
+) -> float:
+  """Mean size of the correlation with what other channels say of it; NaN where none does."""
+  trial = {**guesses, guess.channel: dataclasses.replace(guess, column=name)}
+  heard = [
+    abs(comparison.slope()[1])
+    for recording in recordings_of(columns, trial)
+    for comparison in compare(recording, vehicle)
+    if guess.channel in comparison.takes
+  ]
+  heard = [value if math.isfinite(value) else 0.0 for value in heard]
+  return float(np.mean(heard)) if heard else math.nan
+
+
+def _likeness(columns: Columns, names: Sequence[str]) -> dict[str, float]:
+  """Correlation of each column with the median of all, each in units of its own spread; 0 where they share no rows."""
+  tables = [table for table in columns.tables if all(name in table for name in names)]
+  if not tables:
+    return dict.fromkeys(names, 0.0)
+  values = np.stack([np.concatenate([t.number(name, name) for t in tables]) for name in names])
+  low, middle, high = np.nanpercentile(values, [10, 50, 90], axis=1, keepdims=True)
+  scaled = (values - middle) / np.where(high > low, high - low, 1.0)
+  centre = np.nanmedian(scaled, axis=0) if len(names) > 2 else scaled[0]
+  return {name: _correlation(row, centre) for name, row in zip(names, scaled, strict=True)}
+
+
+def _correlation(a: Array, b: Array) -> float:
+  both = np.isfinite(a) & np.isfinite(b)
+  if both.sum() < _LEAST or a[both].std() == 0.0 or b[both].std() == 0.0:
+    return 0.0
+  return float(np.corrcoef(a[both], b[both])[0, 1])
+
+
+def _spikes(values: Array) -> float:
+  """Share of samples that stand out of their two neighbours by many usual steps."""
+  if len(values) < _LEAST:
+    return 0.0
+  out = np.minimum(np.abs(values[1:-1] - values[:-2]), np.abs(values[1:-1] - values[2:]))
+  same_side = (values[1:-1] - values[:-2]) * (values[1:-1] - values[2:]) > 0.0
+  usual = float(np.percentile(np.abs(np.diff(values)), 90))
+  return float(np.mean(same_side & (out > _SPIKE * usual))) if usual > 0.0 else 0.0
+
+
+def _one_source(columns: Columns, guesses: dict[str, Guess]) -> None:
+  """Take x, y and heading from one source, where several were logged: the one with all three, then the fewest jumps."""
+  if not {"pose_x", "pose_y"} <= guesses.keys():
+    return
+  sources: dict[tuple[str, ...], dict[str, str]] = {}
+  for name in columns.names:
+    for channel in _POSE:
+      if _score(name, channel) > 0.0 and not columns.constant(name):
+        stem = tuple(word for word in words_of(name) if word not in _AXES)
+        sources.setdefault(stem, {}).setdefault(channel, name)
+  whole = {stem: found for stem, found in sources.items() if {"pose_x", "pose_y"} <= found.keys()}
+  taken = {channel: guesses[channel].column for channel in _POSE if channel in guesses}
+  if len(whole) < 2:
+    return
+  jumps = {stem: _jumps(columns, found) for stem, found in whole.items()}
+  own = lambda found: sum(found.get(channel) == column for channel, column in taken.items())
+  best = min(whole, key=lambda stem: (-len(whole[stem]), round(jumps[stem], 4), -own(whole[stem])))
+  for channel, name in whole[best].items():
+    if channel in guesses:
+      _take(columns, guesses[channel], name)
+    else:
+      guesses[channel] = Guess(channel, name, why=["its name says so"])
+    others = ", ".join(f"'{found[channel]}'" for stem, found in whole.items() if stem != best and channel in found)
+    said = f"{1e2 * jumps[best]:.2g} % of its steps are jumps, {1e2 * max(jumps.values()):.2g} % of another's"
+    guesses[channel].why.append(f"one of {len(whole)} poses, all from one source (not {others}): {said}")
+
+
+def _jumps(columns: Columns, found: Mapping[str, str]) -> float:
+  """Share of the steps of a place that are many times the usual one."""
+  x, y = (columns.values(found[c])[:_MOST] for c in ("pose_x", "pose_y"))
+  count = min(len(x), len(y))
+  steps = np.hypot(np.diff(x[:count]), np.diff(y[:count]))
+  moving = steps[steps > 0.0]
+  return float(np.mean(moving > _SPIKE * np.percentile(moving, 90))) if moving.size else 1.0

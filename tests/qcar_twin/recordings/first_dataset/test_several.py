@@ -1,0 +1,116 @@
+"""Several sensors of a kind: the better one is taken and why is said, or a person is asked."""
+
+import numpy as np
+import pytest
+
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import RecordingError
+from tests.faults.falsities import wander
+from tests.qcar_twin.recordings.first_dataset.test_propose import proposed, written
+from tests.qcar_twin.recordings.first_dataset.test_strange_logs import log
+
+WHEELS = ("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr")
+
+
+def noisy(values, seed, sigma=0.01):
+  return values + sigma * np.random.default_rng(seed).standard_normal(values.size)
+
+
+def spiking(values, share, seed=9):
+  out, random = values.copy(), np.random.default_rng(seed)
+  out[random.random(values.size) < share] += 40.0
+  return out
+
+
+def line_of(text, channel):
+  return next(line for line in text.splitlines() if line.startswith(f"{channel} ="))
+
+
+@pytest.mark.parametrize("bad", [0, 2, 3])
+@pytest.mark.parametrize("pose", [True, False])
+def test_of_four_wheels_one_that_spikes_is_not_taken(tmp_path, bad, pose):
+  time, own = wander(1)
+  speeds = {name: noisy(own["speed"], k) for k, name in enumerate(WHEELS)}
+  speeds[WHEELS[bad]] = spiking(speeds[WHEELS[bad]], 0.01)
+  place = {name: own[name] for name in ("pose_x", "pose_y", "pose_yaw")} if pose else {}
+  table, proposal = log(tmp_path, time, {"volts": own["motor_voltage"], **speeds, **place})
+  taken = table["channels"]["speed"]["column"]
+  assert taken in WHEELS and taken != WHEELS[bad]
+  assert f"'{WHEELS[bad]}'" in line_of(proposal.text, "speed") or WHEELS[bad] in line_of(proposal.text, "speed")
+  assert not proposal.questions
+
+
+@pytest.mark.parametrize("stuck", [0, 1, 3])
+def test_of_four_wheels_one_that_hangs_in_the_air_is_not_taken(tmp_path, stuck):
+  time, own = wander(2)
+  speeds = {name: noisy(own["speed"], k) for k, name in enumerate(WHEELS)}
+  speeds[WHEELS[stuck]] = 0.02 * np.random.default_rng(5).standard_normal(time.size)
+  table, _ = log(tmp_path, time, {"volts": own["motor_voltage"], **speeds, "gyro_z": own["yaw_rate"]})
+  assert table["channels"]["speed"]["column"] != WHEELS[stuck]
+
+
+@pytest.mark.parametrize("right", ["gyro_a", "gyro_b"])
+@pytest.mark.parametrize("witness", ["heading", "steer"])
+def test_the_gyro_that_other_sensors_agree_with_is_taken(tmp_path, right, witness):
+  time, own = wander(3)
+  other = {"gyro_a": "gyro_b", "gyro_b": "gyro_a"}[right]
+  gyros = {right: own["yaw_rate"], other: np.roll(own["yaw_rate"], time.size // 3)}
+  known = own["pose_yaw"] if witness == "heading" else own["steering_command"]
+  columns = {"volts": own["motor_voltage"], "velocity": own["speed"], **dict(sorted(gyros.items())), witness: known}
+  table, proposal = log(tmp_path, time, columns)
+  assert table["channels"]["yaw_rate"]["column"] == right and not proposal.questions
+  assert "other sensors agree with it" in line_of(proposal.text, "yaw_rate")
+
+
+def test_two_gyros_that_nothing_witnesses_are_asked_and_the_answer_is_read(tmp_path):
+  time, own = wander(4)
+  columns = {"volts": own["motor_voltage"], "velocity": own["speed"]}
+  columns |= {"gyro_a": own["yaw_rate"], "gyro_b": np.roll(own["yaw_rate"], time.size // 3)}
+  table, proposal = log(tmp_path, time, columns)
+  (question,) = proposal.questions
+  assert question.startswith("yaw_rate is 'gyro_a' or 'gyro_b': they differ (correlation ")
+  with pytest.raises(RecordingError, match="dataset.toml: not decided yet: yaw_rate is 'gyro_a' or 'gyro_b'"):
+    DataSet.load(tmp_path)
+  answered = "\n".join(line for line in proposal.text.splitlines() if not line.startswith("undecided"))
+  written(tmp_path, answered.replace(f'"{table["channels"]["yaw_rate"]["column"]}"', '"gyro_b"'))
+  read = np.concatenate([run["yaw_rate"].value for run in DataSet.load(tmp_path).recordings])
+  assert np.isin(read, columns["gyro_b"]).all()
+
+
+def test_two_gyros_that_agree_are_not_asked(tmp_path):
+  time, own = wander(5)
+  gyros = {name: noisy(own["yaw_rate"], k) for k, name in enumerate(("gyro_a", "gyro_b"))}
+  _, proposal = log(tmp_path, time, {"volts": own["motor_voltage"], "velocity": own["speed"], **gyros})
+  assert not proposal.questions and "of 2 alike (gyro_a, gyro_b)" in line_of(proposal.text, "yaw_rate")
+
+
+@pytest.mark.parametrize("bad", ["slam", "vicon"])
+def test_a_pose_comes_from_one_source_the_one_that_does_not_jump(tmp_path, bad):
+  time, own = wander(6)
+  columns = {"volts": own["motor_voltage"], "velocity": own["speed"]}
+  for source in ("slam", "vicon"):
+    for axis in ("x", "y", "yaw"):
+      values = noisy(own[f"pose_{axis}"], len(source), 1e-3)
+      columns[f"{source}_{axis}"] = spiking(values, 0.01) if source == bad and axis != "yaw" else values
+  table, proposal = log(tmp_path, time, columns)
+  good = {"slam": "vicon", "vicon": "slam"}[bad]
+  taken = [table["channels"][f"pose_{axis}"]["column"] for axis in ("x", "y", "yaw")]
+  assert taken == [f"{good}_{axis}" for axis in ("x", "y", "yaw")]
+  assert "one of 2 poses, all from one source" in line_of(proposal.text, "pose_x")
+
+
+def test_every_line_says_what_its_name_scored_and_the_next_one(tmp_path):
+  time, own = wander(7)
+  columns = {"volts": own["motor_voltage"], "velocity": own["speed"], "gyro_z": own["yaw_rate"]}
+  _, proposal = log(tmp_path, time, columns | {"gyro_z_filtered": own["yaw_rate"]})
+  assert "; name 2.50, next 'gyro_z_filtered' " in line_of(proposal.text, "yaw_rate")
+  assert "no other" in line_of(proposal.text, "speed")
+
+
+def test_a_file_with_a_question_that_is_no_list_is_refused_too(tmp_path):
+  time, own = wander(8)
+  log(tmp_path, time, {"volts": own["motor_voltage"], "velocity": own["speed"]})
+  text = proposed(tmp_path, "run.csv").text
+  written(tmp_path, text.replace("[vehicle]", 'undecided = "the gyro"\n[vehicle]', 1))
+  with pytest.raises(RecordingError, match="not decided yet: the gyro"):
+    DataSet.load(tmp_path)
