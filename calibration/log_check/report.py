@@ -8,6 +8,7 @@ import numpy as np
 
 from calibration.fitting.observations import UNITS
 from calibration.log_check.check import LogCheck
+from calibration.log_check.log_page import log_sections
 from calibration.log_check.pairs import Estimate
 from qcar_twin.atomic_io import write_json
 from qcar_twin.pages import Cell, Chart, Section, Table, write_page
@@ -27,7 +28,8 @@ def write_log_check(found: LogCheck, folder: str | os.PathLike[str]) -> Path:
   dataset = found.dataset
   seconds = sum(r.duration for r in dataset.recordings)
   subtitle = f"Data set {dataset.name}: {len(dataset.recordings)} recordings, {seconds:.0f} s"
-  return write_page(folder / "check.html", "The log, checked", found.verdict, sections(found), subtitle)
+  tone = "bad" if found.of("spoils") else "partly" if found.of("beware") else "good"
+  return write_page(folder / "check.html", "The log, checked", found.verdict, sections(found), subtitle, tone=tone)
 
 
 def sections(found: LogCheck) -> list[Section]:
@@ -37,7 +39,7 @@ def sections(found: LogCheck) -> list[Section]:
     for severity, title in _TITLES.items()
     if found.of(severity)  # type: ignore[arg-type]
   ]
-  return [*listed, _sensors(found), _shown(found), _sampling(found), _driven(found)]
+  return [*listed, *log_sections(found), _sensors(found), _shown(found), _sampling(found), _driven(found)]
 
 
 def _sensors(found: LogCheck) -> Section:
