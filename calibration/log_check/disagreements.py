@@ -56,8 +56,8 @@ def disagreements(
     said = f"{names} do not agree in {c.motion.name} (correlation {c.correlation:.2f})"
     return spoils(f"{said}: {_cures(c, wheels, recordings, noise)}")
   if c.correlation < _CONTRARY:
-    cure = "one of them has the wrong sign; set scale = -1 on it in [channels]"
-    return spoils(f"{names} say the contrary of {c.motion.name}: {cure}")
+    cure = _contrary_cure(c, wheels, recordings, noise)
+    return spoils(f"{names} say the contrary of {c.motion.name}: one of them has the wrong sign; {cure}")
   if not math.isfinite(c.lag.value):
     return spoils(_not_in_time(c, names)) if c.motion.kinematic or c.correlation > _ALIKE else []
   if abs(c.lag.value) > _LATE:
@@ -91,6 +91,14 @@ def _cures(c: Comparison, wheels: Wheels, recordings: Sequence[Recording], noise
   (best, comparison), *others = good
   also = f", or {others[0][0].cure} ({others[0][1].correlation:.3f})" if others else ""
   return f"they agree with {best.name} (correlation {comparison.correlation:.3f}); {best.cure}{also}"
+
+
+def _contrary_cure(
+  c: Comparison, wheels: Wheels, recordings: Sequence[Recording], noise: Mapping[str, ChannelNoise]
+) -> str:
+  """Every reading that makes the two agree; which of them is right other sensors may tell."""
+  good, _ = agreeing(c.motion, wheels, recordings, noise)
+  return ", or ".join(alternative.cure for alternative, _ in good) or "set scale = -1 on it in [channels]"
 
 
 def _scale_cure(c: Comparison, wheelbase: float) -> str:
