@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.copies import copies, filled
+from calibration.fitting.elimination import Elimination
 from calibration.fitting.observations import CHANNELS, Observations
 from calibration.fitting.residual_channels import RESIDUALS
 from calibration.fitting.surrogate import Stretch, Surrogate
@@ -61,15 +62,18 @@ class Problem:
   """Whitened residuals of the twin for any parameter vectors."""
 
   def __init__(
-    self, twin: Twin, observations: Observations, weighting: Weighting, n_train: int, base: Sequence[str] | None = None
-  ):
+    self, twin: Twin, observations: Observations, weighting: Weighting, n_train: int,
+    base: Sequence[str] | None = None, start_slopes: Array | None = None,
+  ):  # fmt: skip
     """`n_train`: so many values, from the front, are fitted; the rest only judge (role "validate").
 
     `base`: names of the parameters every model fits; the base twin's by default.
+    `start_slopes`: of every value by its stretch's start state, (M, k), see elimination.py; None to take every start as
+    measured.
     """
     self.twin, self.observations, self.weighting, self.n_train = twin, observations, weighting, n_train
     self.base = tuple(base or twin.base.names)
-    self._scale = weighting.scale(observations.channel)
+    self._scale, self.start_slopes = weighting.scale(observations.channel), start_slopes
     self._parts = observations.split(n_train)
     self._predicted: dict[bytes, Prediction] = {}
 
@@ -85,31 +89,58 @@ class Problem:
   def mechanism(self, name: str) -> Mechanism:
     return next(m for m in self.twin.mechanisms if m.name == name)
 
+  def _with(
+    self, twin: Twin | None = None, weighting: Weighting | None = None, n_train: int | None = None,
+    start_slopes: Array | None = None,
+  ) -> "Problem":  # fmt: skip
+    """The same with some parts exchanged."""
+    slopes = self.start_slopes if start_slopes is None else start_slopes
+    n_train = self.n_train if n_train is None else n_train
+    return Problem(twin or self.twin, self.observations, weighting or self.weighting, n_train, self.base, slopes)
+
+  def eliminating(self, start_slopes: Array | None) -> "Problem":
+    """The same with the start state of every stretch eliminated, by its slopes, (M, k); of None, as it is."""
+    return self._with(start_slopes=start_slopes)
+
+  @functools.cached_property
+  def _elimination(self) -> Elimination | None:
+    if self.start_slopes is None:
+      return None
+    return Elimination.of(self.start_slopes, self._scale, self.observations.stretch)
+
+  def without_starts(self, raw: Array) -> Array:
+    """Predicted minus measured, (n, M), without what errors of the start states explain, in the channels' units."""
+    if self._elimination is None:
+      return raw
+    whitened = raw * self._scale
+    self._elimination.apply(whitened)
+    return whitened / self._scale
+
   def reweighted(self, weighting: Weighting) -> "Problem":
-    return Problem(self.twin, self.observations, weighting, self.n_train, self.base)
+    return self._with(weighting=weighting)
 
   def fitting(self, n_train: int) -> "Problem":
     """The same with so many values, from the front, that are fitted."""
-    return Problem(self.twin, self.observations, self.weighting, n_train, self.base)
+    return self._with(n_train=n_train)
 
   def at(self, theta: Array) -> "Problem":
     """The same with what is searched with put right by MuJoCo at full parameters, (P,); see surrogate.py."""
     if not isinstance(self.twin, Surrogate):
       return self
-    return Problem(self.twin.at(theta), self.observations, self.weighting, self.n_train, self.base)
+    return self._with(twin=self.twin.at(theta))
 
   def guarding(self, stretches: Sequence[Stretch]) -> "Problem":
     """The same with these stretches simulated by MuJoCo whatever the parameters."""
     if not isinstance(self.twin, Surrogate):
       return self
-    return Problem(self.twin.guarding(stretches), self.observations, self.weighting, self.n_train, self.base)
+    return self._with(twin=self.twin.guarding(stretches))
 
   @functools.cached_property
   def exact(self) -> "Problem":
     """The same on MuJoCo."""
     if not isinstance(self.twin, Surrogate):
       return self
-    return Problem(self.twin.exact, self.observations, self.weighting, self.n_train, self.base)
+    return self._with(twin=self.twin.exact)
 
   def raw(self, theta: Array) -> Array:
     """Predicted minus measured in the channels' units, (n, M)."""
@@ -126,11 +157,11 @@ class Problem:
 
   def residual(self, theta: Array) -> Array:
     """Whitened residuals, (n, M); one that is not finite counts as _WORST."""
-    return self._driven(theta, self.observations, self._scale)
+    return self._driven(theta, self.observations, 0)
 
   def fitted_residual(self, theta: Array) -> Array:
     """Those of the values that are fitted, (n, n_train): steps and slopes need no others, and the others take time."""
-    return self._driven(theta, self._parts[0], self._scale[: self.n_train])
+    return self._driven(theta, self._parts[0], 0)
 
   def fitted_cost(self, theta: Array, limit: Array) -> Array:
     """Half their sum of squares, nats, (n,); inf where it exceeds `limit`, (n,).
@@ -141,7 +172,7 @@ class Problem:
     for rows, part in self._legs:
       going = np.flatnonzero(cost <= limit)
       if len(going):
-        cost[going] += 0.5 * np.sum(np.square(self._driven(theta[going], part, self._scale[rows])), axis=1)
+        cost[going] += 0.5 * np.sum(np.square(self._driven(theta[going], part, rows.start)), axis=1)
     return np.where(cost <= limit, cost, np.inf)
 
   @functools.cached_property
@@ -159,10 +190,13 @@ class Problem:
 
   def judging_residual(self, theta: Array) -> Array:
     """Those of the values that only judge, (n, M - n_train)."""
-    return self._driven(theta, self._parts[1], self._scale[self.n_train :])
+    return self._driven(theta, self._parts[1], self.n_train)
 
-  def _driven(self, theta: Array, observations: Observations, scale: Array | None = None) -> Array:
-    """Predicted minus measured, (n, M); with a factor, (M,), times that, and bounded."""
+  def _driven(self, theta: Array, observations: Observations, from_row: int | None = None) -> Array:
+    """Predicted minus measured, (n, M); whitened, bounded and with start states eliminated where it is said which of
+    all values is the first."""
+    scale = None if from_row is None else self._scale[from_row : from_row + len(observations)]
+    elimination = None if from_row is None else self._elimination
     theta = np.atleast_2d(theta)
     workers = self._workers(len(theta), observations)
     twin = self.twin if workers == 1 else self._apart
@@ -176,6 +210,8 @@ class Problem:
           np.subtract(observations.predict(prediction), observations.measured, out=out[these])
           if scale is not None:
             _bound(np.multiply(out[these], scale, out=out[these]))
+            if elimination is not None:
+              elimination.apply(out[these], from_row or 0)
         log.info("%d of %d variants driven", min(workers * (these.stop - first), len(theta)), len(theta))
 
     return filled(fill, len(theta), len(observations), workers) if len(observations) else np.empty((len(theta), 0))

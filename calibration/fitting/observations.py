@@ -98,7 +98,9 @@ class Observations:
     stretches, moved = self.stretches, which.start * (self.stretches.segments.commands.shape[1] + 1)
     return dataclasses.replace(
       self,
-      stretches=Stretches(stretches.segments[which], stretches.first[which], stretches.last[which]),
+      stretches=Stretches(
+        stretches.segments[which], stretches.first[which], stretches.last[which], stretches.start_std[which]
+      ),
       **{name: getattr(self, name)[rows] for name in ("measured", "channel", "recording", "block", "time")},
       _point=self._point[rows] - moved,
       _fraction=self._fraction[rows],

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.fitting.elimination import start_slopes
 from calibration.fitting.likelihood import Problem, Weighting, weighting_from
 from calibration.fitting.noise import ChannelNoise, noise_passport
 from calibration.fitting.noise_floor import sensor_floor
@@ -36,6 +37,7 @@ _AFAR = 4  # rounds of a fit from afar
 _NOTICED = 10.0  # nats: no decision hangs on a smaller error; hardly a claim rests on twice as many
 # of a promised decrease: below, a model is not trusted over that step (Nocedal and Wright, 2nd ed., algorithm 4.1)
 _TRUSTED = 0.25
+_REWEIGHTINGS = 3  # weights say how far a start state is told, and that says what is left: it settles at once
 _PART, _LEAST = 0.35, 85.0  # share of the driving a rough fit sees, and at least so many seconds
 
 
@@ -238,10 +240,14 @@ def _fit(problem: Problem, base: ParameterSet, start: Array, iterations: int, to
 def _weighted(
   twin: Twin, observations: Observations, n_train: int, base: ParameterSet, theta: Array, floor: Mapping[str, float]
 ) -> Problem:
-  """The problem with weights from the residuals at theta."""
+  """The problem with start states eliminated at theta, and weights from the residuals that leaves there."""
   problem = Problem(twin, observations, _flat_weighting(observations), n_train, base.names)
-  raw = problem.raw(problem.embed(base.names, theta, twin.parameters.nominal))[0]
-  return problem.reweighted(weighting_from(observations, raw, floor))
+  full = problem.embed(base.names, theta, twin.parameters.nominal)
+  problem, raw = problem.eliminating(start_slopes(twin, observations, full[0])), problem.raw(full)
+  for _ in range(_REWEIGHTINGS):
+    left = problem.without_starts(raw)[0]
+    problem = problem.reweighted(weighting_from(observations, left, floor))
+  return problem
 
 
 def fitted_count(observations: Observations, recordings: Sequence[Recording]) -> int:

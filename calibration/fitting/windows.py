@@ -7,21 +7,23 @@ simulated but not scored: hidden states (servo, tyre, play) settle there.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.informative import chosen, regressors
+from calibration.fitting.start_states import StartState, noise_while_driven, start_state
 from qcar_twin.kinematics import road_speed
 from qcar_twin.plant import START, Segments
 from qcar_twin.recordings.dataset import in_order
-from qcar_twin.recordings.recording import Recording, Stream
+from qcar_twin.recordings.recording import Recording
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
 _SPAN = 0.1  # s: before and after a stretch's beginning, between which its states' rates are taken
+_STANDS = 0.02  # m/s: a car that is slower when its recording begins waits to be driven
 _GOLDEN = 0.618  # of a turn between one recording's phase and the next one's, so that beginnings and ends take turns
 
 
@@ -51,11 +53,13 @@ DEFAULT_CUT = Cut()
 
 @dataclasses.dataclass(frozen=True)
 class Stretches:
-  """Segments and the part of each that is scored: from `first` to `last`, s, recording time, (S,)."""
+  """Segments, the part of each that is scored: from `first` to `last`, s, recording time, (S,), and how well each
+  start is known: standard deviations in the order of START, (S, 7)."""
 
   segments: Segments
   first: Array
   last: Array
+  start_std: Array
 
 
 def cut_recordings(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut = DEFAULT_CUT) -> Stretches:
@@ -88,7 +92,8 @@ def cut_recordings(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut =
     wheel_angle=np.stack([_pad(p.wheel_angle, longest + 1) for p in pieces]),
     start_rate=np.stack([p.rate for p in pieces]),
   )
-  return Stretches(segments, np.array([p.first for p in pieces]), np.array([p.last for p in pieces]))
+  first, last = np.array([p.first for p in pieces]), np.array([p.last for p in pieces])
+  return Stretches(segments, first, last, np.stack([p.start_std for p in pieces]))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,6 +105,7 @@ class _Piece:
   speed: Array
   heading: Array
   start: Array
+  start_std: Array
   rate: Array
   offset: float
   first: float
@@ -118,11 +124,12 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
   edges = np.linspace(0, len(time), count + 1).round().astype(int)
   grid = np.append(time, time[-1] + cut.period)
   pose, wheel_angle = pose_on(recording, grid), wheel_angle_on(recording, grid, vehicle)
-  speed, pieces = _speed_on(recording, time, vehicle), []
+  speed, noise, pieces = _speed_on(recording, time, vehicle), noise_while_driven(recording), []
   for low, high in zip(edges[:-1], edges[1:], strict=True):
     begin = max(0, low - int(round(cut.warm_up / cut.period))) if low else 0
     spent = np.array([begin * cut.period, float(np.sum(commands[:begin, 0] ** 2)) * cut.period])
-    start_at = lambda t, begin=begin: measured_start(recording, t, vehicle, commands[begin, 1], begin == 0)
+    start_at = lambda t, begin=begin: _start(recording, t, vehicle, commands[begin, 1], begin == 0, noise)
+    start = start_at(float(time[begin]))
     pieces.append(
       _Piece(
         index=index,
@@ -131,7 +138,8 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
         wheel_angle=wheel_angle[begin : high + 1],
         speed=speed[begin:high],
         heading=np.nan_to_num(pose[begin:high, 2]),
-        start=start_at(float(time[begin])),
+        start=start.value,
+        start_std=start.std,
         rate=_rate(start_at, float(time[begin]), begin == 0),
         offset=float(time[begin]),
         first=float(time[low]),
@@ -221,36 +229,26 @@ def shift_commands(commands: Array, command_shift: int) -> Array:
 
 
 def measured_start(recording: Recording, time: float, vehicle: Vehicle, steering: float, at_beginning: bool) -> Array:
-  """State at a time from the streams around it, in the order of START, (7,).
-
-  Speed and yaw rate are straight-line fits over 0.1 s; sideslip is the kinematic one.
-  """
-  values = dict.fromkeys(START, 0.0)
-  half = 0.06
-  for name in ("pose_x", "pose_y", "pose_yaw", "yaw_rate"):
-    if name in recording.channels:
-      values[name] = _level(recording[name], time, half if name == "yaw_rate" else 0.02)
-  values["velocity_x"] = _measured_speed(recording, time, vehicle, half)
-  if at_beginning and abs(values["velocity_x"]) < 0.02:
-    values["velocity_x"] = values["yaw_rate"] = 0.0
-  values["steering_angle"] = float(np.clip(steering, -vehicle.max_steering, vehicle.max_steering))
-  values["velocity_y"] = values["yaw_rate"] * vehicle.cg_to_rear
-  return np.array([values[name] for name in START])
+  """State at a time from the streams around it, in the order of START, (7,); see start_states.py."""
+  return _start(recording, time, vehicle, steering, at_beginning, noise_while_driven(recording)).value
 
 
-def _rate(start_at: Callable[[float], Array], time: float, at_beginning: bool) -> Array:
+def _start(
+  recording: Recording, time: float, vehicle: Vehicle, steering: float, at_beginning: bool, noise: Mapping[str, float]
+) -> StartState:
+  """State at a time; a recording that begins where the car stands begins at rest."""
+  start = start_state(recording, time, vehicle, steering, noise)
+  if at_beginning and abs(start.value[START.index("velocity_x")]) < _STANDS:
+    start.value[[START.index(name) for name in ("velocity_x", "velocity_y", "yaw_rate")]] = 0.0
+  return start
+
+
+def _rate(start_at: Callable[[float], StartState], time: float, at_beginning: bool) -> Array:
   """How fast the measured states change at a time, per s, (7,); a car that waits to be driven stands."""
-  if at_beginning and start_at(time)[START.index("velocity_x")] == 0.0:
+  if at_beginning and start_at(time).value[START.index("velocity_x")] == 0.0:
     return np.zeros(len(START))
-  return (start_at(time + _SPAN) - start_at(time - _SPAN)) / (2.0 * _SPAN)
-
-
-def _measured_speed(recording: Recording, time: float, vehicle: Vehicle, half: float) -> float:
-  if "motor_speed" in recording.channels:
-    return float(road_speed(_level(recording["motor_speed"], time, half), vehicle))
-  if "speed" in recording.channels:
-    return _level(recording["speed"], time, half)
-  return 0.0
+  before = 0.0 if at_beginning else _SPAN
+  return (start_at(time + _SPAN).value - start_at(time - before).value) / (_SPAN + before)
 
 
 def _speed_on(recording: Recording, time: Array, vehicle: Vehicle) -> Array:
@@ -259,15 +257,6 @@ def _speed_on(recording: Recording, time: Array, vehicle: Vehicle) -> Array:
   if "motor_speed" in recording.channels:
     return np.asarray(road_speed(at("motor_speed"), vehicle))
   return at("speed") if "speed" in recording.channels else np.zeros(len(time))
-
-
-def _level(stream: Stream, time: float, half: float) -> float:
-  """Value of a straight line through the samples within +-half of a time; nearest sample if there are few."""
-  near = np.abs(stream.time - time) <= half
-  if near.sum() >= 4 and np.ptp(stream.time[near]) > 0:
-    slope, level = np.polyfit(stream.time[near] - time, stream.value[near], 1)
-    return float(level) if stream.time[near].min() <= time else float(stream.value[near].mean())
-  return float(np.interp(time, stream.time, stream.value))
 
 
 def pose_on(recording: Recording, time: Array) -> Array:

@@ -17,6 +17,7 @@ from calibration.diagnosis.candidates import Candidate, refine, simulate
 from calibration.diagnosis.curves.driven import driven, error_of
 from calibration.diagnosis.curves.flexible import GAIN, TRIM, Characterised, characterise
 from calibration.fitting.dataset_recalibration import LONGEST
+from calibration.fitting.elimination import start_slopes
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.observations import UNITS, observe
 from calibration.fitting.windows import Cut
@@ -106,7 +107,8 @@ def _with_own_shifts(found: Characterised, recordings: Sequence[Recording]) -> A
     dataclasses.replace(searched.parameters[n], nominal=known[n], std=std) for n, std in stds.items() if n in known
   )
   weighting = dataclasses.replace(searched.weighting, spike=np.ones(len(observations)))
-  problem = Problem(searched.twin, observations, weighting, len(observations), free.names)
+  slopes = start_slopes(searched.twin, observations, found.theta)
+  problem = Problem(searched.twin, observations, weighting, len(observations), free.names, slopes)
   empty = np.zeros((len(observations), len(free)))
   model = Candidate((), free, found.theta.copy(), empty[:, 0], empty, free.nominal, len(observations))
   simulate(problem, [model])

@@ -93,7 +93,9 @@ class Trials:
     names = dict.fromkeys(m.name for m in (*old.twin.mechanisms, *offered(old.twin.vehicle.drive)))
     twin = old.exact.twin.with_mechanisms(select(names))
     weighting = reweighted(found.fitted).weighting
+    names = found.fitted.fit.parameters.names
     problem = Problem(twin, old.observations, weighting, old.n_train, found.fitted.fit.parameters.names)
+    problem = problem.eliminating(old.start_slopes)
     base = candidate(problem, (), None, found.fitted.fit.parameters)
     base.values = found.fitted.fit.theta.copy()
     base.theta = problem.embed(base.free.names, base.values, problem.parameters.nominal)[0]
@@ -151,6 +153,7 @@ class Trials:
     twin = self.problem.exact.twin.with_mechanisms(select(dict.fromkeys((*have, *self.beside, *self.forms))))
     free = self.base.free
     smaller = Problem(twin, self.problem.observations, self.problem.weighting, self.problem.n_train, free.names)
+    smaller = smaller.eliminating(self.problem.start_slopes)
     fitted = settled(smaller, self.found.fitted.passport, free, self.base.values, self.found.fitted.command_shift)
     fitted = with_room(fitted, self.forms)
     return Characterised(fitted, self.curves, self.beside, self.clock, self.forms)
