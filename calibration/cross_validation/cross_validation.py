@@ -20,10 +20,10 @@ from calibration.cross_validation.bicycle_fit import fit_bicycle
 from calibration.cross_validation.free_run import PUBLISHED, free_run
 from calibration.cross_validation.model_difference import ModelDifference, compare_by_region
 from calibration.cross_validation.replay import ReferenceBicycle, Replay, replay
+from calibration.fitting.informative import split_standing
 from calibration.fitting.noise import noise_passport
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import CHANNELS
-from calibration.fitting.static_friction import split_standing
 from calibration.fitting.windows import Cut
 from calibration.identification.drive_fit import NotIdentifiable
 from calibration.identification.identification import identify

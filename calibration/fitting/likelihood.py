@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.copies import copies, filled
-from calibration.fitting.elimination import Elimination
 from calibration.fitting.observations import CHANNELS, Observations
 from calibration.fitting.residual_channels import RESIDUALS
+from calibration.fitting.start_states import ELIMINATED, Elimination
 from calibration.fitting.surrogate import Stretch, Surrogate
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.plant import Driving, Prediction
@@ -68,7 +68,7 @@ class Problem:
     """`n_train`: so many values, from the front, are fitted; the rest only judge (role "validate").
 
     `base`: names of the parameters every model fits; the base twin's by default.
-    `start_slopes`: of every value by its stretch's start state, (M, k), see elimination.py; None to take every start as
+    `start_slopes`: of every value by its stretch's start state, (M, k), see start_states.py; None to take every start as
     measured.
     """
     self.twin, self.observations, self.weighting, self.n_train = twin, observations, weighting, n_train
@@ -248,6 +248,24 @@ def _bound(residual: Array) -> None:
   """A trial that flies apart counts as bad, not as infinitely bad: squares of the rest would overflow in a solver."""
   np.clip(residual, -_WORST, _WORST, out=residual)
   residual[np.isnan(residual)] = _WORST
+
+
+def start_slopes(twin: Twin, observations: Observations, theta: Array) -> Array:
+  """Slopes of every value by its stretch's start state, in standard deviations of the state, at theta (P,), (M, k).
+
+  Central differences over half a deviation either way: all stretches move together, since none shares a state.
+  """
+  stretches = observations.stretches
+  slopes = np.zeros((len(observations), len(ELIMINATED)))
+  for k, column in enumerate(ELIMINATED):
+    moved = []
+    for sign in (0.5, -0.5):
+      start = stretches.segments.start.copy()
+      start[:, column] += sign * stretches.start_std[:, column]
+      segments = dataclasses.replace(stretches.segments, start=start)
+      moved.append(observations.predict(twin.rollout(theta[None], segments))[0])
+    slopes[:, k] = moved[0] - moved[1]
+  return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
 
 
 @contextlib.contextmanager

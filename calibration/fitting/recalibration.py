@@ -12,8 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.fitting.elimination import start_slopes
-from calibration.fitting.likelihood import Problem, Weighting, weighting_from
+from calibration.fitting.likelihood import Problem, Weighting, start_slopes, weighting_from
 from calibration.fitting.noise import ChannelNoise, noise_passport
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import Observations, observe

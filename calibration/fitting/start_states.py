@@ -1,10 +1,21 @@
-"""How a car moves where a stretch of driving begins, by its sensors alone: each state with a standard deviation.
+"""Start states of stretches: what the sensors say of them, and their elimination from every least squares.
 
-A channel's value at a time is a straight line through as many samples around it as agree with each other: the
+A channel's value at a time is that of a parabola through as many samples around it as agree with each other: the
 widest of nested windows whose interval still meets those of all narrower ones (the intersection of confidence
 intervals: Goldenshluger and Nemirovski, On spatially adaptive estimation of nonparametric regression, Mathematical
 Methods of Statistics 6, 1997). Where a recording begins in a launch that is its first sample or two; in steady driving
 it is all samples within 0.06 s.
+
+A stretch of driving begins in a state x that nobody knows exactly: it was measured with a covariance P. To first order
+a stretch's whitened residual is r + U z with the state's error in standard deviations z ~ N(0, I) and the slopes
+U = J P^1/2. The least squares over z,
+
+  min_z |r + U z|^2 + |z|^2 = r' (I + U U')^-1 r = |A r|^2,   A = I - Q diag(1 - 1 / sqrt(1 + s^2)) Q',
+
+with the singular vectors Q and values s of U (the Schur complement of the normal equations in z: Golub and Pereyra, The
+differentiation of pseudo-inverses and nonlinear least squares problems whose variables separate, SIAM Journal on
+Numerical Analysis 10, 1973). A is applied to residuals and slopes alike: what follows is a least squares like any
+other, and its sum of squares still counts nats.
 """
 
 import dataclasses
@@ -23,10 +34,12 @@ from qcar_twin.vehicle.vehicle import Vehicle
 Array = NDArray[np.float64]
 
 _HALF = 0.06  # s on either side of a time, from which its value is taken
-_AGREE = 2.0  # standard deviations on either side of a value: intervals of 95 %
+_ORDER = 2  # of the polynomial: in a launch a straight line's curvature costs more than the third coefficient does
+_AGREE = 1.5  # standard deviations on either side of a value: intervals of 87 %
 _SERVO = 0.15  # s within which a command before or after may still be on its way to the wheels
 _AGE = 0.005  # s: a sensor's age that no log states
 _LINKAGE = 0.01  # rad: play and trim of a linkage
+ELIMINATED = [START.index(name) for name in ("velocity_x", "velocity_y", "yaw_rate", "steering_angle")]
 _POSE = ("pose_x", "pose_y", "pose_yaw")
 
 
@@ -76,12 +89,14 @@ def level(stream: Stream, time: float, noise: float, half: float = _HALF) -> tup
   low, high = value - _AGREE * std, value + _AGREE * std
   near = np.flatnonzero(np.abs(stream.time - time) <= half)
   near = near[np.argsort(np.abs(stream.time[near] - time), kind="stable")]
-  for count in range(4, len(near) + 1):
-    line, spread = _line(stream.time[near[:count]] - time, stream.value[near[:count]], noise)
-    low, high = max(low, line - _AGREE * spread), min(high, line + _AGREE * spread)
+  for count in range(_ORDER + 3, len(near) + 1):
+    curve, spread = _curve(stream.time[near[:count]] - time, stream.value[near[:count]], noise)
+    if spread > std:
+      continue
+    low, high = max(low, curve - _AGREE * spread), min(high, curve + _AGREE * spread)
     if low > high:
       break
-    value, std = line, spread
+    value, std = curve, spread
   return value, std
 
 
@@ -95,12 +110,11 @@ def _nearest(stream: Stream, time: float, noise: float) -> tuple[float, float]:
   return value, float(np.hypot(noise, max(slopes, default=0.0) * abs(stream.time[at] - time)))
 
 
-def _line(time: Array, value: Array, noise: float) -> tuple[float, float]:
-  """A straight line's value at 0 and its standard deviation."""
-  centred = time - time.mean()
-  power = float(centred @ centred)
-  slope = float(centred @ value) / power
-  return float(value.mean() - slope * time.mean()), noise * float(np.sqrt(1.0 / len(time) + time.mean() ** 2 / power))
+def _curve(time: Array, value: Array, noise: float) -> tuple[float, float]:
+  """A parabola's value at 0 and its standard deviation."""
+  powers = np.vander(time / np.abs(time).max(), _ORDER + 1, increasing=True)
+  weights = np.linalg.pinv(powers)[0]
+  return float(weights @ value), noise * float(np.sqrt(weights @ weights))
 
 
 def _speed(recording: Recording, time: float, vehicle: Vehicle, noise: Mapping[str, float]) -> tuple[float, float]:
@@ -146,3 +160,38 @@ def _steering_std(recording: Recording, time: float, vehicle: Vehicle, steering:
     return _LINKAGE
   around = recording["steering_command"].at(time + np.linspace(-_SERVO, _SERVO, 7), 0.0)
   return float(np.hypot(_LINKAGE, np.max(np.abs(np.nan_to_num(around, nan=steering) - steering))))
+
+
+@dataclasses.dataclass(frozen=True)
+class Elimination:
+  """A of every stretch, for values in the order of observations.
+
+  Attributes:
+    slopes: d value / d start state in the state's standard deviations, in the channels' units, (M, k).
+    basis: Q in the rows of each stretch, (M, k).
+    shrink: 1 - 1 / sqrt(1 + s^2) of each stretch, (S, k).
+    edges: row at which each stretch's values begin, and the end, (S + 1,).
+  """
+
+  slopes: Array
+  basis: Array
+  shrink: Array
+  edges: NDArray[np.int64]
+
+  @classmethod
+  def of(cls, slopes: Array, scale: Array, stretch: NDArray[np.int64]) -> "Elimination":
+    """From slopes (M, k), what whitens each value (M,) and the stretch of each value (M,), in rising order."""
+    edges = np.append(np.flatnonzero(np.diff(stretch, prepend=-1)), len(stretch))
+    basis, shrink = np.zeros_like(slopes), np.zeros((len(edges) - 1, slopes.shape[1]))
+    for k, (low, high) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+      q, s, _ = np.linalg.svd(slopes[low:high] * scale[low:high, None], full_matrices=False)
+      basis[low:high, : len(s)], shrink[k, : len(s)] = q, 1.0 - 1.0 / np.sqrt(1.0 + s**2)
+    return cls(slopes, basis, shrink, edges)
+
+  def apply(self, residual: Array, first: int = 0) -> None:
+    """A r in place: residuals (n, m), whose values begin in row `first`, at the beginning of a stretch."""
+    begin, end = np.searchsorted(self.edges, [first, first + residual.shape[1]])
+    for k in range(begin, end):
+      rows = slice(self.edges[k], self.edges[k + 1])
+      basis, part = self.basis[rows], residual[:, self.edges[k] - first : self.edges[k + 1] - first]
+      part -= ((part @ basis) * self.shrink[k]) @ basis.T

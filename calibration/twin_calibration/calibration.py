@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.dataset_recalibration import LONGEST, command_shifts, recalibrate_dataset
+from calibration.fitting.informative import split_standing
 from calibration.fitting.noise import noise_passport
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import UNITS, Observations, observe
 from calibration.fitting.optimiser import Fit, finite_differences, with_jacobian
 from calibration.fitting.recalibration import RecalibratedTwin
-from calibration.fitting.static_friction import split_standing
 from calibration.fitting.surrogate import searching
 from calibration.fitting.tolerances import always_fitted
 from calibration.fitting.windows import Cut

@@ -19,8 +19,8 @@ import numpy as np
 
 from calibration.cross_validation.cross_validation import MODELS, cross_validate, find_reference
 from calibration.cross_validation.report import write_cross_validation
+from calibration.fitting.informative import split_standing
 from calibration.fitting.observations import CHANNELS
-from calibration.fitting.static_friction import split_standing
 from calibration.fitting.windows import Cut
 from calibration.twin_calibration.calibration import Against, calibrate
 from calibration.twin_calibration.report import write_calibration

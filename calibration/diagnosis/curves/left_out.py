@@ -17,8 +17,7 @@ from calibration.diagnosis.candidates import Candidate, refine, simulate
 from calibration.diagnosis.curves.driven import driven, error_of
 from calibration.diagnosis.curves.flexible import GAIN, TRIM, Characterised, characterise
 from calibration.fitting.dataset_recalibration import LONGEST
-from calibration.fitting.elimination import start_slopes
-from calibration.fitting.likelihood import Problem
+from calibration.fitting.likelihood import Problem, start_slopes
 from calibration.fitting.observations import UNITS, observe
 from calibration.fitting.windows import Cut
 from calibration.log_check.ready import ready
