@@ -68,8 +68,8 @@ class Problem:
     """`n_train`: so many values, from the front, are fitted; the rest only judge (role "validate").
 
     `base`: names of the parameters every model fits; the base twin's by default.
-    `start_slopes`: of every value by its stretch's start state, (M, k), see start_states.py; None to take every start as
-    measured.
+    `start_slopes`: of every value by its stretch's start state, (M, k), see start_states.py; None to take every start
+    as measured.
     """
     self.twin, self.observations, self.weighting, self.n_train = twin, observations, weighting, n_train
     self.base = tuple(base or twin.base.names)
