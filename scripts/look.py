@@ -6,22 +6,20 @@ qcar-twin look drive_1.csv --out out/look
 """
 
 import dataclasses
-import os
 import tempfile
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from calibration.log_check.check import LogCheck, check_log, load_to_check
+from calibration.log_check.check import LogCheck
 from calibration.log_check.raw_page import write_raw
-from calibration.log_check.report import write_log_check
-from calibration.progress import StageLine
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.first_dataset.place import copy_in, logs_of, placed
 from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
+from scripts import check
 from scripts.new import with_rows
 
 
@@ -38,7 +36,7 @@ class Config:
 def main(config: Config) -> LogCheck | None:
   """Write the page, print the verdict and what it is about; None where the log could not be read as a drive."""
   if len(config.logs) == 1 and (config.logs[0] / FILE_NAME).is_file():
-    return _shown(config.logs[0], config.out)
+    return check.main(check.Config(config.logs[0], config.out))
   with tempfile.TemporaryDirectory() as folder:
     place = Path(folder) / (config.logs[0].resolve().stem or "log")
     read = with_rows(placed(place, logs_of(config.logs)))
@@ -48,22 +46,11 @@ def main(config: Config) -> LogCheck | None:
     (place / FILE_NAME).write_text(proposal.text, encoding="utf-8")
     print("\n".join(f"  {line}" for line in proposal.channels))
     try:
-      return _shown(place, config.out)
+      return check.main(check.Config(place, config.out))
     except RecordingError as error:
       page = write_raw([table for _, table in read], str(error), proposal.channels, config.out)
       print(f"Not readable as a drive yet: {error}\npage: {page}")
       return None
-
-
-def _shown(folder: str | os.PathLike[str], out: Path) -> LogCheck:
-  with StageLine() as progress:
-    check = check_log(load_to_check(folder), progress)
-  page = write_log_check(check, out)
-  print(check.verdict)
-  for finding in (*check.of("spoils"), *check.of("beware")):
-    print(f"{finding.severity}: {finding.text}")
-  print(f"page: {page}")
-  return check
 
 
 if __name__ == "__main__":

@@ -167,6 +167,9 @@ CHEAP_LINES = {
 }
 
 
+MAKERS = {line.words[1]: line for line in CHEAP_LINES.values() if line.words[0] == "new"}  # folder -> what makes it
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("line", CHEAP_LINES.values(), ids=str)
 def test_a_cheap_command_runs_as_it_stands(line, desk, monkeypatch, capsys):
@@ -174,6 +177,11 @@ def test_a_cheap_command_runs_as_it_stands(line, desk, monkeypatch, capsys):
   words = line.words
   if words[0] == "make-session":
     assert (desk / "out" / "session" / "dataset.toml").is_file()
+    return
+  for folder in [word for word in words if word in MAKERS and not Path(word).exists()]:
+    assert dispatch(MAKERS[folder].words) == 0, capsys.readouterr().err
+  if words[0] == "new":  # run just now, or for a command that reads what it makes
+    assert (desk / words[1] / "dataset.toml").is_file()
     return
   absent = [path for path in _inputs(words) if not Path(path).exists()]
   if absent:

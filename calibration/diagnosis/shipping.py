@@ -3,6 +3,7 @@
 The repaired twin is written unless it errs more than the recalibrated one, all channels together, on recordings that
 took no part in the fit. Free curves have no physics behind them that speaks for driving unlike the fitted one: they are
 written only where they err less, and where no channel loses more by them than all gain on average.
+Held-out recordings only forbid a twin here; which one is tried first is not theirs to say.
 """
 
 import dataclasses

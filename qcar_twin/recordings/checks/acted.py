@@ -17,10 +17,8 @@ from qcar_twin.recordings.recording import Recording
 _PERIOD = 0.05  # s, of the grid on which commands and motion are compared
 _RESTS = 0.03  # of the usual top speed, below which the car stands
 _ANSWERS = 0.5  # s, within which a car that stands has answered a command; no drive's lag is longer
-_LEAST_REST, _LEAST_IDLE = (
-  2.0,
-  2.0,
-)  # s at rest that tell a neutral (of driving: a sign), and in a row of a command that does nothing
+_LEAST_REST = 2.0  # s at rest that tell a neutral; of driving: a sign
+_LEAST_IDLE = 2.0  # s in a row of a command that does nothing
 _NEAR = 0.02  # of the command's range: one level
 _MOST = 0.8  # share of the rest that a neutral has
 _OFF = 0.1  # of the command's range, beyond which a neutral is not 0
@@ -30,10 +28,8 @@ _BIN = 0.25  # s, over which turning is compared with steering
 _GENTLE = 4.0  # m/s^2 across, below which the turning is proportional to the angle
 _CENTRED = 0.4  # of the largest steering command, within which a straight-ahead is a trim
 _SURE = 0.05  # of the largest steering command: standard deviation of a straight-ahead that says anything
-_STAYS, _SLOWEST = (
-  0.4,
-  1.0,
-)  # s, median, for which a commanded value stays; no sensor of speed is slower than the latter
+_STAYS = 0.4  # s, median, for which a commanded value stays
+_SLOWEST = 1.0  # s: no sensor of speed is slower
 _LEAST_STEPS, _SAMPLES = 3, 5  # steps that tell, and samples, median, for which a value stays then
 _LEAP = 0.1  # of the top speed: steps that are no encoder's quantum
 
