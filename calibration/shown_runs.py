@@ -65,15 +65,15 @@ def routes_of(observations: Observations, evidence: Array | None = None) -> dict
   spot = stretch * spots + step // width
   weight = np.zeros(len(observations)) if evidence is None else evidence
   sums = np.bincount(spot, weight, len(segments) * spots)
-  found: dict[str, list[Array]] = {}
+  places: dict[str, list[Array]] = {}
   for number in np.flatnonzero(np.bincount(spot, minlength=len(sums)) > 0):
     s, k = number // spots, min((number % spots) * width + width // 2, int(segments.steps[number // spots]))
     x, y = segments.pose[s, k, :2]
     if np.isfinite(x) and np.isfinite(y):
       time = float(segments.offset[s]) + k * segments.period
       rate = max(float(sums[number]), 0.0) / (width * segments.period)
-      found.setdefault(segments.recording[s], []).append(np.array([time, x, y, rate]))
-  columns = {name: np.array(places).T for name, places in found.items()}
+      places.setdefault(segments.recording[s], []).append(np.array([time, x, y, rate]))
+  columns = {name: np.array(of_recording).T for name, of_recording in places.items()}
   return {n: Route(c[0], c[1], c[2], c[3] if evidence is not None else None) for n, c in columns.items()}
 
 
@@ -90,7 +90,7 @@ def _panel(
   labels: Mapping[str, str],
   noise: float,
 ) -> Panel:
-  breaks = np.flatnonzero(np.diff(observations.stretch[rows])) + 1  # lines end where the simulation was started anew
+  breaks = np.flatnonzero(np.diff(observations.stretch[rows])) + 1  # lines end where the simulation started again
   cut = lambda values: np.insert(values, breaks, np.nan)
   time = cut(observations.time[rows])
   lines = [Line("measured", time, cut(observations.measured[rows]))]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calibration.fitting.first_guess import first_guess
 from calibration.fitting.likelihood import weighting_from
-from calibration.fitting.noise import noise_passport
+from calibration.fitting.noise import noise_models
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import observe
 from calibration.fitting.optimiser import Fit, fit
@@ -38,7 +38,7 @@ def fit_bicycle(
   bicycle = Bicycle(vehicle)
   priors = starting_values(recordings, vehicle)
   observations = observe(recordings, vehicle, cut)
-  segments, floor = observations.stretches.segments, sensor_floor(noise_passport(recordings))
+  segments, floor = observations.stretches.segments, sensor_floor(noise_models(recordings))
 
   def raw(theta: Array) -> Array:
     wrong = observations.predict(bicycle.rollout(theta, segments)) - observations.measured

@@ -21,7 +21,7 @@ from calibration.cross_validation.free_run import PUBLISHED, free_run
 from calibration.cross_validation.model_difference import ModelDifference, compare_by_region
 from calibration.cross_validation.replay import ReferenceBicycle, Replay, replay
 from calibration.fitting.informative import split_standing
-from calibration.fitting.noise import noise_passport
+from calibration.fitting.noise import noise_models
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import CHANNELS
 from calibration.fitting.windows import Cut
@@ -129,7 +129,7 @@ def cross_validate(
       replay(twin, theta, reference, recordings, _REGION_WINDOW, command_shift), recordings, twin.vehicle
     )
   ovals = {r.name: _oval(twin, theta, reference, r) for r in recordings if r.manoeuvre == "oval"}
-  noise = sensor_floor(noise_passport([r for r in dataset.recordings if r.role != "holdout"] or recordings))
+  noise = sensor_floor(noise_models([r for r in dataset.recordings if r.role != "holdout"] or recordings))
   return CrossValidation(
     dataset, tuple(roles), twin, theta, reference, missing, tuple(replays), difference, ovals, noise
   )

@@ -99,7 +99,7 @@ def diagnose(
     levels: what decides; those of search/levels.toml by default.
     substeps: simulation steps per control period of 10 ms.
     threads: of the simulation, 0 for all cores.
-    progress: told the stage and how much of it is done.
+    progress: reports the stage and how much of it is done.
     prepared: of `prepare` with the same data set, mechanisms and start, where it was done before.
     plant: what is searched with: the reduced car, as far as it can stand in for MuJoCo's, or "mujoco" alone. What is
       claimed is MuJoCo's either way.

@@ -125,7 +125,7 @@ def scan(
     sizes: multiples of the typical size to try. A signed mechanism is tried with one sign and scaled
       with both: its signature is odd in its size to first order, and the refit sees to the rest. At the contact
       both signs are tried: less grip makes wheels slide that more grip would not have changed.
-    progress: told the share of the trials that is done.
+    progress: reports the share of the trials that is done.
   """
   projectors = {
     m.name: _projector(base, m) for m in mechanisms if {p.name for p in m.parameters} & set(base.free.names)

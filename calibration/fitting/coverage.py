@@ -65,12 +65,12 @@ def _halves(recording: Recording) -> list[Recording]:
   """A recording cut in the middle; as it is where it is short, or one half would hardly tell how fast the car was."""
   middle = 0.5 * (recording.start + recording.end)
   speeds = [recording[name].time for name in ("motor_speed", "speed") if name in recording]
-  told = max((min(np.sum(t < middle), np.sum(t >= middle)) for t in speeds), default=0)
-  if recording.duration < _WHOLE or told < MIN_SAMPLES:
+  shown = max((min(np.sum(t < middle), np.sum(t >= middle)) for t in speeds), default=0)
+  if recording.duration < _WHOLE or shown < MIN_SAMPLES:
     return [recording]
   spans = (recording.start, float(np.nextafter(middle, -np.inf))), (middle, recording.end)
   first, second = (recording.window(*s).replace(name=f"{recording.name}#{k}") for k, s in enumerate(spans, 1))
-  return [first, second.replace(before=None)]  # what was driven before it is counted anew, the first half with it
+  return [first, second.replace(before=None)]  # what was driven before it is counted again, the first half with it
 
 
 def _commands(recording: Recording) -> Array:

@@ -39,7 +39,7 @@ def recalibrate_dataset(
     start: a twin to go on from, with its parameters: the first guess.
     added: parameters of mechanisms this car is known to need, fitted with the rest.
     most: s of driving that are simulated.
-    progress: told what is being done.
+    progress: reports what is being done.
     evenly: it is spread evenly; else half of it is chosen for what it tells.
   """
   recordings = [r for r in dataset.recordings if r.role != "holdout"]

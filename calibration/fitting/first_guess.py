@@ -62,7 +62,7 @@ def _integrals(recording: Recording, vehicle: Vehicle) -> Array:
 def _regression(table: Array) -> tuple[float, float, float]:
   """P1, P2, P3 >= 0 from V = omega' / P1 + P2 / P1 omega + P3 / P1 sgn(omega), with two rounds of Huber weights.
 
-  Not finite where the speed never changes: then they can't be told.
+  Not finite where the speed never changes: then nothing shows them.
   """
   matrix, volts = table[:, [0, 2, 3]], table[:, 1]
   if not np.any(matrix[:, 0]):

@@ -57,14 +57,14 @@ def chosen(stretches: Sequence[Array], room: int, already: Sequence[int] | NDArr
   if room >= len(stretches):
     return np.arange(len(stretches))
   scale = np.sqrt(np.mean(np.concatenate([s**2 for s in stretches]), axis=0))
-  told = np.stack([s.T @ s for s in (s / np.where(scale > 0.0, scale, 1.0) for s in stretches)])
-  known = _PRIOR * np.trace(told.mean(axis=0)) / told.shape[1] * np.eye(told.shape[1])
+  shown = np.stack([s.T @ s for s in (s / np.where(scale > 0.0, scale, 1.0) for s in stretches)])
+  known = _PRIOR * np.trace(shown.mean(axis=0)) / shown.shape[1] * np.eye(shown.shape[1])
   taken = [int(i) for i in already]
-  known = known + told[taken].sum(axis=0)
+  known = known + shown[taken].sum(axis=0)
   left = [i for i in range(len(stretches)) if i not in taken]
   for _ in range(room - len(taken)):
-    best = left[int(np.argmax(np.linalg.slogdet(known + told[left])[1]))]
-    known = known + told[best]
+    best = left[int(np.argmax(np.linalg.slogdet(known + shown[left])[1]))]
+    known = known + shown[best]
     left.remove(best)
     taken.append(best)
   return np.sort(np.array(taken, dtype=np.int64))

@@ -236,7 +236,7 @@ def weighting_from(observations: Observations, raw: Array, floor: Mapping[str, f
   Args:
     observations: what was measured.
     raw: predicted minus measured, (M,).
-    floor: standard deviation of each sensor channel from the noise passport.
+    floor: standard deviation of each sensor channel from the noise model.
   """
   std = np.full(len(CHANNELS), np.nan)
   correlation = np.ones(len(CHANNELS))

@@ -1,4 +1,4 @@
-"""The noise passport: what each sensor does when the car does nothing.
+"""The noise model: what each sensor does when the car does nothing.
 
 Noise is taken from standstill, where no model can be wrong; where a log has none, from second
 differences, which a smooth motion leaves alone: var(x[k-1] - 2 x[k] + x[k+1]) = 6 var(noise).
@@ -43,7 +43,7 @@ class ChannelNoise:
   latest: float
 
 
-def noise_passport(recordings: Sequence[Recording]) -> dict[str, ChannelNoise]:
+def noise_models(recordings: Sequence[Recording]) -> dict[str, ChannelNoise]:
   """The noise of every measured channel that occurs."""
   spans = [(r, _standstills(r)) for r in recordings]
   names = [n for n in channels_of("sensor") if any(n in r for r in recordings)]

@@ -19,9 +19,9 @@ _ROLLS = 0.05  # of a recording's largest speed, below which the car stands or n
 _NORMAL = 1.4826  # standard deviation of a normal variable over its median size
 
 
-def sensor_floor(passport: Mapping[str, ChannelNoise]) -> dict[str, float]:
+def sensor_floor(noise_models: Mapping[str, ChannelNoise]) -> dict[str, float]:
   """Standard deviation of each residual channel that the sensors make at standstill."""
-  return residual_floor({name: noise.std for name, noise in passport.items()})
+  return residual_floor({name: noise.std for name, noise in noise_models.items()})
 
 
 def driving_noise(recordings: Sequence[Recording]) -> dict[str, float]:

@@ -19,8 +19,9 @@ Residual = Callable[[Array], Array]  # (n, p) -> (n, M), whitened: a perfect mod
 
 log = logging.getLogger(__name__)
 _LEAST_GAIN = 1.0  # nats an iteration must bring to be followed by another
-_KEPT = 0.7  # share of its promise a step must keep for its Jacobian to serve for another
-_TRUSTED = 0.9  # share of its promise: a step that keeps so much needs no others beside it
+# actual over predicted reduction of the cost: from _SERVES on the Jacobian serves for another step, from _TRUSTED on a
+# step needs no others to be tried with it
+_SERVES, _TRUSTED = 0.7, 0.9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,24 +131,24 @@ def fit(
       progress(k + 1, costs[-1])
     failures = failures + 1 if gain <= 0 else 0
     # without a tolerance the minimum is sought to a nat, and only a fresh Jacobian knows that there is none left
-    sure = fresh or (tolerance > 0 and tried.kept >= _TRUSTED)
-    if (small and sure and (gain > 0 or tried.promised < _LEAST_GAIN)) or failures > 2:
+    sure = fresh or (tolerance > 0 and tried.ratio >= _TRUSTED)
+    if (small and sure and (gain > 0 or tried.predicted < _LEAST_GAIN)) or failures > 2:
       break
     fresh = fresh and gain <= 0
     # a Jacobian that foretold the gain well is good for one more step
-    renew = (k + 1) % 3 == 0 or tried.kept < _KEPT
+    renew = (k + 1) % 3 == 0 or tried.ratio < _SERVES
   return _finish(parameters, theta, r, jacobian, costs, evaluations, robust)
 
 
 @dataclasses.dataclass(frozen=True)
 class _Trial:
-  """A simulated step: estimates, residual, cost, promised gain, share of it that was kept, factor on the damping."""
+  """A simulated step: estimates, residual, cost, predicted reduction, actual / predicted, factor on the damping."""
 
   theta: Array
   outcome: Array
   cost: float
-  promised: float
-  kept: float
+  predicted: float
+  ratio: float
   ease: float
   evaluations: int
 
@@ -156,19 +157,19 @@ def _try(
   residual: Residual, parameters: ParameterSet, theta: Array, r: Array, jacobian: Array, cost: float, damping: float,
   robust: float,
 ) -> _Trial:  # fmt: skip
-  """A step as good as undamped; where it doesn't bring what the Jacobian promised, the best of it and shorter ones."""
+  """A step as good as undamped; where it doesn't bring what the Jacobian predicted, the best of it and shorter ones."""
 
   def judged(candidates: list[Array], eases: tuple[float, ...], evaluations: int) -> _Trial:
     outcomes = residual(np.stack(candidates))
-    found = [_cost(o, t, parameters, robust) for o, t in zip(outcomes, candidates, strict=True)]
-    best = int(np.argmin(found))
-    promised = cost - _cost(r + jacobian @ (candidates[best] - theta), candidates[best], parameters, robust)
-    kept = (cost - found[best]) / max(promised, 1e-300)
-    return _Trial(candidates[best], outcomes[best], found[best], promised, kept, eases[best], evaluations)
+    costs = [_cost(o, t, parameters, robust) for o, t in zip(outcomes, candidates, strict=True)]
+    best = int(np.argmin(costs))
+    predicted = cost - _cost(r + jacobian @ (candidates[best] - theta), candidates[best], parameters, robust)
+    ratio = (cost - costs[best]) / max(predicted, 1e-300)
+    return _Trial(candidates[best], outcomes[best], costs[best], predicted, ratio, eases[best], evaluations)
 
   step = lambda factor: _lm_step(jacobian, r, theta, parameters, robust, damping * factor)
   first = judged([step(0.01)], (0.03,), 1)
-  if first.kept >= _TRUSTED:
+  if first.ratio >= _TRUSTED:
     return first
   whole = step(1.0)
   others = judged([whole, step(100.0), 0.5 * (theta + whole)], (1.0, 30.0, 1.0), 4)
@@ -202,14 +203,14 @@ def broyden(jacobian: Array, r: Array, theta: Array, outcome: Array, candidate: 
   return jacobian + np.outer(surprise / power, step / scale)
 
 
-def with_jacobian(found: Fit, jacobian: Array, robust: float) -> Fit:
-  """The same estimates with covariance and flags from a Jacobian, (M, p), taken anew where the fit ended.
+def with_jacobian(fitted: Fit, jacobian: Array, robust: float) -> Fit:
+  """The same estimates with covariance and flags from a Jacobian, (M, p), taken where the fit ended.
 
   Args:
     robust: pseudo-Huber width the fit was made with.
   """
-  costs = list(found.iterations)
-  return _finish(found.parameters, found.theta, found.residual, jacobian, costs, found.evaluations, robust)
+  costs = list(fitted.iterations)
+  return _finish(fitted.parameters, fitted.theta, fitted.residual, jacobian, costs, fitted.evaluations, robust)
 
 
 def robust_weights(r: Array, width: float) -> Array:

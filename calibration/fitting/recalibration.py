@@ -1,7 +1,7 @@
 """Honest recalibration: the best the twin can do with the physics it has.
 
 Everything that follows is measured against this fit, never against an uncalibrated twin. Weights
-come from the noise passport at first and from the fit's own residuals afterwards, so that a channel
+come from the noise model at first and from the fit's own residuals afterwards, so that a channel
 full of road noise does not drown the others.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.likelihood import Problem, Weighting, weighting_from
-from calibration.fitting.noise import ChannelNoise, noise_passport
+from calibration.fitting.noise import ChannelNoise, noise_models
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import Observations, observe
 from calibration.fitting.optimiser import Fit, finite_differences, fit, prior_cost
@@ -34,7 +34,7 @@ _GRIPS = (1.0, 1.4)
 _ROUNDS, _SETTLED = 8, 1.0  # corrections by MuJoCo, and nats that end them
 _AFAR = 4  # rounds of a fit from afar
 _NOTICED = 10.0  # nats: no decision hangs on a smaller error; hardly a claim rests on twice as many
-# of a promised decrease: below, a model is not trusted over that step (Nocedal and Wright, 2nd ed., algorithm 4.1)
+# of a predicted reduction: below, a model is not trusted over that step (Nocedal and Wright, 2nd ed., algorithm 4.1)
 _TRUSTED = 0.25
 _PART, _LEAST = 0.35, 85.0  # share of the driving a rough fit sees, and at least so many seconds
 
@@ -45,7 +45,7 @@ class RecalibratedTwin:
 
   Attributes:
     problem: residuals with the final weights.
-    passport: noise of the sensors.
+    noise_models: of the sensors, by channel.
     fit: the base parameters' fit.
     theta: full parameter vector with every mechanism at its null, (P,).
     jacobian: d whitened residual / d base parameters over all values, fitted and judging, (M, p).
@@ -53,7 +53,7 @@ class RecalibratedTwin:
   """
 
   problem: Problem
-  passport: Mapping[str, ChannelNoise]
+  noise_models: Mapping[str, ChannelNoise]
   fit: Fit
   theta: Array
   jacobian: Array
@@ -76,11 +76,11 @@ def recalibrate(
     priors: base parameters with better first guesses than the vehicle's nominal ones.
     shifts: command timings to try, control periods; more than one where the log's convention is unknown.
     cut: how recordings are cut.
-    progress: told what is being done.
+    progress: reports what is being done.
   """
   recordings = sorted(recordings, key=lambda r: r.role == "validate")
-  passport = noise_passport(recordings)
-  base, floor = priors or twin.base, sensor_floor(passport)
+  noise = noise_models(recordings)
+  base, floor = priors or twin.base, sensor_floor(noise)
   driven = sum(r.duration for r in recordings)
   # weights are read off its residuals, so the part must be like the whole
   part = dataclasses.replace(cut, evenly=True, most=max(_LEAST, _PART * min(driven, cut.most)))
@@ -93,40 +93,42 @@ def recalibrate(
   observations = observe(recordings, twin.vehicle, dataclasses.replace(cut, command_shift=shift))
   twin = anchored(twin, base.names, start)
   problem = _weighted(twin, observations, fitted_count(observations, recordings), base, start, floor)
-  return settled(problem, passport, base, start, shift)
+  return settled(problem, noise, base, start, shift)
 
 
 def recalibrate_from(baseline: RecalibratedTwin, theta: Array) -> RecalibratedTwin:
   """The recalibrated twin fitted again from estimates of all parameters, (P,), weighted by the residuals there."""
   old, base = baseline.problem, baseline.fit.parameters
   start = theta[[old.parameters.index(name) for name in base.names]]
-  problem = _weighted(old.at(theta).twin, old.observations, old.n_train, base, start, sensor_floor(baseline.passport))
-  return settled(problem, baseline.passport, base, start, baseline.command_shift)
+  problem = _weighted(
+    old.at(theta).twin, old.observations, old.n_train, base, start, sensor_floor(baseline.noise_models)
+  )
+  return settled(problem, baseline.noise_models, base, start, baseline.command_shift)
 
 
-def reweighted(found: RecalibratedTwin) -> Problem:
+def reweighted(recalibrated: RecalibratedTwin) -> Problem:
   """The problem with weights from the residuals of the fit: those of a rough one let channels slip that it missed."""
-  old, floor = found.problem.at(found.theta), sensor_floor(found.passport)
-  return _weighted(old.twin, old.observations, old.n_train, found.fit.parameters, found.fit.theta, floor)
+  old, floor = recalibrated.problem.at(recalibrated.theta), sensor_floor(recalibrated.noise_models)
+  return _weighted(old.twin, old.observations, old.n_train, recalibrated.fit.parameters, recalibrated.fit.theta, floor)
 
 
 def settled(
-  problem: Problem, passport: Mapping[str, ChannelNoise], base: ParameterSet, start: Array, command_shift: int
+  problem: Problem, noise_models: Mapping[str, ChannelNoise], base: ParameterSet, start: Array, command_shift: int
 ) -> RecalibratedTwin:
   """The minimum near a start: every model of a search is measured against it, so it is sought to a nat."""
-  problem, found = _descended(problem, base, start)
-  theta = problem.embed(base.names, found.theta, problem.parameters.nominal)[0]
-  return RecalibratedTwin(problem, passport, found, theta, _slopes(problem, base, found.theta), command_shift)
+  problem, minimum = _descended(problem, base, start)
+  theta = problem.embed(base.names, minimum.theta, problem.parameters.nominal)[0]
+  return RecalibratedTwin(problem, noise_models, minimum, theta, _slopes(problem, base, minimum.theta), command_shift)
 
 
-def settled_from(found: RecalibratedTwin, start: Array) -> RecalibratedTwin:
+def settled_from(recalibrated: RecalibratedTwin, start: Array) -> RecalibratedTwin:
   """The same fit from another start, (p,), in rounds while they gain: from afar one may not come to its end."""
-  old, base = found, found.fit.parameters
-  begun = settled(old.problem, old.passport, base, start, old.command_shift)
+  old, base = recalibrated, recalibrated.fit.parameters
+  begun = settled(old.problem, old.noise_models, base, start, old.command_shift)
   again, iterations = begun, begun.fit.iterations
   for _ in range(_AFAR):
     before = again.fit.cost
-    again = settled(old.problem, old.passport, base, again.fit.theta, old.command_shift)
+    again = settled(old.problem, old.noise_models, base, again.fit.theta, old.command_shift)
     if before - again.fit.cost < _SETTLED:
       break
   return dataclasses.replace(again, fit=dataclasses.replace(again.fit, iterations=iterations))
@@ -141,53 +143,53 @@ def _slopes(problem: Problem, base: ParameterSet, values: Array) -> Array:
 def misled(problem: Problem, anchor: Array, tried: Array) -> list[Stretch]:
   """The fewest stretches without which MuJoCo confirms a surrogate's step from its anchor, full parameters, (P,).
 
-  Or without which what it denies is too little to be noticed: near a minimum a promise is a small difference of what
+  Or without which what it denies is too little to be noticed: near a minimum a prediction is a small difference of what
   the stretches gain and lose, and hardly any of them could be trusted.
   """
   stretch, segments = problem.observations.stretch[: problem.n_train], problem.observations.stretches.segments
   nats = lambda p, theta: np.bincount(stretch, 0.5 * p.fitted_residual(theta[None])[0] ** 2)
   before = nats(problem, anchor)
-  promised, kept = before - nats(problem, tried), before - nats(problem.exact, tried)
-  order = np.argsort(kept - promised)
-  trusted = lambda rest: _trusted(promised[rest].sum(), kept[rest].sum())
+  predicted, actual = before - nats(problem, tried), before - nats(problem.exact, tried)
+  order = np.argsort(actual - predicted)
+  trusted = lambda rest: _trusted(predicted[rest].sum(), actual[rest].sum())
   count = next(k for k in range(1, len(order) + 1) if trusted(order[k:]))
   return [(segments.recording[k], float(segments.offset[k])) for k in order[:count]]
 
 
-def _trusted(promised: float, lowered: float) -> bool:
-  """Whether a surrogate led well: MuJoCo's cost came down by enough of what was promised, nats, or nearly by it."""
-  return lowered >= _TRUSTED * promised or promised - lowered <= _NOTICED
+def _trusted(predicted: float, actual: float) -> bool:
+  """Whether a surrogate led well: the actual reduction is enough of the predicted one, nats, or nearly it."""
+  return actual >= _TRUSTED * predicted or predicted - actual <= _NOTICED
 
 
 def _descended(problem: Problem, base: ParameterSet, start: Array) -> tuple[Problem, Fit]:
   """The minimum, and the problem there.
 
-  A surrogate is put right by MuJoCo wherever its own minimum lay, until it promises no more. Where MuJoCo does not
+  A surrogate is put right by MuJoCo wherever its own minimum lay, until it predicts no reduction. Where MuJoCo does not
   confirm a step, the stretches in which the slopes of the two differ are left to MuJoCo from then on.
   """
   embedded = lambda values: problem.embed(base.names, values, problem.parameters.nominal)[0]
-  found = _fit(problem, base, start, 12, 0.0)
+  minimum = _fit(problem, base, start, 12, 0.0)
   if problem.exact is problem:
-    return problem, found
+    return problem, minimum
   theta, cost = start, _cost(problem, base, start)
   for _ in range(_ROUNDS):
-    promised = cost - found.cost
-    if promised < _SETTLED:
+    predicted = cost - minimum.cost
+    if predicted < _SETTLED:
       break
-    there = problem.at(embedded(found.theta))
-    lowered = cost - _cost(there, base, found.theta)
-    log.info("MuJoCo: %.1f nats of the %.1f that the surrogate promised", lowered, promised)
-    if not _trusted(promised, lowered):
-      guarded = misled(problem, embedded(theta), embedded(found.theta))
+    there = problem.at(embedded(minimum.theta))
+    actual = cost - _cost(there, base, minimum.theta)
+    log.info("MuJoCo: %.1f nats of the %.1f that the surrogate predicted", actual, predicted)
+    if not _trusted(predicted, actual):
+      guarded = misled(problem, embedded(theta), embedded(minimum.theta))
       log.info("left to MuJoCo: %s", guarded)
       problem, there = problem.guarding(guarded), there.guarding(guarded)
-    elif lowered <= 0.0:
+    elif actual <= 0.0:
       break
-    if lowered > 0.0:
-      problem, theta, cost = there, found.theta, cost - lowered
-    found = _fit(problem, base, theta, 6, 0.0)
+    if actual > 0.0:
+      problem, theta, cost = there, minimum.theta, cost - actual
+    minimum = _fit(problem, base, theta, 6, 0.0)
   residual = problem.fitted_residual(embedded(theta)[None])[0]
-  return problem, dataclasses.replace(found, theta=theta, residual=residual, cost=cost)
+  return problem, dataclasses.replace(minimum, theta=theta, residual=residual, cost=cost)
 
 
 def _cost(problem: Problem, base: ParameterSet, theta: Array) -> float:
@@ -205,10 +207,10 @@ def _approach(
   start, held = _best_start(twin, observations, n_train, base), _held(base)
   problem = _weighted(twin, observations, n_train, base, start, floor)
   attempts = [_fit(problem, held, _with_grip(base, start, grip), 5, 1e-2) for grip in _GRIPS]
-  found = min(attempts, key=lambda f: f.cost)
-  problem = _weighted(twin, observations, n_train, base, found.theta, floor)
-  found = _fit(problem, base, found.theta, 4, 5e-3)
-  return problem, problem.raw(problem.embed(base.names, found.theta, twin.parameters.nominal))[0], found.theta
+  rough = min(attempts, key=lambda f: f.cost)
+  problem = _weighted(twin, observations, n_train, base, rough.theta, floor)
+  rough = _fit(problem, base, rough.theta, 4, 5e-3)
+  return problem, problem.raw(problem.embed(base.names, rough.theta, twin.parameters.nominal))[0], rough.theta
 
 
 def _held(base: ParameterSet) -> ParameterSet:
@@ -231,8 +233,8 @@ def _with_grip(base: ParameterSet, theta: Array, grip: float) -> Array:
 def _fit(problem: Problem, base: ParameterSet, start: Array, iterations: int, tolerance: float) -> Fit:
   around = problem.parameters.nominal
   residual = lambda v: problem.fitted_residual(problem.embed(base.names, v, around))
-  told = lambda i, cost: log.info("iteration %d: cost %.1f", i, cost)
-  return fit(residual, base, start, iterations=iterations, tolerance=tolerance, robust=np.inf, progress=told)
+  report = lambda i, cost: log.info("iteration %d: cost %.1f", i, cost)
+  return fit(residual, base, start, iterations=iterations, tolerance=tolerance, robust=np.inf, progress=report)
 
 
 def _weighted(

@@ -57,7 +57,7 @@ def _read_at_rest(parameter: Parameter, error: SensorError, recordings: Sequence
 
 
 def with_tolerances(priors: ParameterSet, twin: Twin) -> ParameterSet:
-  """The same and the errors that are allowed for, within three standard deviations, lest they be taken for physics.
+  """The same and the errors that are allowed for, within three standard deviations, not to be taken for physics.
 
   A wheel radius that is 1 % off makes every turn 1 % too wide and would pass for an error of the steering; so would a
   linkage that turns the two wheels a little otherwise, and a body roll that the twin's accelerometer does not feel for

@@ -180,8 +180,10 @@ def _thinned(pieces: list[_Piece], recordings: Sequence[Recording], cut: Cut) ->
     share = max(1, round(room * len(own) / len(pieces)))
     each = 2 * len(np.unique(recording[own]))
     spread = _evenly(recording[own], min(share, max((share + 1) // 2, each)))
-    told = [regressors(p.commands, p.speed, p.heading, cut.period, float(p.spent[1])) for p in (pieces[i] for i in own)]
-    kept |= {int(own[i]) for i in chosen(told, share, spread)}
+    shown = [
+      regressors(p.commands, p.speed, p.heading, cut.period, float(p.spent[1])) for p in (pieces[i] for i in own)
+    ]
+    kept |= {int(own[i]) for i in chosen(shown, share, spread)}
   return [pieces[i] for i in sorted(kept)]
 
 

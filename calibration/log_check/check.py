@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from typing import Any
 
-from calibration.fitting.noise import ChannelNoise, noise_passport
+from calibration.fitting.noise import ChannelNoise, noise_models
 from calibration.log_check.commands import command_findings
 from calibration.log_check.disagreements import Finding, Severity, disagreements
 from calibration.log_check.motions import Wheels, motions
@@ -80,7 +80,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
   """Check a data set that could be loaded; without a model of a car."""
   recordings = dataset.recordings
   progress("noise and timing")
-  noise, sampled = noise_passport(recordings), samplings(recordings)
+  noise, sampled = noise_models(recordings), samplings(recordings)
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   wheels = Wheels.of(vehicle, recordings)
   compared = []

@@ -21,28 +21,28 @@ _SPOTS = 4000  # of a role at most
 _TITLES = {"spoils": "What spoils a fit", "beware": "Warnings", "note": "What this log cannot show"}
 
 
-def write_log_check(found: LogCheck, folder: str | os.PathLike[str]) -> Path:
+def write_log_check(checked: LogCheck, folder: str | os.PathLike[str]) -> Path:
   """Write check.json and check.html; returns the page's path."""
   folder = Path(folder)
-  write_json(folder / "check.json", found.document())
-  dataset = found.dataset
+  write_json(folder / "check.json", checked.document())
+  dataset = checked.dataset
   seconds = sum(r.duration for r in dataset.recordings)
   subtitle = f"Data set {dataset.name}: {len(dataset.recordings)} recordings, {seconds:.0f} s"
-  tone = "bad" if found.of("spoils") else "partly" if found.of("beware") else "good"
-  return write_page(folder / "check.html", "The log, checked", found.verdict, sections(found), subtitle, tone=tone)
+  tone = "bad" if checked.of("spoils") else "partly" if checked.of("beware") else "good"
+  return write_page(folder / "check.html", "The log, checked", checked.verdict, sections(checked), subtitle, tone=tone)
 
 
-def sections(found: LogCheck) -> list[Section]:
+def sections(checked: LogCheck) -> list[Section]:
   """Everything the page shows, in reading order."""
   listed = [
-    Section(title, "\n".join(f"* {f.text}" for f in found.of(severity)))  # type: ignore[arg-type]
+    Section(title, "\n".join(f"* {f.text}" for f in checked.of(severity)))  # type: ignore[arg-type]
     for severity, title in _TITLES.items()
-    if found.of(severity)  # type: ignore[arg-type]
+    if checked.of(severity)  # type: ignore[arg-type]
   ]
-  return [*listed, *log_sections(found), _sensors(found), _shown(found), _sampling(found), _driven(found)]
+  return [*listed, *log_sections(checked), _sensors(checked), _shown(checked), _sampling(checked), _driven(checked)]
 
 
-def _sensors(found: LogCheck) -> Section:
+def _sensors(checked: LogCheck) -> Section:
   text = (
     "Channels that measure one motion, fitted to each other without a model of the car: compared(t) = scale ×"
     " reference(t − lag) + bias over means of short windows. Standard deviations come from leaving blocks of driving"
@@ -63,7 +63,7 @@ def _sensors(found: LogCheck) -> Section:
   )
   rows: list[Sequence[Cell]] = []
   regimes: list[Sequence[Cell]] = []
-  for c in found.comparisons:
+  for c in checked.comparisons:
     sides = (" · ".join(c.motion.compared), " · ".join(c.motion.reference))
     if c.why_not:
       rows.append([c.motion.name, *sides, c.why_not, "", "", c.motion.unit, "", "", "", c.seconds])
@@ -81,18 +81,18 @@ def _sensors(found: LogCheck) -> Section:
   return Section("Sensors against each other", text, tables)
 
 
-def _shown(found: LogCheck) -> Section:
-  rows = [[s.physics, s.takes, s.amount, s.unit, s.verdict] for s in found.shown]
+def _shown(checked: LogCheck) -> Section:
+  rows = [[s.physics, s.takes, s.amount, s.unit, s.verdict] for s in checked.shown]
   text = "Physics that was not excited cannot be distinguished from its absence, whatever is fitted."
   return Section(
     "What this driving can show", text, [Table("Excitation", ("physics", "takes", "driven", "", ""), rows)]
   )
 
 
-def _sampling(found: LogCheck) -> Section:
+def _sampling(checked: LogCheck) -> Section:
   rows: list[Sequence[Cell]] = []
-  for s in found.samplings:
-    noise = found.noise.get(s.channel)
+  for s in checked.samplings:
+    noise = checked.noise.get(s.channel)
     rows.append(
       [s.channel, CHANNELS[s.channel].unit, s.rate, s.publishes, 100.0 * s.jitter, s.longest, s.quantum, s.values,
        noise.std if noise else None, noise.source if noise else ""]
@@ -102,8 +102,8 @@ def _sampling(found: LogCheck) -> Section:
   return Section("Sampling and noise", "", [Table("Channels", columns, rows)])
 
 
-def _driven(found: LogCheck) -> Section:
-  recordings = found.dataset.recordings
+def _driven(checked: LogCheck) -> Section:
+  recordings = checked.dataset.recordings
   channel = "motor_speed" if any("motor_speed" in r for r in recordings) else "speed"
   traces = []
   for role, colour in zip(ROLES, ("@twin", "@bicycle", "@good"), strict=True):

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from calibration.fitting.dataset_recalibration import LONGEST, command_shifts, recalibrate_dataset
 from calibration.fitting.informative import split_standing
-from calibration.fitting.noise import noise_passport
+from calibration.fitting.noise import noise_models
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import UNITS, Observations, observe
 from calibration.fitting.optimiser import Fit, finite_differences, with_jacobian
@@ -132,12 +132,12 @@ class Calibration:
   def document(self) -> dict[str, Any]:
     """What calibration.json holds."""
     steps = {p: {r: self.step_percent(p, r) for r in ("identify", "validate")} for p in PARTS}
-    found = self.identification
+    identified = self.identification
     return {
       "dataset": self.dataset.name,
       "against": self.against,
       "parameters": {name: dataclasses.asdict(e) for name, e in self.estimates.items()},
-      "identified": dict(zip(("P1", "P2", "P3", "C_f", "C_r"), found.theta, strict=True)) if found else None,
+      "identified": dict(zip(("P1", "P2", "P3", "C_f", "C_r"), identified.theta, strict=True)) if identified else None,
       "steps_rmse_percent": steps,
       "errors": {r: {c: dataclasses.asdict(e) for c, e in items.items()} for r, items in self.errors.items()},
       "command_shift": self.command_shift,
@@ -167,14 +167,14 @@ def calibrate(
     steady_state: of the identification.
     quick: about 40 s of driving and few iterations, for a first look.
     threads: of the simulation, 0 for all cores; results don't depend on it.
-    progress: told what is being done.
+    progress: reports what is being done.
     recalibrated: gives this data set's recalibrated twin where a diagnosis made it; see diagnosis.pipeline.prepare.
     plant: what is searched with against "recordings"; see `diagnose`.
 
   Raises:
     NotIdentifiable: against "identified" without voltage steps that identify the drive.
   """
-  began, told, said = time.perf_counter(), (), ()
+  began, warned, said = time.perf_counter(), (), ()
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   progress("identification")
   identification, missing = _identified(dataset, steady_state, vehicle)
@@ -187,33 +187,33 @@ def calibrate(
     twin = Twin(vehicle, substeps=2, threads=threads)
     work = lambda: _to_bicycle(twin, identification, quick, progress)
   else:
-    dataset, told = ready(dataset, QUICK if quick else LONGEST)
+    dataset, warned = ready(dataset, QUICK if quick else LONGEST)
     # in the order of the catalogue, in which a diagnosis applies them: the same bits
     twin = Twin(vehicle, select(sorted({*mechanisms, *always_fitted()})), substeps=2, threads=threads)
     searched, said = searching(twin, plant)
     work = lambda: _to_recordings(searched, dataset, mechanisms, quick, recalibrated, progress)
-  found = stages.kept("fit")
-  if found:
+  fitted = stages.kept("fit")
+  if fitted:
     progress("fit taken from an earlier run")
   else:
-    found = stages.keep("fit", work())
-  estimates = {name: _estimate(e) for name, e in found["estimates"].items()}
+    fitted = stages.keep("fit", work())
+  estimates = {name: _estimate(e) for name, e in fitted["estimates"].items()}
   theta = twin.parameters.vector({name: e.value for name, e in estimates.items()})
   progress("comparison")
   fine = Twin(vehicle, twin.mechanisms, substeps=FINE, threads=threads)
   answers = _answers(fine, theta, identification) if identification else ()
-  replay = _replay(fine, theta, dataset, found["command_shift"], quick) if against == "recordings" else None
-  notes = (*told, *dataset.notices, *said, *found["notes"], *_judged(estimates))
+  replay = _replay(fine, theta, dataset, fitted["command_shift"], quick) if against == "recordings" else None
+  notes = (*warned, *dataset.notices, *said, *fitted["notes"], *_judged(estimates))
   return Calibration(dataset, against, fine, theta, estimates, identification, missing, answers,
-    _errors(replay, dataset), found["command_shift"], notes, time.perf_counter() - began, replay)  # fmt: skip
+    _errors(replay, dataset), fitted["command_shift"], notes, time.perf_counter() - began, replay)  # fmt: skip
 
 
 def _identified(dataset: DataSet, steady_state: SteadyState, vehicle: Vehicle) -> tuple[Identification | None, str]:
   try:
-    found = identify(dataset, steady_state, vehicle=vehicle)
+    identification = identify(dataset, steady_state, vehicle=vehicle)
   except NotIdentifiable as error:
     return None, str(error)
-  return found, found.missing
+  return identification, identification.missing
 
 
 # -- the two fits --------------------------------------------------------------------------------
@@ -242,44 +242,46 @@ def _to_recordings(
   if recalibrated is None or standing:
     added = [p for m in twin.mechanisms if m.name in mechanisms for p in m.parameters]
     kept = dataclasses.replace(dataset, recordings=tuple(fitted))
-    found = recalibrate_dataset(kept, twin, added=added, most=QUICK if quick else LONGEST, progress=progress)
+    refitted = recalibrate_dataset(kept, twin, added=added, most=QUICK if quick else LONGEST, progress=progress)
   else:
-    found = recalibrated()
+    refitted = recalibrated()
   notes = ["no steering_command is logged: the car is taken to drive straight"]
   if any("steering_command" in r for r in fitted):
     notes = []
   if len(command_shifts(dataset)) > 1:
-    notes.append(f"the log's command timing is unknown; commands fit best {found.command_shift} control periods later")
+    notes.append(
+      f"the log's command timing is unknown; commands fit best {refitted.command_shift} control periods later"
+    )
   if standing:
     notes.append(f"static friction holds the car in {', '.join(standing)}: left out of the fit, not of the errors")
-  fresh = with_jacobian(found.fit, _slopes(found), np.inf)
+  fresh = with_jacobian(refitted.fit, _slopes(refitted), np.inf)
   estimates = _table(fresh, twin.parameters, "not fitted")
-  return {"estimates": estimates, "command_shift": int(found.command_shift), "notes": notes}
+  return {"estimates": estimates, "command_shift": int(refitted.command_shift), "notes": notes}
 
 
-def _slopes(found: RecalibratedTwin) -> Array:
+def _slopes(recalibrated: RecalibratedTwin) -> Array:
   """MuJoCo's slopes of the fitted residual, (n_train, p): the intervals rest on them, whatever searched."""
-  problem, base = found.problem, found.fit.parameters
+  problem, base = recalibrated.problem, recalibrated.fit.parameters
   if problem.exact is problem:
-    return found.jacobian[: problem.n_train]
-  residual = lambda v: problem.exact.fitted_residual(problem.embed(base.names, v, found.theta))
-  return finite_differences(residual, base, found.fit.theta, residual(found.fit.theta[None])[0])
+    return recalibrated.jacobian[: problem.n_train]
+  residual = lambda v: problem.exact.fitted_residual(problem.embed(base.names, v, recalibrated.theta))
+  return finite_differences(residual, base, recalibrated.fit.theta, residual(recalibrated.fit.theta[None])[0])
 
 
 def _open_recordings(dataset: DataSet) -> list[Recording]:
   return [r for r in dataset.recordings if r.role != "holdout"]
 
 
-def _table(found: Fit, every: ParameterSet, reason: str) -> dict[str, dict[str, Any]]:
+def _table(fitted: Fit, every: ParameterSet, reason: str) -> dict[str, dict[str, Any]]:
   """Estimates of all parameters; what no residual shows goes back to its prior."""
-  force = np.sqrt(np.sum(np.square(found.jacobian), axis=0)) * found.parameters.std
+  force = np.sqrt(np.sum(np.square(fitted.jacobian), axis=0)) * fitted.parameters.std
   table = {}
   for p in every:
-    if p.name not in found.parameters:
+    if p.name not in fitted.parameters:
       table[p.name] = _not_fitted(p.nominal, p.nominal, p.std or (p.upper - p.lower) / 3.0, p.unit, reason)
       continue
-    i = found.parameters.index(p.name)
-    row = found.table()[p.name]
+    i = fitted.parameters.index(p.name)
+    row = fitted.table()[p.name]
     if force[i] < _UNSEEN:
       row = _not_fitted(row["prior"], row["prior"], row["prior_std"], p.unit, "no recording shows it")
     table[p.name] = row
@@ -318,7 +320,7 @@ def _errors(replay: Replay | None, dataset: DataSet) -> dict[str, dict[str, Chan
   if replay is None:
     return {}
   recordings, observations = _open_recordings(dataset), replay.observations
-  floor = sensor_floor(noise_passport(recordings))
+  floor = sensor_floor(noise_models(recordings))
   roles = np.array([r.role for r in recordings])[observations.recording]
   errors: dict[str, dict[str, ChannelError]] = {}
   for role in ("identify", "validate"):

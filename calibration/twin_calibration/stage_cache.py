@@ -1,9 +1,9 @@
 """Results of the stages of a long run, kept as JSON so that a broken-off run goes on where it was.
 
   stages = Stages(out / "stages", fingerprint(dataset), options)
-  found = stages.kept("identify") or stages.keep("identify", work())
+  fitted = stages.kept("identify") or stages.keep("identify", work())
 
-A stage counts only for the same recordings, options and program; anything else is computed anew.
+A stage counts only for the same recordings, options and program; anything else is computed again.
 """
 
 import functools

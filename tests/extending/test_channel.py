@@ -90,11 +90,11 @@ def test_a_sensor_takes_two_files():
 
 def test_the_new_channel_is_read_from_a_file_observed_and_enters_the_residual(folder):
   measured(folder)
-  found = runpy.run_path(str(folder / "use.py"))
-  data, observations, rows = found["data"], found["observations"], found["rows"]
+  page = runpy.run_path(str(folder / "use.py"))
+  data, observations, rows = page["data"], found["observations"], found["rows"]
   assert not data.warnings
   assert len(data["run"][NAME]) == 400 and rows.sum() > 350
-  assert found["passport"].std == pytest.approx(RECORDED[NAME].noise, rel=0.2)
+  assert page["noise"].std == pytest.approx(RECORDED[NAME].noise, rel=0.2)
   assert NAME in observations.present and UNITS[NAME] == "rad/s" and CHANNELS[-1] == NAME
   prediction = Bicycle(VEHICLE).rollout(PARAMETERS.nominal, observations.stretches.segments)
   residual = observations.predict(prediction)[0] - observations.measured
@@ -113,8 +113,8 @@ def test_the_model_is_that_of_a_rolling_wheel(folder):
   base, track = VEHICLE.cg_to_front + VEHICLE.cg_to_rear, VEHICLE.track_width
   signals = {"velocity_x": radius * rate, "velocity_y": rate * VEHICLE.cg_to_rear, "yaw_rate": rate}
   signals["steering_angle"] = np.arctan(base / (radius - track / 2))
-  found = front_left_wheel_model.wheel_speed(signals.__getitem__, VEHICLE) * VEHICLE.wheel_radius
-  assert found == pytest.approx(rate * np.hypot(radius - track / 2, base))
+  speed = front_left_wheel_model.wheel_speed(signals.__getitem__, VEHICLE) * VEHICLE.wheel_radius
+  assert speed == pytest.approx(rate * np.hypot(radius - track / 2, base))
 
 
 def test_a_log_of_it_in_another_unit_is_refused_with_the_cure(folder):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.concealed.benchmarks.speed import Pair, paired
-from calibration.fitting.noise import noise_passport
+from calibration.fitting.noise import noise_models
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import CHANNELS, observe
 from calibration.fitting.windows import Cut
@@ -66,7 +66,7 @@ class _Sides:
     self.exact = Twin(self.vehicle, self.mechanisms, substeps=2)
     self.reduced = self.exact.on("reduced")
     self.seen = observe(recordings, self.vehicle, Cut(most=most, evenly=True))
-    floor = sensor_floor(noise_passport(recordings))
+    floor = sensor_floor(noise_models(recordings))
     noise = np.array([floor.get(name, np.nan) for name in CHANNELS])[self.seen.channel]
     self._scale = np.where(np.isfinite(noise) & (noise > 0.0), 1.0 / noise, 0.0)
 

@@ -57,7 +57,7 @@ def write_with_curves(
     when: curves are fitted.
     most: s of driving that are simulated for them.
     threads: of the simulation, 0 for all cores.
-    progress: told the stage.
+    progress: reports the stage.
     plant: what curves are fitted on.
 
   Returns:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.fitting.noise import noise_passport
+from calibration.fitting.noise import noise_models
 from calibration.log_check.motions import Wheels, motions
 from calibration.log_check.pairs import compare
 from qcar_twin.recordings.recording import Recording
@@ -43,10 +43,10 @@ def told_without_a_model(recordings: Sequence[Recording], vehicle: Vehicle) -> d
 
   See log_check/pairs.py; a deviation counts twice, for what geometry leaves out.
   """
-  wheels, passport = Wheels.of(vehicle, recordings), noise_passport(recordings)
+  wheels, noise = Wheels.of(vehicle, recordings), noise_models(recordings)
   told = {}
   for motion in motions(wheels, recordings):
-    if motion.name not in _SHOWN_BY or (found := compare(motion, wheels, recordings, passport)).why_not:
+    if motion.name not in _SHOWN_BY or (found := compare(motion, wheels, recordings, noise)).why_not:
       continue
     age, scale = _SHOWN_BY[motion.name]
     told[age] = (found.lag.value, max(2.0 * found.lag.std, _FINEST))

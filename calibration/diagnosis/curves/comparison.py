@@ -47,7 +47,7 @@ def compare_cars(
     first, second: data sets with roles; the hold-outs are not looked at.
     most: s of driving that each is fitted to.
     threads: of the simulation, 0 for all cores.
-    progress: told the stage.
+    progress: reports the stage.
 
   Raises:
     ValueError: the two cars are not of one layout and drive, or share no parameter that both recordings show.

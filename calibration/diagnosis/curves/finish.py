@@ -19,7 +19,7 @@ def fitted_to_all(found: RecalibratedTwin) -> RecalibratedTwin:
   if found.problem.n_train == everything:
     return found
   problem = reweighted(found).fitting(everything)
-  return settled(problem, found.passport, found.fit.parameters, found.fit.theta, found.command_shift)
+  return settled(problem, found.noise_models, found.fit.parameters, found.fit.theta, found.command_shift)
 
 
 def finished(found: Characterised) -> Characterised:

@@ -129,7 +129,7 @@ def characterise(
     most: s of driving that are simulated, spread evenly.
     substeps: simulation steps per control period of 10 ms.
     threads: of the simulation, 0 for all cores.
-    progress: told the stage.
+    progress: reports the stage.
     plant: what is fitted on: the reduced car, or "mujoco", many times as long.
     reach: where the curves' last knots lie, see `reaches`, which reads it off the recordings.
   """
@@ -150,7 +150,7 @@ def characterise(
   shifts = (-lead,) if lead else command_shifts(dataset)
   # evenly: what is chosen for what it tells is what the car does at its limits, which bends a twin that lacks physics
   rough = recalibrate(searched, recordings, priors, shifts, Cut(most=most, evenly=True), progress)
-  fitted = settled(reweighted(rough), rough.passport, priors, rough.fit.theta, rough.command_shift)
+  fitted = settled(reweighted(rough), rough.noise_models, priors, rough.fit.theta, rough.command_shift)
   return Characterised(fitted, shapes, beside, clock(recordings))
 
 

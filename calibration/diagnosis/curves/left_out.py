@@ -57,7 +57,7 @@ def leave_sessions_out(
     dataset: as `study` takes it; its hold-out is not looked at.
     most: s of driving that each twin is fitted to.
     threads: of the simulation, 0 for all cores.
-    progress: told which session.
+    progress: reports which session.
 
   Raises:
     ValueError: fewer than two sessions have recordings beside the hold-out.

@@ -48,7 +48,7 @@ def from_starts(
     seed: of the drawn ones.
     most: s of driving that are simulated, spread evenly.
     threads: of the simulation, 0 for all cores.
-    progress: told which start.
+    progress: reports which start.
 
   Raises:
     ValueError: fewer than two starts, of which no spread can be told.

@@ -154,7 +154,7 @@ def study(
     dataset: recordings with roles.
     most: s of driving that are simulated.
     threads: of the simulation, 0 for all cores.
-    progress: told the stage.
+    progress: reports the stage.
     plant: what is fitted on: the reduced car, or "mujoco", many times as long; errors are MuJoCo's either way.
   """
   dataset, notes = ready(dataset, most, evenly=True)

@@ -67,7 +67,7 @@ def search(
     base: the same as a model of the pool, with its Jacobian.
     signatures: from the scan against it.
     effort: how wide to search.
-    progress: told what is being done.
+    progress: reports what is being done.
     earlier: models of a search from another minimum, which are fitted on from where they had ended.
 
   Returns:
@@ -75,7 +75,7 @@ def search(
     is not asked again if there was an earlier search.
   """
   problem = baseline.problem
-  pool = Pool(problem, baseline.fit.parameters, {frozenset(): base}, signatures, sensor_floor(baseline.passport))
+  pool = Pool(problem, baseline.fit.parameters, {frozenset(): base}, signatures, sensor_floor(baseline.noise_models))
   progress("refitting single mechanisms")
   _fit_sets(pool, [frozenset([n]) for n in _nominate_singles(problem, signatures, effort.singles)], effort.iterations)
   likely = [m.mechanisms[0] for m in sorted(pool.of_size(1), key=lambda m: m.cost)[:LIKELY]]

@@ -15,7 +15,7 @@ from qcar_twin.recordings.unit_names import words_of
 
 Array = NDArray[np.float64]
 
-_RIVAL = 0.55  # of a name's score, within which another name says as much
+_ALTERNATIVE = 0.55  # of a name's score, within which another name says as much
 _CLEAR = 0.3  # of it, from which the name decides where nothing else does
 _APART = 0.05  # of a correlation with a witness, from which one column is the better sensor
 _ALIKE = 0.98  # correlation of columns that measure one thing, and differ by noise
@@ -52,9 +52,9 @@ def settle_several(
   _one_source(columns, guesses)
   questions = []
   for channel, guess in list(guesses.items()):
-    rivals = _rivals(columns, guesses, channel)
-    if rivals:
-      question = _choose(columns, guesses, guess, rivals, vehicle)
+    alternatives = _alternatives(columns, guesses, channel)
+    if alternatives:
+      question = _choose(columns, guesses, guess, alternatives, vehicle)
       questions += [question] if question else []
   return tuple(questions)
 
@@ -63,7 +63,7 @@ def _score(name: str, channel: str) -> float:
   return next((reading.score for reading in readings(name) if reading.channel == channel), -math.inf)
 
 
-def _rivals(columns: Columns, guesses: Mapping[str, Guess], channel: str) -> list[str]:
+def _alternatives(columns: Columns, guesses: Mapping[str, Guess], channel: str) -> list[str]:
   """Columns, not taken, whose names say a channel as well as the one that was chosen."""
   if channel == "time" or channel in _POSE:
     return []
@@ -74,7 +74,7 @@ def _rivals(columns: Columns, guesses: Mapping[str, Guess], channel: str) -> lis
     name
     for name in columns.names
     if name not in taken
-    and _score(name, channel) >= best - _RIVAL
+    and _score(name, channel) >= best - _ALTERNATIVE
     and not columns.constant(name)
     and stepped(columns, name, channel) <= least
   ]
@@ -91,9 +91,13 @@ def runner_up(columns: Columns, guess: Guess) -> str:
 
 
 def _choose(
-  columns: Columns, guesses: dict[str, Guess], guess: Guess, rivals: Sequence[str], vehicle: Mapping[str, float | str]
+  columns: Columns,
+  guesses: dict[str, Guess],
+  guess: Guess,
+  alternatives: Sequence[str],
+  vehicle: Mapping[str, float | str],
 ) -> Question | None:
-  names = (guess.column, *rivals)
+  names = (guess.column, *alternatives)
   heard = {name: _witnessed(columns, guesses, guess, name, vehicle) for name in names}
   known = {name: value for name, value in heard.items() if math.isfinite(value)}
   best = max(known, key=lambda name: known[name], default="")
@@ -188,26 +192,26 @@ def _one_source(columns: Columns, guesses: dict[str, Guess]) -> None:
       if _score(name, channel) > 0.0 and not columns.constant(name):
         stem = tuple(word for word in words_of(name) if word not in _AXES)
         sources.setdefault(stem, {}).setdefault(channel, name)
-  whole = {stem: found for stem, found in sources.items() if {"pose_x", "pose_y"} <= found.keys()}
+  whole = {stem: names for stem, names in sources.items() if {"pose_x", "pose_y"} <= names.keys()}
   taken = {channel: guesses[channel].column for channel in _POSE if channel in guesses}
   if len(whole) < 2:
     return
-  jumps = {stem: _jumps(columns, found) for stem, found in whole.items()}
-  own = lambda found: sum(found.get(channel) == column for channel, column in taken.items())
+  jumps = {stem: _jumps(columns, names) for stem, names in whole.items()}
+  own = lambda names: sum(names.get(channel) == column for channel, column in taken.items())
   best = min(whole, key=lambda stem: (-len(whole[stem]), round(jumps[stem], 4), -own(whole[stem])))
   for channel, name in whole[best].items():
     if channel in guesses:
       _take(columns, guesses[channel], name)
     else:
       guesses[channel] = Guess(channel, name, why=["its name says so"])
-    others = ", ".join(f"'{found[channel]}'" for stem, found in whole.items() if stem != best and channel in found)
+    others = ", ".join(f"'{names[channel]}'" for stem, names in whole.items() if stem != best and channel in names)
     said = f"{1e2 * jumps[best]:.2g} % of its steps are jumps, {1e2 * max(jumps.values()):.2g} % of another's"
     guesses[channel].why.append(f"one of {len(whole)} poses, all from one source (not {others}): {said}")
 
 
-def _jumps(columns: Columns, found: Mapping[str, str]) -> float:
+def _jumps(columns: Columns, names: Mapping[str, str]) -> float:
   """Share of the steps of a place that are many times the usual one."""
-  x, y = (columns.values(found[c])[:_MOST] for c in ("pose_x", "pose_y"))
+  x, y = (columns.values(names[c])[:_MOST] for c in ("pose_x", "pose_y"))
   count = min(len(x), len(y))
   steps = np.hypot(np.diff(x[:count]), np.diff(y[:count]))
   moving = steps[steps > 0.0]

@@ -151,8 +151,8 @@ def solved(problem, mechanisms=()) -> Candidate:
 
 
 def baseline_of(problem, base) -> RecalibratedTwin:
-  passport = {n: ChannelNoise(s, 0.0, "standstill", 0.0, 0.0, 50.0, 0.02) for n, s in NOISE.items()}
-  return RecalibratedTwin(problem, passport, None, base.theta, base.jacobian, 0)  # type: ignore[arg-type]
+  noise = {n: ChannelNoise(s, 0.0, "standstill", 0.0, 0.0, 50.0, 0.02) for n, s in NOISE.items()}
+  return RecalibratedTwin(problem, noise, None, base.theta, base.jacobian, 0)  # type: ignore[arg-type]
 
 
 def pool_of(problem, mechanisms=MECHANISMS) -> Pool:

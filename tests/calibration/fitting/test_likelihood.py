@@ -113,8 +113,8 @@ def test_residuals_are_the_same_to_the_last_bit_whatever_the_number_of_processes
 def test_a_cost_is_that_of_the_residual_where_it_stays_below_its_limit(problem, theta):
   exact = 0.5 * np.sum(np.square(problem.fitted_residual(theta)), axis=1)
   np.testing.assert_allclose(problem.fitted_cost(theta, np.full(3, np.inf)), exact, rtol=1e-12)
-  found = problem.fitted_cost(theta, exact * [1.001, 0.999, 0.0])
-  assert found[0] == pytest.approx(exact[0], rel=1e-12) and np.isinf(found[1:]).all()
+  costs = problem.fitted_cost(theta, exact * [1.001, 0.999, 0.0])
+  assert costs[0] == pytest.approx(exact[0], rel=1e-12) and np.isinf(costs[1:]).all()
 
 
 def test_what_costs_too_much_is_not_simulated_to_the_end(problem, theta, monkeypatch):

@@ -1,9 +1,9 @@
-"""The noise passport against noise of known size."""
+"""The noise model against noise of known size."""
 
 import numpy as np
 import pytest
 
-from calibration.fitting.noise import noise_passport, standstill_seconds
+from calibration.fitting.noise import noise_models, standstill_seconds
 from qcar_twin.recordings.recording import Recording, Stream
 
 
@@ -24,20 +24,20 @@ def recording(noise=0.02, quantum=0.0, still=3.0, moving=3.0, seed=0, bias=0.0, 
 
 
 def test_standard_deviation_and_bias_come_from_standstill():
-  found = noise_passport([recording(noise=0.02, bias=0.05, still=20.0)])["yaw_rate"]
-  assert found.source == "standstill"
-  assert found.std == pytest.approx(0.02, rel=0.05)
-  assert found.mean == pytest.approx(0.05, abs=0.002)
-  assert abs(found.autocorrelation) < 0.1
-  assert found.rate == pytest.approx(100.0, rel=1e-6)
-  assert found.latest == pytest.approx(0.01, rel=0.01)
+  noise = noise_models([recording(noise=0.02, bias=0.05, still=20.0)])["yaw_rate"]
+  assert noise.source == "standstill"
+  assert noise.std == pytest.approx(0.02, rel=0.05)
+  assert noise.mean == pytest.approx(0.05, abs=0.002)
+  assert abs(noise.autocorrelation) < 0.1
+  assert noise.rate == pytest.approx(100.0, rel=1e-6)
+  assert noise.latest == pytest.approx(0.01, rel=0.01)
 
 
 def test_without_standstill_second_differences_give_the_noise():
-  found = noise_passport([recording(noise=0.02, still=0.0, moving=20.0)])["yaw_rate"]
-  assert found.source == "differences"
-  assert np.isnan(found.mean)
-  assert found.std == pytest.approx(0.02, rel=0.1)
+  noise = noise_models([recording(noise=0.02, still=0.0, moving=20.0)])["yaw_rate"]
+  assert noise.source == "differences"
+  assert np.isnan(noise.mean)
+  assert noise.std == pytest.approx(0.02, rel=0.1)
 
 
 def test_a_trend_is_no_noise():
@@ -45,19 +45,19 @@ def test_a_trend_is_no_noise():
   drift = Recording("drift", {"motor_voltage": Stream(time, np.full(len(time), 1.0)),
                               "motor_speed": Stream(time, 10.0 + 3.0 * time),
                               "yaw_rate": Stream(time, 2.0 * np.sin(0.3 * time))})  # fmt: skip
-  assert noise_passport([drift])["yaw_rate"].std < 2e-4  # its range is 2
+  assert noise_models([drift])["yaw_rate"].std < 2e-4  # its range is 2
 
 
 def test_quantisation_is_a_floor():
-  found = noise_passport([recording(noise=1e-6, quantum=0.01)])["yaw_rate"]
-  assert found.quantum == pytest.approx(0.01)
-  assert found.std >= 0.01 / np.sqrt(12.0) * 0.999
+  noise = noise_models([recording(noise=1e-6, quantum=0.01)])["yaw_rate"]
+  assert noise.quantum == pytest.approx(0.01)
+  assert noise.std >= 0.01 / np.sqrt(12.0) * 0.999
 
 
 def test_an_encoder_that_shows_nothing_at_rest_is_judged_while_it_turns():
-  found = noise_passport([recording()])["motor_speed"]
-  assert found.source == "differences"
-  assert found.std > 0
+  noise = noise_models([recording()])["motor_speed"]
+  assert noise.source == "differences"
+  assert noise.std > 0
 
 
 def test_standstill_is_counted_only_when_long_and_without_voltage():
@@ -72,5 +72,5 @@ def test_standstill_is_counted_only_when_long_and_without_voltage():
   )
 
 
-def test_only_measured_channels_have_a_passport():
-  assert set(noise_passport([recording()])) == {"motor_speed", "yaw_rate"}
+def test_only_measured_channels_have_a_noise_model():
+  assert set(noise_models([recording()])) == {"motor_speed", "yaw_rate"}

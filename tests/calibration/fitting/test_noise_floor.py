@@ -19,15 +19,15 @@ def drive(noise, seed=0, spikes=0.0, rate=100.0):
 
 @pytest.mark.parametrize("level", [0.005, 0.02, 0.1])
 def test_white_noise_is_found_beside_motion(level):
-  found = driving_noise([drive({"motor_speed": 40.0 * level, "yaw_rate": level})])
-  assert found["yaw_rate"] == pytest.approx(level, rel=0.1)
-  assert found["motor_speed"] == pytest.approx(40.0 * level, rel=0.1)
-  assert "motor_voltage" not in found
+  noise = driving_noise([drive({"motor_speed": 40.0 * level, "yaw_rate": level})])
+  assert noise["yaw_rate"] == pytest.approx(level, rel=0.1)
+  assert noise["motor_speed"] == pytest.approx(40.0 * level, rel=0.1)
+  assert "motor_voltage" not in noise
 
 
 def test_motion_without_noise_makes_next_to_none():
-  found = driving_noise([drive({"motor_speed": 0.0, "yaw_rate": 0.0})])
-  assert found["yaw_rate"] < 1e-6 and found["motor_speed"] < 1e-6
+  noise = driving_noise([drive({"motor_speed": 0.0, "yaw_rate": 0.0})])
+  assert noise["yaw_rate"] < 1e-6 and noise["motor_speed"] < 1e-6
 
 
 def test_spikes_do_not_matter():

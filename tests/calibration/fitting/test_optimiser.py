@@ -30,21 +30,21 @@ def problem():
 def test_a_linear_problem_gives_the_closed_form_posterior(problem):
   matrix, _, target = problem
   p = parameters()
-  found = fit(linear(matrix, target), p, robust=np.inf)
+  fitted = fit(linear(matrix, target), p, robust=np.inf)
   precision = matrix.T @ matrix + np.diag(1.0 / p.std**2)
   mean = np.linalg.solve(precision, matrix.T @ target + p.nominal / p.std**2)
-  np.testing.assert_allclose(found.theta, mean, rtol=1e-6)
-  np.testing.assert_allclose(found.covariance, np.linalg.inv(precision), rtol=1e-5)
-  assert found.identifiable.all()
-  assert not found.at_bound.any()
+  np.testing.assert_allclose(fitted.theta, mean, rtol=1e-6)
+  np.testing.assert_allclose(fitted.covariance, np.linalg.inv(precision), rtol=1e-5)
+  assert fitted.identifiable.all()
+  assert not fitted.at_bound.any()
 
 
 def test_a_linear_problem_takes_one_jacobian(problem):
   """A step that keeps its promise is tried alone; the small one after it, foretold by the same Jacobian, is the end."""
   matrix, _, target = problem
   p = parameters()
-  found = fit(linear(matrix, target), p, robust=np.inf)
-  assert found.evaluations == 1 + len(p) + 2
+  fitted = fit(linear(matrix, target), p, robust=np.inf)
+  assert fitted.evaluations == 1 + len(p) + 2
 
 
 def test_without_a_tolerance_a_fresh_jacobian_that_promises_nothing_is_the_end(problem):
@@ -52,9 +52,9 @@ def test_without_a_tolerance_a_fresh_jacobian_that_promises_nothing_is_the_end(p
   matrix, _, target = problem
   p = parameters()
   there = fit(linear(matrix, target), p, robust=np.inf).theta
-  found = fit(linear(matrix, target), p, there, robust=np.inf, tolerance=0.0)
-  assert found.evaluations <= 1 + len(p) + 4
-  np.testing.assert_allclose(found.theta, there, rtol=1e-6)
+  fitted = fit(linear(matrix, target), p, there, robust=np.inf, tolerance=0.0)
+  assert fitted.evaluations <= 1 + len(p) + 4
+  np.testing.assert_allclose(fitted.theta, there, rtol=1e-6)
 
 
 def test_truth_lies_within_three_standard_deviations_in_nearly_all_repeats():
@@ -62,8 +62,8 @@ def test_truth_lies_within_three_standard_deviations_in_nearly_all_repeats():
   matrix, truth = rng.normal(size=(200, 2)) * [1e-2, 1e6], np.array([181.0, 7e-6])
   score = []
   for _ in range(60):
-    found = fit(linear(matrix, matrix @ truth + rng.normal(size=200)), parameters(), robust=np.inf)
-    score.append(np.abs(found.theta - truth) / found.std)
+    fitted = fit(linear(matrix, matrix @ truth + rng.normal(size=200)), parameters(), robust=np.inf)
+    score.append(np.abs(fitted.theta - truth) / fitted.std)
   assert np.mean(np.array(score) < 1.0) == pytest.approx(0.68, abs=0.12)
   assert np.max(score) < 4.0
 
@@ -75,26 +75,26 @@ def test_a_step_response_gives_its_gain_and_time_constant_back():
   )
   response = lambda t: t[:, :1] * (1.0 - np.exp(-time / t[:, 1:]))
   target = response(np.array([[12.0, 0.6]]))
-  found = fit(lambda t: (response(t) - target) / 0.01, p, iterations=30, robust=np.inf, step=1e-4)
-  np.testing.assert_allclose(found.theta, [12.0, 0.6], rtol=1e-4)
-  assert list(found.iterations) == sorted(found.iterations, reverse=True)
+  fitted = fit(lambda t: (response(t) - target) / 0.01, p, iterations=30, robust=np.inf, step=1e-4)
+  np.testing.assert_allclose(fitted.theta, [12.0, 0.6], rtol=1e-4)
+  assert list(fitted.iterations) == sorted(fitted.iterations, reverse=True)
 
 
 def test_a_parameter_stops_at_its_bound_and_says_so(problem):
   matrix, _, target = problem
-  found = fit(linear(matrix, target), parameters(upper=4e-6), robust=np.inf)
-  assert found.theta[1] == pytest.approx(4e-6)
-  assert found.at_bound.tolist() == [False, True]
-  assert not found.identifiable[1]
+  fitted = fit(linear(matrix, target), parameters(upper=4e-6), robust=np.inf)
+  assert fitted.theta[1] == pytest.approx(4e-6)
+  assert fitted.at_bound.tolist() == [False, True]
+  assert not fitted.identifiable[1]
 
 
 def test_what_the_data_do_not_show_keeps_its_prior(problem):
   matrix, _, target = problem
   blind = matrix * [1.0, 0.0]
-  found = fit(linear(blind, target), parameters(), robust=np.inf)
-  assert found.theta[1] == pytest.approx(2e-6)
-  assert found.std[1] == pytest.approx(5e-5)
-  assert found.identifiable.tolist() == [True, False]
+  fitted = fit(linear(blind, target), parameters(), robust=np.inf)
+  assert fitted.theta[1] == pytest.approx(2e-6)
+  assert fitted.std[1] == pytest.approx(5e-5)
+  assert fitted.identifiable.tolist() == [True, False]
 
 
 def test_spikes_do_not_move_a_robust_fit(problem):

@@ -25,8 +25,8 @@ def test_wheels_that_slide_do_not_bend_the_car():
   vehicle = Vehicle.from_dataset(session.vehicle, session.vehicle_std)
   twin = Twin(vehicle, sensor_error_mechanisms(catalogue().values()), substeps=2)
   recordings = [r for r in session.recordings if r.name in RUNS]
-  found = recalibrate(twin, recordings, starting_priors(recordings, twin, None)).fit
-  fitted = found.named()
+  minimum = recalibrate(twin, recordings, starting_priors(recordings, twin, None)).fit
+  fitted = minimum.named()
   assert fitted["friction_coefficient"] == pytest.approx(truth["friction"], abs=0.06)
   assert fitted["cg_to_front"] == pytest.approx(truth["cg_to_front"], abs=3.0 * session.vehicle_std["cg_to_front"])
   assert fitted["mass"] == pytest.approx(truth["mass"], abs=0.08)

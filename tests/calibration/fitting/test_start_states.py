@@ -61,5 +61,5 @@ def test_a_recording_whose_first_sample_stands_starts_at_rest():
 
 def test_sideslip_is_that_of_a_rear_axle_that_rolls():
   columns = {"motor_speed": np.full(200, 1.5 / QCAR.wheel_radius / QCAR.gear_ratio), "yaw_rate": np.full(200, 2.0)}
-  found = state(columns, True)
-  assert found["velocity_x"] == pytest.approx(1.5) and found["velocity_y"] == pytest.approx(2.0 * QCAR.cg_to_rear)
+  begun = state(columns, True)
+  assert begun["velocity_x"] == pytest.approx(1.5) and begun["velocity_y"] == pytest.approx(2.0 * QCAR.cg_to_rear)

@@ -38,8 +38,8 @@ def moved(twin: Twin, share: float) -> np.ndarray:
 
 def test_at_its_anchor_it_is_mujoco(twin):
   anchor = moved(twin, 0.3)
-  found = Surrogate(twin).at(anchor).rollout(anchor, SEGMENTS).signals
-  np.testing.assert_allclose(found, twin.rollout(anchor, SEGMENTS).signals, atol=1e-9)
+  signals = Surrogate(twin).at(anchor).rollout(anchor, SEGMENTS).signals
+  np.testing.assert_allclose(signals, twin.rollout(anchor, SEGMENTS).signals, atol=1e-9)
 
 
 def test_around_it_the_correction_takes_most_of_the_error_away(twin):
@@ -64,9 +64,9 @@ def test_sensors_err_after_the_correction(twin):
 def test_a_guarded_stretch_is_mujocos_whatever_the_parameters(twin):
   theta = moved(twin, 0.5)
   surrogate = Surrogate(twin).at(twin.parameters.nominal).guarding([("brake", 0.0)])
-  found, truth = surrogate.rollout(theta, SEGMENTS).signals[0], twin.rollout(theta, SEGMENTS).signals[0]
-  np.testing.assert_array_equal(found[2], truth[2])
-  assert np.abs(found[0] - truth[0]).max() > 0.0
+  signals, truth = surrogate.rollout(theta, SEGMENTS).signals[0], twin.rollout(theta, SEGMENTS).signals[0]
+  np.testing.assert_array_equal(signals[2], truth[2])
+  assert np.abs(signals[0] - truth[0]).max() > 0.0
 
 
 def test_mujoco_drives_the_anchor_once_per_stretch_whatever_is_asked_of_it(twin, monkeypatch):
@@ -96,15 +96,15 @@ def test_another_anchor_leaves_the_first_as_it_was(twin):
 def test_where_the_reduced_car_cannot_stand_in_mujoco_searches_and_it_is_said(twin):
   same, said = searching(twin, "mujoco")
   assert same is twin and said == ()
-  found, said = searching(twin)
-  assert isinstance(found, Surrogate) and exact(found) is twin and exact(twin) is twin and said == ()
+  searched, said = searching(twin)
+  assert isinstance(searched, Surrogate) and exact(searched) is twin and exact(twin) is twin and said == ()
   rear = Twin(dataclasses.replace(CAR, layout="rear"), substeps=2, threads=1)
   same, said = searching(rear)
   assert same is rear and "on MuJoCo alone" in said[0] and "it lacks rear-wheel drive" in said[0]
 
 
 def test_anchored_at_some_parameters_the_others_are_nominal(twin):
-  found = anchored(Surrogate(twin), ["mass"], np.array([2.9]))
-  assert isinstance(found, Surrogate) and found.anchor is not None
-  np.testing.assert_array_equal(found.anchor, twin.parameters.vector({"mass": 2.9}))
+  surrogate = anchored(Surrogate(twin), ["mass"], np.array([2.9]))
+  assert isinstance(surrogate, Surrogate) and surrogate.anchor is not None
+  np.testing.assert_array_equal(surrogate.anchor, twin.parameters.vector({"mass": 2.9}))
   assert anchored(twin, ["mass"], np.array([2.9])) is twin

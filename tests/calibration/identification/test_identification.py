@@ -32,40 +32,40 @@ def made(*recordings):
 
 
 @pytest.fixture(scope="module")
-def found():
+def identification():
   return identify(session(noise=0.5), transient="linear")
 
 
-def test_all_five_parameters_come_back_with_their_deviations(found):
-  assert np.all(np.abs(found.theta - THETA) < 3.0 * found.std)
-  np.testing.assert_allclose(found.theta, THETA, rtol=0.06)
-  assert np.all(found.std < 0.08 * THETA)
-  np.testing.assert_array_equal(found.covariance[:3, 3:], 0.0)
+def test_all_five_parameters_come_back_with_their_deviations(identification):
+  assert np.all(np.abs(identification.theta - THETA) < 3.0 * identification.std)
+  np.testing.assert_allclose(identification.theta, THETA, rtol=0.06)
+  assert np.all(identification.std < 0.08 * THETA)
+  np.testing.assert_array_equal(identification.covariance[:3, 3:], 0.0)
 
 
-def test_bicycle_of_an_identification_is_the_plant_with_these_parameters(found):
-  bicycle, theta = found.bicycle(VEHICLE)
+def test_bicycle_of_an_identification_is_the_plant_with_these_parameters(identification):
+  bicycle, theta = identification.bicycle(VEHICLE)
   assert bicycle.losses == TurningLosses()
-  np.testing.assert_array_equal(theta, found.theta)
-  extended, _ = found.bicycle(VEHICLE, losses=True)
-  assert extended.losses == found.losses
-  assert abs(found.losses.steering) < 0.1  # the data were made without
+  np.testing.assert_array_equal(theta, identification.theta)
+  extended, _ = identification.bicycle(VEHICLE, losses=True)
+  assert extended.losses == identification.losses
+  assert abs(identification.losses.steering) < 0.1  # the data were made without
 
 
-def test_summary_names_parameters_errors_and_notes(found):
-  text = str(found)
+def test_summary_names_parameters_errors_and_notes(identification):
+  text = str(identification)
   for word in ("drive_gain", "C_r", "rad/s^2/V", "longitudinal  validate", "lateral       identify", "note:", "linear"):
     assert word in text
-  assert found.rmse_percent("lateral", "validate") < 8.0
-  assert found.steady_error("longitudinal", "validate") < 1.0
-  assert math.isnan(found.rmse_percent("yaw_rate", "holdout"))
+  assert identification.rmse_percent("lateral", "validate") < 8.0
+  assert identification.steady_error("longitudinal", "validate") < 1.0
+  assert math.isnan(identification.rmse_percent("yaw_rate", "holdout"))
   with pytest.raises(ValueError, match="no part 'sideways'"):
-    found.rmse_percent("sideways", "validate")
+    identification.rmse_percent("sideways", "validate")
 
 
-def test_saved_identification_is_read_back_whole(found, tmp_path):
-  path = found.save(tmp_path / "identification.json")
-  assert Identification.load(path) == found
+def test_saved_identification_is_read_back_whole(identification, tmp_path):
+  path = identification.save(tmp_path / "identification.json")
+  assert Identification.load(path) == identification
   drive_only = identify(made(*voltage_steps()))
   again = Identification.load(drive_only.save(path))
   assert str(again) == str(drive_only)
@@ -80,12 +80,12 @@ def test_file_that_is_none_is_refused_by_name(tmp_path):
 
 
 def test_missing_steering_leaves_the_tyres_unidentified_and_says_why():
-  found = identify(made(*voltage_steps()))
-  assert found.lateral is None
-  assert "Record steering_step runs" in found.missing
-  assert "not identified" in str(found)
-  np.testing.assert_allclose(found.theta[:3], THETA[:3], rtol=1e-3)
-  assert np.all(np.isnan(found.std[3:]))
+  identification = identify(made(*voltage_steps()))
+  assert identification.lateral is None
+  assert "Record steering_step runs" in identification.missing
+  assert "not identified" in str(identification)
+  np.testing.assert_allclose(identification.theta[:3], THETA[:3], rtol=1e-3)
+  assert np.all(np.isnan(identification.std[3:]))
 
 
 def test_missing_voltage_steps_are_refused():
@@ -117,24 +117,24 @@ def real(name):
 def test_real_qcar_on_its_straight_runs():
   """Validation runs that move: 0.015 m/s RMSE on average, the slowest apart from friction that varies with place."""
   dataset = real("qcar_ground")
-  found = identify(dataset)
+  identification = identify(dataset)
   vehicle = Vehicle.from_dataset(dataset.vehicle)
   rolling = vehicle.gear_ratio * vehicle.wheel_radius
-  errors = [s.rmse * rolling for s in found.drive.steps if s.role == "validate"]
+  errors = [s.rmse * rolling for s in identification.drive.steps if s.role == "validate"]
   assert len(errors) == 5
   assert np.mean(errors) < 0.015
-  assert found.lateral is None
-  assert any("does not move" in note for note in found.drive.notes)
+  assert identification.lateral is None
+  assert any("does not move" in note for note in identification.drive.notes)
 
 
 def test_real_dart_on_its_throttle_steps():
   """Near what it was identified on; the fast half of its validation shows physics a P1, P2, P3 drive lacks."""
-  found = identify(real("dart"))
-  assert found.rmse_percent("longitudinal", "identify") < 5.0
-  errors = {s.recording: s.rmse_percent for s in found.drive.steps if s.role == "validate"}
+  identification = identify(real("dart"))
+  assert identification.rmse_percent("longitudinal", "identify") < 5.0
+  errors = {s.recording: s.rmse_percent for s in identification.drive.steps if s.role == "validate"}
   assert errors["step_14"] < 5.0
   assert errors["step_19"] > 10.0
-  assert found.lateral is None
+  assert identification.lateral is None
 
 
 # -- the independent car -------------------------------------------------------------------------
@@ -149,14 +149,14 @@ def test_independent_car_is_identified_over_three_seeds():
   yaw_rates = []
   for made_session in make_sessions([Spec(seed, (), "paper") for seed in (1, 2, 3)]):
     dataset = DataSet("session", made_session.recordings, made_session.vehicle, made_session.vehicle_std)
-    found, vehicle = identify(dataset), Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
+    identification, vehicle = identify(dataset), Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
     truth = np.array([made_session.truth["linearised"][name] for name in TRUE_NAMES])
-    assert np.abs((found.theta - truth) / found.std).max() < 3.0
-    assert found.rmse_percent("longitudinal", "validate") < 1.88
-    assert found.rmse_percent("lateral", "validate") < 7.0
-    assert 1.0 < found.understeer.linear_limit < 3.0
+    assert np.abs((identification.theta - truth) / identification.std).max() < 3.0
+    assert identification.rmse_percent("longitudinal", "validate") < 1.88
+    assert identification.rmse_percent("lateral", "validate") < 7.0
+    assert 1.0 < identification.understeer.linear_limit < 3.0
     oval = next(r for r in dataset.recordings if r.manoeuvre == "oval")
-    plain, extended = (free_run(*found.bicycle(vehicle, losses=x), oval, vehicle).rmse for x in (False, True))
+    plain, extended = (free_run(*identification.bicycle(vehicle, losses=x), oval, vehicle).rmse for x in (False, True))
     assert all(plain[name] < PUBLISHED[name] for name in ("speed", "accel_x", "accel_y"))
     assert all(extended[name] < 0.75 * limit for name, limit in PUBLISHED.items())
     yaw_rates.append(plain["yaw_rate"])

@@ -17,12 +17,12 @@ def run(command, response=None, channel="motor_voltage", name="run"):
   return Recording.from_columns(name, TIME, {channel: command, "motor_speed": response}, manoeuvre="voltage_step")
 
 
-def found(command, start_at_rest=True, **kwargs):
+def steps(command, start_at_rest=True, **kwargs):
   return find_steps([run(command, **kwargs)], "motor_voltage", "motor_speed", 0.1, start_at_rest)
 
 
 def test_jump_is_found_with_its_row_level_and_lead_in():
-  (step,) = found(np.where(TIME < 1.0, 0.0, 1.5))
+  (step,) = steps(np.where(TIME < 1.0, 0.0, 1.5))
   assert step.level == 1.5
   assert step.first == 100
   np.testing.assert_allclose(step.time[step.first], 0.0, atol=1e-12)
@@ -32,31 +32,31 @@ def test_jump_is_found_with_its_row_level_and_lead_in():
 
 
 def test_ramp_of_a_tenth_of_a_second_is_one_step_from_where_it_begins():
-  (step,) = found(np.clip((TIME - 1.0) * 15.0, 0.0, 1.5))
+  (step,) = steps(np.clip((TIME - 1.0) * 15.0, 0.0, 1.5))
   assert step.level == 1.5
   assert abs(step.first - 100) <= 1
 
 
 def test_slow_ramp_and_sine_are_no_steps():
-  assert not found(np.clip((TIME - 1.0) * 0.3, 0.0, 1.5))
-  assert not found(1.0 + np.sin(6.0 * TIME))
+  assert not steps(np.clip((TIME - 1.0) * 0.3, 0.0, 1.5))
+  assert not steps(1.0 + np.sin(6.0 * TIME))
 
 
 def test_staircase_gives_a_step_each_and_rest_is_none():
   command = np.select([TIME < 1.0, TIME < 2.5, TIME < 4.5], [0.0, 1.0, 2.0], 0.0)
-  levels = [(s.level, round(len(s.time[s.first :]) * PERIOD, 2)) for s in found(command)]
+  levels = [(s.level, round(len(s.time[s.first :]) * PERIOD, 2)) for s in steps(command)]
   assert levels == [(1.0, 1.5), (2.0, 2.0)]
 
 
 def test_command_on_from_the_start_counts_only_for_a_car_that_starts_at_rest():
-  (step,) = found(np.full(600, 0.8))
+  (step,) = steps(np.full(600, 0.8))
   assert (step.first, step.level) == (0, 0.8)
-  assert not found(np.full(600, 0.8), start_at_rest=False)
+  assert not steps(np.full(600, 0.8), start_at_rest=False)
 
 
 def test_short_and_small_commands_are_no_steps():
-  assert not found(np.where((TIME > 1.0) & (TIME < 1.5), 1.0, 0.0))
-  assert not found(np.where(TIME > 1.0, 0.05, 0.0))
+  assert not steps(np.where((TIME > 1.0) & (TIME < 1.5), 1.0, 0.0))
+  assert not steps(np.where(TIME > 1.0, 0.05, 0.0))
 
 
 @settings(max_examples=30)
@@ -64,14 +64,14 @@ def test_short_and_small_commands_are_no_steps():
 def test_any_clean_step_is_found_at_its_row(level, row, sign):
   command = np.zeros(600)
   command[row:] = sign * level
-  (step,) = found(command)
+  (step,) = steps(command)
   assert step.level == sign * level
   assert round((step.time[0] + row * PERIOD) / PERIOD) == max(row - 100, 0)
 
 
 def test_tremor_does_not_hide_a_step():
   tremor = 0.01 * np.random.default_rng(0).standard_normal(600)
-  (step,) = found(np.where(TIME < 1.0, 0.0, 1.5) + tremor)
+  (step,) = steps(np.where(TIME < 1.0, 0.0, 1.5) + tremor)
   assert abs(step.level - 1.5) < 0.01
   assert abs(step.first - 100) <= 1
 

@@ -187,7 +187,7 @@ def test_without_lag_and_saturation_the_response_is_the_linear_bicycle():
   steering, speed = commanded([2.0, -5.0])
   quick = LAGGED | {"friction_coefficient": 1e4, "servo_time": 0.0015, "relaxation_length": 0.002, "carcass_time": 0.0}
   delays = 0.0015 + 0.002 / 1.5
-  found = transient.responses(column(quick), 0.01 * steering, speed)["yaw_rate"][0]
+  responses = transient.responses(column(quick), 0.01 * steering, speed)["yaw_rate"][0]
   car = SingleTrackCar(
     1.0, 1.0, 0.0, *TRUTH, *(NUMBERS[n] for n in ("mass", "yaw_inertia", "cg_to_front", "cg_to_rear")), 1.0
   )
@@ -196,8 +196,8 @@ def test_without_lag_and_saturation_the_response_is_the_linear_bicycle():
     go = lateral_transition(speed[:, k], 0.0 * speed[:, k], 0.01 * steering[:, k], PERIOD, car)
     exact[:, k + 1] = np.einsum("sij,sj->si", go.flow, exact[:, k]) + go.forced
   late = np.array([np.interp(np.arange(45) - delays / PERIOD, np.arange(45), row) for row in exact[..., 1]])
-  np.testing.assert_allclose(found, late, atol=0.06 * np.abs(exact[..., 1]).max())
-  np.testing.assert_allclose(found[:, -1], exact[:, -1, 1], rtol=1e-3)
+  np.testing.assert_allclose(responses, late, atol=0.06 * np.abs(exact[..., 1]).max())
+  np.testing.assert_allclose(responses[:, -1], exact[:, -1, 1], rtol=1e-3)
 
 
 def test_rear_stiffness_is_the_inverse_of_the_understeer_gradient():

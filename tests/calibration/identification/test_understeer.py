@@ -21,13 +21,13 @@ def ramp(side=1.0, **kwargs):
 
 
 def test_linear_car_has_a_straight_line_of_the_closed_form():
-  found = understeer_characteristic(ramp(), VEHICLE)
+  understeer = understeer_characteristic(ramp(), VEHICLE)
   lengths = VEHICLE.cg_to_front, VEHICLE.cg_to_rear
   gradient = kinematics.understeer_gradient(VEHICLE.mass, *lengths, *THETA[3:])
-  exact = kinematics.steering_per_lateral_acceleration(found.speed, sum(lengths), gradient)
-  np.testing.assert_allclose(found.slope, exact, rtol=0.03)
-  assert found.linear_limit == found.reached > 2.0
-  np.testing.assert_allclose(found.angle[2:], found.slope * np.array(found.accel[2:]), rtol=0.02)
+  exact = kinematics.steering_per_lateral_acceleration(understeer.speed, sum(lengths), gradient)
+  np.testing.assert_allclose(understeer.slope, exact, rtol=0.03)
+  assert understeer.linear_limit == understeer.reached > 2.0
+  np.testing.assert_allclose(understeer.angle[2:], understeer.slope * np.array(understeer.accel[2:]), rtol=0.02)
 
 
 def test_steering_loss_ends_the_linear_range():

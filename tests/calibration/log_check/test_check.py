@@ -18,11 +18,11 @@ def lab(runs: list[Recording]) -> DataSet:
 
 
 def test_a_sound_log_is_fit_to_be_used_and_says_what_it_can_t_show():
-  found = check_log(lab(drives()))
-  assert found.verdict == "Fit to be used: nothing was found that would spoil a fit."
-  assert {s.physics: s.verdict for s in found.shown}["reverse"] == "none"
-  assert "reverse: can't be told, no driving backwards" in [f.text for f in found.of("note")]
-  assert heed(found.dataset) == ()
+  checked = check_log(lab(drives()))
+  assert checked.verdict == "Fit to be used: nothing was found that would spoil a fit."
+  assert {s.physics: s.verdict for s in checked.shown}["reverse"] == "none"
+  assert "reverse: can't be told, no driving backwards" in [f.text for f in checked.of("note")]
+  assert heed(checked.dataset) == ()
 
 
 @pytest.mark.parametrize(
@@ -37,8 +37,8 @@ def test_a_sound_log_is_fit_to_be_used_and_says_what_it_can_t_show():
 def test_sensors_that_contradict_each_other_stop_a_fit(channel, scale, says):
   runs = [r.replace(streams={k: s for k, s in r.streams.items() if k != "accel_y"}) for r in drives()]
   dataset = lab([changed(r, channel, scale=scale) for r in runs])
-  found = check_log(dataset)
-  assert says in found.of("spoils")[0].text and found.verdict.startswith("Not fit to be fitted as it is: ")
+  checked = check_log(dataset)
+  assert says in checked.of("spoils")[0].text and checked.verdict.startswith("Not fit to be fitted as it is: ")
   with pytest.raises(RecordingError, match="data set 'lab': "):
     heed(dataset)
 
@@ -60,8 +60,8 @@ def test_a_late_gyro_a_wrong_radius_and_a_held_value_are_told_with_their_size():
 @pytest.mark.parametrize("kept", [1, 2, 15])
 def test_a_channel_of_few_samples_is_no_error(channel, kept):
   runs = [r.replace(streams={**r.streams, channel: Stream(*_first(r[channel], kept))}) for r in drives(2)]
-  found = check_log(lab(runs))
-  assert not found.of("spoils") and found.document()["shown"]
+  checked = check_log(lab(runs))
+  assert not checked.of("spoils") and checked.document()["shown"]
 
 
 def _first(stream: Stream, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -71,8 +71,8 @@ def _first(stream: Stream, count: int) -> tuple[np.ndarray, np.ndarray]:
 def test_a_car_that_never_moves_is_said_in_words():
   time = np.arange(1000) / 100.0
   columns = {"motor_voltage": 0 * time, "steering_command": 0 * time, "motor_speed": 0 * time, "yaw_rate": 0 * time}
-  found = check_log(lab([Recording.from_columns("still", time, columns)]))
-  assert not found.of("spoils") and "drive map: can't be told" in found.of("note")[0].text
+  checked = check_log(lab([Recording.from_columns("still", time, columns)]))
+  assert not checked.of("spoils") and "drive map: can't be told" in checked.of("note")[0].text
 
 
 def test_the_command_writes_a_page_and_numbers_for_programs(tmp_path, capsys):

@@ -33,8 +33,8 @@ def test_a_channel_that_others_agree_with_is_green_with_who_does():
   ],
 )
 def test_a_false_channel_has_its_colour_and_cure(channel, change, colour, says):
-  found, text = channel_verdict(checked(**{channel: change}), channel)
-  assert found == colour and says in text
+  tone, text = channel_verdict(checked(**{channel: change}), channel)
+  assert tone == colour and says in text
 
 
 def test_sensors_that_geometry_confirms_are_not_blamed_for_one_that_contradicts_them():

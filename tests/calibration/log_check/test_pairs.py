@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.fitting.noise import noise_passport
+from calibration.fitting.noise import noise_models
 from calibration.log_check.motions import REGIMES, Wheels, motions, regimes
 from calibration.log_check.pairs import compare
 from qcar_twin.recordings.recording import Recording, Stream
@@ -19,10 +19,10 @@ def changed(run: Recording, channel: str, late: float = 0.0, scale: float = 1.0,
   return run.replace(streams={**run.streams, channel: Stream(stream.time + late, scale * stream.value + bias)})
 
 
-def found(name: str, runs: list[Recording]):
+def comparison(name: str, runs: list[Recording]):
   wheels = Wheels.of(CAR, runs)
   (motion,) = (m for m in motions(wheels, runs) if m.name == name)
-  return compare(motion, wheels, runs, noise_passport(runs))
+  return compare(motion, wheels, runs, noise_models(runs))
 
 
 def drives(count: int = 3, **change) -> list[Recording]:
@@ -44,7 +44,7 @@ def drives(count: int = 3, **change) -> list[Recording]:
   ],
 )
 def test_a_lag_a_scale_and_a_bias_are_found_where_they_were_put(name, channel, late, scale, bias):
-  c = found(name, drives(channel=channel, late=late, scale=scale, bias=bias))
+  c = comparison(name, drives(channel=channel, late=late, scale=scale, bias=bias))
   sign, ahead = 1.0 if channel in c.motion.compared else -1.0, AHEAD if "pose_yaw" in c.motion.reference else 0.0
   assert c.lag.value == pytest.approx(sign * late + ahead, abs=max(4.0 * c.lag.std, 0.002))
   assert c.scale.value == pytest.approx(scale, abs=max(4.0 * c.scale.std, 0.003))
@@ -58,7 +58,7 @@ def test_a_value_that_a_slow_publisher_holds_is_late_by_its_age():
     stream = run["motor_speed"]
     slow = Stream(stream.time[::10] + 0.05, stream.value[::10])
     runs.append(run.replace(streams={**run.streams, "motor_speed": slow}))
-  c = found("driving", runs)
+  c = comparison("driving", runs)
   assert c.lag.value == pytest.approx(0.05 + AHEAD, abs=max(4.0 * c.lag.std, 0.004))
 
 
@@ -71,12 +71,12 @@ def test_a_speed_that_never_carries_a_sign_is_compared_by_its_size():
     if back:  # the same path, driven backwards
       streams["pose_yaw"] = Stream(heading.time, heading.value + np.pi)
     runs.append(run.replace(streams=streams))
-  c = found("driving", runs)
+  c = comparison("driving", runs)
   assert c.correlation > 0.99 and c.scale.value == pytest.approx(1.0, abs=0.01)
 
 
 def test_the_deviations_are_those_of_repeated_drives():
-  scales = [(c.scale.value, c.scale.std) for k in range(12) for c in [found("turning", _seeded(k))]]
+  scales = [(c.scale.value, c.scale.std) for k in range(12) for c in [comparison("turning", _seeded(k))]]
   values, stds = np.array(scales).T
   assert 0.4 < np.std(values) / np.median(stds) < 2.5
 
@@ -89,9 +89,9 @@ def test_where_nothing_moves_or_little_was_driven_nothing_is_said():
   time = np.arange(3000) / 100.0
   noise = lambda k, size: size * np.random.default_rng(k).standard_normal(len(time))
   still = {"motor_voltage": 0 * time, "motor_speed": 0 * time, "yaw_rate": noise(1, 0.01), "pose_yaw": noise(2, 1e-3)}
-  c = found("turning", [Recording.from_columns("still", time, still)])
+  c = comparison("turning", [Recording.from_columns("still", time, still)])
   assert "is not 3 times the reference's noise" in c.why_not and np.isnan(c.scale.value)
-  assert "less than 18 s hold both" in found("turning", [recording(seconds=6.0)]).why_not
+  assert "less than 18 s hold both" in comparison("turning", [recording(seconds=6.0)]).why_not
 
 
 def test_windows_are_called_by_how_the_car_was_driven():

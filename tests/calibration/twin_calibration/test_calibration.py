@@ -21,16 +21,16 @@ def begun(tiny):
 
 def test_a_calibration_is_the_twin_a_diagnosis_starts_from(tiny, begun):
   """Mechanisms at their null change no bit, so it does not matter that the diagnosis carries the whole catalogue."""
-  found = calibrate(tiny, "recordings", threads=1)
+  calibration = calibrate(tiny, "recordings", threads=1)
   names = begun.recalibrated.fit.parameters.names
   fitted = dict(zip(names, begun.recalibrated.fit.theta, strict=True))
-  for name, estimate in found.estimates.items():
+  for name, estimate in calibration.estimates.items():
     if not estimate.reason_not_fitted:
       assert estimate.value == pytest.approx(fitted[name], rel=1e-12, abs=1e-15), name
-  assert found.command_shift == begun.recalibrated.command_shift
+  assert calibration.command_shift == begun.recalibrated.command_shift
 
 
 def test_where_the_twin_is_recalibrated_already_nothing_is_fitted(tiny, begun, monkeypatch):
   monkeypatch.setattr("calibration.twin_calibration.calibration.recalibrate_dataset", None)
-  found = calibrate(tiny, "recordings", threads=1, recalibrated=lambda: begun.recalibrated)
-  assert np.all(np.isfinite(found.theta)) and len(found.errors["identify"])
+  calibration = calibrate(tiny, "recordings", threads=1, recalibrated=lambda: begun.recalibrated)
+  assert np.all(np.isfinite(calibration.theta)) and len(calibration.errors["identify"])

@@ -15,11 +15,11 @@ RUN = recording(seconds=3.0)
 
 def decoded(path):
   """Messages by topic, (log time in ns, message), read by the mcap library and decoded by its ROS 2 support."""
-  found = {}
+  messages = {}
   with path.open("rb") as file:
     for _, channel, message, content in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
-      found.setdefault(channel.topic, []).append((message.log_time, content))
-  return found
+      messages.setdefault(channel.topic, []).append((message.log_time, content))
+  return messages
 
 
 def metadata(path):

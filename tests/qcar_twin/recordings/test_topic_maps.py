@@ -17,20 +17,20 @@ def logged(name, absent=()):
   """Columns of a log that a map was made for: the first choice of every channel, in the units of its topics."""
   speed = COLUMNS["motor_speed"] * 0.0953668 * 0.033
   values = COLUMNS | {"motor_duty": COLUMNS["motor_voltage"] / 12.0, "speed_command": speed, "speed": speed}
-  found = {}
+  columns_of = {}
   for channel, (columns, how) in topic_map(name).choices.items():
     if channel in values and channel not in absent:
-      found[columns[0].replace("*", "/any/topic")] = (values[channel] - how.offset) / how.scale
-  return found
+      columns_of[columns[0].replace("*", "/any/topic")] = (values[channel] - how.offset) / how.scale
+  return columns_of
 
 
 @pytest.mark.parametrize("name", topic_maps())
 def test_a_map_is_of_channels_and_of_a_car_that_can_be_built(name):
-  found = topic_map(name)
-  assert set(found.choices) <= set(CHANNELS) and set(found.choices) & set(DRIVE_COMMANDS)
-  assert {"speed", "motor_speed"} & set(found.choices)
-  assert Vehicle.from_dataset(found.vehicle).motor.channel in found.choices
-  assert all(len(set(columns)) == len(columns) for columns, _ in found.choices.values())
+  mapping = topic_map(name)
+  assert set(mapping.choices) <= set(CHANNELS) and set(mapping.choices) & set(DRIVE_COMMANDS)
+  assert {"speed", "motor_speed"} & set(mapping.choices)
+  assert Vehicle.from_dataset(mapping.vehicle).motor.channel in mapping.choices
+  assert all(len(set(columns)) == len(columns) for columns, _ in mapping.choices.values())
 
 
 @pytest.mark.parametrize("name", topic_maps())

@@ -36,7 +36,7 @@ def with_room(found: RecalibratedTwin, forms: Collection[str]) -> RecalibratedTw
   wide = further(found.problem, forms, free, found.fit.theta)
   if wide is free:
     return found
-  return settled(found.problem, found.passport, wide, found.fit.theta, found.command_shift)
+  return settled(found.problem, found.noise_models, wide, found.fit.theta, found.command_shift)
 
 
 def widened(problem: Problem, model: Candidate) -> bool:

@@ -151,7 +151,7 @@ class Trials:
     twin = self.problem.exact.twin.with_mechanisms(select(dict.fromkeys((*have, *self.beside, *self.forms))))
     free = self.base.free
     smaller = Problem(twin, self.problem.observations, self.problem.weighting, self.problem.n_train, free.names)
-    fitted = settled(smaller, self.found.fitted.passport, free, self.base.values, self.found.fitted.command_shift)
+    fitted = settled(smaller, self.found.fitted.noise_models, free, self.base.values, self.found.fitted.command_shift)
     fitted = with_room(fitted, self.forms)
     return Characterised(fitted, self.curves, self.beside, self.clock, self.forms)
 

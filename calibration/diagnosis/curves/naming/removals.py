@@ -29,7 +29,7 @@ def without_the_needless(
 
   Args:
     trials: the twin.
-    progress: told the stage.
+    progress: reports the stage.
     known: what the twin is worth against one without each, where that was asked already.
 
   Returns:

@@ -34,8 +34,8 @@ def released(time, columns, start, end):
 @pytest.mark.parametrize("size", SIZES.values())
 def test_the_level_under_which_the_car_stands_is_the_drives_neutral(neutral, size):
   time, columns = wander(1, size)
-  found = drive_neutral([run(time, columns, motor_voltage=columns["motor_voltage"] + neutral)], "motor_voltage")
-  assert found.value == pytest.approx(neutral, abs=0.02)
+  neutral_there = drive_neutral([run(time, columns, motor_voltage=columns["motor_voltage"] + neutral)], "motor_voltage")
+  assert neutral_there.value == pytest.approx(neutral, abs=0.02)
   assert drive_neutral([run(time, columns)], "motor_voltage") is None
 
 
@@ -62,8 +62,8 @@ def test_a_released_switch_is_said_with_its_stretch_and_cutting_it_out_mends_it(
 @pytest.mark.parametrize(("centre", "travel"), [(90.0, 100.0), (0.5, 1.0), (-2.0, 3.0)])
 def test_the_command_that_goes_straight_on_is_the_steerings_neutral_unless_it_is_a_trim(centre, travel):
   time, columns = wander(4)
-  found = steering_neutral([run(time, columns, steering_command=centre + travel * columns["steering_command"])])
-  assert found.value == pytest.approx(centre, abs=0.02 * travel)
+  neutral_there = steering_neutral([run(time, columns, steering_command=centre + travel * columns["steering_command"])])
+  assert neutral_there.value == pytest.approx(centre, abs=0.02 * travel)
   assert steering_neutral([run(time, columns, steering_command=columns["steering_command"] + 0.05)]) is None
   assert steering_neutral([run(time, columns, steering_command=np.abs(columns["steering_command"]) + 0.02)]) is None
 

@@ -21,9 +21,9 @@ def later(whole: Recording, start: float, end: float, by: float) -> Recording:
 def test_a_part_that_was_cut_out_and_stamped_anew_is_found_with_its_times():
   whole = recording("whole")
   part = later(whole, 4.0, 7.0, by=100.0).replace(name="part")
-  (found,) = find_repeats([whole, recording("other", seed=1), part])
-  assert (found.first.name, found.second.name) == ("whole", "part")
-  assert (found.start, found.end, found.at) == pytest.approx((4.0, 7.0, 104.0))
+  (repeat,) = find_repeats([whole, recording("other", seed=1), part])
+  assert (repeat.first.name, repeat.second.name) == ("whole", "part")
+  assert (repeat.start, repeat.end, repeat.at) == pytest.approx((4.0, 7.0, 104.0))
 
 
 def test_drives_alike_are_not_the_same_drive():
@@ -41,8 +41,8 @@ def test_a_log_without_noisy_channels_is_told_by_its_speed():
   runs = [
     Recording.from_columns(name, time, {k: columns[k] for k in ("motor_voltage", "motor_speed")}) for name in "ab"
   ]
-  (found,) = find_repeats(runs)
-  assert found.channel == "motor_speed" and found.end - found.start > 11.9
+  (repeat,) = find_repeats(runs)
+  assert repeat.channel == "motor_speed" and repeat.end - repeat.start > 11.9
 
 
 @pytest.mark.parametrize("roles", [("identify", "holdout"), ("holdout", "validate")])

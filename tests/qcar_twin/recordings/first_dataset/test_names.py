@@ -64,11 +64,11 @@ def test_the_measured_steering_is_no_command_and_a_filtered_speed_comes_second()
   ],
 )  # fmt: skip
 def test_a_unit_is_read_off_the_name(column, unit, factor):
-  found = unit_of(column)
+  unit_there = unit_of(column)
   if unit is None:
-    assert found is None or column == "acc m/s2"
+    assert unit_there is None or column == "acc m/s2"
   else:
-    assert found is not None and found[1:] == (unit, pytest.approx(factor))
+    assert unit_there is not None and unit_there[1:] == (unit, pytest.approx(factor))
 
 
 def test_a_logs_own_clock_goes_before_that_of_one_device():

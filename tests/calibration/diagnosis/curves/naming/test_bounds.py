@@ -87,7 +87,7 @@ def test_a_fitted_twin_is_fitted_on_where_it_has_more_room_and_left_alone_elsewh
   asked = []
   monkeypatch.setattr(bounds, "settled", lambda problem, noise, free, start, shift: asked.append(free) or "fitted on")
   made = lambda model: SimpleNamespace(
-    problem=PROBLEM, passport={}, command_shift=0, fit=SimpleNamespace(parameters=model.free, theta=model.values)
+    problem=PROBLEM, noise_models={}, command_shift=0, fit=SimpleNamespace(parameters=model.free, theta=model.values)
   )
   inside, at = made(ended(drive_dead_zone=0.5)), made(ended(drive_dead_zone=ZONE.upper))
   assert bounds.with_room(inside, ("drive_dead_zone",)) is inside and not asked
