@@ -242,21 +242,19 @@ def _to_recordings(
   if recalibrated is None or standing:
     added = [p for m in twin.mechanisms if m.name in mechanisms for p in m.parameters]
     kept = dataclasses.replace(dataset, recordings=tuple(fitted))
-    refitted = recalibrate_dataset(kept, twin, added=added, most=QUICK if quick else LONGEST, progress=progress)
+    again = recalibrate_dataset(kept, twin, added=added, most=QUICK if quick else LONGEST, progress=progress)
   else:
-    refitted = recalibrated()
+    again = recalibrated()
   notes = ["no steering_command is logged: the car is taken to drive straight"]
   if any("steering_command" in r for r in fitted):
     notes = []
   if len(command_shifts(dataset)) > 1:
-    notes.append(
-      f"the log's command timing is unknown; commands fit best {refitted.command_shift} control periods later"
-    )
+    notes.append(f"the log's command timing is unknown; commands fit best {again.command_shift} control periods later")
   if standing:
     notes.append(f"static friction holds the car in {', '.join(standing)}: left out of the fit, not of the errors")
-  fresh = with_jacobian(refitted.fit, _slopes(refitted), np.inf)
+  fresh = with_jacobian(again.fit, _slopes(again), np.inf)
   estimates = _table(fresh, twin.parameters, "not fitted")
-  return {"estimates": estimates, "command_shift": int(refitted.command_shift), "notes": notes}
+  return {"estimates": estimates, "command_shift": int(again.command_shift), "notes": notes}
 
 
 def _slopes(recalibrated: RecalibratedTwin) -> Array:

@@ -91,7 +91,7 @@ def test_a_sensor_takes_two_files():
 def test_the_new_channel_is_read_from_a_file_observed_and_enters_the_residual(folder):
   measured(folder)
   page = runpy.run_path(str(folder / "use.py"))
-  data, observations, rows = page["data"], found["observations"], found["rows"]
+  data, observations, rows = page["data"], page["observations"], page["rows"]
   assert not data.warnings
   assert len(data["run"][NAME]) == 400 and rows.sum() > 350
   assert page["noise"].std == pytest.approx(RECORDED[NAME].noise, rel=0.2)
