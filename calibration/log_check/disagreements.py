@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from calibration.fitting.noise import ChannelNoise
-from calibration.log_check.alternatives import agreeing
+from calibration.log_check.alternatives import Alternative, agreeing
 from calibration.log_check.motions import Wheels
 from calibration.log_check.pairs import Comparison
 from qcar_twin.recordings.recording import Recording
@@ -17,9 +17,7 @@ _SCALE = 0.01  # a sensor's usual tolerance of sensitivity; a scale within it is
 _CONTRARY, _ALIKE = -0.5, 0.8  # correlation of two sensors of one motion: contrary, and alike enough to be scaled
 _FACTOR = 2.0  # between two sensors of one motion, from which a unit or a gear is wrong
 _KNOTS = 1.5  # the same where geometry ties them: a knot, 0.514 m/s, is the usual unit nearest to 1 m/s
-_UNFELT = 0.3  # correlation below which an accelerometer or a gyro does not follow the car's motion at all
-_TILTED = 0.5  # m/s^2, gravity at 3 degrees of tilt: an accelerometer has to follow motions stronger than that
-_LOUD = 3.0  # times the compared sensor's noise that a motion must be for it to follow
+_LOUD = 3.0  # times the compared sensor's noise that a motion must be for the two to be alike
 _LATE = 0.5  # s, from which a lag is no sensor's or servo's, but of the log
 
 
@@ -47,49 +45,91 @@ def disagreements(
     wheelbase: of the car, m; a steering command in rad turns it by speed / wheelbase.
     recordings, noise: what was compared, for trying other readings of the channels.
   """
-  channels = (*c.motion.compared, *c.motion.reference)
-  names = f"{_list(c.motion.compared)} and {_list(c.motion.reference)}"
   if c.why_not:
     return []
+  channels = (*c.motion.compared, *c.motion.reference)
+  names = _names(c)
+  expected = 1.0 / wheelbase if _steered(c) else 1.0
   spoils = lambda text: [Finding("spoils", channels, text)]
-  if _unrelated(c):
-    said = f"{names} do not agree in {c.motion.name} (correlation {c.correlation:.2f})"
-    return spoils(f"{said}: {_cures(c, wheels, recordings, noise)}")
+  if _in_doubt(c):
+    good, tried = agreeing(c.motion, wheels, recordings, noise)
+    if good:
+      return spoils(f"{names} {_say(c)}: {_cures(good)}")
+    if _unrelated(c, expected):
+      return spoils(
+        f"{names} {_say(c)}: one of them is another channel, or damaged; tried in vain: {', '.join(tried)}, another "
+        "age of 10 s"
+      )
   if c.correlation < _CONTRARY:
-    cure = "one of them has the wrong sign; set scale = -1 on it in [channels]"
-    return spoils(f"{names} say the contrary of {c.motion.name}: {cure}")
+    return spoils(f"{names} {_say(c)}; set scale = -1 on it in [channels]")
+  if c.correlation <= _ALIKE and not c.motion.kinematic:
+    return _hardly_alike(c, expected, wheelbase)
   if not math.isfinite(c.lag.value):
-    return spoils(_not_in_time(c, names)) if c.motion.kinematic or c.correlation > _ALIKE else []
+    return spoils(_not_in_time(c, names))
   if abs(c.lag.value) > _LATE:
     return spoils(_far_apart(c))
-  expected = 1.0 / wheelbase if _steered(c) else 1.0
   scale, factor = c.scale.value / expected, _KNOTS if c.motion.kinematic else _FACTOR
   if c.correlation > _ALIKE and not 1.0 / factor < scale < factor:
     return spoils(f"{names} differ {scale:.3g}-fold in {c.motion.name}: {_scale_cure(c, wheelbase)}")
   return _small(c) if c.motion.kinematic else []
 
 
+def _hardly_alike(c: Comparison, expected: float, wheelbase: float) -> list[Finding]:
+  """Of two that are not contrary and that noise, slip or tilt part: a scale beyond three deviations, or that this
+  driving says nothing of them."""
+  channels = (*c.motion.compared, *c.motion.reference)
+  felt, spread = c.felt.value / expected, 3.0 * c.felt.std / expected
+  if felt - spread > _FACTOR:
+    said = f"{_names(c)} differ {felt:.3g}-fold in {c.motion.name}: {_scale_cure(c, wheelbase)}"
+    return [Finding("spoils", channels, said)]
+  if felt - spread > 0.0 or not c.loud > _LOUD * c.levels[0]:
+    return []
+  said = f"whether {_list(c.motion.compared)} shows {c.motion.name} cannot be told from this driving"
+  cure = "look at its axis and sign, or drive longer"
+  return [
+    Finding("beware", channels, f"{said} (correlation {c.correlation:.2f} with {_list(c.motion.reference)}); {cure}")
+  ]
+
+
+def _names(c: Comparison) -> str:
+  return f"{_list(c.motion.compared)} and {_list(c.motion.reference)}"
+
+
 def _steered(c: Comparison) -> bool:
   return c.motion.reference[0] == "steering_command"
 
 
-def _unrelated(c: Comparison) -> bool:
-  """Whether two that have to agree do not: by geometry always; an accelerometer where it must feel the motion, a gyro
-  where the car was steered."""
-  if not c.loud > _LOUD * c.levels[0]:
-    return False
+def _say(c: Comparison) -> str:
+  if c.correlation < _CONTRARY:
+    return f"say the contrary of {c.motion.name}: one of them has the wrong sign"
+  return f"do not agree in {c.motion.name} (correlation {c.correlation:.2f})"
+
+
+def _in_doubt(c: Comparison) -> bool:
+  """Whether another reading of the channels may explain a motion better: as the log is read, the two are hardly alike.
+
+  Of two slow motions some lag within the search makes any two sensors alike to a degree: over a minute of a full-size
+  car up to 0.5. So a correlation alone says nothing until other readings were asked.
+  """
+  return c.loud > _LOUD * c.levels[0] and c.correlation < _ALIKE
+
+
+def _unrelated(c: Comparison, expected: float) -> bool:
+  """Whether two that have to agree do not, whatever their signs: by geometry always; otherwise where the compared
+  sensor shows less than half of the motion, beyond three deviations.
+
+  Least squares asks how much of the motion is in the sensor, so that what it feels besides does not count.
+  """
   if c.motion.kinematic:
-    return _CONTRARY <= c.correlation < _ALIKE
-  strong = c.motion.unit != "m/s^2" or c.loud > _TILTED
-  return strong and abs(c.correlation) < _UNFELT
+    return c.correlation >= _CONTRARY
+  felt = c.felt.value / expected
+  return abs(felt) + 3.0 * c.felt.std / expected < 1.0 / _FACTOR
 
 
-def _cures(c: Comparison, wheels: Wheels, recordings: Sequence[Recording], noise: Mapping[str, ChannelNoise]) -> str:
-  good, tried = agreeing(c.motion, wheels, recordings, noise)
-  if not good:
-    return f"one of them is another channel, or damaged; tried in vain: {', '.join(tried)}, another age of 10 s"
+def _cures(good: Sequence[tuple[Alternative, Comparison]]) -> str:
+  """Every reading that makes the two agree, best first; which of them is right other sensors tell."""
   (best, comparison), *others = good
-  also = f", or {others[0][0].cure} ({others[0][1].correlation:.3f})" if others else ""
+  also = "".join(f", or {other.cure} ({c.correlation:.3f})" for other, c in others)
   return f"they agree with {best.name} (correlation {comparison.correlation:.3f}); {best.cure}{also}"
 
 

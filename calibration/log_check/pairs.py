@@ -12,6 +12,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from calibration.fitting.noise import ChannelNoise
@@ -47,6 +48,9 @@ class Estimate:
     return abs(self.value - null) > sigmas * self.std
 
 
+_NOTHING = Estimate(np.nan, np.nan)
+
+
 @dataclasses.dataclass(frozen=True)
 class Comparison:
   """What two sensors of a motion say of each other.
@@ -56,6 +60,7 @@ class Comparison:
       fitted says nothing.
     scale, bias: of it, in the rate's unit.
     correlation: of the two, at that lag.
+    felt: share of the reference's motion that the compared sensor shows at that lag, by least squares.
     residual: its rms, in the rate's unit; noise: what their noise explains of it.
     seconds: compared.
     loud: standard deviation of the means, in the rate's unit: the reference's, by geometry the larger of the two.
@@ -74,6 +79,7 @@ class Comparison:
   noise: float
   seconds: float
   regimes: Mapping[str, Estimate]
+  felt: Estimate = _NOTHING
   loud: float = np.nan
   levels: tuple[float, float] = (np.nan, np.nan)
   odd: float = 0.0
@@ -105,10 +111,11 @@ def compare(
   inside = lags[1] < lag.value < lags[-2]
   return Comparison(
     motion=motion,
-    lag=lag if inside else Estimate(np.nan, np.nan),
+    lag=lag if inside else _NOTHING,
     scale=scale,
     bias=bias,
     correlation=float(fit[4]),
+    felt=Estimate(float(fit[5]), float(spread[5])),
     residual=float(fit[3]),
     noise=float(np.hypot(levels[0], scale.value * levels[1])),
     seconds=len(blocks) * _BLOCK,
@@ -134,21 +141,30 @@ def _centre(motion: Motion, wheels: Wheels, recordings: Sequence[Recording], win
 def _blocks(
   motion: Motion, wheels: Wheels, recording: Recording, window: float, lags: Array
 ) -> list[tuple[Array, Array]]:
-  """Of every few seconds of a recording: sums over windows for every lag, (lags, 6), and the reference's means."""
+  """Of every few seconds of a recording: sums over windows for every lag, (lags, 6), and the reference's means.
+
+  Lags are as far apart as windows are, so that the reference's means at all lags are the same ones, moved.
+  """
   first, last = recording.start - min(lags[0], 0.0), recording.end - window - max(lags[-1], 0.0)
   begin = np.arange(first, last, _STEP)
   if len(begin) < 2:
     return []
-  compared, reference = motion.of_compared(recording)(begin, window), motion.of_reference(recording)
-  shifted = np.stack([reference(begin - lag, window) for lag in lags])  # (lags, k)
-  known = np.isfinite(compared) & np.isfinite(shifted).all(axis=0)
+  compared = motion.of_compared(recording)(begin, window)
+  at = begin[0] - lags[-1] + _STEP * np.arange(len(begin) + len(lags) - 1)
+  shifted = sliding_window_view(motion.of_reference(recording)(at, window), len(lags))[:, ::-1]  # (k, lags)
+  known = np.isfinite(compared) & np.isfinite(shifted).all(axis=1)
   known &= np.isin(regimes(wheels, recording, begin, window), motion.within)
   number, made = np.floor((begin - begin[0]) / _BLOCK), []
-  for block in np.unique(number):
-    rows = known & (number == block)
-    if rows.sum() * _STEP >= 0.2 * _BLOCK:
-      made.append((_sums(shifted[:, rows], compared[rows]), shifted[_NO_LAG, rows]))
+  for rows in _runs(number):
+    rows = rows[known[rows]]
+    if rows.size * _STEP >= 0.2 * _BLOCK:
+      made.append((_sums(shifted[rows].T, compared[rows]), shifted[rows, _NO_LAG]))
   return made
+
+
+def _runs(label: Array) -> list[NDArray[np.intp]]:
+  """Rows of each stretch of one label."""
+  return np.split(np.arange(len(label)), np.flatnonzero(label[1:] != label[:-1]) + 1)
 
 
 def _sums(x: Array, y: Array) -> Array:
@@ -158,7 +174,7 @@ def _sums(x: Array, y: Array) -> Array:
 
 
 def _fit(sums: Array, ratio: float, lags: Array) -> Array:
-  """Lag, scale, bias, rms residual and correlation from sums, (n, lags, 6) -> (n, 5)."""
+  """Lag, scale, bias, rms residual, correlation and slope from sums, (n, lags, 6) -> (n, 6)."""
   lines = _line(sums, ratio)
   strength, rows = np.abs(lines[..., 3]), np.arange(len(sums))
   best = np.argmax(strength, axis=1)
@@ -197,7 +213,7 @@ def _residual(sums: Array, fit: Array, lags: Array) -> Array:
 
 
 def _line(sums: Array, ratio: float) -> Array:
-  """Deming's line: scale, bias, rms residual and correlation from sums, (..., 6) -> (..., 4).
+  """Deming's line: scale, bias, rms residual, correlation and the slope of least squares, (..., 6) -> (..., 5).
 
   Args:
     ratio: variance of the compared sensor's noise over that of the reference's.
@@ -209,7 +225,8 @@ def _line(sums: Array, ratio: float) -> Array:
   safe = np.where(np.abs(sxy) > least, sxy, least)
   scale = (apart + np.sqrt(apart**2 + 4.0 * ratio * sxy**2)) / (2.0 * safe)
   residual = np.sqrt(np.maximum(syy - 2.0 * scale * sxy + scale**2 * sxx, 0.0))
-  return np.stack([scale, my - scale * mx, residual, sxy / np.sqrt(np.maximum(sxx * syy, 1e-300))], axis=-1)
+  correlation, slope = sxy / np.sqrt(np.maximum(sxx * syy, 1e-300)), sxy / np.maximum(sxx, _STILL)
+  return np.stack([scale, my - scale * mx, residual, correlation, slope], axis=-1)
 
 
 def _vertex(height: Array, best: NDArray[np.intp], lags: Array) -> Array:
@@ -238,15 +255,15 @@ def _by_regime(
     y, x = motion.of_compared(recording)(begin, window), motion.of_reference(recording)(begin - lag, window)
     known, regime = np.isfinite(x) & np.isfinite(y), regimes(wheels, recording, begin, window)
     number = np.floor((begin - recording.start) / _BLOCK)
-    for name in REGIMES:
-      for block in np.unique(number[known & (regime == name)]):
-        rows = known & (regime == name) & (number == block)
-        sums.setdefault(name, []).append(_sums(x[rows], y[rows]))
+    for rows in _runs(number):
+      rows = rows[known[rows]]
+      for name in np.unique(regime[rows]):
+        of_it = rows[regime[rows] == name]
+        sums.setdefault(str(name), []).append(_sums(x[of_it], y[of_it]))
   line = lambda s: _line(s, ratio)
-  enough = {name: np.stack(s) for name, s in sums.items() if len(s) >= _LEAST_BLOCKS}
+  enough = {name: np.stack(sums[name]) for name in REGIMES if len(sums.get(name, ())) >= _LEAST_BLOCKS}
   return {n: Estimate(*(float(v[0]) for v in _jackknifed(s, line))) for n, s in enough.items()}
 
 
 def _unknown(motion: Motion, why: str, seconds: float) -> Comparison:
-  nothing = Estimate(np.nan, np.nan)
-  return Comparison(motion, nothing, nothing, nothing, np.nan, np.nan, np.nan, seconds, {}, why_not=why)
+  return Comparison(motion, _NOTHING, _NOTHING, _NOTHING, np.nan, np.nan, np.nan, seconds, {}, why_not=why)

@@ -43,12 +43,12 @@ class Falsity:
   apply: Callable[[Array, Columns], tuple[Array, Columns]]
 
 
-def wander(seed: int, size: float = 1.0) -> tuple[Array, Columns]:
+def wander(seed: int, size: float = 1.0, seconds: float = SECONDS) -> tuple[Array, Columns]:
   """Time (k,) and columns of a drive that never repeats itself, of a car `size` times as long as a 1:10 one.
 
   Speeds grow with sqrt(size), so that lateral accelerations are alike (Froude's similarity).
   """
-  random, time = np.random.default_rng(seed), np.arange(int(SECONDS * RATE)) / RATE
+  random, time = np.random.default_rng(seed), np.arange(int(seconds * RATE)) / RATE
   length, swift = 0.256 * size, np.sqrt(size)
   speed = swift * np.maximum(1.2 + 0.5 * _smooth(random, time.size, 1.5 * swift), 0.0)
   stop = 3.0 * max(float(swift), 1.0)
@@ -186,7 +186,7 @@ def outcome(falsity: Falsity | None, seed: int, size: float, folder: Path, draft
   time, columns = wander(seed, size)
   stamps, changed = falsity.apply(time, columns) if falsity else (time, columns)
   try:
-    (_drafted if drafted else _declared)(folder, stamps, changed, size)
+    (_drafted if drafted else write_drive)(folder, stamps, changed, size)
     check = check_log(load_to_check(folder))
   except RecordingError as error:
     return "refused", str(error)
@@ -199,7 +199,8 @@ def outcome(falsity: Falsity | None, seed: int, size: float, folder: Path, draft
   return ("warned", said[0]) if said else ("passed wrongly", check.verdict)
 
 
-def _declared(folder: Path, time: Array, columns: Columns, size: float) -> None:
+def write_drive(folder: Path, time: Array, columns: Columns, size: float) -> None:
+  """A drive and its dataset.toml, under the channels' own names, of a car `size` times as long as a 1:10 one."""
   write_csv(folder / "run.csv", time, columns)
   powers = {"mass": 3, "yaw_inertia": 5, "gear_ratio": 0, "max_steering": 0}
   car = {key: value * size ** powers.get(key, 1) for key, value in VEHICLE.items() if not isinstance(value, str)}

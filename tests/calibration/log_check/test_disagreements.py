@@ -7,6 +7,7 @@ from calibration.log_check import check_log
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording, Stream
 from tests.calibration.log_check.test_pairs import changed, drives
+from tests.faults.falsities import wander
 from tests.qcar_twin.recordings.drives import STD, VEHICLE, drive
 
 
@@ -69,6 +70,53 @@ def test_exchanged_axes_are_found_out_and_exchanging_them_mends_it():
   texts = spoiling(runs)
   assert any("exchange the columns of accel_x and accel_y in [channels]" in text for text in texts)
   assert not spoiling([rewritten(r, accel_x=r["accel_y"].value, accel_y=r["accel_x"].value) for r in runs])
+
+
+def long(size):
+  """Lengths of a car so many times as long."""
+  return {key: size * VEHICLE[key] for key in ("cg_to_front", "cg_to_rear")}
+
+
+def mirrored(columns):
+  across = ("steering_command", "accel_y", "yaw_rate", "pose_y", "pose_yaw")
+  return columns | {name: -columns[name] for name in across}
+
+
+@pytest.mark.parametrize("signs", [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)])
+@pytest.mark.parametrize(("seed", "size"), [(2065472076, 11.0), (3, 11.0), (4, 1.0), (5, 0.23)])
+def test_exchanged_axes_are_found_out_in_slow_motion_too(seed, size, signs):
+  time, columns = wander(seed, size)
+  columns = mirrored(columns) if seed % 2 else columns
+  along, across = (sign * columns[name] for sign, name in zip(signs, ("accel_y", "accel_x"), strict=True))
+  wrong = Recording.from_columns("run", time, columns | {"accel_x": along, "accel_y": across})
+  assert not spoiling([Recording.from_columns("run", time, columns)], **long(size))
+  texts = spoiling([wrong], **long(size))
+  assert texts and all("exchange the columns of accel_x and accel_y in [channels]" in text for text in texts)
+  assert all("set scale = -1 on accel" in text for text in texts) or signs == (1.0, 1.0)
+
+
+@pytest.mark.parametrize("channel", ["accel_x", "accel_y"])
+@pytest.mark.parametrize(("seed", "size"), [(3, 11.0), (4, 1.0)])
+def test_an_axis_that_stands_in_for_the_only_other_one_is_not_passed(channel, seed, size):
+  time, columns = wander(seed, size)
+  other = {"accel_x": "accel_y", "accel_y": "accel_x"}[channel]
+  columns[channel] = columns.pop(other)
+  check = check_log(lab([Recording.from_columns("run", time, columns)], **long(size)))
+  assert any(channel in f.channels for f in check.of("spoils"))
+
+
+def test_an_accelerometer_that_this_driving_cannot_judge_is_said_to_be_so():
+  time, columns = wander(9005, 0.23)
+  columns["accel_x"] = -columns.pop("accel_y")
+  check = check_log(lab([Recording.from_columns("run", time, columns)], **long(0.23)))
+  named = [f.text for f in (*check.of("spoils"), *check.of("beware")) if "accel_x" in f.channels]
+  assert any("cannot be told from this driving" in text for text in named)
+
+
+def test_an_accelerometer_that_shakes_more_than_the_car_moves_is_no_other_channel():
+  shaken = np.random.default_rng(7)
+  runs = [rewritten(r, accel_x=r["accel_x"].value + 6.0 * shaken.standard_normal(len(r["accel_x"]))) for r in drives()]
+  assert not spoiling(runs)
 
 
 def test_a_heading_from_another_axis_is_found_out():
