@@ -39,7 +39,7 @@ class Surrogate(Twin):
       exact.vehicle,
       exact.mechanisms,
       exact.tyre,
-      exact.substeps,
+      exact.asked_substeps,
       exact.threads,
       exact.rows,
       engine="reduced",

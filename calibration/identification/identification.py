@@ -83,7 +83,9 @@ class Identification:
 
   def bicycle(self, vehicle: MeasuredCar, period: float = 0.01, losses: bool = False) -> tuple[Bicycle, Array]:
     """The identified plant and its parameters (5,); the paper's, or with the identified turning losses."""
-    return Bicycle(vehicle, period, self.losses if losses else TurningLosses()), self.theta
+    bicycle = Bicycle(vehicle, period, self.losses if losses else TurningLosses())
+    values = self.theta if self.lateral else np.array([*self.drive.values, *bicycle.parameters.nominal[3:]])
+    return bicycle, values
 
   def rmse_percent(self, part: str, role: str) -> float:
     """Average RMSE of step responses, per cent: part "longitudinal", "lateral" or "yaw_rate"; NaN if there are none."""

@@ -24,6 +24,7 @@ from scipy.optimize import least_squares
 
 from calibration.identification.step_detection import PERIOD
 from qcar_twin import kinematics
+from qcar_twin.vehicle.similarity import Similarity
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -95,13 +96,14 @@ def unknowns(
 
   The spread of C_f covers a factor of ten either way of what 10 N/rad per newton of load gives.
   """
+  size = Similarity.of(numbers["cg_to_front"] + numbers["cg_to_rear"])
   load = numbers["mass"] * GRAVITY * numbers["cg_to_rear"] / (numbers["cg_to_front"] + numbers["cg_to_rear"])
   fitted = (
     Unknown("cornering_stiffness_front", 10.0 * load, 0.8),
     Unknown("understeer_gradient", gradient, gradient_std, logarithmic=False, fitted=False),
     Unknown("friction_coefficient", 0.9, 0.35),
-    Unknown("servo_time", 0.005, 0.4, lowest=0.0015),
-    Unknown("relaxation_length", 0.010, 0.3, lowest=0.002),
+    Unknown("servo_time", 0.005 * size.time, 0.4, lowest=0.0015),
+    Unknown("relaxation_length", 0.010 * size.length, 0.3, lowest=0.002 * size.length),
     Unknown("carcass_time", 0.001, 0.001, logarithmic=False, lowest=0.0),
   )
   return fitted + tuple(Unknown(n, value, std[n], logarithmic=False, fitted=False) for n, value in numbers.items())

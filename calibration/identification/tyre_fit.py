@@ -33,8 +33,9 @@ from calibration.identification.steering_steps import (
 )
 from calibration.identification.step_detection import moving_average
 from qcar_twin import kinematics
-from qcar_twin.bicycle.bicycle import PARAMETERS, MeasuredCar
+from qcar_twin.bicycle.bicycle import MeasuredCar, drive_of, parameters_of
 from qcar_twin.recordings.recording import Recording
+from qcar_twin.vehicle.similarity import Similarity
 
 Array = NDArray[np.float64]
 
@@ -166,7 +167,9 @@ def _linear_stage(used: Sequence[Turn], vehicle: MeasuredCar, constraint: _Const
     pairs = zip(wanted, modelled, about, strict=True)
     return float(sum(np.mean(np.square(w - f)[t.step.first :]) for w, f, t in pairs))
 
-  bounds = np.log([PARAMETERS["cornering_stiffness_front"].lower, PARAMETERS["cornering_stiffness_front"].upper])
+  similarity = Similarity.of(vehicle.cg_to_front + vehicle.cg_to_rear)
+  front = parameters_of(drive_of(vehicle), similarity)["cornering_stiffness_front"]
+  bounds = np.log([front.lower, front.upper])
   optimum = minimize_scalar(cost, bounds=tuple(bounds), method="bounded", options={"xatol": 1e-5})
   return constraint.stiffness(float(np.exp(optimum.x)), vehicle)
 

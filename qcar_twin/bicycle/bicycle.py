@@ -27,6 +27,7 @@ from qcar_twin.bicycle.single_track import SingleTrackCar, State
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.plant import SIGNALS, START, Prediction, Segments, rollout_by_steps
 from qcar_twin.vehicle.drive import DRIVES, Drive
+from qcar_twin.vehicle.similarity import AS_THE_QCAR, Similarity
 
 Array = NDArray[np.float64]
 
@@ -41,13 +42,20 @@ PARAMETERS = ParameterSet(
 )
 
 
-def parameters_of(drive: Drive) -> ParameterSet:
-  """The five parameters for a kind of drive command: P1 is per unit of it, P1 and P2 begin at usual values."""
+def parameters_of(drive: Drive, similarity: Similarity = AS_THE_QCAR) -> ParameterSet:
+  """The five parameters for a kind of drive command: P1 is per unit of it, P1 and P2 begin at usual values.
+
+  Stiffnesses and their bounds go by the car's similarity, as forces do.
+  """
+  known = PARAMETERS
+  if similarity.length != 1.0:
+    per_radian = {name: PARAMETERS[name] for name in PARAMETERS.names if name.startswith("cornering_stiffness")}
+    known = known.replace(**{name: similarity.carried(p, "N") for name, p in per_radian.items()})
   if drive == DRIVES["voltage"]:
-    return PARAMETERS
-  p1, p2 = (PARAMETERS[name] for name in ("drive_gain", "drive_damping"))
+    return known
+  p1, p2 = (known[name] for name in ("drive_gain", "drive_damping"))
   gain, damping = drive.usual
-  return PARAMETERS.replace(
+  return known.replace(
     drive_gain=dataclasses.replace(
       p1, nominal=gain, unit=f"rad/s^2/({drive.unit})", description="motor acceleration per unit of the drive command"
     ),
@@ -113,7 +121,7 @@ class Bicycle:
     self.vehicle = vehicle
     self.period = period
     self.losses = losses
-    self.parameters = parameters_of(drive_of(vehicle))
+    self.parameters = parameters_of(drive_of(vehicle), Similarity.of(vehicle.cg_to_front + vehicle.cg_to_rear))
 
   def __repr__(self) -> str:
     return f"Bicycle(period={self.period:g} s)\n{self.parameters!r}"

@@ -22,7 +22,7 @@ _LOOP_REACH = 6.0  # times slower or faster than usual; a loop yet faster chatte
 
 def base_parameters(vehicle: Vehicle) -> ParameterSet:
   """The base twin's parameters for a car, nominal values and priors from its numbers."""
-  v, std, motor = vehicle, vehicle.std, vehicle.motor
+  v, std, motor, size = vehicle, vehicle.std, vehicle.motor, vehicle.similarity
   length = v.cg_to_front + v.cg_to_rear
   reach = _LOOP_REACH if v.drive == "speed" else 40.0
   return ParameterSet(
@@ -39,8 +39,10 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
       _near("longitudinal_stiffness", v.longitudinal_stiffness, 0.15, "N", "C_x", 4.0),
       _near("friction_coefficient", v.friction_coefficient, 0.08, "-", "mu", 3.0),
       *(dataclasses.replace(p, nominal=getattr(v, p.name, p.nominal)) for p in law_parameters(v.tyre_law)),
-      Parameter("relaxation_length", v.relaxation_length, 0.0, 0.15, "m", "sigma", std=0.003),
-      Parameter("servo_time_constant", v.servo_time_constant, 0.001, 0.2, "s", "tau_s", std=0.002),
+      Parameter("relaxation_length", v.relaxation_length, 0.0, 0.15 * size.length, "m", "sigma",
+                std=0.003 * size.length),
+      Parameter("servo_time_constant", v.servo_time_constant, 0.001 * size.time, 0.2 * size.time, "s",
+                "tau_s", std=std.get("servo_time_constant", 0.002 * size.time)),
       Parameter("ackermann_fraction", v.ackermann_fraction, -0.5, 1.6, "-", "f_A", std=0.3),
       _measured("mass", v.mass, std.get("mass", 0.02 * v.mass), "kg", "m"),
       _measured("yaw_inertia", v.yaw_inertia, std.get("yaw_inertia", 0.1 * v.yaw_inertia), "kg m^2", "I_G"),
@@ -86,10 +88,10 @@ def drive_response(vehicle: Vehicle, base: ParameterSet) -> tuple[float, float, 
 
 
 def stiffest_suspension(vehicle: Vehicle) -> float:
-  """Bounce frequency up to which a wheel on its spring is stable at steps of 5 ms, Hz: h^2 k / m of 2.2, where explicit
-  Euler without damping stands 4. Half of what is left is for the damper (see mjcf.suspension_damping)."""
+  """Bounce frequency up to which a wheel on its spring is stable at the longest steps, Hz: h^2 k / m of 2.2, where
+  explicit Euler without damping stands 4. Half of what is left is for the damper (see mjcf.suspension_damping)."""
   sprung = vehicle.mass - 4.0 * vehicle.wheel_mass
-  stable = np.sqrt(2.2 * 4.0 * vehicle.wheel_mass / sprung) / (2.0 * np.pi * 0.005)
+  stable = np.sqrt(2.2 * 4.0 * vehicle.wheel_mass / sprung) / (2.0 * np.pi * vehicle.similarity.longest_step)
   return float(max(stable, 1.01 * vehicle.suspension_frequency))
 
 

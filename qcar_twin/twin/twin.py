@@ -41,7 +41,8 @@ class Twin:
     vehicle: the car's numbers.
     mechanisms: physics added to the base car; command-stage ones act in the order given.
     tyre: "contact" for the tyre inside the contact solver, "native" for MuJoCo's own friction.
-    substeps: simulation steps per control period of 10 ms (5 = 2 ms, 2 = 5 ms).
+    substeps: simulation steps per control period of 10 ms (5 = 2 ms, 2 = 5 ms) of a car of the QCar's class; a smaller
+      car takes as many more as its time is shorter.
     threads: threads of the batch, 0 for all cores. Results do not depend on it.
     rows: at most this many cars are simulated side by side; more columns are done in turns.
     engine: "mujoco", or "reduced" for the car that is thirty times as fast and good enough to search with.
@@ -70,13 +71,14 @@ class Twin:
     self.engine: EngineKind = engine
     self.vehicle, self.mechanisms = vehicle, suited(mechanisms, vehicle)
     self.tyre: TyreKind = tyre
-    self.period, self.substeps, self.threads, self.rows = 0.01, substeps, threads, rows
+    self.period, self.asked_substeps, self.threads, self.rows = 0.01, substeps, threads, rows
+    self.substeps = vehicle.similarity.steps(substeps)
     self.car = CarDimensions(**{f.name: getattr(vehicle, f.name) for f in dataclasses.fields(CarDimensions)})
     self.base = twin_parameters.base_parameters(vehicle)
     self.parameters = self.base + [p for m in self.mechanisms for p in m.parameters]
     self.sessions = sessions
     self.parameters = self.parameters + sessions.parameters(self.parameters)
-    self.model = car_model(vehicle, tyre, self.period / substeps)
+    self.model = car_model(vehicle, tyre, self.period / self.substeps)
     self._columns = {m.name: [self.parameters.index(p.name) for p in m.parameters] for m in self.mechanisms}
     self._rest_height = self._settle()
     self._batches: dict[int, Batch] = {}
@@ -90,13 +92,17 @@ class Twin:
 
   def with_mechanisms(self, mechanisms: Sequence[Mechanism]) -> "Twin":
     """The same car with other mechanisms."""
-    return Twin(self.vehicle, mechanisms, self.tyre, self.substeps, self.threads, self.rows, self.engine, self.sessions)
+    return Twin(
+      self.vehicle, mechanisms, self.tyre, self.asked_substeps, self.threads, self.rows, self.engine, self.sessions
+    )
 
   def on(self, engine: EngineKind) -> "Twin":
     """The same car and mechanisms on an engine; itself where it is on it."""
     if engine == self.engine:
       return self
-    return Twin(self.vehicle, self.mechanisms, self.tyre, self.substeps, self.threads, self.rows, engine, self.sessions)
+    return Twin(
+      self.vehicle, self.mechanisms, self.tyre, self.asked_substeps, self.threads, self.rows, engine, self.sessions
+    )
 
   def apart(self) -> Self:
     """The same for a process without this one's threads: on one thread, with batches of its own."""

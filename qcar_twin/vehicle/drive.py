@@ -10,10 +10,12 @@ speed, u in m/s: a = k / (G R_w), b = k + B: a speed loop of gain k, seen withou
 """
 
 import dataclasses
+import math
 from typing import Literal
 
 Layout = Literal["all-wheel", "rear", "front"]
 DriveKind = Literal["voltage", "duty", "current", "speed"]
+MOTOR_FIGURES = ("motor_constant", "motor_resistance", "max_current")  # of a data sheet or bench
 DRIVEN_AXLES: dict[str, tuple[str, ...]] = {"all-wheel": ("front", "rear"), "rear": ("rear",), "front": ("front",)}
 
 
@@ -48,3 +50,30 @@ DRIVES: dict[str, Drive] = {
     "speed_command", "m/s", "torque_per_speed", "N m s/m", "k/(G R_w)", "k + B", (3e3, 10.0), "speed_step"
   ),
 }
+
+
+def motor_figures(
+  given: dict[str, float | str], std: dict[str, float], drive: str
+) -> tuple[dict[str, float | str], dict[str, float]]:
+  """K, R and the largest current of a data sheet or bench as the drive's numbers, with their standard deviations.
+
+  The damping's is widened by 15 %: the bench does not see bearings and gears.
+  """
+  given = dict(given)
+  constant, resistance, current = (given.pop(name, None) for name in MOTOR_FIGURES)
+  if constant is not None and current is not None:
+    given.setdefault("max_torque", float(constant) * float(current))
+  if drive == "current" and constant is not None:
+    given.setdefault("torque_per_ampere", float(constant))
+    std.setdefault("torque_per_ampere", std.pop("motor_constant", 0.05 * float(constant)))
+  if drive not in ("voltage", "duty"):
+    return given, std
+  if constant is None or resistance is None:
+    return given, std
+  k, r = float(constant), float(resistance)
+  share_k, share_r = std.pop("motor_constant", 0.05 * k) / k, std.pop("motor_resistance", 0.1 * r) / r
+  given.setdefault("torque_per_volt", k / r)
+  given.setdefault("motor_damping", k**2 / r)
+  std.setdefault("torque_per_volt", k / r * math.hypot(share_k, share_r))
+  std.setdefault("motor_damping", k**2 / r * math.hypot(2.0 * share_k, share_r, 0.15))
+  return given, std

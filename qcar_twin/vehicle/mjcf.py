@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from qcar_twin.vehicle.similarity import AS_THE_QCAR, Similarity
 from qcar_twin.vehicle.tyre import add_tyres, law_parameters, tyre_user_data
 from qcar_twin.vehicle.vehicle import ASSETS, GRAVITY, QCAR, WHEELS, TyreKind, Vehicle
 
@@ -18,10 +19,9 @@ CENTRE_SWITCH = {"front_axle": False, "rear_axle": False, "axles": True, "centre
 _LOOKS_GROUP = 2
 _TWIN_SENSORS = ("accelerometer", "gyro", "encoder")
 _TWIN_SITES = ("imu", "lidar")
-_KNUCKLE_INERTIA = 2e-4  # of a road wheel with its share of the servo / mass of the car, m^2
-_FASTEST_DAMPER = 220.0  # 1/s, damping of a wheel's travel / its mass: what an explicit step of 5 ms stands
-_LONGEST_STEP = 0.005  # s
-_HALF_FREE = 0.1  # N m s/rad
+_KNUCKLE_INERTIA = 2e-4  # of a road wheel with its share of the servo / mass of the car, m^2, of the QCar's class
+_FASTEST_DAMPER = 1.1  # damping of a wheel's travel / its mass x the longest step: what that step, explicit, stands
+_HALF_FREE = 0.1  # N m s/rad, of the QCar's class
 _ONE_SHAFT = 1e-6  # centre differential below which nothing tells it from a shaft
 _FASTEST_SERVO = 1e3  # rad/s, stands for no limit
 
@@ -111,19 +111,22 @@ def differential_rows(damping: ArrayLike, timestep: float, invweight: float) -> 
   return solref, np.stack([impedance, impedance, fixed, 0.5 * fixed, 2.0 * fixed], axis=-1)
 
 
-def centre_damping(freedom: ArrayLike) -> np.ndarray:
+def centre_damping(freedom: ArrayLike, similarity: Similarity = AS_THE_QCAR) -> np.ndarray:
   """Damping between the axles' mean wheel speeds, b = 0.1 (1 - x) / x N m s/rad, of a `centre_differential` x.
 
   At 0.1 a slow tight turn is half-way from one shaft to an open differential: there tyres hold the axles together by
-  C_x R_w^2 / (4 v), 0.1 N m s/rad of the QCar at 1.5 m/s.
+  C_x R_w^2 / (4 v), 0.1 N m s/rad of the QCar at 1.5 m/s; of a car of another size by its similarity.
   """
   share = np.clip(np.asarray(freedom, dtype=np.float64), _ONE_SHAFT, 1.0)
-  return _HALF_FREE * (1.0 - share) / share
+  half_free = _HALF_FREE * similarity.mass * similarity.length**2 / similarity.time
+  return half_free * (1.0 - share) / share
 
 
 def _write_chassis(spec: mujoco.MjSpec, car: Vehicle) -> None:
   chassis, motor = spec.body("chassis"), spec.body("motor")
   mass = car.mass - 4.0 * car.wheel_mass
+  motor.mass *= car.similarity.mass
+  motor.inertia = motor.inertia * car.similarity.mass * car.similarity.length**2
   chassis.pos = [0.0, 0.0, car.cg_height - sinking(car)]
   chassis.mass = mass - motor.mass
   chassis.ipos = -car.wheel_mass * car.wheel_positions.sum(axis=0) / mass
@@ -158,7 +161,7 @@ def _contact(car: Vehicle) -> tuple[float, float, float]:
 
   That is the mean of a wheel's along z, its own, and along x and y, nearly the car's.
   """
-  return 0.01, 0.99, (1.0 / car.wheel_mass + 4.2 / car.mass) / 3.0
+  return 2.0 * car.similarity.longest_step, 0.99, (1.0 / car.wheel_mass + 4.2 / car.mass) / 3.0
 
 
 def wheel_half_width(car: Vehicle) -> float:
@@ -179,22 +182,24 @@ def _chassis_inertia(car: Vehicle, mass: float) -> list[float]:
 
 def _write_wheels(spec: mujoco.MjSpec, car: Vehicle) -> None:
   sprung = car.mass - 4.0 * car.wheel_mass
-  stiffness = sprung / 4.0 * (2.0 * math.pi * car.suspension_frequency) ** 2
-  damping = float(suspension_damping(stiffness, sprung, car.suspension_damping_ratio, car.wheel_mass))
+  stiffness, step = sprung / 4.0 * (2.0 * math.pi * car.suspension_frequency) ** 2, car.similarity.longest_step
+  damping = float(suspension_damping(stiffness, sprung, car.suspension_damping_ratio, car.wheel_mass, step))
   for wheel, position in zip(WHEELS, car.wheel_positions, strict=True):
     body, joint, geom = spec.body(wheel), spec.joint(f"{wheel}_suspension"), spec.geom(wheel)
     load = car.static_load[0 if wheel.startswith("front") else 1]
     body.pos, body.mass, body.inertia = position, car.wheel_mass, car.wheel_inertias
-    joint.stiffness[0], joint.damping[0] = stiffness, damping
+    joint.stiffness[0], joint.damping[0], joint.range = stiffness, damping, joint.range * car.similarity.length
     joint.springref = -(load - car.wheel_mass * GRAVITY) / stiffness
     spec.joint(f"{wheel}_spin").frictionloss = car.rolling_resistance * load * car.wheel_radius
     geom.size = [car.wheel_radius, wheel_half_width(car), car.wheel_radius]
-    geom.friction[0] = car.friction_coefficient
+    geom.friction[0], geom.solref[0] = car.friction_coefficient, _contact(car)[0]
   spec.geom("floor").friction[0] = car.friction_coefficient
 
 
-def suspension_damping(stiffness: ArrayLike, sprung: float, ratio: ArrayLike, wheel_mass: float) -> np.ndarray:
-  """Of one wheel, N s/m: `ratio` of the bounce's critical damping, as far as steps of 5 ms stand it.
+def suspension_damping(
+  stiffness: ArrayLike, sprung: float, ratio: ArrayLike, wheel_mass: float, step: float
+) -> np.ndarray:
+  """Of one wheel, N s/m: `ratio` of the bounce's critical damping, as far as the longest `step` [s] stands it.
 
   With k and c over the wheel's mass, h^2 k + 2 h c < 4 is what explicit Euler stands; a quarter is kept back.
 
@@ -202,7 +207,7 @@ def suspension_damping(stiffness: ArrayLike, sprung: float, ratio: ArrayLike, wh
     stiffness: of one wheel's spring, N/m.  sprung: mass on all four, kg.
   """
   rate = np.asarray(stiffness, dtype=np.float64) / wheel_mass
-  most = np.clip((3.0 - _LONGEST_STEP**2 * rate) / (2.0 * _LONGEST_STEP), 10.0, _FASTEST_DAMPER)
+  most = np.clip((3.0 - step**2 * rate) / (2.0 * step), 0.05 / step, _FASTEST_DAMPER / step)
   return np.minimum(np.asarray(ratio) * np.sqrt(np.asarray(stiffness) * sprung), most * wheel_mass)
 
 
@@ -244,7 +249,7 @@ def _write_centre(spec: mujoco.MjSpec, car: Vehicle, timestep: float) -> None:
     for name, active in CENTRE_SWITCH.items():
       spec.equality(name).active = active
     centre, weight = spec.equality("centre"), 1.0 / car.wheel_inertia  # what MuJoCo finds for its tendon
-    rows = differential_rows(centre_damping(car.centre_differential), timestep, weight)
+    rows = differential_rows(centre_damping(car.centre_differential, car.similarity), timestep, weight)
     (centre.solref,), (centre.solimp,) = rows
 
 
@@ -257,11 +262,11 @@ def _free_axle(spec: mujoco.MjSpec, axle: str) -> None:
 
 def _write_steering(spec: mujoco.MjSpec, car: Vehicle, timestep: float) -> None:
   """The filter is the servo; with k = 2 J / h^2 and d = J / h the road wheels are where it points a step later."""
-  servo, inertia = spec.actuator("steering"), _KNUCKLE_INERTIA * car.mass
+  servo, inertia = spec.actuator("steering"), knuckle_inertia(car)
   stiffness = 2.0 * inertia / timestep**2
   servo.dynprm[0], servo.actearly = car.servo_time_constant, True
   servo.gainprm[0], servo.biasprm[1], servo.biasprm[2] = stiffness, -stiffness, 0.0
-  force = servo_force(min(car.servo_rate, _FASTEST_SERVO), car.mass, timestep)
+  force = servo_force(min(car.servo_rate, _FASTEST_SERVO), inertia, timestep)
   servo.ctrlrange, servo.forcerange = [-car.max_steering, car.max_steering], [-force, force]
   for wheel in WHEELS[:2]:
     joint = spec.joint(f"{wheel}_steering")
@@ -269,9 +274,14 @@ def _write_steering(spec: mujoco.MjSpec, car: Vehicle, timestep: float) -> None:
   spec.equality("ackermann").data[2] = car.ackermann_fraction * car.track_width / (2.0 * car.wheelbase)
 
 
-def servo_force(rate: float, mass: float, timestep: float) -> float:
-  """Force range of the steering actuator at which the road wheels turn no faster than `rate` [rad/s], N m."""
-  return 2.0 * _KNUCKLE_INERTIA * mass / timestep * rate
+def knuckle_inertia(car: Vehicle) -> float:
+  """Of one road wheel about its steering axis with its share of the servo, kg m^2."""
+  return _KNUCKLE_INERTIA * car.mass * car.similarity.length**2
+
+
+def servo_force(rate: float, inertia: float, timestep: float) -> float:
+  """Force range of the steering actuator, N m, at which road wheels of this inertia turn at `rate` [rad/s] at most."""
+  return 2.0 * inertia / timestep * rate
 
 
 def _scale(car: Vehicle) -> np.ndarray:

@@ -15,7 +15,8 @@ from typing import Any, Literal
 import numpy as np
 
 from qcar_twin.untrusted import UnreadableFile, is_number, read_toml
-from qcar_twin.vehicle.drive import DRIVEN_AXLES, DRIVES, Drive, DriveKind, Layout
+from qcar_twin.vehicle.drive import DRIVEN_AXLES, DRIVES, MOTOR_FIGURES, Drive, DriveKind, Layout, motor_figures
+from qcar_twin.vehicle.similarity import Similarity
 
 log = logging.getLogger(__name__)
 
@@ -156,6 +157,11 @@ class Vehicle:
     return self.cg_to_front + self.cg_to_rear
 
   @property
+  def similarity(self) -> Similarity:
+    """How figures of the QCar's class are carried over to a car of this size."""
+    return Similarity.of(self.wheelbase)
+
+  @property
   def static_load(self) -> tuple[float, float]:
     """Load of one front and of one rear wheel at rest on level ground, N."""
     weight = self.mass * GRAVITY / 2.0
@@ -230,7 +236,7 @@ class Vehicle:
     """
     texts: dict[str, Any] = {key: str(vehicle[key]) for key in _WORDS if key in vehicle}
     given = {key: value for key, value in vehicle.items() if key not in ("name", *_WORDS)}
-    given, std = _motor_figures(given, dict(std or {}), texts.get("drive", "voltage"))
+    given, std = motor_figures(given, dict(std or {}), texts.get("drive", "voltage"))
     for key in set(given) - _field_names():
       near = difflib.get_close_matches(key, _field_names(), n=1)
       log.warning(
@@ -259,8 +265,7 @@ _MAY_VANISH = (
 _UNLIMITED = ("max_torque", "servo_rate")
 _CHOICES = {"layout": tuple(DRIVEN_AXLES), "drive": tuple(DRIVES)}
 _WORDS = (*_CHOICES, "tyre_law")
-_MOTOR_FIGURES = ("motor_constant", "motor_resistance", "max_current")
-_LOOP_TIME = 0.1  # s, in which a usual speed loop brings the whole car to its speed
+_LOOP_TIME = 0.1  # s, in which a usual speed loop brings a car of the QCar's class to its speed
 _FIERCEST = 0.5 * GRAVITY  # m/s^2, acceleration that a usual limit of the motor's current allows
 _WEIGHTLESS = 1e-9  # kg, wheels of a car of which only sizes are asked: the QCar's yaw inertia says nothing of it
 _VISCOUS = 0.05  # of the motor's damping by back-EMF: what bearings, brushes and gears usually add
@@ -271,38 +276,11 @@ def _field_names() -> set[str]:
   return {field.name for field in dataclasses.fields(Vehicle)} - {"name", "std", *_WORDS}
 
 
-def _motor_figures(
-  given: dict[str, float | str], std: dict[str, float], drive: str
-) -> tuple[dict[str, float | str], dict[str, float]]:
-  """K, R and the largest current of a data sheet or bench as the drive's numbers, with their standard deviations.
-
-  The damping's is widened by 15 %: the bench does not see bearings and gears.
-  """
-  given = dict(given)
-  constant, resistance, current = (given.pop(name, None) for name in _MOTOR_FIGURES)
-  if constant is not None and current is not None:
-    given.setdefault("max_torque", float(constant) * float(current))
-  if drive == "current" and constant is not None:
-    given.setdefault("torque_per_ampere", float(constant))
-    std.setdefault("torque_per_ampere", std.pop("motor_constant", 0.05 * float(constant)))
-  if drive not in ("voltage", "duty"):
-    return given, std
-  if constant is None or resistance is None:
-    return given, std
-  k, r = float(constant), float(resistance)
-  share_k, share_r = std.pop("motor_constant", 0.05 * k) / k, std.pop("motor_resistance", 0.1 * r) / r
-  given.setdefault("torque_per_volt", k / r)
-  given.setdefault("motor_damping", k**2 / r)
-  std.setdefault("torque_per_volt", k / r * math.hypot(share_k, share_r))
-  std.setdefault("motor_damping", k**2 / r * math.hypot(2.0 * share_k, share_r, 0.15))
-  return given, std
-
-
 def _known(values: Mapping[str, object]) -> None:
   """Raise for names a vehicle does not have."""
   names = sorted(_field_names())
   for key in values:
-    if key not in (*names, *_MOTOR_FIGURES):
+    if key not in (*names, *MOTOR_FIGURES):
       near = difflib.get_close_matches(key, names, n=2) or names[:9]
       raise ValueError(f"a vehicle has no '{key}'; did you mean {', '.join(near)}?")
 
@@ -310,8 +288,8 @@ def _known(values: Mapping[str, object]) -> None:
 def _scaled(car: Vehicle, yaw_inertia: float | None) -> dict[str, float]:
   """The QCar's nominal drive, tyre and wheel numbers, carried over to a car of another mass and size.
 
-  Per weight the tyres are the same, per volt and per second the drive is: acceleration per volt, rate of
-  decay and friction deceleration are kept.
+  Per weight the tyres are the same, and so are the drive's acceleration per volt and its friction's deceleration.
+  Lengths, times and rates of decay go by the car's similarity.
   """
   load, radius = car.mass / QCAR.mass, car.wheel_radius / QCAR.wheel_radius
   gear = car.gear_ratio / QCAR.gear_ratio
@@ -327,7 +305,10 @@ def _scaled(car: Vehicle, yaw_inertia: float | None) -> dict[str, float]:
     "cornering_stiffness_front": QCAR.cornering_stiffness_front * front,
     "cornering_stiffness_rear": QCAR.cornering_stiffness_rear * rear,
     "longitudinal_stiffness": QCAR.longitudinal_stiffness * load,
-    "carcass_damping": QCAR.carcass_damping * load,
+    "relaxation_length": QCAR.relaxation_length * car.similarity.length,
+    "carcass_damping": QCAR.carcass_damping * load / car.similarity.time,
+    "servo_time_constant": QCAR.servo_time_constant * car.similarity.time,
+    "suspension_frequency": QCAR.suspension_frequency / car.similarity.time,
     "wheel_mass": min(QCAR.wheel_mass * load, heaviest),
     "wheel_inertia": QCAR.wheel_inertia * load * radius**2,
     "yaw_inertia": yaw_inertia,
@@ -340,11 +321,12 @@ def _scaled_drive(car: Vehicle, inertia: float, rolling: float) -> dict[str, flo
   Args:
     inertia: the car's at the motor, over the QCar's.  rolling: travel per turn of the motor, over the QCar's.
   """
-  damping = QCAR.motor_damping * inertia
+  damping = QCAR.motor_damping * inertia / car.similarity.time
   if car.drive == "current":
     return {"torque_per_ampere": QCAR.torque_per_ampere * inertia / rolling, "motor_damping": _VISCOUS * damping}
   if car.drive == "speed":
-    loop, travel = QCAR.drive_inertia * inertia / _LOOP_TIME, car.gear_ratio * car.wheel_radius
+    travel = car.gear_ratio * car.wheel_radius
+    loop = QCAR.drive_inertia * inertia / (_LOOP_TIME * car.similarity.time)
     limit = car.mass * _FIERCEST * travel
     return {"torque_per_speed": loop / travel, "motor_damping": loop, "max_torque": limit}
   return {"torque_per_volt": QCAR.torque_per_volt * inertia / rolling, "motor_damping": damping}

@@ -6,9 +6,11 @@ from numpy.typing import NDArray
 
 from qcar_twin.twin.mechanisms.base import CarDimensions
 from qcar_twin.vehicle.mjcf import suspension_damping
+from qcar_twin.vehicle.similarity import Similarity
 from qcar_twin.vehicle.vehicle import GRAVITY, WHEELS
 
 Array = NDArray[np.float64]
+_LEAST_INERTIA = 1e-5  # kg m^2, of the chassis alone in yaw, of the QCar's class
 BODY = (
   "mass",
   "yaw_inertia",
@@ -37,6 +39,7 @@ class Chassis:
     self._own = model.body_inertia[body].copy()
     self._own_mass = float(model.body_mass[body])
     self._height = float(model.body_ipos[body, 2])
+    self._least = _LEAST_INERTIA * Similarity.of(car.wheelbase).mass * Similarity.of(car.wheelbase).length ** 2
 
   def of(self, v: dict[str, Array]) -> tuple[Array, Array, Array, Array]:
     """Mass [kg], position [m] and principal inertias [kg m^2] of the body, and how far ahead the CG is of the measured.
@@ -65,7 +68,7 @@ class Chassis:
     away = np.sum((self._position[None, :, :2] - cg[:, None]) ** 2, axis=-1)
     rest = self._inertia.sum() + away @ self._mass
     inertia = np.tile(self._own, (len(total), 1)) * (mass / self._own_mass)[:, None]
-    inertia[:, 2] = np.maximum(yaw_inertia - rest - mass * np.sum((xy - cg) ** 2, axis=-1), 1e-5)
+    inertia[:, 2] = np.maximum(yaw_inertia - rest - mass * np.sum((xy - cg) ** 2, axis=-1), self._least)
     # a rigid body's principal inertias satisfy the triangle inequality
     inertia[:, 1] = np.maximum(inertia[:, 1], inertia[:, 2] - 0.95 * inertia[:, 0])
     inertia[:, 0] = np.maximum(inertia[:, 0], np.abs(inertia[:, 2] - inertia[:, 1]) * 1.01)
@@ -79,7 +82,8 @@ class Springs:
     joints: their ids, in the order of WHEELS.  load: what they carry at rest, N, (4,).
   """
 
-  def __init__(self, model: mujoco.MjModel):
+  def __init__(self, model: mujoco.MjModel, car: CarDimensions):
+    self._step = Similarity.of(car.wheelbase).longest_step
     self.joints = [model.joint(f"{wheel}_suspension").id for wheel in WHEELS]
     self.load = [-model.jnt_stiffness[j] * model.qpos_spring[int(model.jnt_qposadr[j])] for j in self.joints]
     self._sprung = float(np.sum(self.load)) / GRAVITY
@@ -88,4 +92,4 @@ class Springs:
   def of(self, frequency: Array, damping_ratio: Array) -> tuple[Array, Array]:
     """Stiffness [N/m] and damping [N s/m] of one wheel's spring from those of the bounce, Hz and -, (n,)."""
     stiffness = self._sprung / 4.0 * (2.0 * np.pi * frequency) ** 2
-    return stiffness, suspension_damping(stiffness, self._sprung, damping_ratio, self._wheel_mass)
+    return stiffness, suspension_damping(stiffness, self._sprung, damping_ratio, self._wheel_mass, self._step)

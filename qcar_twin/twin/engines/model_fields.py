@@ -12,6 +12,7 @@ from qcar_twin.twin.engines.chassis import BODY, Chassis, Springs
 from qcar_twin.twin.mechanisms.base import CarDimensions
 from qcar_twin.vehicle.ids import Handles
 from qcar_twin.vehicle.mjcf import CENTRE_SWITCH, centre_damping, differential_rows
+from qcar_twin.vehicle.similarity import Similarity
 from qcar_twin.vehicle.tyre import COLUMN
 
 TYRE = tuple(name for name in COLUMN if name not in ("tag", "nominal_load", "carcass_damping"))
@@ -44,7 +45,8 @@ class Fields:
     self._imu = model.site("imu").id
     self._imu_x = float(model.site_pos[self._imu, 0])
     self._timestep = float(model.opt.timestep)
-    self._chassis, self._springs = Chassis(model, self._handles.chassis, car), Springs(model)
+    self._chassis, self._springs = Chassis(model, self._handles.chassis, car), Springs(model, car)
+    self._similarity = Similarity.of(car.wheelbase)
     self._full_ackermann = car.track_width / (2.0 * car.wheelbase)
     self.values: dict[str, Array] = {}
 
@@ -134,6 +136,6 @@ class Fields:
   def _write_centre(self, rows: Rows) -> None:
     freedom, model = self.values["centre_differential"][rows], self._batch.model
     weight = float(model.tendon_invweight0[model.tendon("centre").id])
-    self._write_damper(model.equality("centre").id, weight, centre_damping(freedom), rows)
+    self._write_damper(model.equality("centre").id, weight, centre_damping(freedom, self._similarity), rows)
     for name, active in CENTRE_SWITCH.items():
       self._batch.bind("eq_active")[rows, model.equality(name).id] = (freedom > 0.0) == active

@@ -10,6 +10,7 @@ arrays: n simulations side by side. So a null mechanism is not run at all, which
 Signs: ISO 8855, x forward, y left, yaw counter-clockwise.
 """
 
+import copy
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Literal, Protocol, get_args
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from qcar_twin.parameters import Parameter
 from qcar_twin.plant import SIGNALS, Driving
 from qcar_twin.vehicle.drive import DRIVES
+from qcar_twin.vehicle.similarity import Similarity
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -276,7 +278,7 @@ def describe(mechanism: Mechanism) -> Mapping[str, Any]:
 
 
 def suited(mechanisms: Iterable[Mechanism], vehicle: Vehicle) -> tuple[Mechanism, ...]:
-  """The same mechanisms.
+  """The same mechanisms, their sizes carried over to a car of this size.
 
   Raises:
     ValueError: one of them presupposes another drive.
@@ -288,4 +290,12 @@ def suited(mechanisms: Iterable[Mechanism], vehicle: Vehicle) -> tuple[Mechanism
         f"mechanism '{mechanism.name}' is physics of a drive by {' or '.join(mechanism.drives)}; {vehicle.name} is"
         f" driven by {vehicle.drive}: leave it out"
       )
-  return chosen
+  return chosen if vehicle.similarity.length == 1.0 else tuple(_carried(m, vehicle.similarity) for m in chosen)
+
+
+def _carried(mechanism: Mechanism, similarity: Similarity) -> Mechanism:
+  """The mechanism with parameters for cars of another size; from what was declared, however often it is done."""
+  made = copy.copy(mechanism)
+  declared = vars(mechanism).get("declared", mechanism.parameters)
+  vars(made).update(declared=declared, parameters=tuple(map(similarity.carried, declared)))
+  return made

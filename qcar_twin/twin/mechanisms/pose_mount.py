@@ -7,6 +7,7 @@ import numpy as np
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Mechanism, Track
 from qcar_twin.twin.mechanisms.elements import replaced
+from qcar_twin.vehicle.similarity import Similarity
 
 
 class PoseMount(Mechanism):
@@ -43,4 +44,5 @@ class PoseMount(Mechanism):
 
   def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
     """Of a marker's place, m, and of the direction it is stuck on in, rad."""
-    return {"pose_mount_x": 0.0035, "pose_mount_y": 0.0035, "pose_mount_yaw": 0.004}
+    place = 0.0035 * Similarity.of(car.wheelbase).length
+    return {"pose_mount_x": place, "pose_mount_y": place, "pose_mount_yaw": 0.004}

@@ -6,6 +6,7 @@ import numpy as np
 
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
+from qcar_twin.vehicle.similarity import Similarity
 
 
 class SteeringRateLimit(Mechanism):
@@ -42,5 +43,8 @@ class SteeringRateLimit(Mechanism):
     return acting
 
   def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
-    """No servo is without a limit: data sheets of small ones state 60 degrees in 0.1 s, here three deviations."""
-    return {"steering_inverse_rate": 0.1 / 3.0}
+    """No servo is without a limit: data sheets of small ones state 60 degrees in 0.1 s, here three deviations.
+
+    A large car's are slower by its similarity.
+    """
+    return {"steering_inverse_rate": 0.1 / 3.0 * Similarity.of(car.wheelbase).time}

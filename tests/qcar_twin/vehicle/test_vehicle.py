@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from qcar_twin.vehicle.ids import Handles
-from qcar_twin.vehicle.mjcf import car_model, car_spec, servo_force
+from qcar_twin.vehicle.mjcf import car_model, car_spec, knuckle_inertia, servo_force
 from qcar_twin.vehicle.vehicle import ASSETS, GRAVITY, WHEELS, Vehicle
 
 CAR = Vehicle.load()
@@ -128,7 +128,7 @@ def test_servo_rate_and_lock():
   mujoco.mj_step(model, data, 50)
   angle = data.qpos[list(handles.steering_qpos)].mean()
   assert angle == pytest.approx(0.4, abs=0.02)
-  assert model.actuator("steering").forcerange[1] == pytest.approx(servo_force(4.0, car.mass, 0.002))
+  assert model.actuator("steering").forcerange[1] == pytest.approx(servo_force(4.0, knuckle_inertia(car), 0.002))
   mujoco.mj_step(model, data, 200)
   assert data.qpos[list(handles.steering_qpos)].mean() == pytest.approx(car.max_steering, abs=1e-3)
 

@@ -58,7 +58,7 @@ class Numbers:
 
   def __init__(self, model: mujoco.MjModel, vehicle: Vehicle, car: CarDimensions, step: float):
     self._vehicle, self._car, self._step = vehicle, car, step
-    self._chassis, self.springs = Chassis(model, Handles.of(model).chassis, car), Springs(model)
+    self._chassis, self.springs = Chassis(model, Handles.of(model).chassis, car), Springs(model, car)
     self._motor_mass = float(model.body("motor").mass[0])
 
   def write(self, value: dict[str, Array], changed: set[str], out: Array) -> None:
@@ -75,7 +75,7 @@ class Numbers:
     if "ackermann_fraction" in changed:
       out[row["ACKERMANN"]] = self._car.track_width / (2.0 * self._car.wheelbase) * value["ackermann_fraction"]
     if "centre_differential" in changed:
-      out[row["CENTRE_DAMPING"]] = centre_damping(value["centre_differential"])
+      out[row["CENTRE_DAMPING"]] = centre_damping(value["centre_differential"], self._vehicle.similarity)
     if "rotor_inertia" in changed:
       wheels = 4.0 * self._vehicle.wheel_inertia * self._car.gear_ratio**2
       out[row["SPINNING_INERTIA"]] = value["rotor_inertia"] + wheels

@@ -1,0 +1,88 @@
+"""Figures of the QCar's class, carried over to cars of another size.
+
+Two cars of one shape that corner alike under the same gravity are similar in Froude's sense: with lengths by k, their
+speeds and times go by sqrt(k), masses and forces by k^3 and moments by k^4, while accelerations, angles and slips stay
+(Langhaar, Dimensional Analysis and Theory of Models, 1951, ch. 5; of vehicles: Brennan and Alleyne, Using a scale
+testbed: controls design and evaluation, IEEE Control Systems Magazine 21, 2001).
+
+A figure that stands for a class is no better known than to a factor of two. So k is the ratio of the wheelbases in
+whole octaves, towards the QCar: from half to twice its length, from 1:20 to 1:5, every figure is as it is.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+
+from qcar_twin.parameters import Parameter
+
+WHEELBASE = 0.256  # m, of the QCar
+_LONGEST_STEP = 0.005  # s, that a car of the QCar's class is simulated with
+_SAME = 1e-9  # octaves: a wheelbase of exactly twice the QCar's is twice it, whatever its last bit
+
+
+@dataclasses.dataclass(frozen=True)
+class Similarity:
+  """How figures of the QCar's class are carried over: by these factors.
+
+  Attributes:
+    length: k, a whole power of two.
+  """
+
+  length: float
+
+  @classmethod
+  def of(cls, wheelbase: float) -> "Similarity":
+    """Of a car with this wheelbase, m."""
+    octaves = math.log2(wheelbase / WHEELBASE)
+    return cls(2.0 ** math.trunc(octaves + math.copysign(_SAME, octaves)))
+
+  @property
+  def time(self) -> float:
+    return math.sqrt(self.length)
+
+  @property
+  def speed(self) -> float:
+    return math.sqrt(self.length)
+
+  @property
+  def mass(self) -> float:
+    return self.length**3
+
+  @property
+  def longest_step(self) -> float:
+    """Longest step a car stands, s: as many to its shortest times as the QCar has, never longer than the QCar's.
+
+    Wheels, springs and tyres of a small car are as much quicker as its time is shorter.
+    """
+    return _LONGEST_STEP * min(self.time, 1.0)
+
+  def steps(self, substeps: int) -> int:
+    """Steps of a control period for a car of this size, from those of the QCar's class."""
+    return math.ceil(substeps / min(self.time, 1.0) - _SAME)
+
+  def carried(self, parameter: Parameter, unit: str | None = None) -> Parameter:
+    """A parameter with its figures carried over by its unit, or as what has the given unit is; itself where that says
+    nothing of size."""
+    by = _BY_UNIT.get(unit or parameter.unit)
+    if by is None or self.length == 1.0 or (parameter.unit == "s" and parameter.null is None):
+      return parameter
+    factor = by(self)
+    moved: Mapping[str, float | None] = {
+      name: None if (value := getattr(parameter, name)) is None else factor * value
+      for name in ("nominal", "lower", "upper", "null", "std", "typical", "step")
+    }
+    return dataclasses.replace(parameter, **moved)  # type: ignore[arg-type]
+
+
+_BY_UNIT: Mapping[str, Callable[[Similarity], float]] = {
+  "m": lambda s: s.length,
+  "m/s": lambda s: s.speed,
+  "s": lambda s: max(s.time, 1.0),  # a lag or delay: a large car's are longer, but electronics don't shrink
+  "s/rad": lambda s: s.time,
+  "kg": lambda s: s.mass,
+  "kg/m": lambda s: s.mass / s.length,
+  "kg m^2": lambda s: s.mass * s.length**2,
+  "N": lambda s: s.mass,
+  "N m": lambda s: s.mass * s.length,
+}
+AS_THE_QCAR = Similarity(1.0)
