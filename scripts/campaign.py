@@ -4,14 +4,13 @@ qcar-twin campaign --out out/campaign --seed 1
 """
 
 import dataclasses
-import json
 from collections import Counter
 from pathlib import Path
 from typing import Literal
 
 from joblib import delayed
 
-from calibration.concealed.campaign.archive import pack, unpack
+from calibration.concealed.campaign.archive import pack, read_answer, unpack
 from calibration.concealed.campaign.cases import draw_cases, draw_second_cases, draw_wild_cases
 from calibration.concealed.campaign.page import campaign_page, wild_page
 from calibration.concealed.campaign.report import write_campaign, write_wild
@@ -60,8 +59,8 @@ class Config:
   """Run nothing and score the answers that are there."""
   quick: bool = False
   """Run one case of each kind."""
-  engine: Literal["search", "characterise"] = "search"
-  """Method that answers: 'search' (docs/guide/diagnosis.md), or 'characterise' for wild cases
+  engine: Literal["search", "curves"] = "search"
+  """Method that answers: 'search' (docs/guide/diagnosis.md), or 'curves' for wild cases
   (docs/guide/curves.md)."""
 
 
@@ -81,8 +80,8 @@ def main(config: Config) -> str:
   jobs = in_parallel([delayed(attempt)(c, config.out, engine=config.engine) for c in todo], config.jobs, config.ray)
   said = [line for _, line in counted(jobs, len(todo), "case")]
   answers = [config.out / f"{c.name}.json" for c in cases]
-  results = [json.loads(path.read_text()) for path in answers if path.is_file()]
-  wild = config.engine == "characterise"
+  results = [read_answer(path) for path in answers if path.is_file()]
+  wild = config.engine == "curves"
   table = wild_table(results) if wild else score_table(results)
   write_text(config.out / "score.md", table)
   if config.archive:

@@ -1,6 +1,6 @@
 """Fit free curves in place of the twin's maps and identify which forms they have.
 
-Writes twin.toml (the best of four on held-out recordings), characterise.json and report.html. With --compare: which
+Writes twin.toml (the best of four on held-out recordings), curves.json and report.html. With --compare: which
 parameters differ between two data sets. With --leave-sessions-out: how well a session is predicted that took no part
 in the fit. With --starts: whether fits from several starts agree.
 
@@ -64,7 +64,7 @@ def main(config: Config) -> Study | None:
     found = study(dataset, config.most, config.threads, progress, config.plant)
   note = f"characterised on {found.dataset}: curves of no known form; sessions' own trims are left out"
   save_twin(config.out / "twin.toml", *found.shipped, note)
-  write_json(config.out / "characterise.json", found.document())
+  write_json(config.out / "curves.json", found.document())
   for line in sentences(found):
     print(line)
   which = found.best.replace("_", " ")

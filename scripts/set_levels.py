@@ -4,11 +4,10 @@ qcar-twin set-levels --archives data/answers/weighed.jsonl.xz --out out/levels.t
 """
 
 import dataclasses
-import json
 import tempfile
 from pathlib import Path
 
-from calibration.concealed.campaign.archive import unpack
+from calibration.concealed.campaign.archive import read_answer, unpack
 from calibration.concealed.campaign.set_levels import fitted_weights, write_weights
 from calibration.diagnosis.search.weighing import FILE, read_levels
 from qcar_twin.atomic_io import write_text
@@ -33,7 +32,7 @@ def main(config: Config) -> str:
   for archive in config.archives:
     with tempfile.TemporaryDirectory() as folder:
       unpack(archive, Path(folder))
-      results += [json.loads(path.read_text()) for path in sorted(Path(folder).glob("*.json"))]
+      results += [read_answer(path) for path in sorted(Path(folder).glob("*.json"))]
   weights = fitted_weights(results, read_levels(config.levels))
   command = "qcar-twin set-levels --archives " + " ".join(str(a) for a in config.archives) + f" --out {config.out.name}"
   write_text(config.out, config.levels.read_text(encoding="utf-8"))

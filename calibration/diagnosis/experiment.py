@@ -74,7 +74,7 @@ def to_separate(pool: Pool, decision: Decision) -> tuple[tuple[str, str], Candid
   """The least certain name, its closest rival and the models of both; None where the names are certain."""
   for claim in sorted(filter(_doubtful, decision.claims), key=lambda c: c.probability):
     others = frozenset(decision.model.mechanisms) - {claim.mechanism}
-    fitted = [name for name, _ in claim.rivals if others | {name} in pool.models]
+    fitted = [name for name, _ in claim.alternatives if others | {name} in pool.models]
     if claim.mechanism in decision.model.mechanisms and fitted:
       return (claim.mechanism, fitted[0]), decision.model, pool.models[others | {fitted[0]}]
   if decision.possible and not decision.claims:
@@ -84,7 +84,7 @@ def to_separate(pool: Pool, decision: Decision) -> tuple[tuple[str, str], Candid
 
 
 def _doubtful(claim: Claim) -> bool:
-  return claim.probability < _SURE or bool(claim.equivalent_to)
+  return claim.probability < _SURE or bool(claim.indistinguishable_from)
 
 
 def reach(pool: Pool) -> DrivenRange:

@@ -78,7 +78,7 @@ def test_names_stand_where_they_will_do_and_no_curve_where_none_departs(done):
 
 def test_what_is_written_is_whole(done):
   found, out = done
-  document = json.loads((out / "characterise.json").read_text())
+  document = json.loads((out / "curves.json").read_text())
   assert [c["curve"] for c in document["curves"]] == [o.curve for o in found.outlines]
   twin, theta = load_twin(out / "twin.toml")
   shipped, kept = found.shipped

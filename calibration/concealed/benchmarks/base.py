@@ -44,8 +44,8 @@ class Base:
 def recalibrated_base(session: Session, poor: int = 0, substeps: int = 2) -> Base:
   """Recalibrate on a session, as a diagnosis does, and `poor` times more with other tyres and another motor."""
   begun = prepare(DataSet("session", session.recordings, session.vehicle, session.vehicle_std), substeps=substeps)
-  found = begun.recalibrated
-  model, observations = base_candidate(found), found.problem.observations
+  recalibrated = begun.recalibrated
+  model, observations = base_candidate(recalibrated), recalibrated.problem.observations
   std = model.free.named(clustered_std(model, observations))
   values, truth = model.free.named(model.values), stated(session.truth)
   starts = range(1, poor + 1)
@@ -53,8 +53,8 @@ def recalibrated_base(session: Session, poor: int = 0, substeps: int = 2) -> Bas
     error={name: values[name] / true - 1.0 for name, true in truth.items()},
     score={name: (values[name] - true) / std[name] for name, true in truth.items()},
     correlation=max(_correlation(model.residual[observations.select(n)]) for n in observations.present),
-    cost=found.fit.cost,
-    poor=tuple(_from_poor_start(found, np.random.default_rng(k)) for k in starts),
+    cost=recalibrated.fit.cost,
+    poor=tuple(_from_poor_start(recalibrated, np.random.default_rng(k)) for k in starts),
   )
 
 
@@ -71,13 +71,13 @@ def stated(truth: Mapping) -> dict[str, float]:
   }
 
 
-def _from_poor_start(found: RecalibratedTwin, random: np.random.Generator) -> float:
+def _from_poor_start(recalibrated: RecalibratedTwin, random: np.random.Generator) -> float:
   """Cost of the same fit from other tyres and another motor, nats."""
-  base = found.fit.parameters
+  base = recalibrated.fit.parameters
   poor = ("cornering_stiffness_front", "cornering_stiffness_rear", "longitudinal_stiffness", "torque_per_volt")
   factors = {name: random.choice(_POORER) for name in poor if name in base}
   start = np.array([value * factors.get(name, 1.0) for name, value in base.named(base.nominal).items()])
-  return float(settled_from(found, np.clip(start, base.lower, base.upper)).fit.cost)
+  return float(settled_from(recalibrated, np.clip(start, base.lower, base.upper)).fit.cost)
 
 
 def _correlation(values: np.ndarray) -> float:

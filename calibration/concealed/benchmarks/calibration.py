@@ -57,8 +57,10 @@ def judge(dataset: str | os.PathLike[str], folder: str | os.PathLike[str], threa
   data, folder = DataSet.load(dataset), Path(folder)
   calibration = _calibrated(data, folder / "calibration", "recordings", threads)
   where = folder / "cross_validation"
-  found = _kept(where / "cross_validation.json", lambda: _cross_validated(data, folder / "calibration", where, threads))
-  return Record(data, calibration, found)
+  validation = _kept(
+    where / "cross_validation.json", lambda: _cross_validated(data, folder / "calibration", where, threads)
+  )
+  return Record(data, calibration, validation)
 
 
 def _calibrated(dataset: DataSet, folder: Path, against: Against, threads: int) -> Document:
@@ -100,9 +102,9 @@ def steps_table(documents: Mapping[str, Document]) -> str:
   """Root mean square difference on step responses, per cent of the steady value, mean over the steps."""
   rows = []
   for name, document in documents.items():
-    found = document["steps_rmse_percent"]
-    cells = [f"{found[part][role]:.2f}" for part in ("longitudinal", "lateral", "yaw_rate") for role in found[part]]
-    missed = [p for p, aim in STEPS_AIM.items() if not max(found[p].values()) <= aim]
+    steps = document["steps_rmse_percent"]
+    cells = [f"{steps[part][role]:.2f}" for part in ("longitudinal", "lateral", "yaw_rate") for role in steps[part]]
+    missed = [p for p, aim in STEPS_AIM.items() if not max(steps[p].values()) <= aim]
     rows.append([name, *cells, f"missed: {', '.join(missed)}" if missed else "reached"])
   aims = " and ".join(f"{part} <= {aim:g} %" for part, aim in STEPS_AIM.items())
   sides = [
@@ -113,15 +115,15 @@ def steps_table(documents: Mapping[str, Document]) -> str:
 
 def about(record: Record) -> str:
   """How much there is, where the bicycle is from, what the calibration had to say."""
-  dataset, calibration, found = record.dataset, record.calibration, record.cross_validation
+  dataset, calibration, validation = record.dataset, record.calibration, record.cross_validation
   driven = {role: sum(r.duration for r in dataset.role(role)) for role in ("identify", "validate", "holdout")}
   counts = ", ".join(f"{len(dataset.role(role))} {role} ({s:.0f} s)" for role, s in driven.items() if s)
   lines = [f"{len(dataset.recordings)} recordings: {counts}."]
-  if "validate" not in found["roles"]:
-    roles = ", ".join(found["roles"])
+  if "validate" not in validation["roles"]:
+    roles = ", ".join(validation["roles"])
     lines.append(f"There are none to judge by: the predictions below are of the role {roles}, which was fitted.")
-  bicycle = found["bicycle"]
-  missing = f" ({found['missing']})" if found["missing"] else ""
+  bicycle = validation["bicycle"]
+  missing = f" ({validation['missing']})" if validation["missing"] else ""
   lines.append(f"Bicycle: {bicycle['origin'] if bicycle else 'none'}{missing}.")
   if calibration["command_shift"]:
     lines.append(f"Commands act {calibration['command_shift']} control periods later than logged.")
@@ -144,9 +146,9 @@ def errors_table(calibration: Document) -> str:
   )
 
 
-def windows_table(found: Document) -> str:
+def windows_table(validation: Document) -> str:
   """RMSE (NRMSE) of both models by channel and window."""
-  windows = found["windows"]
+  windows = validation["windows"]
   rows = []
   for channel in _ordered(next(iter(windows.values()))["twin"]):
     cells = [" / ".join(_score(w[m][channel]) for m in MODELS if m in w) for w in windows.values()]
@@ -170,11 +172,11 @@ def by_manoeuvre(record: Record, window: str = "2 s") -> dict[str, dict[str, dic
   return out
 
 
-def manoeuvre_table(found: Mapping[str, Mapping[str, Mapping[str, float]]]) -> str:
+def manoeuvre_table(errors: Mapping[str, Mapping[str, Mapping[str, float]]]) -> str:
   """A row per manoeuvre, a column per channel."""
-  channels = _ordered({channel for row in found.values() for channel in row})
+  channels = _ordered({channel for row in errors.values() for channel in row})
   rows = []
-  for what, row in found.items():
+  for what, row in errors.items():
     rows.append([what, *(" / ".join(f"{x:.3g}" for x in row.get(c, {}).values()) for c in channels)])
   return "\n".join(markdown.table(["manoeuvre", *channels], rows))
 

@@ -81,9 +81,9 @@ class _Sides:
     seen, table = self.seen, {}
     for name in seen.present:
       rows = seen.select(name) & (self._scale > 0.0)
-      found = {seen.names[k]: wrong[rows & (seen.recording == k)] for k in np.unique(seen.recording[rows])}
-      if found:
-        table[name] = {recording: float(np.sqrt(np.mean(w**2))) for recording, w in found.items()}
+      errors = {seen.names[k]: wrong[rows & (seen.recording == k)] for k in np.unique(seen.recording[rows])}
+      if errors:
+        table[name] = {recording: float(np.sqrt(np.mean(w**2))) for recording, w in errors.items()}
     return table
 
 
@@ -111,14 +111,14 @@ def compare_plants(
   median = lambda table: {name: float(np.median(list(of.values()))) for name, of in table.items()}
   nominal, *others = differences
   worst = {name: max(of.items(), key=lambda kv: kv[1]) for name, of in nominal.items()}
-  found = _cosines(sides, {recording for recording, _ in worst.values()})
+  cosines = _cosines(sides, {recording for recording, _ in worst.values()})
   return Agreement(
     speed=speed,
     channels=median(nominal),
     worst=worst,
     drawn={name: np.array([median(table)[name] for table in others]) for name in nominal},
-    slopes={n: c for n, c in found.items() if n in sides.exact.base},
-    effects={n: c for n, c in found.items() if n not in sides.exact.base},
+    slopes={n: c for n, c in cosines.items() if n in sides.exact.base},
+    effects={n: c for n, c in cosines.items() if n not in sides.exact.base},
     seconds=float(sides.seen.stretches.segments.steps.sum()) * 0.01,
   )
 

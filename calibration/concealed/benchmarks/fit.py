@@ -59,8 +59,8 @@ class Task:
 
   def residual(self, shares: Array) -> Array:
     """Whitened residuals (n, M) of parameters (n, p), simulated by the twin in one batch."""
-    found = predict(self.twin, self.segments, shares)
-    return ((found - self.measured) / _SCALE).reshape(len(shares), -1)
+    predicted = predict(self.twin, self.segments, shares)
+    return ((predicted - self.measured) / _SCALE).reshape(len(shares), -1)
 
 
 def predict(twin: Twin, segments: Segments, shares: Array) -> Array:
@@ -92,13 +92,13 @@ def fit_pairs(recordings: int = 6, seconds: float = 5.0, seed: int = 0) -> tuple
   task = make_task(recordings, seconds, seed)
   task.residual(np.ones((1, len(FITTED))))  # batches are made
   traces = [_trace(lambda tell, run=run: run(task, tell)) for run in (by_sysid, by_batch)]
-  best = min(told.cost for trace in traces for told in trace)
-  whole, there = [t[-1] for t in traces], [next(told for told in t if told.cost <= CLOSE * best) for t in traces]
+  best = min(moment.cost for trace in traces for moment in trace)
+  whole, there = [t[-1] for t in traces], [next(moment for moment in t if moment.cost <= CLOSE * best) for t in traces]
   sides = ("mujoco.sysid" if library_available() else "sysid's way, without its library", "batched fit")
-  ends = " and ".join(f"{told.cost:.0f}" for told in whole)
+  ends = " and ".join(f"{moment.cost:.0f}" for moment in whole)
   name = f"fit of {len(FITTED)} parameters to {recordings} recordings of {seconds:g} s"
 
-  def pair(what: str, times: list[Told], note: str) -> Pair:
+  def pair(what: str, times: list[Cost], note: str) -> Pair:
     wall, busy = (times[0].wall, times[1].wall), times[0].busy / times[1].busy
     note = f"{note}; ratio of processor time {busy:.2f}"
     return Pair(f"{name}, {what}", sides, wall, "fit", wall[0] / wall[1], 10.0, False, note)
@@ -110,7 +110,7 @@ def fit_pairs(recordings: int = 6, seconds: float = 5.0, seed: int = 0) -> tuple
 
 
 @dataclasses.dataclass(frozen=True)
-class Told:
+class Cost:
   """A cost a fit told, and seconds on the wall and of the processors since its start."""
 
   wall: float
@@ -123,11 +123,11 @@ def library_available() -> bool:
   return hasattr(sysid, "optimize")
 
 
-def _trace(run: Callable[[Callable[[float], None]], float]) -> list[Told]:
+def _trace(run: Callable[[Callable[[float], None]], float]) -> list[Cost]:
   """Whenever a fit tells its cost, and when it returns."""
-  trace: list[Told] = []
+  trace: list[Cost] = []
   wall, busy = time.perf_counter(), time.process_time()
-  tell = lambda cost: trace.append(Told(time.perf_counter() - wall, time.process_time() - busy, cost))
+  tell = lambda cost: trace.append(Cost(time.perf_counter() - wall, time.process_time() - busy, cost))
   tell(run(tell))
   return trace
 
@@ -144,8 +144,8 @@ def by_sysid(task: Task, tell: Callable[[float], None]) -> float:
   hear = lambda trace: tell(float(trace[-1].objective - trace[-1].reduction))
   if library_available():
     params, residual = car.library_problem()
-    found, _ = sysid.optimize(params, residual, verbose=False, iter_callback=hear, output=io.StringIO())
-    x = found.as_vector()
+    optimum, _ = sysid.optimize(params, residual, verbose=False, iter_callback=hear, output=io.StringIO())
+    x = optimum.as_vector()
   else:
     size = (len(FITTED), 1)
     bounds, quiet = [np.full(size, LOWER), np.full(size, UPPER)], minimize.Verbosity.SILENT
@@ -205,8 +205,8 @@ class RecompiledCar:
       datas = [mujoco.MjData(models[0]) for _ in range(os.cpu_count() or 1)]
       controls = np.repeat(self._control[k : k + 1], len(models), axis=0)
       states, sensors = rollout.rollout(models, datas, np.tile(start, (len(models), 1)), controls)
-      found = np.stack([self.observed(*pair) for pair in zip(states, sensors, strict=True)])  # pyright: ignore[reportArgumentType]
-      out.append(((found - self._task.measured[k]) / _SCALE).reshape(len(columns), -1))
+      observed = np.stack([self.observed(*pair) for pair in zip(states, sensors, strict=True)])  # pyright: ignore[reportArgumentType]
+      out.append(((observed - self._task.measured[k]) / _SCALE).reshape(len(columns), -1))
     whole = np.concatenate(out, axis=1).T
     return whole if x.ndim > 1 else whole[:, 0]
 
@@ -227,8 +227,8 @@ class RecompiledCar:
     )
 
     def compare(params, predicted, measured, model, everything, state, **kwargs):
-      found = self.observed(state, predicted.data)
-      return ((found - measured.data) / _SCALE).ravel(), measured, measured
+      observed = self.observed(state, predicted.data)
+      return ((observed - measured.data) / _SCALE).ravel(), measured, measured
 
     def build(params, spec):
       return edited(spec.copy(), params.as_vector()).compile()

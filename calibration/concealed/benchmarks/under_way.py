@@ -54,9 +54,9 @@ def begun_under_way(recording: Recording, in_launch: bool) -> Recording:
 def recalibrated_under_way(session: Session) -> UnderWay:
   """Recalibrate on a session, every other recording of which begins in a launch and the others in mid-drive."""
   recordings = tuple(begun_under_way(r, k % 2 == 0) for k, r in enumerate(session.recordings))
-  found = prepare(DataSet("session", recordings, session.vehicle, session.vehicle_std), threads=1).recalibrated
-  problem, observations = found.problem, found.problem.observations
-  error = problem.exact.raw(found.theta[None])[0]
+  recalibrated = prepare(DataSet("session", recordings, session.vehicle, session.vehicle_std), threads=1).recalibrated
+  problem, observations = recalibrated.problem, recalibrated.problem.observations
+  error = problem.exact.raw(recalibrated.theta[None])[0]
   first = observations.time - observations.stretches.first[observations.stretch] < FIRST
   noise = residual_floor(driving_noise(recordings))
   fitted = np.arange(len(error)) < problem.n_train
@@ -64,7 +64,8 @@ def recalibrated_under_way(session: Session) -> UnderWay:
   channels = [n for n in observations.present if noise.get(n)]
   own = {name: fitted & observations.select(name) for name in channels}
   return UnderWay(
-    found.fit.cost, {n: (size(rows & first) / noise[n], size(rows & ~first) / noise[n]) for n, rows in own.items()}
+    recalibrated.fit.cost,
+    {n: (size(rows & first) / noise[n], size(rows & ~first) / noise[n]) for n, rows in own.items()},
   )
 
 
@@ -77,8 +78,8 @@ def under_way_table(cases: Iterable[tuple[str, int]]) -> str:
   """Errors of each session's recalibrated twin, as Markdown."""
   makers, rows = {"first": make_session, "second": make_second_session}, []
   for car, seed in cases:
-    found = recalibrated_under_way(makers[car](seed, (), "compact"))
-    shown = ["; ".join(f"{e:.2f}" for e in found.errors[name] if np.isfinite(e)) for name in _SHOWN]
-    rows.append((f"{car}, {seed}", *shown, f"{found.cost:.0f}"))
+    session = recalibrated_under_way(makers[car](seed, (), "compact"))
+    shown = ["; ".join(f"{e:.2f}" for e in session.errors[name] if np.isfinite(e)) for name in _SHOWN]
+    rows.append((f"{car}, {seed}", *shown, f"{session.cost:.0f}"))
   titles = ("car, seed", *(name.replace("_", " ") for name in _SHOWN), "cost [nats]")
   return "\n".join(markdown.table(titles, rows)) + "\n"

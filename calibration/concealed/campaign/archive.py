@@ -3,12 +3,23 @@
 import hashlib
 import json
 import lzma
+from collections.abc import Mapping
 from pathlib import Path
 
 from qcar_twin.atomic_io import whole_file, write_text
 from qcar_twin.untrusted import MOST_JSON, SPARE_MEMORY, UnreadableFile, inside, require_file
 
 MOST_UNPACKED = 1 << 29  # bytes of answers: a campaign of thousands of cases
+
+# keys under which earlier answers were sealed, and those of now
+_OF_ANSWER = {
+  "possible": "below_detection_size",
+  "rival": "alternative",
+  "weighed": "scored",
+  "left_over": "residual_structure",
+}
+_OF_CLAIM = {"rivals": "alternatives", "equivalent_to": "indistinguishable_from"}
+_OF_SCORED = {"stretched": "at_bound"}
 
 
 def digest(answer: dict) -> str:
@@ -19,6 +30,19 @@ def digest(answer: dict) -> str:
 def keep(result: dict, path: Path) -> None:
   """Write one answered case, whole or not at all."""
   write_text(path, json.dumps(result, indent=1))
+
+
+def read_answer(path: Path) -> dict:
+  """An answered case, its answer under the keys of now. The file stays as it was sealed, so its hash holds."""
+  result = json.loads(path.read_text())
+  answer = _renamed(result["answer"], _OF_ANSWER)
+  for rows, keys in (("claims", _OF_CLAIM), ("scored", _OF_SCORED)):
+    answer |= {rows: [_renamed(row, keys) for row in answer[rows]]} if rows in answer else {}
+  return result | {"answer": answer}
+
+
+def _renamed(row: dict, keys: Mapping[str, str]) -> dict:
+  return {keys.get(key, key): value for key, value in row.items()}
 
 
 def pack(folder: Path, archive: Path) -> int:

@@ -84,8 +84,8 @@ def draw_second_cases(seed: int, nulls: int, singles: int, design: str = "compac
 
 
 def _pair(rng: np.random.Generator, known: Sequence[str]) -> tuple[tuple[str, float], ...]:
-  found = catalogue()
+  mechanisms = catalogue()
   while True:
     one, other = (known[int(i)] for i in rng.permutation(len(known))[:2])
-    if found[one].subsystem != found[other].subsystem:
+    if mechanisms[one].subsystem != mechanisms[other].subsystem:
       return (one, 1.0), (other, 1.0)

@@ -55,19 +55,19 @@ def _sure(result: Result) -> bool:
   return any(claim["probability"] > 0.8 for claim in result["answer"]["claims"])
 
 
-def exact_interval(found: int, of: int) -> tuple[float, float]:
+def exact_interval(hits: int, of: int) -> tuple[float, float]:
   """Lower and upper end of a share's exact interval. Raises ValueError where nothing was counted."""
   if of < 1:
     raise ValueError("a share of nothing has no interval: count at least one case")
-  limits = binomtest(found, of).proportion_ci(CONFIDENCE, method="exact")
+  limits = binomtest(hits, of).proportion_ci(CONFIDENCE, method="exact")
   return float(limits.low), float(limits.high)
 
 
 def interval_table(results: Sequence[Result]) -> str:
   """The counts as Markdown; what has no case is left out."""
   rows = []
-  for said, found, of in counts(results):
+  for said, hits, of in counts(results):
     if of:
-      low, high = exact_interval(found, of)
-      rows.append((said, f"{found} of {of}", f"{found / of:.2f}", f"{low:.2f} to {high:.2f}"))
+      low, high = exact_interval(hits, of)
+      rows.append((said, f"{hits} of {of}", f"{hits / of:.2f}", f"{low:.2f} to {high:.2f}"))
   return "\n".join(markdown.table(("counted", "cases", "share", "95 % interval"), rows)) + "\n"

@@ -25,7 +25,10 @@ def spurious(results: Sequence[Result]) -> list[tuple[str, int, float, float, fl
       if len(trial["set"]) == 1 and trial["t"] >= _T and trial["gain"] >= _NATS:
         size = max(abs(value) / typical for value, _, typical in trial["sizes"].values())
         seen.setdefault(trial["set"][0], []).append((trial["gain"], trial["t"], size))
-  rows = [(name, len(found), *(max(column) for column in zip(*found, strict=True))) for name, found in seen.items()]
+  rows = [
+    (name, len(strengths), *(max(column) for column in zip(*strengths, strict=True)))
+    for name, strengths in seen.items()
+  ]
   return sorted(rows, key=lambda row: -row[2])
 
 

@@ -1,4 +1,4 @@
-"""Claims on the second car that name what every such car has by itself, beside the car's own number.
+"""Claims on the second car that name what every such car has by itself, next to the car's own number.
 
 Its servo turns no faster than a limit (docs/reference/second_car.md), which the twin has only as a mechanism. The
 truth lists effects that were added, so such a claim counts as wrong in every score, though it is true of the car.
@@ -18,23 +18,23 @@ OWN: dict[str, tuple[str, Callable[[SecondCar], float]]] = {
 
 @dataclasses.dataclass(frozen=True)
 class OwnClaim:
-  """A claim of what such a car has: its number as told, with a standard deviation, and the car's own."""
+  """A claim of what such a car has: its number as reported, with a standard deviation, and the car's own."""
 
   case: str
   mechanism: str
-  told: float
+  reported: float
   std: float
   own: float
 
   @property
   def deviations(self) -> float:
-    """By how many standard deviations told and own differ."""
-    return (self.told - self.own) / self.std
+    """By how many standard deviations reported and own number differ."""
+    return (self.reported - self.own) / self.std
 
 
 def own_claims(results: Sequence[Result]) -> list[OwnClaim]:
   """Claims of OWN that were not concealed, of all answered sessions of the second car."""
-  found = []
+  claims = []
   for result in results:
     case = result["case"]
     if case.get("car") != "second":
@@ -44,10 +44,10 @@ def own_claims(results: Sequence[Result]) -> list[OwnClaim]:
       name = claim["mechanism"]
       if name in OWN and name not in concealed:
         parameter, number = OWN[name]
-        told = claim["parameters"][parameter]
+        reported = claim["parameters"][parameter]
         own = number(drawn_car(case["seed"]))
-        found.append(OwnClaim(case["name"], name, told["value"], told["std"], own))
-  return found
+        claims.append(OwnClaim(case["name"], name, reported["value"], reported["std"], own))
+  return claims
 
 
 def own_table(results: Sequence[Result]) -> str:
@@ -55,6 +55,8 @@ def own_table(results: Sequence[Result]) -> str:
   claims = own_claims(results)
   if not claims:
     return ""
-  titles = ("case", "claim", "told", "the car's own", "standard deviations apart")
-  rows = [(c.case, c.mechanism, f"{c.told:.4f} ± {c.std:.4f}", f"{c.own:.4f}", f"{c.deviations:+.1f}") for c in claims]
+  titles = ("case", "claim", "reported", "the car's own", "standard deviations apart")
+  rows = [
+    (c.case, c.mechanism, f"{c.reported:.4f} ± {c.std:.4f}", f"{c.own:.4f}", f"{c.deviations:+.1f}") for c in claims
+  ]
   return "\n".join(markdown.table(titles, rows)) + "\n"

@@ -48,5 +48,5 @@ def oracle(outcome: Outcome, effects: Sequence[str], holdout: Sequence[Recording
 
 def baselines(outcome: Outcome, holdout: Sequence[Recording]) -> dict[str, dict]:
   """Answers of the simpler methods; of a ranking its first twelve."""
-  found = run_baselines(outcome.diagnosis.pool, holdout, outcome.cut)
-  return {name: dataclasses.asdict(a) | {"ranking": a.ranking[:12]} for name, a in found.items()}
+  answers = run_baselines(outcome.diagnosis.pool, holdout, outcome.cut)
+  return {name: dataclasses.asdict(a) | {"ranking": a.ranking[:12]} for name, a in answers.items()}

@@ -38,7 +38,7 @@ class Answer:
     method: one of METHODS.
     claims: mechanisms it names.
     ranking: mechanism and score, best first; () where the method ranks nothing.
-    holdout: RMS error per channel on the recordings kept aside, in the channel's unit; {} where it predicts nothing.
+    holdout: RMS error per channel on the held-out recordings, in the channel's unit; {} where it predicts nothing.
   """
 
   method: str
@@ -52,7 +52,7 @@ def run_baselines(pool: Pool, holdout: Sequence[Recording], cut: Cut = DEFAULT_C
 
   Args:
     pool: of the diagnosis, for the recalibrated twin, the scan and the refitted models.
-    holdout: recordings kept aside.
+    holdout: held-out recordings.
     cut: how recordings are cut; the timing that was fitted.
   """
   base, problem = pool.base, pool.problem.exact

@@ -29,29 +29,31 @@ def write_campaign(folder: Path, results: Sequence[Result], drawn: int, command:
 def write_wild(folder: Path, results: Sequence[Result], drawn: int, command: str) -> Path:
   """The same of wild cars: errors over the oracle's, names and shapes that were counted, every case."""
   subtitle = f"{len(results)} of {drawn} sessions answered; made by {command}"
-  told = [Section(title, "", [Table("", columns, rows)]) for title, columns, rows in wild_tables(results)]
-  return write_page(folder / "report.html", "Concealed wild cars", wild_verdict(results), told, subtitle)
+  tables = [Section(title, "", [Table("", columns, rows)]) for title, columns, rows in wild_tables(results)]
+  return write_page(folder / "report.html", "Concealed wild cars", wild_verdict(results), tables, subtitle)
 
 
 def verdict(results: Sequence[Result]) -> str:
   """The outcome in one sentence."""
-  found = score(results)
-  told = []
-  if found["singles"]:
-    told.append(f"the right name came first in {100.0 * (found['right_first'] or 0.0):.0f} % of {found['singles']}"
+  figures = score(results)
+  parts = []
+  if figures["singles"]:
+    parts.append(f"the right name came first in {100.0 * (figures['right_first'] or 0.0):.0f} % of {figures['singles']}"
                 " sessions with one effect")  # fmt: skip
-  if found["nulls"]:
-    told.append(f"something was claimed in {found['nulls_with_claim']} of {found['nulls']} sessions without any")
-  if found["pairs"]:
-    told.append(f"both names were found in {100.0 * (found['pairs_both'] or 0.0):.0f} % of {found['pairs']} with two")
-  text = "; ".join(told) or "no session has been answered yet"
+  if figures["nulls"]:
+    parts.append(f"something was claimed in {figures['nulls_with_claim']} of {figures['nulls']} sessions without any")
+  if figures["pairs"]:
+    parts.append(
+      f"both names were found in {100.0 * (figures['pairs_both'] or 0.0):.0f} % of {figures['pairs']} with two"
+    )
+  text = "; ".join(parts) or "no session has been answered yet"
   return f"{text[:1].upper()}{text[1:]}."
 
 
 def sections(results: Sequence[Result]) -> list[Section]:
   """Everything the page shows, in reading order."""
-  found = score(results)
-  aims = [(meaning, "at most" if np.signbit(aim) else "at least", abs(aim), found.get(name))
+  figures = score(results)
+  aims = [(meaning, "at most" if np.signbit(aim) else "at least", abs(aim), figures.get(name))
           for name, meaning, aim in AIMS]  # fmt: skip
   parts = [Section("Aims", "", [Table("", ("aim", "", "wanted", "found"), aims)])]
   if results:

@@ -27,7 +27,7 @@ from qcar_twin.atomic_io import plain, write_text
 from qcar_twin.recordings.dataset import DataSet
 
 MAKERS = {"first": make_session, "second": make_second_session}
-ENGINES = ("search", "characterise")
+ENGINES = ("search", "curves")
 
 
 class CaseFailed(RuntimeError):
@@ -64,7 +64,7 @@ def run_case(case: Case, folder: Path, threads: int = 1, engine: str = "search")
   """Make, diagnose and answer one case; does nothing if its answer is there.
 
   Args:
-    engine: "search" for `diagnose`, "characterise" for `study`, which leaves no pool that reference methods could be
+    engine: "search" for `diagnose`, "curves" for `study`, which leaves no pool that reference methods could be
       taken from.
 
   Raises:
@@ -77,7 +77,7 @@ def run_case(case: Case, folder: Path, threads: int = 1, engine: str = "search")
     return path
   session = MAKERS[case.car](case.seed, case.effects, case.design, case.noise)
   dataset = DataSet(case.name, session.recordings, session.vehicle, session.vehicle_std)
-  if engine == "characterise":
+  if engine == "curves":
     return _kept(
       case, study(dataset, threads=threads).document(), session.truth, path, informed(dataset, case, threads)
     )
@@ -105,19 +105,19 @@ def _kept(case: Case, answer: dict, truth: dict, path: Path, oracle: dict | None
 
 def _answer(outcome: Outcome) -> dict:
   """What the diagnosis says, and the figures that thresholds are held against."""
-  found = outcome.diagnosis
-  full = document(found)
+  diagnosis = outcome.diagnosis
+  full = document(diagnosis)
   keep = ("verdict", "claims", "where", "untestable", "fit", "seconds", "unknown")
   out = {key: full[key] for key in keep} | {"ranking": full["ranking"][:12]}
-  out["stages"] = dict(found.stages)
-  out["tests"] = [{"mechanism": c.mechanism} | _figures(c.held_out) for c in found.decision.claims]
-  out["possible"] = list(found.decision.possible)
-  rival = found.decision.unknown
-  out["rival"] = None if rival is None else {"name": rival[0]} | _figures(rival[1])
-  out["weighed"] = figures(found.pool)
-  structures = [_structures(left) for left in found.left_over]
-  out["left_over"] = plain(dict(zip(("before", "after"), structures, strict=True)))
-  out["trials"] = _trials(found.pool)
+  out["stages"] = dict(diagnosis.stages)
+  out["tests"] = [{"mechanism": c.mechanism} | _figures(c.held_out) for c in diagnosis.decision.claims]
+  out["below_detection_size"] = list(diagnosis.decision.possible)
+  unknown = diagnosis.decision.unknown
+  out["alternative"] = None if unknown is None else {"name": unknown[0]} | _figures(unknown[1])
+  out["scored"] = figures(diagnosis.pool)
+  structures = [_structures(left) for left in diagnosis.left_over]
+  out["residual_structure"] = plain(dict(zip(("before", "after"), structures, strict=True)))
+  out["trials"] = _trials(diagnosis.pool)
   return out
 
 

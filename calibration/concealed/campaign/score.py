@@ -42,7 +42,7 @@ def score(results: Sequence[Result]) -> dict[str, float | int | None]:
     "right_first": _mean(map(right_first, singles)),
     "right_first_typical": _mean(map(right_first, typical)),
     "right_first_third": _mean(map(right_first, small)),
-    "right_or_declared_equivalent": _mean(map(right_or_equivalent, singles)),
+    "right_or_declared_indistinguishable": _mean(map(right_or_indistinguishable, singles)),
     "top_three": _mean(map(in_top_three, singles)),
     "no_claim": _mean([not r["answer"]["claims"] for r in singles]),
     "wrong_first": _mean([bool(r["answer"]["claims"]) and not right_first(r) for r in singles]),
@@ -102,15 +102,17 @@ def score_baselines(results: Sequence[Result]) -> dict[str, dict[str, float | in
   nulls, singles = ([r for r in results if r["case"]["kind"] == kind] for kind in ("null", "single"))
   effects = [r for r in results if r["case"]["kind"] in ("single", "pair")]
   for method in methods:
-    told = lambda r, m=method: r["baselines"][m]
-    names = any(told(r)["claims"] or told(r)["ranking"] for r in results)
+    answered = lambda r, m=method: r["baselines"][m]
+    names = any(answered(r)["claims"] or answered(r)["ranking"] for r in results)
     methods[method] = {
-      "nulls_with_claim": sum(bool(told(r)["claims"]) for r in nulls) if names else None,
-      "right_first": _mean([told(r)["claims"][:1] == [r["truth"][0]["id"]] for r in singles]) if names else None,
-      "wrong_first": _mean([bool(told(r)["claims"]) and told(r)["claims"][0] != r["truth"][0]["id"] for r in singles])
+      "nulls_with_claim": sum(bool(answered(r)["claims"]) for r in nulls) if names else None,
+      "right_first": _mean([answered(r)["claims"][:1] == [r["truth"][0]["id"]] for r in singles]) if names else None,
+      "wrong_first": _mean(
+        [bool(answered(r)["claims"]) and answered(r)["claims"][0] != r["truth"][0]["id"] for r in singles]
+      )
       if names
       else None,
-      "holdout_error_median": _median([_error_ratio(r, told(r)["holdout"]) for r in effects]),
+      "holdout_error_median": _median([_error_ratio(r, answered(r)["holdout"]) for r in effects]),
     }
   ours = {
     "nulls_with_claim": sum(bool(r["answer"]["claims"]) for r in nulls),
@@ -194,9 +196,9 @@ def right_first(result: Result) -> bool:
   return bool(claims) and claims[0]["mechanism"] in truth_ids(result)
 
 
-def right_or_equivalent(result: Result) -> bool:
+def right_or_indistinguishable(result: Result) -> bool:
   claims = result["answer"]["claims"]
-  return bool(claims) and bool({claims[0]["mechanism"], *claims[0]["equivalent_to"]} & truth_ids(result))
+  return bool(claims) and bool({claims[0]["mechanism"], *claims[0]["indistinguishable_from"]} & truth_ids(result))
 
 
 def in_top_three(result: Result) -> bool:
@@ -302,10 +304,10 @@ def any_channel_surely_worse(result: Result) -> bool:
 
 
 def _mean(values) -> float | None:
-  found = [float(v) for v in values]
-  return float(np.mean(found)) if found else None
+  numbers = [float(v) for v in values]
+  return float(np.mean(numbers)) if numbers else None
 
 
 def _median(values) -> float | None:
-  found = [float(v) for v in values if v is not None]
-  return float(np.median(found)) if found else None
+  numbers = [float(v) for v in values if v is not None]
+  return float(np.median(numbers)) if numbers else None

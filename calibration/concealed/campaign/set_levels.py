@@ -17,11 +17,11 @@ WEIGHTS = ("constant", "t", "size", "margin")
 def fitted_weights(results: Sequence[Mapping[str, Any]], levels: Levels) -> dict[str, float]:
   """Constant and weights of `Levels.probability`.
 
-  Every case counts once, however many names were weighed in it; names at a bound are left out, since they are never
+  Every case counts once, however many names were scored in it; names at a bound are left out, since they are never
   claimed. A unit Gaussian prior on the weights of standardised figures keeps them finite.
 
   Args:
-    results: answers with the figures of what was weighed, `weighed`, and the truth.
+    results: answers with the figures of every name that was scored, `scored`, and the truth.
     levels: what limits the figures.
 
   Raises:
@@ -29,18 +29,18 @@ def fitted_weights(results: Sequence[Mapping[str, Any]], levels: Levels) -> dict
   """
   figures, right, shares = [], [], []
   for result in results:
-    rows = [r for r in result["answer"].get("weighed", ()) if not r["stretched"]]
+    rows = [r for r in result["answer"].get("scored", ()) if not r["at_bound"]]
     there = {effect["id"] for effect in result["truth"]}
     figures += [levels.figures(r["t"], r["size"], r["margin"]) for r in rows]
     right += [r["name"] in there for r in rows]
     shares += [1.0 / max(len(rows), 1)] * len(rows)
   if len(set(right)) < 2:
-    raise ValueError(f"{len(results)} answers weigh no name that is there beside one that is not; answer more cases")
+    raise ValueError(f"{len(results)} answers score no name that is there and one that is not; answer more cases")
   x, weight = np.array(figures), np.array(shares) * len(shares) / np.sum(shares)
   middle, spread = x.mean(axis=0), x.std(axis=0) + 1e-9
-  found = LogisticRegression(C=1.0, max_iter=2000).fit((x - middle) / spread, right, sample_weight=weight)
-  slopes = found.coef_[0] / spread
-  constant = float(found.intercept_[0] - slopes @ middle)
+  regression = LogisticRegression(C=1.0, max_iter=2000).fit((x - middle) / spread, right, sample_weight=weight)
+  slopes = regression.coef_[0] / spread
+  constant = float(regression.intercept_[0] - slopes @ middle)
   return dict(zip(WEIGHTS, (constant, *map(float, slopes)), strict=True))
 
 

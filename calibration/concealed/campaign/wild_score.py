@@ -28,16 +28,16 @@ def informed(dataset: DataSet, case: Case, threads: int = 1) -> dict[str, Any]:
   """The oracle: the twin with what is really there, as far as the catalogue has it.
 
   Returns:
-    "known": what it was told; "holdout": its errors there by channel; "seen": the effects it misses when they are taken
+    "known": what it was given; "holdout": its errors there by channel; "seen": effects it misses when they are taken
     away, by what driving it was not fitted to says. What it does as well without nobody can name.
   """
   checked, _ = ready(dataset)
   known = [name for name, _ in case.effects if name in catalogue()]
-  found = characterise(checked, known, threads=threads)
-  tests = worth(Trials.of(found), found.beside)
+  fitted = characterise(checked, known, threads=threads)
+  tests = worth(Trials.of(fitted), fitted.beside)
   return {
     "known": known,
-    "holdout": error_of(fitted_to_all(found.fitted), checked.role("holdout")),
+    "holdout": error_of(fitted_to_all(fitted.fitted), checked.role("holdout")),
     "seen": [name for name in tests if matters(tests, name)],
   }
 
@@ -46,8 +46,8 @@ def names(answer: Mapping[str, Any]) -> set[str]:
   """What an answer says is there: forms of curves, be it nearly, effects that joined, and numbers that stand out."""
   owner = {p.name: m.name for m in catalogue().values() for p in m.parameters}
   beside = {owner[t["name"]] for t in answer["terms"] if t["there"] and t["name"] in owner}
-  told = [form for c in answer["curves"] if (form := c["named"] or c.get("nearly"))]
-  forms = {name for form in told for name in form["mechanisms"]}
+  reported = [form for c in answer["curves"] if (form := c["named"] or c.get("nearly"))]
+  forms = {name for form in reported for name in form["mechanisms"]}
   return beside | forms | {a["mechanism"] for a in answer["additions"]}
 
 
@@ -58,12 +58,12 @@ def shaped(answer: Mapping[str, Any]) -> set[str]:
 
 def is_shaped(effect: str, answer: Mapping[str, Any]) -> bool:
   """Whether an effect is named, or the curve of its map is said to depart."""
-  found = catalogue().get(effect)
+  mechanism = catalogue().get(effect)
   if effect in names(answer):
     return True
   # effects that no form of a curve is declared for, though they act on its map
   maps = {"steering_map": "steering_curve", "drive_asymmetry": "drive_curve", "coulomb_friction": "resistance_curve"}
-  return (maps.get(effect) or (found.outlined_by if found else "")) in shaped(answer)
+  return (maps.get(effect) or (mechanism.outlined_by if mechanism else "")) in shaped(answer)
 
 
 def wild_table(results: Sequence[Result]) -> str:
@@ -113,14 +113,14 @@ def _counts(results: Sequence[Result]) -> list[tuple[str, list[bool]]]:
   right = lambda r, name: name in truth_ids(r) or (name == "encoder_latency" and (r["sensors"] or {}).get("speed_late"))
   claimed = [(r, name) for r in results for name in sorted(names(r["answer"]))]
   trimmed = [r for r in results if _TRIM in truth_ids(r)]
-  mean = lambda r, name: name == "steering_offset" and r in trimmed and _trims_told(r)
+  mean = lambda r, name: name == "steering_offset" and r in trimmed and _trims_reported(r)
   return [
     ("names that are there", [bool(right(r, name)) for r, name in claimed]),
     (
       "the same, the mean of sessions' trims counted as an offset",
       [bool(right(r, n)) or mean(r, n) for r, n in claimed],
     ),
-    ("trims of sessions told", [_trims_told(r) for r in trimmed]),
+    ("trims of sessions reported", [_trims_reported(r) for r in trimmed]),
     ("effects that the oracle sees, named", [name in names(r["answer"]) for r, name in seen]),
     ("effects that the oracle sees, named or shaped", [is_shaped(name, r["answer"]) for r, name in seen]),
     ("effects of the catalogue, named", [name in names(r["answer"]) for r, name in known]),
@@ -129,7 +129,7 @@ def _counts(results: Sequence[Result]) -> list[tuple[str, list[bool]]]:
   ]
 
 
-def _trims_told(result: Result) -> bool:
+def _trims_reported(result: Result) -> bool:
   """Whether an answer says that sessions differ in their trim."""
   return any(t["there"] and t["name"].startswith("steering_offset@") for t in result["answer"]["terms"])
 
@@ -138,9 +138,9 @@ def _ages(result: Result) -> list[bool]:
   """Of every age and scale that the generator states, whether the estimate is near it."""
   stated = {name: v for t in result["truth"] for name, v in (t.get("parameters") or {}).items() if name in AGES}
   stated |= {"encoder_latency": late} if (late := (result["sensors"] or {}).get("speed_late")) else {}
-  told = {t["name"]: t["value"] for t in result["answer"]["terms"]}
-  near = lambda name, value: abs(told[name] - value) <= max(AGES[name][0], AGES[name][1] * abs(value))
-  return [near(name, value) for name, value in stated.items() if name in told]
+  reported = {t["name"]: t["value"] for t in result["answer"]["terms"]}
+  near = lambda name, value: abs(reported[name] - value) <= max(AGES[name][0], AGES[name][1] * abs(value))
+  return [near(name, value) for name, value in stated.items() if name in reported]
 
 
 def _share(said: str, hits: Sequence[bool]) -> tuple[str, ...] | None:
@@ -153,5 +153,5 @@ def _share(said: str, hits: Sequence[bool]) -> tuple[str, ...] | None:
 def _case(result: Result) -> tuple[str, ...]:
   truth = ", ".join(f"{i} x {s:.2g}" for i, s in result["case"]["effects"])
   answer = result["answer"]
-  listed = lambda found: ", ".join(sorted(found)) or "-"
+  listed = lambda which: ", ".join(sorted(which)) or "-"
   return result["case"]["name"], truth, listed(names(answer)), listed(shaped(answer)), answer["best"].replace("_", " ")

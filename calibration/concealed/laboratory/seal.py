@@ -52,15 +52,15 @@ def seal(truth: dict, data: Path, out: Path, packed: bool = False, salt: bytes |
 def unseal(folder: Path, published: str | None = None) -> dict:
   """The truth in a folder, checked against its own hash and, when given, the published one. Raises SealError."""
   folder = Path(folder)
-  found = [folder / name for name in (PLAIN, PACKED) if (folder / name).exists()]
-  if not found:
+  sealed = [folder / name for name in (PLAIN, PACKED) if (folder / name).exists()]
+  if not sealed:
     raise SealError(f"no {PLAIN} or {PACKED} in {folder}: give the folder that --truth-out named")
   try:
-    return _opened(read_json(found[0]), found[0].name, published)
+    return _opened(read_json(sealed[0]), sealed[0].name, published)
   except (KeyError, TypeError, ValueError, zlib.error) as error:
     if isinstance(error, SealError):
       raise
-    raise SealError(f"{found[0].name} is damaged ({error}); take it from its source again") from error
+    raise SealError(f"{sealed[0].name} is damaged ({error}); take it from its source again") from error
 
 
 def _opened(body: dict, name: str, published: str | None) -> dict:

@@ -259,7 +259,7 @@ def _said(outline: Outline) -> str:
   if not outline.is_there:
     return "no departure from the base car's law"
   if form is None:
-    return "departs, as a curve of no known form (its table is in characterise.json)"
+    return "departs, as a curve of no known form (its table is in curves.json)"
   values = ", ".join(f"{n} = {v:.3g} ± {form.std[n]:.1g}" for n, v in form.values.items())
   if outline.nearly:
     share = f"which leave{'s' if len(form.mechanisms) == 1 else ''} {100.0 * outline.left(form):.0f} % of it"

@@ -47,7 +47,7 @@ def left_out(d: Diagnosis) -> Section:
 def _claim_row(d: Diagnosis, claim: Claim, mechanisms: Mapping[str, Mechanism]) -> tuple[Cell, ...]:
   taken = share_taken_off(d.replay, judged_on(d)[0], claim.mechanism) if d.replay else None
   size = wording.sizes(claim, mechanisms[claim.mechanism]) or "–"
-  others = wording.listed(claim.equivalent_to) or "–"
+  others = wording.listed(claim.indistinguishable_from) or "–"
   return claim.mechanism, size, round(claim.probability, 2), None if taken is None else round(100 * taken), others
 
 

@@ -122,8 +122,8 @@ def _claim(claim: Claim) -> dict[str, Any]:
     "probability": claim.probability,
     "evidence_nats": claim.evidence_nats,
     "parameters": {name: dict(row) for name, row in claim.parameters.items()},
-    "rivals": [{"mechanism": name, "evidence_nats": nats} for name, nats in claim.rivals],
-    "equivalent_to": list(claim.equivalent_to),
+    "alternatives": [{"mechanism": name, "evidence_nats": nats} for name, nats in claim.alternatives],
+    "indistinguishable_from": list(claim.indistinguishable_from),
   }
 
 
@@ -160,8 +160,8 @@ SCHEMA: dict[str, Any] = {
       "probability": _NUMBER,
       "evidence_nats": _NUMBER,
       "parameters": {"*": {"value": _NUMBER, "std": _NUMBER, "unit": str}},
-      "rivals": [{"mechanism": str, "evidence_nats": _NUMBER}],
-      "equivalent_to": [str],
+      "alternatives": [{"mechanism": str, "evidence_nats": _NUMBER}],
+      "indistinguishable_from": [str],
     }
   ],
   "ranking": [{"mechanism": str, "evidence_nats": _NUMBER}],
@@ -185,7 +185,7 @@ SCHEMA: dict[str, Any] = {
 }
 _OPTIONAL: dict[str, Any] = {
   "str or null": str,
-  "object or null": dict,  # its keys are those of characterise.json
+  "object or null": dict,  # its keys are those of curves.json
   "experiment or null": {"manoeuvre": str, "separates": [str], "predicted_nats": _NUMBER},
 }
 

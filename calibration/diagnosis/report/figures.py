@@ -117,7 +117,7 @@ def share_over_time(observations: Observations, location: Location) -> Chart:
 def ranked_evidence(decision: Decision, most: int = 14) -> Chart:
   """Bars of evidence, best first; claims in the twin's colour, names indistinguishable from them hatched."""
   claimed = {c.mechanism for c in decision.claims}
-  equal = {name for c in decision.claims for name in c.equivalent_to}
+  equal = {name for c in decision.claims for name in c.indistinguishable_from}
   shown = [row for k, row in enumerate(decision.ranking[:most]) if row[1] > 0.0 or k < _ALWAYS]
   rows = [(name, nats, "twin" if name in claimed else "nominal", name in equal) for name, nats in shown]
   caption = (

@@ -36,8 +36,8 @@ def evidence(d: Diagnosis) -> Section:
     " of that factor, and its unit is the nat: 1 nat is a factor of 2.7, 10 nats are a factor of 22 000. The evidence"
     " of a claim is against the twin without it, that of any other mechanism against the recalibrated twin."
   )
-  alternatives = [(c.mechanism, name, round(nats, 1), "yes" if name in c.equivalent_to else "no")
-                  for c in d.decision.claims for name, nats in c.rivals]  # fmt: skip
+  alternatives = [(c.mechanism, name, round(nats, 1), "yes" if name in c.indistinguishable_from else "no")
+                  for c in d.decision.claims for name, nats in c.alternatives]  # fmt: skip
   columns = ("instead of", "alternative", "evidence [nats]", "indistinguishable")
   tables = [Table("Alternatives to the claims", columns, alternatives)] if alternatives else []
   drawn = [figures.ranked_evidence(d.decision)] if d.decision.ranking else []

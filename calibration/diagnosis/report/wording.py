@@ -96,7 +96,7 @@ def structure_sentence(item: Leftover) -> str:
 
 def doubts(claim: Claim) -> str:
   """ " (steering_delay, probability 0.97; indistinguishable from steering_lag)"."""
-  equal = f"; indistinguishable from {listed(claim.equivalent_to)}" if claim.equivalent_to else ""
+  equal = f"; indistinguishable from {listed(claim.indistinguishable_from)}" if claim.indistinguishable_from else ""
   return f" ({claim.mechanism}, probability {claim.probability:.2f}{equal})"
 
 

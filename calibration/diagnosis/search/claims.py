@@ -1,4 +1,4 @@
-"""A claim: a mechanism that is held responsible, with its evidence, its rivals and its estimates."""
+"""A claim: a mechanism that is held responsible, with its evidence, its alternatives and its estimates."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -23,12 +23,12 @@ class Claim:
   Attributes:
     mechanism: id.
     probability: that the name is right, 0 to 1.
-    shared: that it or one of `equivalent_to` is.
+    shared: that it or one of `indistinguishable_from` is.
     evidence_nats: log profile likelihood ratio over the model without it.
     held_out: the same comparison on recordings left out.
     parameters: value, std and unit of each of its parameters.
-    rivals: what fitted in its place, with its nats, best first.
-    equivalent_to: rivals that fit as well.
+    alternatives: what fitted in its place, with its nats, best first.
+    indistinguishable_from: alternatives that fit as well.
     certain: False if what is left over throws doubt on the name.
   """
 
@@ -38,8 +38,8 @@ class Claim:
   evidence_nats: float
   held_out: Comparison
   parameters: dict[str, dict[str, float | str]]
-  rivals: tuple[tuple[str, float], ...]
-  equivalent_to: tuple[str, ...]
+  alternatives: tuple[tuple[str, float], ...]
+  indistinguishable_from: tuple[str, ...]
   certain: bool
 
 
@@ -57,7 +57,7 @@ def claim(pool: Pool, best: Candidate, name: str, levels: Levels) -> Claim:
     levels: what decides.
   """
   found, without = weighed(pool, best, name), pool.models[frozenset(best.mechanisms) - {name}]
-  equivalent = tuple(rival for rival, _ in found.rivals if _alike(pool, best, name, rival, levels))
+  equivalent = tuple(rival for rival, _ in found.alternatives if _alike(pool, best, name, rival, levels))
   shared = _probability(found, levels, equivalent) * (not stretched(pool, best, name))
   odds = [_odds(pool, _replaced(pool, best, name, n), n, levels) for n in (name, *equivalent)]
   return Claim(
@@ -67,8 +67,8 @@ def claim(pool: Pool, best: Candidate, name: str, levels: Levels) -> Claim:
     evidence_nats=evidence(best, without, pool.problem.observations),
     held_out=found.held_out,
     parameters=_estimates(pool, name, best, levels),
-    rivals=found.rivals[:5],
-    equivalent_to=equivalent,
+    alternatives=found.alternatives[:5],
+    indistinguishable_from=equivalent,
     certain=True,
   )
 

@@ -79,7 +79,7 @@ def figures(pool: Pool) -> list[dict[str, object]]:
     for name in model.mechanisms:
       found = weighed(pool, model, name)
       row = {"t": found.t, "size": found.size, "margin": found.margin(), "nats": found.drop}
-      rows.append({"set": list(model.mechanisms), "name": name, "stretched": stretched(pool, model, name)} | row)
+      rows.append({"set": list(model.mechanisms), "name": name, "at_bound": stretched(pool, model, name)} | row)
   return rows
 
 
@@ -109,7 +109,7 @@ def _undecided(pool: Pool, levels: Levels) -> str:
   """What to say, should the verdict be that something acts, where names that are alike share what none has; "" else."""
   singles = [claim(pool, model, model.mechanisms[0], levels) for model in foremost(pool, 1)]
   likely = [c for c in singles if c.shared >= levels.claim]
-  names = dict.fromkeys(n for c in likely for n in (c.mechanism, *c.equivalent_to))
+  names = dict.fromkeys(n for c in likely for n in (c.mechanism, *c.indistinguishable_from))
   return f"The nearest names are {', '.join(names)}; none of them is likely enough." if names else ""
 
 

@@ -113,13 +113,13 @@ class Weighed:
     held_out: the two compared on groups left out.
     size: largest amplitude that the driving shows, as a share of its typical size.
     drop: nats by which the model fits better with it, priors included.
-    rivals: what was fitted in its place, with the nats it brings there, best first.
+    alternatives: what was fitted in its place, with the nats it brings there, best first.
   """
 
   held_out: Comparison
   size: float
   drop: float
-  rivals: tuple[tuple[str, float], ...]
+  alternatives: tuple[tuple[str, float], ...]
 
   @property
   def t(self) -> float:
@@ -128,7 +128,7 @@ class Weighed:
 
   def margin(self, leaving_out: tuple[str, ...] = ()) -> float:
     """Nats ahead of the best rival but for some, or of nothing."""
-    others = (nats for name, nats in self.rivals if name not in leaving_out)
+    others = (nats for name, nats in self.alternatives if name not in leaving_out)
     return self.drop - max(0.0, max(others, default=0.0))
 
 
@@ -145,7 +145,7 @@ def weighed(pool: Pool, model: Candidate, name: str) -> Weighed:
     held_out=compare(model, without, pool.problem.observations),
     size=shown_size(pool, model, name),
     drop=without.cost - model.cost,
-    rivals=tuple(sorted(beside, key=lambda r: -r[1])),
+    alternatives=tuple(sorted(beside, key=lambda r: -r[1])),
   )
 
 

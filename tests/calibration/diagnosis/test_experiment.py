@@ -96,12 +96,14 @@ def test_reach_is_read_off_the_recordings(clean_pool):
 def test_certain_names_need_no_experiment_and_doubtful_ones_do(offset_pool, clean_pool):
   decision = decide(offset_pool)
   claim = decision.claims[0]
-  sure = dataclasses.replace(decision, claims=(dataclasses.replace(claim, probability=0.95, equivalent_to=()),))
+  sure = dataclasses.replace(
+    decision, claims=(dataclasses.replace(claim, probability=0.95, indistinguishable_from=()),)
+  )
   assert to_separate(offset_pool, sure) is None and next_experiment(offset_pool, sure) is None
   unsure = dataclasses.replace(decision, claims=(dataclasses.replace(claim, probability=0.6),))
   asked = next_experiment(offset_pool, unsure)
   assert asked is not None and asked["separates"][0] == claim.mechanism
-  assert asked["separates"][1] == claim.rivals[0][0] and asked["predicted_nats"] > 0
+  assert asked["separates"][1] == claim.alternatives[0][0] and asked["predicted_nats"] > 0
   nothing = decide(clean_pool)
   possible = dataclasses.replace(nothing, claims=(), possible=("side_force",))
   names, _, rival = to_separate(clean_pool, possible)

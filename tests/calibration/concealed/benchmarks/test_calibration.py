@@ -106,10 +106,10 @@ def test_what_was_made_before_is_read_and_not_made_again(dataset, tmp_path, monk
 
 
 def test_errors_of_a_manoeuvre_count_every_value_once(dataset):
-  found = by_manoeuvre(Record(dataset, calibration(), validation()))
-  assert found["ramp"]["speed"] == {"twin": 0.01, "bicycle": 0.02}
-  assert found["voltage_step"]["speed"]["twin"] == pytest.approx(math.sqrt(0.03**2 * 10 / 40))
-  assert manoeuvre_table(found).splitlines()[2:] == ["| voltage_step | 0.015 / 0.03 |", "| ramp | 0.01 / 0.02 |"]
+  errors = by_manoeuvre(Record(dataset, calibration(), validation()))
+  assert errors["ramp"]["speed"] == {"twin": 0.01, "bicycle": 0.02}
+  assert errors["voltage_step"]["speed"]["twin"] == pytest.approx(math.sqrt(0.03**2 * 10 / 40))
+  assert manoeuvre_table(errors).splitlines()[2:] == ["| voltage_step | 0.015 / 0.03 |", "| ramp | 0.01 / 0.02 |"]
 
 
 def test_recordings_in_which_the_car_stands_are_marked_and_stay_out_of_the_mean(dataset):
@@ -133,8 +133,8 @@ def test_without_a_bicycle_the_twin_stands_alone(dataset):
 
 
 def test_a_data_set_without_judges_says_that_the_fitted_was_predicted(dataset):
-  found = validation() | {"roles": ["identify"]}
-  assert "none to judge by" in about(Record(dataset, calibration(), found))
+  predicted = validation() | {"roles": ["identify"]}
+  assert "none to judge by" in about(Record(dataset, calibration(), predicted))
   assert "none to judge by" not in about(Record(dataset, calibration(), validation()))
 
 

@@ -46,10 +46,12 @@ def test_the_clock_is_the_one_asked_for():
   [(0.79, True, True), (0.81, True, False), (0.9, False, True), (0.7, False, False)],
 )
 def test_a_goal_is_reached_from_its_own_side(ratio, at_most, reached):
-  found = pair(ratio, at_most)
-  assert found.reached is reached
-  assert ("MISSED" in str(found)) is not reached
-  assert found.aim == ("<= 0.8" if at_most else ">= 0.8") and found.aim in str(found) and "busy" in str(found)
+  measured = pair(ratio, at_most)
+  assert measured.reached is reached
+  assert ("MISSED" in str(measured)) is not reached
+  assert (
+    measured.aim == ("<= 0.8" if at_most else ">= 0.8") and measured.aim in str(measured) and "busy" in str(measured)
+  )
 
 
 def test_pairs_are_timed_in_the_order_they_are_named_and_per_unit(monkeypatch):
@@ -63,10 +65,10 @@ def test_pairs_are_timed_in_the_order_they_are_named_and_per_unit(monkeypatch):
   threads, tyres = threads_pair(rounds=3, cars=16), tyre_pairs(rounds=3)[1]
   assert threads.sides == ("one thread", "two threads") and not threads.at_most and threads.goal == 1.8
   assert tyres.sides == ("tyre plugin", "native friction") and tyres.at_most and tyres.goal == 0.8
-  for found in (overhead, threads):
-    assert found.seconds == pytest.approx((6.0 / speed.PERIODS / 16, 3.0 / speed.PERIODS / 16))
+  for measured in (overhead, threads):
+    assert measured.seconds == pytest.approx((6.0 / speed.PERIODS / 16, 3.0 / speed.PERIODS / 16))
   assert tyres.seconds == pytest.approx((6.0 / speed.STEPS, 3.0 / speed.STEPS))
-  assert {found.ratio for found in (overhead, threads, tyres)} == {2.0}
+  assert {measured.ratio for measured in (overhead, threads, tyres)} == {2.0}
 
 
 @pytest.mark.parametrize("shares", [np.ones(len(FITTED)), TRUTH, np.array([0.8, 1.5, 1.4, 1.2, 0.8])])
@@ -106,5 +108,5 @@ def test_both_fits_come_to_the_same_cost():
   costs = [float(word) for word in whole.note.split(",")[0].replace("costs ", "").split(" and ")]
   assert costs[0] == pytest.approx(costs[1], rel=0.02)
   assert same.seconds[0] <= whole.seconds[0] and same.seconds[1] <= whole.seconds[1]
-  assert all(re.search(r"processor time \d+\.\d\d", found.note) for found in (whole, same))
+  assert all(re.search(r"processor time \d+\.\d\d", measured.note) for measured in (whole, same))
   assert whole.goal == same.goal == 10.0 and not whole.at_most

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from calibration.concealed.campaign import run
-from calibration.concealed.campaign.archive import digest, pack, unpack
+from calibration.concealed.campaign.archive import digest, pack, read_answer, unpack
 from calibration.concealed.campaign.cases import Case, draw_cases
 from calibration.concealed.campaign.figure import confusion_table
 from calibration.concealed.campaign.nulls import spurious, spurious_table
@@ -44,7 +44,7 @@ def result(
 ):
   """One answered case; claims and truth as (id, size)."""
   named = [
-    {"mechanism": c, "probability": 0.9, "equivalent_to": list(equivalent),
+    {"mechanism": c, "probability": 0.9, "indistinguishable_from": list(equivalent),
      "parameters": {k: {"value": v, "std": 0.001} for k, v in (values or {}).items()}}
     for c in claims
   ]  # fmt: skip
@@ -87,17 +87,17 @@ def test_singles_are_counted_by_their_first_claim():
     result("single", [("steering_delay", 1 / 3)], [], ranking=["gyro_scale"], subsystem="none"),
     result("single", DELAY, ["gyro_scale"], ranking=["gyro_scale"], subsystem="sensor", worse=1.02),
   ]
-  found = score(results)
-  assert found["right_first"] == 0.25
-  assert found["right_or_declared_equivalent"] == 0.5
-  assert found["top_three"] == 0.5
-  assert found["no_claim"] == 0.25
-  assert found["wrong_first"] == 0.5
-  assert found["subsystem"] == 0.5
-  assert found["parameter_error_median"] == pytest.approx(0.1)
-  assert found["channels_worse"] == pytest.approx(1 / 3)
-  assert found["channels_worse_of_all_cases"] == 0.25
-  assert found["channels_worse_beyond_chance"] == 0.0
+  figures = score(results)
+  assert figures["right_first"] == 0.25
+  assert figures["right_or_declared_indistinguishable"] == 0.5
+  assert figures["top_three"] == 0.5
+  assert figures["no_claim"] == 0.25
+  assert figures["wrong_first"] == 0.5
+  assert figures["subsystem"] == 0.5
+  assert figures["parameter_error_median"] == pytest.approx(0.1)
+  assert figures["channels_worse"] == pytest.approx(1 / 3)
+  assert figures["channels_worse_of_all_cases"] == 0.25
+  assert figures["channels_worse_beyond_chance"] == 0.0
   assert score([result("single", DELAY, ["gyro_scale"], worse=1.04)])["channels_worse_beyond_chance"] == 1.0
 
 
@@ -110,10 +110,10 @@ def test_stated_probabilities_are_set_against_how_often_they_were_right():
 
 
 def test_cases_are_graded_by_what_the_right_model_would_bring():
-  found = score([result("single", DELAY, ["steering_delay"], nats=n) for n in (2000.0, 500.0, 500.0)]
+  figures = score([result("single", DELAY, ["steering_delay"], nats=n) for n in (2000.0, 500.0, 500.0)]
                 + [result("single", DELAY, [], nats=n) for n in (400.0, 30.0, 5.0)])  # fmt: skip
-  assert (found["right_first_easy"], found["right_first_hard"], found["as_good_as_invisible"]) == (1.0, 0.0, 1)
-  assert found["right_first_medium"] == pytest.approx(2 / 3)
+  assert (figures["right_first_easy"], figures["right_first_hard"], figures["as_good_as_invisible"]) == (1.0, 0.0, 1)
+  assert figures["right_first_medium"] == pytest.approx(2 / 3)
 
 
 def test_intervals_that_hold_the_truth_are_counted():
@@ -213,28 +213,28 @@ def test_the_report_says_how_often_the_right_name_came_first():
 
 def test_pairs_want_both_and_nothing_false():
   both = [("steering_delay", 1.0), ("payload", 1.0)]
-  found = score([
+  figures = score([
     result("pair", both, ["payload", "steering_delay"]),
     result("pair", both, ["payload"]),
     result("pair", both, ["payload", "gyro_scale"]),
     result("pair", both, ["gyro_scale"]),
   ])  # fmt: skip
-  assert found["pairs_both"] == 0.25
-  assert found["pairs_at_least_one"] == 0.75
-  assert found["pairs_nothing_false"] == 0.5
+  assert figures["pairs_both"] == 0.25
+  assert figures["pairs_at_least_one"] == 0.75
+  assert figures["pairs_nothing_false"] == 0.5
 
 
 def test_nulls_and_strangers():
-  found = score([
+  figures = score([
     result("null", []),
     result("null", [], ["gyro_scale"]),
     result("outside", [("carpet_pile", 1.0)], ["gyro_scale"]),
     result("outside", [("side_wind", 1.0)], [], verdict="unexplained"),
   ])  # fmt: skip
-  assert found["nulls_with_claim"] == 1
-  assert found["outside_unknown"] == 0.5
-  assert found["outside_sure_and_wrong"] == 0.5
-  assert found["right_first"] is None
+  assert figures["nulls_with_claim"] == 1
+  assert figures["outside_unknown"] == 0.5
+  assert figures["outside_sure_and_wrong"] == 0.5
+  assert figures["right_first"] is None
 
 
 def test_the_table_lists_every_case():
@@ -313,6 +313,21 @@ def test_an_answer_that_was_changed_later_is_not_taken_from_an_archive(tmp_path)
   with pytest.raises(ValueError, match="null_00 was changed"):
     unpack(tmp_path / "answers.jsonl.xz", tmp_path / "again")
   assert not list((tmp_path / "again").iterdir())
+
+
+def test_an_answer_sealed_under_earlier_keys_is_read_under_those_of_now(tmp_path):
+  sealed = {"rival": None, "possible": ["payload"], "weighed": [{"t": 0.1, "stretched": True}], "left_over": {}}
+  sealed |= {"claims": [{"mechanism": "ice", "rivals": [{"evidence_nats": 0.3}], "equivalent_to": ["worn_tyres"]}]}
+  path = tmp_path / "single_00.json"
+  path.write_text(json.dumps({"case": {}, "answer": sealed, "sha256": digest(sealed), "truth": []}))
+  answer = read_answer(path)["answer"]
+  assert answer == {
+    "alternative": None, "below_detection_size": ["payload"], "scored": [{"t": 0.1, "at_bound": True}],
+    "residual_structure": {}, "claims": [{"mechanism": "ice", "alternatives": [{"evidence_nats": 0.3}],
+    "indistinguishable_from": ["worn_tyres"]}],
+  }  # fmt: skip
+  path.write_text(json.dumps({"case": {}, "answer": answer}))
+  assert read_answer(path)["answer"] == answer
 
 
 def test_a_case_that_ends_in_an_error_is_told_of_and_tried_again(tmp_path, monkeypatch):

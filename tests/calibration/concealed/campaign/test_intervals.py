@@ -23,13 +23,13 @@ def test_shares_are_counted_and_shown():
     result("single", DELAY, ["gyro_scale", "steering_delay"]),
     result("single", DELAY, [], nats=3.0),
   ]
-  found = {said: (many, of) for said, many, of in counts(results)}
-  assert found["sessions without an effect: something claimed"] == (1, 2)
-  assert found["the same, with a probability above 0.8"] == (1, 2)
-  assert found["single effects: right name first"] == (1, 3)
-  assert found["of those that the right model sees (20 nats or more)"] == (1, 2)
-  assert found["single effects: right name among the claims"] == (2, 3)
-  assert found["single effects: a wrong name first"] == (1, 3)
+  shares = {said: (many, of) for said, many, of in counts(results)}
+  assert shares["sessions without an effect: something claimed"] == (1, 2)
+  assert shares["the same, with a probability above 0.8"] == (1, 2)
+  assert shares["single effects: right name first"] == (1, 3)
+  assert shares["of those that the right model sees (20 nats or more)"] == (1, 2)
+  assert shares["single effects: right name among the claims"] == (2, 3)
+  assert shares["single effects: a wrong name first"] == (1, 3)
   table = interval_table(results)
   assert "| 1 of 2 | 0.50 | 0.01 to 0.99 |" in table
   assert "without" not in interval_table(results[2:])

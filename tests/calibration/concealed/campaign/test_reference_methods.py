@@ -114,5 +114,5 @@ def test_trees_learn_nothing_where_the_twin_flies_apart(offset_pool):
 
 
 def test_without_holdout_there_are_names_but_no_errors(offset_pool):
-  found = run_baselines(offset_pool, [])
-  assert found["unprofiled_ranking"].claims and not any(a.holdout for a in found.values())
+  named = run_baselines(offset_pool, [])
+  assert named["unprofiled_ranking"].claims and not any(a.holdout for a in named.values())

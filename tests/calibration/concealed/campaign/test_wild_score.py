@@ -42,7 +42,7 @@ def effect(name, **parameters):
 
 
 @pytest.fixture
-def found():
+def case():
   curves = [
     curve("steering_curve", True, ["steering_asymmetry"]),
     curve("drive_curve", True),
@@ -61,18 +61,18 @@ def found():
   return result(curves, terms, ["payload"], truth, {"speed_late": 0.05}, worse=1.5)
 
 
-def test_names_are_forms_joiners_and_numbers_that_stand_out(found):
-  assert names(found["answer"]) == {"steering_asymmetry", "payload", "encoder_latency", "imu_latency"}
-  assert shaped(found["answer"]) == {"steering_curve", "drive_curve"}
+def test_names_are_forms_joiners_and_numbers_that_stand_out(case):
+  assert names(case["answer"]) == {"steering_asymmetry", "payload", "encoder_latency", "imu_latency"}
+  assert shaped(case["answer"]) == {"steering_curve", "drive_curve"}
 
 
-def test_a_departing_curve_shapes_what_acts_on_its_map_and_nothing_else(found):
-  assert is_shaped("drive_chopped", found["answer"]) and is_shaped("drive_asymmetry", found["answer"])
-  assert not is_shaped("stiction", found["answer"]) and not is_shaped("coulomb_friction", found["answer"])
+def test_a_departing_curve_shapes_what_acts_on_its_map_and_nothing_else(case):
+  assert is_shaped("drive_chopped", case["answer"]) and is_shaped("drive_asymmetry", case["answer"])
+  assert not is_shaped("stiction", case["answer"]) and not is_shaped("coulomb_friction", case["answer"])
 
 
-def test_the_table_counts_them(found):
-  table = wild_table([found])
+def test_the_table_counts_them(case):
+  table = wild_table([case])
   rows = {
     row.split("|")[1].strip(): [cell.strip() for cell in row.split("|")[2:-1]]
     for row in table.splitlines()
@@ -84,10 +84,10 @@ def test_the_table_counts_them(found):
   )  # a late encoder is a sensor's way, no effect; payload is not there
   assert rows["effects of the catalogue, named"][0] == "2 of 4"
   assert rows["effects of the catalogue, named or shaped"][0] == "3 of 4"
-  seen = [t["id"] for t in found["truth"][:2]]
+  seen = [t["id"] for t in case["truth"][:2]]
   for label, told in (
-    ("named", names(found["answer"])),
-    ("named or shaped", {n for n in seen if is_shaped(n, found["answer"])}),
+    ("named", names(case["answer"])),
+    ("named or shaped", {n for n in seen if is_shaped(n, case["answer"])}),
   ):
     assert rows[f"effects that the oracle sees, {label}"][0] == f"{len(told & set(seen))} of 2"
   assert rows["sensors' ages and scales within 10 ms or 10 %"][0] == "1 of 2"
@@ -95,26 +95,26 @@ def test_the_table_counts_them(found):
   assert low < 0.75 < high and np.isfinite([low, high]).all()
 
 
-def counted(found, label):
-  return next(row.split("|")[2].strip() for row in wild_table([found]).splitlines() if f" {label} |" in row)
+def counted(case, label):
+  return next(row.split("|")[2].strip() for row in wild_table([case]).splitlines() if f" {label} |" in row)
 
 
-def test_what_a_curve_nearly_is_counts_as_a_name(found):
-  found["answer"]["curves"][1]["nearly"] = {"mechanisms": ["drive_dead_zone"]}
-  assert "drive_dead_zone" in names(found["answer"]) and counted(found, "names that are there") == "3 of 5"
+def test_what_a_curve_nearly_is_counts_as_a_name(case):
+  case["answer"]["curves"][1]["nearly"] = {"mechanisms": ["drive_dead_zone"]}
+  assert "drive_dead_zone" in names(case["answer"]) and counted(case, "names that are there") == "3 of 5"
 
 
-def test_the_mean_of_trims_that_are_told_is_an_offset_and_both_counts_are_given(found):
+def test_the_mean_of_trims_that_are_reported_is_an_offset_and_both_counts_are_given(case):
   both = "the same, the mean of sessions' trims counted as an offset"
-  found["answer"]["terms"].append(term("steering_offset", 0.005, True))
-  assert counted(found, both) == "3 of 5"
-  found["truth"].append({"id": "session_trim", "in_catalogue": False})
-  assert counted(found, "names that are there") == "3 of 5" and counted(found, both) == "4 of 5"
-  assert counted(found, "trims of sessions told") == "1 of 1"
-  found["answer"]["terms"][3]["there"] = False
-  assert counted(found, both) == "3 of 5" and counted(found, "trims of sessions told") == "0 of 1"
+  case["answer"]["terms"].append(term("steering_offset", 0.005, True))
+  assert counted(case, both) == "3 of 5"
+  case["truth"].append({"id": "session_trim", "in_catalogue": False})
+  assert counted(case, "names that are there") == "3 of 5" and counted(case, both) == "4 of 5"
+  assert counted(case, "trims of sessions reported") == "1 of 1"
+  case["answer"]["terms"][3]["there"] = False
+  assert counted(case, both) == "3 of 5" and counted(case, "trims of sessions reported") == "0 of 1"
 
 
-def test_the_outcome_in_a_sentence(found):
-  assert "1.50 times as much" in wild_verdict([found]) and "3 of 4 names" in wild_verdict([found])
+def test_the_outcome_in_a_sentence(case):
+  assert "1.50 times as much" in wild_verdict([case]) and "3 of 4 names" in wild_verdict([case])
   assert wild_verdict([]) == "No session has been answered yet."

@@ -42,8 +42,8 @@ def test_a_diagnosis_makes_a_faultless_document(explained):
     "probability",
     "evidence_nats",
     "parameters",
-    "rivals",
-    "equivalent_to",
+    "alternatives",
+    "indistinguishable_from",
   ]
   assert list(found["where"]) == ["subsystem", "channels", "time", "region", "region_share"]
   assert list(found["unknown"]) == ["depends_on", "properties", "formula", "share"]
@@ -104,7 +104,10 @@ def test_a_broken_document_is_not_written(explained, tmp_path):
     (lambda d: d.update(extra=1), ".extra: not in the schema"),
     (lambda d: d.update(seconds=True), ".seconds: expected a finite number"),
     (lambda d: d["claims"][0].update(probability="high"), ".claims[0].probability: expected a finite number"),
-    (lambda d: d["claims"][0]["equivalent_to"].append(3), ".claims[0].equivalent_to[0]: expected str"),
+    (
+      lambda d: d["claims"][0]["indistinguishable_from"].append(3),
+      ".claims[0].indistinguishable_from[0]: expected str",
+    ),
     (lambda d: d.update(ranking={}), ".ranking: expected a list"),
     (lambda d: d.update(where=[]), ".where: expected an object"),
     (lambda d: d["unknown"].update(formula=2.0), ".unknown.formula: expected str"),

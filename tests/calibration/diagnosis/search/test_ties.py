@@ -37,7 +37,7 @@ def test_names_that_fit_equally_well_share_the_probability(offset_pool):
   alone = decide(twins_of(offset_pool, "steering_offset", [])).claims[0].probability
   tied = decide(twins_of(offset_pool, "steering_offset", ["side_force"]))
   assert 0.5 * alone - 0.02 < tied.claims[0].probability < 0.65 and alone > 0.9
-  assert {tied.claims[0].mechanism, *tied.claims[0].equivalent_to} == {"steering_offset", "side_force"}
+  assert {tied.claims[0].mechanism, *tied.claims[0].indistinguishable_from} == {"steering_offset", "side_force"}
   assert tied.verdict == "explained"
 
 
@@ -52,7 +52,7 @@ def test_a_rival_that_leaves_bent_what_the_claim_frees_can_be_told_apart(offset_
     straight.values[straight.free.index("mass")] = mass.nominal
     models = pool.models | {frozenset(["side_force"]): bent, frozenset(["steering_offset"]): straight}
     found = claim(dataclasses.replace(pool, models=models), straight, "steering_offset", levels)
-    assert found.equivalent_to == equivalent
+    assert found.indistinguishable_from == equivalent
 
 
 def test_what_acts_under_names_too_many_to_claim_is_unexplained(offset_pool):

@@ -59,16 +59,16 @@ def test_a_name_is_weighed_against_the_model_without_it_and_its_rivals(pair_pool
   assert found.size == pytest.approx(abs(both.estimate("side_force")[0]) / parameter.typical)
   single = pair_pool.models[frozenset(["steering_offset"])]
   alone = weighed(pair_pool, single, "steering_offset")
-  best = max(nats for _, nats in alone.rivals)
-  assert alone.rivals[0][1] == best and alone.margin() == pytest.approx(alone.drop - max(best, 0.0))
-  assert alone.margin(leaving_out=tuple(n for n, _ in alone.rivals)) == pytest.approx(alone.drop)
+  best = max(nats for _, nats in alone.alternatives)
+  assert alone.alternatives[0][1] == best and alone.margin() == pytest.approx(alone.drop - max(best, 0.0))
+  assert alone.margin(leaving_out=tuple(n for n, _ in alone.alternatives)) == pytest.approx(alone.drop)
 
 
 def test_an_answer_holds_the_figures_of_the_sets_that_fit_best(pair_pool):
   rows = figures(pair_pool)
   singles = {tuple(r["set"]) for r in rows if len(r["set"]) == 1}
   assert len(singles) <= CONSIDERED and ("steering_offset",) in singles
-  assert {"set", "name", "t", "size", "margin", "nats", "stretched"} == set(rows[0])
+  assert {"set", "name", "t", "size", "margin", "nats", "at_bound"} == set(rows[0])
 
 
 def answers(weights, count=3000, seed=0):
@@ -78,8 +78,8 @@ def answers(weights, count=3000, seed=0):
   for _ in range(count):
     t, size, margin = random.uniform(-3.0, 6.0), np.exp(random.uniform(-3.0, 0.5)), random.normal(0.0, 60.0)
     there = random.random() < levels.probability(t, size, margin)
-    row = {"name": "side_force", "t": t, "size": size, "margin": margin, "stretched": False}
-    made.append({"answer": {"weighed": [row]}, "truth": [{"id": "side_force" if there else "stiction"}]})
+    row = {"name": "side_force", "t": t, "size": size, "margin": margin, "at_bound": False}
+    made.append({"answer": {"scored": [row]}, "truth": [{"id": "side_force" if there else "stiction"}]})
   return made
 
 
