@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from calibration.fitting.noise import ChannelNoise, noise_models
+from calibration.log_check.clock import clock_findings
 from calibration.log_check.commands import command_findings
-from calibration.log_check.disagreements import Finding, Severity, disagreements
+from calibration.log_check.disagreements import Finding, Severity, disagreements, scale_findings
 from calibration.log_check.motions import Wheels, motions
 from calibration.log_check.pairs import Comparison, compare
 from calibration.log_check.shows import Shown, what_it_shows
@@ -88,11 +89,16 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
     progress(f"two sensors of one motion: {motion.name}")
     compared.append(compare(motion, wheels, recordings, noise))
   shown = what_it_shows(vehicle, wheels, recordings)
+  acted = command_findings(recordings)
+  spoilt = {name for f in acted if f.severity == "spoils" for name in f.channels}  # first these, then what they take
+  judged = [c for c in compared if not spoilt & {*c.motion.compared, *c.motion.reference}]
   findings = [
-    *(f for c in compared for f in disagreements(c, wheels, vehicle.wheelbase, recordings, noise)),
-    *command_findings(recordings),
+    *acted,
+    *(f for c in judged for f in disagreements(c, wheels, vehicle.wheelbase, recordings, noise)),
+    *scale_findings(judged, vehicle.wheelbase),
     *(Finding("beware", _judged(warning), warning) for warning in dataset.notices),
     *_straight_only(recordings),
+    *clock_findings(compared, wheels, vehicle.wheelbase, recordings),
     *(f for s in sampled for f in _held(s)),
     *(Finding("note", (), f"{s.physics}: can't be told, no {s.takes}") for s in shown if s.verdict == "none"),
   ]

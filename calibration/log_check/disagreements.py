@@ -7,6 +7,7 @@ from typing import Literal
 
 from calibration.fitting.noise import ChannelNoise
 from calibration.log_check.alternatives import Alternative, agreeing
+from calibration.log_check.causes import ALIKE, FACTOR, KNOTS, LATE, apart, causes, cure, expected, scaled, steered
 from calibration.log_check.motions import Wheels
 from calibration.log_check.pairs import Comparison
 from qcar_twin.recordings.recording import Recording
@@ -14,11 +15,8 @@ from qcar_twin.recordings.recording import Recording
 Severity = Literal["spoils", "beware", "note"]
 _PERIOD = 0.01  # s, of the twin's control: a lag below it is no finding
 _SCALE = 0.01  # a sensor's usual tolerance of sensitivity; a scale within it is no finding
-_CONTRARY, _ALIKE = -0.5, 0.8  # correlation of two sensors of one motion: contrary, and alike enough to be scaled
-_FACTOR = 2.0  # between two sensors of one motion, from which a unit or a gear is wrong
-_KNOTS = 1.5  # the same where geometry ties them: a knot, 0.514 m/s, is the usual unit nearest to 1 m/s
+_CONTRARY = -0.5  # correlation of two sensors of one motion that contradict each other
 _LOUD = 3.0  # times the compared sensor's noise that a motion must be for the two to be alike
-_LATE = 0.5  # s, from which a lag is no sensor's or servo's, but of the log
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,43 +43,56 @@ def disagreements(
     wheelbase: of the car, m; a steering command in rad turns it by speed / wheelbase.
     recordings, noise: what was compared, for trying other readings of the channels.
   """
-  if c.why_not:
+  if c.why_not or c.motion.answers:
     return []
   channels = (*c.motion.compared, *c.motion.reference)
   names = _names(c)
-  expected = 1.0 / wheelbase if _steered(c) else 1.0
+  nominal = expected(c.motion, wheelbase)
   spoils = lambda text: [Finding("spoils", channels, text)]
   if _in_doubt(c):
     good, tried = agreeing(c.motion, wheels, recordings, noise)
     if good:
       return spoils(f"{names} {_say(c)}: {_cures(good)}")
-    if _unrelated(c, expected):
+    if _unrelated(c, nominal):
       return spoils(
         f"{names} {_say(c)}: one of them is another channel, or damaged; tried in vain: {', '.join(tried)}, another "
         "age of 10 s"
       )
   if c.correlation < _CONTRARY:
     return spoils(f"{names} {_say(c)}; set scale = -1 on it in [channels]")
-  if c.correlation <= _ALIKE and not c.motion.kinematic:
-    return _hardly_alike(c, expected, wheelbase)
+  if c.correlation <= ALIKE and not c.motion.kinematic:
+    return _hardly_alike(c, nominal)
   if not math.isfinite(c.lag.value):
     return spoils(_not_in_time(c, names))
-  if abs(c.lag.value) > _LATE:
+  if abs(c.lag.value) > LATE:
     return spoils(_far_apart(c))
-  scale, factor = c.scale.value / expected, _KNOTS if c.motion.kinematic else _FACTOR
-  if c.correlation > _ALIKE and not 1.0 / factor < scale < factor:
-    return spoils(f"{names} differ {scale:.3g}-fold in {c.motion.name}: {_scale_cure(c, wheelbase)}")
-  return _small(c) if c.motion.kinematic else []
+  return _small(c) if c.motion.kinematic and not apart(c, wheelbase) else []
 
 
-def _hardly_alike(c: Comparison, expected: float, wheelbase: float) -> list[Finding]:
+def scale_findings(comparisons: Sequence[Comparison], wheelbase: float) -> list[Finding]:
+  """What is said of sensors that differ by a factor: one cause for all of them, or of each alone where none is."""
+  odd = [c for c in comparisons if apart(c, wheelbase)]
+  common = causes(comparisons, wheelbase)
+  findings = []
+  for group in [odd] if common else [[c] for c in odd]:
+    single = common or causes(group, wheelbase)
+    channels = tuple(dict.fromkeys(name for cause in single for name in cause.channels))
+    said = "; ".join(
+      f"{_names(c)} differ {c.scale.value / expected(c.motion, wheelbase):.3g}-fold in {c.motion.name}" for c in group
+    )
+    cures = ", or ".join(cure(cause, wheelbase) for cause in single)
+    findings.append(Finding("spoils", channels, f"{said}: {cures}"))
+  return findings or [f for c in comparisons for f in _far_off(c)]
+
+
+def _hardly_alike(c: Comparison, nominal: float) -> list[Finding]:
   """Of two that are not contrary and that noise, slip or tilt part: a scale beyond three deviations, or that this
   driving says nothing of them."""
   channels = (*c.motion.compared, *c.motion.reference)
-  felt, spread = c.felt.value / expected, 3.0 * c.felt.std / expected
-  if felt - spread > _FACTOR:
-    said = f"{_names(c)} differ {felt:.3g}-fold in {c.motion.name}: {_scale_cure(c, wheelbase)}"
-    return [Finding("spoils", channels, said)]
+  felt, spread = c.felt.value / nominal, 3.0 * c.felt.std / nominal
+  if felt - spread > FACTOR:
+    cure = f"divide the scale of {_list(c.motion.compared)} in [channels] by that, or correct its unit"
+    return [Finding("spoils", channels, f"{_names(c)} differ {felt:.3g}-fold in {c.motion.name}: {cure}")]
   if felt - spread > 0.0 or not c.loud > _LOUD * c.levels[0]:
     return []
   said = f"whether {_list(c.motion.compared)} shows {c.motion.name} cannot be told from this driving"
@@ -89,14 +100,6 @@ def _hardly_alike(c: Comparison, expected: float, wheelbase: float) -> list[Find
   return [
     Finding("beware", channels, f"{said} (correlation {c.correlation:.2f} with {_list(c.motion.reference)}); {cure}")
   ]
-
-
-def _names(c: Comparison) -> str:
-  return f"{_list(c.motion.compared)} and {_list(c.motion.reference)}"
-
-
-def _steered(c: Comparison) -> bool:
-  return c.motion.reference[0] == "steering_command"
 
 
 def _say(c: Comparison) -> str:
@@ -111,10 +114,10 @@ def _in_doubt(c: Comparison) -> bool:
   Of two slow motions some lag within the search makes any two sensors alike to a degree: over a minute of a full-size
   car up to 0.5. So a correlation alone says nothing until other readings were asked.
   """
-  return c.loud > _LOUD * c.levels[0] and c.correlation < _ALIKE
+  return c.loud > _LOUD * c.levels[0] and c.correlation < ALIKE
 
 
-def _unrelated(c: Comparison, expected: float) -> bool:
+def _unrelated(c: Comparison, nominal: float) -> bool:
   """Whether two that have to agree do not, whatever their signs: by geometry always; otherwise where the compared
   sensor shows less than half of the motion, beyond three deviations.
 
@@ -122,8 +125,7 @@ def _unrelated(c: Comparison, expected: float) -> bool:
   """
   if c.motion.kinematic:
     return c.correlation >= _CONTRARY
-  felt = c.felt.value / expected
-  return abs(felt) + 3.0 * c.felt.std / expected < 1.0 / _FACTOR
+  return (abs(c.felt.value) + 3.0 * c.felt.std) / nominal < 1.0 / FACTOR
 
 
 def _cures(good: Sequence[tuple[Alternative, Comparison]]) -> str:
@@ -131,15 +133,6 @@ def _cures(good: Sequence[tuple[Alternative, Comparison]]) -> str:
   (best, comparison), *others = good
   also = "".join(f", or {other.cure} ({c.correlation:.3f})" for other, c in others)
   return f"they agree with {best.name} (correlation {comparison.correlation:.3f}); {best.cure}{also}"
-
-
-def _scale_cure(c: Comparison, wheelbase: float) -> str:
-  if not _steered(c):
-    return "a unit, a gear ratio or a wheel radius is wrong; correct scale in [channels], or [vehicle]"
-  return (
-    f"the car turns like one of wheelbase {1.0 / c.scale.value:.3g} m, and [vehicle] says {wheelbase:.3g} m; correct "
-    "cg_to_front and cg_to_rear in [vehicle], or the scale of steering_command or of what gives the speed in [channels]"
-  )
 
 
 def _far_apart(c: Comparison) -> str:
@@ -174,6 +167,20 @@ def _small(c: Comparison) -> list[Finding]:
     said = f"{sensor} reads {100 * (c.scale.value - 1.0):+.1f} ± {100 * c.scale.std:.1f} % against {other}"
     findings.append(Finding("beware", channels, f"{said}; a scale, a gear ratio or a radius is off"))
   return findings
+
+
+def _far_off(c: Comparison) -> list[Finding]:
+  """Of an accelerometer, which also feels pitch and slip, or of what answers a command: a scale that is as far off as a
+  unit's would be elsewhere."""
+  if not scaled(c) or steered(c.motion) or 1.0 / KNOTS < c.scale.value < KNOTS:
+    return []
+  said = f"{_names(c)} differ {c.scale.value:.2g}-fold in {c.motion.name}"
+  cure = "a scale of one of them is off, or the clock: look at their units, and at time in [channels]"
+  return [Finding("beware", (*c.motion.compared, *c.motion.reference), f"{said}: {cure}")]
+
+
+def _names(c: Comparison) -> str:
+  return f"{_list(c.motion.compared)} and {_list(c.motion.reference)}"
 
 
 def _list(names: tuple[str, ...]) -> str:

@@ -19,6 +19,7 @@ STRAIGHT, TURNING = ("steady", "speeding up", "slowing down"), ("turning left", 
 REGIMES = (*STRAIGHT, *TURNING)
 _TURNS, _SPEEDS = 0.5, 0.3  # m/s^2 across and along, from which a window is called by its turn or its change of speed
 _SLOW = 0.1  # m/s, below which a pose hardly tells the way it goes
+CLOCK, PLACE = "time", "pose"  # what may be wrong beside a channel: the stamps, the unit of pose_x and pose_y
 _KEPT = 1.0  # s, for which a last command is believed to be in force
 Means = Callable[[Array, float], Array]  # begin of windows (k,) s, length s -> mean of the rate in each, (k,)
 
@@ -51,6 +52,8 @@ class Motion:
     unit: of the rate.
     within: how the car must be driven for the two to be the same motion, of REGIMES.
     kinematic: they are the same by geometry alone, so a lag or a scale is a sensor's; else also how the car answers.
+    powers: to which the scale of the two takes a factor on a channel, on the place (PLACE) or on all stamps (CLOCK).
+    answers: the one is how the car answers the other, as late as it likes.
   """
 
   name: str
@@ -62,6 +65,8 @@ class Motion:
   unit: str
   within: tuple[str, ...] = REGIMES
   kinematic: bool = False
+  powers: Mapping[str, int] = dataclasses.field(default_factory=dict)
+  answers: bool = False
 
   def measured_in(self, recording: Recording) -> bool:
     return all(name in recording and len(recording[name]) > 1 for name in (*self.compared, *self.reference))
@@ -71,36 +76,38 @@ def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
   """Those of which these recordings hold both sides."""
   wheel, to_speed = wheels.channel, wheels.scale
   pose = ("pose_x", "pose_y", "pose_yaw")
+  by_pose = any(wheel in r.derived for r in recordings)
+  per_speed = {PLACE: -1, CLOCK: 1} if by_pose else {wheel: -1}  # of a scale whose reference has the speed in it
   known = [
     Motion(
       "turning", ("yaw_rate",), ("pose_yaw",),
       lambda r: _added(r["yaw_rate"]), lambda r: _increments(r["pose_yaw"]),
       lambda n, w: (_mean_noise(n["yaw_rate"], w), _step_noise(n["pose_yaw"], w)),
-      "rad/s", kinematic=True,
+      "rad/s", kinematic=True, powers={"yaw_rate": 1, "pose_yaw": -1, CLOCK: 1},
     ),
     Motion(
       "driving", (wheel,), pose,
       lambda r: _added(r[wheel], to_speed), lambda r: _path(r, wheels.unsigned),
       lambda n, w: (to_speed * _mean_noise(n[wheel], w), _step_noise(n["pose_x"], w)),
-      "m/s", STRAIGHT, kinematic=True,
+      "m/s", STRAIGHT, kinematic=True, powers={wheel: 1, PLACE: -1, CLOCK: 1},
     ),
     Motion(
       "speeding up and slowing down", ("accel_x",), (wheel,),
       lambda r: _added(r["accel_x"]), lambda r: _increments(r[wheel], to_speed),
       lambda n, w: (_mean_noise(n["accel_x"], w), to_speed * _step_noise(n[wheel], w)),
-      "m/s^2", STRAIGHT,
+      "m/s^2", STRAIGHT, powers=_product_of({"accel_x": 1, CLOCK: 1}, per_speed),
     ),
     Motion(
       "going round", ("accel_y",), (wheel, "yaw_rate"),
       lambda r: _added(r["accel_y"]), lambda r: _product(r[wheel], r["yaw_rate"], to_speed),
       lambda n, w: (_mean_noise(n["accel_y"], w), _mean_noise(n["yaw_rate"], w)),
-      "m/s^2", TURNING,
+      "m/s^2", TURNING, powers=_product_of({"accel_y": 1, "yaw_rate": -1}, per_speed),
     ),
     Motion(
       "answering the steering", ("yaw_rate",), ("steering_command", wheel),
       lambda r: _added(r["yaw_rate"]), lambda r: _steered(r, wheels),
       lambda n, w: (_mean_noise(n["yaw_rate"], w), _mean_noise(n[wheel], w) * to_speed),
-      "rad/s",
+      "rad/s", powers=_product_of({"yaw_rate": 1, "steering_command": -1}, per_speed),
     ),
   ]  # fmt: skip
   if not any("yaw_rate" in r for r in recordings):
@@ -109,10 +116,29 @@ def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
       compared=("pose_yaw",),
       of_compared=lambda r: _increments(r["pose_yaw"]),
       noise=lambda n, w: (_step_noise(n["pose_yaw"], w), _mean_noise(n[wheel], w) * to_speed),
+      powers=_product_of({"pose_yaw": 1, "steering_command": -1, CLOCK: -1}, per_speed),
     )
-  if any(wheel in r.derived for r in recordings):
+  if by_pose:
     known[1] = _along_the_heading(known[1])
-  return [m for m in known if any(m.measured_in(r) for r in recordings)]
+    if any("speed_command" in r and "speed_command" not in r.derived for r in recordings):
+      known.append(_following())
+  held = [m for m in known if any(m.measured_in(r) for r in recordings)]
+  return [_straight_heading(m) for m in held] if any(m.name == "driving" for m in held) else held
+
+
+def _straight_heading(motion: Motion) -> Motion:
+  """A heading along which the path goes has the right scale."""
+  return dataclasses.replace(motion, powers={k: v for k, v in motion.powers.items() if k != "pose_yaw"})
+
+
+def _following() -> Motion:
+  """A speed that the pose gave, and the one that was commanded: who commands it knows nothing of stamps."""
+  return Motion(
+    "following the commanded speed", ("speed",), ("speed_command",),
+    lambda r: _added(r["speed"]), lambda r: _held(r["speed_command"], r["speed"]),
+    lambda n, w: (_mean_noise(n["speed"], w), _mean_noise(n["speed"], w)),
+    "m/s", powers={PLACE: 1, "speed_command": -1, CLOCK: -1}, answers=True,
+  )  # fmt: skip
 
 
 def _along_the_heading(driving: Motion) -> Motion:
@@ -125,7 +151,14 @@ def _along_the_heading(driving: Motion) -> Motion:
     of_reference=lambda r: _travelled(r["pose_x"], r["pose_y"]),
     noise=lambda n, w: (_step_noise(n["pose_x"], w), _step_noise(n["pose_x"], w)),
     within=REGIMES,
+    powers={},
   )
+
+
+def _product_of(one: Mapping[str, int], other: Mapping[str, int]) -> dict[str, int]:
+  """Powers of a product, those that cancel left out."""
+  powers = {name: one.get(name, 0) + other.get(name, 0) for name in (*one, *other)}
+  return {name: power for name, power in powers.items() if power}
 
 
 def _travelled(x: Stream, y: Stream) -> Means:
@@ -203,6 +236,12 @@ def _product(speed: Stream, rate: Stream, scale: float) -> Means:
   if len(time) < 2:
     return lambda begin, length: np.full(len(begin), np.nan)
   return _added(Stream(time, scale * np.interp(time, speed.time, speed.value) * rate.at(time)))
+
+
+def _held(command: Stream, other: Stream) -> Means:
+  """A command, which keeps its value, while another channel has values."""
+  time = np.arange(max(other.time[0], command.time[0]), min(other.time[-1], command.time[-1] + _KEPT), 0.01)
+  return _added(Stream(time, command.at(time))) if len(time) > 1 else lambda begin, length: np.full(len(begin), np.nan)
 
 
 def _steered(recording: Recording, wheels: Wheels) -> Means:

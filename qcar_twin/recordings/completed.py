@@ -89,8 +89,8 @@ def with_speed(recording: Recording) -> tuple[Recording, list[str]]:
   how = "along the heading" if signed else "its size, as there is no heading to tell backwards"
   note = (
     f"{recording.file or recording.name}: no sensor of speed was logged; it is the slope of the"
-    f" pose over {1e3 * step * (count - 1):.0f} ms, {how}, with a noise of {error:.2g} m/s; so slip of the wheels, a"
-    f" scale of the pose and its clock {UNJUDGED}"
+    f" pose over {1e3 * step * (count - 1):.0f} ms, {how}, with a noise of {error:.2g} m/s; so slip of the wheels"
+    f" and a scale of the pose {UNJUDGED}"
   )
   streams = {**recording.streams, "speed": Stream(middle, speed)}
   return recording.replace(streams=streams, derived=(*recording.derived, "speed")), [note]

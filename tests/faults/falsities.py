@@ -139,11 +139,22 @@ def _set_back(time: Array) -> Array:
   return out
 
 
+def _with_only(channels: tuple[str, ...], falsity: Falsity) -> Falsity:
+  """The same mistake in a log of few channels, in which fewer witnesses tell."""
+  few = lambda t, c: falsity.apply(t, {name: v for name, v in c.items() if name in channels})
+  return Falsity(f"{falsity.name}, with commands and a pose alone", falsity.channels, few)
+
+
+_POSE_LOG = ("motor_voltage", "steering_command", "pose_x", "pose_y", "pose_yaw")
+_IN_MM = Falsity(
+  "pose in mm", ("pose_x", "pose_y"), lambda t, c: (t, c | {n: 1000.0 * c[n] for n in ("pose_x", "pose_y")})
+)
+_HALF, _TWICE = _clock("time at half speed", lambda t: 0.5 * t), _clock("time at twice the speed", lambda t: 2.0 * t)
 FALSITIES = (
   *(_scaled("yaw_rate", unit, f) for unit, f in (("deg/s", DEG), ("turns per minute", 60.0 / (2.0 * np.pi)))),
   *(_scaled("speed", unit, f) for unit, f in (("km/h", 3.6), ("mph", 2.237), ("cm/s", 100.0), ("knots", 1.944))),
   *(_scaled(channel, "g", 1.0 / 9.80665) for channel in ("accel_x", "accel_y")),
-  Falsity("pose in mm", ("pose_x", "pose_y"), lambda t, c: (t, c | {n: 1000.0 * c[n] for n in ("pose_x", "pose_y")})),
+  _IN_MM,
   _scaled("steering_command", "degrees", DEG),
   _scaled("steering_command", "per cent of lock", 100.0 / 0.5236),
   _scaled("pose_yaw", "degrees", DEG),
@@ -173,7 +184,19 @@ FALSITIES = (
   _clock("time a stamp of the day", lambda t: t + 1759663727.0),
   _clock("time set back by 5 s", _set_back),
   _clock("time as steps", lambda t: np.full(t.size, 1.0 / RATE)),
-  _clock("time at half speed", lambda t: 0.5 * t),
+  _HALF,
+  _TWICE,
+  *(_with_only(_POSE_LOG, falsity) for falsity in (_HALF, _TWICE, _IN_MM)),
+  Falsity(
+    "accel_x and accel_y exchanged, one with the other sign",
+    ("accel_x", "accel_y"),
+    lambda t, c: (t, c | {"accel_x": c["accel_y"], "accel_y": -c["accel_x"]}),
+  ),
+  _value(
+    "accel_x of the vertical axis",
+    "accel_x",
+    lambda v: 9.80665 + 0.1 * np.random.default_rng(7).standard_normal(v.size),
+  ),
 )
 
 

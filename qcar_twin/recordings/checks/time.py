@@ -94,7 +94,8 @@ def check_angle(label: str, channel: str, value: np.ndarray, period: float) -> N
   jump = steps.max(initial=0.0)
   if period in (360.0, 180.0):
     raise RecordingError(
-      f"{label}: {channel} jumps by {jump:g}, implausible for radians; in degrees? set scale = 0.0174533"
+      f"{label}: {channel} jumps by {jump:g}, implausible for radians; in degrees? set scale = 0.0174533 on {channel} "
+      "in [channels]"
     )
   if np.sum(steps > np.pi) > _GLITCHES and not period:
     raise RecordingError(

@@ -93,8 +93,8 @@ def _confirmed(recording: Recording, vehicle: Mapping[str, float | str], name: s
 
 
 def _cure(suspect: Suspect) -> str:
-  also = " (and on pose_y)" if suspect.channel == "pose_x" else ""
-  return f"is it in {suspect.unit}? set scale = {suspect.scale:.6g} on {suspect.channel}{also} in [channels]"
+  on = "pose_x and on pose_y" if suspect.channel == "pose_x" else suspect.channel
+  return f"is it in {suspect.unit}? set scale = {suspect.scale:.6g} on {on} in [channels]"
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ def test_a_sound_log_is_fit_to_be_used_and_says_what_it_can_t_show():
     ("yaw_rate", -1.0, "yaw_rate and pose_yaw say the contrary of turning: one of them has the wrong sign"),
     ("accel_x", -1.0, "accel_x and motor_speed say the contrary of speeding up and slowing down"),
     ("steering_command", -1.0, "yaw_rate and steering_command and motor_speed say the contrary of answering the"),
-    ("motor_speed", 2.5, "motor_speed and pose_x, pose_y and pose_yaw differ 2.49-fold in driving: a unit"),
+    ("motor_speed", 2.5, "correct gear_ratio or wheel_radius in [vehicle]"),
   ],
 )
 def test_sensors_that_contradict_each_other_stop_a_fit(channel, scale, says):

@@ -27,7 +27,7 @@ def test_a_channel_that_others_agree_with_is_green_with_who_does():
   ("channel", "change", "colour", "says"),
   [
     ("accel_y", lambda v: -v, "red", "set scale = -1"),
-    ("yaw_rate", lambda v: 57.3 * v, "red", "a unit, a gear ratio or a wheel radius is wrong"),
+    ("yaw_rate", lambda v: 57.3 * v, "red", "is yaw_rate in deg/s? set scale = 0.01745 on yaw_rate in [channels]"),
     ("speed", lambda v: 1.1 * v, "amber", "speed reads +"),
     ("motor_voltage", lambda v: v + 5.0, "red", "set offset = -5 on motor_voltage"),
   ],

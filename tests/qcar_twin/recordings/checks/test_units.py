@@ -41,7 +41,7 @@ def test_wrong_units_are_named_with_the_scale_that_mends_them(tmp_path, channel,
 def test_positions_in_millimetres(tmp_path):
   time, columns = drive()
   columns |= {"pose_x": 1000.0 * columns["pose_x"], "pose_y": 1000.0 * columns["pose_y"]}
-  refused_run(tmp_path, time, columns, "is it in mm? set scale = 0.001 on pose_x (and on pose_y)")
+  refused_run(tmp_path, time, columns, "is it in mm? set scale = 0.001 on pose_x and on pose_y in [channels]")
 
 
 @pytest.mark.parametrize("factor, unit", [(3.6, "km/h"), (100.0, "cm/s"), (1000.0, "mm/s")])
