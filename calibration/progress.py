@@ -3,7 +3,7 @@
 import logging
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType, TracebackType
 from typing import Protocol, TextIO, TypeVar
 
@@ -74,6 +74,33 @@ def joined(*plans: Plan) -> Plan:
         name += " "
       whole[name] = seconds
   return whole
+
+
+def under(name: str, plan: Plan) -> Plan:
+  """The stages of one of several runs: "sample: identification"."""
+  return {"|".join(f"{name}: {start.strip()}" for start in stage.split("|")): s for stage, s in plan.items()}
+
+
+def within(name: str, progress: Progress) -> Progress:
+  """What such a run says its stages to."""
+  return lambda stage, share=None: progress(f"{name}: {stage}", share)
+
+
+def staged(
+  results: Iterable[tuple[int, Item]], stages: Sequence[str], progress: Progress
+) -> Iterator[tuple[int, Item]]:
+  """Results of calls with their places, as `in_parallel` gives them; the stage is that of the first call not done.
+
+  Args:
+    stages: of each call, by its place.
+  """
+  left = dict(enumerate(stages))
+  progress(stages[0])
+  for place, result in results:
+    yield place, result
+    del left[place]
+    if left:
+      progress(next(iter(left.values())))
 
 
 class Stages:
@@ -156,6 +183,10 @@ class StageLine(logging.Handler):
       self._show(self._text)
     elif begins:
       print(self._stages.line(stage), file=sys.stderr, flush=True)
+
+  def say(self, text: str) -> None:
+    """Print a result above the stage."""
+    tqdm.write(text)
 
   def emit(self, record: logging.LogRecord) -> None:
     """Show a message of a fit behind the stage; pass on what is more than a message."""

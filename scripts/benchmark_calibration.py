@@ -6,10 +6,11 @@ qcar-twin benchmark-calibration --work out/calibrations --out docs/results/calib
 import dataclasses
 from pathlib import Path
 
-from calibration.concealed.benchmarks.calibration import judge, match, page
+from calibration.concealed.benchmarks.calibration import judge, match, page, to_judge, to_match
 from calibration.concealed.laboratory.seal import seal
 from calibration.concealed.laboratory.written import save
 from calibration.concealed.proving_ground import make_session
+from calibration.progress import StageLine, joined, within
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
 
@@ -71,12 +72,16 @@ def fresh(config: Config, seed: int) -> Path:
 
 def main(config: Config) -> str:
   """Run what is missing and write the page; returns it."""
-  steps = {path.name: match(path, config.work / path.name / "identified", config.threads) for path in config.steps}
-  for seed in range(config.seed, config.seed + config.sessions):
-    name = f"session_{seed}"
-    steps[name] = match(fresh(config, seed), config.work / name / "identified", config.threads)
-  datasets = () if config.quick else config.datasets
-  records = [judge(path, config.work / path.name, config.threads) for path in datasets]
+  work, threads = config.work, config.threads
+  sessions = {f"session_{seed}": seed for seed in range(config.seed, config.seed + config.sessions)}
+  matched = [*(path.name for path in config.steps), *sessions]
+  recorded = {path.name: path for path in (() if config.quick else config.datasets)}
+  stages = [to_match(f"{name}, steps", work / name / "identified") for name in matched]
+  stages += [to_judge(f"{name}, recordings", work / name) for name in recorded]
+  with StageLine(joined(*stages)) as progress:
+    data = {path.name: path for path in config.steps} | {n: fresh(config, seed) for n, seed in sessions.items()}
+    steps = {n: match(data[n], work / n / "identified", threads, within(f"{n}, steps", progress)) for n in matched}
+    records = [judge(path, work / n, threads, within(f"{n}, recordings", progress)) for n, path in recorded.items()]
   text = PAGE.format(tables=page(records, steps))
   write_text(config.out, text)
   print(text)

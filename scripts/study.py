@@ -15,8 +15,8 @@ from agents.learning.evaluate import known_plant
 from agents.studies.study import VARIANTS, Job, driving_jobs, settings, timed, training_jobs
 from agents.studies.study_report import page
 from calibration.concealed.laboratory.written import stream
-from calibration.concealed.proving_ground.car import Car
-from calibration.concealed.proving_ground.plant import ProvingGroundPlant
+from calibration.concealed.proving_ground import Car, ProvingGroundPlant
+from calibration.progress import StageLine, staged
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
 from qcar_twin.parallel import in_parallel
@@ -76,13 +76,12 @@ def plant(name: str) -> tuple[Plant, NDArray[np.float64]]:
 
 def jobs(config: Config) -> list[Job]:
   """Everything, done or not, in the order in which it is best done."""
-  seeds, found = config.seeds[:1] if config.quick else config.seeds, []
-  for name in config.variants:
-    own = config.few if VARIANTS[name].twin else seeds
-    found += training_jobs(config.out, name, own, 16 if config.quick else config.episodes)
+  seeds, episodes = (config.seeds[:1], 16) if config.quick else (config.seeds, config.episodes)
+  own = {name: config.few if VARIANTS[name].twin else seeds for name in config.variants}
+  trainings = [job for name in own for job in training_jobs(config.out, name, own[name], episodes)]
   plants = ["bicycle", GROUND, *(f"{GROUND} {effect}" for effect in config.effects)]
   driven = settings(2, ()) if config.quick else settings(plants=plants, special=config.special)
-  return found + [job for name, what in driven.items() for job in driving_jobs(config.out, name, what, plant)]
+  return trainings + [job for name, what in driven.items() for job in driving_jobs(config.out, name, what, plant)]
 
 
 def main(config: Config) -> int:
@@ -90,11 +89,13 @@ def main(config: Config) -> int:
   done = 0
   while (left := [job for job in jobs(config) if not job.file.is_file()]) and done < (config.limit or done + 1):
     most = config.limit - done if config.limit else None
-    alike = [job for job in left if job.name.split()[0] == left[0].name.split()[0]][:most]  # drives wait for trainings
-    for index, (wall, cpu) in in_parallel([delayed(timed)(job) for job in alike], config.workers, config.ray):
-      done += 1
-      left.remove(alike[index])
-      print(f"{alike[index].name}: {wall:.0f} s, {cpu:.0f} s of CPU; {len(left)} jobs left", flush=True)
+    batch = [job for job in left if job.name.split()[0] == left[0].name.split()[0]][:most]  # drives wait for trainings
+    calls, names = [delayed(timed)(job) for job in batch], [job.name for job in batch]
+    with StageLine({job.name: job.seconds for job in left[:most]}, "agents") as progress:
+      for index, (wall, cpu) in staged(in_parallel(calls, config.workers, config.ray), names, progress):
+        left.remove(batch[index])
+        progress.say(f"{names[index]}: {wall:.0f} s, {cpu:.0f} s of CPU; {len(left)} jobs left")
+    done += len(batch)
   if config.page:
     write_text(config.page, page(config.out, config.page, config.special))
   return len(left)

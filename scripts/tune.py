@@ -4,7 +4,6 @@ qcar-twin tune --out agents/data/controllers.toml
 """
 
 import dataclasses
-import logging
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from agents.control.controllers import FAMILIES, entries, save
 from agents.control.model import Model
 from agents.control.tuning import MISMATCH, Search, tune
 from calibration.identification.identification import Identification
+from calibration.progress import StageLine, staged
 from qcar_twin.command_line import run_script
 from qcar_twin.parallel import in_parallel
 
@@ -62,7 +62,6 @@ def model_of(config: Config) -> Model:
 
 def main(config: Config) -> None:
   """Tune, and write the file after each controller."""
-  logging.getLogger("agents").setLevel(logging.INFO)  # a line a generation
   model, search = model_of(config), Search(speed=config.speed, seed=config.seed)
   if config.quick:
     search = dataclasses.replace(search, candidates=4, elite=2, generations=2)
@@ -72,19 +71,24 @@ def main(config: Config) -> None:
   table = entries(config.out)
   families = [FAMILIES[name] for name in config.controllers]
   filtered = model.filter_settings("bicycle")
-  calls = [delayed(tune)(family, plant, theta, model.car, filtered, search) for family in families]
-  for index, found in in_parallel(calls, config.workers, config.ray):
-    name = families[index].name
-    origin = (
-      f"qcar-twin tune: S-path at {config.speed:g} m/s on the single track ({numbers}), servo lag"
-      f" {1e3 * servo.lag:.0f} ms and delay {1e3 * servo.delay:.0f} ms, sensors and federated filter, {len(MISMATCH)}"
-      f" cars of steering gain 0.95 to 1.05 and offset +-0.5 deg, cap {np.degrees(search.rate_cap):.0f} deg/s rms,"
-      f" {search.generations} x {search.candidates} trials, seed {config.seed}"
-    )
-    tuned = found.numbers | {"rmse": found.rmse, "steering_rate": found.steering_rate, "origin": origin}
-    table[name] = {"loose": LOOSE[name] | {"origin": LOOSE_ORIGIN}, "tuned": tuned}
-    save(table, config.out)
-    print(f"{name}: RMSE {1e3 * found.rmse:.2f} mm at {np.degrees(found.steering_rate):.0f} deg/s rms -> {config.out}")
+  stages = [f"tuning {family.name}" for family in families]
+  with StageLine(dict.fromkeys(stages, 1.0), "agents") as progress:  # each drives as many candidates
+    # other processes can't be heard
+    heard = None if config.workers > 1 or config.ray else lambda name, share: progress(f"tuning {name}", share)
+    calls = [delayed(tune)(family, plant, theta, model.car, filtered, search, heard) for family in families]
+    for index, tuned in staged(in_parallel(calls, config.workers, config.ray), stages, progress):
+      name = families[index].name
+      origin = (
+        f"qcar-twin tune: S-path at {config.speed:g} m/s on the single track ({numbers}), servo lag"
+        f" {1e3 * servo.lag:.0f} ms and delay {1e3 * servo.delay:.0f} ms, sensors and federated filter, {len(MISMATCH)}"
+        f" cars of steering gain 0.95 to 1.05 and offset +-0.5 deg, cap {np.degrees(search.rate_cap):.0f} deg/s rms,"
+        f" {search.generations} x {search.candidates} trials, seed {config.seed}"
+      )
+      entry = tuned.numbers | {"rmse": tuned.rmse, "steering_rate": tuned.steering_rate, "origin": origin}
+      table[name] = {"loose": LOOSE[name] | {"origin": LOOSE_ORIGIN}, "tuned": entry}
+      save(table, config.out)
+      rate = np.degrees(tuned.steering_rate)
+      progress.say(f"{name}: RMSE {1e3 * tuned.rmse:.2f} mm at {rate:.0f} deg/s rms -> {config.out}")
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,13 @@ class Tuned:
 
 
 def tune(
-  family: Family, plant: Plant, theta: Array, car: SingleTrackCar, settings: FilterSettings, search: Search
+  family: Family,
+  plant: Plant,
+  theta: Array,
+  car: SingleTrackCar,
+  settings: FilterSettings,
+  search: Search,
+  progress: Callable[[str, float], None] | None = None,
 ) -> Tuned:
   """Least RMSE on the S-path under the rate cap.
 
@@ -59,6 +66,7 @@ def tune(
     plant, theta: what is driven, and its parameters (P,).
     car: the identified model that gains, speed control and filter use.
     settings: of the filter.
+    progress: called with the controller and the share of its generations that is done.
   """
   rng = np.random.default_rng(search.seed)
   mean, spread = np.log10(family.start), np.full(len(family.start), family.spread)
@@ -70,6 +78,8 @@ def tune(
     order = np.argsort(costs)[: search.elite]
     mean, spread = points[order].mean(axis=0), np.maximum(points[order].std(axis=0), 0.02)
     log.info("%s generation %d: %.2f mm", family.name, generation, 1e3 * costs[order[0]])
+    if progress:
+      progress(family.name, (generation + 1) / search.generations)
   _, trials = _trial(family, mean[None], plant, theta, car, settings, search, search.seed + 1000)
   return trials[0]
 

@@ -38,11 +38,13 @@ class Variant:
     about: in a line.
     plan: of an agent without its seed.
     twin: whether it waits for a twin file of its own name to train on.
+    seconds: about how long a training takes, CPU (docs/results/learning.md).
   """
 
   about: str
   plan: Plan
   twin: bool = False
+  seconds: float = 41.0
 
 
 STANDARD = Plan(Options(version="tuned", reward=Reward(m6=1.0)))
@@ -53,8 +55,10 @@ WIDE_PLAN = Plan(
   sight=WIDE,
 )
 VARIANTS = {
-  "standard": Variant("the paper's agent: DDPG, four errors, LQ_ed tuned as demonstrator in the reward", STANDARD),
-  "alone": Variant("the same without the demonstrator's term r_ed", ALONE),
+  "standard": Variant(
+    "the paper's agent: DDPG, four errors, LQ_ed tuned as demonstrator in the reward", STANDARD, seconds=324.0
+  ),
+  "alone": Variant("the same without the demonstrator's term r_ed", ALONE, seconds=74.0),
   "wide": Variant(
     (
       "sees also command, curvature and their slow means; imitates the linear rate policy that sees the truth, on "
@@ -62,8 +66,8 @@ VARIANTS = {
     ),
     WIDE_PLAN,
   ),
-  "recalibrated": Variant("wide, trained on the twin recalibrated to the car with the effect", WIDE_PLAN, twin=True),
-  "repaired": Variant("wide, trained on the twin the diagnosis repaired", WIDE_PLAN, twin=True),
+  "recalibrated": Variant("wide, trained on the twin recalibrated to the car with the effect", WIDE_PLAN, True, 84.0),
+  "repaired": Variant("wide, trained on the twin the diagnosis repaired", WIDE_PLAN, True, 94.0),
 }
 
 
@@ -114,11 +118,12 @@ def settings(
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-  """Something to do: `work` leaves `file`, whose presence says that it was done."""
+  """Something to do: `work` leaves `file`, whose presence says that it was done, and takes about so many seconds."""
 
   name: str
   file: Path
   work: Callable[[], Any]
+  seconds: float = 11.0  # of driving a group, CPU (study --quick)
 
 
 def timed(job: Job) -> tuple[float, float]:
@@ -134,7 +139,7 @@ def training_jobs(folder: Path, variant: str, seeds: Sequence[int], episodes: in
   twin = folder / f"{variant}.toml"
   if chosen.twin and not twin.is_file():
     return []
-  found = []
+  jobs = []
   for seed in seeds:
     plan = dataclasses.replace(chosen.plan, seed=seed)
     if chosen.twin:
@@ -143,8 +148,8 @@ def training_jobs(folder: Path, variant: str, seeds: Sequence[int], episodes: in
       plan = dataclasses.replace(plan, settings=dataclasses.replace(plan.settings, episodes=episodes))
     target = folder / variant / f"seed{seed}"
     work = partial(warm_start, plan, target)
-    found.append(Job(f"train {variant} {seed}", target / "result.json", work))
-  return found
+    jobs.append(Job(f"train {variant} {seed}", target / "result.json", work, chosen.seconds))
+  return jobs
 
 
 def warm_start(plan: Plan, folder: Path) -> dict[str, Any]:
@@ -157,15 +162,15 @@ def warm_start(plan: Plan, folder: Path) -> dict[str, Any]:
 
 def driving_jobs(folder: Path, name: str, setting: Setting, plant: PlantMaker = known_plant) -> list[Job]:
   """One per group of a setting whose trainings are there."""
-  found = []
+  jobs = []
   for group in setting.groups:
     policies = trained(folder, group)
     if group == CONTROLLERS or policies:
       file = " ".join([group, *(label.split()[-1] for label in policies)]) + ".json"
       target = folder / "evaluated" / name.replace("/", " per ") / file
       work = partial(drive_group, group, policies, setting, target, plant)
-      found.append(Job(f"drive {name} {group}", target, work))
-  return found
+      jobs.append(Job(f"drive {name} {group}", target, work))
+  return jobs
 
 
 def trained(folder: Path, variant: str) -> dict[str, Path]:

@@ -19,6 +19,9 @@ from calibration.progress import (
   duration,
   joined,
   silent,
+  staged,
+  under,
+  within,
 )
 from tests.counting import ticking
 
@@ -92,6 +95,29 @@ def test_without_a_plan_a_log_has_a_line_for_every_new_stage(capsys):
     for stage, share in (("start 1 of 2", None), ("start 2 of 2", 0.1), ("start 2 of 2", 0.9)):
       line(stage, share)
   assert capsys.readouterr().err == "start 1 of 2\nstart 2 of 2\n"
+
+
+def test_one_of_several_runs_has_its_stages_under_its_name(capsys):
+  plan = joined(under("a", CALIBRATION), under("a", CROSS_VALIDATION), under("b", CALIBRATION))
+  with StageLine(plan) as line:
+    for name, stages in (("a", ("identification", "recalibration", "identification", "free run")), ("b", ("fit 1",))):
+      for stage in stages:
+        within(name, line)(stage, None)
+  texts = [text.partition(" · about")[0] for text in capsys.readouterr().err.splitlines()]
+  assert texts == [
+    "stage 1 of 10 · a: identification", "stage 2 of 10 · a: recalibration", "stage 4 of 10 · a: identification",
+    "stage 6 of 10 · a: free run", "stage 9 of 10 · b: fit 1",
+  ]  # fmt: skip
+
+
+def test_of_calls_that_run_side_by_side_the_first_that_is_not_done_is_the_stage(capsys):
+  with StageLine(dict.fromkeys("abc", 1.0)) as line:
+    for place, result in staged(iter([(1, "second"), (0, "first"), (2, "third")]), "abc", line):
+      line.say(f"{place} {result}")
+  said = capsys.readouterr()
+  assert said.out == "1 second\n0 first\n2 third\n"
+  assert [text.partition(" · about")[0] for text in said.err.splitlines()] == ["stage 1 of 3 · a", "stage 3 of 3 · c"]
+  assert "left" in said.err
 
 
 def test_items_are_counted(monkeypatch):

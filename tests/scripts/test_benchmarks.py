@@ -5,6 +5,7 @@ import shutil
 import pytest
 
 from agents.control.controllers import entries
+from agents.control.tuning import Tuned
 from scripts import benchmark_base, benchmark_estimation, benchmark_identification, campaign, tune
 from tests import ROOT
 
@@ -40,12 +41,29 @@ def test_estimation_without_a_real_car_says_so_on_its_page(tmp_path):
     benchmark_estimation.main(benchmark_estimation.Config(tmp_path / "page.md", quick=True, sections=("speed",)))
 
 
-def test_a_tuned_controller_joins_the_file_with_its_origin(tmp_path):
+def test_a_tuned_controller_joins_the_file_with_its_origin(tmp_path, capsys):
   tune.main(tune.Config(tmp_path / "controllers.toml", controllers=("linear_rate",), quick=True))
   kept = entries(tmp_path / "controllers.toml")
   assert set(kept) == {"linear_rate"} and set(kept["linear_rate"]) == {"loose", "tuned"}
   assert kept["linear_rate"]["tuned"]["origin"].startswith("qcar-twin tune: S-path at 0.5 m/s")
   assert 0.0 < kept["linear_rate"]["tuned"]["rmse"] < 0.1
+  said = capsys.readouterr()
+  assert said.err == "stage 1 of 1 · tuning linear_rate\n" and said.out.startswith("linear_rate: RMSE ")
+
+
+def test_tuning_says_how_long_it_still_takes(tmp_path, monkeypatch, capsys):
+  shares = []
+
+  def quickly(family, *given):
+    given[-1](family.name, 0.5)
+    shares.append(family.name)
+    return Tuned({name: 1.0 for name in family.numbers}, 0.01, 0.1)
+
+  monkeypatch.setattr(tune, "tune", quickly)
+  tune.main(tune.Config(tmp_path / "controllers.toml", controllers=("ff_fb", "linear_rate")))
+  first, second = capsys.readouterr().err.splitlines()
+  assert first == "stage 1 of 2 · tuning ff_fb" and shares == ["ff_fb", "linear_rate"]
+  assert second.startswith("stage 2 of 2 · tuning linear_rate · about ") and second.endswith(" left")
 
 
 @pytest.fixture

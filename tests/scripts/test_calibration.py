@@ -12,6 +12,7 @@ from calibration.identification.drive_fit import NotIdentifiable
 from qcar_twin.recordings.dataset import DataSet, write_dataset
 from qcar_twin.twin.file import load_twin
 from qcar_twin.vehicle.vehicle import QCAR
+from scripts import benchmark_calibration
 from tests.scripts import tiny_session
 from tests.scripts.tiny_session import NOISE, TRUTH
 
@@ -151,3 +152,21 @@ def test_the_calibration_page_is_written_from_what_is_there(whole, work, tiny):
   assert (work / "page.md").read_text(encoding="utf-8") == text
   assert "| tiny | 0." in text and "| mean of those that move |  |" in text and "## tiny" in text
   assert "{" not in text and "nan" not in text
+
+
+def test_the_calibration_page_says_where_it_is(work, tiny, monkeypatch, capsys):
+  named = {"work": work / "fresh", "datasets": (tiny,), "steps": (tiny,), "sessions": 0, "threads": 1}
+  said = []
+  monkeypatch.setattr(benchmark_calibration, "match", lambda *given: given[-1]("identification"))
+  monkeypatch.setattr(
+    benchmark_calibration, "judge", lambda *given: [given[-1](s) for s in ("recalibration", "free run")]
+  )
+  monkeypatch.setattr(benchmark_calibration, "page", lambda *given: said.append(given) or "")
+  benchmark_calibration.main(benchmark_calibration.Config(work / "fresh.md", **named))
+  lines = [line.partition(" · about")[0] for line in capsys.readouterr().err.splitlines()]
+  assert lines == [
+    "stage 1 of 10 · tiny, steps: identification",
+    "stage 5 of 10 · tiny, recordings: recalibration",
+    "stage 9 of 10 · tiny, recordings: free run",
+  ]
+  assert len(said) == 1

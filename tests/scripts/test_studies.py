@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,12 @@ def test_script_does_a_limited_number_of_jobs_and_goes_on(tmp_path, monkeypatch,
   assert (tmp_path / "out" / "standard" / "seed0" / "result.json").is_file()
   assert not (tmp_path / "out" / "evaluated").exists()
   left = study_command.main(dataclasses.replace(config, limit=0, page=tmp_path / "page.md"))
-  assert left == 0 and "jobs left" in capsys.readouterr().out
+  said = capsys.readouterr()
+  assert left == 0 and "jobs left" in said.out
+  lines = said.err.splitlines()
+  assert lines[0] == "stage 1 of 1 · train standard 0", "the limit is the plan"
+  assert all(re.fullmatch(r"stage \d of \d · drive \w+ \w+( · about \d+ (s|min) left)?", line) for line in lines[1:])
+  assert len(lines) == 5 and sum(line.endswith(" left") for line in lines) == 3
   assert "| standard | 1 |" in (tmp_path / "page.md").read_text()
 
 

@@ -22,6 +22,7 @@ from calibration.cross_validation.report import write_cross_validation
 from calibration.fitting.informative import split_standing
 from calibration.fitting.observations import CHANNELS
 from calibration.fitting.windows import Cut
+from calibration.progress import CALIBRATION, CROSS_VALIDATION, Plan, Progress, joined, silent, under
 from calibration.twin_calibration.calibration import Against, calibrate
 from calibration.twin_calibration.report import write_calibration
 from qcar_twin import markdown
@@ -44,36 +45,51 @@ class Record:
   cross_validation: Document
 
 
-def match(dataset: str | os.PathLike[str], folder: str | os.PathLike[str], threads: int = 0) -> Document:
+def match(
+  dataset: str | os.PathLike[str], folder: str | os.PathLike[str], threads: int = 0, progress: Progress = silent
+) -> Document:
   """calibration.json of the twin fitted to the identified model; made in `folder` where it isn't there yet."""
-  return _calibrated(DataSet.load(dataset), Path(folder), "identified", threads)
+  return _calibrated(DataSet.load(dataset), Path(folder), "identified", threads, progress)
 
 
-def judge(dataset: str | os.PathLike[str], folder: str | os.PathLike[str], threads: int = 0) -> Record:
+def judge(
+  dataset: str | os.PathLike[str], folder: str | os.PathLike[str], threads: int = 0, progress: Progress = silent
+) -> Record:
   """Calibration against the recordings and cross-validation; made below `folder` where they aren't there yet.
 
   Recordings with role "validate" are predicted; where there are none, those the fit saw, and the page says so.
   """
   data, folder = DataSet.load(dataset), Path(folder)
-  calibration = _calibrated(data, folder / "calibration", "recordings", threads)
+  calibration = _calibrated(data, folder / "calibration", "recordings", threads, progress)
   where = folder / "cross_validation"
-  validation = _kept(
-    where / "cross_validation.json", lambda: _cross_validated(data, folder / "calibration", where, threads)
-  )
+  make = lambda: _cross_validated(data, folder / "calibration", where, threads, progress)
+  validation = _kept(where / "cross_validation.json", make)
   return Record(data, calibration, validation)
 
 
-def _calibrated(dataset: DataSet, folder: Path, against: Against, threads: int) -> Document:
-  make = lambda: write_calibration(calibrate(dataset, against, folder, threads=threads), folder)
+def to_match(name: str, folder: Path) -> Plan:
+  """Stages of what `match` has still to make in a folder, under a name."""
+  return {} if (folder / "calibration.json").is_file() else under(name, CALIBRATION)
+
+
+def to_judge(name: str, folder: Path) -> Plan:
+  """Those of `judge`."""
+  validated = (folder / "cross_validation" / "cross_validation.json").is_file()
+  return joined(to_match(name, folder / "calibration"), {} if validated else under(name, CROSS_VALIDATION))
+
+
+def _calibrated(dataset: DataSet, folder: Path, against: Against, threads: int, progress: Progress) -> Document:
+  make = lambda: write_calibration(calibrate(dataset, against, folder, threads=threads, progress=progress), folder)
   return _kept(folder / "calibration.json", make)
 
 
-def _cross_validated(dataset: DataSet, calibration: Path, out: Path, threads: int) -> None:
+def _cross_validated(dataset: DataSet, calibration: Path, out: Path, threads: int, progress: Progress) -> None:
   twin, theta = load_twin(calibration / "twin.toml", threads=threads)
   shift = int(json.loads((calibration / "calibration.json").read_text(encoding="utf-8"))["command_shift"])
-  reference, missing = find_reference(dataset, Cut(most=REFERENCE_DRIVE, command_shift=shift))
+  reference, missing = find_reference(dataset, Cut(most=REFERENCE_DRIVE, command_shift=shift), progress)
   roles = ("validate",) if dataset.role("validate") else ("identify",)
-  write_cross_validation(cross_validate(dataset, twin, theta, reference, roles, shift, missing=missing), out)
+  result = cross_validate(dataset, twin, theta, reference, roles, shift, missing=missing, progress=progress)
+  write_cross_validation(result, out)
 
 
 def _kept(path: Path, make: Callable[[], object]) -> Document:
