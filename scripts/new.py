@@ -32,6 +32,10 @@ class Config:
   """Folder of the data set; created where absent. It must not hold a dataset.toml."""
   files: tyro.conf.Positional[Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILES")]] = ()
   """Logs, or folders of logs; those outside FOLDER are copied into it. Without any, the logs in FOLDER are used."""
+  wheelbase: float | None = None
+  """Distance between the car's axles, m; without it that of a car that turns as the logs do."""
+  mass: float | None = None
+  """Mass of the car, kg; without it an estimate from the wheelbase."""
   out: Path | None = None
   """Folder for the check's page; FOLDER_check next to the data set where not given."""
 
@@ -40,13 +44,16 @@ def main(config: Config) -> Path:
   """Write it, print every guess, and what the check finds; returns the path of dataset.toml."""
   read = with_rows(placed(config.folder, logs_of(config.files or (config.folder,))))
   logs = [log for log, _ in read]
-  proposal = propose(config.folder.resolve().name, [table for _, table in read])
+  tables = [table for _, table in read]
+  proposal = propose(config.folder.resolve().name, tables, config.wheelbase, config.mass)
   copy_in(config.folder, logs)
   path = write_text(config.folder / FILE_NAME, proposal.text)
   print(f"{path}: {len(logs)} log{'s' if len(logs) > 1 else ''}, {len(proposal.guesses)} guesses to look at")
   print("\n".join(f"  {line}" for line in proposal.channels))
   for name in proposal.missing:
     print(f"missing: {name}; no column seems to be it, fill it in in [channels]")
+  if unsaid := [f"--{name}" for name in ("wheelbase", "mass") if getattr(config, name) is None]:
+    print(f"not said: {', '.join(unsaid)}; the car's numbers in [vehicle] are estimates, correct them there")
   for question in proposal.questions:
     print(f"to be answered: {question}")
   try:

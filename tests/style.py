@@ -21,7 +21,7 @@ BANNED = re.compile(
   r"|leftovers?|passports?|trifles?|rivals?|names right)\b",
   re.IGNORECASE,
 )
-UNIT = re.compile(r"(, |\b)(s|min|m|m/s|rad|deg|Hz|1/rad|pixels|dimensionless|multiples|factor|share)\b")
+UNIT = re.compile(r"(, |\b)(s|min|m|kg|m/s|rad|deg|Hz|1/rad|pixels|dimensionless|multiples|factor|share)\b")
 CODE = ("qcar_twin", "calibration", "agents", "scripts", "commands")
 REPORTS = (
   "report",

@@ -16,6 +16,10 @@ from collections.abc import Callable, Mapping
 from qcar_twin.parameters import Parameter
 
 WHEELBASE = 0.256  # m, of the QCar
+# of the wheelbase, by which measured numbers grow from car to car: lengths in proportion, mass as in a least-squares
+# line through cars from 1:43 to full size (docs/reference/sizes.md), yaw inertia as mass x length^2
+POWERS = {"mass": 2.73, "yaw_inertia": 4.73, "cg_to_front": 1.0, "cg_to_rear": 1.0, "track_width": 1.0,
+          "cg_height": 1.0, "wheel_radius": 1.0}  # fmt: skip
 _LONGEST_STEP = 0.005  # s, that a car of the QCar's class is simulated with
 _SAME = 1e-9  # octaves: a wheelbase of exactly twice the QCar's is twice it, whatever its last bit
 
@@ -72,6 +76,22 @@ class Similarity:
       for name in ("nominal", "lower", "upper", "null", "std", "typical", "step")
     }
     return dataclasses.replace(parameter, **moved)  # type: ignore[arg-type]
+
+
+def estimates(said: Mapping[str, float], figures: Mapping[str, float]) -> dict[str, float]:
+  """Numbers of a car that nobody said, from those of another and from the wheelbase.
+
+  Args:
+    said: measured numbers by name of the vehicle's field, cg_to_front and cg_to_rear among them.
+    figures: the same of a car whose shape is taken for this one's, all of POWERS.
+
+  Returns:
+    those of POWERS that were not said; a said mass gives the yaw inertia in proportion.
+  """
+  size = (said["cg_to_front"] + said["cg_to_rear"]) / (figures["cg_to_front"] + figures["cg_to_rear"])
+  grown = {name: figures[name] * size**power for name, power in POWERS.items()}
+  grown["yaw_inertia"] *= said.get("mass", grown["mass"]) / grown["mass"]
+  return {name: value for name, value in grown.items() if name not in said}
 
 
 _BY_UNIT: Mapping[str, Callable[[Similarity], float]] = {

@@ -16,7 +16,7 @@ import numpy as np
 
 from qcar_twin.untrusted import UnreadableFile, is_number, read_toml
 from qcar_twin.vehicle.drive import DRIVEN_AXLES, DRIVES, MOTOR_FIGURES, Drive, DriveKind, Layout, motor_figures
-from qcar_twin.vehicle.similarity import Similarity
+from qcar_twin.vehicle.similarity import POWERS, Similarity, estimates
 
 log = logging.getLogger(__name__)
 
@@ -224,7 +224,8 @@ class Vehicle:
 
   @classmethod
   def from_dataset(cls, vehicle: Mapping[str, float | str], std: Mapping[str, float] | None = None) -> "Vehicle":
-    """A car from a data set's [vehicle] table; what it lacks is the QCar's, scaled to this car's mass and wheels.
+    """A car from a data set's [vehicle] table; what it lacks is the QCar's, scaled to this car's mass and wheels;
+    sizes too, by the wheelbase, where that is not within half to twice the QCar's.
 
     A measured `motor_constant` [V s/rad] and `motor_resistance` [ohm] become torque_per_volt = K/R and
     motor_damping = K^2/R, or torque_per_ampere = K where the current is commanded; with `max_current` [A] K gives
@@ -246,6 +247,7 @@ class Vehicle:
       )
     numbers: dict[str, Any] = {key: float(value) for key, value in given.items() if key in _field_names()}
     name = str(vehicle.get("name", "car"))
+    numbers |= _unsaid(numbers)
     sizes = {key: value for key, value in numbers.items() if key in _MEASURED and key != "yaw_inertia"}
     measured = cls(name=name, **texts, **sizes, wheel_mass=_WEIGHTLESS)
     numbers = _scaled(measured, numbers.get("yaw_inertia")) | numbers
@@ -283,6 +285,15 @@ def _known(values: Mapping[str, object]) -> None:
     if key not in (*names, *MOTOR_FIGURES):
       near = difflib.get_close_matches(key, names, n=2) or names[:9]
       raise ValueError(f"a vehicle has no '{key}'; did you mean {', '.join(near)}?")
+
+
+def _unsaid(numbers: Mapping[str, float]) -> dict[str, float]:
+  """Sizes that nobody said of a car that is not of the QCar's class: as its wheelbase makes them probable."""
+  if not {"cg_to_front", "cg_to_rear"} <= numbers.keys() or min(numbers["cg_to_front"], numbers["cg_to_rear"]) <= 0.0:
+    return {}
+  if Similarity.of(numbers["cg_to_front"] + numbers["cg_to_rear"]).length == 1.0:
+    return {}
+  return estimates(numbers, {name: getattr(QCAR, name) for name in POWERS})
 
 
 def _scaled(car: Vehicle, yaw_inertia: float | None) -> dict[str, float]:

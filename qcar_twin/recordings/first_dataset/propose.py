@@ -15,15 +15,13 @@ from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.recordings.topic_maps import TopicMap, topic_maps
 from qcar_twin.vehicle.drive import DRIVES
+from qcar_twin.vehicle.similarity import POWERS, estimates
 from qcar_twin.vehicle.vehicle import Vehicle
 
 MARK = "guess:"
 _NEEDED = {"motor_speed": ("motor_speed", "speed"), "motor_voltage": DRIVE_COMMANDS}
 _VEHICLE = ("mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "track_width", "cg_height", "wheel_radius",
             "gear_ratio", "max_steering")  # fmt: skip
-# of a car's length, by which its numbers grow while its shape and density stay
-_POWERS = {"mass": 3, "yaw_inertia": 5, "cg_to_front": 1, "cg_to_rear": 1, "track_width": 1, "cg_height": 1,
-           "wheel_radius": 1}  # fmt: skip
 _LISTED = 60  # columns at most
 _WIDE = 0.3  # standard deviation of a number nobody measured, as a share of it
 
@@ -47,14 +45,20 @@ class Proposal:
   questions: tuple[str, ...] = ()
 
 
-def propose(name: str, tables: Sequence[Table]) -> Proposal:
+def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, mass: float | None = None) -> Proposal:
   """A first dataset.toml for logs in the order they were driven; `Table.label` is the file's name in the folder.
 
+  Args:
+    wheelbase, mass: of the car, m and kg, where a person says them; the log's turning and the wheelbase tell else.
+
   Raises:
-    RecordingError: there are no logs.
+    RecordingError: there are no logs, or no car can have this wheelbase or mass.
   """
   if not tables:
     raise RecordingError("no log was given; name at least one file")
+  said = {key: value for key, value in (("wheelbase", wheelbase), ("mass", mass)) if value is not None}
+  if wrong := [key for key, value in said.items() if not 0.0 < value < math.inf]:
+    raise RecordingError(f"{wrong[0]} must be a positive number, not {said[wrong[0]]:g}")
   topics, columns = _fitting_map(tables), Columns(tables)
   known: Mapping[str, float | str] = topics.vehicle if topics else {}
   if topics is not None:
@@ -63,10 +67,12 @@ def propose(name: str, tables: Sequence[Table]) -> Proposal:
     guesses = guess_columns(columns)
   kind = str(known.get("drive", _drive(guesses)))
   vehicle = Vehicle.from_dataset({"name": "car", **known, "drive": kind})
-  wheelbase, asked = vehicle.wheelbase, ()
+  if wheelbase is not None:
+    vehicle = _of_size(vehicle, wheelbase)
+  turns_like, asked = vehicle.wheelbase, ()
   if topics is None:
     asked = settle_several(columns, guesses, {key: getattr(vehicle, key) for key in _VEHICLE})
-    wheelbase = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in _VEHICLE})
+    turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in _VEHICLE})
   recordings = recordings_of(columns, guesses)
   parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
   by_hand = not guesses.keys() & set(DRIVE_COMMANDS) and "steering_command" in guesses
@@ -80,7 +86,7 @@ def propose(name: str, tables: Sequence[Table]) -> Proposal:
   if "time" not in guesses and not all("time" in table for table in tables):
     missing = ("time", *missing)
   questions = tuple(question.text for question in asked)
-  lines = [*_head(name, topics, questions), *_vehicle(vehicle, known, kind, recordings, wheelbase)]
+  lines = [*_head(name, topics, questions), *_vehicle(vehicle, known, kind, recordings, said, turns_like)]
   channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
   lines += ["", *channels]
   lines += [line for part in parts for line in _recording(part)]
@@ -140,16 +146,30 @@ def _head(name: str, topics: TopicMap | None, questions: Sequence[str]) -> list[
   return lines
 
 
+def _of_size(vehicle: Vehicle, wheelbase: float) -> Vehicle:
+  """The same car at another wheelbase, m, with its centre of gravity at the same share of it."""
+  lengths = {end: getattr(vehicle, end) * wheelbase / vehicle.wheelbase for end in ("cg_to_front", "cg_to_rear")}
+  rest = estimates(lengths, {key: getattr(vehicle, key) for key in POWERS})
+  kept = {"name": vehicle.name, "drive": vehicle.drive, "layout": vehicle.layout}
+  kept |= {key: getattr(vehicle, key) for key in _VEHICLE if key not in POWERS}
+  return Vehicle.from_dataset(kept | lengths | rest)
+
+
 def _vehicle(
-  vehicle: Vehicle, known: Mapping[str, float | str], kind: str, recordings: Sequence[Recording], wheelbase: float
+  vehicle: Vehicle,
+  known: Mapping[str, float | str],
+  kind: str,
+  recordings: Sequence[Recording],
+  said: Mapping[str, float],
+  turns_like: float,
 ) -> list[str]:
-  """[vehicle] with the numbers of a car that is known by its topics, of the QCar else, grown to the wheelbase that the
-  log turns like, and wide deviations."""
-  whose = f"the {vehicle.name}'s usual number" if known else "the Quanser QCar's number"
-  grown = wheelbase / vehicle.wheelbase
-  if grown != 1.0:
-    whose = f"this log turns like a wheelbase of {wheelbase:.3g} m; {whose} at that size"
-  sizes = {key: getattr(vehicle, key) * grown ** _POWERS.get(key, 0) for key in _VEHICLE}
+  """[vehicle] with what a person said, and the rest estimated at the wheelbase that was said or that the log turns
+  like; of a car that is known by its topics, its usual numbers; wide deviations but for what was said."""
+  wheelbase = said.get("wheelbase", turns_like)
+  ends = {end: getattr(vehicle, end) * wheelbase / vehicle.wheelbase for end in ("cg_to_front", "cg_to_rear")}
+  given = {"mass": said["mass"]} if "mass" in said else {}
+  sizes = {key: getattr(vehicle, key) for key in _VEHICLE}
+  sizes |= estimates(ends | given, {key: getattr(vehicle, key) for key in POWERS}) | ends | given
   lines = ["", "[vehicle]"]
   if known.get("name"):
     lines.append(f"name = {_text(vehicle.name)}  # {MARK} by its topics")
@@ -158,11 +178,27 @@ def _vehicle(
   supply = usual_supply(recordings)
   if supply is not None:
     lines.append(f"supply_voltage = {supply:.4g}  # {MARK} the battery's median in these logs, V")
-  lines += [f"{key} = {_number(sizes[key])}  # {MARK} {whose}; measure yours" for key in _VEHICLE]
+  why = _reason(vehicle, known, said, turns_like)
+  reasons = {key: f"{MARK} {why if key in POWERS else _whose(vehicle, known)}; measure yours" for key in _VEHICLE}
+  lines += [f"{key} = {_number(sizes[key])}  # {'as said' if key in given else reasons[key]}" for key in _VEHICLE]
   lines += ["", "[vehicle.std]"]
-  for key in _VEHICLE:
+  for key in (key for key in _VEHICLE if key not in given):
     lines.append(f"{key} = {_number(_WIDE * sizes[key])}  # {MARK} {100 * _WIDE:.0f} %, as nobody measured it")
   return lines
+
+
+def _reason(vehicle: Vehicle, known: Mapping[str, float | str], said: Mapping[str, float], turns_like: float) -> str:
+  """Where the numbers come from that nobody measured."""
+  if "wheelbase" in said:
+    return f"estimated from the wheelbase of {said['wheelbase']:g} m that was said"
+  if turns_like == vehicle.wheelbase:
+    return _whose(vehicle, known)
+  return f"this log turns like a wheelbase of {turns_like:.3g} m; {_whose(vehicle, known)} at that size"
+
+
+def _whose(vehicle: Vehicle, known: Mapping[str, float | str]) -> str:
+  """Whose number one is that neither a person nor the log said."""
+  return f"the {vehicle.name}'s usual number" if known else "the Quanser QCar's number"
 
 
 def _channels(columns: Columns, guesses: Mapping[str, Guess], missing: Sequence[str]) -> list[str]:

@@ -1,0 +1,45 @@
+"""What a person says of the car's size goes into the draft; what is not said is estimated from it and marked."""
+
+import tomllib
+
+import pytest
+
+from qcar_twin.recordings.first_dataset.propose import propose
+from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.recording import RecordingError
+from qcar_twin.vehicle.vehicle import QCAR, Vehicle
+from tests.qcar_twin.recordings.drives import drive, write_csv
+
+
+@pytest.fixture
+def log(tmp_path):
+  return read_table(write_csv(tmp_path / "run.csv", *drive()))
+
+
+def test_what_was_said_is_in_the_draft(log):
+  text = propose("car", [log], wheelbase=2.6, mass=1200.0).text
+  table = tomllib.loads(text)
+  car = Vehicle.from_dataset({key: value for key, value in table["vehicle"].items() if key != "std"})
+  assert car.mass == 1200.0 and car.wheelbase == pytest.approx(2.6)
+  assert "mass = 1200.0  # as said" in text and "mass" not in table["vehicle"]["std"]
+
+
+def test_the_rest_is_estimated_and_says_so(log):
+  text = propose("car", [log], wheelbase=2.6).text
+  estimated = [line for line in text.splitlines() if "estimated from the wheelbase of 2.6 m that was said" in line]
+  assert {line.partition(" = ")[0] for line in estimated} == {
+    "mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "track_width", "cg_height", "wheel_radius",
+  }  # fmt: skip
+  radius = tomllib.loads(text)["vehicle"]["wheel_radius"]
+  assert radius == pytest.approx(QCAR.wheel_radius * 2.6 / QCAR.wheelbase, rel=1e-5)
+
+
+def test_without_a_word_the_draft_is_as_before(log):
+  car = tomllib.loads(propose("car", [log]).text)["vehicle"]
+  assert car["mass"] == QCAR.mass and car["wheel_radius"] == QCAR.wheel_radius
+
+
+@pytest.mark.parametrize("said", [{"wheelbase": 0.0}, {"mass": -1.0}, {"mass": float("nan")}])
+def test_no_car_has_such_a_size(log, said):
+  with pytest.raises(RecordingError, match=f"{next(iter(said))} must be a positive number"):
+    propose("car", [log], **said)
