@@ -19,6 +19,7 @@ EXTRA_OF = {
   "stable_baselines3": "learn",
   "tensorboard": "learn",
   "torch": "learn",
+  "matio": "matlab",
   "mcap": "logs",
   "mcap_protobuf": "logs",
   "rosbags": "logs",

@@ -16,7 +16,12 @@ from tests import ROOT
 
 ROOMS = ("qcar_twin", "calibration", "agents", "scripts")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-PACKAGES = {"dm_env": "dm_control", "mcap_protobuf": "mcap-protobuf-support", "sklearn": "scikit-learn"}  # by import
+PACKAGES = {
+  "dm_env": "dm_control",
+  "matio": "mat-io",
+  "mcap_protobuf": "mcap-protobuf-support",
+  "sklearn": "scikit-learn",
+}  # by import
 # made unimportable, all at once: what a plain installation does not have
 WITHOUT = f"""
 import importlib.abc, sys

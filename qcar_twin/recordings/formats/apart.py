@@ -30,6 +30,7 @@ except ImportError:  # Windows has no limits for a process
   resource = None
 
 Group = tuple[np.ndarray | None, dict[str, np.ndarray]]  # a clock (k,) or None, and columns (k,) by name
+OBJECTS = "\0objects"  # a column that says: the file holds objects, which this reader cannot read
 SECONDS = 8  # of processor time that reading may take, and one more for every MiB of the file
 PATIENCE = 10  # times as long by the clock: a reader can wait for ever for what damage took from it
 ROOT = str(Path(__file__).resolve().parents[3])

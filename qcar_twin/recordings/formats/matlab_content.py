@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy.io
+from scipy.io.matlab import MatlabOpaque, MatReadWarning
 
-from qcar_twin.recordings.formats.apart import Group
+from qcar_twin.recordings.formats.apart import OBJECTS, Group
 from qcar_twin.recordings.recording import RecordingError
 
 _CLOCKS = ("time", "Time", "t", "tout")
@@ -20,13 +22,27 @@ def groups(path: Path, label: str) -> Iterator[Group]:
 
   Raises RecordingError: version 7.3, not readable.
   """
-  for name, value in _load(path, label).items():
-    yield from _columns(name, value)
+  variables = _load(path, label)
+  for name, value in variables.items():
+    if name != "None":
+      yield from columns_of(name, value)
+  if any(_holds_object(value) for value in variables.values()):
+    yield None, {OBJECTS: np.zeros(1)}
+
+
+def _holds_object(value: Any) -> bool:
+  if isinstance(value, Mapping):
+    return any(_holds_object(field) for field in value.values())
+  if isinstance(value, MatlabOpaque):
+    return True
+  return isinstance(value, np.ndarray) and value.dtype == object and any(_holds_object(item) for item in value.ravel())
 
 
 def _load(path: Path, label: str) -> dict[str, Any]:
   try:
-    variables = scipy.io.loadmat(path, simplify_cells=True)
+    with warnings.catch_warnings():
+      warnings.simplefilter("ignore", MatReadWarning)  # objects have no name for it, so that two are one
+      variables = scipy.io.loadmat(path, simplify_cells=True)
   except NotImplementedError as error:
     raise RecordingError(
       f'{label}: is a MATLAB 7.3 (HDF5) file; in MATLAB load it and save it again with save("log.mat", "-v7")'
@@ -38,7 +54,7 @@ def _load(path: Path, label: str) -> dict[str, Any]:
   return {name: value for name, value in variables.items() if not name.startswith("__")}
 
 
-def _columns(name: str, value: Any) -> Iterator[Group]:
+def columns_of(name: str, value: Any) -> Iterator[Group]:
   """The clock (or None) and the columns that a variable holds."""
   if isinstance(value, Mapping):
     yield from _structure(name, value)
@@ -79,13 +95,16 @@ def _signals(name: str, signals: Any, samples: int) -> dict[str, np.ndarray]:
   columns = {}
   for number, signal in enumerate(listed, 1):
     values = np.asarray(signal.get("values", ()), dtype=float)
-    if samples not in values.shape:
-      continue
-    values = np.moveaxis(values, values.shape.index(samples), 0).reshape(samples, -1)
-    label = _label(signal) or f"signals({number})"
-    for part in range(values.shape[1]):
-      columns[f"{name}.{label}" if values.shape[1] == 1 else f"{name}.{label}({part + 1})"] = values[:, part]
+    if samples in values.shape:
+      columns |= signal_columns(f"{name}.{_label(signal) or f'signals({number})'}", values, samples)
   return columns
+
+
+def signal_columns(name: str, values: np.ndarray, samples: int) -> dict[str, np.ndarray]:
+  """A column for every part of a signal whose samples lie along one of its axes: `name`, or `name(1)`, `name(2)` …"""
+  values = np.moveaxis(values, values.shape.index(samples), 0).reshape(samples, -1)
+  parts = values.shape[1]
+  return {name if parts == 1 else f"{name}({part + 1})": values[:, part] for part in range(parts)}
 
 
 def _label(signal: Mapping[str, Any]) -> str:

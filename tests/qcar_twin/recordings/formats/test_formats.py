@@ -300,7 +300,7 @@ def test_mat_7_3_and_damaged_files_name_the_cure(tmp_path):
   scipy.io.savemat(tmp_path / "c.mat", {"note": "only text"})
   refused(
     tmp_path / "c.mat",
-    "holds no numeric vectors (timeseries, table and Simulink Dataset objects cannot be read)",
+    "holds neither numeric vectors nor structures with time nor timeseries",
     "structures with time",
   )
 
