@@ -35,15 +35,15 @@ class Config:
   """One car and one poor start."""
 
 
-def row(seed: int, found: Base) -> tuple[str, ...]:
+def row(seed: int, fitted: Base) -> tuple[str, ...]:
   """One car."""
   return (
     str(seed),
-    ", ".join(f"{name} {100 * e:+.1f} ({found.score[name]:+.1f})" for name, e in found.error.items()),
-    f"{sum(abs(z) <= 1.645 for z in found.score.values())} of {len(found.score)}",
-    f"{found.in_one} of {len(found.poor)}",
-    ", ".join(f"{cost - found.cost:+.1f}" for cost in found.poor),
-    f"{found.correlation:.2f}",
+    ", ".join(f"{name} {100 * e:+.1f} ({fitted.score[name]:+.1f})" for name, e in fitted.error.items()),
+    f"{sum(abs(z) <= 1.645 for z in fitted.score.values())} of {len(fitted.score)}",
+    f"{fitted.in_one} of {len(fitted.poor)}",
+    ", ".join(f"{cost - fitted.cost:+.1f}" for cost in fitted.poor),
+    f"{fitted.correlation:.2f}",
   )
 
 
@@ -57,8 +57,8 @@ def main(config: Config) -> str:
   sessions, poor = (1, 1) if config.quick else (config.sessions, config.poor)
   seeds = [config.seed + k for k in range(sessions)]
   bases = (recalibrated_base(make_session(seed, (), "compact"), poor) for seed in seeds)
-  found = list(counted(bases, len(seeds), "session"))
-  scores = [z for one in found for z in one.score.values()]
+  fits = list(counted(bases, len(seeds), "session"))
+  scores = [z for one in fits for z in one.score.values()]
   titles = (
     "seed",
     "error [%] (in standard deviations)",
@@ -78,10 +78,10 @@ def main(config: Config) -> str:
     "",
     f"* {inside} of {len(scores)} parameters lie in their 90 % interval; errors are {np.std(scores):.1f} times what is",
     "  stated, root mean square about their mean.",
-    f"* {sum(one.in_one for one in found)} of {sessions * poor} poor starts end in the least minimum; all of a",
-    f"  session's in {sum(one.in_one == poor for one in found)} of {sessions}.",
+    f"* {sum(one.in_one for one in fits)} of {sessions * poor} poor starts end in the least minimum; all of a",
+    f"  session's in {sum(one.in_one == poor for one in fits)} of {sessions}.",
     "",
-    *markdown.table(titles, [row(s, f) for s, f in zip(seeds, found, strict=True)]),
+    *markdown.table(titles, [row(s, f) for s, f in zip(seeds, fits, strict=True)]),
   ]
   text = "\n".join(lines) + "\n"
   write_text(config.out, text)

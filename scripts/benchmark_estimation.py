@@ -89,8 +89,8 @@ def main(config: Config) -> None:
 def pieces(page: Path) -> dict[str, str]:
   """Sections of a page that was written before, by title."""
   text = page.read_text(encoding="utf-8") if page.is_file() else ""
-  found = [piece.strip() for piece in re.split(r"^(?=## )", text, flags=re.MULTILINE)[1:]]
-  return {piece.splitlines()[0]: piece for piece in found}
+  sections = [piece.strip() for piece in re.split(r"^(?=## )", text, flags=re.MULTILINE)[1:]]
+  return {piece.splitlines()[0]: piece for piece in sections}
 
 
 if __name__ == "__main__":

@@ -41,14 +41,14 @@ def row(session: Session) -> tuple[str, ...]:
   """One car: RMSE of validation steps, errors of the parameters in standard deviations, errors on the oval."""
   dataset = DataSet("session", session.recordings, session.vehicle, session.vehicle_std)
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
-  found = identify(dataset)
-  scores = (found.theta - np.array([session.truth["linearised"][name] for name in TRUTH])) / found.std
+  identification = identify(dataset)
+  scores = (identification.theta - np.array([session.truth["linearised"][name] for name in TRUTH])) / identification.std
   oval = next(r for r in dataset.recordings if r.manoeuvre == "oval")
-  plain, losses = (free_run(*found.bicycle(vehicle, losses=x), oval, vehicle).rmse for x in (False, True))
+  plain, losses = (free_run(*identification.bicycle(vehicle, losses=x), oval, vehicle).rmse for x in (False, True))
   return (
     str(session.truth["seed"]),
-    f"{found.rmse_percent('longitudinal', 'validate'):.2f}",
-    f"{found.rmse_percent('lateral', 'validate'):.2f}",
+    f"{identification.rmse_percent('longitudinal', 'validate'):.2f}",
+    f"{identification.rmse_percent('lateral', 'validate'):.2f}",
     ", ".join(f"{z:+.1f}" for z in scores),
     " / ".join(f"{plain[name]:.3f}" for name in PUBLISHED),
     " / ".join(f"{losses[name]:.3f}" for name in PUBLISHED),

@@ -43,7 +43,7 @@ def main(config: Config) -> list[str]:
   total = shares.pop("total")
   steps = shares.pop("steps")
   said = ", ".join(f"{name} {100.0 * seconds / total:.0f} %" for name, seconds in shares.items())
-  found = [
+  sentences = [
     f"a training step of 8 cars (one gradient step per 8 environment steps): {1e3 * total / steps:.3f} ms of CPU "
     f"per environment step; {said}"
   ]
@@ -52,19 +52,19 @@ def main(config: Config) -> list[str]:
   for plant, cars, (estimator, shown) in itertools.product(("twin", "reduced"), (1, 8, 64), seen):
     speed = max(steps_per_second(cars, 400 // part, estimator, plant) for _ in rounds)
     face = "gymnasium, 1 car" if cars == 1 else f"VecEnv, {cars} cars"
-    found.append(
+    sentences.append(
       f"{plant}, {face}, {shown}: {speed:.0f} environment steps per CPU second, {1e6 / speed:.0f} us per 10 ms of car"
     )
   ours = max(gradient_steps_per_second(400 // part) for _ in rounds)
   raw = max(raw_gradient_steps_per_second(400 // part) for _ in rounds)
-  found.append(
+  sentences.append(
     f"gradient steps per CPU second at batch 64: {ours:.0f} here, {raw:.0f} with stable-baselines3's own DDPG of "
     "200 x 200"
   )
   config.out.parent.mkdir(parents=True, exist_ok=True)
-  write_json(config.out, found)
-  print("\n".join(found))
-  return found
+  write_json(config.out, sentences)
+  print("\n".join(sentences))
+  return sentences
 
 
 if __name__ == "__main__":

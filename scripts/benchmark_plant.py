@@ -36,43 +36,44 @@ def main(config: Config) -> Agreement:
   """Measure and write."""
   dataset = DataSet.load(config.dataset)
   with StageLine() as progress:
-    found = compare_plants(dataset, config.vectors, config.seed, config.most, progress)
-  write_text(config.out, page(found, config))
-  print(f"{found.speed}\npage: {config.out}")
-  return found
+    agreement = compare_plants(dataset, config.vectors, config.seed, config.most, progress)
+  write_text(config.out, page(agreement, config))
+  print(f"{agreement.speed}\npage: {config.out}")
+  return agreement
 
 
-def page(found: Agreement, config: Config) -> str:
+def page(agreement: Agreement, config: Config) -> str:
   """The page's text."""
-  first, second = (1e6 * s for s in found.speed.seconds)
+  first, second = (1e6 * s for s in agreement.speed.seconds)
   rows = [
-    [n, f"{share:.2g}", f"{found.worst[n][1]:.2g} ({found.worst[n][0]})"]
-    + [f"{np.quantile(found.drawn[n], q):.2g}" for q in (0.5, 0.9)]
-    for n, share in found.channels.items()
+    [n, f"{share:.2g}", f"{agreement.worst[n][1]:.2g} ({agreement.worst[n][0]})"]
+    + [f"{np.quantile(agreement.drawn[n], q):.2g}" for q in (0.5, 0.9)]
+    for n, share in agreement.channels.items()
   ]
   listed = lambda cosines: [[n, f"{a:.3f}", f"{b:.3f}"] for n, (a, b) in sorted(cosines.items(), key=lambda kv: kv[1])]
-  apart = ", ".join(sorted({recording for recording, _ in found.worst.values()}))
+  apart = ", ".join(sorted({recording for recording, _ in agreement.worst.values()}))
   lines = [
     "# The reduced car beside MuJoCo's",
     "",
     f"`qcar-twin benchmark-plant --dataset {config.dataset} --vectors {config.vectors} --seed {config.seed}"
-    f" --most {config.most:g}`: {found.seconds:.0f} s of driving. What the reduced car is: [reduced.md](reduced.md).",
+    f" --most {config.most:g}`: {agreement.seconds:.0f} s of driving."
+    " What the reduced car is: [reduced.md](reduced.md).",
     "",
     f"10 ms of one car, one thread, in pairs: {first:.1f} us in MuJoCo, {second:.2f} us on the reduced car,"
-    f" {found.speed.ratio:.0f} times as fast.",
+    f" {agreement.speed.ratio:.0f} times as fast.",
     "",
     "Root mean square of the difference in units of sensor noise, median of the recordings, at nominal parameters and"
-    f" over {found.vectors} random vectors:",
+    f" over {agreement.vectors} random vectors:",
     "",
     *table(["channel", "nominal", "its worst recording", "half of the random below", "nine of ten below"], rows),
     "",
     "Cosine between the slopes of both with respect to the base parameters (those worth a nat over their scale):",
     "",
-    *table(["parameter", "all recordings", f"without {apart}"], listed(found.slopes)),
+    *table(["parameter", "all recordings", f"without {apart}"], listed(agreement.slopes)),
     "",
     "Cosine between what mechanisms of typical size change (those worth a nat):",
     "",
-    *table(["mechanism", "all recordings", f"without {apart}"], listed(found.effects)),
+    *table(["mechanism", "all recordings", f"without {apart}"], listed(agreement.effects)),
     "",
   ]
   return "\n".join(lines)

@@ -50,7 +50,7 @@ def main(config: Config) -> Calibration:
   """Run it, write the results, print the verdict and where the report is."""
   dataset = DataSet.load(config.dataset)
   with StageLine(CALIBRATION) as progress:
-    found = calibrate(
+    calibration = calibrate(
       dataset,
       config.against,
       config.out,
@@ -61,10 +61,10 @@ def main(config: Config) -> Calibration:
       progress,
       plant=config.plant,
     )
-  report = write_calibration(found, config.out)
-  print(verdict(found))
+  report = write_calibration(calibration, config.out)
+  print(verdict(calibration))
   print(f"report: {report}")
-  return found
+  return calibration
 
 
 if __name__ == "__main__":

@@ -61,17 +61,17 @@ def main(config: Config) -> Study | None:
     _from_starts(config, dataset)
     return None
   with StageLine(CURVES) as progress:
-    found = study(dataset, config.most, config.threads, progress, config.plant)
-  note = f"characterised on {found.dataset}: curves of no known form; sessions' own trims are left out"
-  save_twin(config.out / "twin.toml", *found.shipped, note)
-  write_json(config.out / "curves.json", found.document())
-  for line in sentences(found):
+    studied = study(dataset, config.most, config.threads, progress, config.plant)
+  note = f"characterised on {studied.dataset}: curves of no known form; sessions' own trims are left out"
+  save_twin(config.out / "twin.toml", *studied.shipped, note)
+  write_json(config.out / "curves.json", studied.document())
+  for line in sentences(studied):
     print(line)
-  which = found.best.replace("_", " ")
-  why = "the best of four by validation" if found.judged else "since no recordings only judge, as far as supported"
+  which = studied.best.replace("_", " ")
+  why = "the best of four by validation" if studied.judged else "since no recordings only judge, as far as supported"
   print(f"twin, {why}, {which}: {config.out / 'twin.toml'}")
-  print(f"report: {write_study(found, config.out)}")
-  return found
+  print(f"report: {write_study(studied, config.out)}")
+  return studied
 
 
 def _compare(config: Config, first: DataSet, second: DataSet) -> None:
@@ -85,20 +85,20 @@ def _compare(config: Config, first: DataSet, second: DataSet) -> None:
 
 def _leave_out(config: Config, dataset: DataSet) -> None:
   with StageLine() as progress:
-    found = left_out.leave_sessions_out(dataset, config.most, config.threads, progress)
-  write_json(config.out / "sessions.json", [dataclasses.asdict(item) for item in found])
-  for line in left_out.sentences(found):
+    sessions = left_out.leave_sessions_out(dataset, config.most, config.threads, progress)
+  write_json(config.out / "sessions.json", [dataclasses.asdict(item) for item in sessions])
+  for line in left_out.sentences(sessions):
     print(line)
-  print(f"report: {write_left_out(found, dataset.name, config.out)}")
+  print(f"report: {write_left_out(sessions, dataset.name, config.out)}")
 
 
 def _from_starts(config: Config, dataset: DataSet) -> None:
   with StageLine() as progress:
-    found = starts.from_starts(dataset, config.starts, 0, config.most, config.threads, progress)
-  write_json(config.out / "starts.json", [dataclasses.asdict(s) for s in found])
-  for line in starts.sentences(found):
+    fits = starts.from_starts(dataset, config.starts, 0, config.most, config.threads, progress)
+  write_json(config.out / "starts.json", [dataclasses.asdict(s) for s in fits])
+  for line in starts.sentences(fits):
     print(line)
-  print(f"report: {write_starts(found, dataset.name, config.out)}")
+  print(f"report: {write_starts(fits, dataset.name, config.out)}")
 
 
 if __name__ == "__main__":

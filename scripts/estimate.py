@@ -73,8 +73,8 @@ def settings_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> FilterSet
   if config.noise_from not in named:
     raise ValueError(f"no recording '{config.noise_from}'; there are {', '.join(named)}")
   noise = standstill_noise(named[config.noise_from])
-  for name, found in noise.items():
-    print(f"{name}: {found}")
+  for name, estimate in noise.items():
+    print(f"{name}: {estimate}")
   return settings.with_noise(noise, rolling_radius(vehicle))
 
 

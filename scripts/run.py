@@ -57,7 +57,7 @@ def main(config: Config) -> Path:
   progress = StageLine(joined(CALIBRATION, CROSS_VALIDATION, after))
   begun = functools.cache(lambda: prepare(dataset, threads=config.threads, progress=progress, plant=config.plant))
   with progress:
-    found = calibrate(
+    calibration = calibrate(
       dataset,
       "recordings",
       config.out / "calibration",
@@ -66,19 +66,19 @@ def main(config: Config) -> Path:
       progress=progress,
       recalibrated=lambda: begun().recalibrated,
     )
-  print(calibrated(found))
-  write_calibration(found, config.out / "calibration")
+  print(calibrated(calibration))
+  write_calibration(calibration, config.out / "calibration")
   with progress:
     reference, missing = find_reference(
-      dataset, Cut(most=60.0 if config.quick else 300.0, command_shift=found.command_shift), progress
+      dataset, Cut(most=60.0 if config.quick else 300.0, command_shift=calibration.command_shift), progress
     )
     result = cross_validate(
       dataset,
-      found.twin,
-      found.theta,
+      calibration.twin,
+      calibration.theta,
       reference,
       ("validate",),
-      found.command_shift,
+      calibration.command_shift,
       missing=missing,
       progress=progress,
     )

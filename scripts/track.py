@@ -92,8 +92,8 @@ def run(config: Config) -> tuple[Drive, Kpis]:
 
 def main(config: Config) -> None:
   """Write kpis.json, traces.csv and report.html, and print the indicators."""
-  result, found = run(config)
-  print(write_drive(config.out, f"{config.controller} {config.version}", result, found, dataclasses.asdict(config)))
+  result, scores = run(config)
+  print(write_drive(config.out, f"{config.controller} {config.version}", result, scores, dataclasses.asdict(config)))
 
 
 if __name__ == "__main__":

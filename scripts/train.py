@@ -90,8 +90,8 @@ def main(config: Config) -> None:
   """Train, and print the result in a line."""
   result = train(plan_of(config), config.out, resume=config.resume)
   best = result["best_rmse_training_path"]
-  found = "the car never finished the training path" if best is None else f"best {1e3 * best:.1f} mm RMSE on it"
-  print(f"{config.out}: {result['episodes']} episodes in {result['seconds']['total']:.0f} s, {found}")
+  outcome = "the car never finished the training path" if best is None else f"best {1e3 * best:.1f} mm RMSE on it"
+  print(f"{config.out}: {result['episodes']} episodes in {result['seconds']['total']:.0f} s, {outcome}")
 
 
 if __name__ == "__main__":

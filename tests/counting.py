@@ -17,11 +17,11 @@ def ticking() -> SimpleNamespace:
 
 def calls(work: Callable[[], object]) -> int:
   """Functions that a piece of work calls, those written in C included: a loop over the rows of an array shows."""
-  found = 0
+  number = 0
 
   def count(frame, event, argument) -> None:
-    nonlocal found
-    found += event in ("call", "c_call")
+    nonlocal number
+    number += event in ("call", "c_call")
 
   before, collects = sys.getprofile(), gc.isenabled()
   gc.disable()  # what a collection happens to finalise is not this work's
@@ -32,4 +32,4 @@ def calls(work: Callable[[], object]) -> int:
     sys.setprofile(before)
     if collects:
       gc.enable()
-  return found
+  return number

@@ -44,18 +44,18 @@ def imported_names(path: Path) -> Iterator[tuple[str, str]]:
 
 def imports(path: Path) -> set[str]:
   """Absolute names of modules and of names in them that a file imports."""
-  found = {f"{module}.{item}" if item else module for module, item in imported_names(path)}
-  return found | {module for module, _ in imported_names(path)}
+  names = {f"{module}.{item}" if item else module for module, item in imported_names(path)}
+  return names | {module for module, _ in imported_names(path)}
 
 
 @functools.cache
 def graph() -> dict[str, set[str]]:
   """Module -> modules of this project that it names in an import; a package's face counts as a module."""
-  found = {}
+  uses = {}
   for module, path in MODULES.items():
     used = {f"{m}.{n}" if f"{m}.{n}" in MODULES else m for m, n in imported_names(path)}
-    found[module] = {name for name in used if name in MODULES and name != module}
-  return found
+    uses[module] = {name for name in used if name in MODULES and name != module}
+  return uses
 
 
 def circles(edges: Mapping[str, set[str]]) -> list[list[str]]:
@@ -293,8 +293,8 @@ def named_paths(page: Path) -> Iterator[tuple[str, bool]]:
 
 @pytest.mark.parametrize("path", TOLD, ids=lambda p: str(p.relative_to(ROOT)))
 def test_no_case_no_seed_and_no_commit_is_told(path: Path):
-  found = TALE.search(path.read_text(encoding="utf-8"))
-  assert not found, f"{found} belongs into docs/history/; say why in terms of mechanism"
+  tale = TALE.search(path.read_text(encoding="utf-8"))
+  assert not tale, f"{tale} belongs into docs/history/; say why in terms of mechanism"
 
 
 def test_a_tale_is_noticed():

@@ -48,30 +48,30 @@ def lines_of(page: Path) -> Iterator[Line]:
   fence = re.compile(r"^```.*?^```", re.M | re.S)
   blocks = [*fence.findall(text), *re.findall(r"(?m)^    .+$", fence.sub("", text))]
   for block in blocks:
-    for found in re.finditer(rf"^\s*{PREFIX} ((?:[^\n]*\\\n)*[^\n]+)", block, re.M):
-      yield Line(name, found[1], True)
+    for match in re.finditer(rf"^\s*{PREFIX} ((?:[^\n]*\\\n)*[^\n]+)", block, re.M):
+      yield Line(name, match[1], True)
   prose = fence.sub("", text)
   for table in re.findall(r"(?m)(?:^\|.*\n)+", prose):
     head, *rows = table.splitlines()
     if "qcar-twin" in head:
       yield from (Line(name, span, True) for row in rows[1:] for span in re.findall(r"`([^`]+)`", row))
   for span in re.findall(r"`([^`]+)`", prose):
-    if (found := re.match(rf"{PREFIX}\s+([a-z][^\n]*(?:\n[^\n]+)*)", span)) and "..." not in span:
-      yield Line(name, found[1].replace("\n", " "), False)
+    if (match := re.match(rf"{PREFIX}\s+([a-z][^\n]*(?:\n[^\n]+)*)", span)) and "..." not in span:
+      yield Line(name, match[1].replace("\n", " "), False)
 
 
 def notebook_lines() -> Iterator[Line]:
   """The shell's lines of the tour."""
   for cell in json.loads(TOUR.read_text(encoding="utf-8"))["cells"]:
     source = "".join(cell["source"])
-    yield from (Line(TOUR.name, found, True) for found in re.findall(r"(?m)^!qcar-twin (.+?)(?: 2>.*)?$", source))
+    yield from (Line(TOUR.name, line, True) for line in re.findall(r"(?m)^!qcar-twin (.+?)(?: 2>.*)?$", source))
 
 
 def docstring_lines() -> Iterator[Line]:
   """The lines that `qcar-twin NAME --help` shows to be copied."""
   for path in sorted((ROOT / "scripts").glob("[!_]*.py")):
     said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
-    yield from (Line(path.name, found, True) for found in re.findall(r"(?m)^qcar-twin (.+)$", said))
+    yield from (Line(path.name, line, True) for line in re.findall(r"(?m)^qcar-twin (.+)$", said))
 
 
 LINES = [*(line for page in PAGES for line in lines_of(page)), *notebook_lines(), *docstring_lines()]

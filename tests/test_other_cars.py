@@ -62,10 +62,10 @@ def trial(request, logged, tmp_path_factory) -> Trial:
   car, session = logged[request.param]
   save(session, folder, "f1tenth", "none")
   dataset = DataSet.load(folder)
-  found = calibrate(dataset, against="recordings", quick=True)
+  calibration = calibrate(dataset, against="recordings", quick=True)
   reference, missing = find_reference(dataset, Cut(most=20.0))
-  checked = cross_validate(dataset, found.twin, found.theta, reference, windows=(2.0,), missing=missing)
-  return Trial(car, dataset, found, checked)
+  checked = cross_validate(dataset, calibration.twin, calibration.theta, reference, windows=(2.0,), missing=missing)
+  return Trial(car, dataset, calibration, checked)
 
 
 def test_the_table_is_all_it_takes(trial):

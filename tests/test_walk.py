@@ -61,8 +61,8 @@ def called(place: Place) -> tuple[Place, ...]:
   for node in ast.walk(ast.parse((ROOT / file).read_text(encoding="utf-8"))):
     if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and node.name == name.split(".")[-1]:
       calls.visit(node)
-  found = (_thing(module, dotted) for dotted in calls.names)
-  return tuple(p for thing in found if thing is not None and (p := place_of(thing)))
+  things = (_thing(module, dotted) for dotted in calls.names)
+  return tuple(p for thing in things if thing is not None and (p := place_of(thing)))
 
 
 def _thing(module: ModuleType, dotted: str) -> Any:

@@ -96,11 +96,11 @@ def run_together(
 
 def contestants(policies: Mapping[str, Path], speed: float, baselines: bool = True) -> dict[str, Controller]:
   """Controllers of the shipped file by "name version", designed for a speed, m/s, and policies by their label."""
-  found: dict[str, Controller] = {}
+  drivers: dict[str, Controller] = {}
   if baselines:
     table = controllers.load(Model.nominal().car, speed)
-    found |= {f"{name} {version}": table[name, version] for name, version in BASELINES if (name, version) in table}
-  return found | {label: load_policy(folder) for label, folder in policies.items()}
+    drivers |= {f"{name} {version}": table[name, version] for name, version in BASELINES if (name, version) in table}
+  return drivers | {label: load_policy(folder) for label, folder in policies.items()}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,9 +121,9 @@ def _everybody(
   policies: Mapping[str, Path], case: EvaluationCase, plant: PlantMaker, versions: Sequence[str]
 ) -> list[Row]:
   """All contestants in one case; loads what it needs, so that it can run in another process."""
-  found = contestants(policies, case.speed, baselines=bool(versions))
+  drivers = contestants(policies, case.speed, baselines=bool(versions))
   return run_together(
-    {label: c for label, c in found.items() if label in policies or label.split()[1] in versions}, case, plant
+    {label: c for label, c in drivers.items() if label in policies or label.split()[1] in versions}, case, plant
   )
 
 
@@ -158,20 +158,20 @@ def summary(rows: Sequence[Row], group: Callable[[str], str] = lambda label: lab
   for row in rows:
     together.setdefault((group(row.contestant), row.case), []).append(row.kpis)
   table = []
-  for (name, case), found in together.items():
+  for (name, case), runs in together.items():
     entry: dict[str, Any] = {
       "contestant": name,
       "path": case.path,
       "circumstances": case.label,
-      "trainings": len(found),
+      "trainings": len(runs),
     }
     for indicator in INDICATORS:
-      values = np.concatenate([getattr(k, indicator) for k in found])
+      values = np.concatenate([getattr(k, indicator) for k in runs])
       low, middle, high = np.quantile(np.minimum(values, 1e9), [0.25, 0.5, 0.75])
       entry[indicator] = middle if middle < 1e8 else None
       entry[f"{indicator}_quartiles"] = [low if low < 1e8 else None, high if high < 1e8 else None]
-    entry["finished"] = float(np.mean(np.concatenate([k.finished for k in found])))
-    entry["inside"] = float(np.mean(np.concatenate([k.inside for k in found])))
+    entry["finished"] = float(np.mean(np.concatenate([k.finished for k in runs])))
+    entry["inside"] = float(np.mean(np.concatenate([k.inside for k in runs])))
     table.append(entry)
   return table
 

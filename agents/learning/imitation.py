@@ -37,15 +37,15 @@ def teacher(model: Model, speed: float, twin_file: str = "", search: Search = SE
 
   What is right for the nominal car need not be for another: 80 ms of delay in the steering ask for other gains.
   """
-  found = controllers.load(model.car, speed)["linear_rate", "tuned"]
-  assert isinstance(found, LinearRate)
+  tuned = controllers.load(model.car, speed)["linear_rate", "tuned"]
+  assert isinstance(tuned, LinearRate)
   if not twin_file:
-    return found
+    return tuned
   plant, theta = model.plant("twin", twin_file)
-  family = dataclasses.replace(controllers.FAMILIES["linear_rate"], start=tuple(found.gain.tolist()))
+  family = dataclasses.replace(controllers.FAMILIES["linear_rate"], start=tuple(tuned.gain.tolist()))
   search = dataclasses.replace(search, speed=speed)
   numbers = tune(family, plant, theta, model.car, model.filter_settings("twin"), search).numbers
-  return dataclasses.replace(found, gain=np.array([numbers[name] for name in family.numbers]))
+  return dataclasses.replace(tuned, gain=np.array([numbers[name] for name in family.numbers]))
 
 
 def imitate(agent: Agent, law: LinearRate, episodes: int, seed: int) -> float:

@@ -187,9 +187,9 @@ class Keeper(BaseCallback):
     begun = time.perf_counter()
     episode = len(self.progress.episodes)
     policy = policy_of(self.agent, self._plan, provenance(self._plan, episode))
-    found = judge(policy, self._plan, self._model, self._own_plant)
-    rmse = float(np.mean(np.minimum(found.rmse, 0.2)))
-    row = [episode, rmse, float(np.max(found.me)), float(np.mean(found.iaca)), float(np.mean(found.finished))]
+    judged = judge(policy, self._plan, self._model, self._own_plant)
+    rmse = float(np.mean(np.minimum(judged.rmse, 0.2)))
+    row = [episode, rmse, float(np.max(judged.me)), float(np.mean(judged.iaca)), float(np.mean(judged.finished))]
     self.progress.seconds["evaluation"] += time.perf_counter() - begun
     row.append(self._elapsed())
     self.progress.evaluations.append(row)

@@ -215,17 +215,17 @@ def _recorded_rows(
   noisy = lidar_like(recording, vehicle, 0)
   lateness: dict[str, float] = dict.fromkeys(ONBOARD, LATENESS)
   kinds = {"printed": settings, "shared": dataclasses.replace(settings, sharing=(0.5, 0.5))}
-  found = {name: filter_recording(noisy, car, kind, lateness) for name, kind in kinds.items()}
-  main = found["printed"]
+  estimates = {name: filter_recording(noisy, car, kind, lateness) for name, kind in kinds.items()}
+  main = estimates["printed"]
   time, pose = at_centre(recording, vehicle)
   late = (main.time > time[0] + 2.0) & (main.time < time[-1])
   truth = np.stack([np.interp(main.time, time, pose[:, i]) for i in range(3)], axis=-1)
   held = np.stack([noisy[name].at(main.time) for name in ("pose_x", "pose_y", "pose_yaw")], axis=-1)
-  fused = {k: np.stack([e.value["pose_x"], e.value["pose_y"]], axis=-1) for k, e in found.items()}
+  fused = {k: np.stack([e.value["pose_x"], e.value["pose_y"]], axis=-1) for k, e in estimates.items()}
   estimators = {
     "lidar held": (held[:, POSITION], held[:, YAW], None),
     "FEKF (as printed)": (fused["printed"], main.value["pose_yaw"], main.covariance),
-    "FEKF (sharing 1/2, 1/2)": (fused["shared"], found["shared"].value["pose_yaw"], found["shared"].covariance),
+    "FEKF (sharing 1/2, 1/2)": (fused["shared"], estimates["shared"].value["pose_yaw"], estimates["shared"].covariance),
     "EKF_BM alone": (main.bicycle, main.value["pose_yaw"], None),
     "EKF_PM alone": (main.point, None, None),
   }

@@ -34,10 +34,10 @@ def fault_section(model: Model, controller: Controller, count: int, quick: bool 
     case = FAULTS[name]
     for watched in (False, True):
       title = name if not watched else "- with the watches"
-      found = [
+      pairs = [
         _variant(runs, sound, variant, i, len(case.variants), watched) for i, variant in enumerate(case.variants)
       ]
-      faulty, beside = joined([a for a, _ in found]), joined([b for _, b in found])
+      faulty, beside = joined([a for a, _ in pairs]), joined([b for _, b in pairs])
       errors.append((title, *_error_cells(faulty, beside, case.end, typical)))
       honesty.append((title, *_honesty_cells(faulty)))
   number = sound[True].error.shape[1]
@@ -146,5 +146,5 @@ def middle(values: Array, digits: int) -> str:
 
 def share(which: NDArray[np.bool_]) -> str:
   """How many of how many, and the exact interval of the share, per cent."""
-  found = binomtest(int(which.sum()), len(which)).proportion_ci(CONFIDENCE, "exact")
-  return f"{which.sum()} of {len(which)} [{100 * found.low:.0f}, {100 * found.high:.0f}]"
+  interval = binomtest(int(which.sum()), len(which)).proportion_ci(CONFIDENCE, "exact")
+  return f"{which.sum()} of {len(which)} [{100 * interval.low:.0f}, {100 * interval.high:.0f}]"

@@ -38,11 +38,11 @@ def study_bars(table: Sequence[Mapping[str, Any]], names: Sequence[str], file: P
   shown = (("rmse", "RMSE [mm]", 1e3), ("me", "ME [mm]", 1e3), ("iaca", "IACA [deg]", float(np.degrees(1.0))))
   for axes, (indicator, title, scale) in zip(parts, shown, strict=True):
     for j, name in enumerate(names):
-      found = {e["path"]: e for e in table if e["contestant"] == name and e[indicator] is not None}
-      here = [i for i, path in enumerate(paths) if path in found]
-      middle = scale * np.array([found[paths[i]][indicator] for i in here])
+      by_path = {e["path"]: e for e in table if e["contestant"] == name and e[indicator] is not None}
+      here = [i for i, path in enumerate(paths) if path in by_path]
+      middle = scale * np.array([by_path[paths[i]][indicator] for i in here])
       ends = scale * np.array(
-        [[np.nan if x is None else x for x in found[paths[i]][f"{indicator}_quartiles"]] for i in here]
+        [[np.nan if x is None else x for x in by_path[paths[i]][f"{indicator}_quartiles"]] for i in here]
       )
       place = np.array(here) + 0.85 * j / len(names)
       hatch = "//" if name.endswith("loose") else None

@@ -54,8 +54,8 @@ def cell(entry: dict[str, Any] | None, indicator: str, scale: float, spread: boo
 
 def names_of(table: Table) -> list[str]:
   """Contestants: controllers first, then variants in their order."""
-  found = list(dict.fromkeys(e["contestant"] for e in table))
-  return [n for n in found if n not in VARIANTS] + [n for n in VARIANTS if n in found]
+  names = list(dict.fromkeys(e["contestant"] for e in table))
+  return [n for n in names if n not in VARIANTS] + [n for n in VARIANTS if n in names]
 
 
 def kpi_section(title: str, table: Table) -> list[str]:
@@ -91,8 +91,8 @@ def margin_section(nominal: Table, mismatched: Table, variants: Sequence[str]) -
     cells = []
     for variant in variants:
       for table in (nominal, mismatched):
-        found = change(table, variant, other, path, indicator)
-        cells.append("" if found is None else f"{found:+.0f} %{' (reached)' if found <= paper else ''}")
+        moved = change(table, variant, other, path, indicator)
+        cells.append("" if moved is None else f"{moved:+.0f} %{' (reached)' if moved <= paper else ''}")
     rows.append([path, other, indicator.upper(), f"{paper:+.1f} %", *cells])
   return markdown.table(["path", "against", "indicator", "paper", *head], rows)
 
@@ -102,8 +102,8 @@ def floor_section(nominal: Table, mismatched: Table, variants: Sequence[str]) ->
   head = [f"{path}, {c}" for c in ("N", "MIS") for path in PATHS]
   rows = []
   for variant in variants:
-    found = [change(table, variant, FLOOR, path, "rmse") for table in (nominal, mismatched) for path in PATHS]
-    rows.append([variant, *("" if x is None else f"{x:+.0f} %" for x in found)])
+    changes = [change(table, variant, FLOOR, path, "rmse") for table in (nominal, mismatched) for path in PATHS]
+    rows.append([variant, *("" if x is None else f"{x:+.0f} %" for x in changes)])
   return markdown.table(["", *head], rows)
 
 
@@ -122,26 +122,26 @@ def training_section(folder: Path) -> list[str]:
   )
   rows = []
   for name in VARIANTS:
-    found = [json.loads(f.read_text(encoding="utf-8")) for f in sorted((folder / name).glob("seed*/result.json"))]
-    if found:
-      rows.append([name, str(len(found)), *_training(found)])
+    results = [json.loads(f.read_text(encoding="utf-8")) for f in sorted((folder / name).glob("seed*/result.json"))]
+    if results:
+      rows.append([name, str(len(results)), *_training(results)])
   return [*markdown.table(titles, rows), "", *(f"* `{name}`: {variant.about}." for name, variant in VARIANTS.items())]
 
 
-def _training(found: list[dict[str, Any]]) -> list[str]:
-  seconds = {name: [r["seconds"].get(name, np.nan) for r in found] for name in ("total", "cpu", "learning")}
+def _training(results: list[dict[str, Any]]) -> list[str]:
+  seconds = {name: [r["seconds"].get(name, np.nan) for r in results] for name in ("total", "cpu", "learning")}
   share = np.median(np.array(seconds["learning"]) / np.array(seconds["total"]))
-  full = [r["ten_full_episodes_in_a_row_at"] for r in found]
-  best = [np.nan if r["best_rmse_training_path"] is None else 1e3 * r["best_rmse_training_path"] for r in found]
+  full = [r["ten_full_episodes_in_a_row_at"] for r in results]
+  best = [np.nan if r["best_rmse_training_path"] is None else 1e3 * r["best_rmse_training_path"] for r in results]
   spread = lambda x: f"{np.nanmedian(x):.0f} ({np.nanmin(x):.0f} to {np.nanmax(x):.0f})"
   return [
-    "/".join(dict.fromkeys(str(r["episodes"]) for r in found)),
+    "/".join(dict.fromkeys(str(r["episodes"]) for r in results)),
     spread(seconds["total"]),
     spread(seconds["cpu"]),
     f"{100.0 * share:.0f} %",
-    ", ".join("never" if x is None else str(x) for x in full) if any(r["episodes"] for r in found) else "-",
+    ", ".join("never" if x is None else str(x) for x in full) if any(r["episodes"] for r in results) else "-",
     ", ".join("-" if np.isnan(x) else f"{x:.1f}" for x in best),
-    ", ".join("-" if np.isnan(x) else str(r["best_episode"]) for x, r in zip(best, found, strict=True)),
+    ", ".join("-" if np.isnan(x) else str(r["best_episode"]) for x, r in zip(best, results, strict=True)),
   ]
 
 
@@ -151,9 +151,9 @@ def place_section(folder: Path, settings: Sequence[str], first: str) -> list[str
   rows = []
   for contestant in dict.fromkeys(n for t in tables.values() for n in names_of(t) if "loose" not in n):
     for name, table in tables.items():
-      found = [pick(table, contestant, path) for path in PATHS]
-      if any(found):
-        cells = [f"{cell(e, 'rmse', 1e3, False)} / {cell(e, 'me', 1e3, False)}" for e in found]
+      entries = [pick(table, contestant, path) for path in PATHS]
+      if any(entries):
+        cells = [f"{cell(e, 'rmse', 1e3, False)} / {cell(e, 'me', 1e3, False)}" for e in entries]
         rows.append([contestant, name, *cells, _passed(pick(table, contestant, "c"))])
   return markdown.table(["", first, *(f"{p}: RMSE / ME mm" for p in PATHS), "lane change"], rows)
 

@@ -99,10 +99,10 @@ def table_rows(table: Mapping[TrackingCase, Kpis]) -> list[str]:
   rows = []
   groups = dict.fromkeys((case.label, case.sees, case.steering) for case in table)
   for label, sees, steering in groups:
-    found = {c.path: k for c, k in table.items() if (c.label, c.sees, c.steering) == (label, sees, steering)}
-    cells = [f"{1e3 * np.median(k.rmse):.1f} / {1e3 * np.median(k.me):.1f}" for k in found.values()]
-    effort = " / ".join(f"{np.degrees(np.median(k.iaca)):.1f}" for k in found.values())
-    rate = f"{np.degrees(max(np.median(k.steering_rate) for k in found.values())):.0f}"
-    passed = f"{int(found['c'].inside.sum())} of {len(found['c'].inside)}" if "c" in found else "-"
+    by_path = {c.path: k for c, k in table.items() if (c.label, c.sees, c.steering) == (label, sees, steering)}
+    cells = [f"{1e3 * np.median(k.rmse):.1f} / {1e3 * np.median(k.me):.1f}" for k in by_path.values()]
+    effort = " / ".join(f"{np.degrees(np.median(k.iaca)):.1f}" for k in by_path.values())
+    rate = f"{np.degrees(max(np.median(k.steering_rate) for k in by_path.values())):.0f}"
+    passed = f"{int(by_path['c'].inside.sum())} of {len(by_path['c'].inside)}" if "c" in by_path else "-"
     rows.append([label, sees, steering, *cells, effort, rate, passed])
   return markdown.table(titles, rows)

@@ -74,7 +74,7 @@ def causes(comparisons: Sequence[Comparison], wheelbase: float) -> list[Cause]:
   """Every single cause that explains all comparisons that are apart, best first; only usual units, where one does."""
   usable = [c for c in comparisons if scaled(c)]
   odd = [c for c in usable if apart(c, wheelbase)]
-  found = []
+  single = []
   for quantity in dict.fromkeys(q for c in odd for q in c.motion.powers):
     powers = [c.motion.powers.get(quantity, 0) for c in odd]
     if not all(powers):
@@ -84,9 +84,9 @@ def causes(comparisons: Sequence[Comparison], wheelbase: float) -> list[Cause]:
     if all(abs(rest) < math.log(tolerance(c.motion)) for rest, c in zip(left, usable, strict=True)):
       unit, scale = _unit(quantity, factor)
       residual = math.sqrt(sum(rest**2 for rest in left) / len(left))
-      found.append(Cause(quantity, math.exp(factor), residual, unit, scale))
-  found = [cause for cause in found if cause.unit] or found
-  return sorted(found, key=lambda cause: round(cause.residual, 2))
+      single.append(Cause(quantity, math.exp(factor), residual, unit, scale))
+  single = [cause for cause in single if cause.unit] or single
+  return sorted(single, key=lambda cause: round(cause.residual, 2))
 
 
 def cure(cause: Cause, wheelbase: float) -> str:

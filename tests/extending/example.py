@@ -20,9 +20,9 @@ def files_of(section: str) -> dict[str, str]:
   """Files a section of the page shows, path -> text: each block below a line with nothing but a path."""
   text = PAGE.read_text(encoding="utf-8")
   body = text.split(f"\n## {section}\n", 1)[1].split("\n## ", 1)[0]
-  found = {m["path"]: m["text"] for m in _FILE.finditer(body)}
-  assert found, f"section '{section}' of {PAGE.name} shows no file"
-  return found
+  files = {m["path"]: m["text"] for m in _FILE.finditer(body)}
+  assert files, f"section '{section}' of {PAGE.name} shows no file"
+  return files
 
 
 class Copy:

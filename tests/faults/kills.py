@@ -96,14 +96,14 @@ def kill_after(seconds: float, words: str, **places: Path) -> bool:
 
 def broken(folder: Path) -> list[str]:
   """Files in a folder that are not whole, and why; what a killed writer had begun is hidden and no result."""
-  found = []
+  damage = []
   for path in sorted(folder.rglob("*")):
     if path.is_file() and not any(part.startswith(".writing-") for part in path.relative_to(folder).parts):
       try:
         _parse(path)
       except Exception as error:  # whatever a parser raises
-        found.append(f"{path.relative_to(folder)}: {type(error).__name__}: {error}")
-  return found
+        damage.append(f"{path.relative_to(folder)}: {type(error).__name__}: {error}")
+  return damage
 
 
 def _parse(path: Path) -> None:
@@ -147,15 +147,15 @@ def _timeless(value: Any) -> Any:
 
 def names(folder: Path) -> set[str]:
   """Files of a folder, but for the time in the name of an event log and the step in that of a checkpoint."""
-  found = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
-  return {"events" if "tfevents" in path.name else path.name for path in found}
+  files = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+  return {"events" if "tfevents" in path.name else path.name for path in files}
 
 
 def differences(victim: Victim, whole: Path, resumed: Path) -> list[str]:
   """What a resumed run leaves that differs from what a run that nobody stopped leaves."""
-  found = [f"files: {sorted(names(whole) ^ names(resumed))}"] if names(whole) != names(resumed) else []
-  found += [f"left behind: {path}" for path in resumed.rglob(".writing-*")]
-  return found + [name for name in victim.results if numbers(whole / name) != numbers(resumed / name)]
+  different = [f"files: {sorted(names(whole) ^ names(resumed))}"] if names(whole) != names(resumed) else []
+  different += [f"left behind: {path}" for path in resumed.rglob(".writing-*")]
+  return different + [name for name in victim.results if numbers(whole / name) != numbers(resumed / name)]
 
 
 @dataclass
@@ -179,16 +179,16 @@ def torment(name: str, kills: int, every: int, seed: int, work: Path, data: Path
   for number in range(1, kills + 1):
     hit = kill_after(random.uniform(0.1, 1.0) * tally.seconds, words(), data=data, out=out)
     tally.kills += hit
-    if found := broken(out):
+    if damage := broken(out):
       tally.broken += 1
-      said += [f"{name}, kill {number}: {line}" for line in found]
+      said += [f"{name}, kill {number}: {line}" for line in damage]
     ended = victim.chain and not hit  # what the kills before had left was gone on with, to the end
     if ended or (number == kills if victim.chain else number % every == 0):
       finish(words(), data=data, out=out)
       tally.reruns += 1
-      found = broken(out) + differences(victim, whole, out)
-      tally.different += bool(found)
-      said += [f"{name}, rerun after kill {number}: {line}" for line in found]
+      damage = broken(out) + differences(victim, whole, out)
+      tally.different += bool(damage)
+      said += [f"{name}, rerun after kill {number}: {line}" for line in damage]
     if ended or not victim.chain:
       shutil.rmtree(out, ignore_errors=True)
   return tally, said

@@ -71,10 +71,10 @@ def lengths(data: bytes, random: Random) -> bytes:
 
 
 def _replaced(data: bytes, random: Random, pattern: re.Pattern[bytes]) -> bytes:
-  found = list(pattern.finditer(data))
-  if not found:
+  matches = list(pattern.finditer(data))
+  if not matches:
     return data
-  match = found[int(random.integers(len(found)))]
+  match = matches[int(random.integers(len(matches)))]
   return data[: match.start()] + VALUES[int(random.integers(len(VALUES)))] + data[match.end() :]
 
 

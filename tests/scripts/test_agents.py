@@ -66,5 +66,5 @@ def test_the_shipped_policy_says_where_it_comes_from_and_stays_on_the_training_p
 
   policy = load_policy(SHIPPED)
   assert policy.provenance["training"]["options"]["path"] == "s"
-  found = kpis(run_case(policy, EvaluationCase("s", cars=2)))
-  assert found.finished.all() and found.rmse.max() < 0.015
+  indicators = kpis(run_case(policy, EvaluationCase("s", cars=2)))
+  assert indicators.finished.all() and indicators.rmse.max() < 0.015

@@ -21,8 +21,8 @@ def run(name, **config):
   """What a command's main returns, and what it prints."""
   command, said = importlib.import_module(f"scripts.{name}"), io.StringIO()
   with contextlib.redirect_stdout(said):
-    found = command.main(command.Config(**config))
-  return found, said.getvalue()
+    result = command.main(command.Config(**config))
+  return result, said.getvalue()
 
 
 def read(path):
@@ -80,20 +80,23 @@ def test_run_cross_validates_what_the_fit_did_not_see(whole):
 def test_calibrate_goes_on_from_what_an_earlier_run_left(whole, tiny, capfd):
   folder = whole[0] / "calibration"
   before = read(folder / "calibration.json")
-  found, said = run("calibrate", dataset=tiny, out=folder, against="recordings", quick=True, threads=1)
+  calibration, said = run("calibrate", dataset=tiny, out=folder, against="recordings", quick=True, threads=1)
   assert "fit taken from an earlier run" in capfd.readouterr().err
-  assert found.document()["parameters"] == before["parameters"] and found.document()["errors"] == before["errors"]
+  assert (
+    calibration.document()["parameters"] == before["parameters"]
+    and calibration.document()["errors"] == before["errors"]
+  )
   assert f"report: {folder / 'report.html'}" in said
 
 
 def test_calibrate_answers_the_identified_model_steps(work, tiny):
-  found, said = run("calibrate", dataset=tiny, out=work / "tiny" / "identified", quick=True, threads=1)
+  calibration, said = run("calibrate", dataset=tiny, out=work / "tiny" / "identified", quick=True, threads=1)
   assert "answers the identified model's voltage steps within" in said
   for role in ("identify", "validate"):
-    assert found.step_percent("longitudinal", role) < 1.0 and found.step_percent("lateral", role) < 2.0
+    assert calibration.step_percent("longitudinal", role) < 1.0 and calibration.step_percent("lateral", role) < 2.0
   twin, theta = load_twin(work / "tiny" / "identified" / "twin.toml", threads=1)
   assert twin.substeps == 5
-  assert np.allclose(theta, found.theta, rtol=1e-9)
+  assert np.allclose(theta, calibration.theta, rtol=1e-9)
 
 
 def test_calibrate_says_what_a_session_without_steps_lacks(work, tiny):
@@ -107,13 +110,13 @@ def test_calibrate_says_what_a_session_without_steps_lacks(work, tiny):
 
 def test_cross_validate_takes_a_twin_and_opens_the_roles_asked_for(whole, work, tiny):
   twin = whole[0] / "calibration" / "twin.toml"
-  found, said = run(
+  validation, said = run(
     "cross_validate", dataset=tiny, out=work / "cv", twin=twin, roles=("holdout",), quick=True, threads=1
   )
   assert list(read(work / "cv" / "cross_validation.json")["recordings"]) == ["weave_holdout"]
-  assert [r.name for r in found.replays] == ["2 s"] and "In windows of 2 s the twin errs by" in said
+  assert [r.name for r in validation.replays] == ["2 s"] and "In windows of 2 s the twin errs by" in said
   kept = read(whole[0] / "calibration" / "calibration.json")["parameters"]
-  named = found.twin.parameters.named(found.theta)
+  named = validation.twin.parameters.named(validation.theta)
   assert named["torque_per_volt"] == pytest.approx(kept["torque_per_volt"]["value"], rel=1e-9)
 
 

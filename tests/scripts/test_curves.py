@@ -41,51 +41,51 @@ def done(tmp_path_factory):
 
 
 def test_the_curve_is_the_one_that_was_concealed(done):
-  found, _ = done
-  steering = next(o for o in found.outlines if o.curve == "steering_curve")
-  reach = found.found.twin.parameters.named(found.found.theta)["steering_curve_reach"]
+  study, _ = done
+  steering = next(o for o in study.outlines if o.curve == "steering_curve")
+  reach = study.found.twin.parameters.named(study.found.theta)["steering_curve_reach"]
   assert reach == pytest.approx(0.2, rel=0.05)
-  lost = -0.3 * reach / found.found.twin.vehicle.max_steering  # at the largest command, in shares of it
+  lost = -0.3 * reach / study.found.twin.vehicle.max_steering  # at the largest command, in shares of it
   assert steering.heights[-1] == pytest.approx(lost, abs=3.0 * steering.std[-1])
 
 
 def test_what_judges_gets_better_and_every_reference_is_there(done):
-  found, _ = done
-  assert set(found.errors) <= set(KINDS) and {"base", "characterised", "black_box", "noise"} <= set(found.errors)
-  assert found.gain > 0.03  # by validation; twenty seconds of driving do not carry to the harder turns of the hold-out
+  study, _ = done
+  assert set(study.errors) <= set(KINDS) and {"base", "characterised", "black_box", "noise"} <= set(study.errors)
+  assert study.gain > 0.03  # by validation; twenty seconds of driving do not carry to the harder turns of the hold-out
 
 
 def test_what_is_shipped_is_fitted_to_what_judged_too(done):
-  found, out = done
-  twins = {"base": found.base, "curves": found.found.fitted, "characterised": found.told.fitted,
-           "named": found.named.fitted}  # fmt: skip
+  study, out = done
+  twins = {"base": study.base, "curves": study.found.fitted, "characterised": study.told.fitted,
+           "named": study.named.fitted}  # fmt: skip
   judging = ready(DataSet.load(out.parent / "data"))[0].role("validate")
   for kind, twin in twins.items():
     assert twin.problem.n_train == len(twin.problem.observations)
     # what it was told of before it had seen them is larger than what it leaves there now
-    assert ratio(error_of(twin, judging), found.judged[kind]) < 1.0
+    assert ratio(error_of(twin, judging), study.judged[kind]) < 1.0
 
 
 def test_names_stand_where_they_will_do_and_no_curve_where_none_departs(done):
-  found, _ = done
-  there = {o.curve: o for o in found.outlines if o.is_there}
+  study, _ = done
+  there = {o.curve: o for o in study.outlines if o.is_there}
   assert any("steering_nonlinearity" in form.mechanisms for form in there["steering_curve"].possible)
   named = [name for o in there.values() if o.named for name in o.named.mechanisms]
-  assert set(named) | {a.mechanism for a in found.additions} == set(found.told.forms)
-  assert set(found.told.curves) == {name for name, o in there.items() if o.named is None}
-  assert not found.named.curves and len(found.told.fitted.fit.parameters) < len(found.found.fitted.fit.parameters)
+  assert set(named) | {a.mechanism for a in study.additions} == set(study.told.forms)
+  assert set(study.told.curves) == {name for name, o in there.items() if o.named is None}
+  assert not study.named.curves and len(study.told.fitted.fit.parameters) < len(study.found.fitted.fit.parameters)
 
 
 def test_what_is_written_is_whole(done):
-  found, out = done
+  study, out = done
   document = json.loads((out / "curves.json").read_text())
-  assert [c["curve"] for c in document["curves"]] == [o.curve for o in found.outlines]
+  assert [c["curve"] for c in document["curves"]] == [o.curve for o in study.outlines]
   twin, theta = load_twin(out / "twin.toml")
-  shipped, kept = found.shipped
-  twins = {"curves": found.found, "characterised": found.told, "named": found.named}
-  judged = {kind: ratio(found.judged[kind], found.judged["base"]) for kind in ("base", *twins)}
-  assert document["best"] == found.best == min(judged, key=judged.__getitem__)
-  assert shipped.engine == "mujoco" and shipped.parameters.names == twins[found.best].twin.parameters.names
+  shipped, kept = study.shipped
+  twins = {"curves": study.found, "characterised": study.told, "named": study.named}
+  judged = {kind: ratio(study.judged[kind], study.judged["base"]) for kind in ("base", *twins)}
+  assert document["best"] == study.best == min(judged, key=judged.__getitem__)
+  assert shipped.engine == "mujoco" and shipped.parameters.names == twins[study.best].twin.parameters.names
   values, expected = twin.parameters.named(theta), shipped.parameters.named(kept)
   for name in twin.parameters.names:
     assert values[name] == pytest.approx(expected[name])
@@ -106,10 +106,10 @@ def same_twin(file, twin, theta):
 
 
 def test_the_curve_is_drawn_in_degrees_where_it_was_driven(done):
-  found, _ = done
-  (steering,) = [s for s in shapes(found.found, found.outlines) if s.part == "steering"]
+  study, _ = done
+  (steering,) = [s for s in shapes(study.found, study.outlines) if s.part == "steering"]
   (view,) = steering.views
-  told, limit = np.radians(view.x), found.found.twin.vehicle.max_steering
+  told, limit = np.radians(view.x), study.found.twin.vehicle.max_steering
   concealed = np.degrees(-0.3 * told * np.abs(told) / limit)
   assert np.all(np.abs(view.departure - concealed) < 4.0 * view.std + 0.1)
   assert view.law == pytest.approx(view.x)
@@ -118,38 +118,38 @@ def test_the_curve_is_drawn_in_degrees_where_it_was_driven(done):
 
 
 def test_the_page_says_what_was_found(done):
-  found, out = done
-  drawn = shapes(found.found, found.outlines)
+  study, out = done
+  drawn = shapes(study.found, study.outlines)
   text = (out / "report.html").read_text(encoding="utf-8")
   body = text[: text.index("plotly.js v")]
-  assert body.index(verdict(found, drawn).replace("'", "&#39;")) < body.index("<h2>")
+  assert body.index(verdict(study, drawn).replace("'", "&#39;")) < body.index("<h2>")
   titles = re.findall(r"<h2>(.*?)</h2>", body)
   assert titles == ["The maps", "Parameters fitted with the curves", "What it gains", "Warnings about the data set"]
-  assert body.count('<figure class="chart">') == len(found.outlines) + 1
-  for kind, values in found.errors.items():
+  assert body.count('<figure class="chart">') == len(study.outlines) + 1
+  for kind, values in study.errors.items():
     assert all(f">{show(value)}</td>" in body for value in values.values()), kind
-  late = next(t for t in found.terms if t.name.endswith("_latency"))
+  late = next(t for t in study.terms if t.name.endswith("_latency"))
   assert f"<td>{late.name}</td>" in body and f">{show(1e3 * late.value)}</td>" in body
-  named = next(o.named for o in found.outlines if o.named)
+  named = next(o.named for o in study.outlines if o.named)
   assert all(name in body for name in named.mechanisms)
 
 
 def test_sessions_stand_in_a_table_with_their_trims_in_degrees(done):
-  found, _ = done
+  study, _ = done
   twin = SimpleNamespace(
-    vehicle=found.found.twin.vehicle,
-    parameters=found.found.twin.parameters,
+    vehicle=study.found.twin.vehicle,
+    parameters=study.found.twin.parameters,
     sessions=SimpleNamespace(names=("a", "b"), std={"steering_offset": 0.02}),
   )
-  stub = SimpleNamespace(twin=twin, theta=found.found.theta, fitted=found.found.fitted)
-  own = tuple(dataclasses.replace(found.terms[0], name=f"steering_offset@{s}", value=0.01, there=True) for s in "ab")
+  stub = SimpleNamespace(twin=twin, theta=study.found.theta, fitted=study.found.fitted)
+  own = tuple(dataclasses.replace(study.terms[0], name=f"steering_offset@{s}", value=0.01, there=True) for s in "ab")
   (section,) = [
-    s for s in sections(dataclasses.replace(found, found=stub, terms=own, outlines=()), ()) if s.title == "The sessions"
+    s for s in sections(dataclasses.replace(study, found=stub, terms=own, outlines=()), ()) if s.title == "The sessions"
   ]
   assert [row[0] for row in section.tables[0].rows] == ["a", "b"]
   assert section.tables[0].rows[0][1] == pytest.approx(np.degrees(0.01)) and "[°]" in section.tables[0].columns[1]
   lacks = dataclasses.replace(
-    found, found=stub, terms=own[:1], outlines=()
+    study, found=stub, terms=own[:1], outlines=()
   )  # what one does as well without is not told
   (section,) = [s for s in sections(lacks, ()) if s.title == "The sessions"]
   assert section.tables[0].rows[1] == ["b", None, None, False]
@@ -164,25 +164,25 @@ def test_curves_are_fitted_where_something_has_no_name_or_when_told(name):
 
 @pytest.mark.parametrize("better", [True, False])
 def test_the_twin_that_goes_on_is_the_better_by_validation(done, outcome, tmp_path, monkeypatch, better):
-  found, (dataset, diagnosed) = done[0], outcome
+  study, (dataset, diagnosed) = done[0], outcome
   errors = {n: f.after * (0.9 if better else 1.1) for n, f in diagnosed.diagnosis.validate.items()}
-  worse = {n: 2.0 * max(e, found.judged["base"][n]) for n, e in errors.items()}
-  found = dataclasses.replace(found, judged=dict.fromkeys(found.judged, worse) | {"curves": errors})
-  monkeypatch.setattr(after_diagnosis, "study", lambda *given: found)
+  worse = {n: 2.0 * max(e, study.judged["base"][n]) for n, e in errors.items()}
+  study = dataclasses.replace(study, judged=dict.fromkeys(study.judged, worse) | {"curves": errors})
+  monkeypatch.setattr(after_diagnosis, "study", lambda *given: study)
   monkeypatch.setattr(after_diagnosis, "worse_with_curves", lambda *given: ())
   page, said = write_with_curves(diagnosed, dataset, tmp_path, "always")
-  whose = (found.found.twin, found.found.unshifted) if better else (diagnosed.twin, diagnosed.after)
+  whose = (study.found.twin, study.found.unshifted) if better else (diagnosed.twin, diagnosed.after)
   assert same_twin(tmp_path / "twin.toml", *whose)
   assert same_twin(tmp_path / "diagnosed.toml", diagnosed.twin, diagnosed.after)
-  assert same_twin(tmp_path / "characterised.toml", found.found.twin, found.found.unshifted)
+  assert same_twin(tmp_path / "characterised.toml", study.found.twin, study.found.unshifted)
   document = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
   assert document["shipped"] == ("curves" if better else "repaired")
   assert document["curves"]["validate"]["curves"] == pytest.approx(errors)
-  assert said[:-1] == sentences(found) and said[-1].startswith("twin.toml is")
+  assert said[:-1] == sentences(study) and said[-1].startswith("twin.toml is")
   text = page.read_text(encoding="utf-8")
   fits = diagnosed.diagnosis.holdout
   before = {name: fit.before for name, fit in fits.items()}
-  fell = 100.0 * ratio(found.errors["curves"], before)
+  fell = 100.0 * ratio(study.errors["curves"], before)
   assert said[-1].replace("'", "&#39;") in text and f"{fell:.0f} % with curves" in text[: text.index("<h2>")]
   assert "<h2>Free curves: The maps</h2>" in text and ">after the diagnosis</th>" in text
 

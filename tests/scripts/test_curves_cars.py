@@ -29,30 +29,30 @@ def folders(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def found(folders):
+def fits(folders):
   """Each car characterised, the curves' knots at the same places."""
   reach = {"drive_curve_reach": 2.0, "resistance_curve_reach": 1.5, "steering_curve_reach": 0.2}
   return {name: fit(ready(DataSet.load(folders / name))[0], threads=2, most=15.0, reach=reach) for name in CARS}
 
 
-def test_what_moved_between_two_data_sets_is_named_with_its_size(found):
-  moved = compared(found["before"], found["after"])
+def test_what_moved_between_two_data_sets_is_named_with_its_size(fits):
+  moved = compared(fits["before"], fits["after"])
   assert [m.name for m in moved if m.there] == ["steering_offset"]
   assert moved[0].second[0] - moved[0].first[0] == pytest.approx(TRIM, abs=0.01)
 
 
-def test_nothing_moves_in_a_car_that_stays_as_it_is(found):
-  moved = compared(found["before"], found["again"])
+def test_nothing_moves_in_a_car_that_stays_as_it_is(fits):
+  moved = compared(fits["before"], fits["again"])
   assert len(moved) > 20 and not any(m.there for m in moved)
 
 
 @pytest.mark.parametrize(("second", "said"), [("after", "steering_offset: "), ("again", "nothing moved between")])
-def test_the_command_writes_a_page_and_says_what_moved(folders, found, tmp_path, monkeypatch, capsys, second, said):
+def test_the_command_writes_a_page_and_says_what_moved(folders, fits, tmp_path, monkeypatch, capsys, second, said):
   asked = []
 
   def fitted(dataset, reach, **_):
     asked.append(reach)
-    return found["before"] if len(asked) == 1 else found[second]
+    return fits["before"] if len(asked) == 1 else fits[second]
 
   monkeypatch.setattr(comparison, "characterise", fitted)
   config = curves.Config(folders / "before", tmp_path, compare=folders / second)
@@ -69,7 +69,7 @@ def test_cars_of_another_layout_have_no_counterparts(folders):
     compare_cars(dataset, dataclasses.replace(dataset, vehicle={**dataset.vehicle, "layout": "rear"}))
 
 
-def test_a_session_with_a_trim_of_its_own_is_driven_better_with_it(folders, found, tmp_path, monkeypatch):
+def test_a_session_with_a_trim_of_its_own_is_driven_better_with_it(folders, fits, tmp_path, monkeypatch):
   sets = {day: DataSet.load(folders / name) for day, name in (("monday", "before"), ("tuesday", "after"))}
   recordings = [
     dataclasses.replace(r, name=f"{r.name}_{day}", session=day) for day, d in sets.items() for r in d.recordings
@@ -79,7 +79,7 @@ def test_a_session_with_a_trim_of_its_own_is_driven_better_with_it(folders, foun
   def others(dataset, **_):
     assert all(r.role != "holdout" for r in dataset.recordings)
     (day,) = {r.session for r in dataset.recordings}
-    return found["before" if day == "monday" else "after"]
+    return fits["before" if day == "monday" else "after"]
 
   monkeypatch.setattr(left_out, "characterise", others)
   monkeypatch.setattr(curves.DataSet, "load", lambda folder: both)
@@ -100,8 +100,8 @@ def test_leaving_out_takes_two_sessions_and_one_question_at_a_time(folders, tmp_
     curves.main(config)
 
 
-def test_a_fit_from_several_starts_says_what_scatters(folders, found, tmp_path, monkeypatch, capsys):
-  monkeypatch.setattr(starts, "characterise", lambda dataset, **_: found["before"])
+def test_a_fit_from_several_starts_says_what_scatters(folders, fits, tmp_path, monkeypatch, capsys):
+  monkeypatch.setattr(starts, "characterise", lambda dataset, **_: fits["before"])
   curves.main(curves.Config(folders / "before", tmp_path, starts=3, threads=2))
   items = json.loads((tmp_path / "starts.json").read_text(encoding="utf-8"))
   costs = [i["cost"] for i in items]

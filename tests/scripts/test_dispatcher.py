@@ -105,8 +105,8 @@ def test_what_is_wrong_with_the_input_is_said_in_a_sentence(tmp_path, capsys):
   ],
 )
 def test_only_what_is_none_of_the_programs_faults_is_a_sentence(error, said):
-  found = sentence(error)
-  assert found is None if said is None else said in found
+  line = sentence(error)
+  assert line is None if said is None else said in line
 
 
 def test_a_verdict_can_be_printed_in_a_posix_locale(tmp_path):

@@ -48,9 +48,9 @@ def test_a_strangers_logs_are_read_as_the_person_who_looked_at_them_reads_them(t
   guessed, known = (
     tomllib.loads((folder / "dataset.toml").read_text())["channels"] for folder in (path.parent, REAL / name)
   )
-  found = {"motor_voltage": "motor_duty"}  # a throttle's volts are a person's knowledge of the pack
+  duty = {"motor_voltage": "motor_duty"}  # a throttle's volts are a person's knowledge of the pack
   for channel, how in known.items():
-    guess = guessed.pop(found.get(channel, channel))
+    guess = guessed.pop(duty.get(channel, channel))
     assert guess["column"] == how["column"], channel
     assert guess.get("gate") == how.get("gate"), channel
     assert channel == "motor_voltage" or guess.get("hold", False) == how.get("hold", False), channel
@@ -154,11 +154,11 @@ def tiny(tmp_path_factory):
 
 
 def topics_of(path):
-  found = {}
+  messages = {}
   with path.open("rb") as file:
     for _, channel, message, content in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
-      found.setdefault(channel.topic, []).append((message.log_time * 1e-9, content))
-  return found
+      messages.setdefault(channel.topic, []).append((message.log_time * 1e-9, content))
+  return messages
 
 
 def test_export_of_a_diagnosis_holds_what_was_measured_before_after_errors_and_forces(tiny, capsys):

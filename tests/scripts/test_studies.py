@@ -52,6 +52,6 @@ def test_script_knows_the_independent_car_by_name():
 
 def test_script_writes_a_sentence_per_measurement(tmp_path, monkeypatch, capsys):
   monkeypatch.setattr(benchmark_learning, "steps_per_second", lambda *_: 1000.0)
-  found = benchmark_learning.main(benchmark_learning.Config(tmp_path / "timings.json", steps=800, quick=True))
-  assert json.loads((tmp_path / "timings.json").read_text()) == found
-  assert any("1000 us per 10 ms" in line for line in found) and "gradient steps" in capsys.readouterr().out
+  sentences = benchmark_learning.main(benchmark_learning.Config(tmp_path / "timings.json", steps=800, quick=True))
+  assert json.loads((tmp_path / "timings.json").read_text()) == sentences
+  assert any("1000 us per 10 ms" in line for line in sentences) and "gradient steps" in capsys.readouterr().out

@@ -34,15 +34,15 @@ def wheel(tmp_path_factory):
 
 
 def test_every_source_and_every_file_of_data_is_in_it(wheel):
-  found = {name for name in wheel.namelist() if ".dist-info" not in name}
+  packed = {name for name in wheel.namelist() if ".dist-info" not in name}
   wanted = {
     ("qcar_twin/" if package in INSIDE else "") + path.relative_to(ROOT).as_posix()
     for package in PACKAGES
     for path in (ROOT / package).rglob("*")
     if path.suffix in SOURCES and "_build" not in path.parts
   }
-  assert found == wanted
-  assert {"agents/data/policy/policy.onnx", "qcar_twin/assets/qcar.xml", "qcar_twin/pages/page.html"} <= found
+  assert packed == wanted
+  assert {"agents/data/policy/policy.onnx", "qcar_twin/assets/qcar.xml", "qcar_twin/pages/page.html"} <= packed
 
 
 def test_the_command_and_what_it_needs_are_declared(wheel):

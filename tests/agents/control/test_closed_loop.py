@@ -101,30 +101,30 @@ def test_cars_start_beside_the_path_as_told():
 
 def test_a_straight_car_on_a_straight_path_has_no_error():
   result = follow(Straight(), LINE)
-  found = kpis(result)
-  assert found.finished.all() and found.me[0] < 1e-12 and found.iaca[0] == 0.0
+  indicators = kpis(result)
+  assert indicators.finished.all() and indicators.me[0] < 1e-12 and indicators.iaca[0] == 0.0
   assert result.time[-1] == pytest.approx(6.0, abs=0.1)
 
 
 def test_a_constant_offset_is_both_me_and_rmse():
-  found = kpis(follow(Straight(), LINE, offset=0.03))
-  assert (found.me[0], found.rmse[0]) == pytest.approx((0.03, 0.03), abs=1e-6)
+  indicators = kpis(follow(Straight(), LINE, offset=0.03))
+  assert (indicators.me[0], indicators.rmse[0]) == pytest.approx((0.03, 0.03), abs=1e-6)
 
 
 def test_indicators_are_the_papers_integrals():
   result = follow(LQ, "o")
-  found = kpis(result)
+  indicators = kpis(result)
   until = result.under_way[:, 0]
   error, steering = result.cross_track[until, 0], result.commands[until, 0, 1]
   duration = until.sum() * 0.01
-  assert found.rmse[0] == pytest.approx(math.sqrt(np.sum(error**2) * 0.01 / duration))
-  assert found.me[0] == pytest.approx(np.abs(error).max())
-  assert found.iaca[0] == pytest.approx(np.sum(np.abs(steering)) * 0.01 / duration)
+  assert indicators.rmse[0] == pytest.approx(math.sqrt(np.sum(error**2) * 0.01 / duration))
+  assert indicators.me[0] == pytest.approx(np.abs(error).max())
+  assert indicators.iaca[0] == pytest.approx(np.sum(np.abs(steering)) * 0.01 / duration)
 
 
 def test_a_car_that_leaves_the_path_has_not_finished():
-  found = kpis(follow(Straight(), "o"))
-  assert not found.finished[0] and not found.inside[0] and np.isinf(found.rmse[0])
+  indicators = kpis(follow(Straight(), "o"))
+  assert not indicators.finished[0] and not indicators.inside[0] and np.isinf(indicators.rmse[0])
 
 
 def test_steering_beyond_the_lock_is_cut():
@@ -162,6 +162,6 @@ def test_with_sensors_and_filter_the_loop_stays_at_the_noise_floor():
     SensorSuite(qcar_sensors(), count, 0), CAR, FilterSettings(steering_lag=0.05, lidar_correlation=0.3)
   )
   result = follow(LQ, "o", count=count, observer=observer, actuation=Actuation())
-  found = kpis(result)
-  assert found.finished.all() and np.median(found.rmse) < 0.008 and found.me.max() < 0.03
+  indicators = kpis(result)
+  assert indicators.finished.all() and np.median(indicators.rmse) < 0.008 and indicators.me.max() < 0.03
   assert result.valid.all()

@@ -43,8 +43,8 @@ def made_up(error, steering, path=LINE, finished=True, under_way=None):
 @settings(max_examples=40, deadline=None)
 @given(st.lists(NUMBERS, min_size=2, max_size=30))
 def test_root_mean_square_lies_between_mean_and_maximum(errors):
-  found = kpis(made_up(errors, np.zeros(len(errors))))
-  assert np.mean(np.abs(errors)) <= found.rmse[0] + 1e-12 and found.rmse[0] <= found.me[0] + 1e-12
+  indicators = kpis(made_up(errors, np.zeros(len(errors))))
+  assert np.mean(np.abs(errors)) <= indicators.rmse[0] + 1e-12 and indicators.rmse[0] <= indicators.me[0] + 1e-12
 
 
 @settings(max_examples=40, deadline=None)
@@ -77,14 +77,14 @@ def test_what_comes_after_the_end_does_not_count(errors, left):
 
 def test_steering_rate_of_a_ramp_is_its_slope():
   ramp = 0.4 * 0.01 * np.arange(2001)
-  found = kpis(made_up(np.zeros(2001), ramp))
-  assert found.steering_rate[0] == pytest.approx(0.4, rel=1e-3)
+  indicators = kpis(made_up(np.zeros(2001), ramp))
+  assert indicators.steering_rate[0] == pytest.approx(0.4, rel=1e-3)
 
 
 def test_a_lost_run_has_no_finite_error_but_an_effort():
-  found = kpis(made_up([0.01, 0.02], [0.1, 0.1], finished=False))
-  assert np.isinf(found.rmse[0]) and np.isinf(found.me[0]) and found.iaca[0] == pytest.approx(0.1)
-  assert not found.finished[0] and not found.inside[0]
+  indicators = kpis(made_up([0.01, 0.02], [0.1, 0.1], finished=False))
+  assert np.isinf(indicators.rmse[0]) and np.isinf(indicators.me[0]) and indicators.iaca[0] == pytest.approx(0.1)
+  assert not indicators.finished[0] and not indicators.inside[0]
 
 
 def test_borders_count_only_while_under_way():

@@ -68,6 +68,6 @@ def test_a_foreign_simulator_needs_no_parameters():
   bicycle = Bicycle(model.vehicle)
   foreign = ExternalPlant(lambda start: bicycle.begin(np.tile(model.theta, (len(start), 1)), start))
   case = EvaluationCase("s", "stranger", cars=2, estimator="truth")
-  found = kpis(run_case(GOOD, case, lambda name: (foreign, np.empty(0))))
+  foreigns = kpis(run_case(GOOD, case, lambda name: (foreign, np.empty(0))))
   own = kpis(run_case(GOOD, case, lambda name: (bicycle, model.theta)))
-  np.testing.assert_array_equal(found.rmse, own.rmse)
+  np.testing.assert_array_equal(foreigns.rmse, own.rmse)

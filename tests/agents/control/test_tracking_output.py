@@ -28,12 +28,12 @@ def lane_change():
 
 
 def test_a_drive_leaves_indicators_traces_and_a_page(tmp_path, lane_change):
-  found = kpis(lane_change)
-  line = write_drive(tmp_path / "new", "lq_cm tuned", lane_change, found, {"path": "c"})
-  assert line == indicator_line("lq_cm tuned", lane_change, found)
+  indicators = kpis(lane_change)
+  line = write_drive(tmp_path / "new", "lq_cm tuned", lane_change, indicators, {"path": "c"})
+  assert line == indicator_line("lq_cm tuned", lane_change, indicators)
   assert line.startswith("lq_cm tuned on c: ME ") and line.endswith("2 of 2 runs between the borders")
   content = json.loads((tmp_path / "new" / "kpis.json").read_text())
-  assert content["config"] == {"path": "c"} and content["kpis"]["rmse"] == pytest.approx(found.rmse.tolist())
+  assert content["config"] == {"path": "c"} and content["kpis"]["rmse"] == pytest.approx(indicators.rmse.tolist())
   assert {file.name for file in (tmp_path / "new").iterdir()} == {"kpis.json", "traces.csv", "report.html"}
   assert line in (tmp_path / "new" / "report.html").read_text(encoding="utf-8")
 

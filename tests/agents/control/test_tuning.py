@@ -50,8 +50,8 @@ def bowl(best_gain):
 
 def test_the_search_finds_the_bottom(trial):
   trial(bowl(2.0))
-  found = run(Search(candidates=16, elite=4, generations=6))
-  assert found.numbers["gain"] == pytest.approx(2.0, rel=0.15) and found.rmse < 0.005
+  tuned = run(Search(candidates=16, elite=4, generations=6))
+  assert tuned.numbers["gain"] == pytest.approx(2.0, rel=0.15) and tuned.rmse < 0.005
 
 
 def test_every_candidate_drives_the_same_mismatches_on_the_training_path(trial):
@@ -68,8 +68,8 @@ def test_steering_harder_than_the_cap_costs(trial):
   """Beyond the cap more gain is less error and yet not chosen."""
   cap = Search().rate_cap
   trial(lambda c: (0.02 / c.gain, cap * c.gain / 2.0))
-  found = run(Search(candidates=24, elite=4, generations=8))
-  assert found.steering_rate < 1.3 * cap
+  tuned = run(Search(candidates=24, elite=4, generations=8))
+  assert tuned.steering_rate < 1.3 * cap
 
 
 def test_a_candidate_that_loses_a_car_never_wins(trial):
@@ -79,8 +79,8 @@ def test_a_candidate_that_loses_a_car_never_wins(trial):
     return rmse, 0.0 * rmse
 
   trial(answer)
-  found = run(Search(candidates=16, elite=4, generations=6))
-  assert found.numbers["gain"] < 1.5 and found.rmse == pytest.approx(0.01)
+  tuned = run(Search(candidates=16, elite=4, generations=6))
+  assert tuned.numbers["gain"] < 1.5 and tuned.rmse == pytest.approx(0.01)
 
 
 def test_noise_is_new_in_every_generation_and_the_last_trial_has_its_own(trial, monkeypatch):
@@ -101,5 +101,5 @@ def test_the_same_seed_finds_the_same(trial):
 def test_numbers_stay_positive_and_named(trial):
   trial(bowl(0.01))
   wild = Family("ff_fb", FAMILY.numbers, FAMILY.start, spread=2.0)
-  found = tune(wild, PLANT, THETA, CAR, SETTINGS, Search(candidates=8, elite=3, generations=3))
-  assert set(found.numbers) == set(FAMILY.numbers) and all(value > 0.0 for value in found.numbers.values())
+  tuned = tune(wild, PLANT, THETA, CAR, SETTINGS, Search(candidates=8, elite=3, generations=3))
+  assert set(tuned.numbers) == set(FAMILY.numbers) and all(value > 0.0 for value in tuned.numbers.values())

@@ -135,10 +135,10 @@ GOOD = Policy(
 
 
 def test_judging_drives_the_training_path_in_the_plant_of_the_training():
-  found = judge(GOOD, PLAN, Model.nominal())
-  assert found.finished.all() and found.rmse.shape == (4,) and np.all(found.rmse < 0.03)
+  judged = judge(GOOD, PLAN, Model.nominal())
+  assert judged.finished.all() and judged.rmse.shape == (4,) and np.all(judged.rmse < 0.03)
   wrong = dataclasses.replace(PLAN, options=dataclasses.replace(OPTIONS, steering_offset=10.0))
-  assert abs(judge(GOOD, wrong, Model.nominal()).rmse[0] - found.rmse[0]) > 1e-3
+  assert abs(judge(GOOD, wrong, Model.nominal()).rmse[0] - judged.rmse[0]) > 1e-3
   sensed = dataclasses.replace(PLAN, options=dataclasses.replace(OPTIONS, estimator="fekf"))
   noisy = judge(GOOD, sensed, Model.nominal())
   assert len(set(noisy.rmse)) == 4 and np.all(judge(GOOD, sensed, Model.nominal()).rmse == noisy.rmse)

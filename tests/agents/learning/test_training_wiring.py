@@ -116,8 +116,8 @@ def test_a_plant_of_ones_own_is_judged_too():
     asked.append(1)
     return make()
 
-  found = judge(GOOD, PLAN, MODEL, (own, theta))
-  assert asked and found.finished.all()
+  judged = judge(GOOD, PLAN, MODEL, (own, theta))
+  assert asked and judged.finished.all()
 
 
 # -- seeds, tables, logs ---------------------------------------------------------------------------

@@ -136,8 +136,8 @@ def command(name, *arguments):
 def test_track_command(tmp_path):
   said = command("track", "--path", "c", "--plant", "bicycle", "--quick", "--out", tmp_path)
   assert "lq_cm tuned on c: ME" in said and "1 of 1 runs between the borders" in said
-  found = json.loads((tmp_path / "kpis.json").read_text())
-  assert found["kpis"]["finished"] == [True] and 0.0 < found["kpis"]["rmse"][0] < 0.02
+  written = json.loads((tmp_path / "kpis.json").read_text())
+  assert written["kpis"]["finished"] == [True] and 0.0 < written["kpis"]["rmse"][0] < 0.02
   names = {file.name for file in tmp_path.iterdir()}
   assert names == {"kpis.json", "traces.csv", "report.html"}
   header, first = (tmp_path / "traces.csv").read_text().splitlines()[:2]

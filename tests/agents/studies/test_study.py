@@ -116,12 +116,12 @@ def test_a_run_that_left_the_path_comes_back_as_infinite(tmp_path):
 
 
 def test_settings_cover_what_the_page_compares():
-  found = settings(8, (0.3, 1.2), ("bicycle", "pg", "pg x=1"), ("own", "own x=1"))
-  assert list(found) == ["N", "MIS", "0.3 m/s", "1.2 m/s", "bicycle", "pg", "pg x=1", "own", "own x=1"]
-  assert {c.path for c in found["N"].cases} == {"o", "infinity", "c"} and found["N"].versions == ("loose", "tuned")
-  assert {(c.steering_gain, c.steering_offset) for c in found["MIS"].cases} == {(0.92, 1.0)}
-  assert {c.speed for c in found["1.2 m/s"].cases} == {1.2}
-  assert "repaired" in found["own x=1"].groups and "repaired" not in found["pg"].groups
+  known = settings(8, (0.3, 1.2), ("bicycle", "pg", "pg x=1"), ("own", "own x=1"))
+  assert list(known) == ["N", "MIS", "0.3 m/s", "1.2 m/s", "bicycle", "pg", "pg x=1", "own", "own x=1"]
+  assert {c.path for c in known["N"].cases} == {"o", "infinity", "c"} and known["N"].versions == ("loose", "tuned")
+  assert {(c.steering_gain, c.steering_offset) for c in known["MIS"].cases} == {(0.92, 1.0)}
+  assert {c.speed for c in known["1.2 m/s"].cases} == {1.2}
+  assert "repaired" in known["own x=1"].groups and "repaired" not in known["pg"].groups
 
 
 # -- the page ------------------------------------------------------------------------------------
