@@ -5,10 +5,8 @@ words, help texts without a capital, a full stop or a unit. Of the code, how oft
 """
 
 import ast
-import io
 import re
 import sys
-import tokenize
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -161,8 +159,10 @@ def named_found(root: Path) -> int:
   count = 0
   for path in (p for room in CODE for p in (root / room).rglob("*.py")):
     if not {"diagnosis", "characterise"} & set(path.relative_to(root).parts):
-      tokens = tokenize.generate_tokens(io.StringIO(path.read_text(encoding="utf-8")).readline)
-      count += sum(token.type == tokenize.NAME and token.string == "found" for token in tokens)
+      nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+      # of a name, an attribute, an argument or keyword, a function or class
+      names = (getattr(node, field, None) for node in nodes for field in ("id", "attr", "arg", "name"))
+      count += sum(name == "found" for name in names)
   return count
 
 

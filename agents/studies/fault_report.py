@@ -61,9 +61,9 @@ def fault_section(model: Model, controller: Controller, count: int, quick: bool 
 
 def _errors_part(rows: list[tuple[str, ...]], typical: float) -> list[str]:
   return [
-    "Position error from the fault's begin on, and recovery: how long after its end (a bias that stays: after its"
-    f" begin) the estimate is last more than {1e3 * typical:.1f} mm, the RMSE with sound sensors, away from the one"
-    " that the sound sensors of the same run give.",
+    "Position error from the fault's begin on. Recovery is how long after its end the estimate is last more than"
+    f" {1e3 * typical:.1f} mm off, the RMSE with sound sensors. Off is the distance from what the sound sensors of the"
+    " same run give. For a bias that stays, recovery counts from its begin.",
     "",
     *markdown.table(
       ("fault", "peak, median [mm]", "peak, largest", "yaw peak [mrad]", "recovery [s]", "longest"), rows
@@ -74,11 +74,11 @@ def _errors_part(rows: list[tuple[str, ...]], typical: float) -> list[str]:
 def _honesty_part(rows: list[tuple[str, ...]], number: int) -> list[str]:
   low, high = chi2.ppf([0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2], 2 * number) / number
   return [
-    f"Honesty: the bounds that are stated beside the estimate are exceeded with probability {FilterSettings().risk:g}"
+    f"Honesty: the bounds that are stated with the estimate are exceeded with probability {FilterSettings().risk:g}"
     " each. Valid is the share of all instants from the fault's begin on; beyond is the share of the valid instants"
-    " at which position or yaw are beyond their bounds; then runs in which that happens at all, of all, with the"
-    f" interval of the share in per cent. NEES of the position at the fault's end and {AFTER:g} s later, mean over the"
-    f" runs; a consistent filter's lies in [{low:.1f}, {high:.1f}], below is caution.",
+    " at which position or yaw are beyond their bounds. Then come the runs in which that happens at all, of all, with"
+    f" the interval of the share in per cent. NEES of the position at the fault's end and {AFTER:g} s later, mean over"
+    f" the runs; a consistent filter's lies in [{low:.1f}, {high:.1f}], below is caution.",
     "",
     *markdown.table(
       (

@@ -62,7 +62,7 @@ VARIANTS = {
   "wide": Variant(
     (
       "sees also command, curvature and their slow means; imitates the linear rate policy that sees the truth, on "
-      "linkages drawn anew every episode"
+      "linkages newly drawn every episode"
     ),
     WIDE_PLAN,
   ),

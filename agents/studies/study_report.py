@@ -201,7 +201,7 @@ def page(folder: Path, file: Path, special: Sequence[str] = ()) -> str:
   lines += ["", "## On the twin, 0.5 m/s, federated filter on noisy sensors", ""]
   lines += [
     "Medians [quartiles] over cars with noise of their own and all seeds of a variant.",
-    f"MIS: a steering gain of {gain:g} and an offset of {offset:g} deg that nobody is told.",
+    f"MIS: a steering gain of {gain:g} and an offset of {offset:g} deg that nobody knows.",
     "",
   ]
   lines += [*kpi_section("N", nominal), "", *kpi_section("MIS", mismatched), "", *pictures[1:]]

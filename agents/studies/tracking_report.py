@@ -24,7 +24,7 @@ def tracking_section(
     "## Controllers on the validation paths",
     "",
     f"0.5 m/s; {runs} runs with noise of their own where the controller sees the filter's estimate.",
-    "N: steering as told; MIS: steering gain 0.92 and offset +1 degree that nobody was told of.",
+    "N: steering as commanded; MIS: steering gain 0.92 and offset +1 degree that nobody knows.",
     "Numbers and origin: `agents/data/controllers.toml`.",
     "The bicycle has a servo of 20 ms delay and 40 ms lag, the twin its own.",
   ]

@@ -24,7 +24,7 @@ AIMS = (
   ("parameter_error_median", "error of the parameter, median", -0.15),
   ("subsystem_visible", "subsystem right, of the visible ones", 0.90),
   ("pairs_both", "pairs: both named", 0.75),
-  ("pairs_nothing_false", "pairs: nothing false beside them", 0.85),
+  ("pairs_nothing_false", "pairs: no false name", 0.85),
   ("outside_unknown", "outside the catalogue: unexplained or partly explained", 0.83),
   ("outside_right_variables", "the same, and its strongest property is one that the effect is a function of", 0.75),
   ("outside_sure_and_wrong", "outside the catalogue: a wrong name with probability above 0.8", -0.0),
