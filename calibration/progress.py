@@ -66,7 +66,7 @@ CURVES: Plan = MappingProxyType(
 
 
 def joined(*plans: Plan) -> Plan:
-  """One plan after the other; a stage that several have is told apart by spaces, which do not show."""
+  """One plan after the other; a stage that several have is distinguished by spaces, which do not show."""
   whole: dict[str, float] = {}
   for plan in plans:
     for name, seconds in plan.items():

@@ -1,6 +1,6 @@
 """What a car remembers of its drive: slow means of steering command and path curvature.
 
-A linkage nobody told the filter about bends its estimate within about a second; command and curvature, averaged
+A linkage that the filter does not know bends its estimate within about a second; command and curvature, averaged
 over that time, give it away.
 """
 

@@ -53,7 +53,7 @@ def page(agreement: Agreement, config: Config) -> str:
   listed = lambda cosines: [[n, f"{a:.3f}", f"{b:.3f}"] for n, (a, b) in sorted(cosines.items(), key=lambda kv: kv[1])]
   apart = ", ".join(sorted({recording for recording, _ in agreement.worst.values()}))
   lines = [
-    "# The reduced car beside MuJoCo's",
+    "# The reduced car against MuJoCo's",
     "",
     f"`qcar-twin benchmark-plant --dataset {config.dataset} --vectors {config.vectors} --seed {config.seed}"
     f" --most {config.most:g}`: {agreement.seconds:.0f} s of driving."

@@ -59,12 +59,12 @@ def main(config: Config) -> CrossValidation:
 
 
 def _twin(config: Config, dataset: DataSet, progress: StageLine) -> tuple[Twin, NDArray[np.float64], int]:
-  """Twin, its parameters, and the command timing that was fitted with it, if the calibration beside it says so."""
+  """Twin, its parameters, and the command timing that was fitted with it, if the calibration next to it says so."""
   if config.twin is None:
     fitted = calibrate(dataset, "recordings", config.out, quick=config.quick, threads=config.threads, progress=progress)
     return fitted.twin, fitted.theta, fitted.command_shift
-  beside = config.twin.with_name("calibration.json")
-  shift = json.loads(beside.read_text(encoding="utf-8")).get("command_shift", 0) if beside.is_file() else 0
+  document = config.twin.with_name("calibration.json")
+  shift = json.loads(document.read_text(encoding="utf-8")).get("command_shift", 0) if document.is_file() else 0
   return *load_twin(config.twin, threads=config.threads), int(shift)
 
 

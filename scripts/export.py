@@ -79,22 +79,22 @@ def of_dataset(config: Config) -> list[Path]:
 
 def twins_of(config: Config) -> dict[str, tuple[Twin, np.ndarray]]:
   """Twins by what they are called in the file."""
-  beside = config.diagnosis
-  if beside and not (beside / "twin.toml").is_file():
-    raise RecordingError(f"{beside}: holds no twin.toml; give the folder that `qcar-twin diagnose --out` wrote")
+  folder = config.diagnosis
+  if folder and not (folder / "twin.toml").is_file():
+    raise RecordingError(f"{folder}: holds no twin.toml; give the folder that `qcar-twin diagnose --out` wrote")
   files = {
-    "before": config.before or (beside and beside / "recalibrated.toml"),
-    "after": config.after or (beside and beside / "twin.toml"),
+    "before": config.before or (folder and folder / "recalibrated.toml"),
+    "after": config.after or (folder and folder / "twin.toml"),
   }
   return {name: load_twin(path, threads=1) for name, path in files.items() if path}
 
 
 def fitted_shift(config: Config) -> int:
-  """The timing that was fitted with a twin, where the calibration beside it says so."""
+  """The timing that was fitted with a twin, where the calibration next to it says so."""
   for twin in (config.after, config.before):
-    beside = twin.with_name("calibration.json") if twin else None
-    if beside and beside.is_file():
-      return int(json.loads(beside.read_text(encoding="utf-8")).get("command_shift", 0))
+    document = twin.with_name("calibration.json") if twin else None
+    if document and document.is_file():
+      return int(json.loads(document.read_text(encoding="utf-8")).get("command_shift", 0))
   return 0
 
 

@@ -99,7 +99,7 @@ def load(car: SingleTrackCar, speed: float = 0.5, file: Path = FILE) -> dict[tup
       for version, entry in versions.items()
     }
   except (KeyError, ValueError, OverflowError, np.linalg.LinAlgError) as error:
-    raise UnreadableFile(f"{file.name}: {error.args[0]}; run qcar-twin tune to make it anew") from error
+    raise UnreadableFile(f"{file.name}: {error.args[0]}; run qcar-twin tune to make it again") from error
 
 
 def entries(file: Path = FILE) -> dict[str, dict[str, dict[str, Any]]]:

@@ -1,7 +1,7 @@
 """The linear rate policy: the paper's agent without the network.
 
 d(delta)/dt = -k . [dy, d(dy)/dt, dpsi, d(dpsi)/dt], bounded, integrated and held at the lock. Because the
-action is a rate, the policy integrates: a steering gain or offset nobody told it about leaves no steady error.
+action is a rate, the policy integrates: a steering gain or offset it does not know leaves no steady error.
 It sees and does what the reinforcement-learning agent sees and does, so it is the floor such an agent must reach.
 """
 

@@ -14,7 +14,7 @@ from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
-# s, told to the filter: delay and lag as one
+# s, given to the filter: delay and lag as one
 STEERING_LAG = {"bicycle": 0.05, "twin": 0.015, "reduced": 0.015, "proving_ground": 0.05}
 
 FRONT_SHARE = {"all-wheel": 0.5, "rear": 0.0, "front": 1.0}  # of the front wheels in what the encoder on the motor sees

@@ -18,15 +18,15 @@ def write_drive(folder: Path, label: str, drive: Drive, indicators: Kpis, config
 
   Args:
     label: controller and version.
-    config: what was asked for; kept beside the indicators.
+    config: what was asked for; kept with the indicators.
   """
   folder.mkdir(parents=True, exist_ok=True)
   rows = {f.name: np.asarray(getattr(indicators, f.name)) for f in dataclasses.fields(indicators)}
   write_json(folder / "kpis.json", {"config": config, "kpis": rows})
   write_traces(folder / "traces.csv", drive)
-  told = indicator_line(label, drive, indicators)
-  write_tracking(folder, label, drive, indicators, told)
-  return told
+  line = indicator_line(label, drive, indicators)
+  write_tracking(folder, label, drive, indicators, line)
+  return line
 
 
 def write_traces(file: Path, drive: Drive, car: int = 0) -> None:

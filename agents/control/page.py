@@ -1,4 +1,4 @@
-"""The page of a tracking run: indicators, the driven path beside the reference, speed, steering and errors."""
+"""The page of a tracking run: indicators, the driven path and the reference, speed, steering and errors."""
 
 from pathlib import Path as File
 
@@ -30,7 +30,7 @@ def write_tracking(folder: File, label: str, drive: Drive, indicators: Kpis, sen
 
 
 def drive_section(drive: Drive) -> Section:
-  """Every run: channels beside the map, the moments of the largest errors."""
+  """Every run: channels next to the map, the moments of the largest errors."""
   runs, moments = [], []
   for car in range(drive.signals.shape[1]):
     name, until = f"run {car + 1}", drive.under_way[:, car]

@@ -53,7 +53,7 @@ class SpeedController:
     self._integral = gains.hold * np.asarray(speed, dtype=np.float64)
 
   def restart(self, which: NDArray[np.bool_], speed: Array) -> None:
-    """Take over some cars anew at speeds (N,), m/s."""
+    """Take over some cars again at speeds (N,), m/s."""
     self._integral = np.where(which, self.gains.hold * speed, self._integral)
 
   def voltage(self, speed: Array, target: ArrayLike, period: float) -> Array:

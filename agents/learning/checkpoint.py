@@ -27,7 +27,7 @@ ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "t
 
 
 def save_checkpoint(agent: Agent, folder: Path, progress: dict[str, Any]) -> None:
-  """Write networks, optimisers, buffer and random states beside the old checkpoint, then point to the new one.
+  """Write networks, optimisers, buffer and random states next to the old checkpoint, then point to the new one.
 
   Args:
     folder: of the training.

@@ -38,7 +38,7 @@ class Settings:
     cars: driven side by side.
     actor_rate, critic_rate: learning rates at the start, decayed linearly to `final_rate` of them
       by `settled` of the episodes.
-    noise, final_noise: standard deviation of the exploration noise in units of the largest action, likewise.
+    noise, final_noise: standard deviation of the exploration noise in units of the largest action.
     warm_up: environment steps of random actions before learning.
     steps_per_update: environment steps per gradient step.
     batch, gamma, tau: as usual.  buffer: transitions kept.

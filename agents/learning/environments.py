@@ -46,7 +46,7 @@ class Options:
     estimator: what the agent sees: the federated filter on noisy sensors, or the truth.
     demonstrator, version: controller of agents/data/controllers.toml whose steering angle the reward compares with;
       "" for none.
-    steering_gain, steering_offset: of the linkage, - and deg; neither agent nor filter is told.
+    steering_gain, steering_offset: of the linkage, - and deg; neither agent nor filter knows them.
     gain_spread, offset_spread: half-widths around them, - and deg, within which every episode's linkage is drawn.
     randomise: draw the twin's measured parameters within their standard deviations for every episode.
     start_offset, start_heading: episodes start within +- these, m and rad.

@@ -42,7 +42,7 @@ class EvaluationCase:
 
   Attributes:
     path: its name.  plant: its name.  speed: m/s.
-    steering_gain, steering_offset: of the linkage, - and deg, told to nobody.
+    steering_gain, steering_offset: of the linkage, - and deg; neither agent nor filter knows them.
     cars: runs, each with sensor noise of its own.  seed: of the sensors.
     estimator: "fekf" or "truth".
   """

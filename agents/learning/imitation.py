@@ -61,13 +61,13 @@ def imitate(agent: Agent, law: LinearRate, episodes: int, seed: int) -> float:
   """
   rng = np.random.default_rng([seed, 3])
   seen: list[Array] = []
-  asked: list[Array] = []
+  wanted: list[Array] = []
   error = float("nan")
   for turn in range(ROUNDS):
     observations, answers = _drive(agent, law, max(1, episodes // ROUNDS), turn > 0, rng)
     seen.append(observations)
-    asked.append(answers)
-    error = _fit(agent, np.concatenate(seen), np.concatenate(asked), rng)
+    wanted.append(answers)
+    error = _fit(agent, np.concatenate(seen), np.concatenate(wanted), rng)
   agent.actor_target.load_state_dict(agent.actor.state_dict())
   return law.largest * error
 
@@ -80,10 +80,10 @@ def _drive(
   fleet, observation, finished = env.fleet, env.reset(), 0  # type: ignore[attr-defined]
   size, memory = WANDERING
   fade = math.exp(-fleet.task.period / memory)
-  noise, seen, asked = np.zeros(fleet.count), [], []
+  noise, seen, wanted = np.zeros(fleet.count), [], []
   while finished < episodes:
     seen.append(observation)
-    asked.append(-fleet.errors.observation[1] @ law.gain[:, None] / law.largest)
+    wanted.append(-fleet.errors.observation[1] @ law.gain[:, None] / law.largest)
     rate = (
       agent.predict(np.asarray(observation), deterministic=True)[0][:, 0] if student else law.answer(fleet.observation)
     )
@@ -96,12 +96,12 @@ def _drive(
     buffer.add(observation, last, rate / law.largest, reward, done, infos)  # type: ignore[union-attr]
     finished += int(np.sum(done))
     observation = following
-  return np.concatenate(seen), np.clip(np.concatenate(asked), -CUT, CUT)
+  return np.concatenate(seen), np.clip(np.concatenate(wanted), -CUT, CUT)
 
 
-def _fit(agent: Agent, seen: Array, asked: Array, rng: np.random.Generator) -> float:
+def _fit(agent: Agent, seen: Array, wanted: Array, rng: np.random.Generator) -> float:
   """Least squares of the actor before its tanh against the answers; the root of the last hundred steps' mean loss."""
-  x, y = torch.tensor(seen, dtype=torch.float32), torch.tensor(asked, dtype=torch.float32)
+  x, y = torch.tensor(seen, dtype=torch.float32), torch.tensor(wanted, dtype=torch.float32)
   network = torch.nn.Sequential(agent.actor.features_extractor, agent.actor.mu[:-1])
   optimizer = torch.optim.AdamW(network.parameters(), RATE, weight_decay=1e-3, fused=True)
   fading = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, STEPS)

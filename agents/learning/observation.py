@@ -1,6 +1,6 @@
 """What an agent sees beyond the paper's four errors.
 
-The federated filter predicts with the steering it was told. A linkage nobody told it about bends its estimate to one
+The federated filter predicts with the steering command. A linkage it does not know bends its estimate to one
 side; command, curvature and their slow means give away by how much. An agent that sees them can learn it, one that
 sees the four errors alone cannot.
 """
@@ -23,7 +23,7 @@ class ObservationSpec:
 
   Attributes:
     steering: also the last steering command, rad.
-    previews: also the path's curvature, 1/m, so far ahead, m; 0 is beside the car.
+    previews: also the path's curvature, 1/m, so far ahead, m; 0 is at the car.
     past: also the slow means of steering command and curvature, rad and 1/m, see `qcar_twin.slow_means`.
   """
 

@@ -254,7 +254,7 @@ def train(
   asked = folder / "training.json"
   if resume and asked.is_file():
     plan = Plan.kept(asked)
-    resume = (folder / POINTER).is_file()  # one that was killed before its first checkpoint begins anew
+    resume = (folder / POINTER).is_file()  # one that was killed before its first checkpoint begins again
   elif asked.is_file():
     raise FileExistsError(f"{folder} holds a training already; go on with --resume or choose another folder")
   folder.mkdir(parents=True, exist_ok=True)

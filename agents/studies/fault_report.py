@@ -37,8 +37,8 @@ def fault_section(model: Model, controller: Controller, count: int, quick: bool 
       pairs = [
         _variant(runs, sound, variant, i, len(case.variants), watched) for i, variant in enumerate(case.variants)
       ]
-      faulty, beside = joined([a for a, _ in pairs]), joined([b for _, b in pairs])
-      errors.append((title, *_error_cells(faulty, beside, case.end, typical)))
+      faulty, reference = joined([a for a, _ in pairs]), joined([b for _, b in pairs])
+      errors.append((title, *_error_cells(faulty, reference, case.end, typical)))
       honesty.append((title, *_honesty_cells(faulty)))
   number = sound[True].error.shape[1]
   about = [f"* {name}: {case.about}" for name, case in FAULTS.items() if name in classes]
@@ -111,7 +111,7 @@ def joined(parts: Sequence[Run]) -> Run:
 def _variant(
   runs: Runs, sound: dict[bool, Run], faults: tuple[Fault, ...], which: int, of: int, watched: bool
 ) -> tuple[Run, Run]:
-  """The runs that one variant of a class gets, and the sound ones beside them."""
+  """The runs that one variant of a class gets, and the sound ones that go with them."""
   share = slice(which, None, of)
   pick = lambda run: Run(*(getattr(run, name)[:, share] for name in Run.__dataclass_fields__))
   return pick(runs(faults, watched) if faults else sound[watched]), pick(sound[watched])

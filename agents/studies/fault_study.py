@@ -2,7 +2,7 @@
 
 The car is steered on the estimate of a filter with sound sensors; what its sensors would have said with a fault is
 made afterwards from the same true signals, so that a fault can neither hide nor add to its effect by steering the car
-elsewhere, and every faulty run has a sound one with the same noise beside it. The speed swings, or a frozen encoder
+elsewhere, and every faulty run has a sound one with the same noise. The speed swings, or a frozen encoder
 would be right.
 """
 
@@ -100,7 +100,7 @@ class Run:
   """N runs of an estimator: errors, what it states, whether it says it is valid; (T, N).
 
   Attributes:
-    position: estimated minus true, m, (T, N, 2).  yaw: likewise, rad.
+    position: estimated minus true, m, (T, N, 2).  yaw: estimated minus true, rad.
     covariance: of the position, xx xy yy, m^2, (T, N, 3).
     bounds: of the errors of position, m, and yaw, rad, (T, N, 2).
   """

@@ -96,7 +96,7 @@ def settings(
 
   Args:
     cars: runs of each contestant.
-    speeds: m/s, beside 0.5.
+    speeds: m/s, besides 0.5.
     plants: by the names the plant maker knows, on which everybody is driven besides the twin.
     special: plants on which the agents trained on twins of their own are driven, too.
   """
@@ -153,7 +153,7 @@ def training_jobs(folder: Path, variant: str, seeds: Sequence[int], episodes: in
 
 
 def warm_start(plan: Plan, folder: Path) -> dict[str, Any]:
-  """Train into a folder, from its last checkpoint where it has one; a training without one begins anew."""
+  """Train into a folder, from its last checkpoint where it has one; a training without one begins again."""
   resumable = (folder / "checkpoint.json").is_file()
   if not resumable:
     (folder / "training.json").unlink(missing_ok=True)

@@ -84,7 +84,7 @@ def change(table: Table, contestant: str, other: str, path: str, indicator: str)
 
 
 def margin_section(nominal: Table, mismatched: Table, variants: Sequence[str]) -> list[str]:
-  """The paper's margins beside ours, without and with the mismatch."""
+  """The paper's margins next to ours, without and with the mismatch."""
   head = [f"{v}, {c}" for v in variants for c in ("N", "MIS")]
   rows = []
   for path, other, indicator, paper in MARGINS:
@@ -175,7 +175,7 @@ def repair_section(folder: Path, plain: str, concealed: str) -> list[str]:
 
 
 def page(folder: Path, file: Path, special: Sequence[str] = ()) -> str:
-  """The page as Markdown; figures go into a folder of its name beside it, whose notes.md, if it is there, is put first.
+  """The page as Markdown; figures go into a folder of its name next to it, whose notes.md, if there, is put first.
 
   Args:
     folder: of the study.  file: the page.
@@ -224,15 +224,15 @@ def page(folder: Path, file: Path, special: Sequence[str] = ()) -> str:
 
 def _figures(folder: Path, file: Path, nominal: Table, mismatched: Table) -> list[str]:
   """Draw what can be drawn; Markdown lines."""
-  beside = file.with_suffix("")
-  beside.mkdir(parents=True, exist_ok=True)
+  pictures_at = file.with_suffix("")
+  pictures_at.mkdir(parents=True, exist_ok=True)
   drawn = []
-  if learning_figure(folder, beside / "learning.png"):
-    drawn.append(f"![Error on the training path over the training]({beside.name}/learning.png)")
+  if learning_figure(folder, pictures_at / "learning.png"):
+    drawn.append(f"![Error on the training path over the training]({pictures_at.name}/learning.png)")
   for name, table in (("N", nominal), ("MIS", mismatched)):
     if table:
-      study_bars(table, names_of(table), beside / f"indicators_{name}.png")
-      drawn.append(f"![Indicators, {name}]({beside.name}/indicators_{name}.png)")
+      study_bars(table, names_of(table), pictures_at / f"indicators_{name}.png")
+      drawn.append(f"![Indicators, {name}]({pictures_at.name}/indicators_{name}.png)")
   return drawn
 
 

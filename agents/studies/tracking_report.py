@@ -14,7 +14,7 @@ from agents.studies.tracking_study import MISMATCHED, NOMINAL, VALIDATION, run_t
 def tracking_section(
   model: Model, controllers: Mapping[tuple[str, str], Controller], runs: int, figures: Path, quick: bool = False
 ) -> list[str]:
-  """Markdown lines; figures are written beside. `quick`: two controllers through the lane change on the bicycle, on
+  """Markdown lines; figures are written next to it. `quick`: two controllers through the lane change on the bicycle, on
   the estimate alone."""
   paths = ("c",) if quick else VALIDATION
   families: dict[str, dict[str, Controller]] = {}

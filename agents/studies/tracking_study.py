@@ -1,4 +1,4 @@
-"""The controller table: paths x controllers x plants x what the controller sees x what nobody told it."""
+"""The controller table: paths x controllers x plants x what the controller sees x what it does not know."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence

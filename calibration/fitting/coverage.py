@@ -30,7 +30,7 @@ _WHOLE = 2.0 * DEFAULT_CUT.length  # s: of a shorter recording a half would not 
 def with_coverage(dataset: DataSet) -> tuple[DataSet, tuple[str, ...]]:
   """Give what goes far outside what is fitted the role "identify", farthest first, until little is left outside.
 
-  Asked is what the car was commanded while it was driven: motor voltage and steering angle, sign and all. Recordings
+  It is what the car was commanded while it was driven: motor voltage and steering angle, sign and all. Recordings
   are halved, again where half is too much or too little; short ones change their role whole. Nothing is changed where
   no hold-out recording would be left to judge.
 

@@ -81,8 +81,8 @@ def _nearest(stream: Stream, time: float, noise: float) -> tuple[float, float]:
   channel changes on the way to the nearest one."""
   value = float(np.interp(time, stream.time, stream.value))
   at = int(np.argmin(np.abs(stream.time - time)))
-  beside = [k for k in (at - 1, at + 1) if 0 <= k < len(stream.time)]
-  slopes = [abs((stream.value[k] - stream.value[at]) / (stream.time[k] - stream.time[at])) for k in beside]
+  neighbours = [k for k in (at - 1, at + 1) if 0 <= k < len(stream.time)]
+  slopes = [abs((stream.value[k] - stream.value[at]) / (stream.time[k] - stream.time[at])) for k in neighbours]
   return value, float(np.hypot(noise, max(slopes, default=0.0) * abs(stream.time[at] - time)))
 
 

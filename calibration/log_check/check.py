@@ -100,7 +100,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
     *_straight_only(recordings),
     *clock_findings(compared, wheels, vehicle.wheelbase, recordings),
     *(f for s in sampled for f in _held(s)),
-    *(Finding("note", (), f"{s.physics}: can't be told, no {s.takes}") for s in shown if s.verdict == "none"),
+    *(Finding("note", (), f"{s.physics}: not shown, no {s.takes}") for s in shown if s.verdict == "none"),
   ]
   order = ("spoils", "beware", "note")
   findings.sort(key=lambda f: order.index(f.severity))

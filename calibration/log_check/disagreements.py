@@ -95,7 +95,7 @@ def _hardly_alike(c: Comparison, nominal: float) -> list[Finding]:
     return [Finding("spoils", channels, f"{_names(c)} differ {felt:.3g}-fold in {c.motion.name}: {cure}")]
   if felt - spread > 0.0 or not c.loud > _LOUD * c.levels[0]:
     return []
-  said = f"whether {_list(c.motion.compared)} shows {c.motion.name} cannot be told from this driving"
+  said = f"whether {_list(c.motion.compared)} shows {c.motion.name} cannot be decided from this driving"
   cure = "look at its axis and sign, or drive longer"
   return [
     Finding("beware", channels, f"{said} (correlation {c.correlation:.2f} with {_list(c.motion.reference)}); {cure}")
@@ -112,7 +112,7 @@ def _in_doubt(c: Comparison) -> bool:
   """Whether another reading of the channels may explain a motion better: as the log is read, the two are hardly alike.
 
   Of two slow motions some lag within the search makes any two sensors alike to a degree: over a minute of a full-size
-  car up to 0.5. So a correlation alone says nothing until other readings were asked.
+  car up to 0.5. So a correlation alone says nothing until other readings were tested.
   """
   return c.loud > _LOUD * c.levels[0] and c.correlation < ALIKE
 

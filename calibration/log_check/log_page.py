@@ -102,13 +102,13 @@ def limits(recordings: Sequence[Recording]) -> str:
     slowest = max(steps, key=lambda name: steps[name])
     lines.append(
       f"* {slowest} comes {1.0 / steps[slowest]:.3g} times a second: no delay of it below {1e3 * steps[slowest]:.0f} ms"
-      " can be told."
+      " can be seen."
     )
   roles = {r.role for r in recordings}
   if not roles & {"validate", "holdout"}:
     lines.append("* No recording is kept to judge by: a model that fits this log may fit nothing else.")
   if not any({"pose_x", "pose_y"} <= set(r.channels) for r in recordings):
-    lines.append("* No pose was logged: where the car went, slip and a wheel's radius cannot be told.")
+    lines.append("* No pose was logged: where the car went, slip and a wheel's radius cannot be seen.")
   if any(r.derived for r in recordings):
     derived = sorted({name for r in recordings for name in r.derived})
     lines.append(

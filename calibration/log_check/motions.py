@@ -19,7 +19,7 @@ STRAIGHT, TURNING = ("steady", "speeding up", "slowing down"), ("turning left", 
 REGIMES = (*STRAIGHT, *TURNING)
 _TURNS, _SPEEDS = 0.5, 0.3  # m/s^2 across and along, from which a window is called by its turn or its change of speed
 _SLOW = 0.1  # m/s, below which a pose hardly tells the way it goes
-CLOCK, PLACE = "time", "pose"  # what may be wrong beside a channel: the stamps, the unit of pose_x and pose_y
+CLOCK, PLACE = "time", "pose"  # what may be wrong besides a channel: the stamps, the unit of pose_x and pose_y
 _KEPT = 1.0  # s, for which a last command is believed to be in force
 Means = Callable[[Array, float], Array]  # begin of windows (k,) s, length s -> mean of the rate in each, (k,)
 

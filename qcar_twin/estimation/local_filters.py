@@ -179,7 +179,7 @@ class LocalFilters:
       watch.travel(speed, self.settings.period)
       innovation = speed - float(state.bicycle[i, V])
       fits = abs(innovation) <= reach
-      if not (fits or watch.suspended) and watch.borne_out(speed, reach):
+      if not (fits or watch.suspended) and watch.supported(speed, reach):
         opened[i], fits = innovation**2, True
       watch.judge(speed, innovation, reach, fits)
     if opened.any():

@@ -42,7 +42,7 @@ def fit_noise(
 
   Args:
     recordings: with a pose as the filter will have it (rate, noise).
-    settings: where to begin; the sensors' own noise is taken as known, it cannot be told from the walks.
+    settings: where to begin; the sensors' own noise is taken as known, it cannot be distinguished from the walks.
     rounds: over all numbers.
   """
   best = evidence(recordings, car, settings, lateness)

@@ -16,7 +16,7 @@ from qcar_twin.sensors.suite import Reading, SensorSuite
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Heard = tuple[Array, Array, Array | None, int]
-SPEED, TURNING = 0, 1  # columns of the motion that the filter is told
+SPEED, TURNING = 0, 1  # columns of the motion that the filter is given
 POSE = slice(signal_index("pose_x"), signal_index("pose_yaw") + 1)  # columns of the signals
 VELOCITY = slice(signal_index("velocity_x"), signal_index("velocity_y") + 1)
 YAW_RATE, MOTOR_SPEED = signal_index("yaw_rate"), signal_index("motor_speed")
@@ -97,7 +97,7 @@ class SensedObserver:
     self.filter = FederatedBatch(car, settings, suite.count, oldest=oldest, watched=watched)
 
   def begin(self, signals: Array, which: Mask | None = None) -> BatchEstimate:
-    """The filter is told where the cars start, to a centimetre."""
+    """The filter is given where the cars start, to a centimetre."""
     which = np.ones(self.suite.count, dtype=bool) if which is None else which
     self.suite.restart(which, signals)
     speed = signals[:, MOTOR_SPEED] * self._rolling_radius

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class FilterSettings:
-  """What the filters are told about noise, and when they stop believing.
+  """What the filters assume about noise, and when they stop believing.
 
   Attributes:
     period: of the prediction, s.

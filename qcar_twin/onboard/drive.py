@@ -142,13 +142,13 @@ def _lost(name: str, error: BaseException, script: Path) -> str:
 
 def own_traceback(error: BaseException, script: Path) -> str:
   """The traceback of an error as if the script had been started by itself."""
-  told = traceback.TracebackException.from_exception(error)
+  story = traceback.TracebackException.from_exception(error)
   names = [str(script), str(script.resolve())]
-  first = next((k for k, frame in enumerate(told.stack) if frame.filename in names), len(told.stack))
+  first = next((k for k, frame in enumerate(story.stack) if frame.filename in names), len(story.stack))
   here = str(Path(__file__).parent)
-  kept = [frame for frame in told.stack[first:] if not frame.filename.startswith(here)]
-  told.stack = traceback.StackSummary.from_list(kept)
-  return "".join(told.format(chain=False)).rstrip()
+  kept = [frame for frame in story.stack[first:] if not frame.filename.startswith(here)]
+  story.stack = traceback.StackSummary.from_list(kept)
+  return "".join(story.format(chain=False)).rstrip()
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""The explorer of a drive: channels of a recording on one time axis beside the map of where the car went.
+"""The explorer of a drive: channels of a recording on one time axis next to the map of where the car went.
 
 Clicking the map moves the channels to that moment; pointing at the channels shows the place on the map. Where lines of
 a panel share the clock of what was measured, their errors can be shown instead.
@@ -124,7 +124,7 @@ class Explorer:
     return any(other.time is ln.time for ln, panel in measured for other in panel.lines if other is not ln)
 
   @property
-  def told(self) -> str:
+  def full_caption(self) -> str:
     """The caption with what a reader must know of the thinning."""
     if self.stride == 1:
       return self.caption

@@ -89,7 +89,7 @@ def write_page(
     sections: parts, in order; each gets an entry in the list of contents.
     subtitle: what was looked at: data set, car, seed.
     facts: a few numbers that go with the verdict: what, how much.
-    tone: the colour beside the verdict.
+    tone: the colour next to the verdict.
   """
   if not verdict.strip():
     raise ValueError("a report starts with its verdict; give one sentence")

@@ -66,7 +66,7 @@ class Channel:
 
   @property
   def is_command(self) -> bool:
-    """Whether it was asked of the car: it keeps its value until the next sample, and a NaN in it is an error."""
+    """Whether it was commanded: it keeps its value until the next sample, and a NaN in it is an error."""
     return self.kind == "command"
 
   @property

@@ -1,7 +1,7 @@
 """Streams as an MCAP file of ROS 2 messages, which Foxglove, PlotJuggler and Rerun open without configuration.
 
 Every channel is a topic `/source/channel` of `std_msgs/msg/Float64`, its values bit for bit, its times to the
-nanosecond of MCAP's clock. Beside them stand the messages that viewers know: `/source/imu` (sensor_msgs/Imu),
+nanosecond of MCAP's clock. Next to them are the messages that viewers know: `/source/imu` (sensor_msgs/Imu),
 `/source/pose` (geometry_msgs/PoseStamped, frame "map"), `/source/twist` (geometry_msgs/TwistStamped), `/source/drive`
 (ackermann_msgs/AckermannDriveStamped), `/source/motor` (sensor_msgs/JointState), `/source/battery`
 (sensor_msgs/BatteryState), NaN where a channel has no sample at that time; of errors, `/error_…`, the channels alone.

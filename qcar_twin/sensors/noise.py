@@ -153,7 +153,7 @@ def channel_noise(time: Array, value: Array) -> Standstill:
   design = np.stack([1.0 / clusters, clusters * interval / 3.0], axis=-1)
   (white, walk), _ = nnls(design * weight[:, None], allan * weight)
   coloured, correlation = _correlated(value, interval)
-  if coloured > 0.2 * np.std(value):  # a correlated error also bends the Allan variance: it is told apart first
+  if coloured > 0.2 * np.std(value):  # a correlated error also bends the Allan variance: it is separated first
     white, walk = max(float(np.var(value)) - coloured**2, 0.0), 0.0
   else:
     coloured, correlation = 0.0, math.nan

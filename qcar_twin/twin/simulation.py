@@ -151,7 +151,7 @@ class Simulation:
   def _step(
     self, logged: Array, acting: Array, slots: Sequence[Slot], pose: Array | None, running: NDArray[np.intp] | None
   ) -> Array:
-    """One control period of cars that were told `logged`, of which `acting` has got to these slots, (N, 2)."""
+    """One control period of cars that got the commands `logged`, of which `acting` has got to these slots, (N, 2)."""
     known = np.column_stack([self.signals[:, :3], self._wheel_angle])
     known = known if pose is None else np.where(np.isfinite(pose), pose, known)
     force: Array | None = None

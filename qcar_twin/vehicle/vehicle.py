@@ -269,7 +269,7 @@ _CHOICES = {"layout": tuple(DRIVEN_AXLES), "drive": tuple(DRIVES)}
 _WORDS = (*_CHOICES, "tyre_law")
 _LOOP_TIME = 0.1  # s, in which a usual speed loop brings a car of the QCar's class to its speed
 _FIERCEST = 0.5 * GRAVITY  # m/s^2, acceleration that a usual limit of the motor's current allows
-_WEIGHTLESS = 1e-9  # kg, wheels of a car of which only sizes are asked: the QCar's yaw inertia says nothing of it
+_WEIGHTLESS = 1e-9  # kg, wheels of a car of which only sizes are used: the QCar's yaw inertia says nothing of it
 _VISCOUS = 0.05  # of the motor's damping by back-EMF: what bearings, brushes and gears usually add
 QCAR = Vehicle()
 

@@ -3,7 +3,7 @@
   record = judge("../shared/data/dart", "out/calibrations/dart")   # runs what it does not find there
   text = page([record], steps)
 
-Everything on the page is read from calibration.json and cross_validation.json, so a page can be written anew without
+Everything on the page is read from calibration.json and cross_validation.json, so a page can be written again without
 a fit.
 """
 

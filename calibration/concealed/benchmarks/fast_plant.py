@@ -1,4 +1,4 @@
-"""The reduced car beside MuJoCo's: cost, signals, slopes and what mechanisms do, on a data set's own driving.
+"""The reduced car against MuJoCo's: cost, signals, slopes and what mechanisms do, on a data set's own driving.
 
 Everything is in units of that data set's sensor noise, since what is below it no fit can see.
 """

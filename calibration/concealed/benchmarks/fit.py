@@ -111,7 +111,7 @@ def fit_pairs(recordings: int = 6, seconds: float = 5.0, seed: int = 0) -> tuple
 
 @dataclasses.dataclass(frozen=True)
 class Cost:
-  """A cost a fit told, and seconds on the wall and of the processors since its start."""
+  """A cost that a fit reported, and seconds on the wall and of the processors since its start."""
 
   wall: float
   busy: float

@@ -75,7 +75,7 @@ TURNS = ((6.0, "identify"), (10.0, "identify"), (8.0, "validate"))  # deg
 
 
 def vesc(command: str, rng: np.random.Generator) -> list[Manoeuvre]:
-  """Twelve recordings, about 43 s, of a car with a VESC that is told a duty, a current or a speed."""
+  """Twelve recordings, about 43 s, of a car with a VESC that is commanded a duty, a current or a speed."""
   if command == "current":
     own = [m.pulses(CURRENTS[0], 6.0, "identify", "pulses"), m.pulses(CURRENTS[1], 4.0, "validate", "pulses_other")]
   else:

@@ -1,4 +1,4 @@
-"""Which axles the motor turns, and what the electronics before it are told."""
+"""Which axles the motor turns, and what the electronics before it are commanded."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The electronics between the drive command and the motor: bridge or VESC.
 
-A VESC keeps the motor's current by itself; told a speed, its loop sets that current a thousand times a second:
+A VESC keeps the motor's current by itself; given a speed, its loop sets that current a thousand times a second:
   i = k_p e + q, q' = k_i e while |i| is below the limit, e = s v - w (s motor speed per speed asked for).
 The pack bounds what flows: |K w + R i| <= its voltage.
 """

@@ -40,7 +40,7 @@ FEWEST, MOST = 4, 8
 
 
 def draw_wild_car(rng: np.random.Generator) -> Car:
-  """0.5 to 4 kg, told a voltage or a duty, up to 6 m/s."""
+  """0.5 to 4 kg, commanded a voltage or a duty, up to 6 m/s."""
   mass, wheelbase = float(np.exp(rng.uniform(np.log(0.5), np.log(4.0)))), rng.uniform(0.16, 0.34)
   front = wheelbase * rng.uniform(0.42, 0.56)
   rear, radius, gear = wheelbase - front, rng.uniform(0.022, 0.055), 1.0 / rng.uniform(6.0, 13.0)

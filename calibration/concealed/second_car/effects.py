@@ -16,7 +16,7 @@ import numpy as np
 from .car import NOMINAL_PACK, SecondCar
 
 DEGREE = np.pi / 180
-STALL = 2.5  # V at which the sag of a battery is told
+STALL = 2.5  # V at which the sag of a battery is stated
 QUICK = 0.6  # of a sag that comes at once, the rest after PACK_TIME
 PACK_TIME = 1.2  # s
 DECK = 0.03  # m, a payload's height above the centre of gravity
@@ -169,12 +169,12 @@ def conceal(
   car: SecondCar, effects: tuple[tuple[str, float], ...], rng: np.random.Generator
 ) -> tuple[SecondCar, list[dict]]:
   """The car with effects (id, size in multiples of the typical one), and what the truth says of each."""
-  told = []
+  stated = []
   for name, size in effects:
     kind = second_effect(name, size)
     car, parameters = kind.change(car, kind.typical * size, rng)
-    told.append(
+    stated.append(
       {"id": name, "size": float(size), "subsystem": kind.subsystem, "in_catalogue": True, "unit": kind.unit,
        "parameters": {key: float(value) for key, value in parameters.items()}}
     )  # fmt: skip
-  return car, told
+  return car, stated

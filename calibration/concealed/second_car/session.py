@@ -47,7 +47,7 @@ def make_second_session(
   bare = car or drawn_car(seed)
   vehicle, std = bare.measured(stream(seed, 1))
   runs = plan(design, stream(seed, 2))
-  driven, told = conceal(bare, tuple((name, size) for name, size in effects if size != 0.0), stream(seed, 100))
+  driven, concealed = conceal(bare, tuple((name, size) for name, size in effects if size != 0.0), stream(seed, 100))
   table = columns(driven, len(runs), bare.mass)
   table.warm = _warm(bare, len(runs), stream(seed, 8))
   simulation, commands = _drive(seed, runs, table, _beliefs(bare, vehicle, stream(seed, 5)), noise, tolerance)
@@ -59,7 +59,7 @@ def make_second_session(
     for i, run in enumerate(runs)
   )
   clean = {run.name: simulation.trace[:-1:FINE][: run.ticks, :, i] for i, run in enumerate(runs)}
-  truth = {"seed": seed, "design": design, "noise": noise, "effects": told, "car": bare.described(),
+  truth = {"seed": seed, "design": design, "noise": noise, "effects": concealed, "car": bare.described(),
            "car_as_driven": driven.described(), "signals": list(SIGNALS)}  # fmt: skip
   return Session(recordings, vehicle, std, truth, clean, "calibration/concealed/second_car")
 

@@ -28,7 +28,7 @@ COASTING = 0.5  # m/s^2, by which an accelerometer on a rolling, pitching car ma
 class SpeedWatch:
   """Encoder against lidar: the speed both tell over the last fixes.
 
-  A stuck or slipping encoder is told from a wrong model by evidence the filter does not use: differences
+  A stuck or slipping encoder is distinguished from a wrong model by evidence the filter does not use: differences
   of raw fixes. Their median by component ignores spikes and a single jump of the position.
 
   Attributes:
@@ -92,7 +92,7 @@ class SpeedWatch:
     self.coasted += acceleration * period
     self.since += period
 
-  def borne_out(self, speed: float, reach: float) -> bool:
+  def supported(self, speed: float, reach: float) -> bool:
     """Whether the accelerometer has felt what the encoder says: a car that hits something is no fault of it."""
     return abs(speed - self.coasted) <= reach + COASTING * self.since
 

@@ -82,8 +82,8 @@ def turn_of(value: np.ndarray) -> float:
   for period in (360.0, 180.0, 2.0 * np.pi, np.pi):
     at = np.flatnonzero(step > 0.5 * period)
     whole = at[np.abs(step[at] - period) < 0.125 * period]
-    beside = step[np.clip(np.r_[whole - 1, whole + 1], 0, step.size - 1)] if whole.size else np.inf
-    if whole.size > 0.5 * at.size and np.median(beside) < 0.25 * period:
+    neighbours = step[np.clip(np.r_[whole - 1, whole + 1], 0, step.size - 1)] if whole.size else np.inf
+    if whole.size > 0.5 * at.size and np.median(neighbours) < 0.25 * period:
       return period
   return 0.0
 

@@ -163,7 +163,7 @@ class Mechanism:
       functions of the car's state), force (on the body), contact (quantities of the simulator),
       sensor (what is logged).
     parameters: at least one; each with null, typical and a prior standard deviation or None.
-    needs: channels without which it cannot be told apart ("yaw_rate", ...).
+    needs: channels without which it cannot be distinguished ("yaw_rate", ...).
     dissipative: True if it can only take energy out of the car.
     symmetric: True if mirrored commands give mirrored motion under it.
     varies: True if `write_model` must run every control period instead of once.

@@ -21,7 +21,7 @@ def test_a_sound_log_is_fit_to_be_used_and_says_what_it_can_t_show():
   checked = check_log(lab(drives()))
   assert checked.verdict == "Fit to be used: nothing was found that would spoil a fit."
   assert {s.physics: s.verdict for s in checked.shown}["reverse"] == "none"
-  assert "reverse: can't be told, no driving backwards" in [f.text for f in checked.of("note")]
+  assert "reverse: not shown, no driving backwards" in [f.text for f in checked.of("note")]
   assert heed(checked.dataset) == ()
 
 
@@ -72,7 +72,7 @@ def test_a_car_that_never_moves_is_said_in_words():
   time = np.arange(1000) / 100.0
   columns = {"motor_voltage": 0 * time, "steering_command": 0 * time, "motor_speed": 0 * time, "yaw_rate": 0 * time}
   checked = check_log(lab([Recording.from_columns("still", time, columns)]))
-  assert not checked.of("spoils") and "drive map: can't be told" in checked.of("note")[0].text
+  assert not checked.of("spoils") and "drive map: not shown" in checked.of("note")[0].text
 
 
 def test_the_command_writes_a_page_and_numbers_for_programs(tmp_path, capsys):

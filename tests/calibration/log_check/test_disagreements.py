@@ -110,7 +110,7 @@ def test_an_accelerometer_that_this_driving_cannot_judge_is_said_to_be_so():
   columns["accel_x"] = -columns.pop("accel_y")
   check = check_log(lab([Recording.from_columns("run", time, columns)], **long(0.23)))
   named = [f.text for f in (*check.of("spoils"), *check.of("beware")) if "accel_x" in f.channels]
-  assert any("cannot be told from this driving" in text for text in named)
+  assert any("cannot be decided from this driving" in text for text in named)
 
 
 def test_an_accelerometer_that_shakes_more_than_the_car_moves_is_no_other_channel():

@@ -131,11 +131,11 @@ def test_a_sudden_stop_that_the_accelerometer_feels_is_no_fault_of_the_encoder()
   watch.judge(0.5, 0.0, 0.15, True)
   for k in range(5):
     watch.coast(-10.0, PERIOD)
-    assert watch.borne_out(0.5 - 0.1 * (k + 1), 0.15)
+    assert watch.supported(0.5 - 0.1 * (k + 1), 0.15)
   still = SpeedWatch()
   still.judge(0.5, 0.0, 0.15, True)
   still.coast(0.0, PERIOD)
-  assert not still.borne_out(0.0, 0.15) and not SpeedWatch().borne_out(0.0, 0.15)
+  assert not still.supported(0.0, 0.15) and not SpeedWatch().supported(0.0, 0.15)
 
 
 def stamps_of(delays, jitter=0.0, lost=()):

@@ -72,12 +72,14 @@ def test_thinning_is_told_and_keeps_gaps():
   time = np.where(np.arange(1000) == 501, np.nan, np.arange(1000.0))
   lines = [Line("measured", time, time), Line("twin", time, time)]
   explorer = Explorer("Seen.", [Run("a", [Panel("speed [m/s]", lines)])], room=500)
-  assert explorer.stride == 4 and explorer.told == "Seen. Drawn is every 4th sample of long lines; tables use all."
+  assert (
+    explorer.stride == 4 and explorer.full_caption == "Seen. Drawn is every 4th sample of long lines; tables use all."
+  )
   panel = explorer.data()["runs"][0]["panels"][0]
   kept = unpacked(explorer.data()["runs"][0]["clocks"][0])
   assert len(kept) == 251 and np.isnan(kept).sum() == 1 and len(panel["lines"]) == 2
   whole = Explorer("Seen.", [Run("a", [Panel("speed [m/s]", lines)])])
-  assert whole.stride == 1 and whole.told == "Seen."
+  assert whole.stride == 1 and whole.full_caption == "Seen."
 
 
 def test_the_map_keeps_its_highest_place():
