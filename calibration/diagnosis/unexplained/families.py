@@ -13,24 +13,35 @@ from numpy.typing import NDArray
 from calibration.diagnosis.circumstances import LAGS, held_commands, lagged
 from calibration.fitting.observations import Observations
 from qcar_twin.plant import Prediction
+from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-MOTION = {"velocity_x": 1.5, "yaw_rate": 1.5, "accel_x": 2.0, "accel_y": 3.0}  # m/s, rad/s, m/s^2: squashed beyond
+# m/s, rad/s, m/s^2: squashed beyond; of the QCar's class, as all numbers here
+_MOTION = {"velocity_x": 1.5, "yaw_rate": 1.5, "accel_x": 2.0, "accel_y": 3.0}
 _BUMPS = 6  # per side of the floor that was driven: what bends a sensor near one place is half a metre wide
 _MEMORIES = (0.8, 3.0, 10.0)  # s
 
 
 def motion(observations: Observations, prediction: Prediction) -> Array:
   """Monomials up to degree two of squashed speed, yaw rate and accelerations, (S, T + 1, 15)."""
-  columns = [np.tanh(prediction.channel(name)[0] / scale) for name, scale in MOTION.items()]
+  scales = motion_scales(observations.vehicle)
+  columns = [np.tanh(prediction.channel(name)[0] / scale) for name, scale in scales.items()]
   return monomials(columns, terms(len(columns)))
+
+
+def motion_scales(vehicle: Vehicle) -> dict[str, float]:
+  """Speed [m/s], yaw rate [rad/s] and accelerations [m/s^2] that a car of this size usually has."""
+  by = {"velocity_x": vehicle.similarity.speed, "yaw_rate": 1.0 / vehicle.similarity.time}
+  return {name: scale * by.get(name, 1.0) for name, scale in _MOTION.items()}
 
 
 def past_commands(observations: Observations, prediction: Prediction) -> Array:
   """Voltage and steering now and up to 0.4 s ago, their magnitudes and squares, (S, T + 1, 17)."""
   segments = observations.stretches.segments
-  u = np.stack(held_commands(segments.commands), axis=-1) / [2.0, 0.25]
+  vehicle = observations.vehicle
+  drive = 2.0 * (vehicle.similarity.speed if vehicle.drive == "speed" else 1.0)
+  u = np.stack(held_commands(segments.commands), axis=-1) / [drive, 0.25]
   past = [lagged(u, int(round(lag / segments.period))) for lag in LAGS]
   ones = np.ones((*u.shape[:2], 1))
   return np.concatenate([ones, *past, np.abs(u), u * np.abs(u), u**2], axis=-1)
@@ -43,7 +54,7 @@ def heading(observations: Observations, prediction: Prediction) -> Array:
     return np.zeros((*prediction.channel("yaw_rate")[0].shape, 0))
   yaw = pose[..., 2]
   waves = [wave(k * yaw) for k in (1, 2) for wave in (np.cos, np.sin)]
-  moving = np.tanh(prediction.channel("velocity_x")[0] / 0.3)
+  moving = np.tanh(prediction.channel("velocity_x")[0] / (0.3 * observations.vehicle.similarity.speed))
   return np.stack([*waves, *(moving * wave for wave in waves)], axis=-1)
 
 
@@ -53,7 +64,7 @@ def places(observations: Observations, prediction: Prediction) -> Array:
   if pose is None or not np.isfinite(pose[..., :2]).all():
     return np.zeros((*prediction.channel("yaw_rate")[0].shape, 0))
   low, high = np.quantile(pose[..., :2].reshape(-1, 2), [0.02, 0.98], axis=0)
-  width = np.maximum(high - low, 0.2) / (_BUMPS - 1)
+  width = np.maximum(high - low, 0.2 * observations.vehicle.similarity.length) / (_BUMPS - 1)
   share = (pose[..., :2] - low) / width
   knots = itertools.product(range(_BUMPS), repeat=2)
   return np.stack([np.exp(-0.5 * np.sum((share - np.array(k)) ** 2, axis=-1)) for k in knots], axis=-1)
@@ -61,11 +72,13 @@ def places(observations: Observations, prediction: Prediction) -> Array:
 
 def histories(observations: Observations, prediction: Prediction) -> Array:
   """Leaky means of cornering and drive power over the last seconds, times what the car feels now, (S, T + 1, 24)."""
-  sliding = np.abs(prediction.channel("accel_y")[0] * prediction.channel("velocity_x")[0]) / 3.0
+  usual = motion_scales(observations.vehicle)
+  sliding = np.abs(prediction.channel("accel_y")[0] * prediction.channel("velocity_x")[0])
+  sliding /= 3.0 * observations.vehicle.similarity.speed
   driving = (
     np.abs(prediction.channel("motor_speed")[0] * held_commands(observations.stretches.segments.commands)[0]) / 300.0
   )
-  now = [np.tanh(prediction.channel(name)[0] / MOTION[name]) for name in ("accel_x", "accel_y", "yaw_rate")]
+  now = [np.tanh(prediction.channel(name)[0] / usual[name]) for name in ("accel_x", "accel_y", "yaw_rate")]
   kept = [np.tanh(_leaky(x, memory / prediction.period)) for x in (sliding, driving) for memory in _MEMORIES]
   return np.stack([past * x for past in kept for x in (np.ones_like(sliding), *now)], axis=-1)
 

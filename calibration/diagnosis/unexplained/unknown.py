@@ -17,10 +17,11 @@ from calibration.fitting.observations import Observations
 from qcar_twin.parameters import Parameter
 from qcar_twin.plant import Prediction
 from qcar_twin.twin.mechanisms.base import Context, Mechanism, State
+from qcar_twin.vehicle.similarity import Similarity
 
 Array = NDArray[np.float64]
 
-_SCALES = {"speed": 1.5, "yaw_rate": 1.5, "steering": 0.25, "voltage": 2.0, "steering_rate": 3.0}  # m/s, rad/s, rad, V
+_SCALES = {"speed": 1.5, "yaw_rate": 1.5, "steering": 0.25, "voltage": 2.0}  # m/s, rad/s, rad, V; of the QCar's class
 _DEGREES = {
   "force_x": (("speed", "steering", "voltage"), 0.4, "N"),
   "force_y": (("speed", "yaw_rate", "steering"), 0.4, "N"),
@@ -56,7 +57,8 @@ class SmoothForce(Mechanism):
 
   def _value(self, theta: Array, context: Context) -> Array:
     basis = monomials([_variable(name, context) for name in self.variables], self.terms)  # (n, K)
-    moving = np.tanh((np.abs(context.signal("velocity_x")) / 0.1) ** 2)
+    slow = 0.1 * Similarity.of(context.car.wheelbase).speed
+    moving = np.tanh((np.abs(context.signal("velocity_x")) / slow) ** 2)
     return moving * np.sum(theta * basis, axis=1)
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
@@ -135,7 +137,9 @@ def _variable(name: str, context: Context) -> Array:
     "steering": lambda: context.commands[:, 1],
     "voltage": lambda: context.commands[:, 0],
   }[name]()
-  return np.tanh(value / _SCALES[name])
+  similarity = Similarity.of(context.car.wheelbase)
+  scale = _SCALES[name] * {"speed": similarity.speed, "yaw_rate": 1.0 / similarity.time}.get(name, 1.0)
+  return np.tanh(value / scale)
 
 
 def _term_name(variables: Sequence[str], term: tuple[int, ...]) -> str:

@@ -9,6 +9,7 @@ from calibration.diagnosis.unexplained.unknown import smooth_forces, unknown_sen
 from qcar_twin.plant import SIGNALS
 from qcar_twin.twin.mechanisms.base import Context
 from tests.calibration.diagnosis import diagnosis_rig as rig
+from tests.qcar_twin.twin.mechanisms.mechanism_bench import CAR
 
 
 def rivals(pool):
@@ -68,7 +69,7 @@ def test_a_smooth_force_acts_on_its_own_degree_and_only_there(force):
   signals = np.zeros((3, len(SIGNALS)))
   signals[:, SIGNALS.index("velocity_x")] = [0.0, 1.0, 1.0]
   signals[:, SIGNALS.index("yaw_rate")] = 0.5
-  context = Context(None, 0.01, 0.0, signals, np.tile([1.0, 0.1], (3, 1)), *[np.zeros((3, 2))], np.zeros(3),
+  context = Context(CAR, 0.01, 0.0, signals, np.tile([1.0, 0.1], (3, 1)), *[np.zeros((3, 2))], np.zeros(3),
                     np.zeros((3, 3)), np.zeros(3), np.ones(3), np.ones(3))  # type: ignore[arg-type]  # fmt: skip
   theta = np.zeros((3, len(force.parameters)))
   theta[:, 0] = force.parameters[0].typical
