@@ -49,11 +49,11 @@ def test_transport_matches_derivatives_of_a_point_on_a_moving_body():
   second = np.gradient(first, step, axis=1)
   inner = slice(5, -5)
   expected = np.array(kinematics.world_to_body(yaw, *first))[:, inner]
-  found = np.array(kinematics.transport_velocity(*velocity, yaw_rate, *point))[:, inner]
-  np.testing.assert_allclose(found, expected, atol=1e-6)
+  transported = np.array(kinematics.transport_velocity(*velocity, yaw_rate, *point))[:, inner]
+  np.testing.assert_allclose(transported, expected, atol=1e-6)
   expected = np.array(kinematics.world_to_body(yaw, *second))[:, inner]
-  found = np.array(kinematics.transport_acceleration(*accel, yaw_rate, yaw_acceleration, *point))
-  np.testing.assert_allclose(found[:, inner], expected, atol=1e-4)
+  transported = np.array(kinematics.transport_acceleration(*accel, yaw_rate, yaw_acceleration, *point))
+  np.testing.assert_allclose(transported[:, inner], expected, atol=1e-4)
 
 
 @given(angles, st.floats(0.05, 2.0), st.sampled_from([-1.0, 1.0]))

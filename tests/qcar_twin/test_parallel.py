@@ -38,15 +38,15 @@ def answer(folder: Path, number: int) -> int:
 
 
 def test_work_is_done_in_other_processes_and_comes_back_in_order():
-  found = in_order([delayed(who)(k) for k in range(6)], workers=2)
-  assert [number for number, _ in found] == list(range(6))
-  assert os.getpid() not in {process for _, process in found}
+  results = in_order([delayed(who)(k) for k in range(6)], workers=2)
+  assert [number for number, _ in results] == list(range(6))
+  assert os.getpid() not in {process for _, process in results}
 
 
 def test_results_come_as_they_are_done_each_with_its_place():
-  found = list(in_parallel([delayed(who)(k, 1.0 if k == 0 else 0.0) for k in range(4)], workers=2))
-  assert sorted(index for index, _ in found) == list(range(4)) and found[-1][0] == 0
-  assert all(index == number for index, (number, _) in found)
+  results = list(in_parallel([delayed(who)(k, 1.0 if k == 0 else 0.0) for k in range(4)], workers=2))
+  assert sorted(index for index, _ in results) == list(range(4)) and results[-1][0] == 0
+  assert all(index == number for index, (number, _) in results)
 
 
 def test_one_worker_is_this_process():

@@ -82,9 +82,9 @@ def test_projection_finds_the_foot_point(name, share, across):
   path = ALL[name]
   arc = share * path.length
   pose = pose_beside(path, arc, across)
-  found = float(path.nearest(pose[0], pose[1], near=arc + 0.1))
-  assert found == pytest.approx(arc, abs=1e-6)
-  errors = path.errors(found, pose, np.array([0.5, 0.0]), 0.0)
+  foot = float(path.nearest(pose[0], pose[1], near=arc + 0.1))
+  assert foot == pytest.approx(arc, abs=1e-6)
+  errors = path.errors(foot, pose, np.array([0.5, 0.0]), 0.0)
   assert float(errors.cross_track) == pytest.approx(across, abs=1e-7)
   assert abs(float(errors.heading)) < 1e-6
 

@@ -78,9 +78,9 @@ def test_imu_feels_the_acceleration_of_its_own_place():
   second = (imu[:, 2:] - 2 * imu[:, 1:-1] + imu[:, :-2]) / period**2
   cos, sin = np.cos(yaw[1:-1]), np.sin(yaw[1:-1])
   body = np.array([cos * second[0] + sin * second[1], -sin * second[0] + cos * second[1]])
-  found = np.array([p.channel("accel_x")[0, 0, 1:-1], p.channel("accel_y")[0, 0, 1:-1]])
-  np.testing.assert_allclose(found[:, 20:], body[:, 20:], atol=0.02)
-  assert np.abs(found[1]).max() > 3.0
+  felt = np.array([p.channel("accel_x")[0, 0, 1:-1], p.channel("accel_y")[0, 0, 1:-1]])
+  np.testing.assert_allclose(felt[:, 20:], body[:, 20:], atol=0.02)
+  assert np.abs(felt[1]).max() > 3.0
 
 
 def test_mirrored_commands_give_mirrored_signals():

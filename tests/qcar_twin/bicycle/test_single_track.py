@@ -77,8 +77,8 @@ def test_braking_through_zero_matches_an_integrator_with_events():
   tight = dict(rtol=1e-11, atol=1e-11)
   first = solve_ivp(slope, (0, 1), [150.0], events=crosses, args=(1.0,), **tight)
   second = solve_ivp(slope, (first.t[-1], 0.4), [0.0], args=(-1.0,), **tight)
-  found = single_track.motor_speed_after(150.0, -1.2, 0.4, 480.0, 8.0, 200.0)
-  np.testing.assert_allclose(found, second.y[0, -1], rtol=1e-7)
+  stopped = single_track.motor_speed_after(150.0, -1.2, 0.4, 480.0, 8.0, 200.0)
+  np.testing.assert_allclose(stopped, second.y[0, -1], rtol=1e-7)
 
 
 # -- lateral -------------------------------------------------------------------------------------
@@ -179,12 +179,12 @@ def test_exponential_and_its_integrals_equal_an_augmented_exponential(scale):
   matrices = scale * np.array(
     [[[-3.0, 1.0], [-2.0, -5.0]], [[1.0, 2.0], [2.0, 4.0]], [[-2.0, 1.0], [0.0, -2.0]], [[-1.0, 9.0], [-9.0, -1.0]]]
   )
-  found = single_track.exponential_integrals(matrices, 0.1)
+  integrals = single_track.exponential_integrals(matrices, 0.1)
   for k, matrix in enumerate(matrices):
     block = np.zeros((6, 6))
     block[:2, :2], block[:2, 2:4], block[2:4, 4:] = matrix, np.eye(2), np.eye(2)
     exact = expm(0.1 * block)
-    for f, expected in zip(found, (exact[:2, :2], exact[:2, 2:4], exact[:2, 4:]), strict=True):
+    for f, expected in zip(integrals, (exact[:2, :2], exact[:2, 2:4], exact[:2, 4:]), strict=True):
       np.testing.assert_allclose(f[k], expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max())
 
 
@@ -212,8 +212,8 @@ def test_analytic_jacobian_equals_finite_differences(x):
 def test_step_jacobian_tends_to_the_exponential_of_the_jacobian(x):
   u, short = np.array([holding_voltage(x[State.SPEED]), 0.2]), 1e-5
   expected = expm(single_track.jacobian(x, u, CAR) * short)
-  found = single_track.step_jacobian(x, u, short, CAR)
-  np.testing.assert_allclose(found, expected, atol=0.01 * np.abs(expected - np.eye(6)).max())
+  jacobian = single_track.step_jacobian(x, u, short, CAR)
+  np.testing.assert_allclose(jacobian, expected, atol=0.01 * np.abs(expected - np.eye(6)).max())
 
 
 def test_step_jacobian_predicts_the_difference_of_two_steps():

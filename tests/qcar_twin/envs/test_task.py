@@ -55,9 +55,9 @@ def test_starts_stay_within_their_bounds_and_are_beside_the_path():
   path = path_named("infinity")
   task = TrackingTask(path, start_offset=0.05, start_heading=0.1, speed=0.7)
   starts = np.stack([task.start_state(rng) for _ in range(200)])
-  found = path.errors(path.nearest(*starts[:, :2].T, near=np.zeros(200)), starts[:, :3], starts[:, 3:5], starts[:, 5])
-  assert 0.045 < np.abs(found.cross_track).max() <= 0.05 + 1e-6
-  assert 0.09 < np.abs(found.heading).max() <= 0.1 + 1e-3
+  errors = path.errors(path.nearest(*starts[:, :2].T, near=np.zeros(200)), starts[:, :3], starts[:, 3:5], starts[:, 5])
+  assert 0.045 < np.abs(errors.cross_track).max() <= 0.05 + 1e-6
+  assert 0.09 < np.abs(errors.heading).max() <= 0.1 + 1e-3
   assert np.all(starts[:, 3] == 0.7) and np.all(starts[:, 4:] == 0.0)
 
 

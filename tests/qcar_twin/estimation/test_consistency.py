@@ -100,12 +100,12 @@ def point_runs(settings, steps, sharing):
 
 def test_point_filter_is_consistent_and_the_printed_fusion_is_not():
   """Both filters use the same fixes in full: the printed P_f is half of what it should be, NEES 4 instead of 2."""
-  found = point_runs(FilterSettings(), steps=100, sharing=(0.5, 0.5))
+  scores = point_runs(FilterSettings(), steps=100, sharing=(0.5, 0.5))
   low, high = bounds(4, SEEDS)
-  assert low < found["printed"][1] < high  # a local filter alone, with the fix in full, is consistent
-  assert found["printed"][0] > bounds(2, SEEDS)[1]
-  assert 3.2 < found["printed"][0] < 4.8
-  assert found["consistent"][0] < found["printed"][0]
+  assert low < scores["printed"][1] < high  # a local filter alone, with the fix in full, is consistent
+  assert scores["printed"][0] > bounds(2, SEEDS)[1]
+  assert 3.2 < scores["printed"][0] < 4.8
+  assert scores["consistent"][0] < scores["printed"][0]
 
 
 def test_written_out_nees_is_nees():

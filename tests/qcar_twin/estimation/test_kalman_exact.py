@@ -61,22 +61,22 @@ def test_component_by_component_is_filterpys_joint_update(rows):
   values, noise = rng.normal(size=(20, len(rows))), rng.uniform(0.1, 2.0, (20, len(rows)))
   used = rng.random((20, len(rows))) < 0.7
   used[0], used[1] = True, False
-  found = kalman.correct_together(x, p, rows, np.where(used, values, np.nan), noise, used)
+  corrected = kalman.correct_together(x, p, rows, np.where(used, values, np.nan), noise, used)
   for i in range(20):
     which = np.flatnonzero(used[i])
     if not len(which):
-      np.testing.assert_array_equal(found.state[i], x[i])
-      np.testing.assert_array_equal(found.covariance[i], p[i])
-      assert found.nis[i] == found.log_determinant[i] == 0.0
+      np.testing.assert_array_equal(corrected.state[i], x[i])
+      np.testing.assert_array_equal(corrected.covariance[i], p[i])
+      assert corrected.nis[i] == corrected.log_determinant[i] == 0.0
       continue
     reference = Extended(x[i], p[i], np.zeros((6, 6)))
     slopes, spread = np.eye(6)[np.array(rows)[which]], np.diag(noise[i, which])
     innovation = values[i, which] - slopes @ x[i]
-    assert found.nis[i] == pytest.approx(reference.nis(slopes, innovation, spread), rel=1e-9)
+    assert corrected.nis[i] == pytest.approx(reference.nis(slopes, innovation, spread), rel=1e-9)
     reference.absorb(slopes, innovation, spread)
-    np.testing.assert_allclose(found.state[i], reference.x, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(found.covariance[i], reference.P, rtol=0, atol=1e-11)
-    assert found.log_determinant[i] == pytest.approx(math.log(np.linalg.det(reference.S)), abs=1e-9)
+    np.testing.assert_allclose(corrected.state[i], reference.x, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(corrected.covariance[i], reference.P, rtol=0, atol=1e-11)
+    assert corrected.log_determinant[i] == pytest.approx(math.log(np.linalg.det(reference.S)), abs=1e-9)
 
 
 def test_a_measurement_along_any_slope_is_filterpys():
@@ -220,9 +220,9 @@ def test_fusion_of_many_at_once():
   states, covariance, _ = random_estimates(14, 2, seed=3)
   columns = lambda a: tuple(a.T)
   entries = lambda p: (p[:, 0, 0], p[:, 0, 1], p[:, 1, 1])
-  found, spread = fuse_positions(
+  positions, spread = fuse_positions(
     columns(states[:7]), entries(covariance[:7]), columns(states[7:]), entries(covariance[7:])
   )
   expected, fused = fuse([states[:7], states[7:]], [covariance[:7], covariance[7:]])
-  np.testing.assert_allclose(np.stack(found, axis=-1), expected, atol=1e-12)
+  np.testing.assert_allclose(np.stack(positions, axis=-1), expected, atol=1e-12)
   np.testing.assert_allclose(np.stack(spread, axis=-1), fused[:, [0, 0, 1], [0, 1, 1]], atol=1e-12)

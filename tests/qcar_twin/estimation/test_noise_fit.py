@@ -23,11 +23,11 @@ def test_evidence_prefers_the_model_that_made_the_data():
 
 def test_search_finds_its_way_back_from_a_loose_start():
   recordings = [recording_of(journey(4.0, seed=4))]
-  found = fit_noise(recordings, CAR, LOOSE, rounds=1)
-  before, after = (evidence(recordings, CAR, s) for s in (LOOSE, found))
+  fitted = fit_noise(recordings, CAR, LOOSE, rounds=1)
+  before, after = (evidence(recordings, CAR, s) for s in (LOOSE, fitted))
   assert after[0] > before[0] + 5.0 and after[1] >= before[1]
-  assert found.walk_yaw < 0.05 and found.walk_position < 0.03
-  assert found.speed_std == LOOSE.speed_std
+  assert fitted.walk_yaw < 0.05 and fitted.walk_position < 0.03
+  assert fitted.speed_std == LOOSE.speed_std
 
 
 def test_evidence_adds_up_over_recordings():

@@ -159,9 +159,9 @@ def test_standstill_noise_becomes_filter_settings():
     "pose_yaw": channel(0.1, 0.01, interval=0.2),
     "motor_speed": channel(0.0, 0.0),
   }
-  found = FilterSettings().with_noise(noise, rolling_radius=0.003)
-  assert (found.yaw_rate_bias, found.yaw_rate_std, found.accel_x_bias) == (0.004, 0.015, -0.1)
-  assert found.speed_std == FilterSettings().speed_std
-  assert (found.lidar_correlation, found.lidar_interval) == (pytest.approx(0.5), 0.2)
-  variance = found.position_variance(found.score)
-  assert variance == pytest.approx(0.005**2) and found.yaw_variance(found.score) == pytest.approx(1e-4)
+  noisy = FilterSettings().with_noise(noise, rolling_radius=0.003)
+  assert (noisy.yaw_rate_bias, noisy.yaw_rate_std, noisy.accel_x_bias) == (0.004, 0.015, -0.1)
+  assert noisy.speed_std == FilterSettings().speed_std
+  assert (noisy.lidar_correlation, noisy.lidar_interval) == (pytest.approx(0.5), 0.2)
+  variance = noisy.position_variance(noisy.score)
+  assert variance == pytest.approx(0.005**2) and noisy.yaw_variance(noisy.score) == pytest.approx(1e-4)

@@ -101,8 +101,8 @@ def test_all_text_is_escaped(tmp_path):
   reader = read(path)
   # head, heading, subtitle, verdict, a fact's two; contents, then what each section shows
   assert reader.text.count(nasty) == 6 + 2 + 2 * 8
-  found = re.findall(r'<script type="application/json">(.*?)</script>', text)
-  assert json.loads(found[0])["traces"] == [{"name": nasty}] and json.loads(found[1])["runs"][0]["name"] == nasty
+  blocks = re.findall(r'<script type="application/json">(.*?)</script>', text)
+  assert json.loads(blocks[0])["traces"] == [{"name": nasty}] and json.loads(blocks[1])["runs"][0]["name"] == nasty
 
 
 def test_data_reach_the_page_as_they_were(tmp_path):

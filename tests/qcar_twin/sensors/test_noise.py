@@ -75,26 +75,26 @@ def test_negative_noise_is_refused():
   ],
 )
 def test_white_noise_and_walk_are_told_apart(noise, interval, length):
-  found = channel_noise(interval * np.arange(length), 0.4 + series(noise, length, interval)[:, 0])
-  assert found.white == pytest.approx(noise.white, rel=0.05)
-  assert found.walk == pytest.approx(noise.walk, rel=0.6)
-  assert found.coloured == 0.0 and math.isnan(found.correlation)
-  assert found.offset == pytest.approx(0.4, abs=0.3) and found.interval == pytest.approx(interval)
+  estimate = channel_noise(interval * np.arange(length), 0.4 + series(noise, length, interval)[:, 0])
+  assert estimate.white == pytest.approx(noise.white, rel=0.05)
+  assert estimate.walk == pytest.approx(noise.walk, rel=0.6)
+  assert estimate.coloured == 0.0 and math.isnan(estimate.correlation)
+  assert estimate.offset == pytest.approx(0.4, abs=0.3) and estimate.interval == pytest.approx(interval)
 
 
 def test_correlated_errors_of_a_lidar_are_recognised():
   noise = ChannelNoise(white=0.003, coloured=0.008, correlation=0.4)
-  found = channel_noise(0.1 * np.arange(6000), series(noise, 6000, 0.1)[:, 0])
-  assert found.coloured == pytest.approx(0.008, rel=0.1)
-  assert found.correlation == pytest.approx(0.4, rel=0.2)
-  assert found.white == pytest.approx(0.003, rel=0.3)
-  assert found.std == pytest.approx(math.hypot(0.003, 0.008), rel=0.05)
+  estimate = channel_noise(0.1 * np.arange(6000), series(noise, 6000, 0.1)[:, 0])
+  assert estimate.coloured == pytest.approx(0.008, rel=0.1)
+  assert estimate.correlation == pytest.approx(0.4, rel=0.2)
+  assert estimate.white == pytest.approx(0.003, rel=0.3)
+  assert estimate.std == pytest.approx(math.hypot(0.003, 0.008), rel=0.05)
 
 
 def test_noise_measured_is_noise_made_again():
   noise = ChannelNoise(white=0.02, walk=0.002)
-  found = channel_noise(0.01 * np.arange(20000), series(noise, 20000, 0.01)[:, 0])
-  again = channel_noise(0.01 * np.arange(20000), series(found.as_noise(), 20000, 0.01, seed=1)[:, 0])
+  estimate = channel_noise(0.01 * np.arange(20000), series(noise, 20000, 0.01)[:, 0])
+  again = channel_noise(0.01 * np.arange(20000), series(estimate.as_noise(), 20000, 0.01, seed=1)[:, 0])
   assert again.white == pytest.approx(0.02, rel=0.05)
 
 
@@ -108,15 +108,15 @@ def test_standstill_recording_gives_every_channel_with_samples():
   recording = still(
     yaw_rate=0.003 + 0.01 * rng.normal(size=2000), accel_y=0.1 * rng.normal(size=2000), motor_voltage=np.zeros(2000)
   )
-  found = standstill_noise(recording)
-  assert set(found) == {"yaw_rate", "accel_y"}
-  assert found["yaw_rate"].white == pytest.approx(0.01, rel=0.05)
-  assert found["yaw_rate"].offset == pytest.approx(0.003, abs=1e-3)
+  estimate = standstill_noise(recording)
+  assert set(estimate) == {"yaw_rate", "accel_y"}
+  assert estimate["yaw_rate"].white == pytest.approx(0.01, rel=0.05)
+  assert estimate["yaw_rate"].offset == pytest.approx(0.003, abs=1e-3)
 
 
 def test_a_quantised_encoder_at_rest_has_no_noise():
-  found = standstill_noise(still(motor_speed=np.zeros(2000)))
-  assert found["motor_speed"].std == 0.0
+  estimate = standstill_noise(still(motor_speed=np.zeros(2000)))
+  assert estimate["motor_speed"].std == 0.0
 
 
 def test_a_moving_car_is_no_standstill():
@@ -154,9 +154,9 @@ def test_score_variance_is_recovered_from_errors():
   rng = np.random.default_rng(1)
   truth = ScoreVariance.between(0.006, 0.05, 20.0)
   scores = 60.0 * np.exp(0.7 * rng.normal(size=6000))
-  found = ScoreVariance.fit(scores, np.sqrt(truth.of(scores)) * rng.normal(size=6000))
+  estimate = ScoreVariance.fit(scores, np.sqrt(truth.of(scores)) * rng.normal(size=6000))
   for score in np.quantile(scores, [0.05, 0.25, 0.5, 0.75, 0.95]):
-    assert found(score) == pytest.approx(truth(score), rel=0.2)
+    assert estimate(score) == pytest.approx(truth(score), rel=0.2)
 
 
 def test_score_variance_needs_positive_variance_and_enough_data():

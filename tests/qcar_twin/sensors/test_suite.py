@@ -25,26 +25,26 @@ def signals(count=1, **values):
 
 def collect(suite, steps, now=None):
   """All readings by first channel: (step of arrival, age, values)."""
-  found = {}
+  readings = {}
   for k in range(steps):
     for reading in suite.measure(signals(suite.count) if now is None else now(k)):
-      found.setdefault(reading.channels[0], []).append((k, reading.age, reading.values))
-  return found
+      readings.setdefault(reading.channels[0], []).append((k, reading.age, reading.values))
+  return readings
 
 
 def test_each_sensor_has_its_own_rate_and_latency():
   sensors = {"imu": QUIET, "lidar": StatisticalLidar(Timing(rate=10.0, latency=0.05, dropout=0.0))}
-  found = collect(SensorSuite(sensors, 1, 0), 101)
-  assert [k for k, _, _ in found["accel_x"]] == list(range(101)) and {age for _, age, _ in found["accel_x"]} == {0}
-  assert [k for k, _, _ in found["pose_x"]] == list(range(5, 101, 10))
-  assert {age for _, age, _ in found["pose_x"]} == {5}
+  samples = collect(SensorSuite(sensors, 1, 0), 101)
+  assert [k for k, _, _ in samples["accel_x"]] == list(range(101)) and {age for _, age, _ in samples["accel_x"]} == {0}
+  assert [k for k, _, _ in samples["pose_x"]] == list(range(5, 101, 10))
+  assert {age for _, age, _ in samples["pose_x"]} == {5}
 
 
 def test_a_late_reading_holds_what_was_true_when_it_was_measured():
   lidar = StatisticalLidar(Timing(10.0, 0.05, 0.0), correlation=0.1, spike_chance=0.0)
   sensors = {"lidar": lidar}
-  found = collect(SensorSuite(sensors, 1, 0), 60, now=lambda k: signals(pose_x=0.01 * k))
-  for k, age, values in found["pose_x"]:
+  samples = collect(SensorSuite(sensors, 1, 0), 60, now=lambda k: signals(pose_x=0.01 * k))
+  for k, age, values in samples["pose_x"]:
     assert values[0, 0] == pytest.approx(0.01 * (k - age), abs=0.06)
 
 
@@ -81,8 +81,8 @@ def test_restart_throws_away_what_is_under_way():
   suite = SensorSuite({"lidar": StatisticalLidar(Timing(10.0, 0.05, 0.0))}, 2, 0)
   suite.measure(signals(2))
   suite.restart(np.array([True, False]), signals(2))
-  found = collect(suite, 6)["pose_x"][0][2]
-  assert np.isnan(found[0]).all() and np.isfinite(found[1]).all()
+  samples = collect(suite, 6)["pose_x"][0][2]
+  assert np.isnan(samples[0]).all() and np.isfinite(samples[1]).all()
 
 
 # -- encoder -------------------------------------------------------------------------------------
@@ -107,9 +107,9 @@ def test_encoder_at_rest_says_exactly_zero():
 
 def test_a_slower_encoder_averages_over_its_interval():
   suite = SensorSuite({"encoder": Encoder(Timing(rate=20.0))}, 1, 0)
-  found = collect(suite, 51, now=lambda k: signals(motor_speed=float(k)))["motor_speed"]
-  assert [k for k, _, _ in found] == [0, 5, 10, 15, 20, 25, 30, 35, 40, 45, 50]
-  assert found[5][2][0, 0] == pytest.approx(22.5, abs=0.1)  # mean of 20 .. 25
+  samples = collect(suite, 51, now=lambda k: signals(motor_speed=float(k)))["motor_speed"]
+  assert [k for k, _, _ in samples] == [0, 5, 10, 15, 20, 25, 30, 35, 40, 45, 50]
+  assert samples[5][2][0, 0] == pytest.approx(22.5, abs=0.1)  # mean of 20 .. 25
 
 
 def test_imu_reports_what_the_plant_feels():
@@ -156,11 +156,11 @@ def test_spikes_are_half_a_metre_in_any_direction():
 )
 def test_faults_act_on_their_channel_in_their_time(fault, expected):
   suite = SensorSuite({"imu": QUIET}, 1, 0, faults=(fault,))
-  found = collect(suite, 30, now=lambda k: signals(accel_x=0.3, yaw_rate=0.5))["accel_x"]
-  column = np.array([v[0, 0] for _, _, v in found])
+  samples = collect(suite, 30, now=lambda k: signals(accel_x=0.3, yaw_rate=0.5))["accel_x"]
+  column = np.array([v[0, 0] for _, _, v in samples])
   np.testing.assert_array_equal(column[10:20], np.full(10, expected))
   np.testing.assert_array_equal(np.concatenate([column[:10], column[20:]]), np.full(20, 0.3))
-  assert all(v[0, 2] == 0.5 for _, _, v in found)
+  assert all(v[0, 2] == 0.5 for _, _, v in samples)
 
 
 def test_unknown_fault_lists_the_kinds():
@@ -170,17 +170,17 @@ def test_unknown_fault_lists_the_kinds():
 
 def test_a_frozen_channel_repeats_the_sample_before():
   suite = SensorSuite({"imu": QUIET}, 2, 0, faults=(Fault("accel_x", "frozen", 0.1, 0.2),))
-  found = collect(suite, 30, now=lambda k: signals(2, accel_x=0.01 * k))["accel_x"]
-  column = np.array([v[:, 0] for _, _, v in found])
+  samples = collect(suite, 30, now=lambda k: signals(2, accel_x=0.01 * k))["accel_x"]
+  column = np.array([v[:, 0] for _, _, v in samples])
   np.testing.assert_array_equal(column[9:20], np.tile(column[9], (11, 1)))
   assert column[20, 0] == pytest.approx(0.2)
 
 
 def test_spikes_hit_their_share_of_the_samples_either_way():
   suite = SensorSuite({"imu": QUIET}, 50, 0, faults=(Fault("accel_x", "spikes", 0.0, size=2.0, chance=0.3),))
-  found = np.array([v[:, 0] for _, _, v in collect(suite, 200)["accel_x"]])
-  assert np.isin(np.round(np.abs(found), 9), (0.0, 2.0)).all()
-  assert (found > 1.0).mean() == pytest.approx(0.15, abs=0.01) and (found < -1.0).mean() == pytest.approx(
+  samples = np.array([v[:, 0] for _, _, v in collect(suite, 200)["accel_x"]])
+  assert np.isin(np.round(np.abs(samples), 9), (0.0, 2.0)).all()
+  assert (samples > 1.0).mean() == pytest.approx(0.15, abs=0.01) and (samples < -1.0).mean() == pytest.approx(
     0.15, abs=0.01
   )
 

@@ -27,14 +27,14 @@ def twin() -> Twin:
 def test_each_session_has_its_own(twin: Twin):
   plain = Twin(CAR, select(["steering_offset"]), substeps=2, engine="reduced")
   shifted = twin.parameters.vector({"steering_offset": 0.01, "steering_offset@tuesday": -0.03})
-  found = twin.rollout(shifted, drive()).signals[0]
+  together = twin.rollout(shifted, drive()).signals[0]
   monday, tuesday, mean = (
     plain.rollout(plain.parameters.vector({"steering_offset": value}), drive()).signals[0]
     for value in (0.01, -0.02, -0.005)
   )
-  np.testing.assert_array_equal(found[0], monday[0])
-  np.testing.assert_allclose(found[1], tuesday[1], rtol=1e-9, atol=1e-9)  # 0.01 - 0.03 is -0.02 to rounding
-  np.testing.assert_allclose(found[2], mean[2], rtol=1e-9, atol=1e-9)  # nobody knows its session
+  np.testing.assert_array_equal(together[0], monday[0])
+  np.testing.assert_allclose(together[1], tuesday[1], rtol=1e-9, atol=1e-9)  # 0.01 - 0.03 is -0.02 to rounding
+  np.testing.assert_allclose(together[2], mean[2], rtol=1e-9, atol=1e-9)  # nobody knows its session
   assert np.abs(tuesday[1] - monday[1]).max() > 0.05
 
 

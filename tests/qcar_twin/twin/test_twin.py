@@ -130,8 +130,8 @@ def test_a_fitted_suspension_is_the_car_built_with_it(twin: Twin, frequency):
   """Bounce frequency as a parameter equals the compiled model's; a softer car feels more of g sin(roll)."""
   built = Twin(dataclasses.replace(CAR, suspension_frequency=frequency), substeps=2)
   wanted = built.rollout(built.parameters.nominal, drive()).signals
-  found = twin.rollout(twin.parameters.vector({"suspension_frequency": frequency}), drive()).signals
-  np.testing.assert_allclose(found, wanted, atol=1e-9)
+  fitted = twin.rollout(twin.parameters.vector({"suspension_frequency": frequency}), drive()).signals
+  np.testing.assert_allclose(fitted, wanted, atol=1e-9)
 
 
 def test_a_softer_car_feels_more_of_its_roll(twin: Twin):
@@ -182,9 +182,9 @@ def ripple():
   cogging = Twin(CAR, select(["cogging"]), substeps=2)
   theta = cogging.parameters.vector({"cogging": 0.2, "cogging_cosine": 0.1, "cogging_order": 5.0})
   driving = drive(steering=(0.0,), seconds=2.0)
-  found = cogging.rollout(theta, driving)
-  turns = 0.01 * CAR.gear_ratio * np.cumsum(found.channel("motor_speed")[0], axis=1)
-  return cogging, theta, driving, found.signals[0], np.pad(turns, ((0, 0), (1, 0)))[:, :-1]
+  rolled = cogging.rollout(theta, driving)
+  turns = 0.01 * CAR.gear_ratio * np.cumsum(rolled.channel("motor_speed")[0], axis=1)
+  return cogging, theta, driving, rolled.signals[0], np.pad(turns, ((0, 0), (1, 0)))[:, :-1]
 
 
 def test_a_ripple_keeps_its_phase_from_segment_to_segment(ripple):

@@ -88,9 +88,9 @@ def test_an_unknown_layout_or_drive_is_refused_with_the_known_ones(key, value, s
 def test_a_twin_file_keeps_layout_and_drive(f1tenth, tmp_path):
   twin = Twin(f1tenth, substeps=2, threads=1)
   theta = twin.parameters.vector({"torque_per_speed": 1.1 * f1tenth.torque_per_speed})
-  back, found = load_twin(save_twin(tmp_path / "twin.toml", twin, theta), substeps=2, threads=1)
+  back, values = load_twin(save_twin(tmp_path / "twin.toml", twin, theta), substeps=2, threads=1)
   assert back.vehicle == f1tenth
-  np.testing.assert_array_equal(found, theta)
+  np.testing.assert_array_equal(values, theta)
 
 
 @pytest.mark.parametrize(("drive", "command"), [("voltage", 2.0), ("duty", 0.2), ("speed", 1.2)])
@@ -145,10 +145,10 @@ def test_wheels_that_are_not_driven_roll_free(layout):
   length = 300
   commands, start = np.tile([1.0, 0.4], (1, length, 1)), np.zeros((1, 7))
   segments = Segments(commands, start, np.array([length]), twin.period, ("turn",), np.zeros(1))
-  found = twin.rollout(twin.parameters.nominal, segments)
-  rolled = found.channel("motor_speed")[0, 0, -1] * QCAR.gear_ratio * QCAR.wheel_radius
+  rollout = twin.rollout(twin.parameters.nominal, segments)
+  rolled = rollout.channel("motor_speed")[0, 0, -1] * QCAR.gear_ratio * QCAR.wheel_radius
   expected = 1.0 if layout == "rear" else 1.0 / math.cos(0.4)
-  assert rolled / found.channel("velocity_x")[0, 0, -1] == pytest.approx(expected, rel=0.015)
+  assert rolled / rollout.channel("velocity_x")[0, 0, -1] == pytest.approx(expected, rel=0.015)
 
 
 @pytest.mark.parametrize("drive", sorted(DRIVES))

@@ -142,8 +142,8 @@ def test_ackermann_splits_the_road_wheels(fraction, angle):
   mujoco.mj_step(model, data, 300)
   left, right = data.qpos[list(handles.steering_qpos)]
   assert (left + right) / 2 == pytest.approx(angle, abs=1e-4)
-  found = (1 / math.tan(right) - 1 / math.tan(left)) / (CAR.track_width / CAR.wheelbase)
-  assert found == pytest.approx(fraction, abs=0.05)
+  share = (1 / math.tan(right) - 1 / math.tan(left)) / (CAR.track_width / CAR.wheelbase)
+  assert share == pytest.approx(fraction, abs=0.05)
 
 
 def test_ackermann_is_one_number_of_the_equality():

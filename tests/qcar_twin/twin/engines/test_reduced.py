@@ -90,9 +90,9 @@ def cosines(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 def test_columns_point_where_mujocos_do(mujoco_car, reduced):
   segments = stretches()
-  exact, found = (columns(twin, segments, 0.02) for twin in (mujoco_car, reduced))
+  exact, own = (columns(twin, segments, 0.02) for twin in (mujoco_car, reduced))
   seen = np.linalg.norm(exact, axis=1) > 3.0  # what moves the signals by some of their noise within its own scale
-  low = {n: c for n, c, s in zip(reduced.base.names, cosines(exact, found), seen, strict=True) if s and c < 0.97}
+  low = {n: c for n, c, s in zip(reduced.base.names, cosines(exact, own), seen, strict=True) if s and c < 0.97}
   assert seen.sum() > 12 and set(low) <= {"suspension_frequency"}, low
 
 
@@ -194,10 +194,10 @@ def test_a_car_that_is_none_gives_no_numbers_and_harms_no_other(reduced):
   theta = np.tile(reduced.parameters.nominal, (3, 1))
   theta[1, reduced.parameters.index("payload_mass")] = -CAR.mass
   with np.errstate(all="ignore"):
-    found = reduced.rollout(theta, segments).signals[:, 0]
-  assert np.isnan(found[1]).any() and not np.any(np.abs(found[1]) > 1e6)
-  np.testing.assert_array_equal(found[0], reduced.rollout(theta[0], segments).signals[0, 0])
-  np.testing.assert_array_equal(found[0], found[2])
+    ends = reduced.rollout(theta, segments).signals[:, 0]
+  assert np.isnan(ends[1]).any() and not np.any(np.abs(ends[1]) > 1e6)
+  np.testing.assert_array_equal(ends[0], reduced.rollout(theta[0], segments).signals[0, 0])
+  np.testing.assert_array_equal(ends[0], ends[2])
 
 
 def test_what_it_lacks_it_says():

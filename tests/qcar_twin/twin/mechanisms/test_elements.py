@@ -17,10 +17,10 @@ reals = st.floats(-3.0, 3.0)
 @given(reals, st.floats(0.0, 1.0))
 def test_dead_zone_is_odd_and_near_its_sharp_form(x, half_width):
   x, half_width = np.array([x]), np.array([half_width])
-  found = elements.dead_zone(x, half_width)
+  smooth = elements.dead_zone(x, half_width)
   sharp = np.sign(x) * np.maximum(np.abs(x) - half_width, 0.0)
-  np.testing.assert_allclose(found, sharp, atol=elements.KINK)
-  np.testing.assert_allclose(elements.dead_zone(-x, half_width), -found, atol=1e-12)
+  np.testing.assert_allclose(smooth, sharp, atol=elements.KINK)
+  np.testing.assert_allclose(elements.dead_zone(-x, half_width), -smooth, atol=1e-12)
 
 
 @given(reals)
@@ -59,13 +59,13 @@ def test_lag_is_the_exact_solution_for_held_targets(lag, inertia):
   targets = [0.3, 0.3, -0.2, 0.1, 0.1, 0.1, 0.4]
   state = elements.second_order(np.array([lag]), np.array([inertia]), PERIOD)
   state |= {"output": np.array([0.1]), "rate": np.zeros(1)}
-  found, ends = [], []
+  means, ends = [], []
   for target in targets:
-    found.append(elements.lag_step(state, np.array([target]))[0])
+    means.append(elements.lag_step(state, np.array([target]))[0])
     ends.append(state["output"][0])
   mean, end = _reference(lag, inertia, targets, 0.1)
   np.testing.assert_allclose(ends, end, atol=1e-7)
-  np.testing.assert_allclose(found, mean, atol=1e-7)
+  np.testing.assert_allclose(means, mean, atol=1e-7)
 
 
 def test_lag_without_inertia_is_first_order():
@@ -94,41 +94,41 @@ def test_no_lag_passes_the_target():
 def test_delay_of_whole_periods_gives_back_old_commands():
   commands = np.random.default_rng(1).normal(size=(30, 3))
   state = elements.delay_line(np.array([0.0, 0.02, 0.07]), PERIOD, 0.1, commands[0], commands[0])
-  found = np.array([elements.delay_step(state, c) for c in commands])
+  delayed = np.array([elements.delay_step(state, c) for c in commands])
   for row, shift in enumerate((0, 2, 7)):
-    np.testing.assert_allclose(found[shift:, row], commands[: 30 - shift, row], rtol=1e-12)
-    np.testing.assert_allclose(found[:shift, row], commands[0, row], rtol=1e-14)
+    np.testing.assert_allclose(delayed[shift:, row], commands[: 30 - shift, row], rtol=1e-12)
+    np.testing.assert_allclose(delayed[:shift, row], commands[0, row], rtol=1e-14)
 
 
 def test_delay_of_a_part_is_the_mean_over_the_period():
   """A command held over periods and read 3.4 periods late covers 0.6 of one period and 0.4 of the one before."""
   commands = np.random.default_rng(2).normal(size=(12, 1))
   state = elements.delay_line(np.array([0.034]), PERIOD, 0.1, commands[0], commands[0])
-  found = np.array([elements.delay_step(state, c) for c in commands])
-  np.testing.assert_allclose(found[4:], 0.6 * commands[1:9] + 0.4 * commands[:8], atol=1e-12)
+  delayed = np.array([elements.delay_step(state, c) for c in commands])
+  np.testing.assert_allclose(delayed[4:], 0.6 * commands[1:9] + 0.4 * commands[:8], atol=1e-12)
 
 
 def test_delay_at_its_longest_stays_in_the_line():
   state = elements.delay_line(np.array([0.1]), PERIOD, 0.1, np.ones(1), np.zeros(1))
-  found = [elements.delay_step(state, np.full(1, 5.0))[0] for _ in range(14)]
-  assert found[9] < 5.0 and found[10] == 5.0
+  delayed = [elements.delay_step(state, np.full(1, 5.0))[0] for _ in range(14)]
+  assert delayed[9] < 5.0 and delayed[10] == 5.0
 
 
 @given(st.lists(st.floats(0.0, 0.1), min_size=1, max_size=4), st.integers(1, 60))
 def test_delay_of_any_length_reads_the_line_through_old_commands(delays, steps):
   commands = np.random.default_rng(steps).normal(size=(steps, len(delays)))
   state = elements.delay_line(np.array(delays), PERIOD, 0.1, commands[0], commands[0])
-  found = np.array([elements.delay_step(state, c) for c in commands])
+  delayed = np.array([elements.delay_step(state, c) for c in commands])
   at = np.arange(steps)
   for row, delay in enumerate(delays):
     wanted = np.interp(at - delay / PERIOD, at, commands[:, row])  # held at the first one before it
-    np.testing.assert_allclose(found[:, row], wanted, atol=1e-9)
+    np.testing.assert_allclose(delayed[:, row], wanted, atol=1e-9)
 
 
 def test_delay_begins_with_a_straight_line_from_what_acted_before():
   state = elements.delay_line(np.array([0.04]), PERIOD, 0.1, np.array([1.0]), np.array([0.2]))
-  found = [elements.delay_step(state, np.ones(1))[0] for _ in range(6)]
-  np.testing.assert_allclose(found, [0.2, 0.4, 0.6, 0.8, 1.0, 1.0], atol=1e-12)
+  delayed = [elements.delay_step(state, np.ones(1))[0] for _ in range(6)]
+  np.testing.assert_allclose(delayed, [0.2, 0.4, 0.6, 0.8, 1.0, 1.0], atol=1e-12)
 
 
 @given(st.floats(-3.0, 3.0))
@@ -143,9 +143,9 @@ def test_shift_of_a_straight_line_is_exact(samples):
 def test_shift_may_grow_along_the_track_and_differ_by_row():
   track = np.sin(np.linspace(0, 3, 200))[None].repeat(2, axis=0)
   late = np.stack([np.linspace(0.0, 8.0, 200), np.full(200, 3.0)])
-  found = elements.shifted(track, late)
+  late_track = elements.shifted(track, late)
   position = np.clip(np.arange(200) - late, 0, 199)
-  np.testing.assert_allclose(found, np.sin(position * 3 / 199), atol=1e-4)
+  np.testing.assert_allclose(late_track, np.sin(position * 3 / 199), atol=1e-4)
 
 
 def test_track_of_one_sample_survives_a_shift():

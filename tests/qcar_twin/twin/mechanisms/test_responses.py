@@ -18,8 +18,8 @@ def test_steering_gain_offset_asymmetry_nonlinearity():
   np.testing.assert_allclose(act("steering_offset", [0.03], command, STEER), [-0.37, 0.03, 0.23])
   np.testing.assert_allclose(act("steering_asymmetry", [0.1], command, STEER), [-0.36, 0.0, 0.22], atol=2e-4)
   lock = CAR.max_steering
-  found = act("steering_nonlinearity", [0.2, 2.0], [lock, -lock, lock / 2], STEER)
-  np.testing.assert_allclose(found, [0.8 * lock, -0.8 * lock, 0.95 * lock / 2])
+  acting = act("steering_nonlinearity", [0.2, 2.0], [lock, -lock, lock / 2], STEER)
+  np.testing.assert_allclose(acting, [0.8 * lock, -0.8 * lock, 0.95 * lock / 2])
 
 
 def test_steering_lag_starts_from_the_angle_the_wheels_have():
@@ -34,8 +34,8 @@ def test_steering_lag_and_delay_move_a_ramp_by_their_time():
 
 
 def test_steering_rate_limit_runs_at_its_rate_and_arrives():
-  found = act("steering_rate_limit", [0.25], [0.1] * 5, STEER)  # 4 rad/s: 0.04 rad a period
-  np.testing.assert_allclose(found, [0.02, 0.06, 0.095, 0.1, 0.1], atol=1e-12)
+  acting = act("steering_rate_limit", [0.25], [0.1] * 5, STEER)  # 4 rad/s: 0.04 rad a period
+  np.testing.assert_allclose(acting, [0.02, 0.06, 0.095, 0.1, 0.1], atol=1e-12)
 
 
 def test_slow_steering_never_meets_its_rate_limit():
@@ -44,18 +44,18 @@ def test_slow_steering_never_meets_its_rate_limit():
 
 
 def test_steering_backlash_makes_the_classic_loop():
-  found = act("steering_backlash", [0.04], [0.0, 0.1, 0.2, 0.19, 0.17, 0.15, 0.0], STEER)
-  np.testing.assert_allclose(found, [0.0, 0.08, 0.18, 0.18, 0.18, 0.17, 0.02], atol=1e-12)
+  acting = act("steering_backlash", [0.04], [0.0, 0.1, 0.2, 0.19, 0.17, 0.15, 0.0], STEER)
+  np.testing.assert_allclose(acting, [0.0, 0.08, 0.18, 0.18, 0.18, 0.17, 0.02], atol=1e-12)
 
 
 def test_steering_dead_zone_has_no_memory():
-  found = act("steering_dead_zone", [0.03], [0.02, 0.1, 0.02, -0.1], STEER)
-  np.testing.assert_allclose(found, [0.0, 0.07, 0.0, -0.07], atol=1e-3)
+  acting = act("steering_dead_zone", [0.03], [0.02, 0.1, 0.02, -0.1], STEER)
+  np.testing.assert_allclose(acting, [0.0, 0.07, 0.0, -0.07], atol=1e-3)
 
 
 def test_steering_holds_until_the_command_has_left_its_dead_band():
-  found = act("steering_quantisation", [0.02, 40.0], [0.01, 0.015, 0.03, 0.04, 0.0], STEER)
-  np.testing.assert_allclose(found, [0.0, 0.0, 0.03, 0.03, 0.0], atol=2e-4)
+  acting = act("steering_quantisation", [0.02, 40.0], [0.01, 0.015, 0.03, 0.04, 0.0], STEER)
+  np.testing.assert_allclose(acting, [0.0, 0.0, 0.03, 0.03, 0.0], atol=2e-4)
 
 
 def test_steering_compliance_settles_where_force_and_twist_agree():
@@ -63,8 +63,8 @@ def test_steering_compliance_settles_where_force_and_twist_agree():
   driven = motion(200, accel_y=2.0, yaw_rate=1.3)
   lateral = 2.0 + 1.3**2 * CAR.imu_y
   force = CAR.mass * CAR.cg_to_rear / CAR.wheelbase * lateral
-  found = act("steering_compliance", [0.008], [0.3] * 200, STEER, driven)
-  np.testing.assert_allclose(found[-1], 0.3 - 0.008 * force, rtol=1e-6)
+  acting = act("steering_compliance", [0.008], [0.3] * 200, STEER, driven)
+  np.testing.assert_allclose(acting[-1], 0.3 - 0.008 * force, rtol=1e-6)
 
 
 @pytest.mark.parametrize("lag", [1, 2])
@@ -143,9 +143,9 @@ def test_battery_discharge_counts_time_and_energy():
 def test_motor_heating_reaches_its_warmth_and_cools_down():
   commands = np.ones(3000)
   commands[1500:2900] = 0.0
-  found = act("motor_heating", [0.2, 0.0, 5.0], commands, VOLT)
-  np.testing.assert_allclose(found[1499], np.exp(-0.2 * (1 - np.exp(-3.0))), rtol=1e-3)
-  assert found[0] == 1.0 and found[1499] < found[2900] < 1.0
+  acting = act("motor_heating", [0.2, 0.0, 5.0], commands, VOLT)
+  np.testing.assert_allclose(acting[1499], np.exp(-0.2 * (1 - np.exp(-3.0))), rtol=1e-3)
+  assert acting[0] == 1.0 and acting[1499] < acting[2900] < 1.0
   driven = motion(1)
   driven.history[:] = [1e4, 1e4]
   np.testing.assert_allclose(act("motor_heating", [0.2, 0.0, 5.0], [1.0], VOLT, driven), np.exp(-0.2), rtol=1e-6)
@@ -171,8 +171,8 @@ def test_weaker_magnets_push_less_from_rest_and_idle_faster():
 
 def test_coasting_free_takes_the_braking_away_at_zero_only():
   driven = motion(2, motor_speed=400.0)
-  found = act("coast_freewheel", [1.0, 0.1], [0.0, 2.0], VOLT, driven)
-  np.testing.assert_allclose(found, [400.0 * VOLTS_PER_SPEED, 2.0], atol=1e-4)
+  acting = act("coast_freewheel", [1.0, 0.1], [0.0, 2.0], VOLT, driven)
+  np.testing.assert_allclose(acting, [400.0 * VOLTS_PER_SPEED, 2.0], atol=1e-4)
 
 
 def test_drive_asymmetry_acts_on_negative_torque_or_voltage():
@@ -187,11 +187,11 @@ def test_drive_asymmetry_acts_on_negative_torque_or_voltage():
 def test_backlash_costs_time_not_momentum():
   """After a change of sign the voltage comes late, and all of it comes; the next period is as commanded."""
   commands = np.array([1.0] * 5 + [-1.0] * 15)
-  found = act("driveline_backlash", [1.0, 2e-6], commands, VOLT)
-  np.testing.assert_array_equal(found[:5], 1.0)
-  assert found[5] > -0.9 and found[6] < -1.05
-  np.testing.assert_allclose(found.sum(), commands.sum(), rtol=1e-12)
-  np.testing.assert_allclose(found[-5:], -1.0)
+  acting = act("driveline_backlash", [1.0, 2e-6], commands, VOLT)
+  np.testing.assert_array_equal(acting[:5], 1.0)
+  assert acting[5] > -0.9 and acting[6] < -1.05
+  np.testing.assert_allclose(acting.sum(), commands.sum(), rtol=1e-12)
+  np.testing.assert_allclose(acting[-5:], -1.0)
 
 
 def test_backlash_takes_as_long_as_free_flight_across_the_play():
@@ -199,16 +199,16 @@ def test_backlash_takes_as_long_as_free_flight_across_the_play():
   play, inertia, volts = 3.0, 5e-5, 0.5
   free = np.sqrt(2 * play * inertia / (0.0272 * volts))
   commands = np.array([volts] * 2 + [-volts] * 60)
-  found = act("driveline_backlash", [play, inertia], commands, VOLT)
-  late = np.cumsum(found - commands)  # V periods still owed
-  assert free / PERIOD - 1.0 <= int(np.argmin(found)) - 2 <= free / PERIOD + 1.0
+  acting = act("driveline_backlash", [play, inertia], commands, VOLT)
+  late = np.cumsum(acting - commands)  # V periods still owed
+  assert free / PERIOD - 1.0 <= int(np.argmin(acting)) - 2 <= free / PERIOD + 1.0
   np.testing.assert_allclose(late[-1], 0.0, atol=1e-9)
 
 
 def test_cogging_is_a_ripple_of_the_wheel_angle():
   speed = 2 * np.pi / CAR.gear_ratio  # one turn of the wheels a second
-  found = act("cogging", [0.1, 0.0, 2.0], [1.0] * 100, VOLT, motion(100, motor_speed=speed)) - 1.0
+  acting = act("cogging", [0.1, 0.0, 2.0], [1.0] * 100, VOLT, motion(100, motor_speed=speed)) - 1.0
   middle = (np.arange(100) + 0.5) * PERIOD
-  np.testing.assert_allclose(found, 0.1 * np.sin(4 * np.pi * middle), atol=1e-4)
+  np.testing.assert_allclose(acting, 0.1 * np.sin(4 * np.pi * middle), atol=1e-4)
   fast = act("cogging", [0.1, 0.0, 2.0], [1.0] * 9, VOLT, motion(9, motor_speed=50 * speed)) - 1.0
   np.testing.assert_allclose(fast, 0.0, atol=1e-12)  # a whole ripple per period averages out

@@ -59,16 +59,16 @@ def test_friction_change_creeps_or_drops(suddenness, early, late):
   for seconds, share in ((30.0, early), (90.0, late)):
     driven = motion()
     driven.history[:, 0] = seconds
-    found = changed("friction_change", [-0.25, 60.0, suddenness, 0.0], driven)
-    np.testing.assert_allclose(found.get("friction_coefficient", 0.0), -0.25 * 0.8 * share, atol=1e-6)
-    assert "cornering_stiffness" not in found
+    changes = changed("friction_change", [-0.25, 60.0, suddenness, 0.0], driven)
+    np.testing.assert_allclose(changes.get("friction_coefficient", 0.0), -0.25 * 0.8 * share, atol=1e-6)
+    assert "cornering_stiffness" not in changes
 
 
 def test_friction_patch_is_felt_by_the_wheels_that_stand_on_it():
   """Facing +y at the origin: the left wheels are at -x. A patch to the left takes their grip only."""
   driven = motion(pose_yaw=np.pi / 2)
-  found = changed("friction_patch", [0.5, -0.6, 0.0, 0.55, 0.0], driven)["friction_coefficient"]
-  left, right = found[[0, 2]], found[[1, 3]]
+  friction = changed("friction_patch", [0.5, -0.6, 0.0, 0.55, 0.0], driven)["friction_coefficient"]
+  left, right = friction[[0, 2]], friction[[1, 3]]
   assert np.all(left < -0.2) and np.all(right > -0.05)
   assert changed("friction_patch", [0.5, 30.0, 0.0, 0.5, 0.0], driven) == {}
 
@@ -100,16 +100,16 @@ def test_scales_and_biases():
 
 def test_imu_turned_left_feels_forward_acceleration_as_rightward():
   track = motion(3, accel_x=2.0).track()
-  found = shown("imu_misalignment", [0.1], track)
-  np.testing.assert_allclose(found["accel_x"], 2.0 * np.cos(0.1))
-  np.testing.assert_allclose(found["accel_y"], -2.0 * np.sin(0.1))
+  measured = shown("imu_misalignment", [0.1], track)
+  np.testing.assert_allclose(measured["accel_x"], 2.0 * np.cos(0.1))
+  np.testing.assert_allclose(measured["accel_y"], -2.0 * np.sin(0.1))
 
 
 def test_imu_lever_arm_feels_centripetal_and_tangential_acceleration():
   rate = 0.5 + 3.0 * PERIOD * np.arange(20)  # 3 rad/s^2
-  found = shown("imu_lever_arm", [0.05, 0.02], motion(20, yaw_rate=rate).track())
-  np.testing.assert_allclose(found["accel_x"], -(rate**2) * 0.05 - 3.0 * 0.02, atol=1e-9)
-  np.testing.assert_allclose(found["accel_y"], 3.0 * 0.05 - rate**2 * 0.02, atol=1e-9)
+  measured = shown("imu_lever_arm", [0.05, 0.02], motion(20, yaw_rate=rate).track())
+  np.testing.assert_allclose(measured["accel_x"], -(rate**2) * 0.05 - 3.0 * 0.02, atol=1e-9)
+  np.testing.assert_allclose(measured["accel_y"], 3.0 * 0.05 - rate**2 * 0.02, atol=1e-9)
 
 
 def test_latencies_shift_their_own_sensors_only():
@@ -127,18 +127,18 @@ def test_clock_drift_grows_with_the_time_of_the_recording():
   ramp = np.arange(40) * PERIOD
   driven = motion(40, pose_x=ramp, motor_speed=ramp)
   driven.offset[:] = 10.0
-  found = shown("clock_drift", [0.005, 0.5], driven.track())
+  measured = shown("clock_drift", [0.005, 0.5], driven.track())
   late = 0.005 * (10.0 + ramp)
-  np.testing.assert_allclose(found["pose_x"], ramp - late, atol=1e-12)
-  np.testing.assert_allclose(found["motor_speed"], np.maximum(ramp - late / 2, 0.0), atol=1e-12)
+  np.testing.assert_allclose(measured["pose_x"], ramp - late, atol=1e-12)
+  np.testing.assert_allclose(measured["motor_speed"], np.maximum(ramp - late / 2, 0.0), atol=1e-12)
 
 
 def test_pose_mount_turns_and_shifts_the_tracked_point():
   track = motion(2, pose_x=1.0, pose_yaw=np.pi / 2).track()
-  found = shown("pose_mount", [0.04, 0.1, 0.02], track)
-  np.testing.assert_allclose(found["pose_x"], 1.0 - 0.02, atol=1e-12)
-  np.testing.assert_allclose(found["pose_y"], 0.1, atol=1e-12)
-  np.testing.assert_allclose(found["pose_yaw"], np.pi / 2 + 0.04)
+  measured = shown("pose_mount", [0.04, 0.1, 0.02], track)
+  np.testing.assert_allclose(measured["pose_x"], 1.0 - 0.02, atol=1e-12)
+  np.testing.assert_allclose(measured["pose_y"], 0.1, atol=1e-12)
+  np.testing.assert_allclose(measured["pose_yaw"], np.pi / 2 + 0.04)
 
 
 def test_of_a_change_of_grip_only_what_comes_amid_the_driving_is_shown():
@@ -158,8 +158,8 @@ def test_a_change_of_grip_is_sought_while_the_car_is_driven():
   """However long that is: between one drop that is tried and the next, and up to the end, there is no wide gap."""
   change = CATALOGUE["friction_change"]
   for first, last in ((0.0, 130.0), (100.0, 3000.0)):
-    found = change.initial_guesses(Driving(first, last, np.zeros((0, 2))))
-    times = np.array([s["friction_change_time"] for s in found if s["friction_change_suddenness"] > 2.0])
+    guesses = change.initial_guesses(Driving(first, last, np.zeros((0, 2))))
+    times = np.array([s["friction_change_time"] for s in guesses if s["friction_change_suddenness"] > 2.0])
     assert first < times[0] and times[-1] < last
     assert np.all(np.diff(np.log([max(first, 30.0), *times, last])) < np.log(2.0))
 

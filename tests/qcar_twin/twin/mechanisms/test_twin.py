@@ -83,9 +83,9 @@ def test_mechanism_alone_equals_mechanism_in_the_crowd(twin, typical, mechanism)
 
 @each
 def test_typical_size_is_seen(typical, nominal, mechanism):
-  found = distance(typical[mechanism.name], nominal)
+  moved = distance(typical[mechanism.name], nominal)
   assert np.all(np.isfinite(typical[mechanism.name]))
-  assert found.max() > 0.005, dict(zip(SIGNALS, found.round(4), strict=True))
+  assert moved.max() > 0.005, dict(zip(SIGNALS, moved.round(4), strict=True))
 
 
 def test_mirrored_commands_give_mirrored_motion_unless_declared(twin, typical):

@@ -138,5 +138,5 @@ if __name__ == "__main__":
     print(f"peak friction at {angle:.2f} rad: {peak_friction(angle):.4f}, asked for 0.8")
   for length in (0.03, 0.1):
     for speed in (0.5, 1.5):
-      found = 1e3 * recovered_relaxation(length, speed, 40.0)[0]
-      print(f"relaxation length at {speed:g} m/s: {found:.2f} mm, asked for {1e3 * length:g}")
+      recovered = 1e3 * recovered_relaxation(length, speed, 40.0)[0]
+      print(f"relaxation length at {speed:g} m/s: {recovered:.2f} mm, asked for {1e3 * length:g}")

@@ -98,8 +98,8 @@ def test_locked_wheel_slides_with_kinetic_friction_against_its_motion():
 @pytest.mark.parametrize("speed", [0.5, 1.5])
 @pytest.mark.parametrize("damping", [0.0, 40.0])
 def test_relaxation_length_comes_back_from_a_step(length, speed, damping):
-  found, start = recovered_relaxation(length, speed, damping)
-  assert found == pytest.approx(length, rel=0.05)
+  recovered, start = recovered_relaxation(length, speed, damping)
+  assert recovered == pytest.approx(length, rel=0.05)
   assert abs(start) < 0.05  # no jump: carcass damping has faded
 
 
