@@ -15,6 +15,7 @@ from qcar_twin.recordings.recording import RecordingError, Stream, UnknownChanne
 
 _FEW_NANS = 0.05  # formats without blanks: rarer NaNs in a command are faults, commoner ones are an asynchronous stream
 DATED = 1e6  # s, beyond which a clock is rebased: doubles are then 1e-10 s apart, a tenth of the streams' tolerance
+_FINEST = 9  # decimals of a second, of a clock in nanoseconds
 _MIN_RUNS = 5  # runs of equal values that make a publisher's rate sure
 
 
@@ -191,6 +192,24 @@ def origin_of(stamp: np.ndarray) -> float:
   return float(there.min()) if there.size and abs(float(there.min())) > DATED else 0.0
 
 
+def since_origin(stamp: np.ndarray) -> np.ndarray:
+  """Stamps counted from `origin_of` them, s, with the fewest decimals that are the same stamps to what doubles resolve.
+
+  Today's stamps are 2.4e-7 s apart, so that rows every 0.01 s are up to 2.4e-7 s early or late, and a command would be
+  taken to come one period after the measurement of its row. With two decimals they are 0.01 s apart again. Stamps of
+  finer clocks stay as they are.
+  """
+  origin = origin_of(stamp)
+  if not origin:
+    return stamp
+  since = stamp - origin
+  for decimals in range(_FINEST) if np.isfinite(stamp).all() else ():
+    rounded = np.round(since, decimals)
+    if np.abs(rounded - since).max() <= np.spacing(np.abs(stamp).max()):
+      return rounded
+  return since
+
+
 def in_time_order(table: Table, mapped: Mapped) -> tuple[Table, list[str]]:
   """The rows by time, where `sort` says that some were written out of order, and a note how many."""
   if not mapped.sort:
@@ -207,7 +226,7 @@ def in_time_order(table: Table, mapped: Mapped) -> tuple[Table, list[str]]:
 def _clock(table: Table, mapping: Mapping[str, Mapped]) -> Clock:
   """Row times, after the checks. Repeated stamps pass only where the data set says that a publisher holds values."""
   stamp = stamps(table, mapping["time"])
-  stamp = stamp - origin_of(stamp)
+  stamp = since_origin(stamp)
   check_order(table.label, stamp, [table.columns[other.column] for other in mapping.values() if other.column in table])
   repeated = [other.column for other in mapping.values() if other.hold]
   first = np.r_[True, np.diff(stamp) > 0.0]

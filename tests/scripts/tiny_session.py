@@ -45,7 +45,13 @@ def plan() -> list[tuple[str, str, str, float]]:
   return runs + [(f"weave_{role}", role, "excitation", 0.12 + 0.04 * k) for k, role in enumerate(roles)]
 
 
-def write(folder, concealed: dict[str, dict[str, float]] | None = None, seed: int = 0, run_in: int = 0) -> DataSet:
+def write(
+  folder,
+  concealed: dict[str, dict[str, float]] | None = None,
+  seed: int = 0,
+  run_in: int = 0,
+  noise: dict[str, float] | None = None,
+) -> DataSet:
   """Drive the session and write it; returns it as loaded.
 
   concealed: mechanism -> parameter -> value of physics the car has beyond the base.
@@ -67,7 +73,7 @@ def write(folder, concealed: dict[str, dict[str, float]] | None = None, seed: in
   signals, rng, made = twin.rollout(theta, segments).signals[0, :, run_in:-1], np.random.default_rng(seed), []
   for (name, role, manoeuvre, _), u, rows in zip(runs, commands, signals, strict=True):
     columns = {"motor_voltage": u[:, 0], "steering_command": u[:, 1]}
-    for channel, std in NOISE.items():
+    for channel, std in (noise or NOISE).items():
       columns[channel] = rows[:, SIGNALS.index(channel)] + std * rng.standard_normal(LENGTH)
     time = PERIOD * np.arange(LENGTH)
     made.append(Recording.from_columns(name, time, columns, role=role, manoeuvre=manoeuvre))

@@ -62,6 +62,16 @@ def test_a_stamp_of_the_day_is_counted_from_the_files_start_and_kept(tmp_path):
   assert dated.recordings[0].start == pytest.approx(1.0)
 
 
+def test_under_a_stamp_of_the_day_commands_act_in_the_same_periods(tmp_path):
+  """Doubles are 2.4e-7 s apart there: a row that is late by half of that is no row of the next period."""
+  time, columns = drive()
+  before = DataSet.load(folder_with(tmp_path, time, columns)).recordings[0]
+  after = DataSet.load(folder_with(tmp_path, time + EPOCH, columns)).recordings[0]
+  assert np.array_equal(after["yaw_rate"].time, time)
+  for one, other in zip(before.commands(0.01), after.commands(0.01), strict=True):
+    assert np.array_equal(one, other)
+
+
 def test_places_of_a_map_are_counted_from_nearby(tmp_path):
   time, columns = drive()
   far = columns | {"pose_x": columns["pose_x"] + 5e5, "pose_y": columns["pose_y"] + 5.4e6}

@@ -1,7 +1,7 @@
 """MATLAB's timeseries, alone, in structures and in Simulink's Datasets, each with a clock of its own, and version 7.3.
 
-The files are written by mat-io with the properties that MATLAB gives its timeseries on disk; none of MATLAB's own was at
-hand.
+The files are written by mat-io with the properties that MATLAB gives its timeseries on disk; none of MATLAB's own was
+at hand.
 """
 
 import importlib.util
