@@ -1,6 +1,6 @@
 """Fit the weights of the decision to answers of campaigns, and write levels.toml.
 
-qcar-twin set-levels --archives data/answers/weighed.jsonl.xz --out out/levels.toml
+qcar-twin set-levels --archives data/answers/scored.jsonl.xz --out out/levels.toml
 """
 
 import dataclasses

@@ -107,7 +107,7 @@ def test_weights_are_written_beside_the_other_levels_with_the_command(tmp_path):
 
 def test_the_levels_are_those_of_the_archive_they_name(tmp_path):
   """So that no number that decides is older or newer than what it is said to come from."""
-  archive = ROOT / "data/answers/weighed.jsonl.xz"
+  archive = ROOT / "data/answers/scored.jsonl.xz"
   file, installed = tmp_path / "levels.toml", FILE.read_bytes()
   said = set_levels.main(set_levels.Config((archive,), file))
   assert said.startswith("186 answers") and FILE.read_bytes() == installed
