@@ -1,5 +1,8 @@
 """Did the commands act as they were logged?
 
+With the numbers below no sound drive is blamed and none of the false ones is passed; how far each could be moved is
+measured by `python -m tests.faults.thresholds`.
+
 The neutral of a drive or a servo, stretches in which a command did nothing, a commanded speed in the measured one's
 place.
 """
@@ -26,12 +29,15 @@ _RARE = 0.05  # share of the driving that a level may take part in and still not
 _WEAK = 25.0  # per cent of the steady driving that happens under less: a command below it may not move a car from rest
 _BIN = 0.25  # s, over which turning is compared with steering
 _GENTLE = 4.0  # m/s^2 across, below which the turning is proportional to the angle
-_CENTRED = 0.4  # of the largest steering command, within which a straight-ahead is a trim
+_CENTRED = 0.35  # of the largest steering command, within which a straight-ahead is a trim; usual ones are up to 0.25
 _SURE = 0.05  # of the largest steering command: standard deviation of a straight-ahead that says anything
 _STAYS = 0.4  # s, median, for which a commanded value stays
 _SLOWEST = 1.0  # s: no sensor of speed is slower
 _LEAST_STEPS, _SAMPLES = 3, 5  # steps that tell, and samples, median, for which a value stays then
-_LEAP = 0.1  # of the top speed: steps that are no encoder's quantum
+_LEAP = (
+  0.12  # of the top speed: between the quantum of a coarse sensor, a twelfth, and a usual step of command, a sixth
+)
+_PAST, _ROUNDING = 1.5, 1e-9  # quanta, from which a step is past the neighbour; of the top speed, digits that are noise
 
 
 @dataclass(frozen=True)
@@ -207,7 +213,8 @@ def _turning(recording: Recording) -> np.ndarray | None:
 def was_commanded(recordings: Sequence[Recording], channel: str) -> bool:
   """Whether a measured speed stays for long and leaps: it is what was commanded.
 
-  A sensor that publishes slowly has much the same time between its values, and less than a second.
+  A sensor that publishes slowly has much the same time between its values, and less than a second. A coarse one that
+  stays goes on to the neighbouring step, what is commanded past it.
   """
   stays, samples, leaps, top = [np.empty(0)], [np.empty(0)], [np.empty(0)], 0.0
   for stream in (r[channel] for r in recordings if channel in r and len(r[channel]) > 2):
@@ -222,4 +229,12 @@ def was_commanded(recordings: Sequence[Recording], channel: str) -> bool:
   low, usual, high = np.percentile(seconds, [25, 50, 75])
   uneven = np.median(np.concatenate(samples)) >= _SAMPLES and high - low > 0.5 * usual
   long = usual > _SLOWEST or (usual > _STAYS and uneven)
-  return bool(long and float(np.median(np.concatenate(leaps))) > _LEAP * top)
+  leap = float(np.median(np.concatenate(leaps)))
+  return bool(long and (leap > _LEAP * top or leap > _PAST * _quantum(recordings, channel, top)))
+
+
+def _quantum(recordings: Sequence[Recording], channel: str, top: float) -> float:
+  """The smallest step between two values that a channel has."""
+  values = np.concatenate([r[channel].value for r in recordings if channel in r])
+  steps = np.diff(np.unique(values))
+  return float(np.min(steps[steps > _ROUNDING * top], initial=np.inf))
