@@ -1,4 +1,4 @@
-"""With the numbers in use no sound drive is blamed, no false one passed, and of several sensors the right one is taken."""
+"""With the numbers in use no sound drive is blamed, no false one passed; of several sensors the right one is taken."""
 
 import pytest
 
