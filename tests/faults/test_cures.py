@@ -118,6 +118,18 @@ def test_a_speed_with_another_radius_is_told_by_all_that_take_it(tmp_path):
   assert said_of(write_manifest(tmp_path, channels=lines(columns, **named)))[0] == ""
 
 
+def test_a_cure_multiplies_the_scale_that_is_there(tmp_path):
+  time, columns = wander(1)
+  false = columns | {"speed": 36.0 * columns["speed"]}  # tenths of km/h, of which a person saw the tenths
+  folder = folder_with(tmp_path, time, false, channels=lines(false, speed=", scale = 0.1"))
+  text, _ = said_of(folder)
+  assert "on speed in [channels], times one that is there" in text
+  by = float(cures(text)["speed"].split("=")[1])
+  after, check = said_of(write_manifest(folder, channels=lines(false, speed=f", scale = {0.1 * by}")))
+  assert after == "" and check is not None
+  assert check.dataset.recordings[0]["speed"].value == pytest.approx(columns["speed"], abs=1e-4)
+
+
 @pytest.mark.parametrize("seconds", [0.7, 2.0, 6.0])
 def test_the_cure_of_a_late_sensor_moves_it_back(tmp_path, seconds):
   time, columns = wander(4)

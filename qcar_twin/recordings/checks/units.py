@@ -94,7 +94,7 @@ def _confirmed(recording: Recording, vehicle: Mapping[str, float | str], name: s
 
 def _cure(suspect: Suspect) -> str:
   on = "pose_x and on pose_y" if suspect.channel == "pose_x" else suspect.channel
-  return f"is it in {suspect.unit}? set scale = {suspect.scale:.6g} on {on} in [channels]"
+  return f"is it in {suspect.unit}? set scale = {suspect.scale:.6g} on {on} in [channels], times one that is there"
 
 
 @dataclass(frozen=True)
