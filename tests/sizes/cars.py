@@ -6,7 +6,8 @@
 Numbers are published ones: 1:43 as in Liniger, Domahidi and Morari, Optimization-based autonomous racing of 1:43 scale
 RC cars, Optimal Control Applications and Methods 36, 2015, and the parameters of their MPCC; 1:5 as in the AutoRally
 platform's description (autorally_description, 2014); full size the BMW 320i of CommonRoad (Althoff and Wuersching,
-CommonRoad: Vehicle Models, 2020, tables 6 and 7). Where they say nothing a line says what was assumed.
+CommonRoad: Vehicle Models, 2020, tables 6 and 7). Servos, sensors' noise and the 1:43 car's body are assumed; where
+else they say nothing a line says what was assumed.
 """
 
 import dataclasses
@@ -40,6 +41,7 @@ class SizedCar:
   Attributes:
     command: column of the drive's command.  force: N along the car from command and speed [m/s].
     usual: speed that it is driven about, m/s.  servo: time constant, s.  servo_rate: rad/s.
+    body: track, CG height, wheel radius [m] and gear ratio, where nobody needs them but who describes the car.
     noise: of speed [m/s], yaw rate [rad/s] and accelerations [m/s^2].  rate: of the log, Hz.
   """
 
@@ -58,6 +60,16 @@ class SizedCar:
   servo_rate: float
   noise: tuple[float, float, float]
   rate: float
+  body: tuple[float, float, float, float]
+
+  @property
+  def measured(self) -> dict[str, float]:
+    """What a scale, a ruler and a data sheet say, by name of [vehicle]."""
+    names = ("track_width", "cg_height", "wheel_radius", "gear_ratio")
+    return {
+      "mass": self.mass, "yaw_inertia": self.yaw_inertia, "cg_to_front": self.front, "cg_to_rear": self.rear,
+      **dict(zip(names, self.body, strict=True)), "max_steering": self.lock, "servo_time_constant": self.servo,
+    }  # fmt: skip
 
   @property
   def wheelbase(self) -> float:
@@ -97,15 +109,17 @@ CARS: dict[str, SizedCar] = {
   "1:43": SizedCar(
     "1:43", 0.041, 27.8e-6, 0.029, 0.033, (Tyre(2.579, 1.2, 0.192), Tyre(3.3852, 1.2691, 0.1737)), "duty",
     _small_force, lambda v: (0.0518 + 0.00035 * v**2) / (0.287 - 0.0545 * v), 1.0, 0.35, 0.02, 20.0,
-    (0.005, 0.03, 0.1), 100.0,
+    (0.005, 0.03, 0.1), 100.0, (0.03, 0.012, 0.0075, 0.25),
   ),
   "1:5": SizedCar(  # mass with wheels; yaw inertia m l_f l_r, assumed: the description's is a thousandth of a box's
     "1:5", 23.92, 23.92 * 0.34 * 0.23, 0.34, 0.23, tuple(map(_fifth_tyre, _loads(23.92, 0.34, 0.23))), "duty",
     _fifth_force, lambda v: v / 26.8 + 0.1, 4.0, 0.3665, 0.03, 8.05, (0.02, 0.01, 0.15), 50.0,
+    (0.4, 0.12, 0.095, 1.0 / 18.68),
   ),
   "full": SizedCar(
     "full", 1093.3, 1791.6, 1.1562, 1.4227, tuple(map(_commonroad_tyre, _loads(1093.3, 1.1562, 1.4227))),
     "speed_command", _full_size_force, lambda v: v, 12.0, 0.6, 0.1, 0.4, (0.03, 0.003, 0.1), 50.0,
+    (1.375, 0.575, 0.344, 0.25),
   ),
 }  # fmt: skip
 

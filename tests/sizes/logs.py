@@ -1,4 +1,8 @@
-"""Writes logs of a car of another size: python -m tests.sizes.logs --size full --out out/full [--commonroad]."""
+"""Logs of a car of another size, and its measured numbers in a data set that `new` has drafted:
+
+python -m tests.sizes.logs --size full --out out/logs --commonroad
+python -m tests.sizes.logs --size full --measured out/full
+"""
 
 import argparse
 from pathlib import Path
@@ -18,12 +22,32 @@ def write(size: str, folder: Path, count: int = 6, seconds: float = 20.0, common
   return folder
 
 
+# what a scale, a ruler and a data sheet err by, as a share; a servo's time constant is seldom known better
+_ERRS = {"mass": 0.01, "yaw_inertia": 0.1, "cg_to_front": 0.01, "cg_to_rear": 0.01, "track_width": 0.01,
+         "cg_height": 0.1, "wheel_radius": 0.01, "servo_time_constant": 0.5}  # fmt: skip
+
+
+def write_measured(size: str, dataset: Path) -> None:
+  """Put the car's published numbers in place of the guesses in [vehicle] of dataset.toml."""
+  path, numbers = dataset / "dataset.toml", CARS[size].measured
+  before, _, rest = path.read_text(encoding="utf-8").partition("[vehicle]\n")
+  guessed, _, after = rest.partition("[channels]\n")
+  lines = [line for line in guessed.splitlines() if line.startswith("drive = ")]
+  lines += [f"{name} = {value!r}" for name, value in numbers.items()]
+  lines += ["", "[vehicle.std]", *(f"{name} = {share * numbers[name]:.6g}" for name, share in _ERRS.items()), "", ""]
+  path.write_text(before + "[vehicle]\n" + "\n".join(lines) + "[channels]\n" + after, encoding="utf-8")
+
+
 if __name__ == "__main__":
   parser = argparse.ArgumentParser()
   parser.add_argument("--size", choices=list(CARS), required=True)
-  parser.add_argument("--out", type=Path, required=True)
+  parser.add_argument("--out", type=Path)
+  parser.add_argument("--measured", type=Path)
   parser.add_argument("--count", type=int, default=6)
   parser.add_argument("--seconds", type=float, default=20.0)
   parser.add_argument("--commonroad", action="store_true")
   given = parser.parse_args()
-  print(write(given.size, given.out, given.count, given.seconds, given.commonroad))
+  if given.out:
+    print(write(given.size, given.out, given.count, given.seconds, given.commonroad))
+  if given.measured:
+    write_measured(given.size, given.measured)
