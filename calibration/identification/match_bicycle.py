@@ -25,6 +25,7 @@ from qcar_twin.parameters import ParameterSet
 from qcar_twin.plant import Segments
 from qcar_twin.twin.parameters import drive_values
 from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.similarity import Similarity
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -43,7 +44,7 @@ FITTED = (
   "servo_time_constant",
   "ackermann_fraction",
 )
-SPEED = 1.5  # m/s, of the step steers
+SPEED = 1.5  # m/s, of the step steers; this and what follows of the QCar's class
 SLEW = 3.0  # rad/s, at which the steering command of a step rises: at once it would slide the front tyres
 BEFORE = 0.5  # s, straight ahead before a step steer
 AFTER = 4.5  # s from its beginning, as long as the laboratory's
@@ -124,11 +125,13 @@ class StepComparison:
     self.angles = tuple(angles)
     self._runs: dict[str, Segments] = {}
     if self.drives:
-      self._runs["drives"] = _drive_steps([x.value for x in self.drives], float(4.5 / car.drive_damping))
+      self._runs["drives"] = _drive_steps(
+        [x.value for x in self.drives], float(4.5 / car.drive_damping), twin.vehicle.similarity
+      )
     if self.angles:
-      omega = SPEED / self._rolling
+      omega = step_speed(twin.vehicle) / self._rolling
       holding = float((car.drive_damping * omega + car.drive_friction) / car.drive_gain)
-      self._runs["angles"] = _step_steers([x.value for x in self.angles], holding)
+      self._runs["angles"] = _step_steers([x.value for x in self.angles], holding, twin.vehicle.similarity)
     if not self._runs:
       raise ValueError("nothing to compare: no step moves the identified bicycle and there is no steering step")
 
@@ -283,7 +286,7 @@ def _with_bicycle(estimate: Fit, covariance: Array, residual: Callable[[Array], 
   moved = []
   for k in known:
     step = np.zeros(len(theta))
-    step[k] = 1e-3 * theta[k]
+    step[k] = 1e-3 * (theta[k] or math.sqrt(covariance[k, k]))
     moved.append((residual(theta + step) - r) / step[k])
   curvature = posterior_curvature(estimate.jacobian, estimate.residual, estimate.parameters, np.inf)
   scale = estimate.parameters.scale
@@ -295,22 +298,27 @@ def _with_bicycle(estimate: Fit, covariance: Array, residual: Callable[[Array], 
   )
 
 
-def _drive_steps(levels: Sequence[float], duration: float, period: float = 0.01) -> Segments:
+def step_speed(vehicle: Vehicle) -> float:
+  """Of the step steers, m/s."""
+  return SPEED * vehicle.similarity.speed
+
+
+def _drive_steps(levels: Sequence[float], duration: float, similarity: Similarity, period: float = 0.01) -> Segments:
   """From rest, each drive command held."""
-  length = int(np.clip(duration, 1.0, 8.0) / period)
+  length = int(np.clip(duration, 1.0, 8.0 * max(similarity.time, 1.0)) / period)
   commands = np.zeros((len(levels), length, 2))
   commands[:, :, 0] = np.array(levels)[:, None]
   return _segments(commands, 0.0, "drive", period)
 
 
-def _step_steers(angles: Sequence[float], holding: float, period: float = 0.01) -> Segments:
-  """At SPEED under the drive command that holds it straight ahead, then each angle."""
-  before, after = int(BEFORE / period), int(AFTER / period)
+def _step_steers(angles: Sequence[float], holding: float, similarity: Similarity, period: float = 0.01) -> Segments:
+  """At `step_speed` under the drive command that holds it straight ahead, then each angle."""
+  before, after = int(BEFORE / period), int(AFTER * max(similarity.time, 1.0) / period)
   commands = np.zeros((len(angles), before + after, 2))
   commands[:, :, 0] = holding
-  size = np.minimum(SLEW * period * np.arange(1, after + 1), np.abs(angles)[:, None])
+  size = np.minimum(SLEW / similarity.time * period * np.arange(1, after + 1), np.abs(angles)[:, None])
   commands[:, before:, 1] = np.sign(angles)[:, None] * size
-  return _segments(commands, SPEED, "angle", period)
+  return _segments(commands, SPEED * similarity.speed, "angle", period)
 
 
 def _segments(commands: Array, speed: float, name: str, period: float) -> Segments:

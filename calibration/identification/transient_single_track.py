@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Quantity = Array | float
 
-SUBSTEPS = 4  # of a period; Runge-Kutta, stable for servos slower than 0.0014 s
+SUBSTEPS = 4  # of a period, of the QCar's class; Runge-Kutta, stable for servos slower than 0.0014 s
 BEFORE, AFTER = 10, 35  # periods simulated before the step and after it
 GRAVITY = 9.81  # m/s^2
 
@@ -127,13 +127,14 @@ def responses(numbers: Mapping[str, Array], steering: Array, speed: Array) -> di
   state[1] = kinematics.kinematic_yaw_rate(speed[:, 0], steering[:, 0], column["cg_to_front"], column["cg_to_rear"])
   state[4] = steering[:, 0]
   yaw_rate, accel_y = [], []
-  step = PERIOD / SUBSTEPS
+  substeps = Similarity.of(float(np.mean(column["cg_to_front"] + column["cg_to_rear"]))).steps(SUBSTEPS)
+  step = PERIOD / substeps
   for k in range(steering.shape[1]):
     v, command = np.maximum(speed[:, k], 0.1), steering[:, k]
     rate, felt = car.derivative(state, v, command)
     yaw_rate.append(state[1])
     accel_y.append(felt + column["imu_x"] * rate[1])
-    for _ in range(SUBSTEPS):
+    for _ in range(substeps):
       first, _ = car.derivative(state, v, command)
       second, _ = car.derivative(state + 0.5 * step * first, v, command)
       third, _ = car.derivative(state + 0.5 * step * second, v, command)
@@ -184,13 +185,27 @@ def fit_transients(transients: Transients, parameters: Sequence[Unknown]) -> Tra
   wrong by that much may not outvote the priors.
   """
   fitted = np.flatnonzero([p.fitted for p in parameters])
-  z = _optimum(transients, parameters, fitted, np.zeros(len(parameters)))
+  z = _optimum(transients, parameters, fitted, _possible(parameters))
   chi_squared = _chi_squared(transients, parameters, fitted, z)
   if chi_squared > 1.0:
     louder = {name: float(np.sqrt(chi_squared)) * value for name, value in transients.noise.items()}
     transients = dataclasses.replace(transients, noise=louder)
     z = _optimum(transients, parameters, fitted, z)
   return dataclasses.replace(_evaluate(transients, parameters, fitted, z), chi_squared=chi_squared)
+
+
+def _possible(parameters: Sequence[Unknown]) -> Array:
+  """Where the fit begins, (n,): the means, with C_f half of what no rear axle can balance where its mean is more.
+
+  A car that understeers by K has C_f < m L_r / (K L); beyond it the cost has no slope.
+  """
+  start, mean = np.zeros(len(parameters)), {p.name: p.mean for p in parameters}
+  steer = mean["understeer_gradient"] * (mean["cg_to_front"] + mean["cg_to_rear"])
+  at = [p.name for p in parameters].index("cornering_stiffness_front")
+  if steer > 0.0 and parameters[at].mean * steer >= mean["mass"] * mean["cg_to_rear"]:
+    half = 0.5 * mean["mass"] * mean["cg_to_rear"] / steer
+    start[at] = np.log(half / parameters[at].mean) / parameters[at].std
+  return start
 
 
 def _optimum(transients: Transients, parameters: Sequence[Unknown], fitted: Indices, start: Array) -> Array:

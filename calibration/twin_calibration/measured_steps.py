@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.identification.drive_fit import STANDING, motor_steps
-from calibration.identification.match_bicycle import SPEED, Answer
+from calibration.identification.match_bicycle import SPEED, Answer, step_speed
 from calibration.identification.steering_steps import Turn, find_turns
 from calibration.identification.step_detection import Step
 from qcar_twin.bicycle.bicycle import drive_of
@@ -23,10 +23,11 @@ _SPEED = 0.1  # share of the answered step's speed within which a measured turn 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MeasuredSteps:
-  """Steps found in recordings: of the drive command from rest, and of the steering."""
+  """Steps found in recordings: of the drive command from rest, and of the steering; `speed` of the answers, m/s."""
 
   drives: tuple[Step, ...]
   turns: tuple[Turn, ...]
+  speed: float = SPEED
 
   def response(self, answer: Answer) -> tuple[Array, Array] | None:
     """Time since the step [s] and the measured channel in its unit, both (T,); None where no step is like it.
@@ -36,7 +37,7 @@ class MeasuredSteps:
     if answer.channel == "motor_speed":
       return next((_from(s, s.measured["motor_speed"]) for s in self.drives if _same(s, answer) and _at_rest(s)), None)
     usable = [t for t in self.turns if answer.channel in t.signals and _same(t.step, answer)]
-    off = lambda turn: abs(float(np.mean(turn.speed[: max(turn.step.first, 1)])) / SPEED - 1.0)
+    off = lambda turn: abs(float(np.mean(turn.speed[: max(turn.step.first, 1)])) / self.speed - 1.0)
     nearest = min(usable, key=off, default=None)
     return _from(nearest.step, nearest.signals[answer.channel]) if nearest and off(nearest) <= _SPEED else None
 
@@ -45,7 +46,7 @@ def measured_steps(recordings: Sequence[Recording], vehicle: Vehicle) -> Measure
   """Every step of recordings that are not held out."""
   seen = [r for r in recordings if r.role != "holdout"]
   drives, _ = motor_steps(seen, rolling_radius(vehicle), drive_of(vehicle)) if vehicle.motor.steps else ((), False)
-  return MeasuredSteps(tuple(drives), tuple(find_turns(seen, vehicle)))
+  return MeasuredSteps(tuple(drives), tuple(find_turns(seen, vehicle)), step_speed(vehicle))
 
 
 def _same(step: Step, answer: Answer) -> bool:

@@ -142,9 +142,18 @@ def commands(car: SizedCar, seconds: float, seed: int) -> tuple[Array, Array, Ar
   return time, drive, np.clip(steering, -car.lock, car.lock)
 
 
-def drive(car: SizedCar, seconds: float, seed: int) -> dict[str, Array]:
-  """Columns of one log: what was commanded, and what noisy sensors say of the drive."""
-  time, wanted, steering = commands(car, seconds, seed)
+def step(car: SizedCar, speed: float, accel_y: float) -> tuple[Array, Array, Array]:
+  """As `commands`: from rest to a share of the usual speed, then to about that lateral acceleration, m/s^2."""
+  seconds = 24.0 if car.command == "duty" else 30.0  # until the drive has settled
+  time = np.arange(0.0, seconds, STEP)
+  drive = np.where(time < 1.0, 0.0, car.hold(speed * car.usual))
+  steering = np.where(time < 0.6 * seconds, 0.0, accel_y * car.wheelbase / (speed * car.usual) ** 2)
+  return time, drive, steering
+
+
+def drive(car: SizedCar, seconds: float, seed: int, given: tuple[Array, Array, Array] | None = None):
+  """Columns of one log: what was commanded (`given`, or a drive by chance), and what noisy sensors say of it."""
+  time, wanted, steering = given or commands(car, seconds, seed)
   states, felt = np.zeros((time.size, 4)), np.zeros((time.size, 2))
   state = np.zeros(4)  # v_x, v_y, yaw rate, road-wheel angle
   for k in range(time.size):
