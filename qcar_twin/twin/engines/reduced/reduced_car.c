@@ -188,6 +188,10 @@ INLINE void solve(V A[], V b[], V friction) {
 static void drive_lanes(const Cars* a, V command, V steering, const V force[3], int count, V out[N_SIGNAL]) {
   const double *C = a->C, h = C[C_STEP], hc = C[C_ORIGIN_HEIGHT], radius = C[C_ROLLING_RADIUS], gear = C[C_GEAR];
   const double wheels = 4 * C[C_WHEEL_INERTIA] * gear;  // spin of the wheels per motor speed
+  // mean wheel speeds are gear * motor + ahead * centre in front and gear * motor - behind * centre in the rear
+  const double ahead = C[C_FRONT_SHARE], behind = C[C_REAR_SHARE];
+  const double apart = 2 * C[C_WHEEL_INERTIA] * (ahead - behind);  // spin of the wheels per `centre`
+  const double spun = 2 * C[C_WHEEL_INERTIA] * (ahead * ahead + behind * behind);
   command = clip(command, all(C[C_MAX_COMMAND]));
   steering = clip(steering, all(C[C_MAX_STEERING]));
   V x = state(a, S_X), y = state(a, S_Y), yaw = state(a, S_YAW), c = state(a, S_COSINE), s = state(a, S_SINE);
@@ -222,11 +226,11 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
     for (int k = 0; k < 2; k++) {
       V angle = servo + side_of(k) * bend, step = way + side_of(k) * bending;
       V st = sine_series(angle, 15), ct = cosine_series(angle, 16), d1 = .5 * step, s1 = sine_series(d1, 5), c1 = cosine_series(d1, 6);
-      roll_wheel(a, k, now, before, yaw_rate, roll_rate, pitch_rate, gear * motor + .5 * (centre + side_of(k) * front), st,
-                 ct, st * c1 + ct * s1, ct * c1 - st * s1, half + d1, springs.load + k, wheel + k, &t);
+      roll_wheel(a, k, now, before, yaw_rate, roll_rate, pitch_rate, gear * motor + ahead * centre + .5 * side_of(k) * front,
+                 st, ct, st * c1 + ct * s1, ct * c1 - st * s1, half + d1, springs.load + k, wheel + k, &t);
     }
     for (int k = 2; k < 4; k++)
-      roll_wheel(a, k, now, before, yaw_rate, roll_rate, pitch_rate, gear * motor - .5 * (centre - side_of(k) * rear),
+      roll_wheel(a, k, now, before, yaw_rate, roll_rate, pitch_rate, gear * motor - behind * centre + .5 * side_of(k) * rear,
                  all(0), all(1), all(0), all(1), half, springs.load + k, wheel + k, &t);
 
     // inertia of car, wheels and motor, and the tyres': patches move with hc times roll rate to the left
@@ -251,22 +255,23 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
       int row = FRONT + axle;
       const V* G = t.plane_axle[axle];
       V slip = absolute(axle ? rear : front);
+      const double driven = C[axle ? C_REAR_DRIVEN : C_FRONT_DRIVEN];
       A[AT(row, VX)] = G[0], A[AT(row, VY)] = G[1], A[AT(row, YAW)] = G[2];
       A[AT(row, ROLL)] = hc * G[1], A[AT(row, PITCH)] = -hc * G[0];
-      A[AT(row, row)] = t.axle[axle] + .5 * C[C_WHEEL_INERTIA] + h * (viscous + coulomb / most(slip, all(SLOWEST_SLIDE)));
+      A[AT(row, row)] = t.axle[axle] + .5 * C[C_WHEEL_INERTIA] + h * driven * (viscous + coulomb / most(slip, all(SLOWEST_SLIDE)));
       A[AT(MOTOR, row)] = gear * t.mean_axle[axle];
-      A[AT(CENTRE, row)] = (axle ? -.5 : .5) * t.mean_axle[axle];
+      A[AT(CENTRE, row)] = (axle ? -behind : ahead) * t.mean_axle[axle];
       b[row] = .5 * C[C_WHEEL_INERTIA] * (axle ? rear : front) + t.to_axle[axle];
     }
     A[AT(REAR, FRONT)] = all(0);
     for (int i = 0; i < 3; i++) {
-      A[AT(CENTRE, i)] = .5 * (t.plane_mean[0][i] - t.plane_mean[1][i]);
+      A[AT(CENTRE, i)] = ahead * t.plane_mean[0][i] - behind * t.plane_mean[1][i];
       A[AT(MOTOR, i)] = gear * (t.plane_mean[0][i] + t.plane_mean[1][i]);
     }
-    A[AT(CENTRE, ROLL)] = hc * A[AT(CENTRE, VY)], A[AT(CENTRE, PITCH)] = -hc * A[AT(CENTRE, VX)];
-    A[AT(CENTRE, CENTRE)] = .25 * (t.mean[0] + t.mean[1]) + C[C_WHEEL_INERTIA] + h * between;
+    A[AT(CENTRE, ROLL)] = hc * A[AT(CENTRE, VY)], A[AT(CENTRE, PITCH)] = apart - hc * A[AT(CENTRE, VX)];
+    A[AT(CENTRE, CENTRE)] = ahead * ahead * t.mean[0] + behind * behind * t.mean[1] + spun + h * between;
     A[AT(MOTOR, ROLL)] = hc * A[AT(MOTOR, VY)], A[AT(MOTOR, PITCH)] = wheels - hc * A[AT(MOTOR, VX)];
-    A[AT(MOTOR, CENTRE)] = .5 * gear * (t.mean[0] - t.mean[1]);
+    A[AT(MOTOR, CENTRE)] = gear * (ahead * t.mean[0] - behind * t.mean[1] + apart);
     A[AT(MOTOR, MOTOR)] = gear * gear * (t.mean[0] + t.mean[1]) + im;
 
     // momentum now, and the impulses that don't depend on the end: centrifugal and gyroscopic ones among them
@@ -280,19 +285,19 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
              C[C_KNUCKLE_INERTIA] / h * (next_way - way);
     b[ROLL] = -mz * now.y + iyr * yaw_rate + ir * roll_rate + hc * t.to_plane[1] +
               h * (-sz * f.y - mz * g.y + springs.about_x + springs.sum * (C[C_ROLL_ARM] + sz) * roll + spin2 * iyp +
-                   (yaw_rate + .5 * way / h) * wheels * motor);
-    b[PITCH] = mz * now.x + iyp * yaw_rate + ip * pitch_rate + wheels * motor - hc * t.to_plane[0] +
+                   (yaw_rate + .5 * way / h) * (wheels * motor + apart * centre));
+    b[PITCH] = mz * now.x + iyp * yaw_rate + ip * pitch_rate + wheels * motor + apart * centre - hc * t.to_plane[0] +
                h * (sz * f.x + mz * g.x - springs.about_y + springs.sum * (C[C_PITCH_ARM] + sz) * pitch - spin2 * iyr);
-    b[CENTRE] = C[C_WHEEL_INERTIA] * centre + .5 * (t.to_mean[0] - t.to_mean[1]);
-    b[MOTOR] = im * motor + wheels * pitch_rate + gear * (t.to_mean[0] + t.to_mean[1]) +
+    b[CENTRE] = spun * centre + apart * (gear * motor + pitch_rate) + ahead * t.to_mean[0] - behind * t.to_mean[1];
+    b[MOTOR] = im * motor + wheels * pitch_rate + gear * apart * centre + gear * (t.to_mean[0] + t.to_mean[1]) +
                h * (torque - number(a, P_DRIVELINE_DAMPING) * motor);
     solve(A, b, h * number(a, P_DRIVELINE_FRICTION));
 
     for (int k = 0; k < 4; k++) {
       const Wheel* w = wheel + k;
       V ux = b[VX] - hc * b[PITCH], uy = b[VY] + hc * b[ROLL];
-      V apart = k < 2 ? b[CENTRE] : -b[CENTRE];
-      V rim = radius * (gear * b[MOTOR] + .5 * (apart + side_of(k) * b[k < 2 ? FRONT : REAR]));
+      V axle = k < 2 ? ahead * b[CENTRE] : -behind * b[CENTRE];
+      V rim = radius * (gear * b[MOTOR] + axle + .5 * side_of(k) * b[k < 2 ? FRONT : REAR]);
       V vx = w->along[0] * ux + w->along[1] * uy + w->along[2] * b[YAW] - rim + w->turning.x;
       V vy = w->across[0] * ux + w->across[1] * uy + w->across[2] * b[YAW] + w->turning.y;
       V rise = state(a, S_RISE + k) + h * (springs.load[k] * (1 / C[C_WHEEL_MASS]) - springs.acceleration[k]);
@@ -305,9 +310,9 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
     Pair next = turned((Pair){b[VX], b[VY]}, sm, cm);
     if (n == count - 1) {  // what an accelerometer shows in this step, in its frame of the step's beginning
       Pair pull = turned((Pair){(next.x - v.x) * (1 / h) - gravity.x, (next.y - v.y) * (1 / h) - gravity.y}, -s, c);
-      V turning = (b[YAW] - yaw_rate) * (1 / h), ahead = C[C_IMU_X] + number(a, P_CG_SHIFT);
-      felt.x = pull.x - turning * C[C_IMU_Y] - spin2 * ahead - C[C_GRAVITY] * pitch;
-      felt.y = pull.y + turning * ahead - spin2 * C[C_IMU_Y] + C[C_GRAVITY] * roll;
+      V turning = (b[YAW] - yaw_rate) * (1 / h), lever = C[C_IMU_X] + number(a, P_CG_SHIFT);
+      felt.x = pull.x - turning * C[C_IMU_Y] - spin2 * lever - C[C_GRAVITY] * pitch;
+      felt.y = pull.y + turning * lever - spin2 * C[C_IMU_Y] + C[C_GRAVITY] * roll;
     }
     v = next;
     yaw_rate = b[YAW], roll_rate = b[ROLL], pitch_rate = b[PITCH], front = b[FRONT], rear = b[REAR], motor = b[MOTOR];

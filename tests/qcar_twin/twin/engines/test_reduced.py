@@ -66,9 +66,25 @@ def with_effects(twin: Twin, names) -> np.ndarray:
 def test_manoeuvres_are_mujocos_within_a_share_of_sensor_noise(mujoco_car, reduced, freedom):
   theta, segments = mujoco_car.parameters.vector({"centre_differential": freedom}), stretches()
   wrong = reduced.rollout(theta, segments).signals[0] - mujoco_car.rollout(theta, segments).signals[0]
+  within_noise(wrong)
+
+
+def within_noise(wrong: np.ndarray) -> None:
   for name, noise in NOISE.items():
     rms = np.sqrt(np.mean(wrong[..., SIGNALS.index(name)] ** 2, axis=1))
     assert rms.max() < noise, (name, dict(zip(MANOEUVRES, rms, strict=True)))
+
+
+@pytest.mark.parametrize("layout", ["rear", "front"])
+def test_one_driven_axle_moves_the_car_as_in_mujoco(layout):
+  """The wheels of the other axle roll each for itself: their speeds, and the spin they keep, are their own."""
+  car = Twin(dataclasses.replace(CAR, layout=layout), substeps=2, threads=1)
+  segments, theta = stretches(), car.parameters.nominal
+  exact, reduced = (car.on(engine).rollout(theta, segments).signals[0] for engine in ("mujoco", "reduced"))
+  within_noise(reduced - exact)
+  both = Twin(CAR, substeps=2, threads=1, engine="reduced")
+  driven = both.rollout(both.parameters.nominal, segments).signals[0]
+  assert np.abs(reduced - driven)[..., SIGNALS.index("yaw_rate")].max() > 5 * NOISE["yaw_rate"]  # it matters
 
 
 def columns(twin: Twin, segments: Segments, step: float) -> np.ndarray:
@@ -201,11 +217,11 @@ def test_a_car_that_is_none_gives_no_numbers_and_harms_no_other(reduced):
 
 
 def test_what_it_lacks_it_says():
-  other = dataclasses.replace(CAR, layout="rear", servo_rate=5.0)
+  other = dataclasses.replace(CAR, servo_rate=5.0, rolling_resistance=0.01)
   assert irreducible(CAR, "contact") == ""
-  assert irreducible(other, "native").startswith("it lacks MuJoCo's own friction and rear-wheel drive and a servo of")
-  with pytest.raises(ValueError, match='by the reduced car: it lacks rear-wheel drive.*use engine="mujoco"'):
-    Twin(dataclasses.replace(CAR, layout="rear"), engine="reduced")
+  assert irreducible(other, "native").startswith("it lacks MuJoCo's own friction and a servo of limited rate and")
+  with pytest.raises(ValueError, match='by the reduced car: it lacks rolling resistance.*use engine="mujoco"'):
+    Twin(dataclasses.replace(CAR, rolling_resistance=0.01), engine="reduced")
   with pytest.raises(ValueError, match="engine must be one of mujoco, reduced, not 'bullet'"):
     Twin(CAR, engine="bullet")  # type: ignore[arg-type]
 
