@@ -41,6 +41,9 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
       *(dataclasses.replace(p, nominal=getattr(v, p.name, p.nominal)) for p in law_parameters(v.tyre_law)),
       Parameter("relaxation_length", v.relaxation_length, 0.0, 0.15 * size.length, "m", "sigma",
                 std=0.003 * size.length),
+      # of the carcass and, in series with it, of shafts that twist by C_x R_w^2 / k: as long again, or a softer shaft's
+      Parameter("longitudinal_relaxation_length", v.longitudinal_relaxation_length, 0.0, 0.15 * size.length, "m",
+                "sigma_x", std=0.01 * size.length),
       Parameter("servo_time_constant", v.servo_time_constant, 0.001 * size.time, 0.2 * size.time, "s",
                 "tau_s", std=std.get("servo_time_constant", 0.002 * size.time)),
       Parameter("ackermann_fraction", v.ackermann_fraction, -0.5, 1.6, "-", "f_A", std=0.3),
@@ -107,6 +110,7 @@ def quantities(theta: Array, base: ParameterSet, vehicle: Vehicle) -> dict[str, 
     "longitudinal_stiffness": wheelwise(column.pop("longitudinal_stiffness") / 4),
     "friction_coefficient": wheelwise(column.pop("friction_coefficient")),
     "relaxation_length": wheelwise(column.pop("relaxation_length")),
+    "longitudinal_relaxation_length": wheelwise(column.pop("longitudinal_relaxation_length")),
     "load_exponent": wheelwise(vehicle.load_exponent),
     "suspension_damping_ratio": np.full(size, vehicle.suspension_damping_ratio),
   }

@@ -50,8 +50,10 @@ class Vehicle:
     rolling_resistance: rolling drag of a wheel / its static load, as a torque in its joint.
     cornering_stiffness_front, _rear: per axle, N/rad.  longitudinal_stiffness: of four wheels, N per unit slip.
     tyre_law: one of qcar_twin/vehicle/tyre/laws.
-    friction_coefficient: peak force / load.  tyre_shape, load_exponent, relaxation_length [m],
+    friction_coefficient: peak force / load.  tyre_shape, load_exponent, relaxation_length [m, of lateral slip],
     carcass_damping [N s/m per wheel]: see qcar_twin/vehicle/tyre/parameters.py.
+    longitudinal_relaxation_length: of longitudinal slip, of the carcass and, in series, of shafts that twist, m; that of
+      lateral slip where only that is known.
     servo_time_constant: s.  servo_rate: highest steering rate, rad/s; inf for none.
     ackermann_fraction: 0 parallel wheels, 1 both wheels aimed at the turning centre.
     wheel_mass: of one wheel with its carrier, kg.  wheel_inertia: about the axle, kg m^2.
@@ -91,6 +93,7 @@ class Vehicle:
   tyre_shape: float = 1.4
   load_exponent: float = 0.15
   relaxation_length: float = 0.010
+  longitudinal_relaxation_length: float = 0.010
   carcass_damping: float = 40.0
   servo_time_constant: float = 0.005
   servo_rate: float = math.inf
@@ -246,6 +249,8 @@ class Vehicle:
         f"; did you mean {near[0]}?" if near else "",
       )
     numbers: dict[str, Any] = {key: float(value) for key, value in given.items() if key in _field_names()}
+    if "relaxation_length" in numbers:
+      numbers.setdefault("longitudinal_relaxation_length", numbers["relaxation_length"])
     name = str(vehicle.get("name", "car"))
     numbers |= _unsaid(numbers)
     sizes = {key: value for key, value in numbers.items() if key in _MEASURED and key != "yaw_inertia"}
@@ -261,8 +266,8 @@ _MEASURED = (
 _EITHER_SIGN = ("imu_x", "imu_y", "ackermann_fraction")
 _MAY_VANISH = (
   *_EITHER_SIGN, "centre_differential", "motor_damping", "driveline_friction", "rotor_inertia", "rolling_resistance",
-  "load_exponent", "relaxation_length", "carcass_damping", "servo_time_constant", "suspension_damping_ratio",
-  "tyre_shape",
+  "load_exponent", "relaxation_length", "longitudinal_relaxation_length", "carcass_damping", "servo_time_constant",
+  "suspension_damping_ratio", "tyre_shape",
 )  # fmt: skip
 _UNLIMITED = ("max_torque", "servo_rate")
 _CHOICES = {"layout": tuple(DRIVEN_AXLES), "drive": tuple(DRIVES)}
@@ -317,6 +322,7 @@ def _scaled(car: Vehicle, yaw_inertia: float | None) -> dict[str, float]:
     "cornering_stiffness_rear": QCAR.cornering_stiffness_rear * rear,
     "longitudinal_stiffness": QCAR.longitudinal_stiffness * load,
     "relaxation_length": QCAR.relaxation_length * car.similarity.length,
+    "longitudinal_relaxation_length": QCAR.longitudinal_relaxation_length * car.similarity.length,
     "carcass_damping": QCAR.carcass_damping * load / car.similarity.time,
     "servo_time_constant": QCAR.servo_time_constant * car.similarity.time,
     "suspension_frequency": QCAR.suspension_frequency / car.similarity.time,

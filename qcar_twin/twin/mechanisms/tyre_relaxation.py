@@ -26,4 +26,5 @@ class TyreRelaxation(Mechanism):
   )
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
-    model.set("relaxation_length", np.maximum(model.get("relaxation_length") + theta[:, :1], 0.0))
+    for length in ("relaxation_length", "longitudinal_relaxation_length"):
+      model.set(length, np.maximum(model.get(length) + theta[:, :1], 0.0))

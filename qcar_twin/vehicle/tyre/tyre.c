@@ -209,18 +209,19 @@ static void tyre_rows(const mjModel* m, mjData* d, Wheel* w, mjContact* contact,
 
   // transient slip z: steady value v / speed; z(t+h) = keep z + gain v(t+h), predicted with the velocity of now
   mjtNum speed = sqrt(rolling * rolling + v[0] * v[0] + v[1] * v[1] + CREEP_SPEED * CREEP_SPEED);
-  mjtNum length = u[RELAXATION_LENGTH], total = length + h * speed;
-  mjtNum gain = h / total, keep = length / total;
+  mjtNum sx = u[LONGITUDINAL_RELAXATION_LENGTH], sy = u[RELAXATION_LENGTH];
+  mjtNum gain_x = h / (sx + h * speed), keep_x = sx / (sx + h * speed);
+  mjtNum gain_y = h / (sy + h * speed), keep_y = sy / (sy + h * speed);
   mjtNum zx = unset ? v[0] / speed : state[SLIP_X], zy = unset ? v[1] / speed : state[SLIP_Y];
-  mjtNum px = Cx * (keep * zx + gain * v[0]), py = Cy * (keep * zy + gain * v[1]);
+  mjtNum px = Cx * (keep_x * zx + gain_x * v[0]), py = Cy * (keep_y * zy + gain_y * v[1]);
   mjtNum g = secant(u, sqrt(px * px + py * py) / (friction * load));
 
   // carcass damping acts on the rate of deflection, length dz/dt, and fades with speed
   mjtNum fade = DAMPED_SPEED * DAMPED_SPEED / (DAMPED_SPEED * DAMPED_SPEED + rolling * rolling);
-  mjtNum damping = u[CARCASS_DAMPING] / u[CORNERING_STIFFNESS] * length / h * fade * fade;
-  mjtNum kx = Cx * (g + damping), ky = Cy * (g + damping), cx = kx * gain, cy = ky * gain;
-  write_row(d, w->row + 1, h, cx, (kx * keep - Cx * damping) * zx + cx * w->turning[0]);
-  write_row(d, w->row + 2, h, cy, w->side * ((ky * keep - Cy * damping) * zy + cy * w->turning[1]));
+  mjtNum rate = u[CARCASS_DAMPING] / u[CORNERING_STIFFNESS] / h * fade * fade;
+  mjtNum kx = Cx * (g + rate * sx), ky = Cy * (g + rate * sy), cx = kx * gain_x, cy = ky * gain_y;
+  write_row(d, w->row + 1, h, cx, (kx * keep_x - Cx * rate * sx) * zx + cx * w->turning[0]);
+  write_row(d, w->row + 2, h, cy, w->side * ((ky * keep_y - Cy * rate * sy) * zy + cy * w->turning[1]));
 
   // the elliptic cone ties R and friction of the two rows together; it stands outside the tyre's own peak
   mjtNum ratio = sqrt(cy / cx);
@@ -267,12 +268,12 @@ static void tyre_advance(const mjModel* m, mjData* d, int instance) {
       state[LOAD] = state[SLIP_X] = state[SLIP_Y] = 0;
       continue;
     }
-    mjtNum v[2], length = m->geom_user[(size_t)w->geom * m->nuser_geom + RELAXATION_LENGTH];
-    mjtNum total = length + h * w->speed;
+    const mjtNum* u = m->geom_user + (size_t)w->geom * m->nuser_geom;
+    mjtNum v[2], length[2] = {u[LONGITUDINAL_RELAXATION_LENGTH], u[RELAXATION_LENGTH]};
     row_velocity(m, d, w, v);  // qvel is already that of the end of the step
     for (int i = 0; i < 2; i++) {
       mjtNum* slip = state + SLIP_X + i;
-      *slip = (length * *slip + h * (v[i] + w->turning[i])) / total;
+      *slip = (length[i] * *slip + h * (v[i] + w->turning[i])) / (length[i] + h * w->speed);
     }
     state[LOAD] = d->efc_force[w->row];
   }

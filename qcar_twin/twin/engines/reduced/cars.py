@@ -41,7 +41,6 @@ def irreducible(vehicle: Vehicle, tyre: TyreKind) -> str:
   lacking = {
     "MuJoCo's own friction": tyre != "contact",
     f"the tyre law '{vehicle.tyre_law}'": vehicle.tyre_law != DEFAULT,
-    f"{vehicle.layout}-wheel drive": vehicle.layout != "all-wheel",
     "a servo of limited rate": np.isfinite(vehicle.servo_rate),
     "rolling resistance in the wheels": vehicle.rolling_resistance != 0.0,
   }
@@ -139,6 +138,7 @@ class ReducedCars:
   def load(self, values: dict[str, Array]) -> None:
     self.values = values
     self.numbers[layout.NUMBER_ROW["MAX_TORQUE"]] = np.inf
+    self.numbers[layout.NUMBER_ROW["CENTRE_DAMPING"]] = 0.0
     self.write(set(values), slice(None))
 
   def write(self, changed: set[str], rows: Rows) -> None:
@@ -239,6 +239,7 @@ def constants(vehicle: Vehicle, numbers: Numbers, step: float, nominal: dict[str
   own = np.ones((layout.N_NUMBER, 1))
   numbers.write(nominal, set(nominal), own)
   rest = v.cg_height - sunk
+  shares = _shares(vehicle)
   middle = rest + sunk / 2.0  # of the patch: MuJoCo's contact point lies halfway into the floor
   value = {
     "STEP": step,
@@ -256,6 +257,10 @@ def constants(vehicle: Vehicle, numbers: Numbers, step: float, nominal: dict[str
     # an ellipsoid of half width w rolls on w^2 / R of radius when it leans, on R when it turns
     "ROLL_ARM": middle - wheel_half_width(v) ** 2 / v.wheel_radius,
     "PITCH_ARM": middle - v.wheel_radius,
+    "FRONT_SHARE": shares[0],
+    "REAR_SHARE": shares[1],
+    "FRONT_DRIVEN": float("front" in v.driven_axles),
+    "REAR_DRIVEN": float("rear" in v.driven_axles),
     "WHEEL_INERTIA": v.wheel_inertia,
     "KNUCKLE_INERTIA": 2.0 * v.wheel_inertias[2],
     "WHEEL_MASS": v.wheel_mass,
@@ -273,15 +278,23 @@ def constants(vehicle: Vehicle, numbers: Numbers, step: float, nominal: dict[str
   return np.array([value[name] for name in layout.CONSTANTS])
 
 
+def _shares(vehicle: Vehicle) -> tuple[float, float]:
+  """By how much of the difference between the axles' mean wheel speeds the front one is faster and the rear one slower
+  than the motor at the wheels: the halves of a centre differential, or all of it where an axle is not driven."""
+  return {"all-wheel": (0.5, 0.5), "rear": (1.0, 0.0), "front": (0.0, 1.0)}[vehicle.layout]
+
+
 def _patch_mobility(v: Vehicle, height: float, numbers: Array) -> float:
   """Mean inverse mass of a wheel's patch along the ground, J M^-1 J' over both directions and all wheels, 1/kg.
 
-  Of the system that reduced_car.c solves, without tyres: (vx, vy, yaw, roll, pitch rate, differences, motor), with the
-  axles on one shaft.
+  Of the system that reduced_car.c solves, without tyres: (vx, vy, yaw, roll, pitch rate, differences, motor, difference
+  between the axles), with two driven axles on one shaft.
   """
   n = {name: float(numbers[row]) for name, row in layout.NUMBER_ROW.items()}
   wheels, mx, my, mz = 4.0 * v.wheel_inertia * v.gear_ratio, n["MOMENT_X"], n["MOMENT_Y"], n["MOMENT_Z"]
-  inertia = np.zeros((8, 8))
+  ahead, behind = _shares(v)
+  apart = 2.0 * v.wheel_inertia * (ahead - behind)
+  inertia = np.zeros((9, 9))
   inertia[:5, :5] = [
     [n["MASS"], 0.0, -my, 0.0, mz],
     [0.0, n["MASS"], mx, -mz, 0.0],
@@ -291,10 +304,15 @@ def _patch_mobility(v: Vehicle, height: float, numbers: Array) -> float:
   ]
   inertia[5, 5] = inertia[6, 6] = v.wheel_inertia / 2.0
   inertia[7, 7], inertia[4, 7], inertia[7, 4] = n["SPINNING_INERTIA"], wheels, wheels
+  inertia[8, 8] = 2.0 * v.wheel_inertia * (ahead**2 + behind**2)
+  inertia[4, 8] = inertia[8, 4] = apart
+  inertia[7, 8] = inertia[8, 7] = v.gear_ratio * apart
   rows = []
   for k, (x, y, _) in enumerate(v.wheel_positions):
-    along = np.array([1.0, 0.0, -y, 0.0, -height, 0.0, 0.0, -v.wheel_radius * v.gear_ratio])
+    along = np.array([1.0, 0.0, -y, 0.0, -height, 0.0, 0.0, -v.wheel_radius * v.gear_ratio, 0.0])
+    along[8] = v.wheel_radius * (-ahead if k < 2 else behind)
     along[5 + k // 2] = -v.wheel_radius * (0.5 if k % 2 == 0 else -0.5)
-    rows += [along, np.array([0.0, 1.0, x, height, 0.0, 0.0, 0.0, 0.0])]
-  rows = np.stack(rows)
+    rows += [along, np.array([0.0, 1.0, x, height, 0.0, 0.0, 0.0, 0.0, 0.0])]
+  moves = 8 if len(v.driven_axles) == 2 else 9
+  rows, inertia = np.stack(rows)[:, :moves], inertia[:moves, :moves]
   return float(np.mean(np.sum(rows * np.linalg.solve(inertia, rows.T).T, axis=1)))

@@ -70,6 +70,7 @@ WHEEL_NUMBERS = (
   "LONGITUDINAL_STIFFNESS",
   "FRICTION_COEFFICIENT",
   "RELAXATION_LENGTH",
+  "LONGITUDINAL_RELAXATION_LENGTH",
   "TYRE_SHAPE",
   "LOAD_EXPONENT",
 )
@@ -88,6 +89,10 @@ CONSTANTS = (
   "ROLLING_RADIUS",
   "ROLL_ARM",  # from the chassis frame down to where the patch's normal meets the middle plane, m
   "PITCH_ARM",
+  "FRONT_SHARE",  # of CENTRE_DIFFERENCE by which this axle is faster than the motor: 1/2; 1 of one that is not driven
+  "REAR_SHARE",  # by which it is slower
+  "FRONT_DRIVEN",  # 1 if the axle has a differential, 0 if its wheels roll each for itself
+  "REAR_DRIVEN",
   "WHEEL_INERTIA",  # about the axle, kg m^2
   "KNUCKLE_INERTIA",  # of two road wheels about their steering axes, kg m^2
   "WHEEL_MASS",

@@ -48,7 +48,7 @@ typedef struct {
   V along[3], across[3];
   Pair turning;  // slip velocity that the end's heading adds, m/s
   Pair kept;     // of the slips of now
-  V gain;        // slip at the end per slip velocity at the end, s/m; 0 in the air
+  Pair gain;     // slip at the end per slip velocity at the end, s/m; 0 in the air
 } Wheel;
 
 // the springs' and floor's part of a step
@@ -111,15 +111,17 @@ INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, 
 
   // transient slip, its linear force in units of friction times load, and the law's secant there
   V reference = root(rolling * rolling + vx * vx + vy * vy + CREEP_SPEED * CREEP_SPEED);
-  V length = number(a, P_RELAXATION_LENGTH + k), inverse = 1 / (length + h * reference), gain = h * inverse;
-  V keep = length * inverse, zx = pick(unset, vx / reference, state(a, S_SLIP_X + k));
+  V sx = number(a, P_LONGITUDINAL_RELAXATION_LENGTH + k), sy = number(a, P_RELAXATION_LENGTH + k);
+  V inverse_x = 1 / (sx + h * reference), inverse_y = 1 / (sy + h * reference);
+  V gain_x = h * inverse_x, gain_y = h * inverse_y, keep_x = sx * inverse_x, keep_y = sy * inverse_y;
+  V zx = pick(unset, vx / reference, state(a, S_SLIP_X + k));
   V zy = pick(unset, vy / reference, state(a, S_SLIP_Y + k));
-  V px = stiff_x * (keep * zx + gain * vx), py = stiff_y * (keep * zy + gain * vy);
+  V px = stiff_x * (keep_x * zx + gain_x * vx), py = stiff_y * (keep_y * zy + gain_y * vy);
   V shape = number(a, P_TYRE_SHAPE + k), rho = root(px * px + py * py) / (friction * load);
   V bent = sine(shape * arctangent(rho / shape)) / most(rho, all(1e-4)), secant = pick(rho < 1e-4, all(1), bent);
   V fade = DAMPED_SPEED * DAMPED_SPEED / (DAMPED_SPEED * DAMPED_SPEED + rolling * rolling);
-  V damping = C[C_CARCASS_DAMPING] / number(a, P_CORNERING_STIFFNESS + k) * length * (1 / h) * fade * fade;
-  V kx = stiff_x * (secant + damping), ky = stiff_y * (secant + damping);
+  V rate = C[C_CARCASS_DAMPING] / number(a, P_CORNERING_STIFFNESS + k) * (1 / h) * fade * fade;
+  V kx = stiff_x * (secant + rate * sx), ky = stiff_y * (secant + rate * sy);
 
   // The elliptic cone around the law holds a load that has vanished within the step; at its corner MuJoCo's solver
   // shares what the tyre wants between the floor's push and the friction.
@@ -127,7 +129,7 @@ INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, 
   V axes = root(ky / kx), cone_x = CONE_RESERVE * friction * most(all(1), 1 / axes), cone_y = cone_x * axes;
   V ex = px * secant / cone_x, ey = py * secant / cone_y, wanted = load * friction * rho * secant;
   V edge = wanted / most(root(ex * ex + ey * ey), all(1e-9)), stiff = all(1 / C[C_WHEEL_MASS] + C[C_CONTACT_SOFTNESS]);
-  V soft = 1 / (h * .5 * (kx + ky) * gain) + C[C_PATCH_MOBILITY];
+  V soft = 1 / (h * .5 * (kx * gain_x + ky * gain_y)) + C[C_PATCH_MOBILITY];
   V shared = (stiff * *pressed + edge * soft * wanted) / (stiff + edge * edge * soft);
   Mask beyond = edge * *pressed < wanted;
   V share = pick(beyond, edge * shared / most(wanted, all(1e-9)), all(1));
@@ -135,9 +137,9 @@ INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, 
   *pressed = pick(grounded, pick(beyond, shared, *pressed), all(0));
 
   // force on the car  f = -c v(end) - b  along both directions
-  V cx = h * share * kx * gain, cy = h * share * ky * gain;
-  V bx = h * share * (kx * keep - stiff_x * damping) * zx + cx * w->turning.x;
-  V by = h * share * (ky * keep - stiff_y * damping) * zy + cy * w->turning.y;
+  V cx = h * share * kx * gain_x, cy = h * share * ky * gain_y;
+  V bx = h * share * (kx * keep_x - stiff_x * rate * sx) * zx + cx * w->turning.x;
+  V by = h * share * (ky * keep_y - stiff_y * rate * sy) * zy + cy * w->turning.y;
   V spin = all(-radius), differ = all(-radius * half);  // rows over the axle's mean speed and difference
   for (int i = 0, n = 0; i < 3; i++) {
     V ax = cx * w->along[i], ay = cy * w->across[i];
@@ -152,8 +154,8 @@ INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, 
   sum->to_mean[axle] -= spin * bx;
   sum->to_axle[axle] -= differ * bx;
 
-  w->gain = pick(grounded, gain, all(0));
-  w->kept = (Pair){pick(grounded, keep * zx, all(0)), pick(grounded, keep * zy, all(0))};
+  w->gain = (Pair){pick(grounded, gain_x, all(0)), pick(grounded, gain_y, all(0))};
+  w->kept = (Pair){pick(grounded, keep_x * zx, all(0)), pick(grounded, keep_y * zy, all(0))};
 }
 
 // Solves A u = b in place of b; A is lost. Coulomb friction on the last unknown, the motor, takes at most `friction` off
@@ -188,6 +190,10 @@ INLINE void solve(V A[], V b[], V friction) {
 static void drive_lanes(const Cars* a, V command, V steering, const V force[3], int count, V out[N_SIGNAL]) {
   const double *C = a->C, h = C[C_STEP], hc = C[C_ORIGIN_HEIGHT], radius = C[C_ROLLING_RADIUS], gear = C[C_GEAR];
   const double wheels = 4 * C[C_WHEEL_INERTIA] * gear;  // spin of the wheels per motor speed
+  // mean wheel speeds are gear * motor + ahead * centre in front and gear * motor - behind * centre in the rear
+  const double ahead = C[C_FRONT_SHARE], behind = C[C_REAR_SHARE];
+  const double apart = 2 * C[C_WHEEL_INERTIA] * (ahead - behind);  // spin of the wheels per `centre`
+  const double spun = 2 * C[C_WHEEL_INERTIA] * (ahead * ahead + behind * behind);
   command = clip(command, all(C[C_MAX_COMMAND]));
   steering = clip(steering, all(C[C_MAX_STEERING]));
   V x = state(a, S_X), y = state(a, S_Y), yaw = state(a, S_YAW), c = state(a, S_COSINE), s = state(a, S_SINE);
@@ -222,11 +228,11 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
     for (int k = 0; k < 2; k++) {
       V angle = servo + side_of(k) * bend, step = way + side_of(k) * bending;
       V st = sine_series(angle, 15), ct = cosine_series(angle, 16), d1 = .5 * step, s1 = sine_series(d1, 5), c1 = cosine_series(d1, 6);
-      roll_wheel(a, k, now, before, yaw_rate, roll_rate, pitch_rate, gear * motor + .5 * (centre + side_of(k) * front), st,
-                 ct, st * c1 + ct * s1, ct * c1 - st * s1, half + d1, springs.load + k, wheel + k, &t);
+      roll_wheel(a, k, now, before, yaw_rate, roll_rate, pitch_rate, gear * motor + ahead * centre + .5 * side_of(k) * front,
+                 st, ct, st * c1 + ct * s1, ct * c1 - st * s1, half + d1, springs.load + k, wheel + k, &t);
     }
     for (int k = 2; k < 4; k++)
-      roll_wheel(a, k, now, before, yaw_rate, roll_rate, pitch_rate, gear * motor - .5 * (centre - side_of(k) * rear),
+      roll_wheel(a, k, now, before, yaw_rate, roll_rate, pitch_rate, gear * motor - behind * centre + .5 * side_of(k) * rear,
                  all(0), all(1), all(0), all(1), half, springs.load + k, wheel + k, &t);
 
     // inertia of car, wheels and motor, and the tyres': patches move with hc times roll rate to the left
@@ -251,22 +257,23 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
       int row = FRONT + axle;
       const V* G = t.plane_axle[axle];
       V slip = absolute(axle ? rear : front);
+      const double driven = C[axle ? C_REAR_DRIVEN : C_FRONT_DRIVEN];
       A[AT(row, VX)] = G[0], A[AT(row, VY)] = G[1], A[AT(row, YAW)] = G[2];
       A[AT(row, ROLL)] = hc * G[1], A[AT(row, PITCH)] = -hc * G[0];
-      A[AT(row, row)] = t.axle[axle] + .5 * C[C_WHEEL_INERTIA] + h * (viscous + coulomb / most(slip, all(SLOWEST_SLIDE)));
+      A[AT(row, row)] = t.axle[axle] + .5 * C[C_WHEEL_INERTIA] + h * driven * (viscous + coulomb / most(slip, all(SLOWEST_SLIDE)));
       A[AT(MOTOR, row)] = gear * t.mean_axle[axle];
-      A[AT(CENTRE, row)] = (axle ? -.5 : .5) * t.mean_axle[axle];
+      A[AT(CENTRE, row)] = (axle ? -behind : ahead) * t.mean_axle[axle];
       b[row] = .5 * C[C_WHEEL_INERTIA] * (axle ? rear : front) + t.to_axle[axle];
     }
     A[AT(REAR, FRONT)] = all(0);
     for (int i = 0; i < 3; i++) {
-      A[AT(CENTRE, i)] = .5 * (t.plane_mean[0][i] - t.plane_mean[1][i]);
+      A[AT(CENTRE, i)] = ahead * t.plane_mean[0][i] - behind * t.plane_mean[1][i];
       A[AT(MOTOR, i)] = gear * (t.plane_mean[0][i] + t.plane_mean[1][i]);
     }
-    A[AT(CENTRE, ROLL)] = hc * A[AT(CENTRE, VY)], A[AT(CENTRE, PITCH)] = -hc * A[AT(CENTRE, VX)];
-    A[AT(CENTRE, CENTRE)] = .25 * (t.mean[0] + t.mean[1]) + C[C_WHEEL_INERTIA] + h * between;
+    A[AT(CENTRE, ROLL)] = hc * A[AT(CENTRE, VY)], A[AT(CENTRE, PITCH)] = apart - hc * A[AT(CENTRE, VX)];
+    A[AT(CENTRE, CENTRE)] = ahead * ahead * t.mean[0] + behind * behind * t.mean[1] + spun + h * between;
     A[AT(MOTOR, ROLL)] = hc * A[AT(MOTOR, VY)], A[AT(MOTOR, PITCH)] = wheels - hc * A[AT(MOTOR, VX)];
-    A[AT(MOTOR, CENTRE)] = .5 * gear * (t.mean[0] - t.mean[1]);
+    A[AT(MOTOR, CENTRE)] = gear * (ahead * t.mean[0] - behind * t.mean[1] + apart);
     A[AT(MOTOR, MOTOR)] = gear * gear * (t.mean[0] + t.mean[1]) + im;
 
     // momentum now, and the impulses that don't depend on the end: centrifugal and gyroscopic ones among them
@@ -280,24 +287,24 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
              C[C_KNUCKLE_INERTIA] / h * (next_way - way);
     b[ROLL] = -mz * now.y + iyr * yaw_rate + ir * roll_rate + hc * t.to_plane[1] +
               h * (-sz * f.y - mz * g.y + springs.about_x + springs.sum * (C[C_ROLL_ARM] + sz) * roll + spin2 * iyp +
-                   (yaw_rate + .5 * way / h) * wheels * motor);
-    b[PITCH] = mz * now.x + iyp * yaw_rate + ip * pitch_rate + wheels * motor - hc * t.to_plane[0] +
+                   (yaw_rate + .5 * way / h) * (wheels * motor + apart * centre));
+    b[PITCH] = mz * now.x + iyp * yaw_rate + ip * pitch_rate + wheels * motor + apart * centre - hc * t.to_plane[0] +
                h * (sz * f.x + mz * g.x - springs.about_y + springs.sum * (C[C_PITCH_ARM] + sz) * pitch - spin2 * iyr);
-    b[CENTRE] = C[C_WHEEL_INERTIA] * centre + .5 * (t.to_mean[0] - t.to_mean[1]);
-    b[MOTOR] = im * motor + wheels * pitch_rate + gear * (t.to_mean[0] + t.to_mean[1]) +
+    b[CENTRE] = spun * centre + apart * (gear * motor + pitch_rate) + ahead * t.to_mean[0] - behind * t.to_mean[1];
+    b[MOTOR] = im * motor + wheels * pitch_rate + gear * apart * centre + gear * (t.to_mean[0] + t.to_mean[1]) +
                h * (torque - number(a, P_DRIVELINE_DAMPING) * motor);
     solve(A, b, h * number(a, P_DRIVELINE_FRICTION));
 
     for (int k = 0; k < 4; k++) {
       const Wheel* w = wheel + k;
       V ux = b[VX] - hc * b[PITCH], uy = b[VY] + hc * b[ROLL];
-      V apart = k < 2 ? b[CENTRE] : -b[CENTRE];
-      V rim = radius * (gear * b[MOTOR] + .5 * (apart + side_of(k) * b[k < 2 ? FRONT : REAR]));
+      V axle = k < 2 ? ahead * b[CENTRE] : -behind * b[CENTRE];
+      V rim = radius * (gear * b[MOTOR] + axle + .5 * side_of(k) * b[k < 2 ? FRONT : REAR]);
       V vx = w->along[0] * ux + w->along[1] * uy + w->along[2] * b[YAW] - rim + w->turning.x;
       V vy = w->across[0] * ux + w->across[1] * uy + w->across[2] * b[YAW] + w->turning.y;
       V rise = state(a, S_RISE + k) + h * (springs.load[k] * (1 / C[C_WHEEL_MASS]) - springs.acceleration[k]);
-      put(a, S_SLIP_X + k, w->kept.x + w->gain * vx);
-      put(a, S_SLIP_Y + k, w->kept.y + w->gain * vy);
+      put(a, S_SLIP_X + k, w->kept.x + w->gain.x * vx);
+      put(a, S_SLIP_Y + k, w->kept.y + w->gain.y * vy);
       put(a, S_LOAD + k, springs.load[k]);
       put(a, S_RISE + k, rise);
       put(a, S_HEIGHT + k, state(a, S_HEIGHT + k) + h * rise);
@@ -305,9 +312,9 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
     Pair next = turned((Pair){b[VX], b[VY]}, sm, cm);
     if (n == count - 1) {  // what an accelerometer shows in this step, in its frame of the step's beginning
       Pair pull = turned((Pair){(next.x - v.x) * (1 / h) - gravity.x, (next.y - v.y) * (1 / h) - gravity.y}, -s, c);
-      V turning = (b[YAW] - yaw_rate) * (1 / h), ahead = C[C_IMU_X] + number(a, P_CG_SHIFT);
-      felt.x = pull.x - turning * C[C_IMU_Y] - spin2 * ahead - C[C_GRAVITY] * pitch;
-      felt.y = pull.y + turning * ahead - spin2 * C[C_IMU_Y] + C[C_GRAVITY] * roll;
+      V turning = (b[YAW] - yaw_rate) * (1 / h), lever = C[C_IMU_X] + number(a, P_CG_SHIFT);
+      felt.x = pull.x - turning * C[C_IMU_Y] - spin2 * lever - C[C_GRAVITY] * pitch;
+      felt.y = pull.y + turning * lever - spin2 * C[C_IMU_Y] + C[C_GRAVITY] * roll;
     }
     v = next;
     yaw_rate = b[YAW], roll_rate = b[ROLL], pitch_rate = b[PITCH], front = b[FRONT], rear = b[REAR], motor = b[MOTOR];
