@@ -52,8 +52,8 @@ class Vehicle:
     tyre_law: one of qcar_twin/vehicle/tyre/laws.
     friction_coefficient: peak force / load.  tyre_shape, load_exponent, relaxation_length [m, of lateral slip],
     carcass_damping [N s/m per wheel]: see qcar_twin/vehicle/tyre/parameters.py.
-    longitudinal_relaxation_length: of longitudinal slip, of the carcass and, in series, of shafts that twist, m; that of
-      lateral slip where only that is known.
+    longitudinal_relaxation_length: of longitudinal slip, of the carcass and, in series, of shafts that twist, m; that
+      of lateral slip where only that is known.
     servo_time_constant: s.  servo_rate: highest steering rate, rad/s; inf for none.
     ackermann_fraction: 0 parallel wheels, 1 both wheels aimed at the turning centre.
     wheel_mass: of one wheel with its carrier, kg.  wheel_inertia: about the axle, kg m^2.
