@@ -46,7 +46,7 @@ class Similarity:
 
   @property
   def speed(self) -> float:
-    return math.sqrt(self.length)
+    return self.length / self.time
 
   @property
   def mass(self) -> float:
@@ -68,7 +68,8 @@ class Similarity:
     """A parameter with its figures carried over by its unit, or as what has the given unit is; itself where that says
     nothing of size."""
     by = _BY_UNIT.get(unit or parameter.unit)
-    if by is None or self.length == 1.0 or (parameter.unit == "s" and parameter.null is None):
+    slow = parameter.unit == "s" and parameter.null is None  # how long what changes takes (heat, charge), not a lag
+    if by is None or self.length == 1.0 or slow:
       return parameter
     factor = by(self)
     moved: Mapping[str, float | None] = {

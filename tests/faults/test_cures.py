@@ -36,6 +36,13 @@ def cures(text):
   return named
 
 
+def falsified(name, seed):
+  """A drive, true and as a falsity makes it: falsity, time and columns, false stamps and columns."""
+  time, columns = wander(seed)
+  falsity = next(f for f in FALSITIES if f.name == name)
+  return falsity, time, columns, *falsity.apply(time, columns)
+
+
 VALUES = {
   "speed in km/h": "speed", "speed in cm/s": "speed", "yaw_rate in deg/s": "yaw_rate", "accel_x in g": "accel_x",
   "accel_y in g": "accel_y", "pose_yaw in degrees": "pose_yaw", "pose_yaw in degrees, wrapped": "pose_yaw",
@@ -50,9 +57,7 @@ VALUES = {
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_cure_that_is_named_mends_the_channel_it_names(tmp_path, name, seed):
   channel = VALUES[name]
-  time, columns = wander(seed)
-  falsity = next(f for f in FALSITIES if f.name == name)
-  stamps, false = falsity.apply(time, columns)
+  falsity, _, columns, stamps, false = falsified(name, seed)
   folder = folder_with(tmp_path, stamps, false, channels=lines(false))
   text, _ = said_of(folder)
   named = cures(text)
@@ -72,9 +77,7 @@ def test_a_cure_that_is_named_mends_the_channel_it_names(tmp_path, name, seed):
 )  # fmt: skip
 @pytest.mark.parametrize("seed", [1, 2])
 def test_of_the_cures_of_a_sign_the_right_one_is_named_and_no_other_ends_all_contradictions(tmp_path, name, seed):
-  time, columns = wander(seed)
-  falsity = next(f for f in FALSITIES if f.name == name)
-  stamps, false = falsity.apply(time, columns)
+  falsity, _, _, stamps, false = falsified(name, seed)
   named = cures(said_of(folder_with(tmp_path, stamps, false, channels=lines(false)))[0])
   ends = {
     channel: said_of(write_manifest(tmp_path, channels=lines(false, **{channel: how})))[0] == ""
@@ -86,9 +89,7 @@ def test_of_the_cures_of_a_sign_the_right_one_is_named_and_no_other_ends_all_con
 @pytest.mark.parametrize("name", ["time at half speed", "time at twice the speed"])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_cure_of_a_clock_that_runs_at_another_speed_mends_it(tmp_path, name, seed):
-  time, columns = wander(seed)
-  falsity = next(f for f in FALSITIES if f.name == name)
-  stamps, false = falsity.apply(time, columns)
+  _, time, _, stamps, false = falsified(name, seed)
   named = cures(said_of(folder_with(tmp_path, stamps, false, channels=lines(false)))[0])
   assert list(named) == ["time"], "two motions that are off alike have one cause"
   after, check = said_of(write_manifest(tmp_path, channels=lines(false, **named)))
@@ -132,9 +133,7 @@ def test_a_cure_multiplies_the_scale_that_is_there(tmp_path):
 
 @pytest.mark.parametrize("seconds", [0.7, 2.0, 6.0])
 def test_the_cure_of_a_late_sensor_moves_it_back(tmp_path, seconds):
-  time, columns = wander(4)
-  falsity = next(f for f in FALSITIES if f.name == f"yaw_rate {seconds:g} s late")
-  stamps, false = falsity.apply(time, columns)
+  _, _, _, stamps, false = falsified(f"yaw_rate {seconds:g} s late", 4)
   folder = folder_with(tmp_path, stamps, false, channels=lines(false))
   named = cures(said_of(folder)[0])
   after, check = said_of(write_manifest(folder, channels=lines(false, **named)))

@@ -34,9 +34,8 @@ _SURE = 0.05  # of the largest steering command: standard deviation of a straigh
 _STAYS = 0.4  # s, median, for which a commanded value stays
 _SLOWEST = 1.0  # s: no sensor of speed is slower
 _LEAST_STEPS, _SAMPLES = 3, 5  # steps that tell, and samples, median, for which a value stays then
-_LEAP = (
-  0.12  # of the top speed: between the quantum of a coarse sensor, a twelfth, and a usual step of command, a sixth
-)
+# of the top speed: above the quantum of a coarse sensor, a twelfth, below a usual step of command, a sixth
+_LEAP = 0.12
 _PAST, _ROUNDING = 1.5, 1e-9  # quanta, from which a step is past the neighbour; of the top speed, digits that are noise
 
 

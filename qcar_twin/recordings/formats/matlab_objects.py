@@ -58,10 +58,10 @@ def _series(name: str, value: Any, depth: int) -> Iterator[Group]:
   value = _only(value)
   if depth == 0:
     return
-  properties = getattr(value, "properties", None)
-  if getattr(value, "classname", None) == _SERIES and isinstance(properties, Mapping):
+  properties = _properties(value)
+  if properties and getattr(value, "classname", None) == _SERIES:
     yield from _clocked(name, properties)
-  elif isinstance(properties, Mapping):
+  elif properties:
     called = _text(properties.get("Name")) or _text(properties.get("BlockPath"))
     for inside in properties.values():
       yield from _series(f"{name}.{called}" if called else name, inside, depth - 1)
@@ -70,15 +70,13 @@ def _series(name: str, value: Any, depth: int) -> Iterator[Group]:
       yield from _series(f"{name}.{field}", value.ravel()[0][field], depth - 1)
   elif isinstance(value, np.ndarray) and value.dtype == object:
     for number, inside in enumerate(value.ravel(), 1):
-      called = (
-        _text(getattr(_only(inside), "properties", {}).get("Name")) if hasattr(_only(inside), "properties") else ""
-      )
+      called = _text(_properties(inside).get("Name"))
       yield from _series(name if called or value.size == 1 else f"{name}({number})", inside, depth - 1)
 
 
 def _clocked(name: str, series: Mapping[str, Any]) -> Iterator[Group]:
   values = np.asarray(_first(series, "Data_", "Data"), dtype=float)
-  about = getattr(_only(_first(series, "TimeInfo_", "TimeInfo")), "properties", {})
+  about = _properties(_first(series, "TimeInfo_", "TimeInfo"))
   clock = _numbers(_first(series, "Time_", "Time"))
   clock = clock if clock.size else _numbers(_first(about, "Time_", "Time"))
   start, step = (_numbers(_first(about, key, key.rstrip("_"))) for key in ("Start_", "Increment_"))
@@ -89,6 +87,12 @@ def _clocked(name: str, series: Mapping[str, Any]) -> Iterator[Group]:
   if clock.size and clock.size in values.shape:
     clock = clock * _SECONDS.get(_text(_first(about, "Units", "Units_")), 1.0)
     yield clock, signal_columns(name, values, clock.size)
+
+
+def _properties(value: Any) -> Mapping[str, Any]:
+  """Of a MATLAB object by name; none of what is no object."""
+  properties = getattr(_only(value), "properties", None)
+  return properties if isinstance(properties, Mapping) else {}
 
 
 def _first(properties: Mapping[str, Any], *keys: str) -> Any:
