@@ -19,7 +19,7 @@ from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.paths import Errors
 from qcar_twin.plant import START, Plant
 from qcar_twin.sensors.base import Sensor
-from qcar_twin.sensors.suite import Reading, SensorSuite
+from qcar_twin.sensors.suite import SensorSuite
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -80,31 +80,7 @@ class FleetConfig:
       return TrueObserver()
     if self.car is None:
       raise ValueError("sensors need the identified model of the filter behind them: give `car`")
-    return SensedObserver(CarwiseSensors(self.sensors, seeds), self.car, self.settings)  # type: ignore[arg-type]
-
-
-class CarwiseSensors:
-  """Sensors of N cars with random streams that do not depend on one another.
-
-  Args:
-    sensors: by name.
-    seeds: one per car.
-  """
-
-  def __init__(self, sensors: dict[str, Sensor], seeds: Sequence[int]):
-    self.count = len(seeds)
-    self._suites = [SensorSuite(sensors, 1, seed) for seed in seeds]
-
-  def restart(self, which: Mask, signals: Array) -> None:
-    for i in np.flatnonzero(which):
-      self._suites[i].restart(np.ones(1, dtype=bool), signals[i : i + 1])
-
-  def measure(self, signals: Array) -> list[Reading]:
-    cars = [suite.measure(signals[i : i + 1]) for i, suite in enumerate(self._suites)]
-    return [
-      Reading(parts[0].channels, parts[0].age, np.concatenate([part.values for part in parts]))
-      for parts in zip(*cars, strict=True)
-    ]
+    return SensedObserver(SensorSuite(self.sensors, len(seeds), seeds), self.car, self.settings)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -125,7 +125,7 @@ class QCarLidar:
     self.rig.ranged += 1
     clock.sleep_until(max(self.due, clock.now))
     self.due += (math.floor((clock.now - self.due) / SCAN_PERIOD + 1e-9) + 1) * SCAN_PERIOD
-    scan = self._run.scan(np.array(self.rig.car.pose))  # beam i points at 2 pi i / n, counter-clockwise from ahead
+    scan = self._run.scan(np.array([self.rig.car.pose]))[0]  # beam i points at 2 pi i / n, counter-clockwise from ahead
     order = np.round((math.pi - self.angles) / math.tau * self.numMeasurements).astype(int) % self.numMeasurements
     self.distances = np.nan_to_num(scan[order])
     return True

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.plant import SIGNALS
+from qcar_twin.sensors.streams import CarStreams
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -66,6 +67,6 @@ class Sensor(Protocol):
     """Names of what it measures."""
     ...
 
-  def begin(self, count: int, period: float, rng: np.random.Generator) -> SensorRun:
+  def begin(self, count: int, period: float, rng: np.random.Generator | CarStreams) -> SensorRun:
     """Put it to work in N cars, with control periods of `period` s and its own random stream."""
     ...

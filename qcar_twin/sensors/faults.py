@@ -7,6 +7,8 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from qcar_twin.sensors.streams import CarStreams
+
 Kind = Literal["offset", "stuck", "frozen", "lost", "not_finite", "spikes", "late", "late_unsaid"]
 Array = NDArray[np.float64]
 
@@ -58,7 +60,7 @@ class FaultRun:
     rng: of its spikes, nobody else's.
   """
 
-  def __init__(self, fault: Fault, rng: np.random.Generator):
+  def __init__(self, fault: Fault, rng: np.random.Generator | CarStreams):
     self.fault, self._rng = fault, rng
     self._before: Array | None = None  # last sample that was not hit, (N,)
 

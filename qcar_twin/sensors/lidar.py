@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from qcar_twin.sensors.base import POSE, Mask, Timing
 from qcar_twin.sensors.scan_matching import ScanMatcher
+from qcar_twin.sensors.streams import CarStreams
 
 Array = NDArray[np.float64]
 WALL_HEIGHT = 0.5  # m
@@ -160,7 +161,7 @@ class ScanningLidar:
   survey_seed: int = 0
   channels = ("pose_x", "pose_y", "pose_yaw", "pose_score")
 
-  def begin(self, count: int, period: float, rng: np.random.Generator) -> "ScanningLidarRun":
+  def begin(self, count: int, period: float, rng: np.random.Generator | CarStreams) -> "ScanningLidarRun":
     """Put it to work in N cars."""
     return ScanningLidarRun(self, count, rng)
 
@@ -168,7 +169,7 @@ class ScanningLidar:
 class ScanningLidarRun:
   """Scans and matches of N cars; each starts its matcher at the true pose of its first scan, as a driver would."""
 
-  def __init__(self, lidar: ScanningLidar, count: int, rng: np.random.Generator):
+  def __init__(self, lidar: ScanningLidar, count: int, rng: np.random.Generator | CarStreams):
     self._lidar, self._rng = lidar, rng
     self._caster = RayCaster(lidar.room, lidar.beams, lidar.reach)
     surveyed = lidar.room.surveyed(lidar.map_std, np.random.default_rng(lidar.survey_seed))
@@ -179,21 +180,22 @@ class ScanningLidarRun:
   def observe(self, signals: Array) -> None:
     """Nothing to remember between samples."""
 
-  def scan(self, pose: Array) -> Array:
-    """Noisy ranges from one pose (3,), m, (beams,)."""
+  def scan(self, poses: Array) -> Array:
+    """Noisy ranges from poses (N, 3), m, (N, beams)."""
     lidar = self._lidar
-    ranges = self._caster.cast(*pose)
-    ranges = ranges + self._rng.standard_normal(len(ranges)) * (lidar.range_std + lidar.range_std_per_metre * ranges)
-    return np.where(self._rng.random(len(ranges)) < lidar.missing, np.nan, ranges)
+    ranges = np.stack([self._caster.cast(*pose) for pose in poses], axis=-1)
+    ranges = ranges + self._rng.standard_normal(ranges.shape) * (lidar.range_std + lidar.range_std_per_metre * ranges)
+    return np.where(self._rng.random(ranges.shape) < lidar.missing, np.nan, ranges).T
 
   def sample(self, signals: Array) -> Array:
     """pose_x, pose_y, pose_yaw, pose_score, (N, 4)."""
     out = np.empty((len(signals), 4))
+    scans = self.scan(signals[:, POSE])
     for i, pose in enumerate(signals[:, POSE]):
       known = np.isfinite(self._last[i, 0])
       moving = np.isfinite(self._before[i, 0])
       guess = self._last[i] + (self._last[i] - self._before[i] if moving else 0.0) if known else pose
-      match = self._matcher.match(self.scan(pose), guess)
+      match = self._matcher.match(scans[i], guess)
       out[i] = *match.pose, match.score
       self._before[i], self._last[i] = self._last[i], match.pose
     return out

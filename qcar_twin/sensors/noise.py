@@ -10,6 +10,7 @@ from scipy.optimize import nnls
 
 from qcar_twin.recordings.channels import channels_of
 from qcar_twin.recordings.recording import Recording, RecordingError
+from qcar_twin.sensors.streams import CarStreams, own
 
 Array = NDArray[np.float64]
 
@@ -51,7 +52,9 @@ class ErrorStream:
     rng: the sensor's own stream of random numbers.
   """
 
-  def __init__(self, noises: tuple[ChannelNoise, ...], count: int, interval: float, rng: np.random.Generator):
+  def __init__(
+    self, noises: tuple[ChannelNoise, ...], count: int, interval: float, rng: np.random.Generator | CarStreams
+  ):
     self._rng, self._count, self._interval = rng, count, interval
     self._noise = {f.name: np.array([getattr(n, f.name) for n in noises]) for f in dataclasses.fields(ChannelNoise)}
     self._memory = np.exp(-interval / self._noise["correlation"])  # (c,)
@@ -60,8 +63,8 @@ class ErrorStream:
     self.restart(np.ones(count, dtype=bool))
 
   def restart(self, which: NDArray[np.bool_]) -> None:
-    """New biases and a stationary coloured error for some runs; all runs draw, so the stream stays in step."""
-    draw = self._rng.standard_normal((2, *self.bias.shape))
+    """New biases and a stationary coloured error for some runs; where runs share a stream all draw, to stay in step."""
+    draw = own(self._rng, which).standard_normal((2, *self.bias.shape))
     self.bias = np.where(which[:, None], self._noise["bias"] * draw[0], self.bias)
     self._coloured = np.where(which[:, None], draw[1], self._coloured)
 

@@ -10,6 +10,7 @@ from qcar_twin.plant import signal_index
 from qcar_twin.recordings.channels import CHANNELS, Channel
 from qcar_twin.sensors.base import IMU, MOTOR_SPEED, Array, Mask, Timing
 from qcar_twin.sensors.noise import ChannelNoise, ErrorStream
+from qcar_twin.sensors.streams import CarStreams
 from qcar_twin.vehicle.vehicle import Vehicle
 
 
@@ -22,7 +23,7 @@ class Imu:
   gyro: ChannelNoise = ChannelNoise(white=CHANNELS["yaw_rate"].noise, bias=0.003, walk=0.0003)  # rad/s
   channels = ("accel_x", "accel_y", "yaw_rate")
 
-  def begin(self, count: int, period: float, rng: np.random.Generator) -> "ImuRun":
+  def begin(self, count: int, period: float, rng: np.random.Generator | CarStreams) -> "ImuRun":
     """Put it to work in N cars."""
     return ImuRun(ErrorStream((self.accel, self.accel, self.gyro), count, 1.0 / self.timing.rate, rng))
 
@@ -53,7 +54,7 @@ class Encoder:
   counts: int = 2880
   channels = ("motor_speed",)
 
-  def begin(self, count: int, period: float, rng: np.random.Generator) -> "EncoderRun":
+  def begin(self, count: int, period: float, rng: np.random.Generator | CarStreams) -> "EncoderRun":
     """Put it to work in N cars."""
     return EncoderRun(self, count, period, rng)
 
@@ -61,7 +62,7 @@ class Encoder:
 class EncoderRun:
   """The encoder of N cars under way: it turns with the motor and counts."""
 
-  def __init__(self, encoder: Encoder, count: int, period: float, rng: np.random.Generator):
+  def __init__(self, encoder: Encoder, count: int, period: float, rng: np.random.Generator | CarStreams):
     self._count, self._period = 2.0 * math.pi / encoder.counts, period  # rad, s
     self._interval = 1.0 / encoder.timing.rate
     self._angle = rng.uniform(0.0, self._count, count)  # rad, from a random place between two edges
@@ -109,7 +110,7 @@ class ModelledSensor:
     """The one it measures."""
     return (self.channel.name,)
 
-  def begin(self, count: int, period: float, rng: np.random.Generator) -> "ModelledRun":
+  def begin(self, count: int, period: float, rng: np.random.Generator | CarStreams) -> "ModelledRun":
     """Put it to work in N cars."""
     noise = ChannelNoise(white=0.0 if math.isnan(self.channel.noise) else self.channel.noise)
     return ModelledRun(self, ErrorStream((noise,), count, 1.0 / self.timing.rate, rng))

@@ -8,6 +8,7 @@ import numpy as np
 from qcar_twin.sensors.base import POSE, Array, Mask, Timing
 from qcar_twin.sensors.noise import ChannelNoise, ErrorStream, channel_noise
 from qcar_twin.sensors.score import ScoreVariance
+from qcar_twin.sensors.streams import CarStreams
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,7 +66,7 @@ class StatisticalLidar:
       spike_chance=0.0,
     )
 
-  def begin(self, count: int, period: float, rng: np.random.Generator) -> "StatisticalLidarRun":
+  def begin(self, count: int, period: float, rng: np.random.Generator | CarStreams) -> "StatisticalLidarRun":
     """Put it to work in N cars."""
     return StatisticalLidarRun(self, count, rng)
 
@@ -73,7 +74,7 @@ class StatisticalLidar:
 class StatisticalLidarRun:
   """The cheap lidar of N cars under way."""
 
-  def __init__(self, lidar: StatisticalLidar, count: int, rng: np.random.Generator):
+  def __init__(self, lidar: StatisticalLidar, count: int, rng: np.random.Generator | CarStreams):
     self._lidar = lidar
     interval = 1.0 / lidar.timing.rate
     white = math.sqrt(1.0 - lidar.coloured**2)

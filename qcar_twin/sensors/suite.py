@@ -1,11 +1,12 @@
 """All sensors of N simulated cars: rates, latencies, dropouts, faults.
 
 Every sensor has its own random stream, so that a seed reproduces a run bit for bit and switching one sensor off
-leaves the others as they were.
+leaves the others as they were. With a seed per car every car has its own, too: it senses the same whoever is beside it.
 """
 
 import dataclasses
 import zlib
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from qcar_twin.sensors.base import Array, Mask, Sensor, SensorRun
 from qcar_twin.sensors.faults import Fault, FaultRun
 from qcar_twin.sensors.onboard import Encoder, Imu
 from qcar_twin.sensors.statistical_lidar import StatisticalLidar
+from qcar_twin.sensors.streams import CarStreams
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,24 +38,31 @@ class SensorSuite:
   Args:
     sensors: by name; the name seeds the sensor's random stream.
     count: N.
-    seed: of the whole suite.
+    seed: of the whole suite, or one per car.
     period: control period, s.
     faults: what makes them wrong.
   """
 
   def __init__(
-    self, sensors: dict[str, Sensor], count: int, seed: int, period: float = 0.01, faults: tuple[Fault, ...] = ()
+    self,
+    sensors: dict[str, Sensor],
+    count: int,
+    seed: int | Sequence[int],
+    period: float = 0.01,
+    faults: tuple[Fault, ...] = (),
   ):
+    if not isinstance(seed, (int, np.integer)) and len(seed) != count:
+      raise ValueError(f"{len(seed)} seeds for {count} cars: give one for all or one for each")
     self.count, self.period, self.faults = count, period, faults
     self.sensors = dict(sensors)
-    self._rngs = {name: np.random.default_rng([seed, zlib.crc32(name.encode())]) for name in sensors}
+    self._rngs = {name: _stream(seed, zlib.crc32(name.encode())) for name in sensors}
     self._runs = {name: s.begin(count, period, self._rngs[name]) for name, s in sensors.items()}
-    self._lost = {name: np.random.default_rng([seed, zlib.crc32(name.encode()), 1]) for name in sensors}
+    self._lost = {name: _stream(seed, zlib.crc32(name.encode()), 1) for name in sensors}
     self._every = {name: sensor.timing.every(period) for name, sensor in sensors.items()}
     self._latency = {name: round(sensor.timing.latency / period) for name, sensor in sensors.items()}
     # what is under way: period of arrival, of measurement as it will be reported, samples
     self._waiting: dict[str, list[tuple[int, int, Array]]] = {name: [] for name in sensors}
-    self._faults = [FaultRun(fault, np.random.default_rng([seed, 2, i])) for i, fault in enumerate(faults)]
+    self._faults = [FaultRun(fault, _stream(seed, 2, i)) for i, fault in enumerate(faults)]
     self._step = -1
 
   def restart(self, which: Mask, signals: Array) -> None:
@@ -87,11 +96,17 @@ class SensorSuite:
 
   def _sample(self, name: str, sensor: Sensor, run: SensorRun, signals: Array) -> Array:
     values = run.sample(signals)
-    lost = self._lost[name].random(self.count) < sensor.timing.dropout
-    values = np.where(lost[:, None], np.nan, values)
+    if sensor.timing.dropout:
+      lost = self._lost[name].random(self.count) < sensor.timing.dropout
+      values = np.where(lost[:, None], np.nan, values)
     for fault in self._faults:
       values = fault.apply(sensor.channels, self._step * self.period, values)
     return values
+
+
+def _stream(seed: int | Sequence[int], *key: int) -> np.random.Generator | CarStreams:
+  """What a sensor draws from."""
+  return np.random.default_rng([seed, *key]) if isinstance(seed, (int, np.integer)) else CarStreams(seed, *key)
 
 
 def qcar_sensors() -> dict[str, Sensor]:
