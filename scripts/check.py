@@ -8,9 +8,8 @@ qcar-twin check --dataset data/sample --out out/check
 import dataclasses
 from pathlib import Path
 
-from calibration.log_check.check import LogCheck, check_log, load_to_check
-from calibration.log_check.report import write_log_check
-from calibration.progress import CHECK, StageLine
+from calibration.log_check.check import LogCheck
+from calibration.log_check.said import check_and_say
 from qcar_twin.command_line import run_script
 
 
@@ -26,15 +25,7 @@ class Config:
 
 def main(config: Config) -> LogCheck:
   """Run it, write the results, print what to know and where the page is."""
-  dataset = load_to_check(config.dataset)
-  with StageLine(CHECK) as progress:
-    check = check_log(dataset, progress)
-  page = write_log_check(check, config.out)
-  print(check.verdict)
-  for finding in (*check.of("spoils"), *check.of("beware")):
-    print(f"{finding.severity}: {finding.text}")
-  print(f"page: {page}")
-  return check
+  return check_and_say(config.dataset, config.out)
 
 
 if __name__ == "__main__":

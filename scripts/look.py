@@ -14,13 +14,12 @@ import tyro
 
 from calibration.log_check.check import LogCheck
 from calibration.log_check.raw_page import write_raw
+from calibration.log_check.said import check_and_say
 from qcar_twin.command_line import run_script
-from qcar_twin.recordings.first_dataset.place import copy_in, logs_of, placed
+from qcar_twin.recordings.first_dataset.place import copy_in, logs_of, placed, with_rows
 from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
-from scripts import check
-from scripts.new import with_rows
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +35,7 @@ class Config:
 def main(config: Config) -> LogCheck | None:
   """Write the page, print the verdict and what it is about; None where the log could not be read as a drive."""
   if len(config.logs) == 1 and (config.logs[0] / FILE_NAME).is_file():
-    return check.main(check.Config(config.logs[0], config.out))
+    return check_and_say(config.logs[0], config.out)
   with tempfile.TemporaryDirectory() as folder:
     place = Path(folder) / (config.logs[0].resolve().stem or "log")
     read = with_rows(placed(place, logs_of(config.logs)))
@@ -46,7 +45,7 @@ def main(config: Config) -> LogCheck | None:
     (place / FILE_NAME).write_text(proposal.text, encoding="utf-8")
     print("\n".join(f"  {line}" for line in proposal.channels))
     try:
-      return check.main(check.Config(place, config.out))
+      return check_and_say(place, config.out)
     except RecordingError as error:
       page = write_raw([table for _, table in read], str(error), proposal.channels, config.out)
       print(f"Not readable as a drive yet: {error}\npage: {page}")

@@ -5,21 +5,16 @@ qcar-twin new my_session logs/
 """
 
 import dataclasses
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from calibration.log_check.check import check_log, load_to_check
-from calibration.log_check.report import write_log_check
-from calibration.progress import CHECK, StageLine
+from calibration.log_check.said import check_and_say
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
-from qcar_twin.recordings.first_dataset.place import Placed, copy_in, logs_of, placed
+from qcar_twin.recordings.first_dataset.place import copy_in, logs_of, placed, with_rows
 from qcar_twin.recordings.first_dataset.propose import propose
-from qcar_twin.recordings.formats import read_table
-from qcar_twin.recordings.formats.table import NoSamples, Table
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
 
@@ -56,34 +51,12 @@ def main(config: Config) -> Path:
     print(f"not said: {', '.join(unsaid)}; the car's numbers in [vehicle] are estimates, correct them there")
   for question in proposal.questions:
     print(f"to be answered: {question}")
+  page = config.out or config.folder.with_name(f"{config.folder.resolve().name}_check")
   try:
-    with StageLine(CHECK) as progress:
-      check = check_log(load_to_check(config.folder), progress)
+    check_and_say(config.folder, page)
   except RecordingError as error:
     raise RecordingError(f"{path} was written and is not yet readable: {error}") from error
-  print(check.verdict)
-  for finding in (*check.of("spoils"), *check.of("beware")):
-    print(f"{finding.severity}: {finding.text}")
-  page = write_log_check(check, config.out or config.folder.with_name(f"{config.folder.resolve().name}_check"))
-  print(f"page: {page}")
   return path
-
-
-def with_rows(logs: Sequence[Placed]) -> list[tuple[Placed, Table]]:
-  """The logs that hold a sample, with their content; each that holds none is said and left out.
-
-  Raises:
-    RecordingError: none holds a sample, or one cannot be read.
-  """
-  read: list[tuple[Placed, Table]] = []
-  for log in logs:
-    try:
-      read.append((log, read_table(log.source, log.name)))
-    except NoSamples as error:
-      print(f"left out: {str(error).partition(';')[0]}")
-  if not read:
-    raise RecordingError("no log holds a sample; record again, or name other files")
-  return read
 
 
 if __name__ == "__main__":

@@ -6,9 +6,8 @@ import tomllib
 import pytest
 
 from calibration.log_check.check import check_log, load_to_check
-from qcar_twin.recordings.first_dataset.place import logs_of, placed
+from qcar_twin.recordings.first_dataset.place import logs_of, placed, with_rows
 from qcar_twin.recordings.first_dataset.propose import propose
-from scripts.new import with_rows
 from tests import ROOT
 
 CASES = ROOT.parent / "shared" / "cases"

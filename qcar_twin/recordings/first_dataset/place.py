@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from qcar_twin.atomic_io import whole_file
-from qcar_twin.recordings.formats import readers
+from qcar_twin.recordings.formats import read_table, readers
+from qcar_twin.recordings.formats.table import NoSamples, Table
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
 
@@ -90,3 +91,20 @@ def copy_in(folder: Path, logs: Sequence[Placed]) -> None:
           shutil.copytree(log.source, part)
         else:
           shutil.copyfile(log.source, part)
+
+
+def with_rows(logs: Sequence[Placed]) -> list[tuple[Placed, Table]]:
+  """The logs that hold a sample, with their content; each that holds none is said and left out.
+
+  Raises:
+    RecordingError: none holds a sample, or one cannot be read.
+  """
+  read: list[tuple[Placed, Table]] = []
+  for log in logs:
+    try:
+      read.append((log, read_table(log.source, log.name)))
+    except NoSamples as error:
+      print(f"left out: {str(error).partition(';')[0]}")
+  if not read:
+    raise RecordingError("no log holds a sample; record again, or name other files")
+  return read
