@@ -1,6 +1,6 @@
 """Drive policies against the model-based controllers on O, infinity and C.
 
-qcar-twin evaluate --out OUT [--policy agents/data/policy] [--mismatch] [--plants twin bicycle proving_ground]
+qcar-twin evaluate --out OUT [--policy DIR | model.zip] [--mismatch] [--plants twin bicycle proving_ground]
 """
 
 import dataclasses
@@ -12,7 +12,8 @@ import numpy as np
 from agents.control.external_plant import ExternalPlant
 from agents.control.figures import lane_change_figure, tracking_figure
 from agents.learning.evaluate import EvaluationCase, evaluate, known_plant, run_case, write_evaluation
-from agents.learning.policy_file import SHIPPED, load_policy
+from agents.learning.policy_file import SHIPPED
+from agents.learning.sb3_zip import any_policy
 from calibration.concealed.proving_ground.plant import ProvingGroundPlant
 from qcar_twin.command_line import run_script
 from qcar_twin.plant import Plant
@@ -26,9 +27,9 @@ class Config:
   out: Path
   """Folder for evaluation.json, evaluation.txt and figures."""
   policy: tuple[Path, ...] = (SHIPPED,)
-  """Policy folders; several, such as trainings with different seeds, are summed up as one contestant."""
+  """Policy folders, or zips of stable-baselines3; those of one kind, such as seeds, are summed up as one contestant."""
   paths: tuple[str, ...] = ("o", "infinity", "c")
-  """Paths to follow: s, o, infinity, c."""
+  """Paths to follow: s, o, infinity, c, random:SEED, or a CSV file of points x, y in m."""
   plants: tuple[str, ...] = ("twin",)
   """Plants to drive: twin, bicycle, proving_ground, or a twin file (TOML)."""
   speeds: tuple[float, ...] = (0.5,)
@@ -71,15 +72,24 @@ def main(config: Config) -> None:
     EvaluationCase(path, name, speed, gain, offset, cars, config.seed)
     for name, speed, (gain, offset), path in itertools.product(config.plants, config.speeds, wrong, paths)
   ]
-  policies = {f"ddpg {k}": folder for k, folder in enumerate(config.policy)}
+  read = [any_policy(folder) for folder in config.policy]
+  kinds = {f"{policy.name} {k}": policy.name for k, policy in enumerate(read)}
+  policies = dict(zip(kinds, config.policy, strict=True))
   versions = ("tuned",) if config.quick else ("loose", "tuned")
   rows = evaluate(policies, cases, plant, config.workers, config.ray, versions)
-  print(write_evaluation(config.out, rows, lambda label: "ddpg" if label.startswith("ddpg") else label))
+  for folder, policy in zip(config.policy, read, strict=True):
+    print(f"{folder}: {policy.about}")
+  print(write_evaluation(config.out, rows, lambda label: kinds.get(label, label), policies))
   for case in cases[: len(paths)]:
-    drives = {"ddpg": run_case(load_policy(config.policy[0]), case, plant)}
-    tracking_figure(drives, config.out / f"tracking_{case.path}.png")
-    if drives["ddpg"].path.lanes:
+    drives = {read[0].name: run_case(read[0], case, plant)}
+    tracking_figure(drives, config.out / f"tracking_{figure_name(case.path)}.png")
+    if drives[read[0].name].path.lanes:
       lane_change_figure(drives, config.out / "lane_change.png")
+
+
+def figure_name(path: str) -> str:
+  """A path's name as part of a file's."""
+  return Path(path).stem.replace(":", "_")
 
 
 if __name__ == "__main__":

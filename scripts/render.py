@@ -10,11 +10,12 @@ from typing import Literal
 
 from agents.learning.evaluate import EvaluationCase, contestants, run_case
 from agents.learning.policy_file import SHIPPED
+from agents.learning.sb3_zip import any_policy
 from calibration.fitting.windows import Cut, cut_recordings
 from qcar_twin.command_line import run_script
-from qcar_twin.paths import path_named
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.rendering.film import Array, Film, Look, signals_of, write_still, write_video
+from qcar_twin.tracks import path_from
 from qcar_twin.twin.file import load_twin
 
 
@@ -25,13 +26,13 @@ class Config:
   out: Path
   """File (mp4) to write; a still of its middle is written next to it as PNG."""
   policy: Path = SHIPPED
-  """Folder of the policy."""
-  driver: str = "ddpg"
-  """Driver of the solid car: ddpg (the policy), or a controller such as "lq_cm tuned"."""
+  """Folder of the policy, or a zip of stable-baselines3."""
+  driver: str = "policy"
+  """Driver of the solid car: policy, or a controller such as "lq_cm tuned"."""
   ghost: str = ""
   """Driver of the translucent car; none where empty."""
   path: str = "c"
-  """Path to follow: s, o, infinity or c."""
+  """Path to follow: s, o, infinity, c, random:SEED, or a CSV file of points x, y in m."""
   plant: Literal["twin", "reduced", "bicycle"] = "twin"
   """Plant that is driven."""
   dataset: Path | None = None
@@ -53,9 +54,9 @@ class Config:
 def driven(config: Config, driver: str) -> Array:
   """Signals (T, 10) of a drive."""
   case = EvaluationCase(config.path, config.plant, cars=1)
-  known = contestants({"ddpg": config.policy} if driver == "ddpg" else {}, case.speed, baselines=driver != "ddpg")
+  known = contestants({"policy": config.policy} if driver == "policy" else {}, case.speed, driver != "policy")
   if driver not in known:
-    raise ValueError(f"nobody is called '{driver}'; there are ddpg, {', '.join(known)}")
+    raise ValueError(f"nobody is called '{driver}'; there are policy, {', '.join(known)}")
   drive = run_case(known[driver], case)
   return drive.signals[drive.under_way[:, 0], 0]
 
@@ -80,11 +81,12 @@ def main(config: Config) -> None:
   if config.dataset:
     signals, ghost = recorded(config, config.dataset)
   else:
-    path, signals = path_named(config.path), driven(config, config.driver)
+    path, signals = path_from(config.path), driven(config, config.driver)
     ghost = driven(config, config.ghost) if config.ghost else None
   width, height = (x // 2 if config.quick else x for x in config.size)
   film = Film(path, look=Look(config.camera, width, height, config.fps), ghost=ghost is not None)
-  label = config.recording or (f"{config.driver}; ghost: {config.ghost}" if config.ghost else config.driver)
+  driver = any_policy(config.policy).name if config.driver == "policy" and not config.dataset else config.driver
+  label = config.recording or (f"{driver}; ghost: {config.ghost}" if config.ghost else driver)
   shown = film.frames(signals[: 200 if config.quick else None], ghost, label=label)
   count = write_video(config.out, shown, config.fps)
   middle = len(signals) // 2

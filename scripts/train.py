@@ -1,19 +1,22 @@
-"""Train the path-tracking agent on the twin.
+"""Train a path-tracking agent on the twin.
 
-qcar-twin train --out OUT [--episodes 300] [--seed 1] [--resume]
+qcar-twin train --out OUT [--algorithm ppo] [--hyperparameters FILE] [--path random:1:400] [--seed 1]
 """
 
 import dataclasses
 from pathlib import Path
 from typing import Literal
 
+from agents.learning.by_reward import in_words, train_by_reward, trial_from
 from agents.learning.ddpg import Settings
 from agents.learning.environments import Options
+from agents.learning.hyperparameters import FILE as HYPERPARAMETERS
 from agents.learning.train import Plan, train
-from agents.studies.study import VARIANTS
+from agents.studies.study import wide_plan
 from qcar_twin.command_line import run_script
 from qcar_twin.envs.task import Reward
 
+ALIKE = ("plant", "twin", "estimator", "version", "steering_gain", "steering_offset", "randomise")
 KEPT = "the last checkpoint stays in --out, --resume goes on from it"
 
 
@@ -23,8 +26,16 @@ class Config:
 
   out: Path
   """Folder of the training."""
+  algorithm: Literal["paper", "ppo", "sac", "td3", "ddpg"] = "paper"
+  """How is learnt: the paper's DDPG with a demonstrator, or by reward alone with stable-baselines3's algorithm."""
+  hyperparameters: Path = HYPERPARAMETERS
+  """TOML file of --algorithm's hyperparameters, with the keys of the RL zoo."""
+  path: str = ""
+  """Path of the training: s, o, infinity, c, random:SEED[:LENGTH] or FILE.csv; empty for the algorithm's own choice."""
+  observation: Literal["errors", "wide"] = "wide"
+  """What an agent that learns by reward alone sees: the paper's four errors, or also command, curvature and means."""
   episodes: int = 300
-  """Number of training episodes."""
+  """Number of training episodes (paper)."""
   seed: int = 0
   """Seed of everything random."""
   resume: bool = False
@@ -62,23 +73,13 @@ class Config:
 def plan_of(config: Config) -> Plan:
   """The training a configuration asks for."""
   if config.wide:
-    wide = VARIANTS["wide"].plan
-    options = dataclasses.replace(wide.options, twin=config.twin, plant="bicycle" if config.quick else config.plant)
-    settings = dataclasses.replace(wide.settings, imitations=6 if config.quick else wide.settings.imitations)
-    return dataclasses.replace(wide, options=options, settings=settings, seed=config.seed)
+    return wide_plan(config.twin, "bicycle" if config.quick else config.plant, config.seed, config.quick)
   none = config.demonstrator == "none"
   reward = Reward(near=config.near, m6=0.0 if none else config.demonstrator_weight)
-  options = Options(
-    plant="bicycle" if config.quick else config.plant,
-    twin=config.twin,
-    estimator="truth" if config.quick else config.estimator,
-    demonstrator="" if none else config.demonstrator,
-    version=config.version,
-    steering_gain=config.steering_gain,
-    steering_offset=config.steering_offset,
-    randomise=config.randomise,
-    reward=reward,
-  )
+  taken = {name: getattr(config, name) for name in ALIKE} | {"path": config.path or "s", "reward": reward}
+  options = Options(**taken, demonstrator="" if none else config.demonstrator)
+  if config.quick:
+    options = dataclasses.replace(options, plant="bicycle", estimator="truth")
   episodes = min(config.episodes, 24) if config.quick else config.episodes
   settings = Settings(episodes=episodes, cars=config.cars, demonstrations=config.demonstrations)
   if config.quick:
@@ -88,6 +89,9 @@ def plan_of(config: Config) -> Plan:
 
 def main(config: Config) -> None:
   """Train, and print the result in a line."""
+  if config.algorithm != "paper":
+    print(f"{config.out}: {in_words(train_by_reward(trial_from(vars(config)), config.out))}")
+    return
   result = train(plan_of(config), config.out, resume=config.resume)
   best = result["best_rmse_training_path"]
   outcome = "the car never finished the training path" if best is None else f"best {1e3 * best:.1f} mm RMSE on it"

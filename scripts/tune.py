@@ -1,18 +1,18 @@
-"""Tune the path-tracking controllers on the S-path, and keep them with their origin.
+"""Tune the path-tracking controllers on one path, and keep them with their origin.
 
-qcar-twin tune --out agents/data/controllers.toml
+qcar-twin tune --out agents/data/controllers.toml [--plant reduced --path random:2:30 --linkages 16]
 """
 
 import dataclasses
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from joblib import delayed
 
-from agents.control.closed_loop import Actuation
 from agents.control.controllers import FAMILIES, entries, save
 from agents.control.model import Model
-from agents.control.tuning import MISMATCH, Search, tune
+from agents.control.tuning import Search, origin_of, spread_linkages, tune
 from calibration.identification.identification import Identification
 from calibration.progress import StageLine, staged
 from qcar_twin.command_line import run_script
@@ -32,7 +32,7 @@ KEPT = "controllers that were tuned are in the file"
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """Search every controller's numbers for the least RMSE on the S-path."""
+  """Search every controller's numbers for the least RMSE on a path."""
 
   out: Path
   """TOML file that is updated."""
@@ -42,6 +42,13 @@ class Config:
   """Controllers to tune."""
   speed: float = 0.5
   """Reference speed, m/s."""
+  plant: Literal["bicycle", "twin", "reduced"] = "bicycle"
+  """Plant that is driven: the single track with a servo, the twin, or the twin on the reduced car."""
+  path: str = "s"
+  """Path that is driven: s, o, infinity, c, random:SEED[:LENGTH] or FILE.csv."""
+  linkages: int = 0
+  """Cars of a trial with linkages drawn as for an agent that learns by reward (gain 1 +- 0.1, offset +- 1.5 deg);
+  0 for the four of gain 0.95 to 1.05 and offset +- 0.5 deg."""
   seed: int = 0
   """Seed of sensors and search."""
   workers: int = 1
@@ -65,12 +72,15 @@ def main(config: Config) -> None:
   model, search = model_of(config), Search(speed=config.speed, seed=config.seed)
   if config.quick:
     search = dataclasses.replace(search, candidates=4, elite=2, generations=2)
-  plant, theta = model.plant("bicycle")
-  servo = Actuation()
-  numbers = ", ".join(f"{name} {value:.4g}" for name, value in plant.parameters.named(theta).items())
+  plant, theta = model.plant(config.plant)
+  search = dataclasses.replace(search, path=config.path)
+  if config.linkages:
+    search = dataclasses.replace(search, mismatch=spread_linkages(0.1, 1.5, config.linkages, config.seed))
+  if config.plant != "bicycle":
+    search = dataclasses.replace(search, servo=(0.0, 0.0))
   table = entries(config.out)
   families = [FAMILIES[name] for name in config.controllers]
-  filtered = model.filter_settings("bicycle")
+  filtered = model.filter_settings(config.plant)
   stages = [f"tuning {family.name}" for family in families]
   with StageLine(dict.fromkeys(stages, 1.0), "agents") as progress:  # each drives as many candidates
     # other processes can't be heard
@@ -78,12 +88,7 @@ def main(config: Config) -> None:
     calls = [delayed(tune)(family, plant, theta, model.car, filtered, search, heard) for family in families]
     for index, tuned in staged(in_parallel(calls, config.workers, config.ray), stages, progress):
       name = families[index].name
-      origin = (
-        f"qcar-twin tune: S-path at {config.speed:g} m/s on the single track ({numbers}), servo lag"
-        f" {1e3 * servo.lag:.0f} ms and delay {1e3 * servo.delay:.0f} ms, sensors and federated filter, {len(MISMATCH)}"
-        f" cars of steering gain 0.95 to 1.05 and offset +-0.5 deg, cap {np.degrees(search.rate_cap):.0f} deg/s rms,"
-        f" {search.generations} x {search.candidates} trials, seed {config.seed}"
-      )
+      origin = origin_of(search, config.plant, plant.parameters.named(theta))
       entry = tuned.numbers | {"rmse": tuned.rmse, "steering_rate": tuned.steering_rate, "origin": origin}
       table[name] = {"loose": LOOSE[name] | {"origin": LOOSE_ORIGIN}, "tuned": entry}
       save(table, config.out)

@@ -110,6 +110,9 @@ def drive(
 ) -> Drive:
   """Follow a path with N cars, plant parameters (N, P), until all have finished or a quarter more time has gone."""
   count, period = len(theta), plant.period
+  told = getattr(getattr(observer, "suite", None), "period", period)
+  if abs(told - period) > 1e-9:
+    raise ValueError(f"sensors of a period of {told:g} s on a plant of {period:g} s; make the suite with the plant's")
   simulation = plant.begin(np.asarray(theta, dtype=np.float64), start_states(task, count))
   on_the_way = task.actuation and Linkage(count, period=period, **dataclasses.asdict(task.actuation))
   course = Course(task.path, task.speed, period)

@@ -1,8 +1,8 @@
-"""Fair tuning: every controller is searched on the S-path with the same noise, servo, mismatch and cap on its rate."""
+"""Fair tuning: every controller is searched on one path with the same noise, servo, mismatch and cap on its rate."""
 
 import dataclasses
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,19 @@ from agents.control.speed import SpeedGains
 from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.estimation.observer import SensedObserver
 from qcar_twin.estimation.settings import FilterSettings
-from qcar_twin.paths import path_named
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
+from qcar_twin.tracks import path_from
 
 Array = NDArray[np.float64]
 log = logging.getLogger(__name__)
 MISMATCH = ((1.0, 0.0), (0.95, 0.5), (1.05, -0.5), (1.0, 0.0))  # steering gain -, offset deg, of the cars of a trial
+
+
+def spread_linkages(gain: float, offset: float, count: int, seed: int = 0) -> tuple[tuple[float, float], ...]:
+  """Steering gains, -, and offsets, deg, drawn uniformly within 1 +- gain and +- offset."""
+  drawn = np.random.default_rng([seed, 4]).uniform(-1.0, 1.0, (count, 2)) * (gain, offset)
+  return tuple((1.0 + float(a), float(b)) for a, b in drawn)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,6 +37,8 @@ class Search:
     candidates: per generation.  elite: of them kept.  generations: how many.
     rate_cap: root mean square steering rate allowed, rad/s.
     speed: m/s.  seed: of sensors and search.
+    path: that is driven.  mismatch: steering gain, -, and offset, deg, of the cars of a trial.
+    servo: delay and lag, s, of the steering command on its way to a plant that has no servo of its own; else zeros.
   """
 
   candidates: int = 24
@@ -39,6 +47,32 @@ class Search:
   rate_cap: float = float(np.radians(80.0))
   speed: float = 0.5
   seed: int = 0
+  path: str = "s"
+  mismatch: tuple[tuple[float, float], ...] = MISMATCH
+  servo: tuple[float, float] = (Actuation.delay, Actuation.lag)
+
+
+def origin_of(search: Search, plant: str, numbers: Mapping[str, float]) -> str:
+  """Where tuned numbers come from, in a line.
+
+  Args:
+    plant: its name.  numbers: its parameters.
+  """
+  said = ", ".join(f"{name} {value:.4g}" for name, value in numbers.items())
+  delay, lag = search.servo
+  driven = {
+    "bicycle": f"the single track ({said}), servo lag {1e3 * lag:.0f} ms and delay {1e3 * delay:.0f} ms",
+    "twin": "the nominal twin",
+    "reduced": "the nominal twin on the reduced car",
+  }[plant]
+  path = {"s": "S-path"}.get(search.path, f"path {search.path}")
+  (least, most), (right, left) = ((min(column), max(column)) for column in zip(*search.mismatch, strict=True))
+  return (
+    f"qcar-twin tune: {path} at {search.speed:g} m/s on {driven}, sensors and federated filter, {len(search.mismatch)}"
+    f" cars of steering gain {least:.3g} to {most:.3g} and offset {right:+.2g} to {left:+.2g} deg, cap"
+    f" {np.degrees(search.rate_cap):.0f} deg/s rms, {search.generations} x {search.candidates} trials,"
+    f" seed {search.seed}"
+  )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,7 +93,7 @@ def tune(
   search: Search,
   progress: Callable[[str, float], None] | None = None,
 ) -> Tuned:
-  """Least RMSE on the S-path under the rate cap.
+  """Least RMSE on the search's path under the rate cap.
 
   Args:
     family: the controller's numbers and where to begin.
@@ -95,13 +129,13 @@ def _trial(
   seed: int,
 ) -> tuple[Array, list[Tuned]]:
   """Costs (m) of candidates (C, k) as logarithms, each driven once per mismatch."""
-  cars = len(MISMATCH)
+  cars = len(search.mismatch)
   numbers = [dict(zip(family.numbers, (10.0**point).tolist(), strict=True)) for point in points]
   controller = side_by_side([make(family.name, entry, car, search.speed) for entry in numbers], cars)
   count = cars * len(points)
-  gain, offset = np.tile(np.array(MISMATCH).T, len(points))
-  actuation = Actuation(gain=gain, offset=np.radians(offset))
-  task = Task(path_named("s"), speed=search.speed, actuation=actuation)
+  gain, offset = np.tile(np.array(search.mismatch).T, len(points))
+  actuation = Actuation(*search.servo, gain=gain, offset=np.radians(offset))
+  task = Task(path_from(search.path), speed=search.speed, actuation=actuation)
   observer = SensedObserver(SensorSuite(qcar_sensors(), count, seed), car, settings)
   result = kpis(drive(plant, np.tile(theta, (count, 1)), controller, SpeedGains.design(car), observer, task))
   rmse = np.sqrt(np.mean(np.where(result.finished, result.rmse, 1.0).reshape(-1, cars) ** 2, axis=1))

@@ -1,28 +1,36 @@
 """The path-tracking task wired up: plant, sensors and filter, speed control and demonstrator by name.
 
-Importing this module registers `QcarTwin/PathTracking-v0` with gymnasium; every field of `Options` is an argument.
+Importing this module registers `QcarTwin/PathTracking-v1` with gymnasium, as
+`gymnasium.make("agents.learning.environments:QcarTwin/PathTracking-v1")` does (gymnasium from 1.0 on reads no entry
+points of packages). Every field of `Options` is an argument. `-v0` is the same with four errors and rates in SI units.
 """
 
 import dataclasses
+import difflib
+import secrets
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.control import controllers
-from agents.control.interface import Situation
+from agents.control.interface import Controller, Situation
 from agents.control.model import Model
 from agents.control.speed import SpeedController, SpeedGains
+from agents.learning.observation import SIGHTS
 from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.envs.fleet import Demonstrator, Fleet, FleetConfig, Spread
-from qcar_twin.envs.gym_env import PathTrackingEnv
+from qcar_twin.envs.gym_env import FleetVectorEnv, PathTrackingEnv
+from qcar_twin.envs.spaces import Interface
 from qcar_twin.envs.task import Reward, TrackingTask
 from qcar_twin.extras import extra
-from qcar_twin.paths import Errors, path_named
+from qcar_twin.paths import Errors, Path
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import qcar_sensors
+from qcar_twin.tracks import path_from
+from qcar_twin.twin.engines import EngineKind
 from qcar_twin.twin.file import load_twin
 from qcar_twin.twin.twin import Twin
 
@@ -30,7 +38,8 @@ with extra("The gymnasium environment"):
   import gymnasium
 
 Array = NDArray[np.float64]
-ENV_ID = "QcarTwin/PathTracking-v0"
+PlantName = Literal["twin", "reduced", "bicycle"]
+ENV_ID, SI_ENV_ID = "QcarTwin/PathTracking-v1", "QcarTwin/PathTracking-v0"
 SERVO = (0.02, 0.04)  # s, delay and lag of the servo for a plant that has none
 
 
@@ -39,7 +48,8 @@ class Options:
   """What an environment is made of.
 
   Attributes:
-    path: s, o, infinity or c.  speed: m/s.  laps: of a closed path.
+    path: s, o, infinity, c, random:SEED, random:SEED:LENGTH, or FILE.csv.  speed: m/s.  laps: of a closed path.
+    stretch: episodes begin anywhere on the path and end after so many m; 0: from its start to its end.
     plant: "twin", "reduced" or "bicycle"; `own_plant` of `fleet` takes any other.
     twin: twin file of a calibrated or repaired twin; the nominal twin without it.
     substeps: simulation steps of the twin per control period; 2 is meant for training, 5 for everything else.
@@ -51,12 +61,15 @@ class Options:
     randomise: draw the twin's measured parameters within their standard deviations for every episode.
     start_offset, start_heading: episodes start within +- these, m and rad.
     reward: weights.
+
+  Raises:
+    ValueError: a choice there isn't, with the nearest one.
   """
 
   path: str = "s"
   speed: float = 0.5
   laps: int = 1
-  plant: Literal["twin", "reduced", "bicycle"] = "twin"
+  plant: PlantName = "twin"
   twin: str = ""
   substeps: int = 2
   estimator: Literal["fekf", "truth"] = "fekf"
@@ -70,6 +83,24 @@ class Options:
   start_offset: float = 0.05
   start_heading: float = 0.1
   reward: Reward = Reward()
+  stretch: float = 0.0
+
+  def __post_init__(self) -> None:
+    for name, hint in get_type_hints(type(self)).items():
+      if choices := get_args(hint):
+        one_of_them(name, getattr(self, name), choices)
+    if self.version not in controllers.VERSIONS:
+      one_of_them("version", self.version, controllers.VERSIONS)
+    if self.demonstrator:
+      one_of_them("demonstrator", self.demonstrator, tuple(controllers.FAMILIES))
+
+
+def one_of_them(name: str, value: object, choices: Sequence[str]) -> None:
+  """Raises ValueError where a value is none of the choices; the message names the nearest one."""
+  if value not in choices:
+    near = difflib.get_close_matches(str(value), choices, n=1)
+    hint = f"did you mean {near[0]}? " if near else ""
+    raise ValueError(f"no {name} '{value}': {hint}there are {', '.join(choices)}")
 
 
 OwnPlant = tuple[Callable[[], Plant], Array]
@@ -80,11 +111,12 @@ def task_of(options: Options, lock: float = 0.5236) -> TrackingTask:
   """The task; a lock of the steering in rad."""
   delay, lag = SERVO if options.plant == "bicycle" else (0.0, 0.0)
   return TrackingTask(
-    path_named(options.path),
+    path_from(options.path),
     options.speed,
     options.laps,
     options.reward,
     lock=lock,
+    stretch=options.stretch,
     start_offset=options.start_offset,
     start_heading=options.start_heading,
     steering_gain=options.steering_gain,
@@ -103,9 +135,26 @@ def plant_of(options: Options, model: Model) -> OwnPlant:
   engine = "reduced" if options.plant == "reduced" else "mujoco"
   if options.twin:
     theta = load_twin(options.twin, substeps=options.substeps, threads=1)[1]
-    return lambda: load_twin(options.twin, substeps=options.substeps, threads=1)[0].on(engine), theta
+    return partial(_from_file, options.twin, options.substeps, engine), theta
   make = partial(Twin, model.vehicle, substeps=options.substeps, threads=1, engine=engine)
   return make, make().parameters.nominal
+
+
+def _from_file(twin: str, substeps: int, engine: EngineKind) -> Twin:
+  return load_twin(twin, substeps=substeps, threads=1)[0].on(engine)
+
+
+@dataclasses.dataclass(frozen=True)
+class Expert:
+  """A controller as a demonstrator on a path."""
+
+  controller: Controller
+  path: Path
+
+  def __call__(self, errors: Errors, speed: Array) -> Array:
+    """Its steering angle, rad, (N,)."""
+    zero = np.zeros_like(speed)
+    return self.controller.steer(Situation(self.path, zero, errors, speed, zero, 0.01))
 
 
 def demonstrator_of(options: Options, model: Model) -> Demonstrator | None:
@@ -123,12 +172,7 @@ def demonstrator_of(options: Options, model: Model) -> Demonstrator | None:
   numbers = table[options.demonstrator][options.version]
   lock = model.vehicle.max_steering
   controller = controllers.make(options.demonstrator, numbers, model.car, options.speed, lock)
-  path = path_named(options.path)
-
-  def steer(errors: Errors, speed: Array) -> Array:
-    return controller.steer(Situation(path, np.zeros_like(speed), errors, speed, np.zeros_like(speed), 0.01))
-
-  return steer
+  return Expert(controller, path_from(options.path))
 
 
 def prior_spread(plant: Plant) -> Spread:
@@ -169,10 +213,54 @@ def fleet(
   return Fleet(task_of(options, model.vehicle.max_steering), config, seeds)
 
 
-def make_env(render_mode: str | None = None, seed: int = 0, **options: Any) -> PathTrackingEnv:
-  """One car as a gymnasium environment; keyword arguments are the fields of `Options`."""
-  return PathTrackingEnv(fleet(Options(**options), [seed]), render_mode)
+def interface_of(observation: str = "wide", normalised: bool = True) -> Interface:
+  """What an agent sees, by its name in `SIGHTS`, and in which units."""
+  one_of_them("observation", observation, tuple(SIGHTS))
+  return Interface(SIGHTS[observation] if observation != "errors" else None, normalised)
 
 
-if ENV_ID not in gymnasium.registry:
-  gymnasium.register(ENV_ID, entry_point="agents.learning.environments:make_env")
+def options_from(given: dict[str, Any]) -> Options:
+  """Options from keyword arguments. Raises TypeError for a name there isn't, with the nearest one."""
+  known = [f.name for f in dataclasses.fields(Options)]
+  for name in given:
+    if name not in known:
+      near = difflib.get_close_matches(name, known, n=1) or known
+      raise TypeError(f"no option '{name}'; did you mean {', '.join(near)}?")
+  return Options(**given)
+
+
+def make_env(
+  render_mode: str | None = None,
+  seed: int | None = None,
+  observation: str = "wide",
+  normalised: bool = True,
+  **options: Any,
+) -> PathTrackingEnv:
+  """One car as a gymnasium environment; further keyword arguments are the fields of `Options`.
+
+  Args:
+    seed: of the first episode; at random without it. `reset(seed=...)` goes before it.
+  """
+  cars = fleet(options_from(options), [secrets.randbits(62) if seed is None else seed])
+  return PathTrackingEnv(cars, render_mode, interface_of(observation, normalised))
+
+
+def make_vector_env(
+  num_envs: int = 1, observation: str = "wide", normalised: bool = True, **options: Any
+) -> FleetVectorEnv:
+  """So many cars in one batch as gymnasium's vector environment; options as of `make_env`."""
+  if num_envs < 1:
+    raise ValueError(f"{num_envs} cars: at least one")
+  cars = fleet(options_from(options), [secrets.randbits(62) for _ in range(num_envs)])
+  return FleetVectorEnv(cars, interface_of(observation, normalised))
+
+
+def register() -> None:
+  """Make the environments known to gymnasium."""
+  here = "agents.learning.environments"
+  for name, given in ((ENV_ID, {}), (SI_ENV_ID, {"observation": "errors", "normalised": False})):
+    if name not in gymnasium.registry:
+      gymnasium.register(name, f"{here}:make_env", vector_entry_point=f"{here}:make_vector_env", kwargs=given)
+
+
+register()

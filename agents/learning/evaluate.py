@@ -4,6 +4,7 @@ Every run is `closed_loop.drive` with sensors and federated filter, the same for
 """
 
 import dataclasses
+import hashlib
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -21,13 +22,14 @@ from agents.control.model import Model
 from agents.control.speed import SpeedGains
 from agents.control.team import EqualSensors, Team
 from agents.learning.environments import SERVO
-from agents.learning.policy_file import load_policy
+from agents.learning.policy_file import WEIGHTS
+from agents.learning.sb3_zip import any_policy
 from qcar_twin.atomic_io import write_json, write_text
 from qcar_twin.estimation.observer import SensedObserver, TrueObserver
 from qcar_twin.parallel import in_order
-from qcar_twin.paths import path_named
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import qcar_sensors
+from qcar_twin.tracks import path_from
 
 Array = NDArray[np.float64]
 PlantMaker = Callable[[str], tuple[Plant, Array]]
@@ -76,7 +78,7 @@ def run_case(controller: Controller, case: EvaluationCase, plant: PlantMaker = k
   body, theta = plant(case.plant)
   delay, lag = SERVO if case.plant == "bicycle" else (0.0, 0.0)
   actuation = Actuation(delay, lag, case.steering_gain, float(np.radians(case.steering_offset)))
-  task = Task(path_named(case.path), case.speed, lock=model.vehicle.max_steering, actuation=actuation)
+  task = Task(path_from(case.path), case.speed, lock=model.vehicle.max_steering, actuation=actuation)
   observer = TrueObserver()
   if case.estimator == "fekf":
     settings = model.filter_settings("bicycle" if case.plant == "bicycle" else "twin")
@@ -100,7 +102,7 @@ def contestants(policies: Mapping[str, Path], speed: float, baselines: bool = Tr
   if baselines:
     table = controllers.load(Model.nominal().car, speed)
     drivers |= {f"{name} {version}": table[name, version] for name, version in BASELINES if (name, version) in table}
-  return drivers | {label: load_policy(folder) for label, folder in policies.items()}
+  return drivers | {label: any_policy(folder) for label, folder in policies.items()}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -195,12 +197,22 @@ def _cell(entry: Mapping[str, Any], name: str, scale: float) -> str:
   return f"{say(entry[name])} [{say(low)}, {say(high)}]"
 
 
-def write_evaluation(folder: Path, rows: Sequence[Row], group: Callable[[str], str] = lambda label: label) -> str:
-  """Write evaluation.json, a table, and bars of the indicators per circumstances; returns the table."""
+def write_evaluation(
+  folder: Path,
+  rows: Sequence[Row],
+  group: Callable[[str], str] = lambda label: label,
+  policies: Mapping[str, Path] | None = None,
+) -> str:
+  """Write evaluation.json, a table, and bars of the indicators per circumstances; returns the table.
+
+  Args:
+    policies: that were driven, by label: what each is goes into the file, with the hash of its weights.
+  """
   folder.mkdir(parents=True, exist_ok=True)
   table = summary(rows, group)
   text = in_words(table)
-  content = {"summary": table, "runs": [row.as_json() for row in rows]}
+  about = {label: described(place) for label, place in (policies or {}).items()}
+  content = {"policies": about, "summary": table, "runs": [row.as_json() for row in rows]}
   write_json(folder / "evaluation.json", content)
   write_text(folder / "evaluation.txt", text + "\n")
   for number, circumstances in enumerate(dict.fromkeys(e["circumstances"] for e in table)):
@@ -210,3 +222,14 @@ def write_evaluation(folder: Path, rows: Sequence[Row], group: Callable[[str], s
       bars.setdefault(e["path"], {})[e["contestant"]] = (rmse, me, iaca)
     figures.indicator_figure(bars, folder / f"indicators_{number}.png")
   return text
+
+
+def described(place: Path) -> dict[str, Any]:
+  """What a policy is, and the SHA-256 of the file that holds its weights."""
+  policy, file = any_policy(place), place if place.is_file() else place / WEIGHTS
+  return {"kind": policy.name, "about": policy.about, "updates": policy.updates, "sha256": digest(file)}
+
+
+def digest(file: Path) -> str:
+  """SHA-256 of a file."""
+  return hashlib.sha256(file.read_bytes()).hexdigest()

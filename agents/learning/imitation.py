@@ -43,7 +43,7 @@ def teacher(model: Model, speed: float, twin_file: str = "", search: Search = SE
     return tuned
   plant, theta = model.plant("twin", twin_file)
   family = dataclasses.replace(controllers.FAMILIES["linear_rate"], start=tuple(tuned.gain.tolist()))
-  search = dataclasses.replace(search, speed=speed)
+  search = dataclasses.replace(search, speed=speed, servo=(0.0, 0.0))  # a twin has its own
   numbers = tune(family, plant, theta, model.car, model.filter_settings("twin"), search).numbers
   return dataclasses.replace(tuned, gain=np.array([numbers[name] for name in family.numbers]))
 

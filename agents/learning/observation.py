@@ -65,3 +65,10 @@ class ObservationSpec:
   def of(self, fleet: Fleet) -> Array:
     """What is seen of a fleet, by its cars' own estimates, (N, size)."""
     return self.look(fleet.observation, fleet.steering, fleet.past, fleet.task.path, fleet.arc_length[0])
+
+
+SIGHTS = {
+  "errors": ObservationSpec(),
+  "wide": ObservationSpec(steering=True, previews=(0.0, 0.15), past=True),
+}
+"""What can be seen, by name: the paper's four errors; or also what gives the filter's bias away."""

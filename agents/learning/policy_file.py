@@ -6,6 +6,7 @@ policy.json: what is seen and its scale, bounds, and where the policy comes from
 
 import dataclasses
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -27,20 +28,25 @@ Array = NDArray[np.float64]
 Layers = tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
 FORMAT = 1
 MOST_LAYERS = 100
+HIDDEN, BOUNDS, LIMITED = ("relu", "tanh"), ("tanh", "clip"), "observation_limit"
 WEIGHTS, DESCRIPTION, ONNX = "policy.safetensors", "policy.json", "policy.onnx"
 SHIPPED = Path(__file__).resolve().parents[1] / "data" / "policy"  # the policy that comes with the package
 
 
 @dataclasses.dataclass(frozen=True)
 class Policy:
-  """A tanh-bounded ReLU network from errors to steering rate, as a controller.
+  """A bounded network from errors to steering rate, as a controller.
 
   Attributes:
     layers: weights (out, in) and biases (out,).
     observation_scale: (n,), 1/m, s/m, 1/rad, s/rad for the four errors, then of what else is seen.
     largest_rate: bound of the steering rate, rad/s.  lock: of the steering angle it integrates, rad.
     provenance: how it was trained, with its indicators.
+    name: how it was trained: "ddpg", "td3", "sac", "ppo", or "imitation".
     sight: what is seen.
+    hidden: of the layers but the last, "relu" or "tanh".
+    bound: of the last: "tanh", or "clip" to +-1.
+    observation_limit: a scaled observation is held within +- this.
   """
 
   layers: Layers
@@ -48,16 +54,36 @@ class Policy:
   largest_rate: float = 1.5
   lock: float = 0.5236
   provenance: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-  name: str = "ddpg"
+  name: str = "policy"
   sight: ObservationSpec = ObservationSpec()
+  hidden: str = "relu"
+  bound: str = "tanh"
+  observation_limit: float = math.inf
+
+  @property
+  def updates(self) -> int | None:
+    """Gradient steps by reward that made it; None where its file does not say."""
+    result = self.provenance.get("result")
+    count = result.get("updates") if isinstance(result, dict) else None
+    return count if isinstance(count, int) else None
+
+  @property
+  def about(self) -> str:
+    """What it is, in a line."""
+    learnt = {None: "number of updates by reward unknown", 0: "imitation of a teacher, no update by reward"}
+    said = learnt.get(self.updates, f"{self.updates} updates by reward")
+    return f"{self.name}: {said}; sees {len(self.sight.names)} numbers"
 
   def rate(self, observation: Array) -> Array:
     """Steering rate, rad/s, (N,), for observations in SI units, (N, n); single precision inside, as trained."""
     x = observation.astype(np.float32) * np.asarray(self.observation_scale, dtype=np.float32)
+    x = np.clip(x, -self.observation_limit, self.observation_limit).astype(np.float32)
     for weight, bias in self.layers[:-1]:
-      x = np.maximum(x @ weight.T + bias, 0.0)
+      x = x @ weight.T + bias
+      x = np.maximum(x, 0.0) if self.hidden == "relu" else np.tanh(x)
     weight, bias = self.layers[-1]
-    return self.largest_rate * np.tanh(x @ weight.T + bias)[:, 0].astype(np.float64)
+    x = (x @ weight.T + bias)[:, 0].astype(np.float64)
+    return self.largest_rate * (np.tanh(x) if self.bound == "tanh" else np.clip(x, -1.0, 1.0))
 
   def steer(self, situation: Situation) -> Array:
     """Steering command: the last one moved on by the rate."""
@@ -84,6 +110,9 @@ def save_policy(policy: Policy, folder: Path) -> None:
     "largest_rate": policy.largest_rate,
     "lock": policy.lock,
     "sight": dataclasses.asdict(policy.sight),
+    "hidden": policy.hidden,
+    "bound": policy.bound,
+    "observation_limit": policy.observation_limit if math.isfinite(policy.observation_limit) else None,
     "provenance": dict(policy.provenance),
   }
   write_text(folder / DESCRIPTION, json.dumps(about, indent=1, default=str) + "\n")
@@ -115,7 +144,11 @@ def load_policy(folder: Path) -> Policy:
   if not isinstance(history, dict) or not isinstance(kind, str):
     raise UnreadableFile(f"{where}: kind or provenance is missing; train the policy again")
   scales, rate, lock = tuple(map(float, scale)), float(about["largest_rate"]), float(about["lock"])
-  policy = Policy(layers, scales, rate, lock, history, kind, sight)
+  hidden, bound, limit = about.get("hidden", "relu"), about.get("bound", "tanh"), about.get(LIMITED)
+  if hidden not in HIDDEN or bound not in BOUNDS or not (limit is None or (is_number(limit) and limit > 0.0)):
+    raise UnreadableFile(f"{where}: hidden, bound or {LIMITED} is not that of a policy; train it again")
+  limit = math.inf if limit is None else float(limit)
+  policy = Policy(layers, scales, rate, lock, history, kind, sight, hidden, bound, limit)
   with np.errstate(all="ignore"):
     rates = policy.rate(np.stack([np.zeros(sight.size), np.ones(sight.size), -np.ones(sight.size)]))
   if not np.isfinite(rates).all():
@@ -193,19 +226,36 @@ def _graph(policy: Policy):
   scale = np.asarray(policy.observation_scale, dtype=np.float32)
   weights = [numpy_helper.from_array(scale, "scale")]
   weights.append(numpy_helper.from_array(np.asarray(policy.largest_rate, np.float32), "largest_rate"))
-  nodes = [helper.make_node("Mul", ["observation", "scale"], ["x0"])]
+  nodes = [helper.make_node("Mul", ["observation", "scale"], ["scaled"])]
+  seen = "scaled"
+  if math.isfinite(policy.observation_limit):
+    weights += _edges("seen", policy.observation_limit, numpy_helper)
+    nodes.append(helper.make_node("Clip", [seen, "seen_low", "seen_high"], ["x0"]))
+    seen = "x0"
+  kinds = {"relu": "Relu", "tanh": "Tanh"}
   for k, (weight, bias) in enumerate(policy.layers):
     weights += [
       numpy_helper.from_array(weight.copy(), f"weight_{k}"),
       numpy_helper.from_array(bias.copy(), f"bias_{k}"),
     ]
-    nodes.append(helper.make_node("Gemm", [f"x{k}", f"weight_{k}", f"bias_{k}"], [f"y{k}"], transB=1))
-    last = k == len(policy.layers) - 1
-    nodes.append(helper.make_node("Tanh" if last else "Relu", [f"y{k}"], [f"x{k + 1}"]))
-  nodes.append(helper.make_node("Mul", [f"x{len(policy.layers)}", "largest_rate"], ["steering_rate"]))
+    nodes.append(helper.make_node("Gemm", [seen, f"weight_{k}", f"bias_{k}"], [f"y{k}"], transB=1))
+    seen = f"x{k + 1}"
+    if k < len(policy.layers) - 1 or policy.bound == "tanh":
+      kind = kinds[policy.hidden] if k < len(policy.layers) - 1 else "Tanh"
+      nodes.append(helper.make_node(kind, [f"y{k}"], [seen]))
+    else:
+      weights += _edges("rate", 1.0, numpy_helper)
+      nodes.append(helper.make_node("Clip", [f"y{k}", "rate_low", "rate_high"], [seen]))
+  nodes.append(helper.make_node("Mul", [seen, "largest_rate"], ["steering_rate"]))
   inputs = [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["cars", policy.sight.size])]
   outputs = [helper.make_tensor_value_info("steering_rate", TensorProto.FLOAT, ["cars", 1])]
   graph = helper.make_graph(nodes, "policy", inputs, outputs, weights)
   model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
   checker.check_model(model)
   return model
+
+
+def _edges(name: str, limit: float, numpy_helper) -> list:
+  """The constants of a Clip to +-limit."""
+  sides = (("low", -limit), ("high", limit))
+  return [numpy_helper.from_array(np.asarray(value, np.float32), f"{name}_{side}") for side, value in sides]

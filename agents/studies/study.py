@@ -17,9 +17,9 @@ import numpy as np
 
 from agents.control.kpis import Kpis
 from agents.learning.ddpg import Settings
-from agents.learning.environments import Options
+from agents.learning.environments import Options, PlantName
 from agents.learning.evaluate import EvaluationCase, PlantMaker, Row, contestants, known_plant, run_together
-from agents.learning.observation import ObservationSpec
+from agents.learning.observation import SIGHTS
 from agents.learning.train import Plan, train
 from qcar_twin.atomic_io import write_text
 from qcar_twin.envs.task import Reward
@@ -27,7 +27,7 @@ from qcar_twin.envs.task import Reward
 PATHS = ("o", "infinity", "c")
 MISMATCH = (0.92, 1.0)  # steering gain -, offset deg, fixed before anything was trained
 CONTROLLERS = "controllers"
-WIDE = ObservationSpec(steering=True, previews=(0.0, 0.15), past=True)
+WIDE = SIGHTS["wide"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,6 +69,13 @@ VARIANTS = {
   "recalibrated": Variant("wide, trained on the twin recalibrated to the car with the effect", WIDE_PLAN, True, 84.0),
   "repaired": Variant("wide, trained on the twin the diagnosis repaired", WIDE_PLAN, True, 94.0),
 }
+
+
+def wide_plan(twin: str, plant: PlantName, seed: int, quick: bool = False) -> Plan:
+  """The imitation of a teacher, on a twin file (or the nominal twin) and a plant."""
+  settings = dataclasses.replace(WIDE_PLAN.settings, imitations=6 if quick else WIDE_PLAN.settings.imitations)
+  options = dataclasses.replace(WIDE_PLAN.options, twin=twin, plant=plant)
+  return dataclasses.replace(WIDE_PLAN, options=options, settings=settings, seed=seed)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from agents.learning.ddpg import Settings, make_agent
 from agents.learning.environments import Options, fleet, make_env
 from qcar_twin.envs.fleet import Fleet
-from qcar_twin.envs.gym_env import observation_space
+from qcar_twin.envs.spaces import Interface
 from qcar_twin.envs.vector_env import FleetVecEnv
 from qcar_twin.extras import extra
 
@@ -101,7 +101,7 @@ def steps_per_second(cars: int, periods: int = 400, estimator: str = "fekf", pla
 class Idle(gymnasium.Env):
   """Does nothing, at once: what is left is the library's own time."""
 
-  observation_space = observation_space()
+  observation_space = Interface().observation_space
   action_space = gymnasium.spaces.Box(-1.5, 1.5, (1,), np.float32)
 
   def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):

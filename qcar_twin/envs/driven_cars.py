@@ -85,6 +85,7 @@ class DrivenCars:
     linkage: None for commands that reach the plant as they are.
     observer: what the cars know of themselves.
     speed_control: made from initial speeds (N,), m/s.
+    arc_length: where on the path the cars are, m, (N,); at its start without it.
 
   Attributes:
     commands: voltage and steering command of the last period, V and rad, (N, 2).
@@ -100,12 +101,13 @@ class DrivenCars:
     linkage: Linkage | None,
     observer: Observer,
     speed_control: Callable[[Array], SpeedControl],
+    arc_length: Array | None = None,
   ):
     self.course, self.plant, self.linkage, self.observer = course, plant, linkage, observer
     count = len(plant.signals)
     self.commands, self.steering = np.zeros((count, 2)), np.zeros(count)
     self.past = np.zeros((count, 2))
-    self.arc_length = np.zeros((2, count))
+    self.arc_length = np.tile(np.zeros(count) if arc_length is None else arc_length, (2, 1))
     self.estimate: BatchEstimate = observer.begin(self.signals)
     self._speed_control = speed_control(self.estimate.speed)
     self.errors = self._look()
@@ -120,11 +122,11 @@ class DrivenCars:
     """As estimated and true, m/s, (2, N)."""
     return np.stack([np.nan_to_num(self.estimate.speed), np.hypot(*self.signals[:, VELOCITY].T)])
 
-  def restart(self, which: Mask) -> None:
-    """Let some cars, (N,), that have been put to the path's start begin again."""
+  def restart(self, which: Mask, arc_length: Array | float = 0.0) -> None:
+    """Let some cars, (N,), that have been put to the path at an arc length, m, begin again."""
     self.steering = np.where(which, 0.0, self.steering)
     self.past = np.where(which[:, None], 0.0, self.past)
-    self.arc_length = np.where(which, 0.0, self.arc_length)
+    self.arc_length = np.where(which, arc_length, self.arc_length)
     self.estimate = self.observer.begin(self.signals, which)
     self._speed_control.restart(which, self.estimate.speed)
     self.errors = self._look()

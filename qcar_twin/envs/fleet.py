@@ -4,8 +4,9 @@ Every car has random streams of its own, from its own seed: what happens to a ca
 cars drive with it. The environments only translate; everything they do is done here.
 """
 
+import copy
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,22 +75,25 @@ class FleetConfig:
   settings: FilterSettings | None = None
   spread: Spread | None = None
 
-  def observer(self, seeds: Sequence[int]) -> Observer:
-    """What cars with these seeds know of themselves."""
+  def observer(self, seeds: Sequence[int], period: float = 0.01) -> Observer:
+    """What cars with these seeds and control periods of so many s know of themselves."""
     if self.sensors is None:
       return TrueObserver()
     if self.car is None:
       raise ValueError("sensors need the identified model of the filter behind them: give `car`")
-    return SensedObserver(SensorSuite(self.sensors, len(seeds), seeds), self.car, self.settings)
+    settings = dataclasses.replace(self.settings or FilterSettings(), period=period)
+    return SensedObserver(SensorSuite(self.sensors, len(seeds), seeds, period), self.car, settings)
 
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-  """What a control period brought, (N,) each: reward; lost (`terminated`); at the end or out of time (`truncated`)."""
+  """What a control period brought, (N,) each: reward; lost (`terminated`); at the end or out of time (`truncated`);
+  and the terms that the reward is the sum of, by name."""
 
   reward: Array
   terminated: Mask
   truncated: Mask
+  terms: Mapping[str, Array] = dataclasses.field(default_factory=dict)
 
 
 class Fleet:
@@ -106,8 +110,10 @@ class Fleet:
   """
 
   def __init__(self, task: TrackingTask, config: FleetConfig, seeds: Sequence[int]):
-    self.task, self.config, self.count = task, config, len(seeds)
-    self._limits = config.plant() if config.spread else None
+    self.config, self.count = config, len(seeds)
+    plant = config.plant()
+    self._limits = plant if config.spread else None
+    self.task = dataclasses.replace(task, period=plant.period)  # the plant owns the clock
     self.seed(seeds)
 
   def seed(self, seeds: Sequence[int]) -> None:
@@ -116,10 +122,11 @@ class Fleet:
       raise ValueError(f"{len(seeds)} seeds for {self.count} cars")
     self._rngs = [np.random.default_rng([seed, 1]) for seed in seeds]
     task, everyone = self.task, np.ones(self.count, dtype=bool)
+    self._begun_at = np.zeros(self.count)  # m, arc length at which the present episodes began
     self._plant = car_batch(self.config.plant, *self._draw(everyone))
     linkage = Linkage(self.count, task.servo_delay, task.servo_lag, task.period, *self._draw_linkage(everyone))
-    course, observer = Course(task.path, task.speed, task.period), self.config.observer(seeds)
-    self.cars = DrivenCars(course, self._plant, linkage, observer, self.config.speed_control)
+    course, observer = Course(task.path, task.speed, task.period), self.config.observer(seeds, task.period)
+    self.cars = DrivenCars(course, self._plant, linkage, observer, self.config.speed_control, self._begun_at)
     self._linkage = linkage
     self.episode_steps = np.zeros(self.count, dtype=np.int64)
 
@@ -158,13 +165,17 @@ class Fleet:
     """True cross-track error, m, (N,)."""
     return self.errors.cross_track[TRUE]
 
+  def snapshot(self) -> "Fleet":
+    """The fleet as it is now, to go on from later: a copy that shares nothing that changes."""
+    return copy.deepcopy(self)
+
   def restart(self, which: Mask) -> None:
     """New episodes for some cars, (N,)."""
     if not which.any():
       return
     self._plant.restart(which, *self._draw(which))
     self._linkage.restart(which, *self._draw_linkage(which))
-    self.cars.restart(which)
+    self.cars.restart(which, self._begun_at)
     self.episode_steps = np.where(which, 0, self.episode_steps)
 
   def expert(self) -> Array:
@@ -180,18 +191,24 @@ class Fleet:
     return np.clip(wanted, -self.task.largest_rate, self.task.largest_rate)
 
   def step(self, action: Array) -> Outcome:
-    """Drive one control period with steering rates (N,), rad/s. Cars whose episode ends must be restarted."""
+    """Drive one control period with steering rates (N,), rad/s. Cars whose episode ends must be restarted.
+
+    A car whose rate is not a number holds its steering and is lost.
+    """
     task = self.task
-    rate = np.clip(np.asarray(action, dtype=np.float64).reshape(self.count), -task.largest_rate, task.largest_rate)
+    asked = np.asarray(action, dtype=np.float64).reshape(self.count)
+    mute = np.isnan(asked)
+    rate = np.clip(np.where(mute, 0.0, asked), -task.largest_rate, task.largest_rate)
     expert = self.expert()
     self.cars.step(np.clip(self.steering + task.period * rate, -task.lock, task.lock))
     self.episode_steps = self.episode_steps + 1
     difference = self.steering - expert if self.config.demonstrator else np.zeros(self.count)
     judged = one_of(self.errors, self._judge)
-    reward, lost = task.reward_of(judged.cross_track, judged.heading, rate, difference)
-    lost |= ~np.isfinite(self.signals).all(axis=-1)
-    over = (self.arc_length[TRUE] >= task.distance) | (self.episode_steps >= task.longest)
-    return Outcome(reward, lost, over & ~lost)
+    gone = mute | ~np.isfinite(self.signals).all(axis=-1)
+    cross_track = np.where(gone, np.nan, judged.cross_track)
+    terms, lost = task.judge(cross_track, judged.heading, rate, difference)
+    over = (self.arc_length[TRUE] - self._begun_at >= task.distance) | (self.episode_steps >= task.longest)
+    return Outcome(np.sum(list(terms.values()), axis=0), lost, over & ~lost, terms)
 
   @property
   def theta(self) -> Array:
@@ -208,7 +225,8 @@ class Fleet:
       self._theta = np.tile(self.config.theta, (self.count, 1))
     start = np.zeros((self.count, len(START)))
     for i in np.flatnonzero(which):
-      start[i] = self.task.start_state(self._rngs[i])
+      self._begun_at[i] = self.task.begins_at(self._rngs[i])
+      start[i] = self.task.start_state(self._rngs[i], self._begun_at[i])
       if self.config.spread and self._limits:
         self._theta[i] = self.config.spread.draw(self._limits, self.config.theta, self._rngs[i])
     return self._theta.copy(), start

@@ -58,6 +58,16 @@ class Reward:
     """r_rate + r_ed of steering rates, rad/s, and differences from the demonstrator, rad."""
     return -self.m5 * np.abs(rate) - self.m6 * np.abs(difference)
 
+  def terms(self, cross_track: Array, heading: Array, rate: Array, difference: Array, lost: Mask) -> dict[str, Array]:
+    """What the reward is the sum of, by name, (N,) each; arguments as of `TrackingTask.reward_of`."""
+    seen = np.isfinite(heading)
+    return {
+      "cross_track": self.cross_track(np.nan_to_num(cross_track), lost),
+      "heading": np.where(seen, self.heading(np.where(seen, heading, 0.0)), 0.0),
+      "steering_rate": -self.m5 * np.abs(rate),
+      "demonstrator": -self.m6 * np.abs(np.nan_to_num(difference)),
+    }
+
 
 @dataclasses.dataclass(frozen=True)
 class TrackingTask:
@@ -72,7 +82,8 @@ class TrackingTask:
     gain_spread, offset_spread: the linkage is drawn again for every episode, uniformly within +- these around them.
     servo_delay, servo_lag: s, for plants that have no servo of their own.
     judged_by_truth: reward and ends from the true state, as a simulator allows; else from the estimate.
-    period: control period, s.
+    period: control period, s; a fleet takes its plant's.
+    stretch: episodes begin anywhere on the path and end after so many m; 0: they go from its start to its end.
   """
 
   path: Path
@@ -92,6 +103,7 @@ class TrackingTask:
   servo_lag: float = 0.0
   judged_by_truth: bool = True
   period: float = 0.01
+  stretch: float = 0.0
 
   def __post_init__(self) -> None:
     if self.speed <= 0.0 or self.period <= 0.0:
@@ -99,20 +111,33 @@ class TrackingTask:
     if not self.reward.near < self.lost:
       raise ValueError(f"the reward is flat within {self.reward.near:g} m, the car lost at {self.lost:g} m: swap them")
 
+    if not 0.0 <= self.stretch <= self.path.length:
+      raise ValueError(
+        f"a stretch of {self.stretch:g} m of path '{self.path.name}', which has {self.path.length:.1f} m"
+      )
+
   @property
   def distance(self) -> float:
-    """Arc length at which an episode is finished, m."""
-    return self.path.length * (self.laps if self.path.closed else 1)
+    """Arc length after which an episode is finished, m."""
+    return self.stretch or self.path.length * (self.laps if self.path.closed else 1)
 
   @property
   def longest(self) -> int:
     """Control periods after which an episode is cut off: a quarter more than the way takes."""
     return math.ceil(1.25 * self.distance / (self.speed * self.period))
 
-  def start_state(self, rng: np.random.Generator) -> Array:
-    """A start drawn for one car, (7,) as `plant.START` has it: near the path's start, at speed, wheels straight."""
+  def begins_at(self, rng: np.random.Generator) -> float:
+    """Arc length at which an episode begins, m; nothing is drawn where all begin at the path's start."""
+    if not self.stretch:
+      return 0.0
+    return float(rng.uniform(0.0, self.path.length - (0.0 if self.path.closed else self.stretch)))
+
+  def start_state(self, rng: np.random.Generator, arc_length: float = 0.0) -> Array:
+    """A start drawn for one car, (7,) as `plant.START` has it: near the path at an arc length, m, at speed, wheels
+    straight."""
     offset, turned = rng.uniform(-1.0, 1.0, 2) * (self.start_offset, self.start_heading)
-    x, y, yaw = self.path.start
+    at = self.path.at(arc_length)
+    x, y, yaw = float(at.x), float(at.y), float(at.yaw)
     place = x - offset * math.sin(yaw), y + offset * math.cos(yaw), yaw + turned
     return np.array([*place, self.speed, 0.0, 0.0, 0.0])
 
@@ -130,8 +155,10 @@ class TrackingTask:
       cross_track, heading: after the period, m and rad.
       rate: action of the period, rad/s.  difference: of the steering angle from the demonstrator's, rad.
     """
+    terms, lost = self.judge(cross_track, heading, rate, difference)
+    return np.sum(list(terms.values()), axis=0), lost
+
+  def judge(self, cross_track: Array, heading: Array, rate: Array, difference: Array) -> tuple[dict[str, Array], Mask]:
+    """The reward's terms by name and whether the car is lost, (N,) each; arguments as of `reward_of`."""
     lost = ~np.isfinite(cross_track) | (np.abs(cross_track) >= self.lost)
-    paid = self.reward.cross_track(cross_track, lost) + np.where(
-      np.isfinite(heading), self.reward.heading(heading), 0.0
-    )
-    return paid + self.reward.effort(rate, difference), lost
+    return self.reward.terms(cross_track, heading, rate, difference, lost), lost

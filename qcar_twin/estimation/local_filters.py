@@ -9,6 +9,7 @@ import dataclasses
 import math
 from collections import Counter
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +78,13 @@ class LocalFilters:
     self._accel_bias = np.array([settings.accel_x_bias, settings.accel_y_bias])
     self._limits = np.array([0.0, *settings.limits])  # of the NIS, by the number of measured components
     self._assumed_score = settings.score * settings.score_full / 100.0
+
+  def __getstate__(self) -> dict[str, Any]:
+    """For a copy or another process: the library by its name."""
+    return {**vars(self), "_lib": self._lib.__name__}
+
+  def __setstate__(self, state: dict[str, Any]) -> None:
+    vars(self).update(state, _lib={"math": math, "numpy": np}[state["_lib"]])
 
   def step(self, start: FilterState, before: Slot, now: Slot, time: float) -> FilterState:
     """One period: the inputs of the slot before, the measurements of the slot at its end, `time` s."""

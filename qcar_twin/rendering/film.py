@@ -29,6 +29,9 @@ CAMERAS = ("chase", "top", "onboard")
 PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri libglvnd0"
 
 
+_OPENED: list[int] = []  # process that opened OpenGL first; a forked one inherits the entry
+
+
 class RenderingUnavailable(RuntimeError):
   """There is no OpenGL to render with; the message names what to install."""
 
@@ -40,6 +43,11 @@ def gl_context(width: int, height: int) -> Any:
     RenderingUnavailable: the system has none, with the Debian packages that bring it.
   """
   kind = os.environ.get("MUJOCO_GL", "egl").lower() or "egl"
+  _OPENED.append(os.getpid())
+  if _OPENED[0] != os.getpid():  # its driver's threads stayed behind: it would wait for them for ever
+    raise RenderingUnavailable(
+      "OpenGL was opened before this process was forked; start processes by 'spawn' or 'forkserver', or render in one"
+    )
   try:
     if kind == "osmesa":
       from mujoco.osmesa import GLContext

@@ -71,7 +71,7 @@ class EncoderRun:
 
   def observe(self, signals: Array) -> None:
     """Turn the motor by the period just driven (trapezoidal rule)."""
-    speed = signals[:, MOTOR_SPEED]
+    speed = signals[:, MOTOR_SPEED].copy()  # a simulation may write its signals in place
     before = speed if self._speed is None else self._speed
     self._angle = self._angle + 0.5 * (before + speed) * self._period
     self._speed = speed

@@ -7,8 +7,9 @@ vector with names; mechanisms that are at their null are not run at all.
 import copy
 import dataclasses
 import functools
+import threading
 from collections.abc import Sequence
-from typing import Self
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -81,7 +82,7 @@ class Twin:
     self.model = car_model(vehicle, tyre, self.period / self.substeps)
     self._columns = {m.name: [self.parameters.index(p.name) for p in m.parameters] for m in self.mechanisms}
     self._rest_height = self._settle()
-    self._batches: dict[int, Batch] = {}
+    self._batches: dict[int, dict[int, Batch]] = {}  # by thread, then by number of cars
 
   def __repr__(self) -> str:
     lines = [f"Twin of {self.vehicle.name}: {self.tyre} tyre, {1e3 * self.period / self.substeps:g} ms steps"]
@@ -89,6 +90,10 @@ class Twin:
     for m in self.mechanisms:
       lines.append(f"  {m.stage}: {m.name} ({', '.join(f'{k} [{u}]' for k, u in describe(m)['parameters'].items())})")
     return "\n".join(lines)
+
+  def __getstate__(self) -> dict[str, Any]:
+    """For a copy or another process: batches are made anew there."""
+    return {**vars(self), "_batches": {}}
 
   def with_mechanisms(self, mechanisms: Sequence[Mechanism]) -> "Twin":
     """The same car with other mechanisms."""
@@ -263,12 +268,21 @@ class Twin:
     return slice(int(rows[0]), int(rows[-1]) + 1) if rows[-1] - rows[0] + 1 == len(rows) else rows
 
   def batch(self, size: int) -> Batch:
-    """A batch for rollouts of a number of cars, one at a time; kept, since making one costs more than a step."""
-    if size not in self._batches:
-      if len(self._batches) > 3:
-        self._batches.pop(next(iter(self._batches)))
-      self._batches[size] = Batch(self.model, size, self.threads)
-    return self._batches[size]
+    """A batch for rollouts of a number of cars, one at a time; kept, since making one costs more than a step.
+
+    Every thread has batches of its own, so that several may roll out one twin at once.
+    """
+    me = threading.get_ident()
+    if me not in self._batches:
+      alive = {thread.ident for thread in threading.enumerate()}
+      for gone in set(self._batches) - alive:
+        self._batches.pop(gone, None)
+    own = self._batches.setdefault(me, {})
+    if size not in own:
+      if len(own) > 3:
+        own.pop(next(iter(own)))
+      own[size] = Batch(self.model, size, self.threads)
+    return own[size]
 
   def _settle(self) -> float:
     """Height at which the nominal car stands, m."""

@@ -14,7 +14,7 @@ from tests.agents.learning.test_train import GOOD
 def test_evaluate_writes_results_and_figures(tmp_path, capsys):
   save_policy(GOOD, tmp_path / "policy")
   evaluate.main(evaluate.Config(tmp_path / "out", policy=(tmp_path / "policy",), plants=("bicycle",), quick=True))
-  assert "ddpg" in capsys.readouterr().out
+  assert f"{GOOD.name}: number of updates by reward unknown; sees 4 numbers" in capsys.readouterr().out
   summary = json.loads((tmp_path / "out" / "evaluation.json").read_text())["summary"]
   assert {entry["path"] for entry in summary} == {"s"} and len(summary) == 5
   names = {p.name for p in (tmp_path / "out").iterdir()}

@@ -34,7 +34,7 @@ class Fields:
   """Quantities of N cars, and the batch they are written to."""
 
   def __init__(self, batch: Batch, car: CarDimensions, native_tyre: bool):
-    self._batch, self._native = batch, native_tyre
+    self._batch, self.native = batch, native_tyre
     model = batch.model
     self._handles = Handles.of(model)
     self._ackermann = model.equality("ackermann").id
@@ -68,7 +68,7 @@ class Fields:
 
   def _write_tyre(self, name: str, rows: Rows) -> None:
     value = self.values[name][rows]
-    if not self._native:
+    if not self.native:
       self._scatter("geom_user", COLUMN[name], rows, value)
     elif name == "friction_coefficient":
       self._scatter("geom_friction", 0, rows, value)

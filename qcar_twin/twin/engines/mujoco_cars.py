@@ -1,5 +1,7 @@
 """Cars in MuJoCo, side by side in one `mujoco.batch.Batch`."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
@@ -12,6 +14,7 @@ from qcar_twin.twin.mechanisms.base import CarDimensions
 from qcar_twin.vehicle.ids import Handles
 
 _STATE = ("qpos", "qvel", "act", "ctrl", "qacc_warmstart", "plugin_state", "eq_active", "time")
+_HELD = ("xfrc_applied",)  # what acts besides until further notice
 # qpos of the free joint: position, quaternion; qvel: velocity in the world frame, rate in the body frame
 _VX, _VY, _YAW_RATE = 0, 1, 5
 
@@ -37,6 +40,24 @@ class MujocoCars:
     self._qpos, self._qvel, self._ctrl, self._act = batch.qpos, batch.qvel, batch.ctrl, batch.act
     self._xfrc, self._sensordata = batch.bind("xfrc_applied"), batch.bind("sensordata")
     self._handles = Handles.of(batch.model)
+
+  def __getstate__(self) -> dict[str, Any]:
+    """Cars as they are, for a copy or another process: a batch of as many is made there."""
+    batch = self.batch
+    made = (self._car, self._period, self._substeps, self._rest_height, self._fields.native)
+    held = {name: np.array(batch.bind(name)) for name in (*_STATE, *_HELD)}
+    return {
+      "batch": (batch.model, batch.nsim, batch.nthread), "made": made, "values": self.values, "held": held,
+      "yaw": self._yaw.copy(),
+    }  # fmt: skip
+
+  def __setstate__(self, state: dict[str, Any]) -> None:
+    self.__init__(Batch(*state["batch"]), *state["made"])
+    self.load(state["values"])
+    self.commit()
+    for name, array in state["held"].items():
+      self.batch.bind(name)[:] = array
+    self._yaw = state["yaw"].copy()
 
   @property
   def values(self) -> dict[str, Array]:

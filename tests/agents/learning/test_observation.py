@@ -12,7 +12,7 @@ from agents.control.speed import SpeedGains
 from agents.learning.environments import SERVO, Options, fleet
 from agents.learning.observation import ObservationSpec
 from agents.learning.policy_file import Policy, export_onnx, load_policy, onnx_difference, save_policy
-from qcar_twin.envs.gym_env import observation_space
+from qcar_twin.envs.spaces import Interface
 from qcar_twin.envs.vector_env import FleetVecEnv
 from qcar_twin.estimation.observer import TrueObserver
 from qcar_twin.paths import path_named
@@ -110,7 +110,7 @@ def test_the_last_words_of_an_episode_are_seen_before_the_restart():
 
 def test_the_environment_says_how_much_is_seen():
   env = FleetVecEnv(fleet(OPTIONS, [0]), WIDE)
-  assert env.observation_space == observation_space(9) and env.reset().shape == (1, 9)
+  assert env.observation_space == Interface(WIDE).observation_space and env.reset().shape == (1, 9)
   assert FleetVecEnv(fleet(OPTIONS, [0])).observation_space.shape == (4,)
 
 

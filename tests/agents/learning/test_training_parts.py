@@ -202,8 +202,8 @@ def test_options_reach_the_task():
 
 
 def test_unknown_demonstrator_names_those_there_are():
-  with pytest.raises(KeyError, match="lq_cm tuned"):
-    fleet(dataclasses.replace(FAST, demonstrator="lqr"), [0])
+  with pytest.raises(ValueError, match="no demonstrator 'lqr': did you mean lq_|there are ff_fb, lq_ed, lq_cm"):
+    dataclasses.replace(FAST, demonstrator="lqr")
 
 
 def test_randomised_twins_differ_in_what_a_person_measures():

@@ -4,6 +4,7 @@ import concurrent.futures
 import functools
 import os
 from collections.abc import Callable
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -124,16 +125,28 @@ class ReducedCars:
   ):
     self._writer, self.constants, self._car, self._sinking = numbers, constants, car, sinking
     self._size, self._substeps, self._threads = size, substeps, threads or os.cpu_count() or 1
-    self._library = load()
-    self._lanes = self._library.lanes()
+    self._lanes = load().lanes()
     self._stride = -(-size // self._lanes) * self._lanes
     self.state = np.zeros((layout.N_STATE, self._stride))
     self.numbers = np.ones((layout.N_NUMBER, self._stride))
-    self._pointers = tuple(a.ctypes.data for a in (self.constants, self.numbers, self.state))
+    self._bind()
     self._force: Array | None = None
     self._running: NDArray[np.intp] | None = None
     self._blocks, self._still = self._moving(None)
     self.values: dict[str, Array] = {}
+
+  def _bind(self) -> None:
+    """The compiled car, and where this one's arrays lie."""
+    self._library = load()
+    self._pointers = tuple(a.ctypes.data for a in (self.constants, self.numbers, self.state))
+
+  def __getstate__(self) -> dict[str, Any]:
+    """Cars as they are, for a copy or another process."""
+    return {name: value for name, value in vars(self).items() if name not in ("_library", "_pointers")}
+
+  def __setstate__(self, state: dict[str, Any]) -> None:
+    vars(self).update(state)
+    self._bind()
 
   def load(self, values: dict[str, Array]) -> None:
     self.values = values

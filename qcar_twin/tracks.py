@@ -1,0 +1,116 @@
+"""A path by what a person calls it: one of `paths.PATHS`, a random track, or points of one's own in a CSV file."""
+
+import difflib
+import math
+from pathlib import Path as FilePath
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from qcar_twin.paths import PATHS, SPACING, Path, Piece, path_from_pieces, path_named, turn
+from qcar_twin.untrusted import read_text
+
+Array = NDArray[np.float64]
+TIGHTEST = 1.0 / 0.6  # 1/m, of random tracks: the training path's
+RAMP = 0.35  # m, length of their clothoids: the training path's
+LENGTH = 12.0  # m, of a random track of which no length is said
+
+
+def path_from(name: str) -> Path:
+  """A path.
+
+  Args:
+    name: one of `paths.PATHS`; "random:SEED" or "random:SEED:LENGTH", see `random_track`; or a file name that ends in
+      .csv, see `path_from_csv`.
+
+  Raises:
+    KeyError: unknown name, with the nearest known one.
+    ValueError, FileNotFoundError: a track or a file that cannot be, with the cure.
+  """
+  if name.lower().endswith(".csv"):
+    return path_from_csv(name)
+  kind, *numbers = name.split(":")
+  if kind != "random":
+    if name not in PATHS:
+      near = difflib.get_close_matches(name, [*PATHS, "random:1"], n=1) or [*PATHS, "random:SEED", "FILE.csv"]
+      raise KeyError(f"no path '{name}'; did you mean {', '.join(near)}?")
+    return path_named(name)
+  try:
+    seed, length = int(numbers[0]), float(numbers[1]) if len(numbers) > 1 else LENGTH
+  except (IndexError, ValueError):
+    raise ValueError(f"path '{name}': a random track is random:SEED or random:SEED:LENGTH, as random:7:20") from None
+  return random_track(seed, length)
+
+
+def random_track(seed: int, length: float = LENGTH) -> Path:
+  """Turns of random side, angle (up to half a turn) and curvature (up to the training path's) between straights.
+
+  It may cross itself: a car's place on a path is searched near where it was.
+
+  Args:
+    length: m; the track is at most a turn longer.
+  """
+  if seed < 0 or not 2.0 <= length <= 5000.0:
+    raise ValueError(f"random track: a seed from 0 on and 2 to 5000 m, not seed {seed} and {length:g} m")
+  rng = np.random.default_rng([seed, 0])
+  pieces: list[Piece] = [(0.5, 0.0, 0.0)]
+  while sum(piece[0] for piece in pieces) < length - 0.5:
+    curvature, side = rng.uniform(0.3, TIGHTEST), rng.choice([-1.0, 1.0])
+    angle = rng.uniform(curvature * RAMP, math.pi)
+    pieces += turn(side * angle, side * curvature, RAMP)
+    pieces.append((float(rng.uniform(0.0, 1.0) * (rng.random() < 0.5)), 0.0, 0.0))
+  return path_from_pieces(f"random:{seed}", [*pieces, (0.5, 0.0, 0.0)])
+
+
+def path_from_csv(file: str | FilePath) -> Path:
+  """The smooth curve through points: two columns, x and y, m, with or without a line of names before them.
+
+  A cubic spline over the chords' lengths, at equal spacing of arc length; closed where the last point is the first.
+
+  Raises:
+    FileNotFoundError: no such file.
+    ValueError: with file, row and cure.
+  """
+  points = _points(FilePath(file))
+  closed = bool(np.hypot(*(points[-1] - points[0])) < 1e-6)
+  if closed:
+    points[-1] = points[0]
+  chords = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+  spline = CubicSpline(chords, points, bc_type="periodic" if closed else "natural")
+  fine = np.linspace(0.0, chords[-1], max(4 * len(points), int(np.ceil(4.0 * chords[-1] / SPACING))) + 1)
+  speed = np.hypot(*spline(fine, 1).T)
+  arc = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(fine) * (speed[1:] + speed[:-1]))])
+  grid = np.linspace(0.0, arc[-1], int(np.ceil(arc[-1] / SPACING)) + 1)
+  at = np.interp(grid, arc, fine)
+  (x, y), (dx, dy), (ddx, ddy) = spline(at).T, spline(at, 1).T, spline(at, 2).T
+  curvature = (dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3
+  arrays = [grid, x, y, np.unwrap(np.arctan2(dy, dx)), curvature]
+  for array in arrays:
+    array.flags.writeable = False
+  return Path(FilePath(file).stem, *arrays, closed=closed)
+
+
+def _points(file: FilePath) -> Array:
+  """Rows of a file, (k, 2), m."""
+  rows: list[tuple[float, float]] = []
+  for number, line in enumerate(read_text(file).splitlines(), start=1):
+    cells = line.replace(";", ",").split(",")
+    if not line.strip() or line.startswith("#"):
+      continue
+    try:
+      x, y = float(cells[0]), float(cells[1])
+    except (IndexError, ValueError):
+      if rows:
+        raise ValueError(
+          f"{file}: row {number} is not x, y in m: '{line[:40]}'; two numbers, a comma between"
+        ) from None
+      continue  # a line of names
+    if not (math.isfinite(x) and math.isfinite(y)):
+      raise ValueError(f"{file}: row {number} is not finite; leave it out, the path goes on to the next point")
+    if rows and math.hypot(x - rows[-1][0], y - rows[-1][1]) < 1e-9:
+      raise ValueError(f"{file}: row {number} repeats the point before it; leave it out")
+    rows.append((x, y))
+  if len(rows) < 4:
+    raise ValueError(f"{file}: {len(rows)} points; a path needs at least four, as two columns x, y in m")
+  return np.array(rows)

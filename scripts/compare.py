@@ -1,0 +1,59 @@
+"""Drive policies and tuned controllers with the same noise, and say by how much they differ.
+
+qcar-twin compare --out OUT [--policy agents/data/policy] [--controllers agents/data/controllers_reduced.toml]
+"""
+
+import dataclasses
+from pathlib import Path
+from typing import Literal
+
+from agents.control.controllers import FILE
+from agents.learning.policy_file import SHIPPED
+from agents.studies.comparison import Design, as_json, compare, drivers_of, in_markdown
+from qcar_twin.atomic_io import write_json, write_text
+from qcar_twin.command_line import run_script
+
+ON_PLANT = FILE.with_name("controllers_reduced.toml")
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+  """Paired differences on O, infinity, C and random tracks, without (N) and with (MIS) an error of the linkage."""
+
+  out: Path
+  """Folder for comparison.json and comparison.md."""
+  policy: tuple[Path, ...] = (SHIPPED,)
+  """Policy folders or zips of stable-baselines3; everybody is compared with the first."""
+  controllers: tuple[Path, ...] = (ON_PLANT,)
+  """TOML files of tuned controllers."""
+  names: tuple[str, ...] = ("lq_ed", "linear_rate")
+  """Controllers of these files that drive."""
+  plant: Literal["twin", "reduced", "bicycle"] = "reduced"
+  """Plant that is driven."""
+  speed: float = 0.5
+  """Reference speed, m/s."""
+  streams: int = 100
+  """Streams of sensor noise on each of O, infinity and C."""
+  tracks: int = 20
+  """Number of random tracks."""
+  quick: bool = False
+  """Four streams, two tracks."""
+
+
+def main(config: Config) -> None:
+  """Drive, write, print the tables."""
+  design = Design(config.plant, config.speed, config.streams, config.tracks)
+  if config.quick:
+    design = dataclasses.replace(design, streams=4, tracks=2, per_track=2)
+  drivers = drivers_of(config.policy, config.controllers, config.names, config.speed)
+  driven = compare(drivers, design, lambda text: print(text, flush=True))
+  first = next(iter(drivers))
+  config.out.mkdir(parents=True, exist_ok=True)
+  write_json(config.out / "comparison.json", as_json(driven, first, design, config.policy))
+  table = in_markdown(driven, first)
+  write_text(config.out / "comparison.md", table)
+  print(table)
+
+
+if __name__ == "__main__":
+  run_script()
