@@ -43,18 +43,25 @@ def agreeing(
   motion: Motion, wheels: Wheels, recordings: Sequence[Recording], noise: Mapping[str, ChannelNoise]
 ) -> tuple[list[tuple[Alternative, Comparison]], list[str]]:
   """Alternatives that make the two sensors of a motion agree, best first, and the names of all that were tried."""
+  tried = compared_so(motion, wheels, recordings, noise)
+  return [pair for pair in tried if _agree(pair[1])], [alternative.name for alternative, _ in tried]
+
+
+def compared_so(
+  motion: Motion, wheels: Wheels, recordings: Sequence[Recording], noise: Mapping[str, ChannelNoise]
+) -> list[tuple[Alternative, Comparison]]:
+  """The comparison by every alternative that these recordings allow, most alike first."""
   takes = {*motion.compared, *motion.reference}
   forward = dataclasses.replace(wheels, unsigned=False)  # by its size alone a path to the left is one to the right
   motion = next((m for m in motions(forward, recordings) if m.name == motion.name), motion)
   tried = [a for a in _ALTERNATIVES if takes & set(a.needs) and _all_hold(a, motion, recordings)]
-  scored = []
-  for alternative in tried:
-    held = [alternative.apply(r) for r in recordings if motion.measured_in(r)]
-    comparison = compare(motion, wheels, held, noise)
-    if not comparison.why_not and comparison.correlation > _AGREE and _of_one_size(comparison):
-      scored.append((alternative, comparison))
-  scored.sort(key=lambda pair: -pair[1].correlation)
-  return scored, [a.name for a in tried]
+  held = [r for r in recordings if motion.measured_in(r)]
+  made = [(a, compare(motion, wheels, [a.apply(r) for r in held], noise)) for a in tried]
+  return sorted(made, key=lambda pair: -pair[1].correlation if not pair[1].why_not else math.inf)
+
+
+def _agree(c: Comparison) -> bool:
+  return not c.why_not and c.correlation > _AGREE and _of_one_size(c)
 
 
 def _all_hold(alternative: Alternative, motion: Motion, recordings: Sequence[Recording]) -> bool:

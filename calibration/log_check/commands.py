@@ -11,6 +11,7 @@ from qcar_twin.recordings.checks.acted import (
   against,
   drive_neutral,
   idle_stretches,
+  least_command,
   steering_neutral,
   was_commanded,
 )
@@ -43,6 +44,10 @@ def _drive(recordings: Sequence[Recording], channel: str) -> list[Finding]:
     return [_neutral(neutral)]
   if against(recordings, channel):
     return [_against(recordings[0], channel)]
+  if (least := least_command(recordings, channel)) is not None:
+    said = f"{channel} never comes near 0, though the car stands for a while: its least is {least:.4g}"
+    cure = f"if that is its neutral, set offset = {-least:.6g} on it in [channels]"
+    return [Finding("beware", (channel,), f"{said}; {cure}")]
   idle = idle_stretches(recordings, channel)
   return [_idle(idle, recordings)] if idle else []
 

@@ -16,6 +16,8 @@ Severity = Literal["spoils", "beware", "note"]
 _PERIOD = 0.01  # s, of the twin's control: a lag below it is no finding
 _SCALE = 0.01  # a sensor's usual tolerance of sensitivity; a scale within it is no finding
 _CONTRARY = -0.5  # correlation of two sensors of one motion that contradict each other
+TIED = 0.95  # correlation of two that geometry ties, below which another reading may explain more of them
+_BETTER = 0.5  # of what is left unexplained: at most so much is left by another reading that is better
 _LOUD = 3.0  # times the compared sensor's noise that a motion must be for the two to be alike
 
 
@@ -51,9 +53,10 @@ def disagreements(
   spoils = lambda text: [Finding("spoils", channels, text)]
   if _in_doubt(c):
     good, tried = agreeing(c.motion, wheels, recordings, noise)
+    good = [pair for pair in good if c.correlation < ALIKE or _left(pair[1]) < _BETTER * _left(c)]
     if good:
       return spoils(f"{names} {_say(c)}: {_cures(good)}")
-    if _unrelated(c, nominal):
+    if c.correlation < ALIKE and _unrelated(c, nominal):
       return spoils(
         f"{names} {_say(c)}: one of them is another channel, or damaged; tried in vain: {', '.join(tried)}, another "
         "age of 10 s"
@@ -82,7 +85,7 @@ def scale_findings(comparisons: Sequence[Comparison], wheelbase: float) -> list[
     )
     cures = ", or ".join(cure(cause, wheelbase) for cause in single)
     findings.append(Finding("spoils", channels, f"{said}: {cures}"))
-  return findings or [f for c in comparisons for f in _far_off(c)]
+  return findings or [f for c in comparisons for f in _far_off(c, expected(c.motion, wheelbase))]
 
 
 def _hardly_alike(c: Comparison, nominal: float) -> list[Finding]:
@@ -93,13 +96,21 @@ def _hardly_alike(c: Comparison, nominal: float) -> list[Finding]:
   if felt - spread > FACTOR:
     cure = f"divide the scale of {_list(c.motion.compared)} in [channels] by that, or correct its unit"
     return [Finding("spoils", channels, f"{_names(c)} differ {felt:.3g}-fold in {c.motion.name}: {cure}")]
-  if felt - spread > 0.0 or not c.loud > _LOUD * c.levels[0]:
+  if not c.loud > _LOUD * c.levels[0]:
     return []
+  if felt - spread > 0.0:
+    return [] if math.isfinite(c.lag.value) else [_of_no_age(c)]
   said = f"whether {_list(c.motion.compared)} shows {c.motion.name} cannot be decided from this driving"
   cure = "look at its axis and sign, or drive longer"
   return [
     Finding("beware", channels, f"{said} (correlation {c.correlation:.2f} with {_list(c.motion.reference)}); {cure}")
   ]
+
+
+def _of_no_age(c: Comparison) -> Finding:
+  names, sensor = _names(c), _list(c.motion.compared)
+  said = f"how late {sensor} is cannot be judged: {names} are hardly alike in {c.motion.name} at any lag within 0.5 s"
+  return Finding("beware", (*c.motion.compared, *c.motion.reference), f"{said}; compare their clocks")
 
 
 def _say(c: Comparison) -> str:
@@ -114,7 +125,12 @@ def _in_doubt(c: Comparison) -> bool:
   Of two slow motions some lag within the search makes any two sensors alike to a degree: over a minute of a full-size
   car up to 0.5. So a correlation alone says nothing until other readings were tested.
   """
-  return c.loud > _LOUD * c.levels[0] and c.correlation < ALIKE
+  return c.loud > _LOUD * c.levels[0] and c.correlation < (TIED if c.motion.kinematic else ALIKE)
+
+
+def _left(c: Comparison) -> float:
+  """Share of the variance that the other sensor does not explain."""
+  return 1.0 - c.correlation**2
 
 
 def _unrelated(c: Comparison, nominal: float) -> bool:
@@ -169,13 +185,16 @@ def _small(c: Comparison) -> list[Finding]:
   return findings
 
 
-def _far_off(c: Comparison) -> list[Finding]:
+def _far_off(c: Comparison, nominal: float) -> list[Finding]:
   """Of an accelerometer, which also feels pitch and slip, or of what answers a command: a scale that is as far off as a
   unit's would be elsewhere."""
-  if not scaled(c) or steered(c.motion) or 1.0 / KNOTS < c.scale.value < KNOTS:
+  share = c.scale.value / nominal
+  if not scaled(c) or 1.0 / KNOTS < share < KNOTS:
     return []
-  said = f"{_names(c)} differ {c.scale.value:.2g}-fold in {c.motion.name}"
+  said = f"{_names(c)} differ {share:.2g}-fold in {c.motion.name}"
   cure = "a scale of one of them is off, or the clock: look at their units, and at time in [channels]"
+  if steered(c.motion):
+    cure = "the scale of steering_command or the wheelbase is off: measure both, and correct [channels] or [vehicle]"
   return [Finding("beware", (*c.motion.compared, *c.motion.reference), f"{said}: {cure}")]
 
 

@@ -25,7 +25,8 @@ def log_sections(check: LogCheck) -> list[Section]:
   vehicle = Vehicle.from_dataset(check.dataset.vehicle, check.dataset.vehicle_std)
   recordings = check.dataset.recordings
   wheels = Wheels.of(vehicle, recordings)
-  runs = [_run(r, wheels, vehicle.wheelbase) for r in recordings]
+  longest = max(recordings, key=lambda r: r.duration)  # the page opens with it; a standstill would be an empty picture
+  runs = [_run(r, wheels, vehicle.wheelbase) for r in (longest, *(r for r in recordings if r is not longest))]
   caption = (
     "In black what was logged, in colour what other channels say of the same motion: the slope of the heading, speed"
     " times yaw rate, the change of speed. Click the map to see that moment."
@@ -153,8 +154,12 @@ def _speed_panel(recording: Recording, speed: tuple[Array, Array] | None) -> lis
   lines = [Line("measured", *speed, "speed")] if speed is not None else []
   if {"pose_x", "pose_y"} <= set(recording.channels) and len(recording["pose_x"]) > 2:
     time = recording["pose_x"].time
-    moved = np.hypot(_slope(recording, "pose_x", time), _slope(recording, "pose_y", time))
-    lines.append(Line("bicycle", time, moved, "of the pose, its size"))
+    along, across = _slope(recording, "pose_x", time), _slope(recording, "pose_y", time)
+    moved, said = np.hypot(along, across), "of the pose, its size"
+    if "pose_yaw" in recording:
+      heading = recording["pose_yaw"].interpolate(time)
+      moved, said = np.cos(heading) * along + np.sin(heading) * across, "of the pose, along the heading"
+    lines.append(Line("bicycle", time, moved, said))
   return [Panel("speed [m/s]", lines)] if lines else []
 
 
@@ -182,6 +187,10 @@ def _acceleration_panels(recording: Recording, speed: tuple[Array, Array] | None
     if speed is not None and "yaw_rate" in recording:
       time = recording["yaw_rate"].time
       lines.append(Line("bicycle", time, np.interp(time, *speed) * recording["yaw_rate"].value, "speed × yaw rate"))
+    elif speed is not None and "pose_yaw" in recording and len(recording["pose_yaw"]) > 2:
+      time = recording["pose_yaw"].time
+      turn = np.interp(time, *speed) * _slope(recording, "pose_yaw", time)
+      lines.append(Line("bicycle", time, turn, "speed × slope of the heading"))
     panels.append(Panel("acceleration across [m/s²]", lines))
   return panels
 

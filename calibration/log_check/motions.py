@@ -118,6 +118,13 @@ def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
       noise=lambda n, w: (_step_noise(n["pose_yaw"], w), _mean_noise(n[wheel], w) * to_speed),
       powers=_product_of({"pose_yaw": 1, "steering_command": -1, CLOCK: -1}, per_speed),
     )
+    known[-2] = dataclasses.replace(
+      known[-2],
+      reference=(wheel, "pose_yaw"),
+      of_reference=lambda r: _turned(r[wheel], r["pose_yaw"], to_speed),
+      noise=lambda n, w: (_mean_noise(n["accel_y"], w), _step_noise(n["pose_yaw"], w)),
+      powers=_product_of({"accel_y": 1, "pose_yaw": -1, CLOCK: 1}, per_speed),
+    )
   if by_pose:
     known[1] = _along_the_heading(known[1])
     if any("speed_command" in r and "speed_command" not in r.derived for r in recordings):
@@ -236,6 +243,12 @@ def _product(speed: Stream, rate: Stream, scale: float) -> Means:
   if len(time) < 2:
     return lambda begin, length: np.full(len(begin), np.nan)
   return _added(Stream(time, scale * np.interp(time, speed.time, speed.value) * rate.at(time)))
+
+
+def _turned(speed: Stream, heading: Stream, scale: float) -> Means:
+  """Centripetal acceleration: mean speed times the heading's change."""
+  speeds, turns = _added(speed, scale), _increments(heading)
+  return lambda begin, length: speeds(begin, length) * turns(begin, length)
 
 
 def _held(command: Stream, other: Stream) -> Means:

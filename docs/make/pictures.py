@@ -1,16 +1,22 @@
 """Pictures of the reports for README and guide, taken in a real browser.
 
-`qcar-twin run --dataset data/sample --out out/docs` writes the reports. Then `python -m docs.make.pictures out/docs`
-takes docs/pictures/report_*.png and notes in docs/pictures/sections.json which sections the reports had. A test
-compares these with the sections that reports have now. Chromium and its driver are needed (`apt-get install chromium
-chromium-driver`).
+`qcar-twin run --dataset data/sample --out out/docs` writes the reports, and the pages of a log come from
+
+  qcar-twin check --dataset data/sample --out out/docs/check
+  qcar-twin look data/sample/excitation_[ab].csv data/sample/free_drive_a.csv --out out/docs/look
+
+Then `python -m docs.make.pictures out/docs` takes docs/pictures/report_*.png and notes in docs/pictures/sections.json
+which sections the reports had; with names of reports behind it, only their pictures. A test compares the sections with
+those that reports have now. Chromium and its driver are needed (`apt-get install chromium chromium-driver`).
 """
 
 import dataclasses
+import json
 import re
 import shutil
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +34,7 @@ class Shot:
 
   Attributes:
     name: of the file, without suffix.
-    report: below the folder of a run.
+    report: below the folder of a run, which holds report.html or check.html.
     section: beginning of the title of the section to show; "" for the top of the page.
     height: of the window, px.
     keys: pressed once the page is drawn.
@@ -49,7 +55,14 @@ SHOTS = (
   Shot("report_model", "diagnosis", "The repaired model", 1000),
   Shot("report_calibration", "calibration"),
   Shot("report_cross_validation", "cross_validation"),
+  Shot("report_check", "check", height=1000),
+  Shot("report_look", "look", "The log", 1100),
 )
+
+
+def page_of(run: Path, report: str) -> Path:
+  """The page of a report in the folder of a run."""
+  return next(path for name in ("report.html", "check.html") if (path := run / report / name).is_file())
 
 
 def titles(report: Path) -> list[str]:
@@ -85,7 +98,7 @@ def take(opened: Any, run: Path, shot: Shot) -> None:
   from selenium.webdriver.common.by import By
 
   opened.set_window_size(WIDTH, shot.height)
-  opened.get((run / shot.report / "report.html").resolve().as_uri())
+  opened.get(page_of(run, shot.report).resolve().as_uri())
   opened.execute_async_script("const done = arguments[0]; reportReady.then(done, e => done(String(e)))")
   for key in shot.keys:
     opened.find_element(By.TAG_NAME, "body").send_keys(key)
@@ -100,19 +113,22 @@ def take(opened: Any, run: Path, shot: Shot) -> None:
   opened.save_screenshot(str(FOLDER / f"{shot.name}.png"))
 
 
-def main(run: Path) -> None:
-  """All pictures, and the sections of the reports that they show."""
+def main(run: Path, reports: Sequence[str] = ()) -> None:
+  """All pictures, or those of some reports, and the sections of the reports that they show."""
   FOLDER.mkdir(parents=True, exist_ok=True)
+  shots = [shot for shot in SHOTS if not reports or shot.report in reports]
   with tempfile.TemporaryDirectory() as profile:
     opened = browser(profile)
     try:
-      for shot in SHOTS:
+      for shot in shots:
         take(opened, run, shot)
     finally:
       opened.quit()
-  shown = {shot.report: titles(run / shot.report / "report.html") for shot in SHOTS}
-  write_json(FOLDER / NOTED, {"reports": shown, "pictures": {shot.name: shot.report for shot in SHOTS}})
+  before = json.loads((FOLDER / NOTED).read_text(encoding="utf-8")) if reports else {"reports": {}, "pictures": {}}
+  shown = {shot.report: titles(page_of(run, shot.report)) for shot in shots}
+  pictures = {shot.name: shot.report for shot in shots}
+  write_json(FOLDER / NOTED, {"reports": before["reports"] | shown, "pictures": before["pictures"] | pictures})
 
 
 if __name__ == "__main__":
-  main(Path(sys.argv[1]))
+  main(Path(sys.argv[1]), sys.argv[2:])

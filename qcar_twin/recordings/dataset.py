@@ -14,7 +14,8 @@ import numpy as np
 
 from qcar_twin.atomic_io import staging, write_text
 from qcar_twin.recordings.channels import CHANNELS
-from qcar_twin.recordings.checks.faults import after_start, find_defects
+from qcar_twin.recordings.checks.clock_unit import check_clock_unit
+from qcar_twin.recordings.checks.faults import after_start, find_defects, without_lost
 from qcar_twin.recordings.checks.jumps import Jump, without_jumps
 from qcar_twin.recordings.checks.repeats import refuse_repeats
 from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
@@ -148,13 +149,15 @@ def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Re
   check_limits(whole, manifest.vehicle, _said(mapping))
   if (entry.begin, entry.end) != (-np.inf, np.inf):
     whole = _part(whole, entry)
+  whole, lost, left_out = without_lost(whole)
   whole, jumps, flickers = without_jumps(whole, _length(manifest.vehicle))
-  notes += flickers
+  notes += [*left_out, *flickers]
   pieces, cuts = _cut(whole, jumps)
   signs = check_units(whole, manifest.vehicle)
+  check_clock_unit(whole)
   pieces, said = completed(pieces, manifest.vehicle, table.label)
   notes += said
-  return pieces, [*notes, *signs, *cuts, *(defect for piece in pieces for defect in find_defects(piece))]
+  return pieces, [*notes, *signs, *cuts, *(defect for piece in pieces for defect in find_defects(piece, lost))]
 
 
 def _mapping(manifest: Manifest, table: Table) -> dict[str, Mapped]:

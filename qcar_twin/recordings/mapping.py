@@ -8,7 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
-from qcar_twin.recordings.checks.time import check_angle, check_order, check_span, check_time_unit, gap_limit, turn_of
+from qcar_twin.recordings.checks.time import (
+  check_angle,
+  check_order,
+  check_span,
+  check_time_unit,
+  gap_limit,
+  restarts,
+  turn_of,
+)
 from qcar_twin.recordings.formats.table import NO_ROWS, Table
 from qcar_twin.recordings.manifest import Mapped
 from qcar_twin.recordings.recording import RecordingError, Stream, UnknownChannelError, nearest
@@ -216,7 +224,7 @@ def in_time_order(table: Table, mapped: Mapped) -> tuple[Table, list[str]]:
     return table, []
   stamp = stamps(table, mapped)
   late = np.flatnonzero(np.diff(stamp) < 0.0) + 1
-  if not late.size or not np.isfinite(stamp).all():
+  if not late.size or not np.isfinite(stamp).all() or restarts(stamp):
     return table, []
   order = np.argsort(stamp, kind="stable")
   note = f"{table.label}: {late.size} of {table.rows} rows are out of order, first row {late[0] + 1}; sorted by time"

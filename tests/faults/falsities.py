@@ -11,13 +11,14 @@ import argparse
 import collections
 import dataclasses
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.log_check.check import check_log, load_to_check
+from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.first_dataset import propose
 from qcar_twin.recordings.formats import read_table
 from qcar_twin.recordings.recording import Recording, RecordingError
@@ -36,11 +37,17 @@ SIZES = {"1:43": 0.23, "1:10": 1.0, "1:5": 2.15, "full size": 11.0}  # of the 1:
 
 @dataclasses.dataclass(frozen=True)
 class Falsity:
-  """A mistake: the channels it is about, and how it changes time and columns."""
+  """A mistake: the channels it is about, how it changes time and columns, and the channels it needs besides."""
 
   name: str
   channels: tuple[str, ...]
   apply: Callable[[Array, Columns], tuple[Array, Columns]]
+  only: tuple[str, ...] = ()
+  needs: tuple[str, ...] = ()
+
+  def applies(self, channels: Container[str]) -> bool:
+    """Whether a log of these channels can have it."""
+    return all(name in channels for name in (*self.channels, *self.only, *self.needs) if name != "time")
 
 
 def wander(seed: int, size: float = 1.0, seconds: float = SECONDS) -> tuple[Array, Columns]:
@@ -97,8 +104,13 @@ def _scaled(channel: str, unit: str, factor: float) -> Falsity:
 
 
 def _late(channel: str, seconds: float) -> Falsity:
-  rows = int(seconds * RATE)
-  return _value(f"{channel} {seconds:g} s late", channel, lambda v: np.r_[np.full(rows, v[0]), v[:-rows]])
+  def apply(time: Array, columns: Columns) -> tuple[Array, Columns]:
+    late, had = columns[channel].copy(), np.flatnonzero(np.isfinite(columns[channel]))
+    before = np.searchsorted(time[had], time[had] - seconds + 1e-6, side="right") - 1
+    late[had] = columns[channel][had[np.maximum(before, 0)]]
+    return time, columns | {channel: late}
+
+  return Falsity(f"{channel} {seconds:g} s late", (channel,), apply)
 
 
 def _exchanged(one: str, other: str) -> Falsity:
@@ -111,12 +123,14 @@ def _wrapped(period: float, factor: float) -> Callable[[Array], Array]:
 
 def _released(time: Array, columns: Columns) -> tuple[Array, Columns]:
   """A driver who asks for speed, for 30 s, from a car that was switched off while it stood."""
-  at, count = int(46.0 * RATE), int(30.0 * RATE)
-  still = lambda name, v: np.full(count, v[at] if name.startswith("pose") else 0.0)
+  step = float(np.ptp(time)) / (time.size - 1)
+  at, count = int(np.searchsorted(time, time[0] + min(46.0, 0.5 * float(np.ptp(time))))), int(30.0 / step)
+  moves = lambda name: name in CHANNELS and not name.startswith("pose")
+  still = lambda name, v: np.full(count, 0.0 if moves(name) else v[at])
   noise = lambda name: 0.005 * np.random.default_rng(4).standard_normal(count) * (name in NOISE)
   spliced = {name: np.r_[v[:at], still(name, v) + noise(name), v[at:]] for name, v in columns.items()}
-  spliced["motor_voltage"][at : at + count] = np.percentile(columns["motor_voltage"], 70.0)
-  return np.arange(time.size + count) / RATE, spliced
+  spliced["motor_voltage"][at : at + count] = np.nanpercentile(columns["motor_voltage"], 70.0)
+  return np.r_[time[:at], time[at] + step * np.arange(count), time[at:] + 30.0], spliced
 
 
 def _staircase(values: Array) -> Array:
@@ -127,6 +141,12 @@ def _staircase(values: Array) -> Array:
     if first < values.size:
       levels[first:last] = values[min(last, values.size - 1)]
   return levels
+
+
+def _turned_by(name: str, angle: float) -> Falsity:
+  """A heading that is off, which is one only beside a place."""
+  change = lambda t, c: (t, c | {"pose_yaw": c["pose_yaw"] + angle})
+  return Falsity(name, ("pose_yaw",), change, needs=("pose_x",))
 
 
 def _clock(name: str, change: Callable[[Array], Array]) -> Falsity:
@@ -142,7 +162,7 @@ def _set_back(time: Array) -> Array:
 def _with_only(channels: tuple[str, ...], falsity: Falsity) -> Falsity:
   """The same mistake in a log of few channels, in which fewer witnesses tell."""
   few = lambda t, c: falsity.apply(t, {name: v for name, v in c.items() if name in channels})
-  return Falsity(f"{falsity.name}, with commands and a pose alone", falsity.channels, few)
+  return Falsity(f"{falsity.name}, with commands and a pose alone", falsity.channels, few, only=channels)
 
 
 _POSE_LOG = ("motor_voltage", "steering_command", "pose_x", "pose_y", "pose_yaw")
@@ -150,9 +170,14 @@ _IN_MM = Falsity(
   "pose in mm", ("pose_x", "pose_y"), lambda t, c: (t, c | {n: 1000.0 * c[n] for n in ("pose_x", "pose_y")})
 )
 _HALF, _TWICE = _clock("time at half speed", lambda t: 0.5 * t), _clock("time at twice the speed", lambda t: 2.0 * t)
-FALSITIES = (
+EVERY = (
   *(_scaled("yaw_rate", unit, f) for unit, f in (("deg/s", DEG), ("turns per minute", 60.0 / (2.0 * np.pi)))),
   *(_scaled("speed", unit, f) for unit, f in (("km/h", 3.6), ("mph", 2.237), ("cm/s", 100.0), ("knots", 1.944))),
+  _scaled("motor_speed", "turns per minute", 60.0 / (2.0 * np.pi)),
+  _scaled("motor_speed", "turns per second", 1.0 / (2.0 * np.pi)),
+  _scaled("motor_speed", "rad/s of the wheel", 0.1),
+  _value("motor_speed with the other sign", "motor_speed", lambda v: -v),
+  *(_late("motor_speed", s) for s in (0.7, 2.0, 6.0)),
   *(_scaled(channel, "g", 1.0 / 9.80665) for channel in ("accel_x", "accel_y")),
   _IN_MM,
   _scaled("steering_command", "degrees", DEG),
@@ -167,8 +192,8 @@ FALSITIES = (
     for c in ("yaw_rate", "accel_x", "accel_y", "pose_yaw", "pose_y")
   ),
   _value("steering_command with the other sign", "steering_command", lambda v: -v),
-  _value("pose_yaw turned round", "pose_yaw", lambda v: v + np.pi),
-  _value("pose_yaw a quarter turn off", "pose_yaw", lambda v: v + 0.5 * np.pi),
+  _turned_by("pose_yaw turned round", np.pi),
+  _turned_by("pose_yaw a quarter turn off", 0.5 * np.pi),
   _exchanged("accel_x", "accel_y"),
   _exchanged("pose_x", "pose_y"),
   _exchanged("speed", "accel_x"),
@@ -177,7 +202,7 @@ FALSITIES = (
   *(_late(channel, s) for channel in ("yaw_rate", "accel_x", "speed") for s in (0.7, 2.0, 6.0)),
   _value("motor_voltage about a neutral of 5 V", "motor_voltage", lambda v: v + 5.0),
   _value("steering_command about 0.6 rad", "steering_command", lambda v: v + 0.6),
-  Falsity("a released switch under a driver who asks for speed", ("motor_voltage",), _released),
+  Falsity("a released switch under a driver who asks for speed", ("motor_voltage",), _released, needs=("speed",)),
   _value("the commanded speed as the measured one", "speed", _staircase),
   _value("speed that reads 30 % high", "speed", lambda v: 1.3 * v),
   _clock("time in ms", lambda t: 1000.0 * t),
@@ -198,6 +223,9 @@ FALSITIES = (
     lambda v: 9.80665 + 0.1 * np.random.default_rng(7).standard_normal(v.size),
   ),
 )
+
+
+FALSITIES = tuple(falsity for falsity in EVERY if falsity.applies(NAMES))  # of what drives by formula have
 
 
 def outcome(falsity: Falsity | None, seed: int, size: float, folder: Path, drafted: bool = False) -> tuple[str, str]:

@@ -23,7 +23,9 @@ _ANSWERS = 0.5  # s, within which a car that stands has answered a command; no d
 _LEAST_REST = 2.0  # s at rest that tell a neutral; of driving: a sign
 _LEAST_IDLE = 2.0  # s in a row of a command that does nothing
 _NEAR = 0.02  # of the command's range: one level
-_MOST = 0.8  # share of the rest that a neutral has
+_MOST = 0.25  # share of the rest that a neutral has; commands too small to break the car away take the others
+_NEVER = 0.5  # of the largest command: what stays beyond it never comes near 0
+_CONTRARY = 0.8  # share of the steady driving under a command of the other sign
 _OFF = 0.1  # of the command's range, beyond which a neutral is not 0
 _RARE = 0.05  # share of the driving that a level may take part in and still not drive the car
 _WEAK = 25.0  # per cent of the steady driving that happens under less: a command below it may not move a car from rest
@@ -72,8 +74,8 @@ class _Drive:
 def drive_neutral(recordings: Sequence[Recording], channel: str) -> Neutral | None:
   """The level that the drive's command has while the car stands, where it is not 0 and never keeps the car going.
 
-  A speed controller's neutral is one level, for nearly all of the rest, under which a moving car only slows down. A
-  command that was not passed on has levels that drive the car elsewhere.
+  A neutral is the commonest level at rest, under which a moving car only slows down. A command that was not passed on
+  has levels that drive the car elsewhere.
   """
   held = [d for r in recordings if (d := _drive(r, channel)) is not None]
   if not held:
@@ -82,7 +84,7 @@ def drive_neutral(recordings: Sequence[Recording], channel: str) -> Neutral | No
   span = _span(held)
   if rest.size * _PERIOD < _LEAST_REST or span == 0.0:
     return None
-  level = float(np.median(rest))
+  level = _commonest(rest, _NEAR * span)
   near = lambda command: np.abs(command - level) < _NEAR * span
   zero = np.mean(np.abs(rest) < _NEAR * span)
   if np.mean(near(rest)) < _MOST or zero > _RARE or abs(level) < _OFF * span:
@@ -91,6 +93,27 @@ def drive_neutral(recordings: Sequence[Recording], channel: str) -> Neutral | No
     return None
   said = f"the car stands under {level:.4g}, for {rest.size * _PERIOD:.0f} s, and never drives on under it"
   return Neutral(channel, level, said)
+
+
+def _commonest(values: np.ndarray, width: float) -> float:
+  """Median of the values that lie within `width` of most others."""
+  ordered = np.sort(values)
+  last = np.searchsorted(ordered, ordered + 2.0 * width, side="right")
+  first = int(np.argmax(last - np.arange(ordered.size)))
+  return float(np.median(ordered[first : last[first]]))
+
+
+def least_command(recordings: Sequence[Recording], channel: str) -> float | None:
+  """The command nearest to 0, where the car stood for a while and nothing near 0 was ever commanded, else None.
+
+  Whether that is a neutral or commands too small to move the car, only a person knows.
+  """
+  held = [d for r in recordings if (d := _drive(r, channel)) is not None]
+  command = np.concatenate([d.command for d in held]) if held else np.empty(0)
+  if sum(int(d.stands.sum()) for d in held) * _PERIOD < _LEAST_REST or not command.size:
+    return None
+  least = float(command[np.argmin(np.abs(command))])
+  return least if abs(least) > _NEVER * float(np.abs(command).max()) else None
 
 
 def _span(held: Sequence[_Drive]) -> float:
@@ -135,7 +158,7 @@ def against(recordings: Sequence[Recording], channel: str) -> bool:
   steady = [_steady(d) & (d.command != 0.0) for d in held]
   signs = [np.sign(d.command[s] * d.speed[s]) for d, s in zip(held, steady, strict=True)]
   count = sum(map(len, signs))
-  return count * _PERIOD >= _LEAST_REST and float(np.sum(np.concatenate(signs) < 0.0)) > _MOST * count
+  return count * _PERIOD >= _LEAST_REST and float(np.sum(np.concatenate(signs) < 0.0)) > _CONTRARY * count
 
 
 def _drive(recording: Recording, channel: str) -> _Drive | None:

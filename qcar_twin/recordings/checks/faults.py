@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,8 @@ from qcar_twin.recordings.recording import Recording, Stream
 
 _MIN_SAMPLES, _MIN_SECONDS = 10, 0.5  # a frozen stretch has at least these
 _MOVING = 0.1  # m/s, above which a pose must change
+_POSE = ("pose_x", "pose_y", "pose_yaw")
+Spans = Sequence[tuple[float, float]]
 _SILENT_STEPS, _SILENT_SECONDS = 10.0, 0.5
 
 
@@ -32,17 +35,21 @@ class Runs:
     return self.last - self.first + 1
 
 
-def find_defects(recording: Recording) -> list[str]:
-  """Warnings about frozen, clipped and silent channels, each with its span in seconds."""
-  return [*frozen(recording), *clipped(recording), *silent(recording)]
+def find_defects(recording: Recording, lost: Spans = ()) -> list[str]:
+  """Warnings about frozen, clipped and silent channels, each with its span in seconds.
+
+  Args:
+    lost: spans whose poses were left out and said, s.
+  """
+  return [*frozen(recording), *clipped(recording), *silent(recording, lost)]
 
 
 def frozen(recording: Recording) -> list[str]:
   """A channel that repeats one value while the car shows that it cannot: noisy sensors away from rest, speed against
-  voltage, pose against speed."""
+  voltage."""
   notes = []
   for channel, stream in recording.streams.items():
-    named, so = channel, "do not trust it there"
+    so = "do not trust it there"
     if CHANNELS[channel].noisy:
       bounds = [
         extreme for extreme in _extremes(stream) if _clips(stream, extreme)
@@ -55,14 +62,31 @@ def frozen(recording: Recording) -> list[str]:
     elif channel in ("speed", "motor_speed"):
       stuck = [span for span in _long_runs(stream) if _should_change(recording, stream, span)]
       so = "a stuck encoder, or a car held by static friction"
-    elif channel == "pose_x" and "pose_y" in recording and len(recording["pose_y"]) == len(stream):
-      stuck = [span for span in _long_runs(stream, recording["pose_y"]) if _speed_in(recording, span) > _MOVING]
-      named, so = "pose_x, pose_y", "the car moved, so tracking was lost there"
     else:
       continue
     if stuck:
-      notes.append(_note(recording, named, f"is frozen at {_within(stream, stuck[0])[0]:g}", stuck, so))
+      notes.append(_note(recording, channel, f"is frozen at {_within(stream, stuck[0])[0]:g}", stuck, so))
   return notes
+
+
+def without_lost(recording: Recording) -> tuple[Recording, Spans, list[str]]:
+  """The recording without poses that stay the same while the car moves, as where its tracking was lost; the spans of
+  those, s, and a note."""
+  if not {"pose_x", "pose_y"} <= set(recording.channels) or len(recording["pose_x"]) != len(recording["pose_y"]):
+    return recording, [], []
+  x = recording["pose_x"]
+  lost = [span for span in _long_runs(x, recording["pose_y"]) if _speed_in(recording, span) > _MOVING]
+  if not lost:
+    return recording, [], []
+  so = "the car moved, so tracking was lost there; those samples are left out"
+  note = _note(recording, "pose_x, pose_y", f"is frozen at {_within(x, lost[0])[0]:g}", lost, so)
+  streams = dict(recording.streams)
+  for name in _POSE:
+    if name in streams:
+      stream = streams[name]
+      kept = ~np.any([(stream.time >= a) & (stream.time <= b) for a, b in lost], axis=0)
+      streams[name] = Stream(stream.time[kept], stream.value[kept])
+  return recording.replace(streams=streams), lost, [note]
 
 
 def clipped(recording: Recording) -> list[str]:
@@ -78,7 +102,7 @@ def clipped(recording: Recording) -> list[str]:
   return notes
 
 
-def silent(recording: Recording) -> list[str]:
+def silent(recording: Recording, lost: Spans = ()) -> list[str]:
   """A measured channel without samples for long while others go on."""
   notes = []
   for channel, stream in recording.streams.items():
@@ -87,6 +111,8 @@ def silent(recording: Recording) -> list[str]:
     step = np.diff(stream.time)
     long = np.flatnonzero(step > max(_SILENT_STEPS * float(np.median(step)), _SILENT_SECONDS))
     spans = [(float(stream.time[row]), float(stream.time[row + 1])) for row in long]
+    if channel in _POSE:
+      spans = [(a, b) for a, b in spans if not any(a <= first and last <= b for first, last in lost)]
     if spans:
       notes.append(_note(recording, channel, "has no sample", spans, "it is interpolated there"))
   return notes

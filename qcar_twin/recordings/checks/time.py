@@ -32,12 +32,21 @@ def check_order(label: str, time: np.ndarray, others: list[np.ndarray]) -> None:
     row = int(back[0]) + 1
     cure = (
       "split the file where the logger restarted"
-      if time[row] <= time[0] + 1.0 and back.size == 1 and np.sum(time[row:] < time[row - 1]) > _GLITCHES
+      if restarts(time)
       else "set sort = true on time in [channels] where rows were written out of order"
     )
     raise RecordingError(
       f"{label}: time goes backwards in row {row + 1} ({time[row]:g} s after {time[row - 1]:g} s); {cure}"
     )
+
+
+def restarts(time: np.ndarray) -> bool:
+  """Whether a clock goes back once, to where it began: two drives in one file, whose rows must not be mixed."""
+  back = np.flatnonzero(np.diff(time) < 0.0)
+  if back.size != 1:
+    return False
+  row = int(back[0]) + 1
+  return bool(time[row] <= time[0] + 1.0) and int(np.sum(time[row:] < time[row - 1])) > _GLITCHES
 
 
 def check_span(label: str, time: np.ndarray) -> None:
@@ -67,8 +76,8 @@ def check_time_unit(label: str, time: np.ndarray) -> None:
     )
   if step < 2e-5:
     raise RecordingError(
-      f"{label}: time steps by {step:g} s, implausibly little; is it in hours or days? set scale to the seconds in "
-      "one unit"
+      f"{label}: time steps by {step:g} s, implausibly little; is it in hours or days? set scale = 3600 or "
+      "86400 on time in [channels]"
     )
 
 

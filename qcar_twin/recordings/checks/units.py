@@ -64,11 +64,14 @@ def check_limits(
       continue
     suspects, typical = suspects_of(name), float(np.median(magnitude[beyond]))
     suspect = next((s for s in suspects if typical * s.scale < limit / 5.0), suspects[-1])
+    cure = _cure(suspect)
+    if suspects and not any(typical * s.scale < limit for s in suspects):
+      cure = f"no usual unit explains it: raw counts of a sensor? set scale on {name} in [channels] by its data sheet"
     larger = "; or give the car's size in [vehicle], where it is larger" if channel.unit == "m/s" else ""
     raise RecordingError(
       f"{recording.file or recording.name}: {name} reaches {magnitude.max():g} {channel.unit}, implausible "
       f"above {limit:.3g} {channel.unit} "
-      f"(first at {stream.time[int(np.argmax(beyond))]:g} s); {_cure(suspect)}{larger}"
+      f"(first at {stream.time[int(np.argmax(beyond))]:g} s); {cure}{larger}"
     )
 
 

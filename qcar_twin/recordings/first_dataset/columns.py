@@ -19,6 +19,7 @@ _NORMALISED = 1.05  # a command that stays within it, but beyond any 1:10 car's 
 _LOCK = 0.7  # rad, 40 deg: beyond the road-wheel angle of any 1:10 car
 _TICKS = 0.05  # share of rows in which a clock that a slower publisher holds has moved on
 _LATE_ROWS = 0.01  # share of rows that a logger of several threads writes out of order
+_USED = 0.02  # of full duty, which no car is driven with at most: so little is no per cent
 _GATES = {"armed", "arm", "safety", "enable", "enabled", "deadman", "active", "switch", "autonomous"}
 _PULSE = (900.0, 2100.0)  # us, of a radio-control servo or speed controller; 1500 is neutral, 500 the full travel
 _COMMANDED, _FEW_STEPS = 20.0, 3  # rows for which a command stays, median, and how often it has to step
@@ -80,14 +81,18 @@ class Columns:
 
   def rises(self, name: str, late: float = 0.0) -> bool:
     """Whether a column is in every log, has a value in every row and goes on as a clock does: at most a share `late` of
-    its steps goes back, and it has many values."""
+    its rows is behind an earlier one, and it has many values."""
     if len(self.holding(name)) < len(self.tables):
       return False
     steps = [np.diff(table.number(name, name)) for table in self.tables]
     return all(
-      np.isfinite(step).all() and np.sum(step < 0.0) <= late * step.size and np.mean(step > 0.0) > _TICKS
-      for step in steps
+      np.isfinite(step).all() and behind(step) <= late * step.size and np.mean(step > 0.0) > _TICKS for step in steps
     )
+
+  def mostly_forward(self, name: str) -> bool:
+    """Whether a clock goes back in a few rows of a log at most."""
+    steps = [np.diff(table.number(name, name)) for table in self.tables]
+    return all(np.sum(step < 0.0) <= _LATE_ROWS * step.size for step in steps)
 
   def steps(self, name: str) -> bool:
     """Whether a column has the time since the row before in every row: positive, and much the same."""
@@ -100,6 +105,12 @@ class Columns:
   def top(self, name: str) -> float:
     """The largest magnitude, without one in a thousand."""
     return float(np.percentile(np.abs(self.values(name)), 99.9))
+
+
+def behind(steps: Array) -> int:
+  """Rows of a clock with these steps, (k - 1,), that are behind one before them: after a restart nearly all."""
+  passed = np.r_[0.0, np.cumsum(steps)]
+  return int(np.sum(passed < np.maximum.accumulate(passed)))
 
 
 def guess_columns(columns: Columns) -> dict[str, Guess]:
@@ -130,9 +141,12 @@ def _clock(columns: Columns) -> Guess | None:
   named = [name for name in columns.names if any(reading.channel == "time" for reading in readings(name))]
   for name in named:
     if columns.rises(name, _LATE_ROWS):
-      late = sum(int(np.sum(np.diff(table.number(name, name)) < 0.0)) for table in columns.tables)
+      late = sum(behind(np.diff(table.number(name, name))) for table in columns.tables)
       why = [f"its name says time; {late} of {columns.values(name).size} rows are out of order"]
       return Guess("time", name, sort=True, why=why)
+  for name in named:
+    if columns.rises(name, 1.0) and columns.mostly_forward(name):
+      return Guess("time", name, why=["its name says time; it goes back where a logger began again"])
   for name in named:
     if columns.steps(name):
       return Guess("time", name, steps=True, why=["its name says time, and it has the steps from row to row"])
@@ -166,7 +180,8 @@ def scale(columns: Columns, guess: Guess) -> None:
     guess.scale, guess.offset = 1.0 / 500.0, -3.0
     guess.why.append("values around 1500 are a servo's pulse in us, 500 to full travel")
   elif top > channel.limit:
-    usual = [(name, factor) for name, factor in channel.log_units if top * factor < channel.limit]
+    least = _USED * channel.limit if guess.channel == "motor_duty" else 0.0
+    usual = [(name, factor) for name, factor in channel.log_units if least < top * factor < channel.limit]
     if usual:
       guess.scale = usual[0][1]
       guess.why.append(f"it reaches {top:.3g}, too much for {channel.unit}, so in {usual[0][0]}")
@@ -189,7 +204,10 @@ def _is_pulse(values: Array) -> bool:
 
 
 def is_share_of_lock(columns: Columns, guess: Guess) -> bool:
-  """Whether a steering command without a unit is a share of full lock rather than an angle."""
+  """Whether a steering command is a share of full lock rather than an angle: pulses are, and small numbers without a
+  unit."""
+  if _is_pulse(columns.values(guess.column)):
+    return True
   return unit_of(guess.column) is None and (guess.offset != 0.0 or _LOCK < columns.top(guess.column) <= _NORMALISED)
 
 

@@ -17,6 +17,8 @@ from qcar_twin.recordings.recording import RecordingError
 
 pyarrow.set_memory_pool(pyarrow.system_memory_pool())  # the default reserves address space far beyond what is read
 
+# what spreadsheets, pandas, R and C write where there is no number
+_BLANK = ("", "#N/A", "N/A", "n/a", "NA", "null", "NULL", "None", "-", "--", "#DIV/0!", "#NUM!", "#VALUE!", "-nan(ind)")
 UNNAMED = "unnamed"  # and its number: what a column without a name is called
 _LONGEST_LINE = 1 << 16  # bytes of a header: thousands of names
 
@@ -39,9 +41,31 @@ def read_csv(path: Path, label: str) -> Table:
     raise RecordingError(
       f"{label}: only one column was found ('{table.column_names[0][:60]}'); separate the columns by commas"
     )
+  _refuse_words(table, label)
   if dialect.headless:
     table = table.rename_columns([f"column_{number}" for number in range(1, table.num_columns + 1)])
   return dataclasses.replace(_from_arrow(table, label), headless=dialect.headless)
+
+
+def _refuse_words(table: pyarrow.Table, label: str) -> None:
+  """A row of words among numbers makes text of every column: a header that is repeated, or units below it."""
+  texts = [column.to_pylist() for column in table.columns if pyarrow.types.is_string(column.type)]
+  if not texts or len(texts) < 0.5 * table.num_columns:
+    return
+  words = [k for k in range(table.num_rows) if not any(_numeric(str(text[k] or "")) for text in texts)]
+  for row in words[:1]:
+    cells = [str(column[row].as_py() or "").strip() for column in table.columns]
+    if cells == [name.strip() for name in table.column_names]:
+      raise RecordingError(
+        f"{label}: row {row + 1} repeats the header, as where a logger was started again; delete that row, or split "
+        "the file there"
+      )
+    if row == 0 and any(cells) and not any(map(_numeric, cells)) and len(words) < table.num_rows:
+      said = ", ".join(cell for cell in cells if cell)
+      raise RecordingError(
+        f"{label}: row 1 holds words ({said[:60]}), perhaps units, and no numbers; delete that row; a unit may stand "
+        "in a column's name, as in 'speed [km/h]'"
+      )
 
 
 def read_parquet(path: Path, label: str) -> Table:
@@ -153,7 +177,7 @@ def _parse(path: Path, dialect: _Dialect) -> pyarrow.Table:
     ),
     parse_options=pyarrow.csv.ParseOptions(delimiter=dialect.separator),
     convert_options=pyarrow.csv.ConvertOptions(
-      null_values=[""], strings_can_be_null=True, decimal_point=dialect.decimal
+      null_values=list(_BLANK), strings_can_be_null=True, decimal_point=dialect.decimal
     ),
   )
 

@@ -50,7 +50,7 @@ def test_a_channel_that_nothing_witnesses_is_not_called_confirmed():
   time, columns = wander(3)
   run = Recording.from_columns("run", time, {name: columns[name] for name in ("motor_voltage", "speed", "accel_y")})
   colour, text = channel_verdict(check_log(DataSet("lab", (run,), VEHICLE, STD)), "accel_y")
-  assert colour == "green" and "not contradicted, and not confirmed" in text
+  assert colour == "amber" and "unit, sign and age of speed and accel_y cannot be judged" in text
 
 
 @pytest.mark.parametrize(("rate", "delay"), [(50.0, 20), (20.0, 50), (10.0, 100)])

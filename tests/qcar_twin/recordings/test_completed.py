@@ -80,8 +80,8 @@ def test_a_false_pose_or_steering_of_a_log_without_other_sensors_is_refused(name
 def test_a_log_of_wheel_speed_alone_gives_the_drive_and_says_that_turning_cannot_be_judged(tmp_path):
   time, columns = wander(5)
   data = DataSet.load(folder_with(tmp_path, time, only(columns, "motor_voltage", "speed")))
-  text, clock = heed(data)
-  assert "the clock cannot be judged" in clock
+  text, clock, alone = heed(data)
+  assert "unit, sign and age of speed cannot be judged" in alone and "the clock cannot be judged" in clock
   assert "the drive can be judged; turning, steering and tyres cannot be judged" in text
   assert not any("cannot be judged" in t for t in heed(DataSet.load(folder_with(tmp_path, time, columns))))
 

@@ -5,6 +5,7 @@ import pytest
 
 from qcar_twin.recordings.checks.faults import Runs
 from qcar_twin.recordings.checks.time import gap_limit
+from qcar_twin.recordings.dataset import DataSet
 from tests.qcar_twin.recordings.drives import drive
 from tests.qcar_twin.recordings.loading import warned
 
@@ -33,7 +34,13 @@ def test_a_frozen_pose_matters_only_while_the_car_moves(tmp_path):
   for channel in ("pose_x", "pose_y"):
     columns[channel][300:400] = columns[channel][300]
   (note,) = warned(tmp_path, time, columns)
-  assert "pose_x, pose_y is frozen" in note and "from 3 s to 3.99 s; the car moved, so tracking was lost there" in note
+  (run,) = DataSet.load(tmp_path).recordings
+  for channel in ("pose_x", "pose_y", "pose_yaw"):
+    assert run[channel].time[299:301] == pytest.approx([2.99, 4.0])
+  assert (
+    "pose_x, pose_y is frozen" in note
+    and "from 3 s to 3.99 s; the car moved, so tracking was lost there; those" in note
+  )
 
 
 def test_an_encoder_stuck_at_zero_is_told_from_a_standing_car(tmp_path):

@@ -1,0 +1,78 @@
+"""What nothing else in a log measures: its clock, sensors that are alone with their motion, a car nobody measured.
+
+A rate that a sensor gave (a gyro's, an encoder's, an accelerometer's), compared with how fast something else changed by
+the stamps, does. Commands and a pose alone do not: at half the speed of its clock the same log is of a car that drove
+twice as fast.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from calibration.log_check.causes import ALIKE, scaled
+from calibration.log_check.disagreements import Finding
+from calibration.log_check.motions import CLOCK, Wheels
+from calibration.log_check.pairs import Comparison
+from calibration.log_check.shows import Driven
+from qcar_twin.recordings.completed import UNJUDGED
+from qcar_twin.recordings.recording import Recording
+from qcar_twin.vehicle.vehicle import GRAVITY
+
+_WITNESSED = ("speed", "motor_speed", "yaw_rate", "accel_x", "accel_y", "pose_x", "pose_yaw")
+_GUESS = 0.2  # of a length: its deviation where nobody measured it; a ruler's is below a hundredth
+_MOST = 99.0  # per cent of the samples that stay below what is said of the driving
+
+
+def clock_findings(
+  comparisons: Sequence[Comparison], wheels: Wheels, wheelbase: float, recordings: Sequence[Recording]
+) -> list[Finding]:
+  """That the clock was not judged, and how the car was driven by it: whoever drove knows that."""
+  if any(scaled(c) and CLOCK in c.motion.powers for c in comparisons):
+    return []
+  d = Driven.of(wheels, wheelbase, recordings)
+  across, along = (float(np.percentile(np.abs(v), _MOST)) / GRAVITY for v in (d.across, d.change))
+  said = f"the clock {UNJUDGED}: nothing in this log measures time apart from its stamps"
+  by_it = f"By them the car reached {d.top:.2g} m/s, {along:.1g} g along and {across:.1g} g across"
+  return [Finding("beware", ("time",), f"{said}. {by_it}; if it did not, correct scale of time in [channels]")]
+
+
+def lonely_findings(comparisons: Sequence[Comparison], recordings: Sequence[Recording]) -> list[Finding]:
+  """That sensors' units, signs and ages are taken as they are written, since no other sensor shows their motion."""
+  known = {name for c in comparisons if _tells(c) for name in (*c.motion.compared, *c.motion.reference)}
+  held = {name for r in recordings for name in r.channels if name not in r.derived}
+  alone = [name for name in _WITNESSED if name in held - known]
+  if not alone:
+    return []
+  who = " and ".join(alone) if len(alone) < 3 else f"{', '.join(alone[:-1])} and {alone[-1]}"
+  said = f"unit, sign and age of {who} {UNJUDGED}: nothing else in this log shows enough of the motion"
+  return [Finding("beware", tuple(alone), f"{said}; what [channels] says of them is believed")]
+
+
+def guessed_findings(
+  comparisons: Sequence[Comparison], vehicle: Mapping[str, float | str], std: Mapping[str, float]
+) -> list[Finding]:
+  """That steering and wheelbase cannot be told apart where the wheelbase is a guess.
+
+  Steering shows as angle / wheelbase in a log, so an understeer is taken for length, and a length that is off for a
+  scale of the gyro or of the steering.
+  """
+  lengths = ("cg_to_front", "cg_to_rear")
+  if not all(std.get(name, 0.0) > _GUESS * float(vehicle.get(name, 0.0)) > 0.0 for name in lengths):
+    return []
+  if not any("steering_command" in c.motion.reference and not c.why_not for c in comparisons):
+    return []
+  wheelbase, spread = sum(float(vehicle[name]) for name in lengths), math.hypot(*(std[name] for name in lengths))
+  said = (
+    f"scale of steering_command and wheelbase {UNJUDGED} apart: by [vehicle.std] the {wheelbase:.3g} m are known to"
+  )
+  cure = (
+    "a steering mechanism or a gyro_scale that is diagnosed may be that; measure cg_to_front and cg_to_rear, and write "
+    "their deviations"
+  )
+  return [Finding("beware", ("steering_command",), f"{said} {spread:.2g} m; {cure}")]
+
+
+def _tells(c: Comparison) -> bool:
+  """Whether a comparison says something of both sensors' scales."""
+  return not c.why_not and not c.motion.answers and (c.correlation > ALIKE or c.felt.beyond(0.0))

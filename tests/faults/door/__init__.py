@@ -1,0 +1,1 @@
+"""The door on trial: falsities of driven sessions, real logs and formulas, through `new`, `check` and `calibrate`."""
