@@ -9,6 +9,7 @@ from pathlib import Path
 
 from agents.studies.timing import (
   gradient_steps_per_second,
+  pendulum_steps_per_second,
   raw_gradient_steps_per_second,
   steps_per_second,
   training_shares,
@@ -19,6 +20,8 @@ from qcar_twin.extras import extra
 
 with extra("Timing a training"):
   import torch
+
+FLEETS = (1, 8, 64, 256)  # cars
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,12 +52,16 @@ def main(config: Config) -> list[str]:
   ]
   rounds = range(1 if config.quick else config.rounds)
   seen = (("fekf", "sensors and filter"), ("truth", "truth"))
-  for plant, cars, (estimator, shown) in itertools.product(("twin", "reduced"), (1, 8, 64), seen):
-    speed = max(steps_per_second(cars, 400 // part, estimator, plant) for _ in rounds)
+  for plant, cars, (estimator, shown) in itertools.product(("twin", "reduced"), FLEETS, seen):
+    periods = max(20, 400 // part // max(1, cars // 16))
+    speed = max(steps_per_second(cars, periods, estimator, plant) for _ in rounds)
     face = "gymnasium, 1 car" if cars == 1 else f"VecEnv, {cars} cars"
     sentences.append(
-      f"{plant}, {face}, {shown}: {speed:.0f} environment steps per CPU second, {1e6 / speed:.0f} us per 10 ms of car"
+      f"{plant}, {face}, {shown}: {speed:.0f} environment steps per CPU second, {1e6 / speed:.1f} us per 10 ms of car"
     )
+  for count in FLEETS:
+    speed = max(pendulum_steps_per_second(count, max(20, 400 // part // max(1, count // 16))) for _ in rounds)
+    sentences.append(f"Pendulum-v1, {count} in SB3's DummyVecEnv: {speed:.0f} environment steps per CPU second")
   ours = max(gradient_steps_per_second(400 // part) for _ in rounds)
   raw = max(raw_gradient_steps_per_second(400 // part) for _ in rounds)
   sentences.append(

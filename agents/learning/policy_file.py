@@ -30,7 +30,8 @@ FORMAT = 1
 MOST_LAYERS = 100
 HIDDEN, BOUNDS, LIMITED = ("relu", "tanh"), ("tanh", "clip"), "observation_limit"
 WEIGHTS, DESCRIPTION, ONNX = "policy.safetensors", "policy.json", "policy.onnx"
-SHIPPED = Path(__file__).resolve().parents[1] / "data" / "policy"  # the policy that comes with the package
+SHIPPED = Path(__file__).resolve().parents[1] / "data" / "policy"  # the agent that comes with the package
+IMITATION = SHIPPED.with_name("imitation")  # the policy that imitates a teacher that sees the truth
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,7 +71,8 @@ class Policy:
   @property
   def about(self) -> str:
     """What it is, in a line."""
-    learnt = {None: "number of updates by reward unknown", 0: "imitation of a teacher, no update by reward"}
+    teacher = "imitation of a teacher, " if self.name == "imitation" else ""
+    learnt = {None: "number of updates by reward unknown", 0: f"{teacher}no update by reward"}
     said = learnt.get(self.updates, f"{self.updates} updates by reward")
     return f"{self.name}: {said}; sees {len(self.sight.names)} numbers"
 
