@@ -119,6 +119,17 @@ def _compass(value: Array) -> Array:
   return 0.25 * _TURN - value
 
 
+def _into_the_car(recording: Recording) -> Recording:
+  """Accelerations along the place's axes, as a motion capture or a simulator has them, turned into the car's."""
+  x, y, yaw = (recording[name] for name in ("accel_x", "accel_y", "pose_yaw"))
+  heading, across = yaw.interpolate(x.time), y.interpolate(x.time)
+  there = np.isfinite(heading) & np.isfinite(across)
+  time, heading = x.time[there], heading[there]
+  cos, sin, along, across = np.cos(heading), np.sin(heading), x.value[there], across[there]
+  turned = {"accel_x": Stream(time, cos * along + sin * across), "accel_y": Stream(time, cos * across - sin * along)}
+  return recording.replace(streams={**recording.streams, **turned})
+
+
 _ALTERNATIVES = (
   *(_flip(name) for name in ("yaw_rate", "accel_x", "accel_y", "steering_command", "speed", "motor_speed")),
   Alternative(
@@ -167,5 +178,11 @@ _ALTERNATIVES = (
     "exchange the columns of accel_x and accel_y in [channels], and set scale = -1 on accel_y",
     lambda r: _rewritten(accel_y=lambda v: -v)(_exchanged("accel_x", "accel_y")(r)),
     ("accel_x", "accel_y"),
+  ),
+  Alternative(
+    "accel_x and accel_y along the axes of the place",
+    "turn accel_x and accel_y by -pose_yaw into the car's axes in the log, or leave both out of [channels]",
+    _into_the_car,
+    ("accel_x", "accel_y", "pose_yaw"),
   ),
 )

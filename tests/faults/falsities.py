@@ -15,24 +15,20 @@ from collections.abc import Callable, Container, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.log_check.check import check_log, load_to_check
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.first_dataset import propose
 from qcar_twin.recordings.formats import read_table
 from qcar_twin.recordings.recording import Recording, RecordingError
+from tests.faults.wander import RATE, SIZES, Array, Columns, wander
 from tests.qcar_twin.recordings.drives import NOISE, VEHICLE, write_csv, write_manifest
 
-Array = NDArray[np.float64]
-Columns = dict[str, Array]
-RATE, SECONDS = 50.0, 90.0
 DEG = 180.0 / np.pi
 NAMES = {
   "motor_voltage": "motor_volts", "steering_command": "steer", "speed": "velocity", "accel_x": "acc_x",
   "accel_y": "acc_y", "yaw_rate": "gyro_z", "pose_x": "mocap_x", "pose_y": "mocap_y", "pose_yaw": "heading",
 }  # fmt: skip
-SIZES = {"1:43": 0.23, "1:10": 1.0, "1:5": 2.15, "full size": 11.0}  # of the 1:10 car's length
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,51 +44,6 @@ class Falsity:
   def applies(self, channels: Container[str]) -> bool:
     """Whether a log of these channels can have it."""
     return all(name in channels for name in (*self.channels, *self.only, *self.needs) if name != "time")
-
-
-def wander(seed: int, size: float = 1.0, seconds: float = SECONDS) -> tuple[Array, Columns]:
-  """Time (k,) and columns of a drive that never repeats itself, of a car `size` times as long as a 1:10 one.
-
-  Speeds grow with sqrt(size), so that lateral accelerations are alike (Froude's similarity).
-  """
-  random, time = np.random.default_rng(seed), np.arange(int(seconds * RATE)) / RATE
-  length, swift = 0.256 * size, np.sqrt(size)
-  speed = swift * np.maximum(1.2 + 0.5 * _smooth(random, time.size, 1.5 * swift), 0.0)
-  stop = 3.0 * max(float(swift), 1.0)
-  standing = (time < stop) | ((time > 45.0) & (time < 45.0 + stop))
-  speed = _rounded(np.where(standing, 0.0, speed), 0.4 * swift)
-  steering = 0.3 * np.tanh(_smooth(random, time.size, 0.8 * swift))
-  yaw_rate = speed * np.tan(steering) / length
-  yaw = np.cumsum(yaw_rate) / RATE
-  columns = {
-    "motor_voltage": 4.0 * speed / swift,
-    "steering_command": steering,
-    "speed": speed,
-    "accel_x": np.gradient(speed, time),
-    "accel_y": speed * yaw_rate,
-    "yaw_rate": yaw_rate,
-    "pose_x": np.cumsum(speed * np.cos(yaw)) / RATE,
-    "pose_y": np.cumsum(speed * np.sin(yaw)) / RATE,
-    "pose_yaw": yaw,
-  }
-  for channel, sigma in (NOISE | {"speed": 0.005}).items():
-    if channel in columns:
-      columns[channel] = columns[channel] + sigma * random.standard_normal(time.size)
-  return time, columns
-
-
-def _smooth(random: np.random.Generator, count: int, seconds: float) -> Array:
-  return _unit(_rounded(random.standard_normal(count), seconds))
-
-
-def _rounded(values: Array, seconds: float) -> Array:
-  width = seconds * RATE / 2.0
-  kernel = np.exp(-0.5 * (np.arange(-int(4 * width), int(4 * width) + 1) / width) ** 2)
-  return np.convolve(values, kernel / kernel.sum(), "same")
-
-
-def _unit(values: Array) -> Array:
-  return (values - values.mean()) / values.std()
 
 
 def _value(name: str, channel: str, change: Callable[[Array], Array]) -> Falsity:
@@ -147,6 +98,18 @@ def _turned_by(name: str, angle: float) -> Falsity:
   """A heading that is off, which is one only beside a place."""
   change = lambda t, c: (t, c | {"pose_yaw": c["pose_yaw"] + angle})
   return Falsity(name, ("pose_yaw",), change, needs=("pose_x",))
+
+
+def _in_the_place(time: Array, columns: Columns) -> tuple[Array, Columns]:
+  """Accelerations as a motion capture has them."""
+  there = np.isfinite(columns["pose_yaw"])
+  yaw = np.interp(time, time[there], np.unwrap(columns["pose_yaw"][there]))
+  along, across = columns["accel_x"], columns["accel_y"]
+  turned = {
+    "accel_x": np.cos(yaw) * along - np.sin(yaw) * across,
+    "accel_y": np.sin(yaw) * along + np.cos(yaw) * across,
+  }
+  return time, columns | turned
 
 
 def _clock(name: str, change: Callable[[Array], Array]) -> Falsity:
@@ -217,6 +180,7 @@ EVERY = (
     ("accel_x", "accel_y"),
     lambda t, c: (t, c | {"accel_x": c["accel_y"], "accel_y": -c["accel_x"]}),
   ),
+  Falsity("accelerations along the axes of the place", ("accel_x", "accel_y"), _in_the_place, needs=("pose_yaw",)),
   _value(
     "accel_x of the vertical axis",
     "accel_x",

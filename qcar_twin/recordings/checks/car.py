@@ -11,6 +11,7 @@ from qcar_twin.recordings.recording import RecordingError
 _DENSITY = (5.0, 5000.0)
 # yaw_inertia / (mass wheelbase^2): (k/L)^2 with a radius of gyration k of 0.2 to 1 wheelbase; cars have 0.1 to 0.25
 _GYRATION = (0.02, 1.0)
+_APART = 20.0  # of the two ends' distances to the centre of gravity; a car has it between its axles
 # by the wheelbase: wheels of a car are 0.1 to 0.25, its track 0.4 to 1.1, its centre of gravity 0.1 to 0.4
 _LENGTHS = {"wheel_radius": (0.02, 0.6), "track_width": (0.15, 3.0), "cg_height": (0.02, 1.5)}
 
@@ -28,6 +29,7 @@ def check_car(vehicle: Mapping[str, float | str], where: str) -> None:
     return
   wheelbase = number("cg_to_front") + number("cg_to_rear")
   if "mass" in vehicle:
+    _check_ends({key: number(key) for key in ("cg_to_front", "cg_to_rear")}, number("mass"), where)
     _check_mass(number("mass"), wheelbase, where)
   for key, (least, most) in _LENGTHS.items():
     if key in vehicle and not least < number(key) / wheelbase < most:
@@ -41,6 +43,18 @@ def check_car(vehicle: Mapping[str, float | str], where: str) -> None:
       raise RecordingError(
         f"{where} yaw_inertia of {number('yaw_inertia'):g} kg m^2 does not fit {number('mass'):g} kg and a wheelbase of"
         f" {wheelbase:g} m; a usual car has {0.17 * number('mass') * wheelbase**2:.3g} kg m^2"
+      )
+
+
+def _check_ends(ends: Mapping[str, float], mass: float, where: str) -> None:
+  """One of the two lengths in another unit than the other."""
+  (low, small), (high, large) = sorted(ends.items(), key=lambda end: end[1])
+  if not large > _APART * small > 0.0:
+    return
+  for scale, unit in ((1e-3, "mm"), (1e-2, "cm")):
+    if scale * large < _APART * small and _DENSITY[0] < mass / (scale * large + small) ** 3 < _DENSITY[1]:
+      raise RecordingError(
+        f"{where} {high} of {large:g} m does not fit {low} of {small:g} m; is it in {unit}? write {scale * large:.6g}"
       )
 
 

@@ -99,7 +99,7 @@ class Table:
     about = f"column '{column}'" + (f" for {channel}" if column != channel else "")
     cure = "write numbers with a decimal point, or leave the cell blank where there is no sample"
     if channel == "time":
-      cure = "time must be a number of seconds in every row"
+      cure = "time must be a number of seconds in every row, or a date such as 2025-10-05T13:28:47.25"
     return (
       f"{self.label}: {about} has '{' '.join(str(cell)[:40].split())}' in row {row + 1}, which is not a number; {cure}"
     )
