@@ -2,12 +2,10 @@
 
 Sound are drives by formula of four sizes with what real sensors do (noise, roll, slip, lags of a bus, a slow servo,
 understeer), sessions of both independent cars and the real sets; false are the same with one falsity. Comparisons are
-made once, since no number takes part in them; each number is then varied by itself.
-
-python -m tests.faults.disagreeing --drives 2 --seed 1
+made once, since no number takes part in them; each number is then varied by itself
+(`python -m tests.faults.thresholds --sensors`).
 """
 
-import argparse
 import dataclasses
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -29,7 +27,6 @@ from tests import REAL
 from tests.faults.door.sources import Log, by_formula, first_car, second_car
 from tests.faults.falsities import EVERY, SIZES, Array, Columns
 
-FACTORS = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)
 NUMBERS: tuple[tuple[str, tuple[ModuleType, ...]], ...] = (
   ("ALIKE", (causes, disagreements)),
   ("LATE", (causes, disagreements)),
@@ -144,6 +141,13 @@ def _real(name: str) -> Case:
   return Case.of(name, False, data.recordings, Vehicle.from_dataset(data.vehicle, data.vehicle_std))
 
 
+def few(seed: int, sound: Sequence[str], false: Sequence[str]) -> list[Case]:
+  """Some of them, of one drive of a 1:10 car."""
+  log = by_formula(seed, "1:10")
+  made = [_case(name, False, log.changed(SOUND[name])) for name in sound]
+  return [*made, *(_case(f.name, True, log.changed(f.apply)) for f in EVERY if f.name in false)]
+
+
 def _false(log: Log) -> list[Case]:
   fitting = [f for f in FALSE if f.applies(log.channels)]
   return [_case(f"{f.name}, {log.source}", True, log.changed(f.apply)) for f in fitting]
@@ -211,20 +215,13 @@ def errors(all_cases: Sequence[Case]) -> tuple[list[str], list[str]]:
     return alarms, [c.name for c in all_cases if c.false and not c.found()]
 
 
-def main() -> None:
-  parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-  parser.add_argument("--drives", type=int, default=2, help="By formula, of each size.")
-  parser.add_argument("--seed", type=int, default=1, help="Of drives and sessions.")
-  config = parser.parse_args()
-  made = cases(config.seed, config.drives)
+def report(drives: int, seed: int, factors: Sequence[float]) -> None:
+  """Errors as it is and with every number varied."""
+  made = cases(seed, drives)
   print(f"{sum(not c.false for c in made)} sound and {sum(c.false for c in made)} false logs")
   alarms, missed = errors(made)
   print("called spoilt:", *alarms, sep="\n  ")
   print("not called spoilt:", *missed, sep="\n  ")
-  print("| number | in use | " + " | ".join(f"x {factor:g}" for factor in FACTORS) + " |")
-  print("|---" * (2 + len(FACTORS)) + "|")
-  print("\n".join(table(made, FACTORS)))
-
-
-if __name__ == "__main__":
-  main()
+  print("| number | in use | " + " | ".join(f"x {factor:g}" for factor in factors) + " |")
+  print("|---" * (2 + len(factors)) + "|")
+  print("\n".join(table(made, factors)))

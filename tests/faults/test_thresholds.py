@@ -2,6 +2,8 @@
 
 import pytest
 
+from calibration.log_check import causes, disagreements
+from tests.faults import disagreeing
 from tests.faults.thresholds import acted, drives, errors, several_cases, with_number, wrongly_chosen
 
 
@@ -18,6 +20,23 @@ def test_no_sound_drive_is_blamed_and_no_false_one_passed(driven):
 def test_a_number_far_off_makes_errors(driven, number, value):
   with with_number(acted, number, value):
     alarms, missed = errors(*driven)
+  assert alarms or missed
+
+
+@pytest.fixture(scope="module")
+def compared():
+  """Comparisons of a few sound logs and of falsities that two sensors see."""
+  names = ("as it is", "a body that leans", "yaw_rate 0.1 s late")
+  return disagreeing.few(5, names, ("speed in knots", "pose_y with the other sign", "yaw_rate in deg/s"))
+
+
+def test_no_sound_log_is_called_spoilt_by_its_sensors_and_no_false_one_passed(compared):
+  assert disagreeing.errors(compared) == ([], [])
+
+
+def test_a_level_far_off_makes_errors(compared):
+  with disagreeing.with_number((causes, disagreements), "KNOTS", 2.5):
+    alarms, missed = disagreeing.errors(compared)
   assert alarms or missed
 
 

@@ -3,7 +3,8 @@
 Every number is varied by itself. Sound drives that are then blamed and false ones that are then passed are counted; the
 range without either is printed, and whether the number in use lies inside it.
 
-python -m tests.faults.thresholds --drives 6 --seed 1
+python -m tests.faults.thresholds --drives 8 --seed 1
+python -m tests.faults.thresholds --drives 1 --seed 1 --sensors
 """
 
 import argparse
@@ -19,11 +20,14 @@ from qcar_twin.recordings.completed import with_speed
 from qcar_twin.recordings.first_dataset import propose, several
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.recording import Recording
-from tests.faults.falsities import RATE, SIZES, Columns, wander
+from tests.faults import disagreeing
+from tests.faults.door.sources import Log, first_car, second_car
+from tests.faults.wander import RATE, SIZES, Columns, wander
 
 FACTORS = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)
 NUMBERS: tuple[tuple[ModuleType, str], ...] = (
   *((acted, name) for name in ("_RESTS", "_ANSWERS", "_LEAST_REST", "_LEAST_IDLE", "_NEAR", "_MOST", "_OFF", "_RARE")),
+  *((acted, name) for name in ("_NEVER", "_CONTRARY")),
   *((acted, name) for name in ("_WEAK", "_BIN", "_GENTLE", "_CENTRED", "_SURE", "_STAYS", "_SLOWEST", "_LEAP")),
   (commands, "_MUCH"),
 )
@@ -113,6 +117,7 @@ FALSE: dict[str, tuple[str, Change]] = {
 }
 
 
+NEUTRALS, SESSIONS = ("neutral of 5 V", "neutral of 2 V"), 8  # of sessions too, where so many drives are made
 SEVERAL = ("_ALTERNATIVE", "_CLEAR", "_APART", "_ALIKE", "_SPIKE", "_SPIKES")
 WHEELS = ("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr")
 ASKED = "asked"
@@ -170,14 +175,22 @@ def with_number(module: ModuleType, name: str, value: float) -> Iterator[None]:
     setattr(module, name, before)
 
 
-def drives(count: int, seed: int) -> tuple[list[tuple[str, Recording]], list[tuple[str, str, Recording]]]:
-  """Sound drives and false ones of all sizes, with what is done to each, and the channel that is false."""
+Runs = list[Recording]
+
+
+def drives(count: int, seed: int) -> tuple[list[tuple[str, Runs]], list[tuple[str, str, Runs]]]:
+  """Sound drives and false ones of all sizes and of both independent cars, with what is done to each, and the channel
+  that is false."""
   random = np.random.default_rng(seed)
   sound, false = [], []
   for k in range(count):
     drive = wander(int(random.integers(2**31)), list(SIZES.values())[k % len(SIZES)])
-    sound += [(name, _recording(change(*drive))) for name, change in SOUND.items()]
-    false += [(name, channel, _recording(change(*drive))) for name, (channel, change) in FALSE.items()]
+    sound += [(name, [_recording(change(*drive))]) for name, change in SOUND.items()]
+    false += [(name, channel, [_recording(change(*drive))]) for name, (channel, change) in FALSE.items()]
+  for make in (first_car, second_car) if count >= SESSIONS else ():
+    log = make(seed)
+    sound.append((log.source, _session(log)))
+    false += [(f"{name}, {log.source}", "motor_voltage", _session(log.changed(FALSE[name][1]))) for name in NEUTRALS]
   return sound, false
 
 
@@ -185,18 +198,26 @@ def _recording(drive: Drive) -> Recording:
   return with_speed(Recording.from_columns("run", *drive))[0]
 
 
-def errors(sound: list[tuple[str, Recording]], false: list[tuple[str, str, Recording]]) -> tuple[list[str], list[str]]:
+def _session(log: Log) -> Runs:
+  return [Recording.from_columns(run.file, run.time, run.columns) for run in log.runs]
+
+
+def errors(sound: list[tuple[str, Runs]], false: list[tuple[str, str, Runs]]) -> tuple[list[str], list[str]]:
   """Sound drives that are blamed, and false ones of whose channel nothing is said."""
-  alarms = [name for name, run in sound if commands.command_findings([run])]
-  said = lambda run: {channel for f in commands.command_findings([run]) for channel in f.channels}
-  return alarms, [name for name, channel, run in false if channel not in said(run)]
+  alarms = [name for name, runs in sound if commands.command_findings(runs)]
+  said = lambda runs: {channel for f in commands.command_findings(runs) for channel in f.channels}
+  return alarms, [name for name, channel, runs in false if channel not in said(runs)]
 
 
 def main() -> None:
   parser = argparse.ArgumentParser(description=__doc__)
   parser.add_argument("--drives", type=int, default=6, help="Of each kind.")
   parser.add_argument("--seed", type=int, default=1, help="Of the drives.")
+  parser.add_argument("--sensors", action="store_true", help="The numbers by which two sensors disagree, instead.")
   config = parser.parse_args()
+  if config.sensors:
+    disagreeing.report(config.drives, config.seed, FACTORS)
+    return
   sound, false = drives(config.drives, config.seed)
   print(f"{len(sound)} sound and {len(false)} false drives")
   print("as it is:", *errors(sound, false))
