@@ -103,3 +103,24 @@ def test_numbers_stay_positive_and_named(trial):
   wild = Family("ff_fb", FAMILY.numbers, FAMILY.start, spread=2.0)
   tuned = tune(wild, PLANT, THETA, CAR, SETTINGS, Search(candidates=8, elite=3, generations=3))
   assert set(tuned.numbers) == set(FAMILY.numbers) and all(value > 0.0 for value in tuned.numbers.values())
+
+
+def test_a_search_drives_the_path_linkages_and_servo_it_names(trial):
+  driven = trial(bowl(2.0))
+  linkages = tuning.spread_linkages(0.1, 1.5, 6, seed=1)
+  gains, offsets = np.array(linkages).T
+  assert 0.9 <= gains.min() < 0.97 and 1.03 < gains.max() <= 1.1 and np.abs(offsets).max() <= 1.5
+  search = Search(candidates=4, elite=2, generations=1, path="random:2:5", mismatch=linkages, servo=(0.0, 0.0))
+  run(search)
+  for _, task, count in driven:
+    assert task.path.name == "random:2" and count % len(linkages) == 0
+    assert (task.actuation.delay, task.actuation.lag) == (0.0, 0.0)
+    np.testing.assert_allclose(task.actuation.gain[: len(linkages)], gains)
+
+
+def test_the_origin_says_what_was_driven():
+  said = tuning.origin_of(Search(), "bicycle", {"drive_gain": 850.0})
+  assert "S-path at 0.5 m/s on the single track (drive_gain 850), servo lag 40 ms and delay 20 ms" in said
+  assert "4 cars of steering gain 0.95 to 1.05 and offset -0.5 to +0.5 deg" in said and "8 x 24 trials, seed 0" in said
+  other = tuning.origin_of(Search(path="random:2:30", mismatch=((0.9, 1.0), (1.1, -1.5))), "reduced", {})
+  assert "path random:2:30" in other and "on the reduced car" in other and "offset -1.5 to +1 deg" in other
