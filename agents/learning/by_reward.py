@@ -200,7 +200,8 @@ def make_agent(trial: Trial, model: Model, own_plant: OwnPlant | None = None) ->
   view = interface_of(trial.observation).view
   env: Any = FleetVecEnv(fleet(trial.options, seeds, model, own_plant), view, normalised=True)
   if hyper.normalise is not None:
-    env = VecNormalize(env, gamma=float(hyper.rest.get("gamma", 0.99)), **hyper.normalise)
+    given: dict[str, Any] = dict(hyper.normalise)
+    env = VecNormalize(env, gamma=float(hyper.rest.get("gamma", 0.99)), **given)
   return ALGORITHMS[hyper.algorithm](hyper.policy, env, seed=trial.seed, device="cpu", **hyper.arguments())
 
 

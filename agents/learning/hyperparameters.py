@@ -58,7 +58,7 @@ class Hyperparameters:
 
   def arguments(self) -> dict[str, Any]:
     """Keyword arguments of the algorithm's class."""
-    given = {name: _scheduled(value) for name, value in self.rest.items()}
+    given: dict[str, Any] = {name: _scheduled(value) for name, value in self.rest.items()}
     kwargs = dict(self.policy_kwargs)
     if "activation_fn" in kwargs:
       kwargs["activation_fn"] = ACTIVATIONS[kwargs["activation_fn"]]

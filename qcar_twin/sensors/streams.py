@@ -49,7 +49,7 @@ class CarStreams:
   def random(self, size: Shape) -> Array:
     """Uniform in [0, 1)."""
     size = (size,) if isinstance(size, int) else size
-    return _arranged((self._words(size) >> REAL) * 2.0**-53, size)
+    return _arranged(2.0**-53 * (self._words(size) >> REAL).astype(np.float64), size)
 
   def uniform(self, low: float, high: float, size: Shape) -> Array:
     """Uniform in [low, high)."""
