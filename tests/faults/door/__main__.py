@@ -37,6 +37,11 @@ def truths(seed: int, only: str = "") -> tuple[list[Truth], list[str]]:
   return made, absent
 
 
+def driven(truth: Truth) -> bool:
+  """Whether a car drove it: what a formula draws has geometry, and no dynamics that could be fitted."""
+  return not truth.log.source.startswith("formula")
+
+
 def label(truth: Truth) -> str:
   return f"{truth.log.source}{', drafted' if truth.drafted else ''}"
 
@@ -55,7 +60,7 @@ def main() -> None:
   fits = 0
   for number, (truth, falsity) in enumerate(dealt(made, config.count, config.seed), 1):
     began = time.perf_counter()
-    cases.append((label(truth), falsity, outcome(falsity, truth, fits < config.fits)))
+    cases.append((label(truth), falsity, outcome(falsity, truth, fits < config.fits and driven(truth))))
     fits += bool(cases[-1][2].calibrated)
     took[label(truth)] += time.perf_counter() - began
     print(f"{number} of {config.count}: {cases[-1][0]}: {falsity.name}: {cases[-1][2]}", file=sys.stderr, flush=True)
