@@ -139,10 +139,16 @@ def _same(mine: DataSet, theirs: DataSet, steering: float) -> bool:
     if name == "steering_command" and steering > SHARE:
       read, value, share = read / _wheelbase(mine), value / _wheelbase(theirs), steering
     apart = read - value
-    apart = apart - 2.0 * np.pi * np.round(apart[0] / (2.0 * np.pi)) if name == "pose_yaw" else apart
+    if name == "pose_yaw":  # where it is counted from says nothing without a place
+      apart = apart - (_turns(apart[0]) if (key[0], "pose_x") in others else apart[0])
     if np.abs(apart).max() > share * max(1.0, float(np.abs(value).max())):
       return False
   return True
+
+
+def _turns(angle: float) -> float:
+  """The whole turns in an angle, rad."""
+  return 2.0 * np.pi * round(angle / (2.0 * np.pi))
 
 
 def _whole(data: DataSet) -> dict[tuple[str, str], tuple[Array, Array]]:

@@ -74,7 +74,9 @@ class Log:
     return dataclasses.replace(self, runs=tuple(run.changed(change) for run in self.runs))
 
   def only(self, channels: tuple[str, ...]) -> "Log":
-    return self.changed(lambda t, c: (t, {name: v for name, v in c.items() if name in channels}))
+    """The runs that hold all of these channels, without others."""
+    few = self.changed(lambda t, c: (t, {name: v for name, v in c.items() if name in channels}))
+    return dataclasses.replace(few, runs=tuple(run for run in few.runs if set(channels) <= run.columns.keys()))
 
   def thinned(self, every: int) -> "Log":
     """One row in so many, as a slower logger has."""
