@@ -226,7 +226,7 @@ def main() -> None:
   for module, name in NUMBERS:
     value, cells = getattr(module, name), []
     for factor in FACTORS:
-      tried = 1.0 - (1.0 - value) / factor if name == "_MOST" else value * factor
+      tried = 1.0 - (1.0 - value) / factor if name == "_CONTRARY" else value * factor
       with with_number(module, name, tried):
         alarms, missed = errors(sound, false)
       cells.append(f"{len(alarms)}, {len(missed)}")

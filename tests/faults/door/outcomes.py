@@ -4,6 +4,7 @@ The truth is the same log without the falsity, read the same way.
 """
 
 import dataclasses
+import re
 import tempfile
 from pathlib import Path
 
@@ -121,8 +122,13 @@ def _by_fit(falsity: Falsity, truth: Truth, check: LogCheck) -> str:
     if name in theirs.estimates
   ):
     return "same"
-  named = _named(falsity, truth, check)
-  return "warned" if any(text in note for text in named for note in mine.notes) else "differs"
+  named = {_worded(text) for text in _named(falsity, truth, check)}
+  return "warned" if named & {_worded(note) for note in mine.notes} else "differs"
+
+
+def _worded(text: str) -> str:
+  """Without numbers: a fit's are of what is not held out."""
+  return re.sub(r"[-+]?\d[\d.e+-]*", "#", text)
 
 
 def _same(mine: DataSet, theirs: DataSet, steering: float) -> bool:
