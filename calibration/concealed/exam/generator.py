@@ -1,0 +1,71 @@
+"""What a published simulator has to offer to be driven through a laboratory session."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, Protocol
+
+import numpy as np
+
+FINE = 10  # rows of the trace per control period
+SIGNALS = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "accel_x", "accel_y", "motor", "road")
+
+
+class MissingGenerator(ImportError):
+  """The package of a generator is not installed."""
+
+
+@dataclass(frozen=True)
+class Start:
+  """Pose [m, m, rad] and forward speed [m/s] at the beginning of a run."""
+
+  x: float
+  y: float
+  yaw: float
+  speed: float
+
+
+class Plant(Protocol):
+  """One car in one run. Signals in SI units and ISO 8855 axes, the order of SIGNALS."""
+
+  def start(self, start: Start) -> np.ndarray:
+    """Put the car there, rolling straight; the signals (10,) of that instant."""
+    ...
+
+  def advance(self, drive: float, steer: float) -> np.ndarray:
+    """One control period under a drive command and a steering angle [rad]; signals (FINE, 10) at its fine steps."""
+    ...
+
+
+class Generator(Protocol):
+  """One car of a published simulator."""
+
+  design: str
+  drive_limit: float
+  drive_step: float
+  channel: str
+
+  def plant(self) -> Plant:
+    """A fresh car for one run."""
+    ...
+
+  def measured(self, rng: np.random.Generator) -> tuple[dict[str, float | str], dict[str, float]]:
+    """The [vehicle] table as an owner would measure it, and its standard deviations."""
+    ...
+
+  def drive_line(self) -> tuple[float, float, float]:
+    """Drive command per m/s of steady speed, command that just keeps the car moving, command per m/s of error."""
+    ...
+
+  def described(self) -> dict[str, float | str]:
+    """Every number of the car, for the truth."""
+    ...
+
+
+def load_package(name: str, package: str) -> Any:
+  """A generator's module. Raises MissingGenerator with the cure where it is not installed."""
+  try:
+    return import_module(name)
+  except ImportError as error:
+    raise MissingGenerator(f"{package} is not installed: pip install 'qcar-twin[exam]'") from error
