@@ -52,7 +52,8 @@ class Vehicle:
     tyre_law: one of qcar_twin/vehicle/tyre/laws.
     friction_coefficient: peak force / load.  tyre_shape, load_exponent, relaxation_length [m],
     carcass_damping [N s/m per wheel]: see qcar_twin/vehicle/tyre/parameters.py.
-    servo_time_constant: s.  servo_rate: highest steering rate, rad/s; inf for none.
+    servo_time_constant: s, lag at low frequencies.  servo_inertia: 1 / (2 zeta)^2, 0 of first order, see
+      qcar_twin/twin/engines/servo.py.  servo_rate: highest steering rate, rad/s; inf for none.
     ackermann_fraction: 0 parallel wheels, 1 both wheels aimed at the turning centre.
     wheel_mass: of one wheel with its carrier, kg.  wheel_inertia: about the axle, kg m^2.
     suspension_frequency: bounce, Hz.  suspension_damping_ratio: of that bounce.
@@ -93,6 +94,7 @@ class Vehicle:
   relaxation_length: float = 0.010
   carcass_damping: float = 40.0
   servo_time_constant: float = 0.005
+  servo_inertia: float = 0.0
   servo_rate: float = math.inf
   ackermann_fraction: float = 1.0
   wheel_mass: float = 0.1
@@ -261,7 +263,8 @@ _MEASURED = (
 _EITHER_SIGN = ("imu_x", "imu_y", "ackermann_fraction")
 _MAY_VANISH = (
   *_EITHER_SIGN, "centre_differential", "motor_damping", "driveline_friction", "rotor_inertia", "rolling_resistance",
-  "load_exponent", "relaxation_length", "carcass_damping", "servo_time_constant", "suspension_damping_ratio",
+  "load_exponent", "relaxation_length", "carcass_damping", "servo_time_constant", "servo_inertia",
+  "suspension_damping_ratio",
   "tyre_shape",
 )  # fmt: skip
 _UNLIMITED = ("max_torque", "servo_rate")

@@ -9,6 +9,7 @@ from mujoco.batch import Batch
 
 from qcar_twin.twin.engines import Array, Rows
 from qcar_twin.twin.engines.chassis import BODY, Chassis, Springs
+from qcar_twin.twin.engines.servo import transition
 from qcar_twin.twin.mechanisms.base import CarDimensions
 from qcar_twin.vehicle.ids import Handles
 from qcar_twin.vehicle.mjcf import CENTRE_SWITCH, centre_damping, differential_rows
@@ -23,15 +24,22 @@ OTHER = (
   "differential_damping",
   "differential_friction",
   "servo_time_constant",
+  "servo_inertia",
   "ackermann_fraction",
   "centre_differential",
   "suspension_frequency",
   "suspension_damping_ratio",
 )
+_AT_ONCE = 1e-9  # s, time constant of a filter that passes on what it is told
 
 
 class Fields:
-  """Quantities of N cars, and the batch they are written to."""
+  """Quantities of N cars, and the batch they are written to.
+
+  Attributes:
+    servo: how the servos go on in a step, (4, N), see qcar_twin/twin/engines/servo.py.
+    led: whether they must be led from step to step.
+  """
 
   def __init__(self, batch: Batch, car: CarDimensions, native_tyre: bool):
     self._batch, self.native = batch, native_tyre
@@ -49,6 +57,7 @@ class Fields:
     self._similarity = Similarity.of(car.wheelbase)
     self._full_ackermann = car.track_width / (2.0 * car.wheelbase)
     self.values: dict[str, Array] = {}
+    self.servo, self.led = np.zeros((4, 0)), False
 
   def load(self, values: dict[str, Array]) -> None:
     """Take base values of every quantity, (N,) or (N, 4), and write all of them."""
@@ -114,8 +123,8 @@ class Fields:
     if "differential_friction" in changed:
       for tendon in self._differential_tendons:
         self._batch.expand("tendon_frictionloss")[rows, tendon] = self.values["differential_friction"][rows]
-    if "servo_time_constant" in changed:
-      self._batch.expand("actuator_dynprm")[rows, self._handles.steering, 0] = self.values["servo_time_constant"][rows]
+    if changed & {"servo_time_constant", "servo_inertia"}:
+      self._write_servo()
     if "ackermann_fraction" in changed:
       curve = self._full_ackermann * self.values["ackermann_fraction"][rows]
       self._batch.expand("eq_data")[rows, self._ackermann, 2] = curve
@@ -127,6 +136,14 @@ class Fields:
         self._batch.expand("jnt_stiffness")[rows, joint] = stiffness
         self._batch.expand("qpos_spring")[rows, model.jnt_qposadr[joint]] = -load / stiffness
         self._batch.expand("dof_damping")[rows, model.jnt_dofadr[joint]] = damping
+
+  def _write_servo(self) -> None:
+    """MuJoCo's filter is a servo of first order. One of second order is led from step to step, and the filter passes
+    on what it is told."""
+    lag = self.values["servo_time_constant"]
+    self.servo = transition(lag, self.values["servo_inertia"], self._timestep)
+    self.led = bool(np.any(self.values["servo_inertia"] > 0.0))
+    self._batch.expand("actuator_dynprm")[:, self._handles.steering, 0] = _AT_ONCE if self.led else lag
 
   def _write_damper(self, equality: int, weight: float, damping: Array, rows: Rows) -> None:
     solref, solimp = differential_rows(damping, self._timestep, weight)

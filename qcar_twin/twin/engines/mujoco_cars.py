@@ -40,6 +40,8 @@ class MujocoCars:
     self._qpos, self._qvel, self._ctrl, self._act = batch.qpos, batch.qvel, batch.ctrl, batch.act
     self._xfrc, self._sensordata = batch.bind("xfrc_applied"), batch.bind("sensordata")
     self._handles = Handles.of(batch.model)
+    self._servo_rate = np.zeros(len(batch.qpos))  # times the servo's lag, rad
+    self._limit = float(batch.model.actuator_ctrlrange[self._handles.steering, 1])
 
   def __getstate__(self) -> dict[str, Any]:
     """Cars as they are, for a copy or another process: a batch of as many is made there."""
@@ -91,6 +93,7 @@ class MujocoCars:
     self._qpos[:, self._handles.steering_qpos[1]] = s["steering_angle"] - curve
     self._act[:] = 0.0
     self._act[:, -1] = s["steering_angle"]
+    self._servo_rate[:] = 0.0
     self._yaw = start[:, 2].copy()
     self._read(signals)
     signals[:, 6:8] = 0.0
@@ -98,6 +101,7 @@ class MujocoCars:
   def adopt(self, row: int, other: "MujocoCars") -> None:
     for name in _STATE:
       self.batch.bind(name)[row] = other.batch.bind(name)[0]
+    self._servo_rate[row] = other._servo_rate[0]
 
   def push(self, force: Array, signals: Array) -> None:
     cosine, sine = np.cos(signals[:, 2]), np.sin(signals[:, 2])
@@ -107,8 +111,22 @@ class MujocoCars:
 
   def advance(self, commands: Array, running: NDArray[np.intp] | None, signals: Array) -> None:
     self._ctrl[:] = commands
-    self.batch.step(running, nstep=self._substeps)
+    if self._fields.led:
+      self._lead(commands[:, 1], running)
+    else:
+      self.batch.step(running, nstep=self._substeps)
     self._read(signals)
+
+  def _lead(self, target: Array, running: NDArray[np.intp] | None) -> None:
+    """Steps with servos of second order."""
+    rows = slice(None) if running is None else running
+    a, b, c, d = self._fields.servo
+    for _ in range(self._substeps):
+      held = np.clip(target, -self._limit, self._limit)
+      off, rate = self._act[:, -1] - held, self._servo_rate.copy()
+      self._ctrl[:, self._handles.steering] = held + a * off + b * rate
+      self._servo_rate[rows] = (c * off + d * rate)[rows]
+      self.batch.step(running, nstep=1)
 
   def run(self, commands: Array, periods: NDArray[np.int64], signals: Array) -> bool:
     return False

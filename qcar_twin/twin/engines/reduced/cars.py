@@ -15,6 +15,7 @@ from qcar_twin.twin.engines import Array, Rows
 from qcar_twin.twin.engines.chassis import BODY, Chassis, Springs
 from qcar_twin.twin.engines.reduced import layout
 from qcar_twin.twin.engines.reduced.build import load
+from qcar_twin.twin.engines.servo import transition
 from qcar_twin.twin.mechanisms.base import CarDimensions
 from qcar_twin.vehicle.ids import Handles
 from qcar_twin.vehicle.mjcf import centre_damping, contact_row, sinking, wheel_half_width
@@ -70,8 +71,9 @@ class Numbers:
     for name, number in _PLAIN.items():
       if name in changed:
         out[row[number]] = value[name]
-    if "servo_time_constant" in changed:
-      out[row["SERVO_SHARE"]] = -np.expm1(-self._step / np.maximum(value["servo_time_constant"], 1e-9))
+    if changed & {"servo_time_constant", "servo_inertia"}:
+      servo = transition(value["servo_time_constant"], value["servo_inertia"], self._step)
+      out[row["SERVO_A"] : row["SERVO_A"] + len(servo)] = servo
     if "ackermann_fraction" in changed:
       out[row["ACKERMANN"]] = self._car.track_width / (2.0 * self._car.wheelbase) * value["ackermann_fraction"]
     if "centre_differential" in changed:

@@ -26,6 +26,7 @@ STATE = (
   "CENTRE_DIFFERENCE",  # front minus rear axle's mean wheel speed, rad/s
   "SERVO",  # mean road-wheel angle, rad
   "SERVO_BEFORE",  # of the step before
+  "SERVO_RATE",  # times its lag, rad
 )
 WHEEL_STATE = (
   "SLIP_X",
@@ -45,7 +46,10 @@ NUMBERS = (
   "CENTRE_DAMPING",  # between the axles, N m s/rad
   "GRAVITY_X",  # m/s^2, world frame
   "GRAVITY_Y",
-  "SERVO_SHARE",  # of the way to its command that the servo goes in a step
+  "SERVO_A",  # how the servo's error and rate go on in a step, see engines/servo.py
+  "SERVO_B",
+  "SERVO_C",
+  "SERVO_D",
   "ACKERMANN",  # half difference of the road-wheel angles per squared mean, 1/rad
   "MASS",
   "MOMENT_X",  # mass times place of the whole car, kg m

@@ -202,14 +202,16 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
   V roll_rate = state(a, S_ROLL_RATE), pitch_rate = state(a, S_PITCH_RATE), heave_rate = state(a, S_HEAVE_RATE);
   V motor = state(a, S_MOTOR), front = state(a, S_FRONT_DIFFERENCE), rear = state(a, S_REAR_DIFFERENCE);
   V centre = state(a, S_CENTRE_DIFFERENCE);
-  V servo = state(a, S_SERVO), servo_before = state(a, S_SERVO_BEFORE), moment = all(0);
+  V servo = state(a, S_SERVO), servo_before = state(a, S_SERVO_BEFORE), servo_rate = state(a, S_SERVO_RATE);
+  V moment = all(0);
   if (force) pushed = turned((Pair){force[0], force[1]}, s, c), moment = force[2];
   const Pair gravity = {number(a, P_GRAVITY_X), number(a, P_GRAVITY_Y)};
   const V m = number(a, P_MASS), mx = number(a, P_MOMENT_X), my = number(a, P_MOMENT_Y), mz = number(a, P_MOMENT_Z);
   const V iyr = number(a, P_YAW_ROLL_INERTIA), iyp = number(a, P_YAW_PITCH_INERTIA), iy = number(a, P_YAW_INERTIA);
   const V ir = number(a, P_ROLL_INERTIA), ip = number(a, P_PITCH_INERTIA), im = number(a, P_SPINNING_INERTIA);
   const V sx = number(a, P_SPRUNG_X), sy = number(a, P_SPRUNG_Y), sz = number(a, P_SPRUNG_Z);
-  const V curve = number(a, P_ACKERMANN), share = number(a, P_SERVO_SHARE);
+  const V curve = number(a, P_ACKERMANN), sa = number(a, P_SERVO_A), sb = number(a, P_SERVO_B);
+  const V sc = number(a, P_SERVO_C), sd = number(a, P_SERVO_D), stop = all(C[C_MAX_STEERING]);
   const V viscous = number(a, P_DIFFERENTIAL_DAMPING), coulomb = number(a, P_DIFFERENTIAL_FRICTION);
   const V between = number(a, P_CENTRE_DAMPING);
 
@@ -276,7 +278,8 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
 
     // momentum now, and the impulses that don't depend on the end: centrifugal and gyroscopic ones among them
     Pair f = turned(pushed, -sm, cm), g = turned(gravity, -sm, cm);
-    V spin2 = yaw_rate * yaw_rate, next_way = share * (steering - servo);
+    V spin2 = yaw_rate * yaw_rate, off = servo - steering;
+    V next_way = clip(steering + sa * off + sb * servo_rate, stop) - servo;
     V torque = clip(command * number(a, P_TORQUE_PER_COMMAND) - number(a, P_MOTOR_DAMPING) * motor, number(a, P_MAX_TORQUE));
     b[VX] = m * now.x - my * yaw_rate + mz * pitch_rate + h * (f.x + m * g.x + spin2 * mx) + t.to_plane[0];
     b[VY] = m * now.y + mx * yaw_rate - mz * roll_rate + h * (f.y + m * g.y + spin2 * my) + t.to_plane[1];
@@ -325,6 +328,7 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
     c = heading.x, s = heading.y;
     servo_before = servo;
     servo += next_way;
+    servo_rate = sc * off + sd * servo_rate;
   }
 
   put(a, S_X, x), put(a, S_Y, y), put(a, S_YAW, yaw), put(a, S_COSINE, c), put(a, S_SINE, s);
@@ -333,7 +337,7 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
   put(a, S_ROLL_RATE, roll_rate), put(a, S_PITCH_RATE, pitch_rate), put(a, S_HEAVE_RATE, heave_rate);
   put(a, S_MOTOR, motor), put(a, S_FRONT_DIFFERENCE, front), put(a, S_REAR_DIFFERENCE, rear);
   put(a, S_CENTRE_DIFFERENCE, centre);
-  put(a, S_SERVO, servo), put(a, S_SERVO_BEFORE, servo_before);
+  put(a, S_SERVO, servo), put(a, S_SERVO_BEFORE, servo_before), put(a, S_SERVO_RATE, servo_rate);
   // as twin.py reads an accelerometer that spoke a step ago
   V half = .5 * h * yaw_rate;
   Pair body = turned(v, -s, c);

@@ -69,6 +69,16 @@ def test_manoeuvres_are_mujocos_within_a_share_of_sensor_noise(mujoco_car, reduc
   within_noise(wrong)
 
 
+@pytest.mark.parametrize(("lag", "inertia"), [(0.03, 0.5), (0.005, 0.3), (0.05, 0.1)])
+def test_a_servo_of_second_order_moves_the_car_as_in_mujoco(mujoco_car, reduced, lag, inertia):
+  theta = mujoco_car.parameters.vector({"servo_time_constant": lag, "servo_inertia": inertia})
+  segments = stretches()
+  wrong = reduced.rollout(theta, segments).signals[0] - mujoco_car.rollout(theta, segments).signals[0]
+  within_noise(wrong)
+  steering = SIGNALS.index("steering_angle")
+  assert np.abs(wrong[..., steering]).max() < 2e-3
+
+
 def within_noise(wrong: np.ndarray) -> None:
   for name, noise in NOISE.items():
     rms = np.sqrt(np.mean(wrong[..., SIGNALS.index(name)] ** 2, axis=1))

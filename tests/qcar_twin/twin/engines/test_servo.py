@@ -1,0 +1,37 @@
+"""The servo of both engines is the differential equation it names."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from qcar_twin.plant import SIGNALS, START, Segments
+from qcar_twin.twin.engines.servo import transition
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import QCAR
+
+STEP, PERIODS = 0.2, 30
+
+
+def angle(time: np.ndarray, lag: float, inertia: float) -> np.ndarray:
+  """Of a step of the command: q tau^2 y'' + tau y' + y = u, by an integrator of its own."""
+  slope = lambda _, y: (y[1], (STEP - y[0] - lag * y[1]) / (inertia * lag**2))
+  return solve_ivp(slope, (0.0, time[-1]), (0.0, 0.0), t_eval=time, rtol=1e-9, atol=1e-12).y[0]
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "reduced"])
+@pytest.mark.parametrize(("lag", "inertia"), [(0.03, 0.5), (0.03, 0.25), (0.06, 0.1)])
+def test_a_step_is_answered_by_the_differential_equation(engine, lag, inertia):
+  car = Twin(QCAR, substeps=2, threads=1, engine=engine)
+  commands = np.tile([0.0, STEP], (1, PERIODS, 1))
+  segments = Segments(commands, np.zeros((1, len(START))), np.array([PERIODS]), 0.01, ("step",), np.zeros(1))
+  theta = car.parameters.vector({"servo_time_constant": lag, "servo_inertia": inertia})
+  shown = car.rollout(theta, segments).signals[0, 0, :, SIGNALS.index("steering_angle")]
+  expected = angle(0.01 * np.arange(PERIODS + 1), lag, inertia)
+  assert np.abs(shown - expected).max() < 1e-3 * STEP
+
+
+def test_first_order_is_the_limit():
+  lag, step = np.array([0.02, 0.02]), 0.005
+  limit = transition(lag, np.array([0.0, 1e-5]), step)
+  assert limit[0, 0] == np.exp(-step / 0.02) and not limit[1:, 0].any()
+  assert limit[0, 1] == pytest.approx(limit[0, 0], rel=1e-3)
