@@ -25,6 +25,7 @@ check: install
 docs: install
 	$(BIN)/python -m qcar_twin.twin.mechanisms.document docs/reference/mechanisms.md
 	$(BIN)/python -m docs.make.api
+	$(BIN)/python -m docs.make.parameters > docs/reference/parameters.md
 	$(BIN)/qcar-twin run --dataset data/sample --out out/docs
 	$(BIN)/qcar-twin check --dataset data/sample --out out/docs/check
 	$(BIN)/qcar-twin look data/sample/excitation_[ab].csv data/sample/free_drive_a.csv --out out/docs/look

@@ -6,10 +6,14 @@ A `ParameterSet` is an ordered tuple of them with the maps between names and vec
 
 import dataclasses
 import difflib
+import functools
 from collections.abc import Iterable, Iterator, Mapping
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+PriorKind = Literal["measured", "class", "open"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,7 +27,10 @@ class Parameter:
     unit: SI unit, "-" for none.
     symbol: letter used in equations and reports.
     null: value at which the physics it belongs to is absent; None if it has none.
-    std: prior standard deviation in `unit`; None for a weak prior (a third of the range).
+    std: prior standard deviation in `unit`, of what was measured; None for a weak prior (a third of the range).
+    factor: in place of `std`, of what is typical of the class: the prior is log-normal about `nominal`, and one
+      standard deviation is this factor up or down; above 1.
+    assumed: nobody measured it on this car, so that `std`, too, is typical of the class.
     typical: size worth talking about, in `unit`; materiality is judged against it.
     description: one line for reports.
     step: move worth one step of a fit, in `unit`, where prior and typical size say nothing of it: about the width of
@@ -41,6 +48,8 @@ class Parameter:
   typical: float | None = None
   description: str = ""
   step: float | None = None
+  factor: float | None = None
+  assumed: bool = False
 
   def __post_init__(self) -> None:
     if not self.lower <= self.nominal <= self.upper:
@@ -50,6 +59,24 @@ class Parameter:
       )
     if self.null is not None and not self.lower <= self.null <= self.upper:
       raise ValueError(f"parameter '{self.name}': null {self.null:g} lies outside its bounds")
+    if self.factor is not None and (self.factor <= 1.0 or self.lower <= 0.0 or self.std is not None):
+      raise ValueError(
+        f"parameter '{self.name}': a log-normal prior needs a factor above 1, a lower bound above 0 and no std"
+      )
+
+  @property
+  def kind(self) -> PriorKind:
+    """How it is known beforehand: measured on this car, typical of its class, or open."""
+    if self.factor is not None or self.assumed:
+      return "class"
+    return "open" if self.std is None else "measured"
+
+  @property
+  def prior(self) -> str:
+    """The prior in one phrase."""
+    if self.factor is not None:
+      return f"{self.kind}, a factor of {self.factor:g}"
+    return self.kind if self.std is None else f"{self.kind}, ±{self.std:.2g}"
 
   @property
   def scale(self) -> float:
@@ -83,7 +110,7 @@ class ParameterSet:
     return ParameterSet((*self, *other))
 
   def __repr__(self) -> str:
-    rows = [f"  {p.name} = {p.nominal:g} {p.unit} in [{p.lower:g}, {p.upper:g}]" for p in self]
+    rows = [f"  {p.name} = {p.nominal:g} {p.unit} in [{p.lower:g}, {p.upper:g}]: {p.prior}" for p in self]
     return "ParameterSet(\n" + "\n".join(rows) + "\n)"
 
   @property
@@ -105,8 +132,33 @@ class ParameterSet:
 
   @property
   def std(self) -> NDArray[np.float64]:
-    """Prior standard deviations, (P,); a third of the range where none is stated."""
-    return np.array([p.std or (p.upper - p.lower) / 3.0 for p in self], dtype=np.float64)
+    """Prior standard deviations at the nominal values, (P,); a third of the range where none is stated."""
+    wide = lambda p: p.nominal * np.log(p.factor) if p.factor else (p.upper - p.lower) / 3.0
+    return np.array([p.std or wide(p) for p in self], dtype=np.float64)
+
+  def deviations(self, theta: ArrayLike) -> NDArray[np.float64]:
+    """z, (P,), of one vector in prior standard deviations: minus its log prior is z'z / 2 up to a constant.
+
+    (theta - nominal) / std, and log(theta / nominal) / log(factor) of what is typical of the class.
+    """
+    theta, wide = np.asarray(theta, dtype=np.float64), self._widths
+    z = (theta - self.nominal) / self.std
+    z[self._log] = np.log(theta[self._log] / self.nominal[self._log]) / wide
+    return z
+
+  def deviation_slopes(self, theta: ArrayLike) -> NDArray[np.float64]:
+    """dz / dtheta, (P,); its square is the prior's precision."""
+    theta, slopes = np.asarray(theta, dtype=np.float64), 1.0 / self.std
+    slopes[self._log] = 1.0 / (theta[self._log] * self._widths)
+    return slopes
+
+  @functools.cached_property
+  def _log(self) -> NDArray[np.int64]:
+    return np.array([i for i, p in enumerate(self) if p.factor is not None], dtype=np.int64)
+
+  @functools.cached_property
+  def _widths(self) -> NDArray[np.float64]:
+    return np.log([p.factor for p in self if p.factor is not None])
 
   @property
   def scale(self) -> NDArray[np.float64]:

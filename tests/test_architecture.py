@@ -178,6 +178,19 @@ def test_the_second_car_never_loads_the_twin_or_the_first():
   assert not {"mujoco", "torch", "sklearn"} & loaded
 
 
+def test_the_exam_never_loads_the_twin_and_nothing_but_its_command_loads_the_exam():
+  loaded = really_loaded("import calibration.concealed.exam.session")
+  own = {name for name in loaded if name.split(".")[0] in PACKAGES}
+  files = ("qcar_twin.recordings", "qcar_twin.atomic_io", "qcar_twin.untrusted", "qcar_twin.extras")
+  files += ("calibration.concealed.laboratory", "calibration.concealed.exam")
+  assert not {
+    name for name in own - {"qcar_twin", "calibration", "calibration.concealed"} if not name.startswith(files)
+  }
+  assert not {"mujoco", "torch", "sklearn", "slipx"} & loaded
+  users = {module for module, used in graph().items() if any(u.startswith("calibration.concealed.exam") for u in used)}
+  assert {u for u in users if not u.startswith("calibration.concealed.exam")} == {"scripts.make_exam_session"}
+
+
 def test_the_laboratory_knows_no_car():
   for path in (ROOT / "calibration" / "concealed" / "laboratory").glob("*.py"):
     used = {

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from docs.make import api
+from docs.make import api, parameters
 from tests import ROOT
 
 BLOCKS = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"), re.M | re.S)
@@ -43,3 +43,10 @@ def test_the_page_of_the_interface_has_the_names_and_signatures_of_today():
   for _, module, name in api.names():
     head = api.signature(getattr(import_module(module), name))
     assert f"### {name}\n\n`from {module} import {name}`\n\n```text\n{head}\n```" in text, f"{name}: run make docs"
+
+
+def test_the_page_of_parameters_is_their_table():
+  page = ROOT / "docs" / "reference" / "parameters.md"
+  assert page.read_text(encoding="utf-8") == parameters.page(), (
+    "run python -m docs.make.parameters > docs/reference/parameters.md"
+  )

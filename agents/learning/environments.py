@@ -26,6 +26,7 @@ from qcar_twin.envs.gym_env import FleetVectorEnv, PathTrackingEnv
 from qcar_twin.envs.spaces import Interface
 from qcar_twin.envs.task import Reward, TrackingTask
 from qcar_twin.extras import extra
+from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.paths import Errors, Path
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import qcar_sensors
@@ -176,9 +177,14 @@ def demonstrator_of(options: Options, model: Model) -> Demonstrator | None:
 
 
 def prior_spread(plant: Plant) -> Spread:
-  """The parameters a person measures, within their stated standard deviations, independent of each other."""
-  known = [p for p in plant.parameters if p.std]
-  return Spread(tuple(p.name for p in known), np.diag([float(p.std or 0.0) ** 2 for p in known]))
+  """The parameters with a prior, within their standard deviations, independent of each other."""
+  known = [p for p in plant.parameters if p.kind != "open"]
+  return Spread(tuple(p.name for p in known), np.diag([_drawn(p) ** 2 for p in known]))
+
+
+def _drawn(parameter: Parameter) -> float:
+  """Standard deviation of a draw: of what only the class says a log-normal prior's, but no more than a typical size."""
+  return parameter.std or min(float(ParameterSet([parameter]).std[0]), parameter.scale)
 
 
 def fleet(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.likelihood import Problem
-from calibration.fitting.optimiser import bounded_solve, broyden, inverse_curvature, prior_cost
+from calibration.fitting.optimiser import bounded_solve, broyden, inverse_curvature, prior_cost, prior_gradient
 from qcar_twin.parameters import ParameterSet
 
 Array = NDArray[np.float64]
@@ -59,13 +59,13 @@ class Candidate:
   def curvature(self) -> Array:
     """Posterior curvature, (p, p)."""
     seen = self.jacobian[: self.n_train]
-    return seen.T @ seen + np.diag(1.0 / self.free.std**2)
+    return seen.T @ seen + np.diag(self.free.deviation_slopes(self.values) ** 2)
 
   @property
   def gradient(self) -> Array:
     """Slope of the cost, (p,)."""
     seen = self.jacobian[: self.n_train].T @ self.residual[: self.n_train]
-    return seen + (self.values - self.free.nominal) / self.free.std**2
+    return seen + prior_gradient(self.values, self.free)
 
   @property
   def std(self) -> Array:

@@ -25,7 +25,9 @@ from calibration.diagnosis.unexplained.unknown import smooth_forces, unknown_sen
 from calibration.fitting.dataset_recalibration import LONGEST, Start, recalibrate_dataset
 from calibration.fitting.recalibration import RecalibratedTwin, recalibrate_from
 from calibration.fitting.surrogate import Surrogate, exact, searching
+from calibration.fitting.tolerances import stopped, unusual
 from calibration.fitting.windows import Cut
+from calibration.log_check.ages import fitted_ages
 from calibration.log_check.ready import ready
 from calibration.progress import Progress, silent
 from qcar_twin.recordings.dataset import DataSet
@@ -69,11 +71,14 @@ def prepare(
   known = considered(mechanisms, start, vehicle.drive)
   twin = Twin(vehicle, [*known, *smooth_forces()], substeps=substeps, threads=threads)
   searched, said = searching(twin, plant)
-  recalibrated = recalibrate_dataset(dataset, searched, start, progress=progress)
+  ages = fitted_ages(dataset, vehicle)
+  recalibrated = recalibrate_dataset(dataset, searched, start, progress=progress, ages=ages)
   if isinstance(found := recalibrated.problem.twin, Surrogate) and found.guarded:
     where = ", ".join(f"{name} from {offset:.4g} s" for name, offset in sorted(found.guarded))
     said += (f"simulated by MuJoCo during the search, too: {where}; there the reduced car leads a fit astray",)
-  return Prepared(dataset, notes + said, known, recalibrated)
+  fit = recalibrated.fit
+  told = (unusual(fit.parameters, fit.theta), stopped(fit.parameters, fit.theta, fit.at_bound))
+  return Prepared(dataset, notes + said + tuple(filter(None, told)), known, recalibrated)
 
 
 def diagnose(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.fitting.observations import CHANNELS, Observations
-from calibration.fitting.optimiser import inverse_curvature
+from calibration.fitting.optimiser import inverse_curvature, prior_cost
 
 Array = NDArray[np.float64]
 
@@ -118,7 +118,7 @@ def clustered_std(model: Candidate, observations: Observations, directions: Arra
   count = len(slopes)
   scatter = slopes.T @ slopes * (count / max(count - 1, 1))
   inverse = inverse_curvature(model.curvature, model.free)
-  spread = inverse @ (scatter + np.diag(1.0 / model.free.std**2)) @ inverse
+  spread = inverse @ (scatter + np.diag(model.free.deviation_slopes(model.values) ** 2)) @ inverse
   asked = np.eye(len(inverse)) if directions is None else directions
   along = lambda matrix: np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", asked, matrix, asked), 0.0))
   return np.maximum(along(spread), along(inverse))
@@ -181,7 +181,7 @@ def evidence(larger: Candidate, smaller: Candidate, observations: Observations) 
 
 def prior_part(model: Candidate) -> float:
   """Half the sum of squares of the priors, nats."""
-  return 0.5 * float(np.sum(((model.values - model.free.nominal) / model.free.std) ** 2))
+  return prior_cost(model.values, model.free)
 
 
 def channel_shares(larger: Candidate, smaller: Candidate, observations: Observations) -> dict[str, float]:

@@ -1,7 +1,7 @@
 """The recalibrated twin of a data set: what calibration and diagnosis both start from."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ def recalibrate_dataset(
   most: float = LONGEST,
   progress: Progress = silent,
   evenly: bool = False,
+  ages: Mapping[str, tuple[float, float]] | None = None,
 ) -> RecalibratedTwin:
   """The base parameters of a twin, and the small errors every car and sensor has, fitted to a data set.
 
@@ -41,11 +42,22 @@ def recalibrate_dataset(
     most: s of driving that are simulated.
     progress: reports what is being done.
     evenly: it is spread evenly; else half of it is chosen for what it tells.
+    ages: of sensors, s, with standard deviations, as geometry tells them; see log_check/ages.py.
   """
   recordings = [r for r in dataset.recordings if r.role != "holdout"]
-  priors = starting_priors(recordings, twin, start)
+  priors = _aged(starting_priors(recordings, twin, start), ages)
   priors = ParameterSet([p for p in priors if p.name not in {a.name for a in added}]) + added
   return recalibrate(twin, recordings, priors, command_shifts(dataset), Cut(most=most, evenly=evenly), progress)
+
+
+def _aged(priors: ParameterSet, ages: Mapping[str, tuple[float, float]] | None) -> ParameterSet:
+  """The same with the ages of sensors that geometry tells: they are read off the log and need no model of a car."""
+  aged = {}
+  for name, (value, std) in (ages or {}).items():
+    if name in priors:
+      nominal = float(np.clip(value, priors[name].lower, priors[name].upper))
+      aged[name] = dataclasses.replace(priors[name], nominal=nominal, std=std)
+  return priors.replace(**aged)
 
 
 def left_out(dataset: DataSet, most: float = LONGEST, evenly: bool = False) -> tuple[str, ...]:

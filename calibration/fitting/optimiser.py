@@ -3,6 +3,10 @@
 The core sees a flat vector and a vectorised residual: all finite-difference columns and all trial
 steps of an iteration are one batched simulation. Source of the method: Nocedal and Wright,
 Numerical Optimization, 2nd ed., chapter 10; the pseudo-Huber loss: Hartley and Zisserman, A6.8.
+
+Wheels that lock, slip and catch again make a cost rough: its slope over a hundredth of a parameter's scale is not that
+of the valley. Where forward differences see no more gain, central differences over wider stencils go on, from the
+widest to the narrowest (implicit filtering: Gilmore and Kelley, SIAM Journal on Optimization 5, 1995).
 """
 
 import dataclasses
@@ -22,6 +26,7 @@ _LEAST_GAIN = 1.0  # nats an iteration must bring to be followed by another
 # actual over predicted reduction of the cost: from _SERVES on the Jacobian serves for another step, from _TRUSTED on a
 # step needs no others to be tried with it
 _SERVES, _TRUSTED = 0.7, 0.9
+_STENCILS = (0.3, 0.1)  # half widths of the central differences that a search for the minimum ends with, in scales
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,25 +102,22 @@ def fit(
     iterations: at most this many steps; a Jacobian serves up to three, corrected by Broyden's update.
     robust: pseudo-Huber width in standard deviations; np.inf for plain least squares.
     tolerance: stop when an iteration lowers the cost by less than this share of it, or by less than a nat; with 0
-      such an iteration must have had a fresh Jacobian.
+      such an iteration must have had a fresh Jacobian, and wider stencils must agree.
     step: finite-difference step as a share of each parameter's scale.
     progress: called with the iteration and the cost.
 
   Raises:
     ValueError: the residual at the start is not finite.
   """
-  theta = np.clip(parameters.nominal if start is None else np.asarray(start, float), parameters.lower, parameters.upper)
-  r = residual(theta[None])[0]
-  if not np.isfinite(r).all():
-    raise ValueError("the simulation at the first guess is not finite; start from nominal parameters")
+  theta, r = _begun(residual, parameters, start)
   costs, damping, evaluations = [_cost(r, theta, parameters, robust)], 1e-3, 1
   jacobian = np.zeros((len(r), len(theta)))
-  failures, renew, fresh = 0, True, False
+  failures, renew, fresh, wider = 0, True, False, list(_STENCILS if tolerance == 0 else ())
+  half = 0.0  # of the stencil; 0 for forward differences
   for k in range(iterations):
     if renew and not fresh:
-      jacobian = finite_differences(residual, parameters, theta, r, step)
-      evaluations += len(theta)
-      fresh = True
+      jacobian, fresh = _slopes(residual, parameters, theta, r, step, half), True
+      evaluations += len(theta) * (2 if half else 1)
     tried = _try(residual, parameters, theta, r, jacobian, costs[-1], damping, robust)
     evaluations += tried.evaluations
     gain = costs[-1] - tried.cost
@@ -133,11 +135,23 @@ def fit(
     # without a tolerance the minimum is sought to a nat, and only a fresh Jacobian knows that there is none left
     sure = fresh or (tolerance > 0 and tried.ratio >= _TRUSTED)
     if (small and sure and (gain > 0 or tried.predicted < _LEAST_GAIN)) or failures > 2:
-      break
+      if not wider:
+        break
+      half, damping, failures, renew, fresh = wider.pop(0), 1e-3, 0, True, False
+      continue
     fresh = fresh and gain <= 0
     # a Jacobian that foretold the gain well is good for one more step
     renew = (k + 1) % 3 == 0 or tried.ratio < _SERVES
   return _finish(parameters, theta, r, jacobian, costs, evaluations, robust)
+
+
+def _begun(residual: Residual, parameters: ParameterSet, start: Array | None) -> tuple[Array, Array]:
+  """The first guess within its bounds, and the residual there."""
+  theta = np.clip(parameters.nominal if start is None else np.asarray(start, float), parameters.lower, parameters.upper)
+  r = residual(theta[None])[0]
+  if not np.isfinite(r).all():
+    raise ValueError("the simulation at the first guess is not finite; start from nominal parameters")
+  return theta, r
 
 
 @dataclasses.dataclass(frozen=True)
@@ -190,6 +204,29 @@ def finite_differences(
   return jacobian
 
 
+def _slopes(residual: Residual, parameters: ParameterSet, theta: Array, r: Array, step: float, half: float) -> Array:
+  """Jacobian, (M, p), over a stencil of this half width; by forward differences where that is 0."""
+  if half:
+    return central_differences(residual, parameters, theta, half)
+  return finite_differences(residual, parameters, theta, r, step)
+
+
+def central_differences(residual: Residual, parameters: ParameterSet, theta: Array, half: float) -> Array:
+  """Jacobian, (M, p), by central differences over stencils `half` of a scale to either side, less at a bound.
+
+  Raises:
+    ValueError: a simulation within the stencil is not finite.
+  """
+  h = half * parameters.scale
+  above, below = np.minimum(theta + h, parameters.upper), np.maximum(theta - h, parameters.lower)
+  moved = residual(np.concatenate([theta + np.diag(above - theta), theta + np.diag(below - theta)]))
+  jacobian = ((moved[: len(theta)] - moved[len(theta) :]) / (above - below)[:, None]).T
+  if not np.isfinite(jacobian).all():
+    bad = [p.name for i, p in enumerate(parameters) if not np.isfinite(jacobian[:, i]).all()]
+    raise ValueError(f"the simulation is not finite when {', '.join(bad)} moves by {half:g} of its scale")
+  return jacobian
+
+
 def broyden(jacobian: Array, r: Array, theta: Array, outcome: Array, candidate: Array, scale: Array) -> Array:
   """Jacobian corrected by what one step showed (Broyden's rank-one update in units of scale), (M, p).
 
@@ -223,14 +260,19 @@ def robust_cost(r: Array, width: float) -> Array:
   return 0.5 * r**2 if not np.isfinite(width) else width**2 * (np.sqrt(1.0 + (r / width) ** 2) - 1.0)
 
 
-def posterior_curvature(jacobian: Array, r: Array, parameters: ParameterSet, robust: float) -> Array:
-  """J' W J plus the prior's precision, (p, p)."""
+def posterior_curvature(jacobian: Array, r: Array, theta: Array, parameters: ParameterSet, robust: float) -> Array:
+  """J' W J plus the prior's precision at theta, (p, p)."""
   weighted = jacobian * robust_weights(r, robust)[:, None]
-  return jacobian.T @ weighted + np.diag(1.0 / parameters.std**2)
+  return jacobian.T @ weighted + np.diag(parameters.deviation_slopes(theta) ** 2)
 
 
 def prior_cost(theta: Array, parameters: ParameterSet) -> float:
-  return 0.5 * float(np.sum(((theta - parameters.nominal) / parameters.std) ** 2))
+  return 0.5 * float(np.sum(parameters.deviations(theta) ** 2))
+
+
+def prior_gradient(theta: Array, parameters: ParameterSet) -> Array:
+  """Slope of `prior_cost`, (p,)."""
+  return parameters.deviations(theta) * parameters.deviation_slopes(theta)
 
 
 def _cost(r: Array, theta: Array, parameters: ParameterSet, robust: float) -> float:
@@ -240,8 +282,8 @@ def _cost(r: Array, theta: Array, parameters: ParameterSet, robust: float) -> fl
 
 
 def _lm_step(jacobian: Array, r: Array, theta: Array, parameters: ParameterSet, robust: float, damping: float) -> Array:
-  curvature = posterior_curvature(jacobian, r, parameters, robust)
-  gradient = jacobian.T @ (r * robust_weights(r, robust)) + (theta - parameters.nominal) / parameters.std**2
+  curvature = posterior_curvature(jacobian, r, theta, parameters, robust)
+  gradient = jacobian.T @ (r * robust_weights(r, robust)) + prior_gradient(theta, parameters)
   return bounded_solve(curvature + damping * np.diag(np.diag(curvature)), gradient, theta, parameters)
 
 
@@ -277,10 +319,11 @@ def _finish(
 ) -> Fit:
   span = parameters.upper - parameters.lower
   at_bound = (theta - parameters.lower < 1e-6 * span) | (parameters.upper - theta < 1e-6 * span)
-  covariance = np.diag(parameters.std**2)
+  prior = parameters.deviation_slopes(theta) ** -2
+  covariance = np.diag(prior)
   free = np.flatnonzero(~at_bound)
   loose = ParameterSet(p for p, bound in zip(parameters, at_bound, strict=True) if not bound)
-  curvature = posterior_curvature(jacobian[:, free], r, loose, robust)
+  curvature = posterior_curvature(jacobian[:, free], r, theta[free], loose, robust)
   covariance[np.ix_(free, free)] = inverse_curvature(curvature, loose)
   variance = np.diag(covariance)
   return Fit(
@@ -288,7 +331,7 @@ def _finish(
     theta=theta,
     covariance=covariance,
     at_bound=at_bound,
-    identifiable=(variance < 0.5 * parameters.std**2) & ~at_bound,
+    identifiable=(variance < 0.5 * prior) & ~at_bound,
     cost=costs[-1],
     data_cost=float(np.sum(robust_cost(r, robust))),
     residual=r,

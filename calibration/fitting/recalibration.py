@@ -18,6 +18,7 @@ from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import Observations, observe
 from calibration.fitting.optimiser import Fit, finite_differences, fit, prior_cost
 from calibration.fitting.surrogate import Stretch, anchored
+from calibration.fitting.tolerances import widened
 from calibration.fitting.windows import DEFAULT_CUT, Cut
 from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
@@ -31,7 +32,11 @@ log = logging.getLogger(__name__)
 _BODY = ("mass", "yaw_inertia", "cg_to_front", "cg_height_offset")
 # of the nominal friction, where rough fits begin: from above the wheels hold and the cost is smooth
 _GRIPS = (1.0, 1.4)
+# wheels that steer in parallel and wheels aimed at the turning centre: between them a car's tyres make up for either
+_LINKAGES = (0.0, 1.0)
+_SPAN = 3  # iterations of a rough fit before the worse half of the starts is given up
 _ROUNDS, _SETTLED = 8, 1.0  # corrections by MuJoCo, and nats that end them
+_LONGEST = 40  # iterations between two corrections: a search ends where its slopes do, not by count
 _AFAR = 4  # rounds of a fit from afar
 _NOTICED = 10.0  # nats: no decision hangs on a smaller error; hardly a claim rests on twice as many
 # of a predicted reduction: below, a model is not trusted over that step (Nocedal and Wright, 2nd ed., algorithm 4.1)
@@ -93,7 +98,12 @@ def recalibrate(
   observations = observe(recordings, twin.vehicle, dataclasses.replace(cut, command_shift=shift))
   twin = anchored(twin, base.names, start)
   problem = _weighted(twin, observations, fitted_count(observations, recordings), base, start, floor)
-  return settled(problem, noise, base, start, shift)
+  fitted = settled(problem, noise, base, start, shift)
+  wider = widened(base, fitted.fit.theta)
+  if any(p != q for p, q in zip(wider, base, strict=True)):
+    progress("recalibration within wider bounds")
+    fitted = settled(fitted.problem, noise, wider, fitted.fit.theta, shift)
+  return fitted
 
 
 def recalibrate_from(baseline: RecalibratedTwin, theta: Array) -> RecalibratedTwin:
@@ -168,7 +178,7 @@ def _descended(problem: Problem, base: ParameterSet, start: Array) -> tuple[Prob
   confirm a step, the stretches in which the slopes of the two differ are left to MuJoCo from then on.
   """
   embedded = lambda values: problem.embed(base.names, values, problem.parameters.nominal)[0]
-  minimum = _fit(problem, base, start, 12, 0.0)
+  minimum = _fit(problem, base, start, _LONGEST, 0.0)
   if problem.exact is problem:
     return problem, minimum
   theta, cost = start, _cost(problem, base, start)
@@ -187,7 +197,7 @@ def _descended(problem: Problem, base: ParameterSet, start: Array) -> tuple[Prob
       break
     if actual > 0.0:
       problem, theta, cost = there, minimum.theta, cost - actual
-    minimum = _fit(problem, base, theta, 6, 0.0)
+    minimum = _fit(problem, base, theta, _LONGEST, 0.0)
   residual = problem.fitted_residual(embedded(theta)[None])[0]
   return problem, dataclasses.replace(minimum, theta=theta, residual=residual, cost=cost)
 
@@ -206,11 +216,11 @@ def _approach(
   n_train = fitted_count(observations, recordings)
   start, held = _best_start(twin, observations, n_train, base), _held(base)
   problem = _weighted(twin, observations, n_train, base, start, floor)
-  attempts = [_fit(problem, held, _with_grip(base, start, grip), 5, 1e-2) for grip in _GRIPS]
-  rough = min(attempts, key=lambda f: f.cost)
-  problem = _weighted(twin, observations, n_train, base, rough.theta, floor)
-  rough = _fit(problem, base, rough.theta, 4, 5e-3)
-  return problem, problem.raw(problem.embed(base.names, rough.theta, twin.parameters.nominal))[0], rough.theta
+  starts = [_begun(base, start, grip, linkage) for grip in _GRIPS for linkage in _LINKAGES]
+  rough = _halved(problem, held, starts)
+  problem = _weighted(twin, observations, n_train, base, rough, floor)
+  rough = _fit(problem, base, rough, 4, 5e-3).theta
+  return problem, problem.raw(problem.embed(base.names, rough, twin.parameters.nominal))[0], rough
 
 
 def _held(base: ParameterSet) -> ParameterSet:
@@ -223,11 +233,25 @@ def _held(base: ParameterSet) -> ParameterSet:
   return base.replace(**{p.name: dataclasses.replace(p, std=0.1 * (p.std or 0.0)) for p in measured})
 
 
-def _with_grip(base: ParameterSet, theta: Array, grip: float) -> Array:
-  """The estimates with a share of the nominal friction coefficient."""
-  out, i = theta.copy(), base.index("friction_coefficient")
-  out[i] = np.clip(grip * base.nominal[i], base.lower[i], base.upper[i])
+def _begun(base: ParameterSet, theta: Array, grip: float, linkage: float) -> Array:
+  """The estimates with a share of the nominal friction coefficient and another Ackermann fraction."""
+  out, values = theta.copy(), {"friction_coefficient": grip * base["friction_coefficient"].nominal}
+  for name, value in (values | {"ackermann_fraction": linkage}).items():
+    i = base.index(name)
+    out[i] = np.clip(value, base.lower[i], base.upper[i])
   return out
+
+
+def _halved(problem: Problem, base: ParameterSet, starts: Sequence[Array]) -> Array:
+  """The best of several starts, by successive halving: a few iterations each, then the better half goes on.
+
+  Source: Jamieson and Talwalkar, Non-stochastic best arm identification and hyperparameter optimization, AISTATS 2016.
+  """
+  fits = [_fit(problem, base, start, _SPAN, 1e-2) for start in starts]
+  while len(fits) > 1:
+    better = sorted(fits, key=lambda f: f.cost)[: len(fits) // 2]
+    fits = [_fit(problem, base, f.theta, _SPAN, 1e-2) for f in better]
+  return fits[0].theta
 
 
 def _fit(problem: Problem, base: ParameterSet, start: Array, iterations: int, tolerance: float) -> Fit:

@@ -24,6 +24,7 @@ _HALF = 0.06  # s on either side of a time, from which its value is taken
 _ORDER = 2  # of the polynomial: in a launch a straight line's curvature costs more than the third coefficient does
 _AGREE = 1.5  # standard deviations on either side of a value: intervals of 87 %
 _STANDS = 0.02  # m/s: a car that is slower when its recording begins waits to be driven
+_TOLD = 2.0  # standard deviations: a speed nearer to zero cannot be told from none
 _POSE = ("pose_x", "pose_y", "pose_yaw")
 
 
@@ -42,7 +43,8 @@ def measured_start(
     time: s, recording time.
     vehicle: numbers of the car.
     steering: command that stands then, rad.
-    at_beginning: the recording begins then; a car that stands in its first sample starts at rest.
+    at_beginning: the recording begins then; a car that stands in its first sample, as far as its speed tells, starts
+      at rest.
     noise: white noise of each channel while the car rolls; `driving_noise` of this recording by default.
 
   Speed is that of the wheels, and sideslip that of a rear axle that does not slip, v_y = r l_r; what a car's own tyres
@@ -53,10 +55,33 @@ def measured_start(
   states = dict.fromkeys(START, 0.0) | {name: at(name, 0.02) for name in _POSE}
   states["steering_angle"] = float(np.clip(steering, -vehicle.max_steering, vehicle.max_steering))
   speed = float(road_speed(at("motor_speed"), vehicle)) if "motor_speed" in recording else at("speed")
-  if not at_beginning or abs(speed) >= _STANDS:
+  if not at_beginning or abs(speed) >= max(_STANDS, _TOLD * _speed_noise(white, recording, vehicle)):
     states |= {"velocity_x": speed, "yaw_rate": at("yaw_rate")}
     states["velocity_y"] = states["yaw_rate"] * vehicle.cg_to_rear
+    if at_beginning and "yaw_rate" in recording:
+      states["steering_angle"] = _turned(states, white.get("yaw_rate", 0.0), vehicle)
   return np.array([states[name] for name in START])
+
+
+def _speed_noise(white: Mapping[str, float], recording: Recording, vehicle: Vehicle) -> float:
+  """Noise of a sample of the speed that a start is read off, m/s."""
+  if "motor_speed" in recording:
+    return float(road_speed(white.get("motor_speed", 0.0), vehicle))
+  return white.get("speed", 0.0)
+
+
+def _turned(states: Mapping[str, float], noise: float, vehicle: Vehicle) -> float:
+  """Angle of the road wheels, rad, with which the car turns as it does: delta = r L / v_x, kinematic.
+
+  The command is a prior with the standard deviation of angles spread evenly over what the wheels can do: where the car
+  hardly moves, its turning says nothing. Whether a first command has acted yet every fit finds for its log
+  (WHEELS_AT_COMMAND in qcar_twin/twin/parameters.py).
+  """
+  command, limit = states["steering_angle"], vehicle.max_steering
+  per_rate = (vehicle.cg_to_front + vehicle.cg_to_rear) / states["velocity_x"]
+  kinematic = float(np.clip(states["yaw_rate"] * per_rate, -limit, limit))
+  doubt = (noise * per_rate) ** 2 / (limit**2 / 3.0)
+  return (kinematic + doubt * command) / (1.0 + doubt)
 
 
 def level(stream: Stream, time: float, noise: float, half: float = _HALF) -> float:

@@ -7,6 +7,7 @@ import dataclasses
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.fitting.noise import means_at_rest
 from qcar_twin.parameters import Parameter, ParameterSet
@@ -15,6 +16,8 @@ from qcar_twin.twin.mechanisms import catalogue
 from qcar_twin.twin.mechanisms.base import Mechanism, SensorError
 from qcar_twin.twin.twin import Twin
 
+_TOUCHES = 1e-4  # of a bound, within which an estimate has stopped there
+_UNUSUAL = 2.0  # standard deviations: one car in twenty
 _WIDEST = 3.0  # standard deviations that recalibration may use up; beyond them is a mechanism
 
 
@@ -41,7 +44,7 @@ def with_sensor_biases(base: ParameterSet, twin: Twin, recordings: Sequence[Reco
   """
   declared = [(n, e) for m in sensor_error_mechanisms(twin.mechanisms) for n, e in m.sensor_errors.items()]
   return base + [
-    _read_at_rest(dataclasses.replace(twin.parameters[name], std=error.std), error, recordings)
+    _read_at_rest(dataclasses.replace(twin.parameters[name], std=error.std, assumed=True), error, recordings)
     for name, error in declared
   ]
 
@@ -73,7 +76,50 @@ def with_tolerances(priors: ParameterSet, twin: Twin) -> ParameterSet:
 def _tolerated(parameter: Parameter, std: float) -> Parameter:
   """The parameter within three standard deviations, to one side where it has one sign only."""
   lower, upper = max(parameter.lower, -_WIDEST * std), min(parameter.upper, _WIDEST * std)
-  return dataclasses.replace(parameter, std=std, lower=lower, upper=upper)
+  return dataclasses.replace(parameter, std=std, lower=lower, upper=upper, assumed=True)
+
+
+def widened(parameters: ParameterSet, estimates: NDArray[np.float64]) -> ParameterSet:
+  """The same with the bound twice as far at which an estimate, (p,), of an open or a class figure stopped.
+
+  Such a bound says where a search is unlikely to end, and is no knowledge of the car.
+  """
+  moved = {}
+  for p, value in zip(parameters, estimates, strict=True):
+    if p.kind == "measured" or p.assumed or p.null is not None or p.lower <= 0.0:
+      continue
+    if value >= p.upper * (1.0 - _TOUCHES):
+      moved[p.name] = dataclasses.replace(p, upper=2.0 * p.upper)
+    elif value <= p.lower * (1.0 + _TOUCHES):
+      moved[p.name] = dataclasses.replace(p, lower=0.5 * p.lower)
+  return parameters.replace(**moved)
+
+
+def stopped(parameters: ParameterSet, estimates: NDArray[np.float64], at_bound: NDArray[np.bool_]) -> str:
+  """A sentence about estimates, (p,), that stopped at a bound, (p,); empty if none did: a share may be 0 or 1."""
+  said = [
+    f"{p.name} = {value:.3g} {p.unit} ({p.prior})"
+    for p, value, at in zip(parameters, estimates, at_bound, strict=True)
+    if at and abs(value) > _TOUCHES * (p.upper - p.lower) and (p.lower, p.upper) != (0.0, 1.0)
+  ]
+  if not said:
+    return ""
+  return f"at the bound of what recalibration allows for: {', '.join(said)}; the twin may lack what these make up for"
+
+
+def unusual(parameters: ParameterSet, estimates: NDArray[np.float64]) -> str:
+  """A sentence about estimates, (p,), of class figures beyond two deviations of their priors; empty if there are none.
+
+  A slow servo or a soft tyre is no missing physics, since every car has a servo and tyres; but who takes the twin for a
+  usual car wants to know.
+  """
+  away = parameters.deviations(estimates)
+  said = [
+    f"{p.name} = {value:.3g} {p.unit} (usual are {p.nominal:.3g} {p.unit}, {p.prior})"
+    for p, value, z in zip(parameters, estimates, away, strict=True)
+    if p.kind == "class" and p.null is None and abs(z) > _UNUSUAL
+  ]
+  return f"unlike other cars of the class: {', '.join(said)}" if said else ""
 
 
 def _ranked(mechanisms: Iterable[Mechanism]) -> list[Mechanism]:

@@ -288,7 +288,7 @@ def _with_bicycle(estimate: Fit, covariance: Array, residual: Callable[[Array], 
     step = np.zeros(len(theta))
     step[k] = 1e-3 * (theta[k] or math.sqrt(covariance[k, k]))
     moved.append((residual(theta + step) - r) / step[k])
-  curvature = posterior_curvature(estimate.jacobian, estimate.residual, estimate.parameters, np.inf)
+  curvature = posterior_curvature(estimate.jacobian, estimate.residual, estimate.theta, estimate.parameters, np.inf)
   scale = estimate.parameters.scale
   pull = (estimate.jacobian * scale).T @ np.stack(moved, axis=-1)
   shift = -scale[:, None] * np.linalg.solve(curvature * np.outer(scale, scale), pull)

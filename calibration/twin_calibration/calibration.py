@@ -39,6 +39,7 @@ from calibration.identification.match_bicycle import (
   match_bicycle,
   mean_percent,
 )
+from calibration.log_check.ages import fitted_ages
 from calibration.log_check.ready import ready
 from calibration.progress import Progress, silent
 from calibration.twin_calibration.stage_cache import Stages, fingerprint
@@ -58,6 +59,7 @@ QUICK = 40.0  # s of driving that are fitted for a first look
 FINE = 5  # simulation steps per control period of the final numbers: 2 ms
 _UNSEEN = 0.5  # a prior deviation of a parameter moves all residuals together by less than this: nothing shows it
 _OFF = 3.0  # prior deviations that are worth a word
+_STRAIGHT = "no steering_command is logged: the car is taken to drive straight"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -242,18 +244,16 @@ def _to_recordings(
   if recalibrated is None or standing:
     added = [p for m in twin.mechanisms if m.name in mechanisms for p in m.parameters]
     kept = dataclasses.replace(dataset, recordings=tuple(fitted))
-    again = recalibrate_dataset(kept, twin, added=added, most=QUICK if quick else LONGEST, progress=progress)
+    ages, most = fitted_ages(kept, twin.vehicle), QUICK if quick else LONGEST
+    again = recalibrate_dataset(kept, twin, added=added, most=most, progress=progress, ages=ages)
   else:
     again = recalibrated()
-  notes = ["no steering_command is logged: the car is taken to drive straight"]
-  if any("steering_command" in r for r in fitted):
-    notes = []
+  notes = [] if any("steering_command" in r for r in fitted) else [_STRAIGHT]
   if len(command_shifts(dataset)) > 1:
     notes.append(f"the log's command timing is unknown; commands fit best {again.command_shift} control periods later")
   if standing:
     notes.append(f"static friction holds the car in {', '.join(standing)}: left out of the fit, not of the errors")
-  fresh = with_jacobian(again.fit, _slopes(again), np.inf)
-  estimates = _table(fresh, twin.parameters, "not fitted")
+  estimates = _table(with_jacobian(again.fit, _slopes(again), np.inf), twin.parameters, "not fitted")
   return {"estimates": estimates, "command_shift": int(again.command_shift), "notes": notes}
 
 
@@ -276,7 +276,7 @@ def _table(fitted: Fit, every: ParameterSet, reason: str) -> dict[str, dict[str,
   table = {}
   for p in every:
     if p.name not in fitted.parameters:
-      table[p.name] = _not_fitted(p.nominal, p.nominal, p.std or (p.upper - p.lower) / 3.0, p.unit, reason)
+      table[p.name] = _not_fitted(p.nominal, p.nominal, float(ParameterSet([p]).std[0]), p.unit, reason)
       continue
     i = fitted.parameters.index(p.name)
     row = fitted.table()[p.name]

@@ -1,8 +1,13 @@
 """The parameters the base twin has, with their priors, and the quantities they stand for.
 
-Priors: what a person measures with a scale and a ruler carries the standard deviation stated with
-the vehicle; motor, damping and cornering stiffness are open; what is hard to see in recordings
-(friction peak, slip stiffness, transient slip, servo) is held near figures typical of the class.
+Each parameter is known in one of three ways, and the table in `base_parameters` says in which:
+
+* measured: with a scale, a ruler or on a bench; the vehicle's description states the standard deviation, or the table
+  does what such a measurement is good for.
+* class: nobody measured it on this car. The nominal value is typical of small electric cars, and the prior is
+  log-normal where it can only be positive: one standard deviation is then a factor. An independent simulated car had a
+  slip stiffness of 98 N and a real one 44 N beside a nominal 540 N: a factor of 3 puts them at 1.6 and 2.3 deviations.
+* open: known to an order of magnitude; the recordings decide.
 """
 
 import dataclasses
@@ -16,13 +21,14 @@ from qcar_twin.vehicle.tyre import law_parameters, tyre_laws
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
+WHEELS_AT_COMMAND = "wheels_at_command"
 _LOSSES = ("motor_damping", "driveline_friction", "drive_damping", "drive_friction")
 _LOOP_REACH = 6.0  # times slower or faster than usual; a loop yet faster chatters at steps of 5 ms when the wheels slip
 
 
 def base_parameters(vehicle: Vehicle) -> ParameterSet:
   """The base twin's parameters for a car, nominal values and priors from its numbers."""
-  v, std, motor, size = vehicle, vehicle.std, vehicle.motor, vehicle.similarity
+  v, std, motor = vehicle, vehicle.std, vehicle.motor
   length = v.cg_to_front + v.cg_to_rear
   reach = _LOOP_REACH if v.drive == "speed" else 40.0
   return ParameterSet(
@@ -33,27 +39,29 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
                 typical=0.3 * v.driveline_friction),
       # steps of the voltage show only its sum with the car's mass; one much lighter lets the wheels chatter when they
       # slip
-      _near("rotor_inertia", v.rotor_inertia, 0.4, "kg m^2", "J_m", 3.0),
+      _class(v, "rotor_inertia", 2.0, (1 / 3, 8.0), "kg m^2", "J_m"),
       _open("cornering_stiffness_front", v.cornering_stiffness_front, 8.0, "N/rad", "C_f"),
       _open("cornering_stiffness_rear", v.cornering_stiffness_rear, 8.0, "N/rad", "C_r"),
-      _near("longitudinal_stiffness", v.longitudinal_stiffness, 0.15, "N", "C_x", 4.0),
-      _near("friction_coefficient", v.friction_coefficient, 0.08, "-", "mu", 3.0),
-      *(dataclasses.replace(p, nominal=getattr(v, p.name, p.nominal)) for p in law_parameters(v.tyre_law)),
-      Parameter("relaxation_length", v.relaxation_length, 0.0, 0.15 * size.length, "m", "sigma",
-                std=0.003 * size.length),
-      Parameter("servo_time_constant", v.servo_time_constant, 0.001 * size.time, 0.2 * size.time, "s",
-                "tau_s", std=std.get("servo_time_constant", 0.002 * size.time)),
-      Parameter("ackermann_fraction", v.ackermann_fraction, -0.5, 1.6, "-", "f_A", std=0.3),
-      _measured("mass", v.mass, std.get("mass", 0.02 * v.mass), "kg", "m"),
-      _measured("yaw_inertia", v.yaw_inertia, std.get("yaw_inertia", 0.1 * v.yaw_inertia), "kg m^2", "I_G"),
-      Parameter("cg_to_front", v.cg_to_front, 0.2 * length, 0.8 * length, "m", "L_f",
-                std=std.get("cg_to_front", 0.01 * length)),
-      Parameter("cg_height_offset", 0.0, -0.8 * v.cg_height, 1.5 * v.cg_height, "m", "dh",
-                std=std.get("cg_height", 0.1 * v.cg_height)),
+      _class(v, "longitudinal_stiffness", 3.0, (1 / 27, 8.0), "N", "C_x"),
+      _class(v, "friction_coefficient", 1.3, (1 / 3, 3.0), "-", "mu"),
+      *(dataclasses.replace(p, nominal=getattr(v, p.name, p.nominal), assumed=True)
+        for p in law_parameters(v.tyre_law)),
+      _class(v, "relaxation_length", 3.0, (1 / 20, 15.0), "m", "sigma"),
+      _class(v, "servo_time_constant", 3.0, (1 / 5, 40.0), "s", "tau_s"),
+      _measured("servo_inertia", v.servo_inertia, (0.0, 1.0), "-", "q_s", std, 0.25),
+      _measured("ackermann_fraction", v.ackermann_fraction, (-1.0, 2.0), "-", "f_A", std, 0.5),
+      _measured("mass", v.mass, (0.4 * v.mass, 2.5 * v.mass), "kg", "m", std, 0.02 * v.mass),
+      _measured("yaw_inertia", v.yaw_inertia, (0.4 * v.yaw_inertia, 2.5 * v.yaw_inertia), "kg m^2", "I_G", std,
+                0.1 * v.yaw_inertia),
+      _measured("cg_to_front", v.cg_to_front, (0.2 * length, 0.8 * length), "m", "L_f", std, 0.01 * length),
+      _measured("cg_height_offset", 0.0, (-0.8 * v.cg_height, 1.5 * v.cg_height), "m", "dh", std, 0.1 * v.cg_height),
       Parameter("suspension_frequency", v.suspension_frequency, 0.25 * v.suspension_frequency, stiffest_suspension(v),
-                "Hz", "f_z", std=0.5 * v.suspension_frequency),
+                "Hz", "f_z", std=0.5 * v.suspension_frequency, assumed=True),
       *_centre(v),
       *_torque_limit(v),
+      # no log says whether its first command had acted when it began: its own habit, not the car's
+      Parameter(WHEELS_AT_COMMAND, 1.0, 0.0, 1.0, "-", "w_0", std=0.5, assumed=True,
+                description="share of the way to its first command that a recording's road wheels have gone"),
     )
   )  # fmt: skip
 
@@ -62,8 +70,7 @@ def _centre(vehicle: Vehicle) -> tuple[Parameter, ...]:
   """The differential between two driven axles: few descriptions of a car say whether there is one."""
   if len(vehicle.driven_axles) < 2:
     return ()
-  name, std = "centre_differential", vehicle.std.get("centre_differential", 0.5)
-  return (Parameter(name, vehicle.centre_differential, 0.0, 1.0, "-", "x_c", std=std),)
+  return (_measured("centre_differential", vehicle.centre_differential, (0.0, 1.0), "-", "x_c", vehicle.std, 0.5),)
 
 
 def _torque_limit(vehicle: Vehicle) -> tuple[Parameter, ...]:
@@ -98,7 +105,7 @@ def stiffest_suspension(vehicle: Vehicle) -> float:
 def quantities(theta: Array, base: ParameterSet, vehicle: Vehicle) -> dict[str, Array]:
   """Simulator quantities of N cars from their parameters (N, P >= len(base)): (N,) or, per wheel, (N, 4)."""
   size = len(theta)
-  column = {name: np.array(theta[:, i]) for i, name in enumerate(base.names)}
+  column = {name: np.array(theta[:, i]) for i, name in enumerate(base.names) if name != WHEELS_AT_COMMAND}
   wheelwise = lambda value: np.tile(np.asarray(value, float).reshape(-1, 1), (size // np.size(value), 4))
   front, rear = column.pop("cornering_stiffness_front") / 2, column.pop("cornering_stiffness_rear") / 2
   out = {
@@ -123,12 +130,12 @@ def informed(parameters: ParameterSet, values: Mapping[str, float]) -> Parameter
 
   A first guess bounds nothing: bounds reach as far as those about the old value and those about the new one do
   together. Nor do steps shrink of a loss that is guessed to be next to nothing, where another effect may have hidden
-  it. Only parameters without a measured prior are moved; a measured one keeps its value.
+  it. Only open parameters are moved.
   """
   moved = {}
   for name, value in values.items():
     old = parameters[name]
-    if old.std is not None or not np.isfinite(value) or value <= 0 or old.nominal <= 0:
+    if old.kind != "open" or not np.isfinite(value) or value <= 0 or old.nominal <= 0:
       continue
     ratio = value / old.nominal
     lower, upper = min(old.lower, old.lower * ratio), max(old.upper, old.upper * ratio)
@@ -142,10 +149,27 @@ def _open(name: str, nominal: float, factor: float, unit: str, symbol: str, std:
   return Parameter(name, nominal, nominal / factor, nominal * factor, unit, symbol, std=std, typical=0.3 * nominal)
 
 
-def _near(name: str, nominal: float, share: float, unit: str, symbol: str, factor: float) -> Parameter:
-  """A parameter held near a figure typical of the class."""
-  return Parameter(name, nominal, nominal / factor, nominal * factor, unit, symbol, std=share * nominal)
+def _class(vehicle: Vehicle, name: str, factor: float, reach: tuple[float, float], unit: str, symbol: str) -> Parameter:
+  """A figure typical of the class, one deviation of which is a factor, unless this car's own was measured; `reach`:
+  bounds over the nominal value."""
+  nominal, std = getattr(vehicle, name), vehicle.std.get(name)
+  lower, upper = (nominal * share for share in reach)
+  if std is not None:
+    return Parameter(name, nominal, lower, upper, unit, symbol, std=std)
+  return Parameter(name, nominal, lower, upper, unit, symbol, typical=0.3 * nominal, factor=factor)
 
 
-def _measured(name: str, nominal: float, std: float, unit: str, symbol: str) -> Parameter:
-  return Parameter(name, nominal, 0.4 * nominal, 2.5 * nominal, unit, symbol, std=std)
+def _measured(
+  name: str,
+  nominal: float,
+  bounds: tuple[float, float],
+  unit: str,
+  symbol: str,
+  std: Mapping[str, float],
+  else_std: float,
+) -> Parameter:
+  """What a person measures: the vehicle's own deviation, or a usual one of such measurements."""
+  stated = std.get("cg_height" if name == "cg_height_offset" else name)
+  return Parameter(
+    name, nominal, *bounds, unit, symbol, std=else_std if stated is None else stated, assumed=stated is None
+  )

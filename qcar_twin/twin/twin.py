@@ -16,12 +16,13 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from qcar_twin.plant import SIGNALS, Prediction, Segments
+from qcar_twin.plant import SIGNALS, START, STEERING, Prediction, Segments
 from qcar_twin.twin import parameters as twin_parameters
 from qcar_twin.twin.engines import ENGINES, Engine, EngineKind, Rows
 from qcar_twin.twin.engines.mujoco_cars import MujocoCars
 from qcar_twin.twin.engines.reduced.cars import Numbers, ReducedCars, constants, irreducible
 from qcar_twin.twin.mechanisms.base import CarDimensions, Mechanism, Track, describe, suited
+from qcar_twin.twin.parameters import WHEELS_AT_COMMAND
 from qcar_twin.twin.sessions import ONE_SESSION, SessionShifts
 from qcar_twin.twin.simulation import Simulation
 from qcar_twin.twin.slots import STEPPED, Slot
@@ -32,6 +33,7 @@ from qcar_twin.vehicle.vehicle import TyreKind, Vehicle
 
 Array = NDArray[np.float64]
 _AT_ONCE = 3  # times as many reduced cars as others side by side
+_WHEELS = START.index("steering_angle")
 _READ_ON = 25  # control periods after a stretch's end that sensors with fast clocks may still read
 
 
@@ -199,6 +201,8 @@ class Twin:
     history = None if segments.history is None else tile(segments.history)
     start, offset, pose = tile(segments.start), tile(segments.offset), tile(segments.measured_pose)
     theta = self._in_sessions(theta, segments)
+    if segments.start_rate is not None:
+      start[:, _WHEELS] += self._turned(theta, start, commands[0])
     start = self._as_measured(theta, start, None if segments.start_rate is None else tile(segments.start_rate))
     ends = np.minimum(np.tile(segments.steps, n) + _READ_ON, length)  # after it a car rests: nothing is measured
     groups = self._apart(theta)
@@ -230,6 +234,11 @@ class Twin:
     if busy.all() or not busy.any():
       return [slice(None)]
     return [np.flatnonzero(~busy), np.flatnonzero(busy)]
+
+  def _turned(self, theta: Array, start: Array, first: Array) -> Array:
+    """By how much the road wheels stand nearer to a first command, (N, 2), than where the car turned to, rad, (N,)."""
+    command = np.clip(first[:, STEERING], -self.vehicle.max_steering, self.vehicle.max_steering)
+    return theta[:, self.base.index(WHEELS_AT_COMMAND)] * (command - start[:, _WHEELS])
 
   def _as_measured(self, theta: Array, start: Array, rate: Array | None) -> Array:
     """Start states (N, 7) of stretches as cars with parameters (N, P) had them, given what their sensors said.

@@ -122,6 +122,11 @@ class Car:
     return replace(car, drivetrain=train)
 
   @property
+  def servo_time_constant(self) -> float:
+    """Lag of the servo at low frequencies [s]."""
+    return 2.0 * self.servo_damping / self.servo_rate
+
+  @property
   def wheelbase(self) -> float:
     """Distance of the axles [m]."""
     return self.cg_to_front + self.cg_to_rear
@@ -162,6 +167,7 @@ class Car:
             "mass": 0.01, "yaw_inertia": 0.06 * self.yaw_inertia, "cg_to_front": 0.002, "cg_to_rear": 0.002,
             "track_width": 0.001, "cg_height": 0.004, "wheel_radius": 1.5e-4, "imu_x": 0.003, "imu_y": 0.003,
             "motor_constant": 0.015 * self.motor_constant, "motor_resistance": 0.04 * self.motor_resistance,
+            "servo_time_constant": 0.0015,  # road wheels filmed at some hundred frames a second
         }  # fmt: skip
     error = np.clip(rng.standard_normal(len(std)), -2, 2)
     value = {name: getattr(self, name) + std[name] * e for (name, e) in zip(std, error, strict=True)}

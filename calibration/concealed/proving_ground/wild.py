@@ -101,8 +101,8 @@ def draw_wild_sensors(rng: np.random.Generator) -> Sensors:
 def known_of_it(
   vehicle: dict[str, float | str], std: dict[str, float]
 ) -> tuple[dict[str, float | str], dict[str, float]]:
-  """What an owner knows of such a car: scale and ruler, nothing of the motor, a guess at the yaw inertia."""
-  unknown = ("motor_constant", "motor_resistance")
+  """What an owner knows of such a car: scale and ruler, nothing of motor and servo, a guess at the yaw inertia."""
+  unknown = ("motor_constant", "motor_resistance", "servo_time_constant")
   kept = {name: value for name, value in vehicle.items() if name not in unknown}
   deviations = {name: value for name, value in std.items() if name not in unknown}
   return kept, deviations | {"yaw_inertia": 0.2 * float(vehicle["yaw_inertia"])}

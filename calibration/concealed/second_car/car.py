@@ -118,6 +118,11 @@ class SecondCar:
     )  # fmt: skip
 
   @property
+  def servo_time_constant(self) -> float:
+    """Lag of the servo at low frequencies [s]."""
+    return self.servo_time
+
+  @property
   def wheelbase(self) -> float:
     """Distance of the axles [m]."""
     return self.cg_to_front + self.cg_to_rear
@@ -135,6 +140,7 @@ class SecondCar:
       "mass": 0.008, "yaw_inertia": 0.07 * self.yaw_inertia, "cg_to_front": 0.0015, "cg_to_rear": 0.0015,
       "track_width": 0.001, "cg_height": 0.004, "wheel_radius": 1.5e-4, "imu_x": 0.002, "imu_y": 0.002,
       "motor_constant": 0.02 * self.motor_constant, "motor_resistance": 0.04 * self.motor_resistance,
+      "servo_time_constant": 0.0015,  # road wheels filmed at some hundred frames a second
     }  # fmt: skip
     off = {name: np.clip(rng.standard_normal(), -2.0, 2.0) for name in std}
     off["cg_to_rear"] = -off["cg_to_front"]  # the wheelbase itself is read to a tenth of a millimetre

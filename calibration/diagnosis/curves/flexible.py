@@ -13,11 +13,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.diagnosis.curves.ages import PERIOD, clock, command_lead, told_without_a_model
+from calibration.diagnosis.curves.leads import PERIOD, command_lead
 from calibration.fitting.dataset_recalibration import LONGEST, command_shifts, starting_priors
 from calibration.fitting.recalibration import RecalibratedTwin, recalibrate, reweighted, settled
 from calibration.fitting.tolerances import always_fitted
 from calibration.fitting.windows import Cut
+from calibration.log_check.ages import clock, told_without_a_model
 from calibration.progress import Progress, silent
 from qcar_twin.kinematics import road_speed
 from qcar_twin.parameters import Parameter, ParameterSet
@@ -40,8 +41,6 @@ BESIDE = (
 )  # fmt: skip
 DELAYS, AGES = ("steering_delay", "drive_delay"), ("encoder_latency", "imu_latency", "pose_latency")
 TRIM, GAIN = 0.02, 0.1  # rad, and share: how far a servo's trim and a pack's voltage usually wander between sessions
-_TYPICAL = ("longitudinal_stiffness",)  # held near figures of the class in twin/parameters.py, to 15 %
-_REACH = 20.0  # times a typical figure: its order of magnitude, and a little more
 _TOP = 0.995  # quantile of the speed that counts as the highest: the rest is spikes
 
 
@@ -100,11 +99,12 @@ class Characterised:
     jacobian, residual = self.fitted.jacobian[:n, free], problem.fitted_residual(self.theta[None])[0]
     scale = found.parameters.scale[free]
     slopes = jacobian * scale
-    inverse = np.linalg.pinv(slopes.T @ slopes + np.diag((scale / found.parameters.std[free]) ** 2), hermitian=True)
+    prior = found.parameters.deviation_slopes(found.theta)[free]
+    inverse = np.linalg.pinv(slopes.T @ slopes + np.diag((scale * prior) ** 2), hermitian=True)
     stretch = problem.observations.stretch[:n]
     scores = np.zeros((stretch.max() + 1, len(free)))
     np.add.at(scores, stretch, slopes * residual[:, None])
-    meat = scores.T @ scores + np.diag((scale / found.parameters.std[free]) ** 2)
+    meat = scores.T @ scores + np.diag((scale * prior) ** 2)
     out = np.diag(found.parameters.std**2)
     out[np.ix_(free, free)] = inverse @ meat @ inverse * np.outer(scale, scale)
     return out
@@ -206,14 +206,14 @@ def flexible_priors(
     dataclasses.replace(p, nominal=reach[p.name], std=1e-3 * reach[p.name]) if p.name in reach else p for p in added
   ]
   taken = {p.name for p in placed}
-  base = [_unmeasured(p) for p in starting_priors(recordings, twin, None) if p.name not in taken]
+  base = [p for p in starting_priors(recordings, twin, None) if p.name not in taken]
   timed = _timed(placed, recordings, twin.vehicle)
   return ParameterSet([*base, *timed, *twin.sessions.parameters(twin.parameters)])
 
 
 def _timed(placed: Sequence[Parameter], recordings: Sequence[Recording], vehicle: Vehicle) -> list[Parameter]:
   """The same with what is known of ages: sensors' from geometry, delays counted from commands that were moved."""
-  told = told_without_a_model(recordings, vehicle) if clock(recordings) == "pose_latency" else {}
+  told = told_without_a_model(recordings, vehicle)
   late = PERIOD * command_lead(recordings)
   known = {name: (float(value), std) for name, (value, std) in told.items()}
   known |= {name: (late, 0.5 * late + 0.04) for name in DELAYS if late}
@@ -225,15 +225,9 @@ def _timed(placed: Sequence[Parameter], recordings: Sequence[Recording], vehicle
   ]
 
 
-def _unmeasured(parameter: Parameter) -> Parameter:
-  """A figure typical of the class, which nobody measured on this car: known to its order of magnitude."""
-  if parameter.name not in _TYPICAL:
-    return parameter
-  nominal = parameter.nominal
-  return dataclasses.replace(parameter, std=nominal, lower=nominal / _REACH, upper=nominal * _REACH)
-
-
 def opened(parameter: Parameter) -> Parameter:
   """Known to twice its typical size, where nothing better is stated."""
+  if parameter.factor:
+    return parameter
   wide = 2.0 * (parameter.typical or 0.3 * abs(parameter.nominal) or 1.0)
   return dataclasses.replace(parameter, std=parameter.std or wide)

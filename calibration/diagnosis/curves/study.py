@@ -28,6 +28,7 @@ from calibration.fitting.noise_floor import driving_noise, residual_floor
 from calibration.fitting.observations import UNITS, Observations
 from calibration.fitting.recalibration import RecalibratedTwin
 from calibration.fitting.tolerances import always_fitted
+from calibration.log_check.ages import fitted_ages
 from calibration.log_check.ready import ready
 from calibration.progress import Progress, silent
 from qcar_twin.recordings.dataset import DataSet
@@ -195,7 +196,7 @@ def study(
 def _base(dataset: DataSet, most: float, threads: int, plant: EngineKind) -> RecalibratedTwin:
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
   searched = fitted_on(Twin(vehicle, select(always_fitted()), substeps=2, threads=threads), plant)
-  return recalibrate_dataset(dataset, searched, most=most, evenly=True)
+  return recalibrate_dataset(dataset, searched, most=most, evenly=True, ages=fitted_ages(dataset, vehicle))
 
 
 def _judged(

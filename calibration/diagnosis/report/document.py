@@ -82,7 +82,7 @@ def parameter_shifts(model: Candidate) -> dict[str, dict[str, float]]:
     p.name: {
       "prior": p.nominal,
       "fitted": float(model.values[i]),
-      "sigma": float((model.values[i] - p.nominal) / model.free.std[i]),
+      "sigma": float(model.free.deviations(model.values)[i]),
     }
     for i, p in enumerate(model.free)
   }

@@ -9,6 +9,7 @@ from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.score import Comparison, clustered_std, compare, evidence
 from calibration.diagnosis.search.weighing import Levels, Weighed, shown_size, stretched, weighed
+from calibration.fitting.optimiser import bounded_solve
 from calibration.fitting.tolerances import sensor_error_mechanisms
 from qcar_twin.parameters import ParameterSet
 
@@ -137,19 +138,19 @@ def _beyond_usual(model: Candidate, names: list[str], declared: Mapping[str, flo
 
 
 def _at_null(model: Candidate, names: list[str]) -> Candidate:
-  """A model with some parameters held at zero and the rest refitted, to first order."""
+  """A model with some parameters held at zero and the rest refitted within their bounds, to first order."""
   held = [model.free.index(n) for n in names]
   rest = [i for i in range(len(model.free)) if i not in held]
   move = np.zeros(len(model.free))
   move[held] = -model.values[held]
   pull = model.gradient + model.curvature @ move
-  scale = model.free.scale[rest]
-  inner = model.curvature[np.ix_(rest, rest)] * np.outer(scale, scale)
-  move[rest] = -np.linalg.lstsq(inner, pull[rest] * scale, rcond=None)[0] * scale
+  free = ParameterSet(model.free[model.free.names[i]] for i in rest)
+  values = bounded_solve(model.curvature[np.ix_(rest, rest)], pull[rest], model.values[rest], free)
+  move[rest] = values - model.values[rest]
   return dataclasses.replace(
     model,
-    free=ParameterSet(model.free[model.free.names[i]] for i in rest),
-    values=(model.values + move)[rest],
+    free=free,
+    values=values,
     residual=model.residual + model.jacobian @ move,
     jacobian=model.jacobian[:, rest],
   )

@@ -77,7 +77,8 @@ def multistart_models(
 def unbent(base: Candidate, priors: ParameterSet) -> dict[str, float]:
   """Nominal values of the measured parameters that recalibration moved further than is believable, by name."""
   here = base.free.named(base.values)
-  return {p.name: p.nominal for p in priors if p.std and abs(here[p.name] - p.nominal) > _BENT * p.std}
+  away = priors.deviations([here[name] for name in priors.names])
+  return {p.name: p.nominal for p, z in zip(priors, away, strict=True) if p.kind != "open" and abs(z) > _BENT}
 
 
 def _about(problem: Problem, names: Iterable[str], along: bool) -> list[str]:

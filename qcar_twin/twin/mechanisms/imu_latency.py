@@ -1,7 +1,7 @@
 """IMU data that arrive late."""
 
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, Mechanism, Track
+from qcar_twin.twin.mechanisms.base import Array, Mechanism, SensorError, Track
 from qcar_twin.twin.mechanisms.elements import caught_up, replaced, shifted
 
 
@@ -19,7 +19,9 @@ class ImuLatency(Mechanism):
   stage = "sensor"
   needs = ("yaw_rate",)
   signed = True
-  sought_far = True
+  # half a period of an IMU read at 100 Hz: no log says whether its samples are means of a period or its last one
+  sensor_errors = {"imu_latency": SensorError(0.005)}
+  fitted_rank = 11
   parameters = (
     Parameter("imu_latency", 0.0, -0.12, 0.25, "s", "d", null=0.0, typical=0.05, description="age of the data"),
   )

@@ -3,6 +3,7 @@
 import dataclasses
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from calibration.diagnosis import pipeline
@@ -16,6 +17,7 @@ class Recalibrated:
   """As far as `prepare` looks at one."""
 
   problem: SimpleNamespace
+  fit: SimpleNamespace
 
 
 @pytest.fixture
@@ -26,8 +28,10 @@ def dataset():
 def prepared(dataset, monkeypatch, guarded=(), plant="reduced"):
   """What `prepare` makes where recalibration ends with these stretches left to MuJoCo."""
 
-  def recalibrate(dataset, twin, start, progress):
-    return Recalibrated(SimpleNamespace(twin=twin.guarding(guarded) if isinstance(twin, Surrogate) else twin))
+  def recalibrate(dataset, twin, start, progress, ages):
+    base = twin.base
+    fit = SimpleNamespace(parameters=base, theta=base.nominal, at_bound=np.zeros(len(base), dtype=bool))
+    return Recalibrated(SimpleNamespace(twin=twin.guarding(guarded) if isinstance(twin, Surrogate) else twin), fit)
 
   monkeypatch.setattr(pipeline, "recalibrate_dataset", recalibrate)
   return pipeline.prepare(dataset, plant=plant)

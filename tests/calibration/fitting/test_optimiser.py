@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from calibration.fitting.optimiser import broyden, finite_differences, fit
+from calibration.fitting import optimiser
+from calibration.fitting.optimiser import broyden, central_differences, finite_differences, fit
 from qcar_twin.parameters import Parameter, ParameterSet
 
 
@@ -48,12 +49,12 @@ def test_a_linear_problem_takes_one_jacobian(problem):
 
 
 def test_without_a_tolerance_a_fresh_jacobian_that_promises_nothing_is_the_end(problem):
-  """One Jacobian to arrive, one to be sure: from the minimum itself a fit costs a start, a Jacobian and a step."""
+  """From the minimum itself a fit costs a start, and a Jacobian and the steps tried with it for each stencil."""
   matrix, _, target = problem
   p = parameters()
   there = fit(linear(matrix, target), p, robust=np.inf).theta
   fitted = fit(linear(matrix, target), p, there, robust=np.inf, tolerance=0.0)
-  assert fitted.evaluations <= 1 + len(p) + 4
+  assert fitted.evaluations <= 1 + len(p) + 4 + len(optimiser._STENCILS) * (2 * len(p) + 4)
   np.testing.assert_allclose(fitted.theta, there, rtol=1e-6)
 
 
@@ -125,3 +126,35 @@ def test_broyden_makes_the_jacobian_reproduce_the_step():
   here, there = np.array([1.0, 2e-6]), np.array([1.5, 3e-6])
   new = broyden(jacobian, r, here, outcome, there, np.array([1.0, 1e-6]))
   np.testing.assert_allclose(new @ (there - here), outcome - r, rtol=1e-12)
+
+
+def test_a_class_figure_is_weighed_in_factors():
+  """One value measured to 100 N of a stiffness known to a factor of 3: the minimum is that of a fine grid."""
+  p = ParameterSet([Parameter("stiffness", 500.0, 10.0, 5000.0, "N", factor=3.0)])
+  found = fit(lambda theta: (theta - 150.0) / 100.0, p, iterations=30, robust=np.inf, tolerance=0.0)
+  grid = np.linspace(50.0, 600.0, 55001)
+  cost = 0.5 * ((grid - 150.0) / 100.0) ** 2 + 0.5 * (np.log(grid / 500.0) / np.log(3.0)) ** 2
+  assert found.theta[0] == pytest.approx(grid[np.argmin(cost)], abs=0.5)
+  assert found.cost == pytest.approx(cost.min(), abs=1e-4)
+
+
+def test_a_rough_cost_is_followed_to_its_valley_over_wide_stencils(monkeypatch):
+  """A staircase whose steps are wider than a forward difference: its slope is that over many of them."""
+  p = ParameterSet([Parameter(name, 0.0, -20.0, 20.0, "-", std=1.0) for name in "abc"])
+  rng = np.random.default_rng(8)
+  matrix = rng.normal(size=(60, 3))
+  residual = lambda theta: (np.round(theta / 0.05) * 0.05 - 1.0) @ matrix.T * 5.0
+  ends = lambda: [fit(residual, p, start, robust=np.inf, tolerance=0.0, iterations=60).theta for start in 4.0 * starts]
+  starts = rng.normal(size=(10, 3))
+  away = lambda found: np.abs(np.array(found) - 1.0).max(axis=1)
+  assert (away(ends()) < 0.15).sum() >= 9
+  monkeypatch.setattr(optimiser, "_STENCILS", ())
+  assert (away(ends()) < 0.15).sum() <= 5
+
+
+def test_central_differences_are_exact_on_a_parabola_and_one_sided_at_a_bound():
+  p = ParameterSet([Parameter("a", 2.0, 0.0, 3.0, "-", typical=1.0)])
+  slope = lambda at: central_differences(lambda theta: theta**2, p, np.array([at]), 0.1)
+  assert slope(2.0) == pytest.approx(np.array([[4.0]])) and slope(3.0) == pytest.approx(np.array([[5.9]]))
+  with pytest.raises(ValueError, match="a moves"):
+    central_differences(lambda theta: np.full_like(theta, np.nan), p, np.array([2.0]), 0.1)

@@ -63,3 +63,28 @@ def test_sideslip_is_that_of_a_rear_axle_that_rolls():
   columns = {"motor_speed": np.full(200, 1.5 / QCAR.wheel_radius / QCAR.gear_ratio), "yaw_rate": np.full(200, 2.0)}
   begun = state(columns, True)
   assert begun["velocity_x"] == pytest.approx(1.5) and begun["velocity_y"] == pytest.approx(2.0 * QCAR.cg_to_rear)
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0])
+def test_road_wheels_begin_where_the_car_turns_not_where_a_first_command_points(turn):
+  """A command of 0.3 rad that is given with the first sample has not acted yet."""
+  motor = np.full(200, 1.5 / QCAR.wheel_radius / QCAR.gear_ratio)
+  noise = 0.003 * np.random.default_rng(1).standard_normal(200)
+  begun = state({"motor_speed": motor, "yaw_rate": turn + noise}, True)
+  assert begun["steering_angle"] == pytest.approx(turn * QCAR.wheelbase / 1.5, abs=2e-3)
+
+
+def test_a_car_that_stands_or_has_no_gyro_begins_with_its_command():
+  standing = {"motor_speed": np.zeros(200), "yaw_rate": np.full(200, 0.01)}
+  assert state(standing, True)["steering_angle"] == 0.3
+  recording = Recording.from_columns("r", 0.01 * np.arange(200), {"motor_speed": np.full(200, 400.0)})
+  assert measured_start(recording, 0.0, QCAR, 0.3, True)[START.index("steering_angle")] == 0.3
+
+
+def test_a_speed_within_its_noise_of_zero_is_none():
+  """A full-size car's speed has noise of 0.05 m/s: what it turns by then says nothing of its wheels."""
+  random = np.random.default_rng(2)
+  columns = {"speed": 0.05 * random.standard_normal(200), "yaw_rate": 0.003 * random.standard_normal(200)}
+  columns["speed"][0] = 0.06
+  assert state(columns, True) | {"steering_angle": 0.0} == dict.fromkeys(START, 0.0)
+  assert state(columns, True)["steering_angle"] == 0.3

@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 
 from calibration.diagnosis.score import compare
 from calibration.diagnosis.unexplained.unknown import smooth_forces, unknown_sensors
+from calibration.fitting.optimiser import prior_gradient
 from qcar_twin.plant import SIGNALS
 from qcar_twin.twin.mechanisms.base import Context
 from tests.calibration.diagnosis import diagnosis_rig as rig
@@ -23,8 +24,8 @@ def test_a_sensor_rival_solves_its_normal_equations(offset_pool):
   for rival in rivals(offset_pool).values():
     seen = rival.jacobian[: rival.n_train]
     start = np.concatenate([base.values, np.zeros(len(rival.values) - len(base.values))])
-    curvature = seen.T @ seen + np.diag(1.0 / rival.free.std**2)
-    slope = seen.T @ base.residual[: rival.n_train] + (start - rival.free.nominal) / rival.free.std**2
+    curvature = seen.T @ seen + np.diag(rival.free.deviation_slopes(start) ** 2)
+    slope = seen.T @ base.residual[: rival.n_train] + prior_gradient(start, rival.free)
     unit = rival.free.scale  # parameters are many powers of ten apart
     move = -np.linalg.solve(curvature * np.outer(unit, unit), slope * unit) * unit
     assert_allclose(rival.values - start, move, rtol=1e-6, atol=1e-9)

@@ -1,0 +1,33 @@
+"""What recalibration allows for: bounds that give way once, and a sentence about what stopped at one."""
+
+import numpy as np
+
+from calibration.fitting.tolerances import stopped, unusual, widened
+from qcar_twin.parameters import Parameter, ParameterSet
+
+STIFFNESS = Parameter("stiffness", 500.0, 20.0, 2000.0, "N", factor=3.0)
+GAIN = Parameter("gain", 1.0, 0.1, 10.0, "-")
+MASS = Parameter("mass", 2.0, 1.0, 4.0, "kg", std=0.1)
+AGE = Parameter("age", 0.0, 0.0, 0.015, "s", null=0.0, std=0.005)
+ALL = ParameterSet([STIFFNESS, GAIN, MASS, AGE])
+
+
+def test_bounds_of_open_and_class_figures_give_way_and_measured_ones_stay():
+  wider = widened(ALL, np.array([20.0, 10.0, 4.0, 0.015]))
+  assert (wider["stiffness"].lower, wider["stiffness"].upper) == (10.0, 2000.0)
+  assert (wider["gain"].lower, wider["gain"].upper) == (0.1, 20.0)
+  assert wider["mass"] == MASS and wider["age"] == AGE
+  assert list(widened(ALL, ALL.nominal)) == list(ALL)
+
+
+def test_what_stopped_at_a_bound_is_reported_and_what_is_absent_is_not():
+  said = stopped(ALL, np.array([500.0, 1.0, 4.0, 0.0]), np.array([False, False, True, True]))
+  assert "mass = 4 kg (measured, ±0.1)" in said and "age" not in said
+  assert stopped(ALL, ALL.nominal, np.zeros(4, dtype=bool)) == ""
+  assert "age = 0.015 s" in stopped(ALL, np.array([500.0, 1.0, 2.0, 0.015]), np.array([False, False, False, True]))
+
+
+def test_a_class_figure_beyond_two_deviations_is_said_and_measured_or_open_ones_are_not():
+  said = unusual(ALL, np.array([500.0 / 10.0, 9.0, 3.9, 0.014]))
+  assert said == "unlike other cars of the class: stiffness = 50 N (usual are 500 N, class, a factor of 3)"
+  assert unusual(ALL, np.array([500.0 / 8.0, 1.0, 2.0, 0.0])) == ""
