@@ -42,7 +42,7 @@ def recalibrate_dataset(
     most: s of driving that are simulated.
     progress: reports what is being done.
     evenly: it is spread evenly; else half of it is chosen for what it tells.
-    ages: of sensors, s, with standard deviations, as geometry tells them; see log_check/ages.py.
+    ages: of sensors, s, with standard deviations, as geometry tells them; see log_check/pairs.py.
   """
   recordings = [r for r in dataset.recordings if r.role != "holdout"]
   priors = _aged(starting_priors(recordings, twin, start), ages)

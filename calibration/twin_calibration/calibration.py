@@ -39,7 +39,7 @@ from calibration.identification.match_bicycle import (
   match_bicycle,
   mean_percent,
 )
-from calibration.log_check.ages import fitted_ages
+from calibration.log_check.pairs import fitted_ages
 from calibration.log_check.ready import ready
 from calibration.progress import Progress, silent
 from calibration.twin_calibration.stage_cache import Stages, fingerprint
