@@ -47,6 +47,7 @@ class FederatedFilter:
     self._rolling_radius = self._batch.filters.car.rolling_radius
     self._clock = Clock(settings.period)
     self._started: int | None = None  # slot of the first pose
+    self._jumped = 0.0  # s, by which the clock was last set back
     self._recent_time, self._recent = math.nan, (0, 0.0, self._batch.slots[0])  # of the last sample, where it went
 
   @property
@@ -126,16 +127,31 @@ class FederatedFilter:
     self._batch.start(np.array([pose]), np.array([speed]), std)
 
   def estimate(self, time: float) -> Estimate:
-    """Advance to a time, s, starting over from where late arrivals have changed the past, and report."""
+    """Advance to a time, s, starting over from where late arrivals have changed the past, and report.
+
+    A time further back than the buffer reaches means that the clock was set back; the filter goes on by the new one.
+    """
     index, _ = self._clock.place(time)
     self._recent_time = math.nan
     if self._started is None:
       self._start_at_first_fix()
     if self._started is None:
       return no_estimate(time, "no pose has arrived yet")
+    if index < self._batch.present - self._reach:
+      index = self._set_back(time)
     index = max(index, self._batch.present)
     self._batch.go_to(index, self._clock.time(index))
     return self._report(time)
+
+  def _set_back(self, time: float) -> int:
+    """Index of a time, s, that lies further back than any sample may: the clock was set, and times go on from there.
+
+    What was stamped by the new clock before it was asked for an estimate is lost: a period of samples.
+    """
+    index = self._batch.present + 1
+    self._jumped = self._clock.time(index) - time
+    self._clock.set(time, index)
+    return index
 
   def _start_at_first_fix(self) -> None:
     index = self._batch.slots.first_fix()
@@ -174,6 +190,8 @@ class FederatedFilter:
     warnings: list[str] = []
     for watch, clock, odometer in zip(state.watches, state.clocks, state.odometers, strict=True):
       warnings += self._found(watch, clock, odometer)
+    if self._jumped:
+      warnings.append(f"the clock was set back by {self._jumped:.3g} s; times go on from there")
     if point is None and not self.settings.central:
       warnings.append("no accelerometer: the point filter is left out")
     return tuple(warnings)

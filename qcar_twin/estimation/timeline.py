@@ -29,6 +29,10 @@ class Clock:
     self._asked, self._answer = time, (index, time - self._origin - index * self.period)
     return self._answer
 
+  def set(self, time: float, index: int) -> None:
+    """Let slot `index` be at a time, s, from now on."""
+    self._origin, self._asked = time - index * self.period, float("nan")
+
   def time(self, index: int) -> float:
     """Time of a slot, s."""
     return (self._origin or 0.0) + index * self.period

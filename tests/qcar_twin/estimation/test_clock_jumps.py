@@ -1,0 +1,43 @@
+"""A clock that is set back while the car drives: the estimate goes on, or says that it must not be used."""
+
+import pytest
+
+from agents.control.model import Model
+from qcar_twin.estimation.federated import FederatedFilter
+from qcar_twin.estimation.settings import FilterSettings
+
+PERIOD, JUMP_AT, SECONDS = 0.01, 5.0, 15.0
+
+
+def driven(jump: float, silence: float = 0.0):
+  """(true time, estimate) of each period of a straight drive at 1 m/s; stamps jump back by `jump`, or nothing arrives
+  for `silence`, from JUMP_AT on, s."""
+  online = FederatedFilter(Model.nominal().car, FilterSettings())
+  out = []
+  for k in range(round(SECONDS / PERIOD)):
+    true = k * PERIOD
+    now = 1000.0 + true - (jump if true >= JUMP_AT else 0.0)
+    if not JUMP_AT <= true < JUMP_AT + silence:
+      samples = {"motor_voltage": 1.1, "motor_speed": 318.0 + 0.5 * (-1) ** k, "yaw_rate": 0.0}
+      if k % 10 == 0:
+        samples |= {"pose_x": true, "pose_y": 0.0, "pose_yaw": 0.0, "pose_score": 100.0}
+      for channel, value in samples.items():
+        online.update(now, channel, value)
+    out.append((true, online.estimate(now)))
+  return [(true, estimate) for true, estimate in out if true >= JUMP_AT]
+
+
+@pytest.mark.parametrize(("jump", "silence"), [(0.0, 0.0), (5.0, 0.0), (1000.0, 0.0), (0.0, 2.0), (0.0, 7.0)])
+def test_what_is_valid_lies_within_its_bound(jump, silence):
+  after = driven(jump, silence)
+  valid = [(true, e) for true, e in after if e.valid]
+  beyond = [true for true, e in valid if abs(e.pose_x - true) > e.bounds[0]]
+  assert len(beyond) <= 0.05 * len(valid)
+  assert len(valid) > 0.9 * len(after) or silence > 2.0
+  true, last = after[-1]
+  assert last.valid and abs(last.pose_x - true) < 0.05
+
+
+def test_a_clock_that_was_set_back_is_said_and_a_sound_one_is_not():
+  assert any("set back by 1e+03 s" in text for text in driven(1000.0)[-1][1].warnings)
+  assert not any("clock" in text for text in driven(0.0)[-1][1].warnings)
