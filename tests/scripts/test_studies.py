@@ -10,7 +10,7 @@ import numpy as np
 from agents.learning.train import Plan
 from agents.studies import study, study_report
 from agents.studies.study import VARIANTS, Variant
-from scripts import benchmark_learning
+from scripts import benchmark_learning, compare
 from scripts import study as study_command
 from tests.agents.learning.test_train import PLAN
 from tests.agents.studies.test_study import CASE
@@ -54,4 +54,11 @@ def test_script_writes_a_sentence_per_measurement(tmp_path, monkeypatch, capsys)
   monkeypatch.setattr(benchmark_learning, "steps_per_second", lambda *_: 1000.0)
   sentences = benchmark_learning.main(benchmark_learning.Config(tmp_path / "timings.json", steps=800, quick=True))
   assert json.loads((tmp_path / "timings.json").read_text()) == sentences
-  assert any("1000 us per 10 ms" in line for line in sentences) and "gradient steps" in capsys.readouterr().out
+  assert any("1000.0 us per 10 ms" in line for line in sentences) and "gradient steps" in capsys.readouterr().out
+
+
+def test_compare_writes_paired_differences_with_their_intervals(tmp_path, capsys):
+  compare.main(compare.Config(tmp_path / "out", names=("linear_rate",), plant="bicycle", quick=True))
+  table = (tmp_path / "out" / "comparison.md").read_text(encoding="utf-8")
+  assert table.strip() in capsys.readouterr().out and "linear_rate" in table
+  assert json.loads((tmp_path / "out" / "comparison.json").read_text(encoding="utf-8"))
