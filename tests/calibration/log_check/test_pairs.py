@@ -5,7 +5,7 @@ import pytest
 
 from calibration.fitting.noise import noise_models
 from calibration.log_check.motions import REGIMES, Wheels, motions, regimes
-from calibration.log_check.pairs import compare
+from calibration.log_check.pairs import compare, told_without_a_model
 from qcar_twin.recordings.recording import Recording, Stream
 from qcar_twin.vehicle.vehicle import Vehicle
 from tests.qcar_twin.recordings.drives import STD, VEHICLE, recording
@@ -102,3 +102,18 @@ def test_windows_are_called_by_how_the_car_was_driven():
   run = Recording.from_columns("run", time, columns)
   labels = regimes(Wheels("speed", 1.0), run, np.array([1.0, 4.0, 7.0, 9.0]), 0.2)
   assert labels.tolist() == ["steady", "speeding up", "steady", "turning right"] and set(labels) <= set(REGIMES)
+
+
+@pytest.mark.parametrize(("late", "told"), [(0.04, True), (-0.02, False)])
+def test_an_encoder_that_is_late_has_an_age_and_one_that_is_early_wheels_that_slip(late, told):
+  time = np.arange(0.0, 60.0, 0.01)
+  speed = lambda t: 1.0 + 0.5 * np.sin(1.3 * t) + 0.3 * np.sin(2.9 * t)
+  noise = np.random.default_rng(4)
+  place = np.cumsum(speed(time)) * 0.01 + 0.001 * noise.standard_normal(len(time))
+  motor = speed(time - late) / CAR.wheel_radius / CAR.gear_ratio + noise.standard_normal(len(time))
+  columns = {"motor_speed": motor, "pose_x": place, "pose_y": 0.0 * time, "pose_yaw": 0.0 * time}
+  ages = told_without_a_model([Recording.from_columns("r", time, columns)], CAR)
+  assert ("encoder_latency" in ages) == told
+  if told:
+    value, std = ages["encoder_latency"]
+    assert value == pytest.approx(late, abs=0.006) and std >= 0.005
