@@ -50,7 +50,7 @@ class MujocoCars:
     held = {name: np.array(batch.bind(name)) for name in (*_STATE, *_HELD)}
     return {
       "batch": (batch.model, batch.nsim, batch.nthread), "made": made, "values": self.values, "held": held,
-      "yaw": self._yaw.copy(),
+      "yaw": self._yaw.copy(), "servo_rate": self._servo_rate.copy(),
     }  # fmt: skip
 
   def __setstate__(self, state: dict[str, Any]) -> None:
@@ -59,7 +59,7 @@ class MujocoCars:
     self.commit()
     for name, array in state["held"].items():
       self.batch.bind(name)[:] = array
-    self._yaw = state["yaw"].copy()
+    self._yaw, self._servo_rate = state["yaw"].copy(), state["servo_rate"].copy()
 
   @property
   def values(self) -> dict[str, Array]:

@@ -1,5 +1,7 @@
 """The servo of both engines is the differential equation it names."""
 
+import pickle
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -35,3 +37,15 @@ def test_first_order_is_the_limit():
   limit = transition(lag, np.array([0.0, 1e-5]), step)
   assert limit[0, 0] == np.exp(-step / 0.02) and not limit[1:, 0].any()
   assert limit[0, 1] == pytest.approx(limit[0, 0], rel=1e-3)
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "reduced"])
+def test_a_copy_made_while_the_servo_moves_goes_on_as_the_car_does(engine):
+  car = Twin(QCAR, substeps=2, threads=1, engine=engine)
+  theta = car.parameters.vector({"servo_time_constant": 0.03, "servo_inertia": 0.5})
+  cars = car.begin(theta[None], np.zeros((1, len(START))))
+  step = np.array([[0.0, STEP]])
+  for _ in range(3):
+    cars.step(step)
+  copy = pickle.loads(pickle.dumps(cars))
+  np.testing.assert_array_equal(cars.step(step), copy.step(step))
