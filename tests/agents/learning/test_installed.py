@@ -22,7 +22,7 @@ SOURCES = (
 )
 NAME = "QcarTwin/PathTracking-v1"
 MODULE = f"agents.learning.environments:{NAME}"
-DRIVE = f"""
+DRIVE = """
 import gymnasium, numpy, sys
 name, folder = sys.argv[1:]
 env = gymnasium.make(name, plant="bicycle", path="o")
@@ -71,7 +71,7 @@ def test_a_fresh_process_makes_the_environment_and_its_batch_by_name(installed, 
 
 
 def test_the_name_alone_is_not_found_since_gymnasium_reads_no_entry_points(installed, tmp_path):
-  """Should a release read the group `gymnasium.envs` again, this fails: declare the entry point in pyproject.toml then."""
+  """Should a release read the group `gymnasium.envs`, this fails: declare the entry point in pyproject.toml then."""
   declared = tmp_path / "declared" / "declared-1.dist-info"
   declared.mkdir(parents=True)
   (declared / "METADATA").write_text("Metadata-Version: 2.1\nName: declared\nVersion: 1\n", encoding="utf-8")
