@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from calibration.fitting.noise import ChannelNoise, noise_models
-from calibration.log_check.commands import command_findings
+from calibration.log_check.commands import command_findings, direction_findings
 from calibration.log_check.disagreements import Finding, Severity, disagreements, scale_findings
 from calibration.log_check.motions import Wheels, motions
 from calibration.log_check.pairs import Comparison, compare
 from calibration.log_check.shows import Shown, what_it_shows
 from calibration.log_check.timing import Sampling, samplings
-from calibration.log_check.unjudged import clock_findings, guessed_findings, lonely_findings
+from calibration.log_check.unjudged import clock_findings, guessed_findings, lonely_findings, loose_findings
 from calibration.progress import Progress, silent
 from qcar_twin.recordings import dataset as dataset_module
 from qcar_twin.recordings.completed import UNJUDGED
@@ -89,7 +89,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
     progress(f"two sensors of one motion: {motion.name}")
     compared.append(compare(motion, wheels, recordings, noise))
   shown = what_it_shows(vehicle, wheels, recordings)
-  acted = command_findings(recordings)
+  acted = [*command_findings(recordings), *direction_findings(wheels, recordings)]
   spoilt = {name for f in acted if f.severity == "spoils" for name in f.channels}  # first these, then what they take
   judged = [c for c in compared if not spoilt & {*c.motion.compared, *c.motion.reference}]
   findings = [
@@ -100,6 +100,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
     *_straight_only(recordings),
     *clock_findings(compared, wheels, vehicle.wheelbase, recordings),
     *lonely_findings(compared, recordings),
+    *loose_findings(compared, recordings),
     *guessed_findings(compared, dataset.vehicle, dataset.vehicle_std),
     *(f for s in sampled for f in _held(s)),
     *(Finding("note", (), f"{s.physics}: not shown, no {s.takes}") for s in shown if s.verdict == "none"),

@@ -1,11 +1,15 @@
 """Commands that are not what acted: a neutral that is not 0, a switch that was released, a commanded speed as the
-measured one."""
+measured one, a way driven that is contrary to what was commanded."""
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from calibration.log_check.disagreements import Finding
+from calibration.log_check.motions import Wheels
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.checks.acted import (
+  MOVING,
   Idle,
   Neutral,
   against,
@@ -15,11 +19,13 @@ from qcar_twin.recordings.checks.acted import (
   steering_neutral,
   was_commanded,
 )
+from qcar_twin.recordings.completed import with_speed
 from qcar_twin.recordings.recording import Recording
 
-_MUCH = 0.05  # share of the driving: one sample in twenty that no model can explain outweighs the noise of the rest
+MUCH = 0.05  # share of the driving: one sample in twenty that no model can explain outweighs the noise of the rest
 _APART = 0.2  # s, between two stretches that are one
 _LISTED = 3  # stretches that are named
+_TURN_ROUND = "set offset = 3.14159 on pose_yaw in [channels], added to one that is there"
 
 
 def command_findings(recordings: Sequence[Recording]) -> list[Finding]:
@@ -68,7 +74,7 @@ def _neutral(neutral: Neutral) -> Finding:
 
 def _idle(idle: Sequence[Idle], recordings: Sequence[Recording]) -> Finding:
   seconds = sum(i.end - i.start for i in idle)
-  severity = "spoils" if seconds > _MUCH * sum(r.duration for r in recordings) else "beware"
+  severity = "spoils" if seconds > MUCH * sum(r.duration for r in recordings) else "beware"
   spans = _spans(idle)
   named = ", ".join(f"{file} {start:.2f} s to {end:.2f} s" for file, start, end in spans[:_LISTED])
   more = f" and {len(spans) - _LISTED} more" if len(spans) > _LISTED else ""
@@ -90,3 +96,39 @@ def _spans(idle: Sequence[Idle]) -> list[tuple[str, float, float]]:
     else:
       spans.append((file, i.start, i.end))
   return spans
+
+
+def direction_findings(wheels: Wheels, recordings: Sequence[Recording]) -> list[Finding]:
+  """A heading that points backwards, or driving in reverse that a speed without a sign reads as forwards.
+
+  Such a speed agrees with the size of the path whichever way the heading points. The path along the heading has a sign.
+  Where it is contrary to the drive's command the heading is turned round; else the car did drive backwards.
+  """
+  name = wheels.channel
+  by_pose = [_by_pose(r, name) for r in recordings if _whole(r, name)] if wheels.unsigned else []
+  along = np.concatenate([r["speed"].value for r in by_pose if "speed" in r] or [np.empty(0)])
+  sensed = np.concatenate([r[name].value for r in recordings if name in r] or [np.zeros(1)])
+  top = wheels.scale * float(np.percentile(sensed, 99.0))
+  share = float(np.mean(along < -MOVING * top)) if along.size else 0.0
+  if share <= MUCH:
+    return []
+  said = f"{name} is never negative, and by the pose the car drove backwards for {100.0 * share:.0f} % of the time"
+  commands = [c for c in DRIVE_COMMANDS if any(r.drive_channel == c and c not in r.derived for r in by_pose)]
+  if any(against([r for r in by_pose if r.drive_channel == c], c) for c in commands):
+    who = " and ".join(commands)
+    return [
+      Finding("spoils", ("pose_yaw", *commands), f"{said}, under {who} forwards: the heading is turned; {_TURN_ROUND}")
+    ]
+  cure = f"leave {name} out of [channels], since the pose gives the speed with its sign"
+  if not commands:
+    cure += f"; or, if it drove forwards, {_TURN_ROUND}"
+  return [Finding("spoils", (name, "pose_yaw"), f"{said}: {cure}")]
+
+
+def _whole(recording: Recording, name: str) -> bool:
+  return {name, "pose_x", "pose_y", "pose_yaw"} <= set(recording.channels) and name not in recording.derived
+
+
+def _by_pose(recording: Recording, name: str) -> Recording:
+  """The recording with the pose's speed in the sensor's place."""
+  return with_speed(recording.replace(streams={c: s for c, s in recording.streams.items() if c != name}))[0]

@@ -10,6 +10,7 @@ from calibration.log_check.alternatives import Alternative, agreeing
 from calibration.log_check.causes import ALIKE, FACTOR, KNOTS, LATE, apart, causes, cure, expected, scaled, steered
 from calibration.log_check.motions import Wheels
 from calibration.log_check.pairs import Comparison
+from qcar_twin.recordings.completed import UNJUDGED
 from qcar_twin.recordings.recording import Recording
 
 Severity = Literal["spoils", "beware", "note"]
@@ -96,10 +97,10 @@ def _hardly_alike(c: Comparison, nominal: float) -> list[Finding]:
   if felt - spread > FACTOR:
     cure = f"divide the scale of {_list(c.motion.compared)} in [channels] by that, or correct its unit"
     return [Finding("spoils", channels, f"{_names(c)} differ {felt:.3g}-fold in {c.motion.name}: {cure}")]
-  if not c.loud > _LOUD * c.levels[0]:
-    return []
   if felt - spread > 0.0:
-    return [] if math.isfinite(c.lag.value) else [_of_no_age(c)]
+    return [] if math.isfinite(c.lag.value) and not c.elsewhere else [_of_no_age(c)]
+  if not c.loud > _LOUD * c.levels[0]:
+    return []  # `lonely_findings` says that nothing judges it
   said = f"whether {_list(c.motion.compared)} shows {c.motion.name} cannot be decided from this driving"
   cure = "look at its axis and sign, or drive longer"
   return [
@@ -109,8 +110,10 @@ def _hardly_alike(c: Comparison, nominal: float) -> list[Finding]:
 
 def _of_no_age(c: Comparison) -> Finding:
   names, sensor = _names(c), _list(c.motion.compared)
-  said = f"how late {sensor} is cannot be judged: {names} are hardly alike in {c.motion.name} at any lag within 0.5 s"
-  return Finding("beware", (*c.motion.compared, *c.motion.reference), f"{said}; compare their clocks")
+  said = f"how late {sensor} is {UNJUDGED}: {names} are hardly alike in {c.motion.name} (correlation"
+  where = "more alike seconds apart than within 0.5 s" if c.elsewhere else "at any lag within 0.5 s"
+  text = f"{said} {c.correlation:.2f}), {where}; compare their clocks"
+  return Finding("beware", (*c.motion.compared, *c.motion.reference), text)
 
 
 def _say(c: Comparison) -> str:

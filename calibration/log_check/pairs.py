@@ -72,6 +72,7 @@ class Comparison:
     seconds: compared.
     loud: standard deviation of the means, in the rate's unit: the reference's, by geometry the larger of the two.
     levels: noise of both sides' means, in the rate's unit.
+    elsewhere: whether at some lag far away the two are more alike than at any near one, so that the lag says nothing.
     odd: s that are unlike all the rest and were left out of the fit: a place that was lost, a frame that was changed.
     regimes: scale by how the car was driven, where there was enough of it.
     why_not: why they can't be compared; then all else is NaN.
@@ -89,6 +90,7 @@ class Comparison:
   felt: Estimate = _NOTHING
   loud: float = np.nan
   levels: tuple[float, float] = (np.nan, np.nan)
+  elsewhere: bool = False
   odd: float = 0.0
   why_not: str = ""
 
@@ -101,7 +103,8 @@ def compare(
   window = max(_WINDOW, 3.0 / min(noise[n].rate for n in names))
   levels = motion.noise(noise, window)
   held = [r for r in recordings if motion.measured_in(r)]
-  lags = _LAGS + _centre(motion, wheels, held, window)
+  centre, elsewhere = _centre(motion, wheels, held, window)
+  lags = _LAGS + centre
   blocks = [b for r in held for b in _blocks(motion, wheels, r, window, lags)]
   if len(blocks) < _LEAST_BLOCKS:
     return _unknown(motion, f"less than {_LEAST_BLOCKS * _BLOCK:g} s hold both", len(blocks) * _BLOCK)
@@ -129,12 +132,14 @@ def compare(
     regimes=_by_regime(motion, wheels, held, window, lag.value, ratio),
     loud=max(loud, moved),
     levels=levels,
+    elsewhere=elsewhere and centre == 0.0,
     odd=float(np.sum(~good)) * _BLOCK,
   )
 
 
-def _centre(motion: Motion, wheels: Wheels, recordings: Sequence[Recording], window: float) -> float:
-  """The lag about which to search, s: 0, unless far away the two are much better alike."""
+def _centre(motion: Motion, wheels: Wheels, recordings: Sequence[Recording], window: float) -> tuple[float, bool]:
+  """The lag about which to search, s: 0, unless far away the two are much better alike; and whether they are better
+  alike there at all."""
   sums = []
   for recording in recordings:
     begin = np.arange(recording.start, recording.end - window, 5.0 * _STEP)
@@ -142,7 +147,9 @@ def _centre(motion: Motion, wheels: Wheels, recordings: Sequence[Recording], win
     y = np.where(np.isin(regimes(wheels, recording, begin, window), motion.within), y, np.nan)
     if len(begin) > 1:
       sums.append(sums_by_lag(x, y))
-  return wide_lag(sums, lambda s: _line(s, 1.0)[..., 3], 5.0 * _STEP, (_LAGS[0], _LAGS[-1])) if sums else 0.0
+  if not sums:
+    return 0.0, False
+  return wide_lag(sums, lambda s: _line(s, 1.0)[..., 3], 5.0 * _STEP, (_LAGS[0], _LAGS[-1]))
 
 
 def _blocks(

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from calibration.log_check.causes import ALIKE, scaled
+from calibration.log_check.causes import ALIKE, KNOTS, scaled, steered
 from calibration.log_check.disagreements import Finding
 from calibration.log_check.motions import CLOCK, Wheels
 from calibration.log_check.pairs import Comparison
@@ -20,6 +20,12 @@ from qcar_twin.recordings.recording import Recording
 from qcar_twin.vehicle.vehicle import GRAVITY
 
 _WITNESSED = ("speed", "motor_speed", "yaw_rate", "accel_x", "accel_y", "pose_x", "pose_yaw")
+_SCALED = ("speed", "motor_speed", "yaw_rate")  # what everything else is scaled by
+_MEASURE = {
+  "speed": "drive a way that was measured, and compare the speed added up with it",
+  "motor_speed": "drive a way that was measured, and compare motor_speed, gear_ratio and wheel_radius with it",
+  "yaw_rate": "turn the car by whole turns, and compare the yaw rate added up with them",
+}
 _GUESS = 0.2  # of a length: its deviation where nobody measured it; a ruler's is below a hundredth
 _MOST = 99.0  # per cent of the samples that stay below what is said of the driving
 
@@ -47,6 +53,31 @@ def lonely_findings(comparisons: Sequence[Comparison], recordings: Sequence[Reco
   who = " and ".join(alone) if len(alone) < 3 else f"{', '.join(alone[:-1])} and {alone[-1]}"
   said = f"unit, sign and age of {who} {UNJUDGED}: nothing else in this log shows enough of the motion"
   return [Finding("beware", tuple(alone), f"{said}; what [channels] says of them is believed")]
+
+
+def loose_findings(comparisons: Sequence[Comparison], recordings: Sequence[Recording]) -> list[Finding]:
+  """That the scale of a speed or of a gyro is known no better than accelerometers tell it, and what they say of it.
+
+  They also feel tilt and slip: a body that leans out of a turn by 0.02 rad per m/s^2 shows a fifth too much.
+  """
+  findings = []
+  for name in _SCALED:
+    if not any(name in r and name not in r.derived for r in recordings):
+      continue
+    witnesses = [c for c in comparisons if name in c.motion.powers and _tells(c) and not steered(c.motion)]
+    if not witnesses or any(c.motion.kinematic for c in witnesses):
+      continue
+    heard = [
+      f"{c.motion.compared[0]} shows {c.felt.value:.2f} ± {c.felt.std:.2f} of {c.motion.name}" for c in witnesses
+    ]
+    said = (
+      f"the scale of {name} {UNJUDGED} to better than a factor of {KNOTS:g}: of what was logged only accelerometers"
+    )
+    cure = _MEASURE[name]
+    findings += [
+      Finding("beware", (name,), f"{said} tell it, which feel tilt and slip besides ({', '.join(heard)}); {cure}")
+    ]
+  return findings
 
 
 def guessed_findings(

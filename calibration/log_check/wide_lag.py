@@ -32,9 +32,9 @@ def sums_by_lag(x: Array, y: Array) -> Array:
 
 def wide_lag(
   sums: Sequence[Array], correlate: Callable[[Array], Array], step: float, near: tuple[float, float]
-) -> float:
+) -> tuple[float, bool]:
   """The lag far away at which two sensors agree much better than at any other, s; 0 where there is none, as where
-  driving repeats itself.
+  driving repeats itself. And whether at some lag far away they agree better, be it little, than at any near one.
 
   Args:
     sums: of each recording, (lags, 6).
@@ -46,10 +46,11 @@ def wide_lag(
   lags, count = step * np.arange(-_STEPS, _STEPS + 1), total[:, 0]
   enough = count >= max(_HALF * float(count[_STEPS]), 2.0)
   if not enough[_STEPS]:
-    return 0.0
+    return 0.0, False
   explained = np.where(enough, correlate(np.where(enough[:, None], total, total[_STEPS])) ** 2, 0.0)
   inside = (lags >= near[0]) & (lags <= near[1])
   best = int(np.argmax(np.where(inside, 0.0, explained)))
   apart = np.abs(lags - lags[best]) > near[1] - near[0]
   far, other = float(explained[best]), float(explained[inside | apart].max())
-  return float(lags[best]) if far > _ALIKE**2 and 1.0 - far < _BETTER * (1.0 - other) else 0.0
+  clear = far > _ALIKE**2 and 1.0 - far < _BETTER * (1.0 - other)
+  return float(lags[best]) if clear else 0.0, far > float(explained[inside].max())

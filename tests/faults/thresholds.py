@@ -29,7 +29,7 @@ NUMBERS: tuple[tuple[ModuleType, str], ...] = (
   *((acted, name) for name in ("_RESTS", "_ANSWERS", "_LEAST_REST", "_LEAST_IDLE", "_NEAR", "_MOST", "_OFF", "_RARE")),
   *((acted, name) for name in ("_NEVER", "_CONTRARY")),
   *((acted, name) for name in ("_WEAK", "_BIN", "_GENTLE", "_CENTRED", "_SURE", "_STAYS", "_SLOWEST", "_LEAP")),
-  (commands, "_MUCH"),
+  (commands, "MUCH"),
 )
 Drive = tuple[np.ndarray, Columns]
 Change = Callable[[np.ndarray, Columns], Drive]

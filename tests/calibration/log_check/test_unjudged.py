@@ -1,0 +1,78 @@
+"""What a log cannot tell is said: a scale that only accelerometers witness, an age, which way a heading points."""
+
+import numpy as np
+import pytest
+
+from calibration.log_check import check_log
+from calibration.log_check.check import LogCheck
+from qcar_twin.recordings.completed import completed
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import Recording
+from tests.faults.wander import Columns, wander
+from tests.qcar_twin.recordings.drives import STD, VEHICLE
+
+
+def checked(columns: Columns, time: np.ndarray) -> LogCheck:
+  runs, _ = completed([Recording.from_columns("run", time, columns)], VEHICLE, "lab")
+  return check_log(DataSet("lab", tuple(runs), VEHICLE, STD))
+
+
+def about(check: LogCheck, words: str) -> list[str]:
+  return [f.text for f in check.findings if f.severity != "note" and words in f.text]
+
+
+@pytest.fixture(scope="module")
+def driven() -> tuple[np.ndarray, Columns]:
+  return wander(4)
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.3])
+def test_a_scale_of_the_speed_that_only_accelerometers_witness_is_said_with_what_they_show(driven, factor):
+  time, columns = driven
+  alone = {name: v for name, v in columns.items() if name not in ("pose_x", "pose_y")}
+  (text,) = about(checked(alone | {"speed": factor * columns["speed"]}, time), "scale of speed cannot be judged")
+  shown = float(text.split("accel_y shows ")[1].split(" ")[0])
+  assert shown == pytest.approx(1.0 / factor, abs=0.03)
+
+
+def test_where_a_pose_witnesses_the_speed_its_scale_is_judged(driven):
+  time, columns = driven
+  assert not about(checked(columns, time), "scale of speed")
+  assert about(checked(columns | {"speed": 1.3 * columns["speed"]}, time), "speed reads +30")
+
+
+def unsigned(columns: Columns) -> Columns:
+  return columns | {"speed": np.abs(columns["speed"])}
+
+
+def test_a_heading_turned_round_beside_a_speed_without_a_sign_is_found_by_the_command(driven):
+  time, columns = driven
+  columns = unsigned(columns)
+  assert not checked(columns, time).of("spoils")
+  (text,) = (f.text for f in checked(columns | {"pose_yaw": columns["pose_yaw"] + np.pi}, time).of("spoils"))
+  assert "offset = 3.14159 on pose_yaw" in text
+  by_hand = {name: v for name, v in columns.items() if name != "motor_voltage"}
+  (text,) = (f.text for f in checked(by_hand | {"pose_yaw": columns["pose_yaw"] + np.pi}, time).of("spoils"))
+  assert "offset = 3.14159 on pose_yaw" in text and "leave speed out" in text
+
+
+def test_driving_in_reverse_under_a_speed_without_a_sign_is_found_and_the_cure_is_to_leave_it_out(driven):
+  time, columns = driven
+  sign = np.where((time > 48.0) & (time < 75.0), -1.0, 1.0)
+  yaw = np.cumsum(sign * columns["yaw_rate"]) / 50.0
+  speed = sign * columns["speed"]
+  place = {"pose_x": np.cumsum(speed * np.cos(yaw)) / 50.0, "pose_y": np.cumsum(speed * np.sin(yaw)) / 50.0}
+  backwards = columns | place | {"pose_yaw": yaw, "yaw_rate": sign * columns["yaw_rate"]}
+  backwards |= {"motor_voltage": sign * columns["motor_voltage"], "speed": np.abs(speed)}
+  backwards |= {"accel_x": sign * columns["accel_x"]}
+  texts = [f.text for f in checked(backwards, time).of("spoils") if "leave speed out" in f.text]
+  assert len(texts) == 1 and "3.14159" not in texts[0]
+  assert not checked({name: v for name, v in backwards.items() if name != "speed"}, time).of("spoils")
+
+
+def test_an_accelerometer_hardly_alike_whose_age_is_off_says_that_it_cannot_be_judged(driven):
+  time, columns = driven
+  noise = 1.2 * np.std(columns["accel_x"]) * np.random.default_rng(3).standard_normal(time.size)
+  late = np.interp(time - 0.9, time, columns["accel_x"]) + noise
+  check = checked(columns | {"accel_x": late}, time)
+  assert check.of("spoils") or about(check, "accel_x")
