@@ -8,7 +8,7 @@ import copy
 import dataclasses
 import functools
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 import mujoco
@@ -85,6 +85,7 @@ class Twin:
     self._columns = {m.name: [self.parameters.index(p.name) for p in m.parameters] for m in self.mechanisms}
     self._rest_height = self._settle()
     self._batches: dict[int, dict[int, Batch]] = {}  # by thread, then by number of cars
+    self._made: Callable[[int], Engine] | None = None  # what carries the cars instead of this project's engines
 
   def __repr__(self) -> str:
     lines = [f"Twin of {self.vehicle.name}: {self.tyre} tyre, {1e3 * self.period / self.substeps:g} ms steps"]
@@ -110,6 +111,12 @@ class Twin:
     return Twin(
       self.vehicle, self.mechanisms, self.tyre, self.asked_substeps, self.threads, self.rows, engine, self.sessions
     )
+
+  def carried_by(self, made: Callable[[int], Engine]) -> Self:
+    """The same mechanisms and sensors around cars of somebody else's; `made` gives an engine of so many cars."""
+    other = copy.copy(self)
+    other.engine, other._made, other._batches = "reduced", made, {}
+    return other
 
   def apart(self) -> Self:
     """The same for a process without this one's threads: on one thread, with batches of its own."""
@@ -159,6 +166,8 @@ class Twin:
     )
 
   def _engine(self, size: int, batch: Batch | None) -> Engine:
+    if self._made is not None:
+      return self._made(size)
     if self.engine == "reduced":
       return ReducedCars(*self._reduced, self.car, sinking(self.vehicle), self.substeps, size, self.threads)
     carried = Batch(self.model, size, self.threads) if batch is None else batch

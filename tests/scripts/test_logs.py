@@ -204,6 +204,5 @@ def test_export_says_what_it_lacks(tiny, tmp_path):
 def test_the_timing_that_was_fitted_is_found_beside_the_twin(tiny, tmp_path):
   save = shutil.copy(tiny / "diagnosed" / "twin.toml", tmp_path / "twin.toml")
   (tmp_path / "calibration.json").write_text('{"command_shift": 1}')
-  config = export.Config(tmp_path / "out", tiny / "data", after=tmp_path / "twin.toml")
-  assert export.fitted_shift(config) == 1 and save
-  assert export.fitted_shift(export.Config(tmp_path, tiny / "data", after=tiny / "diagnosed" / "twin.toml")) == 0
+  assert export.fitted_shift(None, tmp_path / "twin.toml") == 1 and save
+  assert export.fitted_shift(tiny / "diagnosed" / "twin.toml", None) == 0

@@ -1,0 +1,132 @@
+"""What was lost in translation: the hold-out driven with the written file, beside the twin.
+
+The twin's effects on sensors act on both, since an export is a car and no sensor. What an effect's loss should be is
+predicted by taking it out of the twin; what it is, is measured by putting it back around the export, where an effect
+of commands can be.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.exports.cars import ModelCars
+from calibration.exports.numbers import without
+from calibration.exports.target import Job, Target
+from calibration.fitting.observations import UNITS, observe
+from calibration.fitting.windows import Cut
+from qcar_twin.twin.mechanisms.base import Mechanism
+from qcar_twin.twin.twin import Twin
+
+Array = NDArray[np.float64]
+WINDOW = 2.0  # s, restarts from what was measured, as in cross-validation
+EXPRESSIBLE = 1.15  # of the twin's error: an export that holds every name should stay below
+
+
+@dataclasses.dataclass(frozen=True)
+class EffectLoss:
+  """One effect that a target cannot express: error without it over error with it, a geometric mean over channels.
+
+  Attributes:
+    predicted: of the twin; None where the twin has no number to take it out by.
+    measured: of the export, with the effect put back around it; None where it cannot be.
+  """
+
+  name: str
+  predicted: float | None
+  measured: float | None
+
+
+@dataclasses.dataclass(frozen=True)
+class Loss:
+  """Root mean square errors by channel, in its unit.
+
+  Attributes:
+    roles: of the recordings that were driven.
+    twin, export: errors.  without: of the twin without every effect that the target lacks.
+    effects: one by one.
+  """
+
+  roles: tuple[str, ...]
+  twin: Mapping[str, float]
+  export: Mapping[str, float]
+  without: Mapping[str, float]
+  effects: tuple[EffectLoss, ...]
+
+  @property
+  def ratio(self) -> float:
+    """Export over twin, a geometric mean over channels."""
+    return mean_ratio(self.export, self.twin)
+
+  @property
+  def predicted(self) -> float:
+    """The same of the twin without what the target lacks."""
+    return mean_ratio(self.without, self.twin)
+
+  def document(self) -> dict[str, Any]:
+    """For JSON."""
+    return {**dataclasses.asdict(self), "ratio": self.ratio, "predicted": self.predicted, "window": WINDOW}
+
+  def lines(self) -> list[str]:
+    """For people."""
+    said = [f"lost in translation, windows of {WINDOW:g} s of role {', '.join(self.roles)}:"]
+    said.append(f"  {'channel':<22}{'twin':>10}{'export':>10}{'ratio':>8}{'predicted':>11}")
+    for name, error in self.twin.items():
+      unit = f"{name} [{UNITS[name]}]"
+      ratios = self.export[name] / error, self.without[name] / error
+      said.append(f"  {unit:<22}{error:>10.3g}{self.export[name]:>10.3g}{ratios[0]:>8.2f}{ratios[1]:>11.2f}")
+    said.append(f"  {'all (geometric mean)':<42}{self.ratio:>8.2f}{self.predicted:>11.2f}")
+    for effect in self.effects:
+      said.append(f"  without {effect.name}: predicted {_said(effect.predicted)}, measured {_said(effect.measured)}")
+    return said
+
+
+def _said(ratio: float | None) -> str:
+  return "-" if ratio is None else f"{ratio:.2f}"
+
+
+def mean_ratio(errors: Mapping[str, float], others: Mapping[str, float]) -> float:
+  """Geometric mean over channels of one error over the other."""
+  return float(np.exp(np.mean([np.log(errors[name] / others[name]) for name in others])))
+
+
+def measure_loss(job: Job, target: Target, path: Path) -> Loss | None:
+  """Drive the hold-out (else the validation recordings) with the file; None without a data set or for no car."""
+  if target.drives is None or job.dataset is None:
+    return None
+  roles = ("holdout",) if any(r.role == "holdout" for r in job.dataset.recordings) else ("validate",)
+  recordings = [r for r in job.dataset.recordings if r.role in roles]
+  if not recordings:
+    return None
+  cut = Cut(length=WINDOW, warm_up=0.0, command_shift=job.command_shift)
+  observations = observe(recordings, job.twin.vehicle, cut, horizon=1.0)
+  segments = observations.stretches.segments
+  model, car = target.drives(path, job)
+
+  def errors(twin: Twin, theta: Array) -> dict[str, float]:
+    wrong = observations.predict(twin.rollout(theta, segments))[0] - observations.measured
+    return {c: float(np.sqrt(np.mean(wrong[observations.select(c)] ** 2))) for c in observations.present}
+
+  sensors = [m for m in job.present if m.stage == "sensor"]
+  lost = job.lost(target)
+
+  def exported(around: Sequence[Mechanism]) -> dict[str, float]:
+    part, theta = without(job.twin, job.theta, [m for m in job.twin.mechanisms if m in (*sensors, *around)])
+    return errors(part.carried_by(lambda size: ModelCars(model, car, size)), theta)
+
+  def reduced(gone: Sequence[Mechanism], theta: Array = job.theta) -> dict[str, float]:
+    return errors(*without(job.twin, theta, [m for m in job.present if m not in gone]))
+
+  twin, export = reduced(()), exported(())
+  effects = []
+  for mechanism in lost:
+    back = mechanism.stage in ("command", "actuator")
+    measured = mean_ratio(export, exported((mechanism,))) if back else None
+    effects.append(EffectLoss(mechanism.name, mean_ratio(reduced((mechanism,)), twin), measured))
+  for name, values in target.structure.items():
+    predicted = mean_ratio(reduced((), job.plain(target, name)), twin) if values else None
+    effects.append(EffectLoss(name, predicted, None))
+  return Loss(roles, twin, export, reduced(lost, job.plain(target)), tuple(effects))

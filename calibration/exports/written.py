@@ -1,0 +1,45 @@
+"""Lines of files that people read: numbers with their units and where they are from."""
+
+import datetime
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from calibration.exports.target import Job
+from qcar_twin.twin.mechanisms.base import Mechanism
+
+UNITS = {
+  "mass": "kg", "moved_mass": "kg, with motor and wheels that turn", "yaw_inertia": "kg m^2", "cg_to_front": "m",
+  "cg_to_rear": "m", "cg_height": "m",
+  "travel_per_radian": "m/rad, of the motor", "drive_gain": "rad/s^2 per V, P1", "drive_damping": "1/s, P2",
+  "drive_friction": "rad/s^2, P3", "drive_front": "-, share of the drive that front tyres give",
+  "coupling": "N, of the axles by the drive", "centre_compliance": "m/(N s)", "longitudinal_stiffness": "N",
+  "cornering_stiffness_front": "N/rad, both wheels", "cornering_stiffness_rear": "N/rad, both wheels",
+  "friction_coefficient": "-", "tyre_shape": "-", "load_exponent": "-", "relaxation_length": "m",
+  "servo_time_constant": "s", "max_steering": "rad", "imu_x": "m", "imu_y": "m",
+  "roll_gain": "-, what the accelerometer adds by rolling", "pitch_gain": "-, and by pitching",
+}  # fmt: skip
+
+
+def heading(job: Job, lost: Sequence[Mechanism], mark: str = "#") -> list[str]:
+  """What a file is, as lines of comment."""
+  names = ", ".join(m.name for m in job.present if m.stage != "sensor") or "none"
+  lines = [
+    f"{job.twin.vehicle.name}, exported by qcar-twin on {datetime.date.today().isoformat()}. SI units.",
+    f"Effects of the car in the twin: {names}.",
+    f"Not in this file: {', '.join(m.name for m in lost) or 'none of them'}.",
+  ]
+  return [f"{mark} {line}" for line in lines]
+
+
+def origin(name: str, factors: Mapping[str, float]) -> str:
+  """Where a number of the single track is from."""
+  if name in factors:
+    return f"the twin's, times {factors[name]:.4g} to answer as the twin does"
+  return "the twin's"
+
+
+def text_lines(path: Path, lines: Sequence[str]) -> None:
+  """Write lines as a file."""
+  from qcar_twin.atomic_io import write_text
+
+  write_text(path, "\n".join(lines) + "\n")
