@@ -16,6 +16,7 @@ EXTRA_OF = {
   "safetensors": "environments",
   "onnx": "learn",
   "onnxruntime": "learn",
+  "ruamel": "learn",
   "stable_baselines3": "learn",
   "tensorboard": "learn",
   "torch": "learn",

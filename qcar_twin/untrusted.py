@@ -21,6 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from qcar_twin.extras import extra
+
 try:
   import resource
 except ImportError:  # Windows has no limits for a process
@@ -47,6 +49,26 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     where = f"near line {plain.count(chr(10), 0, deep.start()) + 1}"
     raise UnreadableFile(f"{name}: is not usable TOML (a key of more than {DEEPEST} parts {where}); shorten it")
   return _parsed(name, "TOML", tomllib.loads, text)
+
+
+def read_yaml(path: str | os.PathLike[str]) -> dict[str, Any]:
+  """A YAML file that holds a table of plain values. Raises UnreadableFile (what is wrong, where), FileNotFoundError."""
+  with extra("Reading YAML"):
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+    from ruamel.yaml.events import AliasEvent
+
+  name, text = Path(path).name, read_text(path)
+  try:
+    if any(isinstance(event, AliasEvent) for event in YAML(typ="safe", pure=True).parse(text)):
+      raise UnreadableFile(f"{name}: has an alias (*name), and files with those grow without bound; write it out")
+    content = _parsed(name, "YAML", YAML(typ="safe", pure=True).load, text)
+  except (YAMLError, RecursionError) as error:
+    said = " ".join(str(error).split())
+    raise UnreadableFile(f"{name}: is not usable YAML ({said}); correct that line") from error
+  if not isinstance(content, dict):
+    raise UnreadableFile(f"{name}: holds no table, but {type(content).__name__}; write it again")
+  return content
 
 
 def read_json(path: str | os.PathLike[str], most: int = MOST_JSON) -> dict[str, Any]:

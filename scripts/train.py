@@ -1,22 +1,18 @@
 """Train a path-tracking agent on the twin.
 
-qcar-twin train --out OUT [--algorithm ppo] [--hyperparameters FILE] [--path random:1:400] [--seed 1]
+qcar-twin train --out OUT [--algorithm ppo] [--hyperparameters FILE.yml] [--path random:1:400] [--seed 1] [--resume]
 """
 
 import dataclasses
 from pathlib import Path
 from typing import Literal
 
-from agents.learning.by_reward import in_words, train_by_reward, trial_from
-from agents.learning.ddpg import Settings
-from agents.learning.environments import Options
-from agents.learning.hyperparameters import FILE as HYPERPARAMETERS
-from agents.learning.train import Plan, train
-from agents.studies.study import wide_plan
+from agents.learning.by_reward import train_by_reward
+from agents.learning.train import train
+from agents.learning.trial import in_words, is_by_reward, trial_from
+from agents.studies.study import plan_from
 from qcar_twin.command_line import run_script
-from qcar_twin.envs.task import Reward
 
-ALIKE = ("plant", "twin", "estimator", "version", "steering_gain", "steering_offset", "randomise")
 KEPT = "the last checkpoint stays in --out, --resume goes on from it"
 
 
@@ -28,20 +24,23 @@ class Config:
   """Folder of the training."""
   algorithm: Literal["paper", "ppo", "sac", "td3", "ddpg"] = "paper"
   """How is learnt: the paper's DDPG with a demonstrator, or by reward alone with stable-baselines3's algorithm."""
-  hyperparameters: Path = HYPERPARAMETERS
-  """TOML file of --algorithm's hyperparameters, with the keys of the RL zoo."""
+  hyperparameters: Path | None = None
+  """YAML file of --algorithm's hyperparameters as the RL zoo's; the package's own without it."""
   path: str = ""
   """Path of the training: s, o, infinity, c, random:SEED[:LENGTH] or FILE.csv; empty for the algorithm's own choice."""
-  observation: Literal["errors", "wide"] = "wide"
-  """What an agent that learns by reward alone sees: the paper's four errors, or also command, curvature and means."""
+  observation: Literal["errors", "wide", "history"] = "wide"
+  """What an agent that learns by reward alone sees: the paper's four errors; also command, curvature and means; or both
+  and the last second."""
+  tensorboard: bool = True
+  """Write curves for TensorBoard into the folder."""
   episodes: int = 300
   """Number of training episodes (paper)."""
   seed: int = 0
   """Seed of everything random."""
   resume: bool = False
   """Continue from the last checkpoint in the folder."""
-  plant: Literal["twin", "reduced", "bicycle"] = "twin"
-  """Plant that is driven."""
+  plant: Literal["auto", "twin", "reduced", "bicycle"] = "auto"
+  """Plant that is driven; auto: the twin for the paper's training, what the hyperparameters say by reward alone."""
   twin: str = ""
   """Twin file (TOML) of a calibration or a diagnosis; the nominal twin where empty."""
   estimator: Literal["fekf", "truth"] = "fekf"
@@ -70,29 +69,15 @@ class Config:
   """A few short episodes on the single-track model, to test that everything runs."""
 
 
-def plan_of(config: Config) -> Plan:
-  """The training a configuration asks for."""
-  if config.wide:
-    return wide_plan(config.twin, "bicycle" if config.quick else config.plant, config.seed, config.quick)
-  none = config.demonstrator == "none"
-  reward = Reward(near=config.near, m6=0.0 if none else config.demonstrator_weight)
-  taken = {name: getattr(config, name) for name in ALIKE} | {"path": config.path or "s", "reward": reward}
-  options = Options(**taken, demonstrator="" if none else config.demonstrator)
-  if config.quick:
-    options = dataclasses.replace(options, plant="bicycle", estimator="truth")
-  episodes = min(config.episodes, 24) if config.quick else config.episodes
-  settings = Settings(episodes=episodes, cars=config.cars, demonstrations=config.demonstrations)
-  if config.quick:
-    settings = dataclasses.replace(settings, warm_up=200, steps_per_update=32)
-  return Plan(options, settings, config.seed, every=4 if config.quick else 15)
-
-
 def main(config: Config) -> None:
   """Train, and print the result in a line."""
-  if config.algorithm != "paper":
-    print(f"{config.out}: {in_words(train_by_reward(trial_from(vars(config)), config.out))}")
+  asked = vars(config)
+  if config.algorithm != "paper" or (config.resume and is_by_reward(config.out)):
+    trial = trial_from(asked, {f.name: f.default for f in dataclasses.fields(Config)})
+    result = train_by_reward(trial, config.out, resume=config.resume, tensorboard=config.tensorboard)
+    print(f"{config.out}: {in_words(result)}")
     return
-  result = train(plan_of(config), config.out, resume=config.resume)
+  result = train(plan_from(asked), config.out, resume=config.resume)
   best = result["best_rmse_training_path"]
   outcome = "the car never finished the training path" if best is None else f"best {1e3 * best:.1f} mm RMSE on it"
   print(f"{config.out}: {result['episodes']} episodes in {result['seconds']['total']:.0f} s, {outcome}")

@@ -121,7 +121,8 @@ def drive(
   for _ in range(int(1.25 * task.distance / (task.speed * period))):
     arc = cars.arc_length[ESTIMATED]
     errors, speed = one_of(cars.errors, ESTIMATED), cars.estimate.speed
-    wanted = controller.steer(Situation(task.path, arc, errors, speed, cars.steering, period, cars.past))
+    situation = Situation(task.path, arc, errors, speed, cars.steering, period, cars.past, cars.recent)
+    wanted = controller.steer(situation)
     steering = np.clip(wanted, -task.lock, task.lock)
     true = cars.signals.copy(), cars.errors.cross_track[TRUE], cars.arc_length[TRUE]
     seen = cars.estimate

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from qcar_twin.paths import Errors, Path
 from qcar_twin.plant import Simulation
+from qcar_twin.recent import Recent
 
 Array = NDArray[np.float64]
 
@@ -24,6 +25,7 @@ class Situation:
     steering: last command, rad, (N,).
     period: s.
     past: slow means of steering command and curvature, rad and 1/m, (N, 2); see `qcar_twin.slow_means`.
+    recent: the last second, value by value; None where nobody remembers it.
   """
 
   path: Path
@@ -33,6 +35,7 @@ class Situation:
   steering: Array
   period: float
   past: Array = dataclasses.field(default_factory=lambda: np.zeros((1, 2)))
+  recent: Recent | None = None
 
 
 class Body(Protocol):

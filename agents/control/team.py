@@ -41,6 +41,7 @@ def group_of(situation: Situation, which: slice) -> Situation:
     speed=situation.speed[which],
     steering=situation.steering[which],
     past=situation.past[which],
+    recent=situation.recent and situation.recent.of(which),
   )
 
 

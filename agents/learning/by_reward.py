@@ -1,13 +1,14 @@
 """Training by reward alone with an algorithm of stable-baselines3, on random tracks.
 
 A folder of a training holds training.json (what was asked for), model.zip (SB3's own), best/ (the policy that did best
-on tracks kept aside), evaluations.csv, tensorboard/ and result.json. Test paths are never looked at.
+on tracks kept aside), evaluations.csv, tensorboard/, the last checkpoint and result.json. Test paths are never looked
+at.
 """
 
 import dataclasses
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,89 +18,33 @@ from agents.control.closed_loop import Actuation, Task, drive
 from agents.control.kpis import Kpis, kpis
 from agents.control.model import Model
 from agents.control.speed import SpeedGains
+from agents.learning.checkpoint import POINTER
 from agents.learning.environments import Options, OwnPlant, fleet, interface_of, plant_of, task_of
-from agents.learning.hyperparameters import ALGORITHMS, Hyperparameters, read_hyperparameters
+from agents.learning.hyperparameters import ALGORITHMS, POLICY
 from agents.learning.policy_file import Policy, export_onnx, load_policy, save_policy
 from agents.learning.sb3_zip import policy_from
-from agents.learning.train import append_row
+from agents.learning.train import append_row, rewrite
+from agents.learning.trial import Trial
+from agents.learning.trial_checkpoint import begin_anew, load_checkpoint, save_checkpoint
 from qcar_twin.atomic_io import write_json, write_text
-from qcar_twin.envs.task import Reward
 from qcar_twin.envs.vector_env import FleetVecEnv
 from qcar_twin.estimation.observer import SensedObserver, TrueObserver
 from qcar_twin.extras import extra
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
-from qcar_twin.tracks import path_from
+from qcar_twin.untrusted import read_json
 
 with extra("Training"):
   import torch
   from stable_baselines3.common.base_class import BaseAlgorithm
   from stable_baselines3.common.callbacks import BaseCallback, CallbackList
-  from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+  from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
   from stable_baselines3.common.vec_env import VecNormalize
 
 KEPT_ASIDE = ("random:900001", "random:900002")  # tracks by which the best policy is chosen
 JUDGES = 16  # cars on each, with linkages of their own
 EVALUATION_SEED = 90_000
+LOST = 1e9  # written for an error of a car that left
 COLUMNS = ("steps", "updates", "rmse", "me", "finished", "seconds", "cpu_seconds")
-TRACKS = Options(
-  path="random:1:400",
-  stretch=6.0,
-  plant="reduced",
-  demonstrator="",
-  gain_spread=0.1,
-  offset_spread=1.5,
-  reward=Reward(m3=0.0, m4=0.0, m5=0.01, m6=0.0, near=0.001),
-)
-"""The default task: 400 m of random track on the reduced car, 6 m an episode, a linkage of its own in each."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Trial:
-  """One training by reward.
-
-  Attributes:
-    hyperparameters: of the algorithm.  options: of the environment.
-    observation: what is seen, a key of `SIGHTS`.  seed: of everything random.
-    every: environment steps between evaluations.
-    seconds: of the processor after which it ends; 0 for none.
-  """
-
-  hyperparameters: Hyperparameters
-  options: Options = TRACKS
-  observation: str = "wide"
-  seed: int = 0
-  every: int = 500_000
-  seconds: float = 0.0
-
-  def as_json(self) -> dict[str, Any]:
-    return dataclasses.asdict(self)
-
-
-def trial_from(asked: Mapping[str, Any]) -> Trial:
-  """The training that options of `qcar-twin train`, by name, ask for: random tracks on the reduced car by default."""
-  quick, path = asked["quick"], asked["path"]
-  options = dataclasses.replace(TRACKS, twin=asked["twin"], estimator="truth" if quick else asked["estimator"])
-  if path:
-    options = dataclasses.replace(options, path=path, stretch=TRACKS.stretch if path.startswith("random:") else 0.0)
-    options = dataclasses.replace(options, stretch=min(options.stretch, path_from(path).length))
-  gathered = read_hyperparameters(asked["algorithm"], asked["hyperparameters"])
-  return Trial(quickly(gathered) if quick else gathered, options, asked["observation"], asked["seed"])
-
-
-def in_words(result: Mapping[str, Any]) -> str:
-  """What came of it, in a line."""
-  seconds, best = result["seconds"]["cpu"], 1e3 * result["best_rmse_kept_aside"]
-  return f"{result['updates']} updates in {seconds:.0f} s of CPU, best {best:.1f} mm RMSE on tracks kept aside"
-
-
-def quickly(hyper: Hyperparameters) -> Hyperparameters:
-  """A few thousand steps, to test that everything runs."""
-  cars = min(hyper.cars, 16)
-  if "learning_starts" in hyper.rest:
-    steps, small = 40 * cars, {"learning_starts": 64, "buffer_size": 10_000}
-  else:
-    steps, small = 2 * 64 * cars, {"n_steps": 64, "batch_size": 64 * cars}
-  return dataclasses.replace(hyper, steps=steps, cars=cars, rest=hyper.rest | small)
 
 
 def judge(
@@ -125,20 +70,37 @@ def judge(
   return Kpis(**{name: np.concatenate([np.atleast_1d(getattr(k, name)) for k in gathered]) for name in names})
 
 
-class Judge(BaseCallback):
-  """Evaluates on the tracks kept aside, keeps the best, ends in time."""
+@dataclasses.dataclass
+class Progress:
+  """How far a training is: rows of evaluations.csv, the best so far, m, when the next evaluation is due, s spent, and
+  how often it was resumed."""
 
-  def __init__(self, trial: Trial, folder: Path, model: Model, own_plant: OwnPlant | None):
+  evaluations: list[list[float]] = dataclasses.field(default_factory=list)
+  best: float = float("inf")
+  best_steps: int = 0
+  due: int = 0
+  wall: float = 0.0
+  cpu: float = 0.0
+  evaluation: float = 0.0
+  resumed: int = 0
+
+
+class Judge(BaseCallback):
+  """Evaluates on the tracks kept aside, keeps the best, writes checkpoints, ends in time."""
+
+  def __init__(
+    self, trial: Trial, folder: Path, model: Model, own_plant: OwnPlant | None, progress: Progress | None = None
+  ):
     super().__init__()
     self._trial, self._folder, self._car, self._own_plant = trial, folder, model, own_plant
-    self._next, self.best, self.best_steps = 0, float("inf"), 0
-    self.evaluation = 0.0  # s of the processor
-    self._clock, self._cpu = time.perf_counter(), time.process_time()
+    self.progress = progress or Progress()
+    before = self.progress
+    self._clock, self._cpu = time.perf_counter() - before.wall, time.process_time() - before.cpu - before.evaluation
 
   @property
   def seconds(self) -> tuple[float, float]:
     """Since the start, of the clock and of the processor, without evaluations in the latter."""
-    return time.perf_counter() - self._clock, time.process_time() - self._cpu - self.evaluation
+    return time.perf_counter() - self._clock, time.process_time() - self._cpu - self.progress.evaluation
 
   def _on_step(self) -> bool:
     for info in self.locals["infos"]:
@@ -149,9 +111,12 @@ class Judge(BaseCallback):
     return not (self._trial.seconds and self.seconds[1] > self._trial.seconds)
 
   def _on_rollout_start(self) -> None:
-    if self.num_timesteps >= self._next and self.updates:
-      self._next = self.num_timesteps + self._trial.every
+    if self.num_timesteps >= self.progress.due and self.updates:
+      self.progress.due = self.num_timesteps + self._trial.every
       self.look()
+      self.progress.wall, self.progress.cpu = self.seconds
+      save_checkpoint(self.model, self._folder, dataclasses.asdict(self.progress))
+      begin_anew(self.model, self._trial.seed)
 
   @property
   def updates(self) -> int:
@@ -163,19 +128,20 @@ class Judge(BaseCallback):
     policy = policy_of(self.model, self._trial, self.result())
     judged = judge(policy, self._trial.options, KEPT_ASIDE, self._car, self._own_plant)
     rmse = float(np.mean(np.minimum(judged.rmse, 0.2)))
-    self.evaluation += time.process_time() - begun
+    self.progress.evaluation += time.process_time() - begun
     finished = float(np.mean(judged.finished))
     row = [self.num_timesteps, self.updates, rmse, float(np.max(judged.me)), finished, *self.seconds]
-    append_row(self._folder / "evaluations.csv", COLUMNS, row)
+    self.progress.evaluations.append([value if np.isfinite(value) else LOST for value in row])
+    append_row(self._folder / "evaluations.csv", COLUMNS, self.progress.evaluations[-1])
     self.logger.record("evaluation/rmse", rmse)
-    if rmse < self.best:
-      self.best, self.best_steps = rmse, self.num_timesteps
+    if rmse < self.progress.best:
+      self.progress.best, self.progress.best_steps = rmse, self.num_timesteps
       save_policy(policy, self._folder / "best")
 
   def result(self) -> dict[str, Any]:
     """How far it is."""
     wall, cpu = self.seconds
-    seconds = {"total": round(wall, 2), "cpu": round(cpu, 2), "evaluation": round(self.evaluation, 2)}
+    seconds = {"total": round(wall, 2), "cpu": round(cpu, 2), "evaluation": round(self.progress.evaluation, 2)}
     return {"steps": int(self.num_timesteps), "updates": self.updates, "seconds": seconds}
 
   def _on_training_end(self) -> None:
@@ -202,7 +168,7 @@ def make_agent(trial: Trial, model: Model, own_plant: OwnPlant | None = None) ->
   if hyper.normalise is not None:
     given: dict[str, Any] = dict(hyper.normalise)
     env = VecNormalize(env, gamma=float(hyper.rest.get("gamma", 0.99)), **given)
-  return ALGORITHMS[hyper.algorithm](hyper.policy, env, seed=trial.seed, device="cpu", **hyper.arguments())
+  return ALGORITHMS[hyper.algorithm](POLICY, env, seed=trial.seed, device="cpu", **hyper.arguments())
 
 
 def train_by_reward(
@@ -211,33 +177,71 @@ def train_by_reward(
   callbacks: Sequence[BaseCallback] = (),
   model: Model | None = None,
   own_plant: OwnPlant | None = None,
+  resume: bool = False,
+  tensorboard: bool = True,
 ) -> dict[str, Any]:
-  """Train into a folder that holds no training yet.
+  """Train into a folder that holds no training yet, or go on with the one it holds.
+
+  A resumed training ends in the weights of one that was never stopped: `trial_checkpoint` says how.
 
   Args:
-    callbacks: of stable-baselines3, called besides the one that evaluates.
+    trial: what is asked for; of a training that is resumed, what its folder holds (`Trial.kept`).
+    callbacks: of stable-baselines3, called besides the one that evaluates. What they remember is theirs to keep.
+    resume: go on from the folder's last checkpoint.
+    tensorboard: write curves.
 
   Returns:
     What result.json holds.
 
   Raises:
-    FileExistsError: the folder holds a training.
+    FileExistsError: the folder holds a training and `resume` is off.
+    FileNotFoundError: there is none to resume.
+    ValueError: the training to resume is another one.
   """
-  if (folder / "training.json").exists():
-    raise FileExistsError(f"{folder} holds a training already; choose another folder")
-  folder.mkdir(parents=True, exist_ok=True)
-  write_text(folder / "training.json", json.dumps(trial.as_json(), indent=1) + "\n")
   model = model or Model.nominal()
-  agent = make_agent(trial, model, own_plant)
-  agent.set_logger(Logger(None, [TensorBoardOutputFormat(str(folder / "tensorboard"))]))
-  referee = Judge(trial, folder, model, own_plant)
-  agent.learn(trial.hyperparameters.steps, callback=CallbackList([referee, *callbacks]))
+  if resume and (folder / "result.json").is_file() and _is_that_of(trial, folder):
+    return read_json(folder / "result.json")
+  again = resume and _is_that_of(trial, folder)
+  resume = again and (folder / POINTER).is_file()
+  agent, progress = make_agent(trial, model, own_plant), Progress()
+  if resume:
+    progress = Progress(**load_checkpoint(agent, folder))
+    progress.resumed += 1
+    begin_anew(agent, trial.seed)
+  else:
+    _begin(trial, folder, again)
+  rewrite(folder / "evaluations.csv", COLUMNS, progress.evaluations)
+  outputs: list[KVWriter] = [TensorBoardOutputFormat(str(folder / "tensorboard"))] if tensorboard else []
+  agent.set_logger(Logger(None, outputs))
+  referee = Judge(trial, folder, model, own_plant, progress)
+  left = trial.hyperparameters.steps - agent.num_timesteps
+  agent.learn(left, callback=CallbackList([referee, *callbacks]), reset_num_timesteps=False)
   agent.save(folder / "model.zip")
   difference = export_onnx(load_policy(folder / "best"), folder / "best" / "policy.onnx")
   result = referee.result() | {
-    "best_steps": referee.best_steps,
-    "best_rmse_kept_aside": referee.best,
+    "best_steps": progress.best_steps,
+    "best_rmse_kept_aside": progress.best,
     "onnx_difference": difference,
+    "resumed": progress.resumed,
   }
   write_json(folder / "result.json", result)
   return result
+
+
+def _begin(trial: Trial, folder: Path, again: bool) -> None:
+  """The folder of a training that begins; `again` where it was stopped before its first checkpoint."""
+  asked = folder / "training.json"
+  if asked.exists() and not again:
+    raise FileExistsError(f"{folder} holds a training already; go on with --resume or choose another folder")
+  folder.mkdir(parents=True, exist_ok=True)
+  write_text(asked, json.dumps(trial.as_json(), indent=1) + "\n")
+
+
+def _is_that_of(trial: Trial, folder: Path) -> bool:
+  """True where the folder's training is this one. Raises ValueError for another, FileNotFoundError for none."""
+  file = folder / "training.json"
+  if not file.is_file():
+    raise FileNotFoundError(f"{file}: no training to resume; start without --resume")
+  if json.dumps(Trial.kept(file).as_json()) != json.dumps(trial.as_json()):
+    raise ValueError(f"{folder} holds another training; resume it by its own plan, or choose another folder")
+  return True

@@ -8,7 +8,7 @@ points of packages). Every field of `Options` is an argument. `-v0` is the same 
 import dataclasses
 import difflib
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Literal, get_args, get_type_hints
 
@@ -225,14 +225,27 @@ def interface_of(observation: str = "wide", normalised: bool = True) -> Interfac
   return Interface(SIGHTS[observation] if observation != "errors" else None, normalised)
 
 
-def options_from(given: dict[str, Any]) -> Options:
-  """Options from keyword arguments. Raises TypeError for a name there isn't, with the nearest one."""
-  known = [f.name for f in dataclasses.fields(Options)]
+def options_from(given: Mapping[str, Any]) -> Options:
+  """Options from keyword arguments; the reward may be a table of its weights.
+
+  Raises:
+    TypeError: a name there isn't, with the nearest one.
+  """
+  _names_of(Options, given, "option")
+  reward = given.get("reward", Options.reward)
+  if isinstance(reward, Mapping):
+    _names_of(Reward, reward, "weight of the reward")
+    reward = Reward(**reward)
+  return Options(**{**given, "reward": reward})
+
+
+def _names_of(kind: type, given: Mapping[str, Any], what: str) -> None:
+  """Raises TypeError where a key is no field of a data class, with the nearest one."""
+  known = [f.name for f in dataclasses.fields(kind)]
   for name in given:
     if name not in known:
       near = difflib.get_close_matches(name, known, n=1) or known
-      raise TypeError(f"no option '{name}'; did you mean {', '.join(near)}?")
-  return Options(**given)
+      raise TypeError(f"no {what} '{name}'; did you mean {', '.join(near)}?")
 
 
 def make_env(

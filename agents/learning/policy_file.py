@@ -18,6 +18,7 @@ from agents.control.interface import Situation
 from agents.learning.observation import ObservationSpec
 from qcar_twin.atomic_io import whole_file, write_text
 from qcar_twin.extras import extra
+from qcar_twin.slow_means import MEMORY
 from qcar_twin.untrusted import UnreadableFile, bounded_memory, is_number, read_json
 
 with extra("Reading a policy"):
@@ -90,7 +91,8 @@ class Policy:
   def steer(self, situation: Situation) -> Array:
     """Steering command: the last one moved on by the rate."""
     errors, path, arc_length = situation.errors.observation, situation.path, situation.arc_length
-    rate = self.rate(self.sight.look(errors, situation.steering, situation.past, path, arc_length))
+    seen = self.sight.look(errors, situation.steering, situation.past, path, arc_length, situation.recent)
+    rate = self.rate(seen)
     return np.clip(situation.steering + rate * situation.period, -self.lock, self.lock)
 
 
@@ -183,9 +185,11 @@ def _layers(file: Path, count: object, inputs: Sequence[int]) -> Layers:
 
 
 def sight_from(table: Mapping[str, Any]) -> ObservationSpec:
-  """A sight from its JSON; the paper's agent's where a file says nothing."""
-  previews = tuple(float(x) for x in table.get("previews", ()))
-  return ObservationSpec(bool(table.get("steering", False)), previews, bool(table.get("past", False)))
+  """A sight from its JSON; the paper's agent's where a file says nothing. Raises ValueError: it is none."""
+  previews, history = (tuple(float(x) for x in table.get(name, ())) for name in ("previews", "history"))
+  if not all(0.0 <= lag <= MEMORY for lag in history):
+    raise ValueError(f"a look back of more than {MEMORY:g} s")
+  return ObservationSpec(bool(table.get("steering", False)), previews, bool(table.get("past", False)), history)
 
 
 def export_onnx(policy: Policy, file: Path, tolerance: float = 1e-5) -> float:

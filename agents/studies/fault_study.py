@@ -146,7 +146,14 @@ def record(model: Model, plant: str, controller: Controller, path: str, count: i
     cars.course = dataclasses.replace(course, speed=target_speed(k * body.period))
     errors = one_of(cars.errors, ESTIMATED)
     seen = Situation(
-      task.path, cars.arc_length[ESTIMATED], errors, cars.estimate.speed, cars.steering, body.period, cars.past
+      task.path,
+      cars.arc_length[ESTIMATED],
+      errors,
+      cars.estimate.speed,
+      cars.steering,
+      body.period,
+      cars.past,
+      cars.recent,
     )
     cars.step(np.clip(controller.steer(seen), -task.lock, task.lock))
     commands.append(cars.commands.copy())

@@ -28,6 +28,7 @@ PATHS = ("o", "infinity", "c")
 MISMATCH = (0.92, 1.0)  # steering gain -, offset deg, fixed before anything was trained
 CONTROLLERS = "controllers"
 WIDE = SIGHTS["wide"]
+ALIKE = ("twin", "estimator", "version", "steering_gain", "steering_offset", "randomise")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,6 +77,22 @@ def wide_plan(twin: str, plant: PlantName, seed: int, quick: bool = False) -> Pl
   settings = dataclasses.replace(WIDE_PLAN.settings, imitations=6 if quick else WIDE_PLAN.settings.imitations)
   options = dataclasses.replace(WIDE_PLAN.options, twin=twin, plant=plant)
   return dataclasses.replace(WIDE_PLAN, options=options, settings=settings, seed=seed)
+
+
+def plan_from(asked: Mapping[str, Any]) -> Plan:
+  """The paper's training, or the imitation, that options of `qcar-twin train`, by name, ask for."""
+  plant, quick = "twin" if asked["plant"] == "auto" else asked["plant"], asked["quick"]
+  if asked["wide"]:
+    return wide_plan(asked["twin"], "bicycle" if quick else plant, asked["seed"], quick)
+  alone = asked["demonstrator"] == "none"
+  reward = Reward(near=asked["near"], m6=0.0 if alone else asked["demonstrator_weight"])
+  taken = {name: asked[name] for name in ALIKE} | {"path": asked["path"] or "s", "reward": reward}
+  options = Options(**taken, plant=plant, demonstrator="" if alone else asked["demonstrator"])
+  learning = Settings(asked["episodes"], cars=asked["cars"], demonstrations=asked["demonstrations"])
+  if quick:
+    options = dataclasses.replace(options, plant="bicycle", estimator="truth")
+    learning = dataclasses.replace(learning, episodes=min(learning.episodes, 24), warm_up=200, steps_per_update=32)
+  return Plan(options, learning, asked["seed"], every=4 if quick else 15)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,6 +16,7 @@ from qcar_twin.estimation.estimate import BatchEstimate
 from qcar_twin.estimation.observer import POSE, VELOCITY, YAW_RATE, Observer
 from qcar_twin.paths import Errors, Path
 from qcar_twin.plant import Simulation
+from qcar_twin.recent import Recent
 from qcar_twin.slow_means import remember
 
 Array = NDArray[np.float64]
@@ -92,6 +93,7 @@ class DrivenCars:
     steering: commanded, rad, (N,).  estimate: of the cars.
     errors: relative to the path, (2, N) each: as estimated, and true.  arc_length: as estimated, and true, m, (2, N).
     past: slow means of steering command and path curvature, rad and 1/m, (N, 2).
+    recent: the last second, value by value.
   """
 
   def __init__(
@@ -111,6 +113,7 @@ class DrivenCars:
     self.estimate: BatchEstimate = observer.begin(self.signals)
     self._speed_control = speed_control(self.estimate.speed)
     self.errors = self._look()
+    self.recent = Recent(self._now(), course.period)
 
   @property
   def signals(self) -> Array:
@@ -130,6 +133,7 @@ class DrivenCars:
     self.estimate = self.observer.begin(self.signals, which)
     self._speed_control.restart(which, self.estimate.speed)
     self.errors = self._look()
+    self.recent.restart(which, self._now())
 
   def step(self, steering: Array) -> None:
     """Drive one control period with steering commands (N,), rad."""
@@ -142,6 +146,12 @@ class DrivenCars:
     self.estimate = self.observer.observe(self.plant.step(np.stack([voltage, reaching], axis=-1)))
     self.errors = self._look(moving=True)
     self.past = remember(self.past, steering, self.errors.curvature[ESTIMATED], course.period)
+    self.recent.add(self._now())
+
+  def _now(self) -> Array:
+    """What is remembered, (N, 4)."""
+    seen = one_of(self.errors, ESTIMATED)
+    return np.stack([seen.cross_track, seen.heading, self.steering, seen.curvature], axis=-1)
 
   def _look(self, moving: bool = False) -> Errors:
     """Errors at the nearest path point, searched around where the paper's ds/dt puts it."""

@@ -19,6 +19,7 @@ from qcar_twin.estimation.observer import Observer, SensedObserver, TrueObserver
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.paths import Errors
 from qcar_twin.plant import START, Plant
+from qcar_twin.recent import Recent
 from qcar_twin.sensors.base import Sensor
 from qcar_twin.sensors.suite import SensorSuite
 
@@ -144,6 +145,11 @@ class Fleet:
   def past(self) -> Array:
     """Slow means of steering command and path curvature, rad and 1/m, (N, 2)."""
     return self.cars.past
+
+  @property
+  def recent(self) -> Recent:
+    """The last second, value by value."""
+    return self.cars.recent
 
   @property
   def errors(self) -> Errors:

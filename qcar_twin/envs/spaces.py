@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.envs.fleet import Fleet
+from qcar_twin.envs.task import ERROR_SCALE
 from qcar_twin.extras import extra
 
 with extra("The gymnasium environment"):
@@ -14,7 +15,6 @@ with extra("The gymnasium environment"):
 
 Array = NDArray[np.float64]
 Observation = NDArray[np.float32]
-ERROR_SCALE = (20.0, 5.0, 5.0, 1.0)  # 1/m, s/m, 1/rad, s/rad: the four errors of a car on its way become of order one
 LIMIT = 10.0  # of a normalised observation; the cross-track error at which a car is lost is 4
 
 

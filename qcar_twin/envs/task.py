@@ -15,6 +15,7 @@ from qcar_twin.paths import Path
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+ERROR_SCALE = (20.0, 5.0, 5.0, 1.0)  # 1/m, s/m, 1/rad, s/rad: the four errors of a car on its way become of order one
 
 
 @dataclasses.dataclass(frozen=True)

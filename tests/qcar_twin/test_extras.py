@@ -20,6 +20,7 @@ PACKAGES = {
   "dm_env": "dm_control",
   "matio": "mat-io",
   "mcap_protobuf": "mcap-protobuf-support",
+  "ruamel": "ruamel.yaml",
   "sklearn": "scikit-learn",
 }  # by import
 # made unimportable, all at once: what a plain installation does not have

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from agents.learning.policy_file import SHIPPED, load_policy, save_policy
+from agents.studies.study import plan_from
 from qcar_twin.rendering.film import RenderingUnavailable
 from scripts import evaluate, render, train
 from tests import ROOT
@@ -52,11 +53,11 @@ def test_render_names_who_could_drive(tmp_path):
 
 
 def test_train_asks_for_what_was_said(tmp_path):
-  plan = train.plan_of(train.Config(tmp_path, demonstrator="none", near=0.005, steering_gain=0.92, seed=7))
+  plan = plan_from(vars(train.Config(tmp_path, demonstrator="none", near=0.005, steering_gain=0.92, seed=7)))
   assert plan.options.demonstrator == "" and plan.options.reward.m6 == 0.0 and plan.options.reward.near == 0.005
   assert plan.options.steering_gain == 0.92 and plan.seed == 7 and plan.settings.episodes == 300
-  assert train.plan_of(train.Config(tmp_path)).options.reward.m6 == 1.0
-  wide = train.plan_of(train.Config(tmp_path, wide=True, seed=2, twin="x.toml"))
+  assert plan_from(vars(train.Config(tmp_path))).options.reward.m6 == 1.0
+  wide = plan_from(vars(train.Config(tmp_path, wide=True, seed=2, twin="x.toml")))
   assert wide.sight.size == 9 and wide.settings.imitations > 0 and (wide.seed, wide.options.twin) == (2, "x.toml")
 
 

@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from stable_baselines3.common.callbacks import BaseCallback
 
+from agents.control.controllers import FILE
 from agents.learning import by_reward
-from agents.learning.by_reward import TRACKS, Trial, quickly, train_by_reward, trial_from
+from agents.learning.by_reward import train_by_reward
 from agents.learning.environments import Options, make_env
 from agents.learning.evaluate import described
-from agents.learning.hyperparameters import ALGORITHMS, FILE, read_hyperparameters
+from agents.learning.hyperparameters import ALGORITHMS, read_hyperparameters
 from agents.learning.policy_file import IMITATION, SHIPPED, load_policy, onnx_difference
 from agents.learning.sb3_zip import any_policy, policy_from_zip
+from agents.learning.trial import TRACKS, Trial, quickly
 from agents.studies import comparison
 from agents.studies.comparison import Design, compare, drivers_of, in_markdown, paired
 from qcar_twin.rendering.film import RenderingUnavailable
@@ -114,32 +116,6 @@ def test_what_is_no_zip_of_a_policy_is_refused(tmp_path):
     any_policy(tmp_path / "nowhere.zip")
 
 
-@pytest.mark.parametrize(
-  "text, said",
-  [
-    ("[ppo]\nn_timesteps = 10\nn_envs = 2\nlearning_rat = 1\n", "did you mean learning_rate"),
-    ("[ppo]\nn_envs = 2\n", "n_timesteps must be a number"),
-    ("[sac]\nn_timesteps = 10\nn_envs = 2\n", "has no table .ppo."),
-    ('[ppo]\nn_timesteps = 10\nn_envs = 2\npolicy_kwargs = { activation_fn = "gelu" }\n', "relu or tanh"),
-  ],
-)
-def test_hyperparameters_that_are_none_are_refused(tmp_path, text, said):
-  file = tmp_path / "mine.toml"
-  file.write_text(text, encoding="utf-8")
-  with pytest.raises((KeyError, UnreadableFile), match=said):
-    read_hyperparameters("ppo", file)
-  with pytest.raises(KeyError, match="did you mean ppo"):
-    read_hyperparameters("ppoo", FILE)
-
-
-def test_options_of_the_command_reach_the_training(tmp_path):
-  asked = {"algorithm": "ppo", "hyperparameters": FILE, "path": "random:4:90", "twin": "", "estimator": "truth"}
-  trial = trial_from(asked | {"observation": "errors", "seed": 3, "quick": False})
-  assert (trial.options.path, trial.options.stretch, trial.observation, trial.seed) == ("random:4:90", 6.0, "errors", 3)
-  assert trial.options.reward.m6 == 0.0 and trial.options.demonstrator == ""
-  assert trial_from(asked | {"path": "o", "observation": "wide", "seed": 0, "quick": False}).options.stretch == 0.0
-
-
 # -- what ships ----------------------------------------------------------------------------------
 
 
@@ -183,7 +159,7 @@ def test_paired_differences_have_students_interval():
 
 
 def test_a_comparison_drives_everybody_in_the_same_noise(monkeypatch):
-  drivers = drivers_of([SHIPPED, SHIPPED], [FILE.with_name("controllers.toml")], ["linear_rate"], 0.5)
+  drivers = drivers_of([SHIPPED, SHIPPED], [FILE], ["linear_rate"], 0.5)
   assert list(drivers) == ["ppo", "ppo #2", "linear_rate (controllers)"]
   monkeypatch.setattr(comparison, "PATHS", ("c",))
   driven = compare(drivers, Design("bicycle", streams=2, tracks=0))

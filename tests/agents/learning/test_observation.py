@@ -10,15 +10,16 @@ from agents.control.interface import Situation
 from agents.control.model import Model
 from agents.control.speed import SpeedGains
 from agents.learning.environments import SERVO, Options, fleet
-from agents.learning.observation import ObservationSpec
+from agents.learning.observation import SIGHTS, ObservationSpec
 from agents.learning.policy_file import Policy, export_onnx, load_policy, onnx_difference, save_policy
 from qcar_twin.envs.spaces import Interface
 from qcar_twin.envs.vector_env import FleetVecEnv
 from qcar_twin.estimation.observer import TrueObserver
 from qcar_twin.paths import path_named
 from qcar_twin.slow_means import MEMORY, remember
+from qcar_twin.untrusted import UnreadableFile
 
-WIDE = ObservationSpec(steering=True, previews=(0.0, 0.15), past=True)
+WIDE, HISTORY = SIGHTS["wide"], SIGHTS["history"]
 OPTIONS = Options(plant="bicycle", estimator="truth", start_offset=0.0, start_heading=0.0)
 RNG = np.random.default_rng(0)
 
@@ -69,10 +70,11 @@ def test_curvature_is_seen_as_far_ahead_as_asked_and_over_the_end_of_a_lap():
   assert seen[0, 5] > 0.1
 
 
-def test_training_and_drive_show_the_agent_the_same():
+@pytest.mark.parametrize("sight", [WIDE, HISTORY], ids=["wide", "history"])
+def test_training_and_drive_show_the_agent_the_same(sight):
   """A policy steers a fleet in training as it steers a drive, bit for bit, so that what is learnt is what counts."""
-  policy, model = steering_policy(), Model.nominal()
-  env = FleetVecEnv(fleet(OPTIONS, [0], model), WIDE)
+  policy, model = steering_policy(sight), Model.nominal()
+  env = FleetVecEnv(fleet(OPTIONS, [0], model), sight)
   observation, commands = env.reset(), []
   for _ in range(700):
     observation, _, done, _ = env.step(policy.rate(observation.astype(np.float64))[:, None])
@@ -95,6 +97,31 @@ def test_a_restarted_car_remembers_nothing():
   assert np.all(cars.past[0] == 0.0) and np.all(cars.past[1, 0] != 0.0)
 
 
+def test_history_is_what_was_seen_so_long_ago():
+  cars, rows = fleet(OPTIONS, [0, 1]), []
+  for k in range(150):
+    seen = HISTORY.of(cars)
+    rows.append(np.stack([seen[:, 0], seen[:, 2], seen[:, 4], seen[:, 5]], axis=-1))
+    for i, lag in enumerate((20, 40, 60, 80, 100)):
+      np.testing.assert_array_equal(seen[:, 7 + 4 * i : 11 + 4 * i], rows[max(k - lag, 0)])
+    cars.step(np.full(2, 0.4 * (-1) ** (k // 30)))
+  assert HISTORY.size == 27 and HISTORY.names[7] == "cross_track_error 0.2 s ago m"
+  cars.restart(np.array([True, False]))
+  seen = HISTORY.of(cars)
+  assert np.all(seen[0, [9, 13, 17]] == 0.0) and np.all(seen[0, 7::4] == seen[0, 0]) and np.any(seen[1, 9::4] != 0.0)
+
+
+def test_a_look_further_back_than_is_remembered_is_refused(tmp_path):
+  policy = dataclasses.replace(
+    steering_policy(HISTORY), sight=dataclasses.replace(HISTORY, history=(0.2,) * 4 + (1.5,))
+  )
+  save_policy(policy, tmp_path)
+  with pytest.raises(UnreadableFile, match="a look back of more than 1 s"):
+    load_policy(tmp_path)
+  with pytest.raises(ValueError, match="give `recent`"):
+    HISTORY.look(np.zeros((1, 4)), np.zeros(1), np.zeros((1, 2)), path_named("o"), np.zeros(1))
+
+
 def test_the_last_words_of_an_episode_are_seen_before_the_restart():
   env = FleetVecEnv(fleet(dataclasses.replace(OPTIONS, path="o"), [0, 1]), WIDE)
   env.reset()
@@ -114,12 +141,13 @@ def test_the_environment_says_how_much_is_seen():
   assert FleetVecEnv(fleet(OPTIONS, [0])).observation_space.shape == (4,)
 
 
-def test_a_wide_policy_survives_its_file_and_its_export(tmp_path):
-  policy = steering_policy()
+@pytest.mark.parametrize("sight", [WIDE, HISTORY], ids=["wide", "history"])
+def test_a_policy_that_sees_more_survives_its_file_and_its_export(sight, tmp_path):
+  policy = steering_policy(sight)
   save_policy(policy, tmp_path)
   again = load_policy(tmp_path)
-  assert again.sight == WIDE and again.observation_scale == policy.observation_scale
-  observations = RNG.standard_normal((20, 9))
+  assert again.sight == sight and again.observation_scale == policy.observation_scale
+  observations = RNG.standard_normal((20, sight.size))
   np.testing.assert_array_equal(again.rate(observations), policy.rate(observations))
   assert export_onnx(policy, tmp_path / "policy.onnx") < 1e-5
   assert onnx_difference(policy, tmp_path / "policy.onnx", seed=3) < 1e-5

@@ -1,0 +1,106 @@
+"""What a training by reward alone is asked for: hyperparameters, environment, what is seen, seed."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from agents.learning.environments import Options, options_from
+from agents.learning.hyperparameters import Hyperparameters, read_hyperparameters
+from agents.learning.observation import SIGHTS
+from qcar_twin.envs.task import Reward
+from qcar_twin.tracks import path_from
+from qcar_twin.untrusted import UnreadableFile, read_json
+
+LOOKS = 24  # evaluations, and checkpoints, of a training
+TRACKS = Options(
+  path="random:1:400",
+  stretch=6.0,
+  plant="reduced",
+  demonstrator="",
+  gain_spread=0.1,
+  offset_spread=1.5,
+  reward=Reward(m3=0.0, m4=0.0, m5=0.01, m6=0.0, near=0.001),
+)
+"""The default task: 400 m of random track on the reduced car, 6 m an episode, a linkage of its own in each."""
+TAKEN = ("plant", "twin", "estimator", "steering_gain", "steering_offset", "randomise")
+PAPERS = ("episodes", "demonstrator", "version", "demonstrator_weight", "demonstrations", "near", "cars", "wide")
+
+
+@dataclasses.dataclass(frozen=True)
+class Trial:
+  """One training by reward.
+
+  Attributes:
+    hyperparameters: of the algorithm.  options: of the environment.
+    observation: what is seen, a key of `SIGHTS`.  seed: of everything random.
+    every: environment steps between evaluations, each with a checkpoint.
+    seconds: of the processor after which it ends; 0 for none.
+  """
+
+  hyperparameters: Hyperparameters
+  options: Options = TRACKS
+  observation: str = "wide"
+  seed: int = 0
+  every: int = 500_000
+  seconds: float = 0.0
+
+  def as_json(self) -> dict[str, Any]:
+    return dataclasses.asdict(self)
+
+  @classmethod
+  def kept(cls, file: Path) -> "Trial":
+    """The trial in a training's folder. Raises UnreadableFile where it is none."""
+    table = read_json(file)
+    try:
+      hyper = Hyperparameters(**table["hyperparameters"])
+      if table["observation"] not in SIGHTS:
+        raise ValueError(f"no observation {table['observation']!r}")
+      return cls(**{**table, "hyperparameters": hyper, "options": options_from(table["options"])})
+    except (KeyError, TypeError, ValueError) as error:
+      raise UnreadableFile(f"{file}: is no plan of a training by reward ({error}); choose another folder") from error
+
+
+def is_by_reward(folder: Path) -> bool:
+  """Whether a folder holds a training by reward, finished or not."""
+  file = folder / "training.json"
+  return file.is_file() and "hyperparameters" in read_json(file)
+
+
+def trial_from(asked: Mapping[str, Any], defaults: Mapping[str, Any]) -> Trial:
+  """The training that options of `qcar-twin train`, by name, ask for; what is at its default is the file's to say.
+  One that is resumed is the folder's own.
+
+  Raises:
+    ValueError: an option is given that belongs to the paper's training.
+  """
+  if asked["resume"] and (kept := asked["out"] / "training.json").is_file():
+    return Trial.kept(kept)
+  changed = {name: asked[name] for name in (*TAKEN, *PAPERS) if asked[name] != defaults[name]}
+  if foreign := [name for name in PAPERS if name in changed]:
+    option = "--" + foreign[0].replace("_", "-")
+    raise ValueError(f"{option} is of the paper's training; leave it out, or --algorithm {asked['algorithm']}")
+  hyper = read_hyperparameters(asked["algorithm"], asked["hyperparameters"])
+  options = dataclasses.replace(options_from(hyper.env_kwargs) if hyper.env_kwargs else TRACKS, **changed)
+  if path := asked["path"]:
+    stretch = options.stretch if path.startswith("random:") else 0.0
+    options = dataclasses.replace(options, path=path, stretch=min(stretch, path_from(path).length))
+  if asked["quick"]:
+    hyper, options = quickly(hyper), dataclasses.replace(options, estimator="truth")
+  return Trial(hyper, options, asked["observation"], asked["seed"], max(1, hyper.steps // LOOKS))
+
+
+def in_words(result: Mapping[str, Any]) -> str:
+  """What came of it, in a line."""
+  seconds, best = result["seconds"]["cpu"], 1e3 * result["best_rmse_kept_aside"]
+  return f"{result['updates']} updates in {seconds:.0f} s of CPU, best {best:.1f} mm RMSE on tracks kept aside"
+
+
+def quickly(hyper: Hyperparameters) -> Hyperparameters:
+  """A few thousand steps, to test that everything runs."""
+  cars = min(hyper.cars, 16)
+  if "learning_starts" in hyper.rest:
+    steps, small = 40 * cars, {"learning_starts": 64, "buffer_size": 10_000}
+  else:
+    steps, small = 2 * 64 * cars, {"n_steps": 64, "batch_size": 64 * cars}
+  return dataclasses.replace(hyper, steps=steps, cars=cars, rest=hyper.rest | small)
