@@ -47,6 +47,7 @@ class EvaluationCase:
     steering_gain, steering_offset: of the linkage, - and deg; neither agent nor filter knows them.
     cars: runs, each with sensor noise of its own.  seed: of the sensors.
     estimator: "fekf" or "truth".
+    filter_noise: factor on the process noise densities that the filter assumes (`FilterSettings.walk_*`).
   """
 
   path: str
@@ -57,13 +58,15 @@ class EvaluationCase:
   cars: int = 4
   seed: int = 500
   estimator: str = "fekf"
+  filter_noise: float = 1.0
 
   @property
   def label(self) -> str:
     """Everything but the path, in words."""
     wrong = self.steering_gain != 1.0 or self.steering_offset != 0.0
     mismatch = f", gain {self.steering_gain:g}, offset {self.steering_offset:+g} deg" if wrong else ""
-    return f"{self.plant}, {self.speed:g} m/s{mismatch}"
+    noise = f", filter noise x {self.filter_noise:g}" if self.filter_noise != 1.0 else ""
+    return f"{self.plant}, {self.speed:g} m/s{mismatch}{noise}"
 
 
 def known_plant(name: str) -> tuple[Plant, Array]:
@@ -81,7 +84,7 @@ def run_case(controller: Controller, case: EvaluationCase, plant: PlantMaker = k
   task = Task(path_from(case.path), case.speed, lock=model.vehicle.max_steering, actuation=actuation)
   observer = TrueObserver()
   if case.estimator == "fekf":
-    settings = model.filter_settings("bicycle" if case.plant == "bicycle" else "twin")
+    settings = model.filter_settings("bicycle" if case.plant == "bicycle" else "twin").with_walks(case.filter_noise)
     sensors = EqualSensors(qcar_sensors(), groups, case.cars, case.seed)
     observer = SensedObserver(sensors, model.car, settings)  # type: ignore[arg-type]
   return drive(body, np.tile(theta, (count, 1)), controller, SpeedGains.design(model.car), observer, task)

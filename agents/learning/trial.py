@@ -13,6 +13,7 @@ from qcar_twin.tracks import path_from
 from qcar_twin.untrusted import UnreadableFile, read_json
 
 LOOKS = 24  # evaluations, and checkpoints, of a training
+CLOSEST = 5000  # environment steps between them: DDPG's, with one car's step an update, take as long as an evaluation
 TRACKS = Options(
   path="random:1:400",
   stretch=6.0,
@@ -87,7 +88,7 @@ def trial_from(asked: Mapping[str, Any], defaults: Mapping[str, Any]) -> Trial:
     options = dataclasses.replace(options, path=path, stretch=min(stretch, path_from(path).length))
   if asked["quick"]:
     hyper, options = quickly(hyper), dataclasses.replace(options, estimator="truth")
-  return Trial(hyper, options, asked["observation"], asked["seed"], max(1, hyper.steps // LOOKS))
+  return Trial(hyper, options, asked["observation"], asked["seed"], max(CLOSEST, hyper.steps // LOOKS))
 
 
 def in_words(result: Mapping[str, Any]) -> str:

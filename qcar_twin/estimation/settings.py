@@ -114,6 +114,11 @@ class FilterSettings:
     scores = [r["pose_score"].value.max() for r in recordings if "pose_score" in r.streams]
     return dataclasses.replace(self, score_full=1.0 if scores and max(scores) <= 1.0 else 100.0)
 
+  def with_walks(self, factor: float) -> "FilterSettings":
+    """These settings with all process noise densities times a factor."""
+    walks = [f.name for f in dataclasses.fields(self) if f.name.startswith("walk_")]
+    return dataclasses.replace(self, **{name: factor * getattr(self, name) for name in walks})
+
   def with_noise(self, noise: Mapping[str, Standstill], rolling_radius: float) -> "FilterSettings":
     """These settings with what a standstill recording tells of the sensors.
 

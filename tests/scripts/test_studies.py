@@ -6,11 +6,13 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from agents.learning.train import Plan
 from agents.studies import study, study_report
+from agents.studies.robustness import circumstances
 from agents.studies.study import VARIANTS, Variant
-from scripts import benchmark_learning, compare
+from scripts import benchmark_learning, compare, robustness
 from scripts import study as study_command
 from tests.agents.learning.test_train import PLAN
 from tests.agents.studies.test_study import CASE
@@ -62,3 +64,21 @@ def test_compare_writes_paired_differences_with_their_intervals(tmp_path, capsys
   table = (tmp_path / "out" / "comparison.md").read_text(encoding="utf-8")
   assert table.strip() in capsys.readouterr().out and "linear_rate" in table
   assert json.loads((tmp_path / "out" / "comparison.json").read_text(encoding="utf-8"))
+
+
+def test_robustness_writes_what_changes_with_the_circumstances(tmp_path, capsys):
+  robustness.main(robustness.Config(tmp_path / "out", names=("linear_rate",), plant="bicycle", quick=True))
+  table = (tmp_path / "out" / "robustness.md").read_text(encoding="utf-8")
+  assert table.strip() in capsys.readouterr().out and "filter noise x 2" in table and "linear_rate" in table
+  stored = json.loads((tmp_path / "out" / "robustness.json").read_text(encoding="utf-8"))
+  nominal, noisy = (np.array(stored[name]["rmse"]["ppo"]) for name in ("nominal, 0.5 m/s", "filter noise x 2"))
+  assert nominal.shape == noisy.shape == (2, 3) and np.all(nominal != noisy)
+
+
+def test_circumstances_lie_inside_and_outside_of_what_the_agents_were_trained_on():
+  made = circumstances()
+  for name, changes in made.items():
+    if "linkage" in name:
+      share = np.hypot((changes["steering_gain"] - 1.0) / 0.1, changes["steering_offset"] / 1.5)
+      assert share == pytest.approx(0.8 if "inside" in name else 1.6, abs=0.02)
+  assert sum("inside" in name for name in made) == sum("outside" in name for name in made) == 5

@@ -31,6 +31,12 @@ class Straight:
     return np.full(len(situation.arc_length), self.angle)
 
 
+def test_sensors_of_another_period_than_the_plants_are_refused():
+  suite = SensorSuite(qcar_sensors(), 1, 0, period=0.005)
+  with pytest.raises(ValueError, match="sensors of a period of 0.005 s on a plant of 0.01 s"):
+    follow(LQ, LINE, observer=SensedObserver(suite, CAR, FilterSettings(period=0.005)))
+
+
 # -- speed ---------------------------------------------------------------------------------------
 
 

@@ -27,6 +27,7 @@ PLANTS = {
   "bicycle": lambda: Bicycle(VEHICLE),
 }
 ESTIMATORS = ("fekf", "truth")
+SPAWN = {"context": "spawn"}  # a process that has threads is not forked
 every_plant = pytest.mark.parametrize("plant", list(PLANTS))
 every_face = pytest.mark.parametrize("face", ["gymnasium", "vector", "stable-baselines3", "dm_control"])
 
@@ -177,6 +178,11 @@ def test_unseeded_cars_and_workers_differ(plant):
     f"agents.learning.environments:{ENV_ID}", num_envs=3, vectorization_mode="sync", plant=plant
   )
   assert len(set(vector.reset()[0][:, 0].tolist())) == 3
+  workers = gymnasium.make_vec(
+    f"agents.learning.environments:{ENV_ID}", num_envs=2, vectorization_mode="async", vector_kwargs=SPAWN, plant=plant
+  )
+  assert len(set(workers.reset()[0][:, 0].tolist())) == 2
+  workers.close()
   cars = FleetVecEnv(fleet(Options(plant=plant), [0, 0, 0]), seeded=False)
   assert len(set(cars.reset()[:, 0].tolist())) == 3
 
@@ -235,6 +241,19 @@ def test_a_drive_goes_on_from_where_it_was_kept(plant, estimator, how):
     again = other.step(action)
     np.testing.assert_array_equal(again[0], seen)
     assert again[1] == reward
+
+
+@every_plant
+@pytest.mark.parametrize("face", ["vector", "stable-baselines3", "dm_control"])
+@pytest.mark.parametrize("how", ["pickle", "deepcopy"])
+def test_a_drive_of_the_other_faces_goes_on_in_a_copy(plant, face, how):
+  there = Face(face, plant)
+  there.reset(seed=2)
+  actions = np.random.default_rng(1).uniform(-0.4, 0.4, 40)
+  drive(there, actions[:15])
+  other = pickle.loads(pickle.dumps(there)) if how == "pickle" else copy.deepcopy(there)
+  for one, same in zip(drive(there, actions[15:]), drive(other, actions[15:]), strict=True):
+    np.testing.assert_array_equal(one, same)
 
 
 @every_plant

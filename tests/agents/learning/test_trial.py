@@ -20,7 +20,7 @@ from agents.learning.environments import ENV_ID, options_from
 from agents.learning.hyperparameters import ALGORITHMS, file_of, read_hyperparameters
 from agents.learning.policy_file import load_policy
 from agents.learning.sb3_zip import policy_from_zip
-from agents.learning.trial import TRACKS, Trial, quickly, trial_from
+from agents.learning.trial import CLOSEST, TRACKS, Trial, quickly, trial_from
 from qcar_twin.untrusted import UnreadableFile
 from scripts import train
 from tests import ROOT
@@ -126,6 +126,7 @@ def test_options_of_the_command_reach_the_training_and_those_left_out_are_the_fi
   assert trial.options.reward.m6 == 0.0 and trial.options.demonstrator == "" and trial.options.plant == "reduced"
   assert trial.every == 500_000
   assert asked_for(tmp_path, algorithm="ppo", path="o").options.stretch == 0.0
+  assert asked_for(tmp_path, algorithm="sac", quick=True).every == CLOSEST
   assert asked_for(tmp_path, algorithm="sac", plant="twin", steering_gain=0.9).options.plant == "twin"
   with pytest.raises(ValueError, match="--episodes is of the paper's training"):
     asked_for(tmp_path, algorithm="td3", episodes=5)
@@ -206,7 +207,7 @@ def test_a_training_that_was_stopped_ends_in_the_weights_of_one_that_was_not(alg
 def test_a_killed_command_is_resumed_by_its_own_plan(tmp_path):
   folder = tmp_path / "run"
   (tmp_path / "mine.yml").write_text(
-    TABLE.replace("2000", "60000") + "  n_steps: 64\n  batch_size: 128\n  env_kwargs: {plant: bicycle, path: o}\n",
+    TABLE.replace("2000", "200000") + "  n_steps: 64\n  batch_size: 128\n  env_kwargs: {plant: bicycle, path: o}\n",
     encoding="utf-8",
   )
   command = [sys.executable, "-m", "scripts", "train", "--out", str(folder)]
