@@ -22,8 +22,8 @@ measure
 
 # in the order in which they are met; every other command measures this project itself
 USE = ("run", "new", "look", "check", "calibrate", "cross-validate", "diagnose", "curves")
-USE += ("drive", "estimate", "track", "train", "render", "export")
-ALIASES = {"characterise": "curves"}
+USE += ("scan", "watch", "drive", "estimate", "track", "train", "render", "export")
+ALIASES = {"characterise": "curves", "shadow": "watch"}
 
 
 def commands() -> dict[str, str]:

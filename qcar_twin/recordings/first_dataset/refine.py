@@ -61,7 +61,8 @@ def _convicted(
 ) -> tuple[str, float, str] | None:
   for comparison in compare(recording, vehicle):
     slope, correlation = comparison.slope()
-    if "steering_command" in comparison.takes and not guesses["steering_command"].named:
+    steering = guesses.get("steering_command")  # none where the car drove straight
+    if "steering_command" in comparison.takes and (steering is None or not steering.named):
       continue  # what it is in comes from how the car turned, once speed and gyro are settled
     units = comparison.convicted() if correlation > _AGREE else []
     units = [unit for unit in units if unit.channel in guesses and not guesses[unit.channel].named]

@@ -1,0 +1,1 @@
+"""Many logs of many cars: each checked, calibrated or diagnosed, and their history by car and day."""

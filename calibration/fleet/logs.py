@@ -1,0 +1,65 @@
+"""Where the logs of a fleet lie, whose they are, and of which day."""
+
+import dataclasses
+import datetime
+import re
+from pathlib import Path
+
+from qcar_twin.recordings.first_dataset.place import logs_of
+from qcar_twin.recordings.manifest import FILE_NAME
+from qcar_twin.recordings.recording import RecordingError
+
+_DAY = re.compile(r"(?<!\d)(20\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])(?!\d)")
+_ONE = "car"  # of logs that lie in no folder of a car
+
+
+@dataclasses.dataclass(frozen=True)
+class Log:
+  """One log: a data set's folder, or a file that lies in none.
+
+  Attributes:
+    place: of it.  name: its path below the folder that is scanned, with forward slashes.
+    car: the first folder of that path that is no date.
+    day: the last date in the path, as YYYY-MM-DD; else of the file's last change.
+    stamp: size in bytes and time of the last change in ns of all its files: whether it is the same as before.
+  """
+
+  place: Path
+  name: str
+  car: str
+  day: str
+  stamp: tuple[int, int]
+
+
+def find_logs(folder: Path) -> list[Log]:
+  """Data sets and single logs below a folder, by name.
+
+  Raises:
+    RecordingError: no such folder, or nothing in it that could be read.
+  """
+  if not folder.is_dir():
+    raise RecordingError(f"{folder}: no such folder; name one that holds logs or data sets")
+  sets = [path.parent for path in sorted(folder.rglob(FILE_NAME)) if not _hidden(path, folder)]
+  single: list[Path] = []
+  try:
+    single = [log for log in logs_of([folder]) if not any(s == log or s in log.parents for s in sets)]
+  except RecordingError:
+    if not sets:
+      raise
+  return sorted((_log(place, folder) for place in (*sets, *single)), key=lambda log: log.name)
+
+
+def _hidden(path: Path, folder: Path) -> bool:
+  return any(part.startswith(".") for part in path.relative_to(folder).parts)
+
+
+def _log(place: Path, folder: Path) -> Log:
+  files = [place] if place.is_file() else [path for path in place.rglob("*") if path.is_file()]
+  stats = [path.stat() for path in files]
+  name = place.relative_to(folder).as_posix()
+  parts = name.split("/") if name != "." else [folder.resolve().name]
+  owners = [part for part in parts[:-1] if not _DAY.search(part)]
+  dates = _DAY.findall(name)
+  changed = max((s.st_mtime_ns for s in stats), default=0)
+  day = "-".join(dates[-1]) if dates else datetime.date.fromtimestamp(changed / 1e9).isoformat()
+  return Log(place, name, owners[0] if owners else _ONE, day, (sum(s.st_size for s in stats), changed))

@@ -1,0 +1,190 @@
+"""A log that is being written, read piece by piece: rows of a CSV, messages of an MCAP file."""
+
+import contextlib
+import io
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from qcar_twin.extras import extra
+from qcar_twin.recordings.completed import completed
+from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.manifest import Manifest
+from qcar_twin.recordings.mapping import origin_of, resolve, stamps, streams_of
+from qcar_twin.recordings.recording import Recording, RecordingError, Stream
+from qcar_twin.recordings.topic_maps import topic_map
+
+_MAGIC = b"\x89MCAP0\r\n"
+_HEAD = 9  # bytes before a record: its kind and its length
+_KEPT = (1, 3, 4)  # kinds of records without which no message can be read: header, schema, channel
+_MESSAGES = (5, 6)  # a message, a chunk of them
+
+
+class Tail(Protocol):
+  """What is new in a file."""
+
+  def grown(self) -> bool:
+    """Take in what was appended; whether there was anything whole."""
+    ...
+
+  def written(self, folder: Path) -> Path:
+    """All that is kept, as a file of its own."""
+    ...
+
+  def forget(self, share: float) -> None:
+    """Leave out the oldest share of what is kept."""
+    ...
+
+
+class CsvTail:
+  """Rows of a CSV file; a row that is not ended yet waits."""
+
+  def __init__(self, path: Path):
+    self._path, self._place, self._torn = path, 0, ""
+    self._head: str | None = None
+    self._rows: list[str] = []
+
+  def grown(self) -> bool:
+    with self._path.open("rb") as file:
+      file.seek(self._place)
+      new = file.read()
+      self._place = file.tell()
+    text = self._torn + new.decode("utf-8", errors="replace")
+    *rows, self._torn = text.split("\n")
+    if self._head is None and rows:
+      self._head, *rows = rows
+    self._rows += [row for row in rows if row.strip()]
+    return bool(rows)
+
+  def written(self, folder: Path) -> Path:
+    path = folder / "piece.csv"
+    path.write_text("\n".join([self._head or "", *self._rows]) + "\n", encoding="utf-8")
+    return path
+
+  def forget(self, share: float) -> None:
+    del self._rows[: int(share * len(self._rows))]
+
+
+class McapTail:
+  """Records of an MCAP file as they become whole. Most writers write a chunk at a time, of about a megabyte."""
+
+  def __init__(self, path: Path):
+    self._path, self._place = path, len(_MAGIC)
+    self._always: list[bytes] = []
+    self._records: list[bytes] = []
+
+  def grown(self) -> bool:
+    with self._path.open("rb") as file:
+      file.seek(self._place)
+      new = file.read()
+    at = 0
+    while len(new) - at >= _HEAD:
+      kind, size = new[at], int.from_bytes(new[at + 1 : at + _HEAD], "little")
+      if len(new) - at - _HEAD < size:
+        break
+      record = new[at : at + _HEAD + size]
+      (self._always if kind in _KEPT else self._records if kind in _MESSAGES else []).append(record)
+      at += len(record)
+    self._place += at
+    return at > 0
+
+  def written(self, folder: Path) -> Path:
+    with extra("Following MCAP files"):
+      from mcap.exceptions import EndOfFile
+      from mcap.records import Channel, Message, Schema
+      from mcap.stream_reader import StreamReader
+      from mcap.writer import Writer
+    path = folder / "piece.mcap"
+    stream = io.BytesIO(b"".join([*self._always, *self._records]))
+    with path.open("wb") as file:
+      writer, schemas, channels = Writer(file), {0: 0}, {}
+      writer.start()
+      with contextlib.suppress(EndOfFile):  # the last record of a file that goes on
+        for record in StreamReader(stream, skip_magic=True).records:
+          if isinstance(record, Schema):
+            schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+          elif isinstance(record, Channel) and record.id not in channels:
+            encoding = record.message_encoding
+            channels[record.id] = writer.register_channel(record.topic, encoding, schemas[record.schema_id])
+          elif isinstance(record, Message) and record.channel_id in channels:
+            writer.add_message(channels[record.channel_id], record.log_time, record.data, record.publish_time)
+      writer.finish()
+    return path
+
+  def forget(self, share: float) -> None:
+    del self._records[: int(share * len(self._records))]
+
+
+def tail_of(path: Path) -> Tail:
+  """By the file's suffix.
+
+  Raises:
+    RecordingError: no such file, or one that cannot be read while it is written.
+  """
+  if not path.is_file():
+    raise RecordingError(f"{path}: no such file; start the log first")
+  kinds = {".csv": CsvTail, ".mcap": McapTail}
+  if path.suffix.lower() not in kinds:
+    raise RecordingError(f"{path}: only {' and '.join(kinds)} can be followed while they are written")
+  return kinds[path.suffix.lower()](path)
+
+
+def as_recording(file: Path, manifest: Manifest, name: str) -> Recording:
+  """A piece read as a data set's dataset.toml says, with times of the log's own clock, s.
+
+  Raises:
+    RecordingError: a channel is missing or holds no numbers.
+  """
+  table = read_table(file)
+  said = manifest.mapping
+  if manifest.topics:
+    said = topic_map(manifest.topics).mapping(table.columns, table.label, said) | said
+  mapping = resolve(table.named(manifest.columns), said)
+  streams, _ = streams_of(table.named(manifest.columns), mapping)
+  origin = origin_of(stamps(table.named(manifest.columns), mapping["time"]))
+  moved = {channel: Stream(s.time + origin, s.value) for channel, s in streams.items()} if origin else streams
+  (recording, *_), _ = completed([Recording(name, moved)], manifest.vehicle, table.label)
+  return recording
+
+
+def pieces(tail: Tail, manifest: Manifest, name: str, block: float) -> Iterator[tuple[Recording, float]]:
+  """What is new, two blocks at a time, the first of which is there for the twin to settle in.
+
+  Yields:
+    a recording of whole blocks, and the time from which on it is new, s. Ends when the file holds no more for now.
+  """
+  if not tail.grown():
+    return
+  with tempfile.TemporaryDirectory() as folder:
+    try:
+      recording = as_recording(tail.written(Path(folder)), manifest, name)
+    except RecordingError:
+      return  # not enough of it yet
+  start, end = span_of(recording)
+  new = getattr(tail, "judged", start)
+  while end - new >= block:
+    begin = max(new - block, start)
+    yield part_of(recording, begin, new + block), new
+    new += block
+  tail.judged = new  # type: ignore[attr-defined]
+  if end > start:
+    tail.forget(max(0.0, (new - 1.5 * block - start) / (end - start)))
+
+
+def span_of(recording: Recording) -> tuple[float, float]:
+  """First and last time of the drive's command, s."""
+  time = recording[recording.drive_channel].time
+  return float(time[0]), float(time[-1])
+
+
+def part_of(recording: Recording, begin: float, end: float) -> Recording:
+  """The samples from one time to another, the latter not included; commands also as they stood before."""
+  streams = {}
+  for channel, stream in recording.streams.items():
+    rows = (stream.time >= begin - 1e-9) & (stream.time < end - 1e-9)
+    if np.any(rows):
+      streams[channel] = Stream(stream.time[rows], stream.value[rows])
+  return Recording(recording.name, streams)

@@ -1,0 +1,70 @@
+"""What a watch writes: a line of NDJSON a block, and all of it as MCAP at the end."""
+
+import json
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.fitting.observations import UNITS, Observations
+from calibration.watch.watch import Alarm, Watch
+from qcar_twin.atomic_io import plain
+from qcar_twin.recordings.recording import Stream
+
+Array = NDArray[np.float64]
+SOURCES = ("measured", "predicted", "difference")
+
+
+class Record:
+  """Streams of measured, predicted and measured minus predicted values, channel by channel.
+
+  Args:
+    file: takes the lines.
+    kept: whether streams stay in memory for `mcap`.
+
+  Attributes:
+    blocks: written so far.
+  """
+
+  def __init__(self, file: TextIO, kept: bool):
+    self._file, self._kept = file, kept
+    self.blocks = 0
+    self._streams: dict[str, dict[str, list[Array]]] = {source: {} for source in ("time", *SOURCES)}
+
+  def block(
+    self, observations: Observations, predicted: Array, since: float, watch: Watch, alarms: list[Alarm]
+  ) -> None:
+    """Write what is new: values from `since` on [s], evidence on each change, alarms."""
+    channels: dict[str, Any] = {}
+    for name in observations.present:
+      rows = observations.select(name) & (observations.time >= since)
+      values = (observations.time[rows], observations.measured[rows], predicted[rows])
+      columns = dict(zip(("time", *SOURCES), (*values, values[1] - values[2]), strict=True))
+      channels[name] = {"unit": UNITS[name], **columns}
+      for source, column in columns.items() if self._kept else ():
+        self._streams[source].setdefault(name, []).append(column)
+    evidence = {
+      change.name: [round(float(max(d.evidence, -99.0)), 2) for d in pair]
+      for change, pair in zip(watch.changes, watch.detectors, strict=True)
+    }
+    said = [
+      {"since": a.since, "time": a.time, "change": a.change.name, "size": a.size, "text": a.sentence} for a in alarms
+    ]
+    line = {"from": since, "channels": channels, "log_evidence": evidence, "alarms": said}
+    self._file.write(json.dumps(plain(line), allow_nan=False) + "\n")
+    self._file.flush()
+    self.blocks += 1
+
+  def mcap(self, path: Path) -> Path:
+    """All of it for Foxglove, PlotJuggler and Rerun, topics `/measured/yaw_rate` and so on."""
+    from qcar_twin.recordings.mcap_writer import write_mcap
+
+    sources: dict[str, dict[str, Stream]] = {}
+    for source in SOURCES:
+      channels = {}
+      for name, parts in self._streams[source].items():
+        time, first = np.unique(np.concatenate(self._streams["time"][name]), return_index=True)
+        channels[name] = Stream(time, np.concatenate(parts)[first])
+      sources["error_twin" if source == "difference" else source] = channels
+    return write_mcap(path, sources, {"what": "a watch"}, dict(UNITS))

@@ -1,0 +1,160 @@
+"""The twin beside the car: blocks of driving in, alarms out."""
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.fitting.likelihood import correlation_length
+from calibration.fitting.observations import CHANNELS, Observations, observe
+from calibration.fitting.windows import Cut
+from calibration.watch.effects import CHANGES, Change, variants, watching
+from calibration.watch.evidence import BLOCK, Detector, Null, null_of
+from qcar_twin.recordings.recording import Recording
+from qcar_twin.twin.twin import Twin
+
+Array = NDArray[np.float64]
+
+_HORIZON = 1.0  # s, over which poses are differenced
+_WARM_UP = 0.4  # s, unscored
+_SUSPECT = 0.5  # of an alarm's evidence: of changes that have it, the one that explains most is named
+_MOVES = 1e-3  # of a channel's error: signatures below it are rounding
+
+
+@dataclasses.dataclass(frozen=True)
+class Block:
+  """Two seconds of one recording.
+
+  Attributes:
+    start: s.  sizes, information: of each change, (K,): a and d.d of `evidence`.
+    rows: the values of the block in the observations, (n,).
+  """
+
+  recording: str
+  start: float
+  sizes: Array
+  information: Array
+  rows: NDArray[np.int64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Alarm:
+  """The twin no longer holds.
+
+  Attributes:
+    time: of the end of the block that told it, s.  since: when it began, s.
+    size: of the change, in its own unit.  evidence: log of the e-detector.
+  """
+
+  time: float
+  since: float
+  change: Change
+  size: float
+  evidence: float
+
+  @property
+  def sentence(self) -> str:
+    """For people; times as of the log."""
+    shown = f"{self.change.words} {self.change.scale * self.size:+.0f} {self.change.unit}"
+    seen = f"seen at {clock(self.time)}, e = 10^{self.evidence / np.log(10.0):.0f}"
+    return f"since {clock(self.since)} the twin no longer holds: {shown} ({seen}); to be sure, drive it and diagnose"
+
+
+def clock(time: float) -> str:
+  """Time of a log: of day where it counts from 1970 (UTC), else minutes and seconds since its beginning."""
+  if time > 1e8:
+    return f"{int(time) // 3600 % 24:02d}:{int(time) // 60 % 60:02d}:{int(time) % 60:02d} UTC"
+  return f"{int(time) // 60:d}:{time % 60:04.1f} min"
+
+
+class Watch:
+  """Evidence on every change, kept from block to block.
+
+  Args:
+    twin, theta: the calibrated twin, (P,).
+    reference: recordings that show how it errs while it holds: of the car it was fitted to.
+    command_shift: control periods by which commands act later than logged.
+  """
+
+  def __init__(
+    self, twin: Twin, theta: Array, reference: Sequence[Recording], command_shift: int = 0,
+    changes: Sequence[Change] = CHANGES,
+  ):  # fmt: skip
+    self.twin, theta = watching(twin, theta)
+    self.changes, self._cut = tuple(changes), Cut(length=BLOCK, warm_up=_WARM_UP, command_shift=command_shift)
+    self._variants = variants(self.twin, theta, self.changes)
+    observations, predicted = self._driven(reference)
+    self._learn(observations, observations.measured - predicted[0])
+    blocks = list(self._blocks(observations, predicted))
+    names = {name: k for k, name in enumerate(dict.fromkeys(b.recording for b in blocks))}
+    recording = np.array([names[b.recording] for b in blocks])
+    sizes, information = np.stack([b.sizes for b in blocks]), np.stack([b.information for b in blocks])
+    self.nulls: list[tuple[Null, Null]] = [
+      null_of(sizes[:, k], information[:, k], recording) for k in range(len(self.changes))
+    ]
+    watched = sum(1 + change.both for change in self.changes)
+    self.detectors = [[Detector(null, watched) for null in pair] for pair in self.nulls]
+
+  def unwatched(self) -> list[str]:
+    """Changes that nothing tells from what the twin errs anyway, a sentence each."""
+    blind = [c.words for c, (null, _) in zip(self.changes, self.nulls, strict=True) if not null.watchable]
+    return [f"not watched: {words}; on the data set the twin errs by as much" for words in blind]
+
+  def _driven(self, recordings: Sequence[Recording]) -> tuple[Observations, Array]:
+    """What was measured, and what the twin and its variants predict, (1 + K, M)."""
+    observations = observe(recordings, self.twin.vehicle, self._cut, horizon=_HORIZON)
+    return observations, observations.predict(self.twin.rollout(self._variants, observations.stretches.segments))
+
+  def _learn(self, observations: Observations, residual: Array) -> None:
+    """Size of each channel's error, with the root of its correlation length in samples, (channels,)."""
+    self._scale = np.full(len(CHANNELS), np.inf)
+    for index in np.unique(observations.channel):
+      rows = np.flatnonzero(observations.channel == index)
+      spread = float(np.sqrt(np.mean(np.square(residual[rows]))))
+      self._scale[index] = max(spread, 1e-9) * np.sqrt(correlation_length(observations, rows))
+
+  def _blocks(self, observations: Observations, predicted: Array) -> Iterator[Block]:
+    """Blocks in the order of driving."""
+    over = 1.0 / self._scale[observations.channel]
+    residual = np.nan_to_num((observations.measured - predicted[0]) * over, posinf=0.0, neginf=0.0)
+    signature = np.nan_to_num((predicted[1:] - predicted[0]) * over, posinf=0.0, neginf=0.0)
+    signature[np.abs(signature) < _MOVES] = 0.0
+    segments, first = observations.stretches.segments, observations.stretches.first
+    stretch = observations.stretch
+    for s, name in enumerate(segments.recording):
+      rows = np.flatnonzero(stretch == s)
+      d, e = signature[:, rows], residual[rows]
+      information = np.sum(d * d, axis=1)
+      sizes = np.divide(d @ e, information, out=np.zeros(len(d)), where=information > 0.0)
+      yield Block(name, float(first[s]), sizes, information, rows)
+
+  def take(self, recording: Recording, scored_from: float = -np.inf) -> tuple[list[Alarm], Observations, Array]:
+    """Judge a recording, or its latest piece; blocks that begin before `scored_from` [s] are left out.
+
+    Returns:
+      alarms, at most one per change and block; what was measured; what the twin predicts of it, (M,).
+    """
+    observations, predicted = self._driven([recording])
+    alarms: list[Alarm] = []
+    for block in self._blocks(observations, predicted):
+      if block.start >= scored_from - 1e-9:
+        alarms += self._judge(block)
+    return alarms, observations, predicted[0]
+
+  def _judge(self, block: Block) -> list[Alarm]:
+    told = False
+    open_cases: list[tuple[float, Alarm]] = []
+    for k, change in enumerate(self.changes):
+      for sign, detector in zip((1.0, -1.0) if change.both else (1.0,), self.detectors[k], strict=False):
+        told |= detector.take(block.start, sign * block.sizes[k], block.information[k])
+        if detector.evidence >= _SUSPECT * detector.threshold:
+          size = sign * detector.size * change.size
+          alarm = Alarm(block.start + BLOCK, detector.since, change, size, detector.evidence)
+          open_cases.append((detector.explained, alarm))
+    if not told:
+      return []
+    for pair in self.detectors:  # what was seen is said; the watch begins anew
+      for detector in pair:
+        detector.reset()
+    return [max(open_cases, key=lambda case: case[0])[1]]

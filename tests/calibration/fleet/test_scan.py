@@ -1,0 +1,97 @@
+"""A scan of a small fleet's folder: lines, exit codes, going on, the page."""
+
+import json
+import shutil
+
+import pytest
+
+from calibration.fleet.history import write_history
+from calibration.fleet.logs import find_logs
+from calibration.fleet.scan import line_of, read_lines, scan
+from scripts import scan as scan_command
+from scripts.__main__ import dispatch
+from tests import ROOT
+
+SAMPLE = ROOT / "data" / "sample"
+
+
+@pytest.fixture
+def folder(tmp_path):
+  """Two cars, two days, a data set among single files."""
+  for car, day, name in (("red", "2026-11-03", "oval"), ("red", "2026-11-04", "circles_fast"), ("blue", "x", "oval")):
+    place = tmp_path / "logs" / car / day
+    place.mkdir(parents=True)
+    shutil.copy(SAMPLE / f"{name}.csv", place)
+  place = tmp_path / "logs" / "blue" / "set_20261105"
+  place.mkdir()
+  shutil.copy(SAMPLE / "oval.csv", place)
+  head = (SAMPLE / "dataset.toml").read_text().partition("[[recording]]")[0]
+  (place / "dataset.toml").write_text(head + '[[recording]]\nfile = "oval.csv"\nrole = "identify"\n')
+  return tmp_path
+
+
+def test_cars_and_days_are_read_from_where_logs_lie(folder):
+  logs = {log.name: (log.car, log.day) for log in find_logs(folder / "logs")}
+  assert logs["red/2026-11-04/circles_fast.csv"] == ("red", "2026-11-04")
+  assert logs["blue/set_20261105"] == ("blue", "2026-11-05") and len(logs) == 4  # the set's own file is no other log
+
+
+def test_a_line_a_log_and_only_new_ones_again(folder):
+  logs, lines, said = find_logs(folder / "logs"), folder / "scan.ndjson", []
+  first = scan(logs, lines, like=SAMPLE, said=said.append)
+  assert len(said) == 4 and {line["state"] for line in first} <= {"fit", "beware"}
+  lines.write_text(lines.read_text().rstrip("\n")[:-30])  # killed in the middle of the last line
+  again = scan(logs, lines, like=SAMPLE, said=said.append)
+  assert len(said) == 5
+  strip = lambda made: [{k: v for k, v in line.items() if k != "seconds"} for line in made]
+  assert strip(again) == strip(first) and len(list(read_lines(lines))) == 4
+  (folder / "logs" / "blue" / "x" / "oval.csv").write_text("time,motor_speed\n0,1\n")
+  changed = scan(find_logs(folder / "logs"), lines, said=said.append)
+  assert len(said) == 6 and [line["state"] for line in changed].count("refused") == 1
+
+
+def test_a_log_that_stands_straight_is_read_without_a_steering(tmp_path):
+  shutil.copy(SAMPLE / "voltage_step_2V.csv", tmp_path / "straight.csv")
+  line = line_of(find_logs(tmp_path)[0], "check")
+  assert "KeyError" not in line["verdict"]
+
+
+def test_exit_codes(folder, capsys):
+  out = ["--out", str(folder / "out"), "--like", str(SAMPLE)]
+  with pytest.raises(SystemExit) as refused:
+    (folder / "logs" / "red" / "broken.csv").write_text("no,car\n1,2\n")
+    dispatch(["scan", str(folder / "logs"), *out])
+  assert refused.value.code == 1 and "broken.csv" in capsys.readouterr().out
+  (folder / "logs" / "red" / "broken.csv").unlink()
+  assert dispatch(["scan", str(folder / "logs"), *out]) == 0
+  for words in (["scan", str(folder / "nowhere")], ["scan", str(folder / "logs"), "--like", str(folder)]):
+    with pytest.raises(SystemExit) as misused:
+      dispatch(words)
+    assert misused.value.code == 2
+  page = (folder / "out" / "history.html").read_text(encoding="utf-8")
+  assert "4 logs of 2 cars" in page and json.loads((folder / "out" / "odd.json").read_text()) == []
+
+
+def test_a_line_that_is_none_is_said_with_its_number(tmp_path):
+  (tmp_path / "scan.ndjson").write_text('{"log": "a", "stamp": [1, 2], "level": "check"}\nnonsense\n')
+  with pytest.raises(ValueError, match="line 2"):
+    list(read_lines(tmp_path / "scan.ndjson"))
+
+
+def test_the_page_names_the_odd_car(tmp_path):
+  lines = []
+  for k in range(6):
+    value = 0.6 if k == 3 else 0.9 + 0.002 * k
+    lines.append(
+      {"log": f"{k}.csv", "car": f"car_{k}", "day": "2026-11-03", "state": "fit", "verdict": "Fit to be used.",
+       "parameters": {"friction_coefficient": {"value": value, "std": 0.01, "unit": "-"}}}
+    )  # fmt: skip
+  page, compared = write_history(lines, tmp_path / "history.html")
+  assert [c.unit for c in compared if c.accused] == ["car_3"]
+  assert "car car_3: friction_coefficient" in page.read_text(encoding="utf-8")
+
+
+def test_the_command_hands_back_its_lines(folder, capsys):
+  lines = scan_command.main(scan_command.Config(folder / "logs", folder / "out", like=SAMPLE))
+  assert [line["log"] for line in lines] == sorted(line["log"] for line in lines) and len(lines) == 4
+  assert "4 logs, 0 refused" in capsys.readouterr().out
