@@ -8,6 +8,7 @@ import itertools
 from pathlib import Path
 
 from agents.studies.timing import (
+  batch_shares,
   gradient_steps_per_second,
   pendulum_steps_per_second,
   raw_gradient_steps_per_second,
@@ -50,6 +51,12 @@ def main(config: Config) -> list[str]:
     f"a training step of 8 cars (one gradient step per 8 environment steps): {1e3 * total / steps:.3f} ms of CPU "
     f"per environment step; {said}"
   ]
+  shares = batch_shares(FLEETS[-1])
+  total, steps = shares.pop("total"), shares.pop("steps")
+  said = ", ".join(f"{name} {100.0 * seconds / total:.0f} %" for name, seconds in shares.items())
+  sentences.append(
+    f"reduced, {FLEETS[-1]} cars driven by the shipped policy: {1e6 * total / steps:.1f} us per 10 ms of car; {said}"
+  )
   rounds = range(1 if config.quick else config.rounds)
   seen = (("fekf", "sensors and filter"), ("truth", "truth"))
   for plant, cars, (estimator, shown) in itertools.product(("twin", "reduced"), FLEETS, seen):

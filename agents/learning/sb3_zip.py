@@ -85,8 +85,6 @@ def policy_from(tensors: Mapping[str, Any], data: Mapping[str, Any], where: str)
 
 def _parts(file: Path) -> tuple[dict[str, Any], dict[str, Any]]:
   """The readable data and the policy's tensors."""
-  with extra("Reading a zip of stable-baselines3"):
-    import torch
   try:
     with zipfile.ZipFile(file) as archive:
       for name in ("data", "policy.pth"):
@@ -94,16 +92,24 @@ def _parts(file: Path) -> tuple[dict[str, Any], dict[str, Any]]:
           raise UnreadableFile(f"{file}: {name} is larger than {MOST // 10**6} MB; train a smaller policy")
       data = json.loads(archive.read("data"))
       with bounded_memory(file.stat().st_size):
-        tensors = torch.load(io.BytesIO(archive.read("policy.pth")), map_location="cpu", weights_only=True)
+        tensors = tensors_in(archive, "policy.pth")
   except (KeyError, zipfile.BadZipFile, json.JSONDecodeError, RuntimeError, EOFError, MemoryError) as error:
     raise UnreadableFile(f"{file}: is no zip that stable-baselines3 saved ({error}); save the model again") from error
-  except Exception as error:  # torch's own, whose class differs between versions
-    if type(error).__name__ != "UnpicklingError":
-      raise
-    raise UnreadableFile(f"{file}: policy.pth holds more than tensors; save the model again") from error
   if not isinstance(data, dict) or not isinstance(tensors, dict):
     raise UnreadableFile(f"{file}: is no zip that stable-baselines3 saved; save the model again")
   return data, tensors
+
+
+def tensors_in(archive: zipfile.ZipFile, name: str) -> Any:
+  """Tensors and plain values of a part of a zip. Raises UnreadableFile: it holds more, which is not run."""
+  with extra("Reading a zip of stable-baselines3"):
+    import torch
+  try:
+    return torch.load(io.BytesIO(archive.read(name)), map_location="cpu", weights_only=True)
+  except Exception as error:  # torch's own, whose class differs between versions
+    if type(error).__name__ != "UnpicklingError":
+      raise
+    raise UnreadableFile(f"{archive.filename}: {name} holds more than tensors; save the model again") from error
 
 
 def _layers(tensors: Mapping[str, Any], before: str, last: str, where: str) -> Layers:

@@ -6,7 +6,6 @@ are doing is in none of them: at every checkpoint all begin anew, with seeds tha
 step, in a training that goes on as in one that is resumed. So both end in the same weights.
 """
 
-import io
 import json
 import shutil
 import zipfile
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from agents.learning.checkpoint import ARRAYS, POINTER
+from agents.learning.sb3_zip import tensors_in
 from qcar_twin.atomic_io import whole_folder, write_text
 from qcar_twin.extras import extra
 from qcar_twin.untrusted import UnreadableFile, bounded_memory, inside, read_json
@@ -102,8 +102,7 @@ def _networks(agent: BaseAlgorithm, file: Path) -> None:
   read: dict[str, Any] = {}
   with zipfile.ZipFile(file) as archive, bounded_memory(file.stat().st_size):
     for name in [*names, "pytorch_variables"] if others else names:
-      content = io.BytesIO(archive.read(f"{name}.pth"))
-      read[name] = torch.load(content, map_location="cpu", weights_only=True)
+      read[name] = tensors_in(archive, f"{name}.pth")
   rest = read.pop("pytorch_variables", {})
   agent.set_parameters(read, exact_match=True, device="cpu")
   for name in others:

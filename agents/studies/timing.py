@@ -10,6 +10,9 @@ import numpy as np
 
 from agents.learning.ddpg import Settings, make_agent
 from agents.learning.environments import Options, fleet, make_env
+from agents.learning.observation import SIGHTS
+from agents.learning.policy_file import SHIPPED, load_policy
+from agents.learning.trial import TRACKS
 from qcar_twin.envs.fleet import Fleet
 from qcar_twin.envs.spaces import Interface
 from qcar_twin.envs.vector_env import FleetVecEnv
@@ -76,6 +79,42 @@ def training_shares(steps: int = 2000) -> dict[str, float]:
     total = time.process_time() - begun
   seconds = {name: part.seconds for name, part in parts.items()} | {"networks": networks.seconds}
   return seconds | {"rest": total - sum(seconds.values()), "total": total, "steps": float(steps)}
+
+
+def batch_shares(count: int = 256, periods: int = 1300) -> dict[str, float]:
+  """CPU seconds of a training's environment by part: the shipped policy drives so many reduced cars with the filter.
+
+  An episode has about 1200 periods. What beginning new ones takes of any part counts as "new episodes".
+  """
+  policy, sight = load_policy(SHIPPED), SIGHTS["wide"]
+  env = FleetVecEnv(fleet(TRACKS, range(count)), sight, normalised=True)
+  begun, cars = Watch(), env.fleet.cars
+  parts = {name: Watch() for name in ("physics", "sensors", "sensors and filter", "path", "observation")}
+  seen, scale = env.reset(), np.asarray(policy.observation_scale)
+  step, restart = Watch(), env.fleet.restart
+  for owner, part, name in (
+    (cars.plant, "physics", "step"),
+    (cars.observer.suite, "sensors", "measure"),  # type: ignore[attr-defined]
+    (cars.observer, "sensors and filter", "observe"),
+    (cars, "path", "_look"),
+    (env, "observation", "_seen"),
+  ):
+    setattr(owner, name, parts[part].around(getattr(owner, name)))
+
+  def anew(which: Any) -> None:
+    before = {name: part.seconds for name, part in parts.items()}
+    begun.around(restart)(which)
+    for name, part in parts.items():
+      part.seconds = before[name]
+
+  env.fleet.restart = anew  # type: ignore[method-assign]
+  watched = step.around(env.step)
+  for _ in range(periods):
+    seen = watched((policy.rate(seen / scale) / policy.largest_rate)[:, None])[0]
+  seconds, total = {name: part.seconds for name, part in parts.items()}, step.seconds
+  seconds["filter"] = seconds.pop("sensors and filter") - seconds["sensors"]
+  seconds["new episodes"] = begun.seconds
+  return seconds | {"rest": total - sum(seconds.values()), "total": total, "steps": float(count * periods)}
 
 
 def steps_per_second(cars: int, periods: int = 400, estimator: str = "fekf", plant: str = "twin") -> float:

@@ -1,7 +1,11 @@
 """Learning by reward alone: hyperparameters, what a training leaves, zips of stable-baselines3, comparisons."""
 
+import base64
+import contextlib
 import dataclasses
 import json
+import os
+import pickle
 import zipfile
 
 import numpy as np
@@ -103,6 +107,39 @@ def test_a_users_zip_and_path_go_through_evaluate_and_render(tmp_path, capsys):
   except RenderingUnavailable as error:
     pytest.skip(str(error))
   assert (tmp_path / "film.mp4").stat().st_size > 1000
+
+
+class Trap:
+  """What leaves a mark where it is unpickled."""
+
+  def __init__(self, mark):
+    self.mark = mark
+
+  def __reduce__(self):
+    return os.mkdir, (str(self.mark),)
+
+
+def test_nothing_in_a_zip_is_unpickled(tmp_path):
+  from stable_baselines3 import PPO
+
+  env, mark = make_env(plant="bicycle", estimator="truth"), tmp_path / "mark"
+  PPO("MlpPolicy", env, n_steps=32, batch_size=32, device="cpu").save(tmp_path / "good.zip")
+  with zipfile.ZipFile(tmp_path / "good.zip") as archive:
+    parts = {name: archive.read(name) for name in archive.namelist()}
+  trap = pickle.dumps(Trap(mark), protocol=2)  # torch's own
+  data = json.loads(parts["data"])
+  data["policy_class"][":serialized:"] = base64.b64encode(trap).decode()
+  for name, changes in (("data", {"data": json.dumps(data).encode()}), ("tensors", {"policy.pth": trap})):
+    with zipfile.ZipFile(tmp_path / f"{name}.zip", "w") as archive:
+      for part, content in (parts | changes).items():
+        archive.writestr(part, content)
+  assert policy_from_zip(tmp_path / "data.zip").name == "ppo"  # the pickles in its JSON are passed over
+  with pytest.raises(UnreadableFile, match=r"tensors.zip: policy.pth holds more than tensors"):
+    policy_from_zip(tmp_path / "tensors.zip")
+  assert not mark.exists()
+  with contextlib.suppress(Exception):
+    PPO.load(tmp_path / "data.zip", device="cpu")
+  assert mark.exists()  # the trap works where a zip is loaded by stable-baselines3 itself
 
 
 def test_what_is_no_zip_of_a_policy_is_refused(tmp_path):

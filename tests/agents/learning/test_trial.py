@@ -5,10 +5,13 @@ import dataclasses
 import importlib.util
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import time
+import warnings
+import zipfile
 
 import numpy as np
 import pytest
@@ -240,6 +243,11 @@ def test_what_cannot_be_resumed_is_said(tmp_path):
   with pytest.raises(ValueError, match="holds another training"):
     train_by_reward(dataclasses.replace(trial, seed=5), tmp_path / "run", resume=True)
   (archive,) = (tmp_path / "run").glob("checkpoint_*/model.zip")
+  with zipfile.ZipFile(archive, "a") as more, warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # of a name that is there twice: the last counts
+    more.writestr("policy.pth", pickle.dumps(print, protocol=2))
+  with pytest.raises(UnreadableFile, match="holds more than tensors"):
+    train_by_reward(trial, tmp_path / "run", resume=True)
   archive.write_bytes(b"no zip")
   with pytest.raises(UnreadableFile, match="is no checkpoint of this training"):
     train_by_reward(trial, tmp_path / "run", resume=True)

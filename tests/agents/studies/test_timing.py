@@ -22,6 +22,13 @@ def test_parts_of_a_training_sum_up_to_it():
   assert all(seconds > 0.0 for seconds in shares.values())
 
 
+def test_parts_of_an_environment_of_many_cars_sum_up_to_it():
+  shares = timing.batch_shares(3, 30)
+  total = shares.pop("total")
+  assert shares.pop("steps") == 90.0 and sum(shares.values()) == pytest.approx(total)
+  assert all(shares[name] > 0.0 for name in ("physics", "sensors", "filter", "path", "observation", "rest"))
+
+
 def test_watching_leaves_a_fleet_as_it_was():
   cars = fleet(Options(plant="bicycle", estimator="truth"), [0])
   with watching(cars) as parts:
