@@ -26,7 +26,7 @@ def table(head):
 def test_spaces_and_starts_are_those_of_the_registered_environments():
   rows = {row[0]: row[1:] for row in table("environment")}
   for k, name in enumerate((ENV_ID, SI_ENV_ID)):
-    env = gymnasium.make(name, plant="bicycle", estimator="truth").unwrapped
+    env = make_env(**gymnasium.spec(name).kwargs, plant="bicycle", estimator="truth")
     for kind in ("action", "observation"):
       said = re.match(r"`([^`]+)`", rows[f"{kind} space"][k])
       assert said and said[1] == str(getattr(env, f"{kind}_space"))
