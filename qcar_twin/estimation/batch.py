@@ -145,5 +145,5 @@ class FederatedBatch:
     pose = np.stack([x, y, yaw], axis=-1)
     velocity = np.stack([v * np.cos(beta), v * np.sin(beta)], axis=-1)
     honest = spread if sum(settings.sharing) > 1.0 else covariance.T
-    bounds = np.stack(bounds_of(settings, honest, bicycle[:, YAW, YAW], state.unseen), axis=-1)
+    bounds = np.stack(bounds_of(settings, honest, bicycle[:, YAW, YAW], state.hidden), axis=-1)
     return BatchEstimate(pose, velocity, v, beta, state.bicycle[:, R], covariance, valid, bounds)

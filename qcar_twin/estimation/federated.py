@@ -181,7 +181,7 @@ class FederatedFilter:
     reasons = tuple(text.format(number) for wrong, text, number in against if wrong)
     speed, yaw, beta, rate = motion
     honest = honest if sum(settings.sharing) > 1.0 else spread
-    bounds = bounds_of(settings, honest, bicycle[1].item(YAW, YAW), state.unseen.item())
+    bounds = bounds_of(settings, honest, bicycle[1].item(YAW, YAW), state.hidden.item())
     warnings = self._warnings(point)
     return Estimate(time, *position, yaw, speed, beta, rate, spread, bicycle, point, reasons, warnings, bounds)
 
@@ -202,6 +202,8 @@ class FederatedFilter:
     if not watch.believed:
       against = "contradicts the poses" if watch.doubted else "is frozen" if watch.frozen else "contradicts the filter"
       warnings.append(f"the encoder {against} and is left out")
+    if odometer.doubted:
+      warnings.append("the gyro contradicts the turns between poses and is left out")
     if odometer.bias:
       warnings.append(f"the gyro is taken to be off by {odometer.bias:+.3f} rad/s")
     if clock.delay > clock.slack:

@@ -4,7 +4,6 @@ EKF_BM is the single track (position, speed, yaw, sideslip, yaw rate) with lidar
 the point mass driven by the accelerometer, with the lidar's position. A missing sample is NaN.
 """
 
-import copy
 import dataclasses
 import math
 from collections import Counter
@@ -31,6 +30,7 @@ from qcar_twin.estimation.models import (
 )
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.estimation.state import PLACE, POINT_START_STD, FilterState, Slot, choose
+from qcar_twin.estimation.watching import POSE, SPEED, Watching
 from qcar_twin.kinematics import wrap_angle
 
 Array = NDArray[np.float64]
@@ -40,9 +40,8 @@ STEADY = 0.2  # m: refused fixes that lie this close to each other, the car's ow
 STRAYING = 1.5  # times the distance driven since the last one is allowed besides
 MOTION_ROWS, POSE_ROWS, PLACE_ROWS = (V, R), (X, Y, YAW), (X, Y)  # of a state, what is measured of it
 VOLTAGE, STEERING = 0, 1  # columns of the commands
-SPEED, YAW_RATE = 0, 1  # columns of the measured motion
 ACCEL_Y = 1  # column of the acceleration
-POSE, YAW_OF_FIX, SCORE = slice(0, 3), 2, 3  # columns of a fix
+SCORE = 3  # column of a fix
 BICYCLE, POINT = 0, 1  # columns of NIS and evidence
 
 
@@ -78,6 +77,7 @@ class LocalFilters:
     self._accel_bias = np.array([settings.accel_x_bias, settings.accel_y_bias])
     self._limits = np.array([0.0, *settings.limits])  # of the NIS, by the number of measured components
     self._assumed_score = settings.score * settings.score_full / 100.0
+    self._watching = Watching(self.car, settings, self._count)
 
   def __getstate__(self) -> dict[str, Any]:
     """For a copy or another process: the library by its name."""
@@ -124,7 +124,10 @@ class LocalFilters:
     following, slopes = bicycle_step(bicycle, voltage, angle, self.car, h, self._lib)
     transition = self._identity.copy()
     fill_jacobian(transition, slopes, h)
+    unexplained = self._watching.prediction(state) if state.watches else None
     state.bicycle_covariance = kalman.predict(state.bicycle_covariance, transition, settings.bicycle_noise)
+    if unexplained is not None:
+      state.bicycle_covariance[:, BETA, BETA] += unexplained
     state.point_covariance = kalman.predict(state.point_covariance, self._point_transition, settings.point_noise)
     state.bicycle = np.array(following).T.reshape(state.bicycle.shape)
     state.point = np.array(ahead).T.reshape(state.point.shape)
@@ -153,9 +156,8 @@ class LocalFilters:
     motion = measured - self._motion_bias
     if settings.front_drive_share:
       motion[:, SPEED] /= 1.0 + settings.front_drive_share * (1.0 / np.cos(state.wheel_angle) - 1.0)
-    said = motion.copy()
     if state.watches:
-      self._watch_encoders(state, measured[:, SPEED], motion)
+      self._watching.motion(state, measured[:, SPEED], motion)
     used = []
     for row, noise, name, value in zip(MOTION_ROWS, self._noises, ("speed", "yaw_rate"), motion.T, strict=True):
       innovation = value - state.bicycle[:, row]
@@ -167,39 +169,6 @@ class LocalFilters:
       state.bicycle, state.bicycle_covariance, _, _ = kalman.correct(
         state.bicycle, state.bicycle_covariance, row, value, noise, fits
       )
-    if state.odometers:
-      self._watch_gyros(state, np.where(used[YAW_RATE], said[:, YAW_RATE], np.nan))
-
-  def _watch_encoders(self, state: FilterState, raw: Array, motion: Array) -> None:
-    """Take out of `motion` what is not believed; open the speed of cars that have felt what their encoder says."""
-    state.watches = tuple(watch.copy() for watch in state.watches)
-    forward = np.where(state.accel_age <= self.settings.accel_timeout, state.accel[:, 0], np.nan)
-    variance = state.bicycle_covariance[:, V, V]
-    reaches = np.sqrt(self.settings.limits[0] * (variance + self._noises[SPEED]))
-    opened = np.zeros(len(raw))
-    for i, (watch, odometer) in enumerate(zip(state.watches, state.odometers, strict=True)):
-      watch.coast(float(forward[i]), self.settings.period)
-      speed, reach = float(motion[i, SPEED]), float(reaches[i])
-      motion[i, YAW_RATE] -= odometer.bias
-      if not math.isfinite(speed):
-        continue
-      watch.hear(float(raw[i]))
-      watch.travel(speed, self.settings.period)
-      innovation = speed - float(state.bicycle[i, V])
-      fits = abs(innovation) <= reach
-      if not (fits or watch.suspended) and watch.supported(speed, reach):
-        opened[i], fits = innovation**2, True
-      watch.judge(speed, innovation, reach, fits)
-    if opened.any():
-      state.bicycle_covariance = state.bicycle_covariance.copy()
-      state.bicycle_covariance[:, V, V] += opened
-    motion[[not watch.believed for watch in state.watches], SPEED] = np.nan
-
-  def _watch_gyros(self, state: FilterState, gyro: Array) -> None:
-    """Add up what the gyros tell; where the gyro is not used the filter's own rate stands in."""
-    state.odometers = tuple(odometer.copy() for odometer in state.odometers)
-    for i, odometer in enumerate(state.odometers):
-      odometer.travel(gyro.item(i), state.bicycle.item(i, R) + odometer.bias, self.settings.period)
 
   def _count(self, channel: str, reason: str, which: Mask) -> None:
     if number := int(np.count_nonzero(which)):
@@ -230,45 +199,12 @@ class LocalFilters:
     noise = np.stack([position, position, yaw], axis=-1)
     offsets = np.full(len(fix), offset)
     if state.watches:
-      fix, offsets = self._watch_fixes(state, fix, offsets, time, np.sqrt(position))
+      fix, offsets = self._watching.fixes(state, fix, offsets, time, noise)
     # without lidar EKF_PM soon believes anything, so a fix must pass the gate of EKF_BM first
     accepted = self._fix_bicycle(state, fix[:, POSE], noise / self.settings.sharing[BICYCLE], offsets)
     self._fix_point(state, fix[:, PLACE], noise[:, PLACE] / self.settings.sharing[POINT], offsets, accepted)
-    if state.odometers:
-      self._judge_gyros(state, fix, noise / self.settings.lidar_factor, offsets, time, accepted)
-
-  def _watch_fixes(
-    self, state: FilterState, fix: Array, offsets: Array, time: float, stds: Array
-  ) -> tuple[Array, Array]:
-    """Fixes without those that are off the beat, and when they were measured after the slot, s."""
-    state.clocks = tuple(copy.copy(clock) for clock in state.clocks)
-    fix, offsets = fix.copy(), offsets.copy()
-    for i in np.flatnonzero(np.isfinite(fix[:, PLACE]).all(axis=1)):
-      if not state.clocks[i].hear(time + float(offsets[i])):
-        fix[i] = np.nan
-        self._count("pose", "off the beat", np.array([True]))
-        continue
-      offsets[i] -= state.clocks[i].delay
-      x, y = fix[i, PLACE].tolist()
-      state.watches[i].compare(time + float(offsets[i]), x, y, float(stds[i]))
-    return fix, offsets
-
-  def _judge_gyros(
-    self, state: FilterState, fix: Array, noise: Array, offsets: Array, time: float, accepted: Mask
-  ) -> None:
-    """Let the odometers judge gyros by the accepted fixes; what was wrong for a while is known less well."""
-    widened, unseen = np.zeros((len(fix), 6)), state.unseen.copy()
-    for i in np.flatnonzero(accepted & np.isfinite(fix[:, POSE]).all(axis=1)):
-      odometer, rate = state.odometers[i], state.bicycle.item(i, R)
-      yaw, std = fix.item(i, YAW_OF_FIX) - float(offsets[i]) * rate, math.sqrt(noise.item(i, YAW_OF_FIX))
-      estimate = odometer.compare(time, yaw, std, rate, self.settings.lidar_correlation)
-      unseen[i] = odometer.unseen
-      if estimate is not None:
-        widened[i, YAW] = (0.5 * estimate.span * estimate.bias) ** 2
-        widened[i, R] = estimate.bias**2
-    state.unseen = unseen
-    if widened.any():
-      state.bicycle_covariance = state.bicycle_covariance + widened[:, :, None] * np.eye(6)
+    if state.watches:
+      self._watching.accepted(state, fix, noise, offsets, time, accepted)
 
   def _fix_bicycle(self, state: FilterState, pose: Array, noise: Array, offset: Array) -> Mask:
     """Take poses, (N, 3), where they fit or the car is lost without them; which ones."""

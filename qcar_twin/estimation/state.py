@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from qcar_twin.estimation.models import BETA, V
 from qcar_twin.estimation.watches.gyro import GyroWatch
+from qcar_twin.estimation.watches.model import ModelWatch
 from qcar_twin.estimation.watches.monitor import SpeedWatch, StampWatch
 
 Array = NDArray[np.float64]
@@ -33,6 +34,7 @@ class FilterState:
     last: last refused fix, m, (N, 2).  driven: distance since that fix, m, (N,).
     watches: of the encoders, one per car; empty where they are not watched.
     clocks: of the stamps of their fixes, one per car; empty where they are not watched.  odometers: of their gyros.
+    models: of their single tracks.
     unseen: rad by which a bias of the gyro may turn the yaw before it is detected, (N,).
   """
 
@@ -53,6 +55,7 @@ class FilterState:
   watches: tuple[SpeedWatch, ...] = ()
   clocks: tuple[StampWatch, ...] = ()
   odometers: tuple[GyroWatch, ...] = ()
+  models: tuple[ModelWatch, ...] = ()
 
   @classmethod
   def at(cls, pose: Array, speed: Array, std: float, watched: bool = False) -> "FilterState":
@@ -80,11 +83,17 @@ class FilterState:
       watches=tuple(SpeedWatch() for _ in range(count * watched)),
       clocks=tuple(StampWatch() for _ in range(count * watched)),
       odometers=tuple(GyroWatch() for _ in range(count * watched)),
+      models=tuple(ModelWatch() for _ in range(count * watched)),
     )
 
   def copy(self) -> "FilterState":
     """One that can go its own way."""
     return copy.copy(self)
+
+  @property
+  def hidden(self) -> Array:
+    """Rad by which the yaw may be wrong besides its covariance: a bias unseen yet, a gyro against its model, (N,)."""
+    return self.unseen + [watch.risked for watch in self.models] if self.models else self.unseen
 
   def put(self, which: Mask, other: "FilterState") -> None:
     """Take over some cars of another state of as many."""

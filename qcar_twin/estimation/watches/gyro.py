@@ -1,4 +1,4 @@
-"""Whether a car's gyro has a bias: the yaw of the last fixes against the integral of the gyro, by least squares.
+"""Whether a car's gyro is wrong: the yaw of the last fixes against the integral of the gyro, by least squares.
 
   yaw_k - Theta_k = c - b (t_k - t) - tau r_k
 
@@ -7,6 +7,9 @@ s, that must not pass for one. The filter's own innovations tell little of it: i
 the car enters, so that slip and sideslip cannot be taken for a bias. Linear in the unknowns, coloured errors whitened;
 a finding is an estimate of b away from the one held by more standard deviations than a stated error rate allows, as in
 the integrity monitoring of satellite navigation (Parkinson and Axelrad, Navigation 35(2), 1988).
+
+A gyro that is off by so much that no bias can be fitted in time is left out as soon as two raw fixes in a row turn
+otherwise than it does. What the filter's gate thinks of the gyro is no evidence here: the gate is the model's view.
 """
 
 import copy
@@ -21,13 +24,16 @@ from scipy.stats import norm
 Array = NDArray[np.float64]
 WINDOWS = (8, 16, 40)  # last fixes that are compared: short for what is large, long for what is small
 HOLD = 0.1  # s that a rate of the gyro is held
+CONTRADICTIONS = 2  # turns between raw fixes in a row, each FALSE_ALARM likely by chance, that contradict the gyro
+AGREEMENTS = 10  # turns in a row with which a gyro that was left out is taken back, a second of lidar
 GAP = 1.0  # s without a fix after which the comparison begins again
 FALSE_ALARM = 1e-6  # probability of a finding where there is nothing, per fix
 MISSED = 0.05  # probability of not finding the bias behind `unseen` within its window
 LIMIT = float(norm.isf(0.5 * FALSE_ALARM / len(WINDOWS)))  # shared by the tests made at each fix
 SURE = LIMIT + float(norm.isf(MISSED))
 BIAS, UNKNOWNS = 1, 3  # c, b, tau
-TRUST = np.diag([0.0, 1.0, 1.0 / 0.05**2])  # b within 1 rad/s and tau within 50 ms, a standard deviation each
+STAMPS = 0.05  # s, standard deviation of what stamps are trusted with
+TRUST = np.diag([0.0, 1.0, 1.0 / STAMPS**2])  # b within 1 rad/s and tau within 50 ms, a standard deviation each
 
 
 class Finding(NamedTuple):
@@ -52,6 +58,9 @@ class GyroWatch:
     bias: of the gyro, rad/s.
     since: fixes since it was detected, while it is still made more exact; -1 for none.
     unseen: rad by which a bias turns the yaw that one of the windows would hardly miss, in its span.
+    last: time s, yaw rad, `turned` and rate at the last raw fix.
+    contrary: turns between raw fixes in a row that contradict it, by their sign.  agreements: in a row that do not.
+    doubted: whether it is left out.
   """
 
   turned: float = 0.0
@@ -61,17 +70,51 @@ class GyroWatch:
   bias: float = 0.0
   since: int = -1
   unseen: float = 0.0
+  last: tuple[float, ...] = ()
+  contrary: int = 0
+  agreements: int = 0
+  doubted: bool = False
 
   def copy(self) -> "GyroWatch":
     """An independent copy."""
     return copy.copy(self)
 
-  def travel(self, rate: float, otherwise: float, period: float) -> None:
-    """A period, s, with a rate of the gyro, rad/s; NaN for none: the last one is held, after `HOLD` it is another's."""
+  def travel(self, rate: float, period: float) -> None:
+    """A period, s, with a rate of the gyro, rad/s; NaN for none or for a spike: the last one is held, for `HOLD`.
+
+    Longer silence ends the comparison: there is nothing to compare.
+    """
     self.silent = 0.0 if math.isfinite(rate) else self.silent + period
     if math.isfinite(rate):
       self.rate = rate
-    self.turned += period * (self.rate if self.silent <= HOLD else otherwise)
+    self.turned += period * self.rate
+    if self.silent > HOLD:
+      self.rows, self.last, self.since = (), (), -1
+
+  def witness(self, time: float, yaw: float, std: float) -> float:
+    """Take a raw fix at a time, s: its yaw and standard deviation, rad.
+
+    Returns:
+      The turn, rad, by which the gyro has just been found to be wrong; zero where nothing is new.
+    """
+    before, self.last = self.last, (time, yaw, self.turned, self.rate)
+    if self.silent > HOLD:
+      self.last = ()
+    if not (before and self.last and 0.0 < time - before[0] < GAP):
+      return 0.0
+    span = time - before[0]
+    apart = math.remainder(yaw - before[1] - (self.turned - before[2]) + self.bias * span, math.tau)
+    slack = LIMIT * math.hypot(math.sqrt(2.0) * std, STAMPS * (self.rate - before[3]))
+    if abs(apart) <= slack:
+      self.contrary, self.agreements = 0, self.agreements + 1
+      self.doubted = self.doubted and self.agreements < AGREEMENTS
+      return 0.0
+    again = abs(self.contrary) + 1 if self.contrary * apart > 0.0 else 1
+    self.contrary, self.agreements = int(math.copysign(again, apart)), 0
+    if self.doubted or abs(self.contrary) < CONTRADICTIONS:
+      return 0.0
+    self.doubted = True
+    return CONTRADICTIONS * apart
 
   def compare(self, time: float, yaw: float, std: float, rate: float, correlation: float) -> Finding | None:
     """Take an accepted fix at a time, s: its yaw, rad, standard deviation, rad, and the yaw rate then, rad/s.
@@ -79,6 +122,8 @@ class GyroWatch:
     Args:
       correlation: time constant of the fixes' errors, s; 0 for white ones.
     """
+    if self.silent > HOLD:
+      return None
     if self.rows and not 0.0 < time - self.rows[-1][0] < GAP:
       self.rows, self.since = (), -1
     self.rows = (*self.rows[1 - WINDOWS[-1] :], (time, yaw, std, self.turned, rate))

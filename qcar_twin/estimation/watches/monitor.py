@@ -157,6 +157,10 @@ class StampWatch:
   odd: tuple[float, ...] = ()
   slack: float = 0.0
 
+  def copy(self) -> "StampWatch":
+    """An independent copy."""
+    return copy.copy(self)
+
   def hear(self, stamp: float) -> bool:
     """Take a stamp, s; whether its fix may be used."""
     if len(self.stamps) <= BEATS:

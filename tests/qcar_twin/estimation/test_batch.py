@@ -92,7 +92,7 @@ def test_a_restarted_car_is_a_fresh_one_and_the_others_do_not_notice():
   latency = 5
   pose = np.stack([np.zeros(CARS), np.zeros(CARS), 0.1 * np.arange(CARS)], axis=1)
   again, untouched = (FederatedBatch(CAR, HARD, CARS) for _ in range(2))
-  fresh = FederatedFilter(CAR, HARD)
+  fresh = FederatedFilter(CAR, HARD, watched=False)
   for batch in (again, untouched):
     batch.start(pose, np.full(CARS, 0.5))
   which = np.array([False, True, False, False])

@@ -1,0 +1,158 @@
+"""The watches of N cars at work: what they take out of the measurements, and what they open in the covariance.
+
+Three things may be wrong where model, sensor and clock disagree, and each has witnesses of its own. A gyro is judged by
+the turns between raw fixes, an encoder by their distances, its own past and the accelerometer, stamps by their beat.
+The filter's gate is the model's view of a sensor: a refusal that persists is doubt about the model, and the sensor is
+used with the covariance opened, until its own witness speaks against it.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.bicycle.single_track import SingleTrackCar
+from qcar_twin.estimation.models import BETA, YAW, R, V, lateral_acceleration
+from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.estimation.state import PLACE, FilterState
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+SPEED, YAW_RATE = 0, 1  # columns of the measured motion
+POSE, YAW_OF_FIX = slice(0, 3), 2  # columns of a fix
+ACCEL_Y = 1  # column of the acceleration
+
+
+class Watching:
+  """Watches of N cars, whose memory is in their `FilterState`.
+
+  Args:
+    car: the single track, plain floats.
+    settings: of the filter.
+    count: told of what is refused: channel, reason, which cars.
+  """
+
+  def __init__(self, car: SingleTrackCar, settings: FilterSettings, count: Callable[[str, str, Mask], None]):
+    self._car, self._settings, self._count = car, settings, count
+
+  # -- the model ---------------------------------------------------------------------------------
+
+  def prediction(self, state: FilterState) -> Array:
+    """Variance, rad^2, that the sideslip predicted from this state has beyond the process noise, (N,)."""
+    settings, lever = self._settings, self._settings.imu_y
+    state.models = tuple(watch.copy() for watch in state.models)
+    noise = np.zeros(len(state.models))
+    for i, watch in enumerate(state.models):
+      row, angle = state.bicycle[i].tolist(), state.wheel_angle.item(i)
+      expected, _ = lateral_acceleration(tuple(row[:6]), angle, self._car, math)
+      heard = state.accel_age.item(i) <= settings.accel_timeout
+      felt = state.accel.item(i, ACCEL_Y) + row[R] ** 2 * lever if heard else math.nan
+      watch.feel(felt, expected, settings.period)
+      noise[i] = watch.sideslip_noise(row[V], angle, self._car, settings.period, settings.lidar_interval)
+    return np.maximum(noise - settings.bicycle_noise[BETA, BETA], 0.0)
+
+  # -- encoder and gyro --------------------------------------------------------------------------
+
+  def motion(self, state: FilterState, raw: Array, motion: Array) -> None:
+    """Take out of `motion`, (N, 2), what is not believed; open the state of cars whose model is not.
+
+    Args:
+      raw: speeds as the encoders say them, m/s, (N,).
+    """
+    self._encoders(state, raw, motion)
+    self._gyros(state, motion)
+
+  def _encoders(self, state: FilterState, raw: Array, motion: Array) -> None:
+    """Open the speed of cars that have felt what their encoder says."""
+    settings, limit = self._settings, self._settings.limits[0]
+    state.watches = tuple(watch.copy() for watch in state.watches)
+    forward = np.where(state.accel_age <= settings.accel_timeout, state.accel[:, 0], np.nan)
+    reaches = np.sqrt(limit * (state.bicycle_covariance[:, V, V] + settings.speed_std**2))
+    opened = np.zeros(len(raw))
+    for i, watch in enumerate(state.watches):
+      watch.coast(float(forward[i]), settings.period)
+      speed, reach = float(motion[i, SPEED]), float(reaches[i])
+      if not math.isfinite(speed):
+        continue
+      watch.hear(float(raw[i]))
+      watch.travel(speed, settings.period)
+      innovation = speed - float(state.bicycle[i, V])
+      fits = abs(innovation) <= reach
+      if not (fits or watch.suspended) and watch.supported(speed, reach):
+        opened[i], fits = innovation**2, True
+      watch.judge(speed, innovation, reach, fits)
+    _open(state, V, opened)
+    motion[[not watch.believed for watch in state.watches], SPEED] = np.nan
+
+  def _gyros(self, state: FilterState, motion: Array) -> None:
+    """Open the yaw rate of cars whose gyro refutes the single track, and add up what the gyros say."""
+    period = self._settings.period
+    state.odometers = tuple(odometer.copy() for odometer in state.odometers)
+    spread = state.bicycle_covariance[:, R, R] + self._settings.yaw_rate_std**2
+    reaches = np.sqrt(self._settings.limits[0] * spread)
+    opened = np.zeros(len(motion))
+    for i, (odometer, watch) in enumerate(zip(state.odometers, state.models, strict=True)):
+      said = motion.item(i, YAW_RATE)
+      innovation = said - odometer.bias - state.bicycle.item(i, R)
+      if odometer.doubted:
+        motion[i, YAW_RATE] = np.nan
+      elif math.isfinite(said):
+        fits = abs(innovation) <= reaches.item(i)
+        watch.judge(innovation, fits, period)
+        motion[i, YAW_RATE] -= odometer.bias
+        opened[i] = innovation**2 * watch.doubted
+        said = said if fits or watch.doubted else math.nan
+      odometer.travel(said, period)
+    _open(state, R, opened)
+
+  # -- fixes -------------------------------------------------------------------------------------
+
+  def fixes(self, state: FilterState, fix: Array, offsets: Array, time: float, noise: Array) -> tuple[Array, Array]:
+    """Fixes, (N, 4), without those that are off the beat, and when they were measured after the slot, s, (N,).
+
+    They are witnesses of encoders and gyros, whatever the filter thinks of them.
+
+    Args:
+      noise: variances of x, y and yaw, m^2 and rad^2, (N, 3).
+    """
+    state.clocks = tuple(clock.copy() for clock in state.clocks)
+    fix, offsets = fix.copy(), offsets.copy()
+    turned = np.zeros((2, len(fix)))
+    for i in np.flatnonzero(np.isfinite(fix[:, PLACE]).all(axis=1)):
+      if not state.clocks[i].hear(time + float(offsets[i])):
+        fix[i] = np.nan
+        self._count("pose", "off the beat", np.array([True]))
+        continue
+      offsets[i] -= state.clocks[i].delay
+      x, y, yaw, _ = fix[i].tolist()
+      state.watches[i].compare(time + float(offsets[i]), x, y, math.sqrt(noise.item(i, 0)))
+      if math.isfinite(yaw):
+        odometer, std = state.odometers[i], math.sqrt(noise.item(i, YAW_OF_FIX) / self._settings.lidar_factor)
+        wrong = odometer.witness(time, yaw - float(offsets[i]) * odometer.rate, std)
+        turned[:, i] = wrong**2, (wrong / self._settings.lidar_interval) ** 2
+    _open(state, YAW, turned[0])
+    _open(state, R, turned[1])
+    return fix, offsets
+
+  def accepted(self, state: FilterState, fix: Array, noise: Array, offsets: Array, time: float, which: Mask) -> None:
+    """Let accepted fixes judge gyros' biases; what was wrong for a while is known less well."""
+    settings, unseen = self._settings, state.unseen.copy()
+    widened = np.zeros((2, len(fix)))
+    for i in np.flatnonzero(which & np.isfinite(fix[:, POSE]).all(axis=1)):
+      odometer, rate = state.odometers[i], state.bicycle.item(i, R)
+      yaw, std = fix.item(i, YAW_OF_FIX) - float(offsets[i]) * rate, math.sqrt(noise.item(i, YAW_OF_FIX))
+      estimate = odometer.compare(time, yaw, std / math.sqrt(settings.lidar_factor), rate, settings.lidar_correlation)
+      unseen[i], state.models[i].risked = odometer.unseen, 0.0
+      if estimate is not None:
+        widened[:, i] = (0.5 * estimate.span * estimate.bias) ** 2, estimate.bias**2
+    state.unseen = unseen
+    _open(state, YAW, widened[0])
+    _open(state, R, widened[1])
+
+
+def _open(state: FilterState, row: int, variance: Array) -> None:
+  """Add variances, (N,), to a component of EKF_BM."""
+  if variance.any():
+    state.bicycle_covariance = state.bicycle_covariance.copy()
+    state.bicycle_covariance[:, row, row] += variance
