@@ -124,12 +124,12 @@ class LocalFilters:
     following, slopes = bicycle_step(bicycle, voltage, angle, self.car, h, self._lib)
     transition = self._identity.copy()
     fill_jacobian(transition, slopes, h)
-    unexplained = self._watching.prediction(state) if state.watches else None
-    state.bicycle_covariance = kalman.predict(state.bicycle_covariance, transition, settings.bicycle_noise)
-    if unexplained is not None:
-      state.bicycle_covariance[:, BETA, BETA] += unexplained
+    before, state.bicycle = state.bicycle, np.array(following).T.reshape(state.bicycle.shape)
+    noise = settings.bicycle_noise
+    if state.watches:
+      noise = self._watching.prediction(state, before, transition)
+    state.bicycle_covariance = kalman.predict(state.bicycle_covariance, transition, noise)
     state.point_covariance = kalman.predict(state.point_covariance, self._point_transition, settings.point_noise)
-    state.bicycle = np.array(following).T.reshape(state.bicycle.shape)
     state.point = np.array(ahead).T.reshape(state.point.shape)
     off = ~self.point_on(state)
     if off.any():

@@ -7,13 +7,13 @@ used with the covariance opened, until its own witness speaks against it.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.bicycle.single_track import SingleTrackCar
-from qcar_twin.estimation.models import BETA, YAW, R, V, lateral_acceleration
+from qcar_twin.estimation.models import BETA, YAW, R, V, cg_acceleration, lateral_acceleration
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.estimation.state import PLACE, FilterState
 
@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 SPEED, YAW_RATE = 0, 1  # columns of the measured motion
 POSE, YAW_OF_FIX = slice(0, 3), 2  # columns of a fix
+VOLTAGE = 0  # column of the commands
 ACCEL_Y = 1  # column of the acceleration
 
 
@@ -38,19 +39,26 @@ class Watching:
 
   # -- the model ---------------------------------------------------------------------------------
 
-  def prediction(self, state: FilterState) -> Array:
-    """Variance, rad^2, that the sideslip predicted from this state has beyond the process noise, (N,)."""
-    settings, lever = self._settings, self._settings.imu_y
+  def prediction(self, state: FilterState, before: Array, transition: Array) -> Array:
+    """Process noise of EKF_BM, (N, 6, 6), as far as each car's single track may be believed.
+
+    What it predicts for sliding cars from the states (N, 6) before is put right in `state` and in `transition`.
+    """
+    settings, lever = self._settings, (self._settings.imu_x, self._settings.imu_y)
     state.models = tuple(watch.copy() for watch in state.models)
-    noise = np.zeros(len(state.models))
+    noise = np.tile(settings.bicycle_noise, (len(state.models), 1, 1))
     for i, watch in enumerate(state.models):
-      row, angle = state.bicycle[i].tolist(), state.wheel_angle.item(i)
+      row, angle, felt = before[i].tolist(), state.wheel_angle.item(i), (math.nan, math.nan)
       expected, _ = lateral_acceleration(tuple(row[:6]), angle, self._car, math)
-      heard = state.accel_age.item(i) <= settings.accel_timeout
-      felt = state.accel.item(i, ACCEL_Y) + row[R] ** 2 * lever if heard else math.nan
-      watch.feel(felt, expected, settings.period)
-      noise[i] = watch.sideslip_noise(row[V], angle, self._car, settings.period, settings.lidar_interval)
-    return np.maximum(noise - settings.bicycle_noise[BETA, BETA], 0.0)
+      if state.accel_age.item(i) <= settings.accel_timeout:
+        felt = cg_acceleration(tuple(state.accel[i].tolist()), row[R], lever)
+      watch.feel(felt[ACCEL_Y], expected, settings.period)
+      watch.weigh(row[V], angle, self._car, settings.period)
+      beyond = watch.sideslip_noise(row[V], self._car, settings.period, settings.lidar_interval)
+      noise[i, BETA, BETA] = max(noise.item(i, BETA, BETA), beyond)
+      if watch.sliding:
+        slide(state.bicycle[i], transition[i], row, felt, settings.period)
+    return noise
 
   # -- encoder and gyro --------------------------------------------------------------------------
 
@@ -69,13 +77,13 @@ class Watching:
     state.watches = tuple(watch.copy() for watch in state.watches)
     forward = np.where(state.accel_age <= settings.accel_timeout, state.accel[:, 0], np.nan)
     reaches = np.sqrt(limit * (state.bicycle_covariance[:, V, V] + settings.speed_std**2))
-    opened = np.zeros(len(raw))
+    opened, gain = np.zeros(len(raw)), float(self._car.drive_gain) * float(self._car.rolling_radius)
     for i, watch in enumerate(state.watches):
       watch.coast(float(forward[i]), settings.period)
       speed, reach = float(motion[i, SPEED]), float(reaches[i])
       if not math.isfinite(speed):
         continue
-      watch.hear(float(raw[i]))
+      watch.hear(float(raw[i]), gain * state.commands.item(i, VOLTAGE), settings.period)
       watch.travel(speed, settings.period)
       innovation = speed - float(state.bicycle[i, V])
       fits = abs(innovation) <= reach
@@ -93,17 +101,14 @@ class Watching:
     reaches = np.sqrt(self._settings.limits[0] * spread)
     opened = np.zeros(len(motion))
     for i, (odometer, watch) in enumerate(zip(state.odometers, state.models, strict=True)):
-      said = motion.item(i, YAW_RATE)
-      innovation = said - odometer.bias - state.bicycle.item(i, R)
+      odometer.travel(motion.item(i, YAW_RATE), period, self._settings.yaw_rate_std)
+      motion[i, YAW_RATE] -= odometer.bias
       if odometer.doubted:
         motion[i, YAW_RATE] = np.nan
-      elif math.isfinite(said):
-        fits = abs(innovation) <= reaches.item(i)
-        watch.judge(innovation, fits, period)
-        motion[i, YAW_RATE] -= odometer.bias
-        opened[i] = innovation**2 * watch.doubted
-        said = said if fits or watch.doubted else math.nan
-      odometer.travel(said, period)
+      innovation = motion.item(i, YAW_RATE) - state.bicycle.item(i, R)
+      if math.isfinite(innovation):
+        watch.judge(innovation, abs(innovation) <= reaches.item(i), period)
+        opened[i] = innovation**2 * watch.refuted
     _open(state, R, opened)
 
   # -- fixes -------------------------------------------------------------------------------------
@@ -125,11 +130,11 @@ class Watching:
         self._count("pose", "off the beat", np.array([True]))
         continue
       offsets[i] -= state.clocks[i].delay
-      x, y, yaw, _ = fix[i].tolist()
-      state.watches[i].compare(time + float(offsets[i]), x, y, math.sqrt(noise.item(i, 0)))
+      (x, y, yaw, _), odometer = fix[i].tolist(), state.odometers[i]
+      place, angle = (math.sqrt(noise.item(i, k) / self._settings.lidar_factor) for k in (0, YAW_OF_FIX))
+      state.watches[i].compare(time + float(offsets[i]), x, y, place, odometer.turned)
       if math.isfinite(yaw):
-        odometer, std = state.odometers[i], math.sqrt(noise.item(i, YAW_OF_FIX) / self._settings.lidar_factor)
-        wrong = odometer.witness(time, yaw - float(offsets[i]) * odometer.rate, std)
+        wrong = odometer.witness(time, yaw - float(offsets[i]) * odometer.rate, angle)
         turned[:, i] = wrong**2, (wrong / self._settings.lidar_interval) ** 2
     _open(state, YAW, turned[0])
     _open(state, R, turned[1])
@@ -149,6 +154,16 @@ class Watching:
     state.unseen = unseen
     _open(state, YAW, widened[0])
     _open(state, R, widened[1])
+
+
+def slide(state: Array, transition: Array, before: Sequence[float], felt: tuple, period: float) -> None:
+  """Predict a sliding car's sideslip by its acceleration at the centre of gravity, m/s^2; its row of the Jacobian."""
+  v, beta, rate = before[V], before[BETA], before[R]
+  cos, sin = math.cos(beta), math.sin(beta)
+  across, along = (felt[1] * cos - felt[0] * sin) / v, (felt[0] * cos + felt[1] * sin) / v
+  state[BETA] = beta + period * (across - rate)
+  transition[BETA, :] = 0.0
+  transition[BETA, [V, BETA, R]] = -period * across / v, 1.0 - period * along, -period
 
 
 def _open(state: FilterState, row: int, variance: Array) -> None:

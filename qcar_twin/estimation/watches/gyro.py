@@ -15,6 +15,7 @@ otherwise than it does. What the filter's gate thinks of the gyro is no evidence
 import copy
 import dataclasses
 import math
+import statistics
 from typing import NamedTuple
 
 import numpy as np
@@ -54,6 +55,7 @@ class GyroWatch:
 
   Attributes:
     turned: integral of the gyro, rad.  rate: its last rate, rad/s.  silent: since then, s.
+    recent: its last two rates, rad/s, without spikes.
     rows: of each fix: time s, yaw rad, its standard deviation rad, and `turned` and yaw rate rad/s then.
     bias: of the gyro, rad/s.
     since: fixes since it was detected, while it is still made more exact; -1 for none.
@@ -65,6 +67,7 @@ class GyroWatch:
 
   turned: float = 0.0
   rate: float = 0.0
+  recent: tuple[float, ...] = ()
   silent: float = math.inf
   rows: tuple[tuple[float, ...], ...] = ()
   bias: float = 0.0
@@ -79,17 +82,25 @@ class GyroWatch:
     """An independent copy."""
     return copy.copy(self)
 
-  def travel(self, rate: float, period: float) -> None:
-    """A period, s, with a rate of the gyro, rad/s; NaN for none or for a spike: the last one is held, for `HOLD`.
+  def travel(self, rate: float, period: float, std: float) -> None:
+    """A period, s, with a rate of the gyro, rad/s, whatever the filter thinks of it; NaN for none.
 
-    Longer silence ends the comparison: there is nothing to compare.
+    A rate further than `LIMIT` standard deviations `std`, rad/s, from both its neighbours' is a spike: their median
+    stands for it. A missing one is the last, for `HOLD`; longer silence ends the comparison.
     """
     self.silent = 0.0 if math.isfinite(rate) else self.silent + period
-    if math.isfinite(rate):
-      self.rate = rate
-    self.turned += period * self.rate
     if self.silent > HOLD:
-      self.rows, self.last, self.since = (), (), -1
+      self.rows, self.last, self.recent, self.since = (), (), (), -1
+      return
+    rate = rate if math.isfinite(rate) else self.rate
+    before, self.recent = self.recent, (*self.recent[-1:], rate)
+    if len(before) == 2:
+      settled = statistics.median((*before, rate))
+      if abs(before[1] - settled) > LIMIT * std:
+        self.turned += period * (settled - self.rate)
+        self.recent = settled, rate
+    self.rate = rate
+    self.turned += period * rate
 
   def witness(self, time: float, yaw: float, std: float) -> float:
     """Take a raw fix at a time, s: its yaw and standard deviation, rad.

@@ -20,6 +20,7 @@ REMEMBERED = 200.0  # samples by which it is known how often a sound encoder rep
 REFUSALS = 3  # samples in a row beyond the filter's gate, each 1e-4 likely by chance, that suspend it
 AGREEMENTS = 20  # samples in a row within the gate as it was before that bring it back
 BEATS = 10  # stamps by which it is known that a lidar keeps its beat
+COUNTS = 3.0  # steps of the encoder by which the command must have changed a speed that is called frozen
 OFF_BEAT = 0.2  # of the interval between fixes, by which a stamp may miss the beat
 COASTING = 0.5  # m/s^2, by which an accelerometer on a rolling, pitching car may be wrong for a while
 
@@ -29,14 +30,17 @@ class SpeedWatch:
   """Encoder against lidar: the speed both tell over the last fixes.
 
   A stuck or slipping encoder is distinguished from a wrong model by evidence the filter does not use: differences
-  of raw fixes. Their median by component ignores spikes and a single jump of the position.
+  of raw fixes, turned back by what the gyro says the car has turned. Their median by component ignores spikes and a
+  single jump of the position.
 
   Attributes:
-    fixes: time s, x m, y m, encoder distance m, of the last fixes.
+    fixes: time s, x m, y m, encoder distance m, turned rad, of the last fixes.
     distance: the encoder's, m.
     doubted: whether the encoder is left out at present.
     contrary: comparisons in a row that contradict `doubted`.
     last, repeated: last sample, m/s, and how often it has been repeated since.
+    count: smallest step between samples so far, m/s.
+    push, pushed: of the drive command, when the last sample began, m/s^2; by how much it has changed the speed since.
     repeats, samples: how many of how many former samples repeated the one before, fading.
     refusals, agreements: samples in a row that the filter refused, and that agree with it while suspended.
     suspended: whether the filter's gate has refused it in a row.
@@ -44,11 +48,14 @@ class SpeedWatch:
     coasted: m/s, the last sample that was used and what the accelerometer has added since.  since: then, s.
   """
 
-  fixes: tuple[tuple[float, float, float, float], ...] = ()
+  fixes: tuple[tuple[float, ...], ...] = ()
   distance: float = 0.0
   doubted: bool = False
   contrary: int = 0
   last: float = math.nan
+  count: float = math.inf
+  push: float = math.nan
+  pushed: float = 0.0
   repeated: int = 0
   repeats: float = 0.0
   samples: float = 0.0
@@ -68,21 +75,29 @@ class SpeedWatch:
     """Whether it has repeated a sample other than zero more often than it ever would.
 
     A coarse encoder repeats itself often, a fine one hardly: its own past says how often, runs that have ended
-    counted. At rest every encoder repeats its zero.
+    counted. At rest every encoder repeats its zero, and a speed that the command has not changed may well repeat.
     """
     likely = (self.repeats + 1.0) / (self.samples + 2.0)
-    return self.last != 0.0 and self.repeated * math.log(likely) < math.log(FALSE_ALARM)
+    rare = self.repeated * math.log(likely) < math.log(FALSE_ALARM)
+    return self.last != 0.0 and rare and not abs(self.pushed) < COUNTS * self.count
 
   @property
   def believed(self) -> bool:
     """Whether the filter may use it."""
     return not (self.doubted or self.suspended or self.frozen)
 
-  def hear(self, sample: float) -> None:
-    """Take a raw sample, m/s."""
+  def hear(self, sample: float, push: float = math.nan, period: float = 0.0) -> None:
+    """Take a raw sample, m/s, after a period, s, with the acceleration that the drive command gives, m/s^2.
+
+    The command's is NaN where it is not known: a repeated sample is then judged by the encoder's past alone.
+    """
     if sample == self.last:
       self.repeated += 1
+      self.pushed += (push - self.push) * period
       return
+    if math.isfinite(self.last):
+      self.count = min(self.count, abs(sample - self.last))
+    self.push, self.pushed = push, 0.0
     faded = max(0.0, 1.0 - (self.repeated + 1) / REMEMBERED)
     self.repeats, self.samples = faded * self.repeats + self.repeated, faded * self.samples + self.repeated + 1
     self.last, self.repeated = sample, 0
@@ -93,8 +108,11 @@ class SpeedWatch:
     self.since += period
 
   def supported(self, speed: float, reach: float) -> bool:
-    """Whether the accelerometer has felt what the encoder says: a car that hits something is no fault of it."""
-    return abs(speed - self.coasted) <= reach + COASTING * self.since
+    """Whether the accelerometer has felt what the encoder says: a car that hits something is no fault of it.
+
+    The filter's gate, m/s, opens while it refuses; what counts is the gate at the first refusal.
+    """
+    return abs(speed - self.coasted) <= (self.reach if self.refusals else reach) + COASTING * self.since
 
   def judge(self, speed: float, innovation: float, reach: float, fits: bool) -> None:
     """Take the filter's verdict on a sample, m/s: its innovation and the reach of its gate, m/s."""
@@ -113,14 +131,18 @@ class SpeedWatch:
     """Add one encoder sample, m/s held for `period` s."""
     self.distance += abs(speed) * period
 
-  def compare(self, time: float, x: float, y: float, std: float) -> None:
-    """Take a raw fix with its standard deviation, m, and settle whether the encoder is believed."""
+  def compare(self, time: float, x: float, y: float, std: float, turned: float = 0.0) -> None:
+    """Take a raw fix with its standard deviation, m, and settle whether the encoder is believed.
+
+    Args:
+      turned: integral of the gyro, rad.
+    """
     if self.fixes and time - self.fixes[-1][0] < SPACING:
       return
-    self.fixes = (*self.fixes[-WINDOW:], (time, x, y, self.distance))
+    self.fixes = (*self.fixes[-WINDOW:], (time, x, y, self.distance, turned))
     if len(self.fixes) <= WINDOW:
       return
-    steps = [(b[0] - a[0], b[1] - a[1], b[2] - a[2], b[3] - a[3]) for a, b in itertools.pairwise(self.fixes)]
+    steps = [_step(a, b) for a, b in itertools.pairwise(self.fixes)]
     interval = statistics.median(step[0] for step in steps)
     vx, vy, said = (statistics.median(step[i] / step[0] for step in steps) for i in (1, 2, 3))
     spread = statistics.median(math.hypot(step[1] / step[0] - vx, step[2] / step[0] - vy) for step in steps)
@@ -133,6 +155,14 @@ class SpeedWatch:
     self.contrary = self.contrary + 1 if disagree != self.doubted else 0
     if self.contrary >= PERSISTENCE:
       self.doubted, self.contrary = disagree, 0
+
+
+def _step(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, float, float, float]:
+  """From one fix to the next: s, m and m along axes that turn with the car, encoder's m along the chord."""
+  dx, dy, turn, middle = b[1] - a[1], b[2] - a[2], b[4] - a[4], 0.5 * (a[4] + b[4])
+  cos, sin = math.cos(middle), math.sin(middle)
+  chord = math.sin(0.5 * turn) / (0.5 * turn) if turn else 1.0
+  return b[0] - a[0], cos * dx + sin * dy, cos * dy - sin * dx, chord * (b[3] - a[3])
 
 
 @dataclasses.dataclass(slots=True)
