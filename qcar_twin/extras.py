@@ -27,6 +27,7 @@ EXTRA_OF = {
   "imageio": "film",
   "imageio_ffmpeg": "film",
   "ray": "cluster",
+  "filterpy": "filterpy",
 }
 """Package as it is imported -> the extra of pyproject.toml that installs it."""
 

@@ -2,7 +2,7 @@
 
 Writes estimates with standard deviations as CSV, report.html and summary.json.
 
-qcar-twin estimate --dataset DIR --out OUT [--noise-from standstill] [--fit-noise]
+qcar-twin estimate --dataset DIR --out OUT [--noise-from standstill] [--fit-noise] [--engine filterpy]
 """
 
 import dataclasses
@@ -15,6 +15,7 @@ from calibration.identification.identification import Identification, identify
 from qcar_twin.atomic_io import write_json
 from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.command_line import run_script
+from qcar_twin.estimation.engines import Engine
 from qcar_twin.estimation.noise_fit import fit_noise
 from qcar_twin.estimation.offline import filter_recording
 from qcar_twin.estimation.output import write_estimates
@@ -48,6 +49,8 @@ class Config:
   """Delay of the IMU's and encoder's time stamps after their measurement, s."""
   sharing: tuple[float, float] = (1.0, 1.0)
   """Information sharing of the lidar between EKF_BM and EKF_PM, dimensionless: 1 1 as printed, 0.5 0.5 consistent."""
+  engine: Engine = "batched"
+  """Whose algebra filters: batched, or filterpy of the extra of that name."""
   quick: bool = False
   """Estimate the first recording only."""
 
@@ -69,10 +72,7 @@ def settings_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> FilterSet
   settings = settings.with_scores_of(dataset.recordings)
   if not config.noise_from:
     return settings
-  named = {recording.name: recording for recording in dataset.recordings}
-  if config.noise_from not in named:
-    raise ValueError(f"no recording '{config.noise_from}'; there are {', '.join(named)}")
-  noise = standstill_noise(named[config.noise_from])
+  noise = standstill_noise(dataset[config.noise_from])
   for name, estimate in noise.items():
     print(f"{name}: {estimate}")
   return settings.with_noise(noise, rolling_radius(vehicle))
@@ -90,13 +90,13 @@ def main(config: Config) -> None:
     raise ValueError(f"nothing to estimate with a pose; there are {', '.join(r.name for r in dataset.recordings)}")
   lateness: dict[str, float] = dict.fromkeys(ONBOARD, config.onboard_lateness)
   if config.fit_noise:
-    training = [r for r in dataset.role("identify") if "pose_x" in r.streams]
-    settings = fit_noise(training, bicycle.car(theta), settings, lateness)
+    settings = fit_noise([r for r in dataset.role("identify") if "pose_x" in r], bicycle.car(theta), settings, lateness)
   summary, filtered = {}, []
   for recording in chosen[: 1 if config.quick else None]:
-    filtered.append((recording, filter_recording(recording, bicycle.car(theta), settings, lateness)))
-    summary[recording.name] = write_estimates(config.out, *filtered[-1])
-    print(f"{recording.name}: valid {100.0 * filtered[-1][1].valid.mean():.1f} % of {recording.duration:.1f} s")
+    estimates = filter_recording(recording, bicycle.car(theta), settings, lateness, engine=config.engine)
+    filtered.append((recording, estimates))
+    summary[recording.name] = write_estimates(config.out, recording, estimates)
+    print(f"{recording.name}: valid {100.0 * estimates.valid.mean():.1f} % of {recording.duration:.1f} s")
   write_json(config.out / "summary.json", summary)
   print(f"report: {write_estimation(config.out, filtered, radius, dataset.name)}")
 

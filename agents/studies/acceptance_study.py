@@ -111,8 +111,9 @@ class Outcome:
 
   def of(self, which: Mask) -> "Outcome":
     """Some of the cars."""
-    arrays = (a[:, which] for a in (self.position, self.yaw, self.bounds, self.nees, self.valid))
-    return Outcome(*arrays, tuple(w for w, some in zip(self.accused, which, strict=True) if some))
+    accused = tuple(words for words, some in zip(self.accused, which, strict=True) if some)
+    position, yaw, bounds, nees = (a[:, which] for a in (self.position, self.yaw, self.bounds, self.nees))
+    return Outcome(position, yaw, bounds, nees, self.valid[:, which], accused)
 
   def falsely(self, case: Case) -> int:
     """Cars of which a sensor is accused that is sound."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.bicycle.single_track import SingleTrackCar
+from qcar_twin.estimation.engines import Engine
 from qcar_twin.estimation.estimate import BatchEstimate, bounds_of, doubts
 from qcar_twin.estimation.local_filters import LocalFilters
 from qcar_twin.estimation.master import fuse_positions
@@ -35,6 +36,7 @@ class FederatedBatch:
     ahead: how far beyond the present slots may be written, periods.
     watched: whether encoders, gyros and stamps are watched for faults (`SpeedWatch`, `GyroWatch`, `StampWatch`).
     lib: steps the models: `numpy`, or for one car `math`.
+    engine: whose algebra predicts and corrects: "filterpy" for one car only.
   """
 
   def __init__(
@@ -46,9 +48,10 @@ class FederatedBatch:
     ahead: int = 0,
     watched: bool = False,
     lib: ModuleType = np,
+    engine: Engine = "batched",
   ):
     self.settings, self.count = settings, count
-    self.filters = LocalFilters(car, settings, count, lib)
+    self.filters = LocalFilters(car, settings, count, lib, engine)
     self.slots = Timeline(count, oldest + ahead + 2)  # also the one that the oldest goes on from, and the present
     self.present = 0  # last slot passed
     self._oldest, self._watched = oldest, watched
@@ -140,7 +143,7 @@ class FederatedBatch:
     covariance = np.stack([np.where(on, a, b) for a, b in zip(fused_spread, spread, strict=True)], axis=-1)
     v, beta, yaw = state.bicycle[:, V], state.bicycle[:, BETA], state.bicycle[:, YAW]
     largest = np.maximum(covariance[:, 0], covariance[:, 2])
-    against = doubts(settings, largest, bicycle[:, YAW, YAW], state.age, state.refused)
+    against = doubts(settings, largest, bicycle[:, YAW, YAW], state.age, state.refused, state.silent)
     valid = ~np.logical_or.reduce([wrong for wrong, _, _ in against])
     pose = np.stack([x, y, yaw], axis=-1)
     velocity = np.stack([v * np.cos(beta), v * np.sin(beta)], axis=-1)

@@ -10,6 +10,7 @@ import numpy as np
 
 from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.estimation.batch import FederatedBatch
+from qcar_twin.estimation.engines import Engine
 from qcar_twin.estimation.estimate import Estimate, bounds_of, doubts, no_estimate
 from qcar_twin.estimation.master import fuse_positions
 from qcar_twin.estimation.models import YAW, X, Y
@@ -37,12 +38,22 @@ class FederatedFilter:
     car: the identified single-track model.
     settings: noise, gates, limits.
     watched: whether encoder, gyro and stamps are watched for faults.
+    engine: whose algebra predicts and corrects: "batched", or "filterpy" of the package of that name.
+
+  Raises:
+    MissingExtra: filterpy is asked for and not installed.
   """
 
-  def __init__(self, car: SingleTrackCar, settings: FilterSettings | None = None, watched: bool = True):
+  def __init__(
+    self,
+    car: SingleTrackCar,
+    settings: FilterSettings | None = None,
+    watched: bool = True,
+    engine: Engine = "batched",
+  ):
     self.settings = settings = settings or FilterSettings()
     self._reach = round(settings.buffer / settings.period)  # slots that may be written, back and ahead
-    self._batch = FederatedBatch(car, settings, 1, self._reach, ahead=self._reach, watched=watched, lib=math)
+    self._batch = FederatedBatch(car, settings, 1, self._reach, self._reach, watched, math, engine)
     self._places = {**_PLACES, "motor_speed": _PLACES["speed"]}
     self._rolling_radius = self._batch.filters.car.rolling_radius
     self._clock = Clock(settings.period)
@@ -176,7 +187,12 @@ class FederatedFilter:
       (xx, xy, _, _), (_, yy, *_), *_ = point[1].tolist()
       position, spread = fuse_positions(position, spread, (point[0].item(X), point[0].item(Y)), (xx, xy, yy))
     against = doubts(
-      settings, max(spread[0], spread[2]), bicycle[1].item(YAW, YAW), state.age.item(), state.refused.item()
+      settings,
+      max(spread[0], spread[2]),
+      bicycle[1].item(YAW, YAW),
+      state.age.item(),
+      state.refused.item(),
+      state.silent.item(),
     )
     reasons = tuple(text.format(number) for wrong, text, number in against if wrong)
     speed, yaw, beta, rate = motion

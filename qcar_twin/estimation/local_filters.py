@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.bicycle.single_track import SingleTrackCar
-from qcar_twin.estimation import kalman
+from qcar_twin.estimation.engines import Engine, engine_of
+from qcar_twin.estimation.kalman import Corrected
 from qcar_twin.estimation.models import (
   BETA,
   YAW,
@@ -53,6 +54,7 @@ class LocalFilters:
     settings: noise, gates, limits.
     count: N.
     lib: `numpy`; for one car also `math`, whose plain floats step the models in a tenth of the time.
+    engine: whose algebra predicts and corrects.
 
   Attributes:
     refused: how often a measurement was not used, by (channel, reason), all cars together.
@@ -61,7 +63,9 @@ class LocalFilters:
       counting as if on its edge, (N, 2); for fitting the noise.
   """
 
-  def __init__(self, car: SingleTrackCar, settings: FilterSettings, count: int, lib: ModuleType = np):
+  def __init__(
+    self, car: SingleTrackCar, settings: FilterSettings, count: int, lib: ModuleType = np, engine: Engine = "batched"
+  ):
     numbers = {f.name: float(np.asarray(getattr(car, f.name))) for f in dataclasses.fields(SingleTrackCar)}
     self.settings, self.car, self._lib = settings, SingleTrackCar(**numbers), lib
     self.refused: Counter[tuple[str, str]] = Counter()
@@ -77,20 +81,23 @@ class LocalFilters:
     self._accel_bias = np.array([settings.accel_x_bias, settings.accel_y_bias])
     self._limits = np.array([0.0, *settings.limits])  # of the NIS, by the number of measured components
     self._assumed_score = settings.score * settings.score_full / 100.0
+    self._engine, self._algebra = engine, engine_of(engine, count)
     self._watching = Watching(self.car, settings, self._count)
 
   def __getstate__(self) -> dict[str, Any]:
     """For a copy or another process: the library by its name."""
-    return {**vars(self), "_lib": self._lib.__name__}
+    return {**vars(self), "_lib": self._lib.__name__, "_algebra": len(self.nis)}
 
   def __setstate__(self, state: dict[str, Any]) -> None:
-    vars(self).update(state, _lib={"math": math, "numpy": np}[state["_lib"]])
+    algebra = engine_of(state["_engine"], state["_algebra"])
+    vars(self).update(state, _lib={"math": math, "numpy": np}[state["_lib"]], _algebra=algebra)
 
   def step(self, start: FilterState, before: Slot, now: Slot, time: float) -> FilterState:
     """One period: the inputs of the slot before, the measurements of the slot at its end, `time` s."""
     state = start.copy()
     self._take_inputs(state, before)
     self._predict(state)
+    state.silent = np.where(now.heard, 0.0, start.silent + self.settings.period)
     self._correct_motion(state, now.motion)
     if self.settings.central:
       self._correct_acceleration(state, now.accel)
@@ -128,8 +135,8 @@ class LocalFilters:
     noise = settings.bicycle_noise
     if state.watches:
       noise = self._watching.prediction(state, before, transition)
-    state.bicycle_covariance = kalman.predict(state.bicycle_covariance, transition, noise)
-    state.point_covariance = kalman.predict(state.point_covariance, self._point_transition, settings.point_noise)
+    state.bicycle_covariance = self._algebra.predict(state.bicycle_covariance, transition, noise)
+    state.point_covariance = self._algebra.predict(state.point_covariance, self._point_transition, settings.point_noise)
     state.point = np.array(ahead).T.reshape(state.point.shape)
     off = ~self.point_on(state)
     if off.any():
@@ -166,7 +173,7 @@ class LocalFilters:
         self._count(name, "gate", np.isfinite(value) & ~fits)
       used.append(fits)
     for row, noise, fits, value in zip(MOTION_ROWS, self._noises, used, motion.T, strict=True):
-      state.bicycle, state.bicycle_covariance, _, _ = kalman.correct(
+      state.bicycle, state.bicycle_covariance, _, _ = self._algebra.correct(
         state.bicycle, state.bicycle_covariance, row, value, noise, fits
       )
 
@@ -186,7 +193,7 @@ class LocalFilters:
     spread = (slope * column).sum(axis=1) + settings.accel_std**2
     fits = (measured - expected) ** 2 <= settings.limits[0] * spread
     innovation = np.where(fits, measured - expected, 0.0)
-    state.bicycle, state.bicycle_covariance = kalman.absorb(
+    state.bicycle, state.bicycle_covariance = self._algebra.absorb(
       state.bicycle, state.bicycle_covariance, column, spread, innovation, fits
     )
 
@@ -216,7 +223,7 @@ class LocalFilters:
       values -= offset[:, None] * np.stack(ahead, axis=-1)
     turned = np.where(there[:, 2], values[:, 2] - state.bicycle[:, YAW], 0.0)
     values[:, 2] = state.bicycle[:, YAW] + wrap_angle(turned)
-    trial = kalman.correct_together(state.bicycle, state.bicycle_covariance, POSE_ROWS, values, noise, there)
+    trial = self._algebra.correct_together(state.bicycle, state.bicycle_covariance, POSE_ROWS, values, noise, there)
     fits, some = self._judge(trial, there, BICYCLE), there.any(axis=1)
     wrong = some & ~fits
     accepted = some & fits
@@ -225,8 +232,8 @@ class LocalFilters:
       lost = self._refuse(state, wrong, np.where(there[:, PLACE], pose[:, PLACE], state.bicycle[:, PLACE]))
       if lost.any():
         widened = state.bicycle_covariance + np.diag([LOST_STD**2 * (row in POSE_ROWS) for row in range(6)])
-        again = kalman.correct_together(state.bicycle, widened, POSE_ROWS, values, noise, there)
-        trial = kalman.Corrected(*(choose(lost, a, b) for a, b in zip(again, trial, strict=True)))
+        again = self._algebra.correct_together(state.bicycle, widened, POSE_ROWS, values, noise, there)
+        trial = Corrected(*(choose(lost, a, b) for a, b in zip(again, trial, strict=True)))
         accepted |= lost
     state.bicycle = choose(accepted, trial.state, state.bicycle)
     state.bicycle_covariance = choose(accepted, trial.covariance, state.bicycle_covariance)
@@ -248,7 +255,7 @@ class LocalFilters:
     """A fix EKF_BM has accepted but EKF_PM cannot is the accelerometer's fault: start EKF_PM afresh."""
     there = np.isfinite(place) & (accepted & self.point_on(state))[:, None]
     values = place - offset[:, None] * state.point[:, 2:] if offset.any() else place
-    trial = kalman.correct_together(state.point, state.point_covariance, PLACE_ROWS, values, noise, there)
+    trial = self._algebra.correct_together(state.point, state.point_covariance, PLACE_ROWS, values, noise, there)
     fits, some = self._judge(trial, there, POINT), there.any(axis=1)
     state.point = choose(some & fits, trial.state, state.point)
     state.point_covariance = choose(some & fits, trial.covariance, state.point_covariance)
@@ -257,7 +264,7 @@ class LocalFilters:
       self._count("pose", "gate of the point filter", astray)
       self._restart_point(state, astray)
 
-  def _judge(self, trial: kalman.Corrected, there: Mask, which: int) -> Mask:
+  def _judge(self, trial: Corrected, there: Mask, which: int) -> Mask:
     """Whether fixes of the components in `there` pass the gate; notes their NIS and evidence."""
     some, limit = there.any(axis=1), self._limits[np.count_nonzero(there, axis=1)]
     self.nis[:, which] = np.where(some, trial.nis, self.nis[:, which])

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.bicycle.single_track import SingleTrackCar
+from qcar_twin.estimation.engines import Engine
 from qcar_twin.estimation.estimate import Estimate
 from qcar_twin.estimation.federated import TAKES, FederatedFilter
 from qcar_twin.estimation.settings import FilterSettings
@@ -85,8 +86,9 @@ def filter_recording(
   settings: FilterSettings | None = None,
   lateness: Mapping[str, float] | None = None,
   latency: Mapping[str, float] | None = None,
+  engine: Engine = "batched",
 ) -> Estimates:
-  """Run the federated filter over a recording as if it were online.
+  """Run the federated filter over a recording as if it were online, with an engine's algebra.
 
   Raises:
     RecordingError: the recording holds no pose to start from.
@@ -97,7 +99,7 @@ def filter_recording(
       f"recording '{recording.name}' has no {', '.join(missing)}: the filter cannot start without an absolute pose;"
       " map a lidar or motion-capture pose in dataset.toml"
     )
-  return filter_events(events_of(recording, lateness, latency), FederatedFilter(car, settings))
+  return filter_events(events_of(recording, lateness, latency), FederatedFilter(car, settings, engine=engine))
 
 
 def filter_events(events: Iterable[Event], federated: FederatedFilter) -> Estimates:

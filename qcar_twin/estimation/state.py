@@ -28,7 +28,7 @@ class FilterState:
     commands: last voltage, V, and steering command, rad, (N, 2).
     wheel_angle: of the road wheels, after the servo's lag, rad, (N,).
     accel: last, at the IMU, m/s^2, (N, 2).  accel_age: since then, s, (N,).
-    age: since the last accepted fix, s, (N,).
+    age: since the last accepted fix, s, (N,).  silent: since anything has arrived, s, (N,).
     refused: fixes refused in a row, (N,).
     steady: of those, how many in a row lie where a car could have got to from their predecessor, (N,).
     last: last refused fix, m, (N, 2).  driven: distance since that fix, m, (N,).
@@ -47,6 +47,7 @@ class FilterState:
   accel: Array
   accel_age: Array
   age: Array
+  silent: Array
   refused: NDArray[np.int64]
   steady: NDArray[np.int64]
   last: Array
@@ -75,6 +76,7 @@ class FilterState:
       accel=np.zeros((count, 2)),
       accel_age=np.full(count, np.inf),
       age=none,
+      silent=none,
       refused=np.zeros(count, dtype=np.int64),
       steady=np.zeros(count, dtype=np.int64),
       last=np.zeros((count, 2)),
@@ -129,6 +131,12 @@ class Slot:
   fix: Array | None = None
   offset: float = 0.0
   outcome: FilterState | None = None
+
+  @property
+  def heard(self) -> Mask:
+    """Cars of which anything has come in, (N,)."""
+    parts = (self.commands, self.accel, self.motion) + (() if self.fix is None else (self.fix,))
+    return np.asarray(np.isfinite(np.concatenate(parts, axis=1)).any(axis=1))
 
   @classmethod
   def empty(cls, count: int) -> "Slot":
