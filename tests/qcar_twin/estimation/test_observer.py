@@ -9,6 +9,8 @@ from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.plant import COMMANDS, START
 from qcar_twin.sensors.base import Timing
 from qcar_twin.sensors.onboard import Imu
+from qcar_twin.sensors.score import ScoreVariance
+from qcar_twin.sensors.statistical_lidar import StatisticalLidar
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
 from qcar_twin.vehicle.drive import DRIVES
 from tests.qcar_twin.estimation.estimation_rig import CAR, PERIOD, hold
@@ -102,3 +104,22 @@ def test_late_inertial_samples_are_refused():
 
 def test_rig_and_plant_are_the_same_car():
   assert Bicycle(Numbers()).car(THETA).rolling_radius == pytest.approx(CAR.rolling_radius)
+
+
+def test_the_lidars_score_may_tell_its_noise_otherwise_than_the_filter_thinks():
+  """A lidar of another curve than the filter's: sensors and filter take nothing from each other, errors stay small."""
+  curves = {"as thought": StatisticalLidar().position, "worse": ScoreVariance.between(0.012, 0.12, 35.0, 1.0)}
+  worst, bounds = {}, {}
+  for name, curve in curves.items():
+    lidar = StatisticalLidar(position=curve, spike_chance=0.0)
+    observer = SensedObserver(SensorSuite(qcar_sensors() | {"lidar": lidar}, 4, 2), CAR)
+    signals = np.zeros((4, 10))
+    observer.begin(signals)
+    errors = []
+    for _ in range(600):
+      observer.command(np.zeros((4, 2)))
+      estimate = observer.observe(signals)
+      errors.append(np.hypot(*estimate.pose[:, :2].T))
+    worst[name], bounds[name] = float(np.max(errors)), estimate.bounds[:, 0]
+  assert 0.0 < worst["as thought"] < worst["worse"] < 4.0 * np.sqrt(curves["worse"](80.0))  # m
+  np.testing.assert_allclose(bounds["worse"], bounds["as thought"], rtol=0.2)  # it believes its own curve
