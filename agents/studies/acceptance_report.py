@@ -26,14 +26,14 @@ def acceptance_section(subjects: Sequence[Subject], quick: bool = False) -> list
   return [
     "## What the filter gets through",
     "",
-    "The online filter with its watches on cars that are driven open loop. At the limit: 2 s of full throttle, then a"
-    " step steer of 0.3 rad at 3 and 4 V, either way, 8 s. Otherwise: weaving at 0.3 to 0.7 m/s, one car forward and"
-    " one in reverse, 20 s, and what the case names from 6 s on. The first and the second car are the independent"
-    " ones of the concealed sessions, drawn from a seed; their filter has the vehicle table as measured and nominal"
-    " drive and tyres. Valid is the share of all periods; beyond is the share of the valid ones in which position or"
-    f" yaw is beyond its bound, stated with a risk of {FilterSettings().risk:g} each. NEES of the position: median,"
-    " 1.4 for a consistent filter. Worst errors are those of valid periods. A sensor is falsely accused where a"
-    " warning names it and it is sound.",
+    "The online filter with its watches on cars that are driven open loop, 8 or 20 s. At the limit there are 2"
+    " s of full throttle. A step steer of 0.3 rad follows, either way, at 3 and 4 V. Otherwise one car weaves"
+    " forward and one in reverse at 0.3 to 0.7 m/s. What the case names happens from 6 s on. The first and the"
+    " second car are the independent ones of the concealed sessions. Their filter has the vehicle table as"
+    " measured and nominal drive and tyres. Valid is the share of all periods. Beyond is the share of the valid"
+    " ones in which position or yaw is beyond its bound. Each bound is stated with a risk of"
+    f" {FilterSettings().risk:g}. NEES of the position is a median, 1.4 for a consistent filter. Worst errors"
+    " are those of valid periods. A sensor is falsely accused where a warning names it and it is sound.",
     "",
     *markdown.table(HEADS, rows),
   ]

@@ -31,7 +31,7 @@ from qcar_twin.estimation.models import (
 )
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.estimation.state import PLACE, POINT_START_STD, FilterState, Slot, choose
-from qcar_twin.estimation.watching import POSE, SPEED, Watching
+from qcar_twin.estimation.watches.watching import POSE, SPEED, Watching
 from qcar_twin.kinematics import wrap_angle
 
 Array = NDArray[np.float64]

@@ -1,1 +1,1 @@
-"""What watches one car's sensors for faults: encoder and stamps, gyro."""
+"""What watches sensors, stamps and the model of each car for faults."""
