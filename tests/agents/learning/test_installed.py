@@ -34,7 +34,9 @@ cars.reset(seed=0)
 assert cars.step(numpy.zeros((3, 1), numpy.float32))[0].shape == (3, 9)
 import agents.learning.environments as where
 from agents.learning.policy_file import SHIPPED, load_policy
+from agents.learning.hyperparameters import ALGORITHMS, read_hyperparameters
 load_policy(SHIPPED)
+assert all(read_hyperparameters(name).env_kwargs for name in ALGORITHMS)
 assert where.__file__.startswith(folder), where.__file__
 print("driven")
 """
