@@ -1,7 +1,8 @@
 """How a command is run: its options read, and what went wrong said in a sentence that names a cure.
 
-A command is a module with a docstring, a dataclass `Config`, a function `main(config)` and, where a stopped run leaves
-something to go on from, `KEPT`, a sentence that says what.
+A command is a module with a docstring, a dataclass `Config` and a function `main(config)`. Where a stopped run leaves
+something to go on from, `KEPT` is a sentence that says what. Where --out is a file and no folder,
+`OUT_IS_FILE` is True.
 """
 
 import codecs
@@ -55,7 +56,7 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
   try:
     module = load()
     config = tyro.cli(module.Config, prog=name, description=module.__doc__, args=list(arguments))
-    refuse_early(config)
+    refuse_early(config, getattr(module, "OUT_IS_FILE", False))
     module.main(config)
   except KeyboardInterrupt:
     kept = getattr(module, "KEPT", "nothing of this run is kept: results are written at its end")
@@ -70,7 +71,7 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
   return 0
 
 
-def refuse_early(config: object) -> None:
+def refuse_early(config: object, out_is_file: bool = False) -> None:
   """Refuse, before any work, what a command would stumble over at its end, by the names that options have everywhere:
   `out` that cannot be written, `mechanism` or `mechanisms` that nobody knows, a `twin` that is no twin file.
 
@@ -79,7 +80,7 @@ def refuse_early(config: object) -> None:
   """
   out = getattr(config, "out", None)
   if isinstance(out, Path):
-    _require_writable(out.parent if out.suffix and not out.is_dir() else out)
+    _require_writable(out, out_is_file)
   names = (*getattr(config, "mechanism", ()), *getattr(config, "mechanisms", ()))
   if names and not getattr(config, "mechanism_files", ()):  # those are run by the command itself
     from qcar_twin.twin.mechanisms import select
@@ -92,13 +93,22 @@ def refuse_early(config: object) -> None:
     load_twin(twin, threads=1)
 
 
-def _require_writable(folder: Path) -> None:
-  """Raises OSError where a folder cannot be made or written in; leaves nothing behind."""
-  nearest = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+def _require_writable(out: Path, is_file: bool) -> None:
+  """Raises OSError where a folder, or the folder of a file, cannot be made or written in; leaves nothing behind."""
+  if is_file and out.is_dir():
+    raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(out))
+  folder = out.absolute().parent if is_file else out.absolute()
+  nearest = next(path for path in (folder, *folder.parents) if path.exists())
   if not nearest.is_dir():
     raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(nearest))
-  with tempfile.TemporaryFile(dir=nearest):
-    pass
+  try:
+    with tempfile.TemporaryDirectory(dir=nearest):  # a folder, since some places take files and no folders
+      pass
+  except OSError as error:
+    said = error.strerror
+    if error.errno == errno.ENOENT:  # of a place that the system makes itself, as /proc
+      said = f"cannot be made, as {nearest} takes no folders; name another folder"
+    raise type(error)(error.errno, said, str(folder)) from error
 
 
 def run_script() -> None:

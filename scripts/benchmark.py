@@ -31,6 +31,8 @@ WITHOUT = (
   " optimiser on models compiled per column, without its library."
 )
 
+OUT_IS_FILE = True
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

@@ -38,6 +38,8 @@ and the first guess of the drive were developed, so for that part they are not u
 {tables}"""
 KEPT = "data sets that were finished stay in --work, the same command goes on with the others"
 
+OUT_IS_FILE = True
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

@@ -26,6 +26,8 @@ Made by `qcar-twin benchmark-estimation{options}`; every number below is measure
 Medians, interquartile ranges in brackets.
 """
 
+OUT_IS_FILE = True
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

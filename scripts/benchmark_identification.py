@@ -20,6 +20,8 @@ from qcar_twin.vehicle.vehicle import Vehicle
 TRUTH = ("P1", "P2", "P3", "cornering_stiffness_front", "cornering_stiffness_rear")
 SYMBOLS = ("P1", "P2", "P3", "C_f", "C_r")
 
+OUT_IS_FILE = True
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

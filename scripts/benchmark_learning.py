@@ -24,6 +24,8 @@ with extra("Timing a training"):
 
 FLEETS = (1, 8, 64, 256)  # cars
 
+OUT_IS_FILE = True
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

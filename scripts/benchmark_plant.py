@@ -15,6 +15,8 @@ from qcar_twin.command_line import run_script
 from qcar_twin.markdown import table
 from qcar_twin.recordings.dataset import DataSet
 
+OUT_IS_FILE = True
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

@@ -18,6 +18,8 @@ from qcar_twin.rendering.film import Array, Film, Look, signals_of, write_still,
 from qcar_twin.tracks import path_from
 from qcar_twin.twin.file import load_twin
 
+OUT_IS_FILE = True
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

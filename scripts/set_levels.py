@@ -13,6 +13,8 @@ from calibration.diagnosis.search.weighing import FILE, read_levels
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
 
+OUT_IS_FILE = True
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

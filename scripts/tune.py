@@ -29,6 +29,8 @@ LOOSE_ORIGIN = (
 )
 KEPT = "controllers that were tuned are in the file"
 
+OUT_IS_FILE = True
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

@@ -42,9 +42,33 @@ class Alternative:
 def agreeing(
   motion: Motion, wheels: Wheels, recordings: Sequence[Recording], noise: Mapping[str, ChannelNoise]
 ) -> tuple[list[tuple[Alternative, Comparison]], list[str]]:
-  """Alternatives that make the two sensors of a motion agree, best first, and the names of all that were tried."""
+  """Alternatives that make the two sensors of a motion agree, best first, and the names of all that were tried.
+
+  One that parts two others that geometry ties and that agree is none, unless there is no other.
+  """
   tried = compared_so(motion, wheels, recordings, noise)
-  return [pair for pair in tried if _agree(pair[1])], [alternative.name for alternative, _ in tried]
+  good = [pair for pair in tried if _agree(pair[1])]
+  kept = [pair for pair in good if not _parts_others(pair[0], motion, wheels, recordings, noise)] if good[1:] else good
+  return kept or good, [alternative.name for alternative, _ in tried]
+
+
+def _parts_others(
+  alternative: Alternative,
+  motion: Motion,
+  wheels: Wheels,
+  recordings: Sequence[Recording],
+  noise: Mapping[str, ChannelNoise],
+) -> bool:
+  """Whether two sensors of another motion, which agree as they are read, no longer do."""
+  for other in motions(dataclasses.replace(wheels, unsigned=False), recordings):
+    touched = {*other.compared, *other.reference} & set(alternative.needs)
+    if not other.kinematic or other.name == motion.name or not touched:
+      continue
+    held = [r for r in recordings if other.measured_in(r) and set(alternative.needs) <= set(r.channels)]
+    if held and _agree(compare(other, wheels, held, noise)):
+      if not _agree(compare(other, wheels, [alternative.apply(r) for r in held], noise)):
+        return True
+  return False
 
 
 def compared_so(
@@ -94,14 +118,14 @@ def _unwrapped(period: float, scale: float = 1.0) -> Callable[[Array], Array]:
 def _flip(channel: str) -> Alternative:
   return Alternative(
     f"{channel} with the other sign",
-    f"set scale = -1 on {channel} in [channels]",
+    f"set scale = -1 on {channel} in [channels], times one that is there",
     _rewritten(**{channel: lambda v: -v}),
     (channel,),
   )
 
 
 def _turned(name: str, angle: float) -> Alternative:
-  cure = f"set offset = {angle:.6g} on pose_yaw in [channels]"
+  cure = f"set offset = {angle:.6g} on pose_yaw in [channels], added to one that is there"
   return Alternative(name, cure, _rewritten(pose_yaw=lambda v: v + angle), ("pose_yaw",))
 
 
@@ -134,7 +158,7 @@ _ALTERNATIVES = (
   *(_flip(name) for name in ("yaw_rate", "accel_x", "accel_y", "steering_command", "speed", "motor_speed")),
   Alternative(
     "pose_yaw in degrees",
-    "set scale = 0.0174533 on pose_yaw in [channels]",
+    "set scale = 0.0174533 on pose_yaw in [channels], times one that is there",
     _rewritten(pose_yaw=_unwrapped(360.0, _TURN / 360.0)),
     ("pose_yaw",),
   ),
@@ -152,7 +176,7 @@ _ALTERNATIVES = (
   ),
   Alternative(
     "pose_yaw a compass's, clockwise from north",
-    "set scale = -1, offset = 1.5708 on pose_yaw in [channels]",
+    "set scale = -1, offset = 1.5708 on pose_yaw in [channels], the scale times one that is there",
     _rewritten(pose_yaw=_compass),
     ("pose_yaw",),
   ),
@@ -161,21 +185,27 @@ _ALTERNATIVES = (
   _turned("pose_yaw turned round", 0.5 * _TURN),
   Alternative(
     "pose_y with the other sign",
-    "set scale = -1 on pose_y in [channels]",
+    "set scale = -1 on pose_y in [channels], times one that is there",
     _rewritten(pose_y=lambda v: -v),
     ("pose_y",),
+  ),
+  Alternative(
+    "pose_y and pose_yaw with the other sign",
+    "set scale = -1 on pose_y and on pose_yaw in [channels], times those that are there",
+    _rewritten(pose_y=lambda v: -v, pose_yaw=lambda v: -v),
+    ("pose_y", "pose_yaw"),
   ),
   _exchange("pose_x", "pose_y"),
   _exchange("accel_x", "accel_y"),
   Alternative(
     "accel_x and accel_y exchanged and accel_x with the other sign",
-    "exchange the columns of accel_x and accel_y in [channels], and set scale = -1 on accel_x",
+    "exchange the columns of accel_x and accel_y in [channels], and set scale = -1 on accel_x, times one that is there",
     lambda r: _rewritten(accel_x=lambda v: -v)(_exchanged("accel_x", "accel_y")(r)),
     ("accel_x", "accel_y"),
   ),
   Alternative(
     "accel_x and accel_y exchanged and accel_y with the other sign",
-    "exchange the columns of accel_x and accel_y in [channels], and set scale = -1 on accel_y",
+    "exchange the columns of accel_x and accel_y in [channels], and set scale = -1 on accel_y, times one that is there",
     lambda r: _rewritten(accel_y=lambda v: -v)(_exchanged("accel_x", "accel_y")(r)),
     ("accel_x", "accel_y"),
   ),

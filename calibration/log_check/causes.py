@@ -113,7 +113,6 @@ def _log(c: Comparison, wheelbase: float) -> float:
 def _unit(quantity: str, factor: float) -> tuple[str, float]:
   """The usual unit with about this factor and its scale; else no unit, and what undoes the factor."""
   channel = CHANNELS.get("pose_x" if quantity == PLACE else quantity)
-  for unit, scale in channel.log_units if channel and quantity != CLOCK else ():
-    if abs(factor + math.log(scale)) < _A_UNIT:
-      return unit, scale
-  return "", math.exp(-factor)
+  usual = channel.log_units if channel and quantity != CLOCK else ()
+  unit, scale = min(usual, key=lambda named: abs(factor + math.log(named[1])), default=("", math.exp(-factor)))
+  return (unit, scale) if abs(factor + math.log(scale)) < _A_UNIT else ("", math.exp(-factor))

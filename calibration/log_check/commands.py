@@ -22,7 +22,9 @@ from qcar_twin.recordings.checks.acted import (
 from qcar_twin.recordings.completed import with_speed
 from qcar_twin.recordings.recording import Recording
 
-MUCH = 0.05  # share of the driving: one sample in twenty that no model can explain outweighs the noise of the rest
+# share of the driving: one sample in twenty that no model can explain outweighs the noise of the rest; how far it could
+# be moved `python -m tests.faults.thresholds` measures
+MUCH = 0.05
 _APART = 0.2  # s, between two stretches that are one
 _LISTED = 3  # stretches that are named
 _TURN_ROUND = "set offset = 3.14159 on pose_yaw in [channels], added to one that is there"

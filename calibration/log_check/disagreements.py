@@ -1,4 +1,8 @@
-"""What two sensors of one motion that disagree mean for a fit: a finding, with the cure that makes them agree."""
+"""What two sensors of one motion that disagree mean for a fit: a finding, with the cure that makes them agree.
+
+How far each level below could be moved without an error, on sound and on false logs, is measured by
+`python -m tests.faults.thresholds --sensors`.
+"""
 
 import dataclasses
 import math
@@ -12,6 +16,7 @@ from calibration.log_check.motions import Wheels
 from calibration.log_check.pairs import Comparison
 from qcar_twin.recordings.completed import UNJUDGED
 from qcar_twin.recordings.recording import Recording
+from qcar_twin.twin.mechanisms import catalogue
 
 Severity = Literal["spoils", "beware", "note"]
 _PERIOD = 0.01  # s, of the twin's control: a lag below it is no finding
@@ -19,6 +24,13 @@ _SCALE = 0.01  # a sensor's usual tolerance of sensitivity; a scale within it is
 _CONTRARY = -0.5  # correlation of two sensors of one motion that contradict each other
 TIED = 0.95  # correlation of two that geometry ties, below which another reading may explain more of them
 _BETTER = 0.5  # of what is left unexplained: at most so much is left by another reading that is better
+_LISTED = 3  # stretches that are named
+_FAR = 3.0  # deviations of a sensor's usual zero, beyond which it is said
+_ZEROS = {
+  "yaw_rate": ("gyro_bias", "gyro_bias"),
+  "accel_x": ("accel_bias", "accel_bias_x"),
+  "accel_y": ("accel_bias", "accel_bias_y"),
+}
 _LOUD = 3.0  # times the compared sensor's noise that a motion must be for the two to be alike
 
 
@@ -70,7 +82,9 @@ def disagreements(
     return spoils(_not_in_time(c, names))
   if abs(c.lag.value) > LATE:
     return spoils(_far_apart(c))
-  return _small(c) if c.motion.kinematic and not apart(c, wheelbase) else []
+  if apart(c, wheelbase):
+    return []
+  return [*_odd(c), *_off_zero(c), *(_small(c) if c.motion.kinematic else ())]
 
 
 def scale_findings(comparisons: Sequence[Comparison], wheelbase: float) -> list[Finding]:
@@ -119,7 +133,7 @@ def _of_no_age(c: Comparison) -> Finding:
 def _say(c: Comparison) -> str:
   if c.correlation < _CONTRARY:
     return f"say the contrary of {c.motion.name}: one of them has the wrong sign"
-  return f"do not agree in {c.motion.name} (correlation {c.correlation:.2f})"
+  return f"do not agree in {c.motion.name} (correlation {c.whole:.2f})"
 
 
 def _in_doubt(c: Comparison) -> bool:
@@ -128,12 +142,13 @@ def _in_doubt(c: Comparison) -> bool:
   Of two slow motions some lag within the search makes any two sensors alike to a degree: over a minute of a full-size
   car up to 0.5. So a correlation alone says nothing until other readings were tested.
   """
-  return c.loud > _LOUD * c.levels[0] and c.correlation < (TIED if c.motion.kinematic else ALIKE)
+  doubtful = c.whole < TIED if c.motion.kinematic else c.correlation < ALIKE
+  return c.loud > _LOUD * c.levels[0] and doubtful
 
 
 def _left(c: Comparison) -> float:
   """Share of the variance that the other sensor does not explain."""
-  return 1.0 - c.correlation**2
+  return 1.0 - c.whole**2
 
 
 def _unrelated(c: Comparison, nominal: float) -> bool:
@@ -171,12 +186,40 @@ def _not_in_time(c: Comparison, names: str) -> str:
   )
 
 
+def _odd(c: Comparison) -> list[Finding]:
+  """Driving in which two that agree elsewhere part: a sensor that stuck, a place that was lost; of what geometry does
+  not tie, also slip."""
+  if c.odd == 0.0:
+    return []
+  channels = (*c.motion.compared, *c.motion.reference)
+  spans = [f"{file} {start:.1f} s to {end:.1f} s" for file, start, end in c.where[:_LISTED]]
+  named = ", ".join(spans) + (f" and {len(c.where) - _LISTED} more" if len(c.where) > _LISTED else "")
+  said = f"in {c.odd:g} s of {c.seconds:g} s ({named}) {_list(channels)} do not agree in {c.motion.name} as elsewhere"
+  cure = "cut those seconds out, or leave one of them out"
+  if not c.motion.kinematic:
+    cure = "the car slipped, or one of them stuck: cut those seconds out if it did"
+  return [Finding("beware", channels, f"{said}; {cure}")]
+
+
+def _off_zero(c: Comparison) -> list[Finding]:
+  """A gyro or an accelerometer whose zero is further off than sensors of its kind are: three of the deviations that
+  every fit gives it."""
+  sensor = c.motion.compared[0]
+  mechanism, parameter = _ZEROS.get(sensor, ("", ""))
+  if not mechanism or abs(c.scale.value) < 1.0 / KNOTS or abs(c.scale.value) > KNOTS:
+    return []
+  usual = catalogue()[mechanism].sensor_errors[parameter].std
+  if not (abs(c.bias.value) > _FAR * usual and c.bias.beyond(0.0)):
+    return []
+  said = f"{sensor} is {c.bias.value:+.3g} ± {c.bias.std:.2g} {c.motion.unit} off against {_list(c.motion.reference)}"
+  tilted = ", or tilted" if sensor.startswith("accel") else ""
+  cure = f"set offset = {-c.bias.value:.4g} on {sensor} in [channels], added to one that is there"
+  return [Finding("beware", (sensor,), f"{said}, and usual are {usual:g}: its zero is off{tilted}; {cure}")]
+
+
 def _small(c: Comparison) -> list[Finding]:
-  """Of two sensors that geometry ties: a lag, a scale, driving in which they part."""
+  """Of two sensors that geometry ties: a lag, a scale."""
   channels, findings = (*c.motion.compared, *c.motion.reference), []
-  if c.odd > 0.0:
-    said = f"in {c.odd:g} s of {c.seconds:g} s {_list(channels)} do not agree in {c.motion.name} as they do elsewhere"
-    findings.append(Finding("beware", channels, f"{said}; cut those seconds out, or leave one of them out"))
   sensor, other = c.motion.compared[0], _list(c.motion.reference)
   if c.lag.beyond(0.0) and abs(c.lag.value) > _PERIOD:
     late = "late" if c.lag.value > 0.0 else "early"

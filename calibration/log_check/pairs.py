@@ -67,6 +67,7 @@ class Comparison:
       fitted says nothing.
     scale, bias: of it, in the rate's unit.
     correlation: of the two, at that lag.
+    whole: the same without leaving out what is odd.
     felt: share of the reference's motion that the compared sensor shows at that lag, by least squares.
     residual: its rms, in the rate's unit; noise: what their noise explains of it.
     seconds: compared.
@@ -74,6 +75,7 @@ class Comparison:
     levels: noise of both sides' means, in the rate's unit.
     elsewhere: whether at some lag far away the two are more alike than at any near one, so that the lag says nothing.
     odd: s that are unlike all the rest and were left out of the fit: a place that was lost, a frame that was changed.
+    where: these are, each a file and seconds on its clock.
     regimes: scale by how the car was driven, where there was enough of it.
     why_not: why they can't be compared; then all else is NaN.
   """
@@ -87,11 +89,13 @@ class Comparison:
   noise: float
   seconds: float
   regimes: Mapping[str, Estimate]
+  whole: float = np.nan
   felt: Estimate = _NOTHING
   loud: float = np.nan
   levels: tuple[float, float] = (np.nan, np.nan)
   elsewhere: bool = False
   odd: float = 0.0
+  where: tuple[tuple[str, float, float], ...] = ()
   why_not: str = ""
 
 
@@ -108,8 +112,8 @@ def compare(
   blocks = [b for r in held for b in _blocks(motion, wheels, r, window, lags)]
   if len(blocks) < _LEAST_BLOCKS:
     return _unknown(motion, f"less than {_LEAST_BLOCKS * _BLOCK:g} s hold both", len(blocks) * _BLOCK)
-  sums = np.stack([sums for sums, _ in blocks])
-  loud = float(np.std(np.concatenate([reference for _, reference in blocks])))
+  sums = np.stack([sums for sums, _, _ in blocks])
+  loud = float(np.std(np.concatenate([reference for _, reference, _ in blocks])))
   moved = _spread(sums[:, _NO_LAG]) if motion.kinematic else 0.0
   if loud < max(_LOUD * levels[1], _RESTS) and moved < max(_LOUD * levels[0], _MOVES):
     said = f"the motion ({loud:.2g} {motion.unit}) is not {_LOUD:g} times the reference's noise ({levels[1]:.2g})"
@@ -125,6 +129,7 @@ def compare(
     scale=scale,
     bias=bias,
     correlation=float(fit[4]),
+    whole=float(_fit(sums.sum(axis=0)[None], ratio, lags)[0, 4]),
     felt=Estimate(float(fit[5]), float(spread[5])),
     residual=float(fit[3]),
     noise=float(np.hypot(levels[0], scale.value * levels[1])),
@@ -134,6 +139,7 @@ def compare(
     levels=levels,
     elsewhere=elsewhere and centre == 0.0,
     odd=float(np.sum(~good)) * _BLOCK,
+    where=tuple(span for (_, _, span), alike in zip(blocks, good, strict=True) if not alike),
   )
 
 
@@ -154,8 +160,9 @@ def _centre(motion: Motion, wheels: Wheels, recordings: Sequence[Recording], win
 
 def _blocks(
   motion: Motion, wheels: Wheels, recording: Recording, window: float, lags: Array
-) -> list[tuple[Array, Array]]:
-  """Of every few seconds of a recording: sums over windows for every lag, (lags, 6), and the reference's means.
+) -> list[tuple[Array, Array, tuple[str, float, float]]]:
+  """Of every few seconds of a recording: sums over windows for every lag, (lags, 6), the reference's means, and where
+  they are: file and seconds.
 
   Lags are as far apart as windows are, so that the reference's means at all lags are the same ones, moved.
   """
@@ -172,7 +179,8 @@ def _blocks(
   for rows in _runs(number):
     rows = rows[known[rows]]
     if rows.size * _STEP >= 0.2 * _BLOCK:
-      made.append((_sums(shifted[rows].T, compared[rows]), shifted[rows, _NO_LAG]))
+      span = (recording.file or recording.name, float(begin[rows[0]]), float(begin[rows[-1]] + window))
+      made.append((_sums(shifted[rows].T, compared[rows]), shifted[rows, _NO_LAG], span))
   return made
 
 

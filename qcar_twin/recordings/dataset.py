@@ -19,7 +19,7 @@ from qcar_twin.recordings.checks.faults import after_start, find_defects, withou
 from qcar_twin.recordings.checks.jumps import Jump, without_jumps
 from qcar_twin.recordings.checks.repeats import refuse_repeats
 from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
-from qcar_twin.recordings.checks.units import check_limits, check_units
+from qcar_twin.recordings.checks.units import check_limits, check_units, check_way
 from qcar_twin.recordings.completed import completed
 from qcar_twin.recordings.formats import Table, read_inside
 from qcar_twin.recordings.manifest import (
@@ -156,6 +156,8 @@ def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Re
   signs = check_units(whole, manifest.vehicle)
   check_clock_unit(whole)
   pieces, said = completed(pieces, manifest.vehicle, table.label)
+  for piece in pieces:
+    check_way(piece, manifest.vehicle)
   notes += said
   return pieces, [*notes, *signs, *cuts, *(defect for piece in pieces for defect in find_defects(piece, lost))]
 

@@ -21,6 +21,7 @@ from qcar_twin.recordings.formats.table import NO_ROWS, Table
 from qcar_twin.recordings.manifest import Mapped
 from qcar_twin.recordings.recording import RecordingError, Stream, UnknownChannelError, nearest
 
+_FINE = 0.05  # share of the rows that have a stamp of their own, below which a clock tells nothing, as in `new`
 _FEW_NANS = 0.05  # formats without blanks: rarer NaNs in a command are faults, commoner ones are an asynchronous stream
 DATED = 1e6  # s, beyond which a clock is rebased: doubles are then 1e-10 s apart, a tenth of the streams' tolerance
 _FINEST = 9  # decimals of a second, of a clock in nanoseconds
@@ -248,6 +249,11 @@ def _clock(table: Table, mapping: Mapping[str, Mapped]) -> Clock:
 def _refuse_repeats(table: Table, stamp: np.ndarray, first: np.ndarray, repeated: list[str]) -> None:
   row = int(np.argmin(first))
   text = f"{table.label}: time repeats in row {row + 1} ({stamp[row]:g} s again)"
+  if np.sum(first) < _FINE * stamp.size:
+    raise RecordingError(
+      f"{text}, and has {np.sum(first)} values in {stamp.size} rows, too few to tell when they were: write it with more"
+      " digits, or set time = { rate = … } in [channels], in Hz, where rows are evenly spaced"
+    )
   if not repeated:
     raise RecordingError(
       f"{text}; remove the repeated rows, or set hold = true on the channels that a slower publisher repeats"

@@ -23,6 +23,8 @@ UNITS: dict[str, tuple[str, float]] = {
   **dict.fromkeys(("rps", "rev/s", "1/s"), ("rad/s", math.tau)),
   **dict.fromkeys(("m/s", "mps"), ("m/s", 1.0)),
   **dict.fromkeys(("km/h", "kmh", "kph"), ("m/s", 1 / 3.6)),
+  **dict.fromkeys(("mph", "mi/h"), ("m/s", 0.44704)),
+  **dict.fromkeys(("knots", "kts"), ("m/s", 1852.0 / 3600.0)),
   **dict.fromkeys(("cm/s", "cmps"), ("m/s", 0.01)),
   **dict.fromkeys(("mm/s", "mmps"), ("m/s", 0.001)),
   **dict.fromkeys(("m/s2", "m/s^2", "m/s²", "mps2", "mss"), ("m/s^2", 1.0)),

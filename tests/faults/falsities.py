@@ -124,7 +124,8 @@ def _set_back(time: Array) -> Array:
 
 def _with_only(channels: tuple[str, ...], falsity: Falsity) -> Falsity:
   """The same mistake in a log of few channels, in which fewer witnesses tell."""
-  few = lambda t, c: falsity.apply(t, {name: v for name, v in c.items() if name in channels})
+  kept = lambda name: name in channels or name not in CHANNELS  # a gate stays
+  few = lambda t, c: falsity.apply(t, {name: v for name, v in c.items() if kept(name)})
   return Falsity(f"{falsity.name}, with commands and a pose alone", falsity.channels, few, only=channels)
 
 

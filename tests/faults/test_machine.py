@@ -96,6 +96,19 @@ def test_a_file_where_the_folder_should_be_is_said(data, tmp_path):
   assert str(tmp_path / "out") in line and "a file is where a folder has to be; name another folder" in line
 
 
+@pytest.mark.parametrize("out", ["taken.csv", "taken.csv/deeper"])
+def test_a_file_of_any_name_in_the_folders_place_is_said_before_the_work(data, tmp_path, out):
+  (tmp_path / "taken.csv").touch()
+  line = said(["check", "--dataset", str(data), "--out", str(tmp_path / out)])
+  assert "taken.csv: Not a directory" in line and "stage" not in line and not (tmp_path / "taken.csv").stat().st_size
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="this system has no /proc")
+def test_a_place_that_takes_no_folders_is_said(data):
+  line = said(["check", "--dataset", str(data), "--out", "/proc/out/check"])
+  assert "/proc/out/check: cannot be made, as /proc takes no folders; name another folder" in line
+
+
 def test_a_read_only_folder_is_said(data, tmp_path):
   if os.geteuid() == 0:
     pytest.skip("read-only modes do not stop the owner of the machine")

@@ -27,7 +27,7 @@ from tests.faults.wander import RATE, SIZES, Columns, wander
 FACTORS = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)
 NUMBERS: tuple[tuple[ModuleType, str], ...] = (
   *((acted, name) for name in ("_RESTS", "_ANSWERS", "_LEAST_REST", "_LEAST_IDLE", "_NEAR", "_MOST", "_OFF", "_RARE")),
-  *((acted, name) for name in ("_NEVER", "_CONTRARY")),
+  *((acted, name) for name in ("_NEVER", "_CONTRARY", "MOVING", "_SLOWS")),
   *((acted, name) for name in ("_WEAK", "_BIN", "_GENTLE", "_CENTRED", "_SURE", "_STAYS", "_SLOWEST", "_LEAP")),
   (commands, "MUCH"),
 )

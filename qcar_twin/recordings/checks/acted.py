@@ -18,7 +18,7 @@ from qcar_twin.recordings.checks.faults import Runs
 from qcar_twin.recordings.recording import Recording
 
 _PERIOD = 0.05  # s, of the grid on which commands and motion are compared
-MOVING = 0.2  # of the top speed, from which the car drives
+MOVING, _SLOWS = 0.2, 0.1  # of the top speed: from which the car drives, and so much less in a second is slowing down
 _RESTS = 0.03  # of the usual top speed, below which the car stands
 _ANSWERS = 0.5  # s, within which a car that stands has answered a command; no drive's lag is longer
 _LEAST_REST = 2.0  # s at rest that tell a neutral; of driving: a sign
@@ -134,7 +134,7 @@ def _steady(d: _Drive) -> np.ndarray:
   """Where the car moves and does not slow down."""
   top = float(np.percentile(np.abs(d.speed), 99.0))
   speed = np.convolve(np.abs(d.speed), np.full(5, 0.2), "same")
-  return (speed > MOVING * top) & (np.gradient(speed, _PERIOD) > -0.1 * top)
+  return (speed > MOVING * top) & (np.gradient(speed, _PERIOD) > -_SLOWS * top)
 
 
 def idle_stretches(recordings: Sequence[Recording], channel: str, neutral: float = 0.0) -> list[Idle]:

@@ -19,6 +19,7 @@ _LOOSE, _EXACT = 1.5, 1.2  # nearness to a usual unit's factor: with slip and no
 _GENTLE = 4.0  # m/s^2; beyond it the wheels may spin and say nothing about acceleration
 _SIGN_CORRELATION = 0.85  # agreement that convicts a sign
 _USUAL_WHEELBASE = 0.256  # m, of the 1:10 car that the channels' limits are for
+_TOP = 99.0  # per cent of the samples, below the speed that a car is said to reach
 _SLOPE_ERROR = 0.15  # largest relative standard error of a slope that says anything
 
 
@@ -63,7 +64,7 @@ def check_limits(
     if (name in said and channel.unit == "m/s") or _confirmed(recording, vehicle, name):
       continue
     suspects, typical = suspects_of(name), float(np.median(magnitude[beyond]))
-    suspect = next((s for s in suspects if typical * s.scale < limit / 5.0), suspects[-1])
+    suspect = next((s for s in suspects if typical * s.scale < limit / 5.0), min(suspects, key=lambda s: s.scale))
     cure = _cure(suspect)
     if suspects and not any(typical * s.scale < limit for s in suspects):
       cure = f"no usual unit explains it: raw counts of a sensor? set scale on {name} in [channels] by its data sheet"
@@ -73,6 +74,24 @@ def check_limits(
       f"above {limit:.3g} {channel.unit} "
       f"(first at {stream.time[int(np.argmax(beyond))]:g} s); {cure}{larger}"
     )
+
+
+def check_way(recording: Recording, vehicle: Mapping[str, float | str]) -> None:
+  """Raises RecordingError when a speed that was derived from the pose is beyond what a car of this size drives, with
+  every usual unit of the pose by which it is not, and how fast it is then."""
+  if "speed" not in recording.derived:
+    return
+  top = float(np.percentile(np.abs(recording["speed"].value), _TOP))
+  limit = CHANNELS["speed"].limit * _similarity("m/s", vehicle)
+  if top <= limit:
+    return
+  usual = [suspect for suspect in suspects_of("pose_x") if top * suspect.scale < limit]
+  cures = [f"{_cure(suspect)} (it then reaches {top * suspect.scale:.2g} m/s)" for suspect in usual]
+  cure = ", or ".join(cures) or "look at the scales of pose_x, pose_y and time in [channels]"
+  raise RecordingError(
+    f"{recording.file or recording.name}: by its pose the car reaches {top:.3g} m/s, implausible above {limit:.3g} "
+    f"m/s; {cure}; or give the car's size in [vehicle], where it is larger"
+  )
 
 
 def _similarity(unit: str, vehicle: Mapping[str, float | str]) -> float:
@@ -125,13 +144,14 @@ class Comparison:
     return correlation * float(y.std() / x.std()), correlation
 
   def convicted(self) -> list[Suspect]:
-    """The units whose factor the slope is near."""
+    """The units whose factor the slope is near; of a channel's the nearest, and both where it lies between two."""
     slope, _ = self.slope()
-    return [
-      suspect
-      for factor, suspect in self.suspects
-      if slope > 0.0 and abs(math.log(slope / factor)) < math.log(self.tolerance)
-    ]
+    if not slope > 0.0:
+      return []
+    off = [(abs(math.log(slope / factor)), suspect) for factor, suspect in self.suspects]
+    near = sorted((o for o in off if o[0] < math.log(self.tolerance)), key=lambda o: o[0])
+    least = {suspect.channel: distance for distance, suspect in reversed(near)}
+    return [suspect for distance, suspect in near if 0.5 * distance <= least[suspect.channel]]
 
 
 def compare(recording: Recording, vehicle: Mapping[str, float | str]) -> list[Comparison]:

@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.formats import Table
+from qcar_twin.recordings.formats.composed import stamp_parts
 from qcar_twin.recordings.manifest import Mapped
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import unit_of, words_of
+from qcar_twin.vehicle.vehicle import QCAR
 
 Array = NDArray[np.float64]
 
@@ -23,6 +25,10 @@ _USED = 0.02  # of full duty, which no car is driven with at most: so little is 
 _GATES = {"armed", "arm", "safety", "enable", "enabled", "deadman", "active", "switch", "autonomous"}
 _PULSE = (900.0, 2100.0)  # us, of a radio-control servo or speed controller; 1500 is neutral, 500 the full travel
 _COMMANDED, _FEW_STEPS = 20.0, 3  # rows for which a command stays, median, and how often it has to step
+_TIMES = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"))
+_LONGEST_STEP = 0.5  # s from row to row of a log
+_STEPS = {"dt", "deltat", "timestep"}
+_HAND_WHEEL = {"steering", "wheel"}  # what a driver turns, many times as far as the road wheels
 _HELD = 2.0  # rows for which a value stays, median, from which a faster log repeats a slower sensor
 
 
@@ -57,7 +63,9 @@ class Columns:
 
   def __init__(self, tables: Sequence[Table]):
     self.tables = tables
-    self.names = tuple(dict.fromkeys(name for table in tables for name in table.columns if self._numeric(name)))
+    parts = {name for table in tables for name in stamp_parts(table.columns)}
+    named = dict.fromkeys(name for table in tables for name in table.columns if name not in parts)
+    self.names = tuple(name for name in named if self._numeric(name))
 
   def _numeric(self, name: str) -> bool:
     try:
@@ -100,7 +108,8 @@ class Columns:
       return False
     values = self.values(name)
     low, usual, high = np.percentile(values, [5, 50, 95])
-    return bool(values.min() >= 0.0 and usual > 0.0 and 0.3 * usual < low <= high < 3.0 * usual)
+    even = values.min() >= 0.0 and usual > 0.0 and 0.3 * usual < low <= high < 3.0 * usual
+    return bool(even and usual * _TIMES[-1][0] <= _LONGEST_STEP)
 
   def top(self, name: str) -> float:
     """The largest magnitude, without one in a thousand."""
@@ -147,7 +156,7 @@ def _clock(columns: Columns) -> Guess | None:
   for name in named:
     if columns.rises(name, 1.0) and columns.mostly_forward(name):
       return Guess("time", name, why=["its name says time; it goes back where a logger began again"])
-  for name in named:
+  for name in (*named, *(name for name in columns.names if set(words_of(name)) & _STEPS)):
     if columns.steps(name):
       return Guess("time", name, steps=True, why=["its name says time, and it has the steps from row to row"])
   rising = [name for name in columns.names if columns.rises(name) and not name.lower().startswith("unnamed")]
@@ -174,6 +183,14 @@ def scale(columns: Columns, guess: Guess) -> None:
   if unit is not None and unit[1] == channel.unit:
     guess.scale, guess.named = unit[2], True
     guess.why.append(f"in {unit[0]}")
+    if guess.channel == "steering_command" and (
+      set(words_of(guess.column)) >= _HAND_WHEEL or top * unit[2] > channel.limit
+    ):
+      guess.named = False
+      guess.why.append("an angle of the steering wheel, not of the road wheels")
+    if guess.channel == "motor_speed" and "wheel" in words_of(guess.column):
+      guess.scale /= QCAR.gear_ratio
+      guess.why.append(f"of a wheel, which a motor turns by gear_ratio = {QCAR.gear_ratio:g}: correct both by yours")
   elif guess.channel == "time":
     _scale_time(columns, guess)
   elif guess.channel in ("motor_duty", "steering_command") and _is_pulse(columns.values(guess.column)):
@@ -191,8 +208,8 @@ def _scale_time(columns: Columns, guess: Guess) -> None:
   number = lambda table: table.number(guess.column, "time")
   steps = [number(table) if guess.steps else np.diff(number(table)) for table in columns.tables]
   step = float(np.median(np.concatenate([each[each > 0.0] for each in steps])))
-  for factor, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns")):
-    if step * factor <= 0.5:
+  for factor, unit in _TIMES:
+    if step * factor <= _LONGEST_STEP:
       guess.scale = factor
       guess.why.append(f"steps of {step:g} are a log's in {unit}")
       return

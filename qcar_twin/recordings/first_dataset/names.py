@@ -27,6 +27,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     "speed|velocity|vel|v"
     " !angular|yaw|gyro|motor|command|commanded|cmd|target|desired|setpoint|ref|reference|steering|y|z|lateral",
     "vx|vlong",
+    "twist|odom linear x !angular|acceleration|accel|acc|command|commanded|cmd",
   ),
   "accel_x": (
     "acc|accel|acceleration|accelerometer|a x|forward|fwd|long|longitudinal|lon !angular|target|command|commanded",
@@ -48,11 +49,13 @@ _RULES: dict[str, tuple[str, ...]] = {
     "pose|pos|position|vicon|mocap|optitrack|lidar|slam|map|world|loc|tf x|px !acc|vel|velocity|rate",
     "px",
     "x",
+    "east|easting !acc|vel|velocity|speed|rate",
   ),
   "pose_y": (
     "pose|pos|position|vicon|mocap|optitrack|lidar|slam|map|world|loc|tf y|py !acc|vel|velocity|rate",
     "py",
     "y",
+    "north|northing !acc|vel|velocity|speed|rate",
   ),
   "pose_yaw": ("yaw|heading|theta|psi|phi|orientation !rate|dot|vel|velocity|speed|gyro|x|z|w|target|desired",),
   "pose_score": ("score|confidence|quality",),
@@ -89,6 +92,8 @@ def readings(column: str) -> list[Reading]:
   possible = []
   for channel, rules in _RULES.items():
     met = [terms for rule in rules if (terms := _met(rule, words, bare))]
+    if not met and channel == "speed" and unit is not None and unit[1] == "m/s" and words & {"wheel", "wheels"}:
+      met = [("wheel",)]
     if not met:
       continue
     best = max(met, key=len)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
+from qcar_twin.recordings.first_dataset.axes import pointing_down
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, usual_supply
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
@@ -88,6 +89,8 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   if "time" not in guesses and not all("time" in table for table in tables):
     missing = ("time", *missing)
   questions = tuple(question.text for question in asked)
+  if topics is None and (down := pointing_down(columns, guesses, recordings)) is not None:
+    questions = (*questions, down)
   lines = [*_head(name, topics, questions), *_vehicle(vehicle, known, kind, recordings, said, turns_like)]
   channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
   lines += ["", *channels]
@@ -99,6 +102,10 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
 def _fitting_map(tables: Sequence[Table]) -> TopicMap | None:
   """The ready-made map that finds most channels, a drive command and a speed among them, in every log."""
   fits = []
+  if not all(
+    "time" in table for table in tables
+  ):  # of bags it is; a topic's columns in a text have a clock of their own
+    return None
   for topics in topic_maps().values():
     try:
       channels = [set(topics.mapping(table.columns, table.label)) for table in tables]

@@ -1,5 +1,6 @@
 """Guesses checked against each other: units by two sensors of one motion, a steering's scale by the turning it made."""
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 
@@ -10,9 +11,10 @@ from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.checks.acted import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.time import turn_of
-from qcar_twin.recordings.checks.units import compare
+from qcar_twin.recordings.checks.units import Suspect, compare
 from qcar_twin.recordings.completed import with_speed
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, is_share_of_lock
+from qcar_twin.recordings.first_dataset.heading import goes_with, settle_heading
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.vehicle.vehicle import Vehicle
@@ -20,6 +22,11 @@ from qcar_twin.vehicle.vehicle import Vehicle
 Array = NDArray[np.float64]
 
 _ROUNDS = 4  # of units, each of which may uncover the next
+# units of speed so near to a clock's at twice the speed that only where a gyro confirms the clock they are meant
+_NEAR_A_CLOCKS = tuple(
+  (1.0 / scale, Suspect("speed", unit, scale)) for unit, scale in (("mph", 0.44704), ("knots", 1852.0 / 3600.0))
+)
+_IN_TIME = 1.2  # factor between gyro and heading, within which the clock is right: nearness to a unit
 _AGREE = 0.6  # correlation from which a comparison says something of a unit
 _BIN = 0.25  # s, over which speed, command and turning are compared
 _GENTLE = 2.0  # m/s^2 across, below which a car of this size goes where its wheels point
@@ -59,12 +66,21 @@ def settle_units(columns: Columns, guesses: dict[str, Guess], vehicle: Mapping[s
 def _convicted(
   recording: Recording, vehicle: Mapping[str, float | str], guesses: Mapping[str, Guess]
 ) -> tuple[str, float, str] | None:
+  turning_agrees = False
   for comparison in compare(recording, vehicle):
     slope, correlation = comparison.slope()
+    if {"yaw_rate", "pose_yaw"} == set(comparison.takes) and correlation > _AGREE:
+      turning_agrees = 1.0 / _IN_TIME < slope < _IN_TIME
+    by_place = "speed" in guesses and {"speed", "pose_x"} <= set(comparison.takes)
+    if turning_agrees and by_place and not guesses["speed"].named:
+      comparison = dataclasses.replace(comparison, suspects=(*comparison.suspects, *_NEAR_A_CLOCKS))
     steering = guesses.get("steering_command")  # none where the car drove straight
     if "steering_command" in comparison.takes and (steering is None or not steering.named):
       continue  # what it is in comes from how the car turned, once speed and gyro are settled
     units = comparison.convicted() if correlation > _AGREE else []
+    if [unit.channel for unit in units] == ["pose_yaw"] and goes_with([recording]):
+      said = f"{comparison.channel} is {slope:.3g} times {comparison.witness}, which the path confirms"
+      return "yaw_rate", 1.0 / units[0].scale, f"{said}: not in {guesses['yaw_rate'].column}'s unit"
     units = [unit for unit in units if unit.channel in guesses and not guesses[unit.channel].named]
     if len(units) == 1:
       return (
@@ -76,10 +92,16 @@ def _convicted(
 
 
 def settle_pose(columns: Columns, guesses: Mapping[str, Guess]) -> None:
-  """Unwrap a heading that jumps by a whole turn; one that jumps by 360 is in degrees."""
+  """Unwrap a heading that jumps by a whole turn; one that jumps by 360 is in degrees. Then what the path says of it."""
   heading = guesses.get("pose_yaw")
-  if heading is None or heading.wrap:
+  if heading is None:
     return
+  if not heading.wrap:
+    _unwrap(columns, heading)
+  settle_heading(heading, recordings_of(columns, guesses))
+
+
+def _unwrap(columns: Columns, heading: Guess) -> None:
   values = np.concatenate(
     [heading.scale * t.number(heading.column, "pose_yaw") for t in columns.holding(heading.column)]
   )

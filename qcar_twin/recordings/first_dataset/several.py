@@ -1,4 +1,8 @@
-"""Several columns that may be one channel: two gyros, four wheels, two poses. One is chosen and why, or it is asked."""
+"""Several columns that may be one channel: two gyros, four wheels, two poses. One is chosen and why, or it is asked.
+
+With the numbers below the right one of the sensors of `python -m tests.faults.thresholds` is taken, or it is asked; the
+same command measures how far each could be moved.
+"""
 
 import dataclasses
 import math

@@ -7,12 +7,14 @@ suffix and the function for it. It is imported when such a file is read, so reco
 from __future__ import annotations
 
 import ast
+import functools
 import pkgutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 
 from qcar_twin.extras import MissingExtra
+from qcar_twin.recordings.formats.composed import composed
 from qcar_twin.recordings.formats.table import NoSamples, Table
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.untrusted import UnreadableFile, bounded_memory, inside
@@ -30,9 +32,15 @@ def readers() -> dict[str, tuple[str, str]]:
   return declared
 
 
-def _declared(path: Path) -> dict[str, str]:
+def _declared(path: Path) -> Mapping[str, str]:
   """What READERS says in a source file, read without importing it."""
-  for node in ast.parse(path.read_text(encoding="utf-8")).body if path.is_file() else ():
+  return _said(path, path.stat().st_mtime_ns) if path.is_file() else {}
+
+
+@functools.cache
+def _said(path: Path, _written: int) -> Mapping[str, str]:
+  """The same of a file as it was last written."""
+  for node in ast.parse(path.read_text(encoding="utf-8")).body:
     if isinstance(node, ast.Assign) and [getattr(target, "id", "") for target in node.targets] == ["READERS"]:
       return ast.literal_eval(node.value)
   return {}
@@ -75,7 +83,7 @@ def read_table(path: Path, label: str | None = None) -> Table:
     ) from error
   if table.rows == 0:
     raise NoSamples(f"{label}: has column names but no rows; record it again or remove it from dataset.toml")
-  return table
+  return composed(table)
 
 
 def read_inside(folder: Path, file: str) -> Table:

@@ -139,4 +139,4 @@ def test_a_frame_that_changes_for_a_while_does_not_hide_a_scale():
   runs[2] = rewritten(runs[2], pose_yaw=heading.value + 1.3 * (heading.time > 24.0))
   texts = [f.text for f in check_log(lab(runs)).of("beware")]
   assert any("motor_speed reads +30" in text for text in texts)
-  assert any("do not agree in driving as they do elsewhere" in text for text in texts)
+  assert any("do not agree in driving as elsewhere" in text for text in texts)

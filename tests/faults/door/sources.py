@@ -12,6 +12,7 @@ from calibration.concealed.laboratory.written import Session
 from calibration.concealed.proving_ground import Spec
 from calibration.concealed.proving_ground.long_session import make_long_session
 from calibration.concealed.second_car import make_second_session
+from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.formats import read_table
 from tests import REAL
 from tests.faults.falsities import NAMES, RATE, SIZES, Columns, wander
@@ -74,8 +75,9 @@ class Log:
     return dataclasses.replace(self, runs=tuple(run.changed(change) for run in self.runs))
 
   def only(self, channels: tuple[str, ...]) -> "Log":
-    """The runs that hold all of these channels, without others."""
-    few = self.changed(lambda t, c: (t, {name: v for name, v in c.items() if name in channels}))
+    """The runs that hold all of these channels, without other channels."""
+    kept = lambda name: name in channels or name not in CHANNELS
+    few = self.changed(lambda t, c: (t, {name: v for name, v in c.items() if kept(name)}))
     return dataclasses.replace(few, runs=tuple(run for run in few.runs if set(channels) <= run.columns.keys()))
 
   def thinned(self, every: int) -> "Log":

@@ -1,0 +1,49 @@
+"""Which way an IMU's z axis points: a car whose every turning channel is mirrored looks like a mirrored car."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from qcar_twin.recordings.channels import GRAVITY
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess
+from qcar_twin.recordings.first_dataset.heading import contrary
+from qcar_twin.recordings.recording import Recording
+from qcar_twin.recordings.unit_names import unit_of, words_of
+
+_VERTICAL = {"az", "accz", "accelz", "acc", "accel", "acceleration", "accelerometer"}
+_NEAR = 0.2  # of gravity, to which an axis that is upright reads it: 0.2 is a mount tilted by 37 deg
+_SIDED = ("steering_command", "accel_y", "yaw_rate", "pose_y", "pose_yaw")
+
+
+def pointing_down(columns: Columns, guesses: Mapping[str, Guess], recordings: Sequence[Recording]) -> str | None:
+  """A question, where an accelerometer reads minus gravity along z: its axes are those of aircraft, x forward, y right,
+  z down, and turning is positive to the right.
+
+  Nothing else in a log tells, since all that turns may be mirrored alike. An accelerometer whose z points up reads plus
+  gravity at rest, 9.8 m/s^2. Where heading and gyro are contrary, it is the IMU alone that lies upside down, and the
+  steering, whose sign is taken from the gyro.
+
+  Args:
+    recordings: the logs as the guesses read them.
+  """
+  along = guesses.get("accel_x") or guesses.get("accel_y")
+  alone = contrary(recordings)
+  sided = [name for name in _SIDED if name in guesses and not (alone and name.startswith("pose"))]
+  if along is None or not {"yaw_rate", "accel_y"} & set(sided):
+    return None
+  for name in columns.names:
+    words = words_of(name)
+    if not (set(words) & _VERTICAL and ("z" in words or words[0].endswith("z"))):
+      continue
+    unit = unit_of(name)
+    scale = unit[2] if unit is not None and unit[1] == "m/s^2" else along.scale
+    usual = abs(scale) * float(np.median(columns.values(name)))
+    if abs(usual + GRAVITY) < _NEAR * GRAVITY:
+      which = "in what the IMU says" if alone else "in this log"
+      return (
+        f"'{name}' is {usual:.3g} m/s^2, as where z points down: is left positive {which}? if right is, multiply "
+        f"scale and offset of {', '.join(sided)} by -1"
+      )
+  return None

@@ -1,0 +1,97 @@
+"""A heading against the way the car went: its unit, and whether it counts from north, clockwise.
+
+The course over ground is the direction of the path. With reading q of the heading, m = mean of exp(2i (course - q))
+has length 1 where the two go together, whichever way along the heading the car drove, and half its angle is how far the
+heading is turned. A heading in another unit gives a length near 0 unless the car hardly turned.
+"""
+
+import cmath
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.recordings.first_dataset.columns import Guess
+from qcar_twin.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+_DEGREE = math.pi / 180.0
+_BIN = 0.25  # s of the path that give one course
+_MOVING = 0.2  # of the usual way in that time, below which a place has no direction
+_LEAST = 20  # courses that say anything
+_TOGETHER = 0.9  # length of the mean beyond which heading and course go together: 13 deg of scatter
+_BETTER = 0.5  # of what is missing to 1: at most so much is missing to another reading that is better
+_SQUARE = 0.3  # rad, within which a heading is a quarter turn off, as a compass's is
+_CONTRARY = -0.85  # correlation of a gyro that turns the other way
+
+
+def courses(recordings: Sequence[Recording]) -> tuple[Array, Array]:
+  """Course [rad] and the logged heading [its unit] in bins in which the car moved, (k,) each."""
+  parts = [np.empty((2, 0))]
+  for recording in recordings:
+    if not {"pose_x", "pose_y", "pose_yaw"} <= set(recording.channels):
+      continue
+    edges = np.arange(recording.start, recording.end, _BIN)
+    x, y = (np.diff(recording[name].interpolate(edges)) for name in ("pose_x", "pose_y"))
+    way, yaw = np.hypot(x, y), recording["pose_yaw"]
+    nearest = np.clip(np.searchsorted(yaw.time, edges[:-1] + 0.5 * _BIN), 0, len(yaw) - 1)
+    far = way > _MOVING * np.nanpercentile(way, 90.0) if np.isfinite(way).any() else np.zeros(len(way), dtype=bool)
+    parts.append(np.stack([np.arctan2(y, x), yaw.value[nearest]])[:, far])
+  course, heading = np.concatenate(parts, axis=1)
+  return course, heading
+
+
+def goes_with(recordings: Sequence[Recording]) -> bool:
+  """Whether the heading, as it is read, goes with the path."""
+  return abs(_mean(*courses(recordings))) > _TOGETHER
+
+
+def settle_heading(guess: Guess, recordings: Sequence[Recording]) -> None:
+  """The reading of a heading that goes with the path much better than the present one; a compass's only where a gyro,
+  too, turns the other way, since a place of exchanged axes looks the same."""
+  course, heading = courses(recordings)
+  if len(course) < _LEAST:
+    return
+  sign = -1.0 if contrary(recordings) else 1.0
+  now, units = abs(_mean(course, heading)), (1.0,) if guess.named else (1.0, _DEGREE)
+  means = {unit: _mean(course, sign * unit * heading) for unit in units}
+  unit = max(means, key=lambda u: abs(means[u]))
+  if abs(means[unit]) < _TOGETHER or 1.0 - abs(means[unit]) > _BETTER * (1.0 - now):
+    return
+  turned = 0.5 * cmath.phase(means[unit])
+  if sign < 0.0 and abs(abs(turned) - 0.5 * math.pi) > _SQUARE:
+    return  # the place is mirrored, or a sign is wrong: the check tells
+  guess.scale, guess.offset = sign * unit * guess.scale, sign * unit * guess.offset
+  said = f"the car went along it in {'degrees' if unit != 1.0 else 'rad'} ({abs(means[unit]):.2f}, else {now:.2f})"
+  if sign < 0.0:
+    guess.offset += 0.5 * math.pi
+    said += ", clockwise from north, as the gyro turns"
+  guess.why.append(said)
+
+
+def _mean(course: Array, heading: Array) -> complex:
+  return complex(np.mean(np.exp(2.0j * (course - heading)))) if len(course) >= _LEAST else 0.0j
+
+
+def contrary(recordings: Sequence[Recording]) -> bool:
+  """Whether the gyro turns the other way than the heading."""
+  parts = [np.empty((2, 0))]
+  for recording in recordings:
+    if not {"yaw_rate", "pose_yaw"} <= set(recording.channels):
+      continue
+    edges = np.arange(recording.start, recording.end, _BIN)
+    turned = np.diff(recording["pose_yaw"].interpolate(edges))
+    parts.append(np.stack([turned, recording["yaw_rate"].interpolate(edges[:-1] + 0.5 * _BIN)]))
+  turned, rate = np.concatenate(parts, axis=1)
+  known = np.isfinite(turned) & np.isfinite(rate)
+  if known.sum() < _LEAST or not turned[known].any() or not rate[known].any():
+    return False
+  usual = (
+    np.abs(turned - np.median(turned[known])) < 10.0 * np.median(np.abs(turned[known])) + 1e-9
+  )  # no jumps of turns
+  known &= usual
+  return bool(known.sum() >= _LEAST and np.corrcoef(turned[known], rate[known])[0, 1] < _CONTRARY)
+
+
+__all__ = ["contrary", "courses", "goes_with", "settle_heading"]

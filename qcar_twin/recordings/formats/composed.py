@@ -1,0 +1,56 @@
+"""Columns that others make up, as ROS writes them into text: a stamp of seconds and nanoseconds, a quaternion."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Iterable
+
+import numpy as np
+
+from qcar_twin.recordings.formats.table import Table
+from qcar_twin.recordings.recording import RecordingError
+
+_SECONDS = re.compile(r"^(?P<stamp>.*?)[._ ]?(?P<s>secs?)$", re.IGNORECASE)
+_NANOSECONDS = ("nsec", "nsecs", "nanosec", "nanosecs")
+_QUATERNION = re.compile(r"^(?P<stem>.*(?:orientation|rotation|quaternion|quat|q))(?P<gap>[._ ]?)w$", re.IGNORECASE)
+_UNIT = 0.01  # how far from 1 the length of a quaternion of rotation may be, by its digits
+
+
+def stamp_parts(names: Iterable[str]) -> dict[str, tuple[str, str]]:
+  """Columns that have whole seconds of a stamp, as ROS writes them -> the column of its nanoseconds, and its name."""
+  names, parts = tuple(names), {}
+  for name in names:
+    if (found := _SECONDS.match(name)) is None or not found["stamp"]:
+      continue
+    stem = name[: len(name) - len(found["s"])]
+    other = next((n for n in names if n.startswith(stem) and n[len(stem) :].lower() in _NANOSECONDS), None)
+    if other is not None and found["stamp"] not in names:
+      parts[name] = (other, found["stamp"])
+  return parts
+
+
+def composed(table: Table) -> Table:
+  """The table with one column, in s, for every stamp that was written as seconds and nanoseconds, and one, in rad, for
+  the yaw of every quaternion."""
+  made = {}
+  for seconds, (nanoseconds, name) in stamp_parts(table.columns).items():
+    if (parts := _numbers(table, (seconds, nanoseconds))) is not None:
+      made[name] = parts[0] + 1e-9 * parts[1]
+  for found in filter(None, map(_QUATERNION.match, table.columns)):
+    stem, yaw = found["stem"] + found["gap"], f"{found['stem']}{found['gap'] or '_'}yaw"
+    parts = _numbers(table, tuple(f"{stem}{axis}" for axis in "wxyz"))
+    if parts is not None and yaw not in table and np.nanmax(np.abs(np.sum(parts**2, axis=0) - 1.0)) < _UNIT:
+      w, x, y, z = parts
+      made[yaw] = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y**2 + z**2))
+  blank = {name: np.flatnonzero(np.isnan(values)) for name, values in made.items()}
+  return dataclasses.replace(table, columns={**table.columns, **made}, not_a_number={**table.not_a_number, **blank})
+
+
+def _numbers(table: Table, names: tuple[str, ...]) -> np.ndarray | None:
+  """Columns of numbers, (names, rows); None where one is absent, holds words or nothing."""
+  try:
+    values = np.stack([table.number(name, name) for name in names])
+  except RecordingError:
+    return None
+  return values if np.isfinite(values).any(axis=1).all() else None

@@ -1,0 +1,186 @@
+"""Everyday logs of strangers, each as some tool writes it: `new` reads them as they were driven, or the check says why
+not with a cure that works."""
+
+import re
+
+import numpy as np
+import pytest
+
+from calibration.log_check.check import check_log, load_to_check
+from qcar_twin.recordings.channels import COMMANDS
+from qcar_twin.recordings.recording import RecordingError
+from tests.faults.falsities import NAMES
+from tests.faults.test_everyday import DEG, DRIVEN, LOST, TIME, read, text, values
+from tests.faults.wander import RATE, Array
+
+MPH, GEAR, RADIUS = 0.44704, 0.0953668, 0.033
+STAMP = 1759663727.0 + TIME
+YAW = DRIVEN["pose_yaw"]
+
+
+def named(**names: str) -> dict[str, str]:
+  return {**NAMES, **names}
+
+
+def stamped(head: str, stamps: list[str], rows: list[str]) -> list[str]:
+  """The clock's column of a log replaced."""
+  cells = [head, *stamps]
+  return [",".join((cell, line.split(",", 1)[1])) for cell, line in zip(cells, rows, strict=True)]
+
+
+def topics() -> list[str]:
+  """`rostopic echo -p`: one stamp in ns, dotted names, a quaternion."""
+  names = {
+    "motor_voltage": "field.motor.volts", "steering_command": "field.drive.steering_angle",
+    "speed": "field.twist.twist.linear.x", "accel_x": "field.imu.linear_acceleration.x",
+    "accel_y": "field.imu.linear_acceleration.y", "yaw_rate": "field.imu.angular_velocity.z",
+    "pose_x": "field.pose.pose.position.x", "pose_y": "field.pose.pose.position.y",
+    "pose_yaw": "field.pose.pose.orientation.x", "y": "field.pose.pose.orientation.y",
+    "z": "field.pose.pose.orientation.z", "w": "field.pose.pose.orientation.w",
+  }  # fmt: skip
+  flat = np.zeros(TIME.size)
+  rows = text(names=names, pose_yaw=flat, y=flat, z=np.sin(0.5 * YAW), w=np.cos(0.5 * YAW))
+  return stamped("%time", [str(round(t * 1e3) * 10**6) for t in STAMP], rows)
+
+
+def apart() -> list[str]:
+  """A stamp's seconds and nanoseconds in two columns."""
+  stamps = [f"{int(t)},{round(t % 1.0 * 1e3) * 10**6}" for t in np.round(STAMP, 3)]
+  return stamped("header.stamp.secs,header.stamp.nsecs", stamps, text())
+
+
+RIGHT = {
+  "topics of ROS in text": topics,
+  "seconds and nanoseconds apart": apart,
+  "microseconds since the start": lambda: stamped("t_us", [str(round(t * 1e6)) for t in TIME], text()),
+  "milliseconds since 1970": lambda: stamped("timestamp_ms", [str(round(t * 1e3)) for t in STAMP], text()),
+  "steps from row to row": lambda: stamped("dt", [f"{1.0 / RATE:.6f}"] * TIME.size, text()),
+  "miles per hour, unnamed": lambda: text(speed=DRIVEN["speed"] / MPH),
+  "miles per hour": lambda: text(names=named(speed="Speed (mph)"), speed=DRIVEN["speed"] / MPH),
+  "knots, unnamed": lambda: text(speed=DRIVEN["speed"] * 3600.0 / 1852.0),
+  "a compass's heading, places east and north": lambda: text(
+    names=named(pose_x="east", pose_y="north"), pose_yaw=np.mod(90.0 - DEG * YAW, 360.0)
+  ),
+  "degrees without a gyro": lambda: text(names=named(yaw_rate="w_raw_counts_unused"), pose_yaw=DEG * YAW),
+  "a gyro in rad/s that is called one in deg/s": lambda: text(names=named(yaw_rate="gyro_z [deg/s]")),
+  "the driver's wheel in degrees, 15 of them to one": lambda: text(
+    names=named(steering_command="steering_wheel_angle_deg"), steering_command=15.0 * DEG * DRIVEN["steering_command"]
+  ),
+  "pulses for servo and speed controller": lambda: text(
+    names=named(steering_command="steering_pwm_us"), steering_command=1500.0 - 800.0 * DRIVEN["steering_command"]
+  ),
+  "accelerations in g": lambda: text(accel_x=DRIVEN["accel_x"] / 9.80665, accel_y=DRIVEN["accel_y"] / 9.80665),
+  "a gyro in deg/s with an offset": lambda: text(names=named(yaw_rate="gyro_z_dps"), yaw_rate=DEG * DRIVEN["yaw_rate"]),
+}
+_CUTS = 2  # samples of a command at the ends of parts, which are the last before
+NOT_TOLD = {"degrees without a gyro": ("yaw_rate",)}
+
+
+@pytest.mark.parametrize("name", RIGHT)
+def test_it_is_read_as_it_was_driven(tmp_path, name):
+  check = read(tmp_path, RIGHT[name]())
+  assert not check.of("spoils"), check.verdict
+  for channel, driven in DRIVEN.items():
+    if channel in NOT_TOLD.get(name, ()):
+      continue
+    time, value = values(check, channel)
+    assert time - time[0] == pytest.approx(TIME, abs=1e-4), channel
+    share = 0.05 if channel == "steering_command" else 2e-5  # its scale is fitted where nobody said it
+    off = value - driven
+    if channel == "pose_yaw":  # up to whole turns
+      off -= 2.0 * np.pi * np.round(off[0] / (2.0 * np.pi))
+    off = np.sort(np.abs(off))[:-_CUTS] if channel in COMMANDS else np.abs(off)
+    assert off.max() < share * max(1.0, np.abs(driven).max()), channel
+
+
+def test_a_wheels_turns_per_minute_are_a_motors_by_the_gear(tmp_path):
+  names = named(speed="wheel_rpm")
+  check = read(tmp_path, text(names=names, speed=DRIVEN["speed"] / RADIUS * 60.0 / (2.0 * np.pi)))
+  assert not check.of("spoils")
+  _, value = values(check, "motor_speed")
+  assert value * GEAR * RADIUS == pytest.approx(DRIVEN["speed"], abs=1e-4)
+
+
+def stuck(channel: str) -> Array:
+  """A sensor that keeps its value for some seconds."""
+  held = DRIVEN[channel][np.flatnonzero(LOST)[0]]
+  return np.where(LOST, held, DRIVEN[channel])
+
+
+@pytest.mark.parametrize("channel", ["speed", "yaw_rate", "accel_y", "pose_x", "pose_yaw", "steering_command"])
+def test_a_sensor_that_stuck_for_seconds_is_named(tmp_path, channel):
+  (tmp_path / "stuck").mkdir()
+  sound = {f.text for f in read(tmp_path, text()).of("beware")}
+  said = [f.text for f in read(tmp_path / "stuck", text(**{channel: stuck(channel)})).of("beware")]
+  said = [one for one in said if one not in sound]
+  assert any(channel in one or "the pose jumps" in one and channel == "pose_x" for one in said)
+
+
+def test_a_clock_of_too_few_digits_is_none(tmp_path):
+  """Single precision has 128 s to a step at a date's seconds."""
+  stamps = [f"{t:.1f}" for t in STAMP.astype(np.float32).astype(float)]
+  with pytest.raises(RecordingError, match="time"):
+    read(tmp_path, stamped("time", stamps, text()))
+
+
+CONTRADICTING = {
+  "an IMU that lies upside down": {"yaw_rate": -DRIVEN["yaw_rate"], "accel_y": -DRIVEN["accel_y"]},
+  "an IMU turned by a quarter": {"accel_x": DRIVEN["accel_y"], "accel_y": -DRIVEN["accel_x"]},
+}
+
+
+@pytest.mark.parametrize("name", CONTRADICTING)
+def test_no_cure_is_contradicted_by_another_sensor(tmp_path, name):
+  """The path goes along the heading, so that a heading alone is not blamed."""
+  texts = [f.text for f in read(tmp_path, text(**CONTRADICTING[name])).of("spoils")]
+  assert texts and not any(re.search(r"offset = 1\.5708 on pose_yaw", text) for text in texts)
+
+
+DOWN = -9.81 + 0.1 * np.random.default_rng(7).standard_normal(TIME.size)
+AIRCRAFT = {
+  name: -DRIVEN[name] for name in ("steering_command", "accel_y", "yaw_rate", "pose_y", "pose_yaw")
+}  # y right, z down
+
+
+@pytest.mark.parametrize(
+  ("mirrored", "said"),
+  [(AIRCRAFT, "left positive in this log"), ({n: AIRCRAFT[n] for n in ("accel_y", "yaw_rate")}, "what the IMU says")],
+  ids=["all of the log", "the IMU alone"],
+)
+def test_an_imu_whose_z_points_down_is_asked_about_and_the_answer_mends_it(tmp_path, mirrored, said):
+  """Nothing else tells a log of aircraft's axes from one of a mirrored car."""
+  with pytest.raises(RecordingError, match=said) as caught:
+    read(tmp_path, text(names=named(acc_z="acc_z"), acc_z=DOWN, **mirrored))
+  sides = re.search(r"scale and offset of (.*?) by -1", str(caught.value))[1].split(", ")
+  draft = (tmp_path / "dataset.toml").read_text(encoding="utf-8")
+  kept = [line for line in draft.splitlines() if not line.startswith("undecided")]
+  (tmp_path / "dataset.toml").write_text("\n".join(_turned(line, sides) for line in kept), encoding="utf-8")
+  check = check_log(load_to_check(tmp_path))
+  assert not check.of("spoils"), check.verdict
+  for channel in ("steering_command", "yaw_rate", "accel_y", "pose_yaw"):
+    _, value = values(check, channel)
+    assert np.corrcoef(value, DRIVEN[channel])[0, 1] > 0.99, channel
+
+
+def _turned(line: str, sides: list[str]) -> str:
+  """A channel's line with the other sign."""
+  if line.split(" = ")[0] not in sides:
+    return line
+  line = re.sub(r"(scale|offset) = (-?[\d.e-]+)", lambda m: f"{m[1]} = {-float(m[2])}", line)
+  return (
+    line if "scale = " in line else line.replace('",', '", scale = -1.0,', 1).replace('" }', '", scale = -1.0 }', 1)
+  )
+
+
+@pytest.mark.parametrize(
+  ("channel", "off"),
+  [("yaw_rate", 0.09), ("accel_x", 1.66)],
+  ids=["a gyro by 5 deg/s", "an accelerometer tilted by 10 deg"],
+)
+def test_a_zero_that_is_far_off_is_said_and_the_cure_mends_it(tmp_path, channel, off):
+  said = [
+    f.text for f in read(tmp_path, text(**{channel: DRIVEN[channel] + off})).of("beware") if "its zero is off" in f.text
+  ]
+  assert len(said) == 1 and said[0].startswith(channel)
+  by = float(re.search(r"set offset = (-?[\d.]+)", said[0])[1])
+  assert by == pytest.approx(-off, abs=0.02)
