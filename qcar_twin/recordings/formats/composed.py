@@ -21,12 +21,12 @@ def stamp_parts(names: Iterable[str]) -> dict[str, tuple[str, str]]:
   """Columns that have whole seconds of a stamp, as ROS writes them -> the column of its nanoseconds, and its name."""
   names, parts = tuple(names), {}
   for name in names:
-    if (found := _SECONDS.match(name)) is None or not found["stamp"]:
+    if (parsed := _SECONDS.match(name)) is None or not parsed["stamp"]:
       continue
-    stem = name[: len(name) - len(found["s"])]
+    stem = name[: len(name) - len(parsed["s"])]
     other = next((n for n in names if n.startswith(stem) and n[len(stem) :].lower() in _NANOSECONDS), None)
-    if other is not None and found["stamp"] not in names:
-      parts[name] = (other, found["stamp"])
+    if other is not None and parsed["stamp"] not in names:
+      parts[name] = (other, parsed["stamp"])
   return parts
 
 
@@ -37,8 +37,8 @@ def composed(table: Table) -> Table:
   for seconds, (nanoseconds, name) in stamp_parts(table.columns).items():
     if (parts := _numbers(table, (seconds, nanoseconds))) is not None:
       made[name] = parts[0] + 1e-9 * parts[1]
-  for found in filter(None, map(_QUATERNION.match, table.columns)):
-    stem, yaw = found["stem"] + found["gap"], f"{found['stem']}{found['gap'] or '_'}yaw"
+  for parsed in filter(None, map(_QUATERNION.match, table.columns)):
+    stem, yaw = parsed["stem"] + parsed["gap"], f"{parsed['stem']}{parsed['gap'] or '_'}yaw"
     parts = _numbers(table, tuple(f"{stem}{axis}" for axis in "wxyz"))
     if parts is not None and yaw not in table and np.nanmax(np.abs(np.sum(parts**2, axis=0) - 1.0)) < _UNIT:
       w, x, y, z = parts
