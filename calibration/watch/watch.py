@@ -27,12 +27,13 @@ class Block:
   """Two seconds of one recording.
 
   Attributes:
-    start: s.  sizes, information: of each change, (K,): a and d.d of `evidence`.
+    start, end: s.  sizes, information: of each change, (K,): a and d.d of `evidence`.
     rows: the values of the block in the observations, (n,).
   """
 
   recording: str
   start: float
+  end: float
   sizes: Array
   information: Array
   rows: NDArray[np.int64]
@@ -120,14 +121,14 @@ class Watch:
     residual = np.nan_to_num((observations.measured - predicted[0]) * over, posinf=0.0, neginf=0.0)
     signature = np.nan_to_num((predicted[1:] - predicted[0]) * over, posinf=0.0, neginf=0.0)
     signature[np.abs(signature) < _MOVES] = 0.0
-    segments, first = observations.stretches.segments, observations.stretches.first
+    segments, first, last = (getattr(observations.stretches, name) for name in ("segments", "first", "last"))
     stretch = observations.stretch
     for s, name in enumerate(segments.recording):
       rows = np.flatnonzero(stretch == s)
       d, e = signature[:, rows], residual[rows]
       information = np.sum(d * d, axis=1)
       sizes = np.divide(d @ e, information, out=np.zeros(len(d)), where=information > 0.0)
-      yield Block(name, float(first[s]), sizes, information, rows)
+      yield Block(name, float(first[s]), float(last[s]), sizes, information, rows)
 
   def take(self, recording: Recording, scored_from: float = -np.inf) -> tuple[list[Alarm], Observations, Array]:
     """Judge a recording, or its latest piece; blocks that begin before `scored_from` [s] are left out.
@@ -139,10 +140,26 @@ class Watch:
     alarms: list[Alarm] = []
     for block in self._blocks(observations, predicted):
       if block.start >= scored_from - 1e-9:
-        alarms += self._judge(block)
+        alarms += self.judge(block)
     return alarms, observations, predicted[0]
 
-  def _judge(self, block: Block) -> list[Alarm]:
+  def blocks(self, recording: Recording) -> list[tuple[Block, frozenset[str]]]:
+    """A recording's blocks, each with the names of the changes that it shows (see `Detector.shown_by`)."""
+    made = []
+    for block in self._blocks(*self._driven([recording])):
+      shows = (c.name for c, pair, known in zip(self.changes, self.detectors, block.information, strict=True)
+               if pair[0].shown_by(float(known)))  # fmt: skip
+      made.append((block, frozenset(shows)))
+    return made
+
+  def reset(self) -> None:
+    """Forget all evidence."""
+    for pair in self.detectors:
+      for detector in pair:
+        detector.reset()
+
+  def judge(self, block: Block) -> list[Alarm]:
+    """Take one block's evidence in; the alarm that it completes, if any."""
     told = False
     open_cases: list[tuple[float, Alarm]] = []
     for k, change in enumerate(self.changes):
@@ -150,11 +167,9 @@ class Watch:
         told |= detector.take(block.start, sign * block.sizes[k], block.information[k])
         if detector.evidence >= _SUSPECT * detector.threshold:
           size = sign * detector.size * change.size
-          alarm = Alarm(block.start + BLOCK, detector.since, change, size, detector.evidence)
+          alarm = Alarm(block.end, detector.since, change, size, detector.evidence)
           open_cases.append((detector.explained, alarm))
     if not told:
       return []
-    for pair in self.detectors:  # what was seen is said; the watch begins anew
-      for detector in pair:
-        detector.reset()
+    self.reset()  # what was seen is said
     return [max(open_cases, key=lambda case: case[0])[1]]
