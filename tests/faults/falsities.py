@@ -136,7 +136,10 @@ _IN_MM = Falsity(
 _HALF, _TWICE = _clock("time at half speed", lambda t: 0.5 * t), _clock("time at twice the speed", lambda t: 2.0 * t)
 EVERY = (
   *(_scaled("yaw_rate", unit, f) for unit, f in (("deg/s", DEG), ("turns per minute", 60.0 / (2.0 * np.pi)))),
-  *(_scaled("speed", unit, f) for unit, f in (("km/h", 3.6), ("mph", 2.237), ("cm/s", 100.0), ("knots", 1.944))),
+  *(
+    _scaled("speed", unit, f)
+    for unit, f in (("km/h", 3.6), ("mph", 1.0 / 0.44704), ("cm/s", 100.0), ("knots", 3600.0 / 1852.0))
+  ),
   _scaled("motor_speed", "turns per minute", 60.0 / (2.0 * np.pi)),
   _scaled("motor_speed", "turns per second", 1.0 / (2.0 * np.pi)),
   _scaled("motor_speed", "rad/s of the wheel", 0.1),
