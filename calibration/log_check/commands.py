@@ -17,6 +17,7 @@ from qcar_twin.recordings.checks.acted import (
   idle_stretches,
   least_command,
   steering_neutral,
+  switched_command,
   was_commanded,
 )
 from qcar_twin.recordings.completed import with_speed
@@ -56,8 +57,13 @@ def _drive(recordings: Sequence[Recording], channel: str) -> list[Finding]:
     said = f"{channel} never comes near 0, though the car stands for a while: its least is {least:.4g}"
     cure = f"if that is its neutral, set offset = {-least:.6g} on it in [channels]"
     return [Finding("beware", (channel,), f"{said}; {cure}")]
-  idle = idle_stretches(recordings, channel)
-  return [_idle(idle, recordings)] if idle else []
+  if idle := idle_stretches(recordings, channel):
+    return [_idle(idle, recordings)]
+  if (level := switched_command(recordings, channel)) is not None:
+    said = f"{channel} is 0 or beyond {level:.4g}, with nothing between, and the car stands for a while under such"
+    cure = f"if that is its neutral, set offset = {-level:.6g} on it in [channels], added to one that is there"
+    return [Finding("beware", (channel,), f"{said}; {cure}")]
+  return []
 
 
 def _against(recording: Recording, channel: str) -> Finding:

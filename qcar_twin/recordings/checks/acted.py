@@ -117,6 +117,20 @@ def least_command(recordings: Sequence[Recording], channel: str) -> float | None
   return least if abs(least) > _NEVER * float(np.abs(command).max()) else None
 
 
+def switched_command(recordings: Sequence[Recording], channel: str) -> float | None:
+  """The command nearest to 0 but 0 itself, where the car stood for a while under others than 0, and the way from 0 to
+  it is longer than any other between two commands: a neutral, under a switch that makes a 0 of it."""
+  held = [d for r in recordings if (d := _drive(r, channel)) is not None]
+  command = np.concatenate([d.command for d in held]) if held else np.empty(0)
+  resting = sum(int(np.sum(d.rest & (d.command != 0.0))) for d in held) * _PERIOD
+  if resting < _LEAST_REST:
+    return None
+  given = np.unique(command[command != 0.0])
+  least = float(given[np.argmin(np.abs(given))])
+  one_sided = given[0] > 0.0 or given[-1] < 0.0
+  return least if one_sided and abs(least) > float(np.max(np.diff(given), initial=0.0)) else None
+
+
 def _span(held: Sequence[_Drive]) -> float:
   low, high = np.percentile(np.concatenate([d.command for d in held]), [1, 99])
   return float(high - low)

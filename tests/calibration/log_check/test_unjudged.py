@@ -76,3 +76,13 @@ def test_an_accelerometer_hardly_alike_whose_age_is_off_says_that_it_cannot_be_j
   late = np.interp(time - 0.9, time, columns["accel_x"]) + noise
   check = checked(columns | {"accel_x": late}, time)
   assert check.of("spoils") or about(check, "accel_x")
+
+
+def test_a_neutral_under_a_switch_that_makes_a_nought_of_it_is_asked_about(driven):
+  time, columns = driven
+  armed = np.where((time > 1.0) & (time < 80.0), 1.0, 0.0)
+  voltage = columns["motor_voltage"]
+  assert not about(checked(columns | {"motor_voltage": armed * voltage}, time), "if that is its neutral")
+  off = armed * (voltage + 25.0)
+  (text,) = about(checked(columns | {"motor_voltage": off}, time), "set offset = -25 on it")
+  assert "motor_voltage" in text
