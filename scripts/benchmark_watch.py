@@ -1,4 +1,4 @@
-"""Watch independent cars for hours without a change, and with changes that begin at any time.
+"""Watch independent cars for hours without a change, and through changes; write a page.
 
 qcar-twin benchmark-watch --car first --sessions 120 --out out/watch_first.md
 """
