@@ -47,6 +47,8 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
       *(dataclasses.replace(p, nominal=getattr(v, p.name, p.nominal), assumed=True)
         for p in law_parameters(v.tyre_law)),
       _class(v, "relaxation_length", 3.0, (1 / 20, 15.0), "m", "sigma"),
+      # stiffness over that of the carcass, and both differ along and across: Pacejka 2012, ch. 7.2
+      _class(v, "longitudinal_relaxation", 3.0, (1 / 20, 15.0), "m", "sigma_x"),
       _class(v, "servo_time_constant", 3.0, (1 / 5, 40.0), "s", "tau_s"),
       _measured("servo_inertia", v.servo_inertia, (0.0, 1.0), "-", "q_s", std, 0.25),
       _measured("ackermann_fraction", v.ackermann_fraction, (-1.0, 2.0), "-", "f_A", std, 0.5),
@@ -114,6 +116,7 @@ def quantities(theta: Array, base: ParameterSet, vehicle: Vehicle) -> dict[str, 
     "longitudinal_stiffness": wheelwise(column.pop("longitudinal_stiffness") / 4),
     "friction_coefficient": wheelwise(column.pop("friction_coefficient")),
     "relaxation_length": wheelwise(column.pop("relaxation_length")),
+    "longitudinal_relaxation": wheelwise(column.pop("longitudinal_relaxation")),
     "load_exponent": wheelwise(vehicle.load_exponent),
     "suspension_damping_ratio": np.full(size, vehicle.suspension_damping_ratio),
   }

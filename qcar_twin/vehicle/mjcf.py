@@ -85,6 +85,7 @@ def tyre_of(car: Vehicle, wheel: str) -> list[float]:
     load_exponent=car.load_exponent,
     nominal_load=car.static_load[0 if front else 1],
     relaxation_length=car.relaxation_length,
+    longitudinal_relaxation=car.longitudinal_relaxation,
     carcass_damping=car.carcass_damping,
     **own,
   )

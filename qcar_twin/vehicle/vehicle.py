@@ -50,8 +50,9 @@ class Vehicle:
     rolling_resistance: rolling drag of a wheel / its static load, as a torque in its joint.
     cornering_stiffness_front, _rear: per axle, N/rad.  longitudinal_stiffness: of four wheels, N per unit slip.
     tyre_law: one of qcar_twin/vehicle/tyre/laws.
-    friction_coefficient: peak force / load.  tyre_shape, load_exponent, relaxation_length [m],
-    carcass_damping [N s/m per wheel]: see qcar_twin/vehicle/tyre/parameters.py.
+    friction_coefficient: peak force / load.  tyre_shape, load_exponent, carcass_damping [N s/m per wheel]: see
+      qcar_twin/vehicle/tyre/parameters.py.
+    relaxation_length, longitudinal_relaxation: distance rolled within which force follows slip across and along, m.
     servo_time_constant: s, lag at low frequencies.  servo_inertia: 1 / (2 zeta)^2, 0 of first order, see
       qcar_twin/twin/engines/servo.py.  servo_rate: highest steering rate, rad/s; inf for none.
     ackermann_fraction: 0 parallel wheels, 1 both wheels aimed at the turning centre.
@@ -92,6 +93,7 @@ class Vehicle:
   tyre_shape: float = 1.4
   load_exponent: float = 0.15
   relaxation_length: float = 0.010
+  longitudinal_relaxation: float = 0.010
   carcass_damping: float = 40.0
   servo_time_constant: float = 0.005
   servo_inertia: float = 0.0
@@ -263,9 +265,8 @@ _MEASURED = (
 _EITHER_SIGN = ("imu_x", "imu_y", "ackermann_fraction")
 _MAY_VANISH = (
   *_EITHER_SIGN, "centre_differential", "motor_damping", "driveline_friction", "rotor_inertia", "rolling_resistance",
-  "load_exponent", "relaxation_length", "carcass_damping", "servo_time_constant", "servo_inertia",
-  "suspension_damping_ratio",
-  "tyre_shape",
+  "load_exponent", "relaxation_length", "longitudinal_relaxation", "carcass_damping", "servo_time_constant",
+  "servo_inertia", "suspension_damping_ratio", "tyre_shape",
 )  # fmt: skip
 _UNLIMITED = ("max_torque", "servo_rate")
 _CHOICES = {"layout": tuple(DRIVEN_AXLES), "drive": tuple(DRIVES)}
@@ -320,6 +321,7 @@ def _scaled(car: Vehicle, yaw_inertia: float | None) -> dict[str, float]:
     "cornering_stiffness_rear": QCAR.cornering_stiffness_rear * rear,
     "longitudinal_stiffness": QCAR.longitudinal_stiffness * load,
     "relaxation_length": QCAR.relaxation_length * car.similarity.length,
+    "longitudinal_relaxation": QCAR.longitudinal_relaxation * car.similarity.length,
     "carcass_damping": QCAR.carcass_damping * load / car.similarity.time,
     "servo_time_constant": QCAR.servo_time_constant * car.similarity.time,
     "suspension_frequency": QCAR.suspension_frequency / car.similarity.time,

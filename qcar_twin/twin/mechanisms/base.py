@@ -122,7 +122,7 @@ class Model(Protocol):
 
   Quantities (n rows): wheel-wise, (n, 4) in the order front_left front_right rear_left rear_right:
   `cornering_stiffness` [N/rad per wheel], `longitudinal_stiffness` [N per unit slip, per wheel],
-  `friction_coefficient` [-], `tyre_shape` [-], `load_exponent` [-], `relaxation_length` [m];
+  `friction_coefficient` [-], `tyre_shape` [-], `load_exponent` [-], `relaxation_length`, `longitudinal_relaxation` [m];
   car-wise, (n,): `gravity_x`, `gravity_y` [m/s^2, world frame], `driveline_friction` [N m, motor side],
   `driveline_damping` [N m s/rad, motor side], `torque_per_volt` [N m/V, motor side],
   `rotor_inertia` [kg m^2, motor side], `differential_damping` [N m s/rad per axle],

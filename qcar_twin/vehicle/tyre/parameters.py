@@ -15,7 +15,8 @@ _COMMON = (
   "friction_coefficient",  # peak force / load at the nominal load
   "load_exponent",  # stiffness per load and friction fall with (load / nominal)^-exponent; 0 none
   "nominal_load",  # N
-  "relaxation_length",  # m; 0 is the steady tyre
+  "relaxation_length",  # m, of slip across; 0 is the steady tyre
+  "longitudinal_relaxation",  # m, of slip along
   "carcass_damping",  # N s/m per wheel across, at standstill, fading above 0.1 m/s
 )
 _POSITIVE = ("cornering_stiffness", "longitudinal_stiffness", "friction_coefficient", "nominal_load")

@@ -207,20 +207,20 @@ static void tyre_rows(const mjModel* m, mjData* d, Wheel* w, mjContact* contact,
   mjtNum Cy = u[CORNERING_STIFFNESS] * fall * load / nominal;
   mjtNum friction = u[FRICTION_COEFFICIENT] * fall;
 
-  // transient slip z: steady value v / speed; z(t+h) = keep z + gain v(t+h), predicted with the velocity of now
+  // transient slip z: steady value v / speed; z(t+h) = keep z + g v(t+h), predicted with the velocity of now
   mjtNum speed = sqrt(rolling * rolling + v[0] * v[0] + v[1] * v[1] + CREEP_SPEED * CREEP_SPEED);
-  mjtNum length = u[RELAXATION_LENGTH], total = length + h * speed;
-  mjtNum gain = h / total, keep = length / total;
+  mjtNum lx = u[LONGITUDINAL_RELAXATION], ly = u[RELAXATION_LENGTH], tx = lx + h * speed, ty = ly + h * speed;
+  mjtNum gx = h / tx, gy = h / ty, keep_x = lx / tx, keep_y = ly / ty;
   mjtNum zx = unset ? v[0] / speed : state[SLIP_X], zy = unset ? v[1] / speed : state[SLIP_Y];
-  mjtNum px = Cx * (keep * zx + gain * v[0]), py = Cy * (keep * zy + gain * v[1]);
+  mjtNum px = Cx * (keep_x * zx + gx * v[0]), py = Cy * (keep_y * zy + gy * v[1]);
   mjtNum g = secant(u, sqrt(px * px + py * py) / (friction * load));
 
-  // carcass damping acts on the rate of deflection, length dz/dt, and fades with speed
+  // carcass damping acts on the rate of deflection, relaxation length times dz/dt, and fades with speed
   mjtNum fade = DAMPED_SPEED * DAMPED_SPEED / (DAMPED_SPEED * DAMPED_SPEED + rolling * rolling);
-  mjtNum damping = u[CARCASS_DAMPING] / u[CORNERING_STIFFNESS] * length / h * fade * fade;
-  mjtNum kx = Cx * (g + damping), ky = Cy * (g + damping), cx = kx * gain, cy = ky * gain;
-  write_row(d, w->row + 1, h, cx, (kx * keep - Cx * damping) * zx + cx * w->turning[0]);
-  write_row(d, w->row + 2, h, cy, w->side * ((ky * keep - Cy * damping) * zy + cy * w->turning[1]));
+  mjtNum damping = u[CARCASS_DAMPING] / u[CORNERING_STIFFNESS] / h * fade * fade, dx = damping * lx, dy = damping * ly;
+  mjtNum kx = Cx * (g + dx), ky = Cy * (g + dy), cx = kx * gx, cy = ky * gy;
+  write_row(d, w->row + 1, h, cx, (kx * keep_x - Cx * dx) * zx + cx * w->turning[0]);
+  write_row(d, w->row + 2, h, cy, w->side * ((ky * keep_y - Cy * dy) * zy + cy * w->turning[1]));
 
   // the elliptic cone ties R and friction of the two rows together; it stands outside the tyre's own peak
   mjtNum ratio = sqrt(cy / cx);
@@ -267,12 +267,12 @@ static void tyre_advance(const mjModel* m, mjData* d, int instance) {
       state[LOAD] = state[SLIP_X] = state[SLIP_Y] = 0;
       continue;
     }
-    mjtNum v[2], length = m->geom_user[(size_t)w->geom * m->nuser_geom + RELAXATION_LENGTH];
-    mjtNum total = length + h * w->speed;
+    const mjtNum* u = m->geom_user + (size_t)w->geom * m->nuser_geom;
+    mjtNum v[2], length[2] = {u[LONGITUDINAL_RELAXATION], u[RELAXATION_LENGTH]};
     row_velocity(m, d, w, v);  // qvel is already that of the end of the step
     for (int i = 0; i < 2; i++) {
       mjtNum* slip = state + SLIP_X + i;
-      *slip = (length * *slip + h * (v[i] + w->turning[i])) / total;
+      *slip = (length[i] * *slip + h * (v[i] + w->turning[i])) / (length[i] + h * w->speed);
     }
     state[LOAD] = d->efc_force[w->row];
   }

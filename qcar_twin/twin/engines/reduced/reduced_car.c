@@ -48,7 +48,7 @@ typedef struct {
   V along[3], across[3];
   Pair turning;  // slip velocity that the end's heading adds, m/s
   Pair kept;     // of the slips of now
-  V gain;        // slip at the end per slip velocity at the end, s/m; 0 in the air
+  Pair gain;     // slip at the end per slip velocity at the end, s/m; 0 in the air
 } Wheel;
 
 // the springs' and floor's part of a step
@@ -111,23 +111,24 @@ INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, 
 
   // transient slip, its linear force in units of friction times load, and the law's secant there
   V reference = root(rolling * rolling + vx * vx + vy * vy + CREEP_SPEED * CREEP_SPEED);
-  V length = number(a, P_RELAXATION_LENGTH + k), inverse = 1 / (length + h * reference), gain = h * inverse;
-  V keep = length * inverse, zx = pick(unset, vx / reference, state(a, S_SLIP_X + k));
+  V lx = number(a, P_LONGITUDINAL_RELAXATION + k), ly = number(a, P_RELAXATION_LENGTH + k);
+  V inverse_x = 1 / (lx + h * reference), inverse_y = 1 / (ly + h * reference), gx = h * inverse_x, gy = h * inverse_y;
+  V keep_x = lx * inverse_x, keep_y = ly * inverse_y, zx = pick(unset, vx / reference, state(a, S_SLIP_X + k));
   V zy = pick(unset, vy / reference, state(a, S_SLIP_Y + k));
-  V px = stiff_x * (keep * zx + gain * vx), py = stiff_y * (keep * zy + gain * vy);
+  V px = stiff_x * (keep_x * zx + gx * vx), py = stiff_y * (keep_y * zy + gy * vy);
   V shape = number(a, P_TYRE_SHAPE + k), rho = root(px * px + py * py) / (friction * load);
   V bent = sine(shape * arctangent(rho / shape)) / most(rho, all(1e-4)), secant = pick(rho < 1e-4, all(1), bent);
   V fade = DAMPED_SPEED * DAMPED_SPEED / (DAMPED_SPEED * DAMPED_SPEED + rolling * rolling);
-  V damping = C[C_CARCASS_DAMPING] / number(a, P_CORNERING_STIFFNESS + k) * length * (1 / h) * fade * fade;
-  V kx = stiff_x * (secant + damping), ky = stiff_y * (secant + damping);
+  V damping = C[C_CARCASS_DAMPING] / number(a, P_CORNERING_STIFFNESS + k) * (1 / h) * fade * fade;
+  V dx = damping * lx, dy = damping * ly, kx = stiff_x * (secant + dx), ky = stiff_y * (secant + dy);
 
   // The elliptic cone around the law holds a load that has vanished within the step; at its corner MuJoCo's solver
   // shares what the tyre wants between the floor's push and the friction.
   Mask grounded = *pressed > -.5;
-  V axes = root(ky / kx), cone_x = CONE_RESERVE * friction * most(all(1), 1 / axes), cone_y = cone_x * axes;
+  V axes = root(ky * gy / (kx * gx)), cone_x = CONE_RESERVE * friction * most(all(1), 1 / axes), cone_y = cone_x * axes;
   V ex = px * secant / cone_x, ey = py * secant / cone_y, wanted = load * friction * rho * secant;
   V edge = wanted / most(root(ex * ex + ey * ey), all(1e-9)), stiff = all(1 / C[C_WHEEL_MASS] + C[C_CONTACT_SOFTNESS]);
-  V soft = 1 / (h * .5 * (kx + ky) * gain) + C[C_PATCH_MOBILITY];
+  V soft = 1 / (h * .5 * (kx * gx + ky * gy)) + C[C_PATCH_MOBILITY];
   V shared = (stiff * *pressed + edge * soft * wanted) / (stiff + edge * edge * soft);
   Mask beyond = edge * *pressed < wanted;
   V share = pick(beyond, edge * shared / most(wanted, all(1e-9)), all(1));
@@ -135,9 +136,9 @@ INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, 
   *pressed = pick(grounded, pick(beyond, shared, *pressed), all(0));
 
   // force on the car  f = -c v(end) - b  along both directions
-  V cx = h * share * kx * gain, cy = h * share * ky * gain;
-  V bx = h * share * (kx * keep - stiff_x * damping) * zx + cx * w->turning.x;
-  V by = h * share * (ky * keep - stiff_y * damping) * zy + cy * w->turning.y;
+  V cx = h * share * kx * gx, cy = h * share * ky * gy;
+  V bx = h * share * (kx * keep_x - stiff_x * dx) * zx + cx * w->turning.x;
+  V by = h * share * (ky * keep_y - stiff_y * dy) * zy + cy * w->turning.y;
   V spin = all(-radius), differ = all(-radius * half);  // rows over the axle's mean speed and difference
   for (int i = 0, n = 0; i < 3; i++) {
     V ax = cx * w->along[i], ay = cy * w->across[i];
@@ -152,8 +153,8 @@ INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, 
   sum->to_mean[axle] -= spin * bx;
   sum->to_axle[axle] -= differ * bx;
 
-  w->gain = pick(grounded, gain, all(0));
-  w->kept = (Pair){pick(grounded, keep * zx, all(0)), pick(grounded, keep * zy, all(0))};
+  w->gain = (Pair){pick(grounded, gx, all(0)), pick(grounded, gy, all(0))};
+  w->kept = (Pair){pick(grounded, keep_x * zx, all(0)), pick(grounded, keep_y * zy, all(0))};
 }
 
 // Solves A u = b in place of b; A is lost. Coulomb friction on the last unknown, the motor, takes at most `friction` off
@@ -304,8 +305,8 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
       V vx = w->along[0] * ux + w->along[1] * uy + w->along[2] * b[YAW] - rim + w->turning.x;
       V vy = w->across[0] * ux + w->across[1] * uy + w->across[2] * b[YAW] + w->turning.y;
       V rise = state(a, S_RISE + k) + h * (springs.load[k] * (1 / C[C_WHEEL_MASS]) - springs.acceleration[k]);
-      put(a, S_SLIP_X + k, w->kept.x + w->gain * vx);
-      put(a, S_SLIP_Y + k, w->kept.y + w->gain * vy);
+      put(a, S_SLIP_X + k, w->kept.x + w->gain.x * vx);
+      put(a, S_SLIP_Y + k, w->kept.y + w->gain.y * vy);
       put(a, S_LOAD + k, springs.load[k]);
       put(a, S_RISE + k, rise);
       put(a, S_HEIGHT + k, state(a, S_HEIGHT + k) + h * rise);
