@@ -1,4 +1,4 @@
-"""Tyres that need some distance to build up force."""
+"""Tyres that need some distance to build up force across."""
 
 import numpy as np
 
@@ -7,9 +7,10 @@ from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, Model
 
 
 class TyreRelaxation(Mechanism):
-  """Tyre force follows slip only after some distance rolled.
+  """Tyre force across follows slip only after some distance rolled.
 
-  Equation: (sigma / v) F' + F = F_ss, sigma = sigma_fitted + d_sigma, on all four wheels.
+  Equation: (sigma / v) F' + F = F_ss, sigma = sigma_fitted + d_sigma, on all four wheels. Along, the base
+  twin fits a length of its own.
   Units: d_sigma m.
   Source: Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, ch. 7 (single contact point transient model).
   Confounded with: steering_lag, whose delay does not shrink with speed.

@@ -91,6 +91,7 @@ def test_steady_speed_follows_from_the_drive(car):
 
 def test_speed_rises_with_the_inertia_of_the_whole_car():
   car = dataclasses.replace(CAR, driveline_friction=0.0, longitudinal_stiffness=5e4, relaxation_length=0.0)
+  car = dataclasses.replace(car, longitudinal_relaxation=0.0)
   model, data, handles = standing(car, timestep=0.0005)
   data.ctrl[handles.motor] = 1.0
   time_constant = car.drive_inertia / car.motor_damping

@@ -93,7 +93,8 @@ def test_stays_finite_for_any_car_a_fit_may_try():
   spread |= {"longitudinal_stiffness": 4, "friction_coefficient": 3, "driveline_friction": 10, "torque_per_volt": 4}
   for car in CARS * 8:
     changes = {name: getattr(car, name) * factor ** random.uniform(-1, 1) for name, factor in spread.items()}
-    changes |= {"relaxation_length": random.uniform(0, 0.15), "ackermann_fraction": random.uniform(-0.5, 1.6)}
+    changes |= {name: random.uniform(0, 0.15) for name in ("relaxation_length", "longitudinal_relaxation")}
+    changes |= {"ackermann_fraction": random.uniform(-0.5, 1.6)}
     model = car_spec(dataclasses.replace(car, **changes), timestep=0.005).compile()
     data = mujoco.MjData(model)
     for _ in range(12):

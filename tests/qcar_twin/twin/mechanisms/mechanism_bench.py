@@ -39,6 +39,7 @@ class BenchModel:
       "tyre_shape": 1.3,
       "load_exponent": 0.1,
       "relaxation_length": 0.01,
+      "longitudinal_relaxation": 0.01,
     }
     car = {
       "gravity_x": 0.0,

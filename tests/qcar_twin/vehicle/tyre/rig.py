@@ -14,6 +14,7 @@ SHARED = {
   "load_exponent": 0.0,
   "nominal_load": 6.6,
   "relaxation_length": 0.0,
+  "longitudinal_relaxation": 0.0,
   "carcass_damping": 0.0,
 }
 TYRE = SHARED | {"tyre_shape": 1.4}
@@ -119,11 +120,17 @@ def peak_friction(direction: float, law: str = "sine") -> float:
   return best
 
 
-def recovered_relaxation(length: float, speed: float, damping: float) -> tuple[float, float]:
-  """Relaxation length found in the answer to a step of slip angle, m, and the log of 1 - force at its start."""
-  rig = Rig.of(h=0.001, relaxation_length=length, carcass_damping=damping)
+def recovered_relaxation(length: float, speed: float, damping: float, axis: int = 1) -> tuple[float, float]:
+  """Relaxation length found in the answer to a step of slip, m, and the log of 1 - force at its start.
+
+  Along (axis 0) or across (1); in the other direction there is none.
+  """
+  name = ("longitudinal_relaxation", "relaxation_length")[axis]
+  rig = Rig.of(h=0.001, carcass_damping=damping, **{name: length})
   rig.run(speed, 0.0, speed, 0.3)
-  share = rig.run(speed, 0.01 * speed, speed, 5.0 * length / speed)[:, 1] / steady_force(speed, 0.01 * speed, speed)[1]
+  moved = (1.01 * speed, 0.0) if axis == 0 else (speed, 0.01 * speed)
+  steady = steady_force(*moved, speed)[axis]
+  share = rig.run(*moved, speed, 5.0 * length / speed)[:, axis] / steady
   distance, rising = speed * 0.001 * np.arange(1, len(share) + 1), share < 0.95
   slope, start = np.polyfit(distance[rising], np.log(1.0 - share[rising]), 1)
   return -1.0 / slope, start
@@ -138,5 +145,5 @@ if __name__ == "__main__":
     print(f"peak friction at {angle:.2f} rad: {peak_friction(angle):.4f}, asked for 0.8")
   for length in (0.03, 0.1):
     for speed in (0.5, 1.5):
-      recovered = 1e3 * recovered_relaxation(length, speed, 40.0)[0]
-      print(f"relaxation length at {speed:g} m/s: {recovered:.2f} mm, asked for {1e3 * length:g}")
+      along, across = (1e3 * recovered_relaxation(length, speed, 40.0, axis)[0] for axis in (0, 1))
+      print(f"relaxation at {speed:g} m/s: {along:.2f} mm along, {across:.2f} across, asked for {1e3 * length:g}")

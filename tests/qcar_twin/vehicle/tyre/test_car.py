@@ -13,7 +13,7 @@ from qcar_twin.vehicle.tyre import COLUMN
 from qcar_twin.vehicle.vehicle import GRAVITY, WHEELS, Vehicle
 
 CAR = Vehicle.load()
-STEADY = dataclasses.replace(CAR, relaxation_length=0.0)
+STEADY = dataclasses.replace(CAR, relaxation_length=0.0, longitudinal_relaxation=0.0)
 
 
 def settled(vehicle: Vehicle = CAR, h: float = 0.002, **options) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -45,7 +45,8 @@ def energy(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     stiffness = (
       user[[COLUMN["longitudinal_stiffness"], COLUMN["cornering_stiffness"]]] * load / user[COLUMN["nominal_load"]]
     )
-    total += float(0.5 * user[COLUMN["relaxation_length"]] * (stiffness @ np.square(slip)))
+    length = user[[COLUMN["longitudinal_relaxation"], COLUMN["relaxation_length"]]]
+    total += float(0.5 * (length * stiffness) @ np.square(slip))
   return total
 
 
