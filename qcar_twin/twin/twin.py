@@ -23,6 +23,7 @@ from qcar_twin.twin.engines.mujoco_cars import MujocoCars
 from qcar_twin.twin.engines.reduced.cars import Numbers, ReducedCars, constants, irreducible
 from qcar_twin.twin.mechanisms.base import CarDimensions, Mechanism, Track, describe, suited
 from qcar_twin.twin.parameters import WHEELS_AT_COMMAND
+from qcar_twin.twin.reading import at_one_time
 from qcar_twin.twin.sessions import ONE_SESSION, SessionShifts
 from qcar_twin.twin.simulation import Simulation
 from qcar_twin.twin.slots import STEPPED, Slot
@@ -225,6 +226,7 @@ class Twin:
         signals = driven
       else:
         signals[rows] = driven
+    signals = at_one_time(signals, self.period / self.substeps, self.period)
     return signals.reshape(n, size, length + 1, len(SIGNALS))
 
   def _in_sessions(self, theta: Array, segments: Segments) -> Array:

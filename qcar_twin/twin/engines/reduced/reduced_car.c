@@ -10,10 +10,11 @@
 #include "lanes.h"
 #include "layout.h"
 
-#define CREEP_SPEED 0.005  // m/s; this and the next three as in vehicle/tyre/tyre.c
+#define CREEP_SPEED 0.005  // m/s; this and the next four as in vehicle/tyre/tyre.c
 #define DAMPED_SPEED 0.1
 #define LEAST_LOAD 0.02
 #define CONE_RESERVE 1.5
+#define GRAVITY 9.81
 #define SLOWEST_SLIDE 0.05  // rad/s, below which a differential's Coulomb friction is viscous
 #define FLOWN_APART 1e6    // a signal beyond it, in SI units, is none: the parameters make no car
 #define N_SIGNAL 10
@@ -112,23 +113,28 @@ INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, 
   // transient slip, its linear force in units of friction times load, and the law's secant there
   V reference = root(rolling * rolling + vx * vx + vy * vy + CREEP_SPEED * CREEP_SPEED);
   V lx = number(a, P_LONGITUDINAL_RELAXATION + k), ly = number(a, P_RELAXATION_LENGTH + k);
-  V inverse_x = 1 / (lx + h * reference), inverse_y = 1 / (ly + h * reference), gx = h * inverse_x, gy = h * inverse_y;
-  V keep_x = lx * inverse_x, keep_y = ly * inverse_y, zx = pick(unset, vx / reference, state(a, S_SLIP_X + k));
-  V zy = pick(unset, vy / reference, state(a, S_SLIP_Y + k));
+  V rate = stiff_y * (GRAVITY / nominal), apart = reference * reference - 4 * ly * rate;
+  V slow = 2 * rate / (reference + root(most(apart, all(0))));
+  V pace = h * least(slow, root(rate / most(ly, all(1e-12)))), late = (3 + pace) / (6 + pace);  // see tyre.c
+  V inverse_x = 1 / (lx + h * reference), inverse_y = 1 / (ly + h * late * reference);
+  V gx = h * inverse_x, gy = h * late * inverse_y, keep_x = lx * inverse_x, keep_y = ly * inverse_y;
+  V zx = pick(unset, vx / reference, state(a, S_SLIP_X + k)), zy = pick(unset, vy / reference, state(a, S_SLIP_Y + k));
   V px = stiff_x * (keep_x * zx + gx * vx), py = stiff_y * (keep_y * zy + gy * vy);
   V shape = number(a, P_TYRE_SHAPE + k), rho = root(px * px + py * py) / (friction * load);
   V bent = sine(shape * arctangent(rho / shape)) / most(rho, all(1e-4)), secant = pick(rho < 1e-4, all(1), bent);
   V fade = DAMPED_SPEED * DAMPED_SPEED / (DAMPED_SPEED * DAMPED_SPEED + rolling * rolling);
-  V damping = C[C_CARCASS_DAMPING] / number(a, P_CORNERING_STIFFNESS + k) * (1 / h) * fade * fade;
-  V dx = damping * lx, dy = damping * ly, kx = stiff_x * (secant + dx), ky = stiff_y * (secant + dy);
+  // pull: force per slip velocity in the step; hold: per slip of now
+  V damping = C[C_CARCASS_DAMPING] / number(a, P_CORNERING_STIFFNESS + k) * fade * fade;
+  V firm = secant - damping * reference, pull_x = stiff_x * (firm * gx + damping), pull_y = stiff_y * (firm * gy + damping);
+  V hold_x = stiff_x * firm * keep_x, hold_y = stiff_y * firm * keep_y;
 
   // The elliptic cone around the law holds a load that has vanished within the step; at its corner MuJoCo's solver
   // shares what the tyre wants between the floor's push and the friction.
   Mask grounded = *pressed > -.5;
-  V axes = root(ky * gy / (kx * gx)), cone_x = CONE_RESERVE * friction * most(all(1), 1 / axes), cone_y = cone_x * axes;
+  V axes = root(pull_y * late / pull_x), cone_x = CONE_RESERVE * friction * most(all(1), 1 / axes), cone_y = cone_x * axes;
   V ex = px * secant / cone_x, ey = py * secant / cone_y, wanted = load * friction * rho * secant;
   V edge = wanted / most(root(ex * ex + ey * ey), all(1e-9)), stiff = all(1 / C[C_WHEEL_MASS] + C[C_CONTACT_SOFTNESS]);
-  V soft = 1 / (h * .5 * (kx * gx + ky * gy)) + C[C_PATCH_MOBILITY];
+  V soft = 1 / (h * .5 * (pull_x + pull_y * late)) + C[C_PATCH_MOBILITY];
   V shared = (stiff * *pressed + edge * soft * wanted) / (stiff + edge * edge * soft);
   Mask beyond = edge * *pressed < wanted;
   V share = pick(beyond, edge * shared / most(wanted, all(1e-9)), all(1));
@@ -136,9 +142,9 @@ INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, 
   *pressed = pick(grounded, pick(beyond, shared, *pressed), all(0));
 
   // force on the car  f = -c v(end) - b  along both directions
-  V cx = h * share * kx * gx, cy = h * share * ky * gy;
-  V bx = h * share * (kx * keep_x - stiff_x * dx) * zx + cx * w->turning.x;
-  V by = h * share * (ky * keep_y - stiff_y * dy) * zy + cy * w->turning.y;
+  V cx = h * share * pull_x, cy = h * share * pull_y * late;
+  V bx = h * share * hold_x * zx + cx * w->turning.x;
+  V by = h * share * (hold_y * zy + pull_y * (1 - late) * vy) + cy * w->turning.y;
   V spin = all(-radius), differ = all(-radius * half);  // rows over the axle's mean speed and difference
   for (int i = 0, n = 0; i < 3; i++) {
     V ax = cx * w->along[i], ay = cy * w->across[i];
@@ -153,8 +159,9 @@ INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, 
   sum->to_mean[axle] -= spin * bx;
   sum->to_axle[axle] -= differ * bx;
 
+  V kept_y = ((ly - h * (1 - late) * reference) * zy + h * (1 - late) * vy) * inverse_y;
   w->gain = (Pair){pick(grounded, gx, all(0)), pick(grounded, gy, all(0))};
-  w->kept = (Pair){pick(grounded, keep_x * zx, all(0)), pick(grounded, keep_y * zy, all(0))};
+  w->kept = (Pair){pick(grounded, keep_x * zx, all(0)), pick(grounded, kept_y, all(0))};
 }
 
 // Solves A u = b in place of b; A is lost. Coulomb friction on the last unknown, the motor, takes at most `friction` off
