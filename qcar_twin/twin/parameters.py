@@ -40,6 +40,8 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
       # steps of the voltage show only its sum with the car's mass; one much lighter lets the wheels chatter when they
       # slip
       _class(v, "rotor_inertia", 2.0, (1 / 3, 8.0), "kg m^2", "J_m"),
+      # a cylinder's and a ring's differ by 2, tyres of foam and rubber by as much; what has no wheels that turn has 0
+      _class(v, "wheel_inertia", 2.0, (1 / 50, 4.0), "kg m^2", "J_w"),
       _open("cornering_stiffness_front", v.cornering_stiffness_front, 8.0, "N/rad", "C_f"),
       _open("cornering_stiffness_rear", v.cornering_stiffness_rear, 8.0, "N/rad", "C_r"),
       _class(v, "longitudinal_stiffness", 3.0, (1 / 27, 8.0), "N", "C_x"),

@@ -18,6 +18,7 @@ from qcar_twin.vehicle.tyre import COLUMN
 
 TYRE = tuple(name for name in COLUMN if name not in ("tag", "nominal_load", "carcass_damping"))
 DRIVE = ("torque_per_volt", "motor_damping", "driveline_friction", "driveline_damping", "rotor_inertia", "max_torque")
+WHEEL_SPIN = "wheel_inertia"
 OTHER = (
   "gravity_x",
   "gravity_y",
@@ -45,6 +46,7 @@ class Fields:
     self._batch, self.native = batch, native_tyre
     model = batch.model
     self._handles = Handles.of(model)
+    self._wheel_bodies = np.array([model.geom_bodyid[g] for g in self._handles.wheels])
     self._ackermann = model.equality("ackermann").id
     self._differential_tendons = [t for t in range(model.ntendon) if model.tendon(t).name.endswith("_differential")]
     self._differential = [
@@ -70,6 +72,8 @@ class Fields:
       self._write_tyre(name, rows)
     if changed & set(DRIVE):
       self._write_drive(rows)
+    if WHEEL_SPIN in changed:
+      self._batch.expand("body_inertia")[rows, self._wheel_bodies, 1] = self.values[WHEEL_SPIN][rows][:, None]
     if changed & set(BODY):
       self._write_body(rows)
     if changed & set(OTHER):

@@ -125,8 +125,8 @@ class Model(Protocol):
   `friction_coefficient` [-], `tyre_shape` [-], `load_exponent` [-], `relaxation_length`, `longitudinal_relaxation` [m];
   car-wise, (n,): `gravity_x`, `gravity_y` [m/s^2, world frame], `driveline_friction` [N m, motor side],
   `driveline_damping` [N m s/rad, motor side], `torque_per_volt` [N m/V, motor side],
-  `rotor_inertia` [kg m^2, motor side], `differential_damping` [N m s/rad per axle],
-  `centre_differential` [-, 0 one shaft],
+  `rotor_inertia` [kg m^2, motor side], `wheel_inertia` [kg m^2, of one wheel about the axle],
+  `differential_damping` [N m s/rad per axle], `centre_differential` [-, 0 one shaft],
   `servo_time_constant` [s], `ackermann_fraction` [-], `added_mass` [kg], `added_mass_x` [m, from the
   CG], `added_mass_y` [m], `cg_height_offset` [m], `cg_lateral_offset` [m].
   """

@@ -30,6 +30,7 @@ _PLAIN = {
   "max_torque": "MAX_TORQUE",
   "motor_damping": "MOTOR_DAMPING",
   "driveline_friction": "DRIVELINE_FRICTION",
+  "wheel_inertia": "WHEEL_INERTIA",
   "driveline_damping": "DRIVELINE_DAMPING",
   "differential_damping": "DIFFERENTIAL_DAMPING",
   "differential_friction": "DIFFERENTIAL_FRICTION",
@@ -78,22 +79,22 @@ class Numbers:
       out[row["ACKERMANN"]] = self._car.track_width / (2.0 * self._car.wheelbase) * value["ackermann_fraction"]
     if "centre_differential" in changed:
       out[row["CENTRE_DAMPING"]] = centre_damping(value["centre_differential"], self._vehicle.similarity)
-    if "rotor_inertia" in changed:
-      wheels = 4.0 * self._vehicle.wheel_inertia * self._car.gear_ratio**2
+    if changed & {"rotor_inertia", "wheel_inertia"}:
+      wheels = 4.0 * value["wheel_inertia"] * self._car.gear_ratio**2
       out[row["SPINNING_INERTIA"]] = value["rotor_inertia"] + wheels
     if changed & {"suspension_frequency", "suspension_damping_ratio"}:
       stiffness, damping = self.springs.of(value["suspension_frequency"], value["suspension_damping_ratio"])
       out[row["SPRING"]], out[row["DAMPER"]] = stiffness, damping
-    if changed & set(BODY):
-      for name, number in self._body({name: value[name] for name in BODY}).items():
+    if changed & {*BODY, "wheel_inertia"}:
+      for name, number in self._body({name: value[name] for name in BODY}, value["wheel_inertia"]).items():
         out[row[name]] = number
 
-  def _body(self, value: dict[str, Array]) -> dict[str, Array]:
+  def _body(self, value: dict[str, Array], about_axle: Array) -> dict[str, Array]:
     """Moments of mass about the chassis frame: of the sprung body with the motor, and of the four wheels."""
     v, wheel = self._vehicle, self._vehicle.wheel_mass
     body, place, inertia, ahead = self._chassis.of(value)
     sprung, (x, y, z), (wx, wy, wz) = body + self._motor_mass, place.T, v.wheel_positions.T
-    about_x, about_axle, about_z = (4.0 * i for i in v.wheel_inertias)
+    about_x, _, about_z = (4.0 * i for i in v.wheel_inertias)
     return {
       "MASS": sprung + 4.0 * wheel,
       "MOMENT_X": sprung * x + wheel * wx.sum(),
@@ -101,7 +102,7 @@ class Numbers:
       "MOMENT_Z": sprung * z + wheel * wz.sum(),
       "YAW_INERTIA": sprung * (x**2 + y**2) + inertia[:, 2] + wheel * (wx**2 + wy**2).sum() + about_z,
       "ROLL_INERTIA": sprung * z**2 + inertia[:, 0] + wheel * (wz**2).sum() + about_x,
-      "PITCH_INERTIA": sprung * z**2 + inertia[:, 1] + wheel * (wz**2).sum() + about_axle,
+      "PITCH_INERTIA": sprung * z**2 + inertia[:, 1] + wheel * (wz**2).sum() + 4.0 * about_axle,
       "YAW_ROLL_INERTIA": -(sprung * x * z + wheel * (wx * wz).sum()),
       "YAW_PITCH_INERTIA": -(sprung * y * z + wheel * (wy * wz).sum()),
       "SPRUNG_MASS": sprung, "SPRUNG_X": x, "SPRUNG_Y": y, "SPRUNG_Z": z, "CG_SHIFT": ahead,
@@ -276,7 +277,6 @@ def constants(vehicle: Vehicle, numbers: Numbers, step: float, nominal: dict[str
     "REAR_SHARE": shares[1],
     "FRONT_DRIVEN": float("front" in v.driven_axles),
     "REAR_DRIVEN": float("rear" in v.driven_axles),
-    "WHEEL_INERTIA": v.wheel_inertia,
     "KNUCKLE_INERTIA": 2.0 * v.wheel_inertias[2],
     "WHEEL_MASS": v.wheel_mass,
     "GEAR": v.gear_ratio,

@@ -65,6 +65,7 @@ NUMBERS = (
   "SPRUNG_Y",
   "SPRUNG_Z",
   "SPINNING_INERTIA",  # rotor and wheels at the motor, kg m^2
+  "WHEEL_INERTIA",  # of one wheel about the axle, kg m^2
   "SPRING",  # N/m
   "DAMPER",  # N s/m
   "CG_SHIFT",  # of the fitted centre of gravity ahead of the measured one, m
@@ -97,7 +98,6 @@ CONSTANTS = (
   "REAR_SHARE",  # by which it is slower
   "FRONT_DRIVEN",  # 1 if the axle has a differential, 0 if its wheels roll each for itself
   "REAR_DRIVEN",
-  "WHEEL_INERTIA",  # about the axle, kg m^2
   "KNUCKLE_INERTIA",  # of two road wheels about their steering axes, kg m^2
   "WHEEL_MASS",
   "GEAR",

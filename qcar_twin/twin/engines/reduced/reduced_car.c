@@ -195,11 +195,12 @@ INLINE void solve(V A[], V b[], V friction) {
 // at the CG, in the body frame of the period's beginning, or NULL.
 static void drive_lanes(const Cars* a, V command, V steering, const V force[3], int count, V out[N_SIGNAL]) {
   const double *C = a->C, h = C[C_STEP], hc = C[C_ORIGIN_HEIGHT], radius = C[C_ROLLING_RADIUS], gear = C[C_GEAR];
-  const double wheels = 4 * C[C_WHEEL_INERTIA] * gear;  // spin of the wheels per motor speed
+  const V wheel_spin = number(a, P_WHEEL_INERTIA);
+  const V wheels = 4 * wheel_spin * gear;  // spin of the wheels per motor speed
   // mean wheel speeds are gear * motor + ahead * centre in front and gear * motor - behind * centre in the rear
   const double ahead = C[C_FRONT_SHARE], behind = C[C_REAR_SHARE];
-  const double apart = 2 * C[C_WHEEL_INERTIA] * (ahead - behind);  // spin of the wheels per `centre`
-  const double spun = 2 * C[C_WHEEL_INERTIA] * (ahead * ahead + behind * behind);
+  const V apart = 2 * wheel_spin * (ahead - behind);  // spin of the wheels per `centre`
+  const V spun = 2 * wheel_spin * (ahead * ahead + behind * behind);
   command = clip(command, all(C[C_MAX_COMMAND]));
   steering = clip(steering, all(C[C_MAX_STEERING]));
   V x = state(a, S_X), y = state(a, S_Y), yaw = state(a, S_YAW), c = state(a, S_COSINE), s = state(a, S_SINE);
@@ -268,10 +269,10 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
       const double driven = C[axle ? C_REAR_DRIVEN : C_FRONT_DRIVEN];
       A[AT(row, VX)] = G[0], A[AT(row, VY)] = G[1], A[AT(row, YAW)] = G[2];
       A[AT(row, ROLL)] = hc * G[1], A[AT(row, PITCH)] = -hc * G[0];
-      A[AT(row, row)] = t.axle[axle] + .5 * C[C_WHEEL_INERTIA] + h * driven * (viscous + coulomb / most(slip, all(SLOWEST_SLIDE)));
+      A[AT(row, row)] = t.axle[axle] + .5 * wheel_spin + h * driven * (viscous + coulomb / most(slip, all(SLOWEST_SLIDE)));
       A[AT(MOTOR, row)] = gear * t.mean_axle[axle];
       A[AT(CENTRE, row)] = (axle ? -behind : ahead) * t.mean_axle[axle];
-      b[row] = .5 * C[C_WHEEL_INERTIA] * (axle ? rear : front) + t.to_axle[axle];
+      b[row] = .5 * wheel_spin * (axle ? rear : front) + t.to_axle[axle];
     }
     A[AT(REAR, FRONT)] = all(0);
     for (int i = 0; i < 3; i++) {

@@ -48,6 +48,7 @@ class BenchModel:
       "driveline_damping": 0.0,
       "torque_per_volt": 0.0272,
       "rotor_inertia": 2e-6,
+      "wheel_inertia": 6e-5,
       "differential_damping": 0.0,
       "differential_friction": 0.0,
       "servo_time_constant": 0.005,

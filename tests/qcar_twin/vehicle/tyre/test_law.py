@@ -48,7 +48,9 @@ def test_cornering_stiffness_is_the_one_asked_for(speed, h):
 
 @pytest.mark.parametrize("relaxation", [0.0, 0.01, 0.1])
 def test_stiffness_does_not_depend_on_relaxation(relaxation):
-  force = Rig.of(relaxation_length=relaxation, longitudinal_relaxation=relaxation, carcass_damping=40.0).run(1.0, 0.01, 1.0, 1.5)[-1]
+  force = Rig.of(relaxation_length=relaxation, longitudinal_relaxation=relaxation, carcass_damping=40.0).run(
+    1.0, 0.01, 1.0, 1.5
+  )[-1]
   assert force[1] == pytest.approx(steady_force(1.0, 0.01, 1.0)[1], rel=2e-3)
 
 
@@ -175,7 +177,12 @@ def test_first_step_after_a_reset_has_steady_slip():
 )
 def test_forces_are_smooth_in_every_parameter(law, name):
   """Central differences agree over two decades of step: a fit may differentiate through the tyre."""
-  base = SHARED | {"relaxation_length": 0.02, "longitudinal_relaxation": 0.01, "carcass_damping": 20.0, "load_exponent": 0.2}
+  base = SHARED | {
+    "relaxation_length": 0.02,
+    "longitudinal_relaxation": 0.01,
+    "carcass_damping": 20.0,
+    "load_exponent": 0.2,
+  }
   base |= {p.name: p.nominal for p in law_parameters(law)}
 
   def track(value: float) -> np.ndarray:
