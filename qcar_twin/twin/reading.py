@@ -4,7 +4,7 @@ A step goes v' = v + h a, x' = x + h v' (semi-implicit Euler). Velocities are th
 ahead of them: x' is the leapfrog's position at t + h/2, less the half step with which the run began. An acceleration
 (v' - v) / h is that of the step's middle, t - h/2. Read as if all were of t, each is off by half a step: first-order
 errors that differ from channel to channel.
-Source: Hairer, Lubich & Wanner, Geometric Numerical Integration, 2nd ed., 2006, ch. I.1.4 (leapfrog and Euler's variants).
+Source: Hairer, Lubich & Wanner, Geometric Numerical Integration, 2nd ed., 2006, ch. I.1.4 (leapfrog, Euler's variants).
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ _ACCELERATION = slice(signal_index("accel_x"), signal_index("accel_y") + 1)
 
 
 def at_one_time(signals: Array, step: float, period: float) -> Array:
-  """Signals (N, T + 1, 10) as a simulation of steps of `step` s left them, all at the times of the grid; changed in place.
+  """Signals (N, T + 1, 10) of a simulation, all of them at the times of the grid; changed in place.
 
   Positions go back by the half step of which they are ahead of the run's beginning: x - h/2 (v - v_0). Accelerations go
   on to the grid's time along the line to the next reading; after the last there is none.

@@ -8,8 +8,8 @@ import pytest
 from qcar_twin.plant import SIGNALS, START, Segments
 from qcar_twin.twin.file import load_twin, save_twin
 from qcar_twin.twin.mechanisms import catalogue, select
-from qcar_twin.twin.simulation import mujoco_batch
 from qcar_twin.twin.reading import at_one_time
+from qcar_twin.twin.simulation import mujoco_batch
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 
