@@ -130,18 +130,39 @@ def compare(larger: Candidate, smaller: Candidate, observations: Observations) -
   How far to go along it is fitted to the other groups. Leaving a group out of the base parameters as
   well would add the same noise to both models, and more of it than a weak effect weighs.
   """
-  step = larger.residual - smaller.residual
-  moved = smaller.residual.copy()
-  group = groups_of(observations)
+  found = compared(_moved(larger, smaller, observations), smaller.residual, observations.block)
+  added = len(larger.free) - len(smaller.free)
+  freed, drop = prior_part(smaller) - prior_part(larger), smaller.cost - larger.cost
+  return dataclasses.replace(found, priors=freed, added=added, drop=drop)
+
+
+def _moved(larger: Candidate, smaller: Candidate, observations: Observations) -> Array:
+  """Residuals of each group as far towards the larger model as the other groups say, (M,)."""
+  step, group = larger.residual - smaller.residual, groups_of(observations)
   fitted = np.arange(len(step)) < larger.n_train
   pull, power = (np.bincount(group, np.where(fitted, x, 0.0)) for x in (smaller.residual * step, step**2))
   rest = np.maximum(power.sum() - power, 1e-12)
   share = np.clip(-(pull.sum() - pull) / rest, 0.0, 2.0)
-  moved += share[group] * step
-  found = compared(moved, smaller.residual, observations.block)
-  added = len(larger.free) - len(smaller.free)
-  freed, drop = prior_part(smaller) - prior_part(larger), smaller.cost - larger.cost
-  return dataclasses.replace(found, priors=freed, added=added, drop=drop)
+  return smaller.residual + share[group] * step
+
+
+def errors_taken_off(
+  larger: Candidate, smaller: Candidate, observations: Observations
+) -> dict[str, tuple[float, float]]:
+  """What a model takes off a smaller one's held-out error in each channel.
+
+  Returns:
+    by channel, the share of its root mean square error that is gone, negative where it grew, and Student's t of the
+    blocks' gains.
+  """
+  moved, found = _moved(larger, smaller, observations), {}
+  for index in np.unique(observations.channel):
+    rows = observations.channel == index
+    before, after, block = smaller.residual[rows], moved[rows], observations.block[rows]
+    gain = compared(after, before, block)
+    share = 1.0 - float(np.linalg.norm(after)) / max(float(np.linalg.norm(before)), 1e-12)
+    found[CHANNELS[index]] = (share, gain.t)
+  return found
 
 
 def compare_freely(larger: Candidate, smaller: Candidate, observations: Observations) -> Comparison:

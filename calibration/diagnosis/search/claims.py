@@ -8,7 +8,7 @@ import numpy as np
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.score import Comparison, clustered_std, compare, evidence
-from calibration.diagnosis.search.weighing import Levels, Weighed, shown_size, stretched, weighed
+from calibration.diagnosis.search.weighing import Levels, Weighed, matters, shown_size, stretched, weighed
 from calibration.fitting.optimiser import bounded_solve
 from calibration.fitting.tolerances import sensor_error_mechanisms
 from qcar_twin.parameters import ParameterSet
@@ -49,7 +49,7 @@ def claim(pool: Pool, best: Candidate, name: str, levels: Levels) -> Claim:
 
   Names that can't be told apart have one probability together, as if the others were not there, since that several fit
   does not make it less likely that something is; of it each has at most its part by its own odds. A name that was
-  stretched as far as it may is none.
+  stretched as far as it may, or that makes no difference, is none.
 
   Args:
     pool: all fitted models, the one without `name` among them.
@@ -60,6 +60,7 @@ def claim(pool: Pool, best: Candidate, name: str, levels: Levels) -> Claim:
   found, without = weighed(pool, best, name), pool.models[frozenset(best.mechanisms) - {name}]
   equivalent = tuple(rival for rival, _ in found.alternatives if _alike(pool, best, name, rival, levels))
   shared = _probability(found, levels, equivalent) * (not stretched(pool, best, name))
+  shared *= matters(pool, best, without, levels)
   odds = [_odds(pool, _replaced(pool, best, name, n), n, levels) for n in (name, *equivalent)]
   return Claim(
     mechanism=name,
@@ -119,7 +120,7 @@ def bias_claims(pool: Pool, best: Candidate, levels: Levels) -> list[Claim]:
     without = _at_null(best, names)
     test = compare(best, without, pool.problem.observations)
     probability = levels.probability(test.t_with_priors, size, without.cost - best.cost)
-    if probability >= levels.claim:
+    if probability >= levels.claim and matters(pool, best, without, levels):
       gain = evidence(best, without, pool.problem.observations)
       estimates = _estimates(pool, name, best, levels)
       claims.append(Claim(name, probability, probability, gain, test, estimates, (), (), True))

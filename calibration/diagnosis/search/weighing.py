@@ -13,9 +13,12 @@ import math
 import tomllib
 from pathlib import Path
 
+import numpy as np
+from scipy import stats
+
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.pool import Pool
-from calibration.diagnosis.score import Comparison, compare
+from calibration.diagnosis.score import Comparison, compare, errors_taken_off, prior_part
 
 FILE = Path(__file__).with_name("levels.toml")
 
@@ -30,6 +33,9 @@ class Levels:
     least_size: share of the typical size below which all are alike.
     near: nats between two fits of a likelihood ratio of 20.
     claim: probability from which a name is claimed.
+    gain: share that a name must take off the held-out error of some channel.
+    conflict: chance that parameters of some name part that far from what was measured of the car.
+    spread: errors of fitted parameters over their stated deviations.
     bias: share of the typical size from which the bias of a sensor is one.
     equivalent: held-out t of a claim over a rival below which the two can't be told apart.
     form: standard deviation of a claimed size for the formula's own error, as a share of it.
@@ -52,6 +58,9 @@ class Levels:
   least_size: float
   near: float
   claim: float
+  gain: float
+  conflict: float
+  spread: float
   bias: float
   equivalent: float
   form: float
@@ -147,6 +156,23 @@ def weighed(pool: Pool, model: Candidate, name: str) -> Weighed:
     drop=without.cost - model.cost,
     alternatives=tuple(sorted(beside, key=lambda r: -r[1])),
   )
+
+
+def matters(pool: Pool, model: Candidate, without: Candidate, levels: Levels) -> bool:
+  """Whether a name makes a difference that is no chance: to an error, or to what was measured of the car.
+
+  Either it takes `gain` or more off some held-out channel's error, the blocks' gains being above zero (95 %),
+  or without it parameters lie z * `spread` deviations or more from what was measured, z being the normal quantile at
+  which that happens by chance to any of the names tried with probability `conflict`.
+  """
+  blocks = len(np.unique(pool.problem.observations.block))
+  least = float(stats.t.ppf(0.95, max(blocks - 1, 1)))
+  found = errors_taken_off(model, without, pool.problem.observations).values()
+  if any(share >= levels.gain and t >= least for share, t in found):
+    return True
+  z = float(stats.norm.isf(0.5 * levels.conflict / max(len(pool.signatures), 1)))
+  freed = prior_part(without) - prior_part(model)
+  return freed >= 0.5 * (z * levels.spread) ** 2
 
 
 def shown_size(pool: Pool, model: Candidate, name: str) -> float:
