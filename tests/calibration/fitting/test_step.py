@@ -1,0 +1,39 @@
+"""The step of a fit: what halving it moves, in multiples of what a channel's sensor makes while the car drives.
+
+A third is wanted. Along, wheel and rotor are lighter than the step can follow, above all where a stretch begins while the
+wheels slip: what stands above it today is bounded so that it can only shrink.
+"""
+
+import numpy as np
+import pytest
+
+from calibration.concealed.proving_ground import make_session
+from calibration.concealed.second_car import make_second_session
+from calibration.fitting.dataset_recalibration import LONGEST
+from calibration.fitting.noise_floor import driving_noise, residual_floor
+from calibration.fitting.observations import observe
+from calibration.fitting.windows import Cut
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import Vehicle
+
+MOST = {
+  "first": {"motor_speed": 0.5, "accel_x": 0.6},
+  "second": {"motor_speed": 2.0, "accel_x": 1.0, "yaw_rate": 0.5, "pose_forward": 0.5, "pose_left": 0.4},
+}  # and a third of all others
+MAKE = {"first": make_session, "second": make_second_session}
+
+
+@pytest.mark.parametrize("car", MAKE)
+@pytest.mark.parametrize("engine", ["mujoco", "reduced"])
+def test_halving_the_step_of_a_fit_moves_channels_little(car, engine):
+  session = MAKE[car](71, (), "compact")
+  vehicle = Vehicle.from_dataset(session.vehicle, session.vehicle_std)
+  observations, predicted = observe(session.recordings, vehicle, Cut(most=LONGEST)), []
+  for substeps in (2, 4):
+    twin = Twin(vehicle, substeps=substeps, threads=1, engine=engine)
+    theta = twin.parameters.nominal
+    predicted.append(observations.predict(twin.rollout(theta[None], observations.stretches.segments))[0])
+  noise, moved = residual_floor(driving_noise(session.recordings)), predicted[1] - predicted[0]
+  sizes = {n: np.sqrt(np.mean(moved[observations.select(n)] ** 2)) / noise[n] for n in observations.present}
+  assert len({r.name for r in session.recordings}) >= 8 and len(sizes) == 7
+  assert all(size < MOST[car].get(name, 1 / 3) for name, size in sizes.items()), sizes
