@@ -1,4 +1,4 @@
-"""Drive policies and tuned controllers with another filter noise, at other speeds and with other linkages.
+"""Drive policies and tuned controllers with other noise, speeds and linkages.
 
 qcar-twin robustness --out OUT [--policy agents/data/policy] [--streams 24]
 """

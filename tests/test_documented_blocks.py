@@ -37,6 +37,7 @@ ELSEWHERE = {  # pages whose blocks are files of a project; who tries them
   "extending.md": "extending/example.py",
   "extending_channel.md": "extending/test_channel.py",
   "onboard.md": "qcar_twin/onboard/test_guide.py",
+  "exports.md": "calibration/exports/test_exports.py",
 }
 BY_THE_DATA = {"Warnings"}  # sections that only some data sets' reports have
 FOLDERS = [ROOT / "docs" / name for name in ("guide", "reference")]

@@ -12,7 +12,7 @@ from agents.learning.train import Plan
 from agents.studies import study, study_report
 from agents.studies.robustness import circumstances
 from agents.studies.study import VARIANTS, Variant
-from scripts import benchmark_learning, compare, robustness
+from scripts import benchmark_filter, benchmark_learning, compare, robustness
 from scripts import study as study_command
 from tests.agents.learning.test_train import PLAN
 from tests.agents.studies.test_study import CASE
@@ -82,3 +82,10 @@ def test_circumstances_lie_inside_and_outside_of_what_the_agents_were_trained_on
       share = np.hypot((changes["steering_gain"] - 1.0) / 0.1, changes["steering_offset"] / 1.5)
       assert share == pytest.approx(0.8 if "inside" in name else 1.6, abs=0.02)
   assert sum("inside" in name for name in made) == sum("outside" in name for name in made) == 5
+
+
+def test_what_the_filter_gets_through_is_a_page(tmp_path):
+  benchmark_filter.main(benchmark_filter.Config(tmp_path / "filter.md", cars=("twin",), quick=True))
+  page = (tmp_path / "filter.md").read_text(encoding="utf-8")
+  rows = [line.split("|") for line in page.splitlines() if "| twin |" in line]
+  assert len(rows) >= 3 and all(row[-2].strip().startswith("0 of") for row in rows)

@@ -1,6 +1,8 @@
 """Exports: the written files are run, in plain MuJoCo, by import and by their own equations, beside the twin."""
 
 import dataclasses
+import importlib.util
+import re
 import subprocess
 import sys
 
@@ -253,3 +255,17 @@ def test_an_unknown_target_is_answered_with_the_nearest():
   with pytest.raises(KeyError, match="single-track"):
     target_named("zzz")
   assert all(t.summary and t.file for t in targets().values())
+
+
+def test_the_block_of_the_guide_runs_beside_the_written_file(exported, monkeypatch):
+  """docs/guide/exports.md, up to the line that needs the package casadi where that is not installed."""
+  page = (ROOT / "docs" / "guide" / "exports.md").read_text(encoding="utf-8")
+  (block,) = re.findall(r"^```python\n(.*?)^```", page, re.M | re.S)
+  if importlib.util.find_spec("casadi") is None:
+    block = "".join(line for line in block.splitlines(keepends=True) if "casadi" not in line)
+  monkeypatch.syspath_prepend(str(exported[1].parent))
+  monkeypatch.delitem(sys.modules, "single_track", raising=False)
+  names: dict[str, object] = {}
+  exec(compile(block, "exports.md", "exec"), names)
+  sensed = names["sensed"]
+  assert isinstance(sensed, np.ndarray) and np.isfinite(sensed).all()

@@ -1,6 +1,6 @@
 """The step of a fit: what halving it moves, in multiples of what a channel's sensor makes while the car drives.
 
-A third is wanted. Along, wheel and rotor are lighter than the step can follow, above all where a stretch begins while the
+A third is wanted. Along, wheel and rotor are lighter than the step can follow, above all where a stretch begins while
 wheels slip: what stands above it today is bounded so that it can only shrink.
 """
 
