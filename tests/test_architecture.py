@@ -178,8 +178,8 @@ def test_the_second_car_never_loads_the_twin_or_the_first():
   assert not {"mujoco", "torch", "sklearn"} & loaded
 
 
-def test_the_exam_never_loads_the_twin_and_nothing_but_its_command_loads_the_exam():
-  loaded = really_loaded("import calibration.concealed.exam.session")
+def test_the_exam_never_loads_the_twin_and_nothing_but_its_commands_loads_the_exam():
+  loaded = really_loaded("import calibration.concealed.exam.session, calibration.concealed.exam.cases")
   own = {name for name in loaded if name.split(".")[0] in PACKAGES}
   files = ("qcar_twin.recordings", "qcar_twin.atomic_io", "qcar_twin.untrusted", "qcar_twin.extras")
   files += ("calibration.concealed.laboratory", "calibration.concealed.exam")
@@ -187,8 +187,9 @@ def test_the_exam_never_loads_the_twin_and_nothing_but_its_command_loads_the_exa
     name for name in own - {"qcar_twin", "calibration", "calibration.concealed"} if not name.startswith(files)
   }
   assert not {"mujoco", "torch", "sklearn", "slipx"} & loaded
-  users = {module for module, used in graph().items() if any(u.startswith("calibration.concealed.exam") for u in used)}
-  assert {u for u in users if not u.startswith("calibration.concealed.exam")} == {"scripts.make_exam_session"}
+  rooms = ("calibration.concealed.exam", "calibration.concealed.examination")
+  users = {module for module, used in graph().items() if any(u.startswith(rooms) for u in used)}
+  assert {u for u in users if not u.startswith(rooms)} == {"scripts.make_exam_session", "scripts.exam"}
 
 
 def test_the_laboratory_knows_no_car():

@@ -82,7 +82,7 @@ def run_case(case: Case, folder: Path, threads: int = 1, engine: str = "search")
       case, study(dataset, threads=threads).document(), session.truth, path, informed(dataset, case, threads)
     )
   outcome = diagnose(dataset, threads=threads)
-  answer = _answer(outcome)
+  answer = answer_of(outcome)
   sealed = digest(answer)
   # the truth joins the file only after the answer and its hash stand
   truth, holdout = session.truth["effects"], dataset.role("holdout")
@@ -103,7 +103,7 @@ def _kept(case: Case, answer: dict, truth: dict, path: Path, oracle: dict | None
   return path
 
 
-def _answer(outcome: Outcome) -> dict:
+def answer_of(outcome: Outcome) -> dict:
   """What the diagnosis says, and the figures that thresholds are held against."""
   diagnosis = outcome.diagnosis
   full = document(diagnosis)

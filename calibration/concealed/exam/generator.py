@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Protocol
 
 import numpy as np
+
+from .effects import Concealed, Effect, Nuisance
 
 FINE = 10  # rows of the trace per control period
 SIGNALS = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "accel_x", "accel_y", "motor", "road")
@@ -39,15 +42,41 @@ class Plant(Protocol):
 
 
 class Generator(Protocol):
-  """One car of a published simulator."""
+  """One car of a published simulator.
+
+  Attributes:
+    design: of the session it is driven through.
+    drive_limit, drive_step: of its drive command, in the unit of `channel`.
+    effects: what its own parameters conceal.
+  """
 
   design: str
   drive_limit: float
   drive_step: float
   channel: str
+  effects: dict[str, Effect]
 
-  def plant(self) -> Plant:
-    """A fresh car for one run."""
+  def __init__(self, rng: np.random.Generator) -> None:
+    """A drawn car. Raises MissingGenerator where its package is not installed."""
+    ...
+
+  def plant(
+    self, concealed: Sequence[Concealed] = (), moved: Sequence[tuple[Nuisance, float]] = (), later: bool = False
+  ) -> Plant:
+    """A fresh car for one run, with effects on its parameters and with other numbers.
+
+    `later`: in the second half of a session.
+
+    Raises ValueError where such a car is impossible.
+    """
+    ...
+
+  def bench(self, rng: np.random.Generator) -> tuple[dict[str, float], dict[str, float]]:
+    """What a careful owner also states of the car before the effect, as keys of [vehicle], and its deviations."""
+    ...
+
+  def nuisances(self, std: Mapping[str, float]) -> dict[str, Nuisance]:
+    """Numbers that an explanation of the log may move; `std` of what the owner states."""
     ...
 
   def measured(self, rng: np.random.Generator) -> tuple[dict[str, float | str], dict[str, float]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .effects import Signals
 from .generator import FINE, SIGNALS
 
 AVERAGED = 4  # fine steps that the IMU's low pass averages over
@@ -22,10 +23,14 @@ def session_bias(rng: np.random.Generator) -> dict[str, float]:
   return {name: size * float(rng.standard_normal()) for name, size in sizes.items()}
 
 
-def sense(trace: np.ndarray, bias: dict[str, float], noise: float, rng: np.random.Generator) -> dict[str, np.ndarray]:
-  """Channels (T,) of a trace (FINE T + 1, 10) in the order of SIGNALS; `noise` scales all that is random."""
-  signal: dict[str, np.ndarray] = dict(zip(SIGNALS, trace.T, strict=True))
-  grid = slice(0, len(trace) - 1, FINE)
+def as_signals(trace: np.ndarray) -> Signals:
+  """Signals (M,) of a trace (M, 10), by SIGNALS."""
+  return dict(zip(SIGNALS, trace.T, strict=True))
+
+
+def sense(signal: Signals, bias: dict[str, float], noise: float, rng: np.random.Generator) -> dict[str, np.ndarray]:
+  """Channels (T,) of signals (FINE T + 1,); `noise` scales all that is random."""
+  grid = slice(0, len(signal["x"]) - 1, FINE)
   out = {}
   for name in bias:
     rms = NOISE["gyro" if name == "yaw_rate" else "accel"]

@@ -6,12 +6,15 @@ slipx takes as the acceleration that it would give the bare mass: a = I k / (m R
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..laboratory.manoeuvres import PERIOD
+from .effects import Concealed, Nuisance
 from .generator import FINE, Start, load_package
+from .slipx_effects import SLIPX_EFFECTS, slipx_nuisances
 
 GEAR = 0.1  # wheel speed / motor speed, not in slipx, which states its motor at the wheels
 SPREAD = {
@@ -26,21 +29,41 @@ STD = {
   "cg_height": 0.1, "wheel_radius": 0.006, "motor_constant": 0.03,
 }  # fmt: skip
 """Relative standard deviations of an owner's scale, ruler and data sheet."""
+SERVO_STD = 0.0015  # s, of a lag that was filmed
 
 
 class SlipxCar:
   """One drawn car; attributes of `Generator`."""
 
   design, drive_limit, drive_step, channel = "vesc_current", 40.0, 1e-2, "motor_current"
+  effects = SLIPX_EFFECTS
 
   def __init__(self, rng: np.random.Generator) -> None:
     """Raises MissingGenerator where slipx is not installed."""
     self.slipx = load_package("slipx", "slipx")
     self.params = drawn(self.slipx, rng)
 
-  def plant(self) -> SlipxPlant:
-    """A fresh car with a full battery."""
-    return SlipxPlant(self.slipx, self.params)
+  def plant(
+    self, concealed: Sequence[Concealed] = (), moved: Sequence[tuple[Nuisance, float]] = (), later: bool = False
+  ) -> SlipxPlant:
+    """A fresh car with a full battery; the `Generator`'s arguments."""
+    params = copied(self.slipx, self.params)
+    for act, size in [(n.act, size) for n, size in moved] + [(c.effect.act, c.size) for c in concealed]:
+      act(params, size, later)
+    fault = params.validate()
+    if fault is not None:
+      raise ValueError(f"no such car of slipx: {fault}")
+    return SlipxPlant(self.slipx, params)
+
+  def bench(self, rng: np.random.Generator) -> tuple[dict[str, float], dict[str, float]]:
+    """The servo's lag at low frequencies, read off road wheels filmed at some hundred frames a second."""
+    true = 2.0 * self.params.steer_damping / self.params.steer_bandwidth
+    read = true + SERVO_STD * np.clip(rng.standard_normal(), -2.0, 2.0)
+    return {"servo_time_constant": read}, {"servo_time_constant": SERVO_STD}
+
+  def nuisances(self, std: Mapping[str, float]) -> dict[str, Nuisance]:
+    """Numbers of slipx that a recalibration may move."""
+    return slipx_nuisances(dict(std), self.params)
 
   def measured(self, rng: np.random.Generator) -> tuple[dict[str, float | str], dict[str, float]]:
     """As read off a scale, a ruler and a data sheet; the wheelbase itself is exact."""
@@ -82,6 +105,19 @@ def drawn(slipx: Any, rng: np.random.Generator) -> Any:
     tyre.mu_y0, tyre.mu_x0 = tyre.mu_y0 * grip, tyre.mu_x0 * grip
   p.validate()
   return p
+
+
+def copied(slipx: Any, params: Any) -> Any:
+  """Other parameters of the same values."""
+  out = slipx.VehicleParams()
+  for name in (n for n in dir(params) if not n.startswith("_")):
+    value = getattr(params, name)
+    if name.startswith("tyre_"):
+      for inner in (n for n in dir(value) if not n.startswith("_")):
+        setattr(getattr(out, name), inner, getattr(value, inner))
+    elif not callable(value) and name != "wheelbase":  # lf + lr
+      setattr(out, name, value)
+  return out
 
 
 def numbers(params: Any) -> dict[str, float | str]:

@@ -1,0 +1,160 @@
+"""How much an effect shows: the nats of the right model, reckoned with the generator's own car and nothing else.
+
+The car is driven twice with the same commands, with the effect and without. What the sensors see differs by d, each
+sample over its noise. Samples within 0.1 s count as one, displacements within their second, as in the product's unit
+of evidence. What the car without an effect could imitate with other numbers is taken away to first order:
+
+    nats = min over a of  (|d + J a|^2 + a' P a) / 2
+
+J: change by each of the generator's numbers that a recalibration may move, by the small errors that every description
+of a car has (UNSTATED), and by constant errors of the IMU. P: the precision of what the owner states, and of those.
+So these are nats *after absorption* by a perfect model of the car; `before` is |d|^2 / 2. They are an upper end of
+what a model sees whose own errors exceed the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..laboratory.manoeuvres import PERIOD
+from .described import UNSTATED, WRAPPED
+from .effects import Concealed, Effect, Nuisance
+from .sensing import NOISE, POSE_EVERY, sense
+from .session import Setting, driven, observed, replayed
+
+TOGETHER = round(0.1 / PERIOD)  # samples that count as one
+HORIZON = round(1.0 / PERIOD)  # ticks that a displacement takes
+LEAST, MOST = 5.0, 5000.0  # nats that targets are drawn between, log-uniformly
+CLOSE = 0.05  # relative, of a target that is met
+TRIES = 12
+_RIGID = {"accel_x": "accel", "accel_y": "accel", "yaw_rate": "gyro", "motor_speed": "motor"}
+_CONSTANT = ("accel_x", "accel_y", "yaw_rate")  # channels whose sensor has a constant error
+
+
+@dataclass(frozen=True)
+class Shown:
+  """What an effect shows [nats]: after absorption, and before."""
+
+  nats: float
+  before: float
+
+
+@dataclass
+class Judge:
+  """One car's sensors, and what its own numbers could imitate under the commands of its session without an effect."""
+
+  setting: Setting
+  commands: list[np.ndarray]
+  plain: list[dict[str, np.ndarray]]
+  imitation: np.ndarray = field(repr=False)
+  precision: np.ndarray = field(repr=False)
+
+  @classmethod
+  def of(cls, setting: Setting) -> Judge:
+    """Drives the session once, and once more for each number."""
+    judge = cls(setting, driven(setting), [], np.empty((0, 0)), np.empty(0))
+    judge.plain = judge._seen((), ())
+    columns, precision = judge._constants(), []
+    for number in setting.car.nuisances(setting.std).values():
+      columns.append(judge._difference((), ((number, number.step),)) / number.step)
+      precision.append(0.0 if np.isinf(number.std) else number.std**-2)
+    for name, std in UNSTATED.items():
+      columns.append(judge._difference((Concealed(name, WRAPPED[name], std),), ()) / std)
+      precision.append(std**-2)
+    judge.imitation = np.stack(columns, axis=1)
+    judge.precision = np.array([0.0] * len(_CONSTANT) + precision)
+    return judge
+
+  def shown(self, concealed: Sequence[Concealed]) -> Shown:
+    """Of all of them together. Raises ValueError where such a car is impossible."""
+    change = self._difference(concealed, ())
+    usual = np.linalg.norm(self.imitation, axis=0) + 1e-12
+    rows = np.vstack([self.imitation / usual, np.diag(np.sqrt(self.precision) / usual)])
+    goal = np.concatenate([-change, np.zeros(len(usual))])
+    best = np.linalg.lstsq(rows, goal, rcond=1e-9)[0]
+    return Shown(0.5 * float(np.sum((goal - rows @ best) ** 2)), 0.5 * float(change @ change))
+
+  def _seen(
+    self, concealed: Sequence[Concealed], moved: Sequence[tuple[Nuisance, float]]
+  ) -> list[dict[str, np.ndarray]]:
+    quiet, rng = {name: 0.0 for name in _RIGID if name != "motor_speed"}, np.random.default_rng(0)
+    out = []
+    for run, commands in zip(self.setting.runs, self.commands, strict=True):
+      trace = replayed(self.setting.car, run, commands, concealed, moved)
+      out.append(sense(observed(trace, concealed), quiet, 0.0, rng))
+    return out
+
+  def _difference(self, concealed: Sequence[Concealed], moved: Sequence[tuple[Nuisance, float]]) -> np.ndarray:
+    """Whitened change of all that is seen."""
+    pairs = zip(self.plain, self._seen(concealed, moved), strict=True)
+    return np.concatenate([_whitened(plain, other) for plain, other in pairs])
+
+  def _constants(self) -> list[np.ndarray]:
+    """A unit on each channel of the IMU, whitened."""
+    shifted = [
+      [_whitened(plain, {**plain, name: plain[name] + 1.0}) for plain in self.plain] for name in _CONSTANT
+    ]  # fmt: skip
+    return [np.concatenate(rows) for rows in shifted]
+
+
+def sized(judge: Judge, name: str, effect: Effect, sign: float, target: float) -> tuple[Concealed, Shown] | None:
+  """The effect at the size that shows the target [nats], by secants of logarithms; at most at its largest.
+
+  None where even its largest possible size shows less than LEAST.
+  """
+  low, high, size = 0.0, effect.most, 0.05 * effect.most
+  best: tuple[Concealed, Shown] | None = None
+  for _ in range(TRIES):
+    one = Concealed(name, effect, sign * size)
+    try:
+      shown = judge.shown([one])
+    except ValueError:  # no such car
+      shown = None
+    if shown is None or not np.isfinite(shown.nats):
+      high = 0.7 * size
+    elif best is None or abs(np.log(shown.nats + 1e-9) - np.log(target)) < abs(
+      np.log(best[1].nats + 1e-9) - np.log(target)
+    ):
+      best = (one, shown)
+    if shown is not None and abs(shown.nats / target - 1.0) < CLOSE:
+      break
+    size, low, high = _next(size, None if shown is None else shown.nats, target, low, high)
+    if high <= low * (1.0 + 1e-3):
+      break
+  return best if best is not None and best[1].nats >= LEAST else None
+
+
+def _next(size: float, nats: float | None, target: float, low: float, high: float) -> tuple[float, float, float]:
+  """The next size, and the bracket that it lies in: nats go about with the square of the size."""
+  if nats is None:
+    return 0.5 * (low + high), low, high
+  low, high = (size, high) if nats < target else (low, size)
+  step = np.sqrt(target / nats) if nats > 1e-6 else 4.0
+  wished = size * float(np.clip(step, 0.02, 20.0))
+  if low < wished < high:
+    return wished, low, high
+  return (min(wished, high) if wished >= high > size else 0.5 * (low + high)), low, high
+
+
+def _whitened(plain: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> np.ndarray:
+  """Change from `plain` over the noise and over the root of the samples that count as one."""
+  rows = [
+    (other[name] - plain[name]) / (NOISE[kind] * np.sqrt(TOGETHER)) for name, kind in _RIGID.items()
+  ]  # fmt: skip
+  before, after = _displacements(plain), _displacements(other)
+  moved = np.hypot(*before[:2])
+  place = np.sqrt(2.0 * NOISE["pose"] ** 2 + (moved * NOISE["heading"]) ** 2)
+  std = np.stack([place, place, np.full(len(moved), np.sqrt(2.0) * NOISE["heading"])])
+  return np.concatenate([*rows, ((after - before) / (std * np.sqrt(HORIZON / POSE_EVERY))).ravel()])
+
+
+def _displacements(channels: dict[str, np.ndarray]) -> np.ndarray:
+  """Way forward [m], to the left [m] and turn [rad] in each second, seen from the car: (3, K)."""
+  x, y, yaw = (channels[f"pose_{name}"][::POSE_EVERY] for name in ("x", "y", "yaw"))
+  apart = HORIZON // POSE_EVERY
+  dx, dy, turn = (values[apart:] - values[:-apart] for values in (x, y, yaw))
+  cos, sin = np.cos(yaw[:-apart]), np.sin(yaw[:-apart])
+  return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, turn])

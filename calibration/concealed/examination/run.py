@@ -1,0 +1,44 @@
+"""Sitting an exam case by case: seal the truth, diagnose the data alone, keep the answer."""
+
+from __future__ import annotations
+
+import traceback
+from pathlib import Path
+
+from calibration.diagnosis.pipeline import diagnose
+from calibration.diagnosis.search.weighing import usual_levels
+from qcar_twin.atomic_io import write_text
+from qcar_twin.recordings.dataset import DataSet
+
+from ..campaign.run import answer_of
+from ..exam.cases import Case, make_case
+from .sealed import is_answered, keep_answer, lock
+
+
+def attempt(case: Case, folder: Path) -> str:
+  """`sit`, whatever it raises: "" if it was answered, else a line that says what came instead.
+
+  An error's traceback stays in `folder`/answers as NAME.error.txt until the case is answered.
+  """
+  story = folder / "answers" / f"{case.name}.error.txt"
+  try:
+    sit(case, folder)
+  except Exception as error:  # one case that cannot be answered must not cost the others theirs
+    write_text(story, traceback.format_exc())
+    return f"{case.name} ({type(error).__name__}: {error})"
+  story.unlink(missing_ok=True)
+  return ""
+
+
+def sit(case: Case, folder: Path) -> None:
+  """Make, seal, diagnose and answer one case; does nothing if its answer is there."""
+  if is_answered(folder, case.name):
+    return
+  session, truth = make_case(case)
+  lock(folder, case.name, truth)
+  outcome = diagnose(DataSet(case.name, session.recordings, session.vehicle, session.vehicle_std), threads=1)
+  answer = answer_of(outcome)
+  levels = usual_levels()
+  for row in answer["scored"]:
+    row["probability"] = levels.probability(row["t"], row["size"], row["margin"])
+  keep_answer(folder, case.name, answer)
