@@ -1,4 +1,4 @@
-"""Sit a sealed exam: concealed cases of a simulator that others wrote (extra `exam`), which may be stopped and resumed.
+"""Sit a sealed exam on cars of a published simulator; stops and resumes. Extra `exam`.
 
 qcar-twin exam --generator slipx --cases 60 --out out/exam_slipx --workers 2
 """

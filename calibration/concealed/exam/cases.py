@@ -65,18 +65,18 @@ def seed_of(*words: str) -> int:
 def make_case(case: Case) -> tuple[Session, dict]:
   """The session of a case, and its truth: "kind", "seed", "car", "effects" with "id", "right", "size", "nats"."""
   setting, rng = set_up(case.generator, case.seed, bench=True), stream(case.seed, 8)
-  small, found, together = small_errors(stream(case.seed, 9)), [], None
+  small, drawn, together = small_errors(stream(case.seed, 9)), [], None
   if case.kind != "null":
     judge = Judge.of(setting)
-    found = _sized(case, judge, rng)
-    together = judge.shown([one for one, _, _ in found])
+    drawn = _sized(case, judge, rng)
+    together = judge.shown([one for one, _, _ in drawn])
   session = make_exam_session(
-    case.generator, case.seed, concealed=[*small, *(one for one, _, _ in found)], bench=True
+    case.generator, case.seed, concealed=[*small, *(one for one, _, _ in drawn)], bench=True
   )  # fmt: skip
   effects = [
     {"id": one.name, "right": list(one.effect.right), "part": one.effect.part, "how": one.effect.how, "size": one.size,
      "unit": one.effect.unit, "nats": shown.nats, "nats_before_absorption": shown.before, "nats_wanted": target}
-    for one, shown, target in found
+    for one, shown, target in drawn
   ]  # fmt: skip
   truth = {"kind": case.kind, "seed": case.seed, "effects": effects, "car": session.truth["car"],
            "nats": 0.0 if together is None else together.nats,
@@ -86,18 +86,18 @@ def make_case(case: Case) -> tuple[Session, dict]:
 
 def _sized(case: Case, judge: Judge, rng: np.random.Generator) -> list[tuple[Concealed, Shown, float]]:
   """One effect, or two of different parts of the car, each of as many nats as were drawn for it."""
-  table, found = effects_of(case.generator), []
+  table, drawn = effects_of(case.generator), []
   for name in case.effects:
     effect = table[name]
-    if any(effect.part == other.effect.part for other, _, _ in found):
+    if any(effect.part == other.effect.part for other, _, _ in drawn):
       continue
     target = float(np.exp(rng.uniform(np.log(LEAST), np.log(MOST))))
     sign = float(rng.choice([-1.0, 1.0])) if effect.signed else 1.0
     hit = sized(judge, name, effect, sign, target)
     if hit is not None:
-      found.append((*hit, target))
-    if len(found) == (2 if case.kind == "pair" else 1):
-      return found
+      drawn.append((*hit, target))
+    if len(drawn) == (2 if case.kind == "pair" else 1):
+      return drawn
   raise ValueError(f"{case.name}: no effect of {', '.join(case.effects)} shows {LEAST:g} nats in this session")
 
 

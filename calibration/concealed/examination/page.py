@@ -31,7 +31,7 @@ def tables(results: Sequence[Result]) -> list[tuple[str, tuple[str, ...], _Rows]
     (
       "Receiver operating characteristic",
       ("probability from which a name is claimed", "nulls accused", "singles found"),
-      [(f"{level:g}", shown(false), shown(found)) for level, false, found in characteristic(results)],
+      [(f"{level:g}", shown(false), shown(right)) for level, false, right in characteristic(results)],
     ),
     (
       "What a stated probability is worth",

@@ -114,9 +114,9 @@ def best_name(result: Result) -> tuple[str, float]:
 def characteristic(results: Sequence[Result]) -> list[tuple[float, float | None, float | None]]:
   """Receiver operating characteristic: (threshold, share of nulls accused, share of singles found by their name)."""
   nulls, singles = of_kind(results, "null"), of_kind(results, "single")
-  found = lambda r, level: best_name(r)[1] >= level and best_name(r)[0] in right_names(r)
+  named = lambda r, level: best_name(r)[1] >= level and best_name(r)[0] in right_names(r)
   return [
-    (level, _share(best_name(r)[1] >= level for r in nulls), _share(found(r, level) for r in singles))
+    (level, _share(best_name(r)[1] >= level for r in nulls), _share(named(r, level) for r in singles))
     for level in THRESHOLDS
   ]
 

@@ -31,18 +31,18 @@ CASES = [
 
 
 def test_counts():
-  found = {said: (hits, of) for said, hits, of in counts(CASES)}
-  assert found["without an effect: something claimed"] == (1, 2)
-  assert found["one effect: right name first"] == (1, 2)
-  assert found["of those of 20 nats and more"] == (1, 1)
-  assert found["one effect: a wrong name first"] == (1, 2)
-  assert found["two effects: both named"] == (1, 1) == found["two effects: nothing false"]
-  assert found["outside the catalogue: said so"] == (1, 1)
+  tallied = {said: (hits, of) for said, hits, of in counts(CASES)}
+  assert tallied["without an effect: something claimed"] == (1, 2)
+  assert tallied["one effect: right name first"] == (1, 2)
+  assert tallied["of those of 20 nats and more"] == (1, 1)
+  assert tallied["one effect: a wrong name first"] == (1, 2)
+  assert tallied["two effects: both named"] == (1, 1) == tallied["two effects: nothing false"]
+  assert tallied["outside the catalogue: said so"] == (1, 1)
 
 
 def test_power_characteristic_and_reliability():
   assert power(CASES) == [("5 to 20", 0, 1), ("100 to 500", 1, 1)]
-  by_level = {level: (false, found) for level, false, found in characteristic(CASES)}
+  by_level = {level: (false, tallied) for level, false, tallied in characteristic(CASES)}
   assert by_level[0.5] == (0.5, 0.5) and by_level[0.95] == (0.0, 0.5) and by_level[0.35] == (1.0, 0.5)
   worth = {name: rest for name, *rest in reliability(CASES)}
   assert worth["0.65 to 0.8"] == pytest.approx([2, 0.7, 1.0]) and worth["0.5 to 0.65"] == pytest.approx([1, 0.6, 0.0])
