@@ -15,7 +15,7 @@ from tests import ROOT
 
 PACKAGES = ("qcar_twin", "calibration", "agents", "assets", "scripts")
 INSIDE = ("assets", "scripts")  # installed as parts of qcar_twin
-SOURCES = (".py", ".c", ".h", ".xml", ".toml", ".html", ".css", ".js", ".json", ".txt", ".onnx", ".safetensors")
+SOURCES = (".py", ".c", ".h", ".xml", ".toml", ".yml", ".html", ".css", ".js", ".json", ".txt", ".onnx", ".safetensors")
 
 
 @pytest.fixture(scope="module")

@@ -188,11 +188,13 @@ class RecompiledCar:
     """The three channels every 10 ms from states and sensors after every step, (T, 3).
 
     The accelerometer spoke a step before the state; its frame has turned by r h since then, on average by half of it.
+    What it said is of the step's middle and goes on to its end, as in qcar_twin/twin/reading.py.
     """
     rows = slice(SUBSTEPS - 1, None, SUBSTEPS)
     yaw_rate = state[rows, self._yaw]
     half_turn = 0.5 * self._spec.option.timestep * yaw_rate
     accel_y = sensors[rows, self._accelerometer + 1] - half_turn * sensors[rows, self._accelerometer]
+    accel_y[:-1] += 0.5 / SUBSTEPS * np.diff(accel_y)
     return np.column_stack([state[rows, self._motor], yaw_rate, accel_y])
 
   def residual(self, x: Array) -> Array:
