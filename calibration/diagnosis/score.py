@@ -160,8 +160,8 @@ def errors_taken_off(
     rows = observations.channel == index
     before, after, block = smaller.residual[rows], moved[rows], observations.block[rows]
     gain = compared(after, before, block)
-    share = 1.0 - float(np.linalg.norm(after)) / max(float(np.linalg.norm(before)), 1e-12)
-    found[CHANNELS[index]] = (share, gain.t)
+    size = float(np.linalg.norm(before))
+    found[CHANNELS[index]] = (1.0 - float(np.linalg.norm(after)) / size if size > 0.0 else 0.0, gain.t)
   return found
 
 

@@ -13,6 +13,7 @@ from calibration.diagnosis.score import (
   clustered_std,
   compare,
   compared,
+  errors_taken_off,
   evidence,
   groups_of,
   held_out,
@@ -55,6 +56,19 @@ def test_the_truth_wins_and_a_bystander_does_not(offset_pool):
   bystander = compare(offset_pool.models[frozenset(["quadratic_drag"])], offset_pool.base, observations)
   assert truth.gain > 50 and truth.t > 4 and truth.share_positive > 0.9
   assert bystander.gain < 5 and bystander.t < 2.6
+
+
+def test_a_right_name_takes_its_part_off_the_channels_it_acts_on(offset_pool):
+  """Against the residuals themselves: all groups are alike, so that each goes as far as the whole fit."""
+  observations, base = offset_pool.problem.observations, offset_pool.base
+  model = offset_pool.models[frozenset(["steering_offset"])]
+  found = errors_taken_off(model, base, observations)
+  assert set(found) == set(observations.present)
+  rows = observations.select("yaw_rate")
+  share = 1.0 - np.linalg.norm(model.residual[rows]) / np.linalg.norm(base.residual[rows])
+  assert found["yaw_rate"][0] == pytest.approx(share, abs=0.02) and share > 0.05 and found["yaw_rate"][1] > 3.0
+  assert abs(found["motor_speed"][0]) < 0.01
+  assert all(abs(size) < 1e-12 for size, _ in errors_taken_off(base, base, observations).values())
 
 
 def test_comparison_with_itself_is_nothing(offset_pool):

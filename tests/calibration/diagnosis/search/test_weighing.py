@@ -6,11 +6,12 @@ import shutil
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from calibration.concealed.campaign.set_levels import WEIGHTS, fitted_weights, write_weights
 from calibration.diagnosis.score import compare
 from calibration.diagnosis.search.decide import CONSIDERED, figures
-from calibration.diagnosis.search.weighing import FILE, Levels, read_levels, usual_levels, weighed
+from calibration.diagnosis.search.weighing import FILE, Levels, matters, read_levels, usual_levels, weighed
 from scripts import set_levels
 from tests import ROOT
 
@@ -122,3 +123,18 @@ def test_what_the_priors_gain_counts_as_held_out(offset_pool):
   assert found.t == pytest.approx(found.gain / found.standard_error)
   more = dataclasses.replace(found, priors=found.priors + found.standard_error)
   assert more.t_with_priors == pytest.approx(found.t_with_priors + 1.0) and more.t == found.t
+
+
+def test_a_name_matters_by_an_error_or_by_a_conflict_with_what_was_measured(offset_pool):
+  base, levels = offset_pool.base, usual_levels()
+  right, bystander = (offset_pool.models[frozenset([n])] for n in ("steering_offset", "quadratic_drag"))
+  assert matters(offset_pool, right, base, levels)
+  assert not matters(offset_pool, bystander, base, levels)
+  assert not matters(offset_pool, right, base, dataclasses.replace(levels, gain=0.99))
+  # the same residual, and a mass so many deviations from its scale: what fits it freely is in no such conflict
+  z = float(stats.norm.isf(0.5 * levels.conflict / len(offset_pool.signatures))) * levels.spread
+  for away, said in ((0.9 * z, False), (1.1 * z, True)):
+    values, mass = base.free.nominal.copy(), base.free.index("mass")
+    free = dataclasses.replace(base, values=values)
+    bent = dataclasses.replace(base, values=np.where(np.arange(len(values)) == mass, values + away * 0.02, values))
+    assert matters(offset_pool, free, bent, levels) == said

@@ -64,6 +64,7 @@ def _write_field(batch: Batch, name: str, car: Vehicle) -> None:
     ("cornering_stiffness_front", 120.0),
     ("friction_coefficient", 0.3),
     ("relaxation_length", 0.05),
+    ("longitudinal_relaxation", 0.1),
   ],
 )
 def test_a_field_written_per_simulation_is_the_car_rebuilt(name, value):

@@ -123,6 +123,22 @@ def test_columns_point_where_mujocos_do(mujoco_car, reduced):
   assert seen.sum() > 12 and set(low) <= {"suspension_frequency"}, low
 
 
+@pytest.mark.parametrize("engine", ["mujoco", "reduced"])
+def test_a_soft_tyres_swing_is_followed_to_second_order(engine):
+  """Half the step leaves a quarter of yaw rate's error, backward Euler a half."""
+  soft = dataclasses.replace(CAR, relaxation_length=0.08)
+  start = np.zeros((1, len(START)))
+  start[0, START.index("velocity_x")] = 0.8
+  commands = np.tile([1.3, 0.1], (1, 100, 1))
+  segments = Segments(commands, start, np.array([100]), 0.01, ("step",), np.zeros(1))
+  turned = {}
+  for substeps in (2, 4, 8, 64):
+    twin = Twin(soft, substeps=substeps, threads=1, engine=engine)
+    turned[substeps] = twin.rollout(twin.parameters.nominal, segments).signals[0, 0, :, SIGNALS.index("yaw_rate")]
+  errors = [np.linalg.norm(turned[substeps] - turned[64]) for substeps in (2, 4, 8)]
+  assert errors[0] > 3.0 * errors[1] > 9.0 * errors[2]
+
+
 def test_signals_have_no_jumps_where_wheels_slide(reduced):
   """A slope over a thousandth of a parameter's scale is that over a twentieth: nothing switches on the way."""
   segments = stretches({k: MANOEUVRES[k] for k in ("lock the wheels", "slide in a turn")})
