@@ -35,7 +35,7 @@ CLEAR, RIGHT = "clear error", "result"
 
 @dataclass(frozen=True)
 class Outcome:
-  """How reading one file ended: CLEAR, RIGHT or what went wrong; what was said; s of processor time, bytes taken at most."""
+  """How reading one file ended: CLEAR, RIGHT or what went wrong; what was said; s of processor time, bytes it took."""
 
   end: str
   said: str
