@@ -9,7 +9,7 @@ from pathlib import Path
 
 from calibration.concealed.campaign.archive import read_answer, unpack
 from calibration.concealed.campaign.set_levels import fitted_weights, write_weights
-from calibration.diagnosis.search.weighing import FILE, read_levels
+from calibration.diagnosis.decision.levels import FILE, read_levels
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
 

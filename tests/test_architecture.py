@@ -192,6 +192,18 @@ def test_the_exam_never_loads_the_twin_and_nothing_but_its_commands_loads_the_ex
   assert {u for u in users if not u.startswith(rooms)} == {"scripts.make_exam_session", "scripts.exam"}
 
 
+def test_what_decides_reads_numbers_only():
+  """No fit, no simulator, however far the imports of its files are followed; the faces of packages aside."""
+  decides = {m for m in graph() if m.startswith("calibration.diagnosis.decision.")}
+  seen, todo = set(decides), sorted(decides)
+  while todo:
+    new = {m for m in graph()[todo.pop()] if m not in FACES} - seen
+    seen |= new
+    todo += new
+  assert decides and seen - decides <= {"qcar_twin.atomic_io", "qcar_twin.extras", "qcar_twin.untrusted"}
+  assert not {"mujoco"} & {n.split(".")[0] for m in seen for n in imports(MODULES[m])}
+
+
 def test_the_laboratory_knows_no_car():
   for path in (ROOT / "calibration" / "concealed" / "laboratory").glob("*.py"):
     used = {

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, difference_step
+from calibration.diagnosis.decision.claims import Claim
+from calibration.diagnosis.decision.decide import Decision
 from calibration.diagnosis.pool import Pool
-from calibration.diagnosis.search.claims import Claim
-from calibration.diagnosis.search.decide import Decision
 from calibration.fitting.likelihood import Problem, Weighting, correlation_length
 from calibration.fitting.observations import CHANNELS, Observations, observe
 from calibration.fitting.optimiser import inverse_curvature
@@ -73,10 +73,10 @@ def next_experiment(pool: Pool, decision: Decision) -> dict[str, object] | None:
 def to_separate(pool: Pool, decision: Decision) -> tuple[tuple[str, str], Candidate, Candidate] | None:
   """The least certain name, its closest rival and the models of both; None where the names are certain."""
   for claim in sorted(filter(_doubtful, decision.claims), key=lambda c: c.probability):
-    others = frozenset(decision.model.mechanisms) - {claim.mechanism}
+    others = frozenset(decision.mechanisms) - {claim.mechanism}
     fitted = [name for name, _ in claim.alternatives if others | {name} in pool.models]
-    if claim.mechanism in decision.model.mechanisms and fitted:
-      return (claim.mechanism, fitted[0]), decision.model, pool.models[others | {fitted[0]}]
+    if claim.mechanism in decision.mechanisms and fitted:
+      return (claim.mechanism, fitted[0]), pool.model(decision.mechanisms), pool.models[others | {fitted[0]}]
   if decision.possible and not decision.claims:
     name = decision.possible[0]
     return (name, NOTHING), pool.models[frozenset([name])], pool.base

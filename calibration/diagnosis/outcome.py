@@ -1,17 +1,18 @@
 """What a diagnosis found, and the twin it repaired."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.decision.decide import Decision
+from calibration.diagnosis.decision.evidence import Evidence
 from calibration.diagnosis.holdout_errors import ChannelFit, Replay
 from calibration.diagnosis.locate import Location
 from calibration.diagnosis.pool import Pool
-from calibration.diagnosis.search.decide import Decision
-from calibration.diagnosis.unexplained.leftover import Leftover
 from calibration.fitting.windows import Cut
 from qcar_twin.twin.twin import Twin
 
@@ -32,8 +33,7 @@ class Diagnosis:
     stages: wall time of each stage, s, in order.
     next_experiment: manoeuvre, separates, predicted_nats; None where none is needed.
     repaired_twin: file of the repaired twin, relative to the output folder.
-    left_over: structure in the residuals of the recalibrated twin, and of the model behind the claims: all of it, below
-      its level, too.
+    evidence: what the decision rests on, as plain numbers.
     notes: warnings about the data set that a reader must know.
     replay: the held-out recordings, else those for validation, value by value; None without either.
   """
@@ -42,15 +42,20 @@ class Diagnosis:
   decision: Decision
   location: Location
   pool: Pool
+  evidence: Evidence
   validate: Mapping[str, ChannelFit]
   holdout: Mapping[str, ChannelFit]
   seconds: float
   stages: Mapping[str, float] = dataclasses.field(default_factory=dict)
   next_experiment: Mapping[str, Any] | None = None
   repaired_twin: str = "twin.toml"
-  left_over: tuple[Sequence[Leftover], Sequence[Leftover]] = ((), ())
   notes: tuple[str, ...] = ()
   replay: Replay | None = None
+
+  @property
+  def model(self) -> Candidate:
+    """The model behind the claims; the recalibrated twin if there are none."""
+    return self.pool.model(self.decision.mechanisms)
 
 
 @dataclasses.dataclass(frozen=True)

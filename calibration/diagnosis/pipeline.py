@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
 from calibration.diagnosis.considered import always_free, considered
+from calibration.diagnosis.decision.conclude import above_level, conclude, judged
+from calibration.diagnosis.decision.decide import Decision, decide
+from calibration.diagnosis.decision.evidence import Evidence
+from calibration.diagnosis.decision.levels import Levels, usual_levels
 from calibration.diagnosis.experiment import next_experiment
 from calibration.diagnosis.holdout_errors import ChannelFit, Replay, compare_twins
 from calibration.diagnosis.locate import Location, locate
@@ -16,11 +20,8 @@ from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.pool import Pool, base_candidate
 from calibration.diagnosis.scan import scan
 from calibration.diagnosis.score import compare_freely
-from calibration.diagnosis.search.conclude import above_level, conclude, errors_left, left_over
-from calibration.diagnosis.search.decide import Decision, decide
+from calibration.diagnosis.search.gather import best_unknown, errors_left, gather, what_is_left, with_errors
 from calibration.diagnosis.search.structure import Effort, search
-from calibration.diagnosis.search.weighing import Levels, usual_levels
-from calibration.diagnosis.unexplained.leftover import Leftover
 from calibration.diagnosis.unexplained.unknown import smooth_forces, unknown_sensors
 from calibration.fitting.dataset_recalibration import LONGEST, Start, recalibrate_dataset
 from calibration.fitting.recalibration import RecalibratedTwin, recalibrate_from
@@ -101,7 +102,7 @@ def diagnose(
     mechanisms: ids to consider; the whole catalogue by default.
     start: a twin to go on from, with its parameters: they are the first guess, and its mechanisms are in every model.
     effort: how wide to search.
-    levels: what decides; those of search/levels.toml by default.
+    levels: what decides; those of decision/levels.toml by default.
     substeps: simulation steps per control period of 10 ms.
     threads: of the simulation, 0 for all cores.
     progress: reports the stage and how much of it is done.
@@ -118,9 +119,10 @@ def diagnose(
   tried = [m for m in begun.known if (mechanisms is None or m.name in mechanisms) and not always_free(m, priors)]
   baseline, pool = _searched(begun.recalibrated, tried, effort, clock)
   clock.start("decision")
-  cut, named = Cut(command_shift=baseline.command_shift, most=LONGEST), decide(pool, levels)
-  validate, judged = _before_and_after(twin, pool, named, dataset.role("validate"), cut)
-  decision, unknowns, left = _concluded(named, pool, validate, levels)
+  evidence = gather(pool, dataset.name)
+  cut, named = Cut(command_shift=baseline.command_shift, most=LONGEST), decide(evidence, levels)
+  validate, judging = _before_and_after(twin, pool, named, dataset.role("validate"), cut)
+  decision, unknowns, evidence = _concluded(named, pool, evidence, validate, levels)
   clock.start("location")
   place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)
   clock.start("hold-out")
@@ -132,14 +134,14 @@ def diagnose(
     pool=pool,
     validate=validate,
     holdout=holdout,
-    replay=unseen or judged,
+    replay=unseen or judging,
     seconds=clock.stop(),
     stages=clock.stages,
     next_experiment=experiment,
-    left_over=left,
+    evidence=with_errors(evidence, {"validate": validate, "holdout": holdout}),
     notes=dataset.notices + begun.notes,
   )
-  return Outcome(diagnosis, twin, pool.base.theta, decision.model.theta, cut)
+  return Outcome(diagnosis, twin, pool.base.theta, pool.model(decision.mechanisms).theta, cut)
 
 
 def fit_unknowns(pool: Pool) -> dict[str, Candidate]:
@@ -179,26 +181,29 @@ def _searched(
 
 
 def _concluded(
-  named: Decision, pool: Pool, validate: Mapping[str, ChannelFit], levels: Levels
-) -> tuple[Decision, dict[str, Candidate], tuple[list[Leftover], list[Leftover]]]:
+  named: Decision, pool: Pool, evidence: Evidence, validate: Mapping[str, ChannelFit], levels: Levels
+) -> tuple[Decision, dict[str, Candidate], Evidence]:
   """The verdict; UNKNOWN rivals that say where what is left could act, none where nothing is; what is left."""
-  errors = errors_left(validate, pool)
-  before, after = (a + b for a, b in zip(left_over(named, pool, levels), errors, strict=True))
-  unknowns = fit_unknowns(pool) if above_level(after, levels) else {}
-  return conclude(named, pool, before, after, unknowns, levels), unknowns, (before, after)
+  before, after = errors_left(validate, pool)
+  evidence = evidence.with_left((), [*what_is_left(pool, ()), *before])
+  model = judged(named, evidence, levels)
+  if model:
+    evidence = evidence.with_left(model, [*what_is_left(pool, model), *after])
+  unknowns = fit_unknowns(pool) if above_level(evidence.left(model) or (), levels) else {}
+  return conclude(named, evidence, levels, best_unknown(pool, unknowns)), unknowns, evidence
 
 
 def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]) -> Location:
   gains = {name: compare_freely(m, pool.base, pool.problem.observations).gain for name, m in unknowns.items()}
   rests_on_unknown = decision.verdict == "unexplained" and decision.unknown is not None
   rival = unknowns[decision.unknown[0]] if rests_on_unknown and decision.unknown else None
-  return locate(pool, decision.model, gains, rival, claimed=[c.mechanism for c in decision.claims])
+  return locate(pool, pool.model(decision.mechanisms), gains, rival, claimed=[c.mechanism for c in decision.claims])
 
 
 def _before_and_after(
   twin: Twin, pool: Pool, decision: Decision, recordings: Sequence[Recording], cut: Cut
 ) -> tuple[dict[str, ChannelFit], Replay | None]:
-  model, key = decision.model, frozenset(decision.model.mechanisms)
+  model, key = pool.model(decision.mechanisms), frozenset(decision.mechanisms)
   without = {name: pool.models[key - {name}].theta for name in model.mechanisms if key - {name} in pool.models}
   return compare_twins(twin, pool.base.theta, model.theta, recordings, pool.floor, cut, without=without)
 

@@ -1,7 +1,7 @@
 """All models a search has tried, by the set of mechanisms in them."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -39,6 +39,10 @@ class Pool:
   @property
   def base(self) -> Candidate:
     return self.models[frozenset()]
+
+  def model(self, mechanisms: Iterable[str]) -> Candidate:
+    """The model of a set of mechanisms."""
+    return self.models[frozenset(mechanisms)]
 
   def of_size(self, size: int) -> list[Candidate]:
     return [m for key, m in self.models.items() if len(key) == size]

@@ -11,60 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.decision.comparison import CAP, Comparison, standard_error
 from calibration.fitting.observations import CHANNELS, Observations
 from calibration.fitting.optimiser import inverse_curvature, prior_cost
 
 Array = NDArray[np.float64]
-
-
-@dataclasses.dataclass(frozen=True)
-class Comparison:
-  """A model against a smaller one, by blocks of about three seconds.
-
-  Attributes:
-    gain: held-out drop of half the sum of squares, nats; at most CAP per block, so that no single
-      event decides.
-    t: mean over spread of the blocks' capped gains times the root of their number.
-    share_positive: blocks that gained, 0 to 1, among those whose prediction moved at all.
-    blocks: uncapped gain per block, (B,).
-    before: held-out half sum of squares of the smaller model, nats.
-    priors: nats by which the larger model's parameters lie closer to what was measured of the car.
-    added: free parameters the larger model has more.
-    drop: nats by which the larger model fits better, its priors included.
-    total: the gain with a hundred times wider cap: how much there is to explain at all.
-  """
-
-  gain: float
-  t: float
-  share_positive: float
-  blocks: Array
-  before: float
-  priors: float = 0.0
-  added: int = 1
-  drop: float = np.inf
-
-  @property
-  def relative(self) -> float:
-    """Share of the held-out sum of squares that is explained."""
-    return self.total / self.before if self.before > 0 else 0.0
-
-  @property
-  def standard_error(self) -> float:
-    """Of the gain, nats, from the scatter of the blocks."""
-    return _standard_error(np.clip(self.blocks, -CAP, CAP))
-
-  @property
-  def t_with_priors(self) -> float:
-    """The same t with what the priors gain counted as held out: what was measured of a car is no part of any block."""
-    return (self.gain + self.priors) / self.standard_error
-
-  @property
-  def total(self) -> float:
-    return float(np.clip(self.blocks, -100.0 * CAP, 100.0 * CAP).sum())
-
-
-CAP = 10.0  # nats a block can bring to the decision
-_LEAST_SPREAD = 0.01 * CAP  # where every block brings the cap, t would be a number without meaning
 
 
 def groups_of(observations: Observations, least: int = 8, length: float = 10.0) -> NDArray[np.int64]:
@@ -171,21 +122,15 @@ def compare_freely(larger: Candidate, smaller: Candidate, observations: Observat
   return compared(held_out(larger, group), held_out(smaller, group), observations.block)
 
 
-def _standard_error(capped: Array) -> float:
-  """Of the sum of blocks' gains; inf where a single block shows no scatter."""
-  count = len(capped)
-  return max(float(np.std(capped, ddof=1)), _LEAST_SPREAD) * float(np.sqrt(count)) if count > 1 else np.inf
-
-
 def compared(after: Array, before: Array, block: NDArray[np.int64]) -> Comparison:
   """Blocks' gains from held-out residuals of a larger and a smaller model, and the block of each, (M,)."""
   drop = 0.5 * (before**2 - after**2)
   gains = np.bincount(block, drop)[np.unique(block)].astype(np.float64)
   capped = np.clip(gains, -CAP, CAP)
-  t = float(capped.sum()) / _standard_error(capped)
+  t = float(capped.sum()) / standard_error(capped)
   moved = np.abs(gains) > 0.02
   share = float(np.mean(gains[moved] > 0)) if moved.any() else 0.0
-  return Comparison(float(capped.sum()), t, share, gains, float(0.5 * np.sum(before**2)))
+  return Comparison(float(capped.sum()), t, share, tuple(gains.tolist()), float(0.5 * np.sum(before**2)))
 
 
 def evidence(larger: Candidate, smaller: Candidate, observations: Observations) -> float:

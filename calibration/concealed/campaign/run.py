@@ -16,13 +16,14 @@ from calibration.concealed.campaign.wild_score import informed
 from calibration.concealed.proving_ground import make_session
 from calibration.concealed.second_car import make_second_session
 from calibration.diagnosis.curves.study import study
+from calibration.diagnosis.decision.comparison import Comparison
+from calibration.diagnosis.decision.decide import figures
+from calibration.diagnosis.decision.evidence import as_json
 from calibration.diagnosis.outcome import Outcome
 from calibration.diagnosis.pipeline import diagnose
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.report.document import document
-from calibration.diagnosis.score import Comparison, compare
-from calibration.diagnosis.search.decide import figures
-from calibration.diagnosis.unexplained.leftover import Leftover
+from calibration.diagnosis.score import compare
 from qcar_twin.atomic_io import plain, write_text
 from qcar_twin.recordings.dataset import DataSet
 
@@ -114,17 +115,10 @@ def answer_of(outcome: Outcome) -> dict:
   out["below_detection_size"] = list(diagnosis.decision.possible)
   unknown = diagnosis.decision.unknown
   out["alternative"] = None if unknown is None else {"name": unknown[0]} | _figures(unknown[1])
-  out["scored"] = figures(diagnosis.pool)
-  structures = [_structures(left) for left in diagnosis.left_over]
-  out["residual_structure"] = plain(dict(zip(("before", "after"), structures, strict=True)))
+  out["scored"] = figures(diagnosis.evidence)
+  out["evidence"] = as_json(diagnosis.evidence)
   out["trials"] = _trials(diagnosis.pool)
   return out
-
-
-def _structures(left: Sequence[Leftover]) -> list[dict]:
-  """What levels of structure are held against."""
-  keep = ("channel", "family", "nats", "count", "size")
-  return [{k: getattr(i, k) for k in keep} | {"t": i.comparison.t if i.comparison else None} for i in left]
 
 
 def _trials(pool: Pool) -> list[dict]:

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from calibration.concealed.proving_ground.effects.base import effect_class
+from calibration.diagnosis.decision.structure import PROPERTIES
 from calibration.diagnosis.holdout_errors import share_removed
-from calibration.diagnosis.unexplained.leftover import PROPERTIES
 from qcar_twin import markdown
 from qcar_twin.twin.mechanisms import catalogue
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from sklearn.linear_model import LogisticRegression
 
-from calibration.diagnosis.search.weighing import Levels
+from calibration.diagnosis.decision.levels import Levels
 from qcar_twin.atomic_io import write_text
 
 WEIGHTS = ("constant", "t", "size", "margin")

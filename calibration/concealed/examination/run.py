@@ -5,8 +5,8 @@ from __future__ import annotations
 import traceback
 from pathlib import Path
 
+from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.pipeline import diagnose
-from calibration.diagnosis.search.weighing import usual_levels
 from qcar_twin.atomic_io import write_text
 from qcar_twin.recordings.dataset import DataSet
 

@@ -5,14 +5,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.decision.claims import Claim
+from calibration.diagnosis.decision.structure import PROPERTIES
 from calibration.diagnosis.holdout_errors import share_taken_off
 from calibration.diagnosis.outcome import Diagnosis
 from calibration.diagnosis.report import figures, wording
 from calibration.diagnosis.report.demonstration import Demonstration
 from calibration.diagnosis.report.document import unknown_variables
 from calibration.diagnosis.report.errors import judged_on, repaired, worst_left
-from calibration.diagnosis.search.claims import Claim
-from calibration.diagnosis.unexplained.leftover import PROPERTIES
 from calibration.fitting.observations import CHANNELS
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages import Cell, Section, Table
@@ -98,7 +98,7 @@ def _structure(d: Diagnosis) -> Table:
   rows: list[tuple[Cell, ...]] = []
   for i in d.decision.leftovers:
     depends = ", ".join(wording.quantity(name) for name in i.depends_on)
-    rows.append((RESIDUALS[i.channel].words, PROPERTIES[i.family], depends, None if np.isnan(i.size) else 100 * i.size))
+    rows.append((RESIDUALS[i.channel].words, PROPERTIES[i.family], depends, 100 * i.size if i.size else None))
   return Table("Residual structure", ("channel", "property", "follows", "size [% of the channel's spread]"), rows)
 
 
@@ -136,7 +136,7 @@ def where(d: Diagnosis, shown: Demonstration) -> Section:
   )
   drawn: list[Figure | None] = [
     shown.clip,
-    figures.explorer(d.pool, d.decision.model.residual, place),
+    figures.explorer(d.pool, d.model.residual, place),
     figures.channel_shares(place),
     figures.share_over_time(observations, place),
   ]
@@ -151,7 +151,7 @@ def claimed(d: Diagnosis) -> dict[str, Mechanism]:
 
 def effect_on_car(d: Diagnosis, name: str) -> str:
   """How much a claimed mechanism moves each channel here, after recalibration: "It moves yaw rate by …"."""
-  model = d.decision.model
+  model = d.model
   without = d.pool.models.get(frozenset(model.mechanisms) - {name})
   if without is None or name not in model.mechanisms:
     return ""

@@ -45,7 +45,7 @@ def demonstrate(outcome: Outcome) -> Demonstration:
   segments = pool.problem.observations.stretches.segments
   driven = np.arange(segments.commands.shape[1]) < segments.steps[:, None]
   thetas = {"nominal": outcome.twin.parameters.nominal, "before": outcome.before}
-  if outcome.diagnosis.decision.model.mechanisms:
+  if outcome.diagnosis.decision.mechanisms:
     thetas["twin"] = outcome.after
   curves = identified_curves(outcome.twin, thetas, reach(pool), segments.commands[driven])
   clip, why = _film(outcome)
@@ -75,7 +75,7 @@ def _film(outcome: Outcome) -> tuple[Clip | None, str]:
   segments = observations.stretches.segments
   part = segments[worst : worst + 1]
   steps = int(min(part.steps[0], round(_LASTS / part.period)))
-  repaired = bool(d.decision.model.mechanisms)
+  repaired = bool(d.decision.mechanisms)
   thetas = np.stack([outcome.before, outcome.after] if repaired else [outcome.before])
   driven = outcome.twin.rollout(thetas, part)
   solid = recorded_signals(observations, worst, driven)[:steps]
@@ -106,7 +106,7 @@ def _to_film(outcome: Outcome) -> tuple[Observations, Array, str]:
     fits, whose = (d.holdout, "held-out") if d.holdout else (d.validate, "validation")
     noise = np.array([fits[name].noise if name in fits else np.inf for name in CHANNELS])
     noise = np.where(noise > 0.0, noise, np.inf)[d.replay.observations.channel]
-    repaired = bool(d.decision.model.mechanisms)
+    repaired = bool(d.decision.mechanisms)
     apart = d.replay.after - d.replay.before if repaired else d.replay.before
     return d.replay.observations, np.square(apart / noise), whose
   return d.pool.problem.observations, d.location.evidence, "fitted"

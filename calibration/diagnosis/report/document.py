@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.decision.claims import Claim
+from calibration.diagnosis.decision.decide import Decision
+from calibration.diagnosis.decision.structure import PROPERTIES
 from calibration.diagnosis.holdout_errors import ChannelFit
 from calibration.diagnosis.locate import Location
 from calibration.diagnosis.outcome import Diagnosis
-from calibration.diagnosis.search.claims import Claim
-from calibration.diagnosis.search.decide import Decision
-from calibration.diagnosis.unexplained.leftover import PROPERTIES
 from calibration.diagnosis.unexplained.unknown import smooth_forces
 from qcar_twin.atomic_io import plain, write_json
 

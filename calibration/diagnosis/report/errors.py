@@ -32,7 +32,7 @@ def parting(d: Diagnosis) -> Seconds | None:
 
 def repaired(d: Diagnosis) -> bool:
   """Whether a mechanism was added to the twin."""
-  return bool(d.decision.model.mechanisms)
+  return bool(d.decision.mechanisms)
 
 
 def errors(d: Diagnosis) -> Section:

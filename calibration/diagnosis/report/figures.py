@@ -5,11 +5,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.diagnosis.decision.decide import Decision
 from calibration.diagnosis.holdout_errors import ChannelFit
 from calibration.diagnosis.locate import Location
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.report.moments import Seconds
-from calibration.diagnosis.search.decide import Decision
 from calibration.fitting.observations import Observations
 from calibration.fitting.residual_channels import RESIDUALS
 from calibration.shown_runs import runs_of

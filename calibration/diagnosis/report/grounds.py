@@ -46,7 +46,7 @@ def evidence(d: Diagnosis) -> Section:
 
 def priors(d: Diagnosis) -> Section:
   """What the fit made of the parameters, against what was measured of them before."""
-  base, model = d.pool.base, d.decision.model
+  base, model = d.pool.base, d.model
   moved = prior_shifts(base)
   rows: list[tuple[Cell, ...]] = []
   for name, shift in parameter_shifts(base).items():

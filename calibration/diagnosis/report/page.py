@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from calibration.diagnosis.decision.evidence import write_evidence
 from calibration.diagnosis.holdout_errors import recovered_share
 from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.report import figures, wording
@@ -33,7 +34,7 @@ _FIRST = 5  # sections up to the repaired model; a later stage's come next
 def write_diagnosis(
   outcome: Outcome, folder: str | Path, shown: Demonstration | None = None, further: Further = NOTHING_FURTHER
 ) -> Path:
-  """Write diagnosis.json, report.html, twin.toml (the repaired twin, see `shipping`) and recalibrated.toml.
+  """Write diagnosis.json, evidence.json, report.html, recalibrated.toml and twin.toml (see `shipping`).
 
   Args:
     outcome: of `diagnose`.
@@ -50,6 +51,7 @@ def write_diagnosis(
   save_twin(folder / "twin.toml", *(further.twin or (without.twin, without.theta, without.note)))
   of = "curves" if further.twin else kind(outcome.diagnosis)
   write_document(folder, outcome.diagnosis, further.curves, of)
+  write_evidence(folder, outcome.diagnosis.evidence)
   return write_report(folder, outcome.diagnosis, shown or demonstrate(outcome), further)
 
 

@@ -8,10 +8,10 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
+from calibration.diagnosis.decision.claims import Claim
+from calibration.diagnosis.decision.decide import Decision
+from calibration.diagnosis.decision.structure import PROPERTIES, Leftover
 from calibration.diagnosis.region import Region
-from calibration.diagnosis.search.claims import Claim
-from calibration.diagnosis.search.decide import Decision
-from calibration.diagnosis.unexplained.leftover import PROPERTIES, Leftover
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages.numbers import spread
 from qcar_twin.twin.mechanisms.base import Mechanism, describe

@@ -7,7 +7,6 @@ wheels, which no function of circumstances can follow because its phase is nobod
 themselves and hold most of what is left.
 """
 
-import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -15,10 +14,12 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.circumstances import at_values
-from calibration.diagnosis.score import Comparison, compared, groups_of
+from calibration.diagnosis.decision.comparison import Comparison
+from calibration.diagnosis.decision.structure import Leftover
+from calibration.diagnosis.score import compared, groups_of
 from calibration.diagnosis.unexplained.bursts import bursts
 from calibration.diagnosis.unexplained.families import heading, histories, motion, past_commands, places
-from calibration.diagnosis.unexplained.rhythm import Line, strongest_line
+from calibration.diagnosis.unexplained.rhythm import strongest_line
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.observations import Observations
 from calibration.fitting.residual_channels import RESIDUALS
@@ -34,44 +35,7 @@ FAMILIES: dict[str, tuple[Callable[[Observations, Prediction], Array], tuple[str
   "place": (places, ("pose_x", "pose_y")),
   "history": (histories, ("sliding and driving of the last seconds", "accel_x", "accel_y")),
 }
-# what is known of a nameless error by the family it follows
-PROPERTIES = {
-  "motion": "a function of the motion",
-  "commands": "follows the commands of the last 0.4 s",
-  "heading": "turns with the heading",
-  "place": "tied to a place",
-  "history": "remembers the last seconds",
-  "rhythm": "periodic",
-  "bursts": "comes in short bursts",
-  "error": "many times the sensor's noise where nothing was fitted",
-}
 _USUAL = 0.1  # size of a coefficient in standard deviations of what the channel measured
-
-
-@dataclasses.dataclass(frozen=True)
-class Leftover:
-  """Structure in one channel.
-
-  Attributes:
-    channel: where it shows.
-    family: of FAMILIES, "rhythm", "bursts", or "error" for all that a channel's error is.
-    depends_on: variables it follows, in words.
-    nats: held-out gain per block of about three seconds; for a rhythm, the line's excess per stretch; for bursts, no
-      nats but the odds that an error falls into one; for an error, its multiple of the sensor's noise.
-    comparison: held out, by blocks; None for a rhythm and for bursts.
-    line: the spectral line; None for a smooth one.
-    count: blocks, stretches or windows behind it.
-    size: RMS of the structure as a share of the spread of what the channel measured; NaN for a rhythm.
-  """
-
-  channel: str
-  family: str
-  depends_on: tuple[str, ...]
-  nats: float
-  comparison: Comparison | None = None
-  line: Line | None = None
-  count: int = 0
-  size: float = np.nan
 
 
 def leftovers(model: Candidate, problem: Problem, prediction: Prediction) -> list[Leftover]:
@@ -91,16 +55,16 @@ def leftovers(model: Candidate, problem: Problem, prediction: Prediction) -> lis
       # one recording left out that lies far from all others may be foretold so badly that the total is negative
       nats, count = max(test.total, test.gain), len(test.blocks)
       size = _size(2.0 * nats, observations, channel, whitening)
-      found.append(Leftover(channel, family, depends_on, test.gain / max(count, 1), test, count=count, size=size))
+      found.append(Leftover(channel, family, depends_on, test.gain / max(count, 1), test.t, count, size))
   turns = problem.twin.vehicle.gear_ratio / (2.0 * np.pi)
   for channel in observations.present:
     if RESIDUALS[channel].displacement is None:
       line = strongest_line(model.residual, observations, prediction, channel, turns)
-      found.append(Leftover(channel, "rhythm", line.depends_on, line.nats, None, line, line.stretches))
+      found.append(Leftover(channel, "rhythm", line.depends_on, line.nats, count=line.stretches))
       # a pose that jumps is mostly the fault of what measures it
       burst = bursts(model.residual, observations, prediction, channel)
       size = _size(burst.sum_of_squares, observations, channel, whitening)
-      found.append(Leftover(channel, "bursts", burst.depends_on, burst.odds, None, None, burst.windows, size))
+      found.append(Leftover(channel, "bursts", burst.depends_on, burst.odds, None, burst.windows, size))
   return found
 
 

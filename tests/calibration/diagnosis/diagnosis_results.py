@@ -4,16 +4,16 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from calibration.diagnosis.decision.claims import Claim, claim
+from calibration.diagnosis.decision.comparison import Comparison
+from calibration.diagnosis.decision.conclude import conclude, judged
+from calibration.diagnosis.decision.decide import Decision, decide
+from calibration.diagnosis.decision.evidence import Evidence, Model
+from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.holdout_errors import ChannelFit, Replay
 from calibration.diagnosis.locate import locate
 from calibration.diagnosis.outcome import Diagnosis
-from calibration.diagnosis.score import Comparison
-from calibration.diagnosis.search.claims import Claim
-from calibration.diagnosis.search.conclude import conclude
-from calibration.diagnosis.search.decide import Decision
-from calibration.diagnosis.search.weighing import usual_levels
-from calibration.diagnosis.unexplained.leftover import leftovers
-from calibration.diagnosis.unexplained.unknown import unknown_sensors
+from calibration.diagnosis.search.gather import Weighing, gather, what_is_left
 from qcar_twin.twin.mechanisms import catalogue
 
 HELD: Comparison = SimpleNamespace(gain=120.0, total=120.0, t=5.0, share_positive=0.9)  # type: ignore[assignment]
@@ -34,7 +34,8 @@ def decision_of(verdict, claimed, equivalent=(), unknown=None, model=None, ranki
   """A decision with claims of typical size."""
   claims = tuple(claim_of(catalogue()[name], equivalent) for name in claimed)
   ranked = ranking or tuple((c.mechanism, c.evidence_nats) for c in claims)
-  return Decision(verdict, claims, (), model, (unknown, HELD) if unknown else None, ranked)  # type: ignore[arg-type]
+  behind = tuple(sorted(claimed if model is None else model.mechanisms))
+  return Decision(verdict, claims, (), behind, (unknown, HELD) if unknown else None, ranked)
 
 
 def replay_of(pool, model):
@@ -59,6 +60,7 @@ def diagnosis_of(pool, claimed=(), verdict="explained", unknown=None, **changes)
     "decision": decision,
     "location": locate(pool, model, {"unknown_steering": 80.0, "unknown_force_y": 20.0}),
     "pool": pool,
+    "evidence": Evidence("linear car", (Model((), 0.0, 0.0),), ()),
     "validate": fits,
     "holdout": fits,
     "replay": replay_of(pool, model),
@@ -68,12 +70,17 @@ def diagnosis_of(pool, claimed=(), verdict="explained", unknown=None, **changes)
   return Diagnosis(**(values | changes))  # type: ignore[arg-type]
 
 
-def over(pool, model):
-  return leftovers(model, pool.problem, pool.problem.predict(model.theta[None]))
+def decided(pool, levels=None):
+  """What the evidence of a pool says."""
+  return decide(gather(pool), levels)
+
+
+def claimed_of(pool, model, name, levels=None):
+  """A name of a model as a claim, likely or not."""
+  return claim(Weighing(pool).named(model, name), gather(pool), levels or usual_levels())
 
 
 def concluded(pool, decision, levels=None):
-  problem = pool.problem
-  whitening = problem.whiten(np.ones(len(problem.observations)))
-  rivals = unknown_sensors(pool.base, problem.observations, problem.predict(pool.base.theta[None]), whitening)
-  return conclude(decision, pool, over(pool, pool.base), over(pool, decision.model), rivals, levels or usual_levels())
+  evidence, levels = gather(pool).with_left((), what_is_left(pool, ())), levels or usual_levels()
+  model = judged(decision, evidence, levels)
+  return conclude(decision, evidence.with_left(model, what_is_left(pool, model)), levels)

@@ -16,9 +16,9 @@ from calibration.diagnosis.experiment import (
   reach,
   to_separate,
 )
-from calibration.diagnosis.search.decide import decide
 from qcar_twin.vehicle.drive import DRIVES
 from tests.calibration.diagnosis import diagnosis_rig as rig
+from tests.calibration.diagnosis.diagnosis_results import decided
 
 REACH = DrivenRange(command=8.0, slow=0.3, fast=0.8, angle=0.3)
 
@@ -94,7 +94,7 @@ def test_reach_is_read_off_the_recordings(clean_pool):
 
 
 def test_certain_names_need_no_experiment_and_doubtful_ones_do(offset_pool, clean_pool):
-  decision = decide(offset_pool)
+  decision = decided(offset_pool)
   claim = decision.claims[0]
   sure = dataclasses.replace(
     decision, claims=(dataclasses.replace(claim, probability=0.95, indistinguishable_from=()),)
@@ -104,14 +104,14 @@ def test_certain_names_need_no_experiment_and_doubtful_ones_do(offset_pool, clea
   asked = next_experiment(offset_pool, unsure)
   assert asked is not None and asked["separates"][0] == claim.mechanism
   assert asked["separates"][1] == claim.alternatives[0][0] and asked["predicted_nats"] > 0
-  nothing = decide(clean_pool)
+  nothing = decided(clean_pool)
   possible = dataclasses.replace(nothing, claims=(), possible=("side_force",))
   names, _, rival = to_separate(clean_pool, possible)
   assert names == ("side_force", NOTHING) and rival is clean_pool.base
 
 
 def test_a_manoeuvre_on_which_a_model_flies_apart_is_not_proposed(offset_pool, monkeypatch):
-  decision = decide(offset_pool)
+  decision = decided(offset_pool)
   unsure = dataclasses.replace(decision, claims=(dataclasses.replace(decision.claims[0], probability=0.6),))
   worth = np.full(len(manoeuvres(REACH)), np.nan)
   monkeypatch.setattr("calibration.diagnosis.experiment.predicted_nats", lambda *args: worth)

@@ -119,7 +119,7 @@ def test_no_block_brings_more_than_the_cap(offset_pool):
   model, base = offset_pool.models[frozenset(["steering_offset"])], offset_pool.base
   test = compare(model, base, offset_pool.problem.observations)
   assert test.gain <= CAP * len(test.blocks)
-  assert test.total == pytest.approx(test.blocks.sum())  # none of them is a hundred times the cap
+  assert test.total == pytest.approx(sum(test.blocks))  # none of them is a hundred times the cap
 
 
 def test_deviations_hold_where_a_group_shares_its_disturbance():

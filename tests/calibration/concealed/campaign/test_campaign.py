@@ -26,7 +26,7 @@ from calibration.concealed.campaign.score import (
   worse_than_right_model,
 )
 from calibration.concealed.proving_ground import EFFECTS
-from calibration.diagnosis.unexplained.leftover import PROPERTIES
+from calibration.diagnosis.decision.structure import PROPERTIES
 from qcar_twin.twin.mechanisms import catalogue
 
 

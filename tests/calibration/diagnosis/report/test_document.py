@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from calibration.diagnosis.decision.structure import Leftover
 from calibration.diagnosis.holdout_errors import ChannelFit
 from calibration.diagnosis.report.document import (
   FILE,
@@ -19,7 +20,6 @@ from calibration.diagnosis.report.document import (
 )
 from calibration.diagnosis.report.page import write_report
 from calibration.diagnosis.report.wording import verdict_sentence
-from calibration.diagnosis.unexplained.leftover import Leftover
 from qcar_twin.twin.mechanisms import catalogue
 from tests.calibration.diagnosis.diagnosis_results import HELD, decision_of, diagnosis_of
 

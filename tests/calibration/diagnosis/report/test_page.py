@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+from calibration.diagnosis.decision.structure import Leftover
 from calibration.diagnosis.holdout_errors import recovered_share, share_taken_off
 from calibration.diagnosis.report import figures
 from calibration.diagnosis.report.causes import channel_changes, effect_on_car
@@ -14,7 +15,6 @@ from calibration.diagnosis.report.demonstration import NOTHING_SHOWN, Demonstrat
 from calibration.diagnosis.report.errors import parting
 from calibration.diagnosis.report.further import Further
 from calibration.diagnosis.report.page import facts, report_sections, verdict, write_report
-from calibration.diagnosis.unexplained.leftover import Leftover
 from calibration.fitting.observations import CHANNELS
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages import Explorer, Section

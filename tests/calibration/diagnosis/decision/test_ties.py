@@ -4,12 +4,10 @@ import dataclasses
 
 import numpy as np
 
-from calibration.diagnosis.search.claims import claim
-from calibration.diagnosis.search.decide import decide
-from calibration.diagnosis.search.weighing import usual_levels
+from calibration.diagnosis.decision.levels import usual_levels
 from qcar_twin.parameters import ParameterSet
 from tests.calibration.diagnosis import diagnosis_rig as rig
-from tests.calibration.diagnosis.diagnosis_results import concluded
+from tests.calibration.diagnosis.diagnosis_results import claimed_of, concluded, decided
 
 
 def twins_of(pool, name, others):
@@ -34,8 +32,8 @@ def renamed(pool, single, name, other):
 
 
 def test_names_that_fit_equally_well_share_the_probability(offset_pool):
-  alone = decide(twins_of(offset_pool, "steering_offset", [])).claims[0].probability
-  tied = decide(twins_of(offset_pool, "steering_offset", ["side_force"]))
+  alone = decided(twins_of(offset_pool, "steering_offset", [])).claims[0].probability
+  tied = decided(twins_of(offset_pool, "steering_offset", ["side_force"]))
   assert 0.5 * alone - 0.02 < tied.claims[0].probability < 0.65 and alone > 0.9
   assert {tied.claims[0].mechanism, *tied.claims[0].indistinguishable_from} == {"steering_offset", "side_force"}
   assert tied.verdict == "explained"
@@ -51,18 +49,18 @@ def test_a_rival_that_leaves_bent_what_the_claim_frees_can_be_told_apart(offset_
     straight = dataclasses.replace(claimed, values=claimed.values.copy())
     straight.values[straight.free.index("mass")] = mass.nominal
     models = pool.models | {frozenset(["side_force"]): bent, frozenset(["steering_offset"]): straight}
-    found = claim(dataclasses.replace(pool, models=models), straight, "steering_offset", levels)
+    found = claimed_of(dataclasses.replace(pool, models=models), straight, "steering_offset", levels)
     assert found.indistinguishable_from == equivalent
 
 
 def test_what_acts_under_names_too_many_to_claim_is_unexplained(offset_pool):
   pool = twins_of(offset_pool, "steering_offset", ["side_force"])
   needed = dataclasses.replace(usual_levels(), claim=0.7)
-  decision = decide(pool, needed)
+  decision = decided(pool, needed)
   assert decision.claims == ()
   assert "steering_offset" in decision.undecided and "side_force" in decision.undecided
-  assert concluded(pool, decision).verdict == "unexplained"
-  assert decide(pool, dataclasses.replace(needed, claim=0.999)).undecided == ""
+  assert concluded(pool, dataclasses.replace(decision, possible=())).verdict == "unexplained"
+  assert decided(pool, dataclasses.replace(needed, claim=0.999)).undecided == ""
 
 
 def test_a_name_goes_first_that_is_likelier_and_not_the_one_that_fits_best(offset_pool):
@@ -75,7 +73,7 @@ def test_a_name_goes_first_that_is_likelier_and_not_the_one_that_fits_best(offse
   residual[: small.n_train] *= 0.999
   pool.models[frozenset(["side_force"])] = dataclasses.replace(small, values=values, residual=residual)
   assert pool.models[frozenset(["side_force"])].cost < pool.models[frozenset(["steering_offset"])].cost
-  assert decide(pool).claims[0].mechanism == "steering_offset"
+  assert decided(pool).claims[0].mechanism == "steering_offset"
 
 
 def test_what_is_only_likely_beside_a_name_too_doubtful_to_claim_is_weighed_alone(pair_pool):
@@ -86,6 +84,6 @@ def test_what_is_only_likely_beside_a_name_too_doubtful_to_claim_is_weighed_alon
   models = {frozenset(): pair_pool.base, trim: pair_pool.models[trim], force: nothing, force | trim: pair}
   models[frozenset(["side_force", "gyro_scale"])] = renamed(pair_pool, pair, "steering_offset", "gyro_scale")
   pool, needed = dataclasses.replace(pair_pool, models=models), dataclasses.replace(usual_levels(), claim=0.6)
-  weighed = {c: claim(pool, pair, c, needed).probability for c in pair.mechanisms}
+  weighed = {c: claimed_of(pool, pair, c, needed).probability for c in pair.mechanisms}
   assert weighed["steering_offset"] < 0.6 < weighed["side_force"]
-  assert [c.mechanism for c in decide(pool, needed).claims] == ["steering_offset"]
+  assert [c.mechanism for c in decided(pool, needed).claims] == ["steering_offset"]

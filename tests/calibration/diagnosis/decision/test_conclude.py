@@ -1,30 +1,28 @@
 """Claims and verdicts: a right name is claimed and leaves nothing over, a wrong one or none does not pass."""
 
 import dataclasses
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from calibration.diagnosis.decision.claims import beyond_usual, sensor_claims
+from calibration.diagnosis.decision.comparison import Comparison
+from calibration.diagnosis.decision.conclude import above_level, conclude, judged, strength
+from calibration.diagnosis.decision.evidence import Evidence, Model, Named
+from calibration.diagnosis.decision.levels import usual_levels
+from calibration.diagnosis.decision.structure import Leftover
 from calibration.diagnosis.holdout_errors import ChannelFit
 from calibration.diagnosis.pool import Pool
-from calibration.diagnosis.score import Comparison
-from calibration.diagnosis.search.claims import _beyond_usual, bias_claims, claim
-from calibration.diagnosis.search.conclude import above_level, conclude, errors_left, left_over, strength
-from calibration.diagnosis.search.decide import decide
-from calibration.diagnosis.search.weighing import stretched, usual_levels
-from calibration.diagnosis.unexplained.leftover import Leftover
-from calibration.diagnosis.unexplained.rhythm import Line
-from qcar_twin.parameters import Parameter, ParameterSet
-from qcar_twin.twin.mechanisms import catalogue
+from calibration.diagnosis.search.gather import errors_left, gather, what_is_left
+from calibration.diagnosis.search.weighing import stretched
 from qcar_twin.twin.mechanisms.base import SensorError
 from tests.calibration.diagnosis import diagnosis_rig as rig
-from tests.calibration.diagnosis.diagnosis_results import concluded
-from tests.calibration.diagnosis.search.test_ties import renamed
+from tests.calibration.diagnosis.decision.test_ties import renamed
+from tests.calibration.diagnosis.diagnosis_results import claimed_of, concluded, decided
 
 
 def test_a_right_name_is_claimed_and_leaves_nothing_over(offset_pool):
-  decision = concluded(offset_pool, decide(offset_pool))
+  decision = concluded(offset_pool, decided(offset_pool))
   assert [c.mechanism for c in decision.claims] == ["steering_offset"]
   assert decision.verdict == "explained" and decision.leftovers == ()
   assert decision.claims[0].parameters["steering_offset"]["value"] == pytest.approx(0.03, rel=0.2)
@@ -32,14 +30,14 @@ def test_a_right_name_is_claimed_and_leaves_nothing_over(offset_pool):
 
 
 def test_a_clean_car_gets_no_claim(clean_pool):
-  decision = concluded(clean_pool, decide(clean_pool))
+  decision = concluded(clean_pool, decided(clean_pool))
   assert decision.claims == () and decision.verdict == "no_mismatch"
-  assert decision.model is clean_pool.base
+  assert decision.mechanisms == ()
 
 
 def test_without_the_right_name_the_mismatch_is_unexplained(offset_pool):
   nameless = dataclasses.replace(offset_pool, models={frozenset(): offset_pool.base})
-  decision = decide(nameless)
+  decision = decided(nameless)
   assert decision.claims == ()
   decision = concluded(nameless, decision)
   assert decision.verdict == "unexplained"
@@ -48,14 +46,19 @@ def test_without_the_right_name_the_mismatch_is_unexplained(offset_pool):
 
 def smooth(size, t=4.0, blocks=36):
   """Structure of a channel that is a function of the motion, of a share of its spread."""
-  test = Comparison(gain=40.0, t=t, share_positive=0.8, blocks=np.ones(blocks), before=900.0)
-  return Leftover("accel_y", "motion", ("speed",), 2.0, test, count=blocks, size=size)
+  return Leftover("accel_y", "motion", ("speed",), 2.0, t, blocks, size)
+
+
+def said(decision, before, after):
+  """The verdict on a decision where the recalibrated twin and the model behind the claims leave something."""
+  evidence = Evidence("linear car", (Model((), 0.0, 0.0),), ()).with_left((), before)
+  return conclude(decision, evidence.with_left(decision.mechanisms, after), usual_levels())
 
 
 def test_a_name_that_leaves_much_over_is_doubted(offset_pool):
-  right, levels = decide(offset_pool), usual_levels()
+  right, levels = decided(offset_pool), usual_levels()
   most = smooth(8.0 * levels.material)
-  left = lambda part: conclude(right, offset_pool, [most], [smooth(np.sqrt(part) * most.size)], {}, levels)
+  left = lambda part: said(right, [most], [smooth(np.sqrt(part) * most.size)])
   decision = left(1.1 * levels.remains)
   assert decision.verdict == "partly_explained"
   assert decision.claims[0].probability == pytest.approx(levels.doubt * right.claims[0].probability)
@@ -75,7 +78,7 @@ def test_a_line_is_one_that_noise_would_not_make(count):
   """Mean excess of unit exponentials: the level is passed as often as it says, at a chance that can be counted."""
   levels, random = dataclasses.replace(usual_levels(), rhythm=0.01), np.random.default_rng(count)
   means = random.exponential(size=(20_000, count)).mean(axis=1) - 1.0
-  line = lambda nats: Leftover("accel_y", "rhythm", (), nats, None, Line("time", 3.0, nats, count), count)
+  line = lambda nats: Leftover("accel_y", "rhythm", (), nats, count=count)
   assert np.mean([strength(line(x), levels) >= 1.0 for x in means]) == pytest.approx(0.01, abs=0.002)
   assert strength(line(9.0), usual_levels()) > 1.0
   assert strength(dataclasses.replace(line(9.0), count=0), levels) == 0.0
@@ -83,23 +86,23 @@ def test_a_line_is_one_that_noise_would_not_make(count):
 
 def test_an_error_that_follows_nothing_is_left_where_it_is_many_times_the_noise(offset_pool):
   """Of channels measured directly; a displacement hangs on one slide of the car, and a quiet sensor sees trifles."""
-  levels, right = usual_levels(), decide(offset_pool)
+  levels, right = usual_levels(), decided(offset_pool)
   fit = lambda before, after, noise: ChannelFit(before, after, 0.0, noise, (0.0, 0.0), "", 900)
   fits = {"yaw_rate": fit(2.0, 1.5, 0.1), "accel_y": fit(1e-3, 1e-3, 1e-5), "pose_turn": fit(9.0, 9.0, 0.1)}
   before, after = errors_left(fits, offset_pool)
   assert [i.channel for i in after] == ["yaw_rate", "accel_y"] and after[0].nats == pytest.approx(15.0)
   assert above_level(after, levels) == (after[0],)
-  assert conclude(right, offset_pool, before, after, {}, levels).verdict == "partly_explained"
+  assert said(right, before, after).verdict == "partly_explained"
   mended = errors_left({"yaw_rate": fit(2.0, 0.5, 0.1)}, offset_pool)
-  assert conclude(right, offset_pool, *mended, {}, levels).verdict == "explained"
+  assert said(right, *mended).verdict == "explained"
   known = smooth(1.1 * levels.material)
   assert above_level([*after, known], levels) == (known, after[0])
 
 
 def test_two_effects_are_claimed_together(pair_pool):
-  decision = decide(pair_pool)
+  decision = decided(pair_pool)
   assert {c.mechanism for c in decision.claims} == {"steering_offset", "side_force"}
-  assert decision.model.mechanisms == ("side_force", "steering_offset")
+  assert decision.mechanisms == ("side_force", "steering_offset")
 
 
 def test_what_is_too_small_to_claim_is_possible_at_most(offset_pool, monkeypatch):
@@ -110,10 +113,10 @@ def test_what_is_too_small_to_claim_is_possible_at_most(offset_pool, monkeypatch
     type(mechanism), "observable_share", lambda self, values, driving: seen.append((values, driving)) or 0.05
   )
   few = dataclasses.replace(usual_levels(), claim=0.9)
-  decision = decide(offset_pool, few)
+  decision = decided(offset_pool, few)
   assert decision.claims == () and "steering_offset" in decision.possible
   monkeypatch.undo()
-  assert [c.mechanism for c in decide(offset_pool, few).claims] == ["steering_offset"]
+  assert [c.mechanism for c in decided(offset_pool, few).claims] == ["steering_offset"]
   values, driving = seen[0]
   assert driving.first == 0.0 and driving.last == pytest.approx(10 * rig.LENGTH, rel=0.01)
   assert "steering_offset" in values
@@ -129,19 +132,21 @@ def test_two_names_that_imitate_one_are_no_larger_set(pair_pool):
   scale = renamed(pair_pool, force, "side_force", "gyro_scale")
   models = {frozenset(): pair_pool.base, trim: alone, other: imitating}
   models |= {frozenset(["side_force"]): force, frozenset(["gyro_scale"]): scale}
-  decision = decide(dataclasses.replace(pair_pool, models=models))
+  decision = decided(dataclasses.replace(pair_pool, models=models))
   assert [c.mechanism for c in decision.claims] == ["steering_offset"]
 
 
 def test_what_a_mechanism_too_small_to_matter_explains_is_no_riddle(offset_pool):
   """Its structure stands out, and is gone once the effect, there but not claimed, is taken into account."""
   levels = usual_levels()
-  riddle = dataclasses.replace(decide(offset_pool), claims=(), possible=(), model=offset_pool.base)
-  before, after = left_over(riddle, offset_pool, levels)
-  assert above_level(before, levels) and after == before
+  evidence = gather(offset_pool).with_left((), what_is_left(offset_pool, ()))
+  riddle = dataclasses.replace(decided(offset_pool), claims=(), possible=(), mechanisms=())
+  assert judged(riddle, evidence, levels) == () and conclude(riddle, evidence, levels).verdict == "unexplained"
   small = dataclasses.replace(riddle, possible=("steering_offset",))
-  before, after = left_over(small, offset_pool, levels)
-  assert above_level(before, levels) and not above_level(after, levels)
+  assert judged(small, evidence, levels) == ("steering_offset",)
+  assert conclude(small, evidence, levels) == small  # what its model leaves was not looked at
+  whole = evidence.with_left(("steering_offset",), what_is_left(offset_pool, ["steering_offset"]))
+  assert conclude(small, whole, levels).verdict == small.verdict == "explained"
 
 
 def test_a_small_effect_in_other_channels_is_named_beside_a_strong_one():
@@ -152,7 +157,7 @@ def test_a_small_effect_in_other_channels_is_named_beside_a_strong_one():
   pool.models[both] = rig.solved(pool.problem, tuple(sorted(both)))
   alone = pool.models[frozenset(["quadratic_drag"])]
   assert alone.cost - pool.models[both].cost < 0.2 * (pool.base.cost - alone.cost)
-  assert {c.mechanism for c in decide(pool).claims} == both
+  assert {c.mechanism for c in decided(pool).claims} == both
 
 
 def test_a_bias_is_claimed_beyond_what_every_sensor_has(monkeypatch):
@@ -162,24 +167,23 @@ def test_a_bias_is_claimed_beyond_what_every_sensor_has(monkeypatch):
   base = rig.solved(problem, ("gyro_bias",))
   base.mechanisms = ()  # part of the base, as the sensors' biases are
   pool = Pool(problem, rig.BASE, {frozenset(): base}, {}, dict(rig.NOISE))
+
+  def claimed(pool):
+    evidence = gather(pool)
+    return [c.mechanism for c in sensor_claims(evidence.base, evidence, usual_levels())]
+
   for usual, claims in ((0.02, ["gyro_bias"]), (0.3, [])):
     monkeypatch.setattr(type(twin.mechanisms[0]), "sensor_errors", {"gyro_bias": SensorError(usual)})
-    assert [c.mechanism for c in bias_claims(pool, base, usual_levels())] == claims
+    assert claimed(pool) == claims
 
 
 def test_how_usual_a_bias_is_does_not_depend_on_its_direction():
   """The disc is left as seldom as the square of one standard deviation by biases half as large on average."""
-  free = ParameterSet(Parameter(f"accel_bias_{axis}", 0.0, -1.0, 1.0, "m/s^2", null=0.0) for axis in "xy")
-  usual = catalogue()["accel_bias"].sensor_errors["accel_bias_x"].std
-  declared = dict.fromkeys(free.names, usual)
-
-  def beyond(x, y):
-    model = SimpleNamespace(free=free, estimate=lambda name: ({"accel_bias_x": x, "accel_bias_y": y}[name], 0.01))
-    return _beyond_usual(model, ["accel_bias_x", "accel_bias_y"], declared)
-
+  test = Comparison(0.0, 0.0, 0.0, (), 0.0)
+  beyond = lambda x, y: beyond_usual(Named("", test, 0.0, 0.0, False, (), (), (), (x, y)), usual_levels())
   for angle in np.linspace(0.0, 2.0 * np.pi, 9):
-    assert beyond(1.15 * usual * np.cos(angle), 1.15 * usual * np.sin(angle))
-    assert not beyond(1.05 * usual * np.cos(angle), 1.05 * usual * np.sin(angle))
+    assert beyond(1.15 * np.cos(angle), 1.15 * np.sin(angle))
+    assert not beyond(1.05 * np.cos(angle), 1.05 * np.sin(angle))
   draws = 0.5 * np.random.default_rng(0).standard_normal((200_000, 2))
   square, disc = np.mean(np.abs(draws).max(axis=1) > 1.0), np.mean(np.linalg.norm(draws, axis=1) > 1.1)
   assert disc == pytest.approx(square, rel=0.03)
@@ -199,10 +203,10 @@ def test_an_amplitude_at_its_bound_is_no_claim(pair_pool):
     near.values[index] = limit - away * pair.std[index]
     assert stretched(pair_pool, near, "side_force") == expected
   pool = dataclasses.replace(pair_pool, models=pair_pool.models | {frozenset(pair.mechanisms): pair})
-  found = claim(pool, pair, "side_force", usual_levels())
+  found = claimed_of(pool, pair, "side_force")
   assert found.probability == found.shared == 0.0
-  assert {c.mechanism for c in decide(pair_pool).claims} == {"steering_offset", "side_force"}
-  assert len(decide(pool).claims) == 1
+  assert {c.mechanism for c in decided(pair_pool).claims} == {"steering_offset", "side_force"}
+  assert len(decided(pool).claims) == 1
 
 
 def test_a_first_name_at_its_bound_does_not_keep_a_right_one_from_joining(pair_pool):
@@ -212,4 +216,4 @@ def test_a_first_name_at_its_bound_does_not_keep_a_right_one_from_joining(pair_p
     models[key] = dataclasses.replace(models[key], values=models[key].values.copy())
     models[key].values[models[key].free.index("steering_offset")] = limit
   assert min(pair_pool.of_size(1), key=lambda m: m.cost).mechanisms == ("steering_offset",)
-  assert [c.mechanism for c in decide(dataclasses.replace(pair_pool, models=models)).claims] == ["side_force"]
+  assert [c.mechanism for c in decided(dataclasses.replace(pair_pool, models=models)).claims] == ["side_force"]

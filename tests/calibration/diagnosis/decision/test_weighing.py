@@ -9,9 +9,11 @@ import pytest
 from scipy import stats
 
 from calibration.concealed.campaign.set_levels import WEIGHTS, fitted_weights, write_weights
+from calibration.diagnosis.decision.decide import figures
+from calibration.diagnosis.decision.levels import FILE, Levels, read_levels, usual_levels
+from calibration.diagnosis.decision.weighing import matters
 from calibration.diagnosis.score import compare
-from calibration.diagnosis.search.decide import CONSIDERED, figures
-from calibration.diagnosis.search.weighing import FILE, Levels, matters, read_levels, usual_levels, weighed
+from calibration.diagnosis.search.gather import CONSIDERED, Weighing, gather
 from scripts import set_levels
 from tests import ROOT
 
@@ -53,20 +55,21 @@ def test_a_level_that_is_missing_or_has_no_source_is_refused(tmp_path, change, s
 
 def test_a_name_is_weighed_against_the_model_without_it_and_its_rivals(pair_pool):
   both = pair_pool.models[frozenset(["side_force", "steering_offset"])]
-  found, without = weighed(pair_pool, both, "side_force"), pair_pool.models[frozenset(["steering_offset"])]
-  assert found.drop == pytest.approx(without.cost - both.cost)
+  weighed = Weighing(pair_pool).named
+  found, without = weighed(both, "side_force"), pair_pool.models[frozenset(["steering_offset"])]
+  assert found.held_out.drop == pytest.approx(without.cost - both.cost)
   assert found.held_out.t == compare(both, without, pair_pool.problem.observations).t
   parameter = pair_pool.problem.mechanism("side_force").parameters[0]
   assert found.size == pytest.approx(abs(both.estimate("side_force")[0]) / parameter.typical)
   single = pair_pool.models[frozenset(["steering_offset"])]
-  alone = weighed(pair_pool, single, "steering_offset")
-  best = max(nats for _, nats in alone.alternatives)
-  assert alone.alternatives[0][1] == best and alone.margin() == pytest.approx(alone.drop - max(best, 0.0))
-  assert alone.margin(leaving_out=tuple(n for n, _ in alone.alternatives)) == pytest.approx(alone.drop)
+  alone = weighed(single, "steering_offset")
+  best = max(a.nats for a in alone.alternatives)
+  assert alone.best_first[0].nats == best and alone.margin() == pytest.approx(alone.held_out.drop - max(best, 0.0))
+  assert alone.margin(leaving_out=tuple(a.name for a in alone.alternatives)) == pytest.approx(alone.held_out.drop)
 
 
 def test_an_answer_holds_the_figures_of_the_sets_that_fit_best(pair_pool):
-  rows = figures(pair_pool)
+  rows = figures(gather(pair_pool))
   singles = {tuple(r["set"]) for r in rows if len(r["set"]) == 1}
   assert len(singles) <= CONSIDERED and ("steering_offset",) in singles
   assert {"set", "name", "t", "size", "margin", "nats", "at_bound"} == set(rows[0])
@@ -126,15 +129,13 @@ def test_what_the_priors_gain_counts_as_held_out(offset_pool):
 
 
 def test_a_name_matters_by_an_error_or_by_a_conflict_with_what_was_measured(offset_pool):
-  base, levels = offset_pool.base, usual_levels()
-  right, bystander = (offset_pool.models[frozenset([n])] for n in ("steering_offset", "quadratic_drag"))
-  assert matters(offset_pool, right, base, levels)
-  assert not matters(offset_pool, bystander, base, levels)
-  assert not matters(offset_pool, right, base, dataclasses.replace(levels, gain=0.99))
-  # the same residual, and a mass so many deviations from its scale: what fits it freely is in no such conflict
+  evidence, levels = gather(offset_pool), usual_levels()
+  names = {n.name: n for m in evidence.of_size(1) for n in m.names}
+  right, bystander = names["steering_offset"], names["quadratic_drag"]
+  assert matters(right, evidence, levels)
+  assert not matters(bystander, evidence, levels)
+  assert not matters(right, evidence, dataclasses.replace(levels, gain=0.99))
   z = float(stats.norm.isf(0.5 * levels.conflict / len(offset_pool.signatures))) * levels.spread
-  for away, said in ((0.9 * z, False), (1.1 * z, True)):
-    values, mass = base.free.nominal.copy(), base.free.index("mass")
-    free = dataclasses.replace(base, values=values)
-    bent = dataclasses.replace(base, values=np.where(np.arange(len(values)) == mass, values + away * 0.02, values))
-    assert matters(offset_pool, free, bent, levels) == said
+  for away, said in ((0.9 * z, False), (1.1 * z, True)):  # deviations that a mass lies from its scale without the name
+    test = dataclasses.replace(bystander.held_out, priors=0.5 * away**2)
+    assert matters(dataclasses.replace(bystander, held_out=test), evidence, levels) == said

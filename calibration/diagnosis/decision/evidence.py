@@ -1,0 +1,274 @@
+"""Everything a decision rests on, as plain numbers: `evidence.json`.
+
+A search gathers it (`calibration.diagnosis.search.gather`); `decide` and `conclude` read nothing else. So a rule can be
+tried on every case whose evidence was kept, in milliseconds and without a simulator.
+"""
+
+import dataclasses
+import json
+import math
+import os
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from calibration.diagnosis.decision.comparison import Comparison
+from calibration.diagnosis.decision.structure import Leftover
+from qcar_twin.atomic_io import plain, write_json
+from qcar_twin.untrusted import UnreadableFile, read_json
+
+FILE = "evidence.json"
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+  """A fitted parameter of a mechanism.
+
+  Attributes:
+    name, unit: as declared.
+    value, std: with a deviation from the scatter of recordings.
+    null: value at which the mechanism does nothing; None of a parameter that only shapes it.
+    typical: size that its catalogue calls typical, in its unit.
+  """
+
+  name: str
+  value: float
+  std: float
+  unit: str
+  null: float | None
+  typical: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Taken:
+  """Share that a name takes off the held-out error of a channel, negative where it grows, and Student's t of it."""
+
+  channel: str
+  share: float
+  t: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Alternative:
+  """What was fitted in a name's place.
+
+  Attributes:
+    name: of the mechanism.
+    nats: that it brings there, priors included.
+    t: held-out gain over its standard error there, with what the priors gain.
+    size: largest amplitude that the driving shows, as a share of its typical size.
+    at_bound: whether its amplitude went as far as it may.
+    behind_t: held-out t of the name over it.
+    behind_priors: nats of the priors by which it is behind the name.
+  """
+
+  name: str
+  nats: float
+  t: float
+  size: float
+  at_bound: bool
+  behind_t: float
+  behind_priors: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Named:
+  """A name in a model, against the model without it.
+
+  Attributes:
+    name: id of the mechanism.
+    held_out: the two compared on groups left out; its drop has the priors.
+    profile: log profile likelihood ratio of the two, nats.
+    size: largest amplitude that the driving shows, as a share of its typical size.
+    at_bound: whether an amplitude went as far as it may.
+    errors: what it takes off each channel.
+    estimates: of its parameters.
+    alternatives: fitted in its place.
+    deviations: of a sensor's own error, amplitudes in deviations of what every such sensor has; () of all else.
+  """
+
+  name: str
+  held_out: Comparison
+  profile: float
+  size: float
+  at_bound: bool
+  errors: tuple[Taken, ...]
+  estimates: tuple[Estimate, ...]
+  alternatives: tuple[Alternative, ...] = ()
+  deviations: tuple[float, ...] = ()
+
+  @property
+  def t(self) -> float:
+    """Held-out gain over its standard error, with what the priors gain: there absorbed effects show."""
+    return self.held_out.t_with_priors
+
+  @property
+  def best_first(self) -> tuple[Alternative, ...]:
+    """The alternatives by their nats."""
+    return tuple(sorted(self.alternatives, key=lambda a: (-a.nats, a.name)))
+
+  def margin(self, leaving_out: tuple[str, ...] = ()) -> float:
+    """Nats ahead of the best alternative but for some, or of nothing."""
+    return self.held_out.drop - max(0.0, *(a.nats for a in self.alternatives if a.name not in leaving_out), 0.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Against:
+  """A model against a smaller one that it does not hold: held-out t with the priors, and nats ahead."""
+
+  mechanisms: tuple[str, ...]
+  t: float
+  drop: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+  """A set of mechanisms that was fitted.
+
+  Attributes:
+    mechanisms: in it, sorted; () for the recalibrated twin.
+    drop: nats by which it fits better than the recalibrated twin.
+    prior_cost: nats that its parameters' priors cost.
+    names: each of its mechanisms weighed.
+    sensors: sensors' own errors, which every model has, weighed alike.
+    against: smaller models that it does not hold.
+  """
+
+  mechanisms: tuple[str, ...]
+  drop: float
+  prior_cost: float
+  names: tuple[Named, ...] = ()
+  sensors: tuple[Named, ...] = ()
+  against: tuple[Against, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Scanned:
+  """A mechanism as the scan saw it from the recalibrated twin.
+
+  Attributes:
+    name: id of the mechanism.
+    gain: nats that its signature explains; None where it was not scanned.
+    refitted: nats that it brings alone; None where it was not refitted.
+    scores: slope of the fit along its signature in each block of about three seconds, over the signature's norm, so
+      that half the square of their sum is the gain in nats.
+  """
+
+  name: str
+  gain: float | None
+  refitted: float | None
+  scores: tuple[float, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Remaining:
+  """Structure in the residuals of a model."""
+
+  mechanisms: tuple[str, ...]
+  items: tuple[Leftover, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class HeldOutError:
+  """Root mean square error of a channel on recordings that took no part, in its unit.
+
+  Attributes:
+    role: "validate" or "holdout".
+    before, after: of the recalibrated twin and of the model behind the claims.
+    ci95: bounds of after / before - 1 by blocks.
+    noise: what the sensor itself makes.
+  """
+
+  role: str
+  channel: str
+  before: float
+  after: float
+  ci95: tuple[float, float]
+  noise: float
+  unit: str
+  samples: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Evidence:
+  """What is known of a data set when its models are fitted.
+
+  Attributes:
+    dataset: its name.
+    models: the recalibrated twin and the sets that fit best of each size.
+    scanned: every mechanism.
+    remaining: structure left by the models that were looked at.
+    errors: hold-out errors, once those recordings were opened.
+  """
+
+  dataset: str
+  models: tuple[Model, ...]
+  scanned: tuple[Scanned, ...]
+  remaining: tuple[Remaining, ...] = ()
+  errors: tuple[HeldOutError, ...] = ()
+
+  @property
+  def base(self) -> Model:
+    """The recalibrated twin."""
+    return next(m for m in self.models if not m.mechanisms)
+
+  def of_size(self, size: int) -> list[Model]:
+    """Sets of a size, best first."""
+    return sorted((m for m in self.models if len(m.mechanisms) == size), key=lambda m: (-m.drop, m.mechanisms))
+
+  def left(self, mechanisms: tuple[str, ...]) -> tuple[Leftover, ...] | None:
+    """Structure that a model leaves; None where it was not looked at."""
+    return next((r.items for r in self.remaining if r.mechanisms == mechanisms), None)
+
+  def with_left(self, mechanisms: tuple[str, ...], items: Iterable[Leftover]) -> "Evidence":
+    """The same with what a model leaves."""
+    return dataclasses.replace(self, remaining=(*self.remaining, Remaining(mechanisms, tuple(items))))
+
+
+def write_evidence(folder: str | os.PathLike[str], evidence: Evidence) -> Path:
+  """Write evidence.json; returns its path."""
+  return write_json(Path(folder) / FILE, as_json(evidence))
+
+
+def read_evidence(file: str | os.PathLike[str]) -> Evidence:
+  """The evidence of a file.
+
+  Raises:
+    UnreadableFile: it is no evidence; says where.
+  """
+  return from_json(read_json(Path(file)), str(file))
+
+
+def as_json(evidence: Evidence) -> dict[str, Any]:
+  """The same as plain Python types; a number that is not finite becomes null."""
+  return plain(dataclasses.asdict(evidence))
+
+
+def from_json(content: Mapping[str, Any], where: str = FILE) -> Evidence:
+  """Evidence from what `as_json` made; where: what an error names."""
+  try:
+    return _read(Evidence, json.loads(json.dumps(content)))
+  except (TypeError, ValueError, KeyError) as error:
+    raise UnreadableFile(f"{where}: is no evidence of a diagnosis ({error}); diagnose the data set again") from error
+
+
+def _read(kind: Any, value: Any) -> Any:
+  """A value of an annotated type: a dataclass, a tuple, a number, text."""
+  if dataclasses.is_dataclass(kind):
+    hints = typing.get_type_hints(kind)
+    if set(value) - set(hints):
+      raise ValueError(f"{kind.__name__} has no {', '.join(sorted(set(value) - set(hints)))}")
+    return kind(**{name: _read(hints[name], item) for name, item in value.items()})  # type: ignore[operator]
+  origin, inner = typing.get_origin(kind), typing.get_args(kind)
+  if origin is types.UnionType:  # a number or None
+    return None if value is None else _read(inner[0], value)
+  if origin is tuple:
+    kinds = [inner[0]] * len(value) if inner[-1] is Ellipsis else inner
+    return tuple(_read(k, v) for k, v in zip(kinds, value, strict=True))
+  if kind is float:
+    return math.nan if value is None else float(value)
+  if not isinstance(value, kind):
+    raise ValueError(f"{value!r} is no {kind.__name__}")
+  return value

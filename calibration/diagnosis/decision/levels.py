@@ -1,0 +1,111 @@
+"""The numbers that decide, and the probability that a name is right.
+
+    logit P = constant + t min(|t|, most_t) sign(t) + size ln(share of the typical size) + margin l(nats ahead)
+    l(n) = sign(n) ln(1 + |n| / near)
+
+The four weights are fitted to answers of campaigns by `qcar-twin set-levels`; what every number is and where it comes
+from stands in levels.toml.
+"""
+
+import dataclasses
+import functools
+import math
+import tomllib
+from pathlib import Path
+
+FILE = Path(__file__).with_name("levels.toml")
+
+
+@dataclasses.dataclass(frozen=True)
+class Levels:
+  """The numbers that decide what is claimed, and whether something is left.
+
+  Attributes:
+    constant, t, size, margin: weights of the logistic.
+    most_t: held-out t beyond which more of it tells nothing.
+    least_size: share of the typical size below which all are alike.
+    near: nats between two fits of a likelihood ratio of 20.
+    claim: probability from which a name is claimed.
+    gain: share that a name must take off the held-out error of some channel.
+    sure: one-sided confidence that what it takes off is above zero.
+    conflict: chance that parameters of some name part that far from what was measured of the car.
+    spread: errors of fitted parameters over their stated deviations.
+    bias: share of the typical size from which the bias of a sensor is one.
+    round: radius, in deviations of what is usual, beyond which biases along several axes are unusual together.
+    equivalent: held-out t of a claim over a rival below which the two can't be told apart.
+    form: standard deviation of a claimed size for the formula's own error, as a share of it.
+    chance: probability under noise from which on smooth structure of a channel is none.
+    material: share of a channel's spread from which on it matters: with quiet sensors the twin's own simplifications
+      become visible.
+    rhythm: probability under a smooth spectrum from which on a line is none.
+    bursts: odds that an error falls into the few strongest moments from which on they are bursts.
+    error: multiple of a sensor's noise while driving from which on an error where nothing was fitted is more than that.
+    remains: part of the recalibrated twin's own leftover that may remain beside a right name: a formula right in kind
+      is not right in every detail.
+    doubt: what a probability is multiplied by where more remains.
+  """
+
+  constant: float
+  t: float
+  size: float
+  margin: float
+  most_t: float
+  least_size: float
+  near: float
+  claim: float
+  gain: float
+  sure: float
+  conflict: float
+  spread: float
+  bias: float
+  round: float
+  equivalent: float
+  form: float
+  chance: float
+  material: float
+  rhythm: float
+  bursts: float
+  error: float
+  remains: float
+  doubt: float
+
+  def figures(self, t: float, size: float, margin: float) -> tuple[float, float, float]:
+    """What the weights t, size and margin multiply."""
+    return (
+      max(-self.most_t, min(t, self.most_t)),
+      math.log(max(self.least_size, min(size, 1.0))),
+      math.copysign(math.log1p(abs(margin) / self.near), margin),
+    )
+
+  def probability(self, t: float, size: float, margin: float) -> float:
+    """That a name is right.
+
+    Args:
+      t: held-out gain over its standard error, with what the priors gain.
+      size: share of the typical size that the driving shows.
+      margin: nats by which it fits better than nothing, or than the best other name in its place, in its priors, too.
+    """
+    parts = zip((self.t, self.size, self.margin), self.figures(t, size, margin), strict=True)
+    return 1.0 / (1.0 + math.exp(-self.constant - sum(weight * part for weight, part in parts)))
+
+
+def read_levels(file: Path = FILE) -> Levels:
+  """The levels of a file.
+
+  Raises:
+    ValueError: a level is missing, unknown or without a source.
+  """
+  table = tomllib.loads(file.read_text(encoding="utf-8"))
+  known = {f.name for f in dataclasses.fields(Levels)}
+  if set(table) != known:
+    raise ValueError(f"{file.name}: levels must be {', '.join(sorted(known))}; it has {', '.join(sorted(table))}")
+  for name, entry in table.items():
+    if not entry.get("source"):
+      raise ValueError(f"{file.name}: level '{name}' has no source; say where its value comes from")
+  return Levels(**{name: float(entry["value"]) for name, entry in table.items()})
+
+
+@functools.cache
+def usual_levels() -> Levels:
+  """Those of levels.toml."""
+  return read_levels()

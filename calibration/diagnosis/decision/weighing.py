@@ -1,0 +1,48 @@
+"""What a name's evidence comes to: its probability, its part among names alike, and whether it makes a difference."""
+
+from scipy import stats
+
+from calibration.diagnosis.decision.evidence import Alternative, Evidence, Named
+from calibration.diagnosis.decision.levels import Levels
+
+
+def probability(name: Named, levels: Levels, leaving_out: tuple[str, ...] = ()) -> float:
+  """That a name is right, as if some alternatives were not there."""
+  return levels.probability(name.t, name.size, name.margin(leaving_out))
+
+
+def alike(name: Named, levels: Levels) -> tuple[Alternative, ...]:
+  """Alternatives that neither driving left out nor what was measured of the car tells from a name."""
+  near = lambda a: a.behind_t < levels.equivalent and a.behind_priors < levels.near
+  return tuple(a for a in name.best_first if near(a) and not a.at_bound)
+
+
+def part(name: Named, levels: Levels) -> float:
+  """A name's part of what it shares with names alike: its odds over all their odds."""
+  own = _odds(probability(name, levels))
+  return own / (own + sum(_odds(_probability_of(a, name, levels)) for a in alike(name, levels)))
+
+
+def _probability_of(alternative: Alternative, name: Named, levels: Levels) -> float:
+  """That an alternative is right, with the name itself among what it is weighed against."""
+  others = [name.held_out.drop, *(a.nats for a in name.alternatives if a.name != alternative.name)]
+  return levels.probability(alternative.t, alternative.size, alternative.nats - max(0.0, *others))
+
+
+def _odds(value: float) -> float:
+  return value / (1.0 - value)
+
+
+def matters(name: Named, evidence: Evidence, levels: Levels) -> bool:
+  """Whether a name makes a difference that is no chance: to an error, or to what was measured of the car.
+
+  Either it takes `gain` or more off some held-out channel's error, the blocks' gains being above zero (`sure`),
+  or without it parameters lie z * `spread` deviations or more from what was measured, z being the normal quantile at
+  which that happens by chance to any of the names tried with probability `conflict`.
+  """
+  least = float(stats.t.ppf(levels.sure, max(len(name.held_out.blocks) - 1, 1)))
+  if any(e.share >= levels.gain and e.t >= least for e in name.errors):
+    return True
+  tried = sum(s.gain is not None for s in evidence.scanned)
+  z = float(stats.norm.isf(levels.conflict / (2.0 * max(tried, 1))))
+  return name.held_out.priors >= (z * levels.spread) ** 2 / 2.0

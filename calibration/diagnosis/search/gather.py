@@ -1,0 +1,239 @@
+"""From fitted models to evidence: everything that a decision reads, weighed once."""
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.decision.comparison import Comparison
+from calibration.diagnosis.decision.evidence import (
+  Against,
+  Alternative,
+  Estimate,
+  Evidence,
+  HeldOutError,
+  Model,
+  Named,
+  Scanned,
+  Taken,
+)
+from calibration.diagnosis.decision.structure import Leftover
+from calibration.diagnosis.holdout_errors import ChannelFit
+from calibration.diagnosis.pool import Pool
+from calibration.diagnosis.scan import Projector
+from calibration.diagnosis.score import clustered_std, compare, compare_freely, errors_taken_off, evidence, prior_part
+from calibration.diagnosis.search.structure import ensure
+from calibration.diagnosis.search.weighing import shown_size, stretched
+from calibration.diagnosis.unexplained.leftover import leftovers
+from calibration.fitting.optimiser import bounded_solve
+from calibration.fitting.residual_channels import RESIDUALS
+from calibration.fitting.tolerances import sensor_error_mechanisms
+from qcar_twin.parameters import ParameterSet
+
+LARGEST = 3  # names in a set
+CONSIDERED = 4  # sets of each size, those that fit best
+
+
+def gather(pool: Pool, dataset: str = "") -> Evidence:
+  """Evidence of a pool's sets that fit best, up to three names each; fits what those are weighed against."""
+  _complete(pool)
+  return Weighing(pool).evidence(dataset)
+
+
+def foremost(pool: Pool, size: int) -> list[Candidate]:
+  """The sets of a size that fit best."""
+  return sorted(pool.of_size(size), key=lambda m: m.cost)[:CONSIDERED]
+
+
+def _complete(pool: Pool) -> None:
+  """Fit what the foremost sets are without each of their names; largest first, since those may join the smaller."""
+  while True:
+    count = len(pool.models)
+    for size in range(LARGEST, 0, -1):
+      ensure(pool, [frozenset(m.mechanisms) - {n} for m in foremost(pool, size) for n in m.mechanisms])
+    if len(pool.models) == count:
+      return
+
+
+class Weighing:
+  """The models of a pool weighed; what is asked of a model several times is computed once."""
+
+  def __init__(self, pool: Pool):
+    self.pool, self.observations = pool, pool.problem.observations
+    self.compare = functools.cache(self._compare)
+    self.stretched = functools.cache(lambda key, name: stretched(pool, pool.models[key], name))
+
+  def evidence(self, dataset: str) -> Evidence:
+    sets = [[self.pool.base], *(foremost(self.pool, size) for size in range(1, LARGEST + 1))]
+    models = []
+    for size, rows in enumerate(sets):
+      smaller = [m for row in sets[:size] for m in row]
+      models += [self.model(m, smaller) for m in rows]
+    return Evidence(dataset, tuple(models), self.scanned())
+
+  def model(self, model: Candidate, smaller: Sequence[Candidate]) -> Model:
+    """A model with its names; smaller: those that it may have to be likely against."""
+    base, others = self.pool.base, [m for m in smaller if not set(m.mechanisms) < set(model.mechanisms)]
+    against = []
+    for other in others:
+      gain = self.compare(_key(model), _key(other))
+      against.append(Against(_names(other), gain.t_with_priors, other.cost - model.cost))
+    return Model(
+      mechanisms=_names(model),
+      drop=base.cost - model.cost,
+      prior_cost=prior_part(model),
+      names=tuple(self.named(model, name) for name in _names(model)),
+      sensors=tuple(self.sensors(model)),
+      against=tuple(against),
+    )
+
+  def named(self, model: Candidate, name: str) -> Named:
+    """A mechanism of a model against the model without it."""
+    rest = _key(model) - {name}
+    without, size = self.pool.models[rest], shown_size(self.pool, model, name)
+    fitted = [key for key in self.pool.models if len(key) == len(rest) + 1 and rest < key and name not in key]
+    alternatives = [self.alternative(model, key, next(iter(key - rest))) for key in fitted]
+    test, at_bound = self.compare(_key(model), rest), self.stretched(_key(model), name)
+    row = self._weighed(model, without, name, test, size, at_bound)
+    return dataclasses.replace(row, alternatives=tuple(alternatives))
+
+  def alternative(self, model: Candidate, key: frozenset[str], name: str) -> Alternative:
+    """What stands in a name's place in another model."""
+    other, rest = self.pool.models[key], self.pool.models[key - {name}]
+    gap = self.compare(_key(model), key)
+    return Alternative(
+      name=name,
+      nats=rest.cost - other.cost,
+      t=self.compare(key, key - {name}).t_with_priors,
+      size=shown_size(self.pool, other, name),
+      at_bound=self.stretched(key, name),
+      behind_t=gap.t,
+      behind_priors=gap.priors,
+    )
+
+  def sensors(self, model: Candidate) -> list[Named]:
+    """Sensors' own errors of a model, each against the model without it."""
+    rows = []
+    for mechanism in sorted(sensor_error_mechanisms(self.pool.problem.twin.mechanisms), key=lambda m: m.name):
+      names = [p.name for p in mechanism.parameters if p.name in model.free]
+      if not names:
+        continue
+      declared = {n: e.std for n, e in mechanism.sensor_errors.items()}
+      usual = {n: declared.get(n, model.free[n].std) for n in names}
+      away = [(model.estimate(n)[0] - (model.free[n].null or 0.0)) / s for n, s in usual.items() if s is not None]
+      without, size = _at_null(model, names), shown_size(self.pool, model, mechanism.name)
+      row = self._weighed(model, without, mechanism.name, self._test(model, without), size, at_bound=False)
+      rows.append(dataclasses.replace(row, deviations=tuple(map(float, away))))
+    return rows
+
+  def scanned(self) -> tuple[Scanned, ...]:
+    """Every mechanism as the scan saw it, and the slope of its signature by blocks."""
+    base, signatures = self.pool.base, self.pool.signatures
+    refitted = {m.mechanisms[0]: base.cost - m.cost for m in self.pool.of_size(1)}
+    block = self.observations.block[: base.n_train]
+    there, residual, project = np.unique(block), base.residual[: base.n_train], Projector(base)
+    rows = []
+    for name in sorted({*signatures, *refitted}):
+      scores: tuple[float, ...] = ()
+      if name in signatures:
+        direction = project(signatures[name].direction[None].astype(np.float64))[0]
+        slopes = np.bincount(block, -residual * direction)[there] / max(float(np.linalg.norm(direction)), 1e-12)
+        scores = tuple(slopes.tolist())
+      gain = signatures[name].gain if name in signatures else None
+      rows.append(Scanned(name, gain, refitted.get(name), scores))
+    return tuple(rows)
+
+  def _weighed(
+    self, model: Candidate, without: Candidate, name: str, test: Comparison, size: float, at_bound: bool
+  ) -> Named:
+    taken = errors_taken_off(model, without, self.observations)
+    return Named(
+      name=name,
+      held_out=test,
+      profile=evidence(model, without, self.observations),
+      size=size,
+      at_bound=at_bound,
+      errors=tuple(Taken(channel, share, t) for channel, (share, t) in taken.items()),
+      estimates=self._estimates(model, name),
+    )
+
+  def _estimates(self, model: Candidate, name: str) -> tuple[Estimate, ...]:
+    values = model.free.named(model.values)
+    scatter = model.free.named(clustered_std(model, self.observations))
+    declared = [p for p in self.pool.problem.mechanism(name).parameters if p.name in model.free]
+    row = lambda p: Estimate(p.name, values[p.name], scatter[p.name], p.unit, p.null, p.typical or p.scale)
+    return tuple(row(p) for p in declared)
+
+  def _compare(self, larger: frozenset[str], smaller: frozenset[str]) -> Comparison:
+    return self._test(self.pool.models[larger], self.pool.models[smaller])
+
+  def _test(self, larger: Candidate, smaller: Candidate) -> Comparison:
+    return compare(larger, smaller, self.observations)
+
+
+def _key(model: Candidate) -> frozenset[str]:
+  return frozenset(model.mechanisms)
+
+
+def _names(model: Candidate) -> tuple[str, ...]:
+  return tuple(sorted(model.mechanisms))
+
+
+def _at_null(model: Candidate, names: list[str]) -> Candidate:
+  """A model with some parameters held at zero and the rest refitted within their bounds, to first order."""
+  held = [model.free.index(n) for n in names]
+  rest = [i for i in range(len(model.free)) if i not in held]
+  move = np.zeros(len(model.free))
+  move[held] = -model.values[held]
+  pull = model.gradient + model.curvature @ move
+  free = ParameterSet(model.free[model.free.names[i]] for i in rest)
+  values = bounded_solve(model.curvature[np.ix_(rest, rest)], pull[rest], model.values[rest], free)
+  move[rest] = values - model.values[rest]
+  return dataclasses.replace(
+    model,
+    free=free,
+    values=values,
+    residual=model.residual + model.jacobian @ move,
+    jacobian=model.jacobian[:, rest],
+  )
+
+
+def what_is_left(pool: Pool, mechanisms: Sequence[str]) -> list[Leftover]:
+  """Structure in the residuals of a model of the pool."""
+  model = pool.models[frozenset(mechanisms)]
+  return leftovers(model, pool.problem, pool.problem.exact.predict(model.theta[None]))
+
+
+def best_unknown(pool: Pool, unknowns: Mapping[str, Candidate]) -> tuple[str, Comparison] | None:
+  """The UNKNOWN rival with the largest held-out gain over the recalibrated twin."""
+  scored = {name: compare_freely(model, pool.base, pool.problem.observations) for name, model in unknowns.items()}
+  return max(scored.items(), key=lambda kv: kv[1].gain, default=None)
+
+
+def errors_left(fits: Mapping[str, ChannelFit], pool: Pool) -> tuple[list[Leftover], list[Leftover]]:
+  """What two twins get wrong on recordings that were not fitted, before and after, of channels measured directly.
+
+  An error need not follow anything that is looked at. Displacements are not asked: one slide of the car decides them.
+  """
+  observations = pool.problem.observations
+  before, after = [], []
+  for channel, fit in fits.items():
+    noise = max(fit.noise_floor, fit.driving_noise)
+    if RESIDUALS[channel].displacement is not None or channel not in observations.present or noise <= 0.0:
+      continue
+    spread = float(np.std(observations.measured[observations.select(channel)]))
+    for error, out in ((fit.before, before), (fit.after, after)):
+      size = float(np.sqrt(max(error**2 - noise**2, 0.0))) / max(spread, 1e-12)
+      follows = ("it need not follow anything",)
+      out.append(Leftover(channel, "error", follows, error / noise, count=fit.samples, size=size))
+  return before, after
+
+
+def with_errors(found: Evidence, roles: Mapping[str, Mapping[str, ChannelFit]]) -> Evidence:
+  """Evidence with the errors on recordings that took no part, by role and channel."""
+  row = lambda role, n, f: HeldOutError(role, n, f.before, f.after, f.ci95, f.noise, f.unit, f.samples)
+  return dataclasses.replace(
+    found, errors=tuple(row(role, name, fit) for role, fits in roles.items() for name, fit in fits.items())
+  )
