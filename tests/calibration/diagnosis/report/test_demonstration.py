@@ -75,7 +75,7 @@ def test_the_solid_car_is_where_it_was_recorded(offset_pool):
 
 def outcome_of(pool, claimed=("steering_offset",)):
   d = diagnosis_of(pool, claimed, "explained" if claimed else "no_mismatch")
-  return Outcome(d, pool.problem.twin, pool.base.theta, d.decision.model.theta, Cut())
+  return Outcome(d, pool.problem.twin, pool.base.theta, d.model.theta, Cut())
 
 
 @pytest.fixture

@@ -222,7 +222,7 @@ def test_the_next_drive_is_proposed_when_known(explained):
 
 
 def test_the_explorer_shows_measured_before_and_after(explained):
-  drawn = figures.explorer(explained.pool, explained.decision.model.residual, explained.location)
+  drawn = figures.explorer(explained.pool, explained.model.residual, explained.location)
   assert isinstance(drawn, Explorer) and drawn.runs[0].name == explained.location.time[0].recording
   panel = next(p for p in drawn.runs[0].panels if p.title.startswith("yaw rate"))
   assert [ln.who for ln in panel.lines] == ["measured", "before", "twin"]
@@ -233,7 +233,7 @@ def test_the_explorer_shows_measured_before_and_after(explained):
 
 
 def test_without_a_repair_or_a_pose_there_is_neither_after_nor_map(nothing):
-  drawn = figures.explorer(nothing.pool, nothing.decision.model.residual, nothing.location)
+  drawn = figures.explorer(nothing.pool, nothing.model.residual, nothing.location)
   panel = next(p for p in drawn.runs[0].panels if p.title.startswith("yaw rate"))
   assert [ln.who for ln in panel.lines] == ["measured", "before"]
   assert drawn.runs[0].route is None and "Click the map" not in drawn.caption
