@@ -24,6 +24,8 @@ class Config:
   """Archives of answers; none of these cases may be counted when the outcome is measured."""
   out: Path
   """File of levels to write, complete, with the fitted weights."""
+  typical: bool = True
+  """Whether an amplitude's share of its catalogue's typical size may count."""
   levels: Path = FILE
   """File of levels whose other numbers are taken over; the installed one by default."""
 
@@ -35,8 +37,9 @@ def main(config: Config) -> str:
     with tempfile.TemporaryDirectory() as folder:
       unpack(archive, Path(folder))
       results += [read_answer(path) for path in sorted(Path(folder).glob("*.json"))]
-  weights = fitted_weights(results, read_levels(config.levels))
-  command = "qcar-twin set-levels --archives " + " ".join(str(a) for a in config.archives) + f" --out {config.out.name}"
+  weights = fitted_weights(results, read_levels(config.levels), config.typical)
+  options = " ".join(str(a) for a in config.archives) + ("" if config.typical else " --no-typical")
+  command = f"qcar-twin set-levels --archives {options} --out {config.out.name}"
   write_text(config.out, config.levels.read_text(encoding="utf-8"))
   write_weights(weights, command, config.out)
   said = f"{len(results)} answers: " + ", ".join(f"{name} {value:.3f}" for name, value in weights.items())

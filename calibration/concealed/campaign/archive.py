@@ -61,7 +61,7 @@ def unpack(archive: Path, folder: Path) -> int:
   """
   folder.mkdir(parents=True, exist_ok=True)
   missing = 0
-  for result in _unpacked(archive):
+  for result in answers_of(archive):
     try:
       path = inside(folder, f"{result['case']['name']}.json")
     except UnreadableFile as error:
@@ -77,8 +77,8 @@ def unpack(archive: Path, folder: Path) -> int:
   return missing
 
 
-def _unpacked(archive: Path) -> list[dict]:
-  """The answers in an archive."""
+def answers_of(archive: Path) -> list[dict]:
+  """The answers in an archive. Raises UnreadableFile where it is none."""
   require_file(archive, MOST_JSON)
   reader = lzma.LZMADecompressor(memlimit=SPARE_MEMORY)
   try:

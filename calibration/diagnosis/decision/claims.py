@@ -3,12 +3,11 @@
 import dataclasses
 import math
 
+from calibration.diagnosis.decision.chance import beyond_chance
 from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.decision.evidence import Evidence, Model, Named
 from calibration.diagnosis.decision.levels import Levels
 from calibration.diagnosis.decision.weighing import alike, matters, part, probability
-
-SHOWN = 5  # alternatives that a claim lists
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,10 +42,11 @@ def claim(name: Named, evidence: Evidence, levels: Levels) -> Claim:
 
   Names that can't be told apart have one probability together, as if the others were not there, since that several fit
   does not make it less likely that something is; of it each has at most its part by its own odds. A name that was
-  stretched as far as it may, or that makes no difference, is none.
+  stretched as far as it may, that makes no difference, or that reaches no farther than chance, is none.
   """
   equivalent = tuple(a.name for a in alike(name, levels))
-  shared = probability(name, levels, equivalent) * (not name.at_bound) * matters(name, evidence, levels)
+  counts = not name.at_bound and matters(name, evidence, levels) and beyond_chance(name, evidence, levels)
+  shared = probability(name, levels, equivalent) * counts
   return Claim(
     mechanism=name.name,
     probability=min(probability(name, levels), part(name, levels) * shared),
@@ -54,7 +54,7 @@ def claim(name: Named, evidence: Evidence, levels: Levels) -> Claim:
     evidence_nats=name.profile,
     held_out=name.held_out,
     parameters=_estimates(name, levels),
-    alternatives=tuple((a.name, a.nats) for a in name.best_first[:SHOWN]),
+    alternatives=tuple((a.name, a.nats) for a in name.best_first),
     indistinguishable_from=equivalent,
     certain=True,
   )
@@ -67,7 +67,7 @@ def sensor_claims(model: Model, evidence: Evidence, levels: Levels) -> list[Clai
     if name.size < levels.bias or not beyond_usual(name, levels):
       continue
     likely = levels.probability(name.t, name.size, name.held_out.drop)
-    if likely >= levels.claim and matters(name, evidence, levels):
+    if likely >= levels.claim and matters(name, evidence, levels) and beyond_chance(name, evidence, levels):
       estimates = _estimates(name, levels)
       claims.append(Claim(name.name, likely, likely, name.profile, name.held_out, estimates, (), (), True))
   return claims

@@ -1,12 +1,17 @@
 """A held-out comparison of two models, as plain numbers."""
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-CAP = 10.0  # nats a block can bring to the decision
-_LEAST_SPREAD = 0.01 * CAP  # where every block brings the cap, t would be a number without meaning
+from calibration.diagnosis.decision.levels import usual_levels
+
+Array = NDArray[np.float64]
+
+CAP = usual_levels().cap  # nats a block can bring to the decision
+_LEAST_SPREAD = usual_levels().least_spread * CAP
+_WIDE = usual_levels().wide * CAP
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,10 +57,10 @@ class Comparison:
 
   @property
   def total(self) -> float:
-    return float(np.clip(self.blocks, -100.0 * CAP, 100.0 * CAP).sum())
+    return float(np.clip(self.blocks, -_WIDE, _WIDE).sum())
 
 
-def standard_error(capped: Sequence[float]) -> float:
+def standard_error(capped: Array) -> float:
   """Of the sum of blocks' gains; inf where a single block shows no scatter."""
   count = len(capped)
   return max(float(np.std(capped, ddof=1)), _LEAST_SPREAD) * float(np.sqrt(count)) if count > 1 else np.inf

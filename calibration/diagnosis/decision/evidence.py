@@ -86,6 +86,7 @@ class Named:
     errors: what it takes off each channel.
     estimates: of its parameters.
     alternatives: fitted in its place.
+    scores: slope of the fit along the change that it makes, over the change's norm, in each block of about 3 s.
     deviations: of a sensor's own error, amplitudes in deviations of what every such sensor has; () of all else.
   """
 
@@ -97,6 +98,7 @@ class Named:
   errors: tuple[Taken, ...]
   estimates: tuple[Estimate, ...]
   alternatives: tuple[Alternative, ...] = ()
+  scores: tuple[float, ...] = ()
   deviations: tuple[float, ...] = ()
 
   @property
@@ -259,7 +261,7 @@ def _read(kind: Any, value: Any) -> Any:
   if dataclasses.is_dataclass(kind):
     hints = typing.get_type_hints(kind)
     if set(value) - set(hints):
-      raise ValueError(f"{kind.__name__} has no {', '.join(sorted(set(value) - set(hints)))}")
+      raise ValueError(f"nothing in it is called {', '.join(sorted(set(value) - set(hints)))}")
     return kind(**{name: _read(hints[name], item) for name, item in value.items()})  # type: ignore[operator]
   origin, inner = typing.get_origin(kind), typing.get_args(kind)
   if origin is types.UnionType:  # a number or None

@@ -22,13 +22,20 @@ class Levels:
 
   Attributes:
     constant, t, size, margin: weights of the logistic.
+    cap: nats that a block can bring to the decision, so that no single event decides.
+    wide: the same for how much there is to explain at all, in caps.
+    least_spread: least standard deviation of the blocks' gains, in caps: where every block brings the cap, t would be a
+      number without meaning.
     most_t: held-out t beyond which more of it tells nothing.
     least_size: share of the typical size below which all are alike.
     near: nats between two fits of a likelihood ratio of 20.
     claim: probability from which a name is claimed.
     gain: share that a name must take off the held-out error of some channel.
+    harm: share that a name may put onto the error of some channel.
     sure: one-sided confidence that what it takes off is above zero.
     conflict: chance that parameters of some name part that far from what was measured of the car.
+    family: chance that anything scanned on a data set without an effect gets beyond its level; 1 asks nothing.
+    draws: sign flips that the level is taken from.
     spread: errors of fitted parameters over their stated deviations.
     bias: share of the typical size from which the bias of a sensor is one.
     round: radius, in deviations of what is usual, beyond which biases along several axes are unusual together.
@@ -49,13 +56,19 @@ class Levels:
   t: float
   size: float
   margin: float
+  cap: float
+  wide: float
+  least_spread: float
   most_t: float
   least_size: float
   near: float
   claim: float
   gain: float
+  harm: float
   sure: float
   conflict: float
+  family: float
+  draws: float
   spread: float
   bias: float
   round: float
@@ -93,15 +106,16 @@ def read_levels(file: Path = FILE) -> Levels:
   """The levels of a file.
 
   Raises:
-    ValueError: a level is missing, unknown or without a source.
+    ValueError: a level is missing, unknown, or without a unit or a source.
   """
   table = tomllib.loads(file.read_text(encoding="utf-8"))
   known = {f.name for f in dataclasses.fields(Levels)}
   if set(table) != known:
     raise ValueError(f"{file.name}: levels must be {', '.join(sorted(known))}; it has {', '.join(sorted(table))}")
   for name, entry in table.items():
-    if not entry.get("source"):
-      raise ValueError(f"{file.name}: level '{name}' has no source; say where its value comes from")
+    for said, cure in (("source", "say where its value comes from"), ("unit", 'say what it is in, "-" for a number')):
+      if not entry.get(said):
+        raise ValueError(f"{file.name}: level '{name}' has no {said}; {cure}")
   return Levels(**{name: float(entry["value"]) for name, entry in table.items()})
 
 

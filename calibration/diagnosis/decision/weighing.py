@@ -38,9 +38,12 @@ def matters(name: Named, evidence: Evidence, levels: Levels) -> bool:
 
   Either it takes `gain` or more off some held-out channel's error, the blocks' gains being above zero (`sure`),
   or without it parameters lie z * `spread` deviations or more from what was measured, z being the normal quantile at
-  which that happens by chance to any of the names tried with probability `conflict`.
+  which that happens by chance to any of the names tried with probability `conflict`. A name that surely puts more than
+  `harm` onto the error of some channel makes none.
   """
   least = float(stats.t.ppf(levels.sure, max(len(name.held_out.blocks) - 1, 1)))
+  if any(e.share < -levels.harm and e.t <= -least for e in name.errors):
+    return False
   if any(e.share >= levels.gain and e.t >= least for e in name.errors):
     return True
   tried = sum(s.gain is not None for s in evidence.scanned)

@@ -25,6 +25,7 @@ from qcar_twin.atomic_io import plain, write_json
 
 VERDICTS = ("no_mismatch", "explained", "partly_explained", "unexplained")
 SHIPPED = ("repaired", "recalibrated", "curves")
+LISTED = 5  # alternatives of a claim
 FILE, REPORT, FIGURES = "diagnosis.json", "report.html", "figures"
 
 
@@ -122,7 +123,7 @@ def _claim(claim: Claim) -> dict[str, Any]:
     "probability": claim.probability,
     "evidence_nats": claim.evidence_nats,
     "parameters": {name: dict(row) for name, row in claim.parameters.items()},
-    "alternatives": [{"mechanism": name, "evidence_nats": nats} for name, nats in claim.alternatives],
+    "alternatives": [{"mechanism": name, "evidence_nats": nats} for name, nats in claim.alternatives[:LISTED]],
     "indistinguishable_from": list(claim.indistinguishable_from),
   }
 

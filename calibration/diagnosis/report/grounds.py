@@ -6,7 +6,7 @@ from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.experiment import NOTHING
 from calibration.diagnosis.outcome import Diagnosis
 from calibration.diagnosis.report import figures, wording
-from calibration.diagnosis.report.document import parameter_shifts
+from calibration.diagnosis.report.document import LISTED, parameter_shifts
 from calibration.diagnosis.scan import confusion
 from qcar_twin.pages import Cell, Section, Table
 from qcar_twin.pages.numbers import spread
@@ -37,7 +37,7 @@ def evidence(d: Diagnosis) -> Section:
     " of a claim is against the twin without it, that of any other mechanism against the recalibrated twin."
   )
   alternatives = [(c.mechanism, name, round(nats, 1), "yes" if name in c.indistinguishable_from else "no")
-                  for c in d.decision.claims for name, nats in c.alternatives]  # fmt: skip
+                  for c in d.decision.claims for name, nats in c.alternatives[:LISTED]]  # fmt: skip
   columns = ("instead of", "alternative", "evidence [nats]", "indistinguishable")
   tables = [Table("Alternatives to the claims", columns, alternatives)] if alternatives else []
   drawn = [figures.ranked_evidence(d.decision)] if d.decision.ranking else []

@@ -5,6 +5,7 @@ import functools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decision.comparison import Comparison
@@ -31,6 +32,8 @@ from calibration.fitting.optimiser import bounded_solve
 from calibration.fitting.residual_channels import RESIDUALS
 from calibration.fitting.tolerances import sensor_error_mechanisms
 from qcar_twin.parameters import ParameterSet
+
+Array = NDArray[np.float64]
 
 LARGEST = 3  # names in a set
 CONSIDERED = 4  # sets of each size, those that fit best
@@ -132,15 +135,13 @@ class Weighing:
     """Every mechanism as the scan saw it, and the slope of its signature by blocks."""
     base, signatures = self.pool.base, self.pool.signatures
     refitted = {m.mechanisms[0]: base.cost - m.cost for m in self.pool.of_size(1)}
-    block = self.observations.block[: base.n_train]
-    there, residual, project = np.unique(block), base.residual[: base.n_train], Projector(base)
+    residual, project = base.residual[: base.n_train], Projector(base)
     rows = []
     for name in sorted({*signatures, *refitted}):
       scores: tuple[float, ...] = ()
       if name in signatures:
         direction = project(signatures[name].direction[None].astype(np.float64))[0]
-        slopes = np.bincount(block, -residual * direction)[there] / max(float(np.linalg.norm(direction)), 1e-12)
-        scores = tuple(slopes.tolist())
+        scores = self._scores(residual, direction)
       gain = signatures[name].gain if name in signatures else None
       rows.append(Scanned(name, gain, refitted.get(name), scores))
     return tuple(rows)
@@ -157,7 +158,14 @@ class Weighing:
       at_bound=at_bound,
       errors=tuple(Taken(channel, share, t) for channel, (share, t) in taken.items()),
       estimates=self._estimates(model, name),
+      scores=self._scores(without.residual[: model.n_train], (model.residual - without.residual)[: model.n_train]),
     )
+
+  def _scores(self, residual: Array, change: Array) -> tuple[float, ...]:
+    """Slope of the fit along a change of the fitted residuals, in each block, over the change's norm."""
+    block = self.observations.block[: len(change)]
+    slopes = np.bincount(block, -residual * change)[np.unique(block)]
+    return tuple(float(f"{s:.4g}") for s in slopes / max(float(np.linalg.norm(change)), 1e-12))
 
   def _estimates(self, model: Candidate, name: str) -> tuple[Estimate, ...]:
     values = model.free.named(model.values)

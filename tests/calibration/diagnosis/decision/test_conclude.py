@@ -180,7 +180,7 @@ def test_a_bias_is_claimed_beyond_what_every_sensor_has(monkeypatch):
 def test_how_usual_a_bias_is_does_not_depend_on_its_direction():
   """The disc is left as seldom as the square of one standard deviation by biases half as large on average."""
   test = Comparison(0.0, 0.0, 0.0, (), 0.0)
-  beyond = lambda x, y: beyond_usual(Named("", test, 0.0, 0.0, False, (), (), (), (x, y)), usual_levels())
+  beyond = lambda x, y: beyond_usual(Named("", test, 0.0, 0.0, False, (), (), deviations=(x, y)), usual_levels())
   for angle in np.linspace(0.0, 2.0 * np.pi, 9):
     assert beyond(1.15 * np.cos(angle), 1.15 * np.sin(angle))
     assert not beyond(1.05 * np.cos(angle), 1.05 * np.sin(angle))

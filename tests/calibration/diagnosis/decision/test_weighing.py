@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from calibration.concealed.campaign.set_levels import WEIGHTS, fitted_weights, write_weights
-from calibration.diagnosis.decision.decide import figures
+from calibration.diagnosis.decision.decide import decide, figures
 from calibration.diagnosis.decision.levels import FILE, Levels, read_levels, usual_levels
 from calibration.diagnosis.decision.weighing import matters
 from calibration.diagnosis.score import compare
@@ -43,6 +43,7 @@ def test_beyond_their_limits_figures_tell_no_more():
   "change, said",
   [
     (("[near]", "[far]"), "levels must be"),
+    (('unit = "odds"', ""), "'bursts' has no unit"),
     (('source = "one standard error"', 'source = ""'), "'equivalent' has no source"),
   ],
 )
@@ -73,6 +74,11 @@ def test_an_answer_holds_the_figures_of_the_sets_that_fit_best(pair_pool):
   singles = {tuple(r["set"]) for r in rows if len(r["set"]) == 1}
   assert len(singles) <= CONSIDERED and ("steering_offset",) in singles
   assert {"set", "name", "t", "size", "margin", "nats", "at_bound"} == set(rows[0])
+
+
+def test_without_the_typical_size_its_weight_is_nothing():
+  truth = dict(zip(WEIGHTS, (-1.0, 0.7, 0.0, 0.4), strict=True))
+  assert fitted_weights(answers(truth), LEVELS, typical=False) == pytest.approx(truth, abs=0.15)
 
 
 def answers(weights, count=3000, seed=0):
@@ -109,6 +115,15 @@ def test_weights_are_written_beside_the_other_levels_with_the_command(tmp_path):
     write_weights(dict.fromkeys(WEIGHTS, 0.25), "a command", file)
 
 
+def test_no_typical_size_decides_in_the_rule_on_trial(pair_pool):
+  trial, evidence = read_levels(FILE.with_name("trial.toml")), gather(pair_pool)
+  sized = lambda n: dataclasses.replace(n, size=0.01 * n.size)
+  small = lambda m: dataclasses.replace(m, names=tuple(map(sized, m.names)), sensors=tuple(map(sized, m.sensors)))
+  other = dataclasses.replace(evidence, models=tuple(map(small, evidence.models)))
+  assert decide(other, trial) == decide(evidence, trial)
+  assert decide(other) != decide(evidence)  # it does in the rule in force
+
+
 def test_the_levels_are_those_of_the_archive_they_name(tmp_path):
   """So that no number that decides is older or newer than what it is said to come from."""
   archive = ROOT / "data/answers/scored.jsonl.xz"
@@ -135,6 +150,11 @@ def test_a_name_matters_by_an_error_or_by_a_conflict_with_what_was_measured(offs
   assert matters(right, evidence, levels)
   assert not matters(bystander, evidence, levels)
   assert not matters(right, evidence, dataclasses.replace(levels, gain=0.99))
+  worse = dataclasses.replace(right.errors[0], share=-0.01, t=-9.0)
+  assert matters(dataclasses.replace(right, errors=(*right.errors, worse)), evidence, levels)
+  none = dataclasses.replace(levels, harm=0.0)
+  assert matters(right, evidence, none)
+  assert not matters(dataclasses.replace(right, errors=(*right.errors, worse)), evidence, none)
   z = float(stats.norm.isf(0.5 * levels.conflict / len(offset_pool.signatures))) * levels.spread
   for away, said in ((0.9 * z, False), (1.1 * z, True)):  # deviations that a mass lies from its scale without the name
     test = dataclasses.replace(bystander.held_out, priors=0.5 * away**2)

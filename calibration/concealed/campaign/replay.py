@@ -1,0 +1,111 @@
+"""Kept evidence decided again: what a rule names on the cases of a campaign or an exam, without driving any of them."""
+
+import dataclasses
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from calibration.concealed.campaign.archive import answers_of
+from calibration.diagnosis.decision.conclude import conclude
+from calibration.diagnosis.decision.decide import Decision, decide
+from calibration.diagnosis.decision.evidence import Evidence, from_json
+from calibration.diagnosis.decision.levels import Levels
+from qcar_twin import markdown
+
+
+@dataclasses.dataclass(frozen=True)
+class Kept:
+  """A case whose evidence was kept.
+
+  Attributes:
+    name: of the case.
+    kind: "null", "single", "pair", "outside", ...
+    effects: for each effect that acts, the names that are right for it; empty where the catalogue has none.
+    evidence: of the diagnosis.
+  """
+
+  name: str
+  kind: str
+  effects: tuple[frozenset[str], ...]
+  evidence: Evidence
+
+  @property
+  def right(self) -> frozenset[str]:
+    """All names that count as right."""
+    return frozenset().union(*self.effects)
+
+
+def kept_cases(results: Iterable[Mapping[str, Any]]) -> Iterator[Kept]:
+  """Cases of answered campaigns and opened exams that kept their evidence; the others are left out."""
+  for result in results:
+    evidence = result["answer"].get("evidence")
+    if evidence is None:
+      continue
+    truth = result["truth"]
+    if isinstance(truth, Mapping):  # of an exam, whose table names all that is right
+      effects = [frozenset(e["right"]) for e in truth["effects"]]
+      yield Kept(result["name"], truth["kind"], tuple(effects), from_json(evidence, result["name"]))
+    else:
+      effects = [frozenset([t["id"]] if t.get("in_catalogue", True) else []) for t in truth]
+      case = result["case"]
+      yield Kept(case["name"], case["kind"], tuple(effects), from_json(evidence, case["name"]))
+
+
+def read_results(source: Path) -> list[dict[str, Any]]:
+  """Answered cases of a campaign's folder or archive.
+
+  Raises:
+    UnreadableFile: an archive is damaged.
+    FileNotFoundError: there is nothing.
+  """
+  if source.is_dir():
+    return [json.loads(path.read_text()) for path in sorted(source.glob("*_*.json"))]
+  return answers_of(source)
+
+
+def replayed(case: Kept, levels: Levels) -> Decision:
+  """What a rule says of a case."""
+  return conclude(decide(case.evidence, levels), case.evidence, levels)
+
+
+def table(cases: Sequence[Kept], rules: Mapping[str, Levels]) -> str:
+  """How often each rule is right, and every case on which they differ, as Markdown."""
+  said = {rule: [replayed(case, levels) for case in cases] for rule, levels in rules.items()}
+  rows = []
+  for what, kind, good in COUNTED:
+    chosen = [k for k, case in enumerate(cases) if case.kind == kind]
+    count = lambda rule, chosen=chosen, good=good: sum(good(cases[k], said[rule][k]) for k in chosen)
+    if chosen:
+      rows.append((what, *(f"{count(rule)} of {len(chosen)}" for rule in rules)))
+  names = lambda d: ", ".join(f"{c.mechanism} ({c.probability:.2f})" for c in d.claims) or "-"
+  apart = [
+    (case.name, case.kind, " + ".join("/".join(sorted(e)) or "?" for e in case.effects) or "-", *map(names, told))
+    for case, *told in zip(cases, *said.values(), strict=True)
+    if len({tuple(c.mechanism for c in d.claims) for d in told}) > 1
+  ]
+  tables = [markdown.table(("counted", *rules), rows)]
+  if apart:
+    tables.append(markdown.table(("case", "kind", "right", *rules), apart))
+  return "\n\n".join("\n".join(lines) for lines in tables) + "\n"
+
+
+def _names(decision: Decision) -> set[str]:
+  return {c.mechanism for c in decision.claims}
+
+
+def _right_first(case: Kept, decision: Decision) -> bool:
+  return any(c.mechanism in case.right for c in decision.claims[:1])
+
+
+COUNTED: tuple[tuple[str, str, Callable[[Kept, Decision], bool]], ...] = (
+  ("without an effect: something claimed", "null", lambda _, d: bool(d.claims)),
+  ("without an effect: called unexplained", "null", lambda _, d: d.verdict == "unexplained"),
+  ("one effect: right name first", "single", _right_first),
+  ("one effect: a wrong name first", "single", lambda c, d: bool(d.claims) and not _right_first(c, d)),
+  ("two effects: both named", "pair", lambda c, d: all(e & _names(d) for e in c.effects)),
+  ("two effects: nothing false", "pair", lambda c, d: _names(d) <= c.right),
+  ("outside the catalogue: said so", "outside", lambda _, d: d.verdict in ("unexplained", "partly_explained")),
+  ("outside the catalogue: something claimed", "outside", lambda _, d: bool(d.claims)),
+)
+"""(what is counted, on which kind of cases, when it counts)."""

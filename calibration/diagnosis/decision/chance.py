@@ -1,0 +1,42 @@
+"""How far anything scanned on a data set gets by chance: sign flips of the blocks' scores.
+
+A mechanism's score in a block of about three seconds is the slope of the fit along what it changes. Without any effect
+it is as likely to be positive as negative. So with random signs e_b, the same for all M mechanisms that were scanned,
+
+    z_m = |sum_b e_b s_mb| / sqrt(sum_b s_mb^2)
+
+has the distribution that it has by chance, whatever the noise of a block and however alike two mechanisms are. The
+level is the quantile of the largest of z_1 ... z_M (Westfall and Young 1993, family-wise error). Divided by their own
+root, scores of a true effect do not raise it for others.
+"""
+
+import functools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.diagnosis.decision.evidence import Evidence, Named, Scanned
+from calibration.diagnosis.decision.levels import Levels
+
+
+def beyond_chance(name: Named, evidence: Evidence, levels: Levels) -> bool:
+  """Whether a name's blocks agree more than those of anything scanned would by chance; a `family` of 1 asks nothing."""
+  return levels.family >= 1.0 or consistency(name.scores) > _level(evidence.scanned, levels.family, int(levels.draws))
+
+
+def consistency(scores: Sequence[float]) -> float:
+  """|sum of the scores| over the root of their sum of squares; 0 without any."""
+  power = math.fsum(s * s for s in scores)
+  return abs(math.fsum(scores)) / math.sqrt(power) if power > 0.0 else 0.0
+
+
+@functools.lru_cache(maxsize=2)
+def _level(scanned: tuple[Scanned, ...], family: float, draws: int) -> float:
+  """What the largest of all that was scanned exceeds by chance with probability `family`."""
+  rows = np.array([s.scores for s in scanned if consistency(s.scores) > 0.0])
+  if not len(rows):
+    return 0.0
+  signs = np.random.default_rng(0).choice([-1.0, 1.0], (draws, rows.shape[1]))
+  largest = np.max(np.abs(signs @ rows.T) / np.linalg.norm(rows, axis=1), axis=1)
+  return float(np.quantile(largest, 1.0 - family))
