@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..laboratory.manoeuvres import Manoeuvre
 from .effects import Concealed, Effect, Nuisance
 
 FINE = 10  # rows of the trace per control period
@@ -47,6 +48,8 @@ class Generator(Protocol):
   Attributes:
     design: of the session it is driven through.
     drive_limit, drive_step: of its drive command, in the unit of `channel`.
+    noise: root mean square of each sensor, by the keys of `sensing.NOISE`.
+    driver: who drives it; takes what the laboratory's `Driver` takes, one run at a time.
     effects: what its own parameters conceal.
   """
 
@@ -54,10 +57,16 @@ class Generator(Protocol):
   drive_limit: float
   drive_step: float
   channel: str
+  noise: Mapping[str, float]
+  driver: type[Any]
   effects: dict[str, Effect]
 
   def __init__(self, rng: np.random.Generator) -> None:
     """A drawn car. Raises MissingGenerator where its package is not installed."""
+    ...
+
+  def runs(self, rng: np.random.Generator) -> list[Manoeuvre]:
+    """The manoeuvres of a session in order."""
     ...
 
   def plant(

@@ -22,7 +22,7 @@ import numpy as np
 from ..laboratory.manoeuvres import PERIOD
 from .described import UNSTATED, WRAPPED
 from .effects import Concealed, Effect, Nuisance
-from .sensing import NOISE, POSE_EVERY, sense
+from .sensing import POSE_EVERY, sense
 from .session import Setting, driven, observed, replayed
 
 TOGETHER = round(0.1 / PERIOD)  # samples that count as one
@@ -48,6 +48,7 @@ class Judge:
 
   setting: Setting
   commands: list[np.ndarray]
+  traces: list[np.ndarray] = field(repr=False)
   plain: list[dict[str, np.ndarray]]
   imitation: np.ndarray = field(repr=False)
   precision: np.ndarray = field(repr=False)
@@ -55,7 +56,9 @@ class Judge:
   @classmethod
   def of(cls, setting: Setting) -> Judge:
     """Drives the session once, and once more for each number."""
-    judge = cls(setting, driven(setting), [], np.empty((0, 0)), np.empty(0))
+    commands = driven(setting)
+    traces = [replayed(setting.car, run, told) for run, told in zip(setting.runs, commands, strict=True)]
+    judge = cls(setting, commands, traces, [], np.empty((0, 0)), np.empty(0))
     judge.plain = judge._seen((), ())
     columns, precision = judge._constants(), []
     for number in setting.car.nuisances(setting.std).values():
@@ -81,23 +84,35 @@ class Judge:
     self, concealed: Sequence[Concealed], moved: Sequence[tuple[Nuisance, float]]
   ) -> list[dict[str, np.ndarray]]:
     quiet, rng = {name: 0.0 for name in _RIGID if name != "motor_speed"}, np.random.default_rng(0)
-    out = []
-    for run, commands in zip(self.setting.runs, self.commands, strict=True):
-      trace = replayed(self.setting.car, run, commands, concealed, moved)
-      out.append(sense(observed(trace, concealed), quiet, 0.0, rng))
-    return out
+    traces = self.traces
+    if moved or any(one.effect.how != "sensor" for one in concealed):
+      runs = zip(self.setting.runs, self.commands, strict=True)
+      traces = [replayed(self.setting.car, run, commands, concealed, moved) for run, commands in runs]
+    return [sense(observed(trace, concealed), quiet, 0.0, rng) for trace in traces]
 
   def _difference(self, concealed: Sequence[Concealed], moved: Sequence[tuple[Nuisance, float]]) -> np.ndarray:
     """Whitened change of all that is seen."""
     pairs = zip(self.plain, self._seen(concealed, moved), strict=True)
-    return np.concatenate([_whitened(plain, other) for plain, other in pairs])
+    return np.concatenate([self._whitened(plain, other) for plain, other in pairs])
 
   def _constants(self) -> list[np.ndarray]:
     """A unit on each channel of the IMU, whitened."""
     shifted = [
-      [_whitened(plain, {**plain, name: plain[name] + 1.0}) for plain in self.plain] for name in _CONSTANT
+      [self._whitened(plain, {**plain, name: plain[name] + 1.0}) for plain in self.plain] for name in _CONSTANT
     ]  # fmt: skip
     return [np.concatenate(rows) for rows in shifted]
+
+  def _whitened(self, plain: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> np.ndarray:
+    """Change from `plain` over the noise and over the root of the samples that count as one."""
+    noise = self.setting.car.noise
+    rows = [
+      (other[name] - plain[name]) / (noise[kind] * np.sqrt(TOGETHER)) for name, kind in _RIGID.items()
+    ]  # fmt: skip
+    before, after = _displacements(plain), _displacements(other)
+    moved = np.hypot(*before[:2])
+    place = np.sqrt(2.0 * noise["pose"] ** 2 + (moved * noise["heading"]) ** 2)
+    std = np.stack([place, place, np.full(len(moved), np.sqrt(2.0) * noise["heading"])])
+    return np.concatenate([*rows, ((after - before) / (std * np.sqrt(HORIZON / POSE_EVERY))).ravel()])
 
 
 def sized(judge: Judge, name: str, effect: Effect, sign: float, target: float) -> tuple[Concealed, Shown] | None:
@@ -137,18 +152,6 @@ def _next(size: float, nats: float | None, target: float, low: float, high: floa
   if low < wished < high:
     return wished, low, high
   return (min(wished, high) if wished >= high > size else 0.5 * (low + high)), low, high
-
-
-def _whitened(plain: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> np.ndarray:
-  """Change from `plain` over the noise and over the root of the samples that count as one."""
-  rows = [
-    (other[name] - plain[name]) / (NOISE[kind] * np.sqrt(TOGETHER)) for name, kind in _RIGID.items()
-  ]  # fmt: skip
-  before, after = _displacements(plain), _displacements(other)
-  moved = np.hypot(*before[:2])
-  place = np.sqrt(2.0 * NOISE["pose"] ** 2 + (moved * NOISE["heading"]) ** 2)
-  std = np.stack([place, place, np.full(len(moved), np.sqrt(2.0) * NOISE["heading"])])
-  return np.concatenate([*rows, ((after - before) / (std * np.sqrt(HORIZON / POSE_EVERY))).ravel()])
 
 
 def _displacements(channels: dict[str, np.ndarray]) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from .effects import Signals
@@ -28,19 +30,21 @@ def as_signals(trace: np.ndarray) -> Signals:
   return dict(zip(SIGNALS, trace.T, strict=True))
 
 
-def sense(signal: Signals, bias: dict[str, float], noise: float, rng: np.random.Generator) -> dict[str, np.ndarray]:
-  """Channels (T,) of signals (FINE T + 1,); `noise` scales all that is random."""
+def sense(
+  signal: Signals, bias: dict[str, float], noise: float, rng: np.random.Generator, rms: Mapping[str, float] = NOISE
+) -> dict[str, np.ndarray]:
+  """Channels (T,) of signals (FINE T + 1,); `noise` scales all that is random, `rms` by sensor."""
   grid = slice(0, len(signal["x"]) - 1, FINE)
   out = {}
   for name in bias:
-    rms = NOISE["gyro" if name == "yaw_rate" else "accel"]
+    kind = "gyro" if name == "yaw_rate" else "accel"
     clean = averaged(signal[name])[grid]
-    out[name] = clean + noise * (bias[name] + rms * rng.standard_normal(clean.shape))
+    out[name] = clean + noise * (bias[name] + rms[kind] * rng.standard_normal(clean.shape))
   for name, source, kind in (
     ("motor_speed", "motor", "motor"), ("pose_x", "x", "pose"), ("pose_y", "y", "pose"), ("pose_yaw", "yaw", "heading")
   ):  # fmt: skip
     clean = signal[source][grid]
-    out[name] = clean + noise * NOISE[kind] * rng.standard_normal(clean.shape)
+    out[name] = clean + noise * rms[kind] * rng.standard_normal(clean.shape)
   return out
 
 

@@ -8,16 +8,18 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from ..laboratory.designs import plan
-from ..laboratory.driver import BELIEFS, Driver, hands
+from ..laboratory.driver import BELIEFS, hands
 from ..laboratory.manoeuvres import Manoeuvre
 from ..laboratory.written import Session, as_recording, stream
+from .commonroad.car import CommonroadCar, CommonroadFullCar
 from .effects import Concealed, Nuisance, Signals, of_kind
 from .generator import FINE, SIGNALS, Generator, Start
 from .sensing import DECIMALS, POSE_EVERY, as_signals, sense, session_bias
 from .slipx_car import SlipxCar
 
-GENERATORS: dict[str, type[Generator]] = {"slipx": SlipxCar}
+GENERATORS: dict[str, type[Generator]] = {
+  "slipx": SlipxCar, "commonroad": CommonroadCar, "commonroad_full": CommonroadFullCar
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ def set_up(generator: str, seed: int, bench: bool = False) -> Setting:
   if bench:
     stated, deviations = car.bench(stream(seed, 7))
     vehicle, std = vehicle | stated, std | deviations
-  runs = plan(car.design, stream(seed, 2))
+  runs = car.runs(stream(seed, 2))
   return Setting(car, vehicle, std, runs, hands(stream(seed, 3), runs), _beliefs(car, vehicle, stream(seed, 4)))
 
 
@@ -69,7 +71,7 @@ def make_exam_session(
   recordings, clean = [], {}
   for i, run in enumerate(runs):
     trace, commands = _drive(car, run, setting.shaking[: run.ticks, :, i : i + 1], setting.beliefs, concealed)
-    channels = sense(observed(trace, concealed), bias, noise, rng)
+    channels = sense(observed(trace, concealed), bias, noise, rng, car.noise)
     channels |= {car.channel: commands[:, 0], "steering_command": commands[:, 1]}
     every = {name: POSE_EVERY for name in DECIMALS if name.startswith("pose")}
     recordings.append(as_recording(run, channels, DECIMALS, every))
@@ -127,7 +129,7 @@ def _drive(
   car: Generator, run: Manoeuvre, shaking: np.ndarray, beliefs: SimpleNamespace, concealed: Sequence[Concealed]
 ) -> tuple[np.ndarray, np.ndarray]:
   """Trace (FINE T + 1, 10) of a run and its commands (T, 2)."""
-  plant, driver = Commanded(car, run, concealed), Driver([run], shaking, beliefs)
+  plant, driver = Commanded(car, run, concealed), car.driver([run], shaking, beliefs)
   rows, commands = [plant.first[None]], np.empty((run.ticks, 2))
   for tick in range(run.ticks):
     now = dict(zip(SIGNALS, rows[-1][-1], strict=True))

@@ -11,9 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from ..laboratory.manoeuvres import PERIOD
+from ..laboratory.designs import plan
+from ..laboratory.driver import Driver
+from ..laboratory.manoeuvres import PERIOD, Manoeuvre
 from .effects import Concealed, Nuisance
 from .generator import FINE, Start, load_package
+from .sensing import NOISE
 from .slipx_effects import SLIPX_EFFECTS, slipx_nuisances
 
 GEAR = 0.1  # wheel speed / motor speed, not in slipx, which states its motor at the wheels
@@ -36,12 +39,18 @@ class SlipxCar:
   """One drawn car; attributes of `Generator`."""
 
   design, drive_limit, drive_step, channel = "vesc_current", 40.0, 1e-2, "motor_current"
+  noise: Mapping[str, float] = NOISE
+  driver = Driver
   effects = SLIPX_EFFECTS
 
   def __init__(self, rng: np.random.Generator) -> None:
     """Raises MissingGenerator where slipx is not installed."""
     self.slipx = load_package("slipx", "slipx")
     self.params = drawn(self.slipx, rng)
+
+  def runs(self, rng: np.random.Generator) -> list[Manoeuvre]:
+    """The laboratory's design for a current."""
+    return plan(self.design, rng)
 
   def plant(
     self, concealed: Sequence[Concealed] = (), moved: Sequence[tuple[Nuisance, float]] = (), later: bool = False

@@ -9,41 +9,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from .changes import add, divide, scale
 from .effects import Effect, Nuisance
 
 _MOST_BEHIND = 0.5  # of the rear half of the wheelbase: where a payload lies
-
-
-def _scale(*names: str):
-  """Multiply parameters by 1 + size; "tyre_front.mu_y0" is one of the front tyre's."""
-
-  def act(p: Any, size: float, later: bool) -> None:
-    for name in names:
-      owner, _, inner = name.rpartition(".")
-      target = getattr(p, owner) if owner else p
-      setattr(target, inner, getattr(target, inner) * (1.0 + size))
-
-  return act
-
-
-def _divide(*names: str, late: bool = False):
-  """Divide them by 1 + size; `late`: only in the second half of a session."""
-
-  def act(p: Any, size: float, later: bool) -> None:
-    if later or not late:
-      _scale(*names)(p, 1.0 / (1.0 + size) - 1.0, later)
-
-  return act
-
-
-def _add(*names: str):
-  def act(p: Any, size: float, later: bool) -> None:
-    for name in names:
-      owner, _, inner = name.rpartition(".")
-      target = getattr(p, owner) if owner else p
-      setattr(target, inner, getattr(target, inner) + size)
-
-  return act
 
 
 def _payload(p: Any, size: float, later: bool) -> None:
@@ -71,23 +40,23 @@ def _forward(p: Any, size: float, later: bool) -> None:
 _FRONT, _REAR = ("tyre_front.mu_y0", "tyre_front.mu_x0"), ("tyre_rear.mu_y0", "tyre_rear.mu_x0")
 
 SLIPX_EFFECTS: dict[str, Effect] = {
-  "servo_bandwidth": Effect("steering", "parameter", ("steering_lag",), "-", 20.0, _divide("steer_bandwidth")),
-  "servo_slew": Effect("steering", "parameter", ("steering_rate_limit",), "-", 100.0, _divide("steer_rate_max")),
-  "steering_travel": Effect("steering", "parameter", ("steering_saturation",), "-", 2.0, _divide("steer_max")),
-  "drag": Effect("drive", "parameter", ("quadratic_drag", "resistance_curve"), "kg/m", 4.0, _add("drag_coeff")),
+  "servo_bandwidth": Effect("steering", "parameter", ("steering_lag",), "-", 20.0, divide("steer_bandwidth")),
+  "servo_slew": Effect("steering", "parameter", ("steering_rate_limit",), "-", 100.0, divide("steer_rate_max")),
+  "steering_travel": Effect("steering", "parameter", ("steering_saturation",), "-", 2.0, divide("steer_max")),
+  "drag": Effect("drive", "parameter", ("quadratic_drag", "resistance_curve"), "kg/m", 4.0, add("drag_coeff")),
   "limited_slip": Effect("drive", "parameter", ("differential_lock",), "N m", 1.0, _preload),
-  "brake_limit": Effect("drive", "parameter", ("drive_asymmetry",), "-", 400.0, _divide("regen_current_max")),
-  "wheel_size": Effect("drive", "parameter", ("wheel_radius_error",), "-", 0.3, _scale("wheel_radius"), signed=True),
+  "brake_limit": Effect("drive", "parameter", ("drive_asymmetry",), "-", 400.0, divide("regen_current_max")),
+  "wheel_size": Effect("drive", "parameter", ("wheel_radius_error",), "-", 0.3, scale("wheel_radius"), signed=True),
   "load_sensitivity": Effect(
-    "tyre", "parameter", ("load_transfer",), "-", 1.5, _add("tyre_front.k_mu", "tyre_rear.k_mu")
+    "tyre", "parameter", ("load_transfer",), "-", 1.5, add("tyre_front.k_mu", "tyre_rear.k_mu")
   ),
-  "cg_height": Effect("body", "parameter", ("load_transfer",), "-", 2.0, _scale("h_cog")),
-  "relaxation_front": Effect("tyre", "parameter", ("tyre_relaxation",), "-", 30.0, _scale("tyre_front.relax_length")),
+  "cg_height": Effect("body", "parameter", ("load_transfer",), "-", 2.0, scale("h_cog")),
+  "relaxation_front": Effect("tyre", "parameter", ("tyre_relaxation",), "-", 30.0, scale("tyre_front.relax_length")),
   "payload": Effect("body", "parameter", ("payload",), "kg", 4.0, _payload),
-  "grip_later": Effect("ground", "parameter", ("friction_change",), "-", 4.0, _divide(*_FRONT, *_REAR, late=True)),
+  "grip_later": Effect("ground", "parameter", ("friction_change",), "-", 4.0, divide(*_FRONT, *_REAR, late=True)),
   # outside the catalogue
-  "grip_front": Effect("tyre", "parameter", (), "-", 4.0, _divide(*_FRONT)),
-  "current_limit": Effect("drive", "parameter", (), "-", 100.0, _divide("current_max")),
+  "grip_front": Effect("tyre", "parameter", (), "-", 4.0, divide(*_FRONT)),
+  "current_limit": Effect("drive", "parameter", (), "-", 100.0, divide("current_max")),
   "resistance_later": Effect("drive", "parameter", (), "-", 10.0, _resistance_later),
 }
 
@@ -97,19 +66,19 @@ def slipx_nuisances(std: dict[str, float], params: Any) -> dict[str, Nuisance]:
   share = lambda name, value: std[name] / value
   slow = params.steer_bandwidth / (2.0 * params.steer_damping)  # 1/s: one over the servo's lag at low frequencies
   return {
-    "mass": Nuisance(_scale("mass"), 0.01, share("mass", params.mass)),
-    "yaw inertia": Nuisance(_scale("izz"), 0.02, share("yaw_inertia", params.izz)),
+    "mass": Nuisance(scale("mass"), 0.01, share("mass", params.mass)),
+    "yaw inertia": Nuisance(scale("izz"), 0.02, share("yaw_inertia", params.izz)),
     "centre of gravity": Nuisance(_forward, 0.002, std["cg_to_front"]),
-    "height": Nuisance(_scale("h_cog"), 0.05, share("cg_height", params.h_cog)),
-    "wheel radius": Nuisance(_scale("wheel_radius"), 0.005, share("wheel_radius", params.wheel_radius)),
-    "torque": Nuisance(_scale("torque_per_amp"), 0.01),
-    "rolling resistance": Nuisance(_scale("roll_resist"), 0.02),
-    "slip stiffness": Nuisance(_scale("c_kappa"), 0.05),
-    "front stiffness": Nuisance(_scale("c_alpha_f"), 0.03),
-    "rear stiffness": Nuisance(_scale("c_alpha_r"), 0.03),
-    "grip": Nuisance(_scale(*_FRONT, *_REAR), 0.02),
-    "shape": Nuisance(_scale("tyre_front.shape_c", "tyre_rear.shape_c"), 0.02),
-    "relaxation": Nuisance(_scale("tyre_front.relax_length", "tyre_rear.relax_length"), 0.05),
-    "servo": Nuisance(_divide("steer_bandwidth"), 0.03, std.get("servo_time_constant", float("inf")) * slow),
-    "servo damping": Nuisance(_scale("steer_damping"), 0.03),
+    "height": Nuisance(scale("h_cog"), 0.05, share("cg_height", params.h_cog)),
+    "wheel radius": Nuisance(scale("wheel_radius"), 0.005, share("wheel_radius", params.wheel_radius)),
+    "torque": Nuisance(scale("torque_per_amp"), 0.01),
+    "rolling resistance": Nuisance(scale("roll_resist"), 0.02),
+    "slip stiffness": Nuisance(scale("c_kappa"), 0.05),
+    "front stiffness": Nuisance(scale("c_alpha_f"), 0.03),
+    "rear stiffness": Nuisance(scale("c_alpha_r"), 0.03),
+    "grip": Nuisance(scale(*_FRONT, *_REAR), 0.02),
+    "shape": Nuisance(scale("tyre_front.shape_c", "tyre_rear.shape_c"), 0.02),
+    "relaxation": Nuisance(scale("tyre_front.relax_length", "tyre_rear.relax_length"), 0.05),
+    "servo": Nuisance(divide("steer_bandwidth"), 0.03, std.get("servo_time_constant", float("inf")) * slow),
+    "servo damping": Nuisance(scale("steer_damping"), 0.03),
   }

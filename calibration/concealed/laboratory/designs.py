@@ -110,6 +110,10 @@ def plan(design: str, rng: np.random.Generator) -> list[Manoeuvre]:
   """The manoeuvres of a design in order; the second half is driven after a pause. KeyError lists the valid names."""
   if design not in DESIGNS:
     raise KeyError(f"no session design '{design}'; valid are: {', '.join(DESIGNS)}")
-  runs = DESIGNS[design](rng)
+  return in_two_halves(DESIGNS[design](rng))
+
+
+def in_two_halves(runs: list[Manoeuvre]) -> list[Manoeuvre]:
+  """The same runs, the first half of them in the morning and the others in the afternoon."""
   half = (len(runs) + 1) // 2
   return [dataclasses.replace(run, session="morning" if i < half else "afternoon") for i, run in enumerate(runs)]
