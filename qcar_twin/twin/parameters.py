@@ -59,8 +59,9 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
                 0.1 * v.yaw_inertia),
       _measured("cg_to_front", v.cg_to_front, (0.2 * length, 0.8 * length), "m", "L_f", std, 0.01 * length),
       _measured("cg_height_offset", 0.0, (-0.8 * v.cg_height, 1.5 * v.cg_height), "m", "dh", std, 0.1 * v.cg_height),
-      Parameter("suspension_frequency", v.suspension_frequency, 0.25 * v.suspension_frequency, stiffest_suspension(v),
-                "Hz", "f_z", std=0.5 * v.suspension_frequency, assumed=True),
+      _measured("suspension_frequency", v.suspension_frequency,
+                (0.25 * v.suspension_frequency, stiffest_suspension(v)), "Hz", "f_z", std,
+                0.5 * v.suspension_frequency),
       *_centre(v),
       *_torque_limit(v),
       # no log says whether its first command had acted when it began: its own habit, not the car's

@@ -8,6 +8,7 @@ import pytest
 from qcar_twin.plant import SIGNALS, START, Segments
 from qcar_twin.twin.file import load_twin, save_twin
 from qcar_twin.twin.mechanisms import catalogue, select
+from qcar_twin.twin.parameters import base_parameters
 from qcar_twin.twin.reading import at_one_time
 from qcar_twin.twin.simulation import mujoco_batch
 from qcar_twin.twin.twin import Twin
@@ -134,6 +135,13 @@ def test_a_fitted_suspension_is_the_car_built_with_it(twin: Twin, frequency):
   wanted = built.rollout(built.parameters.nominal, drive()).signals
   fitted = twin.rollout(twin.parameters.vector({"suspension_frequency": frequency}), drive()).signals
   np.testing.assert_allclose(fitted, wanted, atol=1e-9)
+
+
+def test_a_stated_bounce_is_as_sure_as_its_owner_says():
+  stated = dataclasses.replace(CAR, suspension_frequency=4.6, std={"suspension_frequency": 0.2})
+  told, guessed = (base_parameters(car)["suspension_frequency"] for car in (stated, CAR))
+  assert (told.nominal, told.std, told.assumed) == (4.6, 0.2, False)
+  assert (guessed.std, guessed.assumed) == (0.5 * CAR.suspension_frequency, True)
 
 
 def test_a_softer_car_feels_more_of_its_roll(twin: Twin):

@@ -11,7 +11,7 @@ from ..effects import Concealed, Nuisance
 from ..sensing import NOISE
 from .driver import RoadDriver
 from .effects import effects_of_size, nuisances_of
-from .numbers import FULL, TENTH, Size, drawn
+from .numbers import FULL, TENTH, Size, draw
 from .plant import CommonroadPlant
 from .runs import rolling
 
@@ -23,6 +23,7 @@ STD = {
   "suspension_damping_ratio": 0.15,
 }  # fmt: skip
 """Relative standard deviations of an owner's scales, ruler, data sheet, and bounce test."""
+PARALLEL_STD = 0.1  # of the share of Ackermann's angle, by a ruler between the front wheels at lock
 SERVO_STD = 0.05  # of the steering's lag, filmed
 
 
@@ -37,7 +38,7 @@ class CommonroadCar:
 
   def __init__(self, rng: np.random.Generator) -> None:
     """Raises MissingGenerator where the package is not installed."""
-    self.numbers = drawn(self.size, rng)
+    self.numbers = draw(self.size, rng)
 
   def runs(self, rng: np.random.Generator) -> list[Manoeuvre]:
     """Manoeuvres of a rolling car: the package has no reverse, and another model below 0.1 m/s."""
@@ -74,7 +75,8 @@ class CommonroadCar:
     read = {name: value + std[name] * np.clip(rng.standard_normal(), -2.0, 2.0) for name, value in true.items()}
     read["cg_to_rear"] = p.a + p.b - read["cg_to_front"]
     known = {"layout": "rear", "drive": "current", "gear_ratio": GEAR, "max_steering": p.steering.max}
-    return read | known | {"ackermann_fraction": 0.0, "max_current": self.drive_limit}, std
+    known |= {"ackermann_fraction": 0.0, "max_current": self.drive_limit}
+    return read | known, std | {"ackermann_fraction": PARALLEL_STD}
 
   def drive_line(self) -> tuple[float, float, float]:
     """Currents [A] from the losses and the mass."""
@@ -102,7 +104,7 @@ class CommonroadFullCar(CommonroadCar):
 
 
 def _flat(owner: object, before: str = "") -> dict[str, float | str]:
-  """Numbers of a part and of its parts, as tire.p_dy1."""
+  """Numbers of a part, and of its parts by their names behind a point."""
   out: dict[str, float | str] = {}
   for name, value in vars(owner).items():
     if isinstance(value, (int, float)):

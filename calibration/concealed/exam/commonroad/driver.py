@@ -17,6 +17,7 @@ from .numbers import GRAVITY, TENTH
 _NEAR, _AHEAD = 1.5, 2.2  # wheelbases, and units of time: how far ahead the eyes are
 _REACTION = 0.37  # units of time: 60 ms at 1:10
 _WINDUP = 5.0  # units of time: of the integral on speed
+_MOST_WINDUP = 0.3  # m/s at 1:10
 
 
 class RoadDriver:
@@ -44,7 +45,8 @@ class RoadDriver:
   def _held(self, wish: float, speed: float) -> float:
     """Proportional-integral, on top of the current believed to be needed."""
     error = wish - speed
-    self.held = float(np.clip(self.held + error * PERIOD / (_WINDUP * self.time), -1.0, 1.0))
+    most = _MOST_WINDUP * np.sqrt(self.long)
+    self.held = float(np.clip(self.held + error * PERIOD / (_WINDUP * self.time), -most, most))
     return (
       self.believed.volts_per_speed * wish + self.believed.volts_to_move + self.believed.answer * (error + self.held)
     )

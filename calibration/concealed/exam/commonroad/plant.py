@@ -44,8 +44,14 @@ class CommonroadPlant:
     return self._signals(self.rate(list(x), (0.0, self._push(0.0)), p))
 
   def advance(self, drive: float, steer: float) -> np.ndarray:
-    """`drive`: motor current [A]."""
+    """`drive`: motor current [A]. Raises ValueError where the car comes to a stand, or spins."""
     p, step = self.p, PERIOD / self.steps
+    drive, steer = float(drive), float(steer)
+    slowest = self.state[3] - 0.5 * max(p.T_f, p.T_r) * abs(self.state[5])  # of its wheels' centres
+    if slowest < _SLOWEST:
+      raise ValueError(
+        f"the multi-body car has no model for wheels below {_SLOWEST:g} m/s; one is at {slowest:.2g} m/s"
+      )
     goal, share = min(max(steer, p.steering.min), p.steering.max), -expm1(-step / self.numbers.servo) / step
     rows = []
     for _ in range(self.steps):

@@ -28,7 +28,7 @@ def rolling(rng: np.random.Generator, length: float, amperes: float) -> list[Man
   runs = [
     *(_surges(levels, role, f"surges_{role}") for role, levels in _PUSHES.items()),
     _coast(2.4, 3.0, "identify"),
-    m.speed_changes(rng, 5.0, "identify", "speed_changes"),
+    _speeds(rng, 5.0, "identify"),
     *(
       m.steering_step(degrees, role, 2.5)
       for degrees, role in ((6.0, "identify"), (10.0, "identify"), (8.0, "validate"))
@@ -55,6 +55,14 @@ def _surges(levels: Sequence[float], role: str, name: str) -> Manoeuvre:
 def _coast(speed: float, duration: float, role: str) -> Manoeuvre:
   """Rolling out."""
   return m.open_loop("coast_down", "coast_down", role, np.zeros(len(m.clock(duration))), start=(0.0, 0.0, 0.0, speed))
+
+
+def _speeds(rng: np.random.Generator, duration: float, role: str) -> Manoeuvre:
+  """Wished speeds that jump, none so low that the car could stop, with a little steering."""
+  length = len(m.clock(duration))
+  speed = m.held(rng, length, np.linspace(0.9, 2.4, 6), 0.8, 1.6)
+  steer = m.smooth(m.held(rng, length, np.array([-8, -4, 0, 4, 8]) * DEGREE, 0.5, 1.2), 5)
+  return m.at_speed("speed_changes", "speed_changes", role, speed, steer)
 
 
 def lane_changes(speed: float, duration: float, role: str) -> Manoeuvre:
