@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.diagnosis.decision.evidence import HeldOutError
 from calibration.fitting.noise_floor import driving_noise, residual_floor
 from calibration.fitting.observations import UNITS, Observations, observe
 from calibration.fitting.windows import Cut
@@ -39,6 +40,11 @@ class ChannelFit:
   def noise(self) -> float:
     """What the sensor itself makes, at standstill or while driving, whichever is more; in the channel's unit."""
     return max(self.noise_floor, self.driving_noise)
+
+
+def held_out_error(role: str, channel: str, fit: ChannelFit) -> HeldOutError:
+  """A channel's errors as evidence."""
+  return HeldOutError(role, channel, fit.before, fit.after, fit.ci95, fit.noise, fit.unit, fit.samples)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

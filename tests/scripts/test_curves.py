@@ -21,7 +21,7 @@ from calibration.diagnosis.curves.study import KINDS, sentences
 from calibration.diagnosis.holdout_errors import ratio
 from calibration.diagnosis.pipeline import diagnose
 from calibration.diagnosis.search.structure import Effort
-from calibration.diagnosis.shipping import shipped, worse_channels
+from calibration.diagnosis.shipping import judge, shipped
 from calibration.log_check.ready import ready
 from qcar_twin.pages.page import show
 from qcar_twin.recordings.dataset import DataSet
@@ -169,7 +169,7 @@ def test_the_twin_that_goes_on_is_the_better_by_validation(done, outcome, tmp_pa
   worse = {n: 2.0 * max(e, study.judged["base"][n]) for n, e in errors.items()}
   study = dataclasses.replace(study, judged=dict.fromkeys(study.judged, worse) | {"curves": errors})
   monkeypatch.setattr(after_diagnosis, "study", lambda *given: study)
-  monkeypatch.setattr(after_diagnosis, "worse_with_curves", lambda *given: ())
+  monkeypatch.setattr(after_diagnosis, "judged_with_curves", lambda *given: ({}, ()))
   page, said = write_with_curves(diagnosed, dataset, tmp_path, "always")
   whose = (study.found.twin, study.found.unshifted) if better else (diagnosed.twin, diagnosed.after)
   assert same_twin(tmp_path / "twin.toml", *whose)
@@ -178,7 +178,7 @@ def test_the_twin_that_goes_on_is_the_better_by_validation(done, outcome, tmp_pa
   document = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
   assert document["shipped"] == ("curves" if better else "repaired")
   assert document["curves"]["validate"]["curves"] == pytest.approx(errors)
-  assert said[:-1] == sentences(study) and said[-1].startswith("twin.toml is")
+  assert said[: len(sentences(study))] == sentences(study) and said[-1].startswith("twin.toml is")
   text = page.read_text(encoding="utf-8")
   fits = diagnosed.diagnosis.holdout
   before = {name: fit.before for name, fit in fits.items()}
@@ -193,8 +193,8 @@ def test_a_twin_that_steers_wrongly_loses_against_the_one_that_is_written_and_no
   good = shipped(diagnosed)
   theta = good.theta.copy()
   theta[good.twin.parameters.index("steering_offset")] += 0.15
-  lost = worse_channels(good, dataclasses.replace(good, theta=theta), judging)
-  assert "yaw_rate" in lost and worse_channels(good, good, judging) == ()
+  lost = judge(good, dataclasses.replace(good, theta=theta), judging).losing
+  assert "yaw_rate" in lost and judge(good, good, judging).losing == ()
 
 
 def test_a_study_that_fails_leaves_the_diagnosis(outcome, tmp_path, monkeypatch):
@@ -206,7 +206,7 @@ def test_a_study_that_fails_leaves_the_diagnosis(outcome, tmp_path, monkeypatch)
     raise ValueError("too little driving")
 
   monkeypatch.setattr(after_diagnosis, "study", fails)
-  page, (said,) = write_with_curves(diagnosed, dataset, tmp_path, "always")
+  page, (*_, said) = write_with_curves(diagnosed, dataset, tmp_path, "always")
   assert {"diagnosis.json", "report.html", "twin.toml"} <= set(written[0])
   text = page.read_text(encoding="utf-8")
   assert said.endswith("too little driving") and said in text[: text.index("<h2>")]
@@ -220,4 +220,6 @@ def test_without_curves_something_nameless_is_pointed_out(outcome, tmp_path, mon
   for name, said in (("unexplained", 1), ("no_mismatch", 0)):
     decision = dataclasses.replace(diagnosed.diagnosis.decision, verdict=name)
     changed = dataclasses.replace(diagnosed, diagnosis=dataclasses.replace(diagnosed.diagnosis, decision=decision))
-    assert len(write_with_curves(changed, dataset, tmp_path, "never")[1]) == said
+    lines = write_with_curves(changed, dataset, tmp_path, "never")[1]
+    assert lines[0].startswith("errors on held-out recordings: recalibrated")
+    assert sum("try --curves auto" in line for line in lines) == said

@@ -9,12 +9,24 @@ from calibration.diagnosis.curves.report import wording
 from calibration.diagnosis.curves.report.page import sections
 from calibration.diagnosis.curves.report.shapes import Shape, shapes
 from calibration.diagnosis.curves.study import Study, sentences, study
-from calibration.diagnosis.holdout_errors import ratio
+from calibration.diagnosis.holdout_errors import ChannelFit, ratio
 from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.report.demonstration import demonstrate
+from calibration.diagnosis.report.errors import error_lines
 from calibration.diagnosis.report.further import Further
 from calibration.diagnosis.report.page import something_nameless, write_diagnosis
-from calibration.diagnosis.shipping import JUDGING, Written, kind, shipped, warning, worse_channels, worse_on
+from calibration.diagnosis.report.wording import listed
+from calibration.diagnosis.shipping import (
+  JUDGING,
+  Judged,
+  Written,
+  judge,
+  kind,
+  recalibrated,
+  shipped,
+  warning,
+  worse_clauses,
+)
 from calibration.fitting.dataset_recalibration import LONGEST
 from calibration.fitting.residual_channels import RESIDUALS
 from calibration.log_check.ready import ready
@@ -23,6 +35,7 @@ from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.engines import EngineKind
 from qcar_twin.twin.file import save_twin
 
+Fits = Mapping[str, ChannelFit]
 When = Literal["auto", "never", "always"]
 _ADVICE = (
   "something is left that no name explains: the maps themselves may differ from the twin's laws; try --curves auto"
@@ -68,42 +81,60 @@ def write_with_curves(
   page = write_diagnosis(outcome, folder, shown)
   if not wanted(when, outcome.diagnosis):
     lines = [warning(outcome.diagnosis), _ADVICE if something_nameless(outcome.diagnosis) else ""]
-    return page, [line for line in lines if line]
+    return page, [*error_lines(outcome.diagnosis), *(line for line in lines if line)]
   try:
     found = study(dataset, most, threads, lambda stage, share=None: progress(f"free curves: {stage}", share), plant)
   except ValueError as error:
     further = Further(f"Free curves could not be fitted, and the diagnosis stands without them: {error}")
-    return write_diagnosis(outcome, folder, shown, further), [further.sentence]
-  worse = worse_with_curves(found, outcome, ready(dataset)[0])
-  further = with_curves(found, outcome.diagnosis, worse)
+    said = [*error_lines(outcome.diagnosis), further.sentence]
+    return write_diagnosis(outcome, folder, shown, further), said
+  judged, against = judged_with_curves(found, outcome, ready(dataset)[0])
+  further = with_curves(found, outcome.diagnosis, against, {role: row.fits for role, row in judged.items()})
   page = write_diagnosis(outcome, folder, shown, further)
   save_twin(folder / "diagnosed.toml", outcome.twin, outcome.after, f"repaired on {found.dataset}, without curves")
   save_twin(folder / "characterised.toml", *found.shipped, _note(found))
-  return page, [*sentences(found), chosen(found, outcome.diagnosis, worse)]
+  table = error_lines(outcome.diagnosis, further.errors)
+  return page, [*sentences(found), *table, chosen(found, outcome.diagnosis, against)]
 
 
-def worse_with_curves(found: Study, outcome: Outcome, dataset: DataSet) -> tuple[str, ...]:
-  """Channels that speak against the twin with curves as it would be written, see `shipping.worse_channels`."""
-  without = shipped(outcome)
+def judged_with_curves(found: Study, outcome: Outcome, dataset: DataSet) -> tuple[dict[str, Judged], tuple[str, ...]]:
+  """The twin with curves as it would be written against the recalibrated one, by role; what speaks against it.
+
+  Against it speak what would against a repair (`shipping.objections`), and channels that lose more against the twin
+  that is written without it than all gain (`Judged.losing`).
+  """
   curved = Written(*found.shipped, _note(found), found.shipped_shift)
-  worse = [channel for role in JUDGING for channel in worse_channels(without, curved, dataset.role(role))]
-  return tuple(dict.fromkeys(worse))
+  base, without = recalibrated(outcome), shipped(outcome)
+  roles = {role: judge(base, curved, dataset.role(role)) for role in JUDGING}
+  against = [clause for role, judged in roles.items() for clause in (*worse_clauses(role, judged.fits), *judged.slow)]
+  losing = dict.fromkeys(c for role in JUDGING for c in judge(without, curved, dataset.role(role)).losing)
+  if losing:
+    against.append(f"the errors of {listed([RESIDUALS[channel].words for channel in losing])} grow")
+  return roles, tuple(dict.fromkeys(against))
 
 
-def with_curves(found: Study, diagnosis: Diagnosis, worse: Sequence[str] = ()) -> Further:
-  """What the curves add to a diagnosis; `worse` as for `curves_are_better`."""
+def with_curves(
+  found: Study, diagnosis: Diagnosis, against: Sequence[str] = (), errors: Mapping[str, Fits] | None = None
+) -> Further:
+  """What the curves add to a diagnosis.
+
+  Args:
+    against: what speaks against the twin with curves, see `judged_with_curves`.
+    errors: of the recalibrated twin and of that with curves, by role and channel.
+  """
   drawn = shapes(found.found, found.outlines)
   repaired = {role: {n: f.after for n, f in getattr(diagnosis, role).items()} for role in ("holdout", "validate")}
   parts = sections(found, drawn, repaired, "Free curves: ")
   last = parts.pop()
-  parts.append(dataclasses.replace(last, text=f"{chosen(found, diagnosis, worse)}\n\n{last.text}"))
-  curved = curves_are_better(found, diagnosis, worse)
+  parts.append(dataclasses.replace(last, text=f"{chosen(found, diagnosis, against)}\n\n{last.text}"))
+  curved = curves_are_better(found, diagnosis, against)
   return Further(
     sentence(found, diagnosis, drawn),
     [("twin.toml is", f"the {'twin with curves' if curved else _without(diagnosis)}")],
     parts,
     found.document(),
     (*found.shipped, _note(found)) if curved else None,
+    errors or {},
   )
 
 
@@ -129,25 +160,20 @@ def fall(found: Study, diagnosis: Diagnosis) -> str:
   )
 
 
-def curves_are_better(found: Study, diagnosis: Diagnosis, worse: Sequence[str] = ()) -> bool:
-  """Whether curves are written: they err less on recordings that only judge, and no channel speaks against them.
-
-  Args:
-    worse: channels that speak against it, see `worse_with_curves`.
-  """
-  return _on_validation(found, diagnosis) < 1.0 and not worse
+def curves_are_better(found: Study, diagnosis: Diagnosis, against: Sequence[str] = ()) -> bool:
+  """Whether curves are written: they err less on recordings that only judge, and nothing speaks against them."""
+  return _on_validation(found, diagnosis) < 1.0 and not against
 
 
-def chosen(found: Study, diagnosis: Diagnosis, worse: Sequence[str] = ()) -> str:
+def chosen(found: Study, diagnosis: Diagnosis, against: Sequence[str] = ()) -> str:
   """Which twin is written as twin.toml, and why."""
   without = f"twin.toml is the {_without(diagnosis)}"
   if not (found.judged and diagnosis.validate):
     return f'{without}: no recordings only judge (role "validate"), so curves are not trusted.'
   share = 100.0 * (_on_validation(found, diagnosis) - 1.0)
   size = f"{abs(share):.1f} % {'smaller' if share < 0.0 else 'larger'} than the {_without(diagnosis)}'s"
-  if worse:
-    words = " and ".join(RESIDUALS[channel].words for channel in worse)
-    return f"{without}: with curves the errors on validation recordings are {size}, but those of {words} grow."
+  if against:
+    return f"{without}: with curves the errors on validation recordings are {size}, but {'; '.join(against)}."
   which = "twin.toml is the twin with curves" if curves_are_better(found, diagnosis) else without
   return f"{which}: with curves the errors on validation recordings are {size}."
 
@@ -157,7 +183,7 @@ def _without(diagnosis: Diagnosis) -> str:
 
 
 def _on_validation(found: Study, diagnosis: Diagnosis) -> float:
-  key = "before" if worse_on(diagnosis) else "after"
+  key = "before" if kind(diagnosis) == "recalibrated" else "after"
   without: Mapping[str, float] = {name: getattr(fit, key) for name, fit in diagnosis.validate.items()}
   return ratio(found.judged.get(found.best, {}), without)
 

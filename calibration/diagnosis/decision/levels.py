@@ -47,6 +47,8 @@ class Levels:
     rhythm: probability under a smooth spectrum from which on a line is none.
     bursts: odds that an error falls into the few strongest moments from which on they are bursts.
     error: multiple of a sensor's noise while driving from which on an error where nothing was fitted is more than that.
+    fast: quantile of a recording's speeds that stands for its fast end.
+    short: share of it that a twin may miss.
     remains: part of the recalibrated twin's own leftover that may remain beside a right name: a formula right in kind
       is not right in every detail.
     doubt: what a probability is multiplied by where more remains.
@@ -79,6 +81,8 @@ class Levels:
   rhythm: float
   bursts: float
   error: float
+  fast: float
+  short: float
   remains: float
   doubt: float
 

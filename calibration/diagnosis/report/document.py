@@ -34,17 +34,19 @@ def write_document(
   diagnosis: Diagnosis,
   curves: Mapping[str, Any] | None = None,
   shipped: str = "repaired",
+  curved: Mapping[str, Mapping[str, ChannelFit]] | None = None,
 ) -> Path:
   """Write diagnosis.json; returns its path.
 
   Args:
     curves: what free curves show, as plain values; None where they were not fitted.
     shipped: which twin is written as twin.toml, one of SHIPPED.
+    curved: errors of the twin with free curves, by role and channel.
 
   Raises:
     ValueError: the document breaks the schema; says where, and writes nothing.
   """
-  content = document(diagnosis, curves, shipped)
+  content = document(diagnosis, curves, shipped, curved)
   found = faults(content)
   if found:
     raise ValueError(f"{FILE} breaks its schema: {'; '.join(found[:5])}")
@@ -52,10 +54,13 @@ def write_document(
 
 
 def document(
-  diagnosis: Diagnosis, curves: Mapping[str, Any] | None = None, shipped: str = "repaired"
+  diagnosis: Diagnosis,
+  curves: Mapping[str, Any] | None = None,
+  shipped: str = "repaired",
+  curved: Mapping[str, Mapping[str, ChannelFit]] | None = None,
 ) -> dict[str, Any]:
   """The JSON of a diagnosis as plain Python types; a number that is not finite becomes null."""
-  d, pool = diagnosis, diagnosis.pool
+  d, pool, own = diagnosis, diagnosis.pool, curved or {}
   return plain(
     {
       "dataset": d.dataset,
@@ -68,7 +73,7 @@ def document(
       "untestable": sorted(s.mechanism for s in pool.signatures.values() if not s.testable),
       "concealment": {name: s.unabsorbed_share for name, s in sorted(pool.signatures.items())},
       "next_experiment": d.next_experiment,
-      "fit": {"validate": _fits(d.validate, False), "holdout": _fits(d.holdout, True)},
+      "fit": {role: _fits(getattr(d, role), own.get(role, {})) for role in ("validate", "holdout")},
       "curves": curves,
       "repaired_twin": d.repaired_twin,
       "shipped": shipped,
@@ -138,20 +143,19 @@ def _where(location: Location) -> dict[str, Any]:
   }
 
 
-def _fits(fits: Mapping[str, ChannelFit], interval: bool) -> dict[str, Any]:
-  rows = {}
-  for name, fit in fits.items():
-    rows[name] = {"before": fit.before, "after": fit.after, "noise_floor": fit.noise_floor,
-                  "driving_noise": fit.driving_noise}  # fmt: skip
-    if interval:
-      rows[name]["ci95"] = list(fit.ci95)
-  return rows
+def _fits(fits: Mapping[str, ChannelFit], curved: Mapping[str, ChannelFit]) -> dict[str, Any]:
+  row = lambda name, fit: {
+    "before": fit.before, "after": fit.after, "curves": curved[name].after if name in curved else None,
+    "noise_floor": fit.noise_floor, "driving_noise": fit.driving_noise, "ci95": list(fit.ci95),
+  }  # fmt: skip
+  return {name: row(name, fit) for name, fit in fits.items()}
 
 
 # Schema: a type, a tuple of allowed values, [item], {"*": value} for any keys, or a dict of exactly these keys.
 _NUMBER = float
 _MAYBE = ("number or null",)  # a channel without enough data has no error
-_CHANNEL = {"before": _MAYBE, "after": _MAYBE, "noise_floor": _MAYBE, "driving_noise": _MAYBE}
+_CHANNEL = {"*": {"before": _MAYBE, "after": _MAYBE, "curves": _MAYBE, "noise_floor": _MAYBE, "driving_noise": _MAYBE,
+                  "ci95": [_MAYBE]}}  # fmt: skip
 SCHEMA: dict[str, Any] = {
   "dataset": str,
   "verdict": VERDICTS,
@@ -178,7 +182,7 @@ SCHEMA: dict[str, Any] = {
   "untestable": [str],
   "concealment": {"*": _NUMBER},
   "next_experiment": "experiment or null",
-  "fit": {"validate": {"*": _CHANNEL}, "holdout": {"*": {**_CHANNEL, "ci95": [_MAYBE]}}},
+  "fit": {"validate": _CHANNEL, "holdout": _CHANNEL},
   "curves": "object or null",
   "repaired_twin": str,
   "shipped": SHIPPED,

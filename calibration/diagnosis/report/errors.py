@@ -12,6 +12,10 @@ from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages import Cell, Section, Table
 from qcar_twin.pages.page import Figure
 
+Fits = Mapping[str, ChannelFit]
+Roles = Mapping[str, Fits]
+NO_CURVES: Roles = {}
+ROLES = {"holdout": "Held-out recordings, opened once at the end", "validate": "Validation recordings"}
 TITLE = "Errors before and after"
 
 
@@ -35,8 +39,12 @@ def repaired(d: Diagnosis) -> bool:
   return bool(d.decision.mechanisms)
 
 
-def errors(d: Diagnosis) -> Section:
-  """How good it is: a sentence, the moment where the twins part most, all channels, the tables."""
+def errors(d: Diagnosis, curved: Roles = NO_CURVES) -> Section:
+  """How good it is: a sentence, the moment where the twins part most, all channels, the tables.
+
+  Args:
+    curved: errors of the twin with free curves, by role and channel, where there is one.
+  """
   fits, where = judged_on(d)
   if not fits:
     return Section(TITLE, "There are no held-out and no validation recordings, so no error can be shown.")
@@ -46,8 +54,9 @@ def errors(d: Diagnosis) -> Section:
     figures.moment(seconds, _parts_here(seconds, where, repaired(d)), repaired(d)) if seconds else None,
     figures.before_and_after(fits, where, repaired(d)),
   ]
-  named = (("Held-out recordings, opened once at the end", d.holdout), ("Validation recordings", d.validate))
-  tables = [error_table(caption, own) for caption, own in named if own]
+  tables = [
+    error_table(caption, getattr(d, role), curved.get(role)) for role, caption in ROLES.items() if getattr(d, role)
+  ]
   return Section(TITLE, text, tables, [f for f in drawn if f is not None])
 
 
@@ -80,15 +89,36 @@ def largest_in(fits: Mapping[str, ChannelFit]) -> str:
   return f"the largest multiple is that of {RESIDUALS[max(known, key=lambda n: known[n])].words}"
 
 
-def error_table(caption: str, fits: Mapping[str, ChannelFit]) -> Table:
+def error_table(caption: str, fits: Fits, curved: Fits | None = None) -> Table:
   """Root mean square errors by channel before and after, against the sensor noise, and the change with its interval."""
   rows: list[tuple[Cell, ...]] = []
   for name, f in fits.items():
+    more: tuple[Cell, ...] = (curved[name].after if name in curved else None,) if curved else ()
     change = 100 * (f.after / f.before - 1.0) if f.before else 0.0
     interval = f"{100 * f.ci95[0]:+.1f} to {100 * f.ci95[1]:+.1f}".replace("-", "−")
-    rows.append((RESIDUALS[name].axis, f.before, f.after, f.noise, _size(f), round(change, 1), interval))
-  columns = ("channel", "before", "after", "sensor noise", "after / noise", "change [%]", "95 % interval [%]")
+    rows.append((RESIDUALS[name].axis, f.before, f.after, *more, f.noise, _size(f), round(change, 1), interval))
+  extra = ("with curves",) if curved else ()
+  columns = ("channel", "before", "after", *extra, "sensor noise", "after / noise", "change [%]", "95 % interval [%]")
   return Table(caption, columns, rows)
+
+
+def error_lines(d: Diagnosis, curved: Roles = NO_CURVES) -> list[str]:
+  """The same table for a terminal, of the recordings that count most: a line a channel."""
+  role = "holdout" if d.holdout else "validate"
+  fits, own = getattr(d, role), curved.get(role)
+  if not fits:
+    return []
+  titles = ["recalibrated", *(["repaired"] if repaired(d) else []), *(["with curves"] if own else []), "sensor noise"]
+  lines = [f"errors on {judged_on(d)[1]}: {', '.join(titles)}"]
+  for name, f in fits.items():
+    values = [
+      f.before,
+      *([f.after] if repaired(d) else []),
+      *([own[name].after] if own and name in own else []),
+      f.noise,
+    ]
+    lines.append(f"  {RESIDUALS[name].axis}: {', '.join(f'{value:.3g}' for value in values)}")
+  return lines
 
 
 def _size(fit: ChannelFit) -> float:

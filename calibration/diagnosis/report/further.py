@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.diagnosis.holdout_errors import ChannelFit
 from qcar_twin.pages import Section
 from qcar_twin.twin.twin import Twin
 
@@ -20,6 +21,7 @@ class Further:
     facts: numbers that go with the verdict.
     sections: shown after "The repaired model".
     curves: key "curves" of diagnosis.json.
+    errors: of the recalibrated twin and of this stage's, by role and channel.
     twin: what is written as twin.toml in the repaired twin's place: twin, parameters (P,), note.
   """
 
@@ -28,6 +30,7 @@ class Further:
   sections: Sequence[Section] = ()
   curves: Mapping[str, Any] | None = None
   twin: tuple[Twin, NDArray[np.float64], str] | None = None
+  errors: Mapping[str, Mapping[str, ChannelFit]] = dataclasses.field(default_factory=dict)
 
 
 NOTHING_FURTHER = Further()

@@ -50,7 +50,7 @@ def write_diagnosis(
   without = shipped(outcome)
   save_twin(folder / "twin.toml", *(further.twin or (without.twin, without.theta, without.note)))
   of = "curves" if further.twin else kind(outcome.diagnosis)
-  write_document(folder, outcome.diagnosis, further.curves, of)
+  write_document(folder, outcome.diagnosis, further.curves, of, further.errors)
   write_evidence(folder, outcome.diagnosis.evidence)
   return write_report(folder, outcome.diagnosis, shown or demonstrate(outcome), further)
 
@@ -59,7 +59,7 @@ def write_report(
   folder: Path, diagnosis: Diagnosis, shown: Demonstration = NOTHING_SHOWN, further: Further = NOTHING_FURTHER
 ) -> Path:
   """Write report.html; returns its path."""
-  sections = report_sections(diagnosis, shown)
+  sections = report_sections(diagnosis, shown, further)
   return write_page(
     folder / REPORT,
     f"Diagnosis of {diagnosis.dataset}",
@@ -98,11 +98,13 @@ def facts(d: Diagnosis) -> list[tuple[str, str]]:
   return rows
 
 
-def report_sections(d: Diagnosis, shown: Demonstration = NOTHING_SHOWN) -> list[Section]:
-  """All sections in reading order."""
+def report_sections(
+  d: Diagnosis, shown: Demonstration = NOTHING_SHOWN, further: Further = NOTHING_FURTHER
+) -> list[Section]:
+  """All sections of the diagnosis itself in reading order."""
   return [
-    errors(d), left_out(d), unexplained(d), where(d, shown), _model(d, shown), priors(d), evidence(d), drive_next(d),
-    unseen(d), effort(d),
+    errors(d, further.errors), left_out(d), unexplained(d), where(d, shown), _model(d, shown), priors(d), evidence(d),
+    drive_next(d), unseen(d), effort(d),
   ]  # fmt: skip
 
 

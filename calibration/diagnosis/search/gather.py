@@ -14,14 +14,13 @@ from calibration.diagnosis.decision.evidence import (
   Alternative,
   Estimate,
   Evidence,
-  HeldOutError,
   Model,
   Named,
   Scanned,
   Taken,
 )
 from calibration.diagnosis.decision.structure import Leftover
-from calibration.diagnosis.holdout_errors import ChannelFit
+from calibration.diagnosis.holdout_errors import ChannelFit, held_out_error
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.scan import Projector
 from calibration.diagnosis.score import clustered_std, compare, compare_freely, errors_taken_off, evidence, prior_part
@@ -241,7 +240,6 @@ def errors_left(fits: Mapping[str, ChannelFit], pool: Pool) -> tuple[list[Leftov
 
 def with_errors(found: Evidence, roles: Mapping[str, Mapping[str, ChannelFit]]) -> Evidence:
   """Evidence with the errors on recordings that took no part, by role and channel."""
-  row = lambda role, n, f: HeldOutError(role, n, f.before, f.after, f.ci95, f.noise, f.unit, f.samples)
   return dataclasses.replace(
-    found, errors=tuple(row(role, name, fit) for role, fits in roles.items() for name, fit in fits.items())
+    found, errors=tuple(held_out_error(role, name, fit) for role, fits in roles.items() for name, fit in fits.items())
   )

@@ -47,8 +47,9 @@ def test_a_diagnosis_makes_a_faultless_document(explained):
   ]
   assert list(found["where"]) == ["subsystem", "channels", "time", "region", "region_share"]
   assert list(found["unknown"]) == ["depends_on", "properties", "formula", "share"]
-  assert list(found["fit"]["holdout"]["yaw_rate"]) == ["before", "after", "noise_floor", "driving_noise", "ci95"]
-  assert list(found["fit"]["validate"]["yaw_rate"]) == ["before", "after", "noise_floor", "driving_noise"]
+  keys = ["before", "after", "curves", "noise_floor", "driving_noise", "ci95"]
+  assert list(found["fit"]["holdout"]["yaw_rate"]) == keys
+  assert list(found["fit"]["validate"]["yaw_rate"]) == keys
 
 
 def test_the_document_says_what_was_found(explained):
@@ -81,6 +82,7 @@ def test_what_is_not_finite_becomes_null_where_that_is_allowed(explained):
   assert found["fit"]["holdout"]["pose_left"] == {
     "before": None,
     "after": None,
+    "curves": None,
     "noise_floor": 0.1,
     "driving_noise": 0.2,
     "ci95": [None, None],
