@@ -12,6 +12,7 @@ from calibration.diagnosis.curves.after_diagnosis import When, write_with_curves
 from calibration.diagnosis.pipeline import diagnose
 from calibration.diagnosis.report.page import verdict
 from calibration.diagnosis.search.structure import Effort
+from calibration.diagnosis.staged import Staged
 from calibration.fitting.dataset_recalibration import LONGEST
 from calibration.progress import DIAGNOSIS, StageLine
 from qcar_twin.command_line import run_script
@@ -56,8 +57,9 @@ def main(config: Config) -> Path:
   progress = StageLine(DIAGNOSIS)
   with progress:
     outcome = diagnose(
-      dataset, config.mechanisms or None, start, effort, threads=config.threads, progress=progress, plant=config.plant
-    )
+      dataset, config.mechanisms or None, start, effort, threads=config.threads, progress=progress, plant=config.plant,
+      staged=Staged(config.out),
+    )  # fmt: skip
   print(verdict(outcome.diagnosis))
   most = LONGEST / 4.0 if config.quick else LONGEST
   with progress:

@@ -16,6 +16,7 @@ from calibration.diagnosis.curves.after_diagnosis import When, write_with_curves
 from calibration.diagnosis.pipeline import diagnose, prepare
 from calibration.diagnosis.report.page import verdict as diagnosed
 from calibration.diagnosis.search.structure import Effort
+from calibration.diagnosis.staged import Staged
 from calibration.fitting.dataset_recalibration import LONGEST
 from calibration.fitting.windows import Cut
 from calibration.progress import CALIBRATION, CROSS_VALIDATION, DIAGNOSIS, StageLine, joined
@@ -86,7 +87,10 @@ def main(config: Config) -> Path:
   write_cross_validation(result, config.out / "cross_validation")
   effort = Effort(singles=5, pairs=2, triples=1, iterations=1) if config.quick else Effort()
   with progress:
-    outcome = diagnose(dataset, effort=effort, threads=config.threads, progress=progress, prepared=begun())
+    outcome = diagnose(
+      dataset, effort=effort, threads=config.threads, progress=progress, prepared=begun(),
+      staged=Staged(config.out / "diagnosis"),
+    )  # fmt: skip
   print(diagnosed(outcome.diagnosis))
   most = QUICK if config.quick else LONGEST
   with progress:

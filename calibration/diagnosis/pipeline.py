@@ -22,6 +22,7 @@ from calibration.diagnosis.scan import scan
 from calibration.diagnosis.score import compare_freely
 from calibration.diagnosis.search.gather import best_unknown, errors_left, gather, what_is_left, with_errors
 from calibration.diagnosis.search.structure import Effort, search
+from calibration.diagnosis.staged import NOWHERE, Staged
 from calibration.diagnosis.unexplained.unknown import smooth_forces, unknown_sensors
 from calibration.fitting.dataset_recalibration import LONGEST, Start, recalibrate_dataset
 from calibration.fitting.recalibration import RecalibratedTwin, recalibrate_from
@@ -93,6 +94,7 @@ def diagnose(
   progress: Progress = silent,
   prepared: Prepared | None = None,
   plant: EngineKind = "reduced",
+  staged: Staged = NOWHERE,
 ) -> Outcome:
   """Find out what physics a data set shows that the twin lacks.
 
@@ -109,39 +111,48 @@ def diagnose(
     prepared: of `prepare` with the same data set, mechanisms and start, where it was done before.
     plant: what is searched with: the reduced car, as far as it can stand in for MuJoCo's, or "mujoco" alone. What is
       claimed is MuJoCo's either way.
+    staged: where what is ready is written while the rest runs.
   """
   clock = _Clock(progress)
   clock.start("recalibration")
   begun = prepared or prepare(dataset, mechanisms, start, substeps, threads, plant=plant)
-  levels = levels or usual_levels()
-  dataset, twin = begun.dataset, exact(begun.recalibrated.problem.twin)
+  twin = exact(begun.recalibrated.problem.twin)
   priors = begun.recalibrated.fit.parameters
   tried = [m for m in begun.known if (mechanisms is None or m.name in mechanisms) and not always_free(m, priors)]
-  baseline, pool = _searched(begun.recalibrated, tried, effort, clock)
+  baseline, pool = _searched(begun.recalibrated, tried, effort, clock, staged)
+  cut = Cut(command_shift=baseline.command_shift, most=LONGEST)
+  diagnosis = _judged(begun, twin, pool, cut, levels or usual_levels(), clock, staged)
+  return Outcome(diagnosis, twin, pool.base.theta, diagnosis.model.theta, cut)
+
+
+def _judged(
+  begun: Prepared, twin: Twin, pool: Pool, cut: Cut, levels: Levels, clock: "_Clock", staged: Staged
+) -> Diagnosis:
+  """What is said of a pool: names, what is left, where it shows; hold-out recordings are opened at the end."""
   clock.start("decision")
-  evidence = gather(pool, dataset.name)
-  cut, named = Cut(command_shift=baseline.command_shift, most=LONGEST), decide(evidence, levels)
+  dataset, evidence = begun.dataset, gather(pool, begun.dataset.name)
+  named = decide(evidence, levels)
+  staged.weighed(evidence, named)
   validate, judging = _before_and_after(twin, pool, named, dataset.role("validate"), cut)
   decision, unknowns, evidence = _concluded(named, pool, evidence, validate, levels)
   clock.start("location")
   place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)
   clock.start("hold-out")
   holdout, unseen = _before_and_after(twin, pool, decision, dataset.role("holdout"), cut)
-  diagnosis = Diagnosis(
+  return Diagnosis(
     dataset=dataset.name,
     decision=decision,
     location=place,
     pool=pool,
+    evidence=with_errors(evidence, {"validate": validate, "holdout": holdout}),
     validate=validate,
     holdout=holdout,
     replay=unseen or judging,
     seconds=clock.stop(),
     stages=clock.stages,
     next_experiment=experiment,
-    evidence=with_errors(evidence, {"validate": validate, "holdout": holdout}),
     notes=dataset.notices + begun.notes,
   )
-  return Outcome(diagnosis, twin, pool.base.theta, pool.model(decision.mechanisms).theta, cut)
 
 
 def fit_unknowns(pool: Pool) -> dict[str, Candidate]:
@@ -159,7 +170,7 @@ def fit_unknowns(pool: Pool) -> dict[str, Candidate]:
 
 
 def _searched(
-  baseline: RecalibratedTwin, tried: Sequence[Mechanism], effort: Effort, clock: "_Clock"
+  baseline: RecalibratedTwin, tried: Sequence[Mechanism], effort: Effort, clock: "_Clock", staged: Staged
 ) -> tuple[RecalibratedTwin, Pool]:
   """Scan and search; once more from a lower minimum of the recalibrated twin where a larger model led to one.
 
@@ -169,8 +180,10 @@ def _searched(
   earlier: list[Candidate] = []
   while True:
     base = base_candidate(baseline)
+    staged.base(exact(baseline.problem.twin), base.theta)
     clock.start("scan")
     signatures = scan(baseline.problem, base, tried, progress=clock.progress)
+    staged.scanned(signatures)
     clock.start("search")
     pool = search(baseline, base, signatures, effort, clock.progress, earlier)
     if earlier or not pool.base_not_converged:

@@ -27,6 +27,7 @@ from calibration.diagnosis.shipping import (
   warning,
   worse_clauses,
 )
+from calibration.diagnosis.staged import Staged
 from calibration.fitting.dataset_recalibration import LONGEST
 from calibration.fitting.residual_channels import RESIDUALS
 from calibration.log_check.ready import ready
@@ -79,6 +80,7 @@ def write_with_curves(
   progress("film and report")
   shown = demonstrate(outcome)
   page = write_diagnosis(outcome, folder, shown)
+  Staged(folder).end()
   if not wanted(when, outcome.diagnosis):
     lines = [warning(outcome.diagnosis), _ADVICE if something_nameless(outcome.diagnosis) else ""]
     return page, [*error_lines(outcome.diagnosis), *(line for line in lines if line)]

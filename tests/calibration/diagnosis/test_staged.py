@@ -1,0 +1,39 @@
+"""What is ready lies on disk while the rest runs, and goes when the results stand."""
+
+import json
+
+from calibration.diagnosis.decision.decide import decide
+from calibration.diagnosis.decision.evidence import FILE, read_evidence
+from calibration.diagnosis.search.gather import gather
+from calibration.diagnosis.staged import FOLDER, NOWHERE, RANKING, Staged
+from qcar_twin.twin.file import load_twin
+from qcar_twin.twin.mechanisms import select
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import Vehicle
+
+
+def test_what_is_ready_can_be_read_and_gone_on_with(offset_pool, tmp_path):
+  staged, folder = Staged(tmp_path), tmp_path / FOLDER
+  twin = Twin(Vehicle.load(), select(["steering_offset"]), threads=1)
+  theta = twin.parameters.nominal
+  theta[twin.parameters.index("mass")] *= 1.01
+  staged.base(twin, theta)
+  again, values = load_twin(folder / "recalibrated.toml")
+  assert again.parameters.named(values)["mass"] == theta[twin.parameters.index("mass")]
+  staged.scanned(offset_pool.signatures)
+  told = json.loads((folder / RANKING).read_text())
+  assert (told["stage"], told["claims"], told["ranking"][0]["mechanism"]) == ("scan", [], "steering_offset")
+  evidence = gather(offset_pool)
+  staged.weighed(evidence, decide(evidence))
+  told = json.loads((folder / RANKING).read_text())
+  assert told["stage"] == "search" and told["claims"][0]["mechanism"] == "steering_offset"
+  assert read_evidence(folder / FILE) == evidence
+  staged.end()
+  assert not folder.exists()
+
+
+def test_nowhere_nothing_is_written(offset_pool, tmp_path, monkeypatch):
+  monkeypatch.chdir(tmp_path)
+  NOWHERE.scanned(offset_pool.signatures)
+  NOWHERE.end()
+  assert list(tmp_path.iterdir()) == []
