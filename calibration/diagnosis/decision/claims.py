@@ -3,6 +3,8 @@
 import dataclasses
 import math
 
+from scipy.stats import chi2
+
 from calibration.diagnosis.decision.chance import beyond_chance
 from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.decision.evidence import Evidence, Model, Named
@@ -80,6 +82,8 @@ def beyond_usual(name: Named, levels: Levels) -> bool:
   Together, since a bias of 0.2 m/s^2 halfway between two axes is no smaller than one along either.
   """
   sizes = name.deviations
+  if levels.unusual < 1.0:
+    return not sizes or math.hypot(*sizes) > math.sqrt(float(chi2.isf(levels.unusual, len(sizes))))
   return not sizes or math.hypot(*sizes) > (1.0 if len(sizes) == 1 else levels.round)
 
 

@@ -38,6 +38,7 @@ class Levels:
     draws: sign flips that the level is taken from.
     spread: errors of fitted parameters over their stated deviations.
     bias: share of the typical size from which the bias of a sensor is one.
+    unusual: chance that a sensor of the kind is that far from having no bias; 1 for one deviation, see `round`.
     round: radius, in deviations of what is usual, beyond which biases along several axes are unusual together.
     equivalent: held-out t of a claim over a rival below which the two can't be told apart.
     form: standard deviation of a claimed size for the formula's own error, as a share of it.
@@ -47,6 +48,7 @@ class Levels:
     rhythm: probability under a smooth spectrum from which on a line is none.
     bursts: odds that an error falls into the few strongest moments from which on they are bursts.
     error: multiple of a sensor's noise while driving from which on an error where nothing was fitted is more than that.
+    good: multiple of the sensors' noise up to which an error is what the sensors leave.
     fast: quantile of a recording's speeds that stands for its fast end.
     short: share of it that a twin may miss.
     remains: part of the recalibrated twin's own leftover that may remain beside a right name: a formula right in kind
@@ -73,6 +75,7 @@ class Levels:
   draws: float
   spread: float
   bias: float
+  unusual: float
   round: float
   equivalent: float
   form: float
@@ -81,6 +84,7 @@ class Levels:
   rhythm: float
   bursts: float
   error: float
+  good: float
   fast: float
   short: float
   remains: float

@@ -4,10 +4,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.holdout_errors import ChannelFit, Replay, recovered_share
 from calibration.diagnosis.outcome import Diagnosis
 from calibration.diagnosis.report import figures
 from calibration.diagnosis.report.moments import Seconds, largest
+from calibration.diagnosis.report.wording import listed
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages import Cell, Section, Table
 from qcar_twin.pages.page import Figure
@@ -70,6 +72,26 @@ def how_good(d: Diagnosis) -> str:
     return f"The repair does not lower the error on {where}. The error is {multiples(fits)}; {largest_in(fits)}."
   gone = f"On {where} the repair removes {100 * share:.0f} % of the squared error above sensor noise."
   return f"{gone} What remains is {multiples(fits)}; {largest_in(fits)}."
+
+
+def how_good_in_short(d: Diagnosis) -> str:
+  """ "On held-out recordings the repaired twin errs by 1.0 to 3.0 times the sensor noise, most in motor speed (…)."."""
+  fits, where = judged_on(d)
+  known = {name: _size(f) for name, f in fits.items() if np.isfinite(_size(f))}
+  if not known:
+    return ""
+  worst = max(known, key=lambda name: known[name])
+  most = f"{RESIDUALS[worst].words} ({fits[worst].after:.3g} {RESIDUALS[worst].symbol})"
+  whose = "repaired" if repaired(d) else "recalibrated"
+  return f"On {where} the {whose} twin errs by {multiples(fits)}, most in {most}."
+
+
+def short_of(d: Diagnosis) -> str:
+  """ "motor speed errs by 3.0 and yaw rate by 1.4 times the sensor noise": beyond what sensors leave; "" for none."""
+  sizes = {name: _size(f) for name, f in judged_on(d)[0].items() if np.isfinite(_size(f))}
+  beyond = sorted((n for n, size in sizes.items() if size > usual_levels().good), key=lambda n: -sizes[n])
+  said = [f"{RESIDUALS[n].words} by {sizes[n]:.1f}" for n in beyond]
+  return f"{listed(said)} times the sensor noise".replace(" by ", " errs by ", 1) if said else ""
 
 
 def multiples(fits: Mapping[str, ChannelFit]) -> str:

@@ -3,14 +3,22 @@
 from pathlib import Path
 
 from calibration.diagnosis.decision.evidence import write_evidence
-from calibration.diagnosis.holdout_errors import recovered_share
+from calibration.diagnosis.holdout_errors import recovered_share, share_taken_off
 from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.report import figures, wording
 from calibration.diagnosis.report.causes import claimed, left_out, something_nameless, unexplained, where
 from calibration.diagnosis.report.curves import curve_chart
 from calibration.diagnosis.report.demonstration import NOTHING_SHOWN, Demonstration, demonstrate
 from calibration.diagnosis.report.document import REPORT, write_document
-from calibration.diagnosis.report.errors import errors, judged_on, multiples, parting, repaired
+from calibration.diagnosis.report.errors import (
+  errors,
+  how_good_in_short,
+  judged_on,
+  multiples,
+  parting,
+  repaired,
+  short_of,
+)
 from calibration.diagnosis.report.further import NOTHING_FURTHER, Further
 from calibration.diagnosis.report.grounds import drive_next, effort, evidence, priors, unseen
 from calibration.diagnosis.shipping import kind, shipped, warning
@@ -77,9 +85,14 @@ def _written(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 
 def verdict(diagnosis: Diagnosis) -> str:
-  """The verdict in plain words."""
-  recovered = recovered_share(diagnosis.holdout) if diagnosis.holdout else 0.0
-  return wording.verdict_sentence(diagnosis.decision, claimed(diagnosis), recovered if recovered > 0.02 else None)
+  """The verdict in plain words: how good the twin is, what was left out of it, what is still unexplained."""
+  d, fits = diagnosis, judged_on(diagnosis)[0]
+  recovered = recovered_share(d.holdout) if d.holdout else 0.0
+  shares = {c.mechanism: share_taken_off(d.replay, fits, c.mechanism) if d.replay else None for c in d.decision.claims}
+  taken = {name: share for name, share in shares.items() if share is not None}
+  gain = recovered if recovered > 0.02 else None
+  said = wording.verdict_sentence(d.decision, claimed(d), gain, taken, short_of(d))
+  return f"{how_good_in_short(d)} {said}".lstrip()
 
 
 def facts(d: Diagnosis) -> list[tuple[str, str]]:

@@ -62,11 +62,27 @@ def claim_sentence(claim: Claim, mechanism: Mechanism) -> str:
   return f"{happening(mechanism)}: {size}" if size else happening(mechanism)
 
 
-def verdict_sentence(decision: Decision, mechanisms: Mapping[str, Mechanism], recovered: float | None = None) -> str:
-  """The verdict for a reader in a hurry: what happens, how much, how sure, what the repair removes."""
+def verdict_sentence(
+  decision: Decision,
+  mechanisms: Mapping[str, Mechanism],
+  recovered: float | None = None,
+  taken: Mapping[str, float] | None = None,
+  short: str = "",
+) -> str:
+  """The verdict for a reader in a hurry: what was left out, how much, how sure; what is unexplained.
+
+  Args:
+    decision: names and verdict.
+    mechanisms: claimed, by id.
+    recovered: share of the squared error above sensor noise that the repair removes.
+    taken: the same of each mechanism, by id.
+    short: where the twin errs by more than its sensors, a clause; "" where it does not.
+  """
   named = [c for c in decision.claims if c.mechanism in mechanisms]
   if decision.verdict == "no_mismatch":
-    return "The recalibrated twin explains these recordings, and no missing physics shows in them."
+    if not short:
+      return "The recalibrated twin explains these recordings, and no missing physics shows in them."
+    return f"In these recordings no missing physics shows. The twin itself falls short of them: {short}."
   if decision.verdict == "unexplained" or not named:
     about = f" The error behaves like {unknown_words(decision.unknown[0])}." if decision.unknown else ""
     if decision.leftovers:
@@ -74,11 +90,14 @@ def verdict_sentence(decision: Decision, mechanisms: Mapping[str, Mechanism], re
     about = f" {decision.undecided}" if decision.undecided else about
     close = f" The nearest named effect, {named[0].mechanism}, does not explain it." if named else ""
     return f"The twin is wrong in a way that none of the known mechanisms explains.{about}{close}"
-  effects = " ".join(f"{claim_sentence(c, mechanisms[c.mechanism])}{doubts(c)}." for c in named)
+  effects = " ".join(
+    f"{claim_sentence(c, mechanisms[c.mechanism])}{doubts(c, (taken or {}).get(c.mechanism))}." for c in named
+  )
   partly = " This explains only part of the mismatch." if decision.verdict == "partly_explained" else ""
   if partly and decision.leftovers:
     partly += f" {structure_sentence(decision.leftovers[0])}"
-  return f"{effects}{partly}{_gain(recovered)}"
+  rest = f" What is left has no name and no structure that shows: {short}." if short and not partly else ""
+  return f"{effects}{_gain(recovered)}{partly}{rest}"
 
 
 def _gain(recovered: float | None) -> str:
@@ -94,10 +113,11 @@ def structure_sentence(item: Leftover) -> str:
   return f"The rest shows most in {RESIDUALS[item.channel].words}: {PROPERTIES[item.family]} ({follows})."
 
 
-def doubts(claim: Claim) -> str:
-  """ " (steering_delay, probability 0.97; indistinguishable from steering_lag)"."""
+def doubts(claim: Claim, taken: float | None = None) -> str:
+  """ " (steering_delay, probability 0.97, takes off 93 %; indistinguishable from steering_lag)"."""
+  share = "" if taken is None else f", takes off {100 * taken:.0f} %"
   equal = f"; indistinguishable from {listed(claim.indistinguishable_from)}" if claim.indistinguishable_from else ""
-  return f" ({claim.mechanism}, probability {claim.probability:.2f}{equal})"
+  return f" ({claim.mechanism}, probability {claim.probability:.2f}{share}{equal})"
 
 
 def quantity(name: str) -> str:

@@ -65,6 +65,13 @@ def test_a_reader_in_a_hurry_learns_the_verdict():
   sentence = verdict_sentence(decision, mechanisms, 0.93)
   assert sentence.startswith("The steering executes what was commanded a while ago: dead time 40.0 ± 2.0 ms")
   assert "probability 0.97" in sentence and "93 %" in sentence
+  shares = verdict_sentence(
+    decision, mechanisms, None, {"steering_delay": 0.931}, "yaw rate errs by 1.4 times the noise"
+  )
+  assert "probability 0.97, takes off 93 %)" in shares
+  assert shares.endswith("What is left has no name and no structure that shows: yaw rate errs by 1.4 times the noise.")
+  base = verdict_sentence(decision_of("no_mismatch", ()), mechanisms, short="yaw rate errs by 1.4 times the noise")
+  assert "no missing physics" in base and "The twin itself falls short of them: yaw rate" in base
   nothing = verdict_sentence(decision_of("no_mismatch", ()), mechanisms)
   assert "no missing physics" in nothing
   partly = verdict_sentence(decision_of("partly_explained", ("steering_delay",)), mechanisms)
