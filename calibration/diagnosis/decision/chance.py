@@ -3,11 +3,12 @@
 A mechanism's score in a block of about three seconds is the slope of the fit along what it changes. Without any effect
 it is as likely to be positive as negative. So with random signs e_b, the same for all M mechanisms that were scanned,
 
-    z_m = |sum_b e_b s_mb| / sqrt(sum_b s_mb^2)
+    z_m = |sum_b e_b h(s_mb)| / sqrt(sum_b h(s_mb)^2)        h(s) = sign(s) sqrt(|s|)
 
-has the distribution that it has by chance, whatever the noise of a block and however alike two mechanisms are. The
-level is the quantile of the largest of z_1 ... z_M (Westfall and Young 1993, family-wise error). Divided by their own
-root, scores of a true effect do not raise it for others.
+has the distribution that it has by chance, whatever the noise of a block and however alike two mechanisms are. That
+holds for any odd function h. With the root a mechanism that acts in few blocks is measured by the same level as one that
+acts in all: the plain sum is that of the few. The level is the quantile of the largest of z_1 ... z_M (Westfall and Young
+1993, family-wise error). Divided by their own norm, scores of a true effect do not raise it for others.
 """
 
 import functools
@@ -15,9 +16,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.diagnosis.decision.evidence import Evidence, Named, Scanned
 from calibration.diagnosis.decision.levels import Levels
+
+Array = NDArray[np.float64]
 
 
 def beyond_chance(name: Named, evidence: Evidence, levels: Levels) -> bool:
@@ -26,15 +30,20 @@ def beyond_chance(name: Named, evidence: Evidence, levels: Levels) -> bool:
 
 
 def consistency(scores: Sequence[float]) -> float:
-  """|sum of the scores| over the root of their sum of squares; 0 without any."""
-  power = math.fsum(s * s for s in scores)
-  return abs(math.fsum(scores)) / math.sqrt(power) if power > 0.0 else 0.0
+  """|sum| over the norm of the scores' signed roots; 0 without any."""
+  power = math.fsum(abs(s) for s in scores)
+  return abs(math.fsum(_root(scores).tolist())) / math.sqrt(power) if power > 0.0 else 0.0
+
+
+def _root(scores: Sequence[float]) -> Array:
+  values = np.array(scores)
+  return np.sign(values) * np.sqrt(np.abs(values))
 
 
 @functools.lru_cache(maxsize=2)
 def _level(scanned: tuple[Scanned, ...], family: float, draws: int) -> float:
   """What the largest of all that was scanned exceeds by chance with probability `family`."""
-  rows = np.array([s.scores for s in scanned if consistency(s.scores) > 0.0])
+  rows = np.array([_root(s.scores) for s in scanned if consistency(s.scores) > 0.0])
   if not len(rows):
     return 0.0
   signs = np.random.default_rng(0).choice([-1.0, 1.0], (draws, rows.shape[1]))
