@@ -5,10 +5,10 @@ it is as likely to be positive as negative. So with random signs e_b, the same f
 
     z_m = |sum_b e_b h(s_mb)| / sqrt(sum_b h(s_mb)^2)        h(s) = sign(s) sqrt(|s|)
 
-has the distribution that it has by chance, whatever the noise of a block and however alike two mechanisms are. That
-holds for any odd function h. With the root a mechanism that acts in few blocks is measured by the same level as one that
-acts in all: the plain sum is that of the few. The level is the quantile of the largest of z_1 ... z_M (Westfall and Young
-1993, family-wise error). Divided by their own norm, scores of a true effect do not raise it for others.
+has the distribution that it has by chance, whatever the noise of a block and however alike two mechanisms are. So it
+is for any odd function h; with the root one level serves a mechanism that acts in few blocks and one that acts in all.
+The level is the quantile of the largest of z_1 ... z_M (Westfall and Young 1993, family-wise error). Divided by their
+own norm, scores of a true effect do not raise it for others.
 """
 
 import functools

@@ -189,6 +189,14 @@ def test_how_usual_a_bias_is_does_not_depend_on_its_direction():
   assert disc == pytest.approx(square, rel=0.03)
 
 
+@pytest.mark.parametrize("axes", [1, 2, 4])
+def test_where_a_chance_is_stated_as_many_sensors_are_unusual(axes):
+  levels, test = dataclasses.replace(usual_levels(), unusual=0.05), Comparison(0.0, 0.0, 0.0, (), 0.0)
+  draws = np.random.default_rng(0).standard_normal((4000, axes))
+  named = (Named("", test, 0.0, 0.0, False, (), (), deviations=tuple(row)) for row in draws.tolist())
+  assert np.mean([beyond_usual(n, levels) for n in named]) == pytest.approx(0.05, abs=0.015)
+
+
 def test_an_amplitude_at_its_bound_is_no_claim(pair_pool):
   """What goes as far as it may makes up for something else more often than not; at its null it is only absent."""
   pair = pair_pool.models[frozenset(["side_force", "steering_offset"])]
