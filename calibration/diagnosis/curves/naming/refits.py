@@ -56,7 +56,7 @@ def tested(simpler: Candidate, richer: Candidate, problem: Problem) -> Test:
   """On recordings that only judge, and on what each group of the others gains along the line fitted to the rest."""
   found = compare(richer, simpler, problem.observations)
   # not of capped gains: what is worse without bound, as a model that flies apart, would pass for next to no loss
-  left = found.before - float(found.blocks.sum())
+  left = found.before - sum(found.blocks)
   return Test(found.t, found.total, float(np.sqrt(found.before / max(left, 1e-12 * found.before))))
 
 
