@@ -96,7 +96,7 @@ def verdict_sentence(
   partly = " This explains only part of the mismatch." if decision.verdict == "partly_explained" else ""
   if partly and decision.leftovers:
     partly += f" {structure_sentence(decision.leftovers[0])}"
-  rest = f" What is left has no name and no structure that shows: {short}." if short and not partly else ""
+  rest = f" The rest has no name and shows no structure: {short}." if short and not partly else ""
   return f"{effects}{_gain(recovered)}{partly}{rest}"
 
 
