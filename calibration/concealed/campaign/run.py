@@ -16,7 +16,6 @@ from calibration.concealed.campaign.wild_score import informed
 from calibration.concealed.proving_ground import make_session
 from calibration.concealed.second_car import make_second_session
 from calibration.diagnosis.curves.study import study
-from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.decision.decide import figures
 from calibration.diagnosis.decision.evidence import as_json
 from calibration.diagnosis.outcome import Outcome
@@ -111,10 +110,6 @@ def answer_of(outcome: Outcome) -> dict:
   keep = ("verdict", "claims", "where", "untestable", "fit", "seconds", "unknown")
   out = {key: full[key] for key in keep} | {"ranking": full["ranking"][:12]}
   out["stages"] = dict(diagnosis.stages)
-  out["tests"] = [{"mechanism": c.mechanism} | _figures(c.held_out) for c in diagnosis.decision.claims]
-  out["below_detection_size"] = list(diagnosis.decision.possible)
-  unknown = diagnosis.decision.unknown
-  out["alternative"] = None if unknown is None else {"name": unknown[0]} | _figures(unknown[1])
   out["scored"] = figures(diagnosis.evidence)
   out["evidence"] = as_json(diagnosis.evidence)
   out["trials"] = _trials(diagnosis.pool)
@@ -134,15 +129,7 @@ def _trials(pool: Pool) -> list[dict]:
       if p.null is not None
     }
     test = compare(model, pool.base, pool.problem.observations)
-    rows.append({"set": sorted(key), "cost": pool.base.cost - model.cost, "sizes": sizes} | _figures(test))
+    figures_of = {"t": test.t, "gain": test.gain, "share": test.share_positive, "total": test.total}
+    row = {"set": sorted(key), "cost": pool.base.cost - model.cost, "sizes": sizes, "relative": test.relative}
+    rows.append(row | figures_of)
   return sorted(rows, key=lambda r: -r["total"])
-
-
-def _figures(test: Comparison) -> dict[str, float]:
-  return {
-    "t": test.t,
-    "gain": test.gain,
-    "share": test.share_positive,
-    "total": test.total,
-    "relative": test.relative,
-  }

@@ -20,6 +20,7 @@ from qcar_twin.atomic_io import plain, write_json
 from qcar_twin.untrusted import UnreadableFile, read_json
 
 FILE = "evidence.json"
+DIGITS = ".6g"  # of every number in it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -226,7 +227,17 @@ class Evidence:
 
   def with_left(self, mechanisms: tuple[str, ...], items: Iterable[Leftover]) -> "Evidence":
     """The same with what a model leaves."""
-    return dataclasses.replace(self, remaining=(*self.remaining, Remaining(mechanisms, tuple(items))))
+    return dataclasses.replace(self, remaining=(*self.remaining, rounded(Remaining(mechanisms, tuple(items)))))
+
+
+def rounded(value: Any) -> Any:
+  """Evidence, or a part of it, with numbers as its file has them, so that a replay decides on the very same."""
+  if dataclasses.is_dataclass(value) and not isinstance(value, type):
+    parts = ((f.name, rounded(getattr(value, f.name))) for f in dataclasses.fields(value))
+    return dataclasses.replace(value, **dict(parts))
+  if isinstance(value, tuple):
+    return tuple(map(rounded, value))
+  return float(f"{value:{DIGITS}}") if isinstance(value, float) else value
 
 
 def write_evidence(folder: str | os.PathLike[str], evidence: Evidence) -> Path:

@@ -18,6 +18,7 @@ from calibration.diagnosis.decision.evidence import (
   Named,
   Scanned,
   Taken,
+  rounded,
 )
 from calibration.diagnosis.decision.structure import Leftover
 from calibration.diagnosis.holdout_errors import ChannelFit, held_out_error
@@ -41,7 +42,7 @@ CONSIDERED = 4  # sets of each size, those that fit best
 def gather(pool: Pool, dataset: str = "") -> Evidence:
   """Evidence of a pool's sets that fit best, up to three names each; fits what those are weighed against."""
   _complete(pool)
-  return Weighing(pool).evidence(dataset)
+  return rounded(Weighing(pool).evidence(dataset))
 
 
 def foremost(pool: Pool, size: int) -> list[Candidate]:
@@ -164,7 +165,7 @@ class Weighing:
     """Slope of the fit along a change of the fitted residuals, in each block, over the change's norm."""
     block = self.observations.block[: len(change)]
     slopes = np.bincount(block, -residual * change)[np.unique(block)]
-    return tuple(float(f"{s:.4g}") for s in slopes / max(float(np.linalg.norm(change)), 1e-12))
+    return tuple((slopes / max(float(np.linalg.norm(change)), 1e-12)).tolist())
 
   def _estimates(self, model: Candidate, name: str) -> tuple[Estimate, ...]:
     values = model.free.named(model.values)
@@ -241,5 +242,8 @@ def errors_left(fits: Mapping[str, ChannelFit], pool: Pool) -> tuple[list[Leftov
 def with_errors(found: Evidence, roles: Mapping[str, Mapping[str, ChannelFit]]) -> Evidence:
   """Evidence with the errors on recordings that took no part, by role and channel."""
   return dataclasses.replace(
-    found, errors=tuple(held_out_error(role, name, fit) for role, fits in roles.items() for name, fit in fits.items())
+    found,
+    errors=rounded(
+      tuple(held_out_error(role, name, fit) for role, fits in roles.items() for name, fit in fits.items())
+    ),
   )
