@@ -1,12 +1,12 @@
-"""How far anything scanned on a data set gets by chance: sign flips of the blocks' scores.
+"""How far anything scanned on a data set gets by chance: sign flips of the scores of each second.
 
-A mechanism's score in a block of about three seconds is the slope of the fit along what it changes. Without any effect
-it is as likely to be positive as negative. So with random signs e_b, the same for all M mechanisms that were scanned,
+A mechanism's score in a second of driving is the slope of the fit along what it changes. Without any effect
+it is as likely to be positive as negative. So with random signs e_k, the same for all M mechanisms that were scanned,
 
-    z_m = |sum_b e_b h(s_mb)| / sqrt(sum_b h(s_mb)^2)        h(s) = sign(s) sqrt(|s|)
+    z_m = |sum_k e_k h(s_mk)| / sqrt(sum_k h(s_mk)^2)        h(s) = sign(s) sqrt(|s|)
 
-has the distribution that it has by chance, whatever the noise of a block and however alike two mechanisms are. So it
-is for any odd function h; with the root one level serves a mechanism that acts in few blocks and one that acts in all.
+has the distribution that it has by chance, whatever the noise of a second and however alike two mechanisms are. So it
+is for any odd function h; with the root one level serves a mechanism that acts in few seconds and one that acts in all.
 The level is the quantile of the largest of z_1 ... z_M (Westfall and Young 1993, family-wise error). Divided by their
 own norm, scores of a true effect do not raise it for others.
 """
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 
 def beyond_chance(name: Named, evidence: Evidence, levels: Levels) -> bool:
-  """Whether a name's blocks agree more than those of anything scanned would by chance; a `family` of 1 asks nothing."""
+  """Whether a name's seconds agree more than those of anything scanned do by chance; a `family` of 1 asks nothing."""
   return levels.family >= 1.0 or consistency(name.scores) > _level(evidence.scanned, levels.family, int(levels.draws))
 
 

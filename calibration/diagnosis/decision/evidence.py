@@ -87,7 +87,7 @@ class Named:
     errors: what it takes off each channel.
     estimates: of its parameters.
     alternatives: fitted in its place.
-    scores: slope of the fit along the change that it makes, over the change's norm, in each block of about 3 s.
+    scores: slope of the fit along the change that it makes, over the change's norm, in each second.
     deviations: of a sensor's own error, amplitudes in deviations of what every such sensor has; () of all else.
   """
 
@@ -155,8 +155,8 @@ class Scanned:
     name: id of the mechanism.
     gain: nats that its signature explains; None where it was not scanned.
     refitted: nats that it brings alone; None where it was not refitted.
-    scores: slope of the fit along its signature in each block of about three seconds, over the signature's norm, so
-      that half the square of their sum is the gain in nats.
+    scores: slope of the fit along its signature in each second of driving, over the signature's norm; half the square
+      of their sum is the gain in nats.
   """
 
   name: str

@@ -24,7 +24,15 @@ from calibration.diagnosis.decision.structure import Leftover
 from calibration.diagnosis.holdout_errors import ChannelFit, held_out_error
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.scan import Projector
-from calibration.diagnosis.score import clustered_std, compare, compare_freely, errors_taken_off, evidence, prior_part
+from calibration.diagnosis.score import (
+  clustered_std,
+  compare,
+  compare_freely,
+  errors_taken_off,
+  evidence,
+  groups_of,
+  prior_part,
+)
 from calibration.diagnosis.search.structure import ensure
 from calibration.diagnosis.search.weighing import shown_size, stretched
 from calibration.diagnosis.unexplained.leftover import leftovers
@@ -36,6 +44,7 @@ from qcar_twin.parameters import ParameterSet
 Array = NDArray[np.float64]
 
 LARGEST = 3  # names in a set
+_INDEPENDENT = 1.0  # s between independent residuals: ten times that within which neighbours count as one
 CONSIDERED = 4  # sets of each size, those that fit best
 
 
@@ -66,6 +75,7 @@ class Weighing:
   def __init__(self, pool: Pool):
     self.pool, self.observations = pool, pool.problem.observations
     self.compare = functools.cache(self._compare)
+    self.second = groups_of(self.observations, least=len(self.observations.names) + 1, length=_INDEPENDENT)
     self.stretched = functools.cache(lambda key, name: stretched(pool, pool.models[key], name))
 
   def evidence(self, dataset: str) -> Evidence:
@@ -162,10 +172,10 @@ class Weighing:
     )
 
   def _scores(self, residual: Array, change: Array) -> tuple[float, ...]:
-    """Slope of the fit along a change of the fitted residuals, in each block, over the change's norm."""
-    block = self.observations.block[: len(change)]
-    slopes = np.bincount(block, -residual * change)[np.unique(block)]
-    return tuple((slopes / max(float(np.linalg.norm(change)), 1e-12)).tolist())
+    """Slope of the fit along a change of the fitted residuals, in each second, over the change's norm."""
+    second = self.second[: len(change)]
+    slopes = np.bincount(second, -residual * change)[np.unique(second)]
+    return tuple(float(f"{s:.3g}") for s in slopes / max(float(np.linalg.norm(change)), 1e-12))
 
   def _estimates(self, model: Candidate, name: str) -> tuple[Estimate, ...]:
     values = model.free.named(model.values)

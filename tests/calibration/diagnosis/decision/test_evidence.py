@@ -97,4 +97,4 @@ def test_a_file_that_is_no_evidence_is_refused(evidence, tmp_path):
 
 def test_half_the_square_of_the_scores_sum_is_the_gain_of_the_scan(offset_pool):
   found = {s.name: s for s in gather(offset_pool).scanned}["steering_offset"]
-  assert 0.5 * np.sum(found.scores) ** 2 == pytest.approx(found.gain, rel=1e-3)
+  assert 0.5 * np.sum(found.scores) ** 2 == pytest.approx(found.gain, rel=5e-3)
