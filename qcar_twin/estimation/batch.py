@@ -57,7 +57,7 @@ class FederatedBatch:
     self._oldest, self._watched = oldest, watched
     self._due = 1  # first slot that has not been passed, or whose past a late arrival has changed
     self._begun = np.zeros(count, dtype=np.int64)  # slot in which each car was started
-    self.state = self._beginning = FilterState.at(np.zeros((count, 3)), np.zeros(count), 0.0, watched)
+    self.state = self._beginning = self._fresh(np.zeros((count, 3)), np.zeros(count), 0.0)
     self.slots[0].outcome = self.state
 
   @property
@@ -70,7 +70,7 @@ class FederatedBatch:
 
     Measurements of the masked cars from before are discarded.
     """
-    fresh = FilterState.at(pose, speed, std, self._watched)
+    fresh = self._fresh(pose, speed, std)
     slot = self.slots[self.present]
     if which is None:
       which = np.ones(self.count, dtype=bool)
@@ -81,6 +81,10 @@ class FederatedBatch:
     self._beginning.put(which, fresh)
     self._begun = np.where(which, self.present, self._begun)
     slot.outcome, self._due = self.state, self.present + 1
+
+  def _fresh(self, pose: Array, speed: Array, std: float) -> FilterState:
+    settings = self.settings
+    return FilterState.at(pose, speed, std, self._watched, tuple(settings.unknown.values()), max(settings.delays))
 
   def command(self, commands: Array) -> None:
     """Voltage [V] and steering command [rad] applied from the present period on, (N, 2)."""

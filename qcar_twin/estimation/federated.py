@@ -78,6 +78,20 @@ class FederatedFilter:
     bicycle, point = self._batch.filters.evidence[0].tolist()
     return bicycle, point
 
+  @property
+  def numbers(self) -> dict[str, tuple[float, float]]:
+    """Numbers that EKF_BM estimates beside its motion, with their standard deviations; see `FilterSettings`.
+
+    The gyro's bias is all of it, with what its watch has found.
+    """
+    state, settings = self._batch.state, self.settings
+    value, variance = state.bicycle[0].tolist(), np.diagonal(state.bicycle_covariance[0]).tolist()
+    found = {"yaw_rate_bias": sum(watch.bias for watch in state.odometers)}
+    return {
+      name: (getattr(settings, name) + found.get(name, 0.0) + value[i], math.sqrt(variance[i]))
+      for name, i in settings.rows.items()
+    }
+
   # -- what arrives ------------------------------------------------------------------------------
 
   def update(self, time: float, channel: str, value: float) -> None:
@@ -178,8 +192,8 @@ class FederatedFilter:
     """The master's position and EKF_BM's motion, in plain floats."""
     state, settings = self._batch.state, self.settings
     bicycle, point = (state.bicycle[0], state.bicycle_covariance[0]), None
-    x, y, *motion = state.bicycle[0].tolist()
-    (xx, xy, _, _, _, _), (_, yy, *_), *_ = bicycle[1].tolist()
+    x, y, speed, yaw, beta, rate, *_ = state.bicycle[0].tolist()
+    (xx, xy, *_), (_, yy, *_), *_ = bicycle[1].tolist()
     position, spread = (x, y), (xx, xy, yy)
     honest = spread
     if self._batch.filters.point_on(state)[0]:
@@ -195,7 +209,6 @@ class FederatedFilter:
       state.silent.item(),
     )
     reasons = tuple(text.format(number) for wrong, text, number in against if wrong)
-    speed, yaw, beta, rate = motion
     honest = honest if sum(settings.sharing) > 1.0 else spread
     bounds = bounds_of(settings, honest, bicycle[1].item(YAW, YAW), state.hidden.item())
     warnings = self._warnings(point)

@@ -29,8 +29,9 @@ from qcar_twin.estimation.models import (
   lateral_acceleration,
   point_step,
 )
-from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.estimation.settings import MOTION_STATES, FilterSettings
 from qcar_twin.estimation.state import PLACE, POINT_START_STD, FilterState, Slot, choose
+from qcar_twin.estimation.unknowns import Unknowns
 from qcar_twin.estimation.watches.watching import POSE, SPEED, Watching
 from qcar_twin.kinematics import wrap_angle
 
@@ -71,18 +72,18 @@ class LocalFilters:
     self.refused: Counter[tuple[str, str]] = Counter()
     self.nis = np.full((count, 2), np.nan)
     self.evidence = np.zeros((count, 2))
-    self._identity = np.tile(np.eye(6), (count, 1, 1))
+    self._identity = np.tile(np.eye(MOTION_STATES + len(settings.rows)), (count, 1, 1))
     self._point_transition = np.eye(4)
     self._point_transition[[X, Y], [2, 3]] = settings.period
     lag = settings.steering_lag
     self._servo = 1.0 - math.exp(-settings.period / lag) if lag > 0.0 else 1.0
     self._noises = settings.speed_std**2, settings.yaw_rate_std**2
-    self._motion_bias = np.array([0.0, settings.yaw_rate_bias])
     self._accel_bias = np.array([settings.accel_x_bias, settings.accel_y_bias])
     self._limits = np.array([0.0, *settings.limits])  # of the NIS, by the number of measured components
     self._assumed_score = settings.score * settings.score_full / 100.0
     self._engine, self._algebra = engine, engine_of(engine, count)
-    self._watching = Watching(self.car, settings, self._count)
+    self._unknowns = Unknowns(self.car, settings)
+    self._watching = Watching(self.car, settings, self._count, self._unknowns)
 
   def __getstate__(self) -> dict[str, Any]:
     """For a copy or another process: the library by its name."""
@@ -120,18 +121,26 @@ class LocalFilters:
 
   def _predict(self, state: FilterState) -> None:
     settings, h = self.settings, self.settings.period
-    state.wheel_angle = state.wheel_angle + self._servo * (state.commands[:, STEERING] - state.wheel_angle)
+    acting = self._acting(state)
+    state.servo_angle = state.servo_angle + self._servo * (acting[:, STEERING] - state.servo_angle)
+    state.wheel_angle = self._unknowns.wheel_angle(state)
+    volts = self._unknowns.of(state, "drive_scale") * acting[:, VOLTAGE]
     state.accel_age = state.accel_age + h
     state.age = state.age + h
     state.driven = state.driven + np.abs(state.bicycle[:, V]) * h
     bicycle, point, accel = (self._columns(a) for a in (state.bicycle, state.point, state.accel))
-    (voltage, _), (angle,) = self._columns(state.commands), self._columns(state.wheel_angle[:, None])
+    voltage, angle = self._columns(np.stack([volts, state.wheel_angle], axis=-1))
     at_centre = cg_acceleration(accel, bicycle[R], (settings.imu_x, settings.imu_y))
     ahead = point_step(point, at_centre, bicycle[YAW] + 0.5 * h * bicycle[R], h, self._lib)
-    following, slopes = bicycle_step(bicycle, voltage, angle, self.car, h, self._lib)
+    following, slopes = bicycle_step(bicycle[:MOTION_STATES], voltage, angle, self.car, h, self._lib)
     transition = self._identity.copy()
     fill_jacobian(transition, slopes, h)
-    before, state.bicycle = state.bicycle, np.array(following).T.reshape(state.bicycle.shape)
+    if settings.rows:
+      self._unknowns.fill(transition, state, acting[:, VOLTAGE], following[V])
+    before, state.bicycle = (
+      state.bicycle,
+      np.array((*following, *bicycle[MOTION_STATES:])).T.reshape(state.bicycle.shape),
+    )
     noise = settings.bicycle_noise
     if state.watches:
       noise = self._watching.prediction(state, before, transition)
@@ -141,6 +150,14 @@ class LocalFilters:
     off = ~self.point_on(state)
     if off.any():
       self._restart_point(state, off)
+
+  def _acting(self, state: FilterState) -> Array:
+    """Commands that act in this period, (N, 2): those that were given a dead time ago."""
+    if not state.waiting.shape[1]:
+      return state.commands
+    line = np.concatenate([state.waiting, state.commands[:, None]], axis=1)
+    state.waiting, newest = line[:, 1:], line.shape[1] - 1
+    return np.stack([line[:, newest - delay, i] for i, delay in enumerate(self.settings.delays)], axis=-1)
 
   def _columns(self, array: Array) -> tuple:
     """Components of (N, k): k floats for `math`, k arrays (N,) for `numpy`."""
@@ -160,7 +177,7 @@ class LocalFilters:
   def _correct_motion(self, state: FilterState, measured: Array) -> None:
     """Encoder, then gyro; both gates look at the prediction, as in the joint update."""
     settings, limit = self.settings, self.settings.limits[0]
-    motion = measured - self._motion_bias
+    motion = self._unknowns.as_said(state, measured)
     if settings.front_drive_share:
       motion[:, SPEED] /= 1.0 + settings.front_drive_share * (1.0 / np.cos(state.wheel_angle) - 1.0)
     if state.watches:
@@ -168,14 +185,18 @@ class LocalFilters:
     used = []
     for row, noise, name, value in zip(MOTION_ROWS, self._noises, ("speed", "yaw_rate"), motion.T, strict=True):
       innovation = value - state.bicycle[:, row]
-      fits = innovation**2 <= limit * (state.bicycle_covariance[:, row, row] + noise)
+      fits = innovation**2 <= limit * (self._unknowns.measured(state, row)[1] + noise)
       if not fits.all():
         self._count(name, "gate", np.isfinite(value) & ~fits)
       used.append(fits)
     for row, noise, fits, value in zip(MOTION_ROWS, self._noises, used, motion.T, strict=True):
-      state.bicycle, state.bicycle_covariance, _, _ = self._algebra.correct(
-        state.bicycle, state.bicycle_covariance, row, value, noise, fits
+      before = state.bicycle, state.bicycle_covariance
+      column, spread = self._unknowns.measured(state, row)
+      innovation = np.where(fits, value - state.bicycle[:, row], 0.0)
+      state.bicycle, state.bicycle_covariance = self._algebra.absorb(
+        state.bicycle, state.bicycle_covariance, column, spread + noise, innovation, fits
       )
+      self._unknowns.consider(state, before, row)
 
   def _count(self, channel: str, reason: str, which: Mask) -> None:
     if number := int(np.count_nonzero(which)):
@@ -186,7 +207,7 @@ class LocalFilters:
     columns, settings = tuple(state.bicycle.T), self.settings
     specific = 0.0, accel[:, ACCEL_Y] - settings.accel_y_bias
     _, measured = cg_acceleration(specific, columns[R], (0.0, settings.imu_y))
-    expected, by = lateral_acceleration(columns, state.wheel_angle, self.car, np)
+    expected, by = lateral_acceleration(columns[:MOTION_STATES], state.wheel_angle, self.car, np)
     slope = np.zeros_like(state.bicycle)
     slope[:, [V, BETA, R]] = np.stack(np.broadcast_arrays(*by), axis=-1)
     column = (state.bicycle_covariance @ slope[:, :, None])[:, :, 0]
@@ -231,12 +252,16 @@ class LocalFilters:
       self._count("pose", "gate", wrong)
       lost = self._refuse(state, wrong, np.where(there[:, PLACE], pose[:, PLACE], state.bicycle[:, PLACE]))
       if lost.any():
-        widened = state.bicycle_covariance + np.diag([LOST_STD**2 * (row in POSE_ROWS) for row in range(6)])
+        widened = state.bicycle_covariance + np.diag(
+          np.isin(np.arange(state.bicycle.shape[1]), POSE_ROWS) * LOST_STD**2
+        )
         again = self._algebra.correct_together(state.bicycle, widened, POSE_ROWS, values, noise, there)
         trial = Corrected(*(choose(lost, a, b) for a, b in zip(again, trial, strict=True)))
         accepted |= lost
+    before = state.bicycle, state.bicycle_covariance
     state.bicycle = choose(accepted, trial.state, state.bicycle)
     state.bicycle_covariance = choose(accepted, trial.covariance, state.bicycle_covariance)
+    self._unknowns.consider(state, before)
     state.age = np.where(accepted, 0.0, state.age)
     state.refused, state.steady = (np.where(accepted, 0, n) for n in (state.refused, state.steady))
     return accepted

@@ -108,6 +108,24 @@ def lateral_step(
   return (beta_next, r_next), by
 
 
+def lateral_by_steering(
+  speed: Any, acceleration: Any, car: SingleTrackCar, period: float, lib: ModuleType = math
+) -> State:
+  """Derivatives of sideslip and yaw rate after a period, as `lateral_step` makes them, by the road wheels' angle.
+
+  Args:
+    speed: v, m/s.  acceleration: v', m/s^2.
+  """
+  m, h, front, rear = car.mass, period, car.cornering_stiffness_front, car.cornering_stiffness_rear
+  c1 = front * car.cg_to_front - rear * car.cg_to_rear
+  c2 = front * car.cg_to_front**2 + rear * car.cg_to_rear**2
+  a = lib.sqrt(speed * speed + STANDSTILL * STANDSTILL)
+  e, g, twist = car.yaw_inertia * a + h * c2, h * (c1 + m * a * speed), h * front * car.cg_to_front
+  bottom = m * a + h * (front + rear + m * (speed / a) * acceleration) - h * c1 * g / e
+  by_beta = (h * front - g * twist / e) / bottom
+  return by_beta, speed * (twist - h * c1 * by_beta) / e
+
+
 def fill_jacobian(jacobian: Any, entries: State, period: float) -> None:
   """Write EKF_BM's Jacobian entries into (..., 6, 6), which must hold the identity's ones already."""
   xv, xyaw, xr, yv, yyaw, yr, vv, bv, bb, br, rv, rb, rr = entries

@@ -28,6 +28,7 @@ class Estimates:
     bicycle, point: position of the two local filters, m, (T, 2).
     covariance: of the master's position, xx xy yy, m^2, (T, 3).
     valid: (T,).
+    numbers: values and standard deviations of what EKF_BM estimates besides, per name, (T, 2).
     reasons: how many periods each reason against the estimate held.
     refused: how many samples were not used, by (channel, reason).
   """
@@ -39,12 +40,15 @@ class Estimates:
   point: Array
   covariance: Array
   valid: NDArray[np.bool_]
+  numbers: Mapping[str, Array]
   reasons: Mapping[str, int]
   refused: Mapping[tuple[str, str], int]
 
   def columns(self) -> dict[str, Array]:
     """Everything as columns for a file."""
     out = {"time": self.time, **self.value, **{f"{name}_std": self.std[name] for name in NAMES}}
+    for name, known in self.numbers.items():
+      out |= {name: known[:, 0], f"{name}_std": known[:, 1]}
     return out | {"valid": self.valid.astype(np.float64)}
 
 
@@ -109,7 +113,7 @@ def filter_events(events: Iterable[Event], federated: FederatedFilter) -> Estima
   begin, end = min(event.stamp for event in events), max(event.arrival for event in events)
   count = int(np.ceil((end - begin) / period - 1e-6)) + 1
   times: Array = begin + period * np.arange(count, dtype=np.float64)
-  rows, position = [], 0
+  rows, numbers, position = [], [], 0
   reasons: dict[str, int] = {}
   for time in times:
     while position < len(events) and events[position].arrival <= time + 1e-9:
@@ -117,9 +121,10 @@ def filter_events(events: Iterable[Event], federated: FederatedFilter) -> Estima
       position += 1
     estimate = federated.estimate(float(time))
     rows.append(_row(estimate))
+    numbers.append(list(federated.numbers.values()))
     for reason in estimate.reasons:
       reasons[reason] = reasons.get(reason, 0) + 1
-  return _estimates(times, np.array(rows), reasons, federated)
+  return _estimates(times, np.array(rows), np.array(numbers), reasons, federated)
 
 
 def _row(estimate: Estimate) -> list[float]:
@@ -130,14 +135,16 @@ def _row(estimate: Estimate) -> list[float]:
   return [*named, *bicycle, *point, *estimate.covariance, float(estimate.valid)]
 
 
-def _estimates(times: Array, rows: Array, reasons: dict[str, int], federated: FederatedFilter) -> Estimates:
+def _estimates(
+  times: Array, rows: Array, numbers: Array, reasons: dict[str, int], federated: FederatedFilter
+) -> Estimates:
   count = len(NAMES)
   value = {name: rows[:, i] for i, name in enumerate(NAMES)}
   std = {name: rows[:, count + i] for i, name in enumerate(NAMES)}
   rest = rows[:, 2 * count :]
-  return Estimates(
-    times, value, std, rest[:, 0:2], rest[:, 2:4], rest[:, 4:7], rest[:, 7] > 0.5, reasons, dict(federated.refused)
-  )
+  bicycle, point, covariance, valid = rest[:, 0:2], rest[:, 2:4], rest[:, 4:7], rest[:, 7] > 0.5
+  known = {name: numbers[:, i] for i, name in enumerate(federated.numbers)}
+  return Estimates(times, value, std, bicycle, point, covariance, valid, known, reasons, dict(federated.refused))
 
 
 # -- what a filter must beat ---------------------------------------------------------------------

@@ -10,11 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from qcar_twin.recordings.recording import Recording
+from qcar_twin.recordings.recording import Recording, nearest
 from qcar_twin.sensors.noise import Standstill
 from qcar_twin.sensors.score import ScoreVariance
 
 Array = NDArray[np.float64]
+MOTION_STATES = 6  # of EKF_BM: position, speed, yaw, sideslip, yaw rate
+PRIORS = {"steering_gain": 0.1, "steering_offset": 0.03, "yaw_rate_bias": 0.02, "speed_scale": 0.05, "drive_scale": 0.2}
+"""What EKF_BM may estimate beside its motion, with standard deviations nobody would bet against: a linkage measured to
+a tenth and set to 2 degrees, a MEMS gyro that was switched on without standing still (rad/s), a wheel radius measured
+to a twentieth, a motor known by its data sheet."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,6 +45,12 @@ class FilterSettings:
     imu_x, imu_y: lever arm of the IMU from the centre of gravity, m.
     accel_x_bias, accel_y_bias, yaw_rate_bias: known from standstill, m/s^2 and rad/s, subtracted.
     steering_lag: first-order time constant of the steering servo between command and angle, s; the paper has none.
+    steering_gain, steering_offset: of the linkage, - and rad: the road wheels' angle is gain times command plus offset.
+    speed_scale: what the encoder says over the speed of the car.  drive_scale: voltage that acts over the commanded.
+    drive_delay, steering_delay: dead times of voltage and steering command, before the lag, s; rounded to periods.
+    steering_gain_std, steering_offset_std, yaw_rate_bias_std, speed_scale_std, drive_scale_std: how well these are
+      known. What has one above zero is a state of EKF_BM.
+    forgetting: s in which such a number may change by its own standard deviation.
     front_drive_share: of the front axle in the speed the encoder sees. Steered wheels roll faster than the car,
       v / cos(steering angle): 0.5 for a motor between open differentials, 0 for rear drive and for the
       plain single track.
@@ -77,6 +88,18 @@ class FilterSettings:
   accel_y_bias: float = 0.0
   yaw_rate_bias: float = 0.0
   steering_lag: float = 0.0
+  steering_gain: float = 1.0
+  steering_offset: float = 0.0
+  speed_scale: float = 1.0
+  drive_scale: float = 1.0
+  drive_delay: float = 0.0
+  steering_delay: float = 0.0
+  steering_gain_std: float = 0.0
+  steering_offset_std: float = 0.0
+  yaw_rate_bias_std: float = 0.0
+  speed_scale_std: float = 0.0
+  drive_scale_std: float = 0.0
+  forgetting: float = 600.0
   front_drive_share: float = 0.0
   buffer: float = 1.0
   accel_timeout: float = 0.25
@@ -113,6 +136,33 @@ class FilterSettings:
     """These settings with the scale of the recordings' scores: to 1 when none exceeds it, else to 100."""
     scores = [r["pose_score"].value.max() for r in recordings if "pose_score" in r.streams]
     return dataclasses.replace(self, score_full=1.0 if scores and max(scores) <= 1.0 else 100.0)
+
+  def estimating(self, *names: str) -> "FilterSettings":
+    """These settings with numbers, of `PRIORS`, as states of EKF_BM, known as badly as stated there.
+
+    Raises:
+      ValueError: it estimates no such number, with the nearest one.
+    """
+    for name in names:
+      if name not in PRIORS:
+        raise ValueError(f"the filter cannot estimate '{name}'{nearest(name, PRIORS)}")
+    return dataclasses.replace(self, **{f"{name}_std": PRIORS[name] for name in names})
+
+  @cached_property
+  def unknown(self) -> dict[str, float]:
+    """Numbers that are states of EKF_BM, after those of its motion, with their standard deviations at the start."""
+    known = {name: getattr(self, f"{name}_std") for name in PRIORS}
+    return {name: std for name, std in known.items() if std > 0.0}
+
+  @cached_property
+  def rows(self) -> dict[str, int]:
+    """Where in EKF_BM's state the unknown numbers are: what has to be added to what the settings say of them."""
+    return {name: MOTION_STATES + i for i, name in enumerate(self.unknown)}
+
+  @cached_property
+  def delays(self) -> tuple[int, int]:
+    """Of voltage and steering command, periods."""
+    return round(self.drive_delay / self.period), round(self.steering_delay / self.period)
 
   def with_walks(self, factor: float) -> "FilterSettings":
     """These settings with all process noise densities times a factor."""
@@ -159,9 +209,10 @@ class FilterSettings:
 
   @cached_property
   def bicycle_noise(self) -> Array:
-    """Process noise covariance of EKF_BM over one period, (6, 6)."""
+    """Process noise covariance of EKF_BM over one period, (6, 6), or larger by what is unknown."""
     walks = [self.walk_position] * 2 + [self.walk_speed, self.walk_yaw, self.walk_sideslip, self.walk_yaw_rate]
-    return np.diag(np.square(walks) * self.period)
+    drifts = [std / math.sqrt(self.forgetting) for std in self.unknown.values()]
+    return np.diag(np.square(walks + drifts) * self.period)
 
   @cached_property
   def point_noise(self) -> Array:

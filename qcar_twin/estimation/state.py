@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +24,13 @@ class FilterState:
   """N cars; its arrays are replaced, never written into, so that a copy need not copy them.
 
   Attributes:
-    bicycle, bicycle_covariance: EKF_BM, (N, 6), (N, 6, 6).
+    bicycle, bicycle_covariance: EKF_BM, (N, n), (N, n, n), n = 6 and one for each number that is unknown
+      (`FilterSettings.rows`).
     point, point_covariance: EKF_PM, (N, 4), (N, 4, 4).
     commands: last voltage, V, and steering command, rad, (N, 2).
-    wheel_angle: of the road wheels, after the servo's lag, rad, (N,).
+    waiting: commands that are still under way, the oldest first, (N, d, 2).
+    servo_angle: after the servo's lag, rad, (N,).  wheel_angle: of the road wheels, after the linkage, rad, (N,).
+    holds: whether any floor holds the car as it is driven, (N,).
     accel: last, at the IMU, m/s^2, (N, 2).  accel_age: since then, s, (N,).
     age: since the last accepted fix, s, (N,).  silent: since anything has arrived, s, (N,).
     refused: fixes refused in a row, (N,).
@@ -43,7 +47,10 @@ class FilterState:
   point: Array
   point_covariance: Array
   commands: Array
+  waiting: Array
+  servo_angle: Array
   wheel_angle: Array
+  holds: Mask
   accel: Array
   accel_age: Array
   age: Array
@@ -59,20 +66,31 @@ class FilterState:
   models: tuple[ModelWatch, ...] = ()
 
   @classmethod
-  def at(cls, pose: Array, speed: Array, std: float, watched: bool = False) -> "FilterState":
-    """Cars at poses, m, m, rad, (N, 3), with standard deviation `std`, and speeds, m/s, (N,)."""
+  def at(
+    cls, pose: Array, speed: Array, std: float, watched: bool = False, unknown: Sequence[float] = (), delay: int = 0
+  ) -> "FilterState":
+    """Cars at poses, m, m, rad, (N, 3), with standard deviation `std`, and speeds, m/s, (N,).
+
+    Args:
+      watched: whether their sensors are watched.
+      unknown: standard deviations of the numbers that are estimated besides.
+      delay: of the commands, periods.
+    """
     count = len(pose)
     x, y, yaw = pose.T
     none = np.zeros(count)
-    spread = np.array([std, std, START_STD[V], std, *START_STD[BETA:]])
+    spread = np.array([std, std, START_STD[V], std, *START_STD[BETA:], *unknown])
     point_spread = np.array([std, std, *POINT_START_STD[VELOCITY]])
     return cls(
-      bicycle=np.stack([x, y, speed, yaw, none, none], axis=-1),
+      bicycle=np.stack([x, y, speed, yaw, none, none, *[none] * len(unknown)], axis=-1),
       bicycle_covariance=np.tile(np.diag(spread**2), (count, 1, 1)),
       point=np.stack([x, y, speed * np.cos(yaw), speed * np.sin(yaw)], axis=-1),
       point_covariance=np.tile(np.diag(point_spread**2), (count, 1, 1)),
       commands=np.zeros((count, 2)),
+      waiting=np.zeros((count, delay, 2)),
+      servo_angle=none,
       wheel_angle=none,
+      holds=np.ones(count, dtype=bool),
       accel=np.zeros((count, 2)),
       accel_age=np.full(count, np.inf),
       age=none,

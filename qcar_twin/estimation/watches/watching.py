@@ -16,6 +16,7 @@ from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.estimation.models import BETA, YAW, R, V, cg_acceleration, lateral_acceleration
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.estimation.state import PLACE, FilterState
+from qcar_twin.estimation.unknowns import Unknowns, forget
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -32,17 +33,20 @@ class Watching:
     car: the single track, plain floats.
     settings: of the filter.
     count: told of what is refused: channel, reason, which cars.
+    unknowns: what is not known of the cars.
   """
 
-  def __init__(self, car: SingleTrackCar, settings: FilterSettings, count: Callable[[str, str, Mask], None]):
-    self._car, self._settings, self._count = car, settings, count
+  def __init__(
+    self, car: SingleTrackCar, settings: FilterSettings, count: Callable[[str, str, Mask], None], unknowns: Unknowns
+  ):
+    self._car, self._settings, self._count, self._unknowns = car, settings, count, unknowns
 
   # -- the model ---------------------------------------------------------------------------------
 
   def prediction(self, state: FilterState, before: Array, transition: Array) -> Array:
-    """Process noise of EKF_BM, (N, 6, 6), as far as each car's single track may be believed.
+    """Process noise of EKF_BM, (N, n, n), as far as each car's single track may be believed.
 
-    What it predicts for sliding cars from the states (N, 6) before is put right in `state` and in `transition`.
+    What it predicts for sliding cars from the states (N, n) before is put right in `state` and in `transition`.
     """
     settings, lever = self._settings, (self._settings.imu_x, self._settings.imu_y)
     state.models = tuple(watch.copy() for watch in state.models)
@@ -76,7 +80,7 @@ class Watching:
     settings, limit = self._settings, self._settings.limits[0]
     state.watches = tuple(watch.copy() for watch in state.watches)
     forward = np.where(state.accel_age <= settings.accel_timeout, state.accel[:, 0], np.nan)
-    reaches = np.sqrt(limit * (state.bicycle_covariance[:, V, V] + settings.speed_std**2))
+    reaches = np.sqrt(limit * (self._unknowns.measured(state, V)[1] + settings.speed_std**2))
     opened, gain = np.zeros(len(raw)), float(self._car.drive_gain) * float(self._car.rolling_radius)
     for i, watch in enumerate(state.watches):
       watch.coast(float(forward[i]), settings.period)
@@ -97,7 +101,7 @@ class Watching:
     """Open the yaw rate of cars whose gyro refutes the single track, and add up what the gyros say."""
     period = self._settings.period
     state.odometers = tuple(odometer.copy() for odometer in state.odometers)
-    spread = state.bicycle_covariance[:, R, R] + self._settings.yaw_rate_std**2
+    spread = self._unknowns.measured(state, R)[1] + self._settings.yaw_rate_std**2
     reaches = np.sqrt(self._settings.limits[0] * spread)
     opened = np.zeros(len(motion))
     for i, (odometer, watch) in enumerate(zip(state.odometers, state.models, strict=True)):
@@ -143,15 +147,18 @@ class Watching:
   def accepted(self, state: FilterState, fix: Array, noise: Array, offsets: Array, time: float, which: Mask) -> None:
     """Let accepted fixes judge gyros' biases; what was wrong for a while is known less well."""
     settings, unseen = self._settings, state.unseen.copy()
-    widened = np.zeros((2, len(fix)))
+    widened, found = np.zeros((2, len(fix))), np.zeros(len(fix), dtype=bool)
     for i in np.flatnonzero(which & np.isfinite(fix[:, POSE]).all(axis=1)):
       odometer, rate = state.odometers[i], state.bicycle.item(i, R)
       yaw, std = fix.item(i, YAW_OF_FIX) - float(offsets[i]) * rate, math.sqrt(noise.item(i, YAW_OF_FIX))
       estimate = odometer.compare(time, yaw, std / math.sqrt(settings.lidar_factor), rate, settings.lidar_correlation)
       unseen[i], state.models[i].risked = odometer.unseen, 0.0
       if estimate is not None:
+        found[i] = True
         widened[:, i] = (0.5 * estimate.span * estimate.bias) ** 2, estimate.bias**2
     state.unseen = unseen
+    if "yaw_rate_bias" in settings.rows:  # what EKF_BM had made of it is in the finding
+      forget(state, settings.rows["yaw_rate_bias"], settings.yaw_rate_bias_std, found)
     _open(state, YAW, widened[0])
     _open(state, R, widened[1])
 

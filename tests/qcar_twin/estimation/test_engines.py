@@ -1,22 +1,26 @@
 """The engine filterpy for one car: the same estimates as the batched algebra, and errors where it cannot be."""
 
 import copy
+import dataclasses
 
 import numpy as np
 import pytest
 
 from qcar_twin.estimation.batch import FederatedBatch
 from qcar_twin.estimation.federated import FederatedFilter
-from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.estimation.settings import PRIORS, FilterSettings
 from qcar_twin.extras import MissingExtra
 from tests.qcar_twin.estimation.estimation_rig import CAR, journey, run
 from tests.qcar_twin.estimation.test_kalman_exact import HARD, troubled
 
 CENTRAL = FilterSettings(central=True, imu_y=0.02)
+UNKNOWN = dataclasses.replace(HARD, steering_delay=0.02).estimating(*PRIORS)
 
 
 @pytest.mark.parametrize("watched", [True, False])
-@pytest.mark.parametrize("chosen", [FilterSettings(), HARD, CENTRAL], ids=["plain", "hard", "central"])
+@pytest.mark.parametrize(
+  "chosen", [FilterSettings(), HARD, CENTRAL, UNKNOWN], ids=["plain", "hard", "central", "unknown"]
+)
 def test_filterpy_filters_a_drive_as_the_batched_algebra_does(chosen, watched):
   """Late fixes, spikes, gates, lost and partial fixes: states, covariances, evidence and refusals, to 1e-9."""
   trip = troubled(10.0, seed=8)
