@@ -11,6 +11,7 @@ from agents.control.controllers import load
 from agents.control.model import Model
 from agents.studies.estimation_report import cost_section, oval_section, recorded_section
 from agents.studies.fault_report import fault_section
+from agents.studies.mismatch_report import mismatch_section
 from agents.studies.tracking_report import tracking_section
 from calibration.identification.identification import identify
 from qcar_twin.atomic_io import write_text
@@ -18,8 +19,8 @@ from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.vehicle.vehicle import Vehicle
 
-TITLES = ("## Oval", "## Real", "## The filter under faults", "## Controllers", "## Cost")
-SECTIONS = ("oval", "recorded", "faults", "tracking", "cost")
+TITLES = ("## Oval", "## Nominal", "## Real", "## The filter under faults", "## Controllers", "## Cost")
+SECTIONS = ("oval", "mismatch", "recorded", "faults", "tracking", "cost")
 HEAD = """# Results: sensors, federated filter, model-based controllers
 
 Made by `qcar-twin benchmark-estimation{options}`; every number below is measured by it, none is typed in.
@@ -43,8 +44,10 @@ class Config:
   """Number of cars per case of the controller table."""
   faulty: int = 8
   """Number of cars per path and class of faults."""
+  bent: int = 16
+  """Number of cars per path and linkage of the mismatch table."""
   sections: tuple[str, ...] = SECTIONS
-  """Sections to measure: oval, recorded, faults, tracking, cost. The others stay as they are in the file."""
+  """Sections to measure: oval, mismatch, recorded, faults, tracking, cost. The others stay as they are in the file."""
   quick: bool = False
   """Two cars, one lap, few cases."""
 
@@ -65,11 +68,13 @@ def main(config: Config) -> None:
   figures.mkdir(parents=True, exist_ok=True)
   model = Model.nominal()
   controllers = load(model.car)
-  count, runs, faulty = (2, 2, 2) if config.quick else (config.seeds, config.runs, config.faulty)
+  sizes = config.seeds, config.runs, config.faulty, config.bent
+  count, runs, faulty, bent = (2, 2, 2, 2) if config.quick else sizes
   options = (f" --dart {config.dart}" if config.dart else "") + " --quick" * config.quick
   best = controllers["lq_cm", "tuned"]
   work = {
     "oval": lambda: oval_section(model, best, count, figures, quick=config.quick),
+    "mismatch": lambda: mismatch_section(model, best, bent, quick=config.quick),
     "recorded": lambda: recorded(config, figures),
     "faults": lambda: fault_section(model, best, faulty, quick=config.quick),
     "tracking": lambda: tracking_section(model, controllers, runs, figures, quick=config.quick),

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from agents.control.model import Model
-from agents.studies.acceptance_report import acceptance_section
+from agents.studies.acceptance_report import acceptance_sections
 from agents.studies.acceptance_study import Subject
 from calibration.concealed.laboratory.written import stream
 from calibration.concealed.proving_ground.plant import ProvingGroundPlant
@@ -67,7 +67,7 @@ def main(config: Config) -> None:
   """Measure everything and write the page."""
   subjects = [subject(name, config.seed) for name in config.cars]
   options = f" --seed {config.seed}" * (config.seed != Config.seed) + " --quick" * config.quick
-  section = "\n".join(acceptance_section(subjects, quick=config.quick))
+  section = "\n".join(acceptance_sections(subjects, quick=config.quick))
   write_text(config.out, f"{HEAD.format(options=options)}\n{section}\n")
   print(f"wrote {config.out}")
 

@@ -1,28 +1,37 @@
-"""The section of the results on what the online filter gets through: validity, honesty and accusations, car by car."""
+"""The sections of the results on what the online filter gets through: validity, honesty, accusations, car by car."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 
 from agents.studies.acceptance_study import CASES, LIMIT, Case, Outcome, Subject, judge, limit_drive, weave_drive
 from qcar_twin import markdown
-from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.estimation.settings import LEARNT, FilterSettings
 
 HEADS = ("case", "car", "valid", "beyond while valid", "NEES", "position, worst", "yaw, worst", "falsely accused")
+SHORT = ("case", "valid", "beyond while valid", "NEES", "NEES, plain filter", "position, worst", "falsely accused")
+Judged = dict[tuple[str, str], tuple[Outcome, Case]]
 
 
-def acceptance_section(subjects: Sequence[Subject], quick: bool = False) -> list[str]:
-  """Every case on every car; the limit of grip and sound sensors alone when `quick`."""
-  rows = []
+def judged(subjects: Sequence[Subject], quick: bool = False) -> Judged:
+  """Every case on every car, by names; the limit of grip and sound sensors alone when `quick`."""
+  done: Judged = {}
   for subject in subjects:
     sound, limit = Case(), judge(subject, limit_drive(subject), Case())
     for title, sign in (("limit, forward", 1.0), ("limit, reverse", -1.0)):
-      rows.append((title, subject.name, *_cells(limit.of(LIMIT[:, 0] * sign > 0.0), sound)))
+      done[title, subject.name] = limit.of(LIMIT[:, 0] * sign > 0.0), sound
     weave = weave_drive(subject)
     for name, case in list(CASES.items())[: 1 if quick else None]:
-      rows.append((name, subject.name, *_cells(judge(subject, weave, case), case)))
-  order = list(dict.fromkeys(row[0] for row in rows))
-  rows.sort(key=lambda row: order.index(row[0]))
+      done[name, subject.name] = judge(subject, weave, case), case
+  order = list(dict.fromkeys(case for case, _ in done))
+  return dict(sorted(done.items(), key=lambda item: order.index(item[0][0])))
+
+
+def acceptance_sections(subjects: Sequence[Subject], quick: bool = False) -> list[str]:
+  """The plain filter car by car, and the worst of the cars for the filter that estimates unknown numbers."""
+  plain = judged(subjects, quick)
+  learning = [dataclasses.replace(s, settings=s.settings.estimating(*LEARNT)) for s in subjects]
   return [
     "## What the filter gets through",
     "",
@@ -35,8 +44,35 @@ def acceptance_section(subjects: Sequence[Subject], quick: bool = False) -> list
     f" {FilterSettings().risk:g}. NEES of the position is a median, 1.4 for a consistent filter. Worst errors"
     " are those of valid periods. A sensor is falsely accused where a warning names it and it is sound.",
     "",
-    *markdown.table(HEADS, rows),
+    *markdown.table(HEADS, [(case, car, *_cells(*one)) for (case, car), one in plain.items()]),
+    "",
+    "## With unknown numbers as states",
+    "",
+    f"The same drives and readings; EKF_BM also estimates {', '.join(LEARNT)}. The worst of the cars in each column.",
+    "",
+    *markdown.table(SHORT, _worst(judged(learning, quick), plain)),
   ]
+
+
+def _worst(learnt: Judged, plain: Judged) -> list[tuple[str, ...]]:
+  rows = []
+  for name in dict.fromkeys(case for case, _ in learnt):
+    ones = [one for (case, _), one in learnt.items() if case == name]
+    before = [one for (case, _), (one, _) in plain.items() if case == name]
+    outcomes, case = [one for one, _ in ones], ones[0][1]
+    cars = sum(one.valid.shape[1] for one in outcomes)
+    rows.append(
+      (
+        name,
+        f"{100 * min(one.valid.mean() for one in outcomes):.1f} %",
+        f"{100 * max(one.beyond for one in outcomes):.2f} %",
+        f"{max(np.nanmedian(one.nees) for one in outcomes):.1f}",
+        f"{max(np.nanmedian(one.nees) for one in before):.1f}",
+        f"{1e3 * max(np.nanmax(one.position) for one in outcomes):.0f} mm",
+        f"{sum(one.falsely(case) for one in outcomes)} of {cars}",
+      )
+    )
+  return rows
 
 
 def _cells(outcome: Outcome, case: Case) -> tuple[str, ...]:

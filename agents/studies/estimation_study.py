@@ -62,22 +62,32 @@ def drive_oval(
   laps: int = 2,
   seed: int = 0,
   sensors: Mapping[str, Sensor] | None = None,
-  path: str = "o",
-  linkage: tuple[float, float] = (1.0, 0.0),
 ) -> Oval:
-  """Drive the oval, or another path, with `count` cars and keep all readings.
+  """Drive the oval with `count` cars and keep all readings."""
+  servo = Actuation() if plant == "bicycle" else None
+  task = Task(path_named("o"), laps=laps, lock=model.vehicle.max_steering, actuation=servo)
+  return drive_task(model, plant, controller, task, count, seed, sensors)
+
+
+def drive_task(
+  model: Model,
+  plant: str,
+  controller: Controller,
+  task: Task,
+  count: int,
+  seed: int = 0,
+  sensors: Mapping[str, Sensor] | None = None,
+  settings: FilterSettings | None = None,
+) -> Oval:
+  """Drive what a task says with `count` cars on the estimate and keep all readings.
 
   Args:
-    linkage: gain and offset, rad, of the steering, which nobody knows.
+    settings: of the filter in the loop; the plant's where not given.
   """
   body, theta = model.plant(plant)
-  settings = model.filter_settings(plant)
+  settings = settings or model.filter_settings(plant)
   suite = SensorSuite(dict(sensors or qcar_sensors()), count, seed)
   observer = SensedObserver(suite, model.car, settings, keep=True)
-  gain, offset = linkage
-  servo = {} if plant == "bicycle" else {"delay": 0.0, "lag": 0.0}
-  servo = Actuation(gain=gain, offset=offset, **servo)
-  task = Task(path_named(path), laps=laps, lock=model.vehicle.max_steering, actuation=servo)
   result = drive(body, np.tile(theta, (count, 1)), controller, SpeedGains.design(model.car), observer, task)
   return Oval(result, observer.heard[: len(result.signals) - 1], model, settings)
 

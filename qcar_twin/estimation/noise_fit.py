@@ -2,7 +2,7 @@
 
 import dataclasses
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.estimation.federated import FederatedFilter
@@ -38,21 +38,34 @@ def fit_noise(
   lateness: Mapping[str, float] | None = None,
   rounds: int = 2,
 ) -> FilterSettings:
-  """Coordinate search over the process noise of both filters, by factors of two and four.
+  """The process noise of both filters under which the poses of recordings are most likely; see `most_likely`.
 
   Args:
     recordings: with a pose as the filter will have it (rate, noise).
     settings: where to begin; the sensors' own noise is taken as known, it cannot be distinguished from the walks.
     rounds: over all numbers.
   """
-  best = evidence(recordings, car, settings, lateness)
+  return most_likely(lambda trial: evidence(recordings, car, trial, lateness), settings, rounds)
+
+
+def most_likely(
+  evidence_of: Callable[[FilterSettings], tuple[float, float]], settings: FilterSettings, rounds: int = 2
+) -> FilterSettings:
+  """Coordinate search over the process noise of both filters, by factors of two and four.
+
+  Args:
+    evidence_of: log likelihood of what was measured in EKF_BM and in EKF_PM under settings.
+    settings: where to begin.
+    rounds: over all numbers.
+  """
+  best = evidence_of(settings)
   for turn in range(rounds):
     before = settings
     for which, names in ((0, BICYCLE), (1, POINT)):
       for name in names:
         for factor in FACTORS:
           trial = dataclasses.replace(settings, **{name: factor * getattr(before, name)})
-          log_likelihood = evidence(recordings, car, trial, lateness)
+          log_likelihood = evidence_of(trial)
           if log_likelihood[which] > best[which]:
             settings, best = trial, log_likelihood
     log.info("noise fit, round %d: log likelihood %.1f and %.1f", turn + 1, *best)

@@ -20,6 +20,8 @@ PRIORS = {"steering_gain": 0.1, "steering_offset": 0.03, "yaw_rate_bias": 0.02, 
 """What EKF_BM may estimate beside its motion, with standard deviations nobody would bet against: a linkage measured to
 a tenth and set to 2 degrees, a MEMS gyro that was switched on without standing still (rad/s), a wheel radius measured
 to a twentieth, a motor known by its data sheet."""
+LEARNT = ("steering_gain", "steering_offset", "yaw_rate_bias", "speed_scale")
+"""Those of them that are worth a state: docs/results/estimation.md."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,0 +1,186 @@
+"""The section of the results on the filter where its model is not the car."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from agents.control.interface import Controller
+from agents.control.model import Model
+from agents.studies.mismatch_study import (
+  DELAY,
+  FITTED_ON,
+  LAG,
+  LATE,
+  PLANT,
+  Drives,
+  Quality,
+  drive_all,
+  fitted,
+  learning,
+  offset_imu,
+  quality,
+  task,
+  told_of,
+  tracked,
+)
+from agents.studies.tracking_study import MISMATCHED, NOMINAL, VALIDATION
+from qcar_twin import markdown
+from qcar_twin.estimation.settings import FilterSettings
+
+SEED = 7300  # of sensors that no choice was made on
+FACTORS = (2.0, 0.5)  # times the process noise
+ACCEL_BIASES, GYRO_BIASES = (0.0, 0.05, 0.3), (0.003, 0.02)  # m/s^2 and rad/s, standard deviations
+WALKS = ("walk_position", "walk_speed", "walk_yaw", "walk_sideslip", "walk_yaw_rate", "walk_point_velocity")
+Table = dict[tuple[str, str, str], Quality]  # by filter, linkage, path
+TITLES = ("filter", "linkage", "O", "infinity", "C", "yaw [mrad]", "sideslip [mrad]", "beyond")
+
+
+def mismatch_section(model: Model, controller: Controller, count: int, quick: bool = False) -> list[str]:
+  """The filter, plain, told and learning, with every linkage and noise; what it makes of unknown numbers."""
+  hows = (NOMINAL, MISMATCHED) if quick else (NOMINAL, MISMATCHED, LATE)
+  base = model.filter_settings(PLANT)
+  noise = base if quick else fitted(model, base, controller, 2)
+  drives = drive_all(model, controller, count, SEED, hows)
+  table = measured(drives, base, noise, quick)
+  lines = [
+    "## Nominal, mismatched, told wrongly of the noise",
+    "",
+    f"{count} cars on each path of the twin at 0.5 m/s. N: steering as commanded. MIS: steering gain 0.92 and offset"
+    f" +1 degree. Late: {1e3 * DELAY:.0f} ms of dead time and {1e3 * LAG:.0f} ms of lag besides the servo's. LQ_cm"
+    " steers on the plain filter's estimate; every filter takes the same readings. Told: the settings say what the"
+    " linkage is. States: EKF_BM estimates steering gain and offset, the gyro's bias and the encoder's scale. Noise:"
+    " the process noise densities times a factor, or fitted: those under which the fixes of other nominal drives are"
+    " most likely. Medians of the cars: position RMSE in mm / NEES, 2 for a consistent filter; RMSE of yaw and sideslip"
+    " on the worst path; beyond: the largest share of instants beyond a stated bound.",
+    "",
+    *markdown.table(TITLES, _rows(table)),
+    "",
+    *_ratios(table),
+    "",
+    *_numbers_table(table),
+  ]
+  if quick:
+    return lines
+  fits = ", ".join(f"{name} {getattr(noise, name):.3g}" for name in WALKS)
+  lines += ["", f"Fitted on nominal drives of the paths {', '.join(FITTED_ON)}: {fits} (SI per sqrt(s))."]
+  return [*lines, "", *_in_the_loop(model, controller, base, count), "", *_sensors(model, controller, base, count)]
+
+
+def measured(drives: Drives, base: FilterSettings, noise: FilterSettings, quick: bool) -> Table:
+  """Every filter on every drive, by its name, linkage and path."""
+  kinds: dict[str, Callable[[str], FilterSettings]] = {
+    "plain": lambda how: base,
+    "told": lambda how: told_of(base, how),
+    "states": lambda how: learning(base),
+  }
+  if not quick:
+    kinds |= {
+      f"{name}, noise x {factor:g}": lambda how, factor=factor, of=of: of(base.with_walks(factor))
+      for name, of in (("plain", lambda s: s), ("states", learning))
+      for factor in FACTORS
+    }
+    kinds |= {"plain, noise fitted": lambda how: noise, "states, noise fitted": lambda how: learning(noise)}
+  asked = lambda name, how: not (name == "told" and how == NOMINAL) and not ("noise" in name and how == LATE)
+  return {
+    (name, how, path): quality(oval, settings(how))
+    for name, settings in kinds.items()
+    for (path, how), oval in drives.items()
+    if asked(name, how)
+  }
+
+
+def _groups(table: Table) -> dict[tuple[str, str], dict[str, Quality]]:
+  """Filter and linkage: by path."""
+  groups: dict[tuple[str, str], dict[str, Quality]] = {}
+  for (name, how, path), one in table.items():
+    groups.setdefault((name, how), {})[path] = one
+  return groups
+
+
+def _rows(table: Table) -> list[tuple[str, ...]]:
+  rows = []
+  for (name, how), paths in _groups(table).items():
+    cells = [f"{1e3 * np.median(paths[p].position):.1f} / {np.median(paths[p].nees):.1f}" for p in VALIDATION]
+    yaw, slip = (max(1e3 * float(np.median(getattr(q, of))) for q in paths.values()) for of in ("yaw", "sideslip"))
+    beyond = max(100.0 * float(q.beyond.mean()) for q in paths.values())
+    rows.append((name, how, *cells, f"{yaw:.1f}", f"{slip:.1f}", f"{beyond:.2f} %"))
+  return rows
+
+
+def _ratios(table: Table) -> list[str]:
+  """What mismatch and noise cost, in words."""
+  groups = _groups(table)
+  middle = lambda name, how: {p: float(np.median(q.position)) for p, q in groups[name, how].items()}
+  worst = lambda a, b: max(a[p] / b[p] for p in a) - 1.0
+  plain, states = (worst(middle(name, MISMATCHED), middle(name, NOMINAL)) for name in ("plain", "states"))
+  lines = [
+    f"MIS raises the position RMSE of the plain filter by up to {100 * plain:.0f} %, with the states by up to"
+    f" {100 * states:.0f} % (the worst path)."
+  ]
+  spreads = [
+    (name, how, max(worst(middle(f"{name}, noise x {f:g}", how), middle(name, how)) for f in FACTORS))
+    for name in ("plain", "states")
+    for how in (NOMINAL, MISMATCHED)
+    if (f"{name}, noise x {FACTORS[0]:g}", how) in groups
+  ]
+  if spreads:
+    told = ", ".join(f"{name} {how} {100 * change:.0f} %" for name, how, change in spreads)
+    lines.append(f"Noise that is twice or half as large raises it by up to: {told}.")
+  return lines
+
+
+def _numbers_table(table: Table) -> list[str]:
+  titles = ("path", "linkage", "steering gain", "steering offset [mrad]", "gyro bias [mrad/s]", "encoder scale")
+  rows = []
+  for (name, how, path), one in table.items():
+    if name == "states":
+      low, middle, high = zip(*(np.quantile(v, [0.25, 0.5, 0.75]) for v in one.numbers.values()), strict=True)
+      cells = [
+        f"{scale * b:.{d}f} [{scale * a:.{d}f}, {scale * c:.{d}f}]"
+        for a, b, c, scale, d in zip(low, middle, high, (1.0, 1e3, 1e3, 1.0), (3, 1, 1, 3), strict=True)
+      ]
+      rows.append((path, how, *cells))
+  return [
+    "What the states are at the end, quartiles in brackets. MIS is a gain of 0.92 and an offset of 17.5 mrad; what N"
+    " shows is by how much the twin itself is no linear single track.",
+    "",
+    *markdown.table(titles, rows),
+  ]
+
+
+def _in_the_loop(model: Model, controller: Controller, base: FilterSettings, count: int) -> list[str]:
+  """What the controller makes of it: cross-track errors with each filter in the loop."""
+  kinds = {"plain": base, "told": told_of(base, MISMATCHED), "states": learning(base)}
+  rows = [
+    (
+      name,
+      *(f"{1e3 * np.median(tracked(model, controller, settings, path, count, SEED)):.1f}" for path in VALIDATION),
+    )
+    for name, settings in kinds.items()
+  ]
+  return [
+    "In the loop under MIS, LQ_cm: true cross-track RMSE [mm], medians of the cars.",
+    "",
+    *markdown.table(("filter", "O", "infinity", "C"), rows),
+  ]
+
+
+def _sensors(model: Model, controller: Controller, base: FilterSettings, count: int) -> list[str]:
+  """Biases of the IMU: which of them is worth a state."""
+  rows = []
+  three = dataclasses.replace(learning(base), yaw_rate_bias_std=0.0)
+  for what, biases in (("accelerometer", ACCEL_BIASES), ("gyro", GYRO_BIASES)):
+    for bias in biases:
+      oval = offset_imu(model, controller, task(model, "c", NOMINAL), count, SEED, **{what: bias})
+      plain, without, all_of = (quality(oval, settings) for settings in (base, three, learning(base)))
+      unit = "m/s^2" if what == "accelerometer" else "rad/s"
+      cells = [f"{1e3 * np.median(q.position):.1f} / {1e3 * np.median(q.yaw):.1f}" for q in (plain, without, all_of)]
+      rows.append((what, f"{bias:g} {unit}", *cells, f"{1e3 * np.median(all_of.own):.1f}"))
+  titles = ("IMU", "bias, standard deviation", "plain", "states but the gyro's bias", "states", "EKF_BM alone, states")
+  return [
+    "Path C, N, the IMU switched on with larger biases: position RMSE [mm] / yaw RMSE [mrad]. EKF_BM alone takes no"
+    " accelerometer: what it leaves is the most that a state for the accelerometer's bias could gain.",
+    "",
+    *markdown.table(titles, rows),
+  ]

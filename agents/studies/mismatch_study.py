@@ -1,0 +1,162 @@
+"""How good the filter is where its model is not the car: a bent linkage, a late one, noise it is told wrongly.
+
+Cars are driven along the paths once on the plain filter's estimate; every filter then takes the same readings, so that
+differences are paired. A further drive has each filter in the loop.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.control.closed_loop import Actuation, Drive, Task
+from agents.control.interface import Controller
+from agents.control.kpis import kpis
+from agents.control.model import Model
+from agents.studies.estimation_study import SIDESLIP, WARM_UP, Oval, drive_task
+from agents.studies.tracking_study import MISMATCHED, NOMINAL, STEERING, VALIDATION
+from qcar_twin.estimation.batch import FederatedBatch
+from qcar_twin.estimation.noise_fit import most_likely
+from qcar_twin.estimation.offline import angle_error, position_nees
+from qcar_twin.estimation.settings import LEARNT, FilterSettings
+from qcar_twin.paths import path_named
+from qcar_twin.plant import POSITION, YAW
+from qcar_twin.sensors.onboard import Imu
+from qcar_twin.sensors.suite import qcar_sensors
+
+Array = NDArray[np.float64]
+PLANT, LATE = "twin", "late"
+DELAY, LAG = 0.04, 0.05  # s, of the late linkage, besides the twin's servo
+LAPS = 2
+FITTED_ON = ("o", "infinity")  # paths of the drives that the noise is fitted to
+FIT_SEED = 9000  # of their sensors
+Drives = Mapping[tuple[str, str], Oval]  # by path and linkage
+
+
+@dataclasses.dataclass(frozen=True)
+class Quality:
+  """One filter on one drive, per car, (N,): root mean squares and the share of instants beyond a stated bound.
+
+  Attributes:
+    position, own: m, of the master and of EKF_BM alone.  yaw, sideslip: rad.  nees: mean, of the position.  beyond: -.
+    numbers: what it has made of the unknown numbers at the end, by name, (N,).
+  """
+
+  position: Array
+  own: Array
+  yaw: Array
+  sideslip: Array
+  nees: Array
+  beyond: Array
+  numbers: Mapping[str, Array]
+
+
+def linkage(name: str) -> Actuation:
+  """Of the steering: NOMINAL, MISMATCHED (gain and offset) or LATE (dead time and lag)."""
+  if name == LATE:
+    return Actuation(delay=DELAY, lag=LAG)
+  gain, offset = STEERING[name]
+  return Actuation(delay=0.0, lag=0.0, gain=gain, offset=offset)
+
+
+def task(model: Model, path: str, how: str) -> Task:
+  """A path to be driven with a linkage."""
+  return Task(path_named(path), laps=LAPS, lock=model.vehicle.max_steering, actuation=linkage(how))
+
+
+def drive_all(model: Model, controller: Controller, count: int, seed: int, hows: tuple[str, ...]) -> Drives:
+  """Every path with every linkage on the plain filter's estimate."""
+  return {
+    (path, how): drive_task(model, PLANT, controller, task(model, path, how), count, seed)
+    for path in VALIDATION
+    for how in hows
+  }
+
+
+def told_of(settings: FilterSettings, how: str) -> FilterSettings:
+  """Settings that know the linkage."""
+  if how == LATE:
+    return dataclasses.replace(settings, steering_delay=DELAY, steering_lag=settings.steering_lag + LAG)
+  gain, offset = STEERING[how]
+  return dataclasses.replace(settings, steering_gain=gain, steering_offset=float(offset))
+
+
+def fitted(model: Model, settings: FilterSettings, controller: Controller, count: int) -> FilterSettings:
+  """The process noise under which the fixes of nominal drives of their own are most likely."""
+  drives = [
+    drive_task(model, PLANT, controller, task(model, path, NOMINAL), count, FIT_SEED + i)
+    for i, path in enumerate(FITTED_ON)
+  ]
+
+  def evidence(trial: FilterSettings) -> tuple[float, float]:
+    total = np.sum([filtered(oval, trial)[0].filters.evidence.sum(axis=0) for oval in drives], axis=0)
+    return float(total[0]), float(total[1])
+
+  return most_likely(evidence, settings)
+
+
+def filtered(oval: Oval, settings: FilterSettings) -> tuple[FederatedBatch, list[tuple[Array, ...]]]:
+  """The filter on a drive's readings: it, and its estimates instant by instant."""
+  signals, commands = oval.result.signals, oval.result.commands
+  batch = FederatedBatch(oval.model.car, settings, signals.shape[1], oldest=100)
+  batch.start(signals[0, :, :3], signals[0, :, 3])
+  rows: list[tuple[Array, ...]] = []
+  for k, (motion, accel, fix, age) in enumerate(oval.heard):
+    batch.command(commands[k])
+    batch.advance(motion, accel, fix, age)
+    e = batch.estimate()
+    rows.append((e.pose, e.covariance, e.sideslip_angle, e.bounds, batch.state.bicycle[:, POSITION]))
+  return batch, rows
+
+
+def quality(oval: Oval, settings: FilterSettings) -> Quality:
+  """The filter with these settings on a drive's readings."""
+  batch, rows = filtered(oval, settings)
+  pose, covariance, sideslip, bounds, own = (np.stack(column)[WARM_UP:] for column in zip(*rows, strict=True))
+  truth = oval.truth[WARM_UP:]
+  off, own = pose[..., POSITION] - truth[..., POSITION], own - truth[..., POSITION]
+  turned, slid = angle_error(pose[..., YAW], truth[..., YAW]), angle_error(sideslip, truth[..., SIDESLIP])
+  wrong = np.stack([np.hypot(off[..., 0], off[..., 1]), np.abs(turned)], axis=-1) > bounds
+  mean = lambda a: np.sqrt(np.mean(a**2, axis=0))
+  place = lambda a: np.sqrt(np.mean(np.sum(a**2, axis=-1), axis=0))
+  numbers = {name: getattr(settings, name) + batch.state.bicycle[:, row] for name, row in settings.rows.items()}
+  return Quality(
+    place(off),
+    place(own),
+    mean(turned),
+    mean(slid),
+    np.mean(position_nees(off, covariance), axis=0),
+    wrong.any(axis=-1).mean(axis=0),
+    numbers,
+  )
+
+
+def tracked(model: Model, controller: Controller, settings: FilterSettings, path: str, count: int, seed: int) -> Array:
+  """True root mean square of the cross-track error, m, (N,), with a filter in the loop and the linkage bent."""
+  done: Drive = drive_task(
+    model, PLANT, controller, task(model, path, MISMATCHED), count, seed, settings=settings
+  ).result
+  return kpis(done).rmse
+
+
+def offset_imu(
+  model: Model,
+  controller: Controller,
+  what: Task,
+  count: int,
+  seed: int,
+  accelerometer: float | None = None,
+  gyro: float | None = None,
+) -> Oval:
+  """A drive whose IMU is switched on with other biases: standard deviations, m/s^2 and rad/s."""
+  imu = Imu()
+  for name, bias in (("accel", accelerometer), ("gyro", gyro)):
+    if bias is not None:
+      imu = dataclasses.replace(imu, **{name: dataclasses.replace(getattr(imu, name), bias=bias)})
+  return drive_task(model, PLANT, controller, what, count, seed, sensors=qcar_sensors() | {"imu": imu})
+
+
+def learning(settings: FilterSettings) -> FilterSettings:
+  """Settings that estimate what is worth it."""
+  return settings.estimating(*LEARNT)
