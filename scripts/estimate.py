@@ -2,31 +2,29 @@
 
 Writes estimates with standard deviations as CSV, report.html and summary.json.
 
-qcar-twin estimate --dataset DIR --out OUT [--noise-from standstill] [--fit-noise] [--engine filterpy]
+qcar-twin estimate --dataset DIR --out OUT [--noise-from standstill] [--fit-noise] [--unknown steering_gain]
 """
 
 import dataclasses
 from pathlib import Path
 
-import numpy as np
-
 from calibration.identification.drive_fit import NotIdentifiable
 from calibration.identification.identification import Identification, identify
-from qcar_twin.atomic_io import write_json
 from qcar_twin.bicycle.bicycle import Bicycle
+from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.command_line import run_script
 from qcar_twin.estimation.engines import Engine
 from qcar_twin.estimation.noise_fit import fit_noise
-from qcar_twin.estimation.offline import filter_recording
-from qcar_twin.estimation.output import write_estimates
+from qcar_twin.estimation.offline import ONBOARD, filter_recording
+from qcar_twin.estimation.output import write_all
 from qcar_twin.estimation.page import write_estimation
 from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.estimation.told import told
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.sensors.noise import standstill_noise
+from qcar_twin.twin.file import load_twin
 from qcar_twin.vehicle.vehicle import Vehicle
-
-ONBOARD = ("motor_speed", "speed", "accel_x", "accel_y", "yaw_rate")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,56 +47,57 @@ class Config:
   """Delay of the IMU's and encoder's time stamps after their measurement, s."""
   sharing: tuple[float, float] = (1.0, 1.0)
   """Information sharing of the lidar between EKF_BM and EKF_PM, dimensionless: 1 1 as printed, 0.5 0.5 consistent."""
+  unknown: tuple[str, ...] = ()
+  """Numbers to estimate besides: steering_gain, steering_offset, yaw_rate_bias, speed_scale, drive_scale."""
+  twin: Path | None = None
+  """Twin file (TOML) that tells the filter of linkage, lags, delays and sensors."""
   engine: Engine = "batched"
   """Whose algebra filters: batched, or filterpy of the extra of that name."""
   quick: bool = False
   """Estimate the first recording only."""
 
 
-def model_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> tuple[Bicycle, np.ndarray]:
-  """The identified bicycle: from the file, from the data set, or nominal when that has no steps to identify it from."""
-  if config.identified:
-    return Identification.load(config.identified).bicycle(vehicle)
+def car_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> SingleTrackCar:
+  """The identified single track: from the file, from the data set, or nominal when that has no steps for it."""
+  bicycle, theta = Bicycle(vehicle), Bicycle(vehicle).parameters.nominal
   try:
-    return identify(dataset, vehicle=vehicle).bicycle(vehicle)
+    found = Identification.load(config.identified) if config.identified else identify(dataset, vehicle=vehicle)
+    bicycle, theta = found.bicycle(vehicle)
   except NotIdentifiable as error:
     print(f"nominal drive and tyres are used, the data set identifies none: {error}")
-    return Bicycle(vehicle), Bicycle(vehicle).parameters.nominal
+  return bicycle.car(theta)
 
 
 def settings_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> FilterSettings:
-  """Filter settings, with noise from standstill when asked for."""
+  """Filter settings, with what a twin tells and noise from standstill when asked for."""
   settings = FilterSettings(sharing=config.sharing, imu_x=vehicle.imu_x, imu_y=vehicle.imu_y)
-  settings = settings.with_scores_of(dataset.recordings)
-  if not config.noise_from:
-    return settings
-  noise = standstill_noise(dataset[config.noise_from])
+  settings = settings.with_scores_of(dataset.recordings).estimating(*config.unknown)
+  if config.twin:
+    twin, theta = load_twin(config.twin, threads=1)
+    settings = told(settings, twin.parameters.named(theta))
+  noise = standstill_noise(dataset[config.noise_from]) if config.noise_from else {}
   for name, estimate in noise.items():
     print(f"{name}: {estimate}")
-  return settings.with_noise(noise, rolling_radius(vehicle))
+  return settings.with_noise(noise, rolling_radius(vehicle)) if noise else settings
 
 
 def main(config: Config) -> None:
   """Filter every recording and write what came out."""
   dataset = DataSet.load(config.dataset)
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
-  bicycle, theta = model_of(config, dataset, vehicle)
-  settings, radius = settings_of(config, dataset, vehicle), rolling_radius(vehicle)
-  wanted = config.recordings or tuple(r.name for r in dataset.recordings if "pose_x" in r.streams)
-  chosen = [r for r in dataset.recordings if r.name in wanted]
+  car, settings = car_of(config, dataset, vehicle), settings_of(config, dataset, vehicle)
+  chosen = [dataset[name] for name in config.recordings] or [r for r in dataset.recordings if "pose_x" in r]
   if not chosen:
     raise ValueError(f"nothing to estimate with a pose; there are {', '.join(r.name for r in dataset.recordings)}")
-  lateness: dict[str, float] = dict.fromkeys(ONBOARD, config.onboard_lateness)
+  lateness = dict.fromkeys(ONBOARD, config.onboard_lateness)
   if config.fit_noise:
-    settings = fit_noise([r for r in dataset.role("identify") if "pose_x" in r], bicycle.car(theta), settings, lateness)
-  summary, filtered = {}, []
+    settings = fit_noise([r for r in dataset.role("identify") if "pose_x" in r], car, settings, lateness)
+  filtered = []
   for recording in chosen[: 1 if config.quick else None]:
-    estimates = filter_recording(recording, bicycle.car(theta), settings, lateness, engine=config.engine)
-    filtered.append((recording, estimates))
-    summary[recording.name] = write_estimates(config.out, recording, estimates)
-    print(f"{recording.name}: valid {100.0 * estimates.valid.mean():.1f} % of {recording.duration:.1f} s")
-  write_json(config.out / "summary.json", summary)
-  print(f"report: {write_estimation(config.out, filtered, radius, dataset.name)}")
+    filtered.append((recording, filter_recording(recording, car, settings, lateness, engine=config.engine)))
+    print(f"{recording.name}: valid {100.0 * filtered[-1][1].valid.mean():.1f} % of {recording.duration:.1f} s")
+  write_all(config.out, filtered)
+  print(f"report: {write_estimation(config.out, filtered, rolling_radius(vehicle), dataset.name)}")
 
 
 if __name__ == "__main__":

@@ -1,12 +1,18 @@
 """What an offline run of the filter leaves behind of each recording: estimates as CSV, a summary."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from qcar_twin.atomic_io import write_text
+from qcar_twin.atomic_io import write_json, write_text
 from qcar_twin.estimation.offline import Estimates
 from qcar_twin.recordings.recording import Recording
+
+
+def write_all(folder: Path, filtered: Sequence[tuple[Recording, Estimates]]) -> None:
+  """Write NAME.csv of every recording and summary.json into a folder."""
+  write_json(folder / "summary.json", {r.name: write_estimates(folder, r, estimates) for r, estimates in filtered})
 
 
 def write_estimates(folder: Path, recording: Recording, estimates: Estimates) -> dict[str, object]:
@@ -22,4 +28,8 @@ def write_estimates(folder: Path, recording: Recording, estimates: Estimates) ->
   write_text(folder / f"{recording.name}.csv", text)
   refused = {f"{channel}: {reason}": count for (channel, reason), count in estimates.refused.items()}
   share = float(np.mean(estimates.valid))
-  return {"valid": share, "not valid because": dict(estimates.reasons), "refused": refused}
+  numbers = {
+    name: dict(zip(("value", "std"), known[-1].tolist(), strict=True)) for name, known in estimates.numbers.items()
+  }
+  told = {"valid": share, "not valid because": dict(estimates.reasons), "refused": refused}
+  return told | ({"numbers": numbers} if numbers else {})

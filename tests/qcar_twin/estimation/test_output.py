@@ -1,5 +1,6 @@
 """Estimates as values, files and figures."""
 
+import json
 import math
 
 import numpy as np
@@ -7,8 +8,9 @@ import pytest
 
 from qcar_twin.estimation.estimate import no_estimate
 from qcar_twin.estimation.offline import NAMES, filter_recording
-from qcar_twin.estimation.output import write_estimates
+from qcar_twin.estimation.output import write_all, write_estimates
 from qcar_twin.estimation.page import sections, write_estimation
+from qcar_twin.estimation.settings import LEARNT, FilterSettings
 from tests.qcar_twin.estimation.estimation_rig import CAR, journey, run
 from tests.qcar_twin.estimation.test_offline import recording_of
 
@@ -79,3 +81,19 @@ def test_the_page_shows_bands_about_what_was_measured_and_when_it_is_not_valid(t
     assert run.shaded[0][0] <= estimates.time[silent[0]] and len(explorer.moments) == len(run.shaded)
   page = write_estimation(tmp_path, [(recording, estimates)], CAR.rolling_radius, "trip")
   assert f"valid for {100.0 * estimates.valid.mean():.1f} %" in page.read_text(encoding="utf-8")
+
+
+def test_estimated_numbers_are_in_every_file(tmp_path):
+  estimates = filter_recording(RECORDING, CAR, FilterSettings().estimating(*LEARNT))
+  assert set(estimates.numbers) == set(LEARNT)
+  write_all(tmp_path, [(RECORDING, estimates)])
+  said = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))[RECORDING.name]["numbers"]
+  gain = estimates.numbers["steering_gain"]
+  assert said["steering_gain"] == {"value": gain[-1, 0], "std": gain[-1, 1]} and gain[-1, 0] == pytest.approx(
+    1.0, abs=0.2
+  )
+  head = (tmp_path / f"{RECORDING.name}.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+  assert {"speed_scale", "speed_scale_std"} <= set(head)
+  tables = sections([(RECORDING, estimates)], 0.003)[-1].tables
+  (table,) = [table for table in tables if table.caption.startswith("Numbers that were estimated")]
+  assert [row[1] for row in table.rows] == list(estimates.numbers)
