@@ -11,7 +11,7 @@ from agents.control.controllers import load
 from agents.control.model import Model
 from agents.studies.estimation_report import cost_section, oval_section, recorded_section
 from agents.studies.fault_report import fault_section
-from agents.studies.mismatch_report import mismatch_section
+from agents.studies.filtering.mismatch_report import mismatch_section
 from agents.studies.tracking_report import tracking_section
 from calibration.identification.identification import identify
 from qcar_twin.atomic_io import write_text

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from agents.control.model import Model
-from agents.studies.acceptance_report import acceptance_sections
-from agents.studies.acceptance_study import Subject
+from agents.studies.filtering.acceptance_report import acceptance_sections
+from agents.studies.filtering.acceptance_study import Subject
 from calibration.concealed.laboratory.written import stream
 from calibration.concealed.proving_ground.plant import ProvingGroundPlant
 from calibration.concealed.proving_ground.session import Spec

@@ -16,10 +16,8 @@ from qcar_twin.command_line import run_script
 from qcar_twin.estimation.engines import Engine
 from qcar_twin.estimation.noise_fit import fit_noise
 from qcar_twin.estimation.offline import ONBOARD, filter_recording
-from qcar_twin.estimation.output import write_all
-from qcar_twin.estimation.page import write_estimation
+from qcar_twin.estimation.page import write_all, write_estimation
 from qcar_twin.estimation.settings import FilterSettings
-from qcar_twin.estimation.told import told
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.sensors.noise import standstill_noise
@@ -61,8 +59,8 @@ def car_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> SingleTrackCar
   """The identified single track: from the file, from the data set, or nominal when that has no steps for it."""
   bicycle, theta = Bicycle(vehicle), Bicycle(vehicle).parameters.nominal
   try:
-    found = Identification.load(config.identified) if config.identified else identify(dataset, vehicle=vehicle)
-    bicycle, theta = found.bicycle(vehicle)
+    known = Identification.load(config.identified) if config.identified else identify(dataset, vehicle=vehicle)
+    bicycle, theta = known.bicycle(vehicle)
   except NotIdentifiable as error:
     print(f"nominal drive and tyres are used, the data set identifies none: {error}")
   return bicycle.car(theta)
@@ -74,7 +72,7 @@ def settings_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> FilterSet
   settings = settings.with_scores_of(dataset.recordings).estimating(*config.unknown)
   if config.twin:
     twin, theta = load_twin(config.twin, threads=1)
-    settings = told(settings, twin.parameters.named(theta))
+    settings = settings.told(twin.parameters.named(theta))
   noise = standstill_noise(dataset[config.noise_from]) if config.noise_from else {}
   for name, estimate in noise.items():
     print(f"{name}: {estimate}")

@@ -86,9 +86,9 @@ class FederatedFilter:
     """
     state, settings = self._batch.state, self.settings
     value, variance = state.bicycle[0].tolist(), np.diagonal(state.bicycle_covariance[0]).tolist()
-    found = {"yaw_rate_bias": sum(watch.bias for watch in state.odometers)}
+    watched = {"yaw_rate_bias": sum(watch.bias for watch in state.odometers)}
     return {
-      name: (getattr(settings, name) + found.get(name, 0.0) + value[i], math.sqrt(variance[i]))
+      name: (getattr(settings, name) + watched.get(name, 0.0) + value[i], math.sqrt(variance[i]))
       for name, i in settings.rows.items()
     }
 

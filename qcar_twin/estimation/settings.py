@@ -23,6 +23,13 @@ to a twentieth, a motor known by its data sheet."""
 LEARNT = ("steering_gain", "steering_offset", "yaw_rate_bias", "speed_scale")
 """Those of them that are worth a state: docs/results/estimation.md."""
 
+TOLD = {  # as they are, of a twin's parameters, and of the settings
+  "steering_offset": "steering_offset",
+  "gyro_bias": "yaw_rate_bias",
+  "accel_bias_x": "accel_x_bias",
+  "accel_bias_y": "accel_y_bias",
+}
+
 
 @dataclasses.dataclass(frozen=True)
 class FilterSettings:
@@ -165,6 +172,34 @@ class FilterSettings:
   def delays(self) -> tuple[int, int]:
     """Of voltage and steering command, periods."""
     return round(self.drive_delay / self.period), round(self.steering_delay / self.period)
+
+  def told(self, values: Mapping[str, float]) -> "FilterSettings":
+    """These settings with what a twin's parameters say of steering, delays and sensors.
+
+    Lags add up; of a dead time the part that is no whole period is counted as lag, the same phase at low frequency.
+    A wheel larger by e makes the encoder say 1 / (1 + e) of the speed. What the twin does not have stays as it is.
+
+    Args:
+      values: parameters by name, as of `twin.parameters.named(theta)`.
+    """
+    changes: dict[str, Any] = {mine: values[name] for name, mine in TOLD.items() if name in values}
+    if "servo_time_constant" in values or "steering_lag" in values:
+      changes["steering_lag"] = values.get("servo_time_constant", 0.0) + values.get("steering_lag", 0.0)
+    if "steering_gain_error" in values:
+      changes["steering_gain"] = 1.0 + values["steering_gain_error"]
+    if "wheel_radius_error" in values:
+      changes["speed_scale"] = 1.0 / (1.0 + values["wheel_radius_error"])
+    for axis, name in (("imu_x", "imu_lever_arm_x"), ("imu_y", "imu_lever_arm_y")):
+      if name in values:
+        changes[axis] = getattr(self, axis) + values[name]
+    if "drive_delay" in values:
+      changes["drive_delay"] = values["drive_delay"]
+    if "steering_delay" in values:
+      whole = math.floor(values["steering_delay"] / self.period + 1e-6) * self.period
+      changes["steering_delay"] = whole
+      lag = changes.get("steering_lag", self.steering_lag)
+      changes["steering_lag"] = lag + max(0.0, values["steering_delay"] - whole)
+    return dataclasses.replace(self, **changes)
 
   def with_walks(self, factor: float) -> "FilterSettings":
     """These settings with all process noise densities times a factor."""

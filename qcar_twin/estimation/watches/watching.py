@@ -147,18 +147,18 @@ class Watching:
   def accepted(self, state: FilterState, fix: Array, noise: Array, offsets: Array, time: float, which: Mask) -> None:
     """Let accepted fixes judge gyros' biases; what was wrong for a while is known less well."""
     settings, unseen = self._settings, state.unseen.copy()
-    widened, found = np.zeros((2, len(fix))), np.zeros(len(fix), dtype=bool)
+    widened, detected = np.zeros((2, len(fix))), np.zeros(len(fix), dtype=bool)
     for i in np.flatnonzero(which & np.isfinite(fix[:, POSE]).all(axis=1)):
       odometer, rate = state.odometers[i], state.bicycle.item(i, R)
       yaw, std = fix.item(i, YAW_OF_FIX) - float(offsets[i]) * rate, math.sqrt(noise.item(i, YAW_OF_FIX))
       estimate = odometer.compare(time, yaw, std / math.sqrt(settings.lidar_factor), rate, settings.lidar_correlation)
       unseen[i], state.models[i].risked = odometer.unseen, 0.0
       if estimate is not None:
-        found[i] = True
+        detected[i] = True
         widened[:, i] = (0.5 * estimate.span * estimate.bias) ** 2, estimate.bias**2
     state.unseen = unseen
     if "yaw_rate_bias" in settings.rows:  # what EKF_BM had made of it is in the finding
-      forget(state, settings.rows["yaw_rate_bias"], settings.yaw_rate_bias_std, found)
+      forget(state, settings.rows["yaw_rate_bias"], settings.yaw_rate_bias_std, detected)
     _open(state, YAW, widened[0])
     _open(state, R, widened[1])
 

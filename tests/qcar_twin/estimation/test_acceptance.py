@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agents.studies.acceptance_study import (
+from agents.studies.filtering.acceptance_study import (
   CASES,
   LIMIT,
   WEAVE_SECONDS,

@@ -8,8 +8,7 @@ import pytest
 
 from qcar_twin.estimation.estimate import no_estimate
 from qcar_twin.estimation.offline import NAMES, filter_recording
-from qcar_twin.estimation.output import write_all, write_estimates
-from qcar_twin.estimation.page import sections, write_estimation
+from qcar_twin.estimation.page import sections, write_all, write_estimates, write_estimation
 from qcar_twin.estimation.settings import LEARNT, FilterSettings
 from tests.qcar_twin.estimation.estimation_rig import CAR, journey, run
 from tests.qcar_twin.estimation.test_offline import recording_of

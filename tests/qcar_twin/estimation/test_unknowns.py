@@ -10,7 +10,6 @@ from qcar_twin.estimation import kalman, models
 from qcar_twin.estimation.models import BETA, R, V
 from qcar_twin.estimation.settings import PRIORS, FilterSettings
 from qcar_twin.estimation.state import FilterState
-from qcar_twin.estimation.told import told
 from qcar_twin.estimation.unknowns import TYRES, Unknowns
 from tests.qcar_twin.estimation.estimation_rig import CAR, PERIOD, journey, position_errors, rms, run
 
@@ -151,8 +150,8 @@ def test_a_twin_tells_the_filter_of_linkage_delays_and_sensors():
     "imu_lever_arm_x": 0.05,
     "mass": 2.7,
   }
-  settings = told(FilterSettings(imu_x=0.1, accel_x_bias=0.3), values)
+  settings = FilterSettings(imu_x=0.1, accel_x_bias=0.3).told(values)
   assert (settings.steering_gain, settings.steering_offset, settings.yaw_rate_bias) == (0.92, 0.017, 0.01)
   assert settings.delays == (0, 3) and settings.steering_lag == pytest.approx(0.054)
   assert (settings.speed_scale, settings.accel_x_bias) == (0.8, 0.3) and settings.imu_x == pytest.approx(0.15)
-  assert told(FilterSettings(), {"mass": 2.7}) == FilterSettings()
+  assert FilterSettings().told({"mass": 2.7}) == FilterSettings()

@@ -5,7 +5,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.studies.acceptance_study import CASES, LIMIT, Case, Outcome, Subject, judge, limit_drive, weave_drive
+from agents.studies.filtering.acceptance_study import (
+  CASES,
+  LIMIT,
+  Case,
+  Outcome,
+  Subject,
+  judge,
+  limit_drive,
+  weave_drive,
+)
 from qcar_twin import markdown
 from qcar_twin.estimation.settings import LEARNT, FilterSettings
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from agents.control.interface import Controller
 from agents.control.model import Model
-from agents.studies.mismatch_study import (
+from agents.studies.filtering.mismatch_study import (
   DELAY,
   FITTED_ON,
   LAG,
@@ -37,22 +37,23 @@ TITLES = ("filter", "linkage", "O", "infinity", "C", "yaw [mrad]", "sideslip [mr
 
 
 def mismatch_section(model: Model, controller: Controller, count: int, quick: bool = False) -> list[str]:
-  """The filter, plain, told and learning, with every linkage and noise; what it makes of unknown numbers."""
+  """The filter, plain, informed and learning, with every linkage and noise; what it makes of unknown numbers."""
   hows = (NOMINAL, MISMATCHED) if quick else (NOMINAL, MISMATCHED, LATE)
   base = model.filter_settings(PLANT)
   noise = base if quick else fitted(model, base, controller, 2)
   drives = drive_all(model, controller, count, SEED, hows)
   table = measured(drives, base, noise, quick)
   lines = [
-    "## Nominal, mismatched, told wrongly of the noise",
+    "## Nominal, mismatched, with other noise",
     "",
     f"{count} cars on each path of the twin at 0.5 m/s. N: steering as commanded. MIS: steering gain 0.92 and offset"
     f" +1 degree. Late: {1e3 * DELAY:.0f} ms of dead time and {1e3 * LAG:.0f} ms of lag besides the servo's. LQ_cm"
-    " steers on the plain filter's estimate; every filter takes the same readings. Told: the settings say what the"
-    " linkage is. States: EKF_BM estimates steering gain and offset, the gyro's bias and the encoder's scale. Noise:"
+    " steers on the plain filter's estimate; every filter takes the same readings. Informed: the settings say what the"
+    " linkage is. States: EKF_BM estimates steering gain and offset, the gyro's bias and the encoder's scale. Noise is"
     " the process noise densities times a factor, or fitted: those under which the fixes of other nominal drives are"
-    " most likely. Medians of the cars: position RMSE in mm / NEES, 2 for a consistent filter; RMSE of yaw and sideslip"
-    " on the worst path; beyond: the largest share of instants beyond a stated bound.",
+    " most likely. The paths' columns are position RMSE in mm / NEES, medians of the cars; 2 is a consistent filter's"
+    " NEES. Yaw and sideslip are RMSE on the worst path."
+    " Beyond is the largest share of instants beyond a stated bound.",
     "",
     *markdown.table(TITLES, _rows(table)),
     "",
@@ -71,7 +72,7 @@ def measured(drives: Drives, base: FilterSettings, noise: FilterSettings, quick:
   """Every filter on every drive, by its name, linkage and path."""
   kinds: dict[str, Callable[[str], FilterSettings]] = {
     "plain": lambda how: base,
-    "told": lambda how: told_of(base, how),
+    "informed": lambda how: told_of(base, how),
     "states": lambda how: learning(base),
   }
   if not quick:
@@ -81,7 +82,7 @@ def measured(drives: Drives, base: FilterSettings, noise: FilterSettings, quick:
       for factor in FACTORS
     }
     kinds |= {"plain, noise fitted": lambda how: noise, "states, noise fitted": lambda how: learning(noise)}
-  asked = lambda name, how: not (name == "told" and how == NOMINAL) and not ("noise" in name and how == LATE)
+  asked = lambda name, how: not (name == "informed" and how == NOMINAL) and not ("noise" in name and how == LATE)
   return {
     (name, how, path): quality(oval, settings(how))
     for name, settings in kinds.items()
@@ -125,8 +126,8 @@ def _ratios(table: Table) -> list[str]:
     if (f"{name}, noise x {FACTORS[0]:g}", how) in groups
   ]
   if spreads:
-    told = ", ".join(f"{name} {how} {100 * change:.0f} %" for name, how, change in spreads)
-    lines.append(f"Noise that is twice or half as large raises it by up to: {told}.")
+    words = ", ".join(f"{name} {how} {100 * change:.0f} %" for name, how, change in spreads)
+    lines.append(f"Noise that is twice or half as large raises it by up to: {words}.")
   return lines
 
 
@@ -142,8 +143,8 @@ def _numbers_table(table: Table) -> list[str]:
       ]
       rows.append((path, how, *cells))
   return [
-    "What the states are at the end, quartiles in brackets. MIS is a gain of 0.92 and an offset of 17.5 mrad; what N"
-    " shows is by how much the twin itself is no linear single track.",
+    "What the states are at the end, quartiles in brackets. MIS is a gain of 0.92 and an offset of 17.5 mrad."
+    " What N shows is by how much the twin itself is no linear single track.",
     "",
     *markdown.table(titles, rows),
   ]
@@ -151,7 +152,7 @@ def _numbers_table(table: Table) -> list[str]:
 
 def _in_the_loop(model: Model, controller: Controller, base: FilterSettings, count: int) -> list[str]:
   """What the controller makes of it: cross-track errors with each filter in the loop."""
-  kinds = {"plain": base, "told": told_of(base, MISMATCHED), "states": learning(base)}
+  kinds = {"plain": base, "informed": told_of(base, MISMATCHED), "states": learning(base)}
   rows = [
     (
       name,
@@ -179,8 +180,8 @@ def _sensors(model: Model, controller: Controller, base: FilterSettings, count: 
       rows.append((what, f"{bias:g} {unit}", *cells, f"{1e3 * np.median(all_of.own):.1f}"))
   titles = ("IMU", "bias, standard deviation", "plain", "states but the gyro's bias", "states", "EKF_BM alone, states")
   return [
-    "Path C, N, the IMU switched on with larger biases: position RMSE [mm] / yaw RMSE [mrad]. EKF_BM alone takes no"
-    " accelerometer: what it leaves is the most that a state for the accelerometer's bias could gain.",
+    "Path C, N, the IMU switched on with larger biases. Cells are position RMSE in mm / yaw RMSE in mrad."
+    " EKF_BM alone takes no accelerometer, so no state for the accelerometer's bias could gain more.",
     "",
     *markdown.table(titles, rows),
   ]
