@@ -28,9 +28,16 @@ class Config:
   """YAML file of --algorithm's hyperparameters as the RL zoo's; the package's own without it."""
   path: str = ""
   """Path of the training: s, o, infinity, c, random:SEED[:LENGTH] or FILE.csv; empty for the algorithm's own choice."""
-  observation: Literal["errors", "wide", "history"] = "wide"
-  """What an agent that learns by reward alone sees: the paper's four errors; also command, curvature and means; or both
-  and the last second."""
+  observation: Literal["auto", "errors", "wide", "history", "any_speed"] = "auto"
+  """What an agent that learns by reward alone sees. Four errors; also command, curvature and their means; the last
+  second instead of the means; all of that with the speed. By auto, the hyperparameters say."""
+  critic: Literal["auto", "own", "truth"] = "auto"
+  """What the critic of a training by reward alone sees: what the agent sees, or also the truth; auto: the truth for
+  ppo."""
+  workers: int = 1
+  """Number of processes that drive the cars of a training by reward alone."""
+  device: str = "cpu"
+  """Device of torch's for the networks of a training by reward alone, such as cuda."""
   tensorboard: bool = True
   """Write curves for TensorBoard into the folder."""
   episodes: int = 300
@@ -74,7 +81,9 @@ def main(config: Config) -> None:
   asked = vars(config)
   if config.algorithm != "paper" or (config.resume and is_by_reward(config.out)):
     trial = trial_from(asked, {f.name: f.default for f in dataclasses.fields(Config)})
-    result = train_by_reward(trial, config.out, resume=config.resume, tensorboard=config.tensorboard)
+    result = train_by_reward(
+      trial, config.out, resume=config.resume, tensorboard=config.tensorboard, device=config.device
+    )
     print(f"{config.out}: {in_words(result)}")
     return
   result = train(plan_from(asked), config.out, resume=config.resume)

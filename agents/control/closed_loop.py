@@ -38,13 +38,13 @@ class Task:
   """What is driven.
 
   Attributes:
-    path: followed from its start.  speed: m/s, from the first instant.  laps: of a closed path.
+    path: followed from its start.  speed: m/s, from the first instant, a number or (N,).  laps: of a closed path.
     lock: of the steering, rad.  offset, heading: start relative to the path, m and rad, numbers or (N,).
     actuation: of the steering command; None when the plant has its own servo.
   """
 
   path: Path
-  speed: float = 0.5
+  speed: float | Array = 0.5
   laps: int = 1
   lock: float = 0.5236
   offset: float | Array = 0.0
@@ -118,7 +118,7 @@ def drive(
   course = Course(task.path, task.speed, period)
   cars = DrivenCars(course, simulation, on_the_way, observer, partial(SpeedController, speed_gains))
   log: list[_Instant] = []
-  for _ in range(int(1.25 * task.distance / (task.speed * period))):
+  for _ in range(int(1.25 * task.distance / (float(np.min(task.speed)) * period))):
     arc = cars.arc_length[ESTIMATED]
     errors, speed = one_of(cars.errors, ESTIMATED), cars.estimate.speed
     situation = Situation(task.path, arc, errors, speed, cars.steering, period, cars.past, cars.recent)

@@ -9,6 +9,7 @@ import dataclasses
 import json
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +20,17 @@ from agents.control.kpis import Kpis, kpis
 from agents.control.model import Model
 from agents.control.speed import SpeedGains
 from agents.learning.checkpoint import POINTER
+from agents.learning.critic import SeeingCriticPolicy, TruthBesides
 from agents.learning.environments import Options, OwnPlant, fleet, interface_of, plant_of, task_of
 from agents.learning.hyperparameters import ALGORITHMS, POLICY
+from agents.learning.observation import SIGHTS
 from agents.learning.policy_file import Policy, export_onnx, load_policy, save_policy
 from agents.learning.sb3_zip import policy_from
 from agents.learning.train import append_row, rewrite
 from agents.learning.trial import Trial
 from agents.learning.trial_checkpoint import begin_anew, load_checkpoint, save_checkpoint
 from qcar_twin.atomic_io import write_json, write_text
+from qcar_twin.envs.fleet_workers import WorkersVecEnv
 from qcar_twin.envs.vector_env import FleetVecEnv
 from qcar_twin.estimation.observer import SensedObserver, TrueObserver
 from qcar_twin.extras import extra
@@ -50,7 +54,7 @@ COLUMNS = ("steps", "updates", "rmse", "me", "finished", "seconds", "cpu_seconds
 def judge(
   policy: Policy, options: Options, paths: Sequence[str], model: Model, own_plant: OwnPlant | None = None
 ) -> Kpis:
-  """Indicators of a policy on paths one after another, JUDGES cars each, linkages spread evenly over their range."""
+  """Indicators of a policy on paths one after another, JUDGES cars each, linkages and speeds over their ranges."""
   make, theta = own_plant or plant_of(options, model)
   shares = np.random.default_rng(EVALUATION_SEED).uniform(-1.0, 1.0, (2, JUDGES))
   gathered = []
@@ -63,7 +67,8 @@ def judge(
       suite = SensorSuite(qcar_sensors(), JUDGES, EVALUATION_SEED)
       observer = SensedObserver(suite, model.car, model.filter_settings(options.plant))
     servo = Actuation(task.servo_delay, task.servo_lag, gain, offset)
-    wanted = Task(task.path, task.speed, 1, task.lock, actuation=servo)
+    speed = task.speed + task.speed_spread * np.linspace(-1.0, 1.0, JUDGES)
+    wanted = Task(task.path, speed, 1, task.lock, actuation=servo)
     parameters = np.tile(theta, (JUDGES, 1))
     gathered.append(kpis(drive(make(), parameters, policy, SpeedGains.design(model.car), observer, wanted)))
   names = [f.name for f in dataclasses.fields(Kpis)]
@@ -150,7 +155,7 @@ class Judge(BaseCallback):
 
 def policy_of(agent: BaseAlgorithm, trial: Trial, result: dict[str, Any]) -> Policy:
   """The agent's actor as a policy."""
-  tensors = {name: value.detach().clone() for name, value in agent.policy.state_dict().items()}
+  tensors = {name: value.detach().cpu().clone() for name, value in agent.policy.state_dict().items()}
   kwargs = trial.hyperparameters.policy_kwargs
   data = {"policy_kwargs": {"activation_fn": kwargs["activation_fn"]} if "activation_fn" in kwargs else {}}
   policy = policy_from(tensors, data, trial.hyperparameters.algorithm)
@@ -158,17 +163,40 @@ def policy_of(agent: BaseAlgorithm, trial: Trial, result: dict[str, Any]) -> Pol
   return dataclasses.replace(policy, provenance=history, name=trial.hyperparameters.algorithm)
 
 
-def make_agent(trial: Trial, model: Model, own_plant: OwnPlant | None = None) -> BaseAlgorithm:
-  """An untrained agent in its environment; torch is held to one thread, on which networks this small are faster."""
-  torch.set_num_threads(1)
+def cars_of(trial: Trial, model: Model, own_plant: OwnPlant | None, seeds: Sequence[int]) -> FleetVecEnv:
+  """Cars of a training with these seeds, as its actor and its critic see them."""
+  view = interface_of(trial.observation).view
+  if trial.critic == "truth":
+    view = TruthBesides(SIGHTS[trial.observation])
+  return FleetVecEnv(fleet(trial.options, seeds, model, own_plant), view, normalised=True)
+
+
+def make_agent(
+  trial: Trial, model: Model, own_plant: OwnPlant | None = None, device: str = "cpu", workers: int = 1
+) -> BaseAlgorithm:
+  """An untrained agent in its environment.
+
+  Args:
+    device: of torch's, for the networks.
+    workers: processes that drive the cars; torch has as many threads, since one waits for the other.
+  """
+  torch.set_num_threads(workers)
   hyper = trial.hyperparameters
   seeds = [1_000_000 * (trial.seed + 1) + i for i in range(hyper.cars)]
-  view = interface_of(trial.observation).view
-  env: Any = FleetVecEnv(fleet(trial.options, seeds, model, own_plant), view, normalised=True)
+  arguments, policy = hyper.arguments(), POLICY
+  if trial.critic == "truth":
+    policy = SeeingCriticPolicy
+    arguments["policy_kwargs"] = {**arguments["policy_kwargs"], "seen": SIGHTS[trial.observation].size}
+  env: Any
+  if workers > 1:
+    shares = [part.tolist() for part in np.array_split(seeds, workers)]
+    env = WorkersVecEnv([partial(cars_of, trial, model, own_plant, s) for s in shares], [len(s) for s in shares])
+  else:
+    env = cars_of(trial, model, own_plant, seeds)
   if hyper.normalise is not None:
     given: dict[str, Any] = dict(hyper.normalise)
     env = VecNormalize(env, gamma=float(hyper.rest.get("gamma", 0.99)), **given)
-  return ALGORITHMS[hyper.algorithm](POLICY, env, seed=trial.seed, device="cpu", **hyper.arguments())
+  return ALGORITHMS[hyper.algorithm](policy, env, seed=trial.seed, device=device, **arguments)
 
 
 def train_by_reward(
@@ -179,6 +207,8 @@ def train_by_reward(
   own_plant: OwnPlant | None = None,
   resume: bool = False,
   tensorboard: bool = True,
+  device: str = "cpu",
+  workers: int = 1,
 ) -> dict[str, Any]:
   """Train into a folder that holds no training yet, or go on with the one it holds.
 
@@ -189,6 +219,8 @@ def train_by_reward(
     callbacks: of stable-baselines3, called besides the one that evaluates. What they remember is theirs to keep.
     resume: go on from the folder's last checkpoint.
     tensorboard: write curves.
+    device: of torch's, for the networks.
+    workers: processes that drive the cars.
 
   Returns:
     What result.json holds.
@@ -203,7 +235,7 @@ def train_by_reward(
     return read_json(folder / "result.json")
   again = resume and _is_that_of(trial, folder)
   resume = again and (folder / POINTER).is_file()
-  agent, progress = make_agent(trial, model, own_plant), Progress()
+  agent, progress = make_agent(trial, model, own_plant, device, workers), Progress(due=trial.every)
   if resume:
     progress = Progress(**load_checkpoint(agent, folder))
     progress.resumed += 1
@@ -215,14 +247,22 @@ def train_by_reward(
   agent.set_logger(Logger(None, outputs))
   referee = Judge(trial, folder, model, own_plant, progress)
   left = trial.hyperparameters.steps - agent.num_timesteps
-  agent.learn(left, callback=CallbackList([referee, *callbacks]), reset_num_timesteps=False)
+  try:
+    agent.learn(left, callback=CallbackList([referee, *callbacks]), reset_num_timesteps=False)
+  finally:
+    agent.get_env().close()  # type: ignore[union-attr]
+  return _finish(agent, folder, referee)
+
+
+def _finish(agent: BaseAlgorithm, folder: Path, referee: Judge) -> dict[str, Any]:
+  """Writes what a training leaves; what result.json holds."""
   agent.save(folder / "model.zip")
   difference = export_onnx(load_policy(folder / "best"), folder / "best" / "policy.onnx")
   result = referee.result() | {
-    "best_steps": progress.best_steps,
-    "best_rmse_kept_aside": progress.best,
+    "best_steps": referee.progress.best_steps,
+    "best_rmse_kept_aside": referee.progress.best,
     "onnx_difference": difference,
-    "resumed": progress.resumed,
+    "resumed": referee.progress.resumed,
   }
   write_json(folder / "result.json", result)
   return result

@@ -59,6 +59,7 @@ class Options:
       "" for none.
     steering_gain, steering_offset: of the linkage, - and deg; neither agent nor filter knows them.
     gain_spread, offset_spread: half-widths around them, - and deg, within which every episode's linkage is drawn.
+    speed_spread: half-width around the speed, m/s, within which every episode's is drawn.
     randomise: draw the twin's measured parameters within their standard deviations for every episode.
     start_offset, start_heading: episodes start within +- these, m and rad.
     reward: weights.
@@ -85,6 +86,7 @@ class Options:
   start_heading: float = 0.1
   reward: Reward = Reward()
   stretch: float = 0.0
+  speed_spread: float = 0.0
 
   def __post_init__(self) -> None:
     for name, hint in get_type_hints(type(self)).items():
@@ -126,6 +128,7 @@ def task_of(options: Options, lock: float = 0.5236) -> TrackingTask:
     offset_spread=float(np.radians(options.offset_spread)),
     servo_delay=delay,
     servo_lag=lag,
+    speed_spread=options.speed_spread,
   )
 
 

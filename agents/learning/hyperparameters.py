@@ -20,7 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.learning.environments import ENV_ID, options_from
+from agents.learning.environments import ENV_ID, one_of_them, options_from
+from agents.learning.observation import SIGHTS
 from qcar_twin.extras import extra
 from qcar_twin.untrusted import UnreadableFile, is_number, read_yaml
 
@@ -39,6 +40,7 @@ ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
   "ddpg": stable_baselines3.DDPG,
 }
 POLICY = "MlpPolicy"  # the only one that a policy folder can hold
+WIDE = "wide"  # what the registered environment shows where nothing is said
 ACTIVATIONS = {"relu": nn.ReLU, "tanh": nn.Tanh}
 NOISES = {"normal": NormalActionNoise, "ornstein-uhlenbeck": OrnsteinUhlenbeckActionNoise}
 OWN = ("n_timesteps", "n_envs", "normalize", "policy", "policy_kwargs", "env_kwargs", "noise_type", "noise_std")
@@ -57,6 +59,7 @@ class Hyperparameters:
     policy_kwargs: as in the file, the activation by its name in ACTIVATIONS.
     noise: standard deviation of exploration noise, share of the largest rate; 0 for none.  noise_type: a key of NOISES.
     env_kwargs: options of the environment; none for those of the training.
+    observation: what is seen, a key of `SIGHTS`.
     rest: arguments of the algorithm's class, as in the file.
   """
 
@@ -69,6 +72,7 @@ class Hyperparameters:
   noise_type: str = "normal"
   env_kwargs: dict[str, Any] = dataclasses.field(default_factory=dict)
   rest: dict[str, Any] = dataclasses.field(default_factory=dict)
+  observation: str = WIDE
 
   def arguments(self) -> dict[str, Any]:
     """Keyword arguments of the algorithm's class."""
@@ -113,6 +117,7 @@ def read_hyperparameters(algorithm: str, file: Path | None = None) -> Hyperparam
   if (policy := table.get("policy", POLICY)) != POLICY:
     raise UnreadableFile(f"{file}: policy {policy!r} cannot be exported; use {POLICY}")
   rest = {name: _fitting(value, known[name], f"{file}: {name}") for name, value in table.items() if name not in OWN}
+  env, observation = _env_kwargs(table, str(file))
   noise, noise_type = _noise(table, "action_noise" in arguments, f"{file}: {algorithm}")
   return Hyperparameters(
     algorithm,
@@ -122,8 +127,9 @@ def read_hyperparameters(algorithm: str, file: Path | None = None) -> Hyperparam
     _policy_kwargs(table, kind, str(file)),
     noise,
     noise_type,
-    _env_kwargs(table, str(file)),
+    env,
     rest,
+    observation,
   )
 
 
@@ -216,13 +222,16 @@ def _noise(table: Mapping[str, Any], has: bool, where: str) -> tuple[float, str]
   return float(std), _known(str(kind), NOISES, f"{where}: there is no noise_type")  # type: ignore[arg-type]
 
 
-def _env_kwargs(table: Mapping[str, Any], file: str) -> dict[str, Any]:
-  kwargs = _table(table.get("env_kwargs", {}), f"{file}: env_kwargs")
+def _env_kwargs(table: Mapping[str, Any], file: str) -> tuple[dict[str, Any], str]:
+  """Options of the environment, and what is seen."""
+  kwargs = dict(_table(table.get("env_kwargs", {}), f"{file}: env_kwargs"))
+  observation = kwargs.pop("observation", WIDE)
   try:
     options_from(kwargs)
+    one_of_them("observation", observation, tuple(SIGHTS))
   except (TypeError, ValueError) as error:
     raise UnreadableFile(f"{file}: env_kwargs: {error}") from error
-  return kwargs
+  return kwargs, observation
 
 
 def _fitting(value: Any, kind: Any, what: str) -> Any:

@@ -17,7 +17,7 @@ from qcar_twin.recent import REMEMBERED, Recent
 from qcar_twin.slow_means import MEMORY
 
 Array = NDArray[np.float64]
-STEERING_SCALE, CURVATURE_SCALE = 2.0, 0.6  # 1/rad and m: what is seen becomes of order one
+STEERING_SCALE, CURVATURE_SCALE, SPEED_SCALE = 2.0, 0.6, 1.0  # 1/rad, m, s/m: what is seen becomes of order one
 RECENT_SCALE = (ERROR_SCALE[0], ERROR_SCALE[2], STEERING_SCALE, CURVATURE_SCALE)  # of REMEMBERED
 
 
@@ -29,6 +29,7 @@ class ObservationSpec:
     steering: also the last steering command, rad.
     previews: also the path's curvature, 1/m, so far ahead, m; 0 is at the car.
     past: also the slow means of steering command and curvature, rad and 1/m, see `qcar_twin.slow_means`.
+    speed: also the speed as estimated, m/s, last of all.
     history: also cross-track error, heading error, steering command and curvature so long ago, s; `qcar_twin.recent`.
   """
 
@@ -36,6 +37,7 @@ class ObservationSpec:
   previews: tuple[float, ...] = ()
   past: bool = False
   history: tuple[float, ...] = ()
+  speed: bool = False
 
   @property
   def size(self) -> int:
@@ -46,7 +48,8 @@ class ObservationSpec:
   def scale(self) -> tuple[float, ...]:
     """What the numbers beyond the four errors are multiplied with in the network."""
     now = (STEERING_SCALE,) * self.steering + (CURVATURE_SCALE,) * len(self.previews)
-    return now + (STEERING_SCALE, CURVATURE_SCALE) * self.past + RECENT_SCALE * len(self.history)
+    before = (STEERING_SCALE, CURVATURE_SCALE) * self.past + RECENT_SCALE * len(self.history)
+    return now + before + (SPEED_SCALE,) * self.speed
 
   @property
   def names(self) -> tuple[str, ...]:
@@ -55,20 +58,34 @@ class ObservationSpec:
     ahead = tuple(f"curvature {x:g} m ahead 1/m" for x in self.previews)
     past = ("mean steering_command rad", "mean curvature 1/m")
     before = tuple(f"{name} {lag:g} s ago {unit}" for lag in self.history for name, unit in map(str.split, REMEMBERED))
-    return errors + ("steering_command rad",) * self.steering + ahead + past * self.past + before
+    return (
+      errors
+      + ("steering_command rad",) * self.steering
+      + ahead
+      + past * self.past
+      + before
+      + ("speed m/s",) * self.speed
+    )
 
   def look(
-    self, errors: Array, steering: Array, past: Array, path: Path, arc_length: Array, recent: Recent | None = None
+    self,
+    errors: Array,
+    steering: Array,
+    past: Array,
+    path: Path,
+    arc_length: Array,
+    recent: Recent | None = None,
+    speed: Array | None = None,
   ) -> Array:
     """What is seen, (N, size).
 
     Args:
       errors: the four, (N, 4).  steering: last command, rad, (N,).  past: slow means, (N, 2).
       path, arc_length: and where on it the cars are, m, (N,).
-      recent: the last second, where it is seen.
+      recent: the last second, where it is seen.  speed: m/s, (N,), where it is seen.
 
     Raises:
-      ValueError: the last second is seen, and nobody remembers it.
+      ValueError: the last second or the speed is seen, and is not given.
     """
     parts = [errors] + [steering[:, None]] * self.steering
     if self.previews:
@@ -78,20 +95,27 @@ class ObservationSpec:
       if recent is None:
         raise ValueError("this policy sees the last second, which nobody remembers here: give `recent`")
       parts.append(recent.before(self.history).reshape(len(errors), -1))
+    if self.speed:
+      if speed is None:
+        raise ValueError("this policy sees the speed, which nobody tells here: give `speed`")
+      parts.append(np.nan_to_num(speed)[:, None])
     return np.concatenate(parts, axis=1)
 
   def of(self, fleet: Fleet) -> Array:
     """What is seen of a fleet, by its cars' own estimates, (N, size)."""
-    task = fleet.task
-    return self.look(fleet.observation, fleet.steering, fleet.past, task.path, fleet.arc_length[0], fleet.recent)
+    path, speed = fleet.task.path, fleet.cars.estimate.speed
+    return self.look(fleet.observation, fleet.steering, fleet.past, path, fleet.arc_length[0], fleet.recent, speed)
 
 
+LOOKS_BACK = tuple(float(lag) for lag in np.round(np.linspace(0.2, MEMORY, 5), 3))  # s
 SIGHTS = {
   "errors": ObservationSpec(),
   "wide": ObservationSpec(steering=True, previews=(0.0, 0.15), past=True),
-  "history": ObservationSpec(
-    steering=True, previews=(0.0, 0.15), history=tuple(float(lag) for lag in np.round(np.linspace(0.2, MEMORY, 5), 3))
+  "history": ObservationSpec(steering=True, previews=(0.0, 0.15), history=LOOKS_BACK),
+  "any_speed": ObservationSpec(
+    steering=True, previews=(0.0, 0.15, 0.3, 0.45, 0.6), past=True, history=LOOKS_BACK, speed=True
   ),
 }
 """What can be seen, by name: the paper's four errors; or also what gives the filter's bias away, as means over the last
-second or as five looks back into it."""
+second or as five looks back into it; or both, the path as far ahead as a car of 1.5 m/s drives in 0.4 s, and the
+speed."""

@@ -91,9 +91,9 @@ class Policy:
   def steer(self, situation: Situation) -> Array:
     """Steering command: the last one moved on by the rate."""
     errors, path, arc_length = situation.errors.observation, situation.path, situation.arc_length
-    seen = self.sight.look(errors, situation.steering, situation.past, path, arc_length, situation.recent)
-    rate = self.rate(seen)
-    return np.clip(situation.steering + rate * situation.period, -self.lock, self.lock)
+    steering, speed = situation.steering, situation.speed
+    seen = self.sight.look(errors, steering, situation.past, path, arc_length, situation.recent, speed)
+    return np.clip(steering + self.rate(seen) * situation.period, -self.lock, self.lock)
 
 
 def save_policy(policy: Policy, folder: Path) -> None:
@@ -189,7 +189,8 @@ def sight_from(table: Mapping[str, Any]) -> ObservationSpec:
   previews, history = (tuple(float(x) for x in table.get(name, ())) for name in ("previews", "history"))
   if not all(0.0 <= lag <= MEMORY for lag in history):
     raise ValueError(f"a look back of more than {MEMORY:g} s")
-  return ObservationSpec(bool(table.get("steering", False)), previews, bool(table.get("past", False)), history)
+  steering, past, speed = (bool(table.get(name, False)) for name in ("steering", "past", "speed"))
+  return ObservationSpec(steering, previews, past, history, speed)
 
 
 def export_onnx(policy: Policy, file: Path, tolerance: float = 1e-5) -> float:

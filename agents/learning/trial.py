@@ -5,17 +5,20 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from agents.learning.environments import Options, options_from
+from agents.learning.critic import CRITICS
+from agents.learning.environments import Options, one_of_them, options_from
 from agents.learning.hyperparameters import Hyperparameters, read_hyperparameters
 from agents.learning.observation import SIGHTS
 from qcar_twin.envs.task import Reward
 from qcar_twin.tracks import path_from
 from qcar_twin.untrusted import UnreadableFile, read_json
 
-LOOKS = 24  # evaluations, and checkpoints, of a training
+LOOKS = 12  # evaluations, and checkpoints, of a training
 CLOSEST = 5000  # environment steps between them: DDPG's, with one car's step an update, take as long as an evaluation
 TRACKS = Options(
   path="random:1:400",
+  speed=0.9,
+  speed_spread=0.6,
   stretch=6.0,
   plant="reduced",
   demonstrator="",
@@ -23,7 +26,8 @@ TRACKS = Options(
   offset_spread=1.5,
   reward=Reward(m3=0.0, m4=0.0, m5=0.01, m6=0.0, near=0.001),
 )
-"""The default task: 400 m of random track on the reduced car, 6 m an episode, a linkage of its own in each."""
+"""The default task: 400 m of random track on the reduced car, 6 m an episode, each with its own linkage and speed."""
+SEEING = ("ppo",)  # algorithms whose critic may see more than their actor
 TAKEN = ("plant", "twin", "estimator", "steering_gain", "steering_offset", "randomise")
 PAPERS = ("episodes", "demonstrator", "version", "demonstrator_weight", "demonstrations", "near", "cars", "wide")
 
@@ -37,6 +41,10 @@ class Trial:
     observation: what is seen, a key of `SIGHTS`.  seed: of everything random.
     every: environment steps between evaluations, each with a checkpoint.
     seconds: of the processor after which it ends; 0 for none.
+    critic: what the critic sees, one of `CRITICS`.
+
+  Raises:
+    ValueError: a choice there isn't, or a critic that the algorithm has no place for.
   """
 
   hyperparameters: Hyperparameters
@@ -45,6 +53,13 @@ class Trial:
   seed: int = 0
   every: int = 500_000
   seconds: float = 0.0
+  critic: str = "own"
+
+  def __post_init__(self) -> None:
+    one_of_them("observation", self.observation, tuple(SIGHTS))
+    one_of_them("critic", self.critic, CRITICS)
+    if self.critic == "truth" and self.hyperparameters.algorithm not in SEEING:
+      raise ValueError(f"a critic that sees the truth is for {', '.join(SEEING)}; take --critic own")
 
   def as_json(self) -> dict[str, Any]:
     return dataclasses.asdict(self)
@@ -55,8 +70,6 @@ class Trial:
     table = read_json(file)
     try:
       hyper = Hyperparameters(**table["hyperparameters"])
-      if table["observation"] not in SIGHTS:
-        raise ValueError(f"no observation {table['observation']!r}")
       return cls(**{**table, "hyperparameters": hyper, "options": options_from(table["options"])})
     except (KeyError, TypeError, ValueError) as error:
       raise UnreadableFile(f"{file}: is no plan of a training by reward ({error}); choose another folder") from error
@@ -88,7 +101,9 @@ def trial_from(asked: Mapping[str, Any], defaults: Mapping[str, Any]) -> Trial:
     options = dataclasses.replace(options, path=path, stretch=min(stretch, path_from(path).length))
   if asked["quick"]:
     hyper, options = quickly(hyper), dataclasses.replace(options, estimator="truth")
-  return Trial(hyper, options, asked["observation"], asked["seed"], max(CLOSEST, hyper.steps // LOOKS))
+  sight = asked["observation"] if asked["observation"] != "auto" else hyper.observation
+  critic = asked["critic"] if asked["critic"] != "auto" else "truth" if hyper.algorithm in SEEING else "own"
+  return Trial(hyper, options, sight, asked["seed"], max(CLOSEST, hyper.steps // LOOKS), critic=critic)
 
 
 def in_words(result: Mapping[str, Any]) -> str:

@@ -104,7 +104,7 @@ def _networks(agent: BaseAlgorithm, file: Path) -> None:
     for name in [*names, "pytorch_variables"] if others else names:
       read[name] = tensors_in(archive, f"{name}.pth")
   rest = read.pop("pytorch_variables", {})
-  agent.set_parameters(read, exact_match=True, device="cpu")
+  agent.set_parameters(read, exact_match=True, device=agent.device)
   for name in others:
     getattr(agent, name).data = rest[name].data
 

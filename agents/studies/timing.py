@@ -10,7 +10,6 @@ import numpy as np
 
 from agents.learning.ddpg import Settings, make_agent
 from agents.learning.environments import Options, fleet, make_env
-from agents.learning.observation import SIGHTS
 from agents.learning.policy_file import SHIPPED, load_policy
 from agents.learning.trial import TRACKS
 from qcar_twin.envs.fleet import Fleet
@@ -86,8 +85,8 @@ def batch_shares(count: int = 256, periods: int = 1300) -> dict[str, float]:
 
   An episode has about 1200 periods. What beginning new ones takes of any part counts as "new episodes".
   """
-  policy, sight = load_policy(SHIPPED), SIGHTS["wide"]
-  env = FleetVecEnv(fleet(TRACKS, range(count)), sight, normalised=True)
+  policy = load_policy(SHIPPED)
+  env = FleetVecEnv(fleet(TRACKS, range(count)), policy.sight, normalised=True)
   begun, cars = Watch(), env.fleet.cars
   parts = {name: Watch() for name in ("physics", "sensors", "sensors and filter", "path", "observation")}
   seen, scale = env.reset(), np.asarray(policy.observation_scale)

@@ -44,6 +44,9 @@ class Linkage:
     delay: s, rounded to control periods.  lag: time constant, s.
     period: s.
     gain, offset: - and rad, numbers or (N,).
+
+  Attributes:
+    gain, offset: of each car, (N,).
   """
 
   def __init__(
@@ -52,28 +55,29 @@ class Linkage:
     self._share = 1.0 - math.exp(-period / lag) if lag > 0.0 else 1.0
     self._line = np.zeros((round(delay / period), count))
     self._angle = np.zeros(count)
-    self._gain, self._offset = (np.array(np.broadcast_to(a, count), dtype=np.float64) for a in (gain, offset))
+    self.gain, self.offset = (np.array(np.broadcast_to(a, count), dtype=np.float64) for a in (gain, offset))
 
   def restart(self, which: Mask, gain: Array, offset: Array) -> None:
     """Wheels straight, nothing under way, another gain and offset, (N,), in some cars."""
     self._line = np.where(which, 0.0, self._line)
     self._angle = np.where(which, 0.0, self._angle)
-    self._gain, self._offset = np.where(which, gain, self._gain), np.where(which, offset, self._offset)
+    self.gain, self.offset = np.where(which, gain, self.gain), np.where(which, offset, self.offset)
 
   def pass_on(self, steering: Array) -> Array:
     """The command the plant gets, rad, (N,)."""
     line = np.concatenate([self._line, steering[None]])
     self._line = line[1:]
     self._angle = self._angle + self._share * (line[0] - self._angle)
-    return self._gain * self._angle + self._offset
+    return self.gain * self._angle + self.offset
 
 
 @dataclasses.dataclass(frozen=True)
 class Course:
-  """What is followed: a path from its start, at a speed, m/s, held by a speed controller; period in s."""
+  """What is followed: a path from its start, at a speed, m/s, a number or (N,), held by a speed controller; period
+  in s."""
 
   path: Path
-  speed: float
+  speed: ArrayLike
   period: float
 
 
@@ -90,7 +94,7 @@ class DrivenCars:
 
   Attributes:
     commands: voltage and steering command of the last period, V and rad, (N, 2).
-    steering: commanded, rad, (N,).  estimate: of the cars.
+    steering: commanded, rad, (N,).  estimate: of the cars.  target: speed that is held, m/s, (N,).
     errors: relative to the path, (2, N) each: as estimated, and true.  arc_length: as estimated, and true, m, (2, N).
     past: slow means of steering command and path curvature, rad and 1/m, (N, 2).
     recent: the last second, value by value.
@@ -109,10 +113,11 @@ class DrivenCars:
     count = len(plant.signals)
     self.commands, self.steering = np.zeros((count, 2)), np.zeros(count)
     self.past = np.zeros((count, 2))
+    self.target = np.array(np.broadcast_to(course.speed, count), dtype=np.float64)
     self.arc_length = np.tile(np.zeros(count) if arc_length is None else arc_length, (2, 1))
     self.estimate: BatchEstimate = observer.begin(self.signals)
     self._speed_control = speed_control(self.estimate.speed)
-    self.errors = self._look()
+    self.errors = self._look(np.ones(count, dtype=bool))
     self.recent = Recent(self._now(), course.period)
 
   @property
@@ -125,26 +130,30 @@ class DrivenCars:
     """As estimated and true, m/s, (2, N)."""
     return np.stack([np.nan_to_num(self.estimate.speed), np.hypot(*self.signals[:, VELOCITY].T)])
 
-  def restart(self, which: Mask, arc_length: Array | float = 0.0) -> None:
-    """Let some cars, (N,), that have been put to the path at an arc length, m, begin again."""
+  def restart(self, which: Mask, arc_length: Array | float = 0.0, target: Array | None = None) -> None:
+    """Let some cars, (N,), that have been put to the path at an arc length, m, begin again; at other speeds to hold,
+    m/s, (N,), where they are given."""
+    if target is not None:
+      self.target = np.where(which, target, self.target)
     self.steering = np.where(which, 0.0, self.steering)
     self.past = np.where(which[:, None], 0.0, self.past)
     self.arc_length = np.where(which, arc_length, self.arc_length)
     self.estimate = self.observer.begin(self.signals, which)
     self._speed_control.restart(which, self.estimate.speed)
-    self.errors = self._look()
+    fresh, names = self._look(which), [field.name for field in dataclasses.fields(Errors)]
+    self.errors = Errors(*(put(getattr(self.errors, name), which, getattr(fresh, name)) for name in names))
     self.recent.restart(which, self._now())
 
   def step(self, steering: Array) -> None:
     """Drive one control period with steering commands (N,), rad."""
     course = self.course
     self.steering = steering
-    voltage = self._speed_control.voltage(np.nan_to_num(self.estimate.speed), course.speed, course.period)
+    voltage = self._speed_control.voltage(np.nan_to_num(self.estimate.speed), self.target, course.period)
     self.commands = np.stack([voltage, steering], axis=-1)
     self.observer.command(self.commands)
     reaching = self.linkage.pass_on(steering) if self.linkage else steering
     self.estimate = self.observer.observe(self.plant.step(np.stack([voltage, reaching], axis=-1)))
-    self.errors = self._look(moving=True)
+    self.errors = self._look(np.ones(len(steering), dtype=bool), moving=True)
     self.past = remember(self.past, steering, self.errors.curvature[ESTIMATED], course.period)
     self.recent.add(self._now())
 
@@ -153,17 +162,25 @@ class DrivenCars:
     seen = one_of(self.errors, ESTIMATED)
     return np.stack([seen.cross_track, seen.heading, self.steering, seen.curvature], axis=-1)
 
-  def _look(self, moving: bool = False) -> Errors:
-    """Errors at the nearest path point, searched around where the paper's ds/dt puts it."""
-    path, signals, estimate = self.course.path, self.signals, self.estimate
-    pose = np.nan_to_num(np.stack([estimate.pose, signals[:, POSE]]))
-    velocity = np.nan_to_num(np.stack([estimate.velocity, signals[:, VELOCITY]]))
-    rate = np.nan_to_num(np.stack([estimate.yaw_rate, signals[:, YAW_RATE]]))
-    near = self.arc_length
+  def _look(self, which: Mask, moving: bool = False) -> Errors:
+    """Errors of k of the cars, (2, k), at the nearest path point, searched around where the paper's ds/dt puts it."""
+    path, signals, estimate = self.course.path, self.signals[which], self.estimate
+    pose = np.nan_to_num(np.stack([estimate.pose[which], signals[:, POSE]]))
+    velocity = np.nan_to_num(np.stack([estimate.velocity[which], signals[:, VELOCITY]]))
+    rate = np.nan_to_num(np.stack([estimate.yaw_rate[which], signals[:, YAW_RATE]]))
+    near = self.arc_length[:, which]
     if moving:
       near = near + self.course.period * path.errors(near, pose, velocity, rate).arc_rate
-    self.arc_length = path.nearest(pose[..., 0], pose[..., 1], near=near)
-    return path.errors(self.arc_length, pose, velocity, rate)
+    arc_length = path.nearest(pose[..., 0], pose[..., 1], near=near)
+    self.arc_length = put(self.arc_length, which, arc_length)
+    return path.errors(arc_length, pose, velocity, rate)
+
+
+def put(values: Array, which: Mask, fresh: Array) -> Array:
+  """Values (2, N) with those of some cars replaced, (2, k); what was there is left as it is."""
+  new = values.copy()
+  new[:, which] = fresh
+  return new
 
 
 def one_of(errors: Errors, which: int | slice) -> Errors:

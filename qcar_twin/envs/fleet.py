@@ -106,7 +106,7 @@ class Fleet:
     seeds: one per car.
 
   Attributes:
-    cars: the loop they drive in.
+    cars: the loop they drive in.  linkage: what their steering commands go through.
     episode_steps: control periods since the last restart, (N,).
   """
 
@@ -124,11 +124,11 @@ class Fleet:
     self._rngs = [np.random.default_rng([seed, 1]) for seed in seeds]
     task, everyone = self.task, np.ones(self.count, dtype=bool)
     self._begun_at = np.zeros(self.count)  # m, arc length at which the present episodes began
+    self._target = np.full(self.count, task.speed)  # m/s, to be held in them
     self._plant = car_batch(self.config.plant, *self._draw(everyone))
-    linkage = Linkage(self.count, task.servo_delay, task.servo_lag, task.period, *self._draw_linkage(everyone))
-    course, observer = Course(task.path, task.speed, task.period), self.config.observer(seeds, task.period)
-    self.cars = DrivenCars(course, self._plant, linkage, observer, self.config.speed_control, self._begun_at)
-    self._linkage = linkage
+    self.linkage = Linkage(self.count, task.servo_delay, task.servo_lag, task.period, *self._draw_linkage(everyone))
+    course, observer = Course(task.path, self._target, task.period), self.config.observer(seeds, task.period)
+    self.cars = DrivenCars(course, self._plant, self.linkage, observer, self.config.speed_control, self._begun_at)
     self.episode_steps = np.zeros(self.count, dtype=np.int64)
 
   @property
@@ -180,8 +180,8 @@ class Fleet:
     if not which.any():
       return
     self._plant.restart(which, *self._draw(which))
-    self._linkage.restart(which, *self._draw_linkage(which))
-    self.cars.restart(which, self._begun_at)
+    self.linkage.restart(which, *self._draw_linkage(which))
+    self.cars.restart(which, self._begun_at, self._target)
     self.episode_steps = np.where(which, 0, self.episode_steps)
 
   def expert(self) -> Array:
@@ -232,7 +232,8 @@ class Fleet:
     start = np.zeros((self.count, len(START)))
     for i in np.flatnonzero(which):
       self._begun_at[i] = self.task.begins_at(self._rngs[i])
-      start[i] = self.task.start_state(self._rngs[i], self._begun_at[i])
+      self._target[i] = self.task.target(self._rngs[i])
+      start[i] = self.task.start_state(self._rngs[i], self._begun_at[i], self._target[i])
       if self.config.spread and self._limits:
         self._theta[i] = self.config.spread.draw(self._limits, self.config.theta, self._rngs[i])
     return self._theta.copy(), start

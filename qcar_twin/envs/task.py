@@ -76,6 +76,7 @@ class TrackingTask:
 
   Attributes:
     path: followed from its start.  speed: m/s, held by a speed controller.  laps: of a closed path.
+    speed_spread: the speed is drawn again for every episode, uniformly within +- this around it, m/s.
     reward: weights.  lost: th_u, cross-track error that ends an episode, m.
     largest_rate: bound of the action, rad/s.  lock: of the steering angle, rad.
     start_offset, start_heading: episodes start uniformly within +- these, m and rad.
@@ -105,10 +106,15 @@ class TrackingTask:
   judged_by_truth: bool = True
   period: float = 0.01
   stretch: float = 0.0
+  speed_spread: float = 0.0
 
   def __post_init__(self) -> None:
     if self.speed <= 0.0 or self.period <= 0.0:
       raise ValueError(f"speed and period must be positive, got {self.speed:g} m/s and {self.period:g} s")
+    if not 0.0 <= self.speed_spread < self.speed:
+      raise ValueError(
+        f"a spread of {self.speed_spread:g} m/s around {self.speed:g} m/s: from 0 on and less than the speed"
+      )
     if not self.reward.near < self.lost:
       raise ValueError(f"the reward is flat within {self.reward.near:g} m, the car lost at {self.lost:g} m: swap them")
 
@@ -124,8 +130,12 @@ class TrackingTask:
 
   @property
   def longest(self) -> int:
-    """Control periods after which an episode is cut off: a quarter more than the way takes."""
-    return math.ceil(1.25 * self.distance / (self.speed * self.period))
+    """Control periods after which an episode is cut off: a quarter more than the way takes at the slowest speed."""
+    return math.ceil(1.25 * self.distance / ((self.speed - self.speed_spread) * self.period))
+
+  def target(self, rng: np.random.Generator) -> float:
+    """Speed of one episode, m/s; nothing is drawn where there is no spread."""
+    return self.speed + (float(rng.uniform(-1.0, 1.0)) * self.speed_spread if self.speed_spread else 0.0)
 
   def begins_at(self, rng: np.random.Generator) -> float:
     """Arc length at which an episode begins, m; nothing is drawn where all begin at the path's start."""
@@ -133,14 +143,14 @@ class TrackingTask:
       return 0.0
     return float(rng.uniform(0.0, self.path.length - (0.0 if self.path.closed else self.stretch)))
 
-  def start_state(self, rng: np.random.Generator, arc_length: float = 0.0) -> Array:
-    """A start drawn for one car, (7,) as `plant.START` has it: near the path at an arc length, m, at speed, wheels
-    straight."""
+  def start_state(self, rng: np.random.Generator, arc_length: float = 0.0, speed: float | None = None) -> Array:
+    """A start drawn for one car, (7,) as `plant.START` has it: near the path at an arc length, m, at its speed, m/s
+    (the task's without it), wheels straight."""
     offset, turned = rng.uniform(-1.0, 1.0, 2) * (self.start_offset, self.start_heading)
     at = self.path.at(arc_length)
     x, y, yaw = float(at.x), float(at.y), float(at.yaw)
     place = x - offset * math.sin(yaw), y + offset * math.cos(yaw), yaw + turned
-    return np.array([*place, self.speed, 0.0, 0.0, 0.0])
+    return np.array([*place, self.speed if speed is None else speed, 0.0, 0.0, 0.0])
 
   def linkage(self, rng: np.random.Generator) -> tuple[float, float]:
     """Steering gain, -, and offset, rad, of one episode; nothing is drawn where there is no spread."""

@@ -170,8 +170,8 @@ def test_the_shipped_agents_evaluation_is_its_own():
   assert described(SHIPPED) in stored["policies"].values()
 
 
-def test_the_registered_environment_shows_what_the_shipped_agent_sees():
-  env, policy = make_env(plant="bicycle", estimator="truth"), load_policy(SHIPPED)
+def test_the_registered_environment_can_show_what_the_shipped_agent_sees():
+  env, policy = make_env(plant="bicycle", estimator="truth", observation="any_speed"), load_policy(SHIPPED)
   assert env.observation_space.shape == (policy.sight.size,)
   np.testing.assert_allclose(env.interface.scale, policy.observation_scale)
 

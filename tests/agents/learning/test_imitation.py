@@ -154,9 +154,9 @@ def test_linkages_are_drawn_for_every_episode_within_their_spread():
   assert np.all(np.abs(drawn[:, 0] - 1.05) <= 0.1) and np.all(np.abs(np.degrees(drawn[:, 1])) <= 1.5)
   assert np.ptp(drawn[:, 0]) > 0.18 and np.ptp(np.degrees(drawn[:, 1])) > 2.8
   cars = fleet(options, [0, 1])
-  before = cars._linkage._gain.copy()
+  before = cars.linkage.gain.copy()
   cars.restart(np.array([True, False]))
-  assert cars._linkage._gain[0] != before[0] and cars._linkage._gain[1] == before[1]
+  assert cars.linkage.gain[0] != before[0] and cars._linkage._gain[1] == before[1]
 
 
 def test_without_a_spread_nothing_is_drawn():

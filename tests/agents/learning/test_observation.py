@@ -19,7 +19,7 @@ from qcar_twin.paths import path_named
 from qcar_twin.slow_means import MEMORY, remember
 from qcar_twin.untrusted import UnreadableFile
 
-WIDE, HISTORY = SIGHTS["wide"], SIGHTS["history"]
+WIDE, HISTORY, ANY_SPEED = SIGHTS["wide"], SIGHTS["history"], SIGHTS["any_speed"]
 OPTIONS = Options(plant="bicycle", estimator="truth", start_offset=0.0, start_heading=0.0)
 RNG = np.random.default_rng(0)
 
@@ -70,7 +70,7 @@ def test_curvature_is_seen_as_far_ahead_as_asked_and_over_the_end_of_a_lap():
   assert seen[0, 5] > 0.1
 
 
-@pytest.mark.parametrize("sight", [WIDE, HISTORY], ids=["wide", "history"])
+@pytest.mark.parametrize("sight", [WIDE, HISTORY, ANY_SPEED], ids=["wide", "history", "any_speed"])
 def test_training_and_drive_show_the_agent_the_same(sight):
   """A policy steers a fleet in training as it steers a drive, bit for bit, so that what is learnt is what counts."""
   policy, model = steering_policy(sight), Model.nominal()
@@ -120,6 +120,8 @@ def test_a_look_further_back_than_is_remembered_is_refused(tmp_path):
     load_policy(tmp_path)
   with pytest.raises(ValueError, match="give `recent`"):
     HISTORY.look(np.zeros((1, 4)), np.zeros(1), np.zeros((1, 2)), path_named("o"), np.zeros(1))
+  with pytest.raises(ValueError, match="give `speed`"):
+    ObservationSpec(speed=True).look(np.zeros((1, 4)), np.zeros(1), np.zeros((1, 2)), path_named("o"), np.zeros(1))
 
 
 def test_the_last_words_of_an_episode_are_seen_before_the_restart():

@@ -21,6 +21,7 @@ from agents.learning import by_reward
 from agents.learning.by_reward import train_by_reward
 from agents.learning.environments import ENV_ID, options_from
 from agents.learning.hyperparameters import ALGORITHMS, file_of, read_hyperparameters
+from agents.learning.observation import SIGHTS
 from agents.learning.policy_file import load_policy
 from agents.learning.sb3_zip import policy_from_zip
 from agents.learning.trial import CLOSEST, TRACKS, Trial, quickly, trial_from
@@ -127,12 +128,18 @@ def test_options_of_the_command_reach_the_training_and_those_left_out_are_the_fi
     3,
   )
   assert trial.options.reward.m6 == 0.0 and trial.options.demonstrator == "" and trial.options.plant == "reduced"
-  assert trial.every == 500_000
+  assert trial.every == 16_000_000 // 12 and trial.critic == "truth"
+  assert asked_for(tmp_path, algorithm="ppo").observation == "any_speed"
+  assert (
+    asked_for(tmp_path, algorithm="ppo", critic="own").critic == asked_for(tmp_path, algorithm="sac").critic == "own"
+  )
   assert asked_for(tmp_path, algorithm="ppo", path="o").options.stretch == 0.0
   assert asked_for(tmp_path, algorithm="sac", quick=True).every == CLOSEST
   assert asked_for(tmp_path, algorithm="sac", plant="twin", steering_gain=0.9).options.plant == "twin"
   with pytest.raises(ValueError, match="--episodes is of the paper's training"):
     asked_for(tmp_path, algorithm="td3", episodes=5)
+  with pytest.raises(ValueError, match="sees the truth is for ppo; take --critic own"):
+    asked_for(tmp_path, algorithm="sac", critic="truth")
 
 
 def test_a_value_is_refused_before_anything_is_written(tmp_path):
@@ -163,7 +170,7 @@ def test_the_rl_zoo_takes_the_shipped_files_unmodified(algorithm, tmp_path):
   assert done.returncode == 0, done.stderr[-2000:]
   (made,) = tmp_path.rglob("*PathTracking-v1.zip")
   policy = policy_from_zip(made)
-  assert policy.name == algorithm and policy.sight.size == 9
+  assert policy.name == algorithm and policy.sight == SIGHTS["any_speed"]
 
 
 # -- going on ------------------------------------------------------------------------------------

@@ -57,6 +57,19 @@ def test_without_a_linkage_the_commands_reach_the_plant_as_they_are():
   np.testing.assert_array_equal(plain.signals, same.signals)
 
 
+def test_a_restart_leaves_the_other_cars_bit_for_bit_as_they_are():
+  cars = driven(3)
+  for k in range(60):
+    cars.step(np.full(3, 0.1 * math.sin(0.05 * k)))
+  before, arc, seen = cars.errors, cars.arc_length, cars.errors.observation.copy()
+  which = np.array([False, True, False])
+  cars.restart(which, 0.25, np.array([9.0, 0.7, 9.0]))
+  np.testing.assert_array_equal(before.observation, seen)  # who holds the old numbers keeps them
+  np.testing.assert_array_equal(cars.errors.observation[:, ~which], seen[:, ~which])
+  np.testing.assert_array_equal(cars.arc_length[:, ~which], arc[:, ~which])
+  assert cars.target.tolist() == [COURSE.speed, 0.7, COURSE.speed]
+
+
 def test_progress_follows_truth_and_estimate_apart_and_they_agree_for_one_who_sees_the_truth():
   cars = driven(3)
   for k in range(200):

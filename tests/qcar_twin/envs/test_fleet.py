@@ -26,6 +26,28 @@ def run(fleet, rates):
   return np.stack(signals), np.stack(seen), np.stack(rewards)
 
 
+# -- speeds --------------------------------------------------------------------------------------
+
+
+def test_every_episode_has_a_speed_of_its_own_and_holds_it():
+  cars = make_fleet(range(40), "bicycle", sensed=False, speed=0.9, speed_spread=0.6)
+  first = cars.cars.target.copy()
+  assert 0.3 <= first.min() < 0.5 and 1.3 < first.max() <= 1.5
+  np.testing.assert_allclose(cars.signals[:, signal_index("velocity_x")], first)
+  for _ in range(60):
+    cars.step(np.zeros(40))
+  np.testing.assert_allclose(cars.signals[:, signal_index("velocity_x")], first, rtol=0.15)
+  cars.restart(np.arange(40) < 20)
+  assert np.all(cars.cars.target[:20] != first[:20]) and np.all(cars.cars.target[20:] == first[20:])
+
+
+def test_without_a_spread_no_speed_is_drawn_and_a_spread_past_standstill_is_refused():
+  plain, spread = (make_fleet([3], "bicycle", sensed=False, speed_spread=x) for x in (0.0, 0.1))
+  assert plain.cars.target[0] == 0.5 != spread.cars.target[0] and plain.task.longest < spread.task.longest
+  with pytest.raises(ValueError, match="from 0 on and less than the speed"):
+    make_fleet([3], "bicycle", sensed=False, speed_spread=0.5)
+
+
 # -- batches of cars -----------------------------------------------------------------------------
 
 
