@@ -45,9 +45,11 @@ def judged(decision: Decision, evidence: Evidence, levels: Levels) -> tuple[str,
   """Which model's leftovers the verdict looks at: that behind the claims.
 
   Without a claim, what a mechanism explains that is there but too small to matter is no riddle, either: it is then
-  the model of the first such mechanism. The evidence holds what the recalibrated twin leaves.
+  the model of the first such mechanism. Names that are alike and too many to claim one are not too small: what they
+  explain is left. The evidence holds what the recalibrated twin leaves.
   """
-  if not decision.claims and decision.possible and above_level(evidence.left(()) or (), levels):
+  small = decision.possible and not (decision.claims or decision.undecided)
+  if small and above_level(evidence.left(()) or (), levels):
     return (decision.possible[0],)
   return decision.mechanisms
 

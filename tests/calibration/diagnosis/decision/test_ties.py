@@ -59,7 +59,7 @@ def test_what_acts_under_names_too_many_to_claim_is_unexplained(offset_pool):
   decision = decided(pool, needed)
   assert decision.claims == ()
   assert "steering_offset" in decision.undecided and "side_force" in decision.undecided
-  assert concluded(pool, dataclasses.replace(decision, possible=())).verdict == "unexplained"
+  assert concluded(pool, decision).verdict == "unexplained"
   assert decided(pool, dataclasses.replace(needed, claim=0.999)).undecided == ""
 
 
