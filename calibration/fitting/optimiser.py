@@ -5,8 +5,10 @@ steps of an iteration are one batched simulation. Source of the method: Nocedal 
 Numerical Optimization, 2nd ed., chapter 10; the pseudo-Huber loss: Hartley and Zisserman, A6.8.
 
 Wheels that lock, slip and catch again make a cost rough: its slope over a hundredth of a parameter's scale is not that
-of the valley. Where forward differences see no more gain, central differences over wider stencils go on, from the
-widest to the narrowest (implicit filtering: Gilmore and Kelley, SIAM Journal on Optimization 5, 1995).
+of the valley. Where forward differences see no more gain, central differences go on over stencils from the widest to
+the narrowest (implicit filtering: Gilmore and Kelley, SIAM Journal on Optimization 5, 1995). The narrowest is no wider
+than the forward step: the point where a fit stands was chosen as the lowest of several, so that its own chatter is on
+the low side, and forward differences put that into every column alike; central differences don't use it.
 """
 
 import dataclasses
@@ -26,7 +28,8 @@ _LEAST_GAIN = 1.0  # nats an iteration must bring to be followed by another
 # actual over predicted reduction of the cost: from _SERVES on the Jacobian serves for another step, from _TRUSTED on a
 # step needs no others to be tried with it
 _SERVES, _TRUSTED = 0.7, 0.9
-_STENCILS = (0.3, 0.1)  # half widths of the central differences that a search for the minimum ends with, in scales
+NARROWEST = 0.02
+_STENCILS = (0.3, 0.1, NARROWEST)  # half widths of the central differences that a search ends with, in scales
 
 
 @dataclasses.dataclass(frozen=True)

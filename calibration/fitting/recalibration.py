@@ -16,7 +16,7 @@ from calibration.fitting.likelihood import Problem, Weighting, weighting_from
 from calibration.fitting.noise import ChannelNoise, noise_models
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import Observations, observe
-from calibration.fitting.optimiser import Fit, finite_differences, fit, prior_cost
+from calibration.fitting.optimiser import NARROWEST, Fit, central_differences, fit, prior_cost
 from calibration.fitting.surrogate import Stretch, anchored
 from calibration.fitting.tolerances import widened
 from calibration.fitting.windows import DEFAULT_CUT, Cut
@@ -145,9 +145,13 @@ def settled_from(recalibrated: RecalibratedTwin, start: Array) -> RecalibratedTw
 
 
 def _slopes(problem: Problem, base: ParameterSet, values: Array) -> Array:
-  """Of all values, fitted and judging, at estimates of the base parameters, (M, p)."""
+  """Of all values, fitted and judging, at estimates of the base parameters, (M, p).
+
+  By central differences: a scan and every larger model rest on them, and forward ones have the chatter of the point
+  where the fit stands in every column.
+  """
   everything = lambda v: problem.residual(problem.embed(base.names, v, problem.parameters.nominal))
-  return finite_differences(everything, base, values, everything(values[None])[0])
+  return central_differences(everything, base, values, NARROWEST)
 
 
 def misled(problem: Problem, anchor: Array, tried: Array) -> list[Stretch]:
