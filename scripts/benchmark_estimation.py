@@ -44,7 +44,7 @@ class Config:
   """Number of cars per case of the controller table."""
   faulty: int = 8
   """Number of cars per path and class of faults."""
-  bent: int = 16
+  bent: int = 8
   """Number of cars per path and linkage of the mismatch table."""
   sections: tuple[str, ...] = SECTIONS
   """Sections to measure: oval, mismatch, recorded, faults, tracking, cost. The others stay as they are in the file."""

@@ -20,6 +20,7 @@ from calibration.concealed.second_car.session import drawn_car as second_car
 from qcar_twin.atomic_io import write_text
 from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.command_line import run_script
+from qcar_twin.recordings.recording import nearest
 from qcar_twin.vehicle.vehicle import Vehicle
 
 LONGEST = 20.0  # s, of a drive
@@ -57,7 +58,7 @@ def subject(name: str, seed: int) -> Subject:
     car = second_car(seed)
     plant = SecondCarPlant(car, noise=1.0, seed=seed, seconds=LONGEST)
   else:
-    raise ValueError(f"no car '{name}'; there are twin, first and second")
+    raise ValueError(f"no car '{name}'{nearest(name, Config.cars)}")
   vehicle = Vehicle.from_dataset(*car.measured(stream(seed, 1)))
   told = Model(vehicle, Bicycle(vehicle).parameters.nominal)
   return Subject(name, plant.begin, told.car, told.filter_settings("reduced"))

@@ -99,8 +99,11 @@ class FederatedBatch:
       fix: lidar x, y [m], yaw [rad], score, measured `age` periods before its end, (N, 4).
 
     Raises:
-      ValueError: the fix is older than kept.
+      ValueError: the fix is older than kept, or something is not of N cars.
     """
+    for name, given, width in (("motion", motion, 2), ("accel", accel, 2), ("fix", fix, 4)):
+      if given is not None and np.shape(given) != (self.count, width):
+        raise ValueError(f"{name} of shape {np.shape(given)}; {self.count} cars have ({self.count}, {width})")
     if not 0 <= age <= self._oldest:
       raise ValueError(f"a fix of age {age} periods; at most {self._oldest} are kept, raise `oldest`")
     slot = self.slots[self.present + 1]

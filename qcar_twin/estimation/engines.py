@@ -5,17 +5,19 @@ and watches are the same; states and covariances agree to rounding.
 """
 
 from types import ModuleType
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.estimation import kalman
 from qcar_twin.extras import extra
+from qcar_twin.recordings.recording import nearest
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Engine = Literal["batched", "filterpy"]
+ENGINES: tuple[str, ...] = get_args(Engine)
 
 
 def engine_of(name: Engine, count: int) -> "ModuleType | Filterpy":
@@ -28,7 +30,7 @@ def engine_of(name: Engine, count: int) -> "ModuleType | Filterpy":
   if name == "batched":
     return kalman
   if name != "filterpy":
-    raise ValueError(f"no filter engine '{name}'; there are batched and filterpy")
+    raise ValueError(f"no filter engine '{name}'{nearest(name, ENGINES)}")
   if count != 1:
     raise ValueError(f"the engine filterpy is for one car, not for {count}; take the engine batched")
   return Filterpy()

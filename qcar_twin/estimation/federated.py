@@ -147,7 +147,16 @@ class FederatedFilter:
   # -- the clock ---------------------------------------------------------------------------------
 
   def start(self, time: float, pose: tuple[float, float, float], speed: float = 0.0, std: float = 0.01) -> None:
-    """Start from a known pose (m, m, rad; standard deviation `std`) and speed (m/s) instead of the first fix."""
+    """Start from a known pose (m, m, rad; standard deviation `std`) and speed (m/s) instead of the first fix.
+
+    Raises:
+      ValueError: one of them is not finite, or `std` is not positive.
+    """
+    said = {"time": time, "x": pose[0], "y": pose[1], "yaw": pose[2], "speed": speed, "std": std}
+    if wrong := [name for name, value in said.items() if not math.isfinite(value)]:
+      raise ValueError(f"the filter cannot start: {', '.join(wrong)} not finite; without `start` it waits for a fix")
+    if std <= 0.0:
+      raise ValueError(f"the filter cannot start from a pose with a standard deviation of {std:g}; it must be positive")
     self._started = self._batch.present = self._clock.place(time)[0]
     self._batch.start(np.array([pose]), np.array([speed]), std)
 
@@ -155,7 +164,12 @@ class FederatedFilter:
     """Advance to a time, s, starting over from where late arrivals have changed the past, and report.
 
     A time further back than the buffer reaches means that the clock was set back; the filter goes on by the new one.
+
+    Raises:
+      ValueError: the time is not finite.
     """
+    if not math.isfinite(time):
+      raise ValueError(f"an estimate at the time {time}: ask with the time of the clock that stamps the samples, s")
     index, _ = self._clock.place(time)
     self._recent_time = math.nan
     if self._started is None:

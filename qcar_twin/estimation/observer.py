@@ -93,6 +93,11 @@ class SensedObserver:
     self.heard: list[Heard] = []
     self._keep = keep
     settings = settings or FilterSettings()
+    if abs(settings.period - suite.period) > 1e-9:
+      raise ValueError(
+        f"a filter of a period of {settings.period:g} s on sensors of {suite.period:g} s; give the filter's settings"
+        " and the suite the plant's period"
+      )
     oldest = round(settings.buffer / settings.period)
     self.filter = FederatedBatch(car, settings, suite.count, oldest=oldest, watched=watched)
 

@@ -15,7 +15,7 @@ from qcar_twin.kinematics import kinematic_sideslip_angle, wrap_angle
 from qcar_twin.recordings.recording import Recording, RecordingError
 
 Array = NDArray[np.float64]
-ONBOARD = ("motor_speed", "speed", "accel_x", "accel_y", "yaw_rate")
+ONBOARD: tuple[str, ...] = ("motor_speed", "speed", "accel_x", "accel_y", "yaw_rate")
 NAMES = ("pose_x", "pose_y", "pose_yaw", "speed", "sideslip_angle", "yaw_rate")
 
 

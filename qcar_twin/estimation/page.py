@@ -45,8 +45,10 @@ def write_estimates(folder: Path, recording: Recording, estimates: Estimates) ->
   numbers = {
     name: dict(zip(("value", "std"), known[-1].tolist(), strict=True)) for name, known in estimates.numbers.items()
   }
-  told = {"valid": share, "not valid because": dict(estimates.reasons), "refused": refused}
-  return told | ({"numbers": numbers} if numbers else {})
+  summary: dict[str, object] = {"valid": share, "not valid because": dict(estimates.reasons), "refused": refused}
+  if numbers:
+    summary["numbers"] = numbers
+  return summary
 
 
 def write_estimation(

@@ -23,6 +23,8 @@ to a twentieth, a motor known by its data sheet."""
 LEARNT = ("steering_gain", "steering_offset", "yaw_rate_bias", "speed_scale")
 """Those of them that are worth a state: docs/results/estimation.md."""
 
+NEVER_NEGATIVE = ("_std", "_lag", "_delay", "_timeout", "_limit", "_correlation")
+POSITIVE = ("period", "buffer", "speed_std", "yaw_rate_std", "speed_scale", "drive_scale", "forgetting", "score_full")
 TOLD = {  # as they are, of a twin's parameters, and of the settings
   "steering_offset": "steering_offset",
   "gyro_bias": "yaw_rate_bias",
@@ -119,6 +121,18 @@ class FilterSettings:
   lost_after: int = 5
 
   def __post_init__(self) -> None:
+    numbers = {name: value for name, value in vars(self).items() if isinstance(value, (int, float))}
+    for name, value in numbers.items():
+      if math.isnan(value):
+        raise ValueError(f"FilterSettings.{name} is not a number; leave it out for {getattr(type(self), name)}")
+      if name.startswith("walk_") or name.endswith(NEVER_NEGATIVE):
+        if value < 0.0:
+          raise ValueError(f"FilterSettings.{name} is {value:g}; it must not be negative")
+      if name in POSITIVE and value <= 0.0:
+        raise ValueError(f"FilterSettings.{name} is {value:g}; it must be positive")
+    for name in ("gate", "risk"):
+      if not 0.0 < numbers[name] < 1.0:
+        raise ValueError(f"FilterSettings.{name} is {numbers[name]:g}; a probability lies between 0 and 1")
     if min(self.sharing) <= 0.0 or max(self.sharing) > 1.0:
       raise ValueError(f"information sharing factors must lie in (0, 1], got {self.sharing}")
 

@@ -22,6 +22,7 @@ from qcar_twin.estimation.state import FilterState
 from qcar_twin.estimation.watches.model import LEAST_GRIP
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 LINKAGE = ("steering_gain", "steering_offset")
 TYRES = (*LINKAGE, "speed_scale", "drive_scale")  # what tyres that give way would pass for
 MEASURED_WITH = {V: "speed_scale", R: "yaw_rate_bias"}  # by the row that is measured
@@ -103,12 +104,12 @@ class Unknowns:
         cars = np.flatnonzero(which)
         state.bicycle, state.bicycle_covariance = state.bicycle.copy(), state.bicycle_covariance.copy()
         for array, old in zip((state.bicycle, state.bicycle_covariance), before, strict=True):
-          block = np.ix_(cars, *[rows] * (old.ndim - 1))
+          block = np.ix_(cars, *[np.array(rows)] * (old.ndim - 1))
           array[block] = old[block]
 
 
-def forget(state: FilterState, row: int, std: float, which: Array) -> None:
-  """Know an unknown number, of some cars, as at the start."""
+def forget(state: FilterState, row: int, std: float, which: Mask) -> None:
+  """Know an unknown number, of some cars, (N,), as at the start."""
   if not which.any():
     return
   state.bicycle, covariance = state.bicycle.copy(), state.bicycle_covariance.copy()

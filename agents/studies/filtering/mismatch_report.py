@@ -83,12 +83,14 @@ def measured(drives: Drives, base: FilterSettings, noise: FilterSettings, quick:
     }
     kinds |= {"plain, noise fitted": lambda how: noise, "states, noise fitted": lambda how: learning(noise)}
   asked = lambda name, how: not (name == "informed" and how == NOMINAL) and not ("noise" in name and how == LATE)
-  return {
-    (name, how, path): quality(oval, settings(how))
-    for name, settings in kinds.items()
-    for (path, how), oval in drives.items()
-    if asked(name, how)
-  }
+  table: Table = {}
+  for name, settings in kinds.items():
+    hows = [how for how in dict.fromkeys(how for _, how in drives) if asked(name, how)]
+    for some in [[how] for how in hows] if name == "informed" else [hows]:
+      chosen = {key: oval for key, oval in drives.items() if key[1] in some}
+      for (path, how), one in zip(chosen, quality(list(chosen.values()), settings(some[0])), strict=True):
+        table[name, how, path] = one
+  return table
 
 
 def _groups(table: Table) -> dict[tuple[str, str], dict[str, Quality]]:
@@ -174,7 +176,7 @@ def _sensors(model: Model, controller: Controller, base: FilterSettings, count: 
   for what, biases in (("accelerometer", ACCEL_BIASES), ("gyro", GYRO_BIASES)):
     for bias in biases:
       oval = offset_imu(model, controller, task(model, "c", NOMINAL), count, SEED, **{what: bias})
-      plain, without, all_of = (quality(oval, settings) for settings in (base, three, learning(base)))
+      plain, without, all_of = (quality([oval], settings)[0] for settings in (base, three, learning(base)))
       unit = "m/s^2" if what == "accelerometer" else "rad/s"
       cells = [f"{1e3 * np.median(q.position):.1f} / {1e3 * np.median(q.yaw):.1f}" for q in (plain, without, all_of)]
       rows.append((what, f"{bias:g} {unit}", *cells, f"{1e3 * np.median(all_of.own):.1f}"))

@@ -5,7 +5,7 @@ differences are paired. A further drive has each filter in the loop.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from qcar_twin.sensors.suite import qcar_sensors
 Array = NDArray[np.float64]
 PLANT, LATE = "twin", "late"
 DELAY, LAG = 0.04, 0.05  # s, of the late linkage, besides the twin's servo
-LAPS = 2
+LAPS = 1
 FITTED_ON = ("o", "infinity")  # paths of the drives that the noise is fitted to
 FIT_SEED = 9000  # of their sensors
 Drives = Mapping[tuple[str, str], Oval]  # by path and linkage
@@ -90,37 +90,61 @@ def fitted(model: Model, settings: FilterSettings, controller: Controller, count
   ]
 
   def evidence(trial: FilterSettings) -> tuple[float, float]:
-    total = np.sum([filtered(oval, trial)[0].filters.evidence.sum(axis=0) for oval in drives], axis=0)
-    return float(total[0]), float(total[1])
+    bicycle, point = filtered(drives, trial)[0].filters.evidence.sum(axis=0)
+    return float(bicycle), float(point)
 
-  return most_likely(evidence, settings)
+  return most_likely(evidence, settings, rounds=1)
 
 
-def filtered(oval: Oval, settings: FilterSettings) -> tuple[FederatedBatch, list[tuple[Array, ...]]]:
-  """The filter on a drive's readings: it, and its estimates instant by instant."""
-  signals, commands = oval.result.signals, oval.result.commands
-  batch = FederatedBatch(oval.model.car, settings, signals.shape[1], oldest=100)
-  batch.start(signals[0, :, :3], signals[0, :, 3])
+def filtered(ovals: Sequence[Oval], settings: FilterSettings) -> tuple[FederatedBatch, list[tuple[Array, ...]]]:
+  """One filter on the readings of all cars of several drives side by side: it, and its estimates by instant.
+
+  A drive that has ended has no more samples; all have the same sensors, so that fixes come at the same instants.
+  """
+  counts = [oval.result.signals.shape[1] for oval in ovals]
+  first = np.concatenate([oval.result.signals[0, :, :4] for oval in ovals])
+  batch = FederatedBatch(ovals[0].model.car, settings, sum(counts), oldest=100)
+  batch.start(first[:, :3], first[:, 3])
   rows: list[tuple[Array, ...]] = []
-  for k, (motion, accel, fix, age) in enumerate(oval.heard):
-    batch.command(commands[k])
-    batch.advance(motion, accel, fix, age)
+  for k in range(max(len(oval.heard) for oval in ovals)):
+    beside = [_at(oval, k, count) for oval, count in zip(ovals, counts, strict=True)]
+    commands, motion, accel, fix = (np.concatenate(part) for part in zip(*(b[:4] for b in beside), strict=True))
+    batch.command(commands)
+    arrived = np.isfinite(fix).any()
+    batch.advance(motion, accel, fix if arrived else None, max(b[4] for b in beside) if arrived else 0)
     e = batch.estimate()
     rows.append((e.pose, e.covariance, e.sideslip_angle, e.bounds, batch.state.bicycle[:, POSITION]))
   return batch, rows
 
 
-def quality(oval: Oval, settings: FilterSettings) -> Quality:
-  """The filter with these settings on a drive's readings."""
-  batch, rows = filtered(oval, settings)
-  pose, covariance, sideslip, bounds, own = (np.stack(column)[WARM_UP:] for column in zip(*rows, strict=True))
+def _at(oval: Oval, k: int, count: int) -> tuple[Array, Array, Array, Array, int]:
+  """Commands, motion, accelerations, fix and its age at an instant of a drive; NaN for none."""
+  none = np.full((count, 4), np.nan)
+  if k >= len(oval.heard):
+    return none[:, :2], none[:, :2], none[:, :2], none, 0
+  motion, accel, fix, age = oval.heard[k]
+  return oval.result.commands[k], motion, accel, none if fix is None else fix, age
+
+
+def quality(ovals: Sequence[Oval], settings: FilterSettings) -> list[Quality]:
+  """The filter with these settings on the readings of drives, each by itself."""
+  batch, rows = filtered(ovals, settings)
+  columns, done, at = [np.stack(column) for column in zip(*rows, strict=True)], [], 0
+  for oval in ovals:
+    cars = slice(at, at := at + oval.result.signals.shape[1])
+    numbers = {name: getattr(settings, name) + batch.state.bicycle[cars, row] for name, row in settings.rows.items()}
+    done.append(_judged(oval, [column[WARM_UP : len(oval.heard), cars] for column in columns], numbers))
+  return done
+
+
+def _judged(oval: Oval, columns: list[Array], numbers: Mapping[str, Array]) -> Quality:
+  pose, covariance, sideslip, bounds, own = columns
   truth = oval.truth[WARM_UP:]
   off, own = pose[..., POSITION] - truth[..., POSITION], own - truth[..., POSITION]
   turned, slid = angle_error(pose[..., YAW], truth[..., YAW]), angle_error(sideslip, truth[..., SIDESLIP])
   wrong = np.stack([np.hypot(off[..., 0], off[..., 1]), np.abs(turned)], axis=-1) > bounds
   mean = lambda a: np.sqrt(np.mean(a**2, axis=0))
   place = lambda a: np.sqrt(np.mean(np.sum(a**2, axis=-1), axis=0))
-  numbers = {name: getattr(settings, name) + batch.state.bicycle[:, row] for name, row in settings.rows.items()}
   return Quality(
     place(off),
     place(own),

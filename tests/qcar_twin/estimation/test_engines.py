@@ -50,7 +50,7 @@ def test_a_copy_goes_on_with_its_engine():
 def test_what_an_engine_cannot_do_is_said(monkeypatch):
   with pytest.raises(ValueError, match="for one car, not for 3"):
     FederatedBatch(CAR, FilterSettings(), 3, engine="filterpy")
-  with pytest.raises(ValueError, match="there are batched and filterpy"):
+  with pytest.raises(ValueError, match="valid are: batched, filterpy"):
     FederatedFilter(CAR, engine="numpy")
   monkeypatch.setitem(__import__("sys").modules, "filterpy.kalman", None)
   with pytest.raises(MissingExtra, match=r"qcar-twin\[filterpy\]"):
