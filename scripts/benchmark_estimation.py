@@ -11,7 +11,7 @@ from agents.control.controllers import load
 from agents.control.model import Model
 from agents.studies.estimation_report import cost_section, oval_section, recorded_section
 from agents.studies.fault_report import fault_section
-from agents.studies.filtering.mismatch_report import mismatch_section
+from agents.studies.filtering.mismatch_report import mismatch_section, noise_section, states_section
 from agents.studies.tracking_report import tracking_section
 from calibration.identification.identification import identify
 from qcar_twin.atomic_io import write_text
@@ -19,8 +19,8 @@ from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.vehicle.vehicle import Vehicle
 
-TITLES = ("## Oval", "## Nominal", "## Real", "## The filter under faults", "## Controllers", "## Cost")
-SECTIONS = ("oval", "mismatch", "recorded", "faults", "tracking", "cost")
+TITLES = "## Oval|## Nominal|## Other|## What|## Real|## The filter under faults|## Controllers|## Cost".split("|")
+SECTIONS = ("oval", "mismatch", "noise", "states", "recorded", "faults", "tracking", "cost")
 HEAD = """# Results: sensors, federated filter, model-based controllers
 
 Made by `qcar-twin benchmark-estimation{options}`; every number below is measured by it, none is typed in.
@@ -45,9 +45,9 @@ class Config:
   faulty: int = 8
   """Number of cars per path and class of faults."""
   bent: int = 8
-  """Number of cars per path and linkage of the mismatch table."""
+  """Number of cars per path and linkage of the sections mismatch, noise and states."""
   sections: tuple[str, ...] = SECTIONS
-  """Sections to measure: oval, mismatch, recorded, faults, tracking, cost. The others stay as they are in the file."""
+  """Sections to measure: oval, mismatch, noise, states, recorded, faults, tracking, cost. The others stay."""
   quick: bool = False
   """Two cars, one lap, few cases."""
 
@@ -68,13 +68,14 @@ def main(config: Config) -> None:
   figures.mkdir(parents=True, exist_ok=True)
   model = Model.nominal()
   controllers = load(model.car)
-  sizes = config.seeds, config.runs, config.faulty, config.bent
-  count, runs, faulty, bent = (2, 2, 2, 2) if config.quick else sizes
+  count, runs, faulty, bent = (2,) * 4 if config.quick else (config.seeds, config.runs, config.faulty, config.bent)
   options = (f" --dart {config.dart}" if config.dart else "") + " --quick" * config.quick
   best = controllers["lq_cm", "tuned"]
   work = {
     "oval": lambda: oval_section(model, best, count, figures, quick=config.quick),
     "mismatch": lambda: mismatch_section(model, best, bent, quick=config.quick),
+    "noise": lambda: noise_section(model, best, bent, quick=config.quick),
+    "states": lambda: states_section(model, best, bent, quick=config.quick),
     "recorded": lambda: recorded(config, figures),
     "faults": lambda: fault_section(model, best, faulty, quick=config.quick),
     "tracking": lambda: tracking_section(model, controllers, runs, figures, quick=config.quick),

@@ -17,7 +17,7 @@ from qcar_twin.estimation.engines import Engine
 from qcar_twin.estimation.noise_fit import fit_noise
 from qcar_twin.estimation.offline import ONBOARD, filter_recording
 from qcar_twin.estimation.page import write_all, write_estimation
-from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.estimation.settings import LEARNT, FilterSettings
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.sensors.noise import standstill_noise
@@ -45,8 +45,8 @@ class Config:
   """Delay of the IMU's and encoder's time stamps after their measurement, s."""
   sharing: tuple[float, float] = (1.0, 1.0)
   """Information sharing of the lidar between EKF_BM and EKF_PM, dimensionless: 1 1 as printed, 0.5 0.5 consistent."""
-  unknown: tuple[str, ...] = ()
-  """Numbers to estimate besides: steering_gain, steering_offset, yaw_rate_bias, speed_scale, drive_scale."""
+  unknown: tuple[str, ...] = LEARNT
+  """Numbers to estimate besides; also drive_scale. Without a name after it: none, the paper's filter."""
   twin: Path | None = None
   """Twin file (TOML) that tells the filter of linkage, lags, delays and sensors."""
   engine: Engine = "batched"

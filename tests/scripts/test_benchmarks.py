@@ -37,7 +37,7 @@ def test_estimation_without_a_real_car_says_so_on_its_page(tmp_path):
   benchmark_estimation.main(benchmark_estimation.Config(tmp_path / "page.md", quick=True, sections=("cost",)))
   again = (tmp_path / "page.md").read_text(encoding="utf-8")
   assert again.split("## Cost")[0] == before and "online, one car" in again.split("## Cost")[1]
-  with pytest.raises(ValueError, match="no section speed; there are oval, mismatch, recorded, faults"):
+  with pytest.raises(ValueError, match="no section speed; there are oval, mismatch, noise, states, recorded, faults"):
     benchmark_estimation.main(benchmark_estimation.Config(tmp_path / "page.md", quick=True, sections=("speed",)))
 
 

@@ -1,4 +1,4 @@
-"""The section of the results on the filter where its model is not the car."""
+"""The sections of the results on the filter where its model is not the car."""
 
 import dataclasses
 from collections.abc import Callable
@@ -33,64 +33,95 @@ FACTORS = (2.0, 0.5)  # times the process noise
 ACCEL_BIASES, GYRO_BIASES = (0.0, 0.05, 0.3), (0.003, 0.02)  # m/s^2 and rad/s, standard deviations
 WALKS = ("walk_position", "walk_speed", "walk_yaw", "walk_sideslip", "walk_yaw_rate", "walk_point_velocity")
 Table = dict[tuple[str, str, str], Quality]  # by filter, linkage, path
+Kinds = dict[str, Callable[[str], FilterSettings]]  # settings for a linkage, by a filter's name
 TITLES = ("filter", "linkage", "O", "infinity", "C", "yaw [mrad]", "sideslip [mrad]", "beyond")
 
 
 def mismatch_section(model: Model, controller: Controller, count: int, quick: bool = False) -> list[str]:
-  """The filter, plain, informed and learning, with every linkage and noise; what it makes of unknown numbers."""
-  hows = (NOMINAL, MISMATCHED) if quick else (NOMINAL, MISMATCHED, LATE)
+  """The filter, plain, informed and learning, with every linkage; what it makes of unknown numbers."""
   base = model.filter_settings(PLANT)
-  noise = base if quick else fitted(model, base, controller, 2)
-  drives = drive_all(model, controller, count, SEED, hows)
-  table = measured(drives, base, noise, quick)
-  lines = [
-    "## Nominal, mismatched, with other noise",
-    "",
-    f"{count} cars on each path of the twin at 0.5 m/s. N: steering as commanded. MIS: steering gain 0.92 and offset"
-    f" +1 degree. Late: {1e3 * DELAY:.0f} ms of dead time and {1e3 * LAG:.0f} ms of lag besides the servo's. LQ_cm"
-    " steers on the plain filter's estimate; every filter takes the same readings. Informed: the settings say what the"
-    " linkage is. States: EKF_BM estimates steering gain and offset, the gyro's bias and the encoder's scale. Noise is"
-    " the process noise densities times a factor, or fitted: those under which the fixes of other nominal drives are"
-    " most likely. The paths' columns are position RMSE in mm / NEES, medians of the cars; 2 is a consistent filter's"
-    " NEES. Yaw and sideslip are RMSE on the worst path."
-    " Beyond is the largest share of instants beyond a stated bound.",
-    "",
-    *markdown.table(TITLES, _rows(table)),
-    "",
-    *_ratios(table),
-    "",
-    *_numbers_table(table),
-  ]
-  if quick:
-    return lines
-  fits = ", ".join(f"{name} {getattr(noise, name):.3g}" for name in WALKS)
-  lines += ["", f"Fitted on nominal drives of the paths {', '.join(FITTED_ON)}: {fits} (SI per sqrt(s))."]
-  return [*lines, "", *_in_the_loop(model, controller, base, count), "", *_sensors(model, controller, base, count)]
-
-
-def measured(drives: Drives, base: FilterSettings, noise: FilterSettings, quick: bool) -> Table:
-  """Every filter on every drive, by its name, linkage and path."""
-  kinds: dict[str, Callable[[str], FilterSettings]] = {
+  drives = drive_all(model, controller, count, SEED, (NOMINAL, MISMATCHED) if quick else (NOMINAL, MISMATCHED, LATE))
+  kinds: Kinds = {
     "plain": lambda how: base,
     "informed": lambda how: told_of(base, how),
     "states": lambda how: learning(base),
   }
+  table = measured(drives, kinds)
+  plain, states = (100.0 * _raised(table, name, MISMATCHED, name, NOMINAL) for name in ("plain", "states"))
+  return [
+    "## Nominal, mismatched, late",
+    "",
+    f"{count} cars on each path of the twin at 0.5 m/s. N: steering as commanded. MIS: steering gain 0.92 and offset"
+    f" +1 degree. Late: {1e3 * DELAY:.0f} ms of dead time and {1e3 * LAG:.0f} ms of lag besides the servo's. LQ_cm"
+    " steers on the plain filter's estimate; every filter takes the same readings. Informed: the settings say what the"
+    " linkage is. States: EKF_BM estimates steering gain and offset, the gyro's bias and the encoder's scale. The"
+    " paths' columns are position RMSE in mm / NEES, medians of the cars; 2 is a consistent filter's NEES. Yaw and"
+    " sideslip are RMSE on the worst path. Beyond is the largest share of instants beyond a stated bound.",
+    "",
+    *markdown.table(TITLES, _rows(table)),
+    "",
+    f"MIS raises the plain filter's position RMSE by up to {plain:.0f} %, the one with the states by {states:.0f} %.",
+    "",
+    *_numbers_table(table),
+  ]
+
+
+def noise_section(model: Model, controller: Controller, count: int, quick: bool = False) -> list[str]:
+  """The filter with process noise that is twice, half, or fitted on the twin's plant."""
+  base = model.filter_settings(PLANT)
+  drives = drive_all(model, controller, count, SEED, (NOMINAL, MISMATCHED))
+  kinds: Kinds = {}
+  for name, of in (("plain", lambda s: s), ("states", learning)):
+    kinds[name] = lambda how, of=of: of(base)
+    for factor in FACTORS:
+      kinds[f"{name} x {factor:g}"] = lambda how, factor=factor, of=of: of(base.with_walks(factor))
+  noise = base if quick else fitted(model, base, controller, 2)
   if not quick:
-    kinds |= {
-      f"{name}, noise x {factor:g}": lambda how, factor=factor, of=of: of(base.with_walks(factor))
-      for name, of in (("plain", lambda s: s), ("states", learning))
-      for factor in FACTORS
-    }
-    kinds |= {"plain, noise fitted": lambda how: noise, "states, noise fitted": lambda how: learning(noise)}
-  asked = lambda name, how: not (name == "informed" and how == NOMINAL) and not ("noise" in name and how == LATE)
+    kinds |= {"plain, fitted": lambda how: noise, "states, fitted": lambda how: learning(noise)}
+  table = measured(drives, kinds)
+  worst = [
+    (name, how, max(_raised(table, f"{name} x {f:g}", how, name, how) for f in FACTORS))
+    for name in ("plain", "states")
+    for how in (NOMINAL, MISMATCHED)
+  ]
+  words = ", ".join(f"{name} {how} {100 * change:.0f} %" for name, how, change in worst)
+  fits = ", ".join(f"{name} {getattr(noise, name):.3g}" for name in WALKS)
+  lines = [
+    "## Other noise",
+    "",
+    "The same drives and columns. The filter's process noise densities times a factor, or fitted: those under which"
+    f" the fixes of other nominal drives, of the paths {' and '.join(FITTED_ON)}, are most likely.",
+    "",
+    *markdown.table(TITLES, _rows(table)),
+    "",
+    f"Noise that is twice or half as large raises the position RMSE on the worst path by: {words}.",
+  ]
+  return lines if quick else [*lines, "", f"Fitted: {fits} (SI per sqrt(s))."]
+
+
+def states_section(model: Model, controller: Controller, count: int, quick: bool = False) -> list[str]:
+  """What the states are worth to a controller, and with a worse IMU."""
+  base = model.filter_settings(PLANT)
+  loop = [] if quick else [*_in_the_loop(model, controller, base, count), ""]
+  return ["## What the states are worth", "", *loop, *_sensors(model, controller, base, count, quick)]
+
+
+def measured(drives: Drives, kinds: Kinds) -> Table:
+  """Every filter on every drive, by its name, linkage and path; who is informed of nothing new is left out."""
   table: Table = {}
   for name, settings in kinds.items():
-    hows = [how for how in dict.fromkeys(how for _, how in drives) if asked(name, how)]
+    hows = [how for how in dict.fromkeys(how for _, how in drives) if (name, how) != ("informed", NOMINAL)]
     for some in [[how] for how in hows] if name == "informed" else [hows]:
       chosen = {key: oval for key, oval in drives.items() if key[1] in some}
       for (path, how), one in zip(chosen, quality(list(chosen.values()), settings(some[0])), strict=True):
         table[name, how, path] = one
   return table
+
+
+def _raised(table: Table, name: str, how: str, other: str, before: str) -> float:
+  """By which share a filter's position RMSE is above another's, on the worst path."""
+  middle = lambda name, how, path: float(np.median(table[name, how, path].position))
+  return max(middle(name, how, path) / middle(other, before, path) for path in VALIDATION) - 1.0
 
 
 def _groups(table: Table) -> dict[tuple[str, str], dict[str, Quality]]:
@@ -109,28 +140,6 @@ def _rows(table: Table) -> list[tuple[str, ...]]:
     beyond = max(100.0 * float(q.beyond.mean()) for q in paths.values())
     rows.append((name, how, *cells, f"{yaw:.1f}", f"{slip:.1f}", f"{beyond:.2f} %"))
   return rows
-
-
-def _ratios(table: Table) -> list[str]:
-  """What mismatch and noise cost, in words."""
-  groups = _groups(table)
-  middle = lambda name, how: {p: float(np.median(q.position)) for p, q in groups[name, how].items()}
-  worst = lambda a, b: max(a[p] / b[p] for p in a) - 1.0
-  plain, states = (worst(middle(name, MISMATCHED), middle(name, NOMINAL)) for name in ("plain", "states"))
-  lines = [
-    f"MIS raises the position RMSE of the plain filter by up to {100 * plain:.0f} %, with the states by up to"
-    f" {100 * states:.0f} % (the worst path)."
-  ]
-  spreads = [
-    (name, how, max(worst(middle(f"{name}, noise x {f:g}", how), middle(name, how)) for f in FACTORS))
-    for name in ("plain", "states")
-    for how in (NOMINAL, MISMATCHED)
-    if (f"{name}, noise x {FACTORS[0]:g}", how) in groups
-  ]
-  if spreads:
-    words = ", ".join(f"{name} {how} {100 * change:.0f} %" for name, how, change in spreads)
-    lines.append(f"Noise that is twice or half as large raises it by up to: {words}.")
-  return lines
 
 
 def _numbers_table(table: Table) -> list[str]:
@@ -169,12 +178,12 @@ def _in_the_loop(model: Model, controller: Controller, base: FilterSettings, cou
   ]
 
 
-def _sensors(model: Model, controller: Controller, base: FilterSettings, count: int) -> list[str]:
+def _sensors(model: Model, controller: Controller, base: FilterSettings, count: int, quick: bool = False) -> list[str]:
   """Biases of the IMU: which of them is worth a state."""
   rows = []
   three = dataclasses.replace(learning(base), yaw_rate_bias_std=0.0)
   for what, biases in (("accelerometer", ACCEL_BIASES), ("gyro", GYRO_BIASES)):
-    for bias in biases:
+    for bias in biases[-1:] if quick else biases:
       oval = offset_imu(model, controller, task(model, "c", NOMINAL), count, SEED, **{what: bias})
       plain, without, all_of = (quality([oval], settings)[0] for settings in (base, three, learning(base)))
       unit = "m/s^2" if what == "accelerometer" else "rad/s"
