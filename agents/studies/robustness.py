@@ -19,7 +19,14 @@ from agents.studies.comparison import FIRST_SEED, LEFT, PATHS, paired
 Array = NDArray[np.float64]
 Drivers = Callable[[float], Mapping[str, Controller]]
 """Contestants, by name, as designed for a speed, m/s."""
-SPEEDS = (0.3, 0.7, 0.9, 1.1, 1.3, 1.5)  # m/s; the agents were trained at 0.5
+SPEEDS = (
+  0.3,
+  0.7,
+  0.9,
+  1.1,
+  1.3,
+  1.5,
+)  # m/s; an agent of any speed was trained at all of these, the others at 0.5 alone
 NOISES = (0.5, 2.0)
 NOMINAL = "nominal, 0.5 m/s"
 LINKAGES, INSIDE, OUTSIDE = 5, 0.8, 1.6  # on an ellipse of so many times the half-widths that training drew from
