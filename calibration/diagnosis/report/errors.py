@@ -131,7 +131,8 @@ def error_lines(d: Diagnosis, curved: Roles = NO_CURVES) -> list[str]:
   if not fits:
     return []
   titles = ["recalibrated", *(["repaired"] if repaired(d) else []), *(["with curves"] if own else []), "sensor noise"]
-  lines = [f"errors on {judged_on(d)[1]}: {', '.join(titles)}"]
+  whose = "repaired" if repaired(d) else "recalibrated"
+  lines = [f"errors on {judged_on(d)[1]}: {', '.join(titles)} ({whose} over it)"]
   for name, f in fits.items():
     values = [
       f.before,
@@ -139,7 +140,7 @@ def error_lines(d: Diagnosis, curved: Roles = NO_CURVES) -> list[str]:
       *([own[name].after] if own and name in own else []),
       f.noise,
     ]
-    lines.append(f"  {RESIDUALS[name].axis}: {', '.join(f'{value:.3g}' for value in values)}")
+    lines.append(f"  {RESIDUALS[name].axis}: {', '.join(f'{value:.3g}' for value in values)} ({_size(f):.1f})")
   return lines
 
 
