@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import shipping
+from calibration.diagnosis.curves import after_diagnosis
+from calibration.diagnosis.curves.after_diagnosis import judged_with_curves
 from calibration.diagnosis.holdout_errors import ChannelFit
 from calibration.diagnosis.report import page
-from calibration.diagnosis.shipping import Written, judge, kind, objections, shipped, warning, worse_on
+from calibration.diagnosis.shipping import Judged, Written, judge, kind, objections, shipped, warning, worse_on
 from tests.calibration.diagnosis.diagnosis_results import diagnosis_of
 
 BLOCKS, SAMPLES = 40, 25
@@ -116,3 +118,21 @@ def test_curves_must_not_lose_in_one_channel_more_than_all_gain(monkeypatch, rat
   first, second = (Written("car", np.zeros(1), note, 0) for note in ("first", "second"))
   assert judge(first, second, ["a recording"]).losing == against
   assert judge(first, second, []).losing == ()
+
+
+def test_what_speaks_against_curves_is_said(outcome, monkeypatch):
+  """Against the recalibrated twin what would against a repair; against the one written without them, what they lose."""
+  sure = {"accel_y": ChannelFit(1.0, 1.1, 0.1, 0.1, (0.05, 0.2), "m/s^2", 100)}
+  found = SimpleNamespace(shipped=("curved car", np.zeros(1)), shipped_shift=0, dataset="linear car")
+  dataset = SimpleNamespace(role=lambda role: [role])
+  outcome.diagnosis = dataclasses.replace(outcome.diagnosis, validate=fits(yaw_rate=0.5), holdout=fits(yaw_rate=0.5))
+  told = {"recalibrated": Judged(fits(yaw_rate=0.5)), "repaired": Judged(fits(yaw_rate=0.9))}
+  judges = lambda first, second, recordings: told[first.note.split()[0]]
+  monkeypatch.setattr(after_diagnosis, "judge", judges)
+  roles, against = judged_with_curves(found, outcome, dataset)
+  assert set(roles) == {"validate", "holdout"} and against == ()
+  told["recalibrated"] = Judged(sure, ("it is too slow",))
+  assert "lateral acceleration errs by 10 % more" in judged_with_curves(found, outcome, dataset)[1][0]
+  assert "it is too slow" in judged_with_curves(found, outcome, dataset)[1]
+  told.update(recalibrated=Judged(fits(yaw_rate=0.5)), repaired=Judged(fits(yaw_rate=1.2)))
+  assert judged_with_curves(found, outcome, dataset)[1] == ("the errors of yaw rate grow",)
