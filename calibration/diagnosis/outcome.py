@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decision.decide import Decision
 from calibration.diagnosis.decision.evidence import Evidence
+from calibration.diagnosis.formula.after import Shipped
 from calibration.diagnosis.holdout_errors import ChannelFit, Replay
 from calibration.diagnosis.locate import Location
 from calibration.diagnosis.pool import Pool
@@ -35,6 +36,7 @@ class Diagnosis:
     repaired_twin: file of the repaired twin, relative to the output folder.
     evidence: what the decision rests on, as plain numbers.
     notes: warnings about the data set that a reader must know.
+    formula: of what stays unexplained; None where nothing does.
     replay: the held-out recordings, else those for validation, value by value; None without either.
   """
 
@@ -51,6 +53,7 @@ class Diagnosis:
   repaired_twin: str = "twin.toml"
   notes: tuple[str, ...] = ()
   replay: Replay | None = None
+  formula: Shipped | None = None
 
   @property
   def model(self) -> Candidate:

@@ -14,6 +14,7 @@ from calibration.diagnosis.decision.decide import Decision, decide
 from calibration.diagnosis.decision.evidence import Evidence
 from calibration.diagnosis.decision.levels import Levels, usual_levels
 from calibration.diagnosis.experiment import next_experiment
+from calibration.diagnosis.formula.after import formula_left
 from calibration.diagnosis.holdout_errors import ChannelFit, Replay, compare_twins
 from calibration.diagnosis.locate import Location, locate
 from calibration.diagnosis.outcome import Diagnosis, Outcome
@@ -148,6 +149,7 @@ def _judged(
     validate=validate,
     holdout=holdout,
     replay=unseen or judging,
+    formula=formula_left(pool, decision, dataset.role("holdout"), cut),
     seconds=clock.stop(),
     stages=clock.stages,
     next_experiment=experiment,

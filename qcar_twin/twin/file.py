@@ -14,7 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.atomic_io import write_text
+from qcar_twin.twin.formula.mechanism import Formula
+from qcar_twin.twin.formula.written import described, from_described
 from qcar_twin.twin.mechanisms import select
+from qcar_twin.twin.mechanisms.base import Mechanism
 from qcar_twin.twin.twin import Twin
 from qcar_twin.untrusted import UnreadableFile, is_number, read_toml
 from qcar_twin.vehicle.vehicle import Vehicle
@@ -38,6 +41,8 @@ def save_twin(path: str | Path, twin: Twin, theta: Array, note: str = "") -> Pat
   lines += _table({k: v for k, v in dataclasses.asdict(twin.vehicle).items() if k != "std"})
   lines += ["", "[vehicle.std]", *_table(twin.vehicle.std)]
   lines += ["", "[parameters]", *_table({p.name: values[p.name] for p in twin.base})]
+  for mechanism in (m for m in present if isinstance(m, Formula)):
+    lines += ["", f"[formulas.{mechanism.name}]", *(f"{k} = {json.dumps(v)}" for k, v in described(mechanism).items())]
   for mechanism in present:
     lines += ["", f"[mechanisms.{mechanism.name}]"]
     lines += _table({p.name: values[p.name] for p in mechanism.parameters})
@@ -63,7 +68,7 @@ def load_twin(path: str | Path, substeps: int = 5, threads: int = 0) -> tuple[Tw
     raise UnreadableFile(f"{source}: a vehicle has no '{unknown[0]}'; did you mean {', '.join(near)}?")
   try:
     car, tyre = Vehicle(**vehicle, std=std), table.get("tyre", "contact")
-    twin = Twin(car, select(mechanisms), tyre=tyre, substeps=substeps, threads=threads)
+    twin = Twin(car, _known(source, table, mechanisms), tyre=tyre, substeps=substeps, threads=threads)
     numbers = _numbers(source, "parameters", values)
     for name, entries in mechanisms.items():
       numbers |= _numbers(source, f"mechanisms.{name}", entries)
@@ -72,6 +77,20 @@ def load_twin(path: str | Path, substeps: int = 5, threads: int = 0) -> tuple[Tw
     if isinstance(error, UnreadableFile):
       raise
     raise UnreadableFile(f"{source}: {error.args[0]}") from error
+
+
+def _known(source: Path, table: Mapping[str, Any], names: Mapping[str, Any]) -> list[Mechanism]:
+  """Mechanisms by name: formulas that the file itself describes, as data, and those of the catalogue."""
+  formulas = table.get("formulas", {})
+  if not isinstance(formulas, dict):
+    raise UnreadableFile(f"{source}: [formulas] must be a table; write it again with qcar-twin diagnose")
+  made = {}
+  for name, content in formulas.items():
+    try:
+      made[name] = from_described(name, content)
+    except (KeyError, TypeError, ValueError) as error:
+      raise UnreadableFile(f"{source}: [formulas.{name}] is not a formula: {error}") from error
+  return [made[name] if name in made else select([name])[0] for name in names]
 
 
 def _part(source: Path, table: Mapping[str, Any], name: str) -> dict[str, Any]:

@@ -17,6 +17,8 @@ from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decision.claims import Claim
 from calibration.diagnosis.decision.decide import Decision
 from calibration.diagnosis.decision.structure import PROPERTIES
+from calibration.diagnosis.formula.after import Shipped
+from calibration.diagnosis.formula.words import equation, variables
 from calibration.diagnosis.holdout_errors import ChannelFit
 from calibration.diagnosis.locate import Location
 from calibration.diagnosis.outcome import Diagnosis
@@ -68,7 +70,7 @@ def document(
       "claims": [_claim(c) for c in d.decision.claims],
       "ranking": [{"mechanism": name, "evidence_nats": nats} for name, nats in d.decision.ranking],
       "where": _where(d.location),
-      "unknown": unknown_summary(d.decision),
+      "unknown": unknown_summary(d.decision) | _formula(d.formula),
       "parameter_shifts": parameter_shifts(pool.base),
       "untestable": sorted(s.mechanism for s in pool.signatures.values() if not s.testable),
       "concealment": {name: s.unabsorbed_share for name, s in sorted(pool.signatures.items())},
@@ -112,6 +114,13 @@ def unknown_summary(decision: Decision) -> dict[str, Any]:
     families = list(dict.fromkeys(item.family for item in decision.leftovers))
     out |= {"depends_on": list(decision.leftovers[0].depends_on), "properties": [PROPERTIES[f] for f in families]}
   return out
+
+
+def _formula(shipped: Shipped | None) -> dict[str, Any]:
+  """The formula of what has no name, and its variables, where it is kept."""
+  if shipped is None or not shipped.kept:
+    return {}
+  return {"formula": equation(shipped.found), "depends_on": variables(shipped.found)}
 
 
 def unknown_variables(name: str) -> list[str]:

@@ -3,6 +3,8 @@
 from pathlib import Path
 
 from calibration.diagnosis.decision.evidence import write_evidence
+from calibration.diagnosis.formula.after import write_formula
+from calibration.diagnosis.formula.report import formula_sections
 from calibration.diagnosis.holdout_errors import recovered_share, share_taken_off
 from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.report import figures, wording
@@ -58,6 +60,7 @@ def write_diagnosis(
   without = shipped(outcome)
   save_twin(folder / "twin.toml", *(further.twin or (without.twin, without.theta, without.note)))
   of = "curves" if further.twin else kind(outcome.diagnosis)
+  write_formula(outcome.diagnosis.formula, folder, name)
   write_document(folder, outcome.diagnosis, further.curves, of, further.errors)
   write_evidence(folder, outcome.diagnosis.evidence)
   return write_report(folder, outcome.diagnosis, shown or demonstrate(outcome), further)
@@ -68,11 +71,12 @@ def write_report(
 ) -> Path:
   """Write report.html; returns its path."""
   sections = report_sections(diagnosis, shown, further)
+  first = _FIRST + len(formula_sections(diagnosis.formula))
   return write_page(
     folder / REPORT,
     f"Diagnosis of {diagnosis.dataset}",
     f"{verdict(diagnosis)} {further.sentence}".rstrip(),
-    [*sections[:_FIRST], *further.sections, *sections[_FIRST:]],
+    [*sections[:first], *further.sections, *sections[first:]],
     _subtitle(diagnosis),
     [*facts(diagnosis), *(further.facts or _written(diagnosis))],
     _TONES[diagnosis.decision.verdict],
@@ -115,10 +119,8 @@ def report_sections(
   d: Diagnosis, shown: Demonstration = NOTHING_SHOWN, further: Further = NOTHING_FURTHER
 ) -> list[Section]:
   """All sections of the diagnosis itself in reading order."""
-  return [
-    errors(d, further.errors), left_out(d), unexplained(d), where(d, shown), _model(d, shown), priors(d), evidence(d),
-    drive_next(d), unseen(d), effort(d),
-  ]  # fmt: skip
+  first = [errors(d, further.errors), left_out(d), unexplained(d), *formula_sections(d.formula), where(d, shown)]
+  return [*first, _model(d, shown), priors(d), evidence(d), drive_next(d), unseen(d), effort(d)]
 
 
 def _model(d: Diagnosis, shown: Demonstration) -> Section:

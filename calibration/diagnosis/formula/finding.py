@@ -1,0 +1,187 @@
+"""A formula for what has no name: where it acts, what it is a function of, and the twin with it."""
+
+import dataclasses
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.formula.columns import Driven, Fitted
+from calibration.diagnosis.formula.forms import Form, Forms, forms_of
+from calibration.diagnosis.formula.moments import fading, moments, variables
+from calibration.diagnosis.formula.pulses import DRIVEN, Responses, readable, responses
+from calibration.diagnosis.formula.recovery import Base, Recovered, recover
+from calibration.diagnosis.formula.refit import Refitted, mechanism_of, refitted, table_of
+from calibration.diagnosis.formula.replay import replayed
+from calibration.diagnosis.formula.tables import table_heights
+from calibration.diagnosis.score import groups_of
+from calibration.fitting.likelihood import Problem
+from calibration.progress import Progress, silent
+from qcar_twin.parameters import ParameterSet
+
+Array = NDArray[np.float64]
+
+LONGEST = 60.0  # s of wall time that it may take
+_ASKED = 3  # degrees of freedom, those of the largest evidence, whose forms are sought
+_ALIKE = 10.0  # nats of evidence within which two degrees of freedom can't be told apart
+
+
+@dataclasses.dataclass(frozen=True)
+class Sought:
+  """One degree of freedom that was looked into.
+
+  Attributes:
+    recovered: its force over time.
+    responses: its columns.
+    driven: the driving with that force.
+    forms: None where nothing is worth its coefficients.
+  """
+
+  recovered: Recovered
+  responses: Responses
+  driven: Driven
+  forms: Forms | None
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+  """What is known of what has no name.
+
+  Attributes:
+    sought: the degree of freedom it is put down to, and what is known there.
+    alike: other degrees of freedom that explain it as well.
+    kind: "formula", "table" or "" where neither is shipped.
+    why: that neither is, in words; "".
+    twin: with it in the simulator; None where nothing was worth a trial.
+    seconds: that it took.
+  """
+
+  sought: Sought | None
+  alike: tuple[str, ...]
+  kind: str
+  why: str
+  twin: Refitted | None
+  seconds: float
+
+  @property
+  def form(self) -> Form | None:
+    """The formula that is shipped."""
+    forms = self.sought.forms if self.sought else None
+    return forms.best if forms and self.kind == "formula" else None
+
+
+def find_formula(
+  problem: Problem, winner: Candidate, priors: ParameterSet, progress: Progress = silent, seed: int = 0
+) -> Found:
+  """Look for a formula for what a fitted model leaves over.
+
+  Args:
+    problem: with the model's weights.
+    winner: the model, fitted to its minimum.
+    priors: declarations of the base parameters.
+    progress: reports the stage.
+    seed: of halves and signs that are drawn.
+  """
+  with threadpool_limits(1):  # many small matrices: a second thread costs more than it brings
+    return _found(problem, winner, priors, progress, seed)
+
+
+def _found(problem: Problem, winner: Candidate, priors: ParameterSet, progress: Progress, seed: int) -> Found:
+  began = time.perf_counter()
+  base, random = Base.of(winner), np.random.default_rng(seed)
+  found = [recovered(problem, winner, base, name) for name in (*DRIVEN, *readable(problem.observations))]
+  found.sort(key=lambda pair: -pair[0].evidence)
+  progress("formula")
+  n, observations = winner.n_train, problem.observations
+  second = (observations.recording * 1_000_000 + observations.time.astype(np.int64))[:n]
+  fitted = Fitted(base, base.rest, groups_of(observations)[:n], second)
+  asked, twins = _worth_asking(found)
+  sought = [look_into(problem, winner, fitted, *pair, random) for pair in asked]
+  there = [s for s in sought if s.forms and s.forms.there]
+  over = lambda: time.perf_counter() - began
+  if not there:
+    return Found(None, (), "", "what is left follows nothing that a formula was tried with", None, over())
+  best = max(there, key=lambda s: s.forms.gain if s.forms else 0.0)
+  alike = tuple(s.recovered.degree for s in there if s is not best and _as_good(s, best))
+  alike += tuple(twins.get(best.recovered.degree, ()))
+  kind, why, twin = shipped(problem, winner, priors, best, fitted)
+  return Found(best, alike, kind, why, twin, over())
+
+
+def recovered(problem: Problem, winner: Candidate, base: Base, degree: str) -> tuple[Recovered, Responses]:
+  """A degree of freedom's force over time, and the columns it came from."""
+  answers = responses(problem, winner.theta, degree)
+  return recover(base, answers), answers
+
+
+def look_into(
+  problem: Problem,
+  winner: Candidate,
+  fitted: Fitted,
+  force: Recovered,
+  answers: Responses,
+  random: np.random.Generator,
+) -> Sought:
+  """What a degree of freedom's force is a function of."""
+  observations, twin = problem.observations, problem.twin
+  prediction = replayed(problem, winner.theta, force)
+  context = moments(twin, winner.theta, observations, prediction)
+  stretches = observations.stretches
+  driven = Driven(variables(context, observations), fading(context, stretches), twin.car, stretches.segments.period)
+  return Sought(force, answers, driven, forms_of(answers, driven, fitted, random))
+
+
+def shipped(
+  problem: Problem, winner: Candidate, priors: ParameterSet, best: Sought, fitted: Fitted
+) -> tuple[str, str, Refitted | None]:
+  """What goes into the twin, a word; why nothing does; and the trial in the simulator."""
+  forms = best.forms
+  assert forms is not None
+  unit, twin = problem.twin.vehicle.motor.unit, None
+  if forms.found:
+    tried = {f.terms: f for f in (forms.best, *forms.rivals)}.values()
+    options = [(*mechanism_of(f, best.driven, unit), sum(g.nats for g in f.groups)) for f in tried]
+    twin = refitted(problem, winner, priors, options)
+    if good(twin):
+      return "formula", "", twin
+  names, stiffness = forms.table.names, forms.table.stiffness
+  if not forms.tabled:
+    return "", "no formula holds, and no table of one or two variables does", twin
+  heights = table_heights(best.responses, best.driven, fitted, names, stiffness)
+  table = table_of(best.recovered.degree, names, heights, best.driven, stiffness)
+  tabled = refitted(problem, winner, priors, [(*table, 0.0)])
+  if good(tabled):
+    return "table", "", tabled
+  return "", "in the simulator it does not predict recordings better that took no part in the fit", twin or tabled
+
+
+def good(twin: Refitted) -> bool:
+  """Whether a twin with it is better held out, and on recordings that only judge, where there are some."""
+  some = len(twin.before.residual) > twin.before.n_train
+  return twin.held_out.gain > 0.0 and (twin.judged > 0.0 or not some)
+
+
+Pair = tuple[Recovered, Responses]
+
+
+def _worth_asking(found: Sequence[Pair]) -> tuple[list[Pair], dict[str, list[str]]]:
+  """Degrees of freedom of the largest evidence; and which others are as good as one of them.
+
+  A torque of the motor pushes the car as a force along it does, but for what the tyres slip: where the evidence does
+  not tell them apart, the force stands for both.
+  """
+  there = [pair for pair in found if pair[0].evidence > 0.0]
+  evidence = {pair[0].degree: pair[0].evidence for pair in there}
+  both = {"force_x", "motor_torque"} <= set(evidence)
+  if both and abs(evidence["force_x"] - evidence["motor_torque"]) < _ALIKE:
+    there = [pair for pair in there if pair[0].degree != "motor_torque"]
+    return there[:_ASKED], {"force_x": ["motor_torque"]}
+  return there[:_ASKED], {}
+
+
+def _as_good(one: Sought, best: Sought) -> bool:
+  assert one.forms and best.forms
+  return one.forms.gain > best.forms.gain - _ALIKE
