@@ -106,6 +106,21 @@ class Observations:
       _fraction_back=self._fraction_back[rows],
     )
 
+  def some(self, kept: NDArray[np.intp]) -> "Observations":
+    """The values of some stretches, whose indices rise, with those stretches alone."""
+    stretches, stretch, grid = self.stretches, self.stretch, self.stretches.segments.commands.shape[1] + 1
+    rows = np.flatnonzero(np.isin(stretch, kept))
+    moved = (stretch[rows] - np.searchsorted(kept, stretch[rows])) * grid
+    return dataclasses.replace(
+      self,
+      stretches=Stretches(stretches.segments[kept], stretches.first[kept], stretches.last[kept]),
+      **{name: getattr(self, name)[rows] for name in ("measured", "channel", "recording", "block", "time")},
+      _point=self._point[rows] - moved,
+      _fraction=self._fraction[rows],
+      _point_back=self._point_back[rows] - moved,
+      _fraction_back=self._fraction_back[rows],
+    )
+
   def predict(self, prediction: Prediction) -> Array:
     """Predicted values of every measured one, (n, M)."""
     n = len(prediction.signals)

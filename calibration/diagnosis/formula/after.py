@@ -2,8 +2,11 @@
 
 import copy
 import dataclasses
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from calibration.diagnosis.candidates import refine
 from calibration.diagnosis.decision.decide import Decision
@@ -15,6 +18,8 @@ from calibration.fitting.windows import Cut
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.file import save_twin
 from qcar_twin.twin.formula.written import write_mechanism
+
+log = logging.getLogger(__name__)
 
 _SETTLE = 2  # Gauss-Newton steps with fresh columns: the model's end, and slopes that belong to it
 TWIN = "twin_with_formula.toml"
@@ -60,7 +65,11 @@ def formula_left(pool: Pool, decision: Decision, recordings: Sequence[Recording]
   winner.settled, winner.jacobian = False, winner.jacobian.copy()
   problem = pool.problem.at(winner.theta)
   refine(problem, [winner], _SETTLE, full=True)
-  found = find_formula(problem, winner, pool.priors)
+  try:
+    found = find_formula(problem, winner, pool.priors)
+  except np.linalg.LinAlgError as error:  # the verdict stands without it
+    log.warning("no formula was sought: %s", error)
+    return None
   if not (found.kind and found.twin):
     return Shipped(found, {})
   twin, parameters = found.twin.problem.twin, found.twin.problem.parameters

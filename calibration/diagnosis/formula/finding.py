@@ -17,14 +17,13 @@ from calibration.diagnosis.formula.recovery import Base, Recovered, recover
 from calibration.diagnosis.formula.refit import Refitted, mechanism_of, refitted, table_of
 from calibration.diagnosis.formula.replay import replayed
 from calibration.diagnosis.formula.tables import table_heights
+from calibration.diagnosis.formula.thinned import thinned
 from calibration.diagnosis.score import groups_of
 from calibration.fitting.likelihood import Problem
-from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
 
 Array = NDArray[np.float64]
 
-LONGEST = 60.0  # s of wall time that it may take
 _ASKED = 3  # degrees of freedom, those of the largest evidence, whose forms are sought
 _ALIKE = 10.0  # nats of evidence within which two degrees of freedom can't be told apart
 
@@ -73,33 +72,29 @@ class Found:
     return forms.best if forms and self.kind == "formula" else None
 
 
-def find_formula(
-  problem: Problem, winner: Candidate, priors: ParameterSet, progress: Progress = silent, seed: int = 0
-) -> Found:
+def find_formula(problem: Problem, winner: Candidate, priors: ParameterSet, seed: int = 0) -> Found:
   """Look for a formula for what a fitted model leaves over.
 
   Args:
     problem: with the model's weights.
     winner: the model, fitted to its minimum.
     priors: declarations of the base parameters.
-    progress: reports the stage.
     seed: of halves and signs that are drawn.
   """
   with threadpool_limits(1):  # many small matrices: a second thread costs more than it brings
-    return _found(problem, winner, priors, progress, seed)
+    return _found(problem, winner, priors, seed)
 
 
-def _found(problem: Problem, winner: Candidate, priors: ParameterSet, progress: Progress, seed: int) -> Found:
-  began = time.perf_counter()
-  base, random = Base.of(winner), np.random.default_rng(seed)
-  found = [recovered(problem, winner, base, name) for name in (*DRIVEN, *readable(problem.observations))]
+def _found(problem: Problem, winner: Candidate, priors: ParameterSet, seed: int) -> Found:
+  began, random = time.perf_counter(), np.random.default_rng(seed)
+  part, model = thinned(problem, winner)
+  base, observations = Base.of(model), part.observations
+  found = [recovered(part, model, base, name) for name in (*DRIVEN, *readable(observations))]
   found.sort(key=lambda pair: -pair[0].evidence)
-  progress("formula")
-  n, observations = winner.n_train, problem.observations
-  second = (observations.recording * 1_000_000 + observations.time.astype(np.int64))[:n]
-  fitted = Fitted(base, base.rest, groups_of(observations)[:n], second)
+  second = observations.recording * 1_000_000 + observations.time.astype(np.int64)
+  fitted = Fitted(base, base.rest, groups_of(observations), second)
   asked, twins = _worth_asking(found)
-  sought = [look_into(problem, winner, fitted, *pair, random) for pair in asked]
+  sought = [look_into(part, model, fitted, *pair, random) for pair in asked]
   there = [s for s in sought if s.forms and s.forms.there]
   over = lambda: time.perf_counter() - began
   if not there:
