@@ -1,6 +1,7 @@
 """What a diagnosis found, and the twin it repaired."""
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,6 +12,7 @@ from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decision.decide import Decision
 from calibration.diagnosis.decision.evidence import Evidence
 from calibration.diagnosis.formula.after import Shipped
+from calibration.diagnosis.detectable import Detectable, detectable
 from calibration.diagnosis.holdout_errors import ChannelFit, Replay
 from calibration.diagnosis.locate import Location
 from calibration.diagnosis.pool import Pool
@@ -59,6 +61,11 @@ class Diagnosis:
   def model(self) -> Candidate:
     """The model behind the claims; the recalibrated twin if there are none."""
     return self.pool.model(self.decision.mechanisms)
+
+  @functools.cached_property
+  def detectable(self) -> dict[str, Detectable]:
+    """From which size on each mechanism would have been claimed."""
+    return detectable(self.pool, self.evidence)
 
 
 @dataclasses.dataclass(frozen=True)

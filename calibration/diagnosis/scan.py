@@ -43,6 +43,8 @@ class Signature:
     direction: projected signature of the best trial on the fitted values, (K,), float32.
     trials: gain per trial: (values, nats).
     unprofiled: gain of the best trial if nothing is projected out, nats: what a plain ranking would go by.
+    tried, imitated: values of the best trial as it was scanned, whose `direction` it is, and how the base parameters
+      would move to imitate it, by name.
   """
 
   mechanism: str
@@ -54,6 +56,8 @@ class Signature:
   direction: NDArray[np.float32]
   trials: tuple[tuple[dict[str, float], float], ...]
   unprofiled: float
+  tried: dict[str, float] = dataclasses.field(default_factory=dict)
+  imitated: dict[str, float] = dataclasses.field(default_factory=dict)
 
   @property
   def testable(self) -> bool:
@@ -235,6 +239,8 @@ def _signature(mechanism: Mechanism, trials: list[Trial], anchor: Array, base: S
     direction=trials[top].rest,
     trials=tuple(zip(values, gains, strict=True)),
     unprofiled=max(t.unprofiled for t in trials),
+    tried=trials[top].start,
+    imitated=dict(zip(base, trials[top].answer.tolist(), strict=True)),
   )
 
 

@@ -71,16 +71,21 @@ def compare_cars(
 
 def compared(first: Characterised, second: Characterised) -> tuple[Moved, ...]:
   """The numbers of two characterised twins that both have free."""
-  one, other = _estimates(first), _estimates(second)
+  return differing(estimates(first), estimates(second), units(first))
+
+
+def differing(
+  one: dict[str, tuple[float, float]], other: dict[str, tuple[float, float]], unit: dict[str, str]
+) -> tuple[Moved, ...]:
+  """The same of estimates and deviations by name; `unit`: of each name."""
   both = [name for name in one if name in other]
   if not both:
     raise ValueError("the two data sets show no parameter in common")
-  units = {p.name: p.unit for p in first.fitted.fit.parameters}
   made = []
   for name in both:
     (value, std), (value_too, std_too) = one[name], other[name]
     chance = float(2.0 * norm.sf(abs(value - value_too) / np.hypot(std, std_too)))
-    made.append(Moved(name, units[name], one[name], other[name], chance, chance * len(both) < LEVEL))
+    made.append(Moved(name, unit[name], one[name], other[name], chance, chance * len(both) < LEVEL))
   return tuple(sorted(made, key=lambda m: m.chance))
 
 
@@ -98,7 +103,7 @@ def _shared_reaches(both: Sequence[dict[str, float]]) -> dict[str, float]:
   return {name: min(reach[name] for reach in both) for name in both[0]}
 
 
-def _estimates(found: Characterised) -> dict[str, tuple[float, float]]:
+def estimates(found: Characterised) -> dict[str, tuple[float, float]]:
   """Estimate and deviation by parameter; what is held at a bound, and sessions' own shifts, left out."""
   fit, std = found.fitted.fit, np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
   fixed = {p.name for m in found.twin.mechanisms if m.name in found.curves for p in m.parameters if p.null is None}
@@ -109,3 +114,8 @@ def _estimates(found: Characterised) -> dict[str, tuple[float, float]]:
     )
     if spread > 0.0 and not bound and "@" not in name and name not in fixed
   }
+
+
+def units(found: Characterised) -> dict[str, str]:
+  """Unit of every fitted parameter."""
+  return {p.name: p.unit for p in found.fitted.fit.parameters}

@@ -74,6 +74,17 @@ def document(
       "parameter_shifts": parameter_shifts(pool.base),
       "untestable": sorted(s.mechanism for s in pool.signatures.values() if not s.testable),
       "concealment": {name: s.unabsorbed_share for name, s in sorted(pool.signatures.items())},
+      "detectable": {
+        name: {
+          "parameter": x.parameter,
+          "unit": x.unit,
+          "size": x.size,
+          "named": x.named,
+          "share": x.share,
+          "nats": x.nats,
+        }
+        for name, x in d.detectable.items()
+      },
       "next_experiment": d.next_experiment,
       "fit": {role: _fits(getattr(d, role), own.get(role, {})) for role in ("validate", "holdout")},
       "curves": curves,
@@ -190,6 +201,9 @@ SCHEMA: dict[str, Any] = {
   "parameter_shifts": {"*": {"prior": _NUMBER, "fitted": _NUMBER, "sigma": _NUMBER}},
   "untestable": [str],
   "concealment": {"*": _NUMBER},
+  "detectable": {
+    "*": {"parameter": str, "unit": str, "size": _MAYBE, "named": _MAYBE, "share": _MAYBE, "nats": _MAYBE}
+  },
   "next_experiment": "experiment or null",
   "fit": {"validate": _CHANNEL, "holdout": _CHANNEL},
   "curves": "object or null",

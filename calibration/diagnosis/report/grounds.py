@@ -98,7 +98,24 @@ def unseen(d: Diagnosis) -> Section:
                  key=lambda kv: -kv[1])  # fmt: skip
   similar = Table("Effects that look similar on these recordings", ("one", "other", "correlation"),
                   [(a, b, round(c, 3)) for (a, b), c in pairs[:25]])  # fmt: skip
-  return Section("What these recordings cannot show", text, [hidden, *([similar] if pairs else [])])
+  text += (
+    " How small an effect would have been found is predicted to first order for each mechanism alone: from the size in"
+    " the second table on it would be claimed more often than not."
+  )
+  return Section("What these recordings cannot show", text, [hidden, could_find(d), *([similar] if pairs else [])])
+
+
+def could_find(d: Diagnosis) -> Table:
+  """From which size on each mechanism that is not claimed would have been."""
+  claimed = {c.mechanism for c in d.decision.claims}
+  found = [x for name, x in sorted(d.detectable.items()) if name not in claimed]
+  shown = lambda value: "never" if value is None else f"{value:.2g}"
+  rows = [
+    (x.mechanism, x.parameter, shown(x.size), shown(x.named), x.unit, None if x.share is None else round(100 * x.share))
+    for x in sorted(found, key=lambda x: (x.share is None, x.share or 0.0, x.mechanism))
+  ]
+  heads = ("mechanism", "parameter", "claimed from", "by its own name from", "unit", "of its typical size [%]")
+  return Table("How small an effect this driving would have shown", heads, rows)
 
 
 def effort(d: Diagnosis) -> Section:

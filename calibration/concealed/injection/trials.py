@@ -1,0 +1,133 @@
+"""Trials on a real data set, by the user's own comparison of two data sets (`qcar-twin curves --compare`).
+
+An injection compares the set with itself after something was put in; a split compares two halves that differ in
+nothing. Sizes are drawn by what they show: with s the stated deviation of what an injection moves, the difference of
+two sets has sqrt(2) s, and a size d is worth d^2 / (2 (2 s^2)) nats.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.diagnosis.curves.comparison import Moved, differing, estimates, units
+from calibration.diagnosis.curves.flexible import characterise, reaches
+from calibration.log_check.ready import ready
+from qcar_twin.atomic_io import write_json
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import RecordingError
+from qcar_twin.untrusted import read_json
+from qcar_twin.vehicle.vehicle import Vehicle
+
+from ..laboratory.written import stream
+from .halves import halves
+from .into import Injection, fitting, injected
+
+LEAST, MOST = 5.0, 500.0  # nats, log-uniform
+Estimates = dict[str, tuple[float, float]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Bench:
+  """One data set and where its trials are kept.
+
+  Attributes:
+    most: s of driving that each fit simulates.  seed: of sizes and halves.
+  """
+
+  dataset: DataSet
+  folder: Path
+  most: float
+  seed: int
+
+  def fitted(self, name: str, dataset: DataSet) -> tuple[Estimates, dict[str, str]]:
+    """Estimates and units of a data set's characterised twin; kept, so that a fit is made once.
+
+    Raises RecordingError where the check of the log refuses it.
+    """
+    path = self.folder / "fits" / f"{name}.json"
+    if not path.is_file():
+      vehicle = Vehicle.from_dataset(self.dataset.vehicle, self.dataset.vehicle_std)
+      reach = reaches([r for r in self.dataset.recordings if r.role != "holdout"], vehicle)
+      found = characterise(ready(dataset)[0], most=self.most, threads=1, reach=reach)
+      write_json(path, {"estimates": estimates(found), "units": units(found)})
+    kept = read_json(path)
+    return {key: (value[0], value[1]) for key, value in kept["estimates"].items()}, kept["units"]
+
+  def injection(self, number: int) -> dict[str, Any]:
+    """The trial of this number: kinds in turn, sizes drawn."""
+    kinds = fitting(self.dataset)
+    name = list(kinds)[number % len(kinds)]
+    plain, of = self.fitted("untouched", self.dataset)
+    rng = stream(self.seed, 1000 + number)
+    size, nats = drawn(kinds[name], plain, rng)
+    trial: dict[str, Any] = {"trial": f"injection_{number:03d}", "effect": name, "size": size, "nats": nats,
+                             "unit": kinds[name].unit}  # fmt: skip
+    try:
+      other, _ = self.fitted(trial["trial"], injected(self.dataset, kinds[name], size))
+    except RecordingError as error:
+      return trial | {"refused": str(error), "moved": []}
+    moved = differing(plain, other, of)
+    back, std = came_back(kinds[name], plain, other)
+    return trial | _told(moved) | {"back": back, "back_std": std, "right": sorted(kinds[name].right)}
+
+  def split(self, number: int) -> dict[str, Any]:
+    """Two halves of the set; whatever moved is false."""
+    first, second = halves(self.dataset, stream(self.seed, 2000 + number))
+    trial: dict[str, Any] = {"trial": f"split_{number:03d}"}
+    try:
+      (one, of), (other, _) = (
+        self.fitted(f"{trial['trial']}_{which}", half) for which, half in (("first", first), ("second", second))
+      )
+    except RecordingError as error:
+      return trial | {"refused": str(error), "moved": []}
+    return trial | _told(differing(one, other, of))
+
+
+def drawn(injection: Injection, plain: Estimates, rng: np.random.Generator) -> tuple[float, float | None]:
+  """A size, and the nats that it is worth; None where no number of the twin is its own.
+
+  Then, and where the nats that were drawn need more than the largest size, sizes are log-uniform over two decades.
+  """
+  sign = float(rng.choice([-1.0, 1.0])) if injection.signed else 1.0
+  nats, share = float(np.exp(rng.uniform(np.log(LEAST), np.log(MOST)))), float(10.0 ** rng.uniform(-2.0, 0.0))
+  spread = _spread(injection, plain)
+  if spread is None:
+    return sign * share * injection.most, None
+  size = 2.0 * spread * np.sqrt(nats)
+  if size > injection.most:
+    size = max(share, 0.1) * injection.most
+  return sign * float(size), float((size / (2.0 * spread)) ** 2)
+
+
+def came_back(injection: Injection, one: Estimates, other: Estimates) -> tuple[float | None, float | None]:
+  """The size that the difference of two fits shows, and its deviation: least squares over what it moves."""
+  names = [name for name in injection.shows if name in one and name in other]
+  if not names:
+    return None, None
+  slope = np.array([injection.shows[name] for name in names])
+  weight = 1.0 / np.array([one[name][1] ** 2 + other[name][1] ** 2 for name in names])
+  moved = np.array([other[name][0] - one[name][0] for name in names])
+  power = float(weight @ slope**2)
+  return float(weight @ (slope * moved)) / power, power**-0.5
+
+
+def _spread(injection: Injection, plain: Estimates) -> float | None:
+  """Stated deviation of its size."""
+  power = sum((slope / plain[name][1]) ** 2 for name, slope in injection.shows.items() if name in plain)
+  return power**-0.5 if power > 0.0 else None
+
+
+def _told(moved: tuple[Moved, ...]) -> dict[str, Any]:
+  return {"moved": [dataclasses.asdict(m) for m in moved if m.there], "numbers": len(moved)}
+
+
+def kept(folder: Path) -> list[Mapping[str, Any]]:
+  """Trials that were made, in order."""
+  path = folder / "trials.ndjson"
+  return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.is_file() else []
