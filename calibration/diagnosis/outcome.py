@@ -12,10 +12,10 @@ from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decision.decide import Decision
 from calibration.diagnosis.decision.evidence import Evidence
 from calibration.diagnosis.formula.after import Shipped
-from calibration.diagnosis.detectable import Detectable, detectable
 from calibration.diagnosis.holdout_errors import ChannelFit, Replay
 from calibration.diagnosis.locate import Location
 from calibration.diagnosis.pool import Pool
+from calibration.diagnosis.search.detectable import Detectable, detectable
 from calibration.fitting.windows import Cut
 from qcar_twin.twin.twin import Twin
 

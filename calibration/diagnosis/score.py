@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
-from calibration.diagnosis.decision.comparison import Comparison, from_blocks
+from calibration.diagnosis.decision.comparison import CAP, Comparison, standard_error
 from calibration.fitting.observations import CHANNELS, Observations
 from calibration.fitting.optimiser import inverse_curvature, prior_cost
 
@@ -127,6 +127,15 @@ def compared(after: Array, before: Array, block: NDArray[np.int64]) -> Compariso
   drop = 0.5 * (before**2 - after**2)
   gains = np.bincount(block, drop)[np.unique(block)].astype(np.float64)
   return from_blocks(gains, float(0.5 * np.sum(before**2)))
+
+
+def from_blocks(gains: Array, before: float) -> Comparison:
+  """Of blocks' gains, nats, (B,), and the held-out half sum of squares of the smaller model."""
+  capped = np.clip(gains, -CAP, CAP)
+  t = float(capped.sum()) / standard_error(capped)
+  moved = np.abs(gains) > 0.02
+  share = float(np.mean(gains[moved] > 0)) if moved.any() else 0.0
+  return Comparison(float(capped.sum()), t, share, tuple(gains.tolist()), before)
 
 
 def evidence(larger: Candidate, smaller: Candidate, observations: Observations) -> float:

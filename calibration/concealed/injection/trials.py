@@ -54,8 +54,8 @@ class Bench:
     if not path.is_file():
       vehicle = Vehicle.from_dataset(self.dataset.vehicle, self.dataset.vehicle_std)
       reach = reaches([r for r in self.dataset.recordings if r.role != "holdout"], vehicle)
-      found = characterise(ready(dataset)[0], most=self.most, threads=1, reach=reach)
-      write_json(path, {"estimates": estimates(found), "units": units(found)})
+      car = characterise(ready(dataset)[0], most=self.most, threads=1, reach=reach)
+      write_json(path, {"estimates": estimates(car), "units": units(car)})
     kept = read_json(path)
     return {key: (value[0], value[1]) for key, value in kept["estimates"].items()}, kept["units"]
 

@@ -60,15 +60,6 @@ class Comparison:
     return float(np.clip(self.blocks, -_WIDE, _WIDE).sum())
 
 
-def from_blocks(gains: Array, before: float) -> Comparison:
-  """Of blocks' gains, nats, (B,), and the held-out half sum of squares of the smaller model."""
-  capped = np.clip(gains, -CAP, CAP)
-  moved = np.abs(gains) > 0.02
-  share = float(np.mean(gains[moved] > 0)) if moved.any() else 0.0
-  t = float(capped.sum()) / standard_error(capped)
-  return Comparison(float(capped.sum()), t, share, tuple(gains.tolist()), before)
-
-
 def standard_error(capped: Array) -> float:
   """Of the sum of blocks' gains; inf where a single block shows no scatter."""
   count = len(capped)

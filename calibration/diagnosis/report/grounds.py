@@ -99,8 +99,8 @@ def unseen(d: Diagnosis) -> Section:
   similar = Table("Effects that look similar on these recordings", ("one", "other", "correlation"),
                   [(a, b, round(c, 3)) for (a, b), c in pairs[:25]])  # fmt: skip
   text += (
-    " How small an effect would have been found is predicted to first order for each mechanism alone: from the size in"
-    " the second table on it would be claimed more often than not."
+    " The second table predicts, to first order, how small an effect would have been found. From that size on it would"
+    " be claimed more often than not."
   )
   return Section("What these recordings cannot show", text, [hidden, could_find(d), *([similar] if pairs else [])])
 

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from calibration.diagnosis.candidates import Candidate
-from calibration.diagnosis.decision.comparison import CAP
 from calibration.diagnosis.score import (
+  CAP,
   channel_shares,
   clustered_std,
   compare,

@@ -24,8 +24,8 @@ from qcar_twin.twin.mechanisms import catalogue
 from tests.calibration.diagnosis.diagnosis_results import HELD, decision_of, diagnosis_of
 
 # the keys of the published format, level by level; a change here is a change for everyone who reads the file
-TOP = ("dataset verdict claims ranking where unknown parameter_shifts untestable concealment next_experiment fit"
-       " curves repaired_twin shipped seconds").split()  # fmt: skip
+TOP = ("dataset verdict claims ranking where unknown parameter_shifts untestable concealment detectable next_experiment"
+       " fit curves repaired_twin shipped seconds").split()  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +62,8 @@ def test_the_document_says_what_was_found(explained):
   assert "gyro_scale" in found["untestable"]
   assert set(found["concealment"]) == set(explained.pool.signatures)
   assert all(0.0 <= v <= 1.0 + 1e-6 for v in found["concealment"].values())
+  assert set(found["detectable"]) <= set(found["concealment"])
+  assert found["detectable"]["quadratic_drag"]["size"] > 0.0 and found["detectable"]["gyro_scale"]["size"] is None
   assert found["next_experiment"] is None and found["repaired_twin"] == "twin.toml"
 
 

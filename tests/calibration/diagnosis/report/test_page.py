@@ -209,6 +209,9 @@ def test_untestable_and_concealed_effects_are_listed(explained):
   rows = {row[0]: row for row in blind.tables[0].rows}
   assert rows["gyro_scale"][3] == "no" and rows["steering_offset"][3] == "yes"
   assert rows["gyro_scale"][1] < 1.0 < rows["steering_offset"][1]
+  sizes = {row[0]: row for row in blind.tables[1].rows}
+  assert sizes["gyro_scale"][2] == "never" and float(sizes["quadratic_drag"][2]) > 0.0
+  assert "steering_offset" not in sizes, "what was found needs no such size"
 
 
 def test_the_next_drive_is_proposed_when_known(explained):

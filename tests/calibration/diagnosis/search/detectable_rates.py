@@ -1,6 +1,6 @@
 """How often effects of predicted sizes are claimed, on the linear car.
 
-    python -m tests.calibration.diagnosis.detectable_rates 14
+    python -m tests.calibration.diagnosis.search.detectable_rates 14
 
 A car without an effect says from which size on each mechanism would be claimed. Other cars, with other noise, have it
 at multiples of that size, are searched and decided.
@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator
 
 from calibration.diagnosis.decision.decide import decide
-from calibration.diagnosis.detectable import detectable
+from calibration.diagnosis.search.detectable import detectable
 from calibration.diagnosis.search.gather import gather
 from tests.calibration.diagnosis import diagnosis_rig as rig
 

@@ -5,14 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration.diagnosis.decision.comparison import from_blocks
 from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.decision.weighing import probability
-from calibration.diagnosis.detectable import Prediction, detectable
-from calibration.diagnosis.score import compare
+from calibration.diagnosis.score import compare, from_blocks
+from calibration.diagnosis.search.detectable import Prediction, detectable
 from calibration.diagnosis.search.gather import gather
 from tests.calibration.diagnosis import diagnosis_rig as rig
-from tests.calibration.diagnosis.detectable_rates import rates
+from tests.calibration.diagnosis.search.detectable_rates import rates
 
 
 @pytest.fixture(scope="module")

@@ -17,18 +17,19 @@ the effect is the car. A mechanism that acts either way is tried either way.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.decision.claims import claim
-from calibration.diagnosis.decision.comparison import from_blocks
 from calibration.diagnosis.decision.evidence import Alternative, Evidence, Named, Taken
 from calibration.diagnosis.decision.levels import Levels, usual_levels
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.scan import Signature
+from calibration.diagnosis.score import from_blocks
 from calibration.fitting.observations import CHANNELS
+from qcar_twin.parameters import Parameter
 
 Array = NDArray[np.float64]
 
@@ -97,7 +98,9 @@ class Prediction:
   def sums(self, change: Array) -> _Sums:
     """Of a change of the fitted residuals, (K,)."""
     cell = self.blocks * self.shape[1] + self.channels
-    fold = lambda values: np.bincount(cell, values, minlength=self.shape[0] * self.shape[1]).reshape(self.shape)
+    fold = lambda values: (
+      np.bincount(cell, values, minlength=self.shape[0] * self.shape[1]).astype(np.float64).reshape(self.shape)
+    )
     return _Sums(fold(change**2), fold(change * self.residual))
 
   def rivals(self, signature: Signature, seen: Mapping[str, Signature]) -> list[tuple[str, float, _Sums]]:
@@ -118,7 +121,7 @@ class Prediction:
     """The scanned size over the typical one, as far as the driving shows it."""
     mechanism = self.pool.problem.mechanism(signature.mechanism)
     parameter = amplitude(signature, mechanism.parameters)
-    away = abs(signature.tried[parameter.name] - parameter.null) / (parameter.typical or parameter.scale)
+    away = abs(_step(signature, parameter)) / (parameter.typical or parameter.scale)
     return away * mechanism.observable_share(signature.tried, self.pool.problem.driving)
 
   def named(self, signature: Signature, own: _Sums, rivals: list[tuple[str, float, _Sums]], k: float) -> Named:
@@ -149,10 +152,15 @@ class Prediction:
     return Alternative(name, nats, reached.t, size, False, from_blocks(ahead.sum(axis=1), 0.0).t, priors)
 
 
-def amplitude(signature: Signature, parameters):
+def amplitude(signature: Signature, parameters: Sequence[Parameter]) -> Parameter:
   """The parameter that was scanned: of those that do nothing at their null, the one that is farthest from it."""
-  away = lambda p: abs(signature.tried[p.name] - p.null) / (p.typical or p.scale)
+  away = lambda p: abs(_step(signature, p)) / (p.typical or p.scale)
   return max((p for p in parameters if p.null is not None and p.name in signature.tried), key=away)
+
+
+def _step(signature: Signature, parameter: Parameter) -> float:
+  """How far from its null it was scanned."""
+  return signature.tried[parameter.name] - (parameter.null or 0.0)
 
 
 def _smallest(
@@ -160,9 +168,9 @@ def _smallest(
 ) -> Detectable:
   mechanism = prediction.pool.problem.mechanism(signature.mechanism)
   parameter = amplitude(signature, mechanism.parameters)
-  step = signature.tried[parameter.name] - parameter.null
+  step, null = _step(signature, parameter), parameter.null or 0.0
   own = prediction.sums(signature.direction.astype(np.float64))
-  room = max((bound - parameter.null) / step for bound in (parameter.lower, parameter.upper))
+  room = max((bound - null) / step for bound in (parameter.lower, parameter.upper))
   signs = (1.0, -1.0) if mechanism.signed else (1.0,)
   found: dict[str, float] = {}
   for k in _LEAST * 2.0 ** (np.arange(_OCTAVES * _STEPS) / _STEPS):
