@@ -30,18 +30,18 @@ class Shipped:
   """What was found for the unexplained rest, and what it does on recordings that took no part.
 
   Attributes:
-    found: where it acts, and its formula or table.
+    rest: where it acts, and its formula or table.
     holdout: errors of the repaired twin, before, and of the same with the formula, after, per channel; empty where
       nothing is shipped.
   """
 
-  found: Found
+  rest: Found
   holdout: Mapping[str, ChannelFit]
 
   @property
   def kept(self) -> bool:
     """Whether files are written: there is one, and held-out recordings do not speak against it."""
-    return bool(self.found.kind) and self.change <= 1.0
+    return bool(self.rest.kind) and self.change <= 1.0
 
   @property
   def change(self) -> float:
@@ -81,11 +81,11 @@ def formula_left(pool: Pool, decision: Decision, recordings: Sequence[Recording]
 
 def write_formula(shipped: Shipped | None, folder: Path, dataset: str) -> list[Path]:
   """Write the mechanism file and the twin with it; returns their paths, none where nothing is kept."""
-  if shipped is None or not shipped.kept or shipped.found.twin is None:
+  if shipped is None or not shipped.kept or shipped.rest.twin is None:
     return []
-  twin, name = shipped.found.twin, shipped.found.twin.mechanism.name
+  twin, name = shipped.rest.twin, shipped.rest.twin.mechanism.name
   note = f"repaired on {dataset}, with {name}, which has no name"
-  alike = alike_words(shipped.found)
+  alike = alike_words(shipped.rest)
   return [
     write_mechanism(folder / f"{name}.py", twin.mechanism, twin.values, dataset, alike),
     save_twin(folder / TWIN, twin.problem.twin, twin.theta, note),

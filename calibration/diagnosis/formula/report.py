@@ -22,7 +22,7 @@ def formula_sections(shipped: Shipped | None) -> list[Section]:
   """One section where something is unexplained; none elsewhere."""
   if shipped is None:
     return []
-  found, text = shipped.found, sentence(shipped.found, shipped.change)
+  found, text = shipped.rest, sentence(shipped.rest, shipped.change)
   tables, drawn = [], []
   if found.kind and found.twin:
     rows: list[tuple[Cell, ...]] = [
@@ -50,7 +50,7 @@ def force_chart(found: Found) -> Chart | None:
   x = by_pulse(driven.values[name], driven.period).reshape(-1)
   seen = force.std.reshape(-1) > 0.0
   smooth = force.force.reshape(-1) * found.sought.responses.scale
-  said = by_pulse(_said(found), driven.period).reshape(-1)
+  said = by_pulse(said_by(found), driven.period).reshape(-1)
   order = np.flatnonzero(seen)
   order = order[:: max(1, len(order) // _POINTS)]
   unit = spell(VARIABLES[name].unit)
@@ -64,7 +64,7 @@ def force_chart(found: Found) -> Chart | None:
   return Chart(caption, [points(smooth, "recovered", 4), points(said, found.kind, 3)], layout, 420)
 
 
-def _said(found: Found) -> Array:
+def said_by(found: Found) -> Array:
   """The formula at every control period, (S, T)."""
   assert found.sought and found.twin
   mechanism, driven = found.twin.mechanism, found.sought.driven

@@ -131,7 +131,7 @@ def _formula(shipped: Shipped | None) -> dict[str, Any]:
   """The formula of what has no name, and its variables, where it is kept."""
   if shipped is None or not shipped.kept:
     return {}
-  return {"formula": equation(shipped.found), "depends_on": variables(shipped.found)}
+  return {"formula": equation(shipped.rest), "depends_on": variables(shipped.rest)}
 
 
 def unknown_variables(name: str) -> list[str]:
