@@ -1,4 +1,4 @@
-"""Put known changes into a real data set, split it in halves, and see what the comparison of two data sets says.
+"""Put known changes into real recordings, halve them, and see what a comparison then says.
 
 qcar-twin exam-real --dataset ../shared/data/dart --out out/real_dart --injections 24 --splits 10
 """

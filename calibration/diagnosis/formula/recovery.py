@@ -107,7 +107,7 @@ Own = Sequence[tuple[Array, Array, Array]]  # of each stretch: J'J, J'J_b, J'y
 
 
 def _root(count: int, length: float) -> Array:
-  return np.linalg.cholesky(kernel(count, length) + 1e-9 * np.eye(count))
+  return np.asarray(np.linalg.cholesky(kernel(count, length) + 1e-9 * np.eye(count)), dtype=np.float64)
 
 
 def _best_scale(base: Base, own: Own, length: float) -> tuple[float, float, float]:

@@ -89,7 +89,7 @@ def table_heights(
     responses, table_shapes(responses.degree, driven, table_knots(driven, names)) * responses.scale
   )
   inner = columns.T @ columns + stiffness * np.eye(columns.shape[1])
-  return np.linalg.solve(inner, columns.T @ fitted.rest) * responses.scale
+  return np.asarray(np.linalg.solve(inner, columns.T @ fitted.rest) * responses.scale, dtype=np.float64)
 
 
 def tables(usable: Sequence[str]) -> list[tuple[str, ...]]:

@@ -99,7 +99,7 @@ class CommonroadFullCar(CommonroadCar):
 
   size = FULL
   drive_limit, drive_step = 390.0, 0.1
-  noise = NOISE | {"pose": 0.01}
+  noise: Mapping[str, float] = NOISE | {"pose": 0.01}
   effects = effects_of_size(FULL)
 
 

@@ -50,7 +50,8 @@ class Size:
   @property
   def amperes(self) -> float:
     """Current for an acceleration, over that of the car at 1:10."""
-    return self.mass * self.base / np.mean(self.per_ampere) / (TENTH.mass * TENTH.base / np.mean(TENTH.per_ampere))
+    own, tenth = float(np.mean(self.per_ampere)), float(np.mean(TENTH.per_ampere))
+    return self.mass * self.base / own / (TENTH.mass * TENTH.base / tenth)
 
 
 TENTH = Size(0.1 * PUBLISHED_BASE, 2.7, (0.020, 0.030), (0.02, 0.035), 8.0, 20)
