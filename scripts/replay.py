@@ -11,7 +11,7 @@ from calibration.concealed.examination.sealed import PLAN, opened
 from calibration.diagnosis.decision.levels import FILE, read_levels
 from qcar_twin.command_line import run_script
 
-TRIAL = FILE.with_name("trial.toml")
+TYPICAL = FILE.with_name("typical.toml")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,8 +20,8 @@ class Config:
 
   answers: tuple[Path, ...]
   """Folders of campaigns, archives of their answers, folders of closed exams."""
-  rules: tuple[Path, ...] = (FILE, TRIAL)
-  """Files of levels to compare; the installed one and the one on trial by default."""
+  rules: tuple[Path, ...] = (FILE, TYPICAL)
+  """Files of levels to compare; the installed one and the one before it by default."""
 
 
 def main(config: Config) -> str:

@@ -28,6 +28,7 @@ from calibration.diagnosis.decision.levels import Levels, usual_levels
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.scan import Signature
 from calibration.diagnosis.score import from_blocks
+from calibration.diagnosis.search.gather import seconds_of
 from calibration.fitting.observations import CHANNELS
 from qcar_twin.parameters import Parameter
 
@@ -60,14 +61,24 @@ class Detectable:
 
 @dataclasses.dataclass(frozen=True)
 class _Sums:
-  """Sums of squares of a change and of its product with the residuals, by block and channel, (B, C) each."""
+  """Sums of squares of a change and of its product with the residuals.
+
+  By block and channel, (B, C), and by second, (S,).
+  """
 
   power: Array
   product: Array
+  power_by_second: Array
+  product_by_second: Array
 
   def gains(self, k: float) -> Array:
     """Nats by block and channel."""
     return 0.5 * k**2 * self.power - k * self.product
+
+  def scores(self, k: float) -> tuple[float, ...]:
+    """Slopes of the fit along the change in each second, over its norm, on a car that has k times the effect."""
+    norm = abs(k) * float(np.sqrt(self.power_by_second.sum()))
+    return tuple(((k**2 * self.power_by_second - k * self.product_by_second) / max(norm, 1e-12)).tolist())
 
 
 def detectable(pool: Pool, evidence: Evidence, levels: Levels | None = None) -> dict[str, Detectable]:
@@ -94,6 +105,7 @@ class Prediction:
     self.shape = (int(self.blocks.max()) + 1, int(channel.max()) + 1)
     self.error = np.bincount(channel, self.residual**2, minlength=self.shape[1])
     self.slopes = base.free.deviation_slopes(base.values)
+    self.second = np.unique(seconds_of(observations)[: base.n_train], return_inverse=True)[1].reshape(-1)
 
   def sums(self, change: Array) -> _Sums:
     """Of a change of the fitted residuals, (K,)."""
@@ -101,7 +113,9 @@ class Prediction:
     fold = lambda values: (
       np.bincount(cell, values, minlength=self.shape[0] * self.shape[1]).astype(np.float64).reshape(self.shape)
     )
-    return _Sums(fold(change**2), fold(change * self.residual))
+    by_second = lambda values: np.bincount(self.second, values).astype(np.float64)
+    power, product = change**2, change * self.residual
+    return _Sums(fold(power), fold(product), by_second(power), by_second(product))
 
   def rivals(self, signature: Signature, seen: Mapping[str, Signature]) -> list[tuple[str, float, _Sums]]:
     """Those most alike: name, size over the typical one that stands in for this one's, and what then is left."""
@@ -142,7 +156,7 @@ class Prediction:
     )
     return Named(
       name=signature.mechanism, held_out=dataclasses.replace(test, priors=priors, drop=drop), profile=drop, size=size,
-      at_bound=False, errors=tuple(errors), estimates=(), alternatives=others,
+      at_bound=False, errors=tuple(errors), estimates=(), alternatives=others, scores=own.scores(k),
     )  # fmt: skip
 
   def _alternative(self, name: str, size: float, gains: Array, ahead: Array, priors: float) -> Alternative:

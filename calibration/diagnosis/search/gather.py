@@ -36,6 +36,7 @@ from calibration.diagnosis.score import (
 from calibration.diagnosis.search.structure import ensure
 from calibration.diagnosis.search.weighing import shown_size, stretched
 from calibration.diagnosis.unexplained.leftover import leftovers
+from calibration.fitting.observations import Observations
 from calibration.fitting.optimiser import bounded_solve
 from calibration.fitting.residual_channels import RESIDUALS
 from calibration.fitting.tolerances import sensor_error_mechanisms
@@ -69,13 +70,18 @@ def _complete(pool: Pool) -> None:
       return
 
 
+def seconds_of(observations: Observations) -> NDArray[np.int64]:
+  """Number of the second that each value falls into, (M,)."""
+  return groups_of(observations, least=len(observations.names) + 1, length=_INDEPENDENT)
+
+
 class Weighing:
   """The models of a pool weighed; what is asked of a model several times is computed once."""
 
   def __init__(self, pool: Pool):
     self.pool, self.observations = pool, pool.problem.observations
     self.compare = functools.cache(self._compare)
-    self.second = groups_of(self.observations, least=len(self.observations.names) + 1, length=_INDEPENDENT)
+    self.second = seconds_of(self.observations)
     self.stretched = functools.cache(lambda key, name: stretched(pool, pool.models[key], name))
 
   def evidence(self, dataset: str) -> Evidence:

@@ -9,7 +9,7 @@ from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.decision.conclude import conclude, judged
 from calibration.diagnosis.decision.decide import Decision, decide
 from calibration.diagnosis.decision.evidence import Evidence, Model
-from calibration.diagnosis.decision.levels import usual_levels
+from calibration.diagnosis.decision.levels import FILE, read_levels, usual_levels
 from calibration.diagnosis.holdout_errors import ChannelFit, Replay
 from calibration.diagnosis.locate import locate
 from calibration.diagnosis.outcome import Diagnosis
@@ -68,6 +68,10 @@ def diagnosis_of(pool, claimed=(), verdict="explained", unknown=None, **changes)
     "stages": {"recalibration": 8.0, "scan": 3.0, "search": 1.5},
   }
   return Diagnosis(**(values | changes))  # type: ignore[arg-type]
+
+
+# weighs sizes as well, and claims at less: what holds of any rule shows on a short drive of the linear car
+SIZED = read_levels(FILE.with_name("typical.toml"))
 
 
 def decided(pool, levels=None):

@@ -18,7 +18,7 @@ from calibration.diagnosis.search.weighing import stretched
 from qcar_twin.twin.mechanisms.base import SensorError
 from tests.calibration.diagnosis import diagnosis_rig as rig
 from tests.calibration.diagnosis.decision.test_ties import renamed
-from tests.calibration.diagnosis.diagnosis_results import claimed_of, concluded, decided
+from tests.calibration.diagnosis.diagnosis_results import SIZED, claimed_of, concluded, decided
 
 
 def test_a_right_name_is_claimed_and_leaves_nothing_over(offset_pool):
@@ -112,7 +112,7 @@ def test_what_is_too_small_to_claim_is_possible_at_most(offset_pool, monkeypatch
   monkeypatch.setattr(
     type(mechanism), "observable_share", lambda self, values, driving: seen.append((values, driving)) or 0.05
   )
-  few = dataclasses.replace(usual_levels(), claim=0.9)
+  few = dataclasses.replace(SIZED, claim=0.9)
   decision = decided(offset_pool, few)
   assert decision.claims == () and "steering_offset" in decision.possible
   monkeypatch.undo()
@@ -180,7 +180,7 @@ def test_a_bias_is_claimed_beyond_what_every_sensor_has(monkeypatch):
 def test_how_usual_a_bias_is_does_not_depend_on_its_direction():
   """The disc is left as seldom as the square of one standard deviation by biases half as large on average."""
   test = Comparison(0.0, 0.0, 0.0, (), 0.0)
-  beyond = lambda x, y: beyond_usual(Named("", test, 0.0, 0.0, False, (), (), deviations=(x, y)), usual_levels())
+  beyond = lambda x, y: beyond_usual(Named("", test, 0.0, 0.0, False, (), (), deviations=(x, y)), SIZED)
   for angle in np.linspace(0.0, 2.0 * np.pi, 9):
     assert beyond(1.15 * np.cos(angle), 1.15 * np.sin(angle))
     assert not beyond(1.05 * np.cos(angle), 1.05 * np.sin(angle))
@@ -224,4 +224,4 @@ def test_a_first_name_at_its_bound_does_not_keep_a_right_one_from_joining(pair_p
     models[key] = dataclasses.replace(models[key], values=models[key].values.copy())
     models[key].values[models[key].free.index("steering_offset")] = limit
   assert min(pair_pool.of_size(1), key=lambda m: m.cost).mechanisms == ("steering_offset",)
-  assert [c.mechanism for c in decided(dataclasses.replace(pair_pool, models=models)).claims] == ["side_force"]
+  assert [c.mechanism for c in decided(dataclasses.replace(pair_pool, models=models), SIZED).claims] == ["side_force"]

@@ -7,7 +7,7 @@ import numpy as np
 from calibration.diagnosis.decision.levels import usual_levels
 from qcar_twin.parameters import ParameterSet
 from tests.calibration.diagnosis import diagnosis_rig as rig
-from tests.calibration.diagnosis.diagnosis_results import claimed_of, concluded, decided
+from tests.calibration.diagnosis.diagnosis_results import SIZED, claimed_of, concluded, decided
 
 
 def twins_of(pool, name, others):
@@ -32,8 +32,8 @@ def renamed(pool, single, name, other):
 
 
 def test_names_that_fit_equally_well_share_the_probability(offset_pool):
-  alone = decided(twins_of(offset_pool, "steering_offset", [])).claims[0].probability
-  tied = decided(twins_of(offset_pool, "steering_offset", ["side_force"]))
+  alone = decided(twins_of(offset_pool, "steering_offset", []), SIZED).claims[0].probability
+  tied = decided(twins_of(offset_pool, "steering_offset", ["side_force"]), SIZED)
   assert 0.5 * alone - 0.02 < tied.claims[0].probability < 0.65 and alone > 0.9
   assert {tied.claims[0].mechanism, *tied.claims[0].indistinguishable_from} == {"steering_offset", "side_force"}
   assert tied.verdict == "explained"
@@ -73,7 +73,7 @@ def test_a_name_goes_first_that_is_likelier_and_not_the_one_that_fits_best(offse
   residual[: small.n_train] *= 0.999
   pool.models[frozenset(["side_force"])] = dataclasses.replace(small, values=values, residual=residual)
   assert pool.models[frozenset(["side_force"])].cost < pool.models[frozenset(["steering_offset"])].cost
-  assert decided(pool).claims[0].mechanism == "steering_offset"
+  assert decided(pool, SIZED).claims[0].mechanism == "steering_offset"
 
 
 def test_what_is_only_likely_beside_a_name_too_doubtful_to_claim_is_weighed_alone(pair_pool):
