@@ -57,6 +57,7 @@ class EqualSensors:
   def __init__(self, sensors: dict[str, Sensor], groups: int, each: int, seed: int):
     self.count, self._each = groups * each, each
     self._suites = [SensorSuite(sensors, each, seed) for _ in range(groups)]
+    self.period = self._suites[0].period
 
   def restart(self, which: NDArray[np.bool_], signals: Array) -> None:
     for suite, group in self._groups():
