@@ -156,7 +156,7 @@ def test_linkages_are_drawn_for_every_episode_within_their_spread():
   cars = fleet(options, [0, 1])
   before = cars.linkage.gain.copy()
   cars.restart(np.array([True, False]))
-  assert cars.linkage.gain[0] != before[0] and cars._linkage._gain[1] == before[1]
+  assert cars.linkage.gain[0] != before[0] and cars.linkage.gain[1] == before[1]
 
 
 def test_without_a_spread_nothing_is_drawn():
