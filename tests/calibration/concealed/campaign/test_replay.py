@@ -53,7 +53,7 @@ def test_a_folder_and_its_archive_are_replayed_alike(results, tmp_path):
   archive = tmp_path / "kept.jsonl.xz"
   pack(tmp_path, archive)
   told = [replay.main(replay.Config((source,))) for source in (tmp_path, archive)]
-  assert told[0] == told[1] and "| counted | levels | trial |" in told[0]
+  assert told[0] == told[1] and "| counted | levels | typical |" in told[0]
 
 
 def test_answers_without_evidence_are_refused(tmp_path):
