@@ -23,12 +23,14 @@ class Kept:
     kind: "null", "single", "pair", "outside", ...
     effects: for each effect that acts, the names that are right for it; empty where the catalogue has none.
     evidence: of the diagnosis.
+    generator: that made it: "first" or "second" car, or an exam's.
   """
 
   name: str
   kind: str
   effects: tuple[frozenset[str], ...]
   evidence: Evidence
+  generator: str = "first"
 
   @property
   def right(self) -> frozenset[str]:
@@ -44,12 +46,12 @@ def kept_cases(results: Iterable[Mapping[str, Any]]) -> Iterator[Kept]:
       continue
     truth = result["truth"]
     if isinstance(truth, Mapping):  # of an exam, whose table names all that is right
-      effects = [frozenset(e["right"]) for e in truth["effects"]]
-      yield Kept(result["name"], truth["kind"], tuple(effects), from_json(evidence, result["name"]))
+      name, kind, generator = result["name"], truth["kind"], truth["car"]["generator"]
+      effects = [e["right"] for e in truth["effects"]]
     else:
-      effects = [frozenset([t["id"]] if t.get("in_catalogue", True) else []) for t in truth]
-      case = result["case"]
-      yield Kept(case["name"], case["kind"], tuple(effects), from_json(evidence, case["name"]))
+      name, kind, generator = result["case"]["name"], result["case"]["kind"], result["case"].get("car", "first")
+      effects = [t["right"] if "right" in t else [t["id"]] if t.get("in_catalogue", True) else [] for t in truth]
+    yield Kept(name, kind, tuple(map(frozenset, effects)), from_json(evidence, name), generator)
 
 
 def read_results(source: Path) -> list[dict[str, Any]]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from calibration.concealed.campaign.figure import confusion_table
 from calibration.concealed.campaign.page import AIMS
-from calibration.concealed.campaign.score import Result, case_row, reliability, score, score_baselines
+from calibration.concealed.campaign.score import Result, case_row, reliability, score, score_baselines, stated_claims
 from calibration.concealed.campaign.wild_score import wild_tables, wild_verdict
 from qcar_twin.pages import Section, Table, bars, heat_map, write_page
 
@@ -75,7 +75,10 @@ def _confusion(results: Sequence[Result]) -> Section:
 
 
 def _probabilities(results: Sequence[Result]) -> Section:
-  rows = [(f"{low:g} to {high:g}", count, stated, right) for low, high, count, stated, right in reliability(results)]
+  rows = [
+    (f"{low:g} to {high:g}", count, stated, right)
+    for low, high, count, stated, right in reliability(stated_claims(results))
+  ]
   known = [(name, stated or 0.0, right or 0.0) for name, count, stated, right in rows if count]
   values = {"before": [stated for _, stated, _ in known], "twin": [right for *_, right in known]}
   labels = {"before": "stated", "twin": "share right"}

@@ -74,7 +74,7 @@ def score(results: Sequence[Result]) -> dict[str, float | int | None]:
     "channels_worse": _mean(map(any_channel_worse, [r for r in results if r["answer"]["claims"]])),
     "channels_worse_of_all_cases": _mean(map(any_channel_worse, results)),
     "channels_worse_beyond_chance": _mean(map(any_channel_surely_worse, results)),
-    "calibration_error": calibration_error(results),
+    "calibration_error": expected_error(stated_claims(results)),
     "seconds_median": _median([r["answer"]["seconds"] for r in results]),
   }
 
@@ -141,7 +141,7 @@ def score_table(results: Sequence[Result]) -> str:
   ]
   bins = [
     (f"{low:g} to {high:g}", str(count), *("-" if v is None else f"{v:.2f}" for v in (stated, right)))
-    for low, high, count, stated, right in reliability(results)
+    for low, high, count, stated, right in reliability(stated_claims(results))
   ]
   cases = [case_row(r) for r in sorted(results, key=lambda r: r["case"]["name"])]
   tables = (
@@ -166,21 +166,29 @@ def case_row(result: Result) -> tuple[str, ...]:
   return case["name"], str(case["seed"]), truth, answer["verdict"], claims, top
 
 
-def reliability(results: Sequence[Result]) -> list[tuple[float, float, int, float | None, float | None]]:
-  """What a stated probability is worth, per bin: lower and upper end, claims, their mean probability, share right."""
-  claims = [(c["probability"], c["mechanism"] in truth_ids(r)) for r in results for c in r["answer"]["claims"]]
+def reliability(stated: Sequence[tuple[float, bool]]) -> list[tuple[float, float, int, float | None, float | None]]:
+  """What probabilities are worth, per bin: lower and upper end, claims, their mean probability, share right.
+
+  Args:
+    stated: of each claim its probability, and whether it is right.
+  """
   edges = (0.0, 0.5, 0.8, 0.95, 1.0)
   rows = []
   for low, high in zip(edges[:-1], edges[1:], strict=True):
-    inside = [(p, right) for p, right in claims if low <= p < high or (high == p == 1.0)]
+    inside = [(p, right) for p, right in stated if low <= p < high or (high == p == 1.0)]
     rows.append((low, high, len(inside), _mean(p for p, _ in inside), _mean(right for _, right in inside)))
   return rows
 
 
-def calibration_error(results: Sequence[Result]) -> float | None:
+def expected_error(stated: Sequence[tuple[float, bool]]) -> float | None:
   """Expected calibration error: |mean stated probability - share right| over the bins, weighted by their claims."""
-  bins = [(count, abs(stated - right)) for *_, count, stated, right in reliability(results) if count]  # type: ignore[operator]
+  bins = [(count, abs(said - right)) for *_, count, said, right in reliability(stated) if count]  # type: ignore[operator]
   return float(np.average([off for _, off in bins], weights=[count for count, _ in bins])) if bins else None
+
+
+def stated_claims(results: Sequence[Result]) -> list[tuple[float, bool]]:
+  """Of each claim of answers its probability, and whether it is right."""
+  return [(c["probability"], c["mechanism"] in truth_ids(r)) for r in results for c in r["answer"]["claims"]]
 
 
 def truth_ids(result: Result) -> set[str]:

@@ -1,58 +1,133 @@
-"""The weights of what is claimed, from answers of campaigns: a logistic regression of "the name is there"."""
+"""The weights of what is claimed, from kept evidence: a logistic regression of "the name is there"."""
 
+import dataclasses
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from sklearn.linear_model import LogisticRegression
 
+from calibration.concealed.campaign.replay import Kept, replayed, table
+from calibration.concealed.campaign.score import expected_error
 from calibration.diagnosis.decision.levels import Levels
+from qcar_twin import markdown
 from qcar_twin.atomic_io import write_text
 
-WEIGHTS = ("constant", "t", "size", "margin")
+Array = NDArray[np.float64]
+
+WEIGHTS = ("constant", "t", "margin")
 
 
-def fitted_weights(results: Sequence[Mapping[str, Any]], levels: Levels, typical: bool = True) -> dict[str, float]:
+@dataclasses.dataclass(frozen=True)
+class Weighed:
+  """N names that were weighed in cases: their figures (N, 2), whether they are there (N,), what each counts (N,)."""
+
+  figures: Array
+  right: NDArray[np.bool_]
+  counts: Array
+
+
+def weighed(cases: Sequence[Kept], levels: Levels) -> Weighed:
+  """Names of cases; every generator counts once, and in it every case, however many names were weighed.
+
+  Names at a bound are left out, since they are never claimed.
+  """
+  listed = [(case, [n for m in case.evidence.models for n in m.names if not n.at_bound]) for case in cases]
+  listed = [(case, names) for case, names in listed if names]
+  of = [case.generator for case, _ in listed]
+  rows = [(case, name, 1.0 / len(names) / of.count(case.generator)) for case, names in listed for name in names]
+  return Weighed(
+    np.array([levels.figures(n.t, n.size, n.margin())[::2] for _, n, _ in rows]).reshape(-1, 2),
+    np.array([name.name in case.right for case, name, _ in rows], dtype=bool),
+    np.array([count for *_, count in rows]),
+  )
+
+
+def fitted_weights(cases: Sequence[Kept], levels: Levels) -> dict[str, float]:
   """Constant and weights of `Levels.probability`.
 
-  Every case counts once, however many names were scored in it; names at a bound are left out, since they are never
-  claimed. A unit Gaussian prior on the weights of standardised figures keeps them finite.
+  A unit Gaussian prior on the weights of standardised figures keeps them finite.
 
   Args:
-    results: answers with the figures of every name that was scored, `scored`, and the truth.
+    cases: with their evidence and the names that are right.
     levels: what limits the figures.
-    typical: whether the share of the typical size counts; its weight is 0 otherwise.
 
   Raises:
-    ValueError: no answer has such figures, or all names are right or all wrong.
+    ValueError: all names are right or all wrong.
   """
-  figures, right, shares = [], [], []
-  for result in results:
-    rows = [r for r in result["answer"].get("scored", ()) if not r["at_bound"]]
-    there = {effect["id"] for effect in result["truth"]}
-    figures += [levels.figures(r["t"], r["size"], r["margin"]) for r in rows]
-    right += [r["name"] in there for r in rows]
-    shares += [1.0 / max(len(rows), 1)] * len(rows)
-  if len(set(right)) < 2:
-    raise ValueError(f"{len(results)} answers score no name that is there and one that is not; answer more cases")
-  kept = [0, 1, 2] if typical else [0, 2]
-  x, weight = np.array(figures)[:, kept], np.array(shares) * len(shares) / np.sum(shares)
-  middle, spread = x.mean(axis=0), x.std(axis=0) + 1e-9
-  regression = LogisticRegression(C=1.0, max_iter=2000).fit((x - middle) / spread, right, sample_weight=weight)
-  slopes = regression.coef_[0] / spread
-  constant = float(regression.intercept_[0] - slopes @ middle)
-  told = dict.fromkeys(WEIGHTS, 0.0) | dict(zip((WEIGHTS[1 + k] for k in kept), map(float, slopes), strict=True))
-  return told | {"constant": constant}
+  seen = weighed(cases, levels)
+  if len(set(seen.right.tolist())) < 2:
+    raise ValueError(f"{len(cases)} cases weigh no name that is there and one that is not; answer more cases")
+  middle, spread = seen.figures.mean(axis=0), seen.figures.std(axis=0) + 1e-9
+  regression = LogisticRegression(C=1.0, max_iter=2000)
+  regression.fit((seen.figures - middle) / spread, seen.right, sample_weight=seen.counts / seen.counts.mean())
+  slopes = np.ravel(regression.coef_) / spread
+  constant = float(np.ravel(regression.intercept_)[0] - slopes @ middle)
+  return dict(zip(WEIGHTS, (constant, *map(float, slopes)), strict=True))
 
 
-def write_weights(weights: Mapping[str, float], command: str, file: Path) -> None:
-  """Write the weights, and the command that made them, into a file of levels; the rest of it stays."""
+def with_weights(levels: Levels, weights: Mapping[str, float]) -> Levels:
+  """Levels with other weights."""
+  return dataclasses.replace(levels, **weights)
+
+
+def log_loss(cases: Sequence[Kept], levels: Levels) -> float:
+  """Mean of -ln of the probability given to what is so, nats a name, counted as `weighed` does."""
+  seen = weighed(cases, levels)
+  logit = levels.constant + seen.figures @ [levels.t, levels.margin]
+  return float(np.average(np.logaddexp(0.0, np.where(seen.right, -logit, logit)), weights=seen.counts))
+
+
+def judged_apart(cases: Sequence[Kept], before: Levels, after: Levels) -> str:
+  """Each generator's cases under the weights before, those fitted, and those fitted to the other generators alone.
+
+  Returns:
+    Markdown: per generator what is counted and where the three differ; then their log loss, and what the probabilities
+    of claims by the last are worth.
+
+  Raises:
+    ValueError: without a generator all names of the others are right or all wrong.
+  """
+  parts, rows, stated = [], [], []
+  generators = sorted({case.generator for case in cases})
+  for generator in generators if len(generators) > 1 else ():
+    own, others = ([c for c in cases if (c.generator == generator) == mine] for mine in (True, False))
+    rules = {
+      "before": before,
+      "fitted": after,
+      "fitted to the others": with_weights(before, fitted_weights(others, before)),
+    }
+    parts.append(f"{generator}: {len(own)} cases\n\n{table(own, rules)}")
+    names = weighed(own, before).right
+    rows.append(
+      (generator, f"{names.sum()} of {len(names)}", *(f"{log_loss(own, rule):.3f}" for rule in rules.values()))
+    )
+    said = [(case, replayed(case, rules["fitted to the others"])) for case in own]
+    stated += [(claim.probability, claim.mechanism in case.right) for case, told in said for claim in told.claims]
+  if not rows:
+    return "Cases are of one generator: nothing to leave out.\n"
+  heads = ("generator", "names that are there", "log loss before", "fitted", "fitted to the others")
+  return "\n".join([*parts, *markdown.table(heads, rows), "", _worth(stated)]) + "\n"
+
+
+def _worth(stated: Sequence[tuple[float, bool]]) -> str:
+  if not stated:
+    return "Fitted to the others, nothing is claimed."
+  probability, right = np.mean(stated, axis=0)
+  return (
+    f"Fitted to the others, {len(stated)} claims: mean probability {probability:.2f}, share right {right:.2f}, expected"
+    f" calibration error {expected_error(stated):.2f}."
+  )
+
+
+def write_weights(weights: Mapping[str, float], source: str, command: str, file: Path) -> None:
+  """Write the weights, where they come from and the command that made them into a file of levels; the rest stays."""
   text = file.read_text(encoding="utf-8")
   for name, value in weights.items():
-    table = re.compile(rf'(\[{name}\]\nvalue = )\S+(\nunit = "[^"\n]*"\nsource = "[^"\n]*"\ncommand = )"[^"\n]*"')
-    text, count = table.subn(lambda m, v=value: f'{m[1]}{v:.3f}{m[2]}"{command}"', text)
+    entry = re.compile(rf'(\[{name}\]\nvalue = )\S+(\nunit = "[^"\n]*"\nsource = )"[^"\n]*"(\ncommand = )"[^"\n]*"')
+    text, count = entry.subn(lambda m, v=value: f'{m[1]}{v:.3f}{m[2]}"{source}"{m[3]}"{command}"', text)
     if count != 1:
       raise ValueError(f"{file}: has no table [{name}] with value, unit, source and command in this order; write one")
   write_text(file, text)

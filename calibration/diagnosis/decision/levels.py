@@ -3,7 +3,7 @@
     logit P = constant + t min(|t|, most_t) sign(t) + size ln(share of the typical size) + margin l(nats ahead)
     l(n) = sign(n) ln(1 + |n| / near)
 
-The four weights are fitted to answers of campaigns by `qcar-twin set-levels`; what every number is and where it comes
+The four weights are fitted to kept evidence by `qcar-twin set-levels`; what every number is and where it comes
 from stands in levels.toml.
 """
 

@@ -14,8 +14,8 @@ from calibration.concealed.campaign.report import sections, verdict
 from calibration.concealed.campaign.run import run_case
 from calibration.concealed.campaign.score import (
   both_seen,
-  calibration_error,
   error_over,
+  expected_error,
   null_floor,
   recovered,
   reliability,
@@ -23,6 +23,7 @@ from calibration.concealed.campaign.score import (
   score,
   score_baselines,
   score_table,
+  stated_claims,
   worse_than_right_model,
 )
 from calibration.concealed.proving_ground import EFFECTS
@@ -102,9 +103,8 @@ def test_singles_are_counted_by_their_first_claim():
 
 
 def test_stated_probabilities_are_set_against_how_often_they_were_right():
-  rows = reliability(
-    [result("single", DELAY, ["steering_delay"]), result("single", DELAY, ["gyro_scale"]), result("null", [], [])]
-  )
+  results = [result("single", DELAY, [name]) for name in ("steering_delay", "gyro_scale")]
+  rows = reliability(stated_claims([*results, result("null", [], [])]))
   assert [row[2] for row in rows] == [0, 0, 2, 0]
   assert rows[2][3:] == (pytest.approx(0.9), 0.5) and rows[0][3:] == (None, None)
 
@@ -123,10 +123,8 @@ def test_intervals_that_hold_the_truth_are_counted():
 
 def test_stated_probabilities_miss_by_what_they_say_less_what_is_right():
   """Two claims at 0.9 of which one is right: off by 0.4."""
-  assert calibration_error([result("single", DELAY, [n]) for n in ("steering_delay", "gyro_scale")]) == pytest.approx(
-    0.4
-  )
-  assert calibration_error([result("null", [])]) is None
+  assert expected_error([(0.9, True), (0.9, False)]) == pytest.approx(0.4)
+  assert expected_error([]) is None
 
 
 def test_a_nameless_effect_is_right_if_its_strongest_property_is_one_of_its_formula():

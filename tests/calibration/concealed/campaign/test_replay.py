@@ -7,6 +7,7 @@ import pytest
 
 from calibration.concealed.campaign.archive import digest, pack
 from calibration.concealed.campaign.replay import kept_cases, replayed, table
+from calibration.concealed.examination.kept import kept_in, write_kept
 from calibration.diagnosis.decision.evidence import as_json
 from calibration.diagnosis.decision.levels import FILE, usual_levels
 from calibration.diagnosis.search.gather import gather
@@ -21,7 +22,7 @@ def results(pair_pool, clean_pool):
   both = [{"id": "steering_offset", "in_catalogue": True}, {"id": "side_force", "in_catalogue": True}]
   case = lambda kind, pool, truth: answered(f"{kind}_00", kind, gather(pool), truth)
   old = {"case": {"name": "null_01", "kind": "null"}, "answer": {}, "truth": []}
-  exam = {"name": "case_000", "truth": {"kind": "outside", "effects": [{"right": []}]}}
+  exam = {"name": "case_000", "truth": {"kind": "outside", "effects": [{"right": []}], "car": {"generator": "slipx"}}}
   exam["answer"] = {"evidence": as_json(gather(clean_pool))}
   return [case("null", clean_pool, []), case("pair", pair_pool, both), old, exam]
 
@@ -34,6 +35,7 @@ def answered(name, kind, evidence, truth):
 def test_cases_are_read_with_their_truth_and_those_without_evidence_are_left_out(results):
   null, pair, outside = kept_cases(results)
   assert (null.kind, null.effects) == ("null", ()) and (outside.kind, outside.right) == ("outside", frozenset())
+  assert (null.generator, outside.generator) == ("first", "slipx")
   assert pair.right == {"steering_offset", "side_force"} and len(pair.effects) == 2
   assert {c.mechanism for c in replayed(pair, usual_levels()).claims} == pair.right
 
@@ -60,3 +62,9 @@ def test_answers_without_evidence_are_refused(tmp_path):
   (tmp_path / "null_00.json").write_text(json.dumps({"case": {}, "answer": {}, "truth": []}))
   with pytest.raises(ValueError, match="run the campaign again"):
     replay.main(replay.Config((tmp_path,), (FILE,)))
+
+
+def test_evidence_that_is_kept_in_one_archive_is_that_of_the_cases(results, tmp_path):
+  cases = list(kept_cases(results))
+  write_kept(tmp_path / "evidence.jsonl.xz", cases)
+  assert kept_in([tmp_path / "evidence.jsonl.xz"]) == cases

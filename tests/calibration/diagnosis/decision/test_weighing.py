@@ -1,22 +1,16 @@
-"""Levels with sources, the probability they make of four figures, and the fit of its weights to answers."""
+"""Levels with sources, and the probability they make of a name's figures."""
 
 import dataclasses
 import math
-import shutil
-import tomllib
 
-import numpy as np
 import pytest
 from scipy import stats
 
-from calibration.concealed.campaign.set_levels import WEIGHTS, fitted_weights, write_weights
 from calibration.diagnosis.decision.decide import decide, figures
-from calibration.diagnosis.decision.levels import FILE, Levels, read_levels, usual_levels
+from calibration.diagnosis.decision.levels import FILE, read_levels, usual_levels
 from calibration.diagnosis.decision.weighing import matters
 from calibration.diagnosis.score import compare
 from calibration.diagnosis.search.gather import CONSIDERED, Weighing, gather
-from scripts import set_levels
-from tests import ROOT
 
 LEVELS = usual_levels()
 
@@ -77,45 +71,6 @@ def test_an_answer_holds_the_figures_of_the_sets_that_fit_best(pair_pool):
   assert {"set", "name", "t", "size", "margin", "nats", "at_bound"} == set(rows[0])
 
 
-def test_without_the_typical_size_its_weight_is_nothing():
-  truth = dict(zip(WEIGHTS, (-1.0, 0.7, 0.0, 0.4), strict=True))
-  assert fitted_weights(answers(truth), LEVELS, typical=False) == pytest.approx(truth, abs=0.15)
-
-
-def answers(weights, count=3000, seed=0):
-  """Cases of one name each, right as often as weights say."""
-  random, levels = np.random.default_rng(seed), dataclasses.replace(LEVELS, **weights)
-  made = []
-  for _ in range(count):
-    t, size, margin = random.uniform(-3.0, 6.0), np.exp(random.uniform(-3.0, 0.5)), random.normal(0.0, 60.0)
-    there = random.random() < levels.probability(t, size, margin)
-    row = {"name": "side_force", "t": t, "size": size, "margin": margin, "at_bound": False}
-    made.append({"answer": {"scored": [row]}, "truth": [{"id": "side_force" if there else "stiction"}]})
-  return made
-
-
-def test_weights_are_found_again_from_answers():
-  truth = dict(zip(WEIGHTS, (-1.0, 0.7, 1.4, 0.4), strict=True))
-  found = fitted_weights(answers(truth), LEVELS)
-  assert found == pytest.approx(truth, abs=0.15)
-
-
-def test_answers_that_tell_nothing_are_refused():
-  with pytest.raises(ValueError, match="answer more cases"):
-    fitted_weights([{"answer": {}, "truth": []}], LEVELS)
-
-
-def test_weights_are_written_beside_the_other_levels_with_the_command(tmp_path):
-  file = shutil.copy(FILE, tmp_path / "levels.toml")
-  write_weights(dict.fromkeys(WEIGHTS, 0.25), "a command", file)
-  written = read_levels(file)
-  assert written == dataclasses.replace(LEVELS, **dict.fromkeys(WEIGHTS, 0.25))
-  assert file.read_text().count('command = "a command"') == len(WEIGHTS)
-  file.write_text(file.read_text().replace("[size]", "[length]"))
-  with pytest.raises(ValueError, match="no table"):
-    write_weights(dict.fromkeys(WEIGHTS, 0.25), "a command", file)
-
-
 def test_no_typical_size_decides(pair_pool):
   before, evidence = read_levels(FILE.with_name("typical.toml")), gather(pair_pool)
   sized = lambda n: dataclasses.replace(n, size=0.01 * n.size)
@@ -123,17 +78,6 @@ def test_no_typical_size_decides(pair_pool):
   other = dataclasses.replace(evidence, models=tuple(map(small, evidence.models)))
   assert decide(other) == decide(evidence)
   assert decide(other, before) != decide(evidence, before)  # it did in the rule before
-
-
-def test_the_levels_are_those_of_the_archive_they_name(tmp_path):
-  """So that no number that decides is older or newer than what it is said to come from."""
-  command = tomllib.loads(FILE.read_text())["constant"]["command"].split()
-  archives = tuple(ROOT / part for part in command if part.endswith(".xz"))
-  file, installed = tmp_path / "levels.toml", FILE.read_bytes()
-  said = set_levels.main(set_levels.Config(archives, file, typical="--no-typical" not in command))
-  assert said.startswith("456 answers") and FILE.read_bytes() == installed
-  assert dataclasses.astuple(read_levels(file)) == pytest.approx(dataclasses.astuple(LEVELS), abs=0.002)
-  assert isinstance(LEVELS, Levels)
 
 
 def test_what_the_priors_gain_counts_as_held_out(offset_pool):
