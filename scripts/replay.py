@@ -11,8 +11,6 @@ from calibration.concealed.examination.kept import kept_in
 from calibration.diagnosis.decision.levels import FILE, read_levels
 from qcar_twin.command_line import run_script
 
-TYPICAL = FILE.with_name("typical.toml")
-
 
 @dataclasses.dataclass(frozen=True)
 class Config:
@@ -20,14 +18,15 @@ class Config:
 
   answers: tuple[Path, ...]
   """Folders of campaigns, archives of their answers or of evidence, folders of closed exams."""
-  rules: tuple[Path, ...] = (FILE, TYPICAL)
-  """Files of levels to compare; the installed one and the one before it by default."""
+  rules: tuple[Path, ...] = (FILE,)
+  """Files of levels to compare; the installed one by default."""
 
 
 def main(config: Config) -> str:
   """Replay; returns the counts as Markdown."""
   cases = kept_in(config.answers)
-  said = table(cases, {file.stem: read_levels(file) for file in config.rules})
+  stems = [file.stem for file in config.rules]
+  said = table(cases, {f.stem if stems.count(f.stem) == 1 else str(f): read_levels(f) for f in config.rules})
   print(f"{len(cases)} cases\n{said}")
   return said
 

@@ -1,4 +1,4 @@
-"""Fit the weights of the decision to kept evidence of several generators, and write levels.toml.
+"""Fit the weights that decide to kept evidence of several generators, and write levels.toml.
 
 qcar-twin set-levels --answers out/first out/second out/exam_slipx --out out/levels.toml
 """

@@ -15,11 +15,9 @@ MOST_UNPACKED = 1 << 29  # bytes of answers: a campaign of thousands of cases
 _OF_ANSWER = {
   "possible": "below_detection_size",
   "rival": "alternative",
-  "weighed": "scored",
   "left_over": "residual_structure",
 }
 _OF_CLAIM = {"rivals": "alternatives", "equivalent_to": "indistinguishable_from"}
-_OF_SCORED = {"stretched": "at_bound"}
 
 
 def digest(answer: dict) -> str:
@@ -36,8 +34,8 @@ def read_answer(path: Path) -> dict:
   """An answered case, its answer under the keys of now. The file stays as it was sealed, so its hash holds."""
   result = json.loads(path.read_text())
   answer = _renamed(result["answer"], _OF_ANSWER)
-  for rows, keys in (("claims", _OF_CLAIM), ("scored", _OF_SCORED)):
-    answer |= {rows: [_renamed(row, keys) for row in answer[rows]]} if rows in answer else {}
+  if "claims" in answer:  # of free curves an answer has none
+    answer["claims"] = [_renamed(row, _OF_CLAIM) for row in answer["claims"]]
   return result | {"answer": answer}
 
 

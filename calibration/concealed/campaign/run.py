@@ -16,7 +16,6 @@ from calibration.concealed.campaign.wild_score import informed
 from calibration.concealed.proving_ground import make_session
 from calibration.concealed.second_car import make_second_session
 from calibration.diagnosis.curves.study import study
-from calibration.diagnosis.decision.decide import figures
 from calibration.diagnosis.decision.evidence import as_json
 from calibration.diagnosis.outcome import Outcome
 from calibration.diagnosis.pipeline import diagnose
@@ -110,7 +109,6 @@ def answer_of(outcome: Outcome) -> dict:
   keep = ("verdict", "claims", "where", "untestable", "fit", "seconds", "unknown")
   out = {key: full[key] for key in keep} | {"ranking": full["ranking"][:12]}
   out["stages"] = dict(diagnosis.stages)
-  out["scored"] = figures(diagnosis.evidence)
   out["evidence"] = as_json(diagnosis.evidence)
   out["trials"] = _trials(diagnosis.pool)
   return out

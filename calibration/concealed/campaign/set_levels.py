@@ -39,7 +39,7 @@ def weighed(cases: Sequence[Kept], levels: Levels) -> Weighed:
   of = [case.generator for case, _ in listed]
   rows = [(case, name, 1.0 / len(names) / of.count(case.generator)) for case, names in listed for name in names]
   return Weighed(
-    np.array([levels.figures(n.t, n.size, n.margin())[::2] for _, n, _ in rows]).reshape(-1, 2),
+    np.array([levels.figures(n.t, n.margin()) for _, n, _ in rows]).reshape(-1, 2),
     np.array([name.name in case.right for case, name, _ in rows], dtype=bool),
     np.array([count for *_, count in rows]),
   )

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import traceback
 from pathlib import Path
+from typing import Any
 
+from calibration.diagnosis.decision.evidence import Evidence
 from calibration.diagnosis.decision.levels import usual_levels
+from calibration.diagnosis.decision.weighing import probability
 from calibration.diagnosis.pipeline import diagnose
 from qcar_twin.atomic_io import write_text
 from qcar_twin.recordings.dataset import DataSet
@@ -37,8 +40,14 @@ def sit(case: Case, folder: Path) -> None:
   session, truth = make_case(case)
   lock(folder, case.name, truth)
   outcome = diagnose(DataSet(case.name, session.recordings, session.vehicle, session.vehicle_std), threads=1)
-  answer = answer_of(outcome)
+  keep_answer(folder, case.name, answer_of(outcome) | {"scored": weighed(outcome.diagnosis.evidence)})
+
+
+def weighed(evidence: Evidence) -> list[dict[str, Any]]:
+  """Every name of every set that was weighed, and the probability that it is right."""
   levels = usual_levels()
-  for row in answer["scored"]:
-    row["probability"] = levels.probability(row["t"], row["size"], row["margin"])
-  keep_answer(folder, case.name, answer)
+  return [
+    {"set": list(m.mechanisms), "name": n.name, "at_bound": n.at_bound, "probability": probability(n, levels)}
+    for m in evidence.models
+    for n in m.names
+  ]

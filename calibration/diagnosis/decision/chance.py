@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 
 
 def beyond_chance(name: Named, evidence: Evidence, levels: Levels) -> bool:
-  """Whether a name's seconds agree more than those of anything scanned do by chance; a `family` of 1 asks nothing."""
-  return levels.family >= 1.0 or consistency(name.scores) > _level(evidence.scanned, levels.family, int(levels.draws))
+  """Whether a name's seconds agree more than those of anything scanned do by chance."""
+  return consistency(name.scores) > _level(evidence.scanned, levels.family, int(levels.draws))
 
 
 def consistency(scores: Sequence[float]) -> float:

@@ -66,9 +66,9 @@ def sensor_claims(model: Model, evidence: Evidence, levels: Levels) -> list[Clai
   """Biases far beyond what every sensor has; they are part of every model, so leaving them out is the test."""
   claims = []
   for name in model.sensors:
-    if name.size < levels.bias or not beyond_usual(name, levels):
+    if not beyond_usual(name, levels):
       continue
-    likely = levels.probability(name.t, name.size, name.held_out.drop)
+    likely = levels.probability(name.t, name.held_out.drop)
     if likely >= levels.claim and matters(name, evidence, levels) and beyond_chance(name, evidence, levels):
       estimates = _estimates(name, levels)
       claims.append(Claim(name.name, likely, likely, name.profile, name.held_out, estimates, (), (), True))
@@ -82,9 +82,7 @@ def beyond_usual(name: Named, levels: Levels) -> bool:
   Together, since a bias of 0.2 m/s^2 halfway between two axes is no smaller than one along either.
   """
   sizes = name.deviations
-  if levels.unusual < 1.0:
-    return not sizes or math.hypot(*sizes) > math.sqrt(float(chi2.isf(levels.unusual, len(sizes))))
-  return not sizes or math.hypot(*sizes) > (1.0 if len(sizes) == 1 else levels.round)
+  return not sizes or math.hypot(*sizes) > math.sqrt(float(chi2.isf(levels.unusual, len(sizes))))
 
 
 def _estimates(name: Named, levels: Levels) -> dict[str, dict[str, float | str]]:

@@ -13,6 +13,7 @@ from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.decision.evidence import Evidence, Model
 from calibration.diagnosis.decision.levels import Levels, usual_levels
 from calibration.diagnosis.decision.structure import Leftover
+from calibration.diagnosis.decision.weighing import probability
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,7 +23,7 @@ class Decision:
   Attributes:
     verdict: no_mismatch, explained, partly_explained or unexplained.
     claims: strongest first.
-    possible: mechanisms that would be claimed if they were larger.
+    possible: mechanisms likely enough alone, were it not for what a claim asks beside its probability.
     mechanisms: of the model behind the claims, sorted; () for the recalibrated twin.
     unknown: name of the UNKNOWN rival that did best, and its held-out comparison with the base.
     ranking: every mechanism tried with its evidence, best first.
@@ -62,16 +63,6 @@ def decide(evidence: Evidence, levels: Levels | None = None) -> Decision:
   return Decision(verdict, tuple(claims), possible, best.mechanisms, None, ranking, undecided=undecided)
 
 
-def figures(evidence: Evidence) -> list[dict[str, object]]:
-  """What was weighed, name by name: what `qcar-twin set-levels` fits."""
-  rows = []
-  for model in evidence.models:
-    for name in model.names:
-      row = {"t": name.t, "size": name.size, "margin": name.margin(), "nats": name.held_out.drop}
-      rows.append({"set": list(model.mechanisms), "name": name.name, "at_bound": name.at_bound} | row)
-  return rows
-
-
 def _likeliest(evidence: Evidence, size: int, best: Model, levels: Levels) -> tuple[Model, list[Claim]] | None:
   """Of the sets of a size in which every name is likely enough, and which go beyond a smaller one, the likeliest."""
   found = []
@@ -87,7 +78,7 @@ def _goes_beyond(model: Model, best: Model, levels: Levels) -> bool:
   if set(best.mechanisms) < set(model.mechanisms):
     return True
   other = next(a for a in model.against if a.mechanisms == best.mechanisms)
-  likely = lambda n: levels.probability(min(other.t, n.t), n.size, min(other.drop, n.margin()))
+  likely = lambda n: levels.probability(min(other.t, n.t), min(other.drop, n.margin()))
   return all(likely(name) >= levels.claim for name in model.names)
 
 
@@ -103,10 +94,10 @@ def _singles(evidence: Evidence, levels: Levels) -> list[Claim]:
 
 
 def _possible(evidence: Evidence, claims: Sequence[Claim], levels: Levels) -> tuple[str, ...]:
-  """Mechanisms that would be claimed if they were of their typical size."""
+  """Mechanisms likely enough alone and not claimed: at a bound, too small to matter, perhaps chance, shared."""
   named = {c.mechanism for c in claims}
   singles = [name for model in evidence.of_size(1) for name in model.names if name.name not in named]
-  return tuple(n.name for n in singles if levels.probability(n.t, 1.0, n.margin()) >= levels.claim)
+  return tuple(n.name for n in singles if probability(n, levels) >= levels.claim)
 
 
 def _ranking(evidence: Evidence, claims: Sequence[Claim]) -> tuple[tuple[str, float], ...]:

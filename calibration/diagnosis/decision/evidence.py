@@ -21,6 +21,7 @@ from qcar_twin.untrusted import UnreadableFile, read_json
 
 FILE = "evidence.json"
 DIGITS = ".6g"  # of every number in it
+_NOT_READ = {"size", "typical"}  # what earlier files also have of a name and of a parameter; nothing depends on it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,7 +32,6 @@ class Estimate:
     name, unit: as declared.
     value, std: with a deviation from the scatter of recordings.
     null: value at which the mechanism does nothing; None of a parameter that only shapes it.
-    typical: size that its catalogue calls typical, in its unit.
   """
 
   name: str
@@ -39,7 +39,6 @@ class Estimate:
   std: float
   unit: str
   null: float | None
-  typical: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,7 +58,6 @@ class Alternative:
     name: of the mechanism.
     nats: that it brings there, priors included.
     t: held-out gain over its standard error there, with what the priors gain.
-    size: largest amplitude that the driving shows, as a share of its typical size.
     at_bound: whether its amplitude went as far as it may.
     behind_t: held-out t of the name over it.
     behind_priors: nats of the priors by which it is behind the name.
@@ -68,7 +66,6 @@ class Alternative:
   name: str
   nats: float
   t: float
-  size: float
   at_bound: bool
   behind_t: float
   behind_priors: float
@@ -82,7 +79,6 @@ class Named:
     name: id of the mechanism.
     held_out: the two compared on groups left out; its drop has the priors.
     profile: log profile likelihood ratio of the two, nats.
-    size: largest amplitude that the driving shows, as a share of its typical size.
     at_bound: whether an amplitude went as far as it may.
     errors: what it takes off each channel.
     estimates: of its parameters.
@@ -94,7 +90,6 @@ class Named:
   name: str
   held_out: Comparison
   profile: float
-  size: float
   at_bound: bool
   errors: tuple[Taken, ...]
   estimates: tuple[Estimate, ...]
@@ -271,9 +266,9 @@ def _read(kind: Any, value: Any) -> Any:
   """A value of an annotated type: a dataclass, a tuple, a number, text."""
   if dataclasses.is_dataclass(kind):
     hints = typing.get_type_hints(kind)
-    if set(value) - set(hints):
-      raise ValueError(f"nothing in it is called {', '.join(sorted(set(value) - set(hints)))}")
-    return kind(**{name: _read(hints[name], item) for name, item in value.items()})  # type: ignore[operator]
+    if unknown := set(value) - set(hints) - _NOT_READ:
+      raise ValueError(f"nothing in it is called {', '.join(sorted(unknown))}")
+    return kind(**{name: _read(hints[name], item) for name, item in value.items() if name in hints})  # type: ignore[operator]
   origin, inner = typing.get_origin(kind), typing.get_args(kind)
   if origin is types.UnionType:  # a number or None
     return None if value is None else _read(inner[0], value)

@@ -1,9 +1,9 @@
 """The numbers that decide, and the probability that a name is right.
 
-    logit P = constant + t min(|t|, most_t) sign(t) + size ln(share of the typical size) + margin l(nats ahead)
+    logit P = constant + t min(|t|, most_t) sign(t) + margin l(nats ahead)
     l(n) = sign(n) ln(1 + |n| / near)
 
-The four weights are fitted to kept evidence by `qcar-twin set-levels`; what every number is and where it comes
+The three weights are fitted to kept evidence by `qcar-twin set-levels`; what every number is and where it comes
 from stands in levels.toml.
 """
 
@@ -21,25 +21,22 @@ class Levels:
   """The numbers that decide what is claimed, and whether something is left.
 
   Attributes:
-    constant, t, size, margin: weights of the logistic.
+    constant, t, margin: weights of the logistic.
     cap: nats that a block can bring to the decision, so that no single event decides.
     wide: the same for how much there is to explain at all, in caps.
     least_spread: least standard deviation of the blocks' gains, in caps: where every block brings the cap, t would be a
       number without meaning.
     most_t: held-out t beyond which more of it tells nothing.
-    least_size: share of the typical size below which all are alike.
     near: nats between two fits of a likelihood ratio of 20.
     claim: probability from which a name is claimed.
     gain: share that a name must take off the held-out error of some channel.
     harm: share that a name may put onto the error of some channel.
     sure: one-sided confidence that what it takes off is above zero.
     conflict: chance that parameters of some name part that far from what was measured of the car.
-    family: chance that anything scanned on a data set without an effect gets beyond its level; 1 asks nothing.
+    family: chance that anything scanned on a data set without an effect gets beyond its level.
     draws: sign flips that the level is taken from.
     spread: errors of fitted parameters over their stated deviations.
-    bias: share of the typical size from which the bias of a sensor is one.
-    unusual: chance that a sensor of the kind is that far from having no bias; 1 for one deviation, see `round`.
-    round: radius, in deviations of what is usual, beyond which biases along several axes are unusual together.
+    unusual: chance that a sensor of the kind is that far from having no bias.
     equivalent: held-out t of a claim over a rival below which the two can't be told apart.
     form: standard deviation of a claimed size for the formula's own error, as a share of it.
     chance: probability under noise from which on smooth structure of a channel is none.
@@ -58,13 +55,11 @@ class Levels:
 
   constant: float
   t: float
-  size: float
   margin: float
   cap: float
   wide: float
   least_spread: float
   most_t: float
-  least_size: float
   near: float
   claim: float
   gain: float
@@ -74,9 +69,7 @@ class Levels:
   family: float
   draws: float
   spread: float
-  bias: float
   unusual: float
-  round: float
   equivalent: float
   form: float
   chance: float
@@ -90,24 +83,19 @@ class Levels:
   remains: float
   doubt: float
 
-  def figures(self, t: float, size: float, margin: float) -> tuple[float, float, float]:
-    """What the weights t, size and margin multiply."""
-    return (
-      max(-self.most_t, min(t, self.most_t)),
-      math.log(max(self.least_size, min(size, 1.0))),
-      math.copysign(math.log1p(abs(margin) / self.near), margin),
-    )
+  def figures(self, t: float, margin: float) -> tuple[float, float]:
+    """What the weights t and margin multiply."""
+    return max(-self.most_t, min(t, self.most_t)), math.copysign(math.log1p(abs(margin) / self.near), margin)
 
-  def probability(self, t: float, size: float, margin: float) -> float:
+  def probability(self, t: float, margin: float) -> float:
     """That a name is right.
 
     Args:
       t: held-out gain over its standard error, with what the priors gain.
-      size: share of the typical size that the driving shows.
       margin: nats by which it fits better than nothing, or than the best other name in its place, in its priors, too.
     """
-    parts = zip((self.t, self.size, self.margin), self.figures(t, size, margin), strict=True)
-    return 1.0 / (1.0 + math.exp(-self.constant - sum(weight * part for weight, part in parts)))
+    far, ahead = self.figures(t, margin)
+    return 1.0 / (1.0 + math.exp(-self.constant - (self.t * far + self.margin * ahead)))
 
 
 def read_levels(file: Path = FILE) -> Levels:

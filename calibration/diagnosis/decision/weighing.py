@@ -8,7 +8,7 @@ from calibration.diagnosis.decision.levels import Levels
 
 def probability(name: Named, levels: Levels, leaving_out: tuple[str, ...] = ()) -> float:
   """That a name is right, as if some alternatives were not there."""
-  return levels.probability(name.t, name.size, name.margin(leaving_out))
+  return levels.probability(name.t, name.margin(leaving_out))
 
 
 def alike(name: Named, levels: Levels) -> tuple[Alternative, ...]:
@@ -26,7 +26,7 @@ def part(name: Named, levels: Levels) -> float:
 def _probability_of(alternative: Alternative, name: Named, levels: Levels) -> float:
   """That an alternative is right, with the name itself among what it is weighed against."""
   others = [name.held_out.drop, *(a.nats for a in name.alternatives if a.name != alternative.name)]
-  return levels.probability(alternative.t, alternative.size, alternative.nats - max(0.0, *others))
+  return levels.probability(alternative.t, alternative.nats - max(0.0, *others))
 
 
 def _odds(value: float) -> float:

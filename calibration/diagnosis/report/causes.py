@@ -24,7 +24,7 @@ def left_out(d: Diagnosis) -> Section:
   """The claims: name, size with its deviation, probability, and what each takes off the error."""
   title, mechanisms = "What was left out of the twin", claimed(d)
   if not d.decision.claims:
-    return Section(title, f"No mechanism is claimed.{_too_small(d)}")
+    return Section(title, f"No mechanism is claimed.{_not_claimed(d)}")
   lines = []
   for claim in d.decision.claims:
     name = claim.mechanism
@@ -41,7 +41,7 @@ def left_out(d: Diagnosis) -> Section:
       "\n\nThe error is the squared error above sensor noise of the recalibrated twin. What a mechanism takes off comes"
       " back when it is left out and the others are refitted."
     )
-  return Section(title, f"{text}{_too_small(d)}", [table])
+  return Section(title, f"{text}{_not_claimed(d)}", [table])
 
 
 def _claim_row(d: Diagnosis, claim: Claim, mechanisms: Mapping[str, Mechanism]) -> tuple[Cell, ...]:
@@ -51,10 +51,11 @@ def _claim_row(d: Diagnosis, claim: Claim, mechanisms: Mapping[str, Mechanism]) 
   return claim.mechanism, size, round(claim.probability, 2), None if taken is None else round(100 * taken), others
 
 
-def _too_small(d: Diagnosis) -> str:
+def _not_claimed(d: Diagnosis) -> str:
   if not d.decision.possible:
     return ""
-  return f"\n\nVisible, but below the size that is claimed: {wording.listed(d.decision.possible)}."
+  why = "too small to matter, perhaps chance, at a bound or shared with another"
+  return f"\n\nLikely alone, but not claimed ({why}): {wording.listed(d.decision.possible)}."
 
 
 def unexplained(d: Diagnosis) -> Section:

@@ -117,8 +117,8 @@ class Prediction:
     power, product = change**2, change * self.residual
     return _Sums(fold(power), fold(product), by_second(power), by_second(product))
 
-  def rivals(self, signature: Signature, seen: Mapping[str, Signature]) -> list[tuple[str, float, _Sums]]:
-    """Those most alike: name, size over the typical one that stands in for this one's, and what then is left."""
+  def rivals(self, signature: Signature, seen: Mapping[str, Signature]) -> list[tuple[str, _Sums]]:
+    """Those most alike: name, and what is left where it stands in for this one."""
     own, found = signature.direction.astype(np.float64), []
     for name, other in seen.items():
       direction = other.direction.astype(np.float64)
@@ -126,19 +126,9 @@ class Prediction:
       if name != signature.mechanism and (share > 0.0 or self.pool.problem.mechanism(name).signed):
         found.append((share**2 * float(direction @ direction), name, share))
     best = sorted(found, reverse=True)[:RIVALS]
-    return [
-      (name, abs(share) * self.typical(seen[name]), self.sums(own - share * seen[name].direction.astype(np.float64)))
-      for _, name, share in best
-    ]
+    return [(name, self.sums(own - share * seen[name].direction.astype(np.float64))) for _, name, share in best]
 
-  def typical(self, signature: Signature) -> float:
-    """The scanned size over the typical one, as far as the driving shows it."""
-    mechanism = self.pool.problem.mechanism(signature.mechanism)
-    parameter = amplitude(signature, mechanism.parameters)
-    away = abs(_step(signature, parameter)) / (parameter.typical or parameter.scale)
-    return away * mechanism.observable_share(signature.tried, self.pool.problem.driving)
-
-  def named(self, signature: Signature, own: _Sums, rivals: list[tuple[str, float, _Sums]], k: float) -> Named:
+  def named(self, signature: Signature, own: _Sums, rivals: list[tuple[str, _Sums]], k: float) -> Named:
     """The mechanism at k times its scanned size, as it would be weighed."""
     gains = own.gains(k)
     answer = np.array([signature.imitated.get(name, 0.0) for name in self.pool.base.free.names])
@@ -146,24 +136,21 @@ class Prediction:
     before = self.error + 2.0 * gains.sum(axis=0)
     test = from_blocks(gains.sum(axis=1), 0.5 * float(before.sum()))
     drop = float(gains.sum()) + priors
-    size = abs(k) * self.typical(signature)
     errors = []
     for index in np.flatnonzero(self.error > 0.0):
       share = 1.0 - float(np.sqrt(self.error[index] / max(before[index], 1e-12)))
       errors.append(Taken(CHANNELS[index], share, from_blocks(gains[:, index], 0.5 * float(before[index])).t))
-    others = tuple(
-      self._alternative(name, abs(k) * share, gains, left.gains(k), priors) for name, share, left in rivals
-    )
+    others = tuple(self._alternative(name, gains, left.gains(k), priors) for name, left in rivals)
     return Named(
-      name=signature.mechanism, held_out=dataclasses.replace(test, priors=priors, drop=drop), profile=drop, size=size,
+      name=signature.mechanism, held_out=dataclasses.replace(test, priors=priors, drop=drop), profile=drop,
       at_bound=False, errors=tuple(errors), estimates=(), alternatives=others, scores=own.scores(k),
     )  # fmt: skip
 
-  def _alternative(self, name: str, size: float, gains: Array, ahead: Array, priors: float) -> Alternative:
+  def _alternative(self, name: str, gains: Array, ahead: Array, priors: float) -> Alternative:
     """Another name in its place: what is `ahead` of it is what it leaves."""
     reached = from_blocks((gains - ahead).sum(axis=1), 0.0)
     nats = float((gains - ahead).sum())
-    return Alternative(name, nats, reached.t, size, False, from_blocks(ahead.sum(axis=1), 0.0).t, priors)
+    return Alternative(name, nats, reached.t, False, from_blocks(ahead.sum(axis=1), 0.0).t, priors)
 
 
 def amplitude(signature: Signature, parameters: Sequence[Parameter]) -> Parameter:
@@ -178,7 +165,7 @@ def _step(signature: Signature, parameter: Parameter) -> float:
 
 
 def _smallest(
-  prediction: Prediction, signature: Signature, rivals: list[tuple[str, float, _Sums]], levels: Levels
+  prediction: Prediction, signature: Signature, rivals: list[tuple[str, _Sums]], levels: Levels
 ) -> Detectable:
   mechanism = prediction.pool.problem.mechanism(signature.mechanism)
   parameter = amplitude(signature, mechanism.parameters)

@@ -34,7 +34,7 @@ from calibration.diagnosis.score import (
   prior_part,
 )
 from calibration.diagnosis.search.structure import ensure
-from calibration.diagnosis.search.weighing import shown_size, stretched
+from calibration.diagnosis.search.weighing import stretched
 from calibration.diagnosis.unexplained.leftover import leftovers
 from calibration.fitting.observations import Observations
 from calibration.fitting.optimiser import bounded_solve
@@ -111,11 +111,11 @@ class Weighing:
   def named(self, model: Candidate, name: str) -> Named:
     """A mechanism of a model against the model without it."""
     rest = _key(model) - {name}
-    without, size = self.pool.models[rest], shown_size(self.pool, model, name)
+    without = self.pool.models[rest]
     fitted = [key for key in self.pool.models if len(key) == len(rest) + 1 and rest < key and name not in key]
     alternatives = [self.alternative(model, key, next(iter(key - rest))) for key in fitted]
     test, at_bound = self.compare(_key(model), rest), self.stretched(_key(model), name)
-    row = self._weighed(model, without, name, test, size, at_bound)
+    row = self._weighed(model, without, name, test, at_bound)
     return dataclasses.replace(row, alternatives=tuple(alternatives))
 
   def alternative(self, model: Candidate, key: frozenset[str], name: str) -> Alternative:
@@ -126,7 +126,6 @@ class Weighing:
       name=name,
       nats=rest.cost - other.cost,
       t=self.compare(key, key - {name}).t_with_priors,
-      size=shown_size(self.pool, other, name),
       at_bound=self.stretched(key, name),
       behind_t=gap.t,
       behind_priors=gap.priors,
@@ -142,8 +141,8 @@ class Weighing:
       declared = {n: e.std for n, e in mechanism.sensor_errors.items()}
       usual = {n: declared.get(n, model.free[n].std) for n in names}
       away = [(model.estimate(n)[0] - (model.free[n].null or 0.0)) / s for n, s in usual.items() if s is not None]
-      without, size = _at_null(model, names), shown_size(self.pool, model, mechanism.name)
-      row = self._weighed(model, without, mechanism.name, self._test(model, without), size, at_bound=False)
+      without = _at_null(model, names)
+      row = self._weighed(model, without, mechanism.name, self._test(model, without), at_bound=False)
       rows.append(dataclasses.replace(row, deviations=tuple(map(float, away))))
     return rows
 
@@ -162,15 +161,12 @@ class Weighing:
       rows.append(Scanned(name, gain, refitted.get(name), scores))
     return tuple(rows)
 
-  def _weighed(
-    self, model: Candidate, without: Candidate, name: str, test: Comparison, size: float, at_bound: bool
-  ) -> Named:
+  def _weighed(self, model: Candidate, without: Candidate, name: str, test: Comparison, at_bound: bool) -> Named:
     taken = errors_taken_off(model, without, self.observations)
     return Named(
       name=name,
       held_out=test,
       profile=evidence(model, without, self.observations),
-      size=size,
       at_bound=at_bound,
       errors=tuple(Taken(channel, share, t) for channel, (share, t) in taken.items()),
       estimates=self._estimates(model, name),
@@ -187,7 +183,7 @@ class Weighing:
     values = model.free.named(model.values)
     scatter = model.free.named(clustered_std(model, self.observations))
     declared = [p for p in self.pool.problem.mechanism(name).parameters if p.name in model.free]
-    row = lambda p: Estimate(p.name, values[p.name], scatter[p.name], p.unit, p.null, p.typical or p.scale)
+    row = lambda p: Estimate(p.name, values[p.name], scatter[p.name], p.unit, p.null)
     return tuple(row(p) for p in declared)
 
   def _compare(self, larger: frozenset[str], smaller: frozenset[str]) -> Comparison:

@@ -1,5 +1,6 @@
 """Decisions and whole diagnoses put together by hand, for what writes and shows them."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,7 @@ from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.decision.conclude import conclude, judged
 from calibration.diagnosis.decision.decide import Decision, decide
 from calibration.diagnosis.decision.evidence import Evidence, Model
-from calibration.diagnosis.decision.levels import FILE, read_levels, usual_levels
+from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.holdout_errors import ChannelFit, Replay
 from calibration.diagnosis.locate import locate
 from calibration.diagnosis.outcome import Diagnosis
@@ -70,8 +71,8 @@ def diagnosis_of(pool, claimed=(), verdict="explained", unknown=None, **changes)
   return Diagnosis(**(values | changes))  # type: ignore[arg-type]
 
 
-# weighs sizes as well, and claims at less: what holds of any rule shows on a short drive of the linear car
-SIZED = read_levels(FILE.with_name("typical.toml"))
+# claims at less: what holds of any weights shows on a short drive of the linear car
+EASY = dataclasses.replace(usual_levels(), constant=usual_levels().constant + 3.0)
 
 
 def decided(pool, levels=None):

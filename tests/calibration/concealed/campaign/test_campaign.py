@@ -314,13 +314,13 @@ def test_an_answer_that_was_changed_later_is_not_taken_from_an_archive(tmp_path)
 
 
 def test_an_answer_sealed_under_earlier_keys_is_read_under_those_of_now(tmp_path):
-  sealed = {"rival": None, "possible": ["payload"], "weighed": [{"t": 0.1, "stretched": True}], "left_over": {}}
+  sealed = {"rival": None, "possible": ["payload"], "left_over": {}}
   sealed |= {"claims": [{"mechanism": "ice", "rivals": [{"evidence_nats": 0.3}], "equivalent_to": ["worn_tyres"]}]}
   path = tmp_path / "single_00.json"
   path.write_text(json.dumps({"case": {}, "answer": sealed, "sha256": digest(sealed), "truth": []}))
   answer = read_answer(path)["answer"]
   assert answer == {
-    "alternative": None, "below_detection_size": ["payload"], "scored": [{"t": 0.1, "at_bound": True}],
+    "alternative": None, "below_detection_size": ["payload"],
     "residual_structure": {}, "claims": [{"mechanism": "ice", "alternatives": [{"evidence_nats": 0.3}],
     "indistinguishable_from": ["worn_tyres"]}],
   }  # fmt: skip

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 
 import pytest
 
@@ -55,7 +56,15 @@ def test_a_folder_and_its_archive_are_replayed_alike(results, tmp_path):
   archive = tmp_path / "kept.jsonl.xz"
   pack(tmp_path, archive)
   told = [replay.main(replay.Config((source,))) for source in (tmp_path, archive)]
-  assert told[0] == told[1] and "| counted | levels | typical |" in told[0]
+  assert told[0] == told[1] and "| counted | levels |" in told[0]
+
+
+def test_files_of_one_name_are_told_apart(results, tmp_path):
+  write_kept(tmp_path / "evidence.jsonl.xz", list(kept_cases(results)))
+  other = tmp_path / "levels.toml"
+  shutil.copy(FILE, other)
+  said = replay.main(replay.Config((tmp_path / "evidence.jsonl.xz",), (FILE, other)))
+  assert f"| counted | {FILE} | {other} |" in said
 
 
 def test_answers_without_evidence_are_refused(tmp_path):

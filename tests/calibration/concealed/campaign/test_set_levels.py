@@ -32,7 +32,7 @@ def case(t, nats, right=(), generator="first", names=1, at_bound=False):
   """A case in which several names alike were weighed: held-out t, and nats ahead of nothing."""
   test = Comparison(t, t, 1.0, (0.0,) * 8, 1.0, drop=nats)
   spread = dataclasses.replace(test, blocks=tuple(np.sqrt(7.0 / 8.0) * np.array([1.0, -1.0] * 4) / np.sqrt(8.0)))
-  named = [Named(f"name_{k}", spread, nats, 1.0, at_bound, (), ()) for k in range(names)]
+  named = [Named(f"name_{k}", spread, nats, at_bound, (), ()) for k in range(names)]
   models = (Model((), 0.0, 0.0), *(Model((n.name,), nats, 0.0, (n,)) for n in named))
   kind = "single" if right else "null"
   return Kept("case", kind, tuple(frozenset([r]) for r in right), Evidence("", models, ()), generator)
@@ -44,7 +44,7 @@ def drawn(weights, count=3000, seed=0, generator="first"):
   made = []
   for _ in range(count):
     t, nats = random.uniform(-3.0, 6.0), random.normal(0.0, 60.0)
-    there = random.random() < levels.probability(t, 1.0, nats)
+    there = random.random() < levels.probability(t, nats)
     made.append(case(t, nats, ["name_0"] if there else [], generator))
   return made
 
@@ -75,13 +75,13 @@ def test_cases_that_tell_nothing_are_refused():
 
 def test_a_loss_is_that_of_the_probabilities():
   cases = [case(2.0, 30.0, ["name_0"]), case(1.0, 3.0)]
-  right, wrong = LEVELS.probability(2.0, 1.0, 30.0), LEVELS.probability(1.0, 1.0, 3.0)
+  right, wrong = LEVELS.probability(2.0, 30.0), LEVELS.probability(1.0, 3.0)
   assert log_loss(cases, LEVELS) == pytest.approx(-0.5 * (np.log(right) + np.log(1.0 - wrong)))
 
 
 def test_a_generator_is_judged_by_weights_fitted_to_the_others():
   """Of the second car one name of forty is right, however good all are; weights of the others don't know."""
-  asked = dataclasses.replace(LEVELS, family=1.0, gain=0.0)
+  asked = dataclasses.replace(LEVELS, gain=0.0)
   first, second = drawn(TRUTH, 400), [case(5.0, 200.0, ["name_0"] * (k == 0), "second") for k in range(40)]
   after = with_weights(asked, fitted_weights([*first, *second], asked))
   said = judged_apart([*first, *second], asked, after)

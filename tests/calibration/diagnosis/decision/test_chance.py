@@ -15,7 +15,7 @@ BLOCKS, MECHANISMS = 40, 30
 
 
 def named(scores, name="any"):
-  return Named(name, Comparison(0.0, 0.0, 0.0, (), 0.0), 0.0, 0.0, False, (), (), scores=tuple(scores))
+  return Named(name, Comparison(0.0, 0.0, 0.0, (), 0.0), 0.0, False, (), (), scores=tuple(scores))
 
 
 def evidence_of(scores):
@@ -57,7 +57,6 @@ def test_what_one_block_shows_may_be_chance_however_strong():
   assert not beyond_chance(named(once), evidence_of(scores), ASKED)
 
 
-def test_nothing_is_asked_where_the_family_is_one_and_nothing_passes_without_scores():
+def test_nothing_passes_without_scores():
   evidence = evidence_of(noise(np.random.default_rng(4)))
-  assert beyond_chance(named(()), evidence, dataclasses.replace(ASKED, family=1.0))
   assert not beyond_chance(named(()), evidence, ASKED) and consistency(()) == 0.0

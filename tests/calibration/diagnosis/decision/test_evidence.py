@@ -86,6 +86,16 @@ def test_more_evidence_never_lowers_a_probability(evidence, what, size):
   assert after["side_force"] >= before["side_force"] > 0.5
 
 
+def test_a_file_that_also_has_typical_sizes_is_read_without_them(evidence):
+  content = as_json(evidence)
+  for model in content["models"]:
+    for name in (*model["names"], *model["sensors"]):
+      name["size"] = 0.3
+      for item in (*name["estimates"], *name["alternatives"]):
+        item |= {"size": 1.0, "typical": 0.1}
+  assert from_json(content) == evidence
+
+
 def test_a_file_that_is_no_evidence_is_refused(evidence, tmp_path):
   content = as_json(evidence)
   for change in ({"models": 3}, {"colour": "red"}, {"dataset": 7}, {"scanned": [{"name": "x"}]}):

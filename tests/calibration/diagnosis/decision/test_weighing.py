@@ -6,32 +6,29 @@ import math
 import pytest
 from scipy import stats
 
-from calibration.diagnosis.decision.decide import decide, figures
 from calibration.diagnosis.decision.levels import FILE, read_levels, usual_levels
 from calibration.diagnosis.decision.weighing import matters
 from calibration.diagnosis.score import compare
-from calibration.diagnosis.search.gather import CONSIDERED, Weighing, gather
+from calibration.diagnosis.search.gather import Weighing, gather
 
 LEVELS = usual_levels()
 
 
 def test_a_probability_is_logistic_in_what_levels_say():
-  logit = (
-    LEVELS.constant + 2.0 * LEVELS.t + math.log(0.5) * LEVELS.size + math.log1p(30.0 / LEVELS.near) * LEVELS.margin
-  )
-  assert LEVELS.probability(2.0, 0.5, 30.0) == pytest.approx(1.0 / (1.0 + math.exp(-logit)))
+  logit = LEVELS.constant + 2.0 * LEVELS.t + math.log1p(30.0 / LEVELS.near) * LEVELS.margin
+  assert LEVELS.probability(2.0, 30.0) == pytest.approx(1.0 / (1.0 + math.exp(-logit)))
 
 
-@pytest.mark.parametrize("more", [(3.0, 0.5, 30.0), (2.0, 0.5, 40.0)])
-def test_more_evidence_makes_a_name_likelier_and_a_larger_size_does_not(more):
-  assert LEVELS.probability(*more) > LEVELS.probability(2.0, 0.5, 30.0) == LEVELS.probability(2.0, 1.0, 30.0)
+@pytest.mark.parametrize("more", [(3.0, 30.0), (2.0, 40.0)])
+def test_more_evidence_makes_a_name_likelier(more):
+  assert LEVELS.probability(*more) > LEVELS.probability(2.0, 30.0)
 
 
 def test_beyond_their_limits_figures_tell_no_more():
-  most, least = LEVELS.most_t, LEVELS.least_size
-  assert LEVELS.figures(9.0 * most, 7.0, 1.0) == LEVELS.figures(most, 1.0, 1.0)
-  assert LEVELS.figures(-9.0 * most, 0.0, 1.0) == LEVELS.figures(-most, least, 1.0)
-  assert LEVELS.figures(0.0, 1.0, -5.0)[2] == -LEVELS.figures(0.0, 1.0, 5.0)[2]
+  most = LEVELS.most_t
+  assert LEVELS.figures(9.0 * most, 1.0) == LEVELS.figures(most, 1.0)
+  assert LEVELS.figures(-9.0 * most, 1.0) == LEVELS.figures(-most, 1.0)
+  assert LEVELS.figures(0.0, -5.0)[1] == -LEVELS.figures(0.0, 5.0)[1]
 
 
 @pytest.mark.parametrize(
@@ -55,29 +52,11 @@ def test_a_name_is_weighed_against_the_model_without_it_and_its_rivals(pair_pool
   found, without = weighed(both, "side_force"), pair_pool.models[frozenset(["steering_offset"])]
   assert found.held_out.drop == pytest.approx(without.cost - both.cost)
   assert found.held_out.t == compare(both, without, pair_pool.problem.observations).t
-  parameter = pair_pool.problem.mechanism("side_force").parameters[0]
-  assert found.size == pytest.approx(abs(both.estimate("side_force")[0]) / parameter.typical)
   single = pair_pool.models[frozenset(["steering_offset"])]
   alone = weighed(single, "steering_offset")
   best = max(a.nats for a in alone.alternatives)
   assert alone.best_first[0].nats == best and alone.margin() == pytest.approx(alone.held_out.drop - max(best, 0.0))
   assert alone.margin(leaving_out=tuple(a.name for a in alone.alternatives)) == pytest.approx(alone.held_out.drop)
-
-
-def test_an_answer_holds_the_figures_of_the_sets_that_fit_best(pair_pool):
-  rows = figures(gather(pair_pool))
-  singles = {tuple(r["set"]) for r in rows if len(r["set"]) == 1}
-  assert len(singles) <= CONSIDERED and ("steering_offset",) in singles
-  assert {"set", "name", "t", "size", "margin", "nats", "at_bound"} == set(rows[0])
-
-
-def test_no_typical_size_decides(pair_pool):
-  before, evidence = read_levels(FILE.with_name("typical.toml")), gather(pair_pool)
-  sized = lambda n: dataclasses.replace(n, size=0.01 * n.size)
-  small = lambda m: dataclasses.replace(m, names=tuple(map(sized, m.names)), sensors=tuple(map(sized, m.sensors)))
-  other = dataclasses.replace(evidence, models=tuple(map(small, evidence.models)))
-  assert decide(other) == decide(evidence)
-  assert decide(other, before) != decide(evidence, before)  # it did in the rule before
 
 
 def test_what_the_priors_gain_counts_as_held_out(offset_pool):

@@ -11,7 +11,7 @@ from calibration.diagnosis.score import compare, from_blocks
 from calibration.diagnosis.search.detectable import Prediction, detectable
 from calibration.diagnosis.search.gather import gather
 from tests.calibration.diagnosis import diagnosis_rig as rig
-from tests.calibration.diagnosis.diagnosis_results import SIZED
+from tests.calibration.diagnosis.diagnosis_results import EASY
 from tests.calibration.diagnosis.search.detectable_rates import rates
 
 
@@ -50,7 +50,7 @@ def test_what_is_weighed_is_what_a_fit_of_that_car_gives(clean_pool):
   other = pool.models[frozenset(["steering_offset"])]
   nats = {a.name: a.nats for a in told.alternatives}
   assert nats["steering_offset"] == pytest.approx(base.cost - other.cost, abs=0.05 * told.held_out.drop)
-  assert probability(told, SIZED) > 0.5
+  assert probability(told, EASY) > 0.5
 
 
 def test_blocks_compare_as_residuals_do():
