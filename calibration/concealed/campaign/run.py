@@ -106,7 +106,7 @@ def answer_of(outcome: Outcome) -> dict:
   """What the diagnosis says, and the figures that thresholds are held against."""
   diagnosis = outcome.diagnosis
   full = document(diagnosis)
-  keep = ("verdict", "claims", "where", "untestable", "fit", "seconds", "unknown")
+  keep = ("verdict", "claims", "departures", "where", "untestable", "fit", "seconds", "unknown")
   out = {key: full[key] for key in keep} | {"ranking": full["ranking"][:12]}
   out["stages"] = dict(diagnosis.stages)
   out["evidence"] = as_json(diagnosis.evidence)

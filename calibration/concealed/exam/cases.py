@@ -74,7 +74,7 @@ def make_case(case: Case) -> tuple[Session, dict]:
     case.generator, case.seed, concealed=[*small, *(one for one, _, _ in drawn)], bench=True
   )  # fmt: skip
   effects = [
-    {"id": one.name, "right": list(one.effect.right), "part": one.effect.part, "how": one.effect.how, "size": one.size,
+    {"id": one.name, "right": one.effect.answers, "part": one.effect.part, "how": one.effect.how, "size": one.size,
      "unit": one.effect.unit, "nats": shown.nats, "nats_before_absorption": shown.before, "nats_wanted": target}
     for one, shown, target in drawn
   ]  # fmt: skip

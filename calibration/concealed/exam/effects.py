@@ -2,7 +2,8 @@
 
 An effect acts on a generator's own parameters, on the commands on their way to the car (`commands.py`), or on what
 the sensors see (`observed.py`). `right` names the mechanisms of the product's catalogue that count as a right answer;
-without any the effect is outside the catalogue. An effect has no typical size: its size is searched by what it shows.
+without any the effect is outside the catalogue. A departure of one of its `figures` counts, too. An effect has no
+typical size: its size is searched by what it shows.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ class Effect:
     unit: of the size.
     most: largest size that is possible.
     signed: whether the size may be negative.
+    figures: of the vehicle's description, whose departure from what was measured says the same as a right name.
   """
 
   part: str
@@ -48,6 +50,12 @@ class Effect:
   most: float
   act: Callable[..., Any]
   signed: bool = False
+  figures: tuple[str, ...] = ()
+
+  @property
+  def answers(self) -> list[str]:
+    """All that counts as a right answer: names of mechanisms and of figures."""
+    return [*self.right, *self.figures]
 
 
 @dataclass(frozen=True)

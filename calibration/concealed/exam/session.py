@@ -76,7 +76,7 @@ def make_exam_session(
     every = {name: POSE_EVERY for name in DECIMALS if name.startswith("pose")}
     recordings.append(as_recording(run, channels, DECIMALS, every))
     clean[run.name] = trace[:-1:FINE]
-  effects = [{"id": c.name, "size": c.size, "unit": c.effect.unit, "right": list(c.effect.right)} for c in concealed]
+  effects = [{"id": c.name, "size": c.size, "unit": c.effect.unit, "right": c.effect.answers} for c in concealed]
   truth = {"seed": seed, "design": car.design, "noise": noise, "effects": effects, "car": car.described(),
            "signals": list(SIGNALS)}  # fmt: skip
   return Session(tuple(recordings), setting.vehicle, setting.std, truth, clean, "calibration/concealed/exam")

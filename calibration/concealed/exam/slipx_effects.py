@@ -40,7 +40,9 @@ def _forward(p: Any, size: float, later: bool) -> None:
 _FRONT, _REAR = ("tyre_front.mu_y0", "tyre_front.mu_x0"), ("tyre_rear.mu_y0", "tyre_rear.mu_x0")
 
 SLIPX_EFFECTS: dict[str, Effect] = {
-  "servo_bandwidth": Effect("steering", "parameter", ("steering_lag",), "-", 20.0, divide("steer_bandwidth")),
+  "servo_bandwidth": Effect(
+    "steering", "parameter", ("steering_lag",), "-", 20.0, divide("steer_bandwidth"), figures=("servo_time_constant",)
+  ),
   "servo_slew": Effect("steering", "parameter", ("steering_rate_limit",), "-", 100.0, divide("steer_rate_max")),
   "steering_travel": Effect("steering", "parameter", ("steering_saturation",), "-", 2.0, divide("steer_max")),
   "drag": Effect("drive", "parameter", ("quadratic_drag", "resistance_curve"), "kg/m", 4.0, add("drag_coeff")),
@@ -50,9 +52,9 @@ SLIPX_EFFECTS: dict[str, Effect] = {
   "load_sensitivity": Effect(
     "tyre", "parameter", ("load_transfer",), "-", 1.5, add("tyre_front.k_mu", "tyre_rear.k_mu")
   ),
-  "cg_height": Effect("body", "parameter", ("load_transfer",), "-", 2.0, scale("h_cog")),
+  "cg_height": Effect("body", "parameter", ("load_transfer",), "-", 2.0, scale("h_cog"), figures=("cg_height_offset",)),
   "relaxation_front": Effect("tyre", "parameter", ("tyre_relaxation",), "-", 30.0, scale("tyre_front.relax_length")),
-  "payload": Effect("body", "parameter", ("payload",), "kg", 4.0, _payload),
+  "payload": Effect("body", "parameter", ("payload",), "kg", 4.0, _payload, figures=("mass",)),
   "grip_later": Effect("ground", "parameter", ("friction_change",), "-", 4.0, divide(*_FRONT, *_REAR, late=True)),
   # outside the catalogue
   "grip_front": Effect("tyre", "parameter", (), "-", 4.0, divide(*_FRONT)),

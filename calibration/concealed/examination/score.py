@@ -1,7 +1,8 @@
 """Scores of a closed exam by a fixed rule, from its truths and answers alone.
 
-A claim is right if its mechanism is one of those that the effect's entry in the generator's table names. Where the
-table names none the effect is outside the catalogue, and right is to say that something is left unexplained.
+A claim is right if its mechanism is one of those that the effect's entry in the generator's table names. So is the
+departure of a figure of the car that the entry names: a slower servo is a servo that is not what was measured. Where
+the table names none the effect is outside the catalogue, and right is to say that something is left unexplained.
 """
 
 from __future__ import annotations
@@ -28,8 +29,9 @@ def of_kind(results: Sequence[Result], kind: str) -> list[Result]:
 
 
 def claims(result: Result) -> list[str]:
-  """Mechanisms that were claimed, strongest first."""
-  return [claim["mechanism"] for claim in result["answer"]["claims"]]
+  """Mechanisms that were claimed, strongest first, then figures of the car that were said to contradict the driving."""
+  answer = result["answer"]
+  return [c["mechanism"] for c in answer["claims"]] + [x["name"] for x in answer.get("departures", ())]
 
 
 def right_names(result: Result) -> set[str]:
@@ -44,7 +46,7 @@ def right_first(result: Result) -> bool:
 def right_or_alike(result: Result) -> bool:
   """Right first, or by a name that the first claim declares indistinguishable from it."""
   first = result["answer"]["claims"][:1]
-  return any({c["mechanism"], *c["indistinguishable_from"]} & right_names(result) for c in first)
+  return right_first(result) or any({c["mechanism"], *c["indistinguishable_from"]} & right_names(result) for c in first)
 
 
 def each_named(result: Result) -> bool:
@@ -152,7 +154,9 @@ def case_row(result: Result) -> tuple[str, ...]:
   """Name, kind, truth, verdict, claims, and whether that is right."""
   effects = result["truth"]["effects"]
   truth = ", ".join(f"{e['id']} {e['size']:.3g} {e['unit']} ({e['nats']:.0f} nats)" for e in effects) or "nothing"
-  said = ", ".join(f"{c['mechanism']} ({c['probability']:.2f})" for c in result["answer"]["claims"]) or "-"
+  answer = result["answer"]
+  named = [f"{c['mechanism']} ({c['probability']:.2f})" for c in answer["claims"]]
+  said = ", ".join(named + [f"{x['name']} (z {x['z']:.1f})" for x in answer.get("departures", ())]) or "-"
   return result["name"], result["truth"]["kind"], truth, result["answer"]["verdict"], said, _mark(result)
 
 

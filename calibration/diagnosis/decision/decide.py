@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from calibration.diagnosis.decision.claims import Claim, claim, sensor_claims
 from calibration.diagnosis.decision.comparison import Comparison
+from calibration.diagnosis.decision.departures import Departure, departures
 from calibration.diagnosis.decision.evidence import Evidence, Model
 from calibration.diagnosis.decision.levels import Levels, usual_levels
 from calibration.diagnosis.decision.structure import Leftover
@@ -31,6 +32,7 @@ class Decision:
       first.
     undecided: names that are alike and share what none of them has; "" otherwise. Where nothing is left over it is not
       said: what several names explain by chance is nothing.
+    departures: figures of the car that the driving contradicts.
   """
 
   verdict: str
@@ -41,6 +43,7 @@ class Decision:
   ranking: tuple[tuple[str, float], ...]
   leftovers: tuple[Leftover, ...] = ()
   undecided: str = ""
+  departures: tuple[Departure, ...] = ()
 
 
 def decide(evidence: Evidence, levels: Levels | None = None) -> Decision:
@@ -60,7 +63,8 @@ def decide(evidence: Evidence, levels: Levels | None = None) -> Decision:
   undecided = "" if claims else _undecided(evidence, levels)
   verdict = "explained" if claims else "no_mismatch"
   possible, ranking = _possible(evidence, claims, levels), _ranking(evidence, claims)
-  return Decision(verdict, tuple(claims), possible, best.mechanisms, None, ranking, undecided=undecided)
+  apart = departures(best.measured, levels)
+  return Decision(verdict, tuple(claims), possible, best.mechanisms, None, ranking, (), undecided, apart)
 
 
 def _likeliest(evidence: Evidence, size: int, best: Model, levels: Levels) -> tuple[Model, list[Claim]] | None:

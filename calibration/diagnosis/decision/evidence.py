@@ -113,6 +113,26 @@ class Named:
 
 
 @dataclasses.dataclass(frozen=True)
+class Measured:
+  """A figure of the car that somebody measured, and what the driving asks for.
+
+  Attributes:
+    name, unit: as declared.
+    measured, std: with the deviation that was stated.
+    value: fitted.
+    size: of which errors are shares: of the figure; the control period of a time; of a figure that is a distance from
+      what was measured, the size of that.
+  """
+
+  name: str
+  measured: float
+  std: float
+  value: float
+  size: float
+  unit: str
+
+
+@dataclasses.dataclass(frozen=True)
 class Against:
   """A model against a smaller one that it does not hold: held-out t with the priors, and nats ahead."""
 
@@ -132,6 +152,7 @@ class Model:
     names: each of its mechanisms weighed.
     sensors: sensors' own errors, which every model has, weighed alike.
     against: smaller models that it does not hold.
+    measured: figures of the car that were measured.
   """
 
   mechanisms: tuple[str, ...]
@@ -140,6 +161,7 @@ class Model:
   names: tuple[Named, ...] = ()
   sensors: tuple[Named, ...] = ()
   against: tuple[Against, ...] = ()
+  measured: tuple[Measured, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)

@@ -68,6 +68,7 @@ def document(
       "dataset": d.dataset,
       "verdict": d.decision.verdict,
       "claims": [_claim(c) for c in d.decision.claims],
+      "departures": [dataclasses.asdict(x) for x in d.decision.departures],
       "ranking": [{"mechanism": name, "evidence_nats": nats} for name, nats in d.decision.ranking],
       "where": _where(d.location),
       "unknown": unknown_summary(d.decision) | _formula(d.formula),
@@ -189,6 +190,7 @@ SCHEMA: dict[str, Any] = {
       "indistinguishable_from": [str],
     }
   ],
+  "departures": [{"name": str, "value": _NUMBER, "measured": _NUMBER, "std": _NUMBER, "z": _NUMBER, "unit": str}],
   "ranking": [{"mechanism": str, "evidence_nats": _NUMBER}],
   "where": {
     "subsystem": str,

@@ -1,7 +1,5 @@
 """The second half of a diagnosis's page: parameters, evidence, what to drive next, what the recordings cannot show."""
 
-import numpy as np
-
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.experiment import NOTHING
 from calibration.diagnosis.outcome import Diagnosis
@@ -12,7 +10,6 @@ from qcar_twin.pages import Cell, Section, Table
 from qcar_twin.pages.numbers import spread
 
 _AT_BOUND = 1e-6  # of a parameter's range: nearer than that it is at its bound
-_FAR = 3.0  # standard deviations
 
 
 def drive_next(d: Diagnosis) -> Section:
@@ -47,19 +44,20 @@ def evidence(d: Diagnosis) -> Section:
 def priors(d: Diagnosis) -> Section:
   """What the fit made of the parameters, against what was measured of them before."""
   base, model = d.pool.base, d.model
-  moved = prior_shifts(base)
+  apart = {x.name: x.z for x in d.decision.departures}
   rows: list[tuple[Cell, ...]] = []
   for name, shift in parameter_shifts(base).items():
     parameter, (value, std) = base.free[name], base.estimate(name)
     known = parameter.null is None and parameter.std is not None
     prior = spread(shift["prior"], parameter.std) if known else "–"
     final = spread(*model.estimate(name)) if name in model.free and model is not base else "–"
-    remark = _remark(base, name, moved.get(name))
+    remark = _remark(base, name, apart.get(name))
     rows.append((name, parameter.unit, prior, spread(value, std), shift["sigma"] if known else None, final, remark))
   text = (
     "An effect that recalibration absorbs leaves no error. It shows as a measured parameter that moved. The shift is"
     " the fitted value minus the measured one, in standard deviations of the measurement. A dash marks a parameter that"
-    " was not measured."
+    " was not measured. A twin's parameters move on cars without any effect, too, since it is no more than a model. How"
+    " far is known from such cars, and a parameter that moved farther contradicts its measurement."
   )
   flagged = [f"* {row[0]}: {row[-1]}." for row in rows if row[-1]]
   if flagged:
@@ -68,15 +66,21 @@ def priors(d: Diagnosis) -> Section:
   return Section("Parameters and how far they moved", text, [Table("Parameters", columns, rows, unfolded=True)])
 
 
-def _remark(base: Candidate, name: str, moved: float | None) -> str:
-  """What a reader must know of a fitted parameter: that it ended at its bound, or moved beyond its measurement."""
+def _remark(base: Candidate, name: str, z: float | None) -> str:
+  """What a reader must know of a fitted parameter: that it ended at its bound, or contradicts its measurement.
+
+  Args:
+    base: the recalibrated twin.
+    name: of the parameter.
+    z: deviations of measurement and form by which it departs; None where it does not.
+  """
   parameter, value = base.free[name], base.estimate(name)[0]
   parts = []
   if min(value - parameter.lower, parameter.upper - value) <= _AT_BOUND * (parameter.upper - parameter.lower):
     end = "lower" if value - parameter.lower < parameter.upper - value else "upper"
     parts.append(f"at its {end} bound, so its deviation says little")
-  if moved is not None and abs(moved) > _FAR:
-    parts.append("moved farther than its measurement and these recordings allow")
+  if z is not None:
+    parts.append(f"contradicts what was measured, by {abs(z):.1f} deviations of measurement and twin together")
   return "; ".join(parts)
 
 
@@ -127,20 +131,3 @@ def effort(d: Diagnosis) -> Section:
   return Section(
     "Time and warnings", text, [Table("Wall time", ("stage", "seconds", "share [%]"), rows)] if rows else []
   )
-
-
-def prior_shifts(base: Candidate) -> dict[str, float]:
-  """(fitted - prior) / sqrt(prior variance - posterior variance) of parameters with a prior that the data inform.
-
-  The difference counts as half the prior variance at least: the less the data say of a parameter, the farther the
-  twin's own simplifications carry it, and the smaller is the deviation that a true shift would have.
-  """
-  out = {}
-  for i, parameter in enumerate(base.free):
-    if parameter.std is None or parameter.null is not None:  # a sensor's bias was never measured
-      continue
-    left = parameter.std**2 - base.std[i] ** 2
-    if left > 0.05 * parameter.std**2:
-      spread = np.sqrt(max(left, 0.5 * parameter.std**2))
-      out[parameter.name] = float((base.values[i] - parameter.nominal) / spread)
-  return out

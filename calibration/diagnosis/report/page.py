@@ -96,7 +96,7 @@ def verdict(diagnosis: Diagnosis) -> str:
   taken = {name: share for name, share in shares.items() if share is not None}
   gain = recovered if recovered > 0.02 else None
   said = wording.verdict_sentence(d.decision, claimed(d), gain, taken, short_of(d))
-  return f"{how_good_in_short(d)} {said}".lstrip()
+  return f"{how_good_in_short(d)} {said}{wording.departures_sentence(d.decision.departures)}".lstrip()
 
 
 def facts(d: Diagnosis) -> list[tuple[str, str]]:

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 from calibration.diagnosis.decision.claims import Claim
 from calibration.diagnosis.decision.decide import Decision
+from calibration.diagnosis.decision.departures import Departure
 from calibration.diagnosis.decision.structure import PROPERTIES, Leftover
 from calibration.diagnosis.region import Region
 from calibration.fitting.residual_channels import RESIDUALS
@@ -98,6 +99,15 @@ def verdict_sentence(
     partly += f" {structure_sentence(decision.leftovers[0])}"
   rest = f" The rest has no name and shows no structure: {short}." if short and not partly else ""
   return f"{effects}{_gain(recovered)}{partly}{rest}"
+
+
+def departures_sentence(departures: Sequence[Departure]) -> str:
+  """ " The driving contradicts what was measured of the car: servo time constant 66.6 ms, measured 36.0 ± 1.5 ms."."""
+  said = [
+    f"{d.name.replace('_', ' ')} {amount(d.value, None, d.unit)}, measured {amount(d.measured, d.std, d.unit)}"
+    for d in departures
+  ]
+  return f" The driving contradicts what was measured of the car: {'; '.join(said)}." if said else ""
 
 
 def _gain(recovered: float | None) -> str:

@@ -14,6 +14,7 @@ from calibration.diagnosis.decision.evidence import (
   Alternative,
   Estimate,
   Evidence,
+  Measured,
   Model,
   Named,
   Scanned,
@@ -41,6 +42,7 @@ from calibration.fitting.optimiser import bounded_solve
 from calibration.fitting.residual_channels import RESIDUALS
 from calibration.fitting.tolerances import sensor_error_mechanisms
 from qcar_twin.parameters import ParameterSet
+from qcar_twin.twin.twin import Twin
 
 Array = NDArray[np.float64]
 
@@ -106,6 +108,7 @@ class Weighing:
       names=tuple(self.named(model, name) for name in _names(model)),
       sensors=tuple(self.sensors(model)),
       against=tuple(against),
+      measured=measured_figures(model, self.pool.problem.twin),
     )
 
   def named(self, model: Candidate, name: str) -> Named:
@@ -191,6 +194,18 @@ class Weighing:
 
   def _test(self, larger: Candidate, smaller: Candidate) -> Comparison:
     return compare(larger, smaller, self.observations)
+
+
+def measured_figures(model: Candidate, twin: Twin) -> tuple[Measured, ...]:
+  """Figures that the vehicle states a deviation of, as a model has them.
+
+  A time's errors are shares of the control period, by which logs and commands are spaced, however short it is.
+  """
+  values = model.free.named(model.values)
+  figures = [p for p in model.free if p.kind == "measured" and p.null is None and p.std]
+  # that of the centre of gravity's height is its distance from what was measured
+  size = lambda p: twin.period if p.unit == "s" else abs(p.nominal) or twin.vehicle.cg_height
+  return tuple(Measured(p.name, p.nominal, p.std or 0.0, values[p.name], size(p), p.unit) for p in figures)
 
 
 def _key(model: Candidate) -> frozenset[str]:

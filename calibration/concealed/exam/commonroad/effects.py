@@ -59,7 +59,9 @@ def effects_of_size(size: Size) -> dict[str, Effect]:
   """The table for a car of this size: largest sizes in kg and kg/m go with it."""
   heavier = size.mass / TENTH.mass
   return {
-    "servo_slow": Effect("steering", "parameter", ("steering_lag",), "-", 20.0, scale("servo")),
+    "servo_slow": Effect(
+      "steering", "parameter", ("steering_lag",), "-", 20.0, scale("servo"), figures=("servo_time_constant",)
+    ),
     "servo_slew": Effect(
       "steering", "parameter", ("steering_rate_limit",), "-", 100.0,
       divide("car.steering.v_max", "car.steering.v_min"),
@@ -71,8 +73,10 @@ def effects_of_size(size: Size) -> dict[str, Effect]:
       "drive", "parameter", ("quadratic_drag", "resistance_curve"), "kg/m", 4.0 * heavier / size.length, add("drag")
     ),
     "wheel_size": Effect("drive", "parameter", ("wheel_radius_error",), "-", 0.3, scale("car.R_w"), signed=True),
-    "cg_height": Effect("body", "parameter", ("load_transfer",), "-", 1.0, scale("car.h_s", "car.h_cg")),
-    "payload": Effect("body", "parameter", ("payload",), "kg", 2.0 * heavier, _payload),
+    "cg_height": Effect(
+      "body", "parameter", ("load_transfer",), "-", 1.0, scale("car.h_s", "car.h_cg"), figures=("cg_height_offset",)
+    ),
+    "payload": Effect("body", "parameter", ("payload",), "kg", 2.0 * heavier, _payload, figures=("mass",)),
     "grip_later": Effect("ground", "parameter", ("friction_change",), "-", 4.0, divide(*_GRIP, late=True)),
     # outside the catalogue
     "brakes_in_front": Effect("drive", "parameter", (), "-", 1.0, _front_share("T_sb")),

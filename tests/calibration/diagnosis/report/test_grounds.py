@@ -1,38 +1,44 @@
-"""What recalibration made of measured parameters, set against how far a true value would be moved."""
+"""What recalibration made of measured figures, and what the page says of those that the driving contradicts."""
 
-from types import SimpleNamespace
+import dataclasses
 
-import numpy as np
-import pytest
-
-from calibration.diagnosis.report.grounds import prior_shifts
+from calibration.diagnosis.decision.departures import Departure, departures
+from calibration.diagnosis.decision.levels import usual_levels
+from calibration.diagnosis.report.grounds import priors
+from calibration.diagnosis.report.page import verdict
+from calibration.diagnosis.search.gather import measured_figures
 from tests.calibration.diagnosis import diagnosis_rig as rig
+from tests.calibration.diagnosis.diagnosis_results import diagnosis_of
+
+FORMS = {"others": 0.0}
 
 
-def test_a_measured_parameter_that_moved_stands_out():
+def test_a_car_whose_mass_is_not_what_was_measured_stands_out():
   recordings = rig.measure(rig.LinearTwin(), rig.drive(), {"mass": 3.8}, noise=0.2)
-  shifts = prior_shifts(rig.solved(rig.problem_of(rig.LinearTwin(), recordings)))
-  assert max(shifts, key=lambda n: abs(shifts[n])) == "mass" and shifts["mass"] > 9.0
+  figures = measured_figures(rig.solved(rig.problem_of(rig.LinearTwin(), recordings)), rig.LinearTwin())
+  first = departures(figures, usual_levels(), FORMS)[0]
+  assert first.name == "mass" and first.value > first.measured and first.z > 6.0
 
 
-@pytest.mark.parametrize(
-  ("informed", "expected"), [(0.99, 6.0 / 0.99**0.5), (0.6, 6.0 / 0.6**0.5), (0.1, 6.0 / 0.5**0.5)]
-)
-def test_a_shift_of_what_the_data_hardly_inform_is_not_blown_up(clean_pool, informed, expected):
-  """Share of the mass's prior variance that the data take away; with less than a twentieth it is not asked."""
+def test_a_car_as_it_was_measured_contradicts_nothing(clean_pool):
+  assert not departures(measured_figures(rig.solved(clean_pool.problem), rig.LinearTwin()), usual_levels(), FORMS)
+
+
+def test_figures_are_those_that_somebody_measured(clean_pool):
   base = rig.solved(clean_pool.problem)
-  i, std = base.free.index("mass"), base.free["mass"].std
-  values, stds = base.values.copy(), base.std.copy()
-  values[i], stds[i] = base.free["mass"].nominal + 6.0 * std, std * np.sqrt(1.0 - informed)
-  shifted = SimpleNamespace(free=base.free, values=values, std=stds)
-  assert prior_shifts(shifted)["mass"] == pytest.approx(expected)
-  stds[i] = std * np.sqrt(0.96)
-  assert "mass" not in prior_shifts(shifted)
+  names = {f.name for f in measured_figures(base, rig.LinearTwin())}
+  assert names == {p.name for p in base.free if p.kind == "measured" and p.null is None}
+  free = type(base.free)(p for p in base.free if p.name not in names)
+  keep = [base.free.index(p.name) for p in free]
+  bare = dataclasses.replace(base, free=free, values=base.values[keep], jacobian=base.jacobian[:, keep])
+  assert measured_figures(bare, rig.LinearTwin()) == ()
 
 
-def test_no_measured_parameter_no_conflict(clean_pool):
-  base = rig.solved(clean_pool.problem)
-  index = [i for i, p in enumerate(base.free) if p.std is None]
-  free = type(base.free)(p for p in base.free if p.std is None)
-  bare = SimpleNamespace(free=free, values=base.values[index], std=base.std[index])
-  assert prior_shifts(bare) == {}
+def test_a_contradiction_is_in_the_verdict_and_in_the_table(clean_pool):
+  nothing = diagnosis_of(clean_pool, (), "no_mismatch", holdout={}, validate={}, stages={})
+  apart = (Departure("mass", 3.8, 3.0, 0.01, 21.0, "kg"),)
+  told = dataclasses.replace(nothing, decision=dataclasses.replace(nothing.decision, departures=apart))
+  said = "The driving contradicts what was measured of the car: mass 3.8 kg, measured 3.000 ± 0.010 kg."
+  assert said in verdict(told) and said not in verdict(nothing)
+  assert "mass: contradicts what was measured, by 21.0 deviations" in priors(told).text
+  assert "contradicts what was measured, by" not in priors(nothing).text
