@@ -1,4 +1,4 @@
-"""Figures of the car that the driving contradicts: a servo that is slower than it was measured, a mass that is larger.
+"""Figures of the car that the driving contradicts: a servo that is slower than it was measured, a sensor that is late.
 
 Recalibration moves what was measured within its deviation, and further where the driving asks for it. How far it moves
 a figure of a car without any effect, since the twin is no more than a model, is known from such cars: `forms.toml`. So
@@ -34,6 +34,7 @@ class Departure:
     name: of the parameter.
     value: that the driving asks for; measured, std: what was measured, with its deviation; all in `unit`.
     z: their distance in deviations of measurement and form together.
+    usual: nobody measured it, and `measured` and `std` are what is usual of such sensors.
   """
 
   name: str
@@ -42,6 +43,7 @@ class Departure:
   std: float
   z: float
   unit: str
+  usual: bool = False
 
 
 def departures(
@@ -62,7 +64,7 @@ def departures(
 
 def _departure(figure: Measured, form: float) -> Departure:
   z = (figure.value - figure.measured) / math.hypot(figure.std, form * figure.size)
-  return Departure(figure.name, figure.value, figure.measured, figure.std, z, figure.unit)
+  return Departure(figure.name, figure.value, figure.measured, figure.std, z, figure.unit, figure.usual)
 
 
 def read_forms(file: Path = FILE) -> dict[str, float]:

@@ -114,14 +114,15 @@ class Named:
 
 @dataclasses.dataclass(frozen=True)
 class Measured:
-  """A figure of the car that somebody measured, and what the driving asks for.
+  """A figure of the car that somebody measured, or the age of a sensor's readings, and what the driving asks for.
 
   Attributes:
     name, unit: as declared.
-    measured, std: with the deviation that was stated.
+    measured, std: with the deviation that was stated; of an age, what is usual.
     value: fitted.
     size: of which errors are shares: of the figure; the control period of a time; of a figure that is a distance from
       what was measured, the size of that.
+    usual: nobody measured it, and `measured` and `std` are those of all such sensors.
   """
 
   name: str
@@ -130,6 +131,7 @@ class Measured:
   value: float
   size: float
   unit: str
+  usual: bool = False
 
 
 @dataclasses.dataclass(frozen=True)

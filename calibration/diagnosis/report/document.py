@@ -190,7 +190,9 @@ SCHEMA: dict[str, Any] = {
       "indistinguishable_from": [str],
     }
   ],
-  "departures": [{"name": str, "value": _NUMBER, "measured": _NUMBER, "std": _NUMBER, "z": _NUMBER, "unit": str}],
+  "departures": [
+    {"name": str, "value": _NUMBER, "measured": _NUMBER, "std": _NUMBER, "z": _NUMBER, "unit": str, "usual": bool}
+  ],
   "ranking": [{"mechanism": str, "evidence_nats": _NUMBER}],
   "where": {
     "subsystem": str,

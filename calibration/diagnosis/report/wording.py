@@ -102,12 +102,13 @@ def verdict_sentence(
 
 
 def departures_sentence(departures: Sequence[Departure]) -> str:
-  """ " The driving contradicts what was measured of the car: servo time constant 66.6 ms, measured 36.0 ± 1.5 ms."."""
+  """ " The driving contradicts what was measured of the car: mass 3.2 kg, measured 3.000 ± 0.010 kg."."""
   said = [
-    f"{d.name.replace('_', ' ')} {amount(d.value, None, d.unit)}, measured {amount(d.measured, d.std, d.unit)}"
+    f"{d.name.replace('_', ' ')} {amount(d.value, None, d.unit)}, {'usual' if d.usual else 'measured'}"
+    f" {amount(d.measured, d.std, d.unit)}"
     for d in departures
   ]
-  return f" The driving contradicts what was measured of the car: {'; '.join(said)}." if said else ""
+  return f" The driving contradicts what was known of the car: {'; '.join(said)}." if said else ""
 
 
 def _gain(recovered: float | None) -> str:

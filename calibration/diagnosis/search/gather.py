@@ -197,7 +197,7 @@ class Weighing:
 
 
 def measured_figures(model: Candidate, twin: Twin) -> tuple[Measured, ...]:
-  """Figures that the vehicle states a deviation of, as a model has them.
+  """Figures that the vehicle states a deviation of, and the ages of sensors, as a model has them.
 
   A time's errors are shares of the control period, by which logs and commands are spaced, however short it is.
   """
@@ -205,7 +205,11 @@ def measured_figures(model: Candidate, twin: Twin) -> tuple[Measured, ...]:
   figures = [p for p in model.free if p.kind == "measured" and p.null is None and p.std]
   # that of the centre of gravity's height is its distance from what was measured
   size = lambda p: twin.period if p.unit == "s" else abs(p.nominal) or twin.vehicle.cg_height
-  return tuple(Measured(p.name, p.nominal, p.std or 0.0, values[p.name], size(p), p.unit) for p in figures)
+  known = [Measured(p.name, p.nominal, p.std or 0.0, values[p.name], size(p), p.unit) for p in figures]
+  errors = {n: e.std for m in sensor_error_mechanisms(twin.mechanisms) for n, e in m.sensor_errors.items()}
+  ages = [p for p in model.free if p.name in errors and p.unit == "s"]
+  usual = [Measured(p.name, p.null or 0.0, errors[p.name], values[p.name], size(p), p.unit, True) for p in ages]
+  return tuple(known + usual)
 
 
 def _key(model: Candidate) -> frozenset[str]:

@@ -27,7 +27,9 @@ def test_a_car_as_it_was_measured_contradicts_nothing(clean_pool):
 def test_figures_are_those_that_somebody_measured(clean_pool):
   base = rig.solved(clean_pool.problem)
   names = {f.name for f in measured_figures(base, rig.LinearTwin())}
-  assert names == {p.name for p in base.free if p.kind == "measured" and p.null is None}
+  ages = {f.name for f in measured_figures(base, rig.LinearTwin()) if f.usual}
+  assert names - ages == {p.name for p in base.free if p.kind == "measured" and p.null is None}
+  assert ages == {p.name for p in base.free if p.name in ("encoder_latency", "imu_latency")}
   free = type(base.free)(p for p in base.free if p.name not in names)
   keep = [base.free.index(p.name) for p in free]
   bare = dataclasses.replace(base, free=free, values=base.values[keep], jacobian=base.jacobian[:, keep])
@@ -38,7 +40,7 @@ def test_a_contradiction_is_in_the_verdict_and_in_the_table(clean_pool):
   nothing = diagnosis_of(clean_pool, (), "no_mismatch", holdout={}, validate={}, stages={})
   apart = (Departure("mass", 3.8, 3.0, 0.01, 21.0, "kg"),)
   told = dataclasses.replace(nothing, decision=dataclasses.replace(nothing.decision, departures=apart))
-  said = "The driving contradicts what was measured of the car: mass 3.8 kg, measured 3.000 ± 0.010 kg."
+  said = "The driving contradicts what was known of the car: mass 3.8 kg, measured 3.000 ± 0.010 kg."
   assert said in verdict(told) and said not in verdict(nothing)
   assert "mass: contradicts what was measured, by 21.0 deviations" in priors(told).text
   assert "contradicts what was measured, by" not in priors(nothing).text
