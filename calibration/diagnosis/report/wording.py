@@ -102,7 +102,7 @@ def verdict_sentence(
 
 
 def departures_sentence(departures: Sequence[Departure]) -> str:
-  """ " The driving contradicts what was measured of the car: mass 3.2 kg, measured 3.000 ± 0.010 kg."."""
+  """ " The driving contradicts what was known of the car: mass 3.2 kg, measured 3.000 ± 0.010 kg."."""
   said = [
     f"{d.name.replace('_', ' ')} {amount(d.value, None, d.unit)}, {'usual' if d.usual else 'measured'}"
     f" {amount(d.measured, d.std, d.unit)}"
