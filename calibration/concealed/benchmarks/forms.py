@@ -14,6 +14,8 @@ from calibration.diagnosis.pool import base_candidate
 from calibration.diagnosis.search.gather import measured_figures
 from qcar_twin.recordings.dataset import DataSet
 
+_ONE_SIDED = 1.645  # standard errors: 95 %
+
 CARS = {
   "first": lambda seed: make_session(seed, (), "compact"),
   "second": lambda seed: make_second_session(seed, (), "compact"),
@@ -36,7 +38,8 @@ def form_deviations(sessions: Sequence[tuple[str, Sequence[Measured]]]) -> dict[
   """Form deviation of each figure as a share of its size, with the number of sessions; "others" for all else.
 
   A figure's mean squared distance from what was measured, less the squared deviation of the measurement, is the square
-  of its form deviation; every generator counts alike. That of a figure nobody looked at is their root mean square.
+  of its form deviation; every generator counts alike. Few sessions tell little, so it is the upper end of that mean's
+  one-sided 95 % interval. That of a figure nobody looked at is their root mean square.
   """
   excess: dict[str, dict[str, list[float]]] = {}
   for car, figures in sessions:
@@ -49,4 +52,7 @@ def form_deviations(sessions: Sequence[tuple[str, Sequence[Measured]]]) -> dict[
 
 
 def _deviation(by_car: Mapping[str, Sequence[float]]) -> float:
-  return math.sqrt(max(0.0, float(np.mean([np.mean(rows) for rows in by_car.values()]))))
+  rows = [np.array(values) for values in by_car.values()]
+  variance = sum(float(np.var(r, ddof=1)) / len(r) for r in rows if len(r) > 1) / len(rows) ** 2
+  upper = float(np.mean([r.mean() for r in rows])) + _ONE_SIDED * math.sqrt(variance)
+  return math.sqrt(max(0.0, upper))

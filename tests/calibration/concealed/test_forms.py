@@ -19,7 +19,12 @@ def sessions(count, form, std, car="first", seed=1):
 def test_what_measuring_does_not_explain_is_the_forms():
   shares = form_deviations(sessions(4000, 0.05, 0.02))
   assert shares["mass"] == (pytest.approx(0.05, rel=0.05), 4000)
-  assert form_deviations(sessions(4000, 0.0, 0.02))["mass"][0] < 0.005
+  assert form_deviations(sessions(4000, 0.0, 0.02))["mass"][0] < 0.006
+
+
+def test_few_sessions_leave_a_wider_form_than_many():
+  few = [form_deviations(sessions(8, 0.0, 0.02, seed=k))["mass"][0] for k in range(200)]
+  assert np.median(few) > 0.012 and np.mean(np.array(few) > 0.0) > 0.85
 
 
 def test_every_generator_counts_alike():
