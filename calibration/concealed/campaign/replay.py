@@ -80,11 +80,12 @@ def table(cases: Sequence[Kept], rules: Mapping[str, Levels]) -> str:
     count = lambda rule, chosen=chosen, good=good: sum(good(cases[k], said[rule][k]) for k in chosen)
     if chosen:
       rows.append((what, *(f"{count(rule)} of {len(chosen)}" for rule in rules)))
-  names = lambda d: ", ".join(f"{c.mechanism} ({c.probability:.2f})" for c in d.claims) or "-"
+  shown = lambda d: [f"{c.mechanism} ({c.probability:.2f})" for c in d.claims] + [x.name for x in d.departures]
+  names = lambda d: ", ".join(shown(d)) or "-"
   apart = [
     (case.name, case.kind, " + ".join("/".join(sorted(e)) or "?" for e in case.effects) or "-", *map(names, told))
     for case, *told in zip(cases, *said.values(), strict=True)
-    if len({tuple(c.mechanism for c in d.claims) for d in told}) > 1
+    if len({tuple(said_names(d)) for d in told}) > 1
   ]
   tables = [markdown.table(("counted", *rules), rows)]
   if apart:
@@ -92,22 +93,33 @@ def table(cases: Sequence[Kept], rules: Mapping[str, Levels]) -> str:
   return "\n\n".join("\n".join(lines) for lines in tables) + "\n"
 
 
+def said_names(decision: Decision) -> list[str]:
+  """Mechanisms that are claimed, strongest first, then figures that the driving contradicts."""
+  return [c.mechanism for c in decision.claims] + [d.name for d in decision.departures]
+
+
 def _names(decision: Decision) -> set[str]:
-  return {c.mechanism for c in decision.claims}
+  return set(said_names(decision))
 
 
 def _right_first(case: Kept, decision: Decision) -> bool:
-  return any(c.mechanism in case.right for c in decision.claims[:1])
+  return any(name in case.right for name in said_names(decision)[:1])
 
 
 COUNTED: tuple[tuple[str, str, Callable[[Kept, Decision], bool]], ...] = (
   ("without an effect: something claimed", "null", lambda _, d: bool(d.claims)),
+  ("without an effect: a figure that departs", "null", lambda _, d: bool(d.departures)),
   ("without an effect: called unexplained", "null", lambda _, d: d.verdict == "unexplained"),
   ("one effect: right name first", "single", _right_first),
-  ("one effect: a wrong name first", "single", lambda c, d: bool(d.claims) and not _right_first(c, d)),
+  ("one effect: a wrong name first", "single", lambda c, d: bool(_names(d)) and not _right_first(c, d)),
+  ("one effect: a figure that departs and is not of it", "single", lambda c, d: not _departing(d) <= c.right),
   ("two effects: both named", "pair", lambda c, d: all(e & _names(d) for e in c.effects)),
   ("two effects: nothing false", "pair", lambda c, d: _names(d) <= c.right),
   ("outside the catalogue: said so", "outside", lambda _, d: d.verdict in ("unexplained", "partly_explained")),
-  ("outside the catalogue: something claimed", "outside", lambda _, d: bool(d.claims)),
+  ("outside the catalogue: something claimed", "outside", lambda _, d: bool(_names(d))),
 )
 """(what is counted, on which kind of cases, when it counts)."""
+
+
+def _departing(decision: Decision) -> set[str]:
+  return {d.name for d in decision.departures}

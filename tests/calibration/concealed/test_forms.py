@@ -24,7 +24,7 @@ def test_what_measuring_does_not_explain_is_the_forms():
 
 def test_few_sessions_leave_a_wider_form_than_many():
   few = [form_deviations(sessions(8, 0.0, 0.02, seed=k))["mass"][0] for k in range(200)]
-  assert np.median(few) > 0.012 and np.mean(np.array(few) > 0.0) > 0.85
+  assert np.median(few) > 0.012 and np.mean(np.array(few) > 0.0) > 0.7
 
 
 def test_every_generator_counts_alike():
