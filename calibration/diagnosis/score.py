@@ -82,9 +82,8 @@ def compare(larger: Candidate, smaller: Candidate, observations: Observations) -
   well would add the same noise to both models, and more of it than a weak effect weighs.
   """
   found = compared(_moved(larger, smaller, observations), smaller.residual, observations.block)
-  added = len(larger.free) - len(smaller.free)
   freed, drop = prior_part(smaller) - prior_part(larger), smaller.cost - larger.cost
-  return dataclasses.replace(found, priors=freed, added=added, drop=drop)
+  return dataclasses.replace(found, priors=freed, drop=drop)
 
 
 def _moved(larger: Candidate, smaller: Candidate, observations: Observations) -> Array:

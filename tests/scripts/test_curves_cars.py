@@ -46,6 +46,16 @@ def test_nothing_moves_in_a_car_that_stays_as_it_is(fits):
   assert len(moved) > 20 and not any(m.there for m in moved)
 
 
+def test_what_stopped_at_its_bound_in_one_data_set_is_compared_as_the_bound(fits):
+  """A trim that may not go farther than it went, with the deviation that it would have if it might."""
+  fitted = fits["before"].fitted
+  held = fitted.fit.at_bound | (np.array(fitted.fit.parameters.names) == "steering_offset")
+  stopped = dataclasses.replace(fitted, fit=dataclasses.replace(fitted.fit, at_bound=held))
+  moved = compared(dataclasses.replace(fits["before"], fitted=stopped), fits["after"])
+  assert [m.name for m in moved if m.there] == ["steering_offset"]
+  assert moved[0].first == pytest.approx(compared(fits["before"], fits["after"])[0].first, rel=0.1)
+
+
 @pytest.mark.parametrize(("second", "said"), [("after", "steering_offset: "), ("again", "nothing moved between")])
 def test_the_command_writes_a_page_and_says_what_moved(folders, fits, tmp_path, monkeypatch, capsys, second, said):
   asked = []

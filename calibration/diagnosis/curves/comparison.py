@@ -25,7 +25,8 @@ class Moved:
 
   Attributes:
     name: of the parameter; unit: its unit.
-    first, second: estimate and deviation in each; what nobody measured has a wide prior in both.
+    first, second: estimate and deviation in each; what nobody measured has a wide prior in both, and what stopped at a
+      bound has the bound.
     chance: how often two fits of one car differ as much, two-sided.
     there: rarer than LEVEL over all numbers that are compared (Bonferroni).
   """
@@ -104,15 +105,17 @@ def _shared_reaches(both: Sequence[dict[str, float]]) -> dict[str, float]:
 
 
 def estimates(found: Characterised) -> dict[str, tuple[float, float]]:
-  """Estimate and deviation by parameter; what is held at a bound, and sessions' own shifts, left out."""
-  fit, std = found.fitted.fit, np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+  """Estimate and deviation by parameter; sessions' own shifts left out.
+
+  What stopped at a bound is there, too, with the deviation that it would have without: its estimate would then lie
+  farther out, so that it differs from a number within the bounds by no less than is told.
+  """
+  fit, names = found.fitted.fit, found.fitted.fit.parameters.names
   fixed = {p.name for m in found.twin.mechanisms if m.name in found.curves for p in m.parameters if p.null is None}
   return {
     name: (value, spread)
-    for name, value, spread, bound in zip(
-      fit.parameters.names, fit.theta.tolist(), std.tolist(), fit.at_bound.tolist(), strict=True
-    )
-    if spread > 0.0 and not bound and "@" not in name and name not in fixed
+    for name, value, spread in zip(names, fit.theta.tolist(), found.deviations.tolist(), strict=True)
+    if spread > 0.0 and "@" not in name and name not in fixed
   }
 
 

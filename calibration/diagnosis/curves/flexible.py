@@ -94,19 +94,34 @@ class Characterised:
     tenth of a second were a new witness. (White, Maximum likelihood estimation of misspecified models, Econometrica
     50(1), 1982; clusters: Liang and Zeger, Biometrika 73(1), 1986.)
     """
+    return self._sandwich(~self.fitted.fit.at_bound, *self._sums())
+
+  @property
+  def deviations(self) -> Array:
+    """Of the fitted parameters, (p,); of one that stopped at its bound that which it would have without it."""
+    held, sums = self.fitted.fit.at_bound, self._sums()
+    variance = np.diag(self._sandwich(~held, *sums)).copy()
+    for k in np.flatnonzero(held):
+      variance[k] = self._sandwich(~held | (np.arange(len(held)) == k), *sums)[k, k]
+    return np.sqrt(np.maximum(variance, 0.0))
+
+  def _sums(self) -> tuple[Array, Array]:
+    """Curvature and sum of squared scores of stretches, priors included, in units of the parameters' scales, (p, p)."""
     problem, found = self.fitted.problem, self.fitted.fit
-    n, free = problem.n_train, np.flatnonzero(~found.at_bound)
-    jacobian, residual = self.fitted.jacobian[:n, free], problem.fitted_residual(self.theta[None])[0]
-    scale = found.parameters.scale[free]
-    slopes = jacobian * scale
-    prior = found.parameters.deviation_slopes(found.theta)[free]
-    inverse = np.linalg.pinv(slopes.T @ slopes + np.diag((scale * prior) ** 2), hermitian=True)
+    n, scale = problem.n_train, found.parameters.scale
+    slopes, residual = self.fitted.jacobian[:n] * scale, problem.fitted_residual(self.theta[None])[0]
+    prior = np.diag((scale * found.parameters.deviation_slopes(found.theta)) ** 2)
     stretch = problem.observations.stretch[:n]
-    scores = np.zeros((stretch.max() + 1, len(free)))
+    scores = np.zeros((stretch.max() + 1, len(scale)))
     np.add.at(scores, stretch, slopes * residual[:, None])
-    meat = scores.T @ scores + np.diag((scale * prior) ** 2)
-    out = np.diag(found.parameters.std**2)
-    out[np.ix_(free, free)] = inverse @ meat @ inverse * np.outer(scale, scale)
+    return slopes.T @ slopes + prior, scores.T @ scores + prior
+
+  def _sandwich(self, free: NDArray[np.bool_], curvature: Array, scores: Array) -> Array:
+    """Covariance where some parameters are free, (p, p); the others have their prior variance."""
+    parameters, at = self.fitted.fit.parameters, np.ix_(free, free)
+    inverse = np.linalg.pinv(curvature[at], hermitian=True)
+    out = np.diag(parameters.std**2)
+    out[at] = inverse @ scores[at] @ inverse * np.outer(parameters.scale[free], parameters.scale[free])
     return out
 
 

@@ -26,7 +26,6 @@ class Comparison:
     blocks: uncapped gain per block, B of them.
     before: held-out half sum of squares of the smaller model, nats.
     priors: nats by which the larger model's parameters lie closer to what was measured of the car.
-    added: free parameters the larger model has more.
     drop: nats by which the larger model fits better, its priors included.
     total: the gain with a hundred times wider cap: how much there is to explain at all.
   """
@@ -37,7 +36,6 @@ class Comparison:
   blocks: tuple[float, ...]
   before: float
   priors: float = 0.0
-  added: int = 1
   drop: float = np.inf
 
   @property

@@ -25,7 +25,8 @@ def write_comparison(moved: Sequence[Moved], first: str, second: str, folder: st
     "Each data set was characterised on its own, with the knots of its curves at the same commands and speeds. Chance"
     f" is how often two fits of one car differ as much; moved is what is rarer than {100 * LEVEL:.0f} % over all"
     " numbers. Deviations count a stretch of driving as one witness. Numbers that stand in for each other (a gain and a"
-    " straight curve) have wide ones, and may have moved together unseen."
+    " straight curve) have wide ones, and may have moved together unseen. Of a number that stopped at a bound the bound"
+    " is compared, with the deviation it would have without."
   )
   section = Section("Number by number", text, [Table(f"{first} and {second}", columns, rows)])
   said = moves(moved, first, second)

@@ -86,11 +86,11 @@ def test_more_evidence_never_lowers_a_probability(evidence, what, size):
   assert after["side_force"] >= before["side_force"] > 0.5
 
 
-def test_a_file_that_also_has_typical_sizes_is_read_without_them(evidence):
+def test_a_file_that_also_has_what_nothing_depends_on_is_read_without_it(evidence):
   content = as_json(evidence)
   for model in content["models"]:
     for name in (*model["names"], *model["sensors"]):
-      name["size"] = 0.3
+      name["size"], name["held_out"]["added"] = 0.3, 1
       for item in (*name["estimates"], *name["alternatives"]):
         item |= {"size": 1.0, "typical": 0.1}
   assert from_json(content) == evidence
