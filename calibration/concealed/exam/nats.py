@@ -8,8 +8,9 @@ of evidence. What the car without an effect could imitate with other numbers is 
 
 J: change by each of the generator's numbers that a recalibration may move, by the small errors that every description
 of a car has (UNSTATED), and by constant errors of the IMU. P: the precision of what the owner states, and of those.
-So these are nats *after absorption* by a perfect model of the car; `before` is |d|^2 / 2. They are an upper end of
-what a model sees whose own errors exceed the noise.
+Recordings that are held out to the end count nothing: a diagnosis does not look at them. So these are nats *after
+absorption* by a perfect model of the car; `before` is |d|^2 / 2. They are an upper end of what a model sees whose own
+errors exceed the noise.
 """
 
 from __future__ import annotations
@@ -91,15 +92,14 @@ class Judge:
     return [sense(observed(trace, concealed), quiet, 0.0, rng) for trace in traces]
 
   def _difference(self, concealed: Sequence[Concealed], moved: Sequence[tuple[Nuisance, float]]) -> np.ndarray:
-    """Whitened change of all that is seen."""
-    pairs = zip(self.plain, self._seen(concealed, moved), strict=True)
-    return np.concatenate([self._whitened(plain, other) for plain, other in pairs])
+    """Whitened change of all that is seen of recordings that are not held out."""
+    pairs = zip(self.setting.runs, self.plain, self._seen(concealed, moved), strict=True)
+    return np.concatenate([self._whitened(plain, other) for run, plain, other in pairs if run.role != "holdout"])
 
   def _constants(self) -> list[np.ndarray]:
     """A unit on each channel of the IMU, whitened."""
-    shifted = [
-      [self._whitened(plain, {**plain, name: plain[name] + 1.0}) for plain in self.plain] for name in _CONSTANT
-    ]  # fmt: skip
+    plains = [plain for run, plain in zip(self.setting.runs, self.plain, strict=True) if run.role != "holdout"]
+    shifted = [[self._whitened(plain, {**plain, name: plain[name] + 1.0}) for plain in plains] for name in _CONSTANT]
     return [np.concatenate(rows) for rows in shifted]
 
   def _whitened(self, plain: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> np.ndarray:

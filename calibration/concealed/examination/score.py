@@ -135,14 +135,19 @@ def reliability(results: Sequence[Result]) -> list[tuple[str, int, float, float]
   return rows
 
 
+def _where(name: str) -> str:
+  """The subsystem of a mechanism; a figure of the car is of none."""
+  known = catalogue()
+  return known[name].subsystem if name in known else "figure"
+
+
 def confusion(results: Sequence[Result]) -> tuple[list[str], list[str], np.ndarray]:
   """Parts that effects are of (rows), subsystems of first claims (columns), in cases with one effect and none."""
-  known = catalogue()
   told = []
   for r in (*of_kind(results, "single"), *of_kind(results, "outside"), *of_kind(results, "null")):
     first = claims(r)[:1]
     part = r["truth"]["effects"][0]["part"] if r["truth"]["effects"] else "nothing"
-    told.append((part, known[first[0]].subsystem if first else "no claim"))
+    told.append((part, _where(first[0]) if first else "no claim"))
   rows, columns = (sorted({t[i] for t in told}, key=lambda n: (n in ("nothing", "no claim"), n)) for i in (0, 1))
   table = np.zeros((len(rows), len(columns)), dtype=int)
   for part, said in told:

@@ -12,15 +12,16 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.diagnosis.candidates import Candidate, begin, candidate, refine, simulate
+from calibration.diagnosis.candidates import Candidate, begin, candidate, refine
 from calibration.diagnosis.confirm import confirm, confirm_best
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.scan import Projector, Signature, explained
 from calibration.diagnosis.score import compare
 from calibration.diagnosis.search.multistart import multistart_models
+from calibration.diagnosis.search.reweighting import reweight_if_worth_it
 from calibration.diagnosis.search.warm_start import LIKELY, refit_rivals, refit_subsets, warm_start
 from calibration.diagnosis.search.weighing import shown_size
-from calibration.fitting.likelihood import Problem, weighting_from
+from calibration.fitting.likelihood import Problem
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.recalibration import RecalibratedTwin
 from calibration.progress import Progress, silent
@@ -91,7 +92,7 @@ def search(
       pool.base_not_converged = True
       return pool
     refit_rivals(pool, best)
-  _reweight_if_worth_it(pool)
+  reweight_if_worth_it(pool, _leaders(pool))
   refine_leaders(pool)
   progress("refitting pairs")
   _fit_sets(pool, _nominate_pairs(pool, effort.pairs), effort.iterations)
@@ -287,46 +288,6 @@ def _start(pool: Pool, parent: Candidate, new: Sequence[str], share: float, meet
         value = signature.start[p.name]
         start[p.name] = value if p.null is None else p.null + share * (value - p.null)
   return start
-
-
-def _reweight_if_worth_it(pool: Pool) -> None:
-  """Take channel weights from the best single where it explains much: what it explains was no noise.
-
-  Elsewhere the weights stay as they were, so that all models stand at the minimum of one and the same cost; here the
-  base, the best model and the other leaders are brought to the new one with all their columns. A leader left where it
-  was would lose to the best for no other reason. They go on to their minima: where they stand, sets that contain them
-  begin.
-  """
-  best = pool.best(pool.of_size(1))
-  if best is pool.base or compare(best, pool.base, pool.problem.observations).relative < 0.1:
-    return
-  leaders = list({id(m): m for m in [best, *_leaders(pool)]}.values())
-  _reweight(pool, best)
-  refine(pool.problem, [pool.base, *leaders], 1, full=True)
-  refine(pool.problem, leaders, 1, full=True)
-  refine(pool.problem, leaders, 2)
-
-
-def _reweight(pool: Pool, best: Candidate) -> None:
-  """Weights from a model's residuals; known residuals, Jacobians and signatures are rescaled.
-
-  A surrogate is put right at that model first: from there the search goes on.
-  """
-  problem = pool.problem.at(best.theta)
-  if problem is not pool.problem:
-    simulate(problem, list(pool.models.values()))
-  old = problem.whiten(np.ones(len(problem.observations)))
-  weighting = weighting_from(problem.observations, best.residual / old, pool.floor)
-  pool.problem = problem.reweighted(weighting)
-  ratio = pool.problem.whiten(np.ones(len(problem.observations))) / old
-  for model in pool.models.values():
-    model.residual = model.residual * ratio
-    model.jacobian = model.jacobian * ratio[:, None]
-    model.settled = False
-  pool.signatures = {
-    n: dataclasses.replace(s, direction=(s.direction * ratio[: len(s.direction)]).astype(np.float32))
-    for n, s in pool.signatures.items()
-  }
 
 
 def _worth_growing(pool: Pool) -> bool:
