@@ -78,7 +78,8 @@ def independent_car(number: int, effects: tuple[str, ...], seed: int) -> Onboard
   car = drawn_car(Spec(number))
   table, std = car.measured(stream(number, 1))
   begin = ProvingGroundPlant(car, hidden, 1.0, seed).begin
-  return OnboardPlant(begin, Vehicle.from_dataset(table, std), table, std, f"independent car {number}")
+  name = f"independent car {number}"
+  return OnboardPlant(begin, Vehicle.from_dataset(table, std), table, std, name, sensors=name)
 
 
 def main(config: Config) -> Drive:

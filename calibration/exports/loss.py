@@ -31,12 +31,12 @@ class EffectLoss:
   """One effect that a target cannot express: error without it over error with it, a geometric mean over channels.
 
   Attributes:
-    predicted: of the twin; None where the twin has no number to take it out by.
+    predicted: of the twin.
     measured: of the export, with the effect put back around it; None where it cannot be.
   """
 
   name: str
-  predicted: float | None
+  predicted: float
   measured: float | None
 
 
@@ -117,8 +117,10 @@ def measure_loss(job: Job, target: Target, path: Path) -> Loss | None:
     part, theta = without(job.twin, job.theta, [m for m in job.twin.mechanisms if m in (*sensors, *around)])
     return errors(part.carried_by(lambda size: ModelCars(model, car, size)), theta)
 
-  def reduced(gone: Sequence[Mechanism], theta: Array = job.theta) -> dict[str, float]:
-    return errors(*without(job.twin, theta, [m for m in job.present if m not in gone]))
+  def reduced(
+    gone: Sequence[Mechanism], theta: Array = job.theta, instead: Sequence[Mechanism] = ()
+  ) -> dict[str, float]:
+    return errors(*without(job.twin, theta, [*(m for m in job.present if m not in gone), *instead]))
 
   twin, export = reduced(()), exported(())
   effects = []
@@ -126,7 +128,10 @@ def measure_loss(job: Job, target: Target, path: Path) -> Loss | None:
     back = mechanism.stage in ("command", "actuator")
     measured = mean_ratio(export, exported((mechanism,))) if back else None
     effects.append(EffectLoss(mechanism.name, mean_ratio(reduced((mechanism,)), twin), measured))
-  for name, values in target.structure.items():
-    predicted = mean_ratio(reduced((), job.plain(target, name)), twin) if values else None
-    effects.append(EffectLoss(name, predicted, None))
-  return Loss(roles, twin, export, reduced(lost, job.plain(target)), tuple(effects))
+  for name in target.structure:
+    effects.append(EffectLoss(name, mean_ratio(reduced((), job.plain(target, name)), twin), None))
+  theirs = {name: made(path) for name, made in target.instead.items()}
+  for name, mechanism in theirs.items():
+    effects.append(EffectLoss(name, mean_ratio(reduced((), instead=(mechanism,)), twin), None))
+  bare = reduced(lost, job.plain(target), tuple(theirs.values()))
+  return Loss(roles, twin, export, bare, tuple(effects))

@@ -42,9 +42,13 @@ _SECONDS = 90.0  # of driving that is matched at most
 
 
 def without(twin: Twin, theta: Array, kept: Sequence[Mechanism]) -> tuple[Twin, Array]:
-  """The twin with some of its mechanisms, and its parameters (P,) without those of the others."""
+  """The twin with some of its mechanisms, and its parameters (P,) without those of the others.
+
+  A mechanism that it has not has its nominal parameters.
+  """
   other, values = twin.with_mechanisms(kept), twin.parameters.named(theta)
-  return other, other.parameters.vector({name: values[name] for name in other.parameters.names})
+  nominal = other.parameters.named(other.parameters.nominal)
+  return other, other.parameters.vector({name: values.get(name, nominal[name]) for name in nominal})
 
 
 def stays(mechanism: Mechanism) -> bool:
@@ -71,7 +75,7 @@ def single_track_numbers(twin: Twin, theta: Array, kept: Sequence[Mechanism]) ->
   mass, ahead = q["mass"] + q["added_mass"], q["added_mass"] * q["added_mass_x"] / (q["mass"] + q["added_mass"])
   travel, front = rolling_radius(v), q["cg_to_front"] - ahead
   height = v.cg_height + q["cg_height_offset"]
-  moved = mass + (q["rotor_inertia"] / v.gear_ratio**2 + 4.0 * v.wheel_inertia) / v.wheel_radius**2
+  moved = mass + (q["rotor_inertia"] / v.gear_ratio**2 + 4.0 * q["wheel_inertia"]) / v.wheel_radius**2
   inertia = moved * travel**2
   spring = 2.0 * mass / 4.0 * (2.0 * np.pi * q["suspension_frequency"]) ** 2
   arm = mass * GRAVITY * height
@@ -93,8 +97,8 @@ def single_track_numbers(twin: Twin, theta: Array, kept: Sequence[Mechanism]) ->
     "friction_coefficient": float(np.mean(q["friction_coefficient"])),
     "tyre_shape": float(np.mean(q["tyre_shape"])), "load_exponent": float(np.mean(q["load_exponent"])),
     "relaxation_length": float(np.mean(q["relaxation_length"])),
-    "servo_time_constant": max(float(q["servo_time_constant"]), 1e-4), "max_steering": v.max_steering,
-    "imu_x": v.imu_x, "imu_y": v.imu_y,
+    "servo_time_constant": max(float(q["servo_time_constant"]), 1e-4), "servo_inertia": q["servo_inertia"],
+    "max_steering": v.max_steering, "imu_x": v.imu_x, "imu_y": v.imu_y,
     "roll_gain": 1.0 + arm / (spring * v.track_width**2 / 2.0),
     "pitch_gain": 1.0 + arm / (spring * v.wheelbase**2 / 2.0),
   }  # fmt: skip

@@ -1,9 +1,9 @@
 """A single track of a 1:10 car with slipping tyres, a servo and a motor, in one file that needs nothing but NumPy.
 
 State x (see STATES): position of the centre of gravity [m], heading [rad], velocity in the car's axes [m/s], yaw rate
-[rad/s], steering angle [rad], slips of the front and the rear tyre [-]; behind them memories of the effects that the
-car has (`state_names`). Commands u: motor voltage [V], steering angle [rad], held over one period of PERIOD s.
-Axes and signs are those of ISO 8855: x forward, y left, angles counter-clockwise.
+[rad/s], steering angle [rad], slips of the front and the rear tyre [-], rate of the steering angle [rad/s]; behind them
+memories of the effects that the car has (`state_names`). Commands u: motor voltage [V], steering angle [rad], held over
+one period of PERIOD s. Axes and signs are those of ISO 8855: x forward, y left, angles counter-clockwise.
 
   m (v_y' + v_x r) = F_yf cos d + F_yr + S_f sin d,  I r' = a (F_yf cos d + S_f sin d) - b F_yr
   F_y = -C z g(rho),  g(rho) = sin(B atan(rho / B)) / rho,  rho = sqrt((C z)^2 + F_x^2) / (mu F_z)
@@ -28,6 +28,7 @@ CREEP = 0.005  # m/s, v_0: slip is finite at standstill
 KINK = 1e-3  # rad and V: half-width over which corners of maps are rounded
 STATES = (
   "pose_x", "pose_y", "pose_yaw", "velocity_x", "velocity_y", "yaw_rate", "steering_angle", "slip_front", "slip_rear",
+  "steering_rate",
 )  # fmt: skip
 SENSED = ("yaw_rate", "accel_x", "accel_y", "motor_speed", "steering_angle")
 
@@ -94,13 +95,26 @@ def advance(m: Any, x: list[Any], u: list[Any], car: Numbers) -> tuple[list[Any]
   """One period; `m` has the functions, x and u are lists of scalars or arrays, `car` the numbers by name."""
   core = list(x[: len(STATES)])
   voltage, target, memory = commanded(m, core[3], list(x[len(STATES) :]), u, car)
-  duration = PERIOD / PARTS
-  keep = m.exp(-duration / car["servo_time_constant"])
+  duration, lag = PERIOD / PARTS, car["servo_time_constant"]
+  a, b, c, d = servo(lag, car["servo_inertia"], duration)
   for _ in range(PARTS):
-    steered = target + (core[6] - target) * keep
+    off, pace = core[6] - target, lag * core[9]
+    steered = target + a * off + b * pace
     core, sensed = move(m, core, voltage, 0.5 * (core[6] + steered), duration, car)
-    core[6] = steered
+    core[6], core[9] = steered, (c * off + d * pace) / lag
   return core + memory, [*sensed, core[6]]
+
+
+def servo(lag: Any, inertia: Any, duration: float) -> tuple[Any, Any, Any, Any]:
+  """Exact step of inertia lag^2 y'' + lag y' + y = u, u held: e = y - u goes to a e + b w, w = lag y' to c e + d w."""
+  inertia = np.maximum(inertia, 1e-6)  # of first order within a microradian
+  root = np.sqrt(1.0 - 4.0 * inertia + 0j)
+  root = np.where(np.abs(root) < 1e-5, 1e-5, root)  # a double pole as two close ones
+  slow, fast = -2.0 / (1.0 + root), -(1.0 + root) / (2.0 * inertia)
+  left, gone = np.exp(slow * duration / lag), np.exp(fast * duration / lag)
+  b = (left - gone) / (slow - fast)
+  a, c, d = (slow * gone - fast * left) / (slow - fast), -slow * fast * b, (slow * left - fast * gone) / (slow - fast)
+  return a.real, b.real, c.real, d.real
 
 
 def commanded(m: Any, speed: Any, memory: list[Any], u: list[Any], car: Numbers) -> tuple[Any, Any, list[Any]]:
@@ -154,7 +168,7 @@ def move(
   m: Any, core: list[Any], voltage: Any, steered: Any, duration: float, car: Numbers
 ) -> tuple[list[Any], list[Any]]:
   """One step of integration with the road wheels at `steered` [rad]."""
-  px, py, yaw, vx, vy, r, angle, slip_front, slip_rear = core
+  px, py, yaw, vx, vy, r, angle, slip_front, slip_rear, pace = core
   mass, inertia, a, b = car["mass"], car["yaw_inertia"], car["cg_to_front"], car["cg_to_rear"]
   travel, sine, cosine = car["travel_per_radian"], m.sin(steered), m.cos(steered)
   w = m.sqrt(vx * vx + vy * vy + CREEP * CREEP)
@@ -193,7 +207,7 @@ def move(
   heading = yaw + 0.5 * duration * r_after
   px = px + duration * (m.cos(heading) * speeds[0] - m.sin(heading) * speeds[1])
   py = py + duration * (m.sin(heading) * speeds[0] + m.cos(heading) * speeds[1])
-  after = [px, py, yaw + duration * r_after, vx_after, vy_after, r_after, angle, slip_front, slip_rear]
+  after = [px, py, yaw + duration * r_after, vx_after, vy_after, r_after, angle, slip_front, slip_rear, pace]
   felt_x = (vx_after - vx) / duration - vy * r_after
   felt_y, turn = (vy_after - vy) / duration + vx * r_after, (r_after - r) / duration
   felt_x = (felt_x - turn * car["imu_y"] - r_after**2 * car["imu_x"]) * car["pitch_gain"]

@@ -69,6 +69,8 @@ class Target:
     expresses: whether the format holds an effect of the car.
     drives: the model that the written file makes and its numbers; None for what is no car.
     structure: what of the twin's base has no place in it, by name: base parameters at which the twin lacks it, too.
+    instead: the same where the target has physics of its own: what the twin is given in the place of its own, from the
+      written file.
   """
 
   name: str
@@ -78,6 +80,7 @@ class Target:
   expresses: Callable[[Mechanism], bool] = lambda mechanism: False
   drives: Callable[[Path, Job], tuple[CarModel, Mapping[str, object]]] | None = None
   structure: Mapping[str, Mapping[str, float]] = dataclasses.field(default_factory=dict)
+  instead: Mapping[str, Callable[[Path], Mechanism]] = dataclasses.field(default_factory=dict)
 
 
 def targets() -> dict[str, Target]:

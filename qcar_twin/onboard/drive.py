@@ -83,7 +83,8 @@ def drive(script: Path, plant: OnboardPlant, terms: Terms = Terms()) -> Drive:
   script = Path(script)
   if not script.is_file():
     raise FileNotFoundError(f"{script}: no such script; name the Python file that drives the QCar")
-  noise = zlib.crc32(f"{terms.seed} {terms.name or script.stem}".encode())  # no two recordings' noise is the same
+  # no two recordings' noise is the same
+  noise = zlib.crc32(f"{terms.seed} {plant.sensors} {terms.name or script.stem}".encode())
   car, began = Car(plant, noise), time.perf_counter()
   clock = Clock(car.move, terms.seconds, terms.real_time)
   rig = Rig(car, clock)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from qcar_twin.onboard.recorder import drive_of
 from qcar_twin.recordings.channels import CHANNELS
@@ -12,6 +13,7 @@ from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording, RecordingError, nearest
 
 COMPARED = ("motor_speed", "yaw_rate", "accel_y")
+_NEIGHBOURS = 5  # poses whose median counts: one that is wrong spoils two gaps where it is interpolated
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,7 +23,7 @@ class Likeness:
   Attributes:
     seconds: that both cover, s.
     rms: by channel of COMPARED, in its unit, sensors' noise of both included.
-    apart: of the two positions at the same time, m; NaN where one has none.
+    apart: of the two positions at the same time, m, single wrong poses of either left out; NaN where one has none.
   """
 
   seconds: float
@@ -45,7 +47,8 @@ def likeness(ours: Recording, theirs: Sequence[Recording]) -> Likeness:
         squares[name].append((ours[name].interpolate(piece[name].time) - piece[name].value) ** 2)
     if {"pose_x", "pose_y"} <= set(piece.channels) & set(ours.channels):
       gaps = [ours[n].interpolate(piece[n].time) - piece[n].value for n in ("pose_x", "pose_y")]
-      squares["apart"].append(gaps[0] ** 2 + gaps[1] ** 2)
+      x, y = (median_filter(gap, _NEIGHBOURS, mode="nearest") for gap in gaps)
+      squares["apart"].append(x**2 + y**2)
   rms = {name: float(np.sqrt(np.nanmean(np.concatenate(parts)))) for name, parts in squares.items() if parts}
   return Likeness(seconds, {name: rms[name] for name in COMPARED if name in rms}, rms.get("apart", float("nan")))
 

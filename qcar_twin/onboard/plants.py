@@ -30,6 +30,8 @@ class OnboardPlant:
     table, std: what is written of it as a data set's [vehicle].
     name: what it is, for the data set's description.
     period: control period, s.
+    sensors: whose noise they have. Twins share one, so that two of them differ by their physics alone; another car has
+      its own, since no twin repeats the noise of the car that it is compared with.
   """
 
   begin: Callable[[Array], Simulation]
@@ -38,6 +40,7 @@ class OnboardPlant:
   std: Mapping[str, float]
   name: str
   period: float = 0.01
+  sensors: str = "twin"
 
   def __post_init__(self) -> None:
     if self.vehicle.drive not in ("voltage", "duty"):

@@ -31,7 +31,7 @@ STRUCTURE = {
   "axles coupled by the drive": {"centre_differential": 1.0},
   "tyres that saturate": {"friction_coefficient": np.inf},
   "slip along the car": {"longitudinal_stiffness": np.inf},
-  "relaxation length": {"relaxation_length": 0.0},
+  "relaxation length": {"relaxation_length": 0.0, "longitudinal_relaxation": 0.0},
   "roll and pitch": {"suspension_frequency": np.inf},
 }
 DRIVE = ("travel_per_radian", "drive_gain", "drive_damping", "drive_friction")

@@ -23,9 +23,10 @@ from calibration.exports.target import Job, Target
 from calibration.exports.written import heading, text_lines
 from calibration.fitting.noise_floor import driving_noise
 from calibration.fitting.windows import Cut, cut_recordings
+from qcar_twin.parameters import Parameter
 from qcar_twin.plant import signal_index
-from qcar_twin.twin.mechanisms.base import Mechanism
-from qcar_twin.vehicle.mjcf import car_spec
+from qcar_twin.twin.mechanisms.base import Context, Mechanism, Model
+from qcar_twin.vehicle.mjcf import car_spec, knuckle_inertia
 from qcar_twin.vehicle.vehicle import WHEELS, Vehicle
 
 Array = NDArray[np.float64]
@@ -35,12 +36,13 @@ _TRIED = (2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05)  # m/s
 _COMPARED = ("yaw_rate", "accel_x", "accel_y", "motor_speed")
 _SECONDS = 30.0  # of driving that the choice is made on
 TIMESTEP, PARTS = 0.002, 5  # s, and steps in a control period
+_SLOWEST = 0.02  # m/s, at which the twin still has tyres
 IMPEDANCE = 0.95  # MuJoCo's own upper value, at which its friction chatters least
 _OWN = ("steering_offset", "steering_gain_error", "steering_delay", "steering_lag", "drive_delay")
 _PLAIN = (
   "torque_per_volt", "torque_per_ampere", "torque_per_speed", "motor_damping", "driveline_friction", "rotor_inertia",
-  "servo_time_constant", "ackermann_fraction", "yaw_inertia", "centre_differential", "max_torque",
-  "suspension_frequency",
+  "wheel_inertia", "servo_time_constant", "servo_inertia", "ackermann_fraction", "yaw_inertia", "centre_differential",
+  "max_torque", "suspension_frequency",
 )  # fmt: skip
 
 
@@ -97,9 +99,10 @@ def _write_at(job: Job, path: Path, speed: float) -> str:
     creep = float(q["cornering_stiffness"][place]) / speed  # N s/m
     row = creep * (1.0 - IMPEDANCE) / IMPEDANCE * inverse_mass[wheel]
     mu = float(q["friction_coefficient"][place])
-    pair = spec.add_pair(geomname1="floor", geomname2=wheel, condim=3, friction=[mu, mu, 0.005, 1e-4, 1e-4])
+    pair = spec.add_pair(name=wheel, geomname1="floor", geomname2=wheel, condim=3, friction=[mu, mu, 0.005, 1e-4, 1e-4])
     pair.solref, pair.solimp = [0.02, 1.0], [IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2.0]
     pair.solreffriction = [-1e-9, -row * IMPEDANCE]
+  _servo(spec, car)
   _effects(spec, job, {m.name for m in job.kept(TARGET)}, values)
   spec.compile()
   text = spec.to_xml().split("\n")
@@ -107,6 +110,22 @@ def _write_at(job: Job, path: Path, speed: float) -> str:
   about = f"Cornering stiffness is the twin's at {speed:.2f} m/s; native friction makes it grow with speed."
   text_lines(path, ["<!-- " + "\n     ".join([*comment, about]) + " -->", *text])
   return about
+
+
+def _servo(spec: mujoco.MjSpec, car: Vehicle) -> None:
+  """A servo of second order as the road wheels' own spring and damper: J = q tau^2 k, d = tau k.
+
+  One too fast for the explicit steps, or limited in its rate, stays a filter of first order with the same lag.
+  """
+  lag, q = car.servo_time_constant, car.servo_inertia
+  if q * lag < 2.0 * TIMESTEP or math.isfinite(car.servo_rate):
+    return
+  servo, inertia = spec.actuator("steering"), knuckle_inertia(car)
+  stiffness = 2.0 * inertia / (q * lag**2)  # of two wheels
+  servo.dynprm[0], servo.gainprm[0], servo.biasprm[1] = 0.0, stiffness, -stiffness
+  servo.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
+  for wheel in WHEELS[:2]:
+    spec.joint(f"{wheel}_steering").damping[0] = inertia / (q * lag)
 
 
 def _effects(spec: mujoco.MjSpec, job: Job, kept: set[str], values: Mapping[str, float]) -> None:
@@ -124,11 +143,36 @@ def _effects(spec: mujoco.MjSpec, job: Job, kept: set[str], values: Mapping[str,
       actuator.delay, actuator.nsample = values[name], math.ceil(values[name] / TIMESTEP) + 2
 
 
+def _opened(path: Path) -> mujoco.MjModel:
+  return mujoco.MjModel.from_xml_path(str(path))
+
+
+class PlainFriction(Mechanism):
+  """The file's friction in the twin: its stiffness grows with speed, C = c w along and across, c of each wheel."""
+
+  name = "plain_friction"
+  subsystem = "tyre"
+  stage = "contact"
+  varies = True
+  parameters = (Parameter("plain_friction", 1.0, 0.0, 1.0, "-", "on", null=0.0),)
+
+  def __init__(self, model: mujoco.MjModel):
+    weight = [(1.0 - IMPEDANCE) / IMPEDANCE * model.body(w).invweight0[0] for w in WHEELS]
+    self._creep = [-model.pair_solreffriction[model.pair(w).id, 1] / IMPEDANCE for w in WHEELS] / np.array(
+      weight
+    )  # N s/m
+
+  def write_model(self, theta: Array, context: Context, model: Model) -> None:
+    speed = np.hypot(context.signal("velocity_x"), context.signal("velocity_y"))
+    for quantity in ("cornering_stiffness", "longitudinal_stiffness"):
+      model.set(quantity, self._creep * np.maximum(speed, _SLOWEST)[:, None])
+
+
 class PlainCars:
   """Cars of one MJCF in plain MuJoCo, one after the other; their number is the state."""
 
   def __init__(self, path: Path):
-    self.model = mujoco.MjModel.from_xml_path(str(path))
+    self.model = _opened(path)
     self._data: list[mujoco.MjData] = []
     self._yaw = np.zeros(0)
     self._rest = self._settled()
@@ -193,5 +237,6 @@ TARGET = Target(
   write=_write,
   expresses=_expresses,
   drives=_drives,
-  structure={"tyres whose stiffness is the same at any speed": {}, "relaxation length": {"relaxation_length": 0.0}},
+  structure={"relaxation length": {"relaxation_length": 0.0, "longitudinal_relaxation": 0.0}},
+  instead={"tyres whose stiffness is the same at any speed": lambda path: PlainFriction(_opened(path))},
 )

@@ -1,5 +1,6 @@
 """A script from its first line to its end: the three of this folder, and what is said of those that go wrong."""
 
+import dataclasses
 import shutil
 import subprocess
 import sys
@@ -13,9 +14,19 @@ from qcar_twin.onboard.recorder import recording_of
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 from tests import ROOT
-from tests.qcar_twin.onboard.rig import SCRIPTS, drive_text, reduced
+from tests.qcar_twin.onboard.rig import SCRIPTS, by_hand, drive_text, reduced
 
 RUNS = (("steps.py", ("0", "12")), ("steps.py", ("1", "12")), ("waypoints.py", ("12",)), ("threads.py", ("12",)))
+
+
+STANDS = """
+  import time
+  from pal.products.qcar import QCar
+
+  with QCar() as car:
+    time.sleep(12)
+    car.read()
+"""
 
 
 def columns(name: str, arguments: tuple[str, ...], plant) -> dict[str, np.ndarray]:
@@ -51,6 +62,19 @@ def test_both_cars_drive_a_script_alike_and_an_effect_shows():
   slow = columns("steps.py", ("1", "6"), late)
   apart = lambda a, b: float(np.sqrt(np.nanmean((a["yaw_rate"] - b["yaw_rate"]) ** 2)))
   assert apart(mujoco, fast) < 0.01 < 0.1 < apart(slow, fast)
+
+
+def test_twins_share_their_sensors_noise_and_another_car_has_its_own(tmp_path):
+  noise = {}
+  for whose in ("twin", "mine", "yours"):
+    plant = dataclasses.replace(by_hand()[0], sensors=whose)
+    driven = drive_text(tmp_path, STANDS, plant)
+    noise[whose] = np.array([sample.yaw_rate for sample in driven.car.samples])
+  twin = drive_text(tmp_path, STANDS, by_hand()[0])
+  assert np.array_equal(noise["twin"], [sample.yaw_rate for sample in twin.car.samples])
+  for one, other in (("twin", "mine"), ("mine", "yours")):
+    both = np.corrcoef(noise[one], noise[other])[0, 1]
+    assert len(noise[one]) > 1000 and abs(both) < 0.1  # three standard deviations of what chance gives
 
 
 def test_a_sensor_effect_of_the_twin_is_read_on_board():

@@ -83,6 +83,10 @@ def test_two_drives_of_a_script_are_compared(driven, tmp_path):
   assert same.seconds == pytest.approx(35.0) and max(*same.rms.values(), same.apart) < 1e-9
   moved = long.replace(streams={**long.streams, "pose_x": Stream(long["pose_x"].time, long["pose_x"].value + 0.3)})
   assert likeness(moved, [long]).apart == pytest.approx(0.3)
+  wrong = moved["pose_x"].value.copy()
+  wrong[100] += 5.0
+  once = long.replace(streams={**long.streams, "pose_x": Stream(long["pose_x"].time, wrong)})
+  assert likeness(once, [long]).apart == pytest.approx(0.3)  # a pose that is wrong once is the sensor's, not the car's
   assert "this drive differs over 40 s by motor speed" in compared(long, tmp_path / "set", "steps")
   assert likeness(short, [long]).rms["motor_speed"] > 50.0
   with pytest.raises(RecordingError, match="holds no drive of 'stepps'; did you mean 'steps'"):
