@@ -31,11 +31,12 @@ from qcar_twin.vehicle.vehicle import WHEELS, Vehicle
 
 Array = NDArray[np.float64]
 
-REFERENCE_SPEED = 0.3  # m/s: without recordings, what serves the bundled sample best (docs/results/exports.md)
+REFERENCE_SPEED = 0.25  # m/s: without recordings, what serves the bundled sample best (docs/results/exports.md)
 _TRIED = (2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05)  # m/s
 _COMPARED = ("yaw_rate", "accel_x", "accel_y", "motor_speed")
 _SECONDS = 30.0  # of driving that the choice is made on
-TIMESTEP, PARTS = 0.002, 5  # s, and steps in a control period
+TIMESTEP, PARTS = 0.001, 10  # s, and steps in a control period; at 2 ms wheels tremble, twice as much is felt across
+_SETTLES = 2.0  # s, after which the car stands still
 _SLOWEST = 0.02  # m/s, at which the twin still has tyres
 IMPEDANCE = 0.95  # MuJoCo's own upper value, at which its friction chatters least
 _OWN = ("steering_offset", "steering_gain_error", "steering_delay", "steering_lag", "drive_delay")
@@ -100,7 +101,7 @@ def _write_at(job: Job, path: Path, speed: float) -> str:
     row = creep * (1.0 - IMPEDANCE) / IMPEDANCE * inverse_mass[wheel]
     mu = float(q["friction_coefficient"][place])
     pair = spec.add_pair(name=wheel, geomname1="floor", geomname2=wheel, condim=3, friction=[mu, mu, 0.005, 1e-4, 1e-4])
-    pair.solref, pair.solimp = [0.02, 1.0], [IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2.0]
+    pair.solref, pair.solimp = [2.0 * TIMESTEP, 1.0], [IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2.0]
     pair.solreffriction = [-1e-9, -row * IMPEDANCE]
   _servo(spec, car)
   _effects(spec, job, {m.name for m in job.kept(TARGET)}, values)
@@ -157,10 +158,9 @@ class PlainFriction(Mechanism):
   parameters = (Parameter("plain_friction", 1.0, 0.0, 1.0, "-", "on", null=0.0),)
 
   def __init__(self, model: mujoco.MjModel):
-    weight = [(1.0 - IMPEDANCE) / IMPEDANCE * model.body(w).invweight0[0] for w in WHEELS]
-    self._creep = [-model.pair_solreffriction[model.pair(w).id, 1] / IMPEDANCE for w in WHEELS] / np.array(
-      weight
-    )  # N s/m
+    row = model.pair_solreffriction[[model.pair(wheel).id for wheel in WHEELS], 1] / -IMPEDANCE
+    weight = np.array([model.body(wheel).invweight0[0] for wheel in WHEELS])
+    self._creep = row / weight * IMPEDANCE / (1.0 - IMPEDANCE)  # N s/m, as written
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
     speed = np.hypot(context.signal("velocity_x"), context.signal("velocity_y"))
@@ -180,7 +180,7 @@ class PlainCars:
   def _settled(self) -> float:
     """Height at which the car stands, m."""
     data = mujoco.MjData(self.model)
-    mujoco.mj_step(self.model, data, 1000)
+    mujoco.mj_step(self.model, data, round(_SETTLES / self.model.opt.timestep))
     return float(data.joint("chassis").qpos[2])
 
   def at_start(self, car: Any, start: Array, command: Array) -> Array:

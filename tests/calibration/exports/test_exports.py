@@ -129,6 +129,12 @@ def test_cars_side_by_side_are_cars_alone(exported):
   np.testing.assert_allclose(both[:, :, 1:], alone, atol=1e-12)
 
 
+def test_what_the_voltage_moves_has_the_fitted_inertia_of_the_wheels():
+  light, heavy = (job_with({"wheel_inertia": inertia}) for inertia in (5e-5, 9e-5))
+  moved = [single_track_numbers(job.twin, job.theta, [])["moved_mass"] for job in (light, heavy)]
+  assert moved[1] - moved[0] == pytest.approx(4.0 * 4e-5 / light.twin.vehicle.wheel_radius**2)
+
+
 def test_a_standing_car_stands_and_a_weak_push_moves_nothing(exported):
   job, _, _ = exported
   car = single_track_numbers(job.twin, job.theta, [])
@@ -148,15 +154,15 @@ def test_plain_mujoco_opens_the_mjcf_and_drives_to_the_left(tmp_path):
   assert float(model.body_mass.sum()) == pytest.approx(job.twin.vehicle.mass + 0.4, abs=1e-3)
   data = mujoco.MjData(model)
   data.ctrl[:] = 2.0, 0.2
-  mujoco.mj_step(model, data, 1000)
+  second = round(1.0 / model.opt.timestep)
+  mujoco.mj_step(model, data, 2 * second)
   assert data.qpos[0] > 0.3 and data.qpos[1] > 0.05
   data = mujoco.MjData(model)
   data.ctrl[:] = 0.0, 0.2
-  mujoco.mj_step(model, data, 15)
-  assert (
-    abs(float(data.ten("steering").length[0])) < 0.03
-  )  # 30 ms after a command that comes 40 ms late: the trim alone
-  mujoco.mj_step(model, data, 60)
+  mujoco.mj_step(model, data, round(0.03 * second))
+  early = float(data.ten("steering").length[0])
+  assert abs(early) < 0.03  # 30 ms after a command that comes 40 ms late: the trim alone
+  mujoco.mj_step(model, data, round(0.12 * second))
   assert float(data.ten("steering").length[0]) == pytest.approx(0.22, abs=0.005)
 
 
@@ -167,12 +173,35 @@ def test_the_mjcfs_tyre_has_the_twins_stiffness_at_its_speed(tmp_path):
   path, _ = export_twin("mjcf", job, tmp_path / "car.xml")
   model = mujoco.MjModel.from_xml_path(str(path))
   data = mujoco.MjData(model)
-  mujoco.mj_step(model, data, 500)
+  second = round(1.0 / model.opt.timestep)
+  mujoco.mj_step(model, data, second)
   data.xfrc_applied[model.body("chassis").id, 1] = 2.0
-  mujoco.mj_step(model, data, 500)
+  mujoco.mj_step(model, data, second)
   v = job.twin.vehicle
   stiffness = v.cornering_stiffness_front + v.cornering_stiffness_rear
   assert 2.0 / data.qvel[1] * REFERENCE_SPEED == pytest.approx(stiffness, rel=0.03)
+
+
+@pytest.mark.parametrize("name", ["single-track", "mjcf"])
+def test_a_servo_that_overshoots_does_so_in_the_file(name, tmp_path):
+  job, target = job_with({"servo_time_constant": 0.03, "servo_inertia": 1.0}), target_named(name)
+  model, car = target.drives(export_twin(name, job, tmp_path)[0], job)
+  start, command = np.array([[0, 0, 0, 1.0, 0, 0, 0]]), np.array([[1.2, 0.2]])
+  twin, x = job.twin.begin(job.theta[None], start), model.at_start(car, start, command)
+  steered = []
+  for _ in range(25):
+    x, sensed = model.step(x, command, car)
+    steered.append((float(twin.step(command)[0, signal_index("steering_angle")]), float(sensed[0, 4])))
+  wanted, shown = np.transpose(steered)
+  assert 0.225 < wanted.max() < 0.24  # exp(-pi zeta / sqrt(1 - zeta^2)) of 0.2 rad beyond, zeta 0.5
+  np.testing.assert_allclose(shown, wanted, atol=0.01)
+
+
+def test_what_plain_friction_costs_is_predicted_with_the_twins_tyre_made_to_creep(sample, tmp_path):
+  _, loss = export_twin("mjcf", job_with({}, sample), tmp_path)
+  assert loss is not None and loss.predicted == pytest.approx(loss.ratio, rel=0.1)
+  (creeping,) = (e for e in loss.effects if e.name.startswith("tyres"))
+  assert 1.05 < creeping.predicted == pytest.approx(loss.predicted, rel=0.02)  # nothing else is lost
 
 
 @pytest.mark.parametrize("name", ["f1tenth", "commonroad"])
