@@ -2,7 +2,7 @@
 
 The folders are data sets that `qcar-twin drive --record` wrote (docs/guide/onboard.md):
 
-  python -m docs.make.circle out/car out/before out/after
+  python -m docs.make.circle out/car out/before out/after out/again
 """
 
 import functools
@@ -21,7 +21,7 @@ from qcar_twin.recordings.dataset import DataSet
 FILE = Path(__file__).parents[1] / "pictures" / "circle.png"
 OPEN_LOOP, CLOSED_LOOP = "steps", "waypoints"  # scripts of tests/qcar_twin/onboard/scripts
 SHOWN = (25.4, 27.4)  # s of the steps: to the left, then to the right
-LABELS = ("the car", "twin before the diagnosis", "repaired twin")
+LABELS = ("the car", "twin before the diagnosis", "twin after it")
 Array = NDArray[np.float64]
 
 
@@ -42,8 +42,12 @@ def path_of(folder: Path) -> tuple[Array, Array]:
   return time, median_filter(np.column_stack([x, np.interp(time, other, y)]), (5, 1))  # single poses are wrong
 
 
-def draw(car: Path, before: Path, after: Path) -> None:
-  """Yaw rate of the open loop above; the closed loop's path and its distance from the car's below."""
+def draw(car: Path, before: Path, after: Path, again: Path) -> None:
+  """Yaw rate of the open loop above; the closed loop's path and its distance from the car's below.
+
+  Args:
+    again: the car once more, with other noise.
+  """
   figure, _ = plotting.new_figure(2, 1, width=8.6, row_height=2.3)
   figure.clear()
   with plotting.house():
@@ -55,17 +59,17 @@ def draw(car: Path, before: Path, after: Path) -> None:
       plotting.draw(above, time[shown], rate[shown], who, label)
       _, place = path_of(folder)
       plotting.draw(left, place[:, 0], place[:, 1], who, label)
-    gaps(right, car, {"before": before, "twin": after})
+    gaps(right, car, {"measured": again, "before": before, "twin": after})
     left.set_aspect("equal", adjustable="datalim")
     above.set(title=f"{OPEN_LOOP}.py, open loop", xlabel="time, s", ylabel="yaw rate, rad/s")
     left.set(title=f"{CLOSED_LOOP}.py, closed loop", xlabel="x, m", ylabel="y, m")
-    right.set(title="its distance from the car", xlabel="time, s", ylabel="m", ylim=(0.0, None))
+    right.set(title="distance from the car (black: itself, driven again)", xlabel="time, s", ylabel="m", ylim=(0.0, None))
     above.legend(loc="upper right")
     plotting.save(figure, FILE)
 
 
 def gaps(axes: Axes, car: Path, others: dict[str, Path]) -> None:
-  """Distance of the twins from the car at the same time."""
+  """Distance from the car at the same time."""
   time, place = path_of(car)
   for who, folder in others.items():
     clock, theirs = path_of(folder)
@@ -74,4 +78,4 @@ def gaps(axes: Axes, car: Path, others: dict[str, Path]) -> None:
 
 
 if __name__ == "__main__":
-  draw(*map(Path, sys.argv[1:4]))
+  draw(*map(Path, sys.argv[1:5]))
