@@ -11,7 +11,8 @@ one period of PERIOD s. Axes and signs are those of ISO 8855: x forward, y left,
   v_x' = v_y r + G R (P1 V - P2 w_m - P3 sgn w_m) + (forces across the car that have a part along it) / m_e
 
 w_m is the motor's speed, G R its travel per radian, m_e the mass with all that turns. S is what the axles, coupled by
-the drive, do to each other in a turn, S_f the whole force along the front wheels. Forces are implicit in the velocity
+the drive, do to each other in a turn, at most what the tyres of the lighter one hold; S_f the whole force along the
+front wheels. Forces are implicit in the velocity
 at the end of a step, so the step is stable at any speed, standing car included.
 Source: Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, ch. 1, 4 and 7 (single track, similarity, stretched string).
 """
@@ -178,6 +179,8 @@ def move(
   drive = mass * (push - m.minimum(m.maximum(rushing, -stick), stick) / duration)  # none while friction holds the car
   front_speed = cosine * vx + sine * (vy + a * r)
   scrub = car["coupling"] * (front_speed - vx) / (w + car["coupling"] * car["centre_compliance"])
+  holds = car["friction_coefficient"] * mass * GRAVITY * m.minimum(a, b) / (a + b)  # of the axle that slides first
+  scrub = scrub * saturation(m, m.sqrt(scrub * scrub + 1e-12) / holds, car)
   along_front, along_rear = car["drive_front"] * drive - scrub, (1.0 - car["drive_front"]) * drive + scrub
   # across it: stiffness of each axle as it slips now
   transfer = drive * car["cg_height"] / (a + b)
@@ -225,11 +228,16 @@ def axle(m: Any, car: Numbers, name: str, slip: Any, along: Any, load: Any, w: A
   stiffness = stiffness * share ** (1.0 - car["load_exponent"])
   most = car["friction_coefficient"] * load * share ** (-car["load_exponent"])
   wanted = m.sqrt((stiffness * slip) ** 2 + along**2 + 1e-12) / most
-  shape = car["tyre_shape"]
-  secant = stiffness * m.sin(shape * m.arctan(wanted / shape)) / wanted
+  secant = stiffness * saturation(m, wanted, car)
   relaxation = car["relaxation_length"]
   part = 1.0 / (relaxation + duration * w)
   return secant * duration * part, secant * relaxation * part * slip
+
+
+def saturation(m: Any, wanted: Any, car: Numbers) -> Any:
+  """Share of a force that a tyre gives, g(rho), of what it would without a limit, over the limit: rho."""
+  shape = car["tyre_shape"]
+  return m.sin(shape * m.arctan(wanted / shape)) / wanted
 
 
 def pushes(m: Any, vx: Any, vy: Any, w: Any, car: Numbers) -> tuple[Any, Any, Any]:

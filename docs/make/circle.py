@@ -63,8 +63,10 @@ def draw(car: Path, before: Path, after: Path, again: Path) -> None:
     left.set_aspect("equal", adjustable="datalim")
     above.set(title=f"{OPEN_LOOP}.py, open loop", xlabel="time, s", ylabel="yaw rate, rad/s")
     left.set(title=f"{CLOSED_LOOP}.py, closed loop", xlabel="x, m", ylabel="y, m")
-    right.set(title="distance from the car (black: itself, driven again)", xlabel="time, s", ylabel="m", ylim=(0.0, None))
-    above.legend(loc="upper right")
+    right.set(
+      title="distance from the car (black: itself, driven again)", xlabel="time, s", ylabel="m", ylim=(0.0, None)
+    )
+    above.legend(loc="lower left", bbox_to_anchor=(0.3, 0.05))
     plotting.save(figure, FILE)
 
 
