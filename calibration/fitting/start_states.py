@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 _HALF = 0.06  # s on either side of a time, from which its value is taken
 _ORDER = 2  # of the polynomial: in a launch a straight line's curvature costs more than the third coefficient does
 _AGREE = 1.5  # standard deviations on either side of a value: intervals of 87 %
-_STANDS = 0.02  # m/s: a car that is slower when its recording begins waits to be driven
+STANDS = 0.02  # m/s: a car that is slower when its recording begins waits to be driven
 _TOLD = 2.0  # standard deviations: a speed nearer to zero cannot be told from none
 _POSE = ("pose_x", "pose_y", "pose_yaw")
 
@@ -55,7 +55,7 @@ def measured_start(
   states = dict.fromkeys(START, 0.0) | {name: at(name, 0.02) for name in _POSE}
   states["steering_angle"] = float(np.clip(steering, -vehicle.max_steering, vehicle.max_steering))
   speed = float(road_speed(at("motor_speed"), vehicle)) if "motor_speed" in recording else at("speed")
-  if not at_beginning or abs(speed) >= max(_STANDS, _TOLD * _speed_noise(white, recording, vehicle)):
+  if not at_beginning or abs(speed) >= max(STANDS, _TOLD * _speed_noise(white, recording, vehicle)):
     states |= {"velocity_x": speed, "yaw_rate": at("yaw_rate")}
     states["velocity_y"] = states["yaw_rate"] * vehicle.cg_to_rear
     if at_beginning and "yaw_rate" in recording:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calibration.fitting.start_states import STANDS
 from calibration.log_check.disagreements import Finding
 from calibration.log_check.motions import Wheels
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
@@ -117,7 +118,8 @@ def direction_findings(wheels: Wheels, recordings: Sequence[Recording]) -> list[
   along = np.concatenate([r["speed"].value for r in by_pose if "speed" in r] or [np.empty(0)])
   sensed = np.concatenate([r[name].value for r in recordings if name in r] or [np.zeros(1)])
   top = wheels.scale * float(np.percentile(sensed, 99.0))
-  share = float(np.mean(along < -MOVING * top)) if along.size else 0.0
+  drives = top > STANDS  # a pose wanders about a car that stands
+  share = float(np.mean(along < -MOVING * top)) if along.size and drives else 0.0
   if share <= MUCH:
     return []
   said = f"{name} is never negative, and by the pose the car drove backwards for {100.0 * share:.0f} % of the time"

@@ -56,6 +56,13 @@ def test_a_log_that_stands_straight_is_read_without_a_steering(tmp_path):
   assert "KeyError" not in line["verdict"]
 
 
+def test_a_pose_that_wanders_about_a_standing_car_is_no_driving_backwards(tmp_path):
+  (tmp_path / "logs" / "car").mkdir(parents=True)
+  shutil.copy(SAMPLE / "standstill.csv", tmp_path / "logs" / "car")
+  (line,) = scan(find_logs(tmp_path / "logs"), tmp_path / "scan.ndjson", like=SAMPLE)
+  assert line["state"] != "refused" and "backwards" not in str(line["findings"])
+
+
 def test_exit_codes(folder, capsys):
   out = ["--out", str(folder / "out"), "--like", str(SAMPLE)]
   with pytest.raises(SystemExit) as refused:
