@@ -77,8 +77,7 @@ def independent_car(number: int, effects: tuple[str, ...], seed: int) -> Onboard
   hidden = tuple((name, float(size or 1.0)) for name, _, size in parts)
   car = drawn_car(Spec(number))
   table, std = car.measured(stream(number, 1))
-  begin = ProvingGroundPlant(car, hidden, 1.0, seed).begin
-  name = f"independent car {number}"
+  begin, name = ProvingGroundPlant(car, hidden, 1.0, seed).begin, f"independent car {number}"
   return OnboardPlant(begin, Vehicle.from_dataset(table, std), table, std, name, sensors=name)
 
 
