@@ -13,6 +13,9 @@ from calibration.diagnosis.decision.evidence import Evidence, from_json
 from calibration.diagnosis.decision.levels import Levels
 from qcar_twin import markdown
 
+FIGURES = {"steering_lag": ("servo_time_constant",), "payload": ("mass",)}
+"""Effects of the own cars that are a figure which is not what was measured; its departure is a right answer, too."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Kept:
@@ -50,7 +53,8 @@ def kept_cases(results: Iterable[Mapping[str, Any]]) -> Iterator[Kept]:
       effects = [e["right"] for e in truth["effects"]]
     else:
       name, kind, generator = result["case"]["name"], result["case"]["kind"], result["case"].get("car", "first")
-      effects = [t["right"] if "right" in t else [t["id"]] if t.get("in_catalogue", True) else [] for t in truth]
+      own = lambda t: [t["id"], *FIGURES.get(t["id"], ())] if t.get("in_catalogue", True) else []
+      effects = [t["right"] if "right" in t else own(t) for t in truth]
     yield Kept(name, kind, tuple(map(frozenset, effects)), from_json(evidence, name), generator)
 
 
