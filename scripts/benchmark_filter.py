@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from agents.control.model import Model
-from agents.studies.filtering.acceptance_report import acceptance_sections
+from agents.studies.filtering.acceptance_report import acceptance_sections, limit_section
 from agents.studies.filtering.acceptance_study import Subject
 from calibration.concealed.laboratory.written import stream
 from calibration.concealed.proving_ground.plant import ProvingGroundPlant
@@ -40,6 +40,8 @@ class Config:
   """The twin on the reduced plant, the first and the second independent car."""
   seed: int = 3
   """Which independent cars are drawn."""
+  more: int = 8
+  """How many further cars of each independent kind are driven at the limit; drawn by the seeds after `seed`."""
   quick: bool = False
   """Few cases."""
 
@@ -68,7 +70,10 @@ def main(config: Config) -> None:
   """Measure everything and write the page."""
   subjects = [subject(name, config.seed) for name in config.cars]
   options = f" --seed {config.seed}" * (config.seed != Config.seed) + " --quick" * config.quick
-  section = "\n".join(acceptance_sections(subjects, quick=config.quick))
+  lines = acceptance_sections(subjects, quick=config.quick)
+  kinds = [name for name in config.cars if name != "twin"]
+  more = [subject(name, config.seed + 1 + i) for name in kinds for i in range(1 if config.quick else config.more)]
+  section = "\n".join([*lines, "", *limit_section(more)] if more else lines)
   write_text(config.out, f"{HEAD.format(options=options)}\n{section}\n")
   print(f"wrote {config.out}")
 

@@ -150,7 +150,7 @@ class FederatedBatch:
     covariance = np.stack([np.where(on, a, b) for a, b in zip(fused_spread, spread, strict=True)], axis=-1)
     v, beta, yaw = state.bicycle[:, V], state.bicycle[:, BETA], state.bicycle[:, YAW]
     largest = np.maximum(covariance[:, 0], covariance[:, 2])
-    against = doubts(settings, largest, bicycle[:, YAW, YAW], state.age, state.refused, state.silent)
+    against = doubts(settings, largest, bicycle[:, YAW, YAW], state.age, state.against, state.silent)
     valid = ~np.logical_or.reduce([wrong for wrong, _, _ in against])
     pose = np.stack([x, y, yaw], axis=-1)
     velocity = np.stack([v * np.cos(beta), v * np.sin(beta)], axis=-1)

@@ -101,18 +101,18 @@ def bounds_of(settings: FilterSettings, covariance: Any, yaw_variance: Any, unse
 
 
 def doubts(
-  settings: FilterSettings, position_variance: Any, yaw_variance: Any, age: Any, refused: Any, silent: Any
+  settings: FilterSettings, position_variance: Any, yaw_variance: Any, age: Any, against: Any, silent: Any
 ) -> tuple[tuple[Any, str, Any], ...]:
   """What may speak against an estimate: whether it does, in which words, and the number in them.
 
   Args:
     position_variance: the larger one, m^2.  yaw_variance: rad^2.  age: of the last accepted pose, s.
-    refused: poses in a row.  silent: since anything has arrived, s.  Numbers of one car or arrays (N,).
+    against: poses that contradict it.  silent: since anything has arrived, s.  Numbers of one car or arrays (N,).
   """
   return (
     (position_variance > settings.position_limit**2, "position known to {:.2f} m only", position_variance**0.5),
     (yaw_variance > settings.yaw_limit**2, "yaw known to {:.2f} rad only", yaw_variance**0.5),
     (age > settings.lidar_timeout, "no accepted pose for {:.1f} s", age),
     (silent > settings.buffer + settings.accel_timeout, "nothing has arrived for {:.1f} s", silent),
-    (refused >= min(3, settings.lost_after), "the last {} poses contradict the estimate", refused),
+    (against >= min(3, settings.lost_after), "{} poses contradict the estimate", against),
   )

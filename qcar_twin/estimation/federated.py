@@ -219,7 +219,7 @@ class FederatedFilter:
       max(spread[0], spread[2]),
       bicycle[1].item(YAW, YAW),
       state.age.item(),
-      state.refused.item(),
+      state.against.item(),
       state.silent.item(),
     )
     reasons = tuple(text.format(number) for wrong, text, number in against if wrong)

@@ -30,6 +30,7 @@ from qcar_twin.estimation.models import (
   point_step,
 )
 from qcar_twin.estimation.settings import MOTION_STATES, FilterSettings
+from qcar_twin.estimation.silence import unheard_noise
 from qcar_twin.estimation.state import PLACE, POINT_START_STD, FilterState, Slot, choose
 from qcar_twin.estimation.unknowns import Unknowns
 from qcar_twin.estimation.watches.watching import POSE, SPEED, Watching
@@ -40,6 +41,8 @@ Mask = NDArray[np.bool_]
 LOST_STD = 0.5  # m and rad, added to a pose that steady fixes contradict
 STEADY = 0.2  # m: refused fixes that lie this close to each other, the car's own motion allowed for, are no spikes
 STRAYING = 1.5  # times the distance driven since the last one is allowed besides
+MISTAKEN = 1e-6  # probability of taking strays for a new place, per fix
+REMEMBERED = 20.0  # fixes by which it is known how often the lidar strays
 MOTION_ROWS, POSE_ROWS, PLACE_ROWS = (V, R), (X, Y, YAW), (X, Y)  # of a state, what is measured of it
 VOLTAGE, STEERING = 0, 1  # columns of the commands
 ACCEL_Y = 1  # column of the acceleration
@@ -144,6 +147,8 @@ class LocalFilters:
     noise = settings.bicycle_noise
     if state.watches:
       noise = self._watching.prediction(state, before, transition)
+    unheard = unheard_noise(state.silent, before[:, V], self.car, settings)
+    noise = noise if unheard is None else noise + unheard
     state.bicycle_covariance = self._algebra.predict(state.bicycle_covariance, transition, noise)
     state.point_covariance = self._algebra.predict(state.point_covariance, self._point_transition, settings.point_noise)
     state.point = np.array(ahead).T.reshape(state.point.shape)
@@ -246,7 +251,7 @@ class LocalFilters:
     values[:, 2] = state.bicycle[:, YAW] + wrap_angle(turned)
     trial = self._algebra.correct_together(state.bicycle, state.bicycle_covariance, POSE_ROWS, values, noise, there)
     fits, some = self._judge(trial, there, BICYCLE), there.any(axis=1)
-    wrong = some & ~fits
+    wrong, lost = some & ~fits, np.zeros(len(pose), dtype=bool)
     accepted = some & fits
     if wrong.any():
       self._count("pose", "gate", wrong)
@@ -263,18 +268,32 @@ class LocalFilters:
     state.bicycle_covariance = choose(accepted, trial.covariance, state.bicycle_covariance)
     self._unknowns.consider(state, before)
     state.age = np.where(accepted, 0.0, state.age)
-    state.refused, state.steady = (np.where(accepted, 0, n) for n in (state.refused, state.steady))
+    self._reckon(state, some, accepted, lost)
     return accepted
 
   def _refuse(self, state: FilterState, wrong: Mask, place: Array) -> Mask:
-    """Count steadily refused fixes; the cars that are lost by now."""
-    close = np.hypot(*(place - state.last).T) < STEADY + STRAYING * state.driven
-    steady = np.where((state.refused > 0) & close, state.steady + 1, 1)
-    state.steady = np.where(wrong, steady, state.steady)
-    state.refused = np.where(wrong, state.refused + 1, state.refused)
-    state.last = choose(wrong, place, state.last)
-    state.driven = np.where(wrong, 0.0, state.driven)
-    return wrong & (state.steady >= self.settings.lost_after)
+    """Count votes of refused fixes for the place where they are; the cars that are lost by now.
+
+    A refused fix elsewhere, or an accepted one, takes a vote back. Votes decide where strays as frequent as this
+    lidar's, all at one place, would hardly make as many: odds^votes < MISTAKEN, as in a random walk's ruin.
+    """
+    close = (state.steady > 0) & (np.hypot(*(place - state.last).T) < STEADY + STRAYING * state.driven)
+    votes = close | (state.steady == 0)
+    state.strays = state.strays + (wrong & ~votes)
+    state.steady = state.steady + np.where(votes, 1, -1) * wrong
+    state.refused = state.refused + wrong
+    state.last = choose(wrong & votes, place, state.last)
+    state.driven = np.where(wrong & votes, 0.0, state.driven)
+    odds = (state.strays + 1.0) / (state.fixes - state.strays + 1.0)
+    sure = state.steady * np.log(np.minimum(odds, 1.0)) < math.log(MISTAKEN)
+    return wrong & sure & (state.steady >= self.settings.lost_after)
+
+  def _reckon(self, state: FilterState, some: Mask, accepted: Mask, lost: Mask) -> None:
+    """Count fixes, and strays among them: also a vote that an accepted fix takes back was one."""
+    fade, back = np.where(some, 1.0 - 1.0 / REMEMBERED, 1.0), accepted & ~lost & (state.steady > 0)
+    state.fixes, state.strays = fade * state.fixes + some, fade * state.strays + back
+    state.steady = np.where(lost, 0, state.steady - back)
+    state.refused = np.where(accepted, 0, state.refused)
 
   def _fix_point(self, state: FilterState, place: Array, noise: Array, offset: Array, accepted: Mask) -> None:
     """A fix EKF_BM has accepted but EKF_PM cannot is the accelerometer's fault: start EKF_PM afresh."""

@@ -70,7 +70,7 @@ class FilterSettings:
     lidar_timeout: without an accepted fix for this long the estimate is not valid, s.
     position_limit, yaw_limit: standard deviations beyond which the estimate is not valid, m and rad.
     risk: probability with which an error may be larger than the bound that is stated for it.
-    lost_after: steadily refused fixes in a row after which the position is taken from the lidar afresh.
+    lost_after: least number of refused fixes at one place after which the position is taken from the lidar afresh.
   """
 
   period: float = 0.01

@@ -34,8 +34,9 @@ class FilterState:
     accel: last, at the IMU, m/s^2, (N, 2).  accel_age: since then, s, (N,).
     age: since the last accepted fix, s, (N,).  silent: since anything has arrived, s, (N,).
     refused: fixes refused in a row, (N,).
-    steady: of those, how many in a row lie where a car could have got to from their predecessor, (N,).
-    last: last refused fix, m, (N, 2).  driven: distance since that fix, m, (N,).
+    steady: votes of refused fixes for another place, each where a car could have got to from the one before, (N,).
+    last: the last of them, m, (N, 2).  driven: distance since that fix, m, (N,).
+    fixes, strays: fixes so far, and those that nothing has borne out, fading, (N,).
     watches: of the encoders, one per car; empty where they are not watched.
     clocks: of the stamps of their fixes, one per car; empty where they are not watched.  odometers: of their gyros.
     models: of their single tracks.
@@ -59,6 +60,8 @@ class FilterState:
   steady: NDArray[np.int64]
   last: Array
   driven: Array
+  fixes: Array
+  strays: Array
   unseen: Array
   watches: tuple[SpeedWatch, ...] = ()
   clocks: tuple[StampWatch, ...] = ()
@@ -99,6 +102,8 @@ class FilterState:
       steady=np.zeros(count, dtype=np.int64),
       last=np.zeros((count, 2)),
       driven=none,
+      fixes=none,
+      strays=none,
       unseen=none,
       watches=tuple(SpeedWatch() for _ in range(count * watched)),
       clocks=tuple(StampWatch() for _ in range(count * watched)),
@@ -109,6 +114,11 @@ class FilterState:
   def copy(self) -> "FilterState":
     """One that can go its own way."""
     return copy.copy(self)
+
+  @property
+  def against(self) -> NDArray[np.int64]:
+    """Fixes that speak for another place, (N,)."""
+    return np.maximum(self.refused, self.steady)
 
   @property
   def hidden(self) -> Array:

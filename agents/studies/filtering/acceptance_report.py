@@ -20,6 +20,7 @@ from qcar_twin.estimation.settings import LEARNT, FilterSettings
 
 HEADS = ("case", "car", "valid", "beyond while valid", "NEES", "position, worst", "yaw, worst", "falsely accused")
 SHORT = ("case", "valid", "beyond while valid", "NEES", "NEES, plain filter", "position, worst", "falsely accused")
+MORE = ("filter", "cars", "limit", "valid", "beyond, mean", "beyond, worst car", "position, worst", "falsely accused")
 Judged = dict[tuple[str, str], tuple[Outcome, Case]]
 
 
@@ -60,6 +61,31 @@ def acceptance_sections(subjects: Sequence[Subject], quick: bool = False) -> lis
     f"The same drives and readings; EKF_BM also estimates {', '.join(LEARNT)}. The worst of the cars in each column.",
     "",
     *markdown.table(SHORT, _worst(judged(learning, quick), plain)),
+  ]
+
+
+def limit_section(subjects: Sequence[Subject]) -> list[str]:
+  """The limit of grip on many cars: their filter, plain and with unknown numbers, kind by kind."""
+  found: dict[tuple[str, str, str], list[Outcome]] = {}
+  for subject in subjects:
+    driven = limit_drive(subject)
+    for name, settings in (("plain", subject.settings), ("states", subject.settings.estimating(*LEARNT))):
+      outcome = judge(dataclasses.replace(subject, settings=settings), driven, Case())
+      for title, sign in (("forward", 1.0), ("reverse", -1.0)):
+        found.setdefault((name, subject.name, title), []).append(outcome.of(LIMIT[:, 0] * sign > 0.0))
+  rows = []
+  for (name, kind, title), outcomes in sorted(found.items()):
+    beyond = [100.0 * one.beyond for one in outcomes]
+    worst, false = max(np.nanmax(one.position) for one in outcomes), sum(one.falsely(Case()) for one in outcomes)
+    valid = 100.0 * np.mean([one.valid.mean() for one in outcomes])
+    cells = f"{valid:.1f} %", f"{np.mean(beyond):.2f} %", f"{max(beyond):.2f} %", f"{1e3 * worst:.0f} mm"
+    rows.append((name, f"{len(outcomes)} of the {kind}", title, *cells, f"{false} of {3 * len(outcomes)}"))
+  return [
+    "## The limit of grip on more cars",
+    "",
+    "The same drives at the limit on further cars, three runs in each direction on each.",
+    "",
+    *markdown.table(MORE, rows),
   ]
 
 

@@ -1,16 +1,18 @@
 """How far one car's single track may be believed: its axle forces against gyro and accelerometer.
 
-Beyond the tyres' linear range the single track turns otherwise than the car, and slides otherwise. What the gyro says
+Beyond the tyres' linear range the single track turns and slides otherwise than the car. What the gyro says
 against its prediction, nu over a period h, is an unexplained yaw moment
   M = I nu (1 / h + c2 / (I |v|)),  c2 = C_f L_f^2 + C_r L_r^2,
 (the second part undoes that the prediction is stepped implicitly), that is an axle's force wrong by M / L and its slip
 angle by M / (L C). What the accelerometer says against it, e, is a force m e that both axles have not: a slip angle of
 m e / (C_f + C_r). Sideslip is as uncertain as both make it. Where less lateral acceleration is felt or steered than any
-floor holds, tyres do not give way, and are wrong by no more than their slip angle; the rest is not theirs.
+floor holds, tyres do not give way, and are wrong by no more than their slip angle; the rest is not theirs. Where more
+is, they may be wrong by as much as would pass unseen, half of their linear slip angle: a softer tyre pushes as hard.
 
 A car slides where half of its tyres' linear slip angle is not explained, or where it is pushed otherwise than they push
-by twice what an accelerometer may be wrong. Tyres then say nothing of the sideslip, and
-the accelerometer leads it instead, beta' = (a_y cos beta - a_x sin beta) / v - r (Piyabongkarn, Rajamani, Grogg and
+by twice what an accelerometer may be wrong. Tyres then say nothing of sideslip and yaw rate, nor do the wheels, which
+spin or lock, of the speed. Accelerometer and gyro lead the car, as in inertial navigation:
+v' = a_x cos beta + a_y sin beta, beta' = (a_y cos beta - a_x sin beta) / v - r (Piyabongkarn, Rajamani, Grogg and
 Lew, IEEE Trans. Control Systems Technology 17(3), 2009). No sensor is accused by any of it.
 """
 
@@ -26,6 +28,7 @@ LEANING = 0.5  # m/s^2, by which an accelerometer on a rolling, pitching car may
 REFUSALS = 3  # gyro samples in a row beyond the filter's gate, on one side, each 1e-4 likely by chance
 LEAST_GRIP = 0.2 * 9.81  # m/s^2: prior, no floor that a car is driven on has less friction than 0.2
 LOST = 0.5  # of the linear slip angle, which is not explained where a tyre is past its knee
+COURSE = 0.5  # rad, by which an accelerometer may mistake the course of a car and still lead it: a linear error
 
 
 @dataclasses.dataclass(slots=True)
@@ -91,9 +94,10 @@ class ModelWatch:
     asked = max(abs(steering) * size**2 / base, abs(self.felt))
     linear = mass * asked * max(behind / front, ahead / rear) / base
     gives = asked >= LEAST_GRIP
-    self.wrong = wrong if gives else min(wrong, linear)
-    turns = wrong > max(LOST * linear, LEANING * MEMORY / size)
-    self.sliding = self.heard and gives and (turns or abs(self.pushing) > 2.0 * LEANING)
+    self.wrong = max(wrong, LOST * linear) if gives else min(wrong, linear)
+    leaning = LEANING * MEMORY / size  # rad by which the accelerometer may mistake the sideslip meanwhile
+    slips = wrong > max(LOST * linear, leaning) or abs(self.pushing) > 2.0 * LEANING
+    self.sliding = self.heard and gives and slips and leaning < COURSE
 
   def sideslip_noise(self, speed: float, car: SingleTrackCar, period: float, interval: float) -> float:
     """Variance, rad^2, of the sideslip in a period, so that it is as uncertain between fixes as it should be.

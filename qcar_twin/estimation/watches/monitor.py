@@ -127,6 +127,11 @@ class SpeedWatch:
       self.refusals += 1
       self.suspended, self.agreements = self.refusals >= REFUSALS, 0
 
+  def excuse(self, speed: float) -> None:
+    """A sliding car's wheels tell nothing of its speed, m/s, nor its speed of them: comparisons begin anew."""
+    self.refusals, self.contrary, self.fixes = 0, 0, ()
+    self.coasted, self.since = speed, 0.0
+
   def travel(self, speed: float, period: float) -> None:
     """Add one encoder sample, m/s held for `period` s."""
     self.distance += abs(speed) * period

@@ -61,6 +61,7 @@ class Watching:
       beyond = watch.sideslip_noise(row[V], self._car, settings.period, settings.lidar_interval)
       noise[i, BETA, BETA] = max(noise.item(i, BETA, BETA), beyond)
       if watch.sliding:
+        noise[i, V, V] = max(noise.item(i, V, V), beyond * row[V] ** 2)
         slide(state.bicycle[i], transition[i], row, felt, settings.period)
     return noise
 
@@ -89,6 +90,10 @@ class Watching:
         continue
       watch.hear(float(raw[i]), gain * state.commands.item(i, VOLTAGE), settings.period)
       watch.travel(speed, settings.period)
+      if state.models[i].sliding:  # wheels past their knee spin or lock: the accelerometer leads the speed
+        watch.excuse(state.bicycle.item(i, V))
+        motion[i, SPEED] = np.nan
+        continue
       innovation = speed - float(state.bicycle[i, V])
       fits = abs(innovation) <= reach
       if not (fits or watch.suspended) and watch.supported(speed, reach):
@@ -136,7 +141,8 @@ class Watching:
       offsets[i] -= state.clocks[i].delay
       (x, y, yaw, _), odometer = fix[i].tolist(), state.odometers[i]
       place, angle = (math.sqrt(noise.item(i, k) / self._settings.lidar_factor) for k in (0, YAW_OF_FIX))
-      state.watches[i].compare(time + float(offsets[i]), x, y, place, odometer.turned)
+      if not state.models[i].sliding:
+        state.watches[i].compare(time + float(offsets[i]), x, y, place, odometer.turned)
       if math.isfinite(yaw):
         wrong = odometer.witness(time, yaw - float(offsets[i]) * odometer.rate, angle)
         turned[:, i] = wrong**2, (wrong / self._settings.lidar_interval) ** 2
@@ -164,13 +170,19 @@ class Watching:
 
 
 def slide(state: Array, transition: Array, before: Sequence[float], felt: tuple, period: float) -> None:
-  """Predict a sliding car's sideslip by its acceleration at the centre of gravity, m/s^2; its row of the Jacobian."""
+  """Predict a sliding car by its acceleration at the centre of gravity, m/s^2, in `state` and the Jacobian's rows.
+
+  v' = a_x cos beta + a_y sin beta, beta' = (a_y cos beta - a_x sin beta) / v - r. Tyres that have given way say nothing
+  of the yaw rate either, which the gyro tells: it is held.
+  """
   v, beta, rate = before[V], before[BETA], before[R]
   cos, sin = math.cos(beta), math.sin(beta)
-  across, along = (felt[1] * cos - felt[0] * sin) / v, (felt[0] * cos + felt[1] * sin) / v
-  state[BETA] = beta + period * (across - rate)
-  transition[BETA, :] = 0.0
-  transition[BETA, [V, BETA, R]] = -period * across / v, 1.0 - period * along, -period
+  along, across = felt[0] * cos + felt[1] * sin, felt[1] * cos - felt[0] * sin
+  state[[V, BETA, R]] = v + period * along, beta + period * (across / v - rate), rate
+  transition[[V, BETA, R], :] = 0.0
+  transition[V, [V, BETA]] = 1.0, period * across
+  transition[BETA, [V, BETA, R]] = -period * across / v**2, 1.0 - period * along / v, -period
+  transition[R, R] = 1.0
 
 
 def _open(state: FilterState, row: int, variance: Array) -> None:

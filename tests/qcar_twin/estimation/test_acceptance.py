@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from agents.studies.fault_study import BEGIN
 from agents.studies.filtering.acceptance_study import (
   CASES,
   LIMIT,
@@ -61,6 +62,16 @@ def test_valid_is_honest_and_nobody_is_accused_who_is_sound(weave, name, case):
   unheard = max(0.0, CASES[case].silence - FilterSettings().buffer)  # s, in which it may well say that it is blind
   assert outcome.valid.mean() > 0.95 - unheard / WEAVE_SECONDS
   assert outcome.valid[-1].all() and outcome.position[-1].max() < 0.06
+
+
+@pytest.mark.parametrize("case", ["silence of 2 s", "silence of 7 s"])
+def test_after_a_silence_the_first_fix_is_taken(weave, case):
+  """A car nobody has heard from may have been steered anywhere: it is not valid before, and within bounds after."""
+  car, driven = weave("twin")
+  outcome = judge(car, driven, CASES[case])
+  heard = round((BEGIN + CASES[case].silence) / car.settings.period)
+  assert not outcome.valid[heard - 1].any() and outcome.valid[heard + 10].all()
+  assert outcome.beyond == 0.0 and np.nanmax(outcome.position) < 0.15
 
 
 @pytest.mark.parametrize(

@@ -159,6 +159,32 @@ def test_a_car_carried_elsewhere_is_found_again_after_half_a_second():
   assert federated.refused["pose", "gate"] == FilterSettings().lost_after
 
 
+def test_strays_at_one_place_in_a_row_are_no_new_place_where_strays_are_frequent():
+  """A third of the fixes lies half a metre off, seven of them in a row; the car is where the others say."""
+  trip = journey(20.0)
+  rows = np.arange(600, 1300, 10)
+  chosen = np.random.default_rng(2).random(len(rows)) < 0.3
+  chosen[27:40] = [False] * 3 + [True] * 7 + [False] * 3
+  trip.fix[rows[chosen], 0] -= 0.5
+  estimates, _ = run(trip)
+  assert position_errors(trip, estimates)[600:].max() < 0.04
+  assert not estimates[960].valid and estimates[1400].valid
+
+
+def test_a_lost_car_is_found_again_although_a_third_of_the_fixes_are_strays():
+  trip = journey(25.0)
+  trip.fix[800:, :2] += (1.0, -0.7)
+  trip.truth[800:, :2] += (1.0, -0.7)
+  rng = np.random.default_rng(3)
+  rows = np.arange(500, 2500, 10)
+  rows = rows[rng.random(len(rows)) < 0.3]
+  trip.fix[rows, :2] += rng.uniform(-3.0, 3.0, (len(rows), 2))
+  estimates, _ = run(trip)
+  errors = position_errors(trip, estimates)
+  assert errors[1500:].max() < 0.04
+  assert not any(e.valid for e, error in zip(estimates[850:], errors[850:], strict=True) if error > 0.3)
+
+
 def test_a_lidar_gone_mad_is_not_followed():
   """Fixes anywhere within 3 m for two seconds agree with nothing, so they never count as a new place."""
   trip = journey(15.0)
