@@ -29,6 +29,8 @@ HEAD = """# Results: what the filter gets through
 Made by `qcar-twin benchmark-filter{options}`; every number below is measured by it, none is typed in.
 """
 
+OUT_IS_FILE = True
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

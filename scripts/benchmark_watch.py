@@ -12,6 +12,8 @@ from qcar_twin import markdown
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
 
+OUT_IS_FILE = True
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

@@ -20,6 +20,7 @@ from calibration.concealed.proving_ground.plant import ProvingGroundPlant
 from calibration.identification.identification import Identification
 from qcar_twin.command_line import run_script
 from qcar_twin.estimation.observer import Observer, SensedObserver, TrueObserver
+from qcar_twin.estimation.settings import LEARNT
 from qcar_twin.paths import path_named
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
@@ -41,6 +42,8 @@ class Config:
   """Plant that is driven."""
   estimator: Literal["fekf", "truth"] = "fekf"
   """State the controller receives: the federated filter on noisy sensors, or the truth."""
+  unknown: tuple[str, ...] = LEARNT
+  """Numbers that the filter estimates besides; also drive_scale. Without a name after it: none, the paper's filter."""
   twin: str = ""
   """Twin file (TOML) of a calibration or a diagnosis; the nominal twin where empty."""
   identified: Path | None = None
@@ -85,7 +88,7 @@ def run(config: Config) -> tuple[Drive, Kpis]:
   observer: Observer = TrueObserver()
   if config.estimator == "fekf":
     suite = SensorSuite(qcar_sensors(), count, config.seed)
-    observer = SensedObserver(suite, model.car, model.filter_settings(config.plant))
+    observer = SensedObserver(suite, model.car, model.filter_settings(config.plant).estimating(*config.unknown))
   result = drive(plant, np.tile(theta, (count, 1)), controller, SpeedGains.design(model.car), observer, task)
   return result, kpis(result)
 

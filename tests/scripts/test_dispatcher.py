@@ -154,6 +154,15 @@ def test_a_folder_that_cannot_be_made_is_refused_before_any_work(name, tmp_path,
   assert (tmp_path / "taken").read_text() == "a file" and len(list(tmp_path.iterdir())) == 1
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_page_that_is_there_already_may_be_written_again(name):
+  """A command whose output is a file says so, or the file of its last run would pass for a folder's place taken."""
+  module = importlib.import_module(f"scripts.{name.replace('-', '_')}")
+  default = getattr(module.Config, "out", None)
+  if default is not None and default.suffix:
+    assert module.OUT_IS_FILE
+
+
 @pytest.mark.parametrize(
   ("name", "option", "value", "says"),
   [

@@ -15,7 +15,7 @@ from agents.control.interface import Controller
 from agents.control.kpis import kpis
 from agents.control.model import Model
 from agents.studies.estimation_study import SIDESLIP, WARM_UP, Oval, drive_task
-from agents.studies.tracking_study import MISMATCHED, NOMINAL, STEERING, VALIDATION
+from agents.studies.tracking_study import NOMINAL, STEERING, VALIDATION
 from qcar_twin.estimation.batch import FederatedBatch
 from qcar_twin.estimation.noise_fit import most_likely
 from qcar_twin.estimation.offline import angle_error, position_nees
@@ -53,7 +53,7 @@ class Quality:
 
 
 def linkage(name: str) -> Actuation:
-  """Of the steering: NOMINAL, MISMATCHED (gain and offset) or LATE (dead time and lag)."""
+  """Of the steering: NOMINAL, bent (gain and offset) as STEERING names it, or LATE (dead time and lag)."""
   if name == LATE:
     return Actuation(delay=DELAY, lag=LAG)
   gain, offset = STEERING[name]
@@ -156,11 +156,11 @@ def _judged(oval: Oval, columns: list[Array], numbers: Mapping[str, Array]) -> Q
   )
 
 
-def tracked(model: Model, controller: Controller, settings: FilterSettings, path: str, count: int, seed: int) -> Array:
-  """True root mean square of the cross-track error, m, (N,), with a filter in the loop and the linkage bent."""
-  done: Drive = drive_task(
-    model, PLANT, controller, task(model, path, MISMATCHED), count, seed, settings=settings
-  ).result
+def tracked(
+  model: Model, controller: Controller, settings: FilterSettings, path: str, how: str, count: int, seed: int
+) -> Array:
+  """True root mean square of the cross-track error, m, (N,), with a filter in the loop and a linkage."""
+  done: Drive = drive_task(model, PLANT, controller, task(model, path, how), count, seed, settings=settings).result
   return kpis(done).rmse
 
 
