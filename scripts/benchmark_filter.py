@@ -42,7 +42,7 @@ class Config:
   """The twin on the reduced plant, the first and the second independent car."""
   seed: int = 3
   """Which independent cars are drawn."""
-  more: int = 8
+  more: int = 4
   """How many further cars of each independent kind are driven at the limit; drawn by the seeds after `seed`."""
   quick: bool = False
   """Few cases."""
@@ -71,7 +71,10 @@ def subject(name: str, seed: int) -> Subject:
 def main(config: Config) -> None:
   """Measure everything and write the page."""
   subjects = [subject(name, config.seed) for name in config.cars]
-  options = f" --seed {config.seed}" * (config.seed != Config.seed) + " --quick" * config.quick
+  options = "".join(
+    f" --{name} {getattr(config, name)}" for name in ("seed", "more") if getattr(config, name) != getattr(Config, name)
+  )
+  options += " --quick" * config.quick
   lines = acceptance_sections(subjects, quick=config.quick)
   kinds = [name for name in config.cars if name != "twin"]
   more = [subject(name, config.seed + 1 + i) for name in kinds for i in range(1 if config.quick else config.more)]

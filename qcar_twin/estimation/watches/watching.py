@@ -173,7 +173,7 @@ def slide(state: Array, transition: Array, before: Sequence[float], felt: tuple,
   """Predict a sliding car by its acceleration at the centre of gravity, m/s^2, in `state` and the Jacobian's rows.
 
   v' = a_x cos beta + a_y sin beta, beta' = (a_y cos beta - a_x sin beta) / v - r. Tyres that have given way say nothing
-  of the yaw rate either, which the gyro tells: it is held.
+  of the yaw rate either, which the gyro tells: it is held. A car that has spun past 90 degrees goes in reverse.
   """
   v, beta, rate = before[V], before[BETA], before[R]
   cos, sin = math.cos(beta), math.sin(beta)
@@ -183,6 +183,9 @@ def slide(state: Array, transition: Array, before: Sequence[float], felt: tuple,
   transition[V, [V, BETA]] = 1.0, period * across
   transition[BETA, [V, BETA, R]] = -period * across / v**2, 1.0 - period * along / v, -period
   transition[R, R] = 1.0
+  if math.cos(state[BETA]) < 0.0:
+    state[[V, BETA]] = -state[V], state[BETA] - math.copysign(math.pi, state[BETA])
+    transition[V, :] *= -1.0
 
 
 def _open(state: FilterState, row: int, variance: Array) -> None:
