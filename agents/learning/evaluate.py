@@ -48,6 +48,7 @@ class EvaluationCase:
     cars: runs, each with sensor noise of its own.  seed: of the sensors.
     estimator: "fekf" or "truth".
     filter_noise: factor on the process noise densities that the filter assumes (`FilterSettings.walk_*`).
+    unknown: numbers that the filter estimates besides, of `PRIORS`; none for the filter that the agents learnt with.
   """
 
   path: str
@@ -59,6 +60,7 @@ class EvaluationCase:
   seed: int = 500
   estimator: str = "fekf"
   filter_noise: float = 1.0
+  unknown: tuple[str, ...] = ()
 
   @property
   def label(self) -> str:
@@ -66,7 +68,8 @@ class EvaluationCase:
     wrong = self.steering_gain != 1.0 or self.steering_offset != 0.0
     mismatch = f", gain {self.steering_gain:g}, offset {self.steering_offset:+g} deg" if wrong else ""
     noise = f", filter noise x {self.filter_noise:g}" if self.filter_noise != 1.0 else ""
-    return f"{self.plant}, {self.speed:g} m/s{mismatch}{noise}"
+    besides = f", estimating {', '.join(self.unknown)}" if self.unknown else ""
+    return f"{self.plant}, {self.speed:g} m/s{mismatch}{noise}{besides}"
 
 
 def known_plant(name: str) -> tuple[Plant, Array]:
@@ -85,6 +88,7 @@ def run_case(controller: Controller, case: EvaluationCase, plant: PlantMaker = k
   observer = TrueObserver()
   if case.estimator == "fekf":
     settings = model.filter_settings("bicycle" if case.plant == "bicycle" else "twin").with_walks(case.filter_noise)
+    settings = settings.estimating(*case.unknown)
     sensors = EqualSensors(qcar_sensors(), groups, case.cars, case.seed)
     observer = SensedObserver(sensors, model.car, settings)  # type: ignore[arg-type]
   return drive(body, np.tile(theta, (count, 1)), controller, SpeedGains.design(model.car), observer, task)

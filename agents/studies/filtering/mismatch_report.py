@@ -1,12 +1,16 @@
 """The sections of the results on the filter where its model is not the car."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from agents.control import controllers
 from agents.control.interface import Controller
 from agents.control.model import Model
+from agents.learning.evaluate import EvaluationCase, run_together
+from agents.learning.policy_file import IMITATION, SHIPPED
+from agents.studies.comparison import MISMATCHES, drivers_of
 from agents.studies.filtering.mismatch_study import (
   DELAY,
   FITTED_ON,
@@ -26,7 +30,7 @@ from agents.studies.filtering.mismatch_study import (
 )
 from agents.studies.tracking_study import MISMATCHED, NOMINAL, VALIDATION
 from qcar_twin import markdown
-from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.estimation.settings import LEARNT, FilterSettings
 
 SEED = 7300  # of sensors that no choice was made on
 FACTORS = (2.0, 0.5)  # times the process noise
@@ -103,7 +107,8 @@ def states_section(model: Model, controller: Controller, count: int, quick: bool
   """What the states are worth to a controller, and with a worse IMU."""
   base = model.filter_settings(PLANT)
   loop = [] if quick else [*_in_the_loop(model, controller, base, count), ""]
-  return ["## What the states are worth", "", *loop, *_sensors(model, controller, base, count, quick)]
+  drivers = _drivers(1 if quick else count, VALIDATION[-1:] if quick else VALIDATION)
+  return ["## What the states are worth", "", *loop, *drivers, "", *_sensors(model, controller, base, count, quick)]
 
 
 def measured(drives: Drives, kinds: Kinds) -> Table:
@@ -174,6 +179,27 @@ def _in_the_loop(model: Model, controller: Controller, base: FilterSettings, cou
     "In the loop, LQ_cm: true cross-track RMSE [mm], medians of the cars.",
     "",
     *markdown.table(("filter", "linkage", "O", "infinity", "C"), rows),
+  ]
+
+
+def _drivers(count: int, paths: Sequence[str]) -> list[str]:
+  """The shipped agents and the tuned controllers on the reduced car, with the plain filter and with the states."""
+  drivers = drivers_of((SHIPPED, IMITATION), (controllers.FILE,), tuple(controllers.FAMILIES), 0.5)
+  cells: dict[str, list[str]] = {label: [] for label in drivers}
+  for gain, offset in MISMATCHES.values():
+    for path in paths:
+      cases = [EvaluationCase(path, "reduced", 0.5, gain, offset, count, SEED, unknown=names) for names in ((), LEARNT)]
+      for plain, states in zip(*(run_together(drivers, case) for case in cases), strict=True):
+        before, after = (1e3 * float(np.mean(row.kpis.rmse)) for row in (plain, states))
+        cells[plain.contestant].append(f"{before:.1f} / {after:.1f}")
+  return [
+    "Every driver on the reduced car with the filter in the loop: mean true cross-track RMSE [mm], plain / states. The"
+    " agents have learnt with the plain filter, and its errors with it.",
+    "",
+    *markdown.table(
+      ("driver", *(f"{path} {how}" for how in MISMATCHES for path in paths)),
+      [(label, *row) for label, row in cells.items()],
+    ),
   ]
 
 
