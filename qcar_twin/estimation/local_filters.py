@@ -30,9 +30,9 @@ from qcar_twin.estimation.models import (
   point_step,
 )
 from qcar_twin.estimation.settings import MOTION_STATES, FilterSettings
-from qcar_twin.estimation.silence import unheard_noise
 from qcar_twin.estimation.state import PLACE, POINT_START_STD, FilterState, Slot, choose
 from qcar_twin.estimation.unknowns import Unknowns
+from qcar_twin.estimation.watches.silence import unheard_noise
 from qcar_twin.estimation.watches.watching import POSE, SPEED, Watching
 from qcar_twin.kinematics import wrap_angle
 

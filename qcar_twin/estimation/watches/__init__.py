@@ -1,1 +1,1 @@
-"""What watches sensors, stamps and the model of each car for faults."""
+"""What watches sensors, stamps, silences and the model of each car for faults."""
