@@ -66,15 +66,15 @@ def acceptance_sections(subjects: Sequence[Subject], quick: bool = False) -> lis
 
 def limit_section(subjects: Sequence[Subject]) -> list[str]:
   """The limit of grip on many cars: their filter, plain and with unknown numbers, kind by kind."""
-  found: dict[tuple[str, str, str], list[Outcome]] = {}
+  outcomes_of: dict[tuple[str, str, str], list[Outcome]] = {}
   for subject in subjects:
     driven = limit_drive(subject)
     for name, settings in (("plain", subject.settings), ("states", subject.settings.estimating(*LEARNT))):
       outcome = judge(dataclasses.replace(subject, settings=settings), driven, Case())
       for title, sign in (("forward", 1.0), ("reverse", -1.0)):
-        found.setdefault((name, subject.name, title), []).append(outcome.of(LIMIT[:, 0] * sign > 0.0))
+        outcomes_of.setdefault((name, subject.name, title), []).append(outcome.of(LIMIT[:, 0] * sign > 0.0))
   rows = []
-  for (name, kind, title), outcomes in sorted(found.items()):
+  for (name, kind, title), outcomes in sorted(outcomes_of.items()):
     beyond = [100.0 * one.beyond for one in outcomes]
     worst, false = max(np.nanmax(one.position) for one in outcomes), sum(one.falsely(Case()) for one in outcomes)
     valid = 100.0 * np.mean([one.valid.mean() for one in outcomes])
