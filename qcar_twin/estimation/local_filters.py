@@ -250,7 +250,7 @@ class LocalFilters:
     turned = np.where(there[:, 2], values[:, 2] - state.bicycle[:, YAW], 0.0)
     values[:, 2] = state.bicycle[:, YAW] + wrap_angle(turned)
     trial = self._algebra.correct_together(state.bicycle, state.bicycle_covariance, POSE_ROWS, values, noise, there)
-    fits, some = self._judge(trial, there, BICYCLE), there.any(axis=1)
+    fits, some = self._judge(trial, there, BICYCLE), np.asarray(there.any(axis=1))
     wrong, lost = some & ~fits, np.zeros(len(pose), dtype=bool)
     accepted = some & fits
     if wrong.any():
