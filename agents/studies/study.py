@@ -221,7 +221,7 @@ def read_rows(file: Path) -> list[Row]:
   """What `drive_group` kept; errors of runs that left the path are infinite again."""
   rows = []
   for entry in json.loads(file.read_text(encoding="utf-8")):
-    case = EvaluationCase(**entry["case"])
+    case = EvaluationCase(**entry["case"] | {"unknown": tuple(entry["case"].get("unknown", ()))})
     values = {f.name: entry[f.name] for f in dataclasses.fields(Kpis)}
     arrays = {n: np.array([np.inf if x is None else x for x in column]) for n, column in values.items()}
     rows.append(Row(entry["contestant"], case, Kpis(**arrays)))

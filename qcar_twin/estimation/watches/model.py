@@ -10,10 +10,8 @@ floor holds, tyres do not give way, and are wrong by no more than their slip ang
 is, they may be wrong by as much as would pass unseen, half of their linear slip angle: a softer tyre pushes as hard.
 
 A car slides where half of its tyres' linear slip angle is not explained, or where it is pushed otherwise than they push
-by twice what an accelerometer may be wrong. So it does where the filter moves otherwise than it is pushed: a small
-sideslip of linear tyres and a large one of tyres past their knee push alike, but only one agrees with v (beta' + r).
-Tyres then say nothing of sideslip and yaw rate, nor do the wheels, which spin or lock, of the speed. Accelerometer and
-gyro lead the car, as in inertial navigation:
+by twice what an accelerometer may be wrong. Tyres then say nothing of sideslip and yaw rate, nor do the wheels, which
+spin or lock, of the speed. Accelerometer and gyro lead the car, as in inertial navigation:
   v' = a_x cos beta + a_y sin beta,  beta' = (a_y cos beta - a_x sin beta) / v - r
 (Piyabongkarn, Rajamani, Grogg and Lew, IEEE Trans. Control Systems Technology 17(3), 2009). No sensor is accused by any
 of it.
@@ -40,8 +38,6 @@ class ModelWatch:
 
   Attributes:
     turning: unexplained by the single track, slow mean, rad/s per period.  pushing: m/s^2, slow mean.
-    drifting: unexplained by the filter's own motion v (beta' + r), m/s^2, slow mean.
-    slip: sideslip that it goes on from, rad; NaN where a fix has moved it.
     felt: lateral acceleration, m/s^2, slow mean; zero without an accelerometer.  heard: whether there is one.
     refusals: gyro samples in a row beyond the gate, by their sign.  agreements: within it, in a row.
     refuted: whether the gyro is used against it.
@@ -52,8 +48,6 @@ class ModelWatch:
 
   turning: float = 0.0
   pushing: float = 0.0
-  drifting: float = 0.0
-  slip: float = math.nan
   felt: float = 0.0
   heard: bool = False
   refusals: int = 0
@@ -91,17 +85,6 @@ class ModelWatch:
     self.felt += period / MEMORY * ((acceleration if self.heard else 0.0) - self.felt)
     self.pushing += period / MEMORY * ((acceleration - expected if self.heard else 0.0) - self.pushing)
 
-  def drift(self, felt: tuple[float, float], speed: float, slip: float, rate: float, period: float) -> None:
-    """Take the acceleration, m/s^2, NaN for none, and the filter's speed, m/s, sideslip, rad, and yaw rate, rad/s."""
-    before, self.slip = self.slip, slip
-    across = (
-      felt[1] * math.cos(slip)
-      - felt[0] * math.sin(slip)
-      - speed * (math.remainder(slip - before, math.pi) / period + rate)
-    )
-    if math.isfinite(across) or not self.heard:
-      self.drifting += period / MEMORY * ((across if self.heard else 0.0) - self.drifting)
-
   def weigh(self, speed: float, steering: float, car: SingleTrackCar, period: float) -> None:
     """Settle `wrong` and `sliding` at a speed, m/s, and an angle of the road wheels, rad."""
     front, rear = float(car.cornering_stiffness_front), float(car.cornering_stiffness_rear)
@@ -116,8 +99,7 @@ class ModelWatch:
     self.gives = asked >= LEAST_GRIP
     self.wrong = max(wrong, LOST * linear) if self.gives else min(wrong, linear)
     leaning = LEANING * MEMORY / size  # rad by which the accelerometer may mistake the sideslip meanwhile
-    pushed = max(abs(self.pushing), abs(self.drifting)) > 2.0 * LEANING
-    slips = pushed or wrong > max(LOST * linear, leaning)
+    slips = wrong > max(LOST * linear, leaning) or abs(self.pushing) > 2.0 * LEANING
     self.sliding = self.heard and self.gives and slips and leaning < COURSE
 
   def sideslip_noise(self, speed: float, car: SingleTrackCar, period: float, interval: float) -> float:

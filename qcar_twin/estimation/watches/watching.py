@@ -57,7 +57,6 @@ class Watching:
       if state.accel_age.item(i) <= settings.accel_timeout:
         felt = cg_acceleration(tuple(state.accel[i].tolist()), row[R], lever)
       watch.feel(felt[ACCEL_Y], expected, settings.period)
-      watch.drift(felt, row[V], row[BETA], row[R], settings.period)
       watch.weigh(row[V], angle, self._car, settings.period)
       beyond = watch.sideslip_noise(row[V], self._car, settings.period, settings.lidar_interval)
       noise[i, BETA, BETA] = max(noise.item(i, BETA, BETA), beyond)
@@ -157,8 +156,6 @@ class Watching:
     """Let accepted fixes judge gyros' biases; what was wrong for a while is known less well."""
     settings, unseen = self._settings, state.unseen.copy()
     widened, detected = np.zeros((2, len(fix))), np.zeros(len(fix), dtype=bool)
-    for i in np.flatnonzero(which):
-      state.models[i].slip = math.nan
     for i in np.flatnonzero(which & np.isfinite(fix[:, POSE]).all(axis=1)):
       odometer, rate = state.odometers[i], state.bicycle.item(i, R)
       yaw, std = fix.item(i, YAW_OF_FIX) - float(offsets[i]) * rate, math.sqrt(noise.item(i, YAW_OF_FIX))
