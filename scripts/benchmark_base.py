@@ -34,7 +34,7 @@ class Config:
   under_way: int = 0
   """In place of these: so many sessions of either independent car whose recordings begin while it drives."""
   quick: bool = False
-  """One car and no poor start."""
+  """One car and one poor start."""
 
 
 def row(seed: int, fitted: Base) -> tuple[str, ...]:
@@ -56,7 +56,7 @@ def main(config: Config) -> str:
     write_text(config.out, text)
     print(text)
     return text
-  sessions, poor = (1, 0) if config.quick else (config.sessions, config.poor)
+  sessions, poor = (1, 1) if config.quick else (config.sessions, config.poor)
   seeds = [config.seed + k for k in range(sessions)]
   bases = (recalibrated_base(make_session(seed, (), "compact"), poor) for seed in seeds)
   fits = list(counted(bases, len(seeds), "session"))

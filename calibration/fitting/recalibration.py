@@ -38,7 +38,7 @@ _SPAN = 3  # iterations of a rough fit before the worse half of the starts is gi
 _ROUNDS, _SETTLED = 8, 1.0  # corrections by MuJoCo, and nats that end them
 _LONGEST = 40  # iterations between two corrections: a search ends where its slopes do, not by count
 _AFAR = 4  # rounds of a fit from afar
-_NOTICED = 10.0  # nats: no decision hangs on a smaller error; hardly a claim rests on twice as many
+NOTICED = 10.0  # nats: no decision hangs on a smaller error; hardly a claim rests on twice as many
 # of a predicted reduction: below, a model is not trusted over that step (Nocedal and Wright, 2nd ed., algorithm 4.1)
 _TRUSTED = 0.25
 _PART, _LEAST = 0.35, 85.0  # share of the driving a rough fit sees, and at least so many seconds
@@ -172,7 +172,7 @@ def misled(problem: Problem, anchor: Array, tried: Array) -> list[Stretch]:
 
 def _trusted(predicted: float, actual: float) -> bool:
   """Whether a surrogate led well: the actual reduction is enough of the predicted one, nats, or nearly it."""
-  return actual >= _TRUSTED * predicted or predicted - actual <= _NOTICED
+  return actual >= _TRUSTED * predicted or predicted - actual <= NOTICED
 
 
 def _descended(problem: Problem, base: ParameterSet, start: Array) -> tuple[Problem, Fit]:

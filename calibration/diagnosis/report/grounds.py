@@ -1,6 +1,7 @@
 """The second half of a diagnosis's page: parameters, evidence, what to drive next, what the recordings cannot show."""
 
 from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.decision.departures import Departure
 from calibration.diagnosis.experiment import NOTHING
 from calibration.diagnosis.outcome import Diagnosis
 from calibration.diagnosis.report import figures, wording
@@ -44,7 +45,7 @@ def evidence(d: Diagnosis) -> Section:
 def priors(d: Diagnosis) -> Section:
   """What the fit made of the parameters, against what was measured of them before."""
   base, model = d.pool.base, d.model
-  apart = {x.name: x.z for x in d.decision.departures}
+  apart = {x.name: x for x in d.decision.departures}
   rows: list[tuple[Cell, ...]] = []
   for name, shift in parameter_shifts(base).items():
     parameter, (value, std) = base.free[name], base.estimate(name)
@@ -57,7 +58,7 @@ def priors(d: Diagnosis) -> Section:
     "An effect that recalibration absorbs leaves no error. It shows as a measured parameter that moved. The shift is"
     " the fitted value minus the measured one, in standard deviations of the measurement. A dash marks a parameter that"
     " was not measured. A twin's parameters move on cars without any effect, too, since it is no more than a model. How"
-    " far is known from such cars, and a parameter that moved farther contradicts its measurement."
+    " far is known from such cars, and a parameter that moved farther contradicts what was known of it."
   )
   flagged = [f"* {row[0]}: {row[-1]}." for row in rows if row[-1]]
   if flagged:
@@ -66,21 +67,16 @@ def priors(d: Diagnosis) -> Section:
   return Section("Parameters and how far they moved", text, [Table("Parameters", columns, rows, unfolded=True)])
 
 
-def _remark(base: Candidate, name: str, z: float | None) -> str:
-  """What a reader must know of a fitted parameter: that it ended at its bound, or contradicts its measurement.
-
-  Args:
-    base: the recalibrated twin.
-    name: of the parameter.
-    z: deviations of measurement and form by which it departs; None where it does not.
-  """
+def _remark(base: Candidate, name: str, apart: Departure | None) -> str:
+  """What a reader must know of a fitted parameter: that it ended at its bound, or contradicts what was known of it."""
   parameter, value = base.free[name], base.estimate(name)[0]
   parts = []
   if min(value - parameter.lower, parameter.upper - value) <= _AT_BOUND * (parameter.upper - parameter.lower):
     end = "lower" if value - parameter.lower < parameter.upper - value else "upper"
     parts.append(f"at its {end} bound, so its deviation says little")
-  if z is not None:
-    parts.append(f"contradicts what was measured, by {abs(z):.1f} deviations of measurement and twin together")
+  if apart is not None:
+    known = "is usual" if apart.usual else "was measured"
+    parts.append(f"contradicts what {known}, by {abs(apart.z):.1f} deviations of it and of the twin together")
   return "; ".join(parts)
 
 

@@ -10,9 +10,9 @@ from calibration.diagnosis.candidates import Candidate, half_square, refine, sim
 from calibration.diagnosis.pool import Pool
 from calibration.fitting.likelihood import Problem, weighting_from
 from calibration.fitting.optimiser import prior_cost
+from calibration.fitting.recalibration import NOTICED
 
 Array = NDArray[np.float64]
-_NOTICED = 10.0  # nats: no decision hangs on a smaller error, see recalibration.py
 
 
 def reweight_if_worth_it(pool: Pool, near: Sequence[Candidate]) -> None:
@@ -32,7 +32,7 @@ def reweight_if_worth_it(pool: Pool, near: Sequence[Candidate]) -> None:
   if best is pool.base:
     return
   problem, ratio = _weighed_by(pool, best)
-  if abs(_ahead(best, pool.base, ratio) - (pool.base.cost - best.cost)) < _NOTICED:
+  if abs(_ahead(best, pool.base, ratio) - (pool.base.cost - best.cost)) < NOTICED:
     return
   leaders = list({id(m): m for m in [best, *near]}.values())
   _reweight(pool, problem, ratio)

@@ -66,7 +66,14 @@ def test_a_standing_car_that_is_lifted_and_tilted_does_not_slide():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "seed"), [("first", 22), ("second", 21)])
+@pytest.mark.parametrize(
+  ("name", "seed"),
+  [
+    ("first", 22),
+    ("second", 21),
+    pytest.param("second", 11, marks=pytest.mark.xfail(strict=True, reason="one of three runs is lost for seconds")),
+  ],
+)
 def test_cars_that_spin_their_wheels_in_reverse_are_followed(name, seed):
   """Sideslip of up to 50 degrees, wheels up to a third faster than the car: neither tyres nor encoder tell of it."""
   car = subject(name, seed)
