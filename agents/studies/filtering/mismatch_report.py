@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.control import controllers
 from agents.control.interface import Controller
@@ -11,6 +12,7 @@ from agents.control.model import Model
 from agents.learning.evaluate import EvaluationCase, run_together
 from agents.learning.policy_file import IMITATION, SHIPPED
 from agents.studies.comparison import MISMATCHES, drivers_of
+from agents.studies.filtering.consistency import consistency_table
 from agents.studies.filtering.mismatch_study import (
   DELAY,
   FITTED_ON,
@@ -32,6 +34,7 @@ from agents.studies.tracking_study import MISMATCHED, NOMINAL, VALIDATION
 from qcar_twin import markdown
 from qcar_twin.estimation.settings import LEARNT, FilterSettings
 
+Array = NDArray[np.float64]
 SEED = 7300  # of sensors that no choice was made on
 FACTORS = (2.0, 0.5)  # times the process noise
 ACCEL_BIASES, GYRO_BIASES = (0.0, 0.05, 0.3), (0.003, 0.02)  # m/s^2 and rad/s, standard deviations
@@ -66,6 +69,8 @@ def mismatch_section(model: Model, controller: Controller, count: int, quick: bo
     "",
     f"MIS raises the plain filter's position RMSE by up to {plain:.0f} %, the one with the states by {states:.0f} %.",
     "",
+    *consistency_table(_blocks(table)),
+    "",
     *_numbers_table(table),
   ]
 
@@ -97,6 +102,8 @@ def noise_section(model: Model, controller: Controller, count: int, quick: bool 
     f" the fixes of other nominal drives, of the paths {' and '.join(FITTED_ON)}, are most likely.",
     "",
     *markdown.table(TITLES, _rows(table)),
+    "",
+    *consistency_table({key: blocks for key, blocks in _blocks(table).items() if key[0] not in ("plain", "states")}),
     "",
     f"Noise that is twice or half as large raises the position RMSE on the worst path by: {words}.",
   ]
@@ -135,6 +142,11 @@ def _groups(table: Table) -> dict[tuple[str, str], dict[str, Quality]]:
   for (name, how, path), one in table.items():
     groups.setdefault((name, how), {})[path] = one
   return groups
+
+
+def _blocks(table: Table) -> dict[tuple[str, str], list[Array]]:
+  """Filter and linkage: normalised squared errors on every path."""
+  return {key: [one.blocks for one in paths.values()] for key, paths in _groups(table).items()}
 
 
 def _rows(table: Table) -> list[tuple[str, ...]]:

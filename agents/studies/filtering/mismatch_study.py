@@ -15,11 +15,15 @@ from agents.control.interface import Controller
 from agents.control.kpis import kpis
 from agents.control.model import Model
 from agents.studies.estimation_study import SIDESLIP, WARM_UP, Oval, drive_task
+from agents.studies.filtering.consistency import block_nees
 from agents.studies.tracking_study import NOMINAL, STEERING, VALIDATION
 from qcar_twin.estimation.batch import FederatedBatch
+from qcar_twin.estimation.models import BETA, R, V
+from qcar_twin.estimation.models import YAW as BM_YAW
 from qcar_twin.estimation.noise_fit import most_likely
-from qcar_twin.estimation.offline import angle_error, position_nees
+from qcar_twin.estimation.offline import position_nees
 from qcar_twin.estimation.settings import LEARNT, FilterSettings
+from qcar_twin.kinematics import wrap_angle
 from qcar_twin.paths import path_named
 from qcar_twin.plant import POSITION, YAW
 from qcar_twin.sensors.onboard import Imu
@@ -31,6 +35,7 @@ DELAY, LAG = 0.04, 0.05  # s, of the late linkage, besides the twin's servo
 LAPS = 1
 FITTED_ON = ("o", "infinity")  # paths of the drives that the noise is fitted to
 FIT_SEED = 9000  # of their sensors
+MOTION, TRUE_MOTION = [BM_YAW, V, BETA, R], [YAW, 3, SIDESLIP, 5]  # yaw, speed, sideslip, yaw rate in EKF_BM, `Oval`
 Drives = Mapping[tuple[str, str], Oval]  # by path and linkage
 
 
@@ -41,6 +46,7 @@ class Quality:
   Attributes:
     position, own: m, of the master and of EKF_BM alone.  yaw, sideslip: rad.  nees: mean, of the position.  beyond: -.
     numbers: what it has made of the unknown numbers at the end, by name, (N,).
+    blocks: normalised squared errors by instant and block of the state, (T, N, 5).
   """
 
   position: Array
@@ -50,6 +56,7 @@ class Quality:
   nees: Array
   beyond: Array
   numbers: Mapping[str, Array]
+  blocks: Array
 
 
 def linkage(name: str) -> Actuation:
@@ -113,7 +120,8 @@ def filtered(ovals: Sequence[Oval], settings: FilterSettings) -> tuple[Federated
     arrived = np.isfinite(fix).any()
     batch.advance(motion, accel, fix if arrived else None, max(b[4] for b in beside) if arrived else 0)
     e = batch.estimate()
-    rows.append((e.pose, e.covariance, e.sideslip_angle, e.bounds, batch.state.bicycle[:, POSITION]))
+    own = batch.state.bicycle, np.diagonal(batch.state.bicycle_covariance, axis1=1, axis2=2)
+    rows.append((e.pose, e.covariance, e.bounds, own[0][:, POSITION], own[0][:, MOTION], own[1][:, MOTION]))
   return batch, rows
 
 
@@ -138,10 +146,13 @@ def quality(ovals: Sequence[Oval], settings: FilterSettings) -> list[Quality]:
 
 
 def _judged(oval: Oval, columns: list[Array], numbers: Mapping[str, Array]) -> Quality:
-  pose, covariance, sideslip, bounds, own = columns
+  pose, covariance, bounds, own, motion, variances = columns
   truth = oval.truth[WARM_UP:]
   off, own = pose[..., POSITION] - truth[..., POSITION], own - truth[..., POSITION]
-  turned, slid = angle_error(pose[..., YAW], truth[..., YAW]), angle_error(sideslip, truth[..., SIDESLIP])
+  wrong_by = motion - truth[..., TRUE_MOTION]
+  wrong_by[..., ::2] = wrap_angle(wrong_by[..., ::2])  # yaw and sideslip
+  turned, slid = wrong_by[..., 0], wrong_by[..., 2]
+  consistency = position_nees(off, covariance)
   wrong = np.stack([np.hypot(off[..., 0], off[..., 1]), np.abs(turned)], axis=-1) > bounds
   mean = lambda a: np.sqrt(np.mean(a**2, axis=0))
   place = lambda a: np.sqrt(np.mean(np.sum(a**2, axis=-1), axis=0))
@@ -150,9 +161,10 @@ def _judged(oval: Oval, columns: list[Array], numbers: Mapping[str, Array]) -> Q
     place(own),
     mean(turned),
     mean(slid),
-    np.mean(position_nees(off, covariance), axis=0),
+    np.mean(consistency, axis=0),
     wrong.any(axis=-1).mean(axis=0),
     numbers,
+    block_nees(consistency, wrong_by, variances),
   )
 
 

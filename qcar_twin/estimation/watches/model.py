@@ -10,8 +10,9 @@ floor holds, tyres do not give way, and are wrong by no more than their slip ang
 is, they may be wrong by as much as would pass unseen, half of their linear slip angle: a softer tyre pushes as hard.
 
 A car slides where half of its tyres' linear slip angle is not explained, or where it is pushed otherwise than they push
-by twice what an accelerometer may be wrong. Tyres then say nothing of sideslip and yaw rate, nor do the wheels, which
-spin or lock, of the speed. Accelerometer and gyro lead the car, as in inertial navigation:
+by twice what an accelerometer may be wrong. It is the slip angle of the push that is felt: what is steered for beyond
+the floor's grip no tyre gives, and it excuses nothing. Tyres then say nothing of sideslip and yaw rate, nor do the
+wheels, which spin or lock, of the speed. Accelerometer and gyro lead the car, as in inertial navigation:
   v' = a_x cos beta + a_y sin beta,  beta' = (a_y cos beta - a_x sin beta) / v - r
 (Piyabongkarn, Rajamani, Grogg and Lew, IEEE Trans. Control Systems Technology 17(3), 2009). No sensor is accused by any
 of it.
@@ -95,11 +96,11 @@ class ModelWatch:
     force = mass * max(0.0, abs(self.pushing) - LEANING)
     wrong = math.hypot(moment / (base * min(front, rear)), force / (front + rear))
     asked = max(abs(steering) * size**2 / base, abs(self.felt))
-    linear = mass * asked * max(behind / front, ahead / rear) / base
+    soft = mass * max(behind / front, ahead / rear) / base  # rad of linear slip angle for each m/s^2
     self.gives = asked >= LEAST_GRIP
-    self.wrong = max(wrong, LOST * linear) if self.gives else min(wrong, linear)
+    self.wrong = max(wrong, LOST * soft * asked) if self.gives else min(wrong, soft * asked)
     leaning = LEANING * MEMORY / size  # rad by which the accelerometer may mistake the sideslip meanwhile
-    slips = wrong > max(LOST * linear, leaning) or abs(self.pushing) > 2.0 * LEANING
+    slips = wrong > max(LOST * soft * abs(self.felt), leaning) or abs(self.pushing) > 2.0 * LEANING
     self.sliding = self.heard and self.gives and slips and leaning < COURSE
 
   def sideslip_noise(self, speed: float, car: SingleTrackCar, period: float, interval: float) -> float:
