@@ -72,6 +72,8 @@ def path_from_csv(file: str | FilePath) -> Path:
     FileNotFoundError: no such file.
     ValueError: with file, row and cure.
   """
+  if not FilePath(file).exists():
+    raise FileNotFoundError(f"{file}: no such file; a path of one's own is a CSV file of two columns x, y in m")
   points = _points(FilePath(file))
   closed = bool(np.hypot(*(points[-1] - points[0])) < 1e-6)
   if closed:

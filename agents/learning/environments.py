@@ -24,7 +24,7 @@ from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.envs.fleet import Demonstrator, Fleet, FleetConfig, Spread
 from qcar_twin.envs.gym_env import FleetVectorEnv, PathTrackingEnv
 from qcar_twin.envs.spaces import Interface
-from qcar_twin.envs.task import Reward, TrackingTask
+from qcar_twin.envs.task import NEVER_NEGATIVE, POSITIVE, Reward, TrackingTask, refuse_numbers
 from qcar_twin.extras import extra
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.paths import Errors, Path
@@ -65,7 +65,8 @@ class Options:
     reward: weights.
 
   Raises:
-    ValueError: a choice there isn't, with the nearest one.
+    ValueError: a choice there isn't, with the nearest one, or a number that cannot be.
+    TypeError: no number where one belongs.
   """
 
   path: str = "s"
@@ -89,6 +90,7 @@ class Options:
   speed_spread: float = 0.0
 
   def __post_init__(self) -> None:
+    refuse_numbers(self, (*POSITIVE, "substeps"), NEVER_NEGATIVE)
     for name, hint in get_type_hints(type(self)).items():
       if choices := get_args(hint):
         one_of_them(name, getattr(self, name), choices)
@@ -247,8 +249,10 @@ def _names_of(kind: type, given: Mapping[str, Any], what: str) -> None:
   known = [f.name for f in dataclasses.fields(kind)]
   for name in given:
     if name not in known:
-      near = difflib.get_close_matches(name, known, n=1) or known
-      raise TypeError(f"no {what} '{name}'; did you mean {', '.join(near)}?")
+      near = difflib.get_close_matches(name, known, n=1)
+      raise TypeError(
+        f"no {what} '{name}'; " + (f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}")
+      )
 
 
 def make_env(

@@ -7,6 +7,9 @@ here converge. One task object serves every environment.
 
 import dataclasses
 import math
+import numbers
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +19,27 @@ from qcar_twin.paths import Path
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 ERROR_SCALE = (20.0, 5.0, 5.0, 1.0)  # 1/m, s/m, 1/rad, s/rad: the four errors of a car on its way become of order one
+
+
+def refuse_numbers(owner: Any, positive: Sequence[str] = (), never_negative: Sequence[str] = ()) -> None:
+  """Refuse what a field of a data class cannot be whose default is a number.
+
+  Raises:
+    TypeError: no number, or no whole one where the default is whole.
+    ValueError: not finite, or beyond its range.
+  """
+  for field in dataclasses.fields(owner):
+    value, whole = getattr(owner, field.name), isinstance(field.default, int)
+    if isinstance(field.default, bool) or not isinstance(field.default, (int, float)):
+      continue
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, numbers.Integral if whole else numbers.Real):
+      raise TypeError(f"{field.name} is {value!r}; it must be a {'whole ' * whole}number, as {field.default:g}")
+    if not math.isfinite(value):
+      raise ValueError(f"{field.name} is {value}; it must be finite, as {field.default:g}")
+    if value < 0 and field.name in never_negative:
+      raise ValueError(f"{field.name} is {value:g}; it must not be negative")
+    if value <= 0 and field.name in positive:
+      raise ValueError(f"{field.name} is {value:g}; it must be positive")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,6 +65,9 @@ class Reward:
   lost_penalty: float = 10.0
   near: float = 0.002
   aligned: float = 0.02
+
+  def __post_init__(self) -> None:
+    refuse_numbers(self, positive=("near", "aligned"), never_negative=("lost_penalty",))
 
   def cross_track(self, error: Array, lost: Mask) -> Array:
     """r_y of cross-track errors, m; -M where the car is lost."""
@@ -68,6 +95,10 @@ class Reward:
       "steering_rate": -self.m5 * np.abs(rate),
       "demonstrator": -self.m6 * np.abs(np.nan_to_num(difference)),
     }
+
+
+POSITIVE = ("speed", "laps", "lost", "largest_rate", "lock", "period")
+NEVER_NEGATIVE = ("start_offset", "start_heading", "gain_spread", "offset_spread", "servo_delay", "servo_lag")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,8 +140,7 @@ class TrackingTask:
   speed_spread: float = 0.0
 
   def __post_init__(self) -> None:
-    if self.speed <= 0.0 or self.period <= 0.0:
-      raise ValueError(f"speed and period must be positive, got {self.speed:g} m/s and {self.period:g} s")
+    refuse_numbers(self, POSITIVE, NEVER_NEGATIVE)
     if not 0.0 <= self.speed_spread < self.speed:
       raise ValueError(
         f"a spread of {self.speed_spread:g} m/s around {self.speed:g} m/s: from 0 on and less than the speed"

@@ -213,10 +213,24 @@ def test_rewards_are_finite_whatever_the_action(face, plant, wrong):
     ({"estimater": "truth"}, "did you mean estimator"),
     ({"render_mode": "human"}, "no render mode 'human'"),
     ({"stretch": 1000.0}, "a stretch of 1000 m of path .s., which has 6.4 m"),
+    ({"friction": 3.0}, "no option .friction.; there are path, speed"),
+    ({"speed": "fast"}, "speed is 'fast'; it must be a number, as 0.5"),
+    ({"laps": 0}, "laps is 0; it must be positive"),
+    ({"laps": 1.5}, "laps is 1.5; it must be a whole number"),
+    ({"substeps": 0}, "substeps is 0; it must be positive"),
+    ({"steering_gain": np.nan}, "steering_gain is nan; it must be finite"),
+    ({"gain_spread": -0.1}, "gain_spread is -0.1; it must not be negative"),
+    ({"start_offset": np.inf}, "start_offset is inf; it must be finite"),
+    ({"reward": {"near": -1.0}}, "near is -1; it must be positive"),
+    ({"reward": {"m2": np.nan}}, "m2 is nan; it must be finite"),
+    (
+      {"path": "there_is_none.csv"},
+      "there_is_none.csv: no such file; a path of one's own is a CSV file of two columns",
+    ),
   ],
 )
 def test_a_choice_there_is_not_is_refused_with_the_nearest(wrong, said):
-  with pytest.raises((KeyError, TypeError, ValueError), match=said):
+  with pytest.raises((FileNotFoundError, KeyError, TypeError, ValueError), match=said):
     make_env(**{"plant": "reduced", **wrong})
 
 
