@@ -56,7 +56,7 @@ SENSOR_EFFECTS: dict[str, Effect] = {
     "sensor", "sensor", ("gyro_scale",), "-", 0.5, lambda s, size: _scaled(s, ("yaw_rate",), size), signed=True
   ),
   "gyro_creep": Effect(
-    "sensor", "sensor", ("gyro_bias",), "rad/s^2", 0.3,
+    "sensor", "sensor", ("gyro_drift",), "rad/s^2", 0.3,
     lambda s, size: {**s, "yaw_rate": s["yaw_rate"] + size * _clock(s)}, signed=True,
   ),
   "imu_turned": Effect("sensor", "sensor", ("imu_misalignment",), "rad", 1.0, _turned, signed=True),

@@ -5,11 +5,11 @@ import math
 
 from scipy.stats import chi2
 
-from calibration.diagnosis.decision.chance import beyond_chance
 from calibration.diagnosis.decision.comparison import Comparison
+from calibration.diagnosis.decision.departures import departures
 from calibration.diagnosis.decision.evidence import Evidence, Model, Named
 from calibration.diagnosis.decision.levels import Levels
-from calibration.diagnosis.decision.weighing import alike, matters, part, probability
+from calibration.diagnosis.decision.weighing import alike, counts, part, probability
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,11 +44,10 @@ def claim(name: Named, evidence: Evidence, levels: Levels) -> Claim:
 
   Names that can't be told apart have one probability together, as if the others were not there, since that several fit
   does not make it less likely that something is; of it each has at most its part by its own odds. A name that was
-  stretched as far as it may, that makes no difference, or that reaches no farther than chance, is none.
+  stretched as far as it may, or that does not count, is none.
   """
   equivalent = tuple(a.name for a in alike(name, levels))
-  counts = not name.at_bound and matters(name, evidence, levels) and beyond_chance(name, evidence, levels)
-  shared = probability(name, levels, equivalent) * counts
+  shared = probability(name, levels, equivalent) * (not name.at_bound and counts(name, evidence, levels))
   return Claim(
     mechanism=name.name,
     probability=min(probability(name, levels), part(name, levels) * shared),
@@ -63,13 +62,20 @@ def claim(name: Named, evidence: Evidence, levels: Levels) -> Claim:
 
 
 def sensor_claims(model: Model, evidence: Evidence, levels: Levels) -> list[Claim]:
-  """Biases far beyond what every sensor has; they are part of every model, so leaving them out is the test."""
+  """Errors far beyond what every sensor has; they are part of every model, so leaving them out is the test.
+
+  How far an age lies beyond is judged with the form deviation that ages have, see `departures`, and that of a bias by
+  `beyond_usual`.
+  """
+  ages = {figure.name for figure in model.measured if figure.usual}
+  apart = {departure.name for departure in departures(model.measured, levels)}
   claims = []
   for name in model.sensors:
-    if not beyond_usual(name, levels):
+    parameters = {e.name for e in name.estimates}
+    if not (parameters & apart if parameters & ages else beyond_usual(name, levels)):
       continue
     likely = levels.probability(name.t, name.held_out.drop)
-    if likely >= levels.claim and matters(name, evidence, levels) and beyond_chance(name, evidence, levels):
+    if likely >= levels.claim and counts(name, evidence, levels):
       estimates = _estimates(name, levels)
       claims.append(Claim(name.name, likely, likely, name.profile, name.held_out, estimates, (), (), True))
   return claims

@@ -30,7 +30,6 @@ class Levels:
     near: nats between two fits of a likelihood ratio of 20.
     claim: probability from which a name is claimed.
     gain: share that a name must take off the held-out error of some channel.
-    harm: share that a name may put onto the error of some channel.
     sure: one-sided confidence that what it takes off is above zero.
     conflict: chance that parameters of some name part that far from what was measured of the car.
     family: chance that anything scanned on a data set without an effect gets beyond its level.
@@ -63,7 +62,6 @@ class Levels:
   near: float
   claim: float
   gain: float
-  harm: float
   sure: float
   conflict: float
   family: float

@@ -1,7 +1,10 @@
 """What a name's evidence comes to: its probability, its part among names alike, and whether it makes a difference."""
 
+import math
+
 from scipy import stats
 
+from calibration.diagnosis.decision.chance import beyond_chance
 from calibration.diagnosis.decision.evidence import Alternative, Evidence, Named
 from calibration.diagnosis.decision.levels import Levels
 
@@ -33,19 +36,32 @@ def _odds(value: float) -> float:
   return value / (1.0 - value)
 
 
-def matters(name: Named, evidence: Evidence, levels: Levels) -> bool:
-  """Whether a name makes a difference that is no chance: to an error, or to what was measured of the car.
+def counts(name: Named, evidence: Evidence, levels: Levels) -> bool:
+  """Whether a name that is likely enough may be claimed, by either of two kinds of evidence.
 
-  Either it takes `gain` or more off some held-out channel's error, the blocks' gains being above zero (`sure`),
-  or without it parameters lie z * `spread` deviations or more from what was measured, z being the normal quantile at
-  which that happens by chance to any of the names tried with probability `conflict`. A name that surely puts more than
-  `harm` onto the error of some channel makes none.
+  Driving: it takes something off an error, see `matters`, and its seconds agree beyond chance. Or what was measured of
+  the car, with which the driving conflicts without it.
+  """
+  return (matters(name, levels) and beyond_chance(name, evidence, levels)) or conflicts(name, evidence, levels)
+
+
+def matters(name: Named, levels: Levels) -> bool:
+  """Whether a name makes a difference to the error on driving left out.
+
+  It takes `gain` or more off some channel's error, the blocks' gains being above zero (`sure`), and takes more off all
+  channels together than it adds, by the geometric mean of their errors.
   """
   least = float(stats.t.ppf(levels.sure, max(len(name.held_out.blocks) - 1, 1)))
-  if any(e.share < -levels.harm and e.t <= -least for e in name.errors):
-    return False
-  if any(e.share >= levels.gain and e.t >= least for e in name.errors):
-    return True
+  gains = any(e.share >= levels.gain and e.t >= least for e in name.errors)
+  return gains and math.prod(1.0 - e.share for e in name.errors) < 1.0
+
+
+def conflicts(name: Named, evidence: Evidence, levels: Levels) -> bool:
+  """Whether without a name parameters lie too far from what was measured of the car.
+
+  That is z * `spread` deviations or more, z being the normal quantile at which that happens by chance to any of the
+  names tried with probability `conflict`.
+  """
   tried = sum(s.gain is not None for s in evidence.scanned)
   z = float(stats.norm.isf(levels.conflict / (2.0 * max(tried, 1))))
   return name.held_out.priors >= (z * levels.spread) ** 2 / 2.0

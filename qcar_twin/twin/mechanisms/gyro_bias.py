@@ -4,14 +4,12 @@ from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, Mechanism, SensorError, Track
 from qcar_twin.twin.mechanisms.elements import replaced
 
-SPAN = 60.0  # s over which the drift is stated
-
 
 class GyroBias(Mechanism):
-  """The gyro reads a constant too much, which may creep during a recording.
+  """The gyro reads a constant too much.
 
-  Equation: yaw_rate' = yaw_rate + b + d t / 60 s, t the time in the recording.
-  Units: b rad/s, d rad/s per minute.
+  Equation: yaw_rate' = yaw_rate + b.
+  Units: b rad/s.
   Source: El-Sheimy, Hou and Niu, IEEE Trans. Instrumentation and Measurement 57(1), 2008.
   Confounded with: steering_offset where no pose was recorded.
   """
@@ -25,11 +23,7 @@ class GyroBias(Mechanism):
   # a gyro does not turn at rest, whatever else is wrong with the twin; it wanders with warmth and shaking
   sensor_errors = {"gyro_bias": SensorError(0.02, read_at_rest="yaw_rate", wander=0.002)}
   fitted_rank = 4
-  parameters = (
-    Parameter("gyro_bias", 0.0, -0.3, 0.3, "rad/s", "b", null=0.0, typical=0.03, description="constant"),
-    Parameter("gyro_bias_drift", 0.0, -0.3, 0.3, "rad/s", "d", null=0.0, typical=0.03, description="per minute"),
-  )
+  parameters = (Parameter("gyro_bias", 0.0, -0.3, 0.3, "rad/s", "b", null=0.0, typical=0.03, description="constant"),)
 
   def measure(self, theta: Array, track: Track) -> Array:
-    bias = theta[:, :1] + theta[:, 1:] * (track.recording_time / SPAN)
-    return replaced(track, yaw_rate=track.signal("yaw_rate") + bias)
+    return replaced(track, yaw_rate=track.signal("yaw_rate") + theta[:, :1])

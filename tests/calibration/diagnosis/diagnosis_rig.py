@@ -75,7 +75,6 @@ def response(name, segments):
     "gyro_scale": {"yaw_rate": 4.0 * lag(steering, 0.1)},
     "side_force": {"accel_y": 0.4 * lag(ones, 0.05)},
     "gyro_bias": {"yaw_rate": ones},
-    "gyro_bias_drift": {"yaw_rate": 0.1 * lag(ones, 3.0)},
     "side_force_x": {"accel_y": lag(steering, 0.2)},
   }[name]
   out = np.zeros((*volts.shape[:1], volts.shape[1] + 1, len(SIGNALS)))

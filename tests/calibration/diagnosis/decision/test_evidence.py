@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import time
 
 import numpy as np
@@ -72,7 +73,9 @@ def better(name, gain=0.0, priors=0.0, drop=0.0, taken=0.0):
   """A name with more held-out gain, more of it in the priors, a better fit, more taken off its errors."""
   test = name.held_out
   test = dataclasses.replace(test, gain=test.gain + gain, priors=test.priors + priors, drop=test.drop + drop)
-  errors = tuple(dataclasses.replace(e, share=e.share + taken, t=e.t + taken) for e in name.errors)
+  errors = tuple(
+    dataclasses.replace(e, share=1.0 - (1.0 - e.share) * math.exp(-taken), t=e.t + taken) for e in name.errors
+  )
   return dataclasses.replace(name, held_out=test, errors=errors)
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from calibration.diagnosis.decision.levels import FILE, read_levels, usual_levels
-from calibration.diagnosis.decision.weighing import matters
+from calibration.diagnosis.decision.weighing import counts, matters
 from calibration.diagnosis.score import compare
 from calibration.diagnosis.search.gather import Weighing, gather
 
@@ -68,19 +68,25 @@ def test_what_the_priors_gain_counts_as_held_out(offset_pool):
   assert more.t_with_priors == pytest.approx(found.t_with_priors + 1.0) and more.t == found.t
 
 
-def test_a_name_matters_by_an_error_or_by_a_conflict_with_what_was_measured(offset_pool):
+def test_a_name_matters_by_what_it_takes_off_errors(offset_pool):
   evidence, levels = gather(offset_pool), usual_levels()
   names = {n.name: n for m in evidence.of_size(1) for n in m.names}
   right, bystander = names["steering_offset"], names["quadratic_drag"]
-  assert matters(right, evidence, levels)
-  assert not matters(bystander, evidence, levels)
-  assert not matters(right, evidence, dataclasses.replace(levels, gain=0.99))
-  worse = dataclasses.replace(right.errors[0], share=-0.01, t=-9.0)
-  assert matters(dataclasses.replace(right, errors=(*right.errors, worse)), evidence, levels)
-  none = dataclasses.replace(levels, harm=0.0)
-  assert matters(right, evidence, none)
-  assert not matters(dataclasses.replace(right, errors=(*right.errors, worse)), evidence, none)
+  assert matters(right, levels) and not matters(bystander, levels)
+  assert not matters(right, dataclasses.replace(levels, gain=0.99))
+  all_left = math.prod(1.0 - e.share for e in right.errors)
+  for added, said in ((0.9 / all_left - 1.0, True), (1.1 / all_left - 1.0, False)):  # to one channel's error
+    worse = dataclasses.replace(right.errors[0], share=-added, t=-9.0)
+    assert matters(dataclasses.replace(right, errors=(*right.errors, worse)), levels) == said
+
+
+def test_a_name_counts_by_driving_beyond_chance_or_by_a_conflict_with_what_was_measured(offset_pool):
+  evidence, levels = gather(offset_pool), usual_levels()
+  names = {n.name: n for m in evidence.of_size(1) for n in m.names}
+  right, bystander = names["steering_offset"], names["quadratic_drag"]
+  assert counts(right, evidence, levels)
+  assert not counts(dataclasses.replace(right, scores=()), evidence, levels)
   z = float(stats.norm.isf(0.5 * levels.conflict / len(offset_pool.signatures))) * levels.spread
   for away, said in ((0.9 * z, False), (1.1 * z, True)):  # deviations that a mass lies from its scale without the name
     test = dataclasses.replace(bystander.held_out, priors=0.5 * away**2)
-    assert matters(dataclasses.replace(bystander, held_out=test), evidence, levels) == said
+    assert counts(dataclasses.replace(bystander, held_out=test, scores=()), evidence, levels) == said

@@ -72,7 +72,7 @@ def heights_of(curve: str, forms: dict[str, dict[str, float]], rng=None) -> np.n
 
 
 MADE = {
-  "steering_saturation": ("steering_curve", {"steering_saturation": 1.5, "steering_steepness": 0.3}),
+  "steering_saturation": ("steering_curve", {"steering_saturation": 1.5}),
   "steering_asymmetry": ("steering_curve", {"steering_asymmetry": 0.15}),
   "drive_chopped": ("drive_curve", {"drive_chopped": 0.8, "drive_chopped_supply": 6.0}),
   "quadratic_drag": ("resistance_curve", {"quadratic_drag": 0.8}),
