@@ -12,10 +12,10 @@ from joblib import delayed
 
 from calibration.concealed.campaign.run import all_answered
 from calibration.concealed.exam.cases import draw_cases
-from calibration.concealed.examination.commit import committed
+from calibration.concealed.examination.commit import code_of, committed
 from calibration.concealed.examination.page import verdict, write_exam
 from calibration.concealed.examination.run import attempt
-from calibration.concealed.examination.sealed import Plan, begin, close, is_answered, opened
+from calibration.concealed.examination.sealed import UNSEALED, Plan, begin, close, is_answered, opened
 from calibration.progress import counted
 from qcar_twin.command_line import run_script
 from qcar_twin.parallel import in_parallel
@@ -43,16 +43,15 @@ class Config:
 
 def main(config: Config) -> Path:
   """Answer what is missing, close, open the truths, write the page; returns its path."""
-  digest = f"{config.trial} (unsealed)" if config.unsealed else committed()
-  plan = begin(config.out, Plan(config.generator, digest, not config.unsealed, config.cases))
+  digest, code = (config.trial + UNSEALED, code_of()) if config.unsealed else (committed(), "")
+  plan = begin(config.out, Plan(config.generator, digest, not config.unsealed, config.cases, code=code))
   cases = draw_cases(plan.generator, plan.commit, plan.cases)
   todo = [] if plan.closed or config.close else [c for c in cases if not is_answered(config.out, c.name)]
   jobs = in_parallel([delayed(attempt)(case, config.out) for case in todo], config.workers)
   all_answered([line for _, line in counted(jobs, len(todo), "case")], config.out / "answers")
   plan = close(config.out, [case.name for case in cases], early=config.close)
   results = opened(config.out)
-  command = f"qcar-twin exam --generator {plan.generator} --cases {plan.cases} --out out/{config.out.name}"
-  report = write_exam(config.out, plan, results, command)
+  report = write_exam(config.out, plan, results, f"{plan.command} --out out/{config.out.name}")
   print(f"{verdict(results)}\nkey of the truths: {plan.key}\nreport: {report}")
   return report
 

@@ -27,6 +27,15 @@ def committed(root: Path = ROOT) -> str:
   return _git(root, "rev-parse", "HEAD")
 
 
+def code_of(root: Path = ROOT) -> str:
+  """What a trial is sat with, in words: the commit, and whether files differ from it; "" where git knows nothing."""
+  try:
+    commit, changed = _git(root, "rev-parse", "HEAD"), _git(root, "status", "--porcelain")
+  except NotCommitted:
+    return ""
+  return commit[:12] + (" with changed files" if changed else "")
+
+
 def _git(root: Path, *words: str) -> str:
   try:
     done = subprocess.run(["git", "-C", str(root), *words], capture_output=True, text=True, check=True)

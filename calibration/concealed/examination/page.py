@@ -85,8 +85,10 @@ def verdict(results: Sequence[Result]) -> str:
 
 
 def _state(plan: Plan) -> str:
-  kind = "sealed" if plan.sealed else "a trial that was not sealed"
-  return f"generator {plan.generator}, commit {plan.commit[:12]}, {kind}"
+  if plan.sealed:
+    return f"generator {plan.generator}, commit {plan.commit[:12]}, sealed"
+  begun = f", begun at {plan.code}" if plan.code else ""
+  return f"generator {plan.generator}, a trial that was not sealed{begun}"
 
 
 def _confusion(results: Sequence[Result]) -> Section:

@@ -18,6 +18,7 @@ import hmac
 import json
 import os
 import secrets
+import shlex
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -30,11 +31,18 @@ from ..campaign.archive import digest
 from ..laboratory.seal import SealError, commitment
 
 PLAN, KEY, HASHES = "exam.json", "key", "answers.sha256"
+UNSEALED = " (unsealed)"  # what ends the text that a trial is drawn from
 
 
 @dataclass(frozen=True)
 class Plan:
-  """What an exam was drawn from. `closed`: names of the cases it was closed with, none while it runs."""
+  """What an exam was drawn from.
+
+  Attributes:
+    commit: whose digits cases are drawn from; of a trial its text.
+    closed: names of the cases it was closed with, none while it runs.
+    code: what a trial was begun with; a sealed exam's is its commit.
+  """
 
   generator: str
   commit: str
@@ -42,6 +50,13 @@ class Plan:
   cases: int
   closed: tuple[str, ...] = ()
   key: str = ""
+  code: str = ""
+
+  @property
+  def command(self) -> str:
+    """What makes the exam again but for its folder; of a sealed one at its commit."""
+    trial = "" if self.sealed else f" --unsealed --trial {shlex.quote(self.commit.removesuffix(UNSEALED))}"
+    return f"qcar-twin exam --generator {self.generator} --cases {self.cases}{trial}"
 
 
 def begin(folder: Path, plan: Plan) -> Plan:

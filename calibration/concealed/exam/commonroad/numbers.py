@@ -19,6 +19,9 @@ SPREAD = {"m": 0.12, "I_z": 0.12, "h_s": 0.2, "R_w": 0.04, "K_s": 0.2, "K_d": 0.
 SHIFTS = ("p_hy1", "p_hy3", "p_vy1", "p_vy3")
 """Shifts of the tyres' side force. In the package they change sign with the wheel's camber, so that 4 % of a wheel's
 load jumps from one side to the other within a step: no tyre does that, and they are 0 here."""
+ONE_SIDED = ("r_hx1", "r_by3", "r_vy1")
+"""What is of one side in the tyres' combined slip: Pacejka 2012, ch. 4.3. A car has its left tyres mirrored on the
+right. The package has the same on both sides, so that its car steers by its drive, to a side: they are 0 here."""
 RESISTANCE = 0.012  # rolling resistance over weight
 FADING = 0.025  # 1/s at 1:10: deceleration per speed of the driveline's viscous friction
 
@@ -90,7 +93,7 @@ class Numbers:
 
 
 def draw(size: Size, rng: np.random.Generator) -> Numbers:
-  """A car about the published one: rear drive, brakes by its motor alone, no shifts of the tyres' side force.
+  """A car about the published one: rear drive, brakes by its motor alone, tyres the same to both sides.
 
   Raises MissingGenerator where the package is not installed.
   """
@@ -113,7 +116,7 @@ def draw(size: Size, rng: np.random.Generator) -> Numbers:
     setattr(p.tire, name, getattr(p.tire, name) * grip)
   for name in ("p_kx1", "p_ky1"):
     setattr(p.tire, name, getattr(p.tire, name) * stiff)
-  for name in SHIFTS:
+  for name in (*SHIFTS, *ONE_SIDED):
     setattr(p.tire, name, 0.0)
   p.steering.v_max, p.steering.v_min = size.servo_rate, -size.servo_rate
   weight = p.m * GRAVITY

@@ -6,8 +6,8 @@ which spin up to what rolls.
 
 The package turns a wished acceleration into a torque m R_w u at the driven wheels, and takes a rate of steering. So a
 current and the driveline's losses are a torque, and a position loop of first order turns the road wheels. Its axes are
-SAE's, y to the right and z down, and its equations are the same in a mirror: y, yaw and steering are read as to the
-left. The IMU sits on the sprung mass: it feels gravity by roll and pitch.
+SAE's, y to the right and z down, and with tyres that are the same to both sides its equations are the same in a mirror:
+y, yaw and steering are read as to the left. The IMU sits on the sprung mass: it feels gravity by roll and pitch.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ _GAMMA = 1.0 + 1.0 / sqrt(2.0)  # of the method: damps what is infinitely stiff
 _STEEPER = 1.5  # slip stiffness in the method's matrix, over that of the static load: load moves to the outer wheel
 _WHEELS = (23, 24, 25, 26)
 _SLOWEST = 0.1  # m/s: below it the package's model is another one
+_ENOUGH = 20  # steps to the spin of a rolling wheel, each of which leaves a third of what is missing
 
 
 class CommonroadPlant:
@@ -35,12 +36,17 @@ class CommonroadPlant:
     self.state: list[float] = []
 
   def start(self, start: Start) -> np.ndarray:
-    """Rolling straight, at rest on springs and tyres (the package's own start is not)."""
+    """Rolling straight, at rest on springs and tyres (the package's own start is not), with wheels that slip as long as
+    nothing drives: a recording begins in a drive that goes on."""
     p = self.p
     at_rest = load_package("vehiclemodels.init_mb", "commonroad-vehicle-models").init_mb
     self.state = x = [float(v) for v in at_rest([start.x, start.y, 0.0, start.speed, start.yaw, 0.0, 0.0], p)]
     x[8] = (x[21] - x[16]) / (p.a + p.b)  # springs as long as under the static load
     x[11] = x[16] + p.a * x[8]
+    for _ in range(_ENOUGH):
+      rate = self.rate(list(x), (0.0, self._push(0.0)), p)
+      for wheel, (stiffness, _) in self._held().items():
+        x[wheel] += (rate[wheel] - rate[3] / p.R_w) / stiffness
     return self._signals(self.rate(list(x), (0.0, self._push(0.0)), p))
 
   def advance(self, drive: float, steer: float) -> np.ndarray:
@@ -73,15 +79,19 @@ class CommonroadPlant:
 
   def _solved(self, right: list[float], step: float) -> list[float]:
     """k of (1 - gamma h A) k = right. A: d(spin) decays to what rolls at the speed of the wheel's centre."""
-    p, x = self.p, self.state
-    grip = _STEEPER * p.R_w**2 * p.tire.p_kx1 * 0.25 * p.m * GRAVITY / p.I_y_w
     out = list(right)
-    for wheel, aside in zip(_WHEELS, (p.T_f, -p.T_f, p.T_r, -p.T_r), strict=True):
-      over = x[3] + 0.5 * aside * x[5]
-      stiff = _GAMMA * step * grip / max(over, _SLOWEST)
-      rolling = (right[3] + 0.5 * aside * right[5]) / p.R_w
+    for wheel, (stiffness, aside) in self._held().items():
+      stiff = _GAMMA * step * stiffness
+      rolling = (right[3] + aside * right[5]) / self.p.R_w
       out[wheel] = (right[wheel] + stiff * rolling) / (1.0 + stiff)
     return out
+
+  def _held(self) -> dict[int, tuple[float, float]]:
+    """Of each wheel's spin how fast its tyre brings it to what rolls, 1/s, and how far it is to the side, m."""
+    p, x = self.p, self.state
+    grip = _STEEPER * p.R_w**2 * p.tire.p_kx1 * 0.25 * p.m * GRAVITY / p.I_y_w
+    asides = (0.5 * p.T_f, -0.5 * p.T_f, 0.5 * p.T_r, -0.5 * p.T_r)
+    return {w: (grip / max(x[3] + y * x[5], _SLOWEST), y) for w, y in zip(_WHEELS, asides, strict=True)}
 
   def _push(self, current: float) -> float:
     """The acceleration that the package turns into the torque at the driven wheels."""

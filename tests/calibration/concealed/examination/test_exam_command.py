@@ -6,7 +6,7 @@ import pytest
 
 from calibration.concealed.campaign.run import CaseFailed
 from calibration.concealed.examination import run
-from calibration.concealed.examination.commit import NotCommitted, committed
+from calibration.concealed.examination.commit import NotCommitted, code_of, committed
 from calibration.concealed.examination.sealed import read_plan
 from scripts import exam
 
@@ -40,19 +40,24 @@ def test_an_exam_that_was_stopped_goes_on_with_what_is_missing(tmp_path, quick, 
   assert report.is_file() and read_plan(config.out).key in capsys.readouterr().out
   exam.main(config)
   assert len(quick) == 4, "a closed exam is only scored"
+  page = (config.out / "exam.md").read_text()
+  assert "`qcar-twin exam --generator slipx --cases 3 --unsealed --trial trial --out out/exam`" in page
 
 
 def test_changed_files_are_refused(tmp_path):
   git = lambda *words: subprocess.run(["git", "-C", str(tmp_path), *words], check=True, capture_output=True)
   with pytest.raises(NotCommitted, match="no checkout"):
     committed(tmp_path)
+  assert code_of(tmp_path) == ""
   git("init", "-q")
   (tmp_path / "a.py").write_text("a = 1\n")
   with pytest.raises(NotCommitted, match=r"a\.py"):
     committed(tmp_path)
   git("add", "a.py")
   git("-c", "user.name=x", "-c", "user.email=x@y", "commit", "-qm", "a")
-  assert len(committed(tmp_path)) == 40
+  assert len(committed(tmp_path)) == 40 and code_of(tmp_path) == committed(tmp_path)[:12]
+  (tmp_path / "a.py").write_text("a = 2\n")
+  assert code_of(tmp_path).endswith(" with changed files")
 
 
 @pytest.mark.slow
