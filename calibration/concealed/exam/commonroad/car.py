@@ -68,7 +68,7 @@ class CommonroadCar:
     p, (bounce, damping) = self.numbers.car, self.numbers.bounce
     true = {
       "mass": p.m, "yaw_inertia": p.I_z, "cg_to_front": p.a, "cg_to_rear": p.b, "track_width": 0.5 * (p.T_f + p.T_r),
-      "cg_height": p.h_s, "wheel_radius": p.R_w, "motor_constant": self.numbers.per_ampere * GEAR,
+      "cg_height": self.numbers.height, "wheel_radius": p.R_w, "motor_constant": self.numbers.per_ampere * GEAR,
       "suspension_frequency": bounce, "suspension_damping_ratio": damping,
     }  # fmt: skip
     std = {name: STD[name] * value for name, value in true.items()}

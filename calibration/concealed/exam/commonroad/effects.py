@@ -95,7 +95,7 @@ def nuisances_of(std: dict[str, float], n: Numbers) -> dict[str, Nuisance]:
     "mass": Nuisance(scale(*_MASSES), 0.01, share("mass", p.m)),
     "yaw inertia": Nuisance(scale("car.I_z"), 0.02, share("yaw_inertia", p.I_z)),
     "centre of gravity": Nuisance(_forward, 0.01 * p.a, std["cg_to_front"]),
-    "height": Nuisance(scale("car.h_s"), 0.05, share("cg_height", p.h_s)),
+    "height": Nuisance(scale("car.h_s"), 0.05, share("cg_height", n.height)),
     "wheel radius": Nuisance(scale("car.R_w"), 0.005, share("wheel_radius", p.R_w)),
     "wheel inertia": Nuisance(scale("car.I_y_w"), 0.1),
     "torque": Nuisance(scale("per_ampere"), 0.01),

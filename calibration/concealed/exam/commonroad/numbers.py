@@ -85,6 +85,12 @@ class Numbers:
     return copy.deepcopy(self)
 
   @property
+  def height(self) -> float:
+    """Of the centre of gravity of the whole car, m; the package's `h_s` is that of the sprung mass."""
+    p = self.car
+    return (p.m_s * p.h_s + (p.m_uf + p.m_ur) * p.R_w) / p.m
+
+  @property
   def bounce(self) -> tuple[float, float]:
     """Frequency [Hz] and damping ratio of the sprung mass on its four springs."""
     p = self.car
