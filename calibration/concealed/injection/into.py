@@ -7,11 +7,13 @@ have had to be commanded. Nothing that changes the car can be put into a log.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.log_check.pairs import clock
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording, Stream
@@ -55,7 +57,16 @@ def injected(dataset: DataSet, injection: Injection, size: float) -> DataSet:
 def fitting(dataset: DataSet) -> dict[str, Injection]:
   """Those that the recordings have a channel for."""
   present = {name for recording in dataset.recordings for name in recording.channels}
-  return {name: one for name, one in INJECTIONS.items() if present & set(one.needs)}
+  zero = clock(dataset.recordings)
+  return {name: _against(one, zero) for name, one in INJECTIONS.items() if present & set(one.needs)}
+
+
+def _against(injection: Injection, zero: str) -> Injection:
+  """The same where ages are counted from the sensor that it makes older: all others get younger, commands act later."""
+  if (moved := injection.shows.get(zero)) is None:
+    return injection
+  others = {name: -moved for name in _AGES if name != zero} | dict.fromkeys(_DELAYS, moved)
+  return dataclasses.replace(injection, shows=others, also=(*injection.also, zero))
 
 
 def _streams(recording: Recording, names: tuple[str, ...], change: Callable[[Stream], Stream]) -> Recording:
@@ -107,7 +118,7 @@ def _drifting(recording: Recording, size: float) -> Recording:
 
 _scaled = lambda values, size: (1.0 + size) * values
 _shifted = lambda values, size: values + size
-_AGES = ("encoder_latency", "imu_latency", "pose_latency")
+_AGES, _DELAYS = ("encoder_latency", "imu_latency", "pose_latency"), ("drive_delay", "steering_delay")
 
 INJECTIONS: dict[str, Injection] = {
   "steering_dead_time": Injection(

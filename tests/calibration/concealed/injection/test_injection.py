@@ -8,7 +8,7 @@ import pytest
 from calibration.concealed.injection.halves import halves
 from calibration.concealed.injection.into import IMU, INJECTIONS, fitting, injected
 from calibration.concealed.injection.page import counts, page
-from calibration.concealed.injection.trials import Bench, came_back, drawn, kept
+from calibration.concealed.injection.trials import Bench, Fitted, came_back, drawn, kept, own_share
 from qcar_twin.atomic_io import write_json
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording, RecordingError, Stream
@@ -63,7 +63,16 @@ def test_only_what_has_a_channel_is_injected():
     "blind", (recording().replace(streams={n: ONE.recordings[0][n] for n in ("motor_voltage", "motor_speed")}),)
   )
   assert set(fitting(blind)) == {"drive_dead_time", "wheels_age", "clock_drift"}
-  assert set(fitting(ONE)) == set(INJECTIONS)
+  assert fitting(ONE) == INJECTIONS
+
+
+def test_where_ages_are_counted_from_the_wheels_late_wheels_are_all_else_early():
+  without = DataSet(
+    "open", (recording().replace(streams={n: s for n, s in ONE.recordings[0].streams.items() if "pose" not in n}),)
+  )
+  late = fitting(without)["wheels_age"]
+  assert late.shows == {"imu_latency": -1.0, "pose_latency": -1.0, "drive_delay": 1.0, "steering_delay": 1.0}
+  assert "encoder_latency" in late.right and fitting(without)["imu_age"] == INJECTIONS["imu_age"]
 
 
 def test_halves_share_nothing_and_leave_the_hold_out_shut():
@@ -88,23 +97,40 @@ def test_one_long_recording_is_cut_first():
     halves(ONE, np.random.default_rng(0))
 
 
-PLAIN = {"gyro_scale": (0.02, 0.005), "steering_curve_left_3": (0.1, 0.03), "steering_curve_left_1": (0.0, 0.03),
-         "drive_delay": (0.05, 0.01)}  # fmt: skip
+ESTIMATES = {"gyro_scale": (0.02, 0.005), "steering_curve_left_3": (0.1, 0.03), "steering_curve_left_1": (0.0, 0.03),
+             "drive_delay": (0.05, 0.01)}  # fmt: skip
+
+
+def fit(estimates=ESTIMATES, **shares):
+  return Fitted(estimates, dict.fromkeys(estimates, "-"), dict.fromkeys(estimates, 1.0) | shares)
 
 
 def test_sizes_are_drawn_in_nats_of_the_difference_of_two_fits():
   for seed in range(20):
-    size, nats = drawn(INJECTIONS["gyro_gain"], PLAIN, np.random.default_rng(seed))
+    size, nats = drawn(INJECTIONS["gyro_gain"], fit(), np.random.default_rng(seed))
     assert 0.5 * (size / (np.sqrt(2.0) * 0.005)) ** 2 == pytest.approx(nats)
     assert nats <= 500.0 and abs(size) <= 0.4
-  assert drawn(INJECTIONS["clock_drift"], PLAIN, np.random.default_rng(0))[1] is None
+  assert drawn(INJECTIONS["clock_drift"], fit(), np.random.default_rng(0))[1] is None
+
+
+def test_what_the_prior_says_is_worth_no_nats():
+  half, none = own_share(0.5**0.5, 1.0), own_share(0.0031, 0.003)
+  assert half == pytest.approx(0.5) and none == 0.0
+  (size, nats), (whole, same) = (
+    drawn(INJECTIONS["gyro_gain"], fit(gyro_scale=c), np.random.default_rng(3)) for c in (half, 1.0)
+  )
+  assert size == pytest.approx(2.0 * whole) and nats == pytest.approx(same), "it must be twice as large"
+  assert drawn(INJECTIONS["gyro_gain"], fit(gyro_scale=none), np.random.default_rng(3))[1] is None
+  other = fit(ESTIMATES | {"gyro_scale": (0.07, 0.005)})
+  assert came_back(INJECTIONS["gyro_gain"], fit(gyro_scale=half), other)[0] == pytest.approx(0.1)
+  assert came_back(INJECTIONS["gyro_gain"], fit(gyro_scale=none), other) == (None, None)
 
 
 def test_a_gain_comes_back_from_all_knots_that_it_moves():
-  other = PLAIN | {"steering_curve_left_3": (0.2, 0.03), "steering_curve_left_1": (0.1 / 3.0, 0.03)}
-  back, std = came_back(INJECTIONS["steering_gain"], PLAIN, other)
+  other = fit(ESTIMATES | {"steering_curve_left_3": (0.2, 0.03), "steering_curve_left_1": (0.1 / 3.0, 0.03)})
+  back, std = came_back(INJECTIONS["steering_gain"], fit(), other)
   assert back == pytest.approx(0.1) and std == pytest.approx(0.03 * np.sqrt(2.0 / (1.0 + 1.0 / 9.0)))
-  assert came_back(INJECTIONS["imu_age"], PLAIN, other) == (None, None)
+  assert came_back(INJECTIONS["imu_age"], fit(), other) == (None, None)
 
 
 def moved(*names):
@@ -142,7 +168,7 @@ def answered(tmp_path, monkeypatch):
   """A bench whose fits are given: every number of the untouched set, but for what was put in."""
   calls = []
 
-  def fit(self, name, dataset):
+  def told(self, name, dataset):
     calls.append(name)
     if name == "injection_001":
       raise RecordingError("two sensors contradict each other")
@@ -151,9 +177,9 @@ def answered(tmp_path, monkeypatch):
     if name.startswith("injection"):
       values["steering_delay"] = (0.2, 0.001)
     write_json(tmp_path / "seen.json", {"last": name})
-    return values, dict.fromkeys(names, "-")
+    return fit(values)
 
-  monkeypatch.setattr(Bench, "fitted", fit)
+  monkeypatch.setattr(Bench, "fitted", told)
   monkeypatch.setattr(DataSet, "load", classmethod(lambda cls, folder: ONE))
   return calls
 
