@@ -49,9 +49,9 @@ class Fitted:
   @classmethod
   def of(cls, car: Characterised) -> Fitted:
     """Of a characterised twin."""
-    found, fit = estimates(car), car.fitted.fit
+    told, fit = estimates(car), car.fitted.fit
     prior = dict(zip(fit.parameters.names, (1.0 / fit.parameters.deviation_slopes(fit.theta)).tolist(), strict=True))
-    return cls(found, units(car), {name: own_share(std, prior[name]) for name, (_, std) in found.items()})
+    return cls(told, units(car), {name: own_share(std, prior[name]) for name, (_, std) in told.items()})
 
 
 @dataclasses.dataclass(frozen=True)
