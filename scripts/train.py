@@ -52,6 +52,9 @@ class Config:
   """Twin file (TOML) of a calibration or a diagnosis; the nominal twin where empty."""
   estimator: Literal["fekf", "truth"] = "fekf"
   """State the agent receives: the federated filter on noisy sensors, or the truth."""
+  unknown: tuple[str, ...] = ()
+  """Numbers that the filter estimates besides, as `track` does; none: the plain filter, which the shipped agents learnt
+  with."""
   demonstrator: str = "lq_ed"
   """Controller the reward compares with; 'none' trains without the demonstrator's term."""
   version: Literal["loose", "tuned"] = "tuned"
@@ -82,7 +85,12 @@ def main(config: Config) -> None:
   if config.algorithm != "paper" or (config.resume and is_by_reward(config.out)):
     trial = trial_from(asked, {f.name: f.default for f in dataclasses.fields(Config)})
     result = train_by_reward(
-      trial, config.out, resume=config.resume, tensorboard=config.tensorboard, device=config.device
+      trial,
+      config.out,
+      resume=config.resume,
+      tensorboard=config.tensorboard,
+      device=config.device,
+      workers=config.workers,
     )
     print(f"{config.out}: {in_words(result)}")
     return

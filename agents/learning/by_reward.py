@@ -65,7 +65,8 @@ def judge(
     observer = TrueObserver()
     if options.estimator == "fekf":
       suite = SensorSuite(qcar_sensors(), JUDGES, EVALUATION_SEED)
-      observer = SensedObserver(suite, model.car, model.filter_settings(options.plant))
+      settings = model.filter_settings(options.plant).estimating(*options.unknown)
+      observer = SensedObserver(suite, model.car, settings)
     servo = Actuation(task.servo_delay, task.servo_lag, gain, offset)
     speed = task.speed + task.speed_spread * np.linspace(-1.0, 1.0, JUDGES)
     wanted = Task(task.path, speed, 1, task.lock, actuation=servo)

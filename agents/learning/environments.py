@@ -10,7 +10,7 @@ import difflib
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, Literal, get_args, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from qcar_twin.envs.fleet import Demonstrator, Fleet, FleetConfig, Spread
 from qcar_twin.envs.gym_env import FleetVectorEnv, PathTrackingEnv
 from qcar_twin.envs.spaces import Interface
 from qcar_twin.envs.task import NEVER_NEGATIVE, POSITIVE, Reward, TrackingTask, refuse_numbers
+from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.extras import extra
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.paths import Errors, Path
@@ -55,6 +56,7 @@ class Options:
     twin: twin file of a calibrated or repaired twin; the nominal twin without it.
     substeps: simulation steps of the twin per control period; 2 is meant for training, 5 for everything else.
     estimator: what the agent sees: the federated filter on noisy sensors, or the truth.
+    unknown: numbers that the filter estimates besides the motion, of `PRIORS`; none for the plain filter.
     demonstrator, version: controller of agents/data/controllers.toml whose steering angle the reward compares with;
       "" for none.
     steering_gain, steering_offset: of the linkage, - and deg; neither agent nor filter knows them.
@@ -88,12 +90,14 @@ class Options:
   reward: Reward = Reward()
   stretch: float = 0.0
   speed_spread: float = 0.0
+  unknown: tuple[str, ...] = ()
 
   def __post_init__(self) -> None:
     refuse_numbers(self, (*POSITIVE, "substeps"), NEVER_NEGATIVE)
     for name, hint in get_type_hints(type(self)).items():
-      if choices := get_args(hint):
-        one_of_them(name, getattr(self, name), choices)
+      if get_origin(hint) is Literal:
+        one_of_them(name, getattr(self, name), get_args(hint))
+    FilterSettings().estimating(*self.unknown)
     if self.version not in controllers.VERSIONS:
       one_of_them("version", self.version, controllers.VERSIONS)
     if self.demonstrator:
@@ -218,7 +222,7 @@ def fleet(
     demonstrator=demonstrator_of(options, model),
     sensors=qcar_sensors() if sensed else None,
     car=model.car,
-    settings=model.filter_settings(options.plant) if sensed else None,
+    settings=model.filter_settings(options.plant).estimating(*options.unknown) if sensed else None,
     spread=spread,
   )
   return Fleet(task_of(options, model.vehicle.max_steering), config, seeds)
@@ -231,7 +235,7 @@ def interface_of(observation: str = "wide", normalised: bool = True) -> Interfac
 
 
 def options_from(given: Mapping[str, Any]) -> Options:
-  """Options from keyword arguments; the reward may be a table of its weights.
+  """Options from keyword arguments; the reward may be a table of its weights, unknown numbers a list or one name.
 
   Raises:
     TypeError: a name there isn't, with the nearest one.
@@ -241,7 +245,9 @@ def options_from(given: Mapping[str, Any]) -> Options:
   if isinstance(reward, Mapping):
     _names_of(Reward, reward, "weight of the reward")
     reward = Reward(**reward)
-  return Options(**{**given, "reward": reward})
+  unknown = given.get("unknown", ())
+  unknown = (unknown,) if isinstance(unknown, str) else tuple(unknown)
+  return Options(**{**given, "reward": reward, "unknown": unknown})
 
 
 def _names_of(kind: type, given: Mapping[str, Any], what: str) -> None:

@@ -21,12 +21,11 @@ from agents.control.model import Model
 from agents.control.speed import SpeedGains
 from agents.learning.checkpoint import POINTER, load_checkpoint, save_checkpoint
 from agents.learning.ddpg import Agent, Settings, actor_layers, demonstrate, make_agent
-from agents.learning.environments import Options, OwnPlant, fleet, plant_of, task_of
+from agents.learning.environments import Options, OwnPlant, fleet, options_from, plant_of, task_of
 from agents.learning.imitation import imitate, teacher
 from agents.learning.observation import ObservationSpec
 from agents.learning.policy_file import Policy, export_onnx, load_policy, save_policy, sight_from
 from qcar_twin.atomic_io import naming, whole_file, write_json, write_text
-from qcar_twin.envs.task import Reward
 from qcar_twin.envs.vector_env import FleetVecEnv
 from qcar_twin.estimation.observer import SensedObserver, TrueObserver
 from qcar_twin.extras import extra
@@ -70,12 +69,11 @@ class Plan:
   @classmethod
   def from_json(cls, table: dict[str, Any]) -> "Plan":
     """A plan from what `as_json` gave."""
-    options = dict(table["options"])
-    options["reward"] = Reward(**options["reward"])
+    options = options_from(table["options"])
     settings = dict(table["settings"])
     settings["observation_scale"] = tuple(settings["observation_scale"])
     rest = {name: table[name] for name in ("seed", "every", "judges", "progress_bar")}
-    return cls(Options(**options), Settings(**settings), **rest, sight=sight_from(table.get("sight", {})))
+    return cls(options, Settings(**settings), **rest, sight=sight_from(table.get("sight", {})))
 
   @classmethod
   def kept(cls, file: Path) -> "Plan":
@@ -118,7 +116,7 @@ def judge(policy: Policy, plan: Plan, model: Model, own_plant: OwnPlant | None =
   observer = TrueObserver()
   if options.estimator == "fekf":
     suite = SensorSuite(qcar_sensors(), plan.judges, EVALUATION_SEED)
-    observer = SensedObserver(suite, model.car, model.filter_settings(options.plant))
+    observer = SensedObserver(suite, model.car, model.filter_settings(options.plant).estimating(*options.unknown))
   bent = np.resize(BENT, (plan.judges, 2)) * (task.gain_spread, task.offset_spread)
   gain, offset = bent.T + np.array([[task.steering_gain], [task.steering_offset]])
   servo = Actuation(task.servo_delay, task.servo_lag, gain, offset)

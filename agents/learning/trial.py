@@ -28,7 +28,7 @@ TRACKS = Options(
 )
 """The default task: 400 m of random track on the reduced car, 6 m an episode, each with its own linkage and speed."""
 SEEING = ("ppo",)  # algorithms whose critic may see more than their actor
-TAKEN = ("plant", "twin", "estimator", "steering_gain", "steering_offset", "randomise")
+TAKEN = ("plant", "twin", "estimator", "unknown", "steering_gain", "steering_offset", "randomise")
 PAPERS = ("episodes", "demonstrator", "version", "demonstrator_weight", "demonstrations", "near", "cars", "wide")
 
 

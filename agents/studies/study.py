@@ -28,7 +28,7 @@ PATHS = ("o", "infinity", "c")
 MISMATCH = (0.92, 1.0)  # steering gain -, offset deg, fixed before anything was trained
 CONTROLLERS = "controllers"
 WIDE = SIGHTS["wide"]
-ALIKE = ("twin", "estimator", "version", "steering_gain", "steering_offset", "randomise")
+ALIKE = ("twin", "estimator", "unknown", "version", "steering_gain", "steering_offset", "randomise")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +83,8 @@ def plan_from(asked: Mapping[str, Any]) -> Plan:
   """The paper's training, or the imitation, that options of `qcar-twin train`, by name, ask for."""
   plant, quick = "twin" if asked["plant"] == "auto" else asked["plant"], asked["quick"]
   if asked["wide"]:
-    return wide_plan(asked["twin"], "bicycle" if quick else plant, asked["seed"], quick)
+    plan = wide_plan(asked["twin"], "bicycle" if quick else plant, asked["seed"], quick)
+    return dataclasses.replace(plan, options=dataclasses.replace(plan.options, unknown=asked["unknown"]))
   alone = asked["demonstrator"] == "none"
   reward = Reward(near=asked["near"], m6=0.0 if alone else asked["demonstrator_weight"])
   taken = {name: asked[name] for name in ALIKE} | {"path": asked["path"] or "s", "reward": reward}

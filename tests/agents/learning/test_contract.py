@@ -210,6 +210,7 @@ def test_rewards_are_finite_whatever_the_action(face, plant, wrong):
     ({"demonstrator": "lq_e"}, "did you mean lq_ed"),
     ({"version": "tune"}, "did you mean tuned"),
     ({"observation": "wid"}, "did you mean wide"),
+    ({"unknown": "steering_gains"}, "did you mean 'steering_gain'"),
     ({"estimater": "truth"}, "did you mean estimator"),
     ({"render_mode": "human"}, "no render mode 'human'"),
     ({"stretch": 1000.0}, "a stretch of 1000 m of path .s., which has 6.4 m"),

@@ -98,6 +98,12 @@ def test_every_option_is_an_argument_of_the_environment(field, value, reads):
   assert reads(task_of(dataclasses.replace(OPTIONS, **{field: value}))) == value
 
 
+def test_the_filter_in_the_loop_estimates_what_is_unknown():
+  env = make_env(plant="bicycle", unknown=["steering_gain", "speed_scale"])
+  settings = env.fleet.config.settings
+  assert set(settings.rows) == {"steering_gain", "speed_scale"}
+
+
 # -- the judge -----------------------------------------------------------------------------------
 
 

@@ -136,10 +136,22 @@ def test_options_of_the_command_reach_the_training_and_those_left_out_are_the_fi
   assert asked_for(tmp_path, algorithm="ppo", path="o").options.stretch == 0.0
   assert asked_for(tmp_path, algorithm="sac", quick=True).every == CLOSEST
   assert asked_for(tmp_path, algorithm="sac", plant="twin", steering_gain=0.9).options.plant == "twin"
+  trial = asked_for(tmp_path, algorithm="ppo", unknown=("steering_gain",))
+  assert trial.options.unknown == ("steering_gain",)
+  (tmp_path / "training.json").write_text(json.dumps(trial.as_json()), encoding="utf-8")
+  assert Trial.kept(tmp_path / "training.json") == trial
   with pytest.raises(ValueError, match="--episodes is of the paper's training"):
     asked_for(tmp_path, algorithm="td3", episodes=5)
   with pytest.raises(ValueError, match="sees the truth is for ppo; take --critic own"):
     asked_for(tmp_path, algorithm="sac", critic="truth")
+
+
+def test_workers_and_device_of_the_command_reach_the_training(tmp_path, monkeypatch, capsys):
+  given = {}
+  monkeypatch.setattr(train, "train_by_reward", lambda trial, out, **options: given.update(options))
+  monkeypatch.setattr(train, "in_words", lambda result: "done")
+  train.main(train.Config(tmp_path, "ppo", workers=3, device="cuda", tensorboard=False))
+  assert given == {"resume": False, "tensorboard": False, "device": "cuda", "workers": 3}
 
 
 def test_a_value_is_refused_before_anything_is_written(tmp_path):
