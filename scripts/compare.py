@@ -36,13 +36,15 @@ class Config:
   """Streams of sensor noise on each of O, infinity and C."""
   tracks: int = 20
   """Number of random tracks."""
+  unknown: tuple[str, ...] = ()
+  """Numbers that the filter estimates besides, as `track` does; none: the plain filter."""
   quick: bool = False
   """Four streams, two tracks."""
 
 
 def main(config: Config) -> None:
   """Drive, write, print the tables."""
-  design = Design(config.plant, config.speed, config.streams, config.tracks)
+  design = Design(config.plant, config.speed, config.streams, config.tracks, unknown=config.unknown)
   if config.quick:
     design = dataclasses.replace(design, streams=4, tracks=2, per_track=2)
   drivers = drivers_of(config.policy, config.controllers, config.names, config.speed)

@@ -33,6 +33,7 @@ class Design:
   Attributes:
     plant: its name.  speed: m/s.
     streams: of noise on each of PATHS.  tracks: random ones.  per_track: streams on each.
+    unknown: numbers that the filter estimates besides.
   """
 
   plant: str = "reduced"
@@ -40,11 +41,14 @@ class Design:
   streams: int = 100
   tracks: int = 20
   per_track: int = 5
+  unknown: tuple[str, ...] = ()
 
   def cases(self, mismatch: str) -> dict[str, list[EvaluationCase]]:
     """Cases of each course, by its name."""
     gain, offset = MISMATCHES[mismatch]
-    made = lambda path, cars, seed: EvaluationCase(path, self.plant, self.speed, gain, offset, cars, seed)
+    made = lambda path, cars, seed: EvaluationCase(
+      path, self.plant, self.speed, gain, offset, cars, seed, unknown=self.unknown
+    )
     courses = {path: [made(path, self.streams, FIRST_SEED)] for path in PATHS}
     if self.tracks:
       random = [made(f"random:{FIRST_TRACK + k}", self.per_track, FIRST_SEED + 1 + k) for k in range(self.tracks)]
