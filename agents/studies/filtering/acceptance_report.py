@@ -13,6 +13,7 @@ from agents.studies.filtering.acceptance_study import (
   Subject,
   judge,
   limit_drive,
+  lock_drive,
   weave_drive,
 )
 from qcar_twin import markdown
@@ -31,6 +32,7 @@ def judged(subjects: Sequence[Subject], quick: bool = False) -> Judged:
     sound, limit = Case(), judge(subject, limit_drive(subject), Case())
     for title, sign in (("limit, forward", 1.0), ("limit, reverse", -1.0)):
       done[title, subject.name] = limit.of(LIMIT[:, 0] * sign > 0.0), sound
+    done["full lock", subject.name] = judge(subject, lock_drive(subject), sound), sound
     weave = weave_drive(subject)
     for name, case in list(CASES.items())[: 1 if quick else None]:
       done[name, subject.name] = judge(subject, weave, case), case
@@ -46,8 +48,9 @@ def acceptance_sections(subjects: Sequence[Subject], quick: bool = False) -> lis
     "## What the filter gets through",
     "",
     "The online filter with its watches on cars that are driven open loop, 8 or 20 s. At the limit there are 2"
-    " s of full throttle. A step steer of 0.3 rad follows, either way, at 3 and 4 V. Otherwise one car weaves"
-    " forward and one in reverse at 0.3 to 0.7 m/s. What the case names happens from 6 s on. The first and the"
+    " s of full throttle. A step steer of 0.3 rad follows, either way, at 3 and 4 V. At full lock wheels go from"
+    " stop to stop, 0.5 rad, twice a second, at some 0.7 m/s. Otherwise one car weaves forward and one in reverse"
+    " at 0.3 to 0.7 m/s. What the case names happens from 6 s on. The first and the"
     " second car are the independent ones of the concealed sessions. Their filter has the vehicle table as"
     " measured and nominal drive and tyres. Valid is the share of all periods. Beyond is the share of the valid"
     " ones in which position or yaw is beyond its bound. Each bound is stated with a risk of"

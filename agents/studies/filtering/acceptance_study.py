@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 LIMIT = np.array([(4.0, 0.3), (4.0, -0.3), (-4.0, 0.3), (-4.0, -0.3), (3.0, 0.3), (-3.0, -0.3)])  # V, rad
 LIMIT_SECONDS, WEAVE_SECONDS = 8.0, 20.0
+LOCK, LOCK_SPEED, LOCK_PERIOD = 0.5, 1.0, 1.0  # rad, m/s with straight wheels, s from one side to the other and back
 EPOCH = 1000.0  # s, what the clock shows at the start
 SENSORS = ("encoder", "gyro", "poses")  # words of the warnings
 
@@ -130,6 +131,11 @@ def weave_drive(subject: Subject) -> Driven:
   return drive(subject, weaving(subject.car), WEAVE_SECONDS)
 
 
+def lock_drive(subject: Subject) -> Driven:
+  """Two cars whose wheels are thrown from stop to stop, forward and in reverse."""
+  return drive(subject, from_stop_to_stop(subject.car), LIMIT_SECONDS)
+
+
 def drive(subject: Subject, commands: Callable[[float], Array], seconds: float) -> Driven:
   """Drive by commands (N, 2) over time; cars start at rest, ten metres apart."""
   period = subject.settings.period
@@ -155,10 +161,26 @@ def weaving(car: SingleTrackCar) -> Callable[[float], Array]:
 
   def commands(time: float) -> Array:
     speed = SPEED + SWING * math.sin(2.0 * math.pi * time / SWING_PERIOD)
-    hold = (car.drive_damping * speed / car.rolling_radius + car.drive_friction) / car.drive_gain
+    hold = _holding(car, speed)
     return np.array([(hold, 0.25 * math.sin(0.9 * time)), (-hold, 0.25 * math.sin(0.9 * time))], dtype=np.float64)
 
   return commands
+
+
+def from_stop_to_stop(car: SingleTrackCar) -> Callable[[float], Array]:
+  """Full lock, left and right in turn, one car forward and one in reverse; (2, 2)."""
+
+  def commands(time: float) -> Array:
+    hold = _holding(car, LOCK_SPEED * min(1.0, time))
+    angle = LOCK * math.copysign(1.0, math.sin(2.0 * math.pi * time / LOCK_PERIOD)) if time > 1.5 else 0.0
+    return np.array([(hold, angle), (-hold, angle)], dtype=np.float64)
+
+  return commands
+
+
+def _holding(car: SingleTrackCar, speed: float) -> float:
+  """V that hold a speed, m/s, straight on."""
+  return float((car.drive_damping * speed / car.rolling_radius + car.drive_friction) / car.drive_gain)
 
 
 def judge(subject: Subject, driven: Driven, case: Case, seed: int = 1) -> Outcome:

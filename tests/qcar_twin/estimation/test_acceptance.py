@@ -1,5 +1,7 @@
 """What the online filter gets through: honest where it calls itself valid, and no sound sensor accused."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -12,9 +14,10 @@ from agents.studies.filtering.acceptance_study import (
   Driven,
   judge,
   limit_drive,
+  lock_drive,
   weave_drive,
 )
-from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.estimation.settings import LEARNT, FilterSettings
 from qcar_twin.sensors.faults import Fault
 from scripts.benchmark_filter import subject
 
@@ -49,6 +52,15 @@ def test_at_the_limit_of_grip_the_model_is_doubted_and_no_sensor(name):
     assert some.beyond <= 0.05 and some.valid.mean() > 0.97
     assert np.abs(some.yaw[some.valid]).max() < 0.07 and np.nanmax(some.position) < 0.15
     assert np.nanmedian(some.nees) < 6.0  # the fusion takes the yaw that turns its acceleration as known
+
+
+@pytest.mark.parametrize("name", ["twin", *OTHERS])
+def test_at_full_lock_a_filter_with_the_linkage_as_a_state_is_honest(name):
+  """Where wheels turn by 0.5 rad no linear single track holds; the plain filter is beyond its bounds there."""
+  car = subject(name, 3)
+  outcome = judge(dataclasses.replace(car, settings=car.settings.estimating(*LEARNT)), lock_drive(car), SOUND)
+  assert outcome.falsely(SOUND) == 0 and outcome.beyond <= 0.05
+  assert outcome.valid.mean() > 0.97 and np.nanmax(outcome.position) < 0.07
 
 
 @pytest.mark.parametrize("case", CASES)
