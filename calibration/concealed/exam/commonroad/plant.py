@@ -1,8 +1,8 @@
 """One run of the multi-body car: the package's right-hand side, integrated.
 
-Its wheels are stiff (4000 1/s at 1 m/s at 1:10) and all else is not, so the method is the two-stage Rosenbrock method
-of second order whose matrix may be any (Verwer et al., SIAM J. Sci. Comput. 20, 1999): that of the four wheels alone,
-which spin up to what rolls.
+Its wheels are stiff (4000 1/s at 1 m/s at 1:10), its axles across half as much, and all else is not. So the method is
+the two-stage Rosenbrock method of second order whose matrix may be any (Verwer et al., SIAM J. Sci. Comput. 20, 1999):
+that of the four wheels alone, which spin up to what rolls, and of the two axles, which go aside with the body.
 
 The package turns a wished acceleration into a torque m R_w u at the driven wheels, and takes a rate of steering. So a
 current and the driveline's losses are a torque, and a position loop of first order turns the road wheels. Its axes are
@@ -19,6 +19,7 @@ import numpy as np
 from ...laboratory.manoeuvres import PERIOD
 from ..generator import FINE, Start, load_package
 from .numbers import GRAVITY, Numbers
+from .rates import Rates
 
 _GAMMA = 1.0 + 1.0 / sqrt(2.0)  # of the method: damps what is infinitely stiff
 _STEEPER = 1.5  # slip stiffness in the method's matrix, over that of the static load: load moves to the outer wheel
@@ -32,7 +33,7 @@ class CommonroadPlant:
 
   def __init__(self, numbers: Numbers, gear: float, steps: int) -> None:
     self.p, self.numbers, self.gear, self.steps = numbers.car, numbers, gear, steps
-    self.rate = load_package("vehiclemodels.vehicle_dynamics_mb", "commonroad-vehicle-models").vehicle_dynamics_mb
+    self.rate = Rates()
     self.state: list[float] = []
 
   def start(self, start: Start) -> np.ndarray:
@@ -78,12 +79,17 @@ class CommonroadPlant:
     self.state = [v + step * (1.5 * a + 0.5 * b) for v, a, b in zip(x, first, second, strict=True)]
 
   def _solved(self, right: list[float], step: float) -> list[float]:
-    """k of (1 - gamma h A) k = right. A: d(spin) decays to what rolls at the speed of the wheel's centre."""
-    out = list(right)
+    """k of (1 - gamma h A) k = right. A: d(spin) decays to what rolls at the speed of the wheel's centre, and an
+    axle's side speed to the body's there."""
+    p, out = self.p, list(right)
     for wheel, (stiffness, aside) in self._held().items():
       stiff = _GAMMA * step * stiffness
-      rolling = (right[3] + aside * right[5]) / self.p.R_w
+      rolling = (right[3] + aside * right[5]) / p.R_w
       out[wheel] = (right[wheel] + stiff * rolling) / (1.0 + stiff)
+    across = _STEEPER * abs(p.tire.p_ky1) * 0.5 * p.m * GRAVITY / max(self.state[3], _SLOWEST)
+    for axle, ahead, mass in ((15, p.a, p.m_uf), (20, -p.b, p.m_ur)):
+      stiff = _GAMMA * step * across / mass
+      out[axle] = (right[axle] + stiff * (right[10] + ahead * right[5])) / (1.0 + stiff)
     return out
 
   def _held(self) -> dict[int, tuple[float, float]]:

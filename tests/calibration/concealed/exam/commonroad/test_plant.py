@@ -105,3 +105,20 @@ def test_the_method_converges(car):
   usual, fine = driven(car.size.steps), driven(8 * car.size.steps)
   error, noise = np.sqrt(np.mean((usual - fine) ** 2, axis=0)), car.noise
   assert np.all(error[5:9] < 0.6 * np.array([noise["gyro"], noise["accel"], noise["accel"], noise["motor"]])), error
+
+
+def test_tyres_slip_where_they_touch_the_road(car):
+  """A body that swings above axles which go straight ahead pulls them by its joints, and by no tyre."""
+  from vehiclemodels.vehicle_dynamics_mb import vehicle_dynamics_mb
+
+  plant, p = car.plant(), car.numbers.car
+  plant.start(Start(0.0, 0.0, 0.0, 1.8 * np.sqrt(car.size.length)))
+  swinging = list(plant.state)
+  swinging[7], swinging[10] = 0.5, 0.5 * (p.h_s - swinging[11])  # roll rate, and the side speed that goes with it
+  no_force = list(plant.rate(list(swinging), (0.0, 0.0), p))
+  assert no_force[5] == pytest.approx(0.0, abs=1e-9), "nothing turns the car"
+  assert abs(vehicle_dynamics_mb(list(swinging), (0.0, 0.0), p)[5]) > 1e-3, "the package's own tyres would"
+  turning = list(plant.state)
+  turning[5], turning[10], turning[15], turning[20] = 0.3, 0.02, 0.02 + 0.3 * p.a, 0.02 - 0.3 * p.b
+  own = vehicle_dynamics_mb(list(turning), (0.1, 0.5), p)
+  assert plant.rate(list(turning), (0.1, 0.5), p) == pytest.approx(own, rel=1e-12, abs=1e-12), "where it does not roll"
