@@ -1,52 +1,58 @@
-"""Weights of a search: what the best model explains was no noise."""
+"""Weights of a search: what a model explains was no noise."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, half_square, refine, simulate
 from calibration.diagnosis.pool import Pool
-from calibration.fitting.likelihood import Problem, weighting_from
+from calibration.fitting.likelihood import Problem, Weighting, weighting_from
 from calibration.fitting.optimiser import prior_cost
 from calibration.fitting.recalibration import NOTICED
 
 Array = NDArray[np.float64]
 
 
-def reweight_if_worth_it(pool: Pool, near: Sequence[Candidate]) -> None:
-  """Take channel weights from the best single where that tells: what it explains was no noise.
+def reweight_if_worth_it(pool: Pool, leaders: Callable[[Pool], Sequence[Candidate]]) -> None:
+  """Take channel weights from the least that any single leaves where that tells: what is explained was no noise.
 
   A late pose is all that the base leaves in the displacements, and hides itself: weighed by what is left, it counts as
-  their noise. Where the new weights would change what the best single is worth by less than a decision hangs on, all
+  their noise. Where the new weights would change what no single is worth by as much as a decision hangs on, all
   stay as they were, so that all models stand at the minimum of one and the same cost. Elsewhere the base, the best
   model and the other leaders are brought to the new one with all their columns. A leader left where it was would lose
   to the best for no other reason. They go on to their minima: where they stand, sets that contain them begin.
 
   Args:
     pool: all models so far.
-    near: models that explain nearly as much as the best.
+    leaders: the models of a pool that explain nearly as much as the best.
   """
-  best = pool.best(pool.of_size(1))
-  if best is pool.base:
+  singles = pool.of_size(1)
+  weighting = _least_left(pool, [pool.base, *singles])
+  old = pool.problem.whiten(np.ones(len(pool.problem.observations)))
+  ratio = pool.problem.reweighted(weighting).whiten(np.ones(len(old))) / old
+  worth = [_ahead(model, pool.base, ratio) for model in singles]
+  changes = [abs(new - (pool.base.cost - model.cost)) for model, new in zip(singles, worth, strict=True)]
+  if max(changes, default=0.0) < NOTICED or max(worth) <= 0.0:
     return
-  problem, ratio = _weighed_by(pool, best)
-  if abs(_ahead(best, pool.base, ratio) - (pool.base.cost - best.cost)) < NOTICED:
-    return
-  leaders = list({id(m): m for m in [best, *near]}.values())
-  _reweight(pool, problem, ratio)
-  refine(pool.problem, [pool.base, *leaders], 1, full=True)
-  refine(pool.problem, leaders, 1, full=True)
-  refine(pool.problem, leaders, 2)
+  best = singles[int(np.argmax(worth))]
+  _reweight(pool, pool.problem.at(best.theta).reweighted(weighting), ratio)
+  near = list({id(m): m for m in [best, *leaders(pool)]}.values())
+  refine(pool.problem, [pool.base, *near], 1, full=True)
+  refine(pool.problem, near, 1, full=True)
+  refine(pool.problem, near, 2)
 
 
-def _weighed_by(pool: Pool, best: Candidate) -> tuple[Problem, Array]:
-  """The problem with weights from a model's residuals, put right by MuJoCo there; factors to them, (M,)."""
-  problem = pool.problem.at(best.theta)
-  old = problem.whiten(np.ones(len(problem.observations)))
-  problem = problem.reweighted(weighting_from(problem.observations, best.residual / old, pool.floor))
-  return problem, problem.whiten(np.ones(len(problem.observations))) / old
+def _least_left(pool: Pool, models: Sequence[Candidate]) -> Weighting:
+  """Weights of every channel from the model that leaves least of it."""
+  observations = pool.problem.observations
+  old = pool.problem.whiten(np.ones(len(observations)))
+  each = [weighting_from(observations, model.residual / old, pool.floor) for model in models]
+  std = np.stack([weighting.std for weighting in each])
+  least = np.argmin(np.nan_to_num(std, nan=np.inf), axis=0)
+  spike = np.stack([weighting.spike for weighting in each])[least[observations.channel], np.arange(len(observations))]
+  return dataclasses.replace(each[0], std=std[least, np.arange(len(least))], spike=spike)
 
 
 def _ahead(best: Candidate, base: Candidate, ratio: Array) -> float:

@@ -92,7 +92,7 @@ def search(
       pool.base_not_converged = True
       return pool
     refit_rivals(pool, best)
-  reweight_if_worth_it(pool, _leaders(pool))
+  reweight_if_worth_it(pool, _leaders)
   refine_leaders(pool)
   progress("refitting pairs")
   _fit_sets(pool, _nominate_pairs(pool, effort.pairs), effort.iterations)

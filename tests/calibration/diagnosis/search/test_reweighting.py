@@ -27,7 +27,7 @@ def weighed_by_the_base(pool):
 def test_what_the_best_single_explains_stops_counting_as_noise(offset_pool):
   pool = weighed_by_the_base(offset_pool)
   hidden = pool.base.cost - pool.models[KEY].cost
-  reweight_if_worth_it(pool, [])
+  reweight_if_worth_it(pool, lambda pool: [])
   assert pool.base.cost - pool.models[KEY].cost > 1.3 * hidden
   residual = pool.problem.fitted_residual(pool.models[KEY].theta[None])[0]
   np.testing.assert_allclose(pool.models[KEY].residual[: pool.base.n_train], residual, atol=1e-9)
@@ -36,6 +36,6 @@ def test_what_the_best_single_explains_stops_counting_as_noise(offset_pool):
 def test_weights_stay_where_nothing_hangs_on_them(clean_pool):
   pool = dataclasses.replace(clean_pool, models=dict(clean_pool.models))
   before = {key: m.cost for key, m in pool.models.items()}
-  reweight_if_worth_it(pool, [])
+  reweight_if_worth_it(pool, lambda pool: [])
   assert pool.problem is clean_pool.problem
   assert {key: m.cost for key, m in pool.models.items()} == pytest.approx(before)
