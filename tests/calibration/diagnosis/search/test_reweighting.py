@@ -7,6 +7,7 @@ import pytest
 
 from calibration.diagnosis.search.reweighting import reweight_if_worth_it
 from calibration.fitting.likelihood import weighting_from
+from calibration.fitting.residual_channels import CHANNELS
 
 KEY = frozenset(["steering_offset"])
 
@@ -39,3 +40,18 @@ def test_weights_stay_where_nothing_hangs_on_them(clean_pool):
   reweight_if_worth_it(pool, lambda pool: [])
   assert pool.problem is clean_pool.problem
   assert {key: m.cost for key, m in pool.models.items()} == pytest.approx(before)
+
+
+def test_what_any_single_explains_of_a_channel_is_no_noise_of_it(offset_pool):
+  """The offset shows in the yaw rate; another name explains more, of the motor's speed."""
+  pool = weighed_by_the_base(dataclasses.replace(offset_pool, floor={}))
+  speed = pool.problem.observations.channel == CHANNELS.index("motor_speed")
+  better = dataclasses.replace(pool.base, mechanisms=("quadratic_drag",))
+  better.residual = np.where(speed, 0.3 * pool.base.residual, pool.base.residual)
+  pool.models[frozenset(better.mechanisms)] = better
+  assert better.cost < pool.models[KEY].cost
+  before, by = pool.problem.weighting.std, {c: CHANNELS.index(c) for c in ("motor_speed", "yaw_rate")}
+  reweight_if_worth_it(pool, lambda pool: [])
+  after = pool.problem.weighting.std
+  assert after[by["motor_speed"]] == pytest.approx(0.3 * before[by["motor_speed"]], rel=0.05)
+  assert after[by["yaw_rate"]] < 0.9 * before[by["yaw_rate"]]
