@@ -28,7 +28,9 @@ class SteeringSaturation(Mechanism):
   nonlinear_response = True
   parameters = (
     Parameter("steering_saturation", 0.0, -2.0, 6.0, "-", "c", null=0.0, typical=1.0, description="curve"),
-    Parameter("steering_saturation_left", 0.0, -2.0, 2.0, "-", "c_l", null=0.0, typical=0.25, description="curve, left"),
+    Parameter(
+      "steering_saturation_left", 0.0, -2.0, 2.0, "-", "c_l", null=0.0, typical=0.25, description="curve, left"
+    ),
   )
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
