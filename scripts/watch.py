@@ -12,8 +12,8 @@ from pathlib import Path
 
 from calibration.cross_validation.mcap_export import fitted_shift
 from calibration.watch.evidence import BLOCK
-from calibration.watch.follow import pieces, tail_of
-from calibration.watch.record import Record
+from calibration.watch.follow import tail_of
+from calibration.watch.record import Record, look
 from calibration.watch.watch import Alarm, Watch
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
@@ -56,13 +56,12 @@ def main(config: Config) -> list[Alarm]:
   with (config.out / "watch.ndjson").open("w", encoding="utf-8") as file:
     record, last = Record(file, config.mcap), time.monotonic()
     while True:
-      for piece, since in pieces(tail, manifest, config.follow.stem, BLOCK):
-        told, observations, predicted = watch.take(piece, since)
-        record.block(observations, predicted, since, watch, told)
-        alarms += told
+      before = record.blocks
+      for alarm in look(watch, tail, manifest, config.follow.stem, record):
+        alarms.append(alarm)
+        print(alarm.sentence, flush=True)
+      if record.blocks > before:
         last = time.monotonic()
-        for alarm in told:
-          print(alarm.sentence, flush=True)
       if time.monotonic() - last >= config.patience:
         break
       time.sleep(config.every)

@@ -8,8 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.observations import UNITS, Observations
+from calibration.watch.evidence import BLOCK
+from calibration.watch.follow import Tail, pieces
 from calibration.watch.watch import Alarm, Watch
 from qcar_twin.atomic_io import plain
+from qcar_twin.recordings.manifest import Manifest
 from qcar_twin.recordings.recording import Stream
 
 Array = NDArray[np.float64]
@@ -68,3 +71,13 @@ class Record:
         channels[name] = Stream(time, np.concatenate(parts)[first])
       sources["error_twin" if source == "difference" else source] = channels
     return write_mcap(path, sources, {"what": "a watch"}, dict(UNITS))
+
+
+def look(watch: Watch, tail: Tail, manifest: Manifest, name: str, record: Record) -> list[Alarm]:
+  """Judge and write down what is new in a log; the alarms in it."""
+  alarms: list[Alarm] = []
+  for piece, since in pieces(tail, manifest, name, BLOCK):
+    told, observations, predicted = watch.take(piece, since)
+    record.block(observations, predicted, since, watch, told)
+    alarms += told
+  return alarms

@@ -83,6 +83,7 @@ class Watch:
     changes: Sequence[Change] = CHANGES,
   ):  # fmt: skip
     self.twin, theta = watching(twin, theta)
+    self.theta = theta
     self.changes, self._cut = tuple(changes), Cut(length=BLOCK, warm_up=_WARM_UP, command_shift=command_shift)
     self._variants = variants(self.twin, theta, self.changes)
     observations, predicted = self._driven(reference)

@@ -4,27 +4,51 @@ The twin is calibrated, quickly, on one session of a car. Other sessions of the 
 watched recording by recording, and then sessions of the car with a change, in random order after some without.
 """
 
+import contextlib
 import dataclasses
+import hashlib
+import tempfile
+import time
 from collections.abc import Iterator, Sequence
-from typing import Any, Literal
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
+from calibration.concealed.laboratory.written import Session
 from calibration.concealed.proving_ground.car import Car
 from calibration.concealed.proving_ground.session import Spec, make_sessions
 from calibration.concealed.second_car import make_second_session
 from calibration.concealed.second_car.session import drawn_car
-from calibration.progress import Progress, silent
 from calibration.twin_calibration.calibration import calibrate
+from calibration.watch.follow import tail_of
+from calibration.watch.record import Record, look
 from calibration.watch.watch import Alarm, Watch
-from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.dataset import DataSet, write_dataset
+from qcar_twin.recordings.manifest import Manifest, read_manifest
 from qcar_twin.recordings.recording import Recording, RecordingError
 
 Which = Literal["first", "second"]
 CHANGES = ("grip", "sag", "steering_delay")
-_AT_ONCE = 10  # sessions that are driven side by side
+_AT_ONCE = 10  # sessions of the first car that are driven side by side
 _BEFORE = 8  # recordings without the change that come first
 _LOSS = 0.2  # of grip
+_RIGID = {"first": ("friction", "cornering_front", "cornering_rear"),
+          "second": ("static_friction", "cornering_front", "cornering_rear")}  # fmt: skip
+_DESIGN = {"first": "lab", "second": "compact"}
+_LOOK = 0.5  # s between looks at a log, as the command does
+
+
+@dataclasses.dataclass(frozen=True)
+class Quiet:
+  """Driving without a change that was watched on end.
+
+  Attributes:
+    driven: s.  alarms: their sentences.
+  """
+
+  driven: float
+  alarms: tuple[str, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,38 +70,41 @@ class Seen:
 def watch_of(car: Which, seed: int) -> Watch:
   """A watch whose twin was calibrated on one session of a car."""
   session = next(_sessions(car, seed, [seed], ""))
-  data = DataSet("reference", session[0], session[1], session[2])
+  data = DataSet("reference", session.recordings, session.vehicle, session.vehicle_std)
   fit = calibrate(data, "recordings", quick=True)
   return Watch(fit.twin, fit.theta, [r for r in data.recordings if r.role != "holdout"], fit.command_shift)
 
 
-def _sessions(car: Which, seed: int, seeds: Sequence[int], change: str) -> Iterator[tuple[Any, Any, Any]]:
-  """Recordings, vehicle and its deviations of sessions of one car, with a change or none."""
-  if car == "second":
-    effects = ((change, 1.0),) if change else ()
-    made = (make_second_session(k, effects, "compact", 1.0, drawn_car(seed)) for k in seeds)
-    yield from ((s.recordings, s.vehicle, s.vehicle_std) for s in made)
-    return
-  one = Car.draw(np.random.default_rng(seed))
+def mark_of(watch: Watch) -> str:
+  """What tells a watch from those of other twins: a digest of its twin's numbers and of its nulls."""
+  nulls = [dataclasses.astuple(null) for pair in watch.nulls for null in pair]
+  return hashlib.sha256(repr([watch.theta.tolist(), nulls]).encode()).hexdigest()[:12]
+
+
+def _sessions(car: Which, seed: int, seeds: Sequence[int], change: str) -> Iterator[Session]:
+  """Sessions of one car, each with a driver of its own, with a change or none."""
+  one = drawn_car(seed) if car == "second" else Car.draw(np.random.default_rng(seed))
+  effects: tuple[tuple[str, float], ...] = ()
   if change == "grip":
-    less = {name: (1.0 - _LOSS) * getattr(one, name) for name in ("friction", "cornering_front", "cornering_rear")}
-    one, effects = dataclasses.replace(one, **less), ()
+    one = dataclasses.replace(one, **{name: (1.0 - _LOSS) * getattr(one, name) for name in _RIGID[car]})
+  elif change:
+    effects = (({"sag": "battery_sag"}.get(change, change), 1.0),)
+  if isinstance(one, Car):
+    for first in range(0, len(seeds), _AT_ONCE):
+      yield from make_sessions([Spec(k, effects, _DESIGN[car], 1.0, one) for k in seeds[first : first + _AT_ONCE]])
   else:
-    effects = (({"sag": "battery_sag"}.get(change, change), 1.0),) if change else ()
-  for first in range(0, len(seeds), _AT_ONCE):
-    specs = [Spec(k, effects, "lab", 1.0, one) for k in seeds[first : first + _AT_ONCE]]
-    yield from ((s.recordings, s.vehicle, s.vehicle_std) for s in make_sessions(specs))
+    yield from (make_second_session(k, effects, _DESIGN[car], 1.0, one) for k in seeds)
 
 
-def nulls(watch: Watch, car: Which, seed: int, sessions: int, progress: Progress = silent) -> tuple[float, list[Alarm]]:
-  """Driving without a change, s, and the alarms in it."""
+def quiet(watch: Watch, car: Which, seed: int, first: int, sessions: int) -> Quiet:
+  """Sessions without a change from the place `first` on, watched on end, the evidence begun anew."""
+  watch.reset()
   driven, alarms = 0.0, []
-  for k, (recordings, *_) in enumerate(_sessions(car, seed, [seed + 1000 + k for k in range(sessions)], "")):
-    progress(f"session {k + 1} of {sessions} without a change, {driven / 3600.0:.1f} h, {len(alarms)} alarms")
-    for recording in recordings:
-      alarms += _taken(watch, recording)
+  for session in _sessions(car, seed, [seed + 1000 + first + k for k in range(sessions)], ""):
+    for recording in session.recordings:
+      alarms += [alarm.sentence for alarm in _taken(watch, recording)]
       driven += recording.duration
-  return driven, alarms
+  return Quiet(driven, tuple(alarms))
 
 
 def _taken(watch: Watch, recording: Recording) -> list[Alarm]:
@@ -87,10 +114,10 @@ def _taken(watch: Watch, recording: Recording) -> list[Alarm]:
     return []  # too short to simulate
 
 
-def seen(watch: Watch, change: str, seed: int, trials: int) -> Iterator[Seen]:
-  """A change of the first car, begun after some driving without it, in random orders of its recordings."""
-  without = [r for made in _sessions("first", seed, [seed + 2000, seed + 2001], "") for r in made[0]]
-  changed = [r for made in _sessions("first", seed, [seed + 3000, seed + 3001], change) for r in made[0]]
+def seen(watch: Watch, car: Which, change: str, seed: int, trials: int) -> Iterator[Seen]:
+  """A change of a car, begun after some driving without it, in random orders of its recordings."""
+  without = [r for made in _sessions(car, seed, [seed + 2000, seed + 2001], "") for r in made.recordings]
+  changed = [r for made in _sessions(car, seed, [seed + 3000, seed + 3001], change) for r in made.recordings]
   for trial in range(trials):
     random = np.random.default_rng([seed, trial])
     watch.reset()
@@ -113,3 +140,40 @@ def _until_alarm(watch: Watch, change: str, recordings: Sequence[Recording]) -> 
       if told := watch.judge(block):
         return Seen(change, shown, driven, told[0].change.name, told[0].size)
   return Seen(change, shown, driven, "", float("nan"))
+
+
+def share_of_a_core(watch: Watch, car: Which, seed: int) -> float:
+  """Processor time over driving of a watch on logs that grow by `_LOOK` between looks, MCAP at the end included."""
+  session = next(_sessions(car, seed, [seed + 4000], ""))
+  watch.reset()
+  driven = spent = 0.0
+  with tempfile.TemporaryDirectory() as name:
+    folder = Path(name)
+    write_dataset(folder / "data", "session", session.vehicle, session.vehicle_std, session.recordings)
+    manifest = read_manifest(folder / "data")
+    for recording in session.recordings:
+      spent += _followed(watch, folder / "data" / f"{recording.name}.csv", recording, manifest, folder)
+      driven += recording.duration
+  return spent / driven
+
+
+def _followed(watch: Watch, log: Path, recording: Recording, manifest: Manifest, folder: Path) -> float:
+  """Processor time of following one log as it grows, s; the growing itself is not counted."""
+  head, *rows = log.read_text(encoding="utf-8").splitlines(keepends=True)
+  at_once = max(1, round(_LOOK / recording.duration * len(rows)))
+  growing, spent = folder / log.name, 0.0
+  growing.write_text(head, encoding="utf-8")
+  tail = tail_of(growing)
+  with (folder / "watch.ndjson").open("w", encoding="utf-8") as lines:
+    record = Record(lines, True)
+    for first in range(0, len(rows), at_once):
+      with growing.open("a", encoding="utf-8") as file:
+        file.writelines(rows[first : first + at_once])
+      began = time.process_time()
+      with contextlib.suppress(RecordingError, ValueError):  # too short to simulate
+        look(watch, tail, manifest, recording.name, record)
+      spent += time.process_time() - began
+  began = time.process_time()
+  if record.blocks:
+    record.mcap(folder / "watch.mcap")
+  return spent + time.process_time() - began

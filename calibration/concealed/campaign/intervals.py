@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from scipy.stats import binomtest
+from scipy.stats import binomtest, chi2
 
 from calibration.concealed.campaign.score import (
   Result,
@@ -61,6 +61,15 @@ def exact_interval(hits: int, of: int) -> tuple[float, float]:
     raise ValueError("a share of nothing has no interval: count at least one case")
   limits = binomtest(hits, of).proportion_ci(CONFIDENCE, method="exact")
   return float(limits.low), float(limits.high)
+
+
+def exact_rate(hits: int, exposure: float) -> tuple[float, float]:
+  """Ends of the exact interval of a rate of `hits` in `exposure`, per its unit (Garwood, Biometrika 28(3/4), 1936)."""
+  if not exposure > 0.0:
+    raise ValueError("a rate over nothing has no interval: an exposure above 0 is needed")
+  tail = 0.5 * (1.0 - CONFIDENCE)
+  low = chi2.ppf(tail, 2 * hits) if hits else 0.0
+  return 0.5 * float(low) / exposure, 0.5 * float(chi2.ppf(1.0 - tail, 2 * hits + 2)) / exposure
 
 
 def interval_table(results: Sequence[Result]) -> str:

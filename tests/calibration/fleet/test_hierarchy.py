@@ -3,26 +3,8 @@
 import numpy as np
 import pytest
 
+from calibration.concealed.benchmarks.fleet import ODD, PLACE, car_name, drawn_fleet
 from calibration.fleet.hierarchy import LEVEL, Reading, compare, moderation, spreads
-
-PARAMETERS = 14
-STD = np.geomspace(0.005, 0.15, PARAMETERS)  # of values of 1: what lies between a weighed mass and a guessed friction
-ODD, PARAMETER = "car_3", 8
-
-
-def fleet(seed, odd=0.0, understated=1.0, cars=6, logs=2):
-  """Readings of equal cars, correlated by a half, one of them less in one parameter by a share."""
-  random = np.random.default_rng(seed)
-  mixing = np.linalg.cholesky(0.5 * np.eye(PARAMETERS) + 0.5)
-  made = []
-  for car in range(cars):
-    for log in range(logs):
-      x = 1.0 + understated * STD * (mixing @ random.standard_normal(PARAMETERS))
-      if f"car_{car}" == ODD:
-        x[PARAMETER] *= 1.0 - odd
-      values = {f"p{i}": (float(x[i]), float(STD[i])) for i in range(PARAMETERS)}
-      made.append(Reading(f"car_{car}", f"2026-11-0{1 + log}", values))
-  return made
 
 
 def accused(readings):
@@ -30,21 +12,21 @@ def accused(readings):
 
 
 def test_fleets_of_six_equal_cars_accuse_nobody():
-  assert sum(bool(accused(fleet(seed))) for seed in range(20)) == 0
+  assert sum(bool(accused(drawn_fleet(seed))) for seed in range(20)) == 0
 
 
 def test_over_many_fleets_the_stated_level_holds():
-  wrong = sum(bool(accused(fleet(1000 + seed))) for seed in range(200))
+  wrong = sum(bool(accused(drawn_fleet(1000 + seed))) for seed in range(200))
   assert wrong <= 200 * LEVEL
 
 
 def test_the_odd_car_and_its_parameter_are_named():
-  right = sum(accused(fleet(seed, odd=0.2)) == {(ODD, f"p{PARAMETER}")} for seed in range(40))
+  right = sum(accused(drawn_fleet(seed, odd=0.2)) == {(car_name(ODD), f"p{PLACE}")} for seed in range(40))
   assert right >= 36
 
 
 def test_deviations_half_too_small_accuse_few():
-  assert sum(bool(accused(fleet(seed, understated=1.5))) for seed in range(40)) <= 10
+  assert sum(bool(accused(drawn_fleet(seed, understated=1.5))) for seed in range(40)) <= 10
 
 
 def test_an_odd_day_is_named_and_no_car_for_it():

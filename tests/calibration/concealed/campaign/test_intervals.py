@@ -1,8 +1,10 @@
 """Exact intervals of shares, and what is counted of a campaign."""
 
+import math
+
 import pytest
 
-from calibration.concealed.campaign.intervals import counts, exact_interval, interval_table
+from calibration.concealed.campaign.intervals import counts, exact_interval, exact_rate, interval_table
 from tests.calibration.concealed.campaign.test_campaign import DELAY, result
 
 
@@ -13,6 +15,16 @@ def test_the_interval_is_clopper_and_pearsons():
   assert exact_interval(20, 20)[0] == pytest.approx(1 - high)
   with pytest.raises(ValueError, match="share of nothing"):
     exact_interval(0, 0)
+
+
+def test_the_interval_of_a_rate_is_garwoods():
+  low, high = exact_rate(0, 2.0)
+  assert low == 0.0 and math.exp(-2.0 * high) == pytest.approx(0.025)  # none is as rare as 2.5 % at the upper end
+  low, high = exact_rate(1, 2.0)
+  assert 1.0 - math.exp(-2.0 * low) == pytest.approx(0.025)  # one or more at the lower end
+  assert (1.0 + 2.0 * high) * math.exp(-2.0 * high) == pytest.approx(0.025)
+  with pytest.raises(ValueError, match="rate over nothing"):
+    exact_rate(0, 0.0)
 
 
 def test_shares_are_counted_and_shown():
