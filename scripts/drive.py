@@ -9,12 +9,10 @@ from typing import Annotated, Literal
 
 import tyro
 
-from calibration.concealed.laboratory.written import stream
-from calibration.concealed.proving_ground.plant import ProvingGroundPlant
-from calibration.concealed.proving_ground.session import Spec, drawn_car
+from calibration.concealed.proving_ground.onboard import independent_car
 from qcar_twin.command_line import run_script
 from qcar_twin.onboard.drive import Drive, Terms, drive
-from qcar_twin.onboard.likeness import compared
+from qcar_twin.onboard.likeness import compared, drives_of_script
 from qcar_twin.onboard.plants import OnboardPlant, twin_plant, with_effects
 from qcar_twin.onboard.recorder import add_drive, free_name, recording_of
 from qcar_twin.twin.file import load_twin
@@ -43,7 +41,7 @@ class Config:
   record: Path | None = None
   """Folder of a data set that the drive is added to; made where it is not there."""
   compare: Path | None = None
-  """Data set, such as the car's own, whose recording of the same script this drive is compared to."""
+  """Data set, such as the car's own, whose recordings of the same script this drive is compared to."""
   real_time: bool = False
   """Let a simulated second take a second, for a human who watches."""
   seconds: float = 600.0
@@ -71,20 +69,11 @@ def plant_of(config: Config) -> OnboardPlant:
   return twin_plant(*with_effects(twin, theta, config.effect), "reduced" if config.plant == "reduced" else "mujoco")
 
 
-def independent_car(number: int, effects: tuple[str, ...], seed: int) -> OnboardPlant:
-  """A car that shares no physics with the twin, with effects "NAME=SIZE" concealed in it."""
-  parts = [effect.partition("=") for effect in effects]
-  hidden = tuple((name, float(size or 1.0)) for name, _, size in parts)
-  car = drawn_car(Spec(number))
-  table, std = car.measured(stream(number, 1))
-  begin, name = ProvingGroundPlant(car, hidden, 1.0, seed).begin, f"independent car {number}"
-  return OnboardPlant(begin, Vehicle.from_dataset(table, std), table, std, name, sensors=name)
-
-
 def main(config: Config) -> Drive:
   """Drive, record, print what was driven; what ended a script early is raised when its recording is kept."""
-  plant = plant_of(config)
-  name, shared = free_name(config.record, config.script.stem), {f.name for f in dataclasses.fields(Terms)} - {"name"}
+  plant, script = plant_of(config), config.script.stem
+  theirs = drives_of_script(config.compare, script) if config.compare else {}
+  name, shared = free_name(config.record, script, plant), {f.name for f in dataclasses.fields(Terms)} - {"name"}
   driven = drive(config.script, plant, Terms(name=name, **{key: getattr(config, key) for key in shared}))
   print(f"drove {driven.seconds:.1f} s in {driven.wall:.1f} s")
   for note in driven.notes:
@@ -95,7 +84,7 @@ def main(config: Config) -> Drive:
     kept = f"{config.record}: " + ", ".join(f"{r.name} ({r.role})" for r in added)
     print(kept)
   if config.compare:
-    print(compared(recording_of(driven.car, name), config.compare, config.script.stem))
+    print(compared(recording_of(driven.car, name), config.compare, theirs))
   if driven.error:
     raise ScriptFailed(f"{driven.error}\n{config.script.name} ended early after {driven.seconds:.1f} s; {kept}")
   return driven

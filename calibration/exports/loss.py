@@ -24,20 +24,39 @@ from qcar_twin.twin.twin import Twin
 Array = NDArray[np.float64]
 WINDOW = 2.0  # s, restarts from what was measured, as in cross-validation
 EXPRESSIBLE = 1.15  # of the twin's error: an export that holds every name should stay below
+PREDICTED = 0.2  # within which a loss should be predicted
 
 
 @dataclasses.dataclass(frozen=True)
 class EffectLoss:
-  """One effect that a target cannot express: error without it over error with it, a geometric mean over channels.
+  """One effect that a target cannot express: error without it over error with it, by channel.
 
   Attributes:
-    predicted: of the twin.
-    measured: of the export, with the effect put back around it; None where it cannot be.
+    predictions: of the twin.
+    measurements: of the export, with the effect put back around it; None where it cannot be.
   """
 
   name: str
-  predicted: float
-  measured: float | None
+  predictions: Mapping[str, float]
+  measurements: Mapping[str, float] | None
+
+  @property
+  def predicted(self) -> float:
+    """Geometric mean over channels."""
+    return _mean(self.predictions)
+
+  @property
+  def measured(self) -> float | None:
+    """The same; None where it was not measured."""
+    return None if self.measurements is None else _mean(self.measurements)
+
+  def document(self) -> dict[str, Any]:
+    """For JSON."""
+    return {**dataclasses.asdict(self), "predicted": self.predicted, "measured": self.measured}
+
+  def line(self) -> str:
+    """For people, with the channel that loses most."""
+    return f"without {self.name}: predicted {_said(self.predictions)}, measured {_said(self.measurements)}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +87,9 @@ class Loss:
 
   def document(self) -> dict[str, Any]:
     """For JSON."""
-    return {**dataclasses.asdict(self), "ratio": self.ratio, "predicted": self.predicted, "window": WINDOW}
+    effects = [effect.document() for effect in self.effects]
+    means = {"ratio": self.ratio, "predicted": self.predicted, "window": WINDOW}
+    return {**dataclasses.asdict(self), "effects": effects, **means}
 
   def lines(self) -> list[str]:
     """For people."""
@@ -79,18 +100,41 @@ class Loss:
       ratios = self.export[name] / error, self.without[name] / error
       said.append(f"  {unit:<22}{error:>10.3g}{self.export[name]:>10.3g}{ratios[0]:>8.2f}{ratios[1]:>11.2f}")
     said.append(f"  {'all (geometric mean)':<42}{self.ratio:>8.2f}{self.predicted:>11.2f}")
-    for effect in self.effects:
-      said.append(f"  without {effect.name}: predicted {_said(effect.predicted)}, measured {_said(effect.measured)}")
-    return said
+    said += [f"  {effect.line()}" for effect in self.effects]
+    return [*said, *(f"  {sentence}" for sentence in self.sentences())]
+
+  def sentences(self) -> list[str]:
+    """What to beware of: the channel that loses most, and those of which the prediction is off."""
+    made, measured, predicted = [], ratios(self.export, self.twin), ratios(self.without, self.twin)
+    worst = max(measured, key=lambda name: measured[name])
+    if measured[worst] > EXPRESSIBLE:
+      made.append(f"{worst} loses most: {measured[worst]:.1f} times the twin's error")
+    off = [name for name in measured if abs(np.log(predicted[name] / measured[name])) > np.log1p(PREDICTED)]
+    if off:
+      those = "; ".join(f"{name} {predicted[name]:.2f}, measured {measured[name]:.2f}" for name in off)
+      made.append(f"prediction off by more than {100.0 * PREDICTED:.0f} %: {those}")
+    return made
 
 
-def _said(ratio: float | None) -> str:
-  return "-" if ratio is None else f"{ratio:.2f}"
+def _said(ratio: Mapping[str, float] | None) -> str:
+  if ratio is None:
+    return "-"
+  worst = max(ratio, key=lambda name: ratio[name])
+  return f"{_mean(ratio):.2f}" + (f" ({worst} {ratio[worst]:.2f})" if ratio[worst] > EXPRESSIBLE else "")
+
+
+def _mean(ratio: Mapping[str, float]) -> float:
+  return float(np.exp(np.mean(np.log(list(ratio.values())))))
+
+
+def ratios(errors: Mapping[str, float], others: Mapping[str, float]) -> dict[str, float]:
+  """One error over the other by channel."""
+  return {name: errors[name] / others[name] for name in others}
 
 
 def mean_ratio(errors: Mapping[str, float], others: Mapping[str, float]) -> float:
   """Geometric mean over channels of one error over the other."""
-  return float(np.exp(np.mean([np.log(errors[name] / others[name]) for name in others])))
+  return _mean(ratios(errors, others))
 
 
 def measure_loss(job: Job, target: Target, path: Path) -> Loss | None:
@@ -126,12 +170,12 @@ def measure_loss(job: Job, target: Target, path: Path) -> Loss | None:
   effects = []
   for mechanism in lost:
     back = mechanism.stage in ("command", "actuator")
-    measured = mean_ratio(export, exported((mechanism,))) if back else None
-    effects.append(EffectLoss(mechanism.name, mean_ratio(reduced((mechanism,)), twin), measured))
+    measured = ratios(export, exported((mechanism,))) if back else None
+    effects.append(EffectLoss(mechanism.name, ratios(reduced((mechanism,)), twin), measured))
   for name in target.structure:
-    effects.append(EffectLoss(name, mean_ratio(reduced((), job.plain(target, name)), twin), None))
+    effects.append(EffectLoss(name, ratios(reduced((), job.plain(target, name)), twin), None))
   theirs = {name: made(path) for name, made in target.instead.items()}
   for name, mechanism in theirs.items():
-    effects.append(EffectLoss(name, mean_ratio(reduced((), instead=(mechanism,)), twin), None))
+    effects.append(EffectLoss(name, ratios(reduced((), instead=(mechanism,)), twin), None))
   bare = reduced(lost, job.plain(target), tuple(theirs.values()))
   return Loss(roles, twin, export, bare, tuple(effects))

@@ -105,10 +105,13 @@ def scale_findings(comparisons: Sequence[Comparison], wheelbase: float) -> list[
 
 def _hardly_alike(c: Comparison, nominal: float) -> list[Finding]:
   """Of two that are not contrary and that noise, slip or tilt part: a scale beyond three deviations, or that this
-  driving says nothing of them."""
+  driving says nothing of them.
+
+  A scale is said where the sensor shows the motion above its noise: at a held speed it feels the car's turning more.
+  """
   channels = (*c.motion.compared, *c.motion.reference)
   felt, spread = c.felt.value / nominal, 3.0 * c.felt.std / nominal
-  if felt - spread > FACTOR:
+  if felt - spread > FACTOR and abs(c.felt.value) * c.loud > _LOUD * c.levels[0]:
     cure = f"divide the scale of {_list(c.motion.compared)} in [channels] by that, or correct its unit"
     return [Finding("spoils", channels, f"{_names(c)} differ {felt:.3g}-fold in {c.motion.name}: {cure}")]
   if felt - spread > 0.0:

@@ -1,7 +1,8 @@
 """How far two drives of one script are apart, such as the car's and its twin's: in the end what a twin is for."""
 
 import dataclasses
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -53,15 +54,24 @@ def likeness(ours: Recording, theirs: Sequence[Recording]) -> Likeness:
   return Likeness(seconds, {name: rms[name] for name in COMPARED if name in rms}, rms.get("apart", float("nan")))
 
 
-def compared(ours: Recording, folder: Path, script: str) -> str:
-  """A sentence on how far a drive is from a script's recording in the data set of a folder.
+def drives_of_script(folder: Path, script: str) -> dict[str, list[Recording]]:
+  """Recordings of every drive of a script in the data set of a folder, by the drive's name.
 
   Raises:
     RecordingError: the script was not driven there.
   """
+  found: dict[str, list[Recording]] = {}
   recordings = DataSet.load(folder).recordings
-  theirs = [r for r in recordings if drive_of(r.name.partition("#")[0]) == script]  # a piece of one is named x#2
-  if not theirs:
+  for recording in recordings:
+    drive = drive_of(recording.name.partition("#")[0])  # a piece of one is named x#2
+    if re.fullmatch(rf"{re.escape(script)}(_run\d+)?", drive):
+      found.setdefault(drive, []).append(recording)
+  if not found:
     drives = sorted({drive_of(r.name) for r in recordings})
     raise RecordingError(f"{folder}: holds no drive of '{script}'{nearest(script, drives)}")
-  return f"{folder}: this drive {likeness(ours, theirs)}"
+  return found
+
+
+def compared(ours: Recording, folder: Path, theirs: Mapping[str, Sequence[Recording]]) -> str:
+  """A sentence on how far a drive is from each of those in a folder, a line each."""
+  return "\n".join(f"{folder}, {name}: this drive {likeness(ours, drive)}" for name, drive in theirs.items())

@@ -114,7 +114,7 @@ def _effect(name: str) -> tuple[Mechanism, Parameter]:
   by_parameter = {p.name: (m, p) for m in known.values() for p in m.parameters}
   if name in by_parameter:
     return by_parameter[name]
-  near = difflib.get_close_matches(name, [*known, *by_parameter], n=3) or sorted(known)
+  near = difflib.get_close_matches(name, sorted({*known, *by_parameter}), n=3) or sorted(known)
   raise ValueError(f"no effect '{name}'; did you mean {', '.join(near)}?")
 
 

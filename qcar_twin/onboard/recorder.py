@@ -14,7 +14,7 @@ from qcar_twin.onboard.car import Car
 from qcar_twin.onboard.plants import OnboardPlant
 from qcar_twin.recordings.dataset import write_dataset
 from qcar_twin.recordings.first_dataset.roles import share_out
-from qcar_twin.recordings.manifest import FILE_NAME, read_manifest
+from qcar_twin.recordings.manifest import FILE_NAME, Manifest, read_manifest
 from qcar_twin.recordings.recording import Recording, RecordingError
 
 _TURNS = ("identify", "validate", "identify", "identify", "holdout")  # of drives too short to be cut
@@ -42,12 +42,28 @@ def recording_of(car: Car, name: str) -> Recording:
   return Recording.from_columns(name, time, columns, file=f"{name}.csv")
 
 
-def free_name(folder: Path | None, script: str) -> str:
-  """What a script's next drive is called in the data set of a folder, which need not be there."""
-  there = folder is not None and (folder / FILE_NAME).is_file()
-  taken = {drive_of(entry.name) for entry in read_manifest(folder).entries} if folder and there else set()
+def free_name(folder: Path | None, script: str, plant: OnboardPlant) -> str:
+  """What a script's next drive is called in the data set of a folder, which need not be there.
+
+  Raises:
+    RecordingError: the folder is a file, or holds the data set of another car.
+  """
+  there = _manifest_for(folder, plant) if folder else None
+  taken = {drive_of(entry.name) for entry in there.entries} if there else set()
   runs = itertools.chain([script], (f"{script}_run{k}" for k in itertools.count(2)))
   return next(name for name in runs if name not in taken)
+
+
+def _manifest_for(folder: Path, plant: OnboardPlant) -> Manifest | None:
+  """Of the data set that drives of a car are added to; None where there is none yet."""
+  if folder.exists() and not folder.is_dir():
+    raise RecordingError(f"{folder}: is a file; name a folder with --record")
+  if not (folder / FILE_NAME).is_file():
+    return None
+  manifest = read_manifest(folder)
+  if dict(manifest.vehicle) != dict(plant.table):
+    raise RecordingError(f"{folder}: holds recordings of another car; name another folder with --record")
+  return manifest
 
 
 def add_drive(folder: Path, recording: Recording, plant: OnboardPlant, script: str) -> tuple[Recording, ...]:
@@ -60,13 +76,11 @@ def add_drive(folder: Path, recording: Recording, plant: OnboardPlant, script: s
     RecordingError: the folder holds the data set of another car.
   """
   text = f"Scripts driven on board: {plant.name}; the first one was {script}"
-  if not (folder / FILE_NAME).is_file():
+  manifest = _manifest_for(folder, plant)
+  if manifest is None:
     added = _parts(recording, 0)
     write_dataset(folder, folder.resolve().name, plant.table, plant.std, added, description=text)
     return added
-  manifest = read_manifest(folder)
-  if dict(manifest.vehicle) != dict(plant.table):
-    raise RecordingError(f"{folder}: holds recordings of another car; name another folder with --record")
   added = _parts(recording, len(manifest.entries))
   with staging(folder) as place:
     write_dataset(place, manifest.name, plant.table, plant.std, added)

@@ -3,6 +3,7 @@
 import pytest
 
 from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import RecordingError
 from scripts import drive
 from scripts.__main__ import main
 from tests.qcar_twin.onboard.rig import SCRIPTS
@@ -46,3 +47,14 @@ def test_a_car_that_takes_a_current_cannot_be_driven_by_a_duty():
   vehicle = Vehicle(drive="current")
   with pytest.raises(ValueError, match="a QCar's throttle is a duty"):
     OnboardPlant(lambda start: None, vehicle, {}, {}, "x")  # type: ignore[arg-type, return-value]
+
+
+def test_a_size_that_is_no_number_is_said(tmp_path):
+  config = drive.Config(SCRIPTS / "steps.py", plant="proving_ground", effect=("steering_delay=much",))
+  with pytest.raises(ValueError, match="'steering_delay=much' needs a number of typical sizes: steering_delay=1"):
+    drive.main(config)
+
+
+def test_a_data_set_without_the_script_is_said_before_anything_is_driven(tmp_path):
+  with pytest.raises(RecordingError, match="no such folder"):
+    drive.main(drive.Config(tmp_path / "absent.py", plant="reduced", compare=tmp_path / "nowhere"))

@@ -12,7 +12,7 @@ import pytest
 
 from calibration.exports.cars import ModelCars
 from calibration.exports.export import export_twin
-from calibration.exports.loss import measure_loss
+from calibration.exports.loss import EffectLoss, Loss, measure_loss
 from calibration.exports.numbers import EXPRESSED, driven, single_track_numbers, without
 from calibration.exports.target import Job, target_named, targets
 from calibration.exports.yaml_numbers import read_numbers
@@ -243,6 +243,21 @@ def test_what_is_lost_is_predicted_by_taking_it_out_of_the_twin(exported, sample
   assert named["side_force"].measured is None and named["steering_delay"].measured is not None
   assert other.ratio == pytest.approx(other.predicted, rel=0.2)
   assert path.with_name("f1tenth.yaml.loss.json").is_file()
+
+
+def test_a_reader_is_told_which_channel_loses_most_and_where_the_prediction_is_off():
+  told = {"motor_speed": 1.0, "yaw_rate": 0.01}
+  effect = EffectLoss("battery_sag", {"motor_speed": 2.0, "yaw_rate": 0.5}, {"motor_speed": 1.44, "yaw_rate": 1.0})
+  loss = Loss(
+    ("holdout",), told, {"motor_speed": 1.1, "yaw_rate": 0.071}, {"motor_speed": 1.2, "yaw_rate": 0.0555}, (effect,)
+  )
+  text = "\n".join(loss.lines())
+  assert "without battery_sag: predicted 1.00 (motor_speed 2.00), measured 1.20 (motor_speed 1.44)" in text
+  assert "yaw_rate loses most: 7.1 times the twin's error" in text
+  assert "prediction off by more than 20 %: yaw_rate 5.55, measured 7.10" in text
+  assert loss.document()["effects"][0]["measurements"] == {"motor_speed": 1.44, "yaw_rate": 1.0}
+  same = Loss(("holdout",), told, told, told, ())
+  assert same.sentences() == [] and same.ratio == 1.0
 
 
 def test_a_file_that_was_changed_loses_more(exported, sample):

@@ -1,10 +1,12 @@
 """What was driven as a data set: it loads, says what acted and what was read, and grows drive by drive."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from qcar_twin.onboard.drive import Terms, drive
-from qcar_twin.onboard.likeness import compared, likeness
+from qcar_twin.onboard.likeness import compared, drives_of_script, likeness
 from qcar_twin.onboard.recorder import add_drive, free_name, recording_of
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import RecordingError, Stream
@@ -30,7 +32,8 @@ def test_a_long_drive_is_cut_by_time_and_short_ones_take_turns(driven, tmp_path)
   mine = manifest.read_text(encoding="utf-8").replace('role = "validate"', 'role = "identify"')
   manifest.write_text(mine, encoding="utf-8")
   add_drive(tmp_path / "set", recording_of(short, "threads"), reduced(), "threads.py")
-  assert free_name(tmp_path / "set", "threads") == "threads_run2" and free_name(None, "threads") == "threads"
+  assert free_name(tmp_path / "set", "threads", reduced()) == "threads_run2"
+  assert free_name(None, "threads", reduced()) == "threads"
   add_drive(tmp_path / "set", recording_of(other, "threads_run2"), reduced(), "threads.py")
   dataset = DataSet.load(tmp_path / "set")
   roles = {r.name: r.role for r in dataset.recordings}
@@ -69,6 +72,11 @@ def test_another_car_needs_another_folder(driven, tmp_path):
   add_drive(tmp_path / "set", recording, reduced(), "threads.py")
   with pytest.raises(RecordingError, match="holds recordings of another car; name another folder with --record"):
     add_drive(tmp_path / "set", recording, plant, "threads.py")
+  with pytest.raises(RecordingError, match="another car"):  # said before anything is driven
+    free_name(tmp_path / "set", "threads", plant)
+  (tmp_path / "file").touch()
+  with pytest.raises(RecordingError, match="is a file; name a folder with --record"):
+    free_name(tmp_path / "file", "threads", plant)
 
 
 def test_a_drive_of_nothing_is_no_recording(tmp_path):
@@ -87,7 +95,10 @@ def test_two_drives_of_a_script_are_compared(driven, tmp_path):
   wrong[100] += 5.0
   once = long.replace(streams={**long.streams, "pose_x": Stream(long["pose_x"].time, wrong)})
   assert likeness(once, [long]).apart == pytest.approx(0.3)  # a pose that is wrong once is the sensor's, not the car's
-  assert "this drive differs over 40 s by motor speed" in compared(long, tmp_path / "set", "steps")
+  add_drive(tmp_path / "set", dataclasses.replace(long, name="steps_run2").window(0.0, 20.0), reduced(), "steps.py")
+  first, second = compared(long, tmp_path / "set", drives_of_script(tmp_path / "set", "steps")).splitlines()
+  assert "set, steps: this drive differs over 40 s by motor speed" in first
+  assert "set, steps_run2: this drive differs over 20 s by motor speed" in second
   assert likeness(short, [long]).rms["motor_speed"] > 50.0
   with pytest.raises(RecordingError, match="holds no drive of 'stepps'; did you mean 'steps'"):
-    compared(long, tmp_path / "set", "stepps")
+    drives_of_script(tmp_path / "set", "stepps")

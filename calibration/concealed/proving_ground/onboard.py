@@ -1,0 +1,34 @@
+"""The independent car behind the interface of the QCar, in the place of a real one."""
+
+from calibration.concealed.laboratory.written import stream
+from calibration.concealed.proving_ground.plant import ProvingGroundPlant
+from calibration.concealed.proving_ground.session import Spec, drawn_car
+from qcar_twin.onboard.plants import OnboardPlant
+from qcar_twin.vehicle.vehicle import Vehicle
+
+
+def _size_of(effect: str) -> float:
+  """Of NAME=SIZE, in typical sizes; 1 where none is given. Raises ValueError where it is no number."""
+  name, _, size = effect.partition("=")
+  try:
+    return float(size or 1.0)
+  except ValueError:
+    raise ValueError(f"effect '{effect}' needs a number of typical sizes: {name}=1") from None
+
+
+def independent_car(number: int, effects: tuple[str, ...], seed: int) -> OnboardPlant:
+  """A car that shares no physics with the twin, with effects concealed in it.
+
+  Args:
+    number: seed of the car.
+    effects: each "NAME=SIZE", or "NAME" for the typical size.
+    seed: of its noise.
+
+  Raises:
+    ValueError: a size that is no number.  KeyError: no such effect.
+  """
+  hidden = tuple((effect.partition("=")[0], _size_of(effect)) for effect in effects)
+  car = drawn_car(Spec(number))
+  table, std = car.measured(stream(number, 1))
+  begin, name = ProvingGroundPlant(car, hidden, 1.0, seed).begin, f"independent car {number}"
+  return OnboardPlant(begin, Vehicle.from_dataset(table, std), table, std, name, sensors=name)
