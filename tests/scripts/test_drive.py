@@ -2,6 +2,7 @@
 
 import pytest
 
+from calibration.log_check import check_log
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import RecordingError
 from scripts import drive
@@ -58,3 +59,24 @@ def test_a_size_that_is_no_number_is_said(tmp_path):
 def test_a_data_set_without_the_script_is_said_before_anything_is_driven(tmp_path):
   with pytest.raises(RecordingError, match="no such folder"):
     drive.main(drive.Config(tmp_path / "absent.py", plant="reduced", compare=tmp_path / "nowhere"))
+
+
+def test_a_slalom_at_a_held_speed_is_a_sound_log(tmp_path):
+  script = tmp_path / "slalom.py"
+  script.write_text(SLALOM)
+  drive.main(drive.Config(script, plant="reduced", record=tmp_path / "set"))
+  check = check_log(DataSet.load(tmp_path / "set"))
+  assert not check.of("spoils")  # the accelerometer feels the turning, and hardly any change of speed
+
+
+SLALOM = """
+import math, time
+from pal.products.qcar import QCar
+
+with QCar(readMode=1, frequency=100) as car:
+  begun, total = time.time(), 0.0
+  while (now := time.time() - begun) < 40.0:
+    car.read()
+    total += 0.003 * (1.0 - car.motorTach)
+    car.write(0.1 * (1.0 - car.motorTach) + total, 0.25 * math.sin(2.5 * now))
+"""
