@@ -6,11 +6,11 @@ qcar-twin benchmark-fleet --fleets 200 --driven 2 --out out/fleet.md
 """
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
-from calibration.concealed.benchmarks.fleet import CARS, LOSS, Judged, drawn_fleet, drive_log, judged, judged_drives
-from calibration.concealed.campaign.intervals import exact_interval
+from calibration.concealed.benchmarks import fleet as benchmark
+from calibration.concealed.benchmarks.fleet import CARS, KINDS, Judged, Scanned, drawn_fleet, judged, scanned, shares
 from calibration.progress import counted
 from qcar_twin import markdown
 from qcar_twin.atomic_io import write_text
@@ -18,13 +18,6 @@ from qcar_twin.command_line import run_script
 
 OUT_IS_FILE = True
 KEPT = "logs that were driven and calibrated stay in --work, the same command goes on with the rest"
-KINDS = {
-  "equal cars": {},
-  "equal, stated deviations 1.5 times too small": {"understated": 1.5},
-  "equal but for a scatter between cars of one stated deviation": {"scatter": 1.0},
-  "the same, of two": {"scatter": 2.0},
-  f"one car {100 * LOSS:.0f} % off in a parameter known to 4 %": {"odd": LOSS},
-}  # what is drawn, and how
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,17 +36,12 @@ class Config:
   """Fleets of equal cars, and as many with an odd one, that the independent car drives."""
   logs: int = 1
   """Logs of each car of a driven fleet, about two minutes of driving each."""
+  scanned: int = 0
+  """Files on disk that a scan is timed on, copies of those of --sample under other names."""
+  sample: Path = Path("data/sample")
+  """Data set whose CSV files are copied."""
   quick: bool = False
-  """Ten fleets of each kind, none driven."""
-
-
-def shares(fleets: Sequence[Judged]) -> list[str]:
-  """Fleets that accuse anyone, find the odd car, name what is odd, and that alone; with exact 95 % intervals."""
-  row = []
-  for hits in (sum(getattr(f, name) for f in fleets) for name in ("anyone", "found", "named", "alone")):
-    low, high = exact_interval(hits, len(fleets))
-    row.append(f"{hits} of {len(fleets)} ({low:.3f} to {high:.3f})")
-  return row
+  """Ten fleets of each kind, none driven, 35 files at most."""
 
 
 def driven(config: Config) -> Iterator[tuple[str, bool, Judged]]:
@@ -64,14 +52,19 @@ def driven(config: Config) -> Iterator[tuple[str, bool, Judged]]:
     for odd in (False, True)
   ]
   places = [(*fleet, car, log) for fleet in named for car in range(CARS) for log in range(config.logs)]
-  steps = (drive_log(config.work / name, seed, odd, car, log) for name, seed, odd, car, log in places)
+  steps = (benchmark.drive_log(config.work / name, seed, odd, car, log) for name, seed, odd, car, log in places)
   for _ in counted(steps, len(places), "log"):
     pass
-  yield from ((name, odd, judged_drives(config.work / name)) for name, _, odd in named)
+  yield from ((name, odd, benchmark.judged_drives(config.work / name)) for name, _, odd in named)
 
 
 def _place(fleet: Judged) -> str:
   return f"{fleet.place} of {fleet.of}, chance {fleet.chance:.1e}"
+
+
+def _scan(one: Scanned) -> str:
+  took = f"{one.wall:.0f} s, {one.processor:.0f} s of processor time"
+  return f"A scan of {one.logs} logs, {one.driven / 60.0:.0f} min of driving, {one.refused} refused: {took}.\n"
 
 
 def main(config: Config) -> str:
@@ -91,6 +84,8 @@ def main(config: Config) -> str:
     ]
     titles = ("driven fleet", "accused", "least likely of all", "the odd car's grip among all comparisons")
     text += "\n" + "\n".join([*markdown.table(titles, rows), ""])
+  if config.scanned:
+    text += "\n" + _scan(scanned(config.sample, min(config.scanned, 35) if config.quick else config.scanned))
   write_text(config.out, text)
   print(text)
   return text

@@ -1,16 +1,20 @@
-"""Fleets of equal cars, and of cars one of which is odd: who is accused, at the level of estimates and of driving.
+"""Fleets of equal cars, and of cars one of which is odd: who is accused; and how long a scan of many files takes.
 
 Estimates are drawn with their covariance. Driven fleets are sessions of the independent car, written as a user's logs
 lie, calibrated one by one and compared by what `scan --calibrate` runs.
 """
 
 import dataclasses
+import shutil
+import tempfile
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from calibration.concealed.campaign.intervals import exact_interval
 from calibration.concealed.proving_ground.car import Car
 from calibration.concealed.proving_ground.session import make_session
 from calibration.fleet.hierarchy import Reading, compare
@@ -19,6 +23,7 @@ from calibration.fleet.logs import find_logs
 from calibration.fleet.scan import scan
 from qcar_twin.recordings.dataset import write_dataset
 from qcar_twin.recordings.manifest import FILE_NAME
+from qcar_twin.recordings.recording import RecordingError
 
 CARS, LOGS = 6, 2
 ODD = 3  # place of the odd car
@@ -30,6 +35,13 @@ PLACE = 8  # of the parameter that is odd; its deviation is 4 %
 GRIP = ("friction", "cornering_front", "cornering_rear")  # of the independent car; all are less on the odd one
 _NAMED = ("friction_coefficient", "cornering_stiffness_front", "cornering_stiffness_rear")  # the twin's names for them
 _DESIGN = "compact"
+KINDS: dict[str, dict[str, float]] = {
+  "equal cars": {},
+  "equal, stated deviations 1.5 times too small": {"understated": 1.5},
+  "equal but for a scatter between cars of one stated deviation": {"scatter": 1.0},
+  "the same, of two": {"scatter": 2.0},
+  f"one car {100 * LOSS:.0f} % off in a parameter known to 4 %": {"odd": LOSS},
+}  # fleets of estimates, and how they are drawn
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,6 +117,15 @@ def judged(readings: Sequence[Reading], odd: Sequence[str] = (f"p{PLACE}",)) -> 
   )
 
 
+def shares(fleets: Sequence[Judged]) -> list[str]:
+  """Fleets that accuse anyone, find the odd car, name what is odd, and that alone; with exact 95 % intervals."""
+  row = []
+  for hits in (sum(getattr(f, name) for f in fleets) for name in ("anyone", "found", "named", "alone")):
+    low, high = exact_interval(hits, len(fleets))
+    row.append(f"{hits} of {len(fleets)} ({low:.3f} to {high:.3f})")
+  return row
+
+
 def drive_log(folder: Path, seed: int, odd: bool, car: int, log: int) -> None:
   """Drive and calibrate one log of one car, as `scan --calibrate` does; what is done stays done.
 
@@ -118,6 +139,44 @@ def drive_log(folder: Path, seed: int, odd: bool, car: int, log: int) -> None:
     session = make_session(seed + 1000 * (1 + car) + 100 * log, (), _DESIGN, 1.0, one)
     write_dataset(place, place.name, session.vehicle, session.vehicle_std, session.recordings, source=session.source)
   calibrated(folder)
+
+
+@dataclasses.dataclass(frozen=True)
+class Scanned:
+  """A scan of many files by one process.
+
+  Attributes:
+    logs, refused: counts.  driven: s of all.  wall, processor: time that it took, s.
+  """
+
+  logs: int
+  refused: int
+  driven: float
+  wall: float
+  processor: float
+
+
+def scanned(sample: Path, count: int) -> Scanned:
+  """Check `count` copies of a data set's files under other names, each car's logs of one day in a folder.
+
+  Raises:
+    RecordingError: the sample holds no CSV file.
+  """
+  files = sorted(sample.glob("*.csv"))
+  if not files:
+    raise RecordingError(f"{sample}: holds no CSV file to copy; name the folder of a data set")
+  with tempfile.TemporaryDirectory() as name:
+    folder = Path(name)
+    for k in range(count):
+      day, car = divmod(k // len(files), CARS)
+      place = folder / "logs" / car_name(car) / f"2026-11-{1 + day:02d}"
+      place.mkdir(parents=True, exist_ok=True)
+      shutil.copyfile(files[k % len(files)], place / f"{files[k % len(files)].stem}_{k}.csv")
+    wall, processor = time.perf_counter(), time.process_time()
+    lines = scan(find_logs(folder / "logs"), folder / "scan.ndjson", like=sample)
+    wall, processor = time.perf_counter() - wall, time.process_time() - processor
+  refused = [line for line in lines if line["state"] == "refused"]
+  return Scanned(len(lines), len(refused), sum(line.get("driven", 0.0) for line in lines), wall, processor)
 
 
 def calibrated(folder: Path) -> list[dict[str, Any]]:

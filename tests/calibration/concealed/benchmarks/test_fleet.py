@@ -1,5 +1,7 @@
 """What a benchmark of fleets says of fleets whose odd car is known, drawn and driven."""
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,9 @@ from calibration.concealed.benchmarks import fleet as benchmark
 from calibration.concealed.benchmarks.fleet import CARS, ODD, car_name, drawn_fleet, judged
 from calibration.concealed.laboratory.written import Session
 from calibration.fleet.logs import find_logs
-from qcar_twin.recordings.recording import Recording
+from qcar_twin.recordings.recording import Recording, RecordingError
 from scripts import benchmark_fleet
+from tests import ROOT
 
 GRIP = "cornering_stiffness_rear"
 DRIVE = Recording.from_columns("drive", np.arange(5) / 100.0, {"motor_voltage": np.ones(5), "motor_speed": np.ones(5)})
@@ -69,3 +72,15 @@ def test_fleets_are_driven_once_and_stand_on_the_page(lines, monkeypatch, tmp_pa
   assert len(find_logs(tmp_path / "fleets" / "odd_4" / "logs")) == CARS * 2
   assert "log 24 of 24" in capsys.readouterr().err
   assert benchmark_fleet.main(config) == text and len(driven) == 24
+
+
+def test_a_scan_of_copies_is_timed(tmp_path):
+  sample = tmp_path / "sample"
+  sample.mkdir()
+  for name in ("dataset.toml", "standstill.csv", "voltage_step_2V.csv"):
+    shutil.copy(ROOT / "data" / "sample" / name, sample)
+  one = benchmark.scanned(sample, 5)
+  assert one.logs == 5 and one.refused == 0 and one.wall > 0.0 and one.processor > 0.0
+  assert one.driven == pytest.approx(3 * 3.99 + 2 * 5.49, abs=0.1)
+  with pytest.raises(RecordingError, match="holds no CSV file to copy"):
+    benchmark.scanned(tmp_path, 5)
