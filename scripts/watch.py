@@ -18,6 +18,7 @@ from calibration.watch.watch import Alarm, Watch
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.manifest import read_manifest
+from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.twin.file import load_twin
 
 KEPT = "what was written into watch.ndjson until then is kept"
@@ -44,7 +45,7 @@ class Config:
 
 
 def main(config: Config) -> list[Alarm]:
-  """Follow the log, print alarms as they come; returns them."""
+  """Follow the log, print alarms as they come; returns them. Raises RecordingError where nothing could be judged."""
   tail, manifest = tail_of(config.follow), read_manifest(config.dataset)
   data, (twin, theta) = DataSet.load(config.dataset), load_twin(config.twin, threads=1)
   reference = [r for r in data.recordings if r.role != "holdout"]
@@ -65,7 +66,10 @@ def main(config: Config) -> list[Alarm]:
       if time.monotonic() - last >= config.patience:
         break
       time.sleep(config.every)
-  if config.mcap and record.blocks:
+  if not record.blocks:
+    why = tail.refused or f"it holds less than {BLOCK:g} s of driving"
+    raise RecordingError(f"{config.follow}: nothing could be judged; {why}")
+  if config.mcap:
     print(f"mcap: {record.mcap(config.out / 'watch.mcap')}")
   print(f"{record.blocks} blocks of {BLOCK:g} s, {len(alarms)} alarms: {config.out / 'watch.ndjson'}")
   return alarms

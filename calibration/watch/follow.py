@@ -24,7 +24,13 @@ _MESSAGES = (5, 6)  # a message, a chunk of them
 
 
 class Tail(Protocol):
-  """What is new in a file."""
+  """What is new in a file.
+
+  Attributes:
+    refused: why what is there cannot be read yet; "" where it can.
+  """
+
+  refused: str
 
   def grown(self) -> bool:
     """Take in what was appended; whether there was anything whole."""
@@ -43,7 +49,7 @@ class CsvTail:
   """Rows of a CSV file; a row that is not ended yet waits."""
 
   def __init__(self, path: Path):
-    self._path, self._place, self._torn = path, 0, ""
+    self._path, self._place, self._torn, self.refused = path, 0, "", ""
     self._head: str | None = None
     self._rows: list[str] = []
 
@@ -72,7 +78,7 @@ class McapTail:
   """Records of an MCAP file as they become whole. Most writers write a chunk at a time, of about a megabyte."""
 
   def __init__(self, path: Path):
-    self._path, self._place = path, len(_MAGIC)
+    self._path, self._place, self.refused = path, len(_MAGIC), ""
     self._always: list[bytes] = []
     self._records: list[bytes] = []
 
@@ -124,6 +130,8 @@ def tail_of(path: Path) -> Tail:
   Raises:
     RecordingError: no such file, or one that cannot be read while it is written.
   """
+  if path.is_dir():
+    raise RecordingError(f"{path}: is a folder; name the file in it that is being written")
   if not path.is_file():
     raise RecordingError(f"{path}: no such file; start the log first")
   kinds = {".csv": CsvTail, ".mcap": McapTail}
@@ -159,10 +167,15 @@ def pieces(tail: Tail, manifest: Manifest, name: str, block: float) -> Iterator[
   if not tail.grown():
     return
   with tempfile.TemporaryDirectory() as folder:
+    file = tail.written(Path(folder))
     try:
-      recording = as_recording(tail.written(Path(folder)), manifest, name)
-    except RecordingError:
-      return  # not enough of it yet
+      recording = as_recording(file, manifest, name)
+    except RecordingError as error:
+      tail.refused = (
+        str(error).replace(str(file), name).replace(file.name, name)
+      )  # too little of it yet, or another log
+      return
+  tail.refused = ""
   start, end = span_of(recording)
   new = getattr(tail, "judged", start)
   while end - new >= block:

@@ -173,3 +173,17 @@ def test_the_command_writes_what_was_measured_and_predicted_and_the_alarm(desk, 
   yaw = lines[0]["channels"]["yaw_rate"]
   assert np.allclose(np.subtract(yaw["measured"], yaw["predicted"]), yaw["difference"])
   assert len(lines) == 24 and (desk / "out" / "watch.mcap").is_file()
+
+
+def test_a_log_that_cannot_be_judged_is_said(desk, car):
+  look = lambda log: watch_command.main(
+    watch_command.Config(log, desk / "twin.toml", desk / "data", desk / "out", patience=0.0)
+  )
+  (desk / "other.csv").write_text("t,v\n0,1\n")
+  with pytest.raises(RecordingError, match="nothing could be judged; other: needed channel 'time' is missing"):
+    look(desk / "other.csv")
+  write_log(desk / "short.csv", driven(*car, 1.0, 82))
+  with pytest.raises(RecordingError, match="nothing could be judged; it holds less than 2 s of driving"):
+    look(desk / "short.csv")
+  with pytest.raises(RecordingError, match="is a folder; name the file in it that is being written"):
+    look(desk / "data")
