@@ -33,8 +33,11 @@ def in_parallel(calls: Sequence[Call], workers: int = 1, ray: bool = False) -> I
     ray: send the calls to the Ray cluster at hand (RAY_ADDRESS), or to a local one, instead of local processes.
 
   Raises:
+    ValueError: no workers.
     WorkerLost: a local process was killed, for want of memory most likely. What a call raises is raised here.
   """
+  if workers == 0:
+    raise ValueError("0 processes do nothing: give 1 or more, or -1 for one a core")
   if ray:
     yield from _on_ray(calls)
     return

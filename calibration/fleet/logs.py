@@ -37,6 +37,8 @@ def find_logs(folder: Path) -> list[Log]:
   Raises:
     RecordingError: no such folder, or nothing in it that could be read.
   """
+  if folder.is_file():
+    raise RecordingError(f"{folder}: is a file; name the folder that it lies in")
   if not folder.is_dir():
     raise RecordingError(f"{folder}: no such folder; name one that holds logs or data sets")
   sets = [path.parent for path in sorted(folder.rglob(FILE_NAME)) if not _hidden(path, folder)]

@@ -103,3 +103,8 @@ def test_a_lost_computer_of_a_cluster_costs_no_case_and_doubles_none(tmp_path):
   assert len(list(tmp_path.glob("case_*.json"))) == 12
   begun = (tmp_path / "begun.txt").read_text().split()
   assert len(begun) > 12, "what the lost worker was at was begun again"
+
+
+def test_no_processes_are_refused():
+  with pytest.raises(ValueError, match="0 processes do nothing: give 1 or more"):
+    in_order([], workers=0)

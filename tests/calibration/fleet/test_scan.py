@@ -71,7 +71,11 @@ def test_exit_codes(folder, capsys):
   assert refused.value.code == 1 and "broken.csv" in capsys.readouterr().out
   (folder / "logs" / "red" / "broken.csv").unlink()
   assert dispatch(["scan", str(folder / "logs"), *out]) == 0
-  for words in (["scan", str(folder / "nowhere")], ["scan", str(folder / "logs"), "--like", str(folder)]):
+  for words in (
+    ["scan", str(folder / "nowhere")],
+    ["scan", str(SAMPLE / "oval.csv")],
+    ["scan", str(folder / "logs"), "--like", str(folder)],
+  ):
     with pytest.raises(SystemExit) as misused:
       dispatch(words)
     assert misused.value.code == 2
