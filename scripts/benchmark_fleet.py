@@ -73,8 +73,8 @@ def main(config: Config) -> str:
   rows = []
   for kind, how in KINDS.items():
     made = [judged(drawn_fleet(1000 * config.seed + k, **how)) for k in range(fleets)]
-    anyone, found, named, alone = shares(made)
-    rows.append((kind, anyone, *((found, named, alone) if "odd" in how else ("", "", ""))))
+    anyone, spotted, named, alone = shares(made)
+    rows.append((kind, anyone, *((spotted, named, alone) if "odd" in how else ("", "", ""))))
   titles = ("fleets of estimates", "accuse anyone", "accuse the odd car", "of what is odd", "and of nothing else")
   text = "\n".join([*markdown.table(titles, rows), ""])
   if config.driven and not config.quick:

@@ -60,16 +60,16 @@ def drives_of_script(folder: Path, script: str) -> dict[str, list[Recording]]:
   Raises:
     RecordingError: the script was not driven there.
   """
-  found: dict[str, list[Recording]] = {}
+  made: dict[str, list[Recording]] = {}
   recordings = DataSet.load(folder).recordings
   for recording in recordings:
     drive = drive_of(recording.name.partition("#")[0])  # a piece of one is named x#2
     if re.fullmatch(rf"{re.escape(script)}(_run\d+)?", drive):
-      found.setdefault(drive, []).append(recording)
-  if not found:
+      made.setdefault(drive, []).append(recording)
+  if not made:
     drives = sorted({drive_of(r.name) for r in recordings})
     raise RecordingError(f"{folder}: holds no drive of '{script}'{nearest(script, drives)}")
-  return found
+  return made
 
 
 def compared(ours: Recording, folder: Path, theirs: Mapping[str, Sequence[Recording]]) -> str:

@@ -50,14 +50,14 @@ class Judged:
 
   Attributes:
     accused: cars and days with their parameters.
-    found, named: whether the odd car is accused, and of what is odd about it.  alone: and nobody and nothing else is.
+    spotted, named: whether the odd car is accused, and of what is odd about it.  alone: and nobody and nothing else is.
     first: the least likely comparison, a sentence.
     place, of, chance: of the odd car in what is odd about it: where among all comparisons by their chance, the least
       likely being 1, and that chance.
   """
 
   accused: tuple[tuple[str, str], ...]
-  found: bool
+  spotted: bool
   named: bool
   alone: bool
   first: str
@@ -107,7 +107,7 @@ def judged(readings: Sequence[Reading], odd: Sequence[str] = (f"p{PLACE}",)) -> 
   place = next(places, len(compared) - 1)
   return Judged(
     accused=accused,
-    found=any(unit == car_name(ODD) for unit, _ in accused),
+    spotted=any(unit == car_name(ODD) for unit, _ in accused),
     named=any(is_odd(*one) for one in accused),
     alone=bool(accused) and all(is_odd(*one) for one in accused),
     first=compared[0].sentence,
@@ -120,7 +120,7 @@ def judged(readings: Sequence[Reading], odd: Sequence[str] = (f"p{PLACE}",)) -> 
 def shares(fleets: Sequence[Judged]) -> list[str]:
   """Fleets that accuse anyone, find the odd car, name what is odd, and that alone; with exact 95 % intervals."""
   row = []
-  for hits in (sum(getattr(f, name) for f in fleets) for name in ("anyone", "found", "named", "alone")):
+  for hits in (sum(getattr(f, name) for f in fleets) for name in ("anyone", "spotted", "named", "alone")):
     low, high = exact_interval(hits, len(fleets))
     row.append(f"{hits} of {len(fleets)} ({low:.3f} to {high:.3f})")
   return row

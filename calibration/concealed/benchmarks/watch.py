@@ -6,6 +6,7 @@ watched recording by recording, and then sessions of the car with a change, in r
 
 import contextlib
 import dataclasses
+import functools
 import hashlib
 import tempfile
 import time
@@ -114,9 +115,15 @@ def _taken(watch: Watch, recording: Recording) -> list[Alarm]:
     return []  # too short to simulate
 
 
+@functools.cache
+def _without(car: Which, seed: int) -> list[Recording]:
+  """What is driven before a change, the same for all changes."""
+  return [r for made in _sessions(car, seed, [seed + 2000, seed + 2001], "") for r in made.recordings]
+
+
 def seen(watch: Watch, car: Which, change: str, seed: int, trials: int) -> Iterator[Seen]:
   """A change of a car, begun after some driving without it, in random orders of its recordings."""
-  without = [r for made in _sessions(car, seed, [seed + 2000, seed + 2001], "") for r in made.recordings]
+  without = _without(car, seed)
   changed = [r for made in _sessions(car, seed, [seed + 3000, seed + 3001], change) for r in made.recordings]
   for trial in range(trials):
     random = np.random.default_rng([seed, trial])

@@ -20,18 +20,18 @@ MADE = Session((DRIVE,), {"mass": 2.7}, {}, {}, {})
 
 def test_the_odd_car_is_found_by_what_is_odd_about_it():
   one = judged(drawn_fleet(1, odd=0.5))
-  assert one.found and one.named and one.alone and one.anyone and one.place == 1
+  assert one.spotted and one.named and one.alone and one.anyone and one.place == 1
   assert one.of == CARS * benchmark.PARAMETERS and car_name(ODD) in one.first
 
 
 def test_another_parameter_is_not_what_is_odd():
   one = judged(drawn_fleet(1, odd=0.5), odd=("p0",))
-  assert one.found and not one.named and not one.alone and one.place > 1
+  assert one.spotted and not one.named and not one.alone and one.place > 1
 
 
 def test_equal_cars_are_nobody():
   one = judged(drawn_fleet(2))
-  assert one.accused == () and not (one.found or one.named or one.alone or one.anyone)
+  assert one.accused == () and not (one.spotted or one.named or one.alone or one.anyone)
 
 
 @pytest.fixture

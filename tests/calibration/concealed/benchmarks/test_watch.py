@@ -44,6 +44,7 @@ class Told:
 def sessions(monkeypatch):
   session = types.SimpleNamespace(recordings=[types.SimpleNamespace(start=0.0, duration=8.0)] * 3)
   monkeypatch.setattr(benchmark, "_sessions", lambda car, seed, seeds, change: iter([session] * len(seeds)))
+  benchmark._without.cache_clear()
 
 
 def test_driving_is_counted_until_the_alarm():
