@@ -20,12 +20,18 @@ def kept(path: Path, parts: Sequence[Part]) -> list[dict[str, Any]]:
   text = path.read_text(encoding="utf-8") if path.is_file() else ""
   whole = text[: text.rfind("\n") + 1]
   write_text(path, whole)
-  known, made = [json.loads(line) for line in whole.splitlines()], []
-  for key, act in counted(parts, len(parts), "part"):
-    line = next((one for one in known if all(one.get(name) == value for name, value in key.items())), None)
-    if line is None:
-      line = json.loads(json.dumps(plain({**key, **act()}), allow_nan=False))
-      with path.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(line) + "\n")
-    made.append(line)
-  return made
+  known = [json.loads(line) for line in whole.splitlines()]
+  return list(counted((_line(path, known, *part) for part in parts), len(parts), "part"))
+
+
+def _line(
+  path: Path, known: Sequence[dict[str, Any]], key: Mapping[str, Any], act: Callable[[], Mapping[str, Any]]
+) -> dict[str, Any]:
+  """A part's line, from the file where it is there."""
+  for line in known:
+    if all(line.get(name) == value for name, value in key.items()):
+      return line
+  line = json.loads(json.dumps(plain({**key, **act()}), allow_nan=False))
+  with path.open("a", encoding="utf-8") as file:
+    file.write(json.dumps(line) + "\n")
+  return line
