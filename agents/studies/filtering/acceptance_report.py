@@ -1,7 +1,7 @@
 """The sections of the results on what the online filter gets through: validity, honesty, accusations, car by car."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from agents.studies.filtering.acceptance_study import (
   CASES,
   LIMIT,
   Case,
+  Driven,
   Outcome,
   Subject,
   judge,
@@ -22,27 +23,38 @@ from qcar_twin.estimation.settings import LEARNT, FilterSettings
 HEADS = ("case", "car", "valid", "beyond while valid", "NEES", "position, worst", "yaw, worst", "falsely accused")
 SHORT = ("case", "valid", "beyond while valid", "NEES", "NEES, plain filter", "position, worst", "falsely accused")
 MORE = ("filter", "cars", "limit", "valid", "beyond, mean", "beyond, worst car", "position, worst", "falsely accused")
+Drives = dict[str, Driven]  # by what is done
 Judged = dict[tuple[str, str], tuple[Outcome, Case]]
 
 
-def judged(subjects: Sequence[Subject], quick: bool = False) -> Judged:
-  """Every case on every car, by names; the limit of grip and sound sensors alone when `quick`."""
+def drives_of(subject: Subject) -> Drives:
+  """What a subject is judged by."""
+  return {"limit": limit_drive(subject), "lock": lock_drive(subject), "weave": weave_drive(subject)}
+
+
+def judged(subjects: Sequence[Subject], drives: Mapping[str, Drives], quick: bool = False) -> Judged:
+  """Every case on every car, by names; the limit of grip and sound sensors alone when `quick`.
+
+  Args:
+    drives: by the subject's name.
+  """
   done: Judged = {}
   for subject in subjects:
-    sound, limit = Case(), judge(subject, limit_drive(subject), Case())
+    driven, sound = drives[subject.name], Case()
+    limit = judge(subject, driven["limit"], sound)
     for title, sign in (("limit, forward", 1.0), ("limit, reverse", -1.0)):
       done[title, subject.name] = limit.of(LIMIT[:, 0] * sign > 0.0), sound
-    done["full lock", subject.name] = judge(subject, lock_drive(subject), sound), sound
-    weave = weave_drive(subject)
+    done["full lock", subject.name] = judge(subject, driven["lock"], sound), sound
     for name, case in list(CASES.items())[: 1 if quick else None]:
-      done[name, subject.name] = judge(subject, weave, case), case
+      done[name, subject.name] = judge(subject, driven["weave"], case), case
   order = list(dict.fromkeys(case for case, _ in done))
   return dict(sorted(done.items(), key=lambda item: order.index(item[0][0])))
 
 
 def acceptance_sections(subjects: Sequence[Subject], quick: bool = False) -> list[str]:
   """The plain filter car by car, and the worst of the cars for the filter that estimates unknown numbers."""
-  plain = judged(subjects, quick)
+  drives = {subject.name: drives_of(subject) for subject in subjects}
+  plain = judged(subjects, drives, quick)
   learning = [dataclasses.replace(s, settings=s.settings.estimating(*LEARNT)) for s in subjects]
   return [
     "## What the filter gets through",
@@ -63,7 +75,7 @@ def acceptance_sections(subjects: Sequence[Subject], quick: bool = False) -> lis
     "",
     f"The same drives and readings; EKF_BM also estimates {', '.join(LEARNT)}. The worst of the cars in each column.",
     "",
-    *markdown.table(SHORT, _worst(judged(learning, quick), plain)),
+    *markdown.table(SHORT, _worst(judged(learning, drives, quick), plain)),
   ]
 
 

@@ -229,7 +229,7 @@ def test_a_training_that_was_stopped_ends_in_the_weights_of_one_that_was_not(alg
 def test_a_killed_command_is_resumed_by_its_own_plan(tmp_path):
   folder = tmp_path / "run"
   (tmp_path / "mine.yml").write_text(
-    TABLE.replace("2000", "200000") + "  n_steps: 64\n  batch_size: 128\n  env_kwargs: {plant: bicycle, path: o}\n",
+    TABLE.replace("2000", "60000") + "  n_steps: 64\n  batch_size: 128\n  env_kwargs: {plant: bicycle, path: o}\n",
     encoding="utf-8",
   )
   command = [sys.executable, "-m", "scripts", "train", "--out", str(folder)]
