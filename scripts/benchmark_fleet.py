@@ -1,4 +1,4 @@
-"""Who is odd in fleets of equal cars and in fleets with an odd one: of estimates, and driven end to end; write a page.
+"""Measure who is accused in fleets of equal cars and in fleets with an odd one.
 
 A driven fleet's logs and their calibrations stay in --work; the same command goes on with the rest.
 

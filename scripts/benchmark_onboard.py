@@ -1,4 +1,4 @@
-"""Drive QCar scripts twice on twin, reduced and independent car: how long it takes, and whether all is the same.
+"""Measure how long QCar scripts take on every car, and whether two drives are the same.
 
 qcar-twin benchmark-onboard --out out/onboard.md
 """
