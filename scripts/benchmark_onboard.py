@@ -47,7 +47,7 @@ class Config:
 
 
 def plants(config: Config) -> dict[str, Callable[[], OnboardPlant]]:
-  """What is driven, by name; made anew for every drive."""
+  """Functions that make the cars to drive, by the car's name."""
   nominal = Twin(Vehicle.load(), threads=1)
   twin = load_twin(config.twin, threads=1) if config.twin else (nominal, nominal.parameters.nominal)
   made = {"reduced car": lambda: twin_plant(*twin, "reduced")}

@@ -19,7 +19,7 @@ def reweight_if_worth_it(pool: Pool, leaders: Callable[[Pool], Sequence[Candidat
   """Take channel weights from the least that any single leaves where that tells: what is explained was no noise.
 
   A late pose is all that the base leaves in the displacements, and hides itself: weighed by what is left, it counts as
-  their noise. Where the new weights would change what no single is worth by as much as a decision hangs on, all
+  their noise. Where they would change no single's worth by as much as a decision hangs on, all weights
   stay as they were, so that all models stand at the minimum of one and the same cost. Elsewhere the base, the best
   model and the other leaders are brought to the new one with all their columns. A leader left where it was would lose
   to the best for no other reason. They go on to their minima: where they stand, sets that contain them begin.
@@ -29,8 +29,8 @@ def reweight_if_worth_it(pool: Pool, leaders: Callable[[Pool], Sequence[Candidat
     leaders: the models of a pool that explain nearly as much as the best.
   """
   singles = pool.of_size(1)
-  weighting = _least_left(pool, [pool.base, *singles])
   old = pool.problem.whiten(np.ones(len(pool.problem.observations)))
+  weighting = _least_left(pool, [pool.base, *singles], old)
   ratio = pool.problem.reweighted(weighting).whiten(np.ones(len(old))) / old
   worth = [_ahead(model, pool.base, ratio) for model in singles]
   changes = [abs(new - (pool.base.cost - model.cost)) for model, new in zip(singles, worth, strict=True)]
@@ -44,10 +44,9 @@ def reweight_if_worth_it(pool: Pool, leaders: Callable[[Pool], Sequence[Candidat
   refine(pool.problem, near, 2)
 
 
-def _least_left(pool: Pool, models: Sequence[Candidate]) -> Weighting:
-  """Weights of every channel from the model that leaves least of it."""
+def _least_left(pool: Pool, models: Sequence[Candidate], old: Array) -> Weighting:
+  """Weights of every channel from the model that leaves least of it; `old`, (M,): those of the residuals."""
   observations = pool.problem.observations
-  old = pool.problem.whiten(np.ones(len(observations)))
   each = [weighting_from(observations, model.residual / old, pool.floor) for model in models]
   std = np.stack([weighting.std for weighting in each])
   least = np.argmin(np.nan_to_num(std, nan=np.inf), axis=0)
@@ -55,11 +54,11 @@ def _least_left(pool: Pool, models: Sequence[Candidate]) -> Weighting:
   return dataclasses.replace(each[0], std=std[least, np.arange(len(least))], spike=spike)
 
 
-def _ahead(best: Candidate, base: Candidate, ratio: Array) -> float:
+def _ahead(model: Candidate, base: Candidate, ratio: Array) -> float:
   """Nats that a model is ahead of the base under other weights, both left where they are."""
-  part = slice(0, best.n_train)
-  gain = half_square(base.residual[part] * ratio[part]) - half_square(best.residual[part] * ratio[part])
-  return gain + prior_cost(base.values, base.free) - prior_cost(best.values, best.free)
+  part = slice(0, model.n_train)
+  gain = half_square(base.residual[part] * ratio[part]) - half_square(model.residual[part] * ratio[part])
+  return gain + prior_cost(base.values, base.free) - prior_cost(model.values, model.free)
 
 
 def _reweight(pool: Pool, problem: Problem, ratio: Array) -> None:

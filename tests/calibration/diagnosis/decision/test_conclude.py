@@ -8,7 +8,7 @@ import pytest
 from calibration.diagnosis.decision.claims import beyond_usual, sensor_claims
 from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.decision.conclude import above_level, conclude, judged, strength
-from calibration.diagnosis.decision.evidence import Evidence, Model, Named
+from calibration.diagnosis.decision.evidence import Evidence, Measured, Model, Named
 from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.decision.structure import Leftover
 from calibration.diagnosis.holdout_errors import ChannelFit
@@ -150,21 +150,36 @@ def test_a_small_effect_in_other_channels_is_named_beside_a_strong_one():
   assert {c.mechanism for c in decided(pool).claims} == both
 
 
-def test_a_bias_is_claimed_beyond_what_every_sensor_has(monkeypatch):
-  """A gyro that reads 0.2 rad/s too much: claimed if such gyros are known to within 0.02, not if to within 0.3."""
+@pytest.fixture(scope="module")
+def biased_pool():
+  """A gyro that reads 0.2 rad/s too much, as part of the base, where sensors' own errors are."""
   twin = rig.LinearTwin(("gyro_bias",))
   problem = rig.problem_of(twin, rig.measure(twin, rig.drive(), {"gyro_bias": 0.2}))
   base = rig.solved(problem, ("gyro_bias",))
-  base.mechanisms = ()  # part of the base, as the sensors' biases are
-  pool = Pool(problem, rig.BASE, {frozenset(): base}, {}, dict(rig.NOISE))
+  base.mechanisms = ()
+  return Pool(problem, rig.BASE, {frozenset(): base}, {}, dict(rig.NOISE))
+
+
+def test_a_bias_is_claimed_beyond_what_every_sensor_has(biased_pool, monkeypatch):
+  """Claimed if such gyros are known to within 0.02 rad/s, not if to within 0.3."""
 
   def claimed(pool):
     evidence = gather(pool)
     return [c.mechanism for c in sensor_claims(evidence.base, evidence, usual_levels())]
 
   for usual, claims in ((0.02, ["gyro_bias"]), (0.3, [])):
-    monkeypatch.setattr(type(twin.mechanisms[0]), "sensor_errors", {"gyro_bias": SensorError(usual)})
-    assert claimed(pool) == claims
+    kind = type(biased_pool.problem.mechanism("gyro_bias"))
+    monkeypatch.setattr(kind, "sensor_errors", {"gyro_bias": SensorError(usual)})
+    assert claimed(biased_pool) == claims
+
+
+def test_a_sensors_age_is_claimed_where_it_departs_as_a_figure_does(biased_pool):
+  """Not by its bias' usual size: what every sensor has and the twin's own form say how far an age is unusual."""
+  evidence = gather(biased_pool)
+  for value, claims in ((0.03, ["gyro_bias"]), (0.003, [])):
+    age = Measured("gyro_bias", 0.0, 0.003, value, 0.01, "s", usual=True)
+    model = dataclasses.replace(evidence.base, measured=(age,))
+    assert [c.mechanism for c in sensor_claims(model, evidence, usual_levels())] == claims
 
 
 @pytest.mark.parametrize("axes", [1, 2, 4])
