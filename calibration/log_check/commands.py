@@ -9,17 +9,14 @@ from calibration.fitting.start_states import STANDS
 from calibration.log_check.disagreements import Finding
 from calibration.log_check.motions import Wheels
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
-from qcar_twin.recordings.checks.acted import (
-  MOVING,
-  Idle,
+from qcar_twin.recordings.checks.acted import Idle, against, idle_stretches, was_commanded
+from qcar_twin.recordings.checks.driving import MOVING
+from qcar_twin.recordings.checks.neutral import (
   Neutral,
-  against,
   drive_neutral,
-  idle_stretches,
   least_command,
   steering_neutral,
   switched_command,
-  was_commanded,
 )
 from qcar_twin.recordings.completed import with_speed
 from qcar_twin.recordings.recording import Recording
@@ -77,6 +74,9 @@ def _against(recording: Recording, channel: str) -> Finding:
 
 def _neutral(neutral: Neutral) -> Finding:
   cure = f"set offset = {-neutral.value:.6g} on {neutral.channel} in [channels], added to one that is there"
+  if not neutral.sure:
+    said = f"{neutral.why}: a command too small to move the car, or its neutral; if that is its neutral, {cure}"
+    return Finding("beware", (neutral.channel,), said)
   said = f"{neutral.channel} has its neutral at {neutral.value:.4g} and not at 0: {neutral.why}; {cure}"
   return Finding("spoils", (neutral.channel,), said)
 

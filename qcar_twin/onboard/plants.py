@@ -2,6 +2,7 @@
 
 import dataclasses
 import difflib
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -28,7 +29,7 @@ class OnboardPlant:
       noise.
     vehicle: its measured numbers.
     table, std: what is written of it as a data set's [vehicle].
-    name: what it is, for the data set's description.
+    name: what it is, with the effects in it, for the data set: drives of one name are drives of one car.
     period: control period, s.
     sensors: whose noise they have. Twins share one, so that two of them differ by their physics alone; another car has
       its own, since no twin repeats the noise of the car that it is compared with.
@@ -57,7 +58,18 @@ def twin_plant(twin: Twin, theta: Array, engine: EngineKind = "mujoco") -> Onboa
   def begin(start: Array) -> Simulation:
     return _SensedCar(driven, theta, start)
 
-  return OnboardPlant(begin, driven.vehicle, vehicle_table(driven.vehicle), driven.vehicle.std, f"{engine} twin")
+  return OnboardPlant(
+    begin, driven.vehicle, vehicle_table(driven.vehicle), driven.vehicle.std, _named(driven, theta, engine)
+  )
+
+
+def _named(twin: Twin, theta: Array, engine: EngineKind) -> str:
+  """A twin by its engine, a digest of its base's parameters, and the mechanisms that are present in it."""
+  values = twin.parameters.named(theta)
+  base = ",".join(f"{p.name}={values[p.name]:.9g}" for p in twin.base)
+  present = [m for m in twin.mechanisms if twin.present(m, theta[None]) is not None]
+  added = [f"{p.name} = {values[p.name]:.6g}" for m in present for p in m.parameters]
+  return ", ".join([f"{engine} twin {hashlib.sha256(base.encode()).hexdigest()[:8]}", *added])
 
 
 def vehicle_table(vehicle: Vehicle) -> dict[str, float | str]:

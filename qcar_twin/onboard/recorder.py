@@ -46,7 +46,7 @@ def free_name(folder: Path | None, script: str, plant: OnboardPlant) -> str:
   """What a script's next drive is called in the data set of a folder, which need not be there.
 
   Raises:
-    RecordingError: the folder is a file, or holds the data set of another car.
+    RecordingError: the folder is a file, or holds drives of another car, or of one with other effects.
   """
   there = _manifest_for(folder, plant) if folder else None
   taken = {drive_of(entry.name) for entry in there.entries} if there else set()
@@ -63,6 +63,9 @@ def _manifest_for(folder: Path, plant: OnboardPlant) -> Manifest | None:
   manifest = read_manifest(folder)
   if dict(manifest.vehicle) != dict(plant.table):
     raise RecordingError(f"{folder}: holds recordings of another car; name another folder with --record")
+  if manifest.source not in ("", plant.name):
+    said = f"{folder}: holds drives of another car ({manifest.source}), and this is {plant.name}"
+    raise RecordingError(f"{said}; one data set is of one car: name another folder with --record")
   return manifest
 
 
@@ -73,13 +76,13 @@ def add_drive(folder: Path, recording: Recording, plant: OnboardPlant, script: s
   turns. Roles are proposals: they stand in dataset.toml, and what a person changed there stays.
 
   Raises:
-    RecordingError: the folder holds the data set of another car.
+    RecordingError: the folder holds drives of another car, or of one with other effects.
   """
-  text = f"Scripts driven on board: {plant.name}; the first one was {script}"
+  text = f"Scripts driven on board; the first one was {script}"
   manifest = _manifest_for(folder, plant)
   if manifest is None:
     added = _parts(recording, 0)
-    write_dataset(folder, folder.resolve().name, plant.table, plant.std, added, description=text)
+    write_dataset(folder, folder.resolve().name, plant.table, plant.std, added, description=text, source=plant.name)
     return added
   added = _parts(recording, len(manifest.entries))
   with staging(folder) as place:

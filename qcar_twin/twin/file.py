@@ -56,11 +56,7 @@ def load_twin(path: str | Path, substeps: int = 5, threads: int = 0) -> tuple[Tw
     FileNotFoundError, ValueError: with the file's name, the entry and the cure.
   """
   source = Path(path)
-  if not source.is_file():
-    raise FileNotFoundError(f"{source}: no such twin file; calibrate first (qcar-twin calibrate writes twin.toml)")
-  table = read_toml(source)
-  if table.get("format") != FORMAT:
-    raise UnreadableFile(f"{source}: not a twin file of format {FORMAT}; write it again with qcar-twin calibrate")
+  table = _read(source)
   vehicle, values, mechanisms = (_part(source, table, name) for name in ("vehicle", "parameters", "mechanisms"))
   std, known = _numbers(source, "vehicle.std", vehicle.pop("std", {})), {f.name for f in dataclasses.fields(Vehicle)}
   if unknown := sorted(set(vehicle) - known):
@@ -77,6 +73,25 @@ def load_twin(path: str | Path, substeps: int = 5, threads: int = 0) -> tuple[Tw
     if isinstance(error, UnreadableFile):
       raise
     raise UnreadableFile(f"{source}: {error.args[0]}") from error
+
+
+def _read(source: Path) -> dict[str, Any]:
+  """What a twin file holds; of anything else the error says what it is, and what is wanted."""
+  wanted = "give twin.toml, which qcar-twin calibrate and diagnose write"
+  if source.is_dir():
+    inside = source / "twin.toml"
+    raise UnreadableFile(f"{source}: is a folder; " + (f"give {inside}" if inside.is_file() else wanted))
+  if not source.is_file():
+    raise FileNotFoundError(f"{source}: no such twin file; calibrate first (qcar-twin calibrate writes twin.toml)")
+  if source.suffix.lower() != ".toml":
+    kind = f"a {source.suffix} file" if source.suffix else "a file without an ending"
+    raise UnreadableFile(f"{source}: is {kind}, not a twin file; {wanted}")
+  table = read_toml(source)
+  if "recording" in table or "channels" in table:
+    raise UnreadableFile(f"{source}: describes a data set, not a twin; calibrate it first, and {wanted}")
+  if table.get("format") != FORMAT:
+    raise UnreadableFile(f"{source}: not a twin file of format {FORMAT}; write it again with qcar-twin calibrate")
+  return table
 
 
 def _known(source: Path, table: Mapping[str, Any], names: Mapping[str, Any]) -> list[Mechanism]:

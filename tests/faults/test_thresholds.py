@@ -4,7 +4,7 @@ import pytest
 
 from calibration.log_check import causes, disagreements
 from tests.faults import disagreeing
-from tests.faults.thresholds import acted, drives, errors, several_cases, with_number, wrongly_chosen
+from tests.faults.thresholds import acted, drives, driving, errors, neutral, several_cases, wrongly_chosen
 
 
 @pytest.fixture(scope="module")
@@ -16,9 +16,12 @@ def test_no_sound_drive_is_blamed_and_no_false_one_passed(driven):
   assert errors(*driven) == ([], [])
 
 
-@pytest.mark.parametrize(("number", "value"), [("_CENTRED", 0.1), ("_LEAP", 0.03), ("_RESTS", 0.005), ("_WEAK", 90.0)])
-def test_a_number_far_off_makes_errors(driven, number, value):
-  with with_number(acted, number, value):
+@pytest.mark.parametrize(
+  ("module", "number", "value"),
+  [(neutral, "_CENTRED", 0.1), (acted, "_LEAP", 0.03), (driving, "_RESTS", 0.005), (acted, "_WEAK", 90.0)],
+)
+def test_a_number_far_off_makes_errors(driven, module, number, value):
+  with disagreeing.with_number((module,), number, value):
     alarms, missed = errors(*driven)
   assert alarms or missed
 

@@ -8,14 +8,13 @@ python -m tests.faults.thresholds --drives 1 --seed 1 --sensors
 """
 
 import argparse
-import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from types import ModuleType
 
 import numpy as np
 
 from calibration.log_check import commands
-from qcar_twin.recordings.checks import acted
+from qcar_twin.recordings.checks import acted, driving, neutral
 from qcar_twin.recordings.completed import with_speed
 from qcar_twin.recordings.first_dataset import propose, several
 from qcar_twin.recordings.formats import Table
@@ -25,11 +24,13 @@ from tests.faults.door.sources import Log, first_car, second_car
 from tests.faults.wander import RATE, SIZES, Columns, wander
 
 FACTORS = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)
-NUMBERS: tuple[tuple[ModuleType, str], ...] = (
-  *((acted, name) for name in ("_RESTS", "_ANSWERS", "_LEAST_REST", "_LEAST_IDLE", "_NEAR", "_MOST", "_OFF", "_RARE")),
-  *((acted, name) for name in ("_NEVER", "_CONTRARY", "MOVING", "_SLOWS")),
-  *((acted, name) for name in ("_WEAK", "_BIN", "_GENTLE", "_CENTRED", "_SURE", "_STAYS", "_SLOWEST", "_LEAP")),
-  (commands, "MUCH"),
+NUMBERS: tuple[tuple[tuple[ModuleType, ...], str], ...] = (
+  *(((driving,), name) for name in ("_RESTS", "_ANSWERS", "_SLOWS")),
+  *(((driving, neutral, acted), "LEAST_REST"), ((driving, neutral), "MOVING")),
+  *(((neutral,), name) for name in ("_NEAR", "_MOST", "_OFF", "_RARE", "_NEVER")),
+  *(((neutral,), name) for name in ("_BIN", "_GENTLE", "_CENTRED", "_SURE")),
+  *(((acted,), name) for name in ("_CONTRARY", "_LEAST_IDLE", "_WEAK", "_STAYS", "_SLOWEST", "_LEAP")),
+  ((commands,), "MUCH"),
 )
 Drive = tuple[np.ndarray, Columns]
 Change = Callable[[np.ndarray, Columns], Drive]
@@ -165,16 +166,6 @@ def wrongly_chosen(cases: list[Case]) -> list[str]:
   return wrong
 
 
-@contextlib.contextmanager
-def with_number(module: ModuleType, name: str, value: float) -> Iterator[None]:
-  before = getattr(module, name)
-  setattr(module, name, value)
-  try:
-    yield
-  finally:
-    setattr(module, name, before)
-
-
 Runs = list[Recording]
 
 
@@ -223,11 +214,11 @@ def main() -> None:
   print("as it is:", *errors(sound, false))
   print("| number | in use | " + " | ".join(f"x {factor:g}" for factor in FACTORS) + " |")
   print("|---" * (2 + len(FACTORS)) + "|")
-  for module, name in NUMBERS:
-    value, cells = getattr(module, name), []
+  for modules, name in NUMBERS:
+    value, cells = getattr(modules[0], name), []
     for factor in FACTORS:
       tried = 1.0 - (1.0 - value) / factor if name == "_CONTRARY" else value * factor
-      with with_number(module, name, tried):
+      with disagreeing.with_number(modules, name, tried):
         alarms, missed = errors(sound, false)
       cells.append(f"{len(alarms)}, {len(missed)}")
     print(f"| {name} | {value:g} | " + " | ".join(cells) + " |", flush=True)
@@ -236,7 +227,8 @@ def main() -> None:
   for name in SEVERAL:
     value, cells = getattr(several, name), []
     for factor in FACTORS:
-      with with_number(several, name, 1.0 - (1.0 - value) * factor if name == "_ALIKE" else value * factor):
+      tried = 1.0 - (1.0 - value) * factor if name == "_ALIKE" else value * factor
+      with disagreeing.with_number((several,), name, tried):
         cells.append(str(len(wrongly_chosen(cases))))
     print(f"| {name} | {value:g} | " + " | ".join(cells) + " |", flush=True)
 

@@ -30,5 +30,6 @@ def independent_car(number: int, effects: tuple[str, ...], seed: int) -> Onboard
   hidden = tuple((effect.partition("=")[0], _size_of(effect)) for effect in effects)
   car = drawn_car(Spec(number))
   table, std = car.measured(stream(number, 1))
-  begin, name = ProvingGroundPlant(car, hidden, 1.0, seed).begin, f"independent car {number}"
-  return OnboardPlant(begin, Vehicle.from_dataset(table, std), table, std, name, sensors=name)
+  begin, sensors = ProvingGroundPlant(car, hidden, 1.0, seed).begin, f"independent car {number}"
+  name = ", ".join([sensors, *(f"{effect} = {size:g}" for effect, size in sorted(hidden))])
+  return OnboardPlant(begin, Vehicle.from_dataset(table, std), table, std, name, sensors=sensors)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
-from qcar_twin.recordings.checks.acted import drive_neutral, steering_neutral
+from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.time import turn_of
 from qcar_twin.recordings.checks.units import Suspect, compare
 from qcar_twin.recordings.completed import with_speed
@@ -138,7 +138,7 @@ def settle_neutrals(columns: Columns, guesses: Mapping[str, Guess]) -> None:
   recordings = recordings_of(columns, guesses)
   drive = next((name for name in DRIVE_COMMANDS if name in guesses), None)
   neutrals = [drive_neutral(recordings, drive) if drive else None, steering_neutral(recordings)]
-  for neutral in (n for n in neutrals if n is not None):
+  for neutral in (n for n in neutrals if n is not None and n.sure):
     guess = guesses[neutral.channel]
     guess.offset -= neutral.value
     if neutral.channel == "motor_duty" and 0.0 < neutral.value < 1.0:

@@ -7,9 +7,12 @@ import pytest
 
 from qcar_twin.onboard.drive import Terms, drive
 from qcar_twin.onboard.likeness import compared, drives_of_script, likeness
+from qcar_twin.onboard.plants import twin_plant, with_effects
 from qcar_twin.onboard.recorder import add_drive, free_name, recording_of
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import RecordingError, Stream
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import Vehicle
 from tests.qcar_twin.onboard.rig import SCRIPTS, by_hand, drive_text, reduced
 
 
@@ -102,3 +105,14 @@ def test_two_drives_of_a_script_are_compared(driven, tmp_path):
   assert likeness(short, [long]).rms["motor_speed"] > 50.0
   with pytest.raises(RecordingError, match="holds no drive of 'stepps'; did you mean 'steps'"):
     drives_of_script(tmp_path / "set", "stepps")
+
+
+def test_a_car_with_another_effect_is_another_car(driven, tmp_path):
+  add_drive(tmp_path / "set", recording_of(driven[1].car, "threads"), reduced(), "threads.py")
+  twin = Twin(Vehicle.load(), threads=1)
+  late = twin_plant(*with_effects(twin, twin.parameters.nominal, ("steering_delay=0.04",)), "reduced")
+  with pytest.raises(
+    RecordingError, match=r"this is reduced twin \w+, steering_delay = 0.04; one data set is of one car"
+  ):
+    free_name(tmp_path / "set", "threads", late)
+  assert "steering_delay" not in DataSet.load(tmp_path / "set").source

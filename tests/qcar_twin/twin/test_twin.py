@@ -262,6 +262,15 @@ def test_a_bad_twin_file_says_what_to_do(tmp_path):
   (tmp_path / "bad.toml").write_text("format = 7")
   with pytest.raises(ValueError, match="bad.toml: not a twin file of format 1"):
     load_twin(tmp_path / "bad.toml")
+  (tmp_path / "drive.csv").write_text("time,speed\n0,1\n")
+  with pytest.raises(ValueError, match="drive.csv: is a .csv file, not a twin file; give twin.toml, which qcar-twin"):
+    load_twin(tmp_path / "drive.csv")
+  (tmp_path / "dataset.toml").write_text('name = "x"\n[channels]\n')
+  with pytest.raises(ValueError, match="dataset.toml: describes a data set, not a twin; calibrate it first"):
+    load_twin(tmp_path / "dataset.toml")
+  (tmp_path / "twin.toml").touch()
+  with pytest.raises(ValueError, match=r"is a folder; give .*twin.toml"):
+    load_twin(tmp_path)
 
 
 def test_a_start_read_off_the_encoder_follows_the_wheel_radius():

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from calibration.log_check.commands import command_findings
-from qcar_twin.recordings.checks.acted import drive_neutral, idle_stretches, steering_neutral, was_commanded
+from qcar_twin.recordings.checks.acted import idle_stretches, was_commanded
+from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
 from tests.faults.falsities import SIZES, wander
