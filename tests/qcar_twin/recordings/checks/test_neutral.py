@@ -46,7 +46,7 @@ def test_a_level_at_which_friction_held_the_car_is_no_neutral_where_it_drove_bot
 def test_small_steps_that_do_not_move_the_car_are_asked_about_as_a_neutral_and_not_taken_for_one():
   rising = car([0.35, 1.0, 1.5, 2.0, 2.5], 4.0)
   neutral = drive_neutral([rising], "motor_voltage")
-  assert not neutral.sure and neutral.value == pytest.approx(0.35)
+  assert neutral is not None and not neutral.sure and neutral.value == pytest.approx(0.35)
   (finding,) = command_findings([rising])
   assert finding.severity == "beware" and "offset = -0.35" in finding.text
 
@@ -56,10 +56,10 @@ def test_a_neutral_is_found_beside_friction_and_a_parked_recording(neutral):
   rests = car([0.0, 1.2, 2.0, 0.0, -1.5, -2.2, 0.0], 2.5, neutral)
   parked = car([0.0], 5.0, neutral, name="parked")
   found = drive_neutral([rests, both_ways(neutral=neutral), parked], "motor_voltage")
-  assert found.sure and found.value == pytest.approx(neutral, abs=1e-6)
+  assert found is not None and found.sure and found.value == pytest.approx(neutral, abs=1e-6)
 
 
 @pytest.mark.parametrize("neutral", [2.0, 6.0])
 def test_a_neutral_to_which_a_car_that_only_goes_forward_is_let_go_is_sure(neutral):
   found = drive_neutral([car([0.0, 1.2, 2.0, 0.0, 1.5, 2.2, 0.0], 2.5, neutral)], "motor_voltage")
-  assert found.sure and found.value == pytest.approx(neutral, abs=1e-6)
+  assert found is not None and found.sure and found.value == pytest.approx(neutral, abs=1e-6)
