@@ -64,5 +64,5 @@ def steady(drive: Drive) -> np.ndarray:
 
 def runs(mask: np.ndarray) -> list[tuple[int, int, bool]]:
   """First and last row of each run of equal values, and the value."""
-  found = Runs.of(mask.astype(float))
-  return [(int(a), int(b), bool(v)) for a, b, v in zip(found.first, found.last, found.value, strict=True)]
+  same = Runs.of(mask.astype(float))
+  return [(int(a), int(b), bool(v)) for a, b, v in zip(same.first, same.last, same.value, strict=True)]
