@@ -38,13 +38,16 @@ class Config:
   """Number of random tracks."""
   unknown: tuple[str, ...] = ()
   """Numbers that the filter estimates besides, as `track` does; none: the plain filter."""
+  plain_too: bool = False
+  """Everybody drives a second time, with the plain filter and the same noise of the sensors."""
   quick: bool = False
   """Four streams, two tracks."""
 
 
 def main(config: Config) -> None:
   """Drive, write, print the tables."""
-  design = Design(config.plant, config.speed, config.streams, config.tracks, unknown=config.unknown)
+  asked = {f.name: getattr(config, f.name) for f in dataclasses.fields(Design) if f.name != "per_track"}
+  design = Design(**asked)
   if config.quick:
     design = dataclasses.replace(design, streams=4, tracks=2, per_track=2)
   drivers = drivers_of(config.policy, config.controllers, config.names, config.speed)

@@ -33,6 +33,8 @@ class Config:
   """Plant that is driven."""
   streams: int = 24
   """Streams of sensor noise on each of O, infinity and C."""
+  unknown: tuple[str, ...] = ()
+  """Numbers that the filter estimates besides, as `track` does; none: the plain filter."""
   only: tuple[str, ...] = ()
   """Circumstances whose names begin with one of these; all where empty."""
   quick: bool = False
@@ -45,7 +47,8 @@ def main(config: Config) -> None:
   asked = {k: v for k, v in circumstances().items() if not only or k == NOMINAL or k.startswith(only)}
   drivers = lambda speed: drivers_of(config.policy, config.controllers, config.names, speed)
   streams = 2 if config.quick else config.streams
-  results = drive_all(drivers, config.plant, streams, asked, lambda text: print(text, flush=True))
+  said = lambda text: print(text, flush=True)
+  results = drive_all(drivers, config.plant, streams, asked, said, config.unknown)
   config.out.mkdir(parents=True, exist_ok=True)
   write_json(config.out / "robustness.json", as_json(results))
   write_text(config.out / "robustness.md", table := in_markdown(results))

@@ -69,8 +69,13 @@ class Config:
   """Gain of the steering linkage, dimensionless; agent and filter do not know it."""
   steering_offset: float = 0.0
   """Offset of the steering linkage, deg; agent and filter do not know it."""
-  randomise: bool = False
-  """Draw the twin's measured parameters for every episode, within their standard deviations."""
+  randomise: Literal["none", "prior", "posterior"] = "none"
+  """What is drawn for every episode: the twin's measured parameters within their standard deviations, or models and
+  parameters as --diagnosis believes in them."""
+  diagnosis: str = ""
+  """Folder of a diagnosis, whose twin is driven."""
+  informed: bool = False
+  """Tell the filter what --twin, or the diagnosis's twin, says of steering, delays and sensors."""
   cars: int = 8
   """Number of cars that are driven in parallel."""
   wide: bool = False
@@ -84,14 +89,8 @@ def main(config: Config) -> None:
   asked = vars(config)
   if config.algorithm != "paper" or (config.resume and is_by_reward(config.out)):
     trial = trial_from(asked, {f.name: f.default for f in dataclasses.fields(Config)})
-    result = train_by_reward(
-      trial,
-      config.out,
-      resume=config.resume,
-      tensorboard=config.tensorboard,
-      device=config.device,
-      workers=config.workers,
-    )
+    how = {name: asked[name] for name in ("resume", "tensorboard", "device", "workers")}
+    result = train_by_reward(trial, config.out, **how)
     print(f"{config.out}: {in_words(result)}")
     return
   result = train(plan_from(asked), config.out, resume=config.resume)

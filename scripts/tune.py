@@ -51,6 +51,8 @@ class Config:
   linkages: int = 0
   """Cars of a trial with linkages drawn as for an agent that learns by reward (gain 1 +- 0.1, offset +- 1.5 deg);
   0 for the four of gain 0.95 to 1.05 and offset +- 0.5 deg."""
+  unknown: tuple[str, ...] = ()
+  """Numbers that the filter estimates besides, as `track` does; none: the plain filter."""
   seed: int = 0
   """Seed of sensors and search."""
   workers: int = 1
@@ -82,7 +84,7 @@ def main(config: Config) -> None:
     search = dataclasses.replace(search, servo=(0.0, 0.0))
   table = entries(config.out)
   families = [FAMILIES[name] for name in config.controllers]
-  filtered = model.filter_settings(config.plant)
+  filtered = model.filter_settings(config.plant).estimating(*config.unknown)
   stages = [f"tuning {family.name}" for family in families]
   with StageLine(dict.fromkeys(stages, 1.0), "agents") as progress:  # each drives as many candidates
     # other processes can't be heard
@@ -90,7 +92,7 @@ def main(config: Config) -> None:
     calls = [delayed(tune)(family, plant, theta, model.car, filtered, search, heard) for family in families]
     for index, tuned in staged(in_parallel(calls, config.workers, config.ray), stages, progress):
       name = families[index].name
-      origin = origin_of(search, config.plant, plant.parameters.named(theta))
+      origin = origin_of(search, config.plant, plant.parameters.named(theta), config.unknown)
       entry = tuned.numbers | {"rmse": tuned.rmse, "steering_rate": tuned.steering_rate, "origin": origin}
       table[name] = {"loose": LOOSE[name] | {"origin": LOOSE_ORIGIN}, "tuned": entry}
       save(table, config.out)

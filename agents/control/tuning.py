@@ -2,7 +2,7 @@
 
 import dataclasses
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,11 +52,11 @@ class Search:
   servo: tuple[float, float] = (Actuation.delay, Actuation.lag)
 
 
-def origin_of(search: Search, plant: str, numbers: Mapping[str, float]) -> str:
+def origin_of(search: Search, plant: str, numbers: Mapping[str, float], unknown: Sequence[str] = ()) -> str:
   """Where tuned numbers come from, in a line.
 
   Args:
-    plant: its name.  numbers: its parameters.
+    plant: its name.  numbers: its parameters.  unknown: numbers that the filter estimates besides.
   """
   said = ", ".join(f"{name} {value:.4g}" for name, value in numbers.items())
   delay, lag = search.servo
@@ -67,10 +67,11 @@ def origin_of(search: Search, plant: str, numbers: Mapping[str, float]) -> str:
   }[plant]
   path = {"s": "S-path"}.get(search.path, f"path {search.path}")
   (least, most), (right, left) = ((min(column), max(column)) for column in zip(*search.mismatch, strict=True))
+  besides = f" estimating {', '.join(unknown)}" if unknown else ""
   return (
-    f"qcar-twin tune: {path} at {search.speed:g} m/s on {driven}, sensors and federated filter, {len(search.mismatch)}"
-    f" cars of steering gain {least:.3g} to {most:.3g} and offset {right:+.2g} to {left:+.2g} deg, cap"
-    f" {np.degrees(search.rate_cap):.0f} deg/s rms, {search.generations} x {search.candidates} trials,"
+    f"qcar-twin tune: {path} at {search.speed:g} m/s on {driven}, sensors and federated filter{besides},"
+    f" {len(search.mismatch)} cars of steering gain {least:.3g} to {most:.3g} and offset {right:+.2g} to {left:+.2g}"
+    f" deg, cap {np.degrees(search.rate_cap):.0f} deg/s rms, {search.generations} x {search.candidates} trials,"
     f" seed {search.seed}"
   )
 

@@ -21,7 +21,16 @@ from agents.control.model import Model
 from agents.control.speed import SpeedGains
 from agents.learning.checkpoint import POINTER
 from agents.learning.critic import SeeingCriticPolicy, TruthBesides
-from agents.learning.environments import Options, OwnPlant, fleet, interface_of, plant_of, task_of
+from agents.learning.environments import (
+  Options,
+  OwnPlant,
+  drawn_of,
+  fleet,
+  interface_of,
+  plant_of,
+  settings_of,
+  task_of,
+)
 from agents.learning.hyperparameters import ALGORITHMS, POLICY
 from agents.learning.observation import SIGHTS
 from agents.learning.policy_file import Policy, export_onnx, load_policy, save_policy
@@ -54,7 +63,8 @@ COLUMNS = ("steps", "updates", "rmse", "me", "finished", "seconds", "cpu_seconds
 def judge(
   policy: Policy, options: Options, paths: Sequence[str], model: Model, own_plant: OwnPlant | None = None
 ) -> Kpis:
-  """Indicators of a policy on paths one after another, JUDGES cars each, linkages and speeds over their ranges."""
+  """Indicators of a policy on paths one after another, JUDGES cars each, linkages and speeds over their ranges,
+  parameters drawn where the options draw them."""
   make, theta = own_plant or plant_of(options, model)
   shares = np.random.default_rng(EVALUATION_SEED).uniform(-1.0, 1.0, (2, JUDGES))
   gathered = []
@@ -65,13 +75,14 @@ def judge(
     observer = TrueObserver()
     if options.estimator == "fekf":
       suite = SensorSuite(qcar_sensors(), JUDGES, EVALUATION_SEED)
-      settings = model.filter_settings(options.plant).estimating(*options.unknown)
-      observer = SensedObserver(suite, model.car, settings)
+      observer = SensedObserver(suite, model.car, settings_of(options, model))
     servo = Actuation(task.servo_delay, task.servo_lag, gain, offset)
     speed = task.speed + task.speed_spread * np.linspace(-1.0, 1.0, JUDGES)
     wanted = Task(task.path, speed, 1, task.lock, actuation=servo)
-    parameters = np.tile(theta, (JUDGES, 1))
-    gathered.append(kpis(drive(make(), parameters, policy, SpeedGains.design(model.car), observer, wanted)))
+    plant, rng = make(), np.random.default_rng([EVALUATION_SEED, 1])
+    drawn = drawn_of(options, plant)
+    parameters = np.stack([drawn.draw(plant, theta, rng) if drawn else theta for _ in range(JUDGES)])
+    gathered.append(kpis(drive(plant, parameters, policy, SpeedGains.design(model.car), observer, wanted)))
   names = [f.name for f in dataclasses.fields(Kpis)]
   return Kpis(**{name: np.concatenate([np.atleast_1d(getattr(k, name)) for k in gathered]) for name in names})
 

@@ -10,6 +10,7 @@ import difflib
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -21,19 +22,21 @@ from agents.control.model import Model
 from agents.control.speed import SpeedController, SpeedGains
 from agents.learning.observation import SIGHTS
 from qcar_twin.bicycle.bicycle import Bicycle
-from qcar_twin.envs.fleet import Demonstrator, Fleet, FleetConfig, Spread
+from qcar_twin.envs.fleet import Demonstrator, Drawn, Fleet, FleetConfig, Spread
 from qcar_twin.envs.gym_env import FleetVectorEnv, PathTrackingEnv
 from qcar_twin.envs.spaces import Interface
 from qcar_twin.envs.task import NEVER_NEGATIVE, POSITIVE, Reward, TrackingTask, refuse_numbers
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.extras import extra
 from qcar_twin.parameters import Parameter, ParameterSet
-from qcar_twin.paths import Errors, Path
+from qcar_twin.paths import Errors
+from qcar_twin.paths import Path as Course
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import qcar_sensors
 from qcar_twin.tracks import path_from
 from qcar_twin.twin.engines import EngineKind
 from qcar_twin.twin.file import load_twin
+from qcar_twin.twin.posterior import believed_twin, load_posterior
 from qcar_twin.twin.twin import Twin
 
 with extra("The gymnasium environment"):
@@ -62,7 +65,10 @@ class Options:
     steering_gain, steering_offset: of the linkage, - and deg; neither agent nor filter knows them.
     gain_spread, offset_spread: half-widths around them, - and deg, within which every episode's linkage is drawn.
     speed_spread: half-width around the speed, m/s, within which every episode's is drawn.
-    randomise: draw the twin's measured parameters within their standard deviations for every episode.
+    randomise: what is drawn of the twin for every episode: nothing, its measured parameters within their standard
+      deviations ("prior"), or a model with its parameters as a diagnosis believes in it ("posterior").
+    diagnosis: folder of that diagnosis, whose twin is driven.
+    informed: the filter is told what the twin file, or the diagnosis's twin.toml, says of steering, delays and sensors.
     start_offset, start_heading: episodes start within +- these, m and rad.
     reward: weights.
 
@@ -84,13 +90,15 @@ class Options:
   steering_offset: float = 0.0
   gain_spread: float = 0.0
   offset_spread: float = 0.0
-  randomise: bool = False
+  randomise: Literal["none", "prior", "posterior"] = "none"
   start_offset: float = 0.05
   start_heading: float = 0.1
   reward: Reward = Reward()
   stretch: float = 0.0
   speed_spread: float = 0.0
   unknown: tuple[str, ...] = ()
+  diagnosis: str = ""
+  informed: bool = False
 
   def __post_init__(self) -> None:
     refuse_numbers(self, (*POSITIVE, "substeps"), NEVER_NEGATIVE)
@@ -98,10 +106,22 @@ class Options:
       if get_origin(hint) is Literal:
         one_of_them(name, getattr(self, name), get_args(hint))
     FilterSettings().estimating(*self.unknown)
+    if (self.randomise == "posterior") != bool(self.diagnosis) or (self.diagnosis and self.twin):
+      raise ValueError(
+        "randomise posterior and the diagnosis's folder go together, without a twin file; for the diagnosis's twin"
+        " alone, twin = its twin.toml"
+      )
+    if self.informed and not self.told_by:
+      raise ValueError("an informed filter needs what informs it: a twin file, or a diagnosis")
     if self.version not in controllers.VERSIONS:
       one_of_them("version", self.version, controllers.VERSIONS)
     if self.demonstrator:
       one_of_them("demonstrator", self.demonstrator, tuple(controllers.FAMILIES))
+
+  @property
+  def told_by(self) -> str:
+    """Twin file that an informed filter is told by; "" for none."""
+    return self.twin or (str(Path(self.diagnosis) / "twin.toml") if self.diagnosis else "")
 
 
 def one_of_them(name: str, value: object, choices: Sequence[str]) -> None:
@@ -143,15 +163,25 @@ def plant_of(options: Options, model: Model) -> OwnPlant:
   if options.plant == "bicycle":
     return partial(Bicycle, model.vehicle), model.theta
   engine = "reduced" if options.plant == "reduced" else "mujoco"
-  if options.twin:
-    theta = load_twin(options.twin, substeps=options.substeps, threads=1)[1]
-    return partial(_from_file, options.twin, options.substeps, engine), theta
+  if options.twin or options.diagnosis:
+    load, place = (believed_twin, options.diagnosis) if options.diagnosis else (load_twin, options.twin)
+    theta = load(place, options.substeps, 1)[1]
+    return partial(_from_file, load, place, options.substeps, engine), theta
   make = partial(Twin, model.vehicle, substeps=options.substeps, threads=1, engine=engine)
   return make, make().parameters.nominal
 
 
-def _from_file(twin: str, substeps: int, engine: EngineKind) -> Twin:
-  return load_twin(twin, substeps=substeps, threads=1)[0].on(engine)
+def _from_file(load: Callable[..., tuple[Twin, Array]], place: str, substeps: int, engine: EngineKind) -> Twin:
+  return load(place, substeps, 1)[0].on(engine)
+
+
+def settings_of(options: Options, model: Model) -> FilterSettings:
+  """Settings of the filter that the options ask for."""
+  settings = model.filter_settings(options.plant)
+  if options.informed:
+    twin, theta = load_twin(options.told_by, threads=1)
+    settings = settings.told(twin.parameters.named(theta))
+  return settings.estimating(*options.unknown)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -159,7 +189,7 @@ class Expert:
   """A controller as a demonstrator on a path."""
 
   controller: Controller
-  path: Path
+  path: Course
 
   def __call__(self, errors: Errors, speed: Array) -> Array:
     """Its steering angle, rad, (N,)."""
@@ -196,12 +226,19 @@ def _drawn(parameter: Parameter) -> float:
   return parameter.std or min(float(ParameterSet([parameter]).std[0]), parameter.scale)
 
 
+def drawn_of(options: Options, plant: Plant) -> Drawn | None:
+  """What the options have drawn of a plant for every episode; None for nothing."""
+  if options.randomise == "none":
+    return None
+  return load_posterior(options.diagnosis) if options.diagnosis else prior_spread(plant)
+
+
 def fleet(
   options: Options,
   seeds: Sequence[int],
   model: Model | None = None,
   own_plant: OwnPlant | None = None,
-  spread: Spread | None = None,
+  spread: Drawn | None = None,
 ) -> Fleet:
   """N cars, one per seed.
 
@@ -212,8 +249,7 @@ def fleet(
   """
   model = model or Model.nominal()
   make, theta = own_plant or plant_of(options, model)
-  if options.randomise and spread is None:
-    spread = prior_spread(make())
+  spread = spread or drawn_of(options, make())
   sensed = options.estimator == "fekf"
   config = FleetConfig(
     plant=make,
@@ -222,7 +258,7 @@ def fleet(
     demonstrator=demonstrator_of(options, model),
     sensors=qcar_sensors() if sensed else None,
     car=model.car,
-    settings=model.filter_settings(options.plant).estimating(*options.unknown) if sensed else None,
+    settings=settings_of(options, model) if sensed else None,
     spread=spread,
   )
   return Fleet(task_of(options, model.vehicle.max_steering), config, seeds)
@@ -237,6 +273,8 @@ def interface_of(observation: str = "wide", normalised: bool = True) -> Interfac
 def options_from(given: Mapping[str, Any]) -> Options:
   """Options from keyword arguments; the reward may be a table of its weights, unknown numbers a list or one name.
 
+  What is drawn may be yes, for "prior", or no.
+
   Raises:
     TypeError: a name there isn't, with the nearest one.
   """
@@ -247,7 +285,9 @@ def options_from(given: Mapping[str, Any]) -> Options:
     reward = Reward(**reward)
   unknown = given.get("unknown", ())
   unknown = (unknown,) if isinstance(unknown, str) else tuple(unknown)
-  return Options(**{**given, "reward": reward, "unknown": unknown})
+  randomise = given.get("randomise", "none")
+  randomise = {True: "prior", False: "none"}.get(randomise, randomise)
+  return Options(**{**given, "reward": reward, "unknown": unknown, "randomise": randomise})
 
 
 def _names_of(kind: type, given: Mapping[str, Any], what: str) -> None:

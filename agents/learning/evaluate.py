@@ -30,6 +30,7 @@ from qcar_twin.parallel import in_order
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import qcar_sensors
 from qcar_twin.tracks import path_from
+from qcar_twin.twin.file import load_twin
 
 Array = NDArray[np.float64]
 PlantMaker = Callable[[str], tuple[Plant, Array]]
@@ -49,6 +50,7 @@ class EvaluationCase:
     estimator: "fekf" or "truth".
     filter_noise: factor on the process noise densities that the filter assumes (`FilterSettings.walk_*`).
     unknown: numbers that the filter estimates besides, of `PRIORS`; none for the filter that the agents learnt with.
+    told: twin file that tells the filter of steering, delays and sensors; "" for none.
   """
 
   path: str
@@ -61,6 +63,7 @@ class EvaluationCase:
   estimator: str = "fekf"
   filter_noise: float = 1.0
   unknown: tuple[str, ...] = ()
+  told: str = ""
 
   @property
   def label(self) -> str:
@@ -69,7 +72,8 @@ class EvaluationCase:
     mismatch = f", gain {self.steering_gain:g}, offset {self.steering_offset:+g} deg" if wrong else ""
     noise = f", filter noise x {self.filter_noise:g}" if self.filter_noise != 1.0 else ""
     besides = f", estimating {', '.join(self.unknown)}" if self.unknown else ""
-    return f"{self.plant}, {self.speed:g} m/s{mismatch}{noise}{besides}"
+    told = f", told by {self.told}" if self.told else ""
+    return f"{self.plant}, {self.speed:g} m/s{mismatch}{noise}{besides}{told}"
 
 
 def known_plant(name: str) -> tuple[Plant, Array]:
@@ -88,6 +92,9 @@ def run_case(controller: Controller, case: EvaluationCase, plant: PlantMaker = k
   observer = TrueObserver()
   if case.estimator == "fekf":
     settings = model.filter_settings("bicycle" if case.plant == "bicycle" else "twin").with_walks(case.filter_noise)
+    if case.told:
+      twin, known = load_twin(case.told, threads=1)
+      settings = settings.told(twin.parameters.named(known))
     settings = settings.estimating(*case.unknown)
     sensors = EqualSensors(qcar_sensors(), groups, case.cars, case.seed)
     observer = SensedObserver(sensors, model.car, settings)  # type: ignore[arg-type]

@@ -21,7 +21,7 @@ from agents.control.model import Model
 from agents.control.speed import SpeedGains
 from agents.learning.checkpoint import POINTER, load_checkpoint, save_checkpoint
 from agents.learning.ddpg import Agent, Settings, actor_layers, demonstrate, make_agent
-from agents.learning.environments import Options, OwnPlant, fleet, options_from, plant_of, task_of
+from agents.learning.environments import Options, OwnPlant, fleet, options_from, plant_of, settings_of, task_of
 from agents.learning.imitation import imitate, teacher
 from agents.learning.observation import ObservationSpec
 from agents.learning.policy_file import Policy, export_onnx, load_policy, save_policy, sight_from
@@ -116,7 +116,7 @@ def judge(policy: Policy, plan: Plan, model: Model, own_plant: OwnPlant | None =
   observer = TrueObserver()
   if options.estimator == "fekf":
     suite = SensorSuite(qcar_sensors(), plan.judges, EVALUATION_SEED)
-    observer = SensedObserver(suite, model.car, model.filter_settings(options.plant).estimating(*options.unknown))
+    observer = SensedObserver(suite, model.car, settings_of(options, model))
   bent = np.resize(BENT, (plan.judges, 2)) * (task.gain_spread, task.offset_spread)
   gain, offset = bent.T + np.array([[task.steering_gain], [task.steering_offset]])
   servo = Actuation(task.servo_delay, task.servo_lag, gain, offset)

@@ -27,8 +27,9 @@ TRACKS = Options(
   reward=Reward(m3=0.0, m4=0.0, m5=0.01, m6=0.0, near=0.001),
 )
 """The default task: 400 m of random track on the reduced car, 6 m an episode, each with its own linkage and speed."""
+DRAWN = ("randomise", "diagnosis", "informed")
 SEEING = ("ppo",)  # algorithms whose critic may see more than their actor
-TAKEN = ("plant", "twin", "estimator", "unknown", "steering_gain", "steering_offset", "randomise")
+TAKEN = ("plant", "twin", "estimator", "unknown", "steering_gain", "steering_offset", *DRAWN)
 PAPERS = ("episodes", "demonstrator", "version", "demonstrator_weight", "demonstrations", "near", "cars", "wide")
 
 

@@ -5,6 +5,7 @@ tracks, whose streams share a track, a track's mean difference is one observatio
 """
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ Array = NDArray[np.float64]
 PATHS = ("o", "infinity", "c")
 MISMATCHES = {"N": (1.0, 0.0), "MIS": (0.92, 1.0)}  # steering gain -, offset deg
 FIRST_TRACK, FIRST_SEED = 1000, 7000  # of random tracks and sensors; no training, tuning or choice has seen them
+PLAIN = ", plain filter"
 LEFT = 0.5  # m, counted for a run that left its path: the error at which it is over
 
 
@@ -34,6 +36,7 @@ class Design:
     plant: its name.  speed: m/s.
     streams: of noise on each of PATHS.  tracks: random ones.  per_track: streams on each.
     unknown: numbers that the filter estimates besides.
+    plain_too: everybody drives a second time, with the plain filter.
   """
 
   plant: str = "reduced"
@@ -42,12 +45,18 @@ class Design:
   tracks: int = 20
   per_track: int = 5
   unknown: tuple[str, ...] = ()
+  plain_too: bool = False
 
-  def cases(self, mismatch: str) -> dict[str, list[EvaluationCase]]:
-    """Cases of each course, by its name."""
+  @property
+  def filters(self) -> dict[str, tuple[str, ...]]:
+    """What each filter estimates besides, by what is added to a driver's name."""
+    return {"": self.unknown} | ({PLAIN: ()} if self.plain_too else {})
+
+  def cases(self, mismatch: str, unknown: tuple[str, ...] = ()) -> dict[str, list[EvaluationCase]]:
+    """Cases of each course, by its name, with a filter that estimates `unknown` besides."""
     gain, offset = MISMATCHES[mismatch]
     made = lambda path, cars, seed: EvaluationCase(
-      path, self.plant, self.speed, gain, offset, cars, seed, unknown=self.unknown
+      path, self.plant, self.speed, gain, offset, cars, seed, unknown=unknown
     )
     courses = {path: [made(path, self.streams, FIRST_SEED)] for path in PATHS}
     if self.tracks:
@@ -101,15 +110,15 @@ def compare(
   drivers: Mapping[str, Controller], design: Design, said: Callable[[str], None] = lambda text: None
 ) -> dict[str, dict[str, dict[str, Array]]]:
   """RMSE, m, of every driver: by mismatch, course and driver, (tracks, streams)."""
-  driven: dict[str, dict[str, dict[str, Array]]] = {}
-  for mismatch in MISMATCHES:
-    for course, cases in design.cases(mismatch).items():
+  driven: dict[str, dict[str, dict[str, Array]]] = {mismatch: {} for mismatch in MISMATCHES}
+  for mismatch, (suffix, unknown) in itertools.product(MISMATCHES, design.filters.items()):
+    for course, cases in design.cases(mismatch, unknown).items():
       rows = [run_together(drivers, case) for case in cases]
       values = {
-        label: np.array([np.where(np.isfinite(r[i].kpis.rmse), r[i].kpis.rmse, LEFT) for r in rows])
+        label + suffix: np.array([np.where(np.isfinite(r[i].kpis.rmse), r[i].kpis.rmse, LEFT) for r in rows])
         for i, label in enumerate(drivers)
       }
-      driven.setdefault(mismatch, {})[course] = values
+      driven[mismatch].setdefault(course, {}).update(values)
       said(f"{mismatch} {course}: " + ", ".join(f"{k} {1e3 * v.mean():.2f} mm" for k, v in values.items()))
   return driven
 

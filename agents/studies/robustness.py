@@ -60,16 +60,19 @@ def circumstances() -> dict[str, dict[str, float]]:
 
 
 def drive_all(
-  drivers: Drivers, plant: str, streams: int, asked: Mapping[str, Mapping[str, float]], said: Callable[[str], None]
+  drivers: Drivers,
+  plant: str,
+  streams: int,
+  asked: Mapping[str, Mapping[str, float]],
+  said: Callable[[str], None],
+  unknown: tuple[str, ...] = (),
 ) -> dict[str, Result]:
-  """Every driver in every circumstance."""
+  """Every driver in every circumstance, with a filter that estimates the numbers `unknown` besides."""
   results = {}
   for name, changes in asked.items():
     table = drivers(changes.get("speed", 0.5))
-    rows = [
-      run_together(table, EvaluationCase(path, plant, cars=streams, seed=FIRST_SEED, **changes))  # type: ignore[arg-type]
-      for path in PATHS
-    ]
+    given: dict[str, Any] = {"cars": streams, "seed": FIRST_SEED, "unknown": unknown, **changes}
+    rows = [run_together(table, EvaluationCase(path, plant, **given)) for path in PATHS]
     rmse, finished = {}, {}
     for i, label in enumerate(table):
       runs = [row[i].kpis for row in rows]

@@ -21,6 +21,7 @@ from agents.learning.environments import Options, PlantName
 from agents.learning.evaluate import EvaluationCase, PlantMaker, Row, contestants, known_plant, run_together
 from agents.learning.observation import SIGHTS
 from agents.learning.train import Plan, train
+from agents.learning.trial import DRAWN
 from qcar_twin.atomic_io import write_text
 from qcar_twin.envs.task import Reward
 
@@ -28,7 +29,7 @@ PATHS = ("o", "infinity", "c")
 MISMATCH = (0.92, 1.0)  # steering gain -, offset deg, fixed before anything was trained
 CONTROLLERS = "controllers"
 WIDE = SIGHTS["wide"]
-ALIKE = ("twin", "estimator", "unknown", "version", "steering_gain", "steering_offset", "randomise")
+ALIKE = ("twin", "estimator", "unknown", "version", "steering_gain", "steering_offset", *DRAWN)
 
 
 @dataclasses.dataclass(frozen=True)

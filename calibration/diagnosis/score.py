@@ -62,6 +62,22 @@ def clustered_std(model: Candidate, observations: Observations, directions: Arra
   precision P and the inverse posterior curvature C (Liang and Zeger 1986, eq. 4); never below the plain deviations,
   which hold where neighbouring samples are independent witnesses.
   """
+  spread, inverse = _sandwich(model, observations)
+  asked = np.eye(len(inverse)) if directions is None else directions
+  along = lambda matrix: np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", asked, matrix, asked), 0.0))
+  return np.maximum(along(spread), along(inverse))
+
+
+def clustered_covariance(model: Candidate, observations: Observations) -> Array:
+  """Covariance with the deviations of `clustered_std` and the sandwich's correlations, (p, p)."""
+  spread, _ = _sandwich(model, observations)
+  own = np.sqrt(np.maximum(np.diag(spread), 0.0))
+  stretch = clustered_std(model, observations) / np.where(own > 0.0, own, 1.0)
+  return spread * np.outer(stretch, stretch)
+
+
+def _sandwich(model: Candidate, observations: Observations) -> tuple[Array, Array]:
+  """C (sum_g s_g s_g' + P) C of `clustered_std`, and C, (p, p) each."""
   group = groups_of(observations)[: model.n_train]
   pulls = model.jacobian[: model.n_train] * model.residual[: model.n_train, None]
   slopes = np.stack([np.bincount(group, column) for column in pulls.T], axis=1)[np.unique(group)]
@@ -69,10 +85,7 @@ def clustered_std(model: Candidate, observations: Observations, directions: Arra
   count = len(slopes)
   scatter = slopes.T @ slopes * (count / max(count - 1, 1))
   inverse = inverse_curvature(model.curvature, model.free)
-  spread = inverse @ (scatter + np.diag(model.free.deviation_slopes(model.values) ** 2)) @ inverse
-  asked = np.eye(len(inverse)) if directions is None else directions
-  along = lambda matrix: np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", asked, matrix, asked), 0.0))
-  return np.maximum(along(spread), along(inverse))
+  return inverse @ (scatter + np.diag(model.free.deviation_slopes(model.values) ** 2)) @ inverse, inverse
 
 
 def compare(larger: Candidate, smaller: Candidate, observations: Observations) -> Comparison:

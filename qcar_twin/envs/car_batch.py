@@ -34,7 +34,7 @@ class CarBatch(Protocol):
 
 
 class TwinBatch:
-  """Cars of a twin without mechanisms, all in one simulation.
+  """Cars of a twin, with whatever mechanisms, all in one simulation.
 
   Args:
     make: returns a new twin; two are made: one for the cars, one in which restarted cars are begun.
@@ -51,16 +51,13 @@ class TwinBatch:
     return self._simulation.step(commands)
 
   def restart(self, which: Mask, theta: Array, start: Array) -> None:
-    engine = self._simulation.engine
     if np.any(theta[which] != self._theta[which]):
       self._theta[which] = theta[which]
-      engine.load(twin_parameters.quantities(self._theta, self._twin.base, self._twin.vehicle))
-      engine.commit()
+      values = twin_parameters.quantities(self._theta, self._twin.base, self._twin.vehicle)
+      self._simulation.reload(values, self._twin.slots(self._theta))
     for i in np.flatnonzero(which):
       source = self._nursery.batch(1) if self._twin.engine == "mujoco" else None
-      fresh = self._nursery.begin(theta[i : i + 1], start[i : i + 1], batch=source)
-      engine.adopt(int(i), fresh.engine)
-      self.signals[i] = fresh.signals[0]
+      self._simulation.adopt(int(i), self._nursery.begin(theta[i : i + 1], start[i : i + 1], batch=source))
 
 
 class BicycleBatch:
@@ -114,6 +111,6 @@ def car_batch(make: Callable[[], Plant], theta: Array, start: Array) -> CarBatch
   plant = make()
   if isinstance(plant, Bicycle):
     return BicycleBatch(plant, theta, start)
-  if isinstance(plant, Twin) and not plant.mechanisms:
+  if isinstance(plant, Twin):
     return TwinBatch(make, theta, start)  # type: ignore[arg-type]
   return SeparateCars(make, theta, start)

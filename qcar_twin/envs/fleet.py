@@ -7,6 +7,7 @@ cars drive with it. The environments only translate; everything they do is done 
 import copy
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,14 @@ Mask = NDArray[np.bool_]
 
 Demonstrator = Callable[[Errors, Array], Array]
 """Steering angle, rad, (N,), an expert would set for errors and speeds (N,)."""
+
+
+class Drawn(Protocol):
+  """How parameters differ from episode to episode: a `Spread`, or a `Posterior`."""
+
+  def draw(self, plant: Plant, theta: Array, rng: np.random.Generator) -> Array:
+    """One parameter vector, (P,), of a car whose nominal one is theta, (P,)."""
+    ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +83,7 @@ class FleetConfig:
   sensors: dict[str, Sensor] | None = None
   car: SingleTrackCar | None = None
   settings: FilterSettings | None = None
-  spread: Spread | None = None
+  spread: Drawn | None = None
 
   def observer(self, seeds: Sequence[int], period: float = 0.01) -> Observer:
     """What cars with these seeds and control periods of so many s know of themselves."""

@@ -1,6 +1,7 @@
 """Cars under way: mechanisms in slots, and an engine that moves what they act on."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from mujoco.batch import Batch
@@ -46,6 +47,7 @@ class Simulation:
     self.engine.load(values)
     self._history, command = history * scale[::-1] ** 2, command * scale
     self._recording_time, self._time = recording_time, 0.0
+    self._began: Array | None = None  # s of _time at which each car began, once some did later than others
     self.signals = np.zeros((len(start), len(SIGNALS)))
     self.engine.place(start, self.signals)
     self._wheel_angle = np.zeros(len(start))
@@ -68,6 +70,33 @@ class Simulation:
         came, angle = arriving[slot.rows], np.column_stack([arriving[slot.rows, 0], standing[slot.rows, _ANGLE]])
         arriving[slot.rows] = slot.mechanism.command(slot.theta, context, slot.state, came)
         standing[slot.rows, _ANGLE] = slot.mechanism.command(slot.theta, context, slot.state, angle)[:, 1]
+
+  def reload(self, values: dict[str, Array], slots: Sequence[Slot]) -> None:
+    """Other quantities, and mechanisms present in other cars; cars in which one was present keep its hidden state.
+
+    A car in which one is new has to `adopt` its state.
+    """
+    before = {slot.mechanism.name: slot for slot in self._slots}
+    for slot in slots:
+      old = before.get(slot.mechanism.name)
+      if old:
+        slot.state = old.state_in(slot.rows, len(self.signals))
+    self._slots, self._untouched = list(slots), {}
+    self.engine.load(values)
+    known = np.column_stack([self.signals[:, :3], self._wheel_angle])
+    self._write_models(np.zeros((len(known), 2)), known, first=True)
+
+  def adopt(self, row: int, other: "Simulation") -> None:
+    """Put one car into the state of the only car of another simulation of the same twin; its quantities stay."""
+    self.engine.adopt(row, other.engine)
+    self.signals[row], self._wheel_angle[row] = other.signals[0], other._wheel_angle[0]
+    self._history[row], self._recording_time[row] = other._history[0], other._recording_time[0]
+    self._began = np.zeros(len(self.signals)) if self._began is None else self._began
+    self._began[row] = self._time - other._time
+    theirs = {slot.mechanism.name: slot for slot in other._slots}
+    for slot in self._slots:
+      if slot.mechanism.name in theirs:
+        slot.adopt(row, theirs[slot.mechanism.name])
 
   def step(self, commands: Array, pose: Array | None = None, running: NDArray[np.intp] | None = None) -> Array:
     """Hold commands (N, 2) for one control period; returns the signals after it, (N, 10).
@@ -178,14 +207,15 @@ class Simulation:
   ) -> Context:
     rows, values = slot.rows, self.engine.values
     time = self._time if time is None else time
+    since: Any = time if self._began is None else time - self._began[rows]
     return Context(
       car=self._car,
       period=self._period,
-      time=time,
+      time=since,
       signals=(self.signals if signals is None else signals)[rows],
       commands=commands[rows],
       history=self._history[rows],
-      recording_time=self._recording_time[rows] + time,
+      recording_time=self._recording_time[rows] + since,
       pose=known[rows, :3],
       wheel_angle=known[rows, 3],
       torque_per_volt=values["torque_per_volt"][rows],

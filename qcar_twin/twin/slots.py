@@ -3,6 +3,8 @@
 import dataclasses
 import difflib
 
+import numpy as np
+
 from qcar_twin.twin.engines import Array, Rows
 from qcar_twin.twin.mechanisms.base import Mechanism, State
 
@@ -25,6 +27,31 @@ class Slot:
     self.commands = kind.command is not Mechanism.command
     self.pushes = kind.wrench is not Mechanism.wrench
     self.writes = kind.write_model is not Mechanism.write_model
+
+  def place(self, row: int) -> int | None:
+    """Where one simulation's row is among this slot's; None where the mechanism is absent from it."""
+    if isinstance(self.rows, slice):
+      first, end = self.rows.start or 0, self.rows.stop
+      return row - first if row >= first and (end is None or row < end) else None
+    found = np.flatnonzero(self.rows == row)
+    return int(found[0]) if len(found) else None
+
+  def state_in(self, rows: Rows, count: int) -> State:
+    """Hidden state in other rows of `count` simulations, zeros where the mechanism was absent."""
+    moved = {}
+    for name, values in self.state.items():
+      everywhere = np.zeros((count, *values.shape[1:]), values.dtype)
+      everywhere[self.rows] = values
+      moved[name] = everywhere[rows].copy()
+    return moved
+
+  def adopt(self, row: int, other: "Slot") -> None:
+    """Hidden state of one simulation, from the same mechanism's slot where that simulation is alone."""
+    mine = self.place(row)
+    for name, values in other.state.items() if mine is not None else ():
+      if name not in self.state:
+        self.state[name] = np.zeros((len(self.theta), *values.shape[1:]), values.dtype)
+      self.state[name][mine] = values[0]
 
   @property
   def acts(self) -> bool:

@@ -148,15 +148,10 @@ class Twin:
     if theta.shape != (len(start), len(self.parameters)):
       raise ValueError(f"theta must be ({len(start)}, {len(self.parameters)}), got {theta.shape}")
     size, start = len(start), np.asarray(start, dtype=np.float64)
-    slots = [
-      Slot(m, rows, theta[rows][:, self._columns[m.name]])
-      for m in self.mechanisms
-      if m.stage in STEPPED and (rows := self.present(m, theta)) is not None
-    ]
     return Simulation(
       engine=self._engine(size, batch),
       values=twin_parameters.quantities(theta, self.base, self.vehicle),
-      slots=slots,
+      slots=self.slots(theta),
       car=self.car,
       period=self.period,
       scale=np.array([self.vehicle.command_scale, 1.0]),
@@ -165,6 +160,14 @@ class Twin:
       recording_time=np.zeros(size) if recording_time is None else recording_time,
       command=np.column_stack([np.zeros(size), start[:, 6]]) if first_command is None else first_command,
     )
+
+  def slots(self, theta: Array) -> list[Slot]:
+    """Mechanisms that act while cars with parameters (N, P) are under way, where they are present."""
+    return [
+      Slot(m, rows, theta[rows][:, self._columns[m.name]])
+      for m in self.mechanisms
+      if m.stage in STEPPED and (rows := self.present(m, theta)) is not None
+    ]
 
   def _engine(self, size: int, batch: Batch | None) -> Engine:
     if self._made is not None:

@@ -83,6 +83,22 @@ def draw_second_cases(seed: int, nulls: int, singles: int, design: str = "compac
   return cases
 
 
+def draw_steering_cases(seed: int, count: int, car: str = "first", design: str = "compact") -> list[Case]:
+  """Cars for agents to drive: effects between steering command and wheels, at one and two typical sizes in turn; every
+  fifth car conceals nothing. All decided by one seed.
+  """
+  rng = np.random.default_rng([seed, 3, ("first", "second").index(car)])
+  there = {n for n, k in EFFECTS.items() if not k.wild} if car == "first" else set(SECOND_EFFECTS)
+  known = sorted(name for name, m in catalogue().items() if name in there and m.subsystem == "steering")
+  first, order = int(rng.integers(10**6, 10**8)), [known[i] for i in rng.permutation(len(known))]
+  cases = []
+  for i in range(count):
+    number = i - (i + 1) // 5
+    effects = () if i % 5 == 4 else ((order[number % len(order)], (1.0, 2.0)[number // len(order) % 2]),)
+    cases.append(Case(f"{car}_{i:02d}", "single" if effects else "null", first + i, effects, 1.0, design, car))
+  return cases
+
+
 def _pair(rng: np.random.Generator, known: Sequence[str]) -> tuple[tuple[str, float], ...]:
   mechanisms = catalogue()
   while True:

@@ -13,20 +13,28 @@ from calibration.concealed.campaign.archive import digest, keep
 from calibration.concealed.campaign.cases import Case
 from calibration.concealed.campaign.reference import baselines, oracle
 from calibration.concealed.campaign.wild_score import informed
-from calibration.concealed.proving_ground import make_session
+from calibration.concealed.laboratory.written import stream
+from calibration.concealed.proving_ground import Car, ProvingGroundPlant, make_session
 from calibration.concealed.second_car import make_second_session
+from calibration.concealed.second_car.plant import SecondCarPlant
+from calibration.concealed.second_car.session import drawn_car
 from calibration.diagnosis.curves.study import study
 from calibration.diagnosis.decision.evidence import as_json
 from calibration.diagnosis.outcome import Outcome
 from calibration.diagnosis.pipeline import diagnose
 from calibration.diagnosis.pool import Pool
+from calibration.diagnosis.report.demonstration import NOTHING_SHOWN
 from calibration.diagnosis.report.document import document
+from calibration.diagnosis.report.page import verdict, write_diagnosis
 from calibration.diagnosis.score import compare
+from calibration.diagnosis.search.structure import Effort
 from qcar_twin.atomic_io import plain, write_text
 from qcar_twin.recordings.dataset import DataSet
 
 MAKERS = {"first": make_session, "second": make_second_session}
 ENGINES = ("search", "curves")
+VERDICT = "verdict.txt"
+LONGEST = 120.0  # s that the second car is driven at most
 
 
 class CaseFailed(RuntimeError):
@@ -100,6 +108,24 @@ def _kept(case: Case, answer: dict, truth: dict, path: Path, oracle: dict | None
   path.parent.mkdir(parents=True, exist_ok=True)
   keep(plain(result), path)
   return path
+
+
+def diagnosed(case: Case, folder: Path, effort: Effort, threads: int = 1) -> None:
+  """Diagnose a case's session into a folder, as `qcar-twin diagnose` does, unless that was done."""
+  if not (folder / VERDICT).is_file():
+    session = MAKERS[case.car](case.seed, case.effects, case.design, case.noise)
+    dataset = DataSet(case.name, session.recordings, session.vehicle, session.vehicle_std)
+    outcome = diagnose(dataset, effort=effort, threads=threads)
+    write_diagnosis(outcome, folder, NOTHING_SHOWN)
+    write_text(folder / VERDICT, verdict(outcome.diagnosis) + "\n")
+
+
+def drivable(case: Case, effect: bool = True) -> ProvingGroundPlant | SecondCarPlant:
+  """The car of a case, with its effect or without, for a controller to drive."""
+  effects = case.effects if effect else ()
+  if case.car == "second":
+    return SecondCarPlant(drawn_car(case.seed), effects, seconds=LONGEST)
+  return ProvingGroundPlant(Car.draw(stream(case.seed, 0)), effects)
 
 
 def answer_of(outcome: Outcome) -> dict:

@@ -8,6 +8,7 @@ from calibration.diagnosis.formula.report import formula_sections
 from calibration.diagnosis.holdout_errors import recovered_share, share_taken_off
 from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.report import figures, wording
+from calibration.diagnosis.report.belief import belief
 from calibration.diagnosis.report.causes import claimed, left_out, something_nameless, unexplained, where
 from calibration.diagnosis.report.curves import curve_chart
 from calibration.diagnosis.report.demonstration import NOTHING_SHOWN, Demonstration, demonstrate
@@ -28,6 +29,7 @@ from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages import Cell, Section, Table, write_page
 from qcar_twin.pages.page import Tone
 from qcar_twin.twin.file import save_twin
+from qcar_twin.twin.posterior import save_posterior
 
 __all__ = ["facts", "report_sections", "something_nameless", "verdict", "write_diagnosis", "write_report"]
 
@@ -44,7 +46,7 @@ _FIRST = 5  # sections up to the repaired model; a later stage's come next
 def write_diagnosis(
   outcome: Outcome, folder: str | Path, shown: Demonstration | None = None, further: Further = NOTHING_FURTHER
 ) -> Path:
-  """Write diagnosis.json, evidence.json, report.html, recalibrated.toml and twin.toml (see `shipping`).
+  """Write diagnosis.json, evidence.json, posterior.json, report.html, recalibrated.toml and twin.toml (see `shipping`).
 
   Args:
     outcome: of `diagnose`.
@@ -63,6 +65,7 @@ def write_diagnosis(
   write_formula(outcome.diagnosis.formula, folder, name)
   write_document(folder, outcome.diagnosis, further.curves, of, further.errors)
   write_evidence(folder, outcome.diagnosis.evidence)
+  save_posterior(folder, belief(outcome.diagnosis))
   return write_report(folder, outcome.diagnosis, shown or demonstrate(outcome), further)
 
 

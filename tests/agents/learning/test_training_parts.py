@@ -207,7 +207,7 @@ def test_unknown_demonstrator_names_those_there_are():
 
 
 def test_randomised_twins_differ_in_what_a_person_measures():
-  cars = fleet(Options(estimator="truth", randomise=True), [0, 1])
+  cars = fleet(Options(estimator="truth", randomise="prior"), [0, 1])
   spread = prior_spread(cars.config.plant())
   assert "mass" in spread.names
   column = cars.config.plant().parameters.index("mass")

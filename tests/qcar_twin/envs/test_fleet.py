@@ -106,10 +106,34 @@ def test_restart_with_other_parameters(kind):
   assert abs(b[1, 2] - b[0, 2]) > 1e-4
 
 
-def test_a_twin_with_mechanisms_gets_simulations_of_its_own():
-  make = lambda: twin().with_mechanisms(select(["steering_delay"]))
-  made = car_batch(make, np.tile(make().parameters.nominal, (2, 1)), starts(2))
-  assert isinstance(made, SeparateCars)
+@pytest.mark.parametrize("engine", ["mujoco", "reduced"])
+def test_mechanisms_are_restarted_with_their_cars(engine):
+  """Hidden state, time since the start and what was written into the simulator; a mechanism may come and go."""
+  names = ("steering_delay", "steering_backlash", "battery_sag", "friction_change", "friction_patch", "payload")
+  mechanisms = select(names)
+  make = lambda: twin().on(engine).with_mechanisms(mechanisms)
+  nominal, parameters = make().parameters.nominal, make().parameters
+  effect = nominal.copy()
+  for p in (p for m in mechanisms for p in m.parameters if p.null is not None):
+    effect[parameters.index(p.name)] = p.null + p.typical
+  theta, start, again = np.stack([effect, nominal, effect]), starts(3), starts(3, seed=1)
+  after = np.stack([effect, effect, nominal])
+  which = np.array([False, True, True])
+  commands = np.random.default_rng(2).uniform([0.3, -0.3], [1.2, 0.3], (80, 3, 2))
+  untouched, restarted, fresh = (car_batch(make, *given) for given in ((theta, start), (theta, start), (after, again)))
+  assert isinstance(restarted, TwinBatch)
+  for command in commands[:40]:
+    untouched.step(command)
+    restarted.step(command)
+  restarted.restart(which, after, again)
+  for command in commands[40:]:
+    a, b, c = untouched.step(command), restarted.step(command), fresh.step(command)
+    np.testing.assert_array_equal(b[0], a[0])
+    np.testing.assert_allclose(b[1:], c[1:], rtol=1e-12, atol=1e-12)
+  alike = car_batch(make, np.stack([nominal] * 3), again)
+  for command in commands[40:]:
+    plain = alike.step(command)
+  assert np.abs(plain[1] - b[1]).max() > 1e-3 and np.abs(plain[2] - b[2]).max() < 1e-9
 
 
 # -- fleet ---------------------------------------------------------------------------------------
