@@ -208,6 +208,6 @@ def _differences(cars: Sequence[Driven], names: Sequence[str]) -> list[str]:
   own = np.array([car.mean(BASELINE).mean() for car in cars])[None]
   for name in names:
     if name != BASELINE:
-      found = paired(np.array([car.mean(name).mean() for car in cars])[None], own)
-      lines.append(f"| {name} | {1e3 * found.mean:+.2f} ± {1e3 * found.half_width:.2f} |")
+      apart = paired(np.array([car.mean(name).mean() for car in cars])[None], own)
+      lines.append(f"| {name} | {1e3 * apart.mean:+.2f} ± {1e3 * apart.half_width:.2f} |")
   return lines

@@ -33,8 +33,8 @@ class Slot:
     if isinstance(self.rows, slice):
       first, end = self.rows.start or 0, self.rows.stop
       return row - first if row >= first and (end is None or row < end) else None
-    found = np.flatnonzero(self.rows == row)
-    return int(found[0]) if len(found) else None
+    there = np.flatnonzero(self.rows == row)
+    return int(there[0]) if len(there) else None
 
   def state_in(self, rows: Rows, count: int) -> State:
     """Hidden state in other rows of `count` simulations, zeros where the mechanism was absent."""
