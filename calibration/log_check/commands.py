@@ -9,7 +9,7 @@ from calibration.fitting.start_states import STANDS
 from calibration.log_check.disagreements import Finding
 from calibration.log_check.motions import Wheels
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
-from qcar_twin.recordings.checks.acted import Idle, against, idle_stretches, was_commanded
+from qcar_twin.recordings.checks.acted import Stretch, against, idle_stretches, signless_stretches, was_commanded
 from qcar_twin.recordings.checks.driving import MOVING
 from qcar_twin.recordings.checks.neutral import (
   Neutral,
@@ -51,6 +51,9 @@ def _drive(recordings: Sequence[Recording], channel: str) -> list[Finding]:
     return [_neutral(neutral)]
   if against(recordings, channel):
     return [_against(recordings[0], channel)]
+  alone = [r for r in recordings if not {"pose_x", "pose_y", "pose_yaw"} <= set(r.channels)]  # else the path tells
+  if (lost := signless_stretches(alone, channel)) and _seconds(lost) > MUCH * sum(r.duration for r in alone):
+    return [_signless(lost)]
   if (least := least_command(recordings, channel)) is not None:
     said = f"{channel} never comes near 0, though the car stands for a while: its least is {least:.4g}"
     cure = f"if that is its neutral, set offset = {-least:.6g} on it in [channels]"
@@ -81,8 +84,26 @@ def _neutral(neutral: Neutral) -> Finding:
   return Finding("spoils", (neutral.channel,), said)
 
 
-def _idle(idle: Sequence[Idle], recordings: Sequence[Recording]) -> Finding:
-  seconds = sum(i.end - i.start for i in idle)
+def _seconds(stretches: Sequence[Stretch]) -> float:
+  return sum(stretch.end - stretch.start for stretch in stretches)
+
+
+def _signless(lost: Sequence[Stretch]) -> Finding:
+  first = lost[0]
+  speed = "motor_speed" if "motor_speed" in first.recording else "speed"
+  file = first.recording.file or first.recording.name
+  said = f"{speed} is never negative, and the car drives on for {_seconds(lost):.0f} s under a negative {first.channel}"
+  where = (
+    f"({file} {first.start:.2f} s to {first.end:.2f} s, and {len(lost) - 1} more)"
+    if len(lost) > 1
+    else (f"({file} {first.start:.2f} s to {first.end:.2f} s)")
+  )
+  cure = f"log it with its sign, or map a pose and leave {speed} out of [channels], or cut what was driven backwards"
+  return Finding("spoils", (speed, first.channel), f"{said} {where}: it has lost the sign of driving backwards; {cure}")
+
+
+def _idle(idle: Sequence[Stretch], recordings: Sequence[Recording]) -> Finding:
+  seconds = _seconds(idle)
   severity = "spoils" if seconds > MUCH * sum(r.duration for r in recordings) else "beware"
   spans = _spans(idle)
   named = ", ".join(f"{file} {start:.2f} s to {end:.2f} s" for file, start, end in spans[:_LISTED])
@@ -95,7 +116,7 @@ def _idle(idle: Sequence[Idle], recordings: Sequence[Recording]) -> Finding:
   return Finding(severity, (idle[0].channel,), f"{said}: {cure}")
 
 
-def _spans(idle: Sequence[Idle]) -> list[tuple[str, float, float]]:
+def _spans(idle: Sequence[Stretch]) -> list[tuple[str, float, float]]:
   """Files, or names where there are none, and seconds; stretches that a cut by time parted are one."""
   spans: list[tuple[str, float, float]] = []
   for i in sorted(idle, key=lambda i: (i.recording.file or i.recording.name, i.start)):

@@ -8,6 +8,8 @@ from qcar_twin.recordings.channels import GRAVITY
 _ALONE = ("rpm", "rps")  # units that are a name by themselves
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 BRACKET = re.compile(r"[\[(<{]([^\])>}]*)[\])>}]")
+_ELEMENT = re.compile(r"(?:\[(?P<zero>\d+)\]|\((?P<one>\d+)\))\s*$")
+_VECTORS = {"xyz", "acc", "accel", "accelerometer", "acceleration", "gyro", "gyroscope", "gyr"}
 
 # a unit as people write it -> the SI unit it is of, and the factor to it
 UNITS: dict[str, tuple[str, float]] = {
@@ -16,9 +18,12 @@ UNITS: dict[str, tuple[str, float]] = {
   **dict.fromkeys(("us", "µs", "usec", "micros", "microseconds"), ("s", 1e-6)),
   **dict.fromkeys(("ns", "nsec", "nanos", "nanoseconds", "nanosec"), ("s", 1e-9)),
   **dict.fromkeys(("rad", "radians"), ("rad", 1.0)),
+  **dict.fromkeys(("mrad",), ("rad", 1e-3)),
   **dict.fromkeys(("deg", "degrees", "degree", "°"), ("rad", math.pi / 180.0)),
   **dict.fromkeys(("rad/s", "rads", "radps", "radsec"), ("rad/s", 1.0)),
   **dict.fromkeys(("deg/s", "dps", "degs", "degps", "°/s", "degsec"), ("rad/s", math.pi / 180.0)),
+  **dict.fromkeys(("mrad/s",), ("rad/s", 1e-3)),
+  **dict.fromkeys(("mdps", "mdeg/s"), ("rad/s", 1e-3 * math.pi / 180.0)),
   **dict.fromkeys(("rpm", "1/min"), ("rad/s", math.tau / 60.0)),
   **dict.fromkeys(("rps", "rev/s", "1/s"), ("rad/s", math.tau)),
   **dict.fromkeys(("m/s", "mps"), ("m/s", 1.0)),
@@ -42,8 +47,14 @@ UNITS: dict[str, tuple[str, float]] = {
 
 
 def words_of(column: str) -> tuple[str, ...]:
-  """Lower-case words of a name: "steeringAngle [deg]" has steering, angle, deg."""
-  return tuple(word.lower() for word in _WORD.findall(column))
+  """Lower-case words of a name: "steeringAngle [deg]" has steering, angle, deg. An element of a vector of three goes by
+  its axis: "accelerometer_m_s2[0]" has x, and so has MATLAB's "gyro(1)"."""
+  words = tuple(word.lower() for word in _WORD.findall(column))
+  if (element := _ELEMENT.search(column)) is None or not set(words) & _VECTORS:
+    return words
+  first = 0 if element["zero"] else 1
+  place = int(element["zero"] or element["one"]) - first
+  return (*(word for word in words[:-1] if word != "xyz"), "xyz"[place]) if 0 <= place < 3 else words
 
 
 def unit_of(column: str) -> tuple[str, str, float] | None:
@@ -52,6 +63,9 @@ def unit_of(column: str) -> tuple[str, str, float] | None:
     written = inside.strip().lower()
     if written in UNITS:
       return (inside.strip(), *UNITS[written])
+  *before, last = column.split() or [""]
+  if before and (written := last.lower()) in UNITS and not written.isalpha():  # Throttle %, Speed m/s
+    return (last, *UNITS[written])
   words = words_of(BRACKET.sub(" ", column))
   if len(words) == 1 and words[0] in _ALONE:
     return (words[0], *UNITS[words[0]])

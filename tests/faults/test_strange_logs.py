@@ -69,11 +69,18 @@ RIGHT = {
   "pulses for servo and speed controller": lambda: text(
     names=named(steering_command="steering_pwm_us"), steering_command=1500.0 - 800.0 * DRIVEN["steering_command"]
   ),
+  "commands in per cent": lambda: text(
+    names=named(steering_command="Steering(%)", motor_voltage="Spare (%)"),
+    steering_command=50.0 + 80.0 * DRIVEN["steering_command"],
+  ),
   "accelerations in g": lambda: text(accel_x=DRIVEN["accel_x"] / 9.80665, accel_y=DRIVEN["accel_y"] / 9.80665),
   "a gyro in deg/s with an offset": lambda: text(names=named(yaw_rate="gyro_z_dps"), yaw_rate=DEG * DRIVEN["yaw_rate"]),
 }
 _CUTS = 2  # samples of a command at the ends of parts, which are the last before
-NOT_TOLD = {"degrees without a gyro": ("yaw_rate",)}
+NOT_TOLD = {
+  "commands in per cent": ("motor_voltage",),
+  "degrees without a gyro": ("yaw_rate",),
+}
 
 
 @pytest.mark.parametrize("name", RIGHT)
@@ -142,15 +149,38 @@ AIRCRAFT = {
 }  # y right, z down
 
 
+NOISE = 0.1 * np.random.default_rng(8).standard_normal((2, TIME.size))
+IMU = named(accel_x="acc_x", accel_y="acc_y", acc_z="acc_z", yaw_rate="gyro_z", gyro_x="gyro_x", gyro_y="gyro_y")
+LEFT, AHEAD, TURN = (DRIVEN[name] for name in ("accel_y", "accel_x", "yaw_rate"))
+LYING = {
+  "aircraft's axes, and so is the place": {"acc_z": DOWN, **AIRCRAFT},
+  "upside down": {"acc_z": DOWN, "accel_y": -LEFT, "yaw_rate": -TURN},
+  "on its side": {"accel_y": -DOWN, "acc_z": -LEFT, "gyro_y": TURN, "yaw_rate": NOISE[0]},
+  "a quarter turn to the left": {"accel_x": LEFT, "accel_y": -AHEAD, "acc_z": -DOWN},
+  "against gravity": {"accel_x": -AHEAD, "accel_y": -LEFT, "acc_z": DOWN},
+  "in counts": {"accel_x": AHEAD * 16384 / 9.81, "accel_y": LEFT * 16384 / 9.81, "acc_z": -DOWN * 16384 / 9.81},
+}
+
+
+@pytest.mark.parametrize("name", LYING)
+def test_an_imu_is_read_along_the_car_however_it_lies(tmp_path, name):
+  check = read(tmp_path, text(names=IMU, **{"gyro_x": NOISE[0], "gyro_y": NOISE[1], **LYING[name]}))
+  assert not check.of("spoils"), check.verdict
+  for channel in ("steering_command", "accel_x", "accel_y", "yaw_rate", "pose_y", "pose_yaw"):
+    _, value = values(check, channel)
+    slope, _ = np.polyfit(DRIVEN[channel], value, 1)
+    assert slope == pytest.approx(1.0, abs=0.05), channel
+
+
 @pytest.mark.parametrize(
   ("mirrored", "said"),
   [(AIRCRAFT, "left positive in this log"), ({n: AIRCRAFT[n] for n in ("accel_y", "yaw_rate")}, "what the IMU says")],
   ids=["all of the log", "the IMU alone"],
 )
-def test_an_imu_whose_z_points_down_is_asked_about_and_the_answer_mends_it(tmp_path, mirrored, said):
+def test_a_z_that_points_down_is_asked_about_where_no_axis_was_logged_ahead(tmp_path, mirrored, said):
   """Nothing else tells a log of aircraft's axes from one of a mirrored car."""
   with pytest.raises(RecordingError, match=said) as caught:
-    read(tmp_path, text(names=named(acc_z="acc_z"), acc_z=DOWN, **mirrored))
+    read(tmp_path, text(names=named(acc_z="acc_z", accel_x="counts_unused"), acc_z=DOWN, **mirrored))
   sides = re.search(r"scale and offset of (.*?) by -1", str(caught.value))[1].split(", ")
   draft = (tmp_path / "dataset.toml").read_text(encoding="utf-8")
   kept = [line for line in draft.splitlines() if not line.startswith("undecided")]
@@ -184,3 +214,14 @@ def test_a_zero_that_is_far_off_is_said_and_the_cure_mends_it(tmp_path, channel,
   assert len(said) == 1 and said[0].startswith(channel)
   by = float(re.search(r"set offset = (-?[\d.]+)", said[0])[1])
   assert by == pytest.approx(-off, abs=0.02)
+
+
+def test_a_gyro_in_rps_counts_radians_and_a_battery_is_no_other_column_without_its_name(tmp_path):
+  idle = {"erpm": 4600.0 * DRIVEN["speed"], "temp_mos": 35.0 + 0.01 * TIME, "input_voltage": 11.6 + 0.05 * NOISE[0]}
+  lines = text(
+    names=named(yaw_rate="yaw_rate_rps", motor_voltage="duty"), motor_voltage=DRIVEN["motor_voltage"] / 12.0, **idle
+  )
+  _, rate = values(check := read(tmp_path, lines), "yaw_rate")
+  assert rate == pytest.approx(DRIVEN["yaw_rate"], abs=1e-5)
+  _, battery = values(check, "battery_voltage")
+  assert np.median(battery) == pytest.approx(11.6, abs=0.01)

@@ -13,13 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qcar_twin.recordings.checks.driving import LEAST_REST, PERIOD, driven, runs, steady
+from qcar_twin.recordings.checks.driving import LEAST_REST, MOVING, PERIOD, driven, runs, steady
 from qcar_twin.recordings.checks.faults import Runs
 from qcar_twin.recordings.recording import Recording
 
 _CONTRARY = 0.8  # share of the steady driving under a command of the other sign
 _LEAST_IDLE = 2.0  # s in a row of a command that does nothing
 _WEAK = 25.0  # per cent of the steady driving that happens under less: a command below it may not move a car from rest
+_LONGEST_LAG = 0.5  # s, for which a drive may go on after its command was reversed
 _STAYS = 0.4  # s, median, for which a commanded value stays
 _SLOWEST = 1.0  # s: no sensor of speed is slower
 _LEAST_STEPS, _SAMPLES = 3, 5  # steps that tell, and samples, median, for which a value stays then
@@ -29,8 +30,8 @@ _PAST, _ROUNDING = 1.5, 1e-9  # quanta, from which a step is past the neighbour;
 
 
 @dataclass(frozen=True)
-class Idle:
-  """A stretch of a recording, s, in which the drive's command was as large as when it drove the car, which stood."""
+class Stretch:
+  """A stretch of a recording, s, in which command and speed do not go together."""
 
   recording: Recording
   channel: str
@@ -38,7 +39,7 @@ class Idle:
   end: float
 
 
-def idle_stretches(recordings: Sequence[Recording], channel: str, neutral: float = 0.0) -> list[Idle]:
+def idle_stretches(recordings: Sequence[Recording], channel: str, neutral: float = 0.0) -> list[Stretch]:
   """Stretches in which the car stood under commands that drive it elsewhere: a switch that was released, a stop by
   hand, an encoder that stuck. `neutral`: the command's value at rest."""
   held = driven(recordings, channel)
@@ -47,7 +48,7 @@ def idle_stretches(recordings: Sequence[Recording], channel: str, neutral: float
     return []
   least = max(float(np.percentile(driving, _WEAK)), np.finfo(float).tiny)
   return [
-    Idle(d.recording, channel, float(d.time[first]), float(d.time[last]))
+    Stretch(d.recording, channel, float(d.time[first]), float(d.time[last]))
     for d in held
     for first, last, idle in runs(d.stands & (np.abs(d.command - neutral) >= least))
     if idle and (last - first) * PERIOD >= _LEAST_IDLE
@@ -61,6 +62,22 @@ def against(recordings: Sequence[Recording], channel: str) -> bool:
   signs = [np.sign(d.command[s] * d.speed[s]) for d, s in zip(held, driving, strict=True)]
   count = sum(map(len, signs))
   return count * PERIOD >= LEAST_REST and float(np.sum(np.concatenate(signs) < 0.0)) > _CONTRARY * count
+
+
+def signless_stretches(recordings: Sequence[Recording], channel: str) -> list[Stretch]:
+  """Stretches in which the car drives on under a command of the other sign, though its speed is never negative: it was
+  driven backwards, and the sensor counts without a sign. A car that is braked by such a command slows down."""
+  held = driven(recordings, channel)
+  top = max((float(np.percentile(np.abs(d.speed), 99.0)) for d in held), default=0.0)
+  if any(float(np.percentile(d.speed, 1.0)) < -MOVING * top for d in held):
+    return []
+  large = float(np.percentile(np.abs(np.concatenate([d.command for d in held])), _WEAK)) if held else 0.0
+  return [
+    Stretch(d.recording, channel, float(d.time[first]), float(d.time[last]))
+    for d in held
+    for first, last, reversed_ in runs(steady(d) & (d.command < -large))
+    if reversed_ and (last - first) * PERIOD >= _LONGEST_LAG
+  ]
 
 
 def was_commanded(recordings: Sequence[Recording], channel: str) -> bool:

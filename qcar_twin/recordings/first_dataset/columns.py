@@ -180,7 +180,9 @@ def scale(columns: Columns, guess: Guess) -> None:
   """The factor to SI, by the unit in the name or by the size of the values, from scratch."""
   guess.scale, guess.offset, guess.named = 1.0, 0.0, False
   channel, unit, top = CHANNELS[guess.channel], unit_of(guess.column), columns.top(guess.column)
-  if unit is not None and unit[1] == channel.unit:
+  if unit is not None and guess.channel == "yaw_rate" and unit[0].lower() == "rps":  # of wheels it is turns
+    guess.why.append("rps of a gyro are radians per second")
+  elif unit is not None and unit[1] == channel.unit:
     guess.scale, guess.named = unit[2], True
     guess.why.append(f"in {unit[0]}")
     if guess.channel == "steering_command" and (
@@ -193,6 +195,9 @@ def scale(columns: Columns, guess: Guess) -> None:
       guess.why.append(f"of a wheel, which a motor turns by gear_ratio = {QCAR.gear_ratio:g}: correct both by yours")
   elif guess.channel == "time":
     _scale_time(columns, guess)
+  elif guess.channel == "steering_command" and unit is not None and unit[1] == "-":
+    guess.scale = unit[2]
+    guess.why.append(f"in {unit[0]} of full travel")
   elif guess.channel in ("motor_duty", "steering_command") and _is_pulse(columns.values(guess.column)):
     guess.scale, guess.offset = 1.0 / 500.0, -3.0
     guess.why.append("values around 1500 are a servo's pulse in us, 500 to full travel")
@@ -223,9 +228,10 @@ def _is_pulse(values: Array) -> bool:
 def is_share_of_lock(columns: Columns, guess: Guess) -> bool:
   """Whether a steering command is a share of full lock rather than an angle: pulses are, and small numbers without a
   unit."""
-  if _is_pulse(columns.values(guess.column)):
+  unit = unit_of(guess.column)
+  if _is_pulse(columns.values(guess.column)) or (unit is not None and unit[1] == "-"):
     return True
-  return unit_of(guess.column) is None and (guess.offset != 0.0 or _LOCK < columns.top(guess.column) <= _NORMALISED)
+  return unit is None and (guess.offset != 0.0 or _LOCK < columns.top(guess.column) <= _NORMALISED)
 
 
 def _settle_voltage(columns: Columns, guesses: dict[str, Guess]) -> None:

@@ -9,24 +9,26 @@ from qcar_twin.recordings.unit_names import BRACKET, UNITS, unit_of, words_of
 _RULES: dict[str, tuple[str, ...]] = {
   "time": ("elapsed|log|system|ros time|stamp|clock", "time|timestamp|stamp|clock|elapsed|tout|t"),
   "motor_voltage": (
-    "motor|command|commanded|cmd|applied|armature|input|esc|drive voltage|volt|volts|v"
+    "motor|mot|command|commanded|cmd|applied|armature|input|esc|drive voltage|volt|volts|v"
     " !battery|bat|batt|supply|measured",
     "voltage|volts !battery|bat|batt|vbat|supply|measured",
+    "motor|mot u !measured",
   ),
-  "motor_duty": ("duty|pwm|throttle|gas|thr !steering|steer|servo",),
+  "motor_duty": ("duty|pwm|throttle|gas|thr !steering|steer|servo|servos", "actuator|actuators motor|motors"),
   "motor_current": ("current|amps command|commanded|cmd|target|desired|setpoint|ref|reference",),
   "speed_command": (
     "speed|velocity|vel|v command|commanded|cmd|target|desired|setpoint|ref|reference|goal !angular|yaw|steering",
   ),
   "steering_command": (
-    "steering|steer|servo|delta|deltawheel|df|str !measured|actual|feedback|fb|velocity|rate|speed",
+    "steering|steer|servo|servos|delta|deltawheel|df|str !measured|actual|feedback|fb|velocity|rate|speed",
     "wheel angle !measured|actual|feedback|fb",
+    "user|pilot|joystick|joy angle !measured|actual|feedback|fb",
   ),
   "motor_speed": ("motor|tach|tacho|shaft speed|velocity|vel|omega|rpm|rps|rate|w", "rpm !e", "rps !gyro|gyr"),
   "speed": (
     "speed|velocity|vel|v"
     " !angular|yaw|gyro|motor|command|commanded|cmd|target|desired|setpoint|ref|reference|steering|y|z|lateral",
-    "vx|vlong",
+    "vx|vlong !position|pos|pose|map|world|global|local|ned|enu",
     "twist|odom linear x !angular|acceleration|accel|acc|command|commanded|cmd",
   ),
   "accel_x": (
@@ -47,20 +49,26 @@ _RULES: dict[str, tuple[str, ...]] = {
   ),
   "pose_x": (
     "pose|pos|position|vicon|mocap|optitrack|lidar|slam|map|world|loc|tf x|px !acc|vel|velocity|rate",
-    "px",
+    "px|tx",
     "x",
     "east|easting !acc|vel|velocity|speed|rate",
   ),
   "pose_y": (
     "pose|pos|position|vicon|mocap|optitrack|lidar|slam|map|world|loc|tf y|py !acc|vel|velocity|rate",
-    "py",
+    "py|ty",
     "y",
     "north|northing !acc|vel|velocity|speed|rate",
   ),
-  "pose_yaw": ("yaw|heading|theta|psi|phi|orientation !rate|dot|vel|velocity|speed|gyro|x|z|w|target|desired",),
+  "pose_yaw": (
+    "yaw|heading|theta|psi|phi|orientation !rate|dot|vel|velocity|speed|gyro|x|z|w|target|desired",
+    "rz !rate|vel|velocity|speed",
+  ),
   "pose_score": ("score|confidence|quality",),
   "battery_voltage": ("battery|bat|batt|vbat|supply !current|percent|percentage|charge|temperature",),
-  "armature_current": ("current|amps !command|commanded|cmd|target|desired|setpoint|battery|supply|time",),
+  "armature_current": (
+    "current|amps !command|commanded|cmd|target|desired|setpoint|battery|supply|time",
+    "motor|mot|armature i !command|commanded|cmd|target|desired|setpoint|ref|reference",
+  ),
 }
 _PULSES = ("us", "µs")  # what radio-control servos and speed controllers are commanded in
 _RAW, _SMOOTH = (
@@ -100,7 +108,8 @@ def readings(column: str) -> list[Reading]:
     score = len(best) + 0.5 * len(set(best)) / len(words)
     score += 0.2 * bool(words & _RAW) - 0.5 * bool(words & _SMOOTH)
     pulse = unit is not None and unit[0] in _PULSES and channel in ("motor_duty", "steering_command")
-    fits = unit is None or unit[1] == CHANNELS[channel].unit or pulse
+    share = unit is not None and unit[1] == "-" and channel == "steering_command"  # of full lock
+    fits = unit is None or unit[1] == CHANNELS[channel].unit or pulse or share
     letter = unit is not None and len(unit[0]) == 1 and not BRACKET.search(column)  # gyro_a is not in amperes
     if not fits and not letter:
       score -= 2.0

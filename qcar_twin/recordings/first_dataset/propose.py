@@ -9,6 +9,7 @@ from typing import Any
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.first_dataset.axes import pointing_down
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
+from qcar_twin.recordings.first_dataset.mount import lies, settle_mount
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, usual_supply
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
 from qcar_twin.recordings.first_dataset.several import runner_up, settle_several
@@ -75,6 +76,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   turns_like, asked = vehicle.wheelbase, ()
   if topics is None:
     asked = settle_several(columns, guesses, {key: getattr(vehicle, key) for key in _VEHICLE})
+    settle_mount(columns, guesses)
     turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in _VEHICLE})
   recordings = recordings_of(columns, guesses)
   parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
@@ -89,8 +91,8 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   if "time" not in guesses and not all("time" in table for table in tables):
     missing = ("time", *missing)
   questions = tuple(question.text for question in asked)
-  if topics is None and (down := pointing_down(columns, guesses, recordings)) is not None:
-    questions = (*questions, down)
+  if topics is None and not lies(columns, guesses):
+    questions += (down,) if (down := pointing_down(columns, guesses, recordings)) is not None else ()
   lines = [*_head(name, topics, questions), *_vehicle(vehicle, known, kind, recordings, said, turns_like)]
   channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
   lines += ["", *channels]

@@ -78,7 +78,8 @@ def _alternatives(columns: Columns, guesses: Mapping[str, Guess], channel: str) 
     name
     for name in columns.names
     if name not in taken
-    and _score(name, channel) >= best - _ALTERNATIVE
+    and math.isfinite(score := _score(name, channel))
+    and score >= best - _ALTERNATIVE
     and not columns.constant(name)
     and stepped(columns, name, channel) <= least
   ]

@@ -12,13 +12,15 @@ import pyarrow
 import pyarrow.csv
 import pyarrow.parquet
 
-from qcar_twin.recordings.formats.table import NO_ROWS, Table
+from qcar_twin.recordings.formats.table import NO_ROWS, Clocked, Table, merge
 from qcar_twin.recordings.recording import RecordingError
+from qcar_twin.recordings.unit_names import words_of
 
 pyarrow.set_memory_pool(pyarrow.system_memory_pool())  # the default reserves address space far beyond what is read
 
 # what spreadsheets, pandas, R and C write where there is no number
 _BLANK = ("", "#N/A", "N/A", "n/a", "NA", "null", "NULL", "None", "-", "--", "#DIV/0!", "#NUM!", "#VALUE!", "-nan(ind)")
+_CLOCKS = {"t", "time", "times", "stamp", "stamps", "timestamp", "timestamps", "clock"}
 UNNAMED = "unnamed"  # and its number: what a column without a name is called
 _LONGEST_LINE = 1 << 16  # bytes of a header: thousands of names
 
@@ -92,7 +94,10 @@ def read_npz(path: Path, label: str) -> Table:
 
 
 def table_of_arrays(arrays: dict[str, np.ndarray], label: str) -> Table:
-  """Columns from arrays that need not all be columns: the vectors as long as `time`, else of the commonest length."""
+  """Columns from arrays that need not all be columns: the vectors as long as `time`, else of the commonest length.
+
+  Where the vectors of every length have a clock of their own, `t_imu` and `t_encoder` say, each keeps its times.
+  """
   vectors = {name: np.squeeze(array) for name, array in arrays.items() if array.dtype.kind in "fiub"}
   vectors = {name: vector.astype(float) for name, vector in vectors.items() if vector.ndim == 1 and vector.size}
   if not vectors:
@@ -102,15 +107,30 @@ def table_of_arrays(arrays: dict[str, np.ndarray], label: str) -> Table:
   lengths = [vector.size for vector in vectors.values()]
   length = vectors["time"].size if "time" in vectors else max(set(lengths), key=lengths.count)
   odd = [f"{name} has {vector.size}" for name, vector in vectors.items() if vector.size not in (length, 1)]
+  if odd and (groups := _clocked(vectors)):
+    return dataclasses.replace(merge(label, groups), blanks=False)
   if odd:
     raise RecordingError(
       f"{label}: arrays must have one length ({length} samples, as time): {', '.join(odd)}; "
-      "pad channels of another rate with NaN, or log them with their own time in a CSV"
+      "save a clock with the arrays of each length, t_imu and t_encoder say, or pad channels of another rate with NaN"
     )
   columns = {name: vector for name, vector in vectors.items() if vector.size == length}
   return Table(
     label, columns, {name: np.flatnonzero(np.isnan(vector)) for name, vector in columns.items()}, blanks=False
   )
+
+
+def _clocked(vectors: dict[str, np.ndarray]) -> list[Clocked]:
+  """Vectors of one length each with the one among them that is a clock by its name and rises; none where a length has
+  none, or several."""
+  groups = []
+  for length in sorted({vector.size for vector in vectors.values()} - {1}):
+    same = {name: vector for name, vector in vectors.items() if vector.size == length}
+    clocks = [name for name, vector in same.items() if set(words_of(name)) & _CLOCKS and (np.diff(vector) > 0.0).all()]
+    if len(clocks) != 1:
+      return []
+    groups.append(Clocked(same.pop(clocks[0]), same))
+  return groups
 
 
 def _loaded(archive: np.lib.npyio.NpzFile, name: str, label: str) -> np.ndarray:

@@ -63,3 +63,19 @@ def test_a_neutral_is_found_beside_friction_and_a_parked_recording(neutral):
 def test_a_neutral_to_which_a_car_that_only_goes_forward_is_let_go_is_sure(neutral):
   found = drive_neutral([car([0.0, 1.2, 2.0, 0.0, 1.5, 2.2, 0.0], 2.5, neutral)], "motor_voltage")
   assert found is not None and found.sure and found.value == pytest.approx(neutral, abs=1e-6)
+
+
+@pytest.mark.parametrize("dead", [0.0, 0.4])
+def test_a_speed_that_lost_the_sign_of_driving_backwards_is_refused_and_one_that_was_braked_is_not(dead):
+  there = car([0.0, 1.2, 2.0, -1.5, -2.2, 1.5, -1.2, 0.0, 1.0, 1.8], 2.5)
+  time, late = there["speed"].time, round(dead * RATE)
+  speed = np.r_[np.zeros(late), there["speed"].value][: time.size]
+  signless = Recording.from_columns(
+    "run", time, {"motor_voltage": there["motor_voltage"].value, "speed": np.abs(speed)}
+  )
+  (finding,) = command_findings([signless])
+  assert finding.severity == "spoils" and "has lost the sign of driving backwards" in finding.text
+  braked = Recording.from_columns(
+    "run", time, {"motor_voltage": there["motor_voltage"].value, "speed": np.maximum(speed, 0.0)}
+  )
+  assert not any("lost the sign" in f.text for f in command_findings([braked]))

@@ -25,6 +25,11 @@ from qcar_twin.recordings.first_dataset.names import readings, unit_of, words_of
     ("/imu.angular_velocity.z", "yaw_rate"), ("heading rate", "yaw_rate"),
     ("vicon x", "pose_x"), ("pos_y_mm", "pose_y"), ("x [m]", "pose_x"), ("y", "pose_y"),
     ("heading", "pose_yaw"), ("vicon yaw", "pose_yaw"), ("theta [deg]", "pose_yaw"),
+    ("u_motor", "motor_voltage"), ("mot_mV", "motor_voltage"), ("actuator_motors.control[0]", "motor_duty"),
+    ("Steering(%)", "steering_command"), ("steering_percent", "steering_command"), ("user/angle", "steering_command"),
+    ("actuator_servos.control[0]", "steering_command"), ("i_motor", "armature_current"), ("TX (mm)", "pose_x"),
+    ("TY (mm)", "pose_y"), ("RZ (rad)", "pose_yaw"), ("vehicle_angular_velocity.xyz[2]", "yaw_rate"),
+    ("sensor.accelerometer_m_s2[1]", "accel_y"), ("gyro(3)", "yaw_rate"), ("accel(1)", "accel_x"),
     ("battery", "battery_voltage"), ("vbat", "battery_voltage"), ("current", "armature_current"),
   ],
 )  # fmt: skip
@@ -34,7 +39,20 @@ def test_a_name_means_a_channel(column, channel):
 
 @pytest.mark.parametrize(
   "column",
-  ["gyro x", "mag_x", "distance", "odometer", "erpm", "temperature", "imu_accel_z", "seq", "status", "gas_temp_C"],
+  [
+    "gyro x",
+    "gyro[0]",
+    "local_position.vx",
+    "mag_x",
+    "distance",
+    "odometer",
+    "erpm",
+    "temperature",
+    "imu_accel_z",
+    "seq",
+    "status",
+    "gas_temp_C",
+  ],
 )
 def test_what_is_no_channel_is_taken_for_none_that_a_fit_would_believe(column):
   assert not {r.channel for r in readings(column)} & {

@@ -201,6 +201,16 @@ def test_npz_objects_are_never_unpickled(tmp_path):
   assert not (tmp_path / "exploded").exists()
 
 
+def test_npz_with_a_clock_for_the_arrays_of_each_length_keeps_their_times(tmp_path):
+  imu, encoder = np.arange(0.0, 3.0, 0.01), np.arange(0.0, 3.0, 0.04)
+  np.savez(tmp_path / "a.npz", t_imu=imu, gyro=np.sin(imu), t_encoder=encoder, speed=np.cos(encoder), rate=25.0)
+  table = read_table(tmp_path / "a.npz")
+  for name, time, values in (("gyro", imu, np.sin(imu)), ("speed", encoder, np.cos(encoder))):
+    there = np.isfinite(table.columns[name])
+    np.testing.assert_array_equal(table.columns["time"][there], time)
+    np.testing.assert_array_equal(table.columns[name][there], values)
+
+
 def test_npz_of_unequal_lengths_lists_them(tmp_path):
   np.savez(tmp_path / "a.npz", time=TIME, speed=TIME[::2], motor_voltage=TIME)
   refused(

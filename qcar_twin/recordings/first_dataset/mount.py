@@ -1,0 +1,201 @@
+"""How an IMU lies in the car: gravity says which of its axes is upright, speeding up which points forwards.
+
+With three accelerometers, specific force f has f = +g upwards at rest, and forwards f = d(speed)/dt. The third axis is
+left = up x forward, and the yaw rate is what the gyro says about the upright axis. Of a gyro alone the sign is that of
+f_left = speed times yaw rate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_twin.recordings.channels import CHANNELS, GRAVITY
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess
+from qcar_twin.recordings.first_dataset.heading import contrary, goes_with
+from qcar_twin.recordings.first_dataset.refine import recordings_of
+from qcar_twin.recordings.recording import Recording
+from qcar_twin.recordings.unit_names import UNITS, unit_of, words_of
+
+Array = NDArray[np.float64]
+_ACCELEROMETERS = {"acc", "accel", "acceleration", "accelerometer", "a"}
+_GYROS = {"gyro", "gyr", "gyroscope", "angular", "omega", "g", "w"}
+_AXES = "xyz"
+# what 1 g reads: m/s^2, g, mg, and the counts of accelerometers of 16 bits with ranges of 2, 4, 8 and 16 g
+_READS = (GRAVITY, 1.0, 1000.0, 16384.0, 8192.0, 4096.0, 2048.0)
+_LIKE_GRAVITY = 0.1  # of it, within which a length is one: offsets of cheap accelerometers reach half of that
+_UPRIGHT = 0.8  # of gravity, which an upright axis feels: a mount tilted by 37 deg
+_BIN = 0.25  # s, over which accelerations and the change of speed are compared
+_LEAST = 20  # bins that a direction is worth
+_ALIKE, _CLEARLY = 0.6, 2.0  # correlation of a force with its motion, and times that of the other axis
+
+
+@dataclass(frozen=True)
+class _Imu:
+  """Names of the columns about x, y, z, and what one of the accelerometers' units is in m/s^2."""
+
+  accelerometers: tuple[str, str, str]
+  gyros: tuple[str, str, str] | None
+  scale: float
+
+
+@dataclass(frozen=True)
+class _Mount:
+  """Axes 0 to 2 of the IMU that lie along the car's, and their signs: specific force forwards and to the left is
+  `signs` times what these accelerometers say, the yaw rate what the upright gyro does."""
+
+  forward: int
+  left: int
+  up: int
+  signs: tuple[float, float, float]
+  reversed: bool  # whether the accelerometers say minus the specific force
+
+
+def settle_mount(columns: Columns, guesses: dict[str, Guess]) -> None:
+  """Take each axis of the car from the axis of the IMU that lies along it, with its sign; a place whose axes are those
+  of aircraft, north, east and clockwise, is mirrored. Nothing changes where gravity or speeding up do not show."""
+  imu = _imu(columns, guesses)
+  mount = imu and _mount(columns, guesses, imu)
+  if imu is None or mount is None:
+    return
+  before = {name: (guess.column, guess.scale) for name, guess in guesses.items()}
+  names = (imu.accelerometers[mount.forward], imu.accelerometers[mount.left])
+  for channel, column, sign in zip(("accel_x", "accel_y"), names, mount.signs, strict=False):
+    _take(guesses, channel, column, sign * imu.scale)
+  if "yaw_rate" in guesses and imu.gyros:
+    _take(guesses, "yaw_rate", imu.gyros[mount.up], mount.signs[2] * abs(guesses["yaw_rate"].scale))
+  elif "yaw_rate" in guesses and _correlation(recordings_of(columns, guesses), _going_round) < -_ALIKE:
+    _take(guesses, "yaw_rate", guesses["yaw_rate"].column, -guesses["yaw_rate"].scale)
+  for name in ("accel_x", "accel_y", "yaw_rate"):
+    if name in guesses and before.get(name) != (guesses[name].column, guesses[name].scale):
+      guesses[name].why.append(_said(mount))
+  recordings = recordings_of(columns, guesses)
+  if {"pose_x", "pose_y", "pose_yaw"} <= guesses.keys() and contrary(recordings) and goes_with(recordings):
+    for name in ("pose_y", "pose_yaw"):
+      guesses[name].scale, guesses[name].offset = -guesses[name].scale, -guesses[name].offset
+      guesses[name].why.append("counted as in aircraft, to the right: by gravity the gyro turns the other way")
+
+
+def lies(columns: Columns, guesses: dict[str, Guess]) -> bool:
+  """Whether the log itself shows how the IMU lies."""
+  imu = _imu(columns, guesses)
+  return imu is not None and _mount(columns, guesses, imu) is not None
+
+
+def _said(mount: _Mount) -> str:
+  signed = lambda axis, sign: f"{'-' if sign < 0.0 else ''}{_AXES[axis]}"
+  way = -1.0 if mount.reversed else 1.0
+  forward, left = signed(mount.forward, way * mount.signs[0]), signed(mount.left, way * mount.signs[1])
+  what = ", whose accelerometers count against gravity" if mount.reversed else ""
+  return f"by gravity and speeding up the IMU's {forward} is forwards and its {left} left{what}"
+
+
+def _take(guesses: dict[str, Guess], channel: str, column: str, scale: float) -> None:
+  guess = guesses.setdefault(channel, Guess(channel, column))
+  guess.column, guess.scale = column, scale
+
+
+def _axis(name: str, kinds: set[str]) -> tuple[int, tuple[str, ...]] | None:
+  """The axis that a column's name says for one of these sensors, and the name's other words."""
+  words = words_of(name)
+  if set(words) & kinds and len(named := [w for w in words if w in _AXES]) == 1:
+    return _AXES.index(named[0]), tuple(w for w in words if w not in {named[0], *UNITS})
+  for word in words:
+    if word[-1] in _AXES and word[:-1] in kinds:
+      return _AXES.index(word[-1]), tuple(w for w in words if w not in {word, *UNITS})
+  return None
+
+
+def _triads(columns: Columns, kinds: set[str]) -> dict[tuple[str, ...], dict[int, str]]:
+  """By the words that they share, the columns of sensors with three axes."""
+  triads: dict[tuple[str, ...], dict[int, str]] = {}
+  for name in columns.names:
+    if (said := _axis(name, kinds)) is not None:
+      triads.setdefault(said[1], {})[said[0]] = name
+  return {words: triad for words, triad in triads.items() if len(triad) == 3}
+
+
+def _imu(columns: Columns, guesses: Mapping[str, Guess]) -> _Imu | None:
+  """The IMU whose accelerometers the guesses take, where all three axes were logged and feel gravity."""
+  taken = {guesses[name].column for name in ("accel_x", "accel_y") if name in guesses}
+  force = next((t for t in _triads(columns, _ACCELEROMETERS).values() if taken & set(t.values())), None)
+  if force is None:
+    return None
+  names = (force[0], force[1], force[2])
+  unit = unit_of(names[0])
+  known = unit[2] if unit is not None and unit[1] == CHANNELS["accel_x"].unit else None
+  length = math.sqrt(sum(float(np.median(columns.values(name))) ** 2 for name in names))
+  reads = (GRAVITY / known,) if known else _READS
+  near = [one for one in reads if abs(length / one - 1.0) < _LIKE_GRAVITY]
+  gyros = [t for t in _triads(columns, _GYROS).values() if "yaw_rate" in guesses]
+  own = next((t for t in gyros if guesses["yaw_rate"].column in t.values()), None)
+  return _Imu(names, (own[0], own[1], own[2]) if own else None, known or GRAVITY / near[0]) if near else None
+
+
+def _mount(columns: Columns, guesses: Mapping[str, Guess], imu: _Imu) -> _Mount | None:
+  gravity = np.array([imu.scale * float(np.median(columns.values(name))) for name in imu.accelerometers])
+  up = int(np.argmax(np.abs(gravity)))
+  if abs(gravity[up]) < _UPRIGHT * GRAVITY:
+    return None
+  flat = [axis for axis in range(3) if axis != up]
+  alike = [_speeding(columns, guesses, imu.accelerometers[axis]) for axis in flat]
+  best = int(np.argmax(np.abs(alike)))
+  if abs(alike[best]) < _ALIKE or abs(alike[best]) < _CLEARLY * abs(alike[1 - best]):
+    return None
+  forward, left = flat[best], flat[1 - best]
+  along, upright = math.copysign(1.0, alike[best]), math.copysign(1.0, gravity[up])
+  against = along < 0.0 and upright < 0.0  # both: a sign of the sensor, rather than one that lies on its back, reversed
+  axes = np.eye(3)
+  across = float(upright * along * np.cross(axes[up], axes[forward])[left])
+  way = -1.0 if against else 1.0
+  return _Mount(forward, left, up, (along, way * across, way * upright), against)
+
+
+def _speeding(columns: Columns, guesses: Mapping[str, Guess], name: str) -> float:
+  """Correlation of an accelerometer with the change of the measured speed, in bins; 0 where there are few."""
+  trial = {**guesses, "accel_x": Guess("accel_x", name)}
+  return _correlation(recordings_of(columns, trial), _speeding_up)
+
+
+def _correlation(recordings: Sequence[Recording], pairs: Callable[[Recording], Array]) -> float:
+  felt, driven = np.concatenate([*map(pairs, recordings), np.empty((2, 0))], axis=1)
+  known = np.isfinite(felt) & np.isfinite(driven)
+  if known.sum() < _LEAST or felt[known].std() == 0.0 or driven[known].std() == 0.0:
+    return 0.0
+  return float(np.corrcoef(felt[known], driven[known])[0, 1])
+
+
+def _speeding_up(recording: Recording) -> Array:
+  """Mean acceleration ahead and change of speed in bins, (2, k)."""
+  name = "speed" if "speed" in recording else "motor_speed"
+  if not {name, "accel_x"} <= set(recording.channels):
+    return np.empty((2, 0))
+  edges = _edges(recording)
+  return np.stack([_means(recording, "accel_x", edges), np.diff(recording[name].interpolate(edges))])
+
+
+def _going_round(recording: Recording) -> Array:
+  """Mean acceleration to the left, and speed times yaw rate, in bins, (2, k)."""
+  name = "speed" if "speed" in recording else "motor_speed"
+  if not {name, "accel_y", "yaw_rate"} <= set(recording.channels):
+    return np.empty((2, 0))
+  edges = _edges(recording)
+  speed = recording[name].interpolate(0.5 * (edges[1:] + edges[:-1]))
+  return np.stack([_means(recording, "accel_y", edges), speed * _means(recording, "yaw_rate", edges)])
+
+
+def _edges(recording: Recording) -> Array:
+  return np.arange(recording.start, recording.end, _BIN)
+
+
+def _means(recording: Recording, channel: str, edges: Array) -> Array:
+  """Of the samples in each bin, (k,); NaN where there is none."""
+  stream, count = recording[channel], len(edges) - 1
+  which = np.searchsorted(edges, stream.time, side="right") - 1
+  inside = (which >= 0) & (which < count)
+  samples = np.bincount(which[inside], minlength=count)
+  return np.where(samples > 0, np.bincount(which[inside], stream.value[inside], count) / np.maximum(samples, 1), np.nan)
