@@ -48,8 +48,7 @@ def main(config: Config) -> list[Alarm]:
   """Follow the log, print alarms as they come; returns them. Raises RecordingError where nothing could be judged."""
   tail, manifest = tail_of(config.follow), read_manifest(config.dataset)
   data, (twin, theta) = DataSet.load(config.dataset), load_twin(config.twin, threads=1)
-  reference = [r for r in data.recordings if r.role != "holdout"]
-  watch = Watch(twin, theta, reference, fitted_shift(config.twin))
+  watch = Watch(twin, theta, data.recordings, fitted_shift(config.twin))
   for said in watch.unwatched():
     print(said)
   alarms: list[Alarm] = []

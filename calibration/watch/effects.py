@@ -1,4 +1,7 @@
-"""Changes of a car that a watch looks out for: each one or several parameters of the twin, at a size worth an alarm."""
+"""Changes of a car that a watch looks out for, and what differs from day to day without anything being wrong.
+
+Each is one or several parameters of the twin, a change at a size worth an alarm, what is ordinary at one deviation.
+"""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -6,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_twin.twin.mechanisms import select
+from qcar_twin.twin.mechanisms import catalogue
 from qcar_twin.twin.twin import Twin
 
 Array = NDArray[np.float64]
@@ -53,12 +56,14 @@ CHANGES = (
   Change("steering_offset", "steering trim", 0.03, shifts=("steering_offset",), unit="mrad", scale=1e3),
 )
 _NEEDED = ("battery_sag", "steering_delay", "steering_offset")
+_ZEROS = ("gyro_bias", "accel_bias")  # mechanisms whose biases a sensor has anew whenever it is switched on
 
 
 def watching(twin: Twin, theta: Array) -> tuple[Twin, Array]:
   """The twin with the mechanisms that changes need, at their null where it had none, on the reduced car if it can."""
   present = {m.name for m in twin.mechanisms}
-  added = select([name for name in _NEEDED if name not in present])
+  missing = (catalogue()[name] for name in (*_NEEDED, *_ZEROS) if name not in present)
+  added = tuple(m for m in missing if twin.vehicle.drive in m.drives)
   made = twin.with_mechanisms((*twin.mechanisms, *added))
   try:
     made = made.on("reduced")
@@ -67,6 +72,28 @@ def watching(twin: Twin, theta: Array) -> tuple[Twin, Array]:
   values: Mapping[str, float] = twin.parameters.named(theta)
   nulls = {p.name: p.nominal if p.null is None else p.null for m in added for p in m.parameters}
   return made, made.parameters.vector({**nulls, **values})
+
+
+def known_to(twin: Twin, changes: Sequence[Change]) -> tuple[Change, ...]:
+  """Those that the twin has parameters for: a drive by current knows no battery sag."""
+  return tuple(c for c in changes if {*c.factors, *c.shifts} <= set(twin.parameters.names))
+
+
+def ordinary(twin: Twin) -> tuple[Change, ...]:
+  """What differs from day to day: zeros of gyro and accelerometers, and what the battery's charge leaves of a volt.
+
+  Deviations are those of the catalogue: of a gyro's zero once it was read at rest, of an accelerometer's usual bias,
+  and what a battery typically loses over a session. A motor's warm winding is within the latter.
+  """
+  known = catalogue()
+  errors = {name: error for m in _ZEROS for name, error in known[m].sensor_errors.items()}
+  made = [Change(name, name, error.wander or error.std, shifts=(name,)) for name, error in errors.items()]
+  discharge = known["battery_discharge"]
+  (loss,) = (p.typical for p in discharge.parameters if p.name == discharge.name)
+  if twin.vehicle.drive in discharge.drives and loss is not None:
+    gain = twin.vehicle.motor.gain
+    made.append(Change(gain, gain, -loss, factors=(gain,)))
+  return known_to(twin, made)
 
 
 def variants(twin: Twin, theta: Array, changes: Sequence[Change] = CHANGES) -> Array:

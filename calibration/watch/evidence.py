@@ -3,7 +3,11 @@
 The residual e of a block, measured minus predicted, each channel over the size of its error on the recordings the twin
 was checked on, and a change's signature d, what the twin would show with it minus what it shows, give
 
-  a = d.e / d.d,  the change's size in that block in multiples of the watched one;  I = d.d / k, its information.
+  a = d'W e / d'W d,  the change's size in that block in multiples of the watched one;  I = d'W d / k, its information.
+
+W = (1 + B'B)^-1 is the weight where what differs from day to day is no news (generalised least squares): B are the
+signatures, at one deviation each, of a sensor's zero and of the battery's charge. A yaw rate that is 0.3 % off in a
+slow turn is as much a battery's as an axle's, and only the rest of it speaks for the axle.
 
 k is how many times more a scatters within a reference recording than 1 / I says: residuals of neighbouring samples are
 one witness. Nor is a's mean 0 in every kind of driving, since no twin is perfect. The means a_r of recordings scatter
@@ -39,6 +43,22 @@ RARE = 100.0 * 3600.0  # s of unchanged driving per false alarm at the most, all
 CUT = 3.0  # deviations
 REACH = 1.645  # deviations of recordings' means: 95 of 100 kinds of driving show less
 LARGEST = 0.7  # of the watched size: a null that reaches further leaves nothing to tell the change from
+
+
+def sizes_of(residual: Array, signatures: Array, ordinary: Array) -> tuple[Array, Array]:
+  """a and d'W d of every change, (K,) each; where nothing is shown both are 0.
+
+  Args:
+    residual: e of a block, (n,).
+    signatures: d of each change, (K, n).
+    ordinary: B, what differs from day to day, each at one deviation, (B, n).
+  """
+  inner = np.eye(len(ordinary)) + ordinary @ ordinary.T
+  weighted = signatures - np.linalg.solve(inner, ordinary @ signatures.T).T @ ordinary
+  information = np.maximum(np.sum(weighted * signatures, axis=1), 0.0)
+  return np.divide(
+    weighted @ residual, information, out=np.zeros(len(signatures)), where=information > 0.0
+  ), information
 
 
 @dataclasses.dataclass(frozen=True)

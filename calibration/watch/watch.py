@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from calibration.fitting.likelihood import correlation_length
 from calibration.fitting.observations import CHANNELS, Observations, observe
 from calibration.fitting.windows import Cut
-from calibration.watch.effects import CHANGES, Change, variants, watching
-from calibration.watch.evidence import BLOCK, Detector, Null, null_of
+from calibration.watch.effects import CHANGES, Change, known_to, ordinary, variants, watching
+from calibration.watch.evidence import BLOCK, Detector, Null, null_of, sizes_of
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.twin import Twin
 
@@ -74,7 +74,8 @@ class Watch:
 
   Args:
     twin, theta: the calibrated twin, (P,).
-    reference: recordings that show how it errs while it holds: of the car it was fitted to.
+    reference: recordings that show how it errs while it holds: of the car it was fitted to, best with some that it was
+      not fitted to.
     command_shift: control periods by which commands act later than logged.
   """
 
@@ -84,8 +85,9 @@ class Watch:
   ):  # fmt: skip
     self.twin, theta = watching(twin, theta)
     self.theta = theta
-    self.changes, self._cut = tuple(changes), Cut(length=BLOCK, warm_up=_WARM_UP, command_shift=command_shift)
-    self._variants = variants(self.twin, theta, self.changes)
+    self.changes = known_to(self.twin, changes)
+    self._cut = Cut(length=BLOCK, warm_up=_WARM_UP, command_shift=command_shift)
+    self._variants = variants(self.twin, theta, (*self.changes, *ordinary(self.twin)))
     observations, predicted = self._driven(reference)
     self._learn(observations, observations.measured - predicted[0])
     blocks = list(self._blocks(observations, predicted))
@@ -104,7 +106,7 @@ class Watch:
     return [f"not watched: {words}; on the data set the twin errs by as much" for words in blind]
 
   def _driven(self, recordings: Sequence[Recording]) -> tuple[Observations, Array]:
-    """What was measured, and what the twin and its variants predict, (1 + K, M)."""
+    """What was measured, and what the twin predicts, with each change, and with what is ordinary, (1 + K + B, M)."""
     observations = observe(recordings, self.twin.vehicle, self._cut, horizon=_HORIZON)
     return observations, observations.predict(self.twin.rollout(self._variants, observations.stretches.segments))
 
@@ -123,12 +125,10 @@ class Watch:
     signature = np.nan_to_num((predicted[1:] - predicted[0]) * over, posinf=0.0, neginf=0.0)
     signature[np.abs(signature) < _MOVES] = 0.0
     segments, first, last = (getattr(observations.stretches, name) for name in ("segments", "first", "last"))
-    stretch = observations.stretch
+    stretch, count = observations.stretch, len(self.changes)
     for s, name in enumerate(segments.recording):
       rows = np.flatnonzero(stretch == s)
-      d, e = signature[:, rows], residual[rows]
-      information = np.sum(d * d, axis=1)
-      sizes = np.divide(d @ e, information, out=np.zeros(len(d)), where=information > 0.0)
+      sizes, information = sizes_of(residual[rows], signature[:count, rows], signature[count:, rows])
       yield Block(name, float(first[s]), float(last[s]), sizes, information, rows)
 
   def take(self, recording: Recording, scored_from: float = -np.inf) -> tuple[list[Alarm], Observations, Array]:

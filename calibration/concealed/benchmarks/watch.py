@@ -73,7 +73,7 @@ def watch_of(car: Which, seed: int) -> Watch:
   session = next(_sessions(car, seed, [seed], ""))
   data = DataSet("reference", session.recordings, session.vehicle, session.vehicle_std)
   fit = calibrate(data, "recordings", quick=True)
-  return Watch(fit.twin, fit.theta, [r for r in data.recordings if r.role != "holdout"], fit.command_shift)
+  return Watch(fit.twin, fit.theta, data.recordings, fit.command_shift)
 
 
 def mark_of(watch: Watch) -> str:

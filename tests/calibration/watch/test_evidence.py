@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from calibration.watch.evidence import BLOCK, LARGEST, RARE, Detector, Null, null_of
+from calibration.watch.evidence import BLOCK, LARGEST, RARE, Detector, Null, null_of, sizes_of
 
 CLEAR = Null(0.0, 0.0, 0.0, 1.0)
 
@@ -70,3 +70,23 @@ def test_nulls_are_learnt_with_what_differs_from_drive_to_drive():
   assert more.scatter == pytest.approx(4.0, rel=0.3) and more.between == pytest.approx(0.2, rel=0.4)
   assert more.centre == -less.centre and more.watchable
   assert not null_of(5.0 * shift[recording], information, recording)[0].watchable
+
+
+def test_what_is_ordinary_is_taken_for_no_change():
+  """Generalised least squares: the size is unbiased, and the covariance of what is ordinary is in its information."""
+  random = np.random.default_rng(6)
+  change, zero = random.standard_normal((2, 80))
+  zero = 3.0 * (zero + change)  # looks much like the change
+  covariance = np.eye(80) + np.outer(zero, zero)
+  for residual in (0.5 * change, zero, 0.5 * change + zero):
+    sizes, information = sizes_of(residual, change[None], zero[None])
+    weight = change @ np.linalg.inv(covariance)
+    assert sizes[0] == pytest.approx(weight @ residual / (weight @ change))
+    assert information[0] == pytest.approx(weight @ change)
+  plain, _ = sizes_of(zero, change[None], np.empty((0, 80)))
+  assert plain[0] > 1.0 and abs(sizes_of(zero, change[None], zero[None])[0][0]) < 0.2
+
+
+def test_nothing_shown_is_no_size():
+  sizes, information = sizes_of(np.ones(5), np.zeros((2, 5)), np.ones((1, 5)))
+  assert not sizes.any() and not information.any()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from calibration.watch.effects import CHANGES, watching
+from calibration.watch.effects import CHANGES, Change, known_to, ordinary, watching
 from calibration.watch.evidence import BLOCK
 from calibration.watch.follow import CsvTail, McapTail, as_recording, pieces, tail_of
 from calibration.watch.watch import Alarm, Watch, clock
@@ -68,6 +68,24 @@ def test_the_twin_beside_itself_is_silent(car, watch):
   assert (
     NOISE["yaw_rate"] < float(np.std(errors)) < 2.0 * NOISE["yaw_rate"]
   )  # each window starts from what was measured
+
+
+def test_another_day_is_no_change(car, watch):
+  """A gyro with another zero, and a battery that gives a tenth less: the twin still holds."""
+  twin, theta = car
+  for seed, one in enumerate(ordinary(twin)):
+    for sign in (1.0, -1.0):
+      told, _, _ = watch.take(driven(twin, one.at(watch.twin, theta, sign * one.size), 30.0, 60 + seed))
+      assert told == [], one.name
+
+
+def test_a_drive_by_current_has_no_battery_that_sags():
+  twin = Twin(Vehicle(drive="current"), threads=1)
+  beside, theta = watching(twin, twin.parameters.nominal)
+  names = [c.name for c in known_to(beside, CHANGES)]
+  assert "sag" not in names and "grip" in names and len(theta) == len(beside.parameters.names)
+  assert {c.name for c in ordinary(beside)} == {"gyro_bias", "accel_bias_x", "accel_bias_y"}
+  assert known_to(beside, [Change("none", "none", 1.0, shifts=("of_no_twin",))]) == ()
 
 
 @pytest.mark.parametrize(
