@@ -1,8 +1,9 @@
 """What was lost in translation: the hold-out driven with the written file, beside the twin.
 
-The twin's effects on sensors act on both, since an export is a car and no sensor. What an effect's loss should be is
-predicted by taking it out of the twin; what it is, is measured by putting it back around the export, where an effect
-of commands can be.
+The twin's effects on sensors act on both, since an export is a car and no sensor. What an effect costs by itself is
+told by taking it out of the twin. What it costs beside everything else that is lost is less, since losses hide each
+other: it is measured by putting it back around the export, where an effect of commands can be, and predicted by putting
+it back into the twin that lacks what the export lacks.
 """
 
 import dataclasses
@@ -32,31 +33,37 @@ class EffectLoss:
   """One effect that a target cannot express: error without it over error with it, by channel.
 
   Attributes:
-    predictions: of the twin.
-    measurements: of the export, with the effect put back around it; None where it cannot be.
+    alone: of the twin that has everything else.
+    predictions, measurements: of the twin that lacks everything that the target lacks, and of the export, with the
+      effect put back around it; None where it cannot be.
   """
 
   name: str
-  predictions: Mapping[str, float]
-  measurements: Mapping[str, float] | None
+  alone: Mapping[str, float]
+  predictions: Mapping[str, float] | None = None
+  measurements: Mapping[str, float] | None = None
 
   @property
-  def predicted(self) -> float:
-    """Geometric mean over channels."""
-    return _mean(self.predictions)
+  def predicted(self) -> float | None:
+    """Geometric mean over channels; None where nothing measures it."""
+    return None if self.predictions is None else _mean(self.predictions)
 
   @property
   def measured(self) -> float | None:
-    """The same; None where it was not measured."""
+    """The same of the export."""
     return None if self.measurements is None else _mean(self.measurements)
 
   def document(self) -> dict[str, Any]:
     """For JSON."""
-    return {**dataclasses.asdict(self), "predicted": self.predicted, "measured": self.measured}
+    means = {"costs": _mean(self.alone), "predicted": self.predicted, "measured": self.measured}
+    return {**dataclasses.asdict(self), **means}
 
   def line(self) -> str:
     """For people, with the channel that loses most."""
-    return f"without {self.name}: predicted {_said(self.predictions)}, measured {_said(self.measurements)}"
+    said = f"without {self.name}: the twin {_said(self.alone)}"
+    if self.predictions is None or self.measurements is None:
+      return said
+    return f"{said}; beside all else predicted {_said(self.predictions)}, measured {_said(self.measurements)}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,9 +123,7 @@ class Loss:
     return made
 
 
-def _said(ratio: Mapping[str, float] | None) -> str:
-  if ratio is None:
-    return "-"
+def _said(ratio: Mapping[str, float]) -> str:
   worst = max(ratio, key=lambda name: ratio[name])
   return f"{_mean(ratio):.2f}" + (f" ({worst} {ratio[worst]:.2f})" if ratio[worst] > EXPRESSIBLE else "")
 
@@ -167,15 +172,19 @@ def measure_loss(job: Job, target: Target, path: Path) -> Loss | None:
     return errors(*without(job.twin, theta, [*(m for m in job.present if m not in gone), *instead]))
 
   twin, export = reduced(()), exported(())
+  theirs = {name: made(path) for name, made in target.instead.items()}
+  plain, instead = job.plain(target), tuple(theirs.values())
+  bare = reduced(lost, plain, instead)
   effects = []
   for mechanism in lost:
-    back = mechanism.stage in ("command", "actuator")
-    measured = ratios(export, exported((mechanism,))) if back else None
-    effects.append(EffectLoss(mechanism.name, ratios(reduced((mechanism,)), twin), measured))
+    alone = ratios(reduced((mechanism,)), twin)
+    beside = measured = None
+    if mechanism.stage in ("command", "actuator"):
+      beside = ratios(bare, reduced([m for m in lost if m is not mechanism], plain, instead))
+      measured = ratios(export, exported((mechanism,)))
+    effects.append(EffectLoss(mechanism.name, alone, beside, measured))
   for name in target.structure:
-    effects.append(EffectLoss(name, ratios(reduced((), job.plain(target, name)), twin), None))
-  theirs = {name: made(path) for name, made in target.instead.items()}
+    effects.append(EffectLoss(name, ratios(reduced((), job.plain(target, name)), twin)))
   for name, mechanism in theirs.items():
-    effects.append(EffectLoss(name, ratios(reduced((), instead=(mechanism,)), twin), None))
-  bare = reduced(lost, job.plain(target), tuple(theirs.values()))
+    effects.append(EffectLoss(name, ratios(reduced((), instead=(mechanism,)), twin)))
   return Loss(roles, twin, export, bare, tuple(effects))
