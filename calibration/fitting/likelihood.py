@@ -248,9 +248,14 @@ def weighting_from(observations: Observations, raw: Array, floor: Mapping[str, f
     typical = 1.4826 * np.median(seen) if len(seen) else 0.0
     rms = float(np.sqrt(np.mean(np.minimum(seen, _SPIKE * typical) ** 2))) if len(seen) else 0.0
     std[index] = max(rms, floor.get(CHANNELS[index], 0.0), 1e-9)
-    spike[rows] = np.minimum(1.0, _SPIKE * std[index] / np.maximum(size, 1e-12))
+    spike[rows] = spike_weights(size, std[index])
     correlation[index] = correlation_length(observations, rows)
   return Weighting(std, correlation, spike)
+
+
+def spike_weights(size: Array, std: Array | float) -> Array:
+  """Weight of the square of each residual, whose magnitude is `size`: 1, and less beyond _SPIKE standard deviations."""
+  return np.minimum(1.0, _SPIKE * std / np.maximum(size, 1e-12))
 
 
 def correlation_length(observations: Observations, rows: NDArray[np.int64]) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.fitting.likelihood import correlation_length
+from calibration.fitting.likelihood import spike_weights, weighting_from
 from calibration.fitting.observations import CHANNELS, Observations, observe
 from calibration.fitting.windows import Cut
 from calibration.watch.effects import CHANGES, Change, known_to, ordinary, variants, watching
@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 _HORIZON = 1.0  # s, over which poses are differenced
 _WARM_UP = 0.4  # s, unscored
 _SUSPECT = 0.5  # of an alarm's evidence: of changes that have it, the one that explains most is named
+_NORMAL = 1.4826  # standard deviation over the median of magnitudes, of a Gaussian
 _MOVES = 1e-3  # of a channel's error: signatures below it are rounding
 
 
@@ -89,7 +90,7 @@ class Watch:
     self._cut = Cut(length=BLOCK, warm_up=_WARM_UP, command_shift=command_shift)
     self._variants = variants(self.twin, theta, (*self.changes, *ordinary(self.twin)))
     observations, predicted = self._driven(reference)
-    self._learn(observations, observations.measured - predicted[0])
+    self._weighting = weighting_from(observations, observations.measured - predicted[0], {})
     blocks = list(self._blocks(observations, predicted))
     names = {name: k for k, name in enumerate(dict.fromkeys(b.recording for b in blocks))}
     recording = np.array([names[b.recording] for b in blocks])
@@ -110,18 +111,23 @@ class Watch:
     observations = observe(recordings, self.twin.vehicle, self._cut, horizon=_HORIZON)
     return observations, observations.predict(self.twin.rollout(self._variants, observations.stretches.segments))
 
-  def _learn(self, observations: Observations, residual: Array) -> None:
-    """Size of each channel's error, with the root of its correlation length in samples, (channels,)."""
-    self._scale = np.full(len(CHANNELS), np.inf)
-    for index in np.unique(observations.channel):
-      rows = np.flatnonzero(observations.channel == index)
-      spread = float(np.sqrt(np.mean(np.square(residual[rows]))))
-      self._scale[index] = max(spread, 1e-9) * np.sqrt(correlation_length(observations, rows))
+  def _scaled(self, observations: Observations, residual: Array) -> Array:
+    """Factor on each value: over the size of its channel's error, neighbours as one witness, spikes less, (M,).
+
+    A spike is one beside the rest of its block: an error that lasts is none, however large.
+    """
+    std, correlation = (part[observations.channel] for part in (self._weighting.std, self._weighting.correlation))
+    size, usual = np.abs(residual), std.copy()
+    _, group = np.unique(observations.stretch * len(CHANNELS) + observations.channel, return_inverse=True)
+    for rows in np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1]):
+      usual[rows] = np.maximum(usual[rows], _NORMAL * np.median(size[rows]))
+    return np.nan_to_num(np.sqrt(spike_weights(size, usual) / correlation) / std)
 
   def _blocks(self, observations: Observations, predicted: Array) -> Iterator[Block]:
     """Blocks in the order of driving."""
-    over = 1.0 / self._scale[observations.channel]
-    residual = np.nan_to_num((observations.measured - predicted[0]) * over, posinf=0.0, neginf=0.0)
+    raw = observations.measured - predicted[0]
+    over = self._scaled(observations, raw)
+    residual = np.nan_to_num(raw * over, posinf=0.0, neginf=0.0)
     signature = np.nan_to_num((predicted[1:] - predicted[0]) * over, posinf=0.0, neginf=0.0)
     signature[np.abs(signature) < _MOVES] = 0.0
     segments, first, last = (getattr(observations.stretches, name) for name in ("segments", "first", "last"))
