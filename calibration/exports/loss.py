@@ -63,7 +63,7 @@ class EffectLoss:
     said = f"without {self.name}: the twin {_said(self.alone)}"
     if self.predictions is None or self.measurements is None:
       return said
-    return f"{said}; beside all else predicted {_said(self.predictions)}, measured {_said(self.measurements)}"
+    return f"{said}; all else lost, predicted {_said(self.predictions)}, measured {_said(self.measurements)}"
 
 
 @dataclasses.dataclass(frozen=True)

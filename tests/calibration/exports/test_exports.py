@@ -256,7 +256,7 @@ def test_a_reader_is_told_which_channel_loses_most_and_where_the_prediction_is_o
     ("holdout",), told, {"motor_speed": 1.1, "yaw_rate": 0.071}, {"motor_speed": 1.2, "yaw_rate": 0.0555}, (effect,)
   )
   text = "\n".join(loss.lines())
-  assert "without battery_sag: the twin 2.00 (motor_speed 2.00); beside all else predicted 1.00 (motor_speed" in text
+  assert "without battery_sag: the twin 2.00 (motor_speed 2.00); all else lost, predicted 1.00 (motor_speed" in text
   assert "measured 1.20 (motor_speed 1.44)" in text
   assert EffectLoss("tyres", alone).line() == "without tyres: the twin 2.00 (motor_speed 2.00)"
   assert "yaw_rate loses most: 7.1 times the twin's error" in text
