@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from calibration.fitting.noise import ChannelNoise
 from calibration.log_check.motions import Motion, Wheels, motions
 from calibration.log_check.pairs import Comparison, compare
+from qcar_twin.recordings.channels import DRIVE_COMMANDS
+from qcar_twin.recordings.checks.acted import against
 from qcar_twin.recordings.recording import Recording, Stream
 
 Array = NDArray[np.float64]
@@ -31,12 +33,14 @@ class Alternative:
     cure: what to write in dataset.toml.
     apply: a recording -> the recording read so.
     needs: channels that it changes.
+    partial: whether it believes a part of the channel alone, so that one which believes all of it goes first.
   """
 
   name: str
   cure: str
   apply: Callable[[Recording], Recording]
   needs: tuple[str, ...]
+  partial: bool = False
 
 
 def agreeing(
@@ -44,12 +48,15 @@ def agreeing(
 ) -> tuple[list[tuple[Alternative, Comparison]], list[str]]:
   """Alternatives that make the two sensors of a motion agree, best first, and the names of all that were tried.
 
-  One that parts two others that geometry ties and that agree is none, unless there is no other.
+  One that parts two others that geometry ties and that agree, or by which the car drives backwards under its command,
+  is none, unless there is no other.
   """
   tried = compared_so(motion, wheels, recordings, noise)
   good = [pair for pair in tried if _agree(pair[1])]
   kept = [pair for pair in good if not _parts_others(pair[0], motion, wheels, recordings, noise)] if good[1:] else good
-  return kept or good, [alternative.name for alternative, _ in tried]
+  kept = kept or good
+  whole = [pair for pair in kept if not pair[0].partial]
+  return whole or kept, [alternative.name for alternative, _ in tried]
 
 
 def _parts_others(
@@ -68,6 +75,15 @@ def _parts_others(
     if held and _agree(compare(other, wheels, held, noise)):
       if not _agree(compare(other, wheels, [alternative.apply(r) for r in held], noise)):
         return True
+  return _reverses(alternative, recordings)
+
+
+def _reverses(alternative: Alternative, recordings: Sequence[Recording]) -> bool:
+  """Whether the car, which drives forwards under its command as it is read, would then drive backwards."""
+  for channel in DRIVE_COMMANDS:
+    held = [r for r in recordings if r.drive_channel == channel and set(alternative.needs) <= set(r.channels)]
+    if held and not against(held, channel) and against([alternative.apply(r) for r in held], channel):
+      return True
   return False
 
 
@@ -167,6 +183,7 @@ _ALTERNATIVES = (
     "record the heading over the whole turn, or leave pose_yaw out of [channels]",
     _rewritten(pose_yaw=_unwrapped(0.5 * _TURN)),
     ("pose_yaw",),
+    partial=True,
   ),
   Alternative(
     "pose_yaw repeating every turn",

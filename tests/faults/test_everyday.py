@@ -57,6 +57,13 @@ POSE = ("pose_x", "pose_y", "pose_yaw")
 RIGHT = {
   "semicolons, decimal commas, a byte order mark": lambda: text(separator=";", decimal=","),
   "dates with a time zone": lambda: text(stamps(lambda d: d.isoformat(timespec="milliseconds"))),
+  "days first": lambda: text(stamps(lambda d: d.strftime("%d.%m.%Y %H:%M:%S.%f"))),
+  "months first, twice twelve hours": lambda: text(stamps(lambda d: d.strftime("%m/%d/%Y %I:%M:%S.%f %p"))),
+  "years first": lambda: text(stamps(lambda d: d.strftime("%Y/%m/%d %H:%M:%S.%f"))),
+  "the time of day": lambda: text(stamps(lambda d: d.strftime("%H:%M:%S.%f"))),
+  "the time of day past midnight": lambda: text(
+    stamps(lambda d: (d + datetime.timedelta(hours=10.51)).strftime("%H:%M:%S.%f"))
+  ),
   "dates in UTC": lambda: text(stamps(lambda d: d.astimezone(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"))),
   "nanoseconds since 1970": lambda: text(stamps(lambda d: str(round(d.timestamp() * 1e3) * 10**6))),
   "heading in degrees from 0 to 360": lambda: text(pose_yaw=np.mod(DEG * DRIVEN["pose_yaw"], 360.0)),
@@ -106,7 +113,10 @@ REFUSED = {
   "newest row first": (lambda: (lines := text())[:1] + lines[:0:-1], "set sort = true"),
   "minutes": (lambda: text(TIME / 60.0), "time is in minutes"),
   "a spreadsheet's days": (lambda: text(45935.5 + TIME / 86400.0), "hours or days"),
-  "hours, minutes and seconds": (lambda: text(stamps(lambda d: d.strftime("%H:%M:%S"))), "or a date such as"),
+  "the time of day in whole seconds": (
+    lambda: text(stamps(lambda d: d.strftime("%H:%M:%S"))),
+    "where every row is one",
+  ),
   "a gyro's raw counts": (lambda: text(yaw_rate=131.0 * DEG * DRIVEN["yaw_rate"]), "raw counts of a sensor"),
   "a row of means below": (lambda: [*text(), "mean" + ",0.5" * len(DRIVEN)], "'mean' in row 4501"),
 }

@@ -143,6 +143,14 @@ def test_no_cure_is_contradicted_by_another_sensor(tmp_path, name):
   assert texts and not any(re.search(r"offset = 1\.5708 on pose_yaw", text) for text in texts)
 
 
+def test_a_heading_that_looks_backwards_is_turned_where_the_command_says_that_the_car_drove_forwards(tmp_path):
+  turned = np.mod(YAW, 2.0 * np.pi) - np.pi
+  (said,) = [f.text for f in read(tmp_path, text(pose_yaw=turned)).of("spoils")]
+  assert "scale = -1" not in said and said.endswith(
+    "set offset = 3.14159 on pose_yaw in [channels], added to one that is there"
+  )
+
+
 DOWN = -9.81 + 0.1 * np.random.default_rng(7).standard_normal(TIME.size)
 AIRCRAFT = {
   name: -DRIVEN[name] for name in ("steering_command", "accel_y", "yaw_rate", "pose_y", "pose_yaw")

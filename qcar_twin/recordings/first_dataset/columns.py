@@ -103,8 +103,12 @@ class Columns:
     return all(np.sum(step < 0.0) <= _LATE_ROWS * step.size for step in steps)
 
   def steps(self, name: str) -> bool:
-    """Whether a column has the time since the row before in every row: positive, and much the same."""
+    """Whether a column has the time since the row before in every row: positive, and much the same; one that only ever
+    rises is a clock of few digits."""
     if len(self.holding(name)) < len(self.tables):
+      return False
+    rising = [np.diff(table.number(name, name)) for table in self.tables]
+    if all((step >= 0.0).all() for step in rising) and not self.constant(name):
       return False
     values = self.values(name)
     low, usual, high = np.percentile(values, [5, 50, 95])

@@ -12,6 +12,7 @@ import pyarrow
 import pyarrow.csv
 import pyarrow.parquet
 
+from qcar_twin.recordings.formats.dates import seconds_of
 from qcar_twin.recordings.formats.table import NO_ROWS, Clocked, Table, merge
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import words_of
@@ -252,7 +253,9 @@ def _column(column: pyarrow.ChunkedArray) -> tuple[np.ndarray, np.ndarray]:
     or pyarrow.types.is_boolean(kind)
     or pyarrow.types.is_null(kind)
   ):
-    return np.array(column.to_pylist(), dtype=object), NO_ROWS
+    texts = column.to_pylist()
+    seconds = seconds_of(texts)
+    return (np.array(texts, dtype=object), NO_ROWS) if seconds is None else (seconds, NO_ROWS)
   values = column.cast(pyarrow.float64(), safe=False).to_numpy()
   nan = np.isnan(values)
   if column.null_count:
