@@ -30,6 +30,8 @@ class Parameter:
     std: prior standard deviation in `unit`, of what was measured; None for a weak prior (a third of the range).
     factor: in place of `std`, of what is typical of the class: the prior is log-normal about `nominal`, and one
       standard deviation is this factor up or down; above 1.
+    start: where a search begins, in `unit`, while the nominal value is the null: a limit that does not act yet has no
+      slope there.
     assumed: nobody measured it on this car, so that `std`, too, is typical of the class.
     typical: size worth talking about, in `unit`; materiality is judged against it.
     description: one line for reports.
@@ -48,6 +50,7 @@ class Parameter:
   typical: float | None = None
   description: str = ""
   step: float | None = None
+  start: float | None = None
   factor: float | None = None
   assumed: bool = False
 
@@ -121,6 +124,12 @@ class ParameterSet:
   def nominal(self) -> NDArray[np.float64]:
     """Nominal values, (P,)."""
     return np.array([p.nominal for p in self], dtype=np.float64)
+
+  @property
+  def start(self) -> NDArray[np.float64]:
+    """Where a search begins, (P,), within the bounds."""
+    begun = [p.start if p.start is not None and p.nominal == p.null else p.nominal for p in self]
+    return np.clip(np.array(begun, dtype=np.float64), self.lower, self.upper)
 
   @property
   def lower(self) -> NDArray[np.float64]:

@@ -102,6 +102,8 @@ def single_track_numbers(twin: Twin, theta: Array, kept: Sequence[Mechanism]) ->
     "roll_gain": 1.0 + arm / (spring * v.track_width**2 / 2.0),
     "pitch_gain": 1.0 + arm / (spring * v.wheelbase**2 / 2.0),
   }  # fmt: skip
+  if np.isfinite(q["servo_rate"]):
+    numbers["servo_rate"] = q["servo_rate"]
   return {name: float(value) for name, value in numbers.items()} | _effects(twin, theta, kept)
 
 

@@ -100,9 +100,13 @@ def advance(m: Any, x: list[Any], u: list[Any], car: Numbers) -> tuple[list[Any]
   a, b, c, d = servo(lag, car["servo_inertia"], duration)
   for _ in range(PARTS):
     off, pace = core[6] - target, lag * core[9]
-    steered = target + a * off + b * pace
+    steered, turning = target + a * off + b * pace, (c * off + d * pace) / lag
+    if "servo_rate" in car:
+      most = car["servo_rate"]
+      steered = core[6] + m.minimum(m.maximum(steered - core[6], -most * duration), most * duration)
+      turning = m.minimum(m.maximum(turning, -most), most)
     core, sensed = move(m, core, voltage, 0.5 * (core[6] + steered), duration, car)
-    core[6], core[9] = steered, (c * off + d * pace) / lag
+    core[6], core[9] = steered, turning
   return core + memory, [*sensed, core[6]]
 
 

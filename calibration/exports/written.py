@@ -15,7 +15,8 @@ UNITS = {
   "coupling": "N, of the axles by the drive", "centre_compliance": "m/(N s)", "longitudinal_stiffness": "N",
   "cornering_stiffness_front": "N/rad, both wheels", "cornering_stiffness_rear": "N/rad, both wheels",
   "friction_coefficient": "-", "tyre_shape": "-", "load_exponent": "-", "relaxation_length": "m",
-  "servo_time_constant": "s, lag", "servo_inertia": "-, 1 / (2 damping ratio)^2",
+  "servo_time_constant": "s, lag", "servo_rate": "rad/s, highest of the road wheels",
+  "servo_inertia": "-, 1 / (2 damping ratio)^2",
   "max_steering": "rad", "imu_x": "m", "imu_y": "m",
   "roll_gain": "-, what the accelerometer adds by rolling", "pitch_gain": "-, and by pitching",
 }  # fmt: skip

@@ -101,7 +101,7 @@ def fit(
   Args:
     residual: whitened residuals of n parameter vectors, (n, p) -> (n, M); NaN rows count as infinitely bad.
     parameters: bounds and Gaussian priors.
-    start: first guess, (p,); the nominal values by default.
+    start: first guess, (p,); the parameters' own by default.
     iterations: at most this many steps; a Jacobian serves up to three, corrected by Broyden's update.
     robust: pseudo-Huber width in standard deviations; np.inf for plain least squares.
     tolerance: stop when an iteration lowers the cost by less than this share of it, or by less than a nat; with 0
@@ -150,7 +150,7 @@ def fit(
 
 def _begun(residual: Residual, parameters: ParameterSet, start: Array | None) -> tuple[Array, Array]:
   """The first guess within its bounds, and the residual there."""
-  theta = np.clip(parameters.nominal if start is None else np.asarray(start, float), parameters.lower, parameters.upper)
+  theta = np.clip(parameters.start if start is None else np.asarray(start, float), parameters.lower, parameters.upper)
   r = residual(theta[None])[0]
   if not np.isfinite(r).all():
     raise ValueError("the simulation at the first guess is not finite; start from nominal parameters")

@@ -292,10 +292,10 @@ def _best_start(twin: Twin, observations: Observations, n_train: int, base: Para
   problem = Problem(twin, observations, _flat_weighting(observations), n_train)
   guesses = []
   for stiffness in (0.6, 1.6):
-    guess = base.nominal
+    guess = base.start
     for name in ("cornering_stiffness_front", "cornering_stiffness_rear"):
       guess[base.index(name)] *= stiffness
     guesses.append(np.clip(guess, base.lower, base.upper))
-  guesses.append(base.nominal)
+  guesses.append(base.start)
   residual = problem.fitted_residual(problem.embed(base.names, np.stack(guesses), twin.parameters.nominal))
   return guesses[int(np.argmin(np.sum(np.abs(residual), axis=1)))]

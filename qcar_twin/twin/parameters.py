@@ -122,6 +122,7 @@ def quantities(theta: Array, base: ParameterSet, vehicle: Vehicle) -> dict[str, 
     "longitudinal_relaxation": wheelwise(column.pop("longitudinal_relaxation")),
     "load_exponent": wheelwise(vehicle.load_exponent),
     "suspension_damping_ratio": np.full(size, vehicle.suspension_damping_ratio),
+    "servo_rate": np.full(size, vehicle.servo_rate),
   }
   # a law the car's tyres don't follow has its parameters all the same, so that what changes them finds them
   own = {p.name: column.pop(p.name, np.array(p.nominal)) for law in tyre_laws().values() for p in law}

@@ -74,7 +74,7 @@ class Similarity:
     factor = by(self)
     moved: Mapping[str, float | None] = {
       name: None if (value := getattr(parameter, name)) is None else factor * value
-      for name in ("nominal", "lower", "upper", "null", "std", "typical", "step")
+      for name in ("nominal", "lower", "upper", "null", "std", "typical", "step", "start")
     }
     return dataclasses.replace(parameter, **moved)  # type: ignore[arg-type]
 

@@ -51,7 +51,7 @@ def gym_numbers(job: Job, target: Target, switch_speed: float) -> Numbers:
   pull = own["travel_per_radian"] * own["drive_gain"] * v.supply_voltage
   fastest = pull / own["drive_damping"]
   most = min(mu * GRAVITY, pull)
-  steering_rate = min(v.servo_rate, v.max_steering / own["servo_time_constant"])
+  steering_rate = min(own.get("servo_rate", np.inf), v.max_steering / own["servo_time_constant"])
   return {
     "mu": mu,
     "C_Sf": own["cornering_stiffness_front"] / (mu * weight * loads[0]),

@@ -42,8 +42,8 @@ IMPEDANCE = 0.95  # MuJoCo's own upper value, at which its friction chatters lea
 _OWN = ("steering_offset", "steering_gain_error", "steering_delay", "steering_lag", "drive_delay")
 _PLAIN = (
   "torque_per_volt", "torque_per_ampere", "torque_per_speed", "motor_damping", "driveline_friction", "rotor_inertia",
-  "wheel_inertia", "servo_time_constant", "servo_inertia", "ackermann_fraction", "yaw_inertia", "centre_differential",
-  "max_torque", "suspension_frequency",
+  "wheel_inertia", "servo_time_constant", "servo_inertia", "servo_rate", "ackermann_fraction", "yaw_inertia",
+  "centre_differential", "max_torque", "suspension_frequency",
 )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from mujoco.batch import Batch
 
 from qcar_twin.twin.engines import Array, Rows
 from qcar_twin.twin.engines.chassis import BODY, Chassis, Springs
-from qcar_twin.twin.engines.servo import transition
+from qcar_twin.twin.engines.servo import most_moved, transition
 from qcar_twin.twin.mechanisms.base import CarDimensions
 from qcar_twin.vehicle.ids import Handles
 from qcar_twin.vehicle.mjcf import CENTRE_SWITCH, centre_damping, differential_rows
@@ -26,6 +26,7 @@ OTHER = (
   "differential_friction",
   "servo_time_constant",
   "servo_inertia",
+  "servo_rate",
   "ackermann_fraction",
   "centre_differential",
   "suspension_frequency",
@@ -39,7 +40,8 @@ class Fields:
 
   Attributes:
     servo: how the servos go on in a step, (4, N), see qcar_twin/twin/engines/servo.py.
-    led: whether they must be led from step to step.
+    servo_most: what they move in a step at most, and the limit of their rates times lags, rad, (2, N).
+    led: which of them must be led from step to step, (N,); what a car does is the same whoever is beside it.
   """
 
   def __init__(self, batch: Batch, car: CarDimensions, native_tyre: bool):
@@ -59,7 +61,7 @@ class Fields:
     self._similarity = Similarity.of(car.wheelbase)
     self._full_ackermann = car.track_width / (2.0 * car.wheelbase)
     self.values: dict[str, Array] = {}
-    self.servo, self.led = np.zeros((4, 0)), False
+    self.servo, self.servo_most, self.led = np.zeros((4, 0)), np.zeros((2, 0)), np.zeros(0, dtype=bool)
 
   def load(self, values: dict[str, Array]) -> None:
     """Take base values of every quantity, (N,) or (N, 4), and write all of them."""
@@ -127,7 +129,7 @@ class Fields:
     if "differential_friction" in changed:
       for tendon in self._differential_tendons:
         self._batch.expand("tendon_frictionloss")[rows, tendon] = self.values["differential_friction"][rows]
-    if changed & {"servo_time_constant", "servo_inertia"}:
+    if changed & {"servo_time_constant", "servo_inertia", "servo_rate"}:
       self._write_servo()
     if "ackermann_fraction" in changed:
       curve = self._full_ackermann * self.values["ackermann_fraction"][rows]
@@ -142,12 +144,13 @@ class Fields:
         self._batch.expand("dof_damping")[rows, model.jnt_dofadr[joint]] = damping
 
   def _write_servo(self) -> None:
-    """MuJoCo's filter is a servo of first order. One of second order is led from step to step, and the filter passes
-    on what it is told."""
-    lag = self.values["servo_time_constant"]
+    """MuJoCo's filter is a servo of first order. One of second order or of limited rate is led from step to step, and
+    the filter passes on what it is told."""
+    lag, rate = self.values["servo_time_constant"], self.values["servo_rate"]
     self.servo = transition(lag, self.values["servo_inertia"], self._timestep)
-    self.led = bool(np.any(self.values["servo_inertia"] > 0.0))
-    self._batch.expand("actuator_dynprm")[:, self._handles.steering, 0] = _AT_ONCE if self.led else lag
+    self.servo_most = most_moved(rate, lag, self._timestep)
+    self.led = (self.values["servo_inertia"] > 0.0) | np.isfinite(rate)
+    self._batch.expand("actuator_dynprm")[:, self._handles.steering, 0] = np.where(self.led, _AT_ONCE, lag)
 
   def _write_damper(self, equality: int, weight: float, damping: Array, rows: Rows) -> None:
     solref, solimp = differential_rows(damping, self._timestep, weight)

@@ -111,21 +111,24 @@ class MujocoCars:
 
   def advance(self, commands: Array, running: NDArray[np.intp] | None, signals: Array) -> None:
     self._ctrl[:] = commands
-    if self._fields.led:
+    if self._fields.led.any():
       self._lead(commands[:, 1], running)
     else:
       self.batch.step(running, nstep=self._substeps)
     self._read(signals)
 
   def _lead(self, target: Array, running: NDArray[np.intp] | None) -> None:
-    """Steps with servos of second order."""
+    """Steps with servos of second order or of limited rate."""
     rows = slice(None) if running is None else running
     a, b, c, d = self._fields.servo
+    (step, most), led = self._fields.servo_most, self._fields.led
     for _ in range(self._substeps):
       held = np.clip(target, -self._limit, self._limit)
-      off, rate = self._act[:, -1] - held, self._servo_rate.copy()
-      self._ctrl[:, self._handles.steering] = held + a * off + b * rate
-      self._servo_rate[rows] = (c * off + d * rate)[rows]
+      angle, rate = self._act[:, -1].copy(), self._servo_rate.copy()
+      off = angle - held
+      told = angle + np.clip(held + a * off + b * rate - angle, -step, step)
+      self._ctrl[led, self._handles.steering] = told[led]
+      self._servo_rate[rows] = np.clip(c * off + d * rate, -most, most)[rows]
       self.batch.step(running, nstep=1)
 
   def run(self, commands: Array, periods: NDArray[np.int64], signals: Array) -> bool:

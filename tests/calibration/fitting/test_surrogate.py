@@ -98,9 +98,9 @@ def test_where_the_reduced_car_cannot_stand_in_mujoco_searches_and_it_is_said(tw
   assert same is twin and said == ()
   searched, said = searching(twin)
   assert isinstance(searched, Surrogate) and exact(searched) is twin and exact(twin) is twin and said == ()
-  slow = Twin(dataclasses.replace(CAR, servo_rate=5.0), substeps=2, threads=1)
-  same, said = searching(slow)
-  assert same is slow and "on MuJoCo alone" in said[0] and "it lacks a servo of limited rate" in said[0]
+  rolling = Twin(dataclasses.replace(CAR, rolling_resistance=0.01), substeps=2, threads=1)
+  same, said = searching(rolling)
+  assert same is rolling and "on MuJoCo alone" in said[0] and "it lacks rolling resistance" in said[0]
 
 
 def test_anchored_at_some_parameters_the_others_are_nominal(twin):

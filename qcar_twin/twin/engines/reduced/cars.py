@@ -15,7 +15,7 @@ from qcar_twin.twin.engines import Array, Rows
 from qcar_twin.twin.engines.chassis import BODY, Chassis, Springs
 from qcar_twin.twin.engines.reduced import layout
 from qcar_twin.twin.engines.reduced.build import load
-from qcar_twin.twin.engines.servo import transition
+from qcar_twin.twin.engines.servo import most_moved, transition
 from qcar_twin.twin.mechanisms.base import CarDimensions
 from qcar_twin.vehicle.ids import Handles
 from qcar_twin.vehicle.mjcf import centre_damping, contact_row, sinking, wheel_half_width
@@ -44,7 +44,6 @@ def irreducible(vehicle: Vehicle, tyre: TyreKind) -> str:
   lacking = {
     "MuJoCo's own friction": tyre != "contact",
     f"the tyre law '{vehicle.tyre_law}'": vehicle.tyre_law != DEFAULT,
-    "a servo of limited rate": np.isfinite(vehicle.servo_rate),
     "rolling resistance in the wheels": vehicle.rolling_resistance != 0.0,
   }
   return "it lacks " + " and ".join(what for what, lacks in lacking.items() if lacks) if any(lacking.values()) else ""
@@ -72,9 +71,10 @@ class Numbers:
     for name, number in _PLAIN.items():
       if name in changed:
         out[row[number]] = value[name]
-    if changed & {"servo_time_constant", "servo_inertia"}:
+    if changed & {"servo_time_constant", "servo_inertia", "servo_rate"}:
       servo = transition(value["servo_time_constant"], value["servo_inertia"], self._step)
-      out[row["SERVO_A"] : row["SERVO_A"] + len(servo)] = servo
+      most = most_moved(value["servo_rate"], value["servo_time_constant"], self._step)
+      out[row["SERVO_A"] : row["SERVO_MOST"] + 1] = np.concatenate([servo, most])
     if "ackermann_fraction" in changed:
       out[row["ACKERMANN"]] = self._car.track_width / (2.0 * self._car.wheelbase) * value["ackermann_fraction"]
     if "centre_differential" in changed:

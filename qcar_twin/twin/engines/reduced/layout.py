@@ -50,6 +50,8 @@ NUMBERS = (
   "SERVO_B",
   "SERVO_C",
   "SERVO_D",
+  "SERVO_STEP",  # that the servo turns at most in a step, rad
+  "SERVO_MOST",  # its highest rate times its lag, rad
   "ACKERMANN",  # half difference of the road-wheel angles per squared mean, 1/rad
   "MASS",
   "MOMENT_X",  # mass times place of the whole car, kg m

@@ -221,6 +221,7 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
   const V sx = number(a, P_SPRUNG_X), sy = number(a, P_SPRUNG_Y), sz = number(a, P_SPRUNG_Z);
   const V curve = number(a, P_ACKERMANN), sa = number(a, P_SERVO_A), sb = number(a, P_SERVO_B);
   const V sc = number(a, P_SERVO_C), sd = number(a, P_SERVO_D), stop = all(C[C_MAX_STEERING]);
+  const V servo_step = number(a, P_SERVO_STEP), servo_most = number(a, P_SERVO_MOST);
   const V viscous = number(a, P_DIFFERENTIAL_DAMPING), coulomb = number(a, P_DIFFERENTIAL_FRICTION);
   const V between = number(a, P_CENTRE_DAMPING);
 
@@ -288,7 +289,7 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
     // momentum now, and the impulses that don't depend on the end: centrifugal and gyroscopic ones among them
     Pair f = turned(pushed, -sm, cm), g = turned(gravity, -sm, cm);
     V spin2 = yaw_rate * yaw_rate, off = servo - steering;
-    V next_way = clip(steering + sa * off + sb * servo_rate, stop) - servo;
+    V next_way = clip(clip(steering + sa * off + sb * servo_rate, stop) - servo, servo_step);
     V torque = clip(command * number(a, P_TORQUE_PER_COMMAND) - number(a, P_MOTOR_DAMPING) * motor, number(a, P_MAX_TORQUE));
     b[VX] = m * now.x - my * yaw_rate + mz * pitch_rate + h * (f.x + m * g.x + spin2 * mx) + t.to_plane[0];
     b[VY] = m * now.y + mx * yaw_rate - mz * roll_rate + h * (f.y + m * g.y + spin2 * my) + t.to_plane[1];
@@ -337,7 +338,7 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
     c = heading.x, s = heading.y;
     servo_before = servo;
     servo += next_way;
-    servo_rate = sc * off + sd * servo_rate;
+    servo_rate = clip(sc * off + sd * servo_rate, servo_most);
   }
 
   put(a, S_X, x), put(a, S_Y, y), put(a, S_YAW, yaw), put(a, S_COSINE, c), put(a, S_SINE, s);

@@ -245,9 +245,9 @@ def test_a_car_that_is_none_gives_no_numbers_and_harms_no_other(reduced):
 
 
 def test_what_it_lacks_it_says():
-  other = dataclasses.replace(CAR, servo_rate=5.0, rolling_resistance=0.01)
+  other = dataclasses.replace(CAR, rolling_resistance=0.01)
   assert irreducible(CAR, "contact") == ""
-  assert irreducible(other, "native").startswith("it lacks MuJoCo's own friction and a servo of limited rate and")
+  assert irreducible(other, "native").startswith("it lacks MuJoCo's own friction and rolling resistance")
   with pytest.raises(ValueError, match='by the reduced car: it lacks rolling resistance.*use engine="mujoco"'):
     Twin(dataclasses.replace(CAR, rolling_resistance=0.01), engine="reduced")
   with pytest.raises(ValueError, match="engine must be one of mujoco, reduced, not 'bullet'"):

@@ -1,5 +1,6 @@
 """The servo of both engines is the differential equation it names."""
 
+import dataclasses
 import pickle
 
 import numpy as np
@@ -8,6 +9,7 @@ from scipy.integrate import solve_ivp
 
 from qcar_twin.plant import SIGNALS, START, Segments
 from qcar_twin.twin.engines.servo import transition
+from qcar_twin.twin.mechanisms import catalogue
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import QCAR
 
@@ -30,6 +32,36 @@ def test_a_step_is_answered_by_the_differential_equation(engine, lag, inertia):
   shown = car.rollout(theta, segments).signals[0, 0, :, SIGNALS.index("steering_angle")]
   expected = angle(0.01 * np.arange(PERIODS + 1), lag, inertia)
   assert np.abs(shown - expected).max() < 1e-3 * STEP
+
+
+def limited(time: np.ndarray, lag: float, inertia: float, rate: float) -> np.ndarray:
+  """The same of a servo whose motor turns no faster than `rate`, in steps of 10 microseconds."""
+  fine, h = [0.0], 1e-5
+  speed = 0.0
+  for _ in range(round(time[-1] / h)):
+    if inertia > 0.0:
+      speed += h * (STEP - fine[-1] - lag * speed) / (inertia * lag**2)
+    else:
+      speed = (STEP - fine[-1]) / lag
+    speed = min(max(speed, -rate), rate)
+    fine.append(fine[-1] + h * speed)
+  return np.interp(time, h * np.arange(len(fine)), fine)
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "reduced"])
+@pytest.mark.parametrize("stated", ["vehicle", "mechanism"])
+@pytest.mark.parametrize(("lag", "inertia"), [(0.02, 0.0), (0.02, 0.3)])
+def test_a_servo_turns_no_faster_than_its_limit_and_meets_its_goal_by_its_lag(engine, stated, lag, inertia):
+  vehicle = dataclasses.replace(QCAR, servo_rate=4.0) if stated == "vehicle" else QCAR
+  car = Twin(vehicle, [catalogue()["steering_rate_limit"]], substeps=5, threads=1, engine=engine)
+  own = {"steering_inverse_rate": 0.25} if stated == "mechanism" else {}
+  theta = car.parameters.vector({"servo_time_constant": lag, "servo_inertia": inertia} | own)
+  commands = np.tile([0.0, STEP], (1, PERIODS, 1))
+  segments = Segments(commands, np.zeros((1, len(START))), np.array([PERIODS]), 0.01, ("step",), np.zeros(1))
+  shown = car.rollout(theta, segments).signals[0, 0, :, SIGNALS.index("steering_angle")]
+  expected = limited(0.01 * np.arange(PERIODS + 1), lag, inertia, 4.0)
+  assert shown[2] - shown[1] == pytest.approx(0.04, abs=0.0005)  # 4 rad/s for 10 ms
+  assert np.abs(shown - expected).max() < 0.012 * STEP
 
 
 def test_first_order_is_the_limit():

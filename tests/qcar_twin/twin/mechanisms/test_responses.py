@@ -33,16 +33,6 @@ def test_steering_lag_and_delay_move_a_ramp_by_their_time():
   np.testing.assert_allclose(ramp[-1] - act("steering_lag", [0.043, 0.3], ramp, STEER)[-1], 0.2 * 0.043, rtol=1e-3)
 
 
-def test_steering_rate_limit_runs_at_its_rate_and_arrives():
-  acting = act("steering_rate_limit", [0.25], [0.1] * 5, STEER)  # 4 rad/s: 0.04 rad a period
-  np.testing.assert_allclose(acting, [0.02, 0.06, 0.095, 0.1, 0.1], atol=1e-12)
-
-
-def test_slow_steering_never_meets_its_rate_limit():
-  slow = np.arange(50) * 0.01  # 1 rad/s
-  np.testing.assert_allclose(act("steering_rate_limit", [0.2], slow, STEER), slow, atol=0.0011)
-
-
 def test_steering_backlash_makes_the_classic_loop():
   acting = act("steering_backlash", [0.04], [0.0, 0.1, 0.2, 0.19, 0.17, 0.15, 0.0], STEER)
   np.testing.assert_allclose(acting, [0.0, 0.08, 0.18, 0.18, 0.18, 0.17, 0.02], atol=1e-12)
