@@ -23,6 +23,7 @@ from qcar_twin.twin.mechanisms.base import Mechanism
 Array = NDArray[np.float64]
 
 SIZES = (0.8,)
+_OCTAVES = (0.5, 1.0, 2.0, 4.0)  # times these, of what does nothing below a threshold
 _INVISIBLE = 3.0  # nats at typical size below which a mechanism can't be tested
 _SHOWN_BY = {"pose_x": "pose_forward"}  # needed channels that are compared under another name
 
@@ -135,7 +136,7 @@ def scan(
     m.name: _projector(base, m) for m in mechanisms if {p.name for p in m.parameters} & set(base.free.names)
   }
   common = Projector(base)
-  jobs = [(m, start) for m in mechanisms for start in trial_starts(m, _with_signs(m, sizes), problem.driving)]
+  jobs = [(m, start) for m in mechanisms for start in trial_starts(m, _tried(m, sizes), problem.driving)]
   anchors = {name: p(base.residual[None, : base.n_train])[0] for name, p in (projectors | {"": common}).items()}
   collected: dict[str, list[Trial]] = {m.name: [] for m in mechanisms}
   chunk = 24
@@ -167,8 +168,10 @@ def _projector(base: Candidate, mechanism: Mechanism) -> Projector:
   return Projector(base, {p.name for p in mechanism.parameters})
 
 
-def _with_signs(mechanism: Mechanism, sizes: Sequence[float]) -> Sequence[float]:
+def _tried(mechanism: Mechanism, sizes: Sequence[float]) -> Sequence[float]:
+  """Sizes of the trials: both signs of what acts at the contact, octaves of what has a threshold."""
   both = mechanism.signed and mechanism.stage == "contact"
+  sizes = [octave * size for size in sizes for octave in (_OCTAVES if mechanism.from_threshold else (1.0,))]
   return (*sizes, *(-size for size in sizes)) if both else sizes
 
 

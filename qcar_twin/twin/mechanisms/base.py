@@ -177,6 +177,8 @@ class Mechanism:
       whatever the scan says.
     sought_far: True if it may be so large that it is also sought at several times its typical size on parameters that
       recalibration has not bent (delays and lags).
+    from_threshold: True if it does nothing below a size that the driving decides (a limit that is never reached), so
+      that a scan tries it at several.
     curve: True if it only outlines what named mechanisms may be: a calibration fits it, a diagnosis never names it.
     outlined_by: id of the curve whose shape it is one form of; "" for none. Its hooks go by the present command and
       speed alone.
@@ -200,6 +202,7 @@ class Mechanism:
   drives: ClassVar[tuple[str, ...]] = tuple(DRIVES)
   nonlinear_response: ClassVar[bool] = False
   sought_far: ClassVar[bool] = False
+  from_threshold: ClassVar[bool] = False
   absorbed_by_drive: ClassVar[bool] = False
   curve: ClassVar[bool] = False
   outlined_by: ClassVar[str] = ""

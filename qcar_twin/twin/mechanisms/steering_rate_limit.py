@@ -25,6 +25,8 @@ class SteeringRateLimit(Mechanism):
   subsystem = "steering"
   stage = "contact"
   nonlinear_response = True
+  sought_far = True
+  from_threshold = True
   fitted_rank = 10
   parameters = (
     Parameter(
