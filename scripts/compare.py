@@ -4,12 +4,14 @@ qcar-twin compare --out OUT [--policy agents/data/policy] [--controllers agents/
 """
 
 import dataclasses
+import json
 from pathlib import Path
 from typing import Literal
 
 from agents.control.controllers import FILE
+from agents.learning.evaluate import described, digest
 from agents.learning.policy_file import SHIPPED
-from agents.studies.comparison import Design, as_json, compare, drivers_of, in_markdown
+from agents.studies.comparison import Design, Kept, as_json, compare, drivers_of, in_markdown
 from qcar_twin.atomic_io import write_json, write_text
 from qcar_twin.command_line import run_script
 
@@ -18,10 +20,11 @@ ON_PLANT = FILE.with_name("controllers_reduced.toml")
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """Paired differences on O, infinity, C and random tracks, without (N) and with (MIS) an error of the linkage."""
+  """Paired differences on O, infinity, C and random tracks, without (N) and with (MIS) an error of the linkage; a
+  comparison that was stopped goes on."""
 
   out: Path
-  """Folder for comparison.json and comparison.md."""
+  """Folder for comparison.json and comparison.md; courses that were driven are kept in it."""
   policy: tuple[Path, ...] = (SHIPPED,)
   """Policy folders or zips of stable-baselines3; everybody is compared with the first."""
   controllers: tuple[Path, ...] = (ON_PLANT,)
@@ -51,9 +54,12 @@ def main(config: Config) -> None:
   if config.quick:
     design = dataclasses.replace(design, streams=4, tracks=2, per_track=2)
   drivers = drivers_of(config.policy, config.controllers, config.names, config.speed)
-  driven = compare(drivers, design, lambda text: print(text, flush=True))
-  first = next(iter(drivers))
   config.out.mkdir(parents=True, exist_ok=True)
+  who = [*(described(place)["sha256"] for place in config.policy), *(digest(file) for file in config.controllers)]
+  about = json.loads(json.dumps([dataclasses.asdict(design), list(drivers), who]))
+  kept = Kept(config.out / "driven.json", about)
+  driven = compare(drivers, design, lambda text: print(text, flush=True), kept)
+  first = next(iter(drivers))
   write_json(config.out / "comparison.json", as_json(driven, first, design, config.policy))
   table = in_markdown(driven, first)
   write_text(config.out / "comparison.md", table)

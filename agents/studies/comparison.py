@@ -19,6 +19,8 @@ from agents.control.interface import Controller
 from agents.control.model import Model
 from agents.learning.evaluate import EvaluationCase, described, run_together
 from agents.learning.sb3_zip import any_policy
+from qcar_twin.atomic_io import write_json
+from qcar_twin.untrusted import read_json
 
 Array = NDArray[np.float64]
 PATHS = ("o", "infinity", "c")
@@ -107,20 +109,56 @@ def drivers_of(
 
 
 def compare(
-  drivers: Mapping[str, Controller], design: Design, said: Callable[[str], None] = lambda text: None
+  drivers: Mapping[str, Controller],
+  design: Design,
+  said: Callable[[str], None] = lambda text: None,
+  kept: "Kept | None" = None,
 ) -> dict[str, dict[str, dict[str, Array]]]:
-  """RMSE, m, of every driver: by mismatch, course and driver, (tracks, streams)."""
+  """RMSE, m, of every driver: by mismatch, course and driver, (tracks, streams).
+
+  Args:
+    said: is given a line for every course.
+    kept: what was driven before; it is not driven again.
+  """
   driven: dict[str, dict[str, dict[str, Array]]] = {mismatch: {} for mismatch in MISMATCHES}
   for mismatch, (suffix, unknown) in itertools.product(MISMATCHES, design.filters.items()):
     for course, cases in design.cases(mismatch, unknown).items():
-      rows = [run_together(drivers, case) for case in cases]
-      values = {
-        label + suffix: np.array([np.where(np.isfinite(r[i].kpis.rmse), r[i].kpis.rmse, LEFT) for r in rows])
-        for i, label in enumerate(drivers)
-      }
+      name = f"{mismatch} {course}{suffix}"
+      rmse = (kept.get(name) if kept else None) or _driven(drivers, cases)
+      if kept:
+        kept.keep(name, rmse)
+      values = {label + suffix: np.array(numbers) for label, numbers in rmse.items()}
       driven[mismatch].setdefault(course, {}).update(values)
       said(f"{mismatch} {course}: " + ", ".join(f"{k} {1e3 * v.mean():.2f} mm" for k, v in values.items()))
   return driven
+
+
+def _driven(drivers: Mapping[str, Controller], cases: Sequence[EvaluationCase]) -> dict[str, Any]:
+  """RMSE of every driver, m, (tracks, streams) as lists."""
+  rows = [run_together(drivers, case) for case in cases]
+  rmse = lambda row: np.where(np.isfinite(row.kpis.rmse), row.kpis.rmse, LEFT).tolist()
+  return {label: [rmse(row[i]) for row in rows] for i, label in enumerate(drivers)}
+
+
+class Kept:
+  """Courses that were driven, in a file; those of another design or other drivers are forgotten.
+
+  Args:
+    file: JSON.  about: whatever must be the same, as JSON has it.
+  """
+
+  def __init__(self, file: Path, about: Any):
+    self._file, before = file, read_json(file) if file.is_file() else {}
+    self._content = before if before.get("about") == about else {"about": about, "courses": {}}
+
+  def get(self, name: str) -> dict[str, Any] | None:
+    """A course's values; None where it was not driven."""
+    return self._content["courses"].get(name)
+
+  def keep(self, name: str, rmse: Mapping[str, Any]) -> None:
+    """Add a course's values."""
+    self._content["courses"][name] = rmse
+    write_json(self._file, self._content)
 
 
 def as_json(driven: Mapping[str, Any], first: str, design: Design, policies: Sequence[Path]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from agents.learning.train import Plan
-from agents.studies import study, study_report
+from agents.studies import comparison, study, study_report
 from agents.studies.robustness import circumstances
 from agents.studies.study import VARIANTS, Variant
 from scripts import benchmark_filter, benchmark_learning, compare, robustness
@@ -59,11 +59,17 @@ def test_script_writes_a_sentence_per_measurement(tmp_path, monkeypatch, capsys)
   assert any("1000.0 us per 10 ms" in line for line in sentences) and "gradient steps" in capsys.readouterr().out
 
 
-def test_compare_writes_paired_differences_with_their_intervals(tmp_path, capsys):
+def test_compare_writes_paired_differences_with_their_intervals(tmp_path, capsys, monkeypatch):
+  monkeypatch.setattr(comparison, "PATHS", ("c",))
   compare.main(compare.Config(tmp_path / "out", names=("linear_rate",), plant="bicycle", quick=True))
   table = (tmp_path / "out" / "comparison.md").read_text(encoding="utf-8")
   assert table.strip() in capsys.readouterr().out and "linear_rate" in table
-  assert json.loads((tmp_path / "out" / "comparison.json").read_text(encoding="utf-8"))
+  before = json.loads((tmp_path / "out" / "comparison.json").read_text(encoding="utf-8"))
+  monkeypatch.setattr(comparison, "run_together", None)  # nothing is driven twice
+  compare.main(compare.Config(tmp_path / "out", names=("linear_rate",), plant="bicycle", quick=True))
+  assert json.loads((tmp_path / "out" / "comparison.json").read_text(encoding="utf-8")) == before
+  with pytest.raises(TypeError, match="not callable"):
+    compare.main(compare.Config(tmp_path / "out", names=("linear_rate",), plant="bicycle", streams=3, tracks=0))
 
 
 def test_robustness_writes_what_changes_with_the_circumstances(tmp_path, capsys):
