@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Literal
 
 from agents.control.controllers import FILE
-from agents.learning.evaluate import described, digest
 from agents.learning.policy_file import SHIPPED
-from agents.studies.comparison import Design, Kept, as_json, compare, drivers_of, in_markdown
+from agents.studies.comparison import Design, Kept, as_json, compare, drivers_of, identities, in_markdown
 from qcar_twin.atomic_io import write_json, write_text
 from qcar_twin.command_line import run_script
 
@@ -43,6 +42,8 @@ class Config:
   """Numbers that the filter estimates besides, as `track` does; none: the plain filter."""
   plain_too: bool = False
   """Everybody drives a second time, with the plain filter and the same noise of the sensors."""
+  after: float = 0.0
+  """Time from each start that does not count, s."""
   quick: bool = False
   """Four streams, two tracks."""
 
@@ -55,7 +56,7 @@ def main(config: Config) -> None:
     design = dataclasses.replace(design, streams=4, tracks=2, per_track=2)
   drivers = drivers_of(config.policy, config.controllers, config.names, config.speed)
   config.out.mkdir(parents=True, exist_ok=True)
-  who = [*(described(place)["sha256"] for place in config.policy), *(digest(file) for file in config.controllers)]
+  who = identities(config.policy, config.controllers)
   about = json.loads(json.dumps([dataclasses.asdict(design), list(drivers), who]))
   kept = Kept(config.out / "driven.json", about)
   driven = compare(drivers, design, lambda text: print(text, flush=True), kept)

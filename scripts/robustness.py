@@ -9,7 +9,7 @@ from typing import Literal
 
 from agents.control.controllers import FILE
 from agents.learning.policy_file import SHIPPED
-from agents.studies.comparison import drivers_of
+from agents.studies.comparison import Kept, drivers_of, identities
 from agents.studies.robustness import NOMINAL, as_json, circumstances, drive_all, in_markdown
 from qcar_twin.atomic_io import write_json, write_text
 from qcar_twin.command_line import run_script
@@ -19,7 +19,7 @@ ON_PLANT = FILE.with_name("controllers_reduced.toml")
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """Paired differences on O, infinity and C, in one circumstance after another."""
+  """Paired differences on O, infinity and C, in one circumstance after another; what was driven is not driven again."""
 
   out: Path
   """Folder for robustness.json and robustness.md."""
@@ -48,8 +48,16 @@ def main(config: Config) -> None:
   drivers = lambda speed: drivers_of(config.policy, config.controllers, config.names, speed)
   streams = 2 if config.quick else config.streams
   said = lambda text: print(text, flush=True)
-  results = drive_all(drivers, config.plant, streams, asked, said, config.unknown)
   config.out.mkdir(parents=True, exist_ok=True)
+  about = [
+    config.plant,
+    streams,
+    list(config.unknown),
+    list(drivers(0.5)),
+    identities(config.policy, config.controllers),
+  ]
+  kept = Kept(config.out / "driven.json", about)
+  results = drive_all(drivers, config.plant, streams, asked, said, config.unknown, kept)
   write_json(config.out / "robustness.json", as_json(results))
   write_text(config.out / "robustness.md", table := in_markdown(results))
   print(table)

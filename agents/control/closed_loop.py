@@ -94,6 +94,10 @@ class Drive:
     picked = {n: v[:, which] if v.ndim > 1 else v[which] for n, v in arrays.items() if isinstance(v, np.ndarray)}
     return dataclasses.replace(self, **picked)
 
+  def after(self, seconds: float) -> "Drive":
+    """The same drive, of which the first so many s do not count as under way."""
+    return dataclasses.replace(self, under_way=self.under_way & (self.time >= seconds)[:, None])
+
 
 def start_states(task: Task, count: int) -> Array:
   """Where N cars start, (N, 7): on the path, offset and turned as the task says, at speed, wheels straight."""

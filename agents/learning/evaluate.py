@@ -50,6 +50,7 @@ class EvaluationCase:
     estimator: "fekf" or "truth".
     filter_noise: factor on the process noise densities that the filter assumes (`FilterSettings.walk_*`).
     unknown: numbers that the filter estimates besides, of `PRIORS`; none for the filter that the agents learnt with.
+    after: s from the start that do not count.
     told: twin file that tells the filter of steering, delays and sensors; "" for none.
   """
 
@@ -64,6 +65,7 @@ class EvaluationCase:
   filter_noise: float = 1.0
   unknown: tuple[str, ...] = ()
   told: str = ""
+  after: float = 0.0
 
   @property
   def label(self) -> str:
@@ -72,8 +74,9 @@ class EvaluationCase:
     mismatch = f", gain {self.steering_gain:g}, offset {self.steering_offset:+g} deg" if wrong else ""
     noise = f", filter noise x {self.filter_noise:g}" if self.filter_noise != 1.0 else ""
     besides = f", estimating {', '.join(self.unknown)}" if self.unknown else ""
+    late = f", from {self.after:g} s on" if self.after else ""
     told = f", told by {self.told}" if self.told else ""
-    return f"{self.plant}, {self.speed:g} m/s{mismatch}{noise}{besides}{told}"
+    return f"{self.plant}, {self.speed:g} m/s{mismatch}{noise}{besides}{told}{late}"
 
 
 def known_plant(name: str) -> tuple[Plant, Array]:
@@ -105,7 +108,7 @@ def run_together(
   controllers: Mapping[str, Controller], case: EvaluationCase, plant: PlantMaker = known_plant
 ) -> list["Row"]:
   """Drive one case with several controllers in one simulation: a row each, equal to what each gets alone."""
-  driven = run_case(Team(tuple(controllers.values()), case.cars), case, plant)
+  driven = run_case(Team(tuple(controllers.values()), case.cars), case, plant).after(case.after)
   groups = (slice(i * case.cars, (i + 1) * case.cars) for i in range(len(controllers)))
   return [Row(label, case, kpis(driven.cars(group))) for label, group in zip(controllers, groups, strict=True)]
 

@@ -17,7 +17,7 @@ from scipy import stats
 from agents.control import controllers
 from agents.control.interface import Controller
 from agents.control.model import Model
-from agents.learning.evaluate import EvaluationCase, described, run_together
+from agents.learning.evaluate import EvaluationCase, described, digest, run_together
 from agents.learning.sb3_zip import any_policy
 from qcar_twin.atomic_io import write_json
 from qcar_twin.untrusted import read_json
@@ -39,6 +39,7 @@ class Design:
     streams: of noise on each of PATHS.  tracks: random ones.  per_track: streams on each.
     unknown: numbers that the filter estimates besides.
     plain_too: everybody drives a second time, with the plain filter.
+    after: s from each start that do not count.
   """
 
   plant: str = "reduced"
@@ -48,6 +49,7 @@ class Design:
   per_track: int = 5
   unknown: tuple[str, ...] = ()
   plain_too: bool = False
+  after: float = 0.0
 
   @property
   def filters(self) -> dict[str, tuple[str, ...]]:
@@ -58,7 +60,7 @@ class Design:
     """Cases of each course, by its name, with a filter that estimates `unknown` besides."""
     gain, offset = MISMATCHES[mismatch]
     made = lambda path, cars, seed: EvaluationCase(
-      path, self.plant, self.speed, gain, offset, cars, seed, unknown=unknown
+      path, self.plant, self.speed, gain, offset, cars, seed, unknown=unknown, after=self.after
     )
     courses = {path: [made(path, self.streams, FIRST_SEED)] for path in PATHS}
     if self.tracks:
@@ -140,8 +142,13 @@ def _driven(drivers: Mapping[str, Controller], cases: Sequence[EvaluationCase]) 
   return {label: [rmse(row[i]) for row in rows] for i, label in enumerate(drivers)}
 
 
+def identities(policies: Sequence[Path], files: Sequence[Path]) -> list[str]:
+  """SHA-256 of the weights of policies and of files of controllers."""
+  return [*(described(place)["sha256"] for place in policies), *(digest(file) for file in files)]
+
+
 class Kept:
-  """Courses that were driven, in a file; those of another design or other drivers are forgotten.
+  """Courses or circumstances that were driven, in a file; those of another design or other drivers are forgotten.
 
   Args:
     file: JSON.  about: whatever must be the same, as JSON has it.

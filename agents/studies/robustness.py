@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from agents.control.interface import Controller
 from agents.learning.evaluate import EvaluationCase, run_together
 from agents.learning.trial import TRACKS
-from agents.studies.comparison import FIRST_SEED, LEFT, PATHS, paired
+from agents.studies.comparison import FIRST_SEED, LEFT, PATHS, Kept, paired
 
 Array = NDArray[np.float64]
 Drivers = Callable[[float], Mapping[str, Controller]]
@@ -66,10 +66,19 @@ def drive_all(
   asked: Mapping[str, Mapping[str, float]],
   said: Callable[[str], None],
   unknown: tuple[str, ...] = (),
+  kept: Kept | None = None,
 ) -> dict[str, Result]:
-  """Every driver in every circumstance, with a filter that estimates the numbers `unknown` besides."""
+  """Every driver in every circumstance, with a filter that estimates the numbers `unknown` besides.
+
+  Args:
+    said: is given a line for every circumstance.
+    kept: what was driven before; it is not driven again.
+  """
   results = {}
   for name, changes in asked.items():
+    if kept and (before := kept.get(name)):
+      results[name] = Result({label: np.array(v) for label, v in before["rmse"].items()}, before["finished"])
+      continue
     table = drivers(changes.get("speed", 0.5))
     given: dict[str, Any] = {"cars": streams, "seed": FIRST_SEED, "unknown": unknown, **changes}
     rows = [run_together(table, EvaluationCase(path, plant, **given)) for path in PATHS]
@@ -79,6 +88,8 @@ def drive_all(
       rmse[label] = np.stack([np.where(np.isfinite(k.rmse), k.rmse, LEFT) for k in runs], axis=1)
       finished[label] = float(np.mean([k.finished for k in runs]))
     results[name] = Result(rmse, finished)
+    if kept:
+      kept.keep(name, as_json({name: results[name]})[name])
     said(f"{name}: " + ", ".join(f"{k} {1e3 * v.mean():.2f} mm" for k, v in rmse.items()))
   return results
 

@@ -13,10 +13,11 @@ import pytest
 from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.control.controllers import FILE
+from agents.control.team import Team
 from agents.learning import by_reward
 from agents.learning.by_reward import train_by_reward
 from agents.learning.environments import Options, make_env
-from agents.learning.evaluate import described
+from agents.learning.evaluate import EvaluationCase, described, run_case, run_together
 from agents.learning.hyperparameters import ALGORITHMS, read_hyperparameters
 from agents.learning.policy_file import IMITATION, SHIPPED, load_policy, onnx_difference
 from agents.learning.sb3_zip import any_policy, policy_from_zip
@@ -207,3 +208,14 @@ def test_a_comparison_drives_everybody_in_the_same_noise(monkeypatch):
   text = in_markdown(driven, "ppo")
   assert "| ppo #2 | +0.00 ± 0.00" in text and "c N" in text and "c MIS" in text
   assert Options().path == "s"
+
+
+def test_a_beginning_that_does_not_count_is_left_out():
+  drivers = drivers_of([], [FILE], ["linear_rate"], 0.5)
+  case = lambda after: EvaluationCase("c", "bicycle", cars=2, after=after)
+  whole, late = (run_together(drivers, case(s))[0].kpis for s in (0.0, 8.0))
+  drive = run_case(Team(tuple(drivers.values()), 2), case(0.0))
+  counted = drive.under_way & (drive.time >= 8.0)[:, None]
+  expected = [np.sqrt(np.mean(drive.cross_track[counted[:, i], i] ** 2)) for i in range(2)]
+  np.testing.assert_allclose(late.rmse, expected)
+  assert late.finished.all() and np.all(late.rmse != whole.rmse)
