@@ -85,7 +85,7 @@ def test_what_does_not_go_together_is_refused(folder):
   for wrong in ({"randomise": "posterior"}, {"diagnosis": "x"}, {"informed": True},
                 {"randomise": "posterior", "diagnosis": "x", "twin": "y.toml"}):  # fmt: skip
     with pytest.raises(ValueError, match="go together|needs what informs it"):
-      Options(**wrong)
+      options_of(wrong)
   assert options_of({"randomise": True}).randomise == "prior" and options_of({"randomise": False}).randomise == "none"
 
 
