@@ -64,7 +64,7 @@ def train_agent(hyper: Hyperparameters, changes: Mapping[str, Any], seed: int, f
     base = options_from(hyper.env_kwargs) if hyper.env_kwargs else TRACKS
     options = dataclasses.replace(base, **{"unknown": LEARNT, **changes})
     critic = "truth" if hyper.algorithm == "ppo" else "own"
-    trial = Trial(hyper, options, hyper.observation, seed, max(1, hyper.steps // 4), critic=critic)
+    trial = Trial(hyper, options, hyper.observation, seed, hyper.steps, critic=critic)
     resume = (folder / POINTER).is_file()
     if not resume:
       (folder / "training.json").unlink(missing_ok=True)
