@@ -115,7 +115,7 @@ REFUSED = {
   "a spreadsheet's days": (lambda: text(45935.5 + TIME / 86400.0), "hours or days"),
   "the time of day in whole seconds": (
     lambda: text(stamps(lambda d: d.strftime("%H:%M:%S"))),
-    "where every row is one",
+    "write it with more digits",
   ),
   "a gyro's raw counts": (lambda: text(yaw_rate=131.0 * DEG * DRIVEN["yaw_rate"]), "raw counts of a sensor"),
   "a row of means below": (lambda: [*text(), "mean" + ",0.5" * len(DRIVEN)], "'mean' in row 4501"),
