@@ -73,7 +73,8 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
 
 def refuse_early(config: object, out_is_file: bool = False) -> None:
   """Refuse, before any work, what a command would stumble over at its end, by the names that options have everywhere:
-  `out` that cannot be written, `mechanism` or `mechanisms` that nobody knows, a `twin` that is no twin file.
+  `out`, `record` or `folder` that cannot be written, `mechanism` or `mechanisms` that nobody knows, a `twin` that is no
+  twin file.
 
   Raises:
     OSError, KeyError, ValueError: with the path or the name, and a cure.
@@ -81,6 +82,9 @@ def refuse_early(config: object, out_is_file: bool = False) -> None:
   out = getattr(config, "out", None)
   if isinstance(out, Path):
     _require_writable(out, out_is_file)
+  for made in (getattr(config, name, None) for name in ("folder", "record")):
+    if isinstance(made, Path):
+      _require_writable(made, False)
   names = (*getattr(config, "mechanism", ()), *getattr(config, "mechanisms", ()))
   if names and not getattr(config, "mechanism_files", ()):  # those are run by the command itself
     from qcar_twin.twin.mechanisms import select

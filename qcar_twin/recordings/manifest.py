@@ -140,11 +140,14 @@ def _read_toml(folder: Path) -> dict[str, Any]:
   if not folder.exists():
     raise RecordingError(f"{folder}: no such folder; give the folder that holds {FILE_NAME}")
   if not folder.is_dir():
-    raise RecordingError(f"{folder}: is a file; give the folder that holds {FILE_NAME}")
+    if folder.name == FILE_NAME:
+      raise RecordingError(f"{folder}: is a file; give the folder that holds it, {folder.parent}")
+    made = f"of a log, qcar-twin new FOLDER {folder.name} makes one"
+    raise RecordingError(f"{folder}: is a file; give the folder that holds {FILE_NAME}; {made}")
   if not path.is_file():
     raise RecordingError(
-      f"{folder}: holds no {FILE_NAME}; write one with a [vehicle] table and a [[recording]] per file (see "
-      "docs/reference/recordings.md)"
+      f"{folder}: holds no {FILE_NAME}; qcar-twin new {folder} drafts one of the logs in it, or write one with a "
+      "[vehicle] table and a [[recording]] per file (see docs/reference/recordings.md)"
     )
   try:
     return read_toml(inside(folder, FILE_NAME))

@@ -117,7 +117,7 @@ def test_what_cannot_be_read_leaves_nothing_behind(tmp_path, logs):
   with pytest.raises(RecordingError, match="gone.csv: no such file or folder"):
     new.main(new.Config(tmp_path / "set", (logs / "gone.csv",)))
   (tmp_path / "empty").mkdir()
-  with pytest.raises(RecordingError, match="empty: holds no log; readable are"):
+  with pytest.raises(RecordingError, match="empty: holds no log, it is empty; readable are"):
     new.main(new.Config(tmp_path / "set", (tmp_path / "empty",)))
   assert not (tmp_path / "set").exists()
 

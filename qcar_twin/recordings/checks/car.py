@@ -11,6 +11,7 @@ from qcar_twin.recordings.recording import RecordingError
 _DENSITY = (5.0, 5000.0)
 # yaw_inertia / (mass wheelbase^2): (k/L)^2 with a radius of gyration k of 0.2 to 1 wheelbase; cars have 0.1 to 0.25
 _GYRATION = (0.02, 1.0)
+_SHORTEST, _LONGEST = 0.02, 8.0  # m, of the wheelbase of a 1:87 model and of a lorry
 _APART = 20.0  # of the two ends' distances to the centre of gravity; a car has it between its axles
 # by the wheelbase: wheels of a car are 0.1 to 0.25, its track 0.4 to 1.1, its centre of gravity 0.1 to 0.4
 _LENGTHS = {"wheel_radius": (0.02, 0.6), "track_width": (0.15, 3.0), "cg_height": (0.02, 1.5)}
@@ -61,12 +62,16 @@ def _check_ends(ends: Mapping[str, float], mass: float, where: str) -> None:
 def _check_mass(mass: float, wheelbase: float, where: str) -> None:
   if _DENSITY[0] < mass / wheelbase**3 < _DENSITY[1]:
     return
-  for scale, unit in ((1e-3, "mm"), (1e-2, "cm")):
-    if _DENSITY[0] < mass / (scale * wheelbase) ** 3 < _DENSITY[1]:
-      raise RecordingError(
-        f"{where} a wheelbase of {wheelbase:g} m (cg_to_front + cg_to_rear) does not fit {mass:g} kg; is it in {unit}?"
-        f" multiply all lengths by {scale:g}"
-      )
+  fits = lambda scale, weighs: _DENSITY[0] < weighs * mass / (scale * wheelbase) ** 3 < _DENSITY[1]
+  cures = [
+    f"is it in {unit}? multiply all lengths by {scale:g}" + ("" if weighs == 1.0 else ", and the mass, in g, by 0.001")
+    for scale, unit in ((1e-3, "mm"), (1e-2, "cm"))
+    for weighs in (1.0, 1e-3)
+    if fits(scale, weighs) and _SHORTEST < scale * wheelbase < _LONGEST
+  ]
+  if cures:
+    said = f"{where} a wheelbase of {wheelbase:g} m (cg_to_front + cg_to_rear) does not fit {mass:g} kg"
+    raise RecordingError(f"{said}; {'; or '.join(cures)}")
   grams = _DENSITY[0] < 1e-3 * mass / wheelbase**3 < _DENSITY[1]
   cure = f"is it in g? write {1e-3 * mass:g}" if grams else "give the mass in kg and all lengths in m"
   raise RecordingError(f"{where} mass of {mass:g} kg does not fit a wheelbase of {wheelbase:g} m; {cure}")

@@ -14,6 +14,7 @@ from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
 
 _BAG = "metadata.yaml"  # what makes a folder a ROS 2 bag
+_LISTED = 3  # files that are named
 _PROSE = (".txt",)  # read where it is named; in a folder it is more often a note than a log
 
 
@@ -49,8 +50,22 @@ def _below(folder: Path) -> list[Path]:
   files = [p for p in folder.rglob("*") if p.is_file() and p.suffix.lower() in known and not bags & set(p.parents)]
   seen = [path for path in (*bags, *files) if not any(part.startswith(".") for part in path.relative_to(folder).parts)]
   if not seen:
-    raise RecordingError(f"{folder}: holds no log; readable are {', '.join(sorted(known))} and ROS 2 bag folders")
+    others = sorted(path.name for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
+    raise RecordingError(
+      f"{folder}: holds no log{_instead(others)}; readable are {', '.join(sorted(known))} and ROS 2 bag folders"
+    )
   return seen
+
+
+def _instead(names: Sequence[str]) -> str:
+  """What a folder without a log has, and what to do with it."""
+  if not names:
+    return ", it is empty"
+  listed = ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
+  prose = next((name for name in names if Path(name).suffix.lower() in _PROSE), None)
+  return f" but {listed}" + (
+    f" (name {prose} itself if it is one)" if prose else ", to be exported as .csv if it is one"
+  )
 
 
 def _natural(name: str) -> list[tuple[bool, int, str]]:

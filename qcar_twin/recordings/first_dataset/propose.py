@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
+from qcar_twin.recordings.checks.car import check_car
 from qcar_twin.recordings.first_dataset.axes import pointing_down
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.mount import lies, settle_mount
@@ -63,6 +64,9 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   said = {key: value for key, value in (("wheelbase", wheelbase), ("mass", mass)) if value is not None}
   if wrong := [key for key, value in said.items() if not 0.0 < value < math.inf]:
     raise RecordingError(f"{wrong[0]} must be a positive number, not {said[wrong[0]]:g}")
+  if {"wheelbase", "mass"} <= said.keys():
+    ends = dict.fromkeys(("cg_to_front", "cg_to_rear"), 0.5 * said["wheelbase"])
+    check_car(ends | {"mass": said["mass"]}, "what was said of the car:")
   topics, columns = _fitting_map(tables), Columns(tables)
   known: Mapping[str, float | str] = topics.vehicle if topics else {}
   if topics is not None:

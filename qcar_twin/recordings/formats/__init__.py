@@ -50,7 +50,8 @@ def _reader(path: Path, label: str) -> Callable[[Path, str], Table]:
   suffix, known = BAG_FOLDER if path.is_dir() else path.suffix.lower(), readers()
   if suffix not in known:
     raise RecordingError(
-      f"{label}: cannot read '{path.suffix}' files; readable are: {', '.join(known)} and ROS 2 bag folders"
+      f"{label}: cannot read '{path.suffix}' files; readable are: {', '.join(known)} and ROS 2 bag folders; "
+      "export it as one of them"
     )
   module, function = known[suffix]
   try:

@@ -154,9 +154,11 @@ def test_blank_cells_make_asynchronous_streams(tmp_path):
 
 def test_no_folder_no_manifest_or_a_file_instead_say_so(tmp_path):
   refused(tmp_path / "nowhere", "no such folder")
-  refused(tmp_path, "holds no dataset.toml; write one with a [vehicle] table")
+  refused(tmp_path, "holds no dataset.toml; qcar-twin new", "or write one with a [vehicle] table")
   (tmp_path / "dataset.toml").write_text("")
-  refused(tmp_path / "dataset.toml", "is a file; give the folder")
+  refused(tmp_path / "dataset.toml", f"is a file; give the folder that holds it, {tmp_path}")
+  (tmp_path / "drive.csv").write_text("")
+  refused(tmp_path / "drive.csv", "is a file; give the folder that holds dataset.toml; of a log, qcar-twin new")
 
 
 @pytest.mark.parametrize(
