@@ -224,6 +224,32 @@ def test_a_zero_that_is_far_off_is_said_and_the_cure_mends_it(tmp_path, channel,
   assert by == pytest.approx(-off, abs=0.02)
 
 
+GERMAN = {
+  "motor_voltage": "Spannung [V]", "steering_command": "Lenkwinkel [°]", "speed": "Geschwindigkeit [km/h]",
+  "accel_x": "Längsbeschleunigung [g]", "accel_y": "Querbeschleunigung [g]", "yaw_rate": "Gierrate [°/s]",
+}  # fmt: skip
+
+
+def test_units_in_brackets_are_read_in_any_language(tmp_path):
+  own = {"steering_command": DEG, "speed": 3.6, "accel_x": 1 / 9.80665, "accel_y": 1 / 9.80665, "yaw_rate": DEG}
+  changed = {name: factor * DRIVEN[name] for name, factor in own.items()}
+  check = read(tmp_path, text(names=named(**GERMAN), **changed))
+  assert not check.of("spoils"), check.verdict
+  for channel in GERMAN:
+    _, value = values(check, channel)
+    assert np.sort(np.abs(value - DRIVEN[channel]))[-3] < 1e-4 * max(1.0, np.abs(DRIVEN[channel]).max()), channel
+
+
+def test_half_a_place_is_none_and_a_brake_that_was_used_is_said(tmp_path):
+  brake = np.clip(-DRIVEN["accel_x"], 0.0, 1.0)
+  read(tmp_path, text(names=named(pose_y="height", brake="brake"), brake=brake))
+  draft = (tmp_path / "dataset.toml").read_text(encoding="utf-8")
+  assert "pose_x" not in draft.partition("# columns that are not used")[0]
+  assert re.search(
+    r"# 'brake' is pressed in \d+ % of its rows, and no channel is a brake: cut those seconds out", draft
+  )
+
+
 def test_a_gyro_in_rps_counts_radians_and_a_battery_is_no_other_column_without_its_name(tmp_path):
   idle = {"erpm": 4600.0 * DRIVEN["speed"], "temp_mos": 35.0 + 0.01 * TIME, "input_voltage": 11.6 + 0.05 * NOISE[0]}
   lines = text(

@@ -142,7 +142,7 @@ def _mount(columns: Columns, guesses: Mapping[str, Guess], imu: _Imu) -> _Mount 
   if abs(gravity[up]) < _UPRIGHT * GRAVITY:
     return None
   flat = [axis for axis in range(3) if axis != up]
-  alike = [_speeding(columns, guesses, imu.accelerometers[axis]) for axis in flat]
+  alike = [speeding(columns, guesses, imu.accelerometers[axis]) for axis in flat]
   best = int(np.argmax(np.abs(alike)))
   if abs(alike[best]) < _ALIKE or abs(alike[best]) < _CLEARLY * abs(alike[1 - best]):
     return None
@@ -155,7 +155,7 @@ def _mount(columns: Columns, guesses: Mapping[str, Guess], imu: _Imu) -> _Mount 
   return _Mount(forward, left, up, (along, way * across, way * upright), against)
 
 
-def _speeding(columns: Columns, guesses: Mapping[str, Guess], name: str) -> float:
+def speeding(columns: Columns, guesses: Mapping[str, Guess], name: str) -> float:
   """Correlation of an accelerometer with the change of the measured speed, in bins; 0 where there are few."""
   trial = {**guesses, "accel_x": Guess("accel_x", name)}
   return _correlation(recordings_of(columns, trial), _speeding_up)

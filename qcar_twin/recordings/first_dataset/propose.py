@@ -6,9 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.checks.car import check_car
 from qcar_twin.recordings.first_dataset.axes import pointing_down
+from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.mount import lies, settle_mount
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, usual_supply
@@ -17,6 +20,7 @@ from qcar_twin.recordings.first_dataset.several import runner_up, settle_several
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.recordings.topic_maps import TopicMap, topic_maps
+from qcar_twin.recordings.unit_names import words_of
 from qcar_twin.vehicle.drive import DRIVES
 from qcar_twin.vehicle.similarity import POWERS, estimates
 from qcar_twin.vehicle.vehicle import Vehicle
@@ -25,6 +29,8 @@ MARK = "guess:"
 _NEEDED = {"motor_speed": ("motor_speed", "speed"), "motor_voltage": DRIVE_COMMANDS}
 _VEHICLE = ("mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "track_width", "cg_height", "wheel_radius",
             "gear_ratio", "max_steering")  # fmt: skip
+_BRAKES = {"brake", "brakes", "braking", "brk"}
+_PRESSED = 0.05  # of its largest value, from which a brake is pressed
 _LISTED = 60  # columns at most
 _WIDE = 0.3  # standard deviation of a number nobody measured, as a share of it
 # of the wheelbase: where the centre of gravity lies along one that is known; axles carry 40 to 60 % of most cars
@@ -73,6 +79,8 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     guesses = _mapped(topics, tables)
   else:
     guesses = guess_columns(columns)
+    guess_by_unit(columns, guesses)
+    guesses = {channel: guesses[channel] for channel in CHANNELS if channel in guesses}
   kind = str(known.get("drive", _drive(guesses)))
   vehicle = Vehicle.from_dataset({"name": "car", **known, "drive": kind})
   if wheelbase is not None:
@@ -80,6 +88,8 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   turns_like, asked = vehicle.wheelbase, ()
   if topics is None:
     asked = settle_several(columns, guesses, {key: getattr(vehicle, key) for key in _VEHICLE})
+    if len(guesses.keys() & {"pose_x", "pose_y"}) == 1:  # half a place says nothing
+      guesses = {channel: guess for channel, guess in guesses.items() if channel not in ("pose_x", "pose_y")}
     settle_mount(columns, guesses)
     turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in _VEHICLE})
   recordings = recordings_of(columns, guesses)
@@ -245,11 +255,22 @@ def _channels(columns: Columns, guesses: Mapping[str, Guess], missing: Sequence[
   ]
   if over:
     lines.append(f"# columns that are not used: {_plain(', '.join(over[:_LISTED]))}")
+  lines += [f"# {_plain(said)}" for name in over if (said := _brakes(columns, name))]
   for name in over[:_LISTED] if missing else ():
     if name in columns.names:
       values = columns.values(name)
       lines.append(f"# {_plain(name)}: {values.min():.4g} to {values.max():.4g}")
   return lines
+
+
+def _brakes(columns: Columns, name: str) -> str:
+  """What a brake that was used does to a log; empty for any other column."""
+  if name not in columns.names or not set(words_of(name)) & _BRAKES or columns.constant(name):
+    return ""
+  values = columns.values(name)
+  share = float(np.mean(np.abs(values) > _PRESSED * np.abs(values).max()))
+  said = f"'{name}' is pressed in {100.0 * share:.0f} % of its rows, and no channel is a brake"
+  return f"{said}: cut those seconds out, or join throttle and brake into one command with a sign"
 
 
 def _by_map(guesses: Mapping[str, Guess]) -> list[str]:

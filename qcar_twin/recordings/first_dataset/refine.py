@@ -188,6 +188,16 @@ def _ratio(rate: Array, angle: Array, turning: Array) -> float:
 
 def _turning(recordings: Sequence[Recording], vehicle: Vehicle, wheelbase: float) -> tuple[Array, Array, Array]:
   """Speed over wheelbase [1/s], commanded angle [rad] and yaw rate [rad/s] in bins, where the car turns gently."""
+  speed, angle, turned = turning_of(recordings, rolling_radius(vehicle))
+  return speed / wheelbase, angle, turned
+
+
+def turning_of(recordings: Sequence[Recording], radius: float = 1.0) -> tuple[Array, Array, Array]:
+  """Speed [m/s], commanded angle [rad] and yaw rate [rad/s] in bins, where the car turns gently.
+
+  Args:
+    radius: rolling radius of the wheels over the motor's angle, m, for logs without a speed.
+  """
   parts = [np.empty((3, 0))]
   for recording in recordings:
     edges = recording.start + _BIN * np.arange(int(recording.duration / _BIN) + 1)
@@ -202,12 +212,12 @@ def _turning(recordings: Sequence[Recording], vehicle: Vehicle, wheelbase: float
       continue
     wheels = "speed" not in recording
     speed = recording["motor_speed" if wheels else "speed"].interpolate(middle)
-    speed *= rolling_radius(vehicle) if wheels else 1.0
+    speed *= radius if wheels else 1.0
     angle = recording["steering_command"].at(middle)
     there = np.isfinite(turn) & np.isfinite(speed) & (np.abs(speed * turn) < _GENTLE)
-    parts.append(np.stack([speed / wheelbase, angle, turn])[:, there])
-  rate, angle, turning = np.concatenate(parts, axis=1)
-  return rate, angle, turning
+    parts.append(np.stack([speed, angle, turn])[:, there])
+  speeds, angles, turned = np.concatenate(parts, axis=1)
+  return speeds, angles, turned
 
 
 def usual_supply(recordings: Sequence[Recording]) -> float | None:

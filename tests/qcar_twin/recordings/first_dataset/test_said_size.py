@@ -43,3 +43,8 @@ def test_without_a_word_the_draft_is_as_before(log):
 def test_no_car_has_such_a_size(log, said):
   with pytest.raises(RecordingError, match=f"{next(iter(said))} must be a positive number"):
     propose("car", [log], **said)
+
+
+def test_millimetres_and_grams_are_said_before_anything_is_written(log):
+  with pytest.raises(RecordingError, match="in mm. multiply all lengths by 0.001, and the mass, in g, by 0.001"):
+    propose("car", [log], wheelbase=260.0, mass=2700.0)

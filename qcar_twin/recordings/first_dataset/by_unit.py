@@ -1,0 +1,81 @@
+"""Columns whose names say a unit and nothing else that is known, in another language for instance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, scale
+from qcar_twin.recordings.first_dataset.mount import speeding
+from qcar_twin.recordings.first_dataset.names import readings
+from qcar_twin.recordings.first_dataset.refine import recordings_of, turning_of
+from qcar_twin.recordings.unit_names import BRACKET, unit_of
+
+# a column that is the only one in such a unit -> the channel that it is; those in place of one that is there are none
+_ONE = {
+  "V": ("motor_voltage", DRIVE_COMMANDS),
+  "m/s": ("speed", ("speed", "motor_speed")),
+  "rad/s": ("yaw_rate", ("yaw_rate",)),
+}
+_TURNS = 0.7  # correlation of speed times an angle with the yaw rate, from which the angle is the road wheels'
+_ALONG, _CLEARLY = 0.6, 2.0  # correlation of one accelerometer with speeding up, and times that of the other
+
+
+def guess_by_unit(columns: Columns, guesses: dict[str, Guess]) -> None:
+  """Channels of columns that name a unit in brackets and nothing known: the only one of its unit, where no column is
+  that channel by name; an angle and two accelerations where the motion confirms them."""
+  _only_ones(columns, guesses)
+  _accelerations(columns, guesses)
+  _steering(columns, guesses)
+
+
+def _only_ones(columns: Columns, guesses: dict[str, Guess]) -> None:
+  for unit, (channel, instead) in _ONE.items():
+    names = _unknown(columns, guesses, unit)
+    if len(names) == 1 and not guesses.keys() & set(instead):
+      _add(columns, guesses, channel, names[0], "the only column in such a unit, whatever it is called")
+
+
+def _accelerations(columns: Columns, guesses: dict[str, Guess]) -> None:
+  names = _unknown(columns, guesses, CHANNELS["accel_x"].unit)
+  if len(names) != 2 or guesses.keys() & {"accel_x", "accel_y"}:
+    return
+  alike = [abs(speeding(columns, guesses, name)) for name in names]
+  ahead = int(np.argmax(alike))
+  if alike[ahead] < _ALONG or alike[ahead] < _CLEARLY * alike[1 - ahead]:
+    return
+  _add(
+    columns,
+    guesses,
+    "accel_x",
+    names[ahead],
+    f"of two accelerations the one that feels speeding up ({alike[ahead]:.2f})",
+  )
+  _add(columns, guesses, "accel_y", names[1 - ahead], "the other of two accelerations")
+
+
+def _steering(columns: Columns, guesses: dict[str, Guess]) -> None:
+  names = _unknown(columns, guesses, CHANNELS["steering_command"].unit)
+  if len(names) != 1 or "steering_command" in guesses:
+    return
+  trial = dict(guesses)
+  _add(columns, trial, "steering_command", names[0], "")
+  way, angle, turned = turning_of(recordings_of(columns, trial))
+  if angle.size < 10 or not (way * angle).any() or not turned.any():
+    return
+  alike = abs(float(np.corrcoef(way * angle, turned)[0, 1]))
+  if alike > _TURNS:
+    _add(columns, guesses, "steering_command", names[0], f"the car turned as this angle says ({alike:.2f})")
+
+
+def _unknown(columns: Columns, guesses: dict[str, Guess], unit: str) -> list[str]:
+  """Columns that name a unit of one kind in brackets, are nothing by name and change."""
+  taken = {guess.column for guess in guesses.values()}
+  said = lambda name: BRACKET.search(name) and (written := unit_of(name)) is not None and written[1] == unit
+  free = [name for name in columns.names if name not in taken and said(name)]
+  return [name for name in free if not readings(name) and not columns.constant(name)]
+
+
+def _add(columns: Columns, guesses: dict[str, Guess], channel: str, name: str, why: str) -> None:
+  guesses[channel] = Guess(channel, name, why=[why])
+  scale(columns, guesses[channel])
