@@ -8,6 +8,8 @@ import pytest
 
 from calibration.log_check.check import check_log, load_to_check
 from qcar_twin.recordings.channels import COMMANDS
+from qcar_twin.recordings.first_dataset.propose import propose
+from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.recording import RecordingError
 from tests.faults.falsities import NAMES
 from tests.faults.test_everyday import DEG, DRIVEN, LOST, TIME, read, text, values
@@ -248,6 +250,23 @@ def test_half_a_place_is_none_and_a_brake_that_was_used_is_said(tmp_path):
   assert re.search(
     r"# 'brake' is pressed in \d+ % of its rows, and no channel is a brake: cut those seconds out", draft
   )
+
+
+def test_a_place_with_y_upwards_lies_in_z_and_x(tmp_path):
+  rows = {"pose_x": DRIVEN["pose_y"], "pose_y": 0.1 + 0.001 * NOISE[0], "z": DRIVEN["pose_x"]}
+  names = named(pose_x="Position X (m)", pose_y="Position Y (m)", z="Position Z (m)")
+  check = read(tmp_path, text(names=names, **rows))
+  assert not check.of("spoils"), check.verdict
+  for channel in ("pose_x", "pose_y"):
+    assert values(check, channel)[1] == pytest.approx(DRIVEN[channel], abs=1e-4)
+
+
+def test_files_with_a_part_of_the_channels_each_are_to_be_joined(tmp_path):
+  own = {"time": TIME, "throttle": DRIVEN["motor_voltage"]}
+  others = {"time": TIME, "speed": DRIVEN["speed"], "gyro_z": DRIVEN["yaw_rate"]}
+  tables = [Table("commands.csv", own, {}), Table("sensors.csv", others, {})]
+  with pytest.raises(RecordingError, match="commands are in commands.csv and what the car did in sensors.csv: join"):
+    propose("lab", tables)
 
 
 def test_a_gyro_in_rps_counts_radians_and_a_battery_is_no_other_column_without_its_name(tmp_path):

@@ -14,6 +14,7 @@ from qcar_twin.recordings.first_dataset.axes import pointing_down
 from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.mount import lies, settle_mount
+from qcar_twin.recordings.first_dataset.plane import settle_plane
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, usual_supply
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
 from qcar_twin.recordings.first_dataset.several import runner_up, settle_several
@@ -31,6 +32,7 @@ _VEHICLE = ("mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "track_width", "
             "gear_ratio", "max_steering")  # fmt: skip
 _BRAKES = {"brake", "brakes", "braking", "brk"}
 _PRESSED = 0.05  # of its largest value, from which a brake is pressed
+_SHOWN = 80  # letters of a list of files
 _LISTED = 60  # columns at most
 _WIDE = 0.3  # standard deviation of a number nobody measured, as a share of it
 # of the wheelbase: where the centre of gravity lies along one that is known; axles carry 40 to 60 % of most cars
@@ -81,6 +83,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     guesses = guess_columns(columns)
     guess_by_unit(columns, guesses)
     guesses = {channel: guesses[channel] for channel in CHANNELS if channel in guesses}
+    _refuse_parts(columns, guesses)
   kind = str(known.get("drive", _drive(guesses)))
   vehicle = Vehicle.from_dataset({"name": "car", **known, "drive": kind})
   if wheelbase is not None:
@@ -88,6 +91,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   turns_like, asked = vehicle.wheelbase, ()
   if topics is None:
     asked = settle_several(columns, guesses, {key: getattr(vehicle, key) for key in _VEHICLE})
+    settle_plane(columns, guesses)
     if len(guesses.keys() & {"pose_x", "pose_y"}) == 1:  # half a place says nothing
       guesses = {channel: guess for channel, guess in guesses.items() if channel not in ("pose_x", "pose_y")}
     settle_mount(columns, guesses)
@@ -113,6 +117,22 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   lines += [line for part in parts for line in _recording(part)]
   marked = tuple(line for line in lines if MARK in line and not line.startswith("#"))
   return Proposal("\n".join(lines) + "\n", marked, tuple(channels[1:]), missing, questions)
+
+
+def _refuse_parts(columns: Columns, guesses: Mapping[str, Guess]) -> None:
+  """Raises RecordingError where commands and motion of one drive lie in files of their own."""
+  commands = {guesses[name].column for name in (*DRIVE_COMMANDS, "steering_command") if name in guesses}
+  motion = {guesses[name].column for name in ("motor_speed", "speed", "pose_x", "yaw_rate") if name in guesses}
+  parts = {
+    table.label: (bool(commands & set(table.columns)), bool(motion & set(table.columns))) for table in columns.tables
+  }
+  if len(parts) < 2 or not commands or not motion or any(all(part) for part in parts.values()):
+    return
+  lists = [", ".join(label for label, part in parts.items() if part[k])[:_SHOWN] for k in (0, 1)]
+  raise RecordingError(
+    f"commands are in {lists[0]} and what the car did in {lists[1]}: join the files of one drive by their clock into "
+    'one, with blank cells where there is no sample, as pandas.merge(a, b, on="time", how="outer") does'
+  )
 
 
 def _fitting_map(tables: Sequence[Table]) -> TopicMap | None:

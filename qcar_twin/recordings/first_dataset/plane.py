@@ -1,0 +1,39 @@
+"""Which two of three position axes are the floor's: motion capture and game engines often count y upwards."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, scale
+from qcar_twin.recordings.unit_names import words_of
+
+_FLAT = 0.05  # of the way along either other axis: an axis that moves less is the upright one
+_MOST = (1.0, 99.0)  # per cent of the samples, whose spread is the way
+
+
+def settle_plane(columns: Columns, guesses: dict[str, Guess]) -> None:
+  """Where y is the axis that hardly moves, z and x are the floor's: of a right-handed frame z cross x is y, upwards."""
+  if "pose_x" not in guesses:
+    return
+  axes = _axes(columns, guesses["pose_x"].column)
+  if len(axes) < 3:
+    return
+  low, high = np.array([np.percentile(columns.values(axes[axis]), _MOST) for axis in "xyz"]).T
+  x, y, z = high - low
+  if not y < _FLAT * min(x, z):
+    return
+  for channel, axis in (("pose_x", "z"), ("pose_y", "x")):
+    guesses[channel] = Guess(
+      channel, axes[axis], why=[f"'{axes['y']}' hardly moves, so it points up, and {axis} lies flat"]
+    )
+    scale(columns, guesses[channel])
+
+
+def _axes(columns: Columns, name: str) -> dict[str, str]:
+  """The columns whose names differ from this one in the axis alone."""
+  words = words_of(name)
+  place = next((k for k, word in enumerate(words) if word[-1] == "x" and len(word) <= 2), None)
+  if place is None:
+    return {}
+  wanted = {axis: (*words[:place], words[place][:-1] + axis, *words[place + 1 :]) for axis in "xyz"}
+  return {axis: other for axis, want in wanted.items() for other in columns.names if words_of(other) == want}
