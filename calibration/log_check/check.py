@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from calibration.fitting.noise import ChannelNoise, noise_models
-from calibration.log_check.commands import command_findings, direction_findings
+from calibration.log_check.commands import PARKED, command_findings, direction_findings, parked_findings
 from calibration.log_check.disagreements import Finding, Severity, disagreements, scale_findings
 from calibration.log_check.motions import Wheels, motions
 from calibration.log_check.pairs import Comparison, compare
@@ -48,6 +48,8 @@ class LogCheck:
     spoiling, warnings = self.of("spoils"), self.of("beware")
     if spoiling:
       return f"Not fit to be fitted as it is: {spoiling[0].text}"
+    if warnings and warnings[0].text.startswith(PARKED):
+      return f"Nothing to be fitted: {warnings[0].text}"
     if len(warnings) > 0:
       count = f"{len(warnings)} warning{'s' if len(warnings) > 1 else ''}"
       return f"Fit to be used, with {count}, first: {warnings[0].text}"
@@ -89,7 +91,8 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
     progress(f"two sensors of one motion: {motion.name}")
     compared.append(compare(motion, wheels, recordings, noise))
   shown = what_it_shows(vehicle, wheels, recordings)
-  acted = [*command_findings(recordings), *direction_findings(wheels, recordings)]
+  acted = parked_findings(wheels, recordings)
+  acted = acted or [*command_findings(recordings), *direction_findings(wheels, recordings)]
   spoilt = {name for f in acted if f.severity == "spoils" for name in f.channels}  # first these, then what they take
   judged = [c for c in compared if not spoilt & {*c.motion.compared, *c.motion.reference}]
   findings = [

@@ -24,6 +24,8 @@ from qcar_twin.recordings.recording import Recording
 # share of the driving: one sample in twenty that no model can explain outweighs the noise of the rest; how far it could
 # be moved `python -m tests.faults.thresholds` measures
 MUCH = 0.05
+PARKED = "the car never drives"
+_SECOND = 1.0  # s, over which noise of a sensor of speed is averaged away
 _APART = 0.2  # s, between two stretches that are one
 _LISTED = 3  # stretches that are named
 _TURN_ROUND = "set offset = 3.14159 on pose_yaw in [channels], added to one that is there"
@@ -126,6 +128,20 @@ def _spans(idle: Sequence[Stretch]) -> list[tuple[str, float, float]]:
     else:
       spans.append((file, i.start, i.end))
   return spans
+
+
+def parked_findings(wheels: Wheels, recordings: Sequence[Recording]) -> list[Finding]:
+  """A car that never drives: no mean over a second is faster than one that stands."""
+  name, means = wheels.channel, [np.zeros(1)]
+  for stream in (r[name] for r in recordings if name in r):
+    second = ((stream.time - stream.time[0]) / _SECOND).astype(int)
+    counts = np.bincount(second)
+    means.append(np.bincount(second, stream.value)[counts > 0] / counts[counts > 0])
+  top = wheels.scale * float(np.abs(np.concatenate(means)).max())
+  if top > STANDS:
+    return []
+  said = f"{PARKED}: by {name} it reaches {top:.2g} m/s over a second, and nothing can be fitted to that"
+  return [Finding("beware", (name,), f"{said}; record it driving, or correct scale of {name} in [channels]")]
 
 
 def direction_findings(wheels: Wheels, recordings: Sequence[Recording]) -> list[Finding]:

@@ -86,3 +86,11 @@ def test_a_neutral_under_a_switch_that_makes_a_nought_of_it_is_asked_about(drive
   off = armed * (voltage + 25.0)
   (text,) = about(checked(columns | {"motor_voltage": off}, time), "set offset = -25 on it")
   assert "motor_voltage" in text
+
+
+def test_of_a_car_that_never_drives_it_is_said_first_that_nothing_can_be_fitted(driven):
+  time, columns = driven
+  parked = {name: np.full(time.size, values[0]) for name, values in columns.items()}
+  parked |= {"speed": 0.02 * np.random.default_rng(5).standard_normal(time.size)}
+  check = checked(parked, time)
+  assert not check.of("spoils") and check.verdict.startswith("Nothing to be fitted: the car never drives: by speed it")
