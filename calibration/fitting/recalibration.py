@@ -126,7 +126,7 @@ def settled(
   problem: Problem, noise_models: Mapping[str, ChannelNoise], base: ParameterSet, start: Array, command_shift: int
 ) -> RecalibratedTwin:
   """The minimum near a start: every model of a search is measured against it, so it is sought to a nat."""
-  problem, minimum = _descended(problem, base, start)
+  problem, minimum = descended(problem, base, start)
   theta = problem.embed(base.names, minimum.theta, problem.parameters.nominal)[0]
   return RecalibratedTwin(problem, noise_models, minimum, theta, _slopes(problem, base, minimum.theta), command_shift)
 
@@ -175,8 +175,14 @@ def _trusted(predicted: float, actual: float) -> bool:
   return actual >= _TRUSTED * predicted or predicted - actual <= NOTICED
 
 
-def _descended(problem: Problem, base: ParameterSet, start: Array) -> tuple[Problem, Fit]:
+def descended(problem: Problem, base: ParameterSet, start: Array, enough: float = _SETTLED) -> tuple[Problem, Fit]:
   """The minimum, and the problem there.
+
+  Args:
+    problem: put right at the start, or not yet.
+    base: what is fitted.
+    start: first estimates, (p,).
+    enough: nats; a correction by MuJoCo that promises less is the last one.
 
   A surrogate is put right by MuJoCo wherever its own minimum lay, until it predicts no reduction. Where MuJoCo does not
   confirm a step, the stretches in which the slopes of the two differ are left to MuJoCo from then on.
@@ -188,7 +194,7 @@ def _descended(problem: Problem, base: ParameterSet, start: Array) -> tuple[Prob
   theta, cost = start, _cost(problem, base, start)
   for _ in range(_ROUNDS):
     predicted = cost - minimum.cost
-    if predicted < _SETTLED:
+    if predicted < enough:
       break
     there = problem.at(embedded(minimum.theta))
     actual = cost - _cost(there, base, minimum.theta)

@@ -1,20 +1,18 @@
 """Formulas that are nobody's but the generator's, in cars whose true base is known, and what is found of them.
 
 The base is recalibrated on the same car's session without an effect, so that what is left over is the effect and the
-generator's own gaps: this measures finding a formula, not diagnosing. An effect is hidden in the independent car alone.
+generator's own gaps: this measures finding a formula, not diagnosing. Effects are hidden in the independent cars alone.
 """
 
-import contextlib
 import dataclasses
 import time
-from collections.abc import Callable, Iterator, Mapping
-from typing import ClassVar
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binomtest
 
-from calibration.concealed.proving_ground import EFFECTS, make_session
-from calibration.concealed.proving_ground.effects.outside import Outside
+from calibration.concealed.benchmarks.hidden_formulas import FORMULAS, SECOND, concealed
 from calibration.diagnosis.candidates import candidate
 from calibration.diagnosis.decision.decide import Decision
 from calibration.diagnosis.formula.after import Shipped, formula_left
@@ -30,168 +28,124 @@ from calibration.fitting.recalibration import fitted_count
 from calibration.fitting.windows import Cut
 from calibration.log_check.ready import ready
 from qcar_twin.kinematics import rolling_radius
+from qcar_twin.plant import Segments
 from qcar_twin.recordings.dataset import DataSet
 
 Array = NDArray[np.float64]
-FORMULAS: dict[str, type["Hidden"]] = {}
 _ALONG = ("force_x", "motor_torque")
 
 
-class Hidden(Outside):
-  """Base: an effect of this file, which no campaign draws.
-
-  Class attributes: `degree` (where it acts), `depends_on` (variables), `written` (its formula), `value_of` (its value
-  in the degree's unit from the twin's variables, for size 1).
-  """
-
-  degree: ClassVar[str]
-  depends_on: ClassVar[frozenset[str]]
-  written: ClassVar[str]
-  value_of: ClassVar[Callable[[Mapping[str, Array]], Array]]
-
-  def __init_subclass__(cls) -> None:
-    FORMULAS[cls.id] = cls
-
-
-class TurningDrag(Hidden):
-  """Turning the car drags on it."""
-
-  id, subsystem, parameter, typical, unit = "turning_drag", "body", "drag_per_yaw_rate", 1.2, "N s/rad"
-  carried_by, degree, depends_on = ("motion",), "force_x", frozenset(("yaw_rate",))
-  written = "F_x = -1.2 |r| sgn(v)"
-  value_of = staticmethod(lambda x: -1.2 * np.abs(x["yaw_rate"]) * np.tanh(x["speed"] / 0.05))
-
-  def load(self, sim) -> None:  # noqa: ANN001
-    s, c = sim.dynamics.stage, self.columns
-    sim.dynamics.wrench[0, c] -= self.value * np.abs(s.yaw_rate[c]) * np.tanh(s.vx[c] / 0.05)
-
-
-class CornerDrag(Hidden):
-  """Cornering at speed drags on it."""
-
-  id, subsystem, parameter, typical, unit = "corner_drag", "body", "drag", 0.25, "N s^3/m^2"
-  carried_by, degree, depends_on = ("motion",), "force_x", frozenset(("speed", "accel_y"))
-  written = "F_x = -0.25 v |a_y|"
-  value_of = staticmethod(lambda x: -0.25 * x["speed"] * np.abs(x["speed"] * x["yaw_rate"]))
-
-  def load(self, sim) -> None:  # noqa: ANN001
-    s, c = sim.dynamics.stage, self.columns
-    sim.dynamics.wrench[0, c] -= self.value * s.vx[c] * np.abs(s.yaw_rate[c] * s.vx[c])
-
-
-class Rug(Hidden):
-  """A rug in the room."""
-
-  id, subsystem, parameter, typical, unit = "rug", "ground", "drag", 1.5, "N"
-  carried_by, degree, depends_on = ("place",), "force_x", frozenset(("place_x", "place_y"))
-  written = "F_x = -1.5 sgn(v) / (1 + d^2 / 0.25)^2, d from (0.3, 0.4)"
-  value_of = staticmethod(
-    lambda x: (
-      -1.5 * np.tanh(x["speed"] / 0.05) / (1 + ((x["place_x"] - 0.3) ** 2 + (x["place_y"] - 0.4) ** 2) / 0.25) ** 2
-    )
-  )
-
-  def load(self, sim) -> None:  # noqa: ANN001
-    s, c = sim.dynamics.stage, self.columns
-    away = (s.x[c] - 0.3) ** 2 + (s.y[c] - 0.4) ** 2
-    sim.dynamics.wrench[0, c] -= self.value / (1 + away / 0.25) ** 2 * np.tanh(s.vx[c] / 0.05)
-
-
-class BindingJoint(Hidden):
-  """Joints of the drive shafts bind when the wheels are turned."""
-
-  id, subsystem, parameter, typical, unit = "binding_joint", "drive", "torque", 0.06, "N m/rad^2"
-  carried_by, degree, depends_on = ("commands",), "motor_torque", frozenset(("steering",))
-  written = "T = -0.06 delta^2 sgn(v)"
-  value_of = staticmethod(lambda x: -0.06 * x["steering"] ** 2 * np.tanh(x["speed"] / 0.05))
-
-  def load(self, sim) -> None:  # noqa: ANN001
-    s, c = sim.dynamics.stage, self.columns
-    sim.dynamics.motor_torque[c] -= self.value * s.servo[c] ** 2 * np.tanh(s.vx[c] / 0.05)
-
-
-class StrainedGyro(Hidden):
-  """A gyro that feels the square of the acceleration across."""
-
-  id, subsystem, parameter, typical, unit = "strained_gyro", "sensor", "error", 0.006, "rad s^3/m^2"
-  carried_by, degree, depends_on = ("motion",), "reads_yaw_rate", frozenset(("accel_y",))
-  written = "d_yaw_rate = 0.006 a_y^2"
-  value_of = staticmethod(lambda x: 0.006 * x["accel_y"] ** 2)
-
-  def sense(self, log) -> None:  # noqa: ANN001
-    c = self.columns
-    log.channels["yaw_rate"][:, c] += self.value * log.channels["accel_y"][:, c] ** 2
-
-
-class YawPump(Hidden):
-  """A yaw moment against the square of the yaw rate: much like less grip at the front, which a base can take in."""
-
-  id, subsystem, parameter, typical, unit = "yaw_pump", "body", "moment", 0.03, "N m s^2/rad^2"
-  carried_by, degree, depends_on = ("motion",), "moment_z", frozenset(("yaw_rate",))
-  written = "M_z = -0.03 r |r|"
-  value_of = staticmethod(lambda x: -0.03 * x["yaw_rate"] * np.abs(x["yaw_rate"]))
-
-  def load(self, sim) -> None:  # noqa: ANN001
-    s, c = sim.dynamics.stage, self.columns
-    sim.dynamics.wrench[2, c] -= self.value * s.yaw_rate[c] * np.abs(s.yaw_rate[c])
-
-
-@contextlib.contextmanager
-def offered() -> Iterator[None]:
-  """These effects among the independent car's, for as long as a session is made."""
-  EFFECTS.update(FORMULAS)
-  try:
-    yield
-  finally:
-    for name in FORMULAS:
-      EFFECTS.pop(name)
-
-
-def concealed(seed: int, name: str, noise: float = 1.0) -> DataSet:
-  """A compact session with one of FORMULAS, or "" for none."""
-  with offered():
-    session = make_session(seed, ((name, 1.0),) if name else (), "compact", noise)
-  return DataSet(name or "nothing", session.recordings, session.vehicle, session.vehicle_std)
-
-
-def true_base(seed: int) -> Prepared:
+def true_base(seed: int, car: str = "first") -> Prepared:
   """The base that a car's session without an effect gives."""
-  return prepare(concealed(seed, ""), threads=1)
+  return prepare(concealed(seed, "", car=car), threads=1)
 
 
 @dataclasses.dataclass(frozen=True)
-class Tried:
+class Case:
   """One case.
 
   Attributes:
+    car, seed, name: the session; name is "" for the one without a formula.
     shipped: what was found.
     seconds: that it took, of one core.
     error: root mean square difference to the true formula over what was driven, over that of the true one; NaN where
       nothing is shipped, or somewhere else.
     right_degree, right_variables: whether it acts where it should, on what it should; of what is shipped.
+    finite: ten minutes of driving with the shipped twin end, and with finite signals; True where nothing is shipped.
   """
 
+  car: str
+  seed: int
+  name: str
   shipped: Shipped
   seconds: float
   error: float
   right_degree: bool
   right_variables: bool
+  finite: bool
+
+  @property
+  def ships(self) -> bool:
+    return self.shipped.kept
+
+  @property
+  def said_so(self) -> bool:
+    """Whether it says that something is there: what is shipped, or a dependence without a formula."""
+    return self.shipped.rest.sought is not None
+
+  @property
+  def written(self) -> str:
+    """The formula that is concealed."""
+    return FORMULAS[self.name].written if self.name else "none"
+
+  @property
+  def close(self) -> bool:
+    """Whether a formula is shipped that is off by less than a tenth."""
+    return self.ships and self.shipped.rest.kind == "formula" and self.error < 0.1
+
+  @property
+  def falls_short(self) -> str:
+    """What is wrong with it, in words; "" where nothing is."""
+    if not self.name:
+      return "something ships where nothing is concealed" if self.ships else ""
+    if not self.ships:
+      return "nothing ships"
+    wrong = [w for w, right in (("the wrong place", self.right_degree), ("the wrong variables", self.right_variables),
+                                ("ten minutes of driving do not stay finite", self.finite)) if not right]  # fmt: skip
+    if not wrong and not self.close:
+      wrong = [f"off by {100.0 * self.error:.0f} %"]
+    return ", ".join(wrong)
 
 
-def tried(base: Prepared, seed: int, name: str) -> Tried:
+def cases_of(
+  seed: int, first: int, second: int, formulas: Sequence[str], each: int = 0
+) -> Iterator[tuple[str, int, list[str]]]:
+  """Car, seed and formulas of every car; with `each` so many per car, in turn."""
+  begun = 0
+  for car, seeds in (("first", range(seed, seed + first)), ("second", range(seed + first, seed + first + second))):
+    there = [n for n in formulas if car == "first" or n in SECOND]
+    for one in seeds:
+      turn = [there[(begun + k) % len(there)] for k in range(each)] if each else there
+      begun += each
+      yield car, one, list(dict.fromkeys(turn))
+
+
+def rates(cases: Sequence[Case]) -> list[tuple[str, str, str]]:
+  """What was counted, how often, and its exact 95 % interval."""
+  nulls, hidden = ([c for c in cases if bool(c.name) == one] for one in (False, True))
+  shipping = [c for c in hidden if c.ships]
+  rows: list[tuple[str, list[Case], Callable[[Case], bool]]] = [
+    ("nothing concealed: something ships", nulls, lambda c: c.ships),
+    ("a formula concealed: said that something is there", hidden, lambda c: c.said_so),
+    ("a formula concealed: something ships", hidden, lambda c: c.ships),
+    ("a formula concealed: the right place", hidden, lambda c: c.right_degree),
+    ("a formula concealed: the right variables", hidden, lambda c: c.right_degree and c.right_variables),
+    ("a formula concealed: a formula within 10 % over the driving", hidden, lambda c: c.close),
+    ("of those that ship: held-out errors fall", shipping, lambda c: c.shipped.change < 1.0),
+    ("of all that ship: ten minutes of driving stay finite", [c for c in cases if c.ships], lambda c: c.finite),
+  ]
+  out = []
+  for said, among, what in rows:
+    count = sum(map(what, among))
+    low, high = binomtest(count, len(among)).proportion_ci(0.95, "exact") if among else (0.0, 1.0)
+    out.append((said, f"{count} of {len(among)}", f"{100.0 * low:.0f} to {100.0 * high:.0f} %"))
+  return out
+
+
+def case_of(base: Prepared, car: str, seed: int, name: str) -> Case:
   """Look for the formula of one session at the car's true base."""
-  pool, holdout = _at_base(base, ready(concealed(seed, name))[0])
+  pool, holdout = _at_base(base, ready(concealed(seed, name, car=car))[0])
   began = time.process_time()
   shipped = formula_left(pool, Decision("unexplained", (), (), (), None, ()), holdout, Cut())
   assert shipped is not None
-  return _judged(shipped, FORMULAS.get(name), time.process_time() - began)
+  return _judged(Case(car, seed, name, shipped, time.process_time() - began, np.nan, False, False, _finite(shipped)))
 
 
-def _judged(shipped: Shipped, truth: type[Hidden] | None, seconds: float) -> Tried:
-  rest, error = shipped.rest, np.nan
-  if truth is None or not (shipped.kept and rest.sought and rest.twin and rest.sought.forms):
-    return Tried(shipped, seconds, error, False, False)
-  degree = rest.sought.recovered.degree
+def _judged(case: Case) -> Case:
+  rest, truth = case.shipped.rest, FORMULAS.get(case.name)
+  if truth is None or not (case.ships and rest.sought and rest.twin and rest.sought.forms):
+    return case
+  degree, error = rest.sought.recovered.degree, np.nan
   along = degree in _ALONG and truth.degree in _ALONG
   if along or degree == truth.degree:
     driven = rest.sought.driven
@@ -201,7 +155,19 @@ def _judged(shipped: Shipped, truth: type[Hidden] | None, seconds: float) -> Tri
     off = said_by(rest) * lever.get(degree, 1.0) - true
     error = float(np.sqrt(np.mean(off**2) / np.mean(true**2)))
   law = frozenset(rest.twin.mechanism.law.variables) - ({"speed"} - truth.depends_on)
-  return Tried(shipped, seconds, error, along or degree == truth.degree, law == truth.depends_on)
+  right = {"right_degree": along or degree == truth.degree, "right_variables": law == truth.depends_on}
+  return dataclasses.replace(case, error=error, **right)
+
+
+def _finite(shipped: Shipped, seconds: float = 600.0) -> bool:
+  """Whether a shipped twin drives ten minutes of swinging commands with finite signals."""
+  if not shipped.kept or shipped.rest.twin is None:
+    return True
+  twin, theta = shipped.rest.twin.problem.exact.twin, shipped.rest.twin.theta
+  wave = np.sin(0.7 * np.arange(int(100 * seconds)) / 100.0)
+  commands = np.column_stack([1.5 + wave, 0.3 * wave])[None]
+  segments = Segments(commands, np.zeros((1, 7)), np.array([len(wave)]), 0.01, ("long",), np.zeros(1))
+  return bool(np.isfinite(twin.rollout(theta[None], segments).signals).all())
 
 
 def _at_base(base: Prepared, dataset: DataSet) -> tuple[Pool, list]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,6 +17,9 @@ from .floor import Floor
 from .sensing import DECIMALS, POSE_EVERY, sense
 from .simulation import FINE, SIGNALS, TOLERANCE, Simulation, columns
 
+Push = Callable[[Simulation], np.ndarray]
+Misread = Callable[[dict[str, np.ndarray]], None]
+
 DESIGNS = ("compact", "lab", "paper")
 LARGEST, STEP = 4.0, 1e-3  # V: largest command and its resolution
 DRAUGHT = ((0.04, 0.05, 0.003), 0.2)  # N, N, N m rms on the body; s memory
@@ -29,6 +33,8 @@ def make_second_session(
   noise: float = 1.0,
   car: SecondCar | None = None,
   tolerance: float = TOLERANCE,
+  push: Push | None = None,
+  misread: Misread | None = None,
 ) -> Session:
   """One session, the same bit for bit for the same arguments.
 
@@ -38,6 +44,9 @@ def make_second_session(
     noise: factor on all that is random in sensors, floor and draught.
     car: drawn from the seed where not given.
     tolerance: of the integrator.
+    push: one more force and yaw moment on the body, (3, n) [N, N, N m], of the simulation as it stands; held for a
+      control period, as the draught is.
+    misread: errors of the sensors, put into the channels (T, n).
 
   Raises:
     KeyError: an effect that the second car does not have, or a design that is not for it.
@@ -50,8 +59,10 @@ def make_second_session(
   driven, concealed = conceal(bare, tuple((name, size) for name, size in effects if size != 0.0), stream(seed, 100))
   table = columns(driven, len(runs), bare.mass)
   table.warm = _warm(bare, len(runs), stream(seed, 8))
-  simulation, commands = _drive(seed, runs, table, _beliefs(bare, vehicle, stream(seed, 5)), noise, tolerance)
+  simulation, commands = _drive(seed, runs, table, _beliefs(bare, vehicle, stream(seed, 5)), noise, tolerance, push)
   channels = sense(table, simulation.trace, noise, stream(seed, 6))
+  if misread:
+    misread(channels)
   channels |= {"motor_voltage": commands[:, 0], "steering_command": commands[:, 1]}
   every = {name: POSE_EVERY for name in DECIMALS if name.startswith("pose")}
   recordings = tuple(
@@ -70,7 +81,13 @@ def drawn_car(seed: int) -> SecondCar:
 
 
 def _drive(
-  seed: int, runs: list[Manoeuvre], car: SimpleNamespace, beliefs: SimpleNamespace, noise: float, tolerance: float
+  seed: int,
+  runs: list[Manoeuvre],
+  car: SimpleNamespace,
+  beliefs: SimpleNamespace,
+  noise: float,
+  tolerance: float,
+  push: Push | None = None,
 ) -> tuple[Simulation, np.ndarray]:
   """All runs side by side to the end of the longest, with the commands given (T, 2, n)."""
   shaking = hands(stream(seed, 3), runs)
@@ -88,7 +105,8 @@ def _drive(
     if tick > 0:
       command = driver.commands(tick, state.x, state.y, state.yaw, state.motor)
     commands[tick] = command
-    simulation.advance(command, draught[tick] * np.minimum(np.abs(state.u) / MOVING, 1.0))
+    wind = draught[tick] * np.minimum(np.abs(state.u) / MOVING, 1.0)
+    simulation.advance(command, wind + push(simulation) if push else wind)
   return simulation, commands
 
 

@@ -1,6 +1,5 @@
 """A formula as a stage of a diagnosis: only where something stays unexplained, and never in the way of the verdict."""
 
-import copy
 import dataclasses
 import logging
 from collections.abc import Mapping, Sequence
@@ -8,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.diagnosis.candidates import refine
+from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decision.decide import Decision
 from calibration.diagnosis.formula.finding import Found, find_formula
+from calibration.diagnosis.formula.minimum import at_minimum
 from calibration.diagnosis.formula.words import alike_words
 from calibration.diagnosis.holdout_errors import ChannelFit, compare_twins, ratio
 from calibration.diagnosis.pool import Pool
+from calibration.fitting.likelihood import Problem, weighting_from
 from calibration.fitting.windows import Cut
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.file import save_twin
@@ -21,7 +22,6 @@ from qcar_twin.twin.formula.written import write_mechanism
 
 log = logging.getLogger(__name__)
 
-_SETTLE = 2  # Gauss-Newton steps with fresh columns: the model's end, and slopes that belong to it
 TWIN = "twin_with_formula.toml"
 
 
@@ -61,22 +61,25 @@ def formula_left(pool: Pool, decision: Decision, recordings: Sequence[Recording]
   """
   if decision.verdict not in ("unexplained", "partly_explained"):
     return None
-  winner = copy.copy(pool.model(decision.mechanisms))
-  winner.settled, winner.jacobian = False, winner.jacobian.copy()
-  problem = pool.problem.at(winner.theta)
-  refine(problem, [winner], _SETTLE, full=True)
+  model = pool.model(decision.mechanisms)
+  problem, winner = at_minimum(*_weighed(*at_minimum(pool.problem, model), pool.floor))
   try:
-    found = find_formula(problem, winner, pool.priors)
+    found = find_formula(problem, winner, model, pool.priors)
   except np.linalg.LinAlgError as error:  # the verdict stands without it
     log.warning("no formula was sought: %s", error)
     return None
   if not (found.kind and found.twin):
     return Shipped(found, {})
-  twin, parameters = found.twin.problem.twin, found.twin.problem.parameters
-  before = parameters.nominal
-  before[[parameters.index(p.name) for p in pool.problem.parameters]] = winner.theta
-  fits, _ = compare_twins(twin, before, found.twin.theta, recordings, pool.floor, cut)
+  tried = found.twin
+  fits, _ = compare_twins(tried.problem.twin, tried.before.theta, tried.theta, recordings, pool.floor, cut)
   return Shipped(found, fits)
+
+
+def _weighed(problem: Problem, model: Candidate, floor: Mapping[str, float]) -> tuple[Problem, Candidate]:
+  """The same with weights from what the model leaves over: what it explains is not its channels' noise."""
+  raw = problem.raw(model.theta[None])[0]
+  problem = problem.reweighted(weighting_from(problem.observations, raw, floor))
+  return problem, dataclasses.replace(model, residual=problem.residual(model.theta[None])[0])
 
 
 def write_formula(shipped: Shipped | None, folder: Path, dataset: str) -> list[Path]:

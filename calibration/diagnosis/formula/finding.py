@@ -14,7 +14,14 @@ from calibration.diagnosis.formula.forms import Form, Forms, forms_of
 from calibration.diagnosis.formula.moments import fading, moments, variables
 from calibration.diagnosis.formula.pulses import DRIVEN, Responses, readable, responses
 from calibration.diagnosis.formula.recovery import Base, Recovered, recover
-from calibration.diagnosis.formula.refit import Refitted, mechanism_of, refitted, table_of
+from calibration.diagnosis.formula.refit import (
+  Option,
+  Refitted,
+  fitted_best,
+  mechanism_of,
+  refitted,
+  table_of,
+)
 from calibration.diagnosis.formula.replay import replayed
 from calibration.diagnosis.formula.tables import table_heights
 from calibration.diagnosis.formula.thinned import thinned
@@ -25,6 +32,7 @@ from qcar_twin.parameters import ParameterSet
 Array = NDArray[np.float64]
 
 _ASKED = 3  # degrees of freedom, those of the largest evidence, whose forms are sought
+_AGAINST = 1.64  # standard errors of a loss that chance makes in one case of twenty
 _ALIKE = 10.0  # nats of evidence within which two degrees of freedom can't be told apart
 
 
@@ -72,27 +80,27 @@ class Found:
     return forms.best if forms and self.kind == "formula" else None
 
 
-def find_formula(problem: Problem, winner: Candidate, priors: ParameterSet, seed: int = 0) -> Found:
+def find_formula(problem: Problem, winner: Candidate, came: Candidate, priors: ParameterSet, seed: int = 0) -> Found:
   """Look for a formula for what a fitted model leaves over.
 
   Args:
     problem: with the model's weights.
     winner: the model, fitted to its minimum.
+    came: the same where it stood before.
     priors: declarations of the base parameters.
     seed: of halves and signs that are drawn.
   """
   with threadpool_limits(1):  # many small matrices: a second thread costs more than it brings
-    return _found(problem, winner, priors, seed)
+    moved = np.abs(came.values - winner.values) > winner.std  # else it is the same place
+    return _found(problem, [winner, came] if moved.any() else [winner], priors, seed)
 
 
-def _found(problem: Problem, winner: Candidate, priors: ParameterSet, seed: int) -> Found:
+def _found(problem: Problem, bases: list[Candidate], priors: ParameterSet, seed: int) -> Found:
   began, random = time.perf_counter(), np.random.default_rng(seed)
-  part, model = thinned(problem, winner)
-  base, observations = Base.of(model), part.observations
-  found = [recovered(part, model, base, name) for name in (*DRIVEN, *readable(observations))]
+  part, model = thinned(problem, bases[0])
+  fitted = _fitted(part, model)
+  found = [recovered(part, model, fitted.base, name) for name in (*DRIVEN, *readable(part.observations))]
   found.sort(key=lambda pair: -pair[0].evidence)
-  second = observations.recording * 1_000_000 + observations.time.astype(np.int64)
-  fitted = Fitted(base, base.rest, groups_of(observations), second)
   asked, twins = _worth_asking(found)
   sought = [look_into(part, model, fitted, *pair, random) for pair in asked]
   there = [s for s in sought if s.forms and s.forms.there]
@@ -102,8 +110,14 @@ def _found(problem: Problem, winner: Candidate, priors: ParameterSet, seed: int)
   best = max(there, key=lambda s: s.forms.gain if s.forms else 0.0)
   alike = tuple(s.recovered.degree for s in there if s is not best and _as_good(s, best))
   alike += tuple(twins.get(best.recovered.degree, ()))
-  kind, why, twin = shipped(problem, winner, priors, best, fitted)
+  kind, why, twin = shipped(problem, bases, priors, best, fitted)
   return Found(best, alike, kind, why, twin, over())
+
+
+def _fitted(part: Problem, model: Candidate) -> Fitted:
+  observations, base = part.observations, Base.of(model)
+  second = observations.recording * 1_000_000 + observations.time.astype(np.int64)
+  return Fitted(base, base.rest, groups_of(observations), second)
 
 
 def recovered(problem: Problem, winner: Candidate, base: Base, degree: str) -> tuple[Recovered, Responses]:
@@ -130,33 +144,45 @@ def look_into(
 
 
 def shipped(
-  problem: Problem, winner: Candidate, priors: ParameterSet, best: Sought, fitted: Fitted
+  problem: Problem, bases: list[Candidate], priors: ParameterSet, best: Sought, fitted: Fitted
 ) -> tuple[str, str, Refitted | None]:
   """What goes into the twin, a word; why nothing does; and the trial in the simulator."""
-  forms = best.forms
+  forms, twin = best.forms, None
   assert forms is not None
-  unit, twin = problem.twin.vehicle.motor.unit, None
+  tried = lambda options: refitted(problem, bases[0], priors, fitted_best(problem, bases, priors, options), best.driven)
   if forms.found:
-    tried = {f.terms: f for f in (forms.best, *forms.rivals)}.values()
-    options = [(*mechanism_of(f, best.driven, unit), sum(g.nats for g in f.groups)) for f in tried]
-    twin = refitted(problem, winner, priors, options)
+    twin = tried(_options(problem, best))
     if good(twin):
       return "formula", "", twin
-  names, stiffness = forms.table.names, forms.table.stiffness
   if not forms.tabled:
     return "", "no formula holds, and no table of one or two variables does", twin
-  heights = table_heights(best.responses, best.driven, fitted, names, stiffness)
-  table = table_of(best.recovered.degree, names, heights, best.driven, stiffness)
-  tabled = refitted(problem, winner, priors, [(*table, 0.0)])
+  tabled = tried([_table(best, fitted)])
   if good(tabled):
     return "table", "", tabled
   return "", "in the simulator it does not predict recordings better that took no part in the fit", twin or tabled
 
 
+def _options(problem: Problem, where: Sought) -> list[Option]:
+  """The formulas of a degree of freedom that do about as well, and others of the same variables."""
+  assert where.forms is not None
+  forms, unit = where.forms, problem.twin.vehicle.motor.unit
+  tried = {f.terms: f for f in (forms.best, *forms.rivals, *forms.siblings)}
+  return [(*mechanism_of(f, where.driven, unit), sum(g.nats for g in f.groups)) for f in tried.values()]
+
+
+def _table(where: Sought, fitted: Fitted) -> Option:
+  assert where.forms is not None
+  names, stiffness = where.forms.table.names, where.forms.table.stiffness
+  heights = table_heights(where.responses, where.driven, fitted, names, stiffness)
+  return (*table_of(where.recovered.degree, names, heights, where.driven, stiffness), 0.0)
+
+
 def good(twin: Refitted) -> bool:
-  """Whether a twin with it is better held out, and on recordings that only judge, where there are some."""
-  some = len(twin.before.residual) > twin.before.n_train
-  return twin.held_out.gain > 0.0 and (twin.judged > 0.0 or not some)
+  """Whether a twin with it is better held out, and recordings that only judge do not speak against it.
+
+  Those may hardly show the force, and all parameters have moved: a gain of a nat either way is chance.
+  """
+  return twin.held_out.gain > 0.0 and (twin.judged is None or twin.judged.t > -_AGAINST)
 
 
 Pair = tuple[Recovered, Responses]

@@ -18,6 +18,7 @@ from calibration.diagnosis.formula.selection import (
   held_out,
   rivals,
   shortest,
+  siblings,
   solved,
   stability,
   stepwise,
@@ -73,6 +74,7 @@ class Forms:
   Attributes:
     best: the formula.
     rivals: formulas of one group that do as well, to a twentieth.
+    siblings: other formulas of the same variables as the first group's.
     stable: share of halves of the data whose first group depends on the same variables as one of these.
     chance: probability of a term as good by chance.
     table: the best one.
@@ -81,6 +83,7 @@ class Forms:
 
   best: Form
   rivals: tuple[Form, ...]
+  siblings: tuple[Form, ...]
   stable: float
   chance: float
   table: TableFit
@@ -139,6 +142,7 @@ def forms_of(responses: Responses, driven: Driven, fitted: Fitted, random: np.ra
   return Forms(
     form(best),
     tuple(form(c) for c in alike),
+    tuple(form(c) for c in siblings(grams, offered, best, _RIVALS)),
     stability(grams, offered, wanted, random),
     by_chance(columns, fitted.rest, fitted.group, fitted.witness, random),
     best_table(responses, driven, fitted, random),
@@ -197,7 +201,13 @@ def _of_a_spot(
   best = alone if alone.gain >= 0.95 * whole.gain or len(made) == 1 else whole
   chance = by_chance(np.hstack([offered, columns]), fitted.rest, fitted.group, fitted.witness, random)
   return Forms(
-    best, (best,), 1.0, chance, best_table(responses, driven, fitted, random), 0.5 * float(fitted.rest @ fitted.rest)
+    best,
+    (best,),
+    (),
+    1.0,
+    chance,
+    best_table(responses, driven, fitted, random),
+    0.5 * float(fitted.rest @ fitted.rest),
   )
 
 

@@ -1,29 +1,33 @@
 """A formula in the simulator: fitted there with all of the model's own parameters, and confirmed by MuJoCo."""
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.diagnosis.candidates import Candidate, candidate, half_square, refine, simulate
+from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
 from calibration.diagnosis.formula.columns import Driven
 from calibration.diagnosis.formula.forms import Form
+from calibration.diagnosis.formula.minimum import at_minimum
+from calibration.diagnosis.formula.said import said
 from calibration.diagnosis.formula.tables import table_knots, table_shapes
-from calibration.diagnosis.score import Comparison, compare
+from calibration.diagnosis.score import Comparison, compare, compared
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.surrogate import Surrogate
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.twin.formula.degrees import DEGREES
 from qcar_twin.twin.formula.law import BEYOND, Law, Term
-from qcar_twin.twin.formula.mechanism import Formula, made
+from qcar_twin.twin.formula.mechanism import Formula, limited, made
 from qcar_twin.twin.formula.table import Table
 from qcar_twin.twin.formula.variables import VARIABLES, spell
 from qcar_twin.twin.twin import Twin
 
 Array = NDArray[np.float64]
+Option = tuple[Formula, dict[str, float], float]  # a formula, the values it starts from, the nats it takes to say
 
-_STEPS = 3  # of Gauss-Newton with fresh columns
+_STEPS = 3  # of Gauss-Newton with fresh columns, after which the worse half of several formulas is given up
 _REACH = 8.0  # times its first value to which a coefficient is followed
 
 
@@ -37,7 +41,7 @@ class Refitted:
     model: fitted, with MuJoCo's residual.
     before: the model without it, with MuJoCo's residual.
     held_out: gain over that, on what is fitted and on what judges.
-    judged: nats by which it lies closer to recordings that only judge; 0 without any.
+    judged: the same on recordings that only judge; None without any.
   """
 
   mechanism: Formula
@@ -45,7 +49,7 @@ class Refitted:
   model: Candidate
   before: Candidate
   held_out: Comparison
-  judged: float
+  judged: Comparison | None
 
   @property
   def theta(self) -> Array:
@@ -70,7 +74,8 @@ def mechanism_of(form: Form, driven: Driven, unit: str) -> tuple[Formula, dict[s
   names |= frozenset(("place_x", "place_y") if form.near else ())
   ranges = {n: _range(n, driven) for n in sorted(names)}
   force = sum(c * s for c, s in zip(form.coefficients, _shapes(form, driven), strict=True))
-  law = Law(form.degree, tuple(map(str, form.terms)), ranges, BEYOND * float(np.abs(force).max()), form.near)
+  limit = _REACH * float(np.abs(force).max())  # no hindrance to the fit, which sets it anew
+  law = Law(form.degree, tuple(map(str, form.terms)), ranges, limit, form.near)
   parameters = [_coefficient(name, k, float(value), term, unit)
                 for k, (value, term) in enumerate(zip(form.coefficients, form.terms, strict=True), 1)]  # fmt: skip
   if form.near:
@@ -86,7 +91,7 @@ def table_of(
   name, acts = f"unnamed_{degree}", DEGREES[degree]
   knots, scale = table_knots(driven, names), acts.scale(driven.car)
   force = table_shapes(degree, driven, knots) @ heights
-  law = Table(degree, knots, BEYOND * float(np.abs(force).max()))
+  law = Table(degree, knots, _REACH * float(np.abs(force).max()))
   usual = scale / np.sqrt(stiffness)
   parameters = [
     Parameter(f"{name}_{k}", 0.0, -_REACH * usual, _REACH * usual, acts.unit, f"c_{k}", null=0.0, std=usual,
@@ -96,32 +101,98 @@ def table_of(
   return made(name, law, parameters), {p.name: float(h) for p, h in zip(parameters, heights, strict=True)}
 
 
-def refitted(
-  problem: Problem, winner: Candidate, priors: ParameterSet, found: Sequence[tuple[Formula, dict[str, float], float]]
-) -> Refitted:
-  """The best of several formulas of one degree of freedom, each fitted with all parameters of the model.
+@dataclasses.dataclass(frozen=True)
+class Trial:
+  """A formula at its minimum, with all parameters of the model.
+
+  Attributes:
+    mechanism: the formula, not limited yet.
+    problem: with it, put right there.
+    model: fitted.
+    nats: that it takes to say which formula it is.
+  """
+
+  mechanism: Formula
+  problem: Problem
+  model: Candidate
+  nats: float
+
+  @property
+  def cost(self) -> float:
+    """Of the fit, with what it takes to say."""
+    return self.model.cost + self.nats
+
+
+def fitted_best(problem: Problem, bases: Sequence[Candidate], priors: ParameterSet, found: Sequence[Option]) -> Trial:
+  """The best of several formulas of one degree of freedom, fitted with all parameters of the model to the minimum.
+
+  By successive halving: a few steps each, then the better half goes on (Jamieson and Talwalkar, Non-stochastic best arm
+  identification and hyperparameter optimization, AISTATS 2016).
 
   Args:
     problem: with the model's weights.
-    winner: the model they are added to.
+    bases: the model they are added to, at its minimum; and where else its parameters may begin. At its minimum without
+      a formula a base has taken over what it could of the missing force, and the way back may lead over a ridge.
     priors: declarations of the base parameters.
     found: each formula, the values it starts from, and the nats it takes to say.
   """
-  trials = []
-  for mechanism, start, said in found:
-    near = with_formula(problem.at(winner.theta), mechanism)
-    model = candidate(near, (*winner.mechanisms, mechanism.name), winner, priors, start)
-    simulate(near, [model])
-    refine(near, [model], _STEPS, full=True)
-    trials.append((model.cost + said, mechanism, near, model))
-  _, mechanism, near, model = min(trials, key=lambda trial: trial[0])
-  exact = near.exact
-  before = candidate(exact, winner.mechanisms, winner, priors)
-  before.residual = problem.exact.residual(winner.theta[None])[0]
+  trials = [_begun(problem, option, base, priors) for option, base in itertools.product(found, bases)]
+  while True:
+    for trial in trials:
+      trial.model.settled = False
+      refine(trial.problem, [trial.model], _STEPS, full=True)
+    trials = sorted(trials, key=lambda trial: trial.cost)[: max(1, len(trials) // 2)]
+    if len(trials) == 1:
+      break
+  best = trials[0]
+  near, model = at_minimum(best.problem, best.model)
+  return Trial(best.mechanism, near, model, best.nats)
+
+
+def _begun(problem: Problem, option: Option, base: Candidate, priors: ParameterSet) -> Trial:
+  mechanism, start, nats = option
+  near = with_formula(problem.at(base.theta), mechanism)
+  model = candidate(near, (*base.mechanisms, mechanism.name), base, priors, start)
+  simulate(near, [model])
+  return Trial(mechanism, near, model, nats)
+
+
+def without(problem: Problem, winner: Candidate, trial: Trial) -> tuple[Problem, Candidate]:
+  """The model without a formula where the formula brought its parameters, full of what it can't explain there."""
+  values = trial.model.values[[trial.model.free.index(name) for name in winner.free.names]]
+  theta = problem.embed(winner.free.names, values, problem.parameters.nominal)[0]
+  there = problem.at(theta)
+  columns = [trial.model.free.index(name) for name in winner.free.names]
+  moved = dataclasses.replace(winner, theta=theta, values=values, residual=there.residual(theta[None])[0],
+                              jacobian=trial.model.jacobian[:, columns])  # fmt: skip
+  return there, moved
+
+
+def refitted(problem: Problem, winner: Candidate, priors: ParameterSet, trial: Trial, driven: Driven) -> Refitted:
+  """A formula in MuJoCo, held against the model without it.
+
+  That model is at its own minimum: where it stood, or the one near where the formula brought its parameters, so that
+  no formula is paid for a valley that the model alone had missed.
+
+  Args:
+    problem: with the model's weights.
+    winner: the model without a formula, at its minimum.
+    priors: declarations of the base parameters.
+    trial: the formula, fitted.
+    driven: the driving, from which the force's limit is.
+  """
+  _, other = at_minimum(*without(problem, winner, trial))
+  lowest = min(winner, other, key=lambda m: m.cost)
+  before = candidate(trial.problem.exact, winner.mechanisms, lowest, priors)
+  before.residual = lowest.residual
+  theta = [trial.model.values[trial.model.free.index(p.name)] for p in trial.mechanism.parameters]
+  mechanism = limited(trial.mechanism, BEYOND * float(np.abs(said(trial.mechanism, theta, driven)).max()))
+  exact, model = with_formula(problem, mechanism).exact, dataclasses.replace(trial.model)
   simulate(exact, [model])
-  n = model.n_train
-  judged = half_square(before.residual[n:]) - half_square(model.residual[n:])
-  return Refitted(mechanism, exact, model, before, compare(model, before, problem.observations), judged)
+  n, observations = model.n_train, problem.observations
+  judges = n < len(model.residual)
+  judged = compared(model.residual[n:], before.residual[n:], observations.block[n:]) if judges else None
+  return Refitted(mechanism, exact, model, before, compare(model, before, observations), judged)
 
 
 def with_formula(problem: Problem, mechanism: Formula) -> Problem:

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from calibration.diagnosis.formula.after import TWIN, Shipped
 from calibration.diagnosis.formula.finding import Found
 from calibration.diagnosis.formula.moments import by_pulse
+from calibration.diagnosis.formula.said import said
 from calibration.diagnosis.formula.words import sentence, variables
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages import Cell, Chart, Section, Table
@@ -50,7 +51,7 @@ def force_chart(found: Found) -> Chart | None:
   x = by_pulse(driven.values[name], driven.period).reshape(-1)
   seen = force.std.reshape(-1) > 0.0
   smooth = force.force.reshape(-1) * found.sought.responses.scale
-  said = by_pulse(said_by(found), driven.period).reshape(-1)
+  told = by_pulse(said_by(found), driven.period).reshape(-1)
   order = np.flatnonzero(seen)
   order = order[:: max(1, len(order) // _POINTS)]
   unit = spell(VARIABLES[name].unit)
@@ -61,23 +62,13 @@ def force_chart(found: Found) -> Chart | None:
     f"{degree.words.capitalize()} recovered from what the twin leaves over, over pulses of 50 ms, and what the"
     f" {found.kind} says at the same moments."
   )
-  return Chart(caption, [points(smooth, "recovered", 4), points(said, found.kind, 3)], layout, 420)
+  return Chart(caption, [points(smooth, "recovered", 4), points(told, found.kind, 3)], layout, 420)
 
 
 def said_by(found: Found) -> Array:
   """The formula at every control period, (S, T)."""
   assert found.sought and found.twin
-  mechanism, driven = found.twin.mechanism, found.sought.driven
-  theta = np.array([value for _, value, _ in found.twin.values])
-  basis = mechanism.law.basis(driven.values, driven.widths())
-  value = basis @ theta[: basis.shape[-1]]
-  if len(theta) == basis.shape[-1] + 3:
-    x, y, radius = theta[-3:]
-    away = (driven.values["place_x"] - x) ** 2 + (driven.values["place_y"] - y) ** 2
-    value = value * np.exp(-0.5 * away / radius**2)
-  if DEGREES[mechanism.law.degree].fades:
-    value = value * driven.fade
-  return np.clip(value, -mechanism.law.limit, mechanism.law.limit)
+  return said(found.twin.mechanism, [value for _, value, _ in found.twin.values], found.sought.driven)
 
 
 def _errors(shipped: Shipped) -> Table:

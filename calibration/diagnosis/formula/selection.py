@@ -164,6 +164,20 @@ def rivals(grams: Grams, offered: Sequence[Group], found: Chosen, most: int) -> 
   return list(kept.values())
 
 
+def siblings(grams: Grams, offered: Sequence[Group], found: Chosen, most: int) -> list[Chosen]:
+  """Other single groups of the variables of the formula's first one, best first: |x| and x^2 differ by a shape that the
+  model's own parameters may have bent, so only the simulator tells them apart."""
+  mine = offered[found.members[0]]
+  said = lambda group: frozenset(tuple(sorted(term.factors)) for term in group.terms)
+  there = [j for j, group in enumerate(offered) if group.variables == mine.variables and not group.near]
+  gains = _alone(grams, [(j,) for j in there])
+  kept: dict[frozenset, Chosen] = {}
+  for j, gain in sorted(zip(there, gains, strict=True), key=lambda pair: -float(pair[1].sum())):
+    if gain.sum() > 0.0 and said(offered[j]) != said(mine):
+      kept.setdefault(said(offered[j]), Chosen((j,), gain))
+  return list(kept.values())[:most]
+
+
 def stability(
   grams: Grams, offered: Sequence[Group], wanted: Sequence[frozenset[str]], random: np.random.Generator
 ) -> float:

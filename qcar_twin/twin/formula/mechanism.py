@@ -1,5 +1,6 @@
 """A formula in the twin: a mechanism made of a law, whichever degree of freedom it acts on."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
@@ -108,6 +109,11 @@ def leaky(values: Array, steps: float) -> Array:
   for k in range(1, values.shape[-1]):
     out[..., k] = keep * out[..., k - 1] + (1.0 - keep) * values[..., k]
   return out
+
+
+def limited(formula: Formula, limit: float) -> Formula:
+  """The same with another largest magnitude, in the degree's unit."""
+  return made(formula.name, dataclasses.replace(formula.law, limit=limit), formula.parameters)
 
 
 def made(name: str, law: Law | Table, parameters: Sequence[Parameter]) -> Formula:

@@ -45,11 +45,11 @@ def found_of(kind: str = "formula", why: str = "") -> Found:
   group = Group((Term.parse("abs(yaw_rate) * sign(speed)"),))
   form = Form("force_x", (group,), np.array([-1.2]), np.array([0.05]), 200.0)
   rival = dataclasses.replace(form, groups=(Group((Term.parse("speed * abs(steering)"),)),))
-  forms = Forms(form, (form, rival), 0.9, 0.003, TableFit(("yaw_rate",), 190.0, 100.0, 0.003), 700.0)
+  forms = Forms(form, (form, rival), (), 0.9, 0.003, TableFit(("yaw_rate",), 190.0, 100.0, 0.003), 700.0)
   force = Recovered("force_x", 110.0, 1.0, 0.01, car.force / car.scale, np.full(car.force.shape, 0.001))
   twin, theta = twin_with(yaw_drag(), unnamed_force_x_1=-1.19)
   gain = Comparison(100.0, 5.0, 0.8, np.full(10, 10.0), 900.0)
-  refit = Refitted(yaw_drag(), Driven(twin), Model(theta), Model(theta), gain, 20.0)  # type: ignore[arg-type]
+  refit = Refitted(yaw_drag(), Driven(twin), Model(theta), Model(theta), gain, gain)  # type: ignore[arg-type]
   sought = Sought(force, car.responses(), driven, forms)
   return Found(sought, ("motor_torque",), kind, why, refit, 12.0)
 

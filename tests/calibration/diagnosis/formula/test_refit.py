@@ -1,0 +1,87 @@
+"""A formula in the simulator: with the base at their common minimum, whatever the base had taken over before."""
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis.candidates import candidate
+from calibration.diagnosis.formula.columns import Driven
+from calibration.diagnosis.formula.minimum import at_minimum
+from calibration.diagnosis.formula.moments import fading, moments, variables
+from calibration.diagnosis.formula.refit import Refitted, fitted_best, refitted
+from calibration.fitting.likelihood import Problem, Weighting
+from calibration.fitting.observations import CHANNELS, observe
+from calibration.fitting.windows import cut_recordings
+from qcar_twin.parameters import ParameterSet
+from qcar_twin.plant import SIGNALS
+from qcar_twin.recordings.recording import Recording, Stream
+from qcar_twin.twin.formula.law import BEYOND
+from qcar_twin.twin.formula.mechanism import limited
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import Vehicle
+from tests.qcar_twin.twin.formula.formulas import twin_with, yaw_drag
+
+NOISE = {"motor_speed": 1.0, "yaw_rate": 0.02, "accel_x": 0.1, "accel_y": 0.1}
+FREE = ("torque_per_volt", "motor_damping", "friction_coefficient", "cornering_stiffness_front", "yaw_inertia")
+
+
+def measured(drag: float) -> list[Recording]:
+  """Six turns of six seconds; the last two only judge."""
+  time, random = np.arange(0.0, 6.0 - 1e-9, 0.01), np.random.default_rng(0)
+  commands = [(1.2 + 0.25 * k + 0.6 * np.sin(time + k), 0.06 * k + 0.12 * np.sin(1.7 * time)) for k in range(6)]
+  blank = lambda k: {n: Stream(time, commands[k][i]) for i, n in enumerate(("motor_voltage", "steering_command"))} | {
+    n: Stream(time, 0.0 * time) for n in NOISE}  # fmt: skip
+  empty = [Recording(f"run_{k}", blank(k), role="validate" if k > 3 else "identify") for k in range(6)]
+  twin, theta = twin_with(limited(yaw_drag(), 99.0), unnamed_force_x_1=drag)
+  signals = twin.rollout(theta[None], cut_recordings(empty, twin.vehicle).segments).signals[0]
+  shown = lambda k, n: signals[k, : len(time), SIGNALS.index(n)] + NOISE[n] * random.standard_normal(len(time))
+  return [r.replace(streams=dict(r.streams) | {n: Stream(time, shown(k, n)) for n in NOISE})
+          for k, r in enumerate(empty)]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def case():
+  twin = Twin(Vehicle(), [], threads=1, engine="reduced")
+  recordings = measured(-1.2)
+  observations = observe(recordings, twin.vehicle)
+  std = np.array([NOISE.get(name, 0.02) for name in CHANNELS])
+  weighting = Weighting(std, np.ones(len(CHANNELS)), np.ones(len(observations)))
+  priors = ParameterSet(twin.base[name] for name in FREE)
+  problem = Problem(twin, observations, weighting, int(np.sum(observations.recording < 4)), FREE)
+  _, winner = at_minimum(problem, candidate(problem, (), None, priors))
+  return problem, winner, priors
+
+
+def with_drag(problem, bases, priors) -> Refitted:
+  """A drag by the yaw rate, refitted from half its size."""
+  winner, stretches = bases[0], problem.observations.stretches
+  context = moments(problem.twin, winner.theta, problem.observations, problem.predict(winner.theta[None]))
+  driven = Driven(variables(context, problem.observations), fading(context, stretches), problem.twin.car, 0.01)
+  trial = fitted_best(problem, bases, priors, [(limited(yaw_drag(), 99.0), {"unnamed_force_x_1": -0.5}, 0.0)])
+  return refitted(problem, winner, priors, trial, driven)
+
+
+def test_the_base_takes_over_what_it_can(case):
+  problem, winner, priors = case
+  nominal = problem.residual(problem.parameters.nominal[None])[0]
+  assert winner.cost < 0.9 * 0.5 * float(nominal[: problem.n_train] @ nominal[: problem.n_train])
+  assert np.abs((winner.values - priors.nominal) / priors.scale).max() > 0.3
+
+
+def test_from_there_base_and_formula_come_to_the_truth_together(case):
+  problem, winner, priors = case
+  found = with_drag(problem, [winner], priors)
+  value, std = found.model.estimate("unnamed_force_x_1")
+  assert value == pytest.approx(-1.2, abs=4.0 * std) and std < 0.06
+  assert np.abs((found.model.values[: len(FREE)] - priors.nominal) / found.model.std[: len(FREE)]).max() < 4.0
+  assert found.judged is not None and found.held_out.t > 10.0 and found.judged.t > 10.0
+  turning = np.abs(problem.predict(winner.theta[None]).signals[..., SIGNALS.index("yaw_rate")]).max()
+  assert found.mechanism.law.limit == pytest.approx(BEYOND * turning * abs(value), rel=0.1)
+
+
+def test_no_formula_is_paid_for_a_valley_that_the_model_alone_missed(case):
+  problem, winner, priors = case
+  aside = candidate(problem, (), winner, priors, {"torque_per_volt": 0.7 * winner.estimate("torque_per_volt")[0]})
+  aside.residual = problem.residual(aside.theta[None])[0]
+  assert aside.cost > 2.0 * winner.cost
+  before = with_drag(problem, [aside, winner], priors).before
+  assert before.cost == pytest.approx(winner.cost, abs=2.0)
