@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration.concealed.benchmarks.formula import Case, case_of, cases_of, rates, true_base
 from calibration.concealed.benchmarks.hidden_formulas import FORMULAS
-from calibration.diagnosis.formula.words import alike_words, equation, sentence
+from calibration.diagnosis.formula.words import alike_words, equation
 from qcar_twin import markdown
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
@@ -48,7 +48,7 @@ def main(config: Config) -> str:
     base = true_base(seed, kind)
     for name in ("", *names):
       case = case_of(base, kind, seed, name)
-      print(f"{kind} {seed} {name or 'nothing'}: {_sentence(case)}", flush=True)
+      print(f"{kind} {seed} {name or 'nothing'}: {case.said}", flush=True)
       done.append(case)
       text = page(config, done)
       write_text(config.out, text)
@@ -75,7 +75,7 @@ def page(config: Config, done: list[Case]) -> str:
     "",
     "## What falls short, case by case",
     "",
-    *([f"* {_short(case)}" for case in done if case.falls_short] or ["Nothing."]),
+    *([f"* {c.car} {c.seed}, {c.written}: {c.falls_short}. {c.said}" for c in done if c.falls_short] or ["Nothing."]),
   ]
   return "\n".join(lines) + "\n"
 
@@ -90,25 +90,10 @@ def _row(case: Case) -> tuple[str, ...]:
   said = equation(rest) if case.ships else f"nothing: {rest.why or 'held-out errors grow'}"
   fall = f"{100.0 * (case.shipped.change - 1.0):+.0f} %" if case.ships else "–"
   off = "–" if np.isnan(case.error) else f"{100.0 * case.error:.0f} %"
-  right = "–"
-  if case.name and case.ships:
-    right = f"{_word(case.right_degree)}, {_word(case.right_variables)}"
-  car = f"{case.car} {case.seed}"
-  return (car, case.written, rest.kind if case.ships else "–", said, right, off, fall,
+  words = ["yes" if right else "no" for right in (case.right_degree, case.right_variables)]
+  right = ", ".join(words) if case.name and case.ships else "–"
+  return (f"{case.car} {case.seed}", case.written, rest.kind if case.ships else "–", said, right, off, fall,
           alike_words(rest) or "–", f"{case.seconds:.0f}")  # fmt: skip
-
-
-def _word(right: bool) -> str:
-  return "yes" if right else "no"
-
-
-def _sentence(case: Case) -> str:
-  return sentence(case.shipped.rest, case.shipped.change)
-
-
-def _short(case: Case) -> str:
-  """What is wrong with one case."""
-  return f"{case.car} {case.seed}, {case.written}: {case.falls_short}. {_sentence(case)}"
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from calibration.diagnosis.candidates import candidate
 from calibration.diagnosis.decision.decide import Decision
 from calibration.diagnosis.formula.after import Shipped, formula_left
 from calibration.diagnosis.formula.report import said_by
+from calibration.diagnosis.formula.words import sentence
 from calibration.diagnosis.pipeline import Prepared, prepare
 from calibration.diagnosis.pool import Pool
 from calibration.fitting.likelihood import Problem, weighting_from
@@ -72,6 +73,11 @@ class Case:
   def said_so(self) -> bool:
     """Whether it says that something is there: what is shipped, or a dependence without a formula."""
     return self.shipped.rest.sought is not None
+
+  @property
+  def said(self) -> str:
+    """What a report says of it."""
+    return sentence(self.shipped.rest, self.shipped.change)
 
   @property
   def written(self) -> str:

@@ -1,7 +1,7 @@
 """What a force of some shape would change in the residual, less what the model's own parameters can imitate of that."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from calibration.diagnosis.formula.pulses import Responses
 from calibration.diagnosis.formula.recovery import Base
 from qcar_twin.twin.formula.degrees import DEGREES
 from qcar_twin.twin.formula.law import product
+from qcar_twin.twin.formula.mechanism import Formula
 from qcar_twin.twin.formula.variables import VARIABLES
 from qcar_twin.twin.mechanisms.base import CarDimensions
 
@@ -74,3 +75,22 @@ class Fitted:
       if len(rows) and rows[-1] < len(out):
         out[rows] = answer @ (shape / responses.scale)
     return self.base.without(out)
+
+
+def said(mechanism: Formula, theta: Sequence[float], driven: Driven) -> Array:
+  """A formula at every control period, (S, T), in its degree's unit.
+
+  Args:
+    mechanism: the formula.
+    theta: of its parameters.
+    driven: the driving.
+  """
+  basis = mechanism.law.basis(driven.values, driven.widths())
+  value = basis @ np.asarray(theta[: basis.shape[-1]])
+  if len(theta) == basis.shape[-1] + 3:
+    x, y, radius = theta[-3:]
+    away = (driven.values["place_x"] - x) ** 2 + (driven.values["place_y"] - y) ** 2
+    value = value * np.exp(-0.5 * away / radius**2)
+  if DEGREES[mechanism.law.degree].fades:
+    value = value * driven.fade
+  return np.clip(value, -mechanism.law.limit, mechanism.law.limit)

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
-from calibration.diagnosis.formula.columns import Driven
+from calibration.diagnosis.formula.columns import Driven, said
 from calibration.diagnosis.formula.forms import Form
 from calibration.diagnosis.formula.minimum import at_minimum
-from calibration.diagnosis.formula.said import said
 from calibration.diagnosis.formula.tables import table_knots, table_shapes
 from calibration.diagnosis.score import Comparison, compare, compared
 from calibration.fitting.likelihood import Problem

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.formula.after import TWIN, Shipped
+from calibration.diagnosis.formula.columns import said
 from calibration.diagnosis.formula.finding import Found
 from calibration.diagnosis.formula.moments import by_pulse
-from calibration.diagnosis.formula.said import said
 from calibration.diagnosis.formula.words import sentence, variables
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages import Cell, Chart, Section, Table
