@@ -62,7 +62,7 @@ def formula_left(pool: Pool, decision: Decision, recordings: Sequence[Recording]
   if decision.verdict not in ("unexplained", "partly_explained"):
     return None
   model = pool.model(decision.mechanisms)
-  problem, winner = at_minimum(*_weighed(*at_minimum(pool.problem, model), pool.floor))
+  problem, winner = at_minimum(*weighed(*at_minimum(pool.problem, model), pool.floor))
   try:
     found = find_formula(problem, winner, model, pool.priors)
   except np.linalg.LinAlgError as error:  # the verdict stands without it
@@ -75,7 +75,7 @@ def formula_left(pool: Pool, decision: Decision, recordings: Sequence[Recording]
   return Shipped(found, fits)
 
 
-def _weighed(problem: Problem, model: Candidate, floor: Mapping[str, float]) -> tuple[Problem, Candidate]:
+def weighed(problem: Problem, model: Candidate, floor: Mapping[str, float]) -> tuple[Problem, Candidate]:
   """The same with weights from what the model leaves over: what it explains is not its channels' noise."""
   raw = problem.raw(model.theta[None])[0]
   problem = problem.reweighted(weighting_from(problem.observations, raw, floor))

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 _PRESENT = ("speed", "yaw_rate", "accel_x", "accel_y", "steering", "drive")
 _ALONG = ("force_x", "motor_torque")
-_TRAVEL = ("sign", "speed")
+TRAVEL = ("sign", "speed")
 _OPERATIONS = 4  # value, magnitude, square, sign
 _SPOTS, _RADII = 7, (0.5, 1.0, 2.0)  # per side of the floor that was driven; radii in steps between them
 
@@ -40,7 +40,7 @@ class Group:
   @property
   def variables(self) -> frozenset[str]:
     """Those that say what it depends on; the direction of travel is no dependence."""
-    factors = {v for term in self.terms for op, v in term.factors if (op, v) != _TRAVEL}
+    factors = {v for term in self.terms for op, v in term.factors if (op, v) != TRAVEL}
     return frozenset(factors) | (frozenset(("place_x", "place_y")) if self.near else frozenset())
 
   @property
@@ -48,7 +48,7 @@ class Group:
     """What it takes to say which group it is, of what is offered: ln(variables x operations) per factor, and the
     logarithms of a grid's points and radii of a spot (Rissanen, Modeling by shortest data description, Automatica 14,
     1978). The direction of travel is free."""
-    factors = sum((op, v) != _TRAVEL for op, v in self.terms[0].factors)
+    factors = sum((op, v) != TRAVEL for op, v in self.terms[0].factors)
     spot = np.log(_SPOTS**2 * len(_RADII)) if self.near else 0.0
     return float(factors * np.log(len(_PRESENT) * _OPERATIONS) + spot)
 
@@ -95,13 +95,13 @@ def _products(usable: list[str]) -> Iterator[tuple[tuple[str, str], ...]]:
 
 
 def _directions(degree: str) -> tuple[tuple[tuple[str, str], ...], ...]:
-  return ((_TRAVEL,), ()) if degree in _ALONG else ((),)
+  return ((TRAVEL,), ()) if degree in _ALONG else ((),)
 
 
 def _signed(degree: str, term: Term) -> Iterator[Term]:
   """The term; along the car, what is even in the motion's direction also as a resistance, which comes first."""
   if degree in _ALONG and not any(v == "speed" and op in ("value", "sign") for op, v in term.factors):
-    yield Term((*term.factors, _TRAVEL))
+    yield Term((*term.factors, TRAVEL))
   yield term
 
 

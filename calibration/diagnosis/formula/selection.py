@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.diagnosis.formula.dictionary import Group
+from calibration.diagnosis.formula.dictionary import TRAVEL, Group
 
 Array = NDArray[np.float64]
 
@@ -168,7 +168,8 @@ def siblings(grams: Grams, offered: Sequence[Group], found: Chosen, most: int) -
   """Other single groups of the variables of the formula's first one, best first: |x| and x^2 differ by a shape that the
   model's own parameters may have bent, so only the simulator tells them apart."""
   mine = offered[found.members[0]]
-  said = lambda group: frozenset(tuple(sorted(term.factors)) for term in group.terms)
+  # the direction of travel is no power: where a car hardly drove backwards, the resistance stands, as in a first step
+  said = lambda group: frozenset(tuple(sorted(f for f in t.factors if f != TRAVEL)) for t in group.terms)
   there = [j for j, group in enumerate(offered) if group.variables == mine.variables and not group.near]
   gains = _alone(grams, [(j,) for j in there])
   kept: dict[frozenset, Chosen] = {}

@@ -168,3 +168,13 @@ def test_a_force_along_the_car_is_offered_as_a_resistance_first():
   assert offered.index("abs(yaw_rate) * sign(speed)") < offered.index("abs(yaw_rate)")
   assert "abs(yaw_rate) * sign(speed)" not in [str(g.terms[0]) for g in groups("moment_z", known)][:1]
   assert all("place" not in g.variables for g in groups("force_x", known))
+
+
+def test_other_powers_of_a_variable_are_siblings_and_other_directions_of_travel_are_not():
+  driven = driving()
+  forms = forms_of(LinearCar(drag(driven), driven).responses(), driven, LinearCar(drag(driven), driven).fitted(),
+                   np.random.default_rng(0))  # fmt: skip
+  assert forms is not None
+  said = [" * ".join(map(str, form.terms)) for form in forms.siblings]
+  assert said and all(form.variables == ("yaw_rate",) for form in forms.siblings)
+  assert any("square(yaw_rate)" in text for text in said) and "abs(yaw_rate)" not in said

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.candidates import candidate
+from calibration.diagnosis.formula.after import TWIN, Shipped, weighed, write_formula
 from calibration.diagnosis.formula.columns import Driven
+from calibration.diagnosis.formula.finding import find_formula
 from calibration.diagnosis.formula.minimum import at_minimum
 from calibration.diagnosis.formula.moments import fading, moments, variables
 from calibration.diagnosis.formula.refit import Refitted, fitted_best, refitted
@@ -85,3 +87,15 @@ def test_no_formula_is_paid_for_a_valley_that_the_model_alone_missed(case):
   assert aside.cost > 2.0 * winner.cost
   before = with_drag(problem, [aside, winner], priors).before
   assert before.cost == pytest.approx(winner.cost, abs=2.0)
+
+
+@pytest.mark.slow
+def test_a_concealed_drag_is_found_from_the_start_to_its_file(case, tmp_path):
+  problem, winner, priors = at_minimum(*weighed(*case[:2], NOISE)) + case[2:]
+  found = find_formula(problem, winner, winner, priors)
+  assert found.kind == "formula" and found.twin is not None
+  assert found.twin.mechanism.law.terms == ("abs(yaw_rate) * sign(speed)",)
+  value, std = found.twin.model.estimate("unnamed_force_x_1")
+  assert value == pytest.approx(-1.2, abs=3.0 * std) and std < 0.2
+  files = write_formula(Shipped(found, {}), tmp_path, "a session")
+  assert [f.name for f in files] == ["unnamed_force_x.py", TWIN]
