@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from qcar_twin.atomic_io import plain, write_json
 from qcar_twin.plant import Plant
 from qcar_twin.twin.file import load_twin
-from qcar_twin.twin.mechanisms import select
+from qcar_twin.twin.mechanisms import catalogue, select
 from qcar_twin.twin.twin import Twin
 from qcar_twin.untrusted import UnreadableFile, is_number, read_json
 
@@ -87,9 +87,12 @@ def load_posterior(folder: str | Path) -> Posterior:
 def believed_twin(folder: str | Path, substeps: int = 5, threads: int = 0) -> tuple[Twin, Array]:
   """The twin that can be any of a posterior's models, and its parameters (P,) without any of their mechanisms."""
   twin, theta = load_twin(Path(folder) / BASE, substeps, threads)
-  known = {m.name for m in twin.mechanisms}
-  added = select(name for name in load_posterior(folder).mechanisms if name not in known)
-  able = twin.with_mechanisms([*twin.mechanisms, *added])
+  posterior, known = load_posterior(folder), {m.name for m in twin.mechanisms}
+  # errors that every model fits are not in a twin file where they are nought
+  owners = {p.name: m.name for m in catalogue().values() for p in m.parameters}
+  fitted = [owners[n] for model in posterior.models for n in model.names if n in owners and n not in twin.base]
+  added = [name for name in dict.fromkeys([*posterior.mechanisms, *fitted]) if name not in known]
+  able = twin.with_mechanisms([*twin.mechanisms, *select(added)])
   return able, able.parameters.vector(twin.parameters.named(theta))
 
 

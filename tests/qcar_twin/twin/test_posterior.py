@@ -18,7 +18,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 NAMES = ("mass", "steering_offset")
 LATE = Believed(("steering_offset", "steering_delay"), 0.75, (*NAMES, "steering_delay"),
                 np.array([2.8, 0.03, 0.08]), np.diag([0.02, 0.002, 0.01]) ** 2)  # fmt: skip
-PLAIN = Believed((), 0.25, ("mass",), np.array([2.6]), np.array([[0.02**2]]))
+PLAIN = Believed((), 0.25, ("mass", "gyro_bias"), np.array([2.6, 0.0]), np.diag([0.02, 0.001]) ** 2)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,8 @@ def test_a_file_holds_all_of_it(folder):
 
 def test_draws_have_the_models_shares_means_and_deviations(folder):
   twin, theta = believed_twin(folder, threads=1)
-  assert theta[twin.parameters.index("steering_delay")] == 0.0 and [m.name for m in twin.mechanisms] == [*again(folder)]
+  assert theta[twin.parameters.index("steering_delay")] == 0.0
+  assert [m.name for m in twin.mechanisms] == ["steering_offset", "steering_delay", "gyro_bias"]
   rng = np.random.default_rng(0)
   drawn = np.stack([load_posterior(folder).draw(twin, theta, rng) for _ in range(2000)])
   mass, offset, delay = (drawn[:, twin.parameters.index(n)] for n in (*NAMES, "steering_delay"))
@@ -52,12 +53,9 @@ def test_draws_have_the_models_shares_means_and_deviations(folder):
   assert late.mean() == pytest.approx(0.75, abs=0.03) and np.array_equal(late, offset != 0.0)
   assert mass[late].mean() == pytest.approx(2.8, abs=0.003) and mass[~late].mean() == pytest.approx(2.6, abs=0.003)
   assert offset[late].std() == pytest.approx(0.002, rel=0.1) and delay[late].std() == pytest.approx(0.01, rel=0.1)
-  untouched = np.delete(np.arange(len(theta)), [twin.parameters.index(n) for n in (*NAMES, "steering_delay")])
+  drawn_of = (*NAMES, "steering_delay", "gyro_bias")
+  untouched = np.delete(np.arange(len(theta)), [twin.parameters.index(n) for n in drawn_of])
   assert np.all(drawn[:, untouched] == theta[untouched])
-
-
-def again(folder):
-  return load_posterior(folder).mechanisms
 
 
 def test_a_fleet_draws_a_model_for_every_episode(folder):
