@@ -63,7 +63,7 @@ def main(config: Config) -> str:
     train_agent(hyper, changes, s, config.out / place / f"seed{s}") for s in config.seeds
   ]
   once = {name: trained(changes, f"agents/{name}") for name, changes in ONCE.items()}
-  controllers = drivers_of((), (FILE.with_name("controllers_reduced.toml"),), ("linear_rate",), 0.5)
+  controllers = drivers_of((), (FILE.with_name("controllers_states.toml"),), ("linear_rate",), 0.5)
   cases = [*draw_steering_cases(config.seed, config.first), *draw_steering_cases(config.seed, config.second, "second")]
   driven, new = list[Driven](), 0
   for case in sorted(cases, key=lambda case: case.name.split("_")[::-1]):  # kinds take turns
