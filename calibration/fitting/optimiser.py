@@ -32,6 +32,10 @@ NARROWEST = 0.02
 _STENCILS = (0.3, 0.1, NARROWEST)  # half widths of the central differences that a search ends with, in scales
 
 
+class NotFinite(ValueError):
+  """A simulation that a fit needs is not finite."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Fit:
   """What a fit found.
@@ -110,7 +114,7 @@ def fit(
     progress: called with the iteration and the cost.
 
   Raises:
-    ValueError: the residual at the start is not finite.
+    NotFinite: the residual at the start, or a simulation near it.
   """
   theta, r = _begun(residual, parameters, start)
   costs, damping, evaluations = [_cost(r, theta, parameters, robust)], 1e-3, 1
@@ -153,7 +157,7 @@ def _begun(residual: Residual, parameters: ParameterSet, start: Array | None) ->
   theta = np.clip(parameters.start if start is None else np.asarray(start, float), parameters.lower, parameters.upper)
   r = residual(theta[None])[0]
   if not np.isfinite(r).all():
-    raise ValueError("the simulation at the first guess is not finite; start from nominal parameters")
+    raise NotFinite("the simulation at the first guess is not finite; start from nominal parameters")
   return theta, r
 
 
@@ -203,7 +207,7 @@ def finite_differences(
   jacobian = ((moved - r) / h[:, None]).T
   if not np.isfinite(jacobian).all():
     bad = [p.name for i, p in enumerate(parameters) if not np.isfinite(jacobian[:, i]).all()]
-    raise ValueError(f"the simulation is not finite when {', '.join(bad)} moves by {step:g} of its scale")
+    raise NotFinite(f"the simulation is not finite when {', '.join(bad)} moves by {step:g} of its scale")
   return jacobian
 
 
@@ -218,7 +222,7 @@ def central_differences(residual: Residual, parameters: ParameterSet, theta: Arr
   """Jacobian, (M, p), by central differences over stencils `half` of a scale to either side, less at a bound.
 
   Raises:
-    ValueError: a simulation within the stencil is not finite.
+    NotFinite: a simulation within the stencil.
   """
   h = half * parameters.scale
   above, below = np.minimum(theta + h, parameters.upper), np.maximum(theta - h, parameters.lower)
@@ -226,7 +230,7 @@ def central_differences(residual: Residual, parameters: ParameterSet, theta: Arr
   jacobian = ((moved[: len(theta)] - moved[len(theta) :]) / (above - below)[:, None]).T
   if not np.isfinite(jacobian).all():
     bad = [p.name for i, p in enumerate(parameters) if not np.isfinite(jacobian[:, i]).all()]
-    raise ValueError(f"the simulation is not finite when {', '.join(bad)} moves by {half:g} of its scale")
+    raise NotFinite(f"the simulation is not finite when {', '.join(bad)} moves by {half:g} of its scale")
   return jacobian
 
 

@@ -15,6 +15,7 @@ from calibration.diagnosis.formula.words import alike_words
 from calibration.diagnosis.holdout_errors import ChannelFit, compare_twins, ratio
 from calibration.diagnosis.pool import Pool
 from calibration.fitting.likelihood import Problem, weighting_from
+from calibration.fitting.optimiser import NotFinite
 from calibration.fitting.windows import Cut
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.file import save_twin
@@ -62,10 +63,10 @@ def formula_left(pool: Pool, decision: Decision, recordings: Sequence[Recording]
   if decision.verdict not in ("unexplained", "partly_explained"):
     return None
   model = pool.model(decision.mechanisms)
-  problem, winner = at_minimum(*weighed(*at_minimum(pool.problem, model), pool.floor))
   try:
+    problem, winner = at_minimum(*weighed(*at_minimum(pool.problem, model), pool.floor))
     found = find_formula(problem, winner, model, pool.priors)
-  except np.linalg.LinAlgError as error:  # the verdict stands without it
+  except (np.linalg.LinAlgError, NotFinite) as error:  # the verdict stands without it
     log.warning("no formula was sought: %s", error)
     return None
   if not (found.kind and found.twin):

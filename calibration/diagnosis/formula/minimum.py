@@ -3,16 +3,13 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.recalibration import NOTICED, descended
 
-Array = NDArray[np.float64]
 
-
-def at_minimum(problem: Problem, model: Candidate, start: Array | None = None) -> tuple[Problem, Candidate]:
+def at_minimum(problem: Problem, model: Candidate) -> tuple[Problem, Candidate]:
   """A model where its cost is lowest, by the recalibration's descent, and the problem put right there.
 
   Wheels that slip make the cost rough, so a few Gauss-Newton steps end far from its minimum. All free parameters move,
@@ -20,12 +17,13 @@ def at_minimum(problem: Problem, model: Candidate, start: Array | None = None) -
 
   Args:
     problem: with the model's mechanisms.
-    model: what is free, and where it stands.
-    start: other first values of what is free, (p,).
+    model: what is free, and where it begins.
+
+  Raises:
+    NotFinite: a simulation on the way.
   """
-  begun = model.values if start is None else np.clip(start, model.free.lower, model.free.upper)
-  theta = problem.embed(model.free.names, begun, problem.parameters.nominal)[0]
-  problem, minimum = descended(problem.at(theta), model.free, begun, NOTICED)
+  theta = problem.embed(model.free.names, model.values, problem.parameters.nominal)[0]
+  problem, minimum = descended(problem.at(theta), model.free, model.values, NOTICED)
   theta = problem.embed(model.free.names, minimum.theta, problem.parameters.nominal)[0]
   problem = problem.at(theta)
   jacobian = np.zeros((len(problem.observations), len(model.free)))

@@ -4,15 +4,19 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.candidates import candidate
+from calibration.diagnosis.decision.decide import Decision
+from calibration.diagnosis.formula import after
 from calibration.diagnosis.formula.after import TWIN, Shipped, weighed, write_formula
 from calibration.diagnosis.formula.columns import Driven
 from calibration.diagnosis.formula.finding import find_formula
 from calibration.diagnosis.formula.minimum import at_minimum
 from calibration.diagnosis.formula.moments import fading, moments, variables
 from calibration.diagnosis.formula.refit import Refitted, fitted_best, refitted
+from calibration.diagnosis.pool import Pool
 from calibration.fitting.likelihood import Problem, Weighting
 from calibration.fitting.observations import CHANNELS, observe
-from calibration.fitting.windows import cut_recordings
+from calibration.fitting.optimiser import NotFinite
+from calibration.fitting.windows import Cut, cut_recordings
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.plant import SIGNALS
 from qcar_twin.recordings.recording import Recording, Stream
@@ -89,9 +93,31 @@ def test_no_formula_is_paid_for_a_valley_that_the_model_alone_missed(case):
   assert before.cost == pytest.approx(winner.cost, abs=2.0)
 
 
+def test_noise_is_what_the_model_leaves(case):
+  problem, winner, _ = case
+  again, model = weighed(problem, winner, NOISE)
+  left = problem.raw(winner.theta[None])[0]
+  rows = problem.observations.channel == CHANNELS.index("motor_speed")
+  assert again.weighting.std[CHANNELS.index("motor_speed")] == pytest.approx(np.std(left[rows]), rel=0.3)
+  assert model.cost < 0.01 * winner.cost
+
+
+def test_a_car_that_flies_apart_leaves_the_verdict_alone(case, monkeypatch):
+  problem, winner, priors = case
+  pool = Pool(problem, priors, {frozenset(): winner}, {}, NOISE)
+
+  def flies(*_args):
+    raise NotFinite("the simulation is not finite when mass moves")
+
+  monkeypatch.setattr(after, "at_minimum", flies)
+  decision = Decision("unexplained", (), (), (), None, ())
+  assert after.formula_left(pool, decision, [], Cut()) is None
+
+
 @pytest.mark.slow
 def test_a_concealed_drag_is_found_from_the_start_to_its_file(case, tmp_path):
-  problem, winner, priors = at_minimum(*weighed(*case[:2], NOISE)) + case[2:]
+  problem, winner, priors = case
+  problem, winner = at_minimum(*weighed(problem, winner, NOISE))
   found = find_formula(problem, winner, winner, priors)
   assert found.kind == "formula" and found.twin is not None
   assert found.twin.mechanism.law.terms == ("abs(yaw_rate) * sign(speed)",)
