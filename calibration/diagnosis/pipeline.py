@@ -26,6 +26,7 @@ from calibration.diagnosis.search.structure import Effort, search
 from calibration.diagnosis.staged import NOWHERE, Staged
 from calibration.diagnosis.unexplained.unknown import smooth_forces, unknown_sensors
 from calibration.fitting.dataset_recalibration import LONGEST, Start, recalibrate_dataset
+from calibration.fitting.noise_floor import driving_noise, residual_floor
 from calibration.fitting.recalibration import RecalibratedTwin, recalibrate_from
 from calibration.fitting.surrogate import Surrogate, exact, searching
 from calibration.fitting.tolerances import stopped, unusual
@@ -120,7 +121,8 @@ def diagnose(
   twin = exact(begun.recalibrated.problem.twin)
   priors = begun.recalibrated.fit.parameters
   tried = [m for m in begun.known if (mechanisms is None or m.name in mechanisms) and not always_free(m, priors)]
-  baseline, pool = _searched(begun.recalibrated, tried, effort, clock, staged)
+  noise = residual_floor(driving_noise([r for r in dataset.recordings if r.role != "holdout"]))
+  baseline, pool = _searched(begun.recalibrated, tried, effort, clock, staged, noise)
   cut = Cut(command_shift=baseline.command_shift, most=LONGEST)
   diagnosis = _judged(begun, twin, pool, cut, levels or usual_levels(), clock, staged)
   return Outcome(diagnosis, twin, pool.base.theta, diagnosis.model.theta, cut)
@@ -172,8 +174,9 @@ def fit_unknowns(pool: Pool) -> dict[str, Candidate]:
 
 
 def _searched(
-  baseline: RecalibratedTwin, tried: Sequence[Mechanism], effort: Effort, clock: "_Clock", staged: Staged
-) -> tuple[RecalibratedTwin, Pool]:
+  baseline: RecalibratedTwin, tried: Sequence[Mechanism], effort: Effort, clock: "_Clock", staged: Staged,
+  noise: Mapping[str, float],
+) -> tuple[RecalibratedTwin, Pool]:  # fmt: skip
   """Scan and search; once more from a lower minimum of the recalibrated twin where a larger model led to one.
 
   Where wheels slide the cost has many minima. A mechanism whose fit leaves a wrong one is credited with all that lies
@@ -184,7 +187,7 @@ def _searched(
     base = base_candidate(baseline)
     staged.base(exact(baseline.problem.twin), base.theta)
     clock.start("scan")
-    signatures = scan(baseline.problem, base, tried, progress=clock.progress)
+    signatures = scan(baseline.problem, base, tried, progress=clock.progress, noise=noise)
     staged.scanned(signatures)
     clock.start("search")
     pool = search(baseline, base, signatures, effort, clock.progress, earlier)

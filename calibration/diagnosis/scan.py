@@ -7,13 +7,14 @@ show at all (concealment), and which effects look alike on them (confusion).
 """
 
 import dataclasses
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.fitting.likelihood import Problem
+from calibration.fitting.observations import CHANNELS
 from calibration.fitting.optimiser import inverse_curvature
 from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
@@ -72,14 +73,16 @@ class Trial:
   Attributes:
     start: parameter values.
     rest: change of residuals without what the base can imitate, (K,).
-    whole: squared norm of the whole change.
+    unabsorbed: share of the whole change's squared norm that is left in `rest`.
+    shown: half the squared norm of `rest`, by the noise of each channel, nats.
     answer: how the base parameters would move to meet it, (p,).
     unprofiled: nats the whole change explains at its best size.
   """
 
   start: dict[str, float]
   rest: NDArray[np.float32]
-  whole: float
+  unabsorbed: float
+  shown: float
   answer: Array
   unprofiled: float
 
@@ -120,6 +123,7 @@ def scan(
   mechanisms: Sequence[Mechanism],
   sizes: Sequence[float] = SIZES,
   progress: Progress = silent,
+  noise: Mapping[str, float] | None = None,
 ) -> dict[str, Signature]:
   """Signatures of mechanisms against a fitted model.
 
@@ -131,7 +135,10 @@ def scan(
       with both: its signature is odd in its size to first order, and the refit sees to the rest. At the contact
       both signs are tried: less grip makes wheels slide that more grip would not have changed.
     progress: reports the share of the trials that is done.
+    noise: of each residual channel while the car drives; where a channel's weight is that of the base's error instead,
+      what is `shown` is counted as it would be without that error: an effect must not hide by the misfit it makes.
   """
+  clear = _clear(problem, noise or {})
   projectors = {
     m.name: _projector(base, m) for m in mechanisms if {p.name for p in m.parameters} & set(base.free.names)
   }
@@ -148,7 +155,10 @@ def scan(
       project = projectors.get(mechanism.name, common)
       rest, answer = project(whole[None])[0], project.answer(whole[None])[0]
       plain = explained(whole, base.residual[: base.n_train], mechanism.signed)
-      collected[mechanism.name].append(Trial(start, rest.astype(np.float32), float(whole @ whole), answer, plain))
+      seen = clear * rest
+      share = float(rest @ rest) / float(whole @ whole) if np.any(whole) else 0.0
+      trial = Trial(start, rest.astype(np.float32), share, 0.5 * float(seen @ seen), answer, plain)
+      collected[mechanism.name].append(trial)
     progress("scan", min(i + chunk, len(jobs)) / len(jobs))
   anchor = lambda m: anchors[m.name if m.name in projectors else ""]
   found = {
@@ -156,6 +166,13 @@ def scan(
   }
   blind = [m.name for m in mechanisms if m.name in found and not _measured(problem, m)]
   return found | {name: dataclasses.replace(found[name], shown=0.0) for name in blind}
+
+
+def _clear(problem: Problem, noise: Mapping[str, float]) -> Array:
+  """Factors on whitened residuals, (K,), at which each channel weighs by its noise and not by a larger error."""
+  own = problem.weighting.std
+  factor = np.array([max(own[i] / noise[c], 1.0) if noise.get(c, 0.0) > 0.0 else 1.0 for i, c in enumerate(CHANNELS)])
+  return np.nan_to_num(factor, nan=1.0)[problem.observations.channel[: problem.n_train]]
 
 
 def _measured(problem: Problem, mechanism: Mechanism) -> bool:
@@ -229,16 +246,14 @@ def _signature(mechanism: Mechanism, trials: list[Trial], anchor: Array, base: S
   factors, gains = zip(*(_scaled(mechanism, trial, anchor) for trial in trials), strict=True)
   top = int(np.argmax(gains))
   values = [_resized(mechanism, t.start, f) for t, f in zip(trials, factors, strict=True)]
-  shown = [0.5 * float(t.rest @ t.rest) for t in trials]
-  most = int(np.argmax(shown))
-  whole = trials[most].whole
+  most = max(trials, key=lambda t: t.shown)
   return Signature(
     mechanism=mechanism.name,
     start=values[top],
     answer=dict(zip(base, (factors[top] * trials[top].answer).tolist(), strict=True)),
     gain=gains[top],
-    shown=shown[most],
-    unabsorbed_share=2.0 * shown[most] / whole if whole > 0 else 0.0,
+    shown=most.shown,
+    unabsorbed_share=most.unabsorbed,
     direction=trials[top].rest,
     trials=tuple(zip(values, gains, strict=True)),
     unprofiled=max(t.unprofiled for t in trials),

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 from calibration.diagnosis.candidates import candidate, refine, simulate
 from calibration.diagnosis.scan import Projector, at_bound, confusion, scan, trial_starts
+from calibration.fitting.observations import CHANNELS
 from qcar_twin.plant import Driving
 from qcar_twin.twin.mechanisms import select
 from tests.calibration.diagnosis import diagnosis_rig as rig
@@ -51,6 +52,19 @@ def test_what_needs_a_channel_that_was_not_measured_is_untestable(offset_pool, m
   monkeypatch.setattr(kind, "needs", ("yaw_rate", "speed"))
   blind = scan(problem, offset_pool.base, [problem.mechanism("steering_offset")])["steering_offset"]
   assert not blind.testable and blind.gain == pytest.approx(seen.gain)
+
+
+def test_an_effect_does_not_hide_by_the_misfit_it_makes(offset_pool):
+  """A pose turned by 5 degrees left a channel 23 times its noise; at that weight it counted as never shown."""
+  problem, mechanism = offset_pool.problem, offset_pool.problem.mechanism("steering_offset")
+  seen = scan(problem, offset_pool.base, [mechanism])["steering_offset"]
+  weighting = dataclasses.replace(problem.weighting, std=1e3 * problem.weighting.std)
+  heavy = problem.reweighted(weighting)
+  base = rig.solved(heavy)
+  noise = {name: s for name, s in zip(CHANNELS, problem.weighting.std, strict=True) if np.isfinite(s)}
+  assert not scan(heavy, base, [mechanism])["steering_offset"].testable
+  found = scan(heavy, base, [mechanism], noise=noise)["steering_offset"]
+  assert found.testable and found.shown == pytest.approx(seen.shown, rel=0.2)
 
 
 def test_a_concealed_effect_is_untestable_not_absent(offset_pool):
