@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from agents.learning.train import Plan
-from agents.studies import comparison, study, study_report
+from agents.studies import comparison, concealed_cars, study, study_report
 from agents.studies.robustness import circumstances
 from agents.studies.study import VARIANTS, Variant
-from scripts import benchmark_filter, benchmark_learning, compare, robustness
+from scripts import benchmark_filter, benchmark_learning, compare, concealed_agents, robustness
 from scripts import study as study_command
 from tests.agents.learning.test_train import PLAN
 from tests.agents.studies.test_study import CASE
@@ -95,3 +95,31 @@ def test_what_the_filter_gets_through_is_a_page(tmp_path):
   page = (tmp_path / "filter.md").read_text(encoding="utf-8")
   rows = [line.split("|") for line in page.splitlines() if "| twin |" in line]
   assert len(rows) >= 3 and all(row[-2].strip().startswith("0 of") for row in rows)
+
+
+def test_concealed_agents_drive_every_car_once_and_go_on(tmp_path, monkeypatch):
+  """Each car is diagnosed, then driven by what was trained once and by what was trained for it."""
+  asked = []
+  monkeypatch.setattr(concealed_agents, "train_agent", lambda hyper, changes, seed, folder: folder)
+  monkeypatch.setattr(concealed_agents, "own_options", lambda folder: dict.fromkeys(concealed_cars.OWN, {}))
+
+  def diagnosed(case, folder, effort):
+    folder.mkdir(parents=True)
+    (folder / concealed_agents.VERDICT).write_text("no_mismatch")
+
+  def driven(policies, folder, plants, streams, controllers, file):
+    asked.append((folder.name, set(policies), set(plants), streams))
+    rmse = {name: [[[1e-3, 2e-3]] * 3] for name in (*policies, *controllers, concealed_cars.REFERENCE)}
+    file.write_text(json.dumps(rmse))
+
+  monkeypatch.setattr(concealed_agents, "diagnosed", diagnosed)
+  monkeypatch.setattr(concealed_agents, "drive_car", driven)
+  options = concealed_agents.Config(tmp_path, first=1, second=1, quick=True, limit=1)
+  concealed_agents.main(options)
+  assert len(asked) == 1
+  table = concealed_agents.main(options)
+  assert len(asked) == 2 and asked[0][0] != asked[1][0]
+  assert all(
+    {*concealed_cars.ONCE, *concealed_cars.OWN} == policies and streams == 2 for _, policies, _, streams in asked
+  )
+  assert (tmp_path / "cars.md").read_text() == table and "no_mismatch" in table
