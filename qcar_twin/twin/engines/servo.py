@@ -4,7 +4,7 @@
 
 (Franklin, Powell and Workman, Digital Control of Dynamic Systems, 3rd ed., 1998, ch. 4). tau is its lag at low
 frequencies whatever its damping; q = 0 is a first-order lag, 0.25 critical damping, 0.5 a damping ratio of 0.71.
-Its motor turns no faster than a limit, |delta'| <= rate, however far it has to go (ibid., sec. 9.4, saturation).
+Its motor turns no faster than a limit, |delta'| <= rate, however far it has to go (ibid., sec. 13.3, saturation).
 """
 
 import numpy as np
