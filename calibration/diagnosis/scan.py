@@ -138,7 +138,7 @@ def scan(
     noise: of each residual channel while the car drives; where a channel's weight is that of the base's error instead,
       what is `shown` is counted as it would be without that error: an effect must not hide by the misfit it makes.
   """
-  clear = _clear(problem, noise or {})
+  clear = _clear(problem, noise) if noise else 1.0
   projectors = {
     m.name: _projector(base, m) for m in mechanisms if {p.name for p in m.parameters} & set(base.free.names)
   }

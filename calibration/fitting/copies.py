@@ -5,6 +5,7 @@ everything at hand that the process had, so nothing is sent but the result, thro
 """
 
 import contextlib
+import gc
 import logging
 import mmap
 import multiprocessing
@@ -73,6 +74,7 @@ def filled(fill: Fill, rows: int, columns: int, workers: int) -> Array:
 
 def _fill(fill: Fill, out: Array, first: int, last: int) -> None:
   """What a copy does: nobody but the first process answers to the keyboard and the log."""
+  gc.freeze()  # what was made before is never collected here: a batch would wait for its threads, which are not here
   signal.signal(signal.SIGINT, signal.SIG_IGN)
   logging.disable(logging.CRITICAL)
   ended = 1  # what is not done is done again by the first process, which then says what is wrong
