@@ -32,7 +32,6 @@ from qcar_twin.parameters import ParameterSet
 Array = NDArray[np.float64]
 
 _ASKED = 3  # degrees of freedom, those of the largest evidence, whose forms are sought
-_AGAINST = 1.64  # standard errors of a loss that chance makes in one case of twenty
 _ALIKE = 10.0  # nats of evidence within which two degrees of freedom can't be told apart
 
 
@@ -178,11 +177,8 @@ def _table(where: Sought, fitted: Fitted) -> Option:
 
 
 def good(twin: Refitted) -> bool:
-  """Whether a twin with it is better held out, and recordings that only judge do not speak against it.
-
-  Those may hardly show the force, and all parameters have moved: a gain of a nat either way is chance.
-  """
-  return twin.held_out.gain > 0.0 and (twin.judged is None or twin.judged.t > -_AGAINST)
+  """Whether a twin with it is better held out, and on recordings that only judge, where there are some."""
+  return twin.held_out.gain > 0.0 and (twin.judged is None or twin.judged.gain > 0.0)
 
 
 Pair = tuple[Recovered, Responses]

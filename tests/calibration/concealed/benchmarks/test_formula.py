@@ -1,11 +1,12 @@
 """Concealed formulas: none is drawn by a campaign, each acts where it says, and the command writes its page."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from calibration.concealed.benchmarks.formula import Case, cases_of, rates
+from calibration.concealed.benchmarks.formula import Case, case_of, cases_of, rates
 from calibration.concealed.benchmarks.hidden_formulas import FORMULAS, SECOND, offered
 from calibration.concealed.proving_ground import EFFECTS
 from qcar_twin.twin.formula.degrees import BODY, DEGREES
@@ -70,8 +71,17 @@ def test_rates_are_of_what_they_say_with_exact_intervals():
 
 
 @pytest.mark.slow
-def test_the_command_writes_its_page(tmp_path):
-  """The session without a formula: one with a formula takes minutes."""
-  text = benchmark_formula.main(benchmark_formula.Config(tmp_path / "page.md", formulas=()))
+def test_the_command_writes_its_page(tmp_path, monkeypatch):
+  """The session without a formula is driven; it stands in for the one with a formula, which takes minutes."""
+  asked, driven = [], []
+
+  def answered(base, kind, seed, name):
+    asked.append(name)
+    driven.append(dataclasses.replace(driven[0], name=name) if driven else case_of(base, kind, seed, name))
+    return driven[-1]
+
+  monkeypatch.setattr(benchmark_formula, "case_of", answered)
+  text = benchmark_formula.main(benchmark_formula.Config(tmp_path / "page.md", quick=True))
+  assert asked == ["", next(iter(FORMULAS))]
   assert text == (tmp_path / "page.md").read_text(encoding="utf-8")
-  assert text.count("| first 71 |") == 1 and "`qcar-twin benchmark-formula --seed 71" in text
+  assert text.count("| first 71 |") == 2 and "`qcar-twin benchmark-formula --seed 71" in text
