@@ -6,12 +6,10 @@ qcar-twin benchmark-fleet --fleets 200 --driven 2 --out out/fleet.md
 """
 
 import dataclasses
-from collections.abc import Iterator
 from pathlib import Path
 
 from calibration.concealed.benchmarks import fleet as benchmark
-from calibration.concealed.benchmarks.fleet import CARS, KINDS, Judged, Scanned, drawn_fleet, judged, scanned, shares
-from calibration.progress import counted
+from calibration.concealed.benchmarks.fleet import KINDS, LOSS, Judged, Scanned, drawn_fleet, judged, scanned, shares
 from qcar_twin import markdown
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
@@ -33,7 +31,7 @@ class Config:
   fleets: int = 200
   """Fleets of each kind at the level of estimates."""
   driven: int = 0
-  """Fleets of equal cars, and as many with an odd one, that the independent car drives."""
+  """Fleets of equal cars that the independent car drives, each again with one car odd."""
   logs: int = 1
   """Logs of each car of a driven fleet, about two minutes of driving each."""
   scanned: int = 0
@@ -42,20 +40,6 @@ class Config:
   """Data set whose CSV files are copied."""
   quick: bool = False
   """Ten fleets of each kind, none driven, 35 files at most."""
-
-
-def driven(config: Config) -> Iterator[tuple[str, bool, Judged]]:
-  """Every driven fleet with its name and whether a car is odd, equal ones and odd ones in turn."""
-  named = [
-    (f"{'odd' if odd else 'equal'}_{config.seed + k}", config.seed + k, odd)
-    for k in range(config.driven)
-    for odd in (False, True)
-  ]
-  places = [(*fleet, car, log) for fleet in named for car in range(CARS) for log in range(config.logs)]
-  steps = (benchmark.drive_log(config.work / name, seed, odd, car, log) for name, seed, odd, car, log in places)
-  for _ in counted(steps, len(places), "log"):
-    pass
-  yield from ((name, odd, benchmark.judged_drives(config.work / name)) for name, _, odd in named)
 
 
 def _place(fleet: Judged) -> str:
@@ -78,9 +62,14 @@ def main(config: Config) -> str:
   titles = ("fleets of estimates", "accuse anyone", "accuse the odd car", "of what is odd", "and of nothing else")
   text = "\n".join([*markdown.table(titles, rows), ""])
   if config.driven and not config.quick:
+    fleets_driven = list(benchmark.driven_fleets(config.work, config.seed, config.driven, config.logs))
+    anyone = shares([f for _, odd, f in fleets_driven if not odd])[0]
+    _, *spotted = shares([f for _, odd, f in fleets_driven if odd])
+    rows = [("equal cars", anyone, "", "", ""), (f"one car with {100.0 * LOSS:.0f} % less grip", "", *spotted)]
+    text += "\n" + "\n".join([*markdown.table(("driven fleets", *titles[1:]), rows), ""])
     rows = [
       (name, ", ".join(f"{unit}: {what}" for unit, what in f.accused) or "nobody", f.first, _place(f) if odd else "")
-      for name, odd, f in driven(config)
+      for name, odd, f in fleets_driven
     ]
     titles = ("driven fleet", "accused", "least likely of all", "the odd car's grip among all comparisons")
     text += "\n" + "\n".join([*markdown.table(titles, rows), ""])

@@ -8,7 +8,7 @@ import dataclasses
 import shutil
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from calibration.fleet.hierarchy import Reading, compare
 from calibration.fleet.history import readings_of
 from calibration.fleet.logs import find_logs
 from calibration.fleet.scan import scan
+from calibration.progress import counted
 from qcar_twin.recordings.dataset import write_dataset
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
@@ -129,7 +130,7 @@ def shares(fleets: Sequence[Judged]) -> list[str]:
 def drive_log(folder: Path, seed: int, odd: bool, car: int, log: int) -> None:
   """Drive and calibrate one log of one car, as `scan --calibrate` does; what is done stays done.
 
-  All cars of a fleet are the one of its seed; the odd one has `LOSS` less of `GRIP`.
+  All cars of a fleet are the one of its seed; the odd one has `LOSS` less of `GRIP` and the same drivers.
   """
   place = folder / "logs" / car_name(car) / f"2026-11-{1 + log:02d}"
   if not (place / FILE_NAME).is_file():
@@ -184,6 +185,26 @@ def calibrated(folder: Path) -> list[dict[str, Any]]:
   return scan(find_logs(folder / "logs"), folder / "scan.ndjson", "calibrate")
 
 
-def judged_drives(folder: Path) -> Judged:
-  """What is said of a driven fleet."""
-  return judged(readings_of(calibrated(folder)), _NAMED)
+def judged_drives(equal: Path, odd: Path | None = None) -> Judged:
+  """What is said of a driven fleet of equal cars, or of that fleet with the odd car in the place of one of them."""
+  lines = calibrated(equal)
+  if odd is not None:
+    lines = [line for line in lines if line["car"] != car_name(ODD)] + calibrated(odd)
+  return judged(readings_of(lines), _NAMED)
+
+
+def driven_fleets(work: Path, seed: int, fleets: int, logs: int) -> Iterator[tuple[str, bool, Judged]]:
+  """Every driven fleet with its name and whether a car is odd, equal ones and odd ones in turn.
+
+  A fleet with an odd car is that of equal ones with one car changed, so only that car is driven again.
+  """
+  seeds = range(seed, seed + fleets)
+  equal, odd = ({one: work / f"{kind}_{one}" for one in seeds} for kind in ("equal", "odd"))
+  cars = [(equal[one], one, False, car) for one in seeds for car in range(CARS)]
+  cars += [(odd[one], one, True, ODD) for one in seeds]
+  places = [(*car, log) for car in sorted(cars, key=lambda car: car[1]) for log in range(logs)]
+  for _ in counted((drive_log(*place) for place in places), len(places), "log"):
+    pass
+  for one in seeds:
+    yield equal[one].name, False, judged_drives(equal[one])
+    yield odd[one].name, True, judged_drives(equal[one], odd[one])

@@ -59,7 +59,6 @@ def fitted_vehicle(job: Job) -> tuple[Vehicle, dict[str, Array]]:
   mass = float(q["mass"] + q["added_mass"])
   front = float(q["cg_to_front"] - q["added_mass"] * q["added_mass_x"] / mass)
   values |= {"mass": mass, "cg_to_front": front, "cg_to_rear": v.wheelbase - front}
-  values |= {"cg_height": float(v.cg_height + q["cg_height_offset"])}
   values |= {"friction_coefficient": float(np.mean(q["friction_coefficient"]))}
   return dataclasses.replace(v, **values), q
 
@@ -94,6 +93,8 @@ def _write_at(job: Job, path: Path, speed: float) -> str:
   """The file with the twin's cornering stiffness at a speed [m/s]; a sentence on it."""
   (car, q), values = fitted_vehicle(job), job.twin.parameters.named(job.theta)
   spec = car_spec(car, "native", TIMESTEP, looks=True)
+  body = spec.body("chassis")  # its CG moves, not its frame: hull, sites and cameras stay where the car has them
+  body.ipos[2] += float(q["cg_height_offset"]) * car.mass / body.mass
   spec.option.gravity[:2] = [float(q["gravity_x"]), float(q["gravity_y"])]
   inverse_mass = {w: spec.compile().body(w).invweight0[0] for w in WHEELS}
   for place, wheel in enumerate(WHEELS):

@@ -21,7 +21,7 @@ from qcar_twin.plant import signal_index
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.twin import Twin
-from qcar_twin.vehicle.vehicle import Vehicle
+from qcar_twin.vehicle.vehicle import WHEELS, Vehicle
 from tests import ROOT
 
 EFFECTS = {
@@ -180,6 +180,21 @@ def test_the_mjcfs_tyre_has_the_twins_stiffness_at_its_speed(tmp_path):
   v = job.twin.vehicle
   stiffness = v.cornering_stiffness_front + v.cornering_stiffness_rear
   assert 2.0 / data.qvel[1] * REFERENCE_SPEED == pytest.approx(stiffness, rel=0.03)
+
+
+def test_a_centre_of_gravity_that_was_fitted_low_leaves_the_hull_where_it_is(tmp_path):
+  """The hull was placed by the CG, so such a car lay on its belly."""
+  job = job_with({"cg_height_offset": -0.036})
+  path, _ = export_twin("mjcf", job, tmp_path / "car.xml")
+  model = mujoco.MjModel.from_xml_path(str(path))
+  data = mujoco.MjData(model)
+  mujoco.mj_step(model, data, round(1.0 / model.opt.timestep))
+  assert {model.geom(one).name for contact in data.contact for one in contact.geom} == {"floor", *WHEELS}
+  height = float(data.subtree_com[model.body("chassis").id, 2])
+  assert height == pytest.approx(job.twin.vehicle.cg_height - 0.036, abs=1e-3)
+  data.ctrl[:] = 2.0, 0.0
+  mujoco.mj_step(model, data, round(1.0 / model.opt.timestep))
+  assert data.qpos[0] > 0.3
 
 
 @pytest.mark.parametrize("name", ["single-track", "mjcf"])

@@ -64,14 +64,15 @@ def test_fleets_are_driven_once_and_stand_on_the_page(lines, monkeypatch, tmp_pa
   config = benchmark_fleet.Config(tmp_path / "fleet.md", tmp_path / "fleets", seed=4, fleets=10, driven=1, logs=2)
   text = benchmark_fleet.main(config)
   assert f"| odd_4 | {car_name(ODD)}: {GRIP} |" in text and "| equal_4 | nobody |" in text
-  assert len(driven) == len(lines) == 2 * CARS * 2
-  assert len({seed for seed, _ in driven}) == CARS * 2  # the same drivers in both fleets, and each log another
+  assert len(driven) == len(lines) == CARS * 2 + 2  # of the fleet with an odd car that one alone
+  assert len({seed for seed, _ in driven}) == CARS * 2  # the odd car's drivers are those of its place, each log another
   usual = driven[0][1]
   less = [friction for _, friction in driven if friction != usual]
   assert less == [pytest.approx(0.8 * usual)] * 2  # the odd car's two logs
-  assert len(find_logs(tmp_path / "fleets" / "odd_4" / "logs")) == CARS * 2
-  assert "log 24 of 24" in capsys.readouterr().err
-  assert benchmark_fleet.main(config) == text and len(driven) == 24
+  assert len(find_logs(tmp_path / "fleets" / "odd_4" / "logs")) == 2
+  assert "| equal cars | 0 of 1 (0.000 to 0.975) |" in text and "less grip |  | 1 of 1 (0.025 to 1.000) |" in text
+  assert "log 14 of 14" in capsys.readouterr().err
+  assert benchmark_fleet.main(config) == text and len(driven) == 14
 
 
 def test_a_scan_of_copies_is_timed(tmp_path):
