@@ -1,7 +1,11 @@
 """A floor that is not level."""
 
+from collections.abc import Mapping
+
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, Model
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model
+
+LEVEL = 0.025  # m/s^2, a stated prior: 2.5 mm in a metre, about what DIN 18202 lets a finished floor be out of level
 
 
 class FloorSlope(Mechanism):
@@ -19,10 +23,15 @@ class FloorSlope(Mechanism):
   stage = "contact"
   symmetric = False
   signed = True
+  fitted_rank = 12
   parameters = (
     Parameter("floor_slope_x", 0.0, -1.0, 1.0, "m/s^2", "g_x", null=0.0, typical=0.2, description="pull along x"),
     Parameter("floor_slope_y", 0.0, -1.0, 1.0, "m/s^2", "g_y", null=0.0, typical=0.2, description="pull along y"),
   )
+
+  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
+    """No floor is level."""
+    return {"floor_slope_x": LEVEL, "floor_slope_y": LEVEL}
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
     model.set("gravity_x", model.get("gravity_x") + theta[:, 0])

@@ -2,8 +2,12 @@
 
 import numpy as np
 
-from calibration.fitting.tolerances import stopped, unusual, widened
+from calibration.fitting.tolerances import stopped, unusual, widened, with_tolerances
 from qcar_twin.parameters import Parameter, ParameterSet
+from qcar_twin.twin.mechanisms import select
+from qcar_twin.twin.mechanisms.floor_slope import LEVEL
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import QCAR
 
 STIFFNESS = Parameter("stiffness", 500.0, 20.0, 2000.0, "N", factor=3.0)
 GAIN = Parameter("gain", 1.0, 0.1, 10.0, "-")
@@ -31,3 +35,12 @@ def test_a_class_figure_beyond_two_deviations_is_said_and_measured_or_open_ones_
   said = unusual(ALL, np.array([500.0 / 10.0, 9.0, 3.9, 0.014]))
   assert said == "unlike other cars of the class: stiffness = 50 N (usual are 500 N, class, a factor of 3)"
   assert unusual(ALL, np.array([500.0 / 8.0, 1.0, 2.0, 0.0])) == ""
+
+
+def test_every_model_lets_the_floor_be_as_far_out_of_level_as_floors_are():
+  twin = Twin(QCAR, select(["floor_slope"]))
+  fitted = with_tolerances(twin.base, twin)
+  for name in ("floor_slope_x", "floor_slope_y"):
+    allowed, declared = fitted[name], twin.parameters[name]
+    assert allowed.std == LEVEL and (allowed.lower, allowed.upper) == (-3.0 * LEVEL, 3.0 * LEVEL)
+    assert allowed.assumed and declared.std is None and declared.upper > 10.0 * LEVEL  # beyond: the mechanism's to find
