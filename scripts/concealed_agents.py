@@ -1,28 +1,43 @@
-"""Train agents on twins of cars that conceal an effect, and drive those cars; resumes.
+"""Train agents on twins of cars that conceal an effect, and drive those cars; stops and resumes.
 
-qcar-twin concealed-agents --out out/concealed_agents --first 20 --second 20
+qcar-twin concealed-agents --out out/concealed_agents --first 20 --second 20 --jobs 2
 """
 
 import dataclasses
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
-import numpy as np
+from joblib import delayed
 
 from agents.control.controllers import FILE
 from agents.control.external_plant import ExternalPlant
-from agents.learning.evaluate import PlantMaker
-from agents.learning.hyperparameters import read_hyperparameters
+from agents.control.interface import Body
+from agents.learning.hyperparameters import FOLDER, Hyperparameters, read_hyperparameters
 from agents.learning.trial import quickly
 from agents.studies.comparison import drivers_of
-from agents.studies.concealed_cars import ONCE, Driven, drive_car, in_markdown, own_options, read_car, train_agent
+from agents.studies.concealed_cars import (
+  ONCE,
+  SPEED,
+  Driven,
+  drive_car,
+  in_markdown,
+  own_options,
+  read_car,
+  train_agent,
+)
 from calibration.concealed.campaign.cases import Case, draw_steering_cases
-from calibration.concealed.campaign.run import VERDICT, diagnosed, drivable
+from calibration.concealed.campaign.run import VERDICT, all_answered, attempted, diagnosed, drivable
 from calibration.diagnosis.search.structure import Effort
+from calibration.progress import counted
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
+from qcar_twin.parallel import in_order, in_parallel
 
 KEPT = "what is trained, diagnosed and driven stays in --out, the same command goes on with the rest"
 NARROW = Effort(singles=5, pairs=2, triples=1, iterations=1)
+ANSWER = "driven.json"
+APART = 10  # seeds of trainings that a car has to itself, so that what a seed does to a training differs by car
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,49 +53,70 @@ class Config:
   seed: int = 1
   """Seed that decides every car."""
   seeds: tuple[int, ...] = (0,)
-  """Seeds of the trainings."""
+  """Seeds of the trainings for each car."""
+  seeds_once: tuple[int, ...] = (0, 1, 2)
+  """Seeds of the trainings that are for no car in particular."""
   steps: int = 3_000_000
   """Environment steps of a training."""
   streams: int = 12
   """Streams of sensor noise on each of O, infinity and C."""
-  limit: int = 0
-  """Stop after this number of cars that were not driven before; 0 for all."""
+  jobs: int = 1
+  """Number of cars, or trainings, at a time, one core each."""
+  score_only: bool = False
+  """Train and drive nothing; write the tables of the cars that were driven."""
   quick: bool = False
   """Train for a few thousand steps, diagnose narrowly, drive two streams."""
 
 
-def plants_of(case: Case) -> dict[bool, PlantMaker]:
+def plants_of(case: Case) -> dict[bool, Body]:
   """The car of a case with its effect and without it."""
-  maker = lambda effect: lambda name: (ExternalPlant(drivable(case, effect).begin), np.empty(0))
-  return {effect: maker(effect) for effect in (True, False)}  # type: ignore[misc]
+  return {effect: ExternalPlant(drivable(case, effect).begin) for effect in (True, False)}
+
+
+def drive_with_its_own(case: Case, config: Config, hyper: Hyperparameters, once: Mapping[str, list[Path]]) -> None:
+  """Diagnose a car, train the agents of its twins, drive it with them and with those trained once."""
+  folder = config.out / case.name
+  diagnosed(case, folder, NARROW if config.quick else Effort())
+  own = {
+    name: [train_agent(hyper, what, APART * case.seed + s, folder / "agents" / name / f"seed{s}") for s in config.seeds]
+    for name, what in own_options(folder).items()
+  }
+  streams = 2 if config.quick else config.streams
+  controllers = drivers_of((), (FILE.with_name("controllers_states.toml"),), ("linear_rate",), SPEED)
+  drive_car({**once, **own}, folder, plants_of(case), streams, controllers, folder / ANSWER)
+
+
+def run(config: Config, cases: list[Case]) -> list[str]:
+  """Train and drive what is missing; a line for each car that could not be."""
+  hyper = dataclasses.replace(read_hyperparameters("ppo", FOLDER / "ppo_states.yml"), steps=config.steps)
+  hyper = quickly(hyper) if config.quick else hyper
+  wanted = [(name, s) for name in ONCE for s in config.seeds_once]
+  place = lambda name, s: config.out / "agents" / name / f"seed{s}"
+  trained = in_order([delayed(train_agent)(hyper, ONCE[n], s, place(n, s)) for n, s in wanted], config.jobs)
+  once: dict[str, list[Path]] = {}
+  for (name, _), policy in zip(wanted, trained, strict=True):
+    once.setdefault(name, []).append(policy)
+  todo = [case for case in cases if not (config.out / case.name / ANSWER).is_file()]
+  whole = [partial(drive_with_its_own, case, config, hyper, once) for case in todo]
+  calls = [delayed(attempted)(case.name, config.out, call) for case, call in zip(todo, whole, strict=True)]
+  return [line for _, line in counted(in_parallel(calls, config.jobs), len(calls), "car")]
 
 
 def main(config: Config) -> str:
-  """Do what is left, up to the limit, write the tables; returns them."""
-  hyper = dataclasses.replace(read_hyperparameters("ppo"), steps=config.steps)
-  hyper, streams = (quickly(hyper), 2) if config.quick else (hyper, config.streams)
-  trained = lambda changes, place: [
-    train_agent(hyper, changes, s, config.out / place / f"seed{s}") for s in config.seeds
-  ]
-  once = {name: trained(changes, f"agents/{name}") for name, changes in ONCE.items()}
-  controllers = drivers_of((), (FILE.with_name("controllers_states.toml"),), ("linear_rate",), 0.5)
+  """Do what is left, write the tables of the cars that were driven; returns them."""
   cases = [*draw_steering_cases(config.seed, config.first), *draw_steering_cases(config.seed, config.second, "second")]
-  driven, new = list[Driven](), 0
-  for case in sorted(cases, key=lambda case: case.name.split("_")[::-1]):  # kinds take turns
-    folder = config.out / case.name
-    if not (file := folder / "driven.json").is_file():
-      if config.limit and new == config.limit:
-        continue
-      diagnosed(case, folder, NARROW if config.quick else Effort())
-      own = {name: trained(what, f"{case.name}/agents/{name}") for name, what in own_options(folder).items()}
-      drive_car({**once, **own}, folder, plants_of(case), streams, controllers, file)
-      new += 1
-      print(f"{case.name} driven", flush=True)
-    effect = ", ".join(f"{name} x {size:g}" for name, size in case.effects) or "nothing"
-    said = (folder / VERDICT).read_text(encoding="utf-8").strip()
-    driven.append(read_car(f"{case.name}: {effect}", not case.effects, said, file))
-  write_text(config.out / "cars.md", table := in_markdown(driven))
+  cases.sort(key=lambda case: case.name.split("_")[::-1])  # kinds take turns, so a study that is stopped has seen both
+  said = [] if config.score_only else run(config, cases)
+  driven = list[Driven]()
+  for case in cases:
+    if (file := config.out / case.name / ANSWER).is_file():
+      effect = ", ".join(f"{name} x {size:g}" for name, size in case.effects) or "nothing"
+      verdict = (config.out / case.name / VERDICT).read_text(encoding="utf-8").strip()
+      driven.append(read_car(f"{case.name}: {effect}", not case.effects, verdict, file))
+  table = in_markdown(driven) if driven else "No car was driven yet.\n"
+  write_text(config.out / "cars.md", table)
   print(table)
+  all_answered(said, config.out)
   return table
 
 

@@ -128,7 +128,7 @@ class Judge(BaseCallback):
     return not (self._trial.seconds and self.seconds[1] > self._trial.seconds)
 
   def _on_rollout_start(self) -> None:
-    if self.num_timesteps >= self.progress.due and self.updates:
+    if self._trial.every and self.num_timesteps >= self.progress.due and self.updates:
       self.progress.due = self.num_timesteps + self._trial.every
       self.look()
       self.progress.wall, self.progress.cpu = self.seconds
@@ -162,7 +162,11 @@ class Judge(BaseCallback):
     return {"steps": int(self.num_timesteps), "updates": self.updates, "seconds": seconds}
 
   def _on_training_end(self) -> None:
-    self.look()
+    if self._trial.every:
+      self.look()
+    else:
+      self.progress.best_steps = self.num_timesteps
+      save_policy(policy_of(self.model, self._trial, self.result()), self._folder / "best")
 
 
 def policy_of(agent: BaseAlgorithm, trial: Trial, result: dict[str, Any]) -> Policy:
@@ -272,7 +276,7 @@ def _finish(agent: BaseAlgorithm, folder: Path, referee: Judge) -> dict[str, Any
   difference = export_onnx(load_policy(folder / "best"), folder / "best" / "policy.onnx")
   result = referee.result() | {
     "best_steps": referee.progress.best_steps,
-    "best_rmse_kept_aside": referee.progress.best,
+    "best_rmse_kept_aside": referee.progress.best if referee.progress.evaluations else None,
     "onnx_difference": difference,
     "resumed": referee.progress.resumed,
   }

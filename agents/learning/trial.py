@@ -40,7 +40,8 @@ class Trial:
   Attributes:
     hyperparameters: of the algorithm.  options: of the environment.
     observation: what is seen, a key of `SIGHTS`.  seed: of everything random.
-    every: environment steps between evaluations, each with a checkpoint.
+    every: environment steps between evaluations, each with a checkpoint; 0 for none of either: what it ends with is
+      kept.
     seconds: of the processor after which it ends; 0 for none.
     critic: what the critic sees, one of `CRITICS`.
 

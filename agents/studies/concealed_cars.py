@@ -8,21 +8,22 @@ the recalibrated twin less the reference's.
 import dataclasses
 import json
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.interface import Controller
+from agents.control.interface import Body, Controller
 from agents.learning.by_reward import train_by_reward
-from agents.learning.checkpoint import POINTER
 from agents.learning.environments import options_from
-from agents.learning.evaluate import EvaluationCase, PlantMaker, run_together
+from agents.learning.evaluate import EvaluationCase, run_together
 from agents.learning.hyperparameters import Hyperparameters
 from agents.learning.policy_file import load_policy
 from agents.learning.trial import TRACKS, Trial
 from agents.studies.comparison import LEFT, PATHS, paired
+from agents.studies.side_by_side import side_by_side
 from qcar_twin.atomic_io import write_json
 from qcar_twin.estimation.settings import LEARNT
 from qcar_twin.untrusted import read_json
@@ -30,6 +31,8 @@ from qcar_twin.untrusted import read_json
 Array = NDArray[np.float64]
 REFERENCE = "without the effect"
 BASELINE = "recalibrated"  # whose error less the reference's is the gap
+TOLD = ", told"  # of the nominal twin's agent and the controllers, once more with the repaired twin's filter
+SPEED = 0.9  # m/s, the middle of what the agents are trained for
 SEED = 8000  # of the sensors; no training has seen them
 ONCE: dict[str, dict[str, Any]] = {
   "bicycle": {"plant": "bicycle"},
@@ -42,6 +45,7 @@ OWN = ("recalibrated", "repaired", "posterior")
 ABOUT = {
   "bicycle": "the single track with a servo",
   "nominal": "the nominal twin",
+  "nominal, told": "the same agent; the filter is told of the repaired twin",
   "randomised": "the nominal twin, parameters drawn from their priors",
   "recalibrated": "the twin recalibrated to the car; the filter is told of it",
   "repaired": "the repaired twin; the filter is told of it",
@@ -59,23 +63,25 @@ def own_options(folder: Path) -> dict[str, dict[str, Any]]:
 
 
 def train_agent(hyper: Hyperparameters, changes: Mapping[str, Any], seed: int, folder: Path) -> Path:
-  """Train, or go on with, an agent whose environment differs so; its policy's folder."""
+  """Train an agent whose environment differs so, unless that was done; its policy's folder.
+
+  Nobody evaluates on the way, which would take twice as long as the training: with a learning rate that falls to
+  nothing the last policy is about the best.
+  """
   if not (folder / "result.json").is_file():
     base = options_from(hyper.env_kwargs) if hyper.env_kwargs else TRACKS
     options = dataclasses.replace(base, **{"unknown": LEARNT, **changes})
     critic = "truth" if hyper.algorithm == "ppo" else "own"
-    trial = Trial(hyper, options, hyper.observation, seed, hyper.steps, critic=critic)
-    resume = (folder / POINTER).is_file()
-    if not resume:
-      (folder / "training.json").unlink(missing_ok=True)
-    train_by_reward(trial, folder, resume=resume, tensorboard=False)
+    trial = Trial(hyper, options, hyper.observation, seed, every=0, critic=critic)
+    (folder / "training.json").unlink(missing_ok=True)  # of one that was stopped: it has no checkpoint to go on from
+    train_by_reward(trial, folder, tensorboard=False)
   return folder / "best"
 
 
 def drive_car(
   policies: Mapping[str, Sequence[Path]],
   diagnosed: Path,
-  plants: Mapping[bool, PlantMaker],
+  plants: Mapping[bool, Body],
   streams: int,
   baselines: Mapping[str, Controller],
   file: Path,
@@ -85,31 +91,45 @@ def drive_car(
   Args:
     policies: of every competitor, one a seed.
     diagnosed: folder of the car's diagnosis.
-    plants: makers of the car with its effect (True) and without (False).
-    baselines: controllers that drive with the filter nobody told anything.
+    plants: the car with its effect (True) and without (False); drives of each are one simulation.
+    baselines: controllers that drive with the filter nobody told anything, and with that of the repaired twin.
   """
   if file.is_file():
     return read_json(file)
-  told = {"recalibrated": diagnosed / "recalibrated.toml", "repaired": diagnosed / "twin.toml"}
-  told["posterior"] = told["repaired"]
-  groups: dict[tuple[bool, str], dict[str, Controller]] = {(True, ""): dict(baselines)}
-  for name, places in policies.items():
-    known = str(told.get(name, ""))
-    drivers = {f"{name} {k}": load_policy(place) for k, place in enumerate(places)}
-    groups.setdefault((True, known), {}).update(drivers)
+  repaired = str(diagnosed / "twin.toml")
+  known = {BASELINE: str(diagnosed / f"{BASELINE}.toml"), "repaired": repaired, "posterior": repaired}
+  groups: dict[tuple[bool, str], dict[tuple[str, int], Controller]] = {}
+  join = lambda effect, file, name, drivers: groups.setdefault((effect, file), {}).update(
+    {(name, k): driver for k, driver in enumerate(drivers)}
+  )
+  loaded = {name: [load_policy(place) for place in places] for name, places in policies.items()}
+  for name, drivers in (loaded | {name: [driver] for name, driver in baselines.items()}).items():
+    join(True, known.get(name, ""), name, drivers)
     if name == "nominal":
-      groups[False, ""] = {f"{REFERENCE} {k}": driver for k, driver in enumerate(drivers.values())}
+      join(False, "", REFERENCE, drivers)
+    if name == "nominal" or name in baselines:
+      join(True, repaired, name + TOLD, drivers)
   driven: dict[str, list[Any]] = {}
-  for (effect, known), drivers in groups.items():
-    for path in PATHS:
-      case = EvaluationCase(path, "concealed", cars=streams, seed=SEED, unknown=LEARNT, told=known)
-      for row in run_together(drivers, case, plants[effect]):
-        name = row.contestant.rsplit(" ", 1)[0] if row.contestant not in baselines else row.contestant
-        rmse = np.where(np.isfinite(row.kpis.rmse), row.kpis.rmse, LEFT)
-        driven.setdefault(name, []).append(rmse.tolist())
-  shaped = {name: np.reshape(_by_seed(rows), (-1, len(PATHS), streams)).tolist() for name, rows in driven.items()}
+  for effect in (True, False):
+    who = [(told, drivers) for (also, told), drivers in groups.items() if also == effect]
+    drives = [partial(_drive, drivers, path, told, streams) for told, drivers in who for path in PATHS]
+    for rows in side_by_side(plants[effect], drives):
+      for name, rmse in rows:
+        driven.setdefault(name, []).append(rmse)
+  shaped = {name: _by_seed(rows).tolist() for name, rows in driven.items()}
   write_json(file, shaped)
   return shaped
+
+
+def _drive(
+  drivers: Mapping[tuple[str, int], Controller], path: str, told: str, streams: int, cars: Body
+) -> list[tuple[str, list[float]]]:
+  """Names with their RMSE on a path, m, (streams,)."""
+  case = EvaluationCase(path, "concealed", SPEED, cars=streams, seed=SEED, unknown=LEARNT, told=told)
+  labelled = {f"{name} {k}": driver for (name, k), driver in drivers.items()}
+  rows = run_together(labelled, case, lambda name: (cars, np.empty(0)))  # type: ignore[arg-type]
+  left = lambda row: np.where(np.isfinite(row.kpis.rmse), row.kpis.rmse, LEFT).tolist()
+  return [(name, left(row)) for (name, _), row in zip(drivers, rows, strict=True)]
 
 
 def _by_seed(rows: list[Any]) -> Array:

@@ -12,6 +12,7 @@ from agents.learning.train import Plan
 from agents.studies import comparison, concealed_cars, study, study_report
 from agents.studies.robustness import circumstances
 from agents.studies.study import VARIANTS, Variant
+from calibration.concealed.campaign.run import CaseFailed
 from scripts import benchmark_filter, benchmark_learning, compare, concealed_agents, robustness
 from scripts import study as study_command
 from tests.agents.learning.test_train import PLAN
@@ -98,28 +99,43 @@ def test_what_the_filter_gets_through_is_a_page(tmp_path):
 
 
 def test_concealed_agents_drive_every_car_once_and_go_on(tmp_path, monkeypatch):
-  """Each car is diagnosed, then driven by what was trained once and by what was trained for it."""
-  asked = []
-  monkeypatch.setattr(concealed_agents, "train_agent", lambda hyper, changes, seed, folder: folder)
-  monkeypatch.setattr(concealed_agents, "own_options", lambda folder: dict.fromkeys(concealed_cars.OWN, {}))
+  """Each car is diagnosed, then driven by what was trained once and by what was trained for it; one that cannot be is
+  named, costs the others nothing and is tried again."""
+  asked, trained, broken = [], [], {"second_00"}
+
+  def train(hyper, changes, seed, folder):
+    trained.append((folder.parent.name, seed))
+    return folder
 
   def diagnosed(case, folder, effort):
+    if case.name in broken:
+      raise OSError("no space left")
     folder.mkdir(parents=True)
     (folder / concealed_agents.VERDICT).write_text("no_mismatch")
 
   def driven(policies, folder, plants, streams, controllers, file):
     asked.append((folder.name, set(policies), set(plants), streams))
-    rmse = {name: [[[1e-3, 2e-3]] * 3] for name in (*policies, *controllers, concealed_cars.REFERENCE)}
-    file.write_text(json.dumps(rmse))
+    competitors = (*policies, *controllers, *concealed_cars.ABOUT, concealed_cars.REFERENCE)
+    file.write_text(json.dumps({name: [[[1e-3, 2e-3]] * 3] for name in competitors}))
 
+  monkeypatch.setattr(concealed_agents, "train_agent", train)
+  monkeypatch.setattr(concealed_agents, "own_options", lambda folder: dict.fromkeys(concealed_cars.OWN, {}))
   monkeypatch.setattr(concealed_agents, "diagnosed", diagnosed)
   monkeypatch.setattr(concealed_agents, "drive_car", driven)
-  options = concealed_agents.Config(tmp_path, first=1, second=1, quick=True, limit=1)
-  concealed_agents.main(options)
-  assert len(asked) == 1
+  options = concealed_agents.Config(tmp_path, first=1, second=1, quick=True, seeds_once=(0, 1))
+  with pytest.raises(CaseFailed, match="second_00 .*no space left"):
+    concealed_agents.main(options)
+  assert [name for name, *_ in asked] == ["first_00"] and "first_00" in (tmp_path / "cars.md").read_text()
+  assert [(name, s) for name in concealed_cars.ONCE for s in (0, 1)] == trained[:6]
+  own = {seed for name, seed in trained[6:]}
+  assert len(own) == 1 and [name for name, _ in trained[6:]] == list(concealed_cars.OWN)
+  broken.clear()
   table = concealed_agents.main(options)
-  assert len(asked) == 2 and asked[0][0] != asked[1][0]
+  assert [name for name, *_ in asked] == ["first_00", "second_00"] and trained[-1][1] not in own
   assert all(
     {*concealed_cars.ONCE, *concealed_cars.OWN} == policies and streams == 2 for _, policies, _, streams in asked
   )
   assert (tmp_path / "cars.md").read_text() == table and "no_mismatch" in table
+  before = len(trained)
+  assert concealed_agents.main(dataclasses.replace(options, first=3, score_only=True)) == table
+  assert len(trained) == before and not list(tmp_path.glob("*.error.txt"))

@@ -6,7 +6,7 @@ hash before the truth is looked at. A campaign that is stopped goes on where it 
 
 import dataclasses
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from calibration.concealed.campaign.archive import digest, keep
@@ -42,16 +42,21 @@ class CaseFailed(RuntimeError):
 
 
 def attempt(case: Case, folder: Path, engine: str = "search") -> str:
-  """`run_case`, whatever it raises: "" if it was answered, else a line that says what came instead.
+  """`run_case`, whatever it raises: "" if it was answered, else a line that says what came instead."""
+  return attempted(case.name, folder, lambda: run_case(case, folder, engine=engine))
+
+
+def attempted(name: str, folder: Path, answer: Callable[[], object]) -> str:
+  """Call, whatever it raises: "" if it did not, else a line that says what came instead.
 
   An error's traceback stays in `folder` as NAME.error.txt until the case is answered.
   """
-  story = folder / f"{case.name}.error.txt"
+  story = folder / f"{name}.error.txt"
   try:
-    run_case(case, folder, engine=engine)
+    answer()
   except Exception as error:  # one case that cannot be answered must not cost the others theirs
     write_text(story, traceback.format_exc())
-    return f"{case.name} ({type(error).__name__}: {error})"
+    return f"{name} ({type(error).__name__}: {error})"
   story.unlink(missing_ok=True)
   return ""
 

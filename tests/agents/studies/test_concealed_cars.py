@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from agents.control.external_plant import ExternalPlant
 from agents.learning.evaluate import EvaluationCase
 from agents.learning.hyperparameters import read_hyperparameters
 from agents.learning.policy_file import save_policy
@@ -28,6 +29,13 @@ from qcar_twin.twin.mechanisms import catalogue
 from tests.agents.learning.test_train import GOOD
 
 HYPER = quickly(dataclasses.replace(read_hyperparameters("ppo"), cars=4))
+
+
+class Standing:
+  """Cars that stand."""
+
+  def __init__(self, count):
+    self.signals = np.zeros((count, 10))
 
 
 def car(gap, closed, null=False):
@@ -89,7 +97,9 @@ def test_everybody_drives_with_what_its_filter_was_told_and_is_not_driven_twice(
   seen = []
 
   def together(drivers, case, plant):
-    seen.append((tuple(drivers), case.told, case.path, plant))
+    cars = plant("")[0]
+    cars.begin(np.empty((1, 0)), np.zeros((1, 7)))
+    seen.append((tuple(drivers), case.told, case.path, cars.period))
     rows = []
     for i, label in enumerate(drivers):
       scores = SimpleNamespace(rmse=np.array([1e-3 * (i + 1), np.inf]))
@@ -98,16 +108,23 @@ def test_everybody_drives_with_what_its_filter_was_told_and_is_not_driven_twice(
 
   monkeypatch.setattr(concealed_cars, "run_together", together)
   policies = {"nominal": [tmp_path / "a", tmp_path / "b"], "repaired": [tmp_path / "a"], "posterior": [tmp_path / "b"]}
-  bad, good = object(), object()
+  begun = []
+  bad, good = (ExternalPlant(lambda start: begun.append(len(start)) or Standing(len(start)), p) for p in (0.01, 0.02))
   file = tmp_path / "driven.json"
   kept = drive_car(policies, tmp_path, {True: bad, False: good}, 2, {"linear_rate": GOOD}, file)
-  assert {(names, told, plant is bad) for names, told, _, plant in seen} == {
-    (("linear_rate", "nominal 0", "nominal 1"), "", True),
+  assert {(names, told, period == 0.01) for names, told, _, period in seen} == {
+    (("nominal 0", "nominal 1", "linear_rate 0"), "", True),
     (("without the effect 0", "without the effect 1"), "", False),
-    (("repaired 0", "posterior 0"), str(tmp_path / "twin.toml"), True),
+    (
+      ("nominal, told 0", "nominal, told 1", "repaired 0", "posterior 0", "linear_rate, told 0"),
+      str(tmp_path / "twin.toml"),
+      True,
+    ),
   }
+  assert sorted(begun) == [3, 6]  # a car of each path and filter, all in one simulation
   assert np.shape(kept["nominal"]) == (2, 3, 2) and np.shape(kept["linear_rate"]) == (1, 3, 2)
-  assert kept["nominal"][1][0][0] == 0.003 and kept["nominal"][0][2][1] == concealed_cars.LEFT
+  assert kept["nominal"][1][0][0] == 0.002 and kept["nominal"][0][2][1] == concealed_cars.LEFT
+  assert kept["repaired"][0][0][0] == kept["repaired"][0][2][0] == 0.003 and np.shape(kept["repaired"]) == (1, 3, 2)
   seen.clear()
   assert drive_car({}, tmp_path, {}, 2, {}, file) == json.loads(file.read_text()) and not seen
   assert read_car("x", True, "", file).mean("nominal").shape == (2,)
@@ -116,7 +133,7 @@ def test_everybody_drives_with_what_its_filter_was_told_and_is_not_driven_twice(
 def test_an_agent_is_trained_once_in_the_environment_of_its_name(tmp_path, monkeypatch):
   asked = []
 
-  def trained(trial, folder, resume, tensorboard):
+  def trained(trial, folder, tensorboard):
     asked.append(trial)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "result.json").write_text("{}", encoding="utf-8")
