@@ -211,7 +211,7 @@ def in_markdown(cars: Sequence[Driven]) -> str:
     if len(some) > 1:
       lines += [
         "",
-        f"RMSE less the recalibrated twin's agent's on the {len(some)} cars that {said}, mm, with the 95 %",
+        f"RMSE less the recalibrated twin's agent's on {len(some)} cars that {said}, mm and its share, with the 95 %",
         *_differences(some, names),
       ]
   open_gaps = [car for car in cars if car.has_gap]
@@ -229,5 +229,6 @@ def _differences(cars: Sequence[Driven], names: Sequence[str]) -> list[str]:
   for name in names:
     if name != BASELINE:
       apart = paired(np.array([car.mean(name).mean() for car in cars])[None], own)
-      lines.append(f"| {name} | {1e3 * apart.mean:+.2f} ± {1e3 * apart.half_width:.2f} |")
+      share = 100.0 * apart.mean / own.mean()
+      lines.append(f"| {name} | {1e3 * apart.mean:+.2f} ± {1e3 * apart.half_width:.2f} ({share:+.0f} %) |")
   return lines

@@ -225,6 +225,18 @@ def test_a_training_that_was_stopped_ends_in_the_weights_of_one_that_was_not(alg
   assert train_by_reward(trial, tmp_path / "stopped", resume=True) == resumed
 
 
+def test_a_training_nobody_evaluates_keeps_what_it_ends_with(tmp_path):
+  trial = Trial(quickly(read_hyperparameters("ppo")), FAST, every=0)
+  result = train_by_reward(trial, tmp_path / "run", tensorboard=False)
+  assert result["best_steps"] == result["steps"] and result["best_rmse_kept_aside"] is None
+  assert len((tmp_path / "run" / "evaluations.csv").read_text(encoding="utf-8").splitlines()) == 1
+  assert not (tmp_path / "run" / "checkpoint.json").exists()
+  last, kept = policy_from_zip(tmp_path / "run" / "model.zip"), load_policy(tmp_path / "run" / "best")
+  for (a, b), (c, d) in zip(last.layers, kept.layers, strict=True):
+    np.testing.assert_array_equal(a, c)
+    np.testing.assert_array_equal(b, d)
+
+
 @pytest.mark.slow
 def test_a_killed_command_is_resumed_by_its_own_plan(tmp_path):
   folder = tmp_path / "run"
