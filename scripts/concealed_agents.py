@@ -1,4 +1,4 @@
-"""Train agents on twins of cars that conceal an effect, and drive those cars; stops and resumes.
+"""Train agents on twins of cars that conceal an effect, and drive those cars; resumes.
 
 qcar-twin concealed-agents --out out/concealed_agents --first 20 --second 20 --jobs 2
 """
