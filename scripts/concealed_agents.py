@@ -77,9 +77,12 @@ def drive_with_its_own(case: Case, config: Config, hyper: Hyperparameters, once:
   """Diagnose a car, train the agents of its twins, drive it with them and with those trained once."""
   folder = config.out / case.name
   diagnosed(case, folder, NARROW if config.quick else Effort())
+  options = own_options(folder)
+  alike = {name: next(n for n, other in options.items() if other == what) for name, what in options.items()}
+  place = lambda name, s: folder / "agents" / alike[name] / f"seed{s}"
   own = {
-    name: [train_agent(hyper, what, APART * case.seed + s, folder / "agents" / name / f"seed{s}") for s in config.seeds]
-    for name, what in own_options(folder).items()
+    name: [train_agent(hyper, what, APART * case.seed + s, place(name, s)) for s in config.seeds]
+    for name, what in options.items()
   }
   streams = 2 if config.quick else config.streams
   controllers = drivers_of((), (FILE.with_name("controllers_states.toml"),), ("linear_rate",), SPEED)

@@ -54,12 +54,19 @@ ABOUT = {
 
 
 def own_options(folder: Path) -> dict[str, dict[str, Any]]:
-  """Of the agents that are trained for a car, from its diagnosis's folder."""
+  """Of the agents that are trained for a car, from its diagnosis's folder; alike where a repair changed nothing."""
+  recalibrated, repaired = (folder / f"{name}.toml" for name in (BASELINE, "twin"))
+  same = _numbers(recalibrated) == _numbers(repaired)
   return {
-    "recalibrated": {"twin": str(folder / "recalibrated.toml"), "informed": True},
-    "repaired": {"twin": str(folder / "twin.toml"), "informed": True},
+    "recalibrated": {"twin": str(recalibrated), "informed": True},
+    "repaired": {"twin": str(recalibrated if same else repaired), "informed": True},
     "posterior": {"randomise": "posterior", "diagnosis": str(folder), "informed": True},
   }
+
+
+def _numbers(twin: Path) -> list[str]:
+  """Lines of a twin file but for the note."""
+  return [line for line in twin.read_text(encoding="utf-8").splitlines() if not line.startswith("note =")]
 
 
 def train_agent(hyper: Hyperparameters, changes: Mapping[str, Any], seed: int, folder: Path) -> Path:

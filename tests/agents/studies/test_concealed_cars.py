@@ -139,6 +139,11 @@ def test_an_agent_is_trained_once_in_the_environment_of_its_name(tmp_path, monke
     (folder / "result.json").write_text("{}", encoding="utf-8")
 
   monkeypatch.setattr(concealed_cars, "train_by_reward", trained)
+  (tmp_path / "recalibrated.toml").write_text('note = "before"\nmass = 2.0\n')
+  (tmp_path / "twin.toml").write_text('note = "after"\nmass = 2.0\n')
+  unrepaired = own_options(tmp_path)
+  assert unrepaired["repaired"] == unrepaired["recalibrated"] != unrepaired["posterior"]
+  (tmp_path / "twin.toml").write_text('note = "after"\nmass = 2.5\n')
   changes = {**concealed_cars.ONCE, **own_options(tmp_path)}
   for name, what in changes.items():
     for _ in range(2):
