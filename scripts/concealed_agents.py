@@ -12,27 +12,17 @@ from joblib import delayed
 
 from agents.control.controllers import FILE
 from agents.control.external_plant import ExternalPlant
-from agents.control.interface import Body
 from agents.learning.hyperparameters import FOLDER, Hyperparameters, read_hyperparameters
 from agents.learning.trial import quickly
 from agents.studies.comparison import drivers_of
-from agents.studies.concealed_cars import (
-  ONCE,
-  SPEED,
-  Driven,
-  drive_car,
-  in_markdown,
-  own_options,
-  read_car,
-  train_agent,
-)
+from agents.studies.concealed_cars import SPEED, Driven, drive_car, in_markdown, read_car, train_its_own, train_once
 from calibration.concealed.campaign.cases import Case, draw_steering_cases
 from calibration.concealed.campaign.run import VERDICT, all_answered, attempted, diagnosed, drivable
 from calibration.diagnosis.search.structure import Effort
 from calibration.progress import counted
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
-from qcar_twin.parallel import in_order, in_parallel
+from qcar_twin.parallel import in_parallel
 
 KEPT = "what is trained, diagnosed and driven stays in --out, the same command goes on with the rest"
 NARROW = Effort(singles=5, pairs=2, triples=1, iterations=1)
@@ -68,37 +58,22 @@ class Config:
   """Train for a few thousand steps, diagnose narrowly, drive two streams."""
 
 
-def plants_of(case: Case) -> dict[bool, Body]:
-  """The car of a case with its effect and without it."""
-  return {effect: ExternalPlant(drivable(case, effect).begin) for effect in (True, False)}
-
-
 def drive_with_its_own(case: Case, config: Config, hyper: Hyperparameters, once: Mapping[str, list[Path]]) -> None:
   """Diagnose a car, train the agents of its twins, drive it with them and with those trained once."""
   folder = config.out / case.name
   diagnosed(case, folder, NARROW if config.quick else Effort())
-  options = own_options(folder)
-  alike = {name: next(n for n, other in options.items() if other == what) for name, what in options.items()}
-  place = lambda name, s: folder / "agents" / alike[name] / f"seed{s}"
-  own = {
-    name: [train_agent(hyper, what, APART * case.seed + s, place(name, s)) for s in config.seeds]
-    for name, what in options.items()
-  }
+  own = train_its_own(hyper, folder, [(s, APART * case.seed + s) for s in config.seeds])
   streams = 2 if config.quick else config.streams
+  plants = {effect: ExternalPlant(drivable(case, effect).begin) for effect in (True, False)}
   controllers = drivers_of((), (FILE.with_name("controllers_states.toml"),), ("linear_rate",), SPEED)
-  drive_car({**once, **own}, folder, plants_of(case), streams, controllers, folder / ANSWER)
+  drive_car({**once, **own}, folder, plants, streams, controllers, folder / ANSWER)
 
 
 def run(config: Config, cases: list[Case]) -> list[str]:
   """Train and drive what is missing; a line for each car that could not be."""
   hyper = dataclasses.replace(read_hyperparameters("ppo", FOLDER / "ppo_states.yml"), steps=config.steps)
   hyper = quickly(hyper) if config.quick else hyper
-  wanted = [(name, s) for name in ONCE for s in config.seeds_once]
-  place = lambda name, s: config.out / "agents" / name / f"seed{s}"
-  trained = in_order([delayed(train_agent)(hyper, ONCE[n], s, place(n, s)) for n, s in wanted], config.jobs)
-  once: dict[str, list[Path]] = {}
-  for (name, _), policy in zip(wanted, trained, strict=True):
-    once.setdefault(name, []).append(policy)
+  once = train_once(hyper, config.out, config.seeds_once, config.jobs)
   todo = [case for case in cases if not (config.out / case.name / ANSWER).is_file()]
   whole = [partial(drive_with_its_own, case, config, hyper, once) for case in todo]
   calls = [delayed(attempted)(case.name, config.out, call) for case, call in zip(todo, whole, strict=True)]

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from joblib import delayed
 from numpy.typing import NDArray
 
 from agents.control.interface import Body, Controller
@@ -26,6 +27,7 @@ from agents.studies.comparison import LEFT, PATHS, paired
 from agents.studies.side_by_side import side_by_side
 from qcar_twin.atomic_io import write_json
 from qcar_twin.estimation.settings import LEARNT
+from qcar_twin.parallel import in_order
 from qcar_twin.untrusted import read_json
 
 Array = NDArray[np.float64]
@@ -83,6 +85,31 @@ def train_agent(hyper: Hyperparameters, changes: Mapping[str, Any], seed: int, f
     (folder / "training.json").unlink(missing_ok=True)  # of one that was stopped: it has no checkpoint to go on from
     train_by_reward(trial, folder, tensorboard=False)
   return folder / "best"
+
+
+def train_once(hyper: Hyperparameters, folder: Path, seeds: Sequence[int], jobs: int) -> dict[str, list[Path]]:
+  """Policies of the agents that are for no car in particular, one a seed; so many trainings at a time."""
+  wanted = [(name, s) for name in ONCE for s in seeds]
+  place = lambda name, s: folder / "agents" / name / f"seed{s}"
+  trained = in_order([delayed(train_agent)(hyper, ONCE[n], s, place(n, s)) for n, s in wanted], jobs)
+  policies: dict[str, list[Path]] = {}
+  for (name, _), policy in zip(wanted, trained, strict=True):
+    policies.setdefault(name, []).append(policy)
+  return policies
+
+
+def train_its_own(hyper: Hyperparameters, folder: Path, seeds: Sequence[tuple[int, int]]) -> dict[str, list[Path]]:
+  """Policies of the agents of a car's twins, from its diagnosis's folder; equal twins have one agent.
+
+  Args:
+    hyper: of the training.
+    folder: of the car's diagnosis.
+    seeds: number of a training and the seed it draws from.
+  """
+  options = own_options(folder)
+  first = {name: next(n for n, other in options.items() if other == what) for name, what in options.items()}
+  place = lambda name, number: folder / "agents" / first[name] / f"seed{number}"
+  return {n: [train_agent(hyper, what, s, place(n, k)) for k, s in seeds] for n, what in options.items()}
 
 
 def drive_car(
