@@ -66,9 +66,13 @@ def _full(problem: Problem, model: Candidate, values: Array) -> Array:
 
 
 def _standing(problem: Problem, model: Candidate, values: Array, slopes: Array) -> tuple[Problem, Candidate]:
-  """A model at these values of what is free, and the problem put right there; `slopes` are of what is fitted."""
+  """A model at these values of what is free, and the problem put right there; `slopes` are of what is fitted.
+
+  A stretch that a descent left to MuJoCo takes as long as all others together; the next descent begins without, and
+  leaves to it what misleads there.
+  """
   theta = _full(problem, model, values)
-  problem = problem.at(theta)
+  problem = problem.at(theta).unguarded()
   jacobian = np.zeros((len(problem.observations), len(model.free)))
   jacobian[: model.n_train] = slopes
   found = dataclasses.replace(
