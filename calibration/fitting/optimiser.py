@@ -91,17 +91,10 @@ class Fit:
 
 
 def fit(
-  residual: Residual,
-  parameters: ParameterSet,
-  start: Array | None = None,
-  iterations: int = 8,
-  robust: float = 3.0,
-  tolerance: float = 3e-4,
-  step: float = 0.02,
-  progress: Callable[[int, float], None] | None = None,
-  slopes: Array | None = None,
-  stencils: Sequence[float] = STENCILS,
-) -> Fit:
+  residual: Residual, parameters: ParameterSet, start: Array | None = None, iterations: int = 8, robust: float = 3.0,
+  tolerance: float = 3e-4, step: float = 0.02, progress: Callable[[int, float], None] | None = None,
+  slopes: Array | None = None, stencils: Sequence[float] = STENCILS,
+) -> Fit:  # fmt: skip
   """Minimise half the robust sum of squared residuals plus the prior.
 
   Args:
@@ -114,8 +107,7 @@ def fit(
       such an iteration must have had a fresh Jacobian, and wider stencils must agree.
     step: finite-difference step as a share of each parameter's scale.
     progress: called with the iteration and the cost.
-    slopes: d residual / d theta at the first guess, (M, p), where they are known from a fit that ended there with
-      another residual; if the first step with them gains next to nothing, this fit ends there, too.
+    slopes: d residual / d theta at the first guess, (M, p), where known; a first step in vain with them ends the fit.
     stencils: half widths of the central differences, in scales, that a search without a tolerance ends with.
 
   Raises:
@@ -218,9 +210,8 @@ def finite_differences(
 
 def _slopes(residual: Residual, parameters: ParameterSet, theta: Array, r: Array, step: float, half: float) -> Array:
   """Jacobian, (M, p), over a stencil of this half width; by forward differences where that is 0."""
-  if half:
-    return central_differences(residual, parameters, theta, half)
-  return finite_differences(residual, parameters, theta, r, step)
+  central = lambda: central_differences(residual, parameters, theta, half)
+  return central() if half else finite_differences(residual, parameters, theta, r, step)
 
 
 def central_differences(residual: Residual, parameters: ParameterSet, theta: Array, half: float) -> Array:
