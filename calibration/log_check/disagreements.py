@@ -31,6 +31,8 @@ _ZEROS = {
   "accel_x": ("accel_bias", "accel_bias_x"),
   "accel_y": ("accel_bias", "accel_bias_y"),
 }
+# s, after which cars answer their steering: 0.02 (data/sample) to 0.19 (cpm_ucar), in `comparisons` of check.json
+_ANSWERS = 0.1
 _LOUD = 3.0  # times the compared sensor's noise that a motion must be for the two to be alike
 
 
@@ -173,12 +175,25 @@ def _cures(good: Sequence[tuple[Alternative, Comparison]]) -> str:
 
 
 def _far_apart(c: Comparison) -> str:
+  if c.motion.acts:
+    return _far_command(c)
   late, sensor = c.lag.value > 0.0, c.motion.compared[0]
   way = "late" if late else "early"
   behind = sensor if late else c.motion.reference[0]
   return (
     f"{sensor} is {abs(c.lag.value):.2f} ± {c.lag.std:.2f} s {way} against {_list(c.motion.reference)}: set late = "
     f"{abs(c.lag.value):.2f} on {behind} in [channels], or record both with one clock"
+  )
+
+
+def _far_command(c: Comparison) -> str:
+  """Of a command and the answer to it: who commands has one clock for the drive, too."""
+  late, command = _ANSWERS - c.lag.value, c.motion.reference[0]
+  way = "before" if c.lag.value < 0.0 else "after"
+  said = f"{c.motion.compared[0]} answers {command} {abs(c.lag.value):.2f} ± {c.lag.std:.2f} s {way} it"
+  return (
+    f"{said}, and cars answer about {_ANSWERS:g} s after it: set late = {late:.2f} on {command} in [channels], and on "
+    "the drive's command where it has the same clock, or record all with one clock"
   )
 
 

@@ -54,6 +54,8 @@ class Motion:
     kinematic: they are the same by geometry alone, so a lag or a scale is a sensor's; else also how the car answers.
     powers: to which the scale of the two takes a factor on a channel, on the place (PLACE) or on all stamps (CLOCK).
     answers: the one is how the car answers the other, as late as it likes.
+    acts: where the reference is a command times what it acts on: a recording -> the mean rates of both, since of stamps
+      that are seconds off only the command's are.
   """
 
   name: str
@@ -67,6 +69,7 @@ class Motion:
   kinematic: bool = False
   powers: Mapping[str, int] = dataclasses.field(default_factory=dict)
   answers: bool = False
+  acts: Callable[[Recording], tuple[Means, Means]] | None = None
 
   def measured_in(self, recording: Recording) -> bool:
     return all(name in recording and len(recording[name]) > 1 for name in (*self.compared, *self.reference))
@@ -108,6 +111,7 @@ def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
       lambda r: _added(r["yaw_rate"]), lambda r: _steered(r, wheels),
       lambda n, w: (_mean_noise(n["yaw_rate"], w), _mean_noise(n[wheel], w) * to_speed),
       "rad/s", powers=_product_of({"yaw_rate": 1, "steering_command": -1}, per_speed),
+      acts=lambda r: (_commanded(r), _added(r[wheel], to_speed)),
     ),
   ]  # fmt: skip
   if not any("yaw_rate" in r for r in recordings):
@@ -255,6 +259,13 @@ def _held(command: Stream, other: Stream) -> Means:
   """A command, which keeps its value, while another channel has values."""
   time = np.arange(max(other.time[0], command.time[0]), min(other.time[-1], command.time[-1] + _KEPT), 0.01)
   return _added(Stream(time, command.at(time))) if len(time) > 1 else lambda begin, length: np.full(len(begin), np.nan)
+
+
+def _commanded(recording: Recording) -> Means:
+  """Means of the steering command, which keeps its value."""
+  command = recording["steering_command"]
+  time = np.arange(command.time[0], command.time[-1] + _KEPT, 0.01)
+  return _added(Stream(time, command.at(time)))
 
 
 def _steered(recording: Recording, wheels: Wheels) -> Means:

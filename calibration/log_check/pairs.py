@@ -22,7 +22,7 @@ from calibration.fitting.noise import ChannelNoise, noise_models
 from calibration.log_check.motions import REGIMES, Motion, Wheels, motions, regimes
 from calibration.log_check.wide_lag import sums_by_lag, wide_lag
 from qcar_twin.recordings.dataset import DataSet
-from qcar_twin.recordings.recording import Recording
+from qcar_twin.recordings.recording import Recording, Stream
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -108,14 +108,16 @@ def compare(
   levels = motion.noise(noise, window)
   held = [r for r in recordings if motion.measured_in(r)]
   centre, elsewhere = _centre(motion, wheels, held, window)
-  lags = _LAGS + centre
+  moved = centre if motion.acts else 0.0
+  held = [_acted_later(r, motion.reference[0], moved) for r in held] if moved else held
+  lags = _LAGS + centre - moved
   blocks = [b for r in held for b in _blocks(motion, wheels, r, window, lags)]
   if len(blocks) < _LEAST_BLOCKS:
     return _unknown(motion, f"less than {_LEAST_BLOCKS * _BLOCK:g} s hold both", len(blocks) * _BLOCK)
   sums = np.stack([sums for sums, _, _ in blocks])
   loud = float(np.std(np.concatenate([reference for _, reference, _ in blocks])))
-  moved = _spread(sums[:, _NO_LAG]) if motion.kinematic else 0.0
-  if loud < max(_LOUD * levels[1], _RESTS) and moved < max(_LOUD * levels[0], _MOVES):
+  own = _spread(sums[:, _NO_LAG]) if motion.kinematic else 0.0
+  if loud < max(_LOUD * levels[1], _RESTS) and own < max(_LOUD * levels[0], _MOVES):
     said = f"the motion ({loud:.2g} {motion.unit}) is not {_LOUD:g} times the reference's noise ({levels[1]:.2g})"
     return _unknown(motion, said, len(blocks) * _BLOCK)
   ratio = (levels[0] / levels[1]) ** 2
@@ -125,7 +127,7 @@ def compare(
   inside = lags[1] < lag.value < lags[-2]
   return Comparison(
     motion=motion,
-    lag=lag if inside else _NOTHING,
+    lag=dataclasses.replace(lag, value=lag.value + moved) if inside else _NOTHING,
     scale=scale,
     bias=bias,
     correlation=float(fit[4]),
@@ -135,7 +137,7 @@ def compare(
     noise=float(np.hypot(levels[0], scale.value * levels[1])),
     seconds=len(blocks) * _BLOCK,
     regimes=_by_regime(motion, wheels, held, window, lag.value, ratio),
-    loud=max(loud, moved),
+    loud=max(loud, own),
     levels=levels,
     elsewhere=elsewhere and centre == 0.0,
     odd=float(np.sum(~good)) * _BLOCK,
@@ -151,11 +153,21 @@ def _centre(motion: Motion, wheels: Wheels, recordings: Sequence[Recording], win
     begin = np.arange(recording.start, recording.end - window, 5.0 * _STEP)
     y, x = motion.of_compared(recording)(begin, window), motion.of_reference(recording)(begin, window)
     y = np.where(np.isin(regimes(wheels, recording, begin, window), motion.within), y, np.nan)
+    by = None
+    if motion.acts:
+      x, by = (means(begin, window) for means in motion.acts(recording))
     if len(begin) > 1:
-      sums.append(sums_by_lag(x, y))
+      sums.append(sums_by_lag(x, y, by))
   if not sums:
     return 0.0, False
   return wide_lag(sums, lambda s: _line(s, 1.0)[..., 3], 5.0 * _STEP, (_LAGS[0], _LAGS[-1]))
+
+
+def _acted_later(recording: Recording, command: str, seconds: float) -> Recording:
+  """The recording with the stamps of a command moved on."""
+  stream = recording[command]
+  moved = Stream(stream.time + seconds, stream.value)
+  return dataclasses.replace(recording, streams={**recording.streams, command: moved})
 
 
 def _blocks(

@@ -16,18 +16,22 @@ _BETTER = 0.5  # of the variance that the best near lag leaves unexplained: at m
 _HALF = 0.5  # of the windows must take part in a lag
 
 
-def sums_by_lag(x: Array, y: Array) -> Array:
-  """Count, sums and sums of products of y(i) and x(i - lag), (lags, 6), of lags -_STEPS ... _STEPS; NaN takes no part.
+def sums_by_lag(x: Array, y: Array, by: Array | None = None) -> Array:
+  """Count, sums and sums of products of y(i) and by(i) x(i - lag), (lags, 6), of lags -_STEPS ... _STEPS; NaN takes no
+  part.
 
   Args:
     x, y: means of the reference and of the compared sensor in windows at equal distances, (k,).
+    by: what the reference is multiplied by where it acts, (k,), and which has the clock of `y`; ones where absent.
   """
-  mx, my = np.isfinite(x).astype(float), np.isfinite(y).astype(float)
-  x, y = np.where(mx > 0.0, x, 0.0), np.where(my > 0.0, y, 0.0)
+  by = np.ones(len(y)) if by is None else by
+  mx, my = np.isfinite(x).astype(float), (np.isfinite(y) & np.isfinite(by)).astype(float)
+  x, y, by = np.where(mx > 0.0, x, 0.0), np.where(my > 0.0, y, 0.0), np.where(my > 0.0, by, 0.0)
   size = 1 << int(np.ceil(np.log2(len(x) + _STEPS + 1)))
   of = lambda a: np.fft.rfft(a, size)
   pair = lambda a, b: np.fft.irfft(of(a) * np.conj(of(b)), size)[np.arange(-_STEPS, _STEPS + 1)]
-  return np.stack([pair(my, mx), pair(my, x), pair(y, mx), pair(my, x * x), pair(y, x), pair(y * y, mx)], axis=-1)
+  products = (pair(my, mx), pair(by, x), pair(y, mx), pair(by * by, x * x), pair(y * by, x), pair(y * y, mx))
+  return np.stack(products, axis=-1)
 
 
 def wide_lag(

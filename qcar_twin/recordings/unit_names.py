@@ -42,7 +42,7 @@ UNITS: dict[str, tuple[str, float]] = {
   **dict.fromkeys(("mv", "millivolts"), ("V", 0.001)),
   **dict.fromkeys(("a", "amp", "amps"), ("A", 1.0)),
   **dict.fromkeys(("ma", "milliamps"), ("A", 0.001)),
-  **dict.fromkeys(("%", "pct", "percent"), ("-", 0.01)),
+  **dict.fromkeys(("%", "pct", "percent", "percentage"), ("-", 0.01)),
 }
 
 

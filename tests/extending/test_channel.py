@@ -136,14 +136,14 @@ def test_a_format_takes_one_file(folder):
   time, commands, signals = driven()
   names = ("time", "motor_voltage", "steering_command", "motor_speed", "yaw_rate")
   table = np.column_stack([time, commands, signals[:, [signal_index(name) for name in names[3:]]]])
-  (folder / "run.jsonl").write_text(
+  (folder / "run.steps").write_text(
     "\n".join(json.dumps(dict(zip(names, row.tolist(), strict=True))) for row in table), encoding="utf-8"
   )
-  with pytest.raises(RecordingError, match="cannot read '.jsonl' files; readable are: .csv"):
-    formats.read_table(folder / "run.jsonl")
+  with pytest.raises(RecordingError, match="cannot read '.steps' files; readable are: .csv"):
+    formats.read_table(folder / "run.steps")
   formats.__path__.append(str(folder))
-  read = formats.read_table(folder / "run.jsonl").columns
+  read = formats.read_table(folder / "run.steps").columns
   assert all((read[name] == table[:, column]).all() for column, name in enumerate(names))
-  (folder / "run.jsonl").write_text('{"time": 0.0}\n{"speed": 1.0}\n', encoding="utf-8")
-  with pytest.raises(RecordingError, match="run.jsonl: its lines have different keys"):
-    formats.read_table(folder / "run.jsonl")
+  (folder / "run.steps").write_text('{"time": 0.0}\n{"speed": 1.0}\n', encoding="utf-8")
+  with pytest.raises(RecordingError, match="run.steps: its lines have different keys"):
+    formats.read_table(folder / "run.steps")

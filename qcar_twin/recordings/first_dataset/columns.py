@@ -102,6 +102,10 @@ class Columns:
     steps = [np.diff(table.number(name, name)) for table in self.tables]
     return all(np.sum(step < 0.0) <= _LATE_ROWS * step.size for step in steps)
 
+  def counts(self, name: str) -> bool:
+    """Whether a column numbers the rows."""
+    return all((np.diff(table.number(name, name)) == 1.0).all() for table in self.tables)
+
   def steps(self, name: str) -> bool:
     """Whether a column has the time since the row before in every row: positive, and much the same; one that only ever
     rises is a clock of few digits."""
@@ -163,7 +167,11 @@ def _clock(columns: Columns) -> Guess | None:
   for name in (*named, *(name for name in columns.names if set(words_of(name)) & _STEPS)):
     if columns.steps(name):
       return Guess("time", name, steps=True, why=["its name says time, and it has the steps from row to row"])
-  rising = [name for name in columns.names if columns.rises(name) and not name.lower().startswith("unnamed")]
+  rising = [
+    name
+    for name in columns.names
+    if columns.rises(name) and not (name.lower().startswith("unnamed") and columns.counts(name))
+  ]
   return Guess("time", rising[0], why=["it rises through every file"]) if rising else None
 
 

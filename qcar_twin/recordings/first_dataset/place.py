@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from qcar_twin.atomic_io import whole_file
-from qcar_twin.recordings.formats import read_table, readers
+from qcar_twin.recordings.formats import PACKED, read_table, readers
 from qcar_twin.recordings.formats.table import NoSamples, Table
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
@@ -62,6 +62,8 @@ def _instead(names: Sequence[str]) -> str:
   if not names:
     return ", it is empty"
   listed = ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
+  if packed := next((name for name in names if Path(name).suffix.lower() in PACKED), None):
+    return f" but {listed} (unpack {packed} first)"
   prose = next((name for name in names if Path(name).suffix.lower() in _PROSE), None)
   return f" but {listed}" + (
     f" (name {prose} itself if it is one)" if prose else ", to be exported as .csv if it is one"

@@ -19,6 +19,7 @@ from qcar_twin.recordings.formats.table import NoSamples, Table
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.untrusted import UnreadableFile, bounded_memory, inside
 
+PACKED = (".gz", ".zip", ".bz2", ".xz", ".zst", ".7z", ".rar", ".tar", ".tgz")  # files that hold files
 BAG_FOLDER = ".db3"  # what a folder is read as: a ROS 2 bag
 
 
@@ -48,6 +49,8 @@ def _said(path: Path, _written: int) -> Mapping[str, str]:
 
 def _reader(path: Path, label: str) -> Callable[[Path, str], Table]:
   suffix, known = BAG_FOLDER if path.is_dir() else path.suffix.lower(), readers()
+  if suffix in PACKED:
+    raise RecordingError(f"{label}: is packed; unpack it first, and name what comes out")
   if suffix not in known:
     raise RecordingError(
       f"{label}: cannot read '{path.suffix}' files; readable are: {', '.join(known)} and ROS 2 bag folders; "

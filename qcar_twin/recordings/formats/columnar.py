@@ -13,6 +13,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from qcar_twin.recordings.formats.dates import seconds_of
+from qcar_twin.recordings.formats.dialect import Dialect, dialect_of, without_comments
 from qcar_twin.recordings.formats.table import NO_ROWS, Clocked, Table, merge
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import words_of
@@ -22,17 +23,22 @@ pyarrow.set_memory_pool(pyarrow.system_memory_pool())  # the default reserves ad
 # what spreadsheets, pandas, R and C write where there is no number
 _BLANK = ("", "#N/A", "N/A", "n/a", "NA", "null", "NULL", "None", "-", "--", "#DIV/0!", "#NUM!", "#VALUE!", "-nan(ind)")
 _CLOCKS = {"t", "time", "times", "stamp", "stamps", "timestamp", "timestamps", "clock"}
+_LONG, _SIGNALS, _LISTED = 20, 200, 4  # rows and signals of a long table, and how many are named
 UNNAMED = "unnamed"  # and its number: what a column without a name is called
-_LONGEST_LINE = 1 << 16  # bytes of a header: thousands of names
 
 READERS = {".csv": "read_csv", ".txt": "read_csv", ".tsv": "read_csv", ".parquet": "read_parquet", ".npz": "read_npz"}
 
 
 def read_csv(path: Path, label: str) -> Table:
   """Comma, semicolon or tab separated text with a header line; a byte order mark and decimal commas are understood."""
-  dialect = _dialect(path, label)
+  dialect = dialect_of(path, label)
   try:
-    table = _parse(path, dialect)
+    try:
+      table = _parse(path, dialect)
+    except pyarrow.ArrowInvalid:
+      if b"\n#" not in path.read_bytes():
+        raise
+      table = _parse(path, dialect, plain=True)
   except pyarrow.ArrowInvalid as error:
     if "Empty CSV" in str(error):
       raise RecordingError(f"{label}: the file is empty; record it again or remove it from dataset.toml") from error
@@ -45,6 +51,7 @@ def read_csv(path: Path, label: str) -> Table:
       f"{label}: only one column was found ('{table.column_names[0][:60]}'); separate the columns by commas"
     )
   _refuse_words(table, label)
+  _refuse_long(table, label)
   if dialect.headless:
     table = table.rename_columns([f"column_{number}" for number in range(1, table.num_columns + 1)])
   return dataclasses.replace(_from_arrow(table, label), headless=dialect.headless)
@@ -69,6 +76,23 @@ def _refuse_words(table: pyarrow.Table, label: str) -> None:
         f"{label}: row 1 holds words ({said[:60]}), perhaps units, and no numbers; delete that row; a unit may stand "
         "in a column's name, as in 'speed [km/h]'"
       )
+
+
+def _refuse_long(table: pyarrow.Table, label: str) -> None:
+  """A table with a row for every signal and time has one column of names and one of values."""
+  names = table.column_names
+  texts = [name for name, column in zip(names, table.columns, strict=True) if pyarrow.types.is_string(column.type)]
+  values = [name for name in names if words_of(name)[-1:] in (("value",), ("data",), ("val",))]
+  if len(texts) != 1 or len(values) != 1 or names.count(texts[0]) != 1 or table.num_rows < _LONG:
+    return
+  signals = table.column(texts[0]).unique().to_pylist()
+  if 1 < len(signals) <= _SIGNALS and None not in signals:
+    listed = ", ".join(map(str, signals[:_LISTED])) + (" …" if len(signals) > _LISTED else "")
+    raise RecordingError(
+      f"{label}: is a long table: '{texts[0]}' has the names of {len(signals)} signals ({listed}) and '{values[0]}' "
+      f'their values; give each a column of its own, as pandas\' table.pivot_table(index="time", '
+      f'columns="{texts[0]}", values="{values[0]}").reset_index() does'
+    )
 
 
 def read_parquet(path: Path, label: str) -> Table:
@@ -145,55 +169,22 @@ def _loaded(archive: np.lib.npyio.NpzFile, name: str, label: str) -> np.ndarray:
     ) from error
 
 
-@dataclasses.dataclass(frozen=True)
-class _Dialect:
-  """How a text file is written; `comments`: lines above the header; `headless`: the first line holds numbers."""
-
-  separator: str
-  decimal: str
-  encoding: str
-  comments: int
-  headless: bool
-
-
-def _dialect(path: Path, label: str) -> _Dialect:
-  """From the header and the first row. Lines that begin with # stand above the header, or the last of them is it."""
-  with path.open("rb") as file:
-    head = file.read(_LONGEST_LINE)
-  if head[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\x00" in head:
-    raise RecordingError(f"{label}: is not UTF-8 text (UTF-16, or a binary file); save it as CSV UTF-8")
-  if len(head) == _LONGEST_LINE and not head.strip().count(b"\n") and b"\r" not in head.strip():
-    raise RecordingError(
-      f"{label}: the first line has more than {_LONGEST_LINE >> 10} KiB and is no header; write one line of names and"
-      " one line a sample"
-    )
-  lines = [line for line in head.splitlines() if line.strip()] + [b"", b""]
-  marked = next((k for k, line in enumerate(lines) if not line.lstrip().startswith(b"#")), 0)
-  separator = max(b",", b";", b"\t", key=lines[marked].count)
-  numbers = lambda line: bool(line) and all(_numeric(cell) for cell in line.decode("latin1").split(separator.decode()))
-  comments = marked - 1 if marked and numbers(lines[marked]) else marked
-  header, first = lines[comments], lines[comments + 1]
-  decimal = "," if separator != b"," and b"," in first else "."
-  try:
-    header.decode("utf-8")
-    encoding = "utf8"
-  except UnicodeDecodeError:
-    encoding = "latin1"
-  return _Dialect(separator.decode(), decimal, encoding, comments, numbers(header))
-
-
-def _parse(path: Path, dialect: _Dialect) -> pyarrow.Table:
-  source, size = _opened(path), path.stat().st_size
-  if dialect.encoding != "utf8":  # pyarrow's own conversion takes its memory from the pool that reserves so much
-    text = path.read_bytes().decode(dialect.encoding).encode()
-    source, size = pyarrow.BufferReader(text), len(text)
+def _parse(path: Path, dialect: Dialect, *, plain: bool = False) -> pyarrow.Table:
+  """The table that a file holds; `plain`: without the comments among its rows."""
+  source, size, skipped = _opened(path), path.stat().st_size, dialect.skipped
+  if plain or dialect.encoding not in ("utf-8", "utf-8-sig"):
+    # pyarrow's own conversion takes its memory from the pool that reserves so much
+    text = path.read_bytes().decode(dialect.encoding)
+    data = (without_comments(text, skipped) if plain else text).encode()
+    source, size, skipped = pyarrow.BufferReader(data), len(data), 0 if plain else skipped
   whole = min(max(size + 1, 1 << 16), (1 << 31) - 1)  # column types come from the first block: take it all
   return pyarrow.csv.read_csv(
     source,
     read_options=pyarrow.csv.ReadOptions(
       use_threads=False,
       block_size=whole,
-      skip_rows=dialect.comments,
+      skip_rows=skipped,
+      column_names=list(dialect.names) or None,
       autogenerate_column_names=dialect.headless,
     ),
     parse_options=pyarrow.csv.ParseOptions(delimiter=dialect.separator),

@@ -13,7 +13,10 @@ from qcar_twin.recordings.recording import RecordingError
 
 _SECONDS = re.compile(r"^(?P<stamp>.*?)[._ ]?(?P<s>secs?)$", re.IGNORECASE)
 _NANOSECONDS = ("nsec", "nsecs", "nanosec", "nanosecs")
-_QUATERNION = re.compile(r"^(?P<stem>.*(?:orientation|rotation|quaternion|quat|q))(?P<gap>[._ ]?)w$", re.IGNORECASE)
+_QUATERNION = re.compile(
+  r"^(?P<stem>.*(?:orientation|rotation|quaternion|quat|q))(?P<gap>[._ ]?)(?P<w>w)$", re.IGNORECASE
+)
+_ABOUT = 5.0  # times what it turns about another axis, from which a car turns about one: it pitches by 0.1 rad at most
 _UNIT = 0.01  # how far from 1 the length of a quaternion of rotation may be, by its digits
 
 
@@ -39,12 +42,20 @@ def composed(table: Table) -> Table:
       made[name] = parts[0] + 1e-9 * parts[1]
   for parsed in filter(None, map(_QUATERNION.match, table.columns)):
     stem, yaw = parsed["stem"] + parsed["gap"], f"{parsed['stem']}{parsed['gap'] or '_'}yaw"
-    parts = _numbers(table, tuple(f"{stem}{axis}" for axis in "wxyz"))
+    axes = "WXYZ" if parsed["w"] == "W" else "wxyz"
+    parts = _numbers(table, tuple(f"{stem}{axis}" for axis in axes))
     if parts is not None and yaw not in table and np.nanmax(np.abs(np.sum(parts**2, axis=0) - 1.0)) < _UNIT:
-      w, x, y, z = parts
-      made[yaw] = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y**2 + z**2))
+      made[yaw] = _yaw(*parts)
   blank = {name: np.flatnonzero(np.isnan(values)) for name, values in made.items()}
   return dataclasses.replace(table, columns={**table.columns, **made}, not_a_number={**table.not_a_number, **blank})
+
+
+def _yaw(w: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+  """Rotation about the upright axis, rad: z, or y where all turning is about y, as where y is counted upwards."""
+  turned = [float(np.nanmax(np.abs(part))) for part in (x, y, z)]
+  if turned[1] > _ABOUT * max(turned[0], turned[2]):
+    return np.arctan2(2.0 * w * y, 1.0 - 2.0 * y**2)
+  return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y**2 + z**2))
 
 
 def _numbers(table: Table, names: tuple[str, ...]) -> np.ndarray | None:

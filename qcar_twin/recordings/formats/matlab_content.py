@@ -78,6 +78,9 @@ def _structure(name: str, value: Mapping[str, Any]) -> Iterator[Group]:
   if clock is not None:
     columns = {key: column for key, column in columns.items() if column.size == clock.size}
     columns |= _signals(name, value.get("signals"), clock.size)
+    for key, field in value.items():  # three axes of a gyro, say
+      if isinstance(field, np.ndarray) and field.ndim == 2 and field.dtype.kind in "fiub" and clock.size in field.shape:
+        columns |= signal_columns(f"{name}.{key}", field.astype(float), clock.size)
   if columns:
     yield clock, columns
   for key, field in value.items():

@@ -51,6 +51,29 @@ def wandering(seed: int) -> Recording:
   return Recording.from_columns(f"run_{seed}", time, columns)
 
 
+def hurried(run: Recording) -> Recording:
+  """The same curves at a speed that changes."""
+  time = run["speed"].time
+  speed = 1.0 + 0.5 * np.sin(1.3 * time)
+  yaw_rate = speed * run["yaw_rate"].value
+  yaw = np.cumsum(yaw_rate) / 100.0
+  x, y = (np.cumsum(speed * way) / 100.0 for way in (np.cos(yaw), np.sin(yaw)))
+  turning = {"yaw_rate": yaw_rate, "accel_y": speed * yaw_rate, "pose_yaw": yaw}
+  return rewritten(run, speed=speed, pose_x=x, pose_y=y, **turning)
+
+
+@pytest.mark.parametrize("late", [0.8, -0.8, 2.0])
+def test_commands_that_are_seconds_late_are_said_though_the_speed_they_act_on_is_not(late):
+  runs = [hurried(wandering(k)) for k in range(2)]
+  assert not spoiling(runs)
+  runs = [changed(changed(r, "steering_command", late=late), "motor_voltage", late=late) for r in runs]
+  (text,) = spoiling(runs)
+  said = float(text.split("set late = ")[1].split(" ")[0])
+  assert said == pytest.approx(late, abs=0.12) and "on steering_command in [channels], and on the drive's" in text
+  mended = [changed(changed(r, "steering_command", late=-said), "motor_voltage", late=-said) for r in runs]
+  assert not spoiling(mended)
+
+
 def test_a_lag_beyond_the_search_is_not_reported_as_one():
   assert not spoiling([wandering(k) for k in range(2)])
   runs = [changed(wandering(k), "yaw_rate", late=15.0) for k in range(2)]

@@ -115,7 +115,7 @@ def test_time_stamps_written_as_dates_become_seconds(tmp_path):
     (b"time,speed\n0,1\n1,abc\n", ["column 'speed' has 'abc' in row 2", "not a number", "leave the cell blank"]),
     (b"time,speed\n0,1\n10:31,2\n", ["column 'time' has '10:31' in row 2", "time must be a number of seconds"]),
     (b"time,speed,speed\n0,1,2\n", ["column 'speed' occurs more than once"]),
-    ("time,speed\n0,1\n".encode("utf-16"), ["is not UTF-8 text (UTF-16, or a binary file); save it as CSV UTF-8"]),
+    ("time,speed\n0,1\n".encode("utf-16-le"), ["is not UTF-8 text (UTF-16 without a mark", "save it as CSV UTF-8"]),
     (b"\x89PNG\x00\x00time,speed\n", ["is not UTF-8 text"]),
   ],
 )
@@ -143,7 +143,7 @@ def test_a_file_that_may_not_be_read_says_so(tmp_path, monkeypatch):
   path = write_csv(tmp_path / "a.csv", TIME, COLUMNS)
   os.chmod(path, 0)
   monkeypatch.setattr(
-    "qcar_twin.recordings.formats.columnar._dialect", lambda *_: (_ for _ in ()).throw(PermissionError("denied"))
+    "qcar_twin.recordings.formats.columnar.dialect_of", lambda *_: (_ for _ in ()).throw(PermissionError("denied"))
   )
   refused(path, "cannot be read (denied); check the file and its permissions")
 

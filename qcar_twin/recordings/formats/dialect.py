@@ -1,0 +1,152 @@
+"""How a text file is written: separator, decimal mark, encoding, and which lines above the numbers name the columns."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from qcar_twin.recordings.recording import RecordingError
+from qcar_twin.recordings.unit_names import UNITS, unit_of
+
+LONGEST_LINE = 1 << 16  # bytes of a header: thousands of names
+_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}  # of byte order
+_SEPARATORS = "\t;,"  # of two that are in every row the first: a comma may be a decimal mark
+_SAMPLE = 40  # lines below which a preamble is over
+_MOSTLY = 0.5  # of the cells that are there: numbers make a row of samples, units one of units
+_COMMA = re.compile(r"^\s*[-+]?\d+,\d+(?:[eE][-+]?\d+)?\s*$")
+_NO_UNIT = {"-", "1", "[-]", "none", "n/a"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Dialect:
+  """How a text file is written.
+
+  Attributes:
+    separator, decimal: marks between and within numbers.
+    encoding: of the text, without a mark of byte order.
+    skipped: lines above the header, or above the samples where `names` are given.
+    names: of the columns, where more than one line says them; else the first line that is not skipped does.
+    headless: the first line holds numbers.
+  """
+
+  separator: str
+  decimal: str
+  encoding: str
+  skipped: int
+  names: tuple[str, ...] = ()
+  headless: bool = False
+
+
+def dialect_of(path: Path, label: str) -> Dialect:
+  """From the lines above the numbers and the first rows of them.
+
+  Lines that begin with # are comments; the last of them is the header where nothing else is. Lines of another number of
+  cells than the rows have are a preamble. Of several lines above the numbers the first whose cells are all there and
+  differ has the names, and one of units below it goes into them: `speed [km/h]`.
+
+  Raises:
+    RecordingError: it is no text, or its first line has no end.
+  """
+  with path.open("rb") as file:
+    head = file.read(LONGEST_LINE)
+  encoding = next((name for mark, name in _MARKS.items() if head.startswith(mark)), "")
+  if not encoding and b"\x00" in head:
+    raise RecordingError(f"{label}: is not UTF-8 text (UTF-16 without a mark, or a binary file); save it as CSV UTF-8")
+  text, encoding = _decoded(head, encoding)
+  if len(head) == LONGEST_LINE and not text.strip().count("\n") and "\r" not in text.strip():
+    raise RecordingError(
+      f"{label}: the first line has more than {LONGEST_LINE >> 10} KiB and is no header; write one line of names and"
+      " one line a sample"
+    )
+  lines = text.splitlines()
+  lines = lines[:-1] if len(head) == LONGEST_LINE and len(lines) > 1 else lines  # the last is cut off
+  filled = [k for k, line in enumerate(lines) if line.strip()]
+  content = [k for k in filled if not lines[k].lstrip().startswith("#")] or filled
+  if not content:
+    return Dialect(",", ".", encoding, 0)
+  sample = lines[content[min(_SAMPLE, len(content) - 1)]]
+  separator = next((mark for mark in _SEPARATORS if mark in sample), ",")
+  cells = {k: _cells(lines[k], separator) for k in content}
+  wide = len(_cells(sample, separator))
+  first = next((k for k in content if len(cells[k]) == wide and _mostly(cells[k], _number)), None)
+  above = [] if first is None else _stack([k for k in content if k < first], cells, wide)
+  commented = [k for k in filled if k < (content[0] if first is None else first) and k not in content]
+  if first is None or (not above and first != content[0]):
+    above, first = [content[0]], content[min(1, len(content) - 1)]
+  if not above and commented and len(_cells(lines[commented[-1]], separator)) == wide:
+    above = [commented[-1]]  # the header is the last of the comments
+  decimal = "," if any(map(_COMMA.match, _cells(lines[first], separator))) else "."
+  if not above:
+    return Dialect(separator, decimal, encoding, first, headless=all(map(_number, cells[first])))
+  names = _names([_cells(lines[k], separator) for k in above]) if len(above) > 1 else ()
+  return Dialect(separator, decimal, encoding, first if names else above[0], names)
+
+
+def without_comments(text: str, skipped: int) -> str:
+  """The lines from there on that do not begin with #, but for the first, which may be a header so marked."""
+  lines = text.splitlines(keepends=True)[skipped:]
+  return "".join(line for k, line in enumerate(lines) if not k or not line.lstrip().startswith("#"))
+
+
+def _decoded(head: bytes, encoding: str) -> tuple[str, str]:
+  if encoding:
+    return head.decode(encoding, errors="ignore"), encoding
+  try:
+    return head.decode("utf-8"), "utf-8"
+  except UnicodeDecodeError as error:
+    cut = error.start >= len(head) - 3 and len(head) == LONGEST_LINE  # within its last letter
+    return (head.decode("utf-8", errors="ignore"), "utf-8") if cut else (head.decode("latin1"), "latin1")
+
+
+def _cells(line: str, separator: str) -> list[str]:
+  return next(csv.reader([line], delimiter=separator), [])
+
+
+def _number(cell: str) -> bool:
+  try:
+    float(cell)
+  except ValueError:
+    return bool(_COMMA.match(cell))
+  return True
+
+
+def _unit(cell: str) -> bool:
+  word = cell.strip().strip("[](){}").lower()
+  return word in UNITS or word in _NO_UNIT
+
+
+def _mostly(cells: Sequence[str], is_one: object) -> bool:
+  there = [cell for cell in cells if cell.strip()]
+  return bool(there) and sum(map(is_one, there)) > _MOSTLY * len(there)  # type: ignore[arg-type]
+
+
+def _stack(above: Sequence[int], cells: dict[int, list[str]], wide: int) -> list[int]:
+  """The lines right above the samples that have as many cells."""
+  kept: list[int] = []
+  for k in reversed(above):
+    if len(cells[k]) != wide:
+      break
+    kept.insert(0, k)
+  return kept
+
+
+def _names(rows: Sequence[list[str]]) -> tuple[str, ...]:
+  """Names from several lines: the first that names every column by itself, with the units of the line below it; where
+  none does, what the lines say of a column one after the other."""
+  rows = [[cell.strip() for cell in row] for row in rows]
+  whole = next((k for k, row in enumerate(rows) if all(row) and len(set(row)) == len(row)), None)
+  if whole is None:
+    return tuple(" ".join(dict.fromkeys(filter(None, column))) for column in zip(*rows, strict=True))
+  if whole + 1 == len(rows):
+    return tuple(rows[whole])
+  below = rows[whole + 1]
+  if not _mostly(below, _unit):
+    return ()  # words below a header are refused where the rows are looked at
+  of = lambda cell: cell.strip("[](){}")
+  return tuple(
+    f"{name} [{of(cell)}]" if _unit(cell) and cell.lower() not in _NO_UNIT and unit_of(name) is None else name
+    for name, cell in zip(rows[whole], below, strict=True)
+  )

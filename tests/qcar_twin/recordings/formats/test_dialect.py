@@ -1,0 +1,102 @@
+"""Text as other people's tools write it: preambles, several lines of names, units, comments, marks, durations."""
+
+import json
+
+import numpy as np
+import pytest
+
+from qcar_twin.recordings.first_dataset.place import logs_of
+from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.recording import RecordingError
+
+ROWS = [f"{k / 50:.2f},{k % 7},{0.1 * k:.1f}" for k in range(60)]
+NAMES = "time,throttle,speed"
+
+
+def read(tmp_path, lines, name="log.csv", encoding="utf-8"):
+  path = tmp_path / name
+  path.write_text("\n".join(lines) + "\n", encoding=encoding)
+  return read_table(path)
+
+
+@pytest.mark.parametrize(
+  ("lines", "names"),
+  [
+    (["made by a logger, version 2", "", "Driver,Somebody", NAMES, *ROWS], ["time", "throttle", "speed"]),
+    ([NAMES, "ms,%,km/h", *ROWS], ["time [ms]", "throttle [%]", "speed [km/h]"]),
+    (["Format,3", NAMES, "s,,m/s", ",100: gps,200: obd", *ROWS], ["time [s]", "throttle", "speed [m/s]"]),
+    (["Take,a", ",car,car", ",Turn,Place", "Time,X,X", *ROWS], ["Time", "car Turn X", "car Place X"]),
+    (["\ufeff# a car", "# a day", NAMES, *ROWS[:40], "# the battery", *ROWS[40:]], ["time", "throttle", "speed"]),
+    (["# time,throttle,speed", *ROWS], ["time", "throttle", "speed"]),
+  ],
+  ids=["preamble", "units", "units and sources", "several lines of names", "comments and a mark", "commented names"],
+)
+def test_the_lines_above_the_numbers_name_the_columns(tmp_path, lines, names):
+  table = read(tmp_path, lines)
+  assert list(table.columns) == names
+  np.testing.assert_allclose(table.columns[names[2]], 0.1 * np.arange(60))
+
+
+def test_words_below_a_header_that_are_no_units_are_still_refused(tmp_path):
+  with pytest.raises(RecordingError, match="row 1 repeats the header"):
+    read(tmp_path, [NAMES, NAMES, *ROWS])
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig", "latin1"])
+def test_a_spreadsheets_encodings(tmp_path, encoding):
+  lines = ["Zeit [s];Längsbeschleunigung [m/s²]", *(f"{k};0,5" for k in range(20))]
+  table = read(tmp_path, lines, encoding=encoding)
+  assert list(table.columns) == ["Zeit [s]", "Längsbeschleunigung [m/s²]"]
+  np.testing.assert_array_equal(table.columns["Längsbeschleunigung [m/s²]"], 0.5)
+
+
+def test_decimal_commas_in_quotes_between_commas(tmp_path):
+  table = read(tmp_path, ["time,speed", *(f'"0,{k:02d}","-1,5"' for k in range(20))])
+  np.testing.assert_allclose(table.columns["time"], 0.01 * np.arange(20))
+  np.testing.assert_array_equal(table.columns["speed"], -1.5)
+
+
+@pytest.mark.parametrize(
+  "stamp", [lambda t: f"{t:g} sec", lambda t: f"{1e3 * t:g} ms", lambda t: f"0 days 00:00:{t:09.6f}"]
+)
+def test_durations_are_seconds(tmp_path, stamp):
+  table = read(tmp_path, ["Time,speed", *(f"{stamp(k / 50)},1" for k in range(60))])
+  np.testing.assert_allclose(table.columns["Time"], np.arange(60) / 50, atol=1e-9)
+
+
+def test_a_long_table_is_refused_with_what_makes_it_wide(tmp_path):
+  lines = [f"{k},{name},{k}.5" for k in range(20) for name in ("throttle", "speed")]
+  with pytest.raises(RecordingError, match=r"names of 2 signals \(throttle, speed\).*pivot_table\(index=\"time\""):
+    read(tmp_path, ["time,signal,value", *lines])
+
+
+@pytest.mark.parametrize("name", ["log.jsonl", "log.ndjson", "catalog_0.catalog"])
+def test_json_lines(tmp_path, name):
+  rows = [{"t": 0.1 * k, "imu": {"gyro": [0.0, 0.0, k]}, "mode": "user", "v": None if k == 3 else k} for k in range(9)]
+  table = read(tmp_path, map(json.dumps, rows), name)
+  assert set(table.columns) == {"t", "imu.gyro[0]", "imu.gyro[1]", "imu.gyro[2]", "v"}
+  assert np.flatnonzero(np.isnan(table.columns["v"])).tolist() == [3]
+  np.testing.assert_array_equal(table.columns["imu.gyro[2]"], np.arange(9.0))
+
+
+def test_json_that_was_cut_off_names_the_line(tmp_path):
+  with pytest.raises(RecordingError, match=r"line 2 is no JSON.*cut off"):
+    read(tmp_path, ['{"t": 0}', '{"t": 1'], "log.jsonl")
+  with pytest.raises(RecordingError, match=r"line 1 is no JSON object"):
+    read(tmp_path, ["[1, 2]"], "log.jsonl")
+
+
+def test_a_packed_log_is_to_be_unpacked(tmp_path):
+  (tmp_path / "log.csv.gz").write_bytes(b"\x1f\x8b")
+  with pytest.raises(RecordingError, match="log.csv.gz: is packed; unpack it first"):
+    read_table(tmp_path / "log.csv.gz")
+  with pytest.raises(RecordingError, match=r"unpack log\.csv\.gz first"):
+    logs_of([tmp_path])
+
+
+@pytest.mark.parametrize(("names", "turned"), [("wxyz", "z"), ("wxyz", "y"), ("WXYZ", "Z")])
+def test_the_yaw_of_a_quaternion_is_about_the_axis_that_it_turns_about(tmp_path, names, turned):
+  yaw = np.linspace(-3.0, 3.0, 40)
+  parts = {name: np.zeros(40) for name in names} | {names[0]: np.cos(0.5 * yaw), turned: np.sin(0.5 * yaw)}
+  lines = [",".join(f"q_{name}" for name in names), *(",".join(f"{parts[n][k]:.9f}" for n in names) for k in range(40))]
+  np.testing.assert_allclose(read(tmp_path, lines).columns["q_yaw"], yaw, atol=1e-6)
