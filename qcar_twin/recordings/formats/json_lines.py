@@ -38,12 +38,12 @@ def read_json_lines(path: Path, label: str) -> Table:
 
 def _numbers(before: str, said: dict[str, Any]) -> list[tuple[str, float]]:
   """Names and numbers of an object and of those within it; words are left out."""
-  found: list[tuple[str, float]] = []
+  numbers: list[tuple[str, float]] = []
   for key, value in said.items():
     if isinstance(value, dict):
-      found += _numbers(f"{before}{key}.", value)
+      numbers += _numbers(f"{before}{key}.", value)
     elif isinstance(value, (int, float)):
-      found.append((f"{before}{key}", float(value)))
+      numbers.append((f"{before}{key}", float(value)))
     elif isinstance(value, list):
-      found += [(f"{before}{key}[{k}]", float(v)) for k, v in enumerate(value) if isinstance(v, (int, float))]
-  return found
+      numbers += [(f"{before}{key}[{k}]", float(v)) for k, v in enumerate(value) if isinstance(v, (int, float))]
+  return numbers
