@@ -89,7 +89,7 @@ CHANNELS: dict[str, Channel] = {
       "command",
       "motor",
       limit=1.1,
-      log_units=(("per cent", 0.01),),
+      log_units=(("per cent", 0.01), ("steps of 8 bits", 1.0 / 255.0)),
     ),
     Channel(
       "motor_current", "A", "commanded motor current", "command", "motor", limit=400.0, log_units=(("mA", 0.001),)

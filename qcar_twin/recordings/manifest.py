@@ -122,7 +122,7 @@ def _refuse_undecided(raw: Mapping[str, Any]) -> None:
   if questions := raw.get("undecided"):
     first = questions[0] if isinstance(questions, list) else questions
     raise RecordingError(
-      f"{FILE_NAME}: not decided yet: {first}; write the right column in [channels], and delete it from undecided"
+      f"{FILE_NAME}: not decided yet: {first}; correct [channels] by it, or leave it, and delete it from undecided"
     )
 
 

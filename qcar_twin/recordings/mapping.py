@@ -254,6 +254,14 @@ def _refuse_repeats(table: Table, stamp: np.ndarray, first: np.ndarray, repeated
       f"{text}, and has {np.sum(first)} values in {stamp.size} rows, too few to tell when they were: write it with more"
       " digits, or set time = { rate = … } in [channels], in Hz, where rows are evenly spaced"
     )
+  read = [channel for channel in table.columns.values() if channel.dtype != object]
+  changing = sum(bool((_changed(values) & ~first).any()) for values in read)
+  if not repeated and changing > 1:  # rows of their own, and stamps of too few digits
+    rate = stamp.size / max(float(stamp[-1] - stamp[0]), 1e-9)
+    raise RecordingError(
+      f"{text} in rows that differ, as where stamps have too few digits: write them with more, or set time = "
+      f"{{ rate = {rate:.4g} }} in [channels] where rows are evenly spaced, as {rate:.4g} a second here"
+    )
   if not repeated:
     raise RecordingError(
       f"{text}; remove the repeated rows, or set hold = true on the channels that a slower publisher repeats"

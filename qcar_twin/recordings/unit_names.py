@@ -5,7 +5,7 @@ import re
 
 from qcar_twin.recordings.channels import GRAVITY
 
-_ALONE = ("rpm", "rps")  # units that are a name by themselves
+_ALONE = ("rpm", "rps", "erpm")  # units that are a name by themselves
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 BRACKET = re.compile(r"[\[(<{]([^\])>}]*)[\])>}]")
 _ELEMENT = re.compile(r"(?:\[(?P<zero>\d+)\]|\((?P<one>\d+)\))\s*$")
@@ -24,7 +24,7 @@ UNITS: dict[str, tuple[str, float]] = {
   **dict.fromkeys(("deg/s", "dps", "degs", "degps", "°/s", "degsec"), ("rad/s", math.pi / 180.0)),
   **dict.fromkeys(("mrad/s",), ("rad/s", 1e-3)),
   **dict.fromkeys(("mdps", "mdeg/s"), ("rad/s", 1e-3 * math.pi / 180.0)),
-  **dict.fromkeys(("rpm", "1/min"), ("rad/s", math.tau / 60.0)),
+  **dict.fromkeys(("rpm", "1/min", "erpm"), ("rad/s", math.tau / 60.0)),
   **dict.fromkeys(("rps", "rev/s", "1/s"), ("rad/s", math.tau)),
   **dict.fromkeys(("m/s", "mps"), ("m/s", 1.0)),
   **dict.fromkeys(("km/h", "kmh", "kph"), ("m/s", 1 / 3.6)),

@@ -1,4 +1,9 @@
-"""Which way an IMU's z axis points: a car whose every turning channel is mirrored looks like a mirrored car."""
+"""Logs that count to the right: a car whose every turning channel is mirrored looks like a mirrored car.
+
+Which way an IMU's z axis points tells, and the names of engines whose frames are left-handed, or have z down: Unreal's
+(CARLA's documentation, "Coordinates and transformations"), Unity's (manual, "Rotation and orientation in Unity") and
+AirSim's (documentation, "APIs: coordinate system": north, east, down).
+"""
 
 from __future__ import annotations
 
@@ -14,7 +19,39 @@ from qcar_twin.recordings.unit_names import unit_of, words_of
 
 _VERTICAL = {"az", "accz", "accelz", "acc", "accel", "acceleration", "accelerometer"}
 _NEAR = 0.2  # of gravity, to which an axis that is upright reads it: 0.2 is a mount tilted by 37 deg
+# what columns are called where an engine's frames are written as they are: each set of words in one name
+_ENGINES = {
+  "CARLA": ({"location"}, {"rotation", "yaw"}),
+  "Unity": ({"euler", "angles"},),
+  "AirSim": ({"pos", "x"}, {"q", "w"}, {"handbrake"}),
+}
+_COMPASS = {"heading", "course", "bearing", "azimuth", "compass", "hdg", "cog"}
 _SIDED = ("steering_command", "accel_y", "yaw_rate", "pose_y", "pose_yaw")
+
+
+def turning_right(columns: Columns, guesses: Mapping[str, Guess]) -> list[str]:
+  """Questions about logs that may count to the right, which nothing else in them tells: of an engine whose frames do,
+  by its names; a compass's heading alone, beside neither a gyro nor a place."""
+  names = [set(words_of(name)) for name in columns.names]
+  engine = next(
+    (engine for engine, signs in _ENGINES.items() if all(any(sign <= name for name in names) for sign in signs)), None
+  )
+  sided = [name for name in _SIDED if name in guesses]
+  if engine is not None and sided:
+    return [
+      f"the columns are called as {engine}'s, which counts to the right: is left positive in this log? if right is, "
+      f"multiply scale and offset of {', '.join(sided)} by -1"
+    ]
+  heading = guesses.get("pose_yaw")
+  if heading is None or guesses.keys() & {"yaw_rate", "pose_x", "accel_y"}:
+    return []
+  values = heading.scale * columns.values(heading.column)
+  if not set(words_of(heading.column)) & _COMPASS or values.min() < 0.0 or values.max() < np.pi:
+    return []
+  return [
+    f"'{heading.column}' may count as a compass does, clockwise: is left positive in this log? if right is, multiply "
+    f"scale and offset of {', '.join(name for name in ('steering_command', 'pose_yaw') if name in guesses)} by -1"
+  ]
 
 
 def pointing_down(columns: Columns, guesses: Mapping[str, Guess], recordings: Sequence[Recording]) -> str | None:

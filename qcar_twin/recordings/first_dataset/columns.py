@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.recordings.channels import CHANNELS
-from qcar_twin.recordings.first_dataset.names import readings
+from qcar_twin.recordings.first_dataset.names import Reading, readings
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.formats.composed import stamp_parts
 from qcar_twin.recordings.manifest import Mapped
@@ -28,6 +28,8 @@ _COMMANDED, _FEW_STEPS = 20.0, 3  # rows for which a command stays, median, and 
 _TIMES = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"))
 _LONGEST_STEP = 0.5  # s from row to row of a log
 _STEPS = {"dt", "deltat", "timestep"}
+_POLE_PAIRS = 2.0  # of most motors of 1:10 cars; `new` asks
+_HAND_TURNS = 16.0  # angle of the steering wheel by that of the road wheels: 12 to 20 of passenger cars
 _HAND_WHEEL = {"steering", "wheel"}  # what a driver turns, many times as far as the road wheels
 _HELD = 2.0  # rows for which a value stays, median, from which a faster log repeats a slower sensor
 
@@ -135,7 +137,7 @@ def guess_columns(columns: Columns) -> dict[str, Guess]:
   offers = []
   for place, name in enumerate(columns.names):
     everywhere = 0.5 * (len(columns.holding(name)) == len(columns.tables))
-    for reading in readings(name):
+    for reading in (*_of_a_message(columns, name), *readings(name)):
       if _possible(columns, name, reading.channel):
         offers.append((reading.score + everywhere - stepped(columns, name, reading.channel), -place, reading, name))
   guesses: dict[str, Guess] = {}
@@ -150,6 +152,14 @@ def guess_columns(columns: Columns) -> dict[str, Guess]:
   hold(columns, guesses)
   gate(columns, guesses)
   return {channel: guesses[channel] for channel in CHANNELS if channel in guesses}
+
+
+def _of_a_message(columns: Columns, name: str) -> list[Reading]:
+  """ROS' AckermannDrive is a command: its speed lies beside its steering_angle, `/drive/drive/speed`."""
+  stem, beside = words_of(name)[:-1], [words_of(other) for other in columns.names]
+  if words_of(name)[-1:] != ("speed",) or not stem or (*stem, "steering", "angle") not in beside:
+    return []
+  return [Reading("speed_command", 3.0, "it lies beside a steering angle, as in a message that commands both")]
 
 
 def _clock(columns: Columns) -> Guess | None:
@@ -202,6 +212,12 @@ def scale(columns: Columns, guess: Guess) -> None:
     ):
       guess.named = False
       guess.why.append("an angle of the steering wheel, not of the road wheels")
+      if top * unit[2] > _LOCK:
+        guess.scale /= _HAND_TURNS
+        guess.why.append(f"usual cars' road wheels turn by 1/{_HAND_TURNS:g} of it")
+    if guess.channel == "motor_speed" and is_electrical(guess.column):
+      guess.scale /= _POLE_PAIRS
+      guess.why.append(f"of the field, which turns {_POLE_PAIRS:g} times as fast as a motor of 4 poles")
     if guess.channel == "motor_speed" and "wheel" in words_of(guess.column):
       guess.scale /= QCAR.gear_ratio
       guess.why.append(f"of a wheel, which a motor turns by gear_ratio = {QCAR.gear_ratio:g}: correct both by yours")
@@ -219,6 +235,11 @@ def scale(columns: Columns, guess: Guess) -> None:
     if usual:
       guess.scale = usual[0][1]
       guess.why.append(f"it reaches {top:.3g}, too much for {channel.unit}, so in {usual[0][0]}")
+
+
+def is_electrical(name: str) -> bool:
+  """Whether a column counts revolutions of a motor's field, as electronic commutators do."""
+  return "erpm" in (words := words_of(name)) or {"e", "rpm"} <= set(words)
 
 
 def _scale_time(columns: Columns, guess: Guess) -> None:

@@ -47,26 +47,29 @@ def goes_with(recordings: Sequence[Recording]) -> bool:
   return abs(_mean(*courses(recordings))) > _TOGETHER
 
 
-def settle_heading(guess: Guess, recordings: Sequence[Recording]) -> None:
+def settle_heading(guess: Guess, recordings: Sequence[Recording], geographic: bool = False) -> None:
   """The reading of a heading that goes with the path much better than the present one; a compass's only where a gyro,
-  too, turns the other way, since a place of exchanged axes looks the same."""
+  too, turns the other way, since a place of exchanged axes looks the same, or where the place is east and north."""
   course, heading = courses(recordings)
   if len(course) < _LEAST:
     return
-  sign = -1.0 if contrary(recordings) else 1.0
+  opposed = contrary(recordings)
+  signs = (1.0, -1.0) if geographic and not opposed else (-1.0 if opposed else 1.0,)
   now, units = abs(_mean(course, heading)), (1.0,) if guess.named else (1.0, _DEGREE)
-  means = {unit: _mean(course, sign * unit * heading) for unit in units}
-  unit = max(means, key=lambda u: abs(means[u]))
-  if abs(means[unit]) < _TOGETHER or 1.0 - abs(means[unit]) > _BETTER * (1.0 - now):
+  means = {sign * unit: _mean(course, sign * unit * heading) for unit in units for sign in signs}
+  factor = max(means, key=lambda f: abs(means[f]))
+  if abs(means[factor]) < _TOGETHER or 1.0 - abs(means[factor]) > _BETTER * (1.0 - now):
     return
-  turned = 0.5 * cmath.phase(means[unit])
-  if sign < 0.0 and abs(abs(turned) - 0.5 * math.pi) > _SQUARE:
+  turned = 0.5 * cmath.phase(means[factor])
+  if factor < 0.0 and abs(abs(turned) - 0.5 * math.pi) > _SQUARE:
     return  # the place is mirrored, or a sign is wrong: the check tells
-  guess.scale, guess.offset = sign * unit * guess.scale, sign * unit * guess.offset
-  said = f"the car went along it in {'degrees' if unit != 1.0 else 'rad'} ({abs(means[unit]):.2f}, else {now:.2f})"
-  if sign < 0.0:
+  guess.scale, guess.offset = factor * guess.scale, factor * guess.offset
+  said = (
+    f"the car went along it in {'degrees' if abs(factor) != 1.0 else 'rad'} ({abs(means[factor]):.2f}, else {now:.2f})"
+  )
+  if factor < 0.0:
     guess.offset += 0.5 * math.pi
-    said += ", clockwise from north, as the gyro turns"
+    said += ", clockwise from north, as " + ("the gyro turns" if opposed else "the path goes")
   guess.why.append(said)
 
 

@@ -22,7 +22,7 @@ from qcar_twin.recordings.recording import Recording
 from qcar_twin.recordings.unit_names import UNITS, unit_of, words_of
 
 Array = NDArray[np.float64]
-_ACCELEROMETERS = {"acc", "accel", "acceleration", "accelerometer", "a"}
+_ACCELEROMETERS = {"acc", "accel", "acl", "acceleration", "accelerometer", "a"}
 _GYROS = {"gyro", "gyr", "gyroscope", "angular", "omega", "g", "w"}
 _AXES = "xyz"
 # what 1 g reads: m/s^2, g, mg, and the counts of accelerometers of 16 bits with ranges of 2, 4, 8 and 16 g

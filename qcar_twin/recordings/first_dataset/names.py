@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.unit_names import BRACKET, UNITS, unit_of, words_of
 
+# who measures a place, and what it is called
+_PLACES = "pose|poses|pos|position|positions|location|vicon|mocap|optitrack|lidar|slam|map|world|loc|tf|pf|amcl|rb"
+
 # words that make a column a channel: all of the terms, each in one of its spellings; after "!" words that forbid it
 _RULES: dict[str, tuple[str, ...]] = {
   "time": ("elapsed|log|system|ros time|stamp|clock", "time|timestamp|stamp|clock|elapsed|tout|t"),
@@ -14,47 +17,60 @@ _RULES: dict[str, tuple[str, ...]] = {
     "voltage|volts !battery|bat|batt|vbat|supply|measured",
     "motor|mot u !measured",
   ),
-  "motor_duty": ("duty|pwm|throttle|gas|thr !steering|steer|servo|servos", "actuator|actuators motor|motors"),
+  "motor_duty": (
+    "duty|pwm|throttle|gas|thr !steering|steer|servo|servos",
+    "actuator|actuators motor|motors",
+    "pedal|accelerator !brake|clutch|steering",
+  ),
   "motor_current": ("current|amps command|commanded|cmd|target|desired|setpoint|ref|reference",),
   "speed_command": (
-    "speed|velocity|vel|v command|commanded|cmd|target|desired|setpoint|ref|reference|goal !angular|yaw|steering",
+    "speed|velocity|vel|v command|commanded|cmd|target|desired|setpoint|ref|reference|goal"
+    " !angular|ang|yaw|steering|z|y",
   ),
   "steering_command": (
     "steering|steer|servo|servos|delta|deltawheel|df|str !measured|actual|feedback|fb|velocity|rate|speed",
     "wheel angle !measured|actual|feedback|fb",
     "user|pilot|joystick|joy angle !measured|actual|feedback|fb",
   ),
-  "motor_speed": ("motor|tach|tacho|shaft speed|velocity|vel|omega|rpm|rps|rate|w", "rpm !e", "rps !gyro|gyr"),
+  "motor_speed": (
+    "motor|tach|tacho|shaft speed|velocity|vel|omega|rpm|rps|rate|w",
+    "rpm !e|command|commanded|cmd|target|desired",
+    "rps !gyro|gyr",
+    "erpm !command|commanded|cmd|target|desired",
+  ),
   "speed": (
-    "speed|velocity|vel|v"
+    "speed|velocity|vel|vels|v"
     " !angular|yaw|gyro|motor|command|commanded|cmd|target|desired|setpoint|ref|reference|steering|y|z|lateral",
+    "v enc|encoder|meas|measured|actual|act|odom|wheel !y|z|command|commanded|cmd|target",
     "vx|vlong !position|pos|pose|map|world|global|local|ned|enu",
-    "twist|odom linear x !angular|acceleration|accel|acc|command|commanded|cmd",
+    "twist|odom|vel|vels linear x !angular|acceleration|accel|acc|command|commanded|cmd",
   ),
   "accel_x": (
-    "acc|accel|acceleration|accelerometer|a x|forward|fwd|long|longitudinal|lon !angular|target|command|commanded",
+    "acc|accel|acl|acceleration|accelerometer|a x|forward|fwd|long|longitudinal|lon !angular|target|command|commanded",
     "ax|accx|accelx !angular",
   ),
   "accel_y": (
-    "acc|accel|acceleration|accelerometer|a y|left|lat|lateral !angular|target|command|commanded",
+    "acc|accel|acl|acceleration|accelerometer|a y|left|lat|lateral !angular|target|command|commanded",
     "ay|accy|accely !angular",
   ),
   "yaw_rate": (
     "yaw|heading|psi|turn rate|dot|speed|velocity|vel !target|command|commanded|desired",
-    "gyro|gyroscope|gyr|angular|omega|w|imu z|yaw !accel|acc|acceleration|linear|wheel|motor|mag",
+    "gyro|gyroscope|gyr|angular|ang|omega|w|imu z|yaw"
+    " !accel|acc|acl|acceleration|accelerometer|linear|wheel|motor|mag|command|commanded|cmd|target|desired",
+    "rate rotation z",
     "gyro|gyroscope !x|y",
     "wz|gz|gyroz|gyrz|yawrate|omegaz|dpsi|dyaw|psidot|yawdot|r",
     "omega !motor|wheel|shaft|x|y|command|commanded|cmd|target|desired",
     "w imu|gyro",
   ),
   "pose_x": (
-    "pose|pos|position|vicon|mocap|optitrack|lidar|slam|map|world|loc|tf x|px !acc|vel|velocity|rate",
+    f"{_PLACES} x|px !acc|vel|velocity|rate",
     "px|tx",
     "x",
     "east|easting !acc|vel|velocity|speed|rate",
   ),
   "pose_y": (
-    "pose|pos|position|vicon|mocap|optitrack|lidar|slam|map|world|loc|tf y|py !acc|vel|velocity|rate",
+    f"{_PLACES} y|py !acc|vel|velocity|rate",
     "py|ty",
     "y",
     "north|northing !acc|vel|velocity|speed|rate",

@@ -8,6 +8,8 @@ from qcar_twin.recordings.first_dataset.columns import Columns, Guess, scale
 from qcar_twin.recordings.unit_names import words_of
 
 _FLAT = 0.05  # of the way along either other axis: an axis that moves less is the upright one
+# what turns about an axis is called so
+_ABOUT_Y = {"yaw_rate": {"angular", "gyro", "gyr", "gyroscope"}, "pose_yaw": {"euler", "rotation", "rot"}}
 _MOST = (1.0, 99.0)  # per cent of the samples, whose spread is the way
 
 
@@ -27,6 +29,17 @@ def settle_plane(columns: Columns, guesses: dict[str, Guess]) -> None:
       channel, axes[axis], why=[f"'{axes['y']}' hardly moves, so it points up, and {axis} lies flat"]
     )
     scale(columns, guesses[channel])
+  for channel, kinds in _ABOUT_Y.items():
+    turned = [name for name in columns.names if _about_y(name) & kinds and not columns.constant(name)]
+    if len(turned) == 1 and channel not in guesses:
+      guesses[channel] = Guess(channel, turned[0], why=[f"'{axes['y']}' points up, and this turns about it"])
+      scale(columns, guesses[channel])
+
+
+def _about_y(name: str) -> set[str]:
+  """The words of a name that says axis y, without it."""
+  words = words_of(name)
+  return set(words) - {"y"} if words.count("y") == 1 else set()
 
 
 def _axes(columns: Columns, name: str) -> dict[str, str]:

@@ -10,10 +10,11 @@ import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.checks.car import check_car
-from qcar_twin.recordings.first_dataset.axes import pointing_down
+from qcar_twin.recordings.first_dataset.axes import pointing_down, turning_right
 from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns, is_electrical
 from qcar_twin.recordings.first_dataset.mount import lies, settle_mount
+from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.plane import settle_plane
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, usual_supply
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
@@ -30,6 +31,7 @@ MARK = "guess:"
 _NEEDED = {"motor_speed": ("motor_speed", "speed"), "motor_voltage": DRIVE_COMMANDS}
 _VEHICLE = ("mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "track_width", "cg_height", "wheel_radius",
             "gear_ratio", "max_steering")  # fmt: skip
+_COUNTERS = {"tick", "ticks", "count", "counts", "pulses", "tachometer", "odometer"}
 _BRAKES = {"brake", "brakes", "braking", "brk"}
 _PRESSED = 0.05  # of its largest value, from which a brake is pressed
 _SHOWN = 80  # letters of a list of files
@@ -95,7 +97,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     if len(guesses.keys() & {"pose_x", "pose_y"}) == 1:  # half a place says nothing
       guesses = {channel: guess for channel, guess in guesses.items() if channel not in ("pose_x", "pose_y")}
     settle_mount(columns, guesses)
-    turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in _VEHICLE})
+    turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in _VEHICLE}, wheelbase)
   recordings = recordings_of(columns, guesses)
   parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
   by_hand = not guesses.keys() & set(DRIVE_COMMANDS) and "steering_command" in guesses
@@ -109,6 +111,8 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   if "time" not in guesses and not all("time" in table for table in tables):
     missing = ("time", *missing)
   questions = tuple(question.text for question in asked)
+  if topics is None:
+    questions += (*_electrical(guesses), *turning_right(columns, guesses))
   if topics is None and not lies(columns, guesses):
     questions += (down,) if (down := pointing_down(columns, guesses, recordings)) is not None else ()
   lines = [*_head(name, topics, questions), *_vehicle(vehicle, known, kind, recordings, said, turns_like)]
@@ -119,6 +123,17 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   return Proposal("\n".join(lines) + "\n", marked, tuple(channels[1:]), missing, questions)
 
 
+def _electrical(guesses: Mapping[str, Guess]) -> list[str]:
+  """A question where a motor's speed is of its field: an electronic commutator's revolutions per minute."""
+  guess = guesses.get("motor_speed")
+  if guess is None or not is_electrical(guess.column):
+    return []
+  return [
+    f"'{guess.column}' counts electrical revolutions, the motor's times its pole pairs, and motor_speed is read as "
+    "of 2: has your motor 2 (4 poles)? divide the scale by what else it has, over 2"
+  ]
+
+
 def _refuse_parts(columns: Columns, guesses: Mapping[str, Guess]) -> None:
   """Raises RecordingError where commands and motion of one drive lie in files of their own."""
   commands = {guesses[name].column for name in (*DRIVE_COMMANDS, "steering_command") if name in guesses}
@@ -126,13 +141,45 @@ def _refuse_parts(columns: Columns, guesses: Mapping[str, Guess]) -> None:
   parts = {
     table.label: (bool(commands & set(table.columns)), bool(motion & set(table.columns))) for table in columns.tables
   }
-  if len(parts) < 2 or not commands or not motion or any(all(part) for part in parts.values()):
+  if len(parts) < 2 or any(all(part) for part in parts.values()):
     return
-  lists = [", ".join(label for label, part in parts.items() if part[k])[:_SHOWN] for k in (0, 1)]
+  if commands and motion:
+    lists = [", ".join(label for label, part in parts.items() if part[k])[:_SHOWN] for k in (0, 1)]
+    said = f"commands are in {lists[0]} and what the car did in {lists[1]}"
+  elif _nothing_shared(columns.tables):
+    said = f"{', '.join(parts)[:_SHOWN]} share no column but a clock, as parts of one drive do"
+  else:
+    return
   raise RecordingError(
-    f"commands are in {lists[0]} and what the car did in {lists[1]}: join the files of one drive by their clock into "
-    'one, with blank cells where there is no sample, as pandas.merge(a, b, on="time", how="outer") does'
+    f"{said}: join the files of one drive by their clock into one, with blank cells where there is no sample, as "
+    f'pandas.merge(a, b, on="time", how="outer") does{_other_clocks(columns.tables)}'
   )
+
+
+def _nothing_shared(tables: Sequence[Table]) -> bool:
+  """Whether no two logs have a column in common that is no clock."""
+  named = [{name for name in table.columns if not _is_clock(name)} for table in tables]
+  return all(not a & b for k, a in enumerate(named) for b in named[:k])
+
+
+def _is_clock(name: str) -> bool:
+  return name == "time" or any(reading.channel == "time" for reading in readings(name))
+
+
+def _other_clocks(tables: Sequence[Table]) -> str:
+  """What to do first where the logs' clocks have no time in common."""
+  spans: dict[str, tuple[float, float]] = {}
+  for table in tables:
+    clock = guess_columns(alone := Columns((table,))).get("time")
+    if clock is not None:
+      values = clock.scale * alone.values(clock.column)
+      spans[table.label] = float(values.min()), float(values.max())
+  for one, (begin, end) in spans.items():
+    other = next((name for name, (a, b) in spans.items() if a > end or b < begin), None)
+    if other is not None:
+      said = f"{one} has {begin:.9g} to {end:.9g} s, {other} {spans[other][0]:.9g} to {spans[other][1]:.9g} s"
+      return f"; their clocks have no time in common ({said}): bring them to one first"
+  return ""
 
 
 def _fitting_map(tables: Sequence[Table]) -> TopicMap | None:
@@ -275,7 +322,7 @@ def _channels(columns: Columns, guesses: Mapping[str, Guess], missing: Sequence[
   ]
   if over:
     lines.append(f"# columns that are not used: {_plain(', '.join(over[:_LISTED]))}")
-  lines += [f"# {_plain(said)}" for name in over if (said := _brakes(columns, name))]
+  lines += [f"# {_plain(said)}" for name in over if (said := _brakes(columns, name) or _counter(name))]
   for name in over[:_LISTED] if missing else ():
     if name in columns.names:
       values = columns.values(name)
@@ -291,6 +338,16 @@ def _brakes(columns: Columns, name: str) -> str:
   share = float(np.mean(np.abs(values) > _PRESSED * np.abs(values).max()))
   said = f"'{name}' is pressed in {100.0 * share:.0f} % of its rows, and no channel is a brake"
   return f"{said}: cut those seconds out, or join throttle and brake into one command with a sign"
+
+
+def _counter(name: str) -> str:
+  """What to make of an encoder's counts, which are no speed; empty for any other column."""
+  if not set(words_of(name)) & _COUNTERS or set(words_of(name)) & {"time", "stamp", "row"}:
+    return ""
+  return (
+    f"'{name}' seems to count an encoder's steps: a speed is their change (over a wrap, at 65536 say) per second; "
+    "write that as a column, in rad/s of the motor times 2 pi / steps per turn, and map it as motor_speed"
+  )
 
 
 def _by_map(guesses: Mapping[str, Guess]) -> list[str]:

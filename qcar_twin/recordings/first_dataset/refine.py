@@ -17,10 +17,12 @@ from qcar_twin.recordings.first_dataset.columns import Columns, Guess, is_share_
 from qcar_twin.recordings.first_dataset.heading import goes_with, settle_heading
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError
+from qcar_twin.recordings.unit_names import words_of
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
+_GEOGRAPHIC = ({"east", "easting", "utm"}, {"north", "northing", "utm"})  # a place whose left and right are known
 _ROUNDS = 4  # of units, each of which may uncover the next
 # units of speed so near to a clock's at twice the speed that only where a gyro confirms the clock they are meant
 _NEAR_A_CLOCKS = tuple(
@@ -34,6 +36,8 @@ _TIED = 0.7  # correlation from which turning says what a steering command means
 _SOLVED = 20  # repetitions, after which the scale of an angle below 45 deg is solved to the last digit that counts
 _STEEPEST = 1.2  # rad, where the tangent is still tame
 _SAME_WHEELBASE = (0.9, 1.1)  # of the angle: within it the guessed wheelbase stays
+_LEAST_LOCK = 0.15  # rad, of a driven car's largest steering: full lock is 0.35 to 0.7, and gentle curves take a third
+_LONGEST = 6.0  # m, of a lorry's wheelbase
 _ROAD_ANGLE = (0.6, 1.6)  # of the angle kinematics ask for: a command within it is the angle itself
 
 
@@ -98,7 +102,9 @@ def settle_pose(columns: Columns, guesses: Mapping[str, Guess]) -> None:
     return
   if not heading.wrap:
     _unwrap(columns, heading)
-  settle_heading(heading, recordings_of(columns, guesses))
+  place = [set(words_of(guesses[name].column)) for name in ("pose_x", "pose_y") if name in guesses]
+  known = len(place) == len(_GEOGRAPHIC) and all(named & words for named, words in zip(place, _GEOGRAPHIC, strict=True))
+  settle_heading(heading, recordings_of(columns, guesses), known)
 
 
 def _unwrap(columns: Columns, heading: Guess) -> None:
@@ -113,10 +119,19 @@ def _unwrap(columns: Columns, heading: Guess) -> None:
     heading.scale *= math.pi / 180.0
 
 
-def settle(columns: Columns, guesses: dict[str, Guess], vehicle: Vehicle, sizes: Mapping[str, float | str]) -> float:
+def settle(
+  columns: Columns,
+  guesses: dict[str, Guess],
+  vehicle: Vehicle,
+  sizes: Mapping[str, float | str],
+  said: float | None = None,
+) -> float:
   """All guesses against each other, in one order until nothing moves: the heading's turns and all units, neutrals, then
   sign and geometry of the steering. Returns the wheelbase that the log turns like, m; the car's own where it says
   nothing else.
+
+  Args:
+    said: the wheelbase, m, where a person said it; then the angle alone moves.
   """
   wheelbase = vehicle.wheelbase
   for _ in range(_ROUNDS):
@@ -124,7 +139,7 @@ def settle(columns: Columns, guesses: dict[str, Guess], vehicle: Vehicle, sizes:
     settle_pose(columns, guesses)
     settle_units(columns, guesses, sizes)
     settle_neutrals(columns, guesses)
-    wheelbase = settle_steering(columns, guesses, vehicle, wheelbase)
+    wheelbase = settle_steering(columns, guesses, vehicle, wheelbase, said)
     if before == ({channel: guess.mapped for channel, guess in guesses.items()}, wheelbase):
       break
   return wheelbase
@@ -146,11 +161,14 @@ def settle_neutrals(columns: Columns, guesses: Mapping[str, Guess]) -> None:
     guess.why.append(f"counted from its neutral: {neutral.why}")
 
 
-def settle_steering(columns: Columns, guesses: dict[str, Guess], vehicle: Vehicle, wheelbase: float) -> float:
+def settle_steering(
+  columns: Columns, guesses: dict[str, Guess], vehicle: Vehicle, wheelbase: float, said: float | None = None
+) -> float:
   """What a steering command is in, from how the car turned: at small slip yaw rate = speed * angle / wheelbase.
 
   Of the two that nobody measured, the one moves that is not known: the wheelbase where the angle's unit is, the angle's
-  scale else. Returns the wheelbase, m.
+  scale else; but the wheelbase again where the angle would then be smaller than any car is steered with. Returns the
+  wheelbase, m.
   """
   guess = guesses.get("steering_command")
   if guess is None:
@@ -170,11 +188,20 @@ def settle_steering(columns: Columns, guesses: dict[str, Guess], vehicle: Vehicl
   known = guess.named or guess.column == guess.channel
   if known and not _SAME_WHEELBASE[0] < ratio < _SAME_WHEELBASE[1]:
     wheelbase = wheelbase / ratio
+  elif said is None and not known and _too_small(ratio, angle) and wheelbase / ratio < _LONGEST:
+    guess.why.append(f"as an angle of {ratio * np.abs(angle).max():.2g} rad at most it would hardly steer any car")
+    wheelbase = wheelbase / ratio
   elif not known and (share or not _ROAD_ANGLE[0] < ratio < _ROAD_ANGLE[1]):
     guess.why.append(f"a wheelbase of {wheelbase:g} m turns as the car did with {ratio:.2g} times that angle")
     sign *= ratio
   guess.scale, guess.offset = guess.scale * sign, guess.offset * sign
   return wheelbase
+
+
+def _too_small(ratio: float, angle: Array) -> bool:
+  """Whether an angle of a usual size, scaled so, would be none that a car is steered with."""
+  usual = np.abs(angle).max()
+  return ratio < _ROAD_ANGLE[0] and ratio * usual < _LEAST_LOCK <= usual
 
 
 def _ratio(rate: Array, angle: Array, turning: Array) -> float:

@@ -10,12 +10,16 @@ import numpy as np
 
 from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.recording import RecordingError
+from qcar_twin.recordings.unit_names import words_of
 
 _SECONDS = re.compile(r"^(?P<stamp>.*?)[._ ]?(?P<s>secs?)$", re.IGNORECASE)
 _NANOSECONDS = ("nsec", "nsecs", "nanosec", "nanosecs")
 _QUATERNION = re.compile(
   r"^(?P<stem>.*(?:orientation|rotation|quaternion|quat|q))(?P<gap>[._ ]?)(?P<w>w)$", re.IGNORECASE
 )
+_LATITUDES, _LONGITUDES = {"lat", "latitude"}, {"lon", "lng", "longitude"}
+_POLE, _APART = 90.0, 0.5  # degrees of latitude, and between places of one drive
+_EQUATOR, _ECCENTRICITY = 6378137.0, 6.69437999014e-3  # m, and squared, of WGS 84
 _ABOUT = 5.0  # times what it turns about another axis, from which a car turns about one: it pitches by 0.1 rad at most
 _UNIT = 0.01  # how far from 1 the length of a quaternion of rotation may be, by its digits
 
@@ -46,8 +50,30 @@ def composed(table: Table) -> Table:
     parts = _numbers(table, tuple(f"{stem}{axis}" for axis in axes))
     if parts is not None and yaw not in table and np.nanmax(np.abs(np.sum(parts**2, axis=0) - 1.0)) < _UNIT:
       made[yaw] = _yaw(*parts)
+  if (place := _place(table)) is not None:
+    made |= {name: values for name, values in place.items() if name not in table}
   blank = {name: np.flatnonzero(np.isnan(values)) for name, values in made.items()}
   return dataclasses.replace(table, columns={**table.columns, **made}, not_a_number={**table.not_a_number, **blank})
+
+
+def _place(table: Table) -> dict[str, np.ndarray] | None:
+  """`gps.east` and `gps.north`, m from the first fix, of the only columns of latitude and longitude in degrees; on the
+  ellipsoid WGS 84, by its radii of curvature there."""
+  pairs = [[name for name in table.columns if set(words_of(name)) & words] for words in (_LATITUDES, _LONGITUDES)]
+  if [len(names) for names in pairs] != [1, 1]:
+    return None
+  parts = _numbers(table, (pairs[0][0], pairs[1][0]))
+  if parts is None or np.nanmax(np.abs(parts[0])) > _POLE or np.nanmax(np.abs(parts[1])) > 2.0 * _POLE:
+    return None
+  fixed = np.isfinite(parts).all(axis=0) & (parts != 0.0).any(axis=0)  # receivers without a fix write zeros
+  if not fixed.any() or np.ptp(parts[:, fixed], axis=1).max() > _APART:
+    return None
+  latitude, longitude = np.deg2rad(np.where(fixed, parts, np.nan))
+  first = int(np.argmax(fixed))
+  flattened = 1.0 - _ECCENTRICITY * np.sin(latitude[first]) ** 2
+  meridian, normal = _EQUATOR * (1.0 - _ECCENTRICITY) / flattened**1.5, _EQUATOR / np.sqrt(flattened)
+  east = normal * np.cos(latitude[first]) * (longitude - longitude[first])
+  return {"gps.east": east, "gps.north": meridian * (latitude - latitude[first])}
 
 
 def _yaw(w: np.ndarray, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:

@@ -46,7 +46,6 @@ def test_a_name_means_a_channel(column, channel):
     "mag_x",
     "distance",
     "odometer",
-    "erpm",
     "temperature",
     "imu_accel_z",
     "seq",

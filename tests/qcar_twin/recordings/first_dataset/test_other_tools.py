@@ -1,0 +1,153 @@
+"""Logs as other people's tools call and count things: engines, receivers, encoders, messages, pedals, parts."""
+
+import numpy as np
+import pytest
+
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.first_dataset.propose import propose
+from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.recording import RecordingError
+from tests.qcar_twin.recordings.drives import drive, write_csv
+from tests.qcar_twin.recordings.first_dataset.test_propose import DEG
+from tests.qcar_twin.recordings.first_dataset.test_strange_logs import log, speed_of
+
+
+def driven():
+  """Time and what was driven for 60 s, with the speed in m/s and a throttle."""
+  time, own = drive(60.0)
+  return time, own | {"speed": speed_of(own), "throttle": own["motor_voltage"] / 8.0}
+
+
+def columns_of(table):
+  return {channel: entry["column"] for channel, entry in table["channels"].items()}
+
+
+def test_latitude_and_longitude_are_a_place_and_the_heading_beside_them_a_compass(tmp_path):
+  time, own = driven()
+  north = 6371000.0 * np.pi / 180.0  # m a degree
+  columns = {
+    "throttle": own["throttle"],
+    "speed": own["speed"],
+    "steering [deg]": DEG * own["steering_command"],
+    "lat": 48.0 + own["pose_y"] / north,
+    "lon": 9.0 + own["pose_x"] / north / np.cos(np.deg2rad(48.0)),
+    "heading [deg]": np.mod(90.0 - DEG * own["pose_yaw"], 360.0),
+  }
+  columns = {name: np.round(values, 8) for name, values in columns.items()}
+  table, proposal = log(tmp_path, time, columns)
+  assert not proposal.questions and columns_of(table)["pose_x"] == "gps.east"
+  run = DataSet.load(tmp_path).recordings[0]
+  for channel, tolerance in (("pose_x", 0.02), ("pose_y", 0.02), ("pose_yaw", 0.01), ("steering_command", 0.01)):
+    value, true = run[channel].value, own[channel][: len(run[channel])]
+    apart = value - true - (value[0] - true[0] if channel.startswith("pose") else 0.0)
+    assert np.abs(apart).max() < tolerance * max(1.0, np.abs(true).max()), channel
+
+
+@pytest.mark.parametrize("engine", ["CARLA", "Unity"])
+def test_an_engine_that_counts_to_the_right_is_asked_about_and_the_cure_is_right(tmp_path, engine):
+  time, own = driven()
+  names = {"location.x": "pose_x", "location.y": "pose_y", "rotation.yaw": "pose_yaw"}
+  if engine == "Unity":
+    names = {"position.z": "pose_x", "position.x": "pose_y", "eulerAngles.y": "pose_yaw"}
+  columns = {name: own[channel] * (1.0 if channel == "pose_x" else -1.0) for name, channel in names.items()}
+  columns[next(name for name in names if names[name] == "pose_yaw")] *= DEG
+  columns |= {"throttle": own["throttle"], "speed": own["speed"], "steer": -own["steering_command"]}
+  if engine == "Unity":
+    columns |= {"position.y": 0.05 + 1e-4 * np.sin(time), "angularVelocity.y": -own["yaw_rate"]}
+  table, proposal = log(tmp_path, time, columns)
+  (question,) = proposal.questions
+  assert f"called as {engine}'s, which counts to the right" in question
+  sided = question.split("scale and offset of ")[1].split(" by -1")[0].split(", ")
+  assert "steering_command" in sided and "pose_yaw" in sided and columns_of(table)["pose_yaw"] in columns
+  with pytest.raises(RecordingError, match="correct .channels. by it, or leave it, and delete it from undecided"):
+    DataSet.load(tmp_path)
+  table = "\n".join(_mirrored(line, sided) for line in proposal.text.splitlines() if not line.startswith("undecided"))
+  (tmp_path / "dataset.toml").write_text(table, encoding="utf-8")
+  run = DataSet.load(tmp_path).recordings[0]
+  for channel in sided:
+    true = own[channel][: len(run[channel])]
+    assert np.corrcoef(run[channel].value, true)[0, 1] > 0.99, channel
+
+
+def _mirrored(line: str, sided: list[str]) -> str:
+  """A line of a draft with its scale times -1."""
+  channel = line.partition(" = ")[0]
+  if channel not in sided:
+    return line
+  if "scale = " in line:
+    return line.replace("scale = ", "scale = -", 1)
+  return line.replace(" }", ", scale = -1.0 }", 1)
+
+
+def test_a_compass_alone_is_asked_about(tmp_path):
+  time, own = driven()
+  columns = {"throttle": own["throttle"], "speed": own["speed"], "steering": own["steering_command"]}
+  columns["heading"] = np.mod(-DEG * own["pose_yaw"], 360.0)
+  _, proposal = log(tmp_path, time, columns)
+  assert "may count as a compass does, clockwise" in proposal.questions[0]
+  columns["gyro_z"] = own["yaw_rate"]
+  (tmp_path / "two").mkdir()
+  assert not log(tmp_path / "two", time, columns)[1].questions
+
+
+def test_electrical_revolutions_are_asked_about_and_counts_are_no_speed(tmp_path):
+  time, own = driven()
+  columns = {"throttle": own["throttle"], "servo": own["steering_command"], "gyro_z": own["yaw_rate"]}
+  columns |= {"erpm": own["motor_speed"] * 60.0 / np.pi, "encoder_ticks": np.cumsum(own["motor_speed"]) % 65536}
+  table, proposal = log(tmp_path, time, columns)
+  assert table["channels"]["motor_speed"]["scale"] == pytest.approx(np.pi / 60.0)
+  assert "counts electrical revolutions" in proposal.questions[0]
+  assert "'encoder_ticks' seems to count an encoder's steps" in proposal.text
+
+
+def test_names_of_simulators_messages_and_pedals(tmp_path):
+  time, own = driven()
+  columns = {
+    "poses_x": own["pose_x"],
+    "poses_y": own["pose_y"],
+    "linear_vels_x": own["speed"],
+    "ang_vels_z": own["yaw_rate"],
+    "drive.speed": np.repeat(own["speed"][::10], 10),
+    "drive.steering_angle": own["steering_command"],
+    "cmd_vel.angular.z": own["yaw_rate"] + 0.1 * np.sin(3.0 * time),
+  }
+  table, proposal = log(tmp_path, time, columns)
+  taken = columns_of(table)
+  assert not proposal.questions and (taken["pose_x"], taken["speed"]) == ("poses_x", "linear_vels_x")
+  assert (taken["speed_command"], taken["yaw_rate"]) == ("drive.speed", "ang_vels_z")
+  (tmp_path / "two").mkdir()
+  pedal = {"AccelPedalPos[%]": 100.0 * own["throttle"], "Speed[m/s]": own["speed"]}
+  assert columns_of(log(tmp_path / "two", time, pedal)[0])["motor_duty"] == "AccelPedalPos[%]"
+
+
+def test_a_share_of_lock_that_hardly_turns_a_small_car_is_of_a_large_one(tmp_path):
+  time, own = driven()
+  size = 10.0
+  columns = {"throttle": own["throttle"], "steering": own["steering_command"] / 0.5236 + 0.0}
+  columns |= {"speed": own["speed"], "yaw_rate": own["yaw_rate"] / size}
+  columns["steering"] = columns["steering"] * 1.0 / np.abs(columns["steering"]).max()
+  table, proposal = log(tmp_path, time, columns)
+  car, scale = table["vehicle"], table["channels"]["steering_command"]["scale"]
+  assert scale == pytest.approx(0.5236) and car["cg_to_front"] + car["cg_to_rear"] > 2.0
+  assert "it would hardly steer any car" in proposal.text
+  read = read_table(tmp_path / "run.csv")
+  assert "it would hardly steer" not in propose("car", [read], wheelbase=0.256).text
+
+
+def test_parts_of_one_drive_are_to_be_joined_and_clocks_without_a_common_time_said(tmp_path):
+  time, own = driven()
+  parts = {"imu.csv": (time, {"gx": own["yaw_rate"]}), "drive.csv": (time + 1.7e9, {"control[0]": own["throttle"]})}
+  tables = [read_table(write_csv(tmp_path / name, stamp, columns)) for name, (stamp, columns) in parts.items()]
+  with pytest.raises(RecordingError, match=r"imu.csv, drive.csv share no column but a clock.*pandas.merge.*no time in"):
+    propose("car", tables)
+
+
+def test_stamps_of_too_few_digits_are_to_have_a_rate_that_works(tmp_path):
+  time, own = driven()
+  columns = {"throttle": own["throttle"], "speed": own["speed"], "gyro_z": own["yaw_rate"]}
+  _, proposal = log(tmp_path, np.floor(time * 50.0) / 50.0, columns)
+  with pytest.raises(RecordingError, match=r"set time = \{ rate = 100"):
+    DataSet.load(tmp_path)
+  lines = ["time = { rate = 100 }" if line.startswith("time =") else line for line in proposal.text.splitlines()]
+  (tmp_path / "dataset.toml").write_text("\n".join(lines), encoding="utf-8")
+  assert DataSet.load(tmp_path).recordings[0]["speed"].time[:500] == pytest.approx(time[:500])
