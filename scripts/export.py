@@ -4,6 +4,7 @@ Targets: mcap (recordings, twins and errors for Foxglove, PlotJuggler, Rerun), m
 f1tenth, commonroad, vesc, robot-localization.
 
 qcar-twin export --dataset data/sample --diagnosis out/diagnosed --out out/mcap
+
 qcar-twin export --to single-track --twin out/diagnosed/twin.toml --dataset data/sample --out out/single_track.py
 """
 

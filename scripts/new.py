@@ -1,6 +1,7 @@
 """Write a first dataset.toml from logs, guesses marked with their reasons, and check it.
 
 qcar-twin new my_session drive_1.csv drive_2.mcap
+
 qcar-twin new my_session logs/
 """
 

@@ -1,6 +1,7 @@
 """Film a policy, a controller or a recording, with a translucent second car where asked for.
 
 qcar-twin render --out film.mp4 [--policy DIR] [--path c] [--ghost "lq_ed tuned"] [--camera chase]
+
 qcar-twin render --out film.mp4 --dataset DIR --recording NAME [--twin twin.toml]
 """
 

@@ -5,6 +5,7 @@ scanned one, the day the last date in the path. A scan that was stopped goes on.
 were refused; 2, misuse.
 
 qcar-twin scan logs --out out/scan
+
 qcar-twin scan logs --calibrate --out out/scan
 """
 
