@@ -33,15 +33,6 @@ def test_the_list_comes_without_loading_anything():
   assert said.endswith("set()\n") and all(f"  {name} " in said for name in COMMANDS)
 
 
-def test_the_package_itself_is_the_command_line(tmp_path):
-  run = lambda *words: subprocess.run(
-    [sys.executable, "-m", "qcar_twin", *words], check=False, capture_output=True, text=True, cwd=tmp_path
-  )  # fmt: skip
-  listed, wrong = run("--help"), run("diagnos")
-  assert listed.returncode == 0 and "diagnose" in listed.stdout
-  assert wrong.returncode == MISUSED and "did you mean diagnose?" in wrong.stderr
-
-
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_has_options_that_explain_themselves(name, capsys):
   with pytest.raises(SystemExit) as stopped:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow
+import pyarrow.compute
 import pyarrow.csv
 import pyarrow.parquet
 
@@ -22,6 +23,7 @@ pyarrow.set_memory_pool(pyarrow.system_memory_pool())  # the default reserves ad
 
 # what spreadsheets, pandas, R and C write where there is no number
 _BLANK = ("", "#N/A", "N/A", "n/a", "NA", "null", "NULL", "None", "-", "--", "#DIV/0!", "#NUM!", "#VALUE!", "-nan(ind)")
+_NUMBER = r"^\s*[-+]?(\d+\.?\d*|\.\d+|inf|nan|NaN)([eE][-+]?\d+)?\s*$"  # what a number looks like in a text
 _CLOCKS = {"t", "time", "times", "stamp", "stamps", "timestamp", "timestamps", "clock"}
 _LONG, _SIGNALS, _LISTED = 20, 200, 4  # rows and signals of a long table, and how many are named
 UNNAMED = "unnamed"  # and its number: what a column without a name is called
@@ -59,10 +61,11 @@ def read_csv(path: Path, label: str) -> Table:
 
 def _refuse_words(table: pyarrow.Table, label: str) -> None:
   """A row of words among numbers makes text of every column: a header that is repeated, or units below it."""
-  texts = [column.to_pylist() for column in table.columns if pyarrow.types.is_string(column.type)]
+  texts = [column for column in table.columns if pyarrow.types.is_string(column.type)]
   if not texts or len(texts) < 0.5 * table.num_columns:
     return
-  words = [k for k in range(table.num_rows) if not any(_numeric(str(text[k] or "")) for text in texts)]
+  numbers = [pyarrow.compute.match_substring_regex(text, _NUMBER).fill_null(False).to_numpy() for text in texts]
+  words = np.flatnonzero(~np.any(numbers, axis=0)).tolist()
   for row in words[:1]:
     cells = [str(column[row].as_py() or "").strip() for column in table.columns]
     if cells == [name.strip() for name in table.column_names]:
