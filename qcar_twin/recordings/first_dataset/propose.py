@@ -14,11 +14,11 @@ from qcar_twin.recordings.first_dataset.axes import pointing_down, turning_right
 from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns, is_electrical
 from qcar_twin.recordings.first_dataset.mount import lies, settle_mount
-from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.plane import settle_plane
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, usual_supply
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
 from qcar_twin.recordings.first_dataset.several import runner_up, settle_several
+from qcar_twin.recordings.first_dataset.torn import refuse_parts
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.recordings.topic_maps import TopicMap, topic_maps
@@ -34,7 +34,6 @@ _VEHICLE = ("mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "track_width", "
 _COUNTERS = {"tick", "ticks", "count", "counts", "pulses", "tachometer", "odometer"}
 _BRAKES = {"brake", "brakes", "braking", "brk"}
 _PRESSED = 0.05  # of its largest value, from which a brake is pressed
-_SHOWN = 80  # letters of a list of files
 _LISTED = 60  # columns at most
 _WIDE = 0.3  # standard deviation of a number nobody measured, as a share of it
 # of the wheelbase: where the centre of gravity lies along one that is known; axles carry 40 to 60 % of most cars
@@ -85,7 +84,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     guesses = guess_columns(columns)
     guess_by_unit(columns, guesses)
     guesses = {channel: guesses[channel] for channel in CHANNELS if channel in guesses}
-    _refuse_parts(columns, guesses)
+    refuse_parts(columns, guesses)
   kind = str(known.get("drive", _drive(guesses)))
   vehicle = Vehicle.from_dataset({"name": "car", **known, "drive": kind})
   if wheelbase is not None:
@@ -111,16 +110,19 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   if "time" not in guesses and not all("time" in table for table in tables):
     missing = ("time", *missing)
   questions = tuple(question.text for question in asked)
-  if topics is None:
-    questions += (*_electrical(guesses), *turning_right(columns, guesses))
-  if topics is None and not lies(columns, guesses):
-    questions += (down,) if (down := pointing_down(columns, guesses, recordings)) is not None else ()
+  questions += _asked_of(columns, guesses, recordings) if topics is None else ()
   lines = [*_head(name, topics, questions), *_vehicle(vehicle, known, kind, recordings, said, turns_like)]
   channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
   lines += ["", *channels]
   lines += [line for part in parts for line in _recording(part)]
   marked = tuple(line for line in lines if MARK in line and not line.startswith("#"))
   return Proposal("\n".join(lines) + "\n", marked, tuple(channels[1:]), missing, questions)
+
+
+def _asked_of(columns: Columns, guesses: dict[str, Guess], recordings: Sequence[Recording]) -> tuple[str, ...]:
+  """What only a person can tell of the columns that were guessed."""
+  down = None if lies(columns, guesses) else pointing_down(columns, guesses, recordings)
+  return (*_electrical(guesses), *turning_right(columns, guesses), *([down] if down is not None else []))
 
 
 def _electrical(guesses: Mapping[str, Guess]) -> list[str]:
@@ -132,54 +134,6 @@ def _electrical(guesses: Mapping[str, Guess]) -> list[str]:
     f"'{guess.column}' counts electrical revolutions, the motor's times its pole pairs, and motor_speed is read as "
     "of 2: has your motor 2 (4 poles)? divide the scale by what else it has, over 2"
   ]
-
-
-def _refuse_parts(columns: Columns, guesses: Mapping[str, Guess]) -> None:
-  """Raises RecordingError where commands and motion of one drive lie in files of their own."""
-  commands = {guesses[name].column for name in (*DRIVE_COMMANDS, "steering_command") if name in guesses}
-  motion = {guesses[name].column for name in ("motor_speed", "speed", "pose_x", "yaw_rate") if name in guesses}
-  parts = {
-    table.label: (bool(commands & set(table.columns)), bool(motion & set(table.columns))) for table in columns.tables
-  }
-  if len(parts) < 2 or any(all(part) for part in parts.values()):
-    return
-  if commands and motion:
-    lists = [", ".join(label for label, part in parts.items() if part[k])[:_SHOWN] for k in (0, 1)]
-    said = f"commands are in {lists[0]} and what the car did in {lists[1]}"
-  elif _nothing_shared(columns.tables):
-    said = f"{', '.join(parts)[:_SHOWN]} share no column but a clock, as parts of one drive do"
-  else:
-    return
-  raise RecordingError(
-    f"{said}: join the files of one drive by their clock into one, with blank cells where there is no sample, as "
-    f'pandas.merge(a, b, on="time", how="outer") does{_other_clocks(columns.tables)}'
-  )
-
-
-def _nothing_shared(tables: Sequence[Table]) -> bool:
-  """Whether no two logs have a column in common that is no clock."""
-  named = [{name for name in table.columns if not _is_clock(name)} for table in tables]
-  return all(not a & b for k, a in enumerate(named) for b in named[:k])
-
-
-def _is_clock(name: str) -> bool:
-  return name == "time" or any(reading.channel == "time" for reading in readings(name))
-
-
-def _other_clocks(tables: Sequence[Table]) -> str:
-  """What to do first where the logs' clocks have no time in common."""
-  spans: dict[str, tuple[float, float]] = {}
-  for table in tables:
-    clock = guess_columns(alone := Columns((table,))).get("time")
-    if clock is not None:
-      values = clock.scale * alone.values(clock.column)
-      spans[table.label] = float(values.min()), float(values.max())
-  for one, (begin, end) in spans.items():
-    other = next((name for name, (a, b) in spans.items() if a > end or b < begin), None)
-    if other is not None:
-      said = f"{one} has {begin:.9g} to {end:.9g} s, {other} {spans[other][0]:.9g} to {spans[other][1]:.9g} s"
-      return f"; their clocks have no time in common ({said}): bring them to one first"
-  return ""
 
 
 def _fitting_map(tables: Sequence[Table]) -> TopicMap | None:

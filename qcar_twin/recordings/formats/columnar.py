@@ -64,7 +64,9 @@ def _refuse_words(table: pyarrow.Table, label: str) -> None:
   texts = [column for column in table.columns if pyarrow.types.is_string(column.type)]
   if not texts or len(texts) < 0.5 * table.num_columns:
     return
-  numbers = [pyarrow.compute.match_substring_regex(text, _NUMBER).fill_null(False).to_numpy() for text in texts]
+  like = pyarrow.compute.MatchSubstringOptions(_NUMBER)
+  matched = [pyarrow.compute.call_function("match_substring_regex", [text], like) for text in texts]
+  numbers = [flags.fill_null(False).to_numpy() for flags in matched]
   words = np.flatnonzero(~np.any(numbers, axis=0)).tolist()
   for row in words[:1]:
     cells = [str(column[row].as_py() or "").strip() for column in table.columns]
