@@ -83,6 +83,8 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   else:
     guesses = guess_columns(columns)
     guess_by_unit(columns, guesses)
+    if {"speed", "motor_speed"} <= guesses.keys() and is_electrical(guesses["motor_speed"].column):
+      del guesses["motor_speed"]  # the speed needs no pole pairs
     guesses = {channel: guesses[channel] for channel in CHANNELS if channel in guesses}
     refuse_parts(columns, guesses)
   kind = str(known.get("drive", _drive(guesses)))
