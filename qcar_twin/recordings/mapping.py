@@ -22,6 +22,7 @@ from qcar_twin.recordings.manifest import Mapped
 from qcar_twin.recordings.recording import RecordingError, Stream, UnknownChannelError, nearest
 
 _FINE = 0.05  # share of the rows that have a stamp of their own, below which a clock tells nothing, as in `new`
+_COARSE = 0.05  # share of rows that repeat a stamp; fewer are single rows that were written twice
 _FEW_NANS = 0.05  # formats without blanks: rarer NaNs in a command are faults, commoner ones are an asynchronous stream
 DATED = 1e6  # s, beyond which a clock is rebased: doubles are then 1e-10 s apart, a tenth of the streams' tolerance
 _FINEST = 9  # decimals of a second, of a clock in nanoseconds
@@ -256,7 +257,7 @@ def _refuse_repeats(table: Table, stamp: np.ndarray, first: np.ndarray, repeated
     )
   read = [channel for channel in table.columns.values() if channel.dtype != object]
   changing = sum(bool((_changed(values) & ~first).any()) for values in read)
-  if not repeated and changing > 1:  # rows of their own, and stamps of too few digits
+  if not repeated and changing > 1 and np.mean(~first) > _COARSE:  # rows of their own, and stamps of too few digits
     rate = stamp.size / max(float(stamp[-1] - stamp[0]), 1e-9)
     raise RecordingError(
       f"{text} in rows that differ, as where stamps have too few digits: write them with more, or set time = "
