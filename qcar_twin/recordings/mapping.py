@@ -22,7 +22,7 @@ from qcar_twin.recordings.manifest import Mapped
 from qcar_twin.recordings.recording import RecordingError, Stream, UnknownChannelError, nearest
 
 _FINE = 0.05  # share of the rows that have a stamp of their own, below which a clock tells nothing, as in `new`
-_COARSE = 0.05  # share of rows that repeat a stamp; fewer are single rows that were written twice
+_COARSE = 0.05  # a stated prior: share of rows that repeat a stamp, below which they are rows written twice
 _FEW_NANS = 0.05  # formats without blanks: rarer NaNs in a command are faults, commoner ones are an asynchronous stream
 DATED = 1e6  # s, beyond which a clock is rebased: doubles are then 1e-10 s apart, a tenth of the streams' tolerance
 _FINEST = 9  # decimals of a second, of a clock in nanoseconds

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import traceback
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +9,9 @@ from calibration.diagnosis.decision.evidence import Evidence
 from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.decision.weighing import probability
 from calibration.diagnosis.pipeline import diagnose
-from qcar_twin.atomic_io import write_text
 from qcar_twin.recordings.dataset import DataSet
 
-from ..campaign.run import answer_of
+from ..campaign.run import answer_of, attempted
 from ..exam.cases import Case, make_case
 from .sealed import is_answered, keep_answer, lock
 
@@ -23,14 +21,7 @@ def attempt(case: Case, folder: Path) -> str:
 
   An error's traceback stays in `folder`/answers as NAME.error.txt until the case is answered.
   """
-  story = folder / "answers" / f"{case.name}.error.txt"
-  try:
-    sit(case, folder)
-  except Exception as error:  # one case that cannot be answered must not cost the others theirs
-    write_text(story, traceback.format_exc())
-    return f"{case.name} ({type(error).__name__}: {error})"
-  story.unlink(missing_ok=True)
-  return ""
+  return attempted(case.name, folder / "answers", lambda: sit(case, folder))
 
 
 def sit(case: Case, folder: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import re
 import zipfile
 from pathlib import Path
 
@@ -75,7 +76,7 @@ def _refuse_words(table: pyarrow.Table, label: str) -> None:
         f"{label}: row {row + 1} repeats the header, as where a logger was started again; delete that row, or split "
         "the file there"
       )
-    if row == 0 and any(cells) and not any(map(_numeric, cells)) and len(words) < table.num_rows:
+    if row == 0 and any(cells) and not any(re.match(_NUMBER, cell) for cell in cells) and len(words) < table.num_rows:
       said = ", ".join(cell for cell in cells if cell)
       raise RecordingError(
         f"{label}: row 1 holds words ({said[:60]}), perhaps units, and no numbers; delete that row; a unit may stand "
@@ -202,14 +203,6 @@ def _parse(path: Path, dialect: Dialect, *, plain: bool = False) -> pyarrow.Tabl
 def _opened(path: Path) -> pyarrow.NativeFile:
   """The file, by the bytes of its name: pyarrow takes text for UTF-8, which names are not in every locale."""
   return pyarrow.OSFile(os.fsencode(path))
-
-
-def _numeric(name: str) -> bool:
-  try:
-    float(name)
-  except ValueError:
-    return False
-  return True
 
 
 def _from_arrow(table: pyarrow.Table, label: str) -> Table:

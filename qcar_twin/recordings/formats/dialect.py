@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from qcar_twin.recordings.recording import RecordingError
@@ -118,9 +118,9 @@ def _unit(cell: str) -> bool:
   return word in UNITS or word in _NO_UNIT
 
 
-def _mostly(cells: Sequence[str], is_one: object) -> bool:
+def _mostly(cells: Sequence[str], is_one: Callable[[str], bool]) -> bool:
   there = [cell for cell in cells if cell.strip()]
-  return bool(there) and sum(map(is_one, there)) > _MOSTLY * len(there)  # type: ignore[arg-type]
+  return bool(there) and sum(map(is_one, there)) > _MOSTLY * len(there)
 
 
 def _stack(above: Sequence[int], cells: dict[int, list[str]], wide: int) -> list[int]:
