@@ -118,8 +118,8 @@ def test_concealed_agents_drive_every_car_once_and_go_on(tmp_path, monkeypatch):
     competitors = (*policies, *controllers, *concealed_cars.ABOUT, concealed_cars.REFERENCE)
     file.write_text(json.dumps({name: [[[1e-3, 2e-3]] * 3] for name in competitors}))
 
-  monkeypatch.setattr(concealed_agents, "train_agent", train)
-  monkeypatch.setattr(concealed_agents, "own_options", lambda folder: {n: {"twin": n} for n in concealed_cars.OWN})
+  monkeypatch.setattr(concealed_cars, "train_agent", train)
+  monkeypatch.setattr(concealed_cars, "own_options", lambda folder: {n: {"twin": n} for n in concealed_cars.OWN})
   monkeypatch.setattr(concealed_agents, "diagnosed", diagnosed)
   monkeypatch.setattr(concealed_agents, "drive_car", driven)
   options = concealed_agents.Config(tmp_path, first=1, second=1, quick=True, seeds_once=(0, 1))
