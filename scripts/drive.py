@@ -75,7 +75,7 @@ def main(config: Config) -> Drive:
   theirs = drives_of_script(config.compare, script) if config.compare else {}
   name, shared = free_name(config.record, script, plant), {f.name for f in dataclasses.fields(Terms)} - {"name"}
   driven = drive(config.script, plant, Terms(name=name, **{key: getattr(config, key) for key in shared}))
-  print(f"drove {driven.seconds:.1f} s in {driven.wall:.1f} s")
+  print(f"drove {driven.seconds:.1f} s in {driven.wall:.1f} s: {plant.name}")
   for note in driven.notes:
     print(f"note: {note}")
   kept = "nothing is kept without --record"

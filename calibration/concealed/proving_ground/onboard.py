@@ -1,6 +1,7 @@
 """The independent car behind the interface of the QCar, in the place of a real one."""
 
 from calibration.concealed.laboratory.written import stream
+from calibration.concealed.proving_ground.effects import EFFECTS
 from calibration.concealed.proving_ground.plant import ProvingGroundPlant
 from calibration.concealed.proving_ground.session import Spec, drawn_car
 from qcar_twin.onboard.plants import OnboardPlant
@@ -14,6 +15,11 @@ def _size_of(effect: str) -> float:
     return float(size or 1.0)
   except ValueError:
     raise ValueError(f"effect '{effect}' needs a number of typical sizes: {name}=1") from None
+
+
+def _in_words(effect: str, size: float) -> str:
+  kind = EFFECTS[effect]
+  return f"{effect} = {size:g} x {kind.typical:g} {kind.unit}"
 
 
 def independent_car(number: int, effects: tuple[str, ...], seed: int) -> OnboardPlant:
@@ -31,5 +37,5 @@ def independent_car(number: int, effects: tuple[str, ...], seed: int) -> Onboard
   car = drawn_car(Spec(number))
   table, std = car.measured(stream(number, 1))
   begin, sensors = ProvingGroundPlant(car, hidden, 1.0, seed).begin, f"independent car {number}"
-  name = ", ".join([sensors, *(f"{effect} = {size:g}" for effect, size in sorted(hidden))])
+  name = ", ".join([sensors, *(_in_words(*one) for one in sorted(hidden))])
   return OnboardPlant(begin, Vehicle.from_dataset(table, std), table, std, name, sensors=sensors)

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model
 
-LEVEL = 0.025  # m/s^2, a stated prior: 2.5 mm in a metre, about what DIN 18202 lets a finished floor be out of level
+# m/s^2, a stated prior: 10 mm in 4 m, the most that DIN 18202 (table 3, row 3) lets a finished floor be off
+LEVEL = 0.025
 
 
 class FloorSlope(Mechanism):
