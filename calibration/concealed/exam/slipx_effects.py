@@ -49,8 +49,9 @@ SLIPX_EFFECTS: dict[str, Effect] = {
   "limited_slip": Effect("drive", "parameter", ("differential_lock",), "N m", 1.0, _preload),
   "brake_limit": Effect("drive", "parameter", ("drive_asymmetry",), "-", 400.0, divide("regen_current_max")),
   "wheel_size": Effect("drive", "parameter", ("wheel_radius_error",), "-", 0.3, scale("wheel_radius"), signed=True),
+  # beside the 0.15 of its tyres: from an exponent of 1 on, a tyre would hold less the more it carries
   "load_sensitivity": Effect(
-    "tyre", "parameter", ("load_transfer",), "-", 1.5, add("tyre_front.k_mu", "tyre_rear.k_mu")
+    "tyre", "parameter", ("load_transfer",), "-", 0.8, add("tyre_front.k_mu", "tyre_rear.k_mu")
   ),
   "cg_height": Effect("body", "parameter", ("load_transfer",), "-", 2.0, scale("h_cog"), figures=("cg_height_offset",)),
   "relaxation_front": Effect("tyre", "parameter", ("tyre_relaxation",), "-", 30.0, scale("tyre_front.relax_length")),
