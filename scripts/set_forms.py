@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from calibration.concealed.benchmarks.forms import CARS, fitted_figures, form_deviations
+from calibration.concealed.benchmarks.forms import all_form_deviations, fitted_figures
+from calibration.concealed.benchmarks.known import CARS
 from calibration.progress import counted
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
@@ -16,7 +17,8 @@ from qcar_twin.command_line import run_script
 OUT_IS_FILE = True
 _HEAD = """\
 # Form deviations: how far, as a share of its size, recalibration moves a figure of a car without any effect from what
-# was measured, beyond the measurement's own deviation. "others" is their root mean square. Written by the command.
+# was measured, beyond the measurement's own deviation, or from its truth where only the simulator knows it, beyond that
+# of the fit. "others" is the root mean square of the former. Written by the command.
 """
 
 
@@ -40,7 +42,7 @@ def main(config: Config) -> Path:
   """Measure and write; returns the file."""
   cars, count = (config.cars[:1], 1) if config.quick else (config.cars, config.sessions)
   seeds = range(config.seed, config.seed + count)
-  shares = form_deviations(list(counted(fitted_figures(cars, seeds), len(cars) * count, "session")))
+  shares = all_form_deviations(list(counted(fitted_figures(cars, seeds), len(cars) * count, "session")))
   command = (
     f"qcar-twin set-forms --seed {config.seed} --sessions {count} --cars {' '.join(cars)} --out {config.out.name}"
   )

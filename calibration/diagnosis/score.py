@@ -13,17 +13,10 @@ from numpy.typing import NDArray
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decision.comparison import CAP, Comparison, standard_error
 from calibration.fitting.observations import CHANNELS, Observations
-from calibration.fitting.optimiser import inverse_curvature, prior_cost
+from calibration.fitting.optimiser import prior_cost
+from calibration.intervals.clusters import Scatter, groups_of, scatter_of
 
 Array = NDArray[np.float64]
-
-
-def groups_of(observations: Observations, least: int = 8, length: float = 10.0) -> NDArray[np.int64]:
-  """Group number of every value, (M,): recordings, or stretches of `length` s where those are few."""
-  if len(observations.names) >= least:
-    return observations.recording
-  stretch = observations.recording * 100_000 + (observations.time // length).astype(np.int64)
-  return np.unique(stretch, return_inverse=True)[1].reshape(-1)
 
 
 def held_out(model: Candidate, group: NDArray[np.int64]) -> Array:
@@ -50,42 +43,15 @@ def held_out(model: Candidate, group: NDArray[np.int64]) -> Array:
   return out
 
 
+def scatter(model: Candidate, observations: Observations) -> Scatter:
+  """Scatter of a fitted model's free parameters, by groups of the observations it was fitted to."""
+  seen = slice(model.n_train)
+  return scatter_of(model.jacobian[seen], model.residual[seen], groups_of(observations)[seen], model.free, model.values)
+
+
 def clustered_std(model: Candidate, observations: Observations, directions: Array | None = None) -> Array:
-  """Posterior standard deviations when residuals of one group share their disturbances, (p,).
-
-  Args:
-    model: fitted.
-    observations: it was fitted to.
-    directions: weights of sums of the parameters whose deviations are asked instead, (k, p).
-
-  The sandwich C (sum_g s_g s_g' + P) C with the slopes s_g = J_g' r_g of each group about their mean, the prior
-  precision P and the inverse posterior curvature C (Liang and Zeger 1986, eq. 4); never below the plain deviations,
-  which hold where neighbouring samples are independent witnesses.
-  """
-  spread, inverse = _sandwich(model, observations)
-  asked = np.eye(len(inverse)) if directions is None else directions
-  along = lambda matrix: np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", asked, matrix, asked), 0.0))
-  return np.maximum(along(spread), along(inverse))
-
-
-def clustered_covariance(model: Candidate, observations: Observations) -> Array:
-  """Covariance with the deviations of `clustered_std` and the sandwich's correlations, (p, p)."""
-  spread, _ = _sandwich(model, observations)
-  own = np.sqrt(np.maximum(np.diag(spread), 0.0))
-  stretch = clustered_std(model, observations) / np.where(own > 0.0, own, 1.0)
-  return spread * np.outer(stretch, stretch)
-
-
-def _sandwich(model: Candidate, observations: Observations) -> tuple[Array, Array]:
-  """C (sum_g s_g s_g' + P) C of `clustered_std`, and C, (p, p) each."""
-  group = groups_of(observations)[: model.n_train]
-  pulls = model.jacobian[: model.n_train] * model.residual[: model.n_train, None]
-  slopes = np.stack([np.bincount(group, column) for column in pulls.T], axis=1)[np.unique(group)]
-  slopes -= slopes.mean(axis=0)
-  count = len(slopes)
-  scatter = slopes.T @ slopes * (count / max(count - 1, 1))
-  inverse = inverse_curvature(model.curvature, model.free)
-  return inverse @ (scatter + np.diag(model.free.deviation_slopes(model.values) ** 2)) @ inverse, inverse
+  """Posterior standard deviations of a model's free parameters, (p,), or of weighed sums of them; see `Scatter.std`."""
+  return scatter(model, observations).std(directions)
 
 
 def compare(larger: Candidate, smaller: Candidate, observations: Observations) -> Comparison:

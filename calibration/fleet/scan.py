@@ -133,8 +133,10 @@ def _checked(check: LogCheck) -> dict[str, Any]:
 def _fitted(dataset: DataSet, level: Level) -> dict[str, Any]:
   fit = calibrate(dataset, "recordings", quick=True, threads=1, progress=silent)
   shown = {name: e for name, e in fit.estimates.items() if not e.reason_not_fitted and e.identifiable}
-  shown = {name: e for name, e in shown.items() if not e.at_bound and e.std**2 < _SHOWN * e.prior_std**2}
-  made: dict[str, Any] = {"parameters": {n: {"value": e.value, "std": e.std, "unit": e.unit} for n, e in shown.items()}}
+  shown = {name: e for name, e in shown.items() if not e.at_bound and e.noise_std**2 < _SHOWN * e.prior_std**2}
+  made: dict[str, Any] = {
+    "parameters": {n: {"value": e.value, "std": e.noise_std, "unit": e.unit} for n, e in shown.items()}
+  }
   if level == "diagnose":
     decision = diagnose(dataset, effort=_QUICK, threads=1, progress=silent).diagnosis.decision
     claims = [{"mechanism": c.mechanism, "probability": c.probability} for c in decision.claims]

@@ -24,7 +24,7 @@ from calibration.fitting.informative import split_standing
 from calibration.fitting.noise import noise_models
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import UNITS, Observations, observe
-from calibration.fitting.optimiser import Fit, finite_differences, with_jacobian
+from calibration.fitting.optimiser import finite_differences, with_jacobian
 from calibration.fitting.recalibration import RecalibratedTwin
 from calibration.fitting.surrogate import searching
 from calibration.fitting.tolerances import always_fitted
@@ -39,11 +39,12 @@ from calibration.identification.match_bicycle import (
   match_bicycle,
   mean_percent,
 )
+from calibration.intervals.clusters import groups_of
 from calibration.log_check.pairs import fitted_ages
 from calibration.log_check.ready import ready
 from calibration.progress import Progress, silent
+from calibration.twin_calibration.estimates import Estimate, estimate_of, judged, table_of
 from calibration.twin_calibration.stage_cache import Stages, fingerprint
-from qcar_twin.parameters import ParameterSet
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.engines import EngineKind
@@ -57,27 +58,7 @@ Recalibrated = Callable[[], RecalibratedTwin] | None
 
 QUICK = 40.0  # s of driving that are fitted for a first look
 FINE = 5  # simulation steps per control period of the final numbers: 2 ms
-_UNSEEN = 0.5  # a prior deviation of a parameter moves all residuals together by less than this: nothing shows it
-_OFF = 3.0  # prior deviations that are worth a word
 _STRAIGHT = "no steering_command is logged: the car is taken to drive straight"
-
-
-@dataclasses.dataclass(frozen=True)
-class Estimate:
-  """One parameter after calibration, in `unit`.
-
-  Attributes:
-    reason_not_fitted: why it was not fitted, or that nothing in the recordings shows it; "" for a fitted one.
-  """
-
-  value: float
-  std: float
-  unit: str
-  prior: float
-  prior_std: float
-  at_bound: bool
-  identifiable: bool
-  reason_not_fitted: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -199,13 +180,13 @@ def calibrate(
     progress("fit taken from an earlier run")
   else:
     fitted = stages.keep("fit", work())
-  estimates = {name: _estimate(e) for name, e in fitted["estimates"].items()}
+  estimates = {name: estimate_of(e) for name, e in fitted["estimates"].items()}
   theta = twin.parameters.vector({name: e.value for name, e in estimates.items()})
   progress("comparison")
   fine = Twin(vehicle, twin.mechanisms, substeps=FINE, threads=threads)
   answers = _answers(fine, theta, identification) if identification else ()
   replay = _replay(fine, theta, dataset, fitted["command_shift"], quick) if against == "recordings" else None
-  notes = (*warned, *dataset.notices, *said, *fitted["notes"], *_judged(estimates))
+  notes = (*warned, *dataset.notices, *said, *fitted["notes"], *judged(estimates))
   return Calibration(dataset, against, fine, theta, estimates, identification, missing, answers,
     _errors(replay, dataset), fitted["command_shift"], notes, time.perf_counter() - began, replay)  # fmt: skip
 
@@ -224,7 +205,7 @@ def _identified(dataset: DataSet, steady_state: SteadyState, vehicle: Vehicle) -
 def _to_bicycle(twin: Twin, identification: Identification, quick: bool, progress: Progress) -> dict[str, Any]:
   tell = lambda k, cost: progress(f"fit to the identified model, iteration {k}, cost {cost:.0f}")
   match = match_bicycle(twin, identification, twin.base, iterations=3 if quick else 12, progress=tell)
-  estimates = _table(match.fit, twin.base, "the identified model does not show it")
+  estimates = table_of(match.fit, twin, twin.base, "the identified model does not show it", None)
   notes = [*identification.drive.notes, *(identification.lateral.notes if identification.lateral else ())]
   lags = [n for n in ("servo_time_constant", "relaxation_length") if estimates.get(n, {}).get("at_bound")]
   if lags:
@@ -253,7 +234,9 @@ def _to_recordings(
     notes.append(f"the log's command timing is unknown; commands fit best {again.command_shift} control periods later")
   if standing:
     notes.append(f"static friction holds the car in {', '.join(standing)}: left out of the fit, not of the errors")
-  estimates = _table(with_jacobian(again.fit, _slopes(again), np.inf), twin.parameters, "not fitted")
+  group = groups_of(again.problem.observations)[: again.problem.n_train]
+  best = with_jacobian(again.fit, _slopes(again), np.inf)
+  estimates = table_of(best, twin, twin.parameters, "not fitted", group)
   return {"estimates": estimates, "command_shift": int(again.command_shift), "notes": notes}
 
 
@@ -268,33 +251,6 @@ def _slopes(recalibrated: RecalibratedTwin) -> Array:
 
 def _open_recordings(dataset: DataSet) -> list[Recording]:
   return [r for r in dataset.recordings if r.role != "holdout"]
-
-
-def _table(fitted: Fit, every: ParameterSet, reason: str) -> dict[str, dict[str, Any]]:
-  """Estimates of all parameters; what no residual shows goes back to its prior."""
-  force = np.sqrt(np.sum(np.square(fitted.jacobian), axis=0)) * fitted.parameters.std
-  table = {}
-  for p in every:
-    if p.name not in fitted.parameters:
-      table[p.name] = _not_fitted(p.nominal, p.nominal, float(ParameterSet([p]).std[0]), p.unit, reason)
-      continue
-    i = fitted.parameters.index(p.name)
-    row = fitted.table()[p.name]
-    if force[i] < _UNSEEN:
-      row = _not_fitted(row["prior"], row["prior"], row["prior_std"], p.unit, "no recording shows it")
-    table[p.name] = row
-  return table
-
-
-def _not_fitted(value: Any, prior: Any, std: Any, unit: str, reason: str) -> dict[str, Any]:
-  return {"value": value, "std": std, "unit": unit, "prior": prior, "prior_std": std,
-          "at_bound": False, "identifiable": False, "reason_not_fitted": reason}  # fmt: skip
-
-
-def _estimate(row: Mapping[str, Any]) -> Estimate:
-  """From a stored row, where an unknown number is null."""
-  known: dict[str, Any] = {key: np.nan if value is None else value for key, value in row.items()}
-  return Estimate(**known)
 
 
 # -- judging -------------------------------------------------------------------------------------
@@ -329,22 +285,3 @@ def _errors(replay: Replay | None, dataset: DataSet) -> dict[str, dict[str, Chan
         before, after = np.sqrt(np.mean(np.square(wrong), axis=1)).tolist()
         errors.setdefault(role, {})[channel] = ChannelError(before, after, noise, UNITS[channel])
   return errors
-
-
-def _judged(estimates: Mapping[str, Estimate]) -> list[str]:
-  """Words on parameters at a bound, unseen, or far from what was measured."""
-  unseen = [n for n, e in estimates.items() if e.reason_not_fitted == "no recording shows it"]
-  bound = [n for n, e in estimates.items() if e.at_bound]
-  far = {
-    n: (e.value - e.prior) / e.prior_std for n, e in estimates.items() if not e.reason_not_fitted and e.prior_std > 0
-  }
-  far = {n: share for n, share in far.items() if abs(share) > _OFF}
-  notes = []
-  if unseen:
-    notes.append(f"no recording shows {', '.join(unseen)}: left at the prior")
-  if bound:
-    notes.append(f"at a bound of the fit: {', '.join(bound)}")
-  if far:
-    listed = ", ".join(f"{n} {share:+.1f}" for n, share in far.items())
-    notes.append(f"far from the prior, in prior deviations: {listed}; something the twin lacks may hide here")
-  return notes

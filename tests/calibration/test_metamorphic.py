@@ -59,7 +59,7 @@ def results(data):
   return {
     "identified": {"drive": identified.drive.values, "lateral": identified.lateral.values},
     "calibrated": fit.twin.parameters.named(fit.theta),
-    "std": {name: estimate.std for name, estimate in fit.estimates.items()},
+    "std": {name: estimate.noise_std for name, estimate in fit.estimates.items()},
     "scores": {name: score.rmse for name, score in replay.scores("twin").items()},
     "ranking": dict(diagnosed.decision.ranking),
     "estimates": filter_recording(data["steering_0.1"], bicycle.car(theta)).value,

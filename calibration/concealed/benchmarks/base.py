@@ -1,18 +1,20 @@
 """What recalibration makes of sessions without an effect: parameters against their truth, and where poor starts end."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from calibration.concealed.proving_ground import Session
+from calibration.concealed.benchmarks.known import stated
+from calibration.concealed.laboratory.written import Session
 from calibration.diagnosis.pipeline import prepare
 from calibration.diagnosis.pool import base_candidate
-from calibration.diagnosis.score import clustered_std
 from calibration.fitting.recalibration import RecalibratedTwin, settled_from
+from calibration.twin_calibration import calibrate
 from qcar_twin.recordings.dataset import DataSet
 
 LAGS = (1, 2, 3)
+INSIDE = 1.645  # standard deviations: a 90 % interval
 ONE = 2.0  # nats above the least cost within which a minimum is the same: a likelihood ratio of e^2
 _POORER = (0.6, 1.6)  # times the tyres' stiffness and the motor's gain that recalibration begins with
 
@@ -23,7 +25,7 @@ class Base:
 
   Attributes:
     error: of parameters that the generator states in the same sense, relative to their truth.
-    score: the same in standard deviations, a sandwich over recordings.
+    score: the same in the standard deviations that a calibration states.
     correlation: largest of neighbouring residuals at LAGS, over the channels.
     cost: at the minimum, nats.
     poor: costs where poor starts ended, nats.
@@ -41,34 +43,39 @@ class Base:
     return sum(cost - min(self.cost, *self.poor) <= ONE for cost in self.poor)
 
 
-def recalibrated_base(session: Session, poor: int = 0, substeps: int = 2) -> Base:
-  """Recalibrate on a session, as a diagnosis does, and `poor` times more with other tyres and another motor."""
-  begun = prepare(DataSet("session", session.recordings, session.vehicle, session.vehicle_std), substeps=substeps)
-  recalibrated = begun.recalibrated
+def recalibrated_base(car: str, session: Session, poor: int = 0) -> Base:
+  """Calibrate on a session as a diagnosis recalibrates, and `poor` times more from other tyres and another motor.
+
+  Args:
+    car: that was driven, one that `stated` knows.
+    session: without an effect.
+    poor: further starts.
+  """
+  data = DataSet("session", session.recordings, session.vehicle, session.vehicle_std)
+  begun = prepare(data)
+  recalibrated, truth = begun.recalibrated, stated(car, session.truth)
   model, observations = base_candidate(recalibrated), recalibrated.problem.observations
-  std = model.free.named(clustered_std(model, observations))
-  values, truth = model.free.named(model.values), stated(session.truth)
+  estimates = calibrate(data, "recordings", recalibrated=lambda: recalibrated).estimates
   starts = range(1, poor + 1)
   return Base(
-    error={name: values[name] / true - 1.0 for name, true in truth.items()},
-    score={name: (values[name] - true) / std[name] for name, true in truth.items()},
+    error={name: estimates[name].value / true - 1.0 for name, true in truth.items()},
+    score={name: (estimates[name].value - true) / estimates[name].std for name, true in truth.items()},
     correlation=max(_correlation(model.residual[observations.select(n)]) for n in observations.present),
     cost=recalibrated.fit.cost,
     poor=tuple(_from_poor_start(recalibrated, np.random.default_rng(k)) for k in starts),
   )
 
 
-def stated(truth: Mapping) -> dict[str, float]:
-  """Parameters of the twin that the generator states in the same sense, by name, SI."""
-  car, linear = truth["car"], truth["linearised"]
-  return {
-    "cornering_stiffness_front": linear["cornering_stiffness_front"],
-    "cornering_stiffness_rear": linear["cornering_stiffness_rear"],
-    "longitudinal_stiffness": 4.0 * car["slip_stiffness"],
-    "friction_coefficient": car["friction"],
-    "relaxation_length": car["relaxation"],
-    **{name: car[name] for name in ("mass", "yaw_inertia", "cg_to_front")},
-  }
+def by_parameter(fits: Sequence[Base]) -> list[str]:
+  """A line for each parameter: how often its interval holds the truth, and its mean error."""
+  scores: dict[str, list[tuple[float, float]]] = {}
+  for one in fits:
+    for name, z in one.score.items():
+      scores.setdefault(name, []).append((z, one.error[name]))
+  return [
+    f"{name}: {sum(abs(z) <= INSIDE for z, _ in rows)} of {len(rows)}, in the mean {np.mean([e for _, e in rows]):+.1%}"
+    for name, rows in scores.items()
+  ]
 
 
 def _from_poor_start(recalibrated: RecalibratedTwin, random: np.random.Generator) -> float:

@@ -5,33 +5,55 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from calibration.concealed.exam.session import make_exam_session
-from calibration.concealed.proving_ground import make_session
-from calibration.concealed.second_car import make_second_session
+from calibration.concealed.benchmarks.known import CARS, stated
 from calibration.diagnosis.decision.evidence import Measured
 from calibration.diagnosis.pipeline import prepare
 from calibration.diagnosis.pool import base_candidate
 from calibration.diagnosis.search.gather import measured_figures
+from calibration.fitting.optimiser import with_jacobian
+from calibration.fitting.recalibration import RecalibratedTwin
+from calibration.intervals.clusters import fitted_std, groups_of
 from qcar_twin.recordings.dataset import DataSet
 
+Figures = tuple[str, tuple[Measured, ...], tuple[Measured, ...]]
 _ONE_SIDED = 1.645  # standard errors: 95 %
 
-CARS = {
-  "first": lambda seed: make_session(seed, (), "compact"),
-  "second": lambda seed: make_second_session(seed, (), "compact"),
-  "slipx": lambda seed: make_exam_session("slipx", seed, bench=True),
-}
-"""Sessions without an effect, by generator and seed."""
 
+def fitted_figures(cars: Sequence[str], seeds: Sequence[int]) -> Iterator[Figures]:
+  """Figures of every session as recalibration has them.
 
-def fitted_figures(cars: Sequence[str], seeds: Sequence[int]) -> Iterator[tuple[str, tuple[Measured, ...]]]:
-  """The figures of every session as recalibration has them, with the generator."""
+  Yields:
+    the generator; the figures that the vehicle states a deviation of, about what was measured; those that only the
+    generator knows, about their truth and with the deviation of the fit.
+  """
   for seed in seeds:
     for car in cars:
       session = CARS[car](seed)
       dataset = DataSet("session", session.recordings, session.vehicle, session.vehicle_std)
       recalibrated = prepare(dataset).recalibrated
-      yield car, measured_figures(base_candidate(recalibrated), recalibrated.problem.twin)
+      problem = recalibrated.problem
+      figures = measured_figures(base_candidate(recalibrated), problem.twin)
+      yield car, figures, _known(recalibrated, {} if car == "slipx" else stated(car, session.truth), figures)
+
+
+def _known(
+  recalibrated: RecalibratedTwin, truth: Mapping[str, float], measured: Sequence[Measured]
+) -> tuple[Measured, ...]:
+  """Figures of the twin that only the generator knows."""
+  problem, fit = recalibrated.problem, recalibrated.fit
+  slopes = with_jacobian(fit, recalibrated.jacobian[: problem.n_train], np.inf)
+  std = fit.parameters.named(fitted_std(slopes, groups_of(problem.observations)[: problem.n_train]))
+  values, left = fit.named(), set(truth) - {f.name for f in measured}
+  return tuple(
+    Measured(name, truth[name], std[name], values[name], truth[name], fit.parameters[name].unit)
+    for name in sorted(left)
+  )
+
+
+def all_form_deviations(sessions: Sequence[Figures]) -> dict[str, tuple[float, int]]:
+  """Form deviations of measured and of known figures; those that nobody looked at are of the kind of the measured."""
+  known = form_deviations([(car, figures) for car, _, figures in sessions if figures])
+  return {**known, **form_deviations([(car, figures) for car, figures, _ in sessions])}
 
 
 def form_deviations(sessions: Sequence[tuple[str, Sequence[Measured]]]) -> dict[str, tuple[float, int]]:

@@ -1,29 +1,24 @@
 """Figures of the car that the driving contradicts: a servo that is slower than it was measured, a sensor that is late.
 
 Recalibration moves what was measured within its deviation, and further where the driving asks for it. How far it moves
-a figure of a car without any effect, since the twin is no more than a model, is known from such cars: `forms.toml`. So
+a figure of a car without any effect, since the twin is no more than a model, is known from such cars
+(`calibration.intervals.forms`). So
 
     z = (fitted - measured) / sqrt(s^2 + (f a)^2)
 
 with the deviation s of what was measured and the form deviation f, a share of the figure's size a, is a standard normal
-variable where nothing is wrong (a discrepancy of the model beside the error of measurement: Kennedy and O'Hagan,
-Journal of the Royal Statistical Society B 63, 2001).
+variable where nothing is wrong.
 """
 
 import dataclasses
-import functools
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 from scipy import stats
 
 from calibration.diagnosis.decision.evidence import Measured
 from calibration.diagnosis.decision.levels import Levels
-
-FILE = Path(__file__).with_name("forms.toml")
-_OTHERS = "others"
+from calibration.intervals.forms import OTHERS, usual_forms
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,28 +53,10 @@ def departures(
   """
   forms = usual_forms() if forms is None else forms
   level = float(stats.norm.isf(levels.conflict / (2.0 * max(len(figures), 1))))
-  found = [_departure(f, forms.get(f.name, forms[_OTHERS])) for f in figures]
+  found = [_departure(f, forms.get(f.name, forms[OTHERS])) for f in figures]
   return tuple(sorted((d for d in found if abs(d.z) > level), key=lambda d: (-abs(d.z), d.name)))
 
 
 def _departure(figure: Measured, form: float) -> Departure:
   z = (figure.value - figure.measured) / math.hypot(figure.std, form * figure.size)
   return Departure(figure.name, figure.value, figure.measured, figure.std, z, figure.unit, figure.usual)
-
-
-def read_forms(file: Path = FILE) -> dict[str, float]:
-  """Form deviations by figure.
-
-  Raises:
-    ValueError: an entry has no source, or there is none for figures that are not in it ("others").
-  """
-  table = tomllib.loads(file.read_text(encoding="utf-8"))
-  if _OTHERS not in table or not all(entry.get("source") for entry in table.values()):
-    raise ValueError(f"{file.name}: every entry needs a source, and one must be called '{_OTHERS}'")
-  return {name: float(entry["value"]) for name, entry in table.items()}
-
-
-@functools.cache
-def usual_forms() -> dict[str, float]:
-  """Those of forms.toml."""
-  return read_forms()

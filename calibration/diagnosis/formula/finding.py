@@ -25,8 +25,8 @@ from calibration.diagnosis.formula.refit import (
 from calibration.diagnosis.formula.replay import replayed
 from calibration.diagnosis.formula.tables import table_heights
 from calibration.diagnosis.formula.thinned import thinned
-from calibration.diagnosis.score import groups_of
 from calibration.fitting.likelihood import Problem
+from calibration.intervals.clusters import groups_of
 from qcar_twin.parameters import ParameterSet
 
 Array = NDArray[np.float64]

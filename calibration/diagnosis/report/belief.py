@@ -13,7 +13,7 @@ from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decision.claims import Claim
 from calibration.diagnosis.outcome import Diagnosis
 from calibration.diagnosis.pool import Pool
-from calibration.diagnosis.score import clustered_covariance
+from calibration.diagnosis.score import scatter
 from calibration.diagnosis.shipping import objections
 from qcar_twin.twin.posterior import Believed, Posterior
 
@@ -45,5 +45,5 @@ def _odds(claim: Claim) -> list[tuple[str, float]]:
 
 
 def _believed(model: Candidate, pool: Pool, probability: float) -> Believed:
-  covariance = clustered_covariance(model, pool.problem.observations)
+  covariance = scatter(model, pool.problem.observations).covariance()
   return Believed(model.mechanisms, probability, tuple(model.free.names), model.values, covariance)

@@ -31,7 +31,6 @@ from calibration.diagnosis.score import (
   compare_freely,
   errors_taken_off,
   evidence,
-  groups_of,
   prior_part,
 )
 from calibration.diagnosis.search.structure import ensure
@@ -41,6 +40,8 @@ from calibration.fitting.observations import Observations
 from calibration.fitting.optimiser import bounded_solve
 from calibration.fitting.residual_channels import RESIDUALS
 from calibration.fitting.tolerances import sensor_error_mechanisms
+from calibration.intervals.clusters import groups_of
+from calibration.intervals.forms import size_of
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.twin.twin import Twin
 
@@ -197,14 +198,10 @@ class Weighing:
 
 
 def measured_figures(model: Candidate, twin: Twin) -> tuple[Measured, ...]:
-  """Figures that the vehicle states a deviation of, and the ages of sensors, as a model has them.
-
-  A time's errors are shares of the control period, by which logs and commands are spaced, however short it is.
-  """
+  """Figures that the vehicle states a deviation of, and the ages of sensors, as a model has them."""
   values = model.free.named(model.values)
   figures = [p for p in model.free if p.kind == "measured" and p.null is None and p.std]
-  # that of the centre of gravity's height is its distance from what was measured
-  size = lambda p: twin.period if p.unit == "s" else abs(p.nominal) or twin.vehicle.cg_height
+  size = lambda p: size_of(p.unit, p.nominal, twin.period, twin.vehicle.cg_height)
   known = [Measured(p.name, p.nominal, p.std or 0.0, values[p.name], size(p), p.unit) for p in figures]
   errors = {n: e.std for m in sensor_error_mechanisms(twin.mechanisms) for n, e in m.sensor_errors.items()}
   ages = [p for p in model.free if p.name in errors and p.unit == "s"]

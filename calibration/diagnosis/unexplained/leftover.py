@@ -16,13 +16,14 @@ from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.circumstances import at_values
 from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.decision.structure import Leftover
-from calibration.diagnosis.score import compared, groups_of
+from calibration.diagnosis.score import compared
 from calibration.diagnosis.unexplained.bursts import bursts
 from calibration.diagnosis.unexplained.families import heading, histories, motion, past_commands, places
 from calibration.diagnosis.unexplained.rhythm import strongest_line
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.observations import Observations
 from calibration.fitting.residual_channels import RESIDUALS
+from calibration.intervals.clusters import groups_of
 from qcar_twin.plant import Prediction
 
 Array = NDArray[np.float64]

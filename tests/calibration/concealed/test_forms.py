@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from calibration.concealed.benchmarks.forms import form_deviations
-from calibration.diagnosis.decision.departures import read_forms
 from calibration.diagnosis.decision.evidence import Measured
+from calibration.intervals.forms import read_forms
 from scripts import set_forms
 
 
@@ -38,7 +38,11 @@ def test_others_are_the_root_mean_square_of_what_was_looked_at():
 
 
 def test_what_the_command_writes_the_decision_reads(tmp_path, monkeypatch):
-  monkeypatch.setattr(set_forms, "fitted_figures", lambda cars, seeds: sessions(len(cars) * len(seeds), 0.05, 0.02))
+  known = (Measured("friction_coefficient", 0.9, 0.01, 0.99, 0.9, "-"),)
+  both = lambda cars, seeds: [(car, rows, known) for car, rows in sessions(len(cars) * len(seeds), 0.05, 0.02)]
+  monkeypatch.setattr(set_forms, "fitted_figures", both)
   out = set_forms.main(set_forms.Config(tmp_path / "forms.toml", seed=7, sessions=4))
-  assert set(read_forms(out)) == {"mass", "others"}
+  forms = read_forms(out)
+  assert set(forms) == {"mass", "friction_coefficient", "others"} and forms["others"] == forms["mass"]
+  assert forms["friction_coefficient"] == pytest.approx(np.sqrt(0.1**2 - (0.01 / 0.9) ** 2), abs=1e-4)
   assert "qcar-twin set-forms --seed 7 --sessions 4 --cars first second slipx --out forms.toml" in out.read_text()

@@ -15,12 +15,12 @@ from calibration.diagnosis.score import (
   compared,
   errors_taken_off,
   evidence,
-  groups_of,
   held_out,
   prior_part,
 )
 from calibration.fitting.observations import CHANNELS
 from calibration.fitting.optimiser import prior_gradient
+from calibration.intervals.clusters import groups_of
 from qcar_twin.parameters import Parameter, ParameterSet
 from tests.calibration.diagnosis import diagnosis_rig as rig
 

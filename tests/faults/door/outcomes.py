@@ -117,7 +117,7 @@ def _by_fit(falsity: Falsity, truth: Truth, check: LogCheck) -> str:
     return "refused"
   theirs = truth.calibrated()
   if all(
-    abs(e.value - theirs.estimates[name].value) <= DEVIATIONS * theirs.estimates[name].std
+    abs(e.value - theirs.estimates[name].value) <= DEVIATIONS * theirs.estimates[name].noise_std
     for name, e in mine.estimates.items()
     if name in theirs.estimates
   ):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.diagnosis.decision.departures import departures, read_forms, usual_forms
+from calibration.diagnosis.decision.departures import departures
 from calibration.diagnosis.decision.evidence import Measured
 from calibration.diagnosis.decision.levels import usual_levels
 
@@ -40,12 +40,3 @@ def test_by_chance_any_of_many_figures_departs_as_seldom_as_stated():
     figures = [figure(n, 1.0 + np.hypot(0.01, FORMS.get(n, 0.1)) * random.normal()) for n in ("mass", "a", "b", "c")]
     hits += bool(departures(figures, LEVELS, FORMS))
   assert hits / count == pytest.approx(LEVELS.conflict, abs=0.007)
-
-
-def test_every_form_has_a_source_and_others_have_one(tmp_path):
-  assert 0.0 < usual_forms()["others"] < 1.0
-  for text in ("[mass]\nvalue = 0.1\nsource = 'x'\n", "[others]\nvalue = 0.1\n"):
-    file = tmp_path / "forms.toml"
-    file.write_text(text)
-    with pytest.raises(ValueError, match=r"forms\.toml: every entry needs a source"):
-      read_forms(file)

@@ -7,7 +7,7 @@ import pytest
 
 from calibration.diagnosis.report import belief as written
 from calibration.diagnosis.report.belief import belief
-from calibration.diagnosis.score import clustered_covariance, clustered_std
+from calibration.diagnosis.score import clustered_std, scatter
 from tests.calibration.diagnosis.diagnosis_results import diagnosis_of
 from tests.calibration.diagnosis.diagnosis_rig import session, solved
 
@@ -64,7 +64,7 @@ def test_where_the_repair_is_not_written_the_recalibrated_twin_is_all(pool, monk
 def test_parameters_have_the_deviations_that_are_reported(pool, monkeypatch):
   model = pool.models[frozenset(["steering_offset"])]
   observations = pool.problem.observations
-  covariance = clustered_covariance(model, observations)
+  covariance = scatter(model, observations).covariance()
   np.testing.assert_allclose(np.sqrt(np.diag(covariance)), clustered_std(model, observations), rtol=1e-9)
   assert np.linalg.eigvalsh(covariance / np.outer(model.free.scale, model.free.scale)).min() > -1e-12
   found = claiming(pool, ("steering_offset", 1.0, 1.0, ()), monkeypatch=monkeypatch)
