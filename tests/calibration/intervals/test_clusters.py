@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from calibration.fitting.observations import CHANNELS
 from calibration.fitting.optimiser import fit
-from calibration.intervals.clusters import fitted_std, groups_of
+from calibration.intervals.clusters import fitted_std
 from qcar_twin.parameters import Parameter, ParameterSet
 
 GROUPS, EACH = 12, 40
