@@ -44,7 +44,7 @@ def test_the_age_of_a_sensor_is_held_against_what_is_usual_whatever_prior_the_lo
   (mechanism,) = select(["encoder_latency"])
   (usual,) = mechanism.sensor_errors.values()
   free = ParameterSet([dataclasses.replace(mechanism.parameters[0], nominal=0.023, std=0.004, assumed=True)])
-  twin = SimpleNamespace(mechanisms=[mechanism], period=0.01)
+  twin = SimpleNamespace(mechanisms=[mechanism], period=0.01, vehicle=SimpleNamespace(cg_height=0.04))
   (age,) = measured_figures(SimpleNamespace(free=free, values=np.array([0.024])), twin)
   assert age == Measured("encoder_latency", 0.0, usual.std, 0.024, 0.01, "s", usual=True)
 
