@@ -1,29 +1,33 @@
 """Conceal formulas that the catalogue does not hold, and see what comes out.
 
-qcar-twin benchmark-formula --out docs/results/formula.md
+qcar-twin benchmark-formula --cars 16 --second 16 --each 1 --seed 900 --jobs 16
 """
 
 import dataclasses
 from pathlib import Path
 
-import numpy as np
+from joblib import delayed
 
-from calibration.concealed.benchmarks.formula import Case, case_of, cases_of, rates, true_base
+from calibration.concealed.benchmarks.formula import attempt, cases_of, file_of, read_case
+from calibration.concealed.benchmarks.formula_page import page
 from calibration.concealed.benchmarks.hidden_formulas import FORMULAS
-from calibration.diagnosis.formula.words import alike_words, equation
-from qcar_twin import markdown
+from calibration.progress import counted
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
+from qcar_twin.parallel import in_parallel
 
 OUT_IS_FILE = True
+KEPT = "cases that were finished stay in --work, the same command goes on with the others"
 
 
 @dataclasses.dataclass(frozen=True)
 class Config:
   """Sessions of the independent cars with one concealed formula each, and one of each car without."""
 
+  work: Path = Path("out/formulas")
+  """Folder of the cases. Those that are in it are kept."""
   out: Path = Path("docs/results/formula.md")
-  """Markdown page to write."""
+  """Markdown page to write; a picture of some cases goes next to it."""
   seed: int = 71
   """Seed of the first car; the others follow it."""
   cars: int = 1
@@ -34,66 +38,41 @@ class Config:
   """Formulas to conceal; a session without any is always tried."""
   each: int = 0
   """Formulas per car, in turn; 0 for all."""
+  jobs: int = 1
+  """Number of cars at a time, one core each."""
+  score_only: bool = False
+  """Look for nothing and write the page of the cases that are there."""
   quick: bool = False
   """One first car, the first formula, and the session without any."""
 
 
 def main(config: Config) -> str:
-  """Run it and write the page, after every case."""
+  """Do what is left and write the page."""
   if config.quick:
     config = dataclasses.replace(config, cars=1, second=0, formulas=config.formulas[:1])
-  done: list[Case] = []
-  text = ""
-  for kind, seed, names in cases_of(config.seed, config.cars, config.second, config.formulas, config.each):
-    base = true_base(seed, kind)
-    for name in ("", *names):
-      case = case_of(base, kind, seed, name)
-      print(f"{kind} {seed} {name or 'nothing'}: {case.said}", flush=True)
-      done.append(case)
-      text = page(config, done)
-      write_text(config.out, text)
+  cars = cases_of(config.seed, config.cars, config.second, config.formulas, config.each)
+  files = [file_of(config.work, car, seed, name) for car, seed, names in cars for name in names]
+  said: list[str] = []
+  if not config.score_only:
+    calls = [delayed(attempt)(config.work, *one) for one in cars]
+    said = [line for _, line in counted(in_parallel(calls, config.jobs), len(calls), "car")]
+  done = [read_case(file) for file in files if file.is_file()]
+  text = page(command(config), done, len(files), config.out.with_suffix(".png"))
+  write_text(config.out, text)
+  if failed := sorted(line for line in said if line):
+    raise RuntimeError(
+      f"no answer for {'; '.join(failed)}. The others are on the page; {config.work}/*.error.txt say where it arose,"
+      " and the same command tries again"
+    )
   return text
 
 
-def page(config: Config, done: list[Case]) -> str:
-  """The page of these cases."""
-  lines = [
-    "# A formula for what has no name",
-    "",
-    f"`qcar-twin benchmark-formula --seed {config.seed} --cars {config.cars} --second {config.second} --each"
-    f" {config.each}",
-    f"--formulas {' '.join(config.formulas)}`: compact",
-    "sessions of the independent cars with one formula concealed at a time, at the base that the same car's session",
-    "without it gives. So this measures finding a formula, not the diagnosis before it. A force along the car and a",
-    "torque of the motor count as one place; off: root mean square difference to the true force over what was driven,",
-    "over that of the true force; held-out errors: geometric mean over the channels; seconds of one core. Intervals",
-    "are exact 95 % ones (Clopper and Pearson).",
-    "",
-    *markdown.table(("what", "how often", "95 % interval"), rates(done)),
-    "",
-    *markdown.table(_TITLES, [_row(case) for case in done]),
-    "",
-    "## What falls short, case by case",
-    "",
-    *([f"* {c.car} {c.seed}, {c.written}: {c.falls_short}. {c.said}" for c in done if c.falls_short] or ["Nothing."]),
-  ]
-  return "\n".join(lines) + "\n"
-
-
-_TITLES = ("car", "concealed", "ships", "formula or table", "right place, right variables", "off, over the driving",
-           "held-out errors", "can't be told from", "seconds")  # fmt: skip
-
-
-def _row(case: Case) -> tuple[str, ...]:
-  """One case."""
-  rest = case.shipped.rest
-  said = equation(rest) if case.ships else f"nothing: {rest.why or 'held-out errors grow'}"
-  fall = f"{100.0 * (case.shipped.change - 1.0):+.0f} %" if case.ships else "–"
-  off = "–" if np.isnan(case.error) else f"{100.0 * case.error:.0f} %"
-  words = ["yes" if right else "no" for right in (case.right_degree, case.right_variables)]
-  right = ", ".join(words) if case.name and case.ships else "–"
-  return (f"{case.car} {case.seed}", case.written, rest.kind if case.ships else "–", said, right, off, fall,
-          alike_words(rest) or "–", f"{case.seconds:.0f}")  # fmt: skip
+def command(config: Config) -> str:
+  """The command that asks for these cases."""
+  return (
+    f"qcar-twin benchmark-formula --seed {config.seed} --cars {config.cars} --second {config.second} --each"
+    f" {config.each}\n--formulas {' '.join(config.formulas)}"
+  )
 
 
 if __name__ == "__main__":
