@@ -96,6 +96,7 @@ def single_track_numbers(twin: Twin, theta: Array, kept: Sequence[Mechanism]) ->
     "cornering_stiffness_rear": float(np.sum(q["cornering_stiffness"][2:])),
     "friction_coefficient": float(np.mean(q["friction_coefficient"])),
     "tyre_shape": float(np.mean(q["tyre_shape"])), "load_exponent": float(np.mean(q["load_exponent"])),
+    "friction_load_exponent": float(np.mean(q["friction_load_exponent"])),
     "relaxation_length": float(np.mean(q["relaxation_length"])),
     "servo_time_constant": max(float(q["servo_time_constant"]), 1e-4), "servo_inertia": q["servo_inertia"],
     "max_steering": v.max_steering, "imu_x": v.imu_x, "imu_y": v.imu_y,

@@ -230,7 +230,7 @@ def axle(m: Any, car: Numbers, name: str, slip: Any, along: Any, load: Any, w: A
   static = car["mass"] * GRAVITY * car["cg_to_rear" if name == "front" else "cg_to_front"]
   share = load * (car["cg_to_front"] + car["cg_to_rear"]) / static
   stiffness = stiffness * share ** (1.0 - car["load_exponent"])
-  most = car["friction_coefficient"] * load * share ** (-car["load_exponent"])
+  most = car["friction_coefficient"] * load * share ** (-car["friction_load_exponent"])
   wanted = m.sqrt((stiffness * slip) ** 2 + along**2 + 1e-12) / most
   secant = stiffness * saturation(m, wanted, car)
   relaxation = car["relaxation_length"]

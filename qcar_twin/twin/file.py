@@ -20,6 +20,7 @@ from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.mechanisms.base import Mechanism
 from qcar_twin.twin.twin import Twin
 from qcar_twin.untrusted import UnreadableFile, is_number, read_toml
+from qcar_twin.vehicle.stated import with_meant
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -63,11 +64,14 @@ def load_twin(path: str | Path, substeps: int = 5, threads: int = 0) -> tuple[Tw
     near = difflib.get_close_matches(unknown[0], known, n=1) or sorted(known)[:9]
     raise UnreadableFile(f"{source}: a vehicle has no '{unknown[0]}'; did you mean {', '.join(near)}?")
   try:
-    car, tyre = Vehicle(**vehicle, std=std), table.get("tyre", "contact")
-    twin = Twin(car, _known(source, table, mechanisms), tyre=tyre, substeps=substeps, threads=threads)
+    car, tyre = Vehicle(**with_meant(vehicle), std=std), table.get("tyre", "contact")
+    known = _known(source, table, mechanisms)
+    twin = Twin(car, known, tyre=tyre, substeps=substeps, threads=threads)
     numbers = _numbers(source, "parameters", values)
     for name, entries in mechanisms.items():
       numbers |= _numbers(source, f"mechanisms.{name}", entries)
+    for mechanism in known:
+      numbers = with_meant(numbers, mechanism.meant)
     return twin, twin.parameters.vector(numbers)
   except (KeyError, ValueError) as error:
     if isinstance(error, UnreadableFile):

@@ -121,6 +121,7 @@ def quantities(theta: Array, base: ParameterSet, vehicle: Vehicle) -> dict[str, 
     "relaxation_length": wheelwise(column.pop("relaxation_length")),
     "longitudinal_relaxation": wheelwise(column.pop("longitudinal_relaxation")),
     "load_exponent": wheelwise(vehicle.load_exponent),
+    "friction_load_exponent": wheelwise(vehicle.friction_load_exponent),
     "suspension_damping_ratio": np.full(size, vehicle.suspension_damping_ratio),
     "servo_rate": np.full(size, vehicle.servo_rate),
   }

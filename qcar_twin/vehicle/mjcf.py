@@ -83,6 +83,7 @@ def tyre_of(car: Vehicle, wheel: str) -> list[float]:
     longitudinal_stiffness=car.longitudinal_stiffness / 4.0,
     friction_coefficient=car.friction_coefficient,
     load_exponent=car.load_exponent,
+    friction_load_exponent=car.friction_load_exponent,
     nominal_load=car.static_load[0 if front else 1],
     relaxation_length=car.relaxation_length,
     longitudinal_relaxation=car.longitudinal_relaxation,

@@ -17,6 +17,7 @@ import numpy as np
 from qcar_twin.untrusted import UnreadableFile, is_number, read_toml
 from qcar_twin.vehicle.drive import DRIVEN_AXLES, DRIVES, MOTOR_FIGURES, Drive, DriveKind, Layout, motor_figures
 from qcar_twin.vehicle.similarity import POWERS, Similarity, estimates
+from qcar_twin.vehicle.stated import with_meant
 
 log = logging.getLogger(__name__)
 
@@ -50,8 +51,8 @@ class Vehicle:
     rolling_resistance: rolling drag of a wheel / its static load, as a torque in its joint.
     cornering_stiffness_front, _rear: per axle, N/rad.  longitudinal_stiffness: of four wheels, N per unit slip.
     tyre_law: one of qcar_twin/vehicle/tyre/laws.
-    friction_coefficient: peak force / load.  tyre_shape, load_exponent, carcass_damping [N s/m per wheel]: see
-      qcar_twin/vehicle/tyre/parameters.py.
+    friction_coefficient: peak force / load.  tyre_shape, carcass_damping [N s/m per wheel], load_exponent,
+      friction_load_exponent (the former alone is meant for both): see qcar_twin/vehicle/tyre/parameters.py.
     relaxation_length, longitudinal_relaxation: distance rolled within which force follows slip across and along, m.
     servo_time_constant: s, lag at low frequencies.  servo_inertia: 1 / (2 zeta)^2, 0 of first order, see
       qcar_twin/twin/engines/servo.py.  servo_rate: highest steering rate, rad/s; inf for none.
@@ -92,6 +93,7 @@ class Vehicle:
   friction_coefficient: float = 0.8
   tyre_shape: float = 1.4
   load_exponent: float = 0.15
+  friction_load_exponent: float = 0.15
   relaxation_length: float = 0.010
   longitudinal_relaxation: float = 0.010
   carcass_damping: float = 40.0
@@ -240,7 +242,7 @@ class Vehicle:
       std: standard deviations by field name.
     """
     texts: dict[str, Any] = {key: str(vehicle[key]) for key in _WORDS if key in vehicle}
-    given = {key: value for key, value in vehicle.items() if key not in ("name", *_WORDS)}
+    given = with_meant({key: value for key, value in vehicle.items() if key not in ("name", *_WORDS)})
     given, std = motor_figures(given, dict(std or {}), texts.get("drive", "voltage"))
     for key in set(given) - _field_names():
       near = difflib.get_close_matches(key, _field_names(), n=1)
@@ -265,8 +267,8 @@ _MEASURED = (
 _EITHER_SIGN = ("imu_x", "imu_y", "ackermann_fraction")
 _MAY_VANISH = (
   *_EITHER_SIGN, "centre_differential", "motor_damping", "driveline_friction", "rotor_inertia", "rolling_resistance",
-  "load_exponent", "relaxation_length", "longitudinal_relaxation", "carcass_damping", "servo_time_constant",
-  "servo_inertia", "suspension_damping_ratio", "tyre_shape",
+  "load_exponent", "friction_load_exponent", "relaxation_length", "longitudinal_relaxation", "carcass_damping",
+  "servo_time_constant", "servo_inertia", "suspension_damping_ratio", "tyre_shape",
 )  # fmt: skip
 _UNLIMITED = ("max_torque", "servo_rate")
 _CHOICES = {"layout": tuple(DRIVEN_AXLES), "drive": tuple(DRIVES)}

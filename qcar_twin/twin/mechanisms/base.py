@@ -122,7 +122,8 @@ class Model(Protocol):
 
   Quantities (n rows): wheel-wise, (n, 4) in the order front_left front_right rear_left rear_right:
   `cornering_stiffness` [N/rad per wheel], `longitudinal_stiffness` [N per unit slip, per wheel],
-  `friction_coefficient` [-], `tyre_shape` [-], `load_exponent` [-], `relaxation_length`, `longitudinal_relaxation` [m];
+  `friction_coefficient` [-], `tyre_shape` [-], `load_exponent` [-], `friction_load_exponent` [-],
+  `relaxation_length`, `longitudinal_relaxation` [m];
   car-wise, (n,): `gravity_x`, `gravity_y` [m/s^2, world frame], `driveline_friction` [N m, motor side],
   `driveline_damping` [N m s/rad, motor side], `torque_per_volt` [N m/V, motor side],
   `rotor_inertia` [kg m^2, motor side], `wheel_inertia` [kg m^2, of one wheel about the axle],
@@ -185,6 +186,7 @@ class Mechanism:
     absorbed_by_drive: True if recalibration imitates it with the parameters of the drive, as it does all of
       subsystem "drive".
     sensor_errors: amplitudes that every sensor of the kind has some of, by parameter.
+    meant: parameter -> the one that is meant for both where a twin's file states that one alone.
     fitted_rank: place among the errors that every model fits (`sensor_errors`, `tolerances`), lowest first and by name
       where equal: their order in a fit's vector.
   """
@@ -207,6 +209,7 @@ class Mechanism:
   curve: ClassVar[bool] = False
   outlined_by: ClassVar[str] = ""
   sensor_errors: ClassVar[Mapping[str, SensorError]] = {}
+  meant: ClassVar[Mapping[str, str]] = {}
   fitted_rank: ClassVar[int] = 100
 
   def initial(self, theta: Array, context: Context) -> State:

@@ -13,7 +13,8 @@ _COMMON = (
   "cornering_stiffness",  # N/rad per wheel, at the nominal load
   "longitudinal_stiffness",  # N per unit slip per wheel, at the nominal load
   "friction_coefficient",  # peak force / load at the nominal load
-  "load_exponent",  # stiffness per load and friction fall with (load / nominal)^-exponent; 0 none
+  "load_exponent",  # stiffness per load falls with (load / nominal)^-exponent; 0 none
+  "friction_load_exponent",  # and so does friction
   "nominal_load",  # N
   "relaxation_length",  # m, of slip across; 0 is the steady tyre
   "longitudinal_relaxation",  # m, of slip along

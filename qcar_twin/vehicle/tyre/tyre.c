@@ -215,9 +215,10 @@ static void tyre_rows(const mjModel* m, mjData* d, Wheel* w, mjContact* contact,
   mjtNum nominal = u[NOMINAL_LOAD], unset = state[LOAD] < 0;
   mjtNum load = unset ? nominal : mju_max(state[LOAD], LEAST_LOAD * nominal);
   mjtNum fall = u[LOAD_EXPONENT] ? pow(load / nominal, -u[LOAD_EXPONENT]) : 1;
+  mjtNum less = u[FRICTION_LOAD_EXPONENT] ? pow(load / nominal, -u[FRICTION_LOAD_EXPONENT]) : 1;
   mjtNum Cx = u[LONGITUDINAL_STIFFNESS] * fall * load / nominal;
   mjtNum Cy = u[CORNERING_STIFFNESS] * fall * load / nominal;
-  mjtNum friction = u[FRICTION_COEFFICIENT] * fall;
+  mjtNum friction = u[FRICTION_COEFFICIENT] * less;
 
   // Transient slip z, steady v / speed. In the step it is keep z + g v with the slip velocity v of its end, across
   // with `late` of the end's and the rest of now; predicted with the velocity of now.

@@ -105,10 +105,11 @@ INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, 
   V old = state(a, S_LOAD + k);
   Mask unset = old < 0;
   V load = pick(unset, nominal, most(old, LEAST_LOAD * nominal)), ratio = load / nominal;
-  V fall = exponential(-number(a, P_LOAD_EXPONENT + k) * logarithm(ratio));
+  V order = logarithm(ratio), fall = exponential(-number(a, P_LOAD_EXPONENT + k) * order);
+  V less = exponential(-number(a, P_FRICTION_LOAD_EXPONENT + k) * order);
   V stiff_x = number(a, P_LONGITUDINAL_STIFFNESS + k) * fall * ratio;
   V stiff_y = number(a, P_CORNERING_STIFFNESS + k) * fall * ratio;
-  V friction = number(a, P_FRICTION_COEFFICIENT + k) * fall;
+  V friction = number(a, P_FRICTION_COEFFICIENT + k) * less;
 
   // transient slip, its linear force in units of friction times load, and the law's secant there
   V reference = root(rolling * rolling + vx * vx + vy * vy + CREEP_SPEED * CREEP_SPEED);

@@ -38,6 +38,7 @@ class BenchModel:
       "friction_coefficient": 0.8,
       "tyre_shape": 1.3,
       "load_exponent": 0.1,
+      "friction_load_exponent": 0.1,
       "relaxation_length": 0.01,
       "longitudinal_relaxation": 0.01,
     }

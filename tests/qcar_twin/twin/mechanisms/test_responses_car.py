@@ -23,9 +23,10 @@ def test_model_quantities_change_as_stated():
   saturated = changed("tyre_saturation", [0.25, -0.3])
   np.testing.assert_allclose(saturated["friction_coefficient"], -0.2)
   np.testing.assert_allclose(saturated["tyre_shape"], -0.3)
-  moved = changed("load_transfer", [0.02, 0.3])
+  moved = changed("load_transfer", [0.02, 0.3, -0.1])
   assert moved["cg_height_offset"] == pytest.approx(0.02)
   np.testing.assert_allclose(moved["load_exponent"], 0.3)
+  np.testing.assert_allclose(moved["friction_load_exponent"], -0.1)
   assert changed("floor_slope", [0.2, -0.1]) == {"gravity_x": 0.2, "gravity_y": -0.1}
   assert changed("cg_lateral_offset", [0.01]) == {"cg_lateral_offset": 0.01}
   assert changed("payload", [0.5, 0.06]) == {"added_mass": 0.5, "added_mass_x": pytest.approx(0.06)}

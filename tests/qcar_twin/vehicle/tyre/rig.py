@@ -12,6 +12,7 @@ SHARED = {
   "longitudinal_stiffness": 135.0,
   "friction_coefficient": 0.8,
   "load_exponent": 0.0,
+  "friction_load_exponent": 0.0,
   "nominal_load": 6.6,
   "relaxation_length": 0.0,
   "longitudinal_relaxation": 0.0,
@@ -103,10 +104,10 @@ def steady_force(forward: float, left: float, rolling: float, load: float = 6.6,
   t = TYRE | tyre
   slip = np.array([forward - rolling, left])
   speed = np.sqrt(rolling**2 + slip @ slip + 0.005**2)
-  fall = (load / t["nominal_load"]) ** -t["load_exponent"]
-  stiffness = np.array([t["longitudinal_stiffness"], t["cornering_stiffness"]]) * fall * load / t["nominal_load"]
+  share = load / t["nominal_load"]
+  stiffness = np.array([t["longitudinal_stiffness"], t["cornering_stiffness"]]) * share ** (1.0 - t["load_exponent"])
   linear = stiffness * slip / speed
-  peak = t["friction_coefficient"] * fall * load
+  peak = t["friction_coefficient"] * load * share ** -t["friction_load_exponent"]
   rho, shape = np.linalg.norm(linear) / peak, t["tyre_shape"]
   return -linear * (np.sin(shape * np.arctan(rho / shape)) / rho if rho > 0 else 1.0)
 

@@ -65,11 +65,11 @@ def test_longitudinal_stiffness_is_its_own():
   left=st.floats(-0.8, 0.8),
   rolling=st.floats(0.3, 1.7),
   load=st.floats(3.0, 10.0),
-  exponent=st.sampled_from([0.0, 0.2]),
+  exponents=st.sampled_from([(0.0, 0.0), (0.2, 0.2), (0.3, 0.0), (0.0, 0.3)]),
   shape=st.floats(1.05, 1.9),
 )
-def test_combined_slip_is_the_closed_form(left, rolling, load, exponent, shape):
-  tyre = {"load_exponent": exponent, "tyre_shape": shape}
+def test_combined_slip_is_the_closed_form(left, rolling, load, exponents, shape):
+  tyre = {"load_exponent": exponents[0], "friction_load_exponent": exponents[1], "tyre_shape": shape}
   force = Rig.of(load=load, **tyre).run(1.0, left, rolling, 0.3)[-1]
   assert force[2] == pytest.approx(load, rel=0.01)
   np.testing.assert_allclose(force[:2], steady_force(1.0, left, rolling, force[2], **tyre), rtol=5e-3, atol=5e-3)
@@ -80,12 +80,16 @@ def test_peak_friction(direction):
   assert peak_friction(direction) == pytest.approx(0.8, rel=0.02)
 
 
-def test_peak_friction_falls_with_load_as_stated():
-  peaks = []
+@pytest.mark.parametrize("stiffness, friction", [(0.3, 0.0), (0.0, 0.3), (0.1, 0.4)])
+def test_stiffness_and_peak_friction_fall_with_load_each_as_stated(stiffness, friction):
+  """Half, all and twice the nominal load: C_y / F_z goes with 2^n, the peak of F_y / F_z with 2^k."""
+  slopes, peaks = [], []
   for load in (3.3, 6.6, 13.2):
-    rig = Rig.of(load=load, load_exponent=0.3)
+    rig = Rig.of(load=load, load_exponent=stiffness, friction_load_exponent=friction)
+    slopes.append(-rig.run(1.0, 1e-3, 1.0, 0.05)[-1, 1] / 1e-3 / load)
     peaks.append(max(-rig.run(1.0, slip, 1.0, 0.05)[-1, 1] for slip in np.linspace(0.05, 0.6, 25)) / load)
-  np.testing.assert_allclose(peaks, [0.8 * 2**0.3, 0.8, 0.8 * 2**-0.3], rtol=0.02)
+  np.testing.assert_allclose(slopes, 90.0 / 6.6 * 2.0 ** (stiffness * np.array([1, 0, -1])), rtol=0.01)
+  np.testing.assert_allclose(peaks, 0.8 * 2.0 ** (friction * np.array([1, 0, -1])), rtol=0.02)
 
 
 def test_locked_wheel_slides_with_kinetic_friction_against_its_motion():
@@ -182,6 +186,7 @@ def test_forces_are_smooth_in_every_parameter(law, name):
     "longitudinal_relaxation": 0.01,
     "carcass_damping": 20.0,
     "load_exponent": 0.2,
+    "friction_load_exponent": 0.3,
   }
   base |= {p.name: p.nominal for p in law_parameters(law)}
 
