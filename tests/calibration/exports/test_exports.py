@@ -135,6 +135,28 @@ def test_what_the_voltage_moves_has_the_fitted_inertia_of_the_wheels():
   assert moved[1] - moved[0] == pytest.approx(4.0 * 4e-5 / light.twin.vehicle.wheel_radius**2)
 
 
+def test_stiffness_and_friction_of_the_single_track_fall_with_load_each_by_its_exponent(exported):
+  """Twice the load of rest, at next to no slip and far beyond the peak's."""
+  module, car = target_named("single-track").drives(exported[1], exported[0])
+  twin = Twin(exported[0].twin.vehicle, select(["load_transfer"]), threads=1)
+  theta = twin.parameters.vector({"load_sensitivity": 0.2, "friction_load_sensitivity": -0.1})
+  numbers = single_track_numbers(twin, theta, twin.mechanisms)
+  exponents = numbers["load_exponent"], numbers["friction_load_exponent"]
+  assert exponents == pytest.approx((0.35, 0.05))
+  car = car | numbers
+  rest = car["mass"] * module.GRAVITY * car["cg_to_rear"] / (car["cg_to_front"] + car["cg_to_rear"])
+  slip = 1e-5
+
+  def force(slip, load):
+    """Of the front axle, whose slip stands: what it holds at no lateral velocity, without a step's share."""
+    return module.axle(np, car, "front", slip, 0.0, load, 1.0, 1e-9)[1]
+
+  assert force(slip, 2.0 * rest) / force(slip, rest) == pytest.approx(2.0 ** (1.0 - 0.35), rel=1e-3)
+  most = [max(force(slip, load) for slip in np.linspace(0.01, 2.0, 2000)) for load in (rest, 2.0 * rest)]
+  assert most[0] == pytest.approx(car["friction_coefficient"] * rest, rel=1e-3)
+  assert most[1] / most[0] == pytest.approx(2.0 ** (1.0 - 0.05), rel=1e-3)
+
+
 def test_a_standing_car_stands_and_a_weak_push_moves_nothing(exported):
   job, _, _ = exported
   car = single_track_numbers(job.twin, job.theta, [])

@@ -256,6 +256,20 @@ def test_a_file_gives_the_same_twin_back(tmp_path):
   np.testing.assert_array_equal(again.rollout(loaded, drive()).signals, twin.rollout(theta, drive()).signals)
 
 
+def test_a_file_with_one_load_exponent_means_it_for_stiffness_and_friction(tmp_path):
+  """Of the car and of what a mechanism adds to it."""
+  twin = Twin(dataclasses.replace(CAR, load_exponent=0.1, friction_load_exponent=0.1), select(["load_transfer"]))
+  theta = twin.parameters.vector({"load_sensitivity": 0.2, "friction_load_sensitivity": 0.2})
+  path = save_twin(tmp_path / "twin.toml", twin, theta)
+  lines = path.read_text().splitlines(keepends=True)
+  one = [line for line in lines if not line.startswith("friction_load_")]
+  assert len(one) == len(lines) - 2
+  path.write_text("".join(one))
+  again, loaded = load_twin(path)
+  assert again.vehicle == twin.vehicle
+  np.testing.assert_array_equal(loaded, theta)
+
+
 def test_a_bad_twin_file_says_what_to_do(tmp_path):
   with pytest.raises(FileNotFoundError, match="nothing.toml: no such twin file; calibrate first"):
     load_twin(tmp_path / "nothing.toml")

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from qcar_twin.vehicle.ids import Handles
-from qcar_twin.vehicle.mjcf import car_model, car_spec, knuckle_inertia, servo_force
+from qcar_twin.vehicle.mjcf import car_model, car_spec, knuckle_inertia, servo_force, tyre_of
+from qcar_twin.vehicle.tyre import COLUMN
 from qcar_twin.vehicle.vehicle import ASSETS, GRAVITY, WHEELS, Vehicle
 
 CAR = Vehicle.load()
@@ -274,6 +275,24 @@ def test_unknown_names_are_said(tmp_path, caplog):
   assert "did you mean track_width?" in caplog.text
   with pytest.raises(ValueError, match="'contact' or 'native', not 'magic'"):
     car_spec(CAR, tyre="magic")
+
+
+@pytest.mark.parametrize(
+  "stated, both",
+  [
+    ({}, (0.15, 0.15)),
+    ({"load_exponent": 0.05}, (0.05, 0.05)),
+    ({"friction_load_exponent": 0.3}, (0.15, 0.3)),
+    ({"load_exponent": 0.0, "friction_load_exponent": 0.3}, (0.0, 0.3)),
+  ],
+)
+def test_one_load_exponent_alone_is_meant_for_stiffness_and_friction(tmp_path, stated, both):
+  lines = [f'{name} = {{ value = {value}, unit = "-", source = "rig" }}\n' for name, value in stated.items()]
+  (tmp_path / "car.toml").write_text("".join(lines))
+  for car in (Vehicle.from_dataset(DART | stated), Vehicle.load(tmp_path / "car.toml")):
+    assert (car.load_exponent, car.friction_load_exponent) == both
+    front = dict(zip(COLUMN, tyre_of(car, "front_left"), strict=True))
+    assert (front["load_exponent"], front["friction_load_exponent"]) == both
 
 
 def test_motor_bench_figures_become_the_drive():

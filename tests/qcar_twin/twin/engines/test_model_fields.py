@@ -63,6 +63,8 @@ def _write_field(batch: Batch, name: str, car: Vehicle) -> None:
     ("centre_differential", 0.7),
     ("cornering_stiffness_front", 120.0),
     ("friction_coefficient", 0.3),
+    ("load_exponent", 0.8),
+    ("friction_load_exponent", 2.0),
     ("relaxation_length", 0.05),
     ("longitudinal_relaxation", 0.1),
   ],

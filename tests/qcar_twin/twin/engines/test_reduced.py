@@ -80,6 +80,21 @@ def test_a_servo_of_second_order_moves_the_car_as_in_mujoco(mujoco_car, reduced,
   assert np.abs(wrong[..., steering]).max() < 2e-3
 
 
+@pytest.mark.parametrize(("stiffness", "friction"), [(0.5, -0.1), (-0.1, 0.5)])
+def test_tyres_whose_stiffness_and_friction_fall_apart_move_the_car_as_in_mujoco(
+  mujoco_car, reduced, stiffness, friction
+):
+  theta = mujoco_car.parameters.vector({"load_sensitivity": stiffness, "friction_load_sensitivity": friction})
+  swapped = reduced.parameters.vector({"load_sensitivity": friction, "friction_load_sensitivity": stiffness})
+  segments = stretches()
+  exact = mujoco_car.rollout(theta, segments).signals[0]
+  own, other = (reduced.rollout(values, segments).signals[0] for values in (theta, swapped))
+  within_noise(own - exact)
+  slide = list(MANOEUVRES).index("slide in a turn"), slice(None), SIGNALS.index("yaw_rate")
+  apart, wrong = (np.sqrt(np.mean((own - signals)[slide] ** 2)) for signals in (other, exact))
+  assert apart > 2.0 * wrong  # which is which matters
+
+
 def within_noise(wrong: np.ndarray) -> None:
   for name, noise in NOISE.items():
     rms = np.sqrt(np.mean(wrong[..., SIGNALS.index(name)] ** 2, axis=1))
