@@ -5,7 +5,7 @@ from typing import TypeVar
 
 Figure = TypeVar("Figure")
 MEANT: Mapping[str, str] = {"friction_load_exponent": "load_exponent"}
-"""Figure -> the one that is meant for both where it is stated alone: one load exponent of a tyre is of all its force."""
+"""Figure -> the one that is meant for both where it is stated alone: one load exponent is of all a tyre's force."""
 
 
 def with_meant(stated: Mapping[str, Figure], meant: Mapping[str, str] = MEANT) -> dict[str, Figure]:
