@@ -47,7 +47,7 @@ def test_every_model_lets_the_floor_be_as_far_out_of_level_as_floors_are():
 
 
 def test_every_model_lets_stiffness_and_friction_fall_with_load_each_by_its_own_exponent():
-  """Force at the limit with F_z^0.7 to F_z^0.9 lies within the tolerance; an exponent of 0.5 is the mechanism's to find."""
+  """Force at the limit with F_z^0.7 to F_z^0.9 lies within it; an exponent of 0.5 is the mechanism's to find."""
   twin = Twin(QCAR, select(["load_transfer"]))
   fitted = with_tolerances(twin.base, twin)
   assert "load_sensitivity" in fitted and "load_transfer" not in fitted
