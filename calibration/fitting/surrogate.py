@@ -49,15 +49,39 @@ class Surrogate(Twin):
     self._corrections: dict[tuple[str, float, int], Array] = {}
 
   def at(self, anchor: Array) -> "Surrogate":
-    """The same, put right at other parameters, (P,)."""
+    """The same, put right at other parameters, (P,); itself where it is put right there already."""
+    if self.anchor is not None and np.array_equal(self.anchor, anchor):
+      return self
     made = copy.copy(self)
     made.anchor, made._corrections = np.array(anchor), {}
+    return made
+
+  def standing_in(self, exact: Twin) -> "Surrogate":
+    """In place of a twin that has mechanisms more, at their null where this one is put right.
+
+    What is at its null is not run, so MuJoCo's corrections are these, and none is simulated twice.
+
+    Args:
+      exact: the twin; it has all parameters of this one's.
+    """
+    if self.anchor is None:
+      return Surrogate(exact, None, self.guarded)
+    anchor = exact.parameters.nominal
+    anchor[[exact.parameters.index(p.name) for p in self.parameters]] = self.anchor
+    made = Surrogate(exact, anchor, self.guarded)
+    made._corrections = self._corrections
     return made
 
   def guarding(self, stretches: Collection[Stretch]) -> "Surrogate":
     """The same with these stretches left to MuJoCo."""
     made = copy.copy(self)
     made.guarded = self.guarded | set(stretches)
+    return made
+
+  def unguarded(self) -> "Surrogate":
+    """The same with no stretch left to MuJoCo: near its anchor none needs to be."""
+    made = copy.copy(self)
+    made.guarded = frozenset()
     return made
 
   def apart(self) -> "Surrogate":

@@ -5,8 +5,12 @@ generator's own gaps: this measures finding a formula, not diagnosing. Effects a
 """
 
 import dataclasses
+import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +20,10 @@ from calibration.concealed.benchmarks.hidden_formulas import FORMULAS, SECOND, c
 from calibration.diagnosis.candidates import candidate
 from calibration.diagnosis.decision.decide import Decision
 from calibration.diagnosis.formula.after import Shipped, formula_left
+from calibration.diagnosis.formula.finding import Found
+from calibration.diagnosis.formula.moments import by_pulse
 from calibration.diagnosis.formula.report import said_by
-from calibration.diagnosis.formula.words import sentence
+from calibration.diagnosis.formula.words import alike_words, equation, sentence, variables
 from calibration.diagnosis.pipeline import Prepared, prepare
 from calibration.diagnosis.pool import Pool
 from calibration.fitting.likelihood import Problem, weighting_from
@@ -28,12 +34,16 @@ from calibration.fitting.optimiser import finite_differences
 from calibration.fitting.recalibration import fitted_count
 from calibration.fitting.windows import Cut
 from calibration.log_check.ready import ready
+from qcar_twin.atomic_io import write_json, write_text
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.plant import Segments
 from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.twin.formula.degrees import DEGREES
+from qcar_twin.twin.formula.variables import VARIABLES, spell
 
 Array = NDArray[np.float64]
 _ALONG = ("force_x", "motor_torque")
+_POINTS = 300  # of a picture
 
 
 def true_base(seed: int, car: str = "first") -> Prepared:
@@ -43,41 +53,45 @@ def true_base(seed: int, car: str = "first") -> Prepared:
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-  """One case.
+  """One case, in values that a JSON file holds.
 
   Attributes:
     car, seed, name: the session; name is "" for the one without a formula.
-    shipped: what was found.
+    kind: "formula" or "table"; "" where nothing ships.
+    said: what a report says of it.
+    said_so: whether it says that something is there: what is shipped, or a dependence without a formula.
+    formula: what is shipped; "" without.
+    why: why nothing ships, in words; "" where something does.
+    alike: what else it can't be told from, in words.
+    change: held-out errors, after over before; 1 without any.
     seconds: that it took, of one core.
-    error: root mean square difference to the true formula over what was driven, over that of the true one; NaN where
+    error: root mean square difference to the true formula over what was driven, over that of the true one; None where
       nothing is shipped, or somewhere else.
     right_degree, right_variables: whether it acts where it should, on what it should; of what is shipped.
     finite: ten minutes of driving with the shipped twin end, and with finite signals; True where nothing is shipped.
+    picture: force against variable, see `pictured`; empty where nothing was tried in the simulator.
   """
 
   car: str
   seed: int
   name: str
-  shipped: Shipped
+  kind: str
+  said: str
+  said_so: bool
+  formula: str
+  why: str
+  alike: str
+  change: float
   seconds: float
-  error: float
+  error: float | None
   right_degree: bool
   right_variables: bool
   finite: bool
+  picture: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
   @property
   def ships(self) -> bool:
-    return self.shipped.kept
-
-  @property
-  def said_so(self) -> bool:
-    """Whether it says that something is there: what is shipped, or a dependence without a formula."""
-    return self.shipped.rest.sought is not None
-
-  @property
-  def said(self) -> str:
-    """What a report says of it."""
-    return sentence(self.shipped.rest, self.shipped.change)
+    return bool(self.kind)
 
   @property
   def written(self) -> str:
@@ -87,7 +101,7 @@ class Case:
   @property
   def close(self) -> bool:
     """Whether a formula is shipped that is off by less than a tenth."""
-    return self.ships and self.shipped.rest.kind == "formula" and self.error < 0.1
+    return self.kind == "formula" and self.error is not None and self.error < 0.1
 
   @property
   def falls_short(self) -> str:
@@ -99,21 +113,54 @@ class Case:
     wrong = [w for w, right in (("the wrong place", self.right_degree), ("the wrong variables", self.right_variables),
                                 ("ten minutes of driving do not stay finite", self.finite)) if not right]  # fmt: skip
     if not wrong and not self.close:
-      wrong = [f"off by {100.0 * self.error:.0f} %"]
+      wrong = [f"off by {100.0 * (self.error or 0.0):.0f} %"]
     return ", ".join(wrong)
+
+
+def file_of(folder: Path, car: str, seed: int, name: str) -> Path:
+  """Where a case is kept."""
+  return folder / f"{car}_{seed}_{name or 'nothing'}.json"
+
+
+def read_case(path: Path) -> Case:
+  """A case from its file."""
+  return Case(**json.loads(path.read_text(encoding="utf-8")))
+
+
+def attempt(folder: Path, car: str, seed: int, names: Sequence[str]) -> str:
+  """Look for the formulas of one car's sessions that are not in the folder yet; "", or a line that says what failed.
+
+  An error's traceback stays in the folder until that is answered.
+  """
+  story = folder / f"{car}_{seed}.error.txt"
+  todo = [name for name in names if not file_of(folder, car, seed, name).is_file()]
+  try:
+    base = true_base(seed, car) if todo else None
+    for name in todo:
+      assert base is not None
+      write_json(file_of(folder, car, seed, name), dataclasses.asdict(case_of(base, car, seed, name)))
+  except Exception as error:  # one car must not cost the others theirs
+    write_text(story, traceback.format_exc())
+    return f"{car} {seed} ({type(error).__name__}: {error})"
+  story.unlink(missing_ok=True)
+  return ""
 
 
 def cases_of(
   seed: int, first: int, second: int, formulas: Sequence[str], each: int = 0
-) -> Iterator[tuple[str, int, list[str]]]:
-  """Car, seed and formulas of every car; with `each` so many per car, in turn."""
-  begun = 0
-  for car, seeds in (("first", range(seed, seed + first)), ("second", range(seed + first, seed + first + second))):
+) -> list[tuple[str, int, list[str]]]:
+  """Car, seed and formulas of every car; with `each` so many per car, in turn. Kinds of cars take turns.
+
+  The session without a formula is each car's first.
+  """
+  kinds = {"first": range(seed, seed + first), "second": range(seed + first, seed + first + second)}
+  out = []
+  for car, seeds in kinds.items():
     there = [n for n in formulas if car == "first" or n in SECOND]
-    for one in seeds:
-      turn = [there[(begun + k) % len(there)] for k in range(each)] if each else there
-      begun += each
-      yield car, one, list(dict.fromkeys(turn))
+    for k, one in enumerate(seeds):
+      turn = [there[(k * each + j) % len(there)] for j in range(each)] if each else there
+      out.append((k / len(seeds), car, one, ["", *dict.fromkeys(turn)]))
+  return [(car, one, names) for _, car, one, names in sorted(out)]
 
 
 def rates(cases: Sequence[Case]) -> list[tuple[str, str, str]]:
@@ -127,7 +174,7 @@ def rates(cases: Sequence[Case]) -> list[tuple[str, str, str]]:
     ("a formula concealed: the right place", hidden, lambda c: c.right_degree),
     ("a formula concealed: the right variables", hidden, lambda c: c.right_degree and c.right_variables),
     ("a formula concealed: a formula within 10 % over the driving", hidden, lambda c: c.close),
-    ("of those that ship: held-out errors fall", shipping, lambda c: c.shipped.change < 1.0),
+    ("of those that ship: held-out errors fall", shipping, lambda c: c.change < 1.0),
     ("of all that ship: ten minutes of driving stay finite", [c for c in cases if c.ships], lambda c: c.finite),
   ]
   out = []
@@ -143,26 +190,83 @@ def case_of(base: Prepared, car: str, seed: int, name: str) -> Case:
   pool, holdout = _at_base(base, ready(concealed(seed, name, car=car))[0])
   began = time.process_time()
   shipped = formula_left(pool, Decision("unexplained", (), (), (), None, ()), holdout, Cut())
-  assert shipped is not None
-  return _judged(Case(car, seed, name, shipped, time.process_time() - began, np.nan, False, False, _finite(shipped)))
+  if shipped is None:
+    raise RuntimeError("no formula was sought; the log says why")
+  seconds, rest = time.process_time() - began, shipped.rest
+  right_degree, right_variables = _right(rest, name) if shipped.kept else (False, False)
+  true = _true(rest, name)
+  return Case(
+    car, seed, name,
+    kind=rest.kind if shipped.kept else "",
+    said=sentence(rest, shipped.change),
+    said_so=rest.sought is not None,
+    formula=equation(rest) if shipped.kept else "",
+    why="" if shipped.kept else rest.why or "held-out errors grow",
+    alike=alike_words(rest),
+    change=shipped.change,
+    seconds=seconds,
+    error=float(np.sqrt(np.mean((said_by(rest) * _lever(rest) - true) ** 2) / np.mean(true**2)))
+    if shipped.kept and true is not None else None,
+    right_degree=right_degree,
+    right_variables=right_variables,
+    finite=_finite(shipped),
+    picture=pictured(rest, true),
+  )  # fmt: skip
 
 
-def _judged(case: Case) -> Case:
-  rest, truth = case.shipped.rest, FORMULAS.get(case.name)
-  if truth is None or not (case.ships and rest.sought and rest.twin and rest.sought.forms):
-    return case
-  degree, error = rest.sought.recovered.degree, np.nan
-  along = degree in _ALONG and truth.degree in _ALONG
-  if along or degree == truth.degree:
-    driven = rest.sought.driven
-    radius = rolling_radius(driven.car)
-    lever = {"force_x": 1.0, "motor_torque": 1.0 / radius} if along else {}
-    true = truth.value_of(driven.values) * lever.get(truth.degree, 1.0)
-    off = said_by(rest) * lever.get(degree, 1.0) - true
-    error = float(np.sqrt(np.mean(off**2) / np.mean(true**2)))
+def _right(rest: Found, name: str) -> tuple[bool, bool]:
+  """Whether it acts where it should, and on what it should."""
+  truth = FORMULAS.get(name)
+  if truth is None or rest.sought is None or rest.twin is None:
+    return False, False
   law = frozenset(rest.twin.mechanism.law.variables) - ({"speed"} - truth.depends_on)
-  right = {"right_degree": along or degree == truth.degree, "right_variables": law == truth.depends_on}
-  return dataclasses.replace(case, error=error, **right)
+  return _true(rest, name) is not None, law == truth.depends_on
+
+
+def _lever(rest: Found) -> float:
+  """Of the degree of freedom as a force along the car, 1/m of a torque of the motor; 1 elsewhere."""
+  assert rest.sought is not None
+  driven, degree = rest.sought.driven, rest.sought.recovered.degree
+  return 1.0 / rolling_radius(driven.car) if degree == "motor_torque" else 1.0
+
+
+def _true(rest: Found, name: str) -> Array | None:
+  """The true formula at every control period, a torque of the motor as a force along the car; None of another place."""
+  truth = FORMULAS.get(name)
+  if truth is None or rest.sought is None:
+    return None
+  degree, driven = rest.sought.recovered.degree, rest.sought.driven
+  along = degree in _ALONG and truth.degree in _ALONG
+  if not (along or degree == truth.degree):
+    return None
+  return truth.value_of(driven.values) / (rolling_radius(driven.car) if truth.degree == "motor_torque" else 1.0)
+
+
+def pictured(rest: Found, true: Array | None) -> dict[str, Any]:
+  """Force against the variable that it follows most, over pulses of 50 ms, some of them.
+
+  Returns:
+    x (of what, in words with its unit), y (likewise), at (values of x), recovered, told (by the formula or table that
+    was tried) and true (None where the truth acts elsewhere); {} where nothing was tried.
+  """
+  names = variables(rest)
+  if rest.sought is None or rest.twin is None or not names:
+    return {}
+  driven, force = rest.sought.driven, rest.sought.recovered
+  degree, lever = DEGREES[force.degree], _lever(rest)
+  seen = np.flatnonzero(force.std.reshape(-1) > 0.0)
+  some = seen[:: max(1, len(seen) // _POINTS)]
+  pulses = lambda values: by_pulse(values, driven.period).reshape(-1)[some].round(5).tolist()
+  recovered = force.force.reshape(-1)[some] * rest.sought.responses.scale * lever
+  acts = DEGREES["force_x"] if force.degree == "motor_torque" else degree
+  return {
+    "x": f"{VARIABLES[names[0]].words} [{spell(VARIABLES[names[0]].unit)}]",
+    "y": f"{acts.symbol} [{acts.unit}]",
+    "at": pulses(driven.values[names[0]]),
+    "recovered": recovered.round(5).tolist(),
+    "told": pulses(said_by(rest) * lever),
+    "true": None if true is None else pulses(true),
+  }
 
 
 def _finite(shipped: Shipped, seconds: float = 600.0) -> bool:

@@ -29,7 +29,7 @@ class Grams:
   Attributes:
     inner: (G, D, D).
     pull: (G, D).
-    owner: dictionary group of every column, (D,).
+    owner: dictionary group of every column, ascending, (D,).
   """
 
   inner: Array
@@ -45,7 +45,8 @@ class Grams:
 
   def columns(self, chosen: Sequence[int]) -> NDArray[np.intp]:
     """Columns of dictionary groups."""
-    return np.flatnonzero(np.isin(self.owner, list(chosen)))
+    begin, end = (np.searchsorted(self.owner, sorted(chosen), side) for side in ("left", "right"))
+    return np.concatenate([np.empty(0, dtype=np.intp), *map(np.arange, begin, end)])
 
   def some(self, rows: NDArray[np.intp]) -> "Grams":
     """Of some groups of data."""
@@ -122,11 +123,11 @@ def _next(grams: Grams, offered: Sequence[Group], before: tuple[int, ...]) -> Ch
 
 def _alone(grams: Grams, trials: Sequence[tuple[int, ...]]) -> list[Array]:
   """Held-out gains of single groups; those of one column all at once."""
-  single, out = _held_out_alone(grams.pull, np.einsum("gii->gi", grams.inner)), []
-  for (j,) in trials:
-    columns = grams.columns((j,))
-    out.append(single[:, columns[0]] if len(columns) == 1 else held_out(grams, columns))
-  return out
+  single = _held_out_alone(grams.pull, np.einsum("gii->gi", grams.inner)).T
+  wanted = [j for (j,) in trials]
+  first, end = (np.searchsorted(grams.owner, wanted, side) for side in ("left", "right"))
+  return [single[k] if count == 1 else held_out(grams, np.arange(k, k + count))
+          for k, count in zip(first, end - first, strict=True)]  # fmt: skip
 
 
 def _promise(grams: Grams, offered: Sequence[Group], before: tuple[int, ...]) -> Array:

@@ -61,6 +61,25 @@ def test_sensors_err_after_the_correction(twin):
   np.testing.assert_allclose(both[1, ..., rate], 1.1 * both[0, ..., rate], atol=1e-12)
 
 
+def test_with_a_mechanism_more_that_is_at_its_null_mujoco_is_not_asked_again(twin, monkeypatch):
+  less = Surrogate(twin.with_mechanisms(select(["gyro_scale"]))).at(moved(twin, 0.3)[:-2])
+  theta = moved(twin, 0.35)
+  theta[twin.parameters.index("payload_mass")] = 0.2
+  expected = Surrogate(twin).at(moved(twin, 0.3)).rollout(theta, SEGMENTS).signals
+  less.rollout(less.anchor, SEGMENTS)
+  monkeypatch.setattr(twin, "simulate", None)
+  more = less.standing_in(twin)
+  np.testing.assert_array_equal(more.rollout(theta, SEGMENTS).signals, expected)
+  assert more.at(moved(twin, 0.3)) is more and more.at(theta) is not more
+
+
+def test_unguarded_nothing_is_left_to_mujoco(twin):
+  guarded = Surrogate(twin).at(twin.parameters.nominal).guarding([("brake", 0.0)])
+  plain, theta = Surrogate(twin).at(twin.parameters.nominal), moved(twin, 0.5)
+  signals = guarded.unguarded().rollout(theta, SEGMENTS).signals
+  np.testing.assert_array_equal(signals, plain.rollout(theta, SEGMENTS).signals)
+
+
 def test_a_guarded_stretch_is_mujocos_whatever_the_parameters(twin):
   theta = moved(twin, 0.5)
   surrogate = Surrogate(twin).at(twin.parameters.nominal).guarding([("brake", 0.0)])
