@@ -4,19 +4,17 @@ qcar-twin benchmark-formula --cars 16 --second 16 --each 1 --seed 900 --jobs 16
 """
 
 import dataclasses
-from collections.abc import Sequence
 from pathlib import Path
 
 from joblib import delayed
 
-from calibration.concealed.benchmarks.formula import Case, attempt, cases_of, file_of, rates, read_case
+from calibration.concealed.benchmarks.formula import attempt, cases_of, file_of, read_case
+from calibration.concealed.benchmarks.formula_page import page
 from calibration.concealed.benchmarks.hidden_formulas import FORMULAS
 from calibration.progress import counted
-from qcar_twin import markdown
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
 from qcar_twin.parallel import in_parallel
-from qcar_twin.plotting import new_figure, save
 
 OUT_IS_FILE = True
 KEPT = "cases that were finished stay in --work, the same command goes on with the others"
@@ -59,7 +57,7 @@ def main(config: Config) -> str:
     calls = [delayed(attempt)(config.work, *one) for one in cars]
     said = [line for _, line in counted(in_parallel(calls, config.jobs), len(calls), "car")]
   done = [read_case(file) for file in files if file.is_file()]
-  text = page(config, done, len(files))
+  text = page(command(config), done, len(files), config.out.with_suffix(".png"))
   write_text(config.out, text)
   if failed := sorted(line for line in said if line):
     raise RuntimeError(
@@ -69,82 +67,12 @@ def main(config: Config) -> str:
   return text
 
 
-def page(config: Config, done: list[Case], asked: int) -> str:
-  """The page of these cases, with its picture."""
-  worked = chosen(done)
-  if worked:
-    draw(worked, config.out.with_suffix(".png"))
-  lines = [
-    "# A formula for what has no name",
-    "",
-    f"`qcar-twin benchmark-formula --seed {config.seed} --cars {config.cars} --second {config.second} --each"
-    f" {config.each}",
-    f"--formulas {' '.join(config.formulas)}`: compact",
-    "sessions of the independent cars with one formula concealed at a time, at the base that the same car's session",
-    "without it gives. So this measures finding a formula, not the diagnosis before it. A force along the car and a",
-    "torque of the motor count as one place; off: root mean square difference to the true force over what was driven,",
-    "over that of the true force; held-out errors: geometric mean over the channels; seconds of one core. Intervals",
-    "are exact 95 % ones (Clopper and Pearson).",
-    *([] if len(done) == asked else ["", f"{len(done)} of {asked} cases are done."]),
-    "",
-    *markdown.table(("what", "how often", "95 % interval"), rates(done)),
-    "",
-    *markdown.table(_TITLES, [_row(case) for case in done]),
-    *([f"\n![force against variable]({config.out.with_suffix('.png').name})", "", _CAPTION] if worked else []),
-    "",
-    "## What falls short, case by case",
-    "",
-    *([f"* {c.car} {c.seed}, {c.written}: {c.falls_short}. {c.said}" for c in done if c.falls_short] or ["Nothing."]),
-  ]
-  return "\n".join(lines) + "\n"
-
-
-_CAPTION = (
-  "Force against the variable that it follows most, over pulses of 50 ms: recovered from what the base leaves over,"
-  " what the formula or table says that was fitted in the simulator, and the truth where that acts on the same degree"
-  " of freedom. The first cases that came out right, and the first that did not."
-)
-_RIGHT, _WRONG = 3, 2  # cases that are drawn
-
-
-def chosen(done: Sequence[Case]) -> list[Case]:
-  """Cases to draw: the first of different formulas that came out right, and the first others with a picture."""
-  hidden = [c for c in done if c.name and c.picture]
-  out: list[Case] = []
-  for right, most in ((True, _RIGHT), (False, _WRONG)):
-    first = {c.name: c for c in reversed(hidden) if (not c.falls_short) == right}
-    out += [c for c in hidden if c in first.values()][:most]
-  return out
-
-
-def draw(cases: Sequence[Case], path: Path) -> None:
-  """Force against variable of some cases."""
-  figure, axes = new_figure(len(cases), 1, row_height=2.4)
-  for ax, case in zip(axes[:, 0], cases, strict=True):
-    picture = case.picture
-    for who, size in (("recovered", 10), ("true", 8), ("told", 6)):
-      if picture[who] is not None:
-        ax.scatter(picture["at"], picture[who], s=size, label="formula or table" if who == "told" else who)
-    ax.set_title(f"{case.car} {case.seed}: {case.written}; {case.falls_short or 'right'}", fontsize="small")
-    ax.set_xlabel(picture["x"])
-    ax.set_ylabel(picture["y"])
-    ax.legend(fontsize="small")
-  save(figure, path)
-
-
-_TITLES = ("car", "concealed", "ships", "formula or table", "right place, right variables", "off, over the driving",
-           "held-out errors", "can't be told from", "seconds")  # fmt: skip
-
-
-def _row(case: Case) -> tuple[str, ...]:
-  """One case."""
-  said = case.formula if case.ships else f"nothing: {case.why}"
-  fall = f"{100.0 * (case.change - 1.0):+.0f} %" if case.ships else "–"
-  off = "–" if case.error is None else f"{100.0 * case.error:.0f} %"
-  words = ["yes" if right else "no" for right in (case.right_degree, case.right_variables)]
-  right = ", ".join(words) if case.name and case.ships else "–"
-  return (f"{case.car} {case.seed}", case.written, case.kind or "–", said, right, off, fall, case.alike or "–",
-          f"{case.seconds:.0f}")  # fmt: skip
+def command(config: Config) -> str:
+  """The command that asks for these cases."""
+  return (
+    f"qcar-twin benchmark-formula --seed {config.seed} --cars {config.cars} --second {config.second} --each"
+    f" {config.each}\n--formulas {' '.join(config.formulas)}"
+  )
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import pytest
 
 from calibration.concealed.benchmarks import formula
 from calibration.concealed.benchmarks.formula import Case, cases_of, rates, read_case
+from calibration.concealed.benchmarks.formula_page import chosen
 from calibration.concealed.benchmarks.hidden_formulas import FORMULAS, SECOND, offered
 from calibration.concealed.proving_ground import EFFECTS
 from qcar_twin.twin.formula.degrees import BODY, DEGREES
@@ -102,8 +103,7 @@ def test_the_command_goes_on_where_it_stopped_and_pictures_right_and_wrong_ones(
   assert asked[4:] == [(72, ""), (72, "grain")] and not list(tmp_path.glob("*.error.txt"))
   assert "cases are done" not in text and text.count("F_x = -1.2") == 3 and (tmp_path / "page.png").is_file()
   assert "| nothing concealed: something ships | 0 of 3 |" in text
-  assert [c.seed for c in benchmark_formula.chosen([c for c in map(read_case, sorted(tmp_path.glob("*.json")))])] == [
-    71, 72, 73]  # fmt: skip
+  assert [c.seed for c in chosen([c for c in map(read_case, sorted(tmp_path.glob("*.json")))])] == [71, 72, 73]
   assert benchmark_formula.main(dataclasses.replace(config, score_only=True)) == text and len(asked) == 6
 
 
