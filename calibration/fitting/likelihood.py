@@ -104,12 +104,6 @@ class Problem:
       return self
     return Problem(self.twin.guarding(stretches), self.observations, self.weighting, self.n_train, self.base)
 
-  def unguarded(self) -> "Problem":
-    """The same with no stretch left to MuJoCo."""
-    if not isinstance(self.twin, Surrogate):
-      return self
-    return Problem(self.twin.unguarded(), self.observations, self.weighting, self.n_train, self.base)
-
   @functools.cached_property
   def exact(self) -> "Problem":
     """The same on MuJoCo."""

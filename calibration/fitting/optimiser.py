@@ -13,7 +13,7 @@ the low side, and forward differences put that into every column alike; central 
 
 import dataclasses
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ _LEAST_GAIN = 1.0  # nats an iteration must bring to be followed by another
 # step needs no others to be tried with it
 _SERVES, _TRUSTED = 0.7, 0.9
 NARROWEST = 0.02
-STENCILS = (0.3, 0.1, NARROWEST)  # half widths of the central differences that a search ends with, in scales
+_STENCILS = (0.3, 0.1, NARROWEST)  # half widths of the central differences that a search ends with, in scales
 
 
 class NotFinite(ValueError):
@@ -91,10 +91,15 @@ class Fit:
 
 
 def fit(
-  residual: Residual, parameters: ParameterSet, start: Array | None = None, iterations: int = 8, robust: float = 3.0,
-  tolerance: float = 3e-4, step: float = 0.02, progress: Callable[[int, float], None] | None = None,
-  slopes: Array | None = None, stencils: Sequence[float] = STENCILS,
-) -> Fit:  # fmt: skip
+  residual: Residual,
+  parameters: ParameterSet,
+  start: Array | None = None,
+  iterations: int = 8,
+  robust: float = 3.0,
+  tolerance: float = 3e-4,
+  step: float = 0.02,
+  progress: Callable[[int, float], None] | None = None,
+) -> Fit:
   """Minimise half the robust sum of squared residuals plus the prior.
 
   Args:
@@ -107,16 +112,14 @@ def fit(
       such an iteration must have had a fresh Jacobian, and wider stencils must agree.
     step: finite-difference step as a share of each parameter's scale.
     progress: called with the iteration and the cost.
-    slopes: d residual / d theta at the first guess, (M, p), where known; a first step in vain with them ends the fit.
-    stencils: half widths of the central differences, in scales, that a search without a tolerance ends with.
 
   Raises:
     NotFinite: the residual at the start, or a simulation near it.
   """
   theta, r = _begun(residual, parameters, start)
   costs, damping, evaluations = [_cost(r, theta, parameters, robust)], 1e-3, 1
-  jacobian, known = np.zeros((len(r), len(theta))) if slopes is None else slopes, slopes is not None
-  failures, renew, fresh, wider = 0, True, known, list(stencils if tolerance == 0 else ())
+  jacobian = np.zeros((len(r), len(theta)))
+  failures, renew, fresh, wider = 0, True, False, list(_STENCILS if tolerance == 0 else ())
   half = 0.0  # of the stencil; 0 for forward differences
   for k in range(iterations):
     if renew and not fresh:
@@ -139,11 +142,11 @@ def fit(
     # without a tolerance the minimum is sought to a nat, and only a fresh Jacobian knows that there is none left
     sure = fresh or (tolerance > 0 and tried.ratio >= _TRUSTED)
     if (small and sure and (gain > 0 or tried.predicted < _LEAST_GAIN)) or failures > 2:
-      if not wider or (known and fresh):
+      if not wider:
         break
       half, damping, failures, renew, fresh = wider.pop(0), 1e-3, 0, True, False
       continue
-    fresh, known = fresh and gain <= 0, known and gain <= 0
+    fresh = fresh and gain <= 0
     # a Jacobian that foretold the gain well is good for one more step
     renew = (k + 1) % 3 == 0 or tried.ratio < _SERVES
   return _finish(parameters, theta, r, jacobian, costs, evaluations, robust)
@@ -210,8 +213,9 @@ def finite_differences(
 
 def _slopes(residual: Residual, parameters: ParameterSet, theta: Array, r: Array, step: float, half: float) -> Array:
   """Jacobian, (M, p), over a stencil of this half width; by forward differences where that is 0."""
-  central = lambda: central_differences(residual, parameters, theta, half)
-  return central() if half else finite_differences(residual, parameters, theta, r, step)
+  if half:
+    return central_differences(residual, parameters, theta, half)
+  return finite_differences(residual, parameters, theta, r, step)
 
 
 def central_differences(residual: Residual, parameters: ParameterSet, theta: Array, half: float) -> Array:

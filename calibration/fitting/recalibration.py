@@ -16,7 +16,7 @@ from calibration.fitting.likelihood import Problem, Weighting, weighting_from
 from calibration.fitting.noise import ChannelNoise, noise_models
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import Observations, observe
-from calibration.fitting.optimiser import NARROWEST, STENCILS, Fit, central_differences, fit, prior_cost
+from calibration.fitting.optimiser import NARROWEST, Fit, central_differences, fit, prior_cost
 from calibration.fitting.surrogate import Stretch, anchored
 from calibration.fitting.tolerances import widened
 from calibration.fitting.windows import DEFAULT_CUT, Cut
@@ -175,14 +175,7 @@ def _trusted(predicted: float, actual: float) -> bool:
   return actual >= _TRUSTED * predicted or predicted - actual <= NOTICED
 
 
-def descended(
-  problem: Problem,
-  base: ParameterSet,
-  start: Array,
-  enough: float = _SETTLED,
-  shared: bool = False,
-  stencils: Sequence[float] = STENCILS,
-) -> tuple[Problem, Fit]:
+def descended(problem: Problem, base: ParameterSet, start: Array, enough: float = _SETTLED) -> tuple[Problem, Fit]:
   """The minimum, and the problem there.
 
   Args:
@@ -190,15 +183,12 @@ def descended(
     base: what is fitted.
     start: first estimates, (p,).
     enough: nats; a correction by MuJoCo that promises less is the last one.
-    shared: a search after a correction begins with the slopes that the one before ended with, and ends with the last
-      stencil alone: a correction moves the residual by a constant, and slopes not at all.
-    stencils: that a search ends with.
 
   A surrogate is put right by MuJoCo wherever its own minimum lay, until it predicts no reduction. Where MuJoCo does not
   confirm a step, the stretches in which the slopes of the two differ are left to MuJoCo from then on.
   """
   embedded = lambda values: problem.embed(base.names, values, problem.parameters.nominal)[0]
-  minimum = _fit(problem, base, start, _LONGEST, 0.0, None, stencils)
+  minimum = _fit(problem, base, start, _LONGEST, 0.0)
   if problem.exact is problem:
     return problem, minimum
   theta, cost = start, _cost(problem, base, start)
@@ -209,16 +199,15 @@ def descended(
     there = problem.at(embedded(minimum.theta))
     actual = cost - _cost(there, base, minimum.theta)
     log.info("MuJoCo: %.1f nats of the %.1f that the surrogate predicted", actual, predicted)
-    known = minimum.jacobian if shared and actual > 0.0 else None
     if not _trusted(predicted, actual):
       guarded = misled(problem, embedded(theta), embedded(minimum.theta))
       log.info("left to MuJoCo: %s", guarded)
-      problem, there, known = problem.guarding(guarded), there.guarding(guarded), None
+      problem, there = problem.guarding(guarded), there.guarding(guarded)
     elif actual <= 0.0:
       break
     if actual > 0.0:
       problem, theta, cost = there, minimum.theta, cost - actual
-    minimum = _fit(problem, base, theta, _LONGEST, 0.0, known, stencils[-1:] if shared else stencils)
+    minimum = _fit(problem, base, theta, _LONGEST, 0.0)
   residual = problem.fitted_residual(embedded(theta)[None])[0]
   return problem, dataclasses.replace(minimum, theta=theta, residual=residual, cost=cost)
 
@@ -275,20 +264,11 @@ def _halved(problem: Problem, base: ParameterSet, starts: Sequence[Array]) -> Ar
   return fits[0].theta
 
 
-def _fit(
-  problem: Problem,
-  base: ParameterSet,
-  start: Array,
-  iterations: int,
-  tolerance: float,
-  slopes: Array | None = None,
-  stencils: Sequence[float] = STENCILS,
-) -> Fit:
+def _fit(problem: Problem, base: ParameterSet, start: Array, iterations: int, tolerance: float) -> Fit:
   around = problem.parameters.nominal
   residual = lambda v: problem.fitted_residual(problem.embed(base.names, v, around))
   report = lambda i, cost: log.info("iteration %d: cost %.1f", i, cost)
-  return fit(residual, base, start, iterations=iterations, tolerance=tolerance, robust=np.inf, progress=report,
-             slopes=slopes, stencils=stencils)  # fmt: skip
+  return fit(residual, base, start, iterations=iterations, tolerance=tolerance, robust=np.inf, progress=report)
 
 
 def _weighted(

@@ -78,12 +78,6 @@ class Surrogate(Twin):
     made.guarded = self.guarded | set(stretches)
     return made
 
-  def unguarded(self) -> "Surrogate":
-    """The same with no stretch left to MuJoCo: near its anchor none needs to be."""
-    made = copy.copy(self)
-    made.guarded = frozenset()
-    return made
-
   def apart(self) -> "Surrogate":
     made = super().apart()
     made.exact = self.exact.apart()

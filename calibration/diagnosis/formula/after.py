@@ -10,7 +10,7 @@ import numpy as np
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decision.decide import Decision
 from calibration.diagnosis.formula.finding import Found, find_formula
-from calibration.diagnosis.formula.minimum import at_minimum, near_minimum
+from calibration.diagnosis.formula.minimum import at_minimum
 from calibration.diagnosis.formula.words import alike_words
 from calibration.diagnosis.holdout_errors import ChannelFit, compare_twins, ratio
 from calibration.diagnosis.pool import Pool
@@ -64,7 +64,7 @@ def formula_left(pool: Pool, decision: Decision, recordings: Sequence[Recording]
     return None
   model = pool.model(decision.mechanisms)
   try:
-    problem, winner = at_minimum(*weighed(*near_minimum(pool.problem, model), pool.floor))
+    problem, winner = at_minimum(*weighed(*at_minimum(pool.problem, model), pool.floor))
     found = find_formula(problem, winner, model, pool.priors)
   except (np.linalg.LinAlgError, NotFinite) as error:  # the verdict stands without it
     log.warning("no formula was sought: %s", error)

@@ -11,7 +11,6 @@ from threadpoolctl import threadpool_limits
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.formula.columns import Driven, Fitted
 from calibration.diagnosis.formula.forms import Form, Forms, forms_of
-from calibration.diagnosis.formula.minimum import with_slopes
 from calibration.diagnosis.formula.moments import fading, moments, variables
 from calibration.diagnosis.formula.pulses import DRIVEN, Responses, readable, responses
 from calibration.diagnosis.formula.recovery import Base, Recovered, recover
@@ -92,8 +91,7 @@ def find_formula(problem: Problem, winner: Candidate, came: Candidate, priors: P
   """
   with threadpool_limits(1):  # many small matrices: a second thread costs more than it brings
     moved = np.abs(came.values - winner.values) > winner.std  # else it is the same place
-    bases = [winner, with_slopes(problem, came)] if moved.any() else [winner]
-    return _found(problem, bases, priors, seed)
+    return _found(problem, [winner, came] if moved.any() else [winner], priors, seed)
 
 
 def _found(problem: Problem, bases: list[Candidate], priors: ParameterSet, seed: int) -> Found:

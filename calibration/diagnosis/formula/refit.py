@@ -1,6 +1,7 @@
 """A formula in the simulator: fitted there with all of the model's own parameters, and confirmed by MuJoCo."""
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,12 +10,10 @@ from numpy.typing import NDArray
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
 from calibration.diagnosis.formula.columns import Driven, said
 from calibration.diagnosis.formula.forms import Form
-from calibration.diagnosis.formula.minimum import at_minimum, rough_fit
+from calibration.diagnosis.formula.minimum import at_minimum
 from calibration.diagnosis.formula.tables import table_knots, table_shapes
 from calibration.diagnosis.score import Comparison, compare, compared
 from calibration.fitting.likelihood import Problem
-from calibration.fitting.optimiser import NARROWEST, bounded_solve
-from calibration.fitting.recalibration import NOTICED
 from calibration.fitting.surrogate import Surrogate
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.twin.formula.degrees import DEGREES
@@ -27,9 +26,7 @@ from qcar_twin.twin.twin import Twin
 Array = NDArray[np.float64]
 Option = tuple[Formula, dict[str, float], float]  # a formula, the values it starts from, the nats it takes to say
 
-_STEPS = 3  # of Gauss-Newton, after which the worse half of several formulas is given up
-_OWN = 4  # formulas at most that get slopes of their own
-_HOPE = 3.0  # times the gain that a Gauss-Newton step promises, which no formula is trusted to exceed
+_STEPS = 3  # of Gauss-Newton with fresh columns, after which the worse half of several formulas is given up
 _REACH = 8.0  # times its first value to which a coefficient is followed
 
 
@@ -128,88 +125,65 @@ class Trial:
 def fitted_best(problem: Problem, bases: Sequence[Candidate], priors: ParameterSet, found: Sequence[Option]) -> Trial:
   """The best of several formulas of one degree of freedom, fitted with all parameters of the model to the minimum.
 
-  By successive halving: a few steps each, then the better ones go on (Jamieson and Talwalkar, Non-stochastic best arm
-  identification and hyperparameter optimization, AISTATS 2016). Formulas that begin at one place share the slopes of
-  the model's own parameters there; those few that go on get slopes of their own. What a minimum can't bring within
-  reach of the best is given up at once.
+  By successive halving: a few steps each, then the better half goes on (Jamieson and Talwalkar, Non-stochastic best arm
+  identification and hyperparameter optimization, AISTATS 2016).
 
   Args:
-    problem: with the model's weights, put right at its minimum.
-    bases: the model they are added to, at its minimum; and where else its parameters may begin, with slopes. At its
-      minimum without a formula a base has taken over what it could of the missing force, and the way back may lead
-      over a ridge.
+    problem: with the model's weights.
+    bases: the model they are added to, at its minimum; and where else its parameters may begin. At its minimum without
+      a formula a base has taken over what it could of the missing force, and the way back may lead over a ridge.
     priors: declarations of the base parameters.
     found: each formula, the values it starts from, and the nats it takes to say.
   """
-  trials = []
-  for option in found:
-    begun = [_begun(problem, option, base, priors) for base in bases]
-    for trial in begun:
-      refine(trial.problem, [trial.model], _STEPS)
-    trials.append(min(begun, key=lambda trial: trial.cost))
-  trials = _in_reach(trials, min(_OWN, max(1, len(trials) // 2)))
-  while len(trials) > 1:
+  places = [(problem.at(base.theta), base) for base in bases]  # MuJoCo's corrections there serve every formula
+  trials = [_begun(there, option, base, priors) for option, (there, base) in itertools.product(found, places)]
+  while True:
     for trial in trials:
       trial.model.settled = False
-      refine(trial.problem, [trial.model], 1, full=True)
-      refine(trial.problem, [trial.model], _STEPS - 1)
-    trials = _in_reach(trials, len(trials) // 2)
+      refine(trial.problem, [trial.model], _STEPS, full=True)
+    trials = sorted(trials, key=lambda trial: trial.cost)[: max(1, len(trials) // 2)]
+    if len(trials) == 1:
+      break
   best = trials[0]
-  # what is left of other valleys here speaks against the formula, never for it: the model without it has left them all
-  near, model = at_minimum(best.problem, best.model, (NARROWEST,))
+  near, model = at_minimum(best.problem, best.model)
   return Trial(best.mechanism, near, model, best.nats)
 
 
-def _in_reach(trials: Sequence[Trial], most: int) -> list[Trial]:
-  """The best ones, without those whose minimum is worse than what the best has reached."""
-  ordered = sorted(trials, key=lambda trial: trial.cost)
-  return [t for t in ordered[:most] if t.cost - _HOPE * _promised(t.model) <= ordered[0].cost]
-
-
-def _promised(model: Candidate) -> float:
-  """Nats that a Gauss-Newton step within the bounds promises."""
-  step = bounded_solve(model.curvature, model.gradient, model.values, model.free) - model.values
-  return float(-model.gradient @ step - 0.5 * step @ model.curvature @ step)
-
-
 def _begun(problem: Problem, option: Option, base: Candidate, priors: ParameterSet) -> Trial:
+  """A formula at a base, where the problem is put right."""
   mechanism, start, nats = option
-  there = with_formula(problem, mechanism)
-  model = candidate(there, (*base.mechanisms, mechanism.name), base, priors, start)
-  simulate(there, [model])
-  return Trial(mechanism, there, model, nats)
+  near = with_formula(problem, mechanism)
+  model = candidate(near, (*base.mechanisms, mechanism.name), base, priors, start)
+  simulate(near, [model])
+  return Trial(mechanism, near, model, nats)
 
 
-def lowest_without(problem: Problem, winner: Candidate, trial: Trial) -> Candidate:
-  """The model without a formula at its own minimum: where it stood, or the one near where the formula brought it.
-
-  Full of what it can't explain there, it usually goes back, or stays far above; only else is it followed to the end.
-  """
+def without(problem: Problem, winner: Candidate, trial: Trial) -> tuple[Problem, Candidate]:
+  """The model without a formula where the formula brought its parameters, full of what it can't explain there."""
+  values = trial.model.values[[trial.model.free.index(name) for name in winner.free.names]]
+  theta = problem.embed(winner.free.names, values, problem.parameters.nominal)[0]
+  there = problem.at(theta)
   columns = [trial.model.free.index(name) for name in winner.free.names]
-  values = trial.model.values[columns]
-  moved = dataclasses.replace(winner, values=values, jacobian=trial.model.jacobian[:, columns])
-  found = rough_fit(problem, moved)
-  back = (np.abs(found.theta - winner.values) <= winner.std).all()
-  if back or found.cost > winner.cost + NOTICED:
-    return winner
-  _, other = at_minimum(problem, dataclasses.replace(moved, values=found.theta))
-  return min(winner, other, key=lambda m: m.cost)
+  moved = dataclasses.replace(winner, theta=theta, values=values, residual=there.residual(theta[None])[0],
+                              jacobian=trial.model.jacobian[:, columns])  # fmt: skip
+  return there, moved
 
 
 def refitted(problem: Problem, winner: Candidate, priors: ParameterSet, trial: Trial, driven: Driven) -> Refitted:
   """A formula in MuJoCo, held against the model without it.
 
-  That model is at the lower one of two minima (`lowest_without`), so that no formula is paid for a valley that the
-  model alone had missed.
+  That model is at its own minimum: where it stood, or the one near where the formula brought its parameters, so that
+  no formula is paid for a valley that the model alone had missed.
 
   Args:
-    problem: with the model's weights, put right at the winner.
+    problem: with the model's weights.
     winner: the model without a formula, at its minimum.
     priors: declarations of the base parameters.
     trial: the formula, fitted.
     driven: the driving, from which the force's limit is.
   """
-  lowest = lowest_without(problem, winner, trial)
+  _, other = at_minimum(*without(problem, winner, trial))
+  lowest = min(winner, other, key=lambda m: m.cost)
   before = candidate(trial.problem.exact, winner.mechanisms, lowest, priors)
   before.residual = lowest.residual
   theta = [trial.model.values[trial.model.free.index(p.name)] for p in trial.mechanism.parameters]

@@ -73,13 +73,6 @@ def test_with_a_mechanism_more_that_is_at_its_null_mujoco_is_not_asked_again(twi
   assert more.at(moved(twin, 0.3)) is more and more.at(theta) is not more
 
 
-def test_unguarded_nothing_is_left_to_mujoco(twin):
-  guarded = Surrogate(twin).at(twin.parameters.nominal).guarding([("brake", 0.0)])
-  plain, theta = Surrogate(twin).at(twin.parameters.nominal), moved(twin, 0.5)
-  signals = guarded.unguarded().rollout(theta, SEGMENTS).signals
-  np.testing.assert_array_equal(signals, plain.rollout(theta, SEGMENTS).signals)
-
-
 def test_a_guarded_stretch_is_mujocos_whatever_the_parameters(twin):
   theta = moved(twin, 0.5)
   surrogate = Surrogate(twin).at(twin.parameters.nominal).guarding([("brake", 0.0)])

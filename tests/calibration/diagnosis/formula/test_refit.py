@@ -9,7 +9,7 @@ from calibration.diagnosis.formula import after
 from calibration.diagnosis.formula.after import TWIN, Shipped, weighed, write_formula
 from calibration.diagnosis.formula.columns import Driven
 from calibration.diagnosis.formula.finding import find_formula
-from calibration.diagnosis.formula.minimum import at_minimum, with_slopes
+from calibration.diagnosis.formula.minimum import at_minimum
 from calibration.diagnosis.formula.moments import fading, moments, variables
 from calibration.diagnosis.formula.refit import Refitted, fitted_best, refitted
 from calibration.diagnosis.pool import Pool
@@ -62,8 +62,7 @@ def with_drag(problem, bases, priors) -> Refitted:
   winner, stretches = bases[0], problem.observations.stretches
   context = moments(problem.twin, winner.theta, problem.observations, problem.predict(winner.theta[None]))
   driven = Driven(variables(context, problem.observations), fading(context, stretches), problem.twin.car, 0.01)
-  begun = [with_slopes(problem, base) for base in bases]
-  trial = fitted_best(problem, begun, priors, [(limited(yaw_drag(), 99.0), {"unnamed_force_x_1": -0.5}, 0.0)])
+  trial = fitted_best(problem, bases, priors, [(limited(yaw_drag(), 99.0), {"unnamed_force_x_1": -0.5}, 0.0)])
   return refitted(problem, winner, priors, trial, driven)
 
 
@@ -110,7 +109,7 @@ def test_a_car_that_flies_apart_leaves_the_verdict_alone(case, monkeypatch):
   def flies(*_args):
     raise NotFinite("the simulation is not finite when mass moves")
 
-  monkeypatch.setattr(after, "near_minimum", flies)
+  monkeypatch.setattr(after, "at_minimum", flies)
   decision = Decision("unexplained", (), (), (), None, ())
   assert after.formula_left(pool, decision, [], Cut()) is None
 
