@@ -71,6 +71,7 @@ class Clock:
     self._tickets = itertools.count()
     self._in_a_row = 0
     self._local = threading.local()
+    self._deaf = False  # whether Ctrl-C was ignored before the script began, as in a shell's background
 
   # -- who takes part ----------------------------------------------------------------------------
 
@@ -94,6 +95,7 @@ class Clock:
     """The calling thread is the script's main thread."""
     member = self._main = Member("main", False)
     self._members[get_ident()], self.running, self._begun = member, member, _wall()
+    self._deaf = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     try:
       yield member
     finally:
@@ -209,7 +211,7 @@ class Clock:
     """What a thread meets when its turn has come."""
     if me.interrupted:
       me.interrupted = False
-      _interrupt()
+      _interrupt(self._deaf)
     if me.error is not None:
       error, me.error = me.error, None
       raise error
@@ -282,10 +284,10 @@ class Clock:
     self.now = max(self.now, time)
 
 
-def _interrupt() -> None:
-  """What Ctrl-C does: the script's own answer where it has one."""
+def _interrupt(deaf: bool) -> None:
+  """What Ctrl-C does: the script's own answer where it has one; to ignore it is none where that was so before."""
   answer = signal.getsignal(signal.SIGINT)
   if callable(answer):
     answer(signal.SIGINT, None)
-  elif answer is not signal.SIG_IGN:
+  elif deaf or answer is not signal.SIG_IGN:
     raise KeyboardInterrupt

@@ -2,6 +2,7 @@
 
 import concurrent.futures
 import queue
+import signal
 import threading
 import time
 from collections.abc import Callable
@@ -125,7 +126,9 @@ def test_threads_take_the_same_course_every_time():
   assert len(first) == 120 and all(course() == first for _ in range(5))
 
 
-def test_at_the_limit_the_script_is_interrupted_and_may_tidy_up():
+@pytest.mark.parametrize("before", [signal.default_int_handler, signal.SIG_DFL, signal.SIG_IGN])
+def test_at_the_limit_the_script_is_interrupted_and_may_tidy_up(before):
+  """Whatever Ctrl-C did where the command was started: a shell's background ignores it."""
   said = []
 
   def part():
@@ -136,8 +139,27 @@ def test_at_the_limit_the_script_is_interrupted_and_may_tidy_up():
       time.sleep(1.0)
       said.append(round(time.monotonic(), 6))
 
-  clock = run(part, limit=5.0)
+  here = signal.signal(signal.SIGINT, before)
+  try:
+    clock = run(part, limit=5.0)
+  finally:
+    signal.signal(signal.SIGINT, here)
   assert clock.stopped and said == [pytest.approx(6.0, abs=1e-4)]
+
+
+def test_a_script_that_ignores_the_interrupt_goes_on_until_the_grace_is_spent():
+  here = signal.getsignal(signal.SIGINT)
+
+  def part():
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    while True:
+      time.sleep(0.5)
+
+  try:
+    with pytest.raises(DriveOver):
+      run(part, limit=2.0)
+  finally:
+    signal.signal(signal.SIGINT, here)
 
 
 def test_who_does_not_heed_the_interrupt_is_ended_when_the_grace_is_spent():
