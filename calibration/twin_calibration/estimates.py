@@ -25,7 +25,7 @@ class Estimate:
 
   Attributes:
     std: of the estimate about the car's own figure: disturbances that the recordings share (`Scatter`) and the twin's
-      form (`calibration.intervals.forms`) together; 1.645 of it hold 90 %.
+      form (`calibration.intervals.forms`) together; 1.645 of it are meant to hold 90 %.
     noise_std: of independent noise alone, the posterior curvature's: by it two fits of one twin may differ.
     reason_not_fitted: why it was not fitted, or that nothing in the recordings shows it; "" for a fitted one.
   """

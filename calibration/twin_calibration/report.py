@@ -232,7 +232,7 @@ def _parameters(calibration: Calibration) -> Section:
     "The shift is the calibrated value minus that of the prior, in standard deviations of the prior. A parameter counts"
     " as identified where the recordings halve the variance of its prior. The calibrated standard deviation covers"
     " disturbances that neighbouring samples share. It also covers what the twin's simplifications move such a figure"
-    " by, as measured on cars whose figures are known. 1.645 of it hold 90 %."
+    " by, as measured on cars whose figures are known. 1.645 of it are meant to hold 90 %."
   )
   return Section("Parameters and how far they moved", text, [Table("Parameters", titles, rows, unfolded=True)])
 
