@@ -5,6 +5,7 @@ qcar-twin benchmark-base --out docs/results/base.md
 
 import dataclasses
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -18,7 +19,6 @@ from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
 
 OUT_IS_FILE = True
-KNOWN = ("first", "second")  # cars whose figures the generator states
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,6 +31,8 @@ class Config:
   """Seed of the first session of either car; the others follow it."""
   sessions: int = 10
   """Number of sessions of either independent car."""
+  cars: tuple[Literal["first", "second"], ...] = ("first", "second")
+  """Independent cars, whose figures their generators state."""
   poor: int = 4
   """Number of further starts for each car, with other tyres and another motor."""
   under_way: int = 0
@@ -59,7 +61,7 @@ def main(config: Config) -> str:
     print(text)
     return text
   sessions, poor = (1, 1) if config.quick else (config.sessions, config.poor)
-  cars = [(car, config.seed + k) for k in range(sessions) for car in KNOWN[: 1 if config.quick else None]]
+  cars = [(car, config.seed + k) for k in range(sessions) for car in config.cars[: 1 if config.quick else None]]
   bases = (recalibrated_base(car, CARS[car](seed), poor) for car, seed in cars)
   fits = list(counted(bases, len(cars), "session"))
   scores = [z for one in fits for z in one.score.values()]
@@ -74,16 +76,19 @@ def main(config: Config) -> str:
   inside = sum(abs(z) <= INSIDE for z in scores)
   ends = f"{sum(one.in_one for one in fits)} of {len(fits) * poor}"
   whole = f"{sum(one.in_one == poor for one in fits)} of {len(fits)}"
+  who = " ".join(dict(cars))
   low, high = exact_interval(inside, len(scores))
   lines = [
     "# Recalibration on sessions without an effect",
     "",
-    f"`qcar-twin benchmark-base --seed {config.seed} --sessions {sessions} --poor {poor}`: sessions of the",
+    f"`qcar-twin benchmark-base --seed {config.seed} --sessions {sessions} --poor {poor} --cars {who}`: sessions of",
     "independent cars, design `compact`, calibrated as a diagnosis recalibrates. Poor starts have 0.6 or 1.6 times the",
     f"stiffness of the tyres and the gain of the motor; a minimum is the same up to {ONE:g} nats.",
     "",
     f"* {inside} of {len(scores)} parameters lie in their 90 % interval (95 % interval of that share: {low:.0%} to",
     f"  {high:.0%}); errors are {np.sqrt(np.mean(np.square(scores))):.1f} times what is stated, root mean square.",
+    f"* Errors are {np.std([z for one in fits for z in one.alone.values()]):.1f} times the deviations of the fit alone,"
+    " root mean square about their mean.",
     *(f"* {line}" for line in by_parameter(fits)),
     *([f"* {ends} poor starts end in the least minimum; all of a", f"  session's in {whole}."] if poor else []),
     "",

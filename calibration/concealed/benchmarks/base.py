@@ -9,6 +9,7 @@ from calibration.concealed.benchmarks.known import stated
 from calibration.concealed.laboratory.written import Session
 from calibration.diagnosis.pipeline import prepare
 from calibration.diagnosis.pool import base_candidate
+from calibration.diagnosis.score import clustered_std
 from calibration.fitting.recalibration import RecalibratedTwin, settled_from
 from calibration.twin_calibration import calibrate
 from qcar_twin.recordings.dataset import DataSet
@@ -26,6 +27,7 @@ class Base:
   Attributes:
     error: of parameters that the generator states in the same sense, relative to their truth.
     score: the same in the standard deviations that a calibration states.
+    alone: the same in those of the fit without the twin's form, a sandwich over recordings.
     correlation: largest of neighbouring residuals at LAGS, over the channels.
     cost: at the minimum, nats.
     poor: costs where poor starts ended, nats.
@@ -33,6 +35,7 @@ class Base:
 
   error: Mapping[str, float]
   score: Mapping[str, float]
+  alone: Mapping[str, float]
   correlation: float
   cost: float
   poor: tuple[float, ...]
@@ -56,10 +59,11 @@ def recalibrated_base(car: str, session: Session, poor: int = 0) -> Base:
   recalibrated, truth = begun.recalibrated, stated(car, session.truth)
   model, observations = base_candidate(recalibrated), recalibrated.problem.observations
   estimates = calibrate(data, "recordings", recalibrated=lambda: recalibrated).estimates
-  starts = range(1, poor + 1)
+  std, starts = model.free.named(clustered_std(model, observations)), range(1, poor + 1)
   return Base(
     error={name: estimates[name].value / true - 1.0 for name, true in truth.items()},
     score={name: (estimates[name].value - true) / estimates[name].std for name, true in truth.items()},
+    alone={name: (estimates[name].value - true) / std[name] for name, true in truth.items()},
     correlation=max(_correlation(model.residual[observations.select(n)]) for n in observations.present),
     cost=recalibrated.fit.cost,
     poor=tuple(_from_poor_start(recalibrated, np.random.default_rng(k)) for k in starts),
