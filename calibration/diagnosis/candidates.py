@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.likelihood import Problem
-from calibration.fitting.optimiser import bounded_solve, broyden, inverse_curvature, prior_cost, prior_gradient
+from calibration.fitting.optimiser import bounded_solve, inverse_curvature, prior_cost, prior_gradient
+from calibration.fitting.slopes import broyden
 from qcar_twin.parameters import ParameterSet
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.fitting.copies import copies, filled
+from calibration.copies import copies, filled
 from calibration.fitting.observations import CHANNELS, Observations
 from calibration.fitting.residual_channels import RESIDUALS
 from calibration.fitting.surrogate import Stretch, Surrogate

@@ -6,34 +6,27 @@ Numerical Optimization, 2nd ed., chapter 10; the pseudo-Huber loss: Hartley and 
 
 Wheels that lock, slip and catch again make a cost rough: its slope over a hundredth of a parameter's scale is not that
 of the valley. Where forward differences see no more gain, central differences go on over stencils from the widest to
-the narrowest (implicit filtering: Gilmore and Kelley, SIAM Journal on Optimization 5, 1995). The narrowest is no wider
-than the forward step: the point where a fit stands was chosen as the lowest of several, so that its own chatter is on
-the low side, and forward differences put that into every column alike; central differences don't use it.
+the narrowest (implicit filtering: Gilmore and Kelley, SIAM Journal on Optimization 5, 1995).
 """
 
 import dataclasses
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.fitting.slopes import NARROWEST, Array, NotFinite, Residual, Slopes, broyden
 from qcar_twin.parameters import ParameterSet
-
-Array = NDArray[np.float64]
-Residual = Callable[[Array], Array]  # (n, p) -> (n, M), whitened: a perfect model costs M / 2
 
 log = logging.getLogger(__name__)
 _LEAST_GAIN = 1.0  # nats an iteration must bring to be followed by another
 # actual over predicted reduction of the cost: from _SERVES on the Jacobian serves for another step, from _TRUSTED on a
 # step needs no others to be tried with it
 _SERVES, _TRUSTED = 0.7, 0.9
-NARROWEST = 0.02
-_STENCILS = (0.3, 0.1, NARROWEST)  # half widths of the central differences that a search ends with, in scales
-
-
-class NotFinite(ValueError):
-  """A simulation that a fit needs is not finite."""
+# factors on the damping: of the step that is tried alone, of those tried with it, and after all of them failed
+_EASE, _RUNGS, _STIFFER = 0.01, (0.1, 1.0, 10.0, 100.0), 1e4
+STENCILS = (0.3, 0.1, NARROWEST)  # half widths of the central differences that a search ends with, in scales
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,6 +92,8 @@ def fit(
   tolerance: float = 3e-4,
   step: float = 0.02,
   progress: Callable[[int, float], None] | None = None,
+  stencils: Sequence[float] | None = None,
+  slopes: Slopes | None = None,
 ) -> Fit:
   """Minimise half the robust sum of squared residuals plus the prior.
 
@@ -109,9 +104,11 @@ def fit(
     iterations: at most this many steps; a Jacobian serves up to three, corrected by Broyden's update.
     robust: pseudo-Huber width in standard deviations; np.inf for plain least squares.
     tolerance: stop when an iteration lowers the cost by less than this share of it, or by less than a nat; with 0
-      such an iteration must have had a fresh Jacobian, and wider stencils must agree.
+      such an iteration must have had a fresh Jacobian.
     step: finite-difference step as a share of each parameter's scale.
     progress: called with the iteration and the cost.
+    stencils: central differences that must agree at the end; by default STENCILS with a tolerance of 0, else none.
+    slopes: Jacobians known from an earlier search of the same residual, or of one that differs by a constant.
 
   Raises:
     NotFinite: the residual at the start, or a simulation near it.
@@ -119,12 +116,13 @@ def fit(
   theta, r = _begun(residual, parameters, start)
   costs, damping, evaluations = [_cost(r, theta, parameters, robust)], 1e-3, 1
   jacobian = np.zeros((len(r), len(theta)))
-  failures, renew, fresh, wider = 0, True, False, list(_STENCILS if tolerance == 0 else ())
+  wider = list((STENCILS if tolerance == 0 else ()) if stencils is None else stencils)
+  failures, renew, fresh, known = 0, True, False, slopes or Slopes()
   half = 0.0  # of the stencil; 0 for forward differences
   for k in range(iterations):
     if renew and not fresh:
-      jacobian, fresh = _slopes(residual, parameters, theta, r, step, half), True
-      evaluations += len(theta) * (2 if half else 1)
+      jacobian, fresh = known.at(residual, parameters, theta, r, half, step), True
+      evaluations += known.evaluations
     tried = _try(residual, parameters, theta, r, jacobian, costs[-1], damping, robust)
     evaluations += tried.evaluations
     gain = costs[-1] - tried.cost
@@ -135,7 +133,7 @@ def fit(
       costs.append(tried.cost)
       damping = float(np.clip(damping * tried.ease, 1e-8, 1e6))
     else:
-      damping = min(damping * 1e3, 1e6)
+      damping = min(damping * _STIFFER, 1e6)
     if progress:
       progress(k + 1, costs[-1])
     failures = failures + 1 if gain <= 0 else 0
@@ -178,7 +176,10 @@ def _try(
   residual: Residual, parameters: ParameterSet, theta: Array, r: Array, jacobian: Array, cost: float, damping: float,
   robust: float,
 ) -> _Trial:  # fmt: skip
-  """A step as good as undamped; where it doesn't bring what the Jacobian predicted, the best of it and shorter ones."""
+  """A step as good as undamped; where it doesn't bring what the Jacobian predicted, the best of it and shorter ones.
+
+  Where less than a nat is predicted there is nothing to be found by others.
+  """
 
   def judged(candidates: list[Array], eases: tuple[float, ...], evaluations: int) -> _Trial:
     outcomes = residual(np.stack(candidates))
@@ -189,62 +190,12 @@ def _try(
     return _Trial(candidates[best], outcomes[best], costs[best], predicted, ratio, eases[best], evaluations)
 
   step = lambda factor: _lm_step(jacobian, r, theta, parameters, robust, damping * factor)
-  first = judged([step(0.01)], (0.03,), 1)
-  if first.ratio >= _TRUSTED:
+  first = judged([step(_EASE)], (_EASE,), 1)
+  if first.ratio >= _TRUSTED or first.predicted < _LEAST_GAIN:
     return first
-  whole = step(1.0)
-  others = judged([whole, step(100.0), 0.5 * (theta + whole)], (1.0, 30.0, 1.0), 4)
-  return min((dataclasses.replace(first, evaluations=4), others), key=lambda t: t.cost)
-
-
-def finite_differences(
-  residual: Residual, parameters: ParameterSet, theta: Array, r: Array, step: float = 0.02
-) -> Array:
-  """Forward-difference Jacobian, (M, p); a step that would leave the bounds is mirrored."""
-  h = step * parameters.scale
-  h = np.where(theta + h > parameters.upper, -h, h)
-  moved = residual(theta + np.diag(h))
-  jacobian = ((moved - r) / h[:, None]).T
-  if not np.isfinite(jacobian).all():
-    bad = [p.name for i, p in enumerate(parameters) if not np.isfinite(jacobian[:, i]).all()]
-    raise NotFinite(f"the simulation is not finite when {', '.join(bad)} moves by {step:g} of its scale")
-  return jacobian
-
-
-def _slopes(residual: Residual, parameters: ParameterSet, theta: Array, r: Array, step: float, half: float) -> Array:
-  """Jacobian, (M, p), over a stencil of this half width; by forward differences where that is 0."""
-  if half:
-    return central_differences(residual, parameters, theta, half)
-  return finite_differences(residual, parameters, theta, r, step)
-
-
-def central_differences(residual: Residual, parameters: ParameterSet, theta: Array, half: float) -> Array:
-  """Jacobian, (M, p), by central differences over stencils `half` of a scale to either side, less at a bound.
-
-  Raises:
-    NotFinite: a simulation within the stencil.
-  """
-  h = half * parameters.scale
-  above, below = np.minimum(theta + h, parameters.upper), np.maximum(theta - h, parameters.lower)
-  moved = residual(np.concatenate([theta + np.diag(above - theta), theta + np.diag(below - theta)]))
-  jacobian = ((moved[: len(theta)] - moved[len(theta) :]) / (above - below)[:, None]).T
-  if not np.isfinite(jacobian).all():
-    bad = [p.name for i, p in enumerate(parameters) if not np.isfinite(jacobian[:, i]).all()]
-    raise NotFinite(f"the simulation is not finite when {', '.join(bad)} moves by {half:g} of its scale")
-  return jacobian
-
-
-def broyden(jacobian: Array, r: Array, theta: Array, outcome: Array, candidate: Array, scale: Array) -> Array:
-  """Jacobian corrected by what one step showed (Broyden's rank-one update in units of scale), (M, p).
-
-  A step of less than a hundredth of the scales shows rounding and chatter of the simulation, not its slope.
-  """
-  step = (candidate - theta) / scale
-  power = float(step @ step)
-  if power < 1e-4 or not np.isfinite(outcome).all():
-    return jacobian
-  surprise = outcome - r - jacobian @ (candidate - theta)
-  return jacobian + np.outer(surprise / power, step / scale)
+  spent, half = 2 + len(_RUNGS), 0.5 * (theta + first.theta)
+  others = judged([*(step(factor) for factor in _RUNGS), half], (*_RUNGS, 1.0), spent)
+  return min((dataclasses.replace(first, evaluations=spent), others), key=lambda t: t.cost)
 
 
 def with_jacobian(fitted: Fit, jacobian: Array, robust: float) -> Fit:

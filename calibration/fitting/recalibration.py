@@ -16,7 +16,8 @@ from calibration.fitting.likelihood import Problem, Weighting, weighting_from
 from calibration.fitting.noise import ChannelNoise, noise_models
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import Observations, observe
-from calibration.fitting.optimiser import NARROWEST, Fit, central_differences, fit, prior_cost
+from calibration.fitting.optimiser import STENCILS, Fit, fit, prior_cost
+from calibration.fitting.slopes import NARROWEST, Slopes, central_differences
 from calibration.fitting.surrogate import Stretch, anchored
 from calibration.fitting.tolerances import widened
 from calibration.fitting.windows import DEFAULT_CUT, Cut
@@ -98,11 +99,12 @@ def recalibrate(
   observations = observe(recordings, twin.vehicle, dataclasses.replace(cut, command_shift=shift))
   twin = anchored(twin, base.names, start)
   problem = _weighted(twin, observations, fitted_count(observations, recordings), base, start, floor)
-  fitted = settled(problem, noise, base, start, shift)
+  known = Slopes()
+  fitted = settled(problem, noise, base, start, shift, known)
   wider = widened(base, fitted.fit.theta)
   if any(p != q for p, q in zip(wider, base, strict=True)):
     progress("recalibration within wider bounds")
-    fitted = settled(fitted.problem, noise, wider, fitted.fit.theta, shift)
+    fitted = settled(fitted.problem, noise, wider, fitted.fit.theta, shift, known)
   return fitted
 
 
@@ -123,35 +125,48 @@ def reweighted(recalibrated: RecalibratedTwin) -> Problem:
 
 
 def settled(
-  problem: Problem, noise_models: Mapping[str, ChannelNoise], base: ParameterSet, start: Array, command_shift: int
+  problem: Problem,
+  noise_models: Mapping[str, ChannelNoise],
+  base: ParameterSet,
+  start: Array,
+  command_shift: int,
+  known: Slopes | None = None,
 ) -> RecalibratedTwin:
-  """The minimum near a start: every model of a search is measured against it, so it is sought to a nat."""
-  problem, minimum = descended(problem, base, start)
+  """The minimum near a start: every model of a search is measured against it, so it is sought to a nat.
+
+  `known`: slopes of the same problem from an earlier search.
+  """
+  known = known or Slopes()
+  problem, minimum = descended(problem, base, start, known=known)
   theta = problem.embed(base.names, minimum.theta, problem.parameters.nominal)[0]
-  return RecalibratedTwin(problem, noise_models, minimum, theta, _slopes(problem, base, minimum.theta), command_shift)
+  return RecalibratedTwin(problem, noise_models, minimum, theta, _slopes(problem, base, minimum, known), command_shift)
 
 
 def settled_from(recalibrated: RecalibratedTwin, start: Array) -> RecalibratedTwin:
   """The same fit from another start, (p,), in rounds while they gain: from afar one may not come to its end."""
-  old, base = recalibrated, recalibrated.fit.parameters
-  begun = settled(old.problem, old.noise_models, base, start, old.command_shift)
+  old, base, known = recalibrated, recalibrated.fit.parameters, Slopes()
+  begun = settled(old.problem, old.noise_models, base, start, old.command_shift, known)
   again, iterations = begun, begun.fit.iterations
   for _ in range(_AFAR):
     before = again.fit.cost
-    again = settled(old.problem, old.noise_models, base, again.fit.theta, old.command_shift)
+    again = settled(old.problem, old.noise_models, base, again.fit.theta, old.command_shift, known)
     if before - again.fit.cost < _SETTLED:
       break
   return dataclasses.replace(again, fit=dataclasses.replace(again.fit, iterations=iterations))
 
 
-def _slopes(problem: Problem, base: ParameterSet, values: Array) -> Array:
-  """Of all values, fitted and judging, at estimates of the base parameters, (M, p).
+def _slopes(problem: Problem, base: ParameterSet, minimum: Fit, known: Slopes) -> Array:
+  """Of all values, fitted and judging, at the minimum of the base parameters, (M, p).
 
   By central differences: a scan and every larger model rest on them, and forward ones have the chatter of the point
   where the fit stands in every column.
   """
-  everything = lambda v: problem.residual(problem.embed(base.names, v, problem.parameters.nominal))
-  return central_differences(everything, base, values, NARROWEST)
+  full = lambda v: problem.embed(base.names, v, problem.parameters.nominal)
+  theta, fitted = minimum.theta, lambda v: problem.fitted_residual(full(v))
+  slopes = known.at(fitted, base, theta, minimum.residual, NARROWEST, NARROWEST)
+  return np.concatenate(
+    [slopes, central_differences(lambda v: problem.judging_residual(full(v)), base, theta, NARROWEST)]
+  )
 
 
 def misled(problem: Problem, anchor: Array, tried: Array) -> list[Stretch]:
@@ -175,7 +190,9 @@ def _trusted(predicted: float, actual: float) -> bool:
   return actual >= _TRUSTED * predicted or predicted - actual <= NOTICED
 
 
-def descended(problem: Problem, base: ParameterSet, start: Array, enough: float = _SETTLED) -> tuple[Problem, Fit]:
+def descended(
+  problem: Problem, base: ParameterSet, start: Array, enough: float = _SETTLED, known: Slopes | None = None
+) -> tuple[Problem, Fit]:
   """The minimum, and the problem there.
 
   Args:
@@ -183,17 +200,25 @@ def descended(problem: Problem, base: ParameterSet, start: Array, enough: float 
     base: what is fitted.
     start: first estimates, (p,).
     enough: nats; a correction by MuJoCo that promises less is the last one.
+    known: slopes of the same problem from an earlier search.
 
-  A surrogate is put right by MuJoCo wherever its own minimum lay, until it predicts no reduction. Where MuJoCo does not
-  confirm a step, the stretches in which the slopes of the two differ are left to MuJoCo from then on.
+  A surrogate is put right by MuJoCo wherever its own minimum lay, until it predicts no reduction: by forward
+  differences first, and where these see none by the wide stencils of a rough cost, too. Where MuJoCo does not confirm a
+  step, the stretches in which the slopes of the two differ are left to MuJoCo from then on.
   """
   embedded = lambda values: problem.embed(base.names, values, problem.parameters.nominal)[0]
-  minimum = _fit(problem, base, start, _LONGEST, 0.0)
+  known = known or Slopes()
   if problem.exact is problem:
-    return problem, minimum
+    return problem, _fit(problem, base, start, _LONGEST, 0.0, STENCILS, known)
+  stencils: tuple[float, ...] = ()
+  minimum = _fit(problem, base, start, _LONGEST, 0.0, stencils, known)
   theta, cost = start, _cost(problem, base, start)
   for _ in range(_ROUNDS):
     predicted = cost - minimum.cost
+    if predicted < enough and not stencils:
+      stencils = STENCILS
+      minimum = _fit(problem, base, theta, _LONGEST, 0.0, stencils, known)
+      predicted = cost - minimum.cost
     if predicted < enough:
       break
     there = problem.at(embedded(minimum.theta))
@@ -203,11 +228,12 @@ def descended(problem: Problem, base: ParameterSet, start: Array, enough: float 
       guarded = misled(problem, embedded(theta), embedded(minimum.theta))
       log.info("left to MuJoCo: %s", guarded)
       problem, there = problem.guarding(guarded), there.guarding(guarded)
+      known.forget()
     elif actual <= 0.0:
       break
     if actual > 0.0:
       problem, theta, cost = there, minimum.theta, cost - actual
-    minimum = _fit(problem, base, theta, _LONGEST, 0.0)
+    minimum = _fit(problem, base, theta, _LONGEST, 0.0, stencils, known)
   residual = problem.fitted_residual(embedded(theta)[None])[0]
   return problem, dataclasses.replace(minimum, theta=theta, residual=residual, cost=cost)
 
@@ -264,11 +290,19 @@ def _halved(problem: Problem, base: ParameterSet, starts: Sequence[Array]) -> Ar
   return fits[0].theta
 
 
-def _fit(problem: Problem, base: ParameterSet, start: Array, iterations: int, tolerance: float) -> Fit:
+def _fit(
+  problem: Problem,
+  base: ParameterSet,
+  start: Array,
+  iterations: int,
+  tolerance: float,
+  stencils: Sequence[float] = (),
+  known: Slopes | None = None,
+) -> Fit:
   around = problem.parameters.nominal
   residual = lambda v: problem.fitted_residual(problem.embed(base.names, v, around))
   report = lambda i, cost: log.info("iteration %d: cost %.1f", i, cost)
-  return fit(residual, base, start, iterations=iterations, tolerance=tolerance, robust=np.inf, progress=report)
+  return fit(residual, base, start, iterations, np.inf, tolerance, progress=report, stencils=stencils, slopes=known)
 
 
 def _weighted(

@@ -16,7 +16,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.fitting.optimiser import Fit, finite_differences, fit, posterior_curvature, with_jacobian
+from calibration.fitting.optimiser import Fit, fit, posterior_curvature, with_jacobian
+from calibration.fitting.slopes import finite_differences
 from calibration.identification.identification import Identification
 from calibration.identification.step_detection import moving_average
 from qcar_twin.bicycle.bicycle import Bicycle

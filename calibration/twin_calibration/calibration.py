@@ -24,8 +24,9 @@ from calibration.fitting.informative import split_standing
 from calibration.fitting.noise import noise_models
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import UNITS, Observations, observe
-from calibration.fitting.optimiser import finite_differences, with_jacobian
+from calibration.fitting.optimiser import with_jacobian
 from calibration.fitting.recalibration import RecalibratedTwin
+from calibration.fitting.slopes import finite_differences
 from calibration.fitting.surrogate import searching
 from calibration.fitting.tolerances import always_fitted
 from calibration.fitting.windows import Cut

@@ -30,8 +30,8 @@ from calibration.fitting.likelihood import Problem, weighting_from
 from calibration.fitting.noise import noise_models
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import observe
-from calibration.fitting.optimiser import finite_differences
 from calibration.fitting.recalibration import fitted_count
+from calibration.fitting.slopes import finite_differences
 from calibration.fitting.windows import Cut
 from calibration.log_check.ready import ready
 from qcar_twin.atomic_io import write_json, write_text

@@ -15,7 +15,7 @@ from calibration.diagnosis.formula.words import alike_words
 from calibration.diagnosis.holdout_errors import ChannelFit, compare_twins, ratio
 from calibration.diagnosis.pool import Pool
 from calibration.fitting.likelihood import Problem, weighting_from
-from calibration.fitting.optimiser import NotFinite
+from calibration.fitting.slopes import NotFinite
 from calibration.fitting.windows import Cut
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.file import save_twin

@@ -4,6 +4,7 @@ Pure functions of arrays with the simulations along the first axis; no mechanism
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -142,19 +143,49 @@ def delay_step(state: State, command: Array) -> Array:
 
 
 def shifted(values: Array, samples: Array, extrapolate: bool = False) -> Array:
-  """Tracks (n, T + 1) read `samples` ago, (n, 1) or (n, T + 1), by linear interpolation.
+  """Tracks (n, T + 1) read `samples` ago, (n, 1) or (n, T + 1), by cubic convolution.
 
+  Its slope is continuous where a straight line's is not: between two neighbours the slope in time is that of a line,
+  and at a whole sample it jumps, so that a cost has a cusp there, in which a search for a delay comes to rest.
   Outside the track the end value is held, or the end slope continued where `extrapolate`.
+  Source: Keys, Cubic convolution interpolation for digital image processing, IEEE Trans. ASSP 29(6), 1981.
   """
   last = values.shape[1] - 1
+  if last < 1:
+    return values.copy()
+  whole = np.floor(-samples).astype(np.intp)
+  part, beyond = -samples - whole, int(np.abs(whole).max()) + 3
+  line = _continued(values, beyond)
+  if samples.shape[1] == 1:
+    out = np.empty(values.shape)
+    for start in np.unique(whole):
+      rows = np.flatnonzero(whole[:, 0] == start)
+      near = [line[rows, start + k : start + k + last + 1] for k in range(beyond - 1, beyond + 3)]
+      out[rows] = _cubic(near, part[rows])
+  else:
+    left = np.arange(last + 1) + whole
+    near = [np.take_along_axis(line, left + k, axis=1) for k in range(beyond - 1, beyond + 3)]
+    out = _cubic(near, part)
+  if extrapolate:
+    return out
   position = np.arange(last + 1) - samples
-  if not extrapolate:
-    position = np.clip(position, 0.0, last)
-  left = np.clip(np.floor(position), 0, max(last - 1, 0)).astype(np.intp)
-  right = np.minimum(left + 1, last)
-  at_left = np.take_along_axis(values, left, axis=1)
-  slope = np.take_along_axis(values, right, axis=1) - at_left
-  return at_left + (position - left) * slope
+  out = np.where(position <= 0.0, values[:, :1], out)
+  return np.where(position >= last, values[:, -1:], out)
+
+
+def _continued(values: Array, beyond: int) -> Array:
+  """Tracks (n, T + 1) with so many samples before and after, along their end slopes."""
+  far = np.arange(1.0, beyond + 1)
+  first, last = values[:, :1], values[:, -1:]
+  before = first - far[::-1] * (values[:, 1:2] - first)
+  return np.concatenate([before, values, last + far * (last - values[:, -2:-1])], axis=1)
+
+
+def _cubic(near: Sequence[Array], part: Array) -> Array:
+  """Between the middle two of four neighbours, at a share of the way from the second to the third."""
+  before, left, right, after = near
+  bend = 3.0 * (left - right) + after - before
+  return left + 0.5 * part * (right - before + part * (2.0 * before - 5.0 * left + 4.0 * right - after + part * bend))
 
 
 def caught_up(start: Array, rate: Array, late: Array, *states: str) -> Array:

@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from calibration.copies import filled
 from calibration.fitting import likelihood
-from calibration.fitting.copies import filled
 from calibration.fitting.likelihood import Problem, Weighting, warnings_logged, weighting_from
 from calibration.fitting.observations import CHANNELS, observe
 from calibration.fitting.surrogate import Surrogate

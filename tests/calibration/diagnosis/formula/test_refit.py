@@ -15,7 +15,7 @@ from calibration.diagnosis.formula.refit import Refitted, fitted_best, refitted
 from calibration.diagnosis.pool import Pool
 from calibration.fitting.likelihood import Problem, Weighting
 from calibration.fitting.observations import CHANNELS, observe
-from calibration.fitting.optimiser import NotFinite
+from calibration.fitting.slopes import NotFinite
 from calibration.fitting.windows import Cut, cut_recordings
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.plant import SIGNALS

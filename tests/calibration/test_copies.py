@@ -8,8 +8,8 @@ import time
 import numpy as np
 import pytest
 
-from calibration.fitting import copies
-from calibration.fitting.copies import filled
+from calibration import copies
+from calibration.copies import filled
 
 
 def powers(out: np.ndarray, first: int, last: int) -> None:
