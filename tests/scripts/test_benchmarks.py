@@ -5,10 +5,12 @@ import shutil
 
 import pytest
 
+from agents.control import tuning
 from agents.control.controllers import entries
 from agents.control.tuning import Tuned
 from calibration.concealed.benchmarks.known import CARS
 from calibration.concealed.proving_ground import make_session
+from qcar_twin.tracks import random_track
 from scripts import benchmark_base, benchmark_estimation, benchmark_identification, campaign, tune
 from tests import ROOT
 
@@ -44,7 +46,8 @@ def test_estimation_without_a_real_car_says_so_on_its_page(tmp_path):
     benchmark_estimation.main(benchmark_estimation.Config(tmp_path / "page.md", quick=True, sections=("speed",)))
 
 
-def test_a_tuned_controller_joins_the_file_with_its_origin(tmp_path, capsys):
+def test_a_tuned_controller_joins_the_file_with_its_origin(tmp_path, capsys, monkeypatch):
+  monkeypatch.setattr(tuning, "path_from", lambda name: random_track(1, 2.0))
   tune.main(tune.Config(tmp_path / "controllers.toml", controllers=("linear_rate",), quick=True))
   kept = entries(tmp_path / "controllers.toml")
   assert set(kept) == {"linear_rate"} and set(kept["linear_rate"]) == {"loose", "tuned"}
