@@ -26,6 +26,7 @@ def rows(text):
   return [line for line in text.splitlines() if line.startswith("| ") and line[2].isdigit()]
 
 
+@pytest.mark.slow
 def test_identification_of_two_cars_is_a_row_each(tmp_path, capsys):
   benchmark_identification.main(benchmark_identification.Config(tmp_path / "page.md", seed=501, quick=True))
   text = (tmp_path / "page.md").read_text(encoding="utf-8")

@@ -15,6 +15,7 @@ from qcar_twin.recordings.dataset import DataSet
 from scripts import curves
 from tests.scripts.tiny_session import write
 
+pytestmark = pytest.mark.slow
 TRIM = 0.05  # rad
 CARS = {"before": {}, "again": {}, "after": {"steering_offset": {"steering_offset": TRIM}}}
 

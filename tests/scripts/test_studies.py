@@ -24,6 +24,7 @@ from tests.agents.studies.test_study import CASE
 SHORT = ("random:1:2", "random:2:2", "random:3:2")  # 2 m each, at most a turn more; a course of the results has 5 to 15
 
 
+@pytest.mark.slow
 def test_script_does_a_limited_number_of_jobs_and_goes_on(tmp_path, monkeypatch, capsys):
   options, settings = dataclasses.replace(PLAN.options, path=SHORT[0]), dataclasses.replace(PLAN.settings, episodes=4)
   small = dataclasses.replace(PLAN, options=options, settings=settings)
@@ -67,6 +68,7 @@ def test_script_writes_a_sentence_per_measurement(tmp_path, monkeypatch, capsys)
   assert any("1000.0 us per 10 ms" in line for line in sentences) and "gradient steps" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_compare_writes_paired_differences_with_their_intervals(tmp_path, capsys, monkeypatch):
   monkeypatch.setattr(comparison, "PATHS", SHORT[:1])
   monkeypatch.setattr(tracks, "LENGTH", 2.0)  # m, of the random tracks
@@ -81,6 +83,7 @@ def test_compare_writes_paired_differences_with_their_intervals(tmp_path, capsys
     compare.main(compare.Config(tmp_path / "out", names=("linear_rate",), streams=3, tracks=0))
 
 
+@pytest.mark.slow
 def test_robustness_writes_what_changes_with_the_circumstances(tmp_path, capsys, monkeypatch):
   monkeypatch.setattr(robustness_study, "PATHS", SHORT)
   robustness.main(robustness.Config(tmp_path / "out", names=("linear_rate",), quick=True))
@@ -100,6 +103,7 @@ def test_circumstances_lie_inside_and_outside_of_what_the_agents_were_trained_on
   assert sum("inside" in name for name in made) == sum("outside" in name for name in made) == 5
 
 
+@pytest.mark.slow
 def test_what_the_filter_gets_through_is_a_page(tmp_path, monkeypatch):
   monkeypatch.setattr(acceptance_study, "LIMIT_SECONDS", 4.0)  # the step steer comes after 2 s
   monkeypatch.setattr(acceptance_study, "WEAVE_SECONDS", 4.0)  # without a fault, which would begin at 6 s

@@ -31,6 +31,7 @@ def made(car):
   return MAKE[car](71, (), "compact")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("car", MAKE)
 @pytest.mark.parametrize("engine", ["mujoco", "reduced"])
 def test_halving_the_step_of_a_fit_moves_channels_little(car, engine):
