@@ -53,7 +53,7 @@ def main(config: Config) -> list[str]:
     f"a training step of 8 cars (one gradient step per 8 environment steps): {1e3 * total / steps:.3f} ms of CPU "
     f"per environment step; {said}"
   ]
-  shares = batch_shares(FLEETS[-1])
+  shares = batch_shares(FLEETS[-1], 1300 // part)
   total, steps = shares.pop("total"), shares.pop("steps")
   said = ", ".join(f"{name} {100.0 * seconds / total:.0f} %" for name, seconds in shares.items())
   sentences.append(

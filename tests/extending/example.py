@@ -13,7 +13,7 @@ from tests import ROOT
 PAGE = ROOT / "docs" / "guide" / "extending.md"
 _FILE = re.compile(r"^`(?P<path>[\w./]+)`\n```\w+\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL)
 _PARTS = ("assets", "qcar_twin", "tests", "docs/reference/mechanisms.md", "docs/reference/tyre.md", "pyproject.toml")
-_MADE = shutil.ignore_patterns("__pycache__", "_build")
+_MADE = shutil.ignore_patterns("__pycache__")  # what is built is named after its sources: it serves the copy or is new
 
 
 def files_of(section: str) -> dict[str, str]:
@@ -26,7 +26,7 @@ def files_of(section: str) -> dict[str, str]:
 
 
 class Copy:
-  """A copy of the package and its tests, without anything built.
+  """A copy of the package and its tests.
 
   Attributes:
     folder: its root.
@@ -49,7 +49,7 @@ class Copy:
 
   def python(self, *arguments: str) -> str:
     """What the interpreter prints, run in the copy; `calibration` and `scripts` are the project's own."""
-    environment = os.environ | {"PYTHONPATH": f"{self.folder}{os.pathsep}{ROOT}", "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = os.environ | {"PYTHONPATH": f"{self.folder}{os.pathsep}{ROOT}", "PYTHONDONTWRITEBYTECODE": ""}
     command = [sys.executable, *arguments]
     done = subprocess.run(command, capture_output=True, text=True, cwd=self.folder, env=environment, check=False)
     assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr[-3000:]}"

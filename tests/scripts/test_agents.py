@@ -4,15 +4,18 @@ import json
 
 import pytest
 
+from agents.learning import evaluate as evaluation
 from agents.learning.policy_file import SHIPPED, load_policy, save_policy
 from agents.studies.study import plan_from
 from qcar_twin.rendering.film import RenderingUnavailable
+from qcar_twin.tracks import random_track
 from scripts import evaluate, render, train
 from tests import ROOT
 from tests.agents.learning.test_train import GOOD
 
 
-def test_evaluate_writes_results_and_figures(tmp_path, capsys):
+def test_evaluate_writes_results_and_figures(tmp_path, capsys, monkeypatch):
+  monkeypatch.setattr(evaluation, "path_from", lambda name: random_track(1, 2.0))
   save_policy(GOOD, tmp_path / "policy")
   evaluate.main(evaluate.Config(tmp_path / "out", policy=(tmp_path / "policy",), plants=("bicycle",), quick=True))
   assert f"{GOOD.name}: number of updates by reward unknown; sees 4 numbers" in capsys.readouterr().out
@@ -37,7 +40,7 @@ def test_proving_ground_drives_with_the_effects_asked_for():
 @pytest.mark.parametrize("what", ["drive", "recording"])
 def test_render_makes_a_film_and_a_still(tmp_path, what):
   save_policy(GOOD, tmp_path / "policy")
-  choice = {"policy": tmp_path / "policy", "path": "s", "plant": "bicycle", "ghost": "lq_cm tuned"}
+  choice = {"policy": tmp_path / "policy", "path": "random:1:2", "plant": "bicycle", "ghost": "lq_cm tuned"}
   if what == "recording":
     choice = {"dataset": ROOT / "data" / "sample", "recording": "figure_eight"}
   try:

@@ -5,10 +5,16 @@ import shutil
 
 import pytest
 
+from agents.control import tuning
 from agents.control.controllers import entries
 from agents.control.tuning import Tuned
+from agents.learning import evaluate
+from agents.studies import estimation_study, fault_report, fault_study, tracking_study
+from agents.studies.filtering import learnt_bias, mismatch_study
 from calibration.concealed.benchmarks.known import CARS
 from calibration.concealed.proving_ground import make_session
+from qcar_twin.paths import path_named
+from qcar_twin.tracks import random_track
 from scripts import benchmark_base, benchmark_estimation, benchmark_identification, campaign, tune
 from tests import ROOT
 
@@ -20,6 +26,7 @@ def rows(text):
   return [line for line in text.splitlines() if line.startswith("| ") and line[2].isdigit()]
 
 
+@pytest.mark.slow
 def test_identification_of_two_cars_is_a_row_each(tmp_path, capsys):
   benchmark_identification.main(benchmark_identification.Config(tmp_path / "page.md", seed=501, quick=True))
   text = (tmp_path / "page.md").read_text(encoding="utf-8")
@@ -30,7 +37,15 @@ def test_identification_of_two_cars_is_a_row_each(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_estimation_without_a_real_car_says_so_on_its_page(tmp_path):
+def test_estimation_without_a_real_car_says_so_on_its_page(tmp_path, monkeypatch):
+  """On a turn to either side instead of a path, and for fourteen seconds around a fault that begins after six."""
+  short = dataclasses.replace(random_track(39, 2.5), lanes=path_named("c").lanes)
+  for study in (estimation_study, mismatch_study, tracking_study):
+    monkeypatch.setattr(study, "path_named", lambda name: short)
+  monkeypatch.setattr(evaluate, "path_from", lambda name: short)
+  monkeypatch.setattr(learnt_bias, "BEGUN", 1.0)  # s
+  for study in (fault_study, fault_report):
+    monkeypatch.setattr(study, "SECONDS", 14.0)
   benchmark_estimation.main(benchmark_estimation.Config(tmp_path / "page.md", quick=True))
   text = (tmp_path / "page.md").read_text(encoding="utf-8")
   assert "`qcar-twin benchmark-estimation --quick`" in text and "Left out: run with `--dart DIR`." in text
@@ -44,7 +59,8 @@ def test_estimation_without_a_real_car_says_so_on_its_page(tmp_path):
     benchmark_estimation.main(benchmark_estimation.Config(tmp_path / "page.md", quick=True, sections=("speed",)))
 
 
-def test_a_tuned_controller_joins_the_file_with_its_origin(tmp_path, capsys):
+def test_a_tuned_controller_joins_the_file_with_its_origin(tmp_path, capsys, monkeypatch):
+  monkeypatch.setattr(tuning, "path_from", lambda name: random_track(1, 2.0))
   tune.main(tune.Config(tmp_path / "controllers.toml", controllers=("linear_rate",), quick=True))
   kept = entries(tmp_path / "controllers.toml")
   assert set(kept) == {"linear_rate"} and set(kept["linear_rate"]) == {"loose", "tuned"}

@@ -48,6 +48,7 @@ def whole(work, tiny):
   return work / "tiny", said
 
 
+@pytest.mark.slow
 def test_run_leaves_every_result_and_prints_the_verdicts(whole):
   folder, said = whole
   for part, document in (("calibration",) * 2, ("cross_validation",) * 2, ("diagnosis",) * 2):

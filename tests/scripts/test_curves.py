@@ -29,6 +29,7 @@ from qcar_twin.twin.file import load_twin
 from scripts import curves
 from tests.scripts.tiny_session import write
 
+pytestmark = pytest.mark.slow
 CONCEALED = {"steering_nonlinearity": {"steering_nonlinearity": 0.3, "steering_nonlinearity_power": 1.0}}
 
 

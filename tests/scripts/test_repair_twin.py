@@ -4,12 +4,14 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from calibration.concealed.laboratory.designs import DESIGNS
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.file import load_twin
 from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 from scripts import repair_twin
+from tests.scripts.short_design import short
 
 
 def test_both_twins_are_left_where_the_study_looks_for_them(tmp_path, monkeypatch):
@@ -24,6 +26,7 @@ def test_both_twins_are_left_where_the_study_looks_for_them(tmp_path, monkeypatc
     after[twin.parameters.index("steering_delay")] = 0.08
     return SimpleNamespace(diagnosis=None, twin=twin, before=before, after=after)
 
+  monkeypatch.setitem(DESIGNS, "compact", short)
   monkeypatch.setattr(repair_twin, "diagnose", diagnosed)
   monkeypatch.setattr(repair_twin, "verdict", lambda diagnosis: "the steering is late")
   monkeypatch.setattr(repair_twin, "write_diagnosis", lambda outcome, folder: None)

@@ -1,11 +1,13 @@
-"""Commands that make a session, open its truth, and time the twin."""
+"""Commands that make a session and open its truth."""
 
 import json
 
 import pytest
 
+from calibration.concealed.laboratory.designs import DESIGNS
 from qcar_twin.recordings.dataset import DataSet
-from scripts import benchmark, make_session, unseal
+from scripts import make_session, unseal
+from tests.scripts.short_design import short
 
 
 @pytest.fixture(scope="module")
@@ -15,7 +17,9 @@ def session(tmp_path_factory):
   config = make_session.Config(
     folder / "data", seed=5, effect=("steering_offset",), size=(0.5,), packed=True, quick=True, clean=True
   )
-  return make_session.main(config), folder
+  with pytest.MonkeyPatch.context() as patch:
+    patch.setitem(DESIGNS, "compact", short)
+    return make_session.main(config), folder
 
 
 def test_make_session_writes_a_data_set_that_loads(session):
@@ -58,13 +62,3 @@ def test_make_session_lists_the_effects(tmp_path, capsys):
   assert make_session.main(make_session.Config(tmp_path / "data", effect=("list",))) is None
   lines = capsys.readouterr().out.splitlines()
   assert len(lines) > 25 and any(line.startswith("battery_sag ") for line in lines)
-
-
-def test_benchmark_writes_a_row_for_every_pair(tmp_path, capsys):
-  pairs = benchmark.main(benchmark.Config(tmp_path / "speed.md", quick=True))
-  text = (tmp_path / "speed.md").read_text(encoding="utf-8")
-  rows = [line for line in text.splitlines() if line.startswith("| ") and not line.startswith("| what")]
-  assert len(rows) == len(pairs) == 7 and all(f"| {pair.ratio:.2f} |" in text for pair in pairs)
-  assert capsys.readouterr().out.count("(goal") == len(pairs)
-  assert ("the library itself" in text) is any(pair.sides[0] == "mujoco.sysid" for pair in pairs)
-  assert not list(tmp_path.glob(".writing-*"))

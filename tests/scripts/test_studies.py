@@ -10,20 +10,27 @@ import pytest
 
 from agents.learning.train import Plan
 from agents.studies import comparison, concealed_cars, study, study_report
+from agents.studies import robustness as robustness_study
+from agents.studies.filtering import acceptance_study
 from agents.studies.robustness import circumstances
 from agents.studies.study import VARIANTS, Variant
 from calibration.concealed.campaign.run import CaseFailed
+from qcar_twin import tracks
 from scripts import benchmark_filter, benchmark_learning, compare, concealed_agents, robustness
 from scripts import study as study_command
 from tests.agents.learning.test_train import PLAN
 from tests.agents.studies.test_study import CASE
 
+SHORT = ("random:1:2", "random:2:2", "random:3:2")  # 2 m each, at most a turn more; a course of the results has 5 to 15
 
+
+@pytest.mark.slow
 def test_script_does_a_limited_number_of_jobs_and_goes_on(tmp_path, monkeypatch, capsys):
-  small = dataclasses.replace(PLAN, settings=dataclasses.replace(PLAN.settings, episodes=4))
+  options, settings = dataclasses.replace(PLAN.options, path=SHORT[0]), dataclasses.replace(PLAN.settings, episodes=4)
+  small = dataclasses.replace(PLAN, options=options, settings=settings)
   assert isinstance(small, Plan)
   monkeypatch.setitem(VARIANTS, "standard", Variant("small", small))
-  monkeypatch.setattr(study, "_cases", lambda *_, **__: (CASE,))
+  monkeypatch.setattr(study, "_cases", lambda *_, **__: (dataclasses.replace(CASE, path=SHORT[0]),))
   config = study_command.Config(tmp_path / "out", variants=("standard",), quick=True, limit=1)
   study_command.main(config)
   assert (tmp_path / "out" / "standard" / "seed0" / "result.json").is_file()
@@ -55,26 +62,31 @@ def test_script_knows_the_independent_car_by_name():
 
 def test_script_writes_a_sentence_per_measurement(tmp_path, monkeypatch, capsys):
   monkeypatch.setattr(benchmark_learning, "steps_per_second", lambda *_: 1000.0)
+  monkeypatch.setattr(benchmark_learning, "FLEETS", (1, 8))
   sentences = benchmark_learning.main(benchmark_learning.Config(tmp_path / "timings.json", steps=800, quick=True))
   assert json.loads((tmp_path / "timings.json").read_text()) == sentences
   assert any("1000.0 us per 10 ms" in line for line in sentences) and "gradient steps" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_compare_writes_paired_differences_with_their_intervals(tmp_path, capsys, monkeypatch):
-  monkeypatch.setattr(comparison, "PATHS", ("c",))
-  compare.main(compare.Config(tmp_path / "out", names=("linear_rate",), plant="bicycle", quick=True))
+  monkeypatch.setattr(comparison, "PATHS", SHORT[:1])
+  monkeypatch.setattr(tracks, "LENGTH", 2.0)  # m, of the random tracks
+  compare.main(compare.Config(tmp_path / "out", names=("linear_rate",), quick=True))
   table = (tmp_path / "out" / "comparison.md").read_text(encoding="utf-8")
   assert table.strip() in capsys.readouterr().out and "linear_rate" in table
   before = json.loads((tmp_path / "out" / "comparison.json").read_text(encoding="utf-8"))
   monkeypatch.setattr(comparison, "run_together", None)  # nothing is driven twice
-  compare.main(compare.Config(tmp_path / "out", names=("linear_rate",), plant="bicycle", quick=True))
+  compare.main(compare.Config(tmp_path / "out", names=("linear_rate",), quick=True))
   assert json.loads((tmp_path / "out" / "comparison.json").read_text(encoding="utf-8")) == before
   with pytest.raises(TypeError, match="not callable"):
-    compare.main(compare.Config(tmp_path / "out", names=("linear_rate",), plant="bicycle", streams=3, tracks=0))
+    compare.main(compare.Config(tmp_path / "out", names=("linear_rate",), streams=3, tracks=0))
 
 
-def test_robustness_writes_what_changes_with_the_circumstances(tmp_path, capsys):
-  robustness.main(robustness.Config(tmp_path / "out", names=("linear_rate",), plant="bicycle", quick=True))
+@pytest.mark.slow
+def test_robustness_writes_what_changes_with_the_circumstances(tmp_path, capsys, monkeypatch):
+  monkeypatch.setattr(robustness_study, "PATHS", SHORT)
+  robustness.main(robustness.Config(tmp_path / "out", names=("linear_rate",), quick=True))
   table = (tmp_path / "out" / "robustness.md").read_text(encoding="utf-8")
   assert table.strip() in capsys.readouterr().out and "filter noise x 2" in table and "linear_rate" in table
   stored = json.loads((tmp_path / "out" / "robustness.json").read_text(encoding="utf-8"))
@@ -91,7 +103,10 @@ def test_circumstances_lie_inside_and_outside_of_what_the_agents_were_trained_on
   assert sum("inside" in name for name in made) == sum("outside" in name for name in made) == 5
 
 
-def test_what_the_filter_gets_through_is_a_page(tmp_path):
+@pytest.mark.slow
+def test_what_the_filter_gets_through_is_a_page(tmp_path, monkeypatch):
+  monkeypatch.setattr(acceptance_study, "LIMIT_SECONDS", 4.0)  # the step steer comes after 2 s
+  monkeypatch.setattr(acceptance_study, "WEAVE_SECONDS", 4.0)  # without a fault, which would begin at 6 s
   benchmark_filter.main(benchmark_filter.Config(tmp_path / "filter.md", cars=("twin",), quick=True))
   page = (tmp_path / "filter.md").read_text(encoding="utf-8")
   rows = [line.split("|") for line in page.splitlines() if "| twin |" in line]

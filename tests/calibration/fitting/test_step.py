@@ -4,6 +4,8 @@ A third is wanted. Along, wheel and rotor are lighter than the step can follow, 
 wheels slip: what stands above it today is bounded so that it can only shrink.
 """
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -23,10 +25,17 @@ MOST = {
 MAKE = {"first": make_session, "second": make_second_session}
 
 
+@functools.cache
+def made(car):
+  """A car's session; both engines drive it."""
+  return MAKE[car](71, (), "compact")
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("car", MAKE)
 @pytest.mark.parametrize("engine", ["mujoco", "reduced"])
 def test_halving_the_step_of_a_fit_moves_channels_little(car, engine):
-  session = MAKE[car](71, (), "compact")
+  session = made(car)
   vehicle = Vehicle.from_dataset(session.vehicle, session.vehicle_std)
   observations, predicted = observe(session.recordings, vehicle, Cut(most=LONGEST)), []
   for substeps in (2, 4):

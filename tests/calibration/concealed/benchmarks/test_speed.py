@@ -12,6 +12,7 @@ from calibration.concealed.benchmarks.speed import Pair, overhead_pair, paired, 
 from qcar_twin.twin.parameters import base_parameters
 from qcar_twin.vehicle.mjcf import car_spec
 from qcar_twin.vehicle.vehicle import QCAR
+from scripts import benchmark
 
 
 @pytest.fixture(scope="module")
@@ -103,10 +104,26 @@ def test_edited_models_carry_the_numbers():
   assert model.dof_frictionloss[motor] == pytest.approx(0.7 * QCAR.driveline_friction)
 
 
-def test_both_fits_come_to_the_same_cost():
-  whole, same = fit_pairs(recordings=2, seconds=1.0)
+@pytest.fixture(scope="module")
+def fits():
+  return fit_pairs(2, 1.0, 0)
+
+
+def test_both_fits_come_to_the_same_cost(fits):
+  whole, same = fits
   costs = [float(word) for word in whole.note.split(",")[0].replace("costs ", "").split(" and ")]
   assert costs[0] == pytest.approx(costs[1], rel=0.02)
   assert same.seconds[0] <= whole.seconds[0] and same.seconds[1] <= whole.seconds[1]
   assert all(re.search(r"processor time \d+\.\d\d", measured.note) for measured in (whole, same))
   assert whole.goal == same.goal == 10.0 and not whole.at_most
+
+
+def test_benchmark_writes_a_row_for_every_pair(fits, tmp_path, capsys, monkeypatch):
+  monkeypatch.setattr(benchmark, "fit_pairs", lambda *asked: {(2, 1.0, 0): fits}[asked])
+  pairs = benchmark.main(benchmark.Config(tmp_path / "speed.md", quick=True))
+  text = (tmp_path / "speed.md").read_text(encoding="utf-8")
+  rows = [line for line in text.splitlines() if line.startswith("| ") and not line.startswith("| what")]
+  assert len(rows) == len(pairs) == 7 and all(f"| {pair.ratio:.2f} |" in text for pair in pairs)
+  assert capsys.readouterr().out.count("(goal") == len(pairs)
+  assert ("the library itself" in text) is any(pair.sides[0] == "mujoco.sysid" for pair in pairs)
+  assert not list(tmp_path.glob(".writing-*"))

@@ -1,13 +1,17 @@
 """The command: it refuses changed files, goes on where it was, and opens nothing while a case has no answer."""
 
+import functools
 import subprocess
 
 import pytest
 
 from calibration.concealed.campaign.run import CaseFailed
+from calibration.concealed.exam.slipx_car import SlipxCar
 from calibration.concealed.examination import run
 from calibration.concealed.examination.commit import NotCommitted, code_of, committed
 from calibration.concealed.examination.sealed import read_plan
+from calibration.diagnosis.pipeline import diagnose
+from calibration.diagnosis.search.structure import Effort
 from scripts import exam
 
 ANSWER = {"verdict": "no_mismatch", "claims": [], "scored": []}
@@ -61,8 +65,13 @@ def test_changed_files_are_refused(tmp_path):
 
 
 @pytest.mark.slow
-def test_one_case_of_slipx_is_made_sealed_and_answered(tmp_path):
+def test_one_case_of_slipx_is_made_sealed_and_answered(tmp_path, monkeypatch):
+  """Every third run, and a narrow search; what a whole one finds, the results show."""
   pytest.importorskip("slipx", reason="slipx is not installed (extra `exam`)")
+  whole = SlipxCar.runs
+  monkeypatch.setattr(SlipxCar, "runs", lambda car, rng: whole(car, rng)[::3])
+  narrow = {"mechanisms": ("steering_delay", "gyro_scale"), "effort": Effort(1, 0, 0, 1)}
+  monkeypatch.setattr(run, "diagnose", functools.partial(diagnose, **narrow))
   report = exam.main(exam.Config(tmp_path / "exam", cases=1, unsealed=True))
   text = (tmp_path / "exam" / "exam.md").read_text()
   assert report.is_file() and "1 of 1 cases answered" in text and "a trial that was not sealed" in text
