@@ -189,7 +189,10 @@ def _try(
     ratio = (cost - costs[best]) / max(predicted, 1e-300)
     return _Trial(candidates[best], outcomes[best], costs[best], predicted, ratio, eases[best], evaluations)
 
-  step = lambda factor: _lm_step(jacobian, r, theta, parameters, robust, damping * factor)
+  curvature = posterior_curvature(jacobian, r, theta, parameters, robust)
+  gradient = jacobian.T @ (r * robust_weights(r, robust)) + prior_gradient(theta, parameters)
+  damped = lambda factor: curvature + damping * factor * np.diag(np.diag(curvature))
+  step = lambda factor: bounded_solve(damped(factor), gradient, theta, parameters)
   first = judged([step(_EASE)], (_EASE,), 1)
   if first.ratio >= _TRUSTED or first.predicted < _LEAST_GAIN:
     return first
@@ -237,12 +240,6 @@ def _cost(r: Array, theta: Array, parameters: ParameterSet, robust: float) -> fl
   if not np.isfinite(r).all():
     return np.inf
   return float(np.sum(robust_cost(r, robust))) + prior_cost(theta, parameters)
-
-
-def _lm_step(jacobian: Array, r: Array, theta: Array, parameters: ParameterSet, robust: float, damping: float) -> Array:
-  curvature = posterior_curvature(jacobian, r, theta, parameters, robust)
-  gradient = jacobian.T @ (r * robust_weights(r, robust)) + prior_gradient(theta, parameters)
-  return bounded_solve(curvature + damping * np.diag(np.diag(curvature)), gradient, theta, parameters)
 
 
 def bounded_solve(curvature: Array, gradient: Array, theta: Array, parameters: ParameterSet) -> Array:

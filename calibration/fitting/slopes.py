@@ -48,12 +48,11 @@ class Slopes:
       NotFinite: a simulation within the stencil.
     """
     self.evaluations = 0
-    for width, reach in ((half, half or step), (NARROWEST, NARROWEST)) if not half else ((half, half),):
-      if width in self._kept:
-        place, scale, jacobian = self._kept[width]
-        same = np.array_equal(scale, parameters.scale)
-        if same and np.all(np.abs(theta - place) <= _NEAR * reach * scale):
-          return jacobian
+    for width in (half,) if half else (half, NARROWEST):  # central differences are the better forward ones
+      place, scale, jacobian = self._kept.get(width, (theta, np.zeros(0), r))
+      near = _NEAR * (width or step) * parameters.scale
+      if np.array_equal(scale, parameters.scale) and np.all(np.abs(theta - place) <= near):
+        return jacobian
     if half:
       jacobian, self.evaluations = central_differences(residual, parameters, theta, half), 2 * len(theta)
     else:

@@ -46,12 +46,17 @@ class Surrogate(Twin):
       sessions=exact.sessions,
     )
     self.exact, self.anchor, self.guarded = exact, anchor, frozenset(guarded)
+    self._forget()
+
+  def _forget(self) -> None:
     self._corrections: dict[tuple[str, float, int], Array] = {}
+    self._latest: tuple[Segments, Array] | None = None  # corrections of the segments asked for last
 
   def at(self, anchor: Array) -> "Surrogate":
     """The same, put right at other parameters, (P,)."""
     made = copy.copy(self)
-    made.anchor, made._corrections = np.array(anchor), {}
+    made.anchor = np.array(anchor)
+    made._forget()
     return made
 
   def guarding(self, stretches: Collection[Stretch]) -> "Surrogate":
@@ -79,18 +84,25 @@ class Surrogate(Twin):
 
   def simulate(self, theta: Array, segments: Segments) -> Array:
     left = self._left(segments)
+    if not left.any():
+      return self._corrected(theta, segments)
     signals = np.empty((len(theta), len(segments), segments.commands.shape[1] + 1, 10))
     if not left.all():
-      free = segments[np.flatnonzero(~left)]
-      signals[:, ~left] = super().simulate(theta, free)
-      if self.anchor is not None:
-        signals[:, ~left] += self._correction(free)
-    if left.any():
-      signals[:, left] = self.exact.simulate(theta, segments[np.flatnonzero(left)])
+      signals[:, ~left] = self._corrected(theta, segments[np.flatnonzero(~left)])
+    signals[:, left] = self.exact.simulate(theta, segments[np.flatnonzero(left)])
+    return signals
+
+  def _corrected(self, theta: Array, segments: Segments) -> Array:
+    """Signals of the reduced car, put right at the anchor."""
+    signals = super().simulate(theta, segments)
+    if self.anchor is not None:
+      signals += self._correction(segments)
     return signals
 
   def _correction(self, segments: Segments) -> Array:
     """MuJoCo minus reduced at the anchor, (S, T + 1, 10); simulated once per segment."""
+    if self._latest is not None and self._latest[0] is segments:
+      return self._latest[1]
     keys = [
       (name, float(offset), hash(commands.tobytes()))
       for name, offset, commands in zip(segments.recording, segments.offset, segments.commands, strict=True)
@@ -103,7 +115,8 @@ class Surrogate(Twin):
         unknown, self.exact.simulate(theta, some)[0] - super().simulate(theta, some)[0], strict=True
       ):
         self._corrections[keys[i]] = np.nan_to_num(change, posinf=0.0, neginf=0.0)
-    return np.stack([self._corrections[key] for key in keys])
+    self._latest = segments, np.stack([self._corrections[key] for key in keys])
+    return self._latest[1]
 
 
 def searching(twin: Twin, engine: EngineKind = "reduced") -> tuple[Twin, tuple[str, ...]]:

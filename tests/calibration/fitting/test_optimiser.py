@@ -1,5 +1,7 @@
 """The fit: exact on linear problems, honest about what the data don't say."""
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -151,6 +153,17 @@ def test_a_rough_cost_is_followed_to_its_valley_over_wide_stencils(monkeypatch):
   assert (away(ends()) < 0.15).sum() >= 9
   monkeypatch.setattr(optimiser, "STENCILS", ())
   assert (away(ends()) < 0.15).sum() <= 5
+
+
+def test_a_damping_that_holds_lets_go_again():
+  """Along a bent valley: steps are short where it bends, and may be as long again where it is straight."""
+  p = ParameterSet([Parameter(name, 0.0, -50.0, 50.0, "-", typical=1.0) for name in "ab"])
+  valley = lambda theta: np.stack([10.0 * (theta[:, 1] - theta[:, 0] ** 2), 3.0 * (theta[:, 0] - 5.0)], axis=1)
+  search = functools.partial(fit, valley, p, robust=np.inf, tolerance=0.0, iterations=60, step=1e-4, stencils=())
+  least = search(np.array([5.0, 25.0])).cost
+  far = search(np.array([-3.0, 9.0]))
+  assert far.iterations[0] > 280.0 and far.cost < least + 1.0
+  assert far.evaluations < 200
 
 
 def test_central_differences_are_exact_on_a_parabola_and_one_sided_at_a_bound():

@@ -148,6 +148,24 @@ def test_shift_may_grow_along_the_track_and_differ_by_row():
   np.testing.assert_allclose(late_track, np.sin(position * 3 / 199), atol=1e-4)
 
 
+def test_the_slope_of_a_shift_does_not_jump_at_a_whole_sample():
+  """Of a jagged track: a straight line's does, by the track's second difference."""
+  track = np.random.default_rng(2).normal(size=(1, 30))
+  at = lambda samples: elements.shifted(track, np.array([[samples]]))
+  for whole in (-2.0, 0.0, 3.0):
+    before, after = (at(whole) - at(whole - 1e-6)) / 1e-6, (at(whole + 1e-6) - at(whole)) / 1e-6
+    np.testing.assert_allclose(after[:, 5:-5], before[:, 5:-5], atol=1e-4)
+  np.testing.assert_allclose(at(3.0)[:, 3:], track[:, :-3], atol=1e-12)
+
+
+def test_a_shift_beyond_the_track_holds_its_ends_or_goes_on_along_them():
+  track = np.array([[1.0, 2.0, 4.0]])
+  far = np.array([[7.5]])
+  np.testing.assert_allclose(elements.shifted(track, far), [[1.0, 1.0, 1.0]])
+  np.testing.assert_allclose(elements.shifted(track, -far), [[4.0, 4.0, 4.0]])
+  np.testing.assert_allclose(elements.shifted(track, far, extrapolate=True), [[-6.5, -5.5, -4.5]])
+
+
 def test_track_of_one_sample_survives_a_shift():
   np.testing.assert_array_equal(elements.shifted(np.array([[4.0]]), np.array([[2.5]])), [[4.0]])
 
