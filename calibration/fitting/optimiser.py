@@ -5,8 +5,8 @@ steps of an iteration are one batched simulation. Source of the method: Nocedal 
 Numerical Optimization, 2nd ed., chapter 10; the pseudo-Huber loss: Hartley and Zisserman, A6.8.
 
 Wheels that lock, slip and catch again make a cost rough: its slope over a hundredth of a parameter's scale is not that
-of the valley. Where forward differences see no more gain, central differences go on over stencils from the widest to
-the narrowest (implicit filtering: Gilmore and Kelley, SIAM Journal on Optimization 5, 1995).
+of the valley. Where forward differences see no more gain, central differences go on over wide stencils, then over
+one deviation (implicit filtering: Gilmore and Kelley, SIAM Journal on Optimization 5, 1995).
 """
 
 import dataclasses
@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.fitting.slopes import NARROWEST, Array, NotFinite, Residual, Slopes, broyden
+from calibration.fitting.slopes import WIDEST, Array, NotFinite, Residual, Slopes, Stencil, broyden
 from qcar_twin.parameters import ParameterSet
 
 log = logging.getLogger(__name__)
@@ -26,7 +26,7 @@ _LEAST_GAIN = 1.0  # nats an iteration must bring to be followed by another
 _SERVES, _TRUSTED = 0.7, 0.9
 # factors on the damping: of the step that is tried alone, of those tried with it, and after all of them failed
 _EASE, _RUNGS, _STIFFER = 0.01, (0.1, 1.0, 10.0, 100.0), 1e4
-STENCILS = (0.3, 0.1, NARROWEST)  # half widths of the central differences that a search ends with, in scales
+STENCILS: tuple[Stencil, ...] = (WIDEST, "deviation")  # of the central differences that a search ends with
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,7 +92,7 @@ def fit(
   tolerance: float = 3e-4,
   step: float = 0.02,
   progress: Callable[[int, float], None] | None = None,
-  stencils: Sequence[float] | None = None,
+  stencils: Sequence[Stencil] | None = None,
   slopes: Slopes | None = None,
 ) -> Fit:
   """Minimise half the robust sum of squared residuals plus the prior.
@@ -118,10 +118,10 @@ def fit(
   jacobian = np.zeros((len(r), len(theta)))
   wider = list((STENCILS if tolerance == 0 else ()) if stencils is None else stencils)
   failures, renew, fresh, known = 0, True, False, slopes or Slopes()
-  half = 0.0  # of the stencil; 0 for forward differences
+  stencil: Stencil = "forward"
   for k in range(iterations):
     if renew and not fresh:
-      jacobian, fresh = known.at(residual, parameters, theta, r, half, step), True
+      jacobian, fresh = known.at(residual, parameters, theta, r, stencil, step), True
       evaluations += known.evaluations
     tried = _try(residual, parameters, theta, r, jacobian, costs[-1], damping, robust)
     evaluations += tried.evaluations
@@ -142,7 +142,7 @@ def fit(
     if (small and sure and (gain > 0 or tried.predicted < _LEAST_GAIN)) or failures > 2:
       if not wider:
         break
-      half, damping, failures, renew, fresh = wider.pop(0), 1e-3, 0, True, False
+      stencil, damping, failures, renew, fresh = wider.pop(0), 1e-3, 0, True, False
       continue
     fresh = fresh and gain <= 0
     # a Jacobian that foretold the gain well is good for one more step

@@ -17,7 +17,7 @@ from calibration.fitting.noise import ChannelNoise, noise_models
 from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import Observations, observe
 from calibration.fitting.optimiser import STENCILS, Fit, fit, prior_cost
-from calibration.fitting.slopes import NARROWEST, Slopes, central_differences
+from calibration.fitting.slopes import Slopes, Stencil, central_differences
 from calibration.fitting.surrogate import Stretch, anchored
 from calibration.fitting.tolerances import widened
 from calibration.fitting.windows import DEFAULT_CUT, Cut
@@ -163,10 +163,9 @@ def _slopes(problem: Problem, base: ParameterSet, minimum: Fit, known: Slopes) -
   """
   full = lambda v: problem.embed(base.names, v, problem.parameters.nominal)
   theta, fitted = minimum.theta, lambda v: problem.fitted_residual(full(v))
-  slopes = known.at(fitted, base, theta, minimum.residual, NARROWEST, NARROWEST)
-  return np.concatenate(
-    [slopes, central_differences(lambda v: problem.judging_residual(full(v)), base, theta, NARROWEST)]
-  )
+  slopes = known.at(fitted, base, theta, minimum.residual, "deviation")
+  judging = central_differences(lambda v: problem.judging_residual(full(v)), base, theta, known.widths)
+  return np.concatenate([slopes, judging])
 
 
 def misled(problem: Problem, anchor: Array, tried: Array) -> list[Stretch]:
@@ -210,7 +209,7 @@ def descended(
   known = known or Slopes()
   if problem.exact is problem:
     return problem, _fit(problem, base, start, _LONGEST, 0.0, STENCILS, known)
-  stencils: tuple[float, ...] = ()
+  stencils: tuple[Stencil, ...] = ()
   minimum = _fit(problem, base, start, _LONGEST, 0.0, stencils, known)
   theta, cost = start, _cost(problem, base, start)
   for _ in range(_ROUNDS):
@@ -296,7 +295,7 @@ def _fit(
   start: Array,
   iterations: int,
   tolerance: float,
-  stencils: Sequence[float] = (),
+  stencils: Sequence[Stencil] = (),
   known: Slopes | None = None,
 ) -> Fit:
   around = problem.parameters.nominal

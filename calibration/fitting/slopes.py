@@ -1,6 +1,7 @@
 """Slopes of residuals by finite differences, and those that a search knows already."""
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +11,11 @@ from qcar_twin.parameters import ParameterSet
 Array = NDArray[np.float64]
 Residual = Callable[[Array], Array]  # (n, p) -> (n, M), whitened: a perfect model costs M / 2
 
-# Half width of the narrowest central differences, in scales. No wider than the forward step: the point where a fit
-# stands was chosen as the lowest of several, so that its own chatter is on the low side, and forward differences put
-# that into every column alike; central differences don't use it.
-NARROWEST = 0.02
+# How slopes are taken: by forward differences, or by central ones whose half width is given in scales, or is the
+# deviation of a parameter, all others held: over it a cost changes by half a nat, so that slopes are those of where the
+# posterior lies, and neither those of a kink within it nor of what comes far outside.
+Stencil = float | Literal["forward", "deviation"]
+WIDEST = 0.3  # scales, of a parameter that says nothing
 _NEAR = 0.1  # of a stencil's half width: slopes over it are those of a point so near, to a tenth of what they change by
 
 
@@ -26,39 +28,53 @@ class Slopes:
 
   One serves again within a tenth of its stencil, and after a constant was added to the residual: a surrogate that is
   put right at another place has its slopes still.
+  Source of a deviation's width: James and Roos, Minuit, Computer Physics Communications 10, 1975.
 
   Attributes:
     evaluations: simulations that the last call of `at` took.
+    widths: half widths of that call, (p,), in the parameters' units.
   """
 
   def __init__(self) -> None:
-    self._kept: dict[float, tuple[Array, Array, Array]] = {}
-    self.evaluations = 0
+    self._kept: dict[Stencil, tuple[Array, Array, Array]] = {}
+    self._newest: Array | None = None
+    self.evaluations, self.widths = 0, np.zeros(0)
 
   def forget(self) -> None:
     self._kept.clear()
 
-  def at(self, residual: Residual, parameters: ParameterSet, theta: Array, r: Array, half: float, step: float) -> Array:
-    """Jacobian, (M, p), over a stencil of this half width; by forward differences of `step` where that is 0.
+  def at(
+    self, residual: Residual, parameters: ParameterSet, theta: Array, r: Array, stencil: Stencil, step: float = 0.02
+  ) -> Array:
+    """Jacobian, (M, p).
 
     Args:
       r: residual at theta, (M,); forward differences need it.
+      step: of forward differences, in scales.
 
     Raises:
       NotFinite: a simulation within the stencil.
     """
     self.evaluations = 0
-    for width in (half,) if half else (half, NARROWEST):  # central differences are the better forward ones
-      place, scale, jacobian = self._kept.get(width, (theta, np.zeros(0), r))
-      near = _NEAR * (width or step) * parameters.scale
-      if np.array_equal(scale, parameters.scale) and np.all(np.abs(theta - place) <= near):
+    for known in (stencil, "deviation") if stencil == "forward" else (stencil,):  # central ones are better
+      place, self.widths, jacobian = self._kept.get(known, (theta, np.zeros(0), r))
+      if len(self.widths) == len(theta) and np.all(np.abs(theta - place) <= _NEAR * self.widths):
         return jacobian
-    if half:
-      jacobian, self.evaluations = central_differences(residual, parameters, theta, half), 2 * len(theta)
-    else:
-      jacobian, self.evaluations = finite_differences(residual, parameters, theta, r, step), len(theta)
-    self._kept[half] = theta.copy(), parameters.scale.copy(), jacobian
+    if stencil == "forward" or (stencil == "deviation" and self._newest is None):
+      self.widths, self.evaluations = step * parameters.scale, len(theta)
+      jacobian = self._newest = finite_differences(residual, parameters, theta, r, step)
+    if stencil != "forward":
+      self.widths = self._half_widths(parameters, theta, stencil)
+      self.evaluations += 2 * len(theta)
+      jacobian = self._newest = central_differences(residual, parameters, theta, self.widths)
+    self._kept[stencil] = theta.copy(), self.widths, jacobian
     return jacobian
+
+  def _half_widths(self, parameters: ParameterSet, theta: Array, stencil: Stencil) -> Array:
+    if self._newest is None or isinstance(stencil, float):
+      return float(stencil) * parameters.scale
+    precision = np.sum(self._newest**2, axis=0) + parameters.deviation_slopes(theta) ** 2
+    return np.minimum(WIDEST * parameters.scale, 1.0 / np.sqrt(np.maximum(precision, 1e-300)))
 
 
 def finite_differences(
@@ -75,19 +91,22 @@ def finite_differences(
   return jacobian
 
 
-def central_differences(residual: Residual, parameters: ParameterSet, theta: Array, half: float) -> Array:
-  """Jacobian, (M, p), by central differences over stencils `half` of a scale to either side, less at a bound.
+def central_differences(residual: Residual, parameters: ParameterSet, theta: Array, half: Array) -> Array:
+  """Jacobian, (M, p), by central differences over stencils of half widths (p,), in units; less at a bound.
 
   Raises:
     NotFinite: a simulation within the stencil.
   """
-  h = half * parameters.scale
-  above, below = np.minimum(theta + h, parameters.upper), np.maximum(theta - h, parameters.lower)
+  above, below = np.minimum(theta + half, parameters.upper), np.maximum(theta - half, parameters.lower)
   moved = residual(np.concatenate([theta + np.diag(above - theta), theta + np.diag(below - theta)]))
   jacobian = ((moved[: len(theta)] - moved[len(theta) :]) / (above - below)[:, None]).T
   if not np.isfinite(jacobian).all():
-    bad = [p.name for i, p in enumerate(parameters) if not np.isfinite(jacobian[:, i]).all()]
-    raise NotFinite(f"the simulation is not finite when {', '.join(bad)} moves by {half:g} of its scale")
+    bad = [
+      f"{p.name} moves by {h:.3g} {p.unit}"
+      for p, h, column in zip(parameters, half, jacobian.T, strict=True)
+      if not np.isfinite(column).all()
+    ]
+    raise NotFinite(f"the simulation is not finite when {', '.join(bad)}")
   return jacobian
 
 

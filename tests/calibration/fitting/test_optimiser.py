@@ -168,7 +168,7 @@ def test_a_damping_that_holds_lets_go_again():
 
 def test_central_differences_are_exact_on_a_parabola_and_one_sided_at_a_bound():
   p = ParameterSet([Parameter("a", 2.0, 0.0, 3.0, "-", typical=1.0)])
-  slope = lambda at: central_differences(lambda theta: theta**2, p, np.array([at]), 0.1)
+  slope = lambda at: central_differences(lambda theta: theta**2, p, np.array([at]), np.array([0.1]))
   assert slope(2.0) == pytest.approx(np.array([[4.0]])) and slope(3.0) == pytest.approx(np.array([[5.9]]))
   with pytest.raises(ValueError, match="a moves"):
-    central_differences(lambda theta: np.full_like(theta, np.nan), p, np.array([2.0]), 0.1)
+    central_differences(lambda theta: np.full_like(theta, np.nan), p, np.array([2.0]), np.array([0.1]))
