@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 
 from calibration.fitting.slopes import WIDEST, Array, NotFinite, Residual, Slopes, Stencil, broyden
 from qcar_twin.parameters import ParameterSet
@@ -26,6 +27,7 @@ _LEAST_GAIN = 1.0  # nats an iteration must bring to be followed by another
 _SERVES, _TRUSTED = 0.7, 0.9
 # factors on the damping: of the step that is tried alone, of those tried with it, and after all of them failed
 _EASE, _RUNGS, _STIFFER = 0.01, (0.1, 1.0, 10.0, 100.0), 1e4
+_FLAT = 1e-14  # of the largest curvature: rounding
 STENCILS: tuple[Stencil, ...] = (WIDEST, "deviation")  # of the central differences that a search ends with
 
 
@@ -243,23 +245,18 @@ def _cost(r: Array, theta: Array, parameters: ParameterSet, robust: float) -> fl
 
 
 def bounded_solve(curvature: Array, gradient: Array, theta: Array, parameters: ParameterSet) -> Array:
-  """Minimiser of a quadratic model within bounds: what would leave them is pinned there, the rest solved again.
+  """Minimiser of a quadratic model within bounds, by an active set (Stark and Parker's BVLS, 1995).
 
   Solved in units of each parameter's scale: a motor's inertia and a tyre's stiffness are ten powers of ten apart.
   """
   scale = parameters.scale
   h, g = curvature * np.outer(scale, scale), gradient * scale
   lower, upper = (parameters.lower - theta) / scale, (parameters.upper - theta) / scale
-  move = np.zeros(len(theta))
-  loose = np.ones(len(theta), dtype=bool)
-  for _ in range(len(theta)):
-    pull = g[loose] + h[np.ix_(loose, ~loose)] @ move[~loose]
-    move[loose] = -np.linalg.lstsq(h[np.ix_(loose, loose)], pull, rcond=None)[0]
-    outside = loose & ((move < lower) | (move > upper))
-    if not outside.any():
-      break
-    move[outside] = np.clip(move, lower, upper)[outside]
-    loose &= ~outside
+  move = -np.linalg.lstsq(h, g, rcond=None)[0]
+  if np.any((move < lower) | (move > upper)):
+    power, along = np.linalg.eigh(h)
+    root = np.sqrt(np.maximum(power, _FLAT * power[-1]))
+    move = lsq_linear(root[:, None] * along.T, -(along.T @ g) / root, (lower, upper), method="bvls").x
   return np.clip(theta + move * scale, parameters.lower, parameters.upper)
 
 
