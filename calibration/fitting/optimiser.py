@@ -94,7 +94,7 @@ def fit(
   tolerance: float = 3e-4,
   step: float = 0.02,
   progress: Callable[[int, float], None] | None = None,
-  stencils: Sequence[Stencil] | None = None,
+  stencils: Sequence[Stencil] = (),
   slopes: Slopes | None = None,
 ) -> Fit:
   """Minimise half the robust sum of squared residuals plus the prior.
@@ -109,42 +109,37 @@ def fit(
       such an iteration must have had a fresh Jacobian.
     step: finite-difference step as a share of each parameter's scale.
     progress: called with the iteration and the cost.
-    stencils: central differences that must agree at the end; by default STENCILS with a tolerance of 0, else none.
+    stencils: central differences that must agree at the end, such as STENCILS.
     slopes: Jacobians known from an earlier search of the same residual, or of one that differs by a constant.
 
   Raises:
     NotFinite: the residual at the start, or a simulation near it.
   """
   theta, r = _begun(residual, parameters, start)
-  costs, damping, evaluations = [_cost(r, theta, parameters, robust)], 1e-3, 1
-  jacobian = np.zeros((len(r), len(theta)))
-  wider = list((STENCILS if tolerance == 0 else ()) if stencils is None else stencils)
-  failures, renew, fresh, known = 0, True, False, slopes or Slopes()
-  stencil: Stencil = "forward"
+  costs, jacobian = [_cost(r, theta, parameters, robust)], np.zeros((len(r), len(theta)))
+  damping, evaluations, failures, renew, fresh = 1e-3, 1, 0, True, False
+  known, (stencil, *coming) = slopes or Slopes(), ("forward", *stencils)
   for k in range(iterations):
     if renew and not fresh:
       jacobian, fresh = known.at(residual, parameters, theta, r, stencil, step), True
       evaluations += known.evaluations
     tried = _try(residual, parameters, theta, r, jacobian, costs[-1], damping, robust)
-    evaluations += tried.evaluations
-    gain = costs[-1] - tried.cost
+    evaluations, gain = evaluations + tried.evaluations, costs[-1] - tried.cost
     small = gain < max(_LEAST_GAIN, tolerance * abs(costs[-1]))
     if gain > 0:
       jacobian = broyden(jacobian, r, theta, tried.outcome, tried.theta, parameters.scale)
       theta, r = tried.theta, tried.outcome
       costs.append(tried.cost)
-      damping = float(np.clip(damping * tried.ease, 1e-8, 1e6))
-    else:
-      damping = min(damping * _STIFFER, 1e6)
+    damping = float(np.clip(damping * (tried.ease if gain > 0 else _STIFFER), 1e-8, 1e6))
     if progress:
       progress(k + 1, costs[-1])
-    failures = failures + 1 if gain <= 0 else 0
+    failures = 0 if gain > 0 else failures + 1
     # without a tolerance the minimum is sought to a nat, and only a fresh Jacobian knows that there is none left
     sure = fresh or (tolerance > 0 and tried.ratio >= _TRUSTED)
     if (small and sure and (gain > 0 or tried.predicted < _LEAST_GAIN)) or failures > 2:
-      if not wider:
+      if not coming:
         break
-      stencil, damping, failures, renew, fresh = wider.pop(0), 1e-3, 0, True, False
+      stencil, damping, failures, renew, fresh = coming.pop(0), 1e-3, 0, True, False
       continue
     fresh = fresh and gain <= 0
     # a Jacobian that foretold the gain well is good for one more step
