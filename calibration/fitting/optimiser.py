@@ -117,11 +117,11 @@ def fit(
   """
   theta, r = _begun(residual, parameters, start)
   costs, jacobian = [_cost(r, theta, parameters, robust)], np.zeros((len(r), len(theta)))
-  damping, evaluations, failures, renew, fresh = 1e-3, 1, 0, True, False
-  known, (stencil, *coming) = slopes or Slopes(), ("forward", *stencils)
+  damping, evaluations, failures, renew, fresh, known = 1e-3, 1, 0, True, False, slopes or Slopes()
+  coming: list[Stencil] = ["forward", *stencils]
   for k in range(iterations):
     if renew and not fresh:
-      jacobian, fresh = known.at(residual, parameters, theta, r, stencil, step), True
+      jacobian, fresh = known.at(residual, parameters, theta, r, coming[0], step), True
       evaluations += known.evaluations
     tried = _try(residual, parameters, theta, r, jacobian, costs[-1], damping, robust)
     evaluations, gain = evaluations + tried.evaluations, costs[-1] - tried.cost
@@ -137,9 +137,9 @@ def fit(
     # without a tolerance the minimum is sought to a nat, and only a fresh Jacobian knows that there is none left
     sure = fresh or (tolerance > 0 and tried.ratio >= _TRUSTED)
     if (small and sure and (gain > 0 or tried.predicted < _LEAST_GAIN)) or failures > 2:
-      if not coming:
+      if len(coming) == 1:
         break
-      stencil, damping, failures, renew, fresh = coming.pop(0), 1e-3, 0, True, False
+      coming, damping, failures, renew, fresh = coming[1:], 1e-3, 0, True, False
       continue
     fresh = fresh and gain <= 0
     # a Jacobian that foretold the gain well is good for one more step
