@@ -41,6 +41,7 @@ class Slopes:
     self.evaluations, self.widths = 0, np.zeros(0)
 
   def forget(self) -> None:
+    """The residual has changed by more than a constant."""
     self._kept.clear()
 
   def at(
