@@ -165,17 +165,3 @@ class Plant(Protocol):
   def rollout(self, theta: Array, segments: Segments) -> Prediction:
     """Every parameter vector, (n, P), over every segment."""
     ...
-
-
-def rollout_by_steps(plant: Plant, theta: Array, segments: Segments) -> Prediction:
-  """Rollout of any plant through `begin` and `step`: all columns x all segments side by side."""
-  theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
-  n, size, length = len(theta), len(segments), segments.commands.shape[1]
-  simulation = plant.begin(np.repeat(theta, size, axis=0), np.tile(segments.start, (n, 1)))
-  signals = np.empty((length + 1, n * size, len(SIGNALS)))
-  signals[0] = simulation.signals
-  commands = np.tile(segments.commands, (n, 1, 1))  # (n * S, T, 2)
-  for k in range(length):
-    signals[k + 1] = simulation.step(commands[:, k])
-  shaped = signals.transpose(1, 0, 2).reshape(n, size, length + 1, len(SIGNALS))
-  return Prediction(shaped, segments.period)

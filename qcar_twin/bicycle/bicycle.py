@@ -25,11 +25,13 @@ from qcar_twin import kinematics
 from qcar_twin.bicycle import single_track
 from qcar_twin.bicycle.single_track import SingleTrackCar, State
 from qcar_twin.parameters import Parameter, ParameterSet
-from qcar_twin.plant import SIGNALS, START, Prediction, Segments, rollout_by_steps
+from qcar_twin.plant import SIGNALS, START, Prediction, Segments
 from qcar_twin.vehicle.drive import DRIVES, Drive
 from qcar_twin.vehicle.similarity import AS_THE_QCAR, Similarity
 
 Array = NDArray[np.float64]
+
+_AT_ONCE = 20_000  # periods of all cars whose transitions are computed side by side: some tens of MB
 
 PARAMETERS = ParameterSet(
   (
@@ -149,7 +151,13 @@ class Bicycle:
     """Parameters (n, 5) or (5,) over all segments."""
     if not np.isclose(segments.period, self.period):
       raise ValueError(f"segments have a period of {segments.period:g} s, the bicycle {self.period:g} s; resample them")
-    return rollout_by_steps(self, theta, segments)
+    theta, size = np.atleast_2d(np.asarray(theta, dtype=np.float64)), len(segments)
+    cars = self.begin(np.repeat(theta, size, axis=0), np.tile(segments.start, (len(theta), 1)))
+    commands = np.tile(segments.commands, (len(theta), 1, 1)).swapaxes(0, 1)  # (T, n * S, 2)
+    several = max(1, _AT_ONCE // commands.shape[1])
+    signals = [cars.signals[None], *(cars.drive(commands[k : k + several]) for k in range(0, len(commands), several))]
+    by_car = np.concatenate(signals).swapaxes(0, 1)
+    return Prediction(by_car.reshape(len(theta), size, len(commands) + 1, len(SIGNALS)), segments.period)
 
 
 class BicycleSimulation:
@@ -172,16 +180,21 @@ class BicycleSimulation:
 
   def step(self, commands: Array) -> Array:
     """Hold drive command [its unit] and steering command [rad], (N, 2), for one period; signals after it, (N, 10)."""
+    return self.drive(np.asarray(commands)[None])[0]
+
+  def drive(self, commands: Array) -> Array:
+    """Hold commands, (T, N, 2), for a period each; signals after every period, (T, N, 10)."""
     limit = self._bicycle.vehicle.max_steering
-    steering = np.clip(commands[:, 1], -limit, limit)
+    steering = np.clip(commands[..., 1], -limit, limit)
     effective, car = self._losses(steering)
-    applied = np.stack([commands[:, 0], effective], axis=-1)
-    self.state = single_track.step(self.state, applied, self._bicycle.period, car)
-    self.signals = signals(self.state, applied, steering, car, self._bicycle.vehicle)
-    return self.signals
+    applied = np.stack([commands[..., 0], effective], axis=-1)
+    states = single_track.steps(self.state, applied, self._bicycle.period, car)
+    driven = signals(states, applied, steering, car, self._bicycle.vehicle)
+    self.state, self.signals = states[-1], driven[-1]
+    return driven
 
   def _losses(self, steering: Array) -> tuple[Array, SingleTrackCar]:
-    """Effective steering angle [rad] (N,), and the car with the drag of the turn."""
+    """Effective steering angle [rad] (..., N), and the car with the drag of the turn."""
     losses, squared = self._bicycle.losses, np.square(steering)
     if losses == TurningLosses():
       return steering, self._car
@@ -205,17 +218,18 @@ def _holding_command(state: Array, car: SingleTrackCar) -> Array:
 
 
 def signals(state: Array, commands: Array, steering: Array, car: SingleTrackCar, vehicle: MeasuredCar) -> Array:
-  """The ten signals (N, 10) of states (N, 6) under (N, 2) drive commands and effective angles; steering angles (N,)."""
+  """The ten signals (..., 10) of states (..., 6) under (..., 2) drive commands and effective angles, rad; steering
+  angles (...), rad."""
   rates = single_track.derivative(state, commands, car)
-  speed, sideslip, yaw_rate = state[:, State.SPEED], state[:, State.SIDESLIP_ANGLE], state[:, State.YAW_RATE]
-  along = rates[:, State.SPEED]
-  across = speed * (rates[:, State.SIDESLIP_ANGLE] + yaw_rate)
+  speed, sideslip, yaw_rate = state[..., State.SPEED], state[..., State.SIDESLIP_ANGLE], state[..., State.YAW_RATE]
+  along = rates[..., State.SPEED]
+  across = speed * (rates[..., State.SIDESLIP_ANGLE] + yaw_rate)
   accel = kinematics.body_to_world(sideslip, along, across)  # from the path's frame into the body's
-  imu = kinematics.transport_acceleration(*accel, yaw_rate, rates[:, State.YAW_RATE], vehicle.imu_x, vehicle.imu_y)
+  imu = kinematics.transport_acceleration(*accel, yaw_rate, rates[..., State.YAW_RATE], vehicle.imu_x, vehicle.imu_y)
   named = {
-    "pose_x": state[:, State.POSE_X],
-    "pose_y": state[:, State.POSE_Y],
-    "pose_yaw": state[:, State.POSE_YAW],
+    "pose_x": state[..., State.POSE_X],
+    "pose_y": state[..., State.POSE_Y],
+    "pose_yaw": state[..., State.POSE_YAW],
     "velocity_x": speed * np.cos(sideslip),
     "velocity_y": speed * np.sin(sideslip),
     "yaw_rate": yaw_rate,

@@ -291,31 +291,43 @@ def _lateral_by_speed(x: Array, accel: Array, steering: Array, car: SingleTrackC
 
 
 def step(x: Quantity, u: Quantity, duration: float, car: SingleTrackCar) -> Array:
-  """State after the commands have been held for `duration` [s], (..., 6).
-
-  Two half steps, each exact in omega and exact in (beta, r, psi) at the speed of its middle; position by
-  Simpson's rule. Stable at any speed and any stiffness.
-  """
+  """State after the commands have been held for `duration` [s], (..., 6)."""
   x, u = np.asarray(x, dtype=np.float64), np.asarray(u, dtype=np.float64)
-  middle = _half_step(x, u, 0.5 * duration, car)
-  after = _half_step(middle, u, 0.5 * duration, car)
-  knots = [_velocity(s) for s in (x, middle, after)]
-  after[..., State.POSITION] = x[..., State.POSITION] + duration / 6.0 * (knots[0] + 4.0 * knots[1] + knots[2])
-  return after
+  batch = np.broadcast_shapes(x.shape[:-1], u.shape[:-1], *(np.shape(number) for number in vars(car).values()))
+  return steps(np.broadcast_to(x, (*batch, State.SIZE)), np.broadcast_to(u, (1, *batch, 2)), duration, car)[-1]
 
 
-def _half_step(x: Array, u: Array, duration: float, car: SingleTrackCar) -> Array:
-  command, numbers = u[..., 0], (car.drive_gain, car.drive_damping, car.drive_friction)
-  motor_speed = x[..., State.SPEED] / car.rolling_radius
-  middle = motor_speed_after(motor_speed, command, 0.5 * duration, *numbers) * car.rolling_radius
-  accel = acceleration(middle, command, car)
-  after = np.array(np.broadcast_to(x, (*np.shape(middle), State.SIZE)))
-  after[..., State.SPEED] = motor_speed_after(motor_speed, command, duration, *numbers) * car.rolling_radius
-  transition = lateral_transition(middle, accel, u[..., 1], duration, car)
-  lateral = x[..., State.LATERAL]
-  after[..., State.LATERAL] = _apply(transition.flow, lateral) + transition.forced
-  after[..., State.POSE_YAW] += np.sum(transition.turn * lateral, axis=-1) + transition.turned
-  return after
+def steps(x: Array, u: Array, duration: float, car: SingleTrackCar) -> Array:
+  """States after each of the commands u (T, ..., 2), held for `duration` [s] one after the other, (T, ..., 6).
+
+  Two half steps each, exact in omega and exact in (beta, r, psi) at the speed of its middle; position by Simpson's
+  rule. Stable at any speed and any stiffness. Speed does not ask for the lateral motion: speeds come first, then all
+  transitions at once, and what is left to do in order is one product per half step.
+
+  `x` is (..., 6) with all axes of the batch; numbers of the car broadcast against (..., ) or, period by period, (T, ...).
+  """
+  half, count = 0.5 * duration, 2 * len(u)
+  numbers = [np.broadcast_to(n, u.shape[:-1]) for n in (car.drive_gain, car.drive_damping, car.drive_friction)]
+  motor_speed, lateral = np.empty((count + 1, *x.shape[:-1])), np.empty((count + 1, *x.shape[:-1], 2))
+  motor_speed[0], lateral[0] = x[..., State.SPEED] / car.rolling_radius, x[..., State.LATERAL]
+  for k in range(count):
+    command, *now = (value[k // 2] for value in (u[..., 0], *numbers))
+    motor_speed[k + 1] = motor_speed_after(motor_speed[k], command, half, *now)
+  begun = np.stack([motor_speed[:-1:2], motor_speed[1::2]])  # (2, T, ...), first and second halves
+  middle = motor_speed_after(begun, u[..., 0], 0.5 * half, *numbers) * car.rolling_radius
+  change = lateral_transition(middle, acceleration(middle, u[..., 0], car), u[..., 1], half, car)
+  for k in range(count):
+    lateral[k + 1] = _apply(change.flow[k % 2, k // 2], lateral[k]) + change.forced[k % 2, k // 2]
+  turn = np.sum(change.turn * np.stack([lateral[:-1:2], lateral[1::2]]), axis=-1) + change.turned
+  states = np.empty((count + 1, *x.shape))
+  states[0], states[..., State.LATERAL] = x, lateral
+  states[1:, ..., State.SPEED] = motor_speed[1:] * car.rolling_radius
+  states[1:, ..., State.POSE_YAW] = np.swapaxes(turn, 0, 1).reshape(motor_speed[1:].shape)
+  states[..., State.POSE_YAW] = np.cumsum(states[..., State.POSE_YAW], axis=0)
+  knots = _velocity(states)
+  moved = duration / 6.0 * (knots[:-1:2] + 4.0 * knots[1::2] + knots[2::2])
+  states[2::2, ..., State.POSITION] = x[..., State.POSITION] + np.cumsum(moved, axis=0)
+  return states[2::2]
 
 
 def _velocity(x: Array) -> Array:

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from qcar_twin.bicycle.bicycle import PARAMETERS, Bicycle
+from qcar_twin.bicycle import bicycle as module
+from qcar_twin.bicycle.bicycle import PARAMETERS, Bicycle, TurningLosses
 from qcar_twin.plant import COMMANDS, SIGNALS, START, Segments, signal_index
 from qcar_twin.vehicle.drive import DRIVES
 
@@ -35,8 +36,11 @@ def test_rollout_has_the_contract_shape_and_starts_at_the_start():
     np.testing.assert_allclose(prediction.channel(name)[0, :, 0], segments.start[:, k], atol=1e-15)
 
 
-def test_batch_equals_single_runs():
-  segments, bicycle = drive(steps=120), Bicycle(VEHICLE)
+@pytest.mark.parametrize("losses", [TurningLosses(), TurningLosses(0.3, 80.0)])
+@pytest.mark.parametrize("at_once", [20_000, 84])  # all 120 periods, and 7 of the twelve cars at a time
+def test_batch_equals_single_runs(losses, at_once, monkeypatch):
+  monkeypatch.setattr(module, "_AT_ONCE", at_once)
+  segments, bicycle = drive(steps=120), Bicycle(VEHICLE, losses=losses)
   thetas = THETA * np.random.default_rng(1).uniform(0.7, 1.4, (4, len(THETA)))
   batch = bicycle.rollout(thetas, segments).signals
   for i, theta in enumerate(thetas):
