@@ -29,7 +29,7 @@ from qcar_twin.untrusted import UnreadableFile
 from scripts import train
 from tests import ROOT
 
-FAST = dataclasses.replace(TRACKS, plant="bicycle", estimator="truth", path="random:1:60", stretch=2.0)
+FAST = dataclasses.replace(TRACKS, plant="reduced", estimator="truth", path="random:1:60", stretch=2.0)
 TABLE = f"{ENV_ID}:\n  n_timesteps: 2000\n  n_envs: 2\n"
 
 
@@ -241,7 +241,7 @@ def test_a_training_nobody_evaluates_keeps_what_it_ends_with(tmp_path):
 def test_a_killed_command_is_resumed_by_its_own_plan(tmp_path):
   folder = tmp_path / "run"
   (tmp_path / "mine.yml").write_text(
-    TABLE.replace("2000", "60000") + "  n_steps: 64\n  batch_size: 128\n  env_kwargs: {plant: bicycle, path: o}\n",
+    TABLE.replace("2000", "60000") + "  n_steps: 64\n  batch_size: 128\n  env_kwargs: {plant: reduced, path: o}\n",
     encoding="utf-8",
   )
   command = [sys.executable, "-m", "scripts", "train", "--out", str(folder)]

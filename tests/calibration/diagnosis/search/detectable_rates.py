@@ -7,7 +7,7 @@ at multiples of that size, are searched and decided.
 """
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 
 from calibration.diagnosis.decision.decide import decide
 from calibration.diagnosis.search.detectable import detectable
@@ -18,13 +18,15 @@ NAMES = ("quadratic_drag", "side_force", "steering_offset")
 MULTIPLES = (0.5, 0.71, 0.84, 1.19, 1.41, 2.0)
 
 
-def rates(seeds: int) -> Iterator[tuple[str, float, bool]]:
-  """(mechanism, multiple of its predicted size, whether it was claimed) case by case."""
+def rates(seeds: int, multiples: Container[float] = MULTIPLES) -> Iterator[tuple[str, float, bool]]:
+  """(mechanism, multiple of its predicted size, whether it was claimed) case by case, for these of MULTIPLES."""
   for seed in range(seeds):
     clean = rig.session({}, seed=seed)
     smallest = detectable(clean, gather(clean))
     for name in NAMES:
       for place, multiple in enumerate(MULTIPLES):
+        if multiple not in multiples:
+          continue
         size = smallest[name].size
         assert size is not None, name
         truth = {smallest[name].parameter: multiple * size}
