@@ -304,7 +304,7 @@ def steps(x: Array, u: Array, duration: float, car: SingleTrackCar) -> Array:
   rule. Stable at any speed and any stiffness. Speed does not ask for the lateral motion: speeds come first, then all
   transitions at once, and what is left to do in order is one product per half step.
 
-  `x` is (..., 6) with all axes of the batch; numbers of the car broadcast against (..., ) or, period by period, (T, ...).
+  `x` is (..., 6) with all axes of the batch; numbers of the car broadcast against (...) or, by period, (T, ...).
   """
   half, count = 0.5 * duration, 2 * len(u)
   numbers = [np.broadcast_to(n, u.shape[:-1]) for n in (car.drive_gain, car.drive_damping, car.drive_friction)]
