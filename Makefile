@@ -8,13 +8,19 @@ PIP := $(BIN)/python -m pip install -qq --no-compile --disable-pip-version-check
 # where a machine forbids bytecode, every command and every process of a test would compile SciPy and Torch anew
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: run test check docs train install plugin clean
+.PHONY: run test acceptance check docs train install plugin clean
 
 run: install
 	$(BIN)/qcar-twin run --dataset data/sample --out $(OUT)
 
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
 test: install
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(PYTEST) -m "not slow"
+
+# whole fits, searches, trainings and drives, of more than ten seconds each
+acceptance: install
+	$(PYTEST) -m slow
 
 check: install
 	$(BIN)/ruff check .

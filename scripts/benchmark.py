@@ -36,7 +36,7 @@ OUT_IS_FILE = True
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-  """Seven ratios with their goals. Run it on a quiet machine."""
+  """Eight ratios with their goals. Run it on a quiet machine."""
 
   out: Path
   """Markdown file to write."""

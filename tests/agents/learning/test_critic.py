@@ -19,7 +19,7 @@ from agents.learning.trial import TRACKS, Trial, quickly
 from qcar_twin.envs.driven_cars import TRUE
 from qcar_twin.plant import signal_index
 
-FAST = dataclasses.replace(TRACKS, plant="bicycle", estimator="truth", path="random:1:60", stretch=2.0)
+FAST = dataclasses.replace(TRACKS, plant="reduced", estimator="truth", path="random:1:60", stretch=2.0)
 SIGHT = SIGHTS["any_speed"]
 TRIAL = Trial(quickly(read_hyperparameters("ppo")), FAST, "any_speed", every=10**9, critic="truth")
 
