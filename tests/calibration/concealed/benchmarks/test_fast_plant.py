@@ -9,13 +9,14 @@ from scripts import benchmark_plant
 from scripts.benchmark_plant import Config, page
 from tests import ROOT
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def agreement():
   return compare_plants(DataSet.load(ROOT / "data" / "sample"), vectors=3, most=25.0)
 
 
-@pytest.mark.slow
 def test_the_two_cars_agree_on_the_sample(agreement):
   assert {"accel_x", "yaw_rate", "motor_speed"} <= set(agreement.channels)
   assert agreement.vectors == 3 and all(len(v) == 3 for v in agreement.drawn.values())

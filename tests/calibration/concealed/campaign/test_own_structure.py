@@ -23,7 +23,7 @@ def test_a_claim_is_set_beside_the_number_of_the_car_that_drove():
   (claim,) = own_claims([answered(LIMIT + 0.02)])
   assert claim.own == pytest.approx(LIMIT)
   assert claim.deviations == pytest.approx(2.0)
-  assert make_second_session(7).truth["car"]["servo_speed"] == pytest.approx(1.0 / claim.own)
+  assert make_second_session(7, design="tiny").truth["car"]["servo_speed"] == pytest.approx(1.0 / claim.own)
   assert "| null_00 | steering_rate_limit |" in own_table([answered(LIMIT + 0.02)])
   assert "+2.0" in own_table([answered(LIMIT + 0.02)])
 

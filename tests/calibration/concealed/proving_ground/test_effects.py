@@ -278,6 +278,7 @@ def test_the_friction_patch_acts_only_inside():
   assert 0.6 <= grip[:, 0].min() < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["battery_discharge", "motor_heating"])
 def test_discharge_and_heating_grow_over_the_session(name, whole):
   base, session = whole[""].clean, whole[name].clean

@@ -69,6 +69,7 @@ def test_they_drive_far_fast_and_stay_cars(sessions, tmp_path):
     assert len(DataSet.load(folder).recordings) == len(session.recordings)
 
 
+@pytest.mark.slow
 def test_a_slow_encoder_speaks_ten_times_a_second(sessions):
   for session in sessions:
     every = session.truth["sensors"]["speed_every"]
