@@ -59,6 +59,7 @@ def test_estimation_without_a_real_car_says_so_on_its_page(tmp_path, monkeypatch
     benchmark_estimation.main(benchmark_estimation.Config(tmp_path / "page.md", quick=True, sections=("speed",)))
 
 
+@pytest.mark.slow
 def test_a_tuned_controller_joins_the_file_with_its_origin(tmp_path, capsys, monkeypatch):
   monkeypatch.setattr(tuning, "path_from", lambda name: random_track(1, 2.0))
   tune.main(tune.Config(tmp_path / "controllers.toml", controllers=("linear_rate",), quick=True))

@@ -212,6 +212,7 @@ def test_a_servo_that_overshoots_does_so_in_the_file(name, tmp_path):
   np.testing.assert_allclose(shown, wanted, atol=0.01)
 
 
+@pytest.mark.slow
 def test_what_plain_friction_costs_is_predicted_with_the_twins_tyre_made_to_creep(sample, tmp_path):
   _, loss = export_twin("mjcf", job_with({}, sample), tmp_path)
   assert loss is not None and loss.predicted == pytest.approx(loss.ratio, rel=0.1)
@@ -250,6 +251,7 @@ def test_commonroads_own_package_reads_and_drives_the_file(tmp_path):
   np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_what_is_lost_is_predicted_by_taking_it_out_of_the_twin(exported, sample, tmp_path):
   job, _, loss = exported
   assert loss.predicted == pytest.approx(1.0) and not loss.effects

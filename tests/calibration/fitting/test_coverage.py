@@ -89,6 +89,7 @@ def test_a_car_that_was_not_driven_changes_nothing():
   assert roles(with_coverage(DataSet("still", still))[0]) == {"a": "identify", "b": "validate", "c": "holdout"}
 
 
+@pytest.mark.slow
 def test_designed_sessions_fit_everything_they_judge_by():
   designs = ("compact", "lab", "paper")
   for design, session in zip(designs, make_sessions([Spec(515, (), d, 1.0) for d in designs]), strict=True):

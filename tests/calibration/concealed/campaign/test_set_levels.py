@@ -122,6 +122,7 @@ def test_what_is_written_is_fitted_to_the_archive_it_names(tmp_path, capsys):
   assert (tmp_path / "again" / "levels.toml").read_text() == out.read_text()
 
 
+@pytest.mark.slow
 def test_the_installed_levels_are_those_of_the_archive_they_name(tmp_path):
   """So that no number that decides is older or newer than what it is said to come from."""
   _, words = tomllib.loads(FILE.read_text())["constant"]["command"].split(" --answers ")

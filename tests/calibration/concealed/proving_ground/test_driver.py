@@ -132,6 +132,7 @@ def test_paths_of_different_lengths_stand_side_by_side():
   assert stacked.x[-1].tolist() == pytest.approx([0.0, 0.10, 0.06])
 
 
+@pytest.mark.slow
 def test_the_driver_stays_on_the_oval(monkeypatch):
   run = m.oval(1.0, 7.0, "holdout")
   monkeypatch.setitem(DESIGNS, "loop", lambda rng: [run])

@@ -85,6 +85,7 @@ def test_coasting_with_open_circuit_only_loses_energy(angle):
   assert before > 0
 
 
+@pytest.mark.slow
 def test_a_coasting_car_comes_to_rest_and_stays():
   dynamics = rolling([PLAIN], 0.5)
   run(dynamics, 4.0)
@@ -139,6 +140,7 @@ def test_reversed_voltage_gives_reversed_motion_of_a_symmetric_car():
   assert dynamics.state.vx[0] == pytest.approx(-dynamics.state.vx[1], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_runge_kutta_converges_with_fourth_order():
   """Halving the step divides the error by sixteen while the brush stays on its polynomial branch."""
   ends = []
@@ -163,6 +165,7 @@ def test_cars_side_by_side_do_not_disturb_each_other():
   assert np.array_equal(together.state.array[:, 3], alone.state.array[:, 0])
 
 
+@pytest.mark.slow
 def test_steady_speeds_follow_p1_p2_p3():
   cars = [dataclasses.replace(Car.draw(np.random.default_rng(seed)), copper=0.0, discharge=0.0) for seed in range(4)]
   volts = np.array([0.75, 1.25, 1.5, 2.0, 2.5])

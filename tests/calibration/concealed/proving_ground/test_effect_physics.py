@@ -40,6 +40,7 @@ def test_tyre_saturation_takes_its_share_of_the_peak_and_little_before():
   assert ends[1][1] == pytest.approx(ends[0][1], rel=0.01)
 
 
+@pytest.mark.slow
 def test_combined_slip_takes_side_force_under_power_only():
   turns = []
   for hidden in ((), (effect("combined_slip", 2.0),)):
@@ -84,6 +85,7 @@ def test_side_force_pushes_a_rolling_car_and_not_a_standing_one():
   assert standing.dynamics.wrench[1, 0] == 0.0
 
 
+@pytest.mark.slow
 def test_battery_sag_takes_its_share_at_stall():
   sim = simulation(effect("battery_sag"))
   sim.dynamics.car.mass[:] = 1e4  # it does not move away in the time
@@ -169,6 +171,7 @@ def test_dry_friction_and_film_drag_have_the_forces_they_state():
     assert -(sim.dynamics.wrench[0, 0] + wheels) == pytest.approx(force, rel=0.01)
 
 
+@pytest.mark.slow
 def test_stiction_raises_the_breakaway_voltage():
   """Below the voltage that overcomes friction and stiction together the car stays."""
   lever = PLAIN.gear_ratio * PLAIN.wheel_radius

@@ -70,6 +70,7 @@ def test_a_session_does_not_depend_on_its_neighbours(session):
   assert same(session, make_sessions(neighbours[:2] + [Spec(5, (), "tiny")])[1])
 
 
+@pytest.mark.slow
 def test_a_long_list_of_sessions_is_cut_into_pieces(monkeypatch, session):
   monkeypatch.setattr("calibration.concealed.proving_ground.session.WIDEST", 1000)
   made = make_sessions(
@@ -229,6 +230,7 @@ def test_closing_a_gap_changes_little():
   assert all("value" in gap or gap["gap"] for gap in gaps(Car()))
 
 
+@pytest.mark.slow
 def test_sessions_of_one_car_make_a_long_log():
   long = make_long_session(Spec(5, (("steering_delay", 1.0),), "tiny", 1.0), 3)
   one = make_session(5, (("steering_delay", 1.0),), "tiny", 1.0)

@@ -50,6 +50,7 @@ def test_wild_effects_are_of_wild_cases_only():
   assert wild and not wild & {name for case in ordinary for name, _ in case.effects}
 
 
+@pytest.mark.slow
 def test_the_seed_decides_everything(monkeypatch):
   monkeypatch.setitem(DESIGNS, DESIGN, DESIGNS["tiny"])
   specs = [Spec(c.seed, c.effects, c.design, c.noise) for c in CASES[:2]]
