@@ -120,7 +120,7 @@ def test_a_constant_offset_is_both_me_and_rmse():
 
 
 def test_indicators_are_the_papers_integrals():
-  result = follow(LQ, "o")
+  result = follow(LQ, path_from(SHORT))
   indicators = kpis(result)
   until = result.under_way[:, 0]
   error, steering = result.cross_track[until, 0], result.commands[until, 0, 1]
@@ -155,7 +155,7 @@ def test_laps_are_counted_on_closed_paths():
 
 
 def test_error_is_the_distance_to_the_path():
-  result = follow(LQ, "s", offset=0.04)
+  result = follow(LQ, path_from(SHORT), offset=0.04)
   path = result.path
   for k in range(0, len(result.time), 100):
     x, y = result.signals[k, 0, :2]
@@ -165,12 +165,12 @@ def test_error_is_the_distance_to_the_path():
 
 
 def test_with_sensors_and_filter_the_loop_stays_at_the_noise_floor():
-  """Position noise 8 mm coloured, 50 ms latency, spikes, servo of 40 ms: RMSE below 8 mm on the oval."""
+  """Position noise 8 mm coloured, 50 ms latency, spikes, servo of 40 ms: RMSE below 8 mm through a turn."""
   count = 4
   observer = SensedObserver(
     SensorSuite(qcar_sensors(), count, 0), CAR, FilterSettings(steering_lag=0.05, lidar_correlation=0.3)
   )
-  result = follow(LQ, "o", count=count, observer=observer, actuation=Actuation())
+  result = follow(LQ, path_from(SHORT), count=count, observer=observer, actuation=Actuation())
   indicators = kpis(result)
   assert indicators.finished.all() and np.median(indicators.rmse) < 0.008 and indicators.me.max() < 0.03
   assert result.valid.all()

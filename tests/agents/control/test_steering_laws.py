@@ -62,6 +62,6 @@ def test_rate_policy_leaves_no_steady_error_under_a_mismatch_and_ff_fb_does():
 @pytest.mark.parametrize("path", ["s", "infinity"])
 def test_every_law_follows_every_path_on_the_true_state(path):
   laws = Team((FeedforwardFeedback(CAR, 3.0, 0.5), RATE), 1)
-  result = kpis(follow(laws, path, count=2, actuation=Actuation(delay=0.0, lag=0.0)))
+  result = kpis(follow(laws, path, count=2, speed=1.0, actuation=Actuation(delay=0.0, lag=0.0)))
   assert result.finished.all() and result.inside.all()
   assert result.rmse.max() < 0.006 and result.me.max() < 0.02
