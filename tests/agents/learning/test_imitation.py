@@ -26,7 +26,7 @@ from tests.agents.learning.test_train import SHORT, rows
 
 MODEL = Model.nominal()
 OPTIONS = Options(SHORT, plant="bicycle", estimator="truth", demonstrator="")
-SETTINGS = Settings(episodes=0, cars=4, imitations=6, mirror=True, buffer=40_000)
+SETTINGS = Settings(episodes=0, cars=4, imitations=4, mirror=True, buffer=40_000)
 PLAN = Plan(OPTIONS, SETTINGS, progress_bar=False)
 
 
@@ -34,7 +34,7 @@ PLAN = Plan(OPTIONS, SETTINGS, progress_bar=False)
 def student():
   with pytest.MonkeyPatch.context() as patch:
     patch.setattr(imitation, "ROUNDS", 2)
-    patch.setattr(imitation, "STEPS", 600)
+    patch.setattr(imitation, "STEPS", 300)
     agent = make_agent(FleetVecEnv(fleet(OPTIONS, range(4), MODEL)), SETTINGS, 0)
     error = imitate(agent, teacher(MODEL, 0.5), 4, 0)
   return agent, error
@@ -83,12 +83,12 @@ def test_answers_are_to_the_true_errors():
 
 def test_an_agent_that_only_imitates_is_judged_kept_and_exported(tmp_path, monkeypatch):
   monkeypatch.setattr(imitation, "ROUNDS", 1)
-  monkeypatch.setattr(imitation, "STEPS", 300)
+  monkeypatch.setattr(imitation, "STEPS", 150)
   result = train(PLAN, tmp_path)
   assert result["episodes"] == 0 and result["updates"] == 0 and result["best_episode"] == 0
   assert result["best_rmse_training_path"] < 0.03 and result["ten_full_episodes_in_a_row_at"] is None
   assert [row["episode"] for row in rows(tmp_path / "evaluations.csv")] == [0]
-  assert load_policy(tmp_path / "best").provenance["training"]["settings"]["imitations"] == 6
+  assert load_policy(tmp_path / "best").provenance["training"]["settings"]["imitations"] == 4
   assert json.loads((tmp_path / "training.json").read_text())["settings"]["mirror"] is True
 
 
@@ -189,6 +189,6 @@ def test_a_teacher_for_a_car_of_its_own_is_tuned_on_it(tmp_path):
   """A steering that answers 80 ms late makes the usual gains swing; the teacher for that car asks for less."""
   late = Twin(MODEL.vehicle, select(["steering_delay"]), threads=1)
   save_twin(tmp_path / "late.toml", late, late.parameters.vector({"steering_delay": 0.08}), "late")
-  usual, search = teacher(MODEL, 0.5), Search(candidates=6, elite=2, generations=2, path=SHORT)
-  own = teacher(MODEL, 0.5, str(tmp_path / "late.toml"), search)
+  usual, search = teacher(MODEL, 1.0), Search(candidates=6, elite=2, generations=2, path=SHORT)
+  own = teacher(MODEL, 1.0, str(tmp_path / "late.toml"), search)
   assert own.largest == usual.largest and own.gain[0] < 0.7 * usual.gain[0]
