@@ -14,9 +14,11 @@ from qcar_twin.estimation.observer import SensedObserver
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.paths import path_from_pieces, path_named
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
+from qcar_twin.tracks import path_from
 from tests.agents.control.tracking_rig import CAR, PLANT, THETA, follow
 
 LINE = path_from_pieces("line", [(3.0, 0.0, 0.0)])
+SHORT = "random:1:2"  # 3 m, a turn between straights
 LQ = make("lq_cm", {"cross_track_rate": 0.15, "heading": 0.1, "heading_rate": 1e-3, "effort": 0.03}, CAR, 0.5)
 
 
@@ -118,7 +120,7 @@ def test_a_constant_offset_is_both_me_and_rmse():
 
 
 def test_indicators_are_the_papers_integrals():
-  result = follow(LQ, "o")
+  result = follow(LQ, path_from(SHORT))
   indicators = kpis(result)
   until = result.under_way[:, 0]
   error, steering = result.cross_track[until, 0], result.commands[until, 0, 1]
@@ -129,7 +131,7 @@ def test_indicators_are_the_papers_integrals():
 
 
 def test_a_car_that_leaves_the_path_has_not_finished():
-  indicators = kpis(follow(Straight(), "o"))
+  indicators = kpis(follow(Straight(), path_from(SHORT)))
   assert not indicators.finished[0] and not indicators.inside[0] and np.isinf(indicators.rmse[0])
 
 
@@ -139,20 +141,21 @@ def test_steering_beyond_the_lock_is_cut():
 
 
 def test_touching_a_border_is_noticed():
-  wide = follow(LQ, "c", count=2, offset=np.array([0.0, 0.0]))
+  wide = follow(LQ, "c", count=2, offset=np.array([0.0, 0.0]), speed=1.0)
   assert kpis(wide).inside.all()
   moved = dataclasses.replace(wide, signals=wide.signals + np.array([0, 0.03] + [0] * 8))
   assert not kpis(moved).inside.any()
 
 
 def test_laps_are_counted_on_closed_paths():
-  result = follow(LQ, "infinity", laps=2, speed=1.0)
+  circle = path_from_pieces("circle", [(2.0 * math.pi * 0.7, 1.0 / 0.7, 1.0 / 0.7)], closed=True)
+  result = follow(LQ, circle, laps=2, speed=1.0)
   assert kpis(result).finished[0]
-  assert result.arc_length[-1, 0] == pytest.approx(2 * path_named("infinity").length, abs=0.1)
+  assert result.arc_length[-1, 0] == pytest.approx(2 * circle.length, abs=0.1)
 
 
 def test_error_is_the_distance_to_the_path():
-  result = follow(LQ, "s", offset=0.04)
+  result = follow(LQ, path_from(SHORT), offset=0.04)
   path = result.path
   for k in range(0, len(result.time), 100):
     x, y = result.signals[k, 0, :2]
@@ -162,12 +165,12 @@ def test_error_is_the_distance_to_the_path():
 
 
 def test_with_sensors_and_filter_the_loop_stays_at_the_noise_floor():
-  """Position noise 8 mm coloured, 50 ms latency, spikes, servo of 40 ms: RMSE below 8 mm on the oval."""
+  """Position noise 8 mm coloured, 50 ms latency, spikes, servo of 40 ms: RMSE below 8 mm through a turn."""
   count = 4
   observer = SensedObserver(
     SensorSuite(qcar_sensors(), count, 0), CAR, FilterSettings(steering_lag=0.05, lidar_correlation=0.3)
   )
-  result = follow(LQ, "o", count=count, observer=observer, actuation=Actuation())
+  result = follow(LQ, path_from(SHORT), count=count, observer=observer, actuation=Actuation())
   indicators = kpis(result)
   assert indicators.finished.all() and np.median(indicators.rmse) < 0.008 and indicators.me.max() < 0.03
   assert result.valid.all()

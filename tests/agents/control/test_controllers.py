@@ -1,5 +1,7 @@
 """The catalogue of controllers, its file, and the fair search."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -68,8 +70,8 @@ def test_unknown_controller_and_missing_number():
 
 
 def test_a_short_search_improves_on_its_start_and_keeps_to_the_cap():
-  search = Search(candidates=5, elite=2, generations=2, seed=3)
-  begin = Search(candidates=1, elite=1, generations=0, seed=3)
+  search = Search(candidates=5, elite=2, generations=2, seed=3, path="random:1:2", speed=1.0)
+  begin = dataclasses.replace(search, candidates=1, elite=1, generations=0)
   family = FAMILIES["ff_fb"]
   first = tune(family, PLANT, THETA, CAR, FilterSettings(steering_lag=0.05), begin)
   best = tune(family, PLANT, THETA, CAR, FilterSettings(steering_lag=0.05), search)

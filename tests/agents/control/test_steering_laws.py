@@ -7,6 +7,7 @@ from agents.control.feedforward import FeedforwardFeedback
 from agents.control.kpis import kpis
 from agents.control.linear_rate import LinearRate
 from agents.control.lq import steady_curve
+from agents.control.team import Team
 from qcar_twin.paths import path_from_pieces, turn
 from tests.agents.control.test_lq import situation
 from tests.agents.control.tracking_rig import CAR, Actuation, follow
@@ -52,15 +53,15 @@ def test_rate_policy_leaves_no_steady_error_under_a_mismatch_and_ff_fb_does():
   """Steering gain 0.92 and 1 degree of offset: integral action absorbs both."""
   line = path_from_pieces("line", [(5.0, 0.0, 0.0)])
   wrong = Actuation(gain=0.92, offset=np.radians(1.0))
-  rate = follow(RATE, line, actuation=wrong).cross_track[-50, 0]
-  spring = follow(FeedforwardFeedback(CAR, 2.0, 0.5), line, actuation=wrong).cross_track[-50, 0]
+  both = Team((RATE, FeedforwardFeedback(CAR, 2.0, 0.5)), 1)
+  rate, spring = follow(both, line, count=2, actuation=wrong).cross_track[-50]
   assert abs(rate) < 5e-4 < 5e-3 < abs(spring)
   assert spring == pytest.approx(np.radians(1.0) / 0.92 / 2.0, rel=0.1)
 
 
 @pytest.mark.parametrize("path", ["s", "infinity"])
 def test_every_law_follows_every_path_on_the_true_state(path):
-  for controller in (FeedforwardFeedback(CAR, 3.0, 0.5), RATE):
-    result = kpis(follow(controller, path, actuation=Actuation(delay=0.0, lag=0.0)))
-    assert result.finished.all() and result.inside.all()
-    assert result.rmse[0] < 0.006 and result.me[0] < 0.02
+  laws = Team((FeedforwardFeedback(CAR, 3.0, 0.5), RATE), 1)
+  result = kpis(follow(laws, path, count=2, speed=1.0, actuation=Actuation(delay=0.0, lag=0.0)))
+  assert result.finished.all() and result.inside.all()
+  assert result.rmse.max() < 0.006 and result.me.max() < 0.02

@@ -13,6 +13,7 @@ import pytest
 from stable_baselines3.common.callbacks import BaseCallback
 
 from agents.control.controllers import FILE
+from agents.control.kpis import kpis
 from agents.control.team import Team
 from agents.learning import by_reward
 from agents.learning.by_reward import train_by_reward
@@ -29,7 +30,8 @@ from qcar_twin.untrusted import UnreadableFile
 from scripts import evaluate, render
 from tests import ROOT
 
-FAST = dataclasses.replace(TRACKS, plant="bicycle", estimator="truth", path="random:1:60", stretch=2.0)
+SHORT = "random:1:2"  # 3 m, a turn between straights
+FAST = dataclasses.replace(TRACKS, plant="reduced", estimator="truth", path="random:1:60", stretch=2.0)
 
 
 @pytest.fixture(autouse=True)
@@ -199,23 +201,23 @@ def test_paired_differences_have_students_interval():
 def test_a_comparison_drives_everybody_in_the_same_noise(monkeypatch):
   drivers = drivers_of([SHIPPED, SHIPPED], [FILE], ["linear_rate"], 0.5)
   assert list(drivers) == ["ppo", "ppo #2", "linear_rate (controllers)"]
-  monkeypatch.setattr(comparison, "PATHS", ("c",))
-  driven = compare(drivers, Design("bicycle", streams=2, tracks=0))
+  monkeypatch.setattr(comparison, "PATHS", (SHORT,))
+  driven = compare(drivers, Design("reduced", streams=2, tracks=0))
   for courses in driven.values():
     for values in courses.values():
       np.testing.assert_array_equal(values["ppo"], values["ppo #2"])
       assert np.all((values["ppo"] > 0.0) & (values["ppo"] < 0.1))
   text = in_markdown(driven, "ppo")
-  assert "| ppo #2 | +0.00 ± 0.00" in text and "c N" in text and "c MIS" in text
+  assert "| ppo #2 | +0.00 ± 0.00" in text and f"{SHORT} N" in text and f"{SHORT} MIS" in text
   assert Options().path == "s"
 
 
 def test_a_beginning_that_does_not_count_is_left_out():
   drivers = drivers_of([], [FILE], ["linear_rate"], 0.5)
-  case = lambda after: EvaluationCase("c", "bicycle", cars=2, after=after)
-  whole, late = (run_together(drivers, case(s))[0].kpis for s in (0.0, 8.0))
-  drive = run_case(Team(tuple(drivers.values()), 2), case(0.0))
-  counted = drive.under_way & (drive.time >= 8.0)[:, None]
+  case = EvaluationCase(SHORT, "reduced", cars=2)
+  late = run_together(drivers, dataclasses.replace(case, after=3.0))[0].kpis
+  drive = run_case(Team(tuple(drivers.values()), 2), case)
+  counted = drive.under_way & (drive.time >= 3.0)[:, None]
   expected = [np.sqrt(np.mean(drive.cross_track[counted[:, i], i] ** 2)) for i in range(2)]
   np.testing.assert_allclose(late.rmse, expected)
-  assert late.finished.all() and np.all(late.rmse != whole.rmse)
+  assert late.finished.all() and np.all(late.rmse != kpis(drive).rmse)

@@ -8,13 +8,12 @@ import pytest
 import torch
 from stable_baselines3.common.logger import Logger
 
-from agents.control.kpis import kpis
 from agents.control.model import Model
 from agents.control.tuning import Search
 from agents.learning import imitation
 from agents.learning.ddpg import MirrorBuffer, Settings, demonstrate, make_agent
 from agents.learning.environments import Options, fleet, task_of
-from agents.learning.evaluate import EvaluationCase, run_case
+from agents.learning.evaluate import EvaluationCase, run_together
 from agents.learning.imitation import imitate, teacher
 from agents.learning.observation import ObservationSpec
 from agents.learning.policy_file import load_policy
@@ -23,11 +22,11 @@ from qcar_twin.envs.vector_env import FleetVecEnv
 from qcar_twin.twin.file import save_twin
 from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.twin import Twin
-from tests.agents.learning.test_train import rows
+from tests.agents.learning.test_train import SHORT, rows
 
 MODEL = Model.nominal()
-OPTIONS = Options(plant="bicycle", estimator="truth", demonstrator="")
-SETTINGS = Settings(episodes=0, cars=4, imitations=6, mirror=True, buffer=40_000)
+OPTIONS = Options(SHORT, plant="bicycle", estimator="truth", demonstrator="")
+SETTINGS = Settings(episodes=0, cars=4, imitations=4, mirror=True, buffer=40_000)
 PLAN = Plan(OPTIONS, SETTINGS, progress_bar=False)
 
 
@@ -35,7 +34,7 @@ PLAN = Plan(OPTIONS, SETTINGS, progress_bar=False)
 def student():
   with pytest.MonkeyPatch.context() as patch:
     patch.setattr(imitation, "ROUNDS", 2)
-    patch.setattr(imitation, "STEPS", 600)
+    patch.setattr(imitation, "STEPS", 300)
     agent = make_agent(FleetVecEnv(fleet(OPTIONS, range(4), MODEL)), SETTINGS, 0)
     error = imitate(agent, teacher(MODEL, 0.5), 4, 0)
   return agent, error
@@ -45,9 +44,9 @@ def test_a_student_that_sees_what_the_teacher_sees_does_what_it_does(student):
   agent, error = student
   policy, law = policy_of(agent, PLAN, {}), teacher(MODEL, 0.5)
   case = EvaluationCase("s", "bicycle", cars=1, estimator="truth")
-  ours, theirs = run_case(policy, case), run_case(law, case)
+  ours, theirs = (row.kpis for row in run_together({"ours": policy, "theirs": law}, case))
   assert error < 0.15
-  assert kpis(ours).rmse[0] < kpis(theirs).rmse[0] + 1.5e-3
+  assert ours.rmse[0] < theirs.rmse[0] + 1.5e-3
   errors = np.random.default_rng(0).normal(0.0, [0.002, 0.01, 0.01, 0.05], (500, 4))
   assert np.corrcoef(policy.rate(errors), law.answer(errors))[0, 1] > 0.95
 
@@ -67,7 +66,7 @@ def test_what_was_driven_is_in_the_replay_buffer_and_targets_are_the_student(stu
 
 def test_answers_are_to_the_true_errors():
   """A car whose estimate is bent to one side is taught to steer to where it really is."""
-  bent = dataclasses.replace(OPTIONS, plant="twin", estimator="fekf", steering_offset=3.0)
+  bent = dataclasses.replace(OPTIONS, plant="reduced", estimator="fekf", steering_offset=3.0)
   agent = make_agent(FleetVecEnv(fleet(bent, range(4), MODEL)), dataclasses.replace(SETTINGS, imitations=2), 0)
   law, asked = teacher(MODEL, 0.5), []
   env = agent.env.unwrapped
@@ -84,12 +83,12 @@ def test_answers_are_to_the_true_errors():
 
 def test_an_agent_that_only_imitates_is_judged_kept_and_exported(tmp_path, monkeypatch):
   monkeypatch.setattr(imitation, "ROUNDS", 1)
-  monkeypatch.setattr(imitation, "STEPS", 300)
+  monkeypatch.setattr(imitation, "STEPS", 150)
   result = train(PLAN, tmp_path)
   assert result["episodes"] == 0 and result["updates"] == 0 and result["best_episode"] == 0
   assert result["best_rmse_training_path"] < 0.03 and result["ten_full_episodes_in_a_row_at"] is None
   assert [row["episode"] for row in rows(tmp_path / "evaluations.csv")] == [0]
-  assert load_policy(tmp_path / "best").provenance["training"]["settings"]["imitations"] == 6
+  assert load_policy(tmp_path / "best").provenance["training"]["settings"]["imitations"] == 4
   assert json.loads((tmp_path / "training.json").read_text())["settings"]["mirror"] is True
 
 
@@ -190,6 +189,6 @@ def test_a_teacher_for_a_car_of_its_own_is_tuned_on_it(tmp_path):
   """A steering that answers 80 ms late makes the usual gains swing; the teacher for that car asks for less."""
   late = Twin(MODEL.vehicle, select(["steering_delay"]), threads=1)
   save_twin(tmp_path / "late.toml", late, late.parameters.vector({"steering_delay": 0.08}), "late")
-  usual = teacher(MODEL, 0.5)
-  own = teacher(MODEL, 0.5, str(tmp_path / "late.toml"), Search(candidates=6, elite=2, generations=2))
+  usual, search = teacher(MODEL, 1.0), Search(candidates=6, elite=2, generations=2, path=SHORT)
+  own = teacher(MODEL, 1.0, str(tmp_path / "late.toml"), search)
   assert own.largest == usual.largest and own.gain[0] < 0.7 * usual.gain[0]

@@ -19,6 +19,7 @@ from qcar_twin.envs.vector_env import FleetVecEnv
 from qcar_twin.paths import PATHS
 
 FAST = Options(plant="bicycle", estimator="truth")
+SHORT = dataclasses.replace(FAST, path="random:1:2")  # 3 m, a turn between straights
 SMALL = Settings(episodes=10, cars=4, warm_up=0, steps_per_update=4, buffer=8000)
 
 
@@ -122,7 +123,7 @@ def test_demonstrations_fill_the_buffer_with_what_the_demonstrator_does():
 
 
 def filled_agent(seed=0):
-  agent = agent_of(seed=seed)
+  agent = agent_of(seed=seed, options=SHORT)
   demonstrate(agent, 1)
   agent.train(5, 64)
   return agent
@@ -139,7 +140,7 @@ def test_an_agent_goes_on_from_a_checkpoint_exactly_as_it_would_have(tmp_path):
   save_checkpoint(agent, tmp_path, {"episodes": [[1.0, 2.0]]})
   agent.train(5, 64)
   expected = weights(agent)
-  again = agent_of(seed=9)
+  again = agent_of(seed=9, options=SHORT)
   assert load_checkpoint(again, tmp_path) == {"episodes": [[1.0, 2.0]]}
   assert again.num_timesteps == 77 and again._n_updates == 5 and again.done == 0.3
   again.train(5, 64)
