@@ -91,7 +91,7 @@ def tyre_of(car: Vehicle, wheel: str) -> list[float]:
   )
 
 
-def differential_rows(damping: ArrayLike, timestep: float, invweight: float) -> tuple[np.ndarray, np.ndarray]:
+def differential_rows(damping: ArrayLike, timestep: float, invweight: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
   """Solver numbers that make equality `front_differential` or `rear_differential` a damper, torque = -b (w_l - w_r).
 
   A row with reference -v/h and regularisation R = 1/(h b) solves for -b times the speed at the end of the
@@ -100,12 +100,12 @@ def differential_rows(damping: ArrayLike, timestep: float, invweight: float) -> 
   Args:
     damping: b, N m s/rad, (n,).
     timestep: h, s.
-    invweight: tendon_invweight0 of the tendon of that name, 1/(kg m^2).
+    invweight: tendon_invweight0 of the tendon of that name, 1/(kg m^2), a number or (n,).
 
   Returns:
     solref (n, 2) and solimp (n, 5).
   """
-  strength = timestep * np.atleast_1d(np.asarray(damping, dtype=np.float64)) * invweight
+  strength = timestep * np.atleast_1d(np.asarray(damping, dtype=np.float64)) * np.asarray(invweight)
   impedance = np.clip(strength / (1.0 + strength), 1e-4, 0.9999)  # MuJoCo's own limits
   fixed = np.ones_like(impedance)
   solref = np.stack([-1e-9 * fixed, -impedance / timestep], axis=-1)

@@ -51,9 +51,8 @@ class Fields:
     self._wheel_bodies = np.array([model.geom_bodyid[g] for g in self._handles.wheels])
     self._ackermann = model.equality("ackermann").id
     self._differential_tendons = [t for t in range(model.ntendon) if model.tendon(t).name.endswith("_differential")]
-    self._differential = [
-      (model.equality(model.tendon(t).name).id, float(model.tendon_invweight0[t])) for t in self._differential_tendons
-    ]
+    self._differential = [(model.equality(model.tendon(t).name).id, t) for t in self._differential_tendons]
+    self._wheel_inertia = float(model.body_inertia[self._wheel_bodies[0], 1])  # which the model's own weights go by
     self._imu = model.site("imu").id
     self._imu_x = float(model.site_pos[self._imu, 0])
     self._timestep = float(model.opt.timestep)
@@ -78,7 +77,7 @@ class Fields:
       self._batch.expand("body_inertia")[rows, self._wheel_bodies, 1] = self.values[WHEEL_SPIN][rows][:, None]
     if changed & set(BODY):
       self._write_body(rows)
-    if changed & set(OTHER):
+    if changed & {*OTHER, WHEEL_SPIN}:
       self._write_other(changed, rows)
 
   def _write_tyre(self, name: str, rows: Rows) -> None:
@@ -119,12 +118,12 @@ class Fields:
     for name, axis in (("gravity_x", 0), ("gravity_y", 1)):
       if name in changed:
         self._batch.expand("opt.gravity")[rows, axis] = self.values[name][rows]
-    if "differential_damping" in changed:
+    if changed & {"differential_damping", WHEEL_SPIN}:
       damping = self.values["differential_damping"][rows]
-      for equality, weight in self._differential:
-        self._write_damper(equality, weight, damping, rows)
+      for equality, tendon in self._differential:
+        self._write_damper(equality, tendon, damping, rows)
         self._batch.bind("eq_active")[rows, equality] = damping > 0.0
-    if "centre_differential" in changed:
+    if "centre_differential" in self.values and changed & {"centre_differential", WHEEL_SPIN}:
       self._write_centre(rows)
     if "differential_friction" in changed:
       for tendon in self._differential_tendons:
@@ -152,14 +151,16 @@ class Fields:
     self.led = (self.values["servo_inertia"] > 0.0) | np.isfinite(rate)
     self._batch.expand("actuator_dynprm")[:, self._handles.steering, 0] = np.where(self.led, _AT_ONCE, lag)
 
-  def _write_damper(self, equality: int, weight: float, damping: Array, rows: Rows) -> None:
+  def _write_damper(self, equality: int, tendon: int, damping: Array, rows: Rows) -> None:
+    """A damper's numbers count in weights of its tendon, which go by the inertia of the wheels that it couples."""
+    weight = float(self._batch.model.tendon_invweight0[tendon]) * self._wheel_inertia / self.values[WHEEL_SPIN][rows]
     solref, solimp = differential_rows(damping, self._timestep, weight)
     self._batch.expand("eq_solref")[rows, equality] = solref
     self._batch.expand("eq_solimp")[rows, equality] = solimp
 
   def _write_centre(self, rows: Rows) -> None:
     freedom, model = self.values["centre_differential"][rows], self._batch.model
-    weight = float(model.tendon_invweight0[model.tendon("centre").id])
-    self._write_damper(model.equality("centre").id, weight, centre_damping(freedom, self._similarity), rows)
+    damping = centre_damping(freedom, self._similarity)
+    self._write_damper(model.equality("centre").id, model.tendon("centre").id, damping, rows)
     for name, active in CENTRE_SWITCH.items():
       self._batch.bind("eq_active")[rows, model.equality(name).id] = (freedom > 0.0) == active
