@@ -110,7 +110,9 @@ def test_the_filter_in_the_loop_estimates_what_is_unknown():
 @pytest.mark.parametrize("estimator", ["truth", "fekf"])
 def test_the_judge_sees_what_an_evaluation_of_the_training_path_sees(estimator):
   plan = dataclasses.replace(PLAN, options=dataclasses.replace(OPTIONS, estimator=estimator), judges=2)
-  case = EvaluationCase("s", "bicycle", cars=2, seed=training.EVALUATION_SEED, estimator=estimator)
+  case = EvaluationCase(
+    OPTIONS.path, "bicycle", OPTIONS.speed, cars=2, seed=training.EVALUATION_SEED, estimator=estimator
+  )
   np.testing.assert_allclose(judge(GOOD, plan, MODEL).rmse, kpis(run_case(GOOD, case)).rmse, rtol=1e-9)
 
 
@@ -190,7 +192,7 @@ def test_a_training_with_two_critics_and_a_mirror_is_resumed_and_says_what_it_to
 
 def test_a_demonstration_is_in_the_mirror_buffer_before_the_first_update():
   settings_ = Settings(episodes=2, cars=2, steps_per_update=2, warm_up=0, mirror=True, buffer=6000)
-  options = dataclasses.replace(OPTIONS, demonstrator="lq_ed")
+  options = dataclasses.replace(OPTIONS, demonstrator="lq_ed", path="s", speed=0.5)
   agent = make_agent(FleetVecEnv(fleet(options, range(2), MODEL)), settings_, 0)
   demonstrate(agent, 1)
   buffer = agent.replay_buffer
