@@ -13,6 +13,14 @@ from qcar_twin.onboard.clock import Clock, Deadlock, DriveOver
 from qcar_twin.onboard.standing_in import EPOCH, simulated_time
 
 
+@pytest.fixture(autouse=True)
+def the_interrupt_is_heard():
+  """A shell that starts something in the background has it ignore Ctrl-C, and a clock goes by that."""
+  here = signal.signal(signal.SIGINT, signal.default_int_handler)
+  yield
+  signal.signal(signal.SIGINT, here)
+
+
 def run(part: Callable[[], object], limit: float = 100.0, move: Callable[[float], None] = lambda _: None) -> Clock:
   """Do something on a clock of its own, to the end of all its threads."""
   clock = Clock(move, limit)
@@ -148,18 +156,13 @@ def test_at_the_limit_the_script_is_interrupted_and_may_tidy_up(before):
 
 
 def test_a_script_that_ignores_the_interrupt_goes_on_until_the_grace_is_spent():
-  here = signal.getsignal(signal.SIGINT)
-
   def part():
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     while True:
       time.sleep(0.5)
 
-  try:
-    with pytest.raises(DriveOver):
-      run(part, limit=2.0)
-  finally:
-    signal.signal(signal.SIGINT, here)
+  with pytest.raises(DriveOver):
+    run(part, limit=2.0)
 
 
 def test_who_does_not_heed_the_interrupt_is_ended_when_the_grace_is_spent():
