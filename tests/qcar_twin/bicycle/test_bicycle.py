@@ -37,7 +37,7 @@ def test_rollout_has_the_contract_shape_and_starts_at_the_start():
 
 
 @pytest.mark.parametrize("losses", [TurningLosses(), TurningLosses(0.3, 80.0)])
-@pytest.mark.parametrize("at_once", [20_000, 84])  # all 120 periods, and 7 of the twelve cars at a time
+@pytest.mark.parametrize("at_once", [20_000, 84])  # all 120 periods of the twelve cars at once, and 7 at a time
 def test_batch_equals_single_runs(losses, at_once, monkeypatch):
   monkeypatch.setattr(module, "_AT_ONCE", at_once)
   segments, bicycle = drive(steps=120), Bicycle(VEHICLE, losses=losses)

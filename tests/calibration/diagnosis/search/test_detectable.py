@@ -61,7 +61,7 @@ def test_blocks_compare_as_residuals_do():
 
 @pytest.mark.slow
 def test_predicted_sizes_part_what_is_claimed_from_what_is_not():
-  found = list(rates(2, (0.71, 1.41)))
+  found = list(rates(2, (0.5, 0.71, 1.41, 2.0)))
   small = [hit for _, multiple, hit in found if multiple < 1.0]
   large = [hit for _, multiple, hit in found if multiple > 1.0]
   assert sum(small) <= 1 and sum(large) >= len(large) - 1
