@@ -17,12 +17,13 @@ the effect is the car. A mechanism that acts either way is tried either way.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.diagnosis.decision.claims import claim
+from calibration.diagnosis.decision.claims import Claim, claim
 from calibration.diagnosis.decision.evidence import Alternative, Evidence, Named, Taken
 from calibration.diagnosis.decision.levels import Levels, usual_levels
 from calibration.diagnosis.pool import Pool
@@ -37,6 +38,7 @@ Array = NDArray[np.float64]
 RIVALS = 4  # mechanisms that look most alike and are weighed as what could be named instead
 _LEAST, _STEPS = 0.01, 12  # of the scanned size, and steps in an octave
 _OCTAVES = 13
+_STRIDE = 6  # steps, half an octave: a size at which more is claimed than at both ends of one is not sought
 
 
 @dataclasses.dataclass(frozen=True)
@@ -164,6 +166,13 @@ def _step(signature: Signature, parameter: Parameter) -> float:
   return signature.tried[parameter.name] - (parameter.null or 0.0)
 
 
+def _first(count: int, holds: Callable[[int], bool]) -> int | None:
+  """Least of so many sizes at which something holds: by strides to one that has it, then from the last that had not."""
+  ends = [*range(_STRIDE - 1, count - 1, _STRIDE), count - 1] if count else []
+  end = next((k for k in ends if holds(k)), None)
+  return None if end is None else next(k for k in range(max(0, end - _STRIDE + 1), end + 1) if holds(k))
+
+
 def _smallest(
   prediction: Prediction, signature: Signature, rivals: list[tuple[str, _Sums]], levels: Levels
 ) -> Detectable:
@@ -173,14 +182,19 @@ def _smallest(
   own = prediction.sums(signature.direction.astype(np.float64))
   room = max((bound - null) / step for bound in (parameter.lower, parameter.upper))
   signs = (1.0, -1.0) if mechanism.signed else (1.0,)
+  sizes = _LEAST * 2.0 ** (np.arange(_OCTAVES * _STEPS) / _STEPS)
+  sizes = sizes[sizes <= room]
+
+  @functools.cache
+  def claims(index: int) -> list[Claim]:
+    k = float(sizes[index])
+    return [claim(prediction.named(signature, own, rivals, s * k), prediction.evidence, levels) for s in signs]
+
   found: dict[str, float] = {}
-  for k in _LEAST * 2.0 ** (np.arange(_OCTAVES * _STEPS) / _STEPS):
-    if k > room or len(found) == 2:
-      break
-    claims = [claim(prediction.named(signature, own, rivals, s * k), prediction.evidence, levels) for s in signs]
-    for what in ("shared", "probability"):
-      if what not in found and np.mean([getattr(c, what) for c in claims]) >= levels.claim:
-        found[what] = float(k)
+  for what in ("shared", "probability"):
+    reached = _first(len(sizes), lambda i, what=what: np.mean([getattr(c, what) for c in claims(i)]) >= levels.claim)
+    if reached is not None:
+      found[what] = float(sizes[reached])
   sized = {what: k * abs(step) for what, k in found.items()}
   size = sized.get("shared")
   return Detectable(

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from calibration.diagnosis.decision.claims import claim
 from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.decision.weighing import probability
 from calibration.diagnosis.score import compare, from_blocks
@@ -26,6 +27,16 @@ def test_what_recalibration_absorbs_has_no_size(smallest):
   shown = smallest["quadratic_drag"]
   assert 0.0 < shown.size < 4.0 and shown.unit == "kg/m" and shown.share == pytest.approx(shown.size / 0.4)
   assert shown.named >= shown.size
+
+
+def test_the_size_is_the_least_that_is_claimed(clean_pool, smallest):
+  evidence, levels = gather(clean_pool), usual_levels()
+  prediction, signature = Prediction(clean_pool, evidence), clean_pool.signatures["quadratic_drag"]
+  own = prediction.sums(signature.direction.astype(np.float64))
+  rivals = prediction.rivals(signature, clean_pool.signatures)
+  told = lambda k: claim(prediction.named(signature, own, rivals, k), evidence, levels).shared
+  least = smallest["quadratic_drag"].size / signature.tried["quadratic_drag"]
+  assert told(least) >= levels.claim > told(least * 2 ** (-1 / 12))
 
 
 def test_an_effect_of_twice_the_size_shows_four_times_the_nats(clean_pool, smallest):
