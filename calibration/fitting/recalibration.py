@@ -99,7 +99,7 @@ def recalibrate(
   observations = observe(recordings, twin.vehicle, dataclasses.replace(cut, command_shift=shift))
   twin = anchored(twin, base.names, start)
   problem = _weighted(twin, observations, fitted_count(observations, recordings), base, start, floor)
-  known = Slopes()
+  known = _unknown(problem)
   fitted = settled(problem, noise, base, start, shift, known)
   wider = widened(base, fitted.fit.theta)
   if any(p != q for p, q in zip(wider, base, strict=True)):
@@ -136,7 +136,7 @@ def settled(
 
   `known`: slopes of the same problem from an earlier search.
   """
-  known = known or Slopes()
+  known = known or _unknown(problem)
   problem, minimum = descended(problem, base, start, known=known)
   theta = problem.embed(base.names, minimum.theta, problem.parameters.nominal)[0]
   return RecalibratedTwin(problem, noise_models, minimum, theta, _slopes(problem, base, minimum, known), command_shift)
@@ -144,7 +144,7 @@ def settled(
 
 def settled_from(recalibrated: RecalibratedTwin, start: Array) -> RecalibratedTwin:
   """The same fit from another start, (p,), in rounds while they gain: from afar one may not come to its end."""
-  old, base, known = recalibrated, recalibrated.fit.parameters, Slopes()
+  old, base, known = recalibrated, recalibrated.fit.parameters, _unknown(recalibrated.problem)
   begun = settled(old.problem, old.noise_models, base, start, old.command_shift, known)
   again, iterations = begun, begun.fit.iterations
   for _ in range(_AFAR):
@@ -164,8 +164,14 @@ def _slopes(problem: Problem, base: ParameterSet, minimum: Fit, known: Slopes) -
   full = lambda v: problem.embed(base.names, v, problem.parameters.nominal)
   theta, fitted = minimum.theta, lambda v: problem.fitted_residual(full(v))
   slopes = known.at(fitted, base, theta, minimum.residual, "deviation")
-  judging = central_differences(lambda v: problem.judging_residual(full(v)), base, theta, known.widths)
-  return np.concatenate([slopes, judging])
+  residual = lambda v: problem.judging_residual(full(v))
+  smooth = residual(theta[None])[0], problem.observations.stretch[problem.n_train :]
+  return np.concatenate([slopes, central_differences(residual, base, theta, known.widths, smooth)])
+
+
+def _unknown(problem: Problem) -> Slopes:
+  """Slopes of a problem, none of which is known yet."""
+  return Slopes(problem.observations.stretch[: problem.n_train])
 
 
 def misled(problem: Problem, anchor: Array, tried: Array) -> list[Stretch]:
@@ -206,7 +212,7 @@ def descended(
   step, the stretches in which the slopes of the two differ are left to MuJoCo from then on.
   """
   embedded = lambda values: problem.embed(base.names, values, problem.parameters.nominal)[0]
-  known = known or Slopes()
+  known = known or _unknown(problem)
   if problem.exact is problem:
     return problem, _fit(problem, base, start, _LONGEST, 0.0, STENCILS, known)
   stencils: tuple[Stencil, ...] = ()

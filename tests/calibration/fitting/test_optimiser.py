@@ -172,3 +172,14 @@ def test_central_differences_are_exact_on_a_parabola_and_one_sided_at_a_bound():
   assert slope(2.0) == pytest.approx(np.array([[4.0]])) and slope(3.0) == pytest.approx(np.array([[5.9]]))
   with pytest.raises(ValueError, match="a moves"):
     central_differences(lambda theta: np.full_like(theta, np.nan), p, np.array([2.0]), np.array([0.1]))
+
+
+def test_a_part_that_jumps_within_a_stencil_has_the_slopes_of_the_other_side():
+  p = ParameterSet([Parameter("a", 2.0, 0.0, 3.0, "-", typical=1.0)])
+  jump = lambda theta: np.where(theta > 2.01, 50.0, 0.0) * [0.0, 0.0, 1.0, 1.0]
+  residual = lambda theta: theta**2 * [1.0, 3.0, 1.0, -2.0] + jump(theta)
+  at, half, part = np.array([2.0]), np.array([0.1]), np.array([0, 0, 1, 1])
+  bent = central_differences(residual, p, at, half)
+  assert bent[:2, 0] == pytest.approx([4.0, 12.0]) and np.all(bent[2:] > 200.0)
+  smooth = central_differences(residual, p, at, half, (residual(at[None])[0], part))
+  assert smooth[:, 0] == pytest.approx([4.0, 12.0, 3.9, -7.8])
