@@ -1,4 +1,4 @@
-"""Starts in mid-drive: what wheels, gyro and accelerometer say of a car that slips is turned into the state it is in."""
+"""Starts in mid-drive: what encoder, gyro and accelerometer say of a car that slips becomes the state it is in."""
 
 import dataclasses
 
