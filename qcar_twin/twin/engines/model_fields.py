@@ -17,7 +17,8 @@ from qcar_twin.vehicle.similarity import Similarity
 from qcar_twin.vehicle.tyre import COLUMN
 
 TYRE = tuple(name for name in COLUMN if name not in ("tag", "nominal_load", "carcass_damping"))
-DRIVE = ("torque_per_volt", "motor_damping", "driveline_friction", "driveline_damping", "rotor_inertia", "max_torque")
+DRIVE = ("torque_per_volt", "motor_damping", "driveline_friction", "driveline_damping", "rotor_inertia", "max_torque",
+         "supply_sag")  # fmt: skip
 WHEEL_SPIN = "wheel_inertia"
 OTHER = (
   "gravity_x",
@@ -60,6 +61,7 @@ class Fields:
     self._similarity = Similarity.of(car.wheelbase)
     self._full_ackermann = car.track_width / (2.0 * car.wheelbase)
     self.values: dict[str, Array] = {}
+    self._sags = False
     self.servo, self.servo_most, self.led = np.zeros((4, 0)), np.zeros((2, 0)), np.zeros(0, dtype=bool)
 
   def load(self, values: dict[str, Array]) -> None:
@@ -99,12 +101,22 @@ class Fields:
     gain = self._batch.expand("actuator_gainprm")
     gain[rows, self._handles.motor, 0] = b / a**2
     gain[rows, self._handles.motor, 1] = b / a
+    self._sags = bool(self.values["supply_sag"].any())
     self._batch.expand("dof_frictionloss")[rows, self._handles.motor_dof] = self.values["driveline_friction"][rows]
     self._batch.expand("dof_damping")[rows, self._handles.motor_dof] = self.values["driveline_damping"][rows]
     self._batch.expand("dof_armature")[rows, self._handles.motor_dof] = self.values["rotor_inertia"][rows]
     if "max_torque" in self.values:
       limit = self.values["max_torque"][rows]
       self._batch.expand("actuator_forcerange")[rows, self._handles.motor] = np.stack([-limit, limit], axis=-1)
+
+  def drive(self, command: Array) -> None:
+    """Let the supply's resistance act at these drive commands, (N,), until the next.
+
+    The supply's current is the duty times the motor's, so that the motor sees u^2 / U^2 of its resistance.
+    """
+    if self._sags:
+      a, b, sag = (self.values[name] for name in ("torque_per_volt", "motor_damping", "supply_sag"))
+      self._batch.expand("actuator_gainprm")[:, self._handles.motor, 0] = b / a**2 * (1.0 + sag * command**2)
 
   def _write_body(self, rows: Rows) -> None:
     mass, position, inertia, ahead = self._chassis.of({name: self.values[name][rows] for name in BODY})

@@ -107,6 +107,7 @@ class MujocoCars:
 
   def advance(self, commands: Array, running: NDArray[np.intp] | None, signals: Array) -> None:
     self._ctrl[:] = commands
+    self._fields.drive(commands[:, 0])
     if self._fields.led.any():
       self._lead(commands[:, 1], running)
     else:

@@ -124,7 +124,7 @@ class Model(Protocol):
   `cornering_stiffness` [N/rad per wheel], `longitudinal_stiffness` [N per unit slip, per wheel],
   `friction_coefficient` [-], `tyre_shape` [-], `load_exponent` [-], `relaxation_length`, `longitudinal_relaxation` [m];
   car-wise, (n,): `gravity_x`, `gravity_y` [m/s^2, world frame], `driveline_friction` [N m, motor side],
-  `driveline_damping` [N m s/rad, motor side], `torque_per_volt` [N m/V, motor side],
+  `driveline_damping` [N m s/rad, motor side], `torque_per_volt` [N m/V, motor side], `supply_sag` [1/V^2],
   `rotor_inertia` [kg m^2, motor side], `wheel_inertia` [kg m^2, of one wheel about the axle],
   `differential_damping` [N m s/rad per axle], `centre_differential` [-, 0 one shaft],
   `servo_time_constant` [s], `servo_rate` [rad/s, inf without a limit], `ackermann_fraction` [-],
@@ -223,6 +223,10 @@ class Mechanism:
     Subsystem "drive" changes the first one alone and subsystem "steering" the second, whatever the other is.
     """
     return command
+
+  def passes(self, theta: Array) -> bool:
+    """Whether it leaves all commands as they are with these parameters, (n, p): what it does `write_model` has done."""
+    return False
 
   def wrench(self, theta: Array, context: Context, state: State) -> Array:
     """Force on the body at the CG, (n, 3): F_x [N], F_y [N], M_z [N m], body frame; may change `state`."""

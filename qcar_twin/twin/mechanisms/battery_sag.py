@@ -3,12 +3,15 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from qcar_twin.parameters import Parameter
 from qcar_twin.plant import Driving
-from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model, State
 from qcar_twin.twin.mechanisms.elements import REFERENCE_VOLTAGE, idle_voltage, ramp
 
+_USUAL = 0.01  # relative loss: a pack of 11 V and 0.03 to 0.06 ohm beside a motor of 0.15 to 0.5 ohm
+_AT_ONCE = 0.001  # s
 CORNER = 0.005  # of the reference current
 
 
@@ -16,7 +19,8 @@ class BatterySag(Mechanism):
   """The supply drops under load and recovers afterwards, so the motor gets less than commanded.
 
   Equation: V = u / (1 + z), tau z' + z = s max(u (u - e), 0)^p / (2.5 V)^2p: battery current is duty times
-  motor current, and that goes with u - e, e the back-EMF.
+  motor current, and that goes with u - e, e the back-EMF. With p = 1 and the shortest tau the battery is a resistance
+  in the motor's circuit: torque is divided by 1 + s u^2 / (2.5 V)^2, whichever way the current flows.
   Units: s -, relative loss at 2.5 V on a standing motor; p -; tau s; u, e, V V.
   Source: Chen and Rincon-Mora, IEEE Trans. Energy Conversion 21(2), 2006 (electrical battery model).
   Confounded with: quadratic_drag, torque per volt, battery_discharge.
@@ -26,10 +30,11 @@ class BatterySag(Mechanism):
   subsystem = "drive"
   stage = "actuator"
   drives = ("voltage", "duty")
+  fitted_rank = 14
   parameters = (
     Parameter("battery_sag", 0.0, 0.0, 2.0, "-", "s", null=0.0, typical=0.2, description="relative loss"),
     Parameter("battery_sag_power", 1.0, 0.4, 2.0, "-", "p", description="power of the battery current"),
-    Parameter("battery_sag_time", 0.03, 0.001, 20.0, "s", "tau", std=0.5, description="recovery time"),
+    Parameter("battery_sag_time", _AT_ONCE, _AT_ONCE, 20.0, "s", "tau", std=0.5, description="recovery time"),
   )
 
   def initial_guesses(self, driving: Driving) -> Sequence[Mapping[str, float]]:
@@ -39,11 +44,27 @@ class BatterySag(Mechanism):
   def initial(self, theta: Array, context: Context) -> State:
     return {"drop": np.zeros(len(theta))}
 
+  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
+    """No battery is without resistance."""
+    return {"battery_sag": _USUAL}
+
+  def write_model(self, theta: Array, context: Context, model: Model) -> None:
+    resistance = np.where(_is_resistance(theta), theta[:, 0] / REFERENCE_VOLTAGE**2, 0.0)
+    model.set("supply_sag", model.get("supply_sag") + resistance)
+
+  def passes(self, theta: Array) -> bool:
+    return bool(_is_resistance(theta).all())
+
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     voltage = command[:, 0]
     current = ramp(voltage * (voltage - idle_voltage(context)) / REFERENCE_VOLTAGE**2, CORNER)
-    target = theta[:, 0] * current ** theta[:, 1]
+    target = np.where(_is_resistance(theta), 0.0, theta[:, 0] * current ** theta[:, 1])
     state["drop"] = state["drop"] + (target - state["drop"]) * -np.expm1(-context.period / theta[:, 2])
     acting = command.copy()
     acting[:, 0] = voltage / (1.0 + state["drop"])
     return acting
+
+
+def _is_resistance(theta: Array) -> NDArray[np.bool_]:
+  """Cars whose battery is a resistance and no more, (n,)."""
+  return (theta[:, 1] == 1.0) & (theta[:, 2] <= _AT_ONCE)

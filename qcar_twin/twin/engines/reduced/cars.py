@@ -28,6 +28,7 @@ _WHEEL = {name.lower(): row for name, row in layout.NUMBER_ROW.items() if name i
 _PLAIN = {
   "torque_per_volt": "TORQUE_PER_COMMAND",
   "max_torque": "MAX_TORQUE",
+  "supply_sag": "SUPPLY_SAG",
   "motor_damping": "MOTOR_DAMPING",
   "driveline_friction": "DRIVELINE_FRICTION",
   "wheel_inertia": "WHEEL_INERTIA",

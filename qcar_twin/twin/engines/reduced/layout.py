@@ -39,6 +39,7 @@ NUMBERS = (
   "TORQUE_PER_COMMAND",
   "MOTOR_DAMPING",
   "MAX_TORQUE",
+  "SUPPLY_SAG",  # resistance of the supply over the motor's, per squared volt of the command
   "DRIVELINE_FRICTION",
   "DRIVELINE_DAMPING",
   "DIFFERENTIAL_DAMPING",

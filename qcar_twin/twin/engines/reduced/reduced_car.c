@@ -290,7 +290,8 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
     Pair f = turned(pushed, -sm, cm), g = turned(gravity, -sm, cm);
     V spin2 = yaw_rate * yaw_rate, off = servo - steering;
     V next_way = clip(clip(steering + sa * off + sb * servo_rate, stop) - servo, servo_step);
-    V torque = clip(command * number(a, P_TORQUE_PER_COMMAND) - number(a, P_MOTOR_DAMPING) * motor, number(a, P_MAX_TORQUE));
+    V drawn = command * number(a, P_TORQUE_PER_COMMAND) - number(a, P_MOTOR_DAMPING) * motor;
+    V torque = clip(drawn / (1 + number(a, P_SUPPLY_SAG) * command * command), number(a, P_MAX_TORQUE));
     b[VX] = m * now.x - my * yaw_rate + mz * pitch_rate + h * (f.x + m * g.x + spin2 * mx) + t.to_plane[0];
     b[VY] = m * now.y + mx * yaw_rate - mz * roll_rate + h * (f.y + m * g.y + spin2 * my) + t.to_plane[1];
     b[YAW] = mx * now.y - my * now.x + iy * yaw_rate + iyr * roll_rate + iyp * pitch_rate +

@@ -113,12 +113,21 @@ def test_quadratic_drag_opposes_the_velocity():
 
 
 def test_battery_sag_goes_with_the_power_drawn_and_recovers():
-  standing = act("battery_sag", [0.25, 1.0, 0.001], [2.5] * 3, VOLT)
+  standing = act("battery_sag", [0.25, 1.0, 0.002], [2.5] * 3, VOLT)
   np.testing.assert_allclose(standing, 2.5 / 1.25, rtol=0.01)
   idle = motion(3, motor_speed=2.5 / VOLTS_PER_SPEED)
-  np.testing.assert_allclose(act("battery_sag", [0.25, 1.0, 0.001], [2.5] * 3, VOLT, idle), 2.5)
+  np.testing.assert_allclose(act("battery_sag", [0.25, 1.0, 0.002], [2.5] * 3, VOLT, idle), 2.5)
   slow = act("battery_sag", [0.25, 1.0, 1.0], [2.5] * 100 + [0.0] * 100 + [2.5], VOLT)
   assert slow[0] > 2.48 and slow[99] < 2.5 / 1.15 and slow[99] < slow[200] < 2.5
+
+
+def test_a_battery_that_is_a_resistance_acts_in_the_motors_circuit():
+  resistance = [0.25, 1.0, 0.001]
+  assert changed("battery_sag", resistance) == {"supply_sag": pytest.approx(0.25 / 2.5**2)}
+  np.testing.assert_array_equal(act("battery_sag", resistance, [2.5] * 3, VOLT), 2.5)
+  assert CATALOGUE["battery_sag"].passes(np.array([resistance]))
+  both = np.array([resistance, [0.25, 1.5, 0.001]])
+  assert not CATALOGUE["battery_sag"].passes(both)
 
 
 def test_battery_discharge_counts_time_and_energy():
