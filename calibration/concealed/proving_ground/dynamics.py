@@ -131,6 +131,12 @@ class Dynamics:
     np.subtract(self._drive_speed, self.cos * along + self.sin * across, out=self.slide[0])
     np.subtract(self.sin * along, self.cos * across, out=self.slide[1])
 
+  def rolling(self) -> np.ndarray:
+    """Velocity of the state's contact patches along their wheels (4, N) [m/s], bent linkages aside."""
+    self._drive_speed = np.zeros((4, self.n))
+    self._slip(self.state)
+    return -self.slide[0]
+
   def _tyre(self, z: Frame, k: Frame) -> None:
     """Wheel loads, carcass rates and brush forces."""
     car, slide = self.car, self.slide
@@ -222,12 +228,12 @@ class Dynamics:
 
 def rolling_start(dynamics: Dynamics, start: np.ndarray) -> None:
   """Put the cars at start (N, 7): x, y, yaw [m, m, rad], velocity_x, velocity_y [m/s], yaw_rate [rad/s], steering_angle
-  [rad].
+  [rad]. Each wheel rolls as its own place moves along it, so that in a turn the front ones are the faster.
   """
   s, car = dynamics.state, dynamics.car
   s.array[:] = 0.0
   s.x[:], s.y[:], s.yaw[:], s.vx[:], s.vy[:], s.yaw_rate[:], s.servo[:] = start.T
-  s.wheel[:] = (s.vx - s.yaw_rate * dynamics.wheel_y) / car.wheel_radius
+  s.wheel[:] = dynamics.rolling() / car.wheel_radius
   s.motor[:] = s.wheel.mean(axis=0) / car.gear_ratio
   s.bristle[:] = np.tanh(s.motor / 5.0)
   dynamics.steer_target[:] = s.servo

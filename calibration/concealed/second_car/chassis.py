@@ -123,12 +123,14 @@ class Chassis:
 
   def start(self, start: np.ndarray) -> np.ndarray:
     """State (33, n) of cars that roll at start (n, 7): x, y, yaw [m, m, rad], velocity forward and left [m/s], yaw rate
-    [rad/s], steering [rad]; upright on their struts."""
+    [rad/s], steering [rad]; upright on their struts, each wheel rolling as its own place moves along it."""
     s = State(np.zeros((len(NAMES), self.n)))
     s.x[:], s.y[:], s.yaw[:], s.u[:], s.v[:], s.r[:], s.servo[:] = start.T
     s.linkage[:] = s.servo
     s.z[:] = self.car.cg_height + self.floor.at(s.x, s.y)[0]
-    s.wheel[:] = (s.u - s.r * self.corner_y) / self.car.wheel_radius
+    angle = road_wheels(self.car, s.linkage)
+    along, across = s.u - s.r * self.corner_y, s.v + s.r * self.corner_x
+    s.wheel[:] = (np.cos(angle) * along + np.sin(angle) * across) / self.car.wheel_radius
     s.motor[:] = 0.25 * s.wheel.sum(axis=0) / self.car.gear_ratio
     s.rub[:] = np.sign(s.motor) * self.car.gear_presliding
     s.current[:] = self.car.gear_ratio * self.car.gear_friction * np.sign(s.motor) / self.car.motor_constant

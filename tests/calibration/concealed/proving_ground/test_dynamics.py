@@ -46,6 +46,16 @@ def test_a_car_at_rest_stays_exactly_at_rest():
   assert np.all(dynamics.state.array == 0.0)
 
 
+def test_wheels_roll_where_they_are_at_a_start_in_a_turn():
+  dynamics = Dynamics(fleet([PLAIN], [1]))
+  yaw_rate = 1.5 * np.tan(0.35) / (PLAIN.cg_to_front + PLAIN.cg_to_rear)
+  rolling_start(dynamics, np.array([[0, 0, 0.4, 1.5, yaw_rate * PLAIN.cg_to_rear, yaw_rate, 0.35]]))
+  dynamics.stage.array[:] = dynamics.state.array
+  dynamics.derivative()
+  assert np.abs(dynamics.slide[0]).max() < 1e-12
+  assert dynamics.state.wheel[:2].mean() > 1.05 * dynamics.state.wheel[2:].mean()
+
+
 def test_every_state_has_its_own_row():
   assert len(set(STATES)) == len(STATES) == 29
   assert [ROW[name] for name in ("x", "vx", "wheel_fl", "ux_fl", "servo", "motor_angle")] == [0, 3, 10, 17, 25, 28]
