@@ -26,7 +26,6 @@ from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.observations import UNITS, Observations, observe
 from calibration.fitting.optimiser import with_jacobian
 from calibration.fitting.recalibration import RecalibratedTwin
-from calibration.fitting.slopes import finite_differences
 from calibration.fitting.surrogate import searching
 from calibration.fitting.tolerances import always_fitted
 from calibration.fitting.windows import Cut
@@ -236,18 +235,9 @@ def _to_recordings(
   if standing:
     notes.append(f"static friction holds the car in {', '.join(standing)}: left out of the fit, not of the errors")
   group = groups_of(again.problem.observations)[: again.problem.n_train]
-  best = with_jacobian(again.fit, _slopes(again), np.inf)
+  best = with_jacobian(again.fit, again.jacobian[: again.problem.n_train], np.inf)
   estimates = table_of(best, twin, twin.parameters, "not fitted", group)
   return {"estimates": estimates, "command_shift": int(again.command_shift), "notes": notes}
-
-
-def _slopes(recalibrated: RecalibratedTwin) -> Array:
-  """MuJoCo's slopes of the fitted residual, (n_train, p): the intervals rest on them, whatever searched."""
-  problem, base = recalibrated.problem, recalibrated.fit.parameters
-  if problem.exact is problem:
-    return recalibrated.jacobian[: problem.n_train]
-  residual = lambda v: problem.exact.fitted_residual(problem.embed(base.names, v, recalibrated.theta))
-  return finite_differences(residual, base, recalibrated.fit.theta, residual(recalibrated.fit.theta[None])[0])
 
 
 def _open_recordings(dataset: DataSet) -> list[Recording]:
