@@ -10,7 +10,9 @@ from qcar_twin.plant import Driving
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model, State
 from qcar_twin.twin.mechanisms.elements import REFERENCE_VOLTAGE, idle_voltage, ramp
 
-_USUAL = 0.01  # relative loss: a pack of 11 V and 0.03 to 0.06 ohm beside a motor of 0.15 to 0.5 ohm
+# relative loss at 2.5 of 11 V: three cells of 3.3 Ah have 0.06 ohm (0.074 ohm at 0.85 Ah in the source), those made for
+# large currents half of it, beside a motor of 0.15 to 0.5 ohm
+_USUAL = 0.01
 _AT_ONCE = 0.001  # s
 CORNER = 0.005  # of the reference current
 
