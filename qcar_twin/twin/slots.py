@@ -24,7 +24,7 @@ class Slot:
 
   def __post_init__(self) -> None:
     kind = type(self.mechanism)
-    self.commands = kind.command is not Mechanism.command and not self.mechanism.passes(self.theta)
+    self.commands = kind.command is not Mechanism.command and not self.mechanism.passes(self.theta).all()
     self.pushes = kind.wrench is not Mechanism.wrench
     self.writes = kind.write_model is not Mechanism.write_model
 

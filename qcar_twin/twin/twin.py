@@ -248,8 +248,8 @@ class Twin:
     busy = np.zeros(len(theta), dtype=bool)
     for mechanism in self.mechanisms:
       if mechanism.stage in STEPPED and (rows := self.present(mechanism, theta)) is not None:
-        slot = Slot(mechanism, rows, theta[rows])
-        busy[rows] |= slot.acts and not slot.foreseen
+        slot = Slot(mechanism, rows, theta[rows][:, self._columns[mechanism.name]])
+        busy[rows] |= (slot.acts and not slot.foreseen) & ~mechanism.passes(slot.theta)
     if busy.all() or not busy.any():
       return [slice(None)]
     return [np.flatnonzero(~busy), np.flatnonzero(busy)]

@@ -224,9 +224,9 @@ class Mechanism:
     """
     return command
 
-  def passes(self, theta: Array) -> bool:
-    """Whether it leaves all commands as they are with these parameters, (n, p): what it does `write_model` has done."""
-    return False
+  def passes(self, theta: Array) -> NDArray[np.bool_]:
+    """Cars, (n,), whose commands it leaves as they are with parameters (n, p): what it does `write_model` has done."""
+    return np.zeros(len(theta), dtype=bool)
 
   def wrench(self, theta: Array, context: Context, state: State) -> Array:
     """Force on the body at the CG, (n, 3): F_x [N], F_y [N], M_z [N m], body frame; may change `state`."""

@@ -51,22 +51,17 @@ class BatterySag(Mechanism):
     return {"battery_sag": _USUAL}
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
-    resistance = np.where(_is_resistance(theta), theta[:, 0] / REFERENCE_VOLTAGE**2, 0.0)
+    resistance = np.where(self.passes(theta), theta[:, 0] / REFERENCE_VOLTAGE**2, 0.0)
     model.set("supply_sag", model.get("supply_sag") + resistance)
 
-  def passes(self, theta: Array) -> bool:
-    return bool(_is_resistance(theta).all())
+  def passes(self, theta: Array) -> NDArray[np.bool_]:
+    return (theta[:, 1] == 1.0) & (theta[:, 2] <= _AT_ONCE)
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     voltage = command[:, 0]
     current = ramp(voltage * (voltage - idle_voltage(context)) / REFERENCE_VOLTAGE**2, CORNER)
-    target = np.where(_is_resistance(theta), 0.0, theta[:, 0] * current ** theta[:, 1])
+    target = np.where(self.passes(theta), 0.0, theta[:, 0] * current ** theta[:, 1])
     state["drop"] = state["drop"] + (target - state["drop"]) * -np.expm1(-context.period / theta[:, 2])
     acting = command.copy()
     acting[:, 0] = voltage / (1.0 + state["drop"])
     return acting
-
-
-def _is_resistance(theta: Array) -> NDArray[np.bool_]:
-  """Cars whose battery is a resistance and no more, (n,)."""
-  return (theta[:, 1] == 1.0) & (theta[:, 2] <= _AT_ONCE)
