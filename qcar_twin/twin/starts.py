@@ -5,11 +5,12 @@ nothing says how it slides. In a turn each wheel rolls along its own heading, an
 turns at; the rest follows from the forces the tyres carry there (Rajamani, Vehicle Dynamics and Control, 2nd ed., 2012,
 ch. 2.2 and 4.1), with each car's own stiffnesses:
 
-  v_w (1 - m a_x / C_x) = v_x (1 - f + f cos delta) + (v_y + r l_f) f sin delta
+  v_w (1 - m (a_x + v_w r l_r / L sin delta) / C_x) = v_x (1 - f + f cos delta) + (v_y + r l_f) f sin delta
   v_y = r l_r - v_w alpha_r,   alpha_r = m v_w r l_f / (L C_r)
 
-with the driven wheels' mean speed at the rim v_w, the acceleration a_x that the tyres give the car, the share of C_x
-that the driven axles have, and the share f of the front axle among them. Else a stretch that begins in a launch begins
+with the driven wheels' mean speed at the rim v_w, the acceleration a_x that the tyres give the car, what steered front
+wheels hold back of it in a turn, the share of C_x that the driven axles have, and the share f of the front axle among
+them. Else a stretch that begins in a launch begins
 too fast by the slip, and one in a tight turn by half of 1 / cos delta - 1, and its motor's speed jumps up by that.
 """
 
@@ -40,7 +41,8 @@ def slipping(start: Array, push: Array, values: Mapping[str, Array], vehicle: Ve
   """
   out, (rim, turn, angle) = start.copy(), (start[:, _SPEED], start[:, _TURN], start[:, _STEERED])
   driven, ahead = 0.5 * len(vehicle.driven_axles), _front_share(vehicle)
-  along = values["mass"] * push / (driven * values["longitudinal_stiffness"])
+  held_back = rim * turn * (1.0 - values["cg_to_front"] / vehicle.wheelbase) * np.sin(angle)
+  along = values["mass"] * (push + held_back) / (driven * values["longitudinal_stiffness"])
   share = values["cg_to_front"] / (vehicle.wheelbase * values["cornering_stiffness_rear"])
   out[:, _SIDE] -= np.abs(rim) * np.clip(values["mass"] * rim * turn * share, -_LARGEST, _LARGEST)
   rolled = rim - np.abs(rim) * np.clip(along, -_LARGEST, _LARGEST)

@@ -59,6 +59,13 @@ def slow_turn(twin: Twin) -> np.ndarray:
   return driven(0.8, 0.45, 3.0, start, twin)
 
 
+@pytest.mark.parametrize(("volts", "steering"), [(1.5, 0.45), (2.5, 0.4), (3.0, 0.2)])
+def test_a_start_in_a_fast_turn_knows_what_the_steered_wheels_hold_back(volts, steering):
+  """The force towards the centre at 2.6 to 7 m/s^2 brakes along the car by its sine, and driven wheels make up for it."""
+  signals = driven(volts, steering, 4.0, np.zeros(7))
+  assert begun(signals, -20)[3] == pytest.approx(signals[-20, 3], rel=0.002)
+
+
 @pytest.mark.parametrize("layout", ["all-wheel", "rear", "front"])
 def test_a_start_in_a_tight_turn_has_the_car_s_speed_not_its_driven_wheels_mean(layout):
   """Front wheels roll 1 / cos(0.45 rad), a ninth, faster than the car."""
