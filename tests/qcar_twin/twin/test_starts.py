@@ -61,7 +61,7 @@ def slow_turn(twin: Twin) -> np.ndarray:
 
 @pytest.mark.parametrize(("volts", "steering"), [(1.5, 0.45), (2.5, 0.4), (3.0, 0.2)])
 def test_a_start_in_a_fast_turn_knows_what_the_steered_wheels_hold_back(volts, steering):
-  """The force towards the centre at 2.6 to 7 m/s^2 brakes along the car by its sine, and driven wheels make up for it."""
+  """The force towards the centre, at 2.6 to 7 m/s^2, brakes the car by its sine, and driven wheels make up for it."""
   signals = driven(volts, steering, 4.0, np.zeros(7))
   assert begun(signals, -20)[3] == pytest.approx(signals[-20, 3], rel=0.002)
 
