@@ -14,7 +14,7 @@ def considered(mechanisms: Sequence[str] | None, start: Start | None, drive: str
   if mechanisms is None:
     return offered(drive)
   carried = [m.name for m in start[0].mechanisms] if start else []
-  return select(dict.fromkeys((*mechanisms, *carried, *always_fitted())))
+  return select(dict.fromkeys((*mechanisms, *carried, *always_fitted(drive))))
 
 
 def always_free(mechanism: Mechanism, priors: ParameterSet) -> bool:

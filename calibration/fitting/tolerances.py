@@ -31,9 +31,9 @@ def tolerated_mechanisms(mechanisms: Iterable[Mechanism]) -> tuple[Mechanism, ..
   return tuple(m for m in _ranked(mechanisms) if type(m).tolerances is not Mechanism.tolerances)
 
 
-def always_fitted() -> tuple[str, ...]:
-  """Ids of all of these in the catalogue: what a twin carries that is fitted to recordings."""
-  known = catalogue().values()
+def always_fitted(drive: str) -> tuple[str, ...]:
+  """Ids of all of these in the catalogue that a drive can have: what a twin carries that is fitted to recordings."""
+  known = [m for m in catalogue().values() if drive in m.drives]
   return tuple(dict.fromkeys(m.name for m in (*sensor_error_mechanisms(known), *tolerated_mechanisms(known))))
 
 

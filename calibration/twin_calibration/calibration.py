@@ -172,7 +172,7 @@ def calibrate(
   else:
     dataset, warned = ready(dataset, QUICK if quick else LONGEST)
     # in the order of the catalogue, in which a diagnosis applies them: the same bits
-    twin = Twin(vehicle, select(sorted({*mechanisms, *always_fitted()})), substeps=2, threads=threads)
+    twin = Twin(vehicle, select(sorted({*mechanisms, *always_fitted(vehicle.drive)})), substeps=2, threads=threads)
     searched, said = searching(twin, plant)
     work = lambda: _to_recordings(searched, dataset, mechanisms, quick, recalibrated, progress)
   fitted = stages.kept("fit")

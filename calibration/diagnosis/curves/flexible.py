@@ -157,8 +157,8 @@ def characterise(
   trim = ("steering_offset",) if "steering_offset" in shown else ()  # what a session's own trim is counted from
   names = tuple(dict.fromkeys((*shapes, *beside, *trim)))
   shifts = session_shifts(dataset, vehicle) if "steering_offset" in names else ONE_SESSION
-  twin = Twin(vehicle, select(dict.fromkeys([*names, *always_fitted()])), substeps=substeps, threads=threads,
-              sessions=shifts)  # fmt: skip
+  carried = select(dict.fromkeys([*names, *always_fitted(vehicle.drive)]))
+  twin = Twin(vehicle, carried, substeps=substeps, threads=threads, sessions=shifts)
   searched = fitted_on(twin, plant)
   priors = flexible_priors(recordings, searched, names, reach or reaches(recordings, vehicle))
   lead = command_lead(recordings)
