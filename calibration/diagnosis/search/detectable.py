@@ -192,7 +192,8 @@ def _smallest(
 
   found: dict[str, float] = {}
   for what in ("shared", "probability"):
-    reached = _first(len(sizes), lambda i, what=what: np.mean([getattr(c, what) for c in claims(i)]) >= levels.claim)
+    likely = lambda i, what=what: float(np.mean([getattr(c, what) for c in claims(i)]))
+    reached = _first(len(sizes), lambda i, likely=likely: likely(i) >= levels.claim)
     if reached is not None:
       found[what] = float(sizes[reached])
   sized = {what: k * abs(step) for what, k in found.items()}
