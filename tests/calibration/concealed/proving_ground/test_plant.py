@@ -16,7 +16,7 @@ def test_signals_stand_in_the_order_of_the_plants():
   run = ProvingGroundPlant().begin(np.array([[1.0, 2.0, 0.3, 0.9, 0.0, 0.0, 0.05]]))
   rolling = 0.9 * (0.5 + 0.5 * np.cos(0.05))  # front wheels along their headings, and rear ones
   assert run.signals[0] == pytest.approx(
-    [1.0, 2.0, 0.3, 0.9, 0.0, 0.0, *run.signals[0, 6:8], rolling / 0.033 / Car().gear_ratio, 0.05], rel=1e-5
+    [1.0, 2.0, 0.3, 0.9, 0.0, 0.0, *run.signals[0, 6:8], rolling / 0.033 / Car().gear_ratio, 0.05]
   )
 
 

@@ -43,8 +43,8 @@ class BenchModel:
     }
     car = {
       "gravity_x": 0.0,
-      "supply_sag": 0.0,
       "gravity_y": 0.0,
+      "supply_sag": 0.0,
       "driveline_friction": 8.5e-3,
       "driveline_damping": 0.0,
       "torque_per_volt": 0.0272,
