@@ -75,6 +75,8 @@ class Segments:
       or heading-bound effect looks up; None to use the simulated pose.
     start_rate: how fast the measured states were changing there, per s, (S, 7): what a sensor that speaks late has
       missed; None where nobody knows.
+    start_push: acceleration along the car there by an accelerometer, m/s^2, (S,), NaN where there is none: the force of
+      its tyres over its mass, whatever its wheels do; None for the rate of the speed.
     wheel_angle: angle the wheels have turned since the recording's start by the encoder, mean of all, on the
       control grid, rad, (S, T + 1), NaN where unknown; what an effect that comes round with the wheels looks
       up; None to use the simulated angle, which starts at 0 in every segment.
@@ -90,6 +92,7 @@ class Segments:
   pose: Array | None = None
   wheel_angle: Array | None = None
   start_rate: Array | None = None
+  start_push: Array | None = None
 
   def __post_init__(self) -> None:
     size = len(self.recording)
@@ -108,7 +111,7 @@ class Segments:
     return Segments(
       self.commands[which], self.start[which], self.steps[which], self.period,
       names, self.offset[which],
-      some(self.history), some(self.pose), some(self.wheel_angle), some(self.start_rate),
+      some(self.history), some(self.pose), some(self.wheel_angle), some(self.start_rate), some(self.start_push),
     )  # fmt: skip
 
   @property

@@ -46,7 +46,7 @@ class ModelCars:
   def commit(self) -> None:
     """Nor is anything derived from them."""
 
-  def place(self, start: Array, signals: Array) -> None:
+  def place(self, start: Array, turning: Array, signals: Array) -> None:
     signals[:] = 0.0
     signals[:, _MOTION], signals[:, signal_index("steering_angle")] = start[:, :6], start[:, 6]
     if self._model is not None:

@@ -63,6 +63,17 @@ def measured_start(
   return np.array([states[name] for name in START])
 
 
+def pushed(recording: Recording, time: float, noise: Mapping[str, float]) -> float:
+  """Acceleration along the car at a time by its accelerometer, m/s^2; NaN without one.
+
+  Tyres slip as they push. Where wheels spin or are braked the encoder's rate is that of the wheels, and within 0.1 s of
+  a step of the command it is that of before and after.
+  """
+  if "accel_x" not in recording:
+    return float("nan")
+  return level(recording["accel_x"], time, noise.get("accel_x", 0.0))
+
+
 def _speed_noise(white: Mapping[str, float], recording: Recording, vehicle: Vehicle) -> float:
   """Noise of a sample of the speed that a start is read off, m/s."""
   if "motor_speed" in recording:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from calibration.fitting.informative import chosen, regressors
 from calibration.fitting.noise_floor import driving_noise
-from calibration.fitting.start_states import measured_start
+from calibration.fitting.start_states import measured_start, pushed
 from qcar_twin.kinematics import road_speed
 from qcar_twin.plant import START, Segments
 from qcar_twin.recordings.dataset import in_order
@@ -89,6 +89,7 @@ def cut_recordings(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut =
     pose=np.stack([_pad(p.pose, longest + 1) for p in pieces]),
     wheel_angle=np.stack([_pad(p.wheel_angle, longest + 1) for p in pieces]),
     start_rate=np.stack([p.rate for p in pieces]),
+    start_push=np.array([p.push for p in pieces]),
   )
   return Stretches(segments, np.array([p.first for p in pieces]), np.array([p.last for p in pieces]))
 
@@ -103,6 +104,7 @@ class _Piece:
   heading: Array
   start: Array
   rate: Array
+  push: float
   offset: float
   first: float
   last: float
@@ -135,6 +137,7 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
         heading=np.nan_to_num(pose[begin:high, 2]),
         start=start_at(float(time[begin])),
         rate=_rate(start_at, float(time[begin]), begin == 0),
+        push=pushed(recording, float(time[begin]), noise),
         offset=float(time[begin]),
         first=float(time[low]),
         last=float(time[high - 1] + cut.period),

@@ -36,12 +36,13 @@ class Simulation:
     slots: mechanisms that act while cars are under way, where they are present.
     car: measured numbers.  period: control period, s.
     scale: what the logged commands are multiplied by before anything else, (2,).
+    turning: speeds of the wheels and the motor at the start, rad/s, (N, 5).
     start, history, recording_time, command: as of `Twin.begin`.
   """
 
   def __init__(
     self, engine: Engine, values: dict[str, Array], slots: Sequence[Slot], car: CarDimensions, period: float,
-    scale: Array, start: Array, history: Array, recording_time: Array, command: Array,
+    scale: Array, start: Array, turning: Array, history: Array, recording_time: Array, command: Array,
   ):  # fmt: skip
     self.engine, self._slots, self._car, self._period, self._scale = engine, list(slots), car, period, scale
     self.engine.load(values)
@@ -49,7 +50,7 @@ class Simulation:
     self._recording_time, self._time = recording_time, 0.0
     self._began: Array | None = None  # s of _time at which each car began, once some did later than others
     self.signals = np.zeros((len(start), len(SIGNALS)))
-    self.engine.place(start, self.signals)
+    self.engine.place(start, turning, self.signals)
     self._wheel_angle = np.zeros(len(start))
     known = np.column_stack([self.signals[:, :3], self._wheel_angle])
     self._settle(command, known)

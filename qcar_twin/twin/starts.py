@@ -1,13 +1,17 @@
 """Start states of cars whose tyres slip, from what was measured of cars that were under way.
 
-Where a simulation begins in mid-drive, an encoder says how fast the wheels turn, not how fast the car moves, and
-nothing says how it slides. Both follow from the forces the tyres carry there (Rajamani, Vehicle Dynamics and Control,
-2nd ed., 2012, ch. 2.2 and 4.1), with each car's own stiffnesses:
+Where a simulation begins in mid-drive, an encoder says how fast the driven wheels turn, not how fast the car moves, and
+nothing says how it slides. In a turn each wheel rolls along its own heading, and all have a share in what the motor
+turns at; the rest follows from the forces the tyres carry there (Rajamani, Vehicle Dynamics and Control, 2nd ed., 2012,
+ch. 2.2 and 4.1), with each car's own stiffnesses:
 
-  v_x = v_w (1 - m a_x / C_x),   v_y = r l_r - v_x alpha_r,   alpha_r = m v_x r l_f / (L C_r)
+  v_w (1 - m (a_x + v_w r l_r / L sin delta) / C_x) = v_x (1 - f + f cos delta) + (v_y + r l_f) f sin delta
+  v_y = r l_r - v_w alpha_r,   alpha_r = m v_w r l_f / (L C_r)
 
-with the wheels' speed on the road v_w, its rate of change a_x and the share of C_x that the driven axles have. Else
-every stretch that begins while the car accelerates begins too fast, and its motor's speed jumps up by the slip.
+with the driven wheels' mean speed at the rim v_w, the acceleration a_x that the tyres give the car, what steered front
+wheels hold back of it in a turn, the share of C_x that the driven axles have, and the share f of the front axle among
+them. Else a stretch that begins in a launch begins
+too fast by the slip, and one in a tight turn by half of 1 / cos delta - 1, and its motor's speed jumps up by that.
 """
 
 from collections.abc import Mapping
@@ -16,26 +20,69 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.plant import START
+from qcar_twin.vehicle.mjcf import centre_damping
+from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
 _LARGEST = 0.2  # slip, -, up to which a tyre's force is taken for proportional to it
-_SPEED, _SIDE, _TURN = (START.index(name) for name in ("velocity_x", "velocity_y", "yaw_rate"))
+_SPEED, _SIDE, _TURN, _STEERED = (START.index(n) for n in ("velocity_x", "velocity_y", "yaw_rate", "steering_angle"))
 
 
-def slipping(start: Array, rate: Array, values: Mapping[str, Array], wheelbase: float, driven: float) -> Array:
+def slipping(start: Array, push: Array, values: Mapping[str, Array], vehicle: Vehicle) -> Array:
   """Start states, (N, 7), of cars that slip.
 
   Args:
-    start: those of cars that roll without slip, (N, 7), in the order of START.
-    rate: how fast these change, per s, (N, 7).
+    start: what was measured, (N, 7), in the order of START: along, the driven wheels' speed at the rim; aside, that of
+      a rear axle that rolls without slip.
+    push: acceleration that its tyres give the car along, m/s^2, (N,).
     values: the cars' base parameters by name, (N,) each.
-    wheelbase: m.
-    driven: share of the longitudinal stiffness that the driven axles have.
+    vehicle: numbers of the car.
   """
-  out, (speed, turn) = start.copy(), (start[:, _SPEED], start[:, _TURN])
-  along = values["mass"] * rate[:, _SPEED] / (driven * values["longitudinal_stiffness"])
-  share = values["cg_to_front"] / (wheelbase * values["cornering_stiffness_rear"])
-  out[:, _SPEED] = speed * (1.0 - np.clip(along, -_LARGEST, _LARGEST) * np.sign(speed))
-  out[:, _SIDE] -= np.abs(speed) * np.clip(values["mass"] * speed * turn * share, -_LARGEST, _LARGEST)
+  out, (rim, turn, angle) = start.copy(), (start[:, _SPEED], start[:, _TURN], start[:, _STEERED])
+  driven, ahead = 0.5 * len(vehicle.driven_axles), _front_share(vehicle)
+  held_back = rim * turn * (1.0 - values["cg_to_front"] / vehicle.wheelbase) * np.sin(angle)
+  along = values["mass"] * (push + held_back) / (driven * values["longitudinal_stiffness"])
+  share = values["cg_to_front"] / (vehicle.wheelbase * values["cornering_stiffness_rear"])
+  out[:, _SIDE] -= np.abs(rim) * np.clip(values["mass"] * rim * turn * share, -_LARGEST, _LARGEST)
+  rolled = rim - np.abs(rim) * np.clip(along, -_LARGEST, _LARGEST)
+  aside = ahead * np.sin(angle) * (out[:, _SIDE] + turn * vehicle.cg_to_front)
+  out[:, _SPEED] = (rolled - aside) / (1.0 - ahead + ahead * np.cos(angle))
   return out
+
+
+def turning(start: Array, rim: Array | None, values: Mapping[str, Array], vehicle: Vehicle) -> Array:
+  """How fast the four wheels and the motor turn at start states, rad/s, (N, 5).
+
+  A wheel that rolls turns as its place in the car moves along its heading. What the motor turns faster, all driven
+  wheels slip alike: differentials give each the same torque. Between two driven axles a centre differential of damping
+  b leaves 1 / (1 + 4 b v / (C_x R^2)) of the difference at which they would roll: half of C_x against the other, v the
+  speed of the car; see mjcf.centre_damping.
+
+  Args:
+    start: states in the order of START, (N, 7).
+    rim: the driven wheels' mean speed at the rim, m/s, (N,); None where they roll without slip.
+    values: simulator quantities of the cars, see twin/parameters.py.
+    vehicle: numbers of the car.
+  """
+  s, place = {name: start[:, i, None] for i, name in enumerate(START)}, vehicle.wheel_positions
+  bend = vehicle.track_width / (2.0 * vehicle.wheelbase) * values["ackermann_fraction"][:, None]
+  angle = s["steering_angle"] * [1.0, 1.0, 0.0, 0.0] + s["steering_angle"] ** 2 * bend * [1.0, -1.0, 0.0, 0.0]
+  ahead, left = s["velocity_x"] - s["yaw_rate"] * place[:, 1], s["velocity_y"] + s["yaw_rate"] * place[:, 0]
+  speed, share = np.cos(angle) * ahead + np.sin(angle) * left, _front_share(vehicle)
+  front, rear = speed[:, :2].mean(axis=1), speed[:, 2:].mean(axis=1)
+  driven = np.repeat([float(axle in vehicle.driven_axles) for axle in ("front", "rear")], 2)
+  if driven.all():
+    hold = values["longitudinal_stiffness"].sum(axis=1) * vehicle.wheel_radius**2
+    drag = 4.0 * np.abs(start[:, _SPEED]) * centre_damping(values["centre_differential"], vehicle.similarity)
+    lost = 0.5 * (front - rear) * drag / (drag + hold)
+    speed += lost[:, None] * [-1.0, -1.0, 1.0, 1.0]
+  mean = share * front + (1.0 - share) * rear
+  whole = mean if rim is None else rim
+  speed += (whole - mean)[:, None] * driven
+  return np.column_stack([speed, whole / vehicle.gear_ratio]) / vehicle.wheel_radius
+
+
+def _front_share(vehicle: Vehicle) -> float:
+  """Share of the front wheels in what the motor turns at."""
+  return float("front" in vehicle.driven_axles) / len(vehicle.driven_axles)

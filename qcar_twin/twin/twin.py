@@ -27,7 +27,7 @@ from qcar_twin.twin.reading import at_one_time
 from qcar_twin.twin.sessions import ONE_SESSION, SessionShifts
 from qcar_twin.twin.simulation import Simulation
 from qcar_twin.twin.slots import STEPPED, Slot
-from qcar_twin.twin.starts import slipping
+from qcar_twin.twin.starts import slipping, turning
 from qcar_twin.twin.timers import stop_timers
 from qcar_twin.vehicle.mjcf import car_model, sinking
 from qcar_twin.vehicle.vehicle import TyreKind, Vehicle
@@ -133,6 +133,7 @@ class Twin:
     recording_time: Array | None = None,
     first_command: Array | None = None,
     batch: Batch | None = None,
+    rim_speed: Array | None = None,
   ) -> "Simulation":
     """N cars with parameters (N, P) at states (N, 7).
 
@@ -143,19 +144,22 @@ class Twin:
       recording_time: time of the start within its recording, s, (N,).
       first_command: commands that stood when the simulation starts, (N, 2): what lags and delays begin with.
       batch: what carries MuJoCo's cars; a new one by default, so that simulations don't disturb each other.
+      rim_speed: of the driven wheels at the start, their mean, m/s, (N,); by default they roll without slip.
     """
     theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
     if theta.shape != (len(start), len(self.parameters)):
       raise ValueError(f"theta must be ({len(start)}, {len(self.parameters)}), got {theta.shape}")
     size, start = len(start), np.asarray(start, dtype=np.float64)
+    values = twin_parameters.quantities(theta, self.base, self.vehicle)
     return Simulation(
       engine=self._engine(size, batch),
-      values=twin_parameters.quantities(theta, self.base, self.vehicle),
+      values=values,
       slots=self.slots(theta),
       car=self.car,
       period=self.period,
       scale=np.array([self.vehicle.command_scale, 1.0]),
       start=start,
+      turning=turning(start, rim_speed, values, self.vehicle),
       history=np.zeros((size, 2)) if history is None else history,
       recording_time=np.zeros(size) if recording_time is None else recording_time,
       command=np.column_stack([np.zeros(size), start[:, 6]]) if first_command is None else first_command,
@@ -211,19 +215,20 @@ class Twin:
     n, size, length = len(theta), len(segments), segments.commands.shape[1]
     tile = lambda a: np.tile(a, (n,) + (1,) * (a.ndim - 1))
     commands = np.ascontiguousarray(tile(segments.commands).transpose(1, 0, 2))  # (T, n * S, 2)
-    history = None if segments.history is None else tile(segments.history)
     start, offset, pose = tile(segments.start), tile(segments.offset), tile(segments.measured_pose)
     theta = self._in_sessions(theta, segments)
     if segments.start_rate is not None:
       start[:, _WHEELS] += self._turned(theta, start, commands[0])
-    start = self._as_measured(theta, start, None if segments.start_rate is None else tile(segments.start_rate))
+    each = lambda a: None if a is None else tile(a)
+    history = each(segments.history)
+    start, rim = self._as_measured(theta, start, each(segments.start_rate), each(segments.start_push))
     ends = np.minimum(np.tile(segments.steps, n) + _READ_ON, length)  # after it a car rests: nothing is measured
     groups = self._apart(theta)
     signals = np.empty((n * size if len(groups) > 1 else 0, length + 1, len(SIGNALS)))
     for rows in groups:
       some = lambda a, rows=rows: None if a is None else a[rows]
       batch = self.batch(n * size) if self.engine == "mujoco" else None
-      cars = self.begin(theta[rows], start[rows], some(history), offset[rows], commands[0, rows], batch)
+      cars = self.begin(theta[rows], start[rows], some(history), offset[rows], commands[0, rows], batch, some(rim))
       driven = cars.run(commands[:, rows], pose[rows], ends[rows])
       if len(groups) == 1:
         signals = driven
@@ -254,10 +259,14 @@ class Twin:
     command = np.clip(first[:, STEERING], -self.vehicle.max_steering, self.vehicle.max_steering)
     return theta[:, self.base.index(WHEELS_AT_COMMAND)] * (command - start[:, _WHEELS])
 
-  def _as_measured(self, theta: Array, start: Array, rate: Array | None) -> Array:
-    """Start states (N, 7) of stretches as cars with parameters (N, P) had them, given what their sensors said.
+  def _as_measured(
+    self, theta: Array, start: Array, rate: Array | None, push: Array | None
+  ) -> tuple[Array, Array | None]:
+    """Start states (N, 7) of stretches as cars with parameters (N, P) had them, given what their sensors said, and the
+    driven wheels' speed at the rim, m/s, (N,), or None.
 
-    Where it is known how fast these changed, `rate` per s, (N, 7), tyres slip as the car's motion there needs.
+    Where it is known how fast these changed, `rate` per s, (N, 7), tyres slip as the car's motion there needs: as what
+    they push it with, (N,) m/s^2, where that was measured.
     """
     slope = np.zeros_like(start) if rate is None else rate
     for mechanism in filter(_moves_start, self.mechanisms):
@@ -265,9 +274,10 @@ class Twin:
       if rows is not None:
         start[rows] = mechanism.begin(theta[rows][:, self._columns[mechanism.name]], start[rows], slope[rows])
     if rate is None:
-      return start
-    values = {name: theta[:, i] for i, name in enumerate(self.base.names)}
-    return slipping(start, rate, values, self.car.wheelbase, 0.5 * len(self.vehicle.driven_axles))
+      return start, None
+    values, along = {name: theta[:, i] for i, name in enumerate(self.base.names)}, START.index("velocity_x")
+    push = rate[:, along] if push is None else np.where(np.isnan(push), rate[:, along], push)
+    return slipping(start, push, values, self.vehicle), start[:, along]
 
   def sensed(self, theta: Array, signals: Array, offset: Array) -> Array:
     """Signals (N, T + 1, 10) as the sensors of a car with parameters (N, P) show them. `signals` may be changed."""

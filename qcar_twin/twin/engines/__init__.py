@@ -38,8 +38,12 @@ class Engine(Protocol):
     """What derives from masses follows them; called after the first mechanisms have written."""
     ...
 
-  def place(self, start: Array, signals: Array) -> None:
-    """Put the cars to states (N, 7), in the order of START, and write the signals there, (N, 10)."""
+  def place(self, start: Array, turning: Array, signals: Array) -> None:
+    """Put the cars to states (N, 7), in the order of START, and write the signals there, (N, 10).
+
+    Args:
+      turning: speeds of the wheels and the motor, rad/s, (N, 5).
+    """
     ...
 
   def adopt(self, row: int, other: Any) -> None:

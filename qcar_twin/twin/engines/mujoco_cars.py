@@ -74,7 +74,7 @@ class MujocoCars:
   def commit(self) -> None:
     self.batch.set_const()
 
-  def place(self, start: Array, signals: Array) -> None:
+  def place(self, start: Array, turning: Array, signals: Array) -> None:
     s = {name: start[:, i] for i, name in enumerate(START)}
     car = self._car
     self._qpos[:, 0], self._qpos[:, 1], self._qpos[:, 2] = s["pose_x"], s["pose_y"], self._rest_height
@@ -83,11 +83,7 @@ class MujocoCars:
     self._qvel[:, _VX] = cosine * s["velocity_x"] - sine * s["velocity_y"]
     self._qvel[:, _VY] = sine * s["velocity_x"] + cosine * s["velocity_y"]
     self._qvel[:, _YAW_RATE] = s["yaw_rate"]
-    half = car.track_width / 2
-    for k, dof in enumerate(self._handles.spin_dofs):
-      side = half if k % 2 == 0 else -half
-      self._qvel[:, dof] = (s["velocity_x"] - s["yaw_rate"] * side) / car.wheel_radius
-    self._qvel[:, self._handles.motor_dof] = s["velocity_x"] / car.wheel_radius / car.gear_ratio
+    self._qvel[:, [*self._handles.spin_dofs, self._handles.motor_dof]] = turning
     curve = car.track_width / (2 * car.wheelbase) * self.values["ackermann_fraction"] * s["steering_angle"] ** 2
     self._qpos[:, self._handles.steering_qpos[0]] = s["steering_angle"] + curve
     self._qpos[:, self._handles.steering_qpos[1]] = s["steering_angle"] - curve

@@ -34,6 +34,7 @@ typedef struct {
   int row;                   // first constraint row of the ground contact, -1: none
   mjtNum side;               // 1 if the contact normal points from ground to wheel, else -1
   mjtNum speed;              // reference speed of the slip, m/s
+  mjtNum slip[2];            // transient slip at its beginning
   mjtNum turning[2];         // slip velocity at the end of the step that the rows don't see, m/s
   mjtNum sliding, late;      // slip velocity across at its beginning, m/s; weight of its end
 } Wheel;
@@ -242,6 +243,8 @@ static void tyre_rows(const mjModel* m, mjData* d, Wheel* w, mjContact* contact,
   contact->friction[1] = contact->friction[0] * ratio;
   contact->mu = contact->friction[0] * sqrt(d->efc_R[w->row + 1] / d->efc_R[w->row]);
   w->speed = speed;
+  w->slip[0] = zx;
+  w->slip[1] = zy;
   w->sliding = v[1];
   w->late = late;
 }
@@ -288,9 +291,8 @@ static void tyre_advance(const mjModel* m, mjData* d, int instance) {
     row_velocity(m, d, w, v);  // qvel is already that of the end of the step
     mjtNum late[2] = {1, w->late}, before[2] = {0, w->sliding};
     for (int i = 0; i < 2; i++) {
-      mjtNum *slip = state + SLIP_X + i, end = h * late[i], now = h - end;
-      mjtNum moved = now * before[i] + end * (v[i] + w->turning[i]);
-      *slip = ((length[i] - now * w->speed) * *slip + moved) / (length[i] + end * w->speed);
+      mjtNum end = h * late[i], now = h - end, moved = now * before[i] + end * (v[i] + w->turning[i]);
+      state[SLIP_X + i] = ((length[i] - now * w->speed) * w->slip[i] + moved) / (length[i] + end * w->speed);
     }
     state[LOAD] = d->efc_force[w->row];
   }

@@ -218,7 +218,7 @@ def test_what_plain_friction_costs_is_predicted_with_the_twins_tyre_made_to_cree
   assert loss is not None and loss.predicted == pytest.approx(loss.ratio, rel=0.1)
   (creeping,) = (e for e in loss.effects if e.name.startswith("tyres"))
   costs = creeping.document()["costs"]
-  assert 1.05 < costs == pytest.approx(loss.predicted, rel=0.02)  # nothing else is lost
+  assert 1.05 < costs == pytest.approx(loss.ratio, rel=0.03)  # all that is measured: what else is lost costs nothing
 
 
 @pytest.mark.parametrize("name", ["f1tenth", "commonroad"])

@@ -1,58 +1,141 @@
-"""Starts in mid-drive: what wheels and gyro say of a car that slips is turned into the state it is in."""
+"""Starts in mid-drive: what encoder, gyro and accelerometer say of a car that slips becomes the state it is in."""
+
+import dataclasses
 
 import numpy as np
 import pytest
 
-from qcar_twin.plant import START, signal_index
-from qcar_twin.twin.starts import slipping
+from qcar_twin.plant import START, Segments, signal_index
+from qcar_twin.twin.parameters import quantities
+from qcar_twin.twin.starts import slipping, turning
 from qcar_twin.twin.twin import Twin
-from qcar_twin.vehicle.vehicle import QCAR
+from qcar_twin.vehicle.vehicle import QCAR, Vehicle
 
 TWIN = Twin(QCAR, [], threads=1, engine="reduced")
-PERIOD, SPAN = TWIN.period, 5  # s; control periods on either side, over which rates are taken
+PERIOD, TRAVEL = TWIN.period, QCAR.gear_ratio * QCAR.wheel_radius  # s; m/rad
+MOTOR, PUSH = signal_index("motor_speed"), signal_index("accel_x")
+VALUES = {name: np.array([p.nominal]) for name, p in zip(TWIN.base.names, TWIN.base, strict=True)}
 
 
-def driven(volts: float, steering: float, seconds: float, start: np.ndarray) -> dict[str, np.ndarray]:
-  """Signals of a car after each control period, and those a sensor would show of its start."""
-  cars = TWIN.begin(TWIN.parameters.nominal[None], start[None])
-  rows = np.concatenate([cars.step(np.array([[volts, steering]])).copy() for _ in range(round(seconds / PERIOD))])
-  return {name: rows[:, signal_index(name)] for name in ("velocity_x", "velocity_y", "yaw_rate", "motor_speed")}
+def driven(volts: float, steering: float, seconds: float, start: np.ndarray, twin: Twin = TWIN) -> np.ndarray:
+  """Signals of a car after each control period, (T, 10)."""
+  cars = twin.begin(twin.parameters.nominal[None], start[None])
+  return np.concatenate([cars.step(np.array([[volts, steering]])).copy() for _ in range(round(seconds / PERIOD))])
 
 
-def begun(signals: dict[str, np.ndarray], at: int) -> np.ndarray:
-  """The twin's start state, (7,), from motor speed and yaw rate about a control period."""
-  rolling = signals["motor_speed"] * QCAR.gear_ratio * QCAR.wheel_radius
-  state, rate = np.zeros((1, len(START))), np.zeros((1, len(START)))
-  state[0, 3:6] = rolling[at], signals["yaw_rate"][at] * QCAR.cg_to_rear, signals["yaw_rate"][at]
-  rate[0, 3] = (rolling[at + SPAN] - rolling[at - SPAN]) / (2 * SPAN * PERIOD)
-  values = {name: np.array([p.nominal]) for name, p in zip(TWIN.base.names, TWIN.base, strict=True)}
-  return slipping(state, rate, values, QCAR.wheelbase, 1.0)[0]
+def measured(signals: np.ndarray, at: int, vehicle: Vehicle = QCAR) -> np.ndarray:
+  """A start state, (7,), as encoder and gyro say it."""
+  state = np.zeros(len(START))
+  turn = signals[at, signal_index("yaw_rate")]
+  state[3:] = TRAVEL * signals[at, MOTOR], turn * vehicle.cg_to_rear, turn, signals[at, -1]
+  return state
+
+
+def begun(signals: np.ndarray, at: int) -> np.ndarray:
+  """The twin's start state, (7,), from what is measured about a control period."""
+  return slipping(measured(signals, at)[None], signals[at, [PUSH]], VALUES, QCAR)[0]
 
 
 @pytest.mark.parametrize("at", [15, 30])
 @pytest.mark.parametrize("volts", [2.5, -2.5])
 def test_a_start_in_a_launch_is_slower_than_its_wheels_by_their_slip(volts, at):
   signals = driven(volts, 0.0, 0.5, np.zeros(7))
-  rolling = signals["motor_speed"][at] * QCAR.gear_ratio * QCAR.wheel_radius
-  error = begun(signals, at)[3] - signals["velocity_x"][at]
-  assert abs(error) < 0.35 * abs(rolling - signals["velocity_x"][at])
+  error = begun(signals, at)[3] - signals[at, 3]
+  assert abs(error) < 0.35 * abs(TRAVEL * signals[at, MOTOR] - signals[at, 3])
 
 
 def test_a_start_in_a_turn_slides_as_its_rear_tyres_do():
   start = np.zeros(7)
   start[3] = 1.2
   signals = driven(1.2, 0.2, 3.0, start)
-  rolling, truth = signals["yaw_rate"][-20] * QCAR.cg_to_rear, signals["velocity_y"][-20]
-  assert abs(begun(signals, len(signals["yaw_rate"]) - 20)[4] - truth) < 0.35 * abs(rolling - truth)
+  rolling, truth = measured(signals, -20)[4], signals[-20, 4]
+  assert abs(begun(signals, -20)[4] - truth) < 0.35 * abs(rolling - truth)
+
+
+def slow_turn(twin: Twin) -> np.ndarray:
+  """Signals in a steady circle with the wheels turned far."""
+  start = np.zeros(7)
+  start[3] = 0.5
+  return driven(0.8, 0.45, 3.0, start, twin)
+
+
+@pytest.mark.parametrize(("volts", "steering"), [(1.5, 0.45), (2.5, 0.4), (3.0, 0.2)])
+def test_a_start_in_a_fast_turn_knows_what_the_steered_wheels_hold_back(volts, steering):
+  """The force towards the centre, at 2.6 to 7 m/s^2, brakes the car by its sine, and driven wheels make up for it."""
+  signals = driven(volts, steering, 4.0, np.zeros(7))
+  assert begun(signals, -20)[3] == pytest.approx(signals[-20, 3], rel=0.002)
+
+
+@pytest.mark.parametrize("layout", ["all-wheel", "rear", "front"])
+def test_a_start_in_a_tight_turn_has_the_car_s_speed_not_its_driven_wheels_mean(layout):
+  """Front wheels roll 1 / cos(0.45 rad), a ninth, faster than the car."""
+  vehicle = dataclasses.replace(QCAR, layout=layout)
+  signals = slow_turn(Twin(vehicle, [], threads=1, engine="reduced"))
+  error = slipping(measured(signals, -20)[None], signals[[-20], PUSH], VALUES, vehicle)[0, 3] - signals[-20, 3]
+  assert abs(error) < 0.01 * signals[-20, 3]
+  if layout != "rear":
+    assert TRAVEL * signals[-20, MOTOR] > 1.04 * signals[-20, 3]
+
+
+@pytest.mark.parametrize("engine", ["reduced", "mujoco"])
+@pytest.mark.parametrize(
+  ("layout", "freedom"), [("all-wheel", 0.0), ("all-wheel", 0.1), ("all-wheel", 1.0), ("rear", 0.0)]
+)
+def test_a_stretch_that_begins_in_a_tight_turn_goes_on_as_the_car_did(engine, layout, freedom):
+  """Wheels that began at the car's own speed made the motor jump by 10 rad/s in the first period."""
+  vehicle = dataclasses.replace(QCAR, layout=layout, centre_differential=freedom)
+  twin = Twin(vehicle, [], threads=1, engine=engine)
+  signals, at = slow_turn(twin), -40
+  segments = Segments(
+    commands=np.tile([0.8, 0.45], (1, 30, 1)),
+    start=measured(signals, at, vehicle)[None],
+    steps=np.array([30]),
+    period=PERIOD,
+    recording=("turn",),
+    offset=np.array([2.0]),
+    start_rate=np.zeros((1, 7)),
+    start_push=signals[[at], PUSH],
+  )
+  again = twin.simulate(twin.parameters.nominal[None], segments)[0, 0]
+  np.testing.assert_allclose(again[1:, MOTOR], signals[at + 1 : at + 31, MOTOR], atol=0.01 * signals[at, MOTOR])
+
+
+def test_wheels_that_roll_turn_as_their_places_move_along_their_headings():
+  """About a point on the rear axle's line each moves as far as it is from there, with full Ackermann geometry."""
+  values = quantities(TWIN.parameters.nominal[None], TWIN.base, QCAR) | {"ackermann_fraction": np.ones(1)}
+  vehicle, radius, rate = dataclasses.replace(QCAR, centre_differential=1.0), 2.0, 0.5
+  values["centre_differential"] = np.ones(1)
+  angle = np.arctan(QCAR.wheelbase / radius)
+  start = np.array([[0.0, 0.0, 0.0, radius * rate, QCAR.cg_to_rear * rate, rate, angle]])
+  places = QCAR.wheel_positions[:, :2] - [-QCAR.cg_to_rear, radius]
+  turns = turning(start, None, values, vehicle)[0]
+  np.testing.assert_allclose(QCAR.wheel_radius * turns[:4], rate * np.hypot(*places.T), rtol=2e-3)
+  assert turns[4] * QCAR.gear_ratio == pytest.approx(turns[:4].mean())
+
+
+def test_a_car_whose_wheels_spin_begins_with_its_motor_s_speed():
+  values, start = quantities(TWIN.parameters.nominal[None], TWIN.base, QCAR), np.zeros((1, 7))
+  start[0, 3] = 1.0
+  turns = turning(start, np.array([1.5]), values, QCAR)[0]
+  np.testing.assert_allclose(turns[:4] * QCAR.wheel_radius, 1.5)
+  assert turns[4] * TRAVEL == pytest.approx(1.5)
+  rear = dataclasses.replace(QCAR, layout="rear")
+  np.testing.assert_allclose(turning(start, np.array([1.5]), values, rear)[0, :4] * QCAR.wheel_radius, [1, 1, 1.5, 1.5])
+
+
+def test_a_start_without_an_accelerometer_slips_as_its_wheels_gain_speed():
+  start, rate = np.zeros((1, 7)), np.zeros((1, 7))
+  start[0, 3], rate[0, 3] = 1.0, 3.0
+  begin = lambda push: TWIN._as_measured(TWIN.parameters.nominal[None], start.copy(), rate, push)[0][0, 3]
+  assert begin(np.array([np.nan])) == begin(None) == begin(np.array([3.0])) < 0.99
+  assert begin(np.zeros(1)) == 1.0
 
 
 def test_a_car_that_stands_starts_at_rest():
-  values = {name: np.array([p.nominal]) for name, p in zip(TWIN.base.names, TWIN.base, strict=True)}
-  assert not slipping(np.zeros((1, 7)), np.ones((1, 7)), values, QCAR.wheelbase, 1.0).any()
+  assert not slipping(np.zeros((1, 7)), np.ones(1), VALUES, QCAR).any()
 
 
 def test_slip_is_bounded():
-  values = {name: np.array([p.nominal]) for name, p in zip(TWIN.base.names, TWIN.base, strict=True)}
-  start, rate = np.zeros((1, 7)), np.zeros((1, 7))
-  start[0, 3], rate[0, 3] = 1.0, 1e6
-  assert slipping(start, rate, values, QCAR.wheelbase, 0.5)[0, 3] == pytest.approx(0.8)
+  start = np.zeros((1, 7))
+  start[0, 3] = 1.0
+  assert slipping(start, np.array([1e6]), VALUES, QCAR)[0, 3] == pytest.approx(0.8)

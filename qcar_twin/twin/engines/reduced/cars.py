@@ -166,16 +166,15 @@ class ReducedCars:
   def commit(self) -> None:
     pass
 
-  def place(self, start: Array, signals: Array) -> None:
-    s, car, n = {name: start[:, i] for i, name in enumerate(START)}, self._car, self._size
+  def place(self, start: Array, turning: Array, signals: Array) -> None:
+    s, n, (left, right, rear_left, rear_right, motor) = dict(zip(START, start.T, strict=True)), self._size, turning.T
     cosine, sine = np.cos(s["pose_yaw"]), np.sin(s["pose_yaw"])
-    motor = s["velocity_x"] / car.wheel_radius / car.gear_ratio
-    difference = -s["yaw_rate"] * car.track_width / car.wheel_radius
     placed = {
       "X": s["pose_x"], "Y": s["pose_y"], "YAW": s["pose_yaw"], "COSINE": cosine, "SINE": sine,
       "VELOCITY_X": cosine * s["velocity_x"] - sine * s["velocity_y"],
       "VELOCITY_Y": sine * s["velocity_x"] + cosine * s["velocity_y"],
-      "YAW_RATE": s["yaw_rate"], "MOTOR": motor, "FRONT_DIFFERENCE": difference, "REAR_DIFFERENCE": difference,
+      "YAW_RATE": s["yaw_rate"], "MOTOR": motor, "FRONT_DIFFERENCE": left - right,
+      "REAR_DIFFERENCE": rear_left - rear_right, "CENTRE_DIFFERENCE": 0.5 * (left + right - rear_left - rear_right),
       "SERVO": s["steering_angle"], "SERVO_BEFORE": s["steering_angle"],
     }  # fmt: skip
     self.state[:] = 0.0

@@ -106,6 +106,14 @@ def test_relaxation_length_comes_back_from_a_step(length, speed, damping, axis):
   assert abs(start) < 0.05  # no jump: carcass damping has faded
 
 
+@pytest.mark.parametrize("motion", [(1.0, 0.05, 1.0), (1.0, 0.0, 1.04), (0.8, -0.03, 0.78)])
+def test_a_tyre_whose_state_is_unset_begins_at_its_steady_slip_and_stays_there(motion):
+  rig = Rig.of(relaxation_length=0.05, longitudinal_relaxation=0.05)
+  rig.data.plugin_state[:] = -1.0, 0.0, 0.0  # what a reset writes
+  forces = rig.run(*motion, 0.05)
+  np.testing.assert_allclose(forces[:, :2], np.tile(steady_force(*motion), (len(forces), 1)), rtol=0.01, atol=1e-3)
+
+
 def test_no_relaxation_is_exactly_the_steady_tyre():
   motions = [(1.0, 0.1, 1.0), (1.0, -0.3, 0.8), (0.5, 0.05, 0.6)]
   tracks = []
