@@ -5,13 +5,15 @@ nothing says how it slides. In a turn each wheel rolls along its own heading, an
 turns at; the rest follows from the forces the tyres carry there (Rajamani, Vehicle Dynamics and Control, 2nd ed., 2012,
 ch. 2.2 and 4.1), with each car's own stiffnesses:
 
-  v_w (1 - m (a_x + v_w r l_r / L sin delta) / C_x) = v_x (1 - f + f cos delta) + (v_y + r l_f) f sin delta
-  v_y = r l_r - v_w alpha_r,   alpha_r = m v_w r l_f / (L C_r)
+  v_w (1 - k m (a_x + v_w r l_r / L sin delta) / C_x) = v_x (1 - f + f cos delta) + (v_y + r l_f) f sin delta
+  v_y = r l_r - v_w alpha_r,   alpha_r = k m v_w r l_f / (L C_r)
 
 with the driven wheels' mean speed at the rim v_w, the acceleration a_x that the tyres give the car, what steered front
-wheels hold back of it in a turn, the share of C_x that the driven axles have, and the share f of the front axle among
-them. Else a stretch that begins in a launch begins
-too fast by the slip, and one in a tight turn by half of 1 / cos delta - 1, and its motor's speed jumps up by that.
+wheels hold back of it in a turn, the share of C_x that the driven axles have, the share f of the front axle among
+them, and k, by how much more than a linear tyre the car's own slips at the used share of its friction,
+|(a_x, v_w r)| / (mu g). Else a stretch that begins in a launch begins too fast by the slip, one in a tight turn by half
+of 1 / cos delta - 1, and its motor's speed jumps up by that; and one near the limit of grip has not slid out yet, and
+turns too fast for half a second.
 """
 
 from collections.abc import Mapping
@@ -21,11 +23,13 @@ from numpy.typing import NDArray
 
 from qcar_twin.plant import START
 from qcar_twin.vehicle.mjcf import centre_damping
-from qcar_twin.vehicle.vehicle import Vehicle
+from qcar_twin.vehicle.tyre import slip_over_linear
+from qcar_twin.vehicle.vehicle import GRAVITY, Vehicle
 
 Array = NDArray[np.float64]
 
-_LARGEST = 0.2  # slip, -, up to which a tyre's force is taken for proportional to it
+_LARGEST = 0.2  # slip, -, up to which a start is taken from forces
+_USED = 0.95  # of mu F_z: nearer to the peak a force does not tell the slip, since mu is known to a few percent
 _SPEED, _SIDE, _TURN, _STEERED = (START.index(n) for n in ("velocity_x", "velocity_y", "yaw_rate", "steering_angle"))
 
 
@@ -42,9 +46,11 @@ def slipping(start: Array, push: Array, values: Mapping[str, Array], vehicle: Ve
   out, (rim, turn, angle) = start.copy(), (start[:, _SPEED], start[:, _TURN], start[:, _STEERED])
   driven, ahead = 0.5 * len(vehicle.driven_axles), _front_share(vehicle)
   held_back = rim * turn * (1.0 - values["cg_to_front"] / vehicle.wheelbase) * np.sin(angle)
-  along = values["mass"] * (push + held_back) / (driven * values["longitudinal_stiffness"])
+  used = np.hypot(push, rim * turn) / (values["friction_coefficient"] * GRAVITY)
+  more = slip_over_linear(vehicle.tyre_law)(np.minimum(used, _USED), values)
+  along = more * values["mass"] * (push + held_back) / (driven * values["longitudinal_stiffness"])
   share = values["cg_to_front"] / (vehicle.wheelbase * values["cornering_stiffness_rear"])
-  out[:, _SIDE] -= np.abs(rim) * np.clip(values["mass"] * rim * turn * share, -_LARGEST, _LARGEST)
+  out[:, _SIDE] -= np.abs(rim) * np.clip(more * values["mass"] * rim * turn * share, -_LARGEST, _LARGEST)
   rolled = rim - np.abs(rim) * np.clip(along, -_LARGEST, _LARGEST)
   aside = ahead * np.sin(angle) * (out[:, _SIDE] + turn * vehicle.cg_to_front)
   out[:, _SPEED] = (rolled - aside) / (1.0 - ahead + ahead * np.cos(angle))

@@ -4,14 +4,16 @@ import threading
 
 import mujoco
 
-from qcar_twin.vehicle.tyre.laws import law_parameters, tyre_laws
+from qcar_twin.vehicle.tyre.laws import law_parameters, slip_over_linear, tyre_laws
 from qcar_twin.vehicle.tyre.parameters import COLUMN, tyre_user_data
 
 PLUGIN = "qcar.tyre"
 _lock = threading.Lock()
 _loaded: list[str] = []
 
-__all__ = ["COLUMN", "PLUGIN", "add_tyres", "law_parameters", "load_plugin", "tyre_laws", "tyre_user_data"]
+__all__ = [
+  "COLUMN", "PLUGIN", "add_tyres", "law_parameters", "load_plugin", "slip_over_linear", "tyre_laws", "tyre_user_data",
+]  # fmt: skip
 
 
 def load_plugin() -> None:

@@ -6,16 +6,22 @@ A law `x` is `x.py`, which declares its own parameters as PARAMETERS, and `x.h`,
 
 the force over that of a tyre that stays linear, at a linear force `rho` in units of mu F_z: 1 at rho = 0, and
 rho g(rho) <= 1, since the friction cone stands outside the tyre's own peak. `u` are the wheel's parameters, at the
-upper-case names of COLUMN.
+upper-case names of COLUMN. It may also have `slip_over_linear`, its inverse, from which a car that begins in mid-drive
+has its slip; without it that is a linear tyre's.
 """
 
 import functools
 import importlib
 import pkgutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from qcar_twin.parameters import Parameter
+
+Array = NDArray[np.float64]
 
 FOLDER = Path(__file__).parent
 DEFAULT = "sine"
@@ -50,3 +56,9 @@ def law_parameters(law: str) -> tuple[Parameter, ...]:
   if law not in tyre_laws():
     raise ValueError(f"no tyre law '{law}'; there are {', '.join(tyre_laws())}")
   return tyre_laws()[law]
+
+
+def slip_over_linear(law: str) -> Callable[[Array, Mapping[str, Array]], Array]:
+  """A law's steady slip over that of a linear tyre, given the used share of mu F_z, (N,), and parameters, (N,) each."""
+  linear = lambda used, values: np.ones_like(used)
+  return getattr(importlib.import_module(f"{__name__}.{law}"), "slip_over_linear", linear)

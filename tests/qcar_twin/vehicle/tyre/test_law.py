@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from qcar_twin.vehicle.tyre import law_parameters, tyre_laws
+from qcar_twin.vehicle.tyre import law_parameters, slip_over_linear, tyre_laws
 from tests import ROOT
 from tests.qcar_twin.vehicle.tyre.rig import SHARED, Rig, peak_friction, recovered_relaxation, steady_force
 
@@ -28,6 +28,20 @@ def test_a_law_only_takes_energy(law):
   for forward, left, rolling in ((1.0, 0.3, 0.5), (0.2, -0.5, 1.0), (0.6, 0.8, 0.0)):
     force = rig.run(forward, left, rolling, 0.4)[-1]
     assert force[0] * (forward - rolling) + force[1] * left < 0.0
+
+
+@each_law
+@pytest.mark.parametrize("used", [0.05, 0.5, 0.9])
+def test_a_law_that_says_which_slip_a_force_takes_takes_that_slip(law, used):
+  """A law that says nothing is taken for linear, which the first force shows alone."""
+  values = {p.name: np.array([p.nominal]) for p in law_parameters(law)}
+  more = float(slip_over_linear(law)(np.array([used]), values)[0])
+  if more == 1.0:
+    pytest.skip(f"the law '{law}' has no inverse of its own")
+  most = SHARED["friction_coefficient"] * SHARED["nominal_load"]
+  slip = more * used * most / SHARED["cornering_stiffness"]
+  force = Rig.of(law=law).run(np.sqrt(1.0 - slip**2), slip, np.sqrt(1.0 - slip**2), 0.05)[-1]
+  assert force[1] == pytest.approx(-used * most, rel=0.005)
 
 
 @each_law
