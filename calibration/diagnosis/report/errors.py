@@ -19,6 +19,7 @@ Roles = Mapping[str, Fits]
 NO_CURVES: Roles = {}
 ROLES = {"holdout": "Held-out recordings, opened once at the end", "validate": "Validation recordings"}
 TITLE = "Errors before and after"
+_HUNDREDFOLD = 100.0
 
 
 def judged_on(d: Diagnosis) -> tuple[Mapping[str, ChannelFit], str]:
@@ -90,7 +91,7 @@ def short_of(d: Diagnosis) -> str:
   """ "motor speed errs by 3.0 and yaw rate by 1.4 times the sensor noise": beyond what sensors leave; "" for none."""
   sizes = {name: _size(f) for name, f in judged_on(d)[0].items() if np.isfinite(_size(f))}
   beyond = sorted((n for n, size in sizes.items() if size > usual_levels().good), key=lambda n: -sizes[n])
-  said = [f"{RESIDUALS[n].words} by {sizes[n]:.1f}" for n in beyond]
+  said = [f"{RESIDUALS[n].words} by {_told(sizes[n])}" for n in beyond]
   return f"{listed(said)} times the sensor noise".replace(" by ", " errs by ", 1) if said else ""
 
 
@@ -99,8 +100,13 @@ def multiples(fits: Mapping[str, ChannelFit]) -> str:
   sizes = sorted(_size(f) for f in fits.values() if np.isfinite(_size(f)))
   if not sizes:
     return "of unknown size against the sensor noise"
-  low, high = f"{sizes[0]:.1f}", f"{sizes[-1]:.1f}"
+  low, high = _told(sizes[0]), _told(sizes[-1])
   return f"{low} times the sensor noise" if low == high else f"{low} to {high} times the sensor noise"
+
+
+def _told(multiple: float) -> str:
+  """ "3.0"; beyond a hundredfold the digits say nothing of the twin: motion capture's noise is 0.1 mm."""
+  return f"{multiple:.1f}" if multiple < _HUNDREDFOLD else f"more than {_HUNDREDFOLD:.0f}"
 
 
 def largest_in(fits: Mapping[str, ChannelFit]) -> str:

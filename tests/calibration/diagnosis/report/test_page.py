@@ -12,7 +12,7 @@ from calibration.diagnosis.report import figures
 from calibration.diagnosis.report.causes import channel_changes, effect_on_car
 from calibration.diagnosis.report.curves import Curve
 from calibration.diagnosis.report.demonstration import NOTHING_SHOWN, Demonstration
-from calibration.diagnosis.report.errors import parting
+from calibration.diagnosis.report.errors import multiples, parting
 from calibration.diagnosis.report.further import Further
 from calibration.diagnosis.report.page import facts, report_sections, verdict, write_report
 from calibration.fitting.observations import CHANNELS
@@ -280,6 +280,12 @@ def test_evidence_bars_keep_the_order_of_the_ranking():
   assert trace["y"] == names[:4]  # the last explains nothing
   assert trace["x"] == [100.0, 60.0, 20.0, 0.0]
   assert trace["marker"]["color"] == ["@twin", "@nominal", "@nominal", "@nominal"]
+
+
+def test_a_multiple_beyond_a_hundredfold_has_no_digits(explained):
+  pairs = zip(explained.holdout.items(), (3.0, 3e3), strict=False)
+  fits = {n: dataclasses.replace(f, noise_floor=f.after / size, driving_noise=0.0) for (n, f), size in pairs}
+  assert multiples(fits) == "3.0 to more than 100 times the sensor noise"
 
 
 def test_errors_are_drawn_in_multiples_of_the_noise(explained):
