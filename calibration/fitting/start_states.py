@@ -4,7 +4,8 @@ A channel's value at a time is that of a parabola through as many samples around
 widest of nested windows whose interval still meets those of all narrower ones (the intersection of confidence
 intervals: Goldenshluger and Nemirovski, On spatially adaptive estimation of nonparametric regression, Mathematical
 Methods of Statistics 6, 1997). Where a recording begins in a launch that is its first sample or two; in steady driving
-it is all samples within 0.06 s.
+it is all samples within 0.06 s. What no sensor measures, the pose tells by its slope: the yaw rate of a log without a
+gyro, the speed of one with motion capture alone.
 """
 
 from collections.abc import Mapping
@@ -21,6 +22,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 Array = NDArray[np.float64]
 
 _HALF = 0.06  # s on either side of a time, from which its value is taken
+_PACE = 0.25  # s on either side, from which its slope is taken: a pose comes ten times a second in some logs
 _ORDER = 2  # of the polynomial: in a launch a straight line's curvature costs more than the third coefficient does
 _AGREE = 1.5  # standard deviations on either side of a value: intervals of 87 %
 STANDS = 0.02  # m/s: a car that is slower when its recording begins waits to be driven
@@ -55,11 +57,16 @@ def measured_start(
   states = dict.fromkeys(START, 0.0) | {name: at(name, 0.02) for name in _POSE}
   states["steering_angle"] = float(np.clip(steering, -vehicle.max_steering, vehicle.max_steering))
   speed = float(road_speed(at("motor_speed"), vehicle)) if "motor_speed" in recording else at("speed")
+  turn, unsure = at("yaw_rate"), white.get("yaw_rate", 0.0)
+  pace = lambda name: slope(recording[name], time, white.get(name, 0.0))
+  if not {"motor_speed", "speed"} & set(recording.channels) and set(_POSE) <= set(recording.channels):
+    speed = pace("pose_x")[0] * np.cos(states["pose_yaw"]) + pace("pose_y")[0] * np.sin(states["pose_yaw"])
+  if "yaw_rate" not in recording and "pose_yaw" in recording:
+    turn, unsure = pace("pose_yaw")
   if not at_beginning or abs(speed) >= max(STANDS, _TOLD * _speed_noise(white, recording, vehicle)):
-    states |= {"velocity_x": speed, "yaw_rate": at("yaw_rate")}
-    states["velocity_y"] = states["yaw_rate"] * vehicle.cg_to_rear
-    if at_beginning and "yaw_rate" in recording:
-      states["steering_angle"] = _turned(states, white.get("yaw_rate", 0.0), vehicle)
+    states |= {"velocity_x": speed, "yaw_rate": turn, "velocity_y": turn * vehicle.cg_to_rear}
+    if at_beginning and {"yaw_rate", "pose_yaw"} & set(recording.channels):
+      states["steering_angle"] = _turned(states, unsure, vehicle)
   return np.array([states[name] for name in START])
 
 
@@ -122,8 +129,22 @@ def _nearest(stream: Stream, time: float, noise: float) -> tuple[float, float]:
   return value, float(np.hypot(noise, max(slopes, default=0.0) * abs(stream.time[at] - time)))
 
 
-def _curve(time: Array, value: Array, noise: float) -> tuple[float, float]:
-  """A parabola's value at 0 and its standard deviation."""
-  powers = np.vander(time / np.abs(time).max(), _ORDER + 1, increasing=True)
-  weights = np.linalg.pinv(powers)[0]
+def slope(stream: Stream, time: float, noise: float) -> tuple[float, float]:
+  """How fast a channel changes at a time, per s, and its standard deviation: of the widest parabola, as `level`."""
+  away = np.abs(stream.time - time)
+  near = np.argsort(away, kind="stable")[: max(_ORDER + 1, int(np.sum(away <= _PACE)))]
+  low, high, best = -np.inf, np.inf, (0.0, np.inf)
+  for count in range(_ORDER + 1, len(near) + 1):
+    rate, spread = _curve(stream.time[near[:count]] - time, stream.value[near[:count]], noise, 1)
+    low, high = max(low, rate - _AGREE * spread), min(high, rate + _AGREE * spread)
+    if low > high:
+      break
+    best = rate, spread
+  return best
+
+
+def _curve(time: Array, value: Array, noise: float, order: int = 0) -> tuple[float, float]:
+  """A parabola's value, or slope for order 1, at 0 and its standard deviation."""
+  scale = np.abs(time).max()
+  weights = np.linalg.pinv(np.vander(time / scale, _ORDER + 1, increasing=True))[order] / scale**order
   return float(weights @ value), noise * float(np.sqrt(weights @ weights))

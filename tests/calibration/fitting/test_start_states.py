@@ -88,3 +88,38 @@ def test_a_speed_within_its_noise_of_zero_is_none():
   columns["speed"][0] = 0.06
   assert state(columns, True) | {"steering_angle": 0.0} == dict.fromkeys(START, 0.0)
   assert state(columns, True)["steering_angle"] == 0.3
+
+
+def weaving(rate: float, seed: int, noise: float = 0.005) -> tuple[Recording, np.ndarray, np.ndarray]:
+  """A log with motion capture alone of a car that weaves at 1.5 m/s; its time and its yaw rate."""
+  time, random = np.arange(0.0, 6.0, 1.0 / rate), np.random.default_rng(seed)
+  yaw, turn = 0.5 * np.sin(3.0 * time), 1.5 * np.cos(3.0 * time)
+  fine = np.arange(0.0, 6.0, 1e-3)
+  heading = 0.5 * np.sin(3.0 * fine)
+  place = [np.interp(time, fine, np.cumsum(1.5 * turned(heading)) * 1e-3) for turned in (np.cos, np.sin)]
+  wander = lambda size: size * random.standard_normal(len(time))
+  columns = {"pose_x": place[0] + wander(0.002), "pose_y": place[1] + wander(0.002), "pose_yaw": yaw + wander(noise)}
+  return Recording.from_columns("r", time, columns), time, turn
+
+
+@pytest.mark.parametrize(("rate", "within"), [(100.0, 0.12), (50.0, 0.15), (10.0, 0.3)])
+def test_without_gyro_and_encoder_the_pose_tells_how_the_car_moves(rate, within):
+  """A yaw rate that nothing measured was 0: every stretch of such a log began straight ahead, 1 rad/s off."""
+  turns, speeds = [], []
+  for seed in range(40):
+    recording, time, turn = weaving(rate, seed)
+    at = float(time[len(time) // 2 + seed % 7])
+    begun = dict(zip(START, measured_start(recording, at, QCAR, 0.0, False), strict=True))
+    turns.append(begun["yaw_rate"] - np.interp(at, time, turn))
+    speeds.append(begun["velocity_x"] - 1.5)
+  assert np.sqrt(np.mean(np.square(turns))) < within
+  assert np.sqrt(np.mean(np.square(speeds))) < within
+
+
+def test_a_recording_without_a_gyro_that_begins_in_a_turn_begins_with_its_wheels_turned():
+  time = 0.02 * np.arange(200)
+  yaw = 1.2 * time + 0.003 * np.random.default_rng(2).standard_normal(200)
+  recording = Recording.from_columns("r", time, {"speed": np.full(200, 1.5), "pose_yaw": yaw})
+  begun = dict(zip(START, measured_start(recording, 0.0, QCAR, 0.0, True), strict=True))
+  assert begun["yaw_rate"] == pytest.approx(1.2, abs=0.1)
+  assert begun["steering_angle"] == pytest.approx(1.2 * QCAR.wheelbase / 1.5, abs=0.02)
