@@ -4,8 +4,7 @@ A channel's value at a time is that of a parabola through as many samples around
 widest of nested windows whose interval still meets those of all narrower ones (the intersection of confidence
 intervals: Goldenshluger and Nemirovski, On spatially adaptive estimation of nonparametric regression, Mathematical
 Methods of Statistics 6, 1997). Where a recording begins in a launch that is its first sample or two; in steady driving
-it is all samples within 0.06 s. What no sensor measures, the pose tells by its slope: the yaw rate of a log without a
-gyro, the speed of one with motion capture alone.
+it is all samples within 0.06 s. The yaw rate of a log without a gyro is the slope of its heading, taken likewise.
 """
 
 from collections.abc import Mapping
@@ -22,7 +21,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 Array = NDArray[np.float64]
 
 _HALF = 0.06  # s on either side of a time, from which its value is taken
-_PACE = 0.25  # s on either side, from which its slope is taken: a pose comes ten times a second in some logs
+_PACE = 0.25  # s on either side, from which its slope is taken: poses come ten times a second in some logs
 _ORDER = 2  # of the polynomial: in a launch a straight line's curvature costs more than the third coefficient does
 _AGREE = 1.5  # standard deviations on either side of a value: intervals of 87 %
 STANDS = 0.02  # m/s: a car that is slower when its recording begins waits to be driven
@@ -58,11 +57,8 @@ def measured_start(
   states["steering_angle"] = float(np.clip(steering, -vehicle.max_steering, vehicle.max_steering))
   speed = float(road_speed(at("motor_speed"), vehicle)) if "motor_speed" in recording else at("speed")
   turn, unsure = at("yaw_rate"), white.get("yaw_rate", 0.0)
-  pace = lambda name: slope(recording[name], time, white.get(name, 0.0))
-  if not {"motor_speed", "speed"} & set(recording.channels) and set(_POSE) <= set(recording.channels):
-    speed = pace("pose_x")[0] * np.cos(states["pose_yaw"]) + pace("pose_y")[0] * np.sin(states["pose_yaw"])
   if "yaw_rate" not in recording and "pose_yaw" in recording:
-    turn, unsure = pace("pose_yaw")
+    turn, unsure = slope(recording["pose_yaw"], time, white.get("pose_yaw", 0.0))
   if not at_beginning or abs(speed) >= max(STANDS, _TOLD * _speed_noise(white, recording, vehicle)):
     states |= {"velocity_x": speed, "yaw_rate": turn, "velocity_y": turn * vehicle.cg_to_rear}
     if at_beginning and {"yaw_rate", "pose_yaw"} & set(recording.channels):
