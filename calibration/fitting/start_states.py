@@ -24,6 +24,7 @@ _HALF = 0.06  # s on either side of a time, from which its value is taken
 _PACE = 0.25  # s on either side, from which its slope is taken: poses come ten times a second in some logs
 _ORDER = 2  # of the polynomial: in a launch a straight line's curvature costs more than the third coefficient does
 _AGREE = 1.5  # standard deviations on either side of a value: intervals of 87 %
+_AGREE_IN_SLOPE = 2.5  # 99 %: a few samples' slope is worth nothing, and must not be the last by chance
 STANDS = 0.02  # m/s: a car that is slower when its recording begins waits to be driven
 _TOLD = 2.0  # standard deviations: a speed nearer to zero cannot be told from none
 _POSE = ("pose_x", "pose_y", "pose_yaw")
@@ -132,7 +133,7 @@ def slope(stream: Stream, time: float, noise: float) -> tuple[float, float]:
   low, high, best = -np.inf, np.inf, (0.0, np.inf)
   for count in range(_ORDER + 1, len(near) + 1):
     rate, spread = _curve(stream.time[near[:count]] - time, stream.value[near[:count]], noise, 1)
-    low, high = max(low, rate - _AGREE * spread), min(high, rate + _AGREE * spread)
+    low, high = max(low, rate - _AGREE_IN_SLOPE * spread), min(high, rate + _AGREE_IN_SLOPE * spread)
     if low > high:
       break
     best = rate, spread

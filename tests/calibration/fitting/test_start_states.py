@@ -90,9 +90,9 @@ def test_a_speed_within_its_noise_of_zero_is_none():
   assert state(columns, True)["steering_angle"] == 0.3
 
 
-@pytest.mark.parametrize(("rate", "within"), [(100.0, 0.12), (50.0, 0.15), (10.0, 0.3)])
-def test_without_a_gyro_the_heading_tells_how_the_car_turns(rate, within):
-  """A yaw rate that nothing measured was 0: every stretch of such a log began straight ahead, here up to 1.5 rad/s off."""
+@pytest.mark.parametrize("rate", [100.0, 50.0, 10.0])
+def test_without_a_gyro_the_heading_tells_how_the_car_turns(rate):
+  """A yaw rate that nothing measured was 0: every stretch of such a log began straight ahead, up to 1.5 rad/s off."""
   time, errors = np.arange(0.0, 6.0, 1.0 / rate), []
   for seed in range(40):
     yaw = 0.5 * np.sin(3.0 * time) + 0.005 * np.random.default_rng(seed).standard_normal(len(time))
@@ -100,7 +100,7 @@ def test_without_a_gyro_the_heading_tells_how_the_car_turns(rate, within):
     at = float(time[len(time) // 2 + seed % 7])
     begun = dict(zip(START, measured_start(recording, at, QCAR, 0.0, False), strict=True))
     errors.append(begun["yaw_rate"] - 1.5 * np.cos(3.0 * at))
-  assert np.sqrt(np.mean(np.square(errors))) < within
+  assert np.sqrt(np.mean(np.square(errors))) < 0.1
 
 
 def test_a_recording_without_a_gyro_that_begins_in_a_turn_begins_with_its_wheels_turned():
