@@ -46,6 +46,7 @@ DIAGNOSIS: Plan = MappingProxyType(
     "decision": 14.0,
     "location": 0.5,
     "hold-out": 1.0,
+    "formula for the rest": 0.0,
     "film and report": 5.0,
     "free curves": 0.0,
   }

@@ -14,7 +14,7 @@ from calibration.diagnosis.decision.decide import Decision, decide
 from calibration.diagnosis.decision.evidence import Evidence
 from calibration.diagnosis.decision.levels import Levels, usual_levels
 from calibration.diagnosis.experiment import next_experiment
-from calibration.diagnosis.formula.after import formula_left
+from calibration.diagnosis.formula.after import formula_left, left_unexplained
 from calibration.diagnosis.holdout_errors import ChannelFit, Replay, compare_twins
 from calibration.diagnosis.locate import Location, locate
 from calibration.diagnosis.outcome import Diagnosis, Outcome
@@ -142,6 +142,9 @@ def _judged(
   place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)
   clock.start("hold-out")
   holdout, unseen = _before_and_after(twin, pool, decision, dataset.role("holdout"), cut)
+  if left_unexplained(decision):
+    clock.start("formula for the rest")
+  formula = formula_left(pool, decision, dataset.role("holdout"), cut)
   return Diagnosis(
     dataset=dataset.name,
     decision=decision,
@@ -151,7 +154,7 @@ def _judged(
     validate=validate,
     holdout=holdout,
     replay=unseen or judging,
-    formula=formula_left(pool, decision, dataset.role("holdout"), cut),
+    formula=formula,
     seconds=clock.stop(),
     stages=clock.stages,
     next_experiment=experiment,

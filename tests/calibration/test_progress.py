@@ -46,7 +46,7 @@ def test_messages_of_a_fit_follow_the_stage_and_nothing_else_prints_them(monkeyp
     line("scan", 0.5)
     log.info("iteration 1")
     log.warning("beware")
-  assert "stage 2 of 11 · scan, 50 %" in terminal.getvalue() and "left: iteration 1" in terminal.getvalue()
+  assert "stage 2 of 12 · scan, 50 %" in terminal.getvalue() and "left: iteration 1" in terminal.getvalue()
   assert [record.getMessage() for record in caplog.records] == ["beware"]
   assert logging.getLogger("calibration").level == before and logging.getLogger("calibration").propagate
 
@@ -59,7 +59,7 @@ def test_a_log_has_one_plain_line_a_stage(capsys):
   said = capsys.readouterr().err
   assert "\r" not in said and "iteration" not in said
   starts = [text.partition(" · about")[0] for text in said.splitlines()]
-  assert starts == ["stage 1 of 11 · recalibration", "stage 2 of 11 · scan", "stage 7 of 11 · decision"]
+  assert starts == ["stage 1 of 12 · recalibration", "stage 2 of 12 · scan", "stage 7 of 12 · decision"]
 
 
 def test_what_is_printed_between_does_not_end_the_plan(capsys):

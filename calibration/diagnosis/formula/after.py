@@ -51,6 +51,11 @@ class Shipped:
     return ratio({n: f.after for n, f in fits.items()}, {n: f.before for n, f in fits.items()})
 
 
+def left_unexplained(decision: Decision) -> bool:
+  """Whether a formula is sought: something is left that no name explains."""
+  return decision.verdict in ("unexplained", "partly_explained")
+
+
 def formula_left(pool: Pool, decision: Decision, recordings: Sequence[Recording], cut: Cut) -> Shipped | None:
   """The formula of what the model behind the claims leaves unexplained; None where nothing is.
 
@@ -60,7 +65,7 @@ def formula_left(pool: Pool, decision: Decision, recordings: Sequence[Recording]
     recordings: held-out ones, for the errors.
     cut: how they are cut.
   """
-  if decision.verdict not in ("unexplained", "partly_explained"):
+  if not left_unexplained(decision):
     return None
   model = pool.model(decision.mechanisms)
   try:
