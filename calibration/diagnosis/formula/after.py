@@ -11,6 +11,7 @@ from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decision.decide import Decision
 from calibration.diagnosis.formula.finding import Found, find_formula
 from calibration.diagnosis.formula.minimum import at_minimum
+from calibration.diagnosis.formula.thinned import thinned
 from calibration.diagnosis.formula.words import alike_words
 from calibration.diagnosis.holdout_errors import ChannelFit, compare_twins, ratio
 from calibration.diagnosis.pool import Pool
@@ -67,9 +68,9 @@ def formula_left(pool: Pool, decision: Decision, recordings: Sequence[Recording]
   """
   if not left_unexplained(decision):
     return None
-  model = pool.model(decision.mechanisms)
+  part, model = thinned(pool.problem, pool.model(decision.mechanisms), judges=True)
   try:
-    problem, winner = at_minimum(*weighed(*at_minimum(pool.problem, model), pool.floor))
+    problem, winner = at_minimum(*weighed(*at_minimum(part, model), pool.floor))
     found = find_formula(problem, winner, model, pool.priors)
   except (np.linalg.LinAlgError, NotFinite) as error:  # the verdict stands without it
     log.warning("no formula was sought: %s", error)
@@ -77,7 +78,11 @@ def formula_left(pool: Pool, decision: Decision, recordings: Sequence[Recording]
   if not (found.kind and found.twin):
     return Shipped(found, {})
   tried = found.twin
-  fits, _ = compare_twins(tried.problem.twin, tried.before.theta, tried.theta, recordings, pool.floor, cut)
+  without = pool.problem.exact.parameters.named(
+    model.theta
+  )  # the twin that ships, not its refit to part of the driving
+  before = tried.problem.parameters.vector(without)
+  fits, _ = compare_twins(tried.problem.twin, before, tried.theta, recordings, pool.floor, cut)
   return Shipped(found, fits)
 
 

@@ -12,17 +12,30 @@ from calibration.fitting.likelihood import Problem
 MOST = 130.0  # s of driving: all stages on one core then take the half minute that is promised
 
 
-def thinned(problem: Problem, model: Candidate, most: float = MOST) -> tuple[Problem, Candidate]:
-  """The fitted stretches alone, evenly spread where they are more than `most` seconds, and the model on them."""
+def thinned(problem: Problem, model: Candidate, most: float = MOST, judges: bool = False) -> tuple[Problem, Candidate]:
+  """The fitted stretches, evenly spread where they are more than `most` seconds, and the model on them.
+
+  Args:
+    problem: residuals.
+    model: fitted to it.
+    most: s of fitted driving.
+    judges: as large a share of the stretches that only judge is kept, too; else none.
+  """
   observations = problem.observations
-  segments = observations.stretches.segments
-  fitted = np.unique(observations.stretch[: model.n_train])
-  seconds = float(segments.steps[fitted].sum()) * segments.period
-  room = max(1, int(len(fitted) * min(1.0, most / max(seconds, 1e-9))))
-  kept: NDArray[np.intp] = fitted[((np.arange(room) + 0.5) * len(fitted) / room).astype(int)]
-  rows = np.flatnonzero(np.isin(observations.stretch, kept))
+  segments, stretch = observations.stretches.segments, observations.stretch
+  fitted, judging = np.unique(stretch[: model.n_train]), np.unique(stretch[model.n_train :])
+  share = min(1.0, most / max(float(segments.steps[fitted].sum()) * segments.period, 1e-9))
+  kept = np.concatenate([_spread(fitted, share), _spread(judging, share if judges else 0.0)])
+  rows = np.flatnonzero(np.isin(stretch, kept))
   weighting = dataclasses.replace(problem.weighting, spike=problem.weighting.spike[rows])
-  part = Problem(problem.twin, observations.some(kept), weighting, len(rows), problem.base)
+  n_train = int(np.sum(rows < model.n_train))
+  part = Problem(problem.twin, observations.some(kept), weighting, n_train, problem.base)
   small = copy.copy(model)
-  small.residual, small.jacobian, small.n_train = model.residual[rows], model.jacobian[rows], len(rows)
+  small.residual, small.jacobian, small.n_train = model.residual[rows], model.jacobian[rows], n_train
   return part, small
+
+
+def _spread(stretches: NDArray[np.intp], share: float) -> NDArray[np.intp]:
+  """A share of stretches, evenly spread; one at least of any, none of none."""
+  room = max(1, int(len(stretches) * share)) if share and len(stretches) else 0
+  return stretches[((np.arange(room) + 0.5) * len(stretches) / max(room, 1)).astype(int)]

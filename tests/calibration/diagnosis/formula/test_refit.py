@@ -12,6 +12,7 @@ from calibration.diagnosis.formula.finding import find_formula
 from calibration.diagnosis.formula.minimum import at_minimum
 from calibration.diagnosis.formula.moments import fading, moments, variables
 from calibration.diagnosis.formula.refit import Refitted, fitted_best, refitted
+from calibration.diagnosis.formula.thinned import thinned
 from calibration.diagnosis.pool import Pool
 from calibration.fitting.likelihood import Problem, Weighting
 from calibration.fitting.observations import CHANNELS, observe
@@ -100,6 +101,21 @@ def test_noise_is_what_the_model_leaves(case):
   rows = problem.observations.channel == CHANNELS.index("motor_speed")
   assert again.weighting.std[CHANNELS.index("motor_speed")] == pytest.approx(np.std(left[rows]), rel=0.3)
   assert model.cost < 0.01 * winner.cost
+
+
+def test_of_a_long_log_a_share_is_kept_of_what_is_fitted_and_of_what_judges(case):
+  """Four stretches of 6 s are fitted and two judge: half of each."""
+  problem, winner, _ = case
+  part, model = thinned(problem, winner, most=12.0, judges=True)
+  assert part.observations.stretches.segments.recording == ("run_1", "run_3", "run_5")
+  assert (
+    part.n_train == model.n_train == int(np.sum(np.isin(problem.observations.recording[: problem.n_train], (1, 3))))
+  )
+  np.testing.assert_allclose(part.residual(winner.theta[None])[0], model.residual, atol=1e-9)
+  alone, _ = thinned(problem, winner, most=12.0)
+  assert alone.observations.stretches.segments.recording == ("run_1", "run_3")
+  whole, same = thinned(problem, winner, judges=True)
+  assert len(whole.observations) == len(problem.observations) and same.n_train == winner.n_train
 
 
 def test_a_car_that_flies_apart_leaves_the_verdict_alone(case, monkeypatch):
