@@ -134,7 +134,7 @@ def _promise(grams: Grams, offered: Sequence[Group], before: tuple[int, ...]) ->
   inner, pull = grams.inner.sum(axis=0), grams.pull.sum(axis=0)
   kept = grams.columns(before)
   block = inner[np.ix_(kept, kept)]
-  onto = np.linalg.solve(block + _RIDGE * np.diag(np.diag(block)), inner[kept])
+  onto = np.linalg.solve(block + _RIDGE * np.diag(np.maximum(np.diag(block), 1e-12)), inner[kept])
   power = np.diag(inner) - np.einsum("kd,kd->d", inner[kept], onto)
   gains = 0.5 * (pull - onto.T @ pull[kept]) ** 2 / np.maximum(power, 1e-6 * np.diag(inner) + 1e-12)
   out = np.zeros(len(offered))

@@ -145,6 +145,17 @@ def test_a_term_more_must_earn_its_length():
   assert held_out(grams, np.array([0])).sum() < 3.0
 
 
+def test_a_column_of_zeros_in_a_group_stops_no_search():
+  """cos and sin of an angle of a car that never turned: it stopped the formula of a real log."""
+  random = np.random.default_rng(0)
+  columns = random.standard_normal((400, 3))
+  columns[:, 1] = 0.0
+  target = 0.8 * columns[:, 0] + 0.3 * columns[:, 2] + random.standard_normal(400)
+  grams = Grams.of(columns, target, np.repeat(np.arange(8), 50), np.array([0, 0, 1]))
+  offered = [Group((Term((("cos", "yaw"),)), Term((("sin", "yaw"),)))), Group((Term((("value", "speed"),)),))]
+  assert [step.members for step in stepwise(grams, offered, most=2)] == [(0,), (0, 1)]
+
+
 def test_the_shortest_formula_that_holds_nearly_all_is_taken():
   steps = [Chosen((0,), np.full(4, 24.0)), Chosen((0, 1), np.full(4, 25.0))]
   assert shortest(steps) is steps[0]
