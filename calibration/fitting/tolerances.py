@@ -107,17 +107,23 @@ def stopped(parameters: ParameterSet, estimates: NDArray[np.float64], at_bound: 
   return f"at the bound of what recalibration allows for: {', '.join(said)}; the twin may lack what these make up for"
 
 
-def unusual(parameters: ParameterSet, estimates: NDArray[np.float64]) -> str:
-  """A sentence about estimates, (p,), of class figures beyond two deviations of their priors; empty if there are none.
+def unlike_the_class(parameters: ParameterSet, estimates: NDArray[np.float64]) -> tuple[tuple[Parameter, float], ...]:
+  """Class figures whose estimates, (p,), lie beyond two deviations of their priors, with the estimate, farthest first.
 
   A slow servo or a soft tyre is no missing physics, since every car has a servo and tyres; but who takes the twin for a
   usual car wants to know.
   """
   away = parameters.deviations(estimates)
+  far = [i for i, p in enumerate(parameters) if p.kind == "class" and p.null is None and abs(away[i]) > _UNUSUAL]
+  figures = tuple(parameters)
+  return tuple((figures[i], float(estimates[i])) for i in sorted(far, key=lambda i: -abs(away[i])))
+
+
+def unusual(parameters: ParameterSet, estimates: NDArray[np.float64]) -> str:
+  """A sentence about what is `unlike_the_class`; empty if nothing is."""
   said = [
     f"{p.name} = {value:.3g} {p.unit} (usual are {p.nominal:.3g} {p.unit}, {p.prior})"
-    for p, value, z in zip(parameters, estimates, away, strict=True)
-    if p.kind == "class" and p.null is None and abs(z) > _UNUSUAL
+    for p, value in unlike_the_class(parameters, estimates)
   ]
   return f"unlike other cars of the class: {', '.join(said)}" if said else ""
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from calibration.diagnosis.decision.evidence import write_evidence
-from calibration.diagnosis.formula.after import write_formula
+from calibration.diagnosis.formula.after import left_unexplained, write_formula
 from calibration.diagnosis.formula.report import formula_sections
 from calibration.diagnosis.holdout_errors import recovered_share, share_taken_off
 from calibration.diagnosis.outcome import Diagnosis, Outcome
@@ -26,6 +26,7 @@ from calibration.diagnosis.report.further import NOTHING_FURTHER, Further
 from calibration.diagnosis.report.grounds import drive_next, effort, evidence, priors, unseen
 from calibration.diagnosis.shipping import kind, shipped, warning
 from calibration.fitting.residual_channels import RESIDUALS
+from calibration.fitting.tolerances import unlike_the_class
 from qcar_twin.pages import Cell, Section, Table, write_page
 from qcar_twin.pages.page import Tone
 from qcar_twin.twin.file import save_twin
@@ -92,14 +93,17 @@ def _written(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 
 def verdict(diagnosis: Diagnosis) -> str:
-  """The verdict in plain words: how good the twin is, what was left out of it, what is still unexplained."""
+  """The verdict in plain words: how good the twin is, what was left out of it, what is still unexplained; and, where
+  something is, which figures of the base are unlike the class's, since what is left out may hide in them."""
   d, fits = diagnosis, judged_on(diagnosis)[0]
   recovered = recovered_share(d.holdout) if d.holdout else 0.0
   shares = {c.mechanism: share_taken_off(d.replay, fits, c.mechanism) if d.replay else None for c in d.decision.claims}
   taken = {name: share for name, share in shares.items() if share is not None}
   gain = recovered if recovered > 0.02 else None
   said = wording.verdict_sentence(d.decision, claimed(d), gain, taken, short_of(d))
-  return f"{how_good_in_short(d)} {said}{wording.departures_sentence(d.decision.departures)}".lstrip()
+  base = d.pool.base
+  unlike = wording.unlike_sentence(unlike_the_class(base.free, base.values)) if left_unexplained(d.decision) else ""
+  return f"{how_good_in_short(d)} {said}{wording.departures_sentence(d.decision.departures)}{unlike}".lstrip()
 
 
 def facts(d: Diagnosis) -> list[tuple[str, str]]:

@@ -15,9 +15,11 @@ from calibration.diagnosis.decision.structure import PROPERTIES, Leftover
 from calibration.diagnosis.region import Region
 from calibration.fitting.residual_channels import RESIDUALS
 from qcar_twin.pages.numbers import spread
+from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Mechanism, describe
 
 _SMALLER = {"s": ("ms", 1e3, 0.5), "m": ("mm", 1e3, 0.5), "s/rad": ("ms/rad", 1e3, 0.5)}  # below this size, times that
+_TOLD = 3  # figures that a verdict names, a choice: the page has all
 _QUANTITIES = {"pose_yaw": "heading", "pose_x": "position x", "pose_y": "position y"}
 _PRETTY = {"m/s^2": "m/s²", "kg m^2": "kg m²", "rad/s^2": "rad/s²"}
 
@@ -109,6 +111,16 @@ def departures_sentence(departures: Sequence[Departure]) -> str:
     for d in departures
   ]
   return f" The driving contradicts what was known of the car: {'; '.join(said)}." if said else ""
+
+
+def unlike_sentence(figures: Sequence[tuple[Parameter, float]]) -> str:
+  """ " Unlike other cars of the class: servo time constant 172.0 ms, usual 5.0 ms."; the three that are farthest."""
+  said = [
+    f"{p.name.replace('_', ' ')} {amount(value, None, p.unit)}, usual {amount(p.nominal, None, p.unit)}"
+    for p, value in figures[:_TOLD]
+  ]
+  more = f"; and {len(figures) - _TOLD} more" if len(figures) > _TOLD else ""
+  return f" Unlike other cars of the class: {'; '.join(said)}{more}." if said else ""
 
 
 def _gain(recovered: float | None) -> str:

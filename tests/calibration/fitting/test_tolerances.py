@@ -1,8 +1,10 @@
 """What recalibration allows for: bounds that give way once, and a sentence about what stopped at one."""
 
+import dataclasses
+
 import numpy as np
 
-from calibration.fitting.tolerances import stopped, unusual, widened, with_tolerances
+from calibration.fitting.tolerances import stopped, unlike_the_class, unusual, widened, with_tolerances
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.mechanisms.floor_slope import LEVEL
@@ -35,6 +37,12 @@ def test_a_class_figure_beyond_two_deviations_is_said_and_measured_or_open_ones_
   said = unusual(ALL, np.array([500.0 / 10.0, 9.0, 3.9, 0.014]))
   assert said == "unlike other cars of the class: stiffness = 50 N (usual are 500 N, class, a factor of 3)"
   assert unusual(ALL, np.array([500.0 / 8.0, 1.0, 2.0, 0.0])) == ""
+
+
+def test_what_is_farthest_from_the_class_comes_first():
+  both = ALL.replace(gain=dataclasses.replace(GAIN, factor=2.0))
+  figures = unlike_the_class(both, np.array([50.0, 9.0, 2.0, 0.0]))
+  assert [(p.name, value) for p, value in figures] == [("gain", 9.0), ("stiffness", 50.0)]
 
 
 def test_every_model_lets_the_floor_be_as_far_out_of_level_as_floors_are():

@@ -10,9 +10,11 @@ from calibration.diagnosis.report.wording import (
   listed,
   sizes,
   unknown_words,
+  unlike_sentence,
   verdict_sentence,
 )
 from qcar_twin.pages.numbers import spread
+from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms import catalogue
 from tests.calibration.diagnosis.diagnosis_results import claim_of, decision_of
 
@@ -33,6 +35,15 @@ from tests.calibration.diagnosis.diagnosis_results import claim_of, decision_of
 )
 def test_amounts_in_units_that_read_well(value, std, unit, text):
   assert amount(value, std, unit) == text
+
+
+def test_three_figures_unlike_the_class_are_named_and_the_others_counted():
+  servo = Parameter("servo_time_constant", 0.005, 0.001, 0.2, "s", factor=3.0)
+  assert unlike_sentence(()) == ""
+  assert unlike_sentence([(servo, 0.172)]) == (
+    " Unlike other cars of the class: servo time constant 172 ms, usual 5 ms."
+  )
+  assert unlike_sentence([(servo, 0.172)] * 5).endswith("; and 2 more.")
 
 
 def test_spread_never_prints_noise_digits():
