@@ -21,6 +21,20 @@ def test_it_stands_still():
   assert np.abs([state.u, state.v, state.w, state.motor, state.roll, state.pitch]).max() < 1e-9
 
 
+def test_wheels_roll_where_they_are_at_a_start_in_a_turn():
+  """About a point on the rear axle's line each moves as far as it is from there, with full Ackermann geometry."""
+  car, radius, rate = replace(CAR, ackermann=1.0), 0.8, 1.5
+  simulation, _ = go([car], lambda _t: (0.0, 0.0), 0.01)
+  length = car.cg_to_front + car.cg_to_rear
+  angle = np.arctan(length / radius)
+  begun = np.array([[0.0, 0.0, 0.0, radius * rate, car.cg_to_rear * rate, rate, angle]])
+  state = State(simulation.chassis.start(begun))
+  chassis = simulation.chassis
+  distance = np.hypot(chassis.corner_x + car.cg_to_rear, chassis.corner_y - radius)
+  assert car.wheel_radius * state.wheel == pytest.approx(rate * distance, rel=1e-9)
+  assert state.motor * car.gear_ratio == pytest.approx(state.wheel.mean(axis=0))
+
+
 def test_terminal_speed_is_that_of_the_motor_equation():
   volts = np.array([0.8, 1.6, 2.4])
   per_speed, to_move = CAR.drive_line()
