@@ -114,9 +114,9 @@ def departures_sentence(departures: Sequence[Departure]) -> str:
 
 
 def unlike_sentence(figures: Sequence[tuple[Parameter, float]]) -> str:
-  """ " Unlike other cars of the class: servo time constant 172.0 ms, usual 5.0 ms."; the three that are farthest."""
+  """ " Unlike other cars of the class: servo time constant 172 ms instead of 5 ms."; the three that are farthest."""
   said = [
-    f"{p.name.replace('_', ' ')} {amount(value, None, p.unit)}, usual {amount(p.nominal, None, p.unit)}"
+    f"{p.name.replace('_', ' ')} {amount(value, None, p.unit)} instead of {amount(p.nominal, None, p.unit)}"
     for p, value in figures[:_TOLD]
   ]
   more = f"; and {len(figures) - _TOLD} more" if len(figures) > _TOLD else ""

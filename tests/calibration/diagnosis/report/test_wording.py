@@ -41,7 +41,7 @@ def test_three_figures_unlike_the_class_are_named_and_the_others_counted():
   servo = Parameter("servo_time_constant", 0.005, 0.001, 0.2, "s", factor=3.0)
   assert unlike_sentence(()) == ""
   assert unlike_sentence([(servo, 0.172)]) == (
-    " Unlike other cars of the class: servo time constant 172 ms, usual 5 ms."
+    " Unlike other cars of the class: servo time constant 172 ms instead of 5 ms."
   )
   assert unlike_sentence([(servo, 0.172)] * 5).endswith("; and 2 more.")
 
