@@ -93,13 +93,23 @@ def test_the_calibrated_twin_predicts_what_it_has_not_seen(trial):
   assert trial.nrmse("twin", "motor_speed") < 0.15 and trial.nrmse("twin", "yaw_rate") < 0.15
 
 
-def test_the_twin_is_better_than_the_bicycle(trial):
-  """On the whole by a quarter; one channel may be a little worse. These cars' tyres begin unstretched, on wheels turned
-  as the first command says, so that the first 0.02 s of a recording are like no car's, and weigh in windows of 2 s."""
+def test_the_twin_is_no_worse_than_the_bicycle(trial):
   assert trial.checked.reference is not None
+  for channel in ("motor_speed", "accel_y"):
+    assert trial.nrmse("twin", channel) < 1.1 * trial.nrmse("bicycle", channel)
+
+
+def test_the_twin_turns_no_worse_than_the_bicycle(trial, request):
+  if trial.calibration.twin.vehicle.drive == "current":
+    reason = "1.17 times: a recording's road wheels are taken to be at its first command, which has not acted yet"
+    request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
+  assert trial.nrmse("twin", "yaw_rate") < 1.1 * trial.nrmse("bicycle", "yaw_rate")
+
+
+def test_the_twin_is_better_than_the_bicycle_on_the_whole(trial):
   channels = ("motor_speed", "yaw_rate", "accel_y")
-  ratios = np.array([trial.nrmse("twin", c) / trial.nrmse("bicycle", c) for c in channels])
-  assert np.exp(np.mean(np.log(ratios))) < 0.75 and ratios.max() < 1.25
+  ratios = [trial.nrmse("twin", c) / trial.nrmse("bicycle", c) for c in channels]
+  assert np.exp(np.mean(np.log(ratios))) < 0.75
 
 
 def test_what_the_drive_can_not_show_is_said_in_words(trial):

@@ -197,15 +197,15 @@ def _evenly(recording: NDArray[np.int64], room: int) -> NDArray[np.int64]:
   """
   counts = np.unique(recording, return_counts=True)[1]
   if room < 2 * len(counts):
-    return _spread(len(recording), room, 0.5)
+    return spread_evenly(len(recording), room, 0.5)
   kept, first = [], 0
   for k, (count, take) in enumerate(zip(counts, _allotted(counts, room), strict=True)):
-    kept.append(first + _spread(count, take, _GOLDEN * k % 1.0))
+    kept.append(first + spread_evenly(count, take, _GOLDEN * k % 1.0))
     first += count
   return np.concatenate(kept)
 
 
-def _spread(count: int, take: int, phase: float) -> NDArray[np.int64]:
+def spread_evenly(count: int, take: int, phase: float) -> NDArray[np.int64]:
   """So many of `count` indices, evenly spread; the phase within [0, 1) says where the first lies."""
   return ((np.arange(take) + phase) * count / take).astype(np.int64)
 

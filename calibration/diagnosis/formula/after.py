@@ -78,10 +78,8 @@ def formula_left(pool: Pool, decision: Decision, recordings: Sequence[Recording]
   if not (found.kind and found.twin):
     return Shipped(found, {})
   tried = found.twin
-  without = pool.problem.exact.parameters.named(
-    model.theta
-  )  # the twin that ships, not its refit to part of the driving
-  before = tried.problem.parameters.vector(without)
+  # the twin that ships, not its refit to part of the driving
+  before = tried.problem.parameters.vector(pool.problem.exact.parameters.named(model.theta))
   fits, _ = compare_twins(tried.problem.twin, before, tried.theta, recordings, pool.floor, cut)
   return Shipped(found, fits)
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.fitting.likelihood import Problem
+from calibration.fitting.windows import spread_evenly
 
 MOST = 130.0  # s of driving: all stages on one core then take the half minute that is promised
 
@@ -25,7 +26,7 @@ def thinned(problem: Problem, model: Candidate, most: float = MOST, judges: bool
   segments, stretch = observations.stretches.segments, observations.stretch
   fitted, judging = np.unique(stretch[: model.n_train]), np.unique(stretch[model.n_train :])
   share = min(1.0, most / max(float(segments.steps[fitted].sum()) * segments.period, 1e-9))
-  kept = np.concatenate([_spread(fitted, share), _spread(judging, share if judges else 0.0)])
+  kept = np.concatenate([_share(fitted, share), _share(judging, share if judges else 0.0)])
   rows = np.flatnonzero(np.isin(stretch, kept))
   weighting = dataclasses.replace(problem.weighting, spike=problem.weighting.spike[rows])
   n_train = int(np.sum(rows < model.n_train))
@@ -35,7 +36,7 @@ def thinned(problem: Problem, model: Candidate, most: float = MOST, judges: bool
   return part, small
 
 
-def _spread(stretches: NDArray[np.intp], share: float) -> NDArray[np.intp]:
+def _share(stretches: NDArray[np.intp], share: float) -> NDArray[np.intp]:
   """A share of stretches, evenly spread; one at least of any, none of none."""
   room = max(1, int(len(stretches) * share)) if share and len(stretches) else 0
-  return stretches[((np.arange(room) + 0.5) * len(stretches) / max(room, 1)).astype(int)]
+  return stretches[spread_evenly(len(stretches), room, 0.5)] if room else stretches[:0]

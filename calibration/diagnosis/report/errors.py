@@ -19,7 +19,7 @@ Roles = Mapping[str, Fits]
 NO_CURVES: Roles = {}
 ROLES = {"holdout": "Held-out recordings, opened once at the end", "validate": "Validation recordings"}
 TITLE = "Errors before and after"
-_HUNDREDFOLD = 100.0
+_HUNDREDFOLD = 100.0  # of the noise, a choice of words: no decision hangs on it
 
 
 def judged_on(d: Diagnosis) -> tuple[Mapping[str, ChannelFit], str]:
