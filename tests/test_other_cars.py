@@ -101,7 +101,7 @@ def test_the_twin_is_no_worse_than_the_bicycle(trial):
 
 def test_the_twin_turns_no_worse_than_the_bicycle(trial, request):
   if trial.calibration.twin.vehicle.drive == "current":
-    reason = "1.17 times: a recording's road wheels are taken to be at its first command, which has not acted yet"
+    reason = "1.1007 times: steered to 0.4 rad the twin turns too little by 2 %, the bicycle drives too fast by as much"
     request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
   assert trial.nrmse("twin", "yaw_rate") < 1.1 * trial.nrmse("bicycle", "yaw_rate")
 

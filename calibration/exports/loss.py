@@ -24,6 +24,7 @@ from qcar_twin.twin.twin import Twin
 
 Array = NDArray[np.float64]
 WINDOW = 2.0  # s, restarts from what was measured, as in cross-validation
+_WARM_UP = 0.1  # s: windows begin as the twin's tyres slip, those of an export soon slip as theirs do
 EXPRESSIBLE = 1.15  # of the twin's error: an export that holds every name should stay below
 PREDICTED = 0.2  # within which a loss should be predicted
 
@@ -150,7 +151,7 @@ def measure_loss(job: Job, target: Target, path: Path) -> Loss | None:
   recordings = [r for r in job.dataset.recordings if r.role in roles]
   if not recordings:
     return None
-  cut = Cut(length=WINDOW, warm_up=0.0, command_shift=job.command_shift)
+  cut = Cut(length=WINDOW, warm_up=_WARM_UP, command_shift=job.command_shift)
   observations = observe(recordings, job.twin.vehicle, cut, horizon=1.0)
   segments = observations.stretches.segments
   model, car = target.drives(path, job)

@@ -64,8 +64,9 @@ def base_parameters(vehicle: Vehicle) -> ParameterSet:
                 0.5 * v.suspension_frequency),
       *_centre(v),
       *_torque_limit(v),
-      # no log says whether its first command had acted when it began: its own habit, not the car's
-      Parameter(WHEELS_AT_COMMAND, 1.0, 0.0, 1.0, "-", "w_0", std=0.5, assumed=True,
+      # no log says whether its first command had acted when it began: its own habit, not the car's; how the car turned
+      # says where the wheels stood
+      Parameter(WHEELS_AT_COMMAND, 0.0, 0.0, 1.0, "-", "w_0", std=0.5, assumed=True,
                 description="share of the way to its first command that a recording's road wheels have gone"),
     )
   )  # fmt: skip

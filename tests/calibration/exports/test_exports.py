@@ -229,7 +229,6 @@ def test_what_plain_friction_costs_is_predicted_with_the_twins_tyre_made_to_cree
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="1.12 against 1.07 since MuJoCo's tyre begins at its steady slip", strict=True)
 def test_what_is_predicted_is_what_creeping_costs(plain_friction):
   loss, costs = plain_friction
   assert costs == pytest.approx(loss.predicted, rel=0.02)  # nothing else is lost
