@@ -3,24 +3,33 @@
 The motor's equation omega' = P1 V - P2 omega - P3 sgn(omega), V the drive's command in its unit, integrated over
 windows so that no signal is differentiated, is solved for V and fitted by a robust regression. Solved for omega' it
 would be satisfied by P1 = P2 = P3 = 0 wherever the speed is steady, so that steady driving with a loss that the
-equation lacks (a turn) shrinks all three.
+equation lacks (a turn) shrinks all three. What no regression gives is tried: tyres of a few stiffnesses, and starts on
+other sides of what makes a cost rough.
 """
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from calibration.fitting.likelihood import Problem, flat_weighting
+from calibration.fitting.observations import Observations
 from calibration.fitting.windows import driven
 from qcar_twin.kinematics import motor_speed
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.parameters import base_parameters, drive_values, informed
+from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
+# of the nominal friction, where rough fits begin: from above the wheels hold and the cost is smooth
+_GRIPS = (1.0, 1.4)
+# wheels that steer in parallel and wheels aimed at the turning centre: between them a car's tyres make up for either
+_LINKAGES = (0.0, 1.0)
 _WINDOW = 0.4  # s over which the equation is integrated
 _PERIOD = 0.02  # s
 
@@ -37,6 +46,33 @@ def first_guess(recordings: Sequence[Recording], vehicle: Vehicle) -> ParameterS
   if vehicle.drive == "speed":  # its loop's integral part takes the friction over: the log shows none to begin with
     del values["driveline_friction"]
   return informed(base, values)
+
+
+def best_start(twin: Twin, observations: Observations, n_train: int, base: ParameterSet) -> Array:
+  """The best of a few guesses that differ in tyre stiffness; the drive's come from the log."""
+  problem = Problem(twin, observations, flat_weighting(observations), n_train)
+  guesses = []
+  for stiffness in (0.6, 1.6):
+    guess = base.start
+    for name in ("cornering_stiffness_front", "cornering_stiffness_rear"):
+      guess[base.index(name)] *= stiffness
+    guesses.append(np.clip(guess, base.lower, base.upper))
+  guesses.append(base.start)
+  residual = problem.fitted_residual(problem.embed(base.names, np.stack(guesses), twin.parameters.nominal))
+  return guesses[int(np.argmin(np.sum(np.abs(residual), axis=1)))]
+
+
+def varied_starts(base: ParameterSet, theta: Array) -> list[Array]:
+  """Estimates with shares of the nominal friction coefficient and with other Ackermann fractions."""
+  out = []
+  for grip, linkage in itertools.product(_GRIPS, _LINKAGES):
+    start = theta.copy()
+    values = {"friction_coefficient": grip * base["friction_coefficient"].nominal, "ackermann_fraction": linkage}
+    for name, value in values.items():
+      i = base.index(name)
+      start[i] = np.clip(value, base.lower[i], base.upper[i])
+    out.append(start)
+  return out
 
 
 def _integrals(recording: Recording, vehicle: Vehicle) -> Array:

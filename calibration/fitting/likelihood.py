@@ -253,6 +253,11 @@ def weighting_from(observations: Observations, raw: Array, floor: Mapping[str, f
   return Weighting(std, correlation, spike)
 
 
+def flat_weighting(observations: Observations) -> Weighting:
+  """Weights that make every channel count by its own spread."""
+  return weighting_from(observations, observations.measured, {})
+
+
 def spike_weights(size: Array, std: Array | float) -> Array:
   """Weight of the square of each residual, whose magnitude is `size`: 1, and less beyond _SPIKE standard deviations."""
   return np.minimum(1.0, _SPIKE * std / np.maximum(size, 1e-12))

@@ -291,3 +291,11 @@ def noise_of(observations: Observations, levels: Mapping[str, float]) -> Array:
   """Standard deviation of every measured value, (M,), from one level per channel."""
   table = np.array([levels.get(name, np.nan) for name in CHANNELS])
   return table[observations.channel]
+
+
+def fitted_count(observations: Observations, recordings: Sequence[Recording]) -> int:
+  """How many values, from the front, belong to recordings that are fitted."""
+  judging = [i for i, r in enumerate(recordings) if r.role == "validate"]
+  if len(judging) == len(recordings):
+    raise ValueError('no recording has the role "identify"; give at least one that role in dataset.toml')
+  return int(np.sum(~np.isin(observations.recording, judging)))

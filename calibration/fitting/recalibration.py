@@ -12,10 +12,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.fitting.likelihood import Problem, Weighting, weighting_from
+from calibration.fitting.first_guess import best_start, varied_starts
+from calibration.fitting.likelihood import Problem, flat_weighting, weighting_from
 from calibration.fitting.noise import ChannelNoise, noise_models
 from calibration.fitting.noise_floor import sensor_floor
-from calibration.fitting.observations import Observations, observe
+from calibration.fitting.observations import Observations, fitted_count, observe
 from calibration.fitting.optimiser import STENCILS, Fit, fit, prior_cost
 from calibration.fitting.slopes import Slopes, Stencil, central_differences
 from calibration.fitting.surrogate import Stretch, anchored
@@ -31,10 +32,6 @@ Array = NDArray[np.float64]
 log = logging.getLogger(__name__)
 
 _BODY = ("mass", "yaw_inertia", "cg_to_front", "cg_height_offset")
-# of the nominal friction, where rough fits begin: from above the wheels hold and the cost is smooth
-_GRIPS = (1.0, 1.4)
-# wheels that steer in parallel and wheels aimed at the turning centre: between them a car's tyres make up for either
-_LINKAGES = (0.0, 1.0)
 _SPAN = 3  # iterations of a rough fit before the worse half of the starts is given up
 _ROUNDS, _SETTLED = 8, 1.0  # corrections by MuJoCo, and nats that end them
 _LONGEST = 40  # iterations between two corrections: a search ends where its slopes do, not by count
@@ -66,6 +63,23 @@ class RecalibratedTwin:
   command_shift: int
 
 
+@dataclasses.dataclass(frozen=True)
+class Begun:
+  """Where a recalibration begins.
+
+  Attributes:
+    problem: residuals, weighted by what the rough fit leaves.
+    noise_models: of the sensors, by channel.
+    start: estimates of a rough fit, (p,).
+    command_shift: command timing that fitted best, control periods.
+  """
+
+  problem: Problem
+  noise_models: Mapping[str, ChannelNoise]
+  start: Array
+  command_shift: int
+
+
 def recalibrate(
   twin: Twin,
   recordings: Sequence[Recording],
@@ -74,7 +88,26 @@ def recalibrate(
   cut: Cut = DEFAULT_CUT,
   progress: Progress = silent,
 ) -> RecalibratedTwin:
-  """Fit the base parameters to recordings.
+  """Fit the base parameters to recordings; arguments as of `begun`."""
+  base, at = priors or twin.base, begun(twin, recordings, priors, shifts, cut, progress)
+  known = _unknown(at.problem)
+  fitted = settled(at.problem, at.noise_models, base, at.start, at.command_shift, known)
+  wider = widened(base, fitted.fit.theta)
+  if any(p != q for p, q in zip(wider, base, strict=True)):
+    progress("recalibration within wider bounds")
+    fitted = settled(fitted.problem, at.noise_models, wider, fitted.fit.theta, at.command_shift, known)
+  return fitted
+
+
+def begun(
+  twin: Twin,
+  recordings: Sequence[Recording],
+  priors: ParameterSet | None = None,
+  shifts: Sequence[int] = (0,),
+  cut: Cut = DEFAULT_CUT,
+  progress: Progress = silent,
+) -> Begun:
+  """A rough fit to a part of recordings, and the problem of all that is cut of them.
 
   Args:
     twin: the car with the whole catalogue, all at null.
@@ -99,13 +132,15 @@ def recalibrate(
   observations = observe(recordings, twin.vehicle, dataclasses.replace(cut, command_shift=shift))
   twin = anchored(twin, base.names, start)
   problem = _weighted(twin, observations, fitted_count(observations, recordings), base, start, floor)
-  known = _unknown(problem)
-  fitted = settled(problem, noise, base, start, shift, known)
-  wider = widened(base, fitted.fit.theta)
-  if any(p != q for p, q in zip(wider, base, strict=True)):
-    progress("recalibration within wider bounds")
-    fitted = settled(fitted.problem, noise, wider, fitted.fit.theta, shift, known)
-  return fitted
+  return Begun(problem, noise, start, shift)
+
+
+def begun_nearer(at: Begun, base: ParameterSet) -> Begun:
+  """The same from where forward differences see no more gain, with weights from the residuals there."""
+  start = _fit(at.problem, base, at.start, _LONGEST, 0.0).theta
+  old, floor = at.problem, sensor_floor(at.noise_models)
+  problem = _weighted(old.twin, old.observations, old.n_train, base, start, floor)
+  return dataclasses.replace(at, problem=problem, start=start)
 
 
 def recalibrate_from(baseline: RecalibratedTwin, theta: Array) -> RecalibratedTwin:
@@ -255,10 +290,9 @@ def _approach(
   """A rough fit on part of the driving: the problem, predicted minus measured, and the estimates."""
   observations = observe(recordings, twin.vehicle, cut)
   n_train = fitted_count(observations, recordings)
-  start, held = _best_start(twin, observations, n_train, base), _held(base)
+  start, held = best_start(twin, observations, n_train, base), _held(base)
   problem = _weighted(twin, observations, n_train, base, start, floor)
-  starts = [_begun(base, start, grip, linkage) for grip in _GRIPS for linkage in _LINKAGES]
-  rough = _halved(problem, held, starts)
+  rough = _halved(problem, held, varied_starts(base, start))
   problem = _weighted(twin, observations, n_train, base, rough, floor)
   rough = _fit(problem, base, rough, 4, 5e-3).theta
   return problem, problem.raw(problem.embed(base.names, rough, twin.parameters.nominal))[0], rough
@@ -272,15 +306,6 @@ def _held(base: ParameterSet) -> ParameterSet:
   """
   measured = [base[n] for n in _BODY if base[n].std]
   return base.replace(**{p.name: dataclasses.replace(p, std=0.1 * (p.std or 0.0)) for p in measured})
-
-
-def _begun(base: ParameterSet, theta: Array, grip: float, linkage: float) -> Array:
-  """The estimates with a share of the nominal friction coefficient and another Ackermann fraction."""
-  out, values = theta.copy(), {"friction_coefficient": grip * base["friction_coefficient"].nominal}
-  for name, value in (values | {"ackermann_fraction": linkage}).items():
-    i = base.index(name)
-    out[i] = np.clip(value, base.lower[i], base.upper[i])
-  return out
 
 
 def _halved(problem: Problem, base: ParameterSet, starts: Sequence[Array]) -> Array:
@@ -314,33 +339,6 @@ def _weighted(
   twin: Twin, observations: Observations, n_train: int, base: ParameterSet, theta: Array, floor: Mapping[str, float]
 ) -> Problem:
   """The problem with weights from the residuals at theta."""
-  problem = Problem(twin, observations, _flat_weighting(observations), n_train, base.names)
+  problem = Problem(twin, observations, flat_weighting(observations), n_train, base.names)
   raw = problem.raw(problem.embed(base.names, theta, twin.parameters.nominal))[0]
   return problem.reweighted(weighting_from(observations, raw, floor))
-
-
-def fitted_count(observations: Observations, recordings: Sequence[Recording]) -> int:
-  """How many values, from the front, belong to recordings that are fitted."""
-  judging = [i for i, r in enumerate(recordings) if r.role == "validate"]
-  if len(judging) == len(recordings):
-    raise ValueError('no recording has the role "identify"; give at least one that role in dataset.toml')
-  return int(np.sum(~np.isin(observations.recording, judging)))
-
-
-def _flat_weighting(observations: Observations) -> Weighting:
-  """Weights that make every channel count by its own spread."""
-  return weighting_from(observations, observations.measured, {})
-
-
-def _best_start(twin: Twin, observations: Observations, n_train: int, base: ParameterSet) -> Array:
-  """The best of a few guesses that differ in tyre stiffness; the drive's come from the log."""
-  problem = Problem(twin, observations, _flat_weighting(observations), n_train)
-  guesses = []
-  for stiffness in (0.6, 1.6):
-    guess = base.start
-    for name in ("cornering_stiffness_front", "cornering_stiffness_rear"):
-      guess[base.index(name)] *= stiffness
-    guesses.append(np.clip(guess, base.lower, base.upper))
-  guesses.append(base.start)
-  residual = problem.fitted_residual(problem.embed(base.names, np.stack(guesses), twin.parameters.nominal))
-  return guesses[int(np.argmin(np.sum(np.abs(residual), axis=1)))]

@@ -29,8 +29,7 @@ from calibration.diagnosis.pool import Pool
 from calibration.fitting.likelihood import Problem, weighting_from
 from calibration.fitting.noise import noise_models
 from calibration.fitting.noise_floor import sensor_floor
-from calibration.fitting.observations import observe
-from calibration.fitting.recalibration import fitted_count
+from calibration.fitting.observations import fitted_count, observe
 from calibration.fitting.slopes import finite_differences
 from calibration.fitting.windows import Cut
 from calibration.log_check.ready import ready

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.curves.leads import PERIOD, command_lead
 from calibration.fitting.dataset_recalibration import LONGEST, command_shifts, starting_priors
-from calibration.fitting.recalibration import RecalibratedTwin, recalibrate, reweighted, settled
+from calibration.fitting.recalibration import RecalibratedTwin, begun, begun_nearer, settled
 from calibration.fitting.tolerances import always_fitted
 from calibration.fitting.windows import Cut
 from calibration.log_check.pairs import clock, told_without_a_model
@@ -164,8 +164,8 @@ def characterise(
   lead = command_lead(recordings)
   shifts = (-lead,) if lead else command_shifts(dataset)
   # evenly: what is chosen for what it tells is what the car does at its limits, which bends a twin that lacks physics
-  rough = recalibrate(searched, recordings, priors, shifts, Cut(most=most, evenly=True), progress)
-  fitted = settled(reweighted(rough), rough.noise_models, priors, rough.fit.theta, rough.command_shift)
+  at = begun_nearer(begun(searched, recordings, priors, shifts, Cut(most=most, evenly=True), progress), priors)
+  fitted = settled(at.problem, at.noise_models, priors, at.start, at.command_shift)
   return Characterised(fitted, shapes, beside, clock(recordings))
 
 
