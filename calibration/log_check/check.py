@@ -13,7 +13,13 @@ from calibration.log_check.motions import Wheels, motions
 from calibration.log_check.pairs import Comparison, compare
 from calibration.log_check.shows import Shown, what_it_shows
 from calibration.log_check.timing import Sampling, samplings
-from calibration.log_check.unjudged import clock_findings, guessed_findings, lonely_findings, loose_findings
+from calibration.log_check.unjudged import (
+  clock_findings,
+  guessed_findings,
+  idle_findings,
+  lonely_findings,
+  loose_findings,
+)
 from calibration.progress import Progress, silent
 from qcar_twin.recordings import dataset as dataset_module
 from qcar_twin.recordings.completed import UNJUDGED
@@ -102,6 +108,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
     *(Finding("beware", _judged(warning), warning) for warning in dataset.notices),
     *_straight_only(recordings),
     *clock_findings(compared, wheels, vehicle.wheelbase, recordings),
+    *idle_findings(recordings),
     *lonely_findings(compared, recordings),
     *loose_findings(compared, recordings),
     *guessed_findings(compared, dataset.vehicle, dataset.vehicle_std),

@@ -226,6 +226,8 @@ def _vehicle(
   supply = usual_supply(recordings)
   if supply is not None:
     lines.append(f"supply_voltage = {supply:.4g}  # {MARK} the battery's median in these logs, V")
+  elif kind == "duty":
+    lines.append(f"supply_voltage = {vehicle.supply_voltage:.4g}  # {MARK} a usual battery's, V; voltages go by it")
   why = _reason(vehicle, known, said, turns_like)
   reasons = {key: f"{MARK} {why if key in POWERS else _whose(vehicle, known)}; measure yours" for key in _VEHICLE}
   lines += [f"{key} = {_number(sizes[key])}  # {'as said' if key in given else reasons[key]}" for key in _VEHICLE]

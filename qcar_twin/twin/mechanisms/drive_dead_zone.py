@@ -5,6 +5,9 @@ from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
 from qcar_twin.twin.mechanisms.elements import dead_zone
 
 CORNER = 0.01  # V
+# V, a quarter of the usual supply: controllers that take pulses leave out up to 15 % of their range around neutral
+# by default (VESC Tool, PPM input deadband), which shows as a voltage of the supply that is stated
+LARGEST = 3.0
 
 
 class DriveDeadZone(Mechanism):
@@ -23,7 +26,7 @@ class DriveDeadZone(Mechanism):
   open_loop = True
   drives = ("voltage", "duty")
   parameters = (
-    Parameter("drive_dead_zone", 0.0, 0.0, 0.8, "V", "b", null=0.0, typical=0.15, description="voltage swallowed"),
+    Parameter("drive_dead_zone", 0.0, 0.0, LARGEST, "V", "b", null=0.0, typical=0.15, description="voltage swallowed"),
   )
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:

@@ -41,6 +41,17 @@ def test_where_a_pose_witnesses_the_speed_its_scale_is_judged(driven):
   assert about(checked(columns | {"speed": 1.3 * columns["speed"]}, time), "speed reads +30")
 
 
+def test_a_pose_without_a_heading_is_said_to_take_no_part(driven):
+  time, columns = driven
+  words = "take no part in fits and errors"
+  without = {name: v for name, v in columns.items() if name != "pose_yaw"}
+  check = checked(without, time)
+  assert len(about(check, words)) == 1 and not about(check, "age of pose_x")
+  assert not about(checked(columns, time), words)
+  alone = {name: v for name, v in without.items() if name not in ("speed", "motor_speed")}
+  assert not about(checked(alone, time), words)  # its slope is the speed
+
+
 def unsigned(columns: Columns) -> Columns:
   return columns | {"speed": np.abs(columns["speed"])}
 

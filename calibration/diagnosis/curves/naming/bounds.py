@@ -1,6 +1,6 @@
 """Bounds of forms that follow from the nominal car's size, and go further where another car asks for it.
 
-A dead zone of at most 0.8 V, a drag of at most 2 kg/m or half of the angle lost at lock are generous for a QCar; other
+A dead zone of at most 3 V, a drag of at most 2 kg/m or half of the angle lost at lock are generous for a QCar; other
 cars have more of them. Nothing and the whole are bounds by law: no motor lets go by more than the whole. So a form's
 size that ends at another bound is fitted again with a bound twice as far, once; what ends there again is at a bound,
 and says so.

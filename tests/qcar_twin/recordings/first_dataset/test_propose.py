@@ -129,6 +129,14 @@ def test_a_voltage_that_stays_is_the_batterys(tmp_path):
   assert table["vehicle"]["drive"] == "duty" and table["vehicle"]["supply_voltage"] == pytest.approx(11.34)
 
 
+def test_a_duty_without_a_battery_has_a_usual_supply_as_a_guess(tmp_path):
+  time, own = drive(12.0)
+  write_csv(tmp_path / "run.csv", time, {"throttle": own["motor_voltage"] / 8.0, "speed": 0.003 * own["motor_speed"]})
+  text = proposed(tmp_path, "run.csv").text
+  (line,) = [line for line in text.splitlines() if line.startswith("supply_voltage")]
+  assert "guess: a usual battery's" in line and written(tmp_path, text)["vehicle"]["supply_voltage"] == 12.0
+
+
 @pytest.mark.parametrize("name", ["qcar", "f1tenth", "ackermann", "qcar_twin"])
 def test_topics_of_a_known_car_choose_its_map(tmp_path, name):
   write_csv(tmp_path / "run.csv", drive(12.0)[0], logged(name))

@@ -100,4 +100,4 @@ def test_it_is_said():
   assert said(PROBLEM, model.mechanisms, model.free) == ()
   widened(PROBLEM, model)
   (sentence,) = said(PROBLEM, model.mechanisms, model.free)
-  assert "drive_dead_zone" in sentence and "0 to 0.8 V" in sentence and "1.6" in sentence
+  assert "drive_dead_zone" in sentence and f"0 to {ZONE.upper:g} V" in sentence and f"{2.0 * ZONE.upper:g}" in sentence
