@@ -33,6 +33,7 @@ class Decision:
     undecided: names that are alike and share what none of them has; "" otherwise. Where nothing is left over it is not
       said: what several names explain by chance is nothing.
     departures: figures of the car that the driving contradicts.
+    nearest: the likeliest name where none is claimed and none are alike, with its probability; "" otherwise.
   """
 
   verdict: str
@@ -44,6 +45,7 @@ class Decision:
   leftovers: tuple[Leftover, ...] = ()
   undecided: str = ""
   departures: tuple[Departure, ...] = ()
+  nearest: str = ""
 
 
 def decide(evidence: Evidence, levels: Levels | None = None) -> Decision:
@@ -63,8 +65,8 @@ def decide(evidence: Evidence, levels: Levels | None = None) -> Decision:
   undecided = "" if claims else _undecided(evidence, levels)
   verdict = "explained" if claims else "no_mismatch"
   possible, ranking = _possible(evidence, claims, levels), _ranking(evidence, claims)
-  apart = departures(best.measured, levels)
-  return Decision(verdict, tuple(claims), possible, best.mechanisms, None, ranking, (), undecided, apart)
+  apart, nearest = departures(best.measured, levels), "" if claims or undecided else _nearest(evidence, levels)
+  return Decision(verdict, tuple(claims), possible, best.mechanisms, None, ranking, (), undecided, apart, nearest)
 
 
 def _likeliest(evidence: Evidence, size: int, best: Model, levels: Levels) -> tuple[Model, list[Claim]] | None:
@@ -91,6 +93,17 @@ def _undecided(evidence: Evidence, levels: Levels) -> str:
   likely = [c for c in _singles(evidence, levels) if c.shared >= levels.claim]
   names = dict.fromkeys(n for c in likely for n in (c.mechanism, *c.indistinguishable_from))
   return f"The nearest names are {', '.join(names)}; none of them is likely enough." if names else ""
+
+
+def _nearest(evidence: Evidence, levels: Levels) -> str:
+  """The likeliest name alone and what it falls short of; "" where none has any probability."""
+  best = max(_singles(evidence, levels), key=lambda c: c.probability, default=None)
+  if best is None or best.probability == 0.0:
+    return ""
+  return (
+    f"The likeliest name is {best.mechanism}, with a probability of {best.probability:.2f} where {levels.claim:g} is"
+    " needed."
+  )
 
 
 def _singles(evidence: Evidence, levels: Levels) -> list[Claim]:

@@ -92,6 +92,7 @@ def verdict_sentence(
       about = f" {structure_sentence(decision.leftovers[0])}"
     about = f" {decision.undecided}" if decision.undecided else about
     close = f" The nearest named effect, {named[0].mechanism}, does not explain it." if named else ""
+    close = close or (f" {decision.nearest}" if decision.nearest else "")
     return f"The twin is wrong in a way that none of the known mechanisms explains.{about}{close}"
   effects = " ".join(
     f"{claim_sentence(c, mechanisms[c.mechanism])}{doubts(c, (taken or {}).get(c.mechanism))}." for c in named

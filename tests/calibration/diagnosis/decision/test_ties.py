@@ -68,6 +68,19 @@ def test_what_acts_under_names_too_many_to_claim_is_unexplained(offset_pool):
   assert decided(pool, dataclasses.replace(needed, claim=0.999)).undecided == ""
 
 
+def test_the_likeliest_name_is_told_where_none_is_claimed(offset_pool):
+  pool = twins_of(offset_pool, "steering_offset", [])
+  probable = decided(pool, usual_levels()).claims[0].probability
+  short = decided(pool, dataclasses.replace(usual_levels(), claim=0.999))
+  assert not short.claims and short.nearest.startswith("The likeliest name is steering_offset")
+  assert f"{probable:.2f} where 0.999 is needed" in short.nearest
+  assert decided(pool, usual_levels()).nearest == ""
+  many = decided(
+    twins_of(offset_pool, "steering_offset", ["side_force"]), dataclasses.replace(usual_levels(), claim=0.7)
+  )
+  assert many.undecided and many.nearest == ""
+
+
 def test_a_name_goes_first_that_is_likelier_and_not_the_one_that_fits_best(offset_pool):
   """The other fits a nat better what was fitted, and predicts less surely what was left out."""
   evidence = gather(twins_of(offset_pool, "steering_offset", ["side_force"]))

@@ -1,5 +1,7 @@
 """Amounts read well, every mechanism of the catalogue can be told, and the verdict says what was found."""
 
+import dataclasses
+
 import pytest
 
 from calibration.diagnosis.report.wording import (
@@ -89,6 +91,8 @@ def test_a_reader_in_a_hurry_learns_the_verdict():
   assert "only part" in partly
   nameless = verdict_sentence(decision_of("unexplained", (), unknown="unknown_force_y"), mechanisms)
   assert "none of the known mechanisms" in nameless and "an unknown force across the car" in nameless
+  near = dataclasses.replace(decision_of("unexplained", ()), nearest="The likeliest name is steering_lag.")
+  assert verdict_sentence(near, mechanisms).endswith("explains. The likeliest name is steering_lag.")
 
 
 def test_what_cannot_be_told_apart_is_said():
