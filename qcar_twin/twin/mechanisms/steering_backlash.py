@@ -4,13 +4,15 @@ import numpy as np
 
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.elements import STANDSTILL
 
 
 class SteeringBacklash(Mechanism):
   """The wheels follow only once the play in the linkage is taken up.
 
   Equation: delta stays where it is while |u - delta| < b / 2, else it is dragged along:
-  delta+ = min(max(delta, u - b / 2), u + b / 2).
+  delta+ = min(max(delta, u - b / 2), u + b / 2). A car that begins in mid-drive has its wheels where it turns to,
+  r L / v_x, as far as the play lets them: on which side they lie commands before would tell, and the turning does.
   Units: b rad, the whole play at the wheels.
   Source: Tao and Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities, 1996, ch. 2.
   Confounded with: steering_dead_zone (no memory), steering_quantisation.
@@ -25,7 +27,12 @@ class SteeringBacklash(Mechanism):
   )
 
   def initial(self, theta: Array, context: Context) -> State:
-    return {"angle": context.signal("steering_angle").copy()}
+    command, half = context.signal("steering_angle"), 0.5 * theta[:, 0]
+    speed = context.signal("velocity_x")
+    # at a crawl the turning says nothing, and the wheels are taken to be at the command
+    turned = context.signal("yaw_rate") * context.car.wheelbase * speed / (speed**2 + STANDSTILL**2)
+    told = speed**2 / (speed**2 + STANDSTILL**2)
+    return {"angle": command + np.clip(turned - told * command, -half, half)}
 
   def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
     acting = command.copy()

@@ -38,6 +38,14 @@ def test_steering_backlash_makes_the_classic_loop():
   np.testing.assert_allclose(acting, [0.0, 0.08, 0.18, 0.18, 0.18, 0.17, 0.02], atol=1e-12)
 
 
+@pytest.mark.parametrize(("turns_to", "lies_at"), [(0.21, 0.21), (0.19, 0.19), (0.3, 0.22), (0.0, 0.18)])
+def test_steering_backlash_begins_where_the_car_turns_to_as_far_as_the_play_goes(turns_to, lies_at):
+  driven = motion(3, steering_angle=0.2, velocity_x=1.5, yaw_rate=1.5 * turns_to / CAR.wheelbase)
+  np.testing.assert_allclose(act("steering_backlash", [0.04], [0.2] * 3, STEER, driven), lies_at, atol=3e-4)
+  stands = motion(3, steering_angle=0.2, velocity_x=0.0, yaw_rate=1.0)
+  np.testing.assert_allclose(act("steering_backlash", [0.04], [0.2] * 3, STEER, stands), 0.2)
+
+
 def test_steering_dead_zone_has_no_memory():
   acting = act("steering_dead_zone", [0.03], [0.02, 0.1, 0.02, -0.1], STEER)
   np.testing.assert_allclose(acting, [0.0, 0.07, 0.0, -0.07], atol=1e-3)
