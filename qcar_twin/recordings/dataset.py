@@ -15,7 +15,7 @@ import numpy as np
 from qcar_twin.atomic_io import staging, write_text
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.checks.clock_unit import check_clock_unit
-from qcar_twin.recordings.checks.faults import after_start, find_defects, without_lost
+from qcar_twin.recordings.checks.faults import after_start, find_defects, outside, without_lost, without_stuck
 from qcar_twin.recordings.checks.jumps import Jump, without_jumps
 from qcar_twin.recordings.checks.repeats import refuse_repeats
 from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
@@ -151,15 +151,21 @@ def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Re
     whole = _part(whole, entry)
   whole, lost, left_out = without_lost(whole)
   whole, jumps, flickers = without_jumps(whole, _length(manifest.vehicle))
-  notes += [*left_out, *flickers]
-  pieces, cuts = _cut(whole, jumps)
+  whole, stuck, gone, said = without_stuck(whole)
+  notes += [*left_out, *flickers, *said]
+  pieces, cuts = _cut(whole, jumps, stuck)
   signs = check_units(whole, manifest.vehicle)
   check_clock_unit(whole)
   pieces, said = completed(pieces, manifest.vehicle, table.label)
   for piece in pieces:
     check_way(piece, manifest.vehicle)
   notes += said
-  return pieces, [*notes, *signs, *cuts, *(defect for piece in pieces for defect in find_defects(piece, lost))]
+  return pieces, [
+    *notes,
+    *signs,
+    *cuts,
+    *(defect for piece in pieces for defect in find_defects(piece, [*lost, *gone])),
+  ]
 
 
 def _mapping(manifest: Manifest, table: Table) -> dict[str, Mapped]:
@@ -198,14 +204,17 @@ def _length(vehicle: Mapping[str, float | str]) -> float:
   return float(vehicle.get("cg_to_front", 0.128)) + float(vehicle.get("cg_to_rear", 0.128))
 
 
-def _cut(whole: Recording, jumps: Sequence[Jump] = ()) -> tuple[list[Recording], list[str]]:
-  """Cut where nothing was logged for long and where the pose jumps; pieces too short to use are dropped."""
+def _cut(
+  whole: Recording, jumps: Sequence[Jump] = (), out: Sequence[tuple[float, float]] = ()
+) -> tuple[list[Recording], list[str]]:
+  """Cut where nothing was logged for long and where the pose jumps, without spans that are left out, s; pieces too
+  short to use are dropped."""
   time, _ = whole.columns()
   steps = [float(np.median(np.diff(stream.time))) for stream in whole.streams.values() if len(stream) > 1]
   step = min(steps, default=0.0)
   after = np.flatnonzero(np.diff(time) > gap_limit(step)) + 1
   cuts = np.union1d(after, np.searchsorted(time, [jump.after for jump in jumps]).astype(int))
-  spans = [(rows[0], rows[-1]) for rows in np.split(time, cuts)]
+  spans = outside([(rows[0], rows[-1]) for rows in np.split(time, cuts)], out)
   counts = [_samples(whole, *span) for span in spans]
   notes = [
     f"{whole.file}: nothing was logged from {time[row - 1]:g} s to {time[row]:g} s{after_start(whole)}; the recording "
@@ -217,10 +226,9 @@ def _cut(whole: Recording, jumps: Sequence[Jump] = ()) -> tuple[list[Recording],
     f"{jump.after:g} s{after_start(whole)}; the recording is cut there"
     for jump in jumps
   ]
-  if max(counts) < MIN_SAMPLES:
+  if (most := max(counts, default=0)) < MIN_SAMPLES:
     raise RecordingError(
-      f"{whole.file}: too few samples ({max(counts)}); at least {MIN_SAMPLES} without a gap are needed; remove "
-      "this recording"
+      f"{whole.file}: too few samples ({most}); at least {MIN_SAMPLES} without a gap are needed; remove this recording"
     )
   notes += [
     f"{whole.file}: the piece from {span[0]:g} s to {span[1]:g} s has too few samples ({count}) and is left out"

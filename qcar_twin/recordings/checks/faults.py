@@ -12,7 +12,7 @@ from qcar_twin.recordings.recording import Recording, Stream
 
 _MIN_SAMPLES, _MIN_SECONDS = 10, 0.5  # a frozen stretch has at least these
 _MOVING = 0.1  # m/s, above which a pose must change
-_POSE = ("pose_x", "pose_y", "pose_yaw")
+_POSE, _SPEEDS = ("pose_x", "pose_y", "pose_yaw"), ("speed", "motor_speed")
 Spans = Sequence[tuple[float, float]]
 _SILENT_STEPS, _SILENT_SECONDS = 10.0, 0.5
 
@@ -39,34 +39,77 @@ def find_defects(recording: Recording, lost: Spans = ()) -> list[str]:
   """Warnings about frozen, clipped and silent channels, each with its span in seconds.
 
   Args:
-    lost: spans whose poses were left out and said, s.
+    lost: spans of samples that were left out and said, s.
   """
   return [*frozen(recording), *clipped(recording), *silent(recording, lost)]
 
 
 def frozen(recording: Recording) -> list[str]:
   """A channel that repeats one value while the car shows that it cannot: noisy sensors away from rest, speed against
-  voltage."""
+  the drive's command."""
   notes = []
+  for channel, stuck in _stuck(recording).items():
+    so = "a stuck encoder, or a car held by static friction" if channel in _SPEEDS else "do not trust it there"
+    notes.append(_frozen_note(recording, channel, stuck, so))
+  return notes
+
+
+def without_stuck(recording: Recording) -> tuple[Recording, Spans, Spans, list[str]]:
+  """The recording without samples at which a sensor stuck, spans of time to leave out whole, s, those of single samples
+  that are left out, and notes.
+
+  Where a gyro or a speed stuck nothing says how the car was under way, from which a simulation could begin there. A
+  speed that stuck at zero may be a car that was held: it stays, as does what stuck nearly always, and `frozen` says it.
+  """
+  streams, out, gone, notes = dict(recording.streams), [], [], []
+  for channel, stuck in _stuck(recording).items():
+    stream = recording[channel]
+    if channel in _SPEEDS:
+      stuck = [span for span in stuck if _within(stream, span).any()]
+    if not stuck or sum(b - a for a, b in stuck) > 0.5 * (recording.end - recording.start):
+      continue
+    if channel in (*_SPEEDS, "yaw_rate"):
+      out += [(a, float(min(stream.time[stream.time > b], default=recording.end))) for a, b in stuck]
+      so = "that part of the recording is left out"
+    else:
+      kept = ~np.any([(stream.time > a) & (stream.time <= b) for a, b in stuck], axis=0)
+      streams[channel] = Stream(stream.time[kept], stream.value[kept])
+      gone += stuck
+      so = "those samples are left out"
+    notes.append(_frozen_note(recording, channel, stuck, f"it stuck there; {so}"))
+  return recording.replace(streams=streams), out, gone, notes
+
+
+def outside(spans: Spans, out: Spans) -> list[tuple[float, float]]:
+  """Spans, s, without what lies strictly within others."""
+  left = list(spans)
+  for a, b in out:
+    parts = [((first, min(last, a)), (max(first, b), last)) for first, last in left]
+    left = [part for pair in parts for part in pair if part[0] < part[1]]
+  return left
+
+
+def _stuck(recording: Recording) -> dict[str, list[tuple[float, float]]]:
+  """Spans, s, in which a channel repeats one value although the car shows that it cannot, by channel."""
+  found = {}
   for channel, stream in recording.streams.items():
-    so = "do not trust it there"
     if CHANNELS[channel].noisy:
-      bounds = [
-        extreme for extreme in _extremes(stream) if _clips(stream, extreme)
-      ]  # a clipped sensor is not a frozen one
-      stuck = [
-        span
-        for span in _long_runs(stream)
-        if _within(stream, span)[0] not in bounds and not _at_rest(recording, channel, span)
-      ]
-    elif channel in ("speed", "motor_speed"):
-      stuck = [span for span in _long_runs(stream) if _should_change(recording, stream, span)]
-      so = "a stuck encoder, or a car held by static friction"
+      bounds = [edge for edge in _extremes(stream) if _clips(stream, edge)]  # a clipped sensor is not a frozen one
+      is_stuck = lambda span, channel=channel, stream=stream, bounds=bounds: (
+        _within(stream, span)[0] not in bounds and not _at_rest(recording, channel, span)
+      )
+    elif channel in _SPEEDS:
+      is_stuck = lambda span, stream=stream: _should_change(recording, stream, span)
     else:
       continue
-    if stuck:
-      notes.append(_note(recording, channel, f"is frozen at {_within(stream, stuck[0])[0]:g}", stuck, so))
-  return notes
+    spans = [span for span in _long_runs(stream) if is_stuck(span)]
+    if spans:
+      found[channel] = spans
+  return found
+
+
+def _frozen_note(recording: Recording, channel: str, stuck: list[tuple[float, float]], so: str) -> str:
+  return _note(recording, channel, f"is frozen at {_within(recording[channel], stuck[0])[0]:g}", stuck, so)
 
 
 def without_lost(recording: Recording) -> tuple[Recording, Spans, list[str]]:
@@ -111,8 +154,7 @@ def silent(recording: Recording, lost: Spans = ()) -> list[str]:
     step = np.diff(stream.time)
     long = np.flatnonzero(step > max(_SILENT_STEPS * float(np.median(step)), _SILENT_SECONDS))
     spans = [(float(stream.time[row]), float(stream.time[row + 1])) for row in long]
-    if channel in _POSE:
-      spans = [(a, b) for a, b in spans if not any(a <= first and last <= b for first, last in lost)]
+    spans = [(a, b) for a, b in spans if not any(a <= first and last <= b for first, last in lost)]
     if spans:
       notes.append(_note(recording, channel, "has no sample", spans, "it is interpolated there"))
   return notes
@@ -164,16 +206,16 @@ def _at_rest(recording: Recording, channel: str, span: tuple[float, float]) -> b
 
 
 def _should_change(recording: Recording, stream: Stream, span: tuple[float, float]) -> bool:
-  """Whether the voltage says that a repeated speed is a fault: it changes much in the span, or a standing car gets more
-  than a moving one usually does."""
-  if "motor_voltage" not in recording:
+  """Whether the drive's command says that a repeated speed is a fault: it changes much in the span, or a standing car
+  gets more than a moving one usually does."""
+  if recording.drive_channel not in recording or recording.drive_channel in recording.derived:
     return False
-  voltage = recording["motor_voltage"]
-  inside = voltage.at(np.linspace(span[0], span[1], 50))
+  command = recording[recording.drive_channel]
+  inside = command.at(np.linspace(span[0], span[1], 50))
   if _within(stream, span).any():
-    return float(np.ptp(inside)) > 0.3 * float(np.ptp(voltage.value)) > 0.0
+    return float(np.ptp(inside)) > 0.3 * float(np.ptp(command.value)) > 0.0
   moving = np.abs(stream.value) > 0.1 * np.abs(stream.value).max()
-  usual = np.median(np.abs(voltage.at(stream.time[moving]))) if moving.any() else np.inf
+  usual = np.median(np.abs(command.at(stream.time[moving]))) if moving.any() else np.inf
   return bool(usual > 0.0) and float(np.median(np.abs(inside))) >= float(usual)
 
 

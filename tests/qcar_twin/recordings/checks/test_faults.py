@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from qcar_twin.recordings.checks.faults import Runs
+from qcar_twin.recordings.checks.faults import Runs, find_defects
 from qcar_twin.recordings.checks.time import gap_limit
 from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import Recording
 from tests.qcar_twin.recordings.drives import drive
 from tests.qcar_twin.recordings.loading import warned
 
@@ -20,13 +21,41 @@ def test_runs():
   )
 
 
-@pytest.mark.parametrize("channel", ["yaw_rate", "accel_x", "accel_y"])
-def test_a_frozen_sensor_is_named_with_its_span(tmp_path, channel):
+@pytest.mark.parametrize("channel", ["accel_x", "accel_y"])
+def test_samples_at_which_an_accelerometer_stuck_are_left_out_and_said(tmp_path, channel):
   time, columns = drive()
   columns[channel][300:500] = 0.25
   assert warned(tmp_path, time, columns) == (
-    f"run.csv: {channel} is frozen at 0.25 from 3 s to 4.99 s; do not trust it there",
+    f"run.csv: {channel} is frozen at 0.25 from 3 s to 4.99 s; it stuck there; those samples are left out",
   )
+  (run,) = DataSet.load(tmp_path).recordings
+  assert run[channel].time[300:302] == pytest.approx([3.0, 5.0]) and len(run["yaw_rate"]) == len(time)
+
+
+@pytest.mark.parametrize("channel", ["yaw_rate", "motor_speed"])
+def test_a_recording_is_cut_where_a_gyro_or_a_speed_stuck(tmp_path, channel):
+  time, columns = drive()
+  columns["motor_voltage"][300:500:40] *= 0.2
+  columns[channel][300:500] = 0.25
+  (note,) = warned(tmp_path, time, columns)
+  assert f"{channel} is frozen at 0.25 from 3 s to 4.99 s; it stuck there; that part of the recording is left" in note
+  first, second = DataSet.load(tmp_path).recordings
+  assert (first.end, second.start) == pytest.approx((3.0, 5.0))
+
+
+def test_a_gyro_that_stuck_all_the_time_is_named_and_cuts_nothing(tmp_path):
+  time, columns = drive()
+  columns["yaw_rate"][400:] = np.median(columns["yaw_rate"][:400])
+  (note,) = warned(tmp_path, time, columns)
+  assert "yaw_rate is frozen at" in note and "do not trust it there" in note
+  assert len(DataSet.load(tmp_path).recordings) == 1
+
+
+def test_a_speed_that_ignores_a_duty_is_frozen_as_one_that_ignores_a_voltage():
+  time, columns = drive()
+  columns = {"motor_duty": columns["motor_voltage"] / 12.0, "speed": 0.003 * columns["motor_speed"]}
+  columns["speed"][500:700] = 0.8
+  assert any("speed is frozen at 0.8" in note for note in find_defects(Recording.from_columns("a", time, columns)))
 
 
 def test_a_frozen_pose_matters_only_while_the_car_moves(tmp_path):
