@@ -40,6 +40,7 @@ BESIDE = (
   "pose_latency", "gyro_scale", "wheel_radius_error", "steering_drag",
 )  # fmt: skip
 DELAYS, AGES = ("steering_delay", "drive_delay"), ("encoder_latency", "imu_latency", "pose_latency")
+_LAGS = {"steering_delay": ("steering_lag", "servo_time_constant"), "drive_delay": ("drive_lag",)}
 TRIM, GAIN = 0.02, 0.1  # rad, and share: how far a servo's trim and a pack's voltage usually wander between sessions
 _TOP = 0.995  # quantile of the speed that counts as the highest: the rest is spikes
 
@@ -79,11 +80,19 @@ class Characterised:
   def unshifted(self) -> Array:
     """Estimates for commands as they are given, (P,): delays less the lead, none below zero; sessions' shifts are
     departures from their mean, so that without them it is the mean car.
+
+    What a delay lacks to the lead is taken off what lags in its place: a lag is the delay of slow changes, too.
     """
-    theta = self.twin.sessions.mean_car(self.theta, self.twin.parameters)
+    parameters = self.twin.parameters
+    theta = self.twin.sessions.mean_car(self.theta, parameters)
     for name in set(DELAYS) & set(self.beside):
-      at = self.twin.parameters.index(name)
+      at = parameters.index(name)
+      lacking = max(self.lead - theta[at], 0.0)
       theta[at] = max(theta[at] - self.lead, 0.0)
+      for lag in (parameters.index(n) for n in _LAGS[name] if n in parameters):
+        taken = min(lacking, max(theta[lag] - parameters.lower[lag], 0.0))
+        theta[lag] -= taken
+        lacking -= taken
     return theta
 
   @property

@@ -61,10 +61,13 @@ class Guess:
 
 
 class Columns:
-  """The columns of several logs, as numbers."""
+  """The columns of several logs, as numbers.
+
+  A sensor's column with a few words in it ("ERR") is one all the same: whoever reads the log names the rows.
+  """
 
   def __init__(self, tables: Sequence[Table]):
-    self.tables = tables
+    self.tables = [table.mostly_numbers() for table in tables]
     parts = {name for table in tables for name in stamp_parts(table.columns)}
     named = dict.fromkeys(name for table in tables for name in table.columns if name not in parts)
     self.names = tuple(name for name in named if self._numeric(name))

@@ -63,6 +63,17 @@ class Table:
       raise RecordingError(self._text_complaint(column, channel, values))
     return np.array([np.nan if cell is None else float(cell) for cell in values])
 
+  def mostly_numbers(self) -> Table:
+    """The same with numbers alone in columns of which more than half of the cells that are filled are numbers."""
+    columns = dict(self.columns)
+    for name, values in self.columns.items():
+      if values.dtype != object:
+        continue
+      known = np.array([cell is not None and _is_number(cell) for cell in values])
+      if 2 * known.sum() > sum(cell is not None for cell in values):
+        columns[name] = np.array([float(str(c)) if k else np.nan for c, k in zip(values, known, strict=True)])
+    return dataclasses.replace(self, columns=columns)
+
   def named(self, names: Sequence[str]) -> Table:
     """The columns of a file without a header under these names; RecordingError where their number differs."""
     if not self.headless or not names:

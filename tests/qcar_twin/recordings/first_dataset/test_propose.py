@@ -212,3 +212,15 @@ def test_steps_and_standstill_are_labelled_and_other_driving_is_not():
   assert manoeuvre_of(made(zero, zero), "voltage_step")[0] == "standstill"
   assert manoeuvre_of(made(step, 0.1 * np.sin(time)), "voltage_step")[0] == ""
   assert manoeuvre_of(run, "voltage_step")[0] == ""
+
+
+def test_a_word_in_a_sensors_column_leaves_it_one_and_is_named_when_the_log_is_read(tmp_path):
+  time, own = drive(12.0)
+  speed = (0.003 * own["motor_speed"]).astype(object)
+  speed[400] = "ERR"
+  words = np.where(np.arange(time.size) % 3, "AUTO", "2")
+  write_csv(tmp_path / "run.csv", time, {"throttle": own["motor_voltage"] / 8.0, "speed": speed, "mode": words})
+  table = written(tmp_path, proposed(tmp_path, "run.csv").text)
+  assert table["channels"]["speed"]["column"] == "speed" and "mode" not in str(table["channels"])
+  with pytest.raises(RecordingError, match="column 'speed' has 'ERR' in row 401, .*leave the cell blank"):
+    DataSet.load(tmp_path)
