@@ -242,6 +242,8 @@ def _small(c: Comparison) -> list[Finding]:
   if c.lag.beyond(0.0) and abs(c.lag.value) > _PERIOD:
     late = "late" if c.lag.value > 0.0 else "early"
     said = f"{sensor} is {1e3 * abs(c.lag.value):.0f} ± {1e3 * c.lag.std:.0f} ms {late} against {other}"
+    if sensor in ("speed", "motor_speed") and late == "early":
+      said += ": the pose is late, or the tyres slip as they push, which looks the same"
     findings.append(Finding("beware", channels, f"{said}; start states and lags that are fitted depend on it"))
   if c.scale.beyond(1.0) and abs(c.scale.value - 1.0) > _SCALE:
     said = f"{sensor} reads {100 * (c.scale.value - 1.0):+.1f} ± {100 * c.scale.std:.1f} % against {other}"

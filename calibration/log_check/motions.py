@@ -129,6 +129,13 @@ def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
       noise=lambda n, w: (_mean_noise(n["accel_y"], w), _step_noise(n["pose_yaw"], w)),
       powers=_product_of({"accel_y": 1, "pose_yaw": -1, CLOCK: 1}, per_speed),
     )
+  if not by_pose and not any("pose_yaw" in r for r in recordings):
+    known[1] = dataclasses.replace(
+      known[1],
+      reference=pose[:2],
+      of_compared=lambda r: _size(_added(r[wheel], to_speed)),
+      of_reference=lambda r: _travelled(r["pose_x"], r["pose_y"]),
+    )
   if by_pose:
     known[1] = _along_the_heading(known[1])
     if any("speed_command" in r and "speed_command" not in r.derived for r in recordings):
@@ -170,6 +177,10 @@ def _product_of(one: Mapping[str, int], other: Mapping[str, int]) -> dict[str, i
   """Powers of a product, those that cancel left out."""
   powers = {name: one.get(name, 0) + other.get(name, 0) for name in (*one, *other)}
   return {name: power for name, power in powers.items() if power}
+
+
+def _size(means: Means) -> Means:
+  return lambda begin, length: np.abs(means(begin, length))
 
 
 def _travelled(x: Stream, y: Stream) -> Means:

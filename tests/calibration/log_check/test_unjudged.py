@@ -52,6 +52,13 @@ def test_a_pose_without_a_heading_is_said_to_take_no_part(driven):
   assert not about(checked(alone, time), words)  # its slope is the speed
 
 
+def test_a_pose_without_a_heading_judges_the_speed(driven):
+  time, columns = driven
+  without = {name: v for name, v in columns.items() if name != "pose_yaw"}
+  assert not about(checked(without, time), "scale of speed") and not about(checked(without, time), "speed reads")
+  assert about(checked(without | {"speed": 1.25 * columns["speed"]}, time), "speed reads +25")
+
+
 def unsigned(columns: Columns) -> Columns:
   return columns | {"speed": np.abs(columns["speed"])}
 
