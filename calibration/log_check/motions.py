@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 STRAIGHT, TURNING = ("steady", "speeding up", "slowing down"), ("turning left", "turning right")
 REGIMES = (*STRAIGHT, *TURNING)
 _TURNS, _SPEEDS = 0.5, 0.3  # m/s^2 across and along, from which a window is called by its turn or its change of speed
+_FELT = 2.0 * _TURNS  # the same as felt by an accelerometer: neither its zero nor a slope comes to that
 _SLOW = 0.1  # m/s, below which a pose hardly tells the way it goes
 CLOCK, PLACE = "time", "pose"  # what may be wrong besides a channel: the stamps, the unit of pose_x and pose_y
 _KEPT = 1.0  # s, for which a last command is believed to be in force
@@ -207,11 +208,15 @@ def regimes(wheels: Wheels, recording: Recording, begin: Array, length: float) -
     rate = _added(recording["yaw_rate"])(begin, length)
   elif some("pose_yaw"):
     rate = _increments(recording["pose_yaw"])(begin, length)
+  across = speed * rate
+  if some("accel_y"):  # a gyro that reads too little hides every turn
+    felt = _added(recording["accel_y"])(begin, length)
+    across = np.where(np.abs(across) > _TURNS, across, np.where(np.abs(felt) > _FELT, felt, across))
   for name, there in (
     ("speeding up", change > _SPEEDS),
     ("slowing down", change < -_SPEEDS),
-    ("turning left", speed * rate > _TURNS),
-    ("turning right", speed * rate < -_TURNS),
+    ("turning left", across > _TURNS),
+    ("turning right", across < -_TURNS),
   ):
     label[there] = name
   return label

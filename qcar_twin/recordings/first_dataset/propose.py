@@ -221,6 +221,9 @@ def _vehicle(
   lines = ["", "[vehicle]"]
   if known.get("name"):
     lines.append(f"name = {_text(vehicle.name)}  # {MARK} by its topics")
+  lines.append(
+    f"layout = {_text(vehicle.layout)}  # {MARK} {vehicle.name if known else 'as a Quanser QCar'}; rear or front drive?"
+  )
   if kind != "voltage":
     lines.append(f"drive = {_text(kind)}  # {MARK} the log's drive command is {DRIVES[kind].channel}")
   supply = usual_supply(recordings)
