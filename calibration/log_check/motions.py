@@ -116,33 +116,48 @@ def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
     ),
   ]  # fmt: skip
   if not any("yaw_rate" in r for r in recordings):
-    known[-1] = dataclasses.replace(
-      known[-1],
-      compared=("pose_yaw",),
-      of_compared=lambda r: _increments(r["pose_yaw"]),
-      noise=lambda n, w: (_step_noise(n["pose_yaw"], w), _mean_noise(n[wheel], w) * to_speed),
-      powers=_product_of({"pose_yaw": 1, "steering_command": -1, CLOCK: -1}, per_speed),
-    )
-    known[-2] = dataclasses.replace(
-      known[-2],
-      reference=(wheel, "pose_yaw"),
-      of_reference=lambda r: _turned(r[wheel], r["pose_yaw"], to_speed),
-      noise=lambda n, w: (_mean_noise(n["accel_y"], w), _step_noise(n["pose_yaw"], w)),
-      powers=_product_of({"accel_y": 1, "pose_yaw": -1, CLOCK: 1}, per_speed),
-    )
+    known[-2:] = _turned_by_the_heading(known[-2], known[-1], wheels, per_speed)
   if not by_pose and not any("pose_yaw" in r for r in recordings):
-    known[1] = dataclasses.replace(
-      known[1],
-      reference=pose[:2],
-      of_compared=lambda r: _size(_added(r[wheel], to_speed)),
-      of_reference=lambda r: _travelled(r["pose_x"], r["pose_y"]),
-    )
+    known[1] = _without_heading(known[1], wheels)
   if by_pose:
     known[1] = _along_the_heading(known[1])
     if any("speed_command" in r and "speed_command" not in r.derived for r in recordings):
       known.append(_following())
   held = [m for m in known if any(m.measured_in(r) for r in recordings)]
   return [_straight_heading(m) for m in held] if any(m.name == "driving" for m in held) else held
+
+
+def _turned_by_the_heading(
+  round_: Motion, answer: Motion, wheels: Wheels, per_speed: Mapping[str, int]
+) -> tuple[Motion, Motion]:
+  """Going round and answering the steering as the slope of a heading tells them, where there is no gyro."""
+  wheel, to_speed = wheels.channel, wheels.scale
+  return (
+    dataclasses.replace(
+      round_,
+      reference=(wheel, "pose_yaw"),
+      of_reference=lambda r: _turned(r[wheel], r["pose_yaw"], to_speed),
+      noise=lambda n, w: (_mean_noise(n["accel_y"], w), _step_noise(n["pose_yaw"], w)),
+      powers=_product_of({"accel_y": 1, "pose_yaw": -1, CLOCK: 1}, per_speed),
+    ),
+    dataclasses.replace(
+      answer,
+      compared=("pose_yaw",),
+      of_compared=lambda r: _increments(r["pose_yaw"]),
+      noise=lambda n, w: (_step_noise(n["pose_yaw"], w), _mean_noise(n[wheel], w) * to_speed),
+      powers=_product_of({"pose_yaw": 1, "steering_command": -1, CLOCK: -1}, per_speed),
+    ),
+  )
+
+
+def _without_heading(driving: Motion, wheels: Wheels) -> Motion:
+  """A pose without a heading tells how fast a car goes, and not whether forwards."""
+  return dataclasses.replace(
+    driving,
+    reference=driving.reference[:2],
+    of_compared=lambda r: _size(_added(r[wheels.channel], wheels.scale)),
+    of_reference=lambda r: _travelled(r["pose_x"], r["pose_y"]),
+  )
 
 
 def _straight_heading(motion: Motion) -> Motion:

@@ -91,7 +91,7 @@ def outside(spans: Spans, out: Spans) -> list[tuple[float, float]]:
 
 def _stuck(recording: Recording) -> dict[str, list[tuple[float, float]]]:
   """Spans, s, in which a channel repeats one value although the car shows that it cannot, by channel."""
-  found = {}
+  stuck = {}
   for channel, stream in recording.streams.items():
     if CHANNELS[channel].noisy:
       bounds = [edge for edge in _extremes(stream) if _clips(stream, edge)]  # a clipped sensor is not a frozen one
@@ -104,8 +104,8 @@ def _stuck(recording: Recording) -> dict[str, list[tuple[float, float]]]:
       continue
     spans = [span for span in _long_runs(stream) if is_stuck(span)]
     if spans:
-      found[channel] = spans
-  return found
+      stuck[channel] = spans
+  return stuck
 
 
 def _frozen_note(recording: Recording, channel: str, stuck: list[tuple[float, float]], so: str) -> str:
