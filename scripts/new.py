@@ -14,6 +14,7 @@ import tyro
 from calibration.log_check.said import check_and_say
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
+from qcar_twin.recordings.first_dataset.joined import JOINED, as_csv, as_one_drive
 from qcar_twin.recordings.first_dataset.place import copy_in, logs_of, placed, with_rows
 from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.manifest import FILE_NAME
@@ -41,8 +42,14 @@ def main(config: Config) -> Path:
   read = with_rows(placed(config.folder, logs_of(config.files or (config.folder,))))
   logs = [log for log, _ in read]
   tables = [table for _, table in read]
-  proposal = propose(config.folder.resolve().name, tables, config.wheelbase, config.mass)
-  copy_in(config.folder, logs)
+  whole = as_one_drive(tables)
+  proposal = propose(config.folder.resolve().name, [whole] if whole else tables, config.wheelbase, config.mass)
+  if whole:
+    print(f"{', '.join(log.name for log in logs)}: parts of one drive, joined by their clocks into {JOINED}")
+    write_text(config.folder / JOINED, as_csv(whole))
+    logs = logs[:1]
+  else:
+    copy_in(config.folder, logs)
   path = write_text(config.folder / FILE_NAME, proposal.text)
   print(f"{path}: {len(logs)} log{'s' if len(logs) > 1 else ''}, {len(proposal.guesses)} guesses to look at")
   print("\n".join(f"  {line}" for line in proposal.channels))

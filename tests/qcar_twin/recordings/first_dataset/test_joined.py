@@ -1,0 +1,66 @@
+"""A file per topic: parts of one drive become one log, and drives of their own do not."""
+
+import numpy as np
+import pytest
+
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.first_dataset.joined import JOINED, as_csv, as_one_drive
+from qcar_twin.recordings.first_dataset.propose import propose
+from qcar_twin.recordings.formats import read_table
+from tests.qcar_twin.recordings.drives import drive, write_csv
+
+EPOCH = 1764200000.25
+
+
+def write_topic(path, clock, time, columns):
+  """A CSV whose clock has a name of its own."""
+  write_csv(path, time, columns)
+  text = path.read_text(encoding="utf-8")
+  path.write_text(text.replace("time", clock, 1), encoding="utf-8")
+
+
+def parts(folder, late=0.0, clocks=("stamp", "header.stamp", "stamp")):
+  """Files of a topic each, on clocks of their own, of which the first calls its column `data`."""
+  time, own = drive(12.0)
+  content = {
+    "commands_motor_duty_cycle": ({"data": own["motor_voltage"] / 12.0}, 2, 0.0),
+    "imu_data": ({"angular_velocity.z": own["yaw_rate"]}, 1, 0.003),
+    "sensors_encoder": ({"motor_speed_rad_s": own["motor_speed"]}, 1, late + 0.001),
+  }
+  names = []
+  for (name, (columns, every, shift)), clock in zip(content.items(), clocks, strict=True):
+    stamps = EPOCH + time[::every] + shift
+    write_topic(folder / f"{name}.csv", clock, stamps, {k: v[::every] for k, v in columns.items()})
+    names.append(f"{name}.csv")
+  return [read_table(folder / name, name) for name in names], time, own
+
+
+def test_files_of_a_topic_each_become_one_log(tmp_path):
+  tables, time, own = parts(tmp_path)
+  whole = as_one_drive(tables)
+  assert whole is not None and whole.rows == 2.5 * time.size
+  (tmp_path / JOINED).write_text(as_csv(whole), encoding="utf-8")
+  (tmp_path / "dataset.toml").write_text(propose("lab", [whole]).text, encoding="utf-8")
+  run = DataSet.load(tmp_path).recordings[0]
+  assert {"motor_duty", "yaw_rate", "motor_speed"} <= set(run.channels)
+  count = len(run["motor_speed"])
+  np.testing.assert_allclose(run["motor_speed"].value, own["motor_speed"][:count], rtol=1e-5, atol=1e-5)
+  assert run["yaw_rate"].time[0] - run["motor_duty"].time[0] == pytest.approx(0.003, abs=1e-5)
+
+
+def test_drives_of_their_own_and_clocks_without_a_time_in_common_are_not_joined(tmp_path):
+  tables, time, own = parts(tmp_path, late=100.0)
+  assert as_one_drive(tables) is None
+  assert as_one_drive(tables[:1]) is None
+  columns = {name: own[name] for name in ("motor_voltage", "motor_speed", "yaw_rate")}
+  for name in ("one.csv", "two.csv"):
+    write_csv(tmp_path / name, time, columns)
+  assert as_one_drive([read_table(tmp_path / name, name) for name in ("one.csv", "two.csv")]) is None
+
+
+def test_a_stamp_that_repeats_is_left_to_a_person(tmp_path):
+  tables, time, own = parts(tmp_path)
+  stamps = EPOCH + time
+  stamps[50] = stamps[49]
+  write_topic(tmp_path / "imu_data.csv", "header.stamp", stamps, {"angular_velocity.z": own["yaw_rate"]})
+  assert as_one_drive([tables[0], read_table(tmp_path / "imu_data.csv", "imu_data.csv"), tables[2]]) is None
