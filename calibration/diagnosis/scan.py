@@ -227,7 +227,8 @@ def confusion(signatures: dict[str, Signature]) -> dict[str, dict[str, float]]:
   if not names:
     return {}
   stack = np.stack([signatures[n].direction for n in names])
-  norm = np.linalg.norm(stack, axis=1) + 1e-30
+  norm = np.linalg.norm(stack, axis=1)
+  norm[norm == 0.0] = 1.0  # what shows nowhere is like nothing
   cosine = np.abs(stack @ stack.T) / np.outer(norm, norm)
   return {
     a: {b: float(cosine[i, j]) for j, b in enumerate(names) if i != j and cosine[i, j] > 0.7}

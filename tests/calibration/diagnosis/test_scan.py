@@ -115,6 +115,9 @@ def test_confusion_names_effects_that_look_alike():
   assert "side_force" not in confusion(signatures).get("steering_offset", {})
   twice = {"one": signatures["side_force"], "other": signatures["side_force"]}
   assert confusion(twice) == {"one": {"other": pytest.approx(1.0)}, "other": {"one": pytest.approx(1.0)}}
+  nowhere = dataclasses.replace(twice["one"], direction=np.zeros_like(twice["one"].direction))
+  with np.errstate(all="raise"):
+    assert "nowhere" not in confusion(twice | {"nowhere": nowhere})
 
 
 def test_what_stands_at_its_bound_imitates_nothing(offset_pool):
