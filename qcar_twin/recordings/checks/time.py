@@ -33,11 +33,19 @@ def check_order(label: str, time: np.ndarray, others: list[np.ndarray]) -> None:
     cure = (
       "split the file where the logger restarted"
       if restarts(time)
-      else "set sort = true on time in [channels] where rows were written out of order"
+      else _written_twice(time, row) or "set sort = true on time in [channels] where rows were written out of order"
     )
     raise RecordingError(
       f"{label}: time goes backwards in row {row + 1} ({time[row]:g} s after {time[row - 1]:g} s); {cure}"
     )
+
+
+def _written_twice(time: np.ndarray, row: int) -> str:
+  """What to do where all rows from one on, until time goes on, have stamps that were there; "" where they have not."""
+  end = row + int(np.argmax(np.r_[time[row:] > time[row - 1], True]))
+  if not np.isin(time[row:end], time[:row]).all():
+    return ""
+  return f"rows {row + 1} to {end} have times that were there already: they were written twice, delete them"
 
 
 def restarts(time: np.ndarray) -> bool:

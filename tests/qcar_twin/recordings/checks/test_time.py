@@ -26,6 +26,17 @@ def test_time_that_goes_backwards(tmp_path):
   refused_run(tmp_path, time, columns, "time goes backwards in row 42 (0.4 s after 0.41 s); set sort = true on time")
 
 
+def test_a_block_of_rows_that_was_written_twice(tmp_path):
+  time, columns = drive()
+  twice = np.r_[np.arange(600), np.arange(400, time.size)]
+  refused_run(
+    tmp_path,
+    time[twice],
+    {name: values[twice] for name, values in columns.items()},
+    "time goes backwards in row 601 (4 s after 5.99 s); rows 601 to 800 have times that were there already",
+  )
+
+
 def test_a_logger_that_restarted(tmp_path):
   time, columns = drive()
   time[600:] -= 6.0
