@@ -144,7 +144,7 @@ def test_15_titles_of_a_scope_are_names(drafted):
 
 def test_16_spans_are_counted_from_the_files_start(drafted):
   _, _, folder = drafted("16")
-  gap, frozen = (text for text in texts(folder) if "after the file's start" in text)
+  frozen, gap = (text for text in texts(folder) if "after the file's start" in text)
   assert "nothing was logged from 7.98 s to 10 s after the file's start (1759663727.000)" in gap
   assert "yaw_rate is frozen" in frozen and "from 16 s to 21.98 s after the file's start" in frozen
 
