@@ -43,15 +43,17 @@ def main(config: Config) -> Path:
   logs = [log for log, _ in read]
   tables = [table for _, table in read]
   whole = as_one_drive(tables)
-  proposal = propose(config.folder.resolve().name, [whole] if whole else tables, config.wheelbase, config.mass)
+  if whole and (config.folder / JOINED).exists():
+    raise RecordingError(f"{config.folder / JOINED}: is there already and is not replaced; remove it")
+  tables = [whole] if whole else tables
+  proposal = propose(config.folder.resolve().name, tables, config.wheelbase, config.mass)
   if whole:
     print(f"{', '.join(log.name for log in logs)}: parts of one drive, joined by their clocks into {JOINED}")
     write_text(config.folder / JOINED, as_csv(whole))
-    logs = logs[:1]
   else:
     copy_in(config.folder, logs)
   path = write_text(config.folder / FILE_NAME, proposal.text)
-  print(f"{path}: {len(logs)} log{'s' if len(logs) > 1 else ''}, {len(proposal.guesses)} guesses to look at")
+  print(f"{path}: {len(tables)} log{'s' if len(tables) > 1 else ''}, {len(proposal.guesses)} guesses to look at")
   print("\n".join(f"  {line}" for line in proposal.channels))
   for name in proposal.missing:
     print(f"missing: {name}; no column seems to be it, fill it in in [channels]")

@@ -24,7 +24,8 @@ from qcar_twin.twin.twin import Twin
 
 Array = NDArray[np.float64]
 WINDOW = 2.0  # s, restarts from what was measured, as in cross-validation
-_WARM_UP = 0.1  # s: windows begin as the twin's tyres slip, those of an export soon slip as theirs do
+# s, unjudged: windows begin as the twin's tyres slip; relaxation of 0.05 m is over then, at 0.5 m/s
+_WARM_UP = 0.1
 EXPRESSIBLE = 1.15  # of the twin's error: an export that holds every name should stay below
 PREDICTED = 0.2  # within which a loss should be predicted
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.first_guess import first_guess
-from calibration.fitting.recalibration import RecalibratedTwin, recalibrate
+from calibration.fitting.recalibration import RecalibratedTwin, begun, recalibrate
 from calibration.fitting.tolerances import with_sensor_biases, with_tolerances
 from calibration.fitting.windows import Cut
 from calibration.progress import Progress, silent
@@ -47,7 +47,8 @@ def recalibrate_dataset(
   recordings = [r for r in dataset.recordings if r.role != "holdout"]
   priors = _aged(starting_priors(recordings, twin, start), ages)
   priors = ParameterSet([p for p in priors if p.name not in {a.name for a in added}]) + added
-  return recalibrate(twin, recordings, priors, command_shifts(dataset), Cut(most=most, evenly=evenly), progress)
+  at = begun(twin, recordings, priors, command_shifts(dataset), Cut(most=most, evenly=evenly), progress)
+  return recalibrate(at, progress)
 
 
 def _aged(priors: ParameterSet, ages: Mapping[str, tuple[float, float]] | None) -> ParameterSet:

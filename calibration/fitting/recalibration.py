@@ -69,31 +69,25 @@ class Begun:
 
   Attributes:
     problem: residuals, weighted by what the rough fit leaves.
+    base: what is fitted, p parameters.
     noise_models: of the sensors, by channel.
     start: estimates of a rough fit, (p,).
     command_shift: command timing that fitted best, control periods.
   """
 
   problem: Problem
+  base: ParameterSet
   noise_models: Mapping[str, ChannelNoise]
   start: Array
   command_shift: int
 
 
-def recalibrate(
-  twin: Twin,
-  recordings: Sequence[Recording],
-  priors: ParameterSet | None = None,
-  shifts: Sequence[int] = (0,),
-  cut: Cut = DEFAULT_CUT,
-  progress: Progress = silent,
-) -> RecalibratedTwin:
-  """Fit the base parameters to recordings; arguments as of `begun`."""
-  base, at = priors or twin.base, begun(twin, recordings, priors, shifts, cut, progress)
+def recalibrate(at: Begun, progress: Progress = silent) -> RecalibratedTwin:
+  """The base parameters' fit from where it begins; once more within wider bounds where it stopped at some."""
   known = _unknown(at.problem)
-  fitted = settled(at.problem, at.noise_models, base, at.start, at.command_shift, known)
-  wider = widened(base, fitted.fit.theta)
-  if any(p != q for p, q in zip(wider, base, strict=True)):
+  fitted = settled(at.problem, at.noise_models, at.base, at.start, at.command_shift, known)
+  wider = widened(at.base, fitted.fit.theta)
+  if any(p != q for p, q in zip(wider, at.base, strict=True)):
     progress("recalibration within wider bounds")
     fitted = settled(fitted.problem, at.noise_models, wider, fitted.fit.theta, at.command_shift, known)
   return fitted
@@ -132,14 +126,14 @@ def begun(
   observations = observe(recordings, twin.vehicle, dataclasses.replace(cut, command_shift=shift))
   twin = anchored(twin, base.names, start)
   problem = _weighted(twin, observations, fitted_count(observations, recordings), base, start, floor)
-  return Begun(problem, noise, start, shift)
+  return Begun(problem, base, noise, start, shift)
 
 
-def begun_nearer(at: Begun, base: ParameterSet) -> Begun:
+def begun_nearer(at: Begun) -> Begun:
   """The same from where forward differences see no more gain, with weights from the residuals there."""
-  start = _fit(at.problem, base, at.start, _LONGEST, 0.0).theta
+  start = _fit(at.problem, at.base, at.start, _LONGEST, 0.0).theta
   old, floor = at.problem, sensor_floor(at.noise_models)
-  problem = _weighted(old.twin, old.observations, old.n_train, base, start, floor)
+  problem = _weighted(old.twin, old.observations, old.n_train, at.base, start, floor)
   return dataclasses.replace(at, problem=problem, start=start)
 
 

@@ -173,7 +173,7 @@ def characterise(
   lead = command_lead(recordings)
   shifts = (-lead,) if lead else command_shifts(dataset)
   # evenly: what is chosen for what it tells is what the car does at its limits, which bends a twin that lacks physics
-  at = begun_nearer(begun(searched, recordings, priors, shifts, Cut(most=most, evenly=True), progress), priors)
+  at = begun_nearer(begun(searched, recordings, priors, shifts, Cut(most=most, evenly=True), progress))
   fitted = settled(at.problem, at.noise_models, priors, at.start, at.command_shift)
   return Characterised(fitted, shapes, beside, clock(recordings))
 

@@ -65,7 +65,8 @@ def decide(evidence: Evidence, levels: Levels | None = None) -> Decision:
   undecided = "" if claims else _undecided(evidence, levels)
   verdict = "explained" if claims else "no_mismatch"
   possible, ranking = _possible(evidence, claims, levels), _ranking(evidence, claims)
-  apart, nearest = departures(best.measured, levels), "" if claims or undecided else _nearest(evidence, levels)
+  nearest = "" if claims or undecided else _nearest(evidence, levels)
+  apart = departures(best.measured, levels)
   return Decision(verdict, tuple(claims), possible, best.mechanisms, None, ranking, (), undecided, apart, nearest)
 
 

@@ -11,6 +11,7 @@ from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.recording import Recording, Stream
 
 _MIN_SAMPLES, _MIN_SECONDS = 10, 0.5  # a frozen stretch has at least these
+_MOSTLY = 0.5  # of a recording: what is left of one without so much is no drive any more
 _MOVING = 0.1  # m/s, above which a pose must change
 _POSE, _SPEEDS = ("pose_x", "pose_y", "pose_yaw"), ("speed", "motor_speed")
 Spans = Sequence[tuple[float, float]]
@@ -59,14 +60,15 @@ def without_stuck(recording: Recording) -> tuple[Recording, Spans, Spans, list[s
   that are left out, and notes.
 
   Where a gyro or a speed stuck nothing says how the car was under way, from which a simulation could begin there. A
-  speed that stuck at zero may be a car that was held: it stays, as does what stuck nearly always, and `frozen` says it.
+  speed that stuck at zero may be a car that was held: it stays, as does what stuck for most of the time, and `frozen`
+  says it.
   """
   streams, out, gone, notes = dict(recording.streams), [], [], []
   for channel, stuck in _stuck(recording).items():
     stream = recording[channel]
     if channel in _SPEEDS:
       stuck = [span for span in stuck if _within(stream, span).any()]
-    if not stuck or sum(b - a for a, b in stuck) > 0.5 * (recording.end - recording.start):
+    if not stuck or sum(b - a for a, b in stuck) > _MOSTLY * (recording.end - recording.start):
       continue
     if channel in (*_SPEEDS, "yaw_rate"):
       out += [(a, float(min(stream.time[stream.time > b], default=recording.end))) for a, b in stuck]
@@ -95,14 +97,12 @@ def _stuck(recording: Recording) -> dict[str, list[tuple[float, float]]]:
   for channel, stream in recording.streams.items():
     if CHANNELS[channel].noisy:
       bounds = [edge for edge in _extremes(stream) if _clips(stream, edge)]  # a clipped sensor is not a frozen one
-      is_stuck = lambda span, channel=channel, stream=stream, bounds=bounds: (
-        _within(stream, span)[0] not in bounds and not _at_rest(recording, channel, span)
-      )
+      runs = [run for run in _long_runs(stream) if _within(stream, run)[0] not in bounds]
+      spans = [run for run in runs if not _at_rest(recording, channel, run)]
     elif channel in _SPEEDS:
-      is_stuck = lambda span, stream=stream: _should_change(recording, stream, span)
+      spans = [run for run in _long_runs(stream) if _should_change(recording, stream, run)]
     else:
       continue
-    spans = [span for span in _long_runs(stream) if is_stuck(span)]
     if spans:
       stuck[channel] = spans
   return stuck

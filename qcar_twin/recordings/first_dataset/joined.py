@@ -15,9 +15,8 @@ from qcar_twin.recordings.recording import RecordingError
 JOINED = "joined.csv"
 _COMMANDS = (*DRIVE_COMMANDS, "steering_command")
 _MOTION = ("motor_speed", "speed", "pose_x", "yaw_rate")
-_TOGETHER = (
-  0.5  # of the longest file's time, during which all of them have rows: parts of one drive begin and end alike
-)
+# of the longest file's time, during which all of them have rows: parts of one drive begin and end alike
+_TOGETHER = 0.5
 
 
 def as_one_drive(tables: Sequence[Table]) -> Table | None:

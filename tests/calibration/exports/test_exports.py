@@ -212,25 +212,13 @@ def test_a_servo_that_overshoots_does_so_in_the_file(name, tmp_path):
   np.testing.assert_allclose(shown, wanted, atol=0.01)
 
 
-@pytest.fixture(scope="module")
-def plain_friction(sample, tmp_path_factory):
-  """What is lost in plain MJCF, and what tyres that creep cost of it."""
-  _, loss = export_twin("mjcf", job_with({}, sample), tmp_path_factory.mktemp("plain"))
-  assert loss is not None
+@pytest.mark.slow
+def test_what_plain_friction_costs_is_predicted_with_the_twins_tyre_made_to_creep(sample, tmp_path):
+  _, loss = export_twin("mjcf", job_with({}, sample), tmp_path)
+  assert loss is not None and loss.predicted == pytest.approx(loss.ratio, rel=0.1)
   (creeping,) = (e for e in loss.effects if e.name.startswith("tyres"))
-  return loss, creeping.document()["costs"]
-
-
-@pytest.mark.slow
-def test_what_plain_friction_costs_is_predicted_with_the_twins_tyre_made_to_creep(plain_friction):
-  loss, costs = plain_friction
-  assert loss.predicted == pytest.approx(loss.ratio, rel=0.1)
+  costs = creeping.document()["costs"]
   assert 1.05 < costs == pytest.approx(loss.ratio, rel=0.03)  # all that is measured: what else is lost costs nothing
-
-
-@pytest.mark.slow
-def test_what_is_predicted_is_what_creeping_costs(plain_friction):
-  loss, costs = plain_friction
   assert costs == pytest.approx(loss.predicted, rel=0.02)  # nothing else is lost
 
 

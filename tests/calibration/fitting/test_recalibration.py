@@ -4,7 +4,7 @@ import pytest
 
 from calibration.concealed.proving_ground import make_session
 from calibration.fitting.dataset_recalibration import starting_priors
-from calibration.fitting.recalibration import recalibrate
+from calibration.fitting.recalibration import begun, recalibrate
 from calibration.fitting.tolerances import sensor_error_mechanisms
 from qcar_twin.twin.mechanisms import catalogue
 from qcar_twin.twin.twin import Twin
@@ -25,7 +25,7 @@ def test_wheels_that_slide_do_not_bend_the_car():
   vehicle = Vehicle.from_dataset(session.vehicle, session.vehicle_std)
   twin = Twin(vehicle, sensor_error_mechanisms(catalogue().values()), substeps=2)
   recordings = [r for r in session.recordings if r.name in RUNS]
-  minimum = recalibrate(twin, recordings, starting_priors(recordings, twin, None)).fit
+  minimum = recalibrate(begun(twin, recordings, starting_priors(recordings, twin, None))).fit
   fitted = minimum.named()
   assert fitted["friction_coefficient"] == pytest.approx(truth["friction"], abs=0.06)
   assert fitted["cg_to_front"] == pytest.approx(truth["cg_to_front"], abs=3.0 * session.vehicle_std["cg_to_front"])

@@ -7,6 +7,8 @@ from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.first_dataset.joined import JOINED, as_csv, as_one_drive
 from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.recording import RecordingError
+from scripts import new
 from tests.qcar_twin.recordings.drives import drive, write_csv
 
 EPOCH = 1764200000.25
@@ -46,6 +48,17 @@ def test_files_of_a_topic_each_become_one_log(tmp_path):
   count = len(run["motor_speed"])
   np.testing.assert_allclose(run["motor_speed"].value, own["motor_speed"][:count], rtol=1e-5, atol=1e-5)
   assert run["yaw_rate"].time[0] - run["motor_duty"].time[0] == pytest.approx(0.003, abs=1e-5)
+
+
+def test_the_command_writes_one_log_and_replaces_none(tmp_path, capsys):
+  files = tuple(tmp_path / table.label for table in parts(tmp_path)[0])
+  folder = tmp_path / "lab"
+  new.main(new.Config(folder, files, wheelbase=0.256, mass=2.7))
+  assert sorted(p.name for p in folder.iterdir()) == ["dataset.toml", JOINED]
+  assert "parts of one drive" in (said := capsys.readouterr().out) and "1 log," in said
+  (folder / "dataset.toml").unlink()
+  with pytest.raises(RecordingError, match="joined.csv: is there already and is not replaced"):
+    new.main(new.Config(folder, files))
 
 
 def test_drives_of_their_own_and_clocks_without_a_time_in_common_are_not_joined(tmp_path):
