@@ -12,7 +12,6 @@ runs an exam can still break it: its seeds follow from the commit.
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import hmac
 import json
@@ -101,7 +100,7 @@ def lock(folder: Path, name: str, truth: dict) -> str:
   key = bytes.fromhex((folder / KEY).read_text())
   text = json.dumps(plain(truth), sort_keys=True).encode()
   mark = commitment(text, _salt(key, name))
-  body = {"sha256": mark, "enciphered": base64.b85encode(_enciphered(text, key, name)).decode()}
+  body = {"sha256": mark, "enciphered": _enciphered(text, key, name).hex()}
   path = folder / "truths" / f"{name}.sealed"
   if path.is_file() and read_json(path) != body:
     raise SealError(f"{path}: another truth was committed to; this exam's code or packages have changed since")
@@ -162,7 +161,7 @@ def _opened(folder: Path, name: str, key: bytes, listed: str) -> dict[str, Any]:
   if not digest(answer["answer"]) == answer["sha256"] == listed:
     raise SealError(f"{name}: the answer was changed after its hash was taken; its case counts no more")
   body = read_json(folder / "truths" / f"{name}.sealed")
-  text = _enciphered(base64.b85decode(body["enciphered"]), key, name)
+  text = _enciphered(bytes.fromhex(body["enciphered"]), key, name)
   if commitment(text, _salt(key, name)) != body["sha256"]:
     raise SealError(f"{name}: the truth is not the one that was committed to; its case counts no more")
   return {"name": name, "truth": json.loads(text), **answer}
