@@ -102,7 +102,7 @@ def at_values(grid: Array, observations: Observations, channel: str) -> Array:
   """Grid features (S, T + 1, F) at the measured values of a channel; the mean over the horizon for displacements."""
   flat = grid.reshape(-1, grid.shape[-1])
   point = observations.grid_points[observations.channel == CHANNELS.index(channel)]
-  if RESIDUALS[channel].displacement is None:
+  if RESIDUALS[channel].is_direct:
     return flat[point]
   steps = int(round(observations.horizon / observations.stretches.segments.period))
   total = np.concatenate([np.zeros((1, flat.shape[1])), np.cumsum(flat, axis=0)])

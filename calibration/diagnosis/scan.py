@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 SIZES = (0.8,)
 _OCTAVES = (0.5, 1.0, 2.0, 4.0)  # times these, of what does nothing below a threshold
 _INVISIBLE = 3.0  # nats at typical size below which a mechanism can't be tested
-_SHOWN_BY = {"pose_x": "pose_forward"}  # needed channels that are compared under another name
+_SHOWN_BY = {"pose_x": {"pose_forward", "path_forward"}}  # needed channels that are compared under another name
 
 
 @dataclasses.dataclass(frozen=True)
@@ -177,7 +177,8 @@ def _clear(problem: Problem, noise: Mapping[str, float]) -> Array:
 
 def _measured(problem: Problem, mechanism: Mechanism) -> bool:
   """Whether all channels were measured that a mechanism declares to need."""
-  return all(_SHOWN_BY.get(channel, channel) in problem.observations.present for channel in mechanism.needs)
+  present = set(problem.observations.present)
+  return all(_SHOWN_BY.get(channel, {channel}) & present for channel in mechanism.needs)
 
 
 def _projector(base: Candidate, mechanism: Mechanism) -> Projector:

@@ -272,5 +272,5 @@ def correlation_length(observations: Observations, rows: NDArray[np.int64]) -> f
   time = observations.time[rows]
   steps = np.diff(time)[np.diff(observations.recording[rows]) == 0]
   step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
-  displaced = RESIDUALS[CHANNELS[observations.channel[rows[0]]]].displacement is not None
-  return max(1.0, (observations.horizon if displaced else _MEMORY) / step)
+  direct = RESIDUALS[CHANNELS[observations.channel[rows[0]]]].is_direct
+  return max(1.0, (_MEMORY if direct else observations.horizon) / step)

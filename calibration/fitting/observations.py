@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.fitting.noise_floor import driving_noise
 from calibration.fitting.residual_channels import CHANNELS, POSE, RESIDUALS, UNITS, ResidualChannel
 from calibration.fitting.windows import DEFAULT_CUT, Cut, Stretches, cut_recordings
 from qcar_twin.plant import SIGNALS, Prediction, signal_index
@@ -25,6 +26,9 @@ __all__ = ["CHANNELS", "UNITS", "Observations", "noise_of", "observe"]
 Rows = dict[str, Any]  # values, channel, times, grid points and fractions of some rows
 _LONG, _SHORT = 1.0, 0.3  # s, horizons with and without a gyro
 _POSE = slice(signal_index(POSE[0]), signal_index(POSE[-1]) + 1)
+_PLACE = slice(_POSE.start, _POSE.start + 2)
+_NOW, _BEFORE, _HALFWAY = 0, 1, 2  # moments of a value
+_TELLS = 20.0  # times a place's noise, at which a way's direction is known to 0.07 rad
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,10 +58,8 @@ class Observations:
   unsigned_speed: bool
   vehicle: Vehicle
   horizon: float
-  _point: NDArray[np.int64]  # flat index of the grid point before each value, (M,)
-  _fraction: Array  # weight of the grid point after it, (M,)
-  _point_back: NDArray[np.int64]  # the same at the start of a pose horizon
-  _fraction_back: Array
+  _points: NDArray[np.int64]  # flat index of the grid point before each value, a horizon earlier, half of it, (M, 3)
+  _fractions: Array  # weight of the grid point after it, (M, 3)
 
   def __len__(self) -> int:
     return len(self.measured)
@@ -70,12 +72,12 @@ class Observations:
   @property
   def grid_points(self) -> NDArray[np.int64]:
     """Index of the grid point before each value in the flattened (segment, step) grid, (M,)."""
-    return self._point
+    return self._points[:, 0]
 
   @property
   def stretch(self) -> NDArray[np.int64]:
     """Index of the simulated stretch of each value, (M,)."""
-    return self._point // (self.stretches.segments.commands.shape[1] + 1)
+    return self.grid_points // (self.stretches.segments.commands.shape[1] + 1)
 
   def select(self, channel: str) -> NDArray[np.bool_]:
     return self.channel == CHANNELS.index(channel)
@@ -100,10 +102,8 @@ class Observations:
       self,
       stretches=Stretches(stretches.segments[which], stretches.first[which], stretches.last[which]),
       **{name: getattr(self, name)[rows] for name in ("measured", "channel", "recording", "block", "time")},
-      _point=self._point[rows] - moved,
-      _fraction=self._fraction[rows],
-      _point_back=self._point_back[rows] - moved,
-      _fraction_back=self._fraction_back[rows],
+      _points=self._points[rows] - moved,
+      _fractions=self._fractions[rows],
     )
 
   def some(self, kept: NDArray[np.intp]) -> "Observations":
@@ -115,10 +115,8 @@ class Observations:
       self,
       stretches=Stretches(stretches.segments[kept], stretches.first[kept], stretches.last[kept]),
       **{name: getattr(self, name)[rows] for name in ("measured", "channel", "recording", "block", "time")},
-      _point=self._point[rows] - moved,
-      _fraction=self._fraction[rows],
-      _point_back=self._point_back[rows] - moved,
-      _fraction_back=self._fraction_back[rows],
+      _points=self._points[rows] - moved[:, None],
+      _fractions=self._fractions[rows],
     )
 
   def predict(self, prediction: Prediction) -> Array:
@@ -132,13 +130,15 @@ class Observations:
     return out
 
   def _predict(self, channel: ResidualChannel, flat: Array, rows: NDArray[np.int64]) -> Array:
-    point, fraction = self._point[rows], self._fraction[rows]
+    at = lambda values, moment: _interpolate(values, self._points[rows, moment], self._fractions[rows, moment])
     if channel.displacement is not None:
       pose = flat[:, :, _POSE]
-      before = _interpolate(pose, self._point_back[rows], self._fraction_back[rows])
-      return channel.displacement(before, _interpolate(pose, point, fraction))
+      return channel.displacement(at(pose, _BEFORE), at(pose, _NOW))
+    if channel.path is not None:
+      place = flat[:, :, _PLACE]
+      return channel.path(at(place, _BEFORE), at(place, _HALFWAY), at(place, _NOW))
     assert channel.model is not None
-    signal = lambda name: _interpolate(flat[:, :, signal_index(name)], point, fraction)
+    signal = lambda name: at(flat[:, :, signal_index(name)], _NOW)
     value = channel.model(signal, self.vehicle)
     return np.abs(value) if channel.may_lose_sign and self.unsigned_speed else value
 
@@ -157,16 +157,17 @@ def observe(
     recordings: what was driven.
     vehicle: numbers of the car.
     cut: how the recordings are cut for simulation.
-    horizon: time over which poses are differenced, s; 1 s, or 0.3 s where no gyro tells the quick turns.
+    horizon: time over which poses are differenced, s; 1 s, or 0.3 s where headings have to tell the quick turns.
     pose_rate: poses are thinned to this rate, Hz.
     block: length of an evidence block, s.
   """
   stretches = cut_recordings(recordings, vehicle, cut)
   if horizon is None:
-    horizon = _LONG if any("yaw_rate" in r.channels for r in recordings) else _SHORT
+    gyro, heading = (any(name in r for r in recordings) for name in ("yaw_rate", "pose_yaw"))
+    horizon = _SHORT if heading and not gyro else _LONG
   by_name = {recording.name: index for index, recording in enumerate(recordings)}
   grid = stretches.segments.commands.shape[1] + 1
-  parts: dict[str, list[Array]] = {k: [] for k in ("v", "c", "r", "t", "p", "f", "pb", "fb")}
+  parts: dict[str, list[Array]] = {k: [] for k in ("v", "c", "r", "t", "p", "f")}
   for s, name in enumerate(stretches.segments.recording):
     recording = recordings[by_name[name]]
     place = _Grid(s * grid, float(stretches.segments.offset[s]), cut.period, int(stretches.segments.steps[s]))
@@ -175,7 +176,7 @@ def observe(
       size = len(rows["v"])
       parts["r"].append(np.full(size, by_name[name]))
       for key, value in rows.items():
-        parts[key].append(np.broadcast_to(value, size))
+        parts[key].append(np.broadcast_to(value, (size, *np.shape(value)[1:])))
   joined = {key: np.concatenate(value) for key, value in parts.items()}
   return Observations(
     stretches=stretches,
@@ -188,10 +189,8 @@ def observe(
     unsigned_speed=_unsigned(recordings),
     vehicle=vehicle,
     horizon=horizon,
-    _point=joined["p"].astype(np.int64),
-    _fraction=joined["f"],
-    _point_back=joined["pb"].astype(np.int64),
-    _fraction_back=joined["fb"],
+    _points=joined["p"].astype(np.int64),
+    _fractions=joined["f"],
   )
 
 
@@ -220,10 +219,8 @@ def _segment_rows(
     if channel.model is not None:
       stream = recording[channel.needs[0]]
       keep = (stream.time > low) & (stream.time <= high)
-      point, fraction = place.locate(stream.time[keep])
-      yield {"v": stream.value[keep], "c": CHANNELS.index(channel.name), "t": stream.time[keep],
-             "p": point, "f": fraction, "pb": point, "fb": fraction}  # fmt: skip
-  displaced = [c for c in compared if c.displacement is not None]
+      yield _rows(channel, stream.value[keep], place, [stream.time[keep]] * 3)
+  displaced = [c for c in compared if not c.is_direct]
   if displaced:
     yield from _pose_rows(displaced, recording, place, span, horizon, pose_rate)
 
@@ -236,19 +233,39 @@ def _pose_rows(
   horizon: float,
   pose_rate: float,
 ) -> Iterator[Rows]:
-  yaw = recording["pose_yaw"]
-  time = _thin(yaw.time[(yaw.time >= place.offset) & (yaw.time <= span[1] + 1e-9)], pose_rate)
+  shown = recording["pose_yaw" if "pose_yaw" in recording else "pose_x"]
+  time = _thin(shown.time[(shown.time >= place.offset) & (shown.time <= span[1] + 1e-9)], pose_rate)
   later = time[time > span[0] + horizon - 1e-9]
   if len(time) < 2 or len(later) == 0:
     return
-  earlier = time[np.searchsorted(time, later - horizon - 1e-9).clip(0, len(time) - 1)]
-  before, after = _measured_pose(recording, earlier), _measured_pose(recording, later)
-  point, fraction = place.locate(later)
-  back, fraction_back = place.locate(earlier)
+  ago = lambda duration: time[np.searchsorted(time, later - duration - 1e-9).clip(0, len(time) - 1)]
+  times = [later, ago(horizon), ago(0.5 * horizon)]
+  now, before, halfway = (_measured_pose(recording, t) for t in times)
   for channel in channels:
-    assert channel.displacement is not None
-    yield {"v": channel.displacement(before, after), "c": CHANNELS.index(channel.name), "t": later,
-           "p": point, "f": fraction, "pb": back, "fb": fraction_back}  # fmt: skip
+    if channel.displacement is not None:
+      yield _rows(channel, channel.displacement(before, now), place, times)
+    elif channel.path is not None:
+      told = np.linalg.norm((halfway - before)[:, :2], axis=1) > _TELLS * _place_noise(recording)
+      value = channel.path(*(pose[told, :2] for pose in (before, halfway, now)))
+      yield _rows(channel, value, place, [t[told] for t in times])
+
+
+def _rows(channel: ResidualChannel, value: Array, place: _Grid, times: Sequence[Array]) -> Rows:
+  """Values of a channel at times, s, with those a horizon and half of it earlier; each (k,)."""
+  points, fractions = zip(*(place.locate(t) for t in times), strict=True)
+  return {
+    "v": value,
+    "c": CHANNELS.index(channel.name),
+    "t": times[_NOW],
+    "p": np.stack(points, axis=1),
+    "f": np.stack(fractions, axis=1),
+  }
+
+
+def _place_noise(recording: Recording) -> float:
+  """White noise of the place along one direction, m; 0 where none can be told."""
+  white = driving_noise([recording])
+  return max(white.get("pose_x", 0.0), white.get("pose_y", 0.0))
 
 
 def _measured_pose(recording: Recording, time: Array) -> Array:

@@ -18,7 +18,9 @@ Array = NDArray[np.float64]
 Signals = Callable[[str], Array]
 Model = Callable[[Signals, Vehicle], Array]
 Poses = Callable[[Array, Array], Array]
+Places = Callable[[Array, Array, Array], Array]
 POSE = ("pose_x", "pose_y", "pose_yaw")
+_POINT = 1e-6  # m, a way that has no direction
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,6 +36,7 @@ class ResidualChannel:
       car's numbers.
     displacement: instead of a model, its value from the pose before and after a horizon, each (..., 3); the same for
       what was measured and what was predicted.
+    path: instead of both, its value from the place before, halfway through and after a horizon, each (..., 2), m.
     noise: its standard deviation from those of the recorded channels it needs, in their order; by default the first's.
     instead: a recorded channel that says the same better; where there is one, this is not compared.
     may_lose_sign: a log may hold its magnitude only.
@@ -45,13 +48,14 @@ class ResidualChannel:
   needs: tuple[str, ...]
   model: Model | None = None
   displacement: Poses | None = None
+  path: Places | None = None
   noise: Callable[..., float] = lambda first, *others: first
   instead: str = ""
   may_lose_sign: bool = False
 
   def __post_init__(self) -> None:
-    if (self.model is None) == (self.displacement is None):
-      raise ValueError(f"residual channel '{self.name}' needs a model or a displacement, and not both")
+    if sum(way is not None for way in (self.model, self.displacement, self.path)) != 1:
+      raise ValueError(f"residual channel '{self.name}' needs one of a model, a displacement and a path, and no other")
     unknown = [channel for channel in self.needs if channel not in RECORDED]
     if unknown or not self.needs:
       raise ValueError(
@@ -64,6 +68,11 @@ class ResidualChannel:
     """A recorded channel compared as it is; without a model, with the signal of its name."""
     same: Model = lambda signal, car: signal(name)
     return cls(name, RECORDED[name].unit, words or name.replace("_", " "), (name,), model or same, **more)  # type: ignore[arg-type]
+
+  @property
+  def is_direct(self) -> bool:
+    """Whether single samples are compared, not what lies between several."""
+    return self.model is not None
 
   @property
   def symbol(self) -> str:
@@ -85,14 +94,32 @@ def displacement(before: Array, after: Array) -> Array:
   return np.stack([forward, left, delta[..., 2]], axis=-1)
 
 
+def along_path(before: Array, halfway: Array, after: Array) -> Array:
+  """Way of the second half of a horizon seen along the first: forward, left, m; places (..., 2).
+
+  It takes no heading: with a = halfway - before and b = after - halfway it is (a . b, a x b) / |a|. Where the place
+  stays, the direction is that of x.
+  """
+  first, second = halfway - before, after - halfway
+  length = np.maximum(np.linalg.norm(first, axis=-1), _POINT)
+  forward = np.sum(first * second, axis=-1)
+  left = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+  return np.stack([forward, left], axis=-1) / length[..., None]
+
+
 def rolling_speed(signal: Signals, car: Vehicle) -> Array:
   """Speed of the car from that of its motor, m/s."""
   return signal("motor_speed") * (car.wheel_radius * car.gear_ratio)
 
 
-def _two_poses(noise_x: float, noise_y: float, noise_yaw: float) -> float:
+def _two_poses(noise_x: float, noise_y: float, noise_yaw: float = 0.0) -> float:
   """A displacement's noise, m: of both poses, along one direction."""
   return float(np.hypot(noise_x, noise_y))
+
+
+def _three_places(noise_x: float, noise_y: float) -> float:
+  """Noise of a way seen along the one before it, m: of b - a, two ways of equal length that share a place."""
+  return float(np.sqrt(3.0) * np.hypot(noise_x, noise_y))
 
 
 RESIDUALS: dict[str, ResidualChannel] = {
@@ -126,6 +153,24 @@ RESIDUALS: dict[str, ResidualChannel] = {
       ("pose_yaw",),
       noise=lambda noise_yaw: float(np.sqrt(2.0) * noise_yaw),
       displacement=lambda before, after: displacement(before, after)[..., 2],
+    ),
+    ResidualChannel(
+      "path_forward",
+      "m",
+      "way along the path",
+      POSE[:2],
+      noise=_two_poses,
+      path=lambda before, halfway, after: along_path(before, halfway, after)[..., 0],
+      instead="pose_yaw",
+    ),
+    ResidualChannel(
+      "path_left",
+      "m",
+      "way left of the path",
+      POSE[:2],
+      noise=_three_places,
+      path=lambda before, halfway, after: along_path(before, halfway, after)[..., 1],
+      instead="pose_yaw",
     ),
   )
 }

@@ -4,7 +4,8 @@ A channel's value at a time is that of a parabola through as many samples around
 widest of nested windows whose interval still meets those of all narrower ones (the intersection of confidence
 intervals: Goldenshluger and Nemirovski, On spatially adaptive estimation of nonparametric regression, Mathematical
 Methods of Statistics 6, 1997). Where a recording begins in a launch that is its first sample or two; in steady driving
-it is all samples within 0.06 s. The yaw rate of a log without a gyro is the slope of its heading, taken likewise.
+it is all samples within 0.06 s. The yaw rate of a log without a gyro is the slope of its heading, taken likewise;
+without either it is the one with which a car that does not slip turns as it is steered.
 """
 
 from collections.abc import Mapping
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.noise_floor import driving_noise
-from qcar_twin.kinematics import road_speed
+from qcar_twin.kinematics import kinematic_yaw_rate, road_speed
 from qcar_twin.plant import START
 from qcar_twin.recordings.recording import Recording, Stream
 from qcar_twin.vehicle.vehicle import Vehicle
@@ -60,6 +61,8 @@ def measured_start(
   turn, unsure = at("yaw_rate"), white.get("yaw_rate", 0.0)
   if "yaw_rate" not in recording and "pose_yaw" in recording:
     turn, unsure = slope(recording["pose_yaw"], time, white.get("pose_yaw", 0.0))
+  elif "yaw_rate" not in recording:
+    turn = float(kinematic_yaw_rate(speed, states["steering_angle"], vehicle.cg_to_front, vehicle.cg_to_rear))
   if not at_beginning or abs(speed) >= max(STANDS, _TOLD * _speed_noise(white, recording, vehicle)):
     states |= {"velocity_x": speed, "yaw_rate": turn, "velocity_y": turn * vehicle.cg_to_rear}
     if at_beginning and {"yaw_rate", "pose_yaw"} & set(recording.channels):

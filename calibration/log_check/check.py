@@ -16,7 +16,6 @@ from calibration.log_check.timing import Sampling, samplings
 from calibration.log_check.unjudged import (
   clock_findings,
   guessed_findings,
-  idle_findings,
   lonely_findings,
   loose_findings,
 )
@@ -108,7 +107,6 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
     *(Finding("beware", _judged(warning), warning) for warning in dataset.notices),
     *_straight_only(recordings),
     *clock_findings(compared, wheels, vehicle.wheelbase, recordings),
-    *idle_findings(recordings),
     *lonely_findings(compared, recordings),
     *loose_findings(compared, recordings),
     *guessed_findings(compared, dataset.vehicle, dataset.vehicle_std),
@@ -144,11 +142,9 @@ def _judged(warning: str) -> tuple[str, ...]:
 
 def _straight_only(recordings: Sequence[Recording]) -> list[Finding]:
   """A log in which nothing tells how the car turned."""
-  if any({"yaw_rate", "pose_yaw", "accel_y"} & set(r.channels) for r in recordings):
+  if any({"yaw_rate", "pose_yaw", "pose_x", "accel_y"} & set(r.channels) for r in recordings):
     return []
-  said = (
-    "no gyro, no heading and no accelerometer across was logged: the drive can be judged; turning, steering and tyres"
-  )
+  said = "no gyro, no pose and no accelerometer across was logged: the drive can be judged; turning, steering and tyres"
   return [Finding("beware", ("steering_command",), f"{said} {UNJUDGED}, and keep the numbers they had")]
 
 

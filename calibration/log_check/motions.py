@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.noise import ChannelNoise
+from qcar_twin.recordings.completed import heading_or_course
 from qcar_twin.recordings.recording import Recording, Stream
 from qcar_twin.vehicle.vehicle import Vehicle
 
@@ -21,6 +22,7 @@ _TURNS, _SPEEDS = 0.5, 0.3  # m/s^2 across and along, from which a window is cal
 _FELT = 2.0 * _TURNS  # the same as felt by an accelerometer: neither its zero nor a slope comes to that
 _SLOW = 0.1  # m/s, below which a pose hardly tells the way it goes
 CLOCK, PLACE = "time", "pose"  # what may be wrong besides a channel: the stamps, the unit of pose_x and pose_y
+_DIRECTION = 0.1  # rad, noise of a path's direction where it is told at all
 _KEPT = 1.0  # s, for which a last command is believed to be in force
 Means = Callable[[Array, float], Array]  # begin of windows (k,) s, length s -> mean of the rate in each, (k,)
 
@@ -115,9 +117,10 @@ def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
       acts=lambda r: (_commanded(r), _added(r[wheel], to_speed)),
     ),
   ]  # fmt: skip
+  heading = any("pose_yaw" in r for r in recordings)
   if not any("yaw_rate" in r for r in recordings):
-    known[-2:] = _turned_by_the_heading(known[-2], known[-1], wheels, per_speed)
-  if not by_pose and not any("pose_yaw" in r for r in recordings):
+    known[-2:] = _turned_by_the_pose(known[-2], known[-1], wheels, per_speed, pose[2:] if heading else pose[:2])
+  if not by_pose and not heading:
     known[1] = _without_heading(known[1], wheels)
   if by_pose:
     known[1] = _along_the_heading(known[1])
@@ -127,33 +130,37 @@ def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
   return [_straight_heading(m) for m in held] if any(m.name == "driving" for m in held) else held
 
 
-def _turned_by_the_heading(
-  round_: Motion, answer: Motion, wheels: Wheels, per_speed: Mapping[str, int]
+def _turned_by_the_pose(
+  round_: Motion, answer: Motion, wheels: Wheels, per_speed: Mapping[str, int], by: tuple[str, ...]
 ) -> tuple[Motion, Motion]:
-  """Going round and answering the steering as the slope of a heading tells them, where there is no gyro."""
+  """Going round and answering the steering where there is no gyro: as the slope of a heading tells them, or that of the
+  path's direction, which no unit of the place changes."""
   wheel, to_speed = wheels.channel, wheels.scale
+  scale = {"pose_yaw": 1} if by == ("pose_yaw",) else {}
+  noise = lambda n, w: _step_noise(n["pose_yaw"], w) if scale else np.sqrt(2.0) * _DIRECTION / w
   return (
     dataclasses.replace(
       round_,
-      reference=(wheel, "pose_yaw"),
-      of_reference=lambda r: _turned(r[wheel], r["pose_yaw"], to_speed),
-      noise=lambda n, w: (_mean_noise(n["accel_y"], w), _step_noise(n["pose_yaw"], w)),
-      powers=_product_of({"accel_y": 1, "pose_yaw": -1, CLOCK: 1}, per_speed),
+      reference=(wheel, *by),
+      of_reference=lambda r: _turned(r[wheel], heading_or_course(r), to_speed),
+      noise=lambda n, w: (_mean_noise(n["accel_y"], w), noise(n, w)),
+      powers=_product_of({"accel_y": 1, CLOCK: 1} | {name: -1 for name in scale}, per_speed),
     ),
     dataclasses.replace(
       answer,
-      compared=("pose_yaw",),
-      of_compared=lambda r: _increments(r["pose_yaw"]),
-      noise=lambda n, w: (_step_noise(n["pose_yaw"], w), _mean_noise(n[wheel], w) * to_speed),
-      powers=_product_of({"pose_yaw": 1, "steering_command": -1, CLOCK: -1}, per_speed),
+      compared=by,
+      of_compared=lambda r: _increments(heading_or_course(r)),
+      noise=lambda n, w: (noise(n, w), _mean_noise(n[wheel], w) * to_speed),
+      powers=_product_of(scale | {"steering_command": -1, CLOCK: -1}, per_speed),
     ),
   )
 
 
 def _without_heading(driving: Motion, wheels: Wheels) -> Motion:
-  """A pose without a heading tells how fast a car goes, and not whether forwards."""
+  """A pose without a heading tells how fast a car goes, in turns, too, and not whether forwards."""
   return dataclasses.replace(
     driving,
+    within=REGIMES,
     reference=driving.reference[:2],
     of_compared=lambda r: _size(_added(r[wheels.channel], wheels.scale)),
     of_reference=lambda r: _travelled(r["pose_x"], r["pose_y"]),
@@ -221,8 +228,8 @@ def regimes(wheels: Wheels, recording: Recording, begin: Array, length: float) -
   rate = np.zeros(len(begin))
   if some("yaw_rate"):
     rate = _added(recording["yaw_rate"])(begin, length)
-  elif some("pose_yaw"):
-    rate = _increments(recording["pose_yaw"])(begin, length)
+  elif (heading := heading_or_course(recording)) is not None:
+    rate = np.nan_to_num(_increments(heading)(begin, length))
   across = speed * rate
   if some("accel_y"):  # a gyro that reads too little hides every turn
     felt = _added(recording["accel_y"])(begin, length)
@@ -252,8 +259,10 @@ def _added(stream: Stream, scale: float = 1.0) -> Means:
   )
 
 
-def _increments(stream: Stream, scale: float = 1.0) -> Means:
-  """Means of the rate of something that was sampled."""
+def _increments(stream: Stream | None, scale: float = 1.0) -> Means:
+  """Means of the rate of something that was sampled; NaN without it."""
+  if stream is None:
+    return lambda begin, length: np.full(len(begin), np.nan)
   at = lambda time: np.interp(time, stream.time, stream.value)
   return lambda begin, length: scale * _inside(stream, begin, length, at(begin + length) - at(begin)) / length
 
@@ -280,7 +289,7 @@ def _product(speed: Stream, rate: Stream, scale: float) -> Means:
   return _added(Stream(time, scale * np.interp(time, speed.time, speed.value) * rate.at(time)))
 
 
-def _turned(speed: Stream, heading: Stream, scale: float) -> Means:
+def _turned(speed: Stream, heading: Stream | None, scale: float) -> Means:
   """Centripetal acceleration: mean speed times the heading's change."""
   speeds, turns = _added(speed, scale), _increments(heading)
   return lambda begin, length: speeds(begin, length) * turns(begin, length)

@@ -47,22 +47,12 @@ def lonely_findings(comparisons: Sequence[Comparison], recordings: Sequence[Reco
   """That sensors' units, signs and ages are taken as they are written, since no other sensor shows their motion."""
   known = {name for c in comparisons if _tells(c) for name in (*c.motion.compared, *c.motion.reference)}
   held = {name for r in recordings for name in r.channels if name not in r.derived}
-  idle = set() if "pose_yaw" in held else {"pose_x"}  # a pose without a heading takes no part, see `idle_findings`
-  alone = [name for name in _WITNESSED if name in held - known - idle]
+  alone = [name for name in _WITNESSED if name in held - known]
   if not alone:
     return []
   who = " and ".join(alone) if len(alone) < 3 else f"{', '.join(alone[:-1])} and {alone[-1]}"
   said = f"unit, sign and age of {who} {UNJUDGED}: nothing else in this log shows enough of the motion"
   return [Finding("beware", tuple(alone), f"{said}; what [channels] says of them is believed")]
-
-
-def idle_findings(recordings: Sequence[Recording]) -> list[Finding]:
-  """That a pose without a heading is read, and compared with nothing: displacements are those in the car's own axes."""
-  idle = [r for r in recordings if {"pose_x", "pose_y"} <= set(r.channels) and "pose_yaw" not in r]
-  if not idle or any("speed" in r.derived for r in idle):
-    return []
-  said = "pose_x and pose_y take no part in fits and errors: no heading was logged with them"
-  return [Finding("beware", ("pose_x", "pose_y"), f"{said}; map pose_yaw in [channels], if the log has one")]
 
 
 def loose_findings(comparisons: Sequence[Comparison], recordings: Sequence[Recording]) -> list[Finding]:

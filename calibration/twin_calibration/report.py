@@ -246,8 +246,13 @@ def _remark(e: Estimate, shift: float | None) -> str:
 
 def _headline(calibration: Calibration, role: str) -> list[tuple[str, ChannelError]]:
   items = calibration.errors[role]
-  chosen = ["motor_speed" if "motor_speed" in items else "speed", "yaw_rate", "accel_y"]
-  return [(name, items[name]) for name in chosen if name in items]
+  ways = (
+    ("motor_speed", "speed"),
+    ("yaw_rate", "pose_turn", "path_left"),
+    ("accel_y",),
+  )  # the best of each that is there
+  chosen = [next((name for name in names if name in items), "") for names in ways]
+  return [(name, items[name]) for name in chosen if name]
 
 
 def _words(channel: str) -> str:

@@ -1,4 +1,5 @@
-"""Channels that no sensor logged but that others give: speed from a motion capture's pose, a command from the speed."""
+"""Channels that no sensor logged but that others give: speed from a motion capture's pose, a command from the speed,
+the course from a place without a heading."""
 
 from __future__ import annotations
 
@@ -12,6 +13,7 @@ from qcar_twin.recordings.recording import Recording, RecordingError, Stream
 UNJUDGED = "cannot be judged"  # what a note about a derived channel says, and every fit has to say again
 _WINDOW = 0.1  # s of poses for one speed: as long as the fastest answers of a drive
 _LEAST = 5  # poses in a window; a parabola has three numbers
+_TELLS = 10.0  # times its noise, from which a velocity's direction is told: 0.1 rad
 _RAGGED = 2.0  # times the usual interval between poses, from which a window is no window
 
 
@@ -64,36 +66,60 @@ def with_speed(recording: Recording) -> tuple[Recording, list[str]]:
   has = set(recording.channels)
   if has & {"speed", "motor_speed"} or not {"pose_x", "pose_y"} <= has:
     return recording, []
+  signed = "pose_yaw" in recording
+  middle, slopes, error, span = _velocities(recording, signed)
+  if len(middle) < 2:
+    return recording, []
+  speed = slopes[0] if signed else np.hypot(*slopes)
+  how = "along the heading" if signed else "its size, as there is no heading to tell backwards"
+  note = (
+    f"{recording.file or recording.name}: no sensor of speed was logged; it is the slope of the"
+    f" pose over {1e3 * span:.0f} ms, {how}, with a noise of {error:.2g} m/s; so slip of the wheels"
+    f" and a scale of the pose {UNJUDGED}"
+  )
+  streams = {**recording.streams, "speed": Stream(middle, speed)}
+  return recording.replace(streams=streams, derived=(*recording.derived, "speed")), [note]
+
+
+def heading_or_course(recording: Recording) -> Stream | None:
+  """What turns as the car does, rad: its heading, or the direction of its path where only a place was logged.
+
+  The direction is that of the velocities of `with_speed` where they are ten times their noise. It is unwrapped by half
+  turns, so that it goes on where the car backs up. It differs from the heading by the sideslip, and by half a turn.
+  None where neither can be had.
+  """
+  if "pose_yaw" in recording:
+    return recording["pose_yaw"]
+  if not {"pose_x", "pose_y"} <= set(recording.channels):
+    return None
+  middle, slopes, error, _ = _velocities(recording, signed=False)
+  told = np.hypot(*slopes) > _TELLS * error
+  if told.sum() < 2:
+    return None
+  return Stream(middle[told], np.unwrap(np.arctan2(slopes[1], slopes[0])[told], period=np.pi))
+
+
+def _velocities(recording: Recording, signed: bool) -> tuple[np.ndarray, np.ndarray, float, float]:
+  """Times (k,) s, slopes of the way along the heading (1, k) or of x and y (2, k), their noise, m/s, and window, s."""
   x, y = recording["pose_x"], recording["pose_y"]
-  time = x.time
+  time, none = x.time, (np.zeros(0), np.zeros((1 if signed else 2, 0)), 0.0, 0.0)
   step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
   count = max(_LEAST, round(_WINDOW / step) + 1) if step > 0.0 else _LEAST
   first = np.arange(0, len(time) - count + 1, count - 1)
   rows = first[:, None] + np.arange(count)
   if not first.size:
-    return recording, []
+    return none
   whole = np.diff(time[rows], axis=1).max(axis=1) < _RAGGED * step
   rows = rows[whole]
   if not len(rows):
-    return recording, []
-  middle = time[rows].mean(axis=1)
-  signed = "pose_yaw" in recording
+    return none
   place = _along(recording, time) if signed else np.stack([x.value, y.interpolate(time)])
-  known = np.isfinite(place[:, rows]).all(axis=(0, 2))
-  if known.sum() < 2:
-    return recording, []
-  rows, middle = rows[known], middle[known]
+  rows = rows[np.isfinite(place[:, rows]).all(axis=(0, 2))]
+  if len(rows) < 2:
+    return none
+  middle = time[rows].mean(axis=1)
   slopes, noise = _slopes(time[rows] - middle[:, None], place[:, rows])
-  speed = slopes[0] if signed else np.hypot(*slopes)
-  error = noise / step * np.sqrt(12.0 / (count * (count**2 - 1.0)))
-  how = "along the heading" if signed else "its size, as there is no heading to tell backwards"
-  note = (
-    f"{recording.file or recording.name}: no sensor of speed was logged; it is the slope of the"
-    f" pose over {1e3 * step * (count - 1):.0f} ms, {how}, with a noise of {error:.2g} m/s; so slip of the wheels"
-    f" and a scale of the pose {UNJUDGED}"
-  )
-  streams = {**recording.streams, "speed": Stream(middle, speed)}
-  return recording.replace(streams=streams, derived=(*recording.derived, "speed")), [note]
+  return middle, slopes, noise / step * float(np.sqrt(12.0 / (count * (count**2 - 1.0)))), step * (count - 1)
 
 
 def _slopes(time: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, float]:

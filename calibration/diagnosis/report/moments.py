@@ -54,7 +54,7 @@ def largest(replay: Replay, fits: Mapping[str, ChannelFit], difference: Array) -
   """
   observations = replay.observations
   known = [c for c in observations.present if c in fits and fits[c].noise > 0.0]
-  direct = [c for c in known if RESIDUALS[c].displacement is None]
+  direct = [c for c in known if RESIDUALS[c].is_direct]
   best = (-1.0, "", np.zeros(0, dtype=int), 0, 0)
   for channel in direct or known:
     for rows in _stretches(observations, channel):

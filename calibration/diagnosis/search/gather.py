@@ -257,7 +257,7 @@ def errors_left(fits: Mapping[str, ChannelFit], pool: Pool) -> tuple[list[Leftov
   before, after = [], []
   for channel, fit in fits.items():
     noise = max(fit.noise_floor, fit.driving_noise)
-    if RESIDUALS[channel].displacement is not None or channel not in observations.present or noise <= 0.0:
+    if not RESIDUALS[channel].is_direct or channel not in observations.present or noise <= 0.0:
       continue
     spread = float(np.std(observations.measured[observations.select(channel)]))
     for error, out in ((fit.before, before), (fit.after, after)):

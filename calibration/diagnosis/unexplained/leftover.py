@@ -59,7 +59,7 @@ def leftovers(model: Candidate, problem: Problem, prediction: Prediction) -> lis
       found.append(Leftover(channel, family, depends_on, test.gain / max(count, 1), test.t, count, size))
   turns = problem.twin.vehicle.gear_ratio / (2.0 * np.pi)
   for channel in observations.present:
-    if RESIDUALS[channel].displacement is None:
+    if RESIDUALS[channel].is_direct:
       line = strongest_line(model.residual, observations, prediction, channel, turns)
       found.append(Leftover(channel, "rhythm", line.depends_on, line.nats, count=line.stretches))
       # a pose that jumps is mostly the fault of what measures it

@@ -29,6 +29,7 @@ _DEGREES = {
   "voltage": (("speed", "voltage", "steering"), 0.12, "V"),
   "steering": (("steering", "speed", "yaw_rate"), 0.02, "rad"),
 }
+_WAYS = ("pose_forward", "pose_left", "path_forward", "path_left")  # no sensor's own reading
 SUBSYSTEM = {"force_x": "body", "force_y": "tyre", "moment_z": "tyre", "voltage": "drive", "steering": "steering"}
 
 
@@ -96,7 +97,7 @@ def unknown_sensors(
   basis = _sensor_basis(observations, prediction)
   rivals = {}
   for name in observations.present:
-    if name.startswith("pose_") and name != "pose_turn":
+    if name in _WAYS:
       continue
     rivals[f"unknown_sensor_{name}"] = _sensor_rival(base, observations, basis, whitening, name)
   return rivals

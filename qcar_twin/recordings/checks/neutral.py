@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qcar_twin.recordings.checks.driving import LEAST_REST, MOVING, PERIOD, Drive, driven, runs, steady
+from qcar_twin.recordings.completed import heading_or_course
 from qcar_twin.recordings.recording import Recording
 
 _NEAR = 0.02  # of the command's range: one level
@@ -197,8 +198,8 @@ def _turning(recording: Recording) -> np.ndarray | None:
     return None
   if "yaw_rate" in recording:
     turning = recording["yaw_rate"].interpolate(middle)
-  elif "pose_yaw" in recording:
-    turning = np.diff(recording["pose_yaw"].interpolate(edges)) / _BIN
+  elif (heading := heading_or_course(recording)) is not None:
+    turning = np.diff(heading.interpolate(edges)) / _BIN
   else:
     return None
   speed, command = recording[name].interpolate(middle), recording["steering_command"].at(middle)

@@ -12,7 +12,7 @@ from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.time import turn_of
 from qcar_twin.recordings.checks.units import Suspect, compare
-from qcar_twin.recordings.completed import with_speed
+from qcar_twin.recordings.completed import heading_or_course, with_speed
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, is_share_of_lock
 from qcar_twin.recordings.first_dataset.heading import goes_with, settle_heading
 from qcar_twin.recordings.mapping import resolve, streams_of
@@ -233,8 +233,8 @@ def turning_of(recordings: Sequence[Recording], radius: float = 1.0) -> tuple[Ar
       continue
     if "yaw_rate" in recording:
       turn = recording["yaw_rate"].interpolate(middle)
-    elif "pose_yaw" in recording:
-      turn = np.diff(recording["pose_yaw"].interpolate(edges)) / _BIN
+    elif (heading := heading_or_course(recording)) is not None:
+      turn = np.diff(heading.interpolate(edges)) / _BIN
     else:
       continue
     wheels = "speed" not in recording

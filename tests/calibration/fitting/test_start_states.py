@@ -110,3 +110,10 @@ def test_a_recording_without_a_gyro_that_begins_in_a_turn_begins_with_its_wheels
   begun = dict(zip(START, measured_start(recording, 0.0, QCAR, 0.0, True), strict=True))
   assert begun["yaw_rate"] == pytest.approx(1.2, abs=0.1)
   assert begun["steering_angle"] == pytest.approx(1.2 * QCAR.wheelbase / 1.5, abs=0.02)
+
+
+def test_without_gyro_and_heading_the_car_turns_as_it_is_steered():
+  clock = 0.01 * np.arange(100)
+  recording = Recording.from_columns("r", clock, {"speed": np.full(100, 1.0), "pose_x": clock, "pose_y": 0.0 * clock})
+  start = dict(zip(START, measured_start(recording, 0.5, QCAR, 0.3, False), strict=True))
+  assert start["yaw_rate"] == pytest.approx(np.tan(0.3) / (QCAR.cg_to_front + QCAR.cg_to_rear), rel=0.05)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.fitting.observations import CHANNELS, observe
-from calibration.fitting.residual_channels import displacement
+from calibration.fitting.residual_channels import RESIDUALS, along_path, displacement
 from calibration.fitting.start_states import measured_start
 from calibration.fitting.windows import Cut, cut_recordings, shift_commands
 from qcar_twin.plant import SIGNALS, START, Prediction
@@ -67,6 +67,36 @@ def test_every_measured_value_is_scored_once_and_met_by_a_perfect_model():
   rates = observations.select("yaw_rate")
   assert rates.sum() == len(recording["yaw_rate"].time) - 1  # the first row is where the simulation starts
   assert len(np.unique(observations.time[rates])) == rates.sum()
+
+
+def placed(noise: float = 0.0, speed: float = 1.0) -> Recording:
+  """The circle without a heading, at places with noise, m."""
+  whole, random = circle(speed=speed), np.random.default_rng(0)
+  rough = lambda stream: Stream(stream.time, stream.value + noise * random.standard_normal(len(stream)))
+  streams = {k: rough(v) if k.startswith("pose") else v for k, v in whole.streams.items() if k != "pose_yaw"}
+  return whole.replace(streams=streams)
+
+
+def test_places_without_a_heading_are_compared_as_the_way_seen_along_the_one_before():
+  observations = observe([placed()], CAR)
+  assert {"path_forward", "path_left"} <= set(observations.present)
+  assert not {"pose_forward", "pose_left", "pose_turn"} & set(observations.present)
+  error = observations.predict(exact(placed(), observations))[0] - observations.measured
+  assert np.abs(error).max() < 1e-3
+  left = observations.measured[observations.select("path_left")]
+  np.testing.assert_allclose(left, 4.0 * np.sin(0.125) * np.sin(0.25), atol=1e-3)  # chords of 0.25 rad on 2 m
+
+
+def test_a_place_that_hardly_moved_has_no_direction():
+  assert "path_left" in observe([placed(noise=0.01)], CAR).present
+  assert "path_left" not in observe([placed(noise=0.01, speed=0.1)], CAR).present
+
+
+def test_the_noise_of_a_way_along_the_path_is_that_of_its_three_places():
+  still, random = np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]])[:, None], np.random.default_rng(1)
+  ways = along_path(*(still + 0.01 * random.standard_normal((3, 20000, 2))))
+  said = [RESIDUALS[name].noise(0.01, 0.01) for name in ("path_forward", "path_left")]
+  np.testing.assert_allclose(ways.std(axis=0), said, rtol=0.02)
 
 
 def test_stretches_start_from_what_was_measured():

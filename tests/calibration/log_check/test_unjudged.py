@@ -41,15 +41,18 @@ def test_where_a_pose_witnesses_the_speed_its_scale_is_judged(driven):
   assert about(checked(columns | {"speed": 1.3 * columns["speed"]}, time), "speed reads +30")
 
 
-def test_a_pose_without_a_heading_is_said_to_take_no_part(driven):
+PLACE = ("motor_voltage", "steering_command", "pose_x", "pose_y")
+
+
+def test_a_place_without_a_heading_judges_the_steering(driven):
   time, columns = driven
-  words = "take no part in fits and errors"
-  without = {name: v for name, v in columns.items() if name != "pose_yaw"}
-  check = checked(without, time)
-  assert len(about(check, words)) == 1 and not about(check, "age of pose_x")
-  assert not about(checked(columns, time), words)
-  alone = {name: v for name, v in without.items() if name not in ("speed", "motor_speed")}
-  assert not about(checked(alone, time), words)  # its slope is the speed
+  alone = {name: columns[name] for name in PLACE}
+  check = checked(alone, time)
+  assert not check.of("spoils") and not about(check, "steering")
+  wrong = checked(alone | {"steering_command": -columns["steering_command"]}, time)
+  assert "steering_command" in wrong.of("spoils")[0].text
+  degrees = checked(alone | {"steering_command": np.degrees(columns["steering_command"])}, time)
+  assert "is steering_command in degrees? set scale = 0.01745" in degrees.of("spoils")[0].text
 
 
 def test_a_gyro_that_reads_too_little_to_show_a_turn_is_named_and_not_the_steering(driven):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.log_check import check_log, heed
-from qcar_twin.recordings.completed import completed
+from qcar_twin.recordings.completed import completed, heading_or_course
 from qcar_twin.recordings.dataset import DataSet, write_dataset
 from qcar_twin.recordings.recording import Recording
 from tests.faults.falsities import FALSITIES, SIZES, wander
@@ -46,6 +46,24 @@ def test_reverse_has_its_sign_where_there_is_a_heading_and_its_size_where_not(tm
   data = DataSet.load(folder_with(tmp_path, time, back))
   assert np.median(data.recordings[0]["speed"].value) > 0.5
   assert any("its size, as there is no heading to tell backwards" in note for note in data.warnings)
+
+
+def test_a_course_turns_as_the_car_does_forwards_and_backwards():
+  time, columns = wander(2)
+  run = Recording.from_columns("run", time, only(columns, "pose_x", "pose_y"))
+  back = Recording.from_columns("back", time, {name: -columns[name] for name in ("pose_x", "pose_y")})
+  for recording in (run, back):
+    course = heading_or_course(recording)
+    turned = course.value - np.interp(course.time, time, columns["pose_yaw"])
+    assert np.std(turned - np.median(turned)) < 0.05
+  assert heading_or_course(Recording.from_columns("none", time, only(columns, "speed"))) is None
+
+
+def test_a_steering_with_the_other_sign_is_drafted_right_by_the_place_alone(tmp_path):
+  time, columns = wander(6)
+  flipped = only(columns, "motor_voltage", "pose_x", "pose_y") | {"steering_command": -columns["steering_command"]}
+  table, _ = log(tmp_path, time, flipped)
+  assert table["channels"]["steering_command"]["scale"] == -1.0
 
 
 def test_what_was_derived_is_neither_written_nor_a_witness(tmp_path):
