@@ -6,9 +6,11 @@ something to go on from, `KEPT` is a sentence that says what. Where --out is a f
 """
 
 import codecs
+import dataclasses
 import errno
 import io
 import logging
+import math
 import os
 import sys
 import tempfile
@@ -72,13 +74,14 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
 
 
 def refuse_early(config: object, out_is_file: bool = False) -> None:
-  """Refuse, before any work, what a command would stumble over at its end, by the names that options have everywhere:
-  `out`, `record` or `folder` that cannot be written, `mechanism` or `mechanisms` that nobody knows, a `twin` that is no
-  twin file.
+  """Refuse, before any work, what a command would stumble over at its end: numbers that are none, negative counts, and
+  by the names that options have everywhere `out`, `record` or `folder` that cannot be written, `mechanism` or
+  `mechanisms` that nobody knows, a `twin` that is no twin file.
 
   Raises:
     OSError, KeyError, ValueError: with the path or the name, and a cure.
   """
+  _require_numbers(config)
   out = getattr(config, "out", None)
   if isinstance(out, Path):
     _require_writable(out, out_is_file)
@@ -95,6 +98,20 @@ def refuse_early(config: object, out_is_file: bool = False) -> None:
     from qcar_twin.twin.file import load_twin
 
     load_twin(twin, threads=1)
+
+
+def _require_numbers(config: object) -> None:
+  """Raises ValueError where a number of an option is not finite, or negative where its default is a size or a count: a
+  positive number, or a whole one from 0 on."""
+  for field in dataclasses.fields(config) if dataclasses.is_dataclass(config) else ():
+    option, given = f"--{field.name.replace('_', '-')}", getattr(config, field.name)
+    for value in given if isinstance(given, tuple) else (given,):
+      if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"{option} {value}: give a finite number")
+      usual = field.default
+      size = isinstance(usual, int | float) and (usual > 0 or (usual == 0 and isinstance(usual, int)))
+      if size and isinstance(value, int | float) and value < 0:
+        raise ValueError(f"{option} {value}: give 0 or more")
 
 
 def _require_writable(out: Path, is_file: bool) -> None:

@@ -37,8 +37,6 @@ class Config:
   """Understeer gradient of the identification: exact, or as printed in the paper."""
   quick: bool = False
   """First look: about 40 s of driving and few iterations."""
-  seed: int = 0
-  """Seed of random draws, stored with the results; the fits draw nothing and do not depend on it."""
   threads: int = 0
   """Threads of the simulation; 0 uses every core. Results do not depend on it."""
   plant: EngineKind = "reduced"
@@ -48,6 +46,8 @@ class Config:
 
 def main(config: Config) -> Calibration:
   """Run it, write the results, print the verdict and where the report is."""
+  if config.mechanism and config.against == "identified":
+    raise ValueError("--mechanism is fitted to recordings only: add --against recordings")
   dataset = DataSet.load(config.dataset)
   with StageLine(CALIBRATION) as progress:
     calibration = calibrate(

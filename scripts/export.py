@@ -13,7 +13,7 @@ from pathlib import Path
 
 from calibration.cross_validation.mcap_export import fitted_shift, loaded, of_dataset, of_log, twin_files
 from calibration.exports.export import export_twin
-from calibration.exports.target import Job
+from calibration.exports.target import Job, target_named
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.file import load_twin
@@ -62,6 +62,8 @@ def main(config: Config) -> list[Path]:
     made = [of_log(config.log, config.out)]
   else:
     assert config.dataset is not None
+    if config.window < 0.0:
+      raise ValueError(f"--window {config.window:g}: give 0 s, for one free run, or more")
     files = twin_files(config.diagnosis, config.before, config.after)
     shift = fitted_shift(files.get("after"), files.get("before"))
     shift = shift if config.command_shift is None else config.command_shift
@@ -74,6 +76,7 @@ def main(config: Config) -> list[Path]:
 
 def of_twin(config: Config) -> Path:
   """One file of another target than mcap."""
+  target_named(config.to)
   if config.twin is None:
     raise ValueError(f"an export to {config.to} needs --twin, a file that calibrate or diagnose wrote")
   twin, theta = load_twin(config.twin, threads=1)

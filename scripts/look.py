@@ -34,6 +34,8 @@ class Config:
 
 def main(config: Config) -> LogCheck | None:
   """Write the page, print the verdict and what it is about; None where the log could not be read as a drive."""
+  if not config.logs:
+    raise ValueError("give LOGS: log files, bags or folders of them, or one folder with a dataset.toml")
   if len(config.logs) == 1 and (config.logs[0] / FILE_NAME).is_file():
     return check_and_say(config.logs[0], config.out)
   with tempfile.TemporaryDirectory() as folder:

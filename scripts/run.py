@@ -40,8 +40,6 @@ class Config:
   """Folder for the results; each step writes a folder of its own in it."""
   quick: bool = False
   """First look: less driving in the fits and a narrower search."""
-  seed: int = 0
-  """Seed of random draws, stored with the results; the fits draw nothing."""
   threads: int = 0
   """Threads of the simulation; 0 uses every core. Results do not depend on it."""
   plant: EngineKind = "reduced"

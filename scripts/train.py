@@ -13,7 +13,7 @@ from agents.learning.trial import in_words, is_by_reward, trial_from
 from agents.studies.study import plan_from
 from qcar_twin.command_line import run_script
 
-KEPT = "the last checkpoint stays in --out, --resume goes on from it"
+KEPT = "a checkpoint stays in --out where one was written by then, and --resume goes on from it"
 
 
 @dataclasses.dataclass(frozen=True)

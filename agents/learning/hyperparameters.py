@@ -183,7 +183,7 @@ def _policy_kwargs(table: Mapping[str, Any], kind: type[BaseAlgorithm], file: st
         f"{file}: activation_fn {kwargs['activation_fn']!r} cannot be exported; use nn.ReLU or nn.Tanh"
       )
     kwargs["activation_fn"] = name
-  if not all(is_number(n) and n >= 1 for n in _sizes(kwargs.get("net_arch", []))):
+  if not all(is_number(n) and n >= 1 and n == int(n) for n in _sizes(kwargs.get("net_arch", []))):
     raise UnreadableFile(f"{file}: net_arch must be a list of whole numbers, not {kwargs['net_arch']!r}")
   return kwargs
 

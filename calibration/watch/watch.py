@@ -67,7 +67,8 @@ def clock(time: float) -> str:
   """Time of a log: of day where it counts from 1970 (UTC), else minutes and seconds since its beginning."""
   if time > 1e8:
     return f"{int(time) // 3600 % 24:02d}:{int(time) // 60 % 60:02d}:{int(time) % 60:02d} UTC"
-  return f"{int(time) // 60:d}:{time % 60:04.1f} min"
+  tenths = round(10.0 * time)
+  return f"{tenths // 600:d}:{0.1 * (tenths % 600):04.1f} min"
 
 
 class Watch:

@@ -145,6 +145,10 @@ class TrackingTask:
       raise ValueError(
         f"a spread of {self.speed_spread:g} m/s around {self.speed:g} m/s: from 0 on and less than the speed"
       )
+    if not self.gain_spread < abs(self.steering_gain):
+      raise ValueError(
+        f"gains within {self.gain_spread:g} around {self.steering_gain:g} could turn the steering round: spread them less"
+      )
     if not self.reward.near < self.lost:
       raise ValueError(f"the reward is flat within {self.reward.near:g} m, the car lost at {self.lost:g} m: swap them")
 

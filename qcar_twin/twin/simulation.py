@@ -106,7 +106,16 @@ class Simulation:
       commands: drive [unit of its command], steering [rad].
       pose: measured x, y, yaw and wheel angle for effects bound to them, (N, 4); NaN or None for the simulated ones.
       running: cars that are moved on, in rising order; the others stay as they are. All by default.
+
+    Raises:
+      ValueError: commands of another shape, or that are no numbers.
     """
+    commands = np.asarray(commands, dtype=np.float64)
+    if commands.shape != (len(self.signals), 2):
+      raise ValueError(f"commands must be ({len(self.signals)}, 2), drive and steering of each car: {commands.shape}")
+    if not np.isfinite(commands).all():
+      car = int(np.flatnonzero(~np.isfinite(commands).all(axis=1))[0])
+      raise ValueError(f"command {commands[car].tolist()} of car {car}: give finite numbers")
     commands = commands * self._scale
     return self._step(commands, np.array(commands, dtype=np.float64), self._slots, pose, running)
 

@@ -149,6 +149,8 @@ class Twin:
     theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
     if theta.shape != (len(start), len(self.parameters)):
       raise ValueError(f"theta must be ({len(start)}, {len(self.parameters)}), got {theta.shape}")
+    if not (np.isfinite(theta).all() and np.isfinite(start).all()):
+      raise ValueError("theta and start must be finite numbers")
     size, start = len(start), np.asarray(start, dtype=np.float64)
     values = twin_parameters.quantities(theta, self.base, self.vehicle)
     return Simulation(

@@ -54,6 +54,25 @@ def test_every_command_is_run_by_a_test(name):
   assert any(re.search(ways, text) for text in TESTS), f"nothing runs qcar-twin {name}"
 
 
+@pytest.mark.parametrize(
+  ("typed", "said"),
+  [
+    ("track --out OUT --speed nan", "--speed nan: give a finite number"),
+    ("track --out OUT --runs 0", "--runs 0: give more than 0"),
+    ("track --out OUT --seed -1", "--seed -1: give 0 or more"),
+    ("track --out OUT --plant proving_ground --twin x.toml", "x.toml"),
+    ("estimate --dataset data/sample --out OUT --onboard-lateness nan", "--onboard-lateness nan"),
+    ("curves --dataset data/sample --out OUT --most -5", "--most -5.0: give 0 or more"),
+    ("export --to mjfc --out OUT", "no export to 'mjfc'; did you mean mjcf?"),
+    ("calibrate --dataset data/sample --out OUT --mechanism payload", "add --against recordings"),
+    ("look --out OUT", "give LOGS"),
+  ],
+)
+def test_options_that_mean_nothing_are_refused_before_the_work(typed, said, tmp_path, capsys):
+  assert main(typed.replace("OUT", str(tmp_path / "out")).split()) == FAILED
+  assert said in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(("typed", "meant"), [("diagnos", "diagnose"), ("cross_validat", "cross-validate")])
 def test_an_unknown_command_is_answered_with_the_nearest(typed, meant, capsys):
   assert main([typed]) == MISUSED

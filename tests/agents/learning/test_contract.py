@@ -220,6 +220,7 @@ def test_rewards_are_finite_whatever_the_action(face, plant, wrong):
     ({"laps": 1.5}, "laps is 1.5; it must be a whole number"),
     ({"substeps": 0}, "substeps is 0; it must be positive"),
     ({"steering_gain": np.nan}, "steering_gain is nan; it must be finite"),
+    ({"gain_spread": 5.0}, "could turn the steering round"),
     ({"gain_spread": -0.1}, "gain_spread is -0.1; it must not be negative"),
     ({"start_offset": np.inf}, "start_offset is inf; it must be finite"),
     ({"reward": {"near": -1.0}}, "near is -1; it must be positive"),

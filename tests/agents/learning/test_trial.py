@@ -81,6 +81,7 @@ def test_a_file_is_read_as_the_zoo_reads_it(tmp_path):
     (TABLE + "  rollout_buffer_class: mine\n", "rollout_buffer_class must be"),
     (TABLE + "  policy: CnnPolicy\n", "use MlpPolicy"),
     (TABLE + "  policy_kwargs: {net_arhc: [8]}\n", "policy_kwargs has no key 'net_arhc'; did you mean net_arch"),
+    (TABLE + "  policy_kwargs: {net_arch: [64.5]}\n", "net_arch must be a list of whole numbers"),
     (TABLE + "  policy_kwargs: {net_arch: [wide]}\n", "net_arch must be a list of whole numbers"),
     (TABLE + "  policy_kwargs: {activation_fn: gelu}\n", "use nn.ReLU or nn.Tanh"),
     (TABLE + "  policy_kwargs: \"dict(a=__import__('os').getcwd())\"\n", "is no table; write it like"),

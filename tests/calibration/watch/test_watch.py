@@ -101,7 +101,7 @@ def test_a_change_is_named_with_its_size_within_twenty_seconds(car, watch, chang
 
 
 def test_a_time_of_day_is_said_where_the_log_has_one():
-  assert clock(1.7e9 + 61.0).endswith("UTC") and clock(75.5) == "1:15.5 min"
+  assert clock(1.7e9 + 61.0).endswith("UTC") and clock(75.5) == "1:15.5 min" and clock(59.97) == "1:00.0 min"
   alarm = Alarm(1.7e9 + 20.0, 1.7e9, CHANGES[1], -0.18, 20.0)
   assert "rear cornering stiffness -18 %" in alarm.sentence
 

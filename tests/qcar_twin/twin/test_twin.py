@@ -241,6 +241,19 @@ def test_a_wrong_shape_of_parameters_is_refused(twin: Twin):
     twin.begin(np.zeros((1, 3)), np.zeros((2, 7)))
 
 
+@pytest.mark.parametrize("engine", ["mujoco", "reduced"])
+def test_what_is_no_command_and_no_car_is_refused(twin: Twin, engine):
+  twin, theta = twin.on(engine), twin.parameters.nominal
+  car = twin.begin(theta, np.zeros((1, 7)))
+  for commands in ([[np.nan, 0.0]], [[1.0, np.inf]]):
+    with pytest.raises(ValueError, match="of car 0: give finite numbers"):
+      car.step(np.array(commands))
+  with pytest.raises(ValueError, match=r"commands must be \(1, 2\)"):
+    car.step(np.array([1.0, 0.0]))
+  with pytest.raises(ValueError, match="theta and start must be finite"):
+    twin.begin(np.where(np.arange(len(theta)) == 0, np.nan, theta), np.zeros((1, 7)))
+
+
 def test_a_printed_twin_names_its_parts(twin: Twin):
   text = repr(twin.with_mechanisms(select(["steering_delay"])))
   assert "base: mass = 2.7 kg" in text
