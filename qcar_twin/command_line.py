@@ -2,7 +2,7 @@
 
 A command is a module with a docstring, a dataclass `Config` and a function `main(config)`. Where a stopped run leaves
 something to go on from, `KEPT` is a sentence that says what. Where --out is a file and no folder,
-`OUT_IS_FILE` is True.
+`OUT_IS_FILE` is True. `POSITIVE` names numbers that may not be zero.
 """
 
 import codecs
@@ -58,7 +58,7 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
   try:
     module = load()
     config = tyro.cli(module.Config, prog=name, description=module.__doc__, args=list(arguments))
-    refuse_early(config, getattr(module, "OUT_IS_FILE", False))
+    refuse_early(config, getattr(module, "OUT_IS_FILE", False), getattr(module, "POSITIVE", ()))
     module.main(config)
   except KeyboardInterrupt:
     kept = getattr(module, "KEPT", "nothing of this run is kept: results are written at its end")
@@ -73,7 +73,7 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
   return 0
 
 
-def refuse_early(config: object, out_is_file: bool = False) -> None:
+def refuse_early(config: object, out_is_file: bool = False, positive: Sequence[str] = ()) -> None:
   """Refuse, before any work, what a command would stumble over at its end: numbers that are none, negative counts, and
   by the names that options have everywhere `out`, `record` or `folder` that cannot be written, `mechanism` or
   `mechanisms` that nobody knows, a `twin` that is no twin file.
@@ -81,7 +81,7 @@ def refuse_early(config: object, out_is_file: bool = False) -> None:
   Raises:
     OSError, KeyError, ValueError: with the path or the name, and a cure.
   """
-  _require_numbers(config)
+  _require_numbers(config, positive)
   out = getattr(config, "out", None)
   if isinstance(out, Path):
     _require_writable(out, out_is_file)
@@ -100,7 +100,7 @@ def refuse_early(config: object, out_is_file: bool = False) -> None:
     load_twin(twin, threads=1)
 
 
-def _require_numbers(config: object) -> None:
+def _require_numbers(config: object, positive: Sequence[str]) -> None:
   """Raises ValueError where a number of an option is not finite, or negative where its default is a size or a count: a
   positive number, or a whole one from 0 on."""
   for field in dataclasses.fields(config) if dataclasses.is_dataclass(config) else ():
@@ -112,6 +112,8 @@ def _require_numbers(config: object) -> None:
       size = isinstance(usual, int | float) and (usual > 0 or (usual == 0 and isinstance(usual, int)))
       if size and isinstance(value, int | float) and value < 0:
         raise ValueError(f"{option} {value}: give 0 or more")
+      if field.name in positive and value <= 0:
+        raise ValueError(f"{option} {value}: give more than 0")
 
 
 def _require_writable(out: Path, is_file: bool) -> None:

@@ -45,7 +45,7 @@ class Config:
   """Number of sessions of cars far from the QCar, with four to eight effects at once."""
   car: Literal["first", "second"] = "first"
   """Independent car to drive; the second, of another structure, has sessions with no effect and with one only."""
-  design: str = "compact"
+  design: Literal["compact", "lab", "paper"] = "compact"
   """Session design: compact (about 2 min of driving), lab (5 min) or paper."""
   jobs: int = 2
   """Number of cases that run in parallel, one core each."""

@@ -16,6 +16,8 @@ from qcar_twin.command_line import run_script
 
 ON_PLANT = FILE.with_name("controllers_reduced.toml")
 
+POSITIVE = ("speed", "streams", "tracks")
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

@@ -12,7 +12,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.cross_validation.cross_validation import WINDOWS, CrossValidation, cross_validate, find_reference
+from calibration.cross_validation.cross_validation import (
+  WINDOWS,
+  CrossValidation,
+  cross_validate,
+  find_reference,
+  with_roles,
+)
 from calibration.cross_validation.report import verdict, write_cross_validation
 from calibration.fitting.windows import Cut
 from calibration.progress import CALIBRATION, CROSS_VALIDATION, StageLine, joined
@@ -44,6 +50,7 @@ class Config:
 def main(config: Config) -> CrossValidation:
   """Run it, write the results, print the verdict and where the report is."""
   dataset = DataSet.load(config.dataset)
+  with_roles(dataset, config.roles)
   plan = joined({} if config.twin else CALIBRATION, CROSS_VALIDATION)
   with StageLine(plan) as progress:
     twin, theta, shift = _twin(config, dataset, progress)

@@ -1,6 +1,6 @@
 """Fit free curves in place of the twin's maps and identify which forms they have.
 
-Writes twin.toml (the best of four on held-out recordings), curves.json and report.html. With --compare: which
+Writes twin.toml (the best of four on validation recordings), curves.json and report.html. With --compare: which
 parameters differ between two data sets. With --leave-sessions-out: how well a session is predicted that took no part
 in the fit. With --starts: whether fits from several starts agree.
 

@@ -24,6 +24,9 @@ class ScriptFailed(RuntimeError):
   """A script that did not come to its end; the text is its own traceback, and where what was driven is kept."""
 
 
+POSITIVE = ("seconds",)
+
+
 @dataclasses.dataclass(frozen=True)
 class Config:
   """The script, the car under it, and where the recording goes."""

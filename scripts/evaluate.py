@@ -19,6 +19,8 @@ from qcar_twin.command_line import run_script
 from qcar_twin.plant import Plant
 from qcar_twin.twin.file import load_twin
 
+POSITIVE = ("cars", "speeds")
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

@@ -1,6 +1,6 @@
 """Look at a log before anything is known about it: traces, map, a verdict of each channel.
 
-Needs no dataset.toml: what `new` would guess is used, and nothing is written but the page.
+Needs no dataset.toml: what `new` would guess is used, and nothing is written but the page and its numbers, check.json.
 
 qcar-twin look drive_1.csv --out out/look
 """

@@ -21,6 +21,8 @@ from qcar_twin.twin.file import load_twin
 
 OUT_IS_FILE = True
 
+POSITIVE = ("fps", "size")
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

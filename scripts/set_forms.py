@@ -13,6 +13,7 @@ from calibration.concealed.benchmarks.known import CARS
 from calibration.progress import counted
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
+from qcar_twin.recordings.recording import nearest
 
 OUT_IS_FILE = True
 _HEAD = """\
@@ -40,6 +41,9 @@ class Config:
 
 def main(config: Config) -> Path:
   """Measure and write; returns the file."""
+  for name in config.cars:
+    if name not in CARS:
+      raise KeyError(f"no generator '{name}'{nearest(name, CARS)}")
   cars, count = (config.cars[:1], 1) if config.quick else (config.cars, config.sessions)
   seeds = range(config.seed, config.seed + count)
   shares = all_form_deviations(list(counted(fitted_figures(cars, seeds), len(cars) * count, "session")))

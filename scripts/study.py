@@ -21,6 +21,7 @@ from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
 from qcar_twin.parallel import in_parallel
 from qcar_twin.plant import Plant
+from qcar_twin.recordings.recording import nearest
 
 GROUND = "proving ground"
 KEPT = "jobs that were finished stay in --out, the same command goes on with the others"
@@ -77,6 +78,9 @@ def plant(name: str) -> tuple[Plant, NDArray[np.float64]]:
 def jobs(config: Config) -> list[Job]:
   """Everything, done or not, in the order in which it is best done."""
   seeds, episodes = (config.seeds[:1], 16) if config.quick else (config.seeds, config.episodes)
+  for name in config.variants:
+    if name not in VARIANTS:
+      raise KeyError(f"no variant '{name}'{nearest(name, VARIANTS)}")
   own = {name: config.few if VARIANTS[name].twin else seeds for name in config.variants}
   trainings = [job for name in own for job in training_jobs(config.out, name, own[name], episodes)]
   plants = ["bicycle", GROUND, *(f"{GROUND} {effect}" for effect in config.effects)]

@@ -15,6 +15,8 @@ from qcar_twin.command_line import run_script
 
 KEPT = "a checkpoint stays in --out where one was written by then, and --resume goes on from it"
 
+POSITIVE = ("cars", "episodes")
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

@@ -23,6 +23,8 @@ from qcar_twin.twin.file import load_twin
 
 KEPT = "what was written into watch.ndjson until then is kept"
 
+POSITIVE = ("every",)
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

@@ -57,9 +57,10 @@ class SpeedController:
     self._integral = np.where(which, self.gains.hold * speed, self._integral)
 
   def voltage(self, speed: Array, target: ArrayLike, period: float) -> Array:
-    """Motor voltage, V, (N,), for measured and wanted speeds, m/s. The integrator stands still at the limit."""
+    """Motor voltage, V, (N,), for measured and wanted speeds, m/s. The integrator stands still at the limit, and where
+    no speed was measured (NaN), which counts as the wanted one."""
     gains, target = self.gains, np.asarray(target, dtype=np.float64)
-    error = target - speed
+    error = np.where(np.isfinite(speed), target - speed, 0.0)
     wanted = gains.friction * np.sign(target) + gains.proportional * error + self._integral
     voltage = np.clip(wanted, -gains.limit, gains.limit)
     free = (voltage == wanted) | (np.sign(error) != np.sign(wanted))

@@ -95,7 +95,7 @@ def trial_from(asked: Mapping[str, Any], defaults: Mapping[str, Any]) -> Trial:
   changed = {name: asked[name] for name in (*TAKEN, *PAPERS) if asked[name] != defaults[name]}
   if foreign := [name for name in PAPERS if name in changed]:
     option = "--" + foreign[0].replace("_", "-")
-    raise ValueError(f"{option} is of the paper's training; leave it out, or --algorithm {asked['algorithm']}")
+    raise ValueError(f"{option} is of the paper's training; leave it out, or leave out --algorithm")
   hyper = read_hyperparameters(asked["algorithm"], asked["hyperparameters"])
   options = dataclasses.replace(options_from(hyper.env_kwargs) if hyper.env_kwargs else TRACKS, **changed)
   if path := asked["path"]:

@@ -90,6 +90,18 @@ class CrossValidation:
     }
 
 
+def with_roles(dataset: DataSet, roles: Sequence[str]) -> list[Recording]:
+  """Recordings of some roles. Raises ValueError where there are none."""
+  recordings = [r for r in dataset.recordings if r.role in roles]
+  if not recordings:
+    present = sorted({r.role for r in dataset.recordings})
+    raise ValueError(
+      f"data set '{dataset.name}' has no recording with role {' or '.join(roles)}, only {', '.join(present)};"
+      " give some another role in dataset.toml, or choose the roles to look at (--roles)"
+    )
+  return recordings
+
+
 def cross_validate(
   dataset: DataSet,
   twin: Twin,
@@ -112,13 +124,7 @@ def cross_validate(
   Raises:
     ValueError: no recording has one of these roles.
   """
-  recordings = [r for r in dataset.recordings if r.role in roles]
-  if not recordings:
-    present = sorted({r.role for r in dataset.recordings})
-    raise ValueError(
-      f"data set '{dataset.name}' has no recording with role {' or '.join(roles)}, only {', '.join(present)};"
-      " give some another role in dataset.toml, or choose the roles to look at (--roles)"
-    )
+  recordings = with_roles(dataset, roles)
   replays, difference = [], None
   for window in windows:
     progress(f"windows of {window:g} s" if math.isfinite(window) else "free run")

@@ -8,7 +8,7 @@ from typing import Any
 
 from calibration.fitting.noise import ChannelNoise, noise_models
 from calibration.log_check.commands import PARKED, command_findings, direction_findings, parked_findings
-from calibration.log_check.disagreements import Finding, Severity, disagreements, scale_findings
+from calibration.log_check.disagreements import Finding, Severity, disagreements, lag_findings, scale_findings
 from calibration.log_check.motions import Wheels, motions
 from calibration.log_check.pairs import Comparison, compare
 from calibration.log_check.shows import Shown, what_it_shows
@@ -104,6 +104,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
     *acted,
     *(f for c in judged for f in disagreements(c, wheels, vehicle.wheelbase, recordings, noise)),
     *scale_findings(judged, vehicle.wheelbase),
+    *lag_findings(judged, vehicle.wheelbase),
     *(Finding("beware", _judged(warning), warning) for warning in dataset.notices),
     *_straight_only(recordings),
     *clock_findings(compared, wheels, vehicle.wheelbase, recordings),

@@ -25,6 +25,7 @@ from qcar_twin.recordings.recording import Recording
 # be moved `python -m tests.faults.thresholds` measures
 MUCH = 0.05
 PARKED = "the car never drives"
+_ALONG = 0.9  # of the way driven, along the heading: within 26 degrees of it
 _SECOND = 1.0  # s, over which noise of a sensor of speed is averaged away
 _APART = 0.2  # s, between two stretches that are one
 _LISTED = 3  # stretches that are named
@@ -148,7 +149,8 @@ def direction_findings(wheels: Wheels, recordings: Sequence[Recording]) -> list[
   """A heading that points backwards, or driving in reverse that a speed without a sign reads as forwards.
 
   Such a speed agrees with the size of the path whichever way the heading points. The path along the heading has a sign.
-  Where it is contrary to the drive's command the heading is turned round; else the car did drive backwards.
+  Where it is contrary to the drive's command the heading is turned round; else the car did drive backwards. A path that
+  does not go along the heading at all, as of exchanged axes, tells neither.
   """
   name = wheels.channel
   by_pose = [_by_pose(r, name) for r in recordings if _whole(r, name)] if wheels.unsigned else []
@@ -156,10 +158,14 @@ def direction_findings(wheels: Wheels, recordings: Sequence[Recording]) -> list[
   sensed = np.concatenate([r[name].value for r in recordings if name in r] or [np.zeros(1)])
   top = wheels.scale * float(np.percentile(sensed, 99.0))
   drives = top > STANDS  # a pose wanders about a car that stands
-  share = float(np.mean(along < -MOVING * top)) if along.size and drives else 0.0
-  if share <= MUCH:
+  moving = np.abs(along) > MOVING * top
+  back = moving & (along < 0.0)
+  if not drives or not np.any(back) or not _along_its_path(by_pose, along):
     return []
-  said = f"{name} is never negative, and by the pose the car drove backwards for {100.0 * share:.0f} % of the time"
+  share, seconds = float(back.sum() / moving.sum()), float(back.mean()) * sum(r.duration for r in by_pose)
+  if share <= MUCH and seconds < _SECOND:
+    return []
+  said = f"{name} is never negative, and by the pose the car drove backwards for {seconds:.1f} s"
   commands = [c for c in DRIVE_COMMANDS if any(r.drive_channel == c and c not in r.derived for r in by_pose)]
   if any(against([r for r in by_pose if r.drive_channel == c], c) for c in commands):
     who = " and ".join(commands)
@@ -169,7 +175,14 @@ def direction_findings(wheels: Wheels, recordings: Sequence[Recording]) -> list[
   cure = f"leave {name} out of [channels], since the pose gives the speed with its sign"
   if not commands:
     cure += f"; or, if it drove forwards, {_TURN_ROUND}"
-  return [Finding("spoils", (name, "pose_yaw"), f"{said}: {cure}")]
+  return [Finding("spoils" if share > MUCH else "beware", (name, "pose_yaw"), f"{said}: {cure}")]
+
+
+def _along_its_path(recordings: Sequence[Recording], along: np.ndarray) -> bool:
+  """Whether the places go along the heading, forwards or backwards."""
+  alone = [r.replace(streams={c: r[c] for c in ("pose_x", "pose_y")}) for r in recordings]
+  way = np.concatenate([with_speed(r)[0]["speed"].value for r in alone])
+  return float(np.abs(along).mean()) > _ALONG * float(way.mean())
 
 
 def _whole(recording: Recording, name: str) -> bool:

@@ -13,7 +13,7 @@ from calibration.fitting.noise import ChannelNoise
 from calibration.log_check.alternatives import Alternative, agreeing
 from calibration.log_check.causes import ALIKE, FACTOR, KNOTS, LATE, apart, causes, cure, expected, scaled, steered
 from calibration.log_check.motions import Wheels
-from calibration.log_check.pairs import Comparison
+from calibration.log_check.pairs import Comparison, Estimate
 from qcar_twin.recordings.completed import UNJUDGED
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.mechanisms import catalogue
@@ -86,7 +86,7 @@ def disagreements(
     return spoils(_far_apart(c))
   if apart(c, wheelbase):
     return []
-  return [*_odd(c), *_off_zero(c), *(_small(c) if c.motion.kinematic else ())]
+  return [*_odd(c), *_off_zero(c), *(_off_scale(c) if c.motion.kinematic else ())]
 
 
 def scale_findings(comparisons: Sequence[Comparison], wheelbase: float) -> list[Finding]:
@@ -235,20 +235,60 @@ def _off_zero(c: Comparison) -> list[Finding]:
   return [Finding("beware", (sensor,), f"{said}, and usual are {usual:g}: its zero is off{tilted}; {cure}")]
 
 
-def _small(c: Comparison) -> list[Finding]:
-  """Of two sensors that geometry ties: a lag, a scale."""
-  channels, findings = (*c.motion.compared, *c.motion.reference), []
+def _off_scale(c: Comparison) -> list[Finding]:
+  """Of two sensors that geometry ties: a scale."""
+  if not c.scale.beyond(1.0) or abs(c.scale.value - 1.0) <= _SCALE:
+    return []
+  sensor = c.motion.compared[0]
+  said = f"{sensor} reads {100 * (c.scale.value - 1.0):+.1f} ± {100 * c.scale.std:.1f} % against"
+  what = "a scale, a gear ratio or a radius" if sensor in ("speed", "motor_speed") else "a scale"
+  channels = (*c.motion.compared, *c.motion.reference)
+  return [Finding("beware", channels, f"{said} {_list(c.motion.reference)}; {what} is off")]
+
+
+def lag_findings(comparisons: Sequence[Comparison], wheelbase: float) -> list[Finding]:
+  """Lags between sensors that geometry ties: one of the pose where all others are early against it, else of each.
+
+  Wheels slip as the tyres push, which makes them look early; a gyro does not, so it says how late the pose is.
+  """
+  timed = {c.motion.name: c for c in comparisons if c.motion.kinematic and scaled(c) and not apart(c, wheelbase)}
+  off = {name: c for name, c in timed.items() if c.lag.beyond(0.0) and abs(c.lag.value) > _PERIOD}
+  turning, driving = off.get("turning"), off.get("driving")
+  if turning is None or driving is None or turning.lag.value * driving.lag.value < 0.0:
+    return [_lag(c, 0.0 if name == "driving" and "turning" in timed else None) for name, c in off.items()]
+  between = Estimate(driving.lag.value - turning.lag.value, math.hypot(driving.lag.std, turning.lag.std))
+  both = [_together(turning, driving)] if abs(driving.lag.value) > abs(turning.lag.value) - 3.0 * between.std else []
+  if both and not (between.beyond(0.0) and abs(between.value) > _PERIOD):
+    return both
+  return [*(both or [_lag(turning, None)]), _lag(dataclasses.replace(driving, lag=between), turning.lag.value)]
+
+
+def _together(turning: Comparison, driving: Comparison) -> Finding:
+  """What gyro and wheels are both compared with is late, or they are."""
+  sensors = (*turning.motion.compared, *driving.motion.compared)
+  pose = driving.motion.reference
+  late, other = (sensors, pose) if turning.lag.value > 0.0 else (pose, sensors)
+  size = abs(turning.lag.value)
+  said = f"{_list(late)} are {1e3 * size:.0f} ± {1e3 * turning.lag.std:.0f} ms late against {_list(other)}"
+  cure = f"set late = {size:.3f} on each of them in [channels]; start states and lags that are fitted depend on it"
+  return Finding("beware", (*sensors, *pose), f"{said}: {cure}")
+
+
+def _lag(c: Comparison, of_pose: float | None) -> Finding:
+  """One sensor's lag. `of_pose`: the pose's by the gyro, s, which is not in this one; None without a gyro."""
   sensor, other = c.motion.compared[0], _list(c.motion.reference)
-  if c.lag.beyond(0.0) and abs(c.lag.value) > _PERIOD:
-    late = "late" if c.lag.value > 0.0 else "early"
-    said = f"{sensor} is {1e3 * abs(c.lag.value):.0f} ± {1e3 * c.lag.std:.0f} ms {late} against {other}"
-    if sensor in ("speed", "motor_speed") and late == "early":
-      said += ": the pose is late, or the tyres slip as they push, which looks the same"
-    findings.append(Finding("beware", channels, f"{said}; start states and lags that are fitted depend on it"))
-  if c.scale.beyond(1.0) and abs(c.scale.value - 1.0) > _SCALE:
-    said = f"{sensor} reads {100 * (c.scale.value - 1.0):+.1f} ± {100 * c.scale.std:.1f} % against {other}"
-    findings.append(Finding("beware", channels, f"{said}; a scale, a gear ratio or a radius is off"))
-  return findings
+  another = "another " if of_pose else ""
+  said = f"{sensor} is {another}{1e3 * abs(c.lag.value):.0f} ± {1e3 * c.lag.std:.0f} ms"
+  said += f" {'late' if c.lag.value > 0 else 'early'} against {other}"
+  if sensor in ("speed", "motor_speed") and c.lag.value < 0.0:
+    slip = "the tyres slip as they push"
+    said += (
+      f": {slip}, since by the gyro the pose is not late by it"
+      if of_pose is not None
+      else (f": the pose is late, or {slip}, which looks the same")
+    )
+  text = f"{said}; start states and lags that are fitted depend on it"
+  return Finding("beware", (*c.motion.compared, *c.motion.reference), text)
 
 
 def _far_off(c: Comparison, nominal: float) -> list[Finding]:

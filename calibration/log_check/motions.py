@@ -56,6 +56,7 @@ class Motion:
     within: how the car must be driven for the two to be the same motion, of REGIMES.
     kinematic: they are the same by geometry alone, so a lag or a scale is a sensor's; else also how the car answers.
     powers: to which the scale of the two takes a factor on a channel, on the place (PLACE) or on all stamps (CLOCK).
+    unbiased: neither of the two has a zero of its own that may be off.
     answers: the one is how the car answers the other, as late as it likes.
     acts: where the reference is a command times what it acts on: a recording -> the mean rates of both, since of stamps
       that are seconds off only the command's are.
@@ -71,6 +72,7 @@ class Motion:
   within: tuple[str, ...] = REGIMES
   kinematic: bool = False
   powers: Mapping[str, int] = dataclasses.field(default_factory=dict)
+  unbiased: bool = False
   answers: bool = False
   acts: Callable[[Recording], tuple[Means, Means]] | None = None
 
@@ -95,7 +97,7 @@ def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
       "driving", (wheel,), pose,
       lambda r: _added(r[wheel], to_speed), lambda r: _path(r, wheels.unsigned),
       lambda n, w: (to_speed * _mean_noise(n[wheel], w), _step_noise(n["pose_x"], w)),
-      "m/s", STRAIGHT, kinematic=True, powers={wheel: 1, PLACE: -1, CLOCK: 1},
+      "m/s", STRAIGHT, kinematic=True, unbiased=True, powers={wheel: 1, PLACE: -1, CLOCK: 1},
     ),
     Motion(
       "speeding up and slowing down", ("accel_x",), (wheel,),

@@ -2,10 +2,11 @@
 
   compared(t) = scale * reference(t - lag) + bias
 
-fitted to means over short windows. The lag is where the residual is least; the scale is Deming's, for noise in both
-(Fuller, Measurement Error Models, 1987, 1.3); deviations are the jackknife's over blocks of driving (Efron, The
-Jackknife, the Bootstrap and Other Resampling Plans, 1982). No model of a car takes part. The lag is sought within
-0.5 s, or about where a search over ten seconds puts it (`wide_lag`); one at the edge of its search is no estimate.
+fitted to means over short windows, without a bias where neither can have one. The lag is where the residual is least;
+the scale is Deming's, for noise in both (Fuller, Measurement Error Models, 1987, 1.3); deviations are the jackknife's
+over blocks of driving (Efron, The Jackknife, the Bootstrap and Other Resampling Plans, 1982). No model of a car takes
+part. The lag is sought within 0.5 s, or about where a search over ten seconds puts it (`wide_lag`); one at the edge of
+its search is no estimate.
 
 Only differences of ages show: a log whose commands are stamped late looks like one whose sensors speak early. For fits
 one sensor therefore is the clock, the pose where there is one, and everything else is late or early against it.
@@ -121,8 +122,9 @@ def compare(
     said = f"the motion ({loud:.2g} {motion.unit}) is not {_LOUD:g} times the reference's noise ({levels[1]:.2g})"
     return _unknown(motion, said, len(blocks) * _BLOCK)
   ratio = (levels[0] / levels[1]) ** 2
-  good = _alike(sums, lambda s: _fit(s, ratio, lags), lags)
-  fit, spread = _jackknifed(sums[good], lambda s: _fit(s, ratio, lags))
+  fitted = lambda s: _fit(s, ratio, lags, motion.unbiased)
+  good = _alike(sums, fitted, lags)
+  fit, spread = _jackknifed(sums[good], fitted)
   lag, scale, bias = (Estimate(float(v), float(s)) for v, s in zip(fit[:3], spread[:3], strict=True))
   inside = lags[1] < lag.value < lags[-2]
   return Comparison(
@@ -131,7 +133,7 @@ def compare(
     scale=scale,
     bias=bias,
     correlation=float(fit[4]),
-    whole=float(_fit(sums.sum(axis=0)[None], ratio, lags)[0, 4]),
+    whole=float(fitted(sums.sum(axis=0)[None])[0, 4]),
     felt=Estimate(float(fit[5]), float(spread[5])),
     residual=float(fit[3]),
     noise=float(np.hypot(levels[0], scale.value * levels[1])),
@@ -207,9 +209,9 @@ def _sums(x: Array, y: Array) -> Array:
   return np.stack([np.sum(a, axis=-1) for a in (one, x, both, x * x, x * both, both * both)], axis=-1)
 
 
-def _fit(sums: Array, ratio: float, lags: Array) -> Array:
+def _fit(sums: Array, ratio: float, lags: Array, unbiased: bool) -> Array:
   """Lag, scale, bias, rms residual, correlation and slope from sums, (n, lags, 6) -> (n, 6)."""
-  lines = _line(sums, ratio)
+  lines = _line(sums, ratio, unbiased)
   strength, rows = np.abs(lines[..., 3]), np.arange(len(sums))
   best = np.argmax(strength, axis=1)
   return np.column_stack([_vertex(strength, best, lags), lines[rows, best]])
@@ -246,20 +248,23 @@ def _residual(sums: Array, fit: Array, lags: Array) -> Array:
   return np.sqrt(np.maximum(squares / n, 0.0))
 
 
-def _line(sums: Array, ratio: float) -> Array:
+def _line(sums: Array, ratio: float, unbiased: bool = False) -> Array:
   """Deming's line: scale, bias, rms residual, correlation and the slope of least squares, (..., 6) -> (..., 5).
 
   Args:
     ratio: variance of the compared sensor's noise over that of the reference's.
+    unbiased: whether the line goes through zero; correlation and slope are about the means all the same.
   """
   count, x, y, xx, xy, yy = np.moveaxis(sums, -1, 0)
   mx, my = x / count, y / count
   sxx, sxy, syy = xx / count - mx**2, xy / count - mx * my, yy / count - my**2
+  correlation, slope = sxy / np.sqrt(np.maximum(sxx * syy, 1e-300)), sxy / np.maximum(sxx, _STILL)
+  if unbiased:
+    mx, my, sxx, sxy, syy = 0.0 * mx, 0.0 * my, xx / count, xy / count, yy / count
   apart, least = syy - ratio * sxx, _UNRELATED * np.sqrt(np.maximum(sxx, _STILL) * np.maximum(syy, _STILL))
   safe = np.where(np.abs(sxy) > least, sxy, least)
   scale = (apart + np.sqrt(apart**2 + 4.0 * ratio * sxy**2)) / (2.0 * safe)
   residual = np.sqrt(np.maximum(syy - 2.0 * scale * sxy + scale**2 * sxx, 0.0))
-  correlation, slope = sxy / np.sqrt(np.maximum(sxx * syy, 1e-300)), sxy / np.maximum(sxx, _STILL)
   return np.stack([scale, my - scale * mx, residual, correlation, slope], axis=-1)
 
 
@@ -294,7 +299,7 @@ def _by_regime(
       for name in np.unique(regime[rows]):
         of_it = rows[regime[rows] == name]
         sums.setdefault(str(name), []).append(_sums(x[of_it], y[of_it]))
-  line = lambda s: _line(s, ratio)
+  line = lambda s: _line(s, ratio, motion.unbiased)
   enough = {name: np.stack(sums[name]) for name in REGIMES if len(sums.get(name, ())) >= _LEAST_BLOCKS}
   return {n: Estimate(*(float(v[0]) for v in _jackknifed(s, line))) for n, s in enough.items()}
 

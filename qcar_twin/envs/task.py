@@ -147,7 +147,8 @@ class TrackingTask:
       )
     if not self.gain_spread < abs(self.steering_gain):
       raise ValueError(
-        f"gains within {self.gain_spread:g} around {self.steering_gain:g} could turn the steering round: spread them less"
+        f"gains within {self.gain_spread:g} around {self.steering_gain:g} could turn the steering round: give a smaller"
+        " gain_spread"
       )
     if not self.reward.near < self.lost:
       raise ValueError(f"the reward is flat within {self.reward.near:g} m, the car lost at {self.lost:g} m: swap them")

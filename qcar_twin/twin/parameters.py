@@ -102,7 +102,7 @@ def drive_response(vehicle: Vehicle, base: ParameterSet) -> tuple[float, float, 
 
 def stiffest_suspension(vehicle: Vehicle) -> float:
   """Bounce frequency up to which a wheel on its spring is stable at the longest steps, Hz: h^2 k / m of 2.2, where
-  explicit Euler without damping stands 4. Half of what is left is for the damper (see mjcf.suspension_damping)."""
+  semi-implicit Euler without damping stands 4. Half of what is left is for the damper (see mjcf.suspension_damping)."""
   sprung = vehicle.mass - 4.0 * vehicle.wheel_mass
   stable = np.sqrt(2.2 * 4.0 * vehicle.wheel_mass / sprung) / (2.0 * np.pi * vehicle.similarity.longest_step)
   return float(max(stable, 1.01 * vehicle.suspension_frequency))

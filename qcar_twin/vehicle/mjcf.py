@@ -1,6 +1,6 @@
 """A car's numbers written into assets/qcar.xml.
 
-Integration is explicit Euler with the dampers explicit too: what the contact solver takes for the velocity
+Integration is semi-implicit Euler with the dampers explicit: what the contact solver takes for the velocity
 at the end of the step then is that velocity, which an implicit damper outside the solver would spoil.
 """
 
@@ -202,7 +202,8 @@ def suspension_damping(
 ) -> np.ndarray:
   """Of one wheel, N s/m: `ratio` of the bounce's critical damping, as far as the longest `step` [s] stands it.
 
-  With k and c over the wheel's mass, h^2 k + 2 h c < 4 is what explicit Euler stands; a quarter is kept back.
+  With k and c over the wheel's mass, semi-implicit Euler with explicit damping stands h^2 k + 2 h c < 4; a quarter is
+  kept back.
 
   Args:
     stiffness: of one wheel's spring, N/m.  sprung: mass on all four, kg.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from qcar_twin.recordings.recording import RecordingError
@@ -30,22 +32,35 @@ def check_order(label: str, time: np.ndarray, others: list[np.ndarray]) -> None:
   back = np.flatnonzero(np.diff(time) < 0.0)
   if back.size:
     row = int(back[0]) + 1
-    cure = (
-      "split the file where the logger restarted"
-      if restarts(time)
-      else _written_twice(time, row) or "set sort = true on time in [channels] where rows were written out of order"
-    )
+    sort = "set sort = true on time in [channels] where rows were written out of order"
+    restarted = "split the file where the logger restarted"
+    cure = restarted if restarts(time) else _stamped_again(time, row, others) or sort
     raise RecordingError(
       f"{label}: time goes backwards in row {row + 1} ({time[row]:g} s after {time[row - 1]:g} s); {cure}"
     )
 
 
-def _written_twice(time: np.ndarray, row: int) -> str:
-  """What to do where all rows from one on, until time goes on, have stamps that were there; "" where they have not."""
+def _stamped_again(time: np.ndarray, row: int, columns: Sequence[np.ndarray]) -> str:
+  """What to do where all rows from one on, until time goes on, have stamps that were there; "" where they have not.
+
+  Rows that also hold what those of the same stamps hold were written twice; else the clock was set back.
+  """
   end = row + int(np.argmax(np.r_[time[row:] > time[row - 1], True]))
   if not np.isin(time[row:end], time[:row]).all():
     return ""
-  return f"rows {row + 1} to {end} have times that were there already: they were written twice, delete them"
+  before = np.searchsorted(time[:row], time[row:end])
+  if all(_equal(column[before], column[row:end]) for column in columns):
+    return f"rows {row + 1} to {end} have times that were there already: they were written twice, delete them"
+  back = time[row - 1] - time[row]
+  return (
+    f"rows {row + 1} to {end} have times that were there already, and other values: the clock was set back by"
+    f" {back:.3g} s; split the file before row {row + 1}"
+  )
+
+
+def _equal(one: np.ndarray, other: np.ndarray) -> bool:
+  """Whether two parts of a column are the same; a blank equals a blank."""
+  return bool(np.all((one == other) | ((one != one) & (other != other))))
 
 
 def restarts(time: np.ndarray) -> bool:
@@ -92,15 +107,16 @@ def check_time_unit(label: str, time: np.ndarray) -> None:
 def turn_of(value: np.ndarray) -> float:
   """The period at which an angle jumps: half a turn or a turn, in rad or in degrees; 0 where it never jumps so.
 
-  Most of the steps beyond half of a period must be within an eighth of it, and most of their neighbours below a
-  quarter: an angle that turns so fast has neighbours like itself.
+  Most of the steps beyond half of a period must be within an eighth of it, and most of their neighbours that are no
+  jumps below a quarter: an angle that turns so fast has neighbours like itself. Where noise carries an angle to and fro
+  over its end, jumps are neighbours.
   """
   step = np.abs(np.diff(value))
   for period in (360.0, 180.0, 2.0 * np.pi, np.pi):
     at = np.flatnonzero(step > 0.5 * period)
     whole = at[np.abs(step[at] - period) < 0.125 * period]
-    neighbours = step[np.clip(np.r_[whole - 1, whole + 1], 0, step.size - 1)] if whole.size else np.inf
-    if whole.size > 0.5 * at.size and np.median(neighbours) < 0.25 * period:
+    beside = np.setdiff1d(np.clip(np.r_[whole - 1, whole + 1], 0, step.size - 1), at)
+    if whole.size > 0.5 * at.size and beside.size and np.median(step[beside]) < 0.25 * period:
       return period
   return 0.0
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from qcar_twin.recordings.checks.time import MIN_SAMPLES
+from qcar_twin.recordings.checks.time import MIN_SAMPLES, turn_of
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.mapping import published_samples
 from tests.qcar_twin.recordings.drives import drive, folder_with
@@ -170,3 +170,18 @@ def test_an_all_blank_needed_channel(tmp_path, channel):
 )
 def test_published_samples(value, usual, kept):
   assert published_samples(np.array(value, float), usual).tolist() == kept
+
+
+def test_a_clock_that_was_set_back(tmp_path):
+  time, columns = drive()
+  time[600:] -= 2.0
+  cure = "rows 601 to 800 have times that were there already, and other values: the clock was set back by 1.99 s"
+  refused_run(tmp_path, time, columns, cure, "split the file before row 601")
+
+
+def test_a_turn_at_which_noise_goes_to_and_fro_is_a_turn():
+  random = np.random.default_rng(3)
+  heading = np.r_[np.full(200, 0.0), np.linspace(0.0, 40.0, 1000)] + 0.01 * random.standard_normal(1200)
+  assert turn_of(np.mod(heading, 2.0 * np.pi)) == 2.0 * np.pi
+  assert turn_of(np.mod(np.degrees(heading), 360.0)) == 360.0
+  assert turn_of(np.cumsum(np.full(50, 6.0))) == 0.0  # turns by 0.95 of a turn a sample
