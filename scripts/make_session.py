@@ -24,7 +24,6 @@ from calibration.concealed.proving_ground.session import draw_effect
 from calibration.concealed.second_car import SECOND_EFFECTS, draw_second_effect, make_second_session
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
-from qcar_twin.recordings.manifest import FILE_NAME
 
 
 @dataclass(frozen=True)
@@ -83,8 +82,6 @@ def main(config: Config) -> DataSet | None:
     return None
   if config.car == "second" and config.sessions > 1:
     raise ValueError(f"the second car drives one session at a time, not {config.sessions}: leave --sessions out")
-  if (config.out / FILE_NAME).exists():
-    raise ValueError(f"{config.out} holds a data set already, whose truth would be lost: name another --out")
   began = time.perf_counter()
   design = "compact" if config.quick else config.design
   if config.car == "second":

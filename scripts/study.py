@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from agents.control.external_plant import ExternalPlant
 from agents.learning.evaluate import known_plant
-from agents.studies.study import VARIANTS, Job, driving_jobs, settings, timed, training_jobs
+from agents.studies.study import VARIANTS, Job, driving_jobs, settings, timed, training_jobs, variant_named
 from agents.studies.study_report import page
 from calibration.concealed.laboratory.written import stream
 from calibration.concealed.proving_ground import Car, ProvingGroundPlant
@@ -21,7 +21,6 @@ from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
 from qcar_twin.parallel import in_parallel
 from qcar_twin.plant import Plant
-from qcar_twin.recordings.recording import nearest
 
 GROUND = "proving ground"
 KEPT = "jobs that were finished stay in --out, the same command goes on with the others"
@@ -78,10 +77,7 @@ def plant(name: str) -> tuple[Plant, NDArray[np.float64]]:
 def jobs(config: Config) -> list[Job]:
   """Everything, done or not, in the order in which it is best done."""
   seeds, episodes = (config.seeds[:1], 16) if config.quick else (config.seeds, config.episodes)
-  for name in config.variants:
-    if name not in VARIANTS:
-      raise KeyError(f"no variant '{name}'{nearest(name, VARIANTS)}")
-  own = {name: config.few if VARIANTS[name].twin else seeds for name in config.variants}
+  own = {name: config.few if variant_named(name).twin else seeds for name in config.variants}
   trainings = [job for name in own for job in training_jobs(config.out, name, own[name], episodes)]
   plants = ["bicycle", GROUND, *(f"{GROUND} {effect}" for effect in config.effects)]
   driven = settings(2, ()) if config.quick else settings(plants=plants, special=config.special)

@@ -24,6 +24,7 @@ from agents.learning.train import Plan, train
 from agents.learning.trial import DRAWN
 from qcar_twin.atomic_io import write_text
 from qcar_twin.envs.task import Reward
+from qcar_twin.recordings.recording import nearest
 
 PATHS = ("o", "infinity", "c")
 MISMATCH = (0.92, 1.0)  # steering gain -, offset deg, fixed before anything was trained
@@ -71,6 +72,13 @@ VARIANTS = {
   "recalibrated": Variant("wide, trained on the twin recalibrated to the car with the effect", WIDE_PLAN, True, 84.0),
   "repaired": Variant("wide, trained on the twin the diagnosis repaired", WIDE_PLAN, True, 94.0),
 }
+
+
+def variant_named(name: str) -> Variant:
+  """Raises KeyError where there is none, with the nearest one."""
+  if name not in VARIANTS:
+    raise KeyError(f"no variant '{name}'{nearest(name, VARIANTS)}")
+  return VARIANTS[name]
 
 
 def wide_plan(twin: str, plant: PlantName, seed: int, quick: bool = False) -> Plan:
@@ -161,7 +169,7 @@ def timed(job: Job) -> tuple[float, float]:
 
 def training_jobs(folder: Path, variant: str, seeds: Sequence[int], episodes: int | None = None) -> list[Job]:
   """One per seed; a variant that waits for its twin has none until folder/VARIANT.toml is there."""
-  chosen = VARIANTS[variant]
+  chosen = variant_named(variant)
   twin = folder / f"{variant}.toml"
   if chosen.twin and not twin.is_file():
     return []

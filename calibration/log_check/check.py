@@ -10,6 +10,7 @@ from calibration.fitting.noise import ChannelNoise, noise_models
 from calibration.log_check.commands import PARKED, command_findings, direction_findings, parked_findings
 from calibration.log_check.disagreements import Finding, Severity, disagreements, lag_findings, scale_findings
 from calibration.log_check.motions import Wheels, motions
+from calibration.log_check.odd_files import odd_file_findings
 from calibration.log_check.pairs import Comparison, compare
 from calibration.log_check.shows import Shown, what_it_shows
 from calibration.log_check.timing import Sampling, samplings
@@ -97,7 +98,9 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
     compared.append(compare(motion, wheels, recordings, noise))
   shown = what_it_shows(vehicle, wheels, recordings)
   acted = parked_findings(wheels, recordings)
-  acted = acted or [*command_findings(recordings), *direction_findings(wheels, recordings)]
+  acted = acted or odd_file_findings(wheels, recordings, noise)
+  if not any(f.severity == "spoils" for f in acted):
+    acted += [*command_findings(recordings), *direction_findings(wheels, recordings)]
   spoilt = {name for f in acted if f.severity == "spoils" for name in f.channels}  # first these, then what they take
   judged = [c for c in compared if not spoilt & {*c.motion.compared, *c.motion.reference}]
   findings = [

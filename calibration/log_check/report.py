@@ -1,4 +1,7 @@
-"""The page of a checked log: what to know first, then sensors against each other, sampling, what the driving shows."""
+"""The page of a checked log: what to know first, then sensors against each other, sampling, what the driving shows.
+
+And that of a log that cannot be read as a drive yet: why, what was guessed, and every column as it is.
+"""
 
 import os
 from collections.abc import Sequence
@@ -11,12 +14,15 @@ from calibration.log_check.check import LogCheck
 from calibration.log_check.log_page import log_sections
 from calibration.log_check.pairs import Estimate
 from qcar_twin.atomic_io import write_json
-from qcar_twin.pages import Cell, Chart, Section, Table, write_page
+from qcar_twin.pages import Cell, Chart, Explorer, Line, Panel, Run, Section, Table, write_page
 from qcar_twin.pages.charts import axis, packed
 from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.first_dataset.columns import Columns
+from qcar_twin.recordings.formats import Table as Log
 from qcar_twin.recordings.recording import ROLES
 
 _DRAWN = 0.05  # s between points
+_PANELS = 16  # columns that are drawn
 _SPOTS = 4000  # of a role at most
 _TITLES = {"spoils": "What spoils a fit", "beware": "Warnings", "note": "What this log cannot show"}
 
@@ -122,3 +128,32 @@ def _driven(checked: LogCheck) -> Section:
 def _pm(e: Estimate) -> str:
   digits = 0 if not np.isfinite(e.std) or e.std <= 0.0 else max(0, 1 - int(np.floor(np.log10(e.std))))
   return f"{e.value:.{min(digits, 6)}f} ± {e.std:.{min(digits, 6)}f}"
+
+
+def write_raw(logs: Sequence[Log], why: str, guesses: Sequence[str], folder: str | os.PathLike[str]) -> Path:
+  """Write log.html; returns its path.
+
+  Args:
+    logs: as they were read.
+    why: they cannot be read as a drive, with the cure.
+    guesses: lines of [channels].
+  """
+  columns = Columns(logs)
+  drawn = [name for name in columns.names if not columns.constant(name)][:_PANELS]
+  runs = [Run(log.label, [_column(log, name) for name in drawn if name in log]) for log in logs]
+  rows: list[Sequence[Cell]] = []
+  for name in columns.names:
+    values = columns.values(name)
+    rows.append([name, len(values), float(values.min()), float(np.median(values)), float(values.max())])
+  sections = [
+    Section("What was guessed", "\n".join(f"* {line}" for line in guesses)),
+    Section("The columns", "Against the row's number.", figures=[Explorer("Every column that changes.", runs)]),
+    Section("Ranges", "", [Table("Columns", ("column", "values", "least", "median", "largest"), rows)]),
+  ]
+  subtitle = ", ".join(log.label for log in logs[:4])
+  return write_page(Path(folder) / "log.html", "The log", f"Not readable as a drive yet: {why}", sections, subtitle)
+
+
+def _column(log: Log, name: str) -> Panel:
+  values = log.number(name, name)
+  return Panel(name, [Line("measured", np.arange(len(values), dtype=float), values, name)])

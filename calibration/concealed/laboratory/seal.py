@@ -30,12 +30,14 @@ def commitment(truth: bytes, salt: bytes) -> str:
 def seal(truth: dict, data: Path, out: Path, packed: bool = False, salt: bytes | None = None) -> str:
   """Write the truth to the folder `out` and its commitment to `data`/truth.sha256; returns the commitment.
 
-  Raises SealError when `out` lies inside `data`. `packed` compresses and encodes, so that a search does not meet the
-  text.
+  Raises SealError when `out` lies inside `data`, or a truth of `data` was sealed before. `packed` compresses and
+  encodes, so that a search does not meet the text.
   """
   data, out = Path(data).resolve(), Path(out).resolve()
   if out == data or data in out.parents:
     raise SealError(f"the truth must not lie with the data: choose a folder outside {data} instead of {out}")
+  if (data / COMMITMENT).exists():
+    raise SealError(f"{data} holds a data set whose truth was sealed, and would be lost: name another folder")
   text = json.dumps(truth, indent=1, sort_keys=True).encode()
   salt = secrets.token_bytes(16) if salt is None else salt
   mark = commitment(text, salt)

@@ -1,0 +1,93 @@
+"""A file that was logged in another way than the others: another unit, sign or age of a channel.
+
+`[channels]` holds for all files of a data set, so what differs between them no line there can mend.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from calibration.fitting.noise import ChannelNoise
+from calibration.log_check.causes import ALIKE, scaled, tolerance
+from calibration.log_check.disagreements import Finding
+from calibration.log_check.motions import Wheels, motions
+from calibration.log_check.pairs import Comparison, compare
+from qcar_twin.recordings.channels import DRIVE_COMMANDS
+from qcar_twin.recordings.checks.driving import driven, steady
+from qcar_twin.recordings.recording import Recording
+
+_FILES = 3  # of which one can be odd
+_UNIT = 10.0  # halfway, as factors go, between one unit and per cent of it
+_LATE = 0.1  # s; an age that differs by less between drives is said of none
+_SURE = 5.0  # deviations: of dozens of files one lies beyond three by chance
+_STEADY = 20  # bins of steady driving that give a file's speed per command
+
+
+def odd_file_findings(
+  wheels: Wheels, recordings: Sequence[Recording], noise: Mapping[str, ChannelNoise]
+) -> list[Finding]:
+  """The files in which a drive's command, or one of two sensors of a motion, is not what it is in most others."""
+  files: dict[str, list[Recording]] = {}
+  for recording in recordings:
+    files.setdefault(recording.file or recording.name, []).append(recording)
+  if len(files) < _FILES:
+    return []
+  odd = [f for channel in DRIVE_COMMANDS for f in _odd_commands(files, channel)]
+  for motion in motions(wheels, recordings):
+    if motion.kinematic or "steering_command" in motion.reference:
+      each = {name: compare(motion, wheels, held, noise) for name, held in files.items()}
+      told = {name: c for name, c in each.items() if not c.why_not and abs(c.correlation) > ALIKE}
+      odd += _odd_sensors(told)
+  return odd
+
+
+def _odd_commands(files: Mapping[str, Sequence[Recording]], channel: str) -> list[Finding]:
+  """Files in which the car drives as fast under a command many times as large, or as small, as in the others."""
+  speeds = {}
+  for name, recordings in files.items():
+    held = driven([r for r in recordings if r.drive_channel == channel], channel)
+    there = [steady(d) & (d.command != 0.0) for d in held]
+    ratio = np.concatenate([np.abs(d.speed[s] / d.command[s]) for d, s in zip(held, there, strict=True)] or [np.empty(0)])
+    if ratio.size >= _STEADY:
+      speeds[name] = float(np.median(ratio))
+  findings = []
+  for name, speed in speeds.items() if len(speeds) >= _FILES else ():
+    factor = float(np.median([v for other, v in speeds.items() if other != name])) / speed
+    if max(factor, 1.0 / factor) > _UNIT:
+      said = f"{channel} is {factor:.3g} times as large in {name} as in the other files for the same speed"
+      cure = f"it has another unit there: divide its column by that in {name}, and give [channels] the others' scale"
+      findings.append(Finding("spoils", (channel,), f"{said}; {cure}"))
+  return findings
+
+
+def _odd_sensors(each: Mapping[str, Comparison]) -> list[Finding]:
+  """Files in which two sensors of a motion differ by another sign, factor or lag than in the others."""
+  if len(each) < _FILES:
+    return []
+  return [f for name, c in each.items() for f in _odd(name, c, [o for other, o in each.items() if other != name])]
+
+
+def _odd(name: str, c: Comparison, others: Sequence[Comparison]) -> list[Finding]:
+  channels = (*c.motion.compared, *c.motion.reference)
+  sensors = ", or ".join(n for n in dict.fromkeys(channels) if n == channels[0] or n not in ("pose_y", "pose_yaw"))
+  cure = f"correct its column in {name}, since [channels] holds for all files, or leave {name} out"
+  signs = [math.copysign(1.0, o.correlation) for o in others]
+  if c.correlation * float(np.median(signs)) < 0.0 and abs(sum(signs)) > 0.5 * len(signs):
+    said = f"{sensors} has another sign in {name} than in the other files, by {c.motion.name}"
+    return [Finding("spoils", channels, f"{said}; {cure}")]
+  alike = [o for o in others if scaled(o)]
+  if not scaled(c) or len(alike) < _FILES - 1:
+    return []
+  factor = c.scale.value / float(np.median([o.scale.value for o in alike]))
+  if max(factor, 1.0 / factor) > tolerance(c.motion):
+    said = f"{sensors} has another unit in {name} than in the other files: by {c.motion.name} the ratio of the two is"
+    return [Finding("spoils", channels, f"{said} {factor:.3g} times theirs; {cure}")]
+  late = dataclasses.replace(c.lag, value=c.lag.value - float(np.median([o.lag.value for o in alike])))
+  if c.motion.kinematic and abs(late.value) > _LATE and late.beyond(0.0, _SURE):
+    said = f"{c.motion.compared[0]} is {1e3 * abs(late.value):.0f} ± {1e3 * late.std:.0f} ms"
+    said += f" {'later' if late.value > 0.0 else 'earlier'} in {name} than in the other files, against"
+    said += f" {c.motion.reference[0]}"
+    return [Finding("beware", channels, f"{said}; {cure}")]
+  return []

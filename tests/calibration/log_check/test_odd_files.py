@@ -1,0 +1,57 @@
+"""One file among several that was logged in another way is found, and nothing where all are alike."""
+
+import numpy as np
+import pytest
+
+from calibration.log_check import check_log
+from calibration.log_check.check import LogCheck
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import Recording
+from tests.faults.wander import wander
+from tests.qcar_twin.recordings.drives import STD, VEHICLE
+
+ODD = "run_2.csv"
+
+
+def checked(late: float = 0.0, **scales: float) -> LogCheck:
+  """Four drives, of which one has channels scaled, and its speed late, s."""
+  runs = []
+  for k in range(4):
+    time, columns = wander(40 + k)
+    odd = f"run_{k}.csv" == ODD
+    columns = {name: v * (scales.get(name, 1.0) if odd else 1.0) for name, v in columns.items()}
+    if odd and late:
+      columns["speed"] = np.interp(time - late, time, columns["speed"])
+    runs.append(Recording.from_columns(f"run_{k}", time, columns, file=f"run_{k}.csv"))
+  return check_log(DataSet("lab", tuple(runs), VEHICLE, STD))
+
+
+def about_files(check: LogCheck) -> list[tuple[str, str]]:
+  return [(f.severity, f.text) for f in check.findings if "the other files" in f.text]
+
+
+def test_files_that_are_alike_have_no_odd_one():
+  assert about_files(checked()) == []
+
+
+@pytest.mark.parametrize(
+  ("scales", "said"),
+  [
+    ({"motor_voltage": 100.0}, f"motor_voltage is 100 times as large in {ODD} as in the other files"),
+    ({"motor_voltage": 0.01}, f"motor_voltage is 0.01 times as large in {ODD} as in the other files"),
+    ({"steering_command": -1.0}, f"yaw_rate, or steering_command, or speed has another sign in {ODD}"),
+    ({"speed": 3.6}, "the ratio of the two is 3.6"),
+    ({"yaw_rate": 57.3}, "the ratio of the two is 57.3"),
+  ],
+)
+def test_a_file_in_another_unit_or_with_another_sign_spoils_and_is_named(scales, said):
+  found = about_files(checked(**scales))
+  assert found and all(severity == "spoils" and ODD in text for severity, text in found)
+  assert any(said in text for _, text in found)
+
+
+def test_a_file_whose_speed_is_late_is_named():
+  ((severity, text),) = about_files(checked(late=0.3))
+  late = float(text.split("speed is ")[1].split(" ")[0])
+  assert severity == "beware" and f"later in {ODD} than in the other files" in text
+  assert late == pytest.approx(300.0, abs=10.0)
