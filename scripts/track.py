@@ -85,9 +85,7 @@ def run(config: Config) -> tuple[Drive, Kpis]:
   wrong = {"gain": config.steering_gain, "offset": np.radians(config.steering_offset)}
   servo = Actuation(**wrong) if config.plant == "bicycle" else Actuation(delay=0.0, lag=0.0, **wrong)
   task = Task(path_named(config.path), config.speed, config.laps, lock=model.vehicle.max_steering, actuation=servo)
-  numbers = controllers.entries().get(config.controller, {}).get(config.version)
-  if numbers is None:
-    raise ValueError(f"no {config.version} controller '{config.controller}' in {controllers.FILE}")
+  numbers = controllers.entry(config.controller, config.version)
   controller = controllers.make(config.controller, numbers, model.car, config.speed, task.lock)
   observer: Observer = TrueObserver()
   if config.estimator == "fekf":

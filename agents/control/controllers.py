@@ -116,6 +116,14 @@ def entries(file: Path = FILE) -> dict[str, dict[str, dict[str, Any]]]:
   return table
 
 
+def entry(name: str, version: str) -> dict[str, Any]:
+  """Numbers and provenance of one version of a controller. Raises ValueError where the file has none."""
+  numbers = entries().get(name, {}).get(version)
+  if numbers is None:
+    raise ValueError(f"no {version} controller '{name}' in {FILE}")
+  return numbers
+
+
 def save(table: Mapping[str, Mapping[str, Mapping[str, Any]]], file: Path = FILE) -> None:
   """Write entries, replacing the file in one go."""
   lines = [

@@ -49,7 +49,9 @@ def _odd_commands(files: Mapping[str, Sequence[Recording]], channel: str) -> lis
   for name, recordings in files.items():
     held = driven([r for r in recordings if r.drive_channel == channel], channel)
     there = [steady(d) & (d.command != 0.0) for d in held]
-    ratio = np.concatenate([np.abs(d.speed[s] / d.command[s]) for d, s in zip(held, there, strict=True)] or [np.empty(0)])
+    ratio = np.concatenate(
+      [np.abs(d.speed[s] / d.command[s]) for d, s in zip(held, there, strict=True)] or [np.empty(0)]
+    )
     if ratio.size >= _STEADY:
       speeds[name] = float(np.median(ratio))
   findings = []
