@@ -72,11 +72,12 @@ def unexplained(d: Diagnosis) -> Section:
     text += f" {d.decision.undecided}"
   if something_nameless(d) and d.location.degrees:
     best = next(iter(d.location.degrees))
-    text += (
-      "\n\nAn unnamed error was tried in every place where one could act, as a smooth function of the motion."
-      f" {wording.unknown_words('unknown_' + best).capitalize()} explains most."
-    )
-    tables.append(_unnamed(d))
+    text += "\n\nAn unnamed error was tried in every place where one could act, as a smooth function of the motion."
+    if d.location.degrees[best] > 0.0:
+      text += f" {wording.unknown_words('unknown_' + best).capitalize()} explains most."
+      tables.append(_unnamed(d))
+    else:
+      text += " None explains any of it."
   fits, where = judged_on(d)
   seconds = worst_left(d.replay, fits) if d.replay is not None and fits and repaired(d) else None
   drawn: list[Figure] = []

@@ -158,9 +158,10 @@ def _meaning(d: Diagnosis) -> str:
   twins = "Before is the recalibrated twin, never an uncalibrated one. After is the repaired twin."
   if not repaired(d):
     twins = "No mechanism was added, so before and after are one twin: the recalibrated one."
+  weighed = " In the per cent above, all channels weigh the same." if repaired(d) else ""
   return (
     f"{twins} An error is the root mean square of predicted minus measured values. Sensor noise is what the sensor"
-    " makes at standstill or while driving, whichever is more. In the per cent above, all channels weigh the same."
+    f" makes at standstill or while driving, whichever is more.{weighed}"
   )
 
 

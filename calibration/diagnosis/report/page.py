@@ -94,15 +94,15 @@ def _written(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 def verdict(diagnosis: Diagnosis) -> str:
   """The verdict in plain words: how good the twin is, what was left out of it, what is still unexplained; and, where
-  something is, which figures of the base are unlike the class's, since what is left out may hide in them."""
+  something is, which figures of the car are unlike the class's, since what is left out may hide in them."""
   d, fits = diagnosis, judged_on(diagnosis)[0]
   recovered = recovered_share(d.holdout) if d.holdout else 0.0
   shares = {c.mechanism: share_taken_off(d.replay, fits, c.mechanism) if d.replay else None for c in d.decision.claims}
   taken = {name: share for name, share in shares.items() if share is not None}
   gain = recovered if recovered > 0.02 else None
   said = wording.verdict_sentence(d.decision, claimed(d), gain, taken, short_of(d))
-  base = d.pool.base
-  unlike = wording.unlike_sentence(unlike_the_class(base.free, base.values)) if left_unexplained(d.decision) else ""
+  model = d.model
+  unlike = wording.unlike_sentence(unlike_the_class(model.free, model.values)) if left_unexplained(d.decision) else ""
   return f"{how_good_in_short(d)} {said}{wording.departures_sentence(d.decision.departures)}{unlike}".lstrip()
 
 

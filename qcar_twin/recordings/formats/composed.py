@@ -12,10 +12,10 @@ from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import words_of
 
-_SECONDS = re.compile(r"^(?P<stamp>.*?)[._ ]?(?P<s>secs?)$", re.IGNORECASE)
+_SECONDS = re.compile(r"^(?P<stamp>.*?)[._ /]?(?P<s>secs?)$", re.IGNORECASE)
 _NANOSECONDS = ("nsec", "nsecs", "nanosec", "nanosecs")
 _QUATERNION = re.compile(
-  r"^(?P<stem>.*(?:orientation|rotation|quaternion|quat|q))(?P<gap>[._ ]?)(?P<w>w)$", re.IGNORECASE
+  r"^(?P<stem>.*(?:orientation|rotation|quaternion|quat|q))(?P<gap>[._ /]?)(?P<w>w)$", re.IGNORECASE
 )
 _LATITUDES, _LONGITUDES = {"lat", "latitude"}, {"lon", "lng", "longitude"}
 _POLE, _APART = 90.0, 0.5  # degrees of latitude, and between places of one drive

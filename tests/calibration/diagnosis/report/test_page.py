@@ -148,6 +148,9 @@ def test_an_unexplained_case_names_the_best_nameless_error(clean_pool):
   assert "An unknown change of the steering angle explains most." in rest.text
   assert rest.tables[0].rows[0][::2] == ("an unknown change of the steering angle", 100)
   assert rest.tables[0].rows[1][2] == 25
+  nothing = dataclasses.replace(case.location, degrees=dict.fromkeys(case.location.degrees, -1.0))
+  rest = section(dataclasses.replace(case, location=nothing), "What is still unexplained, and where")
+  assert "None explains any of it." in rest.text and not rest.tables
 
 
 def test_residual_structure_is_told_in_the_words_of_the_page(clean_pool):

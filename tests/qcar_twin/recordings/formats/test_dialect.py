@@ -94,9 +94,13 @@ def test_a_packed_log_is_to_be_unpacked(tmp_path):
     logs_of([tmp_path])
 
 
+@pytest.mark.parametrize("stem", ["q_", "/pf/pose/pose/orientation/"])
 @pytest.mark.parametrize(("names", "turned"), [("wxyz", "z"), ("wxyz", "y"), ("WXYZ", "Z")])
-def test_the_yaw_of_a_quaternion_is_about_the_axis_that_it_turns_about(tmp_path, names, turned):
+def test_the_yaw_of_a_quaternion_is_about_the_axis_that_it_turns_about(tmp_path, names, turned, stem):
   yaw = np.linspace(-3.0, 3.0, 40)
   parts = {name: np.zeros(40) for name in names} | {names[0]: np.cos(0.5 * yaw), turned: np.sin(0.5 * yaw)}
-  lines = [",".join(f"q_{name}" for name in names), *(",".join(f"{parts[n][k]:.9f}" for n in names) for k in range(40))]
-  np.testing.assert_allclose(read(tmp_path, lines).columns["q_yaw"], yaw, atol=1e-6)
+  lines = [
+    ",".join(f"{stem}{name}" for name in names),
+    *(",".join(f"{parts[n][k]:.9f}" for n in names) for k in range(40)),
+  ]
+  np.testing.assert_allclose(read(tmp_path, lines).columns[f"{stem}yaw"], yaw, atol=1e-6)
