@@ -108,10 +108,13 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
     *(f for c in judged for f in disagreements(c, wheels, vehicle.wheelbase, recordings, noise)),
     *scale_findings(judged, vehicle.wheelbase),
     *lag_findings(judged, vehicle.wheelbase),
+  ]
+  told = {name for f in findings if f.severity == "spoils" for name in f.channels}
+  findings += [
     *(Finding("beware", _judged(warning), warning) for warning in dataset.notices),
     *_straight_only(recordings),
     *clock_findings(compared, wheels, vehicle.wheelbase, recordings),
-    *lonely_findings(compared, recordings),
+    *lonely_findings(compared, recordings, told),
     *loose_findings(compared, recordings),
     *guessed_findings(compared, dataset.vehicle, dataset.vehicle_std),
     *(f for s in sampled for f in _held(s)),

@@ -6,7 +6,7 @@ twice as fast.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -43,9 +43,14 @@ def clock_findings(
   return [Finding("beware", ("time",), f"{said}. {by_it}; if it did not, correct scale of time in [channels]")]
 
 
-def lonely_findings(comparisons: Sequence[Comparison], recordings: Sequence[Recording]) -> list[Finding]:
-  """That sensors' units, signs and ages are taken as they are written, since no other sensor shows their motion."""
-  known = {name for c in comparisons if _tells(c) for name in (*c.motion.compared, *c.motion.reference)}
+def lonely_findings(
+  comparisons: Sequence[Comparison], recordings: Sequence[Recording], told: Collection[str] = ()
+) -> list[Finding]:
+  """That sensors' units, signs and ages are taken as they are written, since no other sensor shows their motion.
+
+  `told`: channels that are said to be wrong already.
+  """
+  known = {*told} | {name for c in comparisons if _tells(c) for name in (*c.motion.compared, *c.motion.reference)}
   held = {name for r in recordings for name in r.channels if name not in r.derived}
   alone = [name for name in _WITNESSED if name in held - known]
   if not alone:
