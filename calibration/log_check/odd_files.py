@@ -18,6 +18,7 @@ from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.checks.driving import driven, steady
 from qcar_twin.recordings.recording import Recording
 
+_SETS_A_SPEED = tuple(c for c in DRIVE_COMMANDS if c != "motor_current")  # a current sets a force
 _FILES = 3  # of which one can be odd
 _UNIT = 10.0  # halfway, as factors go, between one unit and per cent of it
 _LATE = 0.1  # s; an age that differs by less between drives is said of none
@@ -34,7 +35,7 @@ def odd_file_findings(
     files.setdefault(recording.file or recording.name, []).append(recording)
   if len(files) < _FILES:
     return []
-  odd = [f for channel in DRIVE_COMMANDS for f in _odd_commands(files, channel)]
+  odd = [f for channel in _SETS_A_SPEED for f in _odd_commands(files, channel)]
   for motion in motions(wheels, recordings):
     if motion.kinematic or "steering_command" in motion.reference:
       each = {name: compare(motion, wheels, held, noise) for name, held in files.items()}
@@ -44,7 +45,7 @@ def odd_file_findings(
 
 
 def _odd_commands(files: Mapping[str, Sequence[Recording]], channel: str) -> list[Finding]:
-  """Files in which the car drives as fast under a command many times as large, or as small, as in the others."""
+  """Files in which the car drives as fast under a command many times as large, or as small, as in any other."""
   speeds = {}
   for name, recordings in files.items():
     held = driven([r for r in recordings if r.drive_channel == channel], channel)
@@ -56,8 +57,9 @@ def _odd_commands(files: Mapping[str, Sequence[Recording]], channel: str) -> lis
       speeds[name] = float(np.median(ratio))
   findings = []
   for name, speed in speeds.items() if len(speeds) >= _FILES else ():
-    factor = float(np.median([v for other, v in speeds.items() if other != name])) / speed
-    if max(factor, 1.0 / factor) > _UNIT:
+    factors = np.array([v for other, v in speeds.items() if other != name]) / speed
+    factor = float(np.median(factors))
+    if factors.min() > _UNIT or factors.max() < 1.0 / _UNIT:
       said = f"{channel} is {factor:.3g} times as large in {name} as in the other files for the same speed"
       cure = f"it has another unit there: divide its column by that in {name}, and give [channels] the others' scale"
       findings.append(Finding("spoils", (channel,), f"{said}; {cure}"))
