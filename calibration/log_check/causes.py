@@ -89,18 +89,18 @@ def causes(comparisons: Sequence[Comparison], wheelbase: float) -> list[Cause]:
   return sorted(single, key=lambda cause: round(cause.residual, 2))
 
 
-def cure(cause: Cause, wheelbase: float) -> str:
-  """What to write for a cause."""
+def cure(cause: Cause, wheelbase: float, stated: bool) -> str:
+  """What to write for a cause; `stated`: whether the wheelbase is the data set's, or the nominal car's."""
   on = "pose_x and on pose_y" if cause.quantity == PLACE else cause.quantity
   multiply = f"set scale = {cause.scale:.4g} on {on} in [channels], times one that is there"
   if cause.quantity == CLOCK:
     return f"the stamps run {cause.factor:.3g} times as fast as the car: {multiply}; a rate is divided by that"
   name = "the pose" if cause.quantity == PLACE else cause.quantity
   if cause.quantity == "steering_command" and not cause.unit:
-    return (
-      f"the car turns like one of wheelbase {wheelbase * cause.factor:.3g} m, and [vehicle] says {wheelbase:.3g} m: "
-      f"correct cg_to_front and cg_to_rear in [vehicle], or {multiply}"
-    )
+    said = f"the car turns like one of wheelbase {wheelbase * cause.factor:.3g} m, and [vehicle] says"
+    if not stated:
+      return f"{said} none, so that the nominal car's {wheelbase:.3g} m stand in: give cg_to_front and cg_to_rear there"
+    return f"{said} {wheelbase:.3g} m: correct cg_to_front and cg_to_rear in [vehicle], or {multiply}"
   said = f"is {name} in {cause.unit}? {multiply}" if cause.unit else f"{name} reads {cause.factor:.3g}-fold: {multiply}"
   wheels = ", or correct gear_ratio or wheel_radius in [vehicle] by it" if cause.quantity == "motor_speed" else ""
   return f"{said}{wheels}"

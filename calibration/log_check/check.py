@@ -106,7 +106,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
   findings = [
     *acted,
     *(f for c in judged for f in disagreements(c, wheels, vehicle.wheelbase, recordings, noise)),
-    *scale_findings(judged, vehicle.wheelbase),
+    *scale_findings(judged, vehicle.wheelbase, {"cg_to_front", "cg_to_rear"} <= dataset.vehicle.keys()),
     *lag_findings(judged, vehicle.wheelbase),
   ]
   told = {name for f in findings if f.severity == "spoils" for name in f.channels}

@@ -180,7 +180,7 @@ def direction_findings(wheels: Wheels, recordings: Sequence[Recording]) -> list[
 
 def _along_its_path(recordings: Sequence[Recording], along: np.ndarray) -> bool:
   """Whether the places go along the heading, forwards or backwards."""
-  alone = [r.replace(streams={c: r[c] for c in ("pose_x", "pose_y")}) for r in recordings]
+  alone = [r.replace(streams={c: r[c] for c in ("pose_x", "pose_y")}) for r in recordings if "speed" in r]
   way = np.concatenate([with_speed(r)[0]["speed"].value for r in alone])
   return float(np.abs(along).mean()) > _ALONG * float(way.mean())
 

@@ -89,8 +89,11 @@ def disagreements(
   return [*_odd(c), *_off_zero(c), *(_off_scale(c) if c.motion.kinematic else ())]
 
 
-def scale_findings(comparisons: Sequence[Comparison], wheelbase: float) -> list[Finding]:
-  """What is said of sensors that differ by a factor: one cause for all of them, or of each alone where none is."""
+def scale_findings(comparisons: Sequence[Comparison], wheelbase: float, stated: bool) -> list[Finding]:
+  """What is said of sensors that differ by a factor: one cause for all of them, or of each alone where none is.
+
+  `stated`: whether the wheelbase is the data set's, or the nominal car's.
+  """
   odd = [c for c in comparisons if apart(c, wheelbase)]
   common = causes(comparisons, wheelbase)
   findings = []
@@ -100,7 +103,7 @@ def scale_findings(comparisons: Sequence[Comparison], wheelbase: float) -> list[
     said = "; ".join(
       f"{_names(c)} differ {c.scale.value / expected(c.motion, wheelbase):.3g}-fold in {c.motion.name}" for c in group
     )
-    cures = ", or ".join(cure(cause, wheelbase) for cause in single)
+    cures = ", or ".join(cure(cause, wheelbase, stated) for cause in single)
     findings.append(Finding("spoils", channels, f"{said}: {cures}"))
   return findings or [f for c in comparisons for f in _far_off(c, expected(c.motion, wheelbase))]
 

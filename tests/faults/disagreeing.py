@@ -129,7 +129,7 @@ class Case:
   def findings(self) -> Iterator[disagreements.Finding]:
     for c in self.compared:
       yield from disagreements.disagreements(c, self.wheels, self.wheelbase, self.recordings, self.noise)
-    yield from disagreements.scale_findings(self.compared, self.wheelbase)
+    yield from disagreements.scale_findings(self.compared, self.wheelbase, stated=True)
 
 
 def cases(seed: int, per_size: int = 1) -> list[Case]:

@@ -152,7 +152,8 @@ def test_16_spans_are_counted_from_the_files_start(drafted):
 def test_18_two_sensors_that_agree_outweigh_a_limit(given):
   check = given("18")
   (car,) = check.of("spoils")  # one of 0.256 m, as its [vehicle] says nothing
-  assert "the car turns like one of wheelbase 2.98 m" in car.text and "on speed" not in car.text
+  assert "the car turns like one of wheelbase 2.98 m, and [vehicle] says none" in car.text
+  assert "set scale" not in car.text
   top = max(float(run["speed"].value.max()) for run in check.dataset.recordings)
   assert top == pytest.approx(36.3, abs=0.1)
 

@@ -13,6 +13,9 @@ from qcar_twin.command_line import FAILED, INTERRUPTED, MISUSED, sentence
 from qcar_twin.extras import MissingExtra
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.rendering.film import RenderingUnavailable
+from qcar_twin.twin.file import save_twin
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import Vehicle
 from scripts import train, unseal
 from scripts.__main__ import USE, commands, main
 from tests import ROOT
@@ -60,7 +63,6 @@ def test_every_command_is_run_by_a_test(name):
     ("track --out OUT --speed nan", "--speed nan: give a finite number"),
     ("track --out OUT --runs 0", "--runs 0: give more than 0"),
     ("track --out OUT --seed -1", "--seed -1: give 0 or more"),
-    ("track --out OUT --plant proving_ground --twin x.toml", "x.toml"),
     ("estimate --dataset data/sample --out OUT --onboard-lateness nan", "--onboard-lateness nan"),
     ("curves --dataset data/sample --out OUT --most -5", "--most -5.0: give 0 or more"),
     ("export --to mjfc --out OUT", "no export to 'mjfc'; did you mean mjcf?"),
@@ -71,6 +73,13 @@ def test_every_command_is_run_by_a_test(name):
 def test_options_that_mean_nothing_are_refused_before_the_work(typed, said, tmp_path, capsys):
   assert main(typed.replace("OUT", str(tmp_path / "out")).split()) == FAILED
   assert said in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_a_twin_beside_a_car_of_its_own_is_refused(tmp_path, capsys):
+  twin = Twin(Vehicle.load())
+  file = save_twin(tmp_path / "twin.toml", twin, twin.parameters.nominal)
+  assert main(["track", "--out", str(tmp_path / "out"), "--plant", "proving_ground", "--twin", str(file)]) == FAILED
+  assert "--twin has no meaning with --plant proving_ground" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("typed", "meant"), [("diagnos", "diagnose"), ("cross_validat", "cross-validate")])

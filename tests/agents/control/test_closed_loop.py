@@ -81,6 +81,14 @@ def test_integrator_does_not_wind_up_at_the_limit():
   assert controller.voltage(np.array([5.0]), 0.0, 0.01)[0] < 0.0
 
 
+def test_a_speed_that_was_not_measured_leaves_the_integrator_as_it_is():
+  gains = SpeedGains.design(CAR)
+  controller, steady = SpeedController(gains, np.array([0.5])), gains.hold * 0.5 + gains.friction
+  for _ in range(3):
+    assert controller.voltage(np.array([np.nan]), 0.5, 0.01) == pytest.approx([steady])
+  assert controller.voltage(np.array([0.5]), 0.5, 0.01) == pytest.approx([steady])
+
+
 def test_takes_over_a_moving_car_without_a_bump():
   gains = SpeedGains.design(CAR)
   controller = SpeedController(gains, np.array([0.5, 0.5]))
