@@ -25,6 +25,8 @@ SPREAD = {
   "drag_coeff": 0.2, "steer_bandwidth": 0.15,
 }  # fmt: skip
 """Largest relative departure from the reference car, uniform."""
+SPEED_FLOOR = 0.05  # m/s, of slipx's slip angles (`v_eps`, "numerical, not physical"); its own 0.5 lets a slow car turn
+# 1.3 times as sharply as its front wheels point, and fades its rolling resistance
 TORQUE_PER_AMP = (0.020, 0.030)  # N m/A at the wheels: the laboratory's currents of 6 to 12 A then give 1 to 2 m/s^2
 ANSWER = 3.0  # 1/s, of the driver's feedback on speed
 STD = {
@@ -107,6 +109,7 @@ def drawn(slipx: Any, rng: np.random.Generator) -> Any:
   p.lf = base * rng.uniform(0.47, 0.53)
   p.lr = base - p.lf
   p.torque_per_amp = rng.uniform(*TORQUE_PER_AMP)
+  p.v_eps = SPEED_FLOOR
   p.differential = slipx.Differential.Open
   stiff, grip = rng.uniform(0.85, 1.15), rng.uniform(0.85, 1.1)
   p.c_alpha_f, p.c_alpha_r = p.c_alpha_f * stiff, p.c_alpha_r * stiff * rng.uniform(1.0, 1.2)

@@ -65,6 +65,17 @@ def test_in_a_turn_the_wheels_forces_make_the_motion(speed, angle):
   assert abs(across) > 3.0
 
 
+def test_a_slow_car_turns_no_sharper_than_its_front_wheels_point():
+  pytest.importorskip("slipx", reason="slipx is not installed (extra `exam`)")
+  car = SlipxCar(np.random.default_rng(0))
+  plant, p = car.plant(), car.params
+  plant.start(Start(0.0, 0.0, 0.0, 0.4))
+  trace = np.concatenate([plant.advance(0.8, 0.3) for _ in range(60)])
+  pointed = trace[-1, 3] * np.tan(0.3) / (p.lf + p.lr)
+  assert 0.1 < trace[-1, 3] < 0.5
+  assert 0.85 * pointed < trace[-1, 5] < 1.01 * pointed
+
+
 def test_the_inertial_sensor_averages_what_has_been():
   step = np.repeat([0.0, 1.0], 20)
   assert averaged(step)[20 : 20 + AVERAGED] == pytest.approx(np.arange(1, AVERAGED + 1) / AVERAGED)
