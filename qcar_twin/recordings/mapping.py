@@ -234,17 +234,29 @@ def in_time_order(table: Table, mapped: Mapped) -> tuple[Table, list[str]]:
 
 
 def _clock(table: Table, mapping: Mapping[str, Mapped]) -> Clock:
-  """Row times, after the checks. Repeated stamps pass only where the data set says that a publisher holds values."""
+  """Row times, after the checks. Repeated stamps pass where each channel has one value at most of a stamp, as where
+  every message has a row of its own, or where the data set says that a publisher holds values."""
   stamp = stamps(table, mapping["time"])
   stamp = since_origin(stamp)
-  check_order(table.label, stamp, [table.columns[other.column] for other in mapping.values() if other.column in table])
-  repeated = [other.column for other in mapping.values() if other.hold]
+  columns = {channel: table.columns[mapped.column] for channel, mapped in mapping.items() if mapped.column in table}
+  check_order(table.label, stamp, list(columns.values()))
   first = np.r_[True, np.diff(stamp) > 0.0]
+  values = [column for channel, column in columns.items() if channel != "time"]
+  if not first.all() and _complete_each_other(values, first):
+    first = np.ones_like(first)
   if not first.all():
-    _refuse_repeats(table, stamp, first, repeated)
-  check_time_unit(table.label, stamp[first])
+    _refuse_repeats(table, stamp, first, [other.column for other in mapping.values() if other.hold])
+  check_time_unit(table.label, np.unique(stamp))
   check_span(table.label, stamp)
   return Clock(stamp, _row_times(stamp, first), first)
+
+
+def _complete_each_other(columns: list[np.ndarray], first: np.ndarray) -> bool:
+  """Whether rows of one stamp, each block of which begins where `first` is, have one value at most in every column."""
+  start = np.flatnonzero(first)
+  return all(
+    column.dtype != object and np.add.reduceat(~np.isnan(column), start, dtype=int).max() < 2 for column in columns
+  )
 
 
 def _refuse_repeats(table: Table, stamp: np.ndarray, first: np.ndarray, repeated: list[str]) -> None:

@@ -7,6 +7,7 @@ from qcar_twin.recordings.channels import GRAVITY
 
 _ALONE = ("rpm", "rps", "erpm")  # units that are a name by themselves
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+_VESC_SPEED = {"sensors", "core", "speed"}  # of VescStateStamped on its driver's topic: electrical revolutions a minute
 BRACKET = re.compile(r"[\[(<{]([^\])>}]*)[\])>}]")
 _ELEMENT = re.compile(r"(?:\[(?P<zero>\d+)\]|\((?P<one>\d+)\))\s*$")
 _VECTORS = {"xyz", "acc", "accel", "accelerometer", "acceleration", "gyro", "gyroscope", "gyr"}
@@ -57,6 +58,12 @@ def words_of(column: str) -> tuple[str, ...]:
   return (*(word for word in words[:-1] if word != "xyz"), "xyz"[place]) if 0 <= place < 3 else words
 
 
+def is_electrical(column: str) -> bool:
+  """Whether a column counts revolutions of a motor's field, as electronic commutators do."""
+  words = set(words_of(column))
+  return "erpm" in words or {"e", "rpm"} <= words or words >= _VESC_SPEED
+
+
 def unit_of(column: str) -> tuple[str, str, float] | None:
   """The unit a name ends with, has in brackets or is: as written, the SI unit it is of, the factor to it."""
   for inside in BRACKET.findall(column):
@@ -67,6 +74,8 @@ def unit_of(column: str) -> tuple[str, str, float] | None:
   if before and (written := last.lower()) in UNITS and not written.isalpha():  # Throttle %, Speed m/s
     return (last, *UNITS[written])
   words = words_of(BRACKET.sub(" ", column))
+  if _VESC_SPEED <= set(words):
+    return ("erpm", *UNITS["erpm"])
   if len(words) == 1 and words[0] in _ALONE:
     return (words[0], *UNITS[words[0]])
   for count in (3, 2, 1):

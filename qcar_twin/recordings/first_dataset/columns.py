@@ -12,13 +12,14 @@ from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.formats.composed import stamp_parts
 from qcar_twin.recordings.manifest import Mapped
 from qcar_twin.recordings.recording import RecordingError
-from qcar_twin.recordings.unit_names import unit_of, words_of
+from qcar_twin.recordings.unit_names import is_electrical, unit_of, words_of
 from qcar_twin.vehicle.vehicle import QCAR
 
 Array = NDArray[np.float64]
 
 _NORMALISED = 1.05  # a command that stays within it, but beyond any 1:10 car's lock, is a share of full lock
 _LOCK = 0.7  # rad, 40 deg: beyond the road-wheel angle of any 1:10 car
+_LEAST = 10  # runs, or repeated stamps, from which a habit of the log is read
 _TICKS = 0.05  # share of rows in which a clock that a slower publisher holds has moved on
 _LATE_ROWS = 0.01  # share of rows that a logger of several threads writes out of order
 _USED = 0.02  # of full duty, which no car is driven with at most: so little is no per cent
@@ -240,11 +241,6 @@ def scale(columns: Columns, guess: Guess) -> None:
       guess.why.append(f"it reaches {top:.3g}, too much for {channel.unit}, so in {usual[0][0]}")
 
 
-def is_electrical(name: str) -> bool:
-  """Whether a column counts revolutions of a motor's field, as electronic commutators do."""
-  return "erpm" in (words := words_of(name)) or {"e", "rpm"} <= set(words)
-
-
 def _scale_time(columns: Columns, guess: Guess) -> None:
   number = lambda table: table.number(guess.column, "time")
   steps = [number(table) if guess.steps else np.diff(number(table)) for table in columns.tables]
@@ -293,8 +289,8 @@ def hold(columns: Columns, guesses: Mapping[str, Guess]) -> None:
   for guess in guesses.values():
     if guess.channel == "time":
       continue
-    among = [table for table in repeats if guess.column in table]
-    if among and not any(_changes_inside(table, clock, guess.column) for table in among):
+    among = [_repeated(table, clock, guess.column) for table in repeats if guess.column in table]
+    if sum(map(len, among)) >= _LEAST and not any(changed.any() for changed in among):
       guess.hold = True
       guess.why.append("it never changes while the time stamp repeats")
     elif not repeats and CHANNELS[guess.channel].kind == "sensor":
@@ -304,13 +300,15 @@ def hold(columns: Columns, guesses: Mapping[str, Guess]) -> None:
         guess.why.append(f"a value usually stays for {stays:.0f} rows")
 
 
-def _changes_inside(table: Table, clock: str, column: str) -> bool:
+def _repeated(table: Table, clock: str, column: str) -> NDArray[np.bool_]:
+  """Whether each sample differs from the one before, where both have one time stamp; rows of one stamp without a
+  value, as of another topic, tell nothing."""
   values = table.number(column, column)
-  same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
-  return bool((~same & (np.diff(table.number(clock, "time")) == 0.0)).any())
+  both = (np.diff(table.number(clock, "time")) == 0.0) & np.isfinite(values[1:]) & np.isfinite(values[:-1])
+  return values[1:][both] != values[:-1][both]
 
 
-def _usual_run(columns: Iterable[Array], least: int = 10) -> float:
+def _usual_run(columns: Iterable[Array], least: int = _LEAST) -> float:
   """Rows for which one value stays, median over the runs that begin and end within a log; 1 where there are few."""
   lengths = []
   for values in columns:

@@ -37,6 +37,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     "rpm !e|command|commanded|cmd|target|desired",
     "rps !gyro|gyr",
     "erpm !command|commanded|cmd|target|desired",
+    "sensors core speed",
   ),
   "speed": (
     "speed|velocity|vel|vels|v"

@@ -12,7 +12,7 @@ from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.checks.car import check_car
 from qcar_twin.recordings.first_dataset.axes import pointing_down, turning_right
 from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns, is_electrical
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.mount import lies, settle_mount
 from qcar_twin.recordings.first_dataset.plane import settle_plane
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, usual_supply
@@ -22,7 +22,7 @@ from qcar_twin.recordings.first_dataset.torn import refuse_parts
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.recordings.topic_maps import TopicMap, topic_maps
-from qcar_twin.recordings.unit_names import words_of
+from qcar_twin.recordings.unit_names import is_electrical, words_of
 from qcar_twin.vehicle.drive import DRIVES
 from qcar_twin.vehicle.similarity import POWERS, estimates
 from qcar_twin.vehicle.vehicle import Vehicle

@@ -128,6 +128,35 @@ def test_repeated_time_with_a_changing_held_column_is_still_an_error(tmp_path):
   )
 
 
+def messages(coinciding):
+  """A log in which every message has a row of its own; of commands and sensors, (stamps, columns), both at some."""
+  time, columns = drive()
+  sensors = ("motor_speed", "accel_x", "accel_y", "yaw_rate", "pose_x", "pose_y", "pose_yaw")
+  late = time + 0.004
+  late[coinciding] = time[coinciding]
+  stamps = np.r_[time, late]
+  order = np.argsort(stamps, kind="stable")
+  blank = np.full(time.size, np.nan)
+  rows = {name: np.r_[blank, columns[name]] if name in sensors else np.r_[columns[name], blank] for name in columns}
+  return stamps[order], {name: values[order] for name, values in rows.items()}, columns
+
+
+def test_messages_of_one_stamp_in_rows_of_their_own_complete_each_other(tmp_path):
+  stamps, log, columns = messages(coinciding=[7, 300])
+  data = DataSet.load(folder_with(tmp_path, stamps, log))
+  (run,) = data.recordings
+  assert (run["motor_voltage"].value == columns["motor_voltage"]).all()
+  assert (run["yaw_rate"].value == columns["yaw_rate"]).all()
+  assert run["yaw_rate"].time[[6, 7, 8, 300]] == pytest.approx([0.064, 0.07, 0.084, 3.0], abs=1e-9)
+  assert not data.warnings
+
+
+def test_two_values_of_one_channel_at_one_stamp_are_still_an_error(tmp_path):
+  stamps, log, _ = messages(coinciding=[7])
+  stamps[16] = stamps[14]  # a second command
+  refused(folder_with(tmp_path, stamps, log), "run.csv: time repeats in row 16", "remove the repeated rows")
+
+
 def test_stale_rows_before_the_first_stamp_are_cut_off(tmp_path):
   _, stamps, _, log = slow_and_fast()
   stamps = np.where(np.arange(stamps.size) < 10, 0.0, stamps + 200.0)

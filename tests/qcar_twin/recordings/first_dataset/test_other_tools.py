@@ -100,6 +100,33 @@ def test_electrical_revolutions_are_asked_about_and_counts_are_no_speed(tmp_path
   assert "'encoder_ticks' seems to count an encoder's steps" in proposal.text
 
 
+def test_the_speed_of_a_vesc_counts_electrical_revolutions(tmp_path):
+  time, own = driven()
+  columns = {"/drive.drive.speed": own["speed"], "/drive.drive.steering_angle": own["steering_command"]}
+  columns |= {
+    "/sensors/core.state.speed": own["motor_speed"] * 60.0 / np.pi,
+    "/imu.angular_velocity.z": own["yaw_rate"],
+  }
+  table, proposal = log(tmp_path, time, columns)
+  assert table["channels"]["motor_speed"]["column"] == "/sensors/core.state.speed"
+  assert table["channels"]["motor_speed"]["scale"] == pytest.approx(np.pi / 60.0)
+  assert "speed" not in table["channels"] and "counts electrical revolutions" in proposal.questions[0]
+
+
+def test_a_stamp_that_two_messages_share_says_nothing_of_held_values(tmp_path):
+  time, own = driven()
+  commands = {name: np.repeat(own[name], 2) for name in ("throttle", "steering_command")}
+  sensors = {name: np.repeat(own[name], 2) for name in ("motor_speed", "yaw_rate")}
+  for columns, first in ((commands, 1), (sensors, 0)):
+    for values in columns.values():
+      values[first::2] = np.nan
+  stamps = np.repeat(time, 2)
+  stamps[1::2] += 0.004
+  stamps[41] = stamps[40]
+  table, _ = log(tmp_path, stamps, commands | sensors)
+  assert not any(entry.get("hold") for entry in table["channels"].values())
+
+
 def test_names_of_simulators_messages_and_pedals(tmp_path):
   time, own = driven()
   columns = {
