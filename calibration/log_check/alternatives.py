@@ -6,7 +6,7 @@ is the cure; where none does, which were tried is said.
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,14 +49,32 @@ def agreeing(
   """Alternatives that make the two sensors of a motion agree, best first, and the names of all that were tried.
 
   One that parts two others that geometry ties and that agree, or by which the car drives backwards under its command,
-  is none, unless there is no other.
+  is none, unless there is no other. Of several those stay that mend most of the other motions that disagree.
   """
   tried = compared_so(motion, wheels, recordings, noise)
   good = [pair for pair in tried if _agree(pair[1])]
   kept = [pair for pair in good if not _parts_others(pair[0], motion, wheels, recordings, noise)] if good[1:] else good
   kept = kept or good
-  whole = [pair for pair in kept if not pair[0].partial]
-  return whole or kept, [alternative.name for alternative, _ in tried]
+  kept = [pair for pair in kept if not pair[0].partial] or kept
+  if kept[1:]:
+    mended = [_mended(pair[0], motion, wheels, recordings, noise) for pair in kept]
+    kept = [pair for pair, count in zip(kept, mended, strict=True) if count == max(mended)]
+  return kept, [alternative.name for alternative, _ in tried]
+
+
+def _mended(
+  alternative: Alternative,
+  motion: Motion,
+  wheels: Wheels,
+  recordings: Sequence[Recording],
+  noise: Mapping[str, ChannelNoise],
+) -> int:
+  """Other motions of which two sensors disagree as they are read, and agree so."""
+  count = 0
+  for other, held in _touched(alternative, motion, wheels, recordings):
+    if not _agree(compare(other, wheels, held, noise)):
+      count += _agree(compare(other, wheels, [alternative.apply(r) for r in held], noise))
+  return count
 
 
 def _parts_others(
@@ -66,16 +84,24 @@ def _parts_others(
   recordings: Sequence[Recording],
   noise: Mapping[str, ChannelNoise],
 ) -> bool:
-  """Whether two sensors of another motion, which agree as they are read, no longer do."""
-  for other in motions(dataclasses.replace(wheels, unsigned=False), recordings):
-    touched = {*other.compared, *other.reference} & set(alternative.needs)
-    if not other.kinematic or other.name == motion.name or not touched:
-      continue
-    held = [r for r in recordings if other.measured_in(r) and set(alternative.needs) <= set(r.channels)]
-    if held and _agree(compare(other, wheels, held, noise)):
+  """Whether two sensors of another motion, which geometry ties and which agree as they are read, no longer do."""
+  for other, held in _touched(alternative, motion, wheels, recordings):
+    if other.kinematic and _agree(compare(other, wheels, held, noise)):
       if not _agree(compare(other, wheels, [alternative.apply(r) for r in held], noise)):
         return True
   return _reverses(alternative, recordings)
+
+
+def _touched(
+  alternative: Alternative, motion: Motion, wheels: Wheels, recordings: Sequence[Recording]
+) -> Iterator[tuple[Motion, list[Recording]]]:
+  """Other motions that an alternative rewrites a channel of, with the recordings that measure it."""
+  for other in motions(dataclasses.replace(wheels, unsigned=False), recordings):
+    if other.name == motion.name or not {*other.compared, *other.reference} & set(alternative.needs):
+      continue
+    held = [r for r in recordings if other.measured_in(r) and set(alternative.needs) <= set(r.channels)]
+    if held:
+      yield other, held
 
 
 def _reverses(alternative: Alternative, recordings: Sequence[Recording]) -> bool:

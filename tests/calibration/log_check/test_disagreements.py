@@ -95,6 +95,15 @@ def test_exchanged_axes_are_found_out_and_exchanging_them_mends_it():
   assert not spoiling([rewritten(r, accel_x=r["accel_y"].value, accel_y=r["accel_x"].value) for r in runs])
 
 
+def test_of_two_readings_that_one_motion_allows_the_one_that_mends_the_other_motion_too_is_the_cure():
+  turned = [rewritten(r, accel_x=r["accel_y"].value, accel_y=-r["accel_x"].value) for r in drives()]
+  texts = spoiling(turned)
+  cure = (
+    "exchange the columns of accel_x and accel_y in [channels], and set scale = -1 on accel_x, times one that is there"
+  )
+  assert len(texts) == 2 and all(text.endswith(cure) and text.count("exchange the columns") == 1 for text in texts)
+
+
 def long(size):
   """Lengths of a car so many times as long."""
   return {key: size * VEHICLE[key] for key in ("cg_to_front", "cg_to_rear")}
