@@ -112,8 +112,13 @@ def start_states(task: Task, count: int) -> Array:
 def drive(
   plant: Body, theta: Array, controller: Controller, speed_gains: SpeedGains, observer: Observer, task: Task
 ) -> Drive:
-  """Follow a path with N cars, plant parameters (N, P), until all have finished or a quarter more time has gone."""
+  """Follow a path with N cars, plant parameters (N, P), until all have finished or a quarter more time has gone.
+
+  Raises:
+    ValueError: sensors of another period than the plant's, or a speed that the car of the gains does not reach.
+  """
   count, period = len(theta), plant.period
+  speed_gains.require(task.speed)
   told = getattr(getattr(observer, "suite", None), "period", period)
   if abs(told - period) > 1e-9:
     raise ValueError(f"sensors of a period of {told:g} s on a plant of {period:g} s; make the suite with the plant's")

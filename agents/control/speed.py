@@ -39,6 +39,14 @@ class SpeedGains:
     friction = float(np.asarray(car.drive_friction) / np.asarray(car.drive_gain))
     return cls(damping / gain, friction, proportional, damping * proportional, limit)
 
+  def require(self, speed: ArrayLike) -> None:
+    """Raises ValueError for a speed, m/s, that the identified car does not hold at the largest voltage."""
+    fastest, wanted = (self.limit - self.friction) / self.hold, float(np.max(np.abs(speed)))
+    if wanted > fastest:
+      raise ValueError(
+        f"speed {wanted:g} m/s: with {self.limit:g} V the identified car reaches {fastest:.3g} m/s; ask for less"
+      )
+
 
 class SpeedController:
   """The PI controller of N cars with its integrators.

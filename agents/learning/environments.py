@@ -246,15 +246,19 @@ def fleet(
     model: the identified model of filter, speed control and demonstrator; the nominal one without it.
     own_plant: instead of the one the options name; it must have a servo of its own.
     spread: of the plant's parameters over episodes, for instance a calibration's covariance.
+
+  Raises:
+    ValueError: the options ask for a speed that the identified car does not reach.
   """
   model = model or Model.nominal()
   make, theta = own_plant or plant_of(options, model)
   spread = spread or drawn_of(options, make())
-  sensed = options.estimator == "fekf"
+  sensed, gains = options.estimator == "fekf", SpeedGains.design(model.car)
+  gains.require(options.speed + options.speed_spread)
   config = FleetConfig(
     plant=make,
     theta=theta,
-    speed_control=partial(SpeedController, SpeedGains.design(model.car)),
+    speed_control=partial(SpeedController, gains),
     demonstrator=demonstrator_of(options, model),
     sensors=qcar_sensors() if sensed else None,
     car=model.car,

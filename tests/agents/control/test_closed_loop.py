@@ -10,6 +10,7 @@ from agents.control.closed_loop import Actuation, Task, start_states
 from agents.control.controllers import make
 from agents.control.kpis import kpis
 from agents.control.speed import SpeedController, SpeedGains
+from agents.learning.environments import make_env
 from qcar_twin.estimation.observer import SensedObserver
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.paths import path_from_pieces, path_named
@@ -37,6 +38,14 @@ def test_sensors_of_another_period_than_the_plants_are_refused():
   suite = SensorSuite(qcar_sensors(), 1, 0, period=0.005)
   with pytest.raises(ValueError, match="sensors of a period of 0.005 s on a plant of 0.01 s"):
     follow(LQ, LINE, observer=SensedObserver(suite, CAR, FilterSettings(period=0.005)))
+
+
+def test_a_speed_that_the_car_does_not_reach_is_refused_before_the_drive():
+  fastest = 1.02 * (11.1 - SpeedGains.design(CAR).friction) / SpeedGains.design(CAR).hold
+  with pytest.raises(ValueError, match=r"speed .* m/s: with 11\.1 V the identified car reaches .* m/s; ask for less"):
+    follow(LQ, LINE, speed=fastest)
+  with pytest.raises(ValueError, match="speed 50 m/s"):
+    make_env(path="s", speed=50.0)
 
 
 # -- speed ---------------------------------------------------------------------------------------
