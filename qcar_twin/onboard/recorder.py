@@ -12,7 +12,7 @@ import numpy as np
 from qcar_twin.atomic_io import staging, write_text
 from qcar_twin.onboard.car import Car
 from qcar_twin.onboard.plants import OnboardPlant
-from qcar_twin.recordings.dataset import write_dataset
+from qcar_twin.recordings.dataset_writer import write_dataset
 from qcar_twin.recordings.first_dataset.roles import share_out
 from qcar_twin.recordings.manifest import FILE_NAME, Manifest, read_manifest
 from qcar_twin.recordings.recording import Recording, RecordingError

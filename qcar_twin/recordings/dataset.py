@@ -3,34 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import logging
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from qcar_twin.atomic_io import staging, write_text
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.checks.clock_unit import check_clock_unit
 from qcar_twin.recordings.checks.faults import after_start, find_defects, outside, without_lost, without_stuck
 from qcar_twin.recordings.checks.jumps import Jump, without_jumps
 from qcar_twin.recordings.checks.repeats import refuse_repeats
 from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
-from qcar_twin.recordings.checks.units import check_limits, check_units, check_way
+from qcar_twin.recordings.checks.units import UnitError, check_limits, check_units, check_way
 from qcar_twin.recordings.completed import completed
 from qcar_twin.recordings.formats import Table, read_inside
-from qcar_twin.recordings.manifest import (
-  COMMAND_TIMINGS,
-  FILE_NAME,
-  Entry,
-  Manifest,
-  Mapped,
-  read_manifest,
-  require_file_name,
-)
+from qcar_twin.recordings.manifest import FILE_NAME, Entry, Manifest, Mapped, read_manifest
 from qcar_twin.recordings.mapping import DATED, origin_of, resolve, stamps, streams_of
 from qcar_twin.recordings.notices import gathered
 from qcar_twin.recordings.origin import near
@@ -70,8 +60,14 @@ class DataSet:
     tables = [read_inside(folder, entry.file).named(manifest.columns) for entry in manifest.entries]
     warnings = list(manifest.notes) + _absent_columns(manifest, tables)
     recordings: list[Recording] = []
-    for entry, table in zip(manifest.entries, tables, strict=True):
-      made, notes = _recordings(manifest, entry, table)
+    files = list(zip(manifest.entries, tables, strict=True))
+    for entry, table in files:
+      try:
+        made, notes = _recordings(manifest, entry, table)
+      except UnitError as error:
+        if alone := _alone(manifest, [file for file in files if file[1] is not table]):
+          raise RecordingError(f"{error.said}{alone}") from error
+        raise
       recordings += made
       warnings += notes
     warnings += refuse_repeats(recordings)
@@ -168,6 +164,22 @@ def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Re
   ]
 
 
+def _alone(manifest: Manifest, others: Sequence[tuple[Entry, Table]]) -> str:
+  """What a file in another unit than most of the others needs, since [channels] holds for all; "" where it is not."""
+  right = 0
+  for entry, table in others:
+    try:
+      _recordings(manifest, entry, table)
+      right += 1
+    except UnitError:
+      pass
+    except RecordingError:
+      return ""
+  if 2 * right <= len(others):
+    return ""
+  return f", and {right} of the other {len(others)} files agree: correct this file's column, or leave the file out"
+
+
 def _mapping(manifest: Manifest, table: Table) -> dict[str, Mapped]:
   """What the ready-made map says of this file, if there is one, and over it what dataset.toml itself says."""
   if not manifest.topics:
@@ -245,103 +257,3 @@ def _samples(recording: Recording, start: float, end: float) -> int:
   """Samples of the vehicle's speed, or of the pose that gives it, in a span: what every use of a recording needs."""
   time = recording[next(name for name in ("motor_speed", "speed", "pose_x") if name in recording)].time
   return int(((time >= start) & (time <= end)).sum())
-
-
-def write_recording(path: str | os.PathLike[str], recording: Recording) -> Path:
-  """Write one recording as CSV in canonical channels, blank where there is no sample; every float survives exactly.
-  What was derived is left out: reading derives it again."""
-  time, columns = recording.replace(
-    streams={name: stream for name, stream in recording.streams.items() if name not in recording.derived}
-  ).columns()
-  cells = [["" if value != value else repr(value) for value in column.tolist()] for column in (time, *columns.values())]
-  lines = [",".join(("time", *columns)), *(",".join(row) for row in zip(*cells, strict=True))]
-  return write_text(path, "\n".join(lines) + "\n")
-
-
-def write_dataset(
-  folder: str | os.PathLike[str],
-  name: str,
-  vehicle: Mapping[str, float | str],
-  vehicle_std: Mapping[str, float],
-  recordings: Iterable[Recording],
-  description: str = "",
-  command_timing: str = "after_measurement",
-  licence: str = "",
-  source: str = "",
-) -> Path:
-  """Write recordings and dataset.toml so that DataSet.load gives them back. Nothing in the folder changes unless all
-  could be written. Raises RecordingError for bad names, and for anything the loader would refuse in dataset.toml."""
-  folder, recordings = Path(folder), tuple(recordings)
-  text = _toml(name, vehicle, vehicle_std, recordings, description, command_timing, licence, source)
-  created = not folder.exists()
-  folder.mkdir(parents=True, exist_ok=True)
-  try:
-    _write_all(folder, recordings, text)
-  except BaseException:
-    if created:
-      folder.rmdir()
-    raise
-  return folder
-
-
-def _write_all(folder: Path, recordings: tuple[Recording, ...], text: str) -> None:
-  with staging(folder) as place:
-    for recording in recordings:
-      write_recording(place / f"{recording.name}.csv", recording)
-    (place / FILE_NAME).write_text(text, encoding="utf-8")
-    read_manifest(place)
-    for recording in recordings:
-      os.replace(place / f"{recording.name}.csv", folder / f"{recording.name}.csv")
-    os.replace(place / FILE_NAME, folder / FILE_NAME)
-
-
-def _toml(
-  name: str,
-  vehicle: Mapping[str, float | str],
-  vehicle_std: Mapping[str, float],
-  recordings: tuple[Recording, ...],
-  description: str,
-  command_timing: str,
-  licence: str,
-  source: str,
-) -> str:
-  if command_timing not in COMMAND_TIMINGS:
-    raise RecordingError(f"unknown command_timing '{command_timing}'{nearest(command_timing, COMMAND_TIMINGS)}")
-  for recording in recordings:
-    require_file_name(recording.name)
-  top = {
-    "name": name,
-    "command_timing": command_timing,
-    "description": description,
-    "licence": licence,
-    "source": source,
-  }
-  tables = [_toml_table("", {key: value for key, value in top.items() if value}), _toml_table("[vehicle]", vehicle)]
-  if vehicle_std:
-    tables.append(_toml_table("[vehicle.std]", vehicle_std))
-  for recording in recordings:
-    about = {
-      "file": f"{recording.name}.csv",
-      "role": recording.role,
-      "manoeuvre": recording.manoeuvre,
-      "name": recording.name,
-    }
-    tables.append(
-      _toml_table("[[recording]]", about | ({"session": recording.session} if recording.session is not None else {}))
-    )
-  return "\n".join(tables)
-
-
-def _toml_table(head: str, content: Mapping[str, float | str]) -> str:
-  lines = [f"{_toml_key(key)} = {_toml_value(value)}" for key, value in content.items()]
-  return "\n".join(([head] if head else []) + lines) + "\n"
-
-
-def _toml_key(key: str) -> str:
-  return key if key.replace("_", "a").replace("-", "a").isalnum() and key.isascii() else json.dumps(key)
-
-
-def _toml_value(value: float | str) -> str:
-  if isinstance(value, str):
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-  return repr(float(value))

@@ -10,7 +10,8 @@ import pytest
 from calibration import calibrate, cross_validate, diagnose, identify
 from calibration.diagnosis.search.structure import Effort
 from qcar_twin.estimation.offline import filter_recording
-from qcar_twin.recordings.dataset import DataSet, write_dataset
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.dataset_writer import write_dataset
 from qcar_twin.recordings.recording import Stream
 from qcar_twin.vehicle.vehicle import Vehicle
 from tests.scripts import tiny_session

@@ -15,7 +15,8 @@ from qcar_twin.bicycle.bicycle import PARAMETERS, Bicycle
 from qcar_twin.plant import START, Segments, signal_index
 from qcar_twin.recordings import formats
 from qcar_twin.recordings.channels import CHANNELS as RECORDED
-from qcar_twin.recordings.dataset import DataSet, write_dataset
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.dataset_writer import write_dataset
 from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.sensors.onboard import ModelledSensor
 from qcar_twin.sensors.suite import SensorSuite

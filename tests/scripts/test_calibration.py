@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from calibration.identification.drive_fit import NotIdentifiable
-from qcar_twin.recordings.dataset import DataSet, write_dataset
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.dataset_writer import write_dataset
 from qcar_twin.twin.file import load_twin
 from qcar_twin.vehicle.vehicle import QCAR
 from scripts import benchmark_calibration

@@ -3,7 +3,8 @@
 import numpy as np
 
 from qcar_twin.plant import SIGNALS, START, Segments
-from qcar_twin.recordings.dataset import DataSet, write_dataset
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.dataset_writer import write_dataset
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.twin import Twin

@@ -22,7 +22,7 @@ from calibration.fleet.history import readings_of
 from calibration.fleet.logs import find_logs
 from calibration.fleet.scan import scan
 from calibration.progress import counted
-from qcar_twin.recordings.dataset import write_dataset
+from qcar_twin.recordings.dataset_writer import write_dataset
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
 

@@ -25,7 +25,8 @@ from calibration.twin_calibration.calibration import calibrate
 from calibration.watch.follow import tail_of
 from calibration.watch.record import Record, look
 from calibration.watch.watch import Alarm, Watch
-from qcar_twin.recordings.dataset import DataSet, write_dataset
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.dataset_writer import write_dataset
 from qcar_twin.recordings.manifest import Manifest, read_manifest
 from qcar_twin.recordings.recording import Recording, RecordingError
 

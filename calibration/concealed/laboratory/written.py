@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from qcar_twin.atomic_io import whole_file
-from qcar_twin.recordings.dataset import write_dataset
+from qcar_twin.recordings.dataset_writer import write_dataset
 from qcar_twin.recordings.recording import Recording
 
 from .manoeuvres import PERIOD, Manoeuvre

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +32,15 @@ class Suspect:
   scale: float
 
 
+class UnitError(RecordingError):
+  """A channel that no car of this size reaches, or that agrees with another sensor but for a usual unit's factor: what
+  is `said` of it, and the cure."""
+
+  def __init__(self, said: str, cure: str) -> None:
+    super().__init__(f"{said}; {cure}")
+    self.said = said
+
+
 Slopes = tuple[tuple[float, Suspect], ...]
 
 
@@ -43,7 +52,7 @@ def suspects_of(channel: str) -> tuple[Suspect, ...]:
 def check_limits(
   recording: Recording, vehicle: Mapping[str, float | str] | None = None, said: Collection[str] = ()
 ) -> None:
-  """Raises RecordingError when a channel exceeds what a car of this size can do, with the scale of the nearest usual
+  """Raises UnitError when a channel exceeds what a car of this size can do, with the scale of the nearest usual
   unit.
 
   Limits are a 1:10 car's; those of motion grow with the car by Froude's similarity: speed as sqrt(length), turning as
@@ -69,10 +78,10 @@ def check_limits(
     if suspects and not any(typical * s.scale < limit for s in suspects):
       cure = f"no usual unit explains it: raw counts of a sensor? set scale on {name} in [channels] by its data sheet"
     larger = "; or give the car's size in [vehicle], where it is larger" if channel.unit == "m/s" else ""
-    raise RecordingError(
+    raise UnitError(
       f"{recording.file or recording.name}: {name} reaches {magnitude.max():g} {channel.unit}, implausible "
-      f"above {limit:.3g} {channel.unit} "
-      f"(first at {stream.time[int(np.argmax(beyond))]:g} s); {cure}{larger}"
+      f"above {limit:.3g} {channel.unit} (first at {stream.time[int(np.argmax(beyond))]:g} s)",
+      cure + larger,
     )
 
 
@@ -153,6 +162,13 @@ class Comparison:
     least = {suspect.channel: distance for distance, suspect in reversed(near)}
     return [suspect for distance, suspect in near if 0.5 * distance <= least[suspect.channel]]
 
+  def right_by(self, unit: Suspect) -> bool:
+    """Whether the two are of one size once a channel is read in this unit."""
+    slope, correlation = self.slope()
+    if unit.channel in self.takes:
+      slope *= unit.scale if unit.channel == self.channel else 1.0 / unit.scale
+    return correlation > _UNIT_CORRELATION and 1.0 / _LOOSE < slope < _LOOSE
+
 
 def compare(recording: Recording, vehicle: Mapping[str, float | str]) -> list[Comparison]:
   """Every comparison that the channels of this recording allow."""
@@ -160,18 +176,18 @@ def compare(recording: Recording, vehicle: Mapping[str, float | str]) -> list[Co
 
 
 def check_units(recording: Recording, vehicle: Mapping[str, float | str]) -> list[str]:
-  """Raises RecordingError when a channel agrees with its witness but for the factor of a usual unit; returns warnings
+  """Raises UnitError when a channel agrees with its witness but for the factor of a usual unit; returns warnings
   about signs.
   """
   notes, label = [], recording.file or recording.name
-  for comparison in compare(recording, vehicle):
+  comparisons = compare(recording, vehicle)
+  for comparison in comparisons:
     slope, correlation = comparison.slope()
     units = comparison.convicted() if correlation > _UNIT_CORRELATION else []
     if units:
+      units = _of_most(units, [other for other in comparisons if other is not comparison])
       cures = ", or ".join(dict.fromkeys(_cure(unit) for unit in units))
-      raise RecordingError(
-        f"{label}: {comparison.channel} is {slope:.3g} times {comparison.witness}, implausible; {cures}"
-      )
+      raise UnitError(f"{label}: {comparison.channel} is {slope:.3g} times {comparison.witness}, implausible", cures)
     if correlation < -_SIGN_CORRELATION and -2.0 < slope < -0.5:
       notes.append(
         f"{label}: {comparison.channel} runs against {comparison.witness} (slope {slope:.2f}); signs are ISO 8855: "
@@ -179,6 +195,12 @@ def check_units(recording: Recording, vehicle: Mapping[str, float | str]) -> lis
         "turning positive counter-clockwise, speed negative in reverse; set scale = -1 on the channel that differs"
       )
   return notes
+
+
+def _of_most(units: Sequence[Suspect], others: Sequence[Comparison]) -> list[Suspect]:
+  """The units by which most of the other comparisons are right, of several channels that one comparison suspects."""
+  right = [sum(other.right_by(unit) for other in others) for unit in units]
+  return [unit for unit, count in zip(units, right, strict=True) if count == max(right)]
 
 
 def _comparisons(recording: Recording, vehicle: Mapping[str, float | str]) -> Iterator[Comparison]:
@@ -197,7 +219,7 @@ def _comparisons(recording: Recording, vehicle: Mapping[str, float | str]) -> It
 
 
 def _turning_of_pose(bins: _Bins) -> Comparison:
-  suspects = (*_inflated("yaw_rate"), *_deflated("pose_yaw"))
+  suspects = (*_inflated("yaw_rate"), *_deflated("pose_yaw"), *_scaled_twice("yaw_rate"))
   return Comparison(
     "yaw_rate",
     "the change of pose_yaw",
@@ -252,6 +274,12 @@ def _inflated(channel: str) -> Slopes:
 def _deflated(channel: str) -> Slopes:
   """The same where it is part of what is expected."""
   return tuple((suspect.scale, suspect) for suspect in suspects_of(channel))
+
+
+def _scaled_twice(channel: str) -> Slopes:
+  """The slopes where a channel that is measured was in SI units already and has a usual unit's factor on it."""
+  already = f"{CHANNELS[channel].unit} already"
+  return tuple((s.scale, Suspect(channel, already, 1.0 / s.scale)) for s in suspects_of(channel))
 
 
 def _rpm(name: str) -> Slopes:

@@ -15,7 +15,7 @@ from agents.studies import estimation_report
 from agents.studies import estimation_study as study
 from agents.studies.estimation_report import batch_cost, online_cost
 from agents.studies.tracking_study import MISMATCHED, NOMINAL, TrackingCase, run_table, table_rows
-from qcar_twin.recordings.dataset import write_dataset
+from qcar_twin.recordings.dataset_writer import write_dataset
 from qcar_twin.recordings.recording import Recording, Stream
 from tests import ROOT
 from tests.counting import ticking

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from calibration.log_check import check_log, heed
-from qcar_twin.recordings.dataset import DataSet, write_dataset
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.dataset_writer import write_dataset
 from qcar_twin.recordings.recording import Recording, RecordingError, Stream
 from scripts import check
 from tests.calibration.log_check.test_pairs import changed, drives

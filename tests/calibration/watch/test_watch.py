@@ -13,7 +13,7 @@ from calibration.watch.evidence import BLOCK
 from calibration.watch.follow import CsvTail, McapTail, as_recording, pieces, tail_of
 from calibration.watch.watch import Alarm, Watch, clock
 from qcar_twin.plant import START
-from qcar_twin.recordings.dataset import write_dataset
+from qcar_twin.recordings.dataset_writer import write_dataset
 from qcar_twin.recordings.manifest import Mapped, read_manifest
 from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.twin.file import save_twin

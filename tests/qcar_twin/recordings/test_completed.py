@@ -5,7 +5,8 @@ import pytest
 
 from calibration.log_check import check_log, heed
 from qcar_twin.recordings.completed import completed, heading_or_course
-from qcar_twin.recordings.dataset import DataSet, write_dataset
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.dataset_writer import write_dataset
 from qcar_twin.recordings.recording import Recording
 from tests.faults.falsities import FALSITIES, SIZES, wander
 from tests.qcar_twin.recordings.drives import STD, VEHICLE, folder_with, write_csv, write_manifest

@@ -6,7 +6,8 @@ import tomllib
 import numpy as np
 import pytest
 
-from qcar_twin.recordings.dataset import DataSet, write_dataset
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.dataset_writer import write_dataset
 from qcar_twin.recordings.recording import ROLES, RecordingError, UnknownChannelError
 from tests.qcar_twin.recordings.drives import STD, VEHICLE, drive, folder_with, recording, write_csv, write_manifest
 from tests.qcar_twin.recordings.loading import refused

@@ -5,7 +5,8 @@ import os
 import numpy as np
 import pytest
 
-from qcar_twin.recordings.dataset import DataSet, write_dataset, write_recording
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.dataset_writer import write_dataset, write_recording
 from qcar_twin.recordings.recording import Recording, RecordingError, Stream
 from tests.qcar_twin.recordings.drives import STD, VEHICLE, drive, folder_with, recording
 
@@ -92,7 +93,7 @@ def test_an_interrupted_write_leaves_the_old_data_set_whole(tmp_path, monkeypatc
   write_dataset(tmp_path, "old", VEHICLE, STD, [recording("a")])
   before = (tmp_path / "a.csv").read_bytes()
   monkeypatch.setattr(
-    "qcar_twin.recordings.dataset.write_recording", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt)
+    "qcar_twin.recordings.dataset_writer.write_recording", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt)
   )
   with pytest.raises(KeyboardInterrupt):
     write_dataset(tmp_path, "new", VEHICLE, STD, [recording("a", seed=5)])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from qcar_twin.recordings.checks.units import compare
-from qcar_twin.recordings.dataset import DataSet, write_dataset
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.dataset_writer import write_dataset
 from tests import REAL
 
 DATA = REAL

@@ -19,7 +19,8 @@ from calibration.concealed.benchmarks.calibration import (
   steps_table,
   windows_table,
 )
-from qcar_twin.recordings.dataset import DataSet, write_dataset
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.dataset_writer import write_dataset
 from qcar_twin.recordings.recording import Recording
 
 NUMBERS = {

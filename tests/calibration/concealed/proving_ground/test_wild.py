@@ -13,7 +13,8 @@ from calibration.concealed.proving_ground import EFFECTS, Car, ProvingGroundPlan
 from calibration.concealed.proving_ground.drivetrain import LIMIT, Drivetrain
 from calibration.concealed.proving_ground.sensing import Sensors
 from calibration.concealed.proving_ground.wild import DESIGN, POOLS, draw_wild_car, draw_wild_sensors, scaled
-from qcar_twin.recordings.dataset import DataSet, write_dataset
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.dataset_writer import write_dataset
 from tests.calibration.concealed.proving_ground.comparing import same
 
 CASES = draw_wild_cases(3, 60)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from qcar_twin.recordings.checks.repeats import find_repeats
-from qcar_twin.recordings.dataset import DataSet, write_dataset
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.dataset_writer import write_dataset
 from qcar_twin.recordings.recording import Recording, RecordingError, Stream
 from tests.qcar_twin.recordings.drives import STD, VEHICLE, drive, recording
 

@@ -7,7 +7,7 @@ from qcar_twin.recordings.checks.faults import find_defects
 from qcar_twin.recordings.checks.units import check_limits, check_units, compare
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording, RecordingError, Stream
-from tests.qcar_twin.recordings.drives import VEHICLE, drive, folder_with, recording
+from tests.qcar_twin.recordings.drives import VEHICLE, drive, folder_with, recording, write_csv, write_manifest
 from tests.qcar_twin.recordings.loading import refused_run, warned
 
 WRONG_UNITS = [
@@ -71,6 +71,32 @@ def test_motor_speed_in_rpm_and_acceleration_in_g_look_alike_without_a_pose_so_b
     "is it in g? set scale = 9.80665 on accel_x",
     "or is it in rpm? set scale = 0.10472 on motor_speed",
   )
+
+
+def test_a_gyro_that_was_scaled_twice_is_said_where_the_other_sensors_agree_with_the_heading(tmp_path):
+  time, columns = drive()
+  columns["yaw_rate"] = np.radians(columns["yaw_rate"])
+  cure = "is it in rad/s already? set scale = 57.2958 on yaw_rate in [channels]"
+  refused_run(tmp_path, time, columns, "yaw_rate is 0.017", "times the change of pose_yaw, implausible; " + cure)
+
+
+def test_a_heading_in_degrees_is_said_where_the_other_sensors_agree_with_the_gyro(tmp_path):
+  time, columns = drive()
+  columns["pose_yaw"] = np.degrees(columns["pose_yaw"])
+  refused_run(tmp_path, time, columns, "is it in degrees? set scale = 0.0174533 on pose_yaw in [channels]")
+
+
+@pytest.mark.parametrize(("factor", "said"), [(180.0 / np.pi, "reaches"), (np.pi / 180.0, "is 0.017")])
+def test_one_file_in_another_unit_than_the_others_is_no_matter_of_channels(tmp_path, factor, said):
+  for seed, name in enumerate(("one", "two", "three")):
+    time, columns = drive(seed=seed)
+    columns["yaw_rate"] *= factor if name == "two" else 1.0
+    write_csv(tmp_path / f"{name}.csv", time, columns)
+  write_manifest(tmp_path, files=("one.csv", "two.csv", "three.csv"))
+  with pytest.raises(RecordingError) as caught:
+    DataSet.load(tmp_path)
+  text = "and 2 of the other 2 files agree: correct this file's column, or leave the file out"
+  assert str(caught.value).startswith(f"two.csv: yaw_rate {said}") and str(caught.value).endswith(text)
 
 
 def test_a_wrapped_heading_in_degrees_is_found_before_it_is_unwrapped(tmp_path):
