@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.fitting.noise import ChannelNoise
 from calibration.log_check.causes import ALIKE, scaled, tolerance
-from calibration.log_check.disagreements import Finding
+from calibration.log_check.disagreements import Finding, Severity
 from calibration.log_check.motions import Wheels, motions
 from calibration.log_check.pairs import Comparison, compare
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
@@ -22,6 +22,7 @@ _SETS_A_SPEED = tuple(c for c in DRIVE_COMMANDS if c != "motor_current")  # a cu
 _FILES = 3  # of which one can be odd
 _UNIT = 10.0  # halfway, as factors go, between one unit and per cent of it
 _LATE = 0.1  # s; an age that differs by less between drives is said of none
+_OTHERWISE = 0.1  # share by which two sensors of a motion differ between drives of one car, by slip at most
 _SURE = 5.0  # deviations: of dozens of files one lies beyond three by chance
 _STEADY = 20  # bins of steady driving that give a file's speed per command
 
@@ -67,7 +68,7 @@ def _odd_commands(files: Mapping[str, Sequence[Recording]], channel: str) -> lis
 
 
 def _odd_sensors(each: Mapping[str, Comparison]) -> list[Finding]:
-  """Files in which two sensors of a motion differ by another sign, factor or lag than in the others."""
+  """Files in which two sensors of a motion differ by another sign, factor, share or lag than in the others."""
   if len(each) < _FILES:
     return []
   return [f for name, c in each.items() for f in _odd(name, c, [o for other, o in each.items() if other != name])]
@@ -88,6 +89,13 @@ def _odd(name: str, c: Comparison, others: Sequence[Comparison]) -> list[Finding
   if max(factor, 1.0 / factor) > tolerance(c.motion):
     said = f"{sensors} has another unit in {name} than in the other files: by {c.motion.name} the ratio of the two is"
     return [Finding("spoils", channels, f"{said} {factor:.3g} times theirs; {cure}")]
+  nearest = min((c.scale.value / o.scale.value - 1.0 for o in alike), key=abs)
+  if c.motion.kinematic and abs(nearest) > max(_OTHERWISE, _SURE * c.scale.std / c.scale.value):
+    more = f"{100.0 * abs(factor - 1.0):.0f} % {'more' if factor > 1.0 else 'less'}"
+    said = f"{c.motion.compared[0]} reads {more} in {name} than in the other files, against {c.motion.reference[0]}"
+    why = "another car, another scale, or a clock that runs otherwise"
+    severity: Severity = "beware" if c.motion.reference[0] == "pose_x" else "spoils"  # wheels slip, a gyro does not
+    return [Finding(severity, channels, f"{said}: {why}; {cure}")]
   late = dataclasses.replace(c.lag, value=c.lag.value - float(np.median([o.lag.value for o in alike])))
   if c.motion.kinematic and abs(late.value) > _LATE and late.beyond(0.0, _SURE):
     said = f"{c.motion.compared[0]} is {1e3 * abs(late.value):.0f} ± {1e3 * late.std:.0f} ms"

@@ -17,7 +17,7 @@ from qcar_twin.recordings.checks.faults import after_start, find_defects, outsid
 from qcar_twin.recordings.checks.jumps import Jump, without_jumps
 from qcar_twin.recordings.checks.repeats import refuse_repeats
 from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
-from qcar_twin.recordings.checks.units import UnitError, check_limits, check_units, check_way
+from qcar_twin.recordings.checks.units import UnitError, check_limits, check_units, check_way, without_spikes
 from qcar_twin.recordings.completed import completed
 from qcar_twin.recordings.formats import Table, read_inside
 from qcar_twin.recordings.manifest import FILE_NAME, Entry, Manifest, Mapped, read_manifest
@@ -145,10 +145,11 @@ def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Re
   check_limits(whole, manifest.vehicle, _said(mapping))
   if (entry.begin, entry.end) != (-np.inf, np.inf):
     whole = _part(whole, entry)
+  whole, spikes = without_spikes(whole, manifest.vehicle)
   whole, lost, left_out = without_lost(whole)
   whole, jumps, flickers = without_jumps(whole, _length(manifest.vehicle))
   whole, stuck, gone, said = without_stuck(whole)
-  notes += [*left_out, *flickers, *said]
+  notes += [*spikes, *left_out, *flickers, *said]
   pieces, cuts = _cut(whole, jumps, stuck)
   signs = check_units(whole, manifest.vehicle)
   check_clock_unit(whole)

@@ -60,14 +60,14 @@ def without_stuck(recording: Recording) -> tuple[Recording, Spans, Spans, list[s
   that are left out, and notes.
 
   Where a gyro or a speed stuck nothing says how the car was under way, from which a simulation could begin there. A
-  speed that stuck at zero may be a car that was held: it stays, as does what stuck for most of the time, and `frozen`
-  says it.
+  speed that stuck at zero may be a car that was held, where no pose moves: it stays, as does what stuck for most of the
+  time, and `frozen` says it.
   """
   streams, out, gone, notes = dict(recording.streams), [], [], []
   for channel, stuck in _stuck(recording).items():
     stream = recording[channel]
     if channel in _SPEEDS:
-      stuck = [span for span in stuck if _within(stream, span).any()]
+      stuck = [span for span in stuck if _within(stream, span).any() or _moves_unseen(recording, stream, span)]
     if not stuck or sum(b - a for a, b in stuck) > _MOSTLY * (recording.end - recording.start):
       continue
     if channel in (*_SPEEDS, "yaw_rate"):
@@ -100,7 +100,11 @@ def _stuck(recording: Recording) -> dict[str, list[tuple[float, float]]]:
       runs = [run for run in _long_runs(stream) if _within(stream, run)[0] not in bounds]
       spans = [run for run in runs if not _at_rest(recording, channel, run)]
     elif channel in _SPEEDS:
-      spans = [run for run in _long_runs(stream) if _should_change(recording, stream, run)]
+      spans = [
+        run
+        for run in _long_runs(stream)
+        if _should_change(recording, stream, run) or _moves_unseen(recording, stream, run)
+      ]
     else:
       continue
     if spans:
@@ -151,12 +155,16 @@ def silent(recording: Recording, lost: Spans = ()) -> list[str]:
   for channel, stream in recording.streams.items():
     if CHANNELS[channel].is_command or len(stream) < 3:
       continue
-    step = np.diff(stream.time)
-    long = np.flatnonzero(step > max(_SILENT_STEPS * float(np.median(step)), _SILENT_SECONDS))
-    spans = [(float(stream.time[row]), float(stream.time[row + 1])) for row in long]
+    long = max(_SILENT_STEPS * float(np.median(np.diff(stream.time))), _SILENT_SECONDS)
+    there = np.r_[recording.start, stream.time, recording.end]
+    spans = [(float(there[row]), float(there[row + 1])) for row in np.flatnonzero(np.diff(there) > long)]
     spans = [(a, b) for a, b in spans if not any(a <= first and last <= b for first, last in lost)]
-    if spans:
-      notes.append(_note(recording, channel, "has no sample", spans, "it is interpolated there"))
+    ends = [span for span in spans if span[0] == recording.start or span[1] == recording.end]
+    for which, so in (
+      ([span for span in spans if span not in ends], "it is interpolated there"),
+      (ends, "nothing of it is known there"),
+    ):
+      notes += [_note(recording, channel, "has no sample", which, so)] if which else []
   return notes
 
 
@@ -189,12 +197,21 @@ def _within(stream: Stream, span: tuple[float, float]) -> np.ndarray:
 
 
 def _speed_in(recording: Recording, span: tuple[float, float]) -> float:
-  """Mean measured speed in a span; infinite for a motor that turns when only its speed is known, 0 when unknown."""
+  """Mean measured speed in a span; infinite for a motor that turns most of the time when only its speed is known, and 0
+  when nothing is."""
   if "speed" in recording:
     value = _within(recording["speed"], span)
     return float(np.abs(value).mean()) if value.size else 0.0
   value = _within(recording["motor_speed"], span) if "motor_speed" in recording else np.zeros(0)
-  return np.inf if value.size and np.abs(value).min() > 1.0 else 0.0
+  return np.inf if value.size and np.median(np.abs(value)) > 1.0 else 0.0
+
+
+def _moves_unseen(recording: Recording, stream: Stream, span: tuple[float, float]) -> bool:
+  """Whether the car moves by its pose while its speed is zero: a stuck encoder, or a car that somebody carries."""
+  if _within(stream, span).any() or not {"pose_x", "pose_y"} <= set(recording.channels):
+    return False
+  x, y = (_within(recording[name], span) for name in ("pose_x", "pose_y"))
+  return min(x.size, y.size) > 1 and float(np.hypot(np.ptp(x), np.ptp(y))) > _MOVING * (span[1] - span[0])
 
 
 def _at_rest(recording: Recording, channel: str, span: tuple[float, float]) -> bool:

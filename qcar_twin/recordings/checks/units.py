@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS
-from qcar_twin.recordings.recording import Recording, RecordingError
+from qcar_twin.recordings.recording import Recording, RecordingError, Stream
 
 _SPIKES = 2  # so many samples may always lie beyond a limit that allows spikes
 _BIN = 0.25  # s, over which channels are averaged before they are compared
@@ -83,6 +83,26 @@ def check_limits(
       f"above {limit:.3g} {channel.unit} (first at {stream.time[int(np.argmax(beyond))]:g} s)",
       cure + larger,
     )
+
+
+def without_spikes(
+  recording: Recording, vehicle: Mapping[str, float | str] | None = None
+) -> tuple[Recording, list[str]]:
+  """The recording without the few samples of a sensor that `check_limits` lets pass, and a note for each channel."""
+  streams, notes = dict(recording.streams), []
+  for name, stream in recording.streams.items():
+    channel = CHANNELS[name]
+    beyond = np.abs(stream.value) > channel.limit * _similarity(channel.unit, vehicle or {})
+    if channel.is_command or not 0 < beyond.sum() <= max(channel.spikes * beyond.size, _SPIKES):
+      continue
+    streams[name] = Stream(stream.time[~beyond], stream.value[~beyond])
+    samples = f"{beyond.sum()} samples" if beyond.sum() > 1 else "a sample"
+    notes.append(
+      f"{recording.file or recording.name}: {name} reaches {np.abs(stream.value).max():.3g} {channel.unit} in"
+      f" {samples} (first at {stream.time[int(np.argmax(beyond))]:g} s), which no car does: a bad reading, or a counter"
+      " that wrapped; left out"
+    )
+  return recording.replace(streams=streams), notes
 
 
 def check_way(recording: Recording, vehicle: Mapping[str, float | str]) -> None:

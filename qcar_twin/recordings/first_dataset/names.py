@@ -12,7 +12,7 @@ _PLACES = "pose|poses|pos|position|positions|location|vicon|mocap|optitrack|lida
 _RULES: dict[str, tuple[str, ...]] = {
   "time": ("elapsed|log|system|ros time|stamp|clock", "time|timestamp|stamp|clock|elapsed|tout|t"),
   "motor_voltage": (
-    "motor|mot|command|commanded|cmd|applied|armature|input|esc|drive voltage|volt|volts|v"
+    "motor|mot|command|commands|commanded|cmd|applied|armature|input|esc|drive voltage|volt|volts|v"
     " !battery|bat|batt|supply|measured",
     "voltage|volts !battery|bat|batt|vbat|supply|measured",
     "motor|mot u !measured",
@@ -22,9 +22,9 @@ _RULES: dict[str, tuple[str, ...]] = {
     "actuator|actuators motor|motors",
     "pedal|accelerator !brake|clutch|steering",
   ),
-  "motor_current": ("current|amps command|commanded|cmd|target|desired|setpoint|ref|reference",),
+  "motor_current": ("current|amps command|commands|commanded|cmd|target|desired|setpoint|ref|reference",),
   "speed_command": (
-    "speed|velocity|vel|v command|commanded|cmd|target|desired|setpoint|ref|reference|goal"
+    "speed|velocity|vel|v command|commands|commanded|cmd|target|desired|setpoint|ref|reference|goal"
     " !angular|ang|yaw|steering|z|y",
   ),
   "steering_command": (
@@ -34,17 +34,18 @@ _RULES: dict[str, tuple[str, ...]] = {
   ),
   "motor_speed": (
     "motor|tach|tacho|shaft speed|velocity|vel|omega|rpm|rps|rate|w",
-    "rpm !e|command|commanded|cmd|target|desired",
+    "rpm !e|command|commands|commanded|cmd|target|desired",
     "rps !gyro|gyr",
-    "erpm !command|commanded|cmd|target|desired",
+    "erpm !command|commands|commanded|cmd|target|desired",
     "sensors core speed",
   ),
   "speed": (
     "speed|velocity|vel|vels|v"
-    " !angular|yaw|gyro|motor|command|commanded|cmd|target|desired|setpoint|ref|reference|steering|y|z|lateral",
-    "v enc|encoder|meas|measured|actual|act|odom|wheel !y|z|command|commanded|cmd|target",
+    " !angular|yaw|gyro|motor|command|commands|commanded|cmd|target|desired|setpoint|ref|reference|steering"
+    "|y|z|lateral",
+    "v enc|encoder|meas|measured|actual|act|odom|wheel !y|z|command|commands|commanded|cmd|target",
     "vx|vlong !position|pos|pose|map|world|global|local|ned|enu",
-    "twist|odom|vel|vels linear x !angular|acceleration|accel|acc|command|commanded|cmd",
+    "twist|odom|vel|vels linear x !angular|acceleration|accel|acc|command|commands|commanded|cmd",
   ),
   "accel_x": (
     "acc|accel|acl|acceleration|accelerometer|a x|forward|fwd|long|longitudinal|lon !angular|target|command|commanded",
@@ -57,11 +58,11 @@ _RULES: dict[str, tuple[str, ...]] = {
   "yaw_rate": (
     "yaw|heading|psi|turn rate|dot|speed|velocity|vel !target|command|commanded|desired",
     "gyro|gyroscope|gyr|angular|ang|omega|w|imu z|yaw"
-    " !accel|acc|acl|acceleration|accelerometer|linear|wheel|motor|mag|command|commanded|cmd|target|desired",
+    " !accel|acc|acl|acceleration|accelerometer|linear|wheel|motor|mag|command|commands|commanded|cmd|target|desired",
     "rate rotation z",
     "gyro|gyroscope !x|y",
     "wz|gz|gyroz|gyrz|yawrate|omegaz|dpsi|dyaw|psidot|yawdot|r",
-    "omega !motor|wheel|shaft|x|y|command|commanded|cmd|target|desired",
+    "omega !motor|wheel|shaft|x|y|command|commands|commanded|cmd|target|desired",
     "w imu|gyro",
   ),
   "pose_x": (
@@ -83,11 +84,12 @@ _RULES: dict[str, tuple[str, ...]] = {
   "pose_score": ("score|confidence|quality",),
   "battery_voltage": ("battery|bat|batt|vbat|supply !current|percent|percentage|charge|temperature",),
   "armature_current": (
-    "current|amps !command|commanded|cmd|target|desired|setpoint|battery|supply|time",
-    "motor|mot|armature i !command|commanded|cmd|target|desired|setpoint|ref|reference",
+    "current|amps !command|commands|commanded|cmd|target|desired|setpoint|battery|supply|time",
+    "motor|mot|armature i !command|commands|commanded|cmd|target|desired|setpoint|ref|reference",
   ),
 }
 _PULSES = ("us", "µs")  # what radio-control servos and speed controllers are commanded in
+_ODOMETRY = {"odom", "odometry"}  # whose turning is of wheel speeds or of the commanded steering, and no sensor's
 _RAW, _SMOOTH = (
   {"raw"},
   {"filtered", "filt", "smoothed", "smooth", "ema", "avg", "average", "estimated", "est", "lowpass"},
@@ -99,7 +101,7 @@ class Reading:
   """A channel that a column's name may mean.
 
   Attributes:
-    score: how well it fits; terms of the rule that were met, more for a unit that fits, less for smoothed values.
+    score: how well it fits; terms of the rule that were met, more for a unit that fits, less for values worked out.
     why: in words.
   """
 
@@ -123,7 +125,8 @@ def readings(column: str) -> list[Reading]:
       continue
     best = max(met, key=len)
     score = len(best) + 0.5 * len(set(best)) / len(words)
-    score += 0.2 * bool(words & _RAW) - 0.5 * bool(words & _SMOOTH)
+    worked_out = words & _SMOOTH or (channel == "yaw_rate" and words & _ODOMETRY)
+    score += 0.2 * bool(words & _RAW) - 0.5 * bool(worked_out)
     pulse = unit is not None and unit[0] in _PULSES and channel in ("motor_duty", "steering_command")
     share = unit is not None and unit[1] == "-" and channel == "steering_command"  # of full lock
     fits = unit is None or unit[1] == CHANNELS[channel].unit or pulse or share

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.checks.units import compare
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, scale, stepped
 from qcar_twin.recordings.first_dataset.names import readings
@@ -146,14 +147,17 @@ def _take(columns: Columns, guess: Guess, name: str) -> None:
 def _witnessed(
   columns: Columns, guesses: dict[str, Guess], guess: Guess, name: str, vehicle: Mapping[str, float | str]
 ) -> float:
-  """Mean size of the correlation with what other channels say of it; NaN where none does."""
+  """Mean size of the correlation with what other sensors say of it, or where none does, a command; NaN where nothing
+  does. Odometry's turning is often the commanded one, which a command witnesses better than any gyro."""
   trial = {**guesses, guess.channel: dataclasses.replace(guess, column=name)}
-  heard = [
-    abs(comparison.slope()[1])
+  made = [
+    comparison
     for recording in recordings_of(columns, trial)
     for comparison in compare(recording, vehicle)
     if guess.channel in comparison.takes
   ]
+  sensed = [comparison for comparison in made if not any(CHANNELS[name].is_command for name in comparison.takes)]
+  heard = [abs(comparison.slope()[1]) for comparison in sensed or made]
   heard = [value if math.isfinite(value) else 0.0 for value in heard]
   return float(np.mean(heard)) if heard else math.nan
 

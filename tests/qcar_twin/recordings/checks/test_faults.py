@@ -83,6 +83,23 @@ def test_an_encoder_stuck_at_zero_is_told_from_a_standing_car(tmp_path):
   assert warned(tmp_path, time, columns) == ()
 
 
+def test_an_encoder_stuck_at_zero_is_left_out_where_a_pose_moves_whatever_was_commanded(tmp_path):
+  time, columns = drive()
+  columns["motor_speed"][800:1000] = 0.0
+  notes = warned(tmp_path, time, columns)
+  assert any("motor_speed is frozen at 0 from 8 s to 9.99 s; it stuck there; that part" in note for note in notes)
+  assert [r.end for r in DataSet.load(tmp_path).recordings] == pytest.approx([8.0, 11.99])
+
+
+def test_a_gyro_that_was_unplugged_is_frozen_though_the_car_stands_now_and_then(tmp_path):
+  time, columns = drive()
+  columns["yaw_rate"][600:1100] = 0.0
+  columns["motor_speed"][900:950] = 0.0
+  for name in ("pose_x", "pose_y", "pose_yaw"):
+    del columns[name]
+  assert any("yaw_rate is frozen at 0 from 6 s to 10.99 s" in note for note in warned(tmp_path, time, columns))
+
+
 def test_a_speed_that_ignores_the_voltage_is_frozen(tmp_path):
   time, columns = drive()
   columns = {key: columns[key] for key in ("motor_voltage", "motor_speed")}
@@ -119,6 +136,11 @@ def test_a_channel_that_falls_silent_is_mentioned(tmp_path):
   notes = warned(tmp_path, time, columns)
   assert len(notes) == 3
   assert notes[0] == "run.csv: pose_x has no sample from 3.99 s to 5.2 s; it is interpolated there"
+  for channel in ("pose_x", "pose_y", "pose_yaw"):
+    columns[channel] = drive()[1][channel]
+    columns[channel][400:] = np.nan
+  notes = warned(tmp_path, time, columns)
+  assert notes[0] == "run.csv: pose_x has no sample from 3.99 s to 11.99 s; nothing of it is known there"
 
 
 def test_a_noise_free_drive_raises_no_warning(tmp_path):

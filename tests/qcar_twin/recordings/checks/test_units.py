@@ -115,7 +115,11 @@ def test_a_wrapped_heading_in_degrees_is_found_before_it_is_unwrapped(tmp_path):
 def test_a_spike_beyond_the_limit_is_no_unit(tmp_path):
   time, columns = drive()
   columns["yaw_rate"][[100, 700]] = 40.0
-  assert warned(tmp_path, time, columns) == ()
+  (note,) = warned(tmp_path, time, columns)
+  said = "yaw_rate reaches 40 rad/s in 2 samples (first at 1 s), which no car does: a bad reading, or a counter that"
+  assert note == f"run.csv: {said} wrapped; left out"
+  (run,) = DataSet.load(tmp_path).recordings
+  assert len(run["yaw_rate"]) == time.size - 2 and np.abs(run["yaw_rate"].value).max() < 15.0
 
 
 @pytest.mark.parametrize("seed", range(60))

@@ -113,6 +113,17 @@ def test_the_speed_of_a_vesc_counts_electrical_revolutions(tmp_path):
   assert "speed" not in table["channels"] and "counts electrical revolutions" in proposal.questions[0]
 
 
+def test_a_vesc_driven_by_current_with_odometry_whose_turning_is_the_commanded_one(tmp_path):
+  time, own = driven()
+  columns = {"/commands/motor/current.data": 20.0 * own["throttle"], "/odom.twist.twist.linear.x": own["speed"]}
+  columns |= {"/commands/servo/position.data": own["steering_command"], "/imu.angular_velocity.z": own["yaw_rate"]}
+  columns["/odom.twist.twist.angular.z"] = 1.4 * own["speed"] * np.tan(own["steering_command"]) / 0.256
+  columns |= {"/mocap.pose.position.x": own["pose_x"], "/mocap.pose.position.y": own["pose_y"]}
+  table, _ = log(tmp_path, time, columns | {"/mocap.pose.yaw": own["pose_yaw"]})
+  taken = columns_of(table)
+  assert (taken["motor_current"], taken["yaw_rate"]) == ("/commands/motor/current.data", "/imu.angular_velocity.z")
+
+
 def test_a_stamp_that_two_messages_share_says_nothing_of_held_values(tmp_path):
   time, own = driven()
   commands = {name: np.repeat(own[name], 2) for name in ("throttle", "steering_command")}
