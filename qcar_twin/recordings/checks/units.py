@@ -25,11 +25,13 @@ _SLOPE_ERROR = 0.15  # largest relative standard error of a slope that says anyt
 
 @dataclass(frozen=True)
 class Suspect:
-  """A unit that a channel is often logged in by mistake, and the factor to SI."""
+  """A unit that a channel is often logged in by mistake, and the factor to SI; `already`: it was in SI units, and has
+  such a unit's factor on it."""
 
   channel: str
   unit: str
   scale: float
+  already: bool = False
 
 
 class UnitError(RecordingError):
@@ -298,8 +300,8 @@ def _deflated(channel: str) -> Slopes:
 
 def _scaled_twice(channel: str) -> Slopes:
   """The slopes where a channel that is measured was in SI units already and has a usual unit's factor on it."""
-  already = f"{CHANNELS[channel].unit} already"
-  return tuple((s.scale, Suspect(channel, already, 1.0 / s.scale)) for s in suspects_of(channel))
+  unit = f"{CHANNELS[channel].unit} already"
+  return tuple((s.scale, Suspect(channel, unit, 1.0 / s.scale, already=True)) for s in suspects_of(channel))
 
 
 def _rpm(name: str) -> Slopes:

@@ -81,7 +81,7 @@ def _convicted(
     steering = guesses.get("steering_command")  # none where the car drove straight
     if "steering_command" in comparison.takes and (steering is None or not steering.named):
       continue  # what it is in comes from how the car turned, once speed and gyro are settled
-    units = comparison.convicted() if correlation > _AGREE else []
+    units = [unit for unit in comparison.convicted() if not unit.already] if correlation > _AGREE else []
     if [unit.channel for unit in units] == ["pose_yaw"] and goes_with([recording]):
       said = f"{comparison.channel} is {slope:.3g} times {comparison.witness}, which the path confirms"
       return "yaw_rate", 1.0 / units[0].scale, f"{said}: not in {guesses['yaw_rate'].column}'s unit"
