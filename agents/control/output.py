@@ -40,11 +40,14 @@ def write_traces(file: Path, drive: Drive, car: int = 0) -> None:
 
 
 def indicator_line(label: str, drive: Drive, indicators: Kpis) -> str:
-  """Medians over the runs, in words."""
+  """Medians over the runs, in words, and how many did not come to the path's end."""
   me, rmse, iaca = (float(np.median(x)) for x in (indicators.me, indicators.rmse, indicators.iaca))
-  line = (
-    f"{label} on {drive.path.name}: ME {1e3 * me:.1f} mm, RMSE {1e3 * rmse:.1f} mm, IACA {np.degrees(iaca):.2f} deg"
-  )
+  said = [f"ME {1e3 * me:.1f} mm, RMSE {1e3 * rmse:.1f} mm, IACA {np.degrees(iaca):.2f} deg"] if np.isfinite(me) else []
+  if not drive.finished.all():
+    lost = ~drive.finished
+    driven = float(np.where(drive.under_way, drive.arc_length, 0.0).max(axis=0)[lost].min())
+    said += [f"{lost.sum()} of {lost.size} runs did not reach the end, the first came {driven:.1f} m far"]
+  line = f"{label} on {drive.path.name}: {'; '.join(said)}"
   if drive.path.lanes:
     line += f", {int(indicators.inside.sum())} of {len(indicators.inside)} runs between the borders"
   return line

@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+import math
 import os
 from collections.abc import Sequence
 from typing import Any
@@ -103,9 +104,11 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
     acted += [*command_findings(recordings), *direction_findings(wheels, recordings)]
   spoilt = {name for f in acted if f.severity == "spoils" for name in f.channels}  # first these, then what they take
   judged = [c for c in compared if not spoilt & {*c.motion.compared, *c.motion.reference}]
+  tied = [c for c in judged if c.motion.kinematic and math.isfinite(c.lag.value)]
+  timed = {name for c in tied for name in (*c.motion.compared, *c.motion.reference)}
   findings = [
     *acted,
-    *(f for c in judged for f in disagreements(c, wheels, vehicle.wheelbase, recordings, noise)),
+    *(f for c in judged for f in disagreements(c, wheels, vehicle.wheelbase, recordings, noise, timed)),
     *scale_findings(judged, vehicle.wheelbase, {"cg_to_front", "cg_to_rear"} <= dataset.vehicle.keys()),
     *lag_findings(judged, vehicle.wheelbase),
   ]

@@ -6,7 +6,7 @@ How far each level below could be moved without an error, on sound and on false 
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Literal
 
 from calibration.fitting.noise import ChannelNoise
@@ -52,6 +52,7 @@ def disagreements(
   wheelbase: float,
   recordings: Sequence[Recording],
   noise: Mapping[str, ChannelNoise],
+  timed: Collection[str] = (),
 ) -> list[Finding]:
   """Findings about the two sensors of one motion, none where they agree or could not be compared.
 
@@ -59,6 +60,7 @@ def disagreements(
     c: their comparison.
     wheelbase: of the car, m; a steering command in rad turns it by speed / wheelbase.
     recordings, noise: what was compared, for trying other readings of the channels.
+    timed: channels whose lags geometry tells, so that `lag_findings` says them.
   """
   if c.why_not or c.motion.answers:
     return []
@@ -81,7 +83,7 @@ def disagreements(
   if c.correlation <= ALIKE and not c.motion.kinematic:
     return _hardly_alike(c, nominal)
   if not math.isfinite(c.lag.value):
-    return spoils(_not_in_time(c, names))
+    return spoils(_not_in_time(c, names)) if c.motion.kinematic or not set(channels) & set(timed) else []
   if abs(c.lag.value) > LATE:
     return spoils(_far_apart(c))
   if apart(c, wheelbase):
@@ -290,6 +292,9 @@ def _lag(c: Comparison, of_pose: float | None) -> Finding:
       if of_pose is not None
       else (f": the pose is late, or {slip}, which looks the same")
     )
+  elif sensor not in ("speed", "motor_speed"):  # nothing is early, so what is behind is late
+    behind = sensor if c.lag.value > 0.0 else "pose_yaw, pose_x and pose_y"
+    said += f": set late = {abs(c.lag.value):.3f} on {behind} in [channels]"
   text = f"{said}; start states and lags that are fitted depend on it"
   return Finding("beware", (*c.motion.compared, *c.motion.reference), text)
 

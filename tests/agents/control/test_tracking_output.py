@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 
 import matplotlib.image
 import numpy as np
@@ -114,3 +115,13 @@ def test_filter_is_told_what_belongs_to_the_plant():
 def test_unknown_plant_lists_the_known():
   with pytest.raises(KeyError, match="there are bicycle, twin and reduced"):
     Model.nominal().plant("tricycle")
+
+
+def test_a_run_that_leaves_the_path_is_said_with_how_far_it_came():
+  class Straight:
+    def steer(self, situation):
+      return np.zeros(len(situation.speed))
+
+  driven = follow(Straight(), "o", count=2)
+  line = indicator_line("none", driven, kpis(driven))
+  assert re.fullmatch(r"none on o: 2 of 2 runs did not reach the end, the first came \d\.\d m far", line)

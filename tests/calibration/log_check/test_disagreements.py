@@ -33,6 +33,16 @@ def test_a_sensor_that_is_seconds_late_is_said_with_its_lag_and_the_cure_mends_i
   assert not spoiling([changed(r, "accel_x", late=-said) for r in runs])
 
 
+def test_a_gyro_that_is_late_is_said_alone_with_its_lag_and_the_cure_mends_it():
+  runs = drives(channel="yaw_rate", late=0.3)
+  assert not spoiling(runs)
+  (text,) = [f.text for f in check_log(lab(runs)).of("beware") if "set late" in f.text]
+  said = float(text.split("set late = ")[1].split(" ")[0])
+  assert said == pytest.approx(0.3, abs=0.01) and "on yaw_rate in [channels]" in text
+  mended = check_log(lab([changed(r, "yaw_rate", late=-said) for r in runs]))
+  assert not any("late" in f.text for f in (*mended.of("spoils"), *mended.of("beware")))
+
+
 def wandering(seed: int) -> Recording:
   """A drive that never repeats itself."""
   time, columns = drive(60.0, seed=seed)

@@ -55,3 +55,16 @@ def test_a_file_whose_speed_is_late_is_named():
   late = float(text.split("speed is ")[1].split(" ")[0])
   assert severity == "beware" and f"later in {ODD} than in the other files" in text
   assert late == pytest.approx(300.0, abs=10.0)
+
+
+@pytest.mark.parametrize(
+  ("channel", "severity", "said"),
+  [
+    ("yaw_rate", "spoils", f"yaw_rate reads 25 % more in {ODD} than in the other files, against pose_yaw"),
+    ("speed", "beware", f"speed reads 25 % more in {ODD} than in the other files, against pose_x"),
+  ],
+)
+def test_a_file_of_another_scale_is_named_for_a_gyro_it_spoils(channel, severity, said):
+  found = about_files(checked(**{channel: 1.25}))
+  assert any(one == severity and text.startswith(said) for one, text in found)
+  assert all(ODD in text for _, text in found)
