@@ -29,7 +29,10 @@ def departures(found: Study, drawn: tuple[Shape, ...]) -> str:
     more = "no departure shows" if told else "no departure from the base car's laws shows"
     told.append(f"{whose}: {more}.")
   beside = sorted((t for t in found.terms if t.there), key=lambda t: -abs(t.value) / t.std)
-  if beside:
+  before, after, where = compared(found)
+  if beside and after and ratio(after, before) >= 1.0:
+    told.append(f"Free figures predict {where} no better than the base does, so they say nothing of the car.")
+  elif beside:
     rest = f" and {len(beside) - _MOST} more" if len(beside) > _MOST else ""
     told.append(
       f"Among the other parameters, these stand out: {', '.join(term_words(t) for t in beside[:_MOST])}{rest}."
