@@ -78,5 +78,13 @@ def conclude(
 
 
 def _share_left(before: Sequence[Leftover], rest: Sequence[Leftover], levels: Levels) -> float:
-  left = max(strength(i, levels) for i in rest)
-  return left / max(left, *(strength(i, levels) for i in before), 0.0)
+  """Of the strongest leftover, or of the largest error where that is more: strengths of errors and of structure are
+  not of one scale."""
+  shares = []
+  for whole in (False, True):
+    left, first = (
+      max((strength(i, levels) for i in items if (i.family == "error") == whole), default=0.0)
+      for items in (rest, before)
+    )
+    shares.append(left / max(left, first) if left else 0.0)
+  return max(shares)

@@ -97,6 +97,8 @@ def test_an_error_that_follows_nothing_is_left_where_it_is_many_times_the_noise(
   assert said(right, *mended).verdict == "explained"
   known = smooth(1.1 * levels.material)
   assert above_level([*after, known], levels) == (known, after[0])
+  gone = smooth(30.0 * levels.material)  # however much structure a name took away, three quarters of an error are much
+  assert said(right, [*before, gone], after).verdict == "partly_explained"
 
 
 def test_two_effects_are_claimed_together(pair_pool):
