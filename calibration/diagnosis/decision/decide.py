@@ -119,10 +119,8 @@ def _possible(evidence: Evidence, claims: Sequence[Claim], levels: Levels) -> tu
 
 
 def _ranking(evidence: Evidence, claims: Sequence[Claim]) -> tuple[tuple[str, float], ...]:
-  """Claims first, then every mechanism by what it brings alone: refitted where it was, else as scanned."""
+  """Claims first, then every mechanism that was refitted, by what it brings alone."""
   singles = {s.name: s.refitted for s in evidence.scanned if s.refitted is not None}
-  least = min(singles.values(), default=0.0)
-  scanned = {s.name: min(s.gain, least) for s in evidence.scanned if s.name not in singles and s.gain is not None}
-  order = sorted((singles | scanned).items(), key=lambda item: (-item[1], item[0]))
+  order = sorted(singles.items(), key=lambda item: (-item[1], item[0]))
   named = {c.mechanism: c.evidence_nats for c in claims}
   return tuple(named.items()) + tuple((n, g) for n, g in order if n not in named)
