@@ -21,6 +21,7 @@ ALIKE = 0.8  # correlation of two sensors of one motion that are alike enough to
 LATE = 0.5  # s, from which a lag is no sensor's or servo's, but of the log
 FACTOR = 2.0  # between two sensors of one motion, from which a unit or a gear is wrong
 KNOTS = 1.5  # the same where geometry ties them: a knot, 0.514 m/s, is the usual unit nearest to 1 m/s
+_FAR_APART = 10.0  # of two units, so that one read as the other is no scale of a car's
 _A_UNIT = math.log(1.2)  # nearness to a usual unit's factor, as the loader has it
 
 
@@ -114,5 +115,8 @@ def _unit(quantity: str, factor: float) -> tuple[str, float]:
   """The usual unit with about this factor and its scale; else no unit, and what undoes the factor."""
   channel = CHANNELS.get("pose_x" if quantity == PLACE else quantity)
   usual = channel.log_units if channel and quantity != CLOCK else ()
+  si = ((channel.unit, 1.0), *usual) if channel and usual else ()
+  mistaken = [(f"{u}, read as {v}", a / b) for u, a in si for v, b in si[1:] if max(a / b, b / a) >= _FAR_APART]
+  usual = (*usual, *mistaken)
   unit, scale = min(usual, key=lambda named: abs(factor + math.log(named[1])), default=("", math.exp(-factor)))
   return (unit, scale) if abs(factor + math.log(scale)) < _A_UNIT else ("", math.exp(-factor))

@@ -84,6 +84,12 @@ def test_commands_that_are_seconds_late_are_said_though_the_speed_they_act_on_is
   assert not spoiling(mended)
 
 
+def test_accelerations_in_g_that_are_read_in_thousandths_are_told_by_their_units():
+  runs = [rewritten(r, accel_x=1e-3 * r["accel_x"].value, accel_y=1e-3 * r["accel_y"].value) for r in drives()]
+  texts = spoiling(runs)
+  assert texts and all("in g, read as mg? set scale = 1000 on accel_" in text for text in texts)
+
+
 def test_a_lag_beyond_the_search_is_not_reported_as_one():
   assert not spoiling([wandering(k) for k in range(2)])
   runs = [changed(wandering(k), "yaw_rate", late=15.0) for k in range(2)]
