@@ -13,6 +13,7 @@ from qcar_twin.recordings.recording import Recording, Stream
 _MIN_SAMPLES, _MIN_SECONDS = 10, 0.5  # a frozen stretch has at least these
 _MOSTLY = 0.5  # of a recording: what is left of one without so much is no drive any more
 _MOVING = 0.1  # m/s, above which a pose must change
+_FAR = 0.5  # m that a pose spans where the car moved, beyond what noise and outliers of one at rest do
 _POSE, _SPEEDS = ("pose_x", "pose_y", "pose_yaw"), ("speed", "motor_speed")
 Spans = Sequence[tuple[float, float]]
 _SILENT_STEPS, _SILENT_SECONDS = 10.0, 0.5
@@ -211,7 +212,10 @@ def _moves_unseen(recording: Recording, stream: Stream, span: tuple[float, float
   if _within(stream, span).any() or not {"pose_x", "pose_y"} <= set(recording.channels):
     return False
   x, y = (_within(recording[name], span) for name in ("pose_x", "pose_y"))
-  return min(x.size, y.size) > 1 and float(np.hypot(np.ptp(x), np.ptp(y))) > _MOVING * (span[1] - span[0])
+  if min(x.size, y.size) < _MIN_SAMPLES:
+    return False
+  wide = [float(np.ptp(np.percentile(value, [5, 95]))) for value in (x, y)]
+  return float(np.hypot(*wide)) > max(_FAR, _MOVING * (span[1] - span[0]))
 
 
 def _at_rest(recording: Recording, channel: str, span: tuple[float, float]) -> bool:
