@@ -94,7 +94,7 @@ def test_an_encoder_stuck_at_zero_is_left_out_where_a_pose_moves_whatever_was_co
 def test_a_car_that_stands_while_its_pose_trembles_is_no_stuck_encoder(tmp_path):
   time, columns = drive()
   random = np.random.default_rng(1)
-  columns["motor_speed"][:80] = 0.0
+  columns["motor_speed"][:80] = columns["motor_voltage"][:80] = 0.0
   for name in ("pose_x", "pose_y"):
     columns[name][:80] = columns[name][80] + 0.03 * random.standard_normal(80)
   assert not any("frozen" in note for note in warned(tmp_path, time, columns))
