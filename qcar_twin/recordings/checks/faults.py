@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -214,8 +215,8 @@ def _moves_unseen(recording: Recording, stream: Stream, span: tuple[float, float
   x, y = (_within(recording[name], span) for name in ("pose_x", "pose_y"))
   if min(x.size, y.size) < _MIN_SAMPLES:
     return False
-  wide = [float(np.ptp(np.percentile(value, [5, 95]))) for value in (x, y)]
-  return float(np.hypot(*wide)) > max(_FAR, _MOVING * (span[1] - span[0]))
+  wide = [float(np.percentile(value, 95) - np.percentile(value, 5)) for value in (x, y)]
+  return math.hypot(*wide) > max(_FAR, _MOVING * (span[1] - span[0]))
 
 
 def _at_rest(recording: Recording, channel: str, span: tuple[float, float]) -> bool:
