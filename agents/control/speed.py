@@ -41,11 +41,9 @@ class SpeedGains:
 
   def require(self, speed: ArrayLike) -> None:
     """Raises ValueError for a speed, m/s, that the identified car does not hold at the largest voltage."""
-    fastest, wanted = (self.limit - self.friction) / self.hold, float(np.max(np.abs(speed)))
-    if wanted > fastest:
-      raise ValueError(
-        f"speed {wanted:g} m/s: with {self.limit:g} V the identified car reaches {fastest:.3g} m/s; ask for less"
-      )
+    wanted = float(np.max(np.abs(speed)))
+    if (needed := self.friction + self.hold * wanted) > self.limit:
+      raise ValueError(f"speed {wanted:g} m/s: it takes {needed:.3g} V of {self.limit:g} V; ask for less")
 
 
 class SpeedController:

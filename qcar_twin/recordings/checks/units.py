@@ -12,6 +12,7 @@ from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.recording import Recording, RecordingError, Stream
 
 _SPIKES = 2  # so many samples may always lie beyond a limit that allows spikes
+_ALOOF = 2.0  # times what the rest of a log reaches, from which a sample is none of its motion
 _BIN = 0.25  # s, over which channels are averaged before they are compared
 _BINS = 10  # fewest bins that a comparison is worth
 _UNIT_CORRELATION = 0.6  # agreement that convicts a unit
@@ -90,17 +91,21 @@ def check_limits(
 def without_spikes(
   recording: Recording, vehicle: Mapping[str, float | str] | None = None
 ) -> tuple[Recording, list[str]]:
-  """The recording without the few samples of a sensor that `check_limits` lets pass, and a note for each channel."""
+  """The recording without the few samples of a sensor that `check_limits` lets pass, and a note for each channel. What
+  the others lead up to is no spike, but a car faster than the limit is made for."""
   streams, notes = dict(recording.streams), []
   for name, stream in recording.streams.items():
     channel = CHANNELS[name]
-    beyond = np.abs(stream.value) > channel.limit * _similarity(channel.unit, vehicle or {})
+    magnitude = np.abs(stream.value)
+    beyond = magnitude > channel.limit * _similarity(channel.unit, vehicle or {})
     if channel.is_command or not 0 < beyond.sum() <= max(channel.spikes * beyond.size, _SPIKES):
+      continue
+    if magnitude[beyond].min() < _ALOOF * magnitude[~beyond].max(initial=0.0):
       continue
     streams[name] = Stream(stream.time[~beyond], stream.value[~beyond])
     samples = f"{beyond.sum()} samples" if beyond.sum() > 1 else "a sample"
     notes.append(
-      f"{recording.file or recording.name}: {name} reaches {np.abs(stream.value).max():.3g} {channel.unit} in"
+      f"{recording.file or recording.name}: {name} reaches {magnitude.max():.3g} {channel.unit} in"
       f" {samples} (first at {stream.time[int(np.argmax(beyond))]:g} s), which no car does: a bad reading, or a counter"
       " that wrapped; left out"
     )

@@ -42,7 +42,7 @@ def test_sensors_of_another_period_than_the_plants_are_refused():
 
 def test_a_speed_that_the_car_does_not_reach_is_refused_before_the_drive():
   fastest = 1.02 * (11.1 - SpeedGains.design(CAR).friction) / SpeedGains.design(CAR).hold
-  with pytest.raises(ValueError, match=r"speed .* m/s: with 11\.1 V the identified car reaches .* m/s; ask for less"):
+  with pytest.raises(ValueError, match=r"speed .* m/s: it takes 11\.3 V of 11\.1 V; ask for less"):
     follow(LQ, LINE, speed=fastest)
   with pytest.raises(ValueError, match="speed 50 m/s"):
     make_env(path="s", speed=50.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from qcar_twin.recordings.checks.faults import find_defects
-from qcar_twin.recordings.checks.units import check_limits, check_units, compare
+from qcar_twin.recordings.checks.units import check_limits, check_units, compare, without_spikes
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording, RecordingError, Stream
 from tests.qcar_twin.recordings.drives import VEHICLE, drive, folder_with, recording, write_csv, write_manifest
@@ -120,6 +120,15 @@ def test_a_spike_beyond_the_limit_is_no_unit(tmp_path):
   assert note == f"run.csv: {said} wrapped; left out"
   (run,) = DataSet.load(tmp_path).recordings
   assert len(run["yaw_rate"]) == time.size - 2 and np.abs(run["yaw_rate"].value).max() < 15.0
+
+
+def test_a_car_that_just_passes_a_limit_keeps_its_fastest_samples():
+  time = 0.01 * np.arange(1000)
+  speed = 30.02 * np.sin(0.5 * np.pi * time / time[-1])
+  run = Recording("a", {"motor_voltage": Stream(time, speed), "speed": Stream(time, speed)})
+  assert (speed > 30.0).any()
+  kept, notes = without_spikes(run, {"cg_to_front": 0.1, "cg_to_rear": 0.1})
+  assert notes == [] and (kept["speed"].value == speed).all()
 
 
 @pytest.mark.parametrize("seed", range(60))
