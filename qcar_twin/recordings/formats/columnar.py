@@ -21,6 +21,7 @@ from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import words_of
 
 pyarrow.set_memory_pool(pyarrow.system_memory_pool())  # the default reserves address space far beyond what is read
+pyarrow.scalar(0)  # imports pandas, if it is there, now and not under the bound that is for a file's contents
 
 # what spreadsheets, pandas, R and C write where there is no number
 _BLANK = ("", "#N/A", "N/A", "n/a", "NA", "null", "NULL", "None", "-", "--", "#DIV/0!", "#NUM!", "#VALUE!", "-nan(ind)")

@@ -1,6 +1,8 @@
 """Text as other people's tools write it: preambles, several lines of names, units, comments, marks, durations."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -104,3 +106,14 @@ def test_the_yaw_of_a_quaternion_is_about_the_axis_that_it_turns_about(tmp_path,
     *(",".join(f"{parts[n][k]:.9f}" for n in names) for k in range(40)),
   ]
   np.testing.assert_allclose(read(tmp_path, lines).columns[f"{stem}yaw"], yaw, atol=1e-6)
+
+
+def test_libraries_are_imported_before_the_memory_is_bounded(tmp_path):
+  path = tmp_path / "log.csv"
+  path.write_text("\n".join([NAMES, *ROWS]))
+  code = (
+    "import sys; from pathlib import Path; from qcar_twin.recordings.formats import columnar; before = set(sys.modules);"
+    "columnar.read_csv(Path(sys.argv[1]), 'log.csv'); print(*{name.split('.')[0] for name in set(sys.modules) - before})"
+  )
+  ran = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
+  assert not {"pandas", "numpy", "pyarrow"} & set(ran.stdout.split())
