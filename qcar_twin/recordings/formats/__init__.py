@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import os
 import pkgutil
 from collections.abc import Callable, Mapping
 from importlib import import_module
@@ -18,6 +19,9 @@ from qcar_twin.recordings.formats.composed import composed
 from qcar_twin.recordings.formats.table import NoSamples, Table
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.untrusted import UnreadableFile, bounded_memory, inside
+
+# pyarrow's usual pool reserves 1 GiB of address space at its first use, which is all that a file may take
+os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 
 PACKED = (".gz", ".zip", ".bz2", ".xz", ".zst", ".7z", ".rar", ".tar", ".tgz")  # files that hold files
 BAG_FOLDER = ".db3"  # what a folder is read as: a ROS 2 bag

@@ -20,7 +20,7 @@ from qcar_twin.recordings.formats.table import NO_ROWS, Clocked, Table, merge
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import words_of
 
-pyarrow.set_memory_pool(pyarrow.system_memory_pool())  # the default reserves address space far beyond what is read
+pyarrow.set_memory_pool(pyarrow.system_memory_pool())  # where pyarrow was imported before: see formats
 pyarrow.scalar(0)  # imports pandas, if it is there, now and not under the bound that is for a file's contents
 
 # what spreadsheets, pandas, R and C write where there is no number
