@@ -51,7 +51,8 @@ class FreeRun:
 
 def free_run(plant: Plant, theta: Array, recording: Recording, vehicle: MeasuredCar) -> FreeRun:
   """Drive `recording` again with parameters theta (P,) of the plant."""
-  time, commands = recording.commands(plant.period, (drive_of(vehicle).channel, "steering_command"))
+  names = (drive_of(vehicle).channel, "steering_command")
+  time, commands = recording.commands(plant.period, names, getattr(vehicle, "supply_voltage", None))
   held = float(commands[0, 1])
   start = measured_start(recording, float(time[0]), vehicle, held, True)  # pyright: ignore[reportArgumentType]
   segments = Segments(

@@ -150,6 +150,8 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
 def driven(recording: Recording, vehicle: Vehicle, period: float) -> tuple[Array, Array]:
   """Time (T,) [s] on the grid of `period`, and what drove the car: the drive's command in its unit and steering [rad].
 
+  A duty is that of the vehicle's supply_voltage: it is what was commanded times the logged battery over that.
+
   Raises:
     ValueError: the recording holds the command of another kind of drive.
   """
@@ -159,7 +161,7 @@ def driven(recording: Recording, vehicle: Vehicle, period: float) -> tuple[Array
         f"recording '{recording.name}' was driven by {recording.drive_channel}, but {vehicle.name} is driven by"
         f' {vehicle.motor.channel} (drive = "{vehicle.drive}"); correct drive in [vehicle] of dataset.toml'
       )
-  return recording.commands(period, vehicle.commands)
+  return recording.commands(period, vehicle.commands, vehicle.supply_voltage)
 
 
 def _thinned(pieces: list[_Piece], recordings: Sequence[Recording], cut: Cut) -> list[_Piece]:

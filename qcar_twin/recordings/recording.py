@@ -163,13 +163,14 @@ class Recording:
 
   def window(self, start: float, end: float) -> Recording:
     """The samples with start <= time <= end, s. A command that is in force at `start` becomes a sample there, so that
-    the zero-order hold is the same inside and outside the window. Raises RecordingError when nothing is left."""
-    streams = {}
+    the zero-order hold is the same inside and outside the window, and so does the battery's voltage that it acts with.
+    Raises RecordingError when nothing is left."""
+    streams, held = {}, [name for name in self.streams if CHANNELS[name].is_command or name == "battery_voltage"]
     for name, stream in self.streams.items():
       inside = (stream.time >= start) & (stream.time <= end)
       time, value = stream.time[inside], stream.value[inside]
       earlier = stream.time < start
-      if CHANNELS[name].is_command and earlier.any() and (time.size == 0 or time[0] > start):
+      if name in held and earlier.any() and (time.size == 0 or time[0] > start):
         time, value = np.r_[start, time], np.r_[stream.value[earlier][-1], value]
       if time.size:
         streams[name] = Stream(time, value)
@@ -201,12 +202,15 @@ class Recording:
     """The command that drives the car: the first of DRIVE_COMMANDS that was logged; a voltage where none was."""
     return next((name for name in DRIVE_COMMANDS if name in self.streams), DRIVE_COMMANDS[0])
 
-  def commands(self, period: float, names: Sequence[str] = ()) -> tuple[np.ndarray, np.ndarray]:
+  def commands(
+    self, period: float, names: Sequence[str] = (), supply: float | None = None
+  ) -> tuple[np.ndarray, np.ndarray]:
     """Time (T,) in s on the grid of `period`, and commands (T, c), each by zero-order hold, in the order of `names`:
     `drive_channel` in its unit and steering_command [rad] where none are given.
 
     Row k acts from time k until time k + period. A command that is absent is 0; before its first sample it has the
-    value of that sample.
+    value of that sample. A duty is a share of the battery's voltage: where that was logged and `supply`, V, is given,
+    it becomes the share of `supply` that puts the same voltage on the motor.
     """
     time = self.grid(period)
     names = names or (self.drive_channel, "steering_command")
@@ -214,7 +218,17 @@ class Recording:
     for column, name in enumerate(names):
       if name in self.streams:
         commands[:, column] = self.streams[name].at(time, 1e-6 * period)
+      if name == "motor_duty" and supply is not None and (battery := self.battery) is not None:
+        commands[:, column] *= np.interp(time, battery.time, battery.value) / supply
     return time, commands
+
+  @property
+  def battery(self) -> Stream | None:
+    """The battery's voltage [V] where it was logged, without readings of zero, which are none; else None."""
+    stream = self.streams.get("battery_voltage")
+    if stream is None or not (stream.value > 0.0).any():
+      return None
+    return Stream(stream.time[stream.value > 0.0], stream.value[stream.value > 0.0])
 
   def columns(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """The streams as one table: every sample time once (k,), s, and each channel (k,), NaN where it has no sample."""

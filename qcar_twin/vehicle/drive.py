@@ -41,6 +41,7 @@ class Drive:
   steps: str = ""
 
 
+_FULL_OVER_EMPTY = 4.2 / 3.0  # V of a lithium cell, charged and at its cut-off: what a supply that is stated may be off
 _ARMATURE = ("torque_per_volt", "N m/V", "K_t/R_a", "K_t K_v/R_a + B")
 DRIVES: dict[str, Drive] = {
   "voltage": Drive("motor_voltage", "V", *_ARMATURE, (850.0, 2.5), "voltage_step"),
@@ -50,6 +51,13 @@ DRIVES: dict[str, Drive] = {
     "speed_command", "m/s", "torque_per_speed", "N m s/m", "k/(G R_w)", "k + B", (3e3, 10.0), "speed_step"
   ),
 }
+
+
+def largest_command(drive: DriveKind, supply: float) -> float:
+  """What a scaled command is limited to: the supply's V, for a duty a full battery's; a current and a speed are not."""
+  if drive in ("current", "speed"):
+    return math.inf
+  return supply * (_FULL_OVER_EMPTY if drive == "duty" else 1.0)
 
 
 def motor_figures(

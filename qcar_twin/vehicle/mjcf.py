@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from qcar_twin.vehicle.drive import largest_command
 from qcar_twin.vehicle.similarity import AS_THE_QCAR, Similarity
 from qcar_twin.vehicle.tyre import add_tyres, law_parameters, tyre_user_data
 from qcar_twin.vehicle.vehicle import ASSETS, GRAVITY, QCAR, WHEELS, TyreKind, Vehicle
@@ -218,8 +219,10 @@ def _write_drive(spec: mujoco.MjSpec, car: Vehicle) -> None:
   constant = car.motor_damping / car.torque_per_command
   motor = spec.actuator("motor")
   motor.gainprm[:2] = [constant / car.torque_per_command, constant]
-  motor.ctrlrange = [-car.supply_voltage, car.supply_voltage]
-  if car.drive in ("current", "speed"):
+  most = largest_command(car.drive, car.supply_voltage)
+  if math.isfinite(most):
+    motor.ctrlrange = [-most, most]
+  else:
     motor.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
   if math.isfinite(car.max_torque):
     motor.forcelimited, motor.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-car.max_torque, car.max_torque]

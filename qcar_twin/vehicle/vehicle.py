@@ -40,7 +40,8 @@ class Vehicle:
     layout: axles the motor turns, "all-wheel", "rear" or "front"; the wheels of another axle roll free.
     centre_differential: between two driven axles, 0 one shaft, 1 an open differential; see mjcf.centre_damping.
     drive: what the motor is commanded with, "voltage", "duty", "current" or "speed"; see qcar_twin/vehicle/drive.py.
-    supply_voltage: of the battery, V: what a duty of 1 puts on the motor, and the most a voltage can be.
+    supply_voltage: of the battery, V: what a duty of 1 puts on the motor where no battery's voltage was logged, and the
+      most a commanded voltage can be.
     torque_per_volt: motor torque per volt at standstill, K/R, N m/V; of a drive by voltage or duty.
     torque_per_ampere: K, N m/A; of a drive by current.  torque_per_speed: N m s/m; of a drive by speed.
     motor_damping: torque lost per motor speed, N m s/rad: K^2/R with everything viscous in it; the viscous part alone

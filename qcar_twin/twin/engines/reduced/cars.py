@@ -17,6 +17,7 @@ from qcar_twin.twin.engines.reduced import layout
 from qcar_twin.twin.engines.reduced.build import load
 from qcar_twin.twin.engines.servo import most_moved, transition
 from qcar_twin.twin.mechanisms.base import CarDimensions
+from qcar_twin.vehicle.drive import largest_command
 from qcar_twin.vehicle.ids import Handles
 from qcar_twin.vehicle.mjcf import centre_damping, contact_row, sinking, wheel_half_width
 from qcar_twin.vehicle.tyre.laws import DEFAULT
@@ -283,7 +284,7 @@ def constants(vehicle: Vehicle, numbers: Numbers, step: float, nominal: dict[str
     "IMU_X": v.imu_x,
     "IMU_Y": v.imu_y,
     "MAX_STEERING": v.max_steering,
-    "MAX_COMMAND": np.inf if v.drive in ("current", "speed") else v.supply_voltage,
+    "MAX_COMMAND": largest_command(v.drive, v.supply_voltage),
     "SINKING": sunk,
     "CONTACT_DAMPING": contact[0],
     "CONTACT_STIFFNESS": contact[1],
