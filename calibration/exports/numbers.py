@@ -137,6 +137,7 @@ def matched(
   segments = cut_recordings(recordings, twin.vehicle, cut).segments
   other, values = without(twin, theta, kept)
   shown = other.rollout(values, segments).signals[0]
+  start = shown[:, 0, [signal_index(name) for name in START]]  # as the twin takes it: with what its sensors make of it
   wanted = np.stack([shown[..., 1:, signal_index(name)] for name in _CHANNELS])  # (4, S, T)
   inside = np.arange(wanted.shape[2]) < segments.steps[:, None]
   scale = _scale(recordings, wanted[:, inside])[:, None, None] * np.sqrt(inside.sum())
@@ -144,7 +145,7 @@ def matched(
 
   def residual(factors: Array) -> Array:
     varied = car | {n: car[n] * np.exp(factors[:, i, None]) for i, n in enumerate(names)}
-    answer = np.moveaxis(driven(model, varied, segments.start, commands), (0, 3), (3, 1))[:, : len(_CHANNELS)]
+    answer = np.moveaxis(driven(model, varied, start, commands), (0, 3), (3, 1))[:, : len(_CHANNELS)]
     return ((answer - wanted) / scale * inside).reshape(len(factors), -1)
 
   at = np.zeros(len(names))

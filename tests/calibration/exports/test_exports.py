@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from calibration.exports import single_track
 from calibration.exports.cars import ModelCars
 from calibration.exports.export import export_twin
 from calibration.exports.loss import EffectLoss, Loss, measure_loss
@@ -234,6 +235,16 @@ def test_the_gyms_numbers_turn_as_the_twin_does(name, tmp_path):
   rolls = x[3] * np.tan(0.1) / v.wheelbase
   assert sensed[0] == pytest.approx(rolls, rel=0.15)
   assert car["m"] == pytest.approx(v.mass + 0.3)
+
+
+def test_two_axles_on_a_shaft_hold_each_other_back_at_full_lock_as_the_twins_do():
+  job = job_with({"longitudinal_stiffness": 300.0})
+  car = single_track_numbers(job.twin, job.theta, job.kept(target_named("single-track")))
+  start, command = np.array([[0, 0, 0, 0.8, 0, 0, 0.5]]), np.array([[1.2, 0.5]])
+  twin = job.twin.begin(job.theta[None], start)
+  wanted = np.array([twin.step(command)[0] for _ in range(200)])[-1]
+  shown = driven(single_track, car, start, np.tile(command, (1, 200, 1)))[-1, 0, 0]
+  np.testing.assert_allclose(shown[[0, 3]], wanted[[signal_index("yaw_rate"), signal_index("motor_speed")]], rtol=0.02)
 
 
 def test_commonroads_own_package_reads_and_drives_the_file(tmp_path):
