@@ -31,6 +31,7 @@ _NEAR_A_CLOCKS = tuple(
 _IN_TIME = 1.2  # factor between gyro and heading, within which the clock is right: nearness to a unit
 _AGREE = 0.6  # correlation from which a comparison says something of a unit
 _BIN = 0.25  # s, over which speed, command and turning are compared
+_LAGS = np.arange(0.0, 0.45, 0.05)  # s, of the turning behind the command: a servo's 0.1 and a clock's
 _GENTLE = 2.0  # m/s^2 across, below which a car of this size goes where its wheels point
 _TIED = 0.7  # correlation from which turning says what a steering command means
 _SOLVED = 20  # repetitions, after which the scale of an angle below 45 deg is solved to the last digit that counts
@@ -222,9 +223,18 @@ def _turning(recordings: Sequence[Recording], vehicle: Vehicle, wheelbase: float
 def turning_of(recordings: Sequence[Recording], radius: float = 1.0) -> tuple[Array, Array, Array]:
   """Speed [m/s], commanded angle [rad] and yaw rate [rad/s] in bins, where the car turns gently.
 
+  The command is read as long before the turning as makes the two go together best: servos and clocks lag.
+
   Args:
     radius: rolling radius of the wheels over the motor's angle, m, for logs without a speed.
   """
+  bins = [_binned(recordings, radius, lag) for lag in _LAGS]
+  tied = [abs(float(np.corrcoef(v * angle, turned)[0, 1])) if np.any(v * angle) else 0.0 for v, angle, turned in bins]
+  return bins[int(np.argmax(np.nan_to_num(tied)))]
+
+
+def _binned(recordings: Sequence[Recording], radius: float, lag: float) -> tuple[Array, Array, Array]:
+  """The same for a lag of the turning behind the command, s."""
   parts = [np.empty((3, 0))]
   for recording in recordings:
     edges = recording.start + _BIN * np.arange(int(recording.duration / _BIN) + 1)
@@ -240,7 +250,7 @@ def turning_of(recordings: Sequence[Recording], radius: float = 1.0) -> tuple[Ar
     wheels = "speed" not in recording
     speed = recording["motor_speed" if wheels else "speed"].interpolate(middle)
     speed *= radius if wheels else 1.0
-    angle = recording["steering_command"].at(middle)
+    angle = recording["steering_command"].at(middle - lag)
     there = np.isfinite(turn) & np.isfinite(speed) & (np.abs(speed * turn) < _GENTLE)
     parts.append(np.stack([speed, angle, turn])[:, there])
   speeds, angles, turned = np.concatenate(parts, axis=1)
