@@ -16,6 +16,7 @@ from qcar_twin.recordings.checks.clock_unit import check_clock_unit
 from qcar_twin.recordings.checks.faults import after_start, find_defects, outside, without_lost, without_stuck
 from qcar_twin.recordings.checks.jumps import Jump, without_jumps
 from qcar_twin.recordings.checks.repeats import refuse_repeats
+from qcar_twin.recordings.checks.steered import without_unsteered
 from qcar_twin.recordings.checks.supply import supply_notes
 from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
 from qcar_twin.recordings.checks.units import UnitError, check_limits, check_units, check_way, without_spikes
@@ -71,7 +72,8 @@ class DataSet:
         raise
       recordings += made
       warnings += notes
-    warnings += refuse_repeats(recordings) + supply_notes(recordings, manifest.vehicle)
+    recordings, unsteered = without_unsteered(recordings)
+    warnings += unsteered + refuse_repeats(recordings) + supply_notes(recordings, manifest.vehicle)
     for notice in gathered(warnings):
       _log.warning(notice)
     return cls(
