@@ -37,6 +37,8 @@ MATCHED = (
 )  # fmt: skip
 _CHANNELS = ("yaw_rate", "accel_x", "accel_y", "motor_speed")
 _ROUNDS, _MOVE, _REACH = 5, 1e-3, 0.5  # of Gauss-Newton; share for slopes; most change of a logarithm in a round
+_WITHOUT = ("cg_lateral_offset", "differential_lock", "floor_slope")  # what needs two wheels on an axle, or a slope
+_FASTEST_SERVO = 1e3  # rad/s, from which a limit is none
 _PRIOR = 1.0  # standard deviation of a factor's logarithm: what the driving does not show stays where it is
 _SECONDS = 90.0  # of driving that is matched at most
 
@@ -51,9 +53,14 @@ def without(twin: Twin, theta: Array, kept: Sequence[Mechanism]) -> tuple[Twin, 
   return other, other.parameters.vector({name: values.get(name, nominal[name]) for name in nominal})
 
 
-def stays(mechanism: Mechanism) -> bool:
-  """Whether an effect is a number of the simulator that never changes, so that other models take it over."""
+def constant(mechanism: Mechanism) -> bool:
+  """Whether an effect is a number of the simulator that never changes."""
   return mechanism.stage == "contact" and not mechanism.varies
+
+
+def stays(mechanism: Mechanism) -> bool:
+  """Whether it is one that a single track has, too, and takes over."""
+  return constant(mechanism) and mechanism.name not in _WITHOUT
 
 
 def quantities_of(twin: Twin, theta: Array, kept: Sequence[Mechanism]) -> dict[str, Array]:
@@ -64,7 +71,7 @@ def quantities_of(twin: Twin, theta: Array, kept: Sequence[Mechanism]) -> dict[s
     held.append(ModelCars(None, None, size))
     return held[0]
 
-  part, values = without(twin, theta, [m for m in kept if stays(m)])
+  part, values = without(twin, theta, [m for m in kept if constant(m)])
   part.carried_by(made).begin(values[None], np.zeros((1, len(START))))
   return {name: np.asarray(value)[0] for name, value in held[0].values.items()}
 
@@ -102,7 +109,7 @@ def single_track_numbers(twin: Twin, theta: Array, kept: Sequence[Mechanism]) ->
     "roll_gain": 1.0 + arm / (spring * v.track_width**2 / 2.0),
     "pitch_gain": 1.0 + arm / (spring * v.wheelbase**2 / 2.0),
   }  # fmt: skip
-  if np.isfinite(q["servo_rate"]):
+  if q["servo_rate"] < _FASTEST_SERVO:
     numbers["servo_rate"] = q["servo_rate"]
   return {name: float(value) for name, value in numbers.items()} | _effects(twin, theta, kept)
 

@@ -2,8 +2,9 @@
 
 State x (see STATES): position of the centre of gravity [m], heading [rad], velocity in the car's axes [m/s], yaw rate
 [rad/s], steering angle [rad], slips of the front and the rear tyre [-], rate of the steering angle [rad/s]; behind them
-memories of the effects that the car has (`state_names`). Commands u: motor voltage [V], steering angle [rad], held over
-one period of PERIOD s. Axes and signs are those of ISO 8855: x forward, y left, angles counter-clockwise.
+memories of the effects that the car has (`state_names`). Commands u: of the drive [V on the motor, else A or m/s],
+steering angle [rad], held over one period of PERIOD s. Axes and signs are those of ISO 8855: x forward, y left, angles
+counter-clockwise.
 
   m (v_y' + v_x r) = F_yf cos d + F_yr + S_f sin d,  I r' = a (F_yf cos d + S_f sin d) - b F_yr
   F_y = -C z g(rho),  g(rho) = sin(B atan(rho / B)) / rho,  rho = sqrt((C z)^2 + F_x^2) / (mu F_z)
@@ -11,9 +12,9 @@ one period of PERIOD s. Axes and signs are those of ISO 8855: x forward, y left,
   v_x' = v_y r + G R (P1 V - P2 w_m - P3 sgn w_m) + (forces across the car that have a part along it) / m_e
 
 w_m is the motor's speed, G R its travel per radian, m_e the mass with all that turns. S is what the axles, coupled by
-the drive, do to each other in a turn, at most what the tyres of the lighter one hold; S_f the whole force along the
-front wheels. Forces are implicit in the velocity
-at the end of a step, so the step is stable at any speed, standing car included.
+the drive, do to each other in a turn: their shaft turns so that both axles' forces along, of tyres whose slip they
+share, add up to the drive's; S_f the whole force along the front wheels. Forces are implicit in the velocity at the end
+of a step, so the step is stable at any speed, standing car included.
 Source: Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, ch. 1, 4 and 7 (single track, similarity, stretched string).
 """
 
@@ -194,7 +195,8 @@ def move(
     uneven = 0.5 * both * w * drive * (share / gives_front - (1.0 - share) / gives_rear)
     wound = car["coupling"] * (front_speed - vx) + uneven
     scrub = wound / (0.5 * w * (1.0 / gives_front + 1.0 / gives_rear) + car["coupling"] * car["centre_compliance"])
-    linear_front, linear_rear = (share * drive - scrub) / gives_front, ((1.0 - share) * drive + scrub) / gives_rear
+    linear_front = (share * drive - scrub) / (both * gives_front + 1.0 - both)
+    linear_rear = ((1.0 - share) * drive + scrub) / (both * gives_rear + 1.0 - both)
     hold_front, bias_front, gives_front = axle(m, car, "front", slip_front, linear_front, load_front, w, duration)
     hold_rear, bias_rear, gives_rear = axle(m, car, "rear", slip_rear, linear_rear, load_rear, w, duration)
   along_front = share * drive - scrub

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from calibration.exports.target import Job
 from qcar_twin.twin.mechanisms.base import Mechanism
+from qcar_twin.vehicle.vehicle import Vehicle
 
 UNITS = {
   "mass": "kg", "moved_mass": "kg, with motor and wheels that turn", "yaw_inertia": "kg m^2", "cg_to_front": "m",
@@ -29,8 +30,16 @@ def heading(job: Job, lost: Sequence[Mechanism], mark: str = "#") -> list[str]:
     f"{job.twin.vehicle.name}, exported by qcar-twin on {datetime.date.today().isoformat()}. SI units.",
     f"Effects of the car in the twin: {names}.",
     f"Not in this file: {', '.join(m.name for m in lost) or 'none of them'}.",
+    f"The drive's command is in {_commanded_in(job.twin.vehicle)}.",
   ]
   return [f"{mark} {line}" for line in lines]
+
+
+def _commanded_in(vehicle: Vehicle) -> str:
+  """What a model of the drive takes as its command, with its unit."""
+  if vehicle.drive == "duty":
+    return f"V on the motor: a duty times the battery's voltage, {vehicle.supply_voltage:g} V where nobody logged one"
+  return {"voltage": "V on the motor", "current": "A of the motor", "speed": "m/s of commanded speed"}[vehicle.drive]
 
 
 def origin(name: str, factors: Mapping[str, float]) -> str:

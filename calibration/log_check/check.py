@@ -23,6 +23,7 @@ from calibration.log_check.unjudged import (
 )
 from calibration.progress import Progress, silent
 from qcar_twin.recordings import dataset as dataset_module
+from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.completed import UNJUDGED
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording, RecordingError
@@ -159,7 +160,7 @@ def _straight_only(recordings: Sequence[Recording]) -> list[Finding]:
 
 
 def _held(s: Sampling) -> list[Finding]:
-  if s.held < 1.5:
+  if s.held < 1.5 or CHANNELS[s.channel].device in ("battery", "motor"):  # the drive's: nothing is fitted to them
     return []
   cure = f"set hold = true on {s.channel} in [channels], or what is fitted counts each value {s.held:.0f} times"
   return [Finding("beware", (s.channel,), f"{s.channel} is new {s.publishes:.3g} times a second only: {cure}")]

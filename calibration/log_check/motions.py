@@ -126,8 +126,8 @@ def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
     known[1] = _without_heading(known[1], wheels)
   if by_pose:
     known[1] = _along_the_heading(known[1])
-    if any("speed_command" in r and "speed_command" not in r.derived for r in recordings):
-      known.append(_following())
+  if wheel == "speed" and any("speed_command" in r and "speed_command" not in r.derived for r in recordings):
+    known.append(_following(PLACE if by_pose else "speed"))
   held = [m for m in known if any(m.measured_in(r) for r in recordings)]
   return [_straight_heading(m) for m in held] if any(m.name == "driving" for m in held) else held
 
@@ -174,13 +174,14 @@ def _straight_heading(motion: Motion) -> Motion:
   return dataclasses.replace(motion, powers={k: v for k, v in motion.powers.items() if k != "pose_yaw"})
 
 
-def _following() -> Motion:
-  """A speed that the pose gave, and the one that was commanded: who commands it knows nothing of stamps."""
+def _following(measured: str) -> Motion:
+  """A speed that was measured, or that the pose gave, and the one that was commanded: who commands it knows nothing of
+  stamps."""
   return Motion(
     "following the commanded speed", ("speed",), ("speed_command",),
     lambda r: _added(r["speed"]), lambda r: _held(r["speed_command"], r["speed"]),
     lambda n, w: (_mean_noise(n["speed"], w), _mean_noise(n["speed"], w)),
-    "m/s", powers={PLACE: 1, "speed_command": -1, CLOCK: -1}, answers=True,
+    "m/s", powers={measured: 1, "speed_command": -1} | ({CLOCK: -1} if measured == PLACE else {}), answers=True,
   )  # fmt: skip
 
 

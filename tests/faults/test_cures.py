@@ -111,6 +111,15 @@ def test_where_nothing_tells_a_clock_that_is_said(tmp_path, factor):
   assert len(told) == 1 and ("the clock" in told[0] or "on time in [channels]" in told[0])
 
 
+def test_a_commanded_speed_in_another_unit_than_the_measured_one(tmp_path):
+  time, columns = wander(4)
+  columns = columns | {"speed_command": 3.6 * columns["speed"]}
+  del columns["motor_voltage"]
+  named = cures(said_of(folder_with(tmp_path, time, columns, channels=lines(columns)))[0])
+  assert list(named) == ["speed_command"]
+  assert said_of(write_manifest(tmp_path, channels=lines(columns, **named)))[0] == ""
+
+
 def test_a_speed_with_another_radius_is_told_by_all_that_take_it(tmp_path):
   time, columns = wander(8)
   columns["motor_speed"] = 2.5 * columns.pop("speed") / (VEHICLE["gear_ratio"] * VEHICLE["wheel_radius"])

@@ -39,7 +39,7 @@ TIMESTEP, PARTS = 0.001, 10  # s, and steps in a control period; at 2 ms wheels 
 _SETTLES = 2.0  # s, after which the car stands still
 _SLOWEST = 0.02  # m/s, at which the twin still has tyres
 IMPEDANCE = 0.95  # MuJoCo's own upper value, at which its friction chatters least
-_OWN = ("steering_offset", "steering_gain_error", "steering_delay", "steering_lag", "drive_delay")
+_OWN = ("steering_offset", "steering_gain_error", "steering_delay", "steering_lag", "drive_delay", "floor_slope")
 _PLAIN = (
   "torque_per_volt", "torque_per_ampere", "torque_per_speed", "motor_damping", "driveline_friction", "rotor_inertia",
   "wheel_inertia", "servo_time_constant", "servo_inertia", "servo_rate", "ackermann_fraction", "yaw_inertia",

@@ -138,6 +138,14 @@ def without_lost(recording: Recording) -> tuple[Recording, Spans, list[str]]:
   return recording.replace(streams=streams), lost, [note]
 
 
+def at_range(recording: Recording, channel: str) -> bool:
+  """Whether a sensor of the recording has reached the end of its range."""
+  stream = recording.streams.get(channel)
+  if stream is None or not CHANNELS[channel].clips:
+    return False
+  return any(_clips(stream, extreme) for extreme in _extremes(stream))
+
+
 def clipped(recording: Recording) -> list[str]:
   """A finely resolved channel that jumps to its own largest or smallest value and stays for several samples."""
   notes = []

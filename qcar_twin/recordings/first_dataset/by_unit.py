@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
+from qcar_twin.recordings.first_dataset.battery import settle_battery
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, scale
 from qcar_twin.recordings.first_dataset.mount import speeding
 from qcar_twin.recordings.first_dataset.names import readings
@@ -23,7 +24,8 @@ _ALONG, _CLEARLY = 0.6, 2.0  # correlation of one accelerometer with speeding up
 
 def guess_by_unit(columns: Columns, guesses: dict[str, Guess]) -> None:
   """Channels of columns that name a unit in brackets and nothing known: the only one of its unit, where no column is
-  that channel by name; an angle and two accelerations where the motion confirms them."""
+  that channel by name; an angle and two accelerations where the motion confirms them. The battery's voltage first."""
+  settle_battery(columns, guesses)
   _only_ones(columns, guesses)
   _accelerations(columns, guesses)
   _steering(columns, guesses)

@@ -152,7 +152,6 @@ def guess_columns(columns: Columns) -> dict[str, Guess]:
     guesses["time"] = clock
   for guess in guesses.values():
     scale(columns, guess)
-  _settle_voltage(columns, guesses)
   hold(columns, guesses)
   gate(columns, guesses)
   return {channel: guesses[channel] for channel in CHANNELS if channel in guesses}
@@ -264,18 +263,6 @@ def is_share_of_lock(columns: Columns, guess: Guess) -> bool:
   if _is_pulse(columns.values(guess.column)) or (unit is not None and unit[1] == "-"):
     return True
   return unit is None and (guess.offset != 0.0 or _LOCK < columns.top(guess.column) <= _NORMALISED)
-
-
-def _settle_voltage(columns: Columns, guesses: dict[str, Guess]) -> None:
-  """A voltage that hardly changes is the battery's, whatever it is called."""
-  guess = guesses.get("motor_voltage")
-  if guess is None or "battery_voltage" in guesses:
-    return
-  values = columns.values(guess.column)
-  if values.min() > 3.0 and np.std(values) < 0.15 * np.mean(values):
-    del guesses["motor_voltage"]
-    why = [f"a voltage that stays at {np.median(values):.3g} is the battery's"]
-    guesses["battery_voltage"] = dataclasses.replace(guess, channel="battery_voltage", why=why)
 
 
 def hold(columns: Columns, guesses: Mapping[str, Guess]) -> None:

@@ -82,7 +82,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     "rz !rate|vel|velocity|speed",
   ),
   "pose_score": ("score|confidence|quality",),
-  "battery_voltage": ("battery|bat|batt|vbat|supply !current|percent|percentage|charge|temperature",),
+  "battery_voltage": ("battery|bat|batt|vbat|supply !current|percent|percentage|charge|level|soc|temperature|power",),
   "armature_current": (
     "current|amps !command|commands|commanded|cmd|target|desired|setpoint|battery|supply|time",
     "motor|mot|armature i !command|commands|commanded|cmd|target|desired|setpoint|ref|reference",
