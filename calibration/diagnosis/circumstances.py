@@ -50,7 +50,7 @@ UNITS = {
   "steering_command": "rad",
   "abs(steering_command)": "rad",
   "abs(steering_rate)": "rad/s",
-  "abs(motor_voltage)": "V",
+  "abs(drive_command)": "V",
   "drive_torque": "N m",
   "time": "s",
   "pose_x": "m",
@@ -80,7 +80,7 @@ def circumstances(observations: Observations, prediction: Prediction, strength: 
     "steering_command": steering,
     "abs(steering_command)": np.abs(steering),
     "abs(steering_rate)": np.abs(rate),
-    "abs(motor_voltage)": np.abs(voltage),
+    "abs(drive_command)": np.abs(voltage),
     "drive_torque": strength * voltage - damping * signal("motor_speed"),
     "time": segments.offset[:, None] - _beginnings(observations)[:, None] + segments.period * np.arange(rate.shape[1]),
   }

@@ -96,7 +96,7 @@ def locate(
     degree=next(iter(gains), "").removeprefix("unknown_"),
     degrees={name.removeprefix("unknown_"): gain for name, gain in gains.items()},
     time=evidence_spans(evidence, observations),
-    region=region_of(evidence, observations, around),
+    region=region_of(evidence, observations, around, pool.problem.twin.vehicle.motor.unit),
     evidence=evidence,
   )
 
@@ -154,8 +154,8 @@ def evidence_spans(
   return tuple(sorted(merged, key=lambda s: -s.share)[:most])
 
 
-def region_of(evidence: Array, observations: Observations, around: Circumstances) -> Region:
-  """The rule on the circumstances that holds most of the evidence in the least time."""
+def region_of(evidence: Array, observations: Observations, around: Circumstances, drive_unit: str = "V") -> Region:
+  """The rule on the circumstances that holds most of the evidence in the least time; `drive_unit` of the command."""
   grid = observations.stretches.segments.commands.shape[1] + 1
   point = observations.grid_points
   per_segment = -(-grid // _BIN)
@@ -164,7 +164,8 @@ def region_of(evidence: Array, observations: Observations, around: Circumstances
   sums = np.bincount(inverse.reshape(-1), evidence).astype(np.float64)
   segment, step = kinds // per_segment, np.minimum((kinds % per_segment) * _BIN + _BIN // 2, grid - 1)
   features = around.stacked()[segment, step]
-  return find_region(features, around.names, UNITS, sums, observations.block[first])
+  units = UNITS | {"abs(drive_command)": drive_unit}
+  return find_region(features, around.names, units, sums, observations.block[first])
 
 
 def _block_span(observations: Observations, number: int, share: float) -> Span:

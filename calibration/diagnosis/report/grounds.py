@@ -17,7 +17,7 @@ def drive_next(d: Diagnosis) -> Section:
   """The manoeuvre that would settle most."""
   title = "What to drive next"
   if not d.next_experiment:
-    return Section(title, "Nothing: no name is in doubt that another manoeuvre could settle.")
+    return Section(title, "Nothing: no manoeuvre is known that would settle a name in doubt.")
   one, other = ("no effect at all" if name == NOTHING else name for name in d.next_experiment["separates"])
   nats = d.next_experiment["predicted_nats"]
   text = (

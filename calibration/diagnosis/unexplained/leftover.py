@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 # circumstances offered, and what the report says they are
 FAMILIES: dict[str, tuple[Callable[[Observations, Prediction], Array], tuple[str, ...]]] = {
   "motion": (motion, ("speed", "yaw_rate", "accel_x", "accel_y")),
-  "commands": (past_commands, ("motor_voltage", "steering_command", "their past 0.4 s")),
+  "commands": (past_commands, ("drive_command", "steering_command", "their past 0.4 s")),
   "heading": (heading, ("pose_yaw",)),
   "place": (places, ("pose_x", "pose_y")),
   "history": (histories, ("sliding and driving of the last seconds", "accel_x", "accel_y")),

@@ -153,7 +153,7 @@ def test_region_of_values_uses_moments_of_driving(offset_pool):
   flat = np.concatenate([voltage, voltage[:, -1:]], axis=1).reshape(-1)[observations.grid_points]
   region = region_of(np.where(flat > 2.0, 1.0, 0.0), observations, around)
   assert region.conditions and region.share > 0.8 and region.samples < 0.6
-  assert {c.feature for c in region.conditions} <= {"abs(motor_voltage)", "drive_torque", "accel_x", "speed"}
+  assert {c.feature for c in region.conditions} <= {"abs(drive_command)", "drive_torque", "accel_x", "speed"}
 
 
 def test_circumstances_are_what_they_say(offset_pool):
