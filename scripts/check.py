@@ -9,7 +9,7 @@ import dataclasses
 from pathlib import Path
 
 from calibration.log_check.check import LogCheck
-from calibration.log_check.said import check_and_say
+from calibration.log_check.report import check_and_say
 from qcar_twin.command_line import run_script
 
 

@@ -13,8 +13,7 @@ from typing import Annotated
 import tyro
 
 from calibration.log_check.check import LogCheck
-from calibration.log_check.report import write_raw
-from calibration.log_check.said import check_and_say
+from calibration.log_check.report import check_and_say, write_raw
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.first_dataset.place import copy_in, logs_of, placed, with_rows
 from qcar_twin.recordings.first_dataset.propose import propose

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import tyro
 
-from calibration.log_check.said import check_and_say
+from calibration.log_check.report import check_and_say
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.first_dataset.joined import JOINED, as_csv, as_one_drive

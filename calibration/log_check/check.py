@@ -13,6 +13,7 @@ from calibration.log_check.disagreements import Finding, Severity, disagreements
 from calibration.log_check.motions import Wheels, motions
 from calibration.log_check.odd_files import odd_file_findings
 from calibration.log_check.pairs import Comparison, compare
+from calibration.log_check.pose_point import pose_point_findings
 from calibration.log_check.shows import Shown, what_it_shows
 from calibration.log_check.timing import Sampling, samplings
 from calibration.log_check.unjudged import (
@@ -117,6 +118,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
   findings += [
     *(Finding("beware", _judged(warning), warning) for warning in dataset.notices),
     *_straight_only(recordings),
+    *(pose_point_findings(recordings, vehicle) if not told & {"pose_x", "pose_y", "pose_yaw"} else []),
     *clock_findings(compared, wheels, vehicle.wheelbase, recordings),
     *lonely_findings(compared, recordings, told),
     *loose_findings(compared, recordings),

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from calibration.fitting.observations import UNITS
-from calibration.log_check.check import LogCheck
+from calibration.log_check.check import LogCheck, check_log, load_to_check
 from calibration.log_check.log_page import log_sections
 from calibration.log_check.pairs import Estimate
+from calibration.progress import CHECK, StageLine
 from qcar_twin.atomic_io import write_json
 from qcar_twin.pages import Cell, Chart, Explorer, Line, Panel, Run, Section, Table, write_page
 from qcar_twin.pages.charts import axis, packed
@@ -25,6 +26,23 @@ _DRAWN = 0.05  # s between points
 _PANELS = 16  # columns that are drawn
 _SPOTS = 4000  # of a role at most
 _TITLES = {"spoils": "What spoils a fit", "beware": "Warnings", "note": "What this log cannot show"}
+
+
+def check_and_say(folder: Path, out: Path) -> LogCheck:
+  """Check the data set in `folder`, write the page into `out`, print the verdict, what to know, and where the page is.
+
+  Raises:
+    RecordingError: the data set cannot be loaded.
+  """
+  dataset = load_to_check(folder)
+  with StageLine(CHECK) as progress:
+    check = check_log(dataset, progress)
+  page = write_log_check(check, out)
+  print(check.verdict)
+  for finding in (*check.of("spoils"), *check.of("beware")):
+    print(f"{finding.severity}: {finding.text}")
+  print(f"page: {page}")
+  return check
 
 
 def write_log_check(checked: LogCheck, folder: str | os.PathLike[str]) -> Path:

@@ -29,7 +29,10 @@ NOISE = {
 
 
 def drive(seconds=12.0, rate=100.0, seed=0):
-  """Time (k,) and columns of a winding drive with changing speed; no slip, sensor noise of ordinary size."""
+  """Time (k,) and columns of a winding drive with changing speed; no slip, sensor noise of ordinary size.
+
+  The speed is the rear axle's, the pose that of the centre of gravity.
+  """
   random = np.random.default_rng(seed)
   time = np.arange(int(seconds * rate)) / rate
   speed = 0.8 + 0.5 * np.sin(1.7 * time) + 0.1 * np.sin(5.0 * time)
@@ -43,8 +46,8 @@ def drive(seconds=12.0, rate=100.0, seed=0):
     "accel_x": np.gradient(speed, time),
     "accel_y": speed * yaw_rate,
     "yaw_rate": yaw_rate,
-    "pose_x": np.cumsum(speed * np.cos(yaw)) / rate,
-    "pose_y": np.cumsum(speed * np.sin(yaw)) / rate,
+    "pose_x": np.cumsum(speed * np.cos(yaw)) / rate + VEHICLE["cg_to_rear"] * np.cos(yaw),
+    "pose_y": np.cumsum(speed * np.sin(yaw)) / rate + VEHICLE["cg_to_rear"] * np.sin(yaw),
     "pose_yaw": yaw,
   }
   for channel, sigma in NOISE.items():

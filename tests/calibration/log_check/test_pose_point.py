@@ -1,0 +1,45 @@
+"""A pose of another point than the centre of gravity is told by how it moves sideways in turns."""
+
+import numpy as np
+import pytest
+
+from calibration.log_check.pose_point import pose_point_findings
+from qcar_twin.recordings.recording import Recording
+from qcar_twin.vehicle.vehicle import Vehicle
+from tests.qcar_twin.recordings.drives import drive
+
+CAR = Vehicle.load()
+
+
+def driven(ahead, slip=0.0, seconds=80.0):
+  """A drive whose pose is of a point `ahead` of the centre of gravity, m; rear tyres slip by `slip` v r, rad."""
+  time, columns = drive(seconds)
+  speed = columns["motor_speed"] * CAR.gear_ratio * CAR.wheel_radius
+  rate = np.gradient(columns["pose_yaw"], time)
+  yaw = columns["pose_yaw"]
+  sideways = -slip * speed**2 * rate  # of the rear axle
+  x = np.cumsum(speed * np.cos(yaw) - sideways * np.sin(yaw)) * 0.01 + (CAR.cg_to_rear + ahead) * np.cos(yaw)
+  y = np.cumsum(speed * np.sin(yaw) + sideways * np.cos(yaw)) * 0.01 + (CAR.cg_to_rear + ahead) * np.sin(yaw)
+  return Recording.from_columns("run", time, columns | {"pose_x": x, "pose_y": y})
+
+
+@pytest.mark.parametrize("slip", [0.0, 0.02])
+@pytest.mark.parametrize(("ahead", "said"), [(0.15, "ahead of"), (-0.128, "behind")])
+def test_a_marker_far_from_the_centre_is_told(ahead, said, slip):
+  (finding,) = pose_point_findings([driven(ahead, slip)], CAR)
+  assert f"m {said} the centre of gravity" in finding.text
+  measured = float(finding.text.partition("of a point ")[2].split()[0])
+  assert measured == pytest.approx(abs(ahead), abs=0.012)
+
+
+@pytest.mark.parametrize("ahead", [-0.03, 0.0, 0.03])
+def test_one_near_it_is_not(ahead):
+  assert pose_point_findings([driven(ahead)], CAR) == []
+
+
+def test_straight_driving_and_short_logs_tell_nothing():
+  assert pose_point_findings([driven(0.15).window(0.0, 20.0)], CAR) == []
+  time = np.arange(0.0, 60.0, 0.01)
+  noise = 0.004 * np.random.default_rng(3).standard_normal((3, 6000))
+  columns = {"motor_speed": np.full(6000, 300.0), "pose_x": time + noise[0], "pose_y": noise[1], "pose_yaw": noise[2]}
+  assert pose_point_findings([Recording.from_columns("run", time, columns)], CAR) == []
