@@ -100,7 +100,8 @@ def verdict_sentence(
   partly = " This explains only part of the mismatch." if decision.verdict == "partly_explained" else ""
   if partly and decision.leftovers:
     partly += f" {structure_sentence(decision.leftovers[0])}"
-  rest = f" The rest has no name and shows no structure: {short}." if short and not partly else ""
+  unnamed = "The rest has no name, and no more structure than cars without a hidden effect show"
+  rest = f" {unnamed}: {short}." if short and not partly else ""
   return f"{effects}{_gain(recovered)}{partly}{rest}"
 
 
@@ -132,9 +133,9 @@ def _gain(recovered: float | None) -> str:
 
 
 def structure_sentence(item: Leftover) -> str:
-  """ "The rest shows most in longitudinal acceleration: turns with the heading (heading)."."""
+  """ "Of the rest most structure is in longitudinal acceleration: turns with the heading (heading)."."""
   follows = listed([quantity(name) for name in item.depends_on])
-  return f"The rest shows most in {RESIDUALS[item.channel].words}: {PROPERTIES[item.family]} ({follows})."
+  return f"Of the rest most structure is in {RESIDUALS[item.channel].words}: {PROPERTIES[item.family]} ({follows})."
 
 
 def doubts(claim: Claim, taken: float | None = None) -> str:

@@ -82,7 +82,8 @@ def test_a_reader_in_a_hurry_learns_the_verdict():
     decision, mechanisms, None, {"steering_delay": 0.931}, "yaw rate errs by 1.4 times the noise"
   )
   assert "probability 0.97, takes off 93 %)" in shares
-  assert shares.endswith("The rest has no name and shows no structure: yaw rate errs by 1.4 times the noise.")
+  rest = "The rest has no name, and no more structure than cars without a hidden effect show"
+  assert shares.endswith(f"{rest}: yaw rate errs by 1.4 times the noise.")
   base = verdict_sentence(decision_of("no_mismatch", ()), mechanisms, short="yaw rate errs by 1.4 times the noise")
   assert "no missing physics" in base and "The twin itself falls short of them: yaw rate" in base
   nothing = verdict_sentence(decision_of("no_mismatch", ()), mechanisms)
