@@ -158,8 +158,8 @@ def test_what_is_left_over_tells_what_the_unknown_depends_on():
   told = unknown_summary(decision)
   assert told["depends_on"] == ["pose_yaw"]
   assert told["properties"] == ["turns with the heading", "tied to a place"]
-  assert "Of the rest most structure is in longitudinal acceleration: turns with the heading (heading)." in verdict_sentence(
+  assert "most structure is in longitudinal acceleration: turns with the heading (heading)." in verdict_sentence(
     decision, {}
   )
   named = dataclasses.replace(decision_of("partly_explained", ("steering_offset",)), leftovers=left)
-  assert "This explains only part of the mismatch. Of the rest most structure is in" in verdict_sentence(named, catalogue())
+  assert "only part of the mismatch. Of the rest most structure is in" in verdict_sentence(named, catalogue())
