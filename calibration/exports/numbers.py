@@ -20,7 +20,7 @@ from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.mechanisms.base import Mechanism
 from qcar_twin.twin.mechanisms.elements import second_order
 from qcar_twin.twin.twin import Twin
-from qcar_twin.vehicle.mjcf import centre_damping
+from qcar_twin.vehicle.mjcf import FASTEST_SERVO, centre_damping
 from qcar_twin.vehicle.vehicle import GRAVITY
 
 Array = NDArray[np.float64]
@@ -38,7 +38,6 @@ MATCHED = (
 _CHANNELS = ("yaw_rate", "accel_x", "accel_y", "motor_speed")
 _ROUNDS, _MOVE, _REACH = 5, 1e-3, 0.5  # of Gauss-Newton; share for slopes; most change of a logarithm in a round
 _WITHOUT = ("cg_lateral_offset", "differential_lock", "floor_slope")  # what needs two wheels on an axle, or a slope
-_FASTEST_SERVO = 1e3  # rad/s, from which a limit is none
 _PRIOR = 1.0  # standard deviation of a factor's logarithm: what the driving does not show stays where it is
 _SECONDS = 90.0  # of driving that is matched at most
 
@@ -109,7 +108,7 @@ def single_track_numbers(twin: Twin, theta: Array, kept: Sequence[Mechanism]) ->
     "roll_gain": 1.0 + arm / (spring * v.track_width**2 / 2.0),
     "pitch_gain": 1.0 + arm / (spring * v.wheelbase**2 / 2.0),
   }  # fmt: skip
-  if q["servo_rate"] < _FASTEST_SERVO:
+  if q["servo_rate"] < FASTEST_SERVO:
     numbers["servo_rate"] = q["servo_rate"]
   return {name: float(value) for name, value in numbers.items()} | _effects(twin, theta, kept)
 

@@ -26,7 +26,7 @@ import numpy as np
 Numbers = dict[str, Any]
 PERIOD, PARTS = 0.01, 4  # s, and steps of integration in it
 GRAVITY = 9.80665  # m/s^2
-SHARED = 4  # rounds in which two axles on a shaft share what they slip; yaw rates are within 2 % of those of twenty
+SHARED = 4  # rounds in which two axles on a shaft share what they slip; see docs/results/exports.md
 CREEP = 0.005  # m/s, v_0: slip is finite at standstill
 KINK = 1e-3  # rad and V: half-width over which corners of maps are rounded
 STATES = (

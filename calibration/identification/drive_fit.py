@@ -106,8 +106,11 @@ def fit_drive(
     raise NotIdentifiable(
       f"the drive needs steady speeds at two levels of {drive.channel} or more; among {len(used)} steps with role"
       f" 'identify' {len(settled)} move the car and settle. "
-      + (f"Record longer {drive.steps} runs at other levels" if used else f'Write manoeuvre = "{drive.steps}" there')
-      + ("" if used else ", at recordings of steps in dataset.toml, or record some")
+      + (
+        f"Record longer {drive.steps} runs at other levels"
+        if used
+        else f'Write manoeuvre = "{drive.steps}" at recordings of steps in dataset.toml, or record some'
+      )
     )
   values, slope, offset = _two_stages(settled, moving)
   covariance = _jackknife(settled, moving, values) + _model_error(moving, values) + _drift(settled, values)

@@ -24,7 +24,7 @@ _KNUCKLE_INERTIA = 2e-4  # of a road wheel with its share of the servo / mass of
 _FASTEST_DAMPER = 1.1  # damping of a wheel's travel / its mass x the longest step: what that step, explicit, stands
 _HALF_FREE = 0.1  # N m s/rad, of the QCar's class
 _ONE_SHAFT = 1e-6  # centre differential below which nothing tells it from a shaft
-_FASTEST_SERVO = 1e3  # rad/s, stands for no limit
+FASTEST_SERVO = 1e3  # rad/s, stands for no limit
 
 
 def car_spec(car: Vehicle, tyre: TyreKind = "contact", timestep: float = 0.002, looks: bool = False) -> mujoco.MjSpec:
@@ -271,7 +271,7 @@ def _write_steering(spec: mujoco.MjSpec, car: Vehicle, timestep: float) -> None:
   stiffness = 2.0 * inertia / timestep**2
   servo.dynprm[0], servo.actearly = car.servo_time_constant, True
   servo.gainprm[0], servo.biasprm[1], servo.biasprm[2] = stiffness, -stiffness, 0.0
-  force = servo_force(min(car.servo_rate, _FASTEST_SERVO), inertia, timestep)
+  force = servo_force(min(car.servo_rate, FASTEST_SERVO), inertia, timestep)
   servo.ctrlrange, servo.forcerange = [-car.max_steering, car.max_steering], [-force, force]
   for wheel in WHEELS[:2]:
     joint = spec.joint(f"{wheel}_steering")

@@ -136,6 +136,14 @@ def behind(steps: Array) -> int:
   return int(np.sum(passed < np.maximum.accumulate(passed)))
 
 
+def correlation(a: Array, b: Array, least: int = 2) -> float:
+  """Of the pairs that are both known, (k,) each; 0 where those are fewer than `least`, or one of them is constant."""
+  both = np.isfinite(a) & np.isfinite(b)
+  if both.sum() < least or a[both].std() == 0.0 or b[both].std() == 0.0:
+    return 0.0
+  return float(np.corrcoef(a[both], b[both])[0, 1])
+
+
 def guess_columns(columns: Columns) -> dict[str, Guess]:
   """Guesses by channel, each column once: names first, best fit first; then units by name and by value."""
   offers = []

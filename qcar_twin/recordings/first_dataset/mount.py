@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.recordings.channels import CHANNELS, GRAVITY
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation
 from qcar_twin.recordings.first_dataset.heading import contrary, goes_with
 from qcar_twin.recordings.first_dataset.refine import recordings_of
 from qcar_twin.recordings.recording import Recording
@@ -163,10 +163,7 @@ def speeding(columns: Columns, guesses: Mapping[str, Guess], name: str) -> float
 
 def _correlation(recordings: Sequence[Recording], pairs: Callable[[Recording], Array]) -> float:
   felt, driven = np.concatenate([*map(pairs, recordings), np.empty((2, 0))], axis=1)
-  known = np.isfinite(felt) & np.isfinite(driven)
-  if known.sum() < _LEAST or felt[known].std() == 0.0 or driven[known].std() == 0.0:
-    return 0.0
-  return float(np.corrcoef(felt[known], driven[known])[0, 1])
+  return correlation(felt, driven, _LEAST)
 
 
 def _speeding_up(recording: Recording) -> Array:

@@ -85,7 +85,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     guess_by_unit(columns, guesses)
     if {"speed", "motor_speed"} <= guesses.keys() and is_electrical(guesses["motor_speed"].column):
       del guesses["motor_speed"]  # the speed needs no pole pairs
-    guesses = {c: guesses[c] for c in CHANNELS if c in guesses}
+    guesses = {channel: guesses[channel] for channel in CHANNELS if channel in guesses}
     refuse_parts(columns, guesses)
   kind = str(known.get("drive", _drive(guesses)))
   vehicle = Vehicle.from_dataset({"name": "car", **known, "drive": kind})

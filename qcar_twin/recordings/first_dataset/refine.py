@@ -13,7 +13,7 @@ from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.time import turn_of
 from qcar_twin.recordings.checks.units import Suspect, compare
 from qcar_twin.recordings.completed import heading_or_course, with_speed
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess, is_share_of_lock
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, is_share_of_lock
 from qcar_twin.recordings.first_dataset.heading import goes_with, settle_heading
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError
@@ -229,8 +229,7 @@ def turning_of(recordings: Sequence[Recording], radius: float = 1.0) -> tuple[Ar
     radius: rolling radius of the wheels over the motor's angle, m, for logs without a speed.
   """
   bins = [_binned(recordings, radius, lag) for lag in _LAGS]
-  tied = [abs(float(np.corrcoef(v * angle, turned)[0, 1])) if np.any(v * angle) else 0.0 for v, angle, turned in bins]
-  return bins[int(np.argmax(np.nan_to_num(tied)))]
+  return bins[int(np.argmax([abs(correlation(speed * angle, turned)) for speed, angle, turned in bins]))]
 
 
 def _binned(recordings: Sequence[Recording], radius: float, lag: float) -> tuple[Array, Array, Array]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.checks.units import compare
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess, scale, stepped
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, scale, stepped
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.refine import recordings_of
 from qcar_twin.recordings.unit_names import words_of
@@ -171,14 +171,7 @@ def _likeness(columns: Columns, names: Sequence[str]) -> dict[str, float]:
   low, middle, high = np.nanpercentile(values, [10, 50, 90], axis=1, keepdims=True)
   scaled = (values - middle) / np.where(high > low, high - low, 1.0)
   centre = np.nanmedian(scaled, axis=0) if len(names) > 2 else scaled[0]
-  return {name: _correlation(row, centre) for name, row in zip(names, scaled, strict=True)}
-
-
-def _correlation(a: Array, b: Array) -> float:
-  both = np.isfinite(a) & np.isfinite(b)
-  if both.sum() < _LEAST or a[both].std() == 0.0 or b[both].std() == 0.0:
-    return 0.0
-  return float(np.corrcoef(a[both], b[both])[0, 1])
+  return {name: correlation(row, centre, _LEAST) for name, row in zip(names, scaled, strict=True)}
 
 
 def _spikes(values: Array) -> float:

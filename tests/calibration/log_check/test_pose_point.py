@@ -1,10 +1,12 @@
 """A pose of another point than the centre of gravity is told by how it moves sideways in turns."""
 
+import re
+
 import numpy as np
 import pytest
 
 from calibration.log_check.pose_point import pose_point_findings
-from qcar_twin.recordings.recording import Recording
+from qcar_twin.recordings.recording import Recording, Stream
 from qcar_twin.vehicle.vehicle import Vehicle
 from tests.qcar_twin.recordings.drives import drive
 
@@ -30,6 +32,18 @@ def test_a_marker_far_from_the_centre_is_told(ahead, said, slip):
   assert f"m {said} the centre of gravity" in finding.text
   measured = float(finding.text.partition("of a point ")[2].split()[0])
   assert measured == pytest.approx(abs(ahead), abs=0.012)
+
+
+def test_the_cure_followed_as_it_is_written_leaves_nothing_to_say():
+  run = driven(0.15)
+  (finding,) = pose_point_findings([run], CAR)
+  sign, shift = re.findall(r"([-+]) ([0-9.]+) (?:cos|sin)", finding.text)[0]
+  by = float(sign + shift)
+  yaw = run["pose_yaw"].value
+  moved = {
+    n: Stream(run[n].time, run[n].value + by * part(yaw)) for n, part in (("pose_x", np.cos), ("pose_y", np.sin))
+  }
+  assert pose_point_findings([run.replace(streams={**run.streams, **moved})], CAR) == []
 
 
 @pytest.mark.parametrize("ahead", [-0.03, 0.0, 0.03])
