@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.fitting.likelihood import Problem
-from calibration.fitting.observations import CHANNELS
 from calibration.fitting.optimiser import inverse_curvature
 from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
@@ -138,7 +137,7 @@ def scan(
     noise: of each residual channel while the car drives; where a channel's weight is that of the base's error instead,
       what is `shown` is counted as it would be without that error: an effect must not hide by the misfit it makes.
   """
-  clear = _clear(problem, noise) if noise else 1.0
+  clear = problem.clear(noise) if noise else 1.0
   projectors = {
     m.name: _projector(base, m) for m in mechanisms if {p.name for p in m.parameters} & set(base.free.names)
   }
@@ -166,13 +165,6 @@ def scan(
   }
   blind = [m.name for m in mechanisms if m.name in found and not _measured(problem, m)]
   return found | {name: dataclasses.replace(found[name], shown=0.0) for name in blind}
-
-
-def _clear(problem: Problem, noise: Mapping[str, float]) -> Array:
-  """Factors on whitened residuals, (K,), at which each channel weighs by its noise and not by a larger error."""
-  own = problem.weighting.std
-  factor = np.array([max(own[i] / noise[c], 1.0) if noise.get(c, 0.0) > 0.0 else 1.0 for i, c in enumerate(CHANNELS)])
-  return np.nan_to_num(factor, nan=1.0)[problem.observations.channel[: problem.n_train]]
 
 
 def _measured(problem: Problem, mechanism: Mechanism) -> bool:

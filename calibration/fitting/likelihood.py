@@ -200,6 +200,16 @@ class Problem:
   def whiten(self, raw: Array) -> Array:
     return raw * self._scale
 
+  def clear(self, noise: Mapping[str, float]) -> Array:
+    """Factors on the fitted residuals, (n_train,), at which each channel weighs by its noise and not by a larger error.
+
+    Args:
+      noise: standard deviation of residual channels, by name; one that is not named keeps its weight.
+    """
+    own = self.weighting.std
+    factor = [max(own[i] / noise[c], 1.0) if noise.get(c, 0.0) > 0.0 else 1.0 for i, c in enumerate(CHANNELS)]
+    return np.nan_to_num(np.array(factor), nan=1.0)[self.observations.channel[: self.n_train]]
+
   def embed(self, names: Sequence[str], values: Array, around: Array) -> Array:
     """Full vectors, (n, P), with the named parameters set to values (n, len(names))."""
     values = np.atleast_2d(values)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from calibration.fitting.dataset_recalibration import LONGEST, command_shifts, recalibrate_dataset
 from calibration.fitting.informative import split_standing
 from calibration.fitting.noise import noise_models
-from calibration.fitting.noise_floor import sensor_floor
+from calibration.fitting.noise_floor import driving_noise, residual_floor, sensor_floor
 from calibration.fitting.observations import UNITS, Observations, observe
 from calibration.fitting.optimiser import with_jacobian
 from calibration.fitting.recalibration import RecalibratedTwin
@@ -236,7 +236,8 @@ def _to_recordings(
     notes.append(f"static friction holds the car in {', '.join(standing)}: left out of the fit, not of the errors")
   group = groups_of(again.problem.observations)[: again.problem.n_train]
   best = with_jacobian(again.fit, again.jacobian[: again.problem.n_train], np.inf)
-  estimates = table_of(best, twin, twin.parameters, "not fitted", group)
+  clear = again.problem.clear(residual_floor(driving_noise(fitted)))
+  estimates = table_of(best, twin, twin.parameters, "not fitted", group, clear)
   return {"estimates": estimates, "command_shift": int(again.command_shift), "notes": notes}
 
 

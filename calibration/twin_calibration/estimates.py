@@ -16,7 +16,7 @@ from qcar_twin.twin.twin import Twin
 Array = NDArray[np.float64]
 _UNSEEN = 0.5  # a prior deviation of a parameter moves all residuals together by less than this: nothing shows it
 _OFF = 3.0  # prior deviations that are worth a word
-NOT_SHOWN = "no recording shows it"
+NOT_SHOWN, HIDDEN = "no recording shows it", "larger errors of the twin hide it"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,9 +42,17 @@ class Estimate:
 
 
 def table_of(
-  fitted: Fit, twin: Twin, every: ParameterSet, reason: str, group: NDArray[np.int64] | None
+  fitted: Fit,
+  twin: Twin,
+  every: ParameterSet,
+  reason: str,
+  group: NDArray[np.int64] | None,
+  clear: Array | float = 1.0,
 ) -> dict[str, Any]:
   """Estimates of all parameters, ready for JSON; what no residual shows goes back to its prior.
+
+  Where a channel is wrong by much more than its noise, its weight is that of the error: what would show but for that is
+  hidden.
 
   Args:
     fitted: with its slopes.
@@ -52,8 +60,9 @@ def table_of(
     every: parameters to tell of.
     reason: said of those that were not fitted.
     group: of every residual value, (M,): values of one group share disturbances; None where all are independent.
+    clear: factors on the residuals, (M,), at which every channel weighs by its noise.
   """
-  force = np.sqrt(np.sum(np.square(fitted.jacobian), axis=0)) * fitted.parameters.std
+  force, clear_force = _force(fitted, 1.0), _force(fitted, clear)
   std = fitted.std if group is None else fitted_std(fitted, group)
   table = {}
   for p in every:
@@ -63,11 +72,17 @@ def table_of(
     i = fitted.parameters.index(p.name)
     row = fitted.table()[p.name]
     if force[i] < _UNSEEN:
-      table[p.name] = _not_fitted(row["prior"], row["prior_std"], p.unit, NOT_SHOWN)
+      why = NOT_SHOWN if clear_force[i] < _UNSEEN else HIDDEN
+      table[p.name] = _not_fitted(row["prior"], row["prior_std"], p.unit, why)
       continue
     form = form_deviation(p, float(fitted.theta[i]), twin)
     table[p.name] = {**row, "std": float(np.hypot(std[i], form)), "noise_std": row["std"]}
   return table
+
+
+def _force(fitted: Fit, factor: Array | float) -> Array:
+  """Size of what a prior deviation of each parameter moves all residuals by, times a factor, (p,)."""
+  return np.sqrt(np.square(factor) * np.ones(len(fitted.jacobian)) @ np.square(fitted.jacobian)) * fitted.parameters.std
 
 
 def form_deviation(parameter: Parameter, value: float, twin: Twin) -> float:
@@ -92,15 +107,20 @@ def estimate_of(row: Mapping[str, Any]) -> Estimate:
 
 def judged(estimates: Mapping[str, Estimate]) -> list[str]:
   """Words on parameters at a bound, unseen, or far from what was measured."""
-  unseen = [n for n, e in estimates.items() if e.reason_not_fitted == NOT_SHOWN]
+  why = {reason: [n for n, e in estimates.items() if e.reason_not_fitted == reason] for reason in (NOT_SHOWN, HIDDEN)}
   bound = [n for n, e in estimates.items() if e.at_bound]
   far = {
     n: (e.value - e.prior) / e.prior_std for n, e in estimates.items() if not e.reason_not_fitted and e.prior_std > 0
   }
   far = {n: share for n, share in far.items() if abs(share) > _OFF}
   notes = []
-  if unseen:
-    notes.append(f"no recording shows {', '.join(unseen)}: left at the prior")
+  if why[NOT_SHOWN]:
+    notes.append(f"no recording shows {', '.join(why[NOT_SHOWN])}: left at the prior")
+  if why[HIDDEN]:
+    notes.append(
+      f"larger errors of the twin hide {', '.join(why[HIDDEN])}: left at the prior; `qcar-twin diagnose` looks for what"
+      " the twin lacks"
+    )
   if bound:
     notes.append(f"at a bound of the fit: {', '.join(bound)}")
   if far:
