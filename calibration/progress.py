@@ -18,6 +18,9 @@ class Progress(Protocol):
   def __call__(self, stage: str, share: float | None = None, /) -> None: ...
 
 
+_QUIET = 60.0  # s without a line, after which a log says how far a stage is
+
+
 def silent(stage: str, share: float | None = None) -> None:
   """A `Progress` that says nothing."""
 
@@ -115,6 +118,7 @@ class Stages:
     self._names = [[start.strip() for start in name.split("|")] for name in plan]
     self._seconds = list(plan.values())
     self._at, self._share, self._began, self._last = -1, 0.0, time.monotonic(), ""
+    self._entered = self._began  # of the latest stage that was not foreseen
 
   def reached(self, text: str, share: float | None) -> bool:
     """Note what a run says; whether a stage of the plan begins with it."""
@@ -127,6 +131,8 @@ class Stages:
       self._share = self._share if share is None else share
       return False
     self._at, self._share = at, share or 0.0
+    if self._seconds[at] <= 0.0:
+      self._entered = time.monotonic()
     return True
 
   def line(self, text: str) -> str:
@@ -138,11 +144,19 @@ class Stages:
 
   @property
   def left(self) -> float | None:
-    """Seconds, from how much longer than planned it took until now; None where nothing is known yet."""
-    rest = sum(self._seconds[self._at + 1 :]) + (1.0 - self._share) * self._seconds[self._at]
+    """Seconds, from how much longer than planned it took until now; None where nothing is known yet.
+
+    Of a stage that was not foreseen, from how much longer it took than its share; what follows goes at the pace before.
+    """
+    now, after = time.monotonic(), sum(self._seconds[self._at + 1 :])
+    rest = after + (1.0 - self._share) * self._seconds[self._at]
     done = sum(self._seconds) - rest
-    spent = time.monotonic() - self._began
-    return spent * rest / done if done > 0.0 and self._seconds[self._at] > 0.0 else None
+    if self._seconds[self._at] > 0.0:
+      return (now - self._began) * rest / done if done > 0.0 else None
+    if self._share <= 0.0:
+      return None
+    then = (self._entered - self._began) * after / done if done > 0.0 else 0.0
+    return (now - self._entered) * (1.0 - self._share) / self._share + then
 
 
 def duration(seconds: float) -> str:
@@ -153,7 +167,8 @@ def duration(seconds: float) -> str:
 class StageLine(logging.Handler):
   """A line on the terminal that is written over, with messages of the package's fits behind it.
 
-  Where the output is no terminal each stage of the plan is one plain line, written once.
+  Where the output is no terminal each stage of the plan is one plain line, written once; one that takes minutes says so
+  about once in each.
 
   with StageLine(CALIBRATION) as progress:
     calibrate(dataset, progress=progress)
@@ -165,7 +180,7 @@ class StageLine(logging.Handler):
     super().__init__(logging.INFO)
     self._logger, self._stages = logging.getLogger(logger), Stages(plan)
     self._bar: tqdm | None = None
-    self._before, self._text = (logging.NOTSET, True), ""
+    self._before, self._text, self._printed = (logging.NOTSET, True), "", time.monotonic()
 
   def __enter__(self) -> "StageLine":
     if sys.stderr.isatty():
@@ -182,8 +197,9 @@ class StageLine(logging.Handler):
     self._text = self._stages.line(stage if share is None else f"{stage}, {100.0 * share:.0f} %")
     if self._bar is not None:
       self._show(self._text)
-    elif begins:
-      print(self._stages.line(stage), file=sys.stderr, flush=True)
+    elif begins or time.monotonic() - self._printed > _QUIET:
+      print(self._stages.line(stage) if begins else self._text, file=sys.stderr, flush=True)
+      self._printed = time.monotonic()
 
   def say(self, text: str) -> None:
     """Print a result above the stage."""

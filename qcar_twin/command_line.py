@@ -2,7 +2,7 @@
 
 A command is a module with a docstring, a dataclass `Config` and a function `main(config)`. Where a stopped run leaves
 something to go on from, `KEPT` is a sentence that says what. Where --out is a file and no folder,
-`OUT_IS_FILE` is True. `POSITIVE` names numbers that may not be zero.
+`OUT_IS_FILE` is True, or says it of the options. `POSITIVE` names numbers that may not be zero.
 """
 
 import codecs
@@ -58,7 +58,8 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
   try:
     module = load()
     config = tyro.cli(module.Config, prog=name, description=module.__doc__, args=list(arguments))
-    refuse_early(config, getattr(module, "OUT_IS_FILE", False), getattr(module, "POSITIVE", ()))
+    is_file = getattr(module, "OUT_IS_FILE", False)
+    refuse_early(config, is_file(config) if callable(is_file) else is_file, getattr(module, "POSITIVE", ()))
     module.main(config)
   except KeyboardInterrupt:
     kept = getattr(module, "KEPT", "nothing of this run is kept: results are written at its end")

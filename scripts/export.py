@@ -12,7 +12,7 @@ import dataclasses
 from pathlib import Path
 
 from calibration.cross_validation.mcap_export import fitted_shift, loaded, of_dataset, of_log, twin_files
-from calibration.exports.export import export_twin
+from calibration.exports.export import export_twin, is_a_file
 from calibration.exports.target import Job, target_named
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
@@ -50,6 +50,11 @@ class Config:
   """Of the motor; for vesc."""
   vesc: Path | None = None
   """The vesc.yaml that the car drove with; for vesc, which corrects it."""
+
+
+def OUT_IS_FILE(config: Config) -> bool:
+  """Whether --out is the file, and no folder for files."""
+  return config.to != "mcap" and is_a_file(config.out)
 
 
 def main(config: Config) -> list[Path]:

@@ -15,6 +15,7 @@ from calibration.diagnosis.decision.evidence import Evidence
 from calibration.diagnosis.decision.levels import Levels, usual_levels
 from calibration.diagnosis.experiment import next_experiment
 from calibration.diagnosis.formula.after import formula_left, left_unexplained
+from calibration.diagnosis.formula.finding import STAGE
 from calibration.diagnosis.holdout_errors import ChannelFit, Replay, compare_twins
 from calibration.diagnosis.locate import Location, locate
 from calibration.diagnosis.outcome import Diagnosis, Outcome
@@ -143,8 +144,8 @@ def _judged(
   clock.start("hold-out")
   holdout, unseen = _before_and_after(twin, pool, decision, dataset.role("holdout"), cut)
   if left_unexplained(decision):
-    clock.start("formula for the rest")
-  formula = formula_left(pool, decision, dataset.role("holdout"), cut)
+    clock.start(STAGE)
+  formula = formula_left(pool, decision, dataset.role("holdout"), cut, clock.progress)
   return Diagnosis(
     dataset=dataset.name,
     decision=decision,

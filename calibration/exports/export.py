@@ -7,6 +7,11 @@ from calibration.exports.target import Job, target_named
 from qcar_twin.atomic_io import write_json
 
 
+def is_a_file(out: Path) -> bool:
+  """Whether a path is that of the file itself, and not of a folder for it."""
+  return bool(out.suffix) and not out.is_dir()
+
+
 def export_twin(name: str, job: Job, out: Path) -> tuple[Path, Loss | None]:
   """Write the file, print what to know and what was lost; the loss goes beside it as `<file>.loss.json`.
 
@@ -18,7 +23,7 @@ def export_twin(name: str, job: Job, out: Path) -> tuple[Path, Loss | None]:
     KeyError: no such target.  ValueError: something a target needs is missing, with the option that gives it.
   """
   target = target_named(name)
-  path = out if out.suffix else out / target.file
+  path = out if is_a_file(out) else out / target.file
   for sentence in target.write(job, path):
     print(sentence)
   loss = measure_loss(job, target, path)

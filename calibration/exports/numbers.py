@@ -32,8 +32,9 @@ EXPRESSED = (
 )  # fmt: skip
 """Effects that the single track's file computes by the mechanism's own equation."""
 MATCHED = (
-  "drive_gain", "drive_damping", "drive_friction", "cornering_stiffness_front", "cornering_stiffness_rear", "coupling",
-  "friction_coefficient", "servo_time_constant", "longitudinal_stiffness", "roll_gain", "pitch_gain",
+  "drive_gain", "drive_damping", "drive_friction", "cornering_stiffness_front", "cornering_stiffness_rear",
+  "longitudinal_stiffness_front", "longitudinal_stiffness_rear", "friction_coefficient", "servo_time_constant",
+  "roll_gain", "pitch_gain",
 )  # fmt: skip
 _CHANNELS = ("yaw_rate", "accel_x", "accel_y", "motor_speed")
 _ROUNDS, _MOVE, _REACH = 5, 1e-3, 0.5  # of Gauss-Newton; share for slopes; most change of a logarithm in a round
@@ -86,18 +87,20 @@ def single_track_numbers(twin: Twin, theta: Array, kept: Sequence[Mechanism]) ->
   spring = 2.0 * mass / 4.0 * (2.0 * np.pi * q["suspension_frequency"]) ** 2
   arm = mass * GRAVITY * height
   axles = len(v.driven_axles)
+  share = 0.5 if axles == 2 else 1.0 if "front" in v.driven_axles else 0.0
   damping = float(centre_damping(q.get("centre_differential", 0.0), v.similarity))
   numbers: Numbers = {
     "mass": mass, "yaw_inertia": q["yaw_inertia"] + q["added_mass"] * q["added_mass_x"] ** 2 * q["mass"] / mass,
     "cg_to_front": front, "cg_to_rear": v.wheelbase - front, "cg_height": height,
     "travel_per_radian": travel, "moved_mass": moved,
+    "shaft_mass": (q["rotor_inertia"] / v.gear_ratio**2 + 2.0 * axles * q["wheel_inertia"]) / v.wheel_radius**2,
     "drive_gain": q["torque_per_volt"] / inertia,
     "drive_damping": (q["motor_damping"] + q["driveline_damping"]) / inertia,
     "drive_friction": q["driveline_friction"] / inertia,
-    "drive_front": 0.5 if axles == 2 else 1.0 if "front" in v.driven_axles else 0.0,
-    "coupling": 0.25 * float(np.sum(q["longitudinal_stiffness"])) if axles == 2 else 0.0,
+    "drive_front": share,
     "centre_compliance": v.wheel_radius**2 / damping,
-    "longitudinal_stiffness": float(np.sum(q["longitudinal_stiffness"])) * axles / 2.0,
+    "longitudinal_stiffness_front": float(np.sum(q["longitudinal_stiffness"][:2])) if share > 0.0 else 0.0,
+    "longitudinal_stiffness_rear": float(np.sum(q["longitudinal_stiffness"][2:])) if share < 1.0 else 0.0,
     "cornering_stiffness_front": float(np.sum(q["cornering_stiffness"][:2])),
     "cornering_stiffness_rear": float(np.sum(q["cornering_stiffness"][2:])),
     "friction_coefficient": float(np.mean(q["friction_coefficient"])),

@@ -9,11 +9,14 @@ from qcar_twin.twin.mechanisms.base import Mechanism
 from qcar_twin.vehicle.vehicle import Vehicle
 
 UNITS = {
-  "mass": "kg", "moved_mass": "kg, with motor and wheels that turn", "yaw_inertia": "kg m^2", "cg_to_front": "m",
+  "mass": "kg", "moved_mass": "kg, with motor and wheels that turn", "shaft_mass": "kg, what the motor turns of it",
+  "yaw_inertia": "kg m^2", "cg_to_front": "m",
   "cg_to_rear": "m", "cg_height": "m",
   "travel_per_radian": "m/rad, of the motor", "drive_gain": "rad/s^2 per V, P1", "drive_damping": "1/s, P2",
   "drive_friction": "rad/s^2, P3", "drive_front": "-, share of the drive that front tyres give",
-  "coupling": "N, of the axles by the drive", "centre_compliance": "m/(N s)", "longitudinal_stiffness": "N",
+  "centre_compliance": "m/(N s), one axle's lead over the other per force",
+  "longitudinal_stiffness_front": "N, both wheels; 0 where they are not driven",
+  "longitudinal_stiffness_rear": "N, both wheels; 0 where they are not driven",
   "cornering_stiffness_front": "N/rad, both wheels", "cornering_stiffness_rear": "N/rad, both wheels",
   "friction_coefficient": "-", "tyre_shape": "-", "load_exponent": "-", "relaxation_length": "m",
   "servo_time_constant": "s, lag", "servo_rate": "rad/s, highest of the road wheels",

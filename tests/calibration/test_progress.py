@@ -83,6 +83,30 @@ def test_the_time_left_is_what_the_plan_has_left_at_the_pace_of_the_run(monkeypa
   assert stages.reached("third", None) and stages.line("third") == "stage 3 of 3 · third"
 
 
+def test_a_stage_that_was_not_foreseen_says_its_time_left_by_its_share(monkeypatch):
+  monkeypatch.setattr(module, "time", ticking())
+  stages = Stages({"first": 10.0, "sometimes": 0.0, "last": 20.0})  # begins at 0 s
+  assert stages.reached("first", None) and stages.reached("sometimes", 0.0)  # at 1 s
+  assert stages.left is None  # at 2 s
+  assert not stages.reached("sometimes", 0.5)
+  # at 3 s: half of it took 2 s, and what follows goes at the pace of the first, 1 s for 10 s
+  assert stages.left == pytest.approx(2.0 + 2.0)
+
+
+def test_a_log_has_a_line_a_minute_where_a_stage_takes_long(monkeypatch, capsys):
+  clock = [0.0]
+  monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
+  with StageLine({"scan": 0.0, "decision": 1.0}) as line:
+    for second in range(0, 190, 10):
+      clock[0] = float(second)
+      line("scan", second / 190)
+  said = capsys.readouterr().err.splitlines()
+  assert [text.partition(" · about")[0] for text in said] == [
+    "stage 1 of 2 · scan", "stage 1 of 2 · scan, 37 %", "stage 1 of 2 · scan, 74 %"
+  ]  # fmt: skip
+  assert "about 120 s left" in said[1] or "about 2 min left" in said[1]
+
+
 def test_without_a_plan_a_stage_is_its_name(monkeypatch):
   terminal = on_terminal(monkeypatch)
   with StageLine() as line:

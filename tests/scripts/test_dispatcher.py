@@ -191,6 +191,15 @@ def test_a_page_that_is_there_already_may_be_written_again(name):
     assert module.OUT_IS_FILE
 
 
+def test_an_export_may_be_written_again(tmp_path, monkeypatch, capsys):
+  module = importlib.import_module("scripts.export")
+  monkeypatch.setattr(module, "main", lambda config: None)
+  (tmp_path / "car.xml").write_text("of the last run")
+  assert main(["export", "--to", "mjcf", "--out", str(tmp_path / "car.xml")]) == 0
+  assert main(["export", "--log", "data/sample/oval.csv", "--out", str(tmp_path / "car.xml")]) == FAILED
+  assert "a file is where a folder has to be" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
   ("name", "option", "value", "says"),
   [

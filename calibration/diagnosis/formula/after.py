@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decision.decide import Decision
-from calibration.diagnosis.formula.finding import Found, find_formula
+from calibration.diagnosis.formula.finding import STAGE, Found, find_formula
 from calibration.diagnosis.formula.minimum import at_minimum
 from calibration.diagnosis.formula.thinned import thinned
 from calibration.diagnosis.formula.words import alike_words
@@ -18,6 +18,7 @@ from calibration.diagnosis.pool import Pool
 from calibration.fitting.likelihood import Problem, weighting_from
 from calibration.fitting.slopes import NotFinite
 from calibration.fitting.windows import Cut
+from calibration.progress import Progress, silent
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.file import save_twin
 from qcar_twin.twin.formula.written import write_mechanism
@@ -57,7 +58,9 @@ def left_unexplained(decision: Decision) -> bool:
   return decision.verdict in ("unexplained", "partly_explained")
 
 
-def formula_left(pool: Pool, decision: Decision, recordings: Sequence[Recording], cut: Cut) -> Shipped | None:
+def formula_left(
+  pool: Pool, decision: Decision, recordings: Sequence[Recording], cut: Cut, progress: Progress = silent
+) -> Shipped | None:
   """The formula of what the model behind the claims leaves unexplained; None where nothing is.
 
   Args:
@@ -65,13 +68,15 @@ def formula_left(pool: Pool, decision: Decision, recordings: Sequence[Recording]
     decision: with its verdict.
     recordings: held-out ones, for the errors.
     cut: how they are cut.
+    progress: reports the share that is done.
   """
   if not left_unexplained(decision):
     return None
+  progress(STAGE, 0.0)
   part, model = thinned(pool.problem, pool.model(decision.mechanisms), judges=True)
   try:
     problem, winner = at_minimum(*weighed(*at_minimum(part, model), pool.floor))
-    found = find_formula(problem, winner, model, pool.priors)
+    found = find_formula(problem, winner, model, pool.priors, progress=progress)
   except (np.linalg.LinAlgError, NotFinite) as error:  # the verdict stands without it
     log.warning("no formula was sought: %s", error)
     return None

@@ -27,10 +27,13 @@ from calibration.diagnosis.formula.tables import table_heights
 from calibration.diagnosis.formula.thinned import thinned
 from calibration.fitting.likelihood import Problem
 from calibration.intervals.clusters import groups_of
+from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
 
 Array = NDArray[np.float64]
 
+STAGE = "formula for the rest"
+_WINNER, _FORCES, _FORMS = 0.2, 0.2, 0.2  # of the time: the model's minimum, forces over time, forms; trials the rest
 _ASKED = 3  # degrees of freedom, those of the largest evidence, whose forms are sought
 _ALIKE = 10.0  # nats of evidence within which two degrees of freedom can't be told apart
 
@@ -79,7 +82,9 @@ class Found:
     return forms.best if forms and self.kind == "formula" else None
 
 
-def find_formula(problem: Problem, winner: Candidate, came: Candidate, priors: ParameterSet, seed: int = 0) -> Found:
+def find_formula(
+  problem: Problem, winner: Candidate, came: Candidate, priors: ParameterSet, seed: int = 0, progress: Progress = silent
+) -> Found:
   """Look for a formula for what a fitted model leaves over.
 
   Args:
@@ -88,26 +93,34 @@ def find_formula(problem: Problem, winner: Candidate, came: Candidate, priors: P
     came: the same where it stood before.
     priors: declarations of the base parameters.
     seed: of halves and signs that are drawn.
+    progress: reports the share that is done.
   """
   with threadpool_limits(1):  # many small matrices: a second thread costs more than it brings
     moved = np.abs(came.values - winner.values) > winner.std  # else it is the same place
-    return _found(problem, [winner, came] if moved.any() else [winner], priors, seed)
+    return _found(problem, [winner, came] if moved.any() else [winner], priors, seed, progress)
 
 
-def _found(problem: Problem, bases: list[Candidate], priors: ParameterSet, seed: int) -> Found:
+def _found(problem: Problem, bases: list[Candidate], priors: ParameterSet, seed: int, progress: Progress) -> Found:
   began, random = time.perf_counter(), np.random.default_rng(seed)
   part, model = thinned(problem, bases[0])
   fitted = _fitted(part, model)
-  found = [recovered(part, model, fitted.base, name) for name in (*DRIVEN, *readable(part.observations))]
+  degrees, found = (*DRIVEN, *readable(part.observations)), []
+  for k, name in enumerate(degrees):
+    progress(STAGE, _WINNER + _FORCES * k / len(degrees))
+    found.append(recovered(part, model, fitted.base, name))
   found.sort(key=lambda pair: -pair[0].evidence)
   asked, twins = _worth_asking(found)
-  sought = [look_into(part, model, fitted, *pair, random) for pair in asked]
+  sought = []
+  for k, pair in enumerate(asked):
+    progress(STAGE, _WINNER + _FORCES + _FORMS * k / len(asked))
+    sought.append(look_into(part, model, fitted, *pair, random))
   there = [s for s in sought if s.forms and s.forms.there]
   over = lambda: time.perf_counter() - began
   if not there:
     return Found(None, (), "", "what is left follows nothing that a formula was tried with", None, over())
   best = max(there, key=lambda s: s.forms.gain if s.forms else 0.0)
   alike = tuple(s.recovered.degree for s in there if s is not best and _as_good(s, best))
+  progress(STAGE, _WINNER + _FORCES + _FORMS)
   alike += tuple(twins.get(best.recovered.degree, ()))
   kind, why, twin = shipped(problem, bases, priors, best, fitted)
   return Found(best, alike, kind, why, twin, over())
