@@ -91,9 +91,11 @@ def slow_clauses(observations: Observations, before: Array, after: Array) -> lis
 
 
 def shipped(outcome: Outcome) -> Written:
-  """The repaired twin; the recalibrated one where the repaired one predicts worse."""
+  """The repaired twin; the recalibrated one where nothing was added, or the repaired one predicts worse."""
   d, against = outcome.diagnosis, objections(outcome.diagnosis)
-  claims = ", ".join(c.mechanism for c in d.decision.claims) or "no mechanism added"
+  if not d.decision.mechanisms:
+    return recalibrated(outcome)
+  claims = ", ".join(c.mechanism for c in d.decision.claims) or "no mechanism claimed"
   note = f"recalibrated on {d.dataset}; {'; '.join(against)}" if against else f"repaired on {d.dataset}: {claims}"
   return Written(outcome.twin, outcome.before if against else outcome.after, note, outcome.cut.command_shift)
 
@@ -106,7 +108,7 @@ def recalibrated(outcome: Outcome) -> Written:
 
 def kind(diagnosis: Diagnosis) -> str:
   """What `shipped` is, a word: "repaired" or "recalibrated"."""
-  return "recalibrated" if objections(diagnosis) else "repaired"
+  return "repaired" if diagnosis.decision.mechanisms and not objections(diagnosis) else "recalibrated"
 
 
 def warning(diagnosis: Diagnosis) -> str:

@@ -12,7 +12,7 @@ from calibration.diagnosis.curves.study import Study, sentences, study
 from calibration.diagnosis.holdout_errors import ChannelFit, ratio
 from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.report.demonstration import demonstrate
-from calibration.diagnosis.report.errors import error_lines
+from calibration.diagnosis.report.errors import error_lines, repaired
 from calibration.diagnosis.report.further import Further
 from calibration.diagnosis.report.page import something_nameless, write_diagnosis
 from calibration.diagnosis.report.wording import listed
@@ -93,7 +93,8 @@ def write_with_curves(
   judged, against = judged_with_curves(found, outcome, ready(dataset)[0])
   further = with_curves(found, outcome.diagnosis, against, {role: row.fits for role, row in judged.items()})
   page = write_diagnosis(outcome, folder, shown, further)
-  save_twin(folder / "diagnosed.toml", outcome.twin, outcome.after, f"repaired on {found.dataset}, without curves")
+  how = "repaired" if repaired(outcome.diagnosis) else "recalibrated"
+  save_twin(folder / "diagnosed.toml", outcome.twin, outcome.after, f"{how} on {found.dataset}, without curves")
   save_twin(folder / "characterised.toml", *found.shipped, _note(found))
   table = error_lines(outcome.diagnosis, further.errors)
   return page, [*sentences(found), *table, chosen(found, outcome.diagnosis, against)]

@@ -51,6 +51,11 @@ def test_the_recalibrated_twin_is_written_where_the_repaired_one_predicts_worse(
   assert bool(warning(outcome.diagnosis)) is bool(worse)
 
 
+def test_a_twin_to_which_nothing_was_added_is_not_called_repaired(outcome, offset_pool):
+  outcome.diagnosis = diagnosis_of(offset_pool, ())
+  assert kind(outcome.diagnosis) == "recalibrated" and shipped(outcome).note.startswith("recalibrated on ")
+
+
 def test_a_twin_that_surely_errs_more_in_one_channel_is_not_written(outcome):
   """However much it gains in the others; what is within 2 %, or may be chance, does not count."""
   gains, sure = (
