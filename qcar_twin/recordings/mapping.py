@@ -18,6 +18,7 @@ from qcar_twin.recordings.checks.time import (
   turn_of,
 )
 from qcar_twin.recordings.formats.table import NO_ROWS, Table
+from qcar_twin.recordings.formats.unsigned import signs_said
 from qcar_twin.recordings.manifest import Mapped
 from qcar_twin.recordings.recording import RecordingError, Stream, UnknownChannelError, nearest
 
@@ -130,6 +131,7 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
         f"wrap = true on {channel} in [channels] if that is right, wrap = false to keep the jumps"
       )
     streams[channel] = Stream(time[there] - mapping[channel].late, sampled)
+  notes += signs_said(table, {channel: mapped.column for channel, mapped in mapping.items()})
   if spread:
     notes.append(
       f"{table.label}: time repeats because a slower publisher holds it; {', '.join(spread)} change in between "

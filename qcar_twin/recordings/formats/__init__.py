@@ -17,6 +17,7 @@ from pathlib import Path
 from qcar_twin.extras import MissingExtra
 from qcar_twin.recordings.formats.composed import composed
 from qcar_twin.recordings.formats.table import NoSamples, Table
+from qcar_twin.recordings.formats.unsigned import signed
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.untrusted import UnreadableFile, bounded_memory, inside
 
@@ -91,7 +92,7 @@ def read_table(path: Path, label: str | None = None) -> Table:
     ) from error
   if table.rows == 0:
     raise NoSamples(f"{label}: has column names but no rows; record it again or remove it from dataset.toml")
-  return composed(table)
+  return composed(signed(table))
 
 
 def read_inside(folder: Path, file: str) -> Table:

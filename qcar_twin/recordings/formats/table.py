@@ -27,6 +27,7 @@ class Table:
   `ambiguous`: column names that occur more than once.
   `blanks`: whether the format can tell a blank cell from a NaN (CSV and Parquet can, NPZ and MAT cannot).
   `headless`: the file names no columns; they are called column_1, column_2 and so on.
+  `unsigned`: columns whose negative numbers the file has without their sign, and the numbers' width, bits.
   """
 
   label: str
@@ -35,6 +36,7 @@ class Table:
   ambiguous: frozenset[str] = frozenset()
   blanks: bool = True
   headless: bool = False
+  unsigned: Mapping[str, int] = dataclasses.field(default_factory=dict)
 
   @property
   def rows(self) -> int:
@@ -88,6 +90,7 @@ class Table:
       columns={new[old]: values for old, values in self.columns.items()},
       not_a_number={new[old]: rows for old, rows in self.not_a_number.items()},
       headless=False,
+      unsigned={new[old]: bits for old, bits in self.unsigned.items()},
     )
 
   def rows_in(self, order: np.ndarray) -> Table:
