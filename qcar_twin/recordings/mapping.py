@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
+from qcar_twin.recordings.checks.dropouts import without_dropouts
 from qcar_twin.recordings.checks.time import (
   check_angle,
   check_order,
@@ -104,6 +105,7 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
   table, notes = in_time_order(table, mapping["time"])
   clock = _clock(table, mapping)
   values = {channel: _values(table, channel, mapped) for channel, mapped in mapping.items() if channel != "time"}
+  values, gone = without_dropouts(values, {channel: mapped.offset for channel, mapped in mapping.items()}, table.label)
   publisher_rows = _publisher_rows({channel: value for channel, value in values.items() if mapping[channel].hold})
   streams, spread = {}, []
   for channel, value in values.items():
@@ -126,22 +128,19 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
       check_angle(table.label, channel, sampled, period)
       sampled = np.unwrap(sampled, period=period or np.pi * 2.0)
     if unsaid:
+      often = "once" if jumps == 1 else f"{jumps} times"
       notes.append(
-        f"{table.label}: {channel} jumps by more than half a turn ({_times(jumps)}) and is unwrapped; set "
+        f"{table.label}: {channel} jumps by more than half a turn ({often}) and is unwrapped; set "
         f"wrap = true on {channel} in [channels] if that is right, wrap = false to keep the jumps"
       )
     streams[channel] = Stream(time[there] - mapping[channel].late, sampled)
-  notes += signs_said(table, {channel: mapped.column for channel, mapped in mapping.items()})
+  notes += gone + signs_said(table, {channel: mapped.column for channel, mapped in mapping.items()})
   if spread:
     notes.append(
       f"{table.label}: time repeats because a slower publisher holds it; {', '.join(spread)} change in between "
       "and are spread evenly between its stamps"
     )
   return streams, notes
-
-
-def _times(count: int) -> str:
-  return "once" if count == 1 else f"{count} times"
 
 
 def _drive(mapping: Mapping[str, Mapped]) -> str | None:

@@ -1,0 +1,63 @@
+"""Samples of exactly zero between others that are far from it: what a driver or a bus gives where it has no sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from qcar_twin.recordings.channels import CHANNELS
+
+_POSE = ("pose_x", "pose_y", "pose_yaw")
+_LONGEST = 3  # samples of one drop-out; a car that stands does so for longer
+_FAR = 10.0  # usual steps from zero, which no motion goes there and back within _LONGEST samples
+
+
+def without_dropouts(
+  values: Mapping[str, np.ndarray], zeros: Mapping[str, float], label: str
+) -> tuple[dict[str, np.ndarray], list[str]]:
+  """Channels with blank cells where a sensor dropped out, and a note for each that did.
+
+  Args:
+    values: by channel, (rows,), NaN where a cell is blank.
+    zeros: what a zero of the file is in them.
+  """
+  zero = {channel: zeros.get(channel, 0.0) for channel in values if CHANNELS[channel].kind == "sensor"}
+  found = {channel: _dropouts(values[channel], at) for channel, at in zero.items()}  # a command of zero was given
+  pose = [channel for channel in _POSE if channel in found]
+  if pose:  # of one device: where all are zero, and one of them drops out, all do
+    together = np.logical_and.reduce([values[channel] == zero[channel] for channel in pose])
+    together &= np.logical_or.reduce([found[channel] for channel in pose])
+    found |= {channel: found[channel] | together for channel in pose}
+  kept, notes = dict(values), []
+  for channel, gone in found.items():
+    if not gone.any():
+      continue
+    kept[channel] = np.where(gone, np.nan, values[channel])
+    count = f"{gone.sum()} samples" if gone.sum() > 1 else "a sample"
+    notes.append(
+      f"{label}: {channel} drops to 0 and back in {count}, first in row {int(np.argmax(gone)) + 1}, which no car does: "
+      "no reading; left out"
+    )
+  return kept, notes
+
+
+def _dropouts(value: np.ndarray, zero: float) -> np.ndarray:
+  """Rows, (rows,), of a few zeros between two samples that are nearer to each other than to zero, and far from it."""
+  gone = np.zeros(value.size, dtype=bool)
+  there = np.flatnonzero(~np.isnan(value))
+  known = value[there] - zero
+  step = np.abs(np.diff(known))
+  if not step.any():
+    return gone
+  usual = np.median(step[step > 0.0])
+  first = np.flatnonzero((known[1:] == 0.0) & (known[:-1] != 0.0)) + 1
+  for start in first:
+    after = start + int(np.argmax(known[start : start + _LONGEST + 1] != 0.0))
+    if after == start or after >= known.size:
+      continue
+    one, two = known[start - 1], known[after]
+    near = min(abs(one), abs(two))
+    if near > _FAR * usual and abs(one - two) < 0.5 * near:
+      gone[there[start:after]] = True
+  return gone
