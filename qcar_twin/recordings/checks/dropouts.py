@@ -23,14 +23,14 @@ def without_dropouts(
     zeros: what a zero of the file is in them.
   """
   zero = {channel: zeros.get(channel, 0.0) for channel in values if CHANNELS[channel].kind == "sensor"}
-  found = {channel: _dropouts(values[channel], at) for channel, at in zero.items()}  # a command of zero was given
-  pose = [channel for channel in _POSE if channel in found]
+  gone_by = {channel: _dropouts(values[channel], at) for channel, at in zero.items()}  # a command of zero was given
+  pose = [channel for channel in _POSE if channel in gone_by]
   if pose:  # of one device: where all are zero, and one of them drops out, all do
     together = np.logical_and.reduce([values[channel] == zero[channel] for channel in pose])
-    together &= np.logical_or.reduce([found[channel] for channel in pose])
-    found |= {channel: found[channel] | together for channel in pose}
+    together &= np.logical_or.reduce([gone_by[channel] for channel in pose])
+    gone_by |= {channel: gone_by[channel] | together for channel in pose}
   kept, notes = dict(values), []
-  for channel, gone in found.items():
+  for channel, gone in gone_by.items():
     if not gone.any():
       continue
     kept[channel] = np.where(gone, np.nan, values[channel])
