@@ -25,6 +25,7 @@ from calibration.log_check.unjudged import (
 from calibration.progress import Progress, silent
 from qcar_twin.recordings import dataset as dataset_module
 from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.checks.steered import turns_unsteered
 from qcar_twin.recordings.completed import UNJUDGED
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording, RecordingError
@@ -154,7 +155,11 @@ def _judged(warning: str) -> tuple[str, ...]:
 
 
 def _straight_only(recordings: Sequence[Recording]) -> list[Finding]:
-  """A log in which nothing tells how the car turned."""
+  """A log in which nothing tells how the car turned, or nothing how it was steered."""
+  if turns_unsteered(recordings):
+    said = f"the car turned, and no steering_command is logged: turning, steering and tyres {UNJUDGED}; fits see the"
+    cure = "map the steering in [channels], or log it; leave drives in tight turns out"
+    return [Finding("beware", ("steering_command",), f"{said} speed and the acceleration along alone; {cure}")]
   if any({"yaw_rate", "pose_yaw", "pose_x", "accel_y"} & set(r.channels) for r in recordings):
     return []
   said = "no gyro, no pose and no accelerometer across was logged: the drive can be judged; turning, steering and tyres"

@@ -10,6 +10,7 @@ from qcar_twin.recordings.completed import heading_or_course
 from qcar_twin.recordings.recording import Recording
 
 _GYRO = 0.2  # rad/s about its median: ten times a gyro's usual zero, and what a car that goes straight on doesn't reach
+ACROSS = ("accel_y", "yaw_rate", "pose_x", "pose_y", "pose_yaw", "pose_score")  # what turning shows in
 _TURN = 0.5  # rad of the heading, for cars without a gyro: a straight run drifts by less
 
 
@@ -26,6 +27,17 @@ def without_unsteered(recordings: Sequence[Recording]) -> tuple[list[Recording],
     for r in blind
   ]
   return [r for r in recordings if r not in blind], notes
+
+
+def turns_unsteered(recordings: Sequence[Recording]) -> bool:
+  """Whether a car turned and no recording says how it was steered."""
+  return not any("steering_command" in r for r in recordings) and any(map(_turned, recordings))
+
+
+def along_only(recordings: Sequence[Recording]) -> list[Recording]:
+  """The recordings without what a car's turning makes its sensors say."""
+  kept = lambda r: {name: stream for name, stream in r.streams.items() if name not in ACROSS}
+  return [r.replace(streams=kept(r)) for r in recordings]
 
 
 def _turned(recording: Recording) -> bool:

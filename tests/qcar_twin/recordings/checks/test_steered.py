@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from calibration.log_check.ready import ready
 from qcar_twin.recordings.dataset import DataSet
 from tests.qcar_twin.recordings.drives import drive, write_csv, write_manifest
 
@@ -34,3 +35,15 @@ def test_a_set_without_any_steering_stays_whole(tmp_path):
   time, columns = drive()
   write_csv(tmp_path / "a.csv", time, {name: values for name, values in columns.items() if name != "steering_command"})
   assert len(DataSet.load(write_manifest(tmp_path, ("a.csv",))).recordings) == 1
+
+
+def test_a_car_that_turned_by_no_logged_command_is_judged_along_alone(tmp_path):
+  time, columns = drive()
+  write_csv(tmp_path / "a.csv", time, {name: values for name, values in columns.items() if name != "steering_command"})
+  data = DataSet.load(write_manifest(tmp_path, ("a.csv",)))
+  fitted, notes = ready(data)
+  assert not {"yaw_rate", "accel_y", "pose_x", "pose_y", "pose_yaw"} & set(fitted.recordings[0].channels)
+  assert any("the car turned, and no steering_command is logged" in note for note in notes)
+  assert "yaw_rate" in data.recordings[0], "the check compares sensors with one another all the same"
+  steered, _ = ready(data_set(tmp_path))
+  assert "yaw_rate" in steered.recordings[0]
