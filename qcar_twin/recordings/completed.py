@@ -43,13 +43,13 @@ def _driven_by_hand(
     travel = float(vehicle.get("gear_ratio", np.nan)) * float(vehicle.get("wheel_radius", np.nan))
     if not np.isfinite(travel):
       raise RecordingError(
-        f"{label}: no column is mapped to a command of the drive, and the speed is only the motor's; give gear_ratio and "
-        "wheel_radius in [vehicle], or map speed in [channels]"
+        f"{label}: no column is mapped to a command of the drive, and the speed is only the motor's; give gear_ratio "
+        "and wheel_radius in [vehicle], or map speed in [channels]"
       )
     speed = Stream(recording["motor_speed"].time, travel * recording["motor_speed"].value)
   note = (
-    f"{label}: no column is mapped to a command of the drive; the measured speed stands for it, so turning can be judged, "
-    'and the drive cannot be judged; write drive = "speed" in [vehicle]'
+    f"{label}: no column is mapped to a command of the drive; the measured speed stands for it, so turning can be "
+    'judged, and the drive cannot be judged; write drive = "speed" in [vehicle]'
   )
   derived = (*recording.derived, "speed_command")
   return recording.replace(streams={**recording.streams, "speed_command": speed}, derived=derived), [note]

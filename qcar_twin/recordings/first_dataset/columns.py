@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.first_dataset.names import Reading, readings
 from qcar_twin.recordings.formats import Table
-from qcar_twin.recordings.formats.composed import stamp_parts
+from qcar_twin.recordings.formats.composed import parts_of_others
 from qcar_twin.recordings.manifest import Mapped
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import is_electrical, unit_of, words_of
@@ -27,6 +27,7 @@ _GATES = {"armed", "arm", "safety", "enable", "enabled", "deadman", "active", "s
 _PULSE = (900.0, 2100.0)  # us, of a radio-control servo or speed controller; 1500 is neutral, 500 the full travel
 _COMMANDED, _FEW_STEPS = 20.0, 3  # rows for which a command stays, median, and how often it has to step
 _TIMES = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"))
+_EVEN, _MOSTLY = 0.5, 0.8  # share of the usual step that a clock's have at least, and how many of them
 _LONGEST_STEP = 0.5  # s from row to row of a log
 _STEPS = {"dt", "deltat", "timestep"}
 _POLE_PAIRS = 2.0  # of most motors of 1:10 cars; `new` asks
@@ -69,7 +70,7 @@ class Columns:
 
   def __init__(self, tables: Sequence[Table]):
     self.tables = [table.mostly_numbers() for table in tables]
-    parts = {name for table in tables for name in stamp_parts(table.columns)}
+    parts = {name for table in tables for name in parts_of_others(table.columns)}
     named = dict.fromkeys(name for table in tables for name in table.columns if name not in parts)
     self.names = tuple(name for name in named if self._numeric(name))
 
@@ -102,6 +103,13 @@ class Columns:
     return all(
       np.isfinite(step).all() and behind(step) <= late * step.size and np.mean(step > 0.0) > _TICKS for step in steps
     )
+
+  def evenly(self, name: str) -> bool:
+    """Whether a column that rises has much the same step in most rows, as a clock does and a car's speed does not."""
+    steps = np.concatenate([np.diff(table.number(name, name)) for table in self.tables])
+    steps = steps[steps > 0.0]
+    usual = np.median(steps)
+    return bool(np.mean((steps > _EVEN * usual) & (steps < usual / _EVEN)) > _MOSTLY)
 
   def mostly_forward(self, name: str) -> bool:
     """Whether a clock goes back in a few rows of a log at most."""
@@ -188,11 +196,8 @@ def _clock(columns: Columns) -> Guess | None:
   for name in (*named, *(name for name in columns.names if set(words_of(name)) & _STEPS)):
     if columns.steps(name):
       return Guess("time", name, steps=True, why=["its name says time, and it has the steps from row to row"])
-  rising = [
-    name
-    for name in columns.names
-    if columns.rises(name) and not (name.lower().startswith("unnamed") and columns.counts(name))
-  ]
+  numbers = lambda name: name.lower().startswith("unnamed") and columns.counts(name)
+  rising = [name for name in columns.names if columns.rises(name) and columns.evenly(name) and not numbers(name)]
   return Guess("time", rising[0], why=["it rises through every file"]) if rising else None
 
 

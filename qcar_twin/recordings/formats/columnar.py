@@ -28,6 +28,8 @@ _BLANK = ("", "#N/A", "N/A", "n/a", "NA", "null", "NULL", "None", "-", "--", "#D
 _NUMBER = r"^\s*[-+]?(\d+\.?\d*|\.\d+|inf|nan|NaN)([eE][-+]?\d+)?\s*$"  # what a number looks like in a text
 _CLOCKS = {"t", "time", "times", "stamp", "stamps", "timestamp", "timestamps", "clock"}
 _LONG, _SIGNALS, _LISTED = 20, 200, 4  # rows and signals of a long table, and how many are named
+# "Speed"|"MPH"|0.0|150.0|10, with some of its quotes read away
+_RANGED = re.compile(r'^"?(?P<name>[^"|]+)"?\|"?(?P<unit>[^"|]*)"?\|[-+.\d]*\|[-+.\d]*\|\d+$')
 UNNAMED = "unnamed"  # and its number: what a column without a name is called
 
 READERS = {".csv": "read_csv", ".txt": "read_csv", ".tsv": "read_csv", ".parquet": "read_parquet", ".npz": "read_npz"}
@@ -217,9 +219,12 @@ def _from_arrow(table: pyarrow.Table, label: str) -> Table:
 
 
 def _name(written: str, number: int) -> str:
-  """A column's name; the mark of a comment that the header was written as is none, and one without a name gets one."""
+  """A column's name; the mark of a comment that the header was written as is none, and one without a name gets one.
+  Name, unit, range and rate in one, as RaceCapture writes them, are a name with its unit."""
   name = written.strip()
   name = name.lstrip("# \t") if number == 1 and name.startswith("#") else name
+  if (parts := _RANGED.match(name)) is not None:
+    name = f"{parts['name']} [{parts['unit']}]" if parts["unit"] else parts["name"]
   return name or f"{UNNAMED}_{number}"
 
 

@@ -24,7 +24,14 @@ _ABOUT = 5.0  # times what it turns about another axis, from which a car turns a
 _UNIT = 0.01  # how far from 1 the length of a quaternion of rotation may be, by its digits
 
 
-def stamp_parts(names: Iterable[str]) -> dict[str, tuple[str, str]]:
+def parts_of_others(names: Iterable[str]) -> set[str]:
+  """Columns that are parts of a stamp or of a quaternion, and no channel of their own."""
+  names = tuple(names)
+  stamps = {part for whole, (rest, _) in _stamps(names).items() for part in (whole, rest)}
+  return stamps | {part for parts in _quaternions(names).values() for part in parts}
+
+
+def _stamps(names: Iterable[str]) -> dict[str, tuple[str, str]]:
   """Columns that have whole seconds of a stamp, as ROS writes them -> the column of its nanoseconds, and its name."""
   names, parts = tuple(names), {}
   for name in names:
@@ -32,22 +39,31 @@ def stamp_parts(names: Iterable[str]) -> dict[str, tuple[str, str]]:
       continue
     stem = name[: len(name) - len(parsed["s"])]
     other = next((n for n in names if n.startswith(stem) and n[len(stem) :].lower() in _NANOSECONDS), None)
-    if other is not None and parsed["stamp"] not in names:
+    if other is not None:
       parts[name] = (other, parsed["stamp"])
   return parts
+
+
+def _quaternions(names: Iterable[str]) -> dict[str, tuple[str, str, str, str]]:
+  """What the yaw of each quaternion is called -> its columns w, x, y and z."""
+  names, out = tuple(names), {}
+  for parsed in filter(None, map(_QUATERNION.match, names)):
+    stem = parsed["stem"] + parsed["gap"]
+    w, x, y, z = (f"{stem}{axis}" for axis in ("WXYZ" if parsed["w"] == "W" else "wxyz"))
+    if {w, x, y, z} <= set(names):
+      out[f"{parsed['stem']}{parsed['gap'] or '_'}yaw"] = (w, x, y, z)
+  return out
 
 
 def composed(table: Table) -> Table:
   """The table with one column, in s, for every stamp that was written as seconds and nanoseconds, and one, in rad, for
   the yaw of every quaternion."""
   made = {}
-  for seconds, (nanoseconds, name) in stamp_parts(table.columns).items():
-    if (parts := _numbers(table, (seconds, nanoseconds))) is not None:
+  for seconds, (nanoseconds, name) in _stamps(table.columns).items():
+    if name not in table and (parts := _numbers(table, (seconds, nanoseconds))) is not None:
       made[name] = parts[0] + 1e-9 * parts[1]
-  for parsed in filter(None, map(_QUATERNION.match, table.columns)):
-    stem, yaw = parsed["stem"] + parsed["gap"], f"{parsed['stem']}{parsed['gap'] or '_'}yaw"
-    axes = "WXYZ" if parsed["w"] == "W" else "wxyz"
-    parts = _numbers(table, tuple(f"{stem}{axis}" for axis in axes))
+  for yaw, names in _quaternions(table.columns).items():
+    parts = _numbers(table, names)
     if parts is not None and yaw not in table and np.nanmax(np.abs(np.sum(parts**2, axis=0) - 1.0)) < _UNIT:
       made[yaw] = _yaw(*parts)
   if (place := _place(table)) is not None:

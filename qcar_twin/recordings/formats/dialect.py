@@ -80,7 +80,9 @@ def dialect_of(path: Path, label: str) -> Dialect:
     above = [commented[-1]]  # the header is the last of the comments
   decimal = "," if any(map(_COMMA.match, _cells(lines[first], separator))) else "."
   if not above:
-    return Dialect(separator, decimal, encoding, first, headless=all(map(_number, cells[first])))
+    below = cells[content[min(content.index(first) + 1, len(content) - 1)]]
+    samples = all(_number(one) or not _number(other) for one, other in zip(cells[first], below, strict=False))
+    return Dialect(separator, decimal, encoding, first, headless=samples)
   names = _names([_cells(lines[k], separator) for k in above]) if len(above) > 1 else ()
   return Dialect(separator, decimal, encoding, first if names else above[0], names)
 

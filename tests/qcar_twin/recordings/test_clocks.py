@@ -121,6 +121,7 @@ def test_a_driver_by_hand_is_read_with_the_measured_speed_as_command(tmp_path):
   data = DataSet.load(folder_with(tmp_path, time, columns))
   run = data.recordings[0]
   assert run.drive_channel == "speed_command" and (run["speed_command"].value == run["speed"].value).all()
-  assert any("no column is mapped to a command of the drive; the measured speed stands for it" in note for note in data.warnings)
+  said = "no column is mapped to a command of the drive; the measured speed stands for it"
+  assert any(said in note for note in data.warnings)
   write_csv(tmp_path / "run.csv", time, {name: columns[name] for name in ("speed", "yaw_rate")})
   refused(tmp_path, "needed channel 'motor_voltage' is missing")

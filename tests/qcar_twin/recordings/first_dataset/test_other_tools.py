@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.first_dataset.columns import Columns, guess_columns
 from qcar_twin.recordings.first_dataset.propose import propose
-from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.formats import Table, read_table
 from qcar_twin.recordings.recording import RecordingError
 from tests.qcar_twin.recordings.drives import drive, write_csv
 from tests.qcar_twin.recordings.first_dataset.test_propose import DEG
@@ -189,3 +190,33 @@ def test_stamps_of_too_few_digits_are_to_have_a_rate_that_works(tmp_path):
   lines = ["time = { rate = 100 }" if line.startswith("time =") else line for line in proposal.text.splitlines()]
   (tmp_path / "dataset.toml").write_text("\n".join(lines), encoding="utf-8")
   assert DataSet.load(tmp_path).recordings[0]["speed"].time[:500] == pytest.approx(time[:500])
+
+
+def test_parts_of_a_quaternion_and_of_a_stamp_are_no_channels(tmp_path):
+  """The heading of a bag is its quaternion's yaw, and the clock no whole seconds."""
+  time, own = driven()
+  whole, yaw = np.floor(1.6e9 + time), own["pose_yaw"]
+  columns = {
+    "header.stamp.secs": whole,
+    "header.stamp.nsecs": np.round(1e9 * (1.6e9 + time - whole)),
+    "throttle": own["throttle"],
+    "steering [rad]": own["steering_command"],
+    "speed [m/s]": own["speed"],
+    "pose.position.x": own["pose_x"],
+    "pose.position.y": own["pose_y"],
+    "pose.orientation.x": 0.01 * np.sin(time),
+    "pose.orientation.y": 0.01 * np.cos(time),
+    "pose.orientation.z": np.sin(0.5 * yaw),
+    "pose.orientation.w": np.cos(0.5 * yaw),
+  }
+  table, _ = log(tmp_path, 1.6e9 + time, columns)
+  named = columns_of(table)
+  assert named["pose_yaw"] == "pose.orientation.yaw" and named["time"] in ("time", "header.stamp")
+
+
+def test_a_speed_that_only_rises_is_no_clock():
+  time, own = driven()
+  rising = np.cumsum(np.abs(own["speed"])) ** 2
+  guessed = lambda **columns: guess_columns(Columns([Table("run.csv", columns, {})]))
+  assert "time" not in guessed(a=own["throttle"], b=rising)
+  assert guessed(a=own["throttle"], b=rising, c=1.6e9 + time)["time"].column == "c"

@@ -117,3 +117,16 @@ def test_libraries_are_imported_before_the_memory_is_bounded(tmp_path):
   )
   ran = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
   assert not {"pandas", "pyarrow.pandas_compat"} & set(ran.stdout.split())
+
+
+def test_a_range_and_a_rate_behind_a_name_leave_its_unit(tmp_path):
+  header = '"Interval"|"ms"|0|0|1,"AccelX"|"G"|-3.0|3.0|50,"Yaw"|"Deg/Sec"|-120|120|50,"TPS"|""|0.0|100.0|50'
+  (tmp_path / "rc.csv").write_text(f"{header}\n0,0.1,2.0,0\n20,0.2,1.0,5\n")
+  assert list(read_table(tmp_path / "rc.csv").columns) == ["Interval [ms]", "AccelX [G]", "Yaw [Deg/Sec]", "TPS"]
+
+
+def test_a_first_row_with_words_where_all_rows_have_words_is_no_header(tmp_path):
+  (tmp_path / "drive.csv").write_text("a/left_1.jpg,0,0.5,3E-06\na/left_2.jpg,0.1,0.5,0.2\na/left_3.jpg,0.1,0.5,0.4\n")
+  assert read_table(tmp_path / "drive.csv").headless
+  (tmp_path / "named.csv").write_text("time,1,2,3\n0.0,0.1,0.5,0.2\n0.1,0.1,0.5,0.4\n")
+  assert list(read_table(tmp_path / "named.csv").columns) == ["time", "1", "2", "3"]
