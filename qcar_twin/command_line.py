@@ -58,6 +58,7 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
   try:
     module = load()
     config = tyro.cli(module.Config, prog=name, description=module.__doc__, args=list(arguments))
+    _quiet_mujoco()
     is_file = getattr(module, "OUT_IS_FILE", False)
     refuse_early(config, is_file(config) if callable(is_file) else is_file, getattr(module, "POSITIVE", ()))
     module.main(config)
@@ -72,6 +73,14 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
     print(f"{name}: {said}", file=sys.stderr)
     return FAILED
   return 0
+
+
+def _quiet_mujoco() -> None:
+  """MuJoCo's warnings go to the log: by itself it prints them, and leaves a file where a command is run."""
+  if "mujoco" in sys.modules:
+    import mujoco
+
+    mujoco.set_mju_user_warning(lambda text: logging.getLogger("qcar_twin").debug("MuJoCo: %s", text))
 
 
 def refuse_early(config: object, out_is_file: bool = False, positive: Sequence[str] = ()) -> None:

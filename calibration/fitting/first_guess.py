@@ -20,7 +20,7 @@ from calibration.fitting.windows import driven
 from qcar_twin.kinematics import motor_speed
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.recordings.recording import Recording
-from qcar_twin.twin.parameters import base_parameters, drive_values, informed
+from qcar_twin.twin.parameters import base_parameters, drive_response, drive_values, informed
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 
@@ -32,6 +32,7 @@ _GRIPS = (1.0, 1.4)
 _LINKAGES = (0.0, 1.0)
 _WINDOW = 0.4  # s over which the equation is integrated
 _PERIOD = 0.02  # s
+_SHOWN = 3.0  # deviations from nothing, from which a lag of the drive is told
 
 
 def first_guess(recordings: Sequence[Recording], vehicle: Vehicle) -> ParameterSet:
@@ -41,7 +42,7 @@ def first_guess(recordings: Sequence[Recording], vehicle: Vehicle) -> ParameterS
   table = np.concatenate([r for r in rows if len(r)] or [np.zeros((0, 4))])
   if len(table) < 20:
     return base
-  p1, p2, p3 = _regression(table)
+  p1, p2, p3 = _with_shown_lag(_regression(table), drive_response(vehicle, base))
   values = drive_values(vehicle, p1, p2, p3)
   if vehicle.drive == "speed":  # its loop's integral part takes the friction over: the log shows none to begin with
     del values["driveline_friction"]
@@ -95,14 +96,31 @@ def _integrals(recording: Recording, vehicle: Vehicle) -> Array:
   return rows[np.abs(rows[:, 3]) > 0.9 * _WINDOW]  # windows in which the car rolls one way
 
 
-def _regression(table: Array) -> tuple[float, float, float]:
-  """P1, P2, P3 >= 0 from V = omega' / P1 + P2 / P1 omega + P3 / P1 sgn(omega), with two rounds of Huber weights.
+def _with_shown_lag(law: tuple[Array, float], usual: tuple[float, float, float]) -> tuple[float, float, float]:
+  """P1, P2 and P3 from V = a omega' + b omega + c sgn(omega) and the deviation of a; not finite where nothing is shown.
 
-  Not finite where the speed never changes: then nothing shows them.
+  A drive that answers within a sample of a slow log shows b and c alone, and an a of nothing is a motor without
+  inertia. It then has the time constant of the `usual` P1, P2 and P3, a / b = 1 / P2, or their 1 / P1 where nothing
+  damps it.
+  """
+  (a, b, c), std = law
+  if not np.isfinite(a):
+    return np.inf, np.inf, np.inf
+  gain, damping, _ = usual
+  if a < _SHOWN * std:
+    a = max(a, b / damping if b > 0.0 and damping > 0.0 else 1.0 / gain)
+  return 1.0 / a, b / a, c / a
+
+
+def _regression(table: Array) -> tuple[Array, float]:
+  """a, b, c >= 0 of V = a omega' + b omega + c sgn(omega), with two rounds of Huber weights, and a's deviation.
+
+  Not finite where the speed never changes: then nothing shows them. Of neighbouring windows, which share half of what
+  they saw, every other one is a witness.
   """
   matrix, volts = table[:, [0, 2, 3]], table[:, 1]
   if not np.any(matrix[:, 0]):
-    return np.inf, np.inf, np.inf
+    return np.full(3, np.inf), np.inf
   weight = np.ones(len(table))
   solution = np.ones(3)
   for _ in range(3):
@@ -111,5 +129,7 @@ def _regression(table: Array) -> tuple[float, float, float]:
     solution = fit.x / scale
     error = np.abs(volts - matrix @ solution)
     weight = np.sqrt(1.0 / np.maximum(1.0, error / (2.0 * np.median(error) + 1e-9)))
-  p1 = 1.0 / float(solution[0]) if solution[0] > 0.0 else np.inf
-  return p1, p1 * float(solution[1]), p1 * float(solution[2])
+  scaled = matrix / scale * weight[:, None]
+  left = float(np.sum((error * weight) ** 2)) / max(len(table) - 3, 1)
+  std = np.sqrt(2.0 * left * np.linalg.pinv(scaled.T @ scaled)[0, 0]) / scale[0]
+  return solution, float(std)

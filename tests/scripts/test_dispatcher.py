@@ -218,3 +218,13 @@ def test_a_name_or_a_file_that_is_wrong_is_refused_before_any_work(
   data = [] if name == "train" else ["--dataset", "data/sample"]
   assert main([name, *data, "--out", str(tmp_path / "new"), option, value]) == FAILED
   assert says in capsys.readouterr().err and not (tmp_path / "new").exists()
+
+
+def test_a_simulation_that_flies_apart_prints_nothing_and_leaves_no_file(tmp_path):
+  code = (
+    "import sys, types, mujoco; from qcar_twin import command_line as c; c._quiet_mujoco();"
+    'm = mujoco.MjModel.from_xml_string(\'<mujoco><worldbody><body><freejoint/><geom size="1"/></body></worldbody>'
+    "</mujoco>'); d = mujoco.MjData(m); d.qvel[:] = 1e20; mujoco.mj_step(m, d)"
+  )
+  done = subprocess.run([sys.executable, "-c", code], check=False, cwd=tmp_path, capture_output=True, text=True)
+  assert (done.returncode, done.stdout, done.stderr) == (0, "", "") and not list(tmp_path.iterdir())

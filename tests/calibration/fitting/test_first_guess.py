@@ -5,7 +5,7 @@ import pytest
 
 from calibration.fitting.first_guess import first_guess
 from qcar_twin.recordings.recording import Recording, Stream
-from qcar_twin.twin.parameters import base_parameters, informed
+from qcar_twin.twin.parameters import base_parameters, drive_response, informed
 from qcar_twin.vehicle.vehicle import Vehicle
 
 NUMBERS = {
@@ -46,6 +46,18 @@ def test_long_steady_driving_with_a_loss_of_its_own_does_not_shrink_all_three():
   turns = [run(np.full(TIME.size, v), lost, f"turn_{i}", 4.0) for i, (v, lost) in enumerate(drawn)]
   p1, p2, p3 = numbers(run(STEP), *turns)
   assert 0.5 * P1 < p1 < 1.5 * P1 and 0.5 * P2 < p2 < 2.0 * P2 and P3 < p3 < P3 + 700.0
+
+
+def test_a_drive_that_answers_within_a_sample_has_a_usual_time_constant():
+  """At 10 Hz only the speed that goes with a voltage shows: no inertia at all fits as well, and is no motor."""
+  time, rng = np.arange(0.0, 60.0, 0.1), np.random.default_rng(3)
+  volts = np.repeat(rng.uniform(1.0, 3.0, 75), 8)
+  omega = (P1 * volts - P3) / P2 + rng.normal(0.0, 2.0, time.size)
+  streams = {"motor_voltage": Stream(time, volts), "motor_speed": Stream(time, omega)}
+  p1, p2, p3 = numbers(Recording("run", streams))
+  usual = drive_response(VEHICLE, base_parameters(VEHICLE))
+  assert p2 == pytest.approx(usual[1], rel=1e-6)
+  assert p1 / p2 == pytest.approx(P1 / P2, rel=0.05) and p3 / p2 == pytest.approx(P3 / P2, rel=0.15)
 
 
 @pytest.mark.parametrize("volts", [0.0, 2.0])
