@@ -116,7 +116,7 @@ def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
       lambda r: _added(r["yaw_rate"]), lambda r: _steered(r, wheels),
       lambda n, w: (_mean_noise(n["yaw_rate"], w), _mean_noise(n[wheel], w) * to_speed),
       "rad/s", powers=_product_of({"yaw_rate": 1, "steering_command": -1}, per_speed),
-      acts=lambda r: (_commanded(r), _added(r[wheel], to_speed)),
+      acts=lambda r: (_held(r["steering_command"]), _added(r[wheel], to_speed)),
     ),
   ]  # fmt: skip
   heading = any("pose_yaw" in r for r in recordings)
@@ -126,6 +126,8 @@ def motions(wheels: Wheels, recordings: Sequence[Recording]) -> list[Motion]:
     known[1] = _without_heading(known[1], wheels)
   if by_pose:
     known[1] = _along_the_heading(known[1])
+  if wheel == "motor_speed":
+    known.insert(2, _rolling(wheels, recordings))
   if wheel == "speed" and any("speed_command" in r and "speed_command" not in r.derived for r in recordings):
     known.append(_following(PLACE if by_pose else "speed"))
   held = [m for m in known if any(m.measured_in(r) for r in recordings)]
@@ -172,6 +174,18 @@ def _without_heading(driving: Motion, wheels: Wheels) -> Motion:
 def _straight_heading(motion: Motion) -> Motion:
   """A heading along which the path goes has the right scale."""
   return dataclasses.replace(motion, powers={k: v for k, v in motion.powers.items() if k != "pose_yaw"})
+
+
+def _rolling(wheels: Wheels, recordings: Sequence[Recording]) -> Motion:
+  """The motor's speed and another sensor's of a car whose wheels roll: by gear ratio and radius."""
+  signed = not wheels.unsigned and any(r["speed"].value.min() < 0.0 for r in recordings if "speed" in r)
+  size: Callable[[Means], Means] = (lambda means: means) if signed else _size
+  return Motion(
+    "rolling", (wheels.channel,), ("speed",),
+    lambda r: size(_added(r[wheels.channel], wheels.scale)), lambda r: size(_added(r["speed"])),
+    lambda n, w: (wheels.scale * _mean_noise(n[wheels.channel], w), _mean_noise(n["speed"], w)),
+    "m/s", STRAIGHT, kinematic=True, unbiased=True, powers={wheels.channel: 1, "speed": -1},
+  )  # fmt: skip
 
 
 def _following(measured: str) -> Motion:
@@ -298,17 +312,12 @@ def _turned(speed: Stream, heading: Stream | None, scale: float) -> Means:
   return lambda begin, length: speeds(begin, length) * turns(begin, length)
 
 
-def _held(command: Stream, other: Stream) -> Means:
+def _held(command: Stream, other: Stream | None = None) -> Means:
   """A command, which keeps its value, while another channel has values."""
-  time = np.arange(max(other.time[0], command.time[0]), min(other.time[-1], command.time[-1] + _KEPT), 0.01)
+  begin, end = command.time[0], command.time[-1] + _KEPT
+  first, last = (begin, end) if other is None else (other.time[0], other.time[-1])
+  time = np.arange(max(first, begin), min(last, end), 0.01)
   return _added(Stream(time, command.at(time))) if len(time) > 1 else lambda begin, length: np.full(len(begin), np.nan)
-
-
-def _commanded(recording: Recording) -> Means:
-  """Means of the steering command, which keeps its value."""
-  command = recording["steering_command"]
-  time = np.arange(command.time[0], command.time[-1] + _KEPT, 0.01)
-  return _added(Stream(time, command.at(time)))
 
 
 def _steered(recording: Recording, wheels: Wheels) -> Means:

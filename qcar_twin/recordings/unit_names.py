@@ -40,6 +40,7 @@ UNITS: dict[str, tuple[str, float]] = {
   **dict.fromkeys(("g",), ("m/s^2", GRAVITY)),
   **dict.fromkeys(("mg",), ("m/s^2", GRAVITY / 1000.0)),
   **dict.fromkeys(("m", "meter", "metre", "meters", "metres"), ("m", 1.0)),
+  **dict.fromkeys(("km",), ("m", 1000.0)),
   **dict.fromkeys(("cm",), ("m", 0.01)),
   **dict.fromkeys(("mm",), ("m", 0.001)),
   **dict.fromkeys(("v", "volt", "volts"), ("V", 1.0)),

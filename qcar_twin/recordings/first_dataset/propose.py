@@ -1,12 +1,11 @@
 """Logs in, the text of a first dataset.toml out, every guess marked as one with its reason."""
 
+import dataclasses
 import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.checks.car import check_car
@@ -15,14 +14,15 @@ from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.mount import lies, settle_mount
 from qcar_twin.recordings.first_dataset.plane import settle_plane
-from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, usual_supply
+from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, usual_gearing, usual_supply
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
 from qcar_twin.recordings.first_dataset.several import runner_up, settle_several
 from qcar_twin.recordings.first_dataset.torn import refuse_parts
+from qcar_twin.recordings.first_dataset.unused import said_of
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.recordings.topic_maps import TopicMap, topic_maps
-from qcar_twin.recordings.unit_names import is_electrical, words_of
+from qcar_twin.recordings.unit_names import is_electrical
 from qcar_twin.vehicle.drive import DRIVES
 from qcar_twin.vehicle.similarity import POWERS, estimates
 from qcar_twin.vehicle.vehicle import Vehicle
@@ -31,9 +31,6 @@ MARK = "guess:"
 _NEEDED = {"motor_speed": ("motor_speed", "speed"), "motor_voltage": DRIVE_COMMANDS}
 _VEHICLE = ("mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "track_width", "cg_height", "wheel_radius",
             "gear_ratio", "max_steering")  # fmt: skip
-_COUNTERS = {"tick", "ticks", "count", "counts", "pulses", "tachometer", "odometer"}
-_BRAKES = {"brake", "brakes", "braking", "brk"}
-_PRESSED = 0.05  # of its largest value, from which a brake is pressed
 _LISTED = 60  # columns at most
 _WIDE = 0.3  # standard deviation of a number nobody measured, as a share of it
 # of the wheelbase: where the centre of gravity lies along one that is known; axles carry 40 to 60 % of most cars
@@ -91,13 +88,15 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   vehicle = Vehicle.from_dataset({"name": "car", **known, "drive": kind})
   if wheelbase is not None:
     vehicle = _of_size(vehicle, wheelbase)
-  turns_like, asked = vehicle.wheelbase, ()
+  turns_like, asked, gearing = vehicle.wheelbase, (), None
   if topics is None:
     asked = settle_several(columns, guesses, {key: getattr(vehicle, key) for key in _VEHICLE})
     settle_plane(columns, guesses)
     if len(guesses.keys() & {"pose_x", "pose_y"}) == 1:  # half a place says nothing
       guesses = {channel: guess for channel, guess in guesses.items() if channel not in ("pose_x", "pose_y")}
     settle_mount(columns, guesses)
+    if (gearing := usual_gearing(recordings_of(columns, guesses), vehicle)) is not None:
+      vehicle = dataclasses.replace(vehicle, gear_ratio=gearing)
     turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in _VEHICLE}, wheelbase)
   recordings = recordings_of(columns, guesses)
   parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
@@ -113,7 +112,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     missing = ("time", *missing)
   questions = tuple(question.text for question in asked)
   questions += _asked_of(columns, guesses, recordings) if topics is None else ()
-  lines = [*_head(name, topics, questions), *_vehicle(vehicle, known, kind, recordings, said, turns_like)]
+  lines = [*_head(name, topics, questions), *_vehicle(vehicle, known, kind, recordings, said, turns_like, gearing)]
   channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
   lines += ["", *channels]
   lines += [line for part in parts for line in _recording(part)]
@@ -210,6 +209,7 @@ def _vehicle(
   recordings: Sequence[Recording],
   said: Mapping[str, float],
   turns_like: float,
+  gearing: float | None,
 ) -> list[str]:
   """[vehicle] with what a person said, and the rest estimated at the wheelbase that was said or that the log turns
   like; of a car that is known by its topics, its usual numbers; wide deviations but for what was said."""
@@ -233,6 +233,9 @@ def _vehicle(
     lines.append(f"supply_voltage = {vehicle.supply_voltage:.4g}  # {MARK} a usual battery's, V; voltages go by it")
   why = _reason(vehicle, known, said, turns_like)
   reasons = {key: f"{MARK} {why if key in POWERS else _whose(vehicle, known)}; measure yours" for key in _VEHICLE}
+  if gearing is not None:
+    sizes["gear_ratio"] = gearing * vehicle.wheel_radius / sizes["wheel_radius"]
+    reasons["gear_ratio"] = f"{MARK} the log's speed over its motor speed, with that wheel_radius"
   lines += [f"{key} = {_number(sizes[key])}  # {'as said' if key in given else reasons[key]}" for key in _VEHICLE]
   lines += ["", "[vehicle.std]"]
   for key in (key for key in _VEHICLE if key not in given):
@@ -283,32 +286,12 @@ def _channels(columns: Columns, guesses: Mapping[str, Guess], missing: Sequence[
   ]
   if over:
     lines.append(f"# columns that are not used: {_plain(', '.join(over[:_LISTED]))}")
-  lines += [f"# {_plain(said)}" for name in over if (said := _brakes(columns, name) or _counter(name))]
+  lines += [f"# {_plain(said)}" for name in over if (said := said_of(columns, name))]
   for name in over[:_LISTED] if missing else ():
     if name in columns.names:
       values = columns.values(name)
       lines.append(f"# {_plain(name)}: {values.min():.4g} to {values.max():.4g}")
   return lines
-
-
-def _brakes(columns: Columns, name: str) -> str:
-  """What a brake that was used does to a log; empty for any other column."""
-  if name not in columns.names or not set(words_of(name)) & _BRAKES or columns.constant(name):
-    return ""
-  values = columns.values(name)
-  share = float(np.mean(np.abs(values) > _PRESSED * np.abs(values).max()))
-  said = f"'{name}' is pressed in {100.0 * share:.0f} % of its rows, and no channel is a brake"
-  return f"{said}: cut those seconds out, or join throttle and brake into one command with a sign"
-
-
-def _counter(name: str) -> str:
-  """What to make of an encoder's counts, which are no speed; empty for any other column."""
-  if not set(words_of(name)) & _COUNTERS or set(words_of(name)) & {"time", "stamp", "row"}:
-    return ""
-  return (
-    f"'{name}' seems to count an encoder's steps: a speed is their change (over a wrap, at 65536 say) per second; "
-    "write that as a column, in rad/s of the motor times 2 pi / steps per turn, and map it as motor_speed"
-  )
 
 
 def _by_map(guesses: Mapping[str, Guess]) -> list[str]:

@@ -30,6 +30,7 @@ _NEAR_A_CLOCKS = tuple(
 )
 _IN_TIME = 1.2  # factor between gyro and heading, within which the clock is right: nearness to a unit
 _AGREE = 0.6  # correlation from which a comparison says something of a unit
+_GEARED, _ALIKE_ROWS = 0.95, 20  # correlation of two speeds, and rows, from which the one is a multiple of the other
 _BIN = 0.25  # s, over which speed, command and turning are compared
 _LAGS = np.arange(0.0, 0.45, 0.05)  # s, of the turning behind the command: a servo's 0.1 and a clock's
 _GENTLE = 2.0  # m/s^2 across, below which a car of this size goes where its wheels point
@@ -254,6 +255,20 @@ def _binned(recordings: Sequence[Recording], radius: float, lag: float) -> tuple
     parts.append(np.stack([speed, angle, turn])[:, there])
   speeds, angles, turned = np.concatenate(parts, axis=1)
   return speeds, angles, turned
+
+
+def usual_gearing(recordings: Sequence[Recording], vehicle: Vehicle) -> float | None:
+  """The gear ratio by which a motor's speed is the one that another sensor measured, at the vehicle's wheel radius;
+  None where they are not alike."""
+  pairs = [r for r in recordings if {"speed", "motor_speed"} <= set(r.channels) and "speed" not in r.derived]
+  if not pairs:
+    return None
+  motor = np.concatenate([r["motor_speed"].interpolate(r["speed"].time) for r in pairs])
+  speed = np.concatenate([r["speed"].value for r in pairs])
+  if abs(correlation(np.abs(motor), np.abs(speed), _ALIKE_ROWS)) < _GEARED:
+    return None
+  fast = np.isfinite(motor) & (np.abs(motor) > 0.5 * np.nanmax(np.abs(motor)))
+  return float(np.median(np.abs(speed[fast] / motor[fast])) / vehicle.wheel_radius)
 
 
 def usual_supply(recordings: Sequence[Recording]) -> float | None:

@@ -43,6 +43,21 @@ def test_a_gyro_that_is_late_is_said_alone_with_its_lag_and_the_cure_mends_it():
   assert not any("late" in f.text for f in (*mended.of("spoils"), *mended.of("beware")))
 
 
+@pytest.mark.parametrize("signed", [True, False])
+def test_a_motor_speed_and_a_speed_that_no_gearing_makes_one_are_said(signed):
+  """Without a pose nothing but the other speed tells that the gear ratio is another car's."""
+  size = (lambda v: v) if signed else np.abs
+  bare = [r.replace(streams={n: s for n, s in r.streams.items() if not n.startswith("pose")}) for r in drives()]
+  travel = VEHICLE["gear_ratio"] * VEHICLE["wheel_radius"]
+  both = [
+    r.replace(streams={**r.streams, "speed": Stream(r["motor_speed"].time, size(travel * r["motor_speed"].value))})
+    for r in bare
+  ]
+  assert not spoiling(both)
+  (text,) = spoiling(both, gear_ratio=1.8 * VEHICLE["gear_ratio"])
+  assert text.startswith("motor_speed and speed differ 1.8-fold in rolling") and "correct gear_ratio" in text
+
+
 def wandering(seed: int) -> Recording:
   """A drive that never repeats itself."""
   time, columns = drive(60.0, seed=seed)

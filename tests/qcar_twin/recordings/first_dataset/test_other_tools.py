@@ -8,7 +8,7 @@ from qcar_twin.recordings.first_dataset.columns import Columns, guess_columns
 from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.formats import Table, read_table
 from qcar_twin.recordings.recording import RecordingError
-from tests.qcar_twin.recordings.drives import drive, write_csv
+from tests.qcar_twin.recordings.drives import VEHICLE, drive, write_csv
 from tests.qcar_twin.recordings.first_dataset.test_propose import DEG
 from tests.qcar_twin.recordings.first_dataset.test_strange_logs import log, speed_of
 
@@ -220,3 +220,22 @@ def test_a_speed_that_only_rises_is_no_clock():
   guessed = lambda **columns: guess_columns(Columns([Table("run.csv", columns, {})]))
   assert "time" not in guessed(a=own["throttle"], b=rising)
   assert guessed(a=own["throttle"], b=rising, c=1.6e9 + time)["time"].column == "c"
+
+
+def test_a_measured_speed_tells_the_gear_ratio(tmp_path):
+  time, own = driven()
+  motor = {"motor_rpm": own["motor_speed"] * 60.0 / (2.0 * np.pi), "steering_angle_rad": own["steering_command"]}
+  halved = {"speed [m/s]": 0.5 * own["speed"], "gyro z [rad/s]": 0.5 * own["yaw_rate"], "throttle": own["throttle"]}
+  table, _ = log(tmp_path, time, motor | halved)
+  vehicle = table["vehicle"]
+  travel = VEHICLE["gear_ratio"] * VEHICLE["wheel_radius"]
+  assert vehicle["gear_ratio"] * vehicle["wheel_radius"] == pytest.approx(0.5 * travel, rel=0.01)
+  assert vehicle["cg_to_front"] + vehicle["cg_to_rear"] == pytest.approx(0.256, rel=0.1), "turned by the right speed"
+
+
+def test_an_odometer_with_a_unit_counts_no_steps(tmp_path):
+  time, own = driven()
+  counts = {"Odometer[km]": np.cumsum(np.abs(own["speed"])), "ticks": np.cumsum(np.abs(own["speed"]))}
+  _, proposal = log(tmp_path, time, {"throttle": own["throttle"], "speed": own["speed"]} | counts)
+  said = [line for line in proposal.channels if "encoder's steps" in line]
+  assert len(said) == 1 and "'ticks'" in said[0]

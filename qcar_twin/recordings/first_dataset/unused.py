@@ -1,0 +1,35 @@
+"""What to say of columns that are no channel and yet matter: brakes, and counts of an encoder."""
+
+import numpy as np
+
+from qcar_twin.recordings.first_dataset.columns import Columns
+from qcar_twin.recordings.unit_names import unit_of, words_of
+
+_COUNTERS = {"tick", "ticks", "count", "counts", "pulses", "tachometer", "odometer"}
+_BRAKES = {"brake", "brakes", "braking", "brk"}
+_PRESSED = 0.05  # of its largest value, from which a brake is pressed
+
+
+def said_of(columns: Columns, name: str) -> str:
+  """What to make of a column that is not used; empty for most."""
+  return _brakes(columns, name) or _counter(name)
+
+
+def _brakes(columns: Columns, name: str) -> str:
+  """What a brake that was used does to a log; empty for any other column."""
+  if name not in columns.names or not set(words_of(name)) & _BRAKES or columns.constant(name):
+    return ""
+  values = columns.values(name)
+  share = float(np.mean(np.abs(values) > _PRESSED * np.abs(values).max()))
+  said = f"'{name}' is pressed in {100.0 * share:.0f} % of its rows, and no channel is a brake"
+  return f"{said}: cut those seconds out, or join throttle and brake into one command with a sign"
+
+
+def _counter(name: str) -> str:
+  """What to make of an encoder's counts, which are no speed; empty for any other column, an odometer in km say."""
+  if not set(words_of(name)) & _COUNTERS or set(words_of(name)) & {"time", "stamp", "row"} or unit_of(name) is not None:
+    return ""
+  return (
+    f"'{name}' seems to count an encoder's steps: a speed is their change (over a wrap, at 65536 say) per second; "
+    "write that as a column, in rad/s of the motor times 2 pi / steps per turn, and map it as motor_speed"
+  )
