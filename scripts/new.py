@@ -49,6 +49,7 @@ def main(config: Config) -> Path:
   proposal = propose(config.folder.resolve().name, tables, config.wheelbase, config.mass)
   if whole:
     print(f"{', '.join(log.name for log in logs)}: parts of one drive, joined by their clocks into {JOINED}")
+    print("".join(f"  {note}\n" for note in whole.notes), end="")
     write_text(config.folder / JOINED, as_csv(whole))
   else:
     copy_in(config.folder, logs)

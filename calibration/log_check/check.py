@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from calibration.fitting.noise import ChannelNoise, noise_models
+from calibration.fitting.windows import DEFAULT_CUT
 from calibration.log_check.commands import PARKED, command_findings, direction_findings, parked_findings
 from calibration.log_check.disagreements import Finding, Severity, disagreements, lag_findings, scale_findings
 from calibration.log_check.motions import Wheels, motions
@@ -119,6 +120,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
   findings += [
     *(Finding("beware", _judged(warning), warning) for warning in dataset.notices),
     *_straight_only(recordings),
+    *_short(recordings),
     *(pose_point_findings(recordings, vehicle) if not told & {"pose_x", "pose_y", "pose_yaw"} else []),
     *clock_findings(compared, wheels, vehicle.wheelbase, recordings),
     *lonely_findings(compared, recordings, told),
@@ -164,6 +166,15 @@ def _straight_only(recordings: Sequence[Recording]) -> list[Finding]:
     return []
   said = "no gyro, no pose and no accelerometer across was logged: the drive can be judged; turning, steering and tyres"
   return [Finding("beware", ("steering_command",), f"{said} {UNJUDGED}, and keep the numbers they had")]
+
+
+def _short(recordings: Sequence[Recording]) -> list[Finding]:
+  """A log that is shorter than the stretches that a fit is cut in."""
+  driven = sum(r.duration for r in recordings if r.role == "identify")
+  if driven >= DEFAULT_CUT.length:
+    return []
+  said = f"{driven:.3g} s of driving are to be fitted, less than one stretch of {DEFAULT_CUT.length:g} s"
+  return [Finding("beware", ("time",), f"{said}: hardly a number of the car shows in it; log a minute and more")]
 
 
 def _held(s: Sampling) -> list[Finding]:

@@ -134,7 +134,7 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
         f"wrap = true on {channel} in [channels] if that is right, wrap = false to keep the jumps"
       )
     streams[channel] = Stream(time[there] - mapping[channel].late, sampled)
-  notes += gone + signs_said(table, {channel: mapped.column for channel, mapped in mapping.items()})
+  notes += [*table.notes, *gone] + signs_said(table, {channel: mapped.column for channel, mapped in mapping.items()})
   if spread:
     notes.append(
       f"{table.label}: time repeats because a slower publisher holds it; {', '.join(spread)} change in between "

@@ -30,7 +30,7 @@ UNITS: dict[str, tuple[str, float]] = {
   **dict.fromkeys(("mdps", "mdeg/s"), ("rad/s", 1e-3 * math.pi / 180.0)),
   **dict.fromkeys(("rpm", "1/min", "erpm"), ("rad/s", math.tau / 60.0)),
   **dict.fromkeys(("rps", "rev/s", "1/s"), ("rad/s", math.tau)),
-  **dict.fromkeys(("m/s", "mps", "m/sec"), ("m/s", 1.0)),
+  **dict.fromkeys(("m/s", "mps", "m/sec", "meters/per/sec", "metres/per/sec", "meters/per/second"), ("m/s", 1.0)),
   **dict.fromkeys(("km/h", "kmh", "kph"), ("m/s", 1 / 3.6)),
   **dict.fromkeys(("mph", "mi/h"), ("m/s", 0.44704)),
   **dict.fromkeys(("knots", "kts"), ("m/s", 1852.0 / 3600.0)),

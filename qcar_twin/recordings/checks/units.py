@@ -80,6 +80,8 @@ def check_limits(
     cure = _cure(suspect)
     if suspects and not any(typical * s.scale < limit for s in suspects):
       cure = f"no usual unit explains it: raw counts of a sensor? set scale on {name} in [channels] by its data sheet"
+    if name == "motor_duty":
+      cure = f"is it a speed, in m/s? map its column as speed_command in [channels]; {cure}"
     larger = "; or give the car's size in [vehicle], where it is larger" if channel.unit == "m/s" else ""
     raise UnitError(
       f"{recording.file or recording.name}: {name} reaches {magnitude.max():g} {channel.unit}, implausible "

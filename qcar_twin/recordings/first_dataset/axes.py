@@ -14,6 +14,7 @@ import numpy as np
 from qcar_twin.recordings.channels import GRAVITY
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess
 from qcar_twin.recordings.first_dataset.heading import contrary
+from qcar_twin.recordings.first_dataset.plane import upright
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.recordings.unit_names import unit_of, words_of
 
@@ -41,6 +42,11 @@ def turning_right(columns: Columns, guesses: Mapping[str, Guess]) -> list[str]:
     return [
       f"the columns are called as {engine}'s, which counts to the right: is left positive in this log? if right is, "
       f"multiply scale and offset of {', '.join(sided)} by -1"
+    ]
+  if sided and (up := upright(columns, guesses)):
+    return [
+      f"'{up}' points up, as in motion capture, which counts to the left, and in Unity, which counts to the right: is "
+      f"left positive in this log? if right is, multiply scale and offset of {', '.join(sided)} by -1"
     ]
   heading = guesses.get("pose_yaw")
   if heading is None or guesses.keys() & {"yaw_rate", "pose_x", "accel_y"}:

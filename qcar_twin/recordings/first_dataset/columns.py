@@ -69,6 +69,10 @@ class Columns:
   """
 
   def __init__(self, tables: Sequence[Table]):
+    """Raises RecordingError: a column whose name means a channel occurs more than once, with other values."""
+    for table in tables:
+      if twice := [name for name in table.columns if name in table.ambiguous and readings(name)]:
+        raise RecordingError(f"{table.label}: column '{twice[0]}' occurs more than once; rename or remove all but one")
     self.tables = [table.mostly_numbers() for table in tables]
     parts = {name for table in tables for name in parts_of_others(table.columns)}
     named = dict.fromkeys(name for table in tables for name in table.columns if name not in parts)

@@ -22,14 +22,16 @@ _TOGETHER = 0.5
 def as_one_drive(tables: Sequence[Table]) -> Table | None:
   """The files' columns as `file.column` in one table; None where they are drives of their own, or cannot be joined.
 
-  They are parts of one drive where each has a clock, their times overlap, and commands and motion are together in none
-  of them but in all.
+  They are parts of one drive where each has a clock, their times overlap, and commands and motion are together in all
+  of them: in none alone, or in files that share no column but clocks.
   """
   groups: list[Clocked] = []
+  apart = _of_different_columns(tables)
   for table in tables if len(tables) > 1 else ():
     columns = Columns((table,))
     guesses = guess_columns(columns)
-    if "time" not in guesses or _has(guesses, _COMMANDS) and _has(guesses, _MOTION):
+    whole_drive = _has(guesses, _COMMANDS) and _has(guesses, _MOTION)
+    if "time" not in guesses or (whole_drive and not apart):
       return None
     groups.append(_clocked(table, columns, guesses["time"]))
   if not groups or any(not group.time.size for group in groups):
@@ -53,6 +55,16 @@ def as_csv(table: Table) -> str:
   for row in zip(*cells, strict=True):
     print(*row, sep=",", file=text)
   return text.getvalue()
+
+
+def _of_different_columns(tables: Sequence[Table]) -> bool:
+  """Whether no two files have a column of one name, but for clocks: drives of their own are logged alike."""
+  columns = [Columns((table,)) for table in tables]
+  own = [
+    {name for name in each.names if not each.rises(name) and not any(r.channel == "time" for r in readings(name))}
+    for each in columns
+  ]
+  return sum(map(len, own)) == len(set().union(*own))
 
 
 def _has(guesses: dict[str, Guess], channels: Sequence[str]) -> bool:

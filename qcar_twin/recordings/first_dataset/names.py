@@ -10,7 +10,7 @@ _PLACES = "pose|poses|pos|position|positions|location|vicon|mocap|optitrack|lida
 
 # words that make a column a channel: all of the terms, each in one of its spellings; after "!" words that forbid it
 _RULES: dict[str, tuple[str, ...]] = {
-  "time": ("elapsed|log|system|ros time|stamp|clock", "time|timestamp|stamp|clock|elapsed|tout|t"),
+  "time": ("ms today", "elapsed|log|system|ros time|stamp|clock", "time|timestamp|stamp|clock|elapsed|tout|t"),
   "motor_voltage": (
     "motor|mot|command|commands|commanded|cmd|applied|armature|input|esc|drive voltage|volt|volts|v"
     " !battery|bat|batt|supply|measured",
@@ -22,9 +22,9 @@ _RULES: dict[str, tuple[str, ...]] = {
     "actuator|actuators motor|motors",
     "pedal|accelerator !brake|clutch|steering",
   ),
-  "motor_current": ("current|amps command|commands|commanded|cmd|target|desired|setpoint|ref|reference",),
+  "motor_current": ("current|amps command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference",),
   "speed_command": (
-    "speed|velocity|vel|v command|commands|commanded|cmd|target|desired|setpoint|ref|reference|goal"
+    "speed|velocity|vel|v command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference|goal"
     " !angular|ang|yaw|steering|z|y",
   ),
   "steering_command": (
@@ -34,14 +34,14 @@ _RULES: dict[str, tuple[str, ...]] = {
   ),
   "motor_speed": (
     "motor|tach|tacho|shaft speed|velocity|vel|omega|rpm|rps|rate|w",
-    "rpm !e|command|commands|commanded|cmd|target|desired",
+    "rpm !e|command|commands|commanded|cmd|target|desired|des",
     "rps !gyro|gyr",
-    "erpm !command|commands|commanded|cmd|target|desired",
+    "erpm !command|commands|commanded|cmd|target|desired|des",
     "sensors core speed",
   ),
   "speed": (
     "speed|velocity|vel|vels|v"
-    " !angular|yaw|gyro|motor|command|commands|commanded|cmd|target|desired|setpoint|ref|reference|steering"
+    " !angular|yaw|gyro|motor|command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference|steering"
     "|y|z|lateral",
     "v enc|encoder|meas|measured|actual|act|odom|wheel !y|z|command|commands|commanded|cmd|target",
     "vx|vlong !position|pos|pose|map|world|global|local|ned|enu",
@@ -56,13 +56,14 @@ _RULES: dict[str, tuple[str, ...]] = {
     "ay|accy|accely !angular",
   ),
   "yaw_rate": (
-    "yaw|heading|psi|turn rate|dot|speed|velocity|vel !target|command|commanded|desired",
+    "yaw|heading|psi|turn rate|dot|speed|velocity|vel !target|command|commanded|desired|des",
     "gyro|gyroscope|gyr|angular|ang|omega|w|imu z|yaw"
-    " !accel|acc|acl|acceleration|accelerometer|linear|wheel|motor|mag|command|commands|commanded|cmd|target|desired",
+    " !accel|acc|acl|acceleration|accelerometer|linear|wheel|motor|mag|command|commands|commanded|cmd|target|desired"
+    "|des",
     "rate rotation z",
     "gyro|gyroscope !x|y",
     "wz|gz|gyroz|gyrz|yawrate|omegaz|dpsi|dyaw|psidot|yawdot|r",
-    "omega !motor|wheel|shaft|x|y|command|commands|commanded|cmd|target|desired",
+    "omega !motor|wheel|shaft|x|y|command|commands|commanded|cmd|target|desired|des",
     "w imu|gyro",
   ),
   "pose_x": (
@@ -78,14 +79,14 @@ _RULES: dict[str, tuple[str, ...]] = {
     "north|northing !acc|vel|velocity|speed|rate",
   ),
   "pose_yaw": (
-    "yaw|heading|theta|psi|phi|orientation !rate|dot|vel|velocity|speed|gyro|x|z|w|target|desired",
+    "yaw|heading|theta|psi|phi|orientation !rate|dot|vel|velocity|speed|gyro|x|z|w|target|desired|des",
     "rz !rate|vel|velocity|speed",
   ),
   "pose_score": ("score|confidence|quality",),
   "battery_voltage": ("battery|bat|batt|vbat|supply !current|percent|percentage|charge|level|soc|temperature|power",),
   "armature_current": (
-    "current|amps !command|commands|commanded|cmd|target|desired|setpoint|battery|supply|time",
-    "motor|mot|armature i !command|commands|commanded|cmd|target|desired|setpoint|ref|reference",
+    "current|amps !command|commands|commanded|cmd|target|desired|des|setpoint|battery|supply|time",
+    "motor|mot|armature i !command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference",
   ),
 }
 _PULSES = ("us", "µs")  # what radio-control servos and speed controllers are commanded in

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, scale
@@ -34,6 +36,31 @@ def settle_plane(columns: Columns, guesses: dict[str, Guess]) -> None:
     if len(turned) == 1 and channel not in guesses:
       guesses[channel] = Guess(channel, turned[0], why=[f"'{axes['y']}' points up, and this turns about it"])
       scale(columns, guesses[channel])
+      if channel == "yaw_rate":
+        _settle_accelerometer(columns, guesses, axes["y"])
+
+
+def upright(columns: Columns, guesses: Mapping[str, Guess]) -> str:
+  """The position axis that points up where it is called y, and the gyro, if there is one, has the same axes; else "".
+
+  Motion capture counts to the left about it and engines as Unity to the right, and then all that turns is mirrored.
+  """
+  axes = _axes(columns, guesses["pose_x"].column, "z") if "pose_x" in guesses else {}
+  gyro = guesses.get("yaw_rate")
+  return axes.get("y", "") if axes and (gyro is None or _about_y(gyro.column)) else ""
+
+
+def _settle_accelerometer(columns: Columns, guesses: dict[str, Guess], up: str) -> None:
+  """An accelerometer whose axes are those of a gyro that turns about y feels forwards along z and sideways along x."""
+  felt = guesses.get("accel_x") or guesses.get("accel_y")
+  axes = _axes(columns, felt.column, "x" if felt.channel == "accel_x" else "y") if felt else {}
+  if len(axes) < 3:
+    return
+  for channel, axis in (("accel_x", "z"), ("accel_y", "x")):
+    guesses[channel] = Guess(
+      channel, axes[axis], why=[f"'{up}' points up, and so does y of the gyro that goes with it"]
+    )
+    scale(columns, guesses[channel])
 
 
 def _about_y(name: str) -> set[str]:
@@ -42,10 +69,10 @@ def _about_y(name: str) -> set[str]:
   return set(words) - {"y"} if words.count("y") == 1 else set()
 
 
-def _axes(columns: Columns, name: str) -> dict[str, str]:
-  """The columns whose names differ from this one in the axis alone."""
+def _axes(columns: Columns, name: str, own: str = "x") -> dict[str, str]:
+  """The columns whose names differ from this one, which is of its `own` axis, in the axis alone."""
   words = words_of(name)
-  place = next((k for k, word in enumerate(words) if word[-1] == "x" and len(word) <= 2), None)
+  place = next((k for k, word in enumerate(words) if word[-1] == own and len(word) <= 2), None)
   if place is None:
     return {}
   wanted = {axis: (*words[:place], words[place][:-1] + axis, *words[place + 1 :]) for axis in "xyz"}

@@ -212,10 +212,18 @@ def _from_arrow(table: pyarrow.Table, label: str) -> Table:
   names = [_name(name, number) for number, name in enumerate(table.column_names, 1)]
   table = table.slice(0, _filled_rows(table))
   columns, not_a_number = {}, {}
+  ambiguous = set()
   for index, name in enumerate(names):
-    columns[name], not_a_number[name] = _column(table.column(index))
-  ambiguous = frozenset(name for name in names if names.count(name) > 1)
-  return Table(label, columns, not_a_number, ambiguous)
+    values, nans = _column(table.column(index))
+    if name in columns and not _same(values, columns[name]):
+      ambiguous.add(name)
+    columns[name], not_a_number[name] = values, nans
+  return Table(label, columns, not_a_number, frozenset(ambiguous))
+
+
+def _same(one: np.ndarray, other: np.ndarray) -> bool:
+  """Whether two columns hold the same, blank cells too."""
+  return np.array_equal(one, other, equal_nan=one.dtype != object and other.dtype != object)
 
 
 def _name(written: str, number: int) -> str:

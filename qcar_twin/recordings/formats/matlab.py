@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
@@ -106,4 +107,4 @@ def _with_short_names(table: Table) -> Table:
     short.setdefault(name.rsplit(".", 1)[-1], []).append(name)
   aliases = {brief: names[0] for brief, names in short.items() if len(names) == 1 and brief not in table.columns}
   columns = dict(table.columns) | {brief: table.columns[name] for brief, name in aliases.items()}
-  return Table(table.label, columns, table.not_a_number, blanks=False)
+  return dataclasses.replace(table, columns=columns, blanks=False)

@@ -17,6 +17,7 @@ class NoSamples(RecordingError):
 
 NO_ROWS = np.empty(0, dtype=int)
 _SHOWN_COLUMNS = 40
+_FEW = 0.05  # of a topic's samples that may repeat a stamp: a message that was sent or written twice
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +29,7 @@ class Table:
   `blanks`: whether the format can tell a blank cell from a NaN (CSV and Parquet can, NPZ and MAT cannot).
   `headless`: the file names no columns; they are called column_1, column_2 and so on.
   `unsigned`: columns whose negative numbers the file has without their sign, and the numbers' width, bits.
+  `notes`: what was left out when the file was read.
   """
 
   label: str
@@ -37,6 +39,7 @@ class Table:
   blanks: bool = True
   headless: bool = False
   unsigned: Mapping[str, int] = dataclasses.field(default_factory=dict)
+  notes: tuple[str, ...] = ()
 
   @property
   def rows(self) -> int:
@@ -140,10 +143,19 @@ class Clocked:
 def merge(label: str, groups: Sequence[Clocked]) -> Table:
   """One table from groups with clocks of their own: every time once, in column `time`; NaN where there is no sample.
 
-  Raises RecordingError when a group's own clock goes backwards, repeats or has no value.
+  Of a few samples of one stamp the first is kept, and a note says so. Raises RecordingError when a group's own clock
+  goes backwards, repeats often or has no value.
   """
-  for group in groups:
+  groups, notes = list(groups), []
+  for k, group in enumerate(groups):
     name = next(iter(group.columns), "time")
+    groups[k], again = _each_stamp_once(group)
+    if again.size:
+      notes.append(
+        f"{label}: {again.size} of {group.time.size} samples of '{name}' repeat the stamp before them, first at"
+        f" {group.time[again[0]]:.9g} s; left out"
+      )
+    group = groups[k]
     bad = np.flatnonzero(~(np.diff(group.time) > 0.0))
     if bad.size:
       row = int(bad[0]) + 1
@@ -163,4 +175,14 @@ def merge(label: str, groups: Sequence[Clocked]) -> Table:
     for group in groups
     for name, values in group.columns.items()
   }
-  return Table(label, columns, gaps)
+  return Table(label, columns, gaps, notes=tuple(notes))
+
+
+def _each_stamp_once(group: Clocked) -> tuple[Clocked, np.ndarray]:
+  """The group without samples that repeat a stamp, and their rows; whole where they are many: such a clock lacks
+  digits."""
+  again = np.flatnonzero(np.diff(group.time) == 0.0) + 1
+  if again.size > _FEW * group.time.size:
+    return group, NO_ROWS
+  without = lambda values: np.delete(values, again)
+  return Clocked(without(group.time), {name: without(values) for name, values in group.columns.items()}), again

@@ -1,5 +1,7 @@
 """A file per topic: parts of one drive become one log, and drives of their own do not."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -71,9 +73,25 @@ def test_drives_of_their_own_and_clocks_without_a_time_in_common_are_not_joined(
   assert as_one_drive([read_table(tmp_path / name, name) for name in ("one.csv", "two.csv")]) is None
 
 
-def test_a_stamp_that_repeats_is_left_to_a_person(tmp_path):
+def test_a_stamp_that_repeats_is_kept_once_and_many_are_left_to_a_person(tmp_path):
   tables, time, own = parts(tmp_path)
   stamps = EPOCH + time
-  stamps[50] = stamps[49]
-  write_topic(tmp_path / "imu_data.csv", "header.stamp", stamps, {"angular_velocity.z": own["yaw_rate"]})
-  assert as_one_drive([tables[0], read_table(tmp_path / "imu_data.csv", "imu_data.csv"), tables[2]]) is None
+  for repeated in (1, len(stamps) // 4):
+    stamps[1 : 2 * repeated : 2] = stamps[0 : 2 * repeated - 1 : 2]
+    write_topic(tmp_path / "imu_data.csv", "header.stamp", stamps, {"angular_velocity.z": own["yaw_rate"]})
+    whole = as_one_drive([tables[0], read_table(tmp_path / "imu_data.csv", "imu_data.csv"), tables[2]])
+    assert (whole is None) is (repeated > 1)
+    assert whole is None or "1 of" in whole.notes[0] and "repeat the stamp before them" in whole.notes[0]
+
+
+def test_files_that_hold_a_command_and_its_answer_each_are_parts_of_one_drive(tmp_path):
+  """ArduPilot's STER has the steering and the turn rate, THR the throttle and the speed."""
+  _, time, own = parts(tmp_path)
+  ster = {"SteerOut": own["steering_command"], "TurnRate": own["yaw_rate"]}
+  thr = {"ThrOut": own["motor_voltage"] / 8.0, "Speed": 0.003 * own["motor_speed"]}
+  for name, columns in (("STER", ster), ("THR", thr)):
+    write_topic(tmp_path / f"{name}.csv", "timestamp", EPOCH + time, columns)
+  read = lambda name: read_table(tmp_path / f"{name}.csv", f"{name}.csv")
+  whole = as_one_drive([read("STER"), read("THR")])
+  assert whole is not None and {"STER.SteerOut", "THR.Speed"} <= set(whole.columns)
+  assert as_one_drive([read("THR"), dataclasses.replace(read("THR"), label="THR_2.csv")]) is None

@@ -239,3 +239,21 @@ def test_an_odometer_with_a_unit_counts_no_steps(tmp_path):
   _, proposal = log(tmp_path, time, {"throttle": own["throttle"], "speed": own["speed"]} | counts)
   said = [line for line in proposal.channels if "encoder's steps" in line]
   assert len(said) == 1 and "'ticks'" in said[0]
+
+
+def test_a_column_that_occurs_twice_is_refused_unless_both_are_one(tmp_path):
+  """The second of two steering columns was used by nothing, and the log passed without any steering."""
+  time, own = driven()
+  write_csv(tmp_path / "run.csv", time, {"throttle": own["throttle"], "steering": own["steering_command"],
+                                         "other": 0.5 * own["steering_command"], "speed": own["speed"]})  # fmt: skip
+  text = (tmp_path / "run.csv").read_text(encoding="utf-8")
+  (tmp_path / "run.csv").write_text(text.replace("other", "steering", 1), encoding="utf-8")
+  with pytest.raises(RecordingError, match=r"run.csv: column 'steering' occurs more than once; rename or remove"):
+    Columns([read_table(tmp_path / "run.csv", "run.csv")])
+  rows = [line.split(",") for line in text.splitlines()]
+  place = rows[0].index("other")
+  same = "\n".join(",".join([*row[:place], row[2], *row[place + 1 :]]) for row in rows)
+  (tmp_path / "run.csv").write_text(same, encoding="utf-8")
+  table = read_table(tmp_path / "run.csv", "run.csv")
+  assert rows[0][2] == "steering" and not table.ambiguous
+  assert guess_columns(Columns([table]))["steering_command"].column == "steering"

@@ -298,6 +298,10 @@ def test_mat_with_a_broken_clock_names_the_structure(tmp_path):
   time = TIME.copy()
   time[7] = time[6]
   scipy.io.savemat(tmp_path / "a.mat", {"log": structure(time, speed=TIME)})
+  table = read_table(tmp_path / "a.mat", "a.mat")
+  assert table.rows == TIME.size - 1 and "1 of" in table.notes[0] and "first at" in table.notes[0]
+  time[7] = time[2]
+  scipy.io.savemat(tmp_path / "a.mat", {"log": structure(time, speed=TIME)})
   refused(tmp_path / "a.mat", "time of 'log.", "goes backwards or repeats in row 8")
 
 
