@@ -60,7 +60,7 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
     config = tyro.cli(module.Config, prog=name, description=module.__doc__, args=list(arguments))
     _quiet_mujoco()
     is_file = getattr(module, "OUT_IS_FILE", False)
-    refuse_early(config, is_file(config) if callable(is_file) else is_file, getattr(module, "POSITIVE", ()))
+    refuse_early(config, bool(is_file(config) if callable(is_file) else is_file), getattr(module, "POSITIVE", ()))
     module.main(config)
   except KeyboardInterrupt:
     kept = getattr(module, "KEPT", "nothing of this run is kept: results are written at its end")

@@ -92,14 +92,26 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   if topics is None:
     asked = settle_several(columns, guesses, {key: getattr(vehicle, key) for key in _VEHICLE})
     settle_plane(columns, guesses)
-    if len(guesses.keys() & {"pose_x", "pose_y"}) == 1:  # half a place says nothing
-      guesses = {channel: guess for channel, guess in guesses.items() if channel not in ("pose_x", "pose_y")}
+    guesses = _without_half_a_place(guesses)
     settle_mount(columns, guesses)
-    if (gearing := usual_gearing(recordings_of(columns, guesses), vehicle)) is not None:
-      vehicle = dataclasses.replace(vehicle, gear_ratio=gearing)
+    gearing = usual_gearing(recordings_of(columns, guesses), vehicle)
+    vehicle = dataclasses.replace(vehicle, gear_ratio=gearing or vehicle.gear_ratio)
     turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in _VEHICLE}, wheelbase)
   recordings = recordings_of(columns, guesses)
   parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
+  missing = _missing(guesses, tables)
+  questions = tuple(question.text for question in asked)
+  questions += _asked_of(columns, guesses, recordings) if topics is None else ()
+  lines = [*_head(name, topics, questions), *_vehicle(vehicle, known, kind, recordings, said, turns_like, gearing)]
+  channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
+  lines += ["", *channels]
+  lines += [line for part in parts for line in _recording(part)]
+  marked = tuple(line for line in lines if MARK in line and not line.startswith("#"))
+  return Proposal("\n".join(lines) + "\n", marked, tuple(channels[1:]), missing, questions)
+
+
+def _missing(guesses: Mapping[str, Guess], tables: Sequence[Table]) -> tuple[str, ...]:
+  """What the loader needs and no column seems to be."""
   by_hand = not guesses.keys() & set(DRIVE_COMMANDS) and "steering_command" in guesses
   stood_for = {"motor_voltage"} if by_hand else set()
   stood_for |= {"motor_speed"} if {"pose_x", "pose_y"} <= guesses.keys() else set()
@@ -110,14 +122,13 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   )
   if "time" not in guesses and not all("time" in table for table in tables):
     missing = ("time", *missing)
-  questions = tuple(question.text for question in asked)
-  questions += _asked_of(columns, guesses, recordings) if topics is None else ()
-  lines = [*_head(name, topics, questions), *_vehicle(vehicle, known, kind, recordings, said, turns_like, gearing)]
-  channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
-  lines += ["", *channels]
-  lines += [line for part in parts for line in _recording(part)]
-  marked = tuple(line for line in lines if MARK in line and not line.startswith("#"))
-  return Proposal("\n".join(lines) + "\n", marked, tuple(channels[1:]), missing, questions)
+  return missing
+
+
+def _without_half_a_place(guesses: dict[str, Guess]) -> dict[str, Guess]:
+  """The guesses without pose_x or pose_y where the other is absent: half a place says nothing."""
+  half = len(guesses.keys() & {"pose_x", "pose_y"}) == 1
+  return {channel: guess for channel, guess in guesses.items() if not half or channel not in ("pose_x", "pose_y")}
 
 
 def _asked_of(columns: Columns, guesses: dict[str, Guess], recordings: Sequence[Recording]) -> tuple[str, ...]:

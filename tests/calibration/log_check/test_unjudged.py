@@ -122,3 +122,11 @@ def test_of_a_car_that_never_drives_it_is_said_first_that_nothing_can_be_fitted(
   parked |= {"speed": 0.02 * np.random.default_rng(5).standard_normal(time.size)}
   check = checked(parked, time)
   assert not check.of("spoils") and check.verdict.startswith("Nothing to be fitted: the car never drives: by speed it")
+
+
+def test_seconds_of_driving_are_said_to_show_hardly_anything(driven):
+  time, columns = driven
+  short = time < time[0] + 1.25
+  said = "of driving are to be fitted, less than one stretch of 6 s"
+  assert len(about(checked({name: value[short] for name, value in columns.items()}, time[short]), said)) == 1
+  assert not about(checked(columns, time), said)

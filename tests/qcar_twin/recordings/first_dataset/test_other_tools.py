@@ -257,3 +257,30 @@ def test_a_column_that_occurs_twice_is_refused_unless_both_are_one(tmp_path):
   table = read_table(tmp_path / "run.csv", "run.csv")
   assert rows[0][2] == "steering" and not table.ambiguous
   assert guess_columns(Columns([table]))["steering_command"].column == "steering"
+
+
+def test_an_engine_that_counts_y_upwards_is_asked_about_and_its_accelerometer_goes_with_its_gyro(tmp_path):
+  """Donkey's simulator: z forwards, x to the right, y up, for places, accelerometer and gyro alike."""
+  time, own = driven()
+  flat = 0.0 * time + 1e-4 * np.sin(time)
+  columns = {
+    "throttle": own["throttle"],
+    "steering_angle": -own["steering_command"],
+    "speed": own["speed"],
+    "pos_x": -own["pose_y"],
+    "pos_y": 0.6 + flat,
+    "pos_z": own["pose_x"],
+    "accel_x": -own["accel_y"],
+    "accel_y": flat,
+    "accel_z": own["accel_x"],
+    "gyro_x": flat,
+    "gyro_y": -own["yaw_rate"],
+    "gyro_z": 0.0 * time,
+  }
+  table, proposal = log(tmp_path, time, columns)
+  named = columns_of(table)
+  assert (named["accel_x"], named["accel_y"], named["yaw_rate"]) == ("accel_z", "accel_x", "gyro_y")
+  (question,) = proposal.questions
+  assert (
+    "'pos_y' points up" in question and "scale and offset of steering_command, accel_y, yaw_rate, pose_y" in question
+  )
