@@ -180,7 +180,7 @@ class StageLine(logging.Handler):
     super().__init__(logging.INFO)
     self._logger, self._stages = logging.getLogger(logger), Stages(plan)
     self._bar: tqdm | None = None
-    self._before, self._text, self._printed = (logging.NOTSET, True), "", time.monotonic()
+    self._before, self._text, self._said, self._printed = (logging.NOTSET, True), "", "", time.monotonic()
 
   def __enter__(self) -> "StageLine":
     if sys.stderr.isatty():
@@ -194,12 +194,14 @@ class StageLine(logging.Handler):
   def __call__(self, stage: str, share: float | None = None) -> None:
     """Show a stage, and in per cent how much of it is done."""
     begins = self._stages.reached(stage, share)
-    self._text = self._stages.line(stage if share is None else f"{stage}, {100.0 * share:.0f} %")
+    self._said = stage if share is None else f"{stage}, {100.0 * share:.0f} %"
+    self._text = self._stages.line(self._said)
     if self._bar is not None:
       self._show(self._text)
-    elif begins or time.monotonic() - self._printed > _QUIET:
-      print(self._stages.line(stage) if begins else self._text, file=sys.stderr, flush=True)
-      self._printed = time.monotonic()
+    elif begins:
+      self._print(self._stages.line(stage))
+    else:
+      self._beat()
 
   def say(self, text: str) -> None:
     """Print a result above the stage."""
@@ -209,6 +211,7 @@ class StageLine(logging.Handler):
     """Show a message of a fit behind the stage; pass on what is more than a message."""
     if record.levelno == logging.INFO:
       self._show(f"{self._text}: {record.getMessage()}")
+      self._beat()
     elif logging.root.isEnabledFor(record.levelno):
       logging.root.handle(record)
 
@@ -221,6 +224,15 @@ class StageLine(logging.Handler):
     if self._bar is not None:
       self._bar.close()
       self._bar = None
+
+  def _beat(self) -> None:
+    """Where no terminal is: say how far a stage is that has said nothing for long."""
+    if self._bar is None and self._said and time.monotonic() - self._printed > _QUIET:
+      self._print(self._stages.line(self._said))
+
+  def _print(self, text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+    self._printed = time.monotonic()
 
   def _show(self, text: str) -> None:
     if self._bar is not None:

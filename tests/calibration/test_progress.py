@@ -100,9 +100,13 @@ def test_a_log_has_a_line_a_minute_where_a_stage_takes_long(monkeypatch, capsys)
     for second in range(0, 190, 10):
       clock[0] = float(second)
       line("scan", second / 190)
+    for second in (210, 400):  # a fit that says nothing of its share and goes on
+      clock[0] = float(second)
+      logging.getLogger("calibration.fitting").info("iteration")
   said = capsys.readouterr().err.splitlines()
   assert [text.partition(" · about")[0] for text in said] == [
-    "stage 1 of 2 · scan", "stage 1 of 2 · scan, 37 %", "stage 1 of 2 · scan, 74 %"
+    "stage 1 of 2 · scan", "stage 1 of 2 · scan, 37 %", "stage 1 of 2 · scan, 74 %", "stage 1 of 2 · scan, 95 %",
+    "stage 1 of 2 · scan, 95 %",
   ]  # fmt: skip
   assert "about 120 s left" in said[1] or "about 2 min left" in said[1]
 
