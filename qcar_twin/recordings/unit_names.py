@@ -35,12 +35,14 @@ UNITS: dict[str, tuple[str, float]] = {
   **dict.fromkeys(("mph", "mi/h"), ("m/s", 0.44704)),
   **dict.fromkeys(("knots", "kts"), ("m/s", 1852.0 / 3600.0)),
   **dict.fromkeys(("cm/s", "cmps"), ("m/s", 0.01)),
+  **dict.fromkeys(("in/s", "in/sec", "inches/s", "inches/sec"), ("m/s", 0.0254)),
   **dict.fromkeys(("mm/s", "mmps"), ("m/s", 0.001)),
   **dict.fromkeys(("m/s2", "m/s^2", "m/s²", "mps2", "mss"), ("m/s^2", 1.0)),
   **dict.fromkeys(("g",), ("m/s^2", GRAVITY)),
   **dict.fromkeys(("mg",), ("m/s^2", GRAVITY / 1000.0)),
   **dict.fromkeys(("m", "meter", "metre", "meters", "metres"), ("m", 1.0)),
   **dict.fromkeys(("km",), ("m", 1000.0)),
+  **dict.fromkeys(("inch", "inches"), ("m", 0.0254)),
   **dict.fromkeys(("cm",), ("m", 0.01)),
   **dict.fromkeys(("mm",), ("m", 0.001)),
   **dict.fromkeys(("v", "volt", "volts"), ("V", 1.0)),
@@ -49,6 +51,9 @@ UNITS: dict[str, tuple[str, float]] = {
   **dict.fromkeys(("ma", "milliamps"), ("A", 0.001)),
   **dict.fromkeys(("%", "pct", "percent", "percentage"), ("-", 0.01)),
 }
+
+# units whose letters are words of names elsewhere: SteerIn is no length
+_BRACKETED = {"in": ("m", 0.0254), "ips": ("m/s", 0.0254), "ft": ("m", 0.3048), "ft/s": ("m/s", 0.3048)}
 
 
 def words_of(column: str) -> tuple[str, ...]:
@@ -72,8 +77,8 @@ def unit_of(column: str) -> tuple[str, str, float] | None:
   """The unit a name ends with, has in brackets or is: as written, the SI unit it is of, the factor to it."""
   for inside in BRACKET.findall(column):
     written = inside.strip().lower()
-    if written in UNITS:
-      return (inside.strip(), *UNITS[written])
+    if unit := UNITS.get(written) or _BRACKETED.get(written):
+      return (inside.strip(), *unit)
   *before, last = column.split() or [""]
   if before and (written := last.lower()) in UNITS and not written.isalpha():  # Throttle %, Speed m/s
     return (last, *UNITS[written])

@@ -28,7 +28,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     " !angular|ang|yaw|steering|z|y",
   ),
   "steering_command": (
-    "steering|steer|servo|servos|delta|deltawheel|df|str !measured|actual|feedback|fb|velocity|rate|speed",
+    "steering|steer|steered|servo|servos|delta|deltawheel|df|str !measured|actual|feedback|fb|velocity|rate|speed",
     "wheel angle !measured|actual|feedback|fb",
     "user|pilot|joystick|joy angle !measured|actual|feedback|fb",
   ),

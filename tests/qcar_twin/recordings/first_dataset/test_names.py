@@ -10,6 +10,7 @@ from qcar_twin.recordings.first_dataset.names import readings, unit_of, words_of
 @pytest.mark.parametrize(
   "column, channel",
   [
+    ("ms_today", "time"), ("Steered Angle [deg]", "steering_command"), ("DesSpeed [m/s]", "speed_command"),
     ("time", "time"), ("t", "time"), ("stamp_ms", "time"), ("elapsed time sensors", "time"), ("timestamp", "time"),
     ("motorVoltage", "motor_voltage"), ("u_motor [V]", "motor_voltage"), ("cmd_voltage", "motor_voltage"),
     ("throttle", "motor_duty"), ("pwm", "motor_duty"), ("duty_cycle", "motor_duty"),
@@ -74,7 +75,9 @@ def test_the_measured_steering_is_no_command_and_a_filtered_speed_comes_second()
   "column, unit, factor",
   [
     ("stamp_ms", "s", 1e-3), ("time (us)", "s", 1e-6), ("steer [deg]", "rad", math.pi / 180.0), 
-    ("gyro_dps", "rad/s", math.pi / 180.0),
+    ("gyro_dps", "rad/s", math.pi / 180.0), ("x(in)", "m", 0.0254), ("v_r(ips)", "m/s", 0.0254),
+    ("SteerIn", None, None), ("pos_inches", "m", 0.0254), ("Yaw [Deg/Sec]", "rad/s", math.pi / 180.0),
+    ("Odometer[km]", "m", 1000.0), ("speed_meters_per_sec", "m/s", 1.0),
     ("rate_rad_s", "rad/s", 1.0), ("motor [rpm]", "rad/s", math.tau / 60.0), ("acc_x_g", "m/s^2", 9.80665),
     ("acc m/s2", None, None), ("ay_mps2", "m/s^2", 1.0), ("v [km/h]", "m/s", 1 / 3.6), ("pos_mm", "m", 1e-3),
     ("battery_mV", "V", 1e-3), ("throttle_pct", "-", 0.01), ("speed", None, None), ("acc x (IMU)", None, None),
