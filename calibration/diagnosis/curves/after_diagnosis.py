@@ -97,7 +97,7 @@ def write_with_curves(
   save_twin(folder / "diagnosed.toml", outcome.twin, outcome.after, f"{how} on {found.dataset}, without curves")
   save_twin(folder / "characterised.toml", *found.shipped, _note(found))
   table = error_lines(outcome.diagnosis, further.errors)
-  return page, [*sentences(found), *table, chosen(found, outcome.diagnosis, against)]
+  return page, [*sentences(found, holdout=False), *table, chosen(found, outcome.diagnosis, against)]
 
 
 def judged_with_curves(found: Study, outcome: Outcome, dataset: DataSet) -> tuple[dict[str, Judged], tuple[str, ...]]:

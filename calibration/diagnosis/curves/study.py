@@ -232,8 +232,12 @@ def _with_trees(found: RecalibratedTwin, recordings: Sequence[Recording]) -> tup
   return observations, left, boosted_residual(problem.observations, learnt, residual, observations, prediction, left)
 
 
-def sentences(found: Study) -> list[str]:
-  """What the terminal says, a line a finding."""
+def sentences(found: Study, holdout: bool = True) -> list[str]:
+  """What the terminal says, a line a finding.
+
+  Args:
+    holdout: with the errors on hold-out recordings; a diagnosis has its own, from another base.
+  """
   lines = []
   for outline in found.outlines:
     lines.append(f"{outline.curve}: {_said(outline)}")
@@ -248,7 +252,7 @@ def sentences(found: Study) -> list[str]:
     lines.append(
       f"on recordings that only judge the best, {found.best}, is {100.0 * abs(found.gain):.0f} % {better} than the base"
     )
-  for channel, unit in found.units.items():
+  for channel, unit in found.units.items() if holdout else ():
     parts = [f"{kind.replace('_', ' ')} {found.errors[kind][channel]:.4g}" for kind in KINDS
              if channel in found.errors.get(kind, {})]  # fmt: skip
     lines.append(f"hold-out {channel} [{unit}]: " + ", ".join(parts))
