@@ -164,6 +164,9 @@ def _straight_only(recordings: Sequence[Recording]) -> list[Finding]:
     return [Finding("beware", ("steering_command",), f"{said} speed and the acceleration along alone; {cure}")]
   if any({"yaw_rate", "pose_yaw", "pose_x", "accel_y"} & set(r.channels) for r in recordings):
     return []
+  if all("speed_command" in r.derived for r in recordings):
+    said = "no command of the drive, and no gyro, no pose and no accelerometer across is mapped: neither the drive nor"
+    return [Finding("spoils", ("steering_command",), f"{said} turning can be judged, and nothing fitted; map one")]
   said = "no gyro, no pose and no accelerometer across was logged: the drive can be judged; turning, steering and tyres"
   return [Finding("beware", ("steering_command",), f"{said} {UNJUDGED}, and keep the numbers they had")]
 

@@ -45,11 +45,13 @@ _RULES: dict[str, tuple[str, ...]] = {
     "|y|z|lateral",
     "v enc|encoder|meas|measured|actual|act|odom|wheel !y|z|command|commands|commanded|cmd|target",
     "vx|vlong !position|pos|pose|map|world|global|local|ned|enu",
+    "v ego",
     "twist|odom|vel|vels linear x !angular|acceleration|accel|acc|command|commands|commanded|cmd",
   ),
   "accel_x": (
     "acc|accel|acl|acceleration|accelerometer|a x|forward|fwd|long|longitudinal|lon !angular|target|command|commanded",
     "ax|accx|accelx !angular",
+    "a ego",
   ),
   "accel_y": (
     "acc|accel|acl|acceleration|accelerometer|a y|left|lat|lateral !angular|target|command|commanded",

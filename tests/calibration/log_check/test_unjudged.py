@@ -130,3 +130,10 @@ def test_seconds_of_driving_are_said_to_show_hardly_anything(driven):
   said = "of driving are to be fitted, less than one stretch of 6 s"
   assert len(about(checked({name: value[short] for name, value in columns.items()}, time[short]), said)) == 1
   assert not about(checked(columns, time), said)
+
+
+def test_a_speed_and_a_steering_alone_leave_nothing_to_be_fitted(driven):
+  time, columns = driven
+  check = checked({name: columns[name] for name in ("speed", "steering_command")}, time)
+  (text,) = [f.text for f in check.of("spoils")]
+  assert "neither the drive nor turning can be judged, and nothing fitted" in text

@@ -10,7 +10,8 @@ from qcar_twin.recordings.first_dataset.names import readings, unit_of, words_of
 @pytest.mark.parametrize(
   "column, channel",
   [
-    ("ms_today", "time"), ("Steered Angle [deg]", "steering_command"), ("DesSpeed [m/s]", "speed_command"),
+    ("vEgo", "speed"), ("aEgo", "accel_x"), ("ms_today", "time"),
+    ("Steered Angle [deg]", "steering_command"), ("DesSpeed [m/s]", "speed_command"),
     ("time", "time"), ("t", "time"), ("stamp_ms", "time"), ("elapsed time sensors", "time"), ("timestamp", "time"),
     ("motorVoltage", "motor_voltage"), ("u_motor [V]", "motor_voltage"), ("cmd_voltage", "motor_voltage"),
     ("throttle", "motor_duty"), ("pwm", "motor_duty"), ("duty_cycle", "motor_duty"),
