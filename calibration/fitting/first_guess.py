@@ -42,7 +42,7 @@ def first_guess(recordings: Sequence[Recording], vehicle: Vehicle) -> ParameterS
   table = np.concatenate([r for r in rows if len(r)] or [np.zeros((0, 4))])
   if len(table) < 20:
     return base
-  p1, p2, p3 = _with_shown_lag(_regression(table), drive_response(vehicle, base))
+  p1, p2, p3 = _with_shown_lag(_regression(table), drive_response(vehicle, base), _interval(recordings))
   values = drive_values(vehicle, p1, p2, p3)
   if vehicle.drive == "speed":  # its loop's integral part takes the friction over: the log shows none to begin with
     del values["driveline_friction"]
@@ -96,18 +96,26 @@ def _integrals(recording: Recording, vehicle: Vehicle) -> Array:
   return rows[np.abs(rows[:, 3]) > 0.9 * _WINDOW]  # windows in which the car rolls one way
 
 
-def _with_shown_lag(law: tuple[Array, float], usual: tuple[float, float, float]) -> tuple[float, float, float]:
+def _interval(recordings: Sequence[Recording]) -> float:
+  """Usual time between two samples of a speed, s; 0 without any."""
+  streams = [r[n] for r in recordings for n in ("motor_speed", "speed") if n in r and len(r[n]) > 1]
+  return float(np.median(np.concatenate([np.diff(s.time) for s in streams]))) if streams else 0.0
+
+
+def _with_shown_lag(
+  law: tuple[Array, float], usual: tuple[float, float, float], interval: float
+) -> tuple[float, float, float]:
   """P1, P2 and P3 from V = a omega' + b omega + c sgn(omega) and the deviation of a; not finite where nothing is shown.
 
   A drive that answers within a sample of a slow log shows b and c alone, and an a of nothing is a motor without
   inertia. It then has the time constant of the `usual` P1, P2 and P3, a / b = 1 / P2, or their 1 / P1 where nothing
-  damps it.
+  damps it. So it has where a / b is less than half the `interval` between samples, s: that is what lies between them.
   """
   (a, b, c), std = law
   if not np.isfinite(a):
     return np.inf, np.inf, np.inf
   gain, damping, _ = usual
-  if a < _SHOWN * std:
+  if a < max(_SHOWN * std, 0.5 * interval * b):
     a = max(a, b / damping if b > 0.0 and damping > 0.0 else 1.0 / gain)
   return 1.0 / a, b / a, c / a
 

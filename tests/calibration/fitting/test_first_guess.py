@@ -48,11 +48,13 @@ def test_long_steady_driving_with_a_loss_of_its_own_does_not_shrink_all_three():
   assert 0.5 * P1 < p1 < 1.5 * P1 and 0.5 * P2 < p2 < 2.0 * P2 and P3 < p3 < P3 + 700.0
 
 
-def test_a_drive_that_answers_within_a_sample_has_a_usual_time_constant():
+@pytest.mark.parametrize("lag", [0.0, 0.004])
+def test_a_drive_that_answers_within_a_sample_has_a_usual_time_constant(lag):
   """At 10 Hz only the speed that goes with a voltage shows: no inertia at all fits as well, and is no motor."""
   time, rng = np.arange(0.0, 60.0, 0.1), np.random.default_rng(3)
   volts = np.repeat(rng.uniform(1.0, 3.0, 75), 8)
-  omega = (P1 * volts - P3) / P2 + rng.normal(0.0, 2.0, time.size)
+  omega = (P1 * volts - P3) / P2 + (rng.normal(0.0, 2.0, time.size) if not lag else 0.0)
+  omega -= lag * np.gradient(omega, time)
   streams = {"motor_voltage": Stream(time, volts), "motor_speed": Stream(time, omega)}
   p1, p2, p3 = numbers(Recording("run", streams))
   usual = drive_response(VEHICLE, base_parameters(VEHICLE))
