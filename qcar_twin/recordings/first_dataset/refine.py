@@ -259,7 +259,7 @@ def _binned(recordings: Sequence[Recording], radius: float, lag: float) -> tuple
 
 def usual_gearing(recordings: Sequence[Recording], vehicle: Vehicle) -> float | None:
   """The gear ratio by which a motor's speed is the one that another sensor measured, at the vehicle's wheel radius;
-  None where they are not alike."""
+  None where they are not alike, or the wheels would turn faster than the motor: they are other wheels then."""
   pairs = [r for r in recordings if {"speed", "motor_speed"} <= set(r.channels) and "speed" not in r.derived]
   if not pairs:
     return None
@@ -268,7 +268,8 @@ def usual_gearing(recordings: Sequence[Recording], vehicle: Vehicle) -> float | 
   if abs(correlation(np.abs(motor), np.abs(speed), _ALIKE_ROWS)) < _GEARED:
     return None
   fast = np.isfinite(motor) & (np.abs(motor) > 0.5 * np.nanmax(np.abs(motor)))
-  return float(np.median(np.abs(speed[fast] / motor[fast])) / vehicle.wheel_radius)
+  ratio = float(np.median(np.abs(speed[fast] / motor[fast])) / vehicle.wheel_radius)
+  return ratio if 0.0 < ratio < 1.0 else None
 
 
 def usual_supply(recordings: Sequence[Recording]) -> float | None:
