@@ -32,6 +32,7 @@ _GRIPS = (1.0, 1.4)
 _LINKAGES = (0.0, 1.0)
 _WINDOW = 0.4  # s over which the equation is integrated
 _PERIOD = 0.02  # s
+_LIGHTEST = 0.01  # of the usual inertia over torque: no car's, and the law damps nothing
 _SHOWN = 3.0  # deviations from nothing, from which a lag of the drive is told
 
 
@@ -109,14 +110,16 @@ def _with_shown_lag(
 
   A drive that answers within a sample of a slow log shows b and c alone, and an a of nothing is a motor without
   inertia. It then has the time constant of the `usual` P1, P2 and P3, a / b = 1 / P2, or their 1 / P1 where nothing
-  damps it. So it has where a / b is less than half the `interval` between samples, s: that is what lies between them.
+  damps it, as where a current drives. So it has where a / b is less than half the `interval` between samples, s: that
+  is what lies between them.
   """
   (a, b, c), std = law
   if not np.isfinite(a):
     return np.inf, np.inf, np.inf
   gain, damping, _ = usual
   if a < max(_SHOWN * std, 0.5 * interval * b):
-    a = max(a, b / damping if b > 0.0 and damping > 0.0 else 1.0 / gain)
+    a = max(a, b / damping)
+    a = a if a * gain > _LIGHTEST else 1.0 / gain
   return 1.0 / a, b / a, c / a
 
 

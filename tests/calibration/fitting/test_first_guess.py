@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.fitting.first_guess import first_guess
+from calibration.fitting.first_guess import _with_shown_lag, first_guess
 from qcar_twin.recordings.recording import Recording, Stream
 from qcar_twin.twin.parameters import base_parameters, drive_response, informed
 from qcar_twin.vehicle.vehicle import Vehicle
@@ -60,6 +60,13 @@ def test_a_drive_that_answers_within_a_sample_has_a_usual_time_constant(lag):
   usual = drive_response(VEHICLE, base_parameters(VEHICLE))
   assert p2 == pytest.approx(usual[1], rel=1e-6)
   assert p1 / p2 == pytest.approx(P1 / P2, rel=0.05) and p3 / p2 == pytest.approx(P3 / P2, rel=0.15)
+
+
+@pytest.mark.parametrize("b", [0.0, 1e-17, 1e-3])
+def test_a_lag_that_is_not_told_never_makes_a_motor_without_inertia(b):
+  usual = (600.0, 2.0, 100.0)
+  p1, p2, _ = _with_shown_lag((np.array([1e-17, b, 0.03]), 1e-6), usual, 0.1)
+  assert p1 == pytest.approx(2.0 / b if b > 1e-6 else 600.0) and p2 == pytest.approx(b * p1)
 
 
 @pytest.mark.parametrize("volts", [0.0, 2.0])
