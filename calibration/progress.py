@@ -180,7 +180,7 @@ class StageLine(logging.Handler):
     super().__init__(logging.INFO)
     self._logger, self._stages = logging.getLogger(logger), Stages(plan)
     self._bar: tqdm | None = None
-    self._before, self._text, self._said, self._printed = (logging.NOTSET, True), "", "", time.monotonic()
+    self._before, self._said, self._printed = (logging.NOTSET, True), "", time.monotonic()
 
   def __enter__(self) -> "StageLine":
     if sys.stderr.isatty():
@@ -195,9 +195,8 @@ class StageLine(logging.Handler):
     """Show a stage, and in per cent how much of it is done."""
     begins = self._stages.reached(stage, share)
     self._said = stage if share is None else f"{stage}, {100.0 * share:.0f} %"
-    self._text = self._stages.line(self._said)
     if self._bar is not None:
-      self._show(self._text)
+      self._show(self._stages.line(self._said))
     elif begins:
       self._print(self._stages.line(stage))
     else:
@@ -210,7 +209,7 @@ class StageLine(logging.Handler):
   def emit(self, record: logging.LogRecord) -> None:
     """Show a message of a fit behind the stage; pass on what is more than a message."""
     if record.levelno == logging.INFO:
-      self._show(f"{self._text}: {record.getMessage()}")
+      self._show(f"{self._stages.line(self._said)}: {record.getMessage()}")
       self._beat()
     elif logging.root.isEnabledFor(record.levelno):
       logging.root.handle(record)

@@ -32,7 +32,7 @@ _GRIPS = (1.0, 1.4)
 _LINKAGES = (0.0, 1.0)
 _WINDOW = 0.4  # s over which the equation is integrated
 _PERIOD = 0.02  # s
-_LIGHTEST = 0.01  # of the usual inertia over torque: no car's, and the law damps nothing
+_LIGHTEST = 0.01  # of the usual inertia over torque, a stated prior: no car has less, and the law damps nothing
 _SHOWN = 3.0  # deviations from nothing, from which a lag of the drive is told
 
 

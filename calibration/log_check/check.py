@@ -119,7 +119,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
   told = {name for f in findings if f.severity == "spoils" for name in f.channels}
   findings += [
     *(Finding("beware", _judged(warning), warning) for warning in dataset.notices),
-    *_straight_only(recordings),
+    *_half_judged(recordings),
     *_short(recordings),
     *(pose_point_findings(recordings, vehicle) if not told & {"pose_x", "pose_y", "pose_yaw"} else []),
     *clock_findings(compared, wheels, vehicle.wheelbase, recordings),
@@ -156,7 +156,7 @@ def _judged(warning: str) -> tuple[str, ...]:
   return ("speed",) if UNJUDGED in warning else ()
 
 
-def _straight_only(recordings: Sequence[Recording]) -> list[Finding]:
+def _half_judged(recordings: Sequence[Recording]) -> list[Finding]:
   """A log in which nothing tells how the car turned, or nothing how it was steered."""
   if turns_unsteered(recordings):
     said = f"the car turned, and no steering_command is logged: turning, steering and tyres {UNJUDGED}; fits see the"

@@ -313,7 +313,7 @@ def _turned(speed: Stream, heading: Stream | None, scale: float) -> Means:
 
 
 def _held(command: Stream, other: Stream | None = None) -> Means:
-  """A command, which keeps its value, while another channel has values."""
+  """A command, which keeps its value, while another channel has values, or as long as it is believed."""
   begin, end = command.time[0], command.time[-1] + _KEPT
   first, last = (begin, end) if other is None else (other.time[0], other.time[-1])
   time = np.arange(max(first, begin), min(last, end), 0.01)

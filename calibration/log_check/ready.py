@@ -22,7 +22,7 @@ def ready(dataset: DataSet, most: float = LONGEST, evenly: bool = False) -> tupl
     RecordingError: two sensors contradict each other.
   """
   checked = heed(dataset)
-  if turns_unsteered(dataset.recordings):
+  if turns_unsteered([r for r in dataset.recordings if r.role != "holdout"]):
     dataset = dataclasses.replace(dataset, recordings=tuple(along_only(dataset.recordings)))
   dataset, joined = with_coverage(dataset)
   return dataset, (*checked, *joined, *left_out(dataset, most, evenly))

@@ -26,9 +26,9 @@ def as_one_drive(tables: Sequence[Table]) -> Table | None:
   of them: in none alone, or in files that share no column but clocks.
   """
   groups: list[Clocked] = []
-  apart = _of_different_columns(tables)
-  for table in tables if len(tables) > 1 else ():
-    columns = Columns((table,))
+  each = [Columns((table,)) for table in tables] if len(tables) > 1 else []
+  apart = _of_different_names(each)
+  for table, columns in zip(tables, each, strict=False):
     guesses = guess_columns(columns)
     whole_drive = _has(guesses, _COMMANDS) and _has(guesses, _MOTION)
     if "time" not in guesses or (whole_drive and not apart):
@@ -57,14 +57,14 @@ def as_csv(table: Table) -> str:
   return text.getvalue()
 
 
-def _of_different_columns(tables: Sequence[Table]) -> bool:
+def _of_different_names(each: Sequence[Columns]) -> bool:
   """Whether no two files have a column of one name, but for clocks: drives of their own are logged alike."""
-  columns = [Columns((table,)) for table in tables]
-  own = [
-    {name for name in each.names if not each.rises(name) and not any(r.channel == "time" for r in readings(name))}
-    for each in columns
-  ]
+  own = [{name for name in columns.names if not columns.rises(name) and not _tells_time(name)} for columns in each]
   return sum(map(len, own)) == len(set().union(*own))
+
+
+def _tells_time(name: str) -> bool:
+  return any(reading.channel == "time" for reading in readings(name))
 
 
 def _has(guesses: dict[str, Guess], channels: Sequence[str]) -> bool:
@@ -75,6 +75,6 @@ def _clocked(table: Table, columns: Columns, clock: Guess) -> Clocked:
   """A file's columns on its clock in s; its name before each, since a topic's columns are often called `data`."""
   known = columns.tables[0]
   time = clock.scale * known.number(clock.column, "time")
-  names = [n for n in columns.names if n != clock.column and not any(r.channel == "time" for r in readings(n))]
+  names = [n for n in columns.names if n != clock.column and not _tells_time(n)]
   stem = Path(table.label).stem
   return Clocked(time, {f"{stem}.{name}": known.number(name, name) for name in names})

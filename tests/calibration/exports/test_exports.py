@@ -18,7 +18,7 @@ from calibration.exports.numbers import EXPRESSED, driven, single_track_numbers,
 from calibration.exports.target import Job, target_named, targets
 from calibration.exports.yaml_numbers import read_numbers
 from calibration.fitting.windows import Cut, cut_recordings
-from qcar_twin.plant import Segments, signal_index
+from qcar_twin.plant import signal_index
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.twin import Twin
@@ -145,54 +145,6 @@ def test_a_standing_car_stands_and_a_weak_push_moves_nothing(exported):
   for _ in range(100):
     x, _ = module.step(x, np.array([hold, 0.2]), car)
   assert np.abs(x[:3]).max() < 1e-6
-
-
-@pytest.mark.parametrize("layout", ["all-wheel", "rear", "front"])
-@pytest.mark.parametrize("grip", [0.8, 0.3])
-def test_wheels_that_spin_do_so_in_the_single_track(layout, grip):
-  """A launch at 6 V for a second, then none: the rim runs ahead of the car, and the car goes as its tyres give."""
-  twin = Twin(dataclasses.replace(job_with({}).twin.vehicle, layout=layout), threads=1)
-  theta = twin.parameters.vector(twin.parameters.named(twin.parameters.nominal) | {"friction_coefficient": grip})
-  volts = np.where(np.arange(300) < 100, 6.0, 0.0)
-  commands, start = np.stack([volts, np.zeros(300)], axis=-1)[None], np.zeros((1, 7))
-  segments = Segments(commands, start, np.array([300]), 0.01, ("launch",), np.zeros(1))
-  car = single_track_numbers(twin, theta, ())
-  shown = twin.carried_by(lambda size: ModelCars(single_track, car, size)).rollout(theta, segments).signals[0, 0]
-  wanted = twin.rollout(theta, segments).signals[0, 0]
-  for name, within in (("motor_speed", 0.02), ("velocity_x", 0.04)):
-    one, two = (s[:, signal_index(name)] for s in (shown, wanted))
-    assert np.sqrt(np.mean((one - two) ** 2)) < within * np.sqrt(np.mean(two**2)), name
-  rim = wanted[:, signal_index("motor_speed")] * car["travel_per_radian"]
-  assert layout == "all-wheel" or rim[60] > 1.5 * wanted[60, signal_index("velocity_x")]
-
-
-@pytest.mark.parametrize("stiffness", [150.0, 300.0, 600.0, 1200.0])
-def test_two_axles_on_one_shaft_turn_at_full_lock_as_the_twins_do(stiffness):
-  """There they slip by a tenth of the speed. `stiffness`: along, of four wheels, N; beyond these one wheel of an axle
-  slips for both, which a single track has not."""
-  twin = job_with({}).twin
-  values = twin.parameters.named(twin.parameters.nominal) | {"longitudinal_stiffness": stiffness}
-  theta = twin.parameters.vector(values)
-  commands = np.tile([1.2, 0.5], (1, 300, 1))
-  segments = Segments(commands, np.zeros((1, 7)), np.array([300]), 0.01, ("lock",), np.zeros(1))
-  car = single_track_numbers(twin, theta, ())
-  shown = twin.carried_by(lambda size: ModelCars(single_track, car, size)).rollout(theta, segments).signals[0, 0]
-  wanted = twin.rollout(theta, segments).signals[0, 0]
-  rate = signal_index("yaw_rate")
-  assert shown[-1, rate] == pytest.approx(wanted[-1, rate], rel=0.03)
-
-
-def test_a_rear_axle_that_spins_lets_go_across():
-  """Driven tyres give across what the drive leaves them: at the same voltage the rear drive turns the car in."""
-  turned = {}
-  for layout in ("rear", "front"):
-    twin = Twin(dataclasses.replace(job_with({}).twin.vehicle, layout=layout), threads=1)
-    car = single_track_numbers(twin, twin.parameters.nominal, ())
-    x = single_track.at_start(car, np.array([0, 0, 0, 1.0, 0, 0, 0.1]), np.zeros(2))
-    for _ in range(40):
-      x, _ = single_track.step(x, np.array([8.0, 0.1]), car)
-    turned[layout] = x[5]
-  assert turned["rear"] > 1.5 * turned["front"]
 
 
 def test_plain_mujoco_opens_the_mjcf_and_drives_to_the_left(tmp_path):
