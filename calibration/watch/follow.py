@@ -13,8 +13,9 @@ from qcar_twin.extras import extra
 from qcar_twin.recordings.completed import completed
 from qcar_twin.recordings.formats import read_table
 from qcar_twin.recordings.manifest import Manifest
-from qcar_twin.recordings.mapping import origin_of, resolve, stamps, streams_of
+from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError, Stream
+from qcar_twin.recordings.row_clock import origin_of, stamps
 from qcar_twin.recordings.topic_maps import topic_map
 
 _MAGIC = b"\x89MCAP0\r\n"

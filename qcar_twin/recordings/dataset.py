@@ -23,10 +23,11 @@ from qcar_twin.recordings.checks.units import UnitError, check_limits, check_uni
 from qcar_twin.recordings.completed import completed
 from qcar_twin.recordings.formats import Table, read_inside
 from qcar_twin.recordings.manifest import FILE_NAME, Entry, Manifest, Mapped, read_manifest
-from qcar_twin.recordings.mapping import DATED, origin_of, resolve, stamps, streams_of
+from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.notices import gathered
 from qcar_twin.recordings.origin import near
 from qcar_twin.recordings.recording import ROLES, Recording, RecordingError, nearest
+from qcar_twin.recordings.row_clock import DATED, origin_of, stamps
 from qcar_twin.recordings.topic_maps import topic_map
 from qcar_twin.recordings.unit_names import unit_of
 

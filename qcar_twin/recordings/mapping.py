@@ -3,48 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.checks.dropouts import without_dropouts
-from qcar_twin.recordings.checks.time import (
-  check_angle,
-  check_order,
-  check_span,
-  check_time_unit,
-  gap_limit,
-  restarts,
-  turn_of,
-)
+from qcar_twin.recordings.checks.time import check_angle, turn_of
 from qcar_twin.recordings.formats.table import NO_ROWS, Table
 from qcar_twin.recordings.formats.unsigned import signs_said
 from qcar_twin.recordings.manifest import Mapped
 from qcar_twin.recordings.recording import RecordingError, Stream, UnknownChannelError, nearest
+from qcar_twin.recordings.row_clock import changed, changes_inside, clock_of, in_time_order
 
-_FINE = 0.05  # share of the rows that have a stamp of their own, below which a clock tells nothing, as in `new`
-_COARSE = 0.05  # a stated prior: share of rows that repeat a stamp, below which they are rows written twice
 _FEW_NANS = 0.05  # formats without blanks: rarer NaNs in a command are faults, commoner ones are an asynchronous stream
-DATED = 1e6  # s, beyond which a clock is rebased: doubles are then 1e-10 s apart, a tenth of the streams' tolerance
-_FINEST = 9  # decimals of a second, of a clock in nanoseconds
 _MIN_RUNS = 5  # runs of equal values that make a publisher's rate sure
-
-
-@dataclass(frozen=True)
-class Clock:
-  """Sample times of a file's rows. `first` marks the rows where a slower publisher's stamp is new; `row_time` is each
-  row's own time.
-  """
-
-  stamp: np.ndarray
-  row_time: np.ndarray
-  first: np.ndarray
-
-  @property
-  def repeats(self) -> bool:
-    """Whether some rows share a stamp."""
-    return not bool(self.first.all())
 
 
 def resolve(table: Table, mapping: Mapping[str, Mapped]) -> dict[str, Mapped]:
@@ -103,7 +75,7 @@ def _refuse_near_miss(table: Table, column: str) -> None:
 def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, Stream], list[str]]:
   """Streams by channel from one file, and notes about what was assumed. `mapping` comes from `resolve`."""
   table, notes = in_time_order(table, mapping["time"])
-  clock = _clock(table, mapping)
+  clock, again = clock_of(table, mapping)
   values = {channel: _values(table, channel, mapped) for channel, mapped in mapping.items() if channel != "time"}
   values, gone = without_dropouts(values, {channel: mapped.offset for channel, mapped in mapping.items()}, table.label)
   publisher_rows = _publisher_rows({channel: value for channel, value in values.items() if mapping[channel].hold})
@@ -113,12 +85,12 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
     if there.size == 0:
       _blank(table, channel, channel in (_drive(mapping), "motor_speed", "speed"), notes)
       continue
-    if clock.repeats and _changes_inside(value, clock.first):
+    if clock.held and changes_inside(value, clock.first):
       time = clock.row_time
       spread.append(channel)
     else:
       time, there = clock.stamp, np.intersect1d(there, np.flatnonzero(clock.first))
-    if mapping[channel].hold and not clock.repeats:
+    if mapping[channel].hold and not clock.held:
       there = there[published_samples(value[there], publisher_rows[channel])]
     sampled = value[there]
     period = turn_of(sampled) if CHANNELS[channel].angle or mapping[channel].wrap else 0.0
@@ -134,7 +106,9 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
         f"wrap = true on {channel} in [channels] if that is right, wrap = false to keep the jumps"
       )
     streams[channel] = Stream(time[there] - mapping[channel].late, sampled)
-  notes += [*table.notes, *gone] + signs_said(table, {channel: mapped.column for channel, mapped in mapping.items()})
+  notes += [*table.notes, *again, *gone] + signs_said(
+    table, {channel: mapped.column for channel, mapped in mapping.items()}
+  )
   if spread:
     notes.append(
       f"{table.label}: time repeats because a slower publisher holds it; {', '.join(spread)} change in between "
@@ -188,132 +162,6 @@ def _refuse_bad_values(table: Table, channel: str, column: str, raw: np.ndarray)
     )
 
 
-def stamps(table: Table, mapped: Mapped) -> np.ndarray:
-  """Each row's time on the log's own clock, s."""
-  if mapped.rate is not None:
-    return np.arange(table.rows) / mapped.rate
-  stamp = mapped.scale * table.number(mapped.column, "time") + mapped.offset
-  return np.cumsum(stamp) - stamp[0] if mapped.steps else stamp
-
-
-def origin_of(stamp: np.ndarray) -> float:
-  """What is taken off a log's clock, s: its first stamp where that is a date's, so that a double resolves less of a
-  second than the tolerance of its streams; else 0."""
-  there = stamp[np.isfinite(stamp)]
-  return float(there.min()) if there.size and abs(float(there.min())) > DATED else 0.0
-
-
-def since_origin(stamp: np.ndarray) -> np.ndarray:
-  """Stamps counted from `origin_of` them, s, with the fewest decimals that are the same stamps to what doubles resolve.
-
-  Today's stamps are 2.4e-7 s apart, so that rows every 0.01 s are up to 2.4e-7 s early or late, and a command would be
-  taken to come one period after the measurement of its row. With two decimals they are 0.01 s apart again. Stamps of
-  finer clocks stay as they are.
-  """
-  origin = origin_of(stamp)
-  if not origin:
-    return stamp
-  since = stamp - origin
-  for decimals in range(_FINEST) if np.isfinite(stamp).all() else ():
-    rounded = np.round(since, decimals)
-    if np.abs(rounded - since).max() <= np.spacing(np.abs(stamp).max()):
-      return rounded
-  return since
-
-
-def in_time_order(table: Table, mapped: Mapped) -> tuple[Table, list[str]]:
-  """The rows by time, where `sort` says that some were written out of order, and a note how many."""
-  if not mapped.sort:
-    return table, []
-  stamp = stamps(table, mapped)
-  late = np.flatnonzero(np.diff(stamp) < 0.0) + 1
-  if not late.size or not np.isfinite(stamp).all() or restarts(stamp):
-    return table, []
-  order = np.argsort(stamp, kind="stable")
-  note = f"{table.label}: {late.size} of {table.rows} rows are out of order, first row {late[0] + 1}; sorted by time"
-  return table.rows_in(order), [note]
-
-
-def _clock(table: Table, mapping: Mapping[str, Mapped]) -> Clock:
-  """Row times, after the checks. Repeated stamps pass where each channel has one value at most of a stamp, as where
-  every message has a row of its own, or where the data set says that a publisher holds values."""
-  stamp = stamps(table, mapping["time"])
-  stamp = since_origin(stamp)
-  columns = {channel: table.columns[mapped.column] for channel, mapped in mapping.items() if mapped.column in table}
-  check_order(table.label, stamp, list(columns.values()))
-  first = np.r_[True, np.diff(stamp) > 0.0]
-  values = [column for channel, column in columns.items() if channel != "time"]
-  if not first.all() and _complete_each_other(values, first):
-    first = np.ones_like(first)
-  if not first.all():
-    _refuse_repeats(table, stamp, first, [other.column for other in mapping.values() if other.hold])
-  check_time_unit(table.label, np.unique(stamp))
-  check_span(table.label, stamp)
-  return Clock(stamp, _row_times(stamp, first), first)
-
-
-def _complete_each_other(columns: list[np.ndarray], first: np.ndarray) -> bool:
-  """Whether rows of one stamp, each block of which begins where `first` is, have one value at most in every column."""
-  start = np.flatnonzero(first)
-  return all(
-    column.dtype != object and np.add.reduceat(~np.isnan(column), start, dtype=int).max() < 2 for column in columns
-  )
-
-
-def _refuse_repeats(table: Table, stamp: np.ndarray, first: np.ndarray, repeated: list[str]) -> None:
-  row = int(np.argmin(first))
-  text = f"{table.label}: time repeats in row {row + 1} ({stamp[row]:g} s again)"
-  if np.sum(first) < _FINE * stamp.size:
-    raise RecordingError(
-      f"{text}, and has {np.sum(first)} values in {stamp.size} rows, too few to tell when they were: write it with more"
-      " digits, or set time = { rate = … } in [channels], in Hz, where rows are evenly spaced"
-    )
-  read = [channel for channel in table.columns.values() if channel.dtype != object]
-  changing = sum(bool((_changed(values) & ~first).any()) for values in read)
-  if not repeated and changing > 1 and np.mean(~first) > _COARSE:  # rows of their own, and stamps of too few digits
-    rate = stamp.size / max(float(stamp[-1] - stamp[0]), 1e-9)
-    raise RecordingError(
-      f"{text} in rows that differ, as where stamps have too few digits: write them with more, or set time = "
-      f"{{ rate = {rate:.4g} }} in [channels] where rows are evenly spaced, as {rate:.4g} a second here"
-    )
-  if not repeated:
-    raise RecordingError(
-      f"{text}; remove the repeated rows, or set hold = true on the channels that a slower publisher repeats"
-    )
-  for column in repeated:
-    inside = np.flatnonzero(_changed(table.columns[column]) & ~first)
-    if inside.size:
-      raise RecordingError(
-        f"{table.label}: time repeats in row {inside[0] + 1} ({stamp[inside[0]]:g} s again) although column "
-        f"'{column}', which has hold = true, changes there; remove the repeated rows"
-      )
-
-
-def _changed(value: np.ndarray) -> np.ndarray:
-  """Whether each row differs from the one before (a blank equals a blank); the first row counts as changed."""
-  same = (value[1:] == value[:-1]) | (np.isnan(value[1:]) & np.isnan(value[:-1]))
-  return np.r_[True, ~same]
-
-
-def _changes_inside(value: np.ndarray, first: np.ndarray) -> bool:
-  return bool((_changed(value) & ~first).any())
-
-
-def _row_times(stamp: np.ndarray, first: np.ndarray) -> np.ndarray:
-  """Spread the rows that share a stamp evenly until the next stamp, each at the middle of its share: row i of n at
-  stamp + (i + 1/2) / n of the interval. Before a gap, and in the last block, the usual row interval is taken."""
-  if first.all():
-    return stamp
-  start = np.flatnonzero(first)
-  count = np.diff(np.r_[start, stamp.size])
-  interval = np.diff(np.r_[stamp[start], np.inf])
-  usual = np.median((interval / count)[:-1]) if start.size > 1 else 0.0
-  limit = gap_limit(np.median(interval[:-1])) if start.size > 1 else 0.0
-  share = np.where(interval > limit, usual, interval / count)
-  index = np.arange(stamp.size) - np.repeat(start, count)
-  return stamp + (index + 0.5) * np.repeat(share, count)
-
-
 def published_samples(value: np.ndarray, usual: int) -> np.ndarray:
   """Indices of the samples behind values that a slower publisher repeats, (k,).
 
@@ -321,7 +169,7 @@ def published_samples(value: np.ndarray, usual: int) -> np.ndarray:
   published several times, and gives one sample per `usual` rows. `usual` 0 (unknown) keeps the changes and the last
   row.
   """
-  start = np.flatnonzero(_changed(value))
+  start = np.flatnonzero(changed(value))
   length = np.diff(np.r_[start, value.size])
   if usual == 0:
     return np.unique(np.r_[start, value.size - 1])
@@ -337,7 +185,7 @@ def _publisher_rows(values: Mapping[str, np.ndarray]) -> dict[str, int]:
   """
   lengths = {}
   for channel, value in values.items():
-    start = np.flatnonzero(_changed(value[~np.isnan(value)]))
+    start = np.flatnonzero(changed(value[~np.isnan(value)]))
     lengths[channel] = np.diff(start)[1:]  # neither the first run nor the last is whole
   usual = {
     channel: int(np.percentile(length, 25, method="lower")) for channel, length in lengths.items() if length.size

@@ -17,7 +17,7 @@ class NoSamples(RecordingError):
 
 NO_ROWS = np.empty(0, dtype=int)
 _SHOWN_COLUMNS = 40
-_FEW = 0.05  # of a topic's samples that may repeat a stamp: a message that was sent or written twice
+FEW = 0.05  # a stated prior: of samples that may repeat a stamp, as a message that was sent or a row written twice
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +182,7 @@ def _each_stamp_once(group: Clocked) -> tuple[Clocked, np.ndarray]:
   """The group without samples that repeat a stamp, and their rows; whole where they are many: such a clock lacks
   digits."""
   again = np.flatnonzero(np.diff(group.time) == 0.0) + 1
-  if again.size > _FEW * group.time.size:
+  if again.size > FEW * group.time.size:
     return group, NO_ROWS
   without = lambda values: np.delete(values, again)
   return Clocked(without(group.time), {name: without(values) for name, values in group.columns.items()}), again

@@ -151,10 +151,12 @@ def test_messages_of_one_stamp_in_rows_of_their_own_complete_each_other(tmp_path
   assert not data.warnings
 
 
-def test_two_values_of_one_channel_at_one_stamp_are_still_an_error(tmp_path):
-  stamps, log, _ = messages(coinciding=[7])
+def test_of_two_values_of_one_channel_at_one_stamp_the_first_counts(tmp_path):
+  stamps, log, columns = messages(coinciding=[7])
   stamps[16] = stamps[14]  # a second command
-  refused(folder_with(tmp_path, stamps, log), "run.csv: time repeats in row 16", "remove the repeated rows")
+  data = DataSet.load(folder_with(tmp_path, stamps, log))
+  assert data.recordings[0]["motor_voltage"].value[:8] == pytest.approx(columns["motor_voltage"][:8])
+  assert "repeat the time of the row before, first row 16" in data.warnings[0]
 
 
 def test_stale_rows_before_the_first_stamp_are_cut_off(tmp_path):

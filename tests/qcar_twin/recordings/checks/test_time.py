@@ -12,12 +12,25 @@ from tests.qcar_twin.recordings.loading import refused_run, warned
 # ---------------------------------------------------------------- time
 
 
-def test_time_that_repeats(tmp_path):
+def test_a_row_that_was_written_twice_counts_once_and_is_said(tmp_path):
   time, columns = drive()
-  time[40] = time[39]
-  refused_run(
-    tmp_path, time, columns, "time repeats in row 41 (0.39 s again)", "remove the repeated rows, or set hold = true"
+  twice = np.r_[np.arange(40), 39, np.arange(40, time.size)]
+  log = {name: values[twice].copy() for name, values in columns.items()}
+  log["motor_speed"][40] += 1.0
+  data = DataSet.load(folder_with(tmp_path, time[twice], log))
+  (run,) = data.recordings
+  assert run["motor_speed"].time == pytest.approx(time)
+  assert (run["motor_speed"].value == columns["motor_speed"]).all()
+  assert data.warnings[0].endswith(
+    "1 of 1201 rows repeat the time of the row before, first row 41 (0.39 s again); left out"
   )
+
+
+def test_time_that_repeats_often(tmp_path):
+  time, columns = drive()
+  time[40:160:2] = time[39:159:2]  # a twentieth of the rows
+  time[200] = time[199]
+  refused_run(tmp_path, time, columns, "time repeats in row 41 (0.39 s again)", "set time = { rate = ")
 
 
 def test_time_that_goes_backwards(tmp_path):
