@@ -33,7 +33,7 @@ class Parameter:
     start: where a search begins, in `unit`, while the nominal value is the null: a limit that does not act yet has no
       slope there.
     assumed: nobody measured it on this car, so that `std`, too, is typical of the class.
-    typical: size worth talking about, in `unit`; materiality is judged against it.
+    typical: a usual size, in `unit`: what a search and a scan try first. It decides no claim.
     description: one line for reports.
     step: move worth one step of a fit, in `unit`, where prior and typical size say nothing of it: about the width of
       the cost's minimum. Differences are taken over a few percent of it and long steps are held back in units of it.
@@ -55,6 +55,8 @@ class Parameter:
   assumed: bool = False
 
   def __post_init__(self) -> None:
+    if not self.lower < self.upper:
+      raise ValueError(f"parameter '{self.name}': its bounds [{self.lower:g}, {self.upper:g}] leave nothing to fit")
     if not self.lower <= self.nominal <= self.upper:
       raise ValueError(
         f"parameter '{self.name}': nominal {self.nominal:g} {self.unit} lies outside its bounds"

@@ -15,7 +15,6 @@ from agents.control.external_plant import ExternalPlant
 from agents.control.kpis import Kpis, kpis
 from agents.control.model import Model
 from agents.control.output import write_drive
-from agents.control.speed import SpeedGains
 from calibration.concealed.proving_ground.plant import ProvingGroundPlant
 from calibration.identification.identification import Identification
 from qcar_twin.command_line import run_script
@@ -24,6 +23,7 @@ from qcar_twin.estimation.settings import LEARNT
 from qcar_twin.paths import path_named
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
+from qcar_twin.twin.file import load_twin
 
 POSITIVE = ("speed", "laps", "runs")
 
@@ -77,7 +77,7 @@ def run(config: Config) -> tuple[Drive, Kpis]:
   """Drive, and return the drive with its indicators."""
   if config.twin and config.plant == "proving_ground":
     raise ValueError("--twin has no meaning with --plant proving_ground, a car of its own: leave one of them out")
-  model = Model.nominal()
+  model = Model.of_twin(*load_twin(config.twin, threads=1)) if config.twin else Model.nominal()
   if config.identified:
     model = dataclasses.replace(model, theta=Identification.load(config.identified).theta)
   plant, theta = plant_of(config, model)
@@ -91,7 +91,7 @@ def run(config: Config) -> tuple[Drive, Kpis]:
   if config.estimator == "fekf":
     suite = SensorSuite(qcar_sensors(), count, config.seed)
     observer = SensedObserver(suite, model.car, model.filter_settings(config.plant).estimating(*config.unknown))
-  result = drive(plant, np.tile(theta, (count, 1)), controller, SpeedGains.design(model.car), observer, task)
+  result = drive(plant, np.tile(theta, (count, 1)), controller, model.speed_gains, observer, task)
   return result, kpis(result)
 
 

@@ -5,11 +5,13 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.control.speed import SpeedGains
 from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.plant import Plant
 from qcar_twin.twin.file import load_twin
+from qcar_twin.twin.parameters import drive_response
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 
@@ -37,10 +39,27 @@ class Model:
     vehicle = Vehicle.load()
     return cls(vehicle, Bicycle(vehicle).parameters.nominal)
 
+  @classmethod
+  def of_twin(cls, twin: Twin, theta: Array) -> "Model":
+    """The car of a twin with parameters (P,): its vehicle, and the single track that its fitted numbers give."""
+    base = twin.base.replace(
+      **{p.name: dataclasses.replace(p, nominal=float(v)) for p, v in zip(twin.base, theta, strict=False)}
+    )
+    tyres = [base[f"cornering_stiffness_{axle}"].nominal for axle in ("front", "rear")]
+    return cls(twin.vehicle, np.array([*drive_response(twin.vehicle, base), *tyres]))
+
   @property
   def car(self) -> SingleTrackCar:
     """Numbers of the equations."""
     return Bicycle(self.vehicle).car(self.theta)
+
+  @property
+  def speed_gains(self) -> SpeedGains:
+    """Of the speed control, in the drive's own commands: at most three nominal cells of a voltage, all of a duty, as
+    much as it takes of a current or a speed."""
+    if self.vehicle.drive == "voltage":
+      return SpeedGains.design(self.car)
+    return SpeedGains.design(self.car, limit=1.0 if self.vehicle.drive == "duty" else np.inf)
 
   def plant(self, name: str, twin_file: str = "") -> tuple[Plant, Array]:
     """A plant by name and its parameter vector: "bicycle" (this model), "twin" (nominal, or a twin file), or "reduced",

@@ -18,7 +18,6 @@ import numpy as np
 from agents.control.closed_loop import Actuation, Task, drive
 from agents.control.kpis import Kpis, kpis
 from agents.control.model import Model
-from agents.control.speed import SpeedGains
 from agents.learning.checkpoint import POINTER
 from agents.learning.critic import SeeingCriticPolicy, TruthBesides
 from agents.learning.environments import (
@@ -27,6 +26,7 @@ from agents.learning.environments import (
   drawn_of,
   fleet,
   interface_of,
+  model_of,
   plant_of,
   settings_of,
   task_of,
@@ -82,7 +82,7 @@ def judge(
     plant, rng = make(), np.random.default_rng([EVALUATION_SEED, 1])
     drawn = drawn_of(options, plant)
     parameters = np.stack([drawn.draw(plant, theta, rng) if drawn else theta for _ in range(JUDGES)])
-    gathered.append(kpis(drive(plant, parameters, policy, SpeedGains.design(model.car), observer, wanted)))
+    gathered.append(kpis(drive(plant, parameters, policy, model.speed_gains, observer, wanted)))
   names = [f.name for f in dataclasses.fields(Kpis)]
   return Kpis(**{name: np.concatenate([np.atleast_1d(getattr(k, name)) for k in gathered]) for name in names})
 
@@ -246,7 +246,7 @@ def train_by_reward(
     FileNotFoundError: there is none to resume.
     ValueError: the training to resume is another one.
   """
-  model = model or Model.nominal()
+  model = model or model_of(trial.options)
   if resume and (folder / "result.json").is_file() and _is_that_of(trial, folder):
     return read_json(folder / "result.json")
   again = resume and _is_that_of(trial, folder)

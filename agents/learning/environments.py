@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control import controllers
-from agents.control.interface import Controller, Situation
 from agents.control.model import Model
-from agents.control.speed import SpeedController, SpeedGains
+from agents.control.speed import SpeedController
+from agents.learning.demonstrator import expert
 from agents.learning.observation import SIGHTS
 from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.envs.fleet import Demonstrator, Drawn, Fleet, FleetConfig, Spread
@@ -29,8 +29,6 @@ from qcar_twin.envs.task import NEVER_NEGATIVE, POSITIVE, Reward, TrackingTask, 
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.extras import extra
 from qcar_twin.parameters import Parameter, ParameterSet
-from qcar_twin.paths import Errors
-from qcar_twin.paths import Path as Course
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import qcar_sensors
 from qcar_twin.tracks import path_from
@@ -158,6 +156,15 @@ def task_of(options: Options, lock: float = 0.5236) -> TrackingTask:
   )
 
 
+def model_of(options: Options) -> Model:
+  """The identified model of filter, speed control and demonstrator: of the twin that the options name, else the QCar's
+  nominal one."""
+  if options.twin or options.diagnosis:
+    load, place = (believed_twin, options.diagnosis) if options.diagnosis else (load_twin, options.twin)
+    return Model.of_twin(*load(place, options.substeps, 1))
+  return Model.nominal()
+
+
 def plant_of(options: Options, model: Model) -> OwnPlant:
   """The plant that the options name."""
   if options.plant == "bicycle":
@@ -184,35 +191,11 @@ def settings_of(options: Options, model: Model) -> FilterSettings:
   return settings.estimating(*options.unknown)
 
 
-@dataclasses.dataclass(frozen=True)
-class Expert:
-  """A controller as a demonstrator on a path."""
-
-  controller: Controller
-  path: Course
-
-  def __call__(self, errors: Errors, speed: Array) -> Array:
-    """Its steering angle, rad, (N,)."""
-    zero = np.zeros_like(speed)
-    return self.controller.steer(Situation(self.path, zero, errors, speed, zero, 0.01))
-
-
 def demonstrator_of(options: Options, model: Model) -> Demonstrator | None:
-  """The controller whose steering angle the reward compares with.
-
-  Raises:
-    KeyError: no such controller or version.
-  """
+  """The controller whose steering angle the reward compares with; None where the options name none."""
   if not options.demonstrator:
     return None
-  table = controllers.entries()
-  if options.version not in table.get(options.demonstrator, {}):
-    known = ", ".join(f"{name} {version}" for name, versions in table.items() for version in versions)
-    raise KeyError(f"no controller '{options.demonstrator} {options.version}' to learn from; there are {known}")
-  numbers = table[options.demonstrator][options.version]
-  lock = model.vehicle.max_steering
-  controller = controllers.make(options.demonstrator, numbers, model.car, options.speed, lock)
-  return Expert(controller, path_from(options.path))
+  return expert(options.demonstrator, options.version, path_from(options.path), options.speed, model)
 
 
 def prior_spread(plant: Plant) -> Spread:
@@ -243,17 +226,17 @@ def fleet(
   """N cars, one per seed.
 
   Args:
-    model: the identified model of filter, speed control and demonstrator; the nominal one without it.
+    model: the identified model of filter, speed control and demonstrator; without it, that of the options' twin.
     own_plant: instead of the one the options name; it must have a servo of its own.
     spread: of the plant's parameters over episodes, for instance a calibration's covariance.
 
   Raises:
     ValueError: the options ask for a speed that the identified car does not reach.
   """
-  model = model or Model.nominal()
+  model = model or model_of(options)
   make, theta = own_plant or plant_of(options, model)
   spread = spread or drawn_of(options, make())
-  sensed, gains = options.estimator == "fekf", SpeedGains.design(model.car)
+  sensed, gains = options.estimator == "fekf", model.speed_gains
   gains.require(options.speed + options.speed_spread)
   config = FleetConfig(
     plant=make,

@@ -18,10 +18,18 @@ from tqdm import tqdm
 from agents.control.closed_loop import Actuation, Task, drive
 from agents.control.kpis import Kpis, kpis
 from agents.control.model import Model
-from agents.control.speed import SpeedGains
 from agents.learning.checkpoint import POINTER, load_checkpoint, save_checkpoint
 from agents.learning.ddpg import Agent, Settings, actor_layers, demonstrate, make_agent
-from agents.learning.environments import Options, OwnPlant, fleet, options_from, plant_of, settings_of, task_of
+from agents.learning.environments import (
+  Options,
+  OwnPlant,
+  fleet,
+  model_of,
+  options_from,
+  plant_of,
+  settings_of,
+  task_of,
+)
 from agents.learning.imitation import imitate, teacher
 from agents.learning.observation import ObservationSpec
 from agents.learning.policy_file import Policy, export_onnx, load_policy, save_policy, sight_from
@@ -121,7 +129,7 @@ def judge(policy: Policy, plan: Plan, model: Model, own_plant: OwnPlant | None =
   gain, offset = bent.T + np.array([[task.steering_gain], [task.steering_offset]])
   servo = Actuation(task.servo_delay, task.servo_lag, gain, offset)
   wanted = Task(task.path, task.speed, task.laps, task.lock, actuation=servo)
-  gains = SpeedGains.design(model.car)
+  gains = model.speed_gains
   return kpis(drive(make(), np.tile(theta, (plan.judges, 1)), policy, gains, observer, wanted))
 
 
@@ -256,7 +264,7 @@ def train(
   elif asked.is_file():
     raise FileExistsError(f"{folder} holds a training already; go on with --resume or choose another folder")
   folder.mkdir(parents=True, exist_ok=True)
-  model = model or Model.nominal()
+  model = model or model_of(plan.options)
   torch.set_num_threads(1)
   sight = plan.sight if plan.sight != ObservationSpec() else None
   env = FleetVecEnv(fleet(plan.options, _seeds(plan, 0), model, own_plant), sight)

@@ -23,11 +23,24 @@ from qcar_twin.vehicle.vehicle import Vehicle
 Array = NDArray[np.float64]
 WHEELS_AT_COMMAND = "wheels_at_command"
 _LOSSES = ("motor_damping", "driveline_friction", "drive_damping", "drive_friction")
+_BY_FACTORS = (
+  "motor_damping", "driveline_friction", "rotor_inertia", "relaxation_length", "longitudinal_relaxation",
+  "servo_time_constant",
+)  # fmt: skip
 _LOOP_REACH = 6.0  # times slower or faster than usual; a loop yet faster chatters at steps of 5 ms when the wheels slip
 
 
 def base_parameters(vehicle: Vehicle) -> ParameterSet:
-  """The base twin's parameters for a car, nominal values and priors from its numbers."""
+  """The base twin's parameters for a car, nominal values and priors from its numbers.
+
+  Raises:
+    ValueError: a number is 0 that is fitted by factors.
+  """
+  for name in _BY_FACTORS:
+    if getattr(vehicle, name) == 0.0:
+      raise ValueError(
+        f"vehicle '{vehicle.name}': {name} is 0, which no calibration can scale; leave it out where nobody measured it"
+      )
   v, std, motor = vehicle, vehicle.std, vehicle.motor
   length = v.cg_to_front + v.cg_to_rear
   reach = _LOOP_REACH if v.drive == "speed" else 40.0

@@ -21,7 +21,7 @@ from qcar_twin.twin import parameters as twin_parameters
 from qcar_twin.twin.engines import ENGINES, Engine, EngineKind, Rows
 from qcar_twin.twin.engines.mujoco_cars import MujocoCars
 from qcar_twin.twin.engines.reduced.cars import Numbers, ReducedCars, constants, irreducible
-from qcar_twin.twin.mechanisms.base import CarDimensions, Mechanism, Track, describe, suited
+from qcar_twin.twin.mechanisms.base import CarDimensions, Mechanism, Track, describe, in_chain, suited
 from qcar_twin.twin.parameters import WHEELS_AT_COMMAND
 from qcar_twin.twin.reading import at_one_time
 from qcar_twin.twin.sessions import ONE_SESSION, SessionShifts
@@ -43,7 +43,7 @@ class Twin:
 
   Args:
     vehicle: the car's numbers.
-    mechanisms: physics added to the base car; command-stage ones act in the order given.
+    mechanisms: physics added to the base car; those of a stage act in the order of their links.
     tyre: "contact" for the tyre inside the contact solver, "native" for MuJoCo's own friction.
     substeps: simulation steps per control period of 10 ms (5 = 2 ms, 2 = 5 ms) of a car of the QCar's class; a smaller
       car takes as many more as its time is shorter.
@@ -74,6 +74,7 @@ class Twin:
     stop_timers()
     self.engine: EngineKind = engine
     self.vehicle, self.mechanisms = vehicle, suited(mechanisms, vehicle)
+    self._chain = in_chain(self.mechanisms)
     self.tyre: TyreKind = tyre
     self.period, self.asked_substeps, self.threads, self.rows = 0.01, substeps, threads, rows
     self.substeps = vehicle.similarity.steps(substeps)
@@ -171,7 +172,7 @@ class Twin:
     """Mechanisms that act while cars with parameters (N, P) are under way, where they are present."""
     return [
       Slot(m, rows, theta[rows][:, self._columns[m.name]])
-      for m in self.mechanisms
+      for m in self._chain
       if m.stage in STEPPED and (rows := self.present(m, theta)) is not None
     ]
 
@@ -271,7 +272,7 @@ class Twin:
     they push it with, (N,) m/s^2, where that was measured.
     """
     slope = np.zeros_like(start) if rate is None else rate
-    for mechanism in filter(_moves_start, self.mechanisms):
+    for mechanism in filter(_moves_start, reversed(self._chain)):
       rows = self.present(mechanism, theta)
       if rows is not None:
         start[rows] = mechanism.begin(theta[rows][:, self._columns[mechanism.name]], start[rows], slope[rows])
@@ -284,7 +285,7 @@ class Twin:
   def sensed(self, theta: Array, signals: Array, offset: Array) -> Array:
     """Signals (N, T + 1, 10) as the sensors of a car with parameters (N, P) show them. `signals` may be changed."""
     time = offset[:, None] + self.period * np.arange(signals.shape[1])
-    for mechanism in self.mechanisms:
+    for mechanism in self._chain:
       if mechanism.stage == "sensor":
         rows = self.present(mechanism, theta)
         if rows is not None:

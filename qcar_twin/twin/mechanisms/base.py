@@ -1,10 +1,10 @@
 """What a mechanism is: one piece of physics that can be added to the twin, with its own parameters.
 
 A mechanism is a small final class in a file of its own. It declares its parameters, each with the
-`null` value at which it is absent, how a search should treat it, and implements at most three of the hooks
-below. Nothing else lists mechanisms: whatever goes by a kind of them asks the declarations. Hooks see only
-the simulations in which the mechanism is present (some parameter differs from its null), as rows of
-arrays: n simulations side by side. So a null mechanism is not run at all, which is what makes
+`null` value at which it is absent, and how a search should treat it, and implements those of the hooks
+below that it needs. Nothing else lists mechanisms: whatever goes by a kind of them asks the declarations.
+Hooks see only the simulations in which the mechanism is present (some parameter differs from its null),
+as rows of arrays: n simulations side by side. So a null mechanism is not run at all, which is what makes
 "null" and "absent" the same bit for bit.
 
 Signs: ISO 8855, x forward, y left, yaw counter-clockwise.
@@ -28,6 +28,9 @@ Array = NDArray[np.float64]
 Stage = Literal["command", "actuator", "force", "contact", "sensor"]
 Subsystem = Literal["steering", "tyre", "ground", "drive", "body", "sensor"]
 SUBSYSTEMS: tuple[Subsystem, ...] = get_args(Subsystem)
+# from a command to what acts, and from the motion to what is logged
+Link = Literal["arrival", "device", "motion", "play", "geometry", "mount", "axes", "scale", "zero", "clock"]
+LINKS: tuple[Link, ...] = get_args(Link)
 State = dict[str, Array]
 
 
@@ -75,7 +78,7 @@ class Context:
     torque_per_volt: fitted motor torque per volt, N m / V, motor side, (n,); per ampere, or per m/s, where the drive's
       command is one.
     motor_damping: fitted damping of the motor, N m s / rad, motor side, (n,): with it, the part of the
-      voltage that drives current is V - back_emf / torque_per_volt * motor_speed.
+      voltage that drives current is V - motor_damping / torque_per_volt * motor_speed.
   """
 
   car: CarDimensions
@@ -163,6 +166,9 @@ class Mechanism:
     stage: where it acts: command (what reaches the actuators), actuator (voltage and steering as
       functions of the car's state), force (on the body), contact (quantities of the simulator),
       sensor (what is logged).
+    link: its place in the signal chain, which orders the mechanisms of a stage. Commands: arrival (resolution, dead
+      time, supply), device (how servo or motor controller reads them), motion (lags), play, geometry (of the linkage),
+      zero. Sensors: mount, axes, scale, zero, clock.
     parameters: at least one; each with null, typical and a prior standard deviation or None.
     needs: channels without which it cannot be distinguished ("yaw_rate", ...).
     dissipative: True if it can only take energy out of the car.
@@ -192,6 +198,7 @@ class Mechanism:
   name: ClassVar[str]
   subsystem: ClassVar[Subsystem]
   stage: ClassVar[Stage]
+  link: ClassVar[Link] = "zero"
   parameters: ClassVar[tuple[Parameter, ...]]
   needs: ClassVar[tuple[str, ...]] = ()
   dissipative: ClassVar[bool] = False
@@ -283,6 +290,12 @@ def describe(mechanism: Mechanism) -> Mapping[str, Any]:
     "text": text,
     "parameters": {p.name: p.unit for p in mechanism.parameters},
   }
+
+
+def in_chain(mechanisms: Iterable[Mechanism]) -> tuple[Mechanism, ...]:
+  """The same from the command to the log: by stage, then by link, and those of one link in the order given."""
+  stages = get_args(Stage)
+  return tuple(sorted(mechanisms, key=lambda m: (stages.index(m.stage), LINKS.index(m.link))))
 
 
 def suited(mechanisms: Iterable[Mechanism], vehicle: Vehicle) -> tuple[Mechanism, ...]:

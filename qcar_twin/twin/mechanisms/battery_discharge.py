@@ -21,6 +21,7 @@ class BatteryDischarge(Mechanism):
   name = "battery_discharge"
   subsystem = "drive"
   stage = "actuator"
+  link = "arrival"
   open_loop = True
   drives = ("voltage", "duty")
   parameters = (

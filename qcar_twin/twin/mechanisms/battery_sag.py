@@ -31,6 +31,7 @@ class BatterySag(Mechanism):
   name = "battery_sag"
   subsystem = "drive"
   stage = "actuator"
+  link = "arrival"
   drives = ("voltage", "duty")
   fitted_rank = 14
   parameters = (

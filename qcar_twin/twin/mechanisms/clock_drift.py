@@ -21,6 +21,7 @@ class ClockDrift(Mechanism):
   name = "clock_drift"
   subsystem = "sensor"
   stage = "sensor"
+  link = "clock"
   signed = True
   parameters = (
     Parameter("clock_drift", 0.0, -0.03, 0.03, "-", "e", null=0.0, typical=0.005, description="seconds per second"),

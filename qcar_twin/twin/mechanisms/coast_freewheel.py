@@ -19,6 +19,7 @@ class CoastFreewheel(Mechanism):
   name = "coast_freewheel"
   subsystem = "drive"
   stage = "actuator"
+  link = "device"
   outlined_by = "drive_curve"
   drives = ("voltage", "duty")
   parameters = (

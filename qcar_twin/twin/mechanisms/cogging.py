@@ -24,6 +24,7 @@ class Cogging(Mechanism):
   name = "cogging"
   subsystem = "drive"
   stage = "actuator"
+  link = "motion"
   drives = ("voltage", "duty")
   needs = ("motor_speed",)
   signed = True

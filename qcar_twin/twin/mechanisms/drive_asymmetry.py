@@ -23,6 +23,7 @@ class DriveAsymmetry(Mechanism):
   name = "drive_asymmetry"
   subsystem = "drive"
   stage = "actuator"
+  link = "device"
   drives = ("voltage", "duty")
   signed = True
   parameters = (

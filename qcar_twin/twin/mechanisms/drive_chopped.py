@@ -19,6 +19,7 @@ class DriveChopped(Mechanism):
   name = "drive_chopped"
   subsystem = "drive"
   stage = "actuator"
+  link = "device"
   outlined_by = "drive_curve"
   drives = ("voltage", "duty")
   absorbed_by_drive = True

@@ -24,6 +24,7 @@ class DriveCurve(Mechanism):
   name = "drive_curve"
   subsystem = "drive"
   stage = "actuator"
+  link = "device"
   drives = ("voltage", "duty")
   absorbed_by_drive = True
   signed = True

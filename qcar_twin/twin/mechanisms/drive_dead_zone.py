@@ -22,6 +22,7 @@ class DriveDeadZone(Mechanism):
   name = "drive_dead_zone"
   subsystem = "drive"
   stage = "command"
+  link = "device"
   outlined_by = "drive_curve"
   open_loop = True
   drives = ("voltage", "duty")

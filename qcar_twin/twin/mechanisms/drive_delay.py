@@ -17,6 +17,7 @@ class DriveDelay(Mechanism):
   name = "drive_delay"
   subsystem = "drive"
   stage = "command"
+  link = "arrival"
   open_loop = True
   nonlinear_response = True
   sought_far = True

@@ -17,6 +17,7 @@ class DriveLag(Mechanism):
   name = "drive_lag"
   subsystem = "drive"
   stage = "command"
+  link = "motion"
   open_loop = True
   nonlinear_response = True
   sought_far = True

@@ -21,6 +21,7 @@ class DrivelineBacklash(Mechanism):
   name = "driveline_backlash"
   subsystem = "drive"
   stage = "actuator"
+  link = "play"
   drives = ("voltage", "duty")
   parameters = (
     Parameter("driveline_play", 0.0, 0.0, 5.0, "rad", "b", null=0.0, typical=1.0, description="play at the motor"),

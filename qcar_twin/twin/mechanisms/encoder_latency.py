@@ -17,6 +17,7 @@ class EncoderLatency(Mechanism):
   name = "encoder_latency"
   subsystem = "sensor"
   stage = "sensor"
+  link = "clock"
   needs = ("motor_speed",)
   signed = True
   sensor_errors = {"encoder_latency": SensorError(0.003)}

@@ -22,7 +22,9 @@ class GyroDrift(Mechanism):
   needs = ("yaw_rate",)
   symmetric = False
   signed = True
-  parameters = (Parameter("gyro_drift", 0.0, -2.0, 2.0, "rad/s", "d", null=0.0, typical=0.5, description="per minute"),)
+  parameters = (
+    Parameter("gyro_drift", 0.0, -2.0, 2.0, "rad/s/min", "d", null=0.0, typical=0.5, description="per minute"),
+  )
 
   def measure(self, theta: Array, track: Track) -> Array:
     return replaced(track, yaw_rate=track.signal("yaw_rate") + theta[:, :1] * (track.recording_time / SPAN))

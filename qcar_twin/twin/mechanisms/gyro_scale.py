@@ -17,6 +17,7 @@ class GyroScale(Mechanism):
   name = "gyro_scale"
   subsystem = "sensor"
   stage = "sensor"
+  link = "scale"
   needs = ("yaw_rate",)
   signed = True
   parameters = (

@@ -17,6 +17,7 @@ class ImuLatency(Mechanism):
   name = "imu_latency"
   subsystem = "sensor"
   stage = "sensor"
+  link = "clock"
   needs = ("yaw_rate",)
   signed = True
   # half a period of an IMU read at 100 Hz: no log says whether its samples are means of a period or its last one

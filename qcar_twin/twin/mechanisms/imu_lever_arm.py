@@ -21,6 +21,7 @@ class ImuLeverArm(Mechanism):
   name = "imu_lever_arm"
   subsystem = "sensor"
   stage = "sensor"
+  link = "mount"
   needs = ("accel_y",)
   symmetric = False
   signed = True

@@ -19,6 +19,7 @@ class ImuMisalignment(Mechanism):
   name = "imu_misalignment"
   subsystem = "sensor"
   stage = "sensor"
+  link = "axes"
   needs = ("accel_y",)
   symmetric = False
   signed = True

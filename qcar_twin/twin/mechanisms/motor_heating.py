@@ -24,6 +24,7 @@ class MotorHeating(Mechanism):
   name = "motor_heating"
   subsystem = "drive"
   stage = "actuator"
+  link = "motion"
   drives = ("voltage", "duty")
   parameters = (
     Parameter("motor_heating", 0.0, 0.0, 1.0, "-", "g", null=0.0, typical=0.15, description="loss when warm"),

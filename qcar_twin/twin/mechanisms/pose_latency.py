@@ -17,6 +17,7 @@ class PoseLatency(Mechanism):
   name = "pose_latency"
   subsystem = "sensor"
   stage = "sensor"
+  link = "clock"
   needs = ("pose_x",)
   signed = True
   sought_far = True

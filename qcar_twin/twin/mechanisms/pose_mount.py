@@ -22,6 +22,7 @@ class PoseMount(Mechanism):
   name = "pose_mount"
   subsystem = "sensor"
   stage = "sensor"
+  link = "mount"
   needs = ("pose_x",)
   symmetric = False
   signed = True

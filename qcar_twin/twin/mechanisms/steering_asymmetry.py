@@ -17,6 +17,7 @@ class SteeringAsymmetry(Mechanism):
   name = "steering_asymmetry"
   subsystem = "steering"
   stage = "command"
+  link = "geometry"
   outlined_by = "steering_curve"
   open_loop = True
   symmetric = False

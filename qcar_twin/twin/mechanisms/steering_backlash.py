@@ -21,6 +21,7 @@ class SteeringBacklash(Mechanism):
   name = "steering_backlash"
   subsystem = "steering"
   stage = "command"
+  link = "play"
   open_loop = True
   parameters = (
     Parameter("steering_play", 0.0, 0.0, 0.15, "rad", "b", null=0.0, typical=0.026, description="whole play"),

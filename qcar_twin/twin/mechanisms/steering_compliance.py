@@ -21,6 +21,7 @@ class SteeringCompliance(Mechanism):
   name = "steering_compliance"
   subsystem = "steering"
   stage = "actuator"
+  link = "play"
   parameters = (
     Parameter(
       "steering_compliance", 0.0, 0.0, 0.04, "rad/N", "c", null=0.0, typical=0.008, description="angle lost per force"

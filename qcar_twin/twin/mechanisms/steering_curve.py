@@ -22,6 +22,7 @@ class SteeringCurve(Mechanism):
   name = "steering_curve"
   subsystem = "steering"
   stage = "command"
+  link = "geometry"
   open_loop = True
   symmetric = False
   signed = True

@@ -17,6 +17,7 @@ class SteeringDeadZone(Mechanism):
   name = "steering_dead_zone"
   subsystem = "steering"
   stage = "command"
+  link = "device"
   outlined_by = "steering_curve"
   open_loop = True
   parameters = (

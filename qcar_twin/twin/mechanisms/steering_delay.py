@@ -17,6 +17,7 @@ class SteeringDelay(Mechanism):
   name = "steering_delay"
   subsystem = "steering"
   stage = "command"
+  link = "arrival"
   open_loop = True
   nonlinear_response = True
   sought_far = True

@@ -18,6 +18,7 @@ class SteeringGainError(Mechanism):
   name = "steering_gain_error"
   subsystem = "steering"
   stage = "command"
+  link = "geometry"
   outlined_by = "steering_curve"
   open_loop = True
   signed = True

@@ -21,6 +21,7 @@ class SteeringLag(Mechanism):
   name = "steering_lag"
   subsystem = "steering"
   stage = "command"
+  link = "motion"
   open_loop = True
   nonlinear_response = True
   sought_far = True

@@ -20,6 +20,7 @@ class SteeringNonlinearity(Mechanism):
   name = "steering_nonlinearity"
   subsystem = "steering"
   stage = "command"
+  link = "geometry"
   outlined_by = "steering_curve"
   open_loop = True
   signed = True

@@ -19,6 +19,7 @@ class SteeringQuantisation(Mechanism):
   name = "steering_quantisation"
   subsystem = "steering"
   stage = "command"
+  link = "arrival"
   open_loop = True
   parameters = (
     Parameter("steering_dead_band", 0.0, 0.0, 0.08, "rad", "b", null=0.0, typical=0.013, description="held change"),

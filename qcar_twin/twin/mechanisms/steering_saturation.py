@@ -21,6 +21,7 @@ class SteeringSaturation(Mechanism):
   name = "steering_saturation"
   subsystem = "steering"
   stage = "command"
+  link = "geometry"
   outlined_by = "steering_curve"
   open_loop = True
   symmetric = False

@@ -21,6 +21,7 @@ class WheelRadiusError(Mechanism):
   name = "wheel_radius_error"
   subsystem = "drive"
   stage = "sensor"
+  link = "mount"
   needs = ("motor_speed", "pose_x")
   signed = True
   fitted_rank = 1

@@ -8,16 +8,20 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from agents.control import figures
+from agents.control import controllers, figures
+from agents.control.closed_loop import Actuation, Task, drive
 from agents.control.controllers import make
 from agents.control.kpis import kpis
 from agents.control.model import STEERING_LAG, Model
 from agents.control.output import indicator_line, write_drive, write_traces
 from agents.control.page import drive_section
 from qcar_twin.bicycle.bicycle import Bicycle
+from qcar_twin.estimation.observer import TrueObserver
+from qcar_twin.paths import path_named
 from qcar_twin.plant import SIGNALS
 from qcar_twin.plotting import contestant_colour
 from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import Vehicle
 from tests.agents.control.tracking_rig import CAR, follow
 
 LQ = make("lq_cm", {"cross_track_rate": 0.15, "heading": 0.1, "heading_rate": 1e-3, "effort": 0.03}, CAR, 0.5)
@@ -125,3 +129,22 @@ def test_a_run_that_leaves_the_path_is_said_with_how_far_it_came():
   driven = follow(Straight(), "o", count=2)
   line = indicator_line("none", driven, kpis(driven))
   assert re.fullmatch(r"none on o: 2 of 2 runs did not reach the end, the first came \d\.\d m far", line)
+
+
+def test_a_foreign_cars_twin_brings_the_model_of_its_own_car():
+  vehicle = dataclasses.replace(Vehicle.load(), name="rear", drive="duty", layout="rear")
+  twin = Twin(vehicle, threads=1).on("reduced")
+  theta = twin.parameters.vector({"cornering_stiffness_rear": 90.0})
+  model = Model.of_twin(twin, theta)
+  assert model.filter_settings("twin").front_drive_share == 0.0
+  assert float(np.asarray(model.car.cornering_stiffness_rear)) == 90.0
+  numbers = controllers.entry("lq_cm", "tuned")
+  task = Task(path_named("o"), 0.5, 1, lock=vehicle.max_steering, actuation=Actuation(delay=0.0, lag=0.0))
+  controller = controllers.make("lq_cm", numbers, model.car, 0.5, task.lock)
+  driven = drive(twin, theta[None], controller, model.speed_gains, TrueObserver(), task)
+  assert float(np.abs(driven.commands[..., 0]).max()) <= 1.0
+  assert float(kpis(driven).rmse[0]) < 0.05
+
+
+def test_a_voltage_of_the_qcar_is_limited_to_three_nominal_cells():
+  assert Model.nominal().speed_gains.limit == 11.1

@@ -63,6 +63,11 @@ def test_the_demonstrator_is_the_controller_of_the_file(name):
   assert demonstrator_of(dataclasses.replace(options, demonstrator=""), MODEL) is None
 
 
+def test_a_policy_of_steering_rates_is_no_demonstrator():
+  with pytest.raises(ValueError, match="answers nothing to another's driving; demonstrators are .*lq_ed"):
+    fleet(Options(plant="bicycle", estimator="truth", demonstrator="linear_rate", version="tuned", path="o"), [0])
+
+
 def test_the_demonstrators_rate_leads_to_its_angle_where_the_bound_lets_it():
   cars = fleet(Options(plant="bicycle", estimator="truth", version="tuned"), [0, 1, 2], MODEL)
   for _ in range(60):

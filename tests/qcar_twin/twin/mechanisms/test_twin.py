@@ -203,3 +203,20 @@ def test_sets_of_three_work_together(twin):
   for triple, (whole, *pairs) in zip(triples, signals, strict=True):
     names = [STEPPED[i].name for i in triple]
     assert all(distance(pair, whole).max() > 1e-3 for pair in pairs), names
+
+
+def test_mechanisms_act_along_the_signal_chain_whatever_order_they_are_given_in(twin):
+  other = Twin(Vehicle.load(), ALL[::-1], threads=1)
+  names = ("imu_lever_arm_x", "gyro_scale", "accel_bias_x", "imu_latency", "steering_play", "steering_delay")
+  values = dict(zip(names, (0.1, 0.1, 0.3, 0.02, 0.03, 0.04), strict=True))
+  here, there = (t.rollout(t.parameters.vector(values)[None], segments()).signals for t in (twin, other))
+  assert here == pytest.approx(there, abs=1e-12)
+
+
+def test_a_lever_arm_feels_the_rotation_and_not_what_the_gyro_says_of_it(twin):
+  signals = np.zeros((1, 5, len(SIGNALS)))
+  signals[..., SIGNALS.index("yaw_rate")] = 2.0
+  theta = twin.parameters.vector({"imu_lever_arm_x": 0.1, "gyro_scale": 0.1, "gyro_bias": 0.05})[None]
+  shown = twin.sensed(theta, signals.copy(), np.zeros(1))
+  assert shown[..., SIGNALS.index("accel_x")] == pytest.approx(-0.1 * 2.0**2)
+  assert shown[..., SIGNALS.index("yaw_rate")] == pytest.approx(1.1 * 2.0 + 0.05)
