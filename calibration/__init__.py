@@ -16,6 +16,7 @@ _ROOMS = {
   "identify": "identification",
   "make_session": "concealed.proving_ground",
   "run_case": "concealed.campaign",
+  "shipped": "diagnosis.shipping",
 }
 __all__ = list(_ROOMS)  # noqa: PLE0605
 

@@ -57,7 +57,12 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
   logging.basicConfig(level=logging.WARNING, format="%(message)s")
   try:
     module = load()
-    config = tyro.cli(module.Config, prog=name, description=module.__doc__, args=list(arguments))
+    files, rest = mechanism_files(module.Config, arguments)
+    for file in files:
+      from qcar_twin.twin.mechanisms import add_file
+
+      add_file(file)
+    config = tyro.cli(module.Config, prog=name, description=module.__doc__, args=rest)
     _quiet_mujoco()
     is_file = getattr(module, "OUT_IS_FILE", False)
     refuse_early(config, bool(is_file(config) if callable(is_file) else is_file), getattr(module, "POSITIVE", ()))
@@ -73,6 +78,19 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
     print(f"{name}: {said}", file=sys.stderr)
     return FAILED
   return 0
+
+
+def mechanism_files(config: type, arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+  """The files of `--mechanism-files FILE ...`, and the other arguments: any command may read a twin file that names a
+  mechanism of the user's own. A command that has such an option itself gets it."""
+  option, rest = "--mechanism-files", list(arguments)
+  if option not in rest or any(f.name == "mechanism_files" for f in dataclasses.fields(config)):
+    return [], rest
+  begin = rest.index(option)
+  end = next((i for i in range(begin + 1, len(rest)) if rest[i].startswith("-")), len(rest))
+  if end == begin + 1:
+    raise ValueError(f"{option}: name the Python file that defines the mechanism")
+  return rest[begin + 1 : end], rest[:begin] + rest[end:]
 
 
 def _quiet_mujoco() -> None:

@@ -100,6 +100,13 @@ class Segments:
       raise ValueError(f"commands must be ({size}, T, 2), got {self.commands.shape}")
     if self.start.shape != (size, len(START)):
       raise ValueError(f"start must be ({size}, {len(START)}), got {self.start.shape}")
+    for name, values in (("command", self.commands), ("start", self.start)):
+      if not np.isfinite(values).all():
+        where = np.argwhere(~np.isfinite(values))[0]
+        row = f" in period {where[1]}" if name == "command" else ""
+        raise ValueError(f"{name} of segment {where[0]} is no finite number{row}; give finite numbers")
+    if len(self.steps) != size or (np.asarray(self.steps) > self.commands.shape[1]).any():
+      raise ValueError(f"steps must be {size} numbers of at most {self.commands.shape[1]}: {np.asarray(self.steps)}")
 
   def __len__(self) -> int:
     return len(self.recording)

@@ -6,7 +6,6 @@ qcar-twin cross-validate --dataset data/sample --twin out/calibration/twin.toml 
 """
 
 import dataclasses
-import json
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +24,7 @@ from calibration.progress import CALIBRATION, CROSS_VALIDATION, StageLine, joine
 from calibration.twin_calibration.calibration import calibrate
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
-from qcar_twin.twin.file import load_twin
+from qcar_twin.twin.file import command_shift_of, load_twin
 from qcar_twin.twin.twin import Twin
 
 
@@ -66,13 +65,11 @@ def main(config: Config) -> CrossValidation:
 
 
 def _twin(config: Config, dataset: DataSet, progress: StageLine) -> tuple[Twin, NDArray[np.float64], int]:
-  """Twin, its parameters, and the command timing that was fitted with it, if the calibration next to it says so."""
+  """Twin, its parameters, and the command timing that was fitted with it."""
   if config.twin is None:
     fitted = calibrate(dataset, "recordings", config.out, quick=config.quick, threads=config.threads, progress=progress)
     return fitted.twin, fitted.theta, fitted.command_shift
-  document = config.twin.with_name("calibration.json")
-  shift = json.loads(document.read_text(encoding="utf-8")).get("command_shift", 0) if document.is_file() else 0
-  return *load_twin(config.twin, threads=config.threads), int(shift)
+  return *load_twin(config.twin, threads=config.threads), command_shift_of(config.twin)
 
 
 if __name__ == "__main__":

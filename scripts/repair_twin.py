@@ -48,10 +48,10 @@ def main(config: Config) -> str:
   with StageLine(DIAGNOSIS) as progress:
     outcome = diagnose(dataset, config.mechanisms or None, effort=effort, threads=1, progress=progress)
   write_diagnosis(outcome, config.out / "diagnosis")
-  save_twin(
-    config.out / "recalibrated.toml", outcome.twin, outcome.before, "recalibrated to the session, nothing added"
-  )
-  save_twin(config.out / "repaired.toml", outcome.twin, outcome.after, "repaired by the diagnosis of the session")
+  notes = {"recalibrated": "recalibrated to the session, nothing added",
+           "repaired": "repaired by the diagnosis of the session"}  # fmt: skip
+  for name, theta in (("recalibrated", outcome.before), ("repaired", outcome.after)):
+    save_twin(config.out / f"{name}.toml", outcome.twin, theta, notes[name], outcome.cut.command_shift)
   said = verdict(outcome.diagnosis)
   print(said)
   return said

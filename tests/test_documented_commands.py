@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 import tyro
 
+from qcar_twin.command_line import mechanism_files
 from scripts.__main__ import commands, dispatch
 from tests import ROOT
 
@@ -113,6 +114,7 @@ def test_a_documented_command_is_one_and_its_options_exist(line, capsys):
   if not words and not line.whole:
     return  # prose that names the command
   config = config_of(name)
+  _, words = mechanism_files(config, words)
   try:
     tyro.cli(config, prog=name, args=words if line.whole else completed(config, words))
   except SystemExit:

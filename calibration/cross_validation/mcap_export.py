@@ -1,6 +1,5 @@
 """Recordings of a data set as MCAP files, with twins and their errors beside what was measured."""
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,7 +12,7 @@ from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.formats import read_table
 from qcar_twin.recordings.mcap_writer import streams_of_table, write_mcap
 from qcar_twin.recordings.recording import RecordingError
-from qcar_twin.twin.file import load_twin
+from qcar_twin.twin.file import command_shift_of, load_twin
 from qcar_twin.twin.twin import Twin
 
 Array = NDArray[np.float64]
@@ -58,9 +57,5 @@ def loaded(files: Mapping[str, Path]) -> dict[str, tuple[Twin, Array]]:
 
 
 def fitted_shift(*twins: Path | None) -> int:
-  """The timing that was fitted with the first twin that has a calibration.json next to it; 0 else."""
-  for twin in twins:
-    document = twin.with_name("calibration.json") if twin else None
-    if document and document.is_file():
-      return int(json.loads(document.read_text(encoding="utf-8")).get("command_shift", 0))
-  return 0
+  """The timing that was fitted with the first of these twins that there is; 0 without any."""
+  return next((command_shift_of(twin) for twin in twins if twin), 0)

@@ -36,9 +36,8 @@ _FAR = 3.0  # standard deviations of a prior that are worth a word
 def write_calibration(calibration: Calibration, folder: str | os.PathLike[str]) -> Path:
   """Write twin.toml, calibration.json and report.html; returns the report's path."""
   folder, name = Path(folder), calibration.dataset.name
-  save_twin(
-    folder / "twin.toml", calibration.twin, calibration.theta, f"calibrated on {name} against {calibration.against}"
-  )
+  note = f"calibrated on {name} against {calibration.against}"
+  save_twin(folder / "twin.toml", calibration.twin, calibration.theta, note, calibration.command_shift)
   write_json(folder / "calibration.json", calibration.document())
   dataset = calibration.dataset
   subtitle = f"Data set {dataset.name}: {len(dataset.recordings)} recordings, {_minutes(calibration)}"

@@ -23,6 +23,7 @@ from qcar_twin.recordings.channels import COMMANDS
 from qcar_twin.recordings.recording import nearest
 
 ACCEL, MOTION, FIX = ("accel_x", "accel_y"), ("speed", "yaw_rate"), ("pose_x", "pose_y", "pose_yaw", "pose_score")
+_ASTRAY = 2  # periods by which stamps of one channel may be out of order
 INPUTS = (*COMMANDS, *ACCEL)  # act from their slot until the next
 TAKES = (*INPUTS, "motor_speed", *MOTION, *FIX)
 _GROUPS = {"commands": COMMANDS, "accel": ACCEL, "motion": MOTION, "fix": FIX}  # columns of a slot's arrays
@@ -60,6 +61,9 @@ class FederatedFilter:
     self._started: int | None = None  # slot of the first pose
     self._jumped = 0.0  # s, by which the clock was last set back
     self._recent_time, self._recent = math.nan, (0, 0.0, self._batch.slots[0])  # of the last sample, where it went
+    self._latest: dict[str, float] = {}  # stamp of each channel's last sample, s
+    self._onwards = False  # whether a sample since the last estimate was stamped after its channel's last
+    self._held: list[tuple[float, str, float]] = []  # those that were stamped before it: late, or by another clock
 
   @property
   def refused(self) -> Counter[tuple[str, str]]:
@@ -107,6 +111,15 @@ class FederatedFilter:
     if not (math.isfinite(time) and math.isfinite(value)):
       self.refused[channel, "not finite"] += 1
       return
+    latest = self._latest.get(channel, -math.inf)
+    self._latest[channel] = time
+    if time < latest - _ASTRAY * self.settings.period:
+      self._held.append((time, channel, value))
+      return
+    self._onwards |= time > latest
+    self._take(time, channel, value)
+
+  def _take(self, time: float, channel: str, value: float) -> None:
     if time == self._recent_time:  # samples of one time come together
       index, offset, slot = self._recent
     else:
@@ -163,7 +176,9 @@ class FederatedFilter:
   def estimate(self, time: float) -> Estimate:
     """Advance to a time, s, starting over from where late arrivals have changed the past, and report.
 
-    A time further back than the buffer reaches means that the clock was set back; the filter goes on by the new one.
+    A time further back than the buffer reaches means that the clock was set back, as does an earlier one where all
+    samples since the last estimate are stamped before those of the same channel before them. The filter goes on by the
+    new clock.
 
     Raises:
       ValueError: the time is not finite.
@@ -176,20 +191,23 @@ class FederatedFilter:
       self._start_at_first_fix()
     if self._started is None:
       return no_estimate(time, "no pose has arrived yet")
-    if index < self._batch.present - self._reach:
+    behind, held, together = self._batch.present - index, self._held, bool(self._held) and not self._onwards
+    self._held, self._onwards = [], False
+    if behind > self._reach or (behind > _ASTRAY and together):
       index = self._set_back(time)
+    for sample in held:
+      self._take(*sample)
     index = max(index, self._batch.present)
     self._batch.go_to(index, self._clock.time(index))
     return self._report(time)
 
   def _set_back(self, time: float) -> int:
-    """Index of a time, s, that lies further back than any sample may: the clock was set, and times go on from there.
-
-    What was stamped by the new clock before it was asked for an estimate is lost: a period of samples.
-    """
+    """Index of a time, s, that lies further back than any sample may: the clock was set, and times go on from there."""
     index = self._batch.present + 1
     self._jumped = self._clock.time(index) - time
     self._clock.set(time, index)
+    for watch in self._batch.state.clocks:
+      watch.restart()
     return index
 
   def _start_at_first_fix(self) -> None:

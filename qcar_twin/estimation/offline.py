@@ -95,6 +95,9 @@ def filter_recording(
 ) -> Estimates:
   """Run the federated filter over a recording as if it were online, with an engine's algebra.
 
+  Without settings the usual ones apply, with the scale of this recording's `pose_score`: to 1 where none exceeds it,
+  else to 100.
+
   Raises:
     RecordingError: the recording holds no pose to start from.
   """
@@ -104,6 +107,7 @@ def filter_recording(
       f"recording '{recording.name}' has no {', '.join(missing)}: the filter cannot start without an absolute pose;"
       " map a lidar or motion-capture pose in dataset.toml"
     )
+  settings = settings or FilterSettings().with_scores_of([recording])
   return filter_events(events_of(recording, lateness, latency), FederatedFilter(car, settings, engine=engine))
 
 

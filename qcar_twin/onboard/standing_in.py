@@ -6,7 +6,10 @@ made while a script ran and outlives it.
 
 import functools
 import multiprocessing.process
+import os
 import queue
+import selectors
+import subprocess
 import threading
 import time
 from _thread import allocate_lock
@@ -19,10 +22,15 @@ from qcar_twin.onboard.clock import Clock, DriveOver
 
 EPOCH = 1577836800.0  # s, what `time.time` says when a drive begins: 2020-01-01, the same for every drive
 _SHORTEST = 1e-5  # s of a sleep of nothing, so that whoever polls gets on
+_PROCESSES = ("system", "fork", "forkpty", "posix_spawn", "posix_spawnp", "execv", "execve")  # all others call these
+_SELECTORS = [
+  getattr(selectors, name) for name in ("SelectSelector", "PollSelector", "EpollSelector", "KqueueSelector")
+  if hasattr(selectors, name)
+]  # fmt: skip
 
 
-class NoProcesses(RuntimeError):
-  """A script wanted to start another process."""
+class NoProcesses(OSError):
+  """A script wanted to start another process. Libraries that only try one, for a list of fonts, go on without."""
 
 
 class SimulatedLock:
@@ -84,7 +92,12 @@ def simulated_time(clock: Clock) -> Iterator[None]:
     (threading.Event, "is_set", _is_set(clock, threading.Event.is_set)),
     (queue, "time", monotonic),
     (queue, "SimpleQueue", queue._PySimpleQueue),  # type: ignore[attr-defined]
+    *((time, name, _dated(clock, getattr(time, name))) for name in ("localtime", "gmtime", "ctime")),
+    (time, "strftime", _written(clock, time.strftime)),
+    *((kind, "select", _select(clock, kind.select)) for kind in _SELECTORS),
     (multiprocessing.process.BaseProcess, "start", _no_process),
+    (subprocess.Popen, "__init__", _alone(clock, subprocess.Popen.__init__)),
+    *((os, name, _alone(clock, getattr(os, name))) for name in _PROCESSES if hasattr(os, name)),
   ]
   with ExitStack() as stack:
     for owner, name, stand_in in stand_ins:
@@ -95,6 +108,31 @@ def simulated_time(clock: Clock) -> Iterator[None]:
 def _reading(clock: Clock, machine: Callable[[], Any], shown: Callable[[float], Any]) -> Callable[[], Any]:
   """A clock that threads of the script read."""
   return lambda: machine() if clock.current() is None else shown(clock.read())
+
+
+def _dated(clock: Clock, machine: Callable[..., Any]) -> Callable[..., Any]:
+  """A clock's date; of seconds that are given, theirs."""
+  return lambda secs=None: machine(time.time() if secs is None and clock.current() is not None else secs)
+
+
+def _written(clock: Clock, machine: Callable[..., str]) -> Callable[..., str]:
+  """The same in words."""
+  return lambda form, *when: machine(form, *(when or ([time.localtime()] if clock.current() is not None else [])))
+
+
+def _select(clock: Clock, machine: Callable[..., list]) -> Callable[..., list]:
+  """What waits for files and timers, as an event loop does: the wait takes simulated time."""
+
+  def select(selector: Any, timeout: float | None = None) -> list:
+    if clock.current() is None:
+      return machine(selector, timeout)
+    ready = machine(selector, 0)
+    if ready or (timeout is not None and timeout <= 0):
+      return ready
+    clock.wait_for(lambda: bool(machine(selector, 0)), timeout)
+    return machine(selector, 0)
+
+  return select
 
 
 def _sleep(clock: Clock, machine: Callable[[float], None]) -> Callable[[float], None]:
@@ -173,7 +211,23 @@ def _is_alive(clock: Clock, machine: Callable[[threading.Thread], bool]) -> Call
 
 
 def _no_process(process: Any) -> None:
-  raise NoProcesses(
-    f"the script starts another process ({process.name}), which has no part in the simulated car; use a thread, or"
-    " drive the script that the process runs by itself"
-  )
+  raise NoProcesses(_REFUSED.format(process.name))
+
+
+def _alone(clock: Clock, machine: Callable[..., Any]) -> Callable[..., Any]:
+  """What starts another process, refused to the script."""
+
+  def start(*arguments: Any, **options: Any) -> Any:
+    if clock.current() is None:
+      return machine(*arguments, **options)
+    what = [a for a in (*arguments, options.get("args")) if isinstance(a, str | list | tuple)]
+    command = what[0] if what else "a copy of itself"
+    raise NoProcesses(_REFUSED.format(command if isinstance(command, str) else " ".join(map(str, command))))
+
+  return start
+
+
+_REFUSED = (
+  "the script starts another process ({:.60}), which has no part in the simulated car; use a thread, or"
+  " drive the script that the process runs by itself"
+)

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 FORMAT = 1
 
 
-def save_twin(path: str | Path, twin: Twin, theta: Array, note: str = "") -> Path:
+def save_twin(path: str | Path, twin: Twin, theta: Array, note: str = "", command_shift: int = 0) -> Path:
   """Write a twin; mechanisms at their null are left out.
 
   Args:
@@ -34,10 +34,12 @@ def save_twin(path: str | Path, twin: Twin, theta: Array, note: str = "") -> Pat
     twin: the car with its mechanisms.
     theta: parameter vector, (P,).
     note: what the file is, in words.
+    command_shift: control periods by which commands act later than logged, as it was fitted with this twin.
   """
   values = twin.parameters.named(theta)
   present = [m for m in twin.mechanisms if twin.present(m, theta[None]) is not None]
-  lines = [f"format = {FORMAT}", f"note = {_quoted(note)}", f"tyre = {_quoted(twin.tyre)}", "", "[vehicle]"]
+  lines = [f"format = {FORMAT}", f"note = {_quoted(note)}", f"tyre = {_quoted(twin.tyre)}"]
+  lines += [*([f"command_shift = {command_shift:d}"] if command_shift else []), "", "[vehicle]"]
   lines += _table({k: v for k, v in dataclasses.asdict(twin.vehicle).items() if k != "std"})
   lines += ["", "[vehicle.std]", *_table(twin.vehicle.std)]
   lines += ["", "[parameters]", *_table({p.name: values[p.name] for p in twin.base})]
@@ -73,6 +75,18 @@ def load_twin(path: str | Path, substeps: int = 5, threads: int = 0) -> tuple[Tw
     if isinstance(error, UnreadableFile):
       raise
     raise UnreadableFile(f"{source}: {error.args[0]}") from error
+
+
+def command_shift_of(path: str | Path) -> int:
+  """Control periods by which commands act later than logged, as a twin file says; 0 where it says nothing.
+
+  Raises:
+    FileNotFoundError, ValueError: with the file's name and the cure.
+  """
+  shift = _read(Path(path)).get("command_shift", 0)
+  if not isinstance(shift, int) or isinstance(shift, bool):
+    raise UnreadableFile(f"{path}: command_shift must be a whole number of control periods, not {shift!r:.40}")
+  return shift
 
 
 def _read(source: Path) -> dict[str, Any]:

@@ -36,17 +36,19 @@ class Simulation:
     slots: mechanisms that act while cars are under way, where they are present.
     car: measured numbers.  period: control period, s.
     scale: what the logged commands are multiplied by before anything else, (2,).
+    most: what the scaled drive command is limited to by its supply; inf for no limit.
     turning: speeds of the wheels and the motor at the start, rad/s, (N, 5).
     start, history, recording_time, command: as of `Twin.begin`.
   """
 
   def __init__(
     self, engine: Engine, values: dict[str, Array], slots: Sequence[Slot], car: CarDimensions, period: float,
-    scale: Array, start: Array, turning: Array, history: Array, recording_time: Array, command: Array,
+    scale: Array, most: float, start: Array, turning: Array, history: Array, recording_time: Array, command: Array,
   ):  # fmt: skip
-    self.engine, self._slots, self._car, self._period, self._scale = engine, list(slots), car, period, scale
+    self.engine, self._slots, self._car, self._period = engine, list(slots), car, period
+    self._scale, self._most = scale, np.array([most, np.inf])
     self.engine.load(values)
-    self._history, command = history * scale[::-1] ** 2, command * scale
+    self._history, command = history * scale[::-1] ** 2, self._supplied(command)
     self._recording_time, self._time = recording_time, 0.0
     self._began: Array | None = None  # s of _time at which each car began, once some did later than others
     self.signals = np.zeros((len(start), len(SIGNALS)))
@@ -56,6 +58,10 @@ class Simulation:
     self._settle(command, known)
     self._untouched: dict[str, Array] = {}
     self._write_models(command, known, first=True)
+
+  def _supplied(self, commands: Array) -> Array:
+    """Scaled commands (..., 2), the drive's within what its supply can give: all that follows sees no more."""
+    return np.clip(commands * self._scale, -self._most, self._most)
 
   def _settle(self, command: Array, known: Array) -> None:
     """Hidden states at the start, as if what stands there had come a long way: through the slots before each.
@@ -116,7 +122,7 @@ class Simulation:
     if not np.isfinite(commands).all():
       car = int(np.flatnonzero(~np.isfinite(commands).all(axis=1))[0])
       raise ValueError(f"command {commands[car].tolist()} of car {car}: give finite numbers")
-    commands = commands * self._scale
+    commands = self._supplied(commands)
     return self._step(commands, np.array(commands, dtype=np.float64), self._slots, pose, running)
 
   def run(self, commands: Array, pose: Array, periods: NDArray[np.int64]) -> Array:
@@ -129,7 +135,7 @@ class Simulation:
     length, size = len(commands), len(self.signals)
     signals = np.empty((size, length + 1, len(SIGNALS)))
     signals[:, 0] = self.signals
-    last, logged = int(periods.max()), commands * self._scale
+    last, logged = int(periods.max()), self._supplied(commands)
     acting, slots = self._foreseen(logged, last)
     if not any(slot.acts for slot in slots) and self.engine.run(acting, periods, signals):
       return signals

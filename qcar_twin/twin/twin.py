@@ -29,6 +29,7 @@ from qcar_twin.twin.simulation import Simulation
 from qcar_twin.twin.slots import STEPPED, Slot
 from qcar_twin.twin.starts import slipping, turning
 from qcar_twin.twin.timers import stop_timers
+from qcar_twin.vehicle.drive import largest_command
 from qcar_twin.vehicle.mjcf import car_model, sinking
 from qcar_twin.vehicle.vehicle import TyreKind, Vehicle
 
@@ -161,6 +162,7 @@ class Twin:
       car=self.car,
       period=self.period,
       scale=np.array([self.vehicle.command_scale, 1.0]),
+      most=largest_command(self.vehicle.drive, self.vehicle.supply_voltage),
       start=start,
       turning=turning(start, rim_speed, values, self.vehicle),
       history=np.zeros((size, 2)) if history is None else history,
@@ -194,6 +196,10 @@ class Twin:
   def rollout(self, theta: Array, segments: Segments) -> Prediction:
     """Every parameter vector, (n, P), over every segment; those that differ in sensors only share a simulation."""
     theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+    if not len(theta) or not len(segments):
+      raise ValueError(f"nothing to drive: {len(theta)} parameter vectors over {len(segments)} segments")
+    if abs(segments.period - self.period) > 1e-9:
+      raise ValueError(f"this twin's control period is {self.period:g} s, and the segments' {segments.period:g} s")
     stepped, same = np.unique(self.without_sensors(theta), axis=0, return_inverse=True)
     rows = self.rows if self.engine == "mujoco" else _AT_ONCE * self.rows
     per_turn = max(1, rows // len(segments))

@@ -84,6 +84,9 @@ except ValueError as error:
     copy.python("-c", save)
     said = copy.python("-c", load)
     assert "no mechanism 'cable_pull'" in said and "add_file" in said
+    driven = ("-m", "scripts", "track", "--twin", str(twin), "--path", "o", "--estimator", "truth", "--quick")
+    out = ("--out", str(tmp_path / "tracked"), "--mechanism-files", str(file))
+    assert copy.python(*driven, *out).startswith("lq_cm tuned on o: ME ")
 
 
 def test_one_file_in_the_package_is_all_it_takes(copy):

@@ -11,7 +11,7 @@ from mcap_ros2.decoder import DecoderFactory
 from calibration.log_check.check import check_log
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import RecordingError
-from qcar_twin.twin.file import save_twin
+from qcar_twin.twin.file import load_twin, save_twin
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 from scripts import export, new
@@ -201,8 +201,12 @@ def test_export_says_what_it_lacks(tiny, tmp_path):
     export.main(export.Config(tmp_path, tiny / "data", ("weav_validate",)))
 
 
-def test_the_timing_that_was_fitted_is_found_beside_the_twin(tiny, tmp_path):
-  save = shutil.copy(tiny / "diagnosed" / "twin.toml", tmp_path / "twin.toml")
-  (tmp_path / "calibration.json").write_text('{"command_shift": 1}')
-  assert export.fitted_shift(None, tmp_path / "twin.toml") == 1 and save
+def test_the_timing_that_was_fitted_is_in_the_twin_file(tiny, tmp_path):
+  twin, theta = load_twin(tiny / "diagnosed" / "twin.toml", threads=1)
+  save_twin(tmp_path / "twin.toml", twin, theta, command_shift=-1)
+  assert export.fitted_shift(None, tmp_path / "twin.toml") == -1
   assert export.fitted_shift(tiny / "diagnosed" / "twin.toml", None) == 0
+  text = (tmp_path / "twin.toml").read_text(encoding="utf-8")
+  (tmp_path / "twin.toml").write_text(text.replace("command_shift = -1", "command_shift = 0.5"), encoding="utf-8")
+  with pytest.raises(ValueError, match="command_shift must be a whole number of control periods, not 0.5"):
+    export.fitted_shift(tmp_path / "twin.toml")

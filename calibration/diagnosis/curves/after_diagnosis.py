@@ -94,8 +94,9 @@ def write_with_curves(
   further = with_curves(found, outcome.diagnosis, against, {role: row.fits for role, row in judged.items()})
   page = write_diagnosis(outcome, folder, shown, further)
   how = "repaired" if repaired(outcome.diagnosis) else "recalibrated"
-  save_twin(folder / "diagnosed.toml", outcome.twin, outcome.after, f"{how} on {found.dataset}, without curves")
-  save_twin(folder / "characterised.toml", *found.shipped, _note(found))
+  note, shift = f"{how} on {found.dataset}, without curves", outcome.cut.command_shift
+  save_twin(folder / "diagnosed.toml", outcome.twin, outcome.after, note, shift)
+  save_twin(folder / "characterised.toml", *found.shipped, _note(found), found.shipped_shift)
   table = error_lines(outcome.diagnosis, further.errors)
   return page, [*sentences(found, holdout=False), *table, chosen(found, outcome.diagnosis, against)]
 
@@ -136,7 +137,7 @@ def with_curves(
     [("twin.toml is", f"the {'twin with curves' if curved else _without(diagnosis)}")],
     parts,
     found.document(),
-    (*found.shipped, _note(found)) if curved else None,
+    Written(*found.shipped, _note(found), found.shipped_shift) if curved else None,
     errors or {},
   )
 

@@ -96,7 +96,7 @@ def weighed(problem: Problem, model: Candidate, floor: Mapping[str, float]) -> t
   return problem, dataclasses.replace(model, residual=problem.residual(model.theta[None])[0])
 
 
-def write_formula(shipped: Shipped | None, folder: Path, dataset: str) -> list[Path]:
+def write_formula(shipped: Shipped | None, folder: Path, dataset: str, command_shift: int = 0) -> list[Path]:
   """Write the mechanism file and the twin with it; returns their paths, none where nothing is kept."""
   if shipped is None or not shipped.kept or shipped.rest.twin is None:
     return []
@@ -105,5 +105,5 @@ def write_formula(shipped: Shipped | None, folder: Path, dataset: str) -> list[P
   alike = alike_words(shipped.rest)
   return [
     write_mechanism(folder / f"{name}.py", twin.mechanism, twin.values, dataset, alike),
-    save_twin(folder / TWIN, twin.problem.twin, twin.theta, note),
+    save_twin(folder / TWIN, twin.problem.twin, twin.theta, note, command_shift),
   ]

@@ -4,12 +4,9 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from calibration.diagnosis.holdout_errors import ChannelFit
+from calibration.diagnosis.shipping import Written
 from qcar_twin.pages import Section
-from qcar_twin.twin.twin import Twin
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,14 +19,14 @@ class Further:
     sections: shown after "The repaired model".
     curves: key "curves" of diagnosis.json.
     errors: of the recalibrated twin and of this stage's, by role and channel.
-    twin: what is written as twin.toml in the repaired twin's place: twin, parameters (P,), note.
+    twin: what is written as twin.toml in the repaired twin's place.
   """
 
   sentence: str = ""
   facts: Sequence[tuple[str, str]] = ()
   sections: Sequence[Section] = ()
   curves: Mapping[str, Any] | None = None
-  twin: tuple[Twin, NDArray[np.float64], str] | None = None
+  twin: Written | None = None
   errors: Mapping[str, Mapping[str, ChannelFit]] = dataclasses.field(default_factory=dict)
 
 

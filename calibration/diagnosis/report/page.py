@@ -24,7 +24,7 @@ from calibration.diagnosis.report.errors import (
 )
 from calibration.diagnosis.report.further import NOTHING_FURTHER, Further
 from calibration.diagnosis.report.grounds import drive_next, effort, evidence, priors, unseen
-from calibration.diagnosis.shipping import kind, shipped, warning
+from calibration.diagnosis.shipping import kind, recalibrated, shipped, warning
 from calibration.fitting.residual_channels import RESIDUALS
 from calibration.fitting.tolerances import unlike_the_class
 from qcar_twin.pages import Cell, Section, Table, write_page
@@ -59,11 +59,10 @@ def write_diagnosis(
   """
   folder = Path(folder)
   name = outcome.diagnosis.dataset
-  save_twin(folder / "recalibrated.toml", outcome.twin, outcome.before, f"recalibrated on {name}, nothing added")
-  without = shipped(outcome)
-  save_twin(folder / "twin.toml", *(further.twin or (without.twin, without.theta, without.note)))
+  for file, one in (("recalibrated.toml", recalibrated(outcome)), ("twin.toml", further.twin or shipped(outcome))):
+    save_twin(folder / file, one.twin, one.theta, one.note, one.command_shift)
   of = "curves" if further.twin else kind(outcome.diagnosis)
-  write_formula(outcome.diagnosis.formula, folder, name)
+  write_formula(outcome.diagnosis.formula, folder, name, outcome.cut.command_shift)
   write_document(folder, outcome.diagnosis, further.curves, of, further.errors)
   write_evidence(folder, outcome.diagnosis.evidence)
   save_posterior(folder, belief(outcome.diagnosis))

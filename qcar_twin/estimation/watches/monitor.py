@@ -196,6 +196,10 @@ class StampWatch:
     """An independent copy."""
     return copy.copy(self)
 
+  def restart(self) -> None:
+    """Forget the beat: stamps are by another clock from now on."""
+    self.stamps = self.odd = ()
+
   def hear(self, stamp: float) -> bool:
     """Take a stamp, s; whether its fix may be used."""
     if len(self.stamps) <= BEATS:

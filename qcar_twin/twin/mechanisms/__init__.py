@@ -6,6 +6,7 @@ import importlib
 import importlib.util
 import pkgutil
 import sys
+import zlib
 from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
@@ -70,7 +71,7 @@ def select(names: Iterable[str]) -> tuple[Mechanism, ...]:
   for name in names:
     if name not in known:
       near = difflib.get_close_matches(name, known, n=3) or sorted(known)
-      cure = "one of your own is added with qcar_twin.twin.mechanisms.add_file"
+      cure = "one of your own is added with --mechanism-files FILE.py, in Python with mechanisms.add_file"
       raise KeyError(f"no mechanism '{name}'; did you mean {', '.join(near)}? {cure}")
     chosen.append(known[name])
   return tuple(chosen)
@@ -110,7 +111,8 @@ def _defined(module: ModuleType) -> list[type[Mechanism]]:
 @functools.cache
 def _run(source: Path) -> ModuleType:
   """A user's file, run once as a module."""
-  name = f"mechanism_file_{source.stem}"
+  # files of one name may lie in several folders
+  name = f"mechanism_file_{source.stem}_{zlib.crc32(bytes(source)):08x}"
   spec = importlib.util.spec_from_file_location(name, source)
   if spec is None or spec.loader is None:
     raise ValueError(f"{source}: not a Python file; a mechanism is defined in a file that ends in .py")

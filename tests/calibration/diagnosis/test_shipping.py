@@ -90,7 +90,9 @@ def test_a_twin_that_does_not_reach_what_was_logged_is_not_written(outcome):
 
 def test_file_document_and_page_tell_the_same(outcome, tmp_path, monkeypatch):
   saved = {}
-  monkeypatch.setattr(page, "save_twin", lambda path, twin, theta, note: saved.update({path.name: (theta, note)}))
+  monkeypatch.setattr(
+    page, "save_twin", lambda path, twin, theta, note, shift: saved.update({path.name: (theta, note)})
+  )
   outcome.diagnosis = dataclasses.replace(outcome.diagnosis, validate=fits(yaw_rate=1.2))
   text = page.write_diagnosis(outcome, tmp_path, page.NOTHING_SHOWN).read_text(encoding="utf-8")
   assert saved["twin.toml"][0] is outcome.before and "validation" in saved["twin.toml"][1]

@@ -27,7 +27,10 @@ def driven(jump: float, silence: float = 0.0):
   return [(true, estimate) for true, estimate in out if true >= JUMP_AT]
 
 
-@pytest.mark.parametrize(("jump", "silence"), [(0.0, 0.0), (5.0, 0.0), (1000.0, 0.0), (0.0, 2.0), (0.0, 7.0)])
+@pytest.mark.parametrize(
+  ("jump", "silence"),
+  [(0.0, 0.0), (0.1, 0.0), (0.5, 0.0), (0.53, 0.0), (5.0, 0.0), (1000.0, 0.0), (0.0, 2.0), (0.0, 7.0)],
+)
 def test_what_is_valid_lies_within_its_bound(jump, silence):
   after = driven(jump, silence)
   valid = [(true, e) for true, e in after if e.valid]
@@ -40,4 +43,19 @@ def test_what_is_valid_lies_within_its_bound(jump, silence):
 
 def test_a_clock_that_was_set_back_is_said_and_a_sound_one_is_not():
   assert any("set back by 1e+03 s" in text for text in driven(1000.0)[-1][1].warnings)
+  assert any("set back by 0.5 s" in text for text in driven(0.5)[-1][1].warnings)
   assert not any("clock" in text for text in driven(0.0)[-1][1].warnings)
+
+
+def test_an_estimate_that_is_asked_for_at_a_late_fix_is_no_clock_that_was_set_back():
+  online = FederatedFilter(Model.nominal().car, FilterSettings())
+  for k in range(300):
+    now = 0.01 * k
+    for channel, value in {"motor_voltage": 1.1, "motor_speed": 318.0, "yaw_rate": 0.0}.items():
+      online.update(now, channel, value)
+    estimate = online.estimate(now)
+    if k % 10 == 0 and k >= 10:
+      for channel, value in {"pose_x": now - 0.1, "pose_y": 0.0, "pose_yaw": 0.0, "pose_score": 100.0}.items():
+        online.update(now - 0.1, channel, value)
+      estimate = online.estimate(now - 0.1)
+  assert not any("clock" in text for text in estimate.warnings)

@@ -4,6 +4,7 @@ import dataclasses
 import shutil
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -208,11 +209,34 @@ def test_a_script_with_its_own_answer_to_ctrl_c_gives_it(tmp_path):
     ("import sys; sys.exit(3)", "the script ended itself with exit code 3"),
     ("import threading; threading.Event().wait()", "every thread of the script waits for another one"),
     ("import multiprocessing as m; m.Process(target=print).start()", "starts another process"),
+    ("import subprocess; subprocess.run(['echo', 'hello'])", "starts another process (echo hello)"),
+    ("import os; os.system('echo hello')", "starts another process (echo hello)"),
+    ("import os; os.popen('echo hello')", "starts another process"),
+    ("import os; os.fork()", "starts another process (a copy of itself)"),
     ("def broken(:", "SyntaxError: "),
   ],
 )
 def test_other_ends_are_said(tmp_path, text, said):
   assert said in drive_text(tmp_path, text).error
+
+
+def test_an_event_loop_and_dates_live_on_the_simulated_clock(tmp_path, capsys):
+  text = """
+    import asyncio, threading, time
+    async def main():
+      for _ in range(200):
+        await asyncio.sleep(0.01)
+      loop, done = asyncio.get_running_loop(), asyncio.Event()
+      threading.Timer(0.5, lambda: loop.call_soon_threadsafe(done.set)).start()
+      await asyncio.wait_for(done.wait(), 5.0)
+    asyncio.run(main())
+    print(time.strftime("%Y"), time.localtime().tm_year, time.gmtime(0).tm_year, time.ctime(0)[-4:])
+  """
+  began = time.monotonic()
+  driven = drive_text(tmp_path, text)
+  assert driven.error == "" and driven.seconds == pytest.approx(2.5, abs=0.1)
+  assert time.monotonic() - began < 10.0  # 2.5 s of waiting, and not a poll for each microsecond of it
+  assert capsys.readouterr().out.split()[:4] == ["2020", "2020", "1970", "1970"]
 
 
 def test_an_end_by_sys_exit_without_a_code_is_none(tmp_path):

@@ -319,3 +319,35 @@ def test_a_bent_map_stands_from_the_start_behind_a_lag():
   theta = bent.parameters.vector({"steering_gain_error": -0.25, "steering_lag": 0.2})
   angle = bent.rollout(theta, segments).signals[0, 0, :, SIGNALS.index("steering_angle")]
   assert angle[5:] == pytest.approx(0.15, abs=2e-3)
+
+
+@pytest.mark.parametrize("name", ["driveline_friction", "rotor_inertia", "relaxation_length"])
+def test_a_number_that_no_calibration_can_scale_is_refused_by_name(name):
+  with pytest.raises(ValueError, match=f"{name} is 0, which no calibration can scale; leave it out"):
+    Twin(dataclasses.replace(Vehicle.load(), **{name: 0.0}))
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "reduced"])
+def test_no_more_voltage_acts_than_the_supply_has(engine):
+  twin = Twin(Vehicle.load(), select(["battery_sag"]), threads=1).on(engine)
+  theta = twin.parameters.vector({"battery_sag": 0.1})[None]
+  ends = []
+  for voltage in (12.0, 24.0, 100.0):
+    commands = np.tile([voltage, 0.0], (1, 100, 1))
+    segments = Segments(commands, np.zeros((1, len(START))), np.array([100]), 0.01, ("a",), np.zeros(1))
+    ends.append(twin.rollout(theta, segments).channel("velocity_x")[0, 0, -1])
+  assert ends[0] == ends[1] == ends[2] > 1.0
+
+
+def test_a_rollout_refuses_what_is_no_driving(twin):
+  make = lambda value=1.0, steps=100, period=0.01: Segments(
+    np.full((1, 100, 2), value), np.zeros((1, len(START))), np.array([steps]), period, ("a",), np.zeros(1)
+  )
+  with pytest.raises(ValueError, match="command of segment 0 is no finite number in period 0"):
+    make(np.nan)
+  with pytest.raises(ValueError, match="steps must be 1 numbers of at most 100"):
+    make(steps=300)
+  with pytest.raises(ValueError, match=r"control period is 0.01 s, and the segments' 0.02 s"):
+    twin.rollout(twin.parameters.nominal, make(period=0.02))
+  with pytest.raises(ValueError, match="nothing to drive: 0 parameter vectors"):
+    twin.rollout(np.empty((0, len(twin.parameters))), make())
