@@ -15,7 +15,7 @@ from agents.learning.sb3_zip import any_policy
 from calibration.fitting.windows import Cut, cut_recordings
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
-from qcar_twin.rendering.film import Array, Film, Look, signals_of, write_still, write_video
+from qcar_twin.rendering.film import Array, Film, Look, require_film, signals_of, write_still, write_video
 from qcar_twin.tracks import path_from
 from qcar_twin.twin.file import load_twin
 
@@ -82,6 +82,11 @@ def recorded(config: Config, dataset: Path) -> tuple[Array, Array | None]:
 
 def main(config: Config) -> None:
   """Render."""
+  require_film(config.out)
+  if config.twin and not config.dataset:
+    raise ValueError(
+      "--twin is the second car of a recording: name one with --dataset and --recording, or leave it out"
+    )
   path = None
   if config.dataset:
     signals, ghost = recorded(config, config.dataset)

@@ -20,9 +20,9 @@ from calibration.identification.identification import Identification
 from qcar_twin.command_line import run_script
 from qcar_twin.estimation.observer import Observer, SensedObserver, TrueObserver
 from qcar_twin.estimation.settings import LEARNT
-from qcar_twin.paths import path_named
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
+from qcar_twin.tracks import path_from
 from qcar_twin.twin.file import load_twin
 
 POSITIVE = ("speed", "laps", "runs")
@@ -35,7 +35,7 @@ class Config:
   out: Path
   """Folder for kpis.json, traces.csv and report.html."""
   path: str = "infinity"
-  """Path to follow: s, o, infinity or c."""
+  """Path to follow: s, o, infinity or c, random:SEED, or a CSV file of columns x and y."""
   controller: str = "lq_cm"
   """Controller: ff_fb, lq_ed, lq_cm or linear_rate."""
   version: str = "tuned"
@@ -84,7 +84,7 @@ def run(config: Config) -> tuple[Drive, Kpis]:
   count = 1 if config.quick else config.runs
   wrong = {"gain": config.steering_gain, "offset": np.radians(config.steering_offset)}
   servo = Actuation(**wrong) if config.plant == "bicycle" else Actuation(delay=0.0, lag=0.0, **wrong)
-  task = Task(path_named(config.path), config.speed, config.laps, lock=model.vehicle.max_steering, actuation=servo)
+  task = Task(path_from(config.path), config.speed, config.laps, lock=model.vehicle.max_steering, actuation=servo)
   numbers = controllers.entry(config.controller, config.version)
   controller = controllers.make(config.controller, numbers, model.car, config.speed, task.lock)
   observer: Observer = TrueObserver()

@@ -104,6 +104,17 @@ class Options:
       if get_origin(hint) is Literal:
         one_of_them(name, getattr(self, name), get_args(hint))
     FilterSettings().estimating(*self.unknown)
+    if not isinstance(self.reward, Reward):
+      raise TypeError(f"reward must be a Reward, or a table of its weights, not {self.reward!r:.60}")
+    if not self.steering_gain > 0.0:
+      raise ValueError(f"steering_gain {self.steering_gain:g}: a linkage's gain is more than 0, and 1 of a sound one")
+    for name, most, unit in (("steering_offset", 30.0, "deg"), ("start_heading", 1.5, "rad")):
+      if abs(getattr(self, name)) > most:
+        raise ValueError(f"{name} {getattr(self, name):g} {unit}: a car can follow no path with more than {most:g}")
+    if self.start_offset >= TrackingTask.lost:
+      raise ValueError(f"start_offset {self.start_offset:g} m: a car is lost from {TrackingTask.lost:g} m on")
+    if self.plant == "bicycle" and self.randomise != "none":
+      raise ValueError("randomise draws the parameters of a twin, and the bicycle has none of them: plant='reduced'")
     if (self.randomise == "posterior") != bool(self.diagnosis) or (self.diagnosis and self.twin):
       raise ValueError(
         "randomise posterior and the diagnosis's folder go together, without a twin file; for the diagnosis's twin"
@@ -251,9 +262,14 @@ def fleet(
   return Fleet(task_of(options, model.vehicle.max_steering), config, seeds)
 
 
+MAKE = ("observation", "normalised", "render_mode", "seed")  # of `make_env`, besides
+
+
 def interface_of(observation: str = "wide", normalised: bool = True) -> Interface:
   """What an agent sees, by its name in `SIGHTS`, and in which units."""
   one_of_them("observation", observation, tuple(SIGHTS))
+  if not isinstance(normalised, bool):
+    raise TypeError(f"normalised must be True or False, not {normalised!r:.60}")
   return Interface(SIGHTS[observation] if observation != "errors" else None, normalised)
 
 
@@ -279,7 +295,7 @@ def options_from(given: Mapping[str, Any]) -> Options:
 
 def _names_of(kind: type, given: Mapping[str, Any], what: str) -> None:
   """Raises TypeError where a key is no field of a data class, with the nearest one."""
-  known = [f.name for f in dataclasses.fields(kind)]
+  known = [*(f.name for f in dataclasses.fields(kind)), *(MAKE if kind is Options else ())]
   for name in given:
     if name not in known:
       near = difflib.get_close_matches(name, known, n=1)

@@ -25,6 +25,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
+FILMS = (".mp4", ".mov", ".mkv")
 CAMERAS = ("chase", "top", "onboard")
 PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri libglvnd0"
 
@@ -190,12 +191,19 @@ class Film:
       self._context = None
 
 
+def require_film(file: File) -> None:
+  """Raises ValueError where a file's name is not one that H.264 goes into."""
+  if file.suffix.lower() not in FILMS:
+    raise ValueError(f"{file}: a film is H.264; name a file that ends in {', '.join(FILMS[:-1])} or {FILMS[-1]}")
+
+
 def write_video(file: File, pictures: Iterator[Picture], fps: int) -> int:
   """Write pictures of equal size as mp4 (H.264), replacing the file in one go; the number of frames.
 
   Raises:
-    ValueError: there are no pictures.
+    ValueError: there are no pictures, or the name is no film's.
   """
+  require_film(file)
   with extra("Writing a film"):
     import imageio_ffmpeg
 

@@ -246,3 +246,22 @@ def test_a_summary_in_words_has_a_line_for_everybody():
   text = in_words(summary(run_together(members, case)))
   lines = text.splitlines()
   assert lines[0].startswith("s (bicycle, 0.5 m/s)") and [line.split()[0] for line in lines[1:]] == ["lq_cm", "net"]
+
+
+@pytest.mark.parametrize(
+  ("given", "error", "said"),
+  [
+    ({"reward": 3}, TypeError, "reward must be a Reward, or a table of its weights"),
+    ({"steering_gain": -1.0}, ValueError, "steering_gain -1: a linkage's gain is more than 0"),
+    ({"steering_offset": 100.0}, ValueError, "steering_offset 100 deg"),
+    ({"start_heading": 4.0}, ValueError, "start_heading 4 rad"),
+    ({"start_offset": 1.0}, ValueError, "start_offset 1 m: a car is lost from 0.2 m on"),
+    ({"plant": "bicycle", "randomise": "prior"}, ValueError, "the bicycle has none of them"),
+    ({"normalised": "no"}, TypeError, "normalised must be True or False"),
+    ({"observaton": "wide"}, TypeError, "did you mean observation"),
+    ({"path": "S"}, KeyError, "did you mean s"),
+  ],
+)
+def test_options_that_cannot_be_are_refused(given, error, said):
+  with pytest.raises(error, match=said):
+    make_env(**{"plant": "bicycle", "estimator": "truth"} | given)
