@@ -58,15 +58,19 @@ def main(config: Config) -> list[Alarm]:
   with (config.out / "watch.ndjson").open("w", encoding="utf-8") as file:
     record, last = Record(file, config.mcap), time.monotonic()
     while True:
-      before = record.blocks
+      before, said = record.blocks, set(record.notes)
       for alarm in look(watch, tail, manifest, config.follow.stem, record):
         alarms.append(alarm)
         print(alarm.sentence, flush=True)
+      for what in record.notes.keys() - said:
+        print(record.notes[what], flush=True)
       if record.blocks > before:
         last = time.monotonic()
       if time.monotonic() - last >= config.patience:
         break
       time.sleep(config.every)
+  if tail.torn:
+    print(f"{config.follow}: {tail.torn} rows have other cells than the names above them; left out")
   if not record.blocks:
     why = tail.refused or f"it holds less than {BLOCK:g} s of driving"
     raise RecordingError(f"{config.follow}: nothing could be judged; {why}")

@@ -24,6 +24,7 @@ class Change:
     factors: parameters that are multiplied by 1 + size.  shifts: parameters to which the size is added.
     size: at which it is worth an alarm; the alarm is for either sign where `both`.
     scale: of the size in what is printed (100 for per cent).
+    possible: least and largest size that a car can have; beyond, something else is wrong.
   """
 
   name: str
@@ -34,6 +35,7 @@ class Change:
   unit: str = "%"
   scale: float = 100.0
   both: bool = True
+  possible: tuple[float, float] = (-0.95, 3.0)
 
   def at(self, twin: Twin, theta: Array, size: float) -> Array:
     """The twin's parameters (P,) with the change, within bounds."""
@@ -51,9 +53,20 @@ CHANGES = (
   ),
   Change("rear_grip", "rear cornering stiffness", -0.2, ("cornering_stiffness_rear",)),
   Change("front_grip", "front cornering stiffness", -0.2, ("cornering_stiffness_front",)),
-  Change("sag", "battery sag", 0.2, shifts=("battery_sag",), both=False),
-  Change("steering_delay", "steering delay", 0.04, shifts=("steering_delay",), unit="ms", scale=1e3, both=False),
-  Change("steering_offset", "steering trim", 0.03, shifts=("steering_offset",), unit="mrad", scale=1e3),
+  Change("sag", "battery sag", 0.2, shifts=("battery_sag",), both=False, possible=(0.0, 2.0)),
+  Change(
+    "steering_delay",
+    "steering delay",
+    0.04,
+    shifts=("steering_delay",),
+    unit="ms",
+    scale=1e3,
+    both=False,
+    possible=(0.0, 0.2),
+  ),
+  Change(
+    "steering_offset", "steering trim", 0.03, shifts=("steering_offset",), unit="mrad", scale=1e3, possible=(-0.3, 0.3)
+  ),
 )
 _NEEDED = ("battery_sag", "steering_delay", "steering_offset")
 _ZEROS = ("gyro_bias", "accel_bias")  # mechanisms whose biases a sensor has anew whenever it is switched on

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import itertools
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +20,7 @@ from qcar_twin.recordings.row_clock import origin_of, stamps
 from qcar_twin.recordings.topic_maps import topic_map
 
 _MAGIC = b"\x89MCAP0\r\n"
+_ANEW = 1.0  # s, by which a clock that begins anew goes back at least
 _HEAD = 9  # bytes before a record: its kind and its length
 _KEPT = (1, 3, 4)  # kinds of records without which no message can be read: header, schema, channel
 _MESSAGES = (5, 6)  # a message, a chunk of them
@@ -29,9 +31,11 @@ class Tail(Protocol):
 
   Attributes:
     refused: why what is there cannot be read yet; "" where it can.
+    torn: how many rows were left out that have other cells than the names.
   """
 
   refused: str
+  torn: int
 
   def grown(self) -> bool:
     """Take in what was appended; whether there was anything whole."""
@@ -50,7 +54,7 @@ class CsvTail:
   """Rows of a CSV file; a row that is not ended yet waits."""
 
   def __init__(self, path: Path):
-    self._path, self._place, self._torn, self.refused = path, 0, "", ""
+    self._path, self._place, self._rest, self.refused, self.torn = path, 0, "", "", 0
     self._head: str | None = None
     self._rows: list[str] = []
 
@@ -59,11 +63,14 @@ class CsvTail:
       file.seek(self._place)
       new = file.read()
       self._place = file.tell()
-    text = self._torn + new.decode("utf-8", errors="replace")
-    *rows, self._torn = text.split("\n")
+    text = self._rest + new.decode("utf-8", errors="replace")
+    *rows, self._rest = text.split("\n")
     if self._head is None and rows:
       self._head, *rows = rows
-    self._rows += [row for row in rows if row.strip()]
+    rows = [row for row in rows if row.strip()]
+    whole = [row for row in rows if all(row.count(mark) == (self._head or "").count(mark) for mark in ",;\t")]
+    self.torn += len(rows) - len(whole)
+    self._rows += whole
     return bool(rows)
 
   def written(self, folder: Path) -> Path:
@@ -79,7 +86,7 @@ class McapTail:
   """Records of an MCAP file as they become whole. Most writers write a chunk at a time, of about a megabyte."""
 
   def __init__(self, path: Path):
-    self._path, self._place, self.refused = path, len(_MAGIC), ""
+    self._path, self._place, self.refused, self.torn = path, len(_MAGIC), "", 0
     self._always: list[bytes] = []
     self._records: list[bytes] = []
 
@@ -141,8 +148,9 @@ def tail_of(path: Path) -> Tail:
   return kinds[path.suffix.lower()](path)
 
 
-def as_recording(file: Path, manifest: Manifest, name: str) -> Recording:
-  """A piece read as a data set's dataset.toml says, with times of the log's own clock, s.
+def as_recordings(file: Path, manifest: Manifest, name: str) -> list[tuple[Recording, int]]:
+  """A piece read as a data set's dataset.toml says, with times of the log's own clock, s: one recording for each time
+  the clock began anew, and at which row it did.
 
   Raises:
     RecordingError: a channel is missing or holds no numbers.
@@ -151,12 +159,18 @@ def as_recording(file: Path, manifest: Manifest, name: str) -> Recording:
   said = manifest.mapping
   if manifest.topics:
     said = topic_map(manifest.topics).mapping(table.columns, table.label, said) | said
-  mapping = resolve(table.named(manifest.columns), said)
-  streams, _ = streams_of(table.named(manifest.columns), mapping)
-  origin = origin_of(stamps(table.named(manifest.columns), mapping["time"]))
-  moved = {channel: Stream(s.time + origin, s.value) for channel, s in streams.items()} if origin else streams
-  (recording, *_), _ = completed([Recording(name, moved)], manifest.vehicle, table.label)
-  return recording
+  table = table.named(manifest.columns)
+  mapping = resolve(table, said)
+  back = np.flatnonzero(np.diff(stamps(table, mapping["time"])) < -_ANEW) + 1
+  out = []
+  for first, last in itertools.pairwise([0, *back.tolist(), table.rows]):
+    part = table.rows_between(first, last)
+    streams, _ = streams_of(part, mapping)
+    origin = origin_of(stamps(part, mapping["time"]))
+    moved = {channel: Stream(s.time + origin, s.value) for channel, s in streams.items()} if origin else streams
+    (recording, *_), _ = completed([Recording(name, moved)], manifest.vehicle, table.label)
+    out.append((recording, first))
+  return out
 
 
 def pieces(tail: Tail, manifest: Manifest, name: str, block: float) -> Iterator[tuple[Recording, float]]:
@@ -170,22 +184,28 @@ def pieces(tail: Tail, manifest: Manifest, name: str, block: float) -> Iterator[
   with tempfile.TemporaryDirectory() as folder:
     file = tail.written(Path(folder))
     try:
-      recording = as_recording(file, manifest, name)
+      recordings = as_recordings(file, manifest, name)
     except RecordingError as error:
       tail.refused = (
         str(error).replace(str(file), name).replace(file.name, name)
       )  # too little of it yet, or another log
       return
   tail.refused = ""
-  start, end = span_of(recording)
-  new = getattr(tail, "judged", start)
-  while end - new >= block:
-    begin = max(new - block, start)
-    yield part_of(recording, begin, new + block), new
-    new += block
+  new = getattr(tail, "judged", -np.inf)
+  for k, (recording, _) in enumerate(recordings):
+    start, end = span_of(recording)
+    new = new if k == 0 and start <= new <= end else start
+    while end - new >= block:
+      begin = max(new - block, start)
+      yield part_of(recording, begin, new + block), new
+      new += block
   tail.judged = new  # type: ignore[attr-defined]
+  recording, first = recordings[-1]
+  start, end = span_of(recording)
   if end > start:
-    tail.forget(max(0.0, (new - 1.5 * block - start) / (end - start)))
+    kept = max(0.0, (new - 1.5 * block - start) / (end - start))
+    before = first / (first + len(recording[recording.drive_channel].time))
+    tail.forget(before + (1.0 - before) * kept)
 
 
 def span_of(recording: Recording) -> tuple[float, float]:

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from calibration.fitting.observations import UNITS, Observations
 from calibration.watch.evidence import BLOCK
 from calibration.watch.follow import Tail, pieces
-from calibration.watch.watch import Alarm, Watch
+from calibration.watch.watch import Alarm, Watch, clock
 from qcar_twin.atomic_io import plain
+from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.manifest import Manifest
-from qcar_twin.recordings.recording import Stream
+from qcar_twin.recordings.recording import Recording, Stream
 
 Array = NDArray[np.float64]
 SOURCES = ("measured", "predicted", "difference")
@@ -28,11 +29,13 @@ class Record:
 
   Attributes:
     blocks: written so far.
+    notes: what of the log is not watched, or stands still, a sentence each; said once.
   """
 
   def __init__(self, file: TextIO, kept: bool):
     self._file, self._kept = file, kept
     self.blocks = 0
+    self.notes: dict[str, str] = {}
     self._streams: dict[str, dict[str, list[Array]]] = {source: {} for source in ("time", *SOURCES)}
 
   def block(
@@ -73,10 +76,20 @@ class Record:
     return write_mcap(path, sources, {"what": "a watch"}, dict(UNITS))
 
 
+def _moves(piece: Recording) -> bool:
+  return any(name in piece.streams and np.ptp(piece[name].value) > 0.0 for name in ("motor_speed", "speed", "pose_x"))
+
+
 def look(watch: Watch, tail: Tail, manifest: Manifest, name: str, record: Record) -> list[Alarm]:
   """Judge and write down what is new in a log; the alarms in it."""
   alarms: list[Alarm] = []
   for piece, since in pieces(tail, manifest, name, BLOCK):
+    for channel in sorted(watch.channels - piece.streams.keys()):
+      record.notes.setdefault(channel, f"not watched: {channel}; the data set has it, and this log has no sample of it")
+    for channel, stream in piece.streams.items():
+      if CHANNELS[channel].noisy and np.ptp(stream.value) == 0.0 and _moves(piece):
+        note = f"{channel} stands at {stream.value[0]:g} from {clock(since)} on although the car moves; do not trust it"
+        record.notes.setdefault(f"{channel} stands", note)
     told, observations, predicted = watch.take(piece, since)
     record.block(observations, predicted, since, watch, told)
     alarms += told

@@ -58,6 +58,13 @@ class Alarm:
   @property
   def sentence(self) -> str:
     """For people; times as of the log."""
+    least, most = self.change.possible
+    if not least <= self.size <= most:
+      return (
+        f"since {clock(self.since)} the twin errs by more than {self.change.words} or another change of the car could"
+        f" make it (seen at {clock(self.time)}): a sensor, a unit or a sign of this log is another, or the car is;"
+        " check the log"
+      )
     shown = f"{self.change.words} {self.change.scale * self.size:+.0f} {self.change.unit}"
     seen = f"seen at {clock(self.time)}, e = 10^{self.evidence / np.log(10.0):.0f}"
     return f"since {clock(self.since)} the twin no longer holds: {shown} ({seen}); to be sure, drive it and diagnose"
@@ -88,6 +95,7 @@ class Watch:
     self.twin, theta = watching(twin, theta)
     self.theta = theta
     self.changes = known_to(self.twin, changes)
+    self.channels = frozenset().union(*(r.streams for r in reference))
     self._cut = Cut(length=BLOCK, warm_up=_WARM_UP, command_shift=command_shift)
     self._variants = variants(self.twin, theta, (*self.changes, *ordinary(self.twin)))
     observations, predicted = self._driven(reference)

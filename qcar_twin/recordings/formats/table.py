@@ -105,6 +105,14 @@ class Table:
       not_a_number={name: np.sort(place[rows]) for name, rows in self.not_a_number.items()},
     )
 
+  def rows_between(self, first: int, last: int) -> Table:
+    """The rows from one to before another."""
+    return dataclasses.replace(
+      self,
+      columns={name: values[first:last] for name, values in self.columns.items()},
+      not_a_number={name: rows[(rows >= first) & (rows < last)] - first for name, rows in self.not_a_number.items()},
+    )
+
   def listing(self) -> str:
     """The names of the columns, for an error text; the first forty when there are more."""
     names = list(self.columns)

@@ -10,12 +10,12 @@ from mcap.writer import Writer
 
 from calibration.watch.effects import CHANGES, Change, known_to, ordinary, watching
 from calibration.watch.evidence import BLOCK
-from calibration.watch.follow import CsvTail, McapTail, as_recording, pieces, tail_of
+from calibration.watch.follow import CsvTail, McapTail, as_recordings, pieces, tail_of
 from calibration.watch.watch import Alarm, Watch, clock
 from qcar_twin.plant import START
 from qcar_twin.recordings.dataset_writer import write_dataset
 from qcar_twin.recordings.manifest import Mapped, read_manifest
-from qcar_twin.recordings.recording import Recording, RecordingError
+from qcar_twin.recordings.recording import Recording, RecordingError, Stream
 from qcar_twin.twin.file import save_twin
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
@@ -163,7 +163,7 @@ def test_an_mcap_file_without_its_end_is_read_as_far_as_it_goes(desk, car):
   assert tail.grown()
   named = {name: Mapped(f"/car.{name}") for name in log.streams} | {"time": Mapped("time")}
   manifest = dataclasses.replace(read_manifest(desk / "data"), mapping=named)
-  recording = as_recording(tail.written(desk), manifest, "live")
+  ((recording, _),) = as_recordings(tail.written(desk), manifest, "live")
   count = len(recording["yaw_rate"])
   assert count > 300
   np.testing.assert_allclose(recording["yaw_rate"].value, log["yaw_rate"].value[:count])
@@ -191,6 +191,35 @@ def test_the_command_writes_what_was_measured_and_predicted_and_the_alarm(desk, 
   yaw = lines[0]["channels"]["yaw_rate"]
   assert np.allclose(np.subtract(yaw["measured"], yaw["predicted"]), yaw["difference"])
   assert len(lines) == 24 and (desk / "out" / "watch.mcap").is_file()
+
+
+def test_a_torn_row_and_a_clock_that_begins_anew_cost_only_themselves(desk, car, capsys):
+  write_log(desk / "log.csv", driven(*car, 20.0, 80))
+  rows = (desk / "log.csv").read_text().splitlines(keepends=True)
+  again = [rows[0], *rows[1:900], "garbage\n", *rows[900:1100], *rows[1:1000]]
+  (desk / "log.csv").write_text("".join(again))
+  config = watch_command.Config(desk / "log.csv", desk / "twin.toml", desk / "data", desk / "out", patience=0.0)
+  assert watch_command.main(config) == []
+  assert "1 rows have other cells than the names above them" in capsys.readouterr().out
+  lines = [json.loads(line) for line in (desk / "out" / "watch.ndjson").read_text().splitlines()]
+  assert [line["from"] for line in lines] == [*np.arange(0.0, 9.0, 2.0), *np.arange(0.0, 8.0, 2.0)]
+
+
+def test_what_a_log_lacks_and_what_no_car_can_do_is_said(desk, car, capsys):
+  log = driven(*car, 20.0, 81)
+  look = lambda **changed: [
+    write_log(desk / "log.csv", log.replace(streams={n: s for n, s in (log.streams | changed).items() if s})),
+    watch_command.main(
+      watch_command.Config(desk / "log.csv", desk / "twin.toml", desk / "data", desk / "out", patience=0.0)
+    ),
+  ][1]
+  look(yaw_rate=None)
+  assert "not watched: yaw_rate; the data set has it, and this log has no sample of it" in capsys.readouterr().out
+  gyro = log["yaw_rate"]
+  look(yaw_rate=Stream(gyro.time, 0.0 * gyro.value))
+  assert "yaw_rate stands at 0 from 0:00.0 min on although the car moves" in capsys.readouterr().out
+  alarm, *_ = look(yaw_rate=Stream(gyro.time, np.degrees(gyro.value)))
+  assert "a sensor, a unit or a sign of this log is another" in alarm.sentence
 
 
 def test_a_log_that_cannot_be_judged_is_said(desk, car):
