@@ -59,11 +59,10 @@ def main(config: Config) -> list[Alarm]:
     record, last = Record(file, config.mcap), time.monotonic()
     while True:
       before, said = record.blocks, set(record.notes)
-      for alarm in look(watch, tail, manifest, config.follow.stem, record):
-        alarms.append(alarm)
-        print(alarm.sentence, flush=True)
-      for what in record.notes.keys() - said:
-        print(record.notes[what], flush=True)
+      new = look(watch, tail, manifest, config.follow.stem, record)
+      for text in (*(note for what, note in record.notes.items() if what not in said), *(a.sentence for a in new)):
+        print(text, flush=True)
+      alarms += new
       if record.blocks > before:
         last = time.monotonic()
       if time.monotonic() - last >= config.patience:
