@@ -20,7 +20,6 @@ from qcar_twin.tracks import path_from
 from qcar_twin.twin.file import load_twin
 
 OUT_IS_FILE = True
-
 POSITIVE = ("fps", "size")
 
 
@@ -83,10 +82,6 @@ def recorded(config: Config, dataset: Path) -> tuple[Array, Array | None]:
 def main(config: Config) -> None:
   """Render."""
   require_film(config.out)
-  if config.twin and not config.dataset:
-    raise ValueError(
-      "--twin is the second car of a recording: name one with --dataset and --recording, or leave it out"
-    )
   path = None
   if config.dataset:
     signals, ghost = recorded(config, config.dataset)

@@ -71,7 +71,9 @@ class Record:
       channels = {}
       for name, parts in self._streams[source].items():
         time, first = np.unique(np.concatenate(self._streams["time"][name]), return_index=True)
-        channels[name] = Stream(time, np.concatenate(parts)[first])
+        value = np.concatenate(parts)[first]
+        finite = np.isfinite(value)  # a log in another unit may begin where no simulation can go on
+        channels[name] = Stream(time[finite], value[finite])
       sources["error_twin" if source == "difference" else source] = channels
     return write_mcap(path, sources, {"what": "a watch"}, dict(UNITS))
 
