@@ -82,12 +82,8 @@ class Reward:
     flat = -self.m3 * math.log(self.aligned)
     return np.where(size <= self.aligned, flat, -self.m4 * np.log(np.maximum(size, self.aligned)))
 
-  def effort(self, rate: Array, difference: Array) -> Array:
-    """r_rate + r_ed of steering rates, rad/s, and differences from the demonstrator, rad."""
-    return -self.m5 * np.abs(rate) - self.m6 * np.abs(difference)
-
   def terms(self, cross_track: Array, heading: Array, rate: Array, difference: Array, lost: Mask) -> dict[str, Array]:
-    """What the reward is the sum of, by name, (N,) each; arguments as of `TrackingTask.reward_of`."""
+    """What the reward is the sum of, by name, (N,) each; arguments as of `TrackingTask.judge`."""
     seen = np.isfinite(heading)
     return {
       "cross_track": self.cross_track(np.nan_to_num(cross_track), lost),
@@ -194,17 +190,12 @@ class TrackingTask:
     gain, offset = rng.uniform(-1.0, 1.0, 2) * (self.gain_spread, self.offset_spread)
     return self.steering_gain + gain, self.steering_offset + offset
 
-  def reward_of(self, cross_track: Array, heading: Array, rate: Array, difference: Array) -> tuple[Array, Mask]:
-    """Reward and whether the car is lost, (N,) each.
+  def judge(self, cross_track: Array, heading: Array, rate: Array, difference: Array) -> tuple[dict[str, Array], Mask]:
+    """The reward's terms by name and whether the car is lost, (N,) each.
 
     Args:
       cross_track, heading: after the period, m and rad.
       rate: action of the period, rad/s.  difference: of the steering angle from the demonstrator's, rad.
     """
-    terms, lost = self.judge(cross_track, heading, rate, difference)
-    return np.sum(list(terms.values()), axis=0), lost
-
-  def judge(self, cross_track: Array, heading: Array, rate: Array, difference: Array) -> tuple[dict[str, Array], Mask]:
-    """The reward's terms by name and whether the car is lost, (N,) each; arguments as of `reward_of`."""
     lost = ~np.isfinite(cross_track) | (np.abs(cross_track) >= self.lost)
     return self.reward.terms(cross_track, heading, rate, difference, lost), lost
