@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.paths import Path
+from qcar_twin.vehicle.vehicle import QCAR
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -121,7 +122,7 @@ class TrackingTask:
   reward: Reward = Reward()
   lost: float = 0.2
   largest_rate: float = 1.5
-  lock: float = 0.5236
+  lock: float = QCAR.max_steering
   start_offset: float = 0.05
   start_heading: float = 0.1
   steering_gain: float = 1.0
