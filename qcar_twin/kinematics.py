@@ -31,11 +31,6 @@ def body_to_world(yaw: Quantity, x: Quantity, y: Quantity) -> tuple[Array, Array
   return cos * x - sin * y, sin * x + cos * y
 
 
-def world_to_body(yaw: Quantity, x: Quantity, y: Quantity) -> tuple[Array, Array]:
-  """Rotate a vector from the world frame into the body frame: R(yaw)^T (x, y)."""
-  return body_to_world(-np.asarray(yaw, dtype=np.float64), x, y)
-
-
 # -- from the motor to the road ------------------------------------------------------------------
 
 
@@ -144,24 +139,7 @@ def kinematic_yaw_rate(speed: Quantity, steering_angle: Quantity, cg_to_front: Q
   return speed * np.cos(sideslip) * np.tan(steering_angle) / wheelbase
 
 
-# -- steering geometry and paths -----------------------------------------------------------------
-
-
-def ackermann_angles(
-  steering_angle: Quantity, wheelbase: Quantity, track_width: Quantity, fraction: Quantity = 1.0
-) -> tuple[Array, Array]:
-  """Road-wheel angles (left, right) [rad] of a steered axle.
-
-  cot(delta_left) = cot(delta) - f t / (2 L), cot(delta_right) = cot(delta) + f t / (2 L): `fraction`
-  f = 0 steers both wheels equally, f = 1 points both at one turning centre, f < 0 toes the other way.
-  `steering_angle` delta is that of the wheel in the middle of the axle. Raises ValueError where the
-  turning centre of the inner wheel would lie inside the track.
-  """
-  tangent = np.tan(np.asarray(steering_angle, dtype=np.float64))
-  bend = np.asarray(fraction) * np.asarray(track_width) / (2.0 * np.asarray(wheelbase)) * tangent
-  if np.any(np.abs(bend) >= 1.0):
-    raise ValueError("steering_angle turns about a point between the wheels; reduce it or the fraction")
-  return np.arctan(tangent / (1.0 - bend)), np.arctan(tangent / (1.0 + bend))
+# -- paths ---------------------------------------------------------------------------------------
 
 
 def curvature(velocity_x: Quantity, velocity_y: Quantity, accel_x: Quantity, accel_y: Quantity) -> Array:
@@ -222,11 +200,6 @@ def steering_per_lateral_acceleration_as_printed(
 def yaw_rate_gain(speed: Quantity, wheelbase: Quantity, gradient: Quantity) -> Array:
   """Steady yaw rate per steering angle: r / delta = v / (L + K v^2) [1/s]."""
   return speed / (wheelbase + np.asarray(gradient) * np.square(speed))
-
-
-def lateral_acceleration_gain(speed: Quantity, wheelbase: Quantity, gradient: Quantity) -> Array:
-  """Steady lateral acceleration per steering angle: v^2 / (L + K v^2) [m/s^2/rad]."""
-  return np.square(speed) / (wheelbase + np.asarray(gradient) * np.square(speed))
 
 
 def sideslip_gain(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.parameters import ParameterSet
+from qcar_twin.recordings.channels import COMMANDS
 
 SIGNALS = (
   "pose_x",  # m, centre of gravity, world frame
@@ -27,7 +28,6 @@ SIGNALS = (
   "steering_angle",  # rad, mean road-wheel angle
 )
 START = ("pose_x", "pose_y", "pose_yaw", "velocity_x", "velocity_y", "yaw_rate", "steering_angle")
-COMMANDS = ("motor_voltage", "steering_command")  # V, rad; of a car whose drive takes a voltage
 POSITION, POSE, VELOCITY = slice(0, 2), slice(0, 3), slice(3, 5)  # columns of SIGNALS and of START
 YAW, YAW_RATE = SIGNALS.index("pose_yaw"), SIGNALS.index("yaw_rate")  # in both, too
 VOLTAGE, STEERING = range(len(COMMANDS))  # columns of COMMANDS

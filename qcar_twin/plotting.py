@@ -116,11 +116,6 @@ def draw(axes: Axes, time: ArrayLike, value: ArrayLike, who: str, label: str = "
   axes.plot(time, value, color=COLOURS[who], linewidth=width, label=label or who, zorder=1 if who == "measured" else 2)
 
 
-def shade_noise(axes: Axes, std: float, centre: float = 0.0) -> None:
-  """Shade what the sensor's own noise makes, one standard deviation either way."""
-  axes.axhspan(centre - std, centre + std, color=NOISE, linewidth=0.0, zorder=0, label="noise floor")
-
-
 def bars(axes: Axes, groups: Sequence[str], values: dict[str, Sequence[float]]) -> None:
   """Bars side by side, one colour for each of "before", "twin", "bicycle"; NaN leaves a gap."""
   place = np.arange(len(groups))

@@ -25,7 +25,7 @@ class Config:
   out: Path
   """Folder of the training."""
   algorithm: Literal["paper", "ppo", "sac", "td3", "ddpg"] = "paper"
-  """How is learnt: the paper's DDPG with a demonstrator, or by reward alone with stable-baselines3's algorithm."""
+  """Training algorithm: the paper's DDPG with a demonstrator, or one of stable-baselines3 by reward alone."""
   hyperparameters: Path | None = None
   """YAML file of --algorithm's hyperparameters as the RL zoo's; the package's own without it."""
   path: str = ""

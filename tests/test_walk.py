@@ -1,4 +1,4 @@
-"""The stranger's walk in the documents leads through the code as it is: its rooms, its doors, their order."""
+"""The code tour in the documents follows the code as it is: its folders, the functions called, their order."""
 
 import ast
 import functools
@@ -89,7 +89,7 @@ def test_the_page_is_one_page_of_ten_rooms_at_most():
   assert PAGE.count("\n") <= MOST_LINES
   assert max(map(len, PAGE.splitlines())) <= 130
   assert 0 < len(ROOMS) <= MOST_ROOMS
-  assert PAGE.startswith("# A stranger's walk\n\nFrom `DataSet.load` to a claim in `diagnosis.json`")
+  assert PAGE.startswith("# Code tour\n\nFrom `DataSet.load` to a claim in `diagnosis.json`")
 
 
 def test_every_room_is_a_folder_and_entered_once():

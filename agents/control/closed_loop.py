@@ -13,6 +13,7 @@ from agents.control.speed import SpeedController, SpeedGains
 from qcar_twin.envs.driven_cars import ESTIMATED, TRUE, Course, DrivenCars, Linkage, one_of
 from qcar_twin.estimation.observer import Observer
 from qcar_twin.paths import Path
+from qcar_twin.vehicle.vehicle import QCAR
 
 Array = NDArray[np.float64]
 LOST = 0.5  # m from the path: the run is over
@@ -46,7 +47,7 @@ class Task:
   path: Path
   speed: float | Array = 0.5
   laps: int = 1
-  lock: float = 0.5236
+  lock: float = QCAR.max_steering
   offset: float | Array = 0.0
   heading: float | Array = 0.0
   actuation: Actuation | None = None

@@ -15,6 +15,7 @@ from agents.control.lq import LqCm, LqEd
 from qcar_twin.atomic_io import write_text
 from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.untrusted import UnreadableFile, is_number, read_toml
+from qcar_twin.vehicle.vehicle import QCAR
 
 FILE = Path(__file__).resolve().parents[1] / "data" / "controllers.toml"
 VERSIONS = ("loose", "tuned")
@@ -50,7 +51,7 @@ FAMILIES = {
 
 
 def make(
-  name: str, numbers: Mapping[str, float], car: SingleTrackCar, speed: float, lock: float = 0.5236
+  name: str, numbers: Mapping[str, float], car: SingleTrackCar, speed: float, lock: float = QCAR.max_steering
 ) -> Controller:
   """A controller from its numbers; LQ gains come from the identified model at `speed` m/s.
 

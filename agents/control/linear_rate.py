@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control.interface import Situation
+from qcar_twin.vehicle.vehicle import QCAR
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ class LinearRate:
 
   gain: Array
   largest: float = 1.5
-  lock: float = 0.5236
+  lock: float = QCAR.max_steering
   name: str = "linear_rate"
 
   def answer(self, errors: Array) -> Array:

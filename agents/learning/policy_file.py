@@ -20,6 +20,7 @@ from qcar_twin.atomic_io import whole_file, write_text
 from qcar_twin.extras import extra
 from qcar_twin.slow_means import MEMORY
 from qcar_twin.untrusted import UnreadableFile, bounded_memory, is_number, read_json
+from qcar_twin.vehicle.vehicle import QCAR
 
 with extra("Reading a policy"):
   from safetensors import SafetensorError
@@ -54,7 +55,7 @@ class Policy:
   layers: Layers
   observation_scale: tuple[float, ...]
   largest_rate: float = 1.5
-  lock: float = 0.5236
+  lock: float = QCAR.max_steering
   provenance: Mapping[str, Any] = dataclasses.field(default_factory=dict)
   name: str = "policy"
   sight: ObservationSpec = ObservationSpec()

@@ -35,7 +35,6 @@ class Diagnosis:
     seconds: wall time.
     stages: wall time of each stage, s, in order.
     next_experiment: manoeuvre, separates, predicted_nats; None where none is needed.
-    repaired_twin: file of the repaired twin, relative to the output folder.
     evidence: what the decision rests on, as plain numbers.
     notes: warnings about the data set that a reader must know.
     formula: of what stays unexplained; None where nothing does.
@@ -52,7 +51,6 @@ class Diagnosis:
   seconds: float
   stages: Mapping[str, float] = dataclasses.field(default_factory=dict)
   next_experiment: Mapping[str, Any] | None = None
-  repaired_twin: str = "twin.toml"
   notes: tuple[str, ...] = ()
   replay: Replay | None = None
   formula: Shipped | None = None

@@ -50,8 +50,8 @@ def step(x: Array, u: Array, car: Numbers) -> tuple[Array, Array]:
     fourth = derivative(x + length * third, rate, u[..., 0], car)
     rates = (first + 2.0 * second + 2.0 * third + fourth) / 6.0
     after = x + length * rates
-    stopped = (np.sign(after[..., 3]) * np.sign(x[..., 3]) < 0.0) & (np.abs(first[..., 3]) < 1e3)
-    after[..., 3] = np.where(stopped, 0.0, after[..., 3])
+    turned_round = np.sign(after[..., 3]) * np.sign(x[..., 3]) < 0.0  # it stops first: friction may hold it
+    after[..., 3] = np.where(turned_round, 0.0, after[..., 3])
     x = after
   kinematic = x[..., 3] < car["switch_speed"]
   slip = _rolling(x[..., 2], car)

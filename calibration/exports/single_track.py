@@ -25,7 +25,8 @@ import numpy as np
 
 Numbers = dict[str, Any]
 PERIOD, PARTS = 0.01, 4  # s, and steps of integration in it
-GRAVITY = 9.80665  # m/s^2
+GRAVITY = 9.81  # m/s^2, the twin's
+LEAST_LOAD = 0.02  # of an axle's static load: what remains on it where the other takes all
 ROUNDS = 2  # of a step, in which forces and loads come to go with the speeds along at its end
 CREEP = 0.005  # m/s, v_0: slip is finite at standstill
 KINK = 1e-3  # rad and V: half-width over which corners of maps are rounded
@@ -229,8 +230,8 @@ def gripping(
   for _ in range(ROUNDS):
     speeds, pull = (cosine * ahead + sine * sideways, ahead), (front[2], rear[2])
     rims = rim_speeds(car, rim, speeds, pull)
-    load_front = m.maximum(static * b - transfer, 0.1 * car["mass"])
-    load_rear = m.maximum(static * a + transfer, 0.1 * car["mass"])
+    load_front = m.maximum(static * b - transfer, LEAST_LOAD * static * b)
+    load_rear = m.maximum(static * a + transfer, LEAST_LOAD * static * a)
     front = axle(m, car, "front", slip_front, rims[0], speeds[0], aside_front, load_front, duration)
     rear = axle(m, car, "rear", slip_rear, rims[1], speeds[1], aside_rear, load_rear, duration)
     left = force + (front[0] * aside_front + front[1]) * sine

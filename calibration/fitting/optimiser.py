@@ -101,7 +101,7 @@ def fit(
 
   Args:
     residual: whitened residuals of n parameter vectors, (n, p) -> (n, M); NaN rows count as infinitely bad.
-    parameters: bounds and Gaussian priors.
+    parameters: bounds and priors, Gaussian or log-normal.
     start: first guess, (p,); the parameters' own by default.
     iterations: at most this many steps; a Jacobian serves up to three, corrected by Broyden's update.
     robust: pseudo-Huber width in standard deviations; np.inf for plain least squares.

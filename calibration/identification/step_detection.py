@@ -46,10 +46,6 @@ class Step:
     """Row at which the new command begins to act."""
     return int(np.searchsorted(self.time, -0.5 * PERIOD))
 
-  def lead_in(self, channel: str) -> Array:
-    """Values before the step."""
-    return self.measured[channel][: self.first]
-
   def steady_mean(self, channel: str) -> float:
     return float(np.mean(self.measured[channel][self.steady]))
 

@@ -25,6 +25,7 @@ from scipy.optimize import least_squares
 from calibration.identification.step_detection import PERIOD
 from qcar_twin import kinematics
 from qcar_twin.vehicle.similarity import Similarity
+from qcar_twin.vehicle.vehicle import GRAVITY
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -32,7 +33,6 @@ Quantity = Array | float
 
 SUBSTEPS = 4  # of a period, of the QCar's class; Runge-Kutta, stable for servos slower than 0.0014 s
 BEFORE, AFTER = 10, 35  # periods simulated before the step and after it
-GRAVITY = 9.81  # m/s^2
 
 
 @dataclasses.dataclass(frozen=True)

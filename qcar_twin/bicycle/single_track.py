@@ -333,17 +333,3 @@ def steps(x: Array, u: Array, duration: float, car: SingleTrackCar) -> Array:
 def _velocity(x: Array) -> Array:
   course = x[..., State.POSE_YAW] + x[..., State.SIDESLIP_ANGLE]
   return x[..., State.SPEED, None] * np.stack([np.cos(course), np.sin(course)], axis=-1)
-
-
-def step_jacobian(x: Quantity, u: Quantity, duration: float, car: SingleTrackCar) -> Array:
-  """d step / dx, (..., 6, 6), by central differences in one batched call (accurate to 1e-8).
-
-  For the transition of an extended Kalman filter: unlike I + h df/dx it stays bounded at low speed.
-  `car` must be scalar or broadcast against (..., 1).
-  """
-  x, u = np.asarray(x, dtype=np.float64), np.asarray(u, dtype=np.float64)
-  size = 1e-5
-  moves = size * np.concatenate([np.eye(State.SIZE), -np.eye(State.SIZE)])  # (12, 6)
-  moved = step(x[..., None, :] + moves, u[..., None, :], duration, car)  # (..., 12, 6)
-  difference = (moved[..., : State.SIZE, :] - moved[..., State.SIZE :, :]) / (2.0 * size)
-  return np.swapaxes(difference, -1, -2)

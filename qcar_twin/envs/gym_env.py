@@ -18,8 +18,6 @@ with extra("The gymnasium environment"):
   from gymnasium.vector import AutoresetMode, VectorEnv
   from gymnasium.vector.utils import batch_space
 
-PERIOD_RATE = 100  # Hz, of the plants' control period
-
 
 class PathTrackingEnv(gymnasium.Env):
   """One car on the path-tracking task.
@@ -32,7 +30,7 @@ class PathTrackingEnv(gymnasium.Env):
     interface: what is seen and how actions are read; the four errors in SI units without it.
   """
 
-  metadata = {"render_modes": ["rgb_array"], "render_fps": PERIOD_RATE}
+  metadata = {"render_modes": ["rgb_array"], "render_fps": 100}  # an instance has its own clock's rate
 
   def __init__(self, fleet: Fleet, render_mode: str | None = None, interface: Interface | None = None):
     if fleet.count != 1:
@@ -40,6 +38,7 @@ class PathTrackingEnv(gymnasium.Env):
     if render_mode not in (None, *self.metadata["render_modes"]):
       raise ValueError(f"no render mode '{render_mode}'; there are {', '.join(self.metadata['render_modes'])}, or None")
     self.fleet, self.render_mode, self.interface = fleet, render_mode, interface or Interface()
+    self.metadata = {**type(self).metadata, "render_fps": round(1.0 / fleet.task.period)}
     self.observation_space = self.interface.observation_space
     self.action_space = self.interface.action_space(fleet)
     self._begun = False

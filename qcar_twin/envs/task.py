@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.paths import Path
+from qcar_twin.vehicle.vehicle import QCAR
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -82,12 +83,8 @@ class Reward:
     flat = -self.m3 * math.log(self.aligned)
     return np.where(size <= self.aligned, flat, -self.m4 * np.log(np.maximum(size, self.aligned)))
 
-  def effort(self, rate: Array, difference: Array) -> Array:
-    """r_rate + r_ed of steering rates, rad/s, and differences from the demonstrator, rad."""
-    return -self.m5 * np.abs(rate) - self.m6 * np.abs(difference)
-
   def terms(self, cross_track: Array, heading: Array, rate: Array, difference: Array, lost: Mask) -> dict[str, Array]:
-    """What the reward is the sum of, by name, (N,) each; arguments as of `TrackingTask.reward_of`."""
+    """What the reward is the sum of, by name, (N,) each; arguments as of `TrackingTask.judge`."""
     seen = np.isfinite(heading)
     return {
       "cross_track": self.cross_track(np.nan_to_num(cross_track), lost),
@@ -125,7 +122,7 @@ class TrackingTask:
   reward: Reward = Reward()
   lost: float = 0.2
   largest_rate: float = 1.5
-  lock: float = 0.5236
+  lock: float = QCAR.max_steering
   start_offset: float = 0.05
   start_heading: float = 0.1
   steering_gain: float = 1.0
@@ -194,17 +191,12 @@ class TrackingTask:
     gain, offset = rng.uniform(-1.0, 1.0, 2) * (self.gain_spread, self.offset_spread)
     return self.steering_gain + gain, self.steering_offset + offset
 
-  def reward_of(self, cross_track: Array, heading: Array, rate: Array, difference: Array) -> tuple[Array, Mask]:
-    """Reward and whether the car is lost, (N,) each.
+  def judge(self, cross_track: Array, heading: Array, rate: Array, difference: Array) -> tuple[dict[str, Array], Mask]:
+    """The reward's terms by name and whether the car is lost, (N,) each.
 
     Args:
       cross_track, heading: after the period, m and rad.
       rate: action of the period, rad/s.  difference: of the steering angle from the demonstrator's, rad.
     """
-    terms, lost = self.judge(cross_track, heading, rate, difference)
-    return np.sum(list(terms.values()), axis=0), lost
-
-  def judge(self, cross_track: Array, heading: Array, rate: Array, difference: Array) -> tuple[dict[str, Array], Mask]:
-    """The reward's terms by name and whether the car is lost, (N,) each; arguments as of `reward_of`."""
     lost = ~np.isfinite(cross_track) | (np.abs(cross_track) >= self.lost)
     return self.reward.terms(cross_track, heading, rate, difference, lost), lost

@@ -13,8 +13,6 @@ from typing import Any
 from qcar_twin.bicycle.single_track import SingleTrackCar
 
 STANDSTILL = 0.02  # m/s, below which |v| in the lateral model is smoothed: sqrt(v^2 + STANDSTILL^2)
-BM_STATES = ("pose_x", "pose_y", "speed", "pose_yaw", "sideslip_angle", "yaw_rate")
-PM_STATES = ("pose_x", "pose_y", "inertial_velocity_x", "inertial_velocity_y")
 X, Y, V, YAW, BETA, R = range(6)
 
 State = tuple[Any, ...]  # one float, or one array (N,), per state

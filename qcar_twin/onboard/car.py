@@ -17,7 +17,6 @@ from qcar_twin.sensors.suite import Reading, SensorSuite, qcar_sensors
 
 Array = NDArray[np.float64]
 COUNTS = 720 * 4  # encoder counts per turn of the motor: lines and edges
-GRAVITY = 9.81  # m/s^2 along the IMU's z axis
 _EARLY = 1e-9  # s, below which two times are one
 _INERTIAL = ("accel_x", "accel_y", "yaw_rate")
 

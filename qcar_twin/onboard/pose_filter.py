@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-WHEELBASE = 0.256  # m, of the QCar
+from qcar_twin.vehicle.similarity import WHEELBASE
+
 _PROCESS = (1e-3, 1e-3, 1e-3)  # variances per s: m^2, m^2, rad^2; assumed, a few centimetres in a second
 _POSE = (1e-4, 1e-4, 1e-4)  # variances of a pose: a centimetre, half a degree; assumed
 _GYRO = 1e-4  # (rad/s)^2, variance of the gyro, assumed; of the rate that the steering implies ten times as much

@@ -6,8 +6,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_twin.onboard.car import COUNTS, GRAVITY, Sample
+from qcar_twin.onboard.car import COUNTS, Sample
 from qcar_twin.onboard.rig import HANDED_OUT, READ_TIME, Rig
+from qcar_twin.vehicle.vehicle import GRAVITY
 
 MOST_STEERING = 0.6  # rad, beyond which the car's own electronics clip
 _IMMEDIATE, _TASK = 0, 1

@@ -195,7 +195,7 @@ CHANNELS: dict[str, Channel] = {
     ),
   )
 }
-COMMANDS = ("motor_voltage", "steering_command")  # of a car whose drive takes a voltage
+COMMANDS = ("motor_voltage", "steering_command")  # V, rad; of a car whose drive takes a voltage
 DRIVE_COMMANDS = tuple(c.name for c in CHANNELS.values() if c.is_command and c.device == "motor")
 
 

@@ -117,11 +117,6 @@ class Standstill:
     colour = f", coloured {self.coloured:.3g} over {self.correlation:.2g} s" if self.coloured else ""
     return f"offset {self.offset:.4g}, white {self.white:.4g}, walk {self.walk:.3g} per sqrt(s){colour}"
 
-  def as_noise(self) -> ChannelNoise:
-    """Noise that makes such a channel."""
-    correlation = self.correlation if math.isfinite(self.correlation) else 1.0
-    return ChannelNoise(self.white, self.coloured, correlation, abs(self.offset), self.walk)
-
 
 def standstill_noise(recording: Recording) -> Mapping[str, Standstill]:
   """Noise of every measured channel of a recording in which nothing moves.

@@ -1,6 +1,6 @@
 """Scores of a campaign by a fixed rule, from its answers and truths alone."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -35,45 +35,43 @@ def score(results: Sequence[Result]) -> dict[str, float | int | None]:
   return {
     "nulls": len(by["null"]),
     "nulls_with_claim": sum(bool(r["answer"]["claims"]) for r in by["null"]),
-    "nulls_with_claim_share": _mean([bool(r["answer"]["claims"]) for r in by["null"]]),
+    "nulls_with_claim_share": mean([bool(r["answer"]["claims"]) for r in by["null"]]),
     "nulls_called_unexplained": sum(r["answer"]["verdict"] == "unexplained" for r in by["null"]),
     "singles": len(singles),
     "ids": len({r["truth"][0]["id"] for r in singles}),
-    "right_first": _mean(map(right_first, singles)),
-    "right_first_typical": _mean(map(right_first, typical)),
-    "right_first_third": _mean(map(right_first, small)),
-    "right_or_declared_indistinguishable": _mean(map(right_or_indistinguishable, singles)),
-    "top_three": _mean(map(in_top_three, singles)),
-    "no_claim": _mean([not r["answer"]["claims"] for r in singles]),
-    "wrong_first": _mean([bool(r["answer"]["claims"]) and not right_first(r) for r in singles]),
+    "right_first": mean(map(right_first, singles)),
+    "right_first_typical": mean(map(right_first, typical)),
+    "right_first_third": mean(map(right_first, small)),
+    "right_or_declared_indistinguishable": mean(map(right_or_indistinguishable, singles)),
+    "top_three": mean(map(in_top_three, singles)),
+    "no_claim": mean([not r["answer"]["claims"] for r in singles]),
+    "wrong_first": mean([bool(r["answer"]["claims"]) and not right_first(r) for r in singles]),
     "parameter_error_median": _median([e for r in singles if right_first(r) for e in parameter_errors(r)]),
-    "subsystem": _mean(map(subsystem_right, singles)),
+    "subsystem": mean(map(subsystem_right, singles)),
     "pairs": len(by["pair"]),
-    "pairs_both": _mean([named(r) >= truth_ids(r) for r in by["pair"]]),
-    "pairs_at_least_one": _mean([bool(named(r) & truth_ids(r)) for r in by["pair"]]),
-    "pairs_nothing_false": _mean([named(r) <= truth_ids(r) for r in by["pair"]]),
+    "pairs_both": mean([named(r) >= truth_ids(r) for r in by["pair"]]),
+    "pairs_at_least_one": mean([bool(named(r) & truth_ids(r)) for r in by["pair"]]),
+    "pairs_nothing_false": mean([named(r) <= truth_ids(r) for r in by["pair"]]),
     "outside": len(by["outside"]),
-    "outside_unknown": _mean(map(said_so, by["outside"])),
-    "outside_right_variables": _mean(map(right_variables, by["outside"])),
-    "outside_sure_and_wrong": _mean(
-      [any(c["probability"] > 0.8 for c in r["answer"]["claims"]) for r in by["outside"]]
-    ),
+    "outside_unknown": mean(map(said_so, by["outside"])),
+    "outside_right_variables": mean(map(right_variables, by["outside"])),
+    "outside_sure_and_wrong": mean([any(c["probability"] > 0.8 for c in r["answer"]["claims"]) for r in by["outside"]]),
     **_wild(by["wild"]),
-    "coverage_90": _mean([inside for r in singles if right_first(r) for inside in parameters_inside(r)]),
-    "right_first_easy": _mean([right_first(r) for r in singles if level(r) == "easy"]),
-    "right_first_medium": _mean([right_first(r) for r in singles if level(r) == "medium"]),
-    "right_first_hard": _mean([right_first(r) for r in singles if level(r) == "hard"]),
-    "right_first_visible": _mean(map(right_first, visible)),
-    "top_three_visible": _mean(map(in_top_three, visible)),
-    "subsystem_visible": _mean(map(subsystem_right, visible)),
+    "coverage_90": mean([inside for r in singles if right_first(r) for inside in parameters_inside(r)]),
+    "right_first_easy": mean([right_first(r) for r in singles if level(r) == "easy"]),
+    "right_first_medium": mean([right_first(r) for r in singles if level(r) == "medium"]),
+    "right_first_hard": mean([right_first(r) for r in singles if level(r) == "hard"]),
+    "right_first_visible": mean(map(right_first, visible)),
+    "top_three_visible": mean(map(in_top_three, visible)),
+    "subsystem_visible": mean(map(subsystem_right, visible)),
     "as_good_as_invisible": sum(level(r) == "invisible" for r in singles),
     "recovered_over_sensor_noise": _median([recovered(r, sensor_noise(r)) for r in claimed]),
     "recovered_over_nulls": _median([recovered(r, floor) for r in claimed]),
     "recovered_over_oracle": _median([recovered(r, r["oracle"]["holdout"]) for r in claimed if r.get("oracle")]),
     "error_over_oracle_median": _median([error_over(r, r["oracle"]["holdout"]) for r in claimed if r.get("oracle")]),
-    "channels_worse": _mean(map(any_channel_worse, [r for r in results if r["answer"]["claims"]])),
-    "channels_worse_of_all_cases": _mean(map(any_channel_worse, results)),
-    "channels_worse_beyond_chance": _mean(map(any_channel_surely_worse, results)),
+    "channels_worse": mean(map(any_channel_worse, [r for r in results if r["answer"]["claims"]])),
+    "channels_worse_of_all_cases": mean(map(any_channel_worse, results)),
+    "channels_worse_beyond_chance": mean(map(any_channel_surely_worse, results)),
     "calibration_error": expected_error(stated_claims(results)),
     "seconds_median": _median([r["answer"]["seconds"] for r in results]),
   }
@@ -83,8 +81,8 @@ def _wild(results: Sequence[Result]) -> dict[str, float | int | None]:
   """Of cars with many effects: names claimed that are there, effects of the catalogue that are named."""
   return {
     "wild": len(results),
-    "wild_names_there": _mean([name in truth_ids(r) for r in results for name in named(r)]),
-    "wild_effects_named": _mean([t["id"] in named(r) for r in results for t in r["truth"] if t["in_catalogue"]]),
+    "wild_names_there": mean([name in truth_ids(r) for r in results for name in named(r)]),
+    "wild_effects_named": mean([t["id"] in named(r) for r in results for t in r["truth"] if t["in_catalogue"]]),
     "wild_error_over_oracle_median": _median(
       [error_over(r, r["oracle"]["holdout"]) for r in results if r.get("oracle")]
     ),
@@ -106,8 +104,8 @@ def score_baselines(results: Sequence[Result]) -> dict[str, dict[str, float | in
     names = any(answered(r)["claims"] or answered(r)["ranking"] for r in results)
     methods[method] = {
       "nulls_with_claim": sum(bool(answered(r)["claims"]) for r in nulls) if names else None,
-      "right_first": _mean([answered(r)["claims"][:1] == [r["truth"][0]["id"]] for r in singles]) if names else None,
-      "wrong_first": _mean(
+      "right_first": mean([answered(r)["claims"][:1] == [r["truth"][0]["id"]] for r in singles]) if names else None,
+      "wrong_first": mean(
         [bool(answered(r)["claims"]) and answered(r)["claims"][0] != r["truth"][0]["id"] for r in singles]
       )
       if names
@@ -116,8 +114,8 @@ def score_baselines(results: Sequence[Result]) -> dict[str, dict[str, float | in
     }
   ours = {
     "nulls_with_claim": sum(bool(r["answer"]["claims"]) for r in nulls),
-    "right_first": _mean(map(right_first, singles)),
-    "wrong_first": _mean([bool(r["answer"]["claims"]) and not right_first(r) for r in singles]),
+    "right_first": mean(map(right_first, singles)),
+    "wrong_first": mean([bool(r["answer"]["claims"]) and not right_first(r) for r in singles]),
     "holdout_error_median": _median(
       [_error_ratio(r, {n: f["after"] for n, f in r["answer"]["fit"]["holdout"].items()}) for r in effects]
     ),
@@ -176,7 +174,7 @@ def reliability(stated: Sequence[tuple[float, bool]]) -> list[tuple[float, float
   rows = []
   for low, high in zip(edges[:-1], edges[1:], strict=True):
     inside = [(p, right) for p, right in stated if low <= p < high or (high == p == 1.0)]
-    rows.append((low, high, len(inside), _mean(p for p, _ in inside), _mean(right for _, right in inside)))
+    rows.append((low, high, len(inside), mean(p for p, _ in inside), mean(right for _, right in inside)))
   return rows
 
 
@@ -311,7 +309,8 @@ def any_channel_surely_worse(result: Result) -> bool:
   return any(f["after"] > 1.01 * f["before"] and f["ci95"][0] > 0.0 for f in fits)
 
 
-def _mean(values) -> float | None:
+def mean(values: Iterable[float]) -> float | None:
+  """Of numbers or of what is true or false; None of none."""
   numbers = [float(v) for v in values]
   return float(np.mean(numbers)) if numbers else None
 

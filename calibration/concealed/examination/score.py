@@ -15,6 +15,7 @@ import numpy as np
 from qcar_twin.twin.mechanisms import catalogue
 
 from ..campaign.intervals import exact_interval
+from ..campaign.score import mean, said_so
 
 Result = Mapping[str, Any]
 VISIBLE = 20.0  # nats: a likelihood ratio of 5e8
@@ -55,11 +56,6 @@ def each_named(result: Result) -> bool:
 
 def nothing_false(result: Result) -> bool:
   return set(claims(result)) <= right_names(result)
-
-
-def said_so(result: Result) -> bool:
-  """Whether the verdict says that something without a name acts."""
-  return result["answer"]["verdict"] in ("unexplained", "partly_explained")
 
 
 def sure(result: Result) -> bool:
@@ -118,7 +114,7 @@ def characteristic(results: Sequence[Result]) -> list[tuple[float, float | None,
   nulls, singles = of_kind(results, "null"), of_kind(results, "single")
   named = lambda r, level: best_name(r)[1] >= level and best_name(r)[0] in right_names(r)
   return [
-    (level, _share(best_name(r)[1] >= level for r in nulls), _share(named(r, level) for r in singles))
+    (level, mean(best_name(r)[1] >= level for r in nulls), mean(named(r, level) for r in singles))
     for level in THRESHOLDS
   ]
 
@@ -130,8 +126,8 @@ def reliability(results: Sequence[Result]) -> list[tuple[str, int, float, float]
   for low, high in zip(PROBABILITIES[:-1], PROBABILITIES[1:], strict=True):
     inside = [(p, right) for p, right in stated if low <= p < high or p == high == 1.0]
     if inside:
-      mean, share = np.mean(inside, axis=0)
-      rows.append((f"{low:g} to {high:g}", len(inside), float(mean), float(share)))
+      stated_mean, share = np.mean(inside, axis=0)
+      rows.append((f"{low:g} to {high:g}", len(inside), float(stated_mean), float(share)))
   return rows
 
 
@@ -176,8 +172,3 @@ def _mark(result: Result) -> str:
     "null": lambda r: not claims(r), "single": right_first, "pair": each_named, "outside": said_so
   }  # fmt: skip
   return "right" if right[result["truth"]["kind"]](result) else "wrong"
-
-
-def _share(values) -> float | None:
-  numbers = [float(v) for v in values]
-  return float(np.mean(numbers)) if numbers else None

@@ -217,14 +217,6 @@ class Dynamics:
     total *= h / 6.0
     y += total
 
-  def kinetic_energy(self) -> np.ndarray:
-    """Energy of motion and in the springs (N,) [J]; the brush is counted at its linear stiffness."""
-    s, car = self.state, self.car
-    body = car.mass * (s.vx**2 + s.vy**2) + car.yaw_inertia * s.yaw_rate**2
-    turning = (car.wheel_inertia * s.wheel**2).sum(axis=0) + car.motor_inertia * s.motor**2
-    stored = (car.shaft_stiffness * s.twist**2).sum(axis=0) + (self.stiffness * s.carcass**2).sum(axis=(0, 1))
-    return 0.5 * (body + turning + stored)
-
 
 def rolling_start(dynamics: Dynamics, start: np.ndarray) -> None:
   """Put the cars at start (N, 7): x, y, yaw [m, m, rad], velocity_x, velocity_y [m/s], yaw_rate [rad/s], steering_angle

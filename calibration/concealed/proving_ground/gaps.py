@@ -1,4 +1,4 @@
-"""The generator's own benign differences from a textbook car; how much each does is `ablation`'s question."""
+"""The generator's own benign differences from a textbook car; the tests' `ablation` says how much each does."""
 
 from __future__ import annotations
 

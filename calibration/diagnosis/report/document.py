@@ -89,7 +89,6 @@ def document(
       "next_experiment": d.next_experiment,
       "fit": {role: _fits(getattr(d, role), own.get(role, {})) for role in ("validate", "holdout")},
       "curves": curves,
-      "repaired_twin": d.repaired_twin,
       "shipped": shipped,
       "seconds": d.seconds,
     }
@@ -211,7 +210,6 @@ SCHEMA: dict[str, Any] = {
   "next_experiment": "experiment or null",
   "fit": {"validate": _CHANNEL, "holdout": _CHANNEL},
   "curves": "object or null",
-  "repaired_twin": str,
   "shipped": SHIPPED,
   "seconds": _NUMBER,
 }

@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration.exports import single_track
+from calibration.exports import gym_track, single_track
 from calibration.exports.cars import ModelCars
 from calibration.exports.numbers import single_track_numbers
 from qcar_twin.plant import Segments, signal_index
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.twin import Twin
-from qcar_twin.vehicle.vehicle import Vehicle
+from qcar_twin.vehicle.vehicle import GRAVITY, Vehicle
 from tests import ROOT
 
 
@@ -29,6 +29,10 @@ def beside_the_twin(volts, steering, layout="all-wheel", **values):
 def car_of(layout):
   data = DataSet.load(ROOT / "data" / "sample")
   return Twin(dataclasses.replace(Vehicle.from_dataset(data.vehicle, data.vehicle_std), layout=layout), threads=1)
+
+
+def test_the_copy_that_imports_nothing_has_the_twins_gravity():
+  assert single_track.GRAVITY == gym_track.GRAVITY == GRAVITY
 
 
 @pytest.mark.parametrize("layout", ["all-wheel", "rear", "front"])

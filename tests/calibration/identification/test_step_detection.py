@@ -21,13 +21,12 @@ def steps(command, start_at_rest=True, **kwargs):
   return find_steps([run(command, **kwargs)], "motor_voltage", "motor_speed", 0.1, start_at_rest)
 
 
-def test_jump_is_found_with_its_row_level_and_lead_in():
+def test_jump_is_found_with_its_row_and_level():
   (step,) = steps(np.where(TIME < 1.0, 0.0, 1.5))
   assert step.level == 1.5
   assert step.first == 100
   np.testing.assert_allclose(step.time[step.first], 0.0, atol=1e-12)
   np.testing.assert_array_equal(step.commands[step.first - 1 : step.first + 1, 0], [0.0, 1.5])
-  assert step.lead_in("motor_speed").shape == (100,)
   assert step.recording == "run"
 
 

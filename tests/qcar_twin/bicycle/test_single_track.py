@@ -208,30 +208,10 @@ def test_analytic_jacobian_equals_finite_differences(x):
   np.testing.assert_allclose(single_track.jacobian(x, u, CAR), expected, rtol=1e-5, atol=1e-4)
 
 
-@pytest.mark.parametrize("x", STATES)
-def test_step_jacobian_tends_to_the_exponential_of_the_jacobian(x):
-  u, short = np.array([holding_voltage(x[State.SPEED]), 0.2]), 1e-5
-  expected = expm(single_track.jacobian(x, u, CAR) * short)
-  jacobian = single_track.step_jacobian(x, u, short, CAR)
-  np.testing.assert_allclose(jacobian, expected, atol=0.01 * np.abs(expected - np.eye(6)).max())
-
-
-def test_step_jacobian_predicts_the_difference_of_two_steps():
-  rng = np.random.default_rng(3)
+def test_jacobian_broadcasts():
   u = np.array([1.1, 0.2])
-  for x in STATES:
-    move = 1e-3 * rng.standard_normal(6)
-    change = single_track.step(x + move, u, 0.01, CAR) - single_track.step(x - move, u, 0.01, CAR)
-    expected = 2.0 * single_track.step_jacobian(x, u, 0.01, CAR) @ move
-    np.testing.assert_allclose(change, expected, atol=2e-5)
-
-
-def test_jacobians_broadcast():
-  u = np.array([1.1, 0.2])
-  for function, args in ((single_track.jacobian, ()), (single_track.step_jacobian, (0.01,))):
-    batch = function(STATES, u, *args, CAR)
-    single = np.stack([function(x, u, *args, CAR) for x in STATES])
-    np.testing.assert_allclose(batch, single, rtol=1e-12, atol=1e-12)
+  single = np.stack([single_track.jacobian(x, u, CAR) for x in STATES])
+  np.testing.assert_allclose(single_track.jacobian(STATES, u, CAR), single, rtol=1e-12, atol=1e-12)
 
 
 @settings(max_examples=40)

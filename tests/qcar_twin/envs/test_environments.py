@@ -5,10 +5,11 @@ import pytest
 from gymnasium.utils.env_checker import check_env as gymnasium_check
 from stable_baselines3.common.env_checker import check_env as sb3_check
 
+from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.envs.dm_env import OBSERVATIONS, Suite, environment
 from qcar_twin.envs.gym_env import PathTrackingEnv
 from qcar_twin.envs.vector_env import FleetVecEnv
-from tests.qcar_twin.envs.fleet_rig import actions, make_fleet
+from tests.qcar_twin.envs.fleet_rig import VEHICLE, actions, make_fleet
 
 SEED = 11
 
@@ -21,6 +22,18 @@ def test_gymnasium_accepts_it():
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_stable_baselines_accepts_it():
   sb3_check(PathTrackingEnv(make_fleet([0], "bicycle", sensed=False)))
+
+
+def test_pictures_come_at_the_rate_of_the_plants_clock():
+  def slower():
+    plant = Bicycle(VEHICLE)
+    plant.period = 0.02
+    return plant
+
+  slow, usual = (PathTrackingEnv(make_fleet([0], plant, sensed=False)) for plant in (slower, "bicycle"))
+  assert (slow.metadata["render_fps"], usual.metadata["render_fps"]) == (50, 100)
+  assert slow.metadata["render_modes"] == PathTrackingEnv.metadata["render_modes"]
+  assert PathTrackingEnv.metadata["render_fps"] == 100
 
 
 def test_one_car_only():

@@ -12,8 +12,13 @@ WEIGHTS = Reward(m1=0.1, m2=0.2, m3=0.03, m4=0.04, m5=0.05, m6=0.5, lost_penalty
 TASK = TrackingTask(path_named("s"), reward=WEIGHTS)
 
 
+def rewarded(task, *arguments):
+  terms, lost = task.judge(*arguments)
+  return np.sum(list(terms.values()), axis=0), lost
+
+
 def pay(cross_track=0.0, heading=0.0, rate=0.0, difference=0.0):
-  reward, lost = TASK.reward_of(*(np.array([float(x)]) for x in (cross_track, heading, rate, difference)))
+  reward, lost = rewarded(TASK, *(np.array([float(x)]) for x in (cross_track, heading, rate, difference)))
   return float(reward[0]), bool(lost[0])
 
 
@@ -46,7 +51,7 @@ def test_a_state_that_is_not_finite_is_lost_and_its_reward_is_finite():
 
 def test_reward_falls_with_the_error_when_both_weights_are_equal():
   task, zero = TrackingTask(path_named("s")), np.zeros(50)
-  rewards, _ = task.reward_of(np.linspace(0.0, 0.25, 50), zero, zero, zero)
+  rewards, _ = rewarded(task, np.linspace(0.0, 0.25, 50), zero, zero, zero)
   assert np.all(np.diff(rewards) <= 0.0) and rewards[0] - rewards[-1] > 10.0
 
 

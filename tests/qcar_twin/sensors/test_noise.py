@@ -91,13 +91,6 @@ def test_correlated_errors_of_a_lidar_are_recognised():
   assert estimate.std == pytest.approx(math.hypot(0.003, 0.008), rel=0.05)
 
 
-def test_noise_measured_is_noise_made_again():
-  noise = ChannelNoise(white=0.02, walk=0.002)
-  estimate = channel_noise(0.01 * np.arange(20000), series(noise, 20000, 0.01)[:, 0])
-  again = channel_noise(0.01 * np.arange(20000), series(estimate.as_noise(), 20000, 0.01, seed=1)[:, 0])
-  assert again.white == pytest.approx(0.02, rel=0.05)
-
-
 def still(name="still", **value):
   time = 0.01 * np.arange(2000)
   return Recording(name, {channel: Stream(time, v) for channel, v in value.items()})

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from calibration.concealed.proving_ground import EFFECTS, Car, ProvingGroundPlant, Spec, make_session, make_sessions
-from calibration.concealed.proving_ground.ablation import NOISE
 from calibration.concealed.proving_ground.effects.base import Effect, towards
+from tests.calibration.concealed.proving_ground.ablation import NOISE
 from tests.calibration.concealed.proving_ground.comparing import differences, same
 
 CATALOGUE = """steering_lag steering_delay steering_rate_limit steering_offset steering_gain_error steering_asymmetry

@@ -1,5 +1,7 @@
 """The page of the catalogue: complete, current, and written whole."""
 
+import re
+
 from qcar_twin.twin.mechanisms import catalogue
 from qcar_twin.twin.mechanisms.document import page, sections, write
 from tests import ROOT
@@ -19,6 +21,11 @@ def test_every_mechanism_and_parameter_is_on_the_page():
     assert f"\n### {mechanism.name}\n" in text
     assert all(f"`{p.name}`" in text and p.description in text for p in mechanism.parameters)
     assert sections(mechanism)["Source"] in text
+
+
+def test_the_readme_counts_what_a_diagnosis_can_name():
+  (count,) = re.findall(r"a catalogue of (\d+) mechanisms", (ROOT / "README.md").read_text(encoding="utf-8"))
+  assert int(count) == sum(not mechanism.curve for mechanism in catalogue().values())
 
 
 def test_sections_are_single_lines_without_the_docstring_indent():

@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..laboratory.written import Session
-from .car import GRAVITY, Car
-from .session import Spec, make_sessions
+from calibration.concealed.laboratory.written import Session
+from calibration.concealed.proving_ground.car import GRAVITY, Car
+from calibration.concealed.proving_ground.session import Spec, make_sessions
 
 NOISE = {
   "motor_speed": 0.55,
