@@ -90,8 +90,8 @@ def look(watch: Watch, tail: Tail, manifest: Manifest, name: str, record: Record
       record.notes.setdefault(channel, f"not watched: {channel}; the data set has it, and this log has no sample of it")
     for channel, stream in piece.streams.items():
       if CHANNELS[channel].noisy and np.ptp(stream.value) == 0.0 and _moves(piece):
-        note = f"{channel} stands at {stream.value[0] + 0.0:g} from {clock(since)} on although the car moves; do not trust it"
-        record.notes.setdefault(f"{channel} stands", note)
+        note = f"{channel} stands at {stream.value[0] + 0.0:g} from {clock(since)} on although the car moves"
+        record.notes.setdefault(f"{channel} stands", f"{note}; do not trust it")
     told, observations, predicted = watch.take(piece, since)
     record.block(observations, predicted, since, watch, told)
     alarms += told
