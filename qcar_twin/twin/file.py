@@ -37,6 +37,8 @@ def save_twin(path: str | Path, twin: Twin, theta: Array, note: str = "", comman
     command_shift: control periods by which commands act later than logged, as it was fitted with this twin.
   """
   values = twin.parameters.named(theta)
+  if wrong := [name for name, value in values.items() if not np.isfinite(value)]:
+    raise ValueError(f"{path}: {', '.join(wrong)} would be no finite number; nothing was written")
   present = [m for m in twin.mechanisms if twin.present(m, theta[None]) is not None]
   lines = [f"format = {FORMAT}", f"note = {_quoted(note)}", f"tyre = {_quoted(twin.tyre)}"]
   lines += [*([f"command_shift = {command_shift:d}"] if command_shift else []), "", "[vehicle]"]

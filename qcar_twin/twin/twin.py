@@ -70,6 +70,8 @@ class Twin:
   ):
     if engine not in ENGINES:
       raise ValueError(f"engine must be one of {', '.join(ENGINES)}, not '{engine}'")
+    if substeps < 1:
+      raise ValueError(f"substeps must be 1 or more, not {substeps}")
     if engine == "reduced" and (lacking := irreducible(vehicle, tyre)):
       raise ValueError(f'{vehicle.name} can\'t be simulated by the reduced car: {lacking}; use engine="mujoco"')
     stop_timers()
@@ -151,6 +153,8 @@ class Twin:
     theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
     if theta.shape != (len(start), len(self.parameters)):
       raise ValueError(f"theta must be ({len(start)}, {len(self.parameters)}), got {theta.shape}")
+    if np.shape(start)[1:] != (len(START),):
+      raise ValueError(f"start must be (N, {len(START)}), as START names it, got {np.shape(start)}")
     if not (np.isfinite(theta).all() and np.isfinite(start).all()):
       raise ValueError("theta and start must be finite numbers")
     size, start = len(start), np.asarray(start, dtype=np.float64)

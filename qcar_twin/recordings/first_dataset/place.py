@@ -121,6 +121,8 @@ def with_rows(logs: Sequence[Placed]) -> list[tuple[Placed, Table]]:
     try:
       read.append((log, read_table(log.source, log.name)))
     except NoSamples as error:
+      if len(logs) == 1:
+        raise
       print(f"left out: {str(error).partition(';')[0]}")
   if not read:
     raise RecordingError("no log holds a sample; record again, or name other files")

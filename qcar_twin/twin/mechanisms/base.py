@@ -306,6 +306,8 @@ def suited(mechanisms: Iterable[Mechanism], vehicle: Vehicle) -> tuple[Mechanism
   """
   chosen = tuple(mechanisms)
   for mechanism in chosen:
+    if not isinstance(mechanism, Mechanism):
+      raise TypeError(f"{mechanism!r:.60} is no mechanism; mechanisms by name come from select([...])")
     if vehicle.drive not in mechanism.drives:
       raise ValueError(
         f"mechanism '{mechanism.name}' is physics of a drive by {' or '.join(mechanism.drives)}; {vehicle.name} is"

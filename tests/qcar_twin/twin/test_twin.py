@@ -351,3 +351,15 @@ def test_a_rollout_refuses_what_is_no_driving(twin):
     twin.rollout(twin.parameters.nominal, make(period=0.02))
   with pytest.raises(ValueError, match="nothing to drive: 0 parameter vectors"):
     twin.rollout(np.empty((0, len(twin.parameters))), make())
+
+
+def test_what_is_no_twin_is_said(twin, tmp_path):
+  with pytest.raises(TypeError, match="'battery_sag' is no mechanism; mechanisms by name come from select"):
+    Twin(Vehicle.load(), ["battery_sag"])
+  with pytest.raises(ValueError, match="substeps must be 1 or more, not 0"):
+    Twin(Vehicle.load(), substeps=0)
+  with pytest.raises(ValueError, match=r"start must be \(N, 7\), as START names it, got \(1, 6\)"):
+    twin.begin(twin.parameters.nominal[None], np.zeros((1, 6)))
+  with pytest.raises(ValueError, match="mass would be no finite number; nothing was written"):
+    save_twin(tmp_path / "twin.toml", twin, twin.parameters.vector({"mass": np.nan}))
+  assert not (tmp_path / "twin.toml").exists()
