@@ -51,10 +51,14 @@ def wide_lag(
   enough = count >= max(_HALF * float(count[_STEPS]), 2.0)
   if not enough[_STEPS]:
     return 0.0, False
-  explained = np.where(enough, correlate(np.where(enough[:, None], total, total[_STEPS])) ** 2, 0.0)
+  alike = np.where(enough, correlate(np.where(enough[:, None], total, total[_STEPS])), 0.0)
+  explained = alike**2
   inside = (lags >= near[0]) & (lags <= near[1])
   best = int(np.argmax(np.where(inside, 0.0, explained)))
   apart = np.abs(lags - lags[best]) > near[1] - near[0]
   far, other = float(explained[best]), float(explained[inside | apart].max())
   clear = far > _ALIKE**2 and 1.0 - far < _BETTER * (1.0 - other)
+  nearest = int(np.argmax(np.where(inside, explained, 0.0)))
+  # curves that change sides repeat themselves half a period on, with the other sign
+  clear = clear and (explained[nearest] < _ALIKE**2 or alike[best] * alike[nearest] > 0.0)
   return float(lags[best]) if clear else 0.0, far > float(explained[inside].max())

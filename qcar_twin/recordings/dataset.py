@@ -19,14 +19,14 @@ from qcar_twin.recordings.checks.repeats import refuse_repeats
 from qcar_twin.recordings.checks.steered import without_unsteered
 from qcar_twin.recordings.checks.supply import supply_notes
 from qcar_twin.recordings.checks.time import MIN_SAMPLES, gap_limit
-from qcar_twin.recordings.checks.units import UnitError, check_limits, check_units, check_way, without_spikes
+from qcar_twin.recordings.checks.units import check_limits, check_units, check_way, without_spikes
 from qcar_twin.recordings.completed import completed
 from qcar_twin.recordings.formats import Table, read_inside
 from qcar_twin.recordings.manifest import FILE_NAME, Entry, Manifest, Mapped, read_manifest
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.notices import gathered
 from qcar_twin.recordings.origin import near
-from qcar_twin.recordings.recording import ROLES, Recording, RecordingError, nearest
+from qcar_twin.recordings.recording import ROLES, Recording, RecordingError, UnitError, nearest
 from qcar_twin.recordings.row_clock import DATED, origin_of, stamps
 from qcar_twin.recordings.topic_maps import topic_map
 from qcar_twin.recordings.unit_names import unit_of

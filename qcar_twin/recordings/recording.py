@@ -19,6 +19,14 @@ class RecordingError(ValueError):
   """A recording or data set that cannot be used; the text names file, channel, row and cure."""
 
 
+class UnitError(RecordingError):
+  """What is in another unit than it is read in, by itself or by another sensor: what is `said` of it, and the cure."""
+
+  def __init__(self, said: str, cure: str) -> None:
+    super().__init__(f"{said}; {cure}")
+    self.said = said
+
+
 class UnknownChannelError(RecordingError, KeyError):
   """A channel that does not exist, or that this recording does not hold."""
 

@@ -104,7 +104,7 @@ def clock_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[Clock, list[s
   elif again.size:
     held = True
     _refuse_repeats(table, stamp, first, repeated)
-  check_time_unit(table.label, np.unique(stamp))
+  check_time_unit(table.label, np.unique(stamp), mapping["time"].scale)
   check_span(table.label, stamp)
   return Clock(stamp, _row_times(stamp, first), first, held), notes
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from qcar_twin.recordings.recording import RecordingError
+from qcar_twin.recordings.recording import RecordingError, UnitError
 
 MIN_SAMPLES = 10
 LONGEST = 30 * 86400.0  # s that one file may span; a log of days with the nights between, and no damaged clock
@@ -83,24 +83,28 @@ def check_span(label: str, time: np.ndarray) -> None:
     )
 
 
-def check_time_unit(label: str, time: np.ndarray) -> None:
-  """The usual step must be that of a control log in seconds."""
+def check_time_unit(label: str, time: np.ndarray, scale: float = 1.0) -> None:
+  """The usual step must be that of a control log in seconds; `scale`: what dataset.toml multiplies the clock by."""
   if time.size < 3:
     return
   step = float(np.median(np.diff(time)))
   if step > 1.0:
-    scale, unit = next(
+    factor, unit = next(
       ((s, u) for s, u in ((1e-3, "milliseconds"), (1e-6, "microseconds"), (1e-9, "nanoseconds")) if step * s <= 0.5),
       (1e-9, "ticks"),
     )
-    raise RecordingError(
-      f"{label}: time steps by {step:g}, implausible for seconds; it looks like {unit}: set time = "
-      f'{{ column = "…", scale = {scale:g} }}'
+    raise UnitError(
+      f"{label}: time steps by {step:g}, implausible for seconds; it looks like {unit}",
+      f'set time = {{ column = "…", scale = {scale * factor:g} }}',
     )
   if step < 2e-5:
-    raise RecordingError(
-      f"{label}: time steps by {step:g} s, implausibly little; is it in hours or days? set scale = 3600 or "
-      "86400 on time in [channels]"
+    if scale < 1.0 and step / scale >= 2e-5:
+      raise UnitError(
+        f"{label}: time steps by {step:g} s, implausibly little", f"take scale = {scale:g} off time in [channels]"
+      )
+    raise UnitError(
+      f"{label}: time steps by {step:g} s, implausibly little; is it in hours or days?",
+      "set scale = 3600 or 86400 on time in [channels]",
     )
 
 

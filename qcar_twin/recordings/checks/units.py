@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS
-from qcar_twin.recordings.recording import Recording, RecordingError, Stream
+from qcar_twin.recordings.recording import Recording, RecordingError, Stream, UnitError
 
 _SPIKES = 2  # so many samples may always lie beyond a limit that allows spikes
 _ALOOF = 2.0  # times what the rest of a log reaches, from which a sample is none of its motion
@@ -33,15 +33,6 @@ class Suspect:
   unit: str
   scale: float
   already: bool = False
-
-
-class UnitError(RecordingError):
-  """A channel that no car of this size reaches, or that agrees with another sensor but for a usual unit's factor: what
-  is `said` of it, and the cure."""
-
-  def __init__(self, said: str, cure: str) -> None:
-    super().__init__(f"{said}; {cure}")
-    self.said = said
 
 
 Slopes = tuple[tuple[float, Suspect], ...]
@@ -214,7 +205,7 @@ def check_units(recording: Recording, vehicle: Mapping[str, float | str]) -> lis
     slope, correlation = comparison.slope()
     units = comparison.convicted() if correlation > _UNIT_CORRELATION else []
     if units:
-      units = _of_most(units, [other for other in comparisons if other is not comparison])
+      units = of_most(units, [other for other in comparisons if other is not comparison])
       cures = ", or ".join(dict.fromkeys(_cure(unit) for unit in units))
       raise UnitError(f"{label}: {comparison.channel} is {slope:.3g} times {comparison.witness}, implausible", cures)
     if correlation < -_SIGN_CORRELATION and -2.0 < slope < -0.5:
@@ -226,7 +217,7 @@ def check_units(recording: Recording, vehicle: Mapping[str, float | str]) -> lis
   return notes
 
 
-def _of_most(units: Sequence[Suspect], others: Sequence[Comparison]) -> list[Suspect]:
+def of_most(units: Sequence[Suspect], others: Sequence[Comparison]) -> list[Suspect]:
   """The units by which most of the other comparisons are right, of several channels that one comparison suspects."""
   right = [sum(other.right_by(unit) for other in others) for unit in units]
   return [unit for unit, count in zip(units, right, strict=True) if count == max(right)]

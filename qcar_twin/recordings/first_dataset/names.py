@@ -6,13 +6,16 @@ from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.unit_names import BRACKET, UNITS, unit_of, words_of
 
 # who measures a place, and what it is called
-_PLACES = "pose|poses|pos|position|positions|location|vicon|mocap|optitrack|lidar|slam|map|world|loc|tf|pf|amcl|rb"
+_PLACES = (
+  "pose|poses|pos|position|positions|location|vicon|mocap|optitrack|lidar|slam|map|world|loc|tf|pf|amcl|rb|cam|camera|mc"
+  "|marker|tracker"
+)
 
 # words that make a column a channel: all of the terms, each in one of its spellings; after "!" words that forbid it
 _RULES: dict[str, tuple[str, ...]] = {
   "time": ("ms today", "elapsed|log|system|ros time|stamp|clock", "time|timestamp|stamp|clock|elapsed|tout|t"),
   "motor_voltage": (
-    "motor|mot|command|commands|commanded|cmd|applied|armature|input|esc|drive voltage|volt|volts|v"
+    "motor|mot|command|commands|commanded|cmd|applied|armature|input|esc|drive|throttle voltage|volt|volts|v"
     " !battery|bat|batt|supply|measured",
     "voltage|volts !battery|bat|batt|vbat|supply|measured",
     "motor|mot u !measured",
@@ -34,6 +37,7 @@ _RULES: dict[str, tuple[str, ...]] = {
   ),
   "motor_speed": (
     "motor|tach|tacho|shaft speed|velocity|vel|omega|rpm|rps|rate|w",
+    "wheel|wheels|encoder|enc|motor|mot|rotor rad|omega !angle|steering|steer|position|pos|imu|gyro|command|cmd|target",
     "rpm !e|command|commands|commanded|cmd|target|desired|des",
     "rps !gyro|gyr",
     "erpm !command|commands|commanded|cmd|target|desired|des",

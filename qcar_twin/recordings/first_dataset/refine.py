@@ -11,7 +11,7 @@ from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.time import turn_of
-from qcar_twin.recordings.checks.units import Suspect, compare
+from qcar_twin.recordings.checks.units import Suspect, compare, of_most
 from qcar_twin.recordings.completed import heading_or_course, with_speed
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, is_share_of_lock
 from qcar_twin.recordings.first_dataset.heading import goes_with, settle_heading
@@ -29,6 +29,9 @@ _NEAR_A_CLOCKS = tuple(
   (1.0 / scale, Suspect("speed", unit, scale)) for unit, scale in (("mph", 0.44704), ("knots", 1852.0 / 3600.0))
 )
 _IN_TIME = 1.2  # factor between gyro and heading, within which the clock is right: nearness to a unit
+_SAME_UNIT = (
+  2.0  # factor between two sensors of one motion, within which they have one unit: usual units differ by 2.24
+)
 _AGREE = 0.6  # correlation from which a comparison says something of a unit
 _GEARED, _ALIKE_ROWS = 0.95, 20  # correlation of two speeds, and rows, from which the one is a multiple of the other
 _BIN = 0.25  # s, over which speed, command and turning are compared
@@ -60,20 +63,30 @@ def settle_units(columns: Columns, guesses: dict[str, Guess], vehicle: Mapping[s
   """Scale what disagrees with another channel by the factor of a usual unit, as the loader would ask for."""
   for _ in range(_ROUNDS):
     recordings = recordings_of(columns, guesses)
-    wrong = next((unit for recording in recordings if (unit := _convicted(recording, vehicle, guesses))), None)
-    if wrong is None:
+    wrong = [unit for recording in recordings if (unit := _convicted(recording, vehicle, guesses))]
+    if not wrong:
       return
-    channel, scale, why = wrong
+    channel, scale, why = wrong[0]
+    sound = sum(_agrees(recording, vehicle, channel) for recording in recordings)
+    if sum(unit[0] == channel for unit in wrong) < sound:
+      return  # a few files in another unit than the rest: the loader names them
     for name in ("pose_x", "pose_y") if channel == "pose_x" else (channel,):
       guesses[name].scale *= scale
       guesses[name].why.append(why)
 
 
+def _agrees(recording: Recording, vehicle: Mapping[str, float | str], channel: str) -> bool:
+  """Whether a channel agrees with a witness, so that its unit is right in this log."""
+  comparisons = [c for c in compare(recording, vehicle) if channel in c.takes and not c.convicted()]
+  slopes = [slope for slope, correlation in (c.slope() for c in comparisons) if correlation > _AGREE]
+  return any(1.0 / _SAME_UNIT < slope < _SAME_UNIT for slope in slopes)
+
+
 def _convicted(
   recording: Recording, vehicle: Mapping[str, float | str], guesses: Mapping[str, Guess]
 ) -> tuple[str, float, str] | None:
-  turning_agrees = False
-  for comparison in compare(recording, vehicle):
+  turning_agrees, comparisons = False, compare(recording, vehicle)
+  for comparison in comparisons:
     slope, correlation = comparison.slope()
     if {"yaw_rate", "pose_yaw"} == set(comparison.takes) and correlation > _AGREE:
       turning_agrees = 1.0 / _IN_TIME < slope < _IN_TIME
@@ -88,6 +101,8 @@ def _convicted(
       said = f"{comparison.channel} is {slope:.3g} times {comparison.witness}, which the path confirms"
       return "yaw_rate", 1.0 / units[0].scale, f"{said}: not in {guesses['yaw_rate'].column}'s unit"
     units = [unit for unit in units if unit.channel in guesses and not guesses[unit.channel].named]
+    if len(units) > 1:
+      units = of_most(units, [other for other in comparisons if other.channel != comparison.channel])
     if len(units) == 1:
       return (
         units[0].channel,
@@ -185,6 +200,9 @@ def settle_steering(
   if angle.size < 10 or not straight.any() or abs(correlation := float(np.corrcoef(straight, turning)[0, 1])) < _TIED:
     return wheelbase
   ratio, sign = _ratio(rate, angle, turning), math.copysign(1.0, correlation)
+  if not ratio * np.abs(angle).max() < _STEEPEST:
+    guess.why.append("no angle turns a car as much as this one turned at its speed: look at speed and yaw rate first")
+    return wheelbase
   if sign < 0.0:
     guess.why.append("the car turned the other way")
   known = guess.named or guess.column == guess.channel
@@ -207,7 +225,7 @@ def _too_small(ratio: float, angle: Array) -> bool:
 
 
 def _ratio(rate: Array, angle: Array, turning: Array) -> float:
-  """Least squares k > 0 of turning = +-rate tan(k angle), by repeated scaling."""
+  """Least squares k > 0 of turning = +-rate tan(k angle), by repeated scaling, which runs away where no k does."""
   ratio = 1.0
   for _ in range(_SOLVED):
     expected = rate * np.tan(np.clip(ratio * angle, -_STEEPEST, _STEEPEST))

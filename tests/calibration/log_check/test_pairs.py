@@ -6,6 +6,7 @@ import pytest
 from calibration.fitting.noise import noise_models
 from calibration.log_check.motions import REGIMES, Wheels, motions, regimes
 from calibration.log_check.pairs import compare, told_without_a_model
+from calibration.log_check.wide_lag import sums_by_lag, wide_lag
 from qcar_twin.recordings.recording import Recording, Stream
 from qcar_twin.vehicle.vehicle import Vehicle
 from tests.qcar_twin.recordings.drives import STD, VEHICLE, recording
@@ -117,3 +118,21 @@ def test_an_encoder_that_is_late_has_an_age_and_one_that_is_early_wheels_that_sl
   if told:
     value, std = ages["encoder_latency"]
     assert value == pytest.approx(late, abs=0.006) and std >= 0.005
+
+
+@pytest.mark.parametrize("share", [0.04, 0.3])
+def test_turns_that_change_sides_are_no_command_with_the_other_sign_half_a_period_away(share):
+  """Half a period on, with the other sign, a drive in turns to either side looks like itself: such a lag counts only
+  where the two do not go together as they are."""
+  step, half = 0.05, 96  # turns of 4.8 s
+  time = step * np.arange(600)
+  side = np.where(np.floor(time / (step * half)) % 2, 1.0, -1.0)
+  own = np.sqrt(share) * np.random.default_rng(3).normal(size=len(time) + half)
+  x, y = side + own[: len(time)], side - own[half:]  # y(t) = -x(t + half), but for the ends
+
+  def correlation(sums):
+    n, x, y, xx, xy, yy = np.moveaxis(sums, -1, 0)
+    return (xy / n - x * y / n**2) / np.sqrt((xx / n - (x / n) ** 2) * (yy / n - (y / n) ** 2))
+
+  lag, elsewhere = wide_lag([sums_by_lag(x, y)], correlation, step, (-0.4, 0.4))
+  assert lag == (0.0 if share < 0.1 else pytest.approx(-4.8)) and elsewhere

@@ -81,12 +81,19 @@ def test_time_in_other_units(tmp_path, factor, unit, scale, start):
     (time + start) * factor,
     columns,
     "implausible for seconds",
-    f"it looks like {unit}: set time = ",
+    f"it looks like {unit}; set time = ",
     f"scale = {scale}",
   )
   mapped = f'time = {{ column = "time", scale = {scale}, offset = {-start} }}'
   (run,) = DataSet.load(folder_with(tmp_path, (time + start) * factor, columns, channels=mapped)).recordings
   assert run["yaw_rate"].time == pytest.approx(time, abs=1e-6)
+
+
+def test_a_scale_of_the_clock_that_is_not_needed_is_said(tmp_path):
+  time, columns = drive()
+  channels = 'time = { column = "time", scale = 0.001 }'
+  with pytest.raises(ValueError, match="implausibly little; take scale = 0.001 off time in"):
+    DataSet.load(folder_with(tmp_path, time, columns, channels=channels))
 
 
 def test_time_in_hours_or_days(tmp_path):

@@ -86,6 +86,17 @@ def test_a_heading_in_degrees_is_said_where_the_other_sensors_agree_with_the_gyr
   refused_run(tmp_path, time, columns, "is it in degrees? set scale = 0.0174533 on pose_yaw in [channels]")
 
 
+def test_one_file_on_a_clock_of_milliseconds_is_no_matter_of_channels(tmp_path):
+  for seed, name in enumerate(("one", "two", "three")):
+    time, columns = drive(seed=seed)
+    write_csv(tmp_path / f"{name}.csv", time * (1e3 if name == "two" else 1.0), columns)
+  write_manifest(tmp_path, files=("one.csv", "two.csv", "three.csv"))
+  with pytest.raises(
+    RecordingError, match="two.csv: time steps by 10.* and 2 of the other 2 files agree: correct this"
+  ):
+    DataSet.load(tmp_path)
+
+
 @pytest.mark.parametrize(("factor", "said"), [(180.0 / np.pi, "reaches"), (np.pi / 180.0, "is 0.017")])
 def test_one_file_in_another_unit_than_the_others_is_no_matter_of_channels(tmp_path, factor, said):
   for seed, name in enumerate(("one", "two", "three")):

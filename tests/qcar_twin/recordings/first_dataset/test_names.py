@@ -10,6 +10,9 @@ from qcar_twin.recordings.first_dataset.names import readings, unit_of, words_of
 @pytest.mark.parametrize(
   "column, channel",
   [
+    ("wheel_speed_rad_s", "motor_speed"), ("rear_wheel_speed_rad_s", "motor_speed"), ("wheel_omega", "motor_speed"),
+    ("motor_rad_s", "motor_speed"), ("encoder_rad_s", "motor_speed"), ("wheel_speed [rad/s]", "motor_speed"),
+    ("throttle_V", "motor_voltage"), ("cam_x", "pose_x"), ("mc_y", "pose_y"), ("wheel_speed", "speed"),
     ("vEgo", "speed"), ("aEgo", "accel_x"), ("ms_today", "time"),
     ("Steered Angle [deg]", "steering_command"), ("DesSpeed [m/s]", "speed_command"),
     ("time", "time"), ("t", "time"), ("stamp_ms", "time"), ("elapsed time sensors", "time"), ("timestamp", "time"),

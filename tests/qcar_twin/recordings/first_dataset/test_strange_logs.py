@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import RecordingError
 from tests.qcar_twin.recordings.drives import VEHICLE, drive, write_csv
 from tests.qcar_twin.recordings.first_dataset.test_propose import DEG, proposed, written
 
@@ -142,3 +143,31 @@ def test_a_heading_in_degrees_that_jumps_is_scaled_and_unwrapped(tmp_path):
   heading = np.mod(DEG * own["pose_yaw"] * 4.0, 360.0)
   table, _ = log(tmp_path, time, {"throttle": own["motor_voltage"] / 8.0, "speed": speed_of(own), "heading": heading})
   assert table["channels"]["pose_yaw"]["scale"] == pytest.approx(1.0 / DEG) and table["channels"]["pose_yaw"]["wrap"]
+
+
+def test_the_unit_of_most_files_is_the_one_for_all(tmp_path):
+  """One file of four in another unit than the rest: [channels] go by the rest, and the loader names the file."""
+  names = ("one.csv", "two.csv", "three.csv", "four.csv")
+  for seed, name in enumerate(names):
+    time, own = drive(20.0, seed=seed)
+    own["yaw_rate"] *= 1.0 / DEG if name == "three.csv" else 1.0
+    write_csv(tmp_path / name, time, own)
+  table = written(tmp_path, proposed(tmp_path, *names).text)
+  assert table["channels"]["yaw_rate"].get("scale", 1.0) == pytest.approx(1.0)
+  with pytest.raises(RecordingError, match="three.csv: yaw_rate .*, and 3 of the other 3 files agree"):
+    DataSet.load(tmp_path)
+
+
+def test_accelerations_in_g_are_scaled(tmp_path):
+  time, own = drive(40.0)
+  own |= {name: own[name] / 9.80665 for name in ("accel_x", "accel_y")}
+  table, _ = log(tmp_path, time, own)
+  assert table["channels"]["accel_y"]["scale"] == pytest.approx(9.80665)
+
+
+def test_a_turn_that_no_angle_makes_gives_the_steering_no_scale(tmp_path):
+  time, own = drive(20.0)
+  crawl = {"speed": speed_of(own) / 50.0, "yaw_rate": own["yaw_rate"], "throttle": own["motor_voltage"] / 8.0}
+  table, proposal = log(tmp_path, time, crawl | {"steer_cmd": own["steering_command"]})
+  assert abs(table["channels"]["steering_command"].get("scale", 1.0)) < 10.0
+  assert "no angle turns a car as much as this one turned at its speed" in proposal.text
