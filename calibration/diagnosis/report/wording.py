@@ -141,6 +141,8 @@ def structure_sentence(item: Leftover) -> str:
 def doubts(claim: Claim, taken: float | None = None) -> str:
   """ " (steering_delay, probability 0.97, takes off 93 %; indistinguishable from steering_lag)"."""
   share = "" if taken is None else f", takes off {100 * taken:.0f} %"
+  if taken is not None and round(100 * taken) < 0:
+    share = f", adds {-100 * taken:.0f} % to the error"
   equal = f"; indistinguishable from {listed(claim.indistinguishable_from)}" if claim.indistinguishable_from else ""
   return f" ({claim.mechanism}, probability {claim.probability:.2f}{share}{equal})"
 

@@ -82,6 +82,8 @@ def test_a_reader_in_a_hurry_learns_the_verdict():
     decision, mechanisms, None, {"steering_delay": 0.931}, "yaw rate errs by 1.4 times the noise"
   )
   assert "probability 0.97, takes off 93 %)" in shares
+  worse = verdict_sentence(decision, mechanisms, None, {"steering_delay": -0.04})
+  assert "probability 0.97, adds 4 % to the error)" in worse
   rest = "The rest has no name, and no more structure than cars without a hidden effect show"
   assert shares.endswith(f"{rest}: yaw rate errs by 1.4 times the noise.")
   base = verdict_sentence(decision_of("no_mismatch", ()), mechanisms, short="yaw rate errs by 1.4 times the noise")
