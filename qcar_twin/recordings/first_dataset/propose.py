@@ -14,7 +14,7 @@ from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.mount import lies, settle_mount
 from qcar_twin.recordings.first_dataset.plane import settle_plane
-from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, usual_gearing, usual_supply
+from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing, usual_supply
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
 from qcar_twin.recordings.first_dataset.several import runner_up, settle_several
 from qcar_twin.recordings.first_dataset.torn import refuse_parts
@@ -90,6 +90,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     vehicle = _of_size(vehicle, wheelbase)
   turns_like, asked, gearing = vehicle.wheelbase, (), None
   if topics is None:
+    settle_gear(columns, guesses)
     asked = settle_several(columns, guesses, {key: getattr(vehicle, key) for key in _VEHICLE})
     settle_plane(columns, guesses)
     guesses = _without_half_a_place(guesses)

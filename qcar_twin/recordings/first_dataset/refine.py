@@ -32,6 +32,8 @@ _IN_TIME = 1.2  # factor between gyro and heading, within which the clock is rig
 _SAME_UNIT = (
   2.0  # factor between two sensors of one motion, within which they have one unit: usual units differ by 2.24
 )
+_GEARS = {"gear", "gears", "direction", "dir"}
+_UNSIGNED = 0.02  # of the largest value: what noise about zero may be below it
 _AGREE = 0.6  # correlation from which a comparison says something of a unit
 _GEARED, _ALIKE_ROWS = 0.95, 20  # correlation of two speeds, and rows, from which the one is a multiple of the other
 _BIN = 0.25  # s, over which speed, command and turning are compared
@@ -110,6 +112,38 @@ def _convicted(
         f"{comparison.channel} is {slope:.3g} times {comparison.witness}: {units[0].unit}",
       )
   return None
+
+
+def settle_gear(columns: Columns, guesses: Mapping[str, Guess]) -> None:
+  """Speeds without a sign get that of a gear of -1, 0 and 1, where one was logged.
+
+  So does a drive command that goes with the speed better so.
+  """
+  taken = {guess.column for guess in guesses.values()}
+  for name in columns.names:
+    if name in taken or not set(words_of(name)) & _GEARS or len(columns.holding(name)) != len(columns.tables):
+      continue
+    gear = _rows(columns, name)
+    seen = set(np.unique(gear[np.isfinite(gear)]))
+    if not {-1.0, 1.0} <= seen <= {-1.0, 0.0, 1.0}:
+      continue
+    for guess in (guesses[channel] for channel in ("motor_speed", "speed") if channel in guesses):
+      size = _rows(columns, guess.column)
+      least = _UNSIGNED * columns.top(guess.column)
+      if np.nanmin(size) < -least or np.any(np.abs(size[gear == 0.0]) > least):
+        continue  # it has a sign, or the car rolls in neutral
+      guess.gate = name
+      guess.why.append(f"it carries no sign, and '{name}' is -1 or 1")
+      for drive in (guesses[channel] for channel in DRIVE_COMMANDS if channel in guesses):
+        command, speed = _rows(columns, drive.column), size * gear
+        if drive.gate is None and correlation(command * gear, speed) > correlation(command, speed):
+          drive.gate = name
+          drive.why.append(f"times '{name}' it goes with the speed")
+
+
+def _rows(columns: Columns, name: str) -> Array:
+  """A column row by row, one log after the other; NaN where it is blank, or a log has none."""
+  return np.concatenate([t.number(name, name) if name in t else np.full(t.rows, np.nan) for t in columns.tables])
 
 
 def settle_pose(columns: Columns, guesses: Mapping[str, Guess]) -> None:

@@ -171,3 +171,16 @@ def test_a_turn_that_no_angle_makes_gives_the_steering_no_scale(tmp_path):
   table, proposal = log(tmp_path, time, crawl | {"steer_cmd": own["steering_command"]})
   assert abs(table["channels"]["steering_command"].get("scale", 1.0)) < 10.0
   assert "no angle turns a car as much as this one turned at its speed" in proposal.text
+
+
+@pytest.mark.parametrize("blank", [False, True])
+def test_a_gear_gives_its_sign_to_a_speed_that_has_none(tmp_path, blank):
+  time, own = drive(40.0)
+  speed = speed_of(own) * np.where(time < 20.0, 1.0, -1.0)
+  gear = np.where(speed < 0.0, -1.0, 1.0)
+  size = np.where(np.arange(time.size) % 2, np.nan, np.abs(speed)) if blank else np.abs(speed)
+  columns = {"velocity": size, "throttle": np.abs(own["motor_voltage"]) / 8.0, "gear": gear, "r": own["yaw_rate"]}
+  table, _ = log(tmp_path, time, columns)
+  assert table["channels"]["speed"]["gate"] == "gear"
+  read = np.concatenate([run["speed"].value for run in DataSet.load(tmp_path).recordings])
+  assert read.min() < -0.2 and read.max() > 0.2
