@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from calibration.concealed.laboratory.designs import DESIGNS
+from calibration.fitting.windows import Cut
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.file import load_twin
 from qcar_twin.twin.mechanisms import select
@@ -24,7 +25,7 @@ def test_both_twins_are_left_where_the_study_looks_for_them(tmp_path, monkeypatc
     before[twin.parameters.index("steering_delay")] = 0.0
     after = np.array(before)
     after[twin.parameters.index("steering_delay")] = 0.08
-    return SimpleNamespace(diagnosis=None, twin=twin, before=before, after=after)
+    return SimpleNamespace(diagnosis=None, twin=twin, before=before, after=after, cut=Cut())
 
   monkeypatch.setitem(DESIGNS, "compact", short)
   monkeypatch.setattr(repair_twin, "diagnose", diagnosed)

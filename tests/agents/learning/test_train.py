@@ -118,7 +118,7 @@ def test_killed_in_the_middle_and_resumed_nothing_before_the_checkpoint_is_lost(
 
 def test_plan_survives_json_with_every_field_changed():
   options = Options(
-    "o", 0.7, 2, "bicycle", "x.toml", 5, "truth", "lq_cm", "tuned", 0.92, 1.0, 0.05, 0.01, "prior", 0.02
+    "o", 0.7, 2, "reduced", "x.toml", 5, "truth", "lq_cm", "tuned", 0.92, 1.0, 0.05, 0.01, "prior", 0.02
   )
   options = dataclasses.replace(options, reward=Reward(*np.arange(1.0, 8.0).tolist(), near=0.01, aligned=0.1))
   settings = Settings(observation_scale=(1.0, 2.0, 3.0, 4.0), demonstrations=5)
