@@ -36,6 +36,7 @@ from qcar_twin.twin.engines import EngineKind
 from qcar_twin.twin.file import load_twin
 from qcar_twin.twin.posterior import believed_twin, load_posterior
 from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import QCAR
 
 with extra("The gymnasium environment"):
   import gymnasium
@@ -108,9 +109,10 @@ class Options:
       raise TypeError(f"reward must be a Reward, or a table of its weights, not {self.reward!r:.60}")
     if not self.steering_gain > 0.0:
       raise ValueError(f"steering_gain {self.steering_gain:g}: a linkage's gain is more than 0, and 1 of a sound one")
-    for name, most, unit in (("steering_offset", 30.0, "deg"), ("start_heading", 1.5, "rad")):
-      if abs(getattr(self, name)) > most:
-        raise ValueError(f"{name} {getattr(self, name):g} {unit}: a car can follow no path with more than {most:g}")
+    lock = float(np.degrees(QCAR.max_steering))  # more than the lock leaves no steering to one side
+    for name, most, unit in (("steering_offset", lock, "deg"), ("start_heading", 0.5 * np.pi, "rad")):
+      if abs(getattr(self, name)) >= most:
+        raise ValueError(f"{name} {getattr(self, name):g} {unit}: a car can follow no path with {most:.3g} or more")
     if self.start_offset >= TrackingTask.lost:
       raise ValueError(f"start_offset {self.start_offset:g} m: a car is lost from {TrackingTask.lost:g} m on")
     if self.plant == "bicycle" and self.randomise != "none":
@@ -145,7 +147,7 @@ OwnPlant = tuple[Callable[[], Plant], Array]
 """Makes a plant, and its parameters (P,)."""
 
 
-def task_of(options: Options, lock: float = 0.5236) -> TrackingTask:
+def task_of(options: Options, lock: float = QCAR.max_steering) -> TrackingTask:
   """The task; a lock of the steering in rad."""
   delay, lag = SERVO if options.plant == "bicycle" else (0.0, 0.0)
   return TrackingTask(

@@ -24,7 +24,8 @@ class Change:
     factors: parameters that are multiplied by 1 + size.  shifts: parameters to which the size is added.
     size: at which it is worth an alarm; the alarm is for either sign where `both`.
     scale: of the size in what is printed (100 for per cent).
-    possible: least and largest size that a car can have; beyond, something else is wrong.
+    possible: least and largest size that a car can have; beyond, something else is wrong: a stated prior of factors,
+      the catalogue's bounds of what is added.
   """
 
   name: str
@@ -65,7 +66,7 @@ CHANGES = (
     possible=(0.0, 0.2),
   ),
   Change(
-    "steering_offset", "steering trim", 0.03, shifts=("steering_offset",), unit="mrad", scale=1e3, possible=(-0.3, 0.3)
+    "steering_offset", "steering trim", 0.03, shifts=("steering_offset",), unit="mrad", scale=1e3, possible=(-0.2, 0.2)
   ),
 )
 _NEEDED = ("battery_sag", "steering_delay", "steering_offset")

@@ -68,7 +68,10 @@ class CsvTail:
     if self._head is None and rows:
       self._head, *rows = rows
     rows = [row for row in rows if row.strip()]
-    whole = [row for row in rows if all(row.count(mark) == (self._head or "").count(mark) for mark in ",;\t")]
+    head = self._head or ""
+    mark = max(",;\t", key=head.count)  # a comma may be decimal where the cells are parted by another mark
+    width = head.count(mark)
+    whole = [row for row in rows if not width or row.count(mark) == width or '"' in row]
     self.torn += len(rows) - len(whole)
     self._rows += whole
     return bool(rows)

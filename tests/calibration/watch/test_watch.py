@@ -205,6 +205,13 @@ def test_a_torn_row_and_a_clock_that_begins_anew_cost_only_themselves(desk, car,
   assert [line["from"] for line in lines] == [*np.arange(0.0, 9.0, 2.0), *np.arange(0.0, 8.0, 2.0)]
 
 
+def test_decimal_commas_and_quotes_are_no_torn_rows(tmp_path):
+  file = tmp_path / "log.csv"
+  file.write_text('time;speed;note\n0,01;1,5;a\n0,02;1,6\n0,03;1,7;"b;c"\n', encoding="utf-8")
+  tail = CsvTail(file)
+  assert tail.grown() and tail.torn == 1 and [row[:4] for row in tail._rows] == ["0,01", "0,03"]
+
+
 def test_what_a_log_lacks_and_what_no_car_can_do_is_said(desk, car, capsys):
   log = driven(*car, 20.0, 81)
   look = lambda **changed: [
