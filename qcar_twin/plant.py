@@ -27,6 +27,9 @@ SIGNALS = (
   "motor_speed",  # rad/s, motor side
   "steering_angle",  # rad, mean road-wheel angle
 )
+# of the 0.2 s before a stretch (after, where a recording begins): mean drive command, in its unit, mean speed of the
+# motor, rad/s, and its change, rad/s^2; when the middle of that was, s after the stretch's start
+LEAD = ("command", "motor_speed", "motor_acceleration", "when")
 START = ("pose_x", "pose_y", "pose_yaw", "velocity_x", "velocity_y", "yaw_rate", "steering_angle")
 POSITION, POSE, VELOCITY = slice(0, 2), slice(0, 3), slice(3, 5)  # columns of SIGNALS and of START
 YAW, YAW_RATE = SIGNALS.index("pose_yaw"), SIGNALS.index("yaw_rate")  # in both, too
@@ -77,6 +80,8 @@ class Segments:
       missed; None where nobody knows.
     start_push: acceleration along the car there by an accelerometer, m/s^2, (S,), NaN where there is none: the force of
       its tyres over its mass, whatever its wheels do; None for the rate of the speed.
+    lead: how the car was driven just before, (S, 4), in the order of LEAD, NaN where it stood: what a controller with a
+      memory has in it; None where nobody knows.
     wheel_angle: angle the wheels have turned since the recording's start by the encoder, mean of all, on the
       control grid, rad, (S, T + 1), NaN where unknown; what an effect that comes round with the wheels looks
       up; None to use the simulated angle, which starts at 0 in every segment.
@@ -93,6 +98,7 @@ class Segments:
   wheel_angle: Array | None = None
   start_rate: Array | None = None
   start_push: Array | None = None
+  lead: Array | None = None
 
   def __post_init__(self) -> None:
     size = len(self.recording)
@@ -119,6 +125,7 @@ class Segments:
       self.commands[which], self.start[which], self.steps[which], self.period,
       names, self.offset[which],
       some(self.history), some(self.pose), some(self.wheel_angle), some(self.start_rate), some(self.start_push),
+      some(self.lead),
     )  # fmt: skip
 
   @property

@@ -61,12 +61,6 @@ class Prepared:
   recalibrated: RecalibratedTwin
 
 
-_LOOP = (
-  "the twin's speed loop has no integral part, so that an error of speed that settles over a second may be the loop's"
-  " and no physics of the car's"
-)
-
-
 def prepare(
   dataset: DataSet,
   mechanisms: Sequence[str] | None = None,
@@ -87,8 +81,6 @@ def prepare(
   if isinstance(found := recalibrated.problem.twin, Surrogate) and found.guarded:
     where = ", ".join(f"{name} from {offset:.4g} s" for name, offset in sorted(found.guarded))
     said += (f"simulated by MuJoCo during the search, too: {where}; there the reduced car leads a fit astray",)
-  if vehicle.drive == "speed":
-    said += (_LOOP,)
   fit = recalibrated.fit
   told = (unusual(fit.parameters, fit.theta), stopped(fit.parameters, fit.theta, fit.at_bound))
   return Prepared(dataset, notes + said + tuple(filter(None, told)), known, recalibrated)

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from calibration.fitting.informative import chosen, regressors
 from calibration.fitting.noise_floor import driving_noise
-from calibration.fitting.start_states import measured_start, pushed
-from qcar_twin.kinematics import road_speed
-from qcar_twin.plant import START, Segments
+from calibration.fitting.start_states import STANDS, measured_start, pushed
+from qcar_twin.kinematics import road_speed, rolling_radius
+from qcar_twin.plant import LEAD, START, Segments
 from qcar_twin.recordings.dataset import in_order
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.vehicle.vehicle import Vehicle
@@ -24,6 +24,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 Array = NDArray[np.float64]
 
 _SPAN = 0.1  # s: before and after a stretch's beginning, between which its states' rates are taken
+_FOR_A_SLOPE = 3  # samples
 _GOLDEN = 0.618  # of a turn between one recording's phase and the next one's, so that beginnings and ends take turns
 
 
@@ -90,6 +91,7 @@ def cut_recordings(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut =
     wheel_angle=np.stack([_pad(p.wheel_angle, longest + 1) for p in pieces]),
     start_rate=np.stack([p.rate for p in pieces]),
     start_push=np.array([p.push for p in pieces]),
+    lead=np.stack([p.lead for p in pieces]),
   )
   return Stretches(segments, np.array([p.first for p in pieces]), np.array([p.last for p in pieces]))
 
@@ -105,6 +107,7 @@ class _Piece:
   start: Array
   rate: Array
   push: float
+  lead: Array
   offset: float
   first: float
   last: float
@@ -138,6 +141,7 @@ def _pieces(recording: Recording, index: int, vehicle: Vehicle, cut: Cut) -> lis
         start=start_at(float(time[begin])),
         rate=_rate(start_at, float(time[begin]), begin == 0),
         push=pushed(recording, float(time[begin]), noise),
+        lead=_lead(commands[:, 0], speed, begin, cut.period, vehicle),
         offset=float(time[begin]),
         first=float(time[low]),
         last=float(time[high - 1] + cut.period),
@@ -235,6 +239,23 @@ def _rate(start_at: Callable[[float], Array], time: float, at_beginning: bool) -
     return np.zeros(len(START))
   before = 0.0 if at_beginning else _SPAN
   return (start_at(time + _SPAN) - start_at(time - before)) / (_SPAN + before)
+
+
+def _lead(command: Array, speed: Array, begin: int, period: float, vehicle: Vehicle) -> Array:
+  """How the car was driven in the 0.2 s before a stretch, (4,), in the order of LEAD; after, where a recording begins.
+
+  Args:
+    command, speed: of every control period, (T,), the speed in m/s.  begin: the stretch's first period.
+  """
+  count = max(_FOR_A_SLOPE, round(2.0 * _SPAN / period))
+  near = np.arange(begin, begin + count) if begin < _FOR_A_SLOPE else np.arange(max(0, begin - count), begin)
+  near = near[near < len(command)]
+  moving = speed[near[:1]] if begin < _FOR_A_SLOPE else speed[near]
+  if len(near) < _FOR_A_SLOPE or np.abs(moving).max() < STANDS:
+    return np.full(len(LEAD), np.nan)
+  when, turning = period * (near - begin), speed[near] / rolling_radius(vehicle)
+  rise = np.polyfit(when, turning, 1)[0]
+  return np.array([np.mean(command[near]), np.mean(turning), rise, when.mean()])
 
 
 def _speed_on(recording: Recording, time: Array, vehicle: Vehicle) -> Array:

@@ -7,11 +7,12 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from qcar_twin.plant import SIGNALS
+from qcar_twin.plant import LEAD, SIGNALS
 from qcar_twin.twin.engines import Array, Engine
 from qcar_twin.twin.engines.mujoco_cars import MujocoCars
 from qcar_twin.twin.mechanisms.base import CarDimensions, Context
 from qcar_twin.twin.slots import Recorder, Slot
+from qcar_twin.twin.starts import taken
 
 _MOTOR_SPEED, _ANGLE = SIGNALS.index("motor_speed"), SIGNALS.index("steering_angle")
 
@@ -37,6 +38,7 @@ class Simulation:
     car: measured numbers.  period: control period, s.
     scale: what the logged commands are multiplied by before anything else, (2,).
     most: what the scaled drive command is limited to by its supply; inf for no limit.
+    lead: how they were driven before, (N, 4), in the order of LEAD; None where nobody knows.
     turning: speeds of the wheels and the motor at the start, rad/s, (N, 5).
     start, history, recording_time, command: as of `Twin.begin`.
   """
@@ -44,10 +46,13 @@ class Simulation:
   def __init__(
     self, engine: Engine, values: dict[str, Array], slots: Sequence[Slot], car: CarDimensions, period: float,
     scale: Array, most: float, start: Array, turning: Array, history: Array, recording_time: Array, command: Array,
+    lead: Array | None = None,
   ):  # fmt: skip
     self.engine, self._slots, self._car, self._period = engine, list(slots), car, period
     self._scale, self._most = scale, np.array([most, np.inf])
     self.engine.load(values)
+    known_not = np.full((len(start), len(LEAD)), np.nan)
+    self._lead = known_not if lead is None else taken(lead * [scale[0], 1.0, 1.0, 1.0], values, car)
     self._history, command = history * scale[::-1] ** 2, self._supplied(command)
     self._recording_time, self._time = recording_time, 0.0
     self._began: Array | None = None  # s of _time at which each car began, once some did later than others
@@ -189,6 +194,7 @@ class Simulation:
       wheel_angle=np.broadcast_to(np.nan, count * size),
       torque_per_volt=over(values["torque_per_volt"][slot.rows]),
       motor_damping=over(values["motor_damping"][slot.rows]),
+      max_torque=over(values["max_torque"][slot.rows]) if "max_torque" in values else np.inf,
     )
     came = acting[:, slot.rows].reshape(-1, 2)
     acting[:, slot.rows] = slot.mechanism.command(over(slot.theta), context, slot.state, came).reshape(count, size, 2)
@@ -236,6 +242,8 @@ class Simulation:
       wheel_angle=known[rows, 3],
       torque_per_volt=values["torque_per_volt"][rows],
       motor_damping=values["motor_damping"][rows],
+      max_torque=values["max_torque"][rows] if "max_torque" in values else np.inf,
+      lead=self._lead[rows],
     )
 
   def _write_models(self, commands: Array, known: Array, first: bool) -> None:

@@ -21,7 +21,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_twin.plant import START
+from qcar_twin.plant import LEAD, START
+from qcar_twin.twin.mechanisms.base import CarDimensions
 from qcar_twin.vehicle.mjcf import centre_damping
 from qcar_twin.vehicle.tyre import slip_over_linear
 from qcar_twin.vehicle.vehicle import GRAVITY, Vehicle
@@ -30,6 +31,7 @@ Array = NDArray[np.float64]
 
 _LARGEST = 0.2  # slip, -, up to which a start is taken from forces
 _USED = 0.95  # of mu F_z: nearer to the peak a force does not tell the slip, since mu is known to a few percent
+_GAIN = LEAD.index("motor_acceleration")
 _SPEED, _SIDE, _TURN, _STEERED = (START.index(n) for n in ("velocity_x", "velocity_y", "yaw_rate", "steering_angle"))
 
 
@@ -87,6 +89,25 @@ def turning(start: Array, rim: Array | None, values: Mapping[str, Array], vehicl
   whole = mean if rim is None else rim
   speed += (whole - mean)[:, None] * driven
   return np.column_stack([speed, whole / vehicle.gear_ratio]) / vehicle.wheel_radius
+
+
+def taken(lead: Array, values: Mapping[str, Array], car: CarDimensions) -> Array:
+  """The drive before a stretch, (N, 4), with the drive command that its motion took in place of its acceleration.
+
+  a u = J w' + T_c sgn w + (b + c) w, with all that turns and moves in J, rolling without slip.
+
+  Args:
+    lead: in the order of LEAD, NaN where nobody knows.
+    values: simulator quantities of the cars, see twin/parameters.py.
+    car: its measured numbers.
+  """
+  out, speed = lead.copy(), lead[:, LEAD.index("motor_speed")]
+  spinning = values["rotor_inertia"] + 4.0 * car.gear_ratio**2 * values["wheel_inertia"]
+  inertia = spinning + values["mass"] * (car.gear_ratio * car.wheel_radius) ** 2
+  damping = values["motor_damping"] + values["driveline_damping"]
+  torque = inertia * lead[:, _GAIN] + values["driveline_friction"] * np.sign(speed) + damping * speed
+  out[:, _GAIN] = torque / values["torque_per_volt"]
+  return out
 
 
 def _front_share(vehicle: Vehicle) -> float:

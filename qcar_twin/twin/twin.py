@@ -138,6 +138,7 @@ class Twin:
     first_command: Array | None = None,
     batch: Batch | None = None,
     rim_speed: Array | None = None,
+    lead: Array | None = None,
   ) -> "Simulation":
     """N cars with parameters (N, P) at states (N, 7).
 
@@ -149,6 +150,7 @@ class Twin:
       first_command: commands that stood when the simulation starts, (N, 2): what lags and delays begin with.
       batch: what carries MuJoCo's cars; a new one by default, so that simulations don't disturb each other.
       rim_speed: of the driven wheels at the start, their mean, m/s, (N,); by default they roll without slip.
+      lead: how the cars were driven just before, (N, 4), in the order of LEAD.
     """
     theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
     if theta.shape != (len(start), len(self.parameters)):
@@ -172,6 +174,7 @@ class Twin:
       history=np.zeros((size, 2)) if history is None else history,
       recording_time=np.zeros(size) if recording_time is None else recording_time,
       command=np.column_stack([np.zeros(size), start[:, 6]]) if first_command is None else first_command,
+      lead=lead,
     )
 
   def slots(self, theta: Array) -> list[Slot]:
@@ -233,7 +236,7 @@ class Twin:
     if segments.start_rate is not None:
       start[:, _WHEELS] += self._turned(theta, start, commands[0])
     each = lambda a: None if a is None else tile(a)
-    history = each(segments.history)
+    history, lead = each(segments.history), each(segments.lead)
     start, rim = self._as_measured(theta, start, each(segments.start_rate), each(segments.start_push))
     ends = np.minimum(np.tile(segments.steps, n) + _READ_ON, length)  # after it a car rests: nothing is measured
     groups = self._apart(theta)
@@ -241,12 +244,11 @@ class Twin:
     for rows in groups:
       some = lambda a, rows=rows: None if a is None else a[rows]
       batch = self.batch(n * size) if self.engine == "mujoco" else None
-      cars = self.begin(theta[rows], start[rows], some(history), offset[rows], commands[0, rows], batch, some(rim))
+      cars = self.begin(
+        theta[rows], start[rows], some(history), offset[rows], commands[0, rows], batch, some(rim), some(lead)
+      )
       driven = cars.run(commands[:, rows], pose[rows], ends[rows])
-      if len(groups) == 1:
-        signals = driven
-      else:
-        signals[rows] = driven
+      signals = driven if len(groups) == 1 else _with_rows(signals, rows, driven)
     signals = at_one_time(signals, self.period / self.substeps, self.period)
     return signals.reshape(n, size, length + 1, len(SIGNALS))
 

@@ -5,8 +5,9 @@ Whatever the command u, the motor's law is linear in it and in the motor's speed
 voltage, u in V: a = K/R, b = K^2/R + B (armature circuit without inductance; Krishnan, Electric Motor Drives, 2001,
   ch. 2). duty, u from -1 to 1: the same with u times the supply's voltage.
 current, u in A: a = K, b = B: the electronics keep the current, and the back-EMF does not show.
-speed, u in m/s: a = k / (G R_w), b = k + B: a speed loop of gain k, seen without its integral part, which takes over
-  the friction (Franklin, Powell and Emami-Naeini, Feedback Control of Dynamic Systems, 7th ed., 2015, sec. 4.3).
+speed, u in m/s: a = k / (G R_w), b = k + B: a speed loop of gain k (Franklin, Powell and Emami-Naeini, Feedback
+  Control of Dynamic Systems, 7th ed., 2015, sec. 4.3). Its integral part, which takes over the friction, comes on top:
+  qcar_twin/twin/mechanisms/speed_loop_integral.py.
 """
 
 import dataclasses

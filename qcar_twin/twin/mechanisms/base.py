@@ -79,6 +79,9 @@ class Context:
       command is one.
     motor_damping: fitted damping of the motor, N m s / rad, motor side, (n,): with it, the part of the
       voltage that drives current is V - motor_damping / torque_per_volt * motor_speed.
+    max_torque: largest torque of the motor, N m, (n,); inf without a limit.
+    lead: the drive before the segment, (n, 4), in the order of LEAD (qcar_twin/plant.py), with the drive command that
+      the motion took in place of its acceleration; NaN where the car stood or nobody knows.
   """
 
   car: CarDimensions
@@ -92,6 +95,8 @@ class Context:
   wheel_angle: Array
   torque_per_volt: Array
   motor_damping: Array
+  max_torque: Array | float = np.inf
+  lead: Array | None = None
 
   def signal(self, name: str) -> Array:
     """One signal by name, (n,)."""

@@ -14,7 +14,7 @@ from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 
 VEHICLE = Vehicle.load()
-ALL = tuple(catalogue().values())
+ALL = tuple(m for m in catalogue().values() if "voltage" in m.drives)
 SENSORS = sensor_error_mechanisms(ALL)
 TOLERATED = tuple(m for m in tolerated_mechanisms(ALL) if m not in SENSORS)
 GYRO = catalogue()["gyro_bias"].sensor_errors["gyro_bias"]

@@ -10,12 +10,12 @@ from calibration.diagnosis.scan import scan, trial_starts
 from calibration.diagnosis.search.structure import Effort
 from calibration.fitting.observations import CHANNELS
 from qcar_twin.plant import SIGNALS
-from qcar_twin.twin.mechanisms import catalogue
+from qcar_twin.twin.mechanisms import offered
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 from tests.qcar_twin.twin.mechanisms.test_twin import segments, sized
 
-ALL = tuple(m for m in catalogue().values() if not m.curve)
+ALL = offered("voltage")
 NOISE = {"pose_x": 3e-3, "pose_y": 3e-3, "pose_yaw": 5e-3, "yaw_rate": 0.02, "accel_x": 0.3, "accel_y": 0.3,
          "motor_speed": 4.0}  # m, rad, rad/s, m/s^2 # fmt: skip
 COLUMNS = [SIGNALS.index(name) for name in NOISE]

@@ -180,7 +180,7 @@ def test_the_step_hardly_matters():
 
 
 def test_a_mechanism_at_its_null_is_absent_bit_for_bit(twin: Twin):
-  loaded = twin.with_mechanisms(tuple(catalogue().values()))
+  loaded = twin.with_mechanisms(tuple(m for m in catalogue().values() if CAR.drive in m.drives))
   np.testing.assert_array_equal(
     loaded.rollout(loaded.parameters.nominal, drive()).signals, twin.rollout(twin.parameters.nominal, drive()).signals
   )

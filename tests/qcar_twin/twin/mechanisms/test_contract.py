@@ -85,11 +85,15 @@ def test_search_starts_are_shapes_inside_their_bounds(mechanism):
 
 
 @each
-def test_what_every_model_fits_is_a_small_amplitude_of_its_own(mechanism):
+def test_what_every_model_fits_is_a_small_amplitude_of_its_own_and_perhaps_its_shape(mechanism):
   amplitudes = {p.name: p for p in mechanism.parameters if p.null is not None}
+  shapes = {p.name: p for p in mechanism.parameters if p.null is None}
   errors = {name: error.std for name, error in mechanism.sensor_errors.items()}
   tolerances = dict(mechanism.tolerances(CAR, {f.name: 1e-4 for f in dataclasses.fields(CAR)}))
   assert not set(errors) & set(tolerances)
+  for name in set(tolerances) & set(shapes):
+    assert set(tolerances) & set(amplitudes), "a shape says nothing of what is absent"
+    assert 0.0 < tolerances.pop(name) == shapes[name].std <= shapes[name].upper - shapes[name].lower
   for name, std in (errors | tolerances).items():
     assert 0.0 < std < amplitudes[name].typical
     assert amplitudes[name].lower == amplitudes[name].null or amplitudes[name].lower <= -3.0 * std

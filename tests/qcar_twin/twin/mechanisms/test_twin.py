@@ -8,7 +8,7 @@ from qcar_twin.twin.mechanisms import catalogue
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 
-ALL = list(catalogue().values())
+ALL = [m for m in catalogue().values() if "voltage" in m.drives]
 STEPPED = [m for m in ALL if m.stage != "sensor"]
 each = pytest.mark.parametrize("mechanism", ALL, ids=lambda m: m.name)
 PERIOD, STEPS = 0.01, 200
@@ -54,7 +54,7 @@ def nominal(twin):
 def typical(twin):
   """Name -> signals (2, T + 1, 10) with that mechanism at its typical size; one rollout for all."""
   theta = np.stack([sized(twin, m, 1.0) for m in ALL])
-  return dict(zip(catalogue(), twin.rollout(theta, segments()).signals, strict=True))
+  return dict(zip((m.name for m in ALL), twin.rollout(theta, segments()).signals, strict=True))
 
 
 def distance(signals, other) -> np.ndarray:

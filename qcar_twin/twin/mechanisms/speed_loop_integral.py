@@ -1,0 +1,69 @@
+"""Speed controller that remembers its error."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.elements import STANDSTILL, idle_voltage
+
+# 1/s, stated priors: with a proportional part that takes T = 0.1 s the loop's damping ratio is 1/2 sqrt(1 / (r T))
+_CRITICAL = 2.5  # a damping ratio of 1, where a search begins
+_LIVELY = 10.0  # of 1/2, two standard deviations
+
+
+class SpeedLoopIntegral(Mechanism):
+  """The loop adds up what is missing of the speed, so that friction and drag are made up for and launches overshoot.
+
+  Equation: T = a (u + z) - b w, z' = r (u - (b / a) w), |a z| <= T_max - h |a u - b w|: the proportional part leaves
+    the integral that much of the limit. Where the car stands and is commanded to, z goes to (1 - q) z each period. A
+    stretch begins with what the motion of the 0.2 s before took beyond u.
+  Units: r 1/s, the integral gain over the proportional; h -, 1 where the integral gives way, 0 where it is only
+    limited; q -, 1 where the loop forgets at rest; u, z m/s; w rad/s of the motor; a N m s/m; b N m s/rad; T_max N m.
+  Source: Åström and Hägglund, Advanced PID Control, 2006, ch. 3 (integral action, windup; PI control of a first-order
+    process, of which the damping ratio is).
+  Confounded with: less driveline friction, quadratic_drag, drive_lag.
+  """
+
+  name = "speed_loop_integral"
+  subsystem = "drive"
+  stage = "actuator"
+  link = "device"
+  drives = ("speed",)
+  fitted_rank = 15
+  parameters = (
+    Parameter(
+      "speed_loop_integral", 0.0, 0.0, 1.5 * _LIVELY, "1/s", "r", null=0.0, typical=_LIVELY, start=_CRITICAL,
+      description="integral's rate",
+    ),
+    Parameter("speed_loop_giving_way", 1.0, 0.0, 1.0, "-", "h", std=0.5, description="gives way at the limit"),
+    Parameter("speed_loop_forgetting", 1.0, 0.0, 1.0, "-", "q", std=0.5, description="of it is forgotten at rest"),
+  )  # fmt: skip
+
+  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
+    """A loop is stated without its gains, and rules of either kind are in use: every model fits all three."""
+    return {"speed_loop_integral": 0.5 * _LIVELY, "speed_loop_giving_way": 0.5, "speed_loop_forgetting": 0.5}
+
+  def initial(self, theta: Array, context: Context) -> State:
+    if context.lead is None:
+      return {"integral": np.zeros(len(theta))}
+    command, motor_speed, taken, when = context.lead.T
+    missed = command - context.motor_damping / context.torque_per_volt * motor_speed
+    reached = taken - command - theta[:, 0] * missed * when
+    return {"integral": self._limited(np.nan_to_num(reached), missed, theta, context)}
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    missed = command[:, 0] - idle_voltage(context)
+    before = state["integral"]
+    rests = np.exp(-((context.signal("velocity_x") / STANDSTILL) ** 2) - (command[:, 0] / STANDSTILL) ** 2)
+    grown = before * (1.0 - theta[:, 2] * rests) + theta[:, 0] * missed * context.period
+    state["integral"] = self._limited(grown, missed, theta, context)
+    acting = command.copy()
+    acting[:, 0] += 0.5 * (before + state["integral"])
+    return acting
+
+  def _limited(self, integral: Array, missed: Array, theta: Array, context: Context) -> Array:
+    """What is left of the integral, m/s, where the motor's limit is near; `missed` of the speed, m/s."""
+    room = np.maximum(context.max_torque / context.torque_per_volt - theta[:, 1] * np.abs(np.nan_to_num(missed)), 0.0)
+    return np.clip(integral, -room, room)

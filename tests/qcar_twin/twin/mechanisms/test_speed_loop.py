@@ -1,0 +1,113 @@
+"""The speed loop's integral part against the linear loop's own solution, at its limits, and where a stretch begins."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from qcar_twin.plant import LEAD, SIGNALS, START, Segments
+from qcar_twin.twin.mechanisms import select
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import QCAR, Vehicle
+
+CAR = Vehicle.from_dataset(
+  {"name": "loop", "drive": "speed", "mass": 2.7, "cg_to_front": 0.125, "cg_to_rear": 0.131, "max_torque": 10.0}, {}
+)
+RATE, PERIOD = 4.0, 0.01
+SPEED, MOTOR = SIGNALS.index("velocity_x"), SIGNALS.index("motor_speed")
+TRAVEL = CAR.gear_ratio * CAR.wheel_radius
+
+
+@pytest.fixture(params=["reduced", "mujoco"])
+def twin(request) -> Twin:
+  return Twin(CAR, select(["speed_loop_integral"]), substeps=2, threads=1, engine=request.param)
+
+
+def values(twin: Twin, **given: float) -> np.ndarray:
+  return twin.parameters.vector({"speed_loop_integral": RATE} | given)
+
+
+def drive(command: np.ndarray, start: float = 0.0, lead: np.ndarray | None = None) -> Segments:
+  """One stretch of a straight drive with commands (T,), from a speed, m/s."""
+  commands = np.stack([command, 0.0 * command], axis=-1)[None]
+  state = np.zeros((1, len(START)))
+  state[0, START.index("velocity_x")] = start
+  return Segments(commands, state, np.array([len(command)]), PERIOD, ("drive",), np.zeros(1), lead=lead)
+
+
+def shown(twin: Twin, theta: np.ndarray, segments: Segments) -> np.ndarray:
+  return twin.rollout(theta, segments).signals[0, 0]
+
+
+def test_the_command_is_reached_in_spite_of_friction(twin):
+  friction = {"driveline_friction": 5.0 * twin.base["driveline_friction"].nominal}
+  command = np.full(400, 1.0)
+  wanted = twin.base["torque_per_speed"].nominal / twin.base["motor_damping"].nominal
+  with_it, without = (shown(twin, values(twin, speed_loop_integral=r, **friction), drive(command)) for r in (RATE, 0.0))
+  assert with_it[-1, MOTOR] == pytest.approx(wanted, rel=0.002)
+  assert without[-1, MOTOR] < 0.95 * wanted
+
+
+def test_a_launch_is_the_linear_loops(twin):
+  """w'' + (b / J) w' + (r b / J) w = (a / J) (u' + r u): a step's overshoot, without friction and far from limits."""
+  theta = values(twin, driveline_friction=0.0, longitudinal_stiffness=twin.base["longitudinal_stiffness"].upper)
+  base = twin.parameters.named(theta)
+  car = dataclasses.replace(CAR, rotor_inertia=base["rotor_inertia"], wheel_inertia=base["wheel_inertia"])
+  a, b = (base[name] / car.drive_inertia for name in ("torque_per_speed", "motor_damping"))
+  command, fine = 0.5, 1e-4
+  speed, memory, track = 0.0, 0.0, []
+  for _ in range(round(1.5 / fine)):
+    track.append(speed)
+    missed = command - b / a * speed
+    speed += fine * (a * (command + memory) - b * speed)
+    memory += fine * RATE * missed
+  exact = np.array(track)[:: round(PERIOD / fine)]
+  driven = shown(twin, theta, drive(np.full(150, command)))[:-1, MOTOR]
+  assert exact.max() > 1.05 * exact[-1]  # it does overshoot
+  begun = 6  # periods, in which the driven wheels spin up on their tyres
+  assert np.abs(driven - exact)[begun:].max() < 0.02 * exact[-1]
+
+
+def test_at_the_limit_the_integral_gives_way_or_goes_on(twin):
+  """A limit of a quarter of what the proportional part asks for: one that goes on adding overshoots far more."""
+  limit = 0.25 * twin.base["torque_per_speed"].nominal
+  peaks = [
+    shown(twin, values(twin, max_torque=limit, speed_loop_giving_way=h), drive(np.full(300, 1.0)))[:, SPEED].max()
+    for h in (1.0, 0.0)
+  ]
+  assert peaks[0] < 1.03 and peaks[1] > 1.08, peaks
+
+
+def test_a_loop_that_forgets_at_rest_launches_alike_each_time(twin):
+  command = np.concatenate([np.full(150, 1.0), np.zeros(150), np.full(150, 1.0)])
+  theta = {"driveline_friction": 5.0 * twin.base["driveline_friction"].nominal}
+  apart = []
+  for q in (1.0, 0.0):
+    speed = shown(twin, values(twin, speed_loop_forgetting=q, **theta), drive(command))[:, SPEED]
+    apart.append(np.abs(speed[:80] - speed[300:380]).max())
+  assert apart[0] < 0.02 < apart[1], apart
+
+
+def test_a_stretch_goes_on_with_what_the_loop_had_added_up(twin):
+  """Begun in mid-launch from the drive before: nearer to the whole drive than a loop that begins empty."""
+  command = np.full(200, 1.0)
+  command[80:] = 1.6
+  theta = values(twin, driveline_friction=5.0 * twin.base["driveline_friction"].nominal)
+  whole = shown(twin, theta, drive(command))
+  errors = []
+  for at in (40, 90, 130):
+    turned, when = whole[at - 20 : at, MOTOR], PERIOD * (np.arange(-20, 0))
+    before = {
+      "command": command[at - 20 : at].mean(), "motor_speed": turned.mean(),
+      "motor_acceleration": np.polyfit(when, turned, 1)[0], "when": when.mean(),
+    }  # fmt: skip
+    start = float(whole[at, SPEED])
+    for known in (np.array([[before[name] for name in LEAD]]), None):
+      part = shown(twin, theta, drive(command[at:], start, known))
+      errors.append(np.abs(part[: 200 - at, SPEED] - whole[at:200, SPEED]).max())
+  assert all(led < 0.3 * empty and led < 0.03 for led, empty in zip(errors[::2], errors[1::2], strict=True)), errors
+
+
+def test_only_a_car_that_is_commanded_a_speed_can_have_it():
+  with pytest.raises(ValueError, match="drive by speed"):
+    Twin(QCAR, select(["speed_loop_integral"]))
