@@ -85,6 +85,15 @@ def test_the_drive_is_recovered(trial):
     assert theta["torque_per_ampere"] / trial.inertia == pytest.approx(trial.car.linearised()["P1"], rel=0.05)
 
 
+def test_the_loops_integral_part_is_recovered(trial):
+  """Its rate; it keeps what it has added up where the car stands, and is not reset at the limit."""
+  theta, train = trial.theta, trial.car.drivetrain
+  if train.command == "speed":
+    print({k: v for k, v in theta.items() if "speed_loop" in k}, trial.calibration.errors["validate"]["motor_speed"])
+    assert theta["speed_loop_integral"] == pytest.approx(train.integral / train.proportional, rel=0.1)
+    assert theta["speed_loop_forgetting"] < 0.1
+
+
 def test_the_calibrated_twin_predicts_what_it_has_not_seen(trial):
   errors = trial.calibration.errors["validate"]
   assert errors["motor_speed"].after < 0.4 * errors["motor_speed"].before

@@ -42,7 +42,8 @@ def _commanded_in(vehicle: Vehicle) -> str:
   """What a model of the drive takes as its command, with its unit."""
   if vehicle.drive == "duty":
     return f"V on the motor: a duty times the battery's voltage, {vehicle.supply_voltage:g} V where nobody logged one"
-  return {"voltage": "V on the motor", "current": "A of the motor", "speed": "m/s of commanded speed"}[vehicle.drive]
+  said = {"voltage": "V on the motor", "current": "A of the motor", "speed": "m/s of commanded speed"}
+  return (said | {"acceleration": "m/s^2 of commanded acceleration"})[vehicle.drive]
 
 
 def origin(name: str, factors: Mapping[str, float]) -> str:

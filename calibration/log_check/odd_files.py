@@ -19,7 +19,7 @@ from qcar_twin.recordings.checks.driving import driven, steady
 from qcar_twin.recordings.checks.faults import at_range
 from qcar_twin.recordings.recording import Recording
 
-_SETS_A_SPEED = tuple(c for c in DRIVE_COMMANDS if c != "motor_current")  # a current sets a force
+_SETS_A_SPEED = tuple(c for c in DRIVE_COMMANDS if c not in ("motor_current", "acceleration_command"))  # set a force
 _FILES = 3  # of which one can be odd
 _UNIT = 10.0  # halfway, as factors go, between one unit and per cent of it
 _LATE = 0.1  # s; an age that differs by less between drives is said of none

@@ -96,6 +96,15 @@ CHANNELS: dict[str, Channel] = {
     ),
     Channel("speed_command", "m/s", "commanded vehicle speed", "command", "motor", limit=30.0, log_units=_SPEED),
     Channel(
+      "acceleration_command",
+      "m/s^2",
+      "commanded acceleration along the car",
+      "command",
+      "motor",
+      limit=160.0,
+      log_units=_ACCELERATION,
+    ),
+    Channel(
       "steering_command",
       "rad",
       "commanded road-wheel angle, left positive",

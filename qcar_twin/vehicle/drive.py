@@ -5,6 +5,8 @@ Whatever the command u, the motor's law is linear in it and in the motor's speed
 voltage, u in V: a = K/R, b = K^2/R + B (armature circuit without inductance; Krishnan, Electric Motor Drives, 2001,
   ch. 2). duty, u from -1 to 1: the same with u times the supply's voltage.
 current, u in A: a = K, b = B: the electronics keep the current, and the back-EMF does not show.
+acceleration, u in m/s^2: a = J / (G R_w), b = B, J all that turns and moves: electronics or a simulator that give the
+  force a wished acceleration takes.
 speed, u in m/s: a = k / (G R_w), b = k + B: a speed loop of gain k (Franklin, Powell and Emami-Naeini, Feedback
   Control of Dynamic Systems, 7th ed., 2015, sec. 4.3). Its integral part, which takes over the friction, comes on top:
   qcar_twin/twin/mechanisms/speed_loop_integral.py.
@@ -15,7 +17,7 @@ import math
 from typing import Literal
 
 Layout = Literal["all-wheel", "rear", "front"]
-DriveKind = Literal["voltage", "duty", "current", "speed"]
+DriveKind = Literal["voltage", "duty", "current", "speed", "acceleration"]
 MOTOR_FIGURES = ("motor_constant", "motor_resistance", "max_current")  # of a data sheet or bench
 DRIVEN_AXLES: dict[str, tuple[str, ...]] = {"all-wheel": ("front", "rear"), "rear": ("rear",), "front": ("front",)}
 
@@ -51,12 +53,15 @@ DRIVES: dict[str, Drive] = {
   "speed": Drive(
     "speed_command", "m/s", "torque_per_speed", "N m s/m", "k/(G R_w)", "k + B", (3e3, 10.0), "speed_step"
   ),
+  "acceleration": Drive(
+    "acceleration_command", "m/s^2", "torque_per_acceleration", "N m s^2/m", "J/(G R_w)", "B", (300.0, 0.15)
+  ),
 }
 
 
 def largest_command(drive: DriveKind, supply: float) -> float:
-  """What a scaled command is limited to: the supply's V, for a duty a full battery's; a current and a speed are not."""
-  if drive in ("current", "speed"):
+  """What a scaled command is limited to: the supply's V, for a duty a full battery's; others are not."""
+  if drive not in ("voltage", "duty"):
     return math.inf
   return supply * (_FULL_OVER_EMPTY if drive == "duty" else 1.0)
 

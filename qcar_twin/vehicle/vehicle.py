@@ -39,11 +39,11 @@ class Vehicle:
     imu_x, imu_y: IMU ahead of and left of the CG, m.
     layout: axles the motor turns, "all-wheel", "rear" or "front"; the wheels of another axle roll free.
     centre_differential: between two driven axles, 0 one shaft, 1 an open differential; see mjcf.centre_damping.
-    drive: what the motor is commanded with, "voltage", "duty", "current" or "speed"; see qcar_twin/vehicle/drive.py.
+    drive: what the motor is commanded with, one of DRIVES in qcar_twin/vehicle/drive.py.
     supply_voltage: of the battery, V: what a duty of 1 puts on the motor where no battery's voltage was logged, and the
       most a commanded voltage can be.
     torque_per_volt: motor torque per volt at standstill, K/R, N m/V; of a drive by voltage or duty.
-    torque_per_ampere: K, N m/A; of a drive by current.  torque_per_speed: N m s/m; of a drive by speed.
+    torque_per_ampere (K, N m/A), torque_per_speed (N m s/m), torque_per_acceleration (N m s^2/m): of such drives.
     motor_damping: torque lost per motor speed, N m s/rad: K^2/R with everything viscous in it; the viscous part alone
       where the current is commanded, the gain of the loop where the speed is.
     max_torque: most the motor's electronics let it give, N m, motor side; inf for no limit.
@@ -82,6 +82,7 @@ class Vehicle:
   torque_per_volt: float = 0.0272
   torque_per_ampere: float = 7.1e-5 / 0.0272
   torque_per_speed: float = 7.1e-5 / 0.033 * (70 * 37) / (13 * 19)
+  torque_per_acceleration: float = 0.00983
   max_torque: float = math.inf
   motor_damping: float = 7.1e-5
   driveline_friction: float = 8.5e-3
@@ -251,8 +252,7 @@ class Vehicle:
         f"; did you mean {near[0]}?" if near else "",
       )
     numbers: dict[str, Any] = {key: float(value) for key, value in given.items() if key in _field_names()}
-    name = str(vehicle.get("name", "car"))
-    numbers |= _unsaid(numbers)
+    name, numbers = str(vehicle.get("name", "car")), numbers | _unsaid(numbers)
     sizes = {key: value for key, value in numbers.items() if key in _MEASURED and key != "yaw_inertia"}
     measured = cls(name=name, **texts, **sizes, wheel_mass=_WEIGHTLESS)
     numbers = _scaled(measured, numbers.get("yaw_inertia")) | numbers
@@ -341,9 +341,10 @@ def _scaled_drive(car: Vehicle, inertia: float, rolling: float) -> dict[str, flo
   damping = QCAR.motor_damping * inertia / car.similarity.time
   if car.drive == "current":
     return {"torque_per_ampere": QCAR.torque_per_ampere * inertia / rolling, "motor_damping": _VISCOUS * damping}
+  travel = car.gear_ratio * car.wheel_radius
+  if car.drive == "acceleration":
+    return {"torque_per_acceleration": QCAR.drive_inertia * inertia / travel, "motor_damping": _VISCOUS * damping}
   if car.drive == "speed":
-    travel = car.gear_ratio * car.wheel_radius
     loop = QCAR.drive_inertia * inertia / (_LOOP_TIME * car.similarity.time)
-    limit = car.mass * _FIERCEST * travel
-    return {"torque_per_speed": loop / travel, "motor_damping": loop, "max_torque": limit}
+    return {"torque_per_speed": loop / travel, "motor_damping": loop, "max_torque": car.mass * _FIERCEST * travel}
   return {"torque_per_volt": QCAR.torque_per_volt * inertia / rolling, "motor_damping": damping}

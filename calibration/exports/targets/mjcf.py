@@ -41,9 +41,9 @@ _SLOWEST = 0.02  # m/s, at which the twin still has tyres
 IMPEDANCE = 0.95  # MuJoCo's own upper value, at which its friction chatters least
 _OWN = ("steering_offset", "steering_gain_error", "steering_delay", "steering_lag", "drive_delay", "floor_slope")
 _PLAIN = (
-  "torque_per_volt", "torque_per_ampere", "torque_per_speed", "motor_damping", "driveline_friction", "rotor_inertia",
-  "wheel_inertia", "servo_time_constant", "servo_inertia", "servo_rate", "ackermann_fraction", "yaw_inertia",
-  "centre_differential", "max_torque", "suspension_frequency",
+  "torque_per_volt", "torque_per_ampere", "torque_per_speed", "torque_per_acceleration", "motor_damping",
+  "driveline_friction", "rotor_inertia", "wheel_inertia", "servo_time_constant", "servo_inertia", "servo_rate",
+  "ackermann_fraction", "yaw_inertia", "centre_differential", "max_torque", "suspension_frequency",
 )  # fmt: skip
 
 

@@ -325,7 +325,11 @@ def _usual_run(columns: Iterable[Array], least: int = _LEAST) -> float:
 
 def gate(columns: Columns, guesses: Mapping[str, Guess]) -> None:
   """A switch that the drive's command has to pass, where one was logged and was ever off under a command."""
-  drives = [guesses[name] for name in ("motor_voltage", "motor_duty", "motor_current") if name in guesses]
+  drives = [
+    guesses[name]
+    for name in ("motor_voltage", "motor_duty", "motor_current", "acceleration_command")
+    if name in guesses
+  ]
   taken = {guess.column for guess in guesses.values()}
   for name in columns.names:
     switch = name not in taken and set(words_of(name)) & _GATES and set(np.unique(columns.values(name))) == {0.0, 1.0}

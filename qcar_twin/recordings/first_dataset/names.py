@@ -30,6 +30,10 @@ _RULES: dict[str, tuple[str, ...]] = {
     "speed|velocity|vel|v command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference|goal"
     " !angular|ang|yaw|steering|z|y",
   ),
+  "acceleration_command": (
+    "accel|accl|acc|acceleration|a command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference|input"
+    " !angular|ang|yaw|steering|lateral|lat|z|y",
+  ),
   "steering_command": (
     "steering|steer|steered|servo|servos|delta|deltawheel|df|str !measured|actual|feedback|fb|velocity|rate|speed",
     "wheel angle !measured|actual|feedback|fb",

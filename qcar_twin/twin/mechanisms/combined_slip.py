@@ -19,7 +19,7 @@ class CombinedSlip(Mechanism):
   name = "combined_slip"
   subsystem = "tyre"
   stage = "contact"
-  drives = ("voltage", "duty", "current")
+  drives = ("voltage", "duty", "current", "acceleration")
   varies = True
   parameters = (
     Parameter("combined_slip", 0.0, 0.0, 1.5, "-", "e", null=0.0, typical=0.2, description="loss at 2 m/s^2"),
