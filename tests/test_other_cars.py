@@ -86,12 +86,12 @@ def test_the_drive_is_recovered(trial):
 
 
 def test_the_loops_integral_part_is_recovered(trial):
-  """Its rate; it keeps what it has added up where the car stands, and is not reset at the limit."""
-  theta, train = trial.theta, trial.car.drivetrain
+  """Its rate. This car's loop stops adding up at the limit, the twin's gives way there, which costs some of it."""
+  train = trial.car.drivetrain
   if train.command == "speed":
-    print({k: v for k, v in theta.items() if "speed_loop" in k}, trial.calibration.errors["validate"]["motor_speed"])
-    assert theta["speed_loop_integral"] == pytest.approx(train.integral / train.proportional, rel=0.1)
-    assert theta["speed_loop_forgetting"] < 0.1
+    assert trial.theta["speed_loop_integral"] == pytest.approx(train.integral / train.proportional, rel=0.2)
+  else:
+    assert "speed_loop_integral" not in trial.theta
 
 
 def test_the_calibrated_twin_predicts_what_it_has_not_seen(trial):
