@@ -1,4 +1,4 @@
-"""What to do about what the computer lacks: room on a disk, leave to write, OpenGL."""
+"""What to do about what the computer lacks: room on a disk, leave to write, OpenGL; words of earlier versions."""
 
 import errno
 import traceback
@@ -17,6 +17,8 @@ _CURES = {
   errno.ENOTDIR: _FILE,
   errno.EISDIR: "a folder is where a file has to be; name a file",
 }
+RENAMED_OPTIONS = {"--mechanism": "--add-mechanisms", "--mechanisms": "--candidates"}  # earlier word -> today's
+RENAMED_PLANTS = {"twin": "mujoco"}
 _OPENGL = ("OpenGL", "mujoco/rendering", "mujoco/egl", "mujoco/osmesa")
 
 

@@ -37,8 +37,9 @@ class Config:
   """Arguments of the script."""
   twin: Path | None = None
   """File twin.toml of a calibration or a diagnosis; the nominal QCar where not given."""
-  plant: Literal["twin", "reduced", "proving_ground"] = "twin"
-  """What is driven: the twin in MuJoCo, the reduced car, or the independent car that stands in for a real one."""
+  plant: Literal["mujoco", "reduced", "proving_ground"] = "mujoco"
+  """What is driven: the twin in MuJoCo, the twin on the reduced car, or the independent car that stands in for a real
+  one."""
   effect: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
   """NAME=VALUE, repeatable: a parameter in its unit; of the independent car, an effect in typical sizes."""
   record: Path | None = None
@@ -65,11 +66,11 @@ def plant_of(config: Config) -> OnboardPlant:
   """What is driven."""
   if config.plant == "proving_ground":
     if config.twin:
-      raise ValueError("the independent car is no twin: leave --twin out, or choose --plant twin")
+      raise ValueError("the independent car is no twin: leave --twin out, or choose --plant mujoco")
     return independent_car(config.car, config.effect, config.seed)
   nominal = Twin(Vehicle.load(), threads=1)
   twin, theta = load_twin(config.twin, threads=1) if config.twin else (nominal, nominal.parameters.nominal)
-  return twin_plant(*with_effects(twin, theta, config.effect), "reduced" if config.plant == "reduced" else "mujoco")
+  return twin_plant(*with_effects(twin, theta, config.effect), config.plant)
 
 
 def main(config: Config) -> Drive:

@@ -1,6 +1,6 @@
 """Follow a path in closed loop, and report ME, RMSE and IACA with traces and a page.
 
-qcar-twin track --path infinity --controller lq_cm --estimator fekf --plant twin --out OUT
+qcar-twin track --path infinity --controller lq_cm --estimator fekf --plant mujoco --out OUT
 """
 
 import dataclasses
@@ -40,8 +40,8 @@ class Config:
   """Controller: ff_fb, lq_ed, lq_cm or linear_rate."""
   version: str = "tuned"
   """Version of the controller: tuned or loose."""
-  plant: Literal["twin", "reduced", "bicycle", "proving_ground"] = "twin"
-  """Plant that is driven."""
+  plant: Literal["mujoco", "reduced", "bicycle", "proving_ground"] = "mujoco"
+  """What is driven: the twin in MuJoCo, the twin on the reduced car, the bicycle, or the independent car."""
   estimator: Literal["fekf", "truth"] = "fekf"
   """State the controller receives: the federated filter on noisy sensors, or the truth."""
   unknown: tuple[str, ...] = LEARNT

@@ -48,8 +48,8 @@ class Config:
   """Seed of everything random."""
   resume: bool = False
   """Continue from the last checkpoint in the folder."""
-  plant: Literal["auto", "twin", "reduced", "bicycle"] = "auto"
-  """Plant that is driven; auto: the twin for the paper's training, what the hyperparameters say by reward alone."""
+  plant: Literal["auto", "mujoco", "reduced", "bicycle"] = "auto"
+  """What is driven; auto: the twin in MuJoCo for the paper's training, what the hyperparameters say by reward alone."""
   twin: str = ""
   """Twin file (TOML) of a calibration or a diagnosis; the nominal twin where empty."""
   estimator: Literal["fekf", "truth"] = "fekf"

@@ -44,8 +44,8 @@ class Config:
   """Controllers to tune."""
   speed: float = 0.5
   """Reference speed, m/s."""
-  plant: Literal["bicycle", "twin", "reduced"] = "bicycle"
-  """Plant that is driven: the single track with a servo, the twin, or the twin on the reduced car."""
+  plant: Literal["mujoco", "reduced", "bicycle"] = "bicycle"
+  """What is driven: the twin in MuJoCo, the twin on the reduced car, or the bicycle with a servo."""
   path: str = "s"
   """Path that is driven: s, o, infinity, c, random:SEED[:LENGTH] or FILE.csv."""
   linkages: int = 0

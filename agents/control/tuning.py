@@ -62,7 +62,7 @@ def origin_of(search: Search, plant: str, numbers: Mapping[str, float], unknown:
   delay, lag = search.servo
   driven = {
     "bicycle": f"the single track ({said}), servo lag {1e3 * lag:.0f} ms and delay {1e3 * delay:.0f} ms",
-    "twin": "the nominal twin",
+    "mujoco": "the nominal twin",
     "reduced": "the nominal twin on the reduced car",
   }[plant]
   path = {"s": "S-path"}.get(search.path, f"path {search.path}")

@@ -55,7 +55,7 @@ class EvaluationCase:
   """
 
   path: str
-  plant: str = "twin"
+  plant: str = "mujoco"
   speed: float = 0.5
   steering_gain: float = 1.0
   steering_offset: float = 0.0
@@ -94,7 +94,7 @@ def run_case(controller: Controller, case: EvaluationCase, plant: PlantMaker = k
   task = Task(path_from(case.path), case.speed, lock=model.vehicle.max_steering, actuation=actuation)
   observer = TrueObserver()
   if case.estimator == "fekf":
-    settings = model.filter_settings("bicycle" if case.plant == "bicycle" else "twin").with_walks(case.filter_noise)
+    settings = model.filter_settings("bicycle" if case.plant == "bicycle" else "mujoco").with_walks(case.filter_noise)
     if case.told:
       twin, known = load_twin(case.told, threads=1)
       settings = settings.told(twin.parameters.named(known))

@@ -25,8 +25,8 @@ from agents.learning.environments import (
   OwnPlant,
   fleet,
   model_of,
-  options_from,
   plant_of,
+  saved_options,
   settings_of,
   task_of,
 )
@@ -77,7 +77,7 @@ class Plan:
   @classmethod
   def from_json(cls, table: dict[str, Any]) -> "Plan":
     """A plan from what `as_json` gave."""
-    options = options_from(table["options"])
+    options = saved_options(table["options"])
     settings = dict(table["settings"])
     settings["observation_scale"] = tuple(settings["observation_scale"])
     rest = {name: table[name] for name in ("seed", "every", "judges", "progress_bar")}

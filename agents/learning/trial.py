@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.learning.critic import CRITICS
-from agents.learning.environments import Options, one_of_them, options_from
+from agents.learning.environments import Options, one_of_them, options_from, saved_options
 from agents.learning.hyperparameters import Hyperparameters, read_hyperparameters
 from agents.learning.observation import SIGHTS
 from qcar_twin.envs.task import Reward
@@ -72,7 +72,7 @@ class Trial:
     table = read_json(file)
     try:
       hyper = Hyperparameters(**table["hyperparameters"])
-      return cls(**{**table, "hyperparameters": hyper, "options": options_from(table["options"])})
+      return cls(**{**table, "hyperparameters": hyper, "options": saved_options(table["options"])})
     except (KeyError, TypeError, ValueError) as error:
       raise UnreadableFile(f"{file}: is no plan of a training by reward ({error}); choose another folder") from error
 

@@ -116,7 +116,7 @@ def batch_shares(count: int = 256, periods: int = 1300) -> dict[str, float]:
   return seconds | {"rest": total - sum(seconds.values()), "total": total, "steps": float(count * periods)}
 
 
-def steps_per_second(cars: int, periods: int = 400, estimator: str = "fekf", plant: str = "twin") -> float:
+def steps_per_second(cars: int, periods: int = 400, estimator: str = "fekf", plant: str = "mujoco") -> float:
   """Environment steps of all cars per CPU second: one car through gymnasium, more through the VecEnv."""
   rng = np.random.default_rng(0)
   if cars == 1:

@@ -30,7 +30,7 @@ from qcar_twin.sensors.onboard import Imu
 from qcar_twin.sensors.suite import qcar_sensors
 
 Array = NDArray[np.float64]
-PLANT, LATE = "twin", "late"
+PLANT, LATE = "mujoco", "late"
 DELAY, LAG = 0.04, 0.05  # s, of the late linkage, besides the twin's servo
 LAPS = 1
 FITTED_ON = ("o", "infinity")  # paths of the drives that the noise is fitted to
