@@ -17,7 +17,7 @@ from qcar_twin.estimation.engines import Engine
 from qcar_twin.estimation.noise_fit import fit_noise
 from qcar_twin.estimation.offline import ONBOARD, filter_recording
 from qcar_twin.estimation.page import write_all, write_estimation
-from qcar_twin.estimation.settings import LEARNT, FilterSettings
+from qcar_twin.estimation.settings import ESTIMATED, FilterSettings
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.sensors.noise import standstill_noise
@@ -45,7 +45,7 @@ class Config:
   """Delay of the IMU's and encoder's time stamps after their measurement, s."""
   sharing: tuple[float, float] = (1.0, 1.0)
   """Information sharing of the lidar between EKF_BM and EKF_PM, dimensionless: 1 1 as printed, 0.5 0.5 consistent."""
-  unknown: tuple[str, ...] = LEARNT
+  unknown: tuple[str, ...] = ESTIMATED
   """Numbers to estimate besides; also drive_scale. Without a name after it: none, the paper's filter."""
   twin: Path | None = None
   """Twin file (TOML) that tells the filter of linkage, lags, delays and sensors."""
@@ -72,7 +72,7 @@ def settings_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> FilterSet
   settings = settings.with_scores_of(dataset.recordings).estimating(*config.unknown)
   if config.twin:
     twin, theta = load_twin(config.twin, threads=1)
-    settings = settings.told(twin.parameters.named(theta))
+    settings = settings.with_known(twin.parameters.named(theta))
   noise = standstill_noise(dataset[config.noise_from]) if config.noise_from else {}
   for name, estimate in noise.items():
     print(f"{name}: {estimate}")

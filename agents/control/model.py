@@ -15,6 +15,7 @@ from qcar_twin.twin.engines import ENGINES
 from qcar_twin.twin.file import load_twin
 from qcar_twin.twin.parameters import drive_response
 from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.drive import DRIVES
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -61,7 +62,8 @@ class Model:
     much as it takes of a current or a speed."""
     if self.vehicle.drive == "voltage":
       return SpeedGains.design(self.car)
-    return SpeedGains.design(self.car, limit=1.0 if self.vehicle.drive == "duty" else np.inf)
+    limit = 1.0 if self.vehicle.drive == "duty" else np.inf
+    return SpeedGains.design(self.car, limit=limit, unit=DRIVES[self.vehicle.drive].unit)
 
   def plant(self, name: str, twin_file: str = "") -> tuple[Plant, Array]:
     """A plant by name and its parameter vector: "mujoco", the twin (nominal, or of a twin file) in MuJoCo; "reduced",

@@ -20,7 +20,7 @@ from agents.control import controllers
 from agents.control.model import Model
 from agents.control.speed import SpeedController
 from agents.learning.demonstrator import expert
-from agents.learning.observation import SIGHTS
+from agents.learning.observation import OBSERVATIONS
 from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.cures import RENAMED_PLANTS
 from qcar_twin.envs.fleet import Demonstrator, Drawn, Fleet, FleetConfig, Spread
@@ -123,7 +123,7 @@ class Options:
         "randomise posterior and the diagnosis's folder go together, without a twin file; for the diagnosis's twin"
         " alone, twin = its twin.toml"
       )
-    if self.informed and not self.told_by:
+    if self.informed and not self.known_from:
       raise ValueError("an informed filter needs what informs it: a twin file, or a diagnosis")
     if self.version not in controllers.VERSIONS:
       one_of_them("version", self.version, controllers.VERSIONS)
@@ -131,7 +131,7 @@ class Options:
       one_of_them("demonstrator", self.demonstrator, tuple(controllers.FAMILIES))
 
   @property
-  def told_by(self) -> str:
+  def known_from(self) -> str:
     """Twin file that an informed filter is told by; "" for none."""
     return self.twin or (str(Path(self.diagnosis) / "twin.toml") if self.diagnosis else "")
 
@@ -200,8 +200,8 @@ def settings_of(options: Options, model: Model) -> FilterSettings:
   """Settings of the filter that the options ask for."""
   settings = model.filter_settings(options.plant)
   if options.informed:
-    twin, theta = load_twin(options.told_by, threads=1)
-    settings = settings.told(twin.parameters.named(theta))
+    twin, theta = load_twin(options.known_from, threads=1)
+    settings = settings.with_known(twin.parameters.named(theta))
   return settings.estimating(*options.unknown)
 
 
@@ -269,11 +269,11 @@ MAKE = ("observation", "normalised", "render_mode", "seed")  # of `make_env`, be
 
 
 def interface_of(observation: str = "wide", normalised: bool = True) -> Interface:
-  """What an agent sees, by its name in `SIGHTS`, and in which units."""
-  one_of_them("observation", observation, tuple(SIGHTS))
+  """What an agent sees, by its name in `OBSERVATIONS`, and in which units."""
+  one_of_them("observation", observation, tuple(OBSERVATIONS))
   if not isinstance(normalised, bool):
     raise TypeError(f"normalised must be True or False, not {normalised!r:.60}")
-  return Interface(SIGHTS[observation] if observation != "errors" else None, normalised)
+  return Interface(OBSERVATIONS[observation] if observation != "errors" else None, normalised)
 
 
 def options_from(given: Mapping[str, Any]) -> Options:

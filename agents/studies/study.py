@@ -19,7 +19,7 @@ from agents.control.kpis import Kpis
 from agents.learning.ddpg import Settings
 from agents.learning.environments import Options, PlantName
 from agents.learning.evaluate import EvaluationCase, PlantMaker, Row, contestants, known_plant, run_together
-from agents.learning.observation import SIGHTS
+from agents.learning.observation import OBSERVATIONS
 from agents.learning.train import Plan, train
 from agents.learning.trial import DRAWN
 from qcar_twin.atomic_io import write_text
@@ -30,7 +30,7 @@ from qcar_twin.recordings.recording import nearest
 PATHS = ("o", "infinity", "c")
 MISMATCH = (0.92, 1.0)  # steering gain -, offset deg, fixed before anything was trained
 CONTROLLERS = "controllers"
-WIDE = SIGHTS["wide"]
+WIDE = OBSERVATIONS["wide"]
 ALIKE = ("twin", "estimator", "unknown", "version", "steering_gain", "steering_offset", *DRAWN)
 
 
@@ -56,7 +56,7 @@ ALONE = dataclasses.replace(STANDARD, options=Options(demonstrator="", reward=Re
 WIDE_PLAN = Plan(
   Options(demonstrator="", reward=Reward(m6=0.0), gain_spread=0.1, offset_spread=1.5),
   Settings(episodes=0, imitations=72, mirror=True),
-  sight=WIDE,
+  observation=WIDE,
 )
 VARIANTS = {
   "standard": Variant(
@@ -233,7 +233,8 @@ def read_rows(file: Path) -> list[Row]:
   rows = []
   for entry in json.loads(file.read_text(encoding="utf-8")):
     kept = entry["case"] | {"unknown": tuple(entry["case"].get("unknown", ()))}
-    case = EvaluationCase(**kept | {"plant": RENAMED_PLANTS.get(kept["plant"], kept["plant"])})
+    kept |= {"plant": RENAMED_PLANTS.get(kept["plant"], kept["plant"])}
+    case = EvaluationCase(**{"known_from" if name == "told" else name: value for name, value in kept.items()})
     values = {f.name: entry[f.name] for f in dataclasses.fields(Kpis)}
     arrays = {n: np.array([np.inf if x is None else x for x in column]) for n, column in values.items()}
     rows.append(Row(entry["contestant"], case, Kpis(**arrays)))

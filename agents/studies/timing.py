@@ -86,7 +86,7 @@ def batch_shares(count: int = 256, periods: int = 1300) -> dict[str, float]:
   An episode has about 1200 periods. What beginning new ones takes of any part counts as "new episodes".
   """
   policy = load_policy(SHIPPED)
-  env = FleetVecEnv(fleet(TRACKS, range(count)), policy.sight, normalised=True)
+  env = FleetVecEnv(fleet(TRACKS, range(count)), policy.observation, normalised=True)
   begun, cars = Watch(), env.fleet.cars
   parts = {name: Watch() for name in ("physics", "sensors", "sensors and filter", "path", "observation")}
   seen, scale = env.reset(), np.asarray(policy.observation_scale)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from agents.control import controllers, figures
-from agents.control.closed_loop import Actuation, Task, drive
+from agents.control.closed_loop import Actuation, Scenario, drive
 from agents.control.controllers import make
 from agents.control.kpis import kpis
 from agents.control.model import STEERING_LAG, Model
@@ -141,7 +141,7 @@ def test_a_foreign_cars_twin_brings_the_model_of_its_own_car():
   assert model.filter_settings("mujoco").front_drive_share == 0.0
   assert float(np.asarray(model.car.cornering_stiffness_rear)) == 90.0
   numbers = controllers.entry("lq_cm", "tuned")
-  task = Task(path_named("o"), 0.5, 1, lock=vehicle.max_steering, actuation=Actuation(delay=0.0, lag=0.0))
+  task = Scenario(path_named("o"), 0.5, 1, lock=vehicle.max_steering, actuation=Actuation(delay=0.0, lag=0.0))
   controller = controllers.make("lq_cm", numbers, model.car, 0.5, task.lock)
   driven = drive(twin, theta[None], controller, model.speed_gains, TrueObserver(), task)
   assert float(np.abs(driven.commands[..., 0]).max()) <= 1.0

@@ -21,7 +21,7 @@ from agents.learning import by_reward
 from agents.learning.by_reward import train_by_reward
 from agents.learning.environments import ENV_ID, options_from
 from agents.learning.hyperparameters import ALGORITHMS, file_of, read_hyperparameters
-from agents.learning.observation import SIGHTS
+from agents.learning.observation import OBSERVATIONS
 from agents.learning.policy_file import load_policy
 from agents.learning.sb3_zip import policy_from_zip
 from agents.learning.trial import CLOSEST, TRACKS, Trial, quickly, trial_from
@@ -191,7 +191,7 @@ def test_the_rl_zoo_takes_the_shipped_files_unmodified(algorithm, tmp_path):
   assert done.returncode == 0, done.stderr[-2000:]
   (made,) = tmp_path.rglob("*PathTracking-v1.zip")
   policy = policy_from_zip(made)
-  assert policy.name == algorithm and policy.sight == SIGHTS["any_speed"]
+  assert policy.name == algorithm and policy.observation == OBSERVATIONS["any_speed"]
 
 
 # -- going on ------------------------------------------------------------------------------------
