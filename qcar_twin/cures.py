@@ -17,7 +17,11 @@ _CURES = {
   errno.ENOTDIR: _FILE,
   errno.EISDIR: "a folder is where a file has to be; name a file",
 }
-RENAMED_OPTIONS = {"--mechanism": "--add-mechanisms", "--mechanisms": "--candidates"}  # earlier word -> today's
+RENAMED_OPTIONS = {  # earlier word -> today's
+  "--mechanism": "--add-mechanisms",
+  "--mechanisms": "--candidates",
+  "--onboard-lateness": "--onboard-latency",
+}
 RENAMED_PLANTS = {"twin": "mujoco"}
 _OPENGL = ("OpenGL", "mujoco/rendering", "mujoco/egl", "mujoco/osmesa")
 

@@ -41,7 +41,7 @@ class Config:
   tracks: int = 20
   """Number of random tracks."""
   unknown: tuple[str, ...] = ()
-  """Numbers that the filter estimates besides, as `track` does; none: the plain filter."""
+  """Parameters that the filter estimates as extra states, as `track` does; none: the plain filter."""
   plain_too: bool = False
   """Everybody drives a second time, with the plain filter and the same noise of the sensors."""
   after: float = 0.0

@@ -51,13 +51,13 @@ class Config:
   seconds: float = 600.0
   """Simulated time after which the script is stopped as by Ctrl-C, s."""
   patience: float = 30.0
-  """Time on the wall that the script may compute without looking at a clock or at the car, s."""
+  """Wall time that the script may compute without looking at a clock or at the car, s."""
   seed: int = 0
   """Seed of the sensors' noise and of the shared random numbers."""
   car: int = 0
   """Seed of the independent car that is driven."""
   answer: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-  """What the script hears where it asks by input(), repeatable, in turn."""
+  """Answer to the script's calls of input(), repeatable, in order."""
   library: Path | None = None
   """Folder with your own copy of the car's Python library, for modules that are not offered here."""
 

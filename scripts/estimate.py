@@ -41,16 +41,16 @@ class Config:
   """Name of a standstill recording from which sensor noise and biases are estimated."""
   fit_noise: bool = False
   """Fit the filter's process noise to the identification recordings with a pose; takes a minute or more."""
-  onboard_lateness: float = 0.0
+  onboard_latency: float = 0.0
   """Delay of the IMU's and encoder's time stamps after their measurement, s."""
   sharing: tuple[float, float] = (1.0, 1.0)
   """Information sharing of the lidar between EKF_BM and EKF_PM, dimensionless: 1 1 as printed, 0.5 0.5 consistent."""
   unknown: tuple[str, ...] = ESTIMATED
-  """Numbers to estimate besides; also drive_scale. Without a name after it: none, the paper's filter."""
+  """Parameters estimated as extra states; also drive_scale. Without a name after it: none, the paper's filter."""
   twin: Path | None = None
-  """Twin file (TOML) that tells the filter of linkage, lags, delays and sensors."""
+  """Twin file (TOML) from which the filter knows linkage, lags, delays and sensors."""
   engine: Engine = "batched"
-  """Whose algebra filters: batched, or filterpy of the extra of that name."""
+  """Implementation of the Kalman filters: batched, or filterpy of the extra of that name."""
   quick: bool = False
   """Estimate the first recording only."""
 
@@ -87,7 +87,7 @@ def main(config: Config) -> None:
   chosen = [dataset[name] for name in config.recordings] or [r for r in dataset.recordings if "pose_x" in r]
   if not chosen:
     raise ValueError(f"nothing to estimate with a pose; there are {', '.join(r.name for r in dataset.recordings)}")
-  lateness = dict.fromkeys(ONBOARD, config.onboard_lateness)
+  lateness = dict.fromkeys(ONBOARD, config.onboard_latency)
   if config.fit_noise:
     settings = fit_noise([r for r in dataset.role("identify") if "pose_x" in r], car, settings, lateness)
   filtered = []

@@ -36,7 +36,7 @@ class Config:
   streams: int = 24
   """Streams of sensor noise on each of O, infinity and C."""
   unknown: tuple[str, ...] = ()
-  """Numbers that the filter estimates besides, as `track` does; none: the plain filter."""
+  """Parameters that the filter estimates as extra states, as `track` does; none: the plain filter."""
   only: tuple[str, ...] = ()
   """Circumstances whose names begin with one of these; all where empty."""
   quick: bool = False

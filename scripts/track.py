@@ -45,7 +45,7 @@ class Config:
   estimator: Literal["fekf", "truth"] = "fekf"
   """State the controller receives: the federated filter on noisy sensors, or the truth."""
   unknown: tuple[str, ...] = ESTIMATED
-  """Numbers that the filter estimates besides; also drive_scale. Without a name after it: none, the paper's filter."""
+  """Parameters that the filter estimates as extra states; also drive_scale. Without a name after it: none."""
   twin: str = ""
   """Twin file (TOML) of a calibration or a diagnosis; the nominal twin where empty."""
   identified: Path | None = None

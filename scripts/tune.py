@@ -52,7 +52,7 @@ class Config:
   """Cars of a trial with linkages drawn as for an agent that learns by reward (gain 1 +- 0.1, offset +- 1.5 deg);
   0 for the four of gain 0.95 to 1.05 and offset +- 0.5 deg."""
   unknown: tuple[str, ...] = ()
-  """Numbers that the filter estimates besides, as `track` does; none: the plain filter."""
+  """Parameters that the filter estimates as extra states, as `track` does; none: the plain filter."""
   seed: int = 0
   """Seed of sensors and search."""
   workers: int = 1

@@ -20,9 +20,9 @@ from agents.studies.filtering.acceptance_study import (
 from qcar_twin import markdown
 from qcar_twin.estimation.settings import ESTIMATED, FilterSettings
 
-HEADS = ("case", "car", "valid", "beyond while valid", "NEES", "position, worst", "yaw, worst", "falsely accused")
-SHORT = ("case", "valid", "beyond while valid", "NEES", "NEES, plain filter", "position, worst", "falsely accused")
-MORE = ("filter", "cars", "limit", "valid", "beyond, mean", "beyond, worst car", "position, worst", "falsely accused")
+HEADS = ("case", "car", "valid", "beyond while valid", "NEES", "position, worst", "yaw, worst", "false alarms")
+SHORT = ("case", "valid", "beyond while valid", "NEES", "NEES, plain filter", "position, worst", "false alarms")
+MORE = ("filter", "cars", "limit", "valid", "beyond, mean", "beyond, worst car", "position, worst", "false alarms")
 Drives = dict[str, Driven]  # by what is done
 Judged = dict[tuple[str, str], tuple[Outcome, Case]]
 
@@ -67,7 +67,7 @@ def acceptance_sections(subjects: Sequence[Subject], quick: bool = False) -> lis
     " measured and nominal drive and tyres. Valid is the share of all periods. Beyond is the share of the valid"
     " ones in which position or yaw is beyond its bound. Each bound is stated with a risk of"
     f" {FilterSettings().risk:g}. NEES of the position is a median, 1.4 for a consistent filter. Worst errors"
-    " are those of valid periods. A sensor is falsely accused where a warning names it and it is sound.",
+    " are those of valid periods. A false alarm is a warning that names a sound sensor.",
     "",
     *markdown.table(HEADS, [(case, car, *_cells(*one)) for (case, car), one in plain.items()]),
     "",
