@@ -94,5 +94,5 @@ def test_estimated_numbers_are_in_every_file(tmp_path):
   head = (tmp_path / f"{RECORDING.name}.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
   assert {"speed_scale", "speed_scale_std"} <= set(head)
   tables = sections([(RECORDING, estimates)], 0.003)[-1].tables
-  (table,) = [table for table in tables if table.caption.startswith("Numbers that were estimated")]
+  (table,) = [table for table in tables if table.caption.startswith("Estimated parameters")]
   assert [row[1] for row in table.rows] == list(estimates.numbers)
