@@ -17,10 +17,13 @@ import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
+from typing import Annotated, Any
 
-from qcar_twin.cures import cure
+from qcar_twin.cures import RENAMED_OPTIONS, RENAMED_PLANTS, cure
 
 PACKAGES = ("qcar_twin", "calibration", "agents", "scripts")
+FILES = "mechanism_files"
+FILES_HELP = "Python files with mechanisms of your own, which are executed: read them first (docs/guide/extending.md)."
 FAILED, MISUSED, INTERRUPTED = 1, 2, 130  # exit codes; the last is the shell's for Ctrl-C
 
 
@@ -50,19 +53,17 @@ def let_every_character_through() -> None:
 
 def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], traceback: bool = False) -> int:
   """Run the command that `load` imports under a name; returns the exit code. With `traceback` errors are raised."""
-  import tyro  # here, because the list of commands needs nothing but the standard library
-
   module: ModuleType | None = None
   let_every_character_through()
   logging.basicConfig(level=logging.WARNING, format="%(message)s")
   try:
     module = load()
-    files, rest = mechanism_files(module.Config, arguments)
+    refuse_renamed(module.Config, arguments)
+    files, config = parsed(module.Config, arguments, name, module.__doc__)
     for file in files:
       from qcar_twin.twin.mechanisms import add_file
 
       add_file(file)
-    config = tyro.cli(module.Config, prog=name, description=module.__doc__, args=rest)
     _quiet_mujoco()
     is_file = getattr(module, "OUT_IS_FILE", False)
     refuse_early(config, bool(is_file(config) if callable(is_file) else is_file), getattr(module, "POSITIVE", ()))
@@ -80,17 +81,31 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
   return 0
 
 
-def mechanism_files(config: type, arguments: Sequence[str]) -> tuple[list[str], list[str]]:
-  """The files of `--mechanism-files FILE ...`, and the other arguments: any command may read a twin file that names a
-  mechanism of the user's own. A command that has such an option itself gets it."""
-  option, rest = "--mechanism-files", list(arguments)
-  if option not in rest or any(f.name == "mechanism_files" for f in dataclasses.fields(config)):
-    return [], rest
-  begin = rest.index(option)
-  end = next((i for i in range(begin + 1, len(rest)) if rest[i].startswith("-")), len(rest))
-  if end == begin + 1:
-    raise ValueError(f"{option}: name the Python file that defines the mechanism")
-  return rest[begin + 1 : end], rest[:begin] + rest[end:]
+def parsed(config: type, arguments: Sequence[str], name: str, text: str | None = None) -> tuple[tuple[Path, ...], Any]:
+  """The files of `--mechanism-files`, which every command has, since any may read a twin file that names a mechanism of
+  the user's own, and the command's own options. Raises SystemExit as argparse does."""
+  import tyro  # here, because the list of commands needs nothing but the standard library
+
+  files = (FILES, Annotated[tuple[Path, ...], tyro.conf.arg(help=FILES_HELP)], ())
+  every = dataclasses.make_dataclass("Config", [files], bases=(config,), frozen=True)
+  given = tyro.cli(every, prog=name, description=text, args=list(arguments))
+  own = {f.name: getattr(given, f.name) for f in dataclasses.fields(config)}
+  return getattr(given, FILES), config(**own)
+
+
+def refuse_renamed(config: type, arguments: Sequence[str]) -> None:
+  """Raises ValueError where an argument is a word of an earlier version, with the one that took its place."""
+  fields, option = {field.name for field in dataclasses.fields(config)}, ""
+  for argument in arguments:
+    if argument == "--":  # what follows is a script's own
+      return
+    if argument.startswith("--"):
+      option, _, argument = argument.partition("=")
+      new = RENAMED_OPTIONS.get(option, "")
+      if new and new.strip("-").replace("-", "_") in fields:
+        raise ValueError(f"{option} is called {new} now")
+    if option in ("--plant", "--plants") and argument in RENAMED_PLANTS:
+      raise ValueError(f"{option} {argument} is called {option} {RENAMED_PLANTS[argument]} now")
 
 
 def _quiet_mujoco() -> None:
@@ -103,8 +118,8 @@ def _quiet_mujoco() -> None:
 
 def refuse_early(config: object, out_is_file: bool = False, positive: Sequence[str] = ()) -> None:
   """Refuse, before any work, what a command would stumble over at its end: numbers that are none, negative counts, and
-  by the names that options have everywhere `out`, `record` or `folder` that cannot be written, `mechanism` or
-  `mechanisms` that nobody knows, a `twin` that is no twin file.
+  by the names that options have everywhere `out`, `record` or `folder` that cannot be written, `add_mechanisms` or
+  `candidates` that nobody knows, a `twin` that is no twin file.
 
   Raises:
     OSError, KeyError, ValueError: with the path or the name, and a cure.
@@ -116,13 +131,12 @@ def refuse_early(config: object, out_is_file: bool = False, positive: Sequence[s
   for made in (getattr(config, name, None) for name in ("folder", "record")):
     if isinstance(made, Path):
       _require_writable(made, False)
-  names = (*getattr(config, "mechanism", ()), *getattr(config, "mechanisms", ()))
-  if names and not getattr(config, "mechanism_files", ()):  # those are run by the command itself
+  if names := (*getattr(config, "add_mechanisms", ()), *getattr(config, "candidates", ())):
     from qcar_twin.twin.mechanisms import select
 
     select(names)
   twin = getattr(config, "twin", None)
-  if isinstance(twin, str | Path) and str(twin) and not getattr(config, "mechanism_files", ()):
+  if isinstance(twin, str | Path) and str(twin):
     from qcar_twin.twin.file import load_twin
 
     load_twin(twin, threads=1)

@@ -1,4 +1,4 @@
-"""What to do about what the computer lacks: room on a disk, leave to write, OpenGL."""
+"""What to do about what the computer lacks: room on a disk, leave to write, OpenGL; words of earlier versions."""
 
 import errno
 import traceback
@@ -17,6 +17,12 @@ _CURES = {
   errno.ENOTDIR: _FILE,
   errno.EISDIR: "a folder is where a file has to be; name a file",
 }
+RENAMED_OPTIONS = {  # earlier word -> today's
+  "--mechanism": "--add-mechanisms",
+  "--mechanisms": "--candidates",
+  "--onboard-lateness": "--onboard-latency",
+}
+RENAMED_PLANTS = {"twin": "mujoco"}
 _OPENGL = ("OpenGL", "mujoco/rendering", "mujoco/egl", "mujoco/osmesa")
 
 

@@ -61,7 +61,7 @@ def main(config: Config) -> list[str]:
   )
   rounds = range(1 if config.quick else config.rounds)
   seen = (("fekf", "sensors and filter"), ("truth", "truth"))
-  for plant, cars, (estimator, shown) in itertools.product(("twin", "reduced"), FLEETS, seen):
+  for plant, cars, (estimator, shown) in itertools.product(("mujoco", "reduced"), FLEETS, seen):
     periods = max(20, 400 // part // max(1, cars // 16))
     speed = max(steps_per_second(cars, periods, estimator, plant) for _ in rounds)
     face = "gymnasium, 1 car" if cars == 1 else f"VecEnv, {cars} cars"

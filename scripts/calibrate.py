@@ -30,9 +30,9 @@ class Config:
   against: Literal["identified", "recordings"] = "identified"
   """Reference of the fit: 'identified' uses step responses of the identified bicycle, 'recordings' every recording
   with role identify."""
-  mechanism: tuple[str, ...] = ()
-  """Ids of the catalogue that this car is known to need (docs/reference/mechanisms.md); only with --against
-  recordings."""
+  add_mechanisms: tuple[str, ...] = ()
+  """Ids of mechanisms that this car is known to need, which are added to the twin and fitted with it
+  (docs/reference/mechanisms.md); only with --against recordings."""
   steady_state: Literal["exact", "paper"] = "exact"
   """Understeer gradient of the identification: exact, or as printed in the paper."""
   quick: bool = False
@@ -46,15 +46,15 @@ class Config:
 
 def main(config: Config) -> Calibration:
   """Run it, write the results, print the verdict and where the report is."""
-  if config.mechanism and config.against == "identified":
-    raise ValueError("--mechanism is fitted to recordings only: add --against recordings")
+  if config.add_mechanisms and config.against == "identified":
+    raise ValueError("--add-mechanisms are fitted to recordings only: give --against recordings")
   dataset = DataSet.load(config.dataset)
   with StageLine(CALIBRATION) as progress:
     calibration = calibrate(
       dataset,
       config.against,
       config.out,
-      config.mechanism,
+      config.add_mechanisms,
       config.steady_state,
       config.quick,
       config.threads,

@@ -1,4 +1,4 @@
-"""Check a log without a model: what spoils it, which sensors disagree, what it can show.
+"""Check a log without a model: its faults, which sensors disagree, what it can show.
 
 Writes check.json and check.html.
 

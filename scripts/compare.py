@@ -32,8 +32,8 @@ class Config:
   """TOML files of tuned controllers."""
   names: tuple[str, ...] = ("lq_ed", "linear_rate")
   """Controllers of these files that drive."""
-  plant: Literal["twin", "reduced", "bicycle"] = "reduced"
-  """Plant that is driven."""
+  plant: Literal["mujoco", "reduced", "bicycle"] = "reduced"
+  """What is driven: the twin in MuJoCo, the twin on the reduced car, or the bicycle."""
   speed: float = 0.5
   """Reference speed, m/s."""
   streams: int = 100
@@ -41,7 +41,7 @@ class Config:
   tracks: int = 20
   """Number of random tracks."""
   unknown: tuple[str, ...] = ()
-  """Numbers that the filter estimates besides, as `track` does; none: the plain filter."""
+  """Parameters that the filter estimates as extra states, as `track` does; none: the plain filter."""
   plain_too: bool = False
   """Everybody drives a second time, with the plain filter and the same noise of the sensors."""
   after: float = 0.0

@@ -1,4 +1,4 @@
-"""Fit free curves in place of the twin's maps and identify which forms they have.
+"""Fit free piecewise-linear curves in place of the twin's maps and identify their forms.
 
 Writes twin.toml (the best of four on validation recordings), curves.json and report.html. With --compare: which
 parameters differ between two data sets. With --leave-sessions-out: how well a session is predicted that took no part

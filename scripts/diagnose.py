@@ -19,7 +19,6 @@ from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.engines import EngineKind
 from qcar_twin.twin.file import load_twin
-from qcar_twin.twin.mechanisms import add_file
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,10 +31,8 @@ class Config:
   """Folder for the results."""
   twin: Path | None = None
   """File twin.toml to start from: its parameters are the first guess and every model keeps its mechanisms."""
-  mechanisms: tuple[str, ...] = ()
-  """Ids of the catalogue to consider; the whole catalogue where not given."""
-  mechanism_files: tuple[Path, ...] = ()
-  """Python files with mechanisms of your own. They are executed, so read them first (docs/guide/extending.md)."""
+  candidates: tuple[str, ...] = ()
+  """Ids of the only mechanisms that may be named; all where not given (docs/reference/mechanisms.md)."""
   quick: bool = False
   """Narrower search: fewer models are refitted, and curves are fitted to a quarter of the driving."""
   threads: int = 0
@@ -49,15 +46,13 @@ class Config:
 
 def main(config: Config) -> Path:
   """Run it; returns the path of the report."""
-  for file in config.mechanism_files:
-    add_file(file)
   dataset = DataSet.load(config.dataset)
   effort = Effort(singles=5, pairs=2, triples=1, iterations=1) if config.quick else Effort()
   start = load_twin(config.twin) if config.twin else None
   progress = StageLine(DIAGNOSIS)
   with progress:
     outcome = diagnose(
-      dataset, config.mechanisms or None, start, effort, threads=config.threads, progress=progress, plant=config.plant,
+      dataset, config.candidates or None, start, effort, threads=config.threads, progress=progress, plant=config.plant,
       staged=Staged(config.out),
     )  # fmt: skip
   print(verdict(outcome.diagnosis))

@@ -37,8 +37,9 @@ class Config:
   """Arguments of the script."""
   twin: Path | None = None
   """File twin.toml of a calibration or a diagnosis; the nominal QCar where not given."""
-  plant: Literal["twin", "reduced", "proving_ground"] = "twin"
-  """What is driven: the twin in MuJoCo, the reduced car, or the independent car that stands in for a real one."""
+  plant: Literal["mujoco", "reduced", "proving_ground"] = "mujoco"
+  """What is driven: the twin in MuJoCo, the twin on the reduced car, or the independent car that stands in for a real
+  one."""
   effect: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
   """NAME=VALUE, repeatable: a parameter in its unit; of the independent car, an effect in typical sizes."""
   record: Path | None = None
@@ -50,13 +51,13 @@ class Config:
   seconds: float = 600.0
   """Simulated time after which the script is stopped as by Ctrl-C, s."""
   patience: float = 30.0
-  """Time on the wall that the script may compute without looking at a clock or at the car, s."""
+  """Wall time that the script may compute without looking at a clock or at the car, s."""
   seed: int = 0
   """Seed of the sensors' noise and of the shared random numbers."""
   car: int = 0
   """Seed of the independent car that is driven."""
   answer: tyro.conf.UseAppendAction[tuple[str, ...]] = ()
-  """What the script hears where it asks by input(), repeatable, in turn."""
+  """Answer to the script's calls of input(), repeatable, in order."""
   library: Path | None = None
   """Folder with your own copy of the car's Python library, for modules that are not offered here."""
 
@@ -65,11 +66,11 @@ def plant_of(config: Config) -> OnboardPlant:
   """What is driven."""
   if config.plant == "proving_ground":
     if config.twin:
-      raise ValueError("the independent car is no twin: leave --twin out, or choose --plant twin")
+      raise ValueError("the independent car is no twin: leave --twin out, or choose --plant mujoco")
     return independent_car(config.car, config.effect, config.seed)
   nominal = Twin(Vehicle.load(), threads=1)
   twin, theta = load_twin(config.twin, threads=1) if config.twin else (nominal, nominal.parameters.nominal)
-  return twin_plant(*with_effects(twin, theta, config.effect), "reduced" if config.plant == "reduced" else "mujoco")
+  return twin_plant(*with_effects(twin, theta, config.effect), config.plant)
 
 
 def main(config: Config) -> Drive:

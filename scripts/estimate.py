@@ -17,7 +17,7 @@ from qcar_twin.estimation.engines import Engine
 from qcar_twin.estimation.noise_fit import fit_noise
 from qcar_twin.estimation.offline import ONBOARD, filter_recording
 from qcar_twin.estimation.page import write_all, write_estimation
-from qcar_twin.estimation.settings import LEARNT, FilterSettings
+from qcar_twin.estimation.settings import ESTIMATED, FilterSettings
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.sensors.noise import standstill_noise
@@ -41,16 +41,16 @@ class Config:
   """Name of a standstill recording from which sensor noise and biases are estimated."""
   fit_noise: bool = False
   """Fit the filter's process noise to the identification recordings with a pose; takes a minute or more."""
-  onboard_lateness: float = 0.0
+  onboard_latency: float = 0.0
   """Delay of the IMU's and encoder's time stamps after their measurement, s."""
   sharing: tuple[float, float] = (1.0, 1.0)
   """Information sharing of the lidar between EKF_BM and EKF_PM, dimensionless: 1 1 as printed, 0.5 0.5 consistent."""
-  unknown: tuple[str, ...] = LEARNT
-  """Numbers to estimate besides; also drive_scale. Without a name after it: none, the paper's filter."""
+  unknown: tuple[str, ...] = ESTIMATED
+  """Parameters estimated as extra states; also drive_scale. Without a name after it: none, the paper's filter."""
   twin: Path | None = None
-  """Twin file (TOML) that tells the filter of linkage, lags, delays and sensors."""
+  """Twin file (TOML) from which the filter knows linkage, lags, delays and sensors."""
   engine: Engine = "batched"
-  """Whose algebra filters: batched, or filterpy of the extra of that name."""
+  """Implementation of the Kalman filters: batched, or filterpy of the extra of that name."""
   quick: bool = False
   """Estimate the first recording only."""
 
@@ -72,7 +72,7 @@ def settings_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> FilterSet
   settings = settings.with_scores_of(dataset.recordings).estimating(*config.unknown)
   if config.twin:
     twin, theta = load_twin(config.twin, threads=1)
-    settings = settings.told(twin.parameters.named(theta))
+    settings = settings.with_known(twin.parameters.named(theta))
   noise = standstill_noise(dataset[config.noise_from]) if config.noise_from else {}
   for name, estimate in noise.items():
     print(f"{name}: {estimate}")
@@ -87,7 +87,7 @@ def main(config: Config) -> None:
   chosen = [dataset[name] for name in config.recordings] or [r for r in dataset.recordings if "pose_x" in r]
   if not chosen:
     raise ValueError(f"nothing to estimate with a pose; there are {', '.join(r.name for r in dataset.recordings)}")
-  lateness = dict.fromkeys(ONBOARD, config.onboard_lateness)
+  lateness = dict.fromkeys(ONBOARD, config.onboard_latency)
   if config.fit_noise:
     settings = fit_noise([r for r in dataset.role("identify") if "pose_x" in r], car, settings, lateness)
   filtered = []

@@ -1,6 +1,6 @@
 """Drive policies against the model-based controllers on O, infinity and C.
 
-qcar-twin evaluate --out OUT [--policy DIR | model.zip] [--mismatch] [--plants twin bicycle proving_ground]
+qcar-twin evaluate --out OUT [--policy DIR | model.zip] [--mismatch] [--plants mujoco bicycle proving_ground]
 """
 
 import dataclasses
@@ -32,8 +32,8 @@ class Config:
   """Policy folders, or zips of stable-baselines3; those of one kind, such as seeds, are summed up as one contestant."""
   paths: tuple[str, ...] = ("o", "infinity", "c")
   """Paths to follow: s, o, infinity, c, random:SEED, or a CSV file of points x, y in m."""
-  plants: tuple[str, ...] = ("twin",)
-  """Plants to drive: twin, bicycle, proving_ground, or a twin file (TOML)."""
+  plants: tuple[str, ...] = ("mujoco",)
+  """What is driven: mujoco, reduced, bicycle, proving_ground, or a twin file (TOML)."""
   speeds: tuple[float, ...] = (0.5,)
   """Reference speeds, m/s."""
   mismatch: bool = False

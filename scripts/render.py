@@ -37,8 +37,8 @@ class Config:
   """Driver of the translucent car; none where empty."""
   path: str = "c"
   """Path to follow: s, o, infinity, c, random:SEED, or a CSV file of points x, y in m."""
-  plant: Literal["twin", "reduced", "bicycle"] = "twin"
-  """Plant that is driven."""
+  plant: Literal["mujoco", "reduced", "bicycle"] = "mujoco"
+  """What is driven: the twin in MuJoCo, the twin on the reduced car, or the bicycle."""
   dataset: Path | None = None
   """Show a recording of this data set instead of a drive."""
   recording: str = ""

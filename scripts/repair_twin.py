@@ -32,8 +32,8 @@ class Config:
   """Size of the effect in multiples of its typical magnitude."""
   design: str = "compact"
   """Session design: lab, compact or paper."""
-  mechanisms: tuple[str, ...] = ()
-  """Ids of the catalogue to consider; the whole catalogue where not given."""
+  candidates: tuple[str, ...] = ()
+  """Ids of the only mechanisms that may be named; the whole catalogue where not given."""
   quick: bool = False
   """Narrower search: fewer models are refitted."""
 
@@ -46,7 +46,7 @@ def main(config: Config) -> str:
   effort = Effort(singles=5, pairs=2, triples=1, iterations=1) if config.quick else Effort()
   dataset = DataSet.load(config.out / "session")
   with StageLine(DIAGNOSIS) as progress:
-    outcome = diagnose(dataset, config.mechanisms or None, effort=effort, threads=1, progress=progress)
+    outcome = diagnose(dataset, config.candidates or None, effort=effort, threads=1, progress=progress)
   write_diagnosis(outcome, config.out / "diagnosis")
   notes = {"recalibrated": "recalibrated to the session, nothing added",
            "repaired": "repaired by the diagnosis of the session"}  # fmt: skip

@@ -31,12 +31,12 @@ class Config:
   """TOML files of tuned controllers."""
   names: tuple[str, ...] = ("lq_ed", "linear_rate")
   """Controllers of these files that drive."""
-  plant: Literal["twin", "reduced", "bicycle"] = "reduced"
-  """Plant that is driven."""
+  plant: Literal["mujoco", "reduced", "bicycle"] = "reduced"
+  """What is driven: the twin in MuJoCo, the twin on the reduced car, or the bicycle."""
   streams: int = 24
   """Streams of sensor noise on each of O, infinity and C."""
   unknown: tuple[str, ...] = ()
-  """Numbers that the filter estimates besides, as `track` does; none: the plain filter."""
+  """Parameters that the filter estimates as extra states, as `track` does; none: the plain filter."""
   only: tuple[str, ...] = ()
   """Circumstances whose names begin with one of these; all where empty."""
   quick: bool = False

@@ -1,6 +1,6 @@
 """Follow a path in closed loop, and report ME, RMSE and IACA with traces and a page.
 
-qcar-twin track --path infinity --controller lq_cm --estimator fekf --plant twin --out OUT
+qcar-twin track --path infinity --controller lq_cm --estimator fekf --plant mujoco --out OUT
 """
 
 import dataclasses
@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from agents.control import controllers
-from agents.control.closed_loop import Actuation, Drive, Task, drive
+from agents.control.closed_loop import Actuation, Drive, Scenario, drive
 from agents.control.external_plant import ExternalPlant
 from agents.control.kpis import Kpis, kpis
 from agents.control.model import Model
@@ -19,7 +19,7 @@ from calibration.concealed.proving_ground.plant import ProvingGroundPlant
 from calibration.identification.identification import Identification
 from qcar_twin.command_line import run_script
 from qcar_twin.estimation.observer import Observer, SensedObserver, TrueObserver
-from qcar_twin.estimation.settings import LEARNT
+from qcar_twin.estimation.settings import ESTIMATED
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
 from qcar_twin.tracks import path_from
@@ -40,12 +40,12 @@ class Config:
   """Controller: ff_fb, lq_ed, lq_cm or linear_rate."""
   version: str = "tuned"
   """Version of the controller: tuned or loose."""
-  plant: Literal["twin", "reduced", "bicycle", "proving_ground"] = "twin"
-  """Plant that is driven."""
+  plant: Literal["mujoco", "reduced", "bicycle", "proving_ground"] = "mujoco"
+  """What is driven: the twin in MuJoCo, the twin on the reduced car, the bicycle, or the independent car."""
   estimator: Literal["fekf", "truth"] = "fekf"
   """State the controller receives: the federated filter on noisy sensors, or the truth."""
-  unknown: tuple[str, ...] = LEARNT
-  """Numbers that the filter estimates besides; also drive_scale. Without a name after it: none, the paper's filter."""
+  unknown: tuple[str, ...] = ESTIMATED
+  """Parameters that the filter estimates as extra states; also drive_scale. Without a name after it: none."""
   twin: str = ""
   """Twin file (TOML) of a calibration or a diagnosis; the nominal twin where empty."""
   identified: Path | None = None
@@ -84,14 +84,14 @@ def run(config: Config) -> tuple[Drive, Kpis]:
   count = 1 if config.quick else config.runs
   wrong = {"gain": config.steering_gain, "offset": np.radians(config.steering_offset)}
   servo = Actuation(**wrong) if config.plant == "bicycle" else Actuation(delay=0.0, lag=0.0, **wrong)
-  task = Task(path_from(config.path), config.speed, config.laps, lock=model.vehicle.max_steering, actuation=servo)
+  scenario = Scenario(path_from(config.path), config.speed, config.laps, model.vehicle.max_steering, actuation=servo)
   numbers = controllers.entry(config.controller, config.version)
-  controller = controllers.make(config.controller, numbers, model.car, config.speed, task.lock)
+  controller = controllers.make(config.controller, numbers, model.car, config.speed, scenario.lock)
   observer: Observer = TrueObserver()
   if config.estimator == "fekf":
     suite = SensorSuite(qcar_sensors(), count, config.seed)
     observer = SensedObserver(suite, model.car, model.filter_settings(config.plant).estimating(*config.unknown))
-  result = drive(plant, np.tile(theta, (count, 1)), controller, model.speed_gains, observer, task)
+  result = drive(plant, np.tile(theta, (count, 1)), controller, model.speed_gains, observer, scenario)
   return result, kpis(result)
 
 

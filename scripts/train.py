@@ -48,15 +48,15 @@ class Config:
   """Seed of everything random."""
   resume: bool = False
   """Continue from the last checkpoint in the folder."""
-  plant: Literal["auto", "twin", "reduced", "bicycle"] = "auto"
-  """Plant that is driven; auto: the twin for the paper's training, what the hyperparameters say by reward alone."""
+  plant: Literal["auto", "mujoco", "reduced", "bicycle"] = "auto"
+  """What is driven; auto: the twin in MuJoCo for the paper's training, what the hyperparameters say by reward alone."""
   twin: str = ""
   """Twin file (TOML) of a calibration or a diagnosis; the nominal twin where empty."""
   estimator: Literal["fekf", "truth"] = "fekf"
   """State the agent receives: the federated filter on noisy sensors, or the truth."""
   unknown: tuple[str, ...] = ()
-  """Numbers that the filter estimates besides, as `track` does; none: the plain filter, which the shipped agents learnt
-  with."""
+  """Parameters that the filter estimates as extra states, as `track` does; none: the plain filter of the shipped
+  agents."""
   demonstrator: str = "lq_ed"
   """Controller the reward compares with; 'none' trains without the demonstrator's term."""
   version: Literal["loose", "tuned"] = "tuned"
@@ -73,11 +73,11 @@ class Config:
   """Offset of the steering linkage, deg; agent and filter do not know it."""
   randomise: Literal["none", "prior", "posterior"] = "none"
   """What is drawn for every episode: the twin's measured parameters within their standard deviations, or models and
-  parameters as --diagnosis believes in them."""
+  parameters by the posterior of --diagnosis."""
   diagnosis: str = ""
   """Folder of a diagnosis, whose twin is driven."""
   informed: bool = False
-  """Tell the filter what --twin, or the diagnosis's twin, says of steering, delays and sensors."""
+  """Give the filter the steering, delays and sensor errors of --twin or of the diagnosis's twin."""
   cars: int = 8
   """Number of cars that are driven in parallel."""
   wide: bool = False

@@ -44,15 +44,15 @@ class Config:
   """Controllers to tune."""
   speed: float = 0.5
   """Reference speed, m/s."""
-  plant: Literal["bicycle", "twin", "reduced"] = "bicycle"
-  """Plant that is driven: the single track with a servo, the twin, or the twin on the reduced car."""
+  plant: Literal["mujoco", "reduced", "bicycle"] = "bicycle"
+  """What is driven: the twin in MuJoCo, the twin on the reduced car, or the bicycle with a servo."""
   path: str = "s"
   """Path that is driven: s, o, infinity, c, random:SEED[:LENGTH] or FILE.csv."""
   linkages: int = 0
   """Cars of a trial with linkages drawn as for an agent that learns by reward (gain 1 +- 0.1, offset +- 1.5 deg);
   0 for the four of gain 0.95 to 1.05 and offset +- 0.5 deg."""
   unknown: tuple[str, ...] = ()
-  """Numbers that the filter estimates besides, as `track` does; none: the plain filter."""
+  """Parameters that the filter estimates as extra states, as `track` does; none: the plain filter."""
   seed: int = 0
   """Seed of sensors and search."""
   workers: int = 1

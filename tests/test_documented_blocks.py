@@ -140,7 +140,7 @@ def test_the_pictures_show_the_sections_that_reports_have(folder):
 def test_readme_runs_on_the_bundled_sample(tmp_path, monkeypatch, capsys):
   (tmp_path / "data").symlink_to(ROOT / "data")
   monkeypatch.chdir(tmp_path)
-  narrow = functools.partial(diagnose, mechanisms=("battery_sag", "motor_heating"), effort=NARROW)
+  narrow = functools.partial(diagnose, candidates=("battery_sag", "motor_heating"), effort=NARROW)
   monkeypatch.setattr(calibration, "diagnose", narrow, False)
   run(PAGES["README.md"][:1], "README.md")
   assert "battery_sag" in capsys.readouterr().out

@@ -12,9 +12,8 @@ from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 
 import pytest
-import tyro
 
-from qcar_twin.command_line import mechanism_files
+from qcar_twin.command_line import parsed, refuse_renamed
 from scripts.__main__ import commands, dispatch
 from tests import ROOT
 
@@ -114,9 +113,10 @@ def test_a_documented_command_is_one_and_its_options_exist(line, capsys):
   if not words and not line.whole:
     return  # prose that names the command
   config = config_of(name)
-  _, words = mechanism_files(config, words)
+  words = words if line.whole else completed(config, words)
+  refuse_renamed(config, words)
   try:
-    tyro.cli(config, prog=name, args=words if line.whole else completed(config, words))
+    parsed(config, words, name)
   except SystemExit:
     pytest.fail(f"{line}\n{capsys.readouterr().err}")
 

@@ -35,8 +35,8 @@ class Actuation:
 
 
 @dataclasses.dataclass(frozen=True)
-class Task:
-  """What is driven.
+class Scenario:
+  """One run, from a path's start to its end; the episodes that an agent learns in are a `TrackingTask` (envs/task.py).
 
   Attributes:
     path: followed from its start.  speed: m/s, from the first instant, a number or (N,).  laps: of a closed path.
@@ -100,18 +100,18 @@ class Drive:
     return dataclasses.replace(self, under_way=self.under_way & (self.time >= seconds)[:, None])
 
 
-def start_states(task: Task, count: int) -> Array:
-  """Where N cars start, (N, 7): on the path, offset and turned as the task says, at speed, wheels straight."""
-  x, y, yaw = task.path.start
-  offset = np.broadcast_to(np.asarray(task.offset, dtype=np.float64), count)
-  heading = np.broadcast_to(np.asarray(task.heading, dtype=np.float64), count)
+def start_states(scenario: Scenario, count: int) -> Array:
+  """Where N cars start, (N, 7): on the path, offset and turned as the scenario says, at speed, wheels straight."""
+  x, y, yaw = scenario.path.start
+  offset = np.broadcast_to(np.asarray(scenario.offset, dtype=np.float64), count)
+  heading = np.broadcast_to(np.asarray(scenario.heading, dtype=np.float64), count)
   zero = np.zeros(count)
   pose = x - offset * math.sin(yaw), y + offset * math.cos(yaw), yaw + heading
-  return np.stack([*pose, zero + task.speed, zero, zero, zero], axis=-1)
+  return np.stack([*pose, zero + scenario.speed, zero, zero, zero], axis=-1)
 
 
 def drive(
-  plant: Body, theta: Array, controller: Controller, speed_gains: SpeedGains, observer: Observer, task: Task
+  plant: Body, theta: Array, controller: Controller, speed_gains: SpeedGains, observer: Observer, scenario: Scenario
 ) -> Drive:
   """Follow a path with N cars, plant parameters (N, P), until all have finished or a quarter more time has gone.
 
@@ -119,28 +119,28 @@ def drive(
     ValueError: sensors of another period than the plant's, or a speed that the car of the gains does not reach.
   """
   count, period = len(theta), plant.period
-  speed_gains.require(task.speed)
-  told = getattr(getattr(observer, "suite", None), "period", period)
-  if abs(told - period) > 1e-9:
-    raise ValueError(f"sensors of a period of {told:g} s on a plant of {period:g} s; make the suite with the plant's")
-  simulation = plant.begin(np.asarray(theta, dtype=np.float64), start_states(task, count))
-  on_the_way = task.actuation and Linkage(count, period=period, **dataclasses.asdict(task.actuation))
-  course = Course(task.path, task.speed, period)
+  speed_gains.require(scenario.speed)
+  own = getattr(getattr(observer, "suite", None), "period", period)
+  if abs(own - period) > 1e-9:
+    raise ValueError(f"sensors of a period of {own:g} s on a plant of {period:g} s; make the suite with the plant's")
+  simulation = plant.begin(np.asarray(theta, dtype=np.float64), start_states(scenario, count))
+  on_the_way = scenario.actuation and Linkage(count, period=period, **dataclasses.asdict(scenario.actuation))
+  course = Course(scenario.path, scenario.speed, period)
   cars = DrivenCars(course, simulation, on_the_way, observer, partial(SpeedController, speed_gains))
   log: list[_Instant] = []
-  for _ in range(int(1.25 * task.distance / (float(np.min(task.speed)) * period))):
+  for _ in range(int(1.25 * scenario.distance / (float(np.min(scenario.speed)) * period))):
     arc = cars.arc_length[ESTIMATED]
     errors, speed = one_of(cars.errors, ESTIMATED), cars.estimate.speed
-    situation = Situation(task.path, arc, errors, speed, cars.steering, period, cars.past, cars.recent)
+    situation = Situation(scenario.path, arc, errors, speed, cars.steering, period, cars.past, cars.recent)
     wanted = controller.steer(situation)
-    steering = np.clip(wanted, -task.lock, task.lock)
+    steering = np.clip(wanted, -scenario.lock, scenario.lock)
     true = cars.signals.copy(), cars.errors.cross_track[TRUE], cars.arc_length[TRUE]
     seen = cars.estimate
-    cars.step(np.where(np.isfinite(steering) & (arc < task.distance), steering, 0.0))
+    cars.step(np.where(np.isfinite(steering) & (arc < scenario.distance), steering, 0.0))
     log.append(_Instant(*true, cars.commands, seen.pose, seen.velocity, seen.sideslip_angle, seen.valid))
-    if np.all(arc >= task.distance):
+    if np.all(arc >= scenario.distance):
       break
-  return _finish(task, period, log)
+  return _finish(scenario, period, log)
 
 
 class _Instant(NamedTuple):
@@ -156,10 +156,10 @@ class _Instant(NamedTuple):
   valid: NDArray[np.bool_]
 
 
-def _finish(task: Task, period: float, log: list[_Instant]) -> Drive:
+def _finish(scenario: Scenario, period: float, log: list[_Instant]) -> Drive:
   rows = {name: np.stack(column) for name, column in zip(_Instant._fields, zip(*log, strict=True), strict=True)}
   gone = (np.abs(rows["cross_track"]) > LOST) | ~np.isfinite(rows["signals"]).all(axis=-1)
   lost = np.maximum.accumulate(gone, axis=0)
-  arrived = np.maximum.accumulate(rows["arc_length"] >= task.distance - 0.05, axis=0)
+  arrived = np.maximum.accumulate(rows["arc_length"] >= scenario.distance - 0.05, axis=0)
   finished = arrived[-1] & ~(lost & ~arrived).any(axis=0)
-  return Drive(task.path, period, **rows, under_way=~arrived & ~lost, finished=finished)
+  return Drive(scenario.path, period, **rows, under_way=~arrived & ~lost, finished=finished)

@@ -8,16 +8,19 @@ from numpy.typing import NDArray
 from agents.control.speed import SpeedGains
 from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.bicycle.single_track import SingleTrackCar
+from qcar_twin.cures import RENAMED_PLANTS
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.plant import Plant
+from qcar_twin.twin.engines import ENGINES
 from qcar_twin.twin.file import load_twin
 from qcar_twin.twin.parameters import drive_response
 from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.drive import DRIVES
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 # s, given to the filter: delay and lag as one
-STEERING_LAG = {"bicycle": 0.05, "twin": 0.015, "reduced": 0.015, "proving_ground": 0.05}
+STEERING_LAG = {"bicycle": 0.05, "mujoco": 0.015, "reduced": 0.015, "proving_ground": 0.05}
 
 FRONT_SHARE = {"all-wheel": 0.5, "rear": 0.0, "front": 1.0}  # of the front wheels in what the encoder on the motor sees
 
@@ -59,24 +62,26 @@ class Model:
     much as it takes of a current or a speed."""
     if self.vehicle.drive == "voltage":
       return SpeedGains.design(self.car)
-    return SpeedGains.design(self.car, limit=1.0 if self.vehicle.drive == "duty" else np.inf)
+    limit = 1.0 if self.vehicle.drive == "duty" else np.inf
+    return SpeedGains.design(self.car, limit=limit, unit=DRIVES[self.vehicle.drive].unit)
 
   def plant(self, name: str, twin_file: str = "") -> tuple[Plant, Array]:
-    """A plant by name and its parameter vector: "bicycle" (this model), "twin" (nominal, or a twin file), or "reduced",
-    the same twin on the reduced car.
+    """A plant by name and its parameter vector: "mujoco", the twin (nominal, or of a twin file) in MuJoCo; "reduced",
+    the same twin on the reduced car; "bicycle", this model.
 
     Raises:
       KeyError: another name.
     """
     if name == "bicycle":
       return Bicycle(self.vehicle), self.theta
-    if name in ("twin", "reduced"):
+    if name in ENGINES:
       twin = Twin(self.vehicle, threads=1)
       theta = twin.parameters.nominal
       if twin_file:
         twin, theta = load_twin(twin_file, threads=1)
-      return (twin.on("reduced") if name == "reduced" else twin), theta
-    raise KeyError(f"no plant '{name}'; there are bicycle, twin and reduced")
+      return twin.on(name), theta
+    called = f"it is called {RENAMED_PLANTS[name]} now; " if name in RENAMED_PLANTS else ""
+    raise KeyError(f"no plant '{name}'; {called}there are mujoco, reduced and bicycle")
 
   def filter_settings(self, plant: str, **changes: object) -> FilterSettings:
     """Settings of the federated filter for a plant: its IMU's place, its steering's lag, the lidar's colour."""

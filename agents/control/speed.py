@@ -12,12 +12,12 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class SpeedGains:
-  """V = friction sgn(target) + proportional e + integral of e.
+  """u = friction sgn(target) + proportional e + integral of e, u the drive's command in its unit U: V of a voltage.
 
   Attributes:
-    hold: voltage per speed that steady motion needs, V s/m: where the integrator starts on a moving car.
-    friction: voltage that friction needs, V.
-    proportional: V s/m.  integral: V/m.  limit: largest voltage, V.
+    hold: command per speed that steady motion needs, U s/m: where the integrator starts on a moving car.
+    friction: command that friction needs, U.
+    proportional: U s/m.  integral: U/m.  limit: largest command, U.  unit: U; "-" of a duty.
   """
 
   hold: float
@@ -25,9 +25,12 @@ class SpeedGains:
   proportional: float
   integral: float
   limit: float = 11.1
+  unit: str = "V"
 
   @classmethod
-  def design(cls, car: SingleTrackCar, response_time: float = 0.3, limit: float = 11.1) -> "SpeedGains":
+  def design(
+    cls, car: SingleTrackCar, response_time: float = 0.3, limit: float = 11.1, unit: str = "V"
+  ) -> "SpeedGains":
     """Pole-cancelling gains: the speed follows its reference like a first-order lag of `response_time` s.
 
     With dv/dt = b V - P2 v - friction, b = G R_w P1: proportional = 1 / (b response_time), integral = P2 times that
@@ -37,13 +40,15 @@ class SpeedGains:
     proportional = 1.0 / (gain * response_time)
     damping = float(np.asarray(car.drive_damping))
     friction = float(np.asarray(car.drive_friction) / np.asarray(car.drive_gain))
-    return cls(damping / gain, friction, proportional, damping * proportional, limit)
+    return cls(damping / gain, friction, proportional, damping * proportional, limit, unit)
 
   def require(self, speed: ArrayLike) -> None:
-    """Raises ValueError for a speed, m/s, that the identified car does not hold at the largest voltage."""
+    """Raises ValueError for a speed, m/s, that the identified car does not hold at the largest command."""
     wanted = float(np.max(np.abs(speed)))
     if (needed := self.friction + self.hold * wanted) > self.limit:
-      raise ValueError(f"speed {wanted:g} m/s: it takes {needed:.3g} V of {self.limit:g} V; ask for less")
+      takes = f"a duty of {needed:.3g} of" if self.unit == "-" else f"{needed:.3g} {self.unit} of"
+      most = f"{self.limit:g} {self.unit}".removesuffix(" -")
+      raise ValueError(f"speed {wanted:g} m/s: it takes {takes} {most}; ask for less")
 
 
 class SpeedController:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.closed_loop import Actuation, Task, drive
+from agents.control.closed_loop import Actuation, Scenario, drive
 from agents.control.controllers import Family, make, side_by_side
 from agents.control.kpis import kpis
 from agents.control.speed import SpeedGains
@@ -62,7 +62,7 @@ def origin_of(search: Search, plant: str, numbers: Mapping[str, float], unknown:
   delay, lag = search.servo
   driven = {
     "bicycle": f"the single track ({said}), servo lag {1e3 * lag:.0f} ms and delay {1e3 * delay:.0f} ms",
-    "twin": "the nominal twin",
+    "mujoco": "the nominal twin",
     "reduced": "the nominal twin on the reduced car",
   }[plant]
   path = {"s": "S-path"}.get(search.path, f"path {search.path}")
@@ -136,9 +136,9 @@ def _trial(
   count = cars * len(points)
   gain, offset = np.tile(np.array(search.mismatch).T, len(points))
   actuation = Actuation(*search.servo, gain=gain, offset=np.radians(offset))
-  task = Task(path_from(search.path), speed=search.speed, actuation=actuation)
+  scenario = Scenario(path_from(search.path), speed=search.speed, actuation=actuation)
   observer = SensedObserver(SensorSuite(qcar_sensors(), count, seed), car, settings)
-  result = kpis(drive(plant, np.tile(theta, (count, 1)), controller, SpeedGains.design(car), observer, task))
+  result = kpis(drive(plant, np.tile(theta, (count, 1)), controller, SpeedGains.design(car), observer, scenario))
   rmse = np.sqrt(np.mean(np.where(result.finished, result.rmse, 1.0).reshape(-1, cars) ** 2, axis=1))
   rate = np.sqrt(np.mean(result.steering_rate.reshape(-1, cars) ** 2, axis=1))
   costs = rmse + 0.1 * np.maximum(rate / search.rate_cap - 1.0, 0.0)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.control.closed_loop import Actuation, Task, drive
+from agents.control.closed_loop import Actuation, Scenario, drive
 from agents.control.kpis import Kpis, kpis
 from agents.control.model import Model
 from agents.learning.checkpoint import POINTER
@@ -32,7 +32,7 @@ from agents.learning.environments import (
   task_of,
 )
 from agents.learning.hyperparameters import ALGORITHMS, POLICY
-from agents.learning.observation import SIGHTS
+from agents.learning.observation import OBSERVATIONS
 from agents.learning.policy_file import Policy, export_onnx, load_policy, save_policy
 from agents.learning.sb3_zip import policy_from
 from agents.learning.train import append_row, rewrite
@@ -78,7 +78,7 @@ def judge(
       observer = SensedObserver(suite, model.car, settings_of(options, model))
     servo = Actuation(task.servo_delay, task.servo_lag, gain, offset)
     speed = task.speed + task.speed_spread * np.linspace(-1.0, 1.0, JUDGES)
-    wanted = Task(task.path, speed, 1, task.lock, actuation=servo)
+    wanted = Scenario(task.path, speed, 1, task.lock, actuation=servo)
     plant, rng = make(), np.random.default_rng([EVALUATION_SEED, 1])
     drawn = drawn_of(options, plant)
     parameters = np.stack([drawn.draw(plant, theta, rng) if drawn else theta for _ in range(JUDGES)])
@@ -183,7 +183,7 @@ def cars_of(trial: Trial, model: Model, own_plant: OwnPlant | None, seeds: Seque
   """Cars of a training with these seeds, as its actor and its critic see them."""
   view = interface_of(trial.observation).view
   if trial.critic == "truth":
-    view = TruthBesides(SIGHTS[trial.observation])
+    view = TruthBesides(OBSERVATIONS[trial.observation])
   return FleetVecEnv(fleet(trial.options, seeds, model, own_plant), view, normalised=True)
 
 
@@ -202,7 +202,7 @@ def make_agent(
   arguments, policy = hyper.arguments(), POLICY
   if trial.critic == "truth":
     policy = SeeingCriticPolicy
-    arguments["policy_kwargs"] = {**arguments["policy_kwargs"], "seen": SIGHTS[trial.observation].size}
+    arguments["policy_kwargs"] = {**arguments["policy_kwargs"], "seen": OBSERVATIONS[trial.observation].size}
   env: Any
   if workers > 1:
     shares = [part.tolist() for part in np.array_split(seeds, workers)]

@@ -20,8 +20,9 @@ from agents.control import controllers
 from agents.control.model import Model
 from agents.control.speed import SpeedController
 from agents.learning.demonstrator import expert
-from agents.learning.observation import SIGHTS
+from agents.learning.observation import OBSERVATIONS
 from qcar_twin.bicycle.bicycle import Bicycle
+from qcar_twin.cures import RENAMED_PLANTS
 from qcar_twin.envs.fleet import Demonstrator, Drawn, Fleet, FleetConfig, Spread
 from qcar_twin.envs.gym_env import FleetVectorEnv, PathTrackingEnv
 from qcar_twin.envs.spaces import Interface
@@ -42,7 +43,7 @@ with extra("The gymnasium environment"):
   import gymnasium
 
 Array = NDArray[np.float64]
-PlantName = Literal["twin", "reduced", "bicycle"]
+PlantName = Literal["mujoco", "reduced", "bicycle"]
 ENV_ID, SI_ENV_ID = "QcarTwin/PathTracking-v1", "QcarTwin/PathTracking-v0"
 SERVO = (0.02, 0.04)  # s, delay and lag of the servo for a plant that has none
 
@@ -54,7 +55,7 @@ class Options:
   Attributes:
     path: s, o, infinity, c, random:SEED, random:SEED:LENGTH, or FILE.csv.  speed: m/s.  laps: of a closed path.
     stretch: episodes begin anywhere on the path and end after so many m; 0: from its start to its end.
-    plant: "twin", "reduced" or "bicycle"; `own_plant` of `fleet` takes any other.
+    plant: "mujoco", "reduced" or "bicycle"; `own_plant` of `fleet` takes any other.
     twin: twin file of a calibrated or repaired twin; the nominal twin without it.
     substeps: simulation steps of the twin per control period; 2 is meant for training, 5 for everything else.
     estimator: what the agent sees: the federated filter on noisy sensors, or the truth.
@@ -79,7 +80,7 @@ class Options:
   path: str = "s"
   speed: float = 0.5
   laps: int = 1
-  plant: PlantName = "twin"
+  plant: PlantName = "mujoco"
   twin: str = ""
   substeps: int = 2
   estimator: Literal["fekf", "truth"] = "fekf"
@@ -122,7 +123,7 @@ class Options:
         "randomise posterior and the diagnosis's folder go together, without a twin file; for the diagnosis's twin"
         " alone, twin = its twin.toml"
       )
-    if self.informed and not self.told_by:
+    if self.informed and not self.known_from:
       raise ValueError("an informed filter needs what informs it: a twin file, or a diagnosis")
     if self.version not in controllers.VERSIONS:
       one_of_them("version", self.version, controllers.VERSIONS)
@@ -130,7 +131,7 @@ class Options:
       one_of_them("demonstrator", self.demonstrator, tuple(controllers.FAMILIES))
 
   @property
-  def told_by(self) -> str:
+  def known_from(self) -> str:
     """Twin file that an informed filter is told by; "" for none."""
     return self.twin or (str(Path(self.diagnosis) / "twin.toml") if self.diagnosis else "")
 
@@ -138,7 +139,8 @@ class Options:
 def one_of_them(name: str, value: object, choices: Sequence[str]) -> None:
   """Raises ValueError where a value is none of the choices; the message names the nearest one."""
   if value not in choices:
-    near = difflib.get_close_matches(str(value), choices, n=1)
+    renamed = RENAMED_PLANTS.get(str(value)) if name == "plant" else None
+    near = [renamed] if renamed else difflib.get_close_matches(str(value), choices, n=1)
     hint = f"did you mean {near[0]}? " if near else ""
     raise ValueError(f"no {name} '{value}': {hint}there are {', '.join(choices)}")
 
@@ -182,12 +184,11 @@ def plant_of(options: Options, model: Model) -> OwnPlant:
   """The plant that the options name."""
   if options.plant == "bicycle":
     return partial(Bicycle, model.vehicle), model.theta
-  engine = "reduced" if options.plant == "reduced" else "mujoco"
   if options.twin or options.diagnosis:
     load, place = (believed_twin, options.diagnosis) if options.diagnosis else (load_twin, options.twin)
     theta = load(place, options.substeps, 1)[1]
-    return partial(_from_file, load, place, options.substeps, engine), theta
-  make = partial(Twin, model.vehicle, substeps=options.substeps, threads=1, engine=engine)
+    return partial(_from_file, load, place, options.substeps, options.plant), theta
+  make = partial(Twin, model.vehicle, substeps=options.substeps, threads=1, engine=options.plant)
   return make, make().parameters.nominal
 
 
@@ -199,8 +200,8 @@ def settings_of(options: Options, model: Model) -> FilterSettings:
   """Settings of the filter that the options ask for."""
   settings = model.filter_settings(options.plant)
   if options.informed:
-    twin, theta = load_twin(options.told_by, threads=1)
-    settings = settings.told(twin.parameters.named(theta))
+    twin, theta = load_twin(options.known_from, threads=1)
+    settings = settings.with_known(twin.parameters.named(theta))
   return settings.estimating(*options.unknown)
 
 
@@ -268,11 +269,11 @@ MAKE = ("observation", "normalised", "render_mode", "seed")  # of `make_env`, be
 
 
 def interface_of(observation: str = "wide", normalised: bool = True) -> Interface:
-  """What an agent sees, by its name in `SIGHTS`, and in which units."""
-  one_of_them("observation", observation, tuple(SIGHTS))
+  """What an agent sees, by its name in `OBSERVATIONS`, and in which units."""
+  one_of_them("observation", observation, tuple(OBSERVATIONS))
   if not isinstance(normalised, bool):
     raise TypeError(f"normalised must be True or False, not {normalised!r:.60}")
-  return Interface(SIGHTS[observation] if observation != "errors" else None, normalised)
+  return Interface(OBSERVATIONS[observation] if observation != "errors" else None, normalised)
 
 
 def options_from(given: Mapping[str, Any]) -> Options:
@@ -293,6 +294,12 @@ def options_from(given: Mapping[str, Any]) -> Options:
   randomise = given.get("randomise", "none")
   randomise = {True: "prior", False: "none"}.get(randomise, randomise)
   return Options(**{**given, "reward": reward, "unknown": unknown, "randomise": randomise})
+
+
+def saved_options(table: Mapping[str, Any]) -> Options:
+  """Options of a file, which may name the plant by the word of an earlier version."""
+  plant = table.get("plant", Options.plant)
+  return options_from({**table, "plant": RENAMED_PLANTS.get(plant, plant)})
 
 
 def _names_of(kind: type, given: Mapping[str, Any], what: str) -> None:

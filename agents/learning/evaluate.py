@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control import controllers, figures
-from agents.control.closed_loop import Actuation, Drive, Task, drive
+from agents.control.closed_loop import Actuation, Drive, Scenario, drive
 from agents.control.interface import Controller
 from agents.control.kpis import Kpis, kpis
 from agents.control.model import Model
@@ -51,11 +51,11 @@ class EvaluationCase:
     filter_noise: factor on the process noise densities that the filter assumes (`FilterSettings.walk_*`).
     unknown: numbers that the filter estimates besides, of `PRIORS`; none for the filter that the agents learnt with.
     after: s from the start that do not count.
-    told: twin file that tells the filter of steering, delays and sensors; "" for none.
+    known_from: twin file from which the filter knows steering, delays and sensors; "" for none.
   """
 
   path: str
-  plant: str = "twin"
+  plant: str = "mujoco"
   speed: float = 0.5
   steering_gain: float = 1.0
   steering_offset: float = 0.0
@@ -64,7 +64,7 @@ class EvaluationCase:
   estimator: str = "fekf"
   filter_noise: float = 1.0
   unknown: tuple[str, ...] = ()
-  told: str = ""
+  known_from: str = ""
   after: float = 0.0
 
   @property
@@ -75,8 +75,8 @@ class EvaluationCase:
     noise = f", filter noise x {self.filter_noise:g}" if self.filter_noise != 1.0 else ""
     besides = f", estimating {', '.join(self.unknown)}" if self.unknown else ""
     late = f", from {self.after:g} s on" if self.after else ""
-    told = f", told by {self.told}" if self.told else ""
-    return f"{self.plant}, {self.speed:g} m/s{mismatch}{noise}{besides}{told}{late}"
+    known = f", known from {self.known_from}" if self.known_from else ""
+    return f"{self.plant}, {self.speed:g} m/s{mismatch}{noise}{besides}{known}{late}"
 
 
 def known_plant(name: str) -> tuple[Plant, Array]:
@@ -91,17 +91,17 @@ def run_case(controller: Controller, case: EvaluationCase, plant: PlantMaker = k
   body, theta = plant(case.plant)
   delay, lag = SERVO if case.plant == "bicycle" else (0.0, 0.0)
   actuation = Actuation(delay, lag, case.steering_gain, float(np.radians(case.steering_offset)))
-  task = Task(path_from(case.path), case.speed, lock=model.vehicle.max_steering, actuation=actuation)
+  scenario = Scenario(path_from(case.path), case.speed, lock=model.vehicle.max_steering, actuation=actuation)
   observer = TrueObserver()
   if case.estimator == "fekf":
-    settings = model.filter_settings("bicycle" if case.plant == "bicycle" else "twin").with_walks(case.filter_noise)
-    if case.told:
-      twin, known = load_twin(case.told, threads=1)
-      settings = settings.told(twin.parameters.named(known))
+    settings = model.filter_settings("bicycle" if case.plant == "bicycle" else "mujoco").with_walks(case.filter_noise)
+    if case.known_from:
+      twin, known = load_twin(case.known_from, threads=1)
+      settings = settings.with_known(twin.parameters.named(known))
     settings = settings.estimating(*case.unknown)
     sensors = EqualSensors(qcar_sensors(), groups, case.cars, case.seed)
     observer = SensedObserver(sensors, model.car, settings)  # type: ignore[arg-type]
-  return drive(body, np.tile(theta, (count, 1)), controller, SpeedGains.design(model.car), observer, task)
+  return drive(body, np.tile(theta, (count, 1)), controller, SpeedGains.design(model.car), observer, scenario)
 
 
 def run_together(

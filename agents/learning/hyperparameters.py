@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from agents.learning.environments import ENV_ID, one_of_them, options_from
-from agents.learning.observation import SIGHTS
+from agents.learning.observation import OBSERVATIONS
 from qcar_twin.extras import extra
 from qcar_twin.untrusted import UnreadableFile, is_number, read_yaml
 
@@ -59,7 +59,7 @@ class Hyperparameters:
     policy_kwargs: as in the file, the activation by its name in ACTIVATIONS.
     noise: standard deviation of exploration noise, share of the largest rate; 0 for none.  noise_type: a key of NOISES.
     env_kwargs: options of the environment; none for those of the training.
-    observation: what is seen, a key of `SIGHTS`.
+    observation: what is seen, a key of `OBSERVATIONS`.
     rest: arguments of the algorithm's class, as in the file.
   """
 
@@ -228,7 +228,7 @@ def _env_kwargs(table: Mapping[str, Any], file: str) -> tuple[dict[str, Any], st
   observation = kwargs.pop("observation", WIDE)
   try:
     options_from(kwargs)
-    one_of_them("observation", observation, tuple(SIGHTS))
+    one_of_them("observation", observation, tuple(OBSERVATIONS))
   except (TypeError, ValueError) as error:
     raise UnreadableFile(f"{file}: env_kwargs: {error}") from error
   return kwargs, observation

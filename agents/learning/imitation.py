@@ -41,10 +41,10 @@ def teacher(model: Model, speed: float, twin_file: str = "", search: Search = SE
   assert isinstance(tuned, LinearRate)
   if not twin_file:
     return tuned
-  plant, theta = model.plant("twin", twin_file)
+  plant, theta = model.plant("mujoco", twin_file)
   family = dataclasses.replace(controllers.FAMILIES["linear_rate"], start=tuple(tuned.gain.tolist()))
   search = dataclasses.replace(search, speed=speed, servo=(0.0, 0.0))  # a twin has its own
-  numbers = tune(family, plant, theta, model.car, model.filter_settings("twin"), search).numbers
+  numbers = tune(family, plant, theta, model.car, model.filter_settings("mujoco"), search).numbers
   return dataclasses.replace(tuned, gain=np.array([numbers[name] for name in family.numbers]))
 
 

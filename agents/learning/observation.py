@@ -108,7 +108,7 @@ class ObservationSpec:
 
 
 LOOKS_BACK = tuple(float(lag) for lag in np.round(np.linspace(0.2, MEMORY, 5), 3))  # s
-SIGHTS = {
+OBSERVATIONS = {
   "errors": ObservationSpec(),
   "wide": ObservationSpec(steering=True, previews=(0.0, 0.15), past=True),
   "history": ObservationSpec(steering=True, previews=(0.0, 0.15), history=LOOKS_BACK),

@@ -46,7 +46,7 @@ class Policy:
     largest_rate: bound of the steering rate, rad/s.  lock: of the steering angle it integrates, rad.
     provenance: how it was trained, with its indicators.
     name: how it was trained: "ddpg", "td3", "sac", "ppo", or "imitation".
-    sight: what is seen.
+    observation: what is seen.
     hidden: of the layers but the last, "relu" or "tanh".
     bound: of the last: "tanh", or "clip" to +-1.
     observation_limit: a scaled observation is held within +- this.
@@ -58,7 +58,7 @@ class Policy:
   lock: float = QCAR.max_steering
   provenance: Mapping[str, Any] = dataclasses.field(default_factory=dict)
   name: str = "policy"
-  sight: ObservationSpec = ObservationSpec()
+  observation: ObservationSpec = ObservationSpec()
   hidden: str = "relu"
   bound: str = "tanh"
   observation_limit: float = math.inf
@@ -76,7 +76,7 @@ class Policy:
     teacher = "imitation of a teacher, " if self.name == "imitation" else ""
     learnt = {None: "number of updates by reward unknown", 0: f"{teacher}no update by reward"}
     said = learnt.get(self.updates, f"{self.updates} updates by reward")
-    return f"{self.name}: {said}; sees {len(self.sight.names)} numbers"
+    return f"{self.name}: {said}; sees {len(self.observation.names)} numbers"
 
   def rate(self, observation: Array) -> Array:
     """Steering rate, rad/s, (N,), for observations in SI units, (N, n); single precision inside, as trained."""
@@ -93,7 +93,7 @@ class Policy:
     """Steering command: the last one moved on by the rate."""
     errors, path, arc_length = situation.errors.observation, situation.path, situation.arc_length
     steering, speed = situation.steering, situation.speed
-    seen = self.sight.look(errors, steering, situation.past, path, arc_length, situation.recent, speed)
+    seen = self.observation.look(errors, steering, situation.past, path, arc_length, situation.recent, speed)
     return np.clip(steering + self.rate(seen) * situation.period, -self.lock, self.lock)
 
 
@@ -109,12 +109,12 @@ def save_policy(policy: Policy, folder: Path) -> None:
     "format": FORMAT,
     "kind": policy.name,
     "layers": len(policy.layers),
-    "observation": list(policy.sight.names),
+    "observation": list(policy.observation.names),
     "observation_scale": list(policy.observation_scale),
     "action": "steering rate rad/s",
     "largest_rate": policy.largest_rate,
     "lock": policy.lock,
-    "sight": dataclasses.asdict(policy.sight),
+    "sight": dataclasses.asdict(policy.observation),
     "hidden": policy.hidden,
     "bound": policy.bound,
     "observation_limit": policy.observation_limit if math.isfinite(policy.observation_limit) else None,
@@ -141,10 +141,10 @@ def load_policy(folder: Path) -> Policy:
     named = wrong[0] if wrong else "observation_scale"
     raise UnreadableFile(f"{where}: {named} must be finite and there; train the policy again")
   try:
-    sight = sight_from(about.get("sight", {}))
+    seen = observation_from(about.get("sight", {}))
   except (AttributeError, TypeError, ValueError) as error:
     raise UnreadableFile(f"{where}: sight is not that of a policy ({error}); train it again") from error
-  layers = _layers(folder / WEIGHTS, about.get("layers"), [len(scale), sight.size])
+  layers = _layers(folder / WEIGHTS, about.get("layers"), [len(scale), seen.size])
   history, kind = about.get("provenance"), about.get("kind")
   if not isinstance(history, dict) or not isinstance(kind, str):
     raise UnreadableFile(f"{where}: kind or provenance is missing; train the policy again")
@@ -153,9 +153,9 @@ def load_policy(folder: Path) -> Policy:
   if hidden not in HIDDEN or bound not in BOUNDS or not (limit is None or (is_number(limit) and limit > 0.0)):
     raise UnreadableFile(f"{where}: hidden, bound or {LIMITED} is not that of a policy; train it again")
   limit = math.inf if limit is None else float(limit)
-  policy = Policy(layers, scales, rate, lock, history, kind, sight, hidden, bound, limit)
+  policy = Policy(layers, scales, rate, lock, history, kind, seen, hidden, bound, limit)
   with np.errstate(all="ignore"):
-    rates = policy.rate(np.stack([np.zeros(sight.size), np.ones(sight.size), -np.ones(sight.size)]))
+    rates = policy.rate(np.stack([np.zeros(seen.size), np.ones(seen.size), -np.ones(seen.size)]))
   if not np.isfinite(rates).all():
     raise UnreadableFile(f"{where}: its numbers are too large for single precision; train the policy again")
   return policy
@@ -185,8 +185,8 @@ def _layers(file: Path, count: object, inputs: Sequence[int]) -> Layers:
   return tuple(layers)
 
 
-def sight_from(table: Mapping[str, Any]) -> ObservationSpec:
-  """A sight from its JSON; the paper's agent's where a file says nothing. Raises ValueError: it is none."""
+def observation_from(table: Mapping[str, Any]) -> ObservationSpec:
+  """What is seen, from its JSON; the paper's agent's where a file says nothing. Raises ValueError: it is none."""
   previews, history = (tuple(float(x) for x in table.get(name, ())) for name in ("previews", "history"))
   if not all(0.0 <= lag <= MEMORY for lag in history):
     raise ValueError(f"a look back of more than {MEMORY:g} s")
@@ -219,7 +219,7 @@ def onnx_difference(policy: Policy, file: Path, seed: int = 0) -> float:
   with extra("Checking an exported policy"):
     import onnxruntime
 
-  size = np.array([0.1, 0.3, 0.3, 1.0, *[1.0 / scale for scale in policy.sight.scale]])
+  size = np.array([0.1, 0.3, 0.3, 1.0, *[1.0 / scale for scale in policy.observation.scale]])
   observation = size * np.random.default_rng(seed).standard_normal((1000, len(size)))
   session = onnxruntime.InferenceSession(file.read_bytes(), providers=["CPUExecutionProvider"])
   (rate,) = session.run(None, {"observation": observation.astype(np.float32)})
@@ -255,7 +255,7 @@ def _graph(policy: Policy):
       weights += _edges("rate", 1.0, numpy_helper)
       nodes.append(helper.make_node("Clip", [f"y{k}", "rate_low", "rate_high"], [seen]))
   nodes.append(helper.make_node("Mul", [seen, "largest_rate"], ["steering_rate"]))
-  inputs = [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["cars", policy.sight.size])]
+  inputs = [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["cars", policy.observation.size])]
   outputs = [helper.make_tensor_value_info("steering_rate", TensorProto.FLOAT, ["cars", 1])]
   graph = helper.make_graph(nodes, "policy", inputs, outputs, weights)
   model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)

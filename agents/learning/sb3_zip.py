@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.learning.observation import SIGHTS
+from agents.learning.observation import OBSERVATIONS
 from agents.learning.policy_file import Layers, Policy, load_policy
 from qcar_twin.envs.spaces import ERROR_SCALE, LIMIT
 from qcar_twin.envs.task import TrackingTask
@@ -60,14 +60,14 @@ def policy_from(tensors: Mapping[str, Any], data: Mapping[str, Any], where: str)
   before, last, bound = ACTORS[kind]
   layers = _layers(tensors, before, last, where)
   seen = layers[0][0].shape[1]
-  sight = next((sight for sight in SIGHTS.values() if sight.size == seen), None)
-  if sight is None or layers[-1][0].shape[0] != 1:
-    sizes = " or ".join(str(sight.size) for sight in SIGHTS.values())
+  spec = next((spec for spec in OBSERVATIONS.values() if spec.size == seen), None)
+  if spec is None or layers[-1][0].shape[0] != 1:
+    sizes = " or ".join(str(spec.size) for spec in OBSERVATIONS.values())
     raise UnreadableFile(f"{where}: sees {seen} numbers; a policy of QcarTwin/PathTracking sees {sizes} and gives one")
   hidden = _hidden(data, kind, where)
   space = data.get("observation_space")
   normalised = "inf" not in str(space.get("low", "") if isinstance(space, dict) else "")
-  scale = (*ERROR_SCALE, *sight.scale) if normalised else (1.0,) * seen
+  scale = (*ERROR_SCALE, *spec.scale) if normalised else (1.0,) * seen
   if kind == "on-policy" and not normalised:  # its output is in rad/s, a policy's in shares of the largest rate
     layers = (*layers[:-1], tuple(part / LARGEST_RATE for part in layers[-1]))
   return Policy(
@@ -76,7 +76,7 @@ def policy_from(tensors: Mapping[str, Any], data: Mapping[str, Any], where: str)
     LARGEST_RATE,
     provenance={"zip": Path(where).name, "result": {"updates": _count(data, "_n_updates")}},
     name=_algorithm(data, kind, tensors),
-    sight=sight,
+    observation=spec,
     hidden=hidden,
     bound=bound,
     observation_limit=LIMIT if normalised else float("inf"),

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from agents.control.closed_loop import Actuation, Task, drive
+from agents.control.closed_loop import Actuation, Scenario, drive
 from agents.control.kpis import Kpis, kpis
 from agents.control.model import Model
 from agents.learning.checkpoint import POINTER, load_checkpoint, save_checkpoint
@@ -25,14 +25,14 @@ from agents.learning.environments import (
   OwnPlant,
   fleet,
   model_of,
-  options_from,
   plant_of,
+  saved_options,
   settings_of,
   task_of,
 )
 from agents.learning.imitation import imitate, teacher
 from agents.learning.observation import ObservationSpec
-from agents.learning.policy_file import Policy, export_onnx, load_policy, save_policy, sight_from
+from agents.learning.policy_file import Policy, export_onnx, load_policy, observation_from, save_policy
 from qcar_twin.atomic_io import naming, whole_file, write_json, write_text
 from qcar_twin.envs.vector_env import FleetVecEnv
 from qcar_twin.estimation.observer import SensedObserver, TrueObserver
@@ -60,7 +60,7 @@ class Plan:
     every: episodes between checkpoints, each with an evaluation on the training path.
     judges: cars of that evaluation, each with sensor noise of its own.
     progress_bar: shown on the terminal.
-    sight: what the agent sees.
+    observation: what the agent sees.
   """
 
   options: Options = Options()
@@ -69,7 +69,7 @@ class Plan:
   every: int = 15
   judges: int = 4
   progress_bar: bool = True
-  sight: ObservationSpec = ObservationSpec()
+  observation: ObservationSpec = ObservationSpec()
 
   def as_json(self) -> dict[str, Any]:
     return dataclasses.asdict(self)
@@ -77,11 +77,12 @@ class Plan:
   @classmethod
   def from_json(cls, table: dict[str, Any]) -> "Plan":
     """A plan from what `as_json` gave."""
-    options = options_from(table["options"])
+    options = saved_options(table["options"])
     settings = dict(table["settings"])
     settings["observation_scale"] = tuple(settings["observation_scale"])
     rest = {name: table[name] for name in ("seed", "every", "judges", "progress_bar")}
-    return cls(options, Settings(**settings), **rest, sight=sight_from(table.get("sight", {})))
+    seen = observation_from(table.get("observation", table.get("sight", {})))  # the word of earlier versions
+    return cls(options, Settings(**settings), **rest, observation=seen)
 
   @classmethod
   def kept(cls, file: Path) -> "Plan":
@@ -109,9 +110,9 @@ class Progress:
 def policy_of(agent: Agent, plan: Plan, provenance: dict[str, Any]) -> Policy:
   """The agent's actor as a policy."""
   task = task_of(plan.options)
-  layers, scale = tuple(actor_layers(agent)), (*plan.settings.observation_scale, *plan.sight.scale)
+  layers, scale = tuple(actor_layers(agent)), (*plan.settings.observation_scale, *plan.observation.scale)
   kind = plan.settings.algorithm if plan.settings.episodes else "imitation"
-  return Policy(layers, scale, task.largest_rate, task.lock, provenance, kind, plan.sight)
+  return Policy(layers, scale, task.largest_rate, task.lock, provenance, kind, plan.observation)
 
 
 def judge(policy: Policy, plan: Plan, model: Model, own_plant: OwnPlant | None = None) -> Kpis:
@@ -128,7 +129,7 @@ def judge(policy: Policy, plan: Plan, model: Model, own_plant: OwnPlant | None =
   bent = np.resize(BENT, (plan.judges, 2)) * (task.gain_spread, task.offset_spread)
   gain, offset = bent.T + np.array([[task.steering_gain], [task.steering_offset]])
   servo = Actuation(task.servo_delay, task.servo_lag, gain, offset)
-  wanted = Task(task.path, task.speed, task.laps, task.lock, actuation=servo)
+  wanted = Scenario(task.path, task.speed, task.laps, task.lock, actuation=servo)
   gains = model.speed_gains
   return kpis(drive(make(), np.tile(theta, (plan.judges, 1)), policy, gains, observer, wanted))
 
@@ -266,9 +267,9 @@ def train(
   folder.mkdir(parents=True, exist_ok=True)
   model = model or model_of(plan.options)
   torch.set_num_threads(1)
-  sight = plan.sight if plan.sight != ObservationSpec() else None
-  env = FleetVecEnv(fleet(plan.options, _seeds(plan, 0), model, own_plant), sight)
-  agent = make_agent(env, plan.settings, plan.seed, plan.sight.scale)
+  seen = plan.observation if plan.observation != ObservationSpec() else None
+  env = FleetVecEnv(fleet(plan.options, _seeds(plan, 0), model, own_plant), seen)
+  agent = make_agent(env, plan.settings, plan.seed, plan.observation.scale)
   progress = Progress()
   if resume:
     progress = Progress(**load_checkpoint(agent, folder))

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from agents.learning.critic import CRITICS
-from agents.learning.environments import Options, one_of_them, options_from
+from agents.learning.environments import Options, one_of_them, options_from, saved_options
 from agents.learning.hyperparameters import Hyperparameters, read_hyperparameters
-from agents.learning.observation import SIGHTS
+from agents.learning.observation import OBSERVATIONS
 from qcar_twin.envs.task import Reward
 from qcar_twin.tracks import path_from
 from qcar_twin.untrusted import UnreadableFile, read_json
@@ -39,7 +39,7 @@ class Trial:
 
   Attributes:
     hyperparameters: of the algorithm.  options: of the environment.
-    observation: what is seen, a key of `SIGHTS`.  seed: of everything random.
+    observation: what is seen, a key of `OBSERVATIONS`.  seed: of everything random.
     every: environment steps between evaluations, each with a checkpoint; 0 for none of either: what it ends with is
       kept.
     seconds: of the processor after which it ends; 0 for none.
@@ -58,7 +58,7 @@ class Trial:
   critic: str = "own"
 
   def __post_init__(self) -> None:
-    one_of_them("observation", self.observation, tuple(SIGHTS))
+    one_of_them("observation", self.observation, tuple(OBSERVATIONS))
     one_of_them("critic", self.critic, CRITICS)
     if self.critic == "truth" and self.hyperparameters.algorithm not in SEEING:
       raise ValueError(f"a critic that sees the truth is for {', '.join(SEEING)}; take --critic own")
@@ -72,7 +72,7 @@ class Trial:
     table = read_json(file)
     try:
       hyper = Hyperparameters(**table["hyperparameters"])
-      return cls(**{**table, "hyperparameters": hyper, "options": options_from(table["options"])})
+      return cls(**{**table, "hyperparameters": hyper, "options": saved_options(table["options"])})
     except (KeyError, TypeError, ValueError) as error:
       raise UnreadableFile(f"{file}: is no plan of a training by reward ({error}); choose another folder") from error
 
@@ -103,9 +103,9 @@ def trial_from(asked: Mapping[str, Any], defaults: Mapping[str, Any]) -> Trial:
     options = dataclasses.replace(options, path=path, stretch=min(stretch, path_from(path).length))
   if asked["quick"]:
     hyper, options = quickly(hyper), dataclasses.replace(options, estimator="truth")
-  sight = asked["observation"] if asked["observation"] != "auto" else hyper.observation
+  seen = asked["observation"] if asked["observation"] != "auto" else hyper.observation
   critic = asked["critic"] if asked["critic"] != "auto" else "truth" if hyper.algorithm in SEEING else "own"
-  return Trial(hyper, options, sight, asked["seed"], max(CLOSEST, hyper.steps // LOOKS), critic=critic)
+  return Trial(hyper, options, seen, asked["seed"], max(CLOSEST, hyper.steps // LOOKS), critic=critic)
 
 
 def in_words(result: Mapping[str, Any]) -> str:

@@ -26,14 +26,14 @@ from agents.learning.trial import TRACKS, Trial
 from agents.studies.comparison import LEFT, PATHS, paired
 from agents.studies.side_by_side import side_by_side
 from qcar_twin.atomic_io import write_json
-from qcar_twin.estimation.settings import LEARNT
+from qcar_twin.estimation.settings import ESTIMATED
 from qcar_twin.parallel import in_order
 from qcar_twin.untrusted import read_json
 
 Array = NDArray[np.float64]
 REFERENCE = "without the effect"
 BASELINE = "recalibrated"  # whose error less the reference's is the gap
-TOLD = ", told"  # of the nominal twin's agent and the controllers, once more with the repaired twin's filter
+INFORMED = ", informed"  # of the nominal twin's agent and the controllers, once more with the repaired twin's filter
 SPEED = 0.9  # m/s, the middle of what the agents are trained for
 SEED = 8000  # of the sensors; no training has seen them
 ONCE: dict[str, dict[str, Any]] = {
@@ -47,11 +47,11 @@ OWN = ("recalibrated", "repaired", "posterior")
 ABOUT = {
   "bicycle": "the single track with a servo",
   "nominal": "the nominal twin",
-  "nominal, told": "the same agent; the filter is told of the repaired twin",
+  "nominal, informed": "the same agent; the filter knows the repaired twin",
   "randomised": "the nominal twin, parameters drawn from their priors",
-  "recalibrated": "the twin recalibrated to the car; the filter is told of it",
-  "repaired": "the repaired twin; the filter is told of it",
-  "posterior": "models and parameters as the diagnosis believes in them; the filter is told of the repaired twin",
+  "recalibrated": "the twin recalibrated to the car; the filter knows it",
+  "repaired": "the repaired twin; the filter knows it",
+  "posterior": "models and parameters as the diagnosis believes in them; the filter knows the repaired twin",
 }
 
 
@@ -79,7 +79,7 @@ def train_agent(hyper: Hyperparameters, changes: Mapping[str, Any], seed: int, f
   """
   if not (folder / "result.json").is_file():
     base = options_from(hyper.env_kwargs) if hyper.env_kwargs else TRACKS
-    options = dataclasses.replace(base, **{"unknown": LEARNT, **changes})
+    options = dataclasses.replace(base, **{"unknown": ESTIMATED, **changes})
     critic = "truth" if hyper.algorithm == "ppo" else "own"
     trial = Trial(hyper, options, hyper.observation, seed, every=0, critic=critic)
     (folder / "training.json").unlink(missing_ok=True)  # of one that was stopped: it has no checkpoint to go on from
@@ -126,7 +126,7 @@ def drive_car(
     policies: of every competitor, one a seed.
     diagnosed: folder of the car's diagnosis.
     plants: the car with its effect (True) and without (False); drives of each are one simulation.
-    baselines: controllers that drive with the filter nobody told anything, and with that of the repaired twin.
+    baselines: controllers that drive with the plain filter, and with that of the repaired twin.
   """
   if file.is_file():
     return read_json(file)
@@ -142,11 +142,11 @@ def drive_car(
     if name == "nominal":
       join(False, "", REFERENCE, drivers)
     if name == "nominal" or name in baselines:
-      join(True, repaired, name + TOLD, drivers)
+      join(True, repaired, name + INFORMED, drivers)
   driven: dict[str, list[Any]] = {}
   for effect in (True, False):
-    who = [(told, drivers) for (also, told), drivers in groups.items() if also == effect]
-    drives = [partial(_drive, drivers, path, told, streams) for told, drivers in who for path in PATHS]
+    who = [(known, drivers) for (also, known), drivers in groups.items() if also == effect]
+    drives = [partial(_drive, drivers, path, known, streams) for known, drivers in who for path in PATHS]
     for rows in side_by_side(plants[effect], drives):
       for name, rmse in rows:
         driven.setdefault(name, []).append(rmse)
@@ -156,10 +156,10 @@ def drive_car(
 
 
 def _drive(
-  drivers: Mapping[tuple[str, int], Controller], path: str, told: str, streams: int, cars: Body
+  drivers: Mapping[tuple[str, int], Controller], path: str, known: str, streams: int, cars: Body
 ) -> list[tuple[str, list[float]]]:
   """Names with their RMSE on a path, m, (streams,)."""
-  case = EvaluationCase(path, "concealed", SPEED, cars=streams, seed=SEED, unknown=LEARNT, told=told)
+  case = EvaluationCase(path, "concealed", SPEED, cars=streams, seed=SEED, unknown=ESTIMATED, known_from=known)
   labelled = {f"{name} {k}": driver for (name, k), driver in drivers.items()}
   rows = run_together(labelled, case, lambda name: (cars, np.empty(0)))  # type: ignore[arg-type]
   left = lambda row: np.where(np.isfinite(row.kpis.rmse), row.kpis.rmse, LEFT).tolist()

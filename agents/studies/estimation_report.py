@@ -52,7 +52,7 @@ LATENESS = 0.05  # s, of the dart's onboard stamps
 def oval_section(model: Model, controller: Controller, count: int, figures: Path, quick: bool = False) -> list[str]:
   """Every estimator on the same drive of the twin."""
   laps = 1 if quick else 2
-  oval = drive_oval(model, "twin", controller, count=count, laps=laps)
+  oval = drive_oval(model, "mujoco", controller, count=count, laps=laps)
   printed = replay(oval, oval.settings)
   tracks = {
     "FEKF (as printed)": printed["FEKF"],
@@ -109,7 +109,7 @@ def _consistency_table(oval: Oval, model: Model, controller: Controller, count: 
   The last rows are of a lidar whose errors really are white, the case the filters are made for.
   """
   sensors = qcar_sensors() | {"lidar": StatisticalLidar(coloured=0.0)}
-  white = drive_oval(model, "twin", controller, count=count, laps=1, seed=1, sensors=sensors)
+  white = drive_oval(model, "mujoco", controller, count=count, laps=1, seed=1, sensors=sensors)
   kinds = (("coloured", oval, 0.3), ("white", oval, 0.0), ("white, and it is white", white, 0.0))
   sharings = (("1, 1 (printed)", (1.0, 1.0)), ("1/2, 1/2", (0.5, 0.5)))
   cells = lambda drive, sharing, correlation: [
@@ -248,7 +248,7 @@ def online_cost(model: Model, latency: int, windows: int = 100, periods: int = 4
 
   The best of many short windows, which is what the code costs when nothing else is on the core.
   """
-  online = FederatedFilter(model.car, model.filter_settings("twin"))
+  online = FederatedFilter(model.car, model.filter_settings("mujoco"))
   online.start(0.0, (0.0, 0.0, 0.0), 0.5)
   best = np.inf
   for window in range(windows):
@@ -277,7 +277,7 @@ def batch_cost(model: Model, count: int, periods: int = 20, repeats: int = 25) -
   """Seconds per car and control period of the vectorised filter, fixes 50 ms late."""
   best = np.inf
   for _ in range(repeats):
-    batch = FederatedBatch(model.car, model.filter_settings("twin"), count)
+    batch = FederatedBatch(model.car, model.filter_settings("mujoco"), count)
     batch.start(np.zeros((count, 3)), np.full(count, 0.5))
     commands, motion, accel = (np.tile(row, (count, 1)) for row in ((0.6, 0.1), (0.5, 0.2), (0.0, 0.1)))
     fix = np.tile((0.0, 0.0, 0.0, 80.0), (count, 1))

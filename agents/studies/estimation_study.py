@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.closed_loop import Actuation, Drive, Task, drive
+from agents.control.closed_loop import Actuation, Drive, Scenario, drive
 from agents.control.interface import Controller
 from agents.control.model import Model
 from agents.control.speed import SpeedGains
@@ -65,21 +65,21 @@ def drive_oval(
 ) -> Oval:
   """Drive the oval with `count` cars and keep all readings."""
   servo = Actuation() if plant == "bicycle" else None
-  task = Task(path_named("o"), laps=laps, lock=model.vehicle.max_steering, actuation=servo)
-  return drive_task(model, plant, controller, task, count, seed, sensors)
+  scenario = Scenario(path_named("o"), laps=laps, lock=model.vehicle.max_steering, actuation=servo)
+  return drive_scenario(model, plant, controller, scenario, count, seed, sensors)
 
 
-def drive_task(
+def drive_scenario(
   model: Model,
   plant: str,
   controller: Controller,
-  task: Task,
+  scenario: Scenario,
   count: int,
   seed: int = 0,
   sensors: Mapping[str, Sensor] | None = None,
   settings: FilterSettings | None = None,
 ) -> Oval:
-  """Drive what a task says with `count` cars on the estimate and keep all readings.
+  """Drive what a scenario says with `count` cars on the estimate and keep all readings.
 
   Args:
     settings: of the filter in the loop; the plant's where not given.
@@ -88,7 +88,7 @@ def drive_task(
   settings = settings or model.filter_settings(plant)
   suite = SensorSuite(dict(sensors or qcar_sensors()), count, seed)
   observer = SensedObserver(suite, model.car, settings, keep=True)
-  result = drive(body, np.tile(theta, (count, 1)), controller, SpeedGains.design(model.car), observer, task)
+  result = drive(body, np.tile(theta, (count, 1)), controller, SpeedGains.design(model.car), observer, scenario)
   return Oval(result, observer.heard[: len(result.signals) - 1], model, settings)
 
 

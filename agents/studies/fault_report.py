@@ -16,7 +16,7 @@ from qcar_twin.sensors.faults import Fault
 
 Array = NDArray[np.float64]
 Runs = Callable[[tuple[Fault, ...], bool], Run]
-PLANT = "twin"
+PLANT = "mujoco"
 PERIOD = 0.01  # s
 AFTER = 2.0  # s after the end of a fault, where consistency is looked at again
 CONFIDENCE = 0.95

@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.closed_loop import Task, start_states
+from agents.control.closed_loop import Scenario, start_states
 from agents.control.interface import Controller, Situation
 from agents.control.model import Model
 from agents.control.speed import SpeedController, SpeedGains
@@ -135,18 +135,18 @@ def target_speed(time: float) -> float:
 def record(model: Model, plant: str, controller: Controller, path: str, count: int, seed: int) -> Recorded:
   """Drive a path with `count` cars on the estimates of sound sensors."""
   body, theta = model.plant(plant)
-  task = Task(path_named(path), speed=SPEED, lock=model.vehicle.max_steering)
+  scenario = Scenario(path_named(path), speed=SPEED, lock=model.vehicle.max_steering)
   suite = SensorSuite(qcar_sensors(), count, seed)
   observer = SensedObserver(suite, model.car, model.filter_settings(plant))
-  simulation = body.begin(np.tile(theta, (count, 1)), start_states(task, count))
-  course = Course(task.path, SPEED, body.period)
+  simulation = body.begin(np.tile(theta, (count, 1)), start_states(scenario, count))
+  course = Course(scenario.path, SPEED, body.period)
   cars = DrivenCars(course, simulation, None, observer, partial(SpeedController, SpeedGains.design(model.car)))
   signals, commands = [cars.signals.copy()], []
   for k in range(round(SECONDS / body.period)):
     cars.course = dataclasses.replace(course, speed=target_speed(k * body.period))
     errors = one_of(cars.errors, ESTIMATED)
     seen = Situation(
-      task.path,
+      scenario.path,
       cars.arc_length[ESTIMATED],
       errors,
       cars.estimate.speed,
@@ -155,7 +155,7 @@ def record(model: Model, plant: str, controller: Controller, path: str, count: i
       cars.past,
       cars.recent,
     )
-    cars.step(np.clip(controller.steer(seen), -task.lock, task.lock))
+    cars.step(np.clip(controller.steer(seen), -scenario.lock, scenario.lock))
     commands.append(cars.commands.copy())
     signals.append(cars.signals.copy())
   return Recorded(path, np.stack(signals), np.stack(commands), seed)

@@ -19,17 +19,18 @@ from agents.control.kpis import Kpis
 from agents.learning.ddpg import Settings
 from agents.learning.environments import Options, PlantName
 from agents.learning.evaluate import EvaluationCase, PlantMaker, Row, contestants, known_plant, run_together
-from agents.learning.observation import SIGHTS
+from agents.learning.observation import OBSERVATIONS
 from agents.learning.train import Plan, train
 from agents.learning.trial import DRAWN
 from qcar_twin.atomic_io import write_text
+from qcar_twin.cures import RENAMED_PLANTS
 from qcar_twin.envs.task import Reward
 from qcar_twin.recordings.recording import nearest
 
 PATHS = ("o", "infinity", "c")
 MISMATCH = (0.92, 1.0)  # steering gain -, offset deg, fixed before anything was trained
 CONTROLLERS = "controllers"
-WIDE = SIGHTS["wide"]
+WIDE = OBSERVATIONS["wide"]
 ALIKE = ("twin", "estimator", "unknown", "version", "steering_gain", "steering_offset", *DRAWN)
 
 
@@ -55,7 +56,7 @@ ALONE = dataclasses.replace(STANDARD, options=Options(demonstrator="", reward=Re
 WIDE_PLAN = Plan(
   Options(demonstrator="", reward=Reward(m6=0.0), gain_spread=0.1, offset_spread=1.5),
   Settings(episodes=0, imitations=72, mirror=True),
-  sight=WIDE,
+  observation=WIDE,
 )
 VARIANTS = {
   "standard": Variant(
@@ -90,7 +91,7 @@ def wide_plan(twin: str, plant: PlantName, seed: int, quick: bool = False) -> Pl
 
 def plan_from(asked: Mapping[str, Any]) -> Plan:
   """The paper's training, or the imitation, that options of `qcar-twin train`, by name, ask for."""
-  plant, quick = "twin" if asked["plant"] == "auto" else asked["plant"], asked["quick"]
+  plant, quick = "mujoco" if asked["plant"] == "auto" else asked["plant"], asked["quick"]
   if asked["wide"]:
     plan = wide_plan(asked["twin"], "bicycle" if quick else plant, asked["seed"], quick)
     return dataclasses.replace(plan, options=dataclasses.replace(plan.options, unknown=asked["unknown"]))
@@ -231,7 +232,9 @@ def read_rows(file: Path) -> list[Row]:
   """What `drive_group` kept; errors of runs that left the path are infinite again."""
   rows = []
   for entry in json.loads(file.read_text(encoding="utf-8")):
-    case = EvaluationCase(**entry["case"] | {"unknown": tuple(entry["case"].get("unknown", ()))})
+    kept = entry["case"] | {"unknown": tuple(entry["case"].get("unknown", ()))}
+    kept |= {"plant": RENAMED_PLANTS.get(kept["plant"], kept["plant"])}
+    case = EvaluationCase(**{"known_from" if name == "told" else name: value for name, value in kept.items()})
     values = {f.name: entry[f.name] for f in dataclasses.fields(Kpis)}
     arrays = {n: np.array([np.inf if x is None else x for x in column]) for n, column in values.items()}
     rows.append(Row(entry["contestant"], case, Kpis(**arrays)))

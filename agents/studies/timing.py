@@ -86,7 +86,7 @@ def batch_shares(count: int = 256, periods: int = 1300) -> dict[str, float]:
   An episode has about 1200 periods. What beginning new ones takes of any part counts as "new episodes".
   """
   policy = load_policy(SHIPPED)
-  env = FleetVecEnv(fleet(TRACKS, range(count)), policy.sight, normalised=True)
+  env = FleetVecEnv(fleet(TRACKS, range(count)), policy.observation, normalised=True)
   begun, cars = Watch(), env.fleet.cars
   parts = {name: Watch() for name in ("physics", "sensors", "sensors and filter", "path", "observation")}
   seen, scale = env.reset(), np.asarray(policy.observation_scale)
@@ -116,7 +116,7 @@ def batch_shares(count: int = 256, periods: int = 1300) -> dict[str, float]:
   return seconds | {"rest": total - sum(seconds.values()), "total": total, "steps": float(count * periods)}
 
 
-def steps_per_second(cars: int, periods: int = 400, estimator: str = "fekf", plant: str = "twin") -> float:
+def steps_per_second(cars: int, periods: int = 400, estimator: str = "fekf", plant: str = "mujoco") -> float:
   """Environment steps of all cars per CPU second: one car through gymnasium, more through the VecEnv."""
   rng = np.random.default_rng(0)
   if cars == 1:

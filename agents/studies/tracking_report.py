@@ -29,7 +29,7 @@ def tracking_section(
     "The bicycle has a servo of 20 ms delay and 40 ms lag, the twin its own.",
   ]
   conditions = [*([] if quick else [("truth", NOMINAL)]), ("fekf", NOMINAL), ("fekf", MISMATCHED)]
-  for plant in ("bicycle",) if quick else ("twin", "bicycle"):
+  for plant in ("bicycle",) if quick else ("mujoco", "bicycle"):
     table, drives = run_table(families, model, plant, paths, conditions, runs)
     shown = {case: d for case, d in drives.items() if (case.sees, case.steering) == ("fekf", MISMATCHED)}
     lines += ["", f"### {plant}", "", *table_rows(table)]

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from agents.control.closed_loop import Actuation, Drive, Task, drive
+from agents.control.closed_loop import Actuation, Drive, Scenario, drive
 from agents.control.controllers import side_by_side
 from agents.control.interface import Controller
 from agents.control.kpis import Kpis, kpis
@@ -63,9 +63,9 @@ def run_block(
   if sees == "fekf":
     observer = SensedObserver(SensorSuite(qcar_sensors(), count, 0), model.car, model.filter_settings(plant))
   linkage = actuation(plant, list(steering) * len(versions), each)
-  task = Task(path_named(path), lock=model.vehicle.max_steering, actuation=linkage)
+  scenario = Scenario(path_named(path), lock=model.vehicle.max_steering, actuation=linkage)
   controller = side_by_side(list(versions.values()), len(steering) * each)
-  return drive(body, np.tile(theta, (count, 1)), controller, SpeedGains.design(model.car), observer, task)
+  return drive(body, np.tile(theta, (count, 1)), controller, SpeedGains.design(model.car), observer, scenario)
 
 
 def run_table(

@@ -9,12 +9,12 @@ from qcar_twin.twin.mechanisms import offered, select
 from qcar_twin.twin.mechanisms.base import Mechanism
 
 
-def considered(mechanisms: Sequence[str] | None, start: Start | None, drive: str = "voltage") -> tuple[Mechanism, ...]:
+def considered(candidates: Sequence[str] | None, start: Start | None, drive: str = "voltage") -> tuple[Mechanism, ...]:
   """The mechanisms asked for (all that suit the drive if None), the present twin's, the sensors' small errors."""
-  if mechanisms is None:
+  if candidates is None:
     return offered(drive)
   carried = [m.name for m in start[0].mechanisms] if start else []
-  return select(dict.fromkeys((*mechanisms, *carried, *always_fitted(drive))))
+  return select(dict.fromkeys((*candidates, *carried, *always_fitted(drive))))
 
 
 def always_free(mechanism: Mechanism, priors: ParameterSet) -> bool:

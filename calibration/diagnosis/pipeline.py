@@ -63,7 +63,7 @@ class Prepared:
 
 def prepare(
   dataset: DataSet,
-  mechanisms: Sequence[str] | None = None,
+  candidates: Sequence[str] | None = None,
   start: Start | None = None,
   substeps: int = 2,
   threads: int = 0,
@@ -73,7 +73,7 @@ def prepare(
   """Recalibrate the twin that a diagnosis starts from; arguments as for `diagnose`."""
   dataset, notes = ready(dataset)
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
-  known = considered(mechanisms, start, vehicle.drive)
+  known = considered(candidates, start, vehicle.drive)
   twin = Twin(vehicle, [*known, *smooth_forces()], substeps=substeps, threads=threads)
   searched, said = searching(twin, plant)
   ages = fitted_ages(dataset, vehicle)
@@ -88,7 +88,7 @@ def prepare(
 
 def diagnose(
   dataset: DataSet,
-  mechanisms: Sequence[str] | None = None,
+  candidates: Sequence[str] | None = None,
   start: Start | None = None,
   effort: Effort = Effort(),
   levels: Levels | None = None,
@@ -104,24 +104,24 @@ def diagnose(
   Args:
     dataset: recordings with roles; "identify" is fitted, "validate" judges (but see coverage.py), "holdout" is opened
       at the end.
-    mechanisms: ids to consider; the whole catalogue by default.
+    candidates: ids of the only mechanisms that may be named; the whole catalogue by default.
     start: a twin to go on from, with its parameters: they are the first guess, and its mechanisms are in every model.
     effort: how wide to search.
     levels: what decides; those of decision/levels.toml by default.
     substeps: simulation steps per control period of 10 ms.
     threads: of the simulation, 0 for all cores.
     progress: reports the stage and how much of it is done.
-    prepared: of `prepare` with the same data set, mechanisms and start, where it was done before.
+    prepared: of `prepare` with the same data set, candidates and start, where it was done before.
     plant: what is searched with: the reduced car, as far as it can stand in for MuJoCo's, or "mujoco" alone. What is
       claimed is MuJoCo's either way.
     staged: where what is ready is written while the rest runs.
   """
   clock = _Clock(progress)
   clock.start("recalibration")
-  begun = prepared or prepare(dataset, mechanisms, start, substeps, threads, plant=plant)
+  begun = prepared or prepare(dataset, candidates, start, substeps, threads, plant=plant)
   twin = exact(begun.recalibrated.problem.twin)
   priors = begun.recalibrated.fit.parameters
-  tried = [m for m in begun.known if (mechanisms is None or m.name in mechanisms) and not always_free(m, priors)]
+  tried = [m for m in begun.known if (candidates is None or m.name in candidates) and not always_free(m, priors)]
   noise = residual_floor(driving_noise([r for r in dataset.recordings if r.role != "holdout"]))
   baseline, pool = _searched(begun.recalibrated, tried, effort, clock, staged, noise)
   cut = Cut(command_shift=baseline.command_shift, most=LONGEST)

@@ -166,7 +166,7 @@ def measure_loss(job: Job, target: Target, path: Path) -> Loss | None:
 
   def exported(around: Sequence[Mechanism]) -> dict[str, float]:
     part, theta = without(job.twin, job.theta, [m for m in job.twin.mechanisms if m in (*sensors, *around)])
-    return errors(part.carried_by(lambda size: ModelCars(model, car, size)), theta)
+    return errors(part.with_engine(lambda size: ModelCars(model, car, size)), theta)
 
   def reduced(
     gone: Sequence[Mechanism], theta: Array = job.theta, instead: Sequence[Mechanism] = ()

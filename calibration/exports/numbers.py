@@ -72,7 +72,7 @@ def quantities_of(twin: Twin, theta: Array, kept: Sequence[Mechanism]) -> dict[s
     return held[0]
 
   part, values = without(twin, theta, [m for m in kept if constant(m)])
-  part.carried_by(made).begin(values[None], np.zeros((1, len(START))))
+  part.with_engine(made).begin(values[None], np.zeros((1, len(START))))
   return {name: np.asarray(value)[0] for name, value in held[0].values.items()}
 
 

@@ -182,7 +182,7 @@ class Problem:
 
   def _workers(self, variants: int, observations: Observations) -> int:
     """Processes that share the variants: more than one only where there is enough to drive."""
-    if self.twin.engine != "reduced" or variants * len(observations) < _WORTH_A_COPY:
+    if self.twin.engine == "mujoco" or variants * len(observations) < _WORTH_A_COPY:
       return 1
     workers = min(self.twin.threads or copies(), copies())
     if workers > 1 and isinstance(self.twin, Surrogate):

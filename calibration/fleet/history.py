@@ -59,7 +59,7 @@ def _odd(compared: Sequence[Comparison]) -> Section:
     for c in sorted(compared, key=lambda c: c.chance)[:_LISTED]
   ]
   tables = [Table("The least likely first", titles, rows)] if rows else []
-  return Section("Who is not like the others", text, tables)
+  return Section("Outliers", text, tables)
 
 
 def _states(lines: Lines) -> Section:

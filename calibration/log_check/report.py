@@ -25,7 +25,7 @@ from qcar_twin.recordings.recording import ROLES
 _DRAWN = 0.05  # s between points
 _PANELS = 16  # columns that are drawn
 _SPOTS = 4000  # of a role at most
-_TITLES = {"spoils": "What spoils a fit", "beware": "Warnings", "note": "What this log cannot show"}
+_TITLES = {"spoils": "Faults that prevent a fit", "beware": "Warnings", "note": "What this log cannot show"}
 
 
 def check_and_say(folder: Path, out: Path) -> LogCheck:

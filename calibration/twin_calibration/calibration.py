@@ -133,7 +133,7 @@ def calibrate(
   dataset: DataSet,
   against: Against = "identified",
   folder: str | os.PathLike[str] | None = None,
-  mechanisms: Sequence[str] = (),
+  add_mechanisms: Sequence[str] = (),
   steady_state: SteadyState = "exact",
   quick: bool = False,
   threads: int = 0,
@@ -146,7 +146,7 @@ def calibrate(
   Args:
     against: "identified" or "recordings".
     folder: where stage results are kept; a broken-off run with the same folder, data and options goes on from them.
-    mechanisms: ids of the catalogue this car is known to need; fitted with the rest against "recordings".
+    add_mechanisms: ids of the catalogue this car is known to need; added and fitted with the rest against "recordings".
     steady_state: of the identification.
     quick: about 40 s of driving and few iterations, for a first look.
     threads: of the simulation, 0 for all cores; results don't depend on it.
@@ -162,7 +162,7 @@ def calibrate(
   progress("identification")
   identification, missing = _identified(dataset, steady_state, vehicle)
   stages = Stages(
-    folder and Path(folder) / "stages", fingerprint(dataset), against, tuple(mechanisms), steady_state, quick, plant
+    folder and Path(folder) / "stages", fingerprint(dataset), against, tuple(add_mechanisms), steady_state, quick, plant
   )
   if against == "identified":
     if identification is None:
@@ -172,9 +172,9 @@ def calibrate(
   else:
     dataset, warned = ready(dataset, QUICK if quick else LONGEST)
     # in the order of the catalogue, in which a diagnosis applies them: the same bits
-    twin = Twin(vehicle, select(sorted({*mechanisms, *always_fitted(vehicle.drive)})), substeps=2, threads=threads)
+    twin = Twin(vehicle, select(sorted({*add_mechanisms, *always_fitted(vehicle.drive)})), substeps=2, threads=threads)
     searched, said = searching(twin, plant)
-    work = lambda: _to_recordings(searched, dataset, mechanisms, quick, recalibrated, progress)
+    work = lambda: _to_recordings(searched, dataset, add_mechanisms, quick, recalibrated, progress)
   fitted = stages.kept("fit")
   if fitted:
     progress("fit taken from an earlier run")
@@ -219,11 +219,11 @@ def _to_bicycle(twin: Twin, identification: Identification, quick: bool, progres
 
 
 def _to_recordings(
-  twin: Twin, dataset: DataSet, mechanisms: Sequence[str], quick: bool, recalibrated: Recalibrated, progress: Progress
+  twin: Twin, dataset: DataSet, names: Sequence[str], quick: bool, recalibrated: Recalibrated, progress: Progress
 ) -> dict[str, Any]:
   fitted, standing = split_standing(dataset.recordings)
   if recalibrated is None or standing:
-    added = [p for m in twin.mechanisms if m.name in mechanisms for p in m.parameters]
+    added = [p for m in twin.mechanisms if m.name in names for p in m.parameters]
     kept = dataclasses.replace(dataset, recordings=tuple(fitted))
     ages, most = fitted_ages(kept, twin.vehicle), QUICK if quick else LONGEST
     again = recalibrate_dataset(kept, twin, added=added, most=most, progress=progress, ages=ages)

@@ -44,7 +44,7 @@ INTERFACE: dict[str, dict[str, tuple[str, ...]]] = {
   },
   "Control and estimation": {
     "agents.control.interface": ("Controller", "Situation"),
-    "agents.control.closed_loop": ("Task", "Drive", "drive"),
+    "agents.control.closed_loop": ("Scenario", "Drive", "drive"),
     "qcar_twin.estimation.federated": ("FederatedFilter",),
     "qcar_twin.estimation.offline": ("filter_recording",),
   },

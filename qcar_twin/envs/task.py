@@ -100,7 +100,9 @@ NEVER_NEGATIVE = ("start_offset", "start_heading", "gain_spread", "offset_spread
 
 @dataclasses.dataclass(frozen=True)
 class TrackingTask:
-  """What is driven, by how many cars does not matter.
+  """The episodes of an environment: path, speed, reward, what is drawn, and when one ends.
+
+  A single run that is measured is a `Scenario` (agents/control/closed_loop.py).
 
   Attributes:
     path: followed from its start.  speed: m/s, held by a speed controller.  laps: of a closed path.

@@ -85,11 +85,11 @@ def sections(filtered: Sequence[tuple[Recording, Estimates]], rolling_radius: fl
   refused = [(r.name, channel, reason, count) for r, e in filtered for (channel, reason), count in e.refused.items()]
   tables = [Table("Recordings", ("recording", "duration [s]", "valid [%]", "not valid because (periods)"), rows)]
   if refused:
-    tables.append(Table("Samples that were refused", ("recording", "channel", "why", "samples"), refused))
+    tables.append(Table("Rejected samples", ("recording", "channel", "why", "samples"), refused))
   known = [(r.name, name, *map(float, pair[-1])) for r, e in filtered for name, pair in e.numbers.items()]
   if known:
     titles = ("recording", "number", "value (SI)", "standard deviation (SI)")
-    tables.append(Table("Numbers that were estimated besides, at the end", titles, known))
+    tables.append(Table("Estimated parameters at the end", titles, known))
   return [*parts, Section("What was used", "", tables)]
 
 

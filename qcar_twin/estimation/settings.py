@@ -20,12 +20,12 @@ PRIORS = {"steering_gain": 0.1, "steering_offset": 0.03, "yaw_rate_bias": 0.02, 
 """What EKF_BM may estimate beside its motion, with standard deviations nobody would bet against: a linkage measured to
 a tenth and set to 2 degrees, a MEMS gyro that was switched on without standing still (rad/s), a wheel radius measured
 to a twentieth, a motor known by its data sheet."""
-LEARNT = ("steering_gain", "steering_offset", "yaw_rate_bias", "speed_scale")
+ESTIMATED = ("steering_gain", "steering_offset", "yaw_rate_bias", "speed_scale")
 """Those of them that are worth a state: docs/results/estimation.md."""
 
 NEVER_NEGATIVE = ("_std", "_lag", "_delay", "_timeout", "_limit", "_correlation")
 POSITIVE = ("period", "buffer", "speed_std", "yaw_rate_std", "speed_scale", "drive_scale", "forgetting", "score_full")
-TOLD = {  # as they are, of a twin's parameters, and of the settings
+KNOWN = {  # as they are, of a twin's parameters, and of the settings
   "steering_offset": "steering_offset",
   "gyro_bias": "yaw_rate_bias",
   "accel_bias_x": "accel_x_bias",
@@ -187,8 +187,8 @@ class FilterSettings:
     """Of voltage and steering command, periods."""
     return round(self.drive_delay / self.period), round(self.steering_delay / self.period)
 
-  def told(self, values: Mapping[str, float]) -> "FilterSettings":
-    """These settings with what a twin's parameters say of steering, delays and sensors.
+  def with_known(self, values: Mapping[str, float]) -> "FilterSettings":
+    """These settings with what is known of steering, delays and sensors from a twin's parameters.
 
     Lags add up; of a dead time the part that is no whole period is counted as lag, the same phase at low frequency.
     A wheel larger by e makes the encoder say 1 / (1 + e) of the speed. What the twin does not have stays as it is.
@@ -196,7 +196,7 @@ class FilterSettings:
     Args:
       values: parameters by name, as of `twin.parameters.named(theta)`.
     """
-    changes: dict[str, Any] = {mine: values[name] for name, mine in TOLD.items() if name in values}
+    changes: dict[str, Any] = {mine: values[name] for name, mine in KNOWN.items() if name in values}
     if "servo_time_constant" in values or "steering_lag" in values:
       changes["steering_lag"] = values.get("servo_time_constant", 0.0) + values.get("steering_lag", 0.0)
     if "steering_gain_error" in values:

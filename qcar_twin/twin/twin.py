@@ -9,7 +9,7 @@ import dataclasses
 import functools
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import mujoco
 import numpy as np
@@ -75,7 +75,7 @@ class Twin:
     if engine == "reduced" and (lacking := irreducible(vehicle, tyre)):
       raise ValueError(f'{vehicle.name} can\'t be simulated by the reduced car: {lacking}; use engine="mujoco"')
     stop_timers()
-    self.engine: EngineKind = engine
+    self._kind: EngineKind = engine
     self.vehicle, self.mechanisms = vehicle, suited(mechanisms, vehicle)
     self._chain = in_chain(self.mechanisms)
     self.tyre: TyreKind = tyre
@@ -90,7 +90,7 @@ class Twin:
     self._columns = {m.name: [self.parameters.index(p.name) for p in m.parameters] for m in self.mechanisms}
     self._rest_height = self._settle()
     self._batches: dict[int, dict[int, Batch]] = {}  # by thread, then by number of cars
-    self._made: Callable[[int], Engine] | None = None  # what carries the cars instead of this project's engines
+    self._made: Callable[[int], Engine] | None = None  # makes an external engine
 
   def __repr__(self) -> str:
     lines = [f"Twin of {self.vehicle.name}: {self.tyre} tyre, {1e3 * self.period / self.substeps:g} ms steps"]
@@ -106,21 +106,23 @@ class Twin:
   def with_mechanisms(self, mechanisms: Sequence[Mechanism]) -> "Twin":
     """The same car with other mechanisms."""
     return Twin(
-      self.vehicle, mechanisms, self.tyre, self.asked_substeps, self.threads, self.rows, self.engine, self.sessions
+      self.vehicle, mechanisms, self.tyre, self.asked_substeps, self.threads, self.rows, self._kind, self.sessions
     )
 
   def on(self, engine: EngineKind) -> "Twin":
     """The same car and mechanisms on an engine; itself where it is on it."""
-    if engine == self.engine:
-      return self
-    return Twin(
-      self.vehicle, self.mechanisms, self.tyre, self.asked_substeps, self.threads, self.rows, engine, self.sessions
-    )
+    given = (self.vehicle, self.mechanisms, self.tyre, self.asked_substeps, self.threads, self.rows)
+    return self if engine == self.engine else Twin(*given, engine, self.sessions)
 
-  def carried_by(self, made: Callable[[int], Engine]) -> Self:
-    """The same mechanisms and sensors around cars of somebody else's; `made` gives an engine of so many cars."""
+  @property
+  def engine(self) -> EngineKind | Literal["external"]:
+    """What moves the cars: "external" after `with_engine`."""
+    return "external" if self._made else self._kind
+
+  def with_engine(self, made: Callable[[int], Engine]) -> Self:
+    """The same mechanisms and sensors around another simulator's cars; `made` gives an engine of so many cars."""
     other = copy.copy(self)
-    other.engine, other._made, other._batches = "reduced", made, {}
+    other._made, other._batches = made, {}
     return other
 
   def apart(self) -> Self:

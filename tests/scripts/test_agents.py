@@ -61,7 +61,7 @@ def test_train_asks_for_what_was_said(tmp_path):
   assert plan.options.steering_gain == 0.92 and plan.seed == 7 and plan.settings.episodes == 300
   assert plan_from(vars(train.Config(tmp_path))).options.reward.m6 == 1.0
   wide = plan_from(vars(train.Config(tmp_path, wide=True, seed=2, twin="x.toml")))
-  assert wide.sight.size == 9 and wide.settings.imitations > 0 and (wide.seed, wide.options.twin) == (2, "x.toml")
+  assert wide.observation.size == 9 and wide.settings.imitations > 0 and (wide.seed, wide.options.twin) == (2, "x.toml")
 
 
 def test_the_shipped_policy_says_where_it_comes_from_and_stays_on_the_s_path():

@@ -102,7 +102,7 @@ def test_a_campaign_is_scored_from_its_archive(tmp_path, archive, capsys):
   assert "`qcar-twin campaign --out out/scored --seed 1123581 --nulls 3 --singles 6" in text and "6 of 12" in text
   assert (tmp_path / "page.png").stat().st_size > 1000
   report = (tmp_path / "scored" / "report.html").read_text(encoding="utf-8")
-  assert "6 of 12 sessions answered" in report and "What was taken for what" in report
+  assert "6 of 12 sessions answered" in report and "Confusion matrix" in report
 
 
 def test_a_campaign_goes_on_with_the_cases_that_have_no_answer(tmp_path, archive, monkeypatch):

@@ -135,7 +135,7 @@ def test_diagnose_names_a_concealed_offset_of_the_steering(work):
     "diagnose",
     dataset=work / "data" / "offset",
     out=work / "offset",
-    mechanisms=among,
+    candidates=among,
     quick=True,
     threads=1,
     curves="never",

@@ -63,11 +63,17 @@ def test_every_command_is_run_by_a_test(name):
     ("track --out OUT --speed nan", "--speed nan: give a finite number"),
     ("track --out OUT --runs 0", "--runs 0: give more than 0"),
     ("track --out OUT --seed -1", "--seed -1: give 0 or more"),
-    ("estimate --dataset data/sample --out OUT --onboard-lateness nan", "--onboard-lateness nan"),
+    ("estimate --dataset data/sample --out OUT --onboard-latency nan", "--onboard-latency nan"),
     ("curves --dataset data/sample --out OUT --most -5", "--most -5.0: give 0 or more"),
     ("export --to mjfc --out OUT", "no export to 'mjfc'; did you mean mjcf?"),
-    ("calibrate --dataset data/sample --out OUT --mechanism payload", "add --against recordings"),
+    ("calibrate --dataset data/sample --out OUT --add-mechanisms payload", "give --against recordings"),
     ("look --out OUT", "give LOGS"),
+    ("estimate --dataset data/sample --out OUT --onboard-lateness 0.1", "called --onboard-latency now"),
+    ("calibrate --dataset data/sample --out OUT --mechanism payload", "--mechanism is called --add-mechanisms now"),
+    ("diagnose --dataset data/sample --out OUT --mechanisms payload", "--mechanisms is called --candidates now"),
+    ("track --out OUT --plant twin", "--plant twin is called --plant mujoco now"),
+    ("render --out OUT --plant=twin", "--plant twin is called --plant mujoco now"),
+    ("evaluate --out OUT --plants bicycle twin", "--plants twin is called --plants mujoco now"),
   ],
 )
 def test_options_that_mean_nothing_are_refused_before_the_work(typed, said, tmp_path, capsys):
@@ -203,8 +209,8 @@ def test_an_export_may_be_written_again(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(
   ("name", "option", "value", "says"),
   [
-    ("calibrate", "--mechanism", "steering_ofset", "no mechanism 'steering_ofset'; did you mean steering_offset"),
-    ("diagnose", "--mechanisms", "sticton", "no mechanism 'sticton'; did you mean stiction"),
+    ("calibrate", "--add-mechanisms", "steering_ofset", "no mechanism 'steering_ofset'; did you mean steering_offset"),
+    ("diagnose", "--candidates", "sticton", "no mechanism 'sticton'; did you mean stiction"),
     ("diagnose", "--twin", "none.toml", "none.toml: no such twin file; calibrate first"),
     ("cross-validate", "--twin", "pyproject.toml", "pyproject.toml: not a twin file of format"),
     ("train", "--twin", "none.toml", "none.toml: no such twin file; calibrate first"),

@@ -18,8 +18,8 @@ from tests.scripts.short_design import short
 def test_both_twins_are_left_where_the_study_looks_for_them(tmp_path, monkeypatch):
   asked = {}
 
-  def diagnosed(dataset, mechanisms, effort, threads, progress):
-    asked.update(dataset=dataset, mechanisms=mechanisms)
+  def diagnosed(dataset, candidates, effort, threads, progress):
+    asked.update(dataset=dataset, candidates=candidates)
     twin = Twin(Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std), select(["steering_delay"]))
     before = twin.parameters.nominal
     before[twin.parameters.index("steering_delay")] = 0.0
@@ -31,9 +31,9 @@ def test_both_twins_are_left_where_the_study_looks_for_them(tmp_path, monkeypatc
   monkeypatch.setattr(repair_twin, "diagnose", diagnosed)
   monkeypatch.setattr(repair_twin, "verdict", lambda diagnosis: "the steering is late")
   monkeypatch.setattr(repair_twin, "write_diagnosis", lambda outcome, folder: None)
-  config = repair_twin.Config(tmp_path, design="compact", mechanisms=("steering_delay",))
+  config = repair_twin.Config(tmp_path, design="compact", candidates=("steering_delay",))
   assert repair_twin.main(config) == "the steering is late"
-  assert isinstance(asked["dataset"], DataSet) and asked["mechanisms"] == ("steering_delay",)
+  assert isinstance(asked["dataset"], DataSet) and asked["candidates"] == ("steering_delay",)
   plain, _ = load_twin(tmp_path / "recalibrated.toml")
   repaired, theta = load_twin(tmp_path / "repaired.toml")
   assert not plain.mechanisms and [m.name for m in repaired.mechanisms] == ["steering_delay"]

@@ -18,11 +18,11 @@ from agents.studies.filtering.acceptance_study import (
   weave_drive,
 )
 from qcar_twin import markdown
-from qcar_twin.estimation.settings import LEARNT, FilterSettings
+from qcar_twin.estimation.settings import ESTIMATED, FilterSettings
 
-HEADS = ("case", "car", "valid", "beyond while valid", "NEES", "position, worst", "yaw, worst", "falsely accused")
-SHORT = ("case", "valid", "beyond while valid", "NEES", "NEES, plain filter", "position, worst", "falsely accused")
-MORE = ("filter", "cars", "limit", "valid", "beyond, mean", "beyond, worst car", "position, worst", "falsely accused")
+HEADS = ("case", "car", "valid", "beyond while valid", "NEES", "position, worst", "yaw, worst", "false alarms")
+SHORT = ("case", "valid", "beyond while valid", "NEES", "NEES, plain filter", "position, worst", "false alarms")
+MORE = ("filter", "cars", "limit", "valid", "beyond, mean", "beyond, worst car", "position, worst", "false alarms")
 Drives = dict[str, Driven]  # by what is done
 Judged = dict[tuple[str, str], tuple[Outcome, Case]]
 
@@ -55,7 +55,7 @@ def acceptance_sections(subjects: Sequence[Subject], quick: bool = False) -> lis
   """The plain filter car by car, and the worst of the cars for the filter that estimates unknown numbers."""
   drives = {subject.name: drives_of(subject) for subject in subjects}
   plain = judged(subjects, drives, quick)
-  learning = [dataclasses.replace(s, settings=s.settings.estimating(*LEARNT)) for s in subjects]
+  learning = [dataclasses.replace(s, settings=s.settings.estimating(*ESTIMATED)) for s in subjects]
   return [
     "## What the filter gets through",
     "",
@@ -67,13 +67,13 @@ def acceptance_sections(subjects: Sequence[Subject], quick: bool = False) -> lis
     " measured and nominal drive and tyres. Valid is the share of all periods. Beyond is the share of the valid"
     " ones in which position or yaw is beyond its bound. Each bound is stated with a risk of"
     f" {FilterSettings().risk:g}. NEES of the position is a median, 1.4 for a consistent filter. Worst errors"
-    " are those of valid periods. A sensor is falsely accused where a warning names it and it is sound.",
+    " are those of valid periods. A false alarm is a warning that names a sound sensor.",
     "",
     *markdown.table(HEADS, [(case, car, *_cells(*one)) for (case, car), one in plain.items()]),
     "",
     "## With unknown numbers as states",
     "",
-    f"The same drives and readings; EKF_BM also estimates {', '.join(LEARNT)}. The worst of the cars in each column.",
+    f"The same drives and readings; EKF_BM also estimates {', '.join(ESTIMATED)}. The worst car in each column.",
     "",
     *markdown.table(SHORT, _worst(judged(learning, drives, quick), plain)),
   ]
@@ -84,7 +84,7 @@ def limit_section(subjects: Sequence[Subject]) -> list[str]:
   outcomes_of: dict[tuple[str, str, str], list[Outcome]] = {}
   for subject in subjects:
     driven = limit_drive(subject)
-    for name, settings in (("plain", subject.settings), ("states", subject.settings.estimating(*LEARNT))):
+    for name, settings in (("plain", subject.settings), ("states", subject.settings.estimating(*ESTIMATED))):
       outcome = judge(dataclasses.replace(subject, settings=settings), driven, Case())
       for title, sign in (("forward", 1.0), ("reverse", -1.0)):
         outcomes_of.setdefault((name, subject.name, title), []).append(outcome.of(LIMIT[:, 0] * sign > 0.0))

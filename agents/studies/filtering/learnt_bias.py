@@ -13,7 +13,7 @@ import numpy as np
 from agents.control.interface import Controller
 from agents.control.team import Team
 from agents.learning.evaluate import EvaluationCase, run_case
-from qcar_twin.estimation.settings import LEARNT
+from qcar_twin.estimation.settings import ESTIMATED
 
 TURN = 0.5  # 1/m: what is curved by more is a turn, of the paths whose turns are of 1 1/m and more
 BEGUN = 3.0  # s, left out: a car comes onto its path
@@ -27,7 +27,7 @@ def held_rows(drivers: Mapping[str, Controller], path: str, gain: float, offset:
     gain, offset: of the linkage, - and deg.  count: cars.  seed: of the sensors.
   """
   rows = []
-  for name, unknown in (("plain", ()), ("states", LEARNT)):
+  for name, unknown in (("plain", ()), ("states", ESTIMATED)):
     case = EvaluationCase(path, "reduced", 0.5, gain, offset, count, seed, unknown=unknown)
     driven = run_case(Team(tuple(drivers.values()), count), case)
     for i, label in enumerate(drivers):

@@ -25,16 +25,16 @@ from agents.studies.filtering.mismatch_study import (
   Quality,
   drive_all,
   fitted,
+  known_of,
   learning,
   offset_imu,
   quality,
-  task,
-  told_of,
+  scenario,
   tracked,
 )
 from agents.studies.tracking_study import MISMATCHED, NOMINAL, VALIDATION
 from qcar_twin import markdown
-from qcar_twin.estimation.settings import LEARNT, FilterSettings
+from qcar_twin.estimation.settings import ESTIMATED, FilterSettings
 
 Array = NDArray[np.float64]
 SEED = 7300  # of sensors that no choice was made on
@@ -52,7 +52,7 @@ def mismatch_section(model: Model, controller: Controller, count: int, quick: bo
   drives = drive_all(model, controller, count, SEED, (NOMINAL, MISMATCHED) if quick else (NOMINAL, MISMATCHED, LATE))
   kinds: Kinds = {
     "plain": lambda how: base,
-    "informed": lambda how: told_of(base, how),
+    "informed": lambda how: known_of(base, how),
     "states": lambda how: learning(base),
   }
   table = measured(drives, kinds)
@@ -183,7 +183,7 @@ def _numbers_table(table: Table) -> list[str]:
 def _in_the_loop(model: Model, controller: Controller, base: FilterSettings, count: int) -> list[str]:
   """What the controller makes of it: cross-track errors with each filter in the loop."""
   kinds = [("plain", NOMINAL, base), ("states", NOMINAL, learning(base))]
-  kinds += [(name, MISMATCHED, told) for name, told in (("plain", base), ("informed", told_of(base, MISMATCHED)))]
+  kinds += [(name, MISMATCHED, known) for name, known in (("plain", base), ("informed", known_of(base, MISMATCHED)))]
   kinds.append(("states", MISMATCHED, learning(base)))
   middle = lambda settings, path, how: np.median(tracked(model, controller, settings, path, how, count, SEED))
   rows = [
@@ -202,7 +202,9 @@ def _drivers(count: int, paths: Sequence[str]) -> list[str]:
   cells: dict[str, list[str]] = {label: [] for label in drivers}
   for gain, offset in MISMATCHES.values():
     for path in paths:
-      cases = [EvaluationCase(path, "reduced", 0.5, gain, offset, count, SEED, unknown=names) for names in ((), LEARNT)]
+      cases = [
+        EvaluationCase(path, "reduced", 0.5, gain, offset, count, SEED, unknown=names) for names in ((), ESTIMATED)
+      ]
       for plain, states in zip(*(run_together(drivers, case) for case in cases), strict=True):
         before, after = (1e3 * float(np.mean(row.kpis.rmse)) for row in (plain, states))
         cells[plain.contestant].append(f"{before:.1f} / {after:.1f}")
@@ -229,7 +231,7 @@ def _sensors(model: Model, controller: Controller, base: FilterSettings, count: 
   three = dataclasses.replace(learning(base), yaw_rate_bias_std=0.0)
   for what, biases in (("accelerometer", ACCEL_BIASES), ("gyro", GYRO_BIASES)):
     for bias in biases[-1:] if quick else biases:
-      oval = offset_imu(model, controller, task(model, "c", NOMINAL), count, SEED, **{what: bias})
+      oval = offset_imu(model, controller, scenario(model, "c", NOMINAL), count, SEED, **{what: bias})
       plain, without, all_of = (quality([oval], settings)[0] for settings in (base, three, learning(base)))
       unit = "m/s^2" if what == "accelerometer" else "rad/s"
       cells = [f"{1e3 * np.median(q.position):.1f} / {1e3 * np.median(q.yaw):.1f}" for q in (plain, without, all_of)]

@@ -1,4 +1,4 @@
-"""How good the filter is where its model is not the car: a bent linkage, a late one, noise it is told wrongly.
+"""How good the filter is where its model is not the car: a bent linkage, a late one, wrong noise settings.
 
 Cars are driven along the paths once on the plain filter's estimate; every filter then takes the same readings, so that
 differences are paired. A further drive has each filter in the loop.
@@ -10,11 +10,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.closed_loop import Actuation, Drive, Task
+from agents.control.closed_loop import Actuation, Drive, Scenario
 from agents.control.interface import Controller
 from agents.control.kpis import kpis
 from agents.control.model import Model
-from agents.studies.estimation_study import SIDESLIP, WARM_UP, Oval, drive_task
+from agents.studies.estimation_study import SIDESLIP, WARM_UP, Oval, drive_scenario
 from agents.studies.filtering.consistency import block_nees
 from agents.studies.tracking_study import NOMINAL, STEERING, VALIDATION
 from qcar_twin.estimation.batch import FederatedBatch
@@ -22,7 +22,7 @@ from qcar_twin.estimation.models import BETA, R, V
 from qcar_twin.estimation.models import YAW as BM_YAW
 from qcar_twin.estimation.noise_fit import most_likely
 from qcar_twin.estimation.offline import position_nees
-from qcar_twin.estimation.settings import LEARNT, FilterSettings
+from qcar_twin.estimation.settings import ESTIMATED, FilterSettings
 from qcar_twin.kinematics import wrap_angle
 from qcar_twin.paths import path_named
 from qcar_twin.plant import POSITION, YAW
@@ -30,7 +30,7 @@ from qcar_twin.sensors.onboard import Imu
 from qcar_twin.sensors.suite import qcar_sensors
 
 Array = NDArray[np.float64]
-PLANT, LATE = "twin", "late"
+PLANT, LATE = "mujoco", "late"
 DELAY, LAG = 0.04, 0.05  # s, of the late linkage, besides the twin's servo
 LAPS = 1
 FITTED_ON = ("o", "infinity")  # paths of the drives that the noise is fitted to
@@ -67,21 +67,21 @@ def linkage(name: str) -> Actuation:
   return Actuation(delay=0.0, lag=0.0, gain=gain, offset=offset)
 
 
-def task(model: Model, path: str, how: str) -> Task:
+def scenario(model: Model, path: str, how: str) -> Scenario:
   """A path to be driven with a linkage."""
-  return Task(path_named(path), laps=LAPS, lock=model.vehicle.max_steering, actuation=linkage(how))
+  return Scenario(path_named(path), laps=LAPS, lock=model.vehicle.max_steering, actuation=linkage(how))
 
 
 def drive_all(model: Model, controller: Controller, count: int, seed: int, hows: tuple[str, ...]) -> Drives:
   """Every path with every linkage on the plain filter's estimate."""
   return {
-    (path, how): drive_task(model, PLANT, controller, task(model, path, how), count, seed)
+    (path, how): drive_scenario(model, PLANT, controller, scenario(model, path, how), count, seed)
     for path in VALIDATION
     for how in hows
   }
 
 
-def told_of(settings: FilterSettings, how: str) -> FilterSettings:
+def known_of(settings: FilterSettings, how: str) -> FilterSettings:
   """Settings that know the linkage."""
   if how == LATE:
     return dataclasses.replace(settings, steering_delay=DELAY, steering_lag=settings.steering_lag + LAG)
@@ -92,7 +92,7 @@ def told_of(settings: FilterSettings, how: str) -> FilterSettings:
 def fitted(model: Model, settings: FilterSettings, controller: Controller, count: int) -> FilterSettings:
   """The process noise under which the fixes of nominal drives of their own are most likely."""
   drives = [
-    drive_task(model, PLANT, controller, task(model, path, NOMINAL), count, FIT_SEED + i)
+    drive_scenario(model, PLANT, controller, scenario(model, path, NOMINAL), count, FIT_SEED + i)
     for i, path in enumerate(FITTED_ON)
   ]
 
@@ -172,14 +172,16 @@ def tracked(
   model: Model, controller: Controller, settings: FilterSettings, path: str, how: str, count: int, seed: int
 ) -> Array:
   """True root mean square of the cross-track error, m, (N,), with a filter in the loop and a linkage."""
-  done: Drive = drive_task(model, PLANT, controller, task(model, path, how), count, seed, settings=settings).result
+  done: Drive = drive_scenario(
+    model, PLANT, controller, scenario(model, path, how), count, seed, settings=settings
+  ).result
   return kpis(done).rmse
 
 
 def offset_imu(
   model: Model,
   controller: Controller,
-  what: Task,
+  what: Scenario,
   count: int,
   seed: int,
   accelerometer: float | None = None,
@@ -190,9 +192,9 @@ def offset_imu(
   for name, bias in (("accel", accelerometer), ("gyro", gyro)):
     if bias is not None:
       imu = dataclasses.replace(imu, **{name: dataclasses.replace(getattr(imu, name), bias=bias)})
-  return drive_task(model, PLANT, controller, what, count, seed, sensors=qcar_sensors() | {"imu": imu})
+  return drive_scenario(model, PLANT, controller, what, count, seed, sensors=qcar_sensors() | {"imu": imu})
 
 
 def learning(settings: FilterSettings) -> FilterSettings:
   """Settings that estimate what is worth it."""
-  return settings.estimating(*LEARNT)
+  return settings.estimating(*ESTIMATED)

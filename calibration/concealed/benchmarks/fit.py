@@ -54,7 +54,7 @@ _SHARES = ParameterSet(Parameter(name, 1.0, LOWER, UPPER, "-", typical=0.3) for 
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Task:
+class Scenario:
   """What both fits are given: recordings that a car with other parameters made, noise added; measured is (S, T, 3)."""
 
   twin: Twin
@@ -80,7 +80,7 @@ def predict(twin: Twin, segments: Segments, shares: Array) -> Array:
   return np.stack([signals[..., SIGNALS.index(c)] for c in CHANNELS], axis=-1)
 
 
-def make_task(recordings: int = 6, seconds: float = 5.0, seed: int = 0) -> Task:
+def make_task(recordings: int = 6, seconds: float = 5.0, seed: int = 0) -> Scenario:
   """Drives with a voltage and a steering angle that change every half second."""
   rng = np.random.default_rng(seed)
   twin = Twin(QCAR, substeps=SUBSTEPS)
@@ -93,7 +93,7 @@ def make_task(recordings: int = 6, seconds: float = 5.0, seed: int = 0) -> Task:
   names = tuple(f"drive {k}" for k in range(recordings))
   segments = Segments(commands, start, np.full(recordings, steps), twin.period, names, np.zeros(recordings))
   clean = predict(twin, segments, TRUTH[None])[0]
-  return Task(twin, segments, clean + _SCALE * rng.normal(size=clean.shape))
+  return Scenario(twin, segments, clean + _SCALE * rng.normal(size=clean.shape))
 
 
 def fit_pairs(recordings: int = 6, seconds: float = 5.0, seed: int = 0) -> tuple[Pair, Pair, Pair]:
@@ -144,12 +144,12 @@ def _trace(run: Callable[[Callable[[float], None]], float]) -> list[Cost]:
   return trace
 
 
-def by_batch(task: Task, tell: Callable[[float], None]) -> float:
+def by_batch(task: Scenario, tell: Callable[[float], None]) -> float:
   """The project's fit; returns its cost."""
   return fit(task.residual, _SHARES, robust=np.inf, progress=lambda k, cost: tell(cost)).data_cost
 
 
-def by_default(task: Task, tell: Callable[[float], None]) -> float:
+def by_default(task: Scenario, tell: Callable[[float], None]) -> float:
   """The fit as the commands make it: a search on the reduced car, from where it ends another on the reduced car put
   right by MuJoCo there, until that gains next to nothing. Only costs by MuJoCo are told; returns the least."""
   stand_in, at, least = Surrogate(task.twin), _SHARES.nominal, np.inf
@@ -163,7 +163,7 @@ def by_default(task: Task, tell: Callable[[float], None]) -> float:
     least, at = cost, tried
 
 
-def by_sysid(task: Task, tell: Callable[[float], None]) -> float:
+def by_sysid(task: Scenario, tell: Callable[[float], None]) -> float:
   """`mujoco.sysid.optimize`, or its optimiser where its packages are missing; returns its cost."""
   car = RecompiledCar(task)
   hear = lambda trace: tell(float(trace[-1].objective - trace[-1].reduction))
@@ -183,7 +183,7 @@ def by_sysid(task: Task, tell: Callable[[float], None]) -> float:
 class RecompiledCar:
   """The car as sysid works with it: an MjSpec, edited and compiled for every parameter vector and recording."""
 
-  def __init__(self, task: Task):
+  def __init__(self, task: Scenario):
     self._task = task
     self._spec = car_spec(QCAR, timestep=task.twin.period / SUBSTEPS)
     model = self._spec.compile()

@@ -71,7 +71,7 @@ def _confusion(results: Sequence[Result]) -> Section:
     ("first claim", "truth", "sessions"),
     (0.0, float(table.max(initial=1))),
   )
-  return Section("What was taken for what", "", figures=[chart])
+  return Section("Confusion matrix", "", figures=[chart])
 
 
 def _probabilities(results: Sequence[Result]) -> Section:
@@ -86,7 +86,7 @@ def _probabilities(results: Sequence[Result]) -> Section:
     "Claims by the probability that was stated.", [r[0] for r in known], values, "probability", labels=labels
   )
   table = Table("", ("stated probability", "claims", "mean probability", "share right"), rows)
-  return Section("What a stated probability is worth", "", [table], [chart] if known else [])
+  return Section("Calibration of stated probabilities", "", [table], [chart] if known else [])
 
 
 def _methods(results: Sequence[Result]) -> Section:

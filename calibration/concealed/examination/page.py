@@ -34,7 +34,7 @@ def tables(results: Sequence[Result]) -> list[tuple[str, tuple[str, ...], _Rows]
       [(f"{level:g}", shown(false), shown(right)) for level, false, right in characteristic(results)],
     ),
     (
-      "What a stated probability is worth",
+      "Calibration of stated probabilities",
       ("stated probability", "claims", "mean probability", "share right"),
       [(name, str(count), f"{mean:.2f}", f"{share:.2f}") for name, count, mean, share in reliability(results)],
     ),
@@ -68,7 +68,7 @@ def markdown_page(plan: Plan, results: Sequence[Result], command: str) -> str:
   rows, columns, table = confusion(results)
   listed.insert(
     4,
-    ("What was taken for what", ("effect of", *columns), [(r, *map(str, t)) for r, t in zip(rows, table, strict=True)]),
+    ("Confusion matrix", ("effect of", *columns), [(r, *map(str, t)) for r, t in zip(rows, table, strict=True)]),
   )
   for title, heads, body in listed:
     lines += ["", f"## {title}", "", *markdown.table(heads, body)]
@@ -101,4 +101,4 @@ def _confusion(results: Sequence[Result]) -> Section:
     ("first claim", "effect of", "cases"),
     (0.0, float(table.max(initial=1))),
   )
-  return Section("What was taken for what", "", figures=[chart])
+  return Section("Confusion matrix", "", figures=[chart])

@@ -77,7 +77,7 @@ def _speed(job: Job, path: Path) -> float:
     _write_at(job, path, speed)
     twin, theta = without(job.twin, job.theta, [])
     model, car = _drives(path, job)
-    shown = twin.carried_by(lambda size, m=model, c=car: ModelCars(m, c, size)).rollout(theta, segments).signals[0]
+    shown = twin.with_engine(lambda size, m=model, c=car: ModelCars(m, c, size)).rollout(theta, segments).signals[0]
     wrong = {name: shown[..., signal_index(name)] - wanted[..., signal_index(name)] for name in _COMPARED}
     costs.append(sum(np.mean(np.square(w / noise.get(name, 1.0))) for name, w in wrong.items()))
   return _TRIED[int(np.argmin(costs))]

@@ -13,6 +13,8 @@ class AccelBias(Mechanism):
   Equation: a_x' = (1 + s_x) a_x + b_x, a_y' = (1 + s_y) a_y + b_y.
   Units: b_x, b_y m/s^2; s_x, s_y -.
   Source: El-Sheimy, Hou and Niu, IEEE Trans. Instrumentation and Measurement 57(1), 2008.
+  Size: stated prior: 0.2 m/s^2 is 20 mg, within the +-50 mg of an uncalibrated MPU-6050 (InvenSense, product
+    specification 3.4, 2013); 0.1 is three times its +-3 % of scale.
   Confounded with: floor_slope on one heading, a tilted IMU (which is one); s_y: gravity felt by a
     body that rolls more than the twin's.
   """

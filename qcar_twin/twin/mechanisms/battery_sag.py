@@ -25,6 +25,7 @@ class BatterySag(Mechanism):
   in the motor's circuit: torque is divided by 1 + s u^2 / (2.5 V)^2, whichever way the current flows.
   Units: s -, relative loss at 2.5 V on a standing motor; p -; tau s; u, e, V V.
   Source: Chen and Rincon-Mora, IEEE Trans. Energy Conversion 21(2), 2006 (electrical battery model).
+  Size: stated prior: 0.2 is twenty times the loss of a sound battery (`_USUAL`), one that is old, cold or too small.
   Confounded with: quadratic_drag, torque per volt, battery_discharge.
   """
 

@@ -11,6 +11,8 @@ class CgLateralOffset(Mechanism):
   Units: e m, centre of gravity to the left of the middle.
   Source: Gillespie, Fundamentals of Vehicle Dynamics, SAE, 1992, ch. 1; Genta and Morello, The Automotive Chassis,
     2009.
+  Size: stated prior: 0.014 m is where a battery of 0.45 kg over one side's wheels, 0.085 m off the middle, moves 2.7
+    kg.
   Confounded with: steering_offset, drive_asymmetry, uneven tyres.
   """
 

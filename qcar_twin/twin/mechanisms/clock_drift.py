@@ -15,6 +15,7 @@ class ClockDrift(Mechanism):
   Equation: y(t) = x(t - e t), t the time in the recording; the car's own sensors by the share s of it.
   Units: e - (0.001 is 1 ms per second), s - (1: pose, IMU and encoder equally, 0: the pose only).
   Source: Mills, IEEE Trans. Communications 39(10), 1991 (clock skew).
+  Size: stated prior: 0.005 is the tolerance of a ceramic resonator, a hundred times that of a crystal.
   Confounded with: pose_latency and imu_latency in short recordings.
   """
 

@@ -13,6 +13,8 @@ class CoastFreewheel(Mechanism):
   Equation: V = u + x w (e - u), w = 1 / (1 + (u / u_0)^4), e the back-EMF: x = 1 takes all of the motor's braking away.
   Units: x -, u_0 V: the command below which the driver lets go.
   Source: Hughes and Drury, Electric Motors and Drives, 4th ed., 2013, ch. 4 (chopper drives, coasting).
+  Size: stated prior: 0.6 is a little more than half of the range: a driver that opens the circuit for most of each
+    period.
   Confounded with: motor damping, coulomb_friction in coast-downs; drive_asymmetry.
   """
 

@@ -17,6 +17,7 @@ class Cogging(Mechanism):
   Units: A, B V (torque over torque per volt), theta rad, n per turn of the wheels. n is what the sample rate can show:
   the motor's own poles come round faster than that above a crawl.
   Source: Hanselman, Brushless Permanent Magnet Motor Design, 2nd ed., 2003, ch. 8.
+  Size: stated prior: 0.15 V is half of the 0.31 V that the QCar's friction takes (assets/qcar.toml).
   Confounded with: noise of the encoder, stiction at a crawl. Recordings share A and B only if the drive stands at the
     same angle when each begins; else they cancel. Without an encoder the phase is lost from segment to segment.
   """

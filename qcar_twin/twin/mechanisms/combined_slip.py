@@ -13,6 +13,8 @@ class CombinedSlip(Mechanism):
   Equation: C_y = C_y,fitted / (1 + e (F_x / (m 2 m/s^2))^2), F_x the motor's force at the wheels.
   Units: e -, share lost (to first order) at a drive of 2 m/s^2.
   Source: Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 4.3.2 (combined slip weighting).
+  Size: stated prior: 0.2 is six times what the friction circle takes at 2 m/s^2 and a friction coefficient of 0.8,
+    sqrt(1 - (2 / 7.8)^2) = 0.97.
   Confounded with: load_transfer, tyre_saturation.
   """
 

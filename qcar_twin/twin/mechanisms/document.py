@@ -12,12 +12,13 @@ from qcar_twin.atomic_io import write_text
 from qcar_twin.twin.mechanisms import by_subsystem, catalogue
 from qcar_twin.twin.mechanisms.base import SUBSYSTEMS, Mechanism
 
-_SECTION = re.compile(r"^  (Equation|Units|Source|Confounded with): ", re.MULTILINE)
+_SECTION = re.compile(r"^  (Equation|Units|Source|Size|Confounded with): ", re.MULTILINE)
 _INTRODUCTION = """# Mechanisms
 
 Physics that can be added to the twin, one file each in `qcar_twin/twin/mechanisms/`: [how to add
-one](../guide/extending.md). Sizes are those worth talking about on a car of 2.7 kg; at its null, 0 in every case, a
-mechanism is not run at all.
+one](../guide/extending.md). At its null, 0 in every case, a mechanism is not run at all. A typical size is what a
+search and a scan try first; it decides no claim. *Size* says where it comes from: a source, or a stated prior with
+its reason. The car meant is the QCar of 2.7 kg.
 Signs follow ISO 8855. This page is written by `python -m qcar_twin.twin.mechanisms.document`.
 """
 
@@ -32,7 +33,7 @@ def sections(mechanism: Mechanism) -> dict[str, str]:
 
 def page() -> str:
   """The whole catalogue in Markdown."""
-  lines = [_INTRODUCTION, "| mechanism | stage | size worth talking about | what it is |", "|---|---|---|---|"]
+  lines = [_INTRODUCTION, "| mechanism | stage | typical size | what it is |", "|---|---|---|---|"]
   ordered = by_subsystem(catalogue().values())
   lines += [f"| [{m.name}](#{m.name}) | {m.stage} | {_sizes(m)} | {sections(m)['Summary']} |" for m in ordered]
   for subsystem in SUBSYSTEMS:
@@ -54,7 +55,14 @@ def _entry(mechanism: Mechanism) -> list[str]:
   flags += [f"needs {' and '.join(mechanism.needs)}"] * bool(mechanism.needs)
   flags += ["every model fits what all such sensors have of it"] * bool(mechanism.sensor_errors)
   lines = ["", f"### {mechanism.name}", "", text["Summary"] + (f" *{', '.join(flags).capitalize()}.*" if flags else "")]
-  lines += ["", *(f"* {title}: {text[title]}" for title in ("Equation", "Units", "Source", "Confounded with"))]
+  lines += [
+    "",
+    *(
+      f"* {title}: {text[title]}"
+      for title in ("Equation", "Units", "Source", "Size", "Confounded with")
+      if title in text
+    ),
+  ]
   for p in mechanism.parameters:
     kind = f"size, typically {p.typical:g}" if p.null is not None else f"shape, {p.nominal:g} at first"
     lines.append(f"* `{p.name}` ({p.symbol}) in [{p.lower:g}, {p.upper:g}] {p.unit}: {p.description}; {kind}")

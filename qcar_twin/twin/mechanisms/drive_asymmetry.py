@@ -17,6 +17,7 @@ class DriveAsymmetry(Mechanism):
   voltage, is 1 + a times what it should be.
   Units: a -, s - (0 by the sign of the torque, 1 by the sign of the voltage), u and e (back-EMF) V.
   Source: Hughes and Drury, Electric Motors and Drives, 4th ed., 2013, ch. 4 (four-quadrant operation).
+  Size: stated prior: 0.1, brushes advanced for one direction, or a controller whose brake has a limit of its own.
   Confounded with: coast_freewheel, motor damping where the car only drives forward.
   """
 

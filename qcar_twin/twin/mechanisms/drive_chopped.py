@@ -13,6 +13,7 @@ class DriveChopped(Mechanism):
   Equation: V = u + x (1 - |u| / U) e, e the back-EMF: x = 1 leaves torque = d K (U - e) / R at duty d = |u| / U.
   Units: x -, U V: the supply, the command at which the transistor conducts all the time.
   Source: Hughes and Drury, Electric Motors and Drives, 4th ed., 2013, ch. 4 (chopper drives, discontinuous current).
+  Size: stated prior: 0.5 is the middle of the range from 0 to 1.
   Confounded with: motor damping, while commands are small compared with the supply; coast_freewheel at rest of command.
   """
 

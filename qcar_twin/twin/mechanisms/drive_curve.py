@@ -18,6 +18,8 @@ class DriveCurve(Mechanism):
   command, and no sum is more. What a driver does without any command is its own matter, with a number of its own, b_r.
   Units: a_k - (shares of U), b_j, b_r -, U V, the largest command driven; u, V, e V.
   Source: hat functions, de Boor, A Practical Guide to Splines, Springer, 2001, ch. III (piecewise linear).
+  Size: stated prior: 0.05 of the largest command and 0.25 of the braking, five and four points of the curve that a
+    driver's map may bend.
   Confounded with: every named error of the drive's map, which it is there to outline.
   """
 

@@ -16,6 +16,8 @@ class DriveDeadZone(Mechanism):
   Equation: V = sgn(u) max(|u| - b, 0).
   Units: b V; corners rounded over 10 mV.
   Source: Tao and Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities, 1996, ch. 2.
+  Size: stated prior: 0.15 V is 1.4 % of three cells' 11.1 V, a tenth of the 15 % of range that controllers of pulses
+    leave out by default (VESC Tool).
   Confounded with: coulomb_friction (follows the motion, not the voltage), stiction.
   """
 

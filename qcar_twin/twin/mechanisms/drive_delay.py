@@ -11,6 +11,8 @@ class DriveDelay(Mechanism):
   Equation: V(t) = u(t - d).
   Units: d s. Parts of a period mix two neighbouring commands, which is the exact mean.
   Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, sec. 2.3.
+  Size: stated prior: 0.035 s is a frame of 20 ms, in which pulses for speed controllers come, and one and a half
+    control periods of 10 ms.
   Confounded with: drive_lag, imu_latency.
   """
 

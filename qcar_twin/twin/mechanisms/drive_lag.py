@@ -11,6 +11,8 @@ class DriveLag(Mechanism):
   Equation: q tau^2 V'' + tau V' + V = u.
   Units: tau s, q - (0 first order, 0.25 critically damped). Solved exactly for a held command.
   Source: Franklin, Powell and Workman, Digital Control of Dynamic Systems, 3rd ed., 1998, ch. 4.
+  Size: stated prior: 0.1 s, the soft start of a small speed controller; a small motor's inductance alone takes 1 ms
+    or less.
   Confounded with: drive_delay, rotor inertia, longitudinal_slip.
   """
 

@@ -11,6 +11,7 @@ class EncoderLatency(Mechanism):
   Equation: y(t) = x(t - d) for motor_speed; counts differenced over a window w look like d = w / 2.
   Units: d s; parts of a period are interpolated.
   Source: Brown, Schneider and Mulligan, IEEE Trans. Industrial Electronics 39, 1992 (speed from encoder counts).
+  Size: stated prior: 0.03 s is counts differenced over 0.06 s, by the equation above.
   Confounded with: drive_delay where no acceleration was recorded.
   """
 

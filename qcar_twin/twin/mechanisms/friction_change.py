@@ -19,6 +19,8 @@ class FrictionChange(Mechanism):
   Equation: mu = mu_fitted (1 + x s), s = 1 - exp(-(t / t_0)^p), t the seconds driven so far in the data set.
   Units: x -, t_0 s, p - (1 creeps in, 20 drops at t_0), share -: part of the change that stiffness takes.
   Source: Gustafsson, Automatica 33(6), 1997 (slip-based friction estimation).
+  Size: stated prior: 0.25 takes the friction coefficient from 0.8 to 0.6: about one deviation of its prior (a factor
+    of 1.3).
   Confounded with: tyre_saturation where it is there from the start, battery_discharge.
   """
 

@@ -11,6 +11,8 @@ class GyroBias(Mechanism):
   Equation: yaw_rate' = yaw_rate + b.
   Units: b rad/s.
   Source: El-Sheimy, Hou and Niu, IEEE Trans. Instrumentation and Measurement 57(1), 2008.
+  Size: stated prior: 0.03 rad/s, one and a half deviations of what every fit allows (`sensor_errors`); uncalibrated,
+    an MPU-6050 (InvenSense, product specification 3.4, 2013) may have ten times that.
   Confounded with: steering_offset where no pose was recorded.
   """
 

@@ -13,6 +13,8 @@ class GyroDrift(Mechanism):
   Equation: yaw_rate' = yaw_rate + d t / 60 s, t the time in the recording.
   Units: d rad/s per minute.
   Source: El-Sheimy, Hou and Niu, IEEE Trans. Instrumentation and Measurement 57(1), 2008.
+  Size: stated prior: 0.5 rad/s/min makes 0.04 rad/s in a run of 5 s, the size of gyro_bias: less is no other than a
+    constant in a short run.
   Confounded with: gyro_bias in short recordings.
   """
 

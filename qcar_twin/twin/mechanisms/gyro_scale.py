@@ -11,6 +11,8 @@ class GyroScale(Mechanism):
   Equation: yaw_rate_measured = (1 + s) yaw_rate.
   Units: s -.
   Source: Titterton and Weston, Strapdown Inertial Navigation Technology, 2nd ed., 2004, ch. 4.
+  Size: stated prior: 0.05 lies beyond the +-3 % of scale of an MPU-6050 (InvenSense, product specification 3.4,
+    2013).
   Confounded with: steering_gain_error where no pose was recorded.
   """
 

@@ -15,6 +15,8 @@ class ImuLeverArm(Mechanism):
   Equation: a_x' = a_x - r^2 l_x - r' l_y, a_y' = a_y + r' l_x - r^2 l_y.
   Units: l_x, l_y m from the stated place, forward and left; r rad/s.
   Source: Titterton and Weston, Strapdown Inertial Navigation Technology, 2nd ed., 2004, ch. 4 (size effect).
+  Size: stated prior: 0.05 m is a fifth of the wheelbase of 0.256 m, a board on the other deck or a place measured
+    from something else.
   Confounded with: position of the centre of gravity, yaw inertia, imu_misalignment.
   """
 

@@ -14,6 +14,8 @@ class LoadTransfer(Mechanism):
   Equation: dF_z = m a (h + d_h) / (2 t or 2 L) per wheel; stiffness and friction per load go with F_z^-(n + d_n).
   Units: d_h m above the stated height; d_n -.
   Source: Milliken and Milliken, Race Car Vehicle Dynamics, SAE, 1995, ch. 7 and 18 (load transfer, load sensitivity).
+  Size: stated prior: 0.02 m is nearly half of the height of 0.045 m, a camera or a battery on the upper deck; 0.2
+    takes 6 % of the grip of a wheel whose load is a third more.
   Confounded with: combined_slip, front to rear balance of cornering stiffness.
   """
 

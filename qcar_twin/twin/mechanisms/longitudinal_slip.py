@@ -14,6 +14,8 @@ class LongitudinalSlip(Mechanism):
   Equation: 1 / C_x = 1 / C_x,fitted + s / F_0 per wheel, F_0 = m 2 m/s^2 / 4.
   Units: s -, slip added at a drive of 2 m/s^2; C_x N per unit slip.
   Source: Wong, Theory of Ground Vehicles, 4th ed., 2008, ch. 1 (longitudinal slip).
+  Size: stated prior: 0.04 is sixteen times the slip of the nominal tyre at 2 m/s^2, 1.35 N over 540 N: wheels on
+    dust.
   Confounded with: wheel_radius_error (does not change with the drive), rotor inertia.
   """
 

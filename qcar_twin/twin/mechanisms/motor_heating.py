@@ -18,6 +18,8 @@ class MotorHeating(Mechanism):
   Units: g, m -, relative loss of conductance and of the motor constant once warm at 1 V; T - (1 is that warmth);
     tau s; e is the back-EMF of the cold motor, V.
   Source: Krishnan, Electric Motor Drives, 2001, ch. 2; Hughes and Drury, Electric Motors and Drives, 4th ed., 2013.
+  Size: 0.15: copper loses 15 % of its conductance when 45 K warmer, at 0.39 % of resistance per K, and ferrite 15 %
+    of its flux when 75 K warmer, at 0.2 % per K; stated prior: that a motor gets so warm at 1 V.
   Confounded with: battery_discharge, which does not recover in a pause.
   """
 

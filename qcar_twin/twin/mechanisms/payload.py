@@ -11,6 +11,7 @@ class Payload(Mechanism):
   m dm / (m + dm) dx^2.
   Units: dm kg, dx m.
   Source: Gillespie, Fundamentals of Vehicle Dynamics, SAE, 1992, ch. 1 (loads).
+  Size: stated prior: 0.5 kg is a second battery and a camera, 19 % of 2.7 kg.
   Confounded with: torque per volt, back-EMF and friction all falling together; cornering stiffness.
   """
 

@@ -11,6 +11,7 @@ class PoseLatency(Mechanism):
   Equation: y(t) = x(t - d) for pose_x, pose_y and pose_yaw.
   Units: d s; parts of a period are interpolated, and the first motion is continued backwards.
   Source: Furgale, Rehder and Siegwart, IROS 2013 (temporal calibration of sensors).
+  Size: stated prior: 0.055 s is half a turn of a lidar at 10 Hz and half a control period of 10 ms.
   Confounded with: steering_delay together with drive_delay; pose_mount at constant speed.
   """
 

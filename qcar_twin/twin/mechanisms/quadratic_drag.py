@@ -12,6 +12,7 @@ class QuadraticDrag(Mechanism):
   Equation: F = -c_2 |v| v, in the plane.
   Units: c_2 kg/m, F N. Air drag of a body this size is 0.01 to 0.03 kg/m; the rest is tyre and gear churn.
   Source: Rajamani, Vehicle Dynamics and Control, 2nd ed., 2012, sec. 4.1.1.
+  Size: stated prior: 0.4 kg/m is 0.9 N at 1.5 m/s, 3 % of the weight of 2.7 kg; twenty times the air's share.
   Confounded with: motor damping (linear in v), battery_sag.
   """
 

@@ -18,6 +18,8 @@ class ResistanceCurve(Mechanism):
   beyond V; v_0 = 0.05 m/s. Crawling has a number of its own, r_c: dry friction changes there within a few cm/s.
   Units: r_k, r_c - (shares of the weight m g); V m/s, the highest speed driven; F N.
   Source: hat functions, de Boor, A Practical Guide to Splines, Springer, 2001, ch. III (piecewise linear).
+  Size: 0.01 is the low end of the 0.01 to 0.04 of rolling resistance coefficients in Rajamani, Vehicle Dynamics and
+    Control, 2nd ed., 2012, sec. 4.1.4.
   Confounded with: motor damping, quadratic_drag and every other resistance, which it is there to outline.
   """
 

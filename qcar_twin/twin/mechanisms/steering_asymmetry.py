@@ -11,6 +11,7 @@ class SteeringAsymmetry(Mechanism):
   Equation: delta = u + a |u|, so the gain is 1 + a to the left and 1 - a to the right.
   Units: a -, delta and u rad; the corner at zero is rounded over 1 mrad.
   Source: Milliken and Milliken, Race Car Vehicle Dynamics, SAE, 1995, ch. 19 (steering linkage geometry).
+  Size: stated prior: 0.1 is a crank 22 deg off square at half a radian, tan(22 deg) x 0.5 / 2.
   Confounded with: steering_offset where only one amplitude of steering was driven.
   """
 

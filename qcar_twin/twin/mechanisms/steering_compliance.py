@@ -15,6 +15,8 @@ class SteeringCompliance(Mechanism):
   predicted with a nominal stiffness K: delta+ = (u - c F_yf + c K delta) / (1 + c K), which settles on
   the equation whatever K and doesn't oscillate.
   Source: Gillespie, Fundamentals of Vehicle Dynamics, SAE, 1992, ch. 8 (compliance steer).
+  Size: stated prior: 0.008 rad/N is 2.5 deg at 4 m/s^2, where the front axle of 2.7 kg bears 5.4 N: a plastic linkage
+    with a servo saver.
   Confounded with: front cornering stiffness, load_transfer.
   """
 

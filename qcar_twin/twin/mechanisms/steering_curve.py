@@ -16,6 +16,7 @@ class SteeringCurve(Mechanism):
   Equation: delta = u + U sum_k c_k h_k(u / U), h_k hats about thirds of U; 0 in the middle, held beyond U.
   Units: c_k - (shares of U), U rad, the largest command driven; u, delta rad, left positive.
   Source: hat functions, de Boor, A Practical Guide to Splines, Springer, 2001, ch. III (piecewise linear).
+  Size: stated prior: 0.075, as of steering_gain_error.
   Confounded with: every named error of the steering's map, which it is there to outline.
   """
 

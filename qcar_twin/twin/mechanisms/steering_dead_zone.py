@@ -11,6 +11,7 @@ class SteeringDeadZone(Mechanism):
   Equation: delta = sgn(u) max(|u| - b, 0), without memory.
   Units: b rad; corners rounded over 1 mrad.
   Source: Tao and Kokotovic, Adaptive Control of Systems with Actuator and Sensor Nonlinearities, 1996, ch. 2.
+  Size: stated prior: 0.026 rad, as much as the play of steering_backlash.
   Confounded with: steering_backlash (has memory), steering_gain_error at one amplitude.
   """
 

@@ -11,6 +11,7 @@ class SteeringDelay(Mechanism):
   Equation: delta(t) = u(t - d).
   Units: d s, delta and u rad. Parts of a period mix two neighbouring commands, which is the exact mean.
   Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, sec. 2.3.
+  Size: stated prior: 0.04 s is two frames of 20 ms, in which pulses for servos come.
   Confounded with: steering_lag, imu_latency with pose_latency.
   """
 

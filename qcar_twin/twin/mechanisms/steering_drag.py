@@ -15,6 +15,7 @@ class SteeringDrag(Mechanism):
   Equation: F_x = -sgn(v) c |tan delta|^p, as friction of the driveline.
   Units: c N at the wheels at tan(delta) = 1, p -; the tyres' own F_yf sin(delta) is in the twin already.
   Source: Milliken and Milliken, Race Car Vehicle Dynamics, SAE, 1995, ch. 2 (induced drag of steered tyres).
+  Size: stated prior: 2 N is 1.2 N at a lock of 30 deg, 4 % of the weight of 2.7 kg.
   Confounded with: differential_lock, tyre force along the car F_yf sin(delta).
   """
 

@@ -12,6 +12,7 @@ class SteeringGainError(Mechanism):
   Equation: delta = (1 + k) u.
   Units: k -, delta and u rad.
   Source: Gillespie, Fundamentals of Vehicle Dynamics, SAE, 1992, ch. 8 (steering ratio).
+  Size: stated prior: 0.075 is an arm of 20 mm that is 1.5 mm longer or shorter than stated.
   Confounded with: steering_nonlinearity, cornering stiffness at one speed, gyro_scale.
   """
 

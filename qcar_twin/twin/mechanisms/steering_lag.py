@@ -15,6 +15,7 @@ class SteeringLag(Mechanism):
   q = 0.25 critical damping, q = 0.5 a damping ratio of 0.71.
   Units: tau s, q -, delta and u rad. Solved exactly for a held command; the mean over the period acts.
   Source: Franklin, Powell and Workman, Digital Control of Dynamic Systems, 3rd ed., 1998, ch. 4.
+  Size: stated prior: 0.05 s is half of the 0.1 s that small servos take for 60 degrees.
   Confounded with: steering_delay (same phase at low frequency), tyre_relaxation (lag that falls with speed).
   """
 

@@ -14,6 +14,7 @@ class SteeringNonlinearity(Mechanism):
   Equation: delta = u (1 - x |u / delta_max|^p).
   Units: x - (share lost at full lock), p -; p = 2 is the cubic of a crank or the start of a tanh.
   Source: Milliken and Milliken, Race Car Vehicle Dynamics, SAE, 1995, ch. 19 (steering linkage geometry).
+  Size: stated prior: 0.1 is a crank turned by 45 deg, 1 - sin(0.785) / 0.785.
   Confounded with: tyre_saturation at speed, steering_gain_error where all commands are large.
   """
 

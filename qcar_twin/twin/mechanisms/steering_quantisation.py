@@ -13,6 +13,7 @@ class SteeringQuantisation(Mechanism):
   Units: b rad; p -, how suddenly the hold gives way. A fit finds b far more easily from a soft hold (10)
   than from a hard one (80), whose misfit is a needle.
   Source: Widrow and Kollar, Quantization Noise, Cambridge, 2008, ch. 1; dead band of RC servos.
+  Size: stated prior: 0.013 rad is a dead band of 8 us where 1000 us of pulse turn 90 deg.
   Confounded with: steering_backlash, steering_dead_zone.
   """
 

@@ -15,6 +15,7 @@ class SteeringSaturation(Mechanism):
   c - c_l to the right. Small commands have the gain that they have without it.
   Units: all -; c = 1 loses 24 % at full lock, c = 3 holds the wheels at a third of it, c < 0 is steeper towards lock.
   Source: Milliken and Milliken, Race Car Vehicle Dynamics, SAE, 1995, ch. 19 (steering linkage geometry).
+  Size: stated prior: 1 loses 24 % at full lock, and 0.25 is a difference of a quarter of that between the sides.
   Confounded with: steering_nonlinearity; steering_gain_error and steering_asymmetry where all commands are large.
   """
 

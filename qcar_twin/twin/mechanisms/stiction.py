@@ -13,6 +13,7 @@ class Stiction(Mechanism):
   Equation: F_x = -sgn(v) F_s exp(-(v / v_s)^2), with v the rolling speed of the wheels.
   Units: F_s N at the wheels, on top of the fitted friction; v_s m/s.
   Source: Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994.
+  Size: stated prior: 0.7 N is a quarter of the QCar's rolling friction, 2.7 N at the wheels (assets/qcar.toml).
   Confounded with: drive_dead_zone, coulomb_friction where the car never crawls.
   """
 

@@ -13,6 +13,8 @@ class TyreRelaxation(Mechanism):
   twin fits a length of its own.
   Units: d_sigma m.
   Source: Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, ch. 7 (single contact point transient model).
+  Size: stated prior: 0.06 m is nearly two wheel radii, the order of road tyres' lengths; the nominal one is a third
+    of a radius.
   Confounded with: steering_lag, whose delay does not shrink with speed.
   """
 

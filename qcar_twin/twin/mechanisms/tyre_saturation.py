@@ -12,6 +12,8 @@ class TyreSaturation(Mechanism):
   Equation: mu = mu_fitted (1 - x), C = C_twin + d_C in F = mu F_z sin(C atan(slip stiffness / (C mu F_z) slip)).
   Units: x -, d_C - (negative: rounder bend, positive: fall after the peak). Small-slip stiffness stays.
   Source: Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, ch. 4 (Magic Formula).
+  Size: stated prior: 0.2 is about one deviation of the friction coefficient's prior (a factor of 1.3), 0.3 is one and
+    a half of the shape's (0.2).
   Confounded with: friction_change, combined_slip, load_transfer, steering_nonlinearity at one speed.
   """
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from agents.control.closed_loop import Actuation, Task, start_states
+from agents.control.closed_loop import Actuation, Scenario, start_states
 from agents.control.controllers import make
 from agents.control.kpis import kpis
 from agents.control.speed import SpeedController, SpeedGains
@@ -46,6 +46,8 @@ def test_a_speed_that_the_car_does_not_reach_is_refused_before_the_drive():
     follow(LQ, LINE, speed=fastest)
   with pytest.raises(ValueError, match="speed 50 m/s"):
     make_env(path="s", speed=50.0)
+  with pytest.raises(ValueError, match=r"it takes a duty of 50 of 1; ask for less"):
+    SpeedGains(1.0, 0.0, 1.0, 1.0, limit=1.0, unit="-").require(50.0)
 
 
 # -- speed ---------------------------------------------------------------------------------------
@@ -113,7 +115,7 @@ def test_takes_over_a_moving_car_without_a_bump():
 
 
 def test_cars_start_beside_the_path_as_told():
-  task = Task(path_named("infinity"), offset=np.array([0.05, -0.05]), heading=0.1)
+  task = Scenario(path_named("infinity"), offset=np.array([0.05, -0.05]), heading=0.1)
   start = start_states(task, 2)
   arc = task.path.nearest(start[:, 0], start[:, 1], near=np.zeros(2))
   across = task.path.errors(arc, start[:, :3], start[:, 3:5], start[:, 5]).cross_track

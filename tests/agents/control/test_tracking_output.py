@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from agents.control import controllers, figures
-from agents.control.closed_loop import Actuation, Task, drive
+from agents.control.closed_loop import Actuation, Scenario, drive
 from agents.control.controllers import make
 from agents.control.kpis import kpis
 from agents.control.model import STEERING_LAG, Model
@@ -105,7 +105,7 @@ def test_nominal_model_is_the_qcar_and_its_bicycle():
 
 
 def test_twin_is_a_plant_too():
-  plant, theta = Model.nominal().plant("twin")
+  plant, theta = Model.nominal().plant("mujoco")
   assert isinstance(plant, Twin) and theta.shape == (len(plant.parameters),)
 
 
@@ -113,12 +113,14 @@ def test_filter_is_told_what_belongs_to_the_plant():
   model = Model.nominal()
   assert {name: model.filter_settings(name).steering_lag for name in STEERING_LAG} == STEERING_LAG
   assert model.filter_settings("bicycle").front_drive_share == 0.0
-  assert model.filter_settings("twin", sharing=(0.5, 0.5)).sharing == (0.5, 0.5)
+  assert model.filter_settings("mujoco", sharing=(0.5, 0.5)).sharing == (0.5, 0.5)
 
 
 def test_unknown_plant_lists_the_known():
-  with pytest.raises(KeyError, match="there are bicycle, twin and reduced"):
+  with pytest.raises(KeyError, match="no plant 'tricycle'; there are mujoco, reduced and bicycle"):
     Model.nominal().plant("tricycle")
+  with pytest.raises(KeyError, match="no plant 'twin'; it is called mujoco now"):
+    Model.nominal().plant("twin")
 
 
 def test_a_run_that_leaves_the_path_is_said_with_how_far_it_came():
@@ -136,10 +138,10 @@ def test_a_foreign_cars_twin_brings_the_model_of_its_own_car():
   twin = Twin(vehicle, threads=1).on("reduced")
   theta = twin.parameters.vector({"cornering_stiffness_rear": 90.0})
   model = Model.of_twin(twin, theta)
-  assert model.filter_settings("twin").front_drive_share == 0.0
+  assert model.filter_settings("mujoco").front_drive_share == 0.0
   assert float(np.asarray(model.car.cornering_stiffness_rear)) == 90.0
   numbers = controllers.entry("lq_cm", "tuned")
-  task = Task(path_named("o"), 0.5, 1, lock=vehicle.max_steering, actuation=Actuation(delay=0.0, lag=0.0))
+  task = Scenario(path_named("o"), 0.5, 1, lock=vehicle.max_steering, actuation=Actuation(delay=0.0, lag=0.0))
   controller = controllers.make("lq_cm", numbers, model.car, 0.5, task.lock)
   driven = drive(twin, theta[None], controller, model.speed_gains, TrueObserver(), task)
   assert float(np.abs(driven.commands[..., 0]).max()) <= 1.0

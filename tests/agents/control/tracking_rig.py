@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.control.closed_loop import Actuation, Task, drive
+from agents.control.closed_loop import Actuation, Scenario, drive
 from agents.control.speed import SpeedGains
 from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.estimation.observer import TrueObserver
@@ -26,7 +26,7 @@ CAR = PLANT.car(THETA)
 
 def follow(controller, path, count=1, observer=None, **task):
   """Drive a path on the true state (or with an observer)."""
-  wanted = Task(path if not isinstance(path, str) else path_named(path), **task)
+  wanted = Scenario(path if not isinstance(path, str) else path_named(path), **task)
   return drive(
     PLANT, np.tile(THETA, (count, 1)), controller, SpeedGains.design(CAR), observer or TrueObserver(), wanted
   )

@@ -65,7 +65,7 @@ def test_every_algorithm_learns_by_one_option_and_its_zip_is_read(algorithm, tmp
   seen, _ = env.reset(seed=3)
   for _ in range(40):
     action, _ = model.predict(seen, deterministic=True)
-    si = out_of_zip.sight.of(env.fleet)
+    si = out_of_zip.observation.of(env.fleet)
     assert out_of_zip.rate(si)[0] == pytest.approx(1.5 * float(action[0]), abs=2e-5)
     seen, *_ = env.step(action)
   with pytest.raises(FileExistsError, match="choose another folder"):
@@ -175,7 +175,7 @@ def test_the_shipped_agents_evaluation_is_its_own():
 
 def test_the_registered_environment_can_show_what_the_shipped_agent_sees():
   env, policy = make_env(plant="bicycle", estimator="truth", observation="any_speed"), load_policy(SHIPPED)
-  assert env.observation_space.shape == (policy.sight.size,)
+  assert env.observation_space.shape == (policy.observation.size,)
   np.testing.assert_allclose(env.interface.scale, policy.observation_scale)
 
 

@@ -22,7 +22,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 
 VEHICLE = Vehicle.load()
 PLANTS = {
-  "twin": lambda: Twin(VEHICLE, threads=1),
+  "mujoco": lambda: Twin(VEHICLE, threads=1),
   "reduced": lambda: Twin(VEHICLE, threads=1, engine="reduced"),
   "bicycle": lambda: Bicycle(VEHICLE),
 }
@@ -206,6 +206,7 @@ def test_rewards_are_finite_whatever_the_action(face, plant, wrong):
   [
     ({"estimator": "ekf"}, "no estimator 'ekf': did you mean fekf"),
     ({"plant": "bycicle"}, "did you mean bicycle"),
+    ({"plant": "twin"}, "no plant 'twin': did you mean mujoco"),
     ({"path": "infinty"}, "did you mean infinity"),
     ({"demonstrator": "lq_e"}, "did you mean lq_ed"),
     ({"version": "tune"}, "did you mean tuned"),

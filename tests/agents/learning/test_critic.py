@@ -12,7 +12,7 @@ from agents.learning.by_reward import make_agent, train_by_reward
 from agents.learning.critic import TruthBesides
 from agents.learning.environments import Options, fleet
 from agents.learning.hyperparameters import read_hyperparameters
-from agents.learning.observation import SIGHTS
+from agents.learning.observation import OBSERVATIONS
 from agents.learning.policy_file import load_policy
 from agents.learning.sb3_zip import policy_from_zip
 from agents.learning.trial import TRACKS, Trial, quickly
@@ -20,7 +20,7 @@ from qcar_twin.envs.driven_cars import TRUE
 from qcar_twin.plant import signal_index
 
 FAST = dataclasses.replace(TRACKS, plant="reduced", estimator="truth", path="random:1:60", stretch=2.0)
-SIGHT = SIGHTS["any_speed"]
+SIGHT = OBSERVATIONS["any_speed"]
 TRIAL = Trial(quickly(read_hyperparameters("ppo")), FAST, "any_speed", every=10**9, critic="truth")
 
 
@@ -62,7 +62,7 @@ def test_the_truth_moves_the_value_and_not_the_action():
 def test_what_is_kept_sees_what_a_car_sees(tmp_path):
   train_by_reward(TRIAL, tmp_path, tensorboard=False)
   policy, zipped = load_policy(tmp_path / "best"), policy_from_zip(tmp_path / "model.zip")
-  assert policy.sight == zipped.sight == SIGHT and policy.updates
+  assert policy.observation == zipped.observation == SIGHT and policy.updates
   assert Trial.kept(tmp_path / "training.json") == TRIAL
 
 

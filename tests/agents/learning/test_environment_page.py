@@ -9,7 +9,7 @@ import pytest
 
 from agents.learning import environments
 from agents.learning.environments import ENV_ID, SI_ENV_ID, Options, make_env
-from agents.learning.observation import SIGHTS
+from agents.learning.observation import OBSERVATIONS
 from qcar_twin.envs.spaces import ERROR_SCALE, LIMIT
 from qcar_twin.envs.task import Reward
 from tests import ROOT
@@ -34,9 +34,9 @@ def test_spaces_and_starts_are_those_of_the_registered_environments():
   assert f"within {Options.start_offset:g} m and {Options.start_heading:g} rad" in rows["begins"][0]
 
 
-@pytest.mark.parametrize("sight", list(SIGHTS))
+@pytest.mark.parametrize("sight", list(OBSERVATIONS))
 def test_every_number_seen_has_its_row_and_its_scale(sight):
-  scales, seen = {}, SIGHTS[sight]
+  scales, seen = {}, OBSERVATIONS[sight]
   for place, _, times, bound in table("observation"):
     numbers, other = re.findall(r"\d+", place.split(" of ")[0]), re.search(r"of `(\w+)`", place)
     assert bound == f"±{LIMIT:g}"

@@ -178,10 +178,11 @@ def test_settings_without_episodes_need_imitation():
 
 
 def test_plan_with_a_sight_survives_json():
-  plan = dataclasses.replace(PLAN, sight=ObservationSpec(True, (0.0, 0.3), True))
+  plan = dataclasses.replace(PLAN, observation=ObservationSpec(True, (0.0, 0.3), True))
   assert Plan.from_json(json.loads(json.dumps(plan.as_json()))) == plan
   old = PLAN.as_json()
-  del old["sight"]
+  seen = old.pop("observation")
+  assert Plan.from_json(old | {"sight": seen}) == PLAN  # as earlier versions wrote it
   assert Plan.from_json(old) == PLAN
 
 

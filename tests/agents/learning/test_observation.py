@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from agents.control.closed_loop import Actuation, Task, drive
+from agents.control.closed_loop import Actuation, Scenario, drive
 from agents.control.interface import Situation
 from agents.control.model import Model
 from agents.control.speed import SpeedGains
 from agents.learning.environments import SERVO, Options, fleet
-from agents.learning.observation import SIGHTS, ObservationSpec
+from agents.learning.observation import OBSERVATIONS, ObservationSpec
 from agents.learning.policy_file import Policy, export_onnx, load_policy, onnx_difference, save_policy
 from qcar_twin.envs.spaces import Interface
 from qcar_twin.envs.vector_env import FleetVecEnv
@@ -19,18 +19,18 @@ from qcar_twin.paths import path_named
 from qcar_twin.slow_means import MEMORY, remember
 from qcar_twin.untrusted import UnreadableFile
 
-WIDE, HISTORY, ANY_SPEED = SIGHTS["wide"], SIGHTS["history"], SIGHTS["any_speed"]
+WIDE, HISTORY, ANY_SPEED = OBSERVATIONS["wide"], OBSERVATIONS["history"], OBSERVATIONS["any_speed"]
 OPTIONS = Options(plant="bicycle", estimator="truth", start_offset=0.0, start_heading=0.0)
 RNG = np.random.default_rng(0)
 
 
-def steering_policy(sight=WIDE):
+def steering_policy(spec=WIDE):
   """A network that does what a linear law on errors, command and curvature would."""
-  weights = np.zeros((2, sight.size), np.float32)
+  weights = np.zeros((2, spec.size), np.float32)
   weights[0, :4], weights[0, 4:] = (-1.5, -1.3, -1.0, -1.0), 0.05
   weights[1] = -weights[0]
   layers = ((weights, np.zeros(2, np.float32)), (np.array([[1.0, -1.0]], np.float32), np.zeros(1, np.float32)))
-  return Policy(layers, (20.0, 5.0, 5.0, 1.0, *sight.scale), sight=sight)
+  return Policy(layers, (20.0, 5.0, 5.0, 1.0, *spec.scale), observation=spec)
 
 
 def test_the_means_are_first_order_lags():
@@ -81,7 +81,7 @@ def test_training_and_drive_show_the_agent_the_same(sight):
     assert not done.any()
     commands.append(env.fleet.steering[0])
   plant, theta = model.plant("bicycle")
-  task = Task(path_named("s"), speed=1.0, lock=model.vehicle.max_steering, actuation=Actuation(*SERVO))
+  task = Scenario(path_named("s"), speed=1.0, lock=model.vehicle.max_steering, actuation=Actuation(*SERVO))
   driven = drive(plant, theta[None], policy, SpeedGains.design(model.car), TrueObserver(), task)
   # observations pass through single precision in training
   np.testing.assert_allclose(driven.commands[:500, 0, 1], commands, atol=2e-4)
@@ -113,7 +113,7 @@ def test_history_is_what_was_seen_so_long_ago():
 
 def test_a_look_further_back_than_is_remembered_is_refused(tmp_path):
   policy = dataclasses.replace(
-    steering_policy(HISTORY), sight=dataclasses.replace(HISTORY, history=(0.2,) * 4 + (1.5,))
+    steering_policy(HISTORY), observation=dataclasses.replace(HISTORY, history=(0.2,) * 4 + (1.5,))
   )
   save_policy(policy, tmp_path)
   with pytest.raises(UnreadableFile, match="a look back of more than 1 s"):
@@ -148,7 +148,7 @@ def test_a_policy_that_sees_more_survives_its_file_and_its_export(sight, tmp_pat
   policy = steering_policy(sight)
   save_policy(policy, tmp_path)
   again = load_policy(tmp_path)
-  assert again.sight == sight and again.observation_scale == policy.observation_scale
+  assert again.observation == sight and again.observation_scale == policy.observation_scale
   observations = RNG.standard_normal((20, sight.size))
   np.testing.assert_array_equal(again.rate(observations), policy.rate(observations))
   assert export_onnx(policy, tmp_path / "policy.onnx") < 1e-5

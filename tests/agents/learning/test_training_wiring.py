@@ -230,7 +230,7 @@ def test_a_policy_is_named_after_how_it_learnt():
 
 
 def test_circumstances_are_said_in_words():
-  assert EvaluationCase("o").label == "twin, 0.5 m/s"
+  assert EvaluationCase("o").label == "mujoco, 0.5 m/s"
   bent = EvaluationCase("c", "bicycle", 0.7, 0.92, -1.0)
   assert bent.label == "bicycle, 0.7 m/s, gain 0.92, offset -1 deg"
 

@@ -21,7 +21,7 @@ from agents.learning import by_reward
 from agents.learning.by_reward import train_by_reward
 from agents.learning.environments import ENV_ID, options_from
 from agents.learning.hyperparameters import ALGORITHMS, file_of, read_hyperparameters
-from agents.learning.observation import SIGHTS
+from agents.learning.observation import OBSERVATIONS
 from agents.learning.policy_file import load_policy
 from agents.learning.sb3_zip import policy_from_zip
 from agents.learning.trial import CLOSEST, TRACKS, Trial, quickly, trial_from
@@ -136,7 +136,7 @@ def test_options_of_the_command_reach_the_training_and_those_left_out_are_the_fi
   )
   assert asked_for(tmp_path, algorithm="ppo", path="o").options.stretch == 0.0
   assert asked_for(tmp_path, algorithm="sac", quick=True).every == CLOSEST
-  assert asked_for(tmp_path, algorithm="sac", plant="twin", steering_gain=0.9).options.plant == "twin"
+  assert asked_for(tmp_path, algorithm="sac", plant="mujoco", steering_gain=0.9).options.plant == "mujoco"
   trial = asked_for(tmp_path, algorithm="ppo", unknown=("steering_gain",))
   assert trial.options.unknown == ("steering_gain",)
   (tmp_path / "training.json").write_text(json.dumps(trial.as_json()), encoding="utf-8")
@@ -145,6 +145,14 @@ def test_options_of_the_command_reach_the_training_and_those_left_out_are_the_fi
     asked_for(tmp_path, algorithm="td3", episodes=5)
   with pytest.raises(ValueError, match="sees the truth is for ppo; take --critic own"):
     asked_for(tmp_path, algorithm="sac", critic="truth")
+
+
+def test_a_plan_of_an_earlier_version_names_its_plant_by_another_word(tmp_path):
+  trial = asked_for(tmp_path, algorithm="sac", plant="mujoco")
+  table = trial.as_json()
+  table["options"]["plant"] = "twin"
+  (tmp_path / "training.json").write_text(json.dumps(table), encoding="utf-8")
+  assert Trial.kept(tmp_path / "training.json") == trial
 
 
 def test_workers_and_device_of_the_command_reach_the_training(tmp_path, monkeypatch, capsys):
@@ -183,7 +191,7 @@ def test_the_rl_zoo_takes_the_shipped_files_unmodified(algorithm, tmp_path):
   assert done.returncode == 0, done.stderr[-2000:]
   (made,) = tmp_path.rglob("*PathTracking-v1.zip")
   policy = policy_from_zip(made)
-  assert policy.name == algorithm and policy.sight == SIGHTS["any_speed"]
+  assert policy.name == algorithm and policy.observation == OBSERVATIONS["any_speed"]
 
 
 # -- going on ------------------------------------------------------------------------------------

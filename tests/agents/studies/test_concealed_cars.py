@@ -91,7 +91,7 @@ def test_a_case_can_be_driven_with_its_effect_and_without(kind):
   assert abs(ends[0] - ends[1]) > 0.01
 
 
-def test_everybody_drives_with_what_its_filter_was_told_and_is_not_driven_twice(tmp_path, monkeypatch):
+def test_everybody_drives_with_what_its_filter_knows_and_is_not_driven_twice(tmp_path, monkeypatch):
   for name in ("a", "b"):
     save_policy(GOOD, tmp_path / name)
   seen = []
@@ -99,7 +99,7 @@ def test_everybody_drives_with_what_its_filter_was_told_and_is_not_driven_twice(
   def together(drivers, case, plant):
     cars = plant("")[0]
     cars.begin(np.empty((1, 0)), np.zeros((1, 7)))
-    seen.append((tuple(drivers), case.told, case.path, cars.period))
+    seen.append((tuple(drivers), case.known_from, case.path, cars.period))
     rows = []
     for i, label in enumerate(drivers):
       scores = SimpleNamespace(rmse=np.array([1e-3 * (i + 1), np.inf]))
@@ -116,7 +116,7 @@ def test_everybody_drives_with_what_its_filter_was_told_and_is_not_driven_twice(
     (("nominal 0", "nominal 1", "linear_rate 0"), "", True),
     (("without the effect 0", "without the effect 1"), "", False),
     (
-      ("nominal, told 0", "nominal, told 1", "repaired 0", "posterior 0", "linear_rate, told 0"),
+      ("nominal, informed 0", "nominal, informed 1", "repaired 0", "posterior 0", "linear_rate, informed 0"),
       str(tmp_path / "twin.toml"),
       True,
     ),
@@ -155,5 +155,5 @@ def test_an_agent_is_trained_once_in_the_environment_of_its_name(tmp_path, monke
   assert by_name["repaired"].options.twin.endswith("twin.toml") and not by_name["nominal"].options.informed
 
 
-def test_a_case_says_who_told_the_filter():
-  assert "told by x/twin.toml" in EvaluationCase("o", told="x/twin.toml").label
+def test_a_case_says_whence_the_filter_knows():
+  assert "known from x/twin.toml" in EvaluationCase("o", known_from="x/twin.toml").label

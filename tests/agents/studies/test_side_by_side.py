@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from agents.control.closed_loop import Task, drive
+from agents.control.closed_loop import Scenario, drive
 from agents.control.model import Model
 from agents.control.speed import SpeedGains
 from agents.studies.side_by_side import side_by_side
@@ -42,7 +42,7 @@ def test_drives_of_several_paths_are_what_each_is_alone():
   model = Model.nominal()
   plant, theta = model.plant("bicycle")
   gains = SpeedGains.design(model.car)
-  tasks = [Task(path_from(name), speed) for name, speed in (("s", 0.9), ("c", 0.9), ("s", 1.5))]
+  tasks = [Scenario(path_from(name), speed) for name, speed in (("s", 0.9), ("c", 0.9), ("s", 1.5))]
   alone = lambda task: lambda body: drive(body, np.tile(theta, (2, 1)), GOOD, gains, TrueObserver(), task)
   for task, together in zip(tasks, side_by_side(plant, [alone(task) for task in tasks]), strict=True):
     by_itself = alone(task)(plant)

@@ -78,7 +78,7 @@ def test_variants_differ_in_what_they_say():
   assert standard.options.demonstrator == "lq_ed" and standard.options.reward.m6 > 0.0
   assert alone.options.demonstrator == "" and alone.options.reward.m6 == 0.0
   assert dataclasses.replace(alone, options=standard.options) == standard
-  assert wide.sight.size == 9 and wide.options.gain_spread > 0.0
+  assert wide.observation.size == 9 and wide.options.gain_spread > 0.0
   assert all(v.plan.options.path == "s" and v.plan.options.steering_gain == 1.0 for v in VARIANTS.values())
 
 

@@ -66,7 +66,7 @@ def apart(job, target, path, recordings):
   twin, theta = without(job.twin, job.theta, job.kept(target))
   model, car = target.drives(path, job)
   other, bare = without(job.twin, job.theta, [])
-  shown = other.carried_by(lambda size: ModelCars(model, car, size)).rollout(bare, segments).signals[0]
+  shown = other.with_engine(lambda size: ModelCars(model, car, size)).rollout(bare, segments).signals[0]
   wanted = twin.rollout(theta, segments).signals[0]
   inside = np.arange(wanted.shape[1]) <= segments.steps[:, None]
   return {

@@ -22,7 +22,7 @@ def beside_the_twin(volts, steering, layout="all-wheel", **values):
   commands = np.stack([volts, np.full(len(volts), steering)], axis=-1)[None]
   segments = Segments(commands, np.zeros((1, 7)), np.array([len(volts)]), 0.01, ("drive",), np.zeros(1))
   car = single_track_numbers(twin, theta, ())
-  other = twin.carried_by(lambda size: ModelCars(single_track, car, size))
+  other = twin.with_engine(lambda size: ModelCars(single_track, car, size))
   return *(plant.rollout(theta, segments).signals[0, 0] for plant in (other, twin)), car
 
 

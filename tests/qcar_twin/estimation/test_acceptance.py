@@ -17,7 +17,7 @@ from agents.studies.filtering.acceptance_study import (
   lock_drive,
   weave_drive,
 )
-from qcar_twin.estimation.settings import LEARNT, FilterSettings
+from qcar_twin.estimation.settings import ESTIMATED, FilterSettings
 from qcar_twin.sensors.faults import Fault
 from scripts.benchmark_filter import subject
 
@@ -58,7 +58,7 @@ def test_at_the_limit_of_grip_the_model_is_doubted_and_no_sensor(name):
 def test_at_full_lock_a_filter_with_the_linkage_as_a_state_is_honest(name):
   """Where wheels turn by 0.5 rad no linear single track holds; the plain filter is beyond its bounds there."""
   car = subject(name, 3)
-  outcome = judge(dataclasses.replace(car, settings=car.settings.estimating(*LEARNT)), lock_drive(car), SOUND)
+  outcome = judge(dataclasses.replace(car, settings=car.settings.estimating(*ESTIMATED)), lock_drive(car), SOUND)
   assert outcome.falsely(SOUND) == 0 and outcome.beyond <= 0.05
   assert outcome.valid.mean() > 0.97 and np.nanmax(outcome.position) < 0.07
 

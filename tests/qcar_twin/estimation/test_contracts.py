@@ -8,7 +8,7 @@ import pytest
 from qcar_twin.estimation.batch import FederatedBatch
 from qcar_twin.estimation.federated import FederatedFilter
 from qcar_twin.estimation.observer import SensedObserver
-from qcar_twin.estimation.settings import LEARNT, FilterSettings
+from qcar_twin.estimation.settings import ESTIMATED, FilterSettings
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
 from scripts import benchmark_filter
 from tests.qcar_twin.estimation.estimation_rig import CAR, journey, run
@@ -54,7 +54,9 @@ def test_a_start_or_a_time_that_is_not_finite_is_refused():
       federated.estimate(time)
 
 
-@pytest.mark.parametrize("settings", [FilterSettings(), FilterSettings().estimating(*LEARNT)], ids=["plain", "states"])
+@pytest.mark.parametrize(
+  "settings", [FilterSettings(), FilterSettings().estimating(*ESTIMATED)], ids=["plain", "states"]
+)
 def test_samples_that_are_not_finite_are_as_good_as_none(settings):
   """Online they are refused by channel; in a batch infinities are no samples."""
   trip = journey(4.0)

@@ -9,7 +9,7 @@ import pytest
 from qcar_twin.estimation.estimate import no_estimate
 from qcar_twin.estimation.offline import NAMES, filter_recording
 from qcar_twin.estimation.page import sections, write_all, write_estimates, write_estimation
-from qcar_twin.estimation.settings import LEARNT, FilterSettings
+from qcar_twin.estimation.settings import ESTIMATED, FilterSettings
 from tests.qcar_twin.estimation.estimation_rig import CAR, journey, run
 from tests.qcar_twin.estimation.test_offline import recording_of
 
@@ -83,8 +83,8 @@ def test_the_page_shows_bands_about_what_was_measured_and_when_it_is_not_valid(t
 
 
 def test_estimated_numbers_are_in_every_file(tmp_path):
-  estimates = filter_recording(RECORDING, CAR, FilterSettings().estimating(*LEARNT))
-  assert set(estimates.numbers) == set(LEARNT)
+  estimates = filter_recording(RECORDING, CAR, FilterSettings().estimating(*ESTIMATED))
+  assert set(estimates.numbers) == set(ESTIMATED)
   write_all(tmp_path, [(RECORDING, estimates)])
   said = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))[RECORDING.name]["numbers"]
   gain = estimates.numbers["steering_gain"]
@@ -94,5 +94,5 @@ def test_estimated_numbers_are_in_every_file(tmp_path):
   head = (tmp_path / f"{RECORDING.name}.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
   assert {"speed_scale", "speed_scale_std"} <= set(head)
   tables = sections([(RECORDING, estimates)], 0.003)[-1].tables
-  (table,) = [table for table in tables if table.caption.startswith("Numbers that were estimated")]
+  (table,) = [table for table in tables if table.caption.startswith("Estimated parameters")]
   assert [row[1] for row in table.rows] == list(estimates.numbers)

@@ -150,8 +150,8 @@ def test_a_twin_tells_the_filter_of_linkage_delays_and_sensors():
     "imu_lever_arm_x": 0.05,
     "mass": 2.7,
   }
-  settings = FilterSettings(imu_x=0.1, accel_x_bias=0.3).told(values)
+  settings = FilterSettings(imu_x=0.1, accel_x_bias=0.3).with_known(values)
   assert (settings.steering_gain, settings.steering_offset, settings.yaw_rate_bias) == (0.92, 0.017, 0.01)
   assert settings.delays == (0, 3) and settings.steering_lag == pytest.approx(0.054)
   assert (settings.speed_scale, settings.accel_x_bias) == (0.8, 0.3) and settings.imu_x == pytest.approx(0.15)
-  assert FilterSettings().told({"mass": 2.7}) == FilterSettings()
+  assert FilterSettings().with_known({"mass": 2.7}) == FilterSettings()

@@ -28,7 +28,7 @@ def write_comparison(moved: Sequence[Moved], first: str, second: str, folder: st
     " straight curve) have wide ones, and may have moved together unseen. Of a number that stopped at a bound the bound"
     " is compared, with the deviation it would have without."
   )
-  section = Section("Number by number", text, [Table(f"{first} and {second}", columns, rows)])
+  section = Section("Parameter by parameter", text, [Table(f"{first} and {second}", columns, rows)])
   said = moves(moved, first, second)
   verdict = ". ".join(line.rstrip(":") for line in said[:1]) + (f": {'; '.join(said[1:])}." if said[1:] else ".")
   tone = "partly" if said[1:] else "plain"

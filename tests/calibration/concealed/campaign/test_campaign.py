@@ -205,7 +205,7 @@ def test_the_report_says_how_often_the_right_name_came_first():
   assert verdict([]) == "No session has been answered yet." and len(sections([])) == 1
   parts = {part.title: part for part in sections(cases)}
   assert len(parts["Every case"].tables[0].rows) == 3 and len(parts["Aims"].tables[0].rows) == len(AIMS)
-  chart = parts["What was taken for what"].figures[0].data()["traces"][0]
+  chart = parts["Confusion matrix"].figures[0].data()["traces"][0]
   assert sum(v or 0 for row in chart["z"] for v in row) == 3
 
 

@@ -59,4 +59,4 @@ def test_the_page_has_every_case(tmp_path):
   text = markdown_page(plan, CASES, "qcar-twin exam")
   assert "6 of 8 cases" in text and all(f"case_00{i}" in text for i in range(6)) and "sealed" in text
   assert "one effect: right name first, 1 of 2 (0.01 to 0.99)" in verdict(CASES)
-  assert "What was taken for what" in write_exam(tmp_path, plan, CASES, "qcar-twin exam").read_text()
+  assert "Confusion matrix" in write_exam(tmp_path, plan, CASES, "qcar-twin exam").read_text()

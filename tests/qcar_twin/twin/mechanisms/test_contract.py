@@ -11,6 +11,7 @@ from qcar_twin.plant import Driving
 from qcar_twin.twin import mechanisms
 from qcar_twin.twin.mechanisms import catalogue, select
 from qcar_twin.twin.mechanisms.base import Mechanism, describe
+from qcar_twin.twin.mechanisms.document import sections
 from tests.counting import calls
 from tests.qcar_twin.twin.mechanisms.mechanism_bench import (
   CAR,
@@ -48,15 +49,24 @@ def test_file_has_the_name_of_its_mechanism(mechanism):
 @each
 def test_docstring_tells_equation_units_source_and_rivals(mechanism):
   text = type(mechanism).__doc__
-  sections = re.findall(r"^  (Equation|Units|Source|Confounded with): (.+)", text, re.MULTILINE)
-  assert [title for title, _ in sections] == ["Equation", "Units", "Source", "Confounded with"]
+  sections = re.findall(r"^  (Equation|Units|Source|Size|Confounded with): (.+)", text, re.MULTILINE)
+  assert [title for title, _ in sections] == ["Equation", "Units", "Source", "Size", "Confounded with"]
   body = dict(sections)
   equation = text.split("Equation:")[1].split("Units:")[0]
   assert re.search(r"=|->|<=", equation)
-  assert re.search(r"\b(19|20)\d\d\b", text.split("Source:")[1].split("Confounded")[0])
+  assert re.search(r"\b(19|20)\d\d\b", text.split("Source:")[1].split("Size:")[0])
   assert len(body["Confounded with"]) > 10
   assert text.splitlines()[0].rstrip().endswith(".")
   assert describe(mechanism)["summary"] == text.splitlines()[0]
+
+
+@each
+def test_every_typical_size_has_a_source_or_is_a_stated_prior(mechanism):
+  text = sections(mechanism)["Size"]
+  owned = "stated prior: " in text or re.search(r"\b(19|20)\d\d\b|data sheet|sec\. ", text)
+  assert owned and text.endswith(".")
+  for size in {f"{p.typical:g}" for p in mechanism.parameters if p.typical is not None}:
+    assert re.search(rf"(?<![\d.]){re.escape(size)}(?![\d]|\.\d)", text), f"{size} is not explained: {text}"
 
 
 @each

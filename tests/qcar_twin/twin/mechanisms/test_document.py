@@ -30,7 +30,7 @@ def test_the_readme_counts_what_a_diagnosis_can_name():
 
 def test_sections_are_single_lines_without_the_docstring_indent():
   parts = sections(catalogue()["steering_lag"])
-  assert list(parts) == ["Summary", "Equation", "Units", "Source", "Confounded with"]
+  assert list(parts) == ["Summary", "Equation", "Units", "Source", "Size", "Confounded with"]
   assert all("\n" not in body and "  " not in body for body in parts.values())
 
 
