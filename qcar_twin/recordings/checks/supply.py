@@ -44,7 +44,7 @@ def _empty_notes(recordings: Sequence[Recording]) -> list[str]:
       notes.append(
         f"{recording.file or recording.name}: battery_voltage falls to {stream.value.min():.3g} V from"
         f" {stream.time[first]:.2f} s to {stream.time[last]:.2f} s{more}, where it has {max(best):.3g} V at best:"
-        " empty, or a loose plug; leave out what was driven so with to in its [[recording]], or correct battery_voltage in"
-        " [channels]"
+        " empty, or a loose plug; leave out what was driven so with to in its [[recording]], or correct"
+        " battery_voltage in [channels]"
       )
   return notes
