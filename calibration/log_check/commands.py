@@ -9,7 +9,7 @@ from calibration.fitting.start_states import STANDS
 from calibration.log_check.disagreements import Finding
 from calibration.log_check.motions import Wheels
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
-from qcar_twin.recordings.checks.acted import Stretch, against, signless_stretches, was_commanded
+from qcar_twin.recordings.checks.acted import MUCH, Stretch, against, signless_stretches, was_commanded
 from qcar_twin.recordings.checks.answers import unanswered_stretches
 from qcar_twin.recordings.checks.driving import MOVING
 from qcar_twin.recordings.checks.neutral import (
@@ -22,9 +22,6 @@ from qcar_twin.recordings.checks.neutral import (
 from qcar_twin.recordings.completed import with_speed
 from qcar_twin.recordings.recording import Recording
 
-# share of the driving: one sample in twenty that no model can explain outweighs the noise of the rest; how far it could
-# be moved `python -m tests.faults.thresholds` measures
-MUCH = 0.05
 PARKED = "the car never drives"
 _ALONG = 0.9  # of the way driven, along the heading: within 26 degrees of it
 _SECOND = 1.0  # s, over which noise of a sensor of speed is averaged away
@@ -103,7 +100,7 @@ def _signless(lost: Sequence[Stretch]) -> Finding:
     if len(lost) > 1
     else (f"({file} {first.start:.2f} s to {first.end:.2f} s)")
   )
-  cure = f"log it with its sign, or map a pose and leave {speed} out of [channels], or cut what was driven backwards"
+  cure = f'set signed_by = "{first.channel}" on {speed} in [channels], so that it has the sign of the command'
   return Finding("spoils", (speed, first.channel), f"{said} {where}: it has lost the sign of driving backwards; {cure}")
 
 

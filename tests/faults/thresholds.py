@@ -32,7 +32,7 @@ NUMBERS: tuple[tuple[tuple[ModuleType, ...], str], ...] = (
   *(((neutral,), name) for name in ("_BIN", "_GENTLE", "_CENTRED", "_SURE")),
   *(((acted,), name) for name in ("_CONTRARY", "_LEAST_IDLE", "WEAK", "_STAYS", "_SLOWEST", "_LEAP")),
   *(((answers,), name) for name in ("_ANSWERED", "_LONGEST_LAG", "_SPEEDS_UP", "_SURE", "_STICKS")),
-  ((commands,), "MUCH"),
+  ((commands, acted), "MUCH"),
 )
 Drive = tuple[np.ndarray, Columns]
 Change = Callable[[np.ndarray, Columns], Drive]

@@ -17,6 +17,9 @@ from qcar_twin.recordings.checks.driving import LEAST_REST, MOVING, PERIOD, driv
 from qcar_twin.recordings.checks.faults import Runs
 from qcar_twin.recordings.recording import Recording
 
+# share of the driving: one sample in twenty that no model can explain outweighs the noise of the rest; how far it could
+# be moved `python -m tests.faults.thresholds` measures
+MUCH = 0.05
 _CONTRARY = 0.8  # share of the steady driving under a command of the other sign
 _LEAST_IDLE = 2.0  # s in a row of a command that does nothing
 WEAK = 25.0  # per cent of the steady driving that happens under less: a command below it may not move a car from rest
@@ -78,6 +81,12 @@ def signless_stretches(recordings: Sequence[Recording], channel: str) -> list[St
     for first, last, reversed_ in runs(steady(d) & (d.command < -large))
     if reversed_ and (last - first) * PERIOD >= _LONGEST_LAG
   ]
+
+
+def signless(recordings: Sequence[Recording], channel: str) -> bool:
+  """Whether that is so for more of the time than noise and odd seconds take."""
+  lost = sum(stretch.end - stretch.start for stretch in signless_stretches(recordings, channel))
+  return lost > MUCH * sum(r.duration for r in recordings)
 
 
 def was_commanded(recordings: Sequence[Recording], channel: str) -> bool:

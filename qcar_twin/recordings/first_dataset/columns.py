@@ -48,6 +48,7 @@ class Guess:
   wrap: bool | None = None
   hold: bool = False
   gate: str | None = None
+  signed_by: str | None = None
   steps: bool = False
   sort: bool = False
   named: bool = False
@@ -58,7 +59,15 @@ class Guess:
   def mapped(self) -> Mapped:
     """As [channels] has it."""
     return Mapped(
-      self.column, self.scale, self.offset, self.wrap, self.hold, self.gate, steps=self.steps, sort=self.sort
+      self.column,
+      self.scale,
+      self.offset,
+      self.wrap,
+      self.hold,
+      self.gate,
+      self.signed_by,
+      steps=self.steps,
+      sort=self.sort,
     )
 
 
