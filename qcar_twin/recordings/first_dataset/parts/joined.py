@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
+from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.parts.pairing import Part, paired
@@ -64,11 +65,14 @@ def as_one_drive(tables: Sequence[Table]) -> Table | None:
   """The files' columns as `file.column` in one table; None where they are drives of their own, or cannot be joined.
 
   They are parts of one drive where each has a clock, their times overlap, and commands and motion are together in all
-  of them: in none alone, or in files that share no column but clocks.
+  of them: in none alone, or in files that share no column but clocks. Files of the same columns are drives of their
+  own.
   """
   groups: list[Clocked] = []
   each = [Columns((table,)) for table in tables] if len(tables) > 1 else []
   apart = _of_different_names(each)
+  if len({frozenset(columns.names) for columns in each}) < len(each):
+    return None
   for table, columns in zip(tables, each, strict=False):
     guesses = guess_columns(columns)
     whole_drive = _has(guesses, _COMMANDS) and _has(guesses, _MOTION)
@@ -100,6 +104,7 @@ def as_csv(table: Table) -> str:
 
 def _part(table: Table, columns: Columns) -> Part:
   guesses = guess_columns(columns)
+  guess_by_unit(columns, guesses)
   return Part(table.label, columns, guesses, _has(guesses, _COMMANDS), _has(guesses, _MOTION))
 
 

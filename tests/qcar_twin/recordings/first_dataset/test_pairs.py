@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.first_dataset.parts.joined import joined
+from qcar_twin.recordings.formats import read_table
 from qcar_twin.recordings.recording import RecordingError
 from scripts import new
 from tests import ROOT
+from tests.qcar_twin.recordings.drives import write_csv
 from tests.qcar_twin.recordings.first_dataset.pairs import sample_columns, write_pair
 
 NAMES = ("free_drive_a", "free_drive_b", "excitation_a")
@@ -68,3 +71,13 @@ def test_what_nothing_tells_is_refused_with_names_that_would(tmp_path):
     write_pair(tmp_path / "logs", name, time, columns, capture=take)
   with pytest.raises(RecordingError, match="run1_car.csv and run1_mocap.csv"):
     made(tmp_path)
+
+
+def test_drives_in_another_language_are_no_parts_of_one(tmp_path):
+  """Their columns are known by their units alone, and are the same in every file."""
+  names = {"motor_voltage": "Spannung [V]", "steering_command": "Winkel [rad]", "speed": "Tempo [m/s]"}
+  for file, (time, columns) in zip("ab", DRIVES, strict=False):
+    own = {**columns, "speed": 0.0033 * columns["motor_speed"]}
+    write_csv(tmp_path / f"{file}.csv", time, {names[k]: own[k] for k in names} | {"Gierrate [rad/s]": own["yaw_rate"]})
+  tables = [read_table(tmp_path / f"{file}.csv") for file in "ab"]
+  assert joined(tables).made == ()
