@@ -58,17 +58,8 @@ class Guess:
   @property
   def mapped(self) -> Mapped:
     """As [channels] has it."""
-    return Mapped(
-      self.column,
-      self.scale,
-      self.offset,
-      self.wrap,
-      self.hold,
-      self.gate,
-      self.signed_by,
-      steps=self.steps,
-      sort=self.sort,
-    )
+    fields = (field.name for field in dataclasses.fields(Mapped))
+    return Mapped(**{name: getattr(self, name) for name in fields if hasattr(self, name)})
 
 
 class Columns:
