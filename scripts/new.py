@@ -14,7 +14,7 @@ import tyro
 from calibration.log_check.report import check_and_say
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
-from qcar_twin.recordings.first_dataset.joined import JOINED, as_csv, as_one_drive
+from qcar_twin.recordings.first_dataset.parts.joined import as_csv, joined
 from qcar_twin.recordings.first_dataset.place import copy_in, logs_of, placed, with_rows
 from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.manifest import FILE_NAME
@@ -41,17 +41,16 @@ def main(config: Config) -> Path:
   """Write it, print every guess, and what the check finds; returns the path of dataset.toml."""
   read = with_rows(placed(config.folder, logs_of(config.files or (config.folder,))))
   logs = [log for log, _ in read]
-  tables = [table for _, table in read]
-  whole = as_one_drive(tables)
-  if whole and (config.folder / JOINED).exists():
-    raise RecordingError(f"{config.folder / JOINED}: is there already and is not replaced; remove it")
-  tables = [whole] if whole else tables
+  drives = joined([table for _, table in read])
+  for table in drives.made:
+    if (config.folder / table.label).exists():
+      raise RecordingError(f"{config.folder / table.label}: is there already and is not replaced; remove it")
+  tables = drives.tables
   proposal = propose(config.folder.resolve().name, tables, config.wheelbase, config.mass)
-  if whole:
-    print(f"{', '.join(log.name for log in logs)}: parts of one drive, joined by their clocks into {JOINED}")
-    print("".join(f"  {note}\n" for note in whole.notes), end="")
-    write_text(config.folder / JOINED, as_csv(whole))
-  else:
+  print("".join(f"{line}\n" for line in drives.said), end="")
+  for table in drives.made:
+    print(f"  written: {write_text(config.folder / table.label, as_csv(table))}")
+  if not drives.made:
     copy_in(config.folder, logs)
   path = write_text(config.folder / FILE_NAME, proposal.text)
   print(f"{path}: {len(tables)} log{'s' if len(tables) > 1 else ''}, {len(proposal.guesses)} guesses to look at")

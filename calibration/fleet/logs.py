@@ -2,10 +2,15 @@
 
 import dataclasses
 import datetime
+import itertools
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
+from qcar_twin.recordings.first_dataset.parts.joined import joined
+from qcar_twin.recordings.first_dataset.parts.pairing import words_of_file
 from qcar_twin.recordings.first_dataset.place import logs_of
+from qcar_twin.recordings.formats import read_table
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
 
@@ -22,6 +27,7 @@ class Log:
     car: the first folder of that path that is no date.
     day: the last date in the path, as YYYY-MM-DD; else of the file's last change.
     stamp: size in bytes and time of the last change in ns of all its files: whether it is the same as before.
+    parts: other files of the same drive, as a motion capture's.
   """
 
   place: Path
@@ -29,6 +35,7 @@ class Log:
   car: str
   day: str
   stamp: tuple[int, int]
+  parts: tuple[Path, ...] = ()
 
 
 def find_logs(folder: Path) -> list[Log]:
@@ -48,15 +55,41 @@ def find_logs(folder: Path) -> list[Log]:
   except RecordingError:
     if not sets:
       raise
-  return sorted((_log(place, folder) for place in (*sets, *single)), key=lambda log: log.name)
+  parts = _parts(single)
+  single = [log for log in single if not any(log in others for others in parts.values())]
+  made = (_log(place, folder, parts.get(place, ())) for place in (*sets, *single))
+  return sorted(made, key=lambda log: log.name)
+
+
+def _parts(logs: Sequence[Path]) -> dict[Path, tuple[Path, ...]]:
+  """By log the files next to it that hold another part of its drive: their names have one word more, or less, and what
+  is in them goes together as `new` would join it."""
+  parts: dict[Path, tuple[Path, ...]] = {}
+  words = {log: set(words_of_file(log.stem)) for log in logs if log.is_file()}
+  for folder in dict.fromkeys(log.parent for log in words):
+    own = [log for log in words if log.parent == folder]
+    for one, other in itertools.combinations(own, 2):
+      differs = words[one] ^ words[other]
+      if len(differs) == 1 and not next(iter(differs)).isdigit() and (first := _drive_of(one, other)):
+        second = other if first == one else one
+        parts[first] = (*parts.get(first, ()), second)
+  return {log: others for log, others in parts.items() if len(others) == 1}
+
+
+def _drive_of(one: Path, other: Path) -> Path | None:
+  """The one of two files that holds the commands of the drive that both are of; None where they are two drives."""
+  try:
+    return one.with_name(first) if (first := joined([read_table(p, p.name) for p in (one, other)]).first) else None
+  except RecordingError:  # said where each is read
+    return None
 
 
 def _hidden(path: Path, folder: Path) -> bool:
   return any(part.startswith(".") for part in path.relative_to(folder).parts)
 
 
-def _log(place: Path, folder: Path) -> Log:
-  files = [place] if place.is_file() else [path for path in place.rglob("*") if path.is_file()]
+def _log(place: Path, folder: Path, others: tuple[Path, ...] = ()) -> Log:
+  files = [place, *others] if place.is_file() else [path for path in place.rglob("*") if path.is_file()]
   stats = [path.stat() for path in files]
   name = place.relative_to(folder).as_posix()
   parts = name.split("/") if name != "." else [folder.resolve().name]
@@ -64,4 +97,4 @@ def _log(place: Path, folder: Path) -> Log:
   dates = _DAY.findall(name)
   changed = max((s.st_mtime_ns for s in stats), default=0)
   day = "-".join(dates[-1]) if dates else datetime.date.fromtimestamp(changed / 1e9).isoformat()
-  return Log(place, name, owners[0] if owners else _ONE, day, (sum(s.st_size for s in stats), changed))
+  return Log(place, name, owners[0] if owners else _ONE, day, (sum(s.st_size for s in stats), changed), others)

@@ -20,9 +20,10 @@ from calibration.fleet.logs import Log
 from calibration.log_check.check import LogCheck, check_log, load_to_check
 from calibration.progress import silent
 from calibration.twin_calibration.calibration import calibrate
-from qcar_twin.atomic_io import plain
+from qcar_twin.atomic_io import plain, write_text
 from qcar_twin.parallel import in_parallel
 from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.first_dataset.parts.joined import as_csv, joined
 from qcar_twin.recordings.first_dataset.place import copy_in, placed, with_rows
 from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.manifest import FILE_NAME
@@ -109,10 +110,14 @@ def _dataset(log: Log, folder: Path, like: Path | None) -> DataSet:
   if log.place.is_dir() and (log.place / FILE_NAME).is_file():
     return load_to_check(log.place)
   place = folder / (log.place.stem or "log")
-  read = with_rows(placed(place, [log.place]))
+  read = with_rows(placed(place, [log.place, *log.parts]))
+  drives = joined([table for _, table in read])
   place.mkdir()
-  copy_in(place, [one for one, _ in read])
-  text = propose(place.name, [table for _, table in read]).text if like is None else _like(like, read[0][0].name)
+  if drives.made:
+    write_text(place / drives.made[0].label, as_csv(drives.made[0]))
+  else:
+    copy_in(place, [one for one, _ in read])
+  text = propose(place.name, drives.tables).text if like is None else _like(like, drives.tables[0].label)
   (place / FILE_NAME).write_text(text, encoding="utf-8")
   return load_to_check(place)
 

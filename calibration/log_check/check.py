@@ -14,7 +14,7 @@ from calibration.log_check.disagreements import Finding, Severity, disagreements
 from calibration.log_check.motions import Wheels, motions
 from calibration.log_check.odd_files import odd_file_findings
 from calibration.log_check.pairs import Comparison, compare
-from calibration.log_check.pose_point import pose_point_findings
+from calibration.log_check.pose_point import pose_point_findings, upside_down_findings
 from calibration.log_check.shows import Shown, what_it_shows
 from calibration.log_check.timing import Sampling, samplings
 from calibration.log_check.unjudged import (
@@ -106,6 +106,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
   acted = acted or odd_file_findings(wheels, recordings, noise)
   if not any(f.severity == "spoils" for f in acted):
     acted += [*command_findings(recordings), *direction_findings(wheels, recordings)]
+  acted += upside_down_findings(compared)
   spoilt = {name for f in acted if f.severity == "spoils" for name in f.channels}  # first these, then what they take
   judged = [c for c in compared if not spoilt & {*c.motion.compared, *c.motion.reference}]
   tied = [c for c in judged if c.motion.kinematic and math.isfinite(c.lag.value)]

@@ -9,7 +9,8 @@ from calibration.fitting.start_states import STANDS
 from calibration.log_check.disagreements import Finding
 from calibration.log_check.motions import Wheels
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
-from qcar_twin.recordings.checks.acted import Stretch, against, idle_stretches, signless_stretches, was_commanded
+from qcar_twin.recordings.checks.acted import MUCH, Stretch, against, signless_stretches, was_commanded
+from qcar_twin.recordings.checks.answers import unanswered_stretches
 from qcar_twin.recordings.checks.driving import MOVING
 from qcar_twin.recordings.checks.neutral import (
   Neutral,
@@ -21,14 +22,12 @@ from qcar_twin.recordings.checks.neutral import (
 from qcar_twin.recordings.completed import with_speed
 from qcar_twin.recordings.recording import Recording
 
-# share of the driving: one sample in twenty that no model can explain outweighs the noise of the rest; how far it could
-# be moved `python -m tests.faults.thresholds` measures
-MUCH = 0.05
 PARKED = "the car never drives"
 _ALONG = 0.9  # of the way driven, along the heading: within 26 degrees of it
 _SECOND = 1.0  # s, over which noise of a sensor of speed is averaged away
 _APART = 0.2  # s, between two stretches that are one
 _LISTED = 3  # stretches that are named
+_WORTH = 1.0  # s, of a part that is worth a recording
 _TURN_ROUND = "set offset = 3.14159 on pose_yaw in [channels], added to one that is there"
 
 
@@ -61,8 +60,8 @@ def _drive(recordings: Sequence[Recording], channel: str) -> list[Finding]:
     said = f"{channel} never comes near 0, though the car stands for a while: its least is {least:.4g}"
     cure = f"if that is its neutral, set offset = {-least:.6g} on it in [channels]"
     return [Finding("beware", (channel,), f"{said}; {cure}")]
-  if idle := idle_stretches(recordings, channel):
-    return [_idle(idle, recordings)]
+  if lost := unanswered_stretches(recordings, channel):
+    return [_unanswered(lost, recordings)]
   if (level := switched_command(recordings, channel)) is not None:
     said = f"{channel} is 0 or beyond {level:.4g}, with nothing between, and the car stands for a while under such"
     cure = f"if that is its neutral, set offset = {-level:.6g} on it in [channels], added to one that is there"
@@ -101,22 +100,38 @@ def _signless(lost: Sequence[Stretch]) -> Finding:
     if len(lost) > 1
     else (f"({file} {first.start:.2f} s to {first.end:.2f} s)")
   )
-  cure = f"log it with its sign, or map a pose and leave {speed} out of [channels], or cut what was driven backwards"
+  cure = f'set signed_by = "{first.channel}" on {speed} in [channels], so that it has the sign of the command'
   return Finding("spoils", (speed, first.channel), f"{said} {where}: it has lost the sign of driving backwards; {cure}")
 
 
-def _idle(idle: Sequence[Stretch], recordings: Sequence[Recording]) -> Finding:
-  seconds = _seconds(idle)
+def _unanswered(lost: Sequence[Stretch], recordings: Sequence[Recording]) -> Finding:
+  seconds = _seconds(lost)
   severity = "spoils" if seconds > MUCH * sum(r.duration for r in recordings) else "beware"
-  spans = _spans(idle)
+  spans = _spans(lost)
   named = ", ".join(f"{file} {start:.2f} s to {end:.2f} s" for file, start, end in spans[:_LISTED])
   more = f" and {len(spans) - _LISTED} more" if len(spans) > _LISTED else ""
-  cut = (
-    f"a [[recording]] of the file that ends at to = {spans[0][1]:.2f} and one that begins at from = {spans[0][2]:.2f}"
+  said = f"for {seconds:.1f} s the car stands, or answers by less than half, under a {lost[0].channel} that drives it"
+  why = "a battery that died or browned out, a switch that was released, a car that was held, or a speed that stuck"
+  file, start, end = spans[0]
+  own = [r for r in recordings if (r.file or r.name) == file]
+  parts = [f"ends at to = {start:.2f}"] if start - min(r.start for r in own) > _WORTH else []
+  parts += [f"begins at from = {end:.2f}"] if max(r.end for r in own) - end > _WORTH else []
+  cure = f"leave {file} out" if not parts else f"of {file} a [[recording]] that {' and one that '.join(parts)}"
+  return Finding(
+    severity, (lost[0].channel,), f"{said} elsewhere ({named}{more}): {why}{_fell(lost)}; cut the stretches out: {cure}"
   )
-  said = f"the car stands for {seconds:.1f} s under a {idle[0].channel} that drives it elsewhere ({named}{more})"
-  cure = f"a switch that was released, or a speed that stuck: cut the stretches out: {cut}"
-  return Finding(severity, (idle[0].channel,), f"{said}: {cure}")
+
+
+def _fell(lost: Sequence[Stretch]) -> str:
+  """What the battery's voltage was meanwhile, against elsewhere, where it was logged."""
+  one = max(lost, key=lambda s: s.end - s.start)
+  if (battery := one.recording.battery) is None:
+    return ""
+  inside = (battery.time >= one.start) & (battery.time <= one.end)
+  if not inside.any() or inside.all():
+    return ""
+  then, else_ = (float(np.median(battery.value[where])) for where in (inside, ~inside))
+  return f" (battery_voltage is {then:.3g} V from {one.start:.2f} s to {one.end:.2f} s, elsewhere {else_:.3g} V)"
 
 
 def _spans(idle: Sequence[Stretch]) -> list[tuple[str, float, float]]:

@@ -1,11 +1,13 @@
-"""Which point of the car a pose is of: by how it moves sideways while the car turns."""
+"""How sensors sit: which point of the car a pose is of, by how it moves sideways in turns; an IMU upside down."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.log_check.causes import ALIKE
 from calibration.log_check.disagreements import Finding
+from calibration.log_check.pairs import Comparison
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.vehicle.vehicle import Vehicle
 
@@ -34,6 +36,34 @@ def pose_point_findings(recordings: Sequence[Recording], vehicle: Vehicle) -> li
   shift = " and ".join(f"{sign} {abs(ahead):.3f} {part}(pose_yaw)" for part in ("cos", "sin"))
   cure = f"track that centre, or add {shift} to the two columns, in m, before a fit"
   return [Finding("beware", ("pose_x", "pose_y"), f"{said} sideways in turns; {cure}")]
+
+
+def upside_down_findings(comparisons: Sequence[Comparison]) -> list[Finding]:
+  """That gyro and lateral accelerometer agree, and both turn against the pose: one mount, not two signs.
+
+  An IMU turned over about the car's long axis changes the sign of both. A mirrored place does, too, for them: the
+  steering says which of the two it is, where it goes with one of them.
+  """
+  turning, across, steered = (
+    next(
+      (c for c in comparisons if not c.why_not and c.motion.compared == (name,) and other in c.motion.reference), None
+    )
+    for name, other in (("yaw_rate", "pose_yaw"), ("accel_y", "yaw_rate"), ("yaw_rate", "steering_command"))
+  )
+  if turning is None or across is None or turning.correlation > -ALIKE or across.correlation < ALIKE:
+    return []
+  said = "yaw_rate and accel_y agree with each other, and both say the contrary of the pose's turning"
+  imu = "the IMU lies upside down: set scale = -1 on yaw_rate and on accel_y in [channels], times those that are there"
+  place = "the place is mirrored: set scale = -1 on pose_y and on pose_yaw in [channels], times those that are there"
+  with_imu = 0.0 if steered is None else steered.correlation
+  if with_imu < -ALIKE:
+    cure, channels = f"the steering goes with the pose: {imu}", ("yaw_rate", "accel_y")
+  elif with_imu > ALIKE:
+    channels = ("pose_y", "pose_yaw")
+    cure = f"the steering goes with them: {place}; or, with scale = -1 on steering_command, too, {imu}"
+  else:
+    cure, channels = f"{imu}; or {place}", ("yaw_rate", "accel_y", "pose_y", "pose_yaw")
+  return [Finding("spoils", channels, f"{said}; {cure}")]
 
 
 def _ahead(blocks: Sequence[Array]) -> tuple[float, float]:

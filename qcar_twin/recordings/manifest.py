@@ -36,7 +36,7 @@ class Mapped:
   """How one log column becomes a channel: value = (scale * column + offset) * gate column.
 
   `wrap`: an angle that jumps by turns is unwrapped; None where nobody said: it is, with a note.
-  `late`: s by which the log has the channel later than it was; its samples are moved back by it.
+  `late`: s by which the log has the channel later than it was. `signed_by`: the channel that has the sign it lacks.
   Of the clock alone: `rate` [Hz] of a log without one, whose rows are 1 / rate apart; `steps`: each row has the time
   since the row before; `sort`: rows that were written out of order are sorted by time.
   """
@@ -47,6 +47,7 @@ class Mapped:
   wrap: bool | None = None
   hold: bool = False
   gate: str | None = None
+  signed_by: str | None = None
   late: float = 0.0
   rate: float | None = None
   steps: bool = False
@@ -264,6 +265,7 @@ def _mapped(channel: str, table: Mapping[str, Any], where: str) -> Mapped:
     _flag(table, "wrap", where) if "wrap" in table else None,
     _flag(table, "hold", where),
     _text(table, "gate", where, "") if "gate" in table else None,
+    _text(table, "signed_by", where, "") if "signed_by" in table else None,
     _number(table, "late", where),
     steps=_flag(table, "steps", where),
     sort=_flag(table, "sort", where),

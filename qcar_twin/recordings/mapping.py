@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
+from qcar_twin.recordings.checks.driving import MOVING, runs
 from qcar_twin.recordings.checks.dropouts import without_dropouts
 from qcar_twin.recordings.checks.time import check_angle, turn_of
 from qcar_twin.recordings.formats.table import NO_ROWS, Table
@@ -77,6 +78,7 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
   table, notes = in_time_order(table, mapping["time"])
   clock, again = clock_of(table, mapping)
   values = {channel: _values(table, channel, mapped) for channel, mapped in mapping.items() if channel != "time"}
+  values = _with_signs(table, mapping, values)
   values, gone = without_dropouts(values, {channel: mapped.offset for channel, mapped in mapping.items()}, table.label)
   publisher_rows = _publisher_rows({channel: value for channel, value in values.items() if mapping[channel].hold})
   streams, spread = {}, []
@@ -144,6 +146,45 @@ def _values(table: Table, channel: str, mapped: Mapped) -> np.ndarray:
       f"{table.label}: gate column '{mapped.gate}' of {channel} is blank in every row; remove the gate or log it"
     )
   return value * gate[there[np.maximum(np.searchsorted(there, np.arange(gate.size), side="right") - 1, 0)]]
+
+
+def _with_signs(table: Table, mapping: Mapping[str, Mapped], values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+  """The channels with the sign of another one where [channels] says so, as `signed_by = "motor_voltage"`."""
+  whole = dict(values)
+  for channel, mapped in mapping.items():
+    if mapped.signed_by is None or channel == "time":
+      continue
+    if mapped.signed_by not in values or mapped.signed_by == channel:
+      others = ", ".join(name for name in values if name != channel)
+      raise RecordingError(
+        f"{table.label}: {channel} has signed_by = '{mapped.signed_by}', which is no other channel of this file; name"
+        f" one of {others}"
+      )
+    whole[channel] = signed_by(values[channel], values[mapped.signed_by])
+  return whole
+
+
+def signed_by(size: np.ndarray, other: np.ndarray) -> np.ndarray:
+  """A speed's size, (k,), with the sign that the other channel's sum has while the car moves on.
+
+  A car turns round only at rest, so that a command that brakes it does not turn it. NaN where there is no sample.
+  """
+  there = np.flatnonzero(np.isfinite(size))
+  speed, known = np.abs(size[there]), np.flatnonzero(np.isfinite(other))
+  if not there.size or not known.size:
+    return size
+  way = np.interp(there, known, other[known])
+  drives = [r for r in runs(speed > MOVING * float(np.percentile(speed, 99.0))) if r[2]]
+  signs, done, before = np.ones(there.size), 0, 0.0
+  for first, last, _ in drives:
+    sign = -1.0 if way[first : last + 1].sum() < 0.0 else 1.0
+    turns = done + int(np.argmin(speed[done : first + 1])) if before else 0  # between two drives, where it is slowest
+    signs[done:turns], signs[turns : last + 1] = before, sign
+    done, before = last + 1, sign
+  signs[done:] = before or 1.0
+  whole = size.copy()
+  whole[there] = signs * speed
+  return whole
 
 
 def _refuse_bad_values(table: Table, channel: str, column: str, raw: np.ndarray) -> None:

@@ -18,7 +18,7 @@ def test_no_sound_drive_is_blamed_and_no_false_one_passed(driven):
 
 @pytest.mark.parametrize(
   ("module", "number", "value"),
-  [(neutral, "_CENTRED", 0.1), (acted, "_LEAP", 0.03), (driving, "_RESTS", 0.005), (acted, "_WEAK", 90.0)],
+  [(neutral, "_CENTRED", 0.1), (acted, "_LEAP", 0.03), (driving, "RESTS", 0.005), (acted, "WEAK", 90.0)],
 )
 def test_a_number_far_off_makes_errors(driven, module, number, value):
   with disagreeing.with_number((module,), number, value):

@@ -14,7 +14,7 @@ from types import ModuleType
 import numpy as np
 
 from calibration.log_check import commands
-from qcar_twin.recordings.checks import acted, driving, neutral
+from qcar_twin.recordings.checks import acted, answers, driving, neutral
 from qcar_twin.recordings.completed import with_speed
 from qcar_twin.recordings.first_dataset import propose, several
 from qcar_twin.recordings.formats import Table
@@ -25,12 +25,14 @@ from tests.faults.wander import RATE, SIZES, Columns, wander
 
 FACTORS = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)
 NUMBERS: tuple[tuple[tuple[ModuleType, ...], str], ...] = (
-  *(((driving,), name) for name in ("_RESTS", "_ANSWERS", "_SLOWS")),
+  *(((driving,), name) for name in ("_ANSWERS", "_SLOWS")),
+  ((driving, answers), "RESTS"),
   *(((driving, neutral, acted), "LEAST_REST"), ((driving, neutral), "MOVING")),
   *(((neutral,), name) for name in ("_NEAR", "_MOST", "_OFF", "_RARE", "_NEVER")),
   *(((neutral,), name) for name in ("_BIN", "_GENTLE", "_CENTRED", "_SURE")),
-  *(((acted,), name) for name in ("_CONTRARY", "_LEAST_IDLE", "_WEAK", "_STAYS", "_SLOWEST", "_LEAP")),
-  ((commands,), "MUCH"),
+  *(((acted,), name) for name in ("_CONTRARY", "_LEAST_IDLE", "WEAK", "_STAYS", "_SLOWEST", "_LEAP")),
+  *(((answers,), name) for name in ("_ANSWERED", "_LONGEST_LAG", "_SPEEDS_UP", "_SURE", "_STICKS")),
+  ((commands, acted), "MUCH"),
 )
 Drive = tuple[np.ndarray, Columns]
 Change = Callable[[np.ndarray, Columns], Drive]
@@ -74,6 +76,27 @@ def _released(seconds: float) -> Change:
   return change
 
 
+def _weaker(share: Callable[[np.ndarray], np.ndarray]) -> Change:
+  """The car goes along its path at that share of its speed, of time in s, under commands that go on as they were."""
+
+  def change(time: np.ndarray, columns: Columns) -> Drive:
+    slow = share(time)
+    way = np.r_[0.0, np.cumsum(slow[1:] * np.diff(time))]
+    later = {name: np.interp(way, time, values) for name, values in columns.items() if name != "motor_voltage"}
+    later["speed"], later["yaw_rate"] = (slow * later[name] for name in ("speed", "yaw_rate"))
+    return time, {name: later.get(name, values) for name, values in columns.items()}
+
+  return change
+
+
+def _browned_out(time: np.ndarray) -> np.ndarray:
+  """A second without a supply in every five, from 20 s on."""
+  supplied, speed = (time < 20.0) | (time % 5.0 > 1.0), np.ones(time.size)
+  for k in range(1, time.size):
+    speed[k] = speed[k - 1] + (supplied[k] - speed[k - 1]) / (0.3 * RATE)
+  return speed
+
+
 def _backwards(time: np.ndarray, columns: Columns) -> Drive:
   """Half of the drive in reverse, with its command."""
   sign = np.where((time > 48.0) & (time < 75.0), -1.0, 1.0)
@@ -108,6 +131,9 @@ FALSE: dict[str, tuple[str, Change]] = {
   "steering about 0.3 rad": ("steering_command", _column("steering_command", lambda v: v + 0.3)),
   "released for 30 s": ("motor_voltage", _released(30.0)),
   "released for 5 s": ("motor_voltage", _released(5.0)),
+  "a battery that dies": ("motor_voltage", _weaker(lambda t: np.exp(-np.maximum(t - 60.0, 0.0) / 0.6))),
+  "a battery at a third": ("motor_voltage", _weaker(lambda t: np.interp(t, [50.0, 60.0], [1.0, 0.33]))),
+  "a battery that browns out": ("motor_voltage", _weaker(_browned_out)),
   "commanded speed, 1 to 4 s": ("speed", _column("speed", _commanded(1.0, 4.0))),
   "commanded speed, 0.5 to 3 s": ("speed", _column("speed", _commanded(0.5, 3.0))),
   "commanded speed in steps of a sixth": (

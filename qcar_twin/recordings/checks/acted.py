@@ -17,9 +17,12 @@ from qcar_twin.recordings.checks.driving import LEAST_REST, MOVING, PERIOD, driv
 from qcar_twin.recordings.checks.faults import Runs
 from qcar_twin.recordings.recording import Recording
 
+# share of the driving: one sample in twenty that no model can explain outweighs the noise of the rest; how far it could
+# be moved `python -m tests.faults.thresholds` measures
+MUCH = 0.05
 _CONTRARY = 0.8  # share of the steady driving under a command of the other sign
 _LEAST_IDLE = 2.0  # s in a row of a command that does nothing
-_WEAK = 25.0  # per cent of the steady driving that happens under less: a command below it may not move a car from rest
+WEAK = 25.0  # per cent of the steady driving that happens under less: a command below it may not move a car from rest
 _LONGEST_LAG = 0.5  # s, for which a drive may go on after its command was reversed
 _STAYS = 0.4  # s, median, for which a commanded value stays
 _SLOWEST = 1.0  # s: no sensor of speed is slower
@@ -46,7 +49,7 @@ def idle_stretches(recordings: Sequence[Recording], channel: str, neutral: float
   driving = np.concatenate([np.abs(d.command - neutral)[steady(d)] for d in held]) if held else np.empty(0)
   if not driving.size:
     return []
-  least = max(float(np.percentile(driving, _WEAK)), np.finfo(float).tiny)
+  least = max(float(np.percentile(driving, WEAK)), np.finfo(float).tiny)
   return [
     Stretch(d.recording, channel, float(d.time[first]), float(d.time[last]))
     for d in held
@@ -71,13 +74,19 @@ def signless_stretches(recordings: Sequence[Recording], channel: str) -> list[St
   top = max((float(np.percentile(np.abs(d.speed), 99.0)) for d in held), default=0.0)
   if any(float(np.percentile(d.speed, 1.0)) < -MOVING * top for d in held):
     return []
-  large = float(np.percentile(np.abs(np.concatenate([d.command for d in held])), _WEAK)) if held else 0.0
+  large = float(np.percentile(np.abs(np.concatenate([d.command for d in held])), WEAK)) if held else 0.0
   return [
     Stretch(d.recording, channel, float(d.time[first]), float(d.time[last]))
     for d in held
     for first, last, reversed_ in runs(steady(d) & (d.command < -large))
     if reversed_ and (last - first) * PERIOD >= _LONGEST_LAG
   ]
+
+
+def signless(recordings: Sequence[Recording], channel: str) -> bool:
+  """Whether that is so for more of the time than noise and odd seconds take."""
+  lost = sum(stretch.end - stretch.start for stretch in signless_stretches(recordings, channel))
+  return lost > MUCH * sum(r.duration for r in recordings)
 
 
 def was_commanded(recordings: Sequence[Recording], channel: str) -> bool:

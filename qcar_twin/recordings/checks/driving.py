@@ -12,7 +12,7 @@ from qcar_twin.recordings.recording import Recording
 
 PERIOD = 0.05  # s, of the grid on which commands and motion are compared
 MOVING, _SLOWS = 0.2, 0.1  # of the top speed: from which the car drives, and so much less in a second is slowing down
-_RESTS = 0.03  # of the usual top speed of the set, below which the car stands
+RESTS = 0.03  # of the usual top speed of the set, below which the car stands
 _ANSWERS = 0.5  # s, within which a car that stands has answered a command; no drive's lag is longer
 LEAST_REST = 2.0  # s at rest that tell a neutral; of driving: a sign
 
@@ -34,7 +34,7 @@ def driven(recordings: Sequence[Recording], channel: str) -> list[Drive]:
   recording's own is noise."""
   rows = [row for r in recordings if (row := _row(r, channel)) is not None]
   top = float(np.percentile(np.abs(np.concatenate([speed for *_, speed in rows])), 99.0)) if rows else 0.0
-  return [Drive(*row, stands := np.abs(row[-1]) <= _RESTS * top, _answered(stands)) for row in rows]
+  return [Drive(*row, stands := np.abs(row[-1]) <= RESTS * top, _answered(stands)) for row in rows]
 
 
 def _row(recording: Recording, channel: str) -> tuple[Recording, np.ndarray, np.ndarray, np.ndarray] | None:

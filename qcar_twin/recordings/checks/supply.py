@@ -1,4 +1,4 @@
-"""Does the battery's voltage that duties are shares of belong to the car that is described?"""
+"""Does the battery's voltage that duties are shares of belong to the car that is described, and did it last?"""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from qcar_twin.recordings.checks.driving import runs
 from qcar_twin.recordings.recording import Recording
 
+_FULL = 95.0  # per cent of a log's readings below what its battery had at best
 _SPAN = 4.2 / 3.0  # V of a lithium cell, charged and at its cut-off: no battery reads further from its usual
 
 
@@ -25,4 +27,24 @@ def supply_notes(recordings: Sequence[Recording], vehicle: Mapping[str, float | 
     )
   if len(without) < len(driven):
     notes += [f"{r.file or r.name}: has no battery_voltage; supply_voltage stands for it" for r in without]
+  return notes + _empty_notes(recordings)
+
+
+def _empty_notes(recordings: Sequence[Recording]) -> list[str]:
+  """Files in which the battery read, more than once in a row, less than one that was full has at its cut-off."""
+  read = [(r, r.battery) for r in recordings]
+  best = [float(np.percentile(stream.value, _FULL)) for _, stream in read if stream is not None]
+  notes = []
+  for recording, stream in read:
+    if stream is None:
+      continue
+    low = [(a, b) for a, b, empty in runs(stream.value < max(best) / _SPAN) if empty and b > a]
+    if low:
+      (first, last), more = low[0], f", and {len(low) - 1} times more" if len(low) > 1 else ""
+      notes.append(
+        f"{recording.file or recording.name}: battery_voltage falls to {stream.value.min():.3g} V from"
+        f" {stream.time[first]:.2f} s to {stream.time[last]:.2f} s{more}, where it has {max(best):.3g} V at best:"
+        " empty, or a loose plug; leave out what was driven so with to in its [[recording]], or correct"
+        " battery_voltage in [channels]"
+      )
   return notes

@@ -58,16 +58,22 @@ def _accelerations(columns: Columns, guesses: dict[str, Guess]) -> None:
 
 def _steering(columns: Columns, guesses: dict[str, Guess]) -> None:
   names = _unknown(columns, guesses, CHANNELS["steering_command"].unit)
-  if len(names) != 1 or "steering_command" in guesses:
+  if not names or "steering_command" in guesses:
     return
+  alike = {name: _turning_alike(columns, guesses, name) for name in names}
+  best = max(names, key=lambda name: alike[name])
+  if alike[best] > _TURNS and all(alike[best] > _CLEARLY * alike[name] for name in names if name != best):
+    _add(columns, guesses, "steering_command", best, f"the car turned as this angle says ({alike[best]:.2f})")
+
+
+def _turning_alike(columns: Columns, guesses: dict[str, Guess], name: str) -> float:
+  """Size of the correlation of speed times an angle with the turning; 0 where there is none."""
   trial = dict(guesses)
-  _add(columns, trial, "steering_command", names[0], "")
+  _add(columns, trial, "steering_command", name, "")
   way, angle, turned = turning_of(recordings_of(columns, trial))
   if angle.size < 10 or not (way * angle).any() or not turned.any():
-    return
-  alike = abs(float(np.corrcoef(way * angle, turned)[0, 1]))
-  if alike > _TURNS:
-    _add(columns, guesses, "steering_command", names[0], f"the car turned as this angle says ({alike:.2f})")
+    return 0.0
+  return abs(float(np.corrcoef(way * angle, turned)[0, 1]))
 
 
 def _unknown(columns: Columns, guesses: dict[str, Guess], unit: str) -> list[str]:

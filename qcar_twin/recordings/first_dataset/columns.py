@@ -48,6 +48,7 @@ class Guess:
   wrap: bool | None = None
   hold: bool = False
   gate: str | None = None
+  signed_by: str | None = None
   steps: bool = False
   sort: bool = False
   named: bool = False
@@ -57,9 +58,8 @@ class Guess:
   @property
   def mapped(self) -> Mapped:
     """As [channels] has it."""
-    return Mapped(
-      self.column, self.scale, self.offset, self.wrap, self.hold, self.gate, steps=self.steps, sort=self.sort
-    )
+    fields = (field.name for field in dataclasses.fields(Mapped))
+    return Mapped(**{name: getattr(self, name) for name in fields if hasattr(self, name)})
 
 
 class Columns:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from qcar_twin.recordings.channels import CHANNELS, GRAVITY
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation
 from qcar_twin.recordings.first_dataset.heading import contrary, goes_with
-from qcar_twin.recordings.first_dataset.refine import recordings_of
+from qcar_twin.recordings.first_dataset.refine import recordings_of, turning_of
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.recordings.unit_names import UNITS, unit_of, words_of
 
@@ -78,6 +78,21 @@ def settle_mount(columns: Columns, guesses: dict[str, Guess]) -> None:
     for name in ("pose_y", "pose_yaw"):
       guesses[name].scale, guesses[name].offset = -guesses[name].scale, -guesses[name].offset
       guesses[name].why.append("counted as in aircraft, to the right: by gravity the gyro turns the other way")
+
+
+def settle_upside_down(columns: Columns, guesses: dict[str, Guess]) -> None:
+  """Count an IMU's turning and its force across the other way, where both say the contrary of a heading that goes with
+  its path, and the steering, as it was logged, goes with the heading: it lies upside down."""
+  recordings = recordings_of(columns, guesses)
+  if not {"yaw_rate", "accel_y", "pose_yaw", "steering_command"} <= guesses.keys() or not contrary(recordings):
+    return
+  by_heading = [r.replace(streams={c: s for c, s in r.streams.items() if c != "yaw_rate"}) for r in recordings]
+  speed, angle, turned = turning_of(by_heading)
+  agrees = correlation(speed * angle, turned, _LEAST) > _ALIKE
+  if agrees and goes_with(recordings) and _correlation(recordings, _going_round) > _ALIKE:
+    for name in ("yaw_rate", "accel_y"):
+      guesses[name].scale, guesses[name].offset = -guesses[name].scale, -guesses[name].offset
+      guesses[name].why.append("heading and steering turn the other way, and gyro and accelerometer agree: upside down")
 
 
 def lies(columns: Columns, guesses: dict[str, Guess]) -> bool:

@@ -23,6 +23,7 @@ _RULES: dict[str, tuple[str, ...]] = {
   "motor_duty": (
     "duty|pwm|throttle|gas|thr !steering|steer|servo|servos",
     "actuator|actuators motor|motors",
+    "esc !voltage|volt|volts|v|current|amps|temp|temperature|rpm|speed|steering|servo",
     "pedal|accelerator !brake|clutch|steering",
   ),
   "motor_current": ("current|amps command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference",),

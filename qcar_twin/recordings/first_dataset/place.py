@@ -15,7 +15,7 @@ from qcar_twin.recordings.recording import RecordingError
 
 _BAG = "metadata.yaml"  # what makes a folder a ROS 2 bag
 _LISTED = 3  # files that are named
-_PROSE = (".txt",)  # read where it is named; in a folder it is more often a note than a log
+_PROSE = (".txt", ".log")  # read where it is named; in a folder it is more often a note than a log
 
 
 @dataclass(frozen=True)

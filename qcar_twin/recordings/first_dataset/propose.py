@@ -12,7 +12,7 @@ from qcar_twin.recordings.checks.car import check_car
 from qcar_twin.recordings.first_dataset.axes import pointing_down, turning_right
 from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
-from qcar_twin.recordings.first_dataset.mount import lies, settle_mount
+from qcar_twin.recordings.first_dataset.mount import lies, settle_mount, settle_upside_down
 from qcar_twin.recordings.first_dataset.plane import settle_plane
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing, usual_supply
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
@@ -95,6 +95,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     settle_plane(columns, guesses)
     guesses = _without_half_a_place(guesses)
     settle_mount(columns, guesses)
+    settle_upside_down(columns, guesses)
     gearing = usual_gearing(recordings_of(columns, guesses), vehicle)
     vehicle = dataclasses.replace(vehicle, gear_ratio=gearing or vehicle.gear_ratio)
     turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in _VEHICLE}, wheelbase)
@@ -282,7 +283,7 @@ def _channels(columns: Columns, guesses: Mapping[str, Guess], missing: Sequence[
     entry |= {"offset": guess.offset} if guess.offset != 0.0 else {}
     entry |= {"wrap": True} if guess.wrap else {}
     entry |= {"hold": True} if guess.hold else {}
-    entry |= {"gate": guess.gate} if guess.gate else {}
+    entry |= {key: name for key in ("gate", "signed_by") if (name := getattr(guess, key))}
     entry |= {key: True for key in ("steps", "sort") if getattr(guess, key)}
     inside = ", ".join(f"{key} = {_value(value)}" for key, value in entry.items())
     why = [*guess.why, runner_up(columns, guess)]

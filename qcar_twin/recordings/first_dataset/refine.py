@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
+from qcar_twin.recordings.checks.acted import signless
 from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.time import turn_of
 from qcar_twin.recordings.checks.units import Suspect, compare, of_most
@@ -141,6 +142,16 @@ def settle_gear(columns: Columns, guesses: Mapping[str, Guess]) -> None:
           drive.why.append(f"times '{name}' it goes with the speed")
 
 
+def _settle_sign(columns: Columns, guesses: Mapping[str, Guess]) -> None:
+  """A speed without a sign, of a car that drives on under negative commands, gets that of the command."""
+  drive = next((name for name in DRIVE_COMMANDS if name in guesses), None)
+  speed = next((guesses[name] for name in ("motor_speed", "speed") if name in guesses), None)
+  recordings = recordings_of(columns, guesses)
+  if drive and speed and not speed.gate and not speed.signed_by and signless(recordings, drive):
+    speed.signed_by = drive
+    speed.why.append(f"it carries no sign, and the car drives on under a negative {drive}: backwards")
+
+
 def _rows(columns: Columns, name: str) -> Array:
   """A column row by row, one log after the other; NaN where it is blank, or a log has none."""
   return np.concatenate([t.number(name, name) if name in t else np.full(t.rows, np.nan) for t in columns.tables])
@@ -190,6 +201,7 @@ def settle(
     settle_pose(columns, guesses)
     settle_units(columns, guesses, sizes)
     settle_neutrals(columns, guesses)
+    _settle_sign(columns, guesses)
     wheelbase = settle_steering(columns, guesses, vehicle, wheelbase, said)
     if before == ({channel: guess.mapped for channel, guess in guesses.items()}, wheelbase):
       break

@@ -15,7 +15,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from qcar_twin.recordings.formats.dates import seconds_of
-from qcar_twin.recordings.formats.dialect import Dialect, dialect_of, without_comments
+from qcar_twin.recordings.formats.dialect import SPACES, Dialect, by_tabs, dialect_of, without_comments
 from qcar_twin.recordings.formats.table import NO_ROWS, Clocked, Table, merge
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import words_of
@@ -32,11 +32,19 @@ _LONG, _SIGNALS, _LISTED = 20, 200, 4  # rows and signals of a long table, and h
 _RANGED = re.compile(r'^"?(?P<name>[^"|]+)"?\|"?(?P<unit>[^"|]*)"?\|[-+.\d]*\|[-+.\d]*\|\d+$')
 UNNAMED = "unnamed"  # and its number: what a column without a name is called
 
-READERS = {".csv": "read_csv", ".txt": "read_csv", ".tsv": "read_csv", ".parquet": "read_parquet", ".npz": "read_npz"}
+READERS = {
+  ".csv": "read_csv",
+  ".txt": "read_csv",
+  ".log": "read_csv",
+  ".tsv": "read_csv",
+  ".parquet": "read_parquet",
+  ".npz": "read_npz",
+}
 
 
 def read_csv(path: Path, label: str) -> Table:
-  """Comma, semicolon or tab separated text with a header line; a byte order mark and decimal commas are understood."""
+  """Text with a header line, separated by commas, semicolons, tabs or blanks; a byte order mark and decimal commas are
+  understood."""
   dialect = dialect_of(path, label)
   try:
     try:
@@ -181,11 +189,13 @@ def _loaded(archive: np.lib.npyio.NpzFile, name: str, label: str) -> np.ndarray:
 def _parse(path: Path, dialect: Dialect, *, plain: bool = False) -> pyarrow.Table:
   """The table that a file holds; `plain`: without the comments among its rows."""
   source, size, skipped = _opened(path), path.stat().st_size, dialect.skipped
-  if plain or dialect.encoding not in ("utf-8", "utf-8-sig"):
+  spaced = dialect.separator == SPACES
+  if plain or spaced or dialect.encoding not in ("utf-8", "utf-8-sig"):
     # pyarrow's own conversion takes its memory from the pool that reserves so much
     text = path.read_bytes().decode(dialect.encoding)
-    data = (without_comments(text, skipped) if plain else text).encode()
-    source, size, skipped = pyarrow.BufferReader(data), len(data), 0 if plain else skipped
+    text = without_comments(text, skipped) if plain or spaced else text
+    data = (by_tabs(text) if spaced else text).encode()
+    source, size, skipped = pyarrow.BufferReader(data), len(data), 0 if plain or spaced else skipped
   whole = min(max(size + 1, 1 << 16), (1 << 31) - 1)  # column types come from the first block: take it all
   return pyarrow.csv.read_csv(
     source,
@@ -196,7 +206,7 @@ def _parse(path: Path, dialect: Dialect, *, plain: bool = False) -> pyarrow.Tabl
       column_names=list(dialect.names) or None,
       autogenerate_column_names=dialect.headless,
     ),
-    parse_options=pyarrow.csv.ParseOptions(delimiter=dialect.separator),
+    parse_options=pyarrow.csv.ParseOptions(delimiter="\t" if spaced else dialect.separator),
     convert_options=pyarrow.csv.ConvertOptions(
       null_values=list(_BLANK), strings_can_be_null=True, decimal_point=dialect.decimal
     ),

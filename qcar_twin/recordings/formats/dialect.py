@@ -14,6 +14,7 @@ from qcar_twin.recordings.unit_names import UNITS, unit_of
 LONGEST_LINE = 1 << 16  # bytes of a header: thousands of names
 _MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}  # of byte order
 _SEPARATORS = "\t;,"  # of two that are in every row the first: a comma may be a decimal mark
+SPACES = " "  # the separator of a text whose columns any number of blanks is between
 _SAMPLE = 40  # lines below which a preamble is over
 _MOSTLY = 0.5  # of the cells that are there: numbers make a row of samples, units one of units
 _COMMA = re.compile(r"^\s*[-+]?\d+,\d+(?:[eE][-+]?\d+)?\s*$")
@@ -69,6 +70,8 @@ def dialect_of(path: Path, label: str) -> Dialect:
     return Dialect(",", ".", encoding, 0)
   sample = lines[content[min(_SAMPLE, len(content) - 1)]]
   separator = next((mark for mark in _SEPARATORS if mark in sample), ",")
+  if separator not in sample and len(sample.split()) > 1 and _mostly(sample.split(), _number):
+    separator = SPACES
   cells = {k: _cells(lines[k], separator) for k in content}
   wide = len(_cells(sample, separator))
   first = next((k for k in content if len(cells[k]) == wide and _mostly(cells[k], _number)), None)
@@ -103,7 +106,15 @@ def _decoded(head: bytes, encoding: str) -> tuple[str, str]:
     return (head.decode("utf-8", errors="ignore"), "utf-8") if cut else (head.decode("latin1"), "latin1")
 
 
+def by_tabs(text: str) -> str:
+  """A text with blanks between its columns, by tabs; the mark of a comment is no column's."""
+  lines = (re.sub(r"^\s*#\s+", "#", line) for line in text.splitlines())
+  return "".join("\t".join(line.split()) + "\n" for line in lines)
+
+
 def _cells(line: str, separator: str) -> list[str]:
+  if separator == SPACES:
+    return re.sub(r"^\s*#\s+", "#", line).split()
   return next(csv.reader([line], delimiter=separator), [])
 
 

@@ -11,6 +11,7 @@ from calibration.fleet.scan import line_of, read_lines, scan
 from scripts import scan as scan_command
 from scripts.__main__ import dispatch
 from tests import ROOT
+from tests.qcar_twin.recordings.first_dataset.pairs import sample_columns, write_pair
 
 SAMPLE = ROOT / "data" / "sample"
 
@@ -106,3 +107,16 @@ def test_the_command_hands_back_its_lines(folder, capsys):
   lines = scan_command.main(scan_command.Config(folder / "logs", folder / "out", like=SAMPLE))
   assert [line["log"] for line in lines] == sorted(line["log"] for line in lines) and len(lines) == 4
   assert "4 logs, 0 refused" in capsys.readouterr().out
+
+
+def test_a_drive_and_its_motion_capture_are_one_log(tmp_path):
+  from_sample = lambda name: sample_columns(SAMPLE / f"{name}.csv")
+  for number, name in enumerate(("free_drive_a", "excitation_a"), 1):
+    write_pair(tmp_path, f"run{number}", *from_sample(name), shift=1.5)
+  logs = find_logs(tmp_path)
+  assert [(log.name, [p.name for p in log.parts]) for log in logs] == [
+    ("run1.csv", ["run1_mocap.csv"]),
+    ("run2.csv", ["run2_mocap.csv"]),
+  ]
+  line = line_of(logs[1], "check")
+  assert line["state"] in ("fit", "beware") and "pose" not in line["verdict"]

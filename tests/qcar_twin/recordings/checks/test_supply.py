@@ -64,3 +64,11 @@ def test_a_command_in_volts_takes_nothing_of_the_battery():
   time, columns = drive()
   run = Recording.from_columns("run", time, columns | {"battery_voltage": RUNNING_DOWN})
   np.testing.assert_array_equal(run.commands(0.01, supply=8.0)[1], run.commands(0.01)[1])
+
+
+def test_a_battery_that_falls_below_its_cut_off_is_told_with_its_seconds(tmp_path, tmp_path_factory):
+  battery = np.where(np.arange(1200) < 700, 8.0, 5.0)
+  (said,) = (s for s in loaded(tmp_path, battery)[1].warnings if "falls" in s)
+  assert "battery_voltage falls to 5 V from 7.00 s to 11.99 s, where it has 8 V at best: empty, or a loose plug" in said
+  once = np.where(np.arange(1200) == 700, 5.0, 8.0)  # one reading is none
+  assert not [s for s in loaded(tmp_path_factory.mktemp("once"), once)[1].warnings if "falls" in s]

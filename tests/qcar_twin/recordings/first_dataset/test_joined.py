@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from qcar_twin.recordings.dataset import DataSet
-from qcar_twin.recordings.first_dataset.joined import JOINED, as_csv, as_one_drive
+from qcar_twin.recordings.first_dataset.parts.joined import JOINED, as_csv, as_one_drive
 from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.formats import read_table
 from qcar_twin.recordings.recording import RecordingError

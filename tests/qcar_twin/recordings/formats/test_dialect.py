@@ -130,3 +130,23 @@ def test_a_first_row_with_words_where_all_rows_have_words_is_no_header(tmp_path)
   assert read_table(tmp_path / "drive.csv").headless
   (tmp_path / "named.csv").write_text("time,1,2,3\n0.0,0.1,0.5,0.2\n0.1,0.1,0.5,0.4\n")
   assert list(read_table(tmp_path / "named.csv").columns) == ["time", "1", "2", "3"]
+
+
+SPACED = ["# time motor_voltage speed", "0.00 1.0 0.10", " 0.01   1.5  0.11", "# a note", "0.02 -2.0   1e-3", ""]
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.txt", "run.log"])
+@pytest.mark.parametrize("mark", ["# ", "#", "  "])
+def test_columns_that_blanks_are_between(tmp_path, name, mark):
+  (tmp_path / name).write_text("\n".join([mark + SPACED[0][2:], *SPACED[1:]]), encoding="utf-8")
+  table = read_table(tmp_path / name)
+  assert list(table.columns) == ["time", "motor_voltage", "speed"]
+  assert table.columns["motor_voltage"].tolist() == [1.0, 1.5, -2.0]
+
+
+def test_blanks_without_a_header_and_a_row_that_is_torn(tmp_path):
+  (tmp_path / "run.txt").write_text("0.0 1 2\n0.1 1 2\n0.2 1 2\n", encoding="utf-8")
+  assert read_table(tmp_path / "run.txt").headless
+  (tmp_path / "run.txt").write_text("time a b\n0.0 1 2\n0.1 1\n0.2 1 2\n", encoding="utf-8")
+  with pytest.raises(RecordingError, match="run.txt: a row does not fit the header"):
+    read_table(tmp_path / "run.txt")

@@ -1,14 +1,17 @@
 """Files that hold parts of one drive, a topic each, as one log: rows by their clocks, blank where one has no sample."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
+from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.names import readings
+from qcar_twin.recordings.first_dataset.parts.pairing import Part, paired
 from qcar_twin.recordings.formats.table import Clocked, Table, merge
 from qcar_twin.recordings.recording import RecordingError
 
@@ -19,21 +22,63 @@ _MOTION = ("motor_speed", "speed", "pose_x", "yaw_rate")
 _TOGETHER = 0.5
 
 
+@dataclass(frozen=True)
+class Joined:
+  """Logs as drives.
+
+  Attributes:
+    tables: one a drive.
+    made: those of them that are to be written, of the name in `label`; none where every file is a drive of its own.
+    said: a line for each, how it came about, and for each file that was left out.
+    first: of a single drive the file with its commands, where it was joined of two kinds of files.
+  """
+
+  tables: tuple[Table, ...]
+  made: tuple[Table, ...] = ()
+  said: tuple[str, ...] = ()
+  first: str = ""
+
+
+def joined(tables: Sequence[Table]) -> Joined:
+  """The drives that files hold: all of them one drive, or a file of each kind a drive, or each a drive of its own.
+
+  Raises:
+    RecordingError: commands and motion lie in files of their own, and which belong together cannot be told.
+  """
+  each = [Columns((table,)) for table in tables] if len(tables) > 1 else []
+  parts = [_part(table, columns) for table, columns in zip(tables, each, strict=False)]
+  drives = paired(parts) if parts else None
+  if drives is not None:
+    several = len(drives.groups) > 1
+    made = tuple(
+      _merged(group[0][0].stem + f"_{JOINED}" if several else JOINED, group, drives.prefixes) for group in drives.groups
+    )
+    said = (*drives.said, *(note for table in made for note in table.notes))
+    return Joined(made, made, said, "" if several else drives.groups[0][0][0].label)
+  if (whole := as_one_drive(tables)) is not None:
+    names = ", ".join(table.label for table in tables)
+    return Joined((whole,), (whole,), (f"{names}: parts of one drive, joined by their clocks", *whole.notes))
+  return Joined(tuple(tables))
+
+
 def as_one_drive(tables: Sequence[Table]) -> Table | None:
   """The files' columns as `file.column` in one table; None where they are drives of their own, or cannot be joined.
 
   They are parts of one drive where each has a clock, their times overlap, and commands and motion are together in all
-  of them: in none alone, or in files that share no column but clocks.
+  of them: in none alone, or in files that share no column but clocks. Files of the same columns are drives of their
+  own.
   """
   groups: list[Clocked] = []
   each = [Columns((table,)) for table in tables] if len(tables) > 1 else []
   apart = _of_different_names(each)
+  if len({frozenset(columns.names) for columns in each}) < len(each):
+    return None
   for table, columns in zip(tables, each, strict=False):
     guesses = guess_columns(columns)
     whole_drive = _has(guesses, _COMMANDS) and _has(guesses, _MOTION)
     if "time" not in guesses or (whole_drive and not apart):
       return None
-    groups.append(_clocked(table, columns, guesses["time"]))
+    groups.append(_clocked(columns, guesses["time"], Path(table.label).stem))
   if not groups or any(not group.time.size for group in groups):
     return None
   shared = min(g.time[-1] for g in groups) - max(g.time[0] for g in groups)
@@ -57,6 +102,21 @@ def as_csv(table: Table) -> str:
   return text.getvalue()
 
 
+def _part(table: Table, columns: Columns) -> Part:
+  guesses = guess_columns(columns)
+  guess_by_unit(columns, guesses)
+  return Part(table.label, columns, guesses, _has(guesses, _COMMANDS), _has(guesses, _MOTION))
+
+
+def _merged(name: str, group: Sequence[tuple[Part, float]], prefixes: Mapping[str, str]) -> Table:
+  """One table of files whose clocks are shifted by so many s."""
+  clocked = []
+  for part, shift in group:
+    own = _clocked(part.columns, part.guesses["time"], prefixes[part.label])
+    clocked.append(Clocked(own.time + shift, own.columns))
+  return merge(name, clocked)
+
+
 def _of_different_names(each: Sequence[Columns]) -> bool:
   """Whether no two files have a column of one name, but for clocks: drives of their own are logged alike."""
   own = [{name for name in columns.names if not columns.rises(name) and not _tells_time(name)} for columns in each]
@@ -67,14 +127,13 @@ def _tells_time(name: str) -> bool:
   return any(reading.channel == "time" for reading in readings(name))
 
 
-def _has(guesses: dict[str, Guess], channels: Sequence[str]) -> bool:
+def _has(guesses: Mapping[str, Guess], channels: Sequence[str]) -> bool:
   return any(name in guesses for name in channels)
 
 
-def _clocked(table: Table, columns: Columns, clock: Guess) -> Clocked:
+def _clocked(columns: Columns, clock: Guess, prefix: str) -> Clocked:
   """A file's columns on its clock in s; its name before each, since a topic's columns are often called `data`."""
   known = columns.tables[0]
   time = clock.scale * known.number(clock.column, "time")
   names = [n for n in columns.names if n != clock.column and not _tells_time(n)]
-  stem = Path(table.label).stem
-  return Clocked(time, {f"{stem}.{name}": known.number(name, name) for name in names})
+  return Clocked(time, {f"{prefix}.{name}": known.number(name, name) for name in names})

@@ -1,0 +1,213 @@
+"""Which files of a command and of a motion belong together: by their names, by their clocks, by the motion itself."""
+
+import dataclasses
+import functools
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import PurePosixPath
+
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess
+from qcar_twin.recordings.first_dataset.parts.motion import Fit, Motion, fit, motion_of
+from qcar_twin.recordings.recording import RecordingError
+
+_ALIKE = 0.8  # correlation of two sensors of one motion, as the check has it
+_CLEAR = 0.1  # of a correlation, by which one of two files, or of two lags, goes better with a third
+_LATE = 0.5  # s, from which a lag is none of a sensor or a servo
+_SHARED = 0.5  # of the shorter file's time that two files of one drive share
+_CURE = "give the files of one drive names that differ by one word alone, run1_car.csv and run1_mocap.csv say"
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+  """One file: its columns, what they are guessed to be, and whether commands and motion are among them."""
+
+  label: str
+  columns: Columns
+  guesses: Mapping[str, Guess]
+  commands: bool
+  motion: bool
+
+  @property
+  def whole(self) -> bool:
+    return self.commands and self.motion
+
+  @property
+  def stem(self) -> str:
+    return "_".join(PurePosixPath(self.label).with_suffix("").parts)
+
+  @property
+  def words(self) -> tuple[str, ...]:
+    """Words and numbers of its name and its folders'."""
+    return words_of_file(self.stem)
+
+  @functools.cached_property
+  def moved(self) -> Motion:
+    return motion_of(self.columns, self.guesses)
+
+  @functools.cached_property
+  def like(self) -> frozenset[str]:
+    """The names of its columns: files with the same were logged alike."""
+    return frozenset(self.columns.names)
+
+
+def words_of_file(name: str) -> tuple[str, ...]:
+  """Words and numbers of a file's name."""
+  return tuple(re.findall(r"[a-z]+|\d+", name.lower()))
+
+
+Group = tuple[tuple[Part, float], ...]  # files of one drive, and the seconds that are added to each one's clock
+
+
+@dataclasses.dataclass(frozen=True)
+class Drives:
+  """Which files belong together, what stands before the columns of each, and how that came about."""
+
+  groups: tuple[Group, ...]
+  prefixes: Mapping[str, str]
+  said: tuple[str, ...]
+
+
+def paired(parts: Sequence[Part]) -> Drives | None:
+  """Files of two kinds, of which one has the commands and the other motion that is in no file of the first; None where
+  files aren't of two such kinds.
+
+  Names propose who belongs together, else clocks, else the motion. The motion, where both saw it, has to agree, and
+  says how the clocks lie.
+
+  Raises:
+    RecordingError: they are of two such kinds, and who belongs together cannot be told.
+  """
+  kinds: dict[frozenset[str], list[Part]] = {}
+  for part in parts:
+    if "time" not in part.guesses:
+      return None
+    kinds.setdefault(part.like, []).append(part)
+  if len(kinds) != 2:
+    return None
+  cars, others = sorted(kinds.values(), key=lambda kind: (-kind[0].commands, -kind[0].motion))
+  fills = {"pose_x", "yaw_rate", "speed", "motor_speed"} & others[0].guesses.keys() - cars[0].guesses.keys()
+  if not cars[0].commands or others[0].commands or not fills:
+    return None
+  prefixes = {part.label: _prefix(kind) for kind in (cars, others) for part in kind}
+  if len(set(prefixes.values())) < 2:
+    prefixes |= {part.label: f"{prefixes[part.label]}_2" for part in others}
+  partners = _partners(cars, others)
+  groups, said = [], []
+  for car in cars:
+    other, why = partners.get(car.label, (None, ""))
+    if other is None:
+      alone = "is read alone" if car.whole else "left out"
+      said.append(f"{car.label}: {alone}, no other file is of its drive")
+      groups += [((car, 0.0),)] if car.whole else []
+      continue
+    shift, how = _shift(car, other)
+    said.append(f"{car.label}, {other.label}: parts of one drive {why}, joined by {how}")
+    groups.append(((car, 0.0), (other, shift)))
+  taken = {other.label for other, _ in partners.values()}
+  said += [f"{o.label}: left out, no file of commands is of its drive" for o in others if o.label not in taken]
+  return Drives(tuple(groups), prefixes, tuple(said)) if partners else None
+
+
+def _prefix(kind: Sequence[Part]) -> str:
+  """The words that all files of a kind share; one file's own name, where it is the only one."""
+  if len(kind) == 1:
+    return PurePosixPath(kind[0].label).stem
+  shared = [word for word in kind[0].words if all(word in part.words for part in kind) and not word.isdigit()]
+  return "_".join(shared) or "log"
+
+
+def _keys(kind: Sequence[Part], other: Sequence[Part]) -> dict[str, tuple[str, ...]]:
+  """By file the words of its name, without those that all files of its kind have and none of the other kind."""
+  everywhere = {word for word in kind[0].words if all(word in part.words for part in kind)}
+  anywhere = {word for part in other for word in part.words}
+  own = everywhere - anywhere
+  return {part.label: tuple(word for word in part.words if word not in own) for part in kind}
+
+
+def _partners(cars: Sequence[Part], others: Sequence[Part]) -> dict[str, tuple[Part, str]]:
+  """By file of commands the one of the other kind, and why."""
+  if len(cars) == len(others) == 1:
+    return {cars[0].label: (others[0], "by their columns")}
+  keys, of_others = _keys(cars, others), _keys(others, cars)
+  named = {
+    car.label: same
+    for car in cars
+    if len(same := [o for o in others if sorted(of_others[o.label]) == sorted(keys[car.label])]) == 1
+  }
+  once = [same[0].label for same in named.values()]
+  if named and len(set(once)) == len(once):
+    by_label = {car.label: car for car in cars}
+    for label, (other,) in named.items():
+      _confirm(by_label[label], other, cars)
+    return {label: (other, "by their names") for label, (other,) in named.items()}
+  shared = lambda car, other: min(car.moved.end, other.moved.end) - max(car.moved.start, other.moved.start)
+  least = lambda car, other: _SHARED * min(p.moved.end - p.moved.start for p in (car, other))
+  by_clock = _mutual(cars, others, lambda car, other: float(shared(car, other) > least(car, other)), 0.5)
+  if by_clock:
+    return {label: (other, "by their clocks") for label, other in by_clock.items()}
+  alike = lambda car, other: fit(car.moved, other.moved).alike
+  by_motion = _mutual(cars, others, lambda car, other: -1.0 if math.isnan(r := alike(car, other)) else r, _ALIKE)
+  if by_motion:
+    return {label: (other, "by their motion") for label, other in by_motion.items()}
+  raise RecordingError(
+    f"{cars[0].label}, {others[0].label} and {len(cars) + len(others) - 2} more: commands and motion lie in files of"
+    f" their own, and neither names nor clocks nor motion tell which belong together; {_CURE}"
+  )
+
+
+def _mutual(
+  cars: Sequence[Part], others: Sequence[Part], score: Callable[[Part, Part], float], least: float
+) -> dict[str, Part]:
+  """Partners that have each other and nobody else; none where a file has two that fit about as well."""
+  table = {(car.label, other.label): score(car, other) for car in cars for other in others}
+  chosen: dict[str, Part] = {}
+  for car in cars:
+    ranked = sorted(others, key=lambda other: -table[car.label, other.label])
+    best = table[car.label, ranked[0].label]
+    rivals = [table[car.label, other.label] for other in ranked[1:]]
+    rivals += [table[rival.label, ranked[0].label] for rival in cars if rival is not car]
+    if best <= least:
+      continue
+    if any(best - rival < _CLEAR for rival in rivals):
+      return {}
+    chosen[car.label] = ranked[0]
+  return chosen
+
+
+def _confirm(car: Part, other: Part, cars: Sequence[Part]) -> None:
+  """Refuses a pair by names whose motion is clearly another file's."""
+  own = fit(car.moved, other.moved)
+  if math.isnan(own.alike) or own.alike > _ALIKE:
+    return
+  fits = {rival.label: fit(rival.moved, other.moved).alike for rival in cars if rival is not car}
+  fits = {label: alike for label, alike in fits.items() if not math.isnan(alike)}
+  best = max(fits, key=lambda label: fits[label], default="")
+  if best and fits[best] > max(_ALIKE, own.alike + _CLEAR):
+    raise RecordingError(
+      f"{other.label}: goes with {car.label} by its name, and by its motion with {best} (correlation {fits[best]:.2f}"
+      f" against {own.alike:.2f}); rename it after the drive that it is of, or leave one of the two out"
+    )
+
+
+def _shift(car: Part, other: Part) -> tuple[float, str]:
+  """Seconds to be added to the other's clock, and how that came about.
+
+  Raises:
+    RecordingError: the clocks differ, and the motion doesn't say by how much.
+  """
+  own: Fit = fit(car.moved, other.moved)
+  pair = f"{car.label}, {other.label}"
+  together = min(car.moved.end, other.moved.end) - max(car.moved.start, other.moved.start)
+  shared = together > _SHARED * min(p.moved.end - p.moved.start for p in (car, other))
+  judged = own.alike > _ALIKE and not own.again > own.alike - _CLEAR
+  as_good = own.as_stamped > own.alike - _CLEAR or abs(own.lag) < _LATE
+  if shared and (not judged or as_good):
+    return 0.0, "their clocks"
+  if judged:
+    return own.lag, f"their motion (correlation {own.alike:.2f}), which moves {other.label} by {own.lag:.2f} s"
+  why = "never moves alike" if not own.alike > _ALIKE else "repeats itself, so that several seconds fit as well"
+  raise RecordingError(
+    f"{pair}: are of one drive, their clocks have no time in common, and the motion {why}; add the seconds between the"
+    f" two to the clock of {other.label}, or leave it out"
+  )

@@ -1,0 +1,33 @@
+"""Columns in another language: of several angles the one that the car turned by is the steering."""
+
+from qcar_twin.recordings.first_dataset.propose import propose
+from qcar_twin.recordings.formats import read_table
+from tests.faults.wander import wander
+from tests.qcar_twin.recordings.drives import write_csv
+
+GERMAN = {
+  "motor_voltage": "Motorspannung [V]",
+  "steering_command": "Lenkwinkel [rad]",
+  "pose_yaw": "Gierwinkel [rad]",
+  "speed": "Geschwindigkeit [m/s]",
+  "yaw_rate": "Gierrate [rad/s]",
+}
+
+
+def proposed(folder, names) -> str:
+  time, columns = wander(51)
+  write_csv(folder / "run.csv", time, {name: columns[channel] for channel, name in names.items()})
+  return propose("lab", [read_table(folder / "run.csv")], wheelbase=0.256, mass=2.7).text
+
+
+def test_of_two_angles_the_one_that_the_car_turned_by(tmp_path):
+  text = proposed(tmp_path, GERMAN)
+  assert 'steering_command = { column = "Lenkwinkel [rad]"' in text and 'column = "Gierwinkel' not in text
+
+
+def test_a_speed_controllers_pulses_are_the_drives_command(tmp_path):
+  time, columns = wander(52)
+  own = {"ESC_us": 1500.0 + 60.0 * columns["motor_voltage"], "SERVO_us": 1500.0 - 900.0 * columns["steering_command"]}
+  write_csv(tmp_path / "run.csv", time, own | {"v_mps": columns["speed"], "gyro_z": columns["yaw_rate"]})
+  text = propose("lab", [read_table(tmp_path / "run.csv")], wheelbase=0.256, mass=2.7).text
+  assert 'motor_duty = { column = "ESC_us", scale = 0.002, offset = -3.0 }' in text
