@@ -255,7 +255,7 @@ def _lead(command: Array, speed: Array, begin: int, period: float, vehicle: Vehi
     return np.full(len(LEAD), np.nan)
   when, turning = period * (near - begin), speed[near] / rolling_radius(vehicle)
   rise = np.polyfit(when, turning, 1)[0]
-  return np.array([np.mean(command[near]), np.mean(turning), rise, when.mean()])
+  return np.array([np.mean(command[near]), np.mean(turning), rise, when.mean()], dtype=np.float64)
 
 
 def _speed_on(recording: Recording, time: Array, vehicle: Vehicle) -> Array:
