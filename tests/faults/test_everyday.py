@@ -136,7 +136,7 @@ SPOILT = {
   ),
   "a pose of the other hand": (
     {"pose_y": -DRIVEN["pose_y"], "pose_yaw": -DRIVEN["pose_yaw"]},
-    "pose_yaw say the contrary of turning",
+    "both say the contrary of the pose's turning; the steering goes with them: the place is mirrored",
   ),
   "a quaternion's z as the heading": ({"pose_yaw": np.sin(0.5 * DRIVEN["pose_yaw"])}, "do not agree in turning"),
 }

@@ -133,7 +133,6 @@ def test_a_clock_of_too_few_digits_is_none(tmp_path):
 
 
 CONTRADICTING = {
-  "an IMU that lies upside down": {"yaw_rate": -DRIVEN["yaw_rate"], "accel_y": -DRIVEN["accel_y"]},
   "an IMU turned by a quarter": {"accel_x": DRIVEN["accel_y"], "accel_y": -DRIVEN["accel_x"]},
 }
 
@@ -182,15 +181,22 @@ def test_an_imu_is_read_along_the_car_however_it_lies(tmp_path, name):
     assert slope == pytest.approx(1.0, abs=0.05), channel
 
 
-@pytest.mark.parametrize(
-  ("mirrored", "said"),
-  [(AIRCRAFT, "left positive in this log"), ({n: AIRCRAFT[n] for n in ("accel_y", "yaw_rate")}, "what the IMU says")],
-  ids=["all of the log", "the IMU alone"],
-)
-def test_a_z_that_points_down_is_asked_about_where_no_axis_was_logged_ahead(tmp_path, mirrored, said):
+@pytest.mark.parametrize("axis", [{"acc_z": DOWN}, {}], ids=["by gravity", "unsaid"])
+def test_an_imu_that_alone_turns_the_other_way_lies_upside_down(tmp_path, axis):
+  """Heading and steering say so, where no axis was logged ahead, and nobody is asked."""
+  mirrored = {name: AIRCRAFT[name] for name in ("accel_y", "yaw_rate")}
+  names = named(accel_x="counts_unused", **{name: name for name in axis})
+  check = read(tmp_path, text(names=names, **axis, **mirrored))
+  assert not check.of("spoils"), check.verdict
+  for channel in ("steering_command", "yaw_rate", "accel_y", "pose_y", "pose_yaw"):
+    _, value = values(check, channel)
+    assert np.corrcoef(value, DRIVEN[channel])[0, 1] > 0.99, channel
+
+
+def test_a_z_that_points_down_is_asked_about_where_no_axis_was_logged_ahead(tmp_path):
   """Nothing else tells a log of aircraft's axes from one of a mirrored car."""
-  with pytest.raises(RecordingError, match=said) as caught:
-    read(tmp_path, text(names=named(acc_z="acc_z", accel_x="counts_unused"), acc_z=DOWN, **mirrored))
+  with pytest.raises(RecordingError, match="left positive in this log") as caught:
+    read(tmp_path, text(names=named(acc_z="acc_z", accel_x="counts_unused"), acc_z=DOWN, **AIRCRAFT))
   sides = re.search(r"scale and offset of (.*?) by -1", str(caught.value))[1].split(", ")
   check = _answered(tmp_path, lambda line: _turned(line, sides))
   assert not check.of("spoils"), check.verdict

@@ -80,19 +80,21 @@ def settle_mount(columns: Columns, guesses: dict[str, Guess]) -> None:
       guesses[name].why.append("counted as in aircraft, to the right: by gravity the gyro turns the other way")
 
 
-def settle_upside_down(columns: Columns, guesses: dict[str, Guess]) -> None:
+def settle_upside_down(columns: Columns, guesses: dict[str, Guess]) -> bool:
   """Count an IMU's turning and its force across the other way, where both say the contrary of a heading that goes with
-  its path, and the steering, as it was logged, goes with the heading: it lies upside down."""
+  its path, and the steering, as it was logged, goes with the heading: it lies upside down. Returns whether it does."""
   recordings = recordings_of(columns, guesses)
   if not {"yaw_rate", "accel_y", "pose_yaw", "steering_command"} <= guesses.keys() or not contrary(recordings):
-    return
+    return False
   by_heading = [r.replace(streams={c: s for c, s in r.streams.items() if c != "yaw_rate"}) for r in recordings]
   speed, angle, turned = turning_of(by_heading)
   agrees = correlation(speed * angle, turned, _LEAST) > _ALIKE
-  if agrees and goes_with(recordings) and _correlation(recordings, _going_round) > _ALIKE:
-    for name in ("yaw_rate", "accel_y"):
-      guesses[name].scale, guesses[name].offset = -guesses[name].scale, -guesses[name].offset
-      guesses[name].why.append("heading and steering turn the other way, and gyro and accelerometer agree: upside down")
+  if not (agrees and goes_with(recordings) and _correlation(recordings, _going_round) > _ALIKE):
+    return False
+  for name in ("yaw_rate", "accel_y"):
+    guesses[name].scale, guesses[name].offset = -guesses[name].scale, -guesses[name].offset
+    guesses[name].why.append("heading and steering turn the other way, and gyro and accelerometer agree: upside down")
+  return True
 
 
 def lies(columns: Columns, guesses: dict[str, Guess]) -> bool:

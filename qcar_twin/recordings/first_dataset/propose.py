@@ -88,14 +88,14 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   vehicle = Vehicle.from_dataset({"name": "car", **known, "drive": kind})
   if wheelbase is not None:
     vehicle = _of_size(vehicle, wheelbase)
-  turns_like, asked, gearing = vehicle.wheelbase, (), None
+  turns_like, asked, gearing, turned = vehicle.wheelbase, (), None, False
   if topics is None:
     settle_gear(columns, guesses)
     asked = settle_several(columns, guesses, {key: getattr(vehicle, key) for key in _VEHICLE})
     settle_plane(columns, guesses)
     guesses = _without_half_a_place(guesses)
     settle_mount(columns, guesses)
-    settle_upside_down(columns, guesses)
+    turned = settle_upside_down(columns, guesses)
     gearing = usual_gearing(recordings_of(columns, guesses), vehicle)
     vehicle = dataclasses.replace(vehicle, gear_ratio=gearing or vehicle.gear_ratio)
     turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in _VEHICLE}, wheelbase)
@@ -103,7 +103,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
   missing = _missing(guesses, tables)
   questions = tuple(question.text for question in asked)
-  questions += _asked_of(columns, guesses, recordings) if topics is None else ()
+  questions += _asked_of(columns, guesses, recordings, turned) if topics is None else ()
   lines = [*_head(name, topics, questions), *_vehicle(vehicle, known, kind, recordings, said, turns_like, gearing)]
   channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
   lines += ["", *channels]
@@ -133,9 +133,11 @@ def _without_half_a_place(guesses: dict[str, Guess]) -> dict[str, Guess]:
   return {channel: guess for channel, guess in guesses.items() if not half or channel not in ("pose_x", "pose_y")}
 
 
-def _asked_of(columns: Columns, guesses: dict[str, Guess], recordings: Sequence[Recording]) -> tuple[str, ...]:
-  """What only a person can tell of the columns that were guessed."""
-  down = None if lies(columns, guesses) else pointing_down(columns, guesses, recordings)
+def _asked_of(
+  columns: Columns, guesses: dict[str, Guess], recordings: Sequence[Recording], turned: bool
+) -> tuple[str, ...]:
+  """What only a person can tell of the columns that were guessed; an IMU that was `turned` has told how it lies."""
+  down = None if turned or lies(columns, guesses) else pointing_down(columns, guesses, recordings)
   return (*_electrical(guesses), *turning_right(columns, guesses), *([down] if down is not None else []))
 
 

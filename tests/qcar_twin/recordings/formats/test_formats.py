@@ -107,8 +107,8 @@ def test_time_stamps_written_as_dates_become_seconds(tmp_path):
     (b"\n\n", ["the file is empty"]),
     (b"time,motor_voltage,speed\n", ["has column names but no rows"]),
     (
-      b"time motor_voltage\n0 1\n",
-      ["only one column was found ('time motor_voltage')", "separate the columns by commas"],
+      b"time:motor_voltage\n0:1\n",
+      ["only one column was found ('time:motor_voltage')", "separate the columns by commas"],
     ),
     (b"time,speed\n0,1\n1,2,3\n", ["a row does not fit the header", "Expected 2 columns, got 3", "repair or delete"]),
     (b"time,speed,yaw_rate\n0,1,2\n1,2", ["a row does not fit the header", "cut off when a logger is killed"]),
