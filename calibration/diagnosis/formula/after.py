@@ -9,7 +9,8 @@ import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decision.decide import Decision
-from calibration.diagnosis.formula.finding import STAGE, Found, find_formula
+from calibration.diagnosis.formula.finding import Found, find_formula
+from calibration.diagnosis.formula.looking import STAGE
 from calibration.diagnosis.formula.minimum import at_minimum
 from calibration.diagnosis.formula.thinned import thinned
 from calibration.diagnosis.formula.words import alike_words
