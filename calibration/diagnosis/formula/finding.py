@@ -4,6 +4,7 @@ import dataclasses
 import time
 
 import numpy as np
+from scipy.stats import t as student
 from threadpoolctl import threadpool_limits
 
 from calibration.diagnosis.candidates import Candidate, half_square
@@ -17,6 +18,7 @@ from calibration.fitting.likelihood import Problem
 from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
 
+_REFUSED = 0.05  # of right formulas, that recordings which only judge may refuse
 _BEGUN, _LOOKED = 0.2, 0.45  # of the time: to the model's minimum, and to what is seen from there; trials the rest
 
 
@@ -109,14 +111,17 @@ def _table(where: Sought, fitted: Fitted) -> Option:
 
 
 def good(twin: Refitted) -> bool:
-  """Whether a twin with it is better held out, and on recordings that only judge, where there are some.
+  """Whether a twin with it is better held out, and recordings that only judge, where there are some, do not deny it.
 
   What it takes off the cost must be worth a word in the simulator, too: seen from a base that is not at its minimum, a
-  force may make up for what the base's own parameters can do.
+  force may make up for what the base's own parameters can do. The few blocks that judge also judge how far the base has
+  moved with the formula, along directions that the driving hardly knows: so they deny it where their mean loss is more
+  than chance makes of a right one, by Student's t over blocks.
   """
-  before = half_square(twin.before.residual[: twin.before.n_train])
+  before, judged = half_square(twin.before.residual[: twin.before.n_train]), twin.judged
   material = twin.before.cost - twin.model.cost >= MATERIAL * before
-  return material and twin.held_out.gain > 0.0 and (twin.judged is None or twin.judged.gain > 0.0)
+  denied = judged is not None and judged.t < float(student.ppf(_REFUSED, max(1, len(judged.blocks) - 1)))
+  return material and twin.held_out.gain > 0.0 and not denied
 
 
 def _as_good(looked: Looked) -> tuple[str, ...]:
