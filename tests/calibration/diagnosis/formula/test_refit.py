@@ -9,10 +9,9 @@ from calibration.diagnosis.formula import after
 from calibration.diagnosis.formula.after import TWIN, Shipped, weighed, write_formula
 from calibration.diagnosis.formula.columns import Driven
 from calibration.diagnosis.formula.finding import find_formula
-from calibration.diagnosis.formula.minimum import at_minimum
+from calibration.diagnosis.formula.minimum import at_minimum, thinned
 from calibration.diagnosis.formula.moments import fading, moments, variables
 from calibration.diagnosis.formula.refit import Refitted, fitted_best, refitted
-from calibration.diagnosis.formula.thinned import thinned
 from calibration.diagnosis.pool import Pool
 from calibration.fitting.likelihood import Problem, Weighting
 from calibration.fitting.observations import CHANNELS, observe
