@@ -15,7 +15,7 @@ from calibration.diagnosis.decision.evidence import Evidence
 from calibration.diagnosis.decision.levels import Levels, usual_levels
 from calibration.diagnosis.experiment import next_experiment
 from calibration.diagnosis.formula.after import formula_left, left_unexplained
-from calibration.diagnosis.formula.finding import STAGE
+from calibration.diagnosis.formula.looking import STAGE
 from calibration.diagnosis.holdout_errors import ChannelFit, Replay, compare_twins
 from calibration.diagnosis.locate import Location, locate
 from calibration.diagnosis.outcome import Diagnosis, Outcome

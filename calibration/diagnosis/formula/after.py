@@ -9,9 +9,9 @@ import numpy as np
 
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.decision.decide import Decision
-from calibration.diagnosis.formula.finding import STAGE, Found, find_formula
-from calibration.diagnosis.formula.minimum import at_minimum
-from calibration.diagnosis.formula.thinned import thinned
+from calibration.diagnosis.formula.finding import Found, find_formula
+from calibration.diagnosis.formula.looking import STAGE
+from calibration.diagnosis.formula.minimum import at_minimum, thinned
 from calibration.diagnosis.formula.words import alike_words
 from calibration.diagnosis.holdout_errors import ChannelFit, compare_twins, ratio
 from calibration.diagnosis.pool import Pool

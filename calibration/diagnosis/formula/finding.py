@@ -2,57 +2,24 @@
 
 import dataclasses
 import time
-from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.stats import t as student
 from threadpoolctl import threadpool_limits
 
-from calibration.diagnosis.candidates import Candidate
-from calibration.diagnosis.formula.columns import Driven, Fitted
-from calibration.diagnosis.formula.forms import Form, Forms, forms_of
-from calibration.diagnosis.formula.moments import fading, moments, variables
-from calibration.diagnosis.formula.pulses import DRIVEN, Responses, readable, responses
-from calibration.diagnosis.formula.recovery import Base, Recovered, recover
-from calibration.diagnosis.formula.refit import (
-  Option,
-  Refitted,
-  fitted_best,
-  mechanism_of,
-  refitted,
-  table_of,
-)
-from calibration.diagnosis.formula.replay import replayed
+from calibration.diagnosis.candidates import Candidate, half_square
+from calibration.diagnosis.formula.columns import Fitted
+from calibration.diagnosis.formula.forms import MATERIAL, Form
+from calibration.diagnosis.formula.looking import ALIKE, STAGE, Looked, Sought, gain, look, stood
+from calibration.diagnosis.formula.places import placed
+from calibration.diagnosis.formula.refit import Option, Refitted, fitted_best, refitted, table_of
 from calibration.diagnosis.formula.tables import table_heights
-from calibration.diagnosis.formula.thinned import thinned
 from calibration.fitting.likelihood import Problem
-from calibration.intervals.clusters import groups_of
 from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
 
-Array = NDArray[np.float64]
-
-STAGE = "formula for the rest"
-_WINNER, _FORCES, _FORMS = 0.2, 0.2, 0.2  # of the time: the model's minimum, forces over time, forms; trials the rest
-_ASKED = 3  # degrees of freedom, those of the largest evidence, whose forms are sought
-_ALIKE = 10.0  # nats of evidence within which two degrees of freedom can't be told apart
-
-
-@dataclasses.dataclass(frozen=True)
-class Sought:
-  """One degree of freedom that was looked into.
-
-  Attributes:
-    recovered: its force over time.
-    responses: its columns.
-    driven: the driving with that force.
-    forms: None where nothing is worth its coefficients.
-  """
-
-  recovered: Recovered
-  responses: Responses
-  driven: Driven
-  forms: Forms | None
+_REFUSED = 0.05  # of right formulas, that recordings which only judge may refuse
+_BEGUN, _LOOKED = 0.2, 0.45  # of the time: to the model's minimum, and to what is seen from there; trials the rest
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +44,7 @@ class Found:
 
   @property
   def form(self) -> Form | None:
-    """The formula that is shipped."""
+    """The formula that is shipped, as the force over time has it."""
     forms = self.sought.forms if self.sought else None
     return forms.best if forms and self.kind == "formula" else None
 
@@ -102,84 +69,38 @@ def find_formula(
 
 def _found(problem: Problem, bases: list[Candidate], priors: ParameterSet, seed: int, progress: Progress) -> Found:
   began, random = time.perf_counter(), np.random.default_rng(seed)
-  part, model = thinned(problem, bases[0])
-  fitted = _fitted(part, model)
-  degrees, found = (*DRIVEN, *readable(part.observations)), []
-  for k, name in enumerate(degrees):
-    progress(STAGE, _WINNER + _FORCES * k / len(degrees))
-    found.append(recovered(part, model, fitted.base, name))
-  found.sort(key=lambda pair: -pair[0].evidence)
-  asked, twins = _worth_asking(found)
-  sought = []
-  for k, pair in enumerate(asked):
-    progress(STAGE, _WINNER + _FORCES + _FORMS * k / len(asked))
-    sought.append(look_into(part, model, fitted, *pair, random))
-  there = [s for s in sought if s.forms and s.forms.there]
-  over = lambda: time.perf_counter() - began
-  if not there:
+  over, looks = lambda: time.perf_counter() - began, []
+  for k, base in enumerate(bases):
+    span = [_BEGUN + (_LOOKED - _BEGUN) * i / len(bases) for i in (k, k + 1)]
+    near, model = stood(problem, base, priors) if k else (problem, base)
+    looks.append(look(near, model, random, progress, (span[0], span[1])))
+  progress(STAGE, _LOOKED)
+  again = lambda near, model: look(*stood(near, model, priors), random)
+  won = placed(problem, priors, looks, again)
+  if won is not None:
+    twin = refitted(problem, bases[0], priors, won.trial, won.where.driven)
+    if good(twin):
+      same = tuple(n for seen in looks[:1] for n in seen.stands_for.get(won.where.recovered.degree, ()))
+      return Found(won.where, tuple(dict.fromkeys((*won.alike, *same))), "formula", "", twin, over())
+  if not looks[0].there:
     return Found(None, (), "", "what is left follows nothing that a formula was tried with", None, over())
-  best = max(there, key=lambda s: s.forms.gain if s.forms else 0.0)
-  alike = tuple(s.recovered.degree for s in there if s is not best and _as_good(s, best))
-  progress(STAGE, _WINNER + _FORCES + _FORMS)
-  alike += tuple(twins.get(best.recovered.degree, ()))
-  kind, why, twin = shipped(problem, bases, priors, best, fitted)
-  return Found(best, alike, kind, why, twin, over())
+  best = looks[0].there[0]
+  kind, why, tabled = _tabled(problem, bases, priors, best, looks[0].fitted)
+  return Found(best, _as_good(looks[0]), kind, why, tabled or (twin if won else None), over())
 
 
-def _fitted(part: Problem, model: Candidate) -> Fitted:
-  observations, base = part.observations, Base.of(model)
-  second = observations.recording * 1_000_000 + observations.time.astype(np.int64)
-  return Fitted(base, base.rest, groups_of(observations), second)
-
-
-def recovered(problem: Problem, winner: Candidate, base: Base, degree: str) -> tuple[Recovered, Responses]:
-  """A degree of freedom's force over time, and the columns it came from."""
-  answers = responses(problem, winner.theta, degree)
-  return recover(base, answers), answers
-
-
-def look_into(
-  problem: Problem,
-  winner: Candidate,
-  fitted: Fitted,
-  force: Recovered,
-  answers: Responses,
-  random: np.random.Generator,
-) -> Sought:
-  """What a degree of freedom's force is a function of."""
-  observations, twin = problem.observations, problem.twin
-  prediction = replayed(problem, winner.theta, force)
-  context = moments(twin, winner.theta, observations, prediction)
-  stretches = observations.stretches
-  driven = Driven(variables(context, observations), fading(context, stretches), twin.car, stretches.segments.period)
-  return Sought(force, answers, driven, forms_of(answers, driven, fitted, random))
-
-
-def shipped(
+def _tabled(
   problem: Problem, bases: list[Candidate], priors: ParameterSet, best: Sought, fitted: Fitted
 ) -> tuple[str, str, Refitted | None]:
-  """What goes into the twin, a word; why nothing does; and the trial in the simulator."""
-  forms, twin = best.forms, None
-  assert forms is not None
-  tried = lambda options: refitted(problem, bases[0], priors, fitted_best(problem, bases, priors, options), best.driven)
-  if forms.found:
-    twin = tried(_options(problem, best))
-    if good(twin):
-      return "formula", "", twin
-  if not forms.tabled:
-    return "", "no formula holds, and no table of one or two variables does", twin
-  tabled = tried([_table(best, fitted)])
-  if good(tabled):
-    return "table", "", tabled
-  return "", "in the simulator it does not predict recordings better that took no part in the fit", twin or tabled
-
-
-def _options(problem: Problem, where: Sought) -> list[Option]:
-  """The formulas of a degree of freedom that do about as well, and others of the same variables."""
-  assert where.forms is not None
-  forms, unit = where.forms, problem.twin.vehicle.motor.unit
-  tried = {f.terms: f for f in (forms.best, *forms.rivals, *forms.siblings)}
-  return [(*mechanism_of(f, where.driven, unit), sum(g.nats for g in f.groups)) for f in tried.values()]
+  """What goes into the twin where no formula does, a word; why nothing does; and the trial in the simulator."""
+  assert best.forms is not None
+  if not best.forms.tabled:
+    return "", "no formula holds, and no table of one or two variables does", None
+  trial = fitted_best(problem, bases, priors, [_table(best, fitted)])
+  twin = refitted(problem, bases[0], priors, trial, best.driven)
+  if good(twin):
+    return "table", "", twin
+  return "", "in the simulator it does not predict recordings better that took no part in the fit", twin
 
 
 def _table(where: Sought, fitted: Fitted) -> Option:
@@ -190,28 +111,21 @@ def _table(where: Sought, fitted: Fitted) -> Option:
 
 
 def good(twin: Refitted) -> bool:
-  """Whether a twin with it is better held out, and on recordings that only judge, where there are some."""
-  return twin.held_out.gain > 0.0 and (twin.judged is None or twin.judged.gain > 0.0)
+  """Whether a twin with it is better held out, and recordings that only judge, where there are some, do not deny it.
 
-
-Pair = tuple[Recovered, Responses]
-
-
-def _worth_asking(found: Sequence[Pair]) -> tuple[list[Pair], dict[str, list[str]]]:
-  """Degrees of freedom of the largest evidence; and which others are as good as one of them.
-
-  A torque of the motor pushes the car as a force along it does, but for what the tyres slip: where the evidence does
-  not tell them apart, the force stands for both.
+  What it takes off the cost must be worth a word in the simulator, too: seen from a base that is not at its minimum, a
+  force may make up for what the base's own parameters can do. The few blocks that judge also judge how far the base has
+  moved with the formula, along directions that the driving hardly knows: so they deny it where their mean loss is more
+  than chance makes of a right one, by Student's t over blocks.
   """
-  there = [pair for pair in found if pair[0].evidence > 0.0]
-  evidence = {pair[0].degree: pair[0].evidence for pair in there}
-  both = {"force_x", "motor_torque"} <= set(evidence)
-  if both and abs(evidence["force_x"] - evidence["motor_torque"]) < _ALIKE:
-    there = [pair for pair in there if pair[0].degree != "motor_torque"]
-    return there[:_ASKED], {"force_x": ["motor_torque"]}
-  return there[:_ASKED], {}
+  before, judged = half_square(twin.before.residual[: twin.before.n_train]), twin.judged
+  material = twin.before.cost - twin.model.cost >= MATERIAL * before
+  denied = judged is not None and judged.t < float(student.ppf(_REFUSED, max(1, len(judged.blocks) - 1)))
+  return material and twin.held_out.gain > 0.0 and not denied
 
 
-def _as_good(one: Sought, best: Sought) -> bool:
-  assert one.forms and best.forms
-  return one.forms.gain > best.forms.gain - _ALIKE
+def _as_good(looked: Looked) -> tuple[str, ...]:
+  """Other degrees of freedom that explain as much as the first one, as seen from one base."""
+  best, *others = looked.there
+  alike = [s.recovered.degree for s in others if gain(s) > gain(best) - ALIKE]
+  return (*alike, *looked.stands_for.get(best.recovered.degree, ()))

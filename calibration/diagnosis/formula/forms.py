@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 _LIKELY = 0.6  # share of halves that must agree: Meinshausen and Buehlmann's bound holds from one half on
 _CHANCE = 0.02  # family-wise, of everything that is offered to one log
-_MATERIAL = 0.04  # of the squared error that is left: 2 % of the error
+MATERIAL = 0.04  # of the squared error that is left: 2 % of the error
 HOLDS = 0.8  # of the table's held-out gain, that a formula must hold
 _RIVALS = 4
 _INVISIBLE = 1e-3  # nats^(1/2) that a term shows at the size of the degree's scale
@@ -112,7 +112,7 @@ class Forms:
   @property
   def material(self) -> float:
     """Nats below which a gain is not worth a word."""
-    return _MATERIAL * self.rest
+    return MATERIAL * self.rest
 
   @property
   def found(self) -> bool:

@@ -100,13 +100,13 @@ def table_of(
   return made(name, law, parameters), {p.name: float(h) for p, h in zip(parameters, heights, strict=True)}
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass
 class Trial:
-  """A formula at its minimum, with all parameters of the model.
+  """A formula that is fitted with all parameters of the model.
 
   Attributes:
     mechanism: the formula, not limited yet.
-    problem: with it, put right there.
+    problem: with it, put right where it stood when it was last compared.
     model: fitted.
     nats: that it takes to say which formula it is.
   """
@@ -123,10 +123,7 @@ class Trial:
 
 
 def fitted_best(problem: Problem, bases: Sequence[Candidate], priors: ParameterSet, found: Sequence[Option]) -> Trial:
-  """The best of several formulas of one degree of freedom, fitted with all parameters of the model to the minimum.
-
-  By successive halving: a few steps each, then the better half goes on (Jamieson and Talwalkar, Non-stochastic best arm
-  identification and hyperparameter optimization, AISTATS 2016).
+  """The best of several formulas, fitted with all parameters of the model to the minimum.
 
   Args:
     problem: with the model's weights.
@@ -135,25 +132,41 @@ def fitted_best(problem: Problem, bases: Sequence[Candidate], priors: ParameterS
     priors: declarations of the base parameters.
     found: each formula, the values it starts from, and the nats it takes to say.
   """
-  trials = [_begun(problem, option, base, priors) for option, base in itertools.product(found, bases)]
+  return ended(halved([begun(problem, option, base, priors) for option, base in itertools.product(found, bases)]))
+
+
+def begun(problem: Problem, option: Option, base: Candidate, priors: ParameterSet) -> Trial:
+  """A formula added to a base, simulated and not yet fitted; the arguments are those of `fitted_best`."""
+  mechanism, start, nats = option
+  near = with_formula(problem.at(base.theta), mechanism)
+  model = candidate(near, (*base.mechanisms, mechanism.name), base, priors, start)
+  simulate(near, [model])
+  return Trial(mechanism, near, model, nats)
+
+
+def halved(trials: Sequence[Trial]) -> Trial:
+  """The one of the lowest cost, by successive halving: a few steps each, then the better half goes on.
+
+  What goes on is put right by MuJoCo where it stands: trials that came from afar are compared by their own cost, and
+  not by a correction that belongs elsewhere. Each one keeps the cost it came to, also where it is given up.
+  Source: Jamieson and Talwalkar, Non-stochastic best arm identification and hyperparameter optimization, AISTATS 2016.
+  """
   while True:
     for trial in trials:
       trial.model.settled = False
       refine(trial.problem, [trial.model], _STEPS, full=True)
     trials = sorted(trials, key=lambda trial: trial.cost)[: max(1, len(trials) // 2)]
     if len(trials) == 1:
-      break
-  best = trials[0]
-  near, model = at_minimum(best.problem, best.model)
-  return Trial(best.mechanism, near, model, best.nats)
+      return trials[0]
+    for trial in trials:
+      trial.problem = trial.problem.at(trial.model.theta)
+      simulate(trial.problem, [trial.model])
 
 
-def _begun(problem: Problem, option: Option, base: Candidate, priors: ParameterSet) -> Trial:
-  mechanism, start, nats = option
-  near = with_formula(problem.at(base.theta), mechanism)
-  model = candidate(near, (*base.mechanisms, mechanism.name), base, priors, start)
-  simulate(near, [model])
-  return Trial(mechanism, near, model, nats)
+def ended(trial: Trial) -> Trial:
+  """A trial at its minimum."""
+  near, model = at_minimum(trial.problem, trial.model)
+  return Trial(trial.mechanism, near, model, trial.nats)
 
 
 def without(problem: Problem, winner: Candidate, trial: Trial) -> tuple[Problem, Candidate]:

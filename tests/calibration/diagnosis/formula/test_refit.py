@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 
-from calibration.diagnosis.candidates import candidate
+from calibration.diagnosis.candidates import Candidate, candidate
 from calibration.diagnosis.decision.decide import Decision
 from calibration.diagnosis.formula import after
 from calibration.diagnosis.formula.after import TWIN, Shipped, weighed, write_formula
 from calibration.diagnosis.formula.columns import Driven
 from calibration.diagnosis.formula.finding import find_formula
-from calibration.diagnosis.formula.minimum import at_minimum
+from calibration.diagnosis.formula.minimum import at_minimum, thinned
 from calibration.diagnosis.formula.moments import fading, moments, variables
 from calibration.diagnosis.formula.refit import Refitted, fitted_best, refitted
-from calibration.diagnosis.formula.thinned import thinned
 from calibration.diagnosis.pool import Pool
 from calibration.fitting.likelihood import Problem, Weighting
 from calibration.fitting.observations import CHANNELS, observe
@@ -45,8 +44,8 @@ def measured(drag: float) -> list[Recording]:
           for k, r in enumerate(empty)]  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def case():
+def turned() -> tuple[Problem, Candidate, ParameterSet]:
+  """The turns with a drag of -1.2 N s/rad, the base at its minimum without one, and what is declared of the base."""
   twin = Twin(Vehicle(), [], threads=1, engine="reduced")
   recordings = measured(-1.2)
   observations = observe(recordings, twin.vehicle)
@@ -56,6 +55,11 @@ def case():
   problem = Problem(twin, observations, weighting, int(np.sum(observations.recording < 4)), FREE)
   _, winner = at_minimum(problem, candidate(problem, (), None, priors))
   return problem, winner, priors
+
+
+@pytest.fixture(scope="module")
+def case():
+  return turned()
 
 
 def with_drag(problem, bases, priors) -> Refitted:

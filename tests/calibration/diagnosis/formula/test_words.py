@@ -8,8 +8,9 @@ import pytest
 from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.formula.after import TWIN, Shipped, write_formula
 from calibration.diagnosis.formula.dictionary import Group
-from calibration.diagnosis.formula.finding import Found, Sought
+from calibration.diagnosis.formula.finding import Found
 from calibration.diagnosis.formula.forms import Form, Forms
+from calibration.diagnosis.formula.looking import Sought
 from calibration.diagnosis.formula.recovery import Recovered
 from calibration.diagnosis.formula.refit import Refitted
 from calibration.diagnosis.formula.report import formula_sections, said_by
