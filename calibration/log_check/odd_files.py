@@ -14,12 +14,11 @@ from calibration.log_check.causes import ALIKE, scaled, tolerance
 from calibration.log_check.disagreements import Finding, Severity
 from calibration.log_check.motions import Wheels, motions
 from calibration.log_check.pairs import Comparison, compare
-from qcar_twin.recordings.channels import DRIVE_COMMANDS
+from qcar_twin.recordings.channels import SPEED_SETTING
 from qcar_twin.recordings.checks.driving import driven, steady
 from qcar_twin.recordings.checks.faults import at_range
 from qcar_twin.recordings.recording import Recording
 
-_SETS_A_SPEED = tuple(c for c in DRIVE_COMMANDS if c not in ("motor_current", "acceleration_command"))  # set a force
 _FILES = 3  # of which one can be odd
 _UNIT = 10.0  # halfway, as factors go, between one unit and per cent of it
 _LATE = 0.1  # s; an age that differs by less between drives is said of none
@@ -37,7 +36,7 @@ def odd_file_findings(
     files.setdefault(recording.file or recording.name, []).append(recording)
   if len(files) < _FILES:
     return []
-  odd = [f for channel in _SETS_A_SPEED for f in _odd_commands(files, channel)]
+  odd = [f for channel in SPEED_SETTING for f in _odd_commands(files, channel)]
   for motion in motions(wheels, recordings):
     if motion.kinematic or "steering_command" in motion.reference:
       sensors = (*motion.compared, *motion.reference)  # one at the end of its range has another scale in every drive

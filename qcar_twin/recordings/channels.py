@@ -206,6 +206,8 @@ CHANNELS: dict[str, Channel] = {
 }
 COMMANDS = ("motor_voltage", "steering_command")  # V, rad; of a car whose drive takes a voltage
 DRIVE_COMMANDS = tuple(c.name for c in CHANNELS.values() if c.is_command and c.device == "motor")
+# those with which a speed goes; a current and an acceleration set a force
+SPEED_SETTING = tuple(c for c in DRIVE_COMMANDS if c not in ("motor_current", "acceleration_command"))
 
 
 def register(channel: Channel) -> Channel:

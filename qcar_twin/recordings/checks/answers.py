@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from qcar_twin.recordings.channels import SPEED_SETTING
 from qcar_twin.recordings.checks.acted import WEAK, Stretch, idle_stretches
 from qcar_twin.recordings.checks.driving import MOVING, PERIOD, RESTS, Drive, driven, runs
 from qcar_twin.recordings.recording import Recording
@@ -48,8 +49,10 @@ def weak_stretches(recordings: Sequence[Recording], channel: str) -> list[Stretc
       command = a speed + b d(speed)/dt + friction sign(speed),
 
   since weak driving takes more. Where a battery's voltage was logged a duty is taken times it, so that only what the
-  voltage doesn't explain is weak.
+  voltage doesn't explain is weak. A command that sets a force has none: in a slow turn the tyres take most of it.
   """
+  if channel not in SPEED_SETTING:
+    return []
   held = driven(recordings, channel)
   rows = [_rows(d) for d in held]
   top = max((float(np.percentile(np.abs(d.speed), 99.0)) for d in held), default=0.0)

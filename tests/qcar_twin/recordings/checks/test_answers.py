@@ -52,6 +52,14 @@ def test_a_duty_of_a_battery_that_runs_low_is_answered():
   assert weak_stretches([Recording.from_columns("run", time, columns)], "motor_duty")
 
 
+@pytest.mark.parametrize("channel", ["motor_current", "acceleration_command"])
+def test_a_force_that_a_slow_turn_takes_is_answered(channel):
+  """How fast a car goes says nothing of such a command: turns and slopes take it. Standing is seen."""
+  run = weakened("a battery that dies")
+  forced = run.replace(streams={channel if n == "motor_voltage" else n: s for n, s in run.streams.items()})
+  assert weak_stretches([run], "motor_voltage") and weak_stretches([forced], channel) == []
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_drive_whose_ramp_limits_it_answers(seed):
   """A speed that is commanded in steps and reached at 0.5 m/s^2."""
