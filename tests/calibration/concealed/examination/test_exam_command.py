@@ -70,7 +70,7 @@ def test_one_case_of_slipx_is_made_sealed_and_answered(tmp_path, monkeypatch):
   pytest.importorskip("slipx", reason="slipx is not installed (extra `exam`)")
   whole = SlipxCar.runs
   monkeypatch.setattr(SlipxCar, "runs", lambda car, rng: whole(car, rng)[::3])
-  narrow = {"mechanisms": ("steering_delay", "gyro_scale"), "effort": Effort(1, 0, 0, 1)}
+  narrow = {"candidates": ("steering_delay", "gyro_scale"), "effort": Effort(1, 0, 0, 1)}
   monkeypatch.setattr(run, "diagnose", functools.partial(diagnose, **narrow))
   report = exam.main(exam.Config(tmp_path / "exam", cases=1, unsealed=True))
   text = (tmp_path / "exam" / "exam.md").read_text()
