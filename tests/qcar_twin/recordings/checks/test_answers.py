@@ -53,7 +53,7 @@ def test_a_duty_of_a_battery_that_runs_low_is_answered():
 
 
 @pytest.mark.parametrize("channel", ["motor_current", "acceleration_command"])
-def test_a_force_that_a_slow_turn_takes_is_answered(channel):
+def test_a_command_that_sets_a_force_is_not_judged_by_speed(channel):
   """How fast a car goes says nothing of such a command: turns and slopes take it. Standing is seen."""
   run = weakened("a battery that dies")
   forced = run.replace(streams={channel if n == "motor_voltage" else n: s for n, s in run.streams.items()})
