@@ -34,6 +34,7 @@ START = ("pose_x", "pose_y", "pose_yaw", "velocity_x", "velocity_y", "yaw_rate",
 POSITION, POSE, VELOCITY = slice(0, 2), slice(0, 3), slice(3, 5)  # columns of SIGNALS and of START
 YAW, YAW_RATE = SIGNALS.index("pose_yaw"), SIGNALS.index("yaw_rate")  # in both, too
 VOLTAGE, STEERING = range(len(COMMANDS))  # columns of COMMANDS
+SUBSTEPS = 5  # simulation steps per control period of 10 ms of a car of the QCar's class: 2 ms
 
 Array = NDArray[np.float64]
 

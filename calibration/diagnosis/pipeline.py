@@ -35,6 +35,7 @@ from calibration.fitting.windows import Cut
 from calibration.log_check.pairs import fitted_ages
 from calibration.log_check.ready import ready
 from calibration.progress import Progress, silent
+from qcar_twin.plant import SUBSTEPS
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.engines import EngineKind
@@ -65,7 +66,7 @@ def prepare(
   dataset: DataSet,
   candidates: Sequence[str] | None = None,
   start: Start | None = None,
-  substeps: int = 2,
+  substeps: int = SUBSTEPS,
   threads: int = 0,
   progress: Progress = silent,
   plant: EngineKind = "reduced",
@@ -92,7 +93,7 @@ def diagnose(
   start: Start | None = None,
   effort: Effort = Effort(),
   levels: Levels | None = None,
-  substeps: int = 2,
+  substeps: int = SUBSTEPS,
   threads: int = 0,
   progress: Progress = silent,
   prepared: Prepared | None = None,

@@ -57,7 +57,6 @@ Against = Literal["identified", "recordings"]
 Recalibrated = Callable[[], RecalibratedTwin] | None
 
 QUICK = 40.0  # s of driving that are fitted for a first look
-FINE = 5  # simulation steps per control period of the final numbers: 2 ms
 _STRAIGHT = "no steering_command is logged: the car is taken to drive straight"
 
 
@@ -167,12 +166,12 @@ def calibrate(
   if against == "identified":
     if identification is None:
       raise NotIdentifiable(f"{missing}; or calibrate against the recordings themselves (--against recordings)")
-    twin = Twin(vehicle, substeps=2, threads=threads)
+    twin = Twin(vehicle, threads=threads)
     work = lambda: _to_bicycle(twin, identification, quick, progress)
   else:
     dataset, warned = ready(dataset, QUICK if quick else LONGEST)
     # in the order of the catalogue, in which a diagnosis applies them: the same bits
-    twin = Twin(vehicle, select(sorted({*add_mechanisms, *always_fitted(vehicle.drive)})), substeps=2, threads=threads)
+    twin = Twin(vehicle, select(sorted({*add_mechanisms, *always_fitted(vehicle.drive)})), threads=threads)
     searched, said = searching(twin, plant)
     work = lambda: _to_recordings(searched, dataset, add_mechanisms, quick, recalibrated, progress)
   fitted = stages.kept("fit")
@@ -183,11 +182,10 @@ def calibrate(
   estimates = {name: estimate_of(e) for name, e in fitted["estimates"].items()}
   theta = twin.parameters.vector({name: e.value for name, e in estimates.items()})
   progress("comparison")
-  fine = Twin(vehicle, twin.mechanisms, substeps=FINE, threads=threads)
-  answers = _answers(fine, theta, identification) if identification else ()
-  replay = _replay(fine, theta, dataset, fitted["command_shift"], quick) if against == "recordings" else None
+  answers = _answers(twin, theta, identification) if identification else ()
+  replay = _replay(twin, theta, dataset, fitted["command_shift"], quick) if against == "recordings" else None
   notes = (*warned, *dataset.notices, *said, *fitted["notes"], *judged(estimates))
-  return Calibration(dataset, against, fine, theta, estimates, identification, missing, answers,
+  return Calibration(dataset, against, twin, theta, estimates, identification, missing, answers,
     _errors(replay, dataset), fitted["command_shift"], notes, time.perf_counter() - began, replay)  # fmt: skip
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.atomic_io import write_text
+from qcar_twin.plant import SUBSTEPS
 from qcar_twin.twin.formula.mechanism import Formula
 from qcar_twin.twin.formula.written import described, from_described
 from qcar_twin.twin.mechanisms import select
@@ -53,7 +54,7 @@ def save_twin(path: str | Path, twin: Twin, theta: Array, note: str = "", comman
   return write_text(path, "\n".join(lines) + "\n")
 
 
-def load_twin(path: str | Path, substeps: int = 5, threads: int = 0) -> tuple[Twin, Array]:
+def load_twin(path: str | Path, substeps: int = SUBSTEPS, threads: int = 0) -> tuple[Twin, Array]:
   """A twin and its parameter vector from a file written by `save_twin`.
 
   Raises:

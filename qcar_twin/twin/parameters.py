@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.parameters import Parameter, ParameterSet
+from qcar_twin.vehicle.mjcf import rim_mass
 from qcar_twin.vehicle.tyre import law_parameters, tyre_laws
 from qcar_twin.vehicle.vehicle import Vehicle
 
@@ -135,6 +136,7 @@ def quantities(theta: Array, base: ParameterSet, vehicle: Vehicle) -> dict[str, 
     "relaxation_length": wheelwise(column.pop("relaxation_length")),
     "longitudinal_relaxation": wheelwise(column.pop("longitudinal_relaxation")),
     "load_exponent": wheelwise(vehicle.load_exponent),
+    "rim_mass": rim_mass(vehicle, column["rotor_inertia"], column["wheel_inertia"]),
     "suspension_damping_ratio": np.full(size, vehicle.suspension_damping_ratio),
     "servo_rate": np.full(size, vehicle.servo_rate),
   }

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.atomic_io import plain, write_json
-from qcar_twin.plant import Plant
+from qcar_twin.plant import SUBSTEPS, Plant
 from qcar_twin.twin.file import load_twin
 from qcar_twin.twin.mechanisms import catalogue, select
 from qcar_twin.twin.twin import Twin
@@ -84,7 +84,7 @@ def load_posterior(folder: str | Path) -> Posterior:
   return Posterior(tuple(models))
 
 
-def believed_twin(folder: str | Path, substeps: int = 5, threads: int = 0) -> tuple[Twin, Array]:
+def believed_twin(folder: str | Path, substeps: int = SUBSTEPS, threads: int = 0) -> tuple[Twin, Array]:
   """The twin that can be any of a posterior's models, and its parameters (P,) without any of their mechanisms."""
   twin, theta = load_twin(Path(folder) / BASE, substeps, threads)
   posterior, known = load_posterior(folder), {m.name for m in twin.mechanisms}

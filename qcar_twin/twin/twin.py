@@ -16,7 +16,7 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from qcar_twin.plant import SIGNALS, START, STEERING, Prediction, Segments
+from qcar_twin.plant import SIGNALS, START, STEERING, SUBSTEPS, Prediction, Segments
 from qcar_twin.twin import parameters as twin_parameters
 from qcar_twin.twin.engines import ENGINES, Engine, EngineKind, Rows
 from qcar_twin.twin.engines.mujoco_cars import MujocoCars
@@ -62,7 +62,7 @@ class Twin:
     vehicle: Vehicle,
     mechanisms: Sequence[Mechanism] = (),
     tyre: TyreKind = "contact",
-    substeps: int = 5,
+    substeps: int = SUBSTEPS,
     threads: int = 0,
     rows: int = 1024,
     engine: EngineKind = "mujoco",

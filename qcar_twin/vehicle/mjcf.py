@@ -88,8 +88,20 @@ def tyre_of(car: Vehicle, wheel: str) -> list[float]:
     relaxation_length=car.relaxation_length,
     longitudinal_relaxation=car.longitudinal_relaxation,
     carcass_damping=car.carcass_damping,
+    rim_mass=float(rim_mass(car, car.rotor_inertia, car.wheel_inertia)[0, WHEELS.index(wheel)]),
     **own,
   )
+
+
+def rim_mass(car: Vehicle, rotor_inertia: ArrayLike, wheel_inertia: ArrayLike) -> np.ndarray:
+  """What turns with each wheel, as a mass at its rim, kg, (n, 4): the wheel, and its share of the rotor if it is driven.
+
+  Args:
+    rotor_inertia: on the motor's side, wheel_inertia: of one wheel about its axle, kg m^2, numbers or (n,).
+  """
+  driven = np.array([wheel.split("_")[0] in car.driven_axles for wheel in WHEELS], dtype=np.float64)
+  rotor, wheel = (np.atleast_1d(np.asarray(i, dtype=np.float64))[:, None] for i in (rotor_inertia, wheel_inertia))
+  return (wheel + driven / driven.sum() * rotor / car.gear_ratio**2) / car.wheel_radius**2
 
 
 def differential_rows(damping: ArrayLike, timestep: float, invweight: ArrayLike) -> tuple[np.ndarray, np.ndarray]:

@@ -63,7 +63,7 @@ class _Sides:
     recordings = [r for r in dataset.recordings if r.role != "holdout"]
     self.vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
     self.mechanisms = [m for m in catalogue().values() if self.vehicle.drive in m.drives]
-    self.exact = Twin(self.vehicle, self.mechanisms, substeps=2)
+    self.exact = Twin(self.vehicle, self.mechanisms)
     self.reduced = self.exact.on("reduced")
     self.seen = observe(recordings, self.vehicle, Cut(most=most, evenly=True))
     floor = sensor_floor(noise_models(recordings))
@@ -169,7 +169,7 @@ def _speed(vehicle: Vehicle, cars: int = 256, periods: int = 20, rounds: int = 1
   """10 ms of a car that drives and steers, by the processor's time of one thread."""
   sides = []
   for engine in ("mujoco", "reduced"):
-    twin = Twin(vehicle, substeps=2, threads=1, engine=engine)
+    twin = Twin(vehicle, threads=1, engine=engine)
     sides.append(twin.begin(np.tile(twin.parameters.nominal, (cars, 1)), np.zeros((cars, 7))))
   commands = np.tile([1.5, 0.15], (cars, 1))
   drive = lambda simulation: [simulation.step(commands) for _ in range(periods)]

@@ -22,6 +22,7 @@ from calibration.log_check.pairs import clock, told_without_a_model
 from calibration.progress import Progress, silent
 from qcar_twin.kinematics import road_speed
 from qcar_twin.parameters import Parameter, ParameterSet
+from qcar_twin.plant import SUBSTEPS
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.engines import EngineKind
@@ -138,7 +139,7 @@ def characterise(
   dataset: DataSet,
   known: Sequence[str] | None = None,
   most: float = LONGEST,
-  substeps: int = 2,
+  substeps: int = SUBSTEPS,
   threads: int = 0,
   progress: Progress = silent,
   plant: EngineKind = "reduced",

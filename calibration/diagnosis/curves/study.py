@@ -195,7 +195,7 @@ def study(
 
 def _base(dataset: DataSet, most: float, threads: int, plant: EngineKind) -> RecalibratedTwin:
   vehicle = Vehicle.from_dataset(dataset.vehicle, dataset.vehicle_std)
-  searched = fitted_on(Twin(vehicle, select(always_fitted(vehicle.drive)), substeps=2, threads=threads), plant)
+  searched = fitted_on(Twin(vehicle, select(always_fitted(vehicle.drive)), threads=threads), plant)
   return recalibrate_dataset(dataset, searched, most=most, evenly=True, ages=fitted_ages(dataset, vehicle))
 
 

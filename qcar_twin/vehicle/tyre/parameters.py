@@ -18,6 +18,7 @@ _COMMON = (
   "relaxation_length",  # m, of slip across; 0 is the steady tyre
   "longitudinal_relaxation",  # m, of slip along
   "carcass_damping",  # N s/m per wheel across, at standstill, fading above 0.1 m/s
+  "rim_mass",  # kg, that turns with the wheel, at its rim: how well a step follows slip along; 0 for backward Euler
 )
 _POSITIVE = ("cornering_stiffness", "longitudinal_stiffness", "friction_coefficient", "nominal_load")
 COLUMN: Mapping[str, int] = {

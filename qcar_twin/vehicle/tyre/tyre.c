@@ -36,7 +36,8 @@ typedef struct {
   mjtNum speed;              // reference speed of the slip, m/s
   mjtNum slip[2];            // transient slip at its beginning
   mjtNum turning[2];         // slip velocity at the end of the step that the rows don't see, m/s
-  mjtNum sliding, late;      // slip velocity across at its beginning, m/s; weight of its end
+  mjtNum sliding[2];         // slip velocity at its beginning, m/s
+  mjtNum late[2];            // weight of its end
 } Wheel;
 
 typedef struct {
@@ -197,14 +198,14 @@ static void write_row(mjData* d, int row, mjtNum h, mjtNum c, mjtNum b) {
   d->efc_D[row] = h * c;
 }
 
-// Weight of a step's end across, 1/2 to 1: of second order where the step follows how a tyre and the weight on it come to
+// Weight of a step's end, 1/2 to 1: of second order where the step follows how a tyre and the mass m that it moves come to
 // rest, s z'' + w z' + (C / m) z = 0, and backward Euler where it doesn't. (3 + x) / (6 + x) goes with the
 // exponentially fitted 1 / (1 - exp(-x)) - 1 / x of Liniger and Willoughby (1970) at both ends, at most 0.09 below it
-// between them; x = h times the slower rate.
+// between them; x = h times the slower rate. Across m is the load's, along what turns with the wheel.
 static mjtNum lateness(mjtNum h, mjtNum length, mjtNum speed, mjtNum rate) {
   mjtNum slow = 2 * rate / (speed + sqrt(mju_max(speed * speed - 4 * length * rate, 0)));
   mjtNum x = h * mju_min(slow, sqrt(rate / mju_max(length, 1e-12)));
-  return (3 + x) / (6 + x);
+  return 1 - 3 / (6 + x);
 }
 
 // one wheel on the ground: the tyre law, its secant, the implicit rows
@@ -220,11 +221,13 @@ static void tyre_rows(const mjModel* m, mjData* d, Wheel* w, mjContact* contact,
   mjtNum Cy = u[CORNERING_STIFFNESS] * fall * load / nominal;
   mjtNum friction = u[FRICTION_COEFFICIENT] * fall;
 
-  // Transient slip z, steady v / speed. In the step it is keep z + g v with the slip velocity v of its end, across
-  // with `late` of the end's and the rest of now; predicted with the velocity of now.
+  // Transient slip z, steady v / speed. In the step it is keep z + g v with `late` of the slip velocity of its end and the
+  // rest of that of now; predicted with the velocity of now.
   mjtNum speed = sqrt(rolling * rolling + v[0] * v[0] + v[1] * v[1] + CREEP_SPEED * CREEP_SPEED);
-  mjtNum lx = u[LONGITUDINAL_RELAXATION], ly = u[RELAXATION_LENGTH], late = lateness(h, ly, speed, Cy * GRAVITY / nominal);
-  mjtNum tx = lx + h * speed, ty = ly + h * late * speed, gx = h / tx, gy = h * late / ty, keep_x = lx / tx, keep_y = ly / ty;
+  mjtNum lx = u[LONGITUDINAL_RELAXATION], late_x = lateness(h, lx, speed, Cx / mju_max(u[RIM_MASS], 1e-9));
+  mjtNum ly = u[RELAXATION_LENGTH], late_y = lateness(h, ly, speed, Cy * GRAVITY / nominal);
+  mjtNum tx = lx + h * late_x * speed, gx = h * late_x / tx, keep_x = lx / tx;
+  mjtNum ty = ly + h * late_y * speed, gy = h * late_y / ty, keep_y = ly / ty;
   mjtNum zx = unset ? v[0] / speed : state[SLIP_X], zy = unset ? v[1] / speed : state[SLIP_Y];
   mjtNum px = Cx * (keep_x * zx + gx * v[0]), py = Cy * (keep_y * zy + gy * v[1]);
   mjtNum g = secant(u, sqrt(px * px + py * py) / (friction * load));
@@ -232,10 +235,11 @@ static void tyre_rows(const mjModel* m, mjData* d, Wheel* w, mjContact* contact,
   // carcass damping acts on the rate of deflection, s dz/dt = v - speed z, and fades with speed
   mjtNum fade = DAMPED_SPEED * DAMPED_SPEED / (DAMPED_SPEED * DAMPED_SPEED + rolling * rolling);
   mjtNum damping = u[CARCASS_DAMPING] / u[CORNERING_STIFFNESS] * fade * fade, firm = g - damping * speed;
-  mjtNum cx = Cx * (firm * gx + damping), pull = Cy * (firm * gy + damping), cy = pull * late;
-  write_row(d, w->row + 1, h, cx, Cx * firm * keep_x * zx + cx * w->turning[0]);
-  mjtNum held = Cy * firm * keep_y * zy + pull * (1 - late) * v[1];
-  write_row(d, w->row + 2, h, cy, w->side * (held + cy * w->turning[1]));
+  mjtNum pull_x = Cx * (firm * gx + damping), pull_y = Cy * (firm * gy + damping), cx = pull_x * late_x, cy = pull_y * late_y;
+  mjtNum held_x = Cx * firm * keep_x * zx + pull_x * (1 - late_x) * v[0];
+  mjtNum held_y = Cy * firm * keep_y * zy + pull_y * (1 - late_y) * v[1];
+  write_row(d, w->row + 1, h, cx, held_x + cx * w->turning[0]);
+  write_row(d, w->row + 2, h, cy, w->side * (held_y + cy * w->turning[1]));
 
   // the elliptic cone ties R and friction of the two rows together; it stands outside the tyre's own peak
   mjtNum ratio = sqrt(cy / cx);
@@ -245,8 +249,10 @@ static void tyre_rows(const mjModel* m, mjData* d, Wheel* w, mjContact* contact,
   w->speed = speed;
   w->slip[0] = zx;
   w->slip[1] = zy;
-  w->sliding = v[1];
-  w->late = late;
+  w->sliding[0] = v[0];
+  w->sliding[1] = v[1];
+  w->late[0] = late_x;
+  w->late[1] = late_y;
 }
 
 // 1 or -1 for the contact a wheel stands on, the direction of its normal; 0 for any other
@@ -289,9 +295,8 @@ static void tyre_advance(const mjModel* m, mjData* d, int instance) {
     const mjtNum* u = m->geom_user + (size_t)w->geom * m->nuser_geom;
     mjtNum v[2], length[2] = {u[LONGITUDINAL_RELAXATION], u[RELAXATION_LENGTH]};
     row_velocity(m, d, w, v);  // qvel is already that of the end of the step
-    mjtNum late[2] = {1, w->late}, before[2] = {0, w->sliding};
     for (int i = 0; i < 2; i++) {
-      mjtNum end = h * late[i], now = h - end, moved = now * before[i] + end * (v[i] + w->turning[i]);
+      mjtNum end = h * w->late[i], now = h - end, moved = now * w->sliding[i] + end * (v[i] + w->turning[i]);
       state[SLIP_X + i] = ((length[i] - now * w->speed) * w->slip[i] + moved) / (length[i] + end * w->speed);
     }
     state[LOAD] = d->efc_force[w->row];

@@ -81,6 +81,7 @@ WHEEL_NUMBERS = (
   "LONGITUDINAL_RELAXATION",
   "TYRE_SHAPE",
   "LOAD_EXPONENT",
+  "RIM_MASS",  # that turns with the wheel, at its rim, kg
 )
 CONSTANTS = (
   "STEP",  # s

@@ -83,6 +83,12 @@ INLINE void suspend(const Cars* a, V roll, V pitch, V heave, V roll_rate, V pitc
   }
 }
 
+// Weight of a step's end in the slips, as in tyre.c.
+INLINE V lateness(double h, V length, V speed, V rate) {
+  V slow = 2 * rate / (speed + root(most(speed * speed - 4 * length * rate, all(0))));
+  return 1 - 3 / (6 + h * least(slow, root(rate / most(length, all(1e-12)))));
+}
+
 // One wheel's tyre: the law and its secant as in tyre.c, added to the system.
 //   now, before: the car's velocity in the heading of the step's middle and beginning, m/s
 //   speed: of the wheel, rad/s; s, c: of its steering angle in the middle of the step; turn: of the wheel's heading in
@@ -113,11 +119,10 @@ INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, 
   // transient slip, its linear force in units of friction times load, and the law's secant there
   V reference = root(rolling * rolling + vx * vx + vy * vy + CREEP_SPEED * CREEP_SPEED);
   V lx = number(a, P_LONGITUDINAL_RELAXATION + k), ly = number(a, P_RELAXATION_LENGTH + k);
-  V rate = stiff_y * (GRAVITY / nominal), apart = reference * reference - 4 * ly * rate;
-  V slow = 2 * rate / (reference + root(most(apart, all(0))));
-  V pace = h * least(slow, root(rate / most(ly, all(1e-12)))), late = (3 + pace) / (6 + pace);  // see tyre.c
-  V inverse_x = 1 / (lx + h * reference), inverse_y = 1 / (ly + h * late * reference);
-  V gx = h * inverse_x, gy = h * late * inverse_y, keep_x = lx * inverse_x, keep_y = ly * inverse_y;
+  V late_x = lateness(h, lx, reference, stiff_x / number(a, P_RIM_MASS + k));
+  V late_y = lateness(h, ly, reference, stiff_y * (GRAVITY / nominal));
+  V inverse_x = 1 / (lx + h * late_x * reference), inverse_y = 1 / (ly + h * late_y * reference);
+  V gx = h * late_x * inverse_x, gy = h * late_y * inverse_y, keep_x = lx * inverse_x, keep_y = ly * inverse_y;
   V zx = pick(unset, vx / reference, state(a, S_SLIP_X + k)), zy = pick(unset, vy / reference, state(a, S_SLIP_Y + k));
   V px = stiff_x * (keep_x * zx + gx * vx), py = stiff_y * (keep_y * zy + gy * vy);
   V shape = number(a, P_TYRE_SHAPE + k), rho = root(px * px + py * py) / (friction * load);
@@ -131,10 +136,10 @@ INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, 
   // The elliptic cone around the law holds a load that has vanished within the step; at its corner MuJoCo's solver
   // shares what the tyre wants between the floor's push and the friction.
   Mask grounded = *pressed > -.5;
-  V axes = root(pull_y * late / pull_x), cone_x = CONE_RESERVE * friction * most(all(1), 1 / axes), cone_y = cone_x * axes;
+  V axes = root(pull_y * late_y / (pull_x * late_x)), cone_x = CONE_RESERVE * friction * most(all(1), 1 / axes), cone_y = cone_x * axes;
   V ex = px * secant / cone_x, ey = py * secant / cone_y, wanted = load * friction * rho * secant;
   V edge = wanted / most(root(ex * ex + ey * ey), all(1e-9)), stiff = all(1 / C[C_WHEEL_MASS] + C[C_CONTACT_SOFTNESS]);
-  V soft = 1 / (h * .5 * (pull_x + pull_y * late)) + C[C_PATCH_MOBILITY];
+  V soft = 1 / (h * .5 * (pull_x * late_x + pull_y * late_y)) + C[C_PATCH_MOBILITY];
   V shared = (stiff * *pressed + edge * soft * wanted) / (stiff + edge * edge * soft);
   Mask beyond = edge * *pressed < wanted;
   V share = pick(beyond, edge * shared / most(wanted, all(1e-9)), all(1));
@@ -142,9 +147,9 @@ INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, 
   *pressed = pick(grounded, pick(beyond, shared, *pressed), all(0));
 
   // force on the car  f = -c v(end) - b  along both directions
-  V cx = h * share * pull_x, cy = h * share * pull_y * late;
-  V bx = h * share * hold_x * zx + cx * w->turning.x;
-  V by = h * share * (hold_y * zy + pull_y * (1 - late) * vy) + cy * w->turning.y;
+  V cx = h * share * pull_x * late_x, cy = h * share * pull_y * late_y;
+  V bx = h * share * (hold_x * zx + pull_x * (1 - late_x) * vx) + cx * w->turning.x;
+  V by = h * share * (hold_y * zy + pull_y * (1 - late_y) * vy) + cy * w->turning.y;
   V spin = all(-radius), differ = all(-radius * half);  // rows over the axle's mean speed and difference
   for (int i = 0, n = 0; i < 3; i++) {
     V ax = cx * w->along[i], ay = cy * w->across[i];
@@ -159,9 +164,10 @@ INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, 
   sum->to_mean[axle] -= spin * bx;
   sum->to_axle[axle] -= differ * bx;
 
-  V kept_y = ((ly - h * (1 - late) * reference) * zy + h * (1 - late) * vy) * inverse_y;
+  V kept_x = ((lx - h * (1 - late_x) * reference) * zx + h * (1 - late_x) * vx) * inverse_x;
+  V kept_y = ((ly - h * (1 - late_y) * reference) * zy + h * (1 - late_y) * vy) * inverse_y;
   w->gain = (Pair){pick(grounded, gx, all(0)), pick(grounded, gy, all(0))};
-  w->kept = (Pair){pick(grounded, keep_x * zx, all(0)), pick(grounded, kept_y, all(0))};
+  w->kept = (Pair){pick(grounded, kept_x, all(0)), pick(grounded, kept_y, all(0))};
 }
 
 // Solves A u = b in place of b; A is lost. Coulomb friction on the last unknown, the motor, takes at most `friction` off
