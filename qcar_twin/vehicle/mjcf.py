@@ -94,7 +94,7 @@ def tyre_of(car: Vehicle, wheel: str) -> list[float]:
 
 
 def rim_mass(car: Vehicle, rotor_inertia: ArrayLike, wheel_inertia: ArrayLike) -> np.ndarray:
-  """What turns with each wheel, as a mass at its rim, kg, (n, 4): the wheel, and its share of the rotor if it is driven.
+  """What turns with each wheel, as a mass at its rim, kg, (n, 4): the wheel and, where driven, a share of the rotor.
 
   Args:
     rotor_inertia: on the motor's side, wheel_inertia: of one wheel about its axle, kg m^2, numbers or (n,).
