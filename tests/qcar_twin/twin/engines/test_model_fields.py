@@ -19,6 +19,7 @@ CARS = [
   Vehicle.from_dataset(SMALLER | {"cg_height": 0.04}),
   Vehicle.from_dataset(SMALLEST | {"wheel_radius": 0.018}),
 ]
+TYRE = ("cornering_stiffness_front", "friction_coefficient", "relaxation_length", "longitudinal_relaxation")
 
 
 def _write_field(batch: Batch, name: str, car: Vehicle) -> None:
@@ -46,7 +47,7 @@ def _write_field(batch: Batch, name: str, car: Vehicle) -> None:
   elif name == "rolling_resistance":
     loads = np.repeat(car.static_load, 2)
     batch.expand("dof_frictionloss")[:, list(handles.spin_dofs)] = car.rolling_resistance * loads * car.wheel_radius
-  else:
+  if name in (*TYRE, "rotor_inertia"):
     batch.expand("geom_user")[:, list(handles.wheels)] = [tyre_of(car, wheel) for wheel in WHEELS]
 
 

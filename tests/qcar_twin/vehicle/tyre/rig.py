@@ -16,6 +16,7 @@ SHARED = {
   "relaxation_length": 0.0,
   "longitudinal_relaxation": 0.0,
   "carcass_damping": 0.0,
+  "rim_mass": 0.0,
 }
 TYRE = SHARED | {"tyre_shape": 1.4}
 _MODEL = """

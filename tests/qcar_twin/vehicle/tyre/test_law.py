@@ -204,6 +204,7 @@ def test_forces_are_smooth_in_every_parameter(law, name):
     "longitudinal_relaxation": 0.01,
     "carcass_damping": 20.0,
     "load_exponent": 0.2,
+    "rim_mass": 0.1,
   }
   base |= {p.name: p.nominal for p in law_parameters(law)}
 
