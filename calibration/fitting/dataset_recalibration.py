@@ -42,22 +42,25 @@ def recalibrate_dataset(
     most: s of driving that are simulated.
     progress: reports what is being done.
     evenly: it is spread evenly; else half of it is chosen for what it tells.
-    ages: of sensors, s, with standard deviations, as geometry tells them; see log_check/pairs.py.
+    ages: of sensors, s, and scales, -, with standard deviations, as geometry tells them; see log_check/pairs.py.
   """
   recordings = [r for r in dataset.recordings if r.role != "holdout"]
-  priors = _aged(starting_priors(recordings, twin, start), ages)
+  priors = _aged(starting_priors(recordings, twin, start), twin.parameters, ages)
   priors = ParameterSet([p for p in priors if p.name not in {a.name for a in added}]) + added
   at = begun(twin, recordings, priors, command_shifts(dataset), Cut(most=most, evenly=evenly), progress)
   return recalibrate(at, progress)
 
 
-def _aged(priors: ParameterSet, ages: Mapping[str, tuple[float, float]] | None) -> ParameterSet:
-  """The same with the ages of sensors that geometry tells: they are read off the log and need no model of a car."""
+def _aged(priors: ParameterSet, declared: ParameterSet, ages: Mapping[str, tuple[float, float]] | None) -> ParameterSet:
+  """The same with the ages and scales of sensors that geometry tells: they are read off the log and need no model of a
+  car. One outside the bounds of what is tolerated has those that its mechanism declares."""
   aged = {}
   for name, (value, std) in (ages or {}).items():
     if name in priors:
-      nominal = float(np.clip(value, priors[name].lower, priors[name].upper))
-      aged[name] = dataclasses.replace(priors[name], nominal=nominal, std=std)
+      prior = priors[name]
+      bounds = prior if prior.lower <= value <= prior.upper else declared[name]
+      nominal = float(np.clip(value, bounds.lower, bounds.upper))
+      aged[name] = dataclasses.replace(prior, nominal=nominal, std=std, lower=bounds.lower, upper=bounds.upper)
   return priors.replace(**aged)
 
 

@@ -42,6 +42,8 @@ _UNRELATED, _STILL = 1e-9, 1e-30  # a correlation, and a variance in squared uni
 _NO_LAG = int(np.argmin(np.abs(_LAGS)))
 _FINEST = 0.005  # s, and share of a scale: closer than that sensors are not said to agree, wheels slip and bodies roll
 _SHOWN_BY = {"turning": ("imu_latency", "gyro_scale"), "driving": ("encoder_latency", None)}
+_FELT = {"speeding up and slowing down": "accel_scale_x", "going round": "accel_scale_y"}
+_LEANS = 0.1  # stated prior: share that gravity adds to an acceleration in a body that leans 6 degrees per g
 
 
 @dataclasses.dataclass(frozen=True)
@@ -319,17 +321,21 @@ def fitted_ages(dataset: DataSet, vehicle: Vehicle) -> dict[str, tuple[float, fl
 
 
 def told_without_a_model(recordings: Sequence[Recording], vehicle: Vehicle) -> dict[str, tuple[float, float]]:
-  """Ages [s] and scales [-] of sensors against the pose, with deviations, from geometry alone: parameter -> both.
+  """Ages [s] and scales [-] of sensors, with deviations, from geometry alone: parameter -> both.
 
-  A deviation counts twice, for what geometry leaves out. Nothing without a pose, and no encoder that is early: wheels
-  slip in proportion to the acceleration, which looks like a lead by m v / C_x, 6 ms of a QCar, 18 on softer tyres.
+  A deviation counts twice, for what geometry leaves out. No ages without a pose, and no encoder that is early: wheels
+  slip in proportion to the acceleration, which looks like a lead by m v / C_x, 6 ms of a QCar, 18 on softer tyres. An
+  accelerometer's scale is told only where it is off by more than a body that leans explains.
   """
-  if clock(recordings) != "pose_latency":
-    return {}
-  wheels, noise = Wheels.of(vehicle, recordings), noise_models(recordings)
-  told = {}
+  wheels, noise, told = Wheels.of(vehicle, recordings), noise_models(recordings), {}
+  shown = _FELT.keys() | (_SHOWN_BY if clock(recordings) == "pose_latency" else {}).keys()
   for motion in motions(wheels, recordings):
-    if motion.name not in _SHOWN_BY or (seen := compare(motion, wheels, recordings, noise)).why_not:
+    if motion.name not in shown or (seen := compare(motion, wheels, recordings, noise)).why_not:
+      continue
+    if motion.name in _FELT:
+      felt = Estimate(seen.scale.value, float(np.hypot(2.0 * seen.scale.std, _LEANS)))
+      if felt.beyond(1.0):
+        told[_FELT[motion.name]] = (felt.value - 1.0, felt.std)
       continue
     age, scale = _SHOWN_BY[motion.name]
     if motion.name == "driving" and seen.lag.value < 0.0:

@@ -31,8 +31,8 @@ class AccelBias(Mechanism):
   parameters = (
     Parameter("accel_bias_x", 0.0, -1.5, 1.5, "m/s^2", "b_x", null=0.0, typical=0.2, description="forward"),
     Parameter("accel_bias_y", 0.0, -1.5, 1.5, "m/s^2", "b_y", null=0.0, typical=0.2, description="left"),
-    Parameter("accel_scale_x", 0.0, -0.2, 0.2, "-", "s_x", null=0.0, typical=0.1, description="share, forward"),
-    Parameter("accel_scale_y", 0.0, -0.2, 0.2, "-", "s_y", null=0.0, typical=0.1, description="share, left"),
+    Parameter("accel_scale_x", 0.0, -0.9, 1.0, "-", "s_x", null=0.0, typical=0.1, description="share, forward"),
+    Parameter("accel_scale_y", 0.0, -0.9, 1.0, "-", "s_y", null=0.0, typical=0.1, description="share, left"),
   )
 
   def measure(self, theta: Array, track: Track) -> Array:
