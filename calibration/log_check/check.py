@@ -158,14 +158,21 @@ def _judged(warning: str) -> tuple[str, ...]:
 
 
 def _half_judged(recordings: Sequence[Recording]) -> list[Finding]:
-  """A log in which nothing tells how the car turned, or nothing how it was steered."""
+  """A log in which nothing tells how the car turned, or nothing how it was steered or driven."""
+  driven = any("speed_command" not in r.derived for r in recordings)
+  if not driven and not any("steering_command" in r for r in recordings):
+    said = (
+      "neither a command of the drive nor of the steering is mapped, or both never change: what the car answered is"
+    )
+    cure = "map one in [channels]; a car that was pushed by hand shows nothing of its drive"
+    return [Finding("spoils", ("steering_command",), f"{said} not known, and nothing can be fitted; {cure}")]
   if turns_unsteered(recordings):
     said = f"the car turned, and no steering_command is logged: turning, steering and tyres {UNJUDGED}; fits see the"
     cure = "map the steering in [channels], or log it; leave drives in tight turns out"
     return [Finding("beware", ("steering_command",), f"{said} speed and the acceleration along alone; {cure}")]
   if any({"yaw_rate", "pose_yaw", "pose_x", "accel_y"} & set(r.channels) for r in recordings):
     return []
-  if all("speed_command" in r.derived for r in recordings):
+  if not driven:
     said = "no command of the drive, and no gyro, no pose and no accelerometer across is mapped: neither the drive nor"
     return [Finding("spoils", ("steering_command",), f"{said} turning can be judged, and nothing fitted; map one")]
   said = "no gyro, no pose and no accelerometer across was logged: the drive can be judged; turning, steering and tyres"
