@@ -9,6 +9,7 @@ from typing import Any
 
 from calibration.fitting.noise import ChannelNoise, noise_models
 from calibration.fitting.windows import DEFAULT_CUT
+from calibration.log_check.causes import LATE
 from calibration.log_check.commands import PARKED, command_findings, direction_findings, parked_findings
 from calibration.log_check.disagreements import Finding, Severity, disagreements, lag_findings, scale_findings
 from calibration.log_check.motions import Wheels, motions
@@ -105,7 +106,8 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
   acted = parked_findings(wheels, recordings)
   acted = acted or odd_file_findings(wheels, recordings, noise)
   if not any(f.severity == "spoils" for f in acted):
-    acted += [*command_findings(recordings), *direction_findings(wheels, recordings)]
+    late = any(c.motion.acts and abs(c.lag.value) > LATE for c in compared)  # then it is no stretch that went wrong
+    acted += [*command_findings(recordings, cuts=not late), *direction_findings(wheels, recordings)]
   acted += upside_down_findings(compared)
   spoilt = {name for f in acted if f.severity == "spoils" for name in f.channels}  # first these, then what they take
   judged = [c for c in compared if not spoilt & {*c.motion.compared, *c.motion.reference}]

@@ -38,13 +38,17 @@ _WORTH = 1.0  # s, of a part that is worth a recording
 _TURN_ROUND = "set offset = 3.14159 on pose_yaw in [channels], added to one that is there"
 
 
-def command_findings(recordings: Sequence[Recording]) -> list[Finding]:
-  """What commands and motion say of each other; nothing where each command acted as it was logged."""
+def command_findings(recordings: Sequence[Recording], cuts: bool = True) -> list[Finding]:
+  """What commands and motion say of each other; nothing where each command acted as it was logged.
+
+  Args:
+    cuts: whether stretches to cut out are sought; commands that are seconds late look like such.
+  """
   findings = []
   for channel in DRIVE_COMMANDS:
     driven = [r for r in recordings if r.drive_channel == channel and channel in r]
     if driven:
-      findings += _drive(driven, channel)
+      findings += _drive(driven, channel, cuts)
   if (straight := steering_neutral(recordings)) is not None:
     findings.append(_neutral(straight))
   for channel in ("speed", "motor_speed"):
@@ -54,7 +58,7 @@ def command_findings(recordings: Sequence[Recording]) -> list[Finding]:
   return findings
 
 
-def _drive(recordings: Sequence[Recording], channel: str) -> list[Finding]:
+def _drive(recordings: Sequence[Recording], channel: str, cuts: bool) -> list[Finding]:
   neutral = drive_neutral(recordings, channel)
   if neutral is not None:
     return [_neutral(neutral)]
@@ -67,10 +71,10 @@ def _drive(recordings: Sequence[Recording], channel: str) -> list[Finding]:
     said = f"{channel} never comes near 0, though the car stands for a while: its least is {least:.4g}"
     cure = f"if that is its neutral, set offset = {-least:.6g} on it in [channels]"
     return [Finding("beware", (channel,), f"{said}; {cure}")]
-  if pushed := pushed_stretches(recordings, channel):
+  if cuts and (pushed := pushed_stretches(recordings, channel)):
     said = f"for {_seconds(pushed):.1f} s the car drives off and stops again under a {channel} of 0"
     return [_cut_out(pushed, recordings, said, "it was pushed or carried, or rolled down a slope")]
-  if lost := unanswered_stretches(recordings, channel):
+  if cuts and (lost := unanswered_stretches(recordings, channel)):
     return [_unanswered(lost, recordings)]
   if (level := switched_command(recordings, channel)) is not None:
     said = f"{channel} is 0 or beyond {level:.4g}, with nothing between, and the car stands for a while under such"

@@ -31,18 +31,22 @@ def settle_speeds(columns: Columns, guesses: dict[str, Guess]) -> None:
 def _stepped_is_commanded(columns: Columns, guesses: dict[str, Guess]) -> None:
   """A speed that stays and steps, and that another speed follows, is what was commanded, whatever it is called."""
   chosen = guesses.get("speed")
-  if chosen is None or not stepped(columns, chosen.column, "speed"):
+  if chosen is None:
     return
-  taken = {guess.column for guess in guesses.values()}
-  smooth = [name for name in _speeds(columns) if name not in taken and not stepped(columns, name, "speed")]
-  alike = {name: follows(columns, guesses, name, chosen.column) for name in smooth}
-  best = max(alike, key=lambda name: alike[name], default="")
-  if not best or alike[best] < _ALIKE:
+  taken = {guess.column for guess in guesses.values()} - {chosen.column}
+  free = [name for name in _speeds(columns) if name not in taken]
+  steps = [name for name in free if stepped(columns, name, "speed")]
+  smooth = [chosen.column] if chosen.column not in steps else [name for name in free if name not in steps]
+  pairs = [(name, command) for name in smooth for command in steps if chosen.column in (name, command)]
+  alike = {pair: follows(columns, guesses, *pair) for pair in pairs}
+  best = max(pairs, key=lambda pair: alike[pair], default=None)
+  if best is None or alike[best] < _ALIKE:
     return
-  why = f"'{chosen.column}' stays and steps, and this follows it ({alike[best]:.2f})"
-  _put(columns, guesses, "speed", best, why)
+  measured, command = best
+  if measured != chosen.column:
+    _put(columns, guesses, "speed", measured, f"'{command}' stays and steps, and this follows it ({alike[best]:.2f})")
   if not guesses.keys() & set(DRIVE_COMMANDS):
-    _put(columns, guesses, "speed_command", chosen.column, f"it stays and steps, and '{best}' follows it")
+    _put(columns, guesses, "speed_command", command, f"it stays and steps, and '{measured}' follows it")
 
 
 def _two_of_one_unit(columns: Columns, guesses: dict[str, Guess]) -> None:
@@ -63,10 +67,9 @@ def _two_of_one_unit(columns: Columns, guesses: dict[str, Guess]) -> None:
 def _one_letter(columns: Columns, guesses: dict[str, Guess]) -> None:
   """A letter means one quantity in a log: beside a speed that is called v, `v_cmd` is no voltage."""
   voltage, speed = guesses.get("motor_voltage"), guesses.get("speed")
-  if voltage is None or speed is None or "speed_command" in guesses or unit_of(voltage.column) is not None:
+  if voltage is None or speed is None or "speed_command" in guesses or BRACKET.search(voltage.column):
     return
-  offered = {reading.channel: reading.score for reading in readings(voltage.column)}
-  if offered.get("speed_command", -math.inf) < offered.get("motor_voltage", math.inf):
+  if all(reading.channel != "speed_command" for reading in readings(voltage.column)):
     return
   if "v" in words_of(voltage.column) and "v" in words_of(speed.column):
     del guesses["motor_voltage"]

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
+from calibration.log_check import check_log
 from calibration.log_check.commands import command_findings
 from qcar_twin.recordings.checks.acted import idle_stretches, pushed_stretches, was_commanded
 from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
 from tests.faults.falsities import SIZES, wander
-from tests.qcar_twin.recordings.drives import folder_with, write_manifest
+from tests.qcar_twin.recordings.drives import STD, VEHICLE, folder_with, write_manifest
 from tests.qcar_twin.recordings.first_dataset.test_strange_logs import log
 
 
@@ -148,3 +149,15 @@ def test_a_log_of_pushing_alone_spoils():
   pushed = {name: columns[name] for name in ("speed", "yaw_rate")} | {"motor_voltage": 0.0 * time}
   (said,) = command_findings([run(time, pushed)])
   assert said.severity == "spoils" and "under a motor_voltage of 0" in said.text
+
+
+def test_commands_that_are_seconds_late_are_no_stretch_to_cut_out():
+  time, columns = wander(6)
+  ends = {name: np.r_[columns[name], np.zeros(500)] for name in ("speed", "yaw_rate", "steering_command")}
+  time = np.arange(time.size + 500) * (time[1] - time[0])
+  asked = {"speed_command": ends["speed"], "steering_command": ends["steering_command"]}
+  late = {name: np.r_[np.zeros(250), values[:-250]] for name, values in asked.items()}
+  own = {name: ends[name] for name in ("speed", "yaw_rate")}
+  spoiling = check_log(DataSet("lab", (run(time, own | late),), VEHICLE | {"drive": "speed"}, STD)).of("spoils")
+  assert spoiling and "set late = 5" in spoiling[0].text
+  assert not any("cut the stretches out" in finding.text for finding in spoiling)

@@ -44,12 +44,34 @@ def test_of_two_speeds_in_another_language_the_one_that_goes_first_is_commanded(
     assert (taken["steering_command"], taken["yaw_rate"]) == ("Lenkwinkel [°]", "Gierrate [°/s]")
 
 
-@pytest.mark.parametrize("measured, meant", [("v_meas", "speed_command"), ("motor_omega", "motor_voltage")])
-def test_a_letter_means_one_quantity_in_a_log(tmp_path, measured, meant):
+@pytest.mark.parametrize(
+  ("command", "measured", "meant"),
+  [
+    ("v_cmd", "v_meas", "speed_command"),
+    ("cmd.v", "odom.v", "speed_command"),
+    ("cmd [V]", "v_meas", "motor_voltage"),
+    ("v_cmd", "motor_omega", "motor_voltage"),
+  ],
+)
+def test_a_letter_means_one_quantity_in_a_log(tmp_path, command, measured, meant):
   time, steps, speed, angle, rate = ordered()
-  values = speed if measured == "v_meas" else speed / (0.0953668 * 0.033)
-  table, _ = log(tmp_path, time, {"v_cmd": steps, "delta_cmd": angle, measured: values, "psi_dot": rate})
-  assert table["channels"][meant]["column"] == "v_cmd"
+  values = speed / (0.0953668 * 0.033) if measured == "motor_omega" else speed
+  table, _ = log(tmp_path, time, {command: steps, "delta_cmd": angle, measured: values, "psi_dot": rate})
+  assert table["channels"][meant]["column"] == command
+
+
+def test_a_second_speed_that_steps_is_the_command_where_no_other_is(tmp_path):
+  """Autoware's Control message has longitudinal.velocity, its velocity report longitudinal_velocity."""
+  time, steps, speed, angle, rate = ordered()
+  names = {"longitudinal.velocity": steps, "longitudinal_velocity": speed, "steering_tire_angle": angle}
+  taken = columns_of(log(tmp_path, time, names | {"heading_rate": rate})[0])
+  assert (taken["speed_command"], taken["speed"]) == ("longitudinal.velocity", "longitudinal_velocity")
+
+
+def test_the_speed_of_quansers_library_is_known(tmp_path):
+  time, steps, speed, angle, rate = ordered()
+  table, _ = log(tmp_path, time, {"throttle": steps / 10.0, "steering": angle, "motorTach": speed, "gyro_z": rate})
+  assert table["channels"]["speed"] == {"column": "motorTach"}
 
 
 def test_a_slow_sensor_that_holds_its_values_is_no_command(tmp_path):
