@@ -7,14 +7,16 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from qcar_twin.recordings.first_dataset.parts.joined import joined
+from qcar_twin.recordings.first_dataset.parts.joined import as_one_drive, joined
 from qcar_twin.recordings.first_dataset.parts.pairing import words_of_file
 from qcar_twin.recordings.first_dataset.place import logs_of
 from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.formats.dialect import LONGEST_LINE
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
 
 _DAY = re.compile(r"(?<!\d)(20\d\d)[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])(?!\d)")
+_TOPICS = 3  # files of one drive; of two their names tell
 _ONE = "car"  # of logs that lie in no folder of a car
 
 
@@ -62,26 +64,61 @@ def find_logs(folder: Path) -> list[Log]:
 
 
 def _parts(logs: Sequence[Path]) -> dict[Path, tuple[Path, ...]]:
-  """By log the files next to it that hold another part of its drive: their names have one word more, or less, and what
-  is in them goes together as `new` would join it."""
+  """By log the files that hold other parts of its drive and that `new` would join it with: all files of a folder, a
+  topic each, or one whose name has one word more or less, or one of the same name in a folder next to its own."""
   parts: dict[Path, tuple[Path, ...]] = {}
-  words = {log: set(words_of_file(log.stem)) for log in logs if log.is_file()}
-  for folder in dict.fromkeys(log.parent for log in words):
-    own = [log for log in words if log.parent == folder]
+  whole_drives: dict[Path, tuple[Path, ...]] = {}
+  files = [log for log in logs if log.is_file()]
+  for folder in dict.fromkeys(log.parent for log in files):
+    own = [log for log in files if log.parent == folder]
+    if whole := _topics(own):
+      whole_drives[whole[0]] = tuple(whole[1:])
+      continue
     for one, other in itertools.combinations(own, 2):
-      differs = words[one] ^ words[other]
-      if len(differs) == 1 and not next(iter(differs)).isdigit() and (first := _drive_of(one, other)):
-        second = other if first == one else one
-        parts[first] = (*parts.get(first, ()), second)
-  return {log: others for log, others in parts.items() if len(others) == 1}
+      differs = set(words_of_file(one.stem)) ^ set(words_of_file(other.stem))
+      if len(differs) == 1 and not next(iter(differs)).isdigit():
+        _add(parts, one, other)
+  parts |= whole_drives
+  taken = {*parts, *itertools.chain.from_iterable(parts.values())}
+  same: dict[tuple[Path, str], list[Path]] = {}
+  for log in (log for log in files if log not in taken):
+    same.setdefault((log.parent.parent, log.stem), []).append(log)
+  for sisters in same.values():
+    for one, other in itertools.combinations(sisters, 2):
+      if one.parent != other.parent and _first_line(one) != _first_line(other):
+        _add(parts, one, other)
+  return {log: others for log, others in parts.items() if len(others) == 1 or log in whole_drives}
+
+
+def _topics(own: Sequence[Path]) -> list[Path]:
+  """The files of a folder, where they are three and more, of columns of their own, and one drive; else none."""
+  if len(own) < _TOPICS or len({_first_line(log) for log in own}) < len(own):
+    return []
+  try:
+    return list(own) if as_one_drive([read_table(log, log.name) for log in own]) is not None else []
+  except RecordingError:  # said where each is read
+    return []
+
+
+def _add(parts: dict[Path, tuple[Path, ...]], one: Path, other: Path) -> None:
+  if first := _drive_of(one, other):
+    parts[first] = (*parts.get(first, ()), other if first == one else one)
 
 
 def _drive_of(one: Path, other: Path) -> Path | None:
   """The one of two files that holds the commands of the drive that both are of; None where they are two drives."""
+  by_label = {f"{path.parent.name}/{path.name}": path for path in (one, other)}
   try:
-    return one.with_name(first) if (first := joined([read_table(p, p.name) for p in (one, other)]).first) else None
+    return by_label.get(joined([read_table(path, label) for label, path in by_label.items()]).first)
   except RecordingError:  # said where each is read
     return None
+
+
+def _first_line(log: Path) -> bytes:
+  """What files that were logged alike begin with; of a table in another format its ending stands for it."""
+  with log.open("rb") as file:
+    head = file.read(LONGEST_LINE)
+  return head.split(b"\n")[0] if b"\x00" not in head else log.suffix.lower().encode()
 
 
 def _hidden(path: Path, folder: Path) -> bool:

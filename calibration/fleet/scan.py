@@ -27,6 +27,7 @@ from qcar_twin.recordings.first_dataset.parts.joined import as_csv, joined
 from qcar_twin.recordings.first_dataset.place import copy_in, placed, with_rows
 from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.manifest import FILE_NAME
+from qcar_twin.recordings.recording import RecordingError
 
 Level = Literal["check", "calibrate", "diagnose"]
 LEVELS: tuple[Level, ...] = get_args(Level)
@@ -100,6 +101,8 @@ def line_of(log: Log, level: Level, like: Path | None = None) -> dict[str, Any]:
       line |= _checked(check)
       if level != "check" and line["state"] != "refused":
         line |= _fitted(dataset, level)
+  except RecordingError as error:
+    line |= {"state": "refused", "verdict": " ".join(str(error).split()), "findings": []}
   except Exception as error:  # of a file that somebody wrote: the next log is not its fault
     line |= {"state": "refused", "verdict": f"{type(error).__name__}: {' '.join(str(error).split())}", "findings": []}
   return line | {"seconds": round(time.perf_counter() - began, 3)}

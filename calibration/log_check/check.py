@@ -9,6 +9,7 @@ from typing import Any
 
 from calibration.fitting.noise import ChannelNoise, noise_models
 from calibration.fitting.windows import DEFAULT_CUT
+from calibration.log_check.causes import LATE
 from calibration.log_check.commands import PARKED, command_findings, direction_findings, parked_findings
 from calibration.log_check.disagreements import Finding, Severity, disagreements, lag_findings, scale_findings
 from calibration.log_check.motions import Wheels, motions
@@ -105,7 +106,8 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
   acted = parked_findings(wheels, recordings)
   acted = acted or odd_file_findings(wheels, recordings, noise)
   if not any(f.severity == "spoils" for f in acted):
-    acted += [*command_findings(recordings), *direction_findings(wheels, recordings)]
+    late = any(c.motion.acts and abs(c.lag.value) > LATE for c in compared)  # then it is no stretch that went wrong
+    acted += [*command_findings(recordings, cuts=not late), *direction_findings(wheels, recordings)]
   acted += upside_down_findings(compared)
   spoilt = {name for f in acted if f.severity == "spoils" for name in f.channels}  # first these, then what they take
   judged = [c for c in compared if not spoilt & {*c.motion.compared, *c.motion.reference}]
@@ -158,14 +160,21 @@ def _judged(warning: str) -> tuple[str, ...]:
 
 
 def _half_judged(recordings: Sequence[Recording]) -> list[Finding]:
-  """A log in which nothing tells how the car turned, or nothing how it was steered."""
+  """A log in which nothing tells how the car turned, or nothing how it was steered or driven."""
+  driven = any("speed_command" not in r.derived for r in recordings)
+  if not driven and not any("steering_command" in r for r in recordings):
+    said = (
+      "neither a command of the drive nor of the steering is mapped, or both never change: what the car answered is"
+    )
+    cure = "map one in [channels]; a car that was pushed by hand shows nothing of its drive"
+    return [Finding("spoils", ("steering_command",), f"{said} not known, and nothing can be fitted; {cure}")]
   if turns_unsteered(recordings):
     said = f"the car turned, and no steering_command is logged: turning, steering and tyres {UNJUDGED}; fits see the"
     cure = "map the steering in [channels], or log it; leave drives in tight turns out"
     return [Finding("beware", ("steering_command",), f"{said} speed and the acceleration along alone; {cure}")]
   if any({"yaw_rate", "pose_yaw", "pose_x", "accel_y"} & set(r.channels) for r in recordings):
     return []
-  if all("speed_command" in r.derived for r in recordings):
+  if not driven:
     said = "no command of the drive, and no gyro, no pose and no accelerometer across is mapped: neither the drive nor"
     return [Finding("spoils", ("steering_command",), f"{said} turning can be judged, and nothing fitted; map one")]
   said = "no gyro, no pose and no accelerometer across was logged: the drive can be judged; turning, steering and tyres"

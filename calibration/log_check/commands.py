@@ -9,7 +9,14 @@ from calibration.fitting.start_states import STANDS
 from calibration.log_check.disagreements import Finding
 from calibration.log_check.motions import Wheels
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
-from qcar_twin.recordings.checks.acted import MUCH, Stretch, against, signless_stretches, was_commanded
+from qcar_twin.recordings.checks.acted import (
+  MUCH,
+  Stretch,
+  against,
+  pushed_stretches,
+  signless_stretches,
+  was_commanded,
+)
 from qcar_twin.recordings.checks.answers import unanswered_stretches
 from qcar_twin.recordings.checks.driving import MOVING
 from qcar_twin.recordings.checks.neutral import (
@@ -31,13 +38,17 @@ _WORTH = 1.0  # s, of a part that is worth a recording
 _TURN_ROUND = "set offset = 3.14159 on pose_yaw in [channels], added to one that is there"
 
 
-def command_findings(recordings: Sequence[Recording]) -> list[Finding]:
-  """What commands and motion say of each other; nothing where each command acted as it was logged."""
+def command_findings(recordings: Sequence[Recording], cuts: bool = True) -> list[Finding]:
+  """What commands and motion say of each other; nothing where each command acted as it was logged.
+
+  Args:
+    cuts: whether stretches to cut out are sought; commands that are seconds late look like such.
+  """
   findings = []
   for channel in DRIVE_COMMANDS:
     driven = [r for r in recordings if r.drive_channel == channel and channel in r]
     if driven:
-      findings += _drive(driven, channel)
+      findings += _drive(driven, channel, cuts)
   if (straight := steering_neutral(recordings)) is not None:
     findings.append(_neutral(straight))
   for channel in ("speed", "motor_speed"):
@@ -47,7 +58,7 @@ def command_findings(recordings: Sequence[Recording]) -> list[Finding]:
   return findings
 
 
-def _drive(recordings: Sequence[Recording], channel: str) -> list[Finding]:
+def _drive(recordings: Sequence[Recording], channel: str, cuts: bool) -> list[Finding]:
   neutral = drive_neutral(recordings, channel)
   if neutral is not None:
     return [_neutral(neutral)]
@@ -60,7 +71,10 @@ def _drive(recordings: Sequence[Recording], channel: str) -> list[Finding]:
     said = f"{channel} never comes near 0, though the car stands for a while: its least is {least:.4g}"
     cure = f"if that is its neutral, set offset = {-least:.6g} on it in [channels]"
     return [Finding("beware", (channel,), f"{said}; {cure}")]
-  if lost := unanswered_stretches(recordings, channel):
+  if cuts and (pushed := pushed_stretches(recordings, channel)):
+    said = f"for {_seconds(pushed):.1f} s the car drives off and stops again under a {channel} of 0"
+    return [_cut_out(pushed, recordings, said, "it was pushed or carried, or rolled down a slope")]
+  if cuts and (lost := unanswered_stretches(recordings, channel)):
     return [_unanswered(lost, recordings)]
   if (level := switched_command(recordings, channel)) is not None:
     said = f"{channel} is 0 or beyond {level:.4g}, with nothing between, and the car stands for a while under such"
@@ -105,21 +119,25 @@ def _signless(lost: Sequence[Stretch]) -> Finding:
 
 
 def _unanswered(lost: Sequence[Stretch], recordings: Sequence[Recording]) -> Finding:
-  seconds = _seconds(lost)
-  severity = "spoils" if seconds > MUCH * sum(r.duration for r in recordings) else "beware"
+  said = (
+    f"for {_seconds(lost):.1f} s the car stands, or answers by less than half, under a {lost[0].channel} that drives"
+  )
+  why = "a battery that died or browned out, a switch that was released, a car that was held, or a speed that stuck"
+  return _cut_out(lost, recordings, f"{said} it elsewhere", f"{why}{_fell(lost)}")
+
+
+def _cut_out(lost: Sequence[Stretch], recordings: Sequence[Recording], said: str, why: str) -> Finding:
+  """Stretches that no model can explain, with the cut that leaves nothing of them."""
+  severity = "spoils" if _seconds(lost) > MUCH * sum(r.duration for r in recordings) else "beware"
   spans = _spans(lost)
   named = ", ".join(f"{file} {start:.2f} s to {end:.2f} s" for file, start, end in spans[:_LISTED])
   more = f" and {len(spans) - _LISTED} more" if len(spans) > _LISTED else ""
-  said = f"for {seconds:.1f} s the car stands, or answers by less than half, under a {lost[0].channel} that drives it"
-  why = "a battery that died or browned out, a switch that was released, a car that was held, or a speed that stuck"
   file, start, end = spans[0]
   own = [r for r in recordings if (r.file or r.name) == file]
   parts = [f"ends at to = {start:.2f}"] if start - min(r.start for r in own) > _WORTH else []
   parts += [f"begins at from = {end:.2f}"] if max(r.end for r in own) - end > _WORTH else []
   cure = f"leave {file} out" if not parts else f"of {file} a [[recording]] that {' and one that '.join(parts)}"
-  return Finding(
-    severity, (lost[0].channel,), f"{said} elsewhere ({named}{more}): {why}{_fell(lost)}; cut the stretches out: {cure}"
-  )
+  return Finding(severity, (lost[0].channel,), f"{said} ({named}{more}): {why}; cut the stretches out: {cure}")
 
 
 def _fell(lost: Sequence[Stretch]) -> str:

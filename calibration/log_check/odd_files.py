@@ -1,4 +1,4 @@
-"""A file that was logged in another way than the others: another unit, sign or age of a channel.
+"""A file that was logged in another way than the others: another unit, sign or age of a channel, or another car.
 
 `[channels]` holds for all files of a data set, so what differs between them no line there can mend.
 """
@@ -6,6 +6,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,7 +20,8 @@ from qcar_twin.recordings.checks.driving import driven, steady
 from qcar_twin.recordings.checks.faults import at_range
 from qcar_twin.recordings.recording import Recording
 
-_FILES = 3  # of which one can be odd
+_T = TypeVar("_T")
+_FILES = 2  # that can differ; of three and more one is odd
 _UNIT = 10.0  # halfway, as factors go, between one unit and per cent of it
 _LATE = 0.1  # s; an age that differs by less between drives is said of none
 _OTHERWISE = 0.1  # share by which two sensors of a motion differ between drives of one car, by slip at most
@@ -30,7 +32,8 @@ _STEADY = 20  # bins of steady driving that give a file's speed per command
 def odd_file_findings(
   wheels: Wheels, recordings: Sequence[Recording], noise: Mapping[str, ChannelNoise]
 ) -> list[Finding]:
-  """The files in which a drive's command, or one of two sensors of a motion, is not what it is in most others."""
+  """The files in which a drive's command, or one of two sensors of a motion, is not what it is in most others; of two
+  files the second, as the one that differs from the first."""
   files: dict[str, list[Recording]] = {}
   for recording in recordings:
     files.setdefault(recording.file or recording.name, []).append(recording)
@@ -59,11 +62,11 @@ def _odd_commands(files: Mapping[str, Sequence[Recording]], channel: str) -> lis
     if ratio.size >= _STEADY:
       speeds[name] = float(np.median(ratio))
   findings = []
-  for name, speed in speeds.items() if len(speeds) >= _FILES else ():
+  for name, speed in _compared(speeds):
     factors = np.array([v for other, v in speeds.items() if other != name]) / speed
     factor = float(np.median(factors))
     if factors.min() > _UNIT or factors.max() < 1.0 / _UNIT:
-      said = f"{channel} is {factor:.3g} times as large in {name} as in the other files for the same speed"
+      said = f"{channel} is {factor:.3g} times as large in {name} as in {_others(name, speeds)} for the same speed"
       cure = f"it has another unit there: divide its column by that in {name}, and give [channels] the others' scale"
       findings.append(Finding("spoils", (channel,), f"{said}; {cure}"))
   return findings
@@ -71,37 +74,48 @@ def _odd_commands(files: Mapping[str, Sequence[Recording]], channel: str) -> lis
 
 def _odd_sensors(each: Mapping[str, Comparison]) -> list[Finding]:
   """Files in which two sensors of a motion differ by another sign, factor, share or lag than in the others."""
-  if len(each) < _FILES:
-    return []
-  return [f for name, c in each.items() for f in _odd(name, c, [o for other, o in each.items() if other != name])]
+  beside = lambda name: [o for other, o in each.items() if other != name]
+  return [f for name, c in _compared(each) for f in _odd(name, c, beside(name), _others(name, each))]
 
 
-def _odd(name: str, c: Comparison, others: Sequence[Comparison]) -> list[Finding]:
+def _compared(each: Mapping[str, _T]) -> list[tuple[str, _T]]:
+  """The files that can be odd: each of three and more, of two the second, none of one."""
+  return list(each.items())[1 if len(each) <= _FILES else 0 :]
+
+
+def _others(name: str, each: Mapping[str, object]) -> str:
+  rest = [other for other in each if other != name]
+  return rest[0] if len(rest) == 1 else "the other files"
+
+
+def _odd(name: str, c: Comparison, others: Sequence[Comparison], than: str) -> list[Finding]:
   channels = (*c.motion.compared, *c.motion.reference)
   sensors = ", or ".join(n for n in dict.fromkeys(channels) if n == channels[0] or n not in ("pose_y", "pose_yaw"))
-  cure = f"correct its column in {name}, since [channels] holds for all files, or leave {name} out"
+  cure = (
+    f"correct its column in {name}, since [channels] holds for all files, or leave {name} out: a data set is of one car"
+  )
   signs = [math.copysign(1.0, o.correlation) for o in others]
   if c.correlation * float(np.median(signs)) < 0.0 and abs(sum(signs)) > 0.5 * len(signs):
-    said = f"{sensors} has another sign in {name} than in the other files, by {c.motion.name}"
+    said = f"{sensors} has another sign in {name} than in {than}, by {c.motion.name}"
     return [Finding("spoils", channels, f"{said}; {cure}")]
   alike = [o for o in others if scaled(o)]
-  if not scaled(c) or len(alike) < _FILES - 1:
+  if not scaled(c) or len(alike) < min(len(others), _FILES):
     return []
   factor = c.scale.value / float(np.median([o.scale.value for o in alike]))
   if max(factor, 1.0 / factor) > tolerance(c.motion):
-    said = f"{sensors} has another unit in {name} than in the other files: by {c.motion.name} the ratio of the two is"
-    return [Finding("spoils", channels, f"{said} {factor:.3g} times theirs; {cure}")]
+    said = f"{sensors} has another unit in {name} than in {than}, or is another car's: by {c.motion.name} the ratio of"
+    return [Finding("spoils", channels, f"{said} the two is {factor:.3g} times theirs; {cure}")]
   nearest = min((c.scale.value / o.scale.value - 1.0 for o in alike), key=abs)
   if c.motion.kinematic and abs(nearest) > max(_OTHERWISE, _SURE * c.scale.std / c.scale.value):
     more = f"{100.0 * abs(factor - 1.0):.0f} % {'more' if factor > 1.0 else 'less'}"
-    said = f"{c.motion.compared[0]} reads {more} in {name} than in the other files, against {c.motion.reference[0]}"
+    said = f"{c.motion.compared[0]} reads {more} in {name} than in {than}, against {c.motion.reference[0]}"
     why = "another car, another scale, or a clock that runs otherwise"
     severity: Severity = "beware" if c.motion.reference[0] == "pose_x" else "spoils"  # wheels slip, a gyro does not
     return [Finding(severity, channels, f"{said}: {why}; {cure}")]
   late = dataclasses.replace(c.lag, value=c.lag.value - float(np.median([o.lag.value for o in alike])))
   if c.motion.kinematic and abs(late.value) > _LATE and late.beyond(0.0, _SURE):
     said = f"{c.motion.compared[0]} is {1e3 * abs(late.value):.0f} ± {1e3 * late.std:.0f} ms"
-    said += f" {'later' if late.value > 0.0 else 'earlier'} in {name} than in the other files, against"
+    said += f" {'later' if late.value > 0.0 else 'earlier'} in {name} than in {than}, against"
     said += f" {c.motion.reference[0]}"
     return [Finding("beware", channels, f"{said}; {cure}")]
   return []

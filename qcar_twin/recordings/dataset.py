@@ -13,7 +13,14 @@ import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.checks.clock_unit import check_clock_unit
-from qcar_twin.recordings.checks.faults import after_start, find_defects, outside, without_lost, without_stuck
+from qcar_twin.recordings.checks.faults import (
+  after_start,
+  find_defects,
+  outside,
+  without_clipped,
+  without_lost,
+  without_stuck,
+)
 from qcar_twin.recordings.checks.jumps import Jump, without_jumps
 from qcar_twin.recordings.checks.repeats import refuse_repeats
 from qcar_twin.recordings.checks.steered import without_unsteered
@@ -153,7 +160,8 @@ def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Re
   whole, lost, left_out = without_lost(whole)
   whole, jumps, flickers = without_jumps(whole, _length(manifest.vehicle))
   whole, stuck, gone, said = without_stuck(whole)
-  notes += [*spikes, *left_out, *flickers, *said]
+  whole, beyond, clipped = without_clipped(whole)
+  notes += [*spikes, *left_out, *flickers, *said, *clipped]
   pieces, cuts = _cut(whole, jumps, stuck)
   signs = check_units(whole, manifest.vehicle)
   check_clock_unit(whole)
@@ -165,7 +173,7 @@ def _recordings(manifest: Manifest, entry: Entry, table: Table) -> tuple[list[Re
     *notes,
     *signs,
     *cuts,
-    *(defect for piece in pieces for defect in find_defects(piece, [*lost, *gone])),
+    *(defect for piece in pieces for defect in find_defects(piece, [*lost, *gone, *beyond])),
   ]
 
 

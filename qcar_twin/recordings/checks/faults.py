@@ -17,6 +17,9 @@ _MOVING = 0.1  # m/s, above which a pose must change
 _FAR = 0.5  # m that a pose spans where the car moved, beyond what noise and outliers of one at rest do
 _POSE, _SPEEDS = ("pose_x", "pose_y", "pose_yaw"), ("speed", "motor_speed")
 Spans = Sequence[tuple[float, float]]
+_ANSWERS = 0.5  # s, within which every drive has answered a command
+_RESTS = 0.03  # of the top speed, below which a car stands
+_LEAP = 3.0  # times what one step in twenty is: what a car's inertia does not let it do
 _SILENT_STEPS, _SILENT_SECONDS = 10.0, 0.5
 
 
@@ -84,6 +87,26 @@ def without_stuck(recording: Recording) -> tuple[Recording, Spans, Spans, list[s
   return recording.replace(streams=streams), out, gone, notes
 
 
+def without_clipped(recording: Recording) -> tuple[Recording, Spans, list[str]]:
+  """The recording without samples at which a gyro or an accelerometer was at the end of its range, since they say only
+  that there was more; their spans, s, and notes."""
+  streams, gone, notes = dict(recording.streams), [], []
+  for channel, stream in recording.streams.items():
+    usual = CHANNELS[channel]
+    edges = [edge for edge in _extremes(stream) if _clips(stream, edge)] if usual.noisy and usual.clips else []
+    at_edge = np.isin(stream.value, edges)
+    if not edges or at_edge.size - at_edge.sum() < _MIN_SAMPLES:
+      continue
+    runs, time = Runs.of(at_edge.astype(float)), np.r_[recording.start, stream.time, recording.end]
+    cut = [(int(a), int(b)) for a, b, v in zip(runs.first, runs.last, runs.value, strict=True) if v]
+    spans = [(float(stream.time[a]), float(stream.time[b])) for a, b in cut]
+    gone += [(float(time[a]), float(time[b + 2])) for a, b in cut]  # from the sample before to the one after
+    streams[channel] = Stream(stream.time[~at_edge], stream.value[~at_edge])
+    so = "its sensor range is too small for this run; those samples are left out"
+    notes.append(_note(recording, channel, f"is clipped at {' and '.join(f'{edge:g}' for edge in edges)}", spans, so))
+  return recording.replace(streams=streams), gone, notes
+
+
 def outside(spans: Spans, out: Spans) -> list[tuple[float, float]]:
   """Spans, s, without what lies strictly within others."""
   left = list(spans)
@@ -101,6 +124,8 @@ def _stuck(recording: Recording) -> dict[str, list[tuple[float, float]]]:
       bounds = [edge for edge in _extremes(stream) if _clips(stream, edge)]  # a clipped sensor is not a frozen one
       runs = [run for run in _long_runs(stream) if _within(stream, run)[0] not in bounds]
       spans = [run for run in runs if not _at_rest(recording, channel, run)]
+      if len(spans) < len(runs):  # it repeats itself at rest: its steps are coarse, or it has no noise
+        spans = [run for run in spans if _leaps_away(stream, run)]
     elif channel in _SPEEDS:
       spans = [
         run
@@ -228,11 +253,18 @@ def _moves_unseen(recording: Recording, stream: Stream, span: tuple[float, float
 
 
 def _at_rest(recording: Recording, channel: str, span: tuple[float, float]) -> bool:
-  """A car that stands, or drives straight in a noise-free simulation, may well repeat a value."""
-  if _speed_in(recording, span) < 1e-3:
+  """A car that stands, or drives straight in a noise-free simulation, may well repeat a value. A steering command in
+  the last half second may not have been answered yet."""
+  if _speed_in(recording, span) < max(1e-3, _RESTS * _top_speed(recording)):
     return True
-  straight = "steering_command" not in recording or not _within(recording["steering_command"], span).any()
-  return straight and channel in ("accel_y", "yaw_rate") and not _within(recording[channel], span).any()
+  turned = (
+    "steering_command" in recording and _within(recording["steering_command"], (span[0], span[1] - _ANSWERS)).any()
+  )
+  return not turned and channel in ("accel_y", "yaw_rate") and not _within(recording[channel], span).any()
+
+
+def _top_speed(recording: Recording) -> float:
+  return float(np.percentile(np.abs(recording["speed"].value), 99.0)) if "speed" in recording else 0.0
 
 
 def _should_change(recording: Recording, stream: Stream, span: tuple[float, float]) -> bool:
@@ -243,10 +275,23 @@ def _should_change(recording: Recording, stream: Stream, span: tuple[float, floa
   command = recording[recording.drive_channel]
   inside = command.at(np.linspace(span[0], span[1], 50))
   if _within(stream, span).any():
-    return float(np.ptp(inside)) > 0.3 * float(np.ptp(command.value)) > 0.0
+    much = 0.3 * float(np.ptp(command.value))
+    answered = command.at(np.linspace(span[0], max(span[1] - _ANSWERS, span[0]), 50))
+    leapt = _leaps_away(stream, span) and float(np.ptp(inside)) > much
+    return much > 0.0 and (leapt or float(np.ptp(answered)) > much)
   moving = np.abs(stream.value) > 0.1 * np.abs(stream.value).max()
   usual = np.median(np.abs(command.at(stream.time[moving]))) if moving.any() else np.inf
   return bool(usual > 0.0) and float(np.median(np.abs(inside))) >= float(usual)
+
+
+def _leaps_away(stream: Stream, span: tuple[float, float]) -> bool:
+  """Whether a value that stayed goes on by a leap, as a sensor does that stuck while the car did not; so it may have
+  where it never goes on."""
+  after = stream.value[stream.time > span[1]]
+  steps = np.abs(np.diff(stream.value))
+  if not after.size or not steps.any():
+    return True
+  return abs(float(after[0] - _within(stream, span)[0])) > _LEAP * float(np.percentile(steps[steps > 0.0], 95.0))
 
 
 def _extremes(stream: Stream) -> tuple[float, float]:

@@ -1,8 +1,9 @@
 """Logs that count to the right: a car whose every turning channel is mirrored looks like a mirrored car.
 
 Which way an IMU's z axis points tells, and the names of engines whose frames are left-handed, or have z down: Unreal's
-(CARLA's documentation, "Coordinates and transformations"), Unity's (manual, "Rotation and orientation in Unity") and
-AirSim's (documentation, "APIs: coordinate system": north, east, down).
+(CARLA's documentation, "Coordinates and transformations"), Unity's (manual, "Rotation and orientation in Unity"),
+AirSim's (documentation, "APIs: coordinate system": north, east, down) and PX4's (user guide, "Using vision or motion
+capture systems", reference frames: forward, right, down).
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ _ENGINES = {
   "CARLA": ({"location"}, {"rotation", "yaw"}),
   "Unity": ({"euler", "angles"},),
   "AirSim": ({"pos", "x"}, {"q", "w"}, {"handbrake"}),
+  "PX4": ({"vehicle", "local", "position"},),
 }
 _COMPASS = {"heading", "course", "bearing", "azimuth", "compass", "hdg", "cog"}
 _SIDED = ("steering_command", "accel_y", "yaw_rate", "pose_y", "pose_yaw")

@@ -55,6 +55,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     "v enc|encoder|meas|measured|actual|act|odom|wheel !y|z|command|commands|commanded|cmd|target",
     "vx|vlong !position|pos|pose|map|world|global|local|ned|enu",
     "v ego",
+    "motor tach !command|commands|commanded|cmd|target|rpm|rad",
     "twist|odom|vel|vels linear x !angular|acceleration|accel|acc|command|commands|commanded|cmd",
   ),
   "accel_x": (

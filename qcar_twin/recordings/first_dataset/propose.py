@@ -17,6 +17,7 @@ from qcar_twin.recordings.first_dataset.plane import settle_plane
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing, usual_supply
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
 from qcar_twin.recordings.first_dataset.several import runner_up, settle_several
+from qcar_twin.recordings.first_dataset.speeds import settle_speeds
 from qcar_twin.recordings.first_dataset.torn import refuse_parts
 from qcar_twin.recordings.first_dataset.unused import said_of
 from qcar_twin.recordings.formats import Table
@@ -79,6 +80,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     guesses = _mapped(topics, tables)
   else:
     guesses = guess_columns(columns)
+    settle_speeds(columns, guesses)
     guess_by_unit(columns, guesses)
     if {"speed", "motor_speed"} <= guesses.keys() and is_electrical(guesses["motor_speed"].column):
       del guesses["motor_speed"]  # the speed needs no pole pairs

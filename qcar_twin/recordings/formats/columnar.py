@@ -17,6 +17,7 @@ import pyarrow.parquet
 from qcar_twin.recordings.formats.dates import seconds_of
 from qcar_twin.recordings.formats.dialect import SPACES, Dialect, by_tabs, dialect_of, without_comments
 from qcar_twin.recordings.formats.table import NO_ROWS, Clocked, Table, merge
+from qcar_twin.recordings.formats.tagged import tagged_samples
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import words_of
 
@@ -45,6 +46,10 @@ READERS = {
 def read_csv(path: Path, label: str) -> Table:
   """Text with a header line, separated by commas, semicolons, tabs or blanks; a byte order mark and decimal commas are
   understood."""
+  if (samples := tagged_samples(path)) is not None:
+    return _from_arrow(
+      pyarrow.csv.read_csv(pyarrow.BufferReader(samples), pyarrow.csv.ReadOptions(use_threads=False)), label
+    )
   dialect = dialect_of(path, label)
   try:
     try:

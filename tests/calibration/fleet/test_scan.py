@@ -11,6 +11,7 @@ from calibration.fleet.scan import line_of, read_lines, scan
 from scripts import scan as scan_command
 from scripts.__main__ import dispatch
 from tests import ROOT
+from tests.qcar_twin.recordings.drives import write_csv
 from tests.qcar_twin.recordings.first_dataset.pairs import sample_columns, write_pair
 
 SAMPLE = ROOT / "data" / "sample"
@@ -120,3 +121,32 @@ def test_a_drive_and_its_motion_capture_are_one_log(tmp_path):
   ]
   line = line_of(logs[1], "check")
   assert line["state"] in ("fit", "beware") and "pose" not in line["verdict"]
+
+
+def test_a_drive_and_its_capture_in_a_folder_next_to_it_are_one_log(tmp_path):
+  for number, name in enumerate(("free_drive_a", "excitation_a"), 1):
+    write_pair(tmp_path / "seven", f"run{number}", *sample_columns(SAMPLE / f"{name}.csv"))
+  for kind in ("car", "mocap"):
+    (tmp_path / "seven" / kind).mkdir()
+  for number in (1, 2):
+    (tmp_path / "seven" / f"run{number}.csv").rename(tmp_path / "seven" / "car" / f"run{number}.csv")
+    (tmp_path / "seven" / f"run{number}_mocap.csv").rename(tmp_path / "seven" / "mocap" / f"run{number}.csv")
+  logs = find_logs(tmp_path)
+  assert [(log.name, [p.parent.name for p in log.parts]) for log in logs] == [
+    ("seven/car/run1.csv", ["mocap"]),
+    ("seven/car/run2.csv", ["mocap"]),
+  ]
+  line = line_of(logs[0], "check")
+  assert line["state"] in ("fit", "beware") and line["car"] == "seven"
+
+
+def test_a_folder_with_a_file_a_topic_is_one_log_and_a_refusal_is_a_sentence(tmp_path):
+  time, columns = sample_columns(SAMPLE / "free_drive_a.csv")
+  topics = {"cmd": ("motor_voltage", "steering_command"), "imu": ("yaw_rate", "accel_y"), "encoder": ("motor_speed",)}
+  for name, channels in topics.items():
+    write_csv(tmp_path / f"{name}.csv", time, {channel: columns[channel] for channel in channels})
+  (log,) = find_logs(tmp_path)
+  assert (log.name, len(log.parts)) == ("cmd.csv", 2) and line_of(log, "check")["state"] in ("fit", "beware")
+  for name in topics:
+    (tmp_path / f"{name}.csv").write_text("a\n1\n", encoding="utf-8")
+  assert line_of(log, "check")["verdict"].startswith("cmd.csv: only one column")

@@ -26,6 +26,17 @@ def checked(late: float = 0.0, **scales: float) -> LogCheck:
   return check_log(DataSet("lab", tuple(runs), VEHICLE, STD))
 
 
+def of_two(**scales: float) -> list[str]:
+  """What is said of two drives, of which the second has channels scaled."""
+  runs = []
+  for k in range(2):
+    time, columns = wander(44 + k)
+    columns = {name: v * (scales.get(name, 1.0) if k else 1.0) for name, v in columns.items()}
+    runs.append(Recording.from_columns(f"run_{k}", time, columns, file=f"run_{k}.csv"))
+  check = check_log(DataSet("lab", tuple(runs), VEHICLE, STD))
+  return [f.text for f in check.of("spoils") if "run_1.csv than in run_0.csv" in f.text or "as in run_0.csv" in f.text]
+
+
 def about_files(check: LogCheck) -> list[tuple[str, str]]:
   return [(f.severity, f.text) for f in check.findings if "the other files" in f.text]
 
@@ -68,3 +79,12 @@ def test_a_file_of_another_scale_is_named_for_a_gyro_it_spoils(channel, severity
   found = about_files(checked(**{channel: 1.25}))
   assert any(one == severity and text.startswith(said) for one, text in found)
   assert all(ODD in text for _, text in found)
+
+
+def test_two_files_of_two_cars_are_told_apart_and_two_of_one_are_not():
+  assert of_two() == []
+  (longer,) = of_two(steering_command=2.4)
+  assert "or is another car's" in longer and "leave run_1.csv out: a data set is of one car" in longer
+  (sign,) = of_two(steering_command=-1.0)
+  assert "another sign in run_1.csv than in run_0.csv" in sign
+  assert any("motor_voltage is 100 times as large in run_1.csv" in text for text in of_two(motor_voltage=100.0))

@@ -137,3 +137,10 @@ def test_a_speed_and_a_steering_alone_leave_nothing_to_be_fitted(driven):
   check = checked({name: columns[name] for name in ("speed", "steering_command")}, time)
   (text,) = [f.text for f in check.of("spoils")]
   assert "neither the drive nor turning can be judged, and nothing fitted" in text
+
+
+def test_a_gyro_and_a_speed_alone_leave_nothing_to_be_fitted(driven):
+  time, columns = driven
+  check = checked({name: columns[name] for name in ("speed", "yaw_rate")}, time)
+  (text,) = [f.text for f in check.of("spoils")]
+  assert "neither a command of the drive nor of the steering" in text

@@ -65,8 +65,8 @@ def as_one_drive(tables: Sequence[Table]) -> Table | None:
   """The files' columns as `file.column` in one table; None where they are drives of their own, or cannot be joined.
 
   They are parts of one drive where each has a clock, their times overlap, and commands and motion are together in all
-  of them: in none alone, or in files that share no column but clocks. Files of the same columns are drives of their
-  own.
+  of them: in none alone, or in files that share no column but clocks, where one of the two may have names that nobody
+  knows. Files of the same columns are drives of their own.
   """
   groups: list[Clocked] = []
   each = [Columns((table,)) for table in tables] if len(tables) > 1 else []
@@ -89,7 +89,8 @@ def as_one_drive(tables: Sequence[Table]) -> Table | None:
   except RecordingError:
     return None
   guesses = guess_columns(Columns((whole,)))
-  return whole if _has(guesses, _COMMANDS) and _has(guesses, _MOTION) else None
+  known = [_has(guesses, channels) for channels in (_COMMANDS, _MOTION)]
+  return whole if all(known) or (apart and any(known)) else None
 
 
 def as_csv(table: Table) -> str:

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
+from calibration.log_check import check_log
 from calibration.log_check.commands import command_findings
-from qcar_twin.recordings.checks.acted import idle_stretches, was_commanded
+from qcar_twin.recordings.checks.acted import idle_stretches, pushed_stretches, was_commanded
 from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
 from tests.faults.falsities import SIZES, wander
-from tests.qcar_twin.recordings.drives import folder_with, write_manifest
+from tests.qcar_twin.recordings.drives import STD, VEHICLE, folder_with, write_manifest
 from tests.qcar_twin.recordings.first_dataset.test_strange_logs import log
 
 
@@ -120,3 +121,43 @@ def test_a_servo_about_its_middle_is_drafted_from_straight_ahead(tmp_path, centr
   for read in DataSet.load(tmp_path).recordings:
     expected = np.interp(read["steering_command"].time, time, own["steering_command"])
     assert read["steering_command"].value == pytest.approx(expected, abs=0.02)
+
+
+def test_a_car_that_is_pushed_is_told_from_one_that_drives():
+  time, columns = wander(3)
+  assert not pushed_stretches([run(time, columns)], "motor_voltage")
+  for late in (75, -20):  # commands that are seconds off are no push: the car goes on under them
+    shifted = (
+      np.r_[np.zeros(abs(late)), columns["motor_voltage"]][: time.size] if late > 0 else columns["motor_voltage"]
+    )
+    shifted = shifted if late > 0 else np.r_[columns["motor_voltage"][-late:], np.zeros(-late)]
+    assert not pushed_stretches([run(time, columns, motor_voltage=shifted)], "motor_voltage")
+  stop, push = np.arange(45.0, 57.0, time[1] - time[0]), np.zeros(600)
+  push[250:400] = 0.8 * np.sin(np.pi * np.arange(150) / 150.0)
+  at = np.searchsorted(time, 46.0)
+  spliced = {n: np.r_[v[:at], push if n == "speed" else np.full(stop.size, 0.0), v[at:]] for n, v in columns.items()}
+  whole = np.r_[time[:at], time[at] + np.arange(stop.size) * 0.02, time[at:] + 12.0]
+  alone = {name: spliced[name] for name in ("motor_voltage", "speed", "yaw_rate", "steering_command")}
+  (one,) = pushed_stretches([run(whole, alone)], "motor_voltage")
+  assert (one.start, one.end) == pytest.approx((51.0, 54.0), abs=0.3)
+  (said,) = [f for f in command_findings([run(whole, alone)]) if "pushed or carried" in f.text]
+  assert said.severity == "beware" and "ends at to = 51." in said.text
+
+
+def test_a_log_of_pushing_alone_spoils():
+  time, columns = wander(5)
+  pushed = {name: columns[name] for name in ("speed", "yaw_rate")} | {"motor_voltage": 0.0 * time}
+  (said,) = command_findings([run(time, pushed)])
+  assert said.severity == "spoils" and "under a motor_voltage of 0" in said.text
+
+
+def test_commands_that_are_seconds_late_are_no_stretch_to_cut_out():
+  time, columns = wander(6)
+  ends = {name: np.r_[columns[name], np.zeros(500)] for name in ("speed", "yaw_rate", "steering_command")}
+  time = np.arange(time.size + 500) * (time[1] - time[0])
+  asked = {"speed_command": ends["speed"], "steering_command": ends["steering_command"]}
+  late = {name: np.r_[np.zeros(250), values[:-250]] for name, values in asked.items()}
+  own = {name: ends[name] for name in ("speed", "yaw_rate")}
+  spoiling = check_log(DataSet("lab", (run(time, own | late),), VEHICLE | {"drive": "speed"}, STD)).of("spoils")
+  assert spoiling and "set late = 5" in spoiling[0].text
+  assert not any("cut the stretches out" in finding.text for finding in spoiling)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from calibration.log_check import check_log
 from qcar_twin.recordings.checks.faults import Runs, find_defects
 from qcar_twin.recordings.checks.time import gap_limit
 from qcar_twin.recordings.dataset import DataSet
@@ -175,3 +176,39 @@ def test_a_noise_free_drive_raises_no_warning(tmp_path):
 @pytest.mark.parametrize("step, limit", [(0.002, 0.25), (0.01, 0.25), (0.1, 0.5), (1.0, 5.0)])
 def test_gap_limit_scales_with_the_usual_step(step, limit):
   assert gap_limit(step) == pytest.approx(limit)
+
+
+def exact_car(seconds=40.0, rate=50.0):
+  """A car without noise: it stands, then follows speeds and angles in steps, 20 ms late; its speed is in cm/s."""
+  time = np.arange(int(seconds * rate)) / rate
+  phase = (time // 4.0).astype(int)
+  command = np.array([0.0, 1.0, 0.5, 1.4, 0.8, 0.3, 1.2, 0.6, 1.0, 0.0])[phase]
+  angle = np.array([0.0, 0.0, 0.2, 0.2, 0.0, -0.2, 0.0, 0.0, 0.1, 0.1])[phase]
+  speed, wheels = np.zeros(time.size), np.zeros(time.size)
+  for k in range(2, time.size):
+    speed[k] = speed[k - 1] + np.clip(command[k - 2] - speed[k - 1], -0.08, 0.06)
+    wheels[k] = wheels[k - 1] + np.clip(angle[k - 2] - wheels[k - 1], -0.02, 0.02)
+  rate_of = np.round(speed * np.tan(wheels) / 0.256, 6)
+  columns = {"speed_command": command, "steering_command": angle, "speed": np.round(speed, 2), "yaw_rate": rate_of}
+  return time, columns
+
+
+def test_a_steady_speed_in_whole_centimetres_and_a_gyro_without_noise_are_not_frozen():
+  time, columns = exact_car()
+  assert not any("frozen" in note for note in find_defects(Recording.from_columns("a", time, columns)))
+  stuck = {name: values.copy() for name, values in columns.items()}
+  for name in ("speed", "yaw_rate"):
+    stuck[name][480:700] = stuck[name][480]
+  notes = find_defects(Recording.from_columns("a", time, stuck))
+  assert sum(f"{name} is frozen at" in note for note in notes for name in ("speed", "yaw_rate")) == 2
+
+
+def test_samples_at_the_end_of_a_gyros_range_are_left_out_and_pass_for_no_scale(tmp_path):
+  time, columns = drive(60.0)
+  bound = 0.9
+  columns["yaw_rate"] = np.clip(columns["yaw_rate"], -bound, bound)
+  notes = warned(tmp_path, time, columns)
+  assert ["yaw_rate is clipped at 0.9 and -0.9" in note for note in notes] == [True]
+  (run,) = DataSet.load(tmp_path).recordings
+  assert np.abs(run["yaw_rate"].value).max() < bound and len(run["yaw_rate"]) > 0.5 * len(time)
+  assert not any("yaw_rate reads" in f.text for f in check_log(DataSet.load(tmp_path)).findings)

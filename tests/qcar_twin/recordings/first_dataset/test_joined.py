@@ -95,3 +95,23 @@ def test_files_that_hold_a_command_and_its_answer_each_are_parts_of_one_drive(tm
   whole = as_one_drive([read("STER"), read("THR")])
   assert whole is not None and {"STER.SteerOut", "THR.Speed"} <= set(whole.columns)
   assert as_one_drive([read("THR"), dataclasses.replace(read("THR"), label="THR_2.csv")]) is None
+
+
+def test_parts_whose_commands_have_names_that_nobody_knows_are_joined_and_asked_about(tmp_path):
+  """PX4's actuators are numbered, and its axes are those of aircraft."""
+  time, own = drive(12.0)
+  place = {"x": own["pose_x"], "y": -own["pose_y"], "heading": -own["pose_yaw"]}
+  topics = {
+    "log_actuator_controls_0_0": {"control[2]": -own["steering_command"], "control[3]": own["motor_voltage"] / 8.0},
+    "log_vehicle_angular_velocity_0": {"xyz[0]": 0.0 * time, "xyz[2]": -own["yaw_rate"]},
+    "log_vehicle_local_position_0": place,
+  }
+  for name, columns in topics.items():
+    write_topic(tmp_path / f"{name}.csv", "timestamp", 1e6 * (35.0 + time), columns)
+  whole = as_one_drive([read_table(tmp_path / f"{name}.csv", f"{name}.csv") for name in topics])
+  assert whole is not None
+  proposal = propose("rover", [whole])
+  assert (
+    "motor_voltage or motor_duty" in proposal.missing[0] and "log_actuator_controls_0_0.control[3]: " in proposal.text
+  )
+  assert "called as PX4's" in proposal.questions[0]
