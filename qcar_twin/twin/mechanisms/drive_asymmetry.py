@@ -16,7 +16,7 @@ class DriveAsymmetry(Mechanism):
   Equation: V = u - a ((1 - s) max(e - u, 0) + s max(-u, 0)): a negative torque k (u - e), for s = 1 a negative
   voltage, is 1 + a times what it should be. So is a negative current, and an acceleration that is commanded: there u is
   the command and e what friction takes of it, next to nothing.
-  Units: a -, s - (0 by the sign of the torque, 1 by the sign of the command), u and e (back-EMF) V, or those of the command.
+  Units: a -, s - (0 by the sign of the torque, 1 by that of the command), u and e (back-EMF) V or as the command.
   Source: Hughes and Drury, Electric Motors and Drives, 4th ed., 2013, ch. 4 (four-quadrant operation).
   Size: stated prior: 0.1, brushes advanced for one direction, or a controller whose brake has a limit of its own.
   Confounded with: coast_freewheel, motor damping where the car only drives forward.
