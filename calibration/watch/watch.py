@@ -30,6 +30,7 @@ class Block:
   Attributes:
     start, end: s.  sizes, information: of each change, (K,): a and d.d of `evidence`.
     rows: the values of the block in the observations, (n,).
+    impossible: no simulation goes on from what was measured at its beginning.
   """
 
   recording: str
@@ -38,6 +39,7 @@ class Block:
   sizes: Array
   information: Array
   rows: NDArray[np.int64]
+  impossible: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,24 +48,27 @@ class Alarm:
 
   Attributes:
     time: of the end of the block that told it, s.  since: when it began, s.
+    change: what explains it; None where no car could move as the log says.
     size: of the change, in its own unit.  evidence: log of the e-detector.
   """
 
   time: float
   since: float
-  change: Change
+  change: Change | None
   size: float
   evidence: float
 
   @property
   def sentence(self) -> str:
     """For people; times as of the log."""
+    another = "a sensor, a unit or a sign of this log is another, or the car is; check the log"
+    if self.change is None:
+      return f"at {clock(self.since)} the log has a motion that no simulation goes on from: {another}"
     least, most = self.change.possible
     if not least <= self.size <= most:
       return (
         f"since {clock(self.since)} the twin errs by more than {self.change.words} or another change of the car could"
-        f" make it (seen at {clock(self.time)}): a sensor, a unit or a sign of this log is another, or the car is;"
-        " check the log"
+        f" make it (seen at {clock(self.time)}): {another}"
       )
     shown = f"{self.change.words} {self.change.scale * self.size:+.0f} {self.change.unit}"
     seen = f"seen at {clock(self.time)}, e = 10^{self.evidence / np.log(10.0):.0f}"
@@ -144,7 +149,8 @@ class Watch:
     for s, name in enumerate(segments.recording):
       rows = np.flatnonzero(stretch == s)
       sizes, information = sizes_of(residual[rows], signature[:count, rows], signature[count:, rows])
-      yield Block(name, float(first[s]), float(last[s]), sizes, information, rows)
+      impossible = not np.isfinite(predicted[0, rows]).all()
+      yield Block(name, float(first[s]), float(last[s]), sizes, information, rows, impossible)
 
   def take(self, recording: Recording, scored_from: float = -np.inf) -> tuple[list[Alarm], Observations, Array]:
     """Judge a recording, or its latest piece; blocks that begin before `scored_from` [s] are left out.
@@ -176,6 +182,9 @@ class Watch:
 
   def judge(self, block: Block) -> list[Alarm]:
     """Take one block's evidence in; the alarm that it completes, if any."""
+    if block.impossible:
+      self.reset()
+      return [Alarm(block.end, block.start, None, np.nan, np.inf)]
     told = False
     open_cases: list[tuple[float, Alarm]] = []
     for k, change in enumerate(self.changes):

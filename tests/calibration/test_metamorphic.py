@@ -92,7 +92,8 @@ def test_what_is_calibrated_is_the_same_and_what_has_a_side_is_mirrored(sessions
   before, after = sessions["base"]["calibrated"], sessions[change]["calibrated"]
   assert before.keys() == after.keys() and before["gyro_bias"] != 0.0 and before["floor_slope_x"] != 0.0
   for name, value in expected(before, change).items():
-    enough = max(1e-7, 1e-4 * sessions["base"]["std"].get(name, 0.0))  # an optimiser stops short of what is unknown
+    # 1.7e9 s resolve 0.24 us, in which a motor at 1e4 rad/s^2 gains a few thousandths of its sensor's noise
+    enough = max(1e-7, 3e-3 * sessions["base"]["std"].get(name, 0.0))
     assert after[name] == pytest.approx(value, rel=1e-4, abs=enough), name
 
 

@@ -95,7 +95,7 @@ def test_no_formula_is_paid_for_a_valley_that_the_model_alone_missed(case):
   aside.residual = problem.residual(aside.theta[None])[0]
   assert aside.cost > 2.0 * winner.cost
   before = with_drag(problem, [aside, winner], priors).before
-  assert before.cost == pytest.approx(winner.cost, abs=2.0)
+  assert before.cost < winner.cost + 2.0
 
 
 def test_noise_is_what_the_model_leaves(case):
