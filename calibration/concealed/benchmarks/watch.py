@@ -146,7 +146,8 @@ def _until_alarm(watch: Watch, change: str, recordings: Sequence[Recording]) -> 
       driven = before + block.end - recording.start
       shown += (block.end - block.start) * (change in shows)
       if told := watch.judge(block):
-        return Seen(change, shown, driven, told[0].change.name, told[0].size)
+        named = told[0].change.name if told[0].change else "none"
+        return Seen(change, shown, driven, named, told[0].size)
   return Seen(change, shown, driven, "", float("nan"))
 
 
