@@ -23,7 +23,7 @@ def test_wheels_that_slide_do_not_bend_the_car():
   session = make_session(12345, design="compact", noise=0.5)
   truth = session.truth["car"]
   vehicle = Vehicle.from_dataset(session.vehicle, session.vehicle_std)
-  twin = Twin(vehicle, sensor_error_mechanisms(catalogue().values()), substeps=2)
+  twin = Twin(vehicle, sensor_error_mechanisms(catalogue().values()), engine="reduced")  # as fits search
   recordings = [r for r in session.recordings if r.name in RUNS]
   minimum = recalibrate(begun(twin, recordings, starting_priors(recordings, twin, None))).fit
   fitted = minimum.named()
