@@ -57,8 +57,8 @@ def dispatch(words: list[str]) -> int:
     meant = f"did you mean {near[0]}?" if near else "`qcar-twin --help` lists them."
     print(f"qcar-twin: no command '{words[0]}'; {meant}", file=sys.stderr)
     return MISUSED
-  # threads of a product of matrices wait for each other where processes of this program share the cores: half of a
-  # diagnosis' processor time on two
+  # threads of a product of matrices wait for each other where processes of this program share the cores: over a
+  # third of a diagnosis' processor time on two
   os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
   module = f"{__package__}.{name.replace('-', '_')}"
   return run(f"qcar-twin {name}", lambda: importlib.import_module(module), words[1:], traceback)

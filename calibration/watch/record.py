@@ -54,10 +54,7 @@ class Record:
       change.name: [round(float(max(d.evidence, -99.0)), 2) for d in pair]
       for change, pair in zip(watch.changes, watch.detectors, strict=True)
     }
-    name_of = lambda alarm: alarm.change and alarm.change.name
-    said = [
-      {"since": a.since, "time": a.time, "change": name_of(a), "size": a.size, "text": a.sentence} for a in alarms
-    ]
+    said = [{"since": a.since, "time": a.time, "change": a.name, "size": a.size, "text": a.sentence} for a in alarms]
     line = {"from": since, "channels": channels, "log_evidence": evidence, "alarms": said}
     self._file.write(json.dumps(plain(line), allow_nan=False) + "\n")
     self._file.flush()

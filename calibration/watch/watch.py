@@ -59,6 +59,11 @@ class Alarm:
   evidence: float
 
   @property
+  def name(self) -> str | None:
+    """Of the change, if one explains it."""
+    return self.change.name if self.change else None
+
+  @property
   def sentence(self) -> str:
     """For people; times as of the log."""
     another = "a sensor, a unit or a sign of this log is another, or the car is; check the log"

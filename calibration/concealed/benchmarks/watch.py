@@ -146,8 +146,7 @@ def _until_alarm(watch: Watch, change: str, recordings: Sequence[Recording]) -> 
       driven = before + block.end - recording.start
       shown += (block.end - block.start) * (change in shows)
       if told := watch.judge(block):
-        named = told[0].change.name if told[0].change else "none"
-        return Seen(change, shown, driven, named, told[0].size)
+        return Seen(change, shown, driven, told[0].name or "none", told[0].size)
   return Seen(change, shown, driven, "", float("nan"))
 
 
