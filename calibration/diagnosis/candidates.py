@@ -105,12 +105,13 @@ def candidate(
   freed = {p.name for p in added}
   free = ParameterSet([*(p for p in priors if p.name not in freed), *added])
   values = free.nominal
-  jacobian = np.zeros((len(problem.observations), len(free)))
+  jacobian = np.zeros((len(problem.observations), len(free)), order="F")  # columns are what is filled and copied
   if parent is not None:
     taken = [i for i, name in enumerate(free.names) if name in parent.free]
     theirs = [parent.free.index(free.names[i]) for i in taken]
     values[taken] = parent.values[theirs]
-    jacobian[:, _run(taken)] = parent.jacobian[:, _run(theirs)]
+    for i, k in zip(taken, theirs, strict=True):
+      jacobian[:, i] = parent.jacobian[:, k]
   for name, value in (start or {}).items():
     if name in free:
       values[free.index(name)] = value
@@ -118,12 +119,6 @@ def candidate(
   theta = problem.embed(free.names, values, problem.parameters.nominal)[0]
   empty = np.zeros(len(problem.observations))
   return Candidate(tuple(mechanisms), free, theta, empty, jacobian, values, problem.n_train)
-
-
-def _run(places: list[int]) -> list[int] | slice:
-  """Places as a slice where they follow each other: columns are copied many times as fast."""
-  begin = places[0] if places else 0
-  return slice(begin, begin + len(places)) if places == list(range(begin, begin + len(places))) else places
 
 
 def simulate(problem: Problem, candidates: Sequence[Candidate]) -> None:

@@ -68,7 +68,7 @@ def correct(problem: Problem, model: Candidate) -> None:
     if _promise(model) < _SETTLED:
       break
     trial = copy.copy(model)
-    trial.jacobian, trial.settled = model.jacobian.copy(), False
+    trial.jacobian, trial.settled = model.jacobian.copy(order="K"), False
     refine(here, [trial], 1, full=True)
     promised = model.cost - trial.cost
     if promised >= _SETTLED:

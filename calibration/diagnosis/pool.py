@@ -77,7 +77,8 @@ class Pool:
 def base_candidate(baseline: RecalibratedTwin) -> Candidate:
   """The recalibrated twin as a model of the pool."""
   made = candidate(baseline.problem, (), None, baseline.fit.parameters)
-  made.theta, made.values, made.jacobian = baseline.theta.copy(), baseline.fit.theta.copy(), baseline.jacobian.copy()
+  made.theta, made.values = baseline.theta.copy(), baseline.fit.theta.copy()
+  made.jacobian = baseline.jacobian.copy(order="K")
   simulate(baseline.problem, [made])
   made.settled = True
   return made

@@ -83,12 +83,18 @@ class Begun:
 
 
 def recalibrate(at: Begun, progress: Progress = silent) -> RecalibratedTwin:
-  """The base parameters' fit from where it begins; once more within wider bounds where it stopped at some."""
+  """The base parameters' fit from where it begins, within wider bounds where it stops at some.
+
+  A first descent shows most of them, before MuJoCo is asked; the fit is made once more where it shows another.
+  """
   known = _unknown(at.problem)
-  fitted = settled(at.problem, at.noise_models, at.base, at.start, at.command_shift, known)
-  wider = widened(at.base, fitted.fit.theta)
-  if any(p != q for p, q in zip(wider, at.base, strict=True)):
+  near = _fit(at.problem, at.base, at.start, _LONGEST, 0.0, (), known).theta
+  wider = widened(at.base, near)
+  fitted = settled(at.problem, at.noise_models, wider, near, at.command_shift, known)
+  late = {p.name: p for p, q in zip(widened(at.base, fitted.fit.theta), at.base, strict=True) if p != q}
+  if any(p != wider[name] for name, p in late.items()):
     progress("recalibration within wider bounds")
+    wider = wider.replace(**late)
     fitted = settled(fitted.problem, at.noise_models, wider, fitted.fit.theta, at.command_shift, known)
   return fitted
 

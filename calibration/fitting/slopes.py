@@ -153,4 +153,4 @@ def broyden(jacobian: Array, r: Array, theta: Array, outcome: Array, candidate: 
   if power < 1e-4 or not np.isfinite(outcome).all():
     return jacobian
   surprise = outcome - r - jacobian @ (candidate - theta)
-  return jacobian + np.outer(surprise / power, step / scale)
+  return jacobian + np.outer(step / scale, surprise / power).T  # by columns, as the Jacobian lies in memory

@@ -20,6 +20,7 @@
 #define N_SIGNAL 10
 
 enum { VX, VY, YAW, ROLL, PITCH, FRONT, REAR, CENTRE, MOTOR, N_UNKNOWN };
+#define WHEELS UNROLLED for (int k = 0; k < 4; k++)
 #define AT(i, j) ((i) * ((i) + 1) / 2 + (j))  // place in a lower triangle, j <= i
 
 typedef struct {
@@ -66,7 +67,7 @@ INLINE void suspend(const Cars* a, V roll, V pitch, V heave, V roll_rate, V pitc
   const double *C = a->C, mass = C[C_WHEEL_MASS];
   V spring = number(a, P_SPRING), damper = number(a, P_DAMPER);
   out->sum = out->about_x = out->about_y = all(0);
-  for (int k = 0; k < 4; k++) {
+  WHEELS {
     V x = C[k < 2 ? C_FRONT_X : C_REAR_X] - number(a, P_SPRUNG_X), y = side_of(k) * C[C_HALF_TRACK] - number(a, P_SPRUNG_Y);
     V height = state(a, S_HEIGHT + k), rise = state(a, S_RISE + k);
     V force = C[k < 2 ? C_FRONT_PRELOAD : C_REAR_PRELOAD] -
@@ -83,100 +84,149 @@ INLINE void suspend(const Cars* a, V roll, V pitch, V heave, V roll_rate, V pitc
   }
 }
 
-// Weight of a step's end in the slips, as in tyre.c.
+// Weight of a step's end in the slips, 1 - 3 / (6 + h z), z of a slip's two rates the slower one, or their geometric
+// mean where they swing; as in tyre.c. Here z = 2 rate / d.
 INLINE V lateness(double h, V length, V speed, V rate) {
-  V slow = 2 * rate / (speed + root(most(speed * speed - 4 * length * rate, all(0))));
-  return 1 - 3 / (6 + h * least(slow, root(rate / most(length, all(1e-12)))));
+  V four = 4 * length * rate, d = most(speed + root(most(speed * speed - four, all(0))), root(four));
+  return 1 - 3 * d / (6 * d + 2 * h * rate);
 }
 
-// One wheel's tyre: the law and its secant as in tyre.c, added to the system.
+// What a wheel does in a step, as the car moves it.
+typedef struct {
+  V speed;      // rad/s
+  V st, ct;     // of its steering angle at the beginning
+  V s, c;       // and in the middle of the step
+  V turn;       // of its heading in half a step, rad
+} Motion;
+
+// Tyre numbers that a period keeps.
+typedef struct { V by_rim_mass[4], by_shape[4], damping[4]; } Fixed;
+
+// The tyres of all wheels: the law and its secant as in tyre.c, added to the system.
 //   now, before: the car's velocity in the heading of the step's middle and beginning, m/s
-//   speed: of the wheel, rad/s; s, c: of its steering angle in the middle of the step; turn: of the wheel's heading in
-//   half a step, rad; st, ct: of its steering angle at the beginning
-INLINE void roll_wheel(const Cars* a, int k, Pair now, Pair before, V yaw_rate, V roll_rate, V pitch_rate, V speed, V st,
-                       V ct, V s, V c, V turn, V* pressed, Wheel* w, Tyres* sum) {
+//
+// Loops over the wheels follow one another, so that a processor finds four chains of operations to work on at once.
+INLINE void roll_wheels(const Cars* a, Pair now, Pair before, V yaw_rate, V roll_rate, V pitch_rate, const Motion motion[4],
+                        const Fixed* fixed, V pressed[4], Wheel wheels[4], Tyres* sum) {
   const double *C = a->C, h = C[C_STEP], radius = C[C_ROLLING_RADIUS], height = C[C_ORIGIN_HEIGHT];
-  const double x = C[k < 2 ? C_FRONT_X : C_REAR_X], y = side_of(k) * C[C_HALF_TRACK], half = .5 * side_of(k);
-  const int axle = k / 2;
-  V nominal = all(C[k < 2 ? C_FRONT_LOAD : C_REAR_LOAD]);
-  // slip velocity: translation along the heading of the middle of the step, rotation as it is now
-  w->along[0] = c, w->along[1] = s, w->along[2] = st * x - ct * y;
-  w->across[0] = -s, w->across[1] = c, w->across[2] = ct * x + st * y;
-  w->turning = (Pair){turn * (ct * before.y - st * before.x), -turn * (ct * before.x + st * before.y)};
-  V rolling = radius * speed, ux = now.x - height * pitch_rate, uy = now.y + height * roll_rate;
-  V vx = w->along[0] * ux + w->along[1] * uy + w->along[2] * yaw_rate - rolling - w->turning.x;
-  V vy = w->across[0] * ux + w->across[1] * uy + w->across[2] * yaw_rate - w->turning.y;
+  const double front = C[C_FRONT_LOAD], rear = C[C_REAR_LOAD];
+  V rolling[4], vx[4], vy[4], load[4], ratio[4], fall[4], stiff_x[4], stiff_y[4], friction[4], reference[4];
+  V late_x[4], late_y[4], inverse_x[4], inverse_y[4], zx[4], zy[4], rho[4], size[4], px[4], py[4], secant[4], gx[4], gy[4], damping[4], firm[4];
+  V pull_x[4], pull_y[4], qx[4], qy[4], edge[4], share[4];
+  Mask unset[4];
+  V ux = now.x - height * pitch_rate, uy = now.y + height * roll_rate;
 
   // load, and what falls with it
-  V old = state(a, S_LOAD + k);
-  Mask unset = old < 0;
-  V load = pick(unset, nominal, most(old, LEAST_LOAD * nominal)), ratio = load / nominal;
-  V fall = exponential(-number(a, P_LOAD_EXPONENT + k) * logarithm(ratio));
-  V stiff_x = number(a, P_LONGITUDINAL_STIFFNESS + k) * fall * ratio;
-  V stiff_y = number(a, P_CORNERING_STIFFNESS + k) * fall * ratio;
-  V friction = number(a, P_FRICTION_COEFFICIENT + k) * fall;
+  WHEELS {
+    V nominal = all(k < 2 ? front : rear), old = state(a, S_LOAD + k);
+    unset[k] = old < 0;
+    load[k] = pick(unset[k], nominal, most(old, LEAST_LOAD * nominal)), ratio[k] = load[k] * (1 / (k < 2 ? front : rear));
+  }
+  WHEELS fall[k] = logarithm(ratio[k]);
+  WHEELS fall[k] = exponential(-number(a, P_LOAD_EXPONENT + k) * fall[k]);
+
+  // slip velocity: translation along the heading of the middle of the step, rotation as it is now
+  WHEELS {
+    const Motion* o = motion + k;
+    Wheel* w = wheels + k;
+    const double x = C[k < 2 ? C_FRONT_X : C_REAR_X], y = side_of(k) * C[C_HALF_TRACK];
+    w->along[0] = o->c, w->along[1] = o->s, w->along[2] = o->st * x - o->ct * y;
+    w->across[0] = -o->s, w->across[1] = o->c, w->across[2] = o->ct * x + o->st * y;
+    w->turning = (Pair){o->turn * (o->ct * before.y - o->st * before.x), -o->turn * (o->ct * before.x + o->st * before.y)};
+    rolling[k] = radius * o->speed;
+    vx[k] = w->along[0] * ux + w->along[1] * uy + w->along[2] * yaw_rate - rolling[k] - w->turning.x;
+    vy[k] = w->across[0] * ux + w->across[1] * uy + w->across[2] * yaw_rate - w->turning.y;
+    reference[k] = root(rolling[k] * rolling[k] + vx[k] * vx[k] + vy[k] * vy[k] + CREEP_SPEED * CREEP_SPEED);
+    stiff_x[k] = number(a, P_LONGITUDINAL_STIFFNESS + k) * fall[k] * ratio[k];
+    stiff_y[k] = number(a, P_CORNERING_STIFFNESS + k) * fall[k] * ratio[k];
+    friction[k] = number(a, P_FRICTION_COEFFICIENT + k) * fall[k];
+  }
+  WHEELS {
+    late_x[k] = lateness(h, number(a, P_LONGITUDINAL_RELAXATION + k), reference[k], stiff_x[k] * fixed->by_rim_mass[k]);
+    late_y[k] = lateness(h, number(a, P_RELAXATION_LENGTH + k), reference[k], stiff_y[k] * (GRAVITY / (k < 2 ? front : rear)));
+  }
 
   // transient slip, its linear force in units of friction times load, and the law's secant there
-  V reference = root(rolling * rolling + vx * vx + vy * vy + CREEP_SPEED * CREEP_SPEED);
-  V lx = number(a, P_LONGITUDINAL_RELAXATION + k), ly = number(a, P_RELAXATION_LENGTH + k);
-  V late_x = lateness(h, lx, reference, stiff_x / number(a, P_RIM_MASS + k));
-  V late_y = lateness(h, ly, reference, stiff_y * (GRAVITY / nominal));
-  V inverse_x = 1 / (lx + h * late_x * reference), inverse_y = 1 / (ly + h * late_y * reference);
-  V gx = h * late_x * inverse_x, gy = h * late_y * inverse_y, keep_x = lx * inverse_x, keep_y = ly * inverse_y;
-  V zx = pick(unset, vx / reference, state(a, S_SLIP_X + k)), zy = pick(unset, vy / reference, state(a, S_SLIP_Y + k));
-  V px = stiff_x * (keep_x * zx + gx * vx), py = stiff_y * (keep_y * zy + gy * vy);
-  V shape = number(a, P_TYRE_SHAPE + k), rho = root(px * px + py * py) / (friction * load);
-  V bent = sine(shape * arctangent(rho / shape)) / most(rho, all(1e-4)), secant = pick(rho < 1e-4, all(1), bent);
-  V fade = DAMPED_SPEED * DAMPED_SPEED / (DAMPED_SPEED * DAMPED_SPEED + rolling * rolling);
-  // pull: force per slip velocity in the step; hold: per slip of now
-  V damping = C[C_CARCASS_DAMPING] / number(a, P_CORNERING_STIFFNESS + k) * fade * fade;
-  V firm = secant - damping * reference, pull_x = stiff_x * (firm * gx + damping), pull_y = stiff_y * (firm * gy + damping);
-  V hold_x = stiff_x * firm * keep_x, hold_y = stiff_y * firm * keep_y;
-
-  // The elliptic cone around the law holds a load that has vanished within the step; at its corner MuJoCo's solver
-  // shares what the tyre wants between the floor's push and the friction.
-  Mask grounded = *pressed > -.5;
-  V axes = root(pull_y * late_y / (pull_x * late_x)), cone_x = CONE_RESERVE * friction * most(all(1), 1 / axes), cone_y = cone_x * axes;
-  V ex = px * secant / cone_x, ey = py * secant / cone_y, wanted = load * friction * rho * secant;
-  V edge = wanted / most(root(ex * ex + ey * ey), all(1e-9)), stiff = all(1 / C[C_WHEEL_MASS] + C[C_CONTACT_SOFTNESS]);
-  V soft = 1 / (h * .5 * (pull_x * late_x + pull_y * late_y)) + C[C_PATCH_MOBILITY];
-  V shared = (stiff * *pressed + edge * soft * wanted) / (stiff + edge * edge * soft);
-  Mask beyond = edge * *pressed < wanted;
-  V share = pick(beyond, edge * shared / most(wanted, all(1e-9)), all(1));
-  share = pick(grounded, share, all(0));
-  *pressed = pick(grounded, pick(beyond, shared, *pressed), all(0));
-
-  // force on the car  f = -c v(end) - b  along both directions
-  V cx = h * share * pull_x * late_x, cy = h * share * pull_y * late_y;
-  V bx = h * share * (hold_x * zx + pull_x * (1 - late_x) * vx) + cx * w->turning.x;
-  V by = h * share * (hold_y * zy + pull_y * (1 - late_y) * vy) + cy * w->turning.y;
-  V spin = all(-radius), differ = all(-radius * half);  // rows over the axle's mean speed and difference
-  for (int i = 0, n = 0; i < 3; i++) {
-    V ax = cx * w->along[i], ay = cy * w->across[i];
-    for (int j = 0; j <= i; j++, n++) sum->plane[n] += ax * w->along[j] + ay * w->across[j];
-    sum->plane_mean[axle][i] += ax * spin;
-    sum->plane_axle[axle][i] += ax * differ;
-    sum->to_plane[i] -= w->along[i] * bx + w->across[i] * by;
+  WHEELS {
+    V lx = number(a, P_LONGITUDINAL_RELAXATION + k), ly = number(a, P_RELAXATION_LENGTH + k);
+    inverse_x[k] = 1 / (lx + h * late_x[k] * reference[k]), inverse_y[k] = 1 / (ly + h * late_y[k] * reference[k]);
+    V by_reference = 1 / reference[k];
+    zx[k] = pick(unset[k], vx[k] * by_reference, state(a, S_SLIP_X + k));
+    zy[k] = pick(unset[k], vy[k] * by_reference, state(a, S_SLIP_Y + k));
+    gx[k] = h * late_x[k] * inverse_x[k], gy[k] = h * late_y[k] * inverse_y[k];
+    px[k] = stiff_x[k] * (lx * inverse_x[k] * zx[k] + gx[k] * vx[k]);
+    py[k] = stiff_y[k] * (ly * inverse_y[k] * zy[k] + gy[k] * vy[k]);
+    size[k] = root(px[k] * px[k] + py[k] * py[k]);
+    rho[k] = size[k] / (friction[k] * load[k]);
   }
-  sum->mean[axle] += cx * spin * spin;
-  sum->mean_axle[axle] += cx * spin * differ;
-  sum->axle[axle] += cx * differ * differ;
-  sum->to_mean[axle] -= spin * bx;
-  sum->to_axle[axle] -= differ * bx;
+  WHEELS secant[k] = arctangent(rho[k] * fixed->by_shape[k]);
+  WHEELS secant[k] = sine(number(a, P_TYRE_SHAPE + k) * secant[k]);
+  WHEELS secant[k] = pick(rho[k] < 1e-4, all(1), secant[k] / most(rho[k], all(1e-4)));
 
-  V kept_x = ((lx - h * (1 - late_x) * reference) * zx + h * (1 - late_x) * vx) * inverse_x;
-  V kept_y = ((ly - h * (1 - late_y) * reference) * zy + h * (1 - late_y) * vy) * inverse_y;
-  w->gain = (Pair){pick(grounded, gx, all(0)), pick(grounded, gy, all(0))};
-  w->kept = (Pair){pick(grounded, kept_x, all(0)), pick(grounded, kept_y, all(0))};
+  WHEELS {
+    V fade = DAMPED_SPEED * DAMPED_SPEED / (DAMPED_SPEED * DAMPED_SPEED + rolling[k] * rolling[k]);
+    damping[k] = fixed->damping[k] * fade * fade;
+    firm[k] = secant[k] - damping[k] * reference[k];
+    // pull: force per slip velocity in the step
+    pull_x[k] = stiff_x[k] * (firm[k] * gx[k] + damping[k]), pull_y[k] = stiff_y[k] * (firm[k] * gy[k] + damping[k]);
+    qx[k] = pull_x[k] * late_x[k], qy[k] = pull_y[k] * late_y[k];
+    // The elliptic cone around the law holds a load that has vanished within the step. Its half axes are the reserve
+    // times friction for the weaker direction, and in the ratio of their roots.
+    V across = qy[k] * px[k] * px[k] + qx[k] * py[k] * py[k];
+    edge[k] = CONE_RESERVE * friction[k] * size[k] * root(most(qx[k], qy[k]) / most(across, all(1e-30)));
+  }
+  // at its corner MuJoCo's solver shares what the tyre wants between the floor's push and the friction
+  WHEELS {
+    V wanted = size[k] * secant[k], stiff = all(1 / C[C_WHEEL_MASS] + C[C_CONTACT_SOFTNESS]);
+    V weight = .5 * h * (qx[k] + qy[k]), soft = 1 + weight * C[C_PATCH_MOBILITY];
+    V shared = (weight * stiff * pressed[k] + edge[k] * soft * wanted) / (weight * stiff + edge[k] * edge[k] * soft);
+    Mask grounded = pressed[k] > -.5, beyond = edge[k] * pressed[k] < wanted;
+    share[k] = pick(beyond, edge[k] * shared / most(wanted, all(1e-9)), all(1));
+    share[k] = pick(grounded, share[k], all(0));
+    pressed[k] = pick(grounded, pick(beyond, shared, pressed[k]), all(-1));
+  }
+
+  WHEELS {
+    Wheel* w = wheels + k;
+    V lx = number(a, P_LONGITUDINAL_RELAXATION + k), ly = number(a, P_RELAXATION_LENGTH + k);
+    V hold_x = stiff_x[k] * firm[k] * lx * inverse_x[k], hold_y = stiff_y[k] * firm[k] * ly * inverse_y[k];
+    Mask grounded = pressed[k] > -.5;
+    pressed[k] = most(pressed[k], all(0));
+
+    // force on the car  f = -c v(end) - b  along both directions
+    V cx = h * share[k] * qx[k], cy = h * share[k] * qy[k];
+    V bx = h * share[k] * (hold_x * zx[k] + pull_x[k] * (1 - late_x[k]) * vx[k]) + cx * w->turning.x;
+    V by = h * share[k] * (hold_y * zy[k] + pull_y[k] * (1 - late_y[k]) * vy[k]) + cy * w->turning.y;
+    V spin = all(-radius), differ = all(-radius * .5 * side_of(k));  // rows over the axle's mean speed and difference
+    const int axle = k / 2;
+    UNROLLED for (int i = 0; i < 3; i++) {
+      V ax = cx * w->along[i], ay = cy * w->across[i];
+      UNROLLED for (int j = 0; j <= i; j++) sum->plane[AT(i, j)] += ax * w->along[j] + ay * w->across[j];
+      sum->plane_mean[axle][i] += ax * spin;
+      sum->plane_axle[axle][i] += ax * differ;
+      sum->to_plane[i] -= w->along[i] * bx + w->across[i] * by;
+    }
+    sum->mean[axle] += cx * spin * spin;
+    sum->mean_axle[axle] += cx * spin * differ;
+    sum->axle[axle] += cx * differ * differ;
+    sum->to_mean[axle] -= spin * bx;
+    sum->to_axle[axle] -= differ * bx;
+
+    V before_x = h * (1 - late_x[k]), before_y = h * (1 - late_y[k]);
+    V kept_x = ((lx - before_x * reference[k]) * zx[k] + before_x * vx[k]) * inverse_x[k];
+    V kept_y = ((ly - before_y * reference[k]) * zy[k] + before_y * vy[k]) * inverse_y[k];
+    w->gain = (Pair){pick(grounded, gx[k], all(0)), pick(grounded, gy[k], all(0))};
+    w->kept = (Pair){pick(grounded, kept_x, all(0)), pick(grounded, kept_y, all(0))};
+  }
 }
 
 // Solves A u = b in place of b; A is lost. Coulomb friction on the last unknown, the motor, takes at most `friction` off
 // its impulse: with all others eliminated that is a clip.
 INLINE void solve(V A[], V b[], V friction) {
   V diagonal[N_UNKNOWN], scaled[N_UNKNOWN];
-  for (int j = 0; j < N_UNKNOWN; j++) {
+  UNROLLED for (int j = 0; j < N_UNKNOWN; j++) {
     V d = A[AT(j, j)];
-    for (int k = 0; k < j; k++) {
+    UNROLLED for (int k = 0; k < j; k++) {
       scaled[k] = A[AT(j, k)] * diagonal[k];
       d -= scaled[k] * A[AT(j, k)];
       b[j] -= A[AT(j, k)] * b[k];
@@ -184,16 +234,16 @@ INLINE void solve(V A[], V b[], V friction) {
     diagonal[j] = d;
     V inverse = 1 / d;
     A[AT(j, j)] = inverse;
-    for (int i = j + 1; i < N_UNKNOWN; i++) {
+    UNROLLED for (int i = j + 1; i < N_UNKNOWN; i++) {
       V off = A[AT(i, j)];
-      for (int k = 0; k < j; k++) off -= A[AT(i, k)] * scaled[k];
+      UNROLLED for (int k = 0; k < j; k++) off -= A[AT(i, k)] * scaled[k];
       A[AT(i, j)] = off * inverse;
     }
   }
   b[MOTOR] -= clip(b[MOTOR], friction);
-  for (int j = N_UNKNOWN - 1; j >= 0; j--) {
+  UNROLLED for (int j = N_UNKNOWN - 1; j >= 0; j--) {
     b[j] *= A[AT(j, j)];
-    for (int k = j + 1; k < N_UNKNOWN; k++) b[j] -= A[AT(k, j)] * b[k];
+    UNROLLED for (int k = j + 1; k < N_UNKNOWN; k++) b[j] -= A[AT(k, j)] * b[k];
   }
 }
 
@@ -231,6 +281,12 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
   const V viscous = number(a, P_DIFFERENTIAL_DAMPING), coulomb = number(a, P_DIFFERENTIAL_FRICTION);
   const V between = number(a, P_CENTRE_DAMPING);
 
+  Fixed fixed;
+  WHEELS {
+    fixed.by_rim_mass[k] = 1 / number(a, P_RIM_MASS + k), fixed.by_shape[k] = 1 / number(a, P_TYRE_SHAPE + k);
+    fixed.damping[k] = C[C_CARCASS_DAMPING] / number(a, P_CORNERING_STIFFNESS + k);
+  }
+
   for (int n = 0; n < count; n++) {
     V half = .5 * h * yaw_rate, dc = cosine_series(half, 6), ds = sine_series(half, 7);
     V cm = c * dc - s * ds, sm = s * dc + c * ds;  // heading of the middle of the step
@@ -241,15 +297,18 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
     Tyres t = {0};
     Wheel wheel[4];
     V way = servo - servo_before, bend = curve * servo * servo, bending = bend - curve * servo_before * servo_before;
-    for (int k = 0; k < 2; k++) {
+    Motion motion[4];
+    UNROLLED for (int k = 0; k < 2; k++) {
       V angle = servo + side_of(k) * bend, step = way + side_of(k) * bending;
       V st = sine_series(angle, 15), ct = cosine_series(angle, 16), d1 = .5 * step, s1 = sine_series(d1, 5), c1 = cosine_series(d1, 6);
-      roll_wheel(a, k, now, before, yaw_rate, roll_rate, pitch_rate, gear * motor + ahead * centre + .5 * side_of(k) * front,
-                 st, ct, st * c1 + ct * s1, ct * c1 - st * s1, half + d1, springs.load + k, wheel + k, &t);
+      V speed = gear * motor + ahead * centre + .5 * side_of(k) * front;
+      motion[k] = (Motion){speed, st, ct, st * c1 + ct * s1, ct * c1 - st * s1, half + d1};
     }
-    for (int k = 2; k < 4; k++)
-      roll_wheel(a, k, now, before, yaw_rate, roll_rate, pitch_rate, gear * motor - behind * centre + .5 * side_of(k) * rear,
-                 all(0), all(1), all(0), all(1), half, springs.load + k, wheel + k, &t);
+    UNROLLED for (int k = 2; k < 4; k++) {
+      V speed = gear * motor - behind * centre + .5 * side_of(k) * rear;
+      motion[k] = (Motion){speed, all(0), all(1), all(0), all(1), half};
+    }
+    roll_wheels(a, now, before, yaw_rate, roll_rate, pitch_rate, motion, &fixed, springs.load, wheel, &t);
 
     // inertia of car, wheels and motor, and the tyres': patches move with hc times roll rate to the left
     V A[AT(N_UNKNOWN - 1, N_UNKNOWN)], b[N_UNKNOWN];
@@ -313,7 +372,7 @@ static void drive_lanes(const Cars* a, V command, V steering, const V force[3], 
                h * (torque - number(a, P_DRIVELINE_DAMPING) * motor);
     solve(A, b, h * number(a, P_DRIVELINE_FRICTION));
 
-    for (int k = 0; k < 4; k++) {
+    WHEELS {
       const Wheel* w = wheel + k;
       V ux = b[VX] - hc * b[PITCH], uy = b[VY] + hc * b[ROLL];
       V axle = k < 2 ? ahead * b[CENTRE] : -behind * b[CENTRE];
