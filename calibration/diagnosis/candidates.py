@@ -6,7 +6,7 @@ parameters is taken over from the recalibrated twin and corrected by Broyden's r
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,13 +112,20 @@ def candidate(
     values[taken] = parent.values[theirs]
     for i, k in zip(taken, theirs, strict=True):
       jacobian[:, i] = parent.jacobian[:, k]
-  for name, value in (start or {}).items():
-    if name in free:
-      values[free.index(name)] = value
-  values = np.clip(values, free.lower, free.upper)
-  theta = problem.embed(free.names, values, problem.parameters.nominal)[0]
   empty = np.zeros(len(problem.observations))
-  return Candidate(tuple(mechanisms), free, theta, empty, jacobian, values, problem.n_train)
+  made = Candidate(tuple(mechanisms), free, problem.parameters.nominal, empty, jacobian, values, problem.n_train)
+  return started(problem, made, start or {})
+
+
+def started(problem: Problem, model: Candidate, start: Mapping[str, float]) -> Candidate:
+  """The same model with other first values of some parameters; the two share a Jacobian: fit one of them on."""
+  values = model.values.copy()
+  for name, value in start.items():
+    if name in model.free:
+      values[model.free.index(name)] = value
+  values = np.clip(values, model.free.lower, model.free.upper)
+  theta = problem.embed(model.free.names, values, problem.parameters.nominal)[0]
+  return dataclasses.replace(model, values=values, theta=theta)
 
 
 def simulate(problem: Problem, candidates: Sequence[Candidate]) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.diagnosis.candidates import Candidate, begin, candidate, refine
+from calibration.diagnosis.candidates import Candidate, begin, candidate, refine, started
 from calibration.diagnosis.confirm import confirm, confirm_best
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.scan import Projector, Signature, explained
@@ -267,7 +267,8 @@ def _begun(pool: Pool, sets: Sequence[frozenset[str]]) -> list[Candidate]:
     parent = pool.best_subset(key)
     new = sorted(key - set(parent.mechanisms))
     starts = [_start(pool, parent, new, share, meet) for share, meet in _STARTS]
-    trials += [candidate(pool.problem, sorted(key), parent, pool.priors, start) for start in starts]
+    model = candidate(pool.problem, sorted(key), parent, pool.priors)
+    trials += [started(pool.problem, model, start) for start in starts]
   begin(pool.problem, trials)
   turns = range(0, len(trials), len(_STARTS))
   return [min(trials[i : i + len(_STARTS)], key=lambda m: m.cost) for i in turns]

@@ -6,6 +6,7 @@ Spectral Analysis and Time Series, 6.1): the mean excess over one, over all stre
 """
 
 import dataclasses
+import functools
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,8 +85,14 @@ def excess(frequencies: Array, position: Array, values: Array) -> Array:
   share = (position - position[0]) / (position[-1] - position[0])
   taper = np.sin(np.pi * np.clip(share, 0.0, 1.0)) ** 2
   centred = (values - values.mean()) * taper
-  power = np.abs(np.exp(-2j * np.pi * np.outer(frequencies, position)) @ centred) ** 2
-  ratio = np.abs(np.log(frequencies[:, None] / frequencies[None]))
+  phase = 2.0 * np.pi * np.outer(frequencies, position)
+  power = (np.cos(phase) @ centred) ** 2 + (np.sin(phase) @ centred) ** 2
+  return power / np.maximum(_neighbourhood(tuple(frequencies.tolist())) @ power, 1e-300) - 1.0
+
+
+@functools.lru_cache(maxsize=64)
+def _neighbourhood(frequencies: tuple[float, ...]) -> Array:
+  """Weights (F, F) that average over what lies near each frequency."""
+  ratio = np.abs(np.log(np.divide.outer(frequencies, frequencies)))
   near = (ratio > _NEAR) & (ratio < _FAR)
-  background = (near @ power) / np.maximum(near.sum(axis=1), 1)
-  return power / np.maximum(background, 1e-300) - 1.0
+  return near / np.maximum(near.sum(axis=1, keepdims=True), 1)
