@@ -57,10 +57,10 @@ SLIPX_EFFECTS: dict[str, Effect] = {
   "relaxation_front": Effect("tyre", "parameter", ("tyre_relaxation",), "-", 30.0, scale("tyre_front.relax_length")),
   "payload": Effect("body", "parameter", ("payload",), "kg", 4.0, _payload, figures=("mass",)),
   "grip_later": Effect("ground", "parameter", ("friction_change",), "-", 4.0, divide(*_FRONT, *_REAR, late=True)),
+  "resistance_later": Effect("drive", "parameter", ("resistance_change",), "-", 10.0, _resistance_later),
   # outside the catalogue
   "grip_front": Effect("tyre", "parameter", (), "-", 4.0, divide(*_FRONT)),
   "current_limit": Effect("drive", "parameter", (), "-", 100.0, divide("current_max")),
-  "resistance_later": Effect("drive", "parameter", (), "-", 10.0, _resistance_later),
 }
 
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from qcar_twin.kinematics import rolling_radius
-from qcar_twin.plant import START, signal_index
+from qcar_twin.plant import START, Driving, signal_index
 from qcar_twin.twin.mechanisms.base import Array, Context, Model, State, Track
 
 REFERENCE_VOLTAGE = 2.5  # V: highest steady voltage of usual runs; sizes of electrical effects are stated there
@@ -109,6 +109,33 @@ def lag_step(state: State, target: Array) -> Array:
   lost = state["inertia"] * (new_rate - rate) + (output - state["output"])
   state["output"], state["rate"] = output, new_rate
   return target - lost / state["steps"]
+
+
+# Changes that come while one drives -------------------------------------------------------------------
+
+
+# s of the first drop that is tried, and from each to the next: so close that each sees the next one's flank
+EARLIEST, RATIO = 30.0, 1.9
+
+
+def come(driven: Array | float, time: Array | float, suddenness: Array | float) -> Array:
+  """Share of a change that has come after so many seconds of driving, 1 - exp(-(driven / time)^suddenness)."""
+  exponent = suddenness * np.log(np.maximum(driven, 1e-6) / time)
+  return -np.expm1(-np.exp(np.clip(exponent, -50.0, 6.0)))
+
+
+def come_amid(time: float, suddenness: float, driving: Driving) -> float:
+  """What of a change falls into the middle four fifths of the driving; there must be some on either side of it."""
+  first, last = driving.first, driving.last
+  early, late = first + 0.1 * (last - first), last - 0.1 * (last - first)
+  return float(come(late, time, suddenness) - come(early, time, suddenness))
+
+
+def changes_tried(driving: Driving) -> list[tuple[float, float]]:
+  """Times, s, and suddenness of a fast and a slow drift, and of drops while the car was driven."""
+  count = 1 + int(max(np.log(driving.last / EARLIEST) / np.log(RATIO), 0.0))
+  drops = [(float(t), 7.0) for t in EARLIEST * RATIO ** np.arange(count) if t > driving.first]
+  return [(60.0, 1.0), (300.0, 1.0), *drops]
 
 
 # Tracks and delays ------------------------------------------------------------------------------------

@@ -2,15 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from qcar_twin.parameters import Parameter
 from qcar_twin.plant import Driving
 from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, Model
-from qcar_twin.twin.mechanisms.elements import scale_grip
-
-# s of the first drop that is tried, and from each to the next: so close that each sees the next one's flank
-EARLIEST, RATIO = 30.0, 1.9
+from qcar_twin.twin.mechanisms.elements import changes_tried, come, come_amid, scale_grip
 
 
 class FrictionChange(Mechanism):
@@ -39,26 +34,14 @@ class FrictionChange(Mechanism):
 
   def initial_guesses(self, driving: Driving) -> Sequence[Mapping[str, float]]:
     """A fast and a slow drift, and drops while the car was driven."""
-    drifts = ({"friction_change_time": t, "friction_change_suddenness": 1.0} for t in (60.0, 300.0))
-    count = 1 + int(max(np.log(driving.last / EARLIEST) / np.log(RATIO), 0.0))
-    times = [t for t in EARLIEST * RATIO ** np.arange(count) if t > driving.first]
-    drops = ({"friction_change_time": float(t), "friction_change_suddenness": 7.0} for t in times)
-    return (*drifts, *drops)
+    return [
+      {"friction_change_time": time, "friction_change_suddenness": sudden} for time, sudden in changes_tried(driving)
+    ]
 
   def observable_share(self, values: Mapping[str, float], driving: Driving) -> float:
-    """What of the change falls into the middle four fifths of the driving; there must be some on either side of it."""
-    first, last = driving.first, driving.last
-    early, late = first + 0.1 * (last - first), last - 0.1 * (last - first)
-    come = lambda t: _come(t, values["friction_change_time"], values["friction_change_suddenness"])
-    return float(come(late) - come(early))
+    return come_amid(values["friction_change_time"], values["friction_change_suddenness"], driving)
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
     driven = context.history[:, 0] + context.time
-    change = theta[:, 0] * _come(driven, theta[:, 1], theta[:, 2])
+    change = theta[:, 0] * come(driven, theta[:, 1], theta[:, 2])
     scale_grip(model, change[:, None], theta[:, 3:])
-
-
-def _come(driven: Array | float, time: Array | float, suddenness: Array | float) -> Array:
-  """s, the share of the change that has come after so many seconds of driving."""
-  exponent = suddenness * np.log(np.maximum(driven, 1e-6) / time)
-  return -np.expm1(-np.exp(np.clip(exponent, -50.0, 6.0)))

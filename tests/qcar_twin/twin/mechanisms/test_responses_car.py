@@ -64,6 +64,21 @@ def test_friction_change_creeps_or_drops(suddenness, early, late):
     assert "cornering_stiffness" not in changes
 
 
+@pytest.mark.parametrize("suddenness, early, late", [(1.0, 1 - np.exp(-0.5), 1 - np.exp(-1.5)), (20.0, 0.0, 1.0)])
+def test_a_resistance_that_changes_creeps_in_or_comes_at_once(suddenness, early, late):
+  """0.6 N at the wheels by equal power; taken off, friction stops at nothing."""
+  for seconds, share in ((30.0, early), (90.0, late)):
+    driven = motion()
+    driven.history[:, 0] = seconds
+    more = changed("resistance_change", [0.6, 60.0, suddenness], driven).get("driveline_friction", 0.0)
+    np.testing.assert_allclose(more, 0.6 * share * CAR.wheel_radius * CAR.gear_ratio, rtol=0.02, atol=1e-8)
+    driven = motion()
+    driven.history[:, 0] = seconds
+    bench = BenchModel(1)
+    less = changed("resistance_change", [-2.0, 60.0, suddenness], driven).get("driveline_friction", 0.0)
+    assert np.all(bench.values["driveline_friction"] + less >= 0.0)
+
+
 def test_friction_patch_is_felt_by_the_wheels_that_stand_on_it():
   """Facing +y at the origin: the left wheels are at -x. A patch to the left takes their grip only."""
   driven = motion(pose_yaw=np.pi / 2)
@@ -142,12 +157,11 @@ def test_pose_mount_turns_and_shifts_the_tracked_point():
   np.testing.assert_allclose(measured["pose_yaw"], np.pi / 2 + 0.04)
 
 
-def test_of_a_change_of_grip_only_what_comes_amid_the_driving_is_shown():
+@pytest.mark.parametrize("name", ["friction_change", "resistance_change"])
+def test_of_a_change_only_what_comes_amid_the_driving_is_shown(name):
   """None of it before the driving began or after it ended, all of it in the middle, part of a slow one."""
-  change, driving = CATALOGUE["friction_change"], Driving(100.0, 300.0, np.zeros((0, 2)))
-  share = lambda time, sudden: change.observable_share(
-    {"friction_change_time": time, "friction_change_suddenness": sudden}, driving
-  )
+  change, driving = CATALOGUE[name], Driving(100.0, 300.0, np.zeros((0, 2)))
+  share = lambda time, sudden: change.observable_share({f"{name}_time": time, f"{name}_suddenness": sudden}, driving)
   assert share(3.3, 0.7) < 0.01 and share(60.0, 30.0) < 0.01 and share(2000.0, 20.0) < 0.01
   assert share(200.0, 20.0) > 0.99
   # creeping in with 200 s from the start: exp(-120 / 200) - exp(-280 / 200)
@@ -155,12 +169,13 @@ def test_of_a_change_of_grip_only_what_comes_amid_the_driving_is_shown():
   assert CATALOGUE["steering_delay"].observable_share({}, driving) == 1.0
 
 
-def test_a_change_of_grip_is_sought_while_the_car_is_driven():
+@pytest.mark.parametrize("name", ["friction_change", "resistance_change"])
+def test_a_change_is_sought_while_the_car_is_driven(name):
   """However long that is: between one drop that is tried and the next, and up to the end, there is no wide gap."""
-  change = CATALOGUE["friction_change"]
+  change = CATALOGUE[name]
   for first, last in ((0.0, 130.0), (100.0, 3000.0)):
     guesses = change.initial_guesses(Driving(first, last, np.zeros((0, 2))))
-    times = np.array([s["friction_change_time"] for s in guesses if s["friction_change_suddenness"] > 2.0])
+    times = np.array([s[f"{name}_time"] for s in guesses if s[f"{name}_suddenness"] > 2.0])
     assert first < times[0] and times[-1] < last
     assert np.all(np.diff(np.log([max(first, 30.0), *times, last])) < np.log(2.0))
 
