@@ -59,7 +59,7 @@ def page(agreement: Agreement, config: Config) -> str:
     "",
     f"`qcar-twin benchmark-plant --dataset {config.dataset} --vectors {config.vectors} --seed {config.seed}"
     f" --most {config.most:g}`: {agreement.seconds:.0f} s of driving."
-    " What the reduced car is: [reduced.md](reduced.md).",
+    " What the reduced car is: [reduced.md](../reference/reduced.md).",
     "",
     f"10 ms of one car, one thread, in pairs: {first:.1f} us in MuJoCo, {second:.2f} us on the reduced car,"
     f" {agreement.speed.ratio:.0f} times as fast.",

@@ -41,7 +41,7 @@ class Config:
   """Threads of the simulation; 0 uses every core. Results do not depend on it."""
   plant: EngineKind = "reduced"
   """Simulator used during the search. 'reduced' searches with the fast C model and verifies the result in MuJoCo;
-  'mujoco' uses MuJoCo throughout and simulates 37 times slower."""
+  'mujoco' uses MuJoCo throughout and takes many times as long."""
 
 
 def main(config: Config) -> Calibration:

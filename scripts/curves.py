@@ -42,7 +42,7 @@ class Config:
   starts: int = 0
   """Number of starts of the fit of all curves; reports whether their results agree. 0 fits once."""
   plant: EngineKind = "reduced"
-  """Simulator used by the fits. 'mujoco' simulates 37 times slower than 'reduced'; errors are computed in MuJoCo
+  """Simulator used by the fits. 'mujoco' takes many times as long as 'reduced'; errors are computed in MuJoCo
   either way."""
 
 

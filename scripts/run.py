@@ -44,7 +44,7 @@ class Config:
   """Threads of the simulation; 0 uses every core. Results do not depend on it."""
   plant: EngineKind = "reduced"
   """Simulator used during the search. 'reduced' searches with the fast C model and verifies the result in MuJoCo;
-  'mujoco' uses MuJoCo throughout and simulates 37 times slower."""
+  'mujoco' uses MuJoCo throughout and takes many times as long."""
   curves: When = "auto"
   """Fit free curves after the diagnosis: 'auto' fits them where a mismatch stays unexplained (docs/guide/curves.md)."""
 

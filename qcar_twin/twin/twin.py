@@ -50,7 +50,7 @@ class Twin:
       car takes as many more as its time is shorter.
     threads: threads of the batch, 0 for all cores. Results do not depend on it.
     rows: at most this many cars are simulated side by side; more columns are done in turns.
-    engine: "mujoco", or "reduced" for the car that is thirty times as fast and good enough to search with.
+    engine: "mujoco", or "reduced" for the car that is many times as fast and good enough to search with.
     sessions: parameters that differ from session to session; see sessions.py.
 
   Raises:

@@ -20,7 +20,7 @@ WHEELBASE = 0.256  # m, of the QCar
 # line through cars from 1:43 to full size (docs/reference/sizes.md), yaw inertia as mass x length^2
 POWERS = {"mass": 2.73, "yaw_inertia": 4.73, "cg_to_front": 1.0, "cg_to_rear": 1.0, "track_width": 1.0,
           "cg_height": 1.0, "wheel_radius": 1.0}  # fmt: skip
-_LONGEST_STEP = 0.005  # s, that a car of the QCar's class is simulated with
+_LONGEST_STEP = 0.005  # s, for which suspension and contacts of a QCar are made stable; environments use it
 _SAME = 1e-9  # octaves: a wheelbase of exactly twice the QCar's is twice it, whatever its last bit
 
 

@@ -24,7 +24,7 @@ from calibration.concealed.benchmarks.speed import Pair
 from calibration.fitting.optimiser import fit
 from calibration.fitting.surrogate import Surrogate
 from qcar_twin.parameters import Parameter, ParameterSet
-from qcar_twin.plant import SIGNALS, START, Segments
+from qcar_twin.plant import SIGNALS, START, SUBSTEPS, Segments
 from qcar_twin.twin.simulation import mujoco_batch
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.ids import Handles
@@ -44,7 +44,6 @@ FITTED = (
 )
 TRUTH = np.array([1.2, 0.7, 0.8, 1.2, 1.15])
 CHANNELS = {"motor_speed": 2.0, "yaw_rate": 0.02, "accel_y": 0.1}  # and their standard deviations
-SUBSTEPS = 2  # of 5 ms
 LOWER, UPPER = 0.2, 5.0
 CONFIRMED = 1.0  # nat: what the last correction by MuJoCo gains
 CLOSE = 1.02  # a fit is there when its cost is within this factor of the best one of both

@@ -1,4 +1,4 @@
-"""The reduced car is MuJoCo's car, thirty times as fast: same structure, same mechanisms, nearly the same motion."""
+"""The reduced car is MuJoCo's car, many times as fast: same structure, same mechanisms, nearly the same motion."""
 
 import ctypes
 import dataclasses
