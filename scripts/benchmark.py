@@ -21,8 +21,8 @@ processor time where one thread works, wall time for two threads and for the fit
 {table}
 
 The fits start together and have the same residual (tested equal to 1e-3 of a standard deviation), parameters,
-recordings and step of 2 ms, which is what the commands use, each with its tool's default settings. MuJoCo's profiling clock is stopped on both sides,
-as the twin does it. {fits}
+recordings and step of 2 ms, which is what the commands use, each with its tool's default settings. MuJoCo's
+profiling clock is stopped on both sides, as the twin does it. {fits}
 """
 
 LIBRARY = "The first side is the library itself, `mujoco.sysid.optimize` with its default optimiser."

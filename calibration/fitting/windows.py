@@ -68,7 +68,13 @@ def cut_recordings(recordings: Sequence[Recording], vehicle: Vehicle, cut: Cut =
     recordings: in the order they were driven; heat and charge are carried along this order.
     vehicle: numbers of the car (gear_ratio, wheel_radius, cg_to_front, cg_to_rear) and what drives it.
     cut: lengths and timing.
+
+  Raises:
+    ValueError: two recordings have one name, or none is long enough to simulate.
   """
+  names = [recording.name for recording in recordings]
+  if twice := sorted({name for name in names if names.count(name) > 1}):
+    raise ValueError(f"{names.count(twice[0])} recordings are called '{twice[0]}': give each a name of its own")
   pieces = [piece for index, recording in enumerate(recordings) for piece in _pieces(recording, index, vehicle, cut)]
   if not pieces:
     raise ValueError(

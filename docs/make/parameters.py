@@ -18,7 +18,8 @@ This page is written by `python -m docs.make.parameters`. Every fit has these pa
   standard deviation is the factor stated, or it is normal with the deviation stated. A car's own `std` in
   `[vehicle.std]` makes it measured. A bound that is hit is moved once by a factor of two, unless the range reaches 0,
   and said; an estimate beyond two deviations is said, too.
-* **open**: known to an order of magnitude; the recordings decide, within the bounds, of which one that is hit is moved likewise.
+* **open**: known to an order of magnitude; the recordings decide, within the bounds. One that is hit is moved
+  likewise.
 
 Figures of cars of another size go by their wheelbase ([sizes](sizes.md)). The errors of sensors and linkages that every
 fit allows for besides are in [mechanisms](mechanisms.md).

@@ -25,6 +25,11 @@ from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 FORMAT = 1
+# what every saved twin states of its car since format 1: one that is missing would be the QCar's
+_OF_THE_CAR = (
+  "mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "track_width", "cg_height", "wheel_radius", "gear_ratio",
+  "max_steering", "imu_x", "imu_y",
+)  # fmt: skip
 
 
 def save_twin(path: str | Path, twin: Twin, theta: Array, note: str = "", command_shift: int = 0) -> Path:
@@ -64,6 +69,8 @@ def load_twin(path: str | Path, substeps: int = SUBSTEPS, threads: int = 0) -> t
   table = _read(source)
   vehicle, values, mechanisms = (_part(source, table, name) for name in ("vehicle", "parameters", "mechanisms"))
   std, known = _numbers(source, "vehicle.std", vehicle.pop("std", {})), {f.name for f in dataclasses.fields(Vehicle)}
+  if lacking := [name for name in _OF_THE_CAR if name not in vehicle]:
+    raise UnreadableFile(f"{source}: [vehicle] lacks {', '.join(lacking)}: state them as they were when it was saved")
   if unknown := sorted(set(vehicle) - known):
     near = difflib.get_close_matches(unknown[0], known, n=1) or sorted(known)[:9]
     raise UnreadableFile(f"{source}: a vehicle has no '{unknown[0]}'; did you mean {', '.join(near)}?")

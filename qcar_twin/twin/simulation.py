@@ -143,6 +143,10 @@ class Simulation:
     last, logged = int(periods.max()), self._supplied(commands)
     acting, slots = self._foreseen(logged, last)
     if not any(slot.acts for slot in slots) and self.engine.run(acting, periods, signals):
+      moved = np.where(np.arange(length) < periods[:, None], signals[:, :-1, _MOTOR_SPEED], 0.0).sum(axis=1)
+      self._wheel_angle = self._wheel_angle + self._period * self._car.gear_ratio * moved
+      self._time += self._period * last
+      self.signals[:] = signals[:, -1]
       return signals
     running: NDArray[np.intp] | None = None
     for k in range(last):
@@ -167,7 +171,7 @@ class Simulation:
         unknown |= slot.columns
     blind = np.full((len(self.signals), len(SIGNALS)), np.nan)
     nowhere = np.full((len(blind), 4), np.nan)
-    times = np.cumsum(np.full(periods, self._period)) - self._period
+    times = self._time + np.cumsum(np.full(periods, self._period)) - self._period
     for slot in ahead:
       if not slot.state:  # nothing is carried from period to period: all of them at once
         self._at_once(slot, logged[:periods], acting[:periods], times)
@@ -182,6 +186,7 @@ class Simulation:
     count, size = len(logged), len(slot.theta)
     over = lambda a: np.repeat(a[None], count, axis=0).reshape(count * size, *a.shape[1:])
     time, values = np.repeat(times, size), self.engine.values
+    time = time if self._began is None else time - over(self._began[slot.rows])
     context = Context(
       car=self._car,
       period=self._period,
@@ -195,6 +200,7 @@ class Simulation:
       torque_per_volt=over(values["torque_per_volt"][slot.rows]),
       motor_damping=over(values["motor_damping"][slot.rows]),
       max_torque=over(values["max_torque"][slot.rows]) if "max_torque" in values else np.inf,
+      lead=over(self._lead[slot.rows]),
     )
     came = acting[:, slot.rows].reshape(-1, 2)
     acting[:, slot.rows] = slot.mechanism.command(over(slot.theta), context, slot.state, came).reshape(count, size, 2)

@@ -105,12 +105,12 @@ class Twin:
 
   def with_mechanisms(self, mechanisms: Sequence[Mechanism]) -> "Twin":
     """The same car with other mechanisms."""
-    return Twin(
-      self.vehicle, mechanisms, self.tyre, self.asked_substeps, self.threads, self.rows, self._kind, self.sessions
-    )
+    given = (self.vehicle, mechanisms, self.tyre, self.asked_substeps, self.threads, self.rows)
+    other = Twin(*given, self._kind, self.sessions)
+    return other.with_engine(self._made) if self._made else other
 
   def on(self, engine: EngineKind) -> "Twin":
-    """The same car and mechanisms on an engine; itself where it is on it."""
+    """The same car and mechanisms on an engine of ours; itself where it is on it."""
     given = (self.vehicle, self.mechanisms, self.tyre, self.asked_substeps, self.threads, self.rows)
     return self if engine == self.engine else Twin(*given, engine, self.sessions)
 

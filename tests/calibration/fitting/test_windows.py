@@ -99,6 +99,12 @@ def test_the_noise_of_a_way_along_the_path_is_that_of_its_three_places():
   np.testing.assert_allclose(ways.std(axis=0), said, rtol=0.02)
 
 
+def test_recordings_of_one_name_are_refused():
+  """Measured values go to their recording by name: two would be scored against each other's commands."""
+  with pytest.raises(ValueError, match="2 recordings are called '.*': give each a name of its own"):
+    cut_recordings([circle(), circle()], CAR)
+
+
 def test_stretches_start_from_what_was_measured():
   stretches = cut_recordings([circle()], CAR, Cut(length=5.0))
   starts = stretches.segments.start

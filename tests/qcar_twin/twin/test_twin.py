@@ -284,6 +284,33 @@ def test_a_bad_twin_file_says_what_to_do(tmp_path):
   (tmp_path / "twin.toml").touch()
   with pytest.raises(ValueError, match=r"is a folder; give .*twin.toml"):
     load_twin(tmp_path)
+  path = save_twin(tmp_path / "short.toml", Twin(CAR), Twin(CAR).parameters.nominal)
+  kept = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("cg_to_rear = ")]
+  path.write_text("\n".join(kept), encoding="utf-8")
+  with pytest.raises(ValueError, match=r"short.toml: \[vehicle\] lacks cg_to_rear: state"):
+    load_twin(path)
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "reduced"])
+def test_a_run_goes_on_where_one_ended(engine):
+  """Time, hidden states and wheel angles: two runs, or a run and steps, are one run."""
+  twin = Twin(CAR, select(["battery_discharge", "steering_delay", "cogging"]), engine=engine)
+  theta = twin.parameters.vector({"battery_discharge": 0.3, "steering_delay": 0.03})[None]
+  start = np.zeros((1, len(START)))
+  commands = np.tile([1.5, 0.2], (200, 1, 1)) * (1.0 + 0.2 * np.sin(0.1 * np.arange(200)))[:, None, None]
+  pose, half = np.full((1, 200, 4), np.nan), np.array([100])
+  whole = twin.begin(theta, start).run(commands, pose, np.array([200]))
+  car = twin.begin(theta, start)
+  first, second = (car.run(commands[rows], pose[:, rows], half) for rows in (slice(0, 100), slice(100, 200)))
+  np.testing.assert_allclose(np.concatenate([first, second[:, 1:]], axis=1), whole, atol=1e-12)
+  car = twin.begin(theta, start)
+  car.run(commands[:199], pose, np.array([199]))
+  np.testing.assert_allclose(car.step(commands[199])[0], whole[0, -1], atol=1e-12)
+
+
+def test_other_mechanisms_stay_on_the_simulator_that_was_given(twin: Twin):
+  made = lambda size: None
+  assert twin.with_engine(made).with_mechanisms(select(["steering_delay"])).engine == "external"
 
 
 def test_a_start_read_off_the_encoder_follows_the_wheel_radius():
