@@ -47,7 +47,10 @@ SLIPX_EFFECTS: dict[str, Effect] = {
   "steering_travel": Effect("steering", "parameter", ("steering_saturation",), "-", 2.0, divide("steer_max")),
   "drag": Effect("drive", "parameter", ("quadratic_drag", "resistance_curve"), "kg/m", 4.0, add("drag_coeff")),
   "limited_slip": Effect("drive", "parameter", ("differential_lock",), "N m", 1.0, _preload),
-  "brake_limit": Effect("drive", "parameter", ("drive_asymmetry",), "-", 400.0, divide("regen_current_max")),
+  "brake_limit": Effect(
+    "drive", "parameter", ("drive_limit", "drive_asymmetry"), "-", 400.0, divide("regen_current_max")
+  ),
+  "current_limit": Effect("drive", "parameter", ("drive_limit",), "-", 100.0, divide("current_max")),
   "wheel_size": Effect("drive", "parameter", ("wheel_radius_error",), "-", 0.3, scale("wheel_radius"), signed=True),
   # beside the 0.15 of its tyres: from an exponent of 1 on, a tyre would hold less the more it carries
   "load_sensitivity": Effect(
@@ -60,7 +63,6 @@ SLIPX_EFFECTS: dict[str, Effect] = {
   "resistance_later": Effect("drive", "parameter", ("resistance_change",), "-", 10.0, _resistance_later),
   # outside the catalogue
   "grip_front": Effect("tyre", "parameter", (), "-", 4.0, divide(*_FRONT)),
-  "current_limit": Effect("drive", "parameter", (), "-", 100.0, divide("current_max")),
 }
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from qcar_twin.twin.mechanisms.elements import idle_voltage
 from tests.qcar_twin.twin.mechanisms.mechanism_bench import CAR, CATALOGUE, PERIOD, act, changed, motion
 
 STEER, VOLT = 1, 0
@@ -218,3 +219,21 @@ def test_cogging_is_a_ripple_of_the_wheel_angle():
   np.testing.assert_allclose(acting, 0.1 * np.sin(4 * np.pi * middle), atol=1e-4)
   fast = act("cogging", [0.1, 0.0, 2.0], [1.0] * 9, VOLT, motion(9, motor_speed=50 * speed)) - 1.0
   np.testing.assert_allclose(fast, 0.0, atol=1e-12)  # a whole ripple per period averages out
+
+
+@pytest.mark.parametrize("speed, command, limits, left", [
+  (0.0, 3.0, (0.5, 0.0), 2.0),  # driving from rest: 2 m/s^2 of 3
+  (30.0, -3.0, (0.5, 0.0), -3.0),  # braking is not limited by the limit of driving
+  (30.0, -3.0, (0.0, 1.0), -1.0),
+  (-30.0, -3.0, (0.5, 0.0), -2.0),  # driving backwards
+  (30.0, 1.5, (0.5, 0.25), 1.5),  # below both
+])  # fmt: skip
+def test_a_limited_current_gives_no_more_than_its_force(speed, command, limits, left):
+  """Commands as accelerations of the car: of 3 m/s^2 asked for a limit of 1 / l is left."""
+  context = motion(motor_speed=speed).context(0)
+  back = float(idle_voltage(context)[0])
+  per_acceleration = CAR.mass * CAR.wheel_radius * CAR.gear_ratio / float(context.torque_per_volt[0])
+  given = np.array([[back + per_acceleration * command, 0.1]])
+  acting = CATALOGUE["drive_limit"].command(np.array([limits]), context, {}, given)
+  assert acting[0, 1] == 0.1
+  assert acting[0, 0] - back == pytest.approx(per_acceleration * left, abs=0.02)  # the rounded corner
