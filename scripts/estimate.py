@@ -68,7 +68,7 @@ def car_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> SingleTrackCar
 
 def settings_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> FilterSettings:
   """Filter settings, with what a twin tells and noise from standstill when asked for."""
-  settings = FilterSettings(sharing=config.sharing, imu_x=vehicle.imu_x, imu_y=vehicle.imu_y)
+  settings = FilterSettings.of_vehicle(vehicle, sharing=config.sharing)
   settings = settings.with_scores_of(dataset.recordings).estimating(*config.unknown)
   if config.twin:
     twin, theta = load_twin(config.twin, threads=1)

@@ -13,6 +13,8 @@ from scipy.stats import chi2
 from qcar_twin.recordings.recording import Recording, nearest
 from qcar_twin.sensors.noise import Standstill
 from qcar_twin.sensors.score import ScoreVariance
+from qcar_twin.vehicle.drive import FRONT_SHARE
+from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 MOTION_STATES = 6  # of EKF_BM: position, speed, yaw, sideslip, yaw rate
@@ -135,6 +137,17 @@ class FilterSettings:
         raise ValueError(f"FilterSettings.{name} is {numbers[name]:g}; a probability lies between 0 and 1")
     if min(self.sharing) <= 0.0 or max(self.sharing) > 1.0:
       raise ValueError(f"information sharing factors must lie in (0, 1], got {self.sharing}")
+
+  @classmethod
+  def of_vehicle(cls, vehicle: Vehicle, **changes: Any) -> "FilterSettings":
+    """Settings for a car: where its IMU is, and which of its wheels the encoder sees; `changes` by name.
+
+    Raises:
+      ValueError: a number that cannot be.
+      TypeError: there is no such setting.
+    """
+    share = FRONT_SHARE[vehicle.layout]
+    return cls(**{"imu_x": vehicle.imu_x, "imu_y": vehicle.imu_y, "front_drive_share": share, **changes})
 
   @cached_property
   def lidar_factor(self) -> float:
