@@ -203,8 +203,11 @@ class FilterSettings:
   def with_known(self, values: Mapping[str, float]) -> "FilterSettings":
     """These settings with what is known of steering, delays and sensors from a twin's parameters.
 
-    Lags add up; of a dead time the part that is no whole period is counted as lag, the same phase at low frequency.
-    A wheel larger by e makes the encoder say 1 / (1 + e) of the speed. What the twin does not have stays as it is.
+    The twin's lags of servo and steering add up; of the steering's dead time the part that is no whole period is
+    counted as lag, the same phase at low frequency. The drive has no lag here: its dead time is taken as it is, and
+    acts rounded to periods. A wheel larger by e makes the encoder say 1 / (1 + e) of the speed. All this replaces what
+    the settings said, but for the IMU's lever arm [m]: the twin's is an error of theirs, and is added to it. What the
+    twin does not have stays as it is.
 
     Args:
       values: parameters by name, as of `twin.parameters.named(theta)`.
