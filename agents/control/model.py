@@ -87,3 +87,17 @@ class Model:
     if plant == "bicycle":  # all its wheels go as fast as the car
       base = dataclasses.replace(base, front_drive_share=0.0)
     return dataclasses.replace(base, **changes)
+
+
+def known_of_twin(file: str) -> dict[str, float]:
+  """What a twin file says of the car as it drives, by name in SI units: what a filter in a simulation may be told.
+
+  Left out are the errors of its sensors, of mechanisms that act on what is measured: sensors that are simulated
+  measure a plant's true signals with noise of their own, and a filter would take out an error that nothing has.
+
+  Raises:
+    UnreadableFile: it is no twin file.
+  """
+  twin, theta = load_twin(file, threads=1)
+  measured = {p.name for mechanism in twin.mechanisms if mechanism.stage == "sensor" for p in mechanism.parameters}
+  return {name: value for name, value in twin.parameters.named(theta).items() if name not in measured}
