@@ -68,7 +68,7 @@ def car_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> SingleTrackCar
 
 def settings_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> FilterSettings:
   """Filter settings, with what a twin tells and noise from standstill when asked for."""
-  settings = FilterSettings(sharing=config.sharing, imu_x=vehicle.imu_x, imu_y=vehicle.imu_y)
+  settings = FilterSettings.of_vehicle(vehicle, sharing=config.sharing)
   settings = settings.with_scores_of(dataset.recordings).estimating(*config.unknown)
   if config.twin:
     twin, theta = load_twin(config.twin, threads=1)
@@ -89,10 +89,12 @@ def main(config: Config) -> None:
     raise ValueError(f"nothing to estimate with a pose; there are {', '.join(r.name for r in dataset.recordings)}")
   lateness = dict.fromkeys(ONBOARD, config.onboard_latency)
   if config.fit_noise:
-    settings = fit_noise([r for r in dataset.role("identify") if "pose_x" in r], car, settings, lateness)
+    training = [r for r in dataset.role("identify") if "pose_x" in r]
+    settings = fit_noise(training, car, settings, lateness, vehicle=vehicle)
   filtered = []
   for recording in chosen[: 1 if config.quick else None]:
-    filtered.append((recording, filter_recording(recording, car, settings, lateness, engine=config.engine)))
+    estimates = filter_recording(recording, car, settings, lateness, engine=config.engine, vehicle=vehicle)
+    filtered.append((recording, estimates))
     print(f"{recording.name}: valid {100.0 * filtered[-1][1].valid.mean():.1f} % of {recording.duration:.1f} s")
   write_all(config.out, filtered)
   print(f"report: {write_estimation(config.out, filtered, rolling_radius(vehicle), dataset.name)}")

@@ -77,7 +77,7 @@ class Config:
   diagnosis: str = ""
   """Folder of a diagnosis, whose twin is driven."""
   informed: bool = False
-  """Give the filter the steering, delays and sensor errors of --twin or of the diagnosis's twin."""
+  """Give the filter the steering and delays, but no sensor errors, of --twin or of the diagnosis's twin."""
   cars: int = 8
   """Number of cars that are driven in parallel."""
   wide: bool = False

@@ -22,8 +22,6 @@ Array = NDArray[np.float64]
 # s, given to the filter: delay and lag as one
 STEERING_LAG = {"bicycle": 0.05, "mujoco": 0.015, "reduced": 0.015, "proving_ground": 0.05}
 
-FRONT_SHARE = {"all-wheel": 0.5, "rear": 0.0, "front": 1.0}  # of the front wheels in what the encoder on the motor sees
-
 
 @dataclasses.dataclass(frozen=True)
 class Model:
@@ -85,11 +83,21 @@ class Model:
 
   def filter_settings(self, plant: str, **changes: object) -> FilterSettings:
     """Settings of the federated filter for a plant: its IMU's place, its steering's lag, the lidar's colour."""
-    base = FilterSettings(
-      imu_x=self.vehicle.imu_x,
-      imu_y=self.vehicle.imu_y,
-      steering_lag=STEERING_LAG[plant],
-      lidar_correlation=0.3,
-      front_drive_share=0.0 if plant == "bicycle" else FRONT_SHARE[self.vehicle.layout],
-    )
+    base = FilterSettings.of_vehicle(self.vehicle, steering_lag=STEERING_LAG[plant], lidar_correlation=0.3)
+    if plant == "bicycle":  # all its wheels go as fast as the car
+      base = dataclasses.replace(base, front_drive_share=0.0)
     return dataclasses.replace(base, **changes)
+
+
+def known_of_twin(file: str) -> dict[str, float]:
+  """What a twin file says of the car as it drives, by name in SI units: what a filter in a simulation may be told.
+
+  Left out are the errors of its sensors, of mechanisms that act on what is measured: sensors that are simulated
+  measure a plant's true signals with noise of their own, and a filter would take out an error that nothing has.
+
+  Raises:
+    UnreadableFile: it is no twin file.
+  """
+  twin, theta = load_twin(file, threads=1)
+  measured = {p.name for mechanism in twin.mechanisms if mechanism.stage == "sensor" for p in mechanism.parameters}
+  return {name: value for name, value in twin.parameters.named(theta).items() if name not in measured}

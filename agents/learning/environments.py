@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control import controllers
-from agents.control.model import Model
+from agents.control.model import Model, known_of_twin
 from agents.control.speed import SpeedController
 from agents.learning.demonstrator import expert
 from agents.learning.observation import OBSERVATIONS
@@ -68,7 +68,8 @@ class Options:
     randomise: what is drawn of the twin for every episode: nothing, its measured parameters within their standard
       deviations ("prior"), or a model with its parameters as a diagnosis believes in it ("posterior").
     diagnosis: folder of that diagnosis, whose twin is driven.
-    informed: the filter is told what the twin file, or the diagnosis's twin.toml, says of steering, delays and sensors.
+    informed: the filter is told what the twin file, or the diagnosis's twin.toml, says of steering and delays; not of
+      sensors, whose errors the simulated ones do not have.
     start_offset, start_heading: episodes start within +- these, m and rad.
     reward: weights.
 
@@ -200,8 +201,7 @@ def settings_of(options: Options, model: Model) -> FilterSettings:
   """Settings of the filter that the options ask for."""
   settings = model.filter_settings(options.plant)
   if options.informed:
-    twin, theta = load_twin(options.known_from, threads=1)
-    settings = settings.with_known(twin.parameters.named(theta))
+    settings = settings.with_known(known_of_twin(options.known_from))
   return settings.estimating(*options.unknown)
 
 

@@ -18,7 +18,7 @@ from agents.control import controllers, figures
 from agents.control.closed_loop import Actuation, Drive, Scenario, drive
 from agents.control.interface import Controller
 from agents.control.kpis import Kpis, kpis
-from agents.control.model import Model
+from agents.control.model import Model, known_of_twin
 from agents.control.speed import SpeedGains
 from agents.control.team import EqualSensors, Team
 from agents.learning.environments import SERVO
@@ -30,7 +30,6 @@ from qcar_twin.parallel import in_order
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import qcar_sensors
 from qcar_twin.tracks import path_from
-from qcar_twin.twin.file import load_twin
 
 Array = NDArray[np.float64]
 PlantMaker = Callable[[str], tuple[Plant, Array]]
@@ -51,7 +50,7 @@ class EvaluationCase:
     filter_noise: factor on the process noise densities that the filter assumes (`FilterSettings.walk_*`).
     unknown: numbers that the filter estimates besides, of `PRIORS`; none for the filter that the agents learnt with.
     after: s from the start that do not count.
-    known_from: twin file from which the filter knows steering, delays and sensors; "" for none.
+    known_from: twin file from which the filter knows steering and delays; "" for none.
   """
 
   path: str
@@ -96,8 +95,7 @@ def run_case(controller: Controller, case: EvaluationCase, plant: PlantMaker = k
   if case.estimator == "fekf":
     settings = model.filter_settings("bicycle" if case.plant == "bicycle" else "mujoco").with_walks(case.filter_noise)
     if case.known_from:
-      twin, known = load_twin(case.known_from, threads=1)
-      settings = settings.with_known(twin.parameters.named(known))
+      settings = settings.with_known(known_of_twin(case.known_from))
     settings = settings.estimating(*case.unknown)
     sensors = EqualSensors(qcar_sensors(), groups, case.cars, case.seed)
     observer = SensedObserver(sensors, model.car, settings)  # type: ignore[arg-type]

@@ -299,7 +299,11 @@ def _blocks(recording: Array, time: Array, recordings: Sequence[Recording], leng
 
 
 def _unsigned(recordings: Sequence[Recording]) -> bool:
-  """True if the speed never goes negative although reverse was commanded for a while."""
+  """True if a sensor that may lose the speed's sign gives none below 0 in any recording; False where there is none.
+
+  No command is looked at: a log that only goes forward passes for unsigned, too, and predicted speeds are then compared
+  by size.
+  """
   lossy = [r[c.needs[0]] for c in RESIDUALS.values() if c.may_lose_sign for r in recordings if c.needs[0] in r]
   return min((stream.value.min() for stream in lossy), default=-1.0) >= 0.0
 

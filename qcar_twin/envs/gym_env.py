@@ -134,8 +134,16 @@ class FleetVectorEnv(VectorEnv):
     self._begun = False
 
   def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None):
-    """New episodes of all cars, or of those in `options["reset_mask"]`; car i of seed s has seed s + i."""
+    """New episodes of all cars, or of those in `options["reset_mask"]`, (N,); car i of seed s has seed s + i.
+
+    The first reset begins all cars, whatever the mask.
+
+    Raises:
+      ValueError: a mask with a seed, which begins all cars anew.
+    """
     mask = (options or {}).get("reset_mask")
+    if seed is not None and mask is not None:
+      raise ValueError("reset with a seed and a reset_mask: a seed begins all cars anew; give one or the other")
     if isinstance(seed, (int, np.integer)):
       seed = [int(seed) + i for i in range(self.num_envs)]
     if seed is not None or not self._begun:

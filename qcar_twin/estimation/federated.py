@@ -19,7 +19,7 @@ from qcar_twin.estimation.state import START_STD, Slot
 from qcar_twin.estimation.timeline import Clock
 from qcar_twin.estimation.watches.gyro import GyroWatch
 from qcar_twin.estimation.watches.monitor import SpeedWatch, StampWatch
-from qcar_twin.recordings.channels import COMMANDS
+from qcar_twin.recordings.channels import COMMANDS, DRIVE_COMMANDS
 from qcar_twin.recordings.recording import nearest
 
 ACCEL, MOTION, FIX = ("accel_x", "accel_y"), ("speed", "yaw_rate"), ("pose_x", "pose_y", "pose_yaw", "pose_score")
@@ -101,13 +101,17 @@ class FederatedFilter:
   def update(self, time: float, channel: str, value: float) -> None:
     """Take one sample with the time at which it was measured, s; the order of arrival does not matter.
 
+    The drive's command goes by the name `motor_voltage`, in the unit that the car's drive_gain is per: also a duty, a
+    current [A], a speed [m/s] or an acceleration [m/s^2].
     Not-finite values, repeated stamps and samples older than the buffer are refused and counted.
 
     Raises:
       KeyError: a channel the filter has no use for, with the nearest one.
     """
     if channel not in self._places:
-      raise KeyError(f"the filter takes no channel '{channel}'{nearest(channel, TAKES)}")
+      cure = f"; give it as '{COMMANDS[0]}', the drive's command in the unit that drive_gain is per"
+      cure = cure if channel in DRIVE_COMMANDS else nearest(channel, TAKES)
+      raise KeyError(f"the filter takes no channel '{channel}'{cure}")
     if not (math.isfinite(time) and math.isfinite(value)):
       self.refused[channel, "not finite"] += 1
       return

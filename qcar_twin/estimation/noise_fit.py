@@ -9,6 +9,7 @@ from qcar_twin.estimation.federated import FederatedFilter
 from qcar_twin.estimation.offline import events_of, filter_events
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.recordings.recording import Recording
+from qcar_twin.vehicle.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
 BICYCLE = ("walk_speed", "walk_yaw_rate", "walk_sideslip", "walk_yaw", "walk_position")
@@ -21,12 +22,16 @@ def evidence(
   car: SingleTrackCar,
   settings: FilterSettings,
   lateness: Mapping[str, float] | None = None,
+  vehicle: Vehicle | None = None,
 ) -> tuple[float, float]:
-  """Log likelihood of the poses in EKF_BM and in EKF_PM over recordings: innovations, Gaussian, cut at the gate."""
+  """Log likelihood of the poses in EKF_BM and in EKF_PM over recordings: innovations, Gaussian, cut at the gate.
+
+  Lateness in s; the vehicle says which command drives the car, see `events_of`.
+  """
   bicycle = point = 0.0
   for recording in recordings:
     federated = FederatedFilter(car, settings, watched=False)  # the fit asks for the noise of sound sensors
-    filter_events(events_of(recording, lateness), federated)
+    filter_events(events_of(recording, lateness, vehicle=vehicle), federated)
     bicycle, point = bicycle + federated.evidence[0], point + federated.evidence[1]
   return bicycle, point
 
@@ -37,15 +42,21 @@ def fit_noise(
   settings: FilterSettings,
   lateness: Mapping[str, float] | None = None,
   rounds: int = 2,
+  vehicle: Vehicle | None = None,
 ) -> FilterSettings:
   """The process noise of both filters under which the poses of recordings are most likely; see `most_likely`.
 
   Args:
     recordings: with a pose as the filter will have it (rate, noise).
     settings: where to begin; the sensors' own noise is taken as known, it cannot be distinguished from the walks.
+    lateness: by how much a channel's recorded time is after its measurement, s.
     rounds: over all numbers.
+    vehicle: says which command drives the car, see `events_of`.
+
+  Raises:
+    RecordingError: a recording holds the command of another kind of drive.
   """
-  return most_likely(lambda trial: evidence(recordings, car, trial, lateness), settings, rounds)
+  return most_likely(lambda trial: evidence(recordings, car, trial, lateness, vehicle), settings, rounds)
 
 
 def most_likely(

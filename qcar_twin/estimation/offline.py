@@ -12,7 +12,9 @@ from qcar_twin.estimation.estimate import Estimate
 from qcar_twin.estimation.federated import TAKES, FederatedFilter
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.kinematics import kinematic_sideslip_angle, wrap_angle
-from qcar_twin.recordings.recording import Recording, RecordingError
+from qcar_twin.recordings.channels import COMMANDS
+from qcar_twin.recordings.recording import Recording, RecordingError, Stream
+from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 ONBOARD: tuple[str, ...] = ("motor_speed", "speed", "accel_x", "accel_y", "yaw_rate")
@@ -64,25 +66,64 @@ class Event:
 
 
 def events_of(
-  recording: Recording, lateness: Mapping[str, float] | None = None, latency: Mapping[str, float] | None = None
+  recording: Recording,
+  lateness: Mapping[str, float] | None = None,
+  latency: Mapping[str, float] | None = None,
+  vehicle: Vehicle | None = None,
 ) -> list[Event]:
   """All samples the filter takes, in order of arrival.
+
+  The filter has one slot for the drive's command, `motor_voltage`: what drives the car goes there, whatever its unit.
 
   Args:
     lateness: by how much a channel's recorded time is after its measurement, s: stamps are moved back.
     latency: how long after its measurement a channel arrives, s.
+    vehicle: whose drive says which command the car's drive_gain is per unit of; without it, the one that was logged
+      first of DRIVE_COMMANDS. A duty is then of the vehicle's supply_voltage where the battery was logged, else as it
+      is.
+
+  Raises:
+    RecordingError: the recording holds the command of another kind of drive than the vehicle's.
   """
   lateness, latency = lateness or {}, latency or {}
-  channels = [name for name in TAKES if name in recording.streams]
+  drive = _drive_channel(recording, vehicle)
+  logged = {COMMANDS[0]: drive}  # channel of the recording for one of the filter
+  channels = [name for name in TAKES if logged.get(name, name) in recording.streams]
   if "speed" in channels and "motor_speed" in channels:
     channels.remove("speed")
   events = []
   for name in channels:
-    stream = recording[name]
-    stamps = stream.time - lateness.get(name, 0.0)
-    arrivals = stamps + latency.get(name, 0.0)
+    source = logged.get(name, name)
+    stream = _drive_command(recording, drive, vehicle) if source == drive else recording[source]
+    stamps = stream.time - lateness.get(source, 0.0)
+    arrivals = stamps + latency.get(source, 0.0)
     events += [Event(*row) for row in zip(arrivals, stamps, [name] * len(stream), stream.value, strict=True)]
   return sorted(events, key=lambda event: (event.arrival, event.stamp))
+
+
+def _drive_channel(recording: Recording, vehicle: Vehicle | None) -> str:
+  """The channel whose unit the car's drive_gain is per."""
+  logged = recording.drive_channel
+  if vehicle is None:
+    return logged
+  wanted = vehicle.motor.channel
+  if wanted not in recording and logged in recording:
+    raise RecordingError(
+      f"{recording.file or recording.name}: the drive's command was logged as {logged}, but {vehicle.name} is driven"
+      f' by {wanted} (drive = "{vehicle.drive}"), and its drive_gain is per unit of that; correct drive in [vehicle] of'
+      f" dataset.toml, or map a {wanted}"
+    )
+  return wanted
+
+
+def _drive_command(recording: Recording, channel: str, vehicle: Vehicle | None) -> Stream:
+  """The drive's command as drive_gain takes it; a duty as a share of the supply, as in `Recording.commands`."""
+  stream, battery = recording[channel], recording.battery
+  if channel != "motor_duty" or vehicle is None or battery is None:
+    return stream
+  later = battery.time[battery.time > stream.time[0]]  # a duty that is held acts with a voltage that goes on changing
+  time = np.union1d(stream.time, later)
+  return Stream(time, stream.at(time) * np.interp(time, battery.time, battery.value) / vehicle.supply_voltage)
 
 
 def filter_recording(
@@ -92,14 +133,22 @@ def filter_recording(
   lateness: Mapping[str, float] | None = None,
   latency: Mapping[str, float] | None = None,
   engine: Engine = "batched",
+  vehicle: Vehicle | None = None,
 ) -> Estimates:
   """Run the federated filter over a recording as if it were online, with an engine's algebra.
 
   Without settings the usual ones apply, with the scale of this recording's `pose_score`: to 1 where none exceeds it,
   else to 100.
 
+  Args:
+    car: its drive_gain is per unit of the command that drives the car: V, a duty, A, m/s or m/s^2.
+    lateness: by how much a channel's recorded time is after its measurement, s.
+    latency: how long after its measurement a channel arrives, s.
+    vehicle: says by its drive which command that is, and what voltage a duty of 1 is; without it the drive's command
+      that was logged is taken, a duty as it is.
+
   Raises:
-    RecordingError: the recording holds no pose to start from.
+    RecordingError: the recording holds no pose to start from, or the command of another kind of drive.
   """
   missing = [name for name in ("pose_x", "pose_y", "pose_yaw") if name not in recording.streams]
   if missing:
@@ -108,7 +157,7 @@ def filter_recording(
       " map a lidar or motion-capture pose in dataset.toml"
     )
   settings = settings or FilterSettings().with_scores_of([recording])
-  return filter_events(events_of(recording, lateness, latency), FederatedFilter(car, settings, engine=engine))
+  return filter_events(events_of(recording, lateness, latency, vehicle), FederatedFilter(car, settings, engine=engine))
 
 
 def filter_events(events: Iterable[Event], federated: FederatedFilter) -> Estimates:

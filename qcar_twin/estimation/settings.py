@@ -13,6 +13,8 @@ from scipy.stats import chi2
 from qcar_twin.recordings.recording import Recording, nearest
 from qcar_twin.sensors.noise import Standstill
 from qcar_twin.sensors.score import ScoreVariance
+from qcar_twin.vehicle.drive import FRONT_SHARE
+from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 MOTION_STATES = 6  # of EKF_BM: position, speed, yaw, sideslip, yaw rate
@@ -136,6 +138,17 @@ class FilterSettings:
     if min(self.sharing) <= 0.0 or max(self.sharing) > 1.0:
       raise ValueError(f"information sharing factors must lie in (0, 1], got {self.sharing}")
 
+  @classmethod
+  def of_vehicle(cls, vehicle: Vehicle, **changes: Any) -> "FilterSettings":
+    """Settings for a car: where its IMU is, and which of its wheels the encoder sees; `changes` by name.
+
+    Raises:
+      ValueError: a number that cannot be.
+      TypeError: there is no such setting.
+    """
+    share = FRONT_SHARE[vehicle.layout]
+    return cls(**{"imu_x": vehicle.imu_x, "imu_y": vehicle.imu_y, "front_drive_share": share, **changes})
+
   @cached_property
   def lidar_factor(self) -> float:
     """By how much a correlated lidar error is less informative than a white one of the same size."""
@@ -190,8 +203,11 @@ class FilterSettings:
   def with_known(self, values: Mapping[str, float]) -> "FilterSettings":
     """These settings with what is known of steering, delays and sensors from a twin's parameters.
 
-    Lags add up; of a dead time the part that is no whole period is counted as lag, the same phase at low frequency.
-    A wheel larger by e makes the encoder say 1 / (1 + e) of the speed. What the twin does not have stays as it is.
+    The twin's lags of servo and steering add up; of the steering's dead time the part that is no whole period is
+    counted as lag, the same phase at low frequency. The drive has no lag here: its dead time is taken as it is, and
+    acts rounded to periods. A wheel larger by e makes the encoder say 1 / (1 + e) of the speed. All this replaces what
+    the settings said, but for the IMU's lever arm [m]: the twin's is an error of theirs, and is added to it. What the
+    twin does not have stays as it is.
 
     Args:
       values: parameters by name, as of `twin.parameters.named(theta)`.

@@ -6,7 +6,9 @@ import pytest
 
 from calibration.concealed.laboratory.designs import DESIGNS
 from qcar_twin.recordings.dataset import DataSet
-from scripts import make_session, unseal
+from qcar_twin.vehicle.vehicle import Vehicle
+from scripts import estimate, make_session, unseal
+from tests import ROOT
 from tests.scripts.short_design import short
 
 
@@ -62,3 +64,10 @@ def test_make_session_lists_the_effects(tmp_path, capsys):
   assert make_session.main(make_session.Config(tmp_path / "data", effect=("list",))) is None
   lines = capsys.readouterr().out.splitlines()
   assert len(lines) > 25 and any(line.startswith("battery_sag ") for line in lines)
+
+
+@pytest.mark.parametrize(("layout", "share"), [("all-wheel", 0.5), ("rear", 0.0)])
+def test_estimate_knows_which_wheels_the_encoder_sees(tmp_path, layout, share):
+  config = estimate.Config(ROOT / "data" / "sample", tmp_path)
+  settings = estimate.settings_of(config, DataSet.load(config.dataset), Vehicle(layout=layout))
+  assert settings.front_drive_share == share

@@ -47,7 +47,8 @@ class Table:
     return tuple(" ".join(at) for at in itertools.product(*axes))
 
   def basis(self, values: Mapping[str, Array], widths: Mapping[str, float]) -> Array:
-    """Products of hats, (..., K), of variables (...) in their units."""
+    """Products of hats, (..., K), of variables (...) in their units; `widths` is for a law with signs, see
+    `Law.basis`, and not read here."""
     axes = [hats(values[name], np.array(at), VARIABLES[name].angular) for name, at in self.knots.items()]
     if len(axes) == 1:
       return axes[0]

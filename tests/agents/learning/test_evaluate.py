@@ -20,6 +20,10 @@ from agents.learning.evaluate import (
 )
 from agents.learning.policy_file import save_policy
 from qcar_twin.bicycle.bicycle import Bicycle
+from qcar_twin.twin.file import save_twin
+from qcar_twin.twin.mechanisms import select
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import Vehicle
 from tests.agents.learning.test_train import GOOD
 
 SHORT = "random:1:2"  # 3 m, a turn between straights
@@ -82,6 +86,15 @@ def test_mismatch_sensors_and_plant_reach_the_drive(plain):
 
   run_case(GOOD, EvaluationCase(SHORT, "ground", speed=1.0, cars=1, estimator="truth"), ground)
   assert asked == ["ground"]
+
+
+def test_sensors_of_a_known_twin_leave_the_simulated_ones_as_they_are(tmp_path):
+  twin = Twin(Vehicle.load(), select(["gyro_bias"]), threads=1)
+  theta = twin.parameters.vector({"gyro_bias": 0.1, "servo_time_constant": 0.05})
+  file = save_twin(tmp_path / "twin.toml", twin, theta)
+  plain = dataclasses.replace(CASE, estimator="fekf", cars=1)  # the bicycle's filter is told of a lag of 0.05 s
+  known = run_case(GOOD, dataclasses.replace(plain, known_from=str(file)))
+  np.testing.assert_allclose(known.cross_track, run_case(GOOD, plain).cross_track)
 
 
 def test_summary_takes_medians_and_quartiles_over_cars_and_seeds():

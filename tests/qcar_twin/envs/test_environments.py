@@ -7,7 +7,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check
 
 from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.envs.dm_env import OBSERVATIONS, Suite, environment
-from qcar_twin.envs.gym_env import PathTrackingEnv
+from qcar_twin.envs.gym_env import FleetVectorEnv, PathTrackingEnv
 from qcar_twin.envs.vector_env import FleetVecEnv
 from tests.qcar_twin.envs.fleet_rig import VEHICLE, actions, make_fleet
 
@@ -89,6 +89,18 @@ def test_finished_cars_say_how_it_went():
   assert last["episode"]["l"] == steps and last["episode"]["r"] == pytest.approx(total, rel=1e-5)
   assert abs(before) < 0.08 <= abs(last["terminal_observation"][0])
   assert env.fleet.episode_steps[0] == 0 and env.fleet.episode_steps[1] == steps
+
+
+def test_a_mask_begins_some_cars_anew_and_no_seed_overrules_it():
+  env, mask = FleetVectorEnv(make_fleet([0, 1], "bicycle", sensed=False)), np.array([True, False])
+  env.reset(seed=3)
+  for _ in range(3):
+    env.step(np.zeros((2, 1), dtype=np.float32))
+  with pytest.raises(ValueError, match="seed and a reset_mask"):
+    env.reset(seed=3, options={"reset_mask": mask})
+  assert env.fleet.episode_steps.tolist() == [3, 3]
+  env.reset(options={"reset_mask": mask})
+  assert env.fleet.episode_steps.tolist() == [0, 3]
 
 
 def test_vector_environment_answers_what_stable_baselines_asks():

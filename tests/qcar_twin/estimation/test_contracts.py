@@ -37,6 +37,8 @@ def test_names_that_do_not_exist_come_with_the_nearest():
     FederatedFilter(CAR, engine="filter_py")
   with pytest.raises(KeyError, match="did you mean 'yaw_rate'"):
     FederatedFilter(CAR).update(0.0, "yawrate", 0.1)
+  with pytest.raises(KeyError, match="motor_voltage"):
+    FederatedFilter(CAR).update(0.0, "motor_duty", 0.1)
   with pytest.raises(ValueError, match="cannot estimate 'speedscale'; did you mean 'speed_scale'"):
     FilterSettings().estimating("speedscale")
   with pytest.raises(ValueError, match="no car 'twins'; did you mean 'twin'"):

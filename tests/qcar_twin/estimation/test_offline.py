@@ -1,5 +1,7 @@
 """Offline runs over recordings, dead reckoning, and the measures of quality."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,6 +10,8 @@ from hypothesis import strategies as st
 from qcar_twin.estimation import offline
 from qcar_twin.estimation.settings import FilterSettings
 from qcar_twin.recordings.recording import Recording, RecordingError, Stream
+from qcar_twin.vehicle.drive import DRIVES
+from qcar_twin.vehicle.vehicle import Vehicle
 from tests.qcar_twin.estimation.estimation_rig import CAR, PERIOD, hold, journey, position_errors, rms, run
 
 
@@ -80,6 +84,49 @@ def test_motor_speed_is_preferred_to_speed():
   streams = {name: Stream(np.arange(3.0), np.ones(3)) for name in ("speed", "motor_speed", "pose_x")}
   channels = {event.channel for event in offline.events_of(Recording("r", streams))}
   assert channels == {"motor_speed", "pose_x"}
+
+
+# -- what drives the car -------------------------------------------------------------------------
+
+
+def renamed(recording, channel, factor=1.0, **more):
+  """The same run with the drive's command as another channel, divided by a factor."""
+  streams = dict(recording.streams)
+  voltage = streams.pop("motor_voltage")
+  return recording.replace(streams={**streams, channel: Stream(voltage.time, voltage.value / factor), **more})
+
+
+@pytest.mark.parametrize("drive", sorted(DRIVES))
+def test_the_command_of_every_drive_is_heard(drive):
+  recording = recording_of(journey(3.0))
+  other = renamed(recording, DRIVES[drive].channel)
+  right = offline.filter_recording(recording, CAR)
+  for vehicle in (None, Vehicle(drive=drive)):
+    heard = offline.filter_recording(other, CAR, vehicle=vehicle)
+    np.testing.assert_array_equal(heard.value["speed"], right.value["speed"])
+
+
+def test_a_duty_is_of_the_voltage_that_the_battery_had():
+  recording, supply = recording_of(journey(3.0)), 12.0
+  duty = renamed(recording, "motor_duty", 10.0, battery_voltage=Stream(np.arange(3.0), np.full(3, 10.0)))
+  car = dataclasses.replace(CAR, drive_gain=CAR.drive_gain * supply)  # per duty of the stated supply
+  heard = offline.filter_recording(duty, car, vehicle=Vehicle(drive="duty", supply_voltage=supply))
+  right = offline.filter_recording(recording, CAR)
+  np.testing.assert_allclose(heard.value["speed"], right.value["speed"], atol=1e-12)
+
+
+def test_a_duty_that_is_held_goes_with_the_battery():
+  streams = {name: Stream(np.arange(2.0), np.ones(2)) for name in ("pose_x", "pose_y", "pose_yaw")}
+  streams |= {"motor_duty": Stream([0.5], [0.5]), "battery_voltage": Stream([0.0, 1.0, 2.0], [12.0, 9.0, 6.0])}
+  events = offline.events_of(Recording("r", streams), vehicle=Vehicle(drive="duty", supply_voltage=12.0))
+  heard = [(event.stamp, event.value) for event in events if event.channel == "motor_voltage"]
+  assert heard == [(0.5, 0.4375), (1.0, 0.375), (2.0, 0.25)]
+
+
+def test_a_command_of_another_drive_names_file_channel_and_cure():
+  recording = renamed(recording_of(journey(1.0)), "speed_command").replace(file="run.csv")
+  with pytest.raises(RecordingError, match=r"run\.csv: .*speed_command.*motor_voltage.*drive in \[vehicle\]"):
+    offline.filter_recording(recording, CAR, vehicle=Vehicle())
 
 
 def test_dead_reckoning_drives_a_circle():

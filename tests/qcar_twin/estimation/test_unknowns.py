@@ -11,6 +11,7 @@ from qcar_twin.estimation.models import BETA, R, V
 from qcar_twin.estimation.settings import PRIORS, FilterSettings
 from qcar_twin.estimation.state import FilterState
 from qcar_twin.estimation.unknowns import TYRES, Unknowns
+from qcar_twin.vehicle.vehicle import Vehicle
 from tests.qcar_twin.estimation.estimation_rig import CAR, PERIOD, journey, position_errors, rms, run
 
 GAIN, OFFSET, BIAS, SPEED_SCALE, DRIVE_SCALE = 0.9, 0.02, 0.03, 1.04, 0.9
@@ -155,3 +156,10 @@ def test_a_twin_tells_the_filter_of_linkage_delays_and_sensors():
   assert settings.delays == (0, 3) and settings.steering_lag == pytest.approx(0.054)
   assert (settings.speed_scale, settings.accel_x_bias) == (0.8, 0.3) and settings.imu_x == pytest.approx(0.15)
   assert FilterSettings().with_known({"mass": 2.7}) == FilterSettings()
+
+
+@pytest.mark.parametrize(("layout", "share"), [("all-wheel", 0.5), ("rear", 0.0), ("front", 1.0)])
+def test_a_car_tells_the_filter_which_wheels_its_encoder_sees(layout, share):
+  vehicle = dataclasses.replace(Vehicle(), layout=layout, imu_x=0.1)
+  settings = FilterSettings.of_vehicle(vehicle, sharing=(0.5, 0.5))
+  assert (settings.front_drive_share, settings.imu_x, settings.sharing) == (share, 0.1, (0.5, 0.5))

@@ -79,6 +79,18 @@ def test_an_informed_filter_is_told_what_the_repaired_twin_says(folder):
   assert told.unknown.keys() == {"steering_gain"}
 
 
+def test_an_informed_filter_hears_nothing_of_errors_that_simulated_sensors_lack(tmp_path):
+  mechanisms = select(["gyro_bias", "wheel_radius_error", "imu_lever_arm", "steering_offset"])
+  twin = Twin(Vehicle.load(), mechanisms, threads=1)
+  wrong = {"gyro_bias": 0.1, "wheel_radius_error": 0.05, "imu_lever_arm_x": 0.03, "steering_offset": 0.02}
+  file = save_twin(tmp_path / "twin.toml", twin, twin.parameters.vector(wrong))
+  options = Options(twin=str(file), plant="reduced")
+  plain, told = (settings_of(o, Model.nominal()) for o in (options, options_of({**vars(options), "informed": True})))
+  same = ("yaw_rate_bias", "speed_scale", "imu_x", "imu_y")
+  assert [getattr(told, name) for name in same] == [getattr(plain, name) for name in same]
+  assert told.steering_offset == 0.02 and plain.steering_offset == 0.0
+
+
 def test_what_does_not_go_together_is_refused(folder):
   for wrong in ({"randomise": "posterior"}, {"diagnosis": "x"}, {"informed": True},
                 {"randomise": "posterior", "diagnosis": "x", "twin": "y.toml"}):  # fmt: skip
