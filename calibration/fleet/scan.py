@@ -1,11 +1,13 @@
 """Logs of a fleet checked one by one, a line of NDJSON each; a scan that was stopped goes on where it was.
 
-A line has `log`, `car`, `day`, `stamp`, `level`, `state` (`fit`, `beware`, `refused`), `verdict`, `findings`,
-`driven` [s], `seconds`; from level `calibrate` on `parameters`, by name `value`, `std`, `unit`, of those that the
-driving shows; at level `diagnose` `diagnosis`, its verdict and claims.
+A line has `log`, `car`, `day`, `stamp`, `level`, `like` (digest of the dataset.toml it was read like; "" for none),
+`state` (`fit`, `beware`, `refused`), `verdict`, `findings`, `driven` [s], `seconds`; from level `calibrate` on
+`parameters`, by name `value`, `std`, `unit`, of those that the driving shows; at level `diagnose` `diagnosis`, its
+verdict and claims.
 """
 
 import dataclasses
+import hashlib
 import json
 import tempfile
 import time
@@ -39,7 +41,8 @@ def scan(
   logs: Sequence[Log], lines: Path, level: Level = "check", like: Path | None = None, workers: int = 1,
   said: Callable[[dict[str, Any]], None] = lambda line: None,
 ) -> list[dict[str, Any]]:  # fmt: skip
-  """Lines of all logs, in their order; those that `lines` holds already, of the same files and level, are not redone.
+  """Lines of all logs, in their order; those that `lines` holds already, of the same files, level and `like`, are not
+  redone; one that does not say what it was read like, is.
 
   Args:
     lines: NDJSON file; each log is appended as it is done. Half a line at its end, of a scan that was killed, is cut.
@@ -47,8 +50,10 @@ def scan(
     workers: processes.
     said: called with every new line.
   """
-  known = {(line["log"], tuple(line["stamp"]), line["level"]): line for line in read_lines(lines)}
-  todo = [log for log in logs if (log.name, log.stamp, level) not in known]
+  read_like = _digest(like)
+  known = {(line["log"], tuple(line["stamp"]), line["level"], line.get("like")): line for line in read_lines(lines)}
+  key = lambda log: (log.name, log.stamp, level, read_like)
+  todo = [log for log in logs if key(log) not in known]
   lines.parent.mkdir(parents=True, exist_ok=True)
   _cut_torn_end(lines)
   with lines.open("a", encoding="utf-8") as file:
@@ -57,9 +62,14 @@ def scan(
       line = json.loads(text)  # as it is read again
       file.write(text + "\n")
       file.flush()
-      known[(todo[index].name, todo[index].stamp, level)] = line
+      known[key(todo[index])] = line
       said(line)
-  return [known[(log.name, log.stamp, level)] for log in logs]
+  return [known[key(log)] for log in logs]
+
+
+def _digest(like: Path | None) -> str:
+  """What tells the dataset.toml of a folder from another one; "" without a folder."""
+  return hashlib.sha256((like / FILE_NAME).read_bytes()).hexdigest()[:12] if like is not None else ""
 
 
 def read_lines(path: Path) -> Iterator[dict[str, Any]]:
@@ -94,6 +104,7 @@ def line_of(log: Log, level: Level, like: Path | None = None) -> dict[str, Any]:
   """What a scan says of one log. Whatever is wrong with it is said in its line, and stops no other."""
   began = time.perf_counter()
   line: dict[str, Any] = {"log": log.name, "car": log.car, "day": log.day, "stamp": list(log.stamp), "level": level}
+  line["like"] = _digest(like)
   try:
     with tempfile.TemporaryDirectory() as folder:
       dataset = _dataset(log, Path(folder), like)

@@ -1,29 +1,70 @@
 """A log that is being written, read piece by piece: rows of a CSV, messages of an MCAP file."""
 
 import contextlib
+import dataclasses
 import io
 import itertools
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from qcar_twin.extras import extra
+from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.completed import completed
 from qcar_twin.recordings.formats import read_table
-from qcar_twin.recordings.manifest import Manifest
+from qcar_twin.recordings.formats.table import Table
+from qcar_twin.recordings.manifest import Manifest, Mapped
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError, Stream
-from qcar_twin.recordings.row_clock import origin_of, stamps
+from qcar_twin.recordings.row_clock import in_time_order, origin_of, stamps
 from qcar_twin.recordings.topic_maps import topic_map
 
 _MAGIC = b"\x89MCAP0\r\n"
+_TOLERANCE = 1e-9  # s, within which times are the same, as in a stream
 _ANEW = 1.0  # s, by which a clock that begins anew goes back at least
+_WHOLE = 1e-6  # of a row: a share of rows is a whole number of them but for rounding
 _HEAD = 9  # bytes before a record: its kind and its length
 _KEPT = (1, 3, 4)  # kinds of records without which no message can be read: header, schema, channel
 _MESSAGES = (5, 6)  # a message, a chunk of them
+
+
+class Held:
+  """Columns of commands as they stood before the oldest row that is kept.
+
+  A log may hold a command only as it changes: its row is forgotten long before the command is.
+  """
+
+  def __init__(self) -> None:
+    self._columns: dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+
+  def named(self, table: Table) -> Table:
+    """A table with the columns that all its rows lack, blank, so that it is read as before."""
+    lacking = [column for column in self._columns if column not in table]
+    return dataclasses.replace(table, columns={**table.columns, **{c: np.full(table.rows, np.nan) for c in lacking}})
+
+  def into(self, table: Table, mapping: Mapping[str, Mapped]) -> Table:
+    """A table whose first row has, where it is blank, what stood at its time."""
+    columns, begin = dict(table.columns), float(stamps(table, mapping["time"])[0])
+    for column, (time, value) in self._columns.items():
+      row = table.number(column, column).copy()
+      if np.isnan(row[0]) and time[0] <= begin <= time[-1]:
+        row[0] = value[np.searchsorted(time, begin, side="right") - 1]
+        columns[column] = row
+    return dataclasses.replace(table, columns=columns)
+
+  def keep(self, table: Table, mapping: Mapping[str, Mapped]) -> None:
+    """Take in what a table says of them: each row's value, or the one before it."""
+    held = [m for c, m in mapping.items() if CHANNELS[c].is_command or c == "battery_voltage"]
+    table, _ = in_time_order(table, mapping["time"])
+    time = stamps(table, mapping["time"])
+    for column in {c for m in held for c in (m.column, m.gate) if c is not None and c in table}:
+      value = table.number(column, column)
+      last = np.maximum.accumulate(np.where(np.isnan(value), -1, np.arange(table.rows)))
+      self._columns[column] = time, np.where(last < 0, np.nan, value[last])
 
 
 class Tail(Protocol):
@@ -32,10 +73,16 @@ class Tail(Protocol):
   Attributes:
     refused: why what is there cannot be read yet; "" where it can.
     torn: how many rows were left out that have other cells than the names.
+    judged: up to where blocks were handed on, s.
+    held: commands as they stood before what is kept.
+    later: s by which a table's own `time` begins later than the log, of which the oldest is forgotten.
   """
 
   refused: str
   torn: int
+  judged: float
+  held: Held
+  later: float
 
   def grown(self) -> bool:
     """Take in what was appended; whether there was anything whole."""
@@ -57,6 +104,7 @@ class CsvTail:
     self._path, self._place, self._rest, self.refused, self.torn = path, 0, "", "", 0
     self._head: str | None = None
     self._rows: list[str] = []
+    self.judged, self.held, self.later = -np.inf, Held(), 0.0
 
   def grown(self) -> bool:
     with self._path.open("rb") as file:
@@ -82,7 +130,7 @@ class CsvTail:
     return path
 
   def forget(self, share: float) -> None:
-    del self._rows[: int(share * len(self._rows))]
+    del self._rows[: int(share * len(self._rows) + _WHOLE)]
 
 
 class McapTail:
@@ -92,6 +140,8 @@ class McapTail:
     self._path, self._place, self.refused, self.torn = path, len(_MAGIC), "", 0
     self._always: list[bytes] = []
     self._records: list[bytes] = []
+    self._first: int | None = None  # ns, of the log's oldest message, from which on a table's time counts
+    self.judged, self.held, self.later = -np.inf, Held(), 0.0
 
   def grown(self) -> bool:
     with self._path.open("rb") as file:
@@ -115,6 +165,7 @@ class McapTail:
       from mcap.stream_reader import StreamReader
       from mcap.writer import Writer
     path = folder / "piece.mcap"
+    times: list[int] = []
     stream = io.BytesIO(b"".join([*self._always, *self._records]))
     with path.open("wb") as file:
       writer, schemas, channels = Writer(file), {0: 0}, {}
@@ -128,11 +179,35 @@ class McapTail:
             channels[record.id] = writer.register_channel(record.topic, encoding, schemas[record.schema_id])
           elif isinstance(record, Message) and record.channel_id in channels:
             writer.add_message(channels[record.channel_id], record.log_time, record.data, record.publish_time)
+            times.append(record.log_time)
       writer.finish()
+    if times:
+      self._first = min(times) if self._first is None else self._first
+      self.later = 1e-9 * (min(times) - self._first)
     return path
 
   def forget(self, share: float) -> None:
-    del self._records[: int(share * len(self._records))]
+    count = int(share * len(self._records) + _WHOLE)
+    named = _definitions(self._records[:count])  # a writer says once what a channel is, in its first chunk
+    self._always += [record for record in named if record not in self._always]
+    del self._records[:count]
+
+
+def _definitions(records: Sequence[bytes]) -> list[bytes]:
+  """The schemas and channels of records, those in chunks, too."""
+  with extra("Following MCAP files"):
+    from mcap.data_stream import RecordBuilder
+    from mcap.exceptions import EndOfFile
+    from mcap.records import Channel, Schema
+    from mcap.stream_reader import StreamReader
+  found = []
+  with contextlib.suppress(EndOfFile):  # the last record of a file that goes on
+    for record in StreamReader(io.BytesIO(b"".join(records)), skip_magic=True).records:
+      if isinstance(record, Schema | Channel):
+        builder = RecordBuilder()
+        record.write(builder)
+        found.append(builder.end())
+  return found
 
 
 def tail_of(path: Path) -> Tail:
@@ -151,28 +226,33 @@ def tail_of(path: Path) -> Tail:
   return kinds[path.suffix.lower()](path)
 
 
-def as_recordings(file: Path, manifest: Manifest, name: str) -> list[tuple[Recording, int]]:
+def as_recordings(file: Path, manifest: Manifest, name: str, tail: Tail | None = None) -> list[tuple[Recording, float]]:
   """A piece read as a data set's dataset.toml says, with times of the log's own clock, s: one recording for each time
-  the clock began anew, and at which row it did.
+  the clock began anew, and after which share of the rows it did. Of a tail's file, what it has forgotten holds on: its
+  commands and where its time began.
 
   Raises:
     RecordingError: a channel is missing or holds no numbers.
   """
-  table = read_table(file)
+  held = tail.held if tail else Held()
+  table = held.named(read_table(file).named(manifest.columns))
+  if tail and tail.later:
+    table = dataclasses.replace(table, columns={**table.columns, "time": table.columns["time"] + tail.later})
   said = manifest.mapping
   if manifest.topics:
     said = topic_map(manifest.topics).mapping(table.columns, table.label, said) | said
-  table = table.named(manifest.columns)
   mapping = resolve(table, said)
+  table = held.into(table, mapping)
   back = np.flatnonzero(np.diff(stamps(table, mapping["time"])) < -_ANEW) + 1
-  out = []
-  for first, last in itertools.pairwise([0, *back.tolist(), table.rows]):
+  out, bounds = [], [0, *back.tolist(), table.rows]
+  for first, last in itertools.pairwise(bounds):
     part = table.rows_between(first, last)
     streams, _ = streams_of(part, mapping)
     origin = origin_of(stamps(part, mapping["time"]))
     moved = {channel: Stream(s.time + origin, s.value) for channel, s in streams.items()} if origin else streams
     (recording, *_), _ = completed([Recording(name, moved)], manifest.vehicle, table.label)
-    out.append((recording, first))
+    out.append((recording, first / table.rows))
+  held.keep(table.rows_between(*bounds[-2:]), mapping)
   return out
 
 
@@ -187,41 +267,45 @@ def pieces(tail: Tail, manifest: Manifest, name: str, block: float) -> Iterator[
   with tempfile.TemporaryDirectory() as folder:
     file = tail.written(Path(folder))
     try:
-      recordings = as_recordings(file, manifest, name)
+      recordings = as_recordings(file, manifest, name, tail)
     except RecordingError as error:
       tail.refused = (
         str(error).replace(str(file), name).replace(file.name, name)
       )  # too little of it yet, or another log
       return
   tail.refused = ""
-  new = getattr(tail, "judged", -np.inf)
+  new = tail.judged
   for k, (recording, _) in enumerate(recordings):
     start, end = span_of(recording)
     new = new if k == 0 and start <= new <= end else start
     while end - new >= block:
-      begin = max(new - block, start)
-      yield part_of(recording, begin, new + block), new
+      piece = part_of(recording, max(new - block, start), new + block)
+      if piece is not None:
+        yield piece, new
       new += block
-  tail.judged = new  # type: ignore[attr-defined]
-  recording, first = recordings[-1]
+  tail.judged = new
+  recording, before = recordings[-1]
   start, end = span_of(recording)
   if end > start:
     kept = max(0.0, (new - 1.5 * block - start) / (end - start))
-    before = first / (first + len(recording[recording.drive_channel].time))
     tail.forget(before + (1.0 - before) * kept)
 
 
 def span_of(recording: Recording) -> tuple[float, float]:
-  """First and last time of the drive's command, s."""
-  time = recording[recording.drive_channel].time
-  return float(time[0]), float(time[-1])
+  """First and last time at which something was measured while a command of the drive was known, s.
+
+  A command stands until the next one, so that the last of them ends nothing.
+  """
+  measured = [stream.time for channel, stream in recording.streams.items() if CHANNELS[channel].is_measured]
+  known = float(recording[recording.drive_channel].time[0])
+  return max(known, min(float(t[0]) for t in measured)), max(float(t[-1]) for t in measured)
 
 
-def part_of(recording: Recording, begin: float, end: float) -> Recording:
-  """The samples from one time to another, the latter not included; commands also as they stood before."""
-  streams = {}
-  for channel, stream in recording.streams.items():
-    rows = (stream.time >= begin - 1e-9) & (stream.time < end - 1e-9)
-    if np.any(rows):
-      streams[channel] = Stream(stream.time[rows], stream.value[rows])
-  return Recording(recording.name, streams)
+def part_of(recording: Recording, begin: float, end: float) -> Recording | None:
+  """The samples from one time to another, s, the latter not included; commands also as they stood before. None where
+  nothing was measured between them."""
+  near = [t for s in recording.streams.values() for t in s.time[np.abs(s.time - begin) <= _TOLERANCE]]
+  try:  # from the sample that is meant by `begin`, which rounding has put a little before it
+    return recording.window(min([begin, *near]), np.nextafter(end - _TOLERANCE, -np.inf))
+  except RecordingError:
+    return None

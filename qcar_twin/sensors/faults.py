@@ -19,8 +19,8 @@ class Fault:
 
   Attributes:
     channel: canonical name.
-    kind: "offset" adds `size`; "stuck" reports `size`; "frozen" repeats the sample before the fault; "lost" gives no
-      sample; "not_finite" reports infinity (a NaN that gets through is a sample like any other to the receiver);
+    kind: "offset" adds `size`; "stuck" reports `size`; "frozen" repeats the last sample before the fault; "lost" gives
+      no sample; "not_finite" reports infinity (a NaN that gets through is a sample like any other to the receiver);
       "spikes" adds or takes off `size` in some samples. "late" lets the samples of the channel's whole sensor arrive
       `size` s later than usual, with their true age; "late_unsaid" does so and their age is said to be the usual one.
     start, end: s after the first sample of the run; the end is open.
@@ -62,7 +62,7 @@ class FaultRun:
 
   def __init__(self, fault: Fault, rng: np.random.Generator | CarStreams):
     self.fault, self._rng = fault, rng
-    self._before: Array | None = None  # last sample that was not hit, (N,)
+    self._before: Array | None = None  # last sample of each car that was one and was not hit, (N,)
 
   def apply(self, channels: tuple[str, ...], time: float, values: Array) -> Array:
     """Readings (N, c) of the named channels as the fault leaves them at a time, s."""
@@ -71,7 +71,8 @@ class FaultRun:
       return values
     column = channels.index(fault.channel)
     if not fault.acts(channels, time):
-      self._before = values[:, column].copy()
+      said = values[:, column]
+      self._before = said.copy() if self._before is None else np.where(np.isfinite(said), said, self._before)
       return values
     values = values.copy()
     values[:, column] = self._faulty(values[:, column])

@@ -15,7 +15,15 @@ from calibration.exports import gym_track
 from calibration.exports.cars import CarModel
 from calibration.exports.numbers import quantities_of
 from calibration.exports.target import Job, Target
-from calibration.exports.targets.f1tenth import ABOUT, DRIVE, STRUCTURE, expresses, gym_numbers, matched_numbers
+from calibration.exports.targets.f1tenth import (
+  ABOUT,
+  DRIVE,
+  STRUCTURE,
+  expresses,
+  gym_numbers,
+  matched_numbers,
+  unsaid,
+)
 from calibration.exports.written import heading, text_lines
 from calibration.exports.yaml_numbers import extra_lines, read_numbers, yaml_lines
 from qcar_twin.vehicle.vehicle import GRAVITY
@@ -51,15 +59,18 @@ def _write(job: Job, path: Path) -> Sequence[str]:
   values = {
     "l": car["length"], "w": car["width"],
     "steering": {"min": car["s_min"], "max": car["s_max"], "v_min": car["sv_min"], "v_max": car["sv_max"]},
-    "longitudinal": {name: car[name] for name in ("v_min", "v_max", "v_switch", "a_max")},
+    "longitudinal": {name: car[name] for name in ("v_min", "v_max", "v_switch", "a_max") if name in car},
     "m": car["m"], "m_s": car["m"] - 4.0 * v.wheel_mass, "a": car["lf"], "b": car["lr"], "I_z": car["I"],
     "h_cg": car["h"], "h_s": car["h"], "R_w": v.wheel_radius, "I_y_w": 2.0 * v.wheel_inertia, "T_sb": front,
     "T_se": front, _TYRE_KEY: tyre,
   }  # fmt: skip
   drive = {name: car[name] for name in DRIVE} | {"switch_speed": SWITCH_SPEED}
   note = "# The drive line, for which CommonRoad has no keys: a = G R (P1 V - P2 w - P3 sgn w)."
-  text_lines(path, [*heading(job, job.lost(TARGET)), *yaml_lines(values, _ABOUT), note, *extra_lines(drive, _ABOUT)])
-  return ["one tyre for both axles; the loss below is that of ST, STD is written and not driven"]
+  told = [f"# {said}." for said in unsaid(car)]
+  text_lines(
+    path, [*heading(job, job.lost(TARGET)), *told, *yaml_lines(values, _ABOUT), note, *extra_lines(drive, _ABOUT)]
+  )
+  return ["one tyre for both axles; the loss below is that of ST, STD is written and not driven", *unsaid(car)]
 
 
 def _drives(path: Path, job: Job) -> tuple[CarModel, Mapping[str, object]]:

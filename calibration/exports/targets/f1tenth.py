@@ -16,7 +16,7 @@ from calibration.exports.target import Job, Target
 from calibration.exports.written import heading, text_lines
 from calibration.exports.yaml_numbers import read_numbers, yaml_lines
 from qcar_twin.twin.mechanisms.base import Mechanism
-from qcar_twin.vehicle.vehicle import GRAVITY
+from qcar_twin.vehicle.vehicle import GRAVITY, Vehicle
 
 SWITCH_SPEED = 0.5  # m/s, below which f1tenth_gym is kinematic
 MATCHED = ("drive_gain", "drive_damping", "drive_friction")
@@ -48,9 +48,6 @@ def gym_numbers(job: Job, target: Target, switch_speed: float) -> Numbers:
   length = v.wheelbase
   mu, loads = own["friction_coefficient"], (own["cg_to_rear"] / length, own["cg_to_front"] / length)
   weight = own["mass"] * GRAVITY
-  pull = own["travel_per_radian"] * own["drive_gain"] * v.supply_voltage
-  fastest = pull / own["drive_damping"]
-  most = min(mu * GRAVITY, pull)
   steering_rate = min(own.get("servo_rate", np.inf), v.max_steering / own["servo_time_constant"])
   return {
     "mu": mu,
@@ -58,10 +55,34 @@ def gym_numbers(job: Job, target: Target, switch_speed: float) -> Numbers:
     "C_Sr": own["cornering_stiffness_rear"] / (mu * weight * loads[1]),
     "lf": own["cg_to_front"], "lr": own["cg_to_rear"], "h": own["cg_height"], "m": own["mass"], "I": own["yaw_inertia"],
     "s_min": -v.max_steering, "s_max": v.max_steering, "sv_min": -steering_rate, "sv_max": steering_rate,
-    "v_switch": max((pull - most) / own["drive_damping"], 0.0), "a_max": most, "v_min": -fastest, "v_max": fastest,
+    **_limits(own, v),
     "width": v.track_width + 0.9 * v.wheel_radius, "length": length + 2.0 * v.wheel_radius,
     **{name: own[name] for name in DRIVE}, "switch_speed": switch_speed,
   }  # fmt: skip
+
+
+def _limits(own: Numbers, v: Vehicle) -> Numbers:
+  """Largest acceleration, m/s^2, and of a drive whose largest command is known the speeds to which it goes, m/s.
+
+  A voltage or a duty ends at the supply's volts, a current at the largest torque, which limits the acceleration of the
+  other drives, too. What is the largest commanded speed or acceleration no twin knows.
+  """
+  grip, electric = own["friction_coefficient"] * GRAVITY, v.drive in ("voltage", "duty")
+  torque = v.max_torque / (own["moved_mass"] * own["travel_per_radian"])
+  pull = own["travel_per_radian"] * own["drive_gain"] * v.supply_voltage if electric else torque
+  most = min(grip, pull)
+  if not electric and (v.drive != "current" or not np.isfinite(pull)):
+    return {"a_max": most}
+  fastest = pull / own["drive_damping"]
+  return {"v_switch": max((pull - most) / own["drive_damping"], 0.0), "a_max": most, "v_min": -fastest,
+          "v_max": fastest}  # fmt: skip
+
+
+def unsaid(car: Numbers) -> list[str]:
+  """What a user is told of the limits of speed that a car of `gym_numbers` lacks, a sentence each."""
+  if "v_max" in car:
+    return []
+  return ["v_min, v_max and v_switch are not in it: the largest command of the drive is not known; add the car's own"]
 
 
 def matched_numbers(job: Job, target: Target, car: Numbers, names: Sequence[str]) -> Numbers:
@@ -86,9 +107,10 @@ def longest_step(car: Mapping[str, float]) -> float:
 def _write(job: Job, path: Path) -> Sequence[str]:
   car = matched_numbers(job, TARGET, gym_numbers(job, TARGET, SWITCH_SPEED), MATCHED)
   lines = [*heading(job, job.lost(TARGET)), "# The last five are the drive line's: a = G R (P1 V - P2 w - P3 sgn w)."]
-  text_lines(path, [*lines, *yaml_lines(car, ABOUT)])
+  text_lines(path, [*lines, *(f"# {said}." for said in unsaid(car)), *yaml_lines(car, ABOUT)])
   step = longest_step(car)
-  return [f"stable up to a timestep of {1e3 * step:.1f} ms at {SWITCH_SPEED:g} m/s (f1tenth_gym's default is 10 ms)"]
+  told = f"stable up to a timestep of {1e3 * step:.1f} ms at {SWITCH_SPEED:g} m/s (f1tenth_gym's default is 10 ms)"
+  return [told, *unsaid(car)]
 
 
 def _drives(path: Path, job: Job) -> tuple[CarModel, Mapping[str, object]]:

@@ -1,11 +1,12 @@
 """Gains and offsets of vesc.yaml, the file of the VESC's ROS driver.
 
-  erpm = speed_to_erpm_gain * speed + speed_to_erpm_offset          speed_to_erpm_gain = 60 p / (2 pi G R_w)
+  erpm = speed_to_erpm_gain * speed + speed_to_erpm_offset          speed_to_erpm_gain = +-60 p / (2 pi G R_w)
   servo = steering_angle_to_servo_gain * angle + steering_angle_to_servo_offset
 
-p is the motor's number of pole pairs, G R_w its travel per radian. What the servo's values mean no twin knows: the
-recordings hold angles that a file's present gains have turned into them. So the present file is corrected. With the
-twin's angle = (1 + k) command + d, a wanted angle needs the command (angle - d) / (1 + k):
+p is the motor's number of pole pairs, G R_w its travel per radian; the sign is the present file's.
+What the servo's values mean no twin knows: the recordings hold angles that a file's present gains have turned into
+them. So the present file is corrected. With the twin's angle = (1 + k) command + d, a wanted angle needs the command
+(angle - d) / (1 + k):
 gain' = gain / (1 + k), offset' = offset - gain' d.
 """
 
@@ -38,8 +39,9 @@ def _write(job: Job, path: Path) -> Sequence[str]:
   turned = values["steering_offset"] if "steering_offset" in here else 0.0
   radius = v.wheel_radius * (1.0 + (values["wheel_radius_error"] if "wheel_radius_error" in here else 0.0))
   gain = before[GAIN] / share
-  made = {
-    "speed_to_erpm_gain": float(pairs) * 60.0 / (2.0 * math.pi * v.gear_ratio * radius),
+  per_speed = float(pairs) * 60.0 / (2.0 * math.pi * v.gear_ratio * radius)
+  made = {  # the sign is how the motor is wired, which only the present file knows
+    "speed_to_erpm_gain": math.copysign(per_speed, before.get("speed_to_erpm_gain", 1.0)),
     "speed_to_erpm_offset": before.get("speed_to_erpm_offset", 0.0),
     GAIN: gain, OFFSET: before[OFFSET] - gain * turned, "wheelbase": v.wheelbase,
   }  # fmt: skip

@@ -48,8 +48,23 @@ def test_a_line_a_log_and_only_new_ones_again(folder):
   strip = lambda made: [{k: v for k, v in line.items() if k != "seconds"} for line in made]
   assert strip(again) == strip(first) and len(list(read_lines(lines))) == 4
   (folder / "logs" / "blue" / "x" / "oval.csv").write_text("time,motor_speed\n0,1\n")
-  changed = scan(find_logs(folder / "logs"), lines, said=said.append)
+  changed = scan(find_logs(folder / "logs"), lines, like=SAMPLE, said=said.append)
   assert len(said) == 6 and [line["state"] for line in changed].count("refused") == 1
+
+
+def test_a_log_is_read_again_like_another_data_set(folder):
+  logs, lines, said = find_logs(folder / "logs")[:1], folder / "scan.ndjson", []
+  other = folder / "other"
+  other.mkdir()
+  text = (SAMPLE / "dataset.toml").read_text()
+  (other / "dataset.toml").write_text(text + "\n# another\n")
+  for like in (None, SAMPLE, other, SAMPLE, None):
+    (line,) = scan(logs, lines, like=like, said=said.append)
+    assert (line["like"] == "") == (like is None)
+  assert len(said) == 3 and len({line["like"] for line in said}) == 3
+  lines.write_text(json.dumps({k: v for k, v in said[0].items() if k != "like"}) + "\n")  # of an earlier version
+  scan(logs, lines, said=said.append)
+  assert len(said) == 4
 
 
 def test_a_log_that_stands_straight_is_read_without_a_steering(tmp_path):

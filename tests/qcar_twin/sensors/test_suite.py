@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from qcar_twin.plant import SIGNALS
 from qcar_twin.sensors.base import Timing
-from qcar_twin.sensors.faults import Fault
+from qcar_twin.sensors.faults import Fault, FaultRun
 from qcar_twin.sensors.noise import ChannelNoise
 from qcar_twin.sensors.onboard import Encoder, Imu
 from qcar_twin.sensors.statistical_lidar import StatisticalLidar
@@ -174,6 +174,13 @@ def test_a_frozen_channel_repeats_the_sample_before():
   column = np.array([v[:, 0] for _, _, v in samples])
   np.testing.assert_array_equal(column[9:20], np.tile(column[9], (11, 1)))
   assert column[20, 0] == pytest.approx(0.2)
+
+
+def test_a_frozen_channel_repeats_each_cars_last_sample_over_a_dropout():
+  run = FaultRun(Fault("yaw_rate", "frozen", 0.2), np.random.default_rng(0))
+  for time, said in ((0.0, [1.0, 2.0]), (0.1, [np.nan, 3.0])):
+    run.apply(("yaw_rate",), time, np.array(said)[:, None])
+  np.testing.assert_array_equal(run.apply(("yaw_rate",), 0.2, np.array([[5.0], [np.nan]]))[:, 0], [1.0, 3.0])
 
 
 def test_spikes_hit_their_share_of_the_samples_either_way():
