@@ -200,14 +200,14 @@ def _definitions(records: Sequence[bytes]) -> list[bytes]:
     from mcap.exceptions import EndOfFile
     from mcap.records import Channel, Schema
     from mcap.stream_reader import StreamReader
-  found = []
+  ended = []
   with contextlib.suppress(EndOfFile):  # the last record of a file that goes on
     for record in StreamReader(io.BytesIO(b"".join(records)), skip_magic=True).records:
       if isinstance(record, Schema | Channel):
         builder = RecordBuilder()
         record.write(builder)
-        found.append(builder.end())
-  return found
+        ended.append(builder.end())
+  return ended
 
 
 def tail_of(path: Path) -> Tail:
