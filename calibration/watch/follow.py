@@ -85,7 +85,7 @@ class Tail(Protocol):
   later: float
 
   def grown(self) -> bool:
-    """Take in what was appended; whether there was anything whole."""
+    """Take in what was appended, or all of a file that is shorter than it was; whether there was anything whole."""
     ...
 
   def written(self, folder: Path) -> Path:
@@ -101,13 +101,19 @@ class CsvTail:
   """Rows of a CSV file; a row that is not ended yet waits."""
 
   def __init__(self, path: Path):
-    self._path, self._place, self._rest, self.refused, self.torn = path, 0, "", "", 0
+    self._path, self.refused, self.torn = path, "", 0
+    self._begin()
+
+  def _begin(self) -> None:
+    self._place, self._rest = 0, ""
     self._head: str | None = None
     self._rows: list[str] = []
     self.judged, self.held, self.later = -np.inf, Held(), 0.0
 
   def grown(self) -> bool:
     with self._path.open("rb") as file:
+      if file.seek(0, io.SEEK_END) < self._place:  # cut by its logger, or another log of that name
+        self._begin()
       file.seek(self._place)
       new = file.read()
       self._place = file.tell()
@@ -137,7 +143,11 @@ class McapTail:
   """Records of an MCAP file as they become whole. Most writers write a chunk at a time, of about a megabyte."""
 
   def __init__(self, path: Path):
-    self._path, self._place, self.refused, self.torn = path, len(_MAGIC), "", 0
+    self._path, self.refused, self.torn = path, "", 0
+    self._begin()
+
+  def _begin(self) -> None:
+    self._place = len(_MAGIC)
     self._always: list[bytes] = []
     self._records: list[bytes] = []
     self._first: int | None = None  # ns, of the log's oldest message, from which on a table's time counts
@@ -145,6 +155,8 @@ class McapTail:
 
   def grown(self) -> bool:
     with self._path.open("rb") as file:
+      if file.seek(0, io.SEEK_END) < self._place:  # cut by its logger, or another log of that name
+        self._begin()
       file.seek(self._place)
       new = file.read()
     at = 0
@@ -200,14 +212,14 @@ def _definitions(records: Sequence[bytes]) -> list[bytes]:
     from mcap.exceptions import EndOfFile
     from mcap.records import Channel, Schema
     from mcap.stream_reader import StreamReader
-  ended = []
+  named = []
   with contextlib.suppress(EndOfFile):  # the last record of a file that goes on
     for record in StreamReader(io.BytesIO(b"".join(records)), skip_magic=True).records:
       if isinstance(record, Schema | Channel):
         builder = RecordBuilder()
         record.write(builder)
-        ended.append(builder.end())
-  return ended
+        named.append(builder.end())
+  return named
 
 
 def tail_of(path: Path) -> Tail:

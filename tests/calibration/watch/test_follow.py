@@ -56,27 +56,56 @@ def test_a_command_that_was_logged_as_it_changed_stands_until_it_changes_again(t
   assert len(tail._rows) < 700
 
 
+def written(file, times):
+  """Messages at times, s, into an open file; yields after every second of them, when they are in it."""
+  writer = Writer(file, chunk_size=1024)
+  writer.start()
+  schema = writer.register_schema("row", "jsonschema", b"{}")
+  channels = {name: writer.register_channel(f"/{name}", "json", schema) for name in NAMES}
+  for k, time in enumerate(times):
+    values = (said(time, VOLTAGE), said(time, STEERING), 0.5 + 0.1 * np.sin(time))
+    for name, value in zip(NAMES, values, strict=True):
+      if value != "":
+        message = json.dumps({"value": float(value)}).encode()
+        writer.add_message(channels[name], round(1e9 * time), message, round(1e9 * time))
+    if k % 100 == 99:
+      file.flush()
+      yield
+
+
+MAPPING = {name: Mapped(f"/{name}.value") for name in NAMES} | {"time": Mapped("time")}
+
+
 def test_a_command_outlives_its_message(tmp_path):
   path, spans = tmp_path / "log.mcap", []
-  mapping = {name: Mapped(f"/{name}.value") for name in NAMES} | {"time": Mapped("time")}
   with path.open("wb") as file:
-    writer = Writer(file, chunk_size=1024)
-    writer.start()
-    schema = writer.register_schema("row", "jsonschema", b"{}")
-    channels = {name: writer.register_channel(f"/{name}", "json", schema) for name in NAMES}
     tail = McapTail(path)
-    for k, time in enumerate(TIMES):
-      values = (said(time, VOLTAGE), said(time, STEERING), 0.5 + 0.1 * np.sin(time))
-      for name, value in zip(NAMES, values, strict=True):
-        if value != "":
-          message = json.dumps({"value": float(value)}).encode()
-          writer.add_message(channels[name], round(1e9 * time), message, round(1e9 * time))
-      if k % 100 == 99:
-        file.flush()
-        spans += pieces(tail, manifest(**mapping), "log", BLOCK)
-  assert tail.refused == ""
+    for _ in written(file, TIMES):
+      spans += pieces(tail, manifest(**MAPPING), "log", BLOCK)
+      assert tail.refused == ""
   checked(spans, 18.0)
   assert len(tail._records) < 60
+
+
+def test_a_log_that_its_logger_begins_anew_is_read_from_its_beginning(tmp_path):
+  path, head = tmp_path / "log.csv", ",".join(["time", *NAMES])
+  tail = CsvTail(path)
+  for times, last in ((TIMES, 18.0), (TIMES[:900], 8.0)):
+    path.write_text("\n".join([head, *rows(times)]) + "\n")
+    checked(list(pieces(tail, manifest(), "log", BLOCK)), last)
+  path.write_text(f"{head},note\n" + "".join(f"{row},a\n" for row in rows(TIMES[:500])))  # with other columns
+  checked(list(pieces(tail, manifest(), "log", BLOCK)), 4.0)
+  assert tail.torn == 0
+
+
+def test_an_mcap_log_that_is_replaced_is_read_from_its_beginning(tmp_path):
+  path = tmp_path / "log.mcap"
+  path.write_bytes(b"")
+  tail = McapTail(path)
+  for count, last in ((2000, 18.0), (900, 8.0)):
+    with path.open("wb") as file:
+      list(written(file, TIMES[:count]))
+    checked(list(pieces(tail, manifest(**MAPPING), "log", BLOCK)), last)
 
 
 def test_a_block_without_a_measurement_is_none(tmp_path):
