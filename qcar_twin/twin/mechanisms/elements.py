@@ -115,7 +115,7 @@ def lag_step(state: State, target: Array) -> Array:
 
 
 # s of the first drop that is tried, and from each to the next: so close that each sees the next one's flank
-EARLIEST, RATIO = 30.0, 1.9
+_EARLIEST, _RATIO = 30.0, 1.9
 
 
 def come(driven: Array | float, time: Array | float, suddenness: Array | float) -> Array:
@@ -133,8 +133,8 @@ def come_amid(time: float, suddenness: float, driving: Driving) -> float:
 
 def changes_tried(driving: Driving) -> list[tuple[float, float]]:
   """Times, s, and suddenness of a fast and a slow drift, and of drops while the car was driven."""
-  count = 1 + int(max(np.log(driving.last / EARLIEST) / np.log(RATIO), 0.0))
-  drops = [(float(t), 7.0) for t in EARLIEST * RATIO ** np.arange(count) if t > driving.first]
+  count = 1 + int(max(np.log(driving.last / _EARLIEST) / np.log(_RATIO), 0.0))
+  drops = [(float(t), 7.0) for t in _EARLIEST * _RATIO ** np.arange(count) if t > driving.first]
   return [(60.0, 1.0), (300.0, 1.0), *drops]
 
 
