@@ -9,7 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from calibration.concealed.benchmarks.base import INSIDE, LAGS, ONE, Base, by_parameter, recalibrated_base
+from calibration.concealed.benchmarks.base import INSIDE, LAGS, ONE, base_row, by_parameter, recalibrated_base
+from calibration.concealed.benchmarks.disturbances import disturbance_table
 from calibration.concealed.benchmarks.known import CARS
 from calibration.concealed.benchmarks.under_way import under_way_cases, under_way_table
 from calibration.concealed.campaign.intervals import exact_interval
@@ -37,29 +38,18 @@ class Config:
   """Number of further starts for each car, with other tyres and another motor."""
   under_way: int = 0
   """In place of these: so many sessions of either independent car whose recordings begin while it drives."""
+  disturbances: int = 0
+  """In place of these: so many sessions of either, against the same cars without floor and draught."""
   quick: bool = False
   """One car and one poor start."""
-
-
-def row(car: str, seed: int, fitted: Base) -> tuple[str, ...]:
-  """One car."""
-  return (
-    f"{car} {seed}",
-    ", ".join(f"{name} {100 * e:+.1f} ({fitted.score[name]:+.1f})" for name, e in fitted.error.items()),
-    f"{sum(abs(z) <= INSIDE for z in fitted.score.values())} of {len(fitted.score)}",
-    f"{fitted.in_one} of {len(fitted.poor)}",
-    ", ".join(f"{cost - fitted.cost:+.1f}" for cost in fitted.poor),
-    f"{fitted.correlation:.2f}",
-  )
 
 
 def main(config: Config) -> str:
   """Run it and write the page."""
   if config.under_way:
-    text = under_way_table(under_way_cases(config.seed, 1 if config.quick else config.under_way))
-    write_text(config.out, text)
-    print(text)
-    return text
+    return kept(config, under_way_table(under_way_cases(config.seed, 1 if config.quick else config.under_way)))
+  if config.disturbances:
+    return kept(config, disturbance_table(config.seed, config.disturbances))
   sessions, poor = (1, 1) if config.quick else (config.sessions, config.poor)
   cars = [(car, config.seed + k) for k in range(sessions) for car in config.cars[: 1 if config.quick else None]]
   bases = (recalibrated_base(car, CARS[car](seed), poor) for car, seed in cars)
@@ -92,9 +82,13 @@ def main(config: Config) -> str:
     *(f"* {line}" for line in by_parameter(fits)),
     *([f"* {ends} poor starts end in the least minimum; all of a", f"  session's in {whole}."] if poor else []),
     "",
-    *markdown.table(titles, [row(*car, fit) for car, fit in zip(cars, fits, strict=True)]),
+    *markdown.table(titles, [base_row(*car, fit) for car, fit in zip(cars, fits, strict=True)]),
   ]
-  text = "\n".join(lines) + "\n"
+  return kept(config, "\n".join(lines) + "\n")
+
+
+def kept(config: Config, text: str) -> str:
+  """A page, written and printed."""
   write_text(config.out, text)
   print(text)
   return text

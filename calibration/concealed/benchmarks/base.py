@@ -82,6 +82,18 @@ def by_parameter(fits: Sequence[Base]) -> list[str]:
   ]
 
 
+def base_row(car: str, seed: int, fitted: Base) -> tuple[str, ...]:
+  """One session's line of the page."""
+  return (
+    f"{car} {seed}",
+    ", ".join(f"{name} {100 * e:+.1f} ({fitted.score[name]:+.1f})" for name, e in fitted.error.items()),
+    f"{sum(abs(z) <= INSIDE for z in fitted.score.values())} of {len(fitted.score)}",
+    f"{fitted.in_one} of {len(fitted.poor)}",
+    ", ".join(f"{cost - fitted.cost:+.1f}" for cost in fitted.poor),
+    f"{fitted.correlation:.2f}",
+  )
+
+
 def _from_poor_start(recalibrated: RecalibratedTwin, random: np.random.Generator) -> float:
   """Cost of the same fit from other tyres and another motor, nats."""
   base = recalibrated.fit.parameters

@@ -1,7 +1,7 @@
 """What recalibration makes of sessions without an effect whose recordings begin while the car drives."""
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -54,19 +54,37 @@ def begun_under_way(recording: Recording, in_launch: bool) -> Recording:
 def recalibrated_under_way(session: Session) -> UnderWay:
   """Recalibrate on a session, every other recording of which begins in a launch and the others in mid-drive."""
   recordings = tuple(begun_under_way(r, k % 2 == 0) for k, r in enumerate(session.recordings))
-  recalibrated = prepare(DataSet("session", recordings, session.vehicle, session.vehicle_std), threads=1).recalibrated
+  cost, own, first = _recalibrated(recordings, session)
+  return UnderWay(cost, {name: (_size(e[first[name]]), _size(e[~first[name]])) for name, e in own.items()})
+
+
+def recalibrated_error(session: Session) -> dict[str, float]:
+  """Root mean square error of a session's recalibrated twin over what it is fitted to, in multiples of each channel's
+  noise while the car drives."""
+  return {name: _size(error) for name, error in _recalibrated(session.recordings, session)[1].items()}
+
+
+def _recalibrated(
+  recordings: Sequence[Recording], session: Session
+) -> tuple[float, dict[str, np.ndarray], dict[str, np.ndarray]]:
+  """Cost of a recalibration, its errors over each channel's noise, and which of them are of a stretch's beginning."""
+  data = DataSet("session", tuple(recordings), session.vehicle, session.vehicle_std)
+  recalibrated = prepare(data, threads=1).recalibrated
   problem, observations = recalibrated.problem, recalibrated.problem.observations
   error = problem.exact.raw(recalibrated.theta[None])[0]
   first = observations.time - observations.stretches.first[observations.stretch] < FIRST
   noise = residual_floor(driving_noise(recordings))
   fitted = np.arange(len(error)) < problem.n_train
-  size = lambda rows: float(np.sqrt(np.mean(error[rows] ** 2))) if rows.any() else np.nan
-  channels = [n for n in observations.present if noise.get(n)]
-  own = {name: fitted & observations.select(name) for name in channels}
-  return UnderWay(
+  own = {name: fitted & observations.select(name) for name in observations.present if noise.get(name)}
+  return (
     recalibrated.fit.cost,
-    {n: (size(rows & first) / noise[n], size(rows & ~first) / noise[n]) for n, rows in own.items()},
+    {name: error[rows] / noise[name] for name, rows in own.items()},
+    {name: first[rows] for name, rows in own.items()},
   )
+
+
+def _size(error: np.ndarray) -> float:
+  return float(np.sqrt(np.mean(error**2))) if len(error) else np.nan
 
 
 def under_way_cases(seed: int, count: int) -> list[tuple[str, int]]:
