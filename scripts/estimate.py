@@ -15,7 +15,7 @@ from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.command_line import run_script
 from qcar_twin.estimation.engines import Engine
 from qcar_twin.estimation.noise_fit import fit_noise
-from qcar_twin.estimation.offline import ONBOARD, filter_recording
+from qcar_twin.estimation.offline import ONBOARD, filter_recording, unheard
 from qcar_twin.estimation.page import write_all, write_estimation
 from qcar_twin.estimation.settings import ESTIMATED, FilterSettings
 from qcar_twin.kinematics import rolling_radius
@@ -95,7 +95,8 @@ def main(config: Config) -> None:
   for recording in chosen[: 1 if config.quick else None]:
     estimates = filter_recording(recording, car, settings, lateness, engine=config.engine, vehicle=vehicle)
     filtered.append((recording, estimates))
-    print(f"{recording.name}: valid {100.0 * filtered[-1][1].valid.mean():.1f} % of {recording.duration:.1f} s")
+    valid = f"valid {100.0 * estimates.valid.mean():.1f} % of {recording.duration:.1f} s"
+    print(*unheard(recording, vehicle), f"{recording.name}: {valid}", sep="\n")
   write_all(config.out, filtered)
   print(f"report: {write_estimation(config.out, filtered, rolling_radius(vehicle), dataset.name)}")
 

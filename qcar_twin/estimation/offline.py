@@ -116,6 +116,13 @@ def _drive_channel(recording: Recording, vehicle: Vehicle | None) -> str:
   return wanted
 
 
+def unheard(recording: Recording, vehicle: Vehicle) -> list[str]:
+  """A sentence for each command of the vehicle that was not logged: the filter takes it as 0 throughout."""
+  missing = [name for name in (vehicle.motor.channel, "steering_command") if name not in recording]
+  cure = "was not logged and is taken as 0; map it, or leave this one out"
+  return [f"{recording.name}: {name} {cure}" for name in missing]
+
+
 def _drive_command(recording: Recording, channel: str, vehicle: Vehicle | None) -> Stream:
   """The drive's command as drive_gain takes it; a duty as a share of the supply, as in `Recording.commands`."""
   stream, battery = recording[channel], recording.battery

@@ -129,6 +129,14 @@ def test_a_command_of_another_drive_names_file_channel_and_cure():
     offline.filter_recording(recording, CAR, vehicle=Vehicle())
 
 
+def test_a_command_that_was_not_logged_is_named_with_a_cure():
+  whole = recording_of(journey(1.0))
+  assert offline.unheard(whole, Vehicle()) == []
+  kept = {name: stream for name, stream in whole.streams.items() if name != "motor_voltage"}
+  (said,) = offline.unheard(dataclasses.replace(whole, streams=kept), Vehicle())
+  assert whole.name in said and "motor_voltage was not logged" in said and "map it" in said
+
+
 def test_dead_reckoning_drives_a_circle():
   speed, rate, count = 0.5, 0.4, 2000
   track = offline.dead_reckoning(
