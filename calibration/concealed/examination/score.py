@@ -2,7 +2,8 @@
 
 A claim is right if its mechanism is one of those that the effect's entry in the generator's table names. So is the
 departure of a figure of the car that the entry names: a slower servo is a servo that is not what was measured. Where
-the table names none the effect is outside the catalogue, and right is to say that something is left unexplained.
+the table names none the effect is outside the catalogue, and right is to say that something is left unexplained. An
+effect of positive size makes its figure larger: a figure that departs the other way is a wrong answer.
 """
 
 from __future__ import annotations
@@ -32,7 +33,10 @@ def of_kind(results: Sequence[Result], kind: str) -> list[Result]:
 def claims(result: Result) -> list[str]:
   """Mechanisms that were claimed, strongest first, then figures of the car that were said to contradict the driving."""
   answer = result["answer"]
-  return [c["mechanism"] for c in answer["claims"]] + [x["name"] for x in answer.get("departures", ())]
+  sizes = {name: effect["size"] for effect in result["truth"]["effects"] for name in effect["right"]}
+  astray = lambda x: x["z"] * sizes.get(x["name"], x["z"]) < 0.0
+  departures = [x["name"] + " (the other way)" * astray(x) for x in answer.get("departures", ())]
+  return [c["mechanism"] for c in answer["claims"]] + departures
 
 
 def right_names(result: Result) -> set[str]:

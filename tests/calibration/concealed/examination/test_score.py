@@ -40,6 +40,14 @@ def test_counts():
   assert tallied["outside the catalogue: said so"] == (1, 1)
 
 
+def test_a_figure_that_departs_the_other_way_is_wrong():
+  high = case(0, "single", [("cg_height", ("load_transfer", "cg_height_offset"), 90.0)])
+  for z, right in ((4.0, 1), (-4.0, 0)):
+    high["answer"]["departures"] = [{"name": "cg_height_offset", "z": z}]
+    tallied = {said: hits for said, hits, _ in counts([high])}
+    assert tallied["one effect: right name first"] == right and tallied["one effect: a wrong name first"] == 1 - right
+
+
 def test_power_characteristic_and_reliability():
   assert power(CASES) == [("5 to 20", 0, 1), ("100 to 500", 1, 1)]
   by_level = {level: (false, tallied) for level, false, tallied in characteristic(CASES)}
