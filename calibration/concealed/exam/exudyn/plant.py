@@ -1,0 +1,104 @@
+"""One run of the rigid-body car, stepped by Exudyn (classical Runge-Kutta method of fourth order, 1 ms).
+
+What is not Exudyn's: a motor current as a torque at the rear wheels, air drag as a force on the chassis, the goal of
+the position loop, which moves no faster than the servo can and goes to each hinge by the linkage. The IMU sits at the
+centre of gravity of the car at rest, on the chassis: it feels gravity by roll and pitch.
+"""
+
+from __future__ import annotations
+
+from math import cos, hypot, sin
+
+import numpy as np
+
+from ...laboratory.manoeuvres import PERIOD
+from ..generator import FINE, Start
+from .machine import HINGES, JOINTS, WHEELS, Machine, assembled, left_and_right
+from .numbers import GRAVITY, HALF_TRACK, Numbers
+
+STEP = PERIOD / FINE  # s
+
+
+class ExudynPlant:
+  """A `Plant` of these numbers; gear: wheel speed / motor speed. Raises ValueError where they are impossible."""
+
+  def __init__(self, numbers: Numbers, gear: float, steps: int = 1) -> None:
+    numbers.check()
+    self.numbers, self.gear, self.steps = numbers, gear, steps
+    self.goal, self.time = 0.0, 0.0
+
+  def start(self, start: Start) -> np.ndarray:
+    """On its contacts as at rest, rolling straight, at the acceleration of a car that nothing drives."""
+    self.machine = machine = assembled(self.numbers, start)
+    exu = machine.exudyn
+    self.goal, self.time = 0.0, 0.0
+    self.settings = settings = exu.SimulationSettings()
+    settings.timeIntegration.verboseMode = 0
+    settings.timeIntegration.solverType = exu.DynamicSolverType.RK44
+    settings.timeIntegration.explicit.computeEndOfStepAccelerations = True
+    settings.timeIntegration.numberOfSteps = self.steps
+    settings.timeIntegration.endTime = STEP
+    settings.solution.file.write = False
+    settings.show.computationTime = False
+    self.solver = exu.MainSolverExplicit()
+    self.solver.InitializeSolver(machine.system, settings)
+    self.forces, self.goals = np.zeros(JOINTS), np.zeros(JOINTS)
+    first = self._signals(machine)
+    first[6] -= self._coasting(start.speed)
+    return first
+
+  def advance(self, drive: float, steer: float) -> np.ndarray:
+    """`drive`: motor current [A]. Raises ValueError where the integration fails or the car turns over."""
+    return np.array([self._fine(float(drive), float(steer)) for _ in range(FINE)])
+
+  def _coasting(self, speed: float) -> float:
+    """Deceleration of the car and its wheels when they roll out [m/s^2]."""
+    n = self.numbers
+    lost = (4.0 * (n.dry + n.fading * speed / n.radius) + n.dragging) / n.radius + n.drag * speed**2
+    return lost / (n.mass + 4.0 * n.wheel_spin / n.radius**2) if speed > 0.0 else 0.0
+
+  def _fine(self, drive: float, steer: float) -> np.ndarray:
+    n, machine = self.numbers, self.machine
+    most = n.servo_rate * STEP
+    self.goal += min(max(steer - self.goal, -most), most)
+    left, right = left_and_right(self.goal, n.ahead + n.behind, HALF_TRACK)
+    self.goals[list(HINGES)] = left - n.toe, right + n.toe
+    speed = np.asarray(machine.system.systemData.GetODE2Coordinates_t()) if n.drag > 0.0 else np.zeros(2)
+    self.forces[:2] = -n.drag * hypot(speed[0], speed[1]) * speed[:2]
+    torque = n.per_ampere * drive
+    self.forces[[WHEELS[2], WHEELS[3]]] = n.left_share * torque, (1.0 - n.left_share) * torque
+    machine.system.SetObjectParameter(machine.tree, "jointForceVector", self.forces)
+    machine.system.SetObjectParameter(machine.tree, "jointPositionOffsetVector", self.goals)
+    self._step(machine)
+    return self._signals(machine)
+
+  def _step(self, machine: Machine) -> None:
+    """A fine step, whose end is the beginning of the next."""
+    times, data, initial = self.settings.timeIntegration, machine.system.systemData, machine.exudyn.ConfigurationType
+    times.startTime, times.endTime = self.time, self.time + STEP
+    self.solver.InitializeSolverInitialConditions(machine.system, self.settings)
+    if not self.solver.SolveSteps(machine.system, self.settings):
+      raise ValueError("Exudyn could not integrate this car")
+    self.time += STEP
+    data.SetODE2Coordinates(data.GetODE2Coordinates(), initial.Initial)
+    data.SetODE2Coordinates_t(data.GetODE2Coordinates_t(), initial.Initial)
+    data.SetDataCoordinates(data.GetDataCoordinates(), initial.Initial)
+
+  def _signals(self, machine: Machine) -> np.ndarray:
+    """By SIGNALS; accelerations are the specific force along the chassis' axes."""
+    data = machine.system.systemData
+    q, v, a = data.GetODE2Coordinates(), data.GetODE2Coordinates_t(), data.GetODE2Coordinates_tt()
+    if not abs(q[4]) + abs(q[5]) < 1.0:
+      raise ValueError("the car of Exudyn turned over")
+    yaw_cos, yaw_sin = cos(q[2]), sin(q[2])
+    along, across = yaw_cos * a[0] + yaw_sin * a[1], yaw_cos * a[1] - yaw_sin * a[0]
+    up = GRAVITY + a[3]
+    pitch_cos, pitch_sin, roll_cos, roll_sin = cos(q[4]), sin(q[4]), cos(q[5]), sin(q[5])
+    felt_up = pitch_sin * along + pitch_cos * up
+    motor = 0.5 * (v[WHEELS[2]] + v[WHEELS[3]]) / self.gear
+    return np.array([
+      q[0], q[1], q[2], yaw_cos * v[0] + yaw_sin * v[1], yaw_cos * v[1] - yaw_sin * v[0],
+      roll_cos * pitch_cos * v[2] - roll_sin * v[4],
+      pitch_cos * along - pitch_sin * up, roll_cos * across + roll_sin * felt_up,
+      motor, 0.5 * (q[HINGES[0]] + q[HINGES[1]]),
+    ])  # fmt: skip
