@@ -24,9 +24,9 @@ ZONE = 0.1  # m/s of sliding from which on friction is full, as in Exudyn's exam
 RESISTANCE = 0.012  # friction of all wheels over the weight
 FADING = 0.02  # 1/s: deceleration per speed of the bearings' viscous friction
 TORQUE_PER_AMP = (0.045, 0.065)  # N m/A at the wheels: 6 to 12 A then give 1 to 2 m/s^2
-SERVO = (0.015, 0.03)  # s, lag of the wheels behind the command at low frequencies
+SERVO = (0.02, 0.035)  # s, lag of the wheels behind the command at low frequencies
 SERVO_DAMPING = (0.8, 1.1)  # damping ratio of its position loop
-SERVO_RATE = 8.0  # rad/s: its fastest
+SERVO_RATE = 20.0  # rad/s: its fastest, 0.05 s for 60 deg; no step of a session asks for more
 TRAVEL = 0.5  # rad: the wheels' mean angle at the stops
 SPREAD = {"chassis": 0.12, "inertia": 0.12, "height": 0.2, "radius": 0.04, "spin": 0.1, "grip": 0.15, "zone": 0.15}
 """Largest relative departure from these figures, uniform."""

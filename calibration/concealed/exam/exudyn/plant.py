@@ -1,8 +1,8 @@
 """One run of the rigid-body car, stepped by Exudyn (classical Runge-Kutta method of fourth order, 1 ms).
 
-What is not Exudyn's: a motor current as a torque at the rear wheels, air drag as a force on the chassis, the goal of
-the position loop, which moves no faster than the servo can and goes to each hinge by the linkage. The IMU sits at the
-centre of gravity of the car at rest, on the chassis: it feels gravity by roll and pitch.
+What is not Exudyn's: a motor current as a torque at the rear wheels, air drag as a force on the chassis, and the goal
+of each hinge's position loop, by the linkage and within reach of the servo's amplifier. The IMU sits at the centre of
+gravity of the car at rest, on the chassis: it feels gravity by roll and pitch.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ class ExudynPlant:
   def __init__(self, numbers: Numbers, gear: float, steps: int = 1) -> None:
     numbers.check()
     self.numbers, self.gear, self.steps = numbers, gear, steps
-    self.goal, self.time = 0.0, 0.0
+    self.time = 0.0
 
   def start(self, start: Start) -> np.ndarray:
     """On its contacts as at rest, rolling straight, at the acceleration of a car that nothing drives."""
     self.machine = machine = assembled(self.numbers, start)
     exu = machine.exudyn
-    self.goal, self.time = 0.0, 0.0
+    self.time = 0.0
     self.settings = settings = exu.SimulationSettings()
     settings.timeIntegration.verboseMode = 0
     settings.timeIntegration.solverType = exu.DynamicSolverType.RK44
@@ -59,18 +59,26 @@ class ExudynPlant:
 
   def _fine(self, drive: float, steer: float) -> np.ndarray:
     n, machine = self.numbers, self.machine
-    most = n.servo_rate * STEP
-    self.goal += min(max(steer - self.goal, -most), most)
-    left, right = left_and_right(self.goal, n.ahead + n.behind, HALF_TRACK)
-    self.goals[list(HINGES)] = left - n.toe, right + n.toe
-    speed = np.asarray(machine.system.systemData.GetODE2Coordinates_t()) if n.drag > 0.0 else np.zeros(2)
-    self.forces[:2] = -n.drag * hypot(speed[0], speed[1]) * speed[:2]
+    data = machine.system.systemData
+    self.goals[list(HINGES)] = self._acted_on(data.GetODE2Coordinates(), steer)
+    if n.drag > 0.0:
+      speed = np.asarray(data.GetODE2Coordinates_t()[:2])
+      self.forces[:2] = -n.drag * hypot(speed[0], speed[1]) * speed
     torque = n.per_ampere * drive
     self.forces[[WHEELS[2], WHEELS[3]]] = n.left_share * torque, (1.0 - n.left_share) * torque
     machine.system.SetObjectParameter(machine.tree, "jointForceVector", self.forces)
     machine.system.SetObjectParameter(machine.tree, "jointPositionOffsetVector", self.goals)
     self._step(machine)
     return self._signals(machine)
+
+  def _acted_on(self, place: np.ndarray, steer: float) -> list[float]:
+    """Goals of the hinges [rad], as far from where they are as the servo's amplifier answers to. By the loop's equation
+    J q'' = P e - D q', it runs at `servo_rate` under an error e of that times its lag D / P, as it is amid a step."""
+    n = self.numbers
+    most = n.servo_rate * (n.servo + 0.5 * STEP)
+    left, right = left_and_right(steer, n.ahead + n.behind, HALF_TRACK)
+    wished = zip(HINGES, (left - n.toe, right + n.toe), strict=True)
+    return [place[hinge] + min(max(goal - place[hinge], -most), most) for hinge, goal in wished]
 
   def _step(self, machine: Machine) -> None:
     """A fine step, whose end is the beginning of the next."""

@@ -116,13 +116,25 @@ def test_it_turns_to_the_right_as_to_the_left(car):
 
 
 def test_the_servo_has_its_lag_its_rate_and_its_stops(car):
-  n, plant = car.numbers, car.plant()
+  numbers = car.numbers.copied()
+  numbers.servo_rate = 4.0
+  plant = ExudynPlant(numbers, GEAR)
   plant.start(Start(0.0, 0.0, 0.0, 1.0))
   trace = np.concatenate([plant.advance(0.0, 0.001 * k) for k in range(100)])
-  assert trace[-1, 9] == pytest.approx(0.1 * (100 * FINE - FINE) / (100 * FINE) - 0.1 * n.servo, abs=6e-4)
+  assert trace[-1, 9] == pytest.approx(0.1 * (1.0 - 1.0 / FINE / 10.0) - 0.1 * numbers.servo, abs=6e-4), "a ramp"
   turned = np.concatenate([plant.advance(0.0, 1.0) for _ in range(40)])
-  assert np.max(np.diff(turned[:, 9])) / 1e-3 < 1.1 * n.servo_rate
-  assert turned[-1, 9] == pytest.approx(n.travel, abs=0.03), "stops give way a little"
+  assert np.max(np.diff(turned[:, 9])) / 1e-3 == pytest.approx(4.0, rel=0.02)
+  assert turned[-1, 9] == pytest.approx(numbers.travel, abs=0.03), "stops give way a little"
+
+
+def test_no_step_of_a_session_reaches_the_servos_fastest(car):
+  slow, fast = (car.numbers.copied() for _ in range(2))
+  fast.servo_rate = 1e3
+  first = [ExudynPlant(numbers, GEAR) for numbers in (slow, fast)]
+  for plant in first:
+    plant.start(Start(0.0, 0.0, 0.0, 0.8))
+  one, other = (plant.advance(1.0, np.deg2rad(20.0)) for plant in first)
+  assert np.array_equal(one, other)
 
 
 def test_the_method_converges(car):
