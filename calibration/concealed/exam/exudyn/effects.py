@@ -43,7 +43,7 @@ EXUDYN_EFFECTS: dict[str, Effect] = {
   "servo_slew": Effect("steering", "parameter", ("steering_rate_limit",), "-", 100.0, divide("servo_rate")),
   "steering_travel": Effect("steering", "parameter", ("steering_saturation",), "-", 10.0, divide("travel")),
   "drag": Effect("drive", "parameter", ("quadratic_drag", "resistance_curve"), "kg/m", 4.0, add("drag")),
-  "limited_slip": Effect("drive", "parameter", ("differential_lock",), "N m", 1.0, add("preload")),
+  "limited_slip": Effect("drive", "parameter", ("differential_lock",), "N m", 0.3, add("preload")),
   "wheel_size": Effect("drive", "parameter", ("wheel_radius_error",), "-", 0.3, scale("radius"), signed=True),
   "resistance_later": Effect("drive", "parameter", ("resistance_change",), "-", 10.0, _resistance_later),
   "cg_height": Effect(

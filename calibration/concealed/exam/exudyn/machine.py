@@ -19,7 +19,8 @@ PACKAGE = "exudyn"
 CHASSIS_JOINTS = 6
 HINGES, WHEELS = (6, 8), (7, 9, 10, 11)  # joints; wheels front left, front right, rear left, rear right
 JOINTS = 12
-_CREEP = 0.1  # rad/s of a bearing, from which on its friction is full
+_CREEP = 0.1  # rad/s of a bearing, from which on its friction is full; more of it where friction is so strong that
+_FASTEST = 1000.0  # 1/s is what it would stop a wheel at, which steps of 1 ms still follow
 _STOP, _STOP_DAMPING = 60.0, 0.1  # N m/rad, N m s/rad of the hinges' stops
 
 
@@ -151,20 +152,20 @@ def _joint_friction(system: Any, items: Any, n: Numbers, node: int) -> None:
   of = {joint: system.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=joint)) for joint in
         (*WHEELS, *HINGES)}  # fmt: skip
 
-  def rubbing(one: int, other: int, force: float, fading: float) -> None:
+  def rubbing(one: int, other: int, force: float, fading: float, wheels: int = 1) -> None:
     system.AddObject(
       items.ObjectConnectorCoordinateSpringDamperExt(
         markerNumbers=[one, other],
         dynamicFrictionForce=force,
         viscousFrictionFactor=fading,
-        frictionProportionalZone=_CREEP,
+        frictionProportionalZone=max(_CREEP, wheels * force / (n.wheel_spin * _FASTEST)),
       )  # fmt: skip
     )
 
   for wheel in WHEELS:
     rubbing(fixed, of[wheel], n.dry + (n.dragging if wheel == WHEELS[3] else 0.0), n.fading)
   if n.preload > 0.0:
-    rubbing(of[WHEELS[2]], of[WHEELS[3]], n.preload, 0.0)
+    rubbing(of[WHEELS[2]], of[WHEELS[3]], n.preload, 0.0, wheels=2)
   inner, outer = left_and_right(n.travel, n.ahead + n.behind, HALF_TRACK)
   for hinge, most, least in ((HINGES[0], inner, -outer), (HINGES[1], outer, -inner)):
     system.AddObject(

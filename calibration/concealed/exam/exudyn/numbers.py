@@ -28,6 +28,7 @@ SERVO = (0.02, 0.035)  # s, lag of the wheels behind the command at low frequenc
 SERVO_DAMPING = (0.8, 1.1)  # damping ratio of its position loop
 SERVO_RATE = 20.0  # rad/s: its fastest, 0.05 s for 60 deg; no step of a session asks for more
 TRAVEL = 0.5  # rad: the wheels' mean angle at the stops
+MOST_HELD = 4500.0  # 1/s of a wheel's spin; the integration is stable up to 5020
 SPREAD = {"chassis": 0.12, "inertia": 0.12, "height": 0.2, "radius": 0.04, "spin": 0.1, "grip": 0.15, "zone": 0.15}
 """Largest relative departure from these figures, uniform."""
 
@@ -105,6 +106,13 @@ class Numbers:
     return self.yaw_inertia + mass * float(place[0]) ** 2 + hinges + wheels
 
   @property
+  def held(self) -> float:
+    """How fast the floor brings a wheel's spin to what rolls at most, 1/s, under the static load."""
+    load = 0.5 * GRAVITY * self.mass * max(self.ahead, self.behind) / (self.ahead + self.behind)
+    grip = max(self.grip_left, self.grip_right) / min(self.zone_front, self.zone_rear)
+    return 2.0 * grip * load * self.radius**2 / self.wheel_spin
+
+  @property
   def bounce(self) -> tuple[float, float]:
     """Frequency [Hz] and damping ratio of the car on its four contacts."""
     return sqrt(4.0 * self.stiffness / self.mass) / (2.0 * pi), self.damping / sqrt(self.stiffness * self.mass)
@@ -120,6 +128,8 @@ class Numbers:
     wrong += ["mass"] * (not self.chassis[0] > 0.0) + ["left_share"] * (not 0.0 <= self.left_share <= 1.0)
     wrong += [name for name in ("toe", "bent") if not abs(getattr(self, name)) < 0.5]
     wrong += ["travel"] * (not self.travel < 0.9)  # beyond it the inner wheel would stand across
+    if not wrong and self.held > MOST_HELD:
+      wrong = ["zone_front", "zone_rear", "wheel_spin"]
     if wrong:
       raise ValueError(f"no such car of Exudyn: {', '.join(f'{name} {getattr(self, name):g}' for name in wrong)}")
 

@@ -6,7 +6,7 @@ import pytest
 from calibration.concealed.exam.exudyn.car import GEAR, ExudynCar
 from calibration.concealed.exam.exudyn.machine import HINGES, left_and_right
 from calibration.concealed.exam.exudyn.numbers import GRAVITY, HALF_TRACK
-from calibration.concealed.exam.exudyn.plant import ExudynPlant
+from calibration.concealed.exam.exudyn.plant import STEPS, ExudynPlant
 from calibration.concealed.exam.generator import FINE, Start
 
 pytest.importorskip("exudyn", reason="Exudyn is not installed (extra `exam`)")
@@ -145,7 +145,7 @@ def test_the_method_converges(car):
       rows.append(plant.advance(9.0 * np.sign(np.sin(k / 12)), 0.25 * np.sin(k / 9))[-1])
     return np.array(rows)
 
-  error, noise = np.sqrt(np.mean((driven(1) - driven(8)) ** 2, axis=0)), car.noise
+  error, noise = np.sqrt(np.mean((driven(STEPS) - driven(5 * STEPS)) ** 2, axis=0)), car.noise
   assert np.all(error[5:9] < 0.1 * np.array([noise["gyro"], noise["accel"], noise["accel"], noise["motor"]])), error
   assert np.all(error[:3] < 0.1 * noise["pose"])
 
@@ -160,7 +160,8 @@ def test_the_same_run_is_the_same_bits(car):
 
 
 @pytest.mark.parametrize(
-  ("name", "value"), [("mass", 1.0), ("radius", 0.0), ("grip_left", -0.1), ("travel", 1.2), ("left_share", 1.5)]
+  ("name", "value"),
+  [("mass", 1.0), ("radius", 0.0), ("grip_left", -0.1), ("travel", 1.2), ("left_share", 1.5), ("zone_rear", 0.01)],
 )
 def test_impossible_numbers_are_refused(car, name, value):
   numbers = car.numbers.copied()

@@ -55,7 +55,7 @@ def test_a_payload_keeps_the_place_of_what_was_there():
 
 def test_the_seed_decides_every_bit(monkeypatch):
   whole = ExudynCar.runs
-  monkeypatch.setattr(ExudynCar, "runs", lambda car, rng: whole(car, rng)[::5])
+  monkeypatch.setattr(ExudynCar, "runs", lambda car, rng: whole(car, rng)[4:6])
   one, again = (make_exam_session("exudyn", 2) for _ in range(2))
   assert same(one, again) and one.truth == again.truth
   assert one.vehicle != set_up("exudyn", 3).vehicle
