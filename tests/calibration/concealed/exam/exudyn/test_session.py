@@ -9,6 +9,7 @@ from calibration.concealed.exam.exudyn.effects import EXUDYN_EFFECTS
 from calibration.concealed.exam.session import make_exam_session, replayed, set_up
 from scripts import check
 from scripts import make_exam_session as make_exam_session_command
+from tests import ROOT
 from tests.calibration.concealed.proving_ground.comparing import same
 
 pytest.importorskip("exudyn", reason="Exudyn is not installed (extra `exam`)")
@@ -68,3 +69,14 @@ def test_a_session_without_an_effect_is_fit_to_be_used(tmp_path, capsys):
   assert len(data.recordings) == 12
   check.main(check.Config(dataset=tmp_path / "data", out=tmp_path / "checked"))
   assert "Fit to be used" in capsys.readouterr().out
+
+
+def test_the_page_lists_each_own_effect_with_its_right_names():
+  page = (ROOT / "docs" / "reference" / "exam_exudyn.md").read_text(encoding="utf-8")
+  rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines() if line.startswith("| ")]
+  listed = {row[0]: row[1:] for row in rows if row[0] != "effect"}
+  expected = {}
+  for name, effect in EXUDYN_EFFECTS.items():
+    right = ", ".join(f"`{mechanism}`" for mechanism in effect.right) or "**outside**"
+    expected[name] = [effect.part, "exudyn", right, effect.unit]
+  assert listed == expected
