@@ -93,6 +93,17 @@ def test_friction_is_never_more_than_its_share_of_the_load(car):
   assert np.max(used) < grip * (1.0 + 1e-6) and np.max(used) > 0.95 * grip
 
 
+def test_it_yields_by_a_sliding_speed_where_a_tyre_yields_by_an_angle(car):
+  n, stiffness = car.numbers, []
+  for speed, steer in ((0.9, 0.12), (1.8, 0.03)):  # the same side force
+    trace, plant = held(car, speed, steer, 1.0)
+    angle = (n.behind * trace[-1, 5] - trace[-1, 4]) / trace[-1, 3]
+    stiffness.append(forces(plant)[2:, 0].sum() / angle)
+  load = n.mass * GRAVITY * n.ahead / (n.ahead + n.behind)
+  assert stiffness[1] == pytest.approx(2.0 * stiffness[0], rel=0.05), "twice the speed, twice as stiff"
+  assert stiffness[1] == pytest.approx(2.0 * n.grip_left * load * 1.8 / n.zone_rear, rel=0.1)
+
+
 def test_it_brakes_to_a_standstill_and_drives_backwards(car):
   plant = car.plant()
   plant.start(Start(0.0, 0.0, 0.0, 1.0))
