@@ -28,7 +28,7 @@ class Config:
   out: Path
   """Folder of the exam; cases that were answered stay, the same command goes on with the others."""
   generator: str = "slipx"
-  """Car that is driven: slipx, commonroad or commonroad_full; its package comes with the extra `exam`."""
+  """Car that is driven: slipx, commonroad, commonroad_full or exudyn; its package comes with the extra `exam`."""
   cases: int = 60
   """Number of cases: 40 without an effect to 40 with one, 15 with two and 10 outside the catalogue."""
   workers: int = 1

@@ -22,7 +22,7 @@ class Config:
   out: Path
   """Folder of the data set."""
   generator: str = "slipx"
-  """Car that is driven: slipx, commonroad or commonroad_full; its package comes with the extra `exam`."""
+  """Car that is driven: slipx, commonroad, commonroad_full or exudyn; its package comes with the extra `exam`."""
   seed: int = 0
   """Seed of the car, the driver and the noise."""
   noise_level: float = 1.0

@@ -187,7 +187,7 @@ def test_the_exam_never_loads_the_twin_and_nothing_but_its_commands_loads_the_ex
   files = ("qcar_twin.recordings", "qcar_twin.atomic_io", "qcar_twin.untrusted", "qcar_twin.extras")
   files += ("calibration.concealed.laboratory", "calibration.concealed.exam")
   assert not {name for name in own - PARENTS if not name.startswith(files)}
-  assert not {"mujoco", "torch", "sklearn", "slipx", "vehiclemodels"} & loaded
+  assert not {"mujoco", "torch", "sklearn", "slipx", "vehiclemodels", "exudyn"} & loaded
   rooms = ("calibration.concealed.exam", "calibration.concealed.examination")
   users = {module for module, used in graph().items() if any(u.startswith(rooms) for u in used)}
   exams = {f"scripts.{name}" for name in ("make_exam_session", "exam", "replay", "set_levels")}

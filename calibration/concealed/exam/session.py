@@ -13,12 +13,13 @@ from ..laboratory.manoeuvres import Manoeuvre
 from ..laboratory.written import Session, as_recording, stream
 from .commonroad.car import CommonroadCar, CommonroadFullCar
 from .effects import Concealed, Nuisance, Signals, of_kind
+from .exudyn.car import ExudynCar
 from .generator import FINE, SIGNALS, Generator, Start
 from .sensing import DECIMALS, POSE_EVERY, as_signals, sense, session_bias
 from .slipx_car import SlipxCar
 
 GENERATORS: dict[str, type[Generator]] = {
-  "slipx": SlipxCar, "commonroad": CommonroadCar, "commonroad_full": CommonroadFullCar
+  "slipx": SlipxCar, "commonroad": CommonroadCar, "commonroad_full": CommonroadFullCar, "exudyn": ExudynCar
 }  # fmt: skip
 
 

@@ -91,7 +91,7 @@ def test_the_written_session_is_fit_to_be_used(tmp_path, capsys):
 
 
 def test_an_unknown_or_missing_generator_is_named():
-  with pytest.raises(KeyError, match="valid are: slipx, commonroad, commonroad_full"):
+  with pytest.raises(KeyError, match="valid are: slipx, commonroad, commonroad_full, exudyn"):
     make_exam_session("carla", 0)
   with pytest.raises(MissingGenerator, match=r"qcar-twin\[exam\]"):
     load_package("no_such_simulator", "no-such-simulator")
