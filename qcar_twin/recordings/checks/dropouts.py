@@ -47,17 +47,30 @@ def _dropouts(value: np.ndarray, zero: float) -> np.ndarray:
   gone = np.zeros(value.size, dtype=bool)
   there = np.flatnonzero(~np.isnan(value))
   known = value[there] - zero
-  step = np.abs(np.diff(known))
+  step = np.abs(np.diff(known[known != 0.0]))  # of readings alone, however many zeros are between them
   if not step.any():
     return gone
-  usual = np.median(step[step > 0.0])
+  usual, rows = np.median(step[step > 0.0]), _between(known)
+  longest = max(_LONGEST, rows)
+  between = []
   first = np.flatnonzero((known[1:] == 0.0) & (known[:-1] != 0.0)) + 1
   for start in first:
-    after = start + int(np.argmax(known[start : start + _LONGEST + 1] != 0.0))
+    after = start + int(np.argmax(known[start : start + longest + 1] != 0.0))
     if after == start or after >= known.size:
       continue
     one, two = known[start - 1], known[after]
     near = min(abs(one), abs(two))
-    if near > _FAR * usual and abs(one - two) < 0.5 * near:
+    between.append((start, after, near > _FAR * usual and abs(one - two) < 0.5 * near))
+  alone = rows > 0 and np.mean([far for _, _, far in between] or [0.0]) > 0.5  # then so it is near zero, too
+  for start, after, far in between:
+    if far or alone:
       gone[there[start:after]] = True
   return gone
+
+
+def _between(known: np.ndarray) -> int:
+  """How many zeros are usually between two readings that stand alone, as in a log with a row for each round of a loop
+  that is faster than its sensor; 0 where readings follow each other."""
+  edges = np.flatnonzero(np.diff((known != 0.0).astype(int), prepend=0, append=0))
+  lengths, between = edges[1::2] - edges[::2], edges[2::2] - edges[1:-1:2]
+  return int(np.median(between)) if between.size and np.median(lengths) == 1.0 else 0

@@ -23,9 +23,21 @@ def test_single_zeros_between_others_are_blank(length):
   ]
 
 
+@pytest.mark.parametrize("rows", [2, 5])
+def test_zeros_of_a_loop_that_is_faster_than_its_sensor_are_blank(rows):
+  """As an encoder's speed by the change of its count, asked for more often than it counts; near zero, too."""
+  read = np.arange(600) % rows == 0
+  speed = 200.0 * np.sin(np.pi * TIME / TIME[-1]) + NOISE
+  kept, _ = without_dropouts({"motor_speed": np.where(read, speed, 0.0)}, {}, "drive.csv")
+  assert np.array_equal(
+    np.flatnonzero(np.isnan(kept["motor_speed"])), np.flatnonzero(~read)[: -((600 - 1) % rows) or None]
+  )
+
+
 @pytest.mark.parametrize(
   ("channel", "value"),
   [
+    ("motor_speed", np.where(np.arange(600) % 4 == 0, 7.0, 0.0)),  # creeps: a count now and then
     ("motor_speed", np.where((TIME > 2.0) & (TIME < 2.05), 0.0, SPEED)),  # wheels that lock for 50 ms
     ("motor_speed", np.round(50.0 * np.sin(3.0 * TIME))),  # through zero, in whole steps
     ("motor_speed", np.where(TIME < 3.0, SPEED, 0.0)),  # stops, in one step
