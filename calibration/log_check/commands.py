@@ -53,7 +53,7 @@ def command_findings(recordings: Sequence[Recording], cuts: bool = True) -> list
     findings.append(_neutral(straight))
   for channel in ("speed", "motor_speed"):
     if was_commanded(recordings, channel):
-      said = f"{channel} stays for long and leaps, as what was commanded does and no car; map the measured speed, and "
+      said = f"{channel} stays on levels and leaps, as what was commanded does and no car; map the measured speed, and "
       findings.append(Finding("spoils", (channel,), f"{said}this column as speed_command, in [channels]"))
   return findings
 

@@ -50,6 +50,29 @@ def test_what_a_car_or_its_driver_does_stays(channel, value):
   assert np.array_equal(kept[channel], value) and not notes
 
 
+def test_a_speed_that_leaps_away_and_is_back_in_the_next_sample_is_blank():
+  """A distance over a time that is too short, now and then twice within a few rows."""
+  value, at = SPEED.copy(), np.array([40, 200, 203, 333])
+  value[at] *= np.array([5.0, 12.0, 0.3, -1.0])
+  kept, (note,) = without_dropouts({"motor_speed": value}, {}, "drive.csv")
+  assert np.flatnonzero(np.isnan(kept["motor_speed"])).tolist() == at.tolist()
+  assert note.startswith("drive.csv: motor_speed leaps away and back in 4 samples, first in row 41")
+
+
+@pytest.mark.parametrize(
+  "value",
+  [
+    SPEED + 30.0 * NOISE,  # a poor sensor
+    np.where(np.arange(600) % 7 == 0, 7.0, 0.0),  # creeps
+    np.where((TIME > 2.0) & (TIME < 2.05), 500.0, SPEED),  # wheels that spin for 50 ms
+    np.where(TIME > 3.0, 5.0 * SPEED, SPEED),
+  ],
+)
+def test_a_speed_that_stays_away_or_is_always_so_is_a_reading(value):
+  kept, notes = without_dropouts({"motor_speed": value}, {}, "drive.csv")
+  assert np.array_equal(kept["motor_speed"], value) and not notes
+
+
 def test_a_pose_drops_out_whole_though_its_heading_is_near_zero_anyway():
   pose = {"pose_x": 3.0 + 0.01 * np.arange(600.0), "pose_y": 1.0 + 0.0 * TIME, "pose_yaw": 0.001 * np.sin(TIME)}
   for value in pose.values():
