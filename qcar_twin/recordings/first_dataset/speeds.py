@@ -167,8 +167,8 @@ def _put(columns: Columns, guesses: dict[str, Guess], channel: str, column: str,
 
 
 def settle_way(columns: Columns, guesses: dict[str, Guess]) -> None:
-  """Count the speed the other way where it goes backwards under positive commands, and two more of accelerometer,
-  steering and path along the heading contradict it while none of them agrees."""
+  """Where the car goes backwards under positive commands, count the speed the other way if two more of accelerometer,
+  steering and path along the heading contradict it while none agrees, and the command if they agree with the speed."""
   drive = next((name for name in DRIVE_COMMANDS if name in guesses), None)
   speeds = [name for name in ("speed", "motor_speed") if name in guesses]
   recordings = recordings_of(columns, guesses) if drive and speeds else []
@@ -179,12 +179,14 @@ def settle_way(columns: Columns, guesses: dict[str, Guess]) -> None:
     "the steering": _turning(recordings) if "steering_command" in guesses else 0.0,
     "the path along the heading": _along(recordings),
   }
-  contrary = [name for name, alike in told.items() if alike < -ALIKE]
-  if len(contrary) < _WITNESSES or any(alike > ALIKE for alike in told.values()):
-    return
-  for name in speeds:
-    guesses[name].scale, guesses[name].offset = -guesses[name].scale, -guesses[name].offset
-    guesses[name].why.append(f"counted the other way: {drive}, {' and '.join(contrary)} say so")
+  for turned, sign in ((speeds, -1.0), ([drive], 1.0)):
+    witnesses = [name for name, alike in told.items() if sign * alike > ALIKE]
+    if len(witnesses) < _WITNESSES or any(sign * alike < -ALIKE for alike in told.values()):
+      continue
+    for guess in (guesses[name] for name in turned):
+      guess.scale, guess.offset = -guess.scale, -guess.offset
+      other = "the command" if turned == speeds else "the speed"
+      guess.why.append(f"counted the other way: {other}, {' and '.join(witnesses)} say so")
 
 
 def _turning(recordings: Sequence[Recording]) -> float:

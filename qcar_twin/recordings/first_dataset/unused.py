@@ -5,14 +5,15 @@ import numpy as np
 from qcar_twin.recordings.first_dataset.columns import Columns
 from qcar_twin.recordings.unit_names import unit_of, words_of
 
-_COUNTERS = {"tick", "ticks", "count", "counts", "pulses", "tachometer", "odometer"}
+_COUNTERS = {"tick", "ticks", "count", "counts", "pulses", "tachometer", "odometer", "enc", "encoder"}
+_MANY = 100  # steps, of a car that drove some metres by any encoder; a counter of laps or of gears has fewer
 _BRAKES = {"brake", "brakes", "braking", "brk"}
 _PRESSED = 0.05  # of its largest value, from which a brake is pressed
 
 
 def said_of(columns: Columns, name: str) -> str:
   """What to make of a column that is not used; empty for most."""
-  return _brakes(columns, name) or _counter(name)
+  return _brakes(columns, name) or (_counter(name) if _counts(columns, name) else "")
 
 
 def _brakes(columns: Columns, name: str) -> str:
@@ -23,6 +24,11 @@ def _brakes(columns: Columns, name: str) -> str:
   share = float(np.mean(np.abs(values) > _PRESSED * np.abs(values).max()))
   said = f"'{name}' is pressed in {100.0 * share:.0f} % of its rows, and no channel is a brake"
   return f"{said}: cut those seconds out, or join throttle and brake into one command with a sign"
+
+
+def _counts(columns: Columns, name: str) -> bool:
+  """Whether a column holds whole numbers, or odometers' metres, over a range that an encoder runs through."""
+  return name in columns.names and float(np.ptp(columns.values(name))) >= _MANY
 
 
 def _counter(name: str) -> str:

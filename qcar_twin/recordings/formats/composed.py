@@ -10,13 +10,14 @@ import numpy as np
 
 from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.recording import RecordingError
-from qcar_twin.recordings.unit_names import words_of
+from qcar_twin.recordings.unit_names import VECTORS, words_of
 
 _SECONDS = re.compile(r"^(?P<stamp>.*?)[._ /]?(?P<s>secs?)$", re.IGNORECASE)
 _NANOSECONDS = ("nsec", "nsecs", "nanosec", "nanosecs")
 _QUATERNION = re.compile(
   r"^(?P<stem>.*(?:orientation|rotation|quaternion|quat|q))(?P<gap>[._ /]?)(?P<w>w)$", re.IGNORECASE
 )
+_INDEXED = re.compile(r"^(?P<stem>.+?)[._ ]?(?P<place>\d)$")
 _LATITUDES, _LONGITUDES = {"lat", "latitude"}, {"lon", "lng", "longitude"}
 _POLE, _APART = 90.0, 0.5  # degrees of latitude, and between places of one drive
 _EQUATOR, _ECCENTRICITY = 6378137.0, 6.69437999014e-3  # m, and squared, of WGS 84
@@ -28,7 +29,8 @@ def parts_of_others(names: Iterable[str]) -> set[str]:
   """Columns that are parts of a stamp or of a quaternion, and no channel of their own."""
   names = tuple(names)
   stamps = {part for whole, (rest, _) in _stamps(names).items() for part in (whole, rest)}
-  return stamps | {part for parts in _quaternions(names).values() for part in parts}
+  quaternions = {part for parts in _quaternions(names).values() for part in parts}
+  return stamps | quaternions | set(_elements(names).values())
 
 
 def _stamps(names: Iterable[str]) -> dict[str, tuple[str, str]]:
@@ -55,9 +57,19 @@ def _quaternions(names: Iterable[str]) -> dict[str, tuple[str, str, str, str]]:
   return out
 
 
+def _elements(names: Iterable[str]) -> dict[str, str]:
+  """What the elements 0, 1 and 2 of a vector of three are called as such, `gyro[2]` -> their columns, `gyro_2`."""
+  vectors: dict[str, dict[str, str]] = {}
+  for name in names:
+    if (parsed := _INDEXED.match(name)) is not None and set(words_of(parsed["stem"])) & VECTORS:
+      vectors.setdefault(parsed["stem"], {})[parsed["place"]] = name
+  whole = {stem: parts for stem, parts in vectors.items() if parts.keys() == set("012")}
+  return {f"{stem}[{place}]": name for stem, parts in whole.items() for place, name in parts.items()}
+
+
 def composed(table: Table) -> Table:
-  """The table with one column, in s, for every stamp that was written as seconds and nanoseconds, and one, in rad, for
-  the yaw of every quaternion."""
+  """The table with one column, in s, for every stamp that was written as seconds and nanoseconds, one, in rad, for the
+  yaw of every quaternion, and those of vectors under names that say their axis."""
   made = {}
   for seconds, (nanoseconds, name) in _stamps(table.columns).items():
     if name not in table and (parts := _numbers(table, (seconds, nanoseconds))) is not None:
@@ -66,6 +78,9 @@ def composed(table: Table) -> Table:
     parts = _numbers(table, names)
     if parts is not None and yaw not in table and np.nanmax(np.abs(np.sum(parts**2, axis=0) - 1.0)) < _UNIT:
       made[yaw] = _yaw(*parts)
+  for element, name in _elements(table.columns).items():
+    if element not in table and name not in table.ambiguous and (parts := _numbers(table, (name,))) is not None:
+      made[element] = parts[0]
   if (place := _place(table)) is not None:
     made |= {name: values for name, values in place.items() if name not in table}
   blank = {name: np.flatnonzero(np.isnan(values)) for name, values in made.items()}

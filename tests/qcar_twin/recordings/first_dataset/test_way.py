@@ -27,6 +27,11 @@ def test_a_speed_that_counts_backwards_is_turned_and_nothing_else():
   assert [name for name, sign in scales("speed").items() if sign < 0.0] == ["speed"]
 
 
+def test_a_command_that_counts_backwards_is_turned_where_the_speed_has_two_witnesses():
+  """As of a speed controller that was wired the other way: all of the driving is under negative commands."""
+  assert [name for name, sign in scales("motor_voltage").items() if sign < 0.0] == ["motor_duty"]
+
+
 def test_a_path_along_the_heading_is_a_witness():
   pose = ("pose_x", "pose_y", "pose_yaw")
   assert scales("speed", without=("accel_x",), also=pose)["speed"] < 0.0
@@ -38,7 +43,7 @@ def test_a_path_along_the_heading_is_a_witness():
     ((), ()),
     (("steering_command",), ()),  # a servo that counts to the right
     (("accel_x", "steering_command"), ()),  # and an IMU that lies reversed
-    (("motor_voltage",), ()),  # a command of its own: the check asks
+    (("motor_voltage",), ("accel_x",)),  # a command of its own, with no second witness: the check asks
     (("speed",), ("accel_x",)),  # no second witness
   ],
 )
