@@ -21,7 +21,7 @@ from calibration.log_check.disagreements import Finding, Severity, disagreements
 from calibration.log_check.motions import Wheels, motions
 from calibration.log_check.odd_files import odd_file_findings
 from calibration.log_check.pairs import Comparison, compare
-from calibration.log_check.pose_point import pose_point_findings, upside_down_findings
+from calibration.log_check.pose_point import mirrored_findings, pose_point_findings, upside_down_findings
 from calibration.log_check.shows import Shown, what_it_shows
 from calibration.log_check.timing import Sampling, samplings
 from calibration.log_check.unjudged import (
@@ -114,7 +114,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
   if not any(f.severity == "spoils" for f in acted):
     late = any(c.motion.acts and abs(c.lag.value) > LATE for c in compared)  # then it is no stretch that went wrong
     acted += [*command_findings(recordings, cuts=not late), *direction_findings(wheels, recordings)]
-  acted += upside_down_findings(compared)
+  acted += [*upside_down_findings(compared), *mirrored_findings(recordings)]
   spoilt = {name for f in acted if f.severity == "spoils" for name in f.channels}  # first these, then what they take
   judged = [c for c in compared if not spoilt & {*c.motion.compared, *c.motion.reference}]
   tied = [c for c in judged if c.motion.kinematic and math.isfinite(c.lag.value)]

@@ -10,7 +10,7 @@ from typing import Any
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.checks.car import check_car
 from qcar_twin.recordings.first_dataset.axes import pointing_down, turning_right
-from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
+from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit, like_steering
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.mount import lies, settle_mount, settle_upside_down
 from qcar_twin.recordings.first_dataset.plane import settle_plane, without_half_a_place
@@ -274,7 +274,7 @@ def _whose(vehicle: Vehicle, known: Mapping[str, float | str]) -> str:
   return f"the {vehicle.name}'s usual number" if known else "the Quanser QCar's number"
 
 
-def _channels(columns: Columns, guesses: Mapping[str, Guess], missing: Sequence[str]) -> list[str]:
+def _channels(columns: Columns, guesses: dict[str, Guess], missing: Sequence[str]) -> list[str]:
   lines = ["[channels]"]
   for guess in guesses.values():
     entry: dict[str, Any] = {"column": guess.column}
@@ -299,6 +299,7 @@ def _channels(columns: Columns, guesses: Mapping[str, Guess], missing: Sequence[
   if over:
     lines.append(f"# columns that are not used: {_plain(', '.join(over[:_LISTED]))}")
   lines += [f"# {_plain(said)}" for name in over if (said := said_of(columns, name))]
+  lines += [f"# {_plain(said)}"] if (said := like_steering(columns, guesses)) else []
   for name in over[:_LISTED] if missing else ():
     if name in columns.names:
       values = columns.values(name)

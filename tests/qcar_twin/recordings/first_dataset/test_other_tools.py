@@ -320,3 +320,11 @@ def test_an_engine_that_counts_y_upwards_is_asked_about_and_its_accelerometer_go
   assert (
     "'pos_y' points up" in question and "scale and offset of steering_command, accel_y, yaw_rate, pose_y" in question
   )
+
+
+def test_a_heading_that_was_put_on_askew_is_turned(tmp_path):
+  time, own = driven()
+  columns = {"throttle": own["throttle"], "speed": own["speed"], "steering": own["steering_command"]}
+  place = {"x": own["pose_x"], "y": own["pose_y"], "yaw": own["pose_yaw"] + 0.5}
+  table, _ = log(tmp_path, time, columns | place)
+  assert table["channels"]["pose_yaw"]["offset"] == pytest.approx(-0.5, abs=0.05)
