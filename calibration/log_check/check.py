@@ -10,12 +10,18 @@ from typing import Any
 from calibration.fitting.noise import ChannelNoise, noise_models
 from calibration.fitting.windows import DEFAULT_CUT
 from calibration.log_check.causes import LATE
-from calibration.log_check.commands import PARKED, command_findings, direction_findings, parked_findings
+from calibration.log_check.commands import (
+  PARKED,
+  command_findings,
+  direction_findings,
+  parked_findings,
+  size_findings,
+)
 from calibration.log_check.disagreements import Finding, Severity, disagreements, lag_findings, scale_findings
 from calibration.log_check.motions import Wheels, motions
 from calibration.log_check.odd_files import odd_file_findings
 from calibration.log_check.pairs import Comparison, compare
-from calibration.log_check.pose_point import pose_point_findings, upside_down_findings
+from calibration.log_check.pose_point import mirrored_findings, pose_point_findings, upside_down_findings
 from calibration.log_check.shows import Shown, what_it_shows
 from calibration.log_check.timing import Sampling, samplings
 from calibration.log_check.unjudged import (
@@ -104,11 +110,11 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
     compared.append(compare(motion, wheels, recordings, noise))
   shown = what_it_shows(vehicle, wheels, recordings)
   acted = parked_findings(wheels, recordings)
-  acted = acted or odd_file_findings(wheels, recordings, noise)
+  acted = acted or [*odd_file_findings(wheels, recordings, noise), *size_findings(recordings, noise)]
   if not any(f.severity == "spoils" for f in acted):
     late = any(c.motion.acts and abs(c.lag.value) > LATE for c in compared)  # then it is no stretch that went wrong
     acted += [*command_findings(recordings, cuts=not late), *direction_findings(wheels, recordings)]
-  acted += upside_down_findings(compared)
+  acted += [*upside_down_findings(compared), *mirrored_findings(recordings)]
   spoilt = {name for f in acted if f.severity == "spoils" for name in f.channels}  # first these, then what they take
   judged = [c for c in compared if not spoilt & {*c.motion.compared, *c.motion.reference}]
   tied = [c for c in judged if c.motion.kinematic and math.isfinite(c.lag.value)]

@@ -1,10 +1,11 @@
 """Commands that are not what acted: a neutral that is not 0, a switch that was released, a commanded speed as the
 measured one, a way driven that is contrary to what was commanded."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from calibration.fitting.noise import ChannelNoise
 from calibration.fitting.start_states import STANDS
 from calibration.log_check.disagreements import Finding
 from calibration.log_check.motions import Wheels
@@ -26,6 +27,7 @@ from qcar_twin.recordings.checks.neutral import (
   steering_neutral,
   switched_command,
 )
+from qcar_twin.recordings.checks.signs import SIGNED, sizes_near_zero
 from qcar_twin.recordings.completed import with_speed
 from qcar_twin.recordings.recording import Recording
 
@@ -53,8 +55,19 @@ def command_findings(recordings: Sequence[Recording], cuts: bool = True) -> list
     findings.append(_neutral(straight))
   for channel in ("speed", "motor_speed"):
     if was_commanded(recordings, channel):
-      said = f"{channel} stays for long and leaps, as what was commanded does and no car; map the measured speed, and "
+      said = f"{channel} stays on levels and leaps, as what was commanded does and no car; map the measured speed, and "
       findings.append(Finding("spoils", (channel,), f"{said}this column as speed_command, in [channels]"))
+  return findings
+
+
+def size_findings(recordings: Sequence[Recording], noise: Mapping[str, ChannelNoise]) -> list[Finding]:
+  """Sensors whose sign was lost, as where a logger wrote sizes."""
+  findings = []
+  for channel in (name for name in SIGNED if name in noise):
+    if near := sizes_near_zero(recordings, channel, noise[channel].std):
+      said = f"{channel} is never negative, though {near} samples lie within a quarter of its noise of 0"
+      cure = "it is a size without a sign: log it with its sign, or leave it out"
+      findings.append(Finding("spoils", (channel,), f"{said}: {cure}"))
   return findings
 
 

@@ -59,7 +59,7 @@ class Held:
   def keep(self, table: Table, mapping: Mapping[str, Mapped]) -> None:
     """Take in what a table says of them: each row's value, or the one before it."""
     held = [m for c, m in mapping.items() if CHANNELS[c].is_command or c == "battery_voltage"]
-    table, _ = in_time_order(table, mapping["time"])
+    table, _ = in_time_order(table, mapping)
     time = stamps(table, mapping["time"])
     for column in {c for m in held for c in (m.column, m.gate) if c is not None and c in table}:
       value = table.number(column, column)

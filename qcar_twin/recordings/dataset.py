@@ -34,7 +34,7 @@ from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.notices import gathered
 from qcar_twin.recordings.origin import near
 from qcar_twin.recordings.recording import ROLES, Recording, RecordingError, UnitError, nearest
-from qcar_twin.recordings.row_clock import DATED, origin_of, stamps
+from qcar_twin.recordings.row_clock import origin_of, stamps
 from qcar_twin.recordings.topic_maps import topic_map
 from qcar_twin.recordings.unit_names import unit_of
 
@@ -210,7 +210,7 @@ def _part(whole: Recording, entry: Entry) -> Recording:
   """What lies between from and to, s on the file's clock, or from its start where that clock is a date's."""
   dated = whole.origin[0]
   if dated:
-    since = lambda time: time - dated if DATED < abs(time) < np.inf else time
+    since = lambda time: time - dated if abs(time - dated) < abs(time) < np.inf else time  # nearer to it than to 0
     entry = dataclasses.replace(entry, begin=since(entry.begin), end=since(entry.end))
   if entry.begin >= whole.end or entry.end <= whole.start:
     raise RecordingError(

@@ -75,7 +75,7 @@ def _refuse_near_miss(table: Table, column: str) -> None:
 
 def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, Stream], list[str]]:
   """Streams by channel from one file, and notes about what was assumed. `mapping` comes from `resolve`."""
-  table, notes = in_time_order(table, mapping["time"])
+  table, notes = in_time_order(table, mapping)
   clock, again = clock_of(table, mapping)
   values = {channel: _values(table, channel, mapped) for channel, mapped in mapping.items() if channel != "time"}
   values = _with_signs(table, mapping, values)

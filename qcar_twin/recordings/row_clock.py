@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qcar_twin.recordings.checks.time import check_order, check_span, check_time_unit, gap_limit, restarts
+from qcar_twin.recordings.checks.time import check_order, check_span, check_time_unit, gap_limit, restarts, set_back
 from qcar_twin.recordings.formats.table import FEW, Table
 from qcar_twin.recordings.manifest import Mapped
 from qcar_twin.recordings.recording import RecordingError
@@ -67,17 +67,39 @@ def since_origin(stamp: np.ndarray) -> np.ndarray:
   return since
 
 
-def in_time_order(table: Table, mapped: Mapped) -> tuple[Table, list[str]]:
-  """The rows by time, where `sort` says that some were written out of order, and a note how many."""
-  if not mapped.sort:
+def in_time_order(table: Table, mapping: Mapping[str, Mapped]) -> tuple[Table, list[str]]:
+  """The rows by time, where `sort` says that some were written out of order, and a note how many. Rows of a clock that
+  was set back are no such, and stay for the checks to name.
+
+  Raises:
+    RecordingError: some stamps are 0 among those of a date.
+  """
+  stamp = stamps(table, mapping["time"])
+  _refuse_unset(table.label, stamp)
+  if not mapping["time"].sort:
     return table, []
-  stamp = stamps(table, mapped)
   late = np.flatnonzero(np.diff(stamp) < 0.0) + 1
-  if not late.size or not np.isfinite(stamp).all() or restarts(stamp):
+  if not late.size or not np.isfinite(stamp).all() or restarts(stamp) or set_back(stamp, _sampled(table, mapping)):
     return table, []
   order = np.argsort(stamp, kind="stable")
   note = f"{table.label}: {late.size} of {table.rows} rows are out of order, first row {late[0] + 1}; sorted by time"
   return table.rows_in(order), [note]
+
+
+def _sampled(table: Table, mapping: Mapping[str, Mapped]) -> list[np.ndarray]:
+  """The columns that channels other than the time are read from."""
+  return [table.columns[m.column] for channel, m in mapping.items() if channel != "time" and m.column in table]
+
+
+def _refuse_unset(label: str, stamp: np.ndarray) -> None:
+  """A clock of dates has no 0: the logger ran before its clock was set, or before a simulator published one."""
+  unset, others = np.flatnonzero(stamp == 0.0), stamp[stamp != 0.0]
+  if unset.size and others.size and np.nanmin(others) > max(DATED, 0.5 * np.nanmax(others)):  # no clock begins at 0
+    more = f" and {unset.size - 1} more rows" if unset.size > 1 else ""
+    raise RecordingError(
+      f"{label}: time is 0 in row {unset[0] + 1}{more} and a date elsewhere: the clock was not set there; delete"
+      f" {'those rows' if more else 'that row'}"
+    )
 
 
 def clock_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[Clock, list[str]]:
@@ -88,10 +110,9 @@ def clock_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[Clock, list[s
   """
   stamp = stamps(table, mapping["time"])
   stamp = since_origin(stamp)
-  columns = {channel: table.columns[mapped.column] for channel, mapped in mapping.items() if mapped.column in table}
-  check_order(table.label, stamp, list(columns.values()))
+  values = _sampled(table, mapping)
+  check_order(table.label, stamp, values)
   first, notes, held = np.r_[True, np.diff(stamp) > 0.0], [], False
-  values = [column for channel, column in columns.items() if channel != "time"]
   if not first.all() and _complete_each_other(values, first):
     first = np.ones_like(first)
   repeated = [mapped.column for mapped in mapping.values() if mapped.hold]

@@ -10,7 +10,7 @@ _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 _VESC_SPEED = {"sensors", "core", "speed"}  # of VescStateStamped on its driver's topic: electrical revolutions a minute
 BRACKET = re.compile(r"[\[(<{]([^\])>}]*)[\])>}]")
 _ELEMENT = re.compile(r"(?:\[(?P<zero>\d+)\]|\((?P<one>\d+)\))\s*$")
-_VECTORS = {"xyz", "acc", "accel", "accelerometer", "acceleration", "gyro", "gyroscope", "gyr"}
+VECTORS = {"xyz", "acc", "accel", "accelerometer", "acceleration", "gyro", "gyroscope", "gyr"}
 
 # a unit as people write it -> the SI unit it is of, and the factor to it
 UNITS: dict[str, tuple[str, float]] = {
@@ -60,7 +60,7 @@ def words_of(column: str) -> tuple[str, ...]:
   """Lower-case words of a name: "steeringAngle [deg]" has steering, angle, deg. An element of a vector of three goes by
   its axis: "accelerometer_m_s2[0]" has x, and so has MATLAB's "gyro(1)"."""
   words = tuple(word.lower() for word in _WORD.findall(column))
-  if (element := _ELEMENT.search(column)) is None or not set(words) & _VECTORS:
+  if (element := _ELEMENT.search(column)) is None or not set(words) & VECTORS:
     return words
   first = 0 if element["zero"] else 1
   place = int(element["zero"] or element["one"]) - first

@@ -138,6 +138,7 @@ SPOILT = {
     {"pose_y": -DRIVEN["pose_y"], "pose_yaw": -DRIVEN["pose_yaw"]},
     "both say the contrary of the pose's turning; the steering goes with them: the place is mirrored",
   ),
+  "a gyro's size": ({"yaw_rate": np.abs(DRIVEN["yaw_rate"])}, "yaw_rate is never negative, though"),
   "a quaternion's z as the heading": ({"pose_yaw": np.sin(0.5 * DRIVEN["pose_yaw"])}, "do not agree in turning"),
 }
 

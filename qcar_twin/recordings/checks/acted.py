@@ -113,7 +113,8 @@ def was_commanded(recordings: Sequence[Recording], channel: str) -> bool:
   """Whether a measured speed stays for long and leaps: it is what was commanded.
 
   A sensor that publishes slowly has much the same time between its values, and less than a second. A coarse one that
-  stays goes on to the neighbouring step, what is commanded past it.
+  stays goes on to the neighbouring step, what is commanded past it. Of a few levels further apart than any sensor's
+  steps, as a driver with discrete actions chooses among, it need not stay.
   """
   stays, samples, leaps, top = [np.empty(0)], [np.empty(0)], [np.empty(0)], 0.0
   for stream in (r[channel] for r in recordings if channel in r and len(r[channel]) > 2):
@@ -128,8 +129,8 @@ def was_commanded(recordings: Sequence[Recording], channel: str) -> bool:
   low, usual, high = np.percentile(seconds, [25, 50, 75])
   uneven = np.median(np.concatenate(samples)) >= _SAMPLES and high - low > 0.5 * usual
   long = usual > _SLOWEST or (usual > _STAYS and uneven)
-  leap = float(np.median(np.concatenate(leaps)))
-  return bool(long and (leap > _LEAP * top or leap > _PAST * _quantum(recordings, channel, top)))
+  leap, quantum = float(np.median(np.concatenate(leaps))), _quantum(recordings, channel, top)
+  return bool(_LEAP * top < quantum < np.inf or (long and (leap > _LEAP * top or leap > _PAST * quantum)))
 
 
 def _quantum(recordings: Sequence[Recording], channel: str, top: float) -> float:

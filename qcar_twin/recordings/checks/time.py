@@ -11,6 +11,7 @@ from qcar_twin.recordings.recording import RecordingError, UnitError
 MIN_SAMPLES = 10
 LONGEST = 30 * 86400.0  # s that one file may span; a log of days with the nights between, and no damaged clock
 _GLITCHES = 2  # jumps of a lost track in an angle, which are no turns; rows that came late, which are no restart
+_ROOM = 1.5  # usual steps: between one of a column that has all its samples and two of one that lacks one
 _GAP_STEPS, _GAP_SECONDS = 5.0, 0.25
 
 
@@ -31,7 +32,7 @@ def check_order(label: str, time: np.ndarray, others: list[np.ndarray]) -> None:
     )
   back = np.flatnonzero(np.diff(time) < 0.0)
   if back.size:
-    row = int(back[0]) + 1
+    row = set_back(time, others) or int(back[0]) + 1
     sort = "set sort = true on time in [channels] where rows were written out of order"
     restarted = "split the file where the logger restarted"
     cure = restarted if restarts(time) else _stamped_again(time, row, others) or sort
@@ -45,17 +46,50 @@ def _stamped_again(time: np.ndarray, row: int, columns: Sequence[np.ndarray]) ->
 
   Rows that also hold what those of the same stamps hold were written twice; else the clock was set back.
   """
-  end = row + int(np.argmax(np.r_[time[row:] > time[row - 1], True]))
+  end = _caught_up(time, row)
+  back = time[row - 1] - time[row]
   if not np.isin(time[row:end], time[:row]).all():
-    return ""
+    cure = f"the clock was set back by {back:.3g} s; split the file before row {row + 1}"
+    return (
+      f"rows {row + 1} to {end} lie between times that were there already: {cure}" if set_back(time, columns) else ""
+    )
   before = np.searchsorted(time[:row], time[row:end])
   if all(_equal(column[before], column[row:end]) for column in columns):
     return f"rows {row + 1} to {end} have times that were there already: they were written twice, delete them"
-  back = time[row - 1] - time[row]
   return (
     f"rows {row + 1} to {end} have times that were there already, and other values: the clock was set back by"
     f" {back:.3g} s; split the file before row {row + 1}"
   )
+
+
+def set_back(time: np.ndarray, columns: Sequence[np.ndarray]) -> int:
+  """The first row from which on a clock that was set back runs through times that have samples already; 0 where none
+  does. Rows that were only written late fill the gaps that they left.
+
+  Args:
+    columns: of the same rows; a row is a sample of those that are not blank there, as where each message has its own.
+  """
+  for row in np.flatnonzero(np.diff(time) < 0.0) + 1:
+    end = _caught_up(time, int(row))
+    if end - row > _GLITCHES and any(_sampled_twice(time, int(row), end, column) for column in columns):
+      return int(row)
+  return 0
+
+
+def _caught_up(time: np.ndarray, row: int) -> int:
+  """The first row whose time is beyond that of the row before `row`, or their number."""
+  return row + int(np.argmax(np.r_[time[row:] > time[row - 1], True]))
+
+
+def _sampled_twice(time: np.ndarray, row: int, end: int, column: np.ndarray) -> bool:
+  """Whether rows from `row` to before `end` lie between earlier samples of a column that leave no room for them."""
+  there = column == column if column.dtype != object else np.array([cell is not None for cell in column])
+  before, again = np.unique(time[:row][there[:row]]), time[row:end][there[row:end]]
+  inside = again[(again > before[0]) & (again < before[-1])] if before.size > _GLITCHES else again[:0]
+  if inside.size <= _GLITCHES:
+    return False
+  after = np.searchsorted(before, inside)
+  return bool(np.median(before[after] - before[after - 1]) < _ROOM * np.median(np.diff(before)))
 
 
 def _equal(one: np.ndarray, other: np.ndarray) -> bool:

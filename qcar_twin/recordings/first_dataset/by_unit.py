@@ -6,11 +6,11 @@ import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.first_dataset.battery import settle_battery
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess, scale
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, scale
 from qcar_twin.recordings.first_dataset.mount import speeding
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.refine import recordings_of, turning_of
-from qcar_twin.recordings.unit_names import BRACKET, unit_of
+from qcar_twin.recordings.unit_names import BRACKET, unit_of, words_of
 
 # a column that is the only one in such a unit -> the channel that it is; those in place of one that is there are none
 _ONE = {
@@ -18,6 +18,7 @@ _ONE = {
   "m/s": ("speed", ("speed", "motor_speed")),
   "rad/s": ("yaw_rate", ("yaw_rate",)),
 }
+_MEASURED = {"measured", "actual", "feedback", "fb", "report", "reported"}  # what a servo did, and no command
 _TURNS = 0.7  # correlation of speed times an angle with the yaw rate, from which the angle is the road wheels'
 _ALONG, _CLEARLY = 0.6, 2.0  # correlation of one accelerometer with speeding up, and times that of the other
 
@@ -66,14 +67,31 @@ def _steering(columns: Columns, guesses: dict[str, Guess]) -> None:
     _add(columns, guesses, "steering_command", best, f"the car turned as this angle says ({alike[best]:.2f})")
 
 
-def _turning_alike(columns: Columns, guesses: dict[str, Guess], name: str) -> float:
-  """Size of the correlation of speed times an angle with the turning; 0 where there is none."""
+def like_steering(columns: Columns, guesses: dict[str, Guess]) -> str:
+  """What a person may look at where no column is the steering by name or unit: one of unknown name that the car turned
+  as, more than as any rate would have it; empty where there is none."""
+  if "steering_command" in guesses:
+    return ""
+  taken = {guess.column for guess in guesses.values()}
+  free = [name for name in columns.names if name not in taken and not columns.constant(name) and not readings(name)]
+  free = [name for name in free if not set(words_of(name)) & _MEASURED]
+  alike = {name: _turning_alike(columns, guesses, name, rates=True) for name in free}
+  best = max(free, key=lambda name: alike[name], default="")
+  if not best or alike[best] < _TURNS:
+    return ""
+  return f"the car turned as '{best}' says ({alike[best]:.2f}): map it as steering_command, if that was commanded"
+
+
+def _turning_alike(columns: Columns, guesses: dict[str, Guess], name: str, rates: bool = False) -> float:
+  """Size of the correlation of speed times an angle with the turning; 0 where there is none, or, with `rates`, where
+  the turning goes more with the column itself, as with a yaw rate."""
   trial = dict(guesses)
   _add(columns, trial, "steering_command", name, "")
   way, angle, turned = turning_of(recordings_of(columns, trial))
   if angle.size < 10 or not (way * angle).any() or not turned.any():
     return 0.0
-  return abs(float(np.corrcoef(way * angle, turned)[0, 1]))
+  alike = abs(float(np.corrcoef(way * angle, turned)[0, 1]))
+  return 0.0 if rates and abs(correlation(angle, turned)) > alike else alike
 
 
 def _unknown(columns: Columns, guesses: dict[str, Guess], unit: str) -> list[str]:

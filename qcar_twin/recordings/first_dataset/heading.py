@@ -23,6 +23,8 @@ _LEAST = 20  # courses that say anything
 _TOGETHER = 0.9  # length of the mean beyond which heading and course go together: 13 deg of scatter
 _BETTER = 0.5  # of what is missing to 1: at most so much is missing to another reading that is better
 _SQUARE = 0.3  # rad, within which a heading is a quarter turn off, as a compass's is
+_OFF = 0.142  # rad, whose cosine is 0.99: a speed along it is then 1 % off, a sensor's usual tolerance
+_STRAIGHT = 0.05  # rad in a bin: points ahead of the axle or behind it go sideways in turns
 _CONTRARY = -0.85  # correlation of a gyro that turns the other way
 
 
@@ -59,6 +61,7 @@ def settle_heading(guess: Guess, recordings: Sequence[Recording], geographic: bo
   means = {sign * unit: _mean(course, sign * unit * heading) for unit in units for sign in signs}
   factor = max(means, key=lambda f: abs(means[f]))
   if abs(means[factor]) < _TOGETHER or 1.0 - abs(means[factor]) > _BETTER * (1.0 - now):
+    _turn(guess, course, heading)
     return
   turned = 0.5 * cmath.phase(means[factor])
   if factor < 0.0 and abs(abs(turned) - 0.5 * math.pi) > _SQUARE:
@@ -71,6 +74,17 @@ def settle_heading(guess: Guess, recordings: Sequence[Recording], geographic: bo
     guess.offset += 0.5 * math.pi
     said += ", clockwise from north, as " + ("the gyro turns" if opposed else "the path goes")
   guess.why.append(said)
+
+
+def _turn(guess: Guess, course: Array, heading: Array) -> None:
+  """Turn a heading, rad, that goes with the path at an angle to it, as a compass' or a marker's that was put on askew.
+  A quarter of a turn has no side, and half a turn none at all: these are left."""
+  straight = np.abs(np.angle(np.exp(1j * np.diff(heading, prepend=heading[0] + np.pi)))) < _STRAIGHT
+  mean = _mean(course[straight], heading[straight])
+  by = 0.5 * cmath.phase(mean)
+  if abs(mean) > _TOGETHER and _OFF < abs(by) < 0.5 * math.pi - _SQUARE:
+    guess.offset += by
+    guess.why.append(f"turned by {by:.2f} rad: the car goes straight on at that angle to it")
 
 
 def _mean(course: Array, heading: Array) -> complex:

@@ -31,7 +31,7 @@ _LIKE_GRAVITY = 0.1  # of it, within which a length is one: offsets of cheap acc
 _UPRIGHT = 0.8  # of gravity, which an upright axis feels: a mount tilted by 37 deg
 _BIN = 0.25  # s, over which accelerations and the change of speed are compared
 _LEAST = 20  # bins that a direction is worth
-_ALIKE, _CLEARLY = 0.6, 2.0  # correlation of a force with its motion, and times that of the other axis
+ALIKE, _CLEARLY = 0.6, 2.0  # correlation of a force with its motion, and times that of the other axis
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def settle_mount(columns: Columns, guesses: dict[str, Guess]) -> None:
     _take(guesses, channel, column, sign * imu.scale)
   if "yaw_rate" in guesses and imu.gyros:
     _take(guesses, "yaw_rate", imu.gyros[mount.up], mount.signs[2] * abs(guesses["yaw_rate"].scale))
-  elif "yaw_rate" in guesses and _correlation(recordings_of(columns, guesses), _going_round) < -_ALIKE:
+  elif "yaw_rate" in guesses and _correlation(recordings_of(columns, guesses), _going_round) < -ALIKE:
     _take(guesses, "yaw_rate", guesses["yaw_rate"].column, -guesses["yaw_rate"].scale)
   for name in ("accel_x", "accel_y", "yaw_rate"):
     if name in guesses and before.get(name) != (guesses[name].column, guesses[name].scale):
@@ -88,8 +88,8 @@ def settle_upside_down(columns: Columns, guesses: dict[str, Guess]) -> bool:
     return False
   by_heading = [r.replace(streams={c: s for c, s in r.streams.items() if c != "yaw_rate"}) for r in recordings]
   speed, angle, turned = turning_of(by_heading)
-  agrees = correlation(speed * angle, turned, _LEAST) > _ALIKE
-  if not (agrees and goes_with(recordings) and _correlation(recordings, _going_round) > _ALIKE):
+  agrees = correlation(speed * angle, turned, _LEAST) > ALIKE
+  if not (agrees and goes_with(recordings) and _correlation(recordings, _going_round) > ALIKE):
     return False
   for name in ("yaw_rate", "accel_y"):
     guesses[name].scale, guesses[name].offset = -guesses[name].scale, -guesses[name].offset
@@ -161,7 +161,7 @@ def _mount(columns: Columns, guesses: Mapping[str, Guess], imu: _Imu) -> _Mount 
   flat = [axis for axis in range(3) if axis != up]
   alike = [speeding(columns, guesses, imu.accelerometers[axis]) for axis in flat]
   best = int(np.argmax(np.abs(alike)))
-  if abs(alike[best]) < _ALIKE or abs(alike[best]) < _CLEARLY * abs(alike[1 - best]):
+  if abs(alike[best]) < ALIKE or abs(alike[best]) < _CLEARLY * abs(alike[1 - best]):
     return None
   forward, left = flat[best], flat[1 - best]
   along, upright = math.copysign(1.0, alike[best]), math.copysign(1.0, gravity[up])

@@ -8,12 +8,16 @@ from qcar_twin.recordings.unit_names import BRACKET, UNITS, unit_of, words_of
 # who measures a place, and what it is called
 _PLACES = (
   "pose|poses|pos|position|positions|location|vicon|mocap|optitrack|lidar|slam|map|world|loc|tf|pf|amcl|rb|cam|camera|mc"
-  "|marker|tracker"
+  "|marker|tracker|state"
 )
 
 # words that make a column a channel: all of the terms, each in one of its spellings; after "!" words that forbid it
 _RULES: dict[str, tuple[str, ...]] = {
-  "time": ("ms today", "elapsed|log|system|ros time|stamp|clock", "time|timestamp|stamp|clock|elapsed|tout|t"),
+  "time": (
+    "ms today",
+    "elapsed|log|system|ros time|stamp|clock",
+    "time|timestamp|tstamp|stamp|clock|elapsed|tout|ts|t",
+  ),
   "motor_voltage": (
     "motor|mot|command|commands|commanded|cmd|applied|armature|input|esc|drive|throttle voltage|volt|volts|v"
     " !battery|bat|batt|supply|measured",
@@ -28,7 +32,8 @@ _RULES: dict[str, tuple[str, ...]] = {
   ),
   "motor_current": ("current|amps command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference",),
   "speed_command": (
-    "speed|velocity|vel|v command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference|goal"
+    "speed|spd|velocity|vel|v|rpm|erpm"
+    " command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference|goal|control"
     " !angular|ang|yaw|steering|z|y",
   ),
   "acceleration_command": (
@@ -36,12 +41,14 @@ _RULES: dict[str, tuple[str, ...]] = {
     " !angular|ang|yaw|steering|lateral|lat|z|y",
   ),
   "steering_command": (
-    "steering|steer|steered|servo|servos|delta|deltawheel|df|str !measured|actual|feedback|fb|velocity|rate|speed",
-    "wheel angle !measured|actual|feedback|fb",
-    "user|pilot|joystick|joy angle !measured|actual|feedback|fb",
+    "steering|steer|steered|servo|servos|delta|deltawheel|df|str"
+    " !measured|actual|feedback|fb|report|reported|velocity|rate|speed",
+    "wheel angle !measured|actual|feedback|fb|report|reported",
+    "user|pilot|joystick|joy angle !measured|actual|feedback|fb|report|reported",
   ),
   "motor_speed": (
-    "motor|tach|tacho|shaft speed|velocity|vel|omega|rpm|rps|rate|w",
+    "motor|tach|tacho|shaft speed|velocity|vel|omega|rpm|rps|rate|w"
+    " !command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference",
     "wheel|wheels|encoder|enc|motor|mot|rotor rad|omega !angle|steering|steer|position|pos|imu|gyro|command|cmd|target",
     "rpm !e|command|commands|commanded|cmd|target|desired|des",
     "rps !gyro|gyr",
@@ -49,7 +56,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     "sensors core speed",
   ),
   "speed": (
-    "speed|velocity|vel|vels|v"
+    "speed|spd|velocity|vel|vels|v"
     " !angular|yaw|gyro|motor|command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference|steering"
     "|y|z|lateral",
     "v enc|encoder|meas|measured|actual|act|odom|wheel !y|z|command|commands|commanded|cmd|target",
@@ -60,18 +67,21 @@ _RULES: dict[str, tuple[str, ...]] = {
   ),
   "accel_x": (
     "acc|accel|acl|acceleration|accelerometer|a x|forward|fwd|long|longitudinal|lon !angular|target|command|commanded",
+    "g|gforce lon|long|longitudinal",
     "ax|accx|accelx !angular",
     "a ego",
   ),
   "accel_y": (
     "acc|accel|acl|acceleration|accelerometer|a y|left|lat|lateral !angular|target|command|commanded",
+    "g|gforce lat|lateral",
     "ay|accy|accely !angular",
   ),
   "yaw_rate": (
     "yaw|heading|psi|turn rate|dot|speed|velocity|vel !target|command|commanded|desired|des",
-    "gyro|gyroscope|gyr|angular|ang|omega|w|imu z|yaw"
+    "gyro|gyroscope|gyr|angular|ang|omega|w z|yaw"
     " !accel|acc|acl|acceleration|accelerometer|linear|wheel|motor|mag|command|commands|commanded|cmd|target|desired"
     "|des",
+    "imu z !accel|acc|acl|acceleration|accelerometer|linear|mag|orientation|q|quat|quaternion|position|pos",
     "rate rotation z",
     "gyro|gyroscope !x|y",
     "wz|gz|gyroz|gyrz|yawrate|omegaz|dpsi|dyaw|psidot|yawdot|r",

@@ -77,3 +77,9 @@ def _axes(columns: Columns, name: str, own: str = "x") -> dict[str, str]:
     return {}
   wanted = {axis: (*words[:place], words[place][:-1] + axis, *words[place + 1 :]) for axis in "xyz"}
   return {axis: other for axis, want in wanted.items() for other in columns.names if words_of(other) == want}
+
+
+def without_half_a_place(guesses: dict[str, Guess]) -> dict[str, Guess]:
+  """The guesses without pose_x or pose_y where the other is absent: half a place says nothing."""
+  half = len(guesses.keys() & {"pose_x", "pose_y"}) == 1
+  return {channel: guess for channel, guess in guesses.items() if not half or channel not in ("pose_x", "pose_y")}

@@ -10,14 +10,14 @@ from typing import Any
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.checks.car import check_car
 from qcar_twin.recordings.first_dataset.axes import pointing_down, turning_right
-from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
+from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit, like_steering
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.mount import lies, settle_mount, settle_upside_down
-from qcar_twin.recordings.first_dataset.plane import settle_plane
+from qcar_twin.recordings.first_dataset.plane import settle_plane, without_half_a_place
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing, usual_supply
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
 from qcar_twin.recordings.first_dataset.several import runner_up, settle_several
-from qcar_twin.recordings.first_dataset.speeds import settle_speeds
+from qcar_twin.recordings.first_dataset.speeds import settle_speeds, settle_way
 from qcar_twin.recordings.first_dataset.torn import refuse_parts
 from qcar_twin.recordings.first_dataset.unused import said_of
 from qcar_twin.recordings.formats import Table
@@ -95,7 +95,8 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     settle_gear(columns, guesses)
     asked = settle_several(columns, guesses, {key: getattr(vehicle, key) for key in _VEHICLE})
     settle_plane(columns, guesses)
-    guesses = _without_half_a_place(guesses)
+    guesses = without_half_a_place(guesses)
+    settle_way(columns, guesses)
     settle_mount(columns, guesses)
     turned = settle_upside_down(columns, guesses)
     gearing = usual_gearing(recordings_of(columns, guesses), vehicle)
@@ -127,12 +128,6 @@ def _missing(guesses: Mapping[str, Guess], tables: Sequence[Table]) -> tuple[str
   if "time" not in guesses and not all("time" in table for table in tables):
     missing = ("time", *missing)
   return missing
-
-
-def _without_half_a_place(guesses: dict[str, Guess]) -> dict[str, Guess]:
-  """The guesses without pose_x or pose_y where the other is absent: half a place says nothing."""
-  half = len(guesses.keys() & {"pose_x", "pose_y"}) == 1
-  return {channel: guess for channel, guess in guesses.items() if not half or channel not in ("pose_x", "pose_y")}
 
 
 def _asked_of(
@@ -279,7 +274,7 @@ def _whose(vehicle: Vehicle, known: Mapping[str, float | str]) -> str:
   return f"the {vehicle.name}'s usual number" if known else "the Quanser QCar's number"
 
 
-def _channels(columns: Columns, guesses: Mapping[str, Guess], missing: Sequence[str]) -> list[str]:
+def _channels(columns: Columns, guesses: dict[str, Guess], missing: Sequence[str]) -> list[str]:
   lines = ["[channels]"]
   for guess in guesses.values():
     entry: dict[str, Any] = {"column": guess.column}
@@ -304,6 +299,7 @@ def _channels(columns: Columns, guesses: Mapping[str, Guess], missing: Sequence[
   if over:
     lines.append(f"# columns that are not used: {_plain(', '.join(over[:_LISTED]))}")
   lines += [f"# {_plain(said)}" for name in over if (said := said_of(columns, name))]
+  lines += [f"# {_plain(said)}"] if (said := like_steering(columns, guesses)) else []
   for name in over[:_LISTED] if missing else ():
     if name in columns.names:
       values = columns.values(name)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
-from qcar_twin.recordings.checks.acted import signless
+from qcar_twin.recordings.checks.acted import against, signless
 from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.time import turn_of
 from qcar_twin.recordings.checks.units import Suspect, compare, of_most
@@ -44,6 +44,7 @@ _TIED = 0.7  # correlation from which turning says what a steering command means
 _SOLVED = 20  # repetitions, after which the scale of an angle below 45 deg is solved to the last digit that counts
 _STEEPEST = 1.2  # rad, where the tangent is still tame
 _SAME_WHEELBASE = (0.9, 1.1)  # of the angle: within it the guessed wheelbase stays
+_MOST_LOCK = 0.7  # rad, 40 deg: beyond the road-wheel angle of any such car
 _LEAST_LOCK = 0.15  # rad, of a driven car's largest steering: full lock is 0.35 to 0.7, and gentle curves take a third
 _LONGEST = 6.0  # m, of a lorry's wheelbase
 _ROAD_ANGLE = (0.6, 1.6)  # of the angle kinematics ask for: a command within it is the angle itself
@@ -147,9 +148,15 @@ def _settle_sign(columns: Columns, guesses: Mapping[str, Guess]) -> None:
   drive = next((name for name in DRIVE_COMMANDS if name in guesses), None)
   speed = next((guesses[name] for name in ("motor_speed", "speed") if name in guesses), None)
   recordings = recordings_of(columns, guesses)
-  if drive and speed and not speed.gate and not speed.signed_by and signless(recordings, drive):
+  if drive and speed and not speed.gate and not speed.signed_by and _backs_at_times(recordings, drive):
     speed.signed_by = drive
     speed.why.append(f"it carries no sign, and the car drives on under a negative {drive}: backwards")
+
+
+def _backs_at_times(recordings: Sequence[Recording], drive: str) -> bool:
+  """Whether a speed lost the sign of driving backwards; where that would be all of the driving, the command is in
+  question."""
+  return signless(recordings, drive) and not against(recordings, drive)
 
 
 def _rows(columns: Columns, name: str) -> Array:
@@ -254,8 +261,9 @@ def settle_steering(
   known = guess.named or guess.column == guess.channel
   if known and not _SAME_WHEELBASE[0] < ratio < _SAME_WHEELBASE[1]:
     wheelbase = wheelbase / ratio
-  elif said is None and not known and _too_small(ratio, angle) and wheelbase / ratio < _LONGEST:
-    guess.why.append(f"as an angle of {ratio * np.abs(angle).max():.2g} rad at most it would hardly steer any car")
+  elif said is None and not known and _unusual(ratio, angle) and wheelbase / ratio < _LONGEST:
+    much = "hardly steer any" if ratio < 1.0 else "steer no"
+    guess.why.append(f"as an angle of {ratio * np.abs(angle).max():.2g} rad at most it would {much} car")
     wheelbase = wheelbase / ratio
   elif not known and (share or not _ROAD_ANGLE[0] < ratio < _ROAD_ANGLE[1]):
     guess.why.append(f"a wheelbase of {wheelbase:g} m turns as the car did with {ratio:.2g} times that angle")
@@ -264,10 +272,10 @@ def settle_steering(
   return wheelbase
 
 
-def _too_small(ratio: float, angle: Array) -> bool:
+def _unusual(ratio: float, angle: Array) -> bool:
   """Whether an angle of a usual size, scaled so, would be none that a car is steered with."""
   usual = np.abs(angle).max()
-  return ratio < _ROAD_ANGLE[0] and ratio * usual < _LEAST_LOCK <= usual
+  return (ratio < _ROAD_ANGLE[0] and ratio * usual < _LEAST_LOCK <= usual) or usual <= _MOST_LOCK < ratio * usual
 
 
 def _ratio(rate: Array, angle: Array, turning: Array) -> float:

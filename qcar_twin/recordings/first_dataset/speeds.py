@@ -1,28 +1,40 @@
-"""Which of a log's speeds is what: commanded or measured, along the car or along an axis of the map."""
+"""Which of a log's speeds is what: commanded or measured, along the car or along an axis of the map, counted forwards
+or, as of a motor that was wired the other way, backwards."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
+from qcar_twin.recordings.checks.acted import against, was_commanded
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, hold, scale, stepped
+from qcar_twin.recordings.first_dataset.mount import ALIKE, speeding
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.parts.motion import fit, motion_of
+from qcar_twin.recordings.first_dataset.refine import recordings_of, turning_of
+from qcar_twin.recordings.recording import Recording
 from qcar_twin.recordings.unit_names import BRACKET, unit_of, words_of
 
 _ALIKE = 0.8  # correlation of two sensors of one motion, as the check has it
 _APART = 0.05  # of a correlation, from which one of two readings is the better
 _SLOPE = 0.1  # s, over which a place's slope is taken
 _AXES = {"x", "y", "vx", "vy", "north", "east", "n", "e"}  # of a velocity in two columns
+_PLACE = {"pose_x", "pose_y"}
 _LEAST = 10  # samples that a correlation is worth
+_MEAN, _LEAST_MEANS = 0.25, 20  # s, over which way and speed are compared, and how many of these tell anything
+# besides the command: an IMU that lies reversed and a steering to the right are usual by themselves, and a command that
+# counts back next to both is rarer than a speed that does
+_WITNESSES = 2
 
 
 def settle_speeds(columns: Columns, guesses: dict[str, Guess]) -> None:
   """Tell commanded speeds from measured ones by which goes first, and the car's own from the map's by its place, where
   names and units do not."""
   _stepped_is_commanded(columns, guesses)
+  _alone_and_commanded(columns, guesses)
   _two_of_one_unit(columns, guesses)
   _one_letter(columns, guesses)
   _along_the_map(columns, guesses)
@@ -47,6 +59,16 @@ def _stepped_is_commanded(columns: Columns, guesses: dict[str, Guess]) -> None:
     _put(columns, guesses, "speed", measured, f"'{command}' stays and steps, and this follows it ({alike[best]:.2f})")
   if not guesses.keys() & set(DRIVE_COMMANDS):
     _put(columns, guesses, "speed_command", command, f"it stays and steps, and '{measured}' follows it")
+
+
+def _alone_and_commanded(columns: Columns, guesses: dict[str, Guess]) -> None:
+  """The only speed of a log is the commanded one where it leaps as no car does; the place then gives the car's own."""
+  if "speed" not in guesses or guesses.keys() & {"motor_speed", *DRIVE_COMMANDS} or not guesses.keys() >= _PLACE:
+    return
+  without_yaw = {name: guess for name, guess in guesses.items() if name != "pose_yaw"}  # its unit is not settled yet
+  if was_commanded(recordings_of(columns, without_yaw), "speed"):
+    why = "it leaps from level to level as no car does, and the place gives the measured one"
+    _put(columns, guesses, "speed_command", guesses.pop("speed").column, why)
 
 
 def _two_of_one_unit(columns: Columns, guesses: dict[str, Guess]) -> None:
@@ -142,3 +164,47 @@ def _put(columns: Columns, guesses: dict[str, Guess], channel: str, column: str,
   scale(columns, guesses[channel])
   if "time" in guesses:
     hold(columns, {"time": guesses["time"], channel: guesses[channel]})
+
+
+def settle_way(columns: Columns, guesses: dict[str, Guess]) -> None:
+  """Where the car goes backwards under positive commands, count the speed the other way if two more of accelerometer,
+  steering and path along the heading contradict it while none agrees, and the command if they agree with the speed."""
+  drive = next((name for name in DRIVE_COMMANDS if name in guesses), None)
+  speeds = [name for name in ("speed", "motor_speed") if name in guesses]
+  recordings = recordings_of(columns, guesses) if drive and speeds else []
+  if not drive or not recordings or not against(recordings, drive):
+    return
+  told = {
+    "the accelerometer": speeding(columns, guesses, guesses["accel_x"].column) if "accel_x" in guesses else 0.0,
+    "the steering": _turning(recordings) if "steering_command" in guesses else 0.0,
+    "the path along the heading": _along(recordings),
+  }
+  for turned, sign in ((speeds, -1.0), ([drive], 1.0)):
+    witnesses = [name for name, alike in told.items() if sign * alike > ALIKE]
+    if len(witnesses) < _WITNESSES or any(sign * alike < -ALIKE for alike in told.values()):
+      continue
+    for guess in (guesses[name] for name in turned):
+      guess.scale, guess.offset = -guess.scale, -guess.offset
+      other = "the command" if turned == speeds else "the speed"
+      guess.why.append(f"counted the other way: {other}, {' and '.join(witnesses)} say so")
+
+
+def _turning(recordings: Sequence[Recording]) -> float:
+  speed, angle, turned = turning_of(recordings)
+  return correlation(speed * angle, turned, _LEAST_MEANS)
+
+
+def _along(recordings: Sequence[Recording]) -> float:
+  """Correlation of the measured speed with the way along the heading."""
+  parts = [np.empty((2, 0))]
+  for recording in recordings:
+    name = "speed" if "speed" in recording else "motor_speed"
+    if not {"pose_x", "pose_y", "pose_yaw", name} <= set(recording.channels) or name in recording.derived:
+      continue
+    edges = np.arange(recording.start, recording.end, _MEAN)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    x, y = (np.diff(recording[one].interpolate(edges)) for one in ("pose_x", "pose_y"))
+    yaw = recording["pose_yaw"].interpolate(middle)
+    parts.append(np.stack([recording[name].interpolate(middle), x * np.cos(yaw) + y * np.sin(yaw)]))
+  speed, way = np.concatenate(parts, axis=1)
+  return correlation(speed, way, _LEAST_MEANS)

@@ -3,16 +3,18 @@
 import numpy as np
 
 from qcar_twin.recordings.first_dataset.columns import Columns
+from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.unit_names import unit_of, words_of
 
-_COUNTERS = {"tick", "ticks", "count", "counts", "pulses", "tachometer", "odometer"}
+_COUNTERS = {"tick", "ticks", "count", "counts", "pulses", "tachometer", "odometer", "enc", "encoder"}
+_MANY = 100  # steps, of a car that drove some metres by any encoder; a counter of laps or of gears has fewer
 _BRAKES = {"brake", "brakes", "braking", "brk"}
 _PRESSED = 0.05  # of its largest value, from which a brake is pressed
 
 
 def said_of(columns: Columns, name: str) -> str:
   """What to make of a column that is not used; empty for most."""
-  return _brakes(columns, name) or _counter(name)
+  return _brakes(columns, name) or (_counter(name) if _counts(columns, name) else "") or _no_clock(columns, name)
 
 
 def _brakes(columns: Columns, name: str) -> str:
@@ -25,6 +27,11 @@ def _brakes(columns: Columns, name: str) -> str:
   return f"{said}: cut those seconds out, or join throttle and brake into one command with a sign"
 
 
+def _counts(columns: Columns, name: str) -> bool:
+  """Whether a column holds whole numbers, or odometers' metres, over a range that an encoder runs through."""
+  return name in columns.names and float(np.ptp(columns.values(name))) >= _MANY
+
+
 def _counter(name: str) -> str:
   """What to make of an encoder's counts, which are no speed; empty for any other column, an odometer in km say."""
   if not set(words_of(name)) & _COUNTERS or set(words_of(name)) & {"time", "stamp", "row"} or unit_of(name) is not None:
@@ -33,3 +40,17 @@ def _counter(name: str) -> str:
     f"'{name}' seems to count an encoder's steps: a speed is their change (over a wrap, at 65536 say) per second; "
     "write that as a column, in rad/s of the motor times 2 pi / steps per turn, and map it as motor_speed"
   )
+
+
+def _no_clock(columns: Columns, name: str) -> str:
+  """Why a column whose name says time is none; empty for any other, and for a clock beside the one that is used."""
+  if name not in columns.names or columns.rises(name) or all(r.channel != "time" for r in readings(name)):
+    return ""
+  table = next((t for t in columns.tables if name in t), columns.tables[0])
+  back = np.flatnonzero(np.diff(table.number(name, name)) < 0.0)
+  if back.size:
+    row = f"goes back in {back.size} of {table.rows} rows, first row {back[0] + 2} of {table.label}"
+    return f"'{name}' says time by its name, and is no clock: it {row}"
+  if (count := np.unique(columns.values(name)).size) < columns.values(name).size:
+    return f"'{name}' says time by its name, and is no clock: it has {count} values in {table.rows} rows"
+  return ""

@@ -6,6 +6,7 @@ import dataclasses
 import os
 import re
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -61,9 +62,11 @@ def read_csv(path: Path, label: str) -> Table:
   except pyarrow.ArrowInvalid as error:
     if "Empty CSV" in str(error):
       raise RecordingError(f"{label}: the file is empty; record it again or remove it from dataset.toml") from error
+    more = _misfits(path, dialect) - 1
+    others, them = (f", nor do {more} more", "those rows") if more > 0 else ("", "that row")
     raise RecordingError(
-      f"{label}: a row does not fit the header ({error}); repair or delete that row "
-      "(the last row is often cut off when a logger is killed)"
+      f"{label}: a row does not fit the header ({error}){others}; repair or delete {them} (the last row is often cut"
+      " off when a logger is killed)"
     ) from error
   if len(table.column_names) == 1:
     raise RecordingError(
@@ -191,8 +194,26 @@ def _loaded(archive: np.lib.npyio.NpzFile, name: str, label: str) -> np.ndarray:
     ) from error
 
 
-def _parse(path: Path, dialect: Dialect, *, plain: bool = False) -> pyarrow.Table:
-  """The table that a file holds; `plain`: without the comments among its rows."""
+def _misfits(path: Path, dialect: Dialect) -> int:
+  """How many rows have another number of cells than the header; 0 where the file cannot be read for another reason."""
+  rows = []
+
+  def skip(row: pyarrow.csv.InvalidRow) -> str:
+    rows.append(row.number)
+    return "skip"
+
+  try:
+    _parse(path, dialect, plain=b"\n#" in path.read_bytes(), misfit=skip)
+  except pyarrow.ArrowInvalid:
+    return 0
+  return len(rows)
+
+
+def _parse(
+  path: Path, dialect: Dialect, *, plain: bool = False, misfit: Callable[[pyarrow.csv.InvalidRow], str] | None = None
+) -> pyarrow.Table:
+  """The table that a file holds; `plain`: without the comments among its rows; `misfit`: what to do with a row of
+  another number of cells, "skip" or "error"."""
   source, size, skipped = _opened(path), path.stat().st_size, dialect.skipped
   spaced = dialect.separator == SPACES
   if plain or spaced or dialect.encoding not in ("utf-8", "utf-8-sig"):
@@ -211,7 +232,7 @@ def _parse(path: Path, dialect: Dialect, *, plain: bool = False) -> pyarrow.Tabl
       column_names=list(dialect.names) or None,
       autogenerate_column_names=dialect.headless,
     ),
-    parse_options=pyarrow.csv.ParseOptions(delimiter="\t" if spaced else dialect.separator),
+    parse_options=pyarrow.csv.ParseOptions(delimiter="\t" if spaced else dialect.separator, invalid_row_handler=misfit),
     convert_options=pyarrow.csv.ConvertOptions(
       null_values=list(_BLANK), strings_can_be_null=True, decimal_point=dialect.decimal
     ),

@@ -10,13 +10,16 @@ import numpy as np
 
 from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.recording import RecordingError
-from qcar_twin.recordings.unit_names import words_of
+from qcar_twin.recordings.unit_names import VECTORS, words_of
 
 _SECONDS = re.compile(r"^(?P<stamp>.*?)[._ /]?(?P<s>secs?)$", re.IGNORECASE)
 _NANOSECONDS = ("nsec", "nsecs", "nanosec", "nanosecs")
 _QUATERNION = re.compile(
   r"^(?P<stem>.*(?:orientation|rotation|quaternion|quat|q))(?P<gap>[._ /]?)(?P<w>w)$", re.IGNORECASE
 )
+_LIST = re.compile(r"^\s*[\[(](?P<inside>.*)[\])]\s*$", re.DOTALL)
+_MOST = 16  # elements of a cell that are columns
+_INDEXED = re.compile(r"^(?P<stem>.+?)[._ ]?(?P<place>\d)$")
 _LATITUDES, _LONGITUDES = {"lat", "latitude"}, {"lon", "lng", "longitude"}
 _POLE, _APART = 90.0, 0.5  # degrees of latitude, and between places of one drive
 _EQUATOR, _ECCENTRICITY = 6378137.0, 6.69437999014e-3  # m, and squared, of WGS 84
@@ -28,7 +31,8 @@ def parts_of_others(names: Iterable[str]) -> set[str]:
   """Columns that are parts of a stamp or of a quaternion, and no channel of their own."""
   names = tuple(names)
   stamps = {part for whole, (rest, _) in _stamps(names).items() for part in (whole, rest)}
-  return stamps | {part for parts in _quaternions(names).values() for part in parts}
+  quaternions = {part for parts in (*_quaternions(names).values(), *_flat(names).values()) for part in parts}
+  return stamps | quaternions | set(_elements(names).values())
 
 
 def _stamps(names: Iterable[str]) -> dict[str, tuple[str, str]]:
@@ -55,10 +59,56 @@ def _quaternions(names: Iterable[str]) -> dict[str, tuple[str, str, str, str]]:
   return out
 
 
+def _flat(names: Iterable[str]) -> dict[str, tuple[str, str]]:
+  """What the yaw of each quaternion of a turn on the floor is called -> its columns w and z, where x and y were
+  not logged."""
+  names, out = tuple(names), {}
+  for parsed in filter(None, map(_QUATERNION.match, names)):
+    stem = parsed["stem"] + parsed["gap"]
+    w, x, y, z = (f"{stem}{axis}" for axis in ("WXYZ" if parsed["w"] == "W" else "wxyz"))
+    if z in names and not {x, y} & set(names):
+      out[f"{parsed['stem']}{parsed['gap'] or '_'}yaw"] = (w, z)
+  return out
+
+
+def _lists(table: Table) -> dict[str, np.ndarray]:
+  """The elements of cells that hold a list each, as Python writes an array of three into a cell: `gyro.x` to `gyro.z`,
+  else by their number."""
+  out = {}
+  for name, cells in table.columns.items():
+    there = [k for k, cell in enumerate(cells) if cell is not None] if cells.dtype == object else []
+    rows = [_LIST.match(str(cells[k])) for k in there]
+    if not rows or not all(rows):
+      continue
+    split = [row["inside"].replace(",", " ").split() for row in rows if row]
+    count = len(split[0])
+    try:
+      numbers = np.array(split, dtype=float)
+    except ValueError:
+      continue
+    if not 2 <= count <= _MOST or numbers.shape != (len(there), count):
+      continue
+    names = [f"{name}.{axis}" for axis in "xyz"] if count == 3 else [f"{name}[{k}]" for k in range(count)]
+    for element, values in zip(names, numbers.T, strict=True):
+      out[element] = np.full(cells.size, np.nan)
+      out[element][there] = values
+  return out
+
+
+def _elements(names: Iterable[str]) -> dict[str, str]:
+  """What the elements 0, 1 and 2 of a vector of three are called as such, `gyro[2]` -> their columns, `gyro_2`."""
+  vectors: dict[str, dict[str, str]] = {}
+  for name in names:
+    if (parsed := _INDEXED.match(name)) is not None and set(words_of(parsed["stem"])) & VECTORS:
+      vectors.setdefault(parsed["stem"], {})[parsed["place"]] = name
+  whole = {stem: parts for stem, parts in vectors.items() if parts.keys() == set("012")}
+  return {f"{stem}[{place}]": name for stem, parts in whole.items() for place, name in parts.items()}
+
+
 def composed(table: Table) -> Table:
-  """The table with one column, in s, for every stamp that was written as seconds and nanoseconds, and one, in rad, for
-  the yaw of every quaternion."""
-  made = {}
+  """The table with one column, in s, for every stamp that was written as seconds and nanoseconds, one, in rad, for the
+  yaw of every quaternion, and those of vectors under names that say their axis, be they in cells of lists."""
+  made = {name: values for name, values in _lists(table).items() if name not in table}
   for seconds, (nanoseconds, name) in _stamps(table.columns).items():
     if name not in table and (parts := _numbers(table, (seconds, nanoseconds))) is not None:
       made[name] = parts[0] + 1e-9 * parts[1]
@@ -66,6 +116,13 @@ def composed(table: Table) -> Table:
     parts = _numbers(table, names)
     if parts is not None and yaw not in table and np.nanmax(np.abs(np.sum(parts**2, axis=0) - 1.0)) < _UNIT:
       made[yaw] = _yaw(*parts)
+  for yaw, names in _flat(table.columns).items():
+    parts = _numbers(table, names)
+    if parts is not None and yaw not in table and np.nanmax(np.abs(np.sum(parts**2, axis=0) - 1.0)) < _UNIT:
+      made[yaw] = 2.0 * np.arctan2(parts[1], parts[0])
+  for element, name in _elements(table.columns).items():
+    if element not in table and name not in table.ambiguous and (parts := _numbers(table, (name,))) is not None:
+      made[element] = parts[0]
   if (place := _place(table)) is not None:
     made |= {name: values for name, values in place.items() if name not in table}
   blank = {name: np.flatnonzero(np.isnan(values)) for name, values in made.items()}

@@ -1,4 +1,4 @@
-"""Stamps that a spreadsheet or a logger writes as text: 01.03.2026 14:00:01,25, 3/1/2026 2:00:01 PM, 14:00:01.25; and
+"""Stamps that a spreadsheet or a logger writes as text: 01.03.2026 14:00:01,25, 3/1/2026 2:00:01 PM, 14:00:01:250; and
 durations: MATLAB's `0.02 sec`, pandas' `0 days 00:00:00.020000`."""
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 _STAMP = re.compile(
   r"^\s*(?:(?:(?P<a>\d{1,2})(?P<mark>[./-])(?P<b>\d{1,2})(?P=mark)(?P<year>\d{4})"
   r"|(?P<year_first>\d{4})[/.](?P<month>\d{1,2})[/.](?P<day>\d{1,2}))[ T,]+)?"
-  r"(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<second>\d{2}(?:[.,]\d+)?)(?:\s*(?P<half>[AaPp])\.?[Mm]\.?)?\s*$"
+  r"(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<second>\d{2}(?:[.,]\d+|:\d{3})?)(?:\s*(?P<half>[AaPp])\.?[Mm]\.?)?\s*$"
 )
 _DAY = 86400.0  # s
 _DURATION = re.compile(r"^\s*(?P<value>[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)\s*(?P<unit>ms|s|sec|min|hr|h)\s*$")
@@ -66,7 +66,7 @@ def _seconds(match: re.Match[str], day_first: bool) -> float:
   hour = int(match["hour"])
   if match["half"]:
     hour = hour % 12 + (12 if match["half"] in "Pp" else 0)
-  clock = 3600.0 * hour + 60.0 * int(match["minute"]) + float(match["second"].replace(",", "."))
+  clock = 3600.0 * hour + 60.0 * int(match["minute"]) + float(match["second"].replace(",", ".").replace(":", "."))
   if match["year_first"]:
     year, month, day = (int(match[part]) for part in ("year_first", "month", "day"))
   elif match["year"]:

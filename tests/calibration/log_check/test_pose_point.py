@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from calibration.log_check.pose_point import pose_point_findings
+from calibration.log_check.pose_point import mirrored_findings, pose_point_findings
 from qcar_twin.recordings.recording import Recording, Stream
 from qcar_twin.vehicle.vehicle import Vehicle
 from tests.qcar_twin.recordings.drives import drive
@@ -57,3 +57,31 @@ def test_straight_driving_and_short_logs_tell_nothing():
   noise = 0.004 * np.random.default_rng(3).standard_normal((3, 6000))
   columns = {"motor_speed": np.full(6000, 300.0), "pose_x": time + noise[0], "pose_y": noise[1], "pose_yaw": noise[2]}
   assert pose_point_findings([Recording.from_columns("run", time, columns)], CAR) == []
+
+
+def test_a_heading_that_points_askew_is_told_with_its_cure():
+  def askew(by):
+    run = driven(0.1)
+    turned = Stream(run["pose_yaw"].time, run["pose_yaw"].value + by)
+    return pose_point_findings([run.replace(streams={**run.streams, "pose_yaw": turned})], Vehicle())
+
+  (found,) = askew(0.6)
+  assert found.channels == ("pose_yaw",) and "to the left of where the car goes straight on" in found.text
+  (by,) = map(float, re.findall(r"set offset = (-?[\d.]+) on pose_yaw", found.text))
+  assert by == pytest.approx(-0.6, abs=0.03)
+  assert all(f.channels != ("pose_yaw",) for f in askew(0.05))
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_path_that_turns_to_the_other_side_than_the_gyro_is_told(mirrored):
+  """Without a heading, as from satellites: nothing else tells a place of the other hand."""
+  run = driven(0.1)
+  streams = {name: run[name] for name in ("pose_x", "pose_y")} | {"yaw_rate": _rate(run["pose_yaw"])}
+  if mirrored:
+    streams["pose_y"] = Stream(run["pose_y"].time, -run["pose_y"].value)
+  said = [f.text for f in mirrored_findings([run.replace(streams=streams)])]
+  assert len(said) == mirrored and all("set scale = -1 on pose_y where the place is mirrored" in text for text in said)
+
+
+def _rate(heading):
+  return Stream(heading.time, np.gradient(heading.value, heading.time))

@@ -50,6 +50,51 @@ def test_rows_out_of_order_are_sorted_where_it_is_asked_for(tmp_path):
   assert data.warnings == ("run.csv: 1 of 1200 rows are out of order, first row 42; sorted by time",)
 
 
+@pytest.mark.parametrize("sort", [False, True])
+def test_a_clock_that_was_set_back_is_none_of_rows_out_of_order(tmp_path, sort):
+  """Sorted, the rows of two times would alternate. Stamps of the new time fall between those of the old."""
+  time, columns = drive()
+  time[600:] -= 0.075
+  time_line = f'time = {{ column = "time", sort = {str(sort).lower()} }}\n'
+  folder = folder_with(tmp_path, time, columns)
+  write_manifest(folder, channels=time_line + CHANNELS)
+  refused(folder, "the clock was set back by 0.065 s; split the file before row 601")
+
+
+def test_messages_that_were_written_late_together_are_sorted(tmp_path):
+  """One sensor's messages, which came in late as a block, leave a gap of their own among the others' rows."""
+  time, columns = drive()
+  own = np.zeros(time.size, dtype=bool)
+  own[1::2] = True
+  for name, values in columns.items():
+    columns[name] = np.where(own == (name == "motor_speed"), values, np.nan)
+  late = np.arange(601, 621, 2)
+  order = np.r_[np.setdiff1d(np.arange(640), late), late, np.arange(640, time.size)]
+  folder = folder_with(tmp_path, time[order], {name: values[order] for name, values in columns.items()})
+  write_manifest(folder, channels='time = { column = "time", sort = true }\n' + CHANNELS)
+  (run,) = DataSet.load(folder).recordings
+  assert run["motor_speed"].time == pytest.approx(time[own])
+
+
+@pytest.mark.parametrize("sort", [False, True])
+@pytest.mark.parametrize(("unset", "said"), [([0, 1, 2], "in row 1 and 2 more rows"), ([700], "in row 701 and a date")])
+def test_a_stamp_of_zero_among_dates_is_named(tmp_path, unset, said, sort):
+  time, columns = drive()
+  time = time + EPOCH
+  time[unset] = 0.0
+  folder = folder_with(tmp_path, time, columns)
+  write_manifest(folder, channels=f'time = {{ column = "time", sort = {str(sort).lower()} }}\n' + CHANNELS)
+  refused(folder, f"time is 0 {said}", "the clock was not set there; delete")
+
+
+def test_a_part_of_a_log_whose_clock_was_put_right_by_days(tmp_path):
+  """What `new` writes counts from the file's start, be it more than the seconds from which a stamp is a date."""
+  time, columns = drive()
+  stamp = EPOCH + np.where(time < 5.0, time, time + 1.2e6)
+  data = DataSet.load(folder_with(tmp_path, stamp, columns, extra="from = 1200006.0"))
+  assert data.recordings[0].start == pytest.approx(1200006.0)
+
+
 def test_a_stamp_of_the_day_is_counted_from_the_files_start_and_kept(tmp_path):
   time, columns = drive()
   shifted = np.where(time < 5.0, time, time + 3.0) + EPOCH

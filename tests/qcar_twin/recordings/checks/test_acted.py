@@ -77,6 +77,8 @@ def test_a_commanded_speed_in_the_measured_ones_place_is_found_out_by_its_leaps(
   stepped = run(time, columns, speed=np.where(columns["motor_voltage"] > 0.1, level, 0.0))
   assert was_commanded([stepped], "speed") == (hold > 50)  # at 50 Hz; 0.5 s evenly may be a slow sensor's
   assert not was_commanded([run(time, columns)], "speed")
+  levels = 0.4 * np.round(columns["speed"] / 0.4)  # what a driver with discrete actions asks for, for however long
+  assert was_commanded([run(time, columns, speed=levels)], "speed")
   coarse = np.round(columns["speed"] / 0.05) * 0.05
   assert not was_commanded([run(time, columns, speed=coarse)], "speed")
   slow = np.repeat(columns["speed"][::25], 25)[: time.size]

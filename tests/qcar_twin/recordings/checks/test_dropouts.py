@@ -23,9 +23,21 @@ def test_single_zeros_between_others_are_blank(length):
   ]
 
 
+@pytest.mark.parametrize("rows", [2, 5])
+def test_zeros_of_a_loop_that_is_faster_than_its_sensor_are_blank(rows):
+  """As an encoder's speed by the change of its count, asked for more often than it counts; near zero, too."""
+  read = np.arange(600) % rows == 0
+  speed = 200.0 * np.sin(np.pi * TIME / TIME[-1]) + NOISE
+  kept, _ = without_dropouts({"motor_speed": np.where(read, speed, 0.0)}, {}, "drive.csv")
+  assert np.array_equal(
+    np.flatnonzero(np.isnan(kept["motor_speed"])), np.flatnonzero(~read)[: -((600 - 1) % rows) or None]
+  )
+
+
 @pytest.mark.parametrize(
   ("channel", "value"),
   [
+    ("motor_speed", np.where(np.arange(600) % 4 == 0, 7.0, 0.0)),  # creeps: a count now and then
     ("motor_speed", np.where((TIME > 2.0) & (TIME < 2.05), 0.0, SPEED)),  # wheels that lock for 50 ms
     ("motor_speed", np.round(50.0 * np.sin(3.0 * TIME))),  # through zero, in whole steps
     ("motor_speed", np.where(TIME < 3.0, SPEED, 0.0)),  # stops, in one step
@@ -36,6 +48,29 @@ def test_single_zeros_between_others_are_blank(length):
 def test_what_a_car_or_its_driver_does_stays(channel, value):
   kept, notes = without_dropouts({channel: value}, {}, "drive.csv")
   assert np.array_equal(kept[channel], value) and not notes
+
+
+def test_a_speed_that_leaps_away_and_is_back_in_the_next_sample_is_blank():
+  """A distance over a time that is too short, now and then twice within a few rows."""
+  value, at = SPEED.copy(), np.array([40, 200, 203, 333])
+  value[at] *= np.array([5.0, 12.0, 0.3, -1.0])
+  kept, (note,) = without_dropouts({"motor_speed": value}, {}, "drive.csv")
+  assert np.flatnonzero(np.isnan(kept["motor_speed"])).tolist() == at.tolist()
+  assert note.startswith("drive.csv: motor_speed leaps away and back in 4 samples, first in row 41")
+
+
+@pytest.mark.parametrize(
+  "value",
+  [
+    SPEED + 30.0 * NOISE,  # a poor sensor
+    np.where(np.arange(600) % 7 == 0, 7.0, 0.0),  # creeps
+    np.where((TIME > 2.0) & (TIME < 2.05), 500.0, SPEED),  # wheels that spin for 50 ms
+    np.where(TIME > 3.0, 5.0 * SPEED, SPEED),
+  ],
+)
+def test_a_speed_that_stays_away_or_is_always_so_is_a_reading(value):
+  kept, notes = without_dropouts({"motor_speed": value}, {}, "drive.csv")
+  assert np.array_equal(kept["motor_speed"], value) and not notes
 
 
 def test_a_pose_drops_out_whole_though_its_heading_is_near_zero_anyway():

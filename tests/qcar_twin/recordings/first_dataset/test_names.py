@@ -37,6 +37,9 @@ from qcar_twin.recordings.first_dataset.names import readings, unit_of, words_of
     ("actuator_servos.control[0]", "steering_command"), ("i_motor", "armature_current"), ("TX (mm)", "pose_x"),
     ("TY (mm)", "pose_y"), ("RZ (rad)", "pose_yaw"), ("vehicle_angular_velocity.xyz[2]", "yaw_rate"),
     ("sensor.accelerometer_m_s2[1]", "accel_y"), ("gyro(3)", "yaw_rate"), ("accel(1)", "accel_x"),
+    ("tstamp", "time"), ("imu_yaw", "pose_yaw"), ("motor_rpm_cmd", "speed_command"), ("GPS.Spd", "speed"),
+    ("g_lat", "accel_y"), ("g_lon", "accel_x"), ("state_x", "pose_x"),
+    ("control.longitudinal.velocity", "speed_command"),
     ("battery", "battery_voltage"), ("vbat", "battery_voltage"), ("current", "armature_current"),
   ],
 )  # fmt: skip
@@ -73,6 +76,7 @@ def test_what_is_no_channel_is_taken_for_none_that_a_fit_would_believe(column):
 
 def test_the_measured_steering_is_no_command_and_a_filtered_speed_comes_second():
   assert all(r.channel != "steering_command" for r in readings("steering_angle_measured"))
+  assert all(r.channel != "steering_command" for r in readings("steering_report.steering_tire_angle"))
   assert readings("speed_filtered")[0].score < readings("speed")[0].score < 10.5
   assert readings("speed_raw")[0].score > readings("speed_filtered")[0].score
 

@@ -173,6 +173,42 @@ def test_a_share_of_lock_that_hardly_turns_a_small_car_is_of_a_large_one(tmp_pat
   assert "it would hardly steer" not in propose("car", [read], wheelbase=0.256).text
 
 
+def test_an_angle_beyond_any_lock_is_of_a_small_car(tmp_path):
+  """A 1:28 car's log: at a 1:10 car's wheelbase its angle would be one of 60 degrees."""
+  time, own = driven()
+  columns = {"throttle": own["throttle"], "speed": own["speed"], "steer": own["steering_command"]}
+  table, proposal = log(tmp_path, time, columns | {"yaw_rate": own["yaw_rate"] / 0.38})
+  car, steering = table["vehicle"], table["channels"]["steering_command"]
+  assert "scale" not in steering and "it would steer no car" in proposal.text
+  assert car["cg_to_front"] + car["cg_to_rear"] == pytest.approx(0.38 * 0.256, rel=0.15)
+
+
+def test_the_elements_of_a_vector_by_number_are_its_axes(tmp_path):
+  """As Python's libraries for the QCar return them, each in a column of its own."""
+  time, own = driven()
+  noise = np.random.default_rng(6).standard_normal((4, time.size))
+  imu = {"gyroscope_0": 0.01 * noise[0], "gyroscope_1": 0.01 * noise[1], "gyroscope_2": own["yaw_rate"]}
+  imu |= {"accelerometer_0": own["accel_x"], "accelerometer_1": own["accel_y"], "accelerometer_2": 9.81 + noise[2]}
+  columns = {"throttle": own["throttle"], "speed": own["speed"], "steering": own["steering_command"], **imu}
+  taken = columns_of(log(tmp_path, time, columns)[0])
+  assert [taken[name] for name in ("accel_x", "accel_y", "yaw_rate")] == [
+    "accelerometer[0]", "accelerometer[1]", "gyroscope[2]"
+  ]  # fmt: skip
+  run = DataSet.load(tmp_path).recordings[0]
+  assert run["accel_y"].value == pytest.approx(own["accel_y"][: len(run["accel_y"])])
+
+
+def test_a_counter_of_laps_counts_no_steps(tmp_path):
+  time, own = driven()
+  columns = {"throttle": own["throttle"], "speed": own["speed"], "steering": own["steering_command"]}
+  columns |= {
+    "lap_count": np.floor(time / 20.0),
+    "enc": np.mod(np.floor(3e4 * np.cumsum(own["speed"]) / 100.0), 65536.0),
+  }
+  _, proposal = log(tmp_path, time, columns)
+  assert "'enc' seems to count" in proposal.text and "'lap_count' seems" not in proposal.text
+
+
 def test_parts_of_one_drive_are_to_be_joined_and_clocks_without_a_common_time_said(tmp_path):
   time, own = driven()
   parts = {"imu.csv": (time, {"gx": own["yaw_rate"]}), "drive.csv": (time + 1.7e9, {"control[0]": own["throttle"]})}
@@ -284,3 +320,11 @@ def test_an_engine_that_counts_y_upwards_is_asked_about_and_its_accelerometer_go
   assert (
     "'pos_y' points up" in question and "scale and offset of steering_command, accel_y, yaw_rate, pose_y" in question
   )
+
+
+def test_a_heading_that_was_put_on_askew_is_turned(tmp_path):
+  time, own = driven()
+  columns = {"throttle": own["throttle"], "speed": own["speed"], "steering": own["steering_command"]}
+  place = {"x": own["pose_x"], "y": own["pose_y"], "yaw": own["pose_yaw"] + 0.5}
+  table, _ = log(tmp_path, time, columns | place)
+  assert table["channels"]["pose_yaw"]["offset"] == pytest.approx(-0.5, abs=0.05)

@@ -98,3 +98,21 @@ def test_a_velocity_along_the_maps_axes_is_no_speed_of_the_car(tmp_path):
   (tmp_path / "dataset.toml").unlink()
   table, _ = log(tmp_path, time, rest | place | {"velocity_x": speed, "velocity_y": 0.01 * rate})
   assert columns_of(table)["speed"] == "velocity_x"
+
+
+def test_the_only_speed_is_the_commanded_one_where_it_leaps_and_a_place_gives_the_cars(tmp_path):
+  """A simulator's trace of discrete actions, each for a fifteenth of a second: no level stays for long."""
+  random, time = np.random.default_rng(4), np.arange(900) / 15.0
+  level = np.array([0.8, 1.2, 1.8])[np.clip(np.cumsum(random.integers(-1, 2, time.size)) % 5, 0, 2)]
+  speed, angle = np.zeros(time.size), 0.3 * np.sin(1.1 * time)
+  for k in range(1, time.size):
+    speed[k] = speed[k - 1] + (level[k - 1] - speed[k - 1]) / (0.3 * 15.0)
+  yaw = np.cumsum(speed * np.tan(angle) / 0.256) / 15.0
+  place = {"x": np.cumsum(speed * np.cos(yaw)) / 15.0, "y": np.cumsum(speed * np.sin(yaw)) / 15.0}
+  columns = {"speed": level, "steering_angle": np.degrees(angle), "yaw": np.degrees(np.angle(np.exp(1j * yaw)))}
+  table, _ = log(tmp_path, time, columns | place)
+  assert columns_of(table)["speed_command"] == "speed" and "speed" not in table["channels"]
+  run = DataSet.load(tmp_path).recordings[0]
+  assert (
+    "speed" in run.derived and np.corrcoef(run["speed"].value, np.interp(run["speed"].time, time, speed))[0, 1] > 0.9
+  )

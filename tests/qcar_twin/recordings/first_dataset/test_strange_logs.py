@@ -184,3 +184,15 @@ def test_a_gear_gives_its_sign_to_a_speed_that_has_none(tmp_path, blank):
   assert table["channels"]["speed"]["gate"] == "gear"
   read = np.concatenate([run["speed"].value for run in DataSet.load(tmp_path).recordings])
   assert read.min() < -0.2 and read.max() > 0.2
+
+
+def test_what_may_be_the_steering_and_what_is_no_clock_are_said(tmp_path):
+  """Columns in another language, an angle in a message of turn rates, stamps of few digits."""
+  time, own = drive(60.0)
+  columns = {"throttle": own["motor_voltage"] / 8.0, "speed": speed_of(own), "gyro_z": own["yaw_rate"]}
+  _, proposal = log(tmp_path, time, columns | {"Lenkung": own["steering_command"], "rate_cmd.z": own["yaw_rate"] + 0.0})
+  assert "the car turned as 'Lenkung' says (" in proposal.text and "map it as steering_command" in proposal.text
+  _, proposal = log(tmp_path, np.floor(time / 30.0), columns)
+  assert "'time' says time by its name, and is no clock: it has 2 values in" in proposal.text
+  _, proposal = log(tmp_path, np.where(np.arange(time.size) % 5 == 4, time - 0.09, time), columns)
+  assert "is no clock: it goes back in" in proposal.text and "first row 5 of run.csv" in proposal.text

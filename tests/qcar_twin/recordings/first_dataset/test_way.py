@@ -1,0 +1,51 @@
+"""A speed that counts backwards is told by what the command and two other witnesses say, and by nothing less."""
+
+import pytest
+
+from qcar_twin.recordings.first_dataset.propose import propose
+from qcar_twin.recordings.formats import Table
+from tests.faults.wander import wander
+
+TIME, DRIVEN = wander(78)
+KEPT = ("motor_voltage", "steering_command", "yaw_rate", "accel_x", "speed")
+NAMES = {"motor_voltage": "throttle", "steering_command": "steer", "yaw_rate": "gyro_z", "accel_x": "acc_x"}
+
+
+def scales(*turned: str, without: tuple[str, ...] = (), also: tuple[str, ...] = ()) -> dict[str, float]:
+  """Sign of each channel's scale in the draft of a log in which some channels count the other way."""
+  columns = {"time": TIME}
+  for name in (*KEPT, *also):
+    if name not in without:
+      columns[NAMES.get(name, name)] = DRIVEN[name] * (-1.0 if name in turned else 1.0)
+  lines = propose("lab", [Table("run.csv", columns, {})]).channels
+  signs = {line.split(" = ")[0]: -1.0 if "scale = -" in line else 1.0 for line in lines if " = {" in line}
+  return {name: sign for name, sign in signs.items() if name != "time"}
+
+
+def test_a_speed_that_counts_backwards_is_turned_and_nothing_else():
+  """As of a motor controller whose driver negates it: command, accelerometer and steering are of one mind."""
+  assert [name for name, sign in scales("speed").items() if sign < 0.0] == ["speed"]
+
+
+def test_a_command_that_counts_backwards_is_turned_where_the_speed_has_two_witnesses():
+  """As of a speed controller that was wired the other way: all of the driving is under negative commands."""
+  assert [name for name, sign in scales("motor_voltage").items() if sign < 0.0] == ["motor_duty"]
+
+
+def test_a_path_along_the_heading_is_a_witness():
+  pose = ("pose_x", "pose_y", "pose_yaw")
+  assert scales("speed", without=("accel_x",), also=pose)["speed"] < 0.0
+
+
+@pytest.mark.parametrize(
+  ("turned", "without"),
+  [
+    ((), ()),
+    (("steering_command",), ()),  # a servo that counts to the right
+    (("accel_x", "steering_command"), ()),  # and an IMU that lies reversed
+    (("motor_voltage",), ("accel_x",)),  # a command of its own, with no second witness: the check asks
+    (("speed",), ("accel_x",)),  # no second witness
+  ],
+)
+def test_without_two_witnesses_it_stays(turned, without):
+  assert scales(*turned, without=without)["speed"] > 0.0

@@ -1,0 +1,41 @@
+"""Columns that others make up: lists in cells, a quaternion of a turn on the floor, milliseconds behind a colon."""
+
+import numpy as np
+import pytest
+
+from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.recording import RecordingError
+
+TIME = np.arange(60) / 50.0
+
+
+def read(tmp_path, head, rows):
+  (tmp_path / "log.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+  return read_table(tmp_path / "log.csv")
+
+
+@pytest.mark.parametrize("mark", [", ", "  "], ids=["lists", "arrays"])
+def test_a_list_in_a_cell_has_its_elements(tmp_path, mark):
+  cells = [f'"[{mark.join(f"{k + i / 10:.1f}" for i in range(3))}]"' if k != 7 else "" for k in range(60)]
+  table = read(tmp_path, "time,gyro", [f"{t:.2f},{cell}" for t, cell in zip(TIME, cells, strict=True)])
+  z = table.number("gyro.z", "yaw_rate")
+  assert np.isnan(z[7]) and np.delete(z, 7) == pytest.approx(np.delete(np.arange(60) + 0.2, 7))
+
+
+def test_lists_of_other_lengths_and_words_are_none(tmp_path):
+  rows = [f'{t:.2f},"[{", ".join(["1.0"] * (1 + k % 3))}]","[a, b]"' for k, t in enumerate(TIME)]
+  assert list(read(tmp_path, "time,ranges,names", rows).columns) == ["time", "ranges", "names"]
+
+
+def test_a_quaternion_without_x_and_y_turns_on_the_floor(tmp_path):
+  yaw = 0.1 * np.arange(60)
+  rows = [f"{t:.2f},{np.sin(0.5 * a):.9f},{np.cos(0.5 * a):.9f}" for t, a in zip(TIME, yaw, strict=True)]
+  turned = read(tmp_path, "time,orientation.z,orientation.w", rows).number("orientation.yaw", "pose_yaw")
+  assert np.exp(1j * turned) == pytest.approx(np.exp(1j * yaw), abs=1e-6)
+
+
+def test_milliseconds_behind_a_colon_are_no_frames(tmp_path):
+  rows = [f"14:00:0{int(t)}:{round(1e3 * (t % 1.0)):03d},1.0" for t in TIME]
+  assert np.diff(read(tmp_path, "time,speed", rows).number("time", "time")) == pytest.approx(0.02)
+  with pytest.raises(RecordingError, match="not a number"):
+    read(tmp_path, "time,speed", ["14:00:00:23,1.0", "14:00:00:24,1.0"]).number("time", "time")
