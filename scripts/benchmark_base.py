@@ -49,7 +49,7 @@ def main(config: Config) -> str:
   if config.under_way:
     return kept(config, under_way_table(under_way_cases(config.seed, 1 if config.quick else config.under_way)))
   if config.disturbances:
-    return kept(config, disturbance_table(config.seed, config.disturbances))
+    return kept(config, disturbance_table(config.seed, 1 if config.quick else config.disturbances))
   sessions, poor = (1, 1) if config.quick else (config.sessions, config.poor)
   cars = [(car, config.seed + k) for k in range(sessions) for car in config.cars[: 1 if config.quick else None]]
   bases = (recalibrated_base(car, CARS[car](seed), poor) for car, seed in cars)

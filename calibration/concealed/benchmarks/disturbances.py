@@ -1,17 +1,14 @@
 """How far an independent car drives from itself: floor and draught that a log does not hold, and no model predicts."""
 
-from collections.abc import Callable
-
 import numpy as np
 
+from calibration.concealed.benchmarks.known import CARS
 from calibration.concealed.benchmarks.under_way import recalibrated_error
 from calibration.concealed.laboratory.manoeuvres import PERIOD
 from calibration.concealed.laboratory.written import Session
-from calibration.concealed.proving_ground import make_session
 from calibration.concealed.proving_ground.plant import ProvingGroundPlant
 from calibration.concealed.proving_ground.session import Spec
 from calibration.concealed.proving_ground.session import drawn_car as first_car
-from calibration.concealed.second_car import make_second_session
 from calibration.concealed.second_car.plant import SecondCarPlant
 from calibration.concealed.second_car.session import drawn_car as second_car
 from calibration.fitting.dataset_recalibration import LONGEST
@@ -20,13 +17,8 @@ from qcar_twin import markdown
 
 _START = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "road")
 _SIGNAL = {"motor_speed": "motor", "accel_x": "accel_x", "accel_y": "accel_y", "yaw_rate": "yaw_rate"}
-_DESIGN = "compact"
-MAKERS: dict[str, Callable[[int], Session]] = {
-  "first": lambda seed: make_session(seed, (), _DESIGN),
-  "second": lambda seed: make_second_session(seed, (), _DESIGN),
-}
 _PLANTS = {
-  "first": lambda seed, noise: ProvingGroundPlant(first_car(Spec(seed, (), _DESIGN)), noise=noise, seed=seed),
+  "first": lambda seed, noise: ProvingGroundPlant(first_car(Spec(seed)), noise=noise, seed=seed),
   "second": lambda seed, noise: SecondCarPlant(second_car(seed), noise=noise, seed=seed),
 }
 
@@ -45,12 +37,8 @@ def disturbed(car: str, seed: int, session: Session, noise: float = 1.0) -> dict
   signals = list(session.truth["signals"])
   own, start = [name for name in signals if name != "motor_angle"], [signals.index(name) for name in _START]
   starts = np.array([session.clean[recording.name][0, start] for recording in session.recordings])
-  commands = [
-    np.stack([recording[name].value for name in ("motor_voltage", "steering_command")], axis=1)[
-      : round(LONGEST / PERIOD)
-    ]
-    for recording in session.recordings
-  ]
+  whole = [np.stack([r[n].value for n in ("motor_voltage", "steering_command")], axis=1) for r in session.recordings]
+  commands = [given[: round(LONGEST / PERIOD)] for given in whole]
   held = np.stack([np.pad(c, ((0, max(map(len, commands)) - len(c)), (0, 0)), mode="edge") for c in commands], axis=1)
   drives = []
   for factor in (noise, 0.0):
@@ -63,9 +51,9 @@ def disturbed(car: str, seed: int, session: Session, noise: float = 1.0) -> dict
 def disturbance_table(seed: int, sessions: int) -> str:
   """Errors of recalibrated twins and of the cars themselves, in multiples of the sensors' noise, as Markdown."""
   rows = []
-  for car, make in MAKERS.items():
+  for car in _PLANTS:
     for k in range(seed, seed + sessions):
-      session = make(k)
+      session = CARS[car](k)
       noise = residual_floor(driving_noise(session.recordings))
       own, twin = disturbed(car, k, session), recalibrated_error(session)
       least = {name: float(np.hypot(1.0, np.sqrt(np.mean(e**2)) / noise[name])) for name, e in own.items()}

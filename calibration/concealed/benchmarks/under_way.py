@@ -5,9 +5,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from calibration.concealed.benchmarks.known import CARS
 from calibration.concealed.laboratory.written import Session
-from calibration.concealed.proving_ground import make_session
-from calibration.concealed.second_car import make_second_session
 from calibration.diagnosis.pipeline import prepare
 from calibration.fitting.noise_floor import driving_noise, residual_floor
 from qcar_twin import markdown
@@ -94,9 +93,9 @@ def under_way_cases(seed: int, count: int) -> list[tuple[str, int]]:
 
 def under_way_table(cases: Iterable[tuple[str, int]]) -> str:
   """Errors of each session's recalibrated twin, as Markdown."""
-  makers, rows = {"first": make_session, "second": make_second_session}, []
+  rows = []
   for car, seed in cases:
-    session = recalibrated_under_way(makers[car](seed, (), "compact"))
+    session = recalibrated_under_way(CARS[car](seed))
     shown = ["; ".join(f"{e:.2f}" for e in session.errors[name] if np.isfinite(e)) for name in _SHOWN]
     rows.append((f"{car}, {seed}", *shown, f"{session.cost:.0f}"))
   titles = ("car, seed", *(name.replace("_", " ") for name in _SHOWN), "cost [nats]")

@@ -9,11 +9,11 @@ from typing import Any
 Change = Callable[[Any, float, bool], None]
 
 
-def scale(*names: str) -> Change:
-  """Multiply parameters by 1 + size."""
+def scale(*names: str, late: bool = False) -> Change:
+  """Multiply parameters by 1 + size; `late`: only in the second half of a session."""
 
   def act(p: Any, size: float, later: bool) -> None:
-    for name in names:
+    for name in names if later or not late else ():
       owner, last = _found(p, name)
       setattr(owner, last, getattr(owner, last) * (1.0 + size))
 
@@ -21,13 +21,9 @@ def scale(*names: str) -> Change:
 
 
 def divide(*names: str, late: bool = False) -> Change:
-  """Divide them by 1 + size; `late`: only in the second half of a session."""
-
-  def act(p: Any, size: float, later: bool) -> None:
-    if later or not late:
-      scale(*names)(p, 1.0 / (1.0 + size) - 1.0, later)
-
-  return act
+  """Divide them by 1 + size; `late`, as of `scale`."""
+  change = scale(*names, late=late)
+  return lambda p, size, later: change(p, 1.0 / (1.0 + size) - 1.0, later)
 
 
 def add(*names: str) -> Change:
@@ -37,6 +33,16 @@ def add(*names: str) -> Change:
     for name in names:
       owner, last = _found(p, name)
       setattr(owner, last, getattr(owner, last) + size)
+
+  return act
+
+
+def move(more: str, less: str) -> Change:
+  """Add the size to one and take it from another."""
+
+  def act(p: Any, size: float, later: bool) -> None:
+    add(more)(p, size, later)
+    add(less)(p, -size, later)
 
   return act
 

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 
 Signals = Mapping[str, np.ndarray]
+Parameters = TypeVar("Parameters")
 
 
 class Filter(Protocol):
@@ -80,6 +81,15 @@ class Nuisance:
   act: Callable[..., Any]
   step: float
   std: float = np.inf
+
+
+def altered(
+  parameters: Parameters, concealed: Sequence[Concealed], moved: Sequence[tuple[Nuisance, float]], later: bool
+) -> Parameters:
+  """A generator's parameters, changed in place: by nuisances of these sizes, then by what is concealed in them."""
+  for act, size in [(n.act, size) for n, size in moved] + [(c.effect.act, c.size) for c in concealed]:
+    act(parameters, size, later)
+  return parameters
 
 
 def of_kind(concealed: Sequence[Concealed], how: str) -> list[Concealed]:

@@ -14,8 +14,9 @@ import numpy as np
 from ..laboratory.designs import plan
 from ..laboratory.driver import Driver
 from ..laboratory.manoeuvres import PERIOD, Manoeuvre
-from .effects import Concealed, Nuisance
+from .effects import Concealed, Nuisance, altered
 from .generator import FINE, Start, load_package
+from .owner import reading, readings
 from .sensing import NOISE
 from .slipx_effects import SLIPX_EFFECTS, slipx_nuisances
 
@@ -29,11 +30,6 @@ SPEED_FLOOR = 0.05  # m/s, of slipx's slip angles (`v_eps`, "numerical, not phys
 # 1.3 times as sharply as its front wheels point, and fades its rolling resistance
 TORQUE_PER_AMP = (0.020, 0.030)  # N m/A at the wheels: the laboratory's currents of 6 to 12 A then give 1 to 2 m/s^2
 ANSWER = 3.0  # 1/s, of the driver's feedback on speed
-STD = {
-  "mass": 0.01, "yaw_inertia": 0.08, "cg_to_front": 0.01, "cg_to_rear": 0.01, "track_width": 0.005,
-  "cg_height": 0.1, "wheel_radius": 0.006, "motor_constant": 0.03,
-}  # fmt: skip
-"""Relative standard deviations of an owner's scale, ruler and data sheet."""
 SERVO_STD = 0.0015  # s, of a lag that was filmed
 
 
@@ -58,9 +54,7 @@ class SlipxCar:
     self, concealed: Sequence[Concealed] = (), moved: Sequence[tuple[Nuisance, float]] = (), later: bool = False
   ) -> SlipxPlant:
     """A fresh car with a full battery; the `Generator`'s arguments."""
-    params = copied(self.slipx, self.params)
-    for act, size in [(n.act, size) for n, size in moved] + [(c.effect.act, c.size) for c in concealed]:
-      act(params, size, later)
+    params = altered(copied(self.slipx, self.params), concealed, moved, later)
     fault = params.validate()
     if fault is not None:
       raise ValueError(f"no such car of slipx: {fault}")
@@ -69,8 +63,7 @@ class SlipxCar:
   def bench(self, rng: np.random.Generator) -> tuple[dict[str, float], dict[str, float]]:
     """The servo's lag at low frequencies, read off road wheels filmed at some hundred frames a second."""
     true = 2.0 * self.params.steer_damping / self.params.steer_bandwidth
-    read = true + SERVO_STD * np.clip(rng.standard_normal(), -2.0, 2.0)
-    return {"servo_time_constant": read}, {"servo_time_constant": SERVO_STD}
+    return {"servo_time_constant": reading(true, SERVO_STD, rng)}, {"servo_time_constant": SERVO_STD}
 
   def nuisances(self, std: Mapping[str, float]) -> dict[str, Nuisance]:
     """Numbers of slipx that a recalibration may move."""
@@ -83,9 +76,7 @@ class SlipxCar:
       "mass": p.mass, "yaw_inertia": p.izz, "cg_to_front": p.lf, "cg_to_rear": p.lr, "track_width": p.track_rear,
       "cg_height": p.h_cog, "wheel_radius": p.wheel_radius, "motor_constant": p.torque_per_amp * GEAR,
     }  # fmt: skip
-    std = {name: STD[name] * value for name, value in true.items()}
-    read = {name: value + std[name] * np.clip(rng.standard_normal(), -2.0, 2.0) for name, value in true.items()}
-    read["cg_to_rear"] = p.lf + p.lr - read["cg_to_front"]
+    read, std = readings(true, rng)
     known = {"layout": "rear", "drive": "current", "gear_ratio": GEAR, "max_steering": p.steer_max}
     return read | known | {"supply_voltage": p.pack_nominal_v, "max_current": p.current_max}, std
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .changes import add, divide, scale
+from .changes import add, divide, move, scale
 from .effects import Effect, Nuisance
 
 _MOST_BEHIND = 0.5  # of the rear half of the wheelbase: where a payload lies
@@ -25,16 +25,6 @@ def _payload(p: Any, size: float, later: bool) -> None:
 
 def _preload(p: Any, size: float, later: bool) -> None:
   p.differential, p.lsd_preload = type(p.differential).Lsd, size
-
-
-def _resistance_later(p: Any, size: float, later: bool) -> None:
-  if later:
-    p.roll_resist *= 1.0 + size
-
-
-def _forward(p: Any, size: float, later: bool) -> None:
-  """Centre of gravity [m] towards the rear axle."""
-  p.lf, p.lr = p.lf + size, p.lr - size
 
 
 _FRONT, _REAR = ("tyre_front.mu_y0", "tyre_front.mu_x0"), ("tyre_rear.mu_y0", "tyre_rear.mu_x0")
@@ -60,7 +50,7 @@ SLIPX_EFFECTS: dict[str, Effect] = {
   "relaxation_front": Effect("tyre", "parameter", ("tyre_relaxation",), "-", 30.0, scale("tyre_front.relax_length")),
   "payload": Effect("body", "parameter", ("payload",), "kg", 4.0, _payload, figures=("mass",)),
   "grip_later": Effect("ground", "parameter", ("friction_change",), "-", 4.0, divide(*_FRONT, *_REAR, late=True)),
-  "resistance_later": Effect("drive", "parameter", ("resistance_change",), "-", 10.0, _resistance_later),
+  "resistance_later": Effect("drive", "parameter", ("resistance_change",), "-", 10.0, scale("roll_resist", late=True)),
   # outside the catalogue
   "grip_front": Effect("tyre", "parameter", (), "-", 4.0, divide(*_FRONT)),
 }
@@ -73,7 +63,7 @@ def slipx_nuisances(std: dict[str, float], params: Any) -> dict[str, Nuisance]:
   return {
     "mass": Nuisance(scale("mass"), 0.01, share("mass", params.mass)),
     "yaw inertia": Nuisance(scale("izz"), 0.02, share("yaw_inertia", params.izz)),
-    "centre of gravity": Nuisance(_forward, 0.002, std["cg_to_front"]),
+    "centre of gravity": Nuisance(move("lf", "lr"), 0.002, std["cg_to_front"]),
     "height": Nuisance(scale("h_cog"), 0.05, share("cg_height", params.h_cog)),
     "wheel radius": Nuisance(scale("wheel_radius"), 0.005, share("wheel_radius", params.wheel_radius)),
     "torque": Nuisance(scale("torque_per_amp"), 0.01),

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ...laboratory.manoeuvres import Manoeuvre
-from ..effects import Concealed, Nuisance
+from ..effects import Concealed, Nuisance, altered
+from ..owner import reading, readings
 from ..sensing import NOISE
 from .driver import RoadDriver
 from .effects import effects_of_size, nuisances_of
@@ -17,12 +18,6 @@ from .runs import rolling
 
 GEAR = 0.1  # wheel speed / motor speed, not in the package, which turns its wheels directly
 ANSWER = 3.0  # 1/s at 1:10, of the driver's feedback on speed
-STD = {
-  "mass": 0.01, "yaw_inertia": 0.08, "cg_to_front": 0.01, "cg_to_rear": 0.01, "track_width": 0.005,
-  "cg_height": 0.1, "wheel_radius": 0.006, "motor_constant": 0.03, "suspension_frequency": 0.05,
-  "suspension_damping_ratio": 0.15,
-}  # fmt: skip
-"""Relative standard deviations of an owner's scales, ruler, data sheet, and bounce test."""
 PARALLEL_STD = 0.1  # of the share of Ackermann's angle, by a ruler between the front wheels at lock
 SERVO_STD = 0.05  # of the steering's lag, filmed
 
@@ -48,15 +43,12 @@ class CommonroadCar:
     self, concealed: Sequence[Concealed] = (), moved: Sequence[tuple[Nuisance, float]] = (), later: bool = False
   ) -> CommonroadPlant:
     """A fresh car; the `Generator`'s arguments."""
-    numbers = self.numbers.copied()
-    for act, amount in [(n.act, size) for n, size in moved] + [(c.effect.act, c.size) for c in concealed]:
-      act(numbers, amount, later)
-    return CommonroadPlant(numbers, GEAR, self.size.steps)
+    return CommonroadPlant(altered(self.numbers.copied(), concealed, moved, later), GEAR, self.size.steps)
 
   def bench(self, rng: np.random.Generator) -> tuple[dict[str, float], dict[str, float]]:
     """The steering's lag at low frequencies, read off filmed road wheels."""
     std = SERVO_STD * self.numbers.servo
-    read = self.numbers.servo + std * np.clip(rng.standard_normal(), -2.0, 2.0)
+    read = reading(self.numbers.servo, std, rng)
     return {"servo_time_constant": read}, {"servo_time_constant": std}
 
   def nuisances(self, std: Mapping[str, float]) -> dict[str, Nuisance]:
@@ -71,9 +63,7 @@ class CommonroadCar:
       "cg_height": self.numbers.height, "wheel_radius": p.R_w, "motor_constant": self.numbers.per_ampere * GEAR,
       "suspension_frequency": bounce, "suspension_damping_ratio": damping,
     }  # fmt: skip
-    std = {name: STD[name] * value for name, value in true.items()}
-    read = {name: value + std[name] * np.clip(rng.standard_normal(), -2.0, 2.0) for name, value in true.items()}
-    read["cg_to_rear"] = p.a + p.b - read["cg_to_front"]
+    read, std = readings(true, rng)
     known = {"layout": "rear", "drive": "current", "gear_ratio": GEAR, "max_steering": p.steering.max}
     known |= {"ackermann_fraction": 0.0, "max_current": self.drive_limit}
     return read | known, std | {"ackermann_fraction": PARALLEL_STD}

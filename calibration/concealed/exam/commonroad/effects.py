@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..changes import add, divide, scale
+from ..changes import add, divide, move, scale
 from ..effects import Effect, Nuisance
 from .numbers import TENTH, Numbers, Size
 
@@ -28,11 +28,6 @@ def _payload(p: Numbers, size: float, later: bool) -> None:
   car.m, car.m_s, car.a, car.b = car.m + size, car.m_s + size, car.a + shift, car.b - shift
 
 
-def _forward(p: Numbers, size: float, later: bool) -> None:
-  """Centre of gravity [m] towards the rear axle."""
-  p.car.a, p.car.b = p.car.a + size, p.car.b - size
-
-
 def _front_share(name: str):
   """Share of a torque that goes to the front axle."""
 
@@ -48,11 +43,6 @@ def _roll_balance(p: Numbers, size: float, later: bool) -> None:
     moved = size * getattr(p.car, front)
     setattr(p.car, front, getattr(p.car, front) - moved)
     setattr(p.car, rear, getattr(p.car, rear) + moved)
-
-
-def _resistance_later(p: Numbers, size: float, later: bool) -> None:
-  if later:
-    p.dry *= 1.0 + size
 
 
 def effects_of_size(size: Size) -> dict[str, Effect]:
@@ -83,7 +73,9 @@ def effects_of_size(size: Size) -> dict[str, Effect]:
     "drive_in_front": Effect("drive", "parameter", (), "-", 1.0, _front_share("T_se")),
     "roll_balance": Effect("body", "parameter", (), "-", 0.8, _roll_balance),
     "soft_mounts": Effect("body", "parameter", (), "-", 100.0, divide("car.K_ras", "car.K_rad")),
-    "resistance_later": Effect("drive", "parameter", (), "-", 10.0, _resistance_later),
+    "resistance_later": Effect(
+      "drive", "parameter", ("resistance_change",), "-", 10.0, scale("dry", late=True)
+    ),
   }  # fmt: skip
 
 
@@ -94,7 +86,7 @@ def nuisances_of(std: dict[str, float], n: Numbers) -> dict[str, Nuisance]:
   return {
     "mass": Nuisance(scale(*_MASSES), 0.01, share("mass", p.m)),
     "yaw inertia": Nuisance(scale("car.I_z"), 0.02, share("yaw_inertia", p.I_z)),
-    "centre of gravity": Nuisance(_forward, 0.01 * p.a, std["cg_to_front"]),
+    "centre of gravity": Nuisance(move("car.a", "car.b"), 0.01 * p.a, std["cg_to_front"]),
     "height": Nuisance(scale("car.h_s"), 0.05, share("cg_height", n.height)),
     "wheel radius": Nuisance(scale("car.R_w"), 0.005, share("wheel_radius", p.R_w)),
     "wheel inertia": Nuisance(scale("car.I_y_w"), 0.1),

@@ -9,8 +9,9 @@ import numpy as np
 from ...laboratory.designs import plan
 from ...laboratory.driver import Driver
 from ...laboratory.manoeuvres import Manoeuvre
-from ..effects import Concealed, Nuisance
+from ..effects import Concealed, Nuisance, altered
 from ..generator import load_package
+from ..owner import reading, readings
 from ..sensing import NOISE
 from .effects import EXUDYN_EFFECTS, exudyn_nuisances
 from .machine import PACKAGE
@@ -19,12 +20,6 @@ from .plant import ExudynPlant
 
 GEAR = 0.1  # wheel speed / motor speed: torques act on the wheels themselves
 ANSWER = 3.0  # 1/s, of the driver's feedback on speed
-STD = {
-  "mass": 0.01, "yaw_inertia": 0.08, "cg_to_front": 0.01, "cg_to_rear": 0.01, "track_width": 0.005,
-  "cg_height": 0.1, "wheel_radius": 0.006, "motor_constant": 0.03, "suspension_frequency": 0.05,
-  "suspension_damping_ratio": 0.15,
-}  # fmt: skip
-"""Relative standard deviations of an owner's scale, ruler, data sheet, and bounce test."""
 SERVO_STD = 0.0015  # s, of a lag that was filmed
 
 
@@ -49,14 +44,11 @@ class ExudynCar:
     self, concealed: Sequence[Concealed] = (), moved: Sequence[tuple[Nuisance, float]] = (), later: bool = False
   ) -> ExudynPlant:
     """A fresh car; the `Generator`'s arguments."""
-    numbers = self.numbers.copied()
-    for act, amount in [(n.act, size) for n, size in moved] + [(c.effect.act, c.size) for c in concealed]:
-      act(numbers, amount, later)
-    return ExudynPlant(numbers, GEAR)
+    return ExudynPlant(altered(self.numbers.copied(), concealed, moved, later), GEAR)
 
   def bench(self, rng: np.random.Generator) -> tuple[dict[str, float], dict[str, float]]:
     """The servo's lag at low frequencies, read off road wheels filmed at some hundred frames a second."""
-    read = self.numbers.servo + SERVO_STD * np.clip(rng.standard_normal(), -2.0, 2.0)
+    read = reading(self.numbers.servo, SERVO_STD, rng)
     return {"servo_time_constant": read}, {"servo_time_constant": SERVO_STD}
 
   def nuisances(self, std: Mapping[str, float]) -> dict[str, Nuisance]:
@@ -71,9 +63,7 @@ class ExudynCar:
       "track_width": 2.0 * HALF_TRACK, "cg_height": n.height, "wheel_radius": n.radius,
       "motor_constant": n.per_ampere * GEAR, "suspension_frequency": bounce, "suspension_damping_ratio": damping,
     }  # fmt: skip
-    std = {name: STD[name] * value for name, value in true.items()}
-    read = {name: value + std[name] * np.clip(rng.standard_normal(), -2.0, 2.0) for name, value in true.items()}
-    read["cg_to_rear"] = n.ahead + n.behind - read["cg_to_front"]
+    read, std = readings(true, rng)
     known = {"layout": "rear", "drive": "current", "gear_ratio": GEAR, "max_steering": n.travel}
     return read | known | {"max_current": self.drive_limit}, std
 

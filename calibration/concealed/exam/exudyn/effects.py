@@ -6,7 +6,7 @@ of each axle's stiffness would move it.
 
 from __future__ import annotations
 
-from ..changes import add, divide, scale
+from ..changes import add, divide, move, scale
 from ..effects import Effect, Nuisance
 from .numbers import Numbers
 
@@ -26,16 +26,6 @@ def _payload(p: Numbers, size: float, later: bool) -> None:
   p.mass, p.ahead, p.behind = p.mass + size, p.ahead + shift, p.behind - shift
 
 
-def _forward(p: Numbers, size: float, later: bool) -> None:
-  """Centre of gravity [m] towards the rear axle."""
-  p.ahead, p.behind = p.ahead + size, p.behind - size
-
-
-def _resistance_later(p: Numbers, size: float, later: bool) -> None:
-  if later:
-    p.dry *= 1.0 + size
-
-
 EXUDYN_EFFECTS: dict[str, Effect] = {
   "servo_slow": Effect(
     "steering", "parameter", ("steering_lag",), "-", 12.0, scale("servo"), figures=("servo_time_constant",)
@@ -45,7 +35,7 @@ EXUDYN_EFFECTS: dict[str, Effect] = {
   "drag": Effect("drive", "parameter", ("quadratic_drag", "resistance_curve"), "kg/m", 4.0, add("drag")),
   "limited_slip": Effect("drive", "parameter", ("differential_lock",), "N m", 0.3, add("preload")),
   "wheel_size": Effect("drive", "parameter", ("wheel_radius_error",), "-", 0.3, scale("radius"), signed=True),
-  "resistance_later": Effect("drive", "parameter", ("resistance_change",), "-", 10.0, _resistance_later),
+  "resistance_later": Effect("drive", "parameter", ("resistance_change",), "-", 10.0, scale("dry", late=True)),
   "cg_height": Effect(
     "body", "parameter", ("load_transfer",), "-", 1.5, scale("height"), figures=("cg_height_offset",)
   ),
@@ -66,7 +56,7 @@ def exudyn_nuisances(std: dict[str, float], n: Numbers) -> dict[str, Nuisance]:
   return {
     "mass": Nuisance(scale("mass"), 0.01, share("mass", n.mass)),
     "yaw inertia": Nuisance(scale(*_INERTIAS), 0.02, share("yaw_inertia", n.yaw_inertia)),
-    "centre of gravity": Nuisance(_forward, 0.002, std["cg_to_front"]),
+    "centre of gravity": Nuisance(move("ahead", "behind"), 0.002, std["cg_to_front"]),
     "height": Nuisance(scale("height"), 0.05, share("cg_height", n.height)),
     "wheel radius": Nuisance(scale("radius"), 0.005, share("wheel_radius", n.radius)),
     "wheel inertia": Nuisance(scale("wheel_spin"), 0.1),
