@@ -41,5 +41,5 @@ def stated(car: str, truth: Mapping[str, Any]) -> dict[str, float]:
     "cornering_stiffness_front": known["cornering_front"] * weight * known["cg_to_rear"] / wheelbase,
     "cornering_stiffness_rear": known["cornering_rear"] * weight * known["cg_to_front"] / wheelbase,
     "longitudinal_stiffness": known["slip_stiffness"] * weight,
-    "relaxation_length": 0.5 * known["patch_length"] + known["relaxation"],
+    "relaxation_length": 0.5 * known["patch_length"],
   }

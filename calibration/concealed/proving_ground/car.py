@@ -48,6 +48,7 @@ class Car:
   brush_share: float = 0.1  # of the brush model's bend in the tyre law, the rest is a hyperbolic tangent
   friction_load: float = 0.05  # friction falls by this per unit of q
   relaxation: float = 0.010  # m, transient slip of the carcass
+  relaxation_front: float = 0.0  # m, on top of it at the front tyres
   carcass_damping: float = 1.5e-3  # s
   rolling_resistance: float = 0.014
   roll_rate: float = 70.0  # rad/s, natural frequency of body roll

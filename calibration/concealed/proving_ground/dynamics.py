@@ -83,7 +83,9 @@ class Dynamics:
     nominal = np.repeat(mean, 2, axis=0)  # an axle's stiffness is given at the mean load of its wheels
     cornering = np.stack([car.cornering_front, car.cornering_front, car.cornering_rear, car.cornering_rear])
     self.inverse_nominal = 1.0 / nominal
-    self.stiffness = np.stack([np.broadcast_to(car.slip_stiffness, (4, n)), cornering]) / car.relaxation
+    front = car.relaxation + car.relaxation_front
+    self.relaxation = np.stack([front, front, car.relaxation, car.relaxation])
+    self.stiffness = np.stack([np.broadcast_to(car.slip_stiffness, (4, n)), cornering]) / self.relaxation
     self.toe_gain = car.ackermann * car.track_width / (2 * (car.cg_to_front + car.cg_to_rear))
     lever = np.stack([car.cg_height, car.cg_height])
     inertia = np.stack([0.45 * car.mass * (car.cg_height**2 + half**2), 0.55 * car.yaw_inertia])
@@ -144,7 +146,7 @@ class Dynamics:
     load = (self.static + self.roll_load * spring[0] + self.pitch_load * spring[1]) * self.unevenness
     self.load = load = np.maximum(load, 1e-3)
     speed = np.sqrt(slide[0] * slide[0] + slide[1] * slide[1])
-    np.subtract(slide, z.carcass * ((np.abs(self._drive_speed) + speed) / car.relaxation), out=k.carcass)
+    np.subtract(slide, z.carcass * ((np.abs(self._drive_speed) + speed) / self.relaxation), out=k.carcass)
     ratio = load * self.inverse_nominal
     less = 1.0 - ratio
     elastic = (self.stiffness * (0.5 + 0.5 * self.grip) * (ratio * (1.0 + car.load_curve * less))) * (

@@ -76,7 +76,7 @@ class SecondCar:
   steering_trim: float = 0.0
   steering_gain: float = 1.0
   steering_play: float = 0.0  # rad, the whole of it
-  relaxation: float = 0.0  # m, on top of half the patch
+  relaxation_front: float = 0.0  # m, on top of half the patch, at the front tyres
   breakaway: float = 0.0  # N m at the gears' output, on top of gear_friction
   breakaway_speed: float = 4.0  # rad/s there
   clutch: float = 0.0  # N m, preload between left and right of either axle

@@ -127,7 +127,7 @@ _KINDS = (
   SecondEffect("stiction", "drive", 0.7, "N", _stiction),
   SecondEffect("differential_lock", "drive", 0.04, "N m", _clutch),
   SecondEffect("wheel_radius_error", "tyre", 0.04, "-", _wheels, True),
-  SecondEffect("tyre_relaxation", "tyre", 0.07, "m", _sets("relaxation", "tyre_relaxation")),
+  SecondEffect("tyre_relaxation", "tyre", 0.07, "m", _sets("relaxation_front", "tyre_relaxation")),
   SecondEffect("friction_patch", "tyre", 0.40, "-", _oil),
   SecondEffect("side_force", "tyre", 0.7, "N", _sets("conicity", "side_force"), True),
   SecondEffect("floor_slope", "ground", 0.20, "m/s^2", _slope),

@@ -26,8 +26,9 @@ def bristle_stiffness(car: SimpleNamespace) -> np.ndarray:
 
 
 def patch(car: SimpleNamespace) -> np.ndarray:
-  """Length of the patch (n,) [m]; a carcass that yields acts as a longer one of softer bristles."""
-  return car.patch_length + 2.0 * car.relaxation
+  """Length of the patches (4, n) [m]; a carcass that yields acts as a longer one of softer bristles."""
+  front = car.patch_length + 2.0 * car.relaxation_front
+  return np.stack([front, front, car.patch_length, car.patch_length])
 
 
 def tyre_forces(

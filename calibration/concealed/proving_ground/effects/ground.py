@@ -12,12 +12,12 @@ from .base import Effect
 
 
 class TyreRelaxation(Effect):
-  """A softer carcass: it has to be wound up over a longer way before the full force is there."""
+  """Softer carcasses in front: they have to be wound up over a longer way before the full force is there."""
 
   id, subsystem, parameter, typical, unit = "tyre_relaxation", "tyre", "tyre_relaxation", 0.07, "m"
 
   def prepare(self, car: SimpleNamespace) -> None:
-    car.relaxation[self.columns] += self.value
+    car.relaxation_front[self.columns] += self.value
 
 
 class TyreSaturation(Effect):

@@ -19,7 +19,10 @@ from tests.qcar_twin.twin.mechanisms.mechanism_bench import (
 
 
 def test_model_quantities_change_as_stated():
-  np.testing.assert_allclose(changed("tyre_relaxation", [0.05])["relaxation_length"], 0.05)
+  softer = changed("tyre_relaxation", [0.05])["relaxation_length"]
+  np.testing.assert_allclose(softer, [0.05, 0.05, 0.0, 0.0])
+  harder = changed("tyre_relaxation", [-0.05])["relaxation_length"]
+  np.testing.assert_allclose(harder, [-0.01, -0.01, 0.0, 0.0])  # no length is negative
   saturated = changed("tyre_saturation", [0.25, -0.3])
   np.testing.assert_allclose(saturated["friction_coefficient"], -0.2)
   np.testing.assert_allclose(saturated["tyre_shape"], -0.3)
