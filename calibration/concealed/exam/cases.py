@@ -65,21 +65,20 @@ def seed_of(*words: str) -> int:
 def make_case(case: Case) -> tuple[Session, dict]:
   """The session of a case, and its truth: "kind", "seed", "car", "effects" with "id", "right", "size", "nats"."""
   setting, rng = set_up(case.generator, case.seed, bench=True), stream(case.seed, 8)
-  small, drawn, together = small_errors(stream(case.seed, 9)), [], None
+  small, drawn = small_errors(stream(case.seed, 9)), []
   if case.kind != "null":
     judge = Judge.of(setting)
-    drawn = _sized(case, judge, rng)
-    together = judge.shown([one for one, _, _ in drawn])
+    drawn = [(one, straight, target, judge.absorbed([one])) for one, straight, target in _sized(case, judge, rng)]
   session = make_exam_session(
-    case.generator, case.seed, concealed=[*small, *(one for one, _, _ in drawn)], bench=True
+    case.generator, case.seed, concealed=[*small, *(d[0] for d in drawn)], bench=True
   )  # fmt: skip
   effects = [
     {"id": one.name, "right": one.effect.answers, "part": one.effect.part, "how": one.effect.how, "size": one.size,
-     "unit": one.effect.unit, "nats": shown.nats, "nats_before_absorption": shown.before, "nats_wanted": target}
-    for one, shown, target in drawn
+     "unit": one.effect.unit, "nats": shown.nats, "nats_before_absorption": shown.before,
+     "nats_first_order": straight.nats, "nats_wanted": target}
+    for one, straight, target, shown in drawn
   ]  # fmt: skip
   truth = {"kind": case.kind, "seed": case.seed, "effects": effects, "car": session.truth["car"],
-           "nats": 0.0 if together is None else together.nats,
            "small_errors": {one.name: one.size for one in small}}  # fmt: skip
   return session, truth
 

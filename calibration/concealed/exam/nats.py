@@ -2,12 +2,14 @@
 
 The car is driven twice with the same commands, with the effect and without. What the sensors see differs by d, each
 sample over its noise. Samples within 0.1 s count as one, displacements within their second, as in the product's unit
-of evidence. What the car without an effect could imitate with other numbers is taken away to first order:
+of evidence. What the car without an effect could imitate with other numbers is taken away:
 
-    nats = min over a of  (|d + J a|^2 + a' P a) / 2
+    nats = min over a of  (|d(a)|^2 + a' P a) / 2
 
-J: change by each of the generator's numbers that a recalibration may move, by the small errors that every description
-of a car has (UNSTATED), and by constant errors of the IMU. P: the precision of what the owner states, and of those.
+a: the generator's numbers that a recalibration may move, the small errors that every description of a car has
+(UNSTATED), and constant errors of the IMU. P: the precision of what the owner states, and of those. Sizes are searched
+with d(a) = d + J a, `shown`; what is stated of an effect is `absorbed`, where the car drives with the numbers moved: a
+large effect bends the slopes, and a fit that goes on from there takes up more than they promise, or less.
 Recordings that are held out to the end count nothing: a diagnosis does not look at them. So these are nats *after
 absorption* by a perfect model of the car; `before` is |d|^2 / 2. They are an upper end of what a model sees whose own
 errors exceed the noise.
@@ -15,10 +17,12 @@ errors exceed the noise.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from ..laboratory.manoeuvres import PERIOD
 from .described import UNSTATED, WRAPPED
@@ -31,6 +35,10 @@ HORIZON = round(1.0 / PERIOD)  # ticks that a displacement takes
 LEAST, MOST = 5.0, 5000.0  # nats that targets are drawn between, log-uniformly
 CLOSE = 0.05  # relative, of a target that is met
 TRIES = 12
+STRAIGHT = 0.05  # relative, or half a nat: so near what the slopes promise, nothing is bent
+SETTLED = 0.01  # relative, of the last step's drop of the sum of squares
+TRIALS = 16  # cars that are driven on the way, those for slopes aside
+IMPOSSIBLE = 1e3  # noises, of every sample of a car that cannot be built
 _RIGID = {"accel_x": "accel", "accel_y": "accel", "yaw_rate": "gyro", "motor_speed": "motor"}
 _CONSTANT = ("accel_x", "accel_y", "yaw_rate")  # channels whose sensor has a constant error
 
@@ -61,25 +69,66 @@ class Judge:
     traces = [replayed(setting.car, run, told) for run, told in zip(setting.runs, commands, strict=True)]
     judge = cls(setting, commands, traces, [], np.empty((0, 0)), np.empty(0))
     judge.plain = judge._seen((), ())
-    columns, precision = judge._constants(), []
-    for number in setting.car.nuisances(setting.std).values():
-      columns.append(judge._difference((), ((number, number.step),)) / number.step)
-      precision.append(0.0 if np.isinf(number.std) else number.std**-2)
-    for name, std in UNSTATED.items():
-      columns.append(judge._difference((Concealed(name, WRAPPED[name], std),), ()) / std)
-      precision.append(std**-2)
-    judge.imitation = np.stack(columns, axis=1)
-    judge.precision = np.array([0.0] * len(_CONSTANT) + precision)
+    stated = [0.0 if np.isinf(number.std) else number.std**-2 for number in judge._numbers]
+    judge.precision = np.array([0.0] * len(_CONSTANT) + stated + [std**-2 for std in UNSTATED.values()])
+    judge.imitation = np.stack(judge._constants(), axis=1)
+    judge.imitation = judge._slopes((), np.zeros(len(judge.precision)))
     return judge
 
   def shown(self, concealed: Sequence[Concealed]) -> Shown:
     """Of all of them together. Raises ValueError where such a car is impossible."""
+    return self._first_order(concealed)[0]
+
+  def absorbed(self, concealed: Sequence[Concealed]) -> Shown:
+    """Of all of them together, the numbers moved to where they leave least, by Levenberg's and Marquardt's method.
+
+    A valley may be longer than TRIALS: what is returned is an upper end. Raises ValueError as `shown` does.
+    """
+    shown, start = self._first_order(concealed)
+    prior = np.sqrt(self.precision)
+    change = lambda a: np.concatenate([self._moved(concealed, a), prior * a])
+    slopes = lambda a: np.vstack([self._slopes(concealed, a), np.diag(prior)])
+    reached = 0.5 * float(np.sum(change(start) ** 2))
+    if abs(reached - shown.nats) <= max(STRAIGHT * shown.nats, 0.5):
+      return Shown(reached, shown.before)
+    best = start if reached < shown.before else np.zeros(len(start))
+    least = least_squares(change, best, slopes, method="lm", x_scale="jac", ftol=SETTLED, max_nfev=TRIALS)
+    return Shown(float(least.cost), shown.before)
+
+  @functools.cached_property
+  def _numbers(self) -> list[Nuisance]:
+    return list(self.setting.car.nuisances(self.setting.std).values())
+
+  def _first_order(self, concealed: Sequence[Concealed]) -> tuple[Shown, np.ndarray]:
+    """What is shown by the slopes alone, and the numbers' moves that leave that."""
     change = self._difference(concealed, ())
     usual = np.linalg.norm(self.imitation, axis=0) + 1e-12
     rows = np.vstack([self.imitation / usual, np.diag(np.sqrt(self.precision) / usual)])
     goal = np.concatenate([-change, np.zeros(len(usual))])
     best = np.linalg.lstsq(rows, goal, rcond=1e-9)[0]
-    return Shown(0.5 * float(np.sum((goal - rows @ best) ** 2)), 0.5 * float(change @ change))
+    return Shown(0.5 * float(np.sum((goal - rows @ best) ** 2)), 0.5 * float(change @ change)), best / usual
+
+  def _moved(self, concealed: Sequence[Concealed], moves: np.ndarray) -> np.ndarray:
+    """Whitened change under effects with all numbers moved; IMPOSSIBLE where such a car cannot be built."""
+    first, last = len(_CONSTANT), len(_CONSTANT) + len(self._numbers)
+    small = [Concealed(n, WRAPPED[n], float(m)) for n, m in zip(UNSTATED, moves[last:], strict=True)]
+    numbers = [(number, float(m)) for number, m in zip(self._numbers, moves[first:last], strict=True)]
+    try:
+      change = self._difference([*concealed, *small], numbers)
+    except ValueError:
+      return np.full(len(self.imitation), IMPOSSIBLE)
+    return change + self.imitation[:, :first] @ moves[:first]
+
+  def _slopes(self, concealed: Sequence[Concealed], moves: np.ndarray) -> np.ndarray:
+    """Change of that by each number, by forward differences; constants of the IMU as they are."""
+    constants = self.imitation[:, : len(_CONSTANT)]
+    steps = [number.step for number in self._numbers] + list(UNSTATED.values())
+    here, columns = self._moved(concealed, moves), []
+    for i, step in enumerate(steps, constants.shape[1]):
+      there = moves.copy()
+      there[i] += step
+      columns.append((self._moved(concealed, there) - here) / step)
+    return np.column_stack([constants, *columns])
 
   def _seen(
     self, concealed: Sequence[Concealed], moved: Sequence[tuple[Nuisance, float]]

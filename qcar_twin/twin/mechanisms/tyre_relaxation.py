@@ -26,7 +26,9 @@ class TyreRelaxation(Mechanism):
     True  # tyres and servo move far to make up for it, and a linear model from there predicts nothing
   )
   parameters = (
-    Parameter("tyre_relaxation", 0.0, -0.2, 0.4, "m", "d_sigma", null=0.0, typical=0.03, description="front minus rear"),
+    Parameter(
+      "tyre_relaxation", 0.0, -0.2, 0.4, "m", "d_sigma", null=0.0, typical=0.03, description="front minus rear"
+    ),
   )
 
   def write_model(self, theta: Array, context: Context, model: Model) -> None:
