@@ -20,6 +20,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -87,7 +88,7 @@ class Judge:
     shown, start = self._first_order(concealed)
     prior = np.sqrt(self.precision)
     change = lambda a: np.concatenate([self._moved(concealed, a), prior * a])
-    slopes = lambda a: np.vstack([self._slopes(concealed, a), np.diag(prior)])
+    slopes: Any = lambda a: np.vstack([self._slopes(concealed, a), np.diag(prior)])  # scipy's stub knows names alone
     reached = 0.5 * float(np.sum(change(start) ** 2))
     if abs(reached - shown.nats) <= max(STRAIGHT * shown.nats, 0.5):
       return Shown(reached, shown.before)
