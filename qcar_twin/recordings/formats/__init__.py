@@ -80,7 +80,8 @@ def read_table(path: Path, label: str | None = None) -> Table:
     with bounded_memory(size):
       table = read(path, label)
   except RecordingError as error:  # what a library says takes several lines at times
-    raise RecordingError(" ".join(str(error).split())) from error
+    kind = NoSamples if isinstance(error, NoSamples) else RecordingError
+    raise kind(" ".join(str(error).split())) from error
   except MemoryError as error:
     raise RecordingError(_too_large(label, size)) from error
   except OSError as error:

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from qcar_twin.recordings.first_dataset.place import logs_of
+from qcar_twin.recordings.first_dataset.place import Placed, logs_of, with_rows
 from qcar_twin.recordings.formats import read_table
 from qcar_twin.recordings.recording import RecordingError
 
@@ -86,6 +86,70 @@ def test_json_that_was_cut_off_names_the_line(tmp_path):
     read(tmp_path, ['{"t": 0}', '{"t": 1'], "log.jsonl")
   with pytest.raises(RecordingError, match=r"line 1 is no JSON object"):
     read(tmp_path, ["[1, 2]"], "log.jsonl")
+
+
+SAMPLES = [{"t": f"2026-03-01T10:00:0{k}.5Z", "v": 0.5 * k, "imu": {"gyro": [0.0, k]}} for k in range(5)]
+DOCUMENTS = {
+  "a list": SAMPLES,
+  "within a description": {"meta": {"car": 1, "lock": [-0.5, 0.5]}, "samples": SAMPLES},
+  "pandas, index": {str(k): row for k, row in enumerate(SAMPLES)},
+  "pandas, table": {"schema": {"fields": []}, "data": SAMPLES},
+}
+COLUMNS = {
+  "lists": {"t": [0, 1, 2], "v": [1.5, None, 2.5]},
+  "lists within": {"log": {"t": [0, 1, 2], "v": [1.5, None, 2.5]}},
+  "pandas, columns": {"t": {"0": 0, "1": 1, "2": 2}, "v": {"0": 1.5, "1": None, "2": 2.5}},
+  "pandas, split": {"columns": ["t", "v"], "index": [0, 1, 2], "data": [[0, 1.5], [1, None], [2, 2.5]]},
+}
+
+
+@pytest.mark.parametrize("said", DOCUMENTS.values(), ids=DOCUMENTS)
+def test_a_json_document_of_samples(tmp_path, said):
+  table = read(tmp_path, [json.dumps(said, indent=1)], "log.json")
+  assert set(table.columns) == {"t", "v", "imu.gyro[0]", "imu.gyro[1]"}
+  np.testing.assert_array_equal(np.diff(table.columns["t"]), np.ones(4))
+  np.testing.assert_array_equal(table.columns["imu.gyro[1]"], np.arange(5.0))
+
+
+@pytest.mark.parametrize("said", COLUMNS.values(), ids=COLUMNS)
+def test_a_json_document_of_columns(tmp_path, said):
+  table = read(tmp_path, [json.dumps(said)], "log.json")
+  assert set(table.columns) == {"t", "v"}
+  np.testing.assert_array_equal(table.columns["v"], [1.5, np.nan, 2.5])
+
+
+def test_json_lists_with_clocks_of_their_own_keep_their_times(tmp_path):
+  said = {"imu": [{"t": 0.1 * k, "gyro": k} for k in range(9)], "odom": [{"t": 0.2 * k, "v": k} for k in range(5)]}
+  table = read(tmp_path, [json.dumps(said)], "log.json")
+  assert table.rows == 9
+  np.testing.assert_array_equal(table.columns["odom.v"][::2], np.arange(5.0))
+
+
+def test_json_rows_have_no_names(tmp_path):
+  assert read(tmp_path, ["[[0, 1], [1, 2]]"], "log.json").headless
+  with pytest.raises(RecordingError, match="row 2 has 1 values, and the first 2"):
+    read(tmp_path, ["[[0, 1], [1]]"], "log.json")
+
+
+@pytest.mark.parametrize(
+  ("text", "said"),
+  [
+    ('{"rate": 5}', "holds no list of samples"),
+    ('[{"t": 0', "is no JSON.*cut off"),
+    ('[{"t": 0}, 5]', "element 2 is no JSON object"),
+  ],
+)
+def test_json_that_is_no_log(tmp_path, text, said):
+  with pytest.raises(RecordingError, match=said):
+    read(tmp_path, [text], "log.json")
+
+
+def test_a_json_description_is_left_out_of_a_folder_of_logs(tmp_path, capsys):
+  (tmp_path / "meta.json").write_text('{"rate": 5}')
+  (tmp_path / "log.json").write_text(json.dumps(COLUMNS["lists"]))
+  logs = [Placed(path, path.name, copied=False) for path in logs_of([tmp_path])]
+  assert [log.name for log, _ in with_rows(logs)] == ["log.json"]
+  assert "left out: meta.json: holds no list of samples" in capsys.readouterr().out
 
 
 def test_a_packed_log_is_to_be_unpacked(tmp_path):
