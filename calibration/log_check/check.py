@@ -114,7 +114,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
   if not any(f.severity == "spoils" for f in acted):
     late = any(c.motion.acts and abs(c.lag.value) > LATE for c in compared)  # then it is no stretch that went wrong
     acted += [*command_findings(recordings, cuts=not late), *direction_findings(wheels, recordings)]
-  acted += [*upside_down_findings(compared), *mirrored_findings(recordings)]
+  acted += [*upside_down_findings(compared, any("pose_y" in r for r in recordings)), *mirrored_findings(recordings)]
   spoilt = {name for f in acted if f.severity == "spoils" for name in f.channels}  # first these, then what they take
   judged = [c for c in compared if not spoilt & {*c.motion.compared, *c.motion.reference}]
   tied = [c for c in judged if c.motion.kinematic and math.isfinite(c.lag.value)]

@@ -45,11 +45,14 @@ def pose_point_findings(recordings: Sequence[Recording], vehicle: Vehicle) -> li
   return [Finding("beware", ("pose_x", "pose_y"), f"{said} sideways in turns; {cure}")]
 
 
-def upside_down_findings(comparisons: Sequence[Comparison]) -> list[Finding]:
+def upside_down_findings(comparisons: Sequence[Comparison], placed: bool = True) -> list[Finding]:
   """That gyro and lateral accelerometer agree, and both turn against the pose: one mount, not two signs.
 
   An IMU turned over about the car's long axis changes the sign of both. A mirrored place does, too, for them: the
   steering says which of the two it is, where it goes with one of them.
+
+  Args:
+    placed: a place was logged; a heading alone may be a compass's, which counts clockwise.
   """
   turning, across, steered = (
     next(
@@ -61,15 +64,17 @@ def upside_down_findings(comparisons: Sequence[Comparison]) -> list[Finding]:
     return []
   said = "yaw_rate and accel_y agree with each other, and both say the contrary of the pose's turning"
   imu = "the IMU lies upside down: set scale = -1 on yaw_rate and on accel_y in [channels], times those that are there"
-  place = "the place is mirrored: set scale = -1 on pose_y and on pose_yaw in [channels], times those that are there"
+  turned = ("pose_y", "pose_yaw") if placed else ("pose_yaw",)
+  place = "the place is mirrored" if placed else "the heading counts clockwise, as a compass does"
+  place += f": set scale = -1 on {' and on '.join(turned)} in [channels], times those that are there"
   with_imu = 0.0 if steered is None else steered.correlation
   if with_imu < -ALIKE:
     cure, channels = f"the steering goes with the pose: {imu}", ("yaw_rate", "accel_y")
   elif with_imu > ALIKE:
-    channels = ("pose_y", "pose_yaw")
+    channels = turned
     cure = f"the steering goes with them: {place}; or, with scale = -1 on steering_command, too, {imu}"
   else:
-    cure, channels = f"{imu}; or {place}", ("yaw_rate", "accel_y", "pose_y", "pose_yaw")
+    cure, channels = f"{imu}; or {place}", ("yaw_rate", "accel_y", *turned)
   return [Finding("spoils", channels, f"{said}; {cure}")]
 
 

@@ -163,15 +163,25 @@ def _witnessed(
 
 
 def _likeness(columns: Columns, names: Sequence[str]) -> dict[str, float]:
-  """Correlation of each column with the median of all, each in units of its own spread; 0 where they share no rows."""
+  """Correlation of each column with the median of all, each in units of its own spread; 0 where no log has all. Between
+  its samples a column goes on in a line: sensors of rates of their own share few rows."""
   tables = [table for table in columns.tables if all(name in table for name in names)]
   if not tables:
     return dict.fromkeys(names, 0.0)
-  values = np.stack([np.concatenate([t.number(name, name) for t in tables]) for name in names])
+  values = np.stack([np.concatenate([_in_a_line(t.number(name, name)) for t in tables]) for name in names])
+  values = values[:, np.isfinite(values).any(axis=0)]
   low, middle, high = np.nanpercentile(values, [10, 50, 90], axis=1, keepdims=True)
   scaled = (values - middle) / np.where(high > low, high - low, 1.0)
   centre = np.nanmedian(scaled, axis=0) if len(names) > 2 else scaled[0]
   return {name: correlation(row, centre, _LEAST) for name, row in zip(names, scaled, strict=True)}
+
+
+def _in_a_line(values: Array) -> Array:
+  """Values with what lies between two of them; NaN before the first and after the last."""
+  there = np.flatnonzero(np.isfinite(values))
+  if not len(there):
+    return values
+  return np.interp(np.arange(len(values)), there, values[there], left=np.nan, right=np.nan)
 
 
 def _spikes(values: Array) -> float:

@@ -148,18 +148,26 @@ def _stack(above: Sequence[int], cells: dict[int, list[str]], wide: int) -> list
 
 def _names(rows: Sequence[list[str]]) -> tuple[str, ...]:
   """Names from several lines: the first that names every column by itself, with the units of the line below it; where
-  none does, what the lines say of a column one after the other."""
+  none does, what the lines say of a column one after the other, with the units of the line that has them."""
   rows = [[cell.strip() for cell in row] for row in rows]
-  whole = next((k for k, row in enumerate(rows) if all(row) and len(set(row)) == len(row)), None)
+  units = next((k for k, row in enumerate(rows) if k and _mostly(row, _unit)), None)
+  whole = next((k for k, row in enumerate(rows) if k != units and all(row) and len(set(row)) == len(row)), None)
   if whole is None:
-    return tuple(" ".join(dict.fromkeys(filter(None, column))) for column in zip(*rows, strict=True))
+    said = [row for k, row in enumerate(rows) if k != units]
+    names = [" ".join(dict.fromkeys(filter(None, column))) for column in zip(*said, strict=True)]
+    return tuple(names) if units is None else _with_units(names, rows[units])
   if whole + 1 == len(rows):
     return tuple(rows[whole])
   below = rows[whole + 1]
   if not _mostly(below, _unit):
     return ()  # words below a header are refused where the rows are looked at
+  return _with_units(rows[whole], below)
+
+
+def _with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
+  """Names with the units that stand below them, where they say none themselves."""
   of = lambda cell: cell.strip("[](){}")
   return tuple(
     f"{name} [{of(cell)}]" if _unit(cell) and cell.lower() not in _NO_UNIT and unit_of(name) is None else name
-    for name, cell in zip(rows[whole], below, strict=True)
+    for name, cell in zip(names, units, strict=True)
   )

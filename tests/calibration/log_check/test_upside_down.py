@@ -42,6 +42,14 @@ def test_the_steering_says_which_it_is_and_the_cure_works(tmp_path, names, cause
   assert check_log(corrected(tmp_path, cure)).of("spoils") == ()
 
 
+def test_a_compass_without_a_place_counts_clockwise_and_the_cure_works(tmp_path):
+  time, columns = turned("pose_yaw")
+  columns = {name: value for name, value in columns.items() if name not in ("pose_x", "pose_y")}
+  (finding,) = check_log(DataSet.load(folder_with(tmp_path, time, columns))).of("spoils")
+  assert "the heading counts clockwise, as a compass does: set scale = -1 on pose_yaw in" in finding.text
+  assert check_log(corrected(tmp_path, re.search(r"set scale = -1 (on \w+) in", finding.text)[1])).of("spoils") == ()
+
+
 def test_new_counts_an_imu_the_other_way_and_leaves_the_steering_as_it_is(tmp_path):
   time, columns = turned("yaw_rate", "accel_y")
   write_csv(tmp_path / "run.csv", time, columns)

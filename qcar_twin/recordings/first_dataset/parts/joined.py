@@ -20,6 +20,7 @@ _COMMANDS = (*DRIVE_COMMANDS, "steering_command")
 _MOTION = ("motor_speed", "speed", "pose_x", "yaw_rate")
 # of the longest file's time, during which all of them have rows: parts of one drive begin and end alike
 _TOGETHER = 0.5
+_ALIKE = 0.5  # of the columns of the file with fewer: a message of one kind may repeat a name of another
 
 
 @dataclass(frozen=True)
@@ -65,8 +66,8 @@ def as_one_drive(tables: Sequence[Table]) -> Table | None:
   """The files' columns as `file.column` in one table; None where they are drives of their own, or cannot be joined.
 
   They are parts of one drive where each has a clock, their times overlap, and commands and motion are together in all
-  of them: in none alone, or in files that share no column but clocks, where one of the two may have names that nobody
-  knows. Files of the same columns are drives of their own.
+  of them: in none alone, or in files of different columns, where one of the two may have names that nobody knows. Files
+  of the same columns are drives of their own.
   """
   groups: list[Clocked] = []
   each = [Columns((table,)) for table in tables] if len(tables) > 1 else []
@@ -119,9 +120,10 @@ def _merged(name: str, group: Sequence[tuple[Part, float]], prefixes: Mapping[st
 
 
 def _of_different_names(each: Sequence[Columns]) -> bool:
-  """Whether no two files have a column of one name, but for clocks: drives of their own are logged alike."""
+  """Whether no two files share half of their columns and more, but for clocks: drives of their own are logged alike."""
   own = [{name for name in columns.names if not columns.rises(name) and not _tells_time(name)} for columns in each]
-  return sum(map(len, own)) == len(set().union(*own))
+  pairs = ((one, other) for k, one in enumerate(own) for other in own[:k])
+  return all(len(one & other) < _ALIKE * min(len(one), len(other)) for one, other in pairs)
 
 
 def _tells_time(name: str) -> bool:

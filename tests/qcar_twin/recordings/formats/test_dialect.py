@@ -27,11 +27,23 @@ def read(tmp_path, lines, name="log.csv", encoding="utf-8"):
     (["made by a logger, version 2", "", "Driver,Somebody", NAMES, *ROWS], ["time", "throttle", "speed"]),
     ([NAMES, "ms,%,km/h", *ROWS], ["time [ms]", "throttle [%]", "speed [km/h]"]),
     (["Format,3", NAMES, "s,,m/s", ",100: gps,200: obd", *ROWS], ["time [s]", "throttle", "speed [m/s]"]),
+    (
+      ["Format,3", "time,speed,speed", "s,km/h,m/s", ",100: gps,200: obd", *ROWS],
+      ["time [s]", "speed 100: gps [km/h]", "speed 200: obd [m/s]"],
+    ),
     (["Take,a", ",car,car", ",Turn,Place", "Time,X,X", *ROWS], ["Time", "car Turn X", "car Place X"]),
     (["\ufeff# a car", "# a day", NAMES, *ROWS[:40], "# the battery", *ROWS[40:]], ["time", "throttle", "speed"]),
     (["# time,throttle,speed", *ROWS], ["time", "throttle", "speed"]),
   ],
-  ids=["preamble", "units", "units and sources", "several lines of names", "comments and a mark", "commented names"],
+  ids=[
+    "preamble",
+    "units",
+    "units and sources",
+    "a name twice",
+    "several lines of names",
+    "comments and a mark",
+    "commented names",
+  ],
 )
 def test_the_lines_above_the_numbers_name_the_columns(tmp_path, lines, names):
   table = read(tmp_path, lines)
