@@ -42,11 +42,22 @@ def with_sensor_biases(base: ParameterSet, twin: Twin, recordings: Sequence[Reco
 
   One far beyond them is claimed as such; see bias_claims. One that shows where the car stands is read there.
   """
-  declared = [(n, e) for m in sensor_error_mechanisms(twin.mechanisms) for n, e in m.sensor_errors.items()]
   return base + [
-    _read_at_rest(dataclasses.replace(twin.parameters[name], std=error.std, assumed=True), error, recordings)
-    for name, error in declared
+    _read_at_rest(
+      dataclasses.replace(twin.parameters[name], std=_usual(error, m, recordings), assumed=True), error, recordings
+    )
+    for m in sensor_error_mechanisms(twin.mechanisms)
+    for name, error in m.sensor_errors.items()
   ]
+
+
+def _usual(error: SensorError, mechanism: Mechanism, recordings: Sequence[Recording]) -> float:
+  """Its standard deviation where so often was sampled: by the median time between two samples of its channel."""
+  if not error.per_period:
+    return error.std
+  steps = [np.diff(r[name].time) for r in recordings for name in mechanism.needs if name in r]
+  period = float(np.median(np.concatenate(steps))) if steps else 0.0
+  return float(np.hypot(error.std, error.per_period * period))
 
 
 def _read_at_rest(parameter: Parameter, error: SensorError, recordings: Sequence[Recording]) -> Parameter:

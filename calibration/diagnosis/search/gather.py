@@ -143,7 +143,7 @@ class Weighing:
       if not names:
         continue
       declared = {n: e.std for n, e in mechanism.sensor_errors.items()}
-      usual = {n: declared.get(n, model.free[n].std) for n in names}
+      usual = {n: _wider(declared.get(n), model.free[n].std) for n in names}
       away = [(model.estimate(n)[0] - (model.free[n].null or 0.0)) / s for n, s in usual.items() if s is not None]
       without = _at_null(model, names)
       row = self._weighed(model, without, mechanism.name, self._test(model, without), at_bound=False)
@@ -205,8 +205,14 @@ def measured_figures(model: Candidate, twin: Twin) -> tuple[Measured, ...]:
   known = [Measured(p.name, p.nominal, p.std or 0.0, values[p.name], size(p), p.unit) for p in figures]
   errors = {n: e.std for m in sensor_error_mechanisms(twin.mechanisms) for n, e in m.sensor_errors.items()}
   ages = [p for p in model.free if p.name in errors and p.unit == "s"]
-  usual = [Measured(p.name, p.null or 0.0, errors[p.name], values[p.name], size(p), p.unit, True) for p in ages]
+  std = lambda p: _wider(errors[p.name], p.std) or 0.0
+  usual = [Measured(p.name, p.null or 0.0, std(p), values[p.name], size(p), p.unit, True) for p in ages]
   return tuple(known + usual)
+
+
+def _wider(declared: float | None, fitted: float | None) -> float | None:
+  """What is usual of an error: as declared, or more where these recordings allow it more; None where nothing is."""
+  return max(filter(None, (declared, fitted)), default=None)
 
 
 def _key(model: Candidate) -> frozenset[str]:

@@ -155,11 +155,14 @@ class SensorError:
     std: its usual size, a standard deviation in the parameter's unit.
     read_at_rest: channel whose mean is this error while the car stands; "" where something else may show there, too.
     wander: by how much it may differ between rest and drive, a standard deviation.
+    per_period: of an age, what comes on top for each s between two samples, s: a logger that averages over a period or
+      counts in it shows what was half a period ago, and one that does not shows what is, which is two deviations.
   """
 
   std: float
   read_at_rest: str = ""
   wander: float = 0.0
+  per_period: float = 0.0
 
 
 class Mechanism:

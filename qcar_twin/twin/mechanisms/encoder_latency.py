@@ -21,7 +21,7 @@ class EncoderLatency(Mechanism):
   link = "clock"
   needs = ("motor_speed",)
   signed = True
-  sensor_errors = {"encoder_latency": SensorError(0.003)}
+  sensor_errors = {"encoder_latency": SensorError(0.003, per_period=0.25)}
   fitted_rank = 5
   parameters = (
     Parameter("encoder_latency", 0.0, -0.12, 0.15, "s", "d", null=0.0, typical=0.03, description="age of the speed"),

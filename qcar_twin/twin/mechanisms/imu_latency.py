@@ -23,7 +23,7 @@ class ImuLatency(Mechanism):
   needs = ("yaw_rate",)
   signed = True
   # half a period of an IMU read at 100 Hz: no log says whether its samples are means of a period or its last one
-  sensor_errors = {"imu_latency": SensorError(0.005)}
+  sensor_errors = {"imu_latency": SensorError(0.005, per_period=0.25)}
   fitted_rank = 11
   parameters = (
     Parameter("imu_latency", 0.0, -0.12, 0.25, "s", "d", null=0.0, typical=0.05, description="age of the data"),

@@ -1,7 +1,7 @@
 """Poses that arrive late."""
 
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, Mechanism, Track
+from qcar_twin.twin.mechanisms.base import Array, Mechanism, SensorError, Track
 from qcar_twin.twin.mechanisms.elements import replaced, shifted
 
 
@@ -22,6 +22,8 @@ class PoseLatency(Mechanism):
   needs = ("pose_x",)
   signed = True
   sought_far = True
+  sensor_errors = {"pose_latency": SensorError(0.005)}  # motion capture streams what was some milliseconds ago
+  fitted_rank = 16
   parameters = (
     Parameter("pose_latency", 0.0, -0.12, 0.3, "s", "d", null=0.0, typical=0.055, description="age of the pose"),
   )

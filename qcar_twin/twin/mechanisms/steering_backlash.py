@@ -1,10 +1,14 @@
 """Play in the steering linkage."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
 from qcar_twin.twin.mechanisms.elements import STANDSTILL
+
+_USUAL = 0.009  # rad, half a degree: a servo's gears and ball links that are not worn
 
 
 class SteeringBacklash(Mechanism):
@@ -24,9 +28,14 @@ class SteeringBacklash(Mechanism):
   stage = "command"
   link = "play"
   open_loop = True
+  fitted_rank = 18
   parameters = (
     Parameter("steering_play", 0.0, 0.0, 0.15, "rad", "b", null=0.0, typical=0.026, description="whole play"),
   )
+
+  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
+    """No linkage is without play: a usual one is three deviations."""
+    return {"steering_play": _USUAL / 3.0}
 
   def initial(self, theta: Array, context: Context) -> State:
     command, half = context.signal("steering_angle"), 0.5 * theta[:, 0]

@@ -8,7 +8,7 @@ from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, Model
 from qcar_twin.vehicle.similarity import Similarity
 
-_USUAL = 0.1  # s/rad: small servos take 0.1 s for 60 degrees, and road wheels turn about as far as their servo
+_USUAL = 0.15  # s/rad: small servos take 0.1 to 0.16 s for 60 degrees, and road wheels turn about as far as their servo
 
 
 class SteeringRateLimit(Mechanism):
