@@ -55,9 +55,9 @@ def _usual(error: SensorError, mechanism: Mechanism, recordings: Sequence[Record
   """Its standard deviation where so often was sampled: by the median time between two samples of its channel."""
   if not error.per_period:
     return error.std
-  steps = [np.diff(r[name].time) for r in recordings for name in mechanism.needs if name in r]
-  period = float(np.median(np.concatenate(steps))) if steps else 0.0
-  return float(np.hypot(error.std, error.per_period * period))
+  clocks = [next((r[name].time for name in (*mechanism.needs, "speed") if name in r), np.zeros(0)) for r in recordings]
+  steps = np.concatenate([np.diff(clock) for clock in clocks])
+  return float(np.hypot(error.std, error.per_period * np.median(steps))) if len(steps) else error.std
 
 
 def _read_at_rest(parameter: Parameter, error: SensorError, recordings: Sequence[Recording]) -> Parameter:

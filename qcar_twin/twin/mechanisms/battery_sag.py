@@ -12,7 +12,7 @@ from qcar_twin.twin.mechanisms.elements import REFERENCE_VOLTAGE, idle_voltage, 
 
 # relative loss at 2.5 of 11 V: three cells of 3.3 Ah have 0.06 ohm (0.074 ohm at 0.85 Ah in the source), those made for
 # large currents half of it, beside a motor of 0.15 to 0.5 ohm
-_USUAL = 0.01
+_USUAL = 0.02
 _AT_ONCE = 0.001  # s
 CORNER = 0.005  # of the reference current
 
@@ -25,7 +25,7 @@ class BatterySag(Mechanism):
   in the motor's circuit: torque is divided by 1 + s u^2 / (2.5 V)^2, whichever way the current flows.
   Units: s -, relative loss at 2.5 V on a standing motor; p -; tau s; u, e, V V.
   Source: Chen and Rincon-Mora, IEEE Trans. Energy Conversion 21(2), 2006 (electrical battery model).
-  Size: stated prior: 0.2 is twenty times the loss of a sound battery (`_USUAL`), one that is old, cold or too small.
+  Size: stated prior: 0.2 is ten times the loss of a sound battery (`_USUAL`), one that is old, cold or too small.
   Confounded with: quadratic_drag, torque per volt, battery_discharge.
   """
 
