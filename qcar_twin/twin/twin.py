@@ -5,7 +5,6 @@ vector with names; mechanisms that are at their null are not run at all.
 """
 
 import copy
-import dataclasses
 import functools
 import threading
 from collections.abc import Callable, Sequence
@@ -81,7 +80,7 @@ class Twin:
     self.tyre: TyreKind = tyre
     self.period, self.asked_substeps, self.threads, self.rows = 0.01, substeps, threads, rows
     self.substeps = vehicle.similarity.steps(substeps)
-    self.car = CarDimensions(**{f.name: getattr(vehicle, f.name) for f in dataclasses.fields(CarDimensions)})
+    self.car = CarDimensions.of(vehicle)
     self.base = twin_parameters.base_parameters(vehicle)
     self.parameters = self.base + [p for m in self.mechanisms for p in m.parameters]
     self.sessions = sessions

@@ -54,6 +54,11 @@ class CarDimensions:
   imu_x: float
   imu_y: float
 
+  @classmethod
+  def of(cls, vehicle: Vehicle) -> "CarDimensions":
+    """Of a vehicle, as measured."""
+    return cls(**{f.name: getattr(vehicle, f.name) for f in dataclasses.fields(cls)})
+
   @property
   def wheelbase(self) -> float:
     return self.cg_to_front + self.cg_to_rear

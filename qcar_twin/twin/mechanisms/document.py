@@ -10,7 +10,8 @@ from pathlib import Path
 
 from qcar_twin.atomic_io import write_text
 from qcar_twin.twin.mechanisms import by_subsystem, catalogue
-from qcar_twin.twin.mechanisms.base import SUBSYSTEMS, Mechanism
+from qcar_twin.twin.mechanisms.base import SUBSYSTEMS, CarDimensions, Mechanism
+from qcar_twin.vehicle.vehicle import Vehicle
 
 _SECTION = re.compile(r"^  (Equation|Units|Source|Size|Confounded with): ", re.MULTILINE)
 _INTRODUCTION = """# Mechanisms
@@ -49,11 +50,20 @@ def _sizes(mechanism: Mechanism) -> str:
   return ", ".join(f"{sign}{p.typical:g} {p.unit}" for p in mechanism.parameters if p.null is not None)
 
 
+def _usual(mechanism: Mechanism) -> str:
+  """What every model fits of it at most, of the QCar."""
+  car = Vehicle.load()
+  stds = mechanism.tolerances(CarDimensions.of(car), car.std)
+  most = [f"{3.0 * stds[p.name]:.2g} {p.unit}".removesuffix(" -") for p in mechanism.parameters if stds.get(p.name)]
+  return "up to " + " and ".join(dict.fromkeys(most)) if most else ""
+
+
 def _entry(mechanism: Mechanism) -> list[str]:
   text = sections(mechanism)
   flags = ["dissipative"] * mechanism.dissipative + ["not mirror-symmetric"] * (not mechanism.symmetric)
   flags += [f"needs {' and '.join(mechanism.needs)}"] * bool(mechanism.needs)
   flags += ["every model fits what all such sensors have of it"] * bool(mechanism.sensor_errors)
+  flags += [f"every model fits what is usual of it, {_usual(mechanism)}"] * bool(_usual(mechanism))
   lines = ["", f"### {mechanism.name}", "", text["Summary"] + (f" *{', '.join(flags).capitalize()}.*" if flags else "")]
   lines += [
     "",
