@@ -1,8 +1,12 @@
 """Dead time between steering command and actuator."""
 
+from collections.abc import Mapping
+
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
 from qcar_twin.twin.mechanisms.elements import delay_line, delay_step
+
+_FRAME = 0.02  # s, in which pulses for servos come: a command waits for the next
 
 
 class SteeringDelay(Mechanism):
@@ -22,7 +26,12 @@ class SteeringDelay(Mechanism):
   open_loop = True
   nonlinear_response = True
   sought_far = True
+  fitted_rank = 20
   parameters = (Parameter("steering_delay", 0.0, 0.0, 0.2, "s", "d", null=0.0, typical=0.04, description="dead time"),)
+
+  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
+    """Whether a servo is told by pulses few descriptions say: a frame is three deviations."""
+    return {"steering_delay": _FRAME / 3.0}
 
   def initial(self, theta: Array, context: Context) -> State:
     longest = self.parameters[0].upper
