@@ -3,9 +3,18 @@
 import dataclasses
 
 import numpy as np
+import pytest
 
-from calibration.fitting.tolerances import stopped, unlike_the_class, unusual, widened, with_tolerances
+from calibration.fitting.tolerances import (
+  stopped,
+  unlike_the_class,
+  unusual,
+  widened,
+  with_sensor_biases,
+  with_tolerances,
+)
 from qcar_twin.parameters import Parameter, ParameterSet
+from qcar_twin.recordings.recording import Recording, Stream
 from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.mechanisms.floor_slope import LEVEL
 from qcar_twin.twin.twin import Twin
@@ -52,3 +61,44 @@ def test_every_model_lets_the_floor_be_as_far_out_of_level_as_floors_are():
     allowed, declared = fitted[name], twin.parameters[name]
     assert allowed.std == LEVEL and (allowed.lower, allowed.upper) == (-3.0 * LEVEL, 3.0 * LEVEL)
     assert allowed.assumed and declared.std is None and declared.upper > 10.0 * LEVEL  # beyond: the mechanism's to find
+
+
+@pytest.mark.parametrize(
+  ("mechanism", "parameter", "most"),
+  [
+    ("steering_offset", "steering_offset", 0.009),
+    ("steering_backlash", "steering_play", 0.009),
+    ("steering_delay", "steering_delay", 0.02),
+    ("steering_rate_limit", "steering_inverse_rate", 0.15),
+    ("motor_heating", "motor_heating", 0.03),
+    ("battery_sag", "battery_sag", 0.06),
+  ],
+)
+def test_what_every_car_has_some_of_is_fitted_as_far_as_it_is_usual(mechanism, parameter, most):
+  twin = Twin(QCAR, select([mechanism]))
+  allowed, declared = with_tolerances(twin.base, twin)[parameter], twin.parameters[parameter]
+  assert allowed.upper == pytest.approx(most) and allowed.std == pytest.approx(most / 3.0)
+  assert allowed.lower == max(declared.lower, -allowed.upper)
+  assert declared.typical > allowed.std and declared.upper > 2.0 * most
+
+
+def logged(rate: float, name: str) -> Recording:
+  time = np.arange(60) / rate
+  return Recording("run", {"motor_voltage": Stream(time, 0.0 * time), name: Stream(time, 0.0 * time)})
+
+
+@pytest.mark.parametrize(("mechanism", "channel"), [("encoder_latency", "motor_speed"), ("imu_latency", "yaw_rate")])
+def test_a_sensor_may_be_as_old_as_half_a_period_of_its_log(mechanism, channel):
+  """Counts differenced over a period of 20 ms are 10 ms old, which is no more than two deviations."""
+  twin = Twin(QCAR, select([mechanism]))
+  std = lambda rate: with_sensor_biases(twin.base, twin, [logged(rate, channel)])[mechanism].std
+  for rate in (20.0, 50.0, 100.0):
+    assert 0.5 / rate < 2.0 * std(rate) < 0.5 / rate + 0.011
+  own = next(m.sensor_errors[mechanism].std for m in twin.mechanisms)
+  assert std(1e4) == pytest.approx(own, rel=1e-3)
+
+
+def test_the_speed_of_a_log_without_an_encoder_has_its_own_period():
+  twin = Twin(QCAR, select(["encoder_latency"]))
+  known = with_sensor_biases(twin.base, twin, [logged(20.0, "speed")])["encoder_latency"].std
+  assert known == pytest.approx(np.hypot(0.003, 0.0125))
