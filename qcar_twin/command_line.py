@@ -1,19 +1,21 @@
 """How a command is run: its options read, and what went wrong said in a sentence that names a cure.
 
-A command is a module with a docstring, a dataclass `Config` and a function `main(config)`. Where a stopped run leaves
-something to go on from, `KEPT` is a sentence that says what. Where --out is a file and no folder,
-`OUT_IS_FILE` is True, or says it of the options. `POSITIVE` names numbers that may not be zero.
+A command is a module with a docstring, a dataclass `Config` and a function `main(config)`. What a stopped run has
+written is looked up; where one can go on from it, `KEPT` is a sentence that says how. Where --out is a file and no
+folder, `OUT_IS_FILE` is True, or says it of the options. `POSITIVE` names numbers that may not be zero.
 """
 
 import codecs
 import dataclasses
 import errno
 import io
+import itertools
 import logging
 import math
 import os
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -25,6 +27,8 @@ PACKAGES = ("qcar_twin", "calibration", "agents", "scripts")
 FILES = "mechanism_files"
 FILES_HELP = "Python files with mechanisms of your own, which are executed: read them first (docs/guide/extending.md)."
 FAILED, MISUSED, INTERRUPTED = 1, 2, 130  # exit codes; the last is the shell's for Ctrl-C
+WRITTEN = ("out", "record", "folder", "work", "page", "archive", "truth_out")  # options that name what is written
+_LISTED = 3  # files that are named
 
 
 def sentence(error: Exception) -> str | None:
@@ -54,6 +58,8 @@ def let_every_character_through() -> None:
 def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], traceback: bool = False) -> int:
   """Run the command that `load` imports under a name; returns the exit code. With `traceback` errors are raised."""
   module: ModuleType | None = None
+  config: object = None
+  begun = time.time()
   let_every_character_through()
   logging.basicConfig(level=logging.WARNING, format="%(message)s")
   try:
@@ -69,8 +75,7 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
     refuse_early(config, bool(is_file(config) if callable(is_file) else is_file), getattr(module, "POSITIVE", ()))
     module.main(config)
   except KeyboardInterrupt:
-    kept = getattr(module, "KEPT", "nothing of this run is kept: results are written at its end")
-    print(f"\n{name}: stopped; {kept}", file=sys.stderr)
+    print(f"\n{name}: stopped; {left_by(config, begun, getattr(module, 'KEPT', ''))}", file=sys.stderr)
     return INTERRUPTED
   except Exception as error:
     said = None if isinstance(error, BrokenPipeError) else sentence(error)
@@ -79,6 +84,24 @@ def run(name: str, load: Callable[[], ModuleType], arguments: Sequence[str], tra
     print(f"{name}: {said}", file=sys.stderr)
     return FAILED
   return 0
+
+
+def left_by(config: object, begun: float, go_on: str = "") -> str:
+  """What a run that began then, s since 1970, has written where its options say, and how to go on from it."""
+  places = [place for place in (getattr(config, name, None) for name in WRITTEN) if isinstance(place, Path)]
+  files = itertools.chain.from_iterable(place.rglob("*") if place.is_dir() else [place] for place in places)
+  made = sorted({os.fspath(file) for file in files if file.is_file() and _changed(file) >= begun})
+  if not made:
+    return go_on or "nothing of this run is kept: results are written at its end"
+  more = f" and {len(made) - _LISTED} more" if len(made) > _LISTED else ""
+  said = f"written so far: {', '.join(made[:_LISTED])}{more}"
+  return f"{said}; {go_on}" if go_on else said
+
+
+def _changed(file: Path) -> float:
+  """When a file was written or put in its place, s since 1970: what is copied with its times has the older one."""
+  stat = file.stat()
+  return max(stat.st_mtime, stat.st_ctime)
 
 
 def parsed(config: type, arguments: Sequence[str], name: str, text: str | None = None) -> tuple[tuple[Path, ...], Any]:

@@ -18,6 +18,8 @@ ON_PLANT = FILE.with_name("controllers_reduced.toml")
 
 POSITIVE = ("speed", "streams", "tracks")
 
+KEPT = "courses that were driven stay in --out, the same command goes on with the others"
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

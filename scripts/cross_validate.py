@@ -27,6 +27,8 @@ from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.file import command_shift_of, load_twin
 from qcar_twin.twin.twin import Twin
 
+KEPT = "fits that were finished stay in --out, the same command goes on from them"
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

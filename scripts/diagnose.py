@@ -20,6 +20,8 @@ from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.engines import EngineKind
 from qcar_twin.twin.file import load_twin
 
+KEPT = "where staged/recalibrated.toml was written by then, --twin with it goes on from there"
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:

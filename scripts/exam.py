@@ -20,6 +20,8 @@ from calibration.progress import counted
 from qcar_twin.command_line import run_script
 from qcar_twin.parallel import in_parallel
 
+KEPT = "cases that were answered stay in --out, the same command goes on with the others"
+
 
 @dataclass(frozen=True)
 class Config:

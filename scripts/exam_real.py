@@ -16,6 +16,8 @@ from qcar_twin.atomic_io import plain, write_text
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
 
+KEPT = "trials that were finished stay in --out, the same command goes on with the others"
+
 
 @dataclass(frozen=True)
 class Config:

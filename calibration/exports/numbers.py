@@ -41,6 +41,9 @@ _ROUNDS, _MOVE, _REACH = 5, 1e-3, 0.5  # of Gauss-Newton; share for slopes; most
 _WITHOUT = ("cg_lateral_offset", "differential_lock", "floor_slope")  # what needs two wheels on an axle, or a slope
 _PRIOR = 1.0  # standard deviation of a factor's logarithm: what the driving does not show stays where it is
 _SECONDS = 90.0  # of driving that is matched at most
+# N s/m, damping between the axles' rims that stands for an open differential's 0: even a tyre that spins holds its axle
+# by a hundred thousand times as much, and a file of numbers takes no infinite compliance
+_OPEN = 1e-6
 
 
 def without(twin: Twin, theta: Array, kept: Sequence[Mechanism]) -> tuple[Twin, Array]:
@@ -98,7 +101,7 @@ def single_track_numbers(twin: Twin, theta: Array, kept: Sequence[Mechanism]) ->
     "drive_damping": (q["motor_damping"] + q["driveline_damping"]) / inertia,
     "drive_friction": q["driveline_friction"] / inertia,
     "drive_front": share,
-    "centre_compliance": v.wheel_radius**2 / damping,
+    "centre_compliance": 1.0 / max(damping / v.wheel_radius**2, _OPEN),
     "longitudinal_stiffness_front": float(np.sum(q["longitudinal_stiffness"][:2])) if share > 0.0 else 0.0,
     "longitudinal_stiffness_rear": float(np.sum(q["longitudinal_stiffness"][2:])) if share < 1.0 else 0.0,
     "cornering_stiffness_front": float(np.sum(q["cornering_stiffness"][:2])),

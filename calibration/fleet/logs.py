@@ -9,7 +9,7 @@ from pathlib import Path
 
 from qcar_twin.recordings.first_dataset.parts.joined import as_one_drive, joined
 from qcar_twin.recordings.first_dataset.parts.pairing import words_of_file
-from qcar_twin.recordings.first_dataset.place import logs_of
+from qcar_twin.recordings.first_dataset.place import is_document, logs_of
 from qcar_twin.recordings.formats import read_table
 from qcar_twin.recordings.formats.dialect import LONGEST_LINE
 from qcar_twin.recordings.manifest import FILE_NAME
@@ -41,7 +41,7 @@ class Log:
 
 
 def find_logs(folder: Path) -> list[Log]:
-  """Data sets and single logs below a folder, by name.
+  """Data sets and single logs below a folder, by name; results and settings in JSON are none.
 
   Raises:
     RecordingError: no such folder, or nothing in it that could be read.
@@ -57,6 +57,10 @@ def find_logs(folder: Path) -> list[Log]:
   except RecordingError:
     if not sets:
       raise
+  logs = [log for log in single if not is_document(log)]
+  if single and not logs and not sets:
+    raise RecordingError(f"{folder}: holds no log, but results or settings in JSON, as {single[0].name}")
+  single = logs
   parts = _parts(single)
   single = [log for log in single if not any(log in others for others in parts.values())]
   made = (_log(place, folder, parts.get(place, ())) for place in (*sets, *single))

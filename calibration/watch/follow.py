@@ -1,5 +1,6 @@
 """A log that is being written, read piece by piece: rows of a CSV, messages of an MCAP file."""
 
+import codecs
 import contextlib
 import dataclasses
 import io
@@ -16,6 +17,7 @@ from qcar_twin.extras import extra
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.completed import completed
 from qcar_twin.recordings.formats import read_table
+from qcar_twin.recordings.formats.dialect import LONGEST_LINE, encoding_of
 from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.manifest import Manifest, Mapped
 from qcar_twin.recordings.mapping import resolve, streams_of
@@ -98,14 +100,16 @@ class Tail(Protocol):
 
 
 class CsvTail:
-  """Rows of a CSV file; a row that is not ended yet waits."""
+  """Rows of a CSV file; a row that is not ended yet waits, and so does all until the names are there, whose letters
+  tell the encoding."""
 
   def __init__(self, path: Path):
     self._path, self.refused, self.torn = path, "", 0
     self._begin()
 
   def _begin(self) -> None:
-    self._place, self._rest = 0, ""
+    self._place, self._undecoded, self._rest = 0, b"", ""
+    self._decoder: codecs.IncrementalDecoder | None = None
     self._head: str | None = None
     self._rows: list[str] = []
     self.judged, self.held, self.later = -np.inf, Held(), 0.0
@@ -117,8 +121,7 @@ class CsvTail:
       file.seek(self._place)
       new = file.read()
       self._place = file.tell()
-    text = self._rest + new.decode("utf-8", errors="replace")
-    *rows, self._rest = text.split("\n")
+    *rows, self._rest = (self._rest + self._decoded(new)).split("\n")
     if self._head is None and rows:
       self._head, *rows = rows
     rows = [row for row in rows if row.strip()]
@@ -129,6 +132,17 @@ class CsvTail:
     self.torn += len(rows) - len(whole)
     self._rows += whole
     return bool(rows)
+
+  def _decoded(self, new: bytes) -> str:
+    """The letters that are whole; none before the first line is."""
+    if self._decoder is None:
+      self._undecoded += new
+      lines = self._undecoded[: self._undecoded.rfind(b"\n") + 1]
+      if not lines:
+        return ""
+      self._decoder = codecs.getincrementaldecoder(encoding_of(lines[:LONGEST_LINE]))(errors="replace")
+      new, self._undecoded = self._undecoded, b""
+    return self._decoder.decode(new)
 
   def written(self, folder: Path) -> Path:
     path = folder / "piece.csv"

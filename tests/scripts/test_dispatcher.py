@@ -9,6 +9,7 @@ import sys
 
 import pytest
 
+from qcar_twin.atomic_io import write_json
 from qcar_twin.command_line import FAILED, INTERRUPTED, MISUSED, sentence
 from qcar_twin.extras import MissingExtra
 from qcar_twin.recordings.recording import RecordingError
@@ -16,7 +17,7 @@ from qcar_twin.rendering.film import RenderingUnavailable
 from qcar_twin.twin.file import save_twin
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
-from scripts import train, unseal
+from scripts import diagnose, train, unseal
 from scripts.__main__ import USE, commands, main
 from tests import ROOT
 
@@ -171,6 +172,22 @@ def test_a_stopped_run_says_what_is_kept(monkeypatch, capsys):
   assert main(["train", "--out", "x"]) == INTERRUPTED
   assert "--resume goes on from it" in capsys.readouterr().err
   assert main(["unseal"]) == INTERRUPTED and "nothing of this run is kept" in capsys.readouterr().err
+
+
+def test_a_stopped_run_names_what_it_has_written(monkeypatch, capsys, tmp_path):
+  """What lay there before is not its own; a file that was copied with its old time is."""
+  (tmp_path / "before.json").write_text("{}")
+
+  def stop(config):
+    ranking = write_json(config.out / "staged" / "ranking.json", {})
+    os.utime(ranking, (1e9, 1e9))
+    raise KeyboardInterrupt
+
+  monkeypatch.setattr(diagnose, "main", stop)
+  assert main(["diagnose", "--dataset", "data/sample", "--out", str(tmp_path)]) == INTERRUPTED
+  said = capsys.readouterr().err
+  assert f"stopped; written so far: {tmp_path / 'staged' / 'ranking.json'}; where staged/recalibrated.toml was" in said
+  assert "nothing" not in said and "before.json" not in said
 
 
 LONG = ("calibrate", "diagnose", "cross-validate", "estimate", "curves", "campaign", "train")

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from qcar_twin.atomic_io import whole_file
+from qcar_twin.recordings.first_dataset.columns import Columns, guess_columns
+from qcar_twin.recordings.first_dataset.torn import is_clock
 from qcar_twin.recordings.formats import PACKED, read_table, readers
 from qcar_twin.recordings.formats.table import NoSamples, Table
 from qcar_twin.recordings.manifest import FILE_NAME
@@ -15,6 +17,10 @@ from qcar_twin.recordings.recording import RecordingError
 
 _BAG = "metadata.yaml"  # what makes a folder a ROS 2 bag
 _LISTED = 3  # files that are named
+_MANY = 20  # rows: among fewer some number rises by chance, and nobody drives for so few
+_LATER = re.compile(r"\[[1-9]\d*\]$")
+_NOT_IN_TIME = f"no column of {_MANY} rows and more is a clock, so that it is no log"
+_DOCUMENTS = (".json", ".jsonl", ".ndjson")  # logs, or results, settings and descriptions of logs
 _PROSE = (".txt", ".log")  # read where it is named; in a folder it is more often a note than a log
 
 
@@ -111,7 +117,8 @@ def copy_in(folder: Path, logs: Sequence[Placed]) -> None:
 
 
 def with_rows(logs: Sequence[Placed]) -> list[tuple[Placed, Table]]:
-  """The logs that hold a sample, with their content; each that holds none is said and left out.
+  """The logs that hold a sample, with their content; each that holds none is said and left out, and so is a document
+  whose lists are none of samples, beside logs.
 
   Raises:
     RecordingError: none holds a sample, or one cannot be read.
@@ -126,4 +133,39 @@ def with_rows(logs: Sequence[Placed]) -> list[tuple[Placed, Table]]:
       print(f"left out: {str(error).partition(';')[0]}")
   if not read:
     raise RecordingError("no log holds a sample; record again, or name other files")
-  return read
+  drives = [(log, table) for log, table in read if not _may_be_results(log.source) or _in_time(table)]
+  if not drives:
+    return read
+  for log, _ in read:
+    if all(log is not other for other, _ in drives):
+      print(f"left out: {log.name}: {_NOT_IN_TIME}")
+  return drives
+
+
+def is_document(path: Path) -> bool:
+  """Whether a file holds results or settings in JSON and is no log: it has no samples, or they have no clock. What
+  cannot be read is none, so that whoever reads it says why."""
+  if not _may_be_results(path):
+    return False
+  try:
+    return not _in_time(read_table(path))
+  except NoSamples:
+    return path.stat().st_size > 0  # an empty file is a run that was aborted
+  except RecordingError:
+    return False
+
+
+def _may_be_results(path: Path) -> bool:
+  return path.suffix.lower() in _DOCUMENTS and path.is_file()
+
+
+def _in_time(table: Table) -> bool:
+  """Whether the rows are samples: many, of which a column is a clock by its name, or rises as one beside a channel's.
+
+  The later values of a list are none by its name: a stamp's begin with what counts most, and a scan's with a size.
+  """
+  guesses = guess_columns(Columns((table,))) if table.rows >= _MANY else {}
+  if "time" not in guesses:
+    return False
+  clock = guesses["time"].column
+  return table.headless or len(guesses) > 1 or (is_clock(clock) and not _LATER.search(clock))

@@ -35,11 +35,12 @@ def refuse_parts(columns: Columns, guesses: Mapping[str, Guess]) -> None:
 
 def _nothing_shared(tables: Sequence[Table]) -> bool:
   """Whether no two logs have a column in common that is no clock."""
-  named = [{name for name in table.columns if not _is_clock(name)} for table in tables]
+  named = [{name for name in table.columns if not is_clock(name)} for table in tables]
   return all(not a & b for k, a in enumerate(named) for b in named[:k])
 
 
-def _is_clock(name: str) -> bool:
+def is_clock(name: str) -> bool:
+  """Whether a column's name says time."""
   return name == "time" or any(reading.channel == "time" for reading in readings(name))
 
 

@@ -28,7 +28,7 @@ pyarrow.scalar(0)  # imports pandas, if it is there, now and not under the bound
 # what spreadsheets, pandas, R and C write where there is no number
 _BLANK = ("", "#N/A", "N/A", "n/a", "NA", "null", "NULL", "None", "-", "--", "#DIV/0!", "#NUM!", "#VALUE!", "-nan(ind)")
 _NUMBER = r"^\s*[-+]?(\d+\.?\d*|\.\d+|inf|nan|NaN)([eE][-+]?\d+)?\s*$"  # what a number looks like in a text
-_CLOCKS = {"t", "time", "times", "stamp", "stamps", "timestamp", "timestamps", "clock"}
+CLOCKS = {"t", "time", "times", "stamp", "stamps", "timestamp", "timestamps", "clock"}
 _LONG, _SIGNALS, _LISTED = 20, 200, 4  # rows and signals of a long table, and how many are named
 # "Speed"|"MPH"|0.0|150.0|10, with some of its quotes read away
 _RANGED = re.compile(r'^"?(?P<name>[^"|]+)"?\|"?(?P<unit>[^"|]*)"?\|[-+.\d]*\|[-+.\d]*\|\d+$')
@@ -176,7 +176,7 @@ def _clocked(vectors: dict[str, np.ndarray]) -> list[Clocked]:
   groups = []
   for length in sorted({vector.size for vector in vectors.values()} - {1}):
     same = {name: vector for name, vector in vectors.items() if vector.size == length}
-    clocks = [name for name, vector in same.items() if set(words_of(name)) & _CLOCKS and (np.diff(vector) > 0.0).all()]
+    clocks = [name for name, vector in same.items() if set(words_of(name)) & CLOCKS and (np.diff(vector) > 0.0).all()]
     if len(clocks) != 1:
       return []
     groups.append(Clocked(same.pop(clocks[0]), same))

@@ -53,10 +53,10 @@ def dialect_of(path: Path, label: str) -> Dialect:
   """
   with path.open("rb") as file:
     head = file.read(LONGEST_LINE)
-  encoding = next((name for mark, name in _MARKS.items() if head.startswith(mark)), "")
-  if not encoding and b"\x00" in head:
+  encoding = encoding_of(head)
+  if encoding not in _MARKS.values() and b"\x00" in head:
     raise RecordingError(f"{label}: is not UTF-8 text (UTF-16 without a mark, or a binary file); save it as CSV UTF-8")
-  text, encoding = _decoded(head, encoding)
+  text = head.decode(encoding, errors="ignore")
   if len(head) == LONGEST_LINE and not text.strip().count("\n") and "\r" not in text.strip():
     raise RecordingError(
       f"{label}: the first line has more than {LONGEST_LINE >> 10} KiB and is no header; write one line of names and"
@@ -90,20 +90,23 @@ def dialect_of(path: Path, label: str) -> Dialect:
   return Dialect(separator, decimal, encoding, first if names else above[0], names)
 
 
+def encoding_of(head: bytes) -> str:
+  """Of a text that begins so: what its mark of byte order says, else UTF-8 where it can be that, else Latin-1."""
+  for mark, name in _MARKS.items():
+    if head.startswith(mark):
+      return name
+  try:
+    head.decode("utf-8")
+  except UnicodeDecodeError as error:
+    if error.start < len(head) - 3 or len(head) < LONGEST_LINE:  # else it is cut off within its last letter
+      return "latin1"
+  return "utf-8"
+
+
 def without_comments(text: str, skipped: int) -> str:
   """The lines from there on that do not begin with #, but for the first, which may be a header so marked."""
   lines = text.splitlines(keepends=True)[skipped:]
   return "".join(line for k, line in enumerate(lines) if not k or not line.lstrip().startswith("#"))
-
-
-def _decoded(head: bytes, encoding: str) -> tuple[str, str]:
-  if encoding:
-    return head.decode(encoding, errors="ignore"), encoding
-  try:
-    return head.decode("utf-8"), "utf-8"
-  except UnicodeDecodeError as error:
-    cut = error.start >= len(head) - 3 and len(head) == LONGEST_LINE  # within its last letter
-    return (head.decode("utf-8", errors="ignore"), "utf-8") if cut else (head.decode("latin1"), "latin1")
 
 
 def by_tabs(text: str) -> str:

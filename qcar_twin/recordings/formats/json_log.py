@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from qcar_twin.recordings.formats.columnar import table_of_arrays
+from qcar_twin.recordings.formats.columnar import CLOCKS, table_of_arrays
 from qcar_twin.recordings.formats.dates import seconds_of
 from qcar_twin.recordings.formats.table import NO_ROWS, NoSamples, Table
 from qcar_twin.recordings.recording import RecordingError
+from qcar_twin.recordings.unit_names import words_of
 
 READERS = {
   ".jsonl": "read_json_lines",
@@ -23,6 +24,9 @@ READERS = {
   ".json": "read_json",
 }
 _LEAST = 2  # samples: fewer are no log
+_DATE = 7  # parts of a date, down to the millisecond: a longer list of times is a block of samples
+_CLOCKED = "where it is a log, write an object a sample, or lists of one length"
+_NO_LIST = "holds no list of samples; name the file of the log itself, or write an object a sample"
 
 
 def read_json_lines(path: Path, label: str) -> Table:
@@ -33,7 +37,7 @@ def read_json_lines(path: Path, label: str) -> Table:
 def read_json(path: Path, label: str) -> Table:
   """One document: a list of objects, lists by name, a list of rows, or pandas' `to_json`; or an object a line.
 
-  Raises NoSamples where a document holds no list of samples, as a description of a log does.
+  Raises NoSamples where a document holds no list of samples, as a description of a log or a result does.
   """
   text = _text(path)
   try:
@@ -41,6 +45,8 @@ def read_json(path: Path, label: str) -> Table:
   except (ValueError, RecursionError) as error:
     if text.lstrip().startswith("{") and "Extra data" in str(error):
       return _of_lines(text, label)
+    if "Extra data" in str(error) and _all_json(text):  # as a Donkeycar tub's manifest, a list of names first
+      raise NoSamples(f"{label}: {_NO_LIST}") from error
     raise RecordingError(
       f"{label}: is no JSON ({error}); repair that place (the end is often cut off when a logger is killed)"
     ) from error
@@ -58,8 +64,10 @@ def read_json(path: Path, label: str) -> Table:
       vectors |= {f"{name}.{key}": column for key, column in _of_records(values, label).columns.items()}
     elif len(values) in sizes and not any(isinstance(value, (dict, list)) for value in values):
       vectors[name] = _column(values)
-  if not vectors:
-    raise NoSamples(f"{label}: holds no list of samples; name the file of the log itself, or write an object a sample")
+  if all(vector.dtype == object for vector in vectors.values()):
+    raise NoSamples(f"{label}: {_NO_LIST}")
+  if len({vector.size for vector in vectors.values()}) > 1 and not any(map(_is_clock, vectors)):
+    raise NoSamples(f"{label}: holds lists of several lengths and no clock, as results do; {_CLOCKED}")
   shared = next(iter(vectors)).rpartition(".")[0] + "."
   alike = all(name.startswith(shared) for name in vectors)
   return table_of_arrays({name.removeprefix(shared) if alike else name: v for name, v in vectors.items()}, label)
@@ -69,6 +77,21 @@ def _text(path: Path) -> str:
   """What a file says, in UTF-8, or in UTF-16 with its mark."""
   data = path.read_bytes()
   return data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
+
+
+def _all_json(text: str) -> bool:
+  """Whether every line is a JSON document of its own."""
+  try:
+    for line in filter(str.strip, text.splitlines()):
+      json.loads(line)
+  except (ValueError, RecursionError):
+    return False
+  return True
+
+
+def _is_clock(name: str) -> bool:
+  """Whether the last part of a name, `imu.stamp`, says time."""
+  return bool(set(words_of(name.rpartition(".")[2])) & CLOCKS)
 
 
 def _of_lines(text: str, label: str) -> Table:
@@ -93,6 +116,8 @@ def _of_list(said: Sequence[Any], label: str) -> Table:
   """A sample each: objects, or rows of as many numbers, whose columns have no names."""
   if all(isinstance(record, dict) for record in said):
     return _of_records(said, label)
+  if not any(isinstance(record, (dict, list)) for record in said):
+    raise NoSamples(f"{label}: {_NO_LIST}")
   if len(said) < _LEAST or not all(isinstance(row, list) for row in said):
     odd = next((k for k, record in enumerate(said, 1) if not isinstance(record, dict)), 1)
     raise RecordingError(f"{label}: element {odd} is no JSON object; write one object a sample, with a name per value")
@@ -105,6 +130,8 @@ def _of_list(said: Sequence[Any], label: str) -> Table:
 
 
 def _of_records(records: Sequence[Mapping[str, Any]], label: str) -> Table:
+  if (name := next((name for record in records[:1] for name in _blocks("", record)), None)) is not None:
+    raise NoSamples(f"{label}: '{name}' is a list of times in one object, as of a watch; write an object a sample")
   rows = [dict(_values("", record)) for record in records]
   names = dict.fromkeys(name for row in rows for name in row)
   columns = {name: _column([row.get(name) for row in rows]) for name in names}
@@ -124,6 +151,15 @@ def _values(before: str, said: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
       yield from ((f"{before}{key}[{k}]", v) for k, v in enumerate(value) if not isinstance(v, (dict, list)))
     elif value is not None:
       yield f"{before}{key}", value
+
+
+def _blocks(before: str, said: Mapping[str, Any]) -> Iterator[str]:
+  """Names of the lists in an object that hold times of many samples."""
+  for key, value in said.items():
+    if isinstance(value, dict):
+      yield from _blocks(f"{before}{key}.", value)
+    elif isinstance(value, list) and len(value) > _DATE and _is_clock(key):
+      yield f"{before}{key}"
 
 
 def _column(values: Sequence[Any]) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -50,6 +51,14 @@ def test_a_voltage_ends_at_the_supply(tmp_path):
   own = single_track_numbers(job.twin, job.theta, ())
   pull = own["travel_per_radian"] * own["drive_gain"] * job.twin.vehicle.supply_voltage
   assert made["v_max"] == pytest.approx(pull / own["drive_damping"]) and "not in it" not in text
+
+
+@pytest.mark.parametrize("target", ["single-track", "f1tenth", "commonroad", "mjcf"])
+def test_a_car_whose_centre_differential_is_open_is_exported(target, tmp_path):
+  twin = Twin(dataclasses.replace(Vehicle(), centre_differential=1.0), threads=1)
+  path, _ = export_twin(target, Job(twin, twin.parameters.nominal), tmp_path)
+  text = path.read_text(encoding="utf-8")
+  assert not re.search(r"\b(inf|nan)\b", text)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

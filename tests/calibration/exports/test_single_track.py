@@ -72,3 +72,15 @@ def test_a_rear_axle_that_spins_lets_go_across():
       x, _ = single_track.step(x, np.array([8.0, 0.1]), car)
     turned[layout] = x[5]
   assert turned["rear"] > 1.5 * turned["front"]
+
+
+@pytest.mark.parametrize(("volts", "steering"), [(1.2, 0.5), (6.0, 0.1)])
+def test_an_open_centre_differential_lets_the_axles_turn_as_the_twins_does(volts, steering):
+  """It is the limit of a nearly open one, and the twin's own, at full lock and in a launch."""
+  open_, twins, car = beside_the_twin(np.full(300, volts), steering, centre_differential=1.0)
+  nearly, _, other = beside_the_twin(np.full(300, volts), steering, centre_differential=0.999)
+  assert np.isfinite(open_).all() and np.isfinite(car["centre_compliance"])
+  assert car["centre_compliance"] > 1e3 * other["centre_compliance"]
+  at = signal_index("yaw_rate")
+  assert open_[-1, at] == pytest.approx(nearly[-1, at], rel=1e-3)
+  assert open_[-1, at] == pytest.approx(twins[-1, at], rel=0.03)

@@ -8,6 +8,9 @@ import pytest
 from calibration.fleet.history import write_history
 from calibration.fleet.logs import find_logs
 from calibration.fleet.scan import line_of, read_lines, scan
+from calibration.log_check.report import check_and_say
+from qcar_twin.atomic_io import write_json
+from qcar_twin.recordings.recording import RecordingError
 from scripts import scan as scan_command
 from scripts.__main__ import dispatch
 from tests import ROOT
@@ -98,6 +101,27 @@ def test_exit_codes(folder, capsys):
     assert misused.value.code == 2
   page = (folder / "out" / "history.html").read_text(encoding="utf-8")
   assert "4 logs of 2 cars" in page and json.loads((folder / "out" / "odd.json").read_text()) == []
+
+
+def test_what_commands_have_written_below_the_logs_is_no_log(folder):
+  """A scan's own lines, a check's document, and a fit's; a folder of nothing else holds no log."""
+  logs = [log.name for log in find_logs(folder / "logs")]
+  place = folder / "logs" / "out"
+  scan(find_logs(folder / "logs"), place / "scan.ndjson", like=SAMPLE)
+  check_and_say(SAMPLE, place / "check")
+  write_json(place / "calibration" / "stages" / "fit.json", {"key": "a", "result": {"theta": [1.0, 2.0, 3.0]}})
+  assert (place / "check" / "check.json").is_file()
+  assert [log.name for log in find_logs(folder / "logs")] == logs
+  with pytest.raises(RecordingError, match="holds no log, but results or settings in JSON, as .*json"):
+    find_logs(place)
+
+
+def test_a_log_in_json_is_scanned(tmp_path):
+  time, columns = sample_columns(SAMPLE / "oval.csv")
+  rows = zip(time, *columns.values(), strict=True)
+  write_json(tmp_path / "oval.json", [dict(zip(("time", *columns), row, strict=True)) for row in rows])
+  (line,) = scan(find_logs(tmp_path), tmp_path / "out" / "scan.ndjson", like=SAMPLE)
+  assert line["log"] == "oval.json" and line["state"] in ("fit", "beware")
 
 
 def test_a_line_that_is_none_is_said_with_its_number(tmp_path):
