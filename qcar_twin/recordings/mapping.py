@@ -91,7 +91,7 @@ def streams_of(table: Table, mapping: Mapping[str, Mapped]) -> tuple[dict[str, S
       time = clock.row_time
       spread.append(channel)
     else:
-      time, there = clock.stamp, np.intersect1d(there, np.flatnonzero(clock.first))
+      time, there = clock.stamp, there[clock.first[there]]
     if mapping[channel].hold and not clock.held:
       there = there[published_samples(value[there], publisher_rows[channel])]
     sampled = value[there]
