@@ -4,18 +4,20 @@ Which they are and how large is declared by the mechanisms; see `Mechanism.senso
 """
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.noise import means_at_rest
+from calibration.fitting.observations import Observations
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.mechanisms import catalogue
 from qcar_twin.twin.mechanisms.base import Mechanism, SensorError
 from qcar_twin.twin.twin import Twin
 
+Array = NDArray[np.float64]
 _TOUCHES = 1e-4  # of a bound, within which an estimate has stopped there
 _UNUSUAL = 2.0  # standard deviations: one car in twenty
 _WIDEST = 3.0  # standard deviations that recalibration may use up; beyond them is a mechanism
@@ -42,21 +44,34 @@ def with_sensor_biases(base: ParameterSet, twin: Twin, recordings: Sequence[Reco
 
   One far beyond them is claimed as such; see bias_claims. One that shows where the car stands is read there.
   """
+  logs = [lambda name, r=r: r[name].time if name in r else None for r in recordings]
   return base + [
     _read_at_rest(
-      dataclasses.replace(twin.parameters[name], std=_usual(error, m, recordings), assumed=True), error, recordings
+      dataclasses.replace(twin.parameters[name], std=_usual(error, m, logs), assumed=True), error, recordings
     )
     for m in sensor_error_mechanisms(twin.mechanisms)
     for name, error in m.sensor_errors.items()
   ]
 
 
-def _usual(error: SensorError, mechanism: Mechanism, recordings: Sequence[Recording]) -> float:
-  """Its standard deviation where so often was sampled: by the median time between two samples of its channel."""
+def usual_errors(mechanisms: Iterable[Mechanism], observations: Observations | None = None) -> dict[str, float]:
+  """What is usual of the sensors' errors, standard deviations by parameter, where so often was sampled."""
+  known = sensor_error_mechanisms(mechanisms)
+  if observations is None:
+    return {name: error.std for m in known for name, error in m.sensor_errors.items()}
+  times = lambda name: observations.time[observations.select(name)] if name in observations.present else None
+  return {name: _usual(e, m, [times]) for m in known for name, e in m.sensor_errors.items()}
+
+
+def _usual(error: SensorError, mechanism: Mechanism, logs: Sequence[Callable[[str], Array | None]]) -> float:
+  """Standard deviation by the median time between two samples of its channel, whose times each log has by name."""
   if not error.per_period:
     return error.std
-  clocks = [next((r[name].time for name in (*mechanism.needs, "speed") if name in r), np.zeros(0)) for r in recordings]
-  steps = np.concatenate([np.diff(clock) for clock in clocks])
+  clocks = [
+    next((t for n in (*mechanism.needs, "speed") if (t := times(n)) is not None), np.zeros(0)) for times in logs
+  ]
+  steps = np.concatenate([np.zeros(0), *(np.diff(clock) for clock in clocks)])
+  steps = steps[steps > 0.0]  # stretches of one recording lie one after the other
   return float(np.hypot(error.std, error.per_period * np.median(steps))) if len(steps) else error.std
 
 

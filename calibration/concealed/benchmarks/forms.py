@@ -32,7 +32,7 @@ def fitted_figures(cars: Sequence[str], seeds: Sequence[int]) -> Iterator[Figure
       dataset = DataSet("session", session.recordings, session.vehicle, session.vehicle_std)
       recalibrated = prepare(dataset).recalibrated
       problem = recalibrated.problem
-      figures = measured_figures(base_candidate(recalibrated), problem.twin)
+      figures = measured_figures(base_candidate(recalibrated), problem.twin, problem.observations)
       yield car, figures, _known(recalibrated, {} if car == "slipx" else stated(car, session.truth), figures)
 
 

@@ -39,7 +39,7 @@ from calibration.diagnosis.unexplained.leftover import leftovers
 from calibration.fitting.observations import Observations
 from calibration.fitting.optimiser import bounded_solve
 from calibration.fitting.residual_channels import RESIDUALS
-from calibration.fitting.tolerances import sensor_error_mechanisms
+from calibration.fitting.tolerances import sensor_error_mechanisms, usual_errors
 from calibration.intervals.clusters import groups_of
 from calibration.intervals.forms import size_of
 from qcar_twin.parameters import ParameterSet
@@ -109,7 +109,7 @@ class Weighing:
       names=tuple(self.named(model, name) for name in _names(model)),
       sensors=tuple(self.sensors(model)),
       against=tuple(against),
-      measured=measured_figures(model, self.pool.problem.twin),
+      measured=measured_figures(model, self.pool.problem.twin, self.observations),
     )
 
   def named(self, model: Candidate, name: str) -> Named:
@@ -142,8 +142,8 @@ class Weighing:
       names = [p.name for p in mechanism.parameters if p.name in model.free]
       if not names:
         continue
-      declared = {n: e.std for n, e in mechanism.sensor_errors.items()}
-      usual = {n: _wider(declared.get(n), model.free[n].std) for n in names}
+      declared = usual_errors([mechanism], self.observations)
+      usual = {n: declared.get(n, model.free[n].std) for n in names}
       away = [(model.estimate(n)[0] - (model.free[n].null or 0.0)) / s for n, s in usual.items() if s is not None]
       without = _at_null(model, names)
       row = self._weighed(model, without, mechanism.name, self._test(model, without), at_bound=False)
@@ -197,22 +197,16 @@ class Weighing:
     return compare(larger, smaller, self.observations)
 
 
-def measured_figures(model: Candidate, twin: Twin) -> tuple[Measured, ...]:
+def measured_figures(model: Candidate, twin: Twin, observations: Observations | None = None) -> tuple[Measured, ...]:
   """Figures that the vehicle states a deviation of, and the ages of sensors, as a model has them."""
   values = model.free.named(model.values)
   figures = [p for p in model.free if p.kind == "measured" and p.null is None and p.std]
   size = lambda p: size_of(p.unit, p.nominal, twin.period, twin.vehicle.cg_height)
   known = [Measured(p.name, p.nominal, p.std or 0.0, values[p.name], size(p), p.unit) for p in figures]
-  errors = {n: e.std for m in sensor_error_mechanisms(twin.mechanisms) for n, e in m.sensor_errors.items()}
+  errors = usual_errors(twin.mechanisms, observations)
   ages = [p for p in model.free if p.name in errors and p.unit == "s"]
-  std = lambda p: _wider(errors[p.name], p.std) or 0.0
-  usual = [Measured(p.name, p.null or 0.0, std(p), values[p.name], size(p), p.unit, True) for p in ages]
+  usual = [Measured(p.name, p.null or 0.0, errors[p.name], values[p.name], size(p), p.unit, True) for p in ages]
   return tuple(known + usual)
-
-
-def _wider(declared: float | None, fitted: float | None) -> float | None:
-  """What is usual of an error: as declared, or more where these recordings allow it more; None where nothing is."""
-  return max(filter(None, (declared, fitted)), default=None)
 
 
 def _key(model: Candidate) -> frozenset[str]:

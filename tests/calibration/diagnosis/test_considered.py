@@ -113,6 +113,6 @@ def test_only_named_mechanisms_are_considered_where_names_are_given():
   assert considered(["steering_lag"], None) == (catalogue()["steering_lag"], *SENSORS, *TOLERATED)
 
 
-def test_a_drive_by_current_has_no_battery_to_allow_for():
+def test_a_drive_by_current_has_no_battery_and_no_warm_winding_to_allow_for():
   by = lambda drive: {m.name for m in considered([], None, drive)}
-  assert by("voltage") - by("current") == {"battery_sag"} and by("current") < by("voltage")
+  assert by("voltage") - by("current") == {"battery_sag", "motor_heating"} and by("current") < by("voltage")
