@@ -7,18 +7,17 @@ import numpy as np
 
 from calibration.fitting.noise import ChannelNoise
 from calibration.fitting.start_states import STANDS
-from calibration.log_check.disagreements import Finding
+from calibration.log_check.disagreements import Finding, Severity
 from calibration.log_check.motions import Wheels
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.checks.acted import (
   MUCH,
   Stretch,
   against,
-  pushed_stretches,
   signless_stretches,
   was_commanded,
 )
-from qcar_twin.recordings.checks.answers import unanswered_stretches
+from qcar_twin.recordings.checks.answers import braked_stretches, unanswered_stretches
 from qcar_twin.recordings.checks.driving import MOVING
 from qcar_twin.recordings.checks.neutral import (
   Neutral,
@@ -27,6 +26,7 @@ from qcar_twin.recordings.checks.neutral import (
   steering_neutral,
   switched_command,
 )
+from qcar_twin.recordings.checks.pushes import pushed_stretches
 from qcar_twin.recordings.checks.signs import SIGNED, sizes_near_zero
 from qcar_twin.recordings.completed import with_speed
 from qcar_twin.recordings.recording import Recording
@@ -40,17 +40,18 @@ _WORTH = 1.0  # s, of a part that is worth a recording
 _TURN_ROUND = "set offset = 3.14159 on pose_yaw in [channels], added to one that is there"
 
 
-def command_findings(recordings: Sequence[Recording], cuts: bool = True) -> list[Finding]:
+def command_findings(recordings: Sequence[Recording], cuts: bool = True, scale: float = 1.0) -> list[Finding]:
   """What commands and motion say of each other; nothing where each command acted as it was logged.
 
   Args:
     cuts: whether stretches to cut out are sought; commands that are seconds late look like such.
+    scale: m/s per unit of the measured speed.
   """
   findings = []
   for channel in DRIVE_COMMANDS:
     driven = [r for r in recordings if r.drive_channel == channel and channel in r]
     if driven:
-      findings += _drive(driven, channel, cuts)
+      findings += _drive(driven, channel, cuts, scale)
   if (straight := steering_neutral(recordings)) is not None:
     findings.append(_neutral(straight))
   for channel in ("speed", "motor_speed"):
@@ -71,7 +72,7 @@ def size_findings(recordings: Sequence[Recording], noise: Mapping[str, ChannelNo
   return findings
 
 
-def _drive(recordings: Sequence[Recording], channel: str, cuts: bool) -> list[Finding]:
+def _drive(recordings: Sequence[Recording], channel: str, cuts: bool, scale: float) -> list[Finding]:
   neutral = drive_neutral(recordings, channel)
   if neutral is not None:
     return [_neutral(neutral)]
@@ -84,16 +85,52 @@ def _drive(recordings: Sequence[Recording], channel: str, cuts: bool) -> list[Fi
     said = f"{channel} never comes near 0, though the car stands for a while: its least is {least:.4g}"
     cure = f"if that is its neutral, set offset = {-least:.6g} on it in [channels]"
     return [Finding("beware", (channel,), f"{said}; {cure}")]
-  if cuts and (pushed := pushed_stretches(recordings, channel)):
-    said = f"for {_seconds(pushed):.1f} s the car drives off and stops again under a {channel} of 0"
-    return [_cut_out(pushed, recordings, said, "it was pushed or carried, or rolled down a slope")]
-  if cuts and (lost := unanswered_stretches(recordings, channel)):
-    return [_unanswered(lost, recordings)]
+  pushed = _pushed(recordings, channel, scale) if cuts else []
+  if cuts and (lost := _idle(recordings, channel)):
+    return [*pushed, *lost]
   if (level := switched_command(recordings, channel)) is not None:
     said = f"{channel} is 0 or beyond {level:.4g}, with nothing between, and the car stands for a while under such"
     cure = f"if that is its neutral, set offset = {-level:.6g} on it in [channels], added to one that is there"
-    return [Finding("beware", (channel,), f"{said}; {cure}")]
-  return []
+    return [*pushed, Finding("beware", (channel,), f"{said}; {cure}")]
+  return pushed
+
+
+def _pushed(recordings: Sequence[Recording], channel: str, scale: float) -> list[Finding]:
+  """What the car did without a command."""
+  if not (pushed := pushed_stretches(recordings, channel, scale)):
+    return []
+  said = f"for {_seconds(pushed):.1f} s the car speeds up, or drives off and stops again, under a {channel} of 0"
+  why = "it was pushed or carried, rolled down a slope, or followed a command that was not logged"
+  return [_cut_out(pushed, recordings, said, why)]
+
+
+def _idle(recordings: Sequence[Recording], channel: str) -> list[Finding]:
+  """Presses that brake, and commands that were not answered."""
+  braked = braked_stretches(recordings, channel)
+  lost = [one for one in unanswered_stretches(recordings, channel) if not any(_meet(one, other) for other in braked)]
+  return [*([_braked(braked, recordings)] if braked else []), *([_unanswered(lost, recordings)] if lost else [])]
+
+
+def _meet(one: Stretch, other: Stretch) -> bool:
+  return one.recording is other.recording and one.start <= other.end and other.start <= one.end
+
+
+def _braked(braked: Sequence[Stretch], recordings: Sequence[Recording]) -> Finding:
+  """Stretches under a press that brakes: many and short, so that all are named."""
+  channel = braked[0].channel
+  said = (
+    f"for {_seconds(braked):.1f} s, {len(braked)} times, the car stands under a first press of a negative {channel}"
+  )
+  why = "a usual ESC brakes at the first press and reverses at the second"
+  spans = _spans(braked)
+  named = ", ".join(f"{file} {start:.2f} s to {end:.2f} s" for file, start, end in spans)
+  cure = "leave those seconds out by from and to of more [[recording]] entries, or log the ESC's state"
+  text = f"{said}, and later presses drive it backwards ({named}): {why}; {cure}"
+  return Finding(_severity(braked, recordings), (channel,), text)
+
+
+def _severity(lost: Sequence[Stretch], recordings: Sequence[Recording]) -> Severity:
+  return "spoils" if _seconds(lost) > MUCH * sum(r.duration for r in recordings) else "beware"
 
 
 def _against(recording: Recording, channel: str) -> Finding:
@@ -141,7 +178,6 @@ def _unanswered(lost: Sequence[Stretch], recordings: Sequence[Recording]) -> Fin
 
 def _cut_out(lost: Sequence[Stretch], recordings: Sequence[Recording], said: str, why: str) -> Finding:
   """Stretches that no model can explain, with the cut that leaves nothing of them."""
-  severity = "spoils" if _seconds(lost) > MUCH * sum(r.duration for r in recordings) else "beware"
   spans = _spans(lost)
   named = ", ".join(f"{file} {start:.2f} s to {end:.2f} s" for file, start, end in spans[:_LISTED])
   more = f" and {len(spans) - _LISTED} more" if len(spans) > _LISTED else ""
@@ -150,7 +186,9 @@ def _cut_out(lost: Sequence[Stretch], recordings: Sequence[Recording], said: str
   parts = [f"ends at to = {start:.2f}"] if start - min(r.start for r in own) > _WORTH else []
   parts += [f"begins at from = {end:.2f}"] if max(r.end for r in own) - end > _WORTH else []
   cure = f"leave {file} out" if not parts else f"of {file} a [[recording]] that {' and one that '.join(parts)}"
-  return Finding(severity, (lost[0].channel,), f"{said} ({named}{more}): {why}; cut the stretches out: {cure}")
+  return Finding(
+    _severity(lost, recordings), (lost[0].channel,), f"{said} ({named}{more}): {why}; cut the stretches out: {cure}"
+  )
 
 
 def _fell(lost: Sequence[Stretch]) -> str:

@@ -219,8 +219,12 @@ def _odd(c: Comparison) -> list[Finding]:
   named = ", ".join(spans) + (f" and {len(c.where) - _LISTED} more" if len(c.where) > _LISTED else "")
   said = f"in {c.odd:g} s of {c.seconds:g} s ({named}) {_list(channels)} do not agree in {c.motion.name} as elsewhere"
   cure = "cut those seconds out, or leave one of them out"
-  if not c.motion.kinematic:
-    cure = "the car slipped, or one of them stuck: cut those seconds out if it did"
+  if steered(c.motion):
+    cure = "a slow servo, or tyres that slide, do that, and a fit can use it; if a sensor stuck, cut those seconds out"
+  elif not {"yaw_rate", "accel_y", "pose_yaw"} & {*c.motion.compared}:  # wheels take part
+    cure = f"wheels that spin or lock do that, and a fit can use it; if one of them stuck or was lost, {cure}"
+  elif not c.motion.kinematic:
+    cure = "a body that leans, or tyres that slide, do that, and a fit can use it; if one stuck, cut those seconds out"
   return [Finding("beware", channels, f"{said}; {cure}")]
 
 

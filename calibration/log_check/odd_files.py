@@ -11,11 +11,12 @@ from typing import TypeVar
 import numpy as np
 
 from calibration.fitting.noise import ChannelNoise
-from calibration.log_check.causes import ALIKE, scaled, tolerance
+from calibration.log_check.causes import ALIKE, KNOTS, scaled, steered, tolerance
 from calibration.log_check.disagreements import Finding, Severity
 from calibration.log_check.motions import Wheels, motions
-from calibration.log_check.pairs import Comparison, compare
+from calibration.log_check.pairs import Comparison, Estimate, compare
 from qcar_twin.recordings.channels import SPEED_SETTING
+from qcar_twin.recordings.checks.answers import command_per_speed
 from qcar_twin.recordings.checks.driving import driven, steady
 from qcar_twin.recordings.checks.faults import at_range
 from qcar_twin.recordings.recording import Recording
@@ -26,6 +27,10 @@ _UNIT = 10.0  # halfway, as factors go, between one unit and per cent of it
 _LATE = 0.1  # s; an age that differs by less between drives is said of none
 _OTHERWISE = 0.1  # share by which two sensors of a motion differ between drives of one car, by slip at most
 _SURE = 5.0  # deviations: of dozens of files one lies beyond three by chance
+_CHANGED = (
+  1.3  # of one car: a battery from full to empty changes a duty's speed by 4.2/3.3, dart's floor its turning so
+)
+GROUPS = "the files fall into two groups"
 _STEADY = 20  # bins of steady driving that give a file's speed per command
 
 
@@ -33,13 +38,14 @@ def odd_file_findings(
   wheels: Wheels, recordings: Sequence[Recording], noise: Mapping[str, ChannelNoise]
 ) -> list[Finding]:
   """The files in which a drive's command, or one of two sensors of a motion, is not what it is in most others; of two
-  files the second, as the one that differs from the first."""
+  files the second, as the one that differs from the first. Also files in two groups, as of two cars, without a most."""
   files: dict[str, list[Recording]] = {}
   for recording in recordings:
     files.setdefault(recording.file or recording.name, []).append(recording)
   if len(files) < _FILES:
     return []
   odd = [f for channel in SPEED_SETTING for f in _odd_commands(files, channel)]
+  parts = [p for channel in SPEED_SETTING if (p := _parted(_drives(files, channel), (channel,), "drive"))]
   for motion in motions(wheels, recordings):
     if motion.kinematic or "steering_command" in motion.reference:
       sensors = (*motion.compared, *motion.reference)  # one at the end of its range has another scale in every drive
@@ -47,7 +53,65 @@ def odd_file_findings(
       each = {name: compare(motion, wheels, held, noise) for name, held in whole.items()}
       told = {name: c for name, c in each.items() if not c.why_not and abs(c.correlation) > ALIKE}
       odd += _odd_sensors(told)
-  return odd
+      if steered(motion):
+        scales = {name: c.scale for name, c in told.items() if scaled(c)}
+        parts += [p] if (p := _parted(scales, (*motion.compared, *motion.reference), "turn")) else []
+  return odd if any(f.severity == "spoils" for f in odd) else [*odd, *_groups(parts)]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Parts:
+  """Files in two groups, each in order; the numbers of the second are `factor` times those of the first, and the
+  nearest two `gap` apart. `channels` tell it, of `what`: "turn" or "drive"."""
+
+  first: tuple[str, ...]
+  second: tuple[str, ...]
+  factor: float
+  gap: float
+  channels: tuple[str, ...]
+  what: str
+
+
+def _drives(files: Mapping[str, Sequence[Recording]], channel: str) -> dict[str, Estimate]:
+  """Command per speed of the files that tell it."""
+  told = {n: command_per_speed([r for r in held if r.drive_channel == channel], channel) for n, held in files.items()}
+  return {name: Estimate(*one) for name, one in told.items() if one and one[0] > _SURE * one[1]}
+
+
+def _parted(each: Mapping[str, Estimate], channels: tuple[str, ...], what: str) -> _Parts | None:
+  """Two groups of two files and more, further apart than _CHANGED, than noise, and than twice what either differs."""
+  order = sorted(each, key=lambda name: each[name].value)
+  span = lambda a, b: math.log(each[b].value / each[a].value)
+  for k in range(_FILES, len(order) - _FILES + 1):
+    gap = span(order[k - 1], order[k])
+    noise = math.hypot(*(each[n].std / each[n].value for n in order[k - 1 : k + 1]))
+    within = max(span(order[0], order[k - 1]), span(order[k], order[-1]))
+    if gap > max(math.log(_CHANGED), _SURE * noise, 2.0 * within):
+      middle = lambda names: float(np.median([each[n].value for n in names]))
+      low, high = sorted((order[:k], order[k:]), key=lambda names: list(each).index(names[0]))
+      factor = middle(high) / middle(low)
+      return _Parts(tuple(sorted(low)), tuple(sorted(high)), factor, math.exp(gap), channels, what)
+  return None
+
+
+def _groups(parts: Sequence[_Parts]) -> list[Finding]:
+  """Two groups of files: of two cars where turning and drive part them alike, else of two cars or a changed one."""
+  by = {p.what: p for p in parts}
+  both = [by["turn"], by["drive"]] if len(by) == 2 and {*by["turn"].first} == {*by["drive"].first} else []
+  findings = []
+  for group in [both] if both else [[p] for p in parts if p.gap > KNOTS]:
+    named = [f"{', '.join(names[:-1])} and {names[-1]}" for names in (group[0].first, group[0].second)]
+    ways = {
+      "turn": "turns {:.3g} times as much for the same speed and steering_command",
+      "drive": "takes {:.3g} times as much {} for the same speed",
+    }
+    said = " and ".join(ways[p.what].format(p.factor, p.channels[0]) for p in group)
+    why = "two cars, or one that was changed (wheels, servo, gear, battery)"
+    cure = "make a data set of each, since a fit is of one car"
+    channels = tuple(dict.fromkeys(name for p in group for name in p.channels))
+    text = f"{GROUPS}, {named[0]} against {named[1]}: the car of the latter {said}: {why}; {cure}"
+    findings.append(Finding("spoils" if both else "beware", channels, text))
+  return findings
 
 
 def _odd_commands(files: Mapping[str, Sequence[Recording]], channel: str) -> list[Finding]:

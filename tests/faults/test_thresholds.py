@@ -4,7 +4,7 @@ import pytest
 
 from calibration.log_check import causes, disagreements
 from tests.faults import disagreeing
-from tests.faults.thresholds import acted, drives, driving, errors, neutral, several_cases, wrongly_chosen
+from tests.faults.thresholds import acted, answers, drives, driving, errors, neutral, several_cases, wrongly_chosen
 
 
 @pytest.fixture(scope="module")
@@ -17,11 +17,16 @@ def test_no_sound_drive_is_blamed_and_no_false_one_passed(driven):
 
 
 @pytest.mark.parametrize(
-  ("module", "number", "value"),
-  [(neutral, "_CENTRED", 0.1), (acted, "_LEAP", 0.03), (driving, "RESTS", 0.005), (acted, "WEAK", 90.0)],
+  ("modules", "number", "value"),
+  [
+    ((neutral,), "_CENTRED", 0.1),
+    ((acted,), "_LEAP", 0.03),
+    ((driving,), "RESTS", 0.005),
+    ((acted, answers), "WEAK", 90.0),
+  ],
 )
-def test_a_number_far_off_makes_errors(driven, module, number, value):
-  with disagreeing.with_number((module,), number, value):
+def test_a_number_far_off_makes_errors(driven, modules, number, value):
+  with disagreeing.with_number(modules, number, value):
     alarms, missed = errors(*driven)
   assert alarms or missed
 

@@ -14,7 +14,7 @@ from types import ModuleType
 import numpy as np
 
 from calibration.log_check import commands
-from qcar_twin.recordings.checks import acted, answers, driving, neutral
+from qcar_twin.recordings.checks import acted, answers, driving, neutral, pushes
 from qcar_twin.recordings.completed import with_speed
 from qcar_twin.recordings.first_dataset import propose, several
 from qcar_twin.recordings.formats import Table
@@ -30,8 +30,10 @@ NUMBERS: tuple[tuple[tuple[ModuleType, ...], str], ...] = (
   *(((driving, neutral, acted), "LEAST_REST"), ((driving, neutral), "MOVING")),
   *(((neutral,), name) for name in ("_NEAR", "_MOST", "_OFF", "_RARE", "_NEVER")),
   *(((neutral,), name) for name in ("_BIN", "_GENTLE", "_CENTRED", "_SURE")),
-  *(((acted,), name) for name in ("_CONTRARY", "_LEAST_IDLE", "WEAK", "_STAYS", "_SLOWEST", "_LEAP")),
-  *(((answers,), name) for name in ("_ANSWERED", "_LONGEST_LAG", "_SPEEDS_UP", "_SURE", "_STICKS")),
+  *(((acted,), name) for name in ("_CONTRARY", "_LEAST_IDLE", "_STAYS", "_SLOWEST", "_LEAP")),
+  ((acted, answers), "WEAK"),
+  *(((answers,), name) for name in ("_ANSWERED", "_LONGEST_LAG", "_SPEEDS_UP", "_SURE", "_STICKS", "_OFF", "_STOPS")),
+  *(((pushes,), name) for name in ("_LONGEST_LAG", "_SLOPE", "_RISE", "_WITNESSED")),
   ((commands, acted), "MUCH"),
 )
 Drive = tuple[np.ndarray, Columns]
@@ -103,6 +105,41 @@ def _backwards(time: np.ndarray, columns: Columns) -> Drive:
   return time, columns | {name: sign * columns[name] for name in ("speed", "motor_voltage", "yaw_rate")}
 
 
+def _swift(columns: Columns) -> float:
+  """How much faster than a 1:10 car this one is."""
+  return 4.0 * float(columns["speed"].sum() / columns["motor_voltage"].sum())
+
+
+def _driven_so(columns: Columns, time: np.ndarray, speed: np.ndarray, command: np.ndarray) -> Columns:
+  """The drive with another speed, which the accelerometer feels, under another command; it goes straight on there."""
+  changed = columns | {"speed": speed, "motor_voltage": command}
+  if "accel_x" in columns:
+    changed["accel_x"] = np.where(speed != columns["speed"], np.gradient(speed, time), columns["accel_x"])
+  return changed
+
+
+def _pushed_on(time: np.ndarray, columns: Columns) -> Drive:
+  """A car that rolls out from 60 s to 75 s with nothing commanded, and is pushed forwards twice meanwhile."""
+  swift, inside = _swift(columns), (time >= 60.0) & (time < 75.0)
+  level = swift * np.array([0.8, 0.4, 1.2, 0.5, 1.3, 0.4])
+  at = np.array([60.0, 64.0, 64.0 + 0.8 * swift, 69.0, 69.0 + 0.8 * swift, 75.0])
+  noise = 0.005 * np.random.default_rng(3).standard_normal(time.size)
+  speed = np.where(inside, np.interp(time, at, level) + noise, columns["speed"])
+  return time, _driven_so(columns, time, speed, np.where(inside, 0.0, columns["motor_voltage"]))
+
+
+def _brakes_first(time: np.ndarray, columns: Columns) -> Drive:
+  """A speed controller that takes the first press backwards for a brake, and the second for reverse, every 8 s."""
+  swift, phase = _swift(columns), np.where((time > 50.0) & (time < 90.0), (time - 50.0) % 8.0, 8.0)
+  inside = phase < 4.0
+  edges = [0.0, 0.5, 1.5, 1.7, 3.2, 3.6, 4.0]
+  shape = np.interp(phase, edges, [1.2, 0.0, 0.0, -0.5, -0.5, 0.0, 0.6])
+  pressed = np.select([phase < 1.2, phase < 1.5, phase < 3.2, phase < 3.6], [-4.0, 0.0, -2.0, 0.0], 2.4)
+  noise = 0.005 * np.random.default_rng(3).standard_normal(time.size)
+  speed = np.where(inside, swift * shape + noise, columns["speed"])
+  return time, _driven_so(columns, time, speed, np.where(inside, pressed, columns["motor_voltage"]))
+
+
 def _by_pose(time: np.ndarray, columns: Columns) -> Drive:
   return time, {name: values for name, values in columns.items() if name != "speed"}
 
@@ -134,6 +171,8 @@ FALSE: dict[str, tuple[str, Change]] = {
   "a battery that dies": ("motor_voltage", _weaker(lambda t: np.exp(-np.maximum(t - 60.0, 0.0) / 0.6))),
   "a battery at a third": ("motor_voltage", _weaker(lambda t: np.interp(t, [50.0, 60.0], [1.0, 0.33]))),
   "a battery that browns out": ("motor_voltage", _weaker(_browned_out)),
+  "pushed while it rolls": ("motor_voltage", _pushed_on),
+  "a controller that brakes first": ("motor_voltage", _brakes_first),
   "commanded speed, 1 to 4 s": ("speed", _column("speed", _commanded(1.0, 4.0))),
   "commanded speed, 0.5 to 3 s": ("speed", _column("speed", _commanded(0.5, 3.0))),
   "commanded speed in steps of a sixth": (

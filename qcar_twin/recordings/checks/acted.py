@@ -58,26 +58,6 @@ def idle_stretches(recordings: Sequence[Recording], channel: str, neutral: float
   ]
 
 
-def pushed_stretches(recordings: Sequence[Recording], channel: str) -> list[Stretch]:
-  """Stretches in which a car that stood drove off and stopped again under a command of 0: somebody pushed or carried
-  it, or it rolled down a slope. Before them the command was 0 for longer than any drive goes on after it."""
-  held = driven(recordings, channel)
-  top = max((float(np.percentile(np.abs(d.speed), 99.0)) for d in held), default=0.0)
-  lag = round(_LONGEST_LAG / PERIOD)
-  stretches = []
-  for d in held:
-    fast = np.convolve(np.abs(d.speed), np.full(5, 0.2), "same") > MOVING * top
-    for first, last, off in runs(d.command == 0.0):
-      if not off or not d.rest[first + lag : last + 1].any():
-        continue
-      begin = first + lag + int(np.argmax(d.rest[first + lag : last + 1]))
-      for start, stop, moves in runs(~d.stands[begin : last + 1]):
-        ended = begin + stop < last or last == d.time.size - 1  # else the command came late, and is no 0 in truth
-        if moves and start > 0 and ended and fast[begin + start : begin + stop + 1].any():
-          stretches.append(Stretch(d.recording, channel, float(d.time[begin + start]), float(d.time[begin + stop])))
-  return stretches
-
-
 def against(recordings: Sequence[Recording], channel: str) -> bool:
   """Whether the car goes backwards under commands that are positive, and forwards under negative ones."""
   held = driven(recordings, channel)

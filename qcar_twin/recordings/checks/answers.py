@@ -1,7 +1,7 @@
 """Stretches in which the car answers the drive's command by less than half of what it does elsewhere.
 
-A battery that dies or browns out, a drive that was cut off, a car that was held. How far each number below could be
-moved is measured by `python -m tests.faults.thresholds`.
+A battery that dies or browns out, a drive that was cut off, a car that was held, a controller that brakes first. How
+far each number below could be moved is measured by `python -m tests.faults.thresholds`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from qcar_twin.recordings.channels import SPEED_SETTING
 from qcar_twin.recordings.checks.acted import WEAK, Stretch, idle_stretches
-from qcar_twin.recordings.checks.driving import MOVING, PERIOD, RESTS, Drive, driven, runs
+from qcar_twin.recordings.checks.driving import LEAST_REST, MOVING, PERIOD, RESTS, Drive, driven, runs, steady
 from qcar_twin.recordings.recording import Recording
 
 _BIN = 0.25  # s, over which command, speed and its change are averaged
@@ -24,6 +24,11 @@ _SPEEDS_UP = 0.1  # of the top speed in a second, from which a car follows a com
 _SURE = 3.0  # deviations of the usual answer
 _STICKS = 2.0  # times the friction of a car that moves: no more holds one that stands
 _LOWER = 0.3  # quantile of commands for a motion: the median of the sound ones where two fifths of the driving is weak
+_BLOCK = 3.0  # s of driving that are left out together: longer than any motion remembers
+_OFF = 0.1  # of a command that drives, below which a controller takes it for none
+_OFTEN = 2  # presses that brake: once, the car may have been held
+_STOPS = 0.5  # s at rest under such a press: no drive's lag is longer
+_LATER = 0.8  # share of the driving backwards that is under later presses: an hour of a drive has odd seconds
 _ROUNDS = 20  # of reweighting, after which the line moves no more
 _APART = 0.5  # s, between two stretches that are one
 
@@ -39,6 +44,59 @@ def unanswered_stretches(recordings: Sequence[Recording], channel: str) -> list[
       else:
         whole.append(one)
   return whole
+
+
+def braked_stretches(recordings: Sequence[Recording], channel: str) -> list[Stretch]:
+  """Where the car stands under the first press of a negative command after one forwards, while later presses drive it
+  backwards: a usual speed controller (ESC) of a model car brakes first. Nothing where that was seen once only."""
+  held = driven(recordings, channel)
+  reverse = [steady(d) & (d.command < 0.0) & (d.speed < 0.0) for d in held]
+  commands = np.concatenate([np.abs(d.command[r]) for d, r in zip(held, reverse, strict=True)] or [np.empty(0)])
+  if commands.size * PERIOD < LEAST_REST:
+    return []
+  least, braking, stretches = float(np.percentile(commands, WEAK)), 0, []
+  for d, back in zip(held, reverse, strict=True):
+    first = _first_press(d.command, _OFF * least)
+    braking += int(np.sum(back & first))
+    stretches += [
+      Stretch(d.recording, channel, float(d.time[a]), float(d.time[b]))
+      for a, b, idle in runs(d.stands & first & (d.command <= -least))
+      if idle and (b + 1 - a) * PERIOD >= _STOPS
+    ]
+  return stretches if len(stretches) >= _OFTEN and braking < (1.0 - _LATER) * commands.size else []
+
+
+def _first_press(command: np.ndarray, off: float) -> np.ndarray:
+  """Where a command backwards is the first after one forwards, (k,)."""
+  first, forwards = np.zeros(command.size, dtype=bool), False
+  for a, b, back in runs(command < -off):
+    if back:
+      first[a : b + 1], forwards = forwards, False
+    else:
+      forwards = forwards or bool((command[a : b + 1] > off).any())
+  return first
+
+
+def command_per_speed(recordings: Sequence[Recording], channel: str) -> tuple[float, float] | None:
+  """How much more of a command a car takes to go faster, in the channel's unit per unit of the measured speed, and its
+  standard deviation, by leaving out 3 s in turn; None where this driving hardly tells it."""
+  held = driven(recordings, channel)
+  rows = np.concatenate([*(_rows(d) for d in held), np.empty((4, 0))], axis=1)
+  command, _, speed, change = rows
+  top = max((float(np.percentile(np.abs(d.speed), 99.0)) for d in held), default=0.0)
+  moving = (np.abs(speed) > MOVING * top) & (command * speed > 0.0)
+  if moving.sum() < _LEAST_BINS:
+    return None
+  way = np.sign(speed[moving])
+  design, given = way[:, None] * _design(speed[moving], change[moving]), way * command[moving]
+  low, high = np.percentile(given, [5.0, 95.0])
+  if high - low < MOVING * high:  # about one level, which friction explains as well
+    return None
+  line = lambda rows: float(np.linalg.lstsq(design[rows], given[rows], rcond=None)[0][0])
+  block = np.arange(given.size) // round(_BLOCK / _BIN)
+  without = np.array([line(block != b) for b in range(block[-1] + 1)])
+  spread = np.sqrt((without.size - 1) / without.size * np.sum((without - without.mean()) ** 2))
+  return line(block >= 0), float(spread)
 
 
 def weak_stretches(recordings: Sequence[Recording], channel: str) -> list[Stretch]:
@@ -70,7 +128,8 @@ def weak_stretches(recordings: Sequence[Recording], channel: str) -> list[Stretc
     missing = np.abs(asked) - friction - way * (_design(speed, change)[:, :-1] @ line[:-1])
     weak = (
       (np.abs(asked) >= np.where(np.abs(speed) > RESTS * top, least, holds))
-      & (asked * speed >= 0.0)
+      & ((asked * speed >= 0.0) | (np.abs(speed) <= RESTS * top))  # of a car that stands the sign is noise
+      & (np.abs(asked) - friction > way * line[0] * speed)  # a faster one slows down to where its command keeps it
       & (way * change < _SPEEDS_UP * top)
     )
     weak &= missing > np.maximum((1.0 - _ANSWERED) * (np.abs(asked) - friction), _SURE * spread)

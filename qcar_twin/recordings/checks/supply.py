@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from qcar_twin.recordings.checks.driving import runs
-from qcar_twin.recordings.recording import Recording
+from qcar_twin.recordings.recording import Recording, Stream
 
 _FULL = 95.0  # per cent of a log's readings below what its battery had at best
 _SPAN = 4.2 / 3.0  # V of a lithium cell, charged and at its cut-off: no battery reads further from its usual
+_AT_ONCE = 1.0  # s: a resistance takes none, a slow reading as much; charge does not come back
 
 
 def supply_notes(recordings: Sequence[Recording], vehicle: Mapping[str, float | str]) -> list[str]:
@@ -41,10 +42,24 @@ def _empty_notes(recordings: Sequence[Recording]) -> list[str]:
     low = [(a, b) for a, b, empty in runs(stream.value < max(best) / _SPAN) if empty and b > a]
     if low:
       (first, last), more = low[0], f", and {len(low) - 1} times more" if len(low) > 1 else ""
+      why = "empty, or a loose plug; leave out what was driven so with to in its [[recording]]"
+      if _sags(recording, stream, low):
+        why = "under load, and it recovers at once: a pack of high internal resistance, or a nearly empty one; "
+        why += "if it was a loose plug, leave out what was driven so"
       notes.append(
         f"{recording.file or recording.name}: battery_voltage falls to {stream.value.min():.3g} V from"
         f" {stream.time[first]:.2f} s to {stream.time[last]:.2f} s{more}, where it has {max(best):.3g} V at best:"
-        " empty, or a loose plug; leave out what was driven so with to in its [[recording]], or correct"
-        " battery_voltage in [channels]"
+        f" {why}, or correct battery_voltage in [channels]"
       )
   return notes
+
+
+def _sags(recording: Recording, stream: Stream, low: Sequence[tuple[int, int]]) -> bool:
+  """Whether each fall is under more than is usually asked of the drive, and half undone within a second of its end."""
+  name = recording.drive_channel
+  if name not in recording or not len(recording[name]):
+    return False
+  load, best = np.abs(recording[name].at(stream.time)), float(np.percentile(stream.value, _FULL))
+  usual, halfway = float(np.median(load)), 0.5 * (best + float(stream.value.min()))
+  back = [stream.value[b:][stream.time[b:] <= stream.time[b] + _AT_ONCE].max() > halfway for _, b in low]
+  return all(back) and all(float(load[a : b + 1].mean()) > usual for a, b in low)

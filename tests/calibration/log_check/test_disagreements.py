@@ -203,3 +203,15 @@ def test_a_frame_that_changes_for_a_while_does_not_hide_a_scale():
   texts = [f.text for f in check_log(lab(runs)).of("beware")]
   assert any("motor_speed reads +30" in text for text in texts)
   assert any("do not agree in driving as elsewhere" in text for text in texts)
+
+
+def test_wheels_that_spin_and_a_servo_that_is_slow_are_named_where_sensors_part():
+  runs = drives()
+  wheels, command = runs[2]["motor_speed"], runs[1]["steering_command"]
+  spun = wheels.value + np.where(np.abs(wheels.time - 12.0) < 3.0, 60.0 * np.sin(6.0 * wheels.time), 0.0)
+  held = np.where(np.abs(command.time - 12.0) < 3.0, 0.5, command.value)
+  runs[1:] = [rewritten(runs[1], steering_command=held), rewritten(runs[2], motor_speed=spun)]
+  texts = {f.text.split(" as elsewhere")[0].split(" in ")[-1]: f.text for f in check_log(lab(runs)).of("beware")}
+  for motion in ("driving", "speeding up and slowing down"):
+    assert "wheels that spin or lock do that, and a fit can use it" in texts[motion]
+  assert "a slow servo, or tyres that slide, do that, and a fit can use it" in texts["answering the steering"]

@@ -1,10 +1,13 @@
 """One file among several that was logged in another way is found, and nothing where all are alike."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
 from calibration.log_check import check_log
 from calibration.log_check.check import LogCheck
+from calibration.log_check.odd_files import GROUPS
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
 from tests.faults.wander import wander
@@ -88,3 +91,39 @@ def test_two_files_of_two_cars_are_told_apart_and_two_of_one_are_not():
   (sign,) = of_two(steering_command=-1.0)
   assert "another sign in run_1.csv than in run_0.csv" in sign
   assert any("motor_voltage is 100 times as large in run_1.csv" in text for text in of_two(motor_voltage=100.0))
+
+
+def of_four(changed: Sequence[int], **scales: float) -> LogCheck:
+  """Four drives, of which some have channels scaled."""
+  runs = []
+  for k in range(4):
+    time, columns = wander(60 + k)
+    columns = {name: v * (scales.get(name, 1.0) if k in changed else 1.0) for name, v in columns.items()}
+    runs.append(Recording.from_columns(f"run_{k}", time, columns, file=f"run_{k}.csv"))
+  return check_log(DataSet("lab", tuple(runs), VEHICLE, STD))
+
+
+def grouped(check: LogCheck) -> list[tuple[str, str]]:
+  return [(f.severity, f.text) for f in check.findings if f.text.startswith(GROUPS)]
+
+
+@pytest.mark.parametrize("changed", [(2, 3), (1, 3), (0, 1)])
+def test_two_files_of_each_of_two_cars_are_told_apart(changed):
+  ((severity, text),) = grouped(of_four(changed, steering_command=1.5, motor_voltage=1.4))
+  named = [f"run_{a}.csv and run_{b}.csv" for a, b in (changed, [k for k in range(4) if k not in changed])]
+  assert severity == "spoils" and all(name in text for name in named)
+  turns, takes = (float(text.split(word)[1].split(" ")[0]) for word in ("turns ", "takes "))
+  latter = changed if 0 not in changed else ()
+  assert turns == pytest.approx(1.0 / 1.5 if latter else 1.5, rel=0.05)
+  assert takes == pytest.approx(1.4 if latter else 1.0 / 1.4, rel=0.05)
+  assert "two cars, or one that was changed" in text
+
+
+def test_a_car_whose_steering_alone_was_changed_is_a_warning():
+  ((severity, text),) = grouped(of_four((1, 3), steering_command=1.7))
+  assert severity == "beware" and "turns 0.5" in text and "takes" not in text
+
+
+@pytest.mark.parametrize("scales", [{}, {"motor_voltage": 1.2}, {"steering_command": 1.2}, {"motor_voltage": 1.4}])
+def test_a_battery_or_a_floor_makes_no_two_cars(scales):
+  assert grouped(of_four((1, 3), **scales)) == []

@@ -5,11 +5,14 @@ import pytest
 
 from calibration.log_check import check_log
 from calibration.log_check.commands import command_findings
-from qcar_twin.recordings.checks.acted import idle_stretches, pushed_stretches, was_commanded
+from qcar_twin.recordings.checks.acted import idle_stretches, was_commanded
 from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
+from qcar_twin.recordings.checks.pushes import pushed_stretches
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
 from tests.faults.falsities import SIZES, wander
+from tests.faults.thresholds import FALSE
+from tests.faults.wander import RATE
 from tests.qcar_twin.recordings.drives import STD, VEHICLE, folder_with, write_manifest
 from tests.qcar_twin.recordings.first_dataset.test_strange_logs import log
 
@@ -144,6 +147,40 @@ def test_a_car_that_is_pushed_is_told_from_one_that_drives():
   assert (one.start, one.end) == pytest.approx((51.0, 54.0), abs=0.3)
   (said,) = [f for f in command_findings([run(whole, alone)]) if "pushed or carried" in f.text]
   assert said.severity == "beware" and "ends at to = 51." in said.text
+
+
+@pytest.mark.parametrize("size", SIZES.values())
+def test_a_car_that_is_pushed_while_it_rolls_is_seen_push_by_push(size):
+  time, columns = FALSE["pushed while it rolls"][1](*wander(21, size))
+  whole = run(time, columns)
+  pushed = pushed_stretches([whole], "motor_voltage")
+  assert [s.start for s in pushed] == pytest.approx([64.0, 69.0], abs=0.3)
+  assert [s.end for s in pushed] == pytest.approx([64.0 + 0.8 * size**0.5, 69.0 + 0.8 * size**0.5], abs=0.3)
+  (said,) = command_findings([whole])
+  assert said.text.count(" s to ") == 2 and "pushed or carried" in said.text
+
+
+def test_wheels_that_get_their_grip_back_are_no_push():
+  """The wheels' speed rises alone: neither the accelerometer nor the path shows it."""
+  time, columns = wander(21)
+  _, pushed = FALSE["pushed while it rolls"][1](time, columns)
+  still = (time >= 60.0) & (time < 75.0)
+  slow = np.where(still, 0.4 - 0.02 * (time - 60.0), columns["speed"])
+  place = {"pose_x": np.cumsum(slow) / RATE, "pose_y": 0.0 * time}
+  felt = {"accel_x": np.where(still, -0.02, columns["accel_x"])}
+  alone = {name: pushed[name] for name in ("motor_voltage", "speed")}
+  assert pushed_stretches([run(time, alone)], "motor_voltage")
+  assert not pushed_stretches([run(time, alone | felt)], "motor_voltage")
+  assert not pushed_stretches([run(time, alone | place)], "motor_voltage")
+  assert not pushed_stretches([run(time, alone | place | felt)], "motor_voltage")
+
+
+def test_a_car_that_rolls_down_a_slope_of_two_degrees_is_no_push():
+  time, columns = wander(21)
+  off = (time >= 60.0) & (time < 75.0)
+  speed = np.where(off, np.interp(time, [60.0, 65.0, 75.0], [0.3, 2.0, 0.3]), columns["speed"])  # 0.34 m/s^2
+  alone = {"motor_voltage": np.where(off, 0.0, columns["motor_voltage"]), "speed": speed}
+  assert not pushed_stretches([run(time, alone)], "motor_voltage")
 
 
 def test_a_log_of_pushing_alone_spoils():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calibration.log_check.commands import command_findings
-from qcar_twin.recordings.checks.answers import weak_stretches
-from qcar_twin.recordings.recording import Recording
+from qcar_twin.recordings.checks.answers import braked_stretches, command_per_speed, weak_stretches
+from qcar_twin.recordings.recording import Recording, Stream
 from tests.faults.thresholds import FALSE
 from tests.faults.wander import wander
 
@@ -72,3 +72,67 @@ def test_a_drive_whose_ramp_limits_it_answers(seed):
   speed += 0.005 * random.standard_normal(time.size)
   run = Recording.from_columns("run", time, {"speed_command": asked, "speed": speed})
   assert weak_stretches([run], "speed_command") == []
+
+
+def test_a_controller_that_brakes_first_is_named_with_every_stretch():
+  run = weakened("a controller that brakes first")
+  braked = braked_stretches([run], "motor_voltage")
+  assert [s.start for s in braked] == pytest.approx([50.5 + 8.0 * k for k in range(5)], abs=0.15)
+  assert [s.end for s in braked] == pytest.approx([51.2 + 8.0 * k for k in range(5)], abs=0.15)
+  (said,) = command_findings([run])
+  assert "a usual ESC brakes at the first press and reverses at the second" in said.text
+  assert said.text.count(" s to ") == 5 and "log the ESC's state" in said.text
+
+
+def test_a_car_that_reverses_at_once_and_is_held_is_no_controller_that_brakes():
+  """The same stands, but where it drives backwards it does so under a first press."""
+  run = weakened("a controller that brakes first")
+  command = run["motor_voltage"]
+  first = np.where((command.value == 0.0) & (command.time > 51.0), 0.5, command.value)  # forwards between the presses
+  assert (
+    braked_stretches(
+      [run.replace(streams={**run.streams, "motor_voltage": Stream(command.time, first)})], "motor_voltage"
+    )
+    == []
+  )
+
+
+def test_a_car_that_stands_under_a_command_stands_whatever_the_sign_of_its_noise():
+  time, columns = wander(21)
+  still = (time > 60.0) & (time < 61.6)
+  noise = np.where(np.arange(time.size) // 12 % 2, 0.02, -0.02)  # of means of a quarter of a second
+  columns |= {
+    "speed": np.where(still, noise, columns["speed"]),
+    "motor_voltage": np.where(still, 6.0, columns["motor_voltage"]),
+  }
+  (lost,) = weak_stretches([Recording.from_columns("run", time, columns)], "motor_voltage")
+  assert lost.start < 60.8 and lost.end > 61.3
+
+
+def throttled(seed: int, per_speed: float, per_change: float, brakes: float, friction: float = 0.04) -> Recording:
+  """A drive by command = friction + per_speed v + per_change v', `brakes` in the latter's place where it slows down,
+  under a throttle that drops to less than half every 6 s."""
+  random, time = np.random.default_rng(seed), np.arange(4500) / 50.0
+  level = np.where(np.arange(45) % 3, random.uniform(0.5, 0.8, 45), random.uniform(0.25, 0.4, 45))
+  command, speed = np.repeat(level, 100), np.zeros(time.size)
+  for k in range(1, time.size):
+    pull = command[k] - friction - per_speed * speed[k - 1]
+    speed[k] = max(speed[k - 1] + 0.02 * pull / (per_change if pull > 0.0 else brakes), 0.0)
+  noisy = speed + 0.01 * random.standard_normal(time.size)
+  return Recording.from_columns(f"run_{seed}", time, {"motor_duty": command, "speed": noisy})
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_car_that_slows_down_to_what_its_command_keeps_answers(seed):
+  """It is faster meanwhile than its command keeps it, though it slows down more than is usual beside another car."""
+  pair = [throttled(seed, 0.25, 0.155, 0.155), throttled(50 + seed, 0.172, 0.173, 0.173)]
+  assert weak_stretches(pair, "motor_duty") == []
+  assert weak_stretches([throttled(2, 0.25, 0.4, 0.1)], "motor_duty") == []
+
+
+def test_what_a_car_takes_to_go_faster_is_told_with_its_deviation():
+  time, columns = wander(21)
+  (value, std) = command_per_speed([Recording.from_columns("run", time, columns)], "motor_voltage") or (0.0, 0.0)
+  assert value == pytest.approx(4.0, abs=max(3.0 * std, 0.02)) and std < 0.1
+  level = columns | {"motor_voltage": np.full(time.size, 4.0)}
+  assert command_per_speed([Recording.from_columns("run", time, level)], "motor_voltage") is None

@@ -72,3 +72,14 @@ def test_a_battery_that_falls_below_its_cut_off_is_told_with_its_seconds(tmp_pat
   assert "battery_voltage falls to 5 V from 7.00 s to 11.99 s, where it has 8 V at best: empty, or a loose plug" in said
   once = np.where(np.arange(1200) == 700, 5.0, 8.0)  # one reading is none
   assert not [s for s in loaded(tmp_path_factory.mktemp("once"), once)[1].warnings if "falls" in s]
+
+
+def test_a_battery_that_sags_under_load_is_no_empty_one(tmp_path):
+  time, _, columns = duties(np.full(1200, 8.0))
+  loaded_ = (time > 7.0) & (time < 7.3)
+  columns["battery_voltage"] = np.where(loaded_, 4.9, 8.0)
+  columns["motor_duty"] = np.where(loaded_, 0.9, columns["motor_duty"])
+  vehicle = {**VEHICLE, "drive": "duty", "supply_voltage": 8.0}
+  data = DataSet.load(folder_with(tmp_path, time, columns, vehicle=vehicle))
+  (said,) = (s for s in data.warnings if "falls" in s)
+  assert "under load, and it recovers at once: a pack of high internal resistance" in said and "empty, or" not in said

@@ -1,0 +1,117 @@
+"""Motion that the drive's command explains nothing of: a car that was pushed, towed or carried, or that rolled down.
+
+With nothing commanded a car on a level floor only slows down. How far it may speed up all the same is physics: a floor
+inclined by a few degrees pulls with g sin of the angle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from qcar_twin.recordings.checks.acted import Stretch
+from qcar_twin.recordings.checks.driving import MOVING, PERIOD, Drive, driven, runs
+from qcar_twin.recordings.recording import Recording
+
+_LONGEST_LAG = (
+  0.5  # s, for which a drive may go on after its command ended, or before the next one that is stamped late
+)
+_SLOPE = 9.81 * np.sin(np.radians(3.0))  # m/s^2: floors of rooms and yards are inclined by less (5 %)
+_RISE = 0.3  # s, over which that is asked of the speed: a bump, or a wheel that gets its grip back, takes less
+_SMOOTH = 5  # rows of the grid in a mean of the speed, 0.25 s
+_SURE = 5.0  # deviations of such a mean: a drive has a thousand of them
+_WITNESSED = 0.5  # of the rise that another sensor shows, or that is lost again: halfway between all and nothing
+_PATH = 0.2  # s, over which a path's speed is taken
+
+
+def pushed_stretches(recordings: Sequence[Recording], channel: str, scale: float = 1.0) -> list[Stretch]:
+  """Stretches in which a car moves under a command of 0 as none does by itself, in order.
+
+  It stood, drove off and stopped again; or it rolled and sped up by more than a slope of a few degrees does. Before
+  them the command was 0 for longer than any drive goes on after it.
+
+  Args:
+    scale: m/s per unit of the measured speed.
+  """
+  held = driven(recordings, channel)
+  top = max((float(np.percentile(np.abs(d.speed), 99.0)) for d in held), default=0.0)
+  stretches = []
+  for d in held:
+    whole = _from_rest(d, top)
+    for first, last in _sped_up(d, top, scale):
+      if not any(first <= b and a <= last for a, b in whole):  # else it is in what was said
+        whole.append((first, last))
+    stretches += [Stretch(d.recording, channel, float(d.time[a]), float(d.time[b])) for a, b in sorted(whole)]
+  return stretches
+
+
+def _from_rest(d: Drive, top: float) -> list[tuple[int, int]]:
+  """First and last row of what begins and ends at rest."""
+  lag, parts = round(_LONGEST_LAG / PERIOD), []
+  fast = np.convolve(np.abs(d.speed), np.full(_SMOOTH, 1.0 / _SMOOTH), "same") > MOVING * top
+  for first, last, off in runs(d.command == 0.0):
+    if not off or not d.rest[first + lag : last + 1].any():
+      continue
+    begin = first + lag + int(np.argmax(d.rest[first + lag : last + 1]))
+    for start, stop, moves in runs(~d.stands[begin : last + 1]):
+      ended = begin + stop < last or last == d.time.size - 1  # else the command came late, and is no 0 in truth
+      if moves and start > 0 and ended and fast[begin + start : begin + stop + 1].any():
+        parts.append((begin + start, begin + stop))
+  return parts
+
+
+def _sped_up(d: Drive, top: float, scale: float) -> list[tuple[int, int]]:
+  """First and last row of rises of the speed, by a share of the top speed that is driving and beyond noise, which
+  another sensor shows, too, where there is one: wheels that get their grip back rise alone."""
+  count, lag = round(_RISE / PERIOD), round(_LONGEST_LAG / PERIOD)
+  if d.speed.size <= max(count, _SMOOTH):
+    return []
+  padded = np.pad(d.speed, _SMOOTH // 2, mode="edge")
+  signed = np.convolve(padded, np.full(_SMOOTH, 1.0 / _SMOOTH), "valid")
+  speed = np.abs(signed)
+  noise = 1.4826 * float(np.median(np.abs(d.speed - signed))) / np.sqrt(_SMOOTH)
+  least = max(MOVING * top, _SURE * np.sqrt(2.0) * noise)
+  hasty = scale * (speed[count:] - speed[:-count]) > _SLOPE * _RISE
+  parts = []
+  for first, last, off in runs(d.command == 0.0):
+    begin, end = first + lag, last + 1 if last == d.time.size - 1 else last + 1 - lag
+    if not off or end - begin <= count:
+      continue
+    for start, stop, rises in runs(hasty[begin : end - count]):
+      a, b = begin + start, begin + stop + count
+      rise = float(speed[b] - speed[a])
+      slows = last == d.time.size - 1 or speed[b : last + 1].min() < speed[b] - _WITNESSED * rise
+      if not rises or rise < least or not slows:  # what goes on until a command came is the answer to a late one
+        continue
+      if _witnessed(d, a, b, float(np.sign(signed[b])), scale * rise):
+        parts.append((a, b))
+  return parts
+
+
+def _witnessed(d: Drive, first: int, last: int, way: float, rise: float) -> bool:
+  """Whether the acceleration along or the path shows a rise in m/s, too; yes where there is neither."""
+  start, end = float(d.time[first]), float(d.time[last])
+  shown = [s for s in (_felt(d.recording, start, end, way), _along_the_path(d.recording, start, end)) if s is not None]
+  return not shown or max(shown) > _WITNESSED * rise
+
+
+def _felt(recording: Recording, start: float, end: float, way: float) -> float | None:
+  """What the accelerometer adds up to, m/s, in the sense of the motion."""
+  if "accel_x" not in recording:
+    return None
+  stream = recording["accel_x"]
+  inside = (stream.time >= start) & (stream.time <= end)
+  return way * float(np.mean(stream.value[inside])) * (end - start) if inside.any() else None
+
+
+def _along_the_path(recording: Recording, start: float, end: float) -> float | None:
+  """By how much the path's speed rises, m/s."""
+  if not {"pose_x", "pose_y"} <= set(recording.channels):
+    return None
+  x, y = recording["pose_x"], recording["pose_y"]
+  if not (x.time[0] <= start - 0.5 * _PATH and end + 0.5 * _PATH <= x.time[-1]):
+    return None
+  edges = np.array([[start - 0.5 * _PATH, start + 0.5 * _PATH], [end - 0.5 * _PATH, end + 0.5 * _PATH]])
+  moved = np.hypot(*(np.diff(np.interp(edges, s.time, s.value), axis=1)[:, 0] for s in (x, y)))
+  return float(moved[1] - moved[0]) / _PATH
