@@ -342,9 +342,3 @@ def usual_gearing(recordings: Sequence[Recording], vehicle: Vehicle) -> float | 
   fast = np.isfinite(motor) & (np.abs(motor) > 0.5 * np.nanmax(np.abs(motor)))
   ratio = float(np.median(np.abs(speed[fast] / motor[fast])) / vehicle.wheel_radius)
   return ratio if 0.0 < ratio < 1.0 else None
-
-
-def usual_supply(recordings: Sequence[Recording]) -> float | None:
-  """The battery's voltage, V, median over the logs; None where none was measured."""
-  values = [recording["battery_voltage"].value for recording in recordings if "battery_voltage" in recording]
-  return float(np.median(np.concatenate(values))) if values else None
