@@ -12,7 +12,7 @@ from qcar_twin.recordings.first_dataset.axes import pointing_down, turning_right
 from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit, like_steering
 from qcar_twin.recordings.first_dataset.car import MARK, SIZES, Car, as_text, as_value, of_size
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
-from qcar_twin.recordings.first_dataset.mount import lies, settle_mount, settle_upside_down
+from qcar_twin.recordings.first_dataset.mount import lies, settle_gravity, settle_mount, settle_upside_down
 from qcar_twin.recordings.first_dataset.parts.torn import refuse_parts
 from qcar_twin.recordings.first_dataset.plane import settle_plane, without_half_a_place
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing
@@ -82,6 +82,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     settle_plane(columns, guesses)
     guesses = without_half_a_place(guesses)
     settle_way(columns, guesses)
+    settle_gravity(columns, guesses)
     settle_mount(columns, guesses)
     turned = settle_upside_down(columns, guesses)
     gearing = usual_gearing(recordings_of(columns, guesses), vehicle)
