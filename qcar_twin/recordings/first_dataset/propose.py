@@ -106,9 +106,10 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
 
 def _missing(guesses: Mapping[str, Guess], tables: Sequence[Table]) -> tuple[str, ...]:
   """What the loader needs and no column seems to be."""
-  by_hand = not guesses.keys() & set(DRIVE_COMMANDS) and "steering_command" in guesses
-  stood_for = {"motor_voltage"} if by_hand else set()
-  stood_for |= {"motor_speed"} if {"pose_x", "pose_y"} <= guesses.keys() else set()
+  stood_for = {"motor_speed"} if {"pose_x", "pose_y"} <= guesses.keys() else set()
+  moves = stood_for or guesses.keys() & {"motor_speed", "speed"}
+  if moves and "steering_command" in guesses:  # somebody drove by hand, and the speed stands for the command
+    stood_for |= {"motor_voltage"}
   missing = tuple(
     " or ".join(names)
     for channel, names in _NEEDED.items()
