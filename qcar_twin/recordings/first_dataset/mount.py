@@ -155,6 +155,14 @@ def _triads(columns: Columns, kinds: set[str]) -> dict[tuple[str, ...], dict[int
   return {words: triad for words, triad in triads.items() if len(triad) == 3}
 
 
+def on_three_axes(columns: Columns) -> set[str]:
+  """The columns of accelerometers and gyros of which all three axes were logged: of the sensor's own message, where a
+  value that lies alone may be a copy of it."""
+  return {
+    n for kinds in (_ACCELEROMETERS, _GYROS) for triad in _triads(columns, kinds).values() for n in triad.values()
+  }
+
+
 def _imu(columns: Columns, guesses: Mapping[str, Guess]) -> _Imu | None:
   """The IMU whose accelerometers the guesses take, where all three axes were logged and feel gravity."""
   taken = {guesses[name].column for name in ("accel_x", "accel_y") if name in guesses}

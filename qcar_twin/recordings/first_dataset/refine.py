@@ -165,18 +165,21 @@ def _rows(columns: Columns, name: str) -> Array:
 
 
 def settle_pose(columns: Columns, guesses: Mapping[str, Guess]) -> None:
-  """Unwrap a heading that jumps by a whole turn; one that jumps by 360 is in degrees. Then what the path says of it."""
+  """Unwrap a heading, then what the path says of it."""
+  unwrap_heading(columns, guesses)
   heading = guesses.get("pose_yaw")
   if heading is None:
     return
-  if not heading.wrap:
-    _unwrap(columns, heading)
   place = [set(words_of(guesses[name].column)) for name in ("pose_x", "pose_y") if name in guesses]
   known = len(place) == len(_GEOGRAPHIC) and all(named & words for named, words in zip(place, _GEOGRAPHIC, strict=True))
   settle_heading(heading, recordings_of(columns, guesses), known)
 
 
-def _unwrap(columns: Columns, heading: Guess) -> None:
+def unwrap_heading(columns: Columns, guesses: Mapping[str, Guess]) -> None:
+  """Unwrap a heading that jumps by a whole turn, once; one that jumps by 360 is in degrees. No log is read before."""
+  heading = guesses.get("pose_yaw")
+  if heading is None or heading.wrap:
+    return
   values = np.concatenate(
     [heading.scale * t.number(heading.column, "pose_yaw") for t in columns.holding(heading.column)]
   )
