@@ -96,7 +96,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   missing = _missing(guesses, tables)
   questions = tuple(question.text for question in asked)
   questions += _asked_of(columns, guesses, recordings, turned) if topics is None else ()
-  lines = [*_head(name, topics, questions), *car.lines(recordings)]
+  lines = [*_head(name, topics, questions), *_names(tables), *car.lines(recordings)]
   channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
   lines += ["", *channels]
   lines += [line for part in parts for line in _recording(part)]
@@ -242,6 +242,15 @@ def _channels(columns: Columns, guesses: dict[str, Guess], missing: Sequence[str
       values = columns.values(name)
       lines.append(f"# {_plain(name)}: {values.min():.4g} to {values.max():.4g}")
   return lines
+
+
+def _names(tables: Sequence[Table]) -> list[str]:
+  """The key that names the columns of files without a header, as they are called until a person has named them."""
+  called = {tuple(table.columns) for table in tables if table.headless}
+  if len(called) != 1:
+    return []
+  names = ", ".join(map(as_text, *called))
+  return [f"columns = [{names}]  # the files have no header: a name for each, here and in [channels]"]
 
 
 def _by_map(guesses: Mapping[str, Guess]) -> list[str]:
