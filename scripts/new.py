@@ -15,7 +15,7 @@ from calibration.log_check.report import check_and_say
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.first_dataset.parts.joined import as_csv, joined
-from qcar_twin.recordings.first_dataset.place import copy_in, logs_of, placed, with_rows
+from qcar_twin.recordings.first_dataset.place import copy_in, logs_of, placed, with_rows, without_header
 from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
@@ -55,6 +55,7 @@ def main(config: Config) -> Path:
   path = write_text(config.folder / FILE_NAME, proposal.text)
   print(f"{path}: {len(tables)} log{'s' if len(tables) > 1 else ''}, {len(proposal.guesses)} guesses to look at")
   print("\n".join(f"  {line}" for line in proposal.channels))
+  print("".join(f"{line}\n" for line in without_header(read)), end="")
   for name in proposal.missing:
     print(f"missing: {name}; no column seems to be it, fill it in in [channels]")
   if unsaid := [f"--{name}" for name in ("wheelbase", "mass") if getattr(config, name) is None]:

@@ -48,19 +48,32 @@ def resolve(table: Table, mapping: Mapping[str, Mapped]) -> dict[str, Mapped]:
     raise RecordingError(
       f"{table.label}: needed channel 'time' is missing; {cure}. Columns that exist: {table.listing()}"
     )
-  if not resolved.keys() & {*DRIVE_COMMANDS, "steering_command"}:
-    others = ", ".join(DRIVE_COMMANDS[1:])
-    raise RecordingError(
-      f"{table.label}: needed channel 'motor_voltage' is missing; add motor_voltage = {{ column = \"…\" }} (or {others}"
-      ", whichever the drive takes; or steering_command alone, where somebody drove by hand) to [channels]. Columns "
-      f"that exist: {table.listing()}"
-    )
-  if not resolved.keys() & {"motor_speed", "speed"} and not {"pose_x", "pose_y"} <= resolved.keys():
-    raise RecordingError(
-      f"{table.label}: neither 'motor_speed' nor 'speed' is there, nor a pose that gives it (pose_x, pose_y), and one "
-      f"of them is needed; map it in [channels]. Columns that exist: {table.listing()}"
-    )
+  if wanted := _wanted(set(resolved)):
+    raise RecordingError(f"{table.label}: {'; and '.join(wanted)}. Columns that exist: {table.listing()}")
   return resolved
+
+
+def _wanted(known: set[str]) -> list[str]:
+  """What the channels of a file still lack, all at once, each with its cure."""
+  moves = known & {"motor_speed", "speed"} or {"pose_x", "pose_y"} <= known
+  wanted = []
+  if not known & {*DRIVE_COMMANDS, "steering_command"}:
+    others = ", ".join(DRIVE_COMMANDS[1:])
+    wanted.append(
+      f"needed channel 'motor_voltage' is missing; add motor_voltage = {{ column = \"…\" }} (or {others}, whichever "
+      "the drive takes; or steering_command alone, where somebody drove by hand) to [channels]"
+    )
+  if not moves:
+    wanted.append(
+      "neither 'motor_speed' nor 'speed' is there, nor a pose that gives it (pose_x, pose_y), and one of them is "
+      "needed; map it in [channels]"
+    )
+  if not moves and not known & set(DRIVE_COMMANDS) and "steering_command" in known:
+    wanted.append(
+      f"no column is mapped to a command of the drive ({', '.join(DRIVE_COMMANDS)}); map it, too, unless somebody "
+      "drove by hand"
+    )
+  return wanted
 
 
 def _refuse_near_miss(table: Table, column: str) -> None:

@@ -8,6 +8,14 @@ from qcar_twin.recordings.channels import GRAVITY
 _ALONE = ("rpm", "rps", "erpm")  # units that are a name by themselves
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 _VESC_SPEED = {"sensors", "core", "speed"}  # of VescStateStamped on its driver's topic: electrical revolutions a minute
+# the ends of names that an ODrive's axes have for what they measure and are set to, of firmware 0.5 and later (its API
+# reference, "ODrive.Axis", "ODrive.Controller" and "ODrive.Motor"); before it counts of the encoder stood for turns
+_ODRIVE: dict[tuple[str, ...], str] = {
+  **dict.fromkeys((("vel", "estimate"), ("input", "vel"), ("vel", "setpoint")), "turns/s"),
+  **dict.fromkeys((("pos", "estimate"), ("input", "pos"), ("pos", "setpoint")), "turns"),
+  **dict.fromkeys((("iq", "measured"), ("iq", "setpoint")), "A"),
+}
+_ODRIVES = {"odrive", "odrv", "axis"}
 BRACKET = re.compile(r"[\[(<{]([^\])>}]*)[\])>}]")
 _ELEMENT = re.compile(r"(?:\[(?P<zero>\d+)\]|\((?P<one>\d+)\))\s*$")
 VECTORS = {"xyz", "acc", "accel", "accelerometer", "acceleration", "gyro", "gyroscope", "gyr"}
@@ -21,6 +29,7 @@ UNITS: dict[str, tuple[str, float]] = {
   **dict.fromkeys(("rad", "radians"), ("rad", 1.0)),
   **dict.fromkeys(("mrad",), ("rad", 1e-3)),
   **dict.fromkeys(("deg", "degrees", "degree", "°"), ("rad", math.pi / 180.0)),
+  **dict.fromkeys(("turns",), ("rad", math.tau)),
   **dict.fromkeys(("rad/s", "rads", "radps", "radsec", "rad/sec"), ("rad/s", 1.0)),
   **dict.fromkeys(
     ("deg/s", "dps", "degs", "degps", "°/s", "degsec", "deg/sec", "degrees/s", "degrees/sec", "°/sec"),
@@ -29,7 +38,7 @@ UNITS: dict[str, tuple[str, float]] = {
   **dict.fromkeys(("mrad/s",), ("rad/s", 1e-3)),
   **dict.fromkeys(("mdps", "mdeg/s"), ("rad/s", 1e-3 * math.pi / 180.0)),
   **dict.fromkeys(("rpm", "1/min", "erpm"), ("rad/s", math.tau / 60.0)),
-  **dict.fromkeys(("rps", "rev/s", "1/s"), ("rad/s", math.tau)),
+  **dict.fromkeys(("rps", "rev/s", "turn/s", "turns/s", "1/s"), ("rad/s", math.tau)),
   **dict.fromkeys(("m/s", "mps", "m/sec", "meters/per/sec", "metres/per/sec", "meters/per/second"), ("m/s", 1.0)),
   **dict.fromkeys(("km/h", "kmh", "kph", "kmph"), ("m/s", 1 / 3.6)),
   **dict.fromkeys(("mph", "mi/h"), ("m/s", 0.44704)),
@@ -73,8 +82,15 @@ def is_electrical(column: str) -> bool:
   return "erpm" in words or {"e", "rpm"} <= words or words >= _VESC_SPEED
 
 
+def is_odrive(column: str) -> bool:
+  """Whether a column is called as what an axis of an ODrive measures, or is set to."""
+  words = words_of(column)
+  return words[-2:] in _ODRIVE and bool(_ODRIVES & set(words[:-2]))
+
+
 def unit_of(column: str) -> tuple[str, str, float] | None:
-  """The unit a name ends with, has in brackets or is: as written, the SI unit it is of, the factor to it."""
+  """The unit a name ends with, has in brackets or is, or rpm anywhere: as written, the SI unit it is of, the factor to
+  it."""
   for inside in BRACKET.findall(column):
     written = inside.strip().lower()
     if unit := UNITS.get(written) or _BRACKETED.get(written):
@@ -85,6 +101,8 @@ def unit_of(column: str) -> tuple[str, str, float] | None:
   words = words_of(BRACKET.sub(" ", column))
   if _VESC_SPEED <= set(words):
     return ("erpm", *UNITS["erpm"])
+  if is_odrive(column):
+    return (unit := _ODRIVE[words[-2:]], *UNITS[unit.lower()])
   if len(words) == 1 and words[0] in _ALONE:
     return (words[0], *UNITS[words[0]])
   for count in (3, 2, 1):
@@ -93,4 +111,4 @@ def unit_of(column: str) -> tuple[str, str, float] | None:
       for written in ("/".join(tail), tail[0] + "/" + "".join(tail[1:]), "".join(tail)):
         if written in UNITS:
           return (written, *UNITS[written])
-  return None
+  return ("rpm", *UNITS["rpm"]) if "rpm" in words else None  # motor_rpm_cmd: it is nothing but a unit

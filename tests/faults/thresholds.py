@@ -184,7 +184,7 @@ FALSE: dict[str, tuple[str, Change]] = {
 
 
 NEUTRALS, SESSIONS = ("neutral of 5 V", "neutral of 2 V"), 8  # of sessions too, where so many drives are made
-SEVERAL = ("_ALTERNATIVE", "_CLEAR", "_APART", "_ALIKE", "_SPIKE", "_SPIKES")
+SEVERAL = ("_ALTERNATIVE", "_CLEAR", "_APART", "_ALIKE", "_MEAN", "_SPIKE", "_SPIKES")
 WHEELS = ("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr")
 ASKED = "asked"
 Case = tuple[str, str, Columns, set[str]]  # name, channel, columns of a log, and which of them may be taken, or ASKED
@@ -204,11 +204,13 @@ def several_cases(count: int, seed: int) -> list[Case]:
     either, rate = {"gyro_a", "gyro_b"}, own["yaw_rate"]
     wheels = {name: noisy(own["speed"], 0.01) for name in WHEELS}
     slipping = {name: v * (1.05 if name[-2] == "r" else 1.0) for name, v in wheels.items()}
-    bad = WHEELS[k % len(WHEELS)]
+    bad, drift = WHEELS[k % len(WHEELS)], 0.5 * np.sin(0.3 * time)
     still = {"time": time, "volts": own["motor_voltage"], "gyro_z": rate}
     cases += [
       ("two gyros that agree", "yaw_rate", base | gyros(rate, noisy(rate, 0.01)), either),
       ("two gyros, one noisier", "yaw_rate", base | gyros(rate, noisy(rate, 0.05)), either),
+      ("two gyros, one of half noise", "yaw_rate", base | gyros(rate, noisy(rate, 0.5 * rate.std())), either),
+      ("two gyros, one that drifts", "yaw_rate", base | gyros(rate, rate + drift * rate.std()), {ASKED}),
       ("two gyros that differ", "yaw_rate", base | gyros(rate, other), {ASKED}),
       ("two gyros that differ, and a heading", "yaw_rate", base | heading | gyros(other, rate), {"gyro_b"}),
       ("a noisier gyro, and a heading", "yaw_rate", base | heading | gyros(noisy(rate, 0.1), rate), either),

@@ -137,6 +137,34 @@ def test_a_log_whose_columns_say_nothing_is_kept_and_what_is_missing_is_said(tmp
   assert DataSet.load(path.parent).recordings[0].channels == ("motor_voltage", "motor_speed")
 
 
+def test_files_without_a_header_are_said_with_the_cure_which_works(tmp_path, capsys):
+  time, own = drive(6.0)
+  names = ("time", "motor_voltage", "motor_speed", "yaw_rate")
+  (tmp_path / "logs").mkdir()
+  for k in (1, 2, 3):
+    rows = np.stack([time, *(own[name] for name in names[1:])], axis=1)
+    np.savetxt(tmp_path / "logs" / f"run_{k}.csv", rows * [1.0, 1.0, k, 1.0], delimiter=",")
+  (tmp_path / "logs" / "notes.txt").write_text("rain")
+  (tmp_path / "logs" / "columns.txt").write_text("t [s]\nu [V]\nomega [rad/s]\nr [rad/s]\n")
+  with pytest.raises(RecordingError, match="is not yet readable"):
+    new.main(new.Config(tmp_path / "set", (tmp_path / "logs",)))
+  said = capsys.readouterr().out
+  assert "no header: run_1.csv and 2 more, whose columns are called column_1 to column_4" in said
+  assert 'columns = ["time", "motor_speed", …]' in said and "columns.txt next to them may have them" in said
+  path = tmp_path / "set" / "dataset.toml"
+  draft = path.read_text(encoding="utf-8")
+  assert 'columns = ["column_1", "column_2", "column_3", "column_4"]' in draft
+  for called, name in zip(("column_1", "column_2", "column_3", "column_4"), names, strict=True):
+    draft = draft.replace(f'"{called}"', f'"{name}"')
+  path.write_text(draft, encoding="utf-8")
+  assert set(DataSet.load(path.parent).recordings[0].channels) == {"motor_voltage", "motor_speed", "yaw_rate"}
+
+
+def test_logs_with_names_are_said_nothing_of_a_header(tmp_path, logs, capsys):
+  path = new.main(new.Config(tmp_path / "set", (logs,)))
+  assert "no header" not in capsys.readouterr().out and "columns = [" not in path.read_text(encoding="utf-8")
+
+
 # ---------------------------------------------------------------- files for other viewers
 
 

@@ -38,7 +38,7 @@ _HELD = 2.0  # rows for which a value stays, median, from which a faster log rep
 
 @dataclasses.dataclass
 class Guess:
-  """One channel's column. `why` are the reasons for it, each a clause; `named`: its name says the unit;
+  """One channel's column. `why` are the reasons for it, each a clause; `named`: its name, or gravity, says the unit;
   `settled`: a share of lock was scaled to an angle."""
 
   channel: str
@@ -241,6 +241,9 @@ def scale(columns: Columns, guess: Guess) -> None:
     if guess.channel == "motor_speed" and "wheel" in words_of(guess.column):
       guess.scale /= QCAR.gear_ratio
       guess.why.append(f"of a wheel, which a motor turns by gear_ratio = {QCAR.gear_ratio:g}: correct both by yours")
+  elif guess.channel == "speed_command" and unit is not None and unit[1] == CHANNELS["motor_speed"].unit:
+    guess.scale, guess.named = unit[2] / (_POLE_PAIRS if is_electrical(guess.column) else 1.0), True
+    guess.why.append(f"in {unit[0]}")
   elif guess.channel == "time":
     _scale_time(columns, guess)
   elif guess.channel == "steering_command" and unit is not None and unit[1] == "-":

@@ -1,4 +1,5 @@
-"""How an IMU lies in the car: gravity says which of its axes is upright, speeding up which points forwards.
+"""How an IMU lies in the car and in which unit it counts: gravity says which of its axes is upright and what 1 g reads,
+speeding up which axis points forwards.
 
 With three accelerometers, specific force f has f = +g upwards at rest, and forwards f = d(speed)/dt. The third axis is
 left = up x forward, and the yaw rate is what the gyro says about the upright axis. Of a gyro alone the sign is that of
@@ -8,14 +9,14 @@ f_left = speed times yaw rate.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from qcar_twin.recordings.channels import CHANNELS, GRAVITY
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, scale
 from qcar_twin.recordings.first_dataset.heading import contrary, goes_with
 from qcar_twin.recordings.first_dataset.refine import recordings_of, turning_of
 from qcar_twin.recordings.recording import Recording
@@ -26,7 +27,9 @@ _ACCELEROMETERS = {"acc", "accel", "acl", "acceleration", "accelerometer", "a"}
 _GYROS = {"gyro", "gyr", "gyroscope", "angular", "omega", "g", "w"}
 _AXES = "xyz"
 # what 1 g reads: m/s^2, g, mg, and the counts of accelerometers of 16 bits with ranges of 2, 4, 8 and 16 g
-_READS = (GRAVITY, 1.0, 1000.0, 16384.0, 8192.0, 4096.0, 2048.0)
+_READS = {GRAVITY: "m/s^2", 1.0: "g", 1000.0: "mg"} | {
+  count: f"counts of {count:g} a g" for count in (16384.0, 8192.0, 4096.0, 2048.0)
+}
 _LIKE_GRAVITY = 0.1  # of it, within which a length is one: offsets of cheap accelerometers reach half of that
 _UPRIGHT = 0.8  # of gravity, which an upright axis feels: a mount tilted by 37 deg
 _BIN = 0.25  # s, over which accelerations and the change of speed are compared
@@ -53,6 +56,22 @@ class _Mount:
   up: int
   signs: tuple[float, float, float]
   reversed: bool  # whether the accelerometers say minus the specific force
+
+
+def settle_gravity(columns: Columns, guesses: dict[str, Guess]) -> None:
+  """Scale accelerometers whose names say no unit by gravity, where all three axes of one sensor were logged."""
+  taken = {guesses[name].column: guesses[name] for name in ("accel_x", "accel_y") if name in guesses}
+  for triad in _triads(columns, _ACCELEROMETERS).values():
+    names = (triad[0], triad[1], triad[2])
+    own = [guess for column, guess in taken.items() if column in names]
+    if not own or any(_named(name) for name in names) or (told := _by_gravity(columns, names, taken)) is None:
+      continue
+    for guess in own:
+      by_size = Guess(guess.channel, guess.column)
+      scale(columns, by_size)
+      if by_size.why or told[0] != 1.0:
+        guess.why = [*(why for why in guess.why if why not in by_size.why), told[1]]
+      guess.scale, guess.named = told[0], True
 
 
 def settle_mount(columns: Columns, guesses: dict[str, Guess]) -> None:
@@ -136,6 +155,14 @@ def _triads(columns: Columns, kinds: set[str]) -> dict[tuple[str, ...], dict[int
   return {words: triad for words, triad in triads.items() if len(triad) == 3}
 
 
+def on_three_axes(columns: Columns) -> set[str]:
+  """The columns of accelerometers and gyros of which all three axes were logged: of the sensor's own message, where a
+  value that lies alone may be a copy of it."""
+  return {
+    n for kinds in (_ACCELEROMETERS, _GYROS) for triad in _triads(columns, kinds).values() for n in triad.values()
+  }
+
+
 def _imu(columns: Columns, guesses: Mapping[str, Guess]) -> _Imu | None:
   """The IMU whose accelerometers the guesses take, where all three axes were logged and feel gravity."""
   taken = {guesses[name].column for name in ("accel_x", "accel_y") if name in guesses}
@@ -143,14 +170,45 @@ def _imu(columns: Columns, guesses: Mapping[str, Guess]) -> _Imu | None:
   if force is None:
     return None
   names = (force[0], force[1], force[2])
-  unit = unit_of(names[0])
-  known = unit[2] if unit is not None and unit[1] == CHANNELS["accel_x"].unit else None
-  length = math.sqrt(sum(float(np.median(columns.values(name))) ** 2 for name in names))
-  reads = (GRAVITY / known,) if known else _READS
-  near = [one for one in reads if abs(length / one - 1.0) < _LIKE_GRAVITY]
+  if (known := _named(names[0])) is not None:
+    length = math.hypot(*(known * float(np.median(columns.values(name))) for name in names))
+    told = (known, "") if abs(length / GRAVITY - 1.0) < _LIKE_GRAVITY else None
+  else:
+    told = _by_gravity(columns, names)
+  if told is None:
+    return None
   gyros = [t for t in _triads(columns, _GYROS).values() if "yaw_rate" in guesses]
   own = next((t for t in gyros if guesses["yaw_rate"].column in t.values()), None)
-  return _Imu(names, (own[0], own[1], own[2]) if own else None, known or GRAVITY / near[0]) if near else None
+  return _Imu(names, (own[0], own[1], own[2]) if own else None, told[0])
+
+
+def _named(name: str) -> float | None:
+  """What the unit in an accelerometer's name is in m/s^2; None where it says none."""
+  unit = unit_of(name)
+  return unit[2] if unit is not None and unit[1] == CHANNELS["accel_x"].unit else None
+
+
+def _by_gravity(columns: Columns, names: Sequence[str], flat: Collection[str] = ()) -> tuple[float, str] | None:
+  """What the accelerometers' unit is in m/s^2, and how that is said; None where no axis is clearly upright, or where it
+  reads less than gravity in any known unit: then gravity may have been taken off.
+
+  A usual unit is taken as it is, since a cheap sensor's offset is part of the reading. 1 g lies between what the
+  upright axis reads, less by a tilt, and the length, more by a long turn. What is upright reads no more than gravity in
+  m/s^2, so that beyond it any unit is told.
+
+  Args:
+    flat: columns that the guesses take for level axes; a small reading along one of them may be a long turn's.
+  """
+  medians = [abs(float(np.median(columns.values(name)))) for name in names]
+  length, up = math.hypot(*medians), int(np.argmax(medians))
+  if medians[up] < _UPRIGHT * length or (names[up] in flat and length < GRAVITY):
+    return None
+  between = lambda one: medians[up] / (1.0 + _LIKE_GRAVITY) < one < length / (1.0 - _LIKE_GRAVITY)
+  near = next(filter(between, _READS), None)
+  if near is None and medians[up] < (1.0 + _LIKE_GRAVITY) * GRAVITY:
+    return None
+  unit = _READS[near] if near else f"counts of {length:.4g} a g"
+  return GRAVITY / (near or length), f"gravity reads {length:.4g}, mostly along '{names[up]}', so in {unit}"
 
 
 def _mount(columns: Columns, guesses: Mapping[str, Guess], imu: _Imu) -> _Mount | None:

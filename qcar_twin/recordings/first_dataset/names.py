@@ -30,11 +30,15 @@ _RULES: dict[str, tuple[str, ...]] = {
     "esc !voltage|volt|volts|v|current|amps|temp|temperature|rpm|speed|steering|servo",
     "pedal|accelerator !brake|clutch|steering",
   ),
-  "motor_current": ("current|amps command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference",),
+  "motor_current": (
+    "current|amps command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference",
+    "axis|odrive|odrv iq setpoint",
+  ),
   "speed_command": (
     "speed|spd|velocity|vel|v|rpm|erpm"
     " command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference|goal|control"
     " !angular|ang|yaw|steering|z|y",
+    "axis|odrive|odrv vel input|setpoint",
   ),
   "acceleration_command": (
     "accel|accl|acc|acceleration|a command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference|input"
@@ -54,6 +58,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     "rps !gyro|gyr",
     "erpm !command|commands|commanded|cmd|target|desired|des",
     "sensors core speed",
+    "axis|odrive|odrv vel estimate",
   ),
   "speed": (
     "speed|spd|velocity|vel|vels|v"
@@ -108,6 +113,7 @@ _RULES: dict[str, tuple[str, ...]] = {
   "battery_voltage": ("battery|bat|batt|vbat|supply !current|percent|percentage|charge|level|soc|temperature|power",),
   "armature_current": (
     "current|amps !command|commands|commanded|cmd|target|desired|des|setpoint|battery|supply|time",
+    "axis|odrive|odrv iq measured",
     "motor|mot|armature i !command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference",
   ),
 }

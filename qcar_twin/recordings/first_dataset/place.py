@@ -9,8 +9,9 @@ from pathlib import Path
 
 from qcar_twin.atomic_io import whole_file
 from qcar_twin.recordings.first_dataset.columns import Columns, guess_columns
-from qcar_twin.recordings.first_dataset.torn import is_clock
+from qcar_twin.recordings.first_dataset.parts.torn import is_clock
 from qcar_twin.recordings.formats import PACKED, read_table, readers
+from qcar_twin.recordings.formats.dialect import LONGEST_LINE
 from qcar_twin.recordings.formats.table import NoSamples, Table
 from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
@@ -169,3 +170,30 @@ def _in_time(table: Table) -> bool:
     return False
   clock = guesses["time"].column
   return table.headless or len(guesses) > 1 or (is_clock(clock) and not _LATER.search(clock))
+
+
+def without_header(read: Sequence[tuple[Placed, Table]]) -> list[str]:
+  """A line on the logs whose columns have no names, with the cure; none where all have."""
+  logs = [(log, table) for log, table in read if table.headless]
+  if not logs:
+    return []
+  log, names = logs[0][0], list(logs[0][1].columns)
+  others = f" and {len(logs) - 1} more" if len(logs) > 1 else ""
+  beside = _names_beside(log.source, len(names))
+  perhaps = f"; {beside} next to {'them' if others else 'it'} may have them" if beside else ""
+  return [
+    f"no header: {log.name}{others}, whose columns are called {names[0]} to {names[-1]}: write a first line of names "
+    "into each file and run new again into another folder, or name each in dataset.toml, columns = "
+    f'["time", "motor_speed", …], and where [channels] has it{perhaps}'
+  ]
+
+
+def _names_beside(log: Path, count: int) -> str:
+  """The name of a text next to a log that has as many lines, or words in its one line, as the log has columns."""
+  for path in sorted(log.parent.iterdir()):
+    if path == log or path.suffix.lower() not in _PROSE or not path.is_file() or path.stat().st_size > LONGEST_LINE:
+      continue
+    lines = [line for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    if count in (len(lines), len(re.split(r"[,;\s]+", lines[0].strip())) if len(lines) == 1 else 0):
+      return path.name
+  return ""

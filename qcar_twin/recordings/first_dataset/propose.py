@@ -1,7 +1,6 @@
 """Logs in, the text of a first dataset.toml out, every guess marked as one with its reason."""
 
 import dataclasses
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,31 +10,25 @@ from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.checks.car import check_car
 from qcar_twin.recordings.first_dataset.axes import pointing_down, turning_right
 from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit, like_steering
+from qcar_twin.recordings.first_dataset.car import MARK, SIZES, Car, as_text, as_value, of_size
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
-from qcar_twin.recordings.first_dataset.mount import lies, settle_mount, settle_upside_down
+from qcar_twin.recordings.first_dataset.mount import lies, settle_gravity, settle_mount, settle_upside_down
+from qcar_twin.recordings.first_dataset.parts.torn import refuse_parts
 from qcar_twin.recordings.first_dataset.plane import settle_plane, without_half_a_place
-from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing, usual_supply
+from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
 from qcar_twin.recordings.first_dataset.several import runner_up, settle_several
-from qcar_twin.recordings.first_dataset.speeds import settle_speeds, settle_way
-from qcar_twin.recordings.first_dataset.torn import refuse_parts
+from qcar_twin.recordings.first_dataset.speeds import settle_speeds, settle_turns, settle_way
 from qcar_twin.recordings.first_dataset.unused import said_of
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.recordings.topic_maps import TopicMap, topic_maps
 from qcar_twin.recordings.unit_names import is_electrical
 from qcar_twin.vehicle.drive import DRIVES
-from qcar_twin.vehicle.similarity import POWERS, estimates
 from qcar_twin.vehicle.vehicle import Vehicle
 
-MARK = "guess:"
 _NEEDED = {"motor_speed": ("motor_speed", "speed"), "motor_voltage": DRIVE_COMMANDS}
-_VEHICLE = ("mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "track_width", "cg_height", "wheel_radius",
-            "gear_ratio", "max_steering")  # fmt: skip
 _LISTED = 60  # columns at most
-_WIDE = 0.3  # standard deviation of a number nobody measured, as a share of it
-# of the wheelbase: where the centre of gravity lies along one that is known; axles carry 40 to 60 % of most cars
-_ALONG = 0.05
 
 
 @dataclass(frozen=True)
@@ -76,38 +69,34 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     check_car(ends | {"mass": said["mass"]}, "what was said of the car:")
   topics, columns = _fitting_map(tables), Columns(tables)
   known: Mapping[str, float | str] = topics.vehicle if topics else {}
-  if topics is not None:
-    guesses = _mapped(topics, tables)
-  else:
-    guesses = guess_columns(columns)
-    settle_speeds(columns, guesses)
-    guess_by_unit(columns, guesses)
-    if {"speed", "motor_speed"} <= guesses.keys() and is_electrical(guesses["motor_speed"].column):
-      del guesses["motor_speed"]  # the speed needs no pole pairs
-    guesses = {channel: guesses[channel] for channel in CHANNELS if channel in guesses}
-    refuse_parts(columns, guesses)
-  kind = str(known.get("drive", _drive(guesses)))
+  guesses = _mapped(topics, tables) if topics is not None else _named(columns)
+  kind, why = _drive(guesses)
+  kind = str(known.get("drive", kind))
   vehicle = Vehicle.from_dataset({"name": "car", **known, "drive": kind})
   if wheelbase is not None:
-    vehicle = _of_size(vehicle, wheelbase)
+    vehicle = of_size(vehicle, wheelbase)
   turns_like, asked, gearing, turned = vehicle.wheelbase, (), None, False
   if topics is None:
     settle_gear(columns, guesses)
-    asked = settle_several(columns, guesses, {key: getattr(vehicle, key) for key in _VEHICLE})
+    asked = settle_several(columns, guesses, {key: getattr(vehicle, key) for key in SIZES})
     settle_plane(columns, guesses)
     guesses = without_half_a_place(guesses)
     settle_way(columns, guesses)
+    settle_gravity(columns, guesses)
     settle_mount(columns, guesses)
     turned = settle_upside_down(columns, guesses)
     gearing = usual_gearing(recordings_of(columns, guesses), vehicle)
     vehicle = dataclasses.replace(vehicle, gear_ratio=gearing or vehicle.gear_ratio)
-    turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in _VEHICLE}, wheelbase)
+    turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in SIZES}, wheelbase)
+  car = Car(vehicle, known, kind, why, said, turns_like, gearing)
+  if topics is None:
+    settle_turns(guesses, car.sizes)
   recordings = recordings_of(columns, guesses)
   parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
   missing = _missing(guesses, tables)
   questions = tuple(question.text for question in asked)
   questions += _asked_of(columns, guesses, recordings, turned) if topics is None else ()
-  lines = [*_head(name, topics, questions), *_vehicle(vehicle, known, kind, recordings, said, turns_like, gearing)]
+  lines = [*_head(name, topics, questions), *_names(tables), *car.lines(recordings)]
   channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
   lines += ["", *channels]
   lines += [line for part in parts for line in _recording(part)]
@@ -117,9 +106,10 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
 
 def _missing(guesses: Mapping[str, Guess], tables: Sequence[Table]) -> tuple[str, ...]:
   """What the loader needs and no column seems to be."""
-  by_hand = not guesses.keys() & set(DRIVE_COMMANDS) and "steering_command" in guesses
-  stood_for = {"motor_voltage"} if by_hand else set()
-  stood_for |= {"motor_speed"} if {"pose_x", "pose_y"} <= guesses.keys() else set()
+  stood_for = {"motor_speed"} if {"pose_x", "pose_y"} <= guesses.keys() else set()
+  moves = stood_for or guesses.keys() & {"motor_speed", "speed"}
+  if moves and "steering_command" in guesses:  # somebody drove by hand, and the speed stands for the command
+    stood_for |= {"motor_voltage"}
   missing = tuple(
     " or ".join(names)
     for channel, names in _NEEDED.items()
@@ -176,11 +166,27 @@ def _mapped(topics: TopicMap, tables: Sequence[Table]) -> dict[str, Guess]:
   return guesses
 
 
-def _drive(guesses: Mapping[str, Guess]) -> str:
-  """What drives the car: the kind whose command was logged, first of DRIVE_COMMANDS."""
+def _named(columns: Columns) -> dict[str, Guess]:
+  """By names and units, speeds by which goes first; RecordingError where commands and motion lie in files of their
+  own."""
+  guesses = guess_columns(columns)
+  settle_speeds(columns, guesses)
+  guess_by_unit(columns, guesses)
+  if {"speed", "motor_speed"} <= guesses.keys() and is_electrical(guesses["motor_speed"].column):
+    del guesses["motor_speed"]  # the speed needs no pole pairs
+  guesses = {channel: guesses[channel] for channel in CHANNELS if channel in guesses}
+  refuse_parts(columns, guesses)
+  return guesses
+
+
+def _drive(guesses: Mapping[str, Guess]) -> tuple[str, str]:
+  """What drives the car, and why: the kind whose command was logged, first of DRIVE_COMMANDS."""
   by_hand = "speed_command" if "steering_command" in guesses else DRIVE_COMMANDS[0]
-  channel = next((name for name in DRIVE_COMMANDS if name in guesses), by_hand)
-  return next(kind for kind, drive in DRIVES.items() if drive.channel == channel)
+  logged = next((name for name in DRIVE_COMMANDS if name in guesses), None)
+  kind = next(kind for kind, drive in DRIVES.items() if drive.channel == (logged or by_hand))
+  if logged is None:
+    return kind, "no column says it is the drive's command; correct it by the one you map"
+  return kind, f"the log's drive command is {logged}"
 
 
 def _all_fitted(tables: Sequence[Table]) -> list[Part]:
@@ -193,85 +199,16 @@ def _all_fitted(tables: Sequence[Table]) -> list[Part]:
 def _head(name: str, topics: TopicMap | None, questions: Sequence[str]) -> list[str]:
   lines = [
     "# A first draft: a line with `guess:` is one, with its reason. Correct it, or delete the mark once it is true.",
-    f"name = {_text(name)}",
+    f"name = {as_text(name)}",
   ]
   if questions:
     lines.append(
       "# to be answered: correct its line in [channels], or leave it, and delete the question; else nothing is read"
     )
-    lines.append(f"undecided = [{', '.join(map(_text, questions))}]")
+    lines.append(f"undecided = [{', '.join(map(as_text, questions))}]")
   if topics is not None:
-    lines.append(f"map = {_text(topics.name)}  # {MARK} the topics are those of {topics.about}")
+    lines.append(f"map = {as_text(topics.name)}  # {MARK} the topics are those of {topics.about}")
   return lines
-
-
-def _of_size(vehicle: Vehicle, wheelbase: float) -> Vehicle:
-  """The same car at another wheelbase, m, with its centre of gravity at the same share of it."""
-  lengths = {end: getattr(vehicle, end) * wheelbase / vehicle.wheelbase for end in ("cg_to_front", "cg_to_rear")}
-  rest = estimates(lengths, {key: getattr(vehicle, key) for key in POWERS})
-  kept = {"name": vehicle.name, "drive": vehicle.drive, "layout": vehicle.layout}
-  kept |= {key: getattr(vehicle, key) for key in _VEHICLE if key not in POWERS}
-  return Vehicle.from_dataset(kept | lengths | rest)
-
-
-def _vehicle(
-  vehicle: Vehicle,
-  known: Mapping[str, float | str],
-  kind: str,
-  recordings: Sequence[Recording],
-  said: Mapping[str, float],
-  turns_like: float,
-  gearing: float | None,
-) -> list[str]:
-  """[vehicle] with what a person said, and the rest estimated at the wheelbase that was said or that the log turns
-  like; of a car that is known by its topics, its usual numbers; wide deviations but for what was said."""
-  wheelbase = said.get("wheelbase", turns_like)
-  ends = {end: getattr(vehicle, end) * wheelbase / vehicle.wheelbase for end in ("cg_to_front", "cg_to_rear")}
-  given = {"mass": said["mass"]} if "mass" in said else {}
-  sizes = {key: getattr(vehicle, key) for key in _VEHICLE}
-  sizes |= estimates(ends | given, {key: getattr(vehicle, key) for key in POWERS}) | ends | given
-  lines = ["", "[vehicle]"]
-  if known.get("name"):
-    lines.append(f"name = {_text(vehicle.name)}  # {MARK} by its topics")
-  lines.append(
-    f"layout = {_text(vehicle.layout)}  # {MARK} {vehicle.name if known else 'as a Quanser QCar'}; rear or front drive?"
-  )
-  if kind != "voltage":
-    lines.append(f"drive = {_text(kind)}  # {MARK} the log's drive command is {DRIVES[kind].channel}")
-  supply = usual_supply(recordings)
-  if supply is not None:
-    lines.append(f"supply_voltage = {supply:.4g}  # {MARK} the battery's median in these logs, V")
-  elif kind == "duty":
-    lines.append(f"supply_voltage = {vehicle.supply_voltage:.4g}  # {MARK} a usual battery's, V; voltages go by it")
-  why = _reason(vehicle, known, said, turns_like)
-  reasons = {key: f"{MARK} {why if key in POWERS else _whose(vehicle, known)}; measure yours" for key in _VEHICLE}
-  if gearing is not None:
-    sizes["gear_ratio"] = gearing * vehicle.wheel_radius / sizes["wheel_radius"]
-    reasons["gear_ratio"] = f"{MARK} the log's speed over its motor speed, with that wheel_radius"
-  lines += [f"{key} = {_number(sizes[key])}  # {'as said' if key in given else reasons[key]}" for key in _VEHICLE]
-  lines += ["", "[vehicle.std]"]
-  for key in (key for key in _VEHICLE if key not in given):
-    if key in ends and "wheelbase" in said:
-      lines.append(
-        f"{key} = {_number(_ALONG * wheelbase)}  # {MARK} {100 * _ALONG:.0f} % of the wheelbase that was said"
-      )
-    else:
-      lines.append(f"{key} = {_number(_WIDE * sizes[key])}  # {MARK} {100 * _WIDE:.0f} %, as nobody measured it")
-  return lines
-
-
-def _reason(vehicle: Vehicle, known: Mapping[str, float | str], said: Mapping[str, float], turns_like: float) -> str:
-  """Where the numbers come from that nobody measured."""
-  if "wheelbase" in said:
-    return f"estimated from the wheelbase of {said['wheelbase']:g} m that was said"
-  if turns_like == vehicle.wheelbase:
-    return _whose(vehicle, known)
-  return f"this log turns like a wheelbase of {turns_like:.3g} m; {_whose(vehicle, known)} at that size"
-
-
-def _whose(vehicle: Vehicle, known: Mapping[str, float | str]) -> str:
-  """Whose number one is that neither a person nor the log said."""
-  return f"the {vehicle.name}'s usual number" if known else "the Quanser QCar's number"
 
 
 def _channels(columns: Columns, guesses: dict[str, Guess], missing: Sequence[str]) -> list[str]:
@@ -284,7 +221,7 @@ def _channels(columns: Columns, guesses: dict[str, Guess], missing: Sequence[str
     entry |= {"hold": True} if guess.hold else {}
     entry |= {key: name for key in ("gate", "signed_by") if (name := getattr(guess, key))}
     entry |= {key: True for key in ("steps", "sort") if getattr(guess, key)}
-    inside = ", ".join(f"{key} = {_value(value)}" for key, value in entry.items())
+    inside = ", ".join(f"{key} = {as_value(value)}" for key, value in entry.items())
     why = [*guess.why, runner_up(columns, guess)]
     lines.append(f"{guess.channel} = {{ {inside} }}  # {MARK} {_plain('; '.join(filter(None, why)))}")
   if "time" in missing:
@@ -307,6 +244,15 @@ def _channels(columns: Columns, guesses: dict[str, Guess], missing: Sequence[str
   return lines
 
 
+def _names(tables: Sequence[Table]) -> list[str]:
+  """The key that names the columns of files without a header, as they are called until a person has named them."""
+  called = {tuple(table.columns) for table in tables if table.headless}
+  if len(called) != 1:
+    return []
+  names = ", ".join(map(as_text, *called))
+  return [f"columns = [{names}]  # the files have no header: a name for each, here and in [channels]"]
+
+
 def _by_map(guesses: Mapping[str, Guess]) -> list[str]:
   """What the map says, as a comment: the map itself says it to the loader."""
   lines = [f"# {guess.channel}: {_plain(guess.column)}" for guess in guesses.values() if guess.channel in CHANNELS]
@@ -314,33 +260,18 @@ def _by_map(guesses: Mapping[str, Guess]) -> list[str]:
 
 
 def _recording(part: Part) -> list[str]:
-  lines = ["", "[[recording]]", f"file = {_text(part.file)}", f"role = {_text(part.role)}  # {MARK} {part.why}"]
+  lines = ["", "[[recording]]", f"file = {as_text(part.file)}", f"role = {as_text(part.role)}  # {MARK} {part.why}"]
   if part.name:
-    lines.insert(2, f"name = {_text(part.name)}")
+    lines.insert(2, f"name = {as_text(part.name)}")
   if part.begin is not None:
     lines.append(f"from = {round(part.begin, 3)!r}  # {MARK} s on the file's clock")
   if part.end is not None:
     lines.append(f"to = {round(part.end, 3)!r}  # {MARK} s on the file's clock")
   if part.manoeuvre:
-    lines.append(f"manoeuvre = {_text(part.manoeuvre)}  # {MARK} {part.why_manoeuvre}")
+    lines.append(f"manoeuvre = {as_text(part.manoeuvre)}  # {MARK} {part.why_manoeuvre}")
   return lines
-
-
-def _text(value: str) -> str:
-  return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _plain(value: str) -> str:
   """As a comment may hold it: on one line, no control characters."""
   return "".join(mark if mark.isprintable() else " " for mark in value)
-
-
-def _number(value: float) -> str:
-  """Six digits are more than any guess has."""
-  return repr(float(f"{value:.6g}")) if math.isfinite(value) else "0.0"
-
-
-def _value(value: object) -> str:
-  if isinstance(value, bool):
-    return "true" if value else "false"
-  return _text(value) if isinstance(value, str) else repr(float(f"{value:.10g}"))

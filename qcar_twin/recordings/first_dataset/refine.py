@@ -165,18 +165,21 @@ def _rows(columns: Columns, name: str) -> Array:
 
 
 def settle_pose(columns: Columns, guesses: Mapping[str, Guess]) -> None:
-  """Unwrap a heading that jumps by a whole turn; one that jumps by 360 is in degrees. Then what the path says of it."""
+  """Unwrap a heading, then what the path says of it."""
+  unwrap_heading(columns, guesses)
   heading = guesses.get("pose_yaw")
   if heading is None:
     return
-  if not heading.wrap:
-    _unwrap(columns, heading)
   place = [set(words_of(guesses[name].column)) for name in ("pose_x", "pose_y") if name in guesses]
   known = len(place) == len(_GEOGRAPHIC) and all(named & words for named, words in zip(place, _GEOGRAPHIC, strict=True))
   settle_heading(heading, recordings_of(columns, guesses), known)
 
 
-def _unwrap(columns: Columns, heading: Guess) -> None:
+def unwrap_heading(columns: Columns, guesses: Mapping[str, Guess]) -> None:
+  """Unwrap a heading that jumps by a whole turn, once; one that jumps by 360 is in degrees. No log is read before."""
+  heading = guesses.get("pose_yaw")
+  if heading is None or heading.wrap:
+    return
   values = np.concatenate(
     [heading.scale * t.number(heading.column, "pose_yaw") for t in columns.holding(heading.column)]
   )
@@ -342,9 +345,3 @@ def usual_gearing(recordings: Sequence[Recording], vehicle: Vehicle) -> float | 
   fast = np.isfinite(motor) & (np.abs(motor) > 0.5 * np.nanmax(np.abs(motor)))
   ratio = float(np.median(np.abs(speed[fast] / motor[fast])) / vehicle.wheel_radius)
   return ratio if 0.0 < ratio < 1.0 else None
-
-
-def usual_supply(recordings: Sequence[Recording]) -> float | None:
-  """The battery's voltage, V, median over the logs; None where none was measured."""
-  values = [recording["battery_voltage"].value for recording in recordings if "battery_voltage" in recording]
-  return float(np.median(np.concatenate(values))) if values else None

@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.checks.units import compare
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, scale, stepped
+from qcar_twin.recordings.first_dataset.mount import on_three_axes
 from qcar_twin.recordings.first_dataset.names import readings
-from qcar_twin.recordings.first_dataset.refine import recordings_of
+from qcar_twin.recordings.first_dataset.refine import recordings_of, unwrap_heading
+from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.unit_names import words_of
 
 Array = NDArray[np.float64]
@@ -24,6 +26,7 @@ _ALTERNATIVE = 0.55  # of a name's score, within which another name says as much
 _CLEAR = 0.3  # of it, from which the name decides where nothing else does
 _APART = 0.05  # of a correlation with a witness, from which one column is the better sensor
 _ALIKE = 0.98  # correlation of columns that measure one thing, and differ by noise
+_MEAN = 0.25  # s, within which a car's motion changes little, and over which noise is averaged away
 _SPIKE, _SPIKES = 8.0, 5e-4  # times the usual step, and share of the samples, of a sensor that spikes
 _POSE = ("pose_x", "pose_y", "pose_yaw")
 _AXES = {"x", "y", "z", "px", "py", "yaw", "heading", "theta", "psi", "phi", "pose", "pos", "position", "orientation"}
@@ -51,10 +54,11 @@ def settle_several(
   """Choose among the columns that may be one channel; questions where nothing tells them apart.
 
   A pose is taken from one source whole. Else the sensor that the other channels agree with is taken; of sensors that
-  agree alike, the one without spikes that is nearest to the rest; of two that differ and that nothing witnesses, the
-  one with the clearly better name, and none where the names say as much.
+  agree alike, or differ by noise alone, the one without spikes that is on three axes, else nearest to the rest; of two
+  that differ and that nothing witnesses, the one with the clearly better name, and none where the names say as much.
   """
   _one_source(columns, guesses)
+  unwrap_heading(columns, guesses)  # the logs are read for witnesses, and one with turns of 360 rad is not
   questions = []
   for channel, guess in list(guesses.items()):
     alternatives = _alternatives(columns, guesses, channel)
@@ -116,11 +120,16 @@ def _choose(
   if len(names) < 2:
     return None
   likeness = _likeness(columns, names)
-  if known or min(likeness.values()) > _ALIKE:
+  by_means = _likeness(columns, names, guesses.get("time"))
+  noise = not known and min(likeness.values()) <= _ALIKE < min(by_means.values())
+  if known or noise or min(likeness.values()) > _ALIKE:
     spikes = {name: _spikes(columns.values(name)) for name in names}
     clean = [name for name in names if spikes[name] <= max(min(spikes.values()), _SPIKES)]
-    chosen = max(clean, key=lambda name: (round(likeness[name], 3), name == guess.column))
-    said = [f"'{name}' spikes in {1e2 * spikes[name]:.2g} % of its samples" for name in names if name not in clean]
+    own = on_three_axes(columns) if CHANNELS[guess.channel].device == "imu" else set()
+    chosen = max(clean, key=lambda name: (name in own, round(likeness[name], 3), name == guess.column))
+    said = ["they differ by noise alone"] if noise else []
+    said += ["of three axes, the sensor's own"] if {chosen} == own & {*names} else []
+    said += [f"'{name}' spikes in {1e2 * spikes[name]:.2g} % of its samples" for name in names if name not in clean]
     _take(columns, guess, chosen)
     guess.why.append("; ".join([f"of {len(names)} alike ({', '.join(names)}) the nearest to all", *said]))
     return None
@@ -140,7 +149,7 @@ def _choose(
 
 def _take(columns: Columns, guess: Guess, name: str) -> None:
   if guess.column != name:
-    guess.column, guess.why = name, []
+    guess.column, guess.wrap, guess.why = name, None, []
     scale(columns, guess)
 
 
@@ -162,18 +171,35 @@ def _witnessed(
   return float(np.mean(heard)) if heard else math.nan
 
 
-def _likeness(columns: Columns, names: Sequence[str]) -> dict[str, float]:
+def _likeness(columns: Columns, names: Sequence[str], clock: Guess | None = None) -> dict[str, float]:
   """Correlation of each column with the median of all, each in units of its own spread; 0 where no log has all. Between
-  its samples a column goes on in a line: sensors of rates of their own share few rows."""
+  its samples a column goes on in a line: sensors of rates of their own share few rows.
+
+  Args:
+    clock: where given, means over a quarter of a second are compared: white noise is averaged away, and two motions
+      that differ go on to do so.
+  """
   tables = [table for table in columns.tables if all(name in table for name in names)]
   if not tables:
     return dict.fromkeys(names, 0.0)
-  values = np.stack([np.concatenate([_in_a_line(t.number(name, name)) for t in tables]) for name in names])
+  rows = lambda table, name: _in_a_line(table.number(name, name)) if clock is None else _means(table, name, clock)
+  values = np.stack([np.concatenate([rows(t, name) for t in tables]) for name in names])
   values = values[:, np.isfinite(values).any(axis=0)]
   low, middle, high = np.nanpercentile(values, [10, 50, 90], axis=1, keepdims=True)
   scaled = (values - middle) / np.where(high > low, high - low, 1.0)
   centre = np.nanmedian(scaled, axis=0) if len(names) > 2 else scaled[0]
   return {name: correlation(row, centre, _LEAST) for name, row in zip(names, scaled, strict=True)}
+
+
+def _means(table: Table, name: str, clock: Guess) -> Array:
+  """Of a column's samples in each piece of `_MEAN` s of the clock; NaN where there is none."""
+  time, values = clock.scale * table.number(clock.column, "time"), table.number(name, name)
+  time = np.cumsum(time) if clock.steps else time
+  pieces, which = np.unique(np.floor((time - time[0]) / _MEAN), return_inverse=True)
+  there = np.isfinite(values)
+  count = np.bincount(which[there], minlength=pieces.size)
+  total = np.bincount(which[there], values[there], pieces.size)
+  return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def _in_a_line(values: Array) -> Array:

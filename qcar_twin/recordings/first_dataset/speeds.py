@@ -4,7 +4,7 @@ or, as of a motor that was wired the other way, backwards."""
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,12 +16,13 @@ from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.parts.motion import fit, motion_of
 from qcar_twin.recordings.first_dataset.refine import recordings_of, turning_of
 from qcar_twin.recordings.recording import Recording
-from qcar_twin.recordings.unit_names import BRACKET, unit_of, words_of
+from qcar_twin.recordings.unit_names import BRACKET, is_odrive, unit_of, words_of
 
 _ALIKE = 0.8  # correlation of two sensors of one motion, as the check has it
 _APART = 0.05  # of a correlation, from which one of two readings is the better
 _SLOPE = 0.1  # s, over which a place's slope is taken
 _AXES = {"x", "y", "vx", "vy", "north", "east", "n", "e"}  # of a velocity in two columns
+_WHEEL = {"wheel", "wheels"}
 _PLACE = {"pose_x", "pose_y"}
 _LEAST = 10  # samples that a correlation is worth
 _MEAN, _LEAST_MEANS = 0.25, 20  # s, over which way and speed are compared, and how many of these tell anything
@@ -38,6 +39,7 @@ def settle_speeds(columns: Columns, guesses: dict[str, Guess]) -> None:
   _two_of_one_unit(columns, guesses)
   _one_letter(columns, guesses)
   _along_the_map(columns, guesses)
+  _outer_loop(guesses)
 
 
 def _stepped_is_commanded(columns: Columns, guesses: dict[str, Guess]) -> None:
@@ -97,6 +99,28 @@ def _one_letter(columns: Columns, guesses: dict[str, Guess]) -> None:
     del guesses["motor_voltage"]
     why = f"its name says v {' '.join(w for w in words_of(voltage.column) if w != 'v')}; '{speed.column}' is a speed"
     _put(columns, guesses, "speed_command", voltage.column, why)
+
+
+def _outer_loop(guesses: dict[str, Guess]) -> None:
+  """Of a commanded speed and the current that its controller asks of the motor, the speed is what was commanded."""
+  current, speed = guesses.get("motor_current"), guesses.get("speed_command")
+  if current and speed and is_odrive(current.column) and is_odrive(speed.column):
+    del guesses["motor_current"]
+    speed.why.append(f"'{current.column}' is what its controller makes of it")
+
+
+def settle_turns(guesses: Mapping[str, Guess], sizes: Mapping[str, float]) -> None:
+  """A commanded speed that is the motor's or a wheel's, in rad/s or turns, as the car's, m/s, by gear and wheel of
+  [vehicle], so that it goes with the motor's speed; the log tells neither, unless it has the car's speed, too."""
+  guess = guesses.get("speed_command")
+  if guess is None or (unit := unit_of(guess.column)) is None or unit[1] != CHANNELS["motor_speed"].unit:
+    return
+  of_wheel = bool(_WHEEL & set(words_of(guess.column)))
+  by = ("wheel_radius",) if of_wheel else ("gear_ratio", "wheel_radius")
+  travel = math.prod(sizes[key] for key in by)
+  guess.scale, guess.offset = guess.scale * travel, guess.offset * travel
+  whose, said = "a wheel" if of_wheel else "the motor", " and ".join(f"{key} {sizes[key]:.4g}" for key in by)
+  guess.why.append(f"of {whose}, so times {said} of [vehicle]; correct it with them, no column tells them")
 
 
 def follows(columns: Columns, guesses: dict[str, Guess], measured: str, commanded: str) -> float:

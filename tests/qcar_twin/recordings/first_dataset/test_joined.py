@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from qcar_twin.recordings.dataset import DataSet
-from qcar_twin.recordings.first_dataset.parts.joined import JOINED, as_csv, as_one_drive
+from qcar_twin.recordings.first_dataset.parts.joined import JOINED, as_csv, as_one_drive, joined
 from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.formats import read_table
 from qcar_twin.recordings.recording import RecordingError
@@ -95,6 +95,21 @@ def test_files_that_hold_a_command_and_its_answer_each_are_parts_of_one_drive(tm
   whole = as_one_drive([read("STER"), read("THR")])
   assert whole is not None and {"STER.SteerOut", "THR.Speed"} <= set(whole.columns)
   assert as_one_drive([read("THR"), dataclasses.replace(read("THR"), label="THR_2.csv")]) is None
+
+
+def test_messages_of_which_two_share_a_name_are_parts_of_one_drive(tmp_path):
+  """ArduPilot's IMU and THR both have AccX; no message has all, and two have a command with its answer."""
+  _, time, own = parts(tmp_path)
+  imu = {"GyrZ": -own["yaw_rate"], "AccX": own["accel_x"], "AccY": -own["accel_y"], "I": 0.0 * time}
+  ster = {"SteerOut": -own["steering_command"], "TurnRate": -own["yaw_rate"]}
+  thr = {"ThrOut": own["motor_voltage"] / 8.0, "Speed": 0.003 * own["motor_speed"], "AccX": own["accel_x"]}
+  messages = {"IMU": (imu, 1, 0.0), "STER": (ster, 4, 0.013), "THR": (thr, 4, 0.013)}
+  for name, (columns, every, shift) in messages.items():
+    stamps = 1e6 * (183.0 + time[::every] + shift)
+    write_topic(tmp_path / f"log_{name}.csv", "TimeUS", stamps, {k: v[::every] for k, v in columns.items()})
+  drives = joined([read_table(tmp_path / f"log_{name}.csv", f"log_{name}.csv") for name in messages])
+  assert len(drives.tables) == 1 and "parts of one drive" in drives.said[0]
+  assert {"log_IMU.AccX", "log_THR.AccX", "log_STER.TurnRate"} <= set(drives.tables[0].columns)
 
 
 def test_parts_whose_commands_have_names_that_nobody_knows_are_joined_and_asked_about(tmp_path):

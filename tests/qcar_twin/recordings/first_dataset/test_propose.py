@@ -159,6 +159,19 @@ def test_what_is_missing_is_named_in_the_file_and_apart(tmp_path):
     DataSet.load(tmp_path)
 
 
+def test_a_steering_without_a_speed_is_no_drive_by_hand_and_all_that_is_missing_is_said_at_once(tmp_path):
+  time, columns = drive()
+  write_csv(tmp_path / "log.csv", time, {"servo [rad]": columns["steering_command"], "gyro z": columns["yaw_rate"]})
+  proposal = proposed(tmp_path, "log.csv")
+  assert proposal.missing == ("motor_speed or speed", " or ".join(DRIVE_COMMANDS))
+  assert "no column says it is the drive's command" in proposal.text
+  written(tmp_path, proposal.text)
+  with pytest.raises(
+    RecordingError, match=r"neither 'motor_speed' nor 'speed'.*no column is mapped to a command of the"
+  ):
+    DataSet.load(tmp_path)
+
+
 def test_names_with_quotes_and_odd_signs_survive(tmp_path):
   time, own = drive(12.0)
   columns = {'motor "voltage" é': own["motor_voltage"], "motor\\speed": own["motor_speed"]}

@@ -114,3 +114,36 @@ def test_a_file_with_a_question_that_is_no_list_is_refused_too(tmp_path):
   written(tmp_path, text.replace("[vehicle]", 'undecided = "the gyro"\n[vehicle]', 1))
   with pytest.raises(RecordingError, match="not decided yet: the gyro"):
     DataSet.load(tmp_path)
+
+
+def test_gyros_that_differ_by_noise_alone_are_not_asked_about_and_those_that_turn_otherwise_are(tmp_path):
+  time, own = wander(9)
+  columns = {"volts": own["motor_voltage"], "velocity": own["speed"], "gyro_a": own["yaw_rate"]}
+  loud = noisy(own["yaw_rate"], 3, 0.5 * own["yaw_rate"].std())
+  _, proposal = log(tmp_path, time, columns | {"gyro_b": loud})
+  assert not proposal.questions and "they differ by noise alone" in line_of(proposal.text, "yaw_rate")
+  slow = own["yaw_rate"] + 0.5 * own["yaw_rate"].std() * np.sin(0.3 * time)
+  (tmp_path / "two").mkdir()
+  assert log(tmp_path / "two", time, columns | {"gyro_b": slow})[1].questions
+
+
+def test_of_alike_accelerometers_the_one_of_three_axes_is_the_sensors_own(tmp_path):
+  """Controllers' messages repeat what they took from an IMU, smoothed say."""
+  time, own = wander(10)
+  random = np.random.default_rng(4)
+  copy = {"THR.AccX": own["accel_x"], "volts": own["motor_voltage"], "Speed": own["speed"]}
+  axes = (own["accel_x"], own["accel_y"], 9.81 * np.ones(time.size))
+  imu = {f"IMU.Acc{axis}": v + 0.1 * random.standard_normal(v.size) for axis, v in zip("XYZ", axes, strict=True)}
+  table, proposal = log(tmp_path, time, copy | imu)
+  assert table["channels"]["accel_x"]["column"] == "IMU.AccX" and not proposal.questions
+  assert "of three axes, the sensor's own" in line_of(proposal.text, "accel_x")
+
+
+def test_a_heading_in_degrees_witnesses_as_one_in_radians_does(tmp_path):
+  """No log is read before a heading's turns of 360 are settled, so nothing would be witnessed."""
+  time, own = wander(3)
+  columns = {"volts": own["motor_voltage"], "velocity": own["speed"]}
+  columns |= {"gyro_a": np.roll(own["yaw_rate"], time.size // 3), "gyro_b": own["yaw_rate"]}
+  table, proposal = log(tmp_path, time, columns | {"heading": np.mod(np.rad2deg(own["pose_yaw"]), 360.0)})
+  assert table["channels"]["yaw_rate"]["column"] == "gyro_b" and not any("yaw_rate is" in q for q in proposal.questions)
+  assert "other sensors agree with it" in line_of(proposal.text, "yaw_rate")
