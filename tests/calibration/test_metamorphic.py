@@ -18,8 +18,15 @@ from tests.scripts import tiny_session
 
 LATER, AWAY, ANGLE = 1.7e9, (500000.0, 5400000.0), np.deg2rad(170.0)
 ACROSS = ("steering_command", "accel_y", "yaw_rate", "pose_y", "pose_yaw")
-AMONG = ("steering_offset", "steering_gain_error")
-SIDED = ("accel_bias_y", "floor_slope_y", "gyro_bias", "pose_mount_y", "pose_mount_yaw")  # with a sign of their own
+AMONG = ("side_force", "steering_gain_error")
+SIDED = (
+  "accel_bias_y",
+  "floor_slope_y",
+  "gyro_bias",
+  "pose_mount_y",
+  "pose_mount_yaw",
+  "steering_offset",
+)  # with a sign of their own
 IN_ROOM = ("floor_slope_x", "floor_slope_y")  # components of a vector that turns with the room
 
 
