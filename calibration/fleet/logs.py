@@ -51,16 +51,15 @@ def find_logs(folder: Path) -> list[Log]:
   if not folder.is_dir():
     raise RecordingError(f"{folder}: no such folder; name one that holds logs or data sets")
   sets = [path.parent for path in sorted(folder.rglob(FILE_NAME)) if not _hidden(path, folder)]
-  single: list[Path] = []
+  files: list[Path] = []
   try:
-    single = [log for log in logs_of([folder]) if not any(s == log or s in log.parents for s in sets)]
+    files = [log for log in logs_of([folder]) if not any(s == log or s in log.parents for s in sets)]
   except RecordingError:
     if not sets:
       raise
-  logs = [log for log in single if not is_document(log)]
-  if single and not logs and not sets:
-    raise RecordingError(f"{folder}: holds no log, but results or settings in JSON, as {single[0].name}")
-  single = logs
+  single = [file for file in files if not is_document(file)]
+  if files and not single and not sets:
+    raise RecordingError(f"{folder}: holds no log, but results or settings in JSON, as {files[0].name}")
   parts = _parts(single)
   single = [log for log in single if not any(log in others for others in parts.values())]
   made = (_log(place, folder, parts.get(place, ())) for place in (*sets, *single))

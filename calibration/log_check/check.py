@@ -19,7 +19,7 @@ from calibration.log_check.commands import (
 )
 from calibration.log_check.disagreements import Finding, Severity, disagreements, lag_findings, scale_findings
 from calibration.log_check.motions import Wheels, motions
-from calibration.log_check.odd_files import GROUPS, odd_file_findings
+from calibration.log_check.odd_files import TwoGroups, odd_file_findings
 from calibration.log_check.pairs import Comparison, compare
 from calibration.log_check.pose_point import mirrored_findings, pose_point_findings, upside_down_findings
 from calibration.log_check.shows import Shown, what_it_shows
@@ -113,7 +113,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
   acted = acted or [*odd_file_findings(wheels, recordings, noise), *size_findings(recordings, noise)]
   if not any(f.severity == "spoils" for f in acted):
     late = any(c.motion.acts and abs(c.lag.value) > LATE for c in compared)  # then it is no stretch that went wrong
-    mixed = any(f.text.startswith(GROUPS) for f in acted)  # what one car usually answers is none of the other's
+    mixed = any(isinstance(f, TwoGroups) for f in acted)
     acted += command_findings(recordings, cuts=not late and not mixed, scale=wheels.scale)
     acted += direction_findings(wheels, recordings)
   acted += [*upside_down_findings(compared, any("pose_y" in r for r in recordings)), *mirrored_findings(recordings)]

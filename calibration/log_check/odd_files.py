@@ -27,11 +27,13 @@ _UNIT = 10.0  # halfway, as factors go, between one unit and per cent of it
 _LATE = 0.1  # s; an age that differs by less between drives is said of none
 _OTHERWISE = 0.1  # share by which two sensors of a motion differ between drives of one car, by slip at most
 _SURE = 5.0  # deviations: of dozens of files one lies beyond three by chance
-_CHANGED = (
-  1.3  # of one car: a battery from full to empty changes a duty's speed by 4.2/3.3, dart's floor its turning so
-)
-GROUPS = "the files fall into two groups"
+# factor, of one car: a battery from full to empty changes a duty's speed by 4.2/3.3, dart's floor its turning so
+_CHANGED = 1.3
 _STEADY = 20  # bins of steady driving that give a file's speed per command
+
+
+class TwoGroups(Finding):
+  """That files are of two cars, or of one that was changed: what one answers is no measure of the other."""
 
 
 def odd_file_findings(
@@ -109,8 +111,8 @@ def _groups(parts: Sequence[_Parts]) -> list[Finding]:
     why = "two cars, or one that was changed (wheels, servo, gear, battery)"
     cure = "make a data set of each, since a fit is of one car"
     channels = tuple(dict.fromkeys(name for p in group for name in p.channels))
-    text = f"{GROUPS}, {named[0]} against {named[1]}: the car of the latter {said}: {why}; {cure}"
-    findings.append(Finding("spoils" if both else "beware", channels, text))
+    text = f"the files fall into two groups, {named[0]} against {named[1]}: the car of the latter {said}: {why}; {cure}"
+    findings.append(TwoGroups("spoils" if both else "beware", channels, text))
   return findings
 
 

@@ -14,9 +14,7 @@ from qcar_twin.recordings.checks.acted import Stretch
 from qcar_twin.recordings.checks.driving import MOVING, PERIOD, Drive, driven, runs
 from qcar_twin.recordings.recording import Recording
 
-_LONGEST_LAG = (
-  0.5  # s, for which a drive may go on after its command ended, or before the next one that is stamped late
-)
+_LONGEST_LAG = 0.5  # s, for which a drive may go on after its command ended, or before the next, stamped late
 _SLOPE = 9.81 * np.sin(np.radians(3.0))  # m/s^2: floors of rooms and yards are inclined by less (5 %)
 _RISE = 0.3  # s, over which that is asked of the speed: a bump, or a wheel that gets its grip back, takes less
 _SMOOTH = 5  # rows of the grid in a mean of the speed, 0.25 s

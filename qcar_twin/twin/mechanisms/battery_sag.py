@@ -11,7 +11,7 @@ from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechan
 from qcar_twin.twin.mechanisms.elements import REFERENCE_VOLTAGE, idle_voltage, ramp
 
 # relative loss at 2.5 of 11 V: three cells of 3.3 Ah have 0.06 ohm (0.074 ohm at 0.85 Ah in the source), those made for
-# large currents half of it, beside a motor of 0.15 to 0.5 ohm
+# large currents half of it, beside a motor of 0.15 to 0.5 ohm: the former beside the smallest
 _USUAL = 0.02
 _AT_ONCE = 0.001  # s
 CORNER = 0.005  # of the reference current

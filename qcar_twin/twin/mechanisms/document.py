@@ -63,7 +63,7 @@ def _entry(mechanism: Mechanism) -> list[str]:
   flags = ["dissipative"] * mechanism.dissipative + ["not mirror-symmetric"] * (not mechanism.symmetric)
   flags += [f"needs {' and '.join(mechanism.needs)}"] * bool(mechanism.needs)
   flags += ["every model fits what all such sensors have of it"] * bool(mechanism.sensor_errors)
-  flags += [f"every model fits what is usual of it, {_usual(mechanism)}"] * bool(_usual(mechanism))
+  flags += [f"every model fits what is usual of it, {most}" for most in [_usual(mechanism)] if most]
   lines = ["", f"### {mechanism.name}", "", text["Summary"] + (f" *{', '.join(flags).capitalize()}.*" if flags else "")]
   lines += [
     "",

@@ -7,7 +7,7 @@ import pytest
 
 from calibration.log_check import check_log
 from calibration.log_check.check import LogCheck
-from calibration.log_check.odd_files import GROUPS
+from calibration.log_check.odd_files import TwoGroups
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
 from tests.faults.wander import wander
@@ -104,7 +104,7 @@ def of_four(changed: Sequence[int], **scales: float) -> LogCheck:
 
 
 def grouped(check: LogCheck) -> list[tuple[str, str]]:
-  return [(f.severity, f.text) for f in check.findings if f.text.startswith(GROUPS)]
+  return [(f.severity, f.text) for f in check.findings if isinstance(f, TwoGroups)]
 
 
 @pytest.mark.parametrize("changed", [(2, 3), (1, 3), (0, 1)])
