@@ -39,7 +39,7 @@ class Claim:
   certain: bool
 
 
-def claim(name: Named, evidence: Evidence, levels: Levels) -> Claim:
+def claim(name: Named, model: Model, evidence: Evidence, levels: Levels) -> Claim:
   """One mechanism of a model, weighed against the model without it and against what fits in its place.
 
   Names that can't be told apart have one probability together, as if the others were not there, since that several fit
@@ -47,7 +47,7 @@ def claim(name: Named, evidence: Evidence, levels: Levels) -> Claim:
   stretched as far as it may, or that does not count, is none.
   """
   equivalent = tuple(a.name for a in alike(name, levels))
-  shared = probability(name, levels, equivalent) * (not name.at_bound and counts(name, evidence, levels))
+  shared = probability(name, levels, equivalent) * (not name.at_bound and counts(name, model, evidence, levels))
   return Claim(
     mechanism=name.name,
     probability=min(probability(name, levels), part(name, levels) * shared),
@@ -75,7 +75,7 @@ def sensor_claims(model: Model, evidence: Evidence, levels: Levels) -> list[Clai
     if not (parameters & apart if parameters & ages else beyond_usual(name, levels)):
       continue
     likely = levels.probability(name.t, name.held_out.drop)
-    if likely >= levels.claim and counts(name, evidence, levels):
+    if likely >= levels.claim and counts(name, model, evidence, levels):
       estimates = _estimates(name, levels)
       claims.append(Claim(name.name, likely, likely, name.profile, name.held_out, estimates, (), (), True))
   return claims

@@ -74,7 +74,7 @@ def _likeliest(evidence: Evidence, size: int, best: Model, levels: Levels) -> tu
   """Of the sets of a size in which every name is likely enough, and which go beyond a smaller one, the likeliest."""
   found = []
   for model in evidence.of_size(size):
-    names = [claim(name, evidence, levels) for name in model.names]
+    names = [claim(name, model, evidence, levels) for name in model.names]
     if min(c.probability for c in names) >= levels.claim and _goes_beyond(model, best, levels):
       found.append((math.prod(c.probability for c in names), model, names))
   return max(found, key=lambda f: f[0])[1:] if found else None
@@ -108,7 +108,7 @@ def _nearest(evidence: Evidence, levels: Levels) -> str:
 
 
 def _singles(evidence: Evidence, levels: Levels) -> list[Claim]:
-  return [claim(name, evidence, levels) for model in evidence.of_size(1) for name in model.names]
+  return [claim(name, model, evidence, levels) for model in evidence.of_size(1) for name in model.names]
 
 
 def _possible(evidence: Evidence, claims: Sequence[Claim], levels: Levels) -> tuple[str, ...]:

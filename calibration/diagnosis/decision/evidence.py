@@ -72,47 +72,6 @@ class Alternative:
 
 
 @dataclasses.dataclass(frozen=True)
-class Named:
-  """A name in a model, against the model without it.
-
-  Attributes:
-    name: id of the mechanism.
-    held_out: the two compared on groups left out; its drop has the priors.
-    profile: log profile likelihood ratio of the two, nats.
-    at_bound: whether an amplitude went as far as it may.
-    errors: what it takes off each channel.
-    estimates: of its parameters.
-    alternatives: fitted in its place.
-    scores: slope of the fit along the change that it makes, over the change's norm, in each second.
-    deviations: of a sensor's own error, amplitudes in deviations of what every such sensor has; () of all else.
-  """
-
-  name: str
-  held_out: Comparison
-  profile: float
-  at_bound: bool
-  errors: tuple[Taken, ...]
-  estimates: tuple[Estimate, ...]
-  alternatives: tuple[Alternative, ...] = ()
-  scores: tuple[float, ...] = ()
-  deviations: tuple[float, ...] = ()
-
-  @property
-  def t(self) -> float:
-    """Held-out gain over its standard error, with what the priors gain: there absorbed effects show."""
-    return self.held_out.t_with_priors
-
-  @property
-  def best_first(self) -> tuple[Alternative, ...]:
-    """The alternatives by their nats."""
-    return tuple(sorted(self.alternatives, key=lambda a: (-a.nats, a.name)))
-
-  def margin(self, leaving_out: tuple[str, ...] = ()) -> float:
-    """Nats ahead of the best alternative but for some, or of nothing."""
-    return self.held_out.drop - max(0.0, *(a.nats for a in self.alternatives if a.name not in leaving_out), 0.0)
-
-
-@dataclasses.dataclass(frozen=True)
 class Measured:
   """A figure of the car that somebody measured, or the age of a sensor's readings, and what the driving asks for.
 
@@ -132,6 +91,49 @@ class Measured:
   size: float
   unit: str
   usual: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class Named:
+  """A name in a model, against the model without it.
+
+  Attributes:
+    name: id of the mechanism.
+    held_out: the two compared on groups left out; its drop has the priors.
+    profile: log profile likelihood ratio of the two, nats.
+    at_bound: whether an amplitude went as far as it may.
+    errors: what it takes off each channel.
+    estimates: of its parameters.
+    alternatives: fitted in its place.
+    scores: slope of the fit along the change that it makes, over the change's norm, in each second.
+    deviations: of a sensor's own error, amplitudes in deviations of what every such sensor has; () of all else.
+    without: figures of the car that were measured, as the model without the name has them; () of a sensor's own error.
+  """
+
+  name: str
+  held_out: Comparison
+  profile: float
+  at_bound: bool
+  errors: tuple[Taken, ...]
+  estimates: tuple[Estimate, ...]
+  alternatives: tuple[Alternative, ...] = ()
+  scores: tuple[float, ...] = ()
+  deviations: tuple[float, ...] = ()
+  without: tuple[Measured, ...] = ()
+
+  @property
+  def t(self) -> float:
+    """Held-out gain over its standard error, with what the priors gain: there absorbed effects show."""
+    return self.held_out.t_with_priors
+
+  @property
+  def best_first(self) -> tuple[Alternative, ...]:
+    """The alternatives by their nats."""
+    return tuple(sorted(self.alternatives, key=lambda a: (-a.nats, a.name)))
+
+  def margin(self, leaving_out: tuple[str, ...] = ()) -> float:
+    """Nats ahead of the best alternative but for some, or of nothing."""
+    return self.held_out.drop - max(0.0, *(a.nats for a in self.alternatives if a.name not in leaving_out), 0.0)
 
 
 @dataclasses.dataclass(frozen=True)

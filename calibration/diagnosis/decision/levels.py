@@ -31,10 +31,9 @@ class Levels:
     claim: probability from which a name is claimed.
     gain: share that a name must take off the held-out error of some channel.
     sure: one-sided confidence that what it takes off is above zero.
-    conflict: chance that parameters of some name part that far from what was measured of the car.
+    conflict: chance that any figure of a car lies that far from what was measured.
     family: chance that anything scanned on a data set without an effect gets beyond its level.
     draws: sign flips that the level is taken from.
-    spread: errors of fitted parameters over their stated deviations.
     unusual: chance that a sensor of the kind is that far from having no bias.
     equivalent: held-out t of a claim over a rival below which the two can't be told apart.
     form: standard deviation of a claimed size for the formula's own error, as a share of it.
@@ -66,7 +65,6 @@ class Levels:
   conflict: float
   family: float
   draws: float
-  spread: float
   unusual: float
   equivalent: float
   form: float

@@ -5,7 +5,8 @@ import math
 from scipy import stats
 
 from calibration.diagnosis.decision.chance import beyond_chance
-from calibration.diagnosis.decision.evidence import Alternative, Evidence, Named
+from calibration.diagnosis.decision.departures import departures
+from calibration.diagnosis.decision.evidence import Alternative, Evidence, Model, Named
 from calibration.diagnosis.decision.levels import Levels
 
 
@@ -36,13 +37,13 @@ def _odds(value: float) -> float:
   return value / (1.0 - value)
 
 
-def counts(name: Named, evidence: Evidence, levels: Levels) -> bool:
-  """Whether a name that is likely enough may be claimed, by either of two kinds of evidence.
+def counts(name: Named, model: Model, evidence: Evidence, levels: Levels) -> bool:
+  """Whether a name of a model that is likely enough may be claimed, by either of two kinds of evidence.
 
   Driving: it takes something off an error, see `matters`, and its seconds agree beyond chance. Or what was measured of
-  the car, with which the driving conflicts without it.
+  the car, or is usual of its sensors, which the driving contradicts without it.
   """
-  return (matters(name, levels) and beyond_chance(name, evidence, levels)) or conflicts(name, evidence, levels)
+  return (matters(name, levels) and beyond_chance(name, evidence, levels)) or reconciles(name, model, levels)
 
 
 def matters(name: Named, levels: Levels) -> bool:
@@ -56,12 +57,7 @@ def matters(name: Named, levels: Levels) -> bool:
   return gains and math.prod(1.0 - e.share for e in name.errors) < 1.0
 
 
-def conflicts(name: Named, evidence: Evidence, levels: Levels) -> bool:
-  """Whether without a name parameters lie too far from what was measured of the car.
-
-  That is z * `spread` deviations or more, z being the normal quantile at which that happens by chance to any of the
-  names tried with probability `conflict`.
-  """
-  tried = sum(s.gain is not None for s in evidence.scanned)
-  z = float(stats.norm.isf(levels.conflict / (2.0 * max(tried, 1))))
-  return name.held_out.priors >= (z * levels.spread) ** 2 / 2.0
+def reconciles(name: Named, model: Model, levels: Levels) -> bool:
+  """Whether a figure of the car departs without a name that does not with it, and none instead."""
+  apart = {d.name for d in departures(model.measured, levels)}
+  return apart < {d.name for d in departures(name.without, levels)}

@@ -29,7 +29,7 @@ from calibration.diagnosis.decision.levels import Levels, usual_levels
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.scan import Signature
 from calibration.diagnosis.score import from_blocks
-from calibration.diagnosis.search.gather import seconds_of
+from calibration.diagnosis.search.gather import measured_figures, seconds_of
 from calibration.fitting.observations import CHANNELS
 from qcar_twin.parameters import Parameter
 
@@ -143,9 +143,11 @@ class Prediction:
       share = 1.0 - float(np.sqrt(self.error[index] / max(before[index], 1e-12)))
       errors.append(Taken(CHANNELS[index], share, from_blocks(gains[:, index], 0.5 * float(before[index])).t))
     others = tuple(self._alternative(name, gains, left.gains(k), priors) for name, left in rivals)
+    bent = dataclasses.replace(self.pool.base, values=self.pool.base.values - k * answer)
+    without = measured_figures(bent, self.pool.problem.twin, self.pool.problem.observations)
     return Named(
       name=signature.mechanism, held_out=dataclasses.replace(test, priors=priors, drop=drop), profile=drop,
-      at_bound=False, errors=tuple(errors), estimates=(), alternatives=others, scores=own.scores(k),
+      at_bound=False, errors=tuple(errors), estimates=(), alternatives=others, scores=own.scores(k), without=without,
     )  # fmt: skip
 
   def _alternative(self, name: str, gains: Array, ahead: Array, priors: float) -> Alternative:
@@ -188,7 +190,8 @@ def _smallest(
   @functools.cache
   def claims(index: int) -> list[Claim]:
     k = float(sizes[index])
-    return [claim(prediction.named(signature, own, rivals, s * k), prediction.evidence, levels) for s in signs]
+    evidence = prediction.evidence
+    return [claim(prediction.named(signature, own, rivals, s * k), evidence.base, evidence, levels) for s in signs]
 
   found: dict[str, float] = {}
   for what in ("shared", "probability"):

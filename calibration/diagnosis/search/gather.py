@@ -120,7 +120,8 @@ class Weighing:
     alternatives = [self.alternative(model, key, next(iter(key - rest))) for key in fitted]
     test, at_bound = self.compare(_key(model), rest), self.stretched(_key(model), name)
     row = self._weighed(model, without, name, test, at_bound)
-    return dataclasses.replace(row, alternatives=tuple(alternatives))
+    figures = measured_figures(without, self.pool.problem.twin, self.observations)
+    return dataclasses.replace(row, alternatives=tuple(alternatives), without=figures)
 
   def alternative(self, model: Candidate, key: frozenset[str], name: str) -> Alternative:
     """What stands in a name's place in another model."""

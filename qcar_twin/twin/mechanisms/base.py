@@ -26,7 +26,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 Stage = Literal["command", "actuator", "force", "contact", "sensor"]
-Subsystem = Literal["steering", "tyre", "ground", "drive", "body", "sensor"]
+Subsystem = Literal["command", "steering", "tyre", "ground", "drive", "body", "sensor"]
 SUBSYSTEMS: tuple[Subsystem, ...] = get_args(Subsystem)
 # from a command to what acts, and from the motion to what is logged
 Link = Literal["arrival", "device", "motion", "play", "geometry", "mount", "axes", "scale", "zero", "clock"]

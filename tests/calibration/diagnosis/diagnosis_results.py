@@ -82,7 +82,10 @@ def decided(pool, levels=None):
 
 def claimed_of(pool, model, name, levels=None):
   """A name of a model as a claim, likely or not."""
-  return claim(Weighing(pool).named(model, name), gather(pool), levels or usual_levels())
+  weighing = Weighing(pool)
+  weighed = weighing.model(model, [pool.base])
+  named = next(n for n in weighed.names if n.name == name)
+  return claim(named, weighed, gather(pool), levels or usual_levels())
 
 
 def concluded(pool, decision, levels=None):

@@ -4,10 +4,11 @@ import dataclasses
 import math
 
 import pytest
-from scipy import stats
 
+from calibration.diagnosis.decision.comparison import Comparison
+from calibration.diagnosis.decision.evidence import Measured, Model, Named
 from calibration.diagnosis.decision.levels import FILE, read_levels, usual_levels
-from calibration.diagnosis.decision.weighing import counts, matters
+from calibration.diagnosis.decision.weighing import counts, matters, reconciles
 from calibration.diagnosis.score import compare
 from calibration.diagnosis.search.gather import Weighing, gather
 
@@ -80,13 +81,33 @@ def test_a_name_matters_by_what_it_takes_off_errors(offset_pool):
     assert matters(dataclasses.replace(right, errors=(*right.errors, worse)), levels) == said
 
 
-def test_a_name_counts_by_driving_beyond_chance_or_by_a_conflict_with_what_was_measured(offset_pool):
+def test_a_name_counts_by_driving_beyond_chance_or_by_what_was_measured(offset_pool):
   evidence, levels = gather(offset_pool), usual_levels()
-  names = {n.name: n for m in evidence.of_size(1) for n in m.names}
-  right, bystander = names["steering_offset"], names["quadratic_drag"]
-  assert counts(right, evidence, levels)
-  assert not counts(dataclasses.replace(right, scores=()), evidence, levels)
-  z = float(stats.norm.isf(0.5 * levels.conflict / len(offset_pool.signatures))) * levels.spread
-  for away, said in ((0.9 * z, False), (1.1 * z, True)):  # deviations that a mass lies from its scale without the name
-    test = dataclasses.replace(bystander.held_out, priors=0.5 * away**2)
-    assert counts(dataclasses.replace(bystander, held_out=test, scores=()), evidence, levels) == said
+  names = {n.name: (n, m) for m in evidence.of_size(1) for n in m.names}
+  (right, single), (bystander, other) = names["steering_offset"], names["quadratic_drag"]
+  assert counts(right, single, evidence, levels)
+  assert not counts(dataclasses.replace(right, scores=()), single, evidence, levels)
+  assert not counts(bystander, other, evidence, levels)
+  departs = dataclasses.replace(bystander, without=(AWAY,))
+  assert counts(departs, dataclasses.replace(other, measured=(NEAR,)), evidence, levels)
+
+
+NEAR = Measured("mass", 3.0, 0.03, 3.03, 3.0, "kg")
+AWAY = dataclasses.replace(NEAR, value=4.5)
+GYRO = Measured("imu_latency", 0.0, 0.005, 0.1, 0.01, "s", usual=True)
+
+
+@pytest.mark.parametrize(
+  "without, measured, said",
+  [
+    ((AWAY,), (NEAR,), True),
+    ((NEAR,), (NEAR,), False),
+    ((AWAY,), (AWAY,), False),
+    ((AWAY, GYRO), (NEAR, GYRO), True),  # one of two
+    ((AWAY,), (NEAR, GYRO), False),  # another instead
+  ],
+)
+def test_a_name_reconciles_where_a_figure_departs_without_it_and_none_departs_instead(without, measured, said):
+  test = Comparison(gain=0.0, t=0.0, share_positive=0.0, blocks=(), before=1.0)
+  name = Named("payload", test, 0.0, False, (), (), without=without)
+  assert reconciles(name, Model(("payload",), 0.0, 0.0, measured=measured), LEVELS) == said

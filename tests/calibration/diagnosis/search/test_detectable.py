@@ -34,7 +34,7 @@ def test_the_size_is_the_least_that_is_claimed(clean_pool, smallest):
   prediction, signature = Prediction(clean_pool, evidence), clean_pool.signatures["quadratic_drag"]
   own = prediction.sums(signature.direction.astype(np.float64))
   rivals = prediction.rivals(signature, clean_pool.signatures)
-  told = lambda k: claim(prediction.named(signature, own, rivals, k), evidence, levels).shared
+  told = lambda k: claim(prediction.named(signature, own, rivals, k), evidence.base, evidence, levels).shared
   least = smallest["quadratic_drag"].size / signature.tried["quadratic_drag"]
   assert told(least) >= levels.claim > told(least * 2 ** (-1 / 12))
 

@@ -1,0 +1,43 @@
+"""Dead time between the commands, both of them, and the car."""
+
+from qcar_twin.parameters import Parameter
+from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.elements import backdrop, delay_line, delay_step
+
+
+class CommandDelay(Mechanism):
+  """Motor and steering get what was commanded a while ago, both alike: a radio, a bus, a loop that they share.
+
+  Equation: V(t) = u_V(t - d); delta(t) = u_delta(t - d).
+  Units: d s, V V, delta rad. Parts of a period mix two neighbouring commands, which is the exact mean.
+  Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, sec. 2.3.
+  Size: stated prior: 0.04 s is two frames of 20 ms, one that a radio waits and one that servo and speed controller do.
+  Confounded with: all sensors late by as much, the same in a log; drive_delay together with steering_delay.
+  """
+
+  name = "command_delay"
+  subsystem = "command"
+  stage = "command"
+  link = "arrival"
+  open_loop = True
+  nonlinear_response = True
+  sought_far = True
+  parameters = (Parameter("command_delay", 0.0, 0.0, 0.3, "s", "d", null=0.0, typical=0.04, description="dead time"),)
+
+  def initial(self, theta: Array, context: Context) -> State:
+    line = lambda present, before: delay_line(theta[:, 0], context.period, self.parameters[0].upper, present, before)
+    voltage = line(context.commands[:, 0], backdrop(context))
+    angle = line(context.commands[:, 1], context.signal("steering_angle"))
+    return _named(voltage, "voltage") | _named(angle, "angle")
+
+  def command(self, theta: Array, context: Context, state: State, command: Array) -> Array:
+    acting = command.copy()
+    for column, which in enumerate(("voltage", "angle")):
+      line = {name.removeprefix(f"{which}_"): values for name, values in state.items() if name.startswith(f"{which}_")}
+      acting[:, column] = delay_step(line, command[:, column])
+      state |= _named(line, which)
+    return acting
+
+
+def _named(line: State, which: str) -> State:
+  return {f"{which}_{name}": values for name, values in line.items()}
