@@ -36,7 +36,7 @@ class Signature:
     mechanism: id.
     start: parameter values of the best trial.
     answer: by how much the base parameters would move to meet it, by name.
-    gain: half the drop of the projected sum of squares at the best trial, nats.
+    gain: half the drop of the projected sum of squares at the best trial, and what priors are met better, nats.
     shown: half the squared norm of the projected signature at typical size, nats: what the
       manoeuvres would show of it where its shape shows most (a change of grip after the last run shows nothing); 0
       where a channel was not measured without which it cannot be told apart.
@@ -72,6 +72,7 @@ class Trial:
   Attributes:
     start: parameter values.
     rest: change of residuals without what the base can imitate, (K,).
+    strain: change of the base parameters' deviations from their priors as they imitate it, (p,).
     unabsorbed: share of the whole change's squared norm that is left in `rest`.
     shown: half the squared norm of `rest`, by the noise of each channel, nats.
     answer: how the base parameters would move to meet it, (p,).
@@ -80,6 +81,7 @@ class Trial:
 
   start: dict[str, float]
   rest: NDArray[np.float32]
+  strain: Array
   unabsorbed: float
   shown: float
   answer: Array
@@ -96,6 +98,7 @@ class Projector:
     """`held`: parameters that imitate nothing, either."""
     loose = ~at_bound(model) & ~np.isin(model.free.names, list(held))
     self._jacobian = model.jacobian[: model.n_train] * loose
+    self._slopes = model.free.deviation_slopes(model.values)
     free = np.flatnonzero(loose)
     self._inverse = np.zeros((len(loose), len(loose)))
     kept = ParameterSet(model.free[model.free.names[i]] for i in free)
@@ -108,6 +111,10 @@ class Projector:
   def answer(self, change: Array) -> Array:
     """How the free parameters move to make up for a change of residuals, (n, p)."""
     return -(change @ self._jacobian) @ self._inverse
+
+  def strain(self, answer: Array) -> Array:
+    """How the parameters' deviations from their priors change as they move so, (n, p): residuals, too."""
+    return answer * self._slopes
 
 
 def at_bound(model: Candidate) -> NDArray[np.bool_]:
@@ -143,26 +150,25 @@ def scan(
   }
   common = Projector(base)
   jobs = [(m, start) for m in mechanisms for start in trial_starts(m, _tried(m, sizes), problem.driving)]
-  anchors = {name: p(base.residual[None, : base.n_train])[0] for name, p in (projectors | {"": common}).items()}
+  residual, deviations = base.residual[: base.n_train], base.free.deviations(base.values)
   collected: dict[str, list[Trial]] = {m.name: [] for m in mechanisms}
   chunk = 24
   for i in range(0, len(jobs), chunk):
     part = jobs[i : i + chunk]
     thetas = np.stack([_with(problem, base.theta, start) for _, start in part])
-    change = problem.fitted_residual(thetas) - base.residual[: base.n_train]
+    change = problem.fitted_residual(thetas) - residual
     for (mechanism, start), whole in zip(part, change, strict=True):
       project = projectors.get(mechanism.name, common)
       rest, answer = project(whole[None])[0], project.answer(whole[None])[0]
-      plain = explained(whole, base.residual[: base.n_train], mechanism.signed)
+      plain = explained(whole, residual, mechanism.signed)
       seen = clear * rest
       share = float(rest @ rest) / float(whole @ whole) if np.any(whole) else 0.0
-      trial = Trial(start, rest.astype(np.float32), share, 0.5 * float(seen @ seen), answer, plain)
+      shown = 0.5 * float(seen @ seen)
+      trial = Trial(start, rest.astype(np.float32), project.strain(answer), share, shown, answer, plain)
       collected[mechanism.name].append(trial)
     progress("scan", min(i + chunk, len(jobs)) / len(jobs))
-  anchor = lambda m: anchors[m.name if m.name in projectors else ""]
-  found = {
-    m.name: _signature(m, collected[m.name], anchor(m), base.free.names) for m in mechanisms if collected[m.name]
-  }
+  left = (residual, deviations)
+  found = {m.name: _signature(m, collected[m.name], left, base.free.names) for m in mechanisms if collected[m.name]}
   blind = [m.name for m in mechanisms if m.name in found and not _measured(problem, m)]
   return found | {name: dataclasses.replace(found[name], shown=0.0) for name in blind}
 
@@ -236,8 +242,8 @@ def _with(problem: Problem, theta: Array, values: dict[str, float]) -> Array:
   return out
 
 
-def _signature(mechanism: Mechanism, trials: list[Trial], anchor: Array, base: Sequence[str]) -> Signature:
-  factors, gains = zip(*(_scaled(mechanism, trial, anchor) for trial in trials), strict=True)
+def _signature(mechanism: Mechanism, trials: list[Trial], left: tuple[Array, Array], base: Sequence[str]) -> Signature:
+  factors, gains = zip(*(_scaled(mechanism, trial, *left) for trial in trials), strict=True)
   top = int(np.argmax(gains))
   values = [_resized(mechanism, t.start, f) for t, f in zip(trials, factors, strict=True)]
   most = max(trials, key=lambda t: t.shown)
@@ -256,10 +262,13 @@ def _signature(mechanism: Mechanism, trials: list[Trial], anchor: Array, base: S
   )
 
 
-def _scaled(mechanism: Mechanism, trial: Trial, anchor: Array) -> tuple[float, float]:
-  """Factor on a trial's size that fits best, and its gain: sizes between trials need no trial of their own."""
-  power = float(trial.rest @ trial.rest)
-  pull = float(anchor @ trial.rest)
+def _scaled(mechanism: Mechanism, trial: Trial, residual: Array, deviations: Array) -> tuple[float, float]:
+  """Factor on a trial's size that fits best, and its gain: sizes between trials need no trial of their own.
+
+  What the recalibrated twin has imitated shows in its parameters' deviations from their priors.
+  """
+  power = float(trial.rest @ trial.rest) + float(trial.strain @ trial.strain)
+  pull = float(residual @ trial.rest) + float(deviations @ trial.strain)
   lowest = -2.0 if mechanism.signed else 0.0
   best = float(np.clip(-pull / power, lowest, 2.0)) if power > 0 else 0.0
   # a refit that starts at nothing has no slope to follow: keep a tenth of the trial at least

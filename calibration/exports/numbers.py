@@ -5,7 +5,7 @@ data set is at hand, those of MATCHED are therefore multiplied by factors that b
 (never to the car's) on the recordings that the twin was fitted to.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 Numbers = dict[str, Any]
 
 EXPRESSED = (
-  "steering_offset", "steering_gain_error", "steering_asymmetry", "steering_delay", "steering_lag", "drive_delay",
-  "drive_lag", "battery_sag", "quadratic_drag", "side_force",
+  "steering_offset", "steering_gain_error", "steering_asymmetry", "command_delay", "steering_delay", "steering_lag",
+  "drive_delay", "drive_lag", "battery_sag", "quadratic_drag", "side_force",
 )  # fmt: skip
 """Effects that the single track's file computes by the mechanism's own equation."""
 MATCHED = (
@@ -124,13 +124,19 @@ def _effects(twin: Twin, theta: Array, kept: Sequence[Mechanism]) -> Numbers:
   values, made = twin.parameters.named(theta), {}
   for mechanism in kept:
     if mechanism.name in EXPRESSED:
-      own = {p.name: float(values[p.name]) for p in mechanism.parameters}
+      own = {p.name: float(values[p.name]) for p in mechanism.parameters if p.name != "command_delay"}
       if mechanism.name in ("steering_lag", "drive_lag"):
         lag = second_order(np.array([own[mechanism.name]]), np.array([own[f"{mechanism.name}_inertia"]]), twin.period)
         own[f"{mechanism.name}_transition"] = tuple(float(lag[k][0]) for k in "abcd")  # type: ignore[assignment]
         own[f"{mechanism.name}_inertia"] = float(lag["inertia"][0])
       made |= own
-  return made
+  return made | {name: late for name, late in dead_times({m.name for m in kept}, values).items() if late}
+
+
+def dead_times(kept: Collection[str], values: Mapping[str, float]) -> dict[str, float]:
+  """Between a command and what acts, s, of the drive and of the steering: what both share counts in each."""
+  late = lambda name: float(values[name]) if name in kept else 0.0
+  return {name: late(name) + late("command_delay") for name in ("drive_delay", "steering_delay")}
 
 
 def matched(

@@ -205,9 +205,9 @@ class FilterSettings:
 
     The twin's lags of servo and steering add up; of the steering's dead time the part that is no whole period is
     counted as lag, the same phase at low frequency. The drive has no lag here: its dead time is taken as it is, and
-    acts rounded to periods. A wheel larger by e makes the encoder say 1 / (1 + e) of the speed. All this replaces what
-    the settings said, but for the IMU's lever arm [m]: the twin's is an error of theirs, and is added to it. What the
-    twin does not have stays as it is.
+    acts rounded to periods. What both commands wait alike adds to either. A wheel larger by e makes the encoder say
+    1 / (1 + e) of the speed. All this replaces what the settings said, but for the IMU's lever arm [m]: the twin's is
+    an error of theirs, and is added to it. What the twin does not have stays as it is.
 
     Args:
       values: parameters by name, as of `twin.parameters.named(theta)`.
@@ -222,13 +222,14 @@ class FilterSettings:
     for axis, name in (("imu_x", "imu_lever_arm_x"), ("imu_y", "imu_lever_arm_y")):
       if name in values:
         changes[axis] = getattr(self, axis) + values[name]
-    if "drive_delay" in values:
-      changes["drive_delay"] = values["drive_delay"]
-    if "steering_delay" in values:
-      whole = math.floor(values["steering_delay"] / self.period + 1e-6) * self.period
+    late = lambda name: values.get(name, 0.0) + values.get("command_delay", 0.0)
+    if "drive_delay" in values or "command_delay" in values:
+      changes["drive_delay"] = late("drive_delay")
+    if "steering_delay" in values or "command_delay" in values:
+      whole = math.floor(late("steering_delay") / self.period + 1e-6) * self.period
       changes["steering_delay"] = whole
       lag = changes.get("steering_lag", self.steering_lag)
-      changes["steering_lag"] = lag + max(0.0, values["steering_delay"] - whole)
+      changes["steering_lag"] = lag + max(0.0, late("steering_delay") - whole)
     return dataclasses.replace(self, **changes)
 
   def with_walks(self, factor: float) -> "FilterSettings":

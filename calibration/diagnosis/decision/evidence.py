@@ -174,10 +174,10 @@ class Scanned:
 
   Attributes:
     name: id of the mechanism.
-    gain: nats that its signature explains; None where it was not scanned.
+    gain: nats that its signature explains, priors included; None where it was not scanned.
     refitted: nats that it brings alone; None where it was not refitted.
     scores: slope of the fit along its signature in each second of driving, over the signature's norm; half the square
-      of their sum is the gain in nats.
+      of their sum is what the driving has of the gain.
   """
 
   name: str

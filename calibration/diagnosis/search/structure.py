@@ -163,17 +163,19 @@ def _explains(pool: Pool, model: Candidate) -> dict[str, float]:
 
   A promise counts as much as the mechanism's own refit kept of what the scan had promised, and nothing where an
   amplitude without a sign would have to be negative. A parameter that every model fits within a tolerance does not
-  imitate the mechanism that lets it go beyond.
+  imitate the mechanism that lets it go beyond. Priors that are met better count, too.
   """
   common, out = Projector(model), {}
+  left = np.concatenate([model.residual[: model.n_train], model.free.deviations(model.values)])
   for name, signature in pool.signatures.items():
     if not signature.testable or name in model.mechanisms:
       continue
     own = {p.name for p in pool.problem.mechanism(name).parameters} & set(model.free.names)
     project = Projector(model, own) if own else common
-    rest = project(model.residual[None, : model.n_train])[0]
-    direction = project(signature.direction[None].astype(np.float64))[0]
-    out[name] = pool.kept.get(name, 1.0) * explained(direction, rest, pool.problem.mechanism(name).signed)
+    direction = signature.direction[None].astype(np.float64)
+    imitated = np.array([signature.imitated.get(parameter, 0.0) for parameter in model.free.names])
+    change = np.concatenate([project(direction)[0], project.strain(project.answer(direction)[0] + imitated)])
+    out[name] = pool.kept.get(name, 1.0) * explained(change, left, pool.problem.mechanism(name).signed)
   return out
 
 

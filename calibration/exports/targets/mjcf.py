@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.exports.cars import CarModel, ModelCars
-from calibration.exports.numbers import quantities_of, stays, without
+from calibration.exports.numbers import dead_times, quantities_of, stays, without
 from calibration.exports.target import Job, Target
 from calibration.exports.written import heading, text_lines
 from calibration.fitting.noise_floor import driving_noise
@@ -39,7 +39,10 @@ TIMESTEP, PARTS = 0.001, 10  # s, and steps in a control period; at 2 ms wheels 
 _SETTLES = 2.0  # s, after which the car stands still
 _SLOWEST = 0.02  # m/s, at which the twin still has tyres
 IMPEDANCE = 0.95  # MuJoCo's own upper value, at which its friction chatters least
-_OWN = ("steering_offset", "steering_gain_error", "steering_delay", "steering_lag", "drive_delay", "floor_slope")
+_OWN = (
+  "steering_offset", "steering_gain_error", "command_delay", "steering_delay", "steering_lag", "drive_delay",
+  "floor_slope",
+)  # fmt: skip
 _PLAIN = (
   "torque_per_volt", "torque_per_ampere", "torque_per_speed", "torque_per_acceleration", "motor_damping",
   "driveline_friction", "rotor_inertia", "wheel_inertia", "servo_time_constant", "servo_inertia", "servo_rate",
@@ -140,9 +143,10 @@ def _effects(spec: mujoco.MjSpec, job: Job, kept: set[str], values: Mapping[str,
     servo.gainprm[0] *= 1.0 + values["steering_gain_error"]
   if "steering_offset" in kept:
     servo.biasprm[0] += stiffness * values["steering_offset"]
+  late = dead_times(kept, values)
   for actuator, name in ((servo, "steering_delay"), (motor, "drive_delay")):
-    if name in kept:
-      actuator.delay, actuator.nsample = values[name], math.ceil(values[name] / TIMESTEP) + 2
+    if late[name] > 0.0:
+      actuator.delay, actuator.nsample = late[name], math.ceil(late[name] / TIMESTEP) + 2
 
 
 def _opened(path: Path) -> mujoco.MjModel:

@@ -28,7 +28,7 @@ from tests import ROOT
 EFFECTS = {
   "steering_offset": 0.02, "steering_gain_error": 0.05, "steering_asymmetry": 0.05, "steering_delay": 0.034,
   "steering_lag": 0.03, "drive_delay": 0.025, "drive_lag": 0.04, "battery_sag": 0.2, "quadratic_drag": 0.3,
-  "side_force": 0.5, "gyro_bias": 0.01, "payload_mass": 0.3,
+  "side_force": 0.5, "gyro_bias": 0.01, "payload_mass": 0.3, "command_delay": 0.01,
 }  # fmt: skip
 NAMES = (*EXPRESSED, "gyro_bias", "payload")
 
@@ -145,6 +145,13 @@ def test_a_standing_car_stands_and_a_weak_push_moves_nothing(exported):
   for _ in range(100):
     x, _ = module.step(x, np.array([hold, 0.2]), car)
   assert np.abs(x[:3]).max() < 1e-6
+
+
+def test_what_both_commands_wait_is_written_as_two_delays():
+  job = job_with({"command_delay": 0.03, "steering_delay": 0.01})
+  numbers = single_track_numbers(job.twin, job.theta, job.kept(target_named("single-track")))
+  assert (numbers["drive_delay"], numbers["steering_delay"]) == pytest.approx((0.03, 0.04))
+  assert "command_delay" not in numbers
 
 
 def test_plain_mujoco_opens_the_mjcf_and_drives_to_the_left(tmp_path):

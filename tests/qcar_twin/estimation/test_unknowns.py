@@ -158,6 +158,11 @@ def test_a_twin_tells_the_filter_of_linkage_delays_and_sensors():
   assert FilterSettings().with_known({"mass": 2.7}) == FilterSettings()
 
 
+def test_what_both_commands_wait_counts_in_either_delay():
+  told = FilterSettings().with_known({"command_delay": 0.02, "steering_delay": 0.014})
+  assert told == FilterSettings().with_known({"drive_delay": 0.02, "steering_delay": 0.034})
+
+
 @pytest.mark.parametrize(("layout", "share"), [("all-wheel", 0.5), ("rear", 0.0), ("front", 1.0)])
 def test_a_car_tells_the_filter_which_wheels_its_encoder_sees(layout, share):
   vehicle = dataclasses.replace(Vehicle(), layout=layout, imu_x=0.1)

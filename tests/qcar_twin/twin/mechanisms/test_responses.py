@@ -91,6 +91,13 @@ def test_drive_dead_zone_lag_and_delay():
   np.testing.assert_allclose(ramp[-1] - act("drive_delay", [0.025], ramp, VOLT)[-1], 0.025, rtol=1e-9)
 
 
+def test_a_delay_of_both_commands_is_that_of_either():
+  ramp = np.linspace(0.0, 0.2, 30)
+  for column, name in ((VOLT, "drive_delay"), (STEER, "steering_delay")):
+    both, one = (act(delay, [0.037], ramp, column) for delay in ("command_delay", name))
+    np.testing.assert_array_equal(both, one)
+
+
 def test_drive_delay_at_rest_waits_and_under_way_carries_on():
   np.testing.assert_allclose(act("drive_delay", [0.03], [1.0] * 4, VOLT)[3], 1.0)
   assert act("drive_delay", [0.03], [1.0] * 4, VOLT)[0] == 0.0
