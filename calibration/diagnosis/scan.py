@@ -169,11 +169,11 @@ def scan(
     progress("scan", min(i + chunk, len(jobs)) / len(jobs))
   left = (residual, deviations)
   found = {m.name: _signature(m, collected[m.name], left, base.free.names) for m in mechanisms if collected[m.name]}
-  blind = [m.name for m in mechanisms if m.name in found and not _measured(problem, m)]
+  blind = [m.name for m in mechanisms if m.name in found and not measured(problem, m)]
   return found | {name: dataclasses.replace(found[name], shown=0.0) for name in blind}
 
 
-def _measured(problem: Problem, mechanism: Mechanism) -> bool:
+def measured(problem: Problem, mechanism: Mechanism) -> bool:
   """Whether all channels were measured that a mechanism declares to need."""
   present = set(problem.observations.present)
   return all(_SHOWN_BY.get(channel, {channel}) & present for channel in mechanism.needs)

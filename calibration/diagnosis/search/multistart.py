@@ -5,17 +5,19 @@ another one, and a refit from there ends in a minimum of its own.
 So mechanisms are also tried on parameters that recalibration has not bent: delays and lags at up to several times
 their typical size on the first guess of everything, and all of them on the recalibrated twin with
 the measured parameters put back that were moved beyond belief: those of the drive for mechanisms that push along, the
-others for all others. Where that explains much, the whole model is fitted from there.
+others for all others. Where that explains much, the whole model is fitted from there. So is what all sensors' ages
+have in common, put on a delay of the commands: between the two a cost has a valley for every control period.
 """
 
 import dataclasses
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, begin, candidate, half_square, refine
-from calibration.diagnosis.scan import trial_starts
+from calibration.diagnosis.scan import measured, trial_starts
 from calibration.fitting.likelihood import Problem
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.twin.mechanisms import by_subsystem
@@ -62,6 +64,7 @@ def multistart_models(
       trials = _trials(problem, _about(problem, first, along), _USUAL)
       trials += _trials(problem, _about(problem, others, along), _WHOLE)
       places.append(_Place(here | values, trials))
+  places += [place for name in considered for place in _exchanged(problem, base, name)]
   best: dict[str, tuple[float, dict[str, float]]] = {}
   for place in places:
     for cost, name, start in _worthwhile(problem, base, place, first):
@@ -72,6 +75,20 @@ def multistart_models(
   refine(problem, made, 1, full=True)
   refine(problem, made, _STEPS - 1)
   return made
+
+
+def _exchanged(problem: Problem, base: Candidate, name: str) -> list[_Place]:
+  """Where a mechanism does what those that imitate it have in common, in full or in whole control periods.
+
+  Only those count whose channels were measured.
+  """
+  mechanism, here, period = problem.mechanism(name), base.free.named(base.values), problem.twin.period
+  others = [m for m in map(problem.mechanism, mechanism.imitated_by) if measured(problem, m)]
+  sizes = {p.name: here[p.name] for m in others for p in m.parameters if p.name in here}
+  shared, own = min(sizes.values(), default=0.0), mechanism.parameters[0].name
+  tried = {shared, period * math.floor(shared / period), period * math.ceil(shared / period)}
+  places = {one: here | {other: size - one for other, size in sizes.items()} for one in sorted(tried) if one > 0.0}
+  return [_Place(values, [(name, {own: one})]) for one, values in places.items()]
 
 
 def unbent(base: Candidate, priors: ParameterSet) -> dict[str, float]:

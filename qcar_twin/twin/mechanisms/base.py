@@ -203,6 +203,8 @@ class Mechanism:
       speed alone.
     absorbed_by_drive: True if recalibration imitates it with the parameters of the drive, as it does all of
       subsystem "drive".
+    imitated_by: ids of mechanisms, of one amplitude each in the same unit, that do together what it does: a search also
+      begins where what they have in common is put on it.
     sensor_errors: amplitudes that every sensor of the kind has some of, by parameter.
     fitted_rank: place among the errors that every model fits (`sensor_errors`, `tolerances`), lowest first and by name
       where equal: their order in a fit's vector.
@@ -226,6 +228,7 @@ class Mechanism:
   absorbed_by_drive: ClassVar[bool] = False
   curve: ClassVar[bool] = False
   outlined_by: ClassVar[str] = ""
+  imitated_by: ClassVar[tuple[str, ...]] = ()
   sensor_errors: ClassVar[Mapping[str, SensorError]] = {}
   fitted_rank: ClassVar[int] = 100
 

@@ -6,13 +6,14 @@ from qcar_twin.twin.mechanisms.elements import backdrop, delay_line, delay_step
 
 
 class CommandDelay(Mechanism):
-  """Motor and steering get what was commanded a while ago, both alike: a radio, a bus, a loop that they share.
+  """Both commands act a while after they were logged, or all sensors show it so late: a log tells no difference.
 
   Equation: V(t) = u_V(t - d); delta(t) = u_delta(t - d).
   Units: d s, V V, delta rad. Parts of a period mix two neighbouring commands, which is the exact mean.
   Source: Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., 1997, sec. 2.3.
   Size: stated prior: 0.04 s is two frames of 20 ms, one that a radio waits and one that servo and speed controller do.
-  Confounded with: all sensors late by as much, the same in a log; drive_delay together with steering_delay.
+  Confounded with: encoder_latency, imu_latency and pose_latency together, the same in a log; drive_delay together with
+    steering_delay.
   """
 
   name = "command_delay"
@@ -22,6 +23,7 @@ class CommandDelay(Mechanism):
   open_loop = True
   nonlinear_response = True
   sought_far = True
+  imitated_by = ("encoder_latency", "imu_latency", "pose_latency")
   parameters = (Parameter("command_delay", 0.0, 0.0, 0.3, "s", "d", null=0.0, typical=0.04, description="dead time"),)
 
   def initial(self, theta: Array, context: Context) -> State:

@@ -37,8 +37,27 @@ def test_projection_leaves_what_no_base_parameter_does(offset_pool):
 
 def test_gain_of_the_truth_equals_the_drop_of_the_exact_refit(offset_pool):
   exact = offset_pool.base.cost - offset_pool.models[frozenset(["steering_offset"])].cost
-  assert offset_pool.signatures["steering_offset"].gain == pytest.approx(exact, rel=5e-3)  # but for the priors' share
+  assert offset_pool.signatures["steering_offset"].gain == pytest.approx(exact, rel=1e-3)
   assert exact > 100
+
+
+def test_what_was_measured_tells_of_an_effect_that_recalibration_imitates():
+  """A gyro that reads 7.5 % too much passes for a stiffness that is not what was measured; nothing else shows it."""
+  twin = rig.LinearTwin(("gyro_scale",))
+  problem = rig.problem_of(twin, rig.measure(twin, rig.drive(), {"gyro_scale": 0.075}))
+  measured = rig.BASE.replace(
+    cornering_stiffness_front=dataclasses.replace(rig.BASE["cornering_stiffness_front"], std=0.05)
+  )
+  base = candidate(problem, (), None, measured)
+  simulate(problem, [base])
+  refine(problem, [base], 3, full=True)
+  found = scan(problem, base, twin.mechanisms)["gyro_scale"]
+  refit = candidate(problem, ("gyro_scale",), base, measured)
+  simulate(problem, [refit])
+  refine(problem, [refit], 3, full=True)
+  assert base.cost - refit.cost > 10.0 and found.unabsorbed_share < 0.1
+  assert found.gain == pytest.approx(base.cost - refit.cost, rel=0.02)
+  assert found.start["gyro_scale"] == pytest.approx(refit.estimate("gyro_scale")[0], rel=0.02)
 
 
 def test_what_needs_a_channel_that_was_not_measured_is_untestable(offset_pool, monkeypatch):

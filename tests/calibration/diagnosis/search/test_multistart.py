@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from calibration.diagnosis.search.multistart import _about, multistart_models, unbent
+from calibration.diagnosis.search.multistart import _about, _exchanged, multistart_models, unbent
+from qcar_twin.parameters import ParameterSet
 from qcar_twin.twin.mechanisms import catalogue
 from tests.calibration.diagnosis import diagnosis_rig as rig
 
@@ -96,3 +97,32 @@ def test_what_nothing_speaks_for_must_begin_below_the_recalibrated_twin(offset_p
   sunk = dataclasses.replace(base, residual=lower * base.residual)
   assert multistart_models(offset_pool.problem, sunk, rig.BASE, ["steering_offset"]) == []
   assert len(multistart_models(offset_pool.problem, sunk, rig.BASE, ["steering_offset"], ["steering_offset"])) == 1
+
+
+AGES = ("encoder_latency", "imu_latency", "pose_latency")
+
+
+@pytest.mark.parametrize(
+  "values, measured, tried",
+  [
+    ((0.043, 0.048, 0.0), {"motor_speed", "yaw_rate"}, (0.04, 0.043, 0.05)),  # without a pose that says otherwise
+    ((0.043, 0.048, 0.004), {"motor_speed", "yaw_rate", "pose_forward"}, (0.004, 0.01)),
+    ((-0.004, 0.048, 0.0), {"motor_speed", "yaw_rate"}, ()),  # they have none in common
+    ((0.04, 0.04, 0.0), {"speed"}, ()),  # no age of what was measured
+  ],
+)
+def test_what_all_ages_have_in_common_is_tried_as_a_delay_of_the_commands(values, measured, tried):
+  ages = ParameterSet(catalogue()[name].parameters[0] for name in AGES)
+  problem = SimpleNamespace(
+    mechanism=catalogue().__getitem__,
+    observations=SimpleNamespace(present=measured),
+    twin=SimpleNamespace(period=0.01),
+  )
+  base = SimpleNamespace(free=ages, values=np.array(values))
+  places = _exchanged(problem, base, "command_delay")
+  assert [place.trials for place in places] == [[("command_delay", {"command_delay": pytest.approx(d)})] for d in tried]
+  for place, delay in zip(places, tried, strict=True):
+    left = {
+      n: v - delay for n, v in zip(AGES, values, strict=True) if n != "pose_latency" or "pose_forward" in measured
+    }
+    assert {n: place.values[n] for n in left} == pytest.approx(left)

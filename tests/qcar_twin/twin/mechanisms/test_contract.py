@@ -119,6 +119,12 @@ def test_errors_that_every_model_fits_have_places_of_their_own():
 
 
 @each
+def test_what_imitates_it_together_has_one_amplitude_in_its_unit(mechanism):
+  for other in select(mechanism.imitated_by):
+    assert [p.unit for p in other.parameters] == [p.unit for p in mechanism.parameters]
+
+
+@each
 def test_what_is_sought_far_has_room(mechanism):
   """It is tried at several times its typical size: bounds that cut most of that off would make it pointless."""
   if mechanism.sought_far:
