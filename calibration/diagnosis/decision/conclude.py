@@ -36,9 +36,13 @@ def strength(item: Leftover, levels: Levels) -> float:
 
 
 def above_level(found: Sequence[Leftover], levels: Levels) -> tuple[Leftover, ...]:
-  """Leftovers that are some, strongest first, but whole errors, of which nothing else is known, last."""
+  """Leftovers that are some, strongest first, but whole errors, of which nothing else is known, last.
+
+  Where a channel errs by what its sensor makes anyway nothing is left, whatever structure that has.
+  """
+  quiet = {i.channel for i in found if i.family == "error" and i.nats <= levels.good}
   order = lambda i: (i.family == "error", -strength(i, levels))
-  return tuple(sorted((i for i in found if strength(i, levels) >= 1.0), key=order))
+  return tuple(sorted((i for i in found if i.channel not in quiet and strength(i, levels) >= 1.0), key=order))
 
 
 def judged(decision: Decision, evidence: Evidence, levels: Levels) -> tuple[str, ...]:

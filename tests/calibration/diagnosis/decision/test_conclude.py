@@ -73,6 +73,14 @@ def test_smooth_structure_is_what_is_large_and_not_by_chance():
   assert strength(smooth(0.1, 4.0, blocks=3), levels) == 0.0  # four standard errors of three blocks are chance
 
 
+@pytest.mark.parametrize(("ratio", "notable"), [(0.9, False), (1.1, True)])
+def test_structure_is_none_where_a_channel_errs_by_what_its_sensor_makes_anyway(ratio, notable):
+  levels = usual_levels()
+  item, gyro = smooth(9.0 * levels.material), Leftover("yaw_rate", "error", (), 0.1, count=900, size=0.5)
+  whole = dataclasses.replace(gyro, channel="accel_y", nats=ratio * levels.good)
+  assert (above_level([gyro, item, whole], levels) == (item,)) == notable
+
+
 @pytest.mark.parametrize("count", [5, 25, 200])
 def test_a_line_is_one_that_noise_would_not_make(count):
   """Mean excess of unit exponentials: the level is passed as often as it says, at a chance that can be counted."""
