@@ -41,7 +41,7 @@ class Location:
 
   Attributes:
     source: "claim", "unknown" or "residual": what the evidence is measured by.
-    subsystem: steering, tyre, ground, drive, body, sensor, or "none" without a mismatch.
+    subsystem: command, steering, tyre, ground, drive, body, sensor, or "none" without a mismatch.
     channels: share of the evidence per channel, largest first.
     degree: degree of freedom or sensor an unknown error would have to act on, e.g. "force_x"; "" if none was tried.
     degrees: held-out gain of each of them, nats.
