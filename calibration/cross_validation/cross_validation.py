@@ -153,7 +153,7 @@ def find_reference(dataset: DataSet, cut: Cut, progress: Progress = silent) -> t
     identification = identify(dataset, vehicle=vehicle)
     missing = identification.missing
     if identification.lateral:
-      return ReferenceBicycle(*identification.bicycle(vehicle), "identified from voltage steps and step steers"), ""
+      return ReferenceBicycle(*identification.bicycle(vehicle), "identified from steps of drive and steering"), ""
   except NotIdentifiable as error:
     missing = str(error)
   recordings, _ = split_standing([r for r in dataset.recordings if r.role == "identify"])
