@@ -11,7 +11,6 @@ from qcar_twin.pages import Chart, Explorer, Line, Moment, Panel, Route, Run, Se
 from qcar_twin.pages.charts import axis
 from qcar_twin.plant import POSITION, STEERING, VELOCITY, VOLTAGE
 
-Array = NDArray[np.float64]
 _AROUND = 1.0  # s shown on either side of the largest error
 
 

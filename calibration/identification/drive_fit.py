@@ -38,7 +38,6 @@ from qcar_twin.vehicle.drive import DRIVES, Drive
 
 Array = NDArray[np.float64]
 
-NAMES = ("drive_gain", "drive_damping", "drive_friction")
 DRIFT = 0.005  # of the drive between the first and the last voltage step: 1 K of a copper winding is 0.4 %
 STANDING = 0.02  # of the largest speed: a car below it does not move
 
