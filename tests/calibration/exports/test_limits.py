@@ -46,6 +46,12 @@ def test_a_current_ends_at_the_largest_torque(target, tmp_path):
   assert made[f"{of}v_max"] == pytest.approx(pull / own["drive_damping"], rel=1e-6) == -made[f"{of}v_min"]
 
 
+@pytest.mark.parametrize("target", ["single-track", *FORMATS])
+@pytest.mark.parametrize(("drive", "unit"), [("voltage", "V"), ("duty", "V"), ("current", "A"), ("speed", "m/s")])
+def test_the_gain_is_in_the_unit_of_what_the_model_is_commanded(target, drive, unit, tmp_path):
+  assert f"rad/s^2 per {unit}, P1" in written(target, tmp_path, drive=drive)[2]
+
+
 def test_a_voltage_ends_at_the_supply(tmp_path):
   job, made, text = written("f1tenth", tmp_path)
   own = single_track_numbers(job.twin, job.theta, ())
