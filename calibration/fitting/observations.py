@@ -275,7 +275,7 @@ def _measured_pose(recording: Recording, time: Array) -> Array:
 
 
 def _thin(time: Array, rate: float) -> Array:
-  """Every k-th time so that the mean rate is at most `rate`."""
+  """Every k-th time, k the whole number nearest to the sampling rate over `rate` [Hz]."""
   if len(time) < 3:
     return time
   return time[:: max(1, int(round(rate**-1 / np.median(np.diff(time)))))]
