@@ -1,8 +1,9 @@
-"""What exports say of the largest command: of the drive's own kind, nothing where it is not known; signs stay."""
+"""What exports say of the drive's command, and nothing where its largest is not known; signs stay, names do no harm."""
 
 import dataclasses
 import math
 import re
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -65,6 +66,12 @@ def test_a_car_whose_centre_differential_is_open_is_exported(target, tmp_path):
   path, _ = export_twin(target, Job(twin, twin.parameters.nominal), tmp_path)
   text = path.read_text(encoding="utf-8")
   assert not re.search(r"\b(inf|nan)\b", text)
+
+
+def test_a_cars_name_ends_no_comment_of_xml(tmp_path):
+  twin = Twin(dataclasses.replace(Vehicle(), name="red---2"), threads=1)
+  path, _ = export_twin("mjcf", Job(twin, twin.parameters.nominal), tmp_path)
+  assert ElementTree.parse(path).getroot().tag == "mujoco"
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
