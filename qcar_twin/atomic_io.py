@@ -39,16 +39,21 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-  """An empty folder to write to that becomes `path`, in place of what is there, when the block ends."""
+  """An empty folder to write to that becomes `path`, in place of what is there, when the block ends; what was there
+  stays after an error."""
   path = Path(path)
   path.parent.mkdir(parents=True, exist_ok=True)
   with staging(path.parent) as folder:
     part = folder / path.name
     part.mkdir()
     yield part
-    if path.exists():
-      path.rename(folder / "replaced")
-    part.rename(path)
+    replaced = path.rename(folder / "replaced") if path.exists() else None
+    try:
+      part.rename(path)
+    except OSError:
+      if replaced is not None:
+        replaced.rename(path)
+      raise
 
 
 @contextlib.contextmanager

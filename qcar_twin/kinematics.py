@@ -1,4 +1,4 @@
-"""Geometry of planar motion: angles, frames, slip, steering, curvature, steady turning.
+"""Geometry of planar motion: angles, frames, slip, steering, steady turning.
 
 Pure functions that broadcast over any leading shape. Signs are ISO 8855: x forward, y left, angles
 and yaw rate counter-clockwise positive. Lengths are in m, angles in rad, speeds in m/s, rates in
@@ -58,15 +58,7 @@ def motor_speed(road_speed: Quantity, car: Geared) -> Array:
   return np.asarray(road_speed, dtype=np.float64) / rolling_radius(car)
 
 
-# -- velocity and acceleration of a point on the car ---------------------------------------------
-
-
-def transport_velocity(
-  velocity_x: Quantity, velocity_y: Quantity, yaw_rate: Quantity, x: Quantity, y: Quantity
-) -> tuple[Array, Array]:
-  """Body-frame velocity of the point (x, y): v + r e_z x (x, y) = (v_x - r y, v_y + r x)."""
-  yaw_rate = np.asarray(yaw_rate, dtype=np.float64)
-  return velocity_x - yaw_rate * y, velocity_y + yaw_rate * x
+# -- acceleration of a point on the car ----------------------------------------------------------
 
 
 def transport_acceleration(
@@ -102,24 +94,6 @@ def sideslip_angle(velocity_x: Quantity, velocity_y: Quantity) -> Array:
   return np.arctan2(velocity_y * np.where(velocity_x < 0.0, -1.0, 1.0), np.abs(velocity_x))
 
 
-def slip_angle(
-  velocity_x: Quantity,
-  velocity_y: Quantity,
-  yaw_rate: Quantity,
-  steering_angle: Quantity,
-  x: Quantity,
-  y: Quantity = 0.0,
-) -> Array:
-  """Slip angle of a tyre at (x, y) steered by `steering_angle` [rad].
-
-  alpha = atan(v_y,tyre / |v_x,tyre|) - sgn(v_x,tyre) delta: from the wheel plane to the velocity, so
-  that the lateral force of a linear tyre is -C alpha both forwards and in reverse.
-  """
-  at_x, at_y = transport_velocity(velocity_x, velocity_y, yaw_rate, x, y)
-  direction = np.where(at_x < 0.0, -1.0, 1.0)
-  return np.arctan2(at_y, np.abs(at_x)) - direction * np.asarray(steering_angle)
-
-
 def kinematic_sideslip_angle(steering_angle: Quantity, cg_to_front: Quantity, cg_to_rear: Quantity) -> Array:
   """Sideslip of a car whose tyres don't slip: beta = atan(L_r / (L_f + L_r) tan delta) [rad].
 
@@ -137,21 +111,6 @@ def kinematic_yaw_rate(speed: Quantity, steering_angle: Quantity, cg_to_front: Q
   sideslip = kinematic_sideslip_angle(steering_angle, cg_to_front, cg_to_rear)
   wheelbase = np.asarray(cg_to_front) + cg_to_rear
   return speed * np.cos(sideslip) * np.tan(steering_angle) / wheelbase
-
-
-# -- paths ---------------------------------------------------------------------------------------
-
-
-def curvature(velocity_x: Quantity, velocity_y: Quantity, accel_x: Quantity, accel_y: Quantity) -> Array:
-  """Curvature [1/m] of the path of a point, left positive: (v_x a_y - v_y a_x) / |v|^3.
-
-  Velocity and acceleration of that point in one frame, world or body (then the absolute
-  acceleration in body components). NaN at standstill, where a path has no direction.
-  """
-  velocity_x, velocity_y = np.asarray(velocity_x, float), np.asarray(velocity_y, float)
-  cubed = np.hypot(velocity_x, velocity_y) ** 3
-  turn = velocity_x * accel_y - velocity_y * accel_x
-  return np.divide(turn, cubed, out=np.full(np.shape(turn), np.nan), where=cubed > 0.0)
 
 
 # -- steady turning ------------------------------------------------------------------------------

@@ -1,11 +1,9 @@
 """The one table of colours, and the house's matplotlib settings: the same in plots, reports and videos."""
 
 import os
-from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
@@ -114,14 +112,3 @@ def draw(axes: Axes, time: ArrayLike, value: ArrayLike, who: str, label: str = "
   """A line in the colour of "measured", "twin", "bicycle" or "before"; its name is the label unless given."""
   width = 0.9 if who == "measured" else 1.3
   axes.plot(time, value, color=COLOURS[who], linewidth=width, label=label or who, zorder=1 if who == "measured" else 2)
-
-
-def bars(axes: Axes, groups: Sequence[str], values: dict[str, Sequence[float]]) -> None:
-  """Bars side by side, one colour for each of "before", "twin", "bicycle"; NaN leaves a gap."""
-  place = np.arange(len(groups))
-  width = 0.8 / max(len(values), 1)
-  for k, (who, heights) in enumerate(values.items()):
-    shift = (k - 0.5 * (len(values) - 1)) * width
-    axes.bar(place + shift, heights, width=0.92 * width, color=COLOURS[who], label=who)
-  axes.set_xticks(place, groups, rotation=40, ha="right", rotation_mode="anchor")
-  axes.grid(False, axis="x")

@@ -17,7 +17,7 @@ from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.rendering.film import Array, Film, Look, require_film, signals_of, write_still, write_video
 from qcar_twin.tracks import path_from
-from qcar_twin.twin.file import load_twin
+from qcar_twin.twin.file import command_shift_of, load_twin
 
 OUT_IS_FILE = True
 POSITIVE = ("fps", "size")
@@ -75,8 +75,8 @@ def recorded(config: Config, dataset: Path) -> tuple[Array, Array | None]:
   if not config.twin:
     return signals, None
   twin, theta = load_twin(config.twin, threads=1)
-  segments = cut_recordings([recording], twin.vehicle, Cut(length=recording.duration + 1.0)).segments
-  return signals, twin.rollout(theta[None], segments).signals[0, 0]
+  cut = Cut(length=recording.duration + 1.0, command_shift=command_shift_of(config.twin))
+  return signals, twin.rollout(theta[None], cut_recordings([recording], twin.vehicle, cut).segments).signals[0, 0]
 
 
 def main(config: Config) -> None:

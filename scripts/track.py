@@ -23,7 +23,6 @@ from qcar_twin.estimation.settings import ESTIMATED
 from qcar_twin.plant import Plant
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
 from qcar_twin.tracks import path_from
-from qcar_twin.twin.file import load_twin
 
 POSITIVE = ("speed", "laps", "runs")
 
@@ -77,7 +76,7 @@ def run(config: Config) -> tuple[Drive, Kpis]:
   """Drive, and return the drive with its indicators."""
   if config.twin and config.plant == "proving_ground":
     raise ValueError("--twin has no meaning with --plant proving_ground, a car of its own: leave one of them out")
-  model = Model.of_twin(*load_twin(config.twin, threads=1)) if config.twin else Model.nominal()
+  model = Model.of_file(config.twin)
   if config.identified:
     model = dataclasses.replace(model, theta=Identification.load(config.identified).theta)
   plant, theta = plant_of(config, model)
@@ -98,7 +97,8 @@ def run(config: Config) -> tuple[Drive, Kpis]:
 def main(config: Config) -> None:
   """Write kpis.json, traces.csv and report.html, and print the indicators."""
   result, scores = run(config)
-  print(write_drive(config.out, f"{config.controller} {config.version}", result, scores, dataclasses.asdict(config)))
+  label, vehicle = f"{config.controller} {config.version}", Model.of_file(config.twin).vehicle
+  print(write_drive(config.out, label, result, scores, dataclasses.asdict(config), vehicle))
 
 
 if __name__ == "__main__":

@@ -64,7 +64,7 @@ class Drive:
 
   Attributes:
     path, period: of the runs; s.
-    signals: true, (T, N, 10).  commands: V and rad, (T, N, 2).
+    signals: true, (T, N, 10).  commands: of the drive in its unit, and rad, (T, N, 2).
     pose, velocity, sideslip_angle: as estimated, (T, N, 3), (T, N, 2), (T, N).
     valid: whether the estimate says it may be used, (T, N).
     cross_track: true error, m, (T, N).  arc_length: true, m, (T, N).

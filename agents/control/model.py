@@ -49,6 +49,11 @@ class Model:
     tyres = [base[f"cornering_stiffness_{axle}"].nominal for axle in ("front", "rear")]
     return cls(twin.vehicle, np.array([*drive_response(twin.vehicle, base), *tyres]))
 
+  @classmethod
+  def of_file(cls, twin_file: str) -> "Model":
+    """The car of a twin file; the QCar where none is named."""
+    return cls.of_twin(*load_twin(twin_file, threads=1)) if twin_file else cls.nominal()
+
   @property
   def car(self) -> SingleTrackCar:
     """Numbers of the equations."""

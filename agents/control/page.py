@@ -10,31 +10,33 @@ from agents.control.kpis import Kpis
 from qcar_twin.pages import Chart, Explorer, Line, Moment, Panel, Route, Run, Section, Table, line, write_page
 from qcar_twin.pages.charts import axis
 from qcar_twin.plant import POSITION, STEERING, VELOCITY, VOLTAGE
+from qcar_twin.vehicle.drive import Drive as Motor
+from qcar_twin.vehicle.vehicle import Vehicle
 
-Array = NDArray[np.float64]
 _AROUND = 1.0  # s shown on either side of the largest error
 
 
-def write_tracking(folder: File, label: str, drive: Drive, indicators: Kpis, sentence: str) -> File:
+def write_tracking(folder: File, label: str, drive: Drive, indicators: Kpis, sentence: str, vehicle: Vehicle) -> File:
   """Write report.html; returns its path.
 
   Args:
     label: controller and version.
+    vehicle: that was driven.
     sentence: the indicators in one line.
   """
-  parts = [drive_section(drive), _errors(label, drive), _indicators(indicators)]
+  parts = [drive_section(drive, vehicle), _errors(label, drive), _indicators(indicators)]
   return write_page(
     folder / "report.html", f"{label} on path {drive.path.name}", f"{sentence}.", parts,
     "Medians over the runs. ME: largest cross-track error; RMSE: its root mean square; IACA: mean absolute steering.",
   )  # fmt: skip
 
 
-def drive_section(drive: Drive) -> Section:
+def drive_section(drive: Drive, vehicle: Vehicle) -> Section:
   """Every run: channels next to the map, the moments of the largest errors."""
   runs, moments = [], []
   for car in range(drive.signals.shape[1]):
     name, until = f"run {car + 1}", drive.under_way[:, car]
-    runs.append(_run(name, drive, car, until))
+    runs.append(_run(name, drive, car, until, vehicle.motor))
     worst = float(drive.time[until][int(np.argmax(np.abs(drive.cross_track[until, car])))])
     moments.append(Moment(name, worst - _AROUND, worst + _AROUND, f"{name}: the largest error, at {worst:.1f} s"))
   guides = [(drive.path.x, drive.path.y, "reference")]
@@ -47,7 +49,7 @@ def drive_section(drive: Drive) -> Section:
   return Section("The drive", "", figures=[Explorer(caption, runs, moments, "error [mm]", guides=guides)])
 
 
-def _run(name: str, drive: Drive, car: int, until: NDArray[np.bool_]) -> Run:
+def _run(name: str, drive: Drive, car: int, until: NDArray[np.bool_], motor: Motor) -> Run:
   time, signals, commands = drive.time[until], drive.signals[until, car], drive.commands[until, car]
   one = lambda title, value: Panel(title, [Line("twin", time, value, "true")])
   given = lambda title, value: Panel(title, [Line("note", time, value, "command")])
@@ -60,7 +62,7 @@ def _run(name: str, drive: Drive, car: int, until: NDArray[np.bool_]) -> Run:
     one("estimated position off by [mm]", missed),
     speeds,
     given("steering command [°]", np.degrees(commands[:, STEERING])),
-    given("motor voltage [V]", commands[:, VOLTAGE]),
+    given(f"{motor.channel.replace('_', ' ')} [{motor.unit}]", commands[:, VOLTAGE]),
   ]
   return Run(name, panels, Route(time, signals[:, 0], signals[:, 1], np.abs(error)))
 

@@ -36,7 +36,7 @@ class SpeedGains:
     With dv/dt = b V - P2 v - friction, b = G R_w P1: proportional = 1 / (b response_time), integral = P2 times that
     (Skogestad, Simple analytic rules for model reduction and PID controller tuning, J. Process Control 13, 2003).
     """
-    gain = float(car.rolling_radius * np.asarray(car.drive_gain))  # m/s^2/V
+    gain = float(car.rolling_radius * np.asarray(car.drive_gain))  # m/s^2 per U
     proportional = 1.0 / (gain * response_time)
     damping = float(np.asarray(car.drive_damping))
     friction = float(np.asarray(car.drive_friction) / np.asarray(car.drive_gain))
@@ -68,8 +68,8 @@ class SpeedController:
     self._integral = np.where(which, self.gains.hold * speed, self._integral)
 
   def voltage(self, speed: Array, target: ArrayLike, period: float) -> Array:
-    """Motor voltage, V, (N,), for measured and wanted speeds, m/s. The integrator stands still at the limit, and where
-    no speed was measured (NaN), which counts as the wanted one."""
+    """The drive's command, U, (N,), for measured and wanted speeds, m/s. The integrator stands still at the limit, and
+    where no speed was measured (NaN), which counts as the wanted one."""
     gains, target = self.gains, np.asarray(target, dtype=np.float64)
     error = np.where(np.isfinite(speed), target - speed, 0.0)
     wanted = gains.friction * np.sign(target) + gains.proportional * error + self._integral

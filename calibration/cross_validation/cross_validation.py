@@ -9,6 +9,7 @@ unit; NRMSE is RMSE over the standard deviation of what was measured: 1 is no be
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from calibration.cross_validation.bicycle_fit import fit_bicycle
 from calibration.cross_validation.free_run import PUBLISHED, free_run
 from calibration.cross_validation.model_difference import ModelDifference, compare_by_region
-from calibration.cross_validation.replay import ReferenceBicycle, Replay, replay
+from calibration.cross_validation.replay import ReferenceBicycle, Replay, as_seen, replay
 from calibration.fitting.informative import split_standing
 from calibration.fitting.noise import noise_models
 from calibration.fitting.noise_floor import sensor_floor
@@ -134,7 +135,7 @@ def cross_validate(
     difference = compare_by_region(
       replay(twin, theta, reference, recordings, _REGION_WINDOW, command_shift), recordings, twin.vehicle
     )
-  ovals = {r.name: _oval(twin, theta, reference, r) for r in recordings if r.manoeuvre == "oval"}
+  ovals = {r.name: _oval(twin, theta, reference, r, command_shift) for r in recordings if r.manoeuvre == "oval"}
   noise = sensor_floor(noise_models([r for r in dataset.recordings if r.role != "holdout"] or recordings))
   return CrossValidation(
     dataset, tuple(roles), twin, theta, reference, missing, tuple(replays), difference, ovals, noise
@@ -153,7 +154,7 @@ def find_reference(dataset: DataSet, cut: Cut, progress: Progress = silent) -> t
     identification = identify(dataset, vehicle=vehicle)
     missing = identification.missing
     if identification.lateral:
-      return ReferenceBicycle(*identification.bicycle(vehicle), "identified from voltage steps and step steers"), ""
+      return ReferenceBicycle(*identification.bicycle(vehicle), "identified from steps of drive and steering"), ""
   except NotIdentifiable as error:
     missing = str(error)
   recordings, _ = split_standing([r for r in dataset.recordings if r.role == "identify"])
@@ -165,11 +166,12 @@ def find_reference(dataset: DataSet, cut: Cut, progress: Progress = silent) -> t
 
 
 def _oval(
-  twin: Twin, theta: Array, reference: ReferenceBicycle | None, recording: Recording
+  twin: Twin, theta: Array, reference: ReferenceBicycle | None, recording: Recording, command_shift: int
 ) -> dict[str, dict[str, float]]:
-  rmse = {"twin": free_run(twin, theta, recording, twin.vehicle).rmse}
+  rmse = {"twin": free_run(twin, theta, recording, twin.vehicle, command_shift).rmse}
   if reference:
-    rmse["bicycle"] = free_run(reference.bicycle, reference.theta, recording, twin.vehicle).rmse
+    seen = functools.partial(as_seen, twin, theta)
+    rmse["bicycle"] = free_run(reference.bicycle, reference.theta, recording, twin.vehicle, command_shift, seen).rmse
   return rmse
 
 

@@ -5,16 +5,17 @@ Measured and predicted signals pass the same zero-phase moving average.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.start_states import measured_start
+from calibration.fitting.windows import shift_commands
 from calibration.identification.step_detection import FILTER_TIME, moving_average
 from qcar_twin import kinematics
 from qcar_twin.bicycle.bicycle import MeasuredCar, drive_of
-from qcar_twin.plant import Plant, Segments
+from qcar_twin.plant import Plant, Prediction, Segments
 from qcar_twin.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -49,16 +50,29 @@ class FreeRun:
     return {name: float(np.sqrt(np.nanmean(np.square(error)))) for name, error in errors.items()}
 
 
-def free_run(plant: Plant, theta: Array, recording: Recording, vehicle: MeasuredCar) -> FreeRun:
-  """Drive `recording` again with parameters theta (P,) of the plant."""
+def free_run(
+  plant: Plant,
+  theta: Array,
+  recording: Recording,
+  vehicle: MeasuredCar,
+  command_shift: int = 0,
+  seen: Callable[[Prediction, Segments], Prediction] = lambda prediction, segments: prediction,
+) -> FreeRun:
+  """Drive `recording` again with parameters theta (P,) of the plant.
+
+  Args:
+    command_shift: control periods by which commands act later than logged.
+    seen: a prediction as sensors show it that are not the plant's.
+  """
   names = (drive_of(vehicle).channel, "steering_command")
   time, commands = recording.commands(plant.period, names, getattr(vehicle, "supply_voltage", None))
+  commands = shift_commands(commands, command_shift)
   held = float(commands[0, 1])
   start = measured_start(recording, float(time[0]), vehicle, held, True)  # pyright: ignore[reportArgumentType]
   segments = Segments(
     commands[None], start[None], np.array([len(commands)]), plant.period, (recording.name,), np.array([time[0]])
   )
-  prediction = plant.rollout(np.asarray(theta, dtype=np.float64)[None], segments)
+  prediction = seen(plant.rollout(np.asarray(theta, dtype=np.float64)[None], segments), segments)
   signals = {name: prediction.channel(name)[0, 0] for name in ("motor_speed", "accel_x", "yaw_rate", "accel_y")}
   signals["speed"] = kinematics.road_speed(signals["motor_speed"], vehicle)
   grid = np.append(time, time[-1] + plant.period)

@@ -64,11 +64,11 @@ def circumstances(observations: Observations, prediction: Prediction, strength: 
   Args:
     observations: what was measured; its segments hold the commands and the measured pose.
     prediction: the twin's signals for one parameter vector.
-    strength: motor torque per volt, N m/V, motor side.
+    strength: motor torque per unit of the drive's command as it is logged, N m, motor side.
     damping: motor damping with back-EMF, N m s/rad, motor side.
   """
   segments = observations.stretches.segments
-  voltage, steering = held_commands(segments.commands)
+  drive, steering = held_commands(segments.commands)
   steps = int(round(RATE_SPAN / segments.period))
   rate = (steering - lagged(steering, steps)) / RATE_SPAN
   signal = lambda name: prediction.channel(name)[0]
@@ -80,8 +80,8 @@ def circumstances(observations: Observations, prediction: Prediction, strength: 
     "steering_command": steering,
     "abs(steering_command)": np.abs(steering),
     "abs(steering_rate)": np.abs(rate),
-    "abs(drive_command)": np.abs(voltage),
-    "drive_torque": strength * voltage - damping * signal("motor_speed"),
+    "abs(drive_command)": np.abs(drive),
+    "drive_torque": strength * drive - damping * signal("motor_speed"),
     "time": segments.offset[:, None] - _beginnings(observations)[:, None] + segments.period * np.arange(rate.shape[1]),
   }
   if segments.pose is not None and np.isfinite(segments.pose).all():
@@ -111,7 +111,7 @@ def at_values(grid: Array, observations: Observations, channel: str) -> Array:
 
 
 def held_commands(commands: Array) -> tuple[Array, Array]:
-  """Voltage and steering on the grid, (S, T + 1): what acts from each grid point on; the last one is held."""
+  """Commands of drive and steering on the grid, (S, T + 1): what acts from each grid point on; the last one is held."""
   whole = np.concatenate([commands, commands[:, -1:]], axis=1)
   return whole[..., 0], whole[..., 1]
 

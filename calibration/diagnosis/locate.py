@@ -17,6 +17,7 @@ from calibration.diagnosis.region import Region, find_region
 from calibration.diagnosis.unexplained.unknown import SUBSYSTEM
 from calibration.fitting.observations import CHANNELS, Observations
 from qcar_twin.plant import Prediction
+from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
@@ -88,7 +89,9 @@ def locate(
     source = "claim" if model.mechanisms else ("unknown" if unknown is not None else "residual")
     evidence = value_evidence(pool, model if model.mechanisms else unknown)
   prediction = prediction or pool.problem.exact.predict(base.theta[None])
-  around = circumstances(observations, prediction, *_drive(pool, base))
+  problem = pool.problem
+  law = torque_law(problem.twin.vehicle, dict(zip(problem.parameters.names, base.theta, strict=True)))
+  around = circumstances(observations, prediction, *law)
   return Location(
     source=source,
     subsystem=_subsystem(pool, model, unknown, nuisances),
@@ -197,6 +200,6 @@ def _heaviest(pool: Pool, model: Candidate) -> str:
   return max(cost, key=lambda n: cost[n])
 
 
-def _drive(pool: Pool, base: Candidate) -> Sequence[float]:
-  theta = dict(zip(pool.problem.parameters.names, base.theta, strict=True))
-  return theta.get("torque_per_volt", 0.0), theta.get("motor_damping", 0.0)
+def torque_law(vehicle: Vehicle, values: Mapping[str, float]) -> tuple[float, float]:
+  """Motor torque per unit of the logged command, N m, and its damping, N m s/rad, of a car with such parameters."""
+  return vehicle.command_scale * values[vehicle.motor.gain], values["motor_damping"]

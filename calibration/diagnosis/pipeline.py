@@ -5,7 +5,6 @@ import time
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
 from calibration.diagnosis.considered import always_free, considered
@@ -42,8 +41,6 @@ from qcar_twin.twin.engines import EngineKind
 from qcar_twin.twin.mechanisms.base import Mechanism
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
-
-Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)

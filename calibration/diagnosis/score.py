@@ -131,11 +131,3 @@ def evidence(larger: Candidate, smaller: Candidate, observations: Observations) 
 def prior_part(model: Candidate) -> float:
   """Half the sum of squares of the priors, nats."""
   return prior_cost(model.values, model.free)
-
-
-def channel_shares(larger: Candidate, smaller: Candidate, observations: Observations) -> dict[str, float]:
-  """Share of the drop in half the sum of squares each channel brings; negative shares are set to zero."""
-  drop = smaller.residual**2 - larger.residual**2
-  sums = {CHANNELS[i]: max(float(drop[observations.channel == i].sum()), 0.0) for i in np.unique(observations.channel)}
-  total = sum(sums.values()) or 1.0
-  return {name: value / total for name, value in sorted(sums.items(), key=lambda kv: -kv[1])}

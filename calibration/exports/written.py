@@ -12,7 +12,7 @@ UNITS = {
   "mass": "kg", "moved_mass": "kg, with motor and wheels that turn", "shaft_mass": "kg, what the motor turns of it",
   "yaw_inertia": "kg m^2", "cg_to_front": "m",
   "cg_to_rear": "m", "cg_height": "m",
-  "travel_per_radian": "m/rad, of the motor", "drive_gain": "rad/s^2 per V, P1", "drive_damping": "1/s, P2",
+  "travel_per_radian": "m/rad, of the motor", "drive_damping": "1/s, P2",
   "drive_friction": "rad/s^2, P3", "drive_front": "-, share of the drive that front tyres give",
   "centre_compliance": "m/(N s), one axle's lead over the other per force",
   "longitudinal_stiffness_front": "N, both wheels; 0 where they are not driven",
@@ -36,6 +36,11 @@ def heading(job: Job, lost: Sequence[Mechanism], mark: str = "#") -> list[str]:
     f"The drive's command is in {_commanded_in(job.twin.vehicle)}.",
   ]
   return [f"{mark} {line}" for line in lines]
+
+
+def gain_unit(vehicle: Vehicle) -> str:
+  """What a drive line's gain P1 is in, by the command that a model of the drive takes; see `_commanded_in`."""
+  return f"rad/s^2 per {vehicle.motor.unit if vehicle.motor.unit != '-' else 'V'}, P1"
 
 
 def _commanded_in(vehicle: Vehicle) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.fitting.windows import DEFAULT_CUT
-from qcar_twin.recordings.channels import CHANNELS, COMMANDS
+from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.checks.time import MIN_SAMPLES
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 _OUTSIDE = 0.1  # share of the judging drives that may lie outside
 _EDGE = 1.0  # per cent of the fitted driving that is left out at either end of its range
 _WIDER = 0.1  # of the range, by which it is widened: so far a fit is trusted beyond what it saw
-_DRIVEN = 0.1  # of the largest voltage, below which the car is taken to stand or to coast
+_DRIVEN = 0.1  # of the largest drive command, below which the car is taken to stand or to coast
 _PERIOD = 0.01  # s
 _WHOLE = 2.0 * DEFAULT_CUT.length  # s: of a shorter recording a half would not fill a stretch, so it stays whole
 
@@ -30,7 +30,7 @@ _WHOLE = 2.0 * DEFAULT_CUT.length  # s: of a shorter recording a half would not 
 def with_coverage(dataset: DataSet) -> tuple[DataSet, tuple[str, ...]]:
   """Give what goes far outside what is fitted the role "identify", farthest first, until little is left outside.
 
-  It is what the car was commanded while it was driven: motor voltage and steering angle, sign and all. Recordings
+  It is what the car was commanded while it was driven: drive and steering, sign and all. Recordings
   are halved, again where half is too much or too little; short ones change their role whole. Nothing is changed where
   no hold-out recording would be left to judge.
 
@@ -78,7 +78,7 @@ def _commands(recording: Recording) -> Array:
 
 
 def _driven(recording: Recording, least: float) -> Array:
-  """Commands while the motor gets more than `least` volts, either way, (k, 2)."""
+  """Commands while that of the drive exceeds `least`, in its unit, either way, (k, 2)."""
   commands = _commands(recording)
   return commands[np.abs(commands[:, 0]) > least]
 
@@ -100,9 +100,10 @@ def _beyond(driven: Array, ranges: Array | None) -> NDArray[np.bool_]:
 
 def _sentence(piece: Recording, beyond: NDArray[np.bool_], ranges: Array) -> str:
   k = int(np.argmax(beyond.sum(axis=0)))
-  channel, share = COMMANDS[k], 100.0 * float(np.mean(beyond[:, k]))
+  channel, share = (piece.drive_channel, "steering_command")[k], 100.0 * float(np.mean(beyond[:, k]))
+  outside = f"{ranges[0, k]:.3g} to {ranges[1, k]:.3g} {CHANNELS[channel].unit}".removesuffix(" -")
   return (
     f"{piece.name} ({piece.start:.1f} s to {piece.end:.1f} s) was fitted although its role is validate: {share:.0f} %"
-    f" of its driving has {channel} outside {ranges[0, k]:.3g} to {ranges[1, k]:.3g} {CHANNELS[channel].unit}, and no"
+    f" of its driving has {channel} outside {outside}, and no"
     " recording with the role identify goes there. The rest and the hold-out recordings judge what came of it."
   )

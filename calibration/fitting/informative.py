@@ -1,4 +1,4 @@
-"""Which stretches of a long log to simulate: those that together tell most about a car.
+"""Which stretches of a long log to simulate: those that together tell most about a car; and recordings to leave out.
 
 A car answers its commands and its speed; what it does not see of them no fit can find. So each stretch is described by
 regressors that the laws of cars are made of (command, speed, drag, direction, steering, lateral acceleration, changes),
@@ -7,11 +7,6 @@ and stretches are chosen one at a time for the determinant of the information th
   next = argmax log det(M + G_s),   G_s = sum over the stretch of phi phi'
 
 (D-optimal design, chosen greedily: Fedorov, Theory of Optimal Experiments, 1972). No car is simulated for it.
-
-Recordings in which the car stands although it is driven: static friction holds it.
-
-They bound static friction and say nothing about the kinetic friction of a car that rolls; fitted with the
-rest they would only bend it. The paper's identification leaves them out too.
 """
 
 from collections.abc import Sequence
@@ -71,7 +66,10 @@ def chosen(stretches: Sequence[Array], room: int, already: Sequence[int] | NDArr
 
 
 def split_standing(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
-  """Recordings to fit, and the names of those in which the car stands though driven for most of the time."""
+  """Recordings to fit, and the names of those in which the car stands for most of the time that it is driven.
+
+  Static friction holds it. They bound that, and say nothing about the friction of a car that rolls.
+  """
   fastest = {name: max((_peak(r, name) for r in recordings), default=0.0) for name in ("motor_speed", "speed")}
   held = [r.name for r in recordings if _share(r, fastest) > MOST]
   return [r for r in recordings if r.name not in held], held

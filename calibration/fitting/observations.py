@@ -7,7 +7,7 @@ errors apart), and no restart of the simulation is needed for it.
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-__all__ = ["CHANNELS", "UNITS", "Observations", "noise_of", "observe"]
+__all__ = ["CHANNELS", "UNITS", "Observations", "observe"]
 Rows = dict[str, Any]  # values, channel, times, grid points and fractions of some rows
 _LONG, _SHORT = 1.0, 0.3  # s, horizons with and without a gyro
 _POSE = slice(signal_index(POSE[0]), signal_index(POSE[-1]) + 1)
@@ -275,7 +275,7 @@ def _measured_pose(recording: Recording, time: Array) -> Array:
 
 
 def _thin(time: Array, rate: float) -> Array:
-  """Every k-th time so that the mean rate is at most `rate`."""
+  """Every k-th time, k the whole number nearest to the sampling rate over `rate` [Hz]."""
   if len(time) < 3:
     return time
   return time[:: max(1, int(round(rate**-1 / np.median(np.diff(time)))))]
@@ -306,12 +306,6 @@ def _unsigned(recordings: Sequence[Recording]) -> bool:
   """
   lossy = [r[c.needs[0]] for c in RESIDUALS.values() if c.may_lose_sign for r in recordings if c.needs[0] in r]
   return min((stream.value.min() for stream in lossy), default=-1.0) >= 0.0
-
-
-def noise_of(observations: Observations, levels: Mapping[str, float]) -> Array:
-  """Standard deviation of every measured value, (M,), from one level per channel."""
-  table = np.array([levels.get(name, np.nan) for name in CHANNELS])
-  return table[observations.channel]
 
 
 def fitted_count(observations: Observations, recordings: Sequence[Recording]) -> int:

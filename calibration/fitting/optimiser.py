@@ -10,7 +10,6 @@ one deviation (implicit filtering: Gilmore and Kelley, SIAM Journal on Optimizat
 """
 
 import dataclasses
-import logging
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -20,7 +19,6 @@ from scipy.optimize import lsq_linear
 from calibration.fitting.slopes import WIDEST, Array, NotFinite, Residual, Slopes, Stencil, broyden
 from qcar_twin.parameters import ParameterSet
 
-log = logging.getLogger(__name__)
 _LEAST_GAIN = 1.0  # nats an iteration must bring to be followed by another
 # actual over predicted reduction of the cost: from _SERVES on the Jacobian serves for another step, from _TRUSTED on a
 # step needs no others to be tried with it

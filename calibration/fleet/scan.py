@@ -13,7 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import joblib
 
@@ -32,7 +32,6 @@ from qcar_twin.recordings.manifest import FILE_NAME
 from qcar_twin.recordings.recording import RecordingError
 
 Level = Literal["check", "calibrate", "diagnose"]
-LEVELS: tuple[Level, ...] = get_args(Level)
 _SHOWN = 0.5  # of the prior's variance: below it the driving says more of a parameter than was known before
 _QUICK = Effort(singles=5, pairs=2, triples=1, iterations=1)
 

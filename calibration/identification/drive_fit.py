@@ -38,7 +38,6 @@ from qcar_twin.vehicle.drive import DRIVES, Drive
 
 Array = NDArray[np.float64]
 
-NAMES = ("drive_gain", "drive_damping", "drive_friction")
 DRIFT = 0.005  # of the drive between the first and the last voltage step: 1 K of a copper winding is 0.4 %
 STANDING = 0.02  # of the largest speed: a car below it does not move
 
@@ -247,21 +246,15 @@ def _start_speed(step: Step) -> float:
 
 
 def _jackknife(settled: Sequence[Step], moving: Sequence[Step], values: Array) -> Array:
-  """Covariance (3, 3) of P1, P2, P3 by leaving out each recording in turn.
+  """Covariance (3, 3) of P1, P2, P3 by leaving out each recording in turn; see `jackknife_covariance`.
 
-  What differs from run to run (noise, heat, the model's own error at other voltages) shows in it. Few
-  recordings know their own spread badly: it is widened so that two standard deviations of the estimate
-  keep the 95.4 % they have for many (Student). Two recordings or fewer leave it unknown (NaN).
+  What differs from run to run (noise, heat, the model's own error at other voltages) shows in it.
   """
   names = sorted({s.recording for s in settled})
   if len(names) < 3:
     return np.full((3, 3), np.nan)
   kept = [[[s for s in group if s.recording != name] for group in (settled, moving)] for name in names]
-  estimates = np.array([_two_stages(*pair)[0] for pair in kept])
-  away = estimates - estimates.mean(axis=0)
-  count = len(names)
-  spread = (count - 1) / count * away.T @ away
-  return spread * student_widening(count - 1) ** 2 + np.diag(1e-12 * values**2)
+  return jackknife_covariance(np.array([_two_stages(*pair)[0] for pair in kept])) + np.diag(1e-12 * values**2)
 
 
 def _model_error(moving: Sequence[Step], values: Array) -> Array:
@@ -286,6 +279,20 @@ def _drift(settled: Sequence[Step], values: Array) -> Array:
   volts = float(np.mean([np.mean(np.abs(s.commands[s.steady, 0])) for s in settled]))
   move = DRIFT * np.array([values[0], 0.0, values[0] * volts])
   return np.outer(move, move)
+
+
+def jackknife_covariance(estimates: Array) -> Array:
+  """Covariance (p, p) from n estimates that leave out one run each, (n, p).
+
+  Few runs know their own spread badly: it is widened so that two standard deviations of the estimate keep the 95.4 %
+  they have for many (Student). Two runs or fewer leave it unknown (NaN).
+  Source: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, ch. 11.
+  """
+  count, size = estimates.shape
+  if count < 3:
+    return np.full((size, size), np.nan)
+  away = estimates - estimates.mean(axis=0)
+  return (count - 1) / count * away.T @ away * student_widening(count - 1) ** 2
 
 
 def student_widening(freedom: int) -> float:

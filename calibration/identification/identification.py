@@ -24,10 +24,12 @@ from calibration.identification.steering_steps import find_turns, turning_drag
 from calibration.identification.tyre_fit import LateralFit, fit_lateral
 from calibration.identification.understeer import Understeer, understeer_characteristic
 from qcar_twin.atomic_io import write_json
-from qcar_twin.bicycle.bicycle import PARAMETERS, Bicycle, MeasuredCar, TurningLosses, drive_of
+from qcar_twin.bicycle.bicycle import PARAMETERS, Bicycle, MeasuredCar, TurningLosses, drive_of, parameters_of
 from qcar_twin.kinematics import rolling_radius
+from qcar_twin.parameters import ParameterSet
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.untrusted import UnreadableFile, read_json
+from qcar_twin.vehicle.drive import DRIVES
 from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -44,6 +46,7 @@ class Identification:
     drive, lateral: fits; lateral is None where `missing` says why.
     understeer: characteristic of a ramp steer, if there was one.
     turning_drag, turning_drag_std: of `TurningLosses`, rad/s^2 per rad^2; NaN if not fitted.
+    command: channel of the drive's command, in whose unit P1 and the levels of its steps are.
   """
 
   dataset: str
@@ -55,6 +58,12 @@ class Identification:
   understeer: Understeer | None
   turning_drag: float = math.nan
   turning_drag_std: float = math.nan
+  command: str = DRIVES["voltage"].channel
+
+  @property
+  def parameters(self) -> ParameterSet:
+    """Declarations of the five for the drive that was identified."""
+    return parameters_of(next(drive for drive in DRIVES.values() if drive.channel == self.command))
 
   @property
   def theta(self) -> Array:
@@ -165,7 +174,8 @@ def identify(
   except NotIdentifiable as error:
     missing = str(error)
   understeer = understeer_characteristic(recordings, car)
-  return Identification(dataset.name, steady_state, transient, drive, lateral, missing, understeer, *drag)
+  command = drive_of(car).channel
+  return Identification(dataset.name, steady_state, transient, drive, lateral, missing, understeer, *drag, command)
 
 
 def _mean_percent(steps: Iterable[StepError], role: str) -> float:
@@ -175,7 +185,7 @@ def _mean_percent(steps: Iterable[StepError], role: str) -> float:
 
 def _table(identification: Identification) -> list[str]:
   rows = []
-  for parameter, value, std in zip(PARAMETERS, identification.theta, identification.std, strict=True):
+  for parameter, value, std in zip(identification.parameters, identification.theta, identification.std, strict=True):
     known = identification.lateral is not None or not parameter.name.startswith("cornering")
     shown = f"{value:10.4g} +- {std:<9.3g}" if known else f"{'not identified':>23} "
     rows.append(f"  {parameter.symbol:4s} {parameter.name:26s} {shown} {parameter.unit}")
@@ -231,4 +241,7 @@ def _read(cls: type[Identification], raw: dict[str, Any]) -> Identification:
   if raw["understeer"] is not None:
     understeer = Understeer(**_number(raw["understeer"]))
   drag = (_number(raw[name]) for name in ("turning_drag", "turning_drag_std"))
-  return cls(raw["dataset"], raw["steady_state"], raw["transient"], drive, lateral, raw["missing"], understeer, *drag)
+  said = {"command": str(raw["command"])} if "command" in raw else {}  # files without it are of a voltage
+  return cls(
+    raw["dataset"], raw["steady_state"], raw["transient"], drive, lateral, raw["missing"], understeer, *drag, **said
+  )

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from calibration.identification import transient_single_track as transient
-from calibration.identification.drive_fit import NotIdentifiable, StepError, student_widening
+from calibration.identification.drive_fit import NotIdentifiable, StepError, jackknife_covariance
 from calibration.identification.steering_steps import (
   LinearResponses,
   SteadyTurns,
@@ -137,7 +137,7 @@ def _linear(
   for i in range(len(used)):
     others = _others(used, i)
     logs.append(np.log(_linear_stage(others, vehicle, _constraint(others, vehicle, std, steady_state, with_loss))))
-  covariance = _jackknife_covariance(np.array(logs)) + _measured_covariance(used, vehicle, std, constraint, values)
+  covariance = jackknife_covariance(np.array(logs)) + _measured_covariance(used, vehicle, std, constraint, values)
   steady = constraint.steady
   if steady_state == "paper":
     steady = SteadyTurns(_gradient(values, vehicle), float("nan"))
@@ -203,7 +203,7 @@ def _lagged(turns: Sequence[Turn], used: Sequence[Turn], vehicle: MeasuredCar, s
   fit = transient.fit_transients(_transients(used), unknowns)
   others = [fit_steady_turns(_others(used, i), vehicle, std, with_loss) for i in range(len(used))]
   moved = [other.gradient - steady.gradient for other in others]
-  covariance = fit.covariance + _jackknife_covariance(fit.without + np.outer(moved, fit.by_gradient))
+  covariance = fit.covariance + jackknife_covariance(fit.without + np.outer(moved, fit.by_gradient))
   speed = float(np.mean([t.steady("speed") for t in used]))
   note = f"transient fit: chi-squared per degree of freedom {fit.chi_squared:.2f}"
   return _result(turns, vehicle, np.array(fit.stiffness), covariance, speed, steady, None, fit.values, (note,))
@@ -240,15 +240,6 @@ def _gradient(values: Array, vehicle: MeasuredCar) -> float:
 
 def _others(used: Sequence[Turn], index: int) -> list[Turn]:
   return [t for k, t in enumerate(used) if k != index]
-
-
-def _jackknife_covariance(estimates: Array) -> Array:
-  """Covariance (2, 2) from estimates that leave out one run each, (n, 2), widened for their number."""
-  count = len(estimates)
-  if count < 3:
-    return np.full((2, 2), np.nan)
-  away = estimates - estimates.mean(axis=0)
-  return (count - 1) / count * away.T @ away * student_widening(count - 1) ** 2
 
 
 def _result(

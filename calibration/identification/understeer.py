@@ -45,10 +45,11 @@ class Understeer:
 
 
 def understeer_characteristic(recordings: Sequence[Recording], vehicle: MeasuredCar) -> Understeer | None:
-  """From the first ramp steer with accel_y (or yaw_rate) that reaches 1.5 m/s^2; None without one."""
+  """From the first ramp steer with a speed and accel_y (or yaw_rate) that reaches 1.5 m/s^2; None without one."""
   for recording in recordings:
     lateral = "accel_y" if "accel_y" in recording else "yaw_rate"
-    if recording.manoeuvre != "ramp_steer" or lateral not in recording or "steering_command" not in recording:
+    needed = {lateral, "steering_command", "motor_speed" if "motor_speed" in recording else "speed"}
+    if recording.manoeuvre != "ramp_steer" or not needed <= set(recording.channels):
       continue
     understeer = _characteristic(recording, lateral, vehicle)
     if understeer is not None:

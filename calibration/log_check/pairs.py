@@ -280,10 +280,14 @@ def _vertex(height: Array, best: NDArray[np.intp], lags: Array) -> Array:
 
 def _jackknifed(sums: Array, fit: Callable[[Array], Array]) -> tuple[Array, Array]:
   """An estimate from the sums of all blocks, (n, ...), and its standard deviation."""
-  total, count = sums.sum(axis=0), len(sums)
-  without = fit(total[None] - sums)
-  spread = (count - 1) / count * np.sum((without - without.mean(axis=0)) ** 2, axis=0)
-  return fit(total[None])[0], np.sqrt(spread)
+  total = sums.sum(axis=0)
+  return fit(total[None])[0], jackknife_std(fit(total[None] - sums))
+
+
+def jackknife_std(without: Array) -> Array:
+  """Standard deviation of an estimate by what it is without each block, (n, ...) -> (...)."""
+  count = len(without)
+  return np.sqrt((count - 1) / count * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
 
 
 def _by_regime(

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from calibration.log_check.causes import ALIKE, FACTOR
 from calibration.log_check.disagreements import Finding
-from calibration.log_check.pairs import Comparison
+from calibration.log_check.pairs import Comparison, jackknife_std
 from qcar_twin.recordings.completed import heading_or_course
+from qcar_twin.recordings.first_dataset.columns import correlation
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.vehicle.vehicle import Vehicle
 
@@ -86,10 +87,8 @@ def mirrored_findings(recordings: Sequence[Recording]) -> list[Finding]:
   """
   parts = [turns for r in recordings if (turns := _turns(r)) is not None]
   turned, path = np.concatenate([*parts, np.empty((2, 0))], axis=1)
-  if turned.size < _COURSES or not turned.any() or not path.any():
-    return []
-  alike, ratio = float(np.corrcoef(turned, path)[0, 1]), float(np.std(turned) / np.std(path))
-  if alike > ALIKE and not 1.0 / FACTOR <= ratio <= FACTOR:
+  alike = correlation(turned, path, _COURSES)
+  if alike > ALIKE and not 1.0 / FACTOR <= (ratio := float(np.std(turned) / np.std(path))) <= FACTOR:
     cure = (
       f"set scale = {1.0 / ratio:.4g} on yaw_rate in [channels], times one that is there; or the clock's scale is off"
     )
@@ -141,9 +140,7 @@ def _solved(blocks: Sequence[Array], which: int) -> tuple[float, float]:
   products = np.stack([rows.T @ rows for rows in blocks])
   solve = lambda p: float(np.linalg.lstsq(p[1:, 1:], p[1:, 0], rcond=None)[0][which])
   whole = products.sum(axis=0)
-  each = np.array([solve(whole - one) for one in products])
-  count, value = len(blocks), solve(whole)
-  std = float(np.sqrt((count - 1) / count * np.sum((each - each.mean()) ** 2)))
+  value, std = solve(whole), float(jackknife_std(np.array([solve(whole - one) for one in products])))
   return (float(np.arctan(value)), std) if which == 2 else (value, std)
 
 

@@ -4,13 +4,10 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from qcar_twin.recordings.channels import CHANNELS, channels_of
 from qcar_twin.recordings.checks.faults import Runs
 from qcar_twin.recordings.recording import Recording, Stream
-
-Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,13 +9,12 @@ import numpy as np
 
 from calibration.fitting.residual_channels import RESIDUALS
 from calibration.identification.identification import Identification
-from calibration.identification.match_bicycle import PARTS, Answer
+from calibration.identification.match_bicycle import PARTS, Answer, step_speed
 from calibration.shown_runs import runs_of
 from calibration.twin_calibration.calibration import Calibration, ChannelError
 from calibration.twin_calibration.estimates import Estimate
 from calibration.twin_calibration.measured_steps import MeasuredSteps, measured_steps
 from qcar_twin.atomic_io import write_json
-from qcar_twin.bicycle.bicycle import PARAMETERS
 from qcar_twin.pages import Cell, Chart, Explorer, Section, Table, bars, line, panels, write_page
 from qcar_twin.pages.numbers import spread
 from qcar_twin.twin.file import save_twin
@@ -50,9 +49,8 @@ def write_calibration(calibration: Calibration, folder: str | os.PathLike[str]) 
 def verdict(calibration: Calibration) -> str:
   """The outcome in one sentence."""
   if calibration.against == "identified":
-    text = (
-      f"The twin answers the identified model's voltage steps within {calibration.step_percent('longitudinal'):.2g} %"
-    )
+    percent = calibration.step_percent("longitudinal")
+    text = f"The twin answers the identified model's steps of the drive's command within {percent:.2g} %"
     lateral = calibration.step_percent("lateral")
     steers = f" and its step steers within {lateral:.2g} % of lateral acceleration" if math.isfinite(lateral) else ""
     return f"{text}{steers} (root mean square over the response, mean over the steps)."
@@ -98,7 +96,7 @@ def sections(calibration: Calibration) -> list[Section]:
 def identification_section(bicycle: Identification) -> Section:
   """The bicycle's five parameters and how well it answers the steps it was made from."""
   rows = []
-  for parameter, value, std in zip(PARAMETERS, bicycle.theta, bicycle.std, strict=True):
+  for parameter, value, std in zip(bicycle.parameters, bicycle.theta, bicycle.std, strict=True):
     known = bicycle.lateral is not None or not parameter.name.startswith("cornering")
     rows.append((parameter.symbol, parameter.name, spread(value, std) if known else "–", parameter.unit))
   errors = [
@@ -107,7 +105,7 @@ def identification_section(bicycle: Identification) -> Section:
     for role in ("identify", "validate")
     if math.isfinite(bicycle.rmse_percent(part, role))
   ]
-  text = "The paper's bicycle model from voltage steps and step steers, by least squares in two stages."
+  text = "The paper's bicycle model from steps of the drive's command and step steers, by least squares in two stages."
   if bicycle.missing:
     text += f" Not identified: {bicycle.missing}."
   tables = [Table("Parameters of the bicycle model", ("symbol", "name", "value ±", "unit"), rows)]
@@ -124,10 +122,10 @@ def _steps(calibration: Calibration) -> Section:
     if any(map(math.isfinite, percents)):
       rows.append((_PART_WORDS[part], *percents))
   text = (
-    "Twin and identified bicycle answer the same voltage steps from rest and the same step steers at 1.5 m/s. The"
-    " measured response is drawn where a recording holds the same step from the same start. Lateral acceleration is"
-    " that of the motion. An accelerometer on the rolling body also feels a part of gravity, which both"
-    " models leave out."
+    "Twin and identified bicycle answer the same steps of the drive's command from rest and the same step steers at"
+    f" {step_speed(calibration.twin.vehicle):.3g} m/s. The measured response is drawn where a recording holds the same"
+    " step from the same start. Lateral acceleration is that of the motion. An accelerometer on the rolling body also"
+    " feels a part of gravity, which both models leave out."
   )
   if calibration.against == "recordings":
     text += " The twin was fitted to the recordings, not to these steps: the difference is what the bicycle lacks."
@@ -148,17 +146,20 @@ def _step_charts(calibration: Calibration) -> list[Chart]:
     chosen = sorted((a for a in calibration.answers if a.channel == channel), key=lambda a: abs(a.level.value))
     if chosen:
       caption += " Above each chart: level, role, and the difference of twin and bicycle in per cent."
-      charts.append(step_chart(chosen, measured, caption))
+      charts.append(step_chart(chosen, measured, caption, calibration.twin.vehicle.motor.unit))
   return charts
 
 
-def step_chart(answers: Sequence[Answer], measured: MeasuredSteps, caption: str) -> Chart:
-  """Some steps of one channel from the moment of the step on, unfiltered: measured, bicycle and twin."""
+def step_chart(answers: Sequence[Answer], measured: MeasuredSteps, caption: str, unit: str) -> Chart:
+  """Some steps of one channel from the moment of the step on, unfiltered: measured, bicycle and twin; `unit` of the
+  drive's command."""
   chosen = [answers[i] for i in np.unique(np.linspace(0, len(answers) - 1, _PANELS).round().astype(int))]
   parts = []
   for answer in chosen:
     steering = answer.channel != "motor_speed"
-    level = f"{math.degrees(answer.level.value):.3g}°" if steering else f"{answer.level.value:.3g} V"
+    level = (
+      f"{math.degrees(answer.level.value):.3g}°" if steering else f"{answer.level.value:.3g} {unit}".removesuffix(" -")
+    )
     until = _STEERING_SHOWN if steering else float(answer.time[-1])
     shown = (answer.time > -_AT_ZERO) & (answer.time <= until)
     twin, bicycle = answer.drawn

@@ -115,12 +115,11 @@ def acceleration(speed: Quantity, command: Quantity, car: SingleTrackCar) -> Arr
 # -- lateral -------------------------------------------------------------------------------------
 
 
-def slipping_share(speed: Quantity) -> tuple[Array, Array]:
-  """Share of the dynamic equations, 0 below LOW_SPEED / 2 and 1 above LOW_SPEED, and d/dv of it [s/m]."""
+def slipping_share(speed: Quantity) -> Array:
+  """Share of the dynamic equations, 0 below LOW_SPEED / 2 and 1 above LOW_SPEED."""
   size = np.abs(np.asarray(speed, dtype=np.float64))
   part = np.clip(2.0 * size / LOW_SPEED - 1.0, 0.0, 1.0)
-  slope = 6.0 * part * (1.0 - part) * 2.0 / LOW_SPEED * np.sign(speed)
-  return part * part * (3.0 - 2.0 * part), slope
+  return part * part * (3.0 - 2.0 * part)
 
 
 def _floored(speed: Quantity) -> tuple[Array, Array]:
@@ -161,7 +160,7 @@ def no_slip_motion(speed: Quantity, steering: Quantity, car: SingleTrackCar) -> 
 
 def _blended(speed: Quantity, accel: Quantity, steering: Quantity, car: SingleTrackCar) -> tuple[Array, Array]:
   """Matrix (..., 2, 2) and constant (..., 2) of z' = A z + c at any speed."""
-  share, _ = slipping_share(speed)
+  share = slipping_share(speed)
   matrix, gain = lateral_system(speed, accel, car)
   follow = (1.0 - share) / KINEMATIC_TIME
   constant = share[..., None] * gain * np.asarray(steering)[..., None]
@@ -248,46 +247,6 @@ def derivative(x: Quantity, u: Quantity, car: SingleTrackCar) -> Array:
   lateral = _apply(matrix, x[..., State.LATERAL]) + constant
   rates = speed * np.cos(course), speed * np.sin(course), accel, x[..., State.YAW_RATE]
   return np.concatenate([np.stack(np.broadcast_arrays(*rates), axis=-1), lateral], axis=-1)
-
-
-def jacobian(x: Quantity, u: Quantity, car: SingleTrackCar) -> Array:
-  """df/dx, (..., 6, 6), analytic; one-sided friction at rest is left out (d v'/dv = -P2)."""
-  x, u = np.asarray(x, dtype=np.float64), np.asarray(u, dtype=np.float64)
-  speed, course = x[..., State.SPEED], x[..., State.POSE_YAW] + x[..., State.SIDESLIP_ANGLE]
-  accel = acceleration(speed, u[..., 0], car)
-  matrix, _ = _blended(speed, accel, u[..., 1], car)
-  result = np.zeros((*matrix.shape[:-2], State.SIZE, State.SIZE))
-  cos, sin = np.cos(course), np.sin(course)
-  result[..., State.POSITION, State.SPEED] = np.stack([cos, sin], axis=-1)
-  for angle in (State.POSE_YAW, State.SIDESLIP_ANGLE):
-    result[..., State.POSITION, angle] = np.stack([-speed * sin, speed * cos], axis=-1)
-  result[..., State.SPEED, State.SPEED] = -np.asarray(car.drive_damping)
-  result[..., State.POSE_YAW, State.YAW_RATE] = 1.0
-  result[..., State.LATERAL, State.LATERAL] = matrix
-  result[..., State.LATERAL, State.SPEED] = _lateral_by_speed(x, accel, u[..., 1], car)
-  return result
-
-
-def _lateral_by_speed(x: Array, accel: Array, steering: Array, car: SingleTrackCar) -> Array:
-  """d(beta', r')/dv, (..., 2): share' (dynamic - no-slip) + share d(dynamic)/dv + (1 - share) d(no-slip)/dv."""
-  speed, lateral = x[..., State.SPEED], x[..., State.LATERAL]
-  share, slope = slipping_share(speed)
-  v, _ = _floored(speed)
-  matrix, gain = lateral_system(speed, accel, car)
-  target = no_slip_motion(speed, steering, car)
-  slipping = _apply(matrix, lateral) + gain * steering[..., None]
-  following = (target - lateral) / KINEMATIC_TIME
-  # every entry of the system is a power of v: (-1 -2; 0 -1) in the matrix, (-1 0) in the gain; a'(v)/v adds P2
-  sideslip = (car.drive_damping - matrix[..., 0, 0]) * lateral[..., 0]
-  sideslip = sideslip - 2.0 * (matrix[..., 0, 1] + 1.0) * lateral[..., 1] - gain[..., 0] * steering
-  by_speed = np.stack([sideslip, -matrix[..., 1, 1] * lateral[..., 1]], axis=-1)
-  per_speed = no_slip_motion(np.ones_like(speed), steering, car)
-  no_slip = np.stack([np.zeros_like(per_speed[..., 0]), per_speed[..., 1]], axis=-1) / KINEMATIC_TIME
-  return (
-    slope[..., None] * (slipping - following)
-    + share[..., None] * by_speed / v[..., None]
-    + (1.0 - share[..., None]) * no_slip
-  )
 
 
 def step(x: Quantity, u: Quantity, duration: float, car: SingleTrackCar) -> Array:

@@ -32,7 +32,7 @@ class SpeedControl(Protocol):
     ...
 
   def voltage(self, speed: Array, target: ArrayLike, period: float) -> Array:
-    """Motor voltage, V, (N,)."""
+    """Command of the drive, in its unit, (N,), for measured and wanted speeds, m/s."""
     ...
 
 
@@ -93,7 +93,7 @@ class DrivenCars:
     arc_length: where on the path the cars are, m, (N,); at its start without it.
 
   Attributes:
-    commands: voltage and steering command of the last period, V and rad, (N, 2).
+    commands: of drive and steering in the last period, in the drive's unit and rad, (N, 2).
     steering: commanded, rad, (N,).  estimate: of the cars.  target: speed that is held, m/s, (N,).
     errors: relative to the path, (2, N) each: as estimated, and true.  arc_length: as estimated, and true, m, (2, N).
     past: slow means of steering command and path curvature, rad and 1/m, (N, 2).

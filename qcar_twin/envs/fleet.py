@@ -23,6 +23,7 @@ from qcar_twin.plant import START, Plant
 from qcar_twin.recent import Recent
 from qcar_twin.sensors.base import Sensor
 from qcar_twin.sensors.suite import SensorSuite
+from qcar_twin.twin.posterior import normal_step
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -55,10 +56,9 @@ class Spread:
   def draw(self, plant: Plant, theta: Array, rng: np.random.Generator) -> Array:
     """One parameter vector, (P,), around theta, (P,)."""
     columns = [plant.parameters.index(name) for name in self.names]
-    values, vectors = np.linalg.eigh(self.covariance)
-    step = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(columns)))
     out = np.array(theta)
-    out[columns] = np.clip(out[columns] + step, plant.parameters.lower[columns], plant.parameters.upper[columns])
+    moved = out[columns] + normal_step(self.covariance, rng)
+    out[columns] = np.clip(moved, plant.parameters.lower[columns], plant.parameters.upper[columns])
     return out
 
 

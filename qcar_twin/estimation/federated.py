@@ -210,7 +210,8 @@ class FederatedFilter:
     index = self._batch.present + 1
     self._jumped = self._clock.time(index) - time
     self._clock.set(time, index)
-    for watch in self._batch.state.clocks:
+    state = self._batch.state
+    for watch in (*state.clocks, *state.watches):
       watch.restart()
     return index
 

@@ -244,21 +244,11 @@ def _held(samples: Array) -> Array:
 # -- consistency ---------------------------------------------------------------------------------
 
 
-def nees(error: Array, covariance: Array) -> Array:
-  """Normalised estimation error squared e' P^-1 e, (...), of errors (..., n) and covariances (..., n, n)."""
-  return np.einsum("...i,...i->...", error, np.linalg.solve(covariance, error[..., None])[..., 0])
-
-
 def position_nees(error: Array, covariance: Array) -> Array:
-  """`nees` for position errors (..., 2) and covariances xx, xy, yy (..., 3)."""
+  """Normalised error squared e' P^-1 e, (...), of position errors (..., 2), m, with xx, xy, yy of P (..., 3), m^2."""
   xx, xy, yy = np.moveaxis(covariance, -1, 0)
   ex, ey = error[..., 0], error[..., 1]
   return (yy * ex**2 - 2.0 * xy * ex * ey + xx * ey**2) / (xx * yy - xy**2)
-
-
-def rms(error: Array, axis: int = -1) -> Array:
-  """Root mean square, not-finite values left out."""
-  return np.sqrt(np.nanmean(np.square(error), axis=axis))
 
 
 def angle_error(estimate: Array, truth: Array) -> Array:

@@ -5,14 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from qcar_twin.atomic_io import write_json, write_text
 from qcar_twin.estimation.offline import NAMES, Estimates
 from qcar_twin.pages import Explorer, Line, Moment, Panel, Route, Run, Section, Table, write_page
 from qcar_twin.recordings.recording import Recording
 
-Array = NDArray[np.float64]
 LABELS = {
   "pose_x": "x [m]",
   "pose_y": "y [m]",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from collections.abc import Iterable, Mapping
@@ -35,7 +36,8 @@ def write_dataset(
   source: str = "",
 ) -> Path:
   """Write recordings and dataset.toml so that DataSet.load gives them back. Nothing in the folder changes unless all
-  could be written. Raises RecordingError for bad names, and for anything the loader would refuse in dataset.toml."""
+  could be written beside it. Raises RecordingError for bad names, and for anything the loader would refuse in
+  dataset.toml."""
   folder, recordings = Path(folder), tuple(recordings)
   text = _toml(name, vehicle, vehicle_std, recordings, description, command_timing, licence, source)
   created = not folder.exists()
@@ -44,7 +46,8 @@ def write_dataset(
     _write_all(folder, recordings, text)
   except BaseException:
     if created:
-      folder.rmdir()
+      with contextlib.suppress(OSError):  # of a folder that holds something already
+        folder.rmdir()
     raise
   return folder
 

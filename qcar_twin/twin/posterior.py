@@ -54,11 +54,16 @@ class Posterior:
     """One parameter vector, (P,): a model, its parameters cut at their bounds, what it lacks as in theta, (P,)."""
     model = self.models[rng.choice(len(self.models), p=[m.probability for m in self.models])]
     columns = [plant.parameters.index(name) for name in model.names]
-    values, vectors = np.linalg.eigh(model.covariance)
-    step = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(columns)))
     out = np.array(theta)
-    out[columns] = np.clip(model.values + step, plant.parameters.lower[columns], plant.parameters.upper[columns])
+    drawn = model.values + normal_step(model.covariance, rng)
+    out[columns] = np.clip(drawn, plant.parameters.lower[columns], plant.parameters.upper[columns])
     return out
+
+
+def normal_step(covariance: Array, rng: np.random.Generator) -> Array:
+  """A draw from a normal distribution about zero, (k,), with a covariance (k, k) that may be singular."""
+  values, vectors = np.linalg.eigh(covariance)
+  return vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
 
 
 def save_posterior(folder: Path, posterior: Posterior) -> Path:

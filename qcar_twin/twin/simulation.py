@@ -95,6 +95,8 @@ class Simulation:
         slot.state = old.state_in(slot.rows, len(self.signals))
     self._slots, self._untouched = list(slots), {}
     self.engine.load(values)
+    if any(slot.pushes for slot in before.values()):  # a force acts until the next, which may be of no slot now
+      self.engine.push(np.zeros((len(self.signals), 3)), self.signals)
     known = np.column_stack([self.signals[:, :3], self._wheel_angle])
     self._write_models(np.zeros((len(known), 2)), known, first=True)
 

@@ -119,6 +119,9 @@ class Vehicle:
         what = "finite" if least else "non-negative" if name in _MAY_VANISH else "positive"
         raise ValueError(f"vehicle '{self.name}': {name} must be a {what} number, not {value!r:.60}")
       object.__setattr__(self, name, float(value))  # an integer beyond 64 bits is no number to NumPy
+    for name, value in self.std.items():
+      if not is_number(value) or value <= 0.0:
+        raise ValueError(f"vehicle '{self.name}': the std of {name} must be a positive number, not {value!r:.60}")
     for name, known in _CHOICES.items():
       if (value := getattr(self, name)) not in known:
         raise ValueError(f"vehicle '{self.name}': {name} must be one of {', '.join(known)}, not {value!r}")
@@ -246,11 +249,8 @@ class Vehicle:
     given, std = motor_figures(given, dict(std or {}), texts.get("drive", "voltage"))
     for key in set(given) - _field_names():
       near = difflib.get_close_matches(key, _field_names(), n=1)
-      log.warning(
-        "[vehicle]: '%s' is not a number this twin knows and is left out%s",
-        key,
-        f"; did you mean {near[0]}?" if near else "",
-      )
+      ending = f"; did you mean {near[0]}?" if near else ""
+      log.warning("[vehicle]: '%s' is not a number this twin knows and is left out%s", key, ending)
     numbers: dict[str, Any] = {key: float(value) for key, value in given.items() if key in _field_names()}
     name, numbers = str(vehicle.get("name", "car")), numbers | _unsaid(numbers)
     sizes = {key: value for key, value in numbers.items() if key in _MEASURED and key != "yaw_inertia"}

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from qcar_twin.atomic_io import plain, whole_file, write_json, write_text
+from qcar_twin.atomic_io import plain, whole_file, whole_folder, write_json, write_text
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
@@ -29,6 +29,21 @@ def test_a_block_that_writes_nothing_is_an_error_and_loses_nothing(tmp_path):
   with pytest.raises(FileNotFoundError), whole_file(file):
     pass
   assert file.read_text() == "old"
+
+
+def test_a_folder_that_cannot_take_its_place_leaves_the_one_that_was_there(tmp_path, monkeypatch):
+  place, rename = tmp_path / "kept", Path.rename
+  write_text(place / "a.txt", "old")
+
+  def refused(path, target):
+    if Path(target) == place and (path / "b.txt").exists():
+      raise PermissionError("in use")
+    return rename(path, target)
+
+  monkeypatch.setattr(Path, "rename", refused)
+  with pytest.raises(PermissionError), whole_folder(place) as part:
+    (part / "b.txt").write_text("new")
+  assert (place / "a.txt").read_text() == "old" and not (place / "b.txt").exists()
 
 
 def test_until_the_end_no_listing_finds_the_part_and_readers_see_the_old_file(tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from agents.learning import evaluate as evaluation
@@ -9,6 +10,8 @@ from agents.learning.policy_file import SHIPPED, load_policy, save_policy
 from agents.studies.study import plan_from
 from qcar_twin.rendering.film import RenderingUnavailable
 from qcar_twin.tracks import random_track
+from qcar_twin.twin import Twin, save_twin
+from qcar_twin.vehicle import Vehicle
 from scripts import evaluate, render, train
 from tests import ROOT
 from tests.agents.learning.test_train import GOOD
@@ -48,6 +51,15 @@ def test_render_makes_a_film_and_a_still(tmp_path, what):
   except RenderingUnavailable as error:
     pytest.skip(str(error))
   assert (tmp_path / "film.mp4").stat().st_size > 5000 and (tmp_path / "film.png").stat().st_size > 2000
+
+
+def test_a_filmed_twin_is_driven_with_the_timing_of_its_file(tmp_path):
+  car, moved = Twin(Vehicle.load(), threads=1), []
+  for shift in (0, 3):
+    save_twin(tmp_path / "twin.toml", car, car.parameters.nominal, command_shift=shift)
+    config = render.Config(tmp_path / "film.mp4", recording="figure_eight", twin=tmp_path / "twin.toml")
+    moved.append(render.recorded(config, ROOT / "data" / "sample")[1])
+  assert np.abs(moved[1] - moved[0]).max() > 0.01
 
 
 def test_render_names_who_could_drive(tmp_path):

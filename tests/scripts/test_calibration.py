@@ -93,7 +93,7 @@ def test_calibrate_goes_on_from_what_an_earlier_run_left(whole, tiny, capfd):
 
 def test_calibrate_answers_the_identified_model_steps(work, tiny):
   calibration, said = run("calibrate", dataset=tiny, out=work / "tiny" / "identified", quick=True, threads=1)
-  assert "answers the identified model's voltage steps within" in said
+  assert "answers the identified model's steps of the drive's command within" in said
   for role in ("identify", "validate"):
     assert calibration.step_percent("longitudinal", role) < 1.0 and calibration.step_percent("lateral", role) < 2.0
   twin, theta = load_twin(work / "tiny" / "identified" / "twin.toml", threads=1)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 AXLES = {"all-wheel": (1.0, 1.0), "front": (1.0, 0.0), "rear": (0.0, 1.0)}
 CHANNEL = {"voltage": "motor_voltage", "duty": "motor_duty", "current": "motor_current", "speed": "speed_command"}
-UNIT = {"voltage": "V", "duty": "-", "current": "A", "speed": "m/s"}
 STEP = {"voltage": 1e-3, "duty": 1e-4, "current": 1e-2, "speed": 1e-3}  # resolution of the commands, in car and log
 LIMIT = {"voltage": 4.0, "duty": 0.8, "current": 40.0, "speed": 6.0}  # that the driver keeps to
 

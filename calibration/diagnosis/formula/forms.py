@@ -12,6 +12,7 @@ from calibration.diagnosis.formula.dictionary import Group, groups
 from calibration.diagnosis.formula.moments import by_pulse
 from calibration.diagnosis.formula.pulses import Responses
 from calibration.diagnosis.formula.selection import (
+  ENOUGH,
   Chosen,
   Grams,
   by_chance,
@@ -198,7 +199,7 @@ def _of_a_spot(
   grams = Grams.of(columns, fitted.rest, fitted.group, owner)
   alone = _form_of_all(responses.degree, grams, made[:1], size)
   whole = _form_of_all(responses.degree, grams, made, size)
-  best = alone if alone.gain >= 0.95 * whole.gain or len(made) == 1 else whole
+  best = alone if alone.gain >= ENOUGH * whole.gain or len(made) == 1 else whole
   chance = by_chance(np.hstack([offered, columns]), fitted.rest, fitted.group, fitted.witness, random)
   return Forms(
     best,

@@ -19,7 +19,8 @@ _NATS = 2.0  # that a coefficient more must bring, as a mechanism more must in a
 _SAME = 1.0  # nats within which two terms say the same
 _DRAWS, _FLIPS = 40, 300
 _RIDGE = 1e-6  # of a column's own power
-_MATERIAL = 0.95  # of a held-out gain: a term that brings less is not worth a reader's time
+ENOUGH = 0.95  # of a held-out gain: what brings the rest is not worth a reader's time
+_TRIED = 25  # groups, those that promise most, that are fitted for a held-out gain in a further step
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,7 +110,7 @@ def _next(grams: Grams, offered: Sequence[Group], before: tuple[int, ...]) -> Ch
   else:
     # what each would explain of the rest says which are worth an honest trial
     promise = _promise(grams, offered, before)
-    trials = sorted(trials, key=lambda t: -promise[t[-1]])[:25]
+    trials = sorted(trials, key=lambda t: -promise[t[-1]])[:_TRIED]
     gains = [held_out(grams, grams.columns(t)) for t in trials]
   worth = [float(g.sum()) - offered[t[-1]].nats for g, t in zip(gains, trials, strict=True)]
   k = int(np.argmax(worth))
@@ -145,7 +146,7 @@ def _promise(grams: Grams, offered: Sequence[Group], before: tuple[int, ...]) ->
 def shortest(steps: Sequence[Chosen]) -> Chosen:
   """The shortest formula that holds all but a twentieth of the best one's held-out gain."""
   most = max(step.gain for step in steps)
-  return next(step for step in steps if step.gain >= _MATERIAL * most)
+  return next(step for step in steps if step.gain >= ENOUGH * most)
 
 
 def rivals(grams: Grams, offered: Sequence[Group], found: Chosen, most: int) -> list[Chosen]:
@@ -158,7 +159,7 @@ def rivals(grams: Grams, offered: Sequence[Group], found: Chosen, most: int) -> 
     offered[found.members[0]].variables: Chosen(found.members[:1], alone[found.members[0]])
   }
   for j in order:
-    if float(alone[j].sum()) < _MATERIAL * first or len(kept) >= most:
+    if float(alone[j].sum()) < ENOUGH * first or len(kept) >= most:
       break
     kept.setdefault(offered[j].variables, Chosen((j,), alone[j]))
   return list(kept.values())

@@ -10,7 +10,6 @@ import dataclasses
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate, begin, candidate, refine, started
 from calibration.diagnosis.confirm import confirm, confirm_best
@@ -26,7 +25,6 @@ from calibration.fitting.noise_floor import sensor_floor
 from calibration.fitting.recalibration import RecalibratedTwin
 from calibration.progress import Progress, silent
 
-Array = NDArray[np.float64]
 _HOPE = 10.0  # nats a model may still lie above its subset to be worth another step
 _WORTH_A_SINGLE = 2.0  # nats a mechanism must promise in the scan before it is refitted
 _WORTH_A_PAIR = 12.0  # nats a second one must promise before its pair is refitted; a claim takes more

@@ -24,7 +24,7 @@ from calibration.exports.targets.f1tenth import (
   matched_numbers,
   unsaid,
 )
-from calibration.exports.written import heading, text_lines
+from calibration.exports.written import gain_unit, heading, text_lines
 from calibration.exports.yaml_numbers import extra_lines, read_numbers, yaml_lines
 from qcar_twin.vehicle.vehicle import GRAVITY
 
@@ -65,10 +65,11 @@ def _write(job: Job, path: Path) -> Sequence[str]:
     "T_se": front, _TYRE_KEY: tyre,
   }  # fmt: skip
   drive = {name: car[name] for name in DRIVE} | {"switch_speed": SWITCH_SPEED}
-  note = "# The drive line, for which CommonRoad has no keys: a = G R (P1 V - P2 w - P3 sgn w)."
+  note = "# The drive line, for which CommonRoad has no keys: a = G R (P1 u - P2 w - P3 sgn w)."
   told = [f"# {said}." for said in unsaid(car)]
+  about = _ABOUT | {"drive_gain": gain_unit(v)}
   text_lines(
-    path, [*heading(job, job.lost(TARGET)), *told, *yaml_lines(values, _ABOUT), note, *extra_lines(drive, _ABOUT)]
+    path, [*heading(job, job.lost(TARGET)), *told, *yaml_lines(values, about), note, *extra_lines(drive, about)]
   )
   return ["one tyre for both axles; the loss below is that of ST, STD is written and not driven", *unsaid(car)]
 

@@ -13,7 +13,7 @@ from calibration.exports import gym_track
 from calibration.exports.cars import CarModel
 from calibration.exports.numbers import Numbers, matched, single_track_numbers, stays
 from calibration.exports.target import Job, Target
-from calibration.exports.written import heading, text_lines
+from calibration.exports.written import gain_unit, heading, text_lines
 from calibration.exports.yaml_numbers import read_numbers, yaml_lines
 from qcar_twin.twin.mechanisms.base import Mechanism
 from qcar_twin.vehicle.vehicle import GRAVITY, Vehicle
@@ -24,7 +24,7 @@ ABOUT = {
   "mu": "-", "C_Sf": "1/rad, front axle", "C_Sr": "1/rad, rear axle", "lf": "m", "lr": "m", "h": "m", "m": "kg",
   "I": "kg m^2", "s_min": "rad", "s_max": "rad", "sv_min": "rad/s", "sv_max": "rad/s", "v_switch": "m/s",
   "a_max": "m/s^2", "v_min": "m/s", "v_max": "m/s", "width": "m", "length": "m",
-  "travel_per_radian": "m/rad of the motor", "drive_gain": "rad/s^2 per V, P1", "drive_damping": "1/s, P2",
+  "travel_per_radian": "m/rad of the motor", "drive_damping": "1/s, P2",
   "drive_friction": "rad/s^2, P3", "switch_speed": "m/s, kinematic below",
 }  # fmt: skip
 STRUCTURE = {
@@ -106,8 +106,9 @@ def longest_step(car: Mapping[str, float]) -> float:
 
 def _write(job: Job, path: Path) -> Sequence[str]:
   car = matched_numbers(job, TARGET, gym_numbers(job, TARGET, SWITCH_SPEED), MATCHED)
-  lines = [*heading(job, job.lost(TARGET)), "# The last five are the drive line's: a = G R (P1 V - P2 w - P3 sgn w)."]
-  text_lines(path, [*lines, *(f"# {said}." for said in unsaid(car)), *yaml_lines(car, ABOUT)])
+  about = ABOUT | {"drive_gain": gain_unit(job.twin.vehicle)}
+  lines = [*heading(job, job.lost(TARGET)), "# The last five are the drive line's: a = G R (P1 u - P2 w - P3 sgn w)."]
+  text_lines(path, [*lines, *(f"# {said}." for said in unsaid(car)), *yaml_lines(car, about)])
   step = longest_step(car)
   told = f"stable up to a timestep of {1e3 * step:.1f} ms at {SWITCH_SPEED:g} m/s (f1tenth_gym's default is 10 ms)"
   return [told, *unsaid(car)]

@@ -9,6 +9,7 @@ documentation, Computation: constraint model).
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -111,7 +112,7 @@ def _write_at(job: Job, path: Path, speed: float) -> str:
   _effects(spec, job, {m.name for m in job.kept(TARGET)}, values)
   spec.compile()
   text = spec.to_xml().split("\n")
-  comment = [line.removeprefix("# ").replace("--", "-") for line in heading(job, job.lost(TARGET))]
+  comment = [re.sub("--+", "-", line.removeprefix("# ")) for line in heading(job, job.lost(TARGET))]
   about = f"Cornering stiffness is the twin's at {speed:.2f} m/s; native friction makes it grow with speed."
   text_lines(path, ["<!-- " + "\n     ".join([*comment, about]) + " -->", *text])
   return about

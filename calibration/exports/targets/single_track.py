@@ -8,7 +8,7 @@ from calibration.exports import single_track
 from calibration.exports.cars import CarModel
 from calibration.exports.numbers import EXPRESSED, MATCHED, Numbers, matched, single_track_numbers, stays
 from calibration.exports.target import Job, Target
-from calibration.exports.written import UNITS, heading, origin, text_lines
+from calibration.exports.written import UNITS, gain_unit, heading, origin, text_lines
 from qcar_twin.twin.mechanisms.base import Mechanism
 
 
@@ -33,7 +33,9 @@ def _write(job: Job, path: Path) -> Sequence[str]:
 
 
 def _numbers(job: Job, car: Numbers, factors: Mapping[str, float]) -> list[str]:
-  units = UNITS | {p.name: p.unit for m in job.present for p in m.parameters}
+  units = (
+    UNITS | {"drive_gain": gain_unit(job.twin.vehicle)} | {p.name: p.unit for m in job.present for p in m.parameters}
+  )
   lines = ["CAR = {"]
   for name, value in car.items():
     lines.append(f'  "{name}": {value!r},  # {units.get(name, "per period")}; {origin(name, factors)}')

@@ -127,6 +127,10 @@ class SpeedWatch:
       self.refusals += 1
       self.suspended, self.agreements = self.refusals >= REFUSALS, 0
 
+  def restart(self) -> None:
+    """Forget the fixes: stamps are by another clock from now on."""
+    self.fixes = ()
+
   def excuse(self, speed: float) -> None:
     """A sliding car's wheels tell nothing of its speed, m/s, nor its speed of them: comparisons begin anew."""
     self.refusals, self.contrary, self.fixes = 0, 0, ()

@@ -88,9 +88,7 @@ def _turning_alike(columns: Columns, guesses: dict[str, Guess], name: str, rates
   trial = dict(guesses)
   _add(columns, trial, "steering_command", name, "")
   way, angle, turned = turning_of(recordings_of(columns, trial))
-  if angle.size < 10 or not (way * angle).any() or not turned.any():
-    return 0.0
-  alike = abs(float(np.corrcoef(way * angle, turned)[0, 1]))
+  alike = abs(correlation(way * angle, turned, 10))
   return 0.0 if rates and abs(correlation(angle, turned)) > alike else alike
 
 

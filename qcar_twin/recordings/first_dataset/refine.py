@@ -252,10 +252,10 @@ def settle_steering(
     guess.why.append(f"a share of full lock, {vehicle.max_steering:g} rad")
   guess.settled = True
   rate, angle, turning = _turning(recordings_of(columns, guesses), vehicle, wheelbase)
-  straight = rate * angle
-  if angle.size < 10 or not straight.any() or abs(correlation := float(np.corrcoef(straight, turning)[0, 1])) < _TIED:
+  alike = correlation(rate * angle, turning, 10)
+  if abs(alike) < _TIED:
     return wheelbase
-  ratio, sign = _ratio(rate, angle, turning), math.copysign(1.0, correlation)
+  ratio, sign = _ratio(rate, angle, turning), math.copysign(1.0, alike)
   if not ratio * np.abs(angle).max() < _STEEPEST:
     guess.why.append("no angle turns a car as much as this one turned at its speed: look at speed and yaw rate first")
     return wheelbase

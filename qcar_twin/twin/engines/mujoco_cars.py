@@ -97,7 +97,7 @@ class MujocoCars:
   def adopt(self, row: int, other: "MujocoCars") -> None:
     for name in _STATE:
       self.batch.bind(name)[row] = other.batch.bind(name)[0]
-    self._servo_rate[row] = other._servo_rate[0]
+    self._servo_rate[row], self._yaw[row] = other._servo_rate[0], other._yaw[0]
 
   def push(self, force: Array, signals: Array) -> None:
     cosine, sine = np.cos(signals[:, 2]), np.sin(signals[:, 2])

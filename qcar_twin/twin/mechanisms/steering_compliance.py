@@ -2,8 +2,8 @@
 
 from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.vehicle.vehicle import GRAVITY
 
-GRAVITY = 9.81  # m/s^2
 NORMALISED_STIFFNESS = 22.0  # 1/rad: lateral force per axle load and slip angle, stiffer than any small tyre
 
 

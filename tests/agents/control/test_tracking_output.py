@@ -44,7 +44,7 @@ def test_a_drive_leaves_indicators_traces_and_a_page(tmp_path, lane_change):
 
 
 def test_the_page_shows_every_run_beside_the_reference(lane_change):
-  explorer = drive_section(lane_change).figures[0]
+  explorer = drive_section(lane_change, Vehicle.load()).figures[0]
   assert [run.name for run in explorer.runs] == ["run 1", "run 2"] and len(explorer.moments) == 2
   assert [name for *_, name in explorer.guides] == ["reference", *["border"] * 2 * len(lane_change.path.lanes)]
   error = explorer.runs[1].panels[0].lines[0].value
@@ -59,6 +59,15 @@ def test_a_lost_run_is_null_in_json_and_not_infinity(tmp_path, lane_change):
   write_drive(tmp_path, "x", lost, kpis(lost), {})
   text = (tmp_path / "kpis.json").read_text()
   assert "Infinity" not in text and json.loads(text)["kpis"]["rmse"][1] is None
+
+
+def test_what_was_commanded_is_called_by_the_cars_own_drive(tmp_path, lane_change):
+  """A duty under the name of a voltage would be read as one."""
+  write_drive(tmp_path, "x", lane_change, kpis(lane_change), {}, Vehicle(drive="duty"))
+  header = (tmp_path / "traces.csv").read_text().partition("\n")[0].split(",")
+  assert "motor_duty" in header and "motor_voltage" not in header
+  panels = [panel.title for panel in drive_section(lane_change, Vehicle(drive="current")).figures[0].runs[0].panels]
+  assert panels[-1] == "motor current [A]"
 
 
 def test_traces_hold_signals_commands_and_estimates(tmp_path, lane_change):

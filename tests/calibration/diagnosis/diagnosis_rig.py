@@ -27,7 +27,8 @@ PERIOD, LENGTH, SAMPLING = 0.01, 6.0, 0.05  # s
 NOISE = {"motor_speed": 8.0, "accel_x": 0.5, "accel_y": 0.5, "yaw_rate": 0.15}
 VEHICLE = SimpleNamespace(
   gear_ratio=0.1, wheel_radius=0.03, max_steering=0.5, cg_to_front=0.13, cg_to_rear=0.12, cg_height=0.04,
-  commands=COMMANDS, drive="voltage", motor=DRIVES["voltage"], supply_voltage=12.0, similarity=Similarity.of(0.25),
+  commands=COMMANDS, command_scale=1.0, drive="voltage", motor=DRIVES["voltage"], supply_voltage=12.0,
+  similarity=Similarity.of(0.25),
 )  # fmt: skip
 BASE = ParameterSet(
   (

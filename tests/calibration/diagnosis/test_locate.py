@@ -6,9 +6,18 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.circumstances import UNITS, Circumstances, at_values, circumstances
-from calibration.diagnosis.locate import evidence_spans, locate, region_of, subsystem_of_unknown, value_evidence
+from calibration.diagnosis.locate import (
+  evidence_spans,
+  locate,
+  region_of,
+  subsystem_of_unknown,
+  torque_law,
+  value_evidence,
+)
 from calibration.diagnosis.region import Condition, Region, find_region
 from calibration.diagnosis.unexplained.unknown import unknown_sensors
+from qcar_twin.twin.twin import Twin
+from qcar_twin.vehicle.vehicle import Vehicle
 from tests.calibration.diagnosis import diagnosis_rig as rig
 
 
@@ -169,6 +178,15 @@ def test_circumstances_are_what_they_say(offset_pool):
   rate = np.abs(segments.commands[0, 300, 1] - segments.commands[0, 280, 1]) / 0.2
   assert around.features["abs(steering_rate)"][0, 300] == pytest.approx(rate)
   assert np.allclose(around.features["pose_x"], segments.pose[..., 0])
+
+
+@pytest.mark.parametrize("drive", ["voltage", "duty", "current", "speed"])
+def test_drive_torque_is_that_of_the_cars_own_command(drive):
+  vehicle = Vehicle(drive=drive, supply_voltage=8.0)
+  parameters = Twin(vehicle, threads=1).parameters
+  strength, damping = torque_law(vehicle, parameters.named(parameters.nominal))
+  assert strength == pytest.approx((8.0 if drive == "duty" else 1.0) * vehicle.torque_per_command) and strength > 0.0
+  assert damping == pytest.approx(vehicle.motor_damping)
 
 
 def test_displacements_see_the_mean_over_their_horizon():

@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.score import (
   CAP,
-  channel_shares,
   clustered_std,
   compare,
   compared,
@@ -18,7 +17,6 @@ from calibration.diagnosis.score import (
   held_out,
   prior_part,
 )
-from calibration.fitting.observations import CHANNELS
 from calibration.fitting.optimiser import prior_gradient
 from calibration.intervals.clusters import groups_of
 from qcar_twin.parameters import Parameter, ParameterSet
@@ -85,15 +83,6 @@ def test_groups_are_recordings_or_stretches_where_those_are_few():
   assert len(np.unique(group)) > len(np.unique(few.recording))
   for kind in np.unique(group):
     assert len(np.unique(few.recording[group == kind])) == 1
-
-
-def test_channel_shares_are_of_the_channels_that_gain(offset_pool):
-  model, base = offset_pool.models[frozenset(["steering_offset"])], offset_pool.base
-  shares = channel_shares(model, base, offset_pool.problem.observations)
-  assert sum(shares.values()) == pytest.approx(1.0)
-  assert list(shares.values()) == sorted(shares.values(), reverse=True)
-  assert shares["motor_speed"] < 0.02 < shares["yaw_rate"] + shares["accel_y"]
-  assert set(shares) <= set(CHANNELS)
 
 
 def test_evidence_of_a_known_drop_of_variance(offset_pool):

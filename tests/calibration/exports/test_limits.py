@@ -1,8 +1,9 @@
-"""What exports say of the largest command: of the drive's own kind, nothing where it is not known; signs stay."""
+"""What exports say of the drive's command, and nothing where its largest is not known; signs stay, names do no harm."""
 
 import dataclasses
 import math
 import re
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -46,6 +47,12 @@ def test_a_current_ends_at_the_largest_torque(target, tmp_path):
   assert made[f"{of}v_max"] == pytest.approx(pull / own["drive_damping"], rel=1e-6) == -made[f"{of}v_min"]
 
 
+@pytest.mark.parametrize("target", ["single-track", *FORMATS])
+@pytest.mark.parametrize(("drive", "unit"), [("voltage", "V"), ("duty", "V"), ("current", "A"), ("speed", "m/s")])
+def test_the_gain_is_in_the_unit_of_what_the_model_is_commanded(target, drive, unit, tmp_path):
+  assert f"rad/s^2 per {unit}, P1" in written(target, tmp_path, drive=drive)[2]
+
+
 def test_a_voltage_ends_at_the_supply(tmp_path):
   job, made, text = written("f1tenth", tmp_path)
   own = single_track_numbers(job.twin, job.theta, ())
@@ -59,6 +66,12 @@ def test_a_car_whose_centre_differential_is_open_is_exported(target, tmp_path):
   path, _ = export_twin(target, Job(twin, twin.parameters.nominal), tmp_path)
   text = path.read_text(encoding="utf-8")
   assert not re.search(r"\b(inf|nan)\b", text)
+
+
+def test_a_cars_name_ends_no_comment_of_xml(tmp_path):
+  twin = Twin(dataclasses.replace(Vehicle(), name="red---2"), threads=1)
+  path, _ = export_twin("mjcf", Job(twin, twin.parameters.nominal), tmp_path)
+  assert ElementTree.parse(path).getroot().tag == "mujoco"
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

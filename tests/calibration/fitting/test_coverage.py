@@ -30,6 +30,19 @@ def test_right_turns_that_nothing_fitted_has_are_fitted_too():
   assert len(notes) == 1 and "right" in notes[0] and "steering_command" in notes[0]
 
 
+def test_a_note_names_the_command_that_drives_the_car_and_its_unit():
+  def driven(name: str, role: str, command: str, size: float) -> Recording:
+    streams = {command: np.full(TIME.size, size), "steering_command": 0.1 * np.sin(TIME), "speed": np.ones(TIME.size)}
+    return Recording(name, {k: Stream(TIME, v) for k, v in streams.items()}, role=role)
+
+  for command, said in (("motor_duty", "outside 0.3 to 0.3, and"), ("speed_command", "outside 0.3 to 0.3 m/s, and")):
+    runs = [
+      driven(role, role, command, size) for role, size in (("identify", 0.3), ("validate", -0.3), ("holdout", 0.3))
+    ]
+    (note,) = with_coverage(DataSet("forward", tuple(runs)))[1]
+    assert f"has {command} {said}" in note
+
+
 def test_only_as_many_as_are_needed_change_their_role():
   mild, wide = run("mild", "validate", -0.2), run("wide", "validate", -0.4)
   made, notes = with_coverage(DataSet("left", (run("left", "identify", 0.3), mild, wide, run("end", "holdout", 0.2))))

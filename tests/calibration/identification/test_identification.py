@@ -11,6 +11,7 @@ from calibration.identification.drive_fit import NotIdentifiable
 from calibration.identification.identification import Identification, identify
 from qcar_twin.bicycle.bicycle import TurningLosses
 from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import Stream
 from qcar_twin.vehicle.vehicle import Vehicle
 from tests import REAL
 from tests.calibration.identification.bicycle_rig import (
@@ -86,6 +87,16 @@ def test_missing_steering_leaves_the_tyres_unidentified_and_says_why():
   assert "not identified" in str(identification)
   np.testing.assert_allclose(identification.theta[:3], THETA[:3], rtol=1e-3)
   assert np.all(np.isnan(identification.std[3:]))
+
+
+def test_a_drive_by_duty_is_told_in_the_unit_of_its_command(tmp_path):
+  duties = lambda r: {"motor_duty": Stream(r["motor_voltage"].time, r["motor_voltage"].value / 12.0)}
+  kept = lambda r: {name: stream for name, stream in r.streams.items() if name != "motor_voltage"}
+  steps = [r.replace(streams=kept(r) | duties(r), manoeuvre="duty_step") for r in voltage_steps()]
+  found = identify(DataSet("made", tuple(steps), NUMBERS | {"drive": "duty"}, EXACT_STD))
+  assert found.theta[0] == pytest.approx(12.0 * THETA[0], rel=1e-3)
+  assert "rad/s^2/(-)" in str(found) and "rad/s^2/V" not in str(found)
+  assert Identification.load(found.save(tmp_path / "identification.json")).command == "motor_duty"
 
 
 def test_missing_voltage_steps_are_refused():

@@ -42,6 +42,10 @@ def test_either_lateral_channel_and_either_side_will_do(channels):
   np.testing.assert_allclose(left.slope, understeer_characteristic(ramp(), VEHICLE).slope, rtol=0.03)
 
 
+def test_without_a_speed_there_is_no_characteristic():
+  assert understeer_characteristic(ramp(channels=("yaw_rate", "accel_y")), VEHICLE) is None
+
+
 def test_noise_and_bias_change_little():
   (run,) = ramp(noise=1.0)
   columns = {name: run[name].value for name in run.channels}

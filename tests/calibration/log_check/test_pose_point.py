@@ -83,5 +83,16 @@ def test_a_path_that_turns_to_the_other_side_than_the_gyro_is_told(mirrored):
   assert len(said) == mirrored and all("set scale = -1 on pose_y where the place is mirrored" in text for text in said)
 
 
+def test_a_steady_turn_without_noise_says_nothing_of_signs():
+  """As of a simulation: neither of the two varies, so that no correlation tells whether they agree."""
+  time = np.arange(0.0, 60.0, 1.0 / 128.0)
+  values = {
+    "pose_x": 2.0 * np.sin(0.5 * time),
+    "pose_y": -2.0 * np.cos(0.5 * time),
+    "yaw_rate": np.full(len(time), 0.5),
+  }
+  assert mirrored_findings([Recording("r", {name: Stream(time, value) for name, value in values.items()})]) == []
+
+
 def _rate(heading):
   return Stream(heading.time, np.gradient(heading.value, heading.time))

@@ -44,11 +44,17 @@ def test_of_step_steers_the_one_at_the_answers_speed_is_shown():
 
 def test_the_chart_begins_at_the_step_and_draws_what_no_filter_smeared():
   measured = MeasuredSteps((), (turn(0.1, 1.5),))
-  traces = step_chart([answer("yaw_rate", 0.1)], measured, "").data()["traces"]
+  traces = step_chart([answer("yaw_rate", 0.1)], measured, "", "V").data()["traces"]
   assert [t["name"] for t in traces] == ["measured", "bicycle", "twin"]
   for trace, slope in zip(traces, (1.0, 2.0, 1.0), strict=True):
     time, value = unpacked(trace["x"]), unpacked(trace["y"])
     assert time[0] == pytest.approx(0.0, abs=1e-6)
     np.testing.assert_allclose(value, slope * time, atol=1e-5)
-  alone = step_chart([answer("yaw_rate", 0.1)], SimpleNamespace(response=lambda _: None), "").data()["traces"]
+  alone = step_chart([answer("yaw_rate", 0.1)], SimpleNamespace(response=lambda _: None), "", "V").data()["traces"]
   assert [t["name"] for t in alone] == ["bicycle", "twin"]
+
+
+@pytest.mark.parametrize(("unit", "said"), [("V", "2 V, identify"), ("m/s", "2 m/s, identify"), ("-", "2, identify")])
+def test_a_step_of_the_drive_is_told_in_the_unit_of_its_command(unit, said):
+  chart = step_chart([answer("motor_speed", 2.0)], MeasuredSteps((), ()), "", unit)
+  assert f"{said}: " in str(chart.data())

@@ -190,29 +190,6 @@ def test_exponential_and_its_integrals_equal_an_augmented_exponential(scale):
 
 # -- whole state ---------------------------------------------------------------------------------
 
-STATES = np.array(
-  [
-    [0.1, -0.3, 1.3, 0.7, 0.04, -0.8],
-    [0.1, -0.3, 0.16, -2.7, -0.05, 0.4],
-    [0.1, -0.3, 0.05, 0.7, 0.1, 0.1],
-    [0.1, -0.3, -0.7, 0.7, 0.04, -0.8],
-  ]
-)
-
-
-@pytest.mark.parametrize("x", STATES)
-def test_analytic_jacobian_equals_finite_differences(x):
-  u, size = np.array([1.1, 0.2]), 1e-6
-  moved = single_track.derivative(x + size * np.vstack([np.eye(6), -np.eye(6)]), u, CAR)
-  expected = ((moved[:6] - moved[6:]) / (2 * size)).T
-  np.testing.assert_allclose(single_track.jacobian(x, u, CAR), expected, rtol=1e-5, atol=1e-4)
-
-
-def test_jacobian_broadcasts():
-  u = np.array([1.1, 0.2])
-  single = np.stack([single_track.jacobian(x, u, CAR) for x in STATES])
-  np.testing.assert_allclose(single_track.jacobian(STATES, u, CAR), single, rtol=1e-12, atol=1e-12)
-
 
 @settings(max_examples=40)
 @given(st.floats(-2.0, 2.0), st.floats(-0.4, 0.4), st.floats(-3.0, 3.0), st.floats(-0.2, 0.2))

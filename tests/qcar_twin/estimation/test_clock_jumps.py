@@ -9,16 +9,17 @@ from qcar_twin.estimation.settings import FilterSettings
 PERIOD, JUMP_AT, SECONDS = 0.01, 5.0, 15.0
 
 
-def driven(jump: float, silence: float = 0.0):
+def driven(jump: float, silence: float = 0.0, slipping: float = 0.0):
   """(true time, estimate) of each period of a straight drive at 1 m/s; stamps jump back by `jump`, or nothing arrives
-  for `silence`, from JUMP_AT on, s."""
+  for `silence`, from JUMP_AT on, s, and the wheels come to turn faster by the share `slipping`."""
   online = FederatedFilter(Model.nominal().car, FilterSettings())
   out = []
   for k in range(round(SECONDS / PERIOD)):
     true = k * PERIOD
     now = 1000.0 + true - (jump if true >= JUMP_AT else 0.0)
     if not JUMP_AT <= true < JUMP_AT + silence:
-      samples = {"motor_voltage": 1.1, "motor_speed": 318.0 + 0.5 * (-1) ** k, "yaw_rate": 0.0}
+      turning = 318.0 * (1.0 + slipping * min(max(true - JUMP_AT, 0.0) / 5.0, 1.0))
+      samples = {"motor_voltage": 1.1, "motor_speed": turning + 0.5 * (-1) ** k, "yaw_rate": 0.0}
       if k % 10 == 0:
         samples |= {"pose_x": true, "pose_y": 0.0, "pose_yaw": 0.0, "pose_score": 100.0}
       for channel, value in samples.items():
@@ -45,6 +46,12 @@ def test_a_clock_that_was_set_back_is_said_and_a_sound_one_is_not():
   assert any("set back by 1e+03 s" in text for text in driven(1000.0)[-1][1].warnings)
   assert any("set back by 0.5 s" in text for text in driven(0.5)[-1][1].warnings)
   assert not any("clock" in text for text in driven(0.0)[-1][1].warnings)
+
+
+@pytest.mark.parametrize("jump", [0.0, 1000.0])
+def test_wheels_that_slip_are_noticed_by_the_fixes_whatever_the_clock_did(jump):
+  warnings = [text for _, estimate in driven(jump, slipping=0.5) for text in estimate.warnings]
+  assert "the encoder contradicts the poses and is left out" in warnings
 
 
 def test_an_estimate_that_is_asked_for_at_a_late_fix_is_no_clock_that_was_set_back():

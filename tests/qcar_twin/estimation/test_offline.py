@@ -173,10 +173,6 @@ def test_angle_errors_are_wrapped(a, b):
   assert np.cos(error) == pytest.approx(np.cos(a - b), abs=1e-9)
 
 
-def test_rms_leaves_out_what_is_missing():
-  assert float(offline.rms(np.array([3.0, np.nan, -3.0]))) == pytest.approx(3.0)
-
-
 def test_holding_voltage_of_the_rig_holds():
   assert journey(2.0, speed=0.7, amplitude=0.0).truth[-1, 2] == pytest.approx(0.7, rel=1e-9)
   assert hold(0.0) == 0.0

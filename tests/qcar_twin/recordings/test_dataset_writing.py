@@ -101,6 +101,19 @@ def test_an_interrupted_write_leaves_the_old_data_set_whole(tmp_path, monkeypatc
   assert sorted(os.listdir(tmp_path)) == ["a.csv", "dataset.toml"]
 
 
+def test_what_stopped_a_write_half_way_is_what_is_told(tmp_path, monkeypatch):
+  replace = os.replace
+
+  def filling_up(source, target):
+    if str(target).endswith("dataset.toml"):
+      raise OSError("disk full")
+    replace(source, target)
+
+  monkeypatch.setattr(os, "replace", filling_up)
+  with pytest.raises(OSError, match="disk full"):
+    write_dataset(tmp_path / "new", "new", VEHICLE, STD, [recording("a")])
+
+
 def test_one_recording_can_be_written_as_csv(tmp_path):
   run = Recording("a", {"motor_voltage": Stream([0.0, 0.3], [1.0, 2.0]), "speed": Stream([0.1, 0.3], [0.5, 1 / 3])})
   path = write_recording(tmp_path / "a.csv", run)

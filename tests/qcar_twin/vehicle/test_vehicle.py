@@ -254,6 +254,9 @@ def test_a_small_yaw_inertia_makes_lighter_wheels():
     ({"mass": 0.0}, "mass must be a positive number"),
     ({"wheel_radius": -0.03}, "wheel_radius must be a positive number"),
     ({"yaw_inertia": 1e-4}, "correct yaw_inertia, or give a smaller wheel_mass"),
+    ({"std": {"mass": 0.0}}, "the std of mass must be a positive number"),  # it would pass for no prior at all
+    ({"std": {"mass": -0.05}}, "the std of mass must be a positive number"),
+    ({"std": {"mass": np.inf}}, "the std of mass must be a positive number"),
   ],
 )
 def test_impossible_numbers_are_refused(change, text):

@@ -8,7 +8,6 @@ import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
@@ -20,8 +19,6 @@ from calibration.fitting.likelihood import Problem
 from calibration.fitting.recalibration import reweighted, settled
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.twin.mechanisms import offered, select
-
-Array = NDArray[np.float64]
 
 MATERIAL = 0.01  # of the errors: what makes less of a difference nobody misses
 _KEPT = 3  # models of a round that are fitted to the end

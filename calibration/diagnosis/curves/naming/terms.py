@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.diagnosis.curves.flexible import DELAYS, Characterised
 from calibration.diagnosis.curves.naming.refits import Test, Trials
@@ -12,8 +11,6 @@ from calibration.diagnosis.curves.naming.removals import matters, stands_out
 from calibration.diagnosis.curves.naming.sessions import contrasts
 from calibration.diagnosis.score import clustered_std
 from qcar_twin.parameters import ParameterSet
-
-Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)
