@@ -21,11 +21,15 @@ from calibration.diagnosis.scan import measured, trial_starts
 from calibration.fitting.likelihood import Problem
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.twin.mechanisms import by_subsystem
+from qcar_twin.vehicle.drive import DRIVES
 
 # of the typical size: of delays on the first guess, of those and of likely ones on the unbent twin, and of all others
 # there
 _LARGE, _USUAL, _WHOLE = (1.0, 2.5, 5.0), (0.6, 1.3), (1.0,)
-_DRIVE = ("torque_per_volt", "motor_damping", "driveline_friction", "rotor_inertia", "longitudinal_stiffness")
+# the motor's torque per command in any of its kinds, and what else moves the car along
+_DRIVE = frozenset(motor.gain for motor in DRIVES.values()) | {
+  "motor_damping", "driveline_friction", "rotor_inertia", "longitudinal_stiffness",
+}  # fmt: skip
 _BENT = 2.0  # prior standard deviations beyond which a parameter is put back
 _WORTH = 30.0  # nats a trial must bring to the twin it is tried on
 _RIVALS = 3.0  # and how far above the recalibrated twin's cost it may lie

@@ -213,10 +213,14 @@ def projection(found: Characterised, curve: Mechanism) -> tuple[Callable[[Sequen
 
 
 def questions(found: Characterised, curve: Mechanism) -> tuple[Array, Array]:
-  """Commands (n, 2) [V, rad] and speeds (n,) [m/s] at which a curve and its forms are compared: what was driven."""
+  """Commands (n, 2) and speeds (n,) [m/s] at which a curve and its forms are compared: what was driven.
+
+  Commands are in V, also of a car that is driven by a duty, or in A or m/s where the drive's is one, and in rad.
+  """
   segments = found.fitted.problem.observations.stretches.segments
   inside = np.arange(segments.commands.shape[1]) < segments.steps[:, None]
-  driven, top = segments.commands[inside], float(np.quantile(np.abs(segments.start[:, 3]), 0.995)) or 1.0
+  driven = segments.commands[inside] * [found.twin.vehicle.command_scale, 1.0]
+  top = float(np.quantile(np.abs(segments.start[:, 3]), 0.995)) or 1.0
   lowest, highest = driven.min(axis=0), driven.max(axis=0)
   across = np.linspace(0.0, 1.0, 25)
   commands = np.zeros((len(across), 2))

@@ -123,6 +123,16 @@ def test_the_base_cars_own_gain_and_damping_are_no_departure():
   assert np.isfinite(answer([curve], np.full(10, 0.1), situation(blank, commands, speeds))).all()
 
 
+def test_a_car_driven_by_a_duty_is_asked_in_volts():
+  blank = characterised({})
+  curve, plain = blank.fitted.problem.mechanism("drive_curve"), SimpleNamespace(twin=blank.twin, fitted=blank.fitted)
+  commands, _ = questions(plain, curve)
+  duty = dataclasses.replace(CAR, drive="duty", supply_voltage=8.0)
+  blank.fitted.problem.observations.stretches.segments.commands[..., 0] /= 8.0
+  plain.twin = SimpleNamespace(vehicle=duty)
+  np.testing.assert_allclose(questions(plain, curve)[0], commands)
+
+
 def named(*mechanisms):
   values = {p.name: 0.1 for m in select(mechanisms) for p in m.parameters}
   return Form(mechanisms, values, values, 1.0, 1.0)
