@@ -205,9 +205,10 @@ class FilterSettings:
 
     The twin's lags of servo and steering add up; of the steering's dead time the part that is no whole period is
     counted as lag, the same phase at low frequency. The drive has no lag here: its dead time is taken as it is, and
-    acts rounded to periods. What both commands wait alike adds to either. A wheel larger by e makes the encoder say
-    1 / (1 + e) of the speed. All this replaces what the settings said, but for the IMU's lever arm [m]: the twin's is
-    an error of theirs, and is added to it. What the twin does not have stays as it is.
+    acts rounded to periods. A `command_delay` adds to either, down to none where it is negative: commands that act
+    sooner than they were logged. A wheel larger by e makes the encoder say 1 / (1 + e) of the speed. All this replaces
+    what the settings said, but for the IMU's lever arm [m]: the twin's is an error of theirs, and is added to it. What
+    the twin does not have stays as it is.
 
     Args:
       values: parameters by name, as of `twin.parameters.named(theta)`.
@@ -222,7 +223,7 @@ class FilterSettings:
     for axis, name in (("imu_x", "imu_lever_arm_x"), ("imu_y", "imu_lever_arm_y")):
       if name in values:
         changes[axis] = getattr(self, axis) + values[name]
-    late = lambda name: values.get(name, 0.0) + values.get("command_delay", 0.0)
+    late = lambda name: max(0.0, values.get(name, 0.0) + values.get("command_delay", 0.0))
     if "drive_delay" in values or "command_delay" in values:
       changes["drive_delay"] = late("drive_delay")
     if "steering_delay" in values or "command_delay" in values:

@@ -6,6 +6,9 @@ import pytest
 
 from calibration.concealed.laboratory.designs import DESIGNS
 from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.twin.file import save_twin
+from qcar_twin.twin.mechanisms import select
+from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
 from scripts import estimate, make_session, unseal
 from tests import ROOT
@@ -71,3 +74,11 @@ def test_estimate_knows_which_wheels_the_encoder_sees(tmp_path, layout, share):
   config = estimate.Config(ROOT / "data" / "sample", tmp_path)
   settings = estimate.settings_of(config, DataSet.load(config.dataset), Vehicle(layout=layout))
   assert settings.front_drive_share == share
+
+
+@pytest.mark.parametrize(("shift", "delays"), [(0, (0, 3)), (1, (1, 4)), (-1, (0, 2))])
+def test_estimate_takes_over_when_the_twins_commands_act(tmp_path, shift, delays):
+  twin = Twin(Vehicle(), select(["steering_delay"]), threads=1)
+  save_twin(tmp_path / "twin.toml", twin, twin.parameters.vector({"steering_delay": 0.03}), command_shift=shift)
+  config = estimate.Config(ROOT / "data" / "sample", tmp_path, twin=tmp_path / "twin.toml")
+  assert estimate.settings_of(config, DataSet.load(config.dataset), Vehicle()).delays == delays

@@ -161,6 +161,8 @@ def test_a_twin_tells_the_filter_of_linkage_delays_and_sensors():
 def test_what_both_commands_wait_counts_in_either_delay():
   told = FilterSettings().with_known({"command_delay": 0.02, "steering_delay": 0.014})
   assert told == FilterSettings().with_known({"drive_delay": 0.02, "steering_delay": 0.034})
+  sooner = FilterSettings().with_known({"command_delay": -0.01, "steering_delay": 0.03})
+  assert sooner == FilterSettings().with_known({"drive_delay": 0.0, "steering_delay": 0.02})
 
 
 @pytest.mark.parametrize(("layout", "share"), [("all-wheel", 0.5), ("rear", 0.0), ("front", 1.0)])
