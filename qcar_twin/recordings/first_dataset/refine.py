@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
-from qcar_twin.recordings.checks.acted import against, signless
+from qcar_twin.recordings.checks.acted import against, lost_sign
 from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.time import turn_of
 from qcar_twin.recordings.checks.units import Suspect, compare, of_most
@@ -156,7 +156,7 @@ def _settle_sign(columns: Columns, guesses: Mapping[str, Guess]) -> None:
 def _backs_at_times(recordings: Sequence[Recording], drive: str) -> bool:
   """Whether a speed lost the sign of driving backwards; where that would be all of the driving, the command is in
   question."""
-  return signless(recordings, drive) and not against(recordings, drive)
+  return bool(lost_sign(recordings, drive)) and not against(recordings, drive)
 
 
 def _rows(columns: Columns, name: str) -> Array:
