@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qcar_twin.recordings.checks.backing import turned_back
 from qcar_twin.recordings.checks.driving import LEAST_REST, MOVING, PERIOD, Drive, driven, runs, steady
 from qcar_twin.recordings.checks.faults import Runs
+from qcar_twin.recordings.checks.signs import turned_back
 from qcar_twin.recordings.recording import Recording
 
 # share of the driving: one sample in twenty that no model can explain outweighs the noise of the rest; how far it could
