@@ -1,5 +1,5 @@
-"""Sensors that read both ways and were logged as sizes: a gyro or an accelerometer that is never negative, and the speed
-of a car that the steering shows driving backwards."""
+"""Sensors that read both ways and were logged as sizes: a gyro or an accelerometer that is never negative, and the
+speed of a car that the steering shows driving backwards."""
 
 from __future__ import annotations
 
