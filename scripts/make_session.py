@@ -43,7 +43,7 @@ class Config:
   draw: bool = False
   """Conceal one effect drawn at random; it is printed nowhere and stands only in the truth."""
   design: str = "lab"
-  """Session design: lab (about 5 min of driving), compact (2 min) or paper."""
+  """Session design: lab (5 min of driving), compact (2 min), paper; of other cars wild, vesc_duty, _current, _speed."""
   sessions: int = 1
   """Number of sessions of the same car, one after the other, for a long log."""
   noise_level: float = 1.0

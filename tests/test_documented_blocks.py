@@ -145,3 +145,19 @@ def test_readme_runs_on_the_bundled_sample(tmp_path, monkeypatch, capsys):
   run(PAGES["README.md"][:1], "README.md")
   assert "battery_sag" in capsys.readouterr().out
   assert (tmp_path / "repaired.toml").is_file()
+
+
+@pytest.mark.slow
+def test_the_bundled_samples_twin_drives_as_its_page_prints(tmp_path, monkeypatch, capsys):
+  (tmp_path / "data").symlink_to(ROOT / "data")
+  monkeypatch.chdir(tmp_path)
+  outcome = diagnose(DataSet.load("data/sample"))
+  write_diagnosis(outcome, tmp_path / "out" / "sample" / "diagnosis", NOTHING_SHOWN)
+  capsys.readouterr()
+  run(PAGES["twin.md"], "twin.md")
+  page = (ROOT / "docs" / "guide" / "twin.md").read_text(encoding="utf-8")
+  said = "".join(re.findall(r"^```text\n(.*?)^```", page, re.M | re.S))
+  number = re.compile(r"\d+\.?\d*")
+  now = capsys.readouterr().out
+  assert number.sub("", now).split() == number.sub("", said).split()
+  assert list(map(float, number.findall(now))) == pytest.approx(list(map(float, number.findall(said))), rel=0.03)

@@ -14,6 +14,7 @@ from agents.control.linear_rate import LinearRate
 from agents.control.lq import LqCm, LqEd
 from qcar_twin.atomic_io import write_text
 from qcar_twin.bicycle.single_track import SingleTrackCar
+from qcar_twin.recordings.recording import nearest
 from qcar_twin.untrusted import UnreadableFile, is_number, read_toml
 from qcar_twin.vehicle.vehicle import QCAR
 
@@ -118,11 +119,14 @@ def entries(file: Path = FILE) -> dict[str, dict[str, dict[str, Any]]]:
 
 
 def entry(name: str, version: str) -> dict[str, Any]:
-  """Numbers and provenance of one version of a controller. Raises ValueError where the file has none."""
-  numbers = entries().get(name, {}).get(version)
-  if numbers is None:
-    raise ValueError(f"no {version} controller '{name}' in {FILE}")
-  return numbers
+  """Numbers and provenance of one version of a controller. Raises ValueError where the file has none, with the nearest
+  name."""
+  table = entries()
+  if name not in table:
+    raise ValueError(f"no controller '{name}'{nearest(name, table)}")
+  if version not in table[name]:
+    raise ValueError(f"no version '{version}' of controller '{name}'{nearest(version, table[name])}")
+  return table[name][version]
 
 
 def save(table: Mapping[str, Mapping[str, Mapping[str, Any]]], file: Path = FILE) -> None:

@@ -169,7 +169,8 @@ def driven(recording: Recording, vehicle: Vehicle, period: float) -> tuple[Array
     if vehicle.motor.channel not in recording:
       raise ValueError(
         f"recording '{recording.name}' was driven by {recording.drive_channel}, but {vehicle.name} is driven by"
-        f' {vehicle.motor.channel} (drive = "{vehicle.drive}"); correct drive in [vehicle] of dataset.toml'
+        f' {vehicle.motor.channel} (drive = "{vehicle.drive}"); correct drive in [vehicle] of dataset.toml, or name a'
+        " twin of this car where one was named"
       )
   return recording.commands(period, vehicle.commands, vehicle.supply_voltage)
 

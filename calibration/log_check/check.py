@@ -26,6 +26,7 @@ from calibration.log_check.shows import Shown, what_it_shows
 from calibration.log_check.timing import Sampling, samplings
 from calibration.log_check.unjudged import (
   clock_findings,
+  grip_findings,
   guessed_findings,
   lonely_findings,
   loose_findings,
@@ -133,6 +134,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
     *_half_judged(recordings),
     *_short(recordings),
     *(pose_point_findings(recordings, vehicle) if not told & {"pose_x", "pose_y", "pose_yaw"} else []),
+    *(grip_findings(compared, wheels, vehicle.wheelbase, recordings) if not told else []),
     *clock_findings(compared, wheels, vehicle.wheelbase, recordings),
     *lonely_findings(compared, recordings, told),
     *loose_findings(compared, recordings),

@@ -10,13 +10,7 @@ from calibration.fitting.start_states import STANDS
 from calibration.log_check.disagreements import Finding, Severity
 from calibration.log_check.motions import Wheels
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
-from qcar_twin.recordings.checks.acted import (
-  MUCH,
-  Stretch,
-  against,
-  signless_stretches,
-  was_commanded,
-)
+from qcar_twin.recordings.checks.acted import MUCH, Stretch, against, lost_sign, was_commanded
 from qcar_twin.recordings.checks.answers import braked_stretches, unanswered_stretches
 from qcar_twin.recordings.checks.driving import MOVING
 from qcar_twin.recordings.checks.neutral import (
@@ -79,7 +73,7 @@ def _drive(recordings: Sequence[Recording], channel: str, cuts: bool, scale: flo
   if against(recordings, channel):
     return [_against(recordings[0], channel)]
   alone = [r for r in recordings if not {"pose_x", "pose_y", "pose_yaw"} <= set(r.channels)]  # else the path tells
-  if (lost := signless_stretches(alone, channel)) and _seconds(lost) > MUCH * sum(r.duration for r in alone):
+  if lost := lost_sign(alone, channel):
     return [_signless(lost)]
   if (least := least_command(recordings, channel)) is not None:
     said = f"{channel} never comes near 0, though the car stands for a while: its least is {least:.4g}"

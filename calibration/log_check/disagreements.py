@@ -312,6 +312,8 @@ def _far_off(c: Comparison, nominal: float) -> list[Finding]:
     return []
   said = f"{_names(c)} differ {share:.2g}-fold in {c.motion.name}"
   cure = "a scale of one of them is off, or the clock: look at their units, and at time in [channels]"
+  if "motor_speed" in c.motion.reference:
+    cure += f", or [vehicle]: gear_ratio times wheel_radius would be {share:.3g} times as large; measure both"
   if steered(c.motion):
     cure = "the scale of steering_command or the wheelbase is off: measure both, and correct [channels] or [vehicle]"
   return [Finding("beware", (*c.motion.compared, *c.motion.reference), f"{said}: {cure}")]

@@ -15,6 +15,7 @@ from calibration.log_check.disagreements import Finding
 from calibration.log_check.motions import CLOCK, Wheels
 from calibration.log_check.pairs import Comparison
 from calibration.log_check.shows import Driven
+from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.completed import UNJUDGED
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.vehicle.vehicle import GRAVITY
@@ -28,6 +29,7 @@ _MEASURE = {
 }
 _GUESS = 0.2  # of a length: its deviation where nobody measured it; a ruler's is below a hundredth
 _MOST = 99.0  # per cent of the samples that stay below what is said of the driving
+_GRIP, _SEEN = 2.0, 0.1  # g across: more than tyres hold without wings; less than curves take
 
 
 def clock_findings(
@@ -41,6 +43,28 @@ def clock_findings(
   said = f"the clock {UNJUDGED}: nothing in this log measures time apart from its stamps"
   by_it = f"By them the car reached {d.top:.2g} m/s, {along:.1g} g along and {across:.1g} g across"
   return [Finding("beware", ("time",), f"{said}. {by_it}; if it did not, correct scale of time in [channels]")]
+
+
+def grip_findings(
+  comparisons: Sequence[Comparison], wheels: Wheels, wheelbase: float, recordings: Sequence[Recording]
+) -> list[Finding]:
+  """That the car went round faster than tyres hold, by its speed and its gyro, and no accelerometer says so, too: one
+  of them, or the clock, is in another unit."""
+  turning = [r for r in recordings if "yaw_rate" in r and wheels.channel in r]
+  if not turning or any("accel_y" in c.motion.compared and _tells(c) for c in comparisons):
+    return []
+  across = float(np.percentile(np.abs(Driven.of(wheels, wheelbase, turning).across), _MOST)) / GRAVITY
+  if across <= _GRIP:
+    return []
+  said = f"by {wheels.channel} and yaw_rate the car went round with {across:.2g} g, and tyres hold {_GRIP:g} g at most"
+  units = [
+    f"is {name} in {unit}? set scale = {factor:.6g} on {name} in [channels], times one that is there"
+    for name in (wheels.channel, "yaw_rate")
+    for unit, factor in CHANNELS[name].log_units[:1]
+    if _SEEN < across * factor < _GRIP
+  ]
+  cure = "; ".join(units) or f"look at the units of {wheels.channel} and yaw_rate, and of time, in [channels]"
+  return [Finding("beware", (wheels.channel, "yaw_rate"), f"{said}: one of them, or time, is in another unit; {cure}")]
 
 
 def lonely_findings(

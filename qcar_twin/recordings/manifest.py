@@ -215,8 +215,8 @@ def _vehicle(raw: Mapping[str, Any]) -> tuple[dict[str, float | str], dict[str, 
       f"{FILE_NAME}: [vehicle] max_steering is {steering:g} rad, more than a right angle; in degrees? multiply by "
       "0.0174533"
     )
-  check_car(vehicle, f"{FILE_NAME}: [vehicle]")
-  return vehicle, _std(_table(raw, "std", "[vehicle] "), vehicle)
+  check_car(vehicle, f"{FILE_NAME}: [vehicle]", std := _table(raw, "std", "[vehicle] "))
+  return vehicle, _std(std, vehicle)
 
 
 def _std(raw: Mapping[str, Any], vehicle: Mapping[str, Any]) -> dict[str, float]:

@@ -47,6 +47,7 @@ UNITS: dict[str, tuple[str, float]] = {
   **dict.fromkeys(("in/s", "in/sec", "inches/s", "inches/sec"), ("m/s", 0.0254)),
   **dict.fromkeys(("mm/s", "mmps"), ("m/s", 0.001)),
   **dict.fromkeys(("m/s2", "m/s^2", "m/s²", "mps2", "mss"), ("m/s^2", 1.0)),
+  **dict.fromkeys(("ft/s2", "ft/s^2", "ft/s²"), ("m/s^2", 0.3048)),
   **dict.fromkeys(("g",), ("m/s^2", GRAVITY)),
   **dict.fromkeys(("mg",), ("m/s^2", GRAVITY / 1000.0)),
   **dict.fromkeys(("m", "meter", "metre", "meters", "metres"), ("m", 1.0)),
@@ -62,7 +63,11 @@ UNITS: dict[str, tuple[str, float]] = {
 }
 
 # units whose letters are words of names elsewhere: SteerIn is no length
-_BRACKETED = {"in": ("m", 0.0254), "ips": ("m/s", 0.0254), "ft": ("m", 0.3048), "ft/s": ("m/s", 0.3048)}
+_BRACKETED = {
+  **{"in": ("m", 0.0254), "ips": ("m/s", 0.0254), "ft": ("m", 0.3048), "ft/s": ("m/s", 0.3048)},
+  **dict.fromkeys(("grad", "grados", "degrés", "gradi"), UNITS["deg"]),  # as degrees are called elsewhere
+  **dict.fromkeys(("grad/s", "grados/s", "degrés/s", "gradi/s"), UNITS["deg/s"]),
+}
 
 
 def words_of(column: str) -> tuple[str, ...]:

@@ -3,11 +3,14 @@
 OpenGL comes from EGL (or OSMesa with MUJOCO_GL=osmesa), video from the ffmpeg that imageio-ffmpeg brings along.
 """
 
+import atexit
+import contextlib
 import dataclasses
 import difflib
 import errno
 import itertools
 import os
+import weakref
 from collections.abc import Iterator
 from pathlib import Path as File
 from typing import Any
@@ -108,6 +111,10 @@ class Film:
     self._data = mujoco.MjData(self._model)
     self._puppets = [Puppet(self._model, vehicle)] + ([Puppet(self._model, vehicle, GHOST_PREFIX)] if ghost else [])
     self._context = gl_context(look.width, look.height)
+    if not _OPEN:  # after EGL's own, so that it goes first: without a display no context can be given back
+      atexit.unregister(_close_all)
+      atexit.register(_close_all)
+    _OPEN.add(self)
     self._drawing = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
     mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._drawing)
     self._scene = mujoco.MjvScene(self._model, maxgeom=2000)
@@ -189,6 +196,16 @@ class Film:
       self._drawing.free()  # now: left to the garbage collector it would free buffers of another film's context
       self._context.free()
       self._context = None
+
+
+_OPEN: weakref.WeakSet[Film] = weakref.WeakSet()
+
+
+def _close_all() -> None:
+  """Close films that nobody closed, as of an environment in a short script, before the interpreter ends."""
+  for film in list(_OPEN) if _OPENED[0] == os.getpid() else ():
+    with contextlib.suppress(Exception):  # its thread may hold the context still
+      film.close()
 
 
 def require_film(file: File) -> None:

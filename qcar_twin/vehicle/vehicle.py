@@ -247,8 +247,8 @@ class Vehicle:
     texts: dict[str, Any] = {key: str(vehicle[key]) for key in _WORDS if key in vehicle}
     given = {key: value for key, value in vehicle.items() if key not in ("name", *_WORDS)}
     given, std = motor_figures(given, dict(std or {}), texts.get("drive", "voltage"))
-    for key in set(given) - _field_names():
-      near = difflib.get_close_matches(key, _field_names(), n=1)
+    for key in (set(given) | set(std)) - _field_names():
+      near = difflib.get_close_matches(key, _field_names(), n=1, cutoff=0.8)
       ending = f"; did you mean {near[0]}?" if near else ""
       log.warning("[vehicle]: '%s' is not a number this twin knows and is left out%s", key, ending)
     numbers: dict[str, Any] = {key: float(value) for key, value in given.items() if key in _field_names()}

@@ -8,6 +8,8 @@ from functools import partial
 
 import numpy as np
 
+from qcar_twin.recordings.recording import nearest
+
 from . import manoeuvres as m
 from .manoeuvres import Manoeuvre
 
@@ -109,7 +111,7 @@ DESIGNS: dict[str, Callable[[np.random.Generator], list[Manoeuvre]]] = {
 def plan(design: str, rng: np.random.Generator) -> list[Manoeuvre]:
   """The manoeuvres of a design in order; the second half is driven after a pause. KeyError lists the valid names."""
   if design not in DESIGNS:
-    raise KeyError(f"no session design '{design}'; valid are: {', '.join(DESIGNS)}")
+    raise KeyError(f"no session design '{design}'{nearest(design, DESIGNS)}")
   return in_two_halves(DESIGNS[design](rng))
 
 

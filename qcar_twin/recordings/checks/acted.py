@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qcar_twin.recordings.checks.driving import LEAST_REST, MOVING, PERIOD, driven, runs, steady
+from qcar_twin.recordings.checks.driving import LEAST_REST, MOVING, PERIOD, Drive, driven, runs, steady
 from qcar_twin.recordings.checks.faults import Runs
+from qcar_twin.recordings.checks.signs import turned_back
 from qcar_twin.recordings.recording import Recording
 
 # share of the driving: one sample in twenty that no model can explain outweighs the noise of the rest; how far it could
@@ -67,13 +68,22 @@ def against(recordings: Sequence[Recording], channel: str) -> bool:
   return count * PERIOD >= LEAST_REST and float(np.sum(np.concatenate(signs) < 0.0)) > _CONTRARY * count
 
 
-def signless_stretches(recordings: Sequence[Recording], channel: str) -> list[Stretch]:
-  """Stretches in which the car drives on under a command of the other sign, though its speed is never negative: it was
-  driven backwards, and the sensor counts without a sign. A car that is braked by such a command slows down."""
+def lost_sign(recordings: Sequence[Recording], channel: str) -> list[Stretch]:
+  """Stretches in which the car was driven backwards, though its speed is never negative: the sensor counts without a
+  sign. It drives on under a command of the other sign, for more of the time than noise and odd seconds take, or the
+  steering shows it; none where neither does."""
   held = driven(recordings, channel)
   top = max((float(np.percentile(np.abs(d.speed), 99.0)) for d in held), default=0.0)
   if any(float(np.percentile(d.speed, 1.0)) < -MOVING * top for d in held):
     return []
+  lost = _driven_on(held, channel)
+  if sum(stretch.end - stretch.start for stretch in lost) > MUCH * sum(r.duration for r in recordings):
+    return lost
+  return [Stretch(recording, channel, start, end) for recording, start, end in turned_back(held)]
+
+
+def _driven_on(held: Sequence[Drive], channel: str) -> list[Stretch]:
+  """Where the car drives on under a negative command. One that is braked by such a command slows down."""
   large = float(np.percentile(np.abs(np.concatenate([d.command for d in held])), WEAK)) if held else 0.0
   return [
     Stretch(d.recording, channel, float(d.time[first]), float(d.time[last]))
@@ -81,12 +91,6 @@ def signless_stretches(recordings: Sequence[Recording], channel: str) -> list[St
     for first, last, reversed_ in runs(steady(d) & (d.command < -large))
     if reversed_ and (last - first) * PERIOD >= _LONGEST_LAG
   ]
-
-
-def signless(recordings: Sequence[Recording], channel: str) -> bool:
-  """Whether that is so for more of the time than noise and odd seconds take."""
-  lost = sum(stretch.end - stretch.start for stretch in signless_stretches(recordings, channel))
-  return lost > MUCH * sum(r.duration for r in recordings)
 
 
 def was_commanded(recordings: Sequence[Recording], channel: str) -> bool:

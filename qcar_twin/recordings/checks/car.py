@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from qcar_twin.recordings.recording import RecordingError
 
@@ -17,9 +17,14 @@ _APART = 20.0  # of the two ends' distances to the centre of gravity; a car has 
 _LENGTHS = {"wheel_radius": (0.02, 0.6), "track_width": (0.15, 3.0), "cg_height": (0.02, 1.5)}
 
 
-def check_car(vehicle: Mapping[str, float | str], where: str) -> None:
-  """Raises RecordingError for numbers that cannot be one car's in SI units, with the unit that makes them so."""
+def check_car(vehicle: Mapping[str, float | str], where: str, std: Collection[str] = ()) -> None:
+  """Raises RecordingError for numbers that cannot be one car's in SI units, with the unit that makes them so.
+
+  Args:
+    std: the numbers whose deviations are stated.
+  """
   number = lambda key: float(vehicle[key])
+  _check_wheelbase(vehicle, where, std)
   if "gear_ratio" in vehicle and number("gear_ratio") > 1.0:
     gear = number("gear_ratio")
     raise RecordingError(
@@ -45,6 +50,15 @@ def check_car(vehicle: Mapping[str, float | str], where: str) -> None:
         f"{where} yaw_inertia of {number('yaw_inertia'):g} kg m^2 does not fit {number('mass'):g} kg and a wheelbase of"
         f" {wheelbase:g} m; a usual car has {0.17 * number('mass') * wheelbase**2:.3g} kg m^2"
       )
+
+
+def _check_wheelbase(vehicle: Mapping[str, float | str], where: str, std: Collection[str]) -> None:
+  """A wheelbase is stated by its two parts: by itself it would be left out, and the nominal car's stand in."""
+  if isinstance(length := vehicle.get("wheelbase"), float):
+    half = f"cg_to_front = {0.5 * length:g} and cg_to_rear = {0.5 * length:g}"
+    raise RecordingError(f"{where} wheelbase is not read: write its two parts, {half} where they are equal")
+  if "wheelbase" in std:
+    raise RecordingError(f"{where[:-1]}.std] wheelbase is not read: write the deviations of cg_to_front and cg_to_rear")
 
 
 def _check_ends(ends: Mapping[str, float], mass: float, where: str) -> None:

@@ -58,8 +58,15 @@ def _answered(stands: np.ndarray) -> np.ndarray:
 def steady(drive: Drive) -> np.ndarray:
   """Where the car moves and does not slow down, (k,)."""
   top = float(np.percentile(np.abs(drive.speed), 99.0))
-  speed = np.convolve(np.abs(drive.speed), np.full(5, 0.2), "same")
-  return ~drive.stands & (speed > MOVING * top) & (np.gradient(speed, PERIOD) > -_SLOWS * top)
+  speed = smoothed(np.abs(drive.speed), 5)
+  change = np.gradient(speed, PERIOD) if speed.size > 1 else 0.0 * speed
+  return ~drive.stands & (speed > MOVING * top) & (change > -_SLOWS * top)
+
+
+def smoothed(values: np.ndarray, count: int) -> np.ndarray:
+  """Means over `count` samples about each, (k,), however few there are; beyond the ends are zeros."""
+  first = (count - 1) // 2
+  return np.convolve(values, np.full(count, 1.0 / count))[first : first + values.size]
 
 
 def runs(mask: np.ndarray) -> list[tuple[int, int, bool]]:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from qcar_twin.recordings.checks.acted import Stretch
-from qcar_twin.recordings.checks.driving import MOVING, PERIOD, Drive, driven, runs
+from qcar_twin.recordings.checks.driving import MOVING, PERIOD, Drive, driven, runs, smoothed
 from qcar_twin.recordings.recording import Recording
 
 _LONGEST_LAG = 0.5  # s, for which a drive may go on after its command ended, or before the next, stamped late
@@ -47,7 +47,7 @@ def pushed_stretches(recordings: Sequence[Recording], channel: str, scale: float
 def _from_rest(d: Drive, top: float) -> list[tuple[int, int]]:
   """First and last row of what begins and ends at rest."""
   lag, parts = round(_LONGEST_LAG / PERIOD), []
-  fast = np.convolve(np.abs(d.speed), np.full(_SMOOTH, 1.0 / _SMOOTH), "same") > MOVING * top
+  fast = smoothed(np.abs(d.speed), _SMOOTH) > MOVING * top
   for first, last, off in runs(d.command == 0.0):
     if not off or not d.rest[first + lag : last + 1].any():
       continue

@@ -51,7 +51,8 @@ def goes_with(recordings: Sequence[Recording]) -> bool:
 
 def settle_heading(guess: Guess, recordings: Sequence[Recording], geographic: bool = False) -> None:
   """The reading of a heading that goes with the path much better than the present one; a compass's only where a gyro,
-  too, turns the other way, since a place of exchanged axes looks the same, or where the place is east and north."""
+  too, turns the other way, since a place of exchanged axes looks the same, or where the place is east and north, or the
+  heading's own name says so (`geographic`)."""
   course, heading = courses(recordings)
   if len(course) < _LEAST:
     return

@@ -106,7 +106,8 @@ _RULES: dict[str, tuple[str, ...]] = {
     "north|northing !acc|vel|velocity|speed|rate",
   ),
   "pose_yaw": (
-    "yaw|heading|theta|psi|phi|orientation !rate|dot|vel|velocity|speed|gyro|x|z|w|target|desired|des",
+    "yaw|heading|theta|psi|phi|orientation|compass|azimuth|bearing"
+    " !rate|dot|vel|velocity|speed|gyro|x|z|w|target|desired|des",
     "rz !rate|vel|velocity|speed",
   ),
   "pose_score": ("score|confidence|quality",),
@@ -158,6 +159,8 @@ def readings(column: str) -> list[Reading]:
     score += 0.2 * bool(words & _RAW) - 0.5 * bool(worked_out)
     pulse = unit is not None and unit[0] in _PULSES and channel in ("motor_duty", "steering_command")
     share = unit is not None and unit[1] == "-" and channel == "steering_command"  # of full lock
+    if unit is not None and unit[1] == "-" and channel == "acceleration_command":
+      channel = "motor_duty"  # an accelerator's travel, which commands no m/s^2
     fits = unit is None or unit[1] == CHANNELS[channel].unit or pulse or share
     letter = unit is not None and len(unit[0]) == 1 and not BRACKET.search(column)  # gyro_a is not in amperes
     if not fits and not letter:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
-from qcar_twin.recordings.checks.acted import against, signless
+from qcar_twin.recordings.checks.acted import against, lost_sign
 from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.time import turn_of
 from qcar_twin.recordings.checks.units import Suspect, compare, of_most
@@ -24,6 +24,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 Array = NDArray[np.float64]
 
 _GEOGRAPHIC = ({"east", "easting", "utm"}, {"north", "northing", "utm"})  # a place whose left and right are known
+_COMPASS = {"compass", "azimuth", "bearing"}  # a heading that is clockwise from north by its name
 _ROUNDS = 4  # of units, each of which may uncover the next
 # units of speed so near to a clock's at twice the speed that only where a gyro confirms the clock they are meant
 _NEAR_A_CLOCKS = tuple(
@@ -156,7 +157,7 @@ def _settle_sign(columns: Columns, guesses: Mapping[str, Guess]) -> None:
 def _backs_at_times(recordings: Sequence[Recording], drive: str) -> bool:
   """Whether a speed lost the sign of driving backwards; where that would be all of the driving, the command is in
   question."""
-  return signless(recordings, drive) and not against(recordings, drive)
+  return bool(lost_sign(recordings, drive)) and not against(recordings, drive)
 
 
 def _rows(columns: Columns, name: str) -> Array:
@@ -172,7 +173,8 @@ def settle_pose(columns: Columns, guesses: Mapping[str, Guess]) -> None:
     return
   place = [set(words_of(guesses[name].column)) for name in ("pose_x", "pose_y") if name in guesses]
   known = len(place) == len(_GEOGRAPHIC) and all(named & words for named, words in zip(place, _GEOGRAPHIC, strict=True))
-  settle_heading(heading, recordings_of(columns, guesses), known)
+  from_north = bool(set(words_of(heading.column)) & _COMPASS)
+  settle_heading(heading, recordings_of(columns, guesses), known or from_north)
 
 
 def unwrap_heading(columns: Columns, guesses: Mapping[str, Guess]) -> None:

@@ -1,20 +1,41 @@
-"""What to say of columns that are no channel and yet matter: brakes, and counts of an encoder."""
+"""What to say of columns that are no channel and yet matter: brakes, counts of an encoder, numbers that are
+written as none are read."""
+
+import re
 
 import numpy as np
 
 from qcar_twin.recordings.first_dataset.columns import Columns
 from qcar_twin.recordings.first_dataset.names import readings
+from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import unit_of, words_of
 
 _COUNTERS = {"tick", "ticks", "count", "counts", "pulses", "tachometer", "odometer", "enc", "encoder"}
 _MANY = 100  # steps, of a car that drove some metres by any encoder; a counter of laps or of gears has fewer
+_DIGITS = re.compile(r"^\s*[-+]?[\d.,]+")
 _BRAKES = {"brake", "brakes", "braking", "brk"}
 _PRESSED = 0.05  # of its largest value, from which a brake is pressed
 
 
 def said_of(columns: Columns, name: str) -> str:
   """What to make of a column that is not used; empty for most."""
-  return _brakes(columns, name) or (_counter(name) if _counts(columns, name) else "") or _no_clock(columns, name)
+  counted = _counter(name) if _counts(columns, name) else ""
+  return _brakes(columns, name) or counted or _no_clock(columns, name) or _text(columns, name)
+
+
+def _text(columns: Columns, name: str) -> str:
+  """What keeps a column from being one of numbers, where its cells begin with digits; empty for words and numbers."""
+  if name in columns.names or any(f"{name} [" == other[: len(name) + 2] for other in columns.names):
+    return ""
+  for table in columns.holding(name):
+    cells = table.columns[name]
+    if cells.dtype != object or not all(_DIGITS.match(str(cell)) for cell in cells if cell is not None):
+      continue
+    try:
+      table.number(name, name)
+    except RecordingError as error:
+      return str(error)
+  return ""
 
 
 def _brakes(columns: Columns, name: str) -> str:

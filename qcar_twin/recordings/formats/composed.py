@@ -1,4 +1,5 @@
-"""Columns that others make up, as ROS writes them into text: a stamp of seconds and nanoseconds, a quaternion."""
+"""Columns that others make up, as ROS writes them into text: a stamp of seconds and nanoseconds, a quaternion. Numbers
+with their unit in every cell."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.recording import RecordingError
-from qcar_twin.recordings.unit_names import VECTORS, words_of
+from qcar_twin.recordings.unit_names import VECTORS, unit_of, words_of
 
 _SECONDS = re.compile(r"^(?P<stamp>.*?)[._ /]?(?P<s>secs?)$", re.IGNORECASE)
 _NANOSECONDS = ("nsec", "nsecs", "nanosec", "nanosecs")
@@ -18,6 +19,7 @@ _QUATERNION = re.compile(
   r"^(?P<stem>.*(?:orientation|rotation|quaternion|quat|q))(?P<gap>[._ /]?)(?P<w>w)$", re.IGNORECASE
 )
 _LIST = re.compile(r"^\s*[\[(](?P<inside>.*)[\])]\s*$", re.DOTALL)
+_WITH_UNIT = re.compile(r"^\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\s\d.,:;+-].*?)\s*$")
 _MOST = 16  # elements of a cell that are columns
 _INDEXED = re.compile(r"^(?P<stem>.+?)[._ ]?(?P<place>\d)$")
 _LATITUDES, _LONGITUDES = {"lat", "latitude"}, {"lon", "lng", "longitude"}
@@ -95,6 +97,22 @@ def _lists(table: Table) -> dict[str, np.ndarray]:
   return out
 
 
+def _with_units(table: Table) -> dict[str, np.ndarray]:
+  """The numbers of columns whose cells have a unit behind each, one and the same, which goes into the name:
+  `speed [m/s]` of cells such as `0.35 m/s`."""
+  out = {}
+  for name, cells in table.columns.items():
+    there = [k for k, cell in enumerate(cells) if cell is not None] if cells.dtype == object else []
+    parsed = [_WITH_UNIT.match(str(cells[k])) for k in there]
+    units = {match["unit"] if match else "" for match in parsed}
+    if len(units) != 1 or "" in units or unit_of(f"[{min(units)}]") is None:
+      continue
+    whole = f"{name} [{min(units)}]"
+    out[whole] = np.full(cells.size, np.nan)
+    out[whole][there] = [float(match["number"]) for match in parsed if match]
+  return out
+
+
 def _elements(names: Iterable[str]) -> dict[str, str]:
   """What the elements 0, 1 and 2 of a vector of three are called as such, `gyro[2]` -> their columns, `gyro_2`."""
   vectors: dict[str, dict[str, str]] = {}
@@ -107,8 +125,10 @@ def _elements(names: Iterable[str]) -> dict[str, str]:
 
 def composed(table: Table) -> Table:
   """The table with one column, in s, for every stamp that was written as seconds and nanoseconds, one, in rad, for the
-  yaw of every quaternion, and those of vectors under names that say their axis, be they in cells of lists."""
-  made = {name: values for name, values in _lists(table).items() if name not in table}
+  yaw of every quaternion, those of vectors under names that say their axis, be they in cells of lists, and those of
+  numbers with their unit."""
+  cells = {**_lists(table), **_with_units(table)}
+  made = {name: values for name, values in cells.items() if name not in table}
   for seconds, (nanoseconds, name) in _stamps(table.columns).items():
     if name not in table and (parts := _numbers(table, (seconds, nanoseconds))) is not None:
       made[name] = parts[0] + 1e-9 * parts[1]

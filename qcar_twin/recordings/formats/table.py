@@ -123,7 +123,9 @@ class Table:
     row, cell = next((row, cell) for row, cell in enumerate(values) if not _is_number(cell))
     about = f"column '{column}'" + (f" for {channel}" if column != channel else "")
     cure = "write numbers with a decimal point, or leave the cell blank where there is no sample"
-    if channel == "time":
+    if whole := next((name for name in self.columns if name.startswith(f"{column} [")), None):
+      cure = f"its numbers are in column '{whole}': map that in [channels]"
+    elif channel == "time":
       cure = "time must be a number of seconds in every row, or a date such as 2025-10-05T13:28:47.25"
     return (
       f"{self.label}: {about} has '{' '.join(str(cell)[:40].split())}' in row {row + 1}, which is not a number; {cure}"

@@ -23,6 +23,13 @@ def test_every_family_makes_a_controller_that_steers_back(name):
   assert left < 0.0 < right and left == pytest.approx(-right)
 
 
+def test_a_misspelt_controller_or_version_is_answered_with_the_nearest():
+  with pytest.raises(ValueError, match="^no controller 'lqcm'; did you mean 'lq_cm'?"):
+    controllers.entry("lqcm", "tuned")
+  with pytest.raises(ValueError, match="^no version 'tunned' of controller 'lq_cm'; did you mean 'tuned'?"):
+    controllers.entry("lq_cm", "tunned")
+
+
 @pytest.mark.parametrize("name", FAMILIES)
 def test_side_by_side_is_one_after_the_other(name):
   stronger = {key: 1.5 * value for key, value in NUMBERS[name].items()}

@@ -187,6 +187,15 @@ def test_a_recording_too_short_to_simulate_is_refused():
     cut_recordings([circle(0.15)], CAR)
 
 
+def test_a_car_of_another_drive_is_refused_with_both_cures():
+  time = np.arange(0.0, 20.0, 0.01)
+  columns = {"motor_duty": 0.2 + 0.0 * time, "speed": 1.0 + 0.0 * time, "steering_command": 0.0 * time}
+  by_duty = Recording.from_columns("run", time, columns)
+  said = "correct drive in .vehicle. of dataset.toml, or name a twin of this car where one was named"
+  with pytest.raises(ValueError, match=said):
+    cut_recordings([by_duty], Vehicle(drive="voltage"), Cut())
+
+
 def test_a_start_at_rest_is_at_rest():
   start = measured_start(circle(2.0, speed=0.01), 0.0, CAR, 0.9, at_beginning=True)
   assert start[START.index("velocity_x")] == 0.0

@@ -144,3 +144,22 @@ def test_a_gyro_and_a_speed_alone_leave_nothing_to_be_fitted(driven):
   check = checked({name: columns[name] for name in ("speed", "yaw_rate")}, time)
   (text,) = [f.text for f in check.of("spoils")]
   assert "neither a command of the drive nor of the steering" in text
+
+
+def test_a_car_that_goes_round_faster_than_tyres_hold_has_a_speed_in_another_unit(driven):
+  time, columns = driven
+  alone = {name: columns[name] for name in ("motor_voltage", "steering_command", "speed", "yaw_rate")}
+  fast = 4.0 * 9.81 / float(np.percentile(np.abs(columns["speed"] * columns["yaw_rate"]), 99.0))  # 4 g
+  quick = alone | {"speed": fast * columns["speed"], "steering_command": columns["steering_command"] / fast}
+  (text,) = about(checked(quick, time), "tyres hold 2 g at most")
+  assert "set scale = 0.277778 on speed in [channels]" in text
+  assert not about(checked(alone, time), "tyres hold")
+  assert not about(checked(quick | {"accel_y": fast * columns["accel_y"]}, time), "tyres hold")
+
+
+def test_a_motor_whose_gear_and_wheel_are_a_guess_is_said_to_be_that(driven):
+  time, columns = driven
+  travel = 1.7 * VEHICLE["gear_ratio"] * VEHICLE["wheel_radius"]  # m of the car per radian of its motor
+  alone = {name: columns[name] for name in ("motor_voltage", "steering_command", "accel_x", "accel_y", "yaw_rate")}
+  texts = about(checked(alone | {"motor_speed": columns["speed"] / travel}, time), "gear_ratio times wheel_radius")
+  assert texts and all(float(t.split("would be ")[1].split()[0]) == pytest.approx(1.7, rel=0.1) for t in texts)

@@ -25,6 +25,37 @@ def backed():
   return time, own, own | {"speed": np.abs(own["speed"])}
 
 
+def slow_to_back(stops: bool):
+  """Time, columns and the speed with its sign, of a car that answers in a second and is told to go back for a fifth of
+  the time, which brings it to a stop and into reverse, or only brakes it."""
+  time = np.arange(3000) / 50.0
+  phase = time % 10.0
+  duty = np.select([phase < 3.0, phase < 6.0, phase < 8.2], [0.3, 0.2, -0.15 if stops else -0.01], 0.1)
+  steering = 0.3 * np.sin(1.3 * time)
+  speed = np.zeros(time.size)
+  for k in range(time.size - 1):
+    speed[k + 1] = speed[k] + 0.02 * (10.0 * duty[k] - 0.9 * speed[k])
+  turn = speed * np.tan(steering) / 0.256
+  speed += 0.01 * np.random.default_rng(4).standard_normal(time.size)
+  return time, {"motor_duty": duty, "steering_command": steering, "speed": np.abs(speed), "yaw_rate": turn}, speed
+
+
+def test_the_steering_shows_that_a_slow_car_backed_for_a_short_while(tmp_path):
+  time, logged, _ = slow_to_back(stops=True)
+  (finding,) = check_log(DataSet.load(folder_with(tmp_path, time, logged))).of("spoils")
+  assert 'set signed_by = "motor_duty" on speed' in finding.text
+  text = propose("lab", [read_table(tmp_path / "run.csv")], wheelbase=0.256, mass=2.7).text
+  assert 'signed_by = "motor_duty" }' in text
+
+
+def test_a_car_that_is_braked_under_a_negative_command_has_lost_no_sign(tmp_path):
+  time, logged, speed = slow_to_back(stops=False)
+  assert speed[500:].min() > 0.1
+  assert check_log(DataSet.load(folder_with(tmp_path, time, logged))).of("spoils") == ()
+  _, backing, signed = slow_to_back(stops=True)
+  assert check_log(DataSet.load(folder_with(tmp_path, time, backing | {"speed": signed}))).of("spoils") == ()
+
+
 def test_a_command_that_brakes_turns_no_speed():
   time = np.arange(600) / 50.0
   speed = np.interp(time, [0.0, 2.0, 4.0, 5.0, 7.0, 9.0, 12.0], [0.0, 2.0, 2.0, 1.0, 2.0, -2.0, -2.0])

@@ -1,6 +1,8 @@
 """Scenes, films and videos; what needs OpenGL is skipped where there is none."""
 
 import dataclasses
+import subprocess
+import sys
 
 import imageio.v3 as imageio
 import mujoco
@@ -226,3 +228,9 @@ def test_a_comparison_opens_where_the_two_part_and_shows_one_ghost_after_the_oth
   red = lambda picture: int(np.sum((picture[..., 0] > 150) & (picture[..., 1] < 110) & (picture[..., 2] < 110)))
   assert red(pictures[10 + 5]) > red(pictures[10 + 11]) + 20
   assert red(pictures[0]) > red(pictures[10]) + 20  # the second a film stands, and its start with both in one place
+
+
+def test_a_script_that_closes_no_film_ends_without_a_word():
+  script = "from qcar_twin.rendering.film import Film; film = Film(); other = Film(); print(film.look)"
+  ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120.0, check=False)
+  assert (ended.returncode, ended.stderr) == (0, "")

@@ -139,6 +139,8 @@ def test_the_papers_steps_are_all_there(design):
 def test_an_unknown_design_is_refused():
   with pytest.raises(KeyError, match="valid are.*lab.*compact.*paper"):
     plan("laboratory", np.random.default_rng(0))
+  with pytest.raises(KeyError, match="no session design 'labb'; did you mean 'lab'?"):
+    plan("labb", np.random.default_rng(0))
 
 
 def test_recordings_have_the_channels_at_their_rates(session):

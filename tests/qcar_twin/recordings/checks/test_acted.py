@@ -35,6 +35,14 @@ def released(time, columns, start, end):
   return np.r_[time[:at], stop, time[at:] + shift], spliced
 
 
+@pytest.mark.parametrize("seconds", [0.01, 0.06, 0.1, 0.2, 0.3])
+def test_a_log_shorter_than_any_mean_is_looked_at_like_others(seconds):
+  time = np.linspace(0.0, seconds, 10)
+  short = run(time, {"motor_voltage": np.full(10, 3.0), "speed": np.linspace(0.0, 1.0, 10)})
+  assert idle_stretches([short], "motor_voltage") == []
+  assert pushed_stretches([short], "motor_voltage") == []
+
+
 @pytest.mark.parametrize("neutral", [-3.0, 1.5, 6.0])
 @pytest.mark.parametrize("size", SIZES.values())
 def test_the_level_under_which_the_car_stands_is_the_drives_neutral(neutral, size):

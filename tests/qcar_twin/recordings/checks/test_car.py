@@ -45,3 +45,23 @@ def test_cars_of_every_size_load(tmp_path, car):
 def test_numbers_that_do_not_belong_together_are_refused_with_the_unit(tmp_path, wrong, texts):
   time, columns = drive()
   refused(folder_with(tmp_path, time, columns, vehicle=VEHICLE | wrong), "dataset.toml: [vehicle] ", *texts)
+
+
+def test_a_wheelbase_is_not_left_out_but_refused_with_its_two_parts(tmp_path):
+  time, columns = drive()
+  halves = ["wheelbase is not read", "write its two parts, cg_to_front = 0.165 and cg_to_rear = 0.165"]
+  refused(folder_with(tmp_path, time, columns, vehicle=VEHICLE | {"wheelbase": 0.33}), *halves)
+  folder_with(tmp_path, time, columns)
+  path = tmp_path / "dataset.toml"
+  std = "[vehicle.std]\nwheelbase = 0.01\n[[recording]]"
+  path.write_text(path.read_text(encoding="utf-8").replace("[[recording]]", std), encoding="utf-8")
+  refused(tmp_path, "[vehicle.std] wheelbase is not read: write the deviations of cg_to_front and cg_to_rear")
+
+
+def test_a_number_or_a_deviation_that_no_car_has_is_said_and_no_far_name_offered(caplog):
+  Vehicle.from_dataset(VEHICLE | {"drive_ratio": 5.0}, {"friktion": 0.1, "gearing": 0.2})
+  said = [record.getMessage() for record in caplog.records]
+  assert [
+    name for text in sorted(said) for name in ("drive_ratio", "friktion", "gearing") if f"'{name}' is not" in text
+  ]
+  assert len(said) == 3 and not any("did you mean" in text for text in said)

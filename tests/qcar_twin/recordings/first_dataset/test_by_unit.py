@@ -1,5 +1,7 @@
 """Columns in another language: of several angles the one that the car turned by is the steering."""
 
+import numpy as np
+
 from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.formats import read_table
 from tests.faults.wander import wander
@@ -23,6 +25,25 @@ def proposed(folder, names) -> str:
 def test_of_two_angles_the_one_that_the_car_turned_by(tmp_path):
   text = proposed(tmp_path, GERMAN)
   assert 'steering_command = { column = "Lenkwinkel [rad]"' in text and 'column = "Gierwinkel' not in text
+
+
+def test_degrees_in_the_logs_own_language_are_degrees(tmp_path):
+  time, columns = wander(51)
+  logged = {GERMAN[name]: columns[name] for name in ("motor_voltage", "speed")}
+  logged |= {"Lenkwinkel [grad]": np.degrees(columns["steering_command"])}
+  write_csv(tmp_path / "run.csv", time, logged | {"Gierrate [Grad/s]": np.degrees(columns["yaw_rate"])})
+  text = propose("lab", [read_table(tmp_path / "run.csv")], wheelbase=0.256, mass=2.7).text
+  assert 'steering_command = { column = "Lenkwinkel [grad]", scale = 0.01745329252 }' in text
+  assert 'yaw_rate = { column = "Gierrate [Grad/s]", scale = 0.01745329252 }' in text
+
+
+def test_a_compass_turns_clockwise_from_north_without_a_gyro_to_say_so(tmp_path):
+  time, columns = wander(51)
+  logged = {name: columns[name] for name in ("motor_voltage", "steering_command", "speed", "pose_x", "pose_y")}
+  logged["compass"] = (90.0 - np.degrees(columns["pose_yaw"])) % 360.0
+  write_csv(tmp_path / "run.csv", time, logged)
+  text = propose("lab", [read_table(tmp_path / "run.csv")], wheelbase=0.256, mass=2.7).text
+  assert 'pose_yaw = { column = "compass", scale = -0.01745329252, offset = 1.570796327, wrap = true }' in text
 
 
 def test_a_speed_controllers_pulses_are_the_drives_command(tmp_path):

@@ -19,6 +19,7 @@ from qcar_twin.recordings.first_dataset.names import readings, unit_of, words_of
     ("motorVoltage", "motor_voltage"), ("u_motor [V]", "motor_voltage"), ("cmd_voltage", "motor_voltage"),
     ("throttle", "motor_duty"), ("pwm", "motor_duty"), ("duty_cycle", "motor_duty"),
     ("accel_cmd", "acceleration_command"), ("a_des [m/s^2]", "acceleration_command"),
+    ("cmd_accel_pct", "motor_duty"), ("accel command [%]", "motor_duty"), ("compass [deg]", "pose_yaw"),
     ("target acceleration", "acceleration_command"), ("current_cmd [A]", "motor_current"),
     ("target current", "motor_current"),
     ("speed_cmd", "speed_command"), ("desired velocity [m/s]", "speed_command"), ("v_ref", "speed_command"),
@@ -86,6 +87,7 @@ def test_the_measured_steering_is_no_command_and_a_filtered_speed_comes_second()
   [
     ("stamp_ms", "s", 1e-3), ("time (us)", "s", 1e-6), ("steer [deg]", "rad", math.pi / 180.0), 
     ("gyro_dps", "rad/s", math.pi / 180.0), ("x(in)", "m", 0.0254), ("v_r(ips)", "m/s", 0.0254),
+    ("Gierrate [grad/s]", "rad/s", math.pi / 180.0), ("lat_acc ft/s2", "m/s^2", 0.3048), ("gradient", None, None),
     ("SteerIn", None, None), ("pos_inches", "m", 0.0254), ("Yaw [Deg/Sec]", "rad/s", math.pi / 180.0),
     ("Odometer[km]", "m", 1000.0), ("Speed_kn", "m/s", 1852.0 / 3600.0), ("speed (kt)", "m/s", 1852.0 / 3600.0),
     ("speed_kmph", "m/s", 1 / 3.6), ("motor_rpm_cmd", "rad/s", math.tau / 60.0), ("rpm_left", "rad/s", math.tau / 60.0),

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from qcar_twin.recordings.first_dataset.propose import propose
 from qcar_twin.recordings.formats import read_table
 from qcar_twin.recordings.recording import RecordingError
 
@@ -25,6 +26,23 @@ def test_a_list_in_a_cell_has_its_elements(tmp_path, mark):
 def test_lists_of_other_lengths_and_words_are_none(tmp_path):
   rows = [f'{t:.2f},"[{", ".join(["1.0"] * (1 + k % 3))}]","[a, b]"' for k, t in enumerate(TIME)]
   assert list(read(tmp_path, "time,ranges,names", rows).columns) == ["time", "ranges", "names"]
+
+
+def test_numbers_with_one_unit_in_every_cell_have_it_in_their_name(tmp_path):
+  rows = [f"{t:.2f},{k} %,-{k}.5e0 m/s,{k} m,{k}x" for k, t in enumerate(TIME)]
+  rows[3] = "0.06,,3 m/s,3 ft,"
+  table = read(tmp_path, "time,throttle,speed,way,code", rows)
+  assert list(table.columns) == ["time", "throttle", "speed", "way", "code", "throttle [%]", "speed [m/s]"]
+  assert np.isnan(table.number("throttle [%]", "motor_duty")[3])
+  assert table.number("speed [m/s]", "speed")[2:5] == pytest.approx([-2.5, 3.0, -4.5])
+  with pytest.raises(RecordingError, match=r"its numbers are in column 'speed \[m/s\]': map that in \[channels\]"):
+    table.number("speed", "speed")
+
+
+def test_a_draft_says_why_numbers_in_another_spelling_are_not_read(tmp_path):
+  rows = [f'"{1e3 * t:,.1f}",0.3,0.1,1.0,on' for t in np.arange(300) / 50.0]
+  text = propose("lab", [read(tmp_path, "time_ms,throttle,steering,speed,mode", rows)]).text
+  assert "column 'time_ms' has '1,000.0' in row 51, which is not a number" in text and "'mode' has" not in text
 
 
 def test_a_quaternion_without_x_and_y_turns_on_the_floor(tmp_path):
