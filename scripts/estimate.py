@@ -21,7 +21,7 @@ from qcar_twin.estimation.settings import ESTIMATED, FilterSettings
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.sensors.noise import standstill_noise
-from qcar_twin.twin.file import command_shift_of, load_twin
+from qcar_twin.twin.file import values_of
 from qcar_twin.vehicle.vehicle import Vehicle
 
 
@@ -71,10 +71,7 @@ def settings_of(config: Config, dataset: DataSet, vehicle: Vehicle) -> FilterSet
   settings = FilterSettings.of_vehicle(vehicle, sharing=config.sharing)
   settings = settings.with_scores_of(dataset.recordings).estimating(*config.unknown)
   if config.twin:
-    twin, theta = load_twin(config.twin, threads=1)
-    known = twin.parameters.named(theta)
-    late = known.get("command_delay", 0.0) + twin.period * command_shift_of(config.twin)
-    settings = settings.with_known(known | {"command_delay": late})
+    settings = settings.with_known(values_of(config.twin))
   noise = standstill_noise(dataset[config.noise_from]) if config.noise_from else {}
   for name, estimate in noise.items():
     print(f"{name}: {estimate}")

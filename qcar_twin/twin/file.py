@@ -87,6 +87,17 @@ def load_twin(path: str | Path, substeps: int = SUBSTEPS, threads: int = 0) -> t
     raise UnreadableFile(f"{source}: {error.args[0]}") from error
 
 
+def values_of(path: str | Path) -> dict[str, float]:
+  """A twin file's parameters by name, with a `command_delay` that holds when its commands act.
+
+  Raises:
+    FileNotFoundError, ValueError: with the file's name, the entry and the cure.
+  """
+  twin, theta = load_twin(path, threads=1)
+  values = twin.parameters.named(theta)
+  return values | {"command_delay": values.get("command_delay", 0.0) + twin.period * command_shift_of(path)}
+
+
 def command_shift_of(path: str | Path) -> int:
   """Control periods by which commands act later than logged, as a twin file says; 0 where it says nothing.
 
