@@ -165,14 +165,20 @@ def driven(recording: Recording, vehicle: Vehicle, period: float) -> tuple[Array
   Raises:
     ValueError: the recording holds the command of another kind of drive.
   """
-  if recording.drive_channel != vehicle.motor.channel and recording.drive_channel in recording:
-    if vehicle.motor.channel not in recording:
-      raise ValueError(
-        f"recording '{recording.name}' was driven by {recording.drive_channel}, but {vehicle.name} is driven by"
-        f' {vehicle.motor.channel} (drive = "{vehicle.drive}"); correct drive in [vehicle] of dataset.toml, or name a'
-        " twin of this car where one was named"
-      )
+  if said := driven_otherwise(recording, vehicle):
+    raise ValueError(said)
   return recording.commands(period, vehicle.commands, vehicle.supply_voltage)
+
+
+def driven_otherwise(recording: Recording, vehicle: Vehicle) -> str:
+  """That a recording holds the command of another kind of drive than the car's, and the cure; "" where it does not."""
+  wanted, there = vehicle.motor.channel, recording.drive_channel
+  if there == wanted or there not in recording or wanted in recording:
+    return ""
+  return (
+    f"recording '{recording.name}' was driven by {there}, but {vehicle.name} is driven by {wanted} (drive ="
+    f' "{vehicle.drive}"); correct drive in [vehicle] of dataset.toml, or name a twin of this car where one was named'
+  )
 
 
 def _thinned(pieces: list[_Piece], recordings: Sequence[Recording], cut: Cut) -> list[_Piece]:

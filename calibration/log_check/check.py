@@ -14,6 +14,7 @@ from calibration.log_check.commands import (
   PARKED,
   command_findings,
   direction_findings,
+  drive_findings,
   parked_findings,
   size_findings,
 )
@@ -142,6 +143,8 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
     *(f for s in sampled for f in _held(s)),
     *(Finding("note", (), f"{s.physics}: not shown, no {s.takes}") for s in shown if s.verdict == "none"),
   ]
+  if not any(f.severity == "spoils" for f in findings):
+    findings += drive_findings(recordings, vehicle)
   order = ("spoils", "beware", "note")
   findings.sort(key=lambda f: order.index(f.severity))
   return LogCheck(dataset, tuple(findings), tuple(sampled), tuple(compared), tuple(shown), noise)

@@ -7,6 +7,7 @@ import numpy as np
 
 from calibration.fitting.noise import ChannelNoise
 from calibration.fitting.start_states import STANDS
+from calibration.fitting.windows import driven_otherwise
 from calibration.log_check.disagreements import Finding, Severity
 from calibration.log_check.motions import Wheels
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
@@ -24,6 +25,7 @@ from qcar_twin.recordings.checks.pushes import pushed_stretches
 from qcar_twin.recordings.checks.signs import SIGNED, sizes_near_zero
 from qcar_twin.recordings.completed import with_speed
 from qcar_twin.recordings.recording import Recording
+from qcar_twin.vehicle.vehicle import Vehicle
 
 PARKED = "the car never drives"
 _ALONG = 0.9  # of the way driven, along the heading: within 26 degrees of it
@@ -207,6 +209,12 @@ def _spans(idle: Sequence[Stretch]) -> list[tuple[str, float, float]]:
     else:
       spans.append((file, i.start, i.end))
   return spans
+
+
+def drive_findings(recordings: Sequence[Recording], vehicle: Vehicle) -> list[Finding]:
+  """Commands of another kind than the one that the car is said to be driven by."""
+  said = next(filter(None, (driven_otherwise(r, vehicle) for r in recordings)), "")
+  return [Finding("spoils", (vehicle.motor.channel,), said)] if said else []
 
 
 def parked_findings(wheels: Wheels, recordings: Sequence[Recording]) -> list[Finding]:

@@ -1,5 +1,6 @@
 """The check of a log: what spoils it is refused before anything is fitted, what is odd is said with its cure."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -89,3 +90,13 @@ def test_the_command_writes_a_page_and_numbers_for_programs(tmp_path, capsys):
   page = (tmp_path / "out" / "check.html").read_text(encoding="utf-8")
   for text in ("Warnings", "Sensors against each other", "What this driving can show"):
     assert text in page
+
+
+def test_a_command_of_another_kind_than_the_cars_drive_spoils_a_fit():
+  """A duty beside drive = "voltage" was fit to be used, and refused by the fit."""
+  assert check_log(lab(drives())).of("spoils") == ()
+  other = dataclasses.replace(lab(drives()), vehicle={**VEHICLE, "drive": "duty", "supply_voltage": 8.0})
+  (said,) = check_log(other).of("spoils")
+  assert "was driven by motor_voltage, but test car is driven by motor_duty" in said.text and said.channels == (
+    "motor_duty",
+  )
