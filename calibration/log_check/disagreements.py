@@ -251,7 +251,8 @@ def _off_scale(c: Comparison) -> list[Finding]:
   sensor = c.motion.compared[0]
   said = f"{sensor} reads {100 * (c.scale.value - 1.0):+.1f} ± {100 * c.scale.std:.1f} % against"
   what = "a scale, a gear ratio or a radius" if sensor in ("speed", "motor_speed") else "a scale"
-  what += ", or the heading's zero," if "pose_yaw" in c.motion.reference and c.scale.value > 1.0 else ""
+  drifts = "pose_yaw" in c.motion.reference and c.motion.name != "turning"  # a rate knows no zero of a heading
+  what += ", or the heading's zero," if drifts and c.scale.value > 1.0 else ""
   channels = (*c.motion.compared, *c.motion.reference)
   return [Finding("beware", channels, f"{said} {_list(c.motion.reference)}; {what} is off")]
 

@@ -29,6 +29,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 Array = NDArray[np.float64]
 _STEP = 0.01  # s between windows, and between the lags that are tried
 _LAGS = np.arange(-0.30, 0.505, _STEP)  # s, about the lag that the wide search gives
+NEAR = float(_LAGS[-1] - _LAGS[0])  # s; lags farther apart were not found by one search
 _WINDOW = 0.2  # s, at least; three samples of the slower sensor
 _BLOCK = 3.0  # s of driving that are left out together: longer than any motion remembers
 _LEAST_BLOCKS = 6

@@ -1,8 +1,12 @@
 """Dead time between voltage command and motor."""
 
+from collections.abc import Mapping
+
 from qcar_twin.parameters import Parameter
-from qcar_twin.twin.mechanisms.base import Array, Context, Mechanism, State
+from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Context, Mechanism, State
 from qcar_twin.twin.mechanisms.elements import backdrop, delay_line, delay_step
+
+_FRAME = 0.02  # s, in which pulses for speed controllers come: a command waits for the next
 
 
 class DriveDelay(Mechanism):
@@ -23,7 +27,12 @@ class DriveDelay(Mechanism):
   open_loop = True
   nonlinear_response = True
   sought_far = True
+  fitted_rank = 22
   parameters = (Parameter("drive_delay", 0.0, 0.0, 0.2, "s", "d", null=0.0, typical=0.035, description="dead time"),)
+
+  def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
+    """Whether a speed controller is told by pulses few descriptions say: a frame is three deviations."""
+    return {"drive_delay": _FRAME / 3.0}
 
   def initial(self, theta: Array, context: Context) -> State:
     longest = self.parameters[0].upper

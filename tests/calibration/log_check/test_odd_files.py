@@ -1,15 +1,20 @@
 """One file among several that was logged in another way is found, and nothing where all are alike."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
+from calibration.fitting.noise import noise_models
 from calibration.log_check import check_log
 from calibration.log_check.check import LogCheck
-from calibration.log_check.odd_files import TwoGroups
+from calibration.log_check.motions import Wheels, motions
+from calibration.log_check.odd_files import TwoGroups, _odd
+from calibration.log_check.pairs import compare
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.recording import Recording
+from qcar_twin.vehicle.vehicle import Vehicle
 from tests.faults.wander import wander
 from tests.qcar_twin.recordings.drives import STD, VEHICLE
 
@@ -127,3 +132,16 @@ def test_a_car_whose_steering_alone_was_changed_is_a_warning():
 @pytest.mark.parametrize("scales", [{}, {"motor_voltage": 1.2}, {"steering_command": 1.2}, {"motor_voltage": 1.4}])
 def test_a_battery_or_a_floor_makes_no_two_cars(scales):
   assert grouped(of_four((1, 3), **scales)) == []
+
+
+@pytest.mark.parametrize(("lag", "said"), [(0.1, True), (10.3, False), (-9.0, False)])
+def test_a_sign_is_another_only_at_the_others_lag(lag, said):
+  """Circles that change side every 10 s have the other sign half a round on, where a spin spoils the right lag."""
+  time, columns = wander(40)
+  run = Recording.from_columns("run", time, columns)
+  wheels = Wheels.of(Vehicle.from_dataset(VEHICLE, STD), [run])
+  motion = next(m for m in motions(wheels, [run]) if "steering_command" in m.reference)
+  usual = compare(motion, wheels, [run], noise_models([run]))
+  odd = dataclasses.replace(usual, correlation=-0.98, lag=dataclasses.replace(usual.lag, value=lag))
+  findings = _odd("circles.csv", odd, [usual] * 3, "the other files")
+  assert any("another sign in circles.csv" in f.text for f in findings) == said
