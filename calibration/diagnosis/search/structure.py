@@ -260,18 +260,18 @@ def _without_trifles(pool: Pool) -> None:
 def _begun(pool: Pool, sets: Sequence[frozenset[str]]) -> list[Candidate]:
   """One simulated model per set, from the best of a few starts: far from the base the scan may bend.
 
-  So may the way in which the base would meet an effect.
+  So may the way in which the base would meet an effect. A set begins at each of those that it is one larger than: what
+  one of its names has bent another may need straight.
   """
-  trials = []
-  for key in sets:
-    parent = pool.best_subset(key)
-    new = sorted(key - set(parent.mechanisms))
-    starts = [_start(pool, parent, new, share, meet) for share, meet in _STARTS]
-    model = candidate(pool.problem, sorted(key), parent, pool.priors)
-    trials += [started(pool.problem, model, start) for start in starts]
-  begin(pool.problem, trials)
-  turns = range(0, len(trials), len(_STARTS))
-  return [min(trials[i : i + len(_STARTS)], key=lambda m: m.cost) for i in turns]
+  trials: dict[frozenset[str], list[Candidate]] = {key: [] for key in sets}
+  for key, begun in trials.items():
+    smaller = [key - {name} for name in sorted(key)]
+    for parent in [pool.models[k] for k in smaller if k in pool.models] or [pool.best_subset(key)]:
+      new = sorted(key - set(parent.mechanisms))
+      model = candidate(pool.problem, sorted(key), parent, pool.priors)
+      begun += [started(pool.problem, model, _start(pool, parent, new, share, meet)) for share, meet in _STARTS]
+  begin(pool.problem, [model for begun in trials.values() for model in begun])
+  return [min(begun, key=lambda m: m.cost) for begun in trials.values()]
 
 
 def _start(pool: Pool, parent: Candidate, new: Sequence[str], share: float, meet: bool) -> dict[str, float]:
