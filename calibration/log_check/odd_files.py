@@ -14,7 +14,7 @@ from calibration.fitting.noise import ChannelNoise
 from calibration.log_check.causes import ALIKE, KNOTS, scaled, steered, tolerance
 from calibration.log_check.disagreements import Finding, Severity
 from calibration.log_check.motions import Wheels, motions
-from calibration.log_check.pairs import NEAR, Comparison, Estimate, compare
+from calibration.log_check.pairs import LAGS, Comparison, Estimate, compare
 from qcar_twin.recordings.channels import SPEED_SETTING
 from qcar_twin.recordings.checks.answers import command_per_speed
 from qcar_twin.recordings.checks.driving import driven, steady
@@ -161,7 +161,7 @@ def _odd(name: str, c: Comparison, others: Sequence[Comparison], than: str) -> l
     f"correct its column in {name}, since [channels] holds for all files, or leave {name} out: a data set is of one car"
   )
   signs, aside = [math.copysign(1.0, o.correlation) for o in others], float(np.median([o.lag.value for o in others]))
-  near = abs(c.lag.value - aside) < NEAR  # driving that repeats itself has the other sign half a round on
+  near = abs(c.lag.value - aside) < np.ptp(LAGS)  # driving that repeats itself has the other sign half a round on
   if near and c.correlation * float(np.median(signs)) < 0.0 and abs(sum(signs)) > 0.5 * len(signs):
     said = f"{sensors} has another sign in {name} than in {than}, by {c.motion.name}"
     return [Finding("spoils", channels, f"{said}; {cure}")]

@@ -28,8 +28,7 @@ from qcar_twin.vehicle.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 _STEP = 0.01  # s between windows, and between the lags that are tried
-_LAGS = np.arange(-0.30, 0.505, _STEP)  # s, about the lag that the wide search gives
-NEAR = float(_LAGS[-1] - _LAGS[0])  # s; lags farther apart were not found by one search
+LAGS = np.arange(-0.30, 0.505, _STEP)  # s, about the lag that the wide search gives
 _WINDOW = 0.2  # s, at least; three samples of the slower sensor
 _BLOCK = 3.0  # s of driving that are left out together: longer than any motion remembers
 _LEAST_BLOCKS = 6
@@ -40,7 +39,7 @@ _CORE, _CONCENTRATIONS = 0.75, 5  # share of the blocks that one line has to fit
 _ODD = 5.0  # times the median residual, beyond which a block is odd
 _HIDES = 4.0  # times as much variance as without the odd blocks: then they hide what the others say
 _UNRELATED, _STILL = 1e-9, 1e-30  # a correlation, and a variance in squared units, that are rounding
-_NO_LAG = int(np.argmin(np.abs(_LAGS)))
+_NO_LAG = int(np.argmin(np.abs(LAGS)))
 _FINEST = 0.005  # s, and share of a scale: closer than that sensors are not said to agree, wheels slip and bodies roll
 _SHOWN_BY = {"turning": ("imu_latency", "gyro_scale"), "driving": ("encoder_latency", None)}
 _FELT = {"speeding up and slowing down": "accel_scale_x", "going round": "accel_scale_y"}
@@ -114,7 +113,7 @@ def compare(
   centre, elsewhere = _centre(motion, wheels, held, window)
   moved = centre if motion.acts else 0.0
   held = [_acted_later(r, motion.reference[0], moved) for r in held] if moved else held
-  lags = _LAGS + centre - moved
+  lags = LAGS + centre - moved
   blocks = [b for r in held for b in _blocks(motion, wheels, r, window, lags)]
   if len(blocks) < _LEAST_BLOCKS:
     return _unknown(motion, f"less than {_LEAST_BLOCKS * _BLOCK:g} s hold both", len(blocks) * _BLOCK)
@@ -165,7 +164,7 @@ def _centre(motion: Motion, wheels: Wheels, recordings: Sequence[Recording], win
       sums.append(sums_by_lag(x, y, by))
   if not sums:
     return 0.0, False
-  return wide_lag(sums, lambda s: _line(s, 1.0)[..., 3], 5.0 * _STEP, (_LAGS[0], _LAGS[-1]))
+  return wide_lag(sums, lambda s: _line(s, 1.0)[..., 3], 5.0 * _STEP, (LAGS[0], LAGS[-1]))
 
 
 def _acted_later(recording: Recording, command: str, seconds: float) -> Recording:

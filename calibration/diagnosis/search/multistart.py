@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from calibration.diagnosis.candidates import Candidate, begin, candidate, half_square, refine
 from calibration.diagnosis.scan import measured, trial_starts
 from calibration.fitting.likelihood import Problem
+from calibration.fitting.optimiser import prior_cost
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.twin.mechanisms import by_subsystem
 from qcar_twin.vehicle.drive import DRIVES
@@ -68,7 +69,6 @@ def multistart_models(
       trials = _trials(problem, _about(problem, first, along), _USUAL)
       trials += _trials(problem, _about(problem, others, along), _WHOLE)
       places.append(_Place(here | values, trials))
-  places += [place for name in considered for place in _exchanged(problem, base, name)]
   best: dict[str, tuple[float, dict[str, float]]] = {}
   for place in places:
     for cost, name, start in _worthwhile(problem, base, place, first):
@@ -76,13 +76,24 @@ def multistart_models(
   chosen = sorted(best, key=lambda name: best[name][0])[:_MOST]
   made = [candidate(problem, (name,), None, priors, best[name][1]) for name in chosen]
   begin(problem, made)
+  made += [model for name in considered for model in _exchanged(problem, base, priors, name)]
   refine(problem, made, 1, full=True)
   refine(problem, made, _STEPS - 1)
   return made
 
 
-def _exchanged(problem: Problem, base: Candidate, name: str) -> list[_Place]:
-  """Where a mechanism does what those that imitate it have in common, in full or in whole control periods.
+def _exchanged(problem: Problem, base: Candidate, priors: ParameterSet, name: str) -> list[Candidate]:
+  """The model with a mechanism that does what those that imitate it have in common, at the best of a few sizes; []
+  where the priors gain little by it."""
+  trials = [candidate(problem, (name,), None, priors, start) for start in _shared(problem, base, name)]
+  least = prior_cost(base.values, base.free) - _WORTH
+  trials = [model for model in trials if prior_cost(model.values, model.free) < least]
+  begin(problem, trials)
+  return sorted(trials, key=lambda model: model.cost)[:1]
+
+
+def _shared(problem: Problem, base: Candidate, name: str) -> list[dict[str, float]]:
+  """Values where a mechanism does what those that imitate it have in common, in full or in whole control periods.
 
   Only those count whose channels were measured.
   """
@@ -91,8 +102,8 @@ def _exchanged(problem: Problem, base: Candidate, name: str) -> list[_Place]:
   sizes = {p.name: here[p.name] for m in others for p in m.parameters if p.name in here}
   shared, own = min(sizes.values(), default=0.0), mechanism.parameters[0].name
   tried = {shared, period * math.floor(shared / period), period * math.ceil(shared / period)}
-  places = {one: here | {other: size - one for other, size in sizes.items()} for one in sorted(tried) if one > 0.0}
-  return [_Place(values, [(name, {own: one})]) for one, values in places.items()]
+  left = lambda one: {other: size - one for other, size in sizes.items()}
+  return [here | left(one) | {own: one} for one in sorted(tried) if one > 0.0]
 
 
 def unbent(base: Candidate, priors: ParameterSet) -> dict[str, float]:

@@ -161,7 +161,8 @@ def _explains(pool: Pool, model: Candidate) -> dict[str, float]:
 
   A promise counts as much as the mechanism's own refit kept of what the scan had promised, and nothing where an
   amplitude without a sign would have to be negative. A parameter that every model fits within a tolerance does not
-  imitate the mechanism that lets it go beyond. Priors that are met better count, too.
+  imitate the mechanism that lets it go beyond. Priors that are met better count, too. Of what a scan's straight line
+  did not see, what its refit brought alone.
   """
   common, out = Projector(model), {}
   left = np.concatenate([model.residual[: model.n_train], model.free.deviations(model.values)])
@@ -173,8 +174,16 @@ def _explains(pool: Pool, model: Candidate) -> dict[str, float]:
     direction = signature.direction[None].astype(np.float64)
     imitated = np.array([signature.imitated.get(parameter, 0.0) for parameter in model.free.names])
     change = np.concatenate([project(direction)[0], project.strain(project.answer(direction)[0] + imitated)])
-    out[name] = pool.kept.get(name, 1.0) * explained(change, left, pool.problem.mechanism(name).signed)
+    promise = pool.kept.get(name, 1.0) * explained(change, left, pool.problem.mechanism(name).signed)
+    out[name] = max(promise, _unforeseen(pool, name))
   return out
+
+
+def _unforeseen(pool: Pool, name: str) -> float:
+  """Nats that a mechanism's refit brought, where the scan had promised less; else 0."""
+  alone = pool.models.get(frozenset([name]))
+  brought = pool.base.cost - alone.cost if alone is not None else 0.0
+  return brought if brought > max(pool.signatures[name].gain, 0.0) else 0.0
 
 
 def _kept(pool: Pool, name: str) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from calibration.diagnosis.search.multistart import _about, _exchanged, multistart_models, unbent
+from calibration.diagnosis.search.multistart import _about, _shared, multistart_models, unbent
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.twin.mechanisms import catalogue
 from tests.calibration.diagnosis import diagnosis_rig as rig
@@ -119,10 +119,10 @@ def test_what_all_ages_have_in_common_is_tried_as_a_delay_of_the_commands(values
     twin=SimpleNamespace(period=0.01),
   )
   base = SimpleNamespace(free=ages, values=np.array(values))
-  places = _exchanged(problem, base, "command_delay")
-  assert [place.trials for place in places] == [[("command_delay", {"command_delay": pytest.approx(d)})] for d in tried]
-  for place, delay in zip(places, tried, strict=True):
+  starts = _shared(problem, base, "command_delay")
+  assert [start["command_delay"] for start in starts] == pytest.approx(tried)
+  for start, delay in zip(starts, tried, strict=True):
     left = {
       n: v - delay for n, v in zip(AGES, values, strict=True) if n != "pose_latency" or "pose_forward" in measured
     }
-    assert {n: place.values[n] for n in left} == pytest.approx(left)
+    assert {n: start[n] for n in left} == pytest.approx(left)
