@@ -106,13 +106,13 @@ def verdict_sentence(
 
 
 def departures_sentence(departures: Sequence[Departure]) -> str:
-  """ " The driving contradicts what was known of the car: mass 3.2 kg, measured 3.000 ± 0.010 kg."."""
-  said = [
-    f"{d.name.replace('_', ' ')} {amount(d.value, None, d.unit)}, {'usual' if d.usual else 'measured'}"
-    f" {amount(d.measured, d.std, d.unit)}"
-    for d in departures
-  ]
-  return f" The driving contradicts what was known of the car: {'; '.join(said)}." if said else ""
+  """ " The driving contradicts what was measured of the car: mass 3.2 kg, measured 3.000 ± 0.010 kg.", and what is
+  unusual of its sensors, which nobody measured."""
+  said = lambda d: f"{d.name.replace('_', ' ')} {amount(d.value, None, d.unit)}"
+  known = [f"{said(d)}, measured {amount(d.measured, d.std, d.unit)}" for d in departures if not d.usual]
+  usual = [f"{said(d)}, usual {amount(d.measured, d.std, d.unit)}" for d in departures if d.usual]
+  contradicted = f" The driving contradicts what was measured of the car: {'; '.join(known)}." if known else ""
+  return contradicted + (f" Unusual of such sensors: {'; '.join(usual)}." if usual else "")
 
 
 def unlike_sentence(figures: Sequence[tuple[Parameter, float]]) -> str:

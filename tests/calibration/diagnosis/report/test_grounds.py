@@ -54,7 +54,10 @@ def test_a_contradiction_is_in_the_verdict_and_in_the_table(clean_pool):
   late = Departure("encoder_latency", 0.024, 0.0, 0.003, 8.0, "s", usual=True)
   apart = (Departure("mass", 3.8, 3.0, 0.01, 21.0, "kg"), late)
   told = dataclasses.replace(nothing, decision=dataclasses.replace(nothing.decision, departures=apart))
-  said = "The driving contradicts what was known of the car: mass 3.8 kg, measured 3.000 ± 0.010 kg;"
+  said = (
+    "The driving contradicts what was measured of the car: mass 3.8 kg, measured 3.000 ± 0.010 kg."
+    " Unusual of such sensors: encoder latency 24 ms, usual 0.0 ± 3.0 ms."
+  )
   assert said in verdict(told) and said not in verdict(nothing)
   assert "mass: contradicts what was measured, by 21.0 deviations" in priors(told).text
   assert "contradicts what was measured, by" not in priors(nothing).text
