@@ -90,7 +90,7 @@ def with_tolerances(priors: ParameterSet, twin: Twin) -> ParameterSet:
 
   A wheel radius that is 1 % off makes every turn 1 % too wide and would pass for an error of the steering; so would a
   linkage that turns the two wheels a little otherwise, and a body roll that the twin's accelerometer does not feel for
-  a tilted sensor. No place is added that the vehicle's description states no standard deviation of.
+  a tilted sensor.
   """
   stds = {}
   for mechanism in tolerated_mechanisms(twin.mechanisms):

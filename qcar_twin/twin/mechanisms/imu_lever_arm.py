@@ -8,6 +8,8 @@ from qcar_twin.parameters import Parameter
 from qcar_twin.twin.mechanisms.base import Array, CarDimensions, Mechanism, Track
 from qcar_twin.twin.mechanisms.elements import replaced
 
+_UNSAID = 0.1  # of the wheelbase, a standard deviation: a board is near the middle of its car
+
 
 class ImuLeverArm(Mechanism):
   """The IMU sits off its stated place and feels the car's rotation there.
@@ -44,5 +46,6 @@ class ImuLeverArm(Mechanism):
     )
 
   def tolerances(self, car: CarDimensions, std: Mapping[str, float]) -> Mapping[str, float]:
-    """As its place was measured; none where no standard deviation of it is stated."""
-    return {f"imu_lever_arm_{axis}": std.get(f"imu_{axis}", 0.0) for axis in ("x", "y")}
+    """As its place was measured; where nobody says how well, a tenth of the wheelbase."""
+    unsaid = _UNSAID * car.wheelbase
+    return {f"imu_lever_arm_{axis}": std.get(f"imu_{axis}") or unsaid for axis in ("x", "y")}
