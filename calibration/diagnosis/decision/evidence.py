@@ -61,6 +61,7 @@ class Alternative:
     at_bound: whether its amplitude went as far as it may.
     behind_t: held-out t of the name over it.
     behind_priors: nats of the priors by which it is behind the name.
+    beside: nats that the name brings where both are in the model; 0 where that was not fitted.
   """
 
   name: str
@@ -69,6 +70,7 @@ class Alternative:
   at_bound: bool
   behind_t: float
   behind_priors: float
+  beside: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -132,8 +134,14 @@ class Named:
     return tuple(sorted(self.alternatives, key=lambda a: (-a.nats, a.name)))
 
   def margin(self, leaving_out: tuple[str, ...] = ()) -> float:
-    """Nats ahead of the best alternative but for some, or of nothing."""
-    return self.held_out.drop - max(0.0, *(a.nats for a in self.alternatives if a.name not in leaving_out), 0.0)
+    """Nats ahead of the best alternative but for some, or of nothing.
+
+    What explains something else is no alternative, however many nats: one counts by the share of the name's nats that
+    it takes over, that is, by what the name does not bring beside it.
+    """
+    drop, rivals = self.held_out.drop, [a for a in self.alternatives if a.name not in leaving_out]
+    taken = lambda a: 1.0 - min(max(a.beside / drop, 0.0), 1.0) if drop > 0.0 else 1.0
+    return min([drop, *(drop - a.nats * taken(a) for a in rivals)])
 
 
 @dataclasses.dataclass(frozen=True)

@@ -126,6 +126,7 @@ class Weighing:
   def alternative(self, model: Candidate, key: frozenset[str], name: str) -> Alternative:
     """What stands in a name's place in another model."""
     other, rest = self.pool.models[key], self.pool.models[key - {name}]
+    both = self.pool.models.get(key | _key(model))
     gap = self.compare(_key(model), key)
     return Alternative(
       name=name,
@@ -134,6 +135,7 @@ class Weighing:
       at_bound=self.stretched(key, name),
       behind_t=gap.t,
       behind_priors=gap.priors,
+      beside=max(other.cost - both.cost, 0.0) if both is not None else 0.0,
     )
 
   def sensors(self, model: Candidate) -> list[Named]:

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from calibration.diagnosis.decision.comparison import Comparison
-from calibration.diagnosis.decision.evidence import Measured, Model, Named
+from calibration.diagnosis.decision.evidence import Alternative, Measured, Model, Named
 from calibration.diagnosis.decision.levels import FILE, read_levels, usual_levels
 from calibration.diagnosis.decision.weighing import counts, matters, reconciles
 from calibration.diagnosis.score import compare
@@ -56,7 +56,8 @@ def test_a_name_is_weighed_against_the_model_without_it_and_its_rivals(pair_pool
   single = pair_pool.models[frozenset(["steering_offset"])]
   alone = weighed(single, "steering_offset")
   best = max(a.nats for a in alone.alternatives)
-  assert alone.best_first[0].nats == best and alone.margin() == pytest.approx(alone.held_out.drop - max(best, 0.0))
+  same = dataclasses.replace(alone, alternatives=tuple(dataclasses.replace(a, beside=0.0) for a in alone.alternatives))
+  assert alone.best_first[0].nats == best and same.margin() == pytest.approx(alone.held_out.drop - max(best, 0.0))
   assert alone.margin(leaving_out=tuple(a.name for a in alone.alternatives)) == pytest.approx(alone.held_out.drop)
 
 
@@ -111,3 +112,29 @@ def test_a_name_reconciles_where_a_figure_departs_without_it_and_none_departs_in
   test = Comparison(gain=0.0, t=0.0, share_positive=0.0, blocks=(), before=1.0)
   name = Named("payload", test, 0.0, False, (), (), without=without)
   assert reconciles(name, Model(("payload",), 0.0, 0.0, measured=measured), LEVELS) == said
+
+
+@pytest.mark.parametrize(
+  ("nats", "beside", "margin"),
+  [
+    (60.0, 0.0, 40.0),  # it explains the same, less well
+    (160.0, 0.0, -60.0),  # the same, better
+    (160.0, 100.0, 100.0),  # something else: the name brings all of its own beside it
+    (160.0, 130.0, 100.0),  # something else that had hidden it
+    (160.0, 50.0, 20.0),  # half of the name's
+    (-9.0, 0.0, 100.0),
+  ],
+)
+def test_what_explains_something_else_is_no_alternative(nats, beside, margin):
+  test = Comparison(gain=0.0, t=0.0, share_positive=0.0, blocks=(), before=1.0, drop=100.0)
+  rival = Alternative("differential_lock", nats, 1.0, False, 1.0, 0.0, beside)
+  named = Named("command_delay", test, 0.0, False, (), (), alternatives=(rival,))
+  assert named.margin() == pytest.approx(margin) and named.margin(("differential_lock",)) == 100.0
+
+
+def test_what_a_name_brings_beside_an_alternative_is_that_of_the_set_with_both(pair_pool):
+  one, other = frozenset(["side_force"]), frozenset(["steering_offset"])
+  row = Weighing(pair_pool).named(pair_pool.models[one], "side_force")
+  (rival,) = (a for a in row.alternatives if a.name == "steering_offset")
+  brought = pair_pool.models[other].cost - pair_pool.models[one | other].cost
+  assert rival.beside == pytest.approx(brought) and brought > 10.0
