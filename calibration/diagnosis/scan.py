@@ -139,7 +139,8 @@ def scan(
     mechanisms: the catalogue.
     sizes: multiples of the typical size to try. A signed mechanism is tried with one sign and scaled
       with both: its signature is odd in its size to first order, and the refit sees to the rest. At the contact
-      both signs are tried: less grip makes wheels slide that more grip would not have changed.
+      both signs are tried: less grip makes wheels slide that more grip would not have changed. So are both of what has
+      a side: a session in a mirror has the same evidence.
     progress: reports the share of the trials that is done.
     noise: of each residual channel while the car drives; where a channel's weight is that of the base's error instead,
       what is `shown` is counted as it would be without that error: an effect must not hide by the misfit it makes.
@@ -185,8 +186,8 @@ def _projector(base: Candidate, mechanism: Mechanism) -> Projector:
 
 
 def _tried(mechanism: Mechanism, sizes: Sequence[float]) -> Sequence[float]:
-  """Sizes of the trials: both signs of what acts at the contact, octaves of what has a threshold."""
-  both = mechanism.signed and mechanism.stage == "contact"
+  """Sizes of the trials: both signs of what acts at the contact or has a side, octaves of what has a threshold."""
+  both = mechanism.signed and (mechanism.stage == "contact" or not mechanism.symmetric)
   sizes = [octave * size for size in sizes for octave in (_OCTAVES if mechanism.from_threshold else (1.0,))]
   return (*sizes, *(-size for size in sizes)) if both else sizes
 

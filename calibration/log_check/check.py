@@ -143,7 +143,7 @@ def check_log(dataset: DataSet, progress: Progress = silent) -> LogCheck:
     *(f for s in sampled for f in _held(s)),
     *(Finding("note", (), f"{s.physics}: not shown, no {s.takes}") for s in shown if s.verdict == "none"),
   ]
-  if not any(f.severity == "spoils" for f in findings):
+  if "drive" in dataset.vehicle and not any(f.severity == "spoils" for f in findings):
     findings += drive_findings(recordings, vehicle)
   order = ("spoils", "beware", "note")
   findings.sort(key=lambda f: order.index(f.severity))

@@ -23,6 +23,7 @@ SIDED = (
   "accel_bias_y",
   "floor_slope_y",
   "gyro_bias",
+  "imu_lever_arm_y",
   "pose_mount_y",
   "pose_mount_yaw",
   "steering_offset",
