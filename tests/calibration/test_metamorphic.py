@@ -18,7 +18,7 @@ from tests.scripts import tiny_session
 
 LATER, AWAY, ANGLE = 1.7e9, (500000.0, 5400000.0), np.deg2rad(170.0)
 ACROSS = ("steering_command", "accel_y", "yaw_rate", "pose_y", "pose_yaw")
-AMONG = ("side_force", "steering_gain_error")
+AMONG = ("side_force", "steering_gain_error", "steering_offset")
 SIDED = (
   "accel_bias_y",
   "floor_slope_y",
