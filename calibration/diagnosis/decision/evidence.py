@@ -140,7 +140,7 @@ class Named:
     it takes over, that is, by what the name does not bring beside it.
     """
     drop, rivals = self.held_out.drop, [a for a in self.alternatives if a.name not in leaving_out]
-    taken = lambda a: 1.0 - min(max(a.beside / drop, 0.0), 1.0) if drop > 0.0 else 1.0
+    taken = lambda a: 1.0 - min(a.beside / drop, 1.0) if drop > 0.0 else 1.0
     return min([drop, *(drop - a.nats * taken(a) for a in rivals)])
 
 

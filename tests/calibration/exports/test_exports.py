@@ -147,13 +147,6 @@ def test_a_standing_car_stands_and_a_weak_push_moves_nothing(exported):
   assert np.abs(x[:3]).max() < 1e-6
 
 
-def test_what_both_commands_wait_is_written_as_two_delays():
-  job = job_with({"command_delay": 0.03, "steering_delay": 0.01})
-  numbers = single_track_numbers(job.twin, job.theta, job.kept(target_named("single-track")))
-  assert (numbers["drive_delay"], numbers["steering_delay"]) == pytest.approx((0.03, 0.04))
-  assert "command_delay" not in numbers
-
-
 def test_plain_mujoco_opens_the_mjcf_and_drives_to_the_left(tmp_path):
   job = job_with({"steering_delay": 0.04, "steering_offset": 0.02, "payload_mass": 0.4})
   path, _ = export_twin("mjcf", job, tmp_path / "car.xml")

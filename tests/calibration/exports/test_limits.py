@@ -12,6 +12,7 @@ from calibration.exports.export import export_twin
 from calibration.exports.numbers import single_track_numbers
 from calibration.exports.target import Job
 from calibration.exports.yaml_numbers import read_numbers
+from qcar_twin.twin.mechanisms import select
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import GRAVITY, Vehicle
 
@@ -84,3 +85,11 @@ def test_a_motor_that_is_wired_the_other_way_stays_so(sign, tmp_path):
   made = read_numbers(export_twin("vesc", job, tmp_path)[0])["speed_to_erpm_gain"]
   travel = twin.vehicle.gear_ratio * twin.vehicle.wheel_radius
   assert made == pytest.approx(sign * 2 * 60 / (2 * math.pi * travel)) and np.isfinite(made)
+
+
+def test_what_both_commands_wait_is_written_as_two_delays():
+  twin = Twin(Vehicle(), select(["command_delay", "steering_delay"]), threads=1)
+  theta = twin.parameters.vector({"command_delay": 0.03, "steering_delay": 0.01})
+  numbers = single_track_numbers(twin, theta, twin.mechanisms)
+  assert (numbers["drive_delay"], numbers["steering_delay"]) == pytest.approx((0.03, 0.04))
+  assert "command_delay" not in numbers
