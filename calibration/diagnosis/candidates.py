@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 # precisions of the trial steps' restraint, in units of each parameter's scale
 _FRESH, _STALE = (0.0, 10.0, 300.0), (1.0, 100.0)
+HELD = _STALE[0]  # the least restraint along slopes that were taken elsewhere
 _LENGTHS = (1.0, 2.0)  # of a step along fresh columns: a small valley in a rough slope is stepped over
 
 
@@ -77,6 +78,12 @@ class Candidate:
     """Value and standard deviation of a free parameter."""
     i = self.free.index(name)
     return float(self.values[i]), float(self.std[i])
+
+
+def promise(model: Candidate, held: float = 0.0) -> float:
+  """Nats that a Gauss-Newton step along the model's slopes would bring, held back as `refine` does along stale ones."""
+  step = bounded_solve(model.curvature + held * _unit(model), model.gradient, model.values, model.free) - model.values
+  return -float(model.gradient @ step + 0.5 * step @ model.curvature @ step)
 
 
 def half_square(values: Array) -> float:
@@ -226,7 +233,7 @@ def _steps(item: Candidate, fresh: bool) -> list[Array]:
   every step is also tried at twice its length: the cost of wheels that slide is so rough that a slope ends in many
   small valleys, each a hundredth of the way.
   """
-  gradient, curvature, unit = item.gradient, item.curvature, np.diag(1.0 / item.free.scale**2)
+  gradient, curvature, unit = item.gradient, item.curvature, _unit(item)
   holds, lengths = (_FRESH, _LENGTHS) if fresh else (_STALE, (1.0,))
   ends = [bounded_solve(curvature + hold * unit, gradient, item.values, item.free) for hold in holds]
   return [
@@ -234,3 +241,8 @@ def _steps(item: Candidate, fresh: bool) -> list[Array]:
     for end in ends
     for length in lengths
   ]
+
+
+def _unit(item: Candidate) -> Array:
+  """Precision of one unit of every free parameter's scale, (p, p)."""
+  return np.diag(1.0 / item.free.scale**2)

@@ -8,10 +8,9 @@ is fitted on from there with the surrogate put right at its own estimates, as fa
 import copy
 from collections.abc import Sequence
 
-from calibration.diagnosis.candidates import Candidate, refine, simulate
+from calibration.diagnosis.candidates import Candidate, promise, refine, simulate
 from calibration.diagnosis.pool import Pool
 from calibration.fitting.likelihood import Problem
-from calibration.fitting.optimiser import bounded_solve
 
 _ROUNDS = 3  # corrections of one model, and of which model is the best
 _SETTLED = 1.0  # nats: what a correction must promise, and bring, to be followed by another
@@ -65,7 +64,7 @@ def correct(problem: Problem, model: Candidate) -> None:
   here = problem.at(model.theta)
   simulate(here, [model])
   for _ in range(_ROUNDS):
-    if _promise(model) < _SETTLED:
+    if promise(model) < _SETTLED:
       break
     trial = copy.copy(model)
     trial.jacobian, trial.settled = model.jacobian.copy(order="K"), False
@@ -79,12 +78,6 @@ def correct(problem: Problem, model: Candidate) -> None:
       break
     model.theta, model.values, model.residual = trial.theta, trial.values, trial.residual
   model.confirmed = model.corrected = True
-
-
-def _promise(model: Candidate) -> float:
-  """Nats that a step along the model's slopes would bring."""
-  step = bounded_solve(model.curvature, model.gradient, model.values, model.free) - model.values
-  return -float(model.gradient @ step + 0.5 * step @ model.curvature @ step)
 
 
 def _nest(pool: Pool) -> None:

@@ -65,6 +65,11 @@ class Pool:
     if key not in self.models or model.cost < self.models[key].cost:
       self.models[key] = self.not_worse(model, self.best_subset(key)) if key else model
 
+  def nest(self) -> None:
+    """No set fits worse than its subsets: where one does, since those came down, it takes their estimates over."""
+    for key in sorted(filter(None, self.models), key=len):
+      self.models[key] = self.not_worse(self.models[key], self.best_subset(key))
+
   def not_worse(self, item: Candidate, parent: Candidate) -> Candidate:
     """A set that fits worse than its subset takes the subset's estimates, with what was added at its null."""
     if item.cost <= parent.cost:

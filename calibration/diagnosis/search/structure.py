@@ -11,14 +11,15 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from calibration.diagnosis.candidates import Candidate, begin, candidate, refine, started
+from calibration.diagnosis.candidates import Candidate, begin, candidate, refine
 from calibration.diagnosis.confirm import confirm, confirm_best
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.scan import Projector, Signature, explained
 from calibration.diagnosis.score import compare
+from calibration.diagnosis.search.beginnings import begin_sets
 from calibration.diagnosis.search.multistart import multistart_models
 from calibration.diagnosis.search.reweighting import reweight_if_worth_it
-from calibration.diagnosis.search.warm_start import LIKELY, refit_rivals, refit_subsets, warm_start
+from calibration.diagnosis.search.warm_start import LIKELY, level, warm_start
 from calibration.diagnosis.search.weighing import shown_size
 from calibration.fitting.likelihood import Problem
 from calibration.fitting.noise_floor import sensor_floor
@@ -29,8 +30,6 @@ _HOPE = 10.0  # nats a model may still lie above its subset to be worth another 
 _WORTH_A_SINGLE = 2.0  # nats a mechanism must promise in the scan before it is refitted
 _WORTH_A_PAIR = 12.0  # nats a second one must promise before its pair is refitted; a claim takes more
 _OVERSHADOWED = 0.8  # share of the base's cost below which the best single puts all others in the shade
-# shares of the scanned size a refit may start from, with the base moved to meet it or as it is
-_STARTS = ((0.3, True), (1.0, True), (1.0, False))
 _STRAYED = 50.0  # nats that the recalibrated twin may come down before nothing fitted from it counts any more
 _DOUBTED = 0.1  # least part of a promise that is believed after a refit did not keep it
 _PROMISED, _BROKEN = 50.0, 0.5  # nats a scan must have promised, and the part below which a refit broke the promise
@@ -85,11 +84,9 @@ def search(
   pool.kept = {m.mechanisms[0]: _kept(pool, m.mechanisms[0]) for m in pool.of_size(1)}
   warm_start(pool, earlier)
   best = pool.best(pool.of_size(1))
-  if best is not pool.base and refit_subsets(pool, best) > _STRAYED:
-    if not earlier:
-      pool.base_not_converged = True
-      return pool
-    refit_rivals(pool, best)
+  if best is not pool.base and level(pool, best) > _STRAYED and not earlier:
+    pool.base_not_converged = True
+    return pool
   reweight_if_worth_it(pool, _leaders)
   refine_leaders(pool)
   progress("refitting pairs")
@@ -101,11 +98,9 @@ def search(
   best = pool.best(list(pool.models.values()))
   if best is not pool.base:
     _polish(pool, [best], _PATIENCE)
-    lowered = refit_subsets(pool, best)
+    lowered = level(pool, best)
     # with new weights the base was only brought near its minimum, and its cost is many times larger
     pool.base_not_converged = pool.problem is problem and lowered > _STRAYED
-    if lowered > _STRAYED and not pool.base_not_converged:
-      refit_rivals(pool, best)
     _without_trifles(pool)
   confirm_best(pool)
   return pool
@@ -198,14 +193,17 @@ def _kept(pool: Pool, name: str) -> float:
 
 
 def _fit_sets(pool: Pool, sets: Sequence[frozenset[str]], iterations: int) -> None:
-  made = _begun(pool, sets)
-  refine(pool.problem, made, 1)
-  # a second step is worth its simulations only where the first led somewhere
-  hopeful = [m for m in made if m.cost < pool.best_subset(frozenset(m.mechanisms)).cost + _HOPE]
-  refine(pool.problem, hopeful, iterations - 1)
-  for item in made:
-    key = frozenset(item.mechanisms)
-    pool.models[key] = pool.not_worse(item, pool.best_subset(key))
+  begun = begin_sets(pool, sets)
+  refine(pool.problem, [one.model for one in begun], 1)
+  came_down = lambda one: one.model.cost < one.parent.cost - _HOPE
+  # a step along another basin's columns may lead nowhere, however far there is to go
+  _polish(pool, [one.model for one in begun if one.apart and one.model.settled and came_down(one)], 1)
+  # a second step is worth its simulations only where the first led somewhere: near the best, or down from the beginning
+  near = lambda one: one.model.cost < pool.best_subset(one.key).cost + _HOPE
+  refine(pool.problem, [one.model for one in begun if near(one) or came_down(one)], iterations - 1)
+  for key in sets:
+    best = min((one.model for one in begun if one.key == key), key=lambda m: m.cost)
+    pool.models[key] = pool.not_worse(best, pool.best_subset(key))
 
 
 def refine_stalled(pool: Pool) -> None:
@@ -216,7 +214,7 @@ def refine_stalled(pool: Pool) -> None:
   """
   broken = {n: s.gain for n, s in pool.signatures.items() if s.gain > _PROMISED and _kept(pool, n) < _BROKEN}
   names = sorted(broken, key=lambda n: -broken[n])[:_INSISTED]
-  made = _begun(pool, [frozenset([name]) for name in names])
+  made = [one.model for one in begin_sets(pool, [frozenset([name]) for name in names])]
   _polish(pool, made, _PATIENCE)
   for model in made:
     pool.offer(model)
@@ -264,40 +262,6 @@ def _without_trifles(pool: Pool) -> None:
     _polish(pool, made, _PATIENCE)
     for model in made:
       pool.offer(model)
-
-
-def _begun(pool: Pool, sets: Sequence[frozenset[str]]) -> list[Candidate]:
-  """One simulated model per set, from the best of a few starts: far from the base the scan may bend.
-
-  So may the way in which the base would meet an effect. A set begins at each of those that it is one larger than: what
-  one of its names has bent another may need straight.
-  """
-  trials: dict[frozenset[str], list[Candidate]] = {key: [] for key in sets}
-  for key, begun in trials.items():
-    smaller = [key - {name} for name in sorted(key)]
-    for parent in [pool.models[k] for k in smaller if k in pool.models] or [pool.best_subset(key)]:
-      new = sorted(key - set(parent.mechanisms))
-      model = candidate(pool.problem, sorted(key), parent, pool.priors)
-      begun += [started(pool.problem, model, _start(pool, parent, new, share, meet)) for share, meet in _STARTS]
-  begin(pool.problem, [model for begun in trials.values() for model in begun])
-  return [min(begun, key=lambda m: m.cost) for begun in trials.values()]
-
-
-def _start(pool: Pool, parent: Candidate, new: Sequence[str], share: float, meet: bool) -> dict[str, float]:
-  """First values: the new mechanisms at a share of what was scanned, and the base moved to `meet` them."""
-  start: dict[str, float] = {}
-  for name in new:
-    signature = pool.signatures.get(name)
-    if signature is None:
-      continue
-    for parameter, move in signature.answer.items() if meet else ():
-      here = float(parent.values[parent.free.index(parameter)])
-      start[parameter] = start.get(parameter, here) + share * move
-    for p in pool.problem.mechanism(name).parameters:
-      if p.name in signature.start:
-        value = signature.start[p.name]
-        start[p.name] = value if p.null is None else p.null + share * (value - p.null)
-  return start
 
 
 def _worth_growing(pool: Pool) -> bool:

@@ -3,55 +3,89 @@
 The cost has several minima. A search that compares a model at one with a model at another compares places, not physics.
 """
 
+import itertools
+import math
 from collections.abc import Sequence
 
-from calibration.diagnosis.candidates import Candidate, begin, candidate, refine
+from calibration.diagnosis.candidates import HELD, Candidate, begin, candidate, promise, refine
 from calibration.diagnosis.pool import Pool
 
-LIKELY = 5  # best singles that are tried from elsewhere, too
-_RETURNING = 4  # Gauss-Newton steps for a smaller set from where a larger one ended
+LIKELY = 5  # best sets of each size that are tried from elsewhere, too
+_RETURNING = 4  # Gauss-Newton steps for a set from where another had ended
 _LEADING = 4  # steps with fresh columns for a model of an earlier search
+_LOWER = (
+  5.0  # nats by which a model must be expected lower to be fitted again, and come down for its relatives to follow
+)
+_ROUNDS = 3
 
 
-def refit_subsets(pool: Pool, best: Candidate) -> float:
-  """Fit the sets one mechanism smaller, and the base, from a model's estimates too, and keep what fits better.
+def level(pool: Pool, best: Candidate) -> float:
+  """Fit the foremost sets from where those that hold them, or are held by them, had ended, until none comes down.
 
-  The cost has several minima. One that was only reached with a mechanism in the model may not need it.
+  The cost has several minima. One that was only reached with a mechanism in the model may not need it, and one that was
+  reached without it may hold with it: costs tell of mechanisms only where all sets had both offered.
 
   Args:
-    pool: all fitted models; its smaller sets may be replaced.
-    best: the model to begin at.
+    pool: all fitted models, which may be replaced.
+    best: the model of which all smaller sets take part, whatever they bring.
 
   Returns:
     by how many nats the base came down.
   """
   before = pool.base.cost
-  smaller = dict.fromkeys([frozenset(), *(frozenset(best.mechanisms) - {name} for name in best.mechanisms)])
-  made = [candidate(pool.problem, sorted(key), best, pool.priors) for key in smaller]
-  begin(pool.problem, made)
-  refine(pool.problem, made, _RETURNING)
-  for model in made:
-    pool.offer(model)
+  offered: dict[tuple[frozenset[str], frozenset[str]], float] = {}  # set and giver: the giver's cost then
+  for _ in range(_ROUNDS):
+    stood = {key: model.cost for key, model in pool.models.items()}
+    givers = [pair for pair in _related(_foremost(pool, best)) if pair[1] in stood]
+    fresh = [pair for pair in givers if offered.get(pair, math.inf) - stood[pair[1]] >= _LOWER]
+    offered |= {pair: stood[pair[1]] for pair in fresh}
+    chosen = _expected_lower(pool, [_offer(pool, *pair) for pair in fresh])
+    refine(pool.problem, chosen, _RETURNING)
+    for model in chosen:
+      pool.offer(model)
+    pool.nest()
+    if all(cost - pool.models[key].cost < _LOWER for key, cost in stood.items()):
+      break
   return before - pool.base.cost
 
 
-def refit_rivals(pool: Pool, best: Candidate) -> None:
-  """Fit the likely singles from the base that came down: left where they were they would be no rivals to the best.
+def _related(keys: Sequence[frozenset[str]]) -> list[tuple[frozenset[str], frozenset[str]]]:
+  """All ordered pairs of sets of which one holds the other."""
+  return [(key, other) for key, other in itertools.permutations(keys, 2) if key < other or other < key]
 
-  Args:
-    pool: all fitted models; singles in it may be replaced.
-    best: the model that showed the way; it stays as it is.
-  """
-  others = [m for m in pool.of_size(1) if m.mechanisms != best.mechanisms]
-  made = []
-  for model in sorted(others, key=lambda m: m.cost)[:LIKELY]:
-    own = {p.name for name in model.mechanisms for p in pool.problem.mechanism(name).parameters}
-    start = {name: value for name, value in model.free.named(model.values).items() if name in own}
-    made.append(candidate(pool.problem, model.mechanisms, pool.base, pool.priors, start))
-  begin(pool.problem, made)
-  refine(pool.problem, made, _RETURNING)
-  for model in made:
-    pool.offer(model)
+
+def _foremost(pool: Pool, best: Candidate) -> list[frozenset[str]]:
+  """The best sets of each size, and all that the very best holds, itself among them."""
+  names = sorted(best.mechanisms)
+  keys = [frozenset(some) for size in range(len(names) + 1) for some in itertools.combinations(names, size)]
+  for size in sorted({len(key) for key in pool.models}):
+    keys += [frozenset(m.mechanisms) for m in sorted(pool.of_size(size), key=lambda m: m.cost)[:LIKELY]]
+  return list(dict.fromkeys(keys))
+
+
+def _offer(pool: Pool, key: frozenset[str], other: frozenset[str]) -> Candidate:
+  """A model of a set from the estimates of another; what that lacks it has of its own."""
+  own, giver = pool.models.get(key), pool.models[other]
+  if own is None:
+    return candidate(pool.problem, sorted(key), giver, pool.priors)
+  lacking = {name: i for i, name in enumerate(own.free.names) if name not in giver.free}
+  start = {name: float(own.values[i]) for name, i in lacking.items()}
+  model = candidate(pool.problem, own.mechanisms, giver, pool.priors, start)
+  for i in lacking.values():
+    model.jacobian[:, i] = own.jacobian[:, i]
+  return model
+
+
+def _expected_lower(pool: Pool, models: Sequence[Candidate]) -> list[Candidate]:
+  """Of the models of each set the one that a step should take lowest, where that is lower than what there is."""
+  begin(pool.problem, models)
+  lowest = {key: model.cost - _LOWER for key, model in pool.models.items()}
+  chosen: dict[frozenset[str], Candidate] = {}
+  for model in models:
+    key, expected = frozenset(model.mechanisms), model.cost - promise(model, HELD)
+    if expected < lowest.get(key, math.inf):
+      lowest[key], chosen[key] = expected, model
+  return list(chosen.values())
 
 
 def warm_start(pool: Pool, models: Sequence[Candidate]) -> None:

@@ -9,9 +9,9 @@ import pytest
 from calibration.diagnosis.candidates import candidate, simulate
 from calibration.diagnosis.pool import base_candidate
 from calibration.diagnosis.scan import scan
+from calibration.diagnosis.search.beginnings import begin_sets
 from calibration.diagnosis.search.structure import (
   Effort,
-  _begun,
   _explains,
   _nominate_pairs,
   _without_trifles,
@@ -19,7 +19,7 @@ from calibration.diagnosis.search.structure import (
   refine_stalled,
   search,
 )
-from calibration.diagnosis.search.warm_start import refit_rivals, refit_subsets, warm_start
+from calibration.diagnosis.search.warm_start import level, warm_start
 from calibration.fitting.recalibration import recalibrate_from
 from tests.calibration.diagnosis import diagnosis_rig as rig
 
@@ -38,23 +38,55 @@ def test_a_base_that_stopped_short_is_taken_to_the_minimum_a_larger_model_found(
   """Without the return, a mechanism without any effect would be worth all the nats that the base is short of."""
   pool, best = astray(clean_pool, 0.3), clean_pool.models[frozenset(["side_force"])]
   assert pool.base.cost > clean_pool.base.cost + 100.0
-  refit_subsets(pool, best)
+  level(pool, best)
   assert pool.base.cost == pytest.approx(clean_pool.base.cost, rel=1e-3)
 
 
 def test_a_base_at_its_minimum_stays_within_a_nat(offset_pool):
   pool = dataclasses.replace(offset_pool, models=dict(offset_pool.models))
-  refit_subsets(pool, pool.models[frozenset(["steering_offset"])])
+  level(pool, pool.models[frozenset(["steering_offset"])])
   assert offset_pool.base.cost - 1.0 < pool.base.cost <= offset_pool.base.cost
 
 
 def test_sets_one_smaller_are_tried_and_kept_if_they_fit_better(offset_pool):
   pair = rig.solved(offset_pool.problem, ("side_force", "steering_offset"))
-  pool = dataclasses.replace(offset_pool, models={frozenset(): offset_pool.base})
-  refit_subsets(pool, pair)
-  assert set(pool.models) == {frozenset(), frozenset(["side_force"]), frozenset(["steering_offset"])}
+  key = frozenset(pair.mechanisms)
+  pool = dataclasses.replace(offset_pool, models={frozenset(): offset_pool.base, key: pair})
+  level(pool, pair)
+  assert set(pool.models) == {frozenset(), frozenset(["side_force"]), frozenset(["steering_offset"]), key}
   exact = offset_pool.models[frozenset(["steering_offset"])]
   assert pool.models[frozenset(["steering_offset"])].cost == pytest.approx(exact.cost, rel=1e-3)
+
+
+def test_all_that_the_best_holds_is_taken_to_what_it_found(offset_pool):
+  """A single that stopped short would make the pair look like two effects, and the triple like three."""
+  names = ("quadratic_drag", "side_force", "steering_offset")
+  alone, pair = frozenset(["steering_offset"]), frozenset(names[1:])
+  exact = offset_pool.models[alone]
+  short = dataclasses.replace(exact, values=exact.values.copy(), theta=exact.theta.copy(), settled=True)
+  short.values[short.free.index("torque_per_volt")] *= 1.3
+  short.theta[offset_pool.problem.parameters.index("torque_per_volt")] *= 1.3
+  simulate(offset_pool.problem, [short])
+  triple, held = rig.solved(offset_pool.problem, names), candidate(offset_pool.problem, names[1:], short, rig.BASE)
+  simulate(offset_pool.problem, [held])
+  models = {frozenset(): offset_pool.base, alone: short, pair: held, frozenset(names): triple}
+  pool = dataclasses.replace(offset_pool, models=models)
+  assert short.cost > exact.cost + 100.0
+  level(pool, triple)
+  assert pool.models[alone].cost == pytest.approx(exact.cost, abs=1.0)
+  assert pool.models[pair].cost <= pool.models[alone].cost
+  assert pool.models[frozenset(names)].cost <= min(m.cost for key, m in pool.models.items() if len(key) < 3)
+
+
+def test_a_set_begins_at_each_smaller_one_that_brings_something(offset_pool):
+  """What one name has bent another may need straight; of those that bring nothing the best is enough."""
+  models = {k: m for k, m in offset_pool.models.items() if len(k) < 2}
+  pool = dataclasses.replace(offset_pool, models=models)
+  at = lambda key: [(one.parent.mechanisms, one.apart) for one in begin_sets(pool, [key]) if one.key == key]
+  assert at(frozenset(["quadratic_drag", "steering_offset"])) == [(("steering_offset",), False)]
+  assert pool.base.cost - pool.models[frozenset(["side_force"])].cost > 20.0
+  both = at(frozenset(["side_force", "steering_offset"]))
+  assert both == [(("steering_offset",), False), (("side_force",), True)]
 
 
 def test_a_search_from_a_base_that_strayed_stops_and_begins_anew_from_the_lower_minimum(clean_pool):
@@ -86,7 +118,7 @@ def test_rivals_left_at_a_higher_place_are_brought_along(offset_pool):
     assert model.cost > offset_pool.base.cost + 100.0
     left[frozenset([name])] = model
   pool = dataclasses.replace(offset_pool, models=offset_pool.models | left)
-  refit_rivals(pool, best)
+  level(pool, best)
   for key in left:
     assert pool.models[key].cost == pytest.approx(offset_pool.models[key].cost, abs=2.0)
     assert pool.models[key].cost <= pool.base.cost
@@ -154,7 +186,7 @@ def test_a_start_may_leave_the_base_where_it_is(offset_pool, monkeypatch):
   pool = dataclasses.replace(
     offset_pool, models={frozenset(): offset_pool.base}, signatures=offset_pool.signatures | {name: wrong}
   )
-  (begun,) = _begun(pool, [key])
+  (begun,) = [one.model for one in begin_sets(pool, [key])]
   assert begun.estimate("torque_per_volt")[0] == offset_pool.base.estimate("torque_per_volt")[0]
   assert begun.estimate(name)[0] == pytest.approx(signature.start[name])
   assert begun.cost < offset_pool.base.cost
