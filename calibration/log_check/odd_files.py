@@ -5,7 +5,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -29,6 +29,7 @@ _OTHERWISE = 0.1  # share by which two sensors of a motion differ between drives
 _SURE = 5.0  # deviations: of dozens of files one lies beyond three by chance
 # factor, of one car: a battery from full to empty changes a duty's speed by 4.2/3.3, dart's floor its turning so
 _CHANGED = 1.3
+_GRIP, _OFTEN = 4.0, 0.05  # m/s^2 across, half of what tyres of friction 0.8 hold, and in which part of a drive
 _STEADY = 20  # bins of steady driving that give a file's speed per command
 
 
@@ -54,7 +55,7 @@ def odd_file_findings(
       whole = {n: held for n, held in files.items() if not any(at_range(r, s) for r in held for s in sensors)}
       each = {name: compare(motion, wheels, held, noise) for name, held in whole.items()}
       told = {name: c for name, c in each.items() if not c.why_not and abs(c.correlation) > ALIKE}
-      odd += _odd_sensors(told)
+      odd += _odd_sensors(told, {name for name in told if steered(motion) and _slides(wheels, whole[name])})
       if steered(motion):
         scales = {name: c.scale for name, c in told.items() if scaled(c)}
         parts += [p] if (p := _parted(scales, (*motion.compared, *motion.reference), "turn")) else []
@@ -138,10 +139,26 @@ def _odd_commands(files: Mapping[str, Sequence[Recording]], channel: str) -> lis
   return findings
 
 
-def _odd_sensors(each: Mapping[str, Comparison]) -> list[Finding]:
-  """Files in which two sensors of a motion differ by another sign, factor, share or lag than in the others."""
+def _odd_sensors(each: Mapping[str, Comparison], sliding: Collection[str]) -> list[Finding]:
+  """Files in which two sensors of a motion differ by another sign, factor, share or lag than in the others; in those
+  that are `sliding` a car may turn otherwise than it steers."""
   beside = lambda name: [o for other, o in each.items() if other != name]
-  return [f for name, c in _compared(each) for f in _odd(name, c, beside(name), _others(name, each))]
+  return [f for name, c in _compared(each) for f in _odd(name, c, beside(name), _others(name, each), name in sliding)]
+
+
+def _slides(wheels: Wheels, recordings: Sequence[Recording]) -> bool:
+  """Whether the car goes round so hard, for a part of the drive, that its tyres decide how much it turns.
+
+  By an accelerometer, which no unit of a speed or a gyro touches; else by speed and gyro.
+  """
+  across = []
+  for r in recordings:
+    if "accel_y" in r:
+      across.append(np.abs(r["accel_y"].value))
+    elif wheels.channel in r and "yaw_rate" in r:
+      speed, rate = r[wheels.channel], r["yaw_rate"]
+      across.append(np.abs(wheels.scale * np.interp(rate.time, speed.time, speed.value) * rate.value))
+  return bool(across) and float(np.mean(np.concatenate(across) > _GRIP)) > _OFTEN
 
 
 def _compared(each: Mapping[str, _T]) -> list[tuple[str, _T]]:
@@ -154,7 +171,7 @@ def _others(name: str, each: Mapping[str, object]) -> str:
   return rest[0] if len(rest) == 1 else "the other files"
 
 
-def _odd(name: str, c: Comparison, others: Sequence[Comparison], than: str) -> list[Finding]:
+def _odd(name: str, c: Comparison, others: Sequence[Comparison], than: str, slides: bool) -> list[Finding]:
   channels = (*c.motion.compared, *c.motion.reference)
   sensors = ", or ".join(n for n in dict.fromkeys(channels) if n == channels[0] or n not in ("pose_y", "pose_yaw"))
   cure = (
@@ -171,7 +188,13 @@ def _odd(name: str, c: Comparison, others: Sequence[Comparison], than: str) -> l
   factor = c.scale.value / float(np.median([o.scale.value for o in alike]))
   if max(factor, 1.0 / factor) > tolerance(c.motion):
     said = f"{sensors} has another unit in {name} than in {than}, or is another car's: by {c.motion.name} the ratio of"
-    return [Finding("spoils", channels, f"{said} the two is {factor:.3g} times theirs; {cure}")]
+    said += f" the two is {factor:.3g} times theirs"
+    if slides and max(factor, 1.0 / factor) < _UNIT:
+      slid = (
+        "it slides there, and then turns more or less than it steers: if it is the same car, a fit can use it; else"
+      )
+      return [Finding("beware", channels, f"{said}; {slid} {cure}")]
+    return [Finding("spoils", channels, f"{said}; {cure}")]
   nearest = min((c.scale.value / o.scale.value - 1.0 for o in alike), key=abs)
   if c.motion.kinematic and abs(nearest) > max(_OTHERWISE, _SURE * c.scale.std / c.scale.value):
     more = f"{100.0 * abs(factor - 1.0):.0f} % {'more' if factor > 1.0 else 'less'}"

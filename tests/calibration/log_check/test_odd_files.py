@@ -143,5 +143,27 @@ def test_a_sign_is_another_only_at_the_others_lag(lag, said):
   motion = next(m for m in motions(wheels, [run]) if "steering_command" in m.reference)
   usual = compare(motion, wheels, [run], noise_models([run]))
   odd = dataclasses.replace(usual, correlation=-0.98, lag=dataclasses.replace(usual.lag, value=lag))
-  findings = _odd("circles.csv", odd, [usual] * 3, "the other files")
+  findings = _odd("circles.csv", odd, [usual] * 3, "the other files", slides=False)
   assert any("another sign in circles.csv" in f.text for f in findings) == said
+
+
+def checked_at_the_limit(factor: float, across: float = 0.0) -> list[tuple[str, str]]:
+  """Four drives, in one of which the car turns a factor more than it steers, and feels so much on top across, m/s^2."""
+  runs = []
+  for k in range(4):
+    time, columns = wander(40 + k)
+    if f"run_{k}.csv" == ODD:
+      columns = columns | {"yaw_rate": factor * columns["yaw_rate"], "accel_y": columns["accel_y"] + across}
+    runs.append(Recording.from_columns(f"run_{k}", time, columns, file=f"run_{k}.csv"))
+  about = [f for f in check_log(DataSet("lab", tuple(runs), VEHICLE, STD)).findings if "the other files" in f.text]
+  return [(f.severity, f.text) for f in about if "answering the steering" in f.text]
+
+
+def test_a_car_that_slides_turns_more_than_it_steers_and_is_no_other_car():
+  """A worn rear axle at the limit turned 2.2 times as much as elsewhere; the same of a gentle drive is a scale."""
+  ((severity, text),) = checked_at_the_limit(2.6)
+  assert severity == "spoils" and "another unit" in text
+  ((severity, text),) = checked_at_the_limit(2.6, across=6.0)
+  assert severity == "beware" and "it slides there" in text
+  ((severity, text),) = checked_at_the_limit(57.3, across=6.0)
+  assert severity == "spoils"
