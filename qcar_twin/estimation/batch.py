@@ -4,6 +4,7 @@ All cars share one clock with one slot per period. A late measurement makes the 
 `FederatedFilter` is the same for one car whose samples come one by one, with times.
 """
 
+from collections import Counter
 from types import ModuleType
 
 import numpy as np
@@ -16,7 +17,7 @@ from qcar_twin.estimation.local_filters import LocalFilters
 from qcar_twin.estimation.master import fuse_positions
 from qcar_twin.estimation.models import BETA, YAW, R, V, X, Y
 from qcar_twin.estimation.settings import FilterSettings
-from qcar_twin.estimation.state import FilterState, Slot
+from qcar_twin.estimation.state import REFUSALS, FilterState, Slot
 from qcar_twin.estimation.timeline import Timeline
 
 Array = NDArray[np.float64]
@@ -64,6 +65,20 @@ class FederatedBatch:
   def nis(self) -> Array:
     """Of the last lidar fix in EKF_BM and in EKF_PM, (N, 2)."""
     return self.filters.nis
+
+  @property
+  def evidence(self) -> Array:
+    """Log likelihood of the fixes since each car was started, in EKF_BM and in EKF_PM, (N, 2); for fitting the noise.
+
+    Each fix counts once, however often its period is passed: it belongs to the state.
+    """
+    return self.state.evidence
+
+  @property
+  def refused(self) -> Counter[tuple[str, str]]:
+    """How often a measurement was not used since its car was started, by (channel, reason), all cars together."""
+    counts = self.state.turned_away.sum(axis=0).tolist()
+    return Counter({why: count for why, count in zip(REFUSALS, counts, strict=True) if count})
 
   def start(self, pose: Array, speed: Array, std: float = 0.01, which: Mask | None = None) -> None:
     """Start cars (all, or those of a mask) at known poses (N, 3) and speeds (N,) in the present period.

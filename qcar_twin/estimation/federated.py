@@ -58,6 +58,7 @@ class FederatedFilter:
     self._places = {**_PLACES, "motor_speed": _PLACES["speed"]}
     self._rolling_radius = self._batch.filters.car.rolling_radius
     self._clock = Clock(settings.period)
+    self._not_taken: Counter[tuple[str, str]] = Counter()
     self._started: int | None = None  # slot of the first pose
     self._jumped = 0.0  # s, by which the clock was last set back
     self._recent_time, self._recent = math.nan, (0, 0.0, self._batch.slots[0])  # of the last sample, where it went
@@ -67,8 +68,8 @@ class FederatedFilter:
 
   @property
   def refused(self) -> Counter[tuple[str, str]]:
-    """How often a sample was not used, by (channel, reason); recounted when the past is filtered again."""
-    return self._batch.filters.refused
+    """How often a sample was not used, by (channel, reason): not taken in at all, or since the start left out."""
+    return self._not_taken + self._batch.refused
 
   @property
   def nis(self) -> tuple[float, float]:
@@ -78,8 +79,8 @@ class FederatedFilter:
 
   @property
   def evidence(self) -> tuple[float, float]:
-    """Log likelihood of the fixes in EKF_BM and in EKF_PM; counts a fix again when the past is filtered again."""
-    bicycle, point = self._batch.filters.evidence[0].tolist()
+    """Log likelihood of the fixes in EKF_BM and in EKF_PM, each counted once."""
+    bicycle, point = self._batch.evidence[0].tolist()
     return bicycle, point
 
   @property
@@ -113,7 +114,7 @@ class FederatedFilter:
       cure = cure if channel in DRIVE_COMMANDS else nearest(channel, TAKES)
       raise KeyError(f"the filter takes no channel '{channel}'{cure}")
     if not (math.isfinite(time) and math.isfinite(value)):
-      self.refused[channel, "not finite"] += 1
+      self._not_taken[channel, "not finite"] += 1
       return
     latest = self._latest.get(channel, -math.inf)
     self._latest[channel] = time
@@ -130,7 +131,7 @@ class FederatedFilter:
       index, offset = self._clock.place(time)
       reason = self._out_of_reach(index, channel)
       if reason is not None:
-        self.refused[channel, reason] += 1
+        self._not_taken[channel, reason] += 1
         return
       slot = self._batch.slots[index]
       if self._started is not None and index > self._started:
@@ -138,7 +139,7 @@ class FederatedFilter:
     if self._put(slot, channel, value, offset):
       self._batch.spoil(index + (channel in INPUTS))
     else:
-      self.refused[channel, "repeated"] += 1
+      self._not_taken[channel, "repeated"] += 1
 
   def _out_of_reach(self, index: int, channel: str) -> str | None:
     present = self._batch.present
