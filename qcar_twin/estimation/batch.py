@@ -145,6 +145,14 @@ class FederatedBatch:
     assert before.outcome is not None
     self.state, self.present, self._due = before.outcome, index, index + 1
 
+  def rest(self, periods: int) -> None:
+    """Let so many periods of silence pass at the present, of which nothing but their length is told any more."""
+    settings, state = self.settings, self.state.copy()
+    span = periods * settings.period
+    state.age, state.silent, state.accel_age = state.age + span, state.silent + span, state.accel_age + span
+    state.bicycle_covariance = state.bicycle_covariance + periods * settings.bicycle_noise
+    self.state = self.slots[self.present].outcome = state
+
   def _passed(self, before: Slot, now: Slot, index: int, time: float) -> FilterState:
     assert before.outcome is not None
     state = self.filters.step(before.outcome, before, now, time)

@@ -19,6 +19,7 @@ from qcar_twin.estimation.state import START_STD, Slot
 from qcar_twin.estimation.timeline import Clock
 from qcar_twin.estimation.watches.gyro import GyroWatch
 from qcar_twin.estimation.watches.monitor import SpeedWatch, StampWatch
+from qcar_twin.estimation.watches.silence import ANYWHERE
 from qcar_twin.recordings.channels import COMMANDS, DRIVE_COMMANDS
 from qcar_twin.recordings.recording import nearest
 
@@ -183,7 +184,7 @@ class FederatedFilter:
 
     A time further back than the buffer reaches means that the clock was set back, as does an earlier one where all
     samples since the last estimate are stamped before those of the same channel before them. The filter goes on by the
-    new clock.
+    new clock. One that was set forward is a silence for as long.
 
     Raises:
       ValueError: the time is not finite.
@@ -202,7 +203,7 @@ class FederatedFilter:
       index = self._set_back(time)
     for sample in held:
       self._take(*sample)
-    index = max(index, self._batch.present)
+    index = self._through_silence(max(index, self._batch.present), time)
     self._batch.go_to(index, self._clock.time(index))
     return self._report(time)
 
@@ -215,6 +216,18 @@ class FederatedFilter:
     for watch in (*state.clocks, *state.watches):
       watch.restart()
     return index
+
+  def _through_silence(self, index: int, time: float) -> int:
+    """Slot of a time, s, of index `index` by the clock so far: after a silence, or a clock that was set forward, the
+    periods beyond `ANYWHERE` are not gone through one by one."""
+    furthest = self._batch.present + round((self.settings.buffer + ANYWHERE) / self.settings.period)
+    if index <= furthest:
+      return index
+    self._batch.go_to(furthest, self._clock.time(furthest))
+    self._batch.rest(index - furthest)
+    self._clock.set(time, furthest)
+    self._recent_time = math.nan
+    return furthest
 
   def _start_at_first_fix(self) -> None:
     index = self._batch.slots.first_fix()

@@ -96,6 +96,7 @@ class LocalFilters:
     self._take_inputs(state, before)
     self._predict(state)
     state.silent = np.where(now.heard, 0.0, start.silent + self.settings.period)
+    state.hole = np.maximum(start.hole, state.silent)
     self._correct_motion(state, now.motion)
     if self.settings.central:
       self._correct_acceleration(state, now.accel)

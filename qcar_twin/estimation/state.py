@@ -38,6 +38,7 @@ class FilterState:
     holds: whether any floor holds the car as it is driven, (N,).
     accel: last, at the IMU, m/s^2, (N, 2).  accel_age: since then, s, (N,).
     age: since the last accepted fix, s, (N,).  silent: since anything has arrived, s, (N,).
+    hole: longest silence since the last fix, s, (N,).
     refused: fixes refused in a row, (N,).
     steady: votes of refused fixes for another place, each where a car could have got to from the one before, (N,).
     last: the last of them, m, (N, 2).  driven: distance since that fix, m, (N,).
@@ -64,6 +65,7 @@ class FilterState:
   accel_age: Array
   age: Array
   silent: Array
+  hole: Array
   refused: NDArray[np.int64]
   steady: NDArray[np.int64]
   last: Array
@@ -108,6 +110,7 @@ class FilterState:
       accel_age=np.full(count, np.inf),
       age=none,
       silent=none,
+      hole=none,
       refused=np.zeros(count, dtype=np.int64),
       steady=np.zeros(count, dtype=np.int64),
       last=np.zeros((count, 2)),

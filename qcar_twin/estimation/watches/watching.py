@@ -131,9 +131,10 @@ class Watching:
     """
     state.clocks = tuple(clock.copy() for clock in state.clocks)
     fix, offsets = fix.copy(), offsets.copy()
-    turned = np.zeros((2, len(fix)))
-    for i in np.flatnonzero(np.isfinite(fix[:, PLACE]).all(axis=1)):
-      if not state.clocks[i].hear(time + float(offsets[i])):
+    turned, placed = np.zeros((2, len(fix))), np.isfinite(fix[:, PLACE]).all(axis=1)
+    holes, state.hole = state.hole, np.where(placed, 0.0, state.hole)
+    for i in np.flatnonzero(placed):
+      if not state.clocks[i].hear(time + float(offsets[i]), holes.item(i)):
         fix[i] = np.nan
         state.refuse("pose", "off the beat", np.arange(len(fix)) == i)
         continue
