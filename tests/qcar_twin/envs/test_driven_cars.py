@@ -1,5 +1,6 @@
 """The loop that training and evaluation share: what reaches the wheels, restarts, the first instant."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -79,3 +80,13 @@ def test_progress_follows_truth_and_estimate_apart_and_they_agree_for_one_who_se
   true = one_of(cars.errors, TRUE)
   np.testing.assert_array_equal(true.cross_track, cars.errors.cross_track[TRUE])
   assert true.observation.shape == (3, 4)
+
+
+def test_a_course_of_another_speed_is_held_from_then_on():
+  cars = driven(2)
+  for k in range(300):
+    if k == 100:
+      cars.course = dataclasses.replace(cars.course, speed=np.array([0.5, 0.3]))
+    cars.step(np.zeros(2))
+  assert cars.target.tolist() == [0.5, 0.3]
+  assert cars.speeds[TRUE] == pytest.approx([0.5, 0.3], abs=0.05)
