@@ -74,7 +74,7 @@ def main(config: Config) -> list[Alarm]:
     why = tail.refused or f"it holds less than {BLOCK:g} s of driving"
     raise RecordingError(f"{config.follow}: nothing could be judged; {why}")
   if config.mcap:
-    print(f"mcap: {record.mcap(config.out / 'watch.mcap')}")
+    print("\n".join(f"mcap: {file}" for file in record.mcap(config.out / "watch.mcap")))
   print(f"{record.blocks} blocks of {BLOCK:g} s, {len(alarms)} alarms: {config.out / 'watch.ndjson'}")
   return alarms
 
