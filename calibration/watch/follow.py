@@ -75,6 +75,7 @@ class Tail(Protocol):
   Attributes:
     refused: why what is there cannot be read yet; "" where it can.
     torn: how many rows were left out that have other cells than the names.
+    grew: how often something whole was appended.
     judged: up to where blocks were handed on, s.
     held: commands as they stood before what is kept.
     later: s by which a table's own `time` begins later than the log, of which the oldest is forgotten.
@@ -82,6 +83,7 @@ class Tail(Protocol):
 
   refused: str
   torn: int
+  grew: int
   judged: float
   held: Held
   later: float
@@ -104,7 +106,7 @@ class CsvTail:
   tell the encoding."""
 
   def __init__(self, path: Path):
-    self._path, self.refused, self.torn = path, "", 0
+    self._path, self.refused, self.torn, self.grew = path, "", 0, 0
     self._begin()
 
   def _begin(self) -> None:
@@ -131,6 +133,7 @@ class CsvTail:
     whole = [row for row in rows if not width or row.count(mark) == width or '"' in row]
     self.torn += len(rows) - len(whole)
     self._rows += whole
+    self.grew += bool(rows)
     return bool(rows)
 
   def _decoded(self, new: bytes) -> str:
@@ -157,7 +160,7 @@ class McapTail:
   """Records of an MCAP file as they become whole. Most writers write a chunk at a time, of about a megabyte."""
 
   def __init__(self, path: Path):
-    self._path, self.refused, self.torn = path, "", 0
+    self._path, self.refused, self.torn, self.grew = path, "", 0, 0
     self._begin()
 
   def _begin(self) -> None:
@@ -182,6 +185,7 @@ class McapTail:
       (self._always if kind in _KEPT else self._records if kind in _MESSAGES else []).append(record)
       at += len(record)
     self._place += at
+    self.grew += at > 0
     return at > 0
 
   def written(self, folder: Path) -> Path:

@@ -224,6 +224,39 @@ def test_an_alarm_after_a_clock_that_began_anew_has_no_time_of_the_clock_before(
   assert first.sentence.startswith("since before the log began anew the twin no longer holds: battery sag")
 
 
+class Rows:
+  """A clock of which each wait lets a log grow by a part of its rows, as long as there are any."""
+
+  def __init__(self, path, rows, each):
+    self.now, self._path, self._rows, self._each = 0.0, path, rows, each
+
+  def monotonic(self):
+    return self.now
+
+  def sleep(self, seconds):
+    self.now += seconds
+    with self._path.open("a", encoding="utf-8") as file:
+      file.write("".join(self._rows[: self._each]))
+    del self._rows[: self._each]
+
+
+def test_a_watch_waits_for_its_driver_as_long_as_rows_come(desk, car, capsys, monkeypatch):
+  """No command for twelve of twenty seconds, of which each takes one; the watch ends two seconds after the last row."""
+  log, path = driven(*car, 20.0, 83), desk / "log.csv"
+  write_log(path, log)
+  head, *rows = path.read_text(encoding="utf-8").splitlines(keepends=True)
+  first = [name.startswith(("motor_voltage", "steering_command")) for name in head.strip().split(",")]
+  blank = lambda row: ",".join("" if hidden else c for hidden, c in zip(first, row.strip().split(","), strict=True))
+  path.write_text(head, encoding="utf-8")
+  clock = Rows(path, [*(f"{blank(row)}\n" for row in rows[:1200]), *rows[1200:]], 100)
+  monkeypatch.setattr(watch_command, "time", clock)
+  config = watch_command.Config(path, desk / "twin.toml", desk / "data", desk / "out", every=1.0, patience=2.0)
+  watch_command.main(config)
+  lines = [json.loads(line) for line in (desk / "out" / "watch.ndjson").read_text().splitlines()]
+  assert [line["from"] for line in lines] == [12.0, 14.0, 16.0] and clock.now == 22.0
+  assert capsys.readouterr().out.count("waiting, nothing can be judged yet: log: needed channel 'motor_voltage'") == 1
+
+
 def test_decimal_commas_and_quotes_are_no_torn_rows(tmp_path):
   file = tmp_path / "log.csv"
   file.write_text('time;speed;note\n0,01;1,5;a\n0,02;1,6\n0,03;1,7;"b;c"\n', encoding="utf-8")
