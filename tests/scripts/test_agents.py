@@ -1,6 +1,7 @@
 """The commands of the agents, run as a user would with --quick."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -60,6 +61,20 @@ def test_a_filmed_twin_is_driven_with_the_timing_of_its_file(tmp_path):
     config = render.Config(tmp_path / "film.mp4", recording="figure_eight", twin=tmp_path / "twin.toml")
     moved.append(render.recorded(config, ROOT / "data" / "sample")[1])
   assert np.abs(moved[1] - moved[0]).max() > 0.01
+
+
+def test_a_recording_is_filmed_with_its_own_car(tmp_path, monkeypatch):
+  shutil.copytree(ROOT / "data" / "sample", tmp_path / "long")
+  toml = tmp_path / "long" / "dataset.toml"
+  text = toml.read_text(encoding="utf-8").replace("cg_to_front = 0.116607", "cg_to_front = 0.16")
+  toml.write_text(text.replace("cg_to_rear = 0.139447", "cg_to_rear = 0.14"), encoding="utf-8")
+
+  def film(path, vehicle, **_):
+    raise StopIteration(vehicle.wheelbase)
+
+  monkeypatch.setattr(render, "Film", film)
+  with pytest.raises(StopIteration, match="0.3"):
+    render.main(render.Config(tmp_path / "film.mp4", dataset=tmp_path / "long", recording="figure_eight"))
 
 
 def test_render_names_who_could_drive(tmp_path):
