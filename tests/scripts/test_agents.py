@@ -41,6 +41,13 @@ def test_proving_ground_drives_with_the_effects_asked_for():
   assert abs(ends[0]) < 0.01 < abs(ends[1])
 
 
+def test_effects_that_no_car_would_have_are_refused(tmp_path):
+  with pytest.raises(ValueError, match="--effects are of the independent car: add --plants proving_ground"):
+    evaluate.main(evaluate.Config(tmp_path, effects=("steering_offset=1",), plants=("bicycle",), quick=True))
+  with pytest.raises(ValueError, match="effect 'steering_offset=much' needs a number of typical sizes"):
+    evaluate.ground(("steering_offset=much",))
+
+
 @pytest.mark.parametrize("what", ["drive", "recording"])
 def test_render_makes_a_film_and_a_still(tmp_path, what):
   save_policy(GOOD, tmp_path / "policy")
