@@ -1,5 +1,6 @@
 """The commands of the agents, run as a user would with --quick."""
 
+import dataclasses
 import json
 import shutil
 
@@ -89,13 +90,27 @@ def test_render_names_who_could_drive(tmp_path):
     render.main(render.Config(tmp_path / "film.mp4", driver="lqr", plant="bicycle"))
 
 
+def planned(folder, **asked):
+  return plan_from(vars(train.Config(folder, **asked)), {f.name: f.default for f in dataclasses.fields(train.Config)})
+
+
 def test_train_asks_for_what_was_said(tmp_path):
-  plan = plan_from(vars(train.Config(tmp_path, demonstrator="none", near=0.005, steering_gain=0.92, seed=7)))
+  plan = planned(tmp_path, demonstrator="none", near=0.005, steering_gain=0.92, seed=7)
   assert plan.options.demonstrator == "" and plan.options.reward.m6 == 0.0 and plan.options.reward.near == 0.005
   assert plan.options.steering_gain == 0.92 and plan.seed == 7 and plan.settings.episodes == 300
-  assert plan_from(vars(train.Config(tmp_path))).options.reward.m6 == 1.0
-  wide = plan_from(vars(train.Config(tmp_path, wide=True, seed=2, twin="x.toml")))
+  assert planned(tmp_path).options.reward.m6 == 1.0
+  wide = planned(tmp_path, wide=True, seed=2, twin="x.toml")
   assert wide.observation.size == 9 and wide.settings.imitations > 0 and (wide.seed, wide.options.twin) == (2, "x.toml")
+
+
+def test_an_imitation_is_of_the_path_and_the_car_that_were_said_and_what_it_cannot_take_is_refused(tmp_path):
+  plan = planned(tmp_path, wide=True, path="o", estimator="truth", steering_gain=0.9, randomise="prior", cars=4)
+  options = plan.options
+  assert (options.path, options.estimator, options.steering_gain, options.randomise) == ("o", "truth", 0.9, "prior")
+  assert plan.settings.cars == 4 and options.gain_spread == 0.1
+  for kind, wrong in (({"wide": True}, {"episodes": 9}), ({"wide": True}, {"workers": 4}), ({}, {"critic": "truth"})):
+    with pytest.raises(ValueError, match=f"has no use for --{next(iter(wrong))}: leave it out, or"):
+      planned(tmp_path, **kind, **wrong)
 
 
 def test_the_shipped_policy_says_where_it_comes_from_and_stays_on_the_s_path():
