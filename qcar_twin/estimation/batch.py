@@ -174,7 +174,11 @@ class FederatedBatch:
     v, beta, yaw = state.bicycle[:, V], state.bicycle[:, BETA], state.bicycle[:, YAW]
     largest = np.maximum(covariance[:, 0], covariance[:, 2])
     against = doubts(settings, largest, bicycle[:, YAW, YAW], state.age, state.against, state.silent)
-    valid = ~np.logical_or.reduce([wrong for wrong, _, _ in against])
+    valid = (
+      state.sound
+      & (covariance[:, [0, 2]] > 0.0).all(axis=1)
+      & ~np.logical_or.reduce([wrong for wrong, _, _ in against])
+    )
     pose = np.stack([x, y, yaw], axis=-1)
     velocity = np.stack([v * np.cos(beta), v * np.sin(beta)], axis=-1)
     honest = spread if sum(settings.sharing) > 1.0 else covariance.T

@@ -5,13 +5,14 @@ Measurements of any rate may come late and out of order.
 
 import math
 from collections import Counter
+from functools import partial
 
 import numpy as np
 
 from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.estimation.batch import FederatedBatch
 from qcar_twin.estimation.engines import Engine
-from qcar_twin.estimation.estimate import Estimate, bounds_of, doubts, no_estimate
+from qcar_twin.estimation.estimate import BROKEN, Estimate, bounds_of, doubts, no_estimate
 from qcar_twin.estimation.master import fuse_positions
 from qcar_twin.estimation.models import YAW, X, Y
 from qcar_twin.estimation.settings import FilterSettings
@@ -55,7 +56,8 @@ class FederatedFilter:
   ):
     self.settings = settings = settings or FilterSettings()
     self._reach = round(settings.buffer / settings.period)  # slots that may be written, back and ahead
-    self._batch = FederatedBatch(car, settings, 1, self._reach, self._reach, watched, math, engine)
+    self._anew = partial(FederatedBatch, car, settings, 1, self._reach, self._reach, watched, math, engine)
+    self._batch = self._anew()
     self._places = {**_PLACES, "motor_speed": _PLACES["speed"]}
     self._rolling_radius = self._batch.filters.car.rolling_radius
     self._clock = Clock(settings.period)
@@ -205,7 +207,12 @@ class FederatedFilter:
       self._take(*sample)
     index = self._through_silence(max(index, self._batch.present), time)
     self._batch.go_to(index, self._clock.time(index))
-    return self._report(time)
+    return self._report(time) if self._batch.state.sound[0] else self._begin_again(time)
+
+  def _begin_again(self, time: float) -> Estimate:
+    """Wait for the next fix, as at the beginning: what the filter knows is nothing to go on from."""
+    self._batch, self._started = self._anew(), None
+    return no_estimate(time, BROKEN)
 
   def _set_back(self, time: float) -> int:
     """Index of a time, s, that lies further back than any sample may: the clock was set, and times go on from there."""
@@ -251,6 +258,8 @@ class FederatedFilter:
       point = state.point[0], state.point_covariance[0]
       (xx, xy, _, _), (_, yy, *_), *_ = point[1].tolist()
       position, spread = fuse_positions(position, spread, (point[0].item(X), point[0].item(Y)), (xx, xy, yy))
+      if not min(spread[0], spread[2]) > 0.0:
+        return self._begin_again(time)
     against = doubts(
       settings,
       max(spread[0], spread[2]),

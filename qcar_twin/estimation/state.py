@@ -137,6 +137,15 @@ class FilterState:
       self.turned_away = self.turned_away + which[:, None] * column
 
   @property
+  def sound(self) -> Mask:
+    """Whether the numbers are those of a filter, (N,): numbers, and positive variances of place, motion and what both
+    filters' places have in common. Commands or sensors in units that are wrong by thousands make others."""
+    mine, theirs = self.bicycle_covariance[:, PLACE, PLACE], self.point_covariance[:, PLACE, PLACE]
+    variances = [np.diagonal(c, axis1=1, axis2=2) for c in (self.bicycle_covariance, self.point_covariance)]
+    least = np.concatenate([*variances, *(np.linalg.det(c)[:, None] for c in (mine, theirs, mine + theirs))], axis=1)
+    return np.asarray((least > 0.0).all(axis=1) & np.isfinite(self.bicycle).all(axis=1))
+
+  @property
   def against(self) -> NDArray[np.int64]:
     """Fixes that speak for another place, (N,)."""
     return np.maximum(self.refused, self.steady)
