@@ -8,7 +8,7 @@ import itertools
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import BinaryIO, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +89,7 @@ class Tail(Protocol):
   later: float
 
   def grown(self) -> bool:
-    """Take in what was appended, or all of a file that is shorter than it was; whether there was anything whole."""
+    """Take in what was appended, or all of a file that is another one by now; whether there was anything whole."""
     ...
 
   def written(self, folder: Path) -> Path:
@@ -101,6 +101,16 @@ class Tail(Protocol):
     ...
 
 
+def _beginning(file: BinaryIO) -> bytes:
+  file.seek(0)
+  return file.read(LONGEST_LINE)
+
+
+def _is_another(file: BinaryIO, begun: bytes, place: int) -> bool:
+  """Whether a file was cut by its logger, or is another log of that name: it begins otherwise or is shorter."""
+  return not _beginning(file).startswith(begun) or file.seek(0, io.SEEK_END) < place
+
+
 class CsvTail:
   """Rows of a CSV file; a row that is not ended yet waits, and so does all until the names are there, whose letters
   tell the encoding."""
@@ -110,7 +120,7 @@ class CsvTail:
     self._begin()
 
   def _begin(self) -> None:
-    self._place, self._undecoded, self._rest = 0, b"", ""
+    self._place, self._begun, self._undecoded, self._rest = 0, b"", b"", ""
     self._decoder: codecs.IncrementalDecoder | None = None
     self._head: str | None = None
     self._rows: list[str] = []
@@ -118,11 +128,11 @@ class CsvTail:
 
   def grown(self) -> bool:
     with self._path.open("rb") as file:
-      if file.seek(0, io.SEEK_END) < self._place:  # cut by its logger, or another log of that name
+      if _is_another(file, self._begun, self._place):
         self._begin()
       file.seek(self._place)
       new = file.read()
-      self._place = file.tell()
+      self._place, self._begun = file.tell(), _beginning(file)
     *rows, self._rest = (self._rest + self._decoded(new)).split("\n")
     if self._head is None and rows:
       self._head, *rows = rows
@@ -164,7 +174,7 @@ class McapTail:
     self._begin()
 
   def _begin(self) -> None:
-    self._place = len(_MAGIC)
+    self._place, self._begun = len(_MAGIC), b""
     self._always: list[bytes] = []
     self._records: list[bytes] = []
     self._first: int | None = None  # ns, of the log's oldest message, from which on a table's time counts
@@ -172,10 +182,10 @@ class McapTail:
 
   def grown(self) -> bool:
     with self._path.open("rb") as file:
-      if file.seek(0, io.SEEK_END) < self._place:  # cut by its logger, or another log of that name
+      if _is_another(file, self._begun, self._place):
         self._begin()
       file.seek(self._place)
-      new = file.read()
+      new, self._begun = file.read(), _beginning(file)
     at = 0
     while len(new) - at >= _HEAD:
       kind, size = new[at], int.from_bytes(new[at + 1 : at + _HEAD], "little")
@@ -299,10 +309,8 @@ def pieces(tail: Tail, manifest: Manifest, name: str, block: float) -> Iterator[
     try:
       recordings = as_recordings(file, manifest, name, tail)
     except RecordingError as error:
-      tail.refused = (
-        str(error).replace(str(file), name).replace(file.name, name)
-      )  # too little of it yet, or another log
-      return
+      tail.refused = str(error).replace(str(file), name).replace(file.name, name)
+      return  # too little of it yet, or another log
   tail.refused = ""
   new = tail.judged
   for k, (recording, _) in enumerate(recordings):
