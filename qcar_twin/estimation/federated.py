@@ -5,7 +5,6 @@ Measurements of any rate may come late and out of order.
 
 import math
 from collections import Counter
-from functools import partial
 
 import numpy as np
 
@@ -56,8 +55,8 @@ class FederatedFilter:
   ):
     self.settings = settings = settings or FilterSettings()
     self._reach = round(settings.buffer / settings.period)  # slots that may be written, back and ahead
-    self._anew = partial(FederatedBatch, car, settings, 1, self._reach, self._reach, watched, math, engine)
-    self._batch = self._anew()
+    self._made_of = car, watched, engine
+    self._batch = self._fresh()
     self._places = {**_PLACES, "motor_speed": _PLACES["speed"]}
     self._rolling_radius = self._batch.filters.car.rolling_radius
     self._clock = Clock(settings.period)
@@ -68,6 +67,11 @@ class FederatedFilter:
     self._latest: dict[str, float] = {}  # stamp of each channel's last sample, s
     self._onwards = False  # whether a sample since the last estimate was stamped after its channel's last
     self._held: list[tuple[float, str, float]] = []  # those that were stamped before it: late, or by another clock
+
+  def _fresh(self) -> FederatedBatch:
+    """A filter that knows nothing yet."""
+    car, watched, engine = self._made_of
+    return FederatedBatch(car, self.settings, 1, self._reach, self._reach, watched, math, engine)
 
   @property
   def refused(self) -> Counter[tuple[str, str]]:
@@ -211,7 +215,7 @@ class FederatedFilter:
 
   def _begin_again(self, time: float) -> Estimate:
     """Wait for the next fix, as at the beginning: what the filter knows is nothing to go on from."""
-    self._batch, self._started = self._anew(), None
+    self._batch, self._started = self._fresh(), None
     return no_estimate(time, BROKEN)
 
   def _set_back(self, time: float) -> int:
