@@ -25,17 +25,28 @@ FARTHEST = 10.0  # m between neighbouring points of a path: a full-size car's fo
 EDGE = 1e5  # m from the origin: a map's eastings and northings are beyond, no floor and no race track is
 
 
-def path_from(name: str) -> Path:
-  """A path.
+def path_from(name: str, laps: int = 1) -> Path:
+  """A path that is driven for so many laps.
 
   Args:
     name: one of `paths.PATHS`; "random:SEED" or "random:SEED:LENGTH", see `random_track`; or a file name that ends in
       .csv, see `path_from_csv`.
+    laps: more than one of a closed path only.
 
   Raises:
     KeyError: unknown name, with the nearest known one.
-    ValueError, FileNotFoundError: a track or a file that cannot be, with the cure.
+    ValueError, FileNotFoundError: a track or a file that cannot be, or laps of an open path, with the cure.
   """
+  path = _path_from(name)
+  if laps != 1 and not path.closed:
+    raise ValueError(
+      f"{laps} laps of path '{name}', which is open: leave laps out, or take a closed one, as o, infinity, or a CSV"
+      " file whose last point is its first"
+    )
+  return path
+
+
+def _path_from(name: str) -> Path:
   if name.lower().endswith(".csv"):
     return path_from_csv(name)
   kind, *numbers = name.split(":")

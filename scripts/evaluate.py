@@ -14,6 +14,7 @@ from agents.control.figures import lane_change_figure, tracking_figure
 from agents.learning.evaluate import EvaluationCase, evaluate, known_plant, run_case, write_evaluation
 from agents.learning.policy_file import SHIPPED
 from agents.learning.sb3_zip import any_policy
+from calibration.concealed.proving_ground.onboard import sized
 from calibration.concealed.proving_ground.plant import ProvingGroundPlant
 from qcar_twin.command_line import run_script
 from qcar_twin.plant import Plant
@@ -39,7 +40,7 @@ class Config:
   mismatch: bool = False
   """Drive every case also with a steering gain of 0.92 and an offset of 1 deg that no controller knows."""
   effects: tuple[str, ...] = ()
-  """Concealed effects of the proving ground's car as name=size, in multiples of the typical magnitude."""
+  """Concealed effects of the car of --plants proving_ground as name=size, in multiples of the typical magnitude."""
   cars: int = 4
   """Number of cars per case, each with sensor noise of its own."""
   seed: int = 500
@@ -54,13 +55,14 @@ class Config:
 
 def ground(effects: tuple[str, ...]) -> ExternalPlant:
   """The independent car with concealed effects, each name=size."""
-  pairs = tuple((name, float(size)) for name, size in (entry.split("=") for entry in effects))
-  return ExternalPlant(ProvingGroundPlant(effects=pairs).begin, ProvingGroundPlant.period)
+  return ExternalPlant(ProvingGroundPlant(effects=tuple(map(sized, effects))).begin, ProvingGroundPlant.period)
 
 
 def main(config: Config) -> None:
   """Drive all cases, write the results, print the table."""
   effects = config.effects
+  if effects and "proving_ground" not in config.plants:
+    raise ValueError("--effects are of the independent car: add --plants proving_ground, or leave them out")
 
   def plant(name: str) -> tuple[Plant, np.ndarray]:
     if name == "proving_ground":

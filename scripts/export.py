@@ -12,7 +12,7 @@ import dataclasses
 from pathlib import Path
 
 from calibration.cross_validation.mcap_export import fitted_shift, loaded, of_dataset, of_log, twin_files
-from calibration.exports.export import export_twin, is_a_file
+from calibration.exports.export import export_twin, is_a_file, refuse_idle
 from calibration.exports.target import Job, target_named
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
@@ -59,6 +59,7 @@ def OUT_IS_FILE(config: Config) -> bool:
 
 def main(config: Config) -> list[Path]:
   """Write the files and print their names; returns them."""
+  refuse_idle(config.to, [f.name for f in dataclasses.fields(Config) if getattr(config, f.name) != f.default])
   if config.to != "mcap":
     return [of_twin(config)]
   if (config.dataset is None) == (config.log is None):

@@ -18,6 +18,7 @@ from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.rendering.film import Array, Film, Look, require_film, signals_of, write_still, write_video
 from qcar_twin.tracks import path_from
 from qcar_twin.twin.file import command_shift_of, load_twin
+from qcar_twin.vehicle.vehicle import Vehicle
 
 OUT_IS_FILE = True
 POSITIVE = ("fps", "size")
@@ -65,35 +66,33 @@ def driven(config: Config, driver: str) -> Array:
   return drive.signals[drive.under_way[:, 0], 0]
 
 
-def recorded(config: Config, dataset: Path) -> tuple[Array, Array | None]:
-  """Signals of a recording, and of the twin under the same commands from the same start."""
-  recordings = {r.name: r for r in DataSet.load(dataset).recordings}
-  if config.recording not in recordings:
-    raise ValueError(f"no recording '{config.recording}'; there are {', '.join(recordings)}")
-  recording = recordings[config.recording]
-  signals = signals_of(recording.resample(0.01))
-  if not config.twin:
-    return signals, None
-  twin, theta = load_twin(config.twin, threads=1)
-  cut = Cut(length=recording.duration + 1.0, command_shift=command_shift_of(config.twin))
-  return signals, twin.rollout(theta[None], cut_recordings([recording], twin.vehicle, cut).segments).signals[0, 0]
+def recorded(config: Config, dataset: Path) -> tuple[Array, Array | None, Vehicle]:
+  """Signals of a recording, and of the twin under the same commands from the same start; and the car."""
+  data = DataSet.load(dataset)
+  recording, vehicle = data[config.recording], Vehicle.from_dataset(data.vehicle, data.vehicle_std)
+  signals, ghost = signals_of(recording.resample(0.01)), None
+  if config.twin:
+    twin, theta = load_twin(config.twin, threads=1)
+    cut = Cut(length=recording.duration + 1.0, command_shift=command_shift_of(config.twin))
+    ghost = twin.rollout(theta[None], cut_recordings([recording], twin.vehicle, cut).segments).signals[0, 0]
+  return signals, ghost, vehicle
 
 
 def main(config: Config) -> None:
   """Render."""
   require_film(config.out)
-  path = None
+  path, vehicle = None, Vehicle.load()
   if config.dataset:
-    signals, ghost = recorded(config, config.dataset)
+    signals, ghost, vehicle = recorded(config, config.dataset)
   else:
     path, signals = path_from(config.path), driven(config, config.driver)
     ghost = driven(config, config.ghost) if config.ghost else None
   width, height = (x // 2 if config.quick else x for x in config.size)
-  film = Film(path, look=Look(config.camera, width, height, config.fps), ghost=ghost is not None)
+  film = Film(path, vehicle, look=Look(config.camera, width, height, config.fps), ghost=ghost is not None)
   driver = any_policy(config.policy).name if config.driver == "policy" and not config.dataset else config.driver
   label = config.recording or (f"{driver}; ghost: {config.ghost}" if config.ghost else driver)
-  shown = film.frames(signals[: 200 if config.quick else None], ghost, label=label)
-  count = write_video(config.out, shown, config.fps)
+  shown = signals[: 200 if config.quick else None]
+  count = write_video(config.out, film.frames(shown, ghost, label=label), config.fps)
   middle = len(signals) // 2
   still = film.frame(signals[middle], None if ghost is None else ghost[min(middle, len(ghost) - 1)], label)
   write_still(config.out.with_suffix(".png"), still)

@@ -80,10 +80,10 @@ def run(config: Config) -> tuple[Drive, Kpis]:
   if config.identified:
     model = dataclasses.replace(model, theta=Identification.load(config.identified).theta)
   plant, theta = plant_of(config, model)
-  count = 1 if config.quick else config.runs
+  count, path = 1 if config.quick else config.runs, path_from(config.path, config.laps)
   wrong = {"gain": config.steering_gain, "offset": np.radians(config.steering_offset)}
   servo = Actuation(**wrong) if config.plant == "bicycle" else Actuation(delay=0.0, lag=0.0, **wrong)
-  scenario = Scenario(path_from(config.path), config.speed, config.laps, model.vehicle.max_steering, actuation=servo)
+  scenario = Scenario(path, config.speed, config.laps, model.vehicle.max_steering, actuation=servo)
   numbers = controllers.entry(config.controller, config.version)
   controller = controllers.make(config.controller, numbers, model.car, config.speed, scenario.lock)
   observer: Observer = TrueObserver()

@@ -88,14 +88,14 @@ class Config:
 
 def main(config: Config) -> None:
   """Train, and print the result in a line."""
-  asked = vars(config)
+  asked, defaults = vars(config), {f.name: f.default for f in dataclasses.fields(Config)}
   if config.algorithm != "paper" or (config.resume and is_by_reward(config.out)):
-    trial = trial_from(asked, {f.name: f.default for f in dataclasses.fields(Config)})
+    trial = trial_from(asked, defaults)
     how = {name: asked[name] for name in ("resume", "tensorboard", "device", "workers")}
     result = train_by_reward(trial, config.out, **how)
     print(f"{config.out}: {in_words(result)}")
     return
-  result = train(plan_from(asked), config.out, resume=config.resume)
+  result = train(plan_from(asked, defaults), config.out, resume=config.resume)
   best = result["best_rmse_training_path"]
   outcome = "the car never finished the training path" if best is None else f"best {1e3 * best:.1f} mm RMSE on it"
   print(f"{config.out}: {result['episodes']} episodes in {result['seconds']['total']:.0f} s, {outcome}")

@@ -56,14 +56,17 @@ def main(config: Config) -> list[Alarm]:
   alarms: list[Alarm] = []
   config.out.mkdir(parents=True, exist_ok=True)
   with (config.out / "watch.ndjson").open("w", encoding="utf-8") as file:
-    record, last = Record(file, config.mcap), time.monotonic()
+    record, began = Record(file, config.mcap), time.monotonic()
+    last = began
     while True:
-      before, said = record.blocks, set(record.notes)
+      before, said = tail.grew, set(record.notes)
+      if tail.refused and time.monotonic() - began >= config.patience:
+        record.notes.setdefault("refused", f"waiting, nothing can be judged yet: {tail.refused}")
       new = look(watch, tail, manifest, config.follow.stem, record)
       for text in (*(note for what, note in record.notes.items() if what not in said), *(a.sentence for a in new)):
         print(text, flush=True)
       alarms += new
-      if record.blocks > before:
+      if tail.grew > before:
         last = time.monotonic()
       if time.monotonic() - last >= config.patience:
         break
@@ -74,7 +77,7 @@ def main(config: Config) -> list[Alarm]:
     why = tail.refused or f"it holds less than {BLOCK:g} s of driving"
     raise RecordingError(f"{config.follow}: nothing could be judged; {why}")
   if config.mcap:
-    print(f"mcap: {record.mcap(config.out / 'watch.mcap')}")
+    print("\n".join(f"mcap: {file}" for file in record.mcap(config.out / "watch.mcap")))
   print(f"{record.blocks} blocks of {BLOCK:g} s, {len(alarms)} alarms: {config.out / 'watch.ndjson'}")
   return alarms
 

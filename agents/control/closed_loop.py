@@ -68,7 +68,8 @@ class Drive:
     pose, velocity, sideslip_angle: as estimated, (T, N, 3), (T, N, 2), (T, N).
     valid: whether the estimate says it may be used, (T, N).
     cross_track: true error, m, (T, N).  arc_length: true, m, (T, N).
-    under_way: before the end and not lost, (T, N).  finished: (N,).
+    under_way: before the end and not lost, (T, N).  finished: (N,).  A car whose controller's answer is no number holds
+      its steering and is lost.
   """
 
   path: Path
@@ -136,15 +137,15 @@ def drive(
     steering = np.clip(wanted, -scenario.lock, scenario.lock)
     true = cars.signals.copy(), cars.errors.cross_track[TRUE], cars.arc_length[TRUE]
     seen = cars.estimate
-    cars.step(np.where(np.isfinite(steering) & (arc < scenario.distance), steering, 0.0))
-    log.append(_Instant(*true, cars.commands, seen.pose, seen.velocity, seen.sideslip_angle, seen.valid))
+    cars.step(np.where(arc < scenario.distance, steering, 0.0))
+    log.append(_Instant(*true, cars.commands, seen.pose, seen.velocity, seen.sideslip_angle, seen.valid, cars.mute))
     if np.all(arc >= scenario.distance):
       break
   return _finish(scenario, period, log)
 
 
 class _Instant(NamedTuple):
-  """A row of a `Drive`, with names as there."""
+  """A row of a `Drive`, with names as there, and whether a controller's answer was no number."""
 
   signals: Array
   cross_track: Array
@@ -154,11 +155,12 @@ class _Instant(NamedTuple):
   velocity: Array
   sideslip_angle: Array
   valid: NDArray[np.bool_]
+  mute: NDArray[np.bool_]
 
 
 def _finish(scenario: Scenario, period: float, log: list[_Instant]) -> Drive:
   rows = {name: np.stack(column) for name, column in zip(_Instant._fields, zip(*log, strict=True), strict=True)}
-  gone = (np.abs(rows["cross_track"]) > LOST) | ~np.isfinite(rows["signals"]).all(axis=-1)
+  gone = rows.pop("mute") | (np.abs(rows["cross_track"]) > LOST) | ~np.isfinite(rows["signals"]).all(axis=-1)
   lost = np.maximum.accumulate(gone, axis=0)
   arrived = np.maximum.accumulate(rows["arc_length"] >= scenario.distance - 0.05, axis=0)
   finished = arrived[-1] & ~(lost & ~arrived).any(axis=0)

@@ -28,22 +28,19 @@ from agents.learning.environments import (
   interface_of,
   model_of,
   plant_of,
-  settings_of,
   task_of,
 )
 from agents.learning.hyperparameters import ALGORITHMS, POLICY
 from agents.learning.observation import OBSERVATIONS
 from agents.learning.policy_file import Policy, export_onnx, load_policy, save_policy
 from agents.learning.sb3_zip import policy_from
-from agents.learning.train import append_row, rewrite
+from agents.learning.train import EVALUATION_SEED, append_row, observer_of, rewrite
 from agents.learning.trial import Trial
 from agents.learning.trial_checkpoint import begin_anew, load_checkpoint, save_checkpoint
 from qcar_twin.atomic_io import write_json, write_text
 from qcar_twin.envs.fleet_workers import WorkersVecEnv
 from qcar_twin.envs.vector_env import FleetVecEnv
-from qcar_twin.estimation.observer import SensedObserver, TrueObserver
 from qcar_twin.extras import extra
-from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
 from qcar_twin.untrusted import read_json
 
 with extra("Training"):
@@ -55,7 +52,6 @@ with extra("Training"):
 
 KEPT_ASIDE = ("random:900001", "random:900002")  # tracks by which the best policy is chosen
 JUDGES = 16  # cars on each, with linkages of their own
-EVALUATION_SEED = 90_000
 LOST = 1e9  # written for an error of a car that left
 COLUMNS = ("steps", "updates", "rmse", "me", "finished", "seconds", "cpu_seconds")
 
@@ -72,14 +68,11 @@ def judge(
     task = task_of(dataclasses.replace(options, path=path, stretch=0.0), model.vehicle.max_steering)
     gain = task.steering_gain + shares[0] * task.gain_spread
     offset = task.steering_offset + shares[1] * task.offset_spread
-    observer = TrueObserver()
-    if options.estimator == "fekf":
-      suite = SensorSuite(qcar_sensors(), JUDGES, EVALUATION_SEED)
-      observer = SensedObserver(suite, model.car, settings_of(options, model))
     servo = Actuation(task.servo_delay, task.servo_lag, gain, offset)
     speed = task.speed + task.speed_spread * np.linspace(-1.0, 1.0, JUDGES)
     wanted = Scenario(task.path, speed, 1, task.lock, actuation=servo)
     plant, rng = make(), np.random.default_rng([EVALUATION_SEED, 1])
+    observer = observer_of(options, model, JUDGES, plant.period)
     drawn = drawn_of(options, plant)
     parameters = np.stack([drawn.draw(plant, theta, rng) if drawn else theta for _ in range(JUDGES)])
     gathered.append(kpis(drive(plant, parameters, policy, model.speed_gains, observer, wanted)))

@@ -154,7 +154,7 @@ def task_of(options: Options, lock: float = QCAR.max_steering) -> TrackingTask:
   """The task; a lock of the steering in rad."""
   delay, lag = SERVO if options.plant == "bicycle" else (0.0, 0.0)
   return TrackingTask(
-    path_from(options.path),
+    path_from(options.path, options.laps),
     options.speed,
     options.laps,
     options.reward,

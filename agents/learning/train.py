@@ -35,7 +35,7 @@ from agents.learning.observation import ObservationSpec
 from agents.learning.policy_file import Policy, export_onnx, load_policy, observation_from, save_policy
 from qcar_twin.atomic_io import naming, whole_file, write_json, write_text
 from qcar_twin.envs.vector_env import FleetVecEnv
-from qcar_twin.estimation.observer import SensedObserver, TrueObserver
+from qcar_twin.estimation.observer import Observer, SensedObserver, TrueObserver
 from qcar_twin.extras import extra
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
 from qcar_twin.untrusted import UnreadableFile, read_json
@@ -122,16 +122,22 @@ def judge(policy: Policy, plan: Plan, model: Model, own_plant: OwnPlant | None =
   """
   options, task = plan.options, task_of(plan.options, model.vehicle.max_steering)
   make, theta = own_plant or plant_of(options, model)
-  observer = TrueObserver()
-  if options.estimator == "fekf":
-    suite = SensorSuite(qcar_sensors(), plan.judges, EVALUATION_SEED)
-    observer = SensedObserver(suite, model.car, settings_of(options, model))
+  plant = make()
+  observer = observer_of(options, model, plan.judges, plant.period)
   bent = np.resize(BENT, (plan.judges, 2)) * (task.gain_spread, task.offset_spread)
   gain, offset = bent.T + np.array([[task.steering_gain], [task.steering_offset]])
   servo = Actuation(task.servo_delay, task.servo_lag, gain, offset)
   wanted = Scenario(task.path, task.speed, task.laps, task.lock, actuation=servo)
   gains = model.speed_gains
-  return kpis(drive(make(), np.tile(theta, (plan.judges, 1)), policy, gains, observer, wanted))
+  return kpis(drive(plant, np.tile(theta, (plan.judges, 1)), policy, gains, observer, wanted))
+
+
+def observer_of(options: Options, model: Model, count: int, period: float) -> Observer:
+  """What cars of an evaluation, with control periods of so many s, know of themselves; the same noise every time."""
+  if options.estimator != "fekf":
+    return TrueObserver()
+  suite = SensorSuite(qcar_sensors(), count, EVALUATION_SEED, period)
+  return SensedObserver(suite, model.car, dataclasses.replace(settings_of(options, model), period=period))
 
 
 class Keeper(BaseCallback):

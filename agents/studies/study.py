@@ -31,6 +31,11 @@ PATHS = ("o", "infinity", "c")
 MISMATCH = (0.92, 1.0)  # steering gain -, offset deg, fixed before anything was trained
 CONTROLLERS = "controllers"
 WIDE = OBSERVATIONS["wide"]
+BY_REWARD = ("hyperparameters", "observation", "critic", "workers", "device", "tensorboard")
+NOT_IMITATED = (
+  "episodes", "demonstrator", "version", "demonstrator_weight", "demonstrations", "near", "diagnosis",
+)  # fmt: skip
+"""Options of `qcar-twin train` that belong to a training by reward alone; and those that an imitation does not take."""
 ALIKE = ("twin", "estimator", "unknown", "version", "steering_gain", "steering_offset", *DRAWN)
 
 
@@ -89,12 +94,22 @@ def wide_plan(twin: str, plant: PlantName, seed: int, quick: bool = False) -> Pl
   return dataclasses.replace(WIDE_PLAN, options=options, settings=settings, seed=seed)
 
 
-def plan_from(asked: Mapping[str, Any]) -> Plan:
-  """The paper's training, or the imitation, that options of `qcar-twin train`, by name, ask for."""
+def plan_from(asked: Mapping[str, Any], defaults: Mapping[str, Any]) -> Plan:
+  """The paper's training, or the imitation, that options of `qcar-twin train`, by name, ask for.
+
+  Raises:
+    ValueError: an option is given that this training has no use for.
+  """
+  kind, foreign = ("imitation", NOT_IMITATED) if asked["wide"] else ("paper's training", ())
+  if idle := [name for name in (*foreign, *BY_REWARD) if asked[name] != defaults[name]]:
+    cure = "name an --algorithm" if idle[0] in BY_REWARD else "leave out --wide"
+    raise ValueError(f"the {kind} has no use for --{idle[0].replace('_', '-')}: leave it out, or {cure}")
   plant, quick = "mujoco" if asked["plant"] == "auto" else asked["plant"], asked["quick"]
   if asked["wide"]:
     plan = wide_plan(asked["twin"], "bicycle" if quick else plant, asked["seed"], quick)
-    return dataclasses.replace(plan, options=dataclasses.replace(plan.options, unknown=asked["unknown"]))
+    taken = {name: asked[name] for name in ALIKE if name not in NOT_IMITATED} | {"path": asked["path"] or "s"}
+    learning = dataclasses.replace(plan.settings, cars=asked["cars"])
+    return dataclasses.replace(plan, options=dataclasses.replace(plan.options, **taken), settings=learning)
   alone = asked["demonstrator"] == "none"
   reward = Reward(near=asked["near"], m6=0.0 if alone else asked["demonstrator_weight"])
   taken = {name: asked[name] for name in ALIKE} | {"path": asked["path"] or "s", "reward": reward}

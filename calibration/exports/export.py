@@ -1,10 +1,23 @@
 """A twin written for another tool, with what was lost in translation said and kept."""
 
+from collections.abc import Collection
 from pathlib import Path
 
 from calibration.exports.loss import Loss, measure_loss
 from calibration.exports.target import Job, target_named
 from qcar_twin.atomic_io import write_json
+
+_OF_MCAP = ("recordings", "diagnosis", "before", "after", "window", "log")
+_OF_TWIN, _OF_VESC = ("twin",), ("pole_pairs", "vesc")
+
+
+def refuse_idle(target: str, given: Collection[str]) -> None:
+  """Raises ValueError where an option was given, by its name, that an export to a target has no use for."""
+  idle = {"mcap": (*_OF_TWIN, *_OF_VESC), "vesc": _OF_MCAP}.get(target, (*_OF_MCAP, *_OF_VESC))
+  for name in idle:
+    if name in given:
+      cure = "name the target with --to" if target == "mcap" else "leave it out"
+      raise ValueError(f"an export to {target} takes no --{name.replace('_', '-')}: {cure}")
 
 
 def is_a_file(out: Path) -> bool:

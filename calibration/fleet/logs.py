@@ -26,7 +26,7 @@ class Log:
 
   Attributes:
     place: of it.  name: its path below the folder that is scanned, with forward slashes.
-    car: the first folder of that path that is no date.
+    car: the first folder of that path that is no date; of a data set that is scanned itself, its own.
     day: the last date in the path, as YYYY-MM-DD; else of the file's last change.
     stamp: size in bytes and time of the last change in ns of all its files: whether it is the same as before.
     parts: other files of the same drive, as a motion capture's.
@@ -133,7 +133,8 @@ def _log(place: Path, folder: Path, others: tuple[Path, ...] = ()) -> Log:
   stats = [path.stat() for path in files]
   name = place.relative_to(folder).as_posix()
   parts = name.split("/") if name != "." else [folder.resolve().name]
-  owners = [part for part in parts[:-1] if not _DAY.search(part)]
+  folders = parts if place.is_dir() else parts[:-1]  # a data set's own folder may be its car's
+  owners = [part for part in folders if not _DAY.search(part)]
   dates = _DAY.findall(name)
   changed = max((s.st_mtime_ns for s in stats), default=0)
   day = "-".join(dates[-1]) if dates else datetime.date.fromtimestamp(changed / 1e9).isoformat()

@@ -112,7 +112,8 @@ class Detector:
   """One change in one direction, block after block.
 
   Attributes:
-    evidence: log M.  since: time at which the change most probably began, s; NaN before any block.
+    evidence: log M.  since: time at which the change most probably began, s; NaN before any block, -inf where that was
+      by a clock that has begun anew.
     size: its size since then, in multiples of the watched one.
     explained: half the sum of squares of residuals, as the reference scales them, that it explains since then.
   """
@@ -126,6 +127,11 @@ class Detector:
     """Forget all evidence."""
     self.evidence, self.since, self.size, self.explained = -math.inf, math.nan, math.nan, 0.0
     self._page, self._moment, self._weight = 0.0, 0.0, 0.0
+
+  def begin_anew(self) -> None:
+    """Times count from another zero from now on; evidence is of the car, and stays."""
+    if self._page > 0.0:
+      self.since = -math.inf
 
   def take(self, time: float, size: float, information: float) -> bool:
     """One block from `time` [s]; whether the evidence is enough for an alarm."""

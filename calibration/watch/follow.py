@@ -8,7 +8,7 @@ import itertools
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import BinaryIO, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,7 @@ class Tail(Protocol):
   Attributes:
     refused: why what is there cannot be read yet; "" where it can.
     torn: how many rows were left out that have other cells than the names.
+    grew: how often something whole was appended.
     judged: up to where blocks were handed on, s.
     held: commands as they stood before what is kept.
     later: s by which a table's own `time` begins later than the log, of which the oldest is forgotten.
@@ -82,12 +83,13 @@ class Tail(Protocol):
 
   refused: str
   torn: int
+  grew: int
   judged: float
   held: Held
   later: float
 
   def grown(self) -> bool:
-    """Take in what was appended, or all of a file that is shorter than it was; whether there was anything whole."""
+    """Take in what was appended, or all of a file that is another one by now; whether there was anything whole."""
     ...
 
   def written(self, folder: Path) -> Path:
@@ -99,16 +101,26 @@ class Tail(Protocol):
     ...
 
 
+def _beginning(file: BinaryIO) -> bytes:
+  file.seek(0)
+  return file.read(LONGEST_LINE)
+
+
+def _is_another(file: BinaryIO, begun: bytes, place: int) -> bool:
+  """Whether a file was cut by its logger, or is another log of that name: it begins otherwise or is shorter."""
+  return not _beginning(file).startswith(begun) or file.seek(0, io.SEEK_END) < place
+
+
 class CsvTail:
   """Rows of a CSV file; a row that is not ended yet waits, and so does all until the names are there, whose letters
   tell the encoding."""
 
   def __init__(self, path: Path):
-    self._path, self.refused, self.torn = path, "", 0
+    self._path, self.refused, self.torn, self.grew = path, "", 0, 0
     self._begin()
 
   def _begin(self) -> None:
-    self._place, self._undecoded, self._rest = 0, b"", ""
+    self._place, self._begun, self._undecoded, self._rest = 0, b"", b"", ""
     self._decoder: codecs.IncrementalDecoder | None = None
     self._head: str | None = None
     self._rows: list[str] = []
@@ -116,11 +128,11 @@ class CsvTail:
 
   def grown(self) -> bool:
     with self._path.open("rb") as file:
-      if file.seek(0, io.SEEK_END) < self._place:  # cut by its logger, or another log of that name
+      if _is_another(file, self._begun, self._place):
         self._begin()
       file.seek(self._place)
       new = file.read()
-      self._place = file.tell()
+      self._place, self._begun = file.tell(), _beginning(file)
     *rows, self._rest = (self._rest + self._decoded(new)).split("\n")
     if self._head is None and rows:
       self._head, *rows = rows
@@ -131,6 +143,7 @@ class CsvTail:
     whole = [row for row in rows if not width or row.count(mark) == width or '"' in row]
     self.torn += len(rows) - len(whole)
     self._rows += whole
+    self.grew += bool(rows)
     return bool(rows)
 
   def _decoded(self, new: bytes) -> str:
@@ -157,11 +170,11 @@ class McapTail:
   """Records of an MCAP file as they become whole. Most writers write a chunk at a time, of about a megabyte."""
 
   def __init__(self, path: Path):
-    self._path, self.refused, self.torn = path, "", 0
+    self._path, self.refused, self.torn, self.grew = path, "", 0, 0
     self._begin()
 
   def _begin(self) -> None:
-    self._place = len(_MAGIC)
+    self._place, self._begun = len(_MAGIC), b""
     self._always: list[bytes] = []
     self._records: list[bytes] = []
     self._first: int | None = None  # ns, of the log's oldest message, from which on a table's time counts
@@ -169,10 +182,10 @@ class McapTail:
 
   def grown(self) -> bool:
     with self._path.open("rb") as file:
-      if file.seek(0, io.SEEK_END) < self._place:  # cut by its logger, or another log of that name
+      if _is_another(file, self._begun, self._place):
         self._begin()
       file.seek(self._place)
-      new = file.read()
+      new, self._begun = file.read(), _beginning(file)
     at = 0
     while len(new) - at >= _HEAD:
       kind, size = new[at], int.from_bytes(new[at + 1 : at + _HEAD], "little")
@@ -182,6 +195,7 @@ class McapTail:
       (self._always if kind in _KEPT else self._records if kind in _MESSAGES else []).append(record)
       at += len(record)
     self._place += at
+    self.grew += at > 0
     return at > 0
 
   def written(self, folder: Path) -> Path:
@@ -295,10 +309,8 @@ def pieces(tail: Tail, manifest: Manifest, name: str, block: float) -> Iterator[
     try:
       recordings = as_recordings(file, manifest, name, tail)
     except RecordingError as error:
-      tail.refused = (
-        str(error).replace(str(file), name).replace(file.name, name)
-      )  # too little of it yet, or another log
-      return
+      tail.refused = str(error).replace(str(file), name).replace(file.name, name)
+      return  # too little of it yet, or another log
   tail.refused = ""
   new = tail.judged
   for k, (recording, _) in enumerate(recordings):

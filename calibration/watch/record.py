@@ -1,5 +1,6 @@
 """What a watch writes: a line of NDJSON a block, and all of it as MCAP at the end."""
 
+import itertools
 import json
 from pathlib import Path
 from typing import Any, TextIO
@@ -18,6 +19,7 @@ from qcar_twin.recordings.recording import Recording, Stream
 
 Array = NDArray[np.float64]
 SOURCES = ("measured", "predicted", "difference")
+Streams = dict[str, dict[str, list[Array]]]  # by source or "time", and channel
 
 
 class Record:
@@ -36,20 +38,24 @@ class Record:
     self._file, self._kept = file, kept
     self.blocks = 0
     self.notes: dict[str, str] = {}
-    self._streams: dict[str, dict[str, list[Array]]] = {source: {} for source in ("time", *SOURCES)}
+    self._since = -np.inf  # s, beginning of the last block
+    self._drives = [_streams()]  # one for each time that the log's clock began anew
 
   def block(
     self, observations: Observations, predicted: Array, since: float, watch: Watch, alarms: list[Alarm]
   ) -> None:
     """Write what is new: values from `since` on [s], evidence on each change, alarms."""
     channels: dict[str, Any] = {}
+    if since < self._since:
+      self._drives.append(_streams())
+    self._since = since
     for name in observations.present:
       rows = observations.select(name) & (observations.time >= since)
       values = (observations.time[rows], observations.measured[rows], predicted[rows])
       columns = dict(zip(("time", *SOURCES), (*values, values[1] - values[2]), strict=True))
       channels[name] = {"unit": UNITS[name], **columns}
       for source, column in columns.items() if self._kept else ():
-        self._streams[source].setdefault(name, []).append(column)
+        self._drives[-1][source].setdefault(name, []).append(column)
     evidence = {
       change.name: [round(float(max(d.evidence, -99.0)), 2) for d in pair]
       for change, pair in zip(watch.changes, watch.detectors, strict=True)
@@ -60,20 +66,30 @@ class Record:
     self._file.flush()
     self.blocks += 1
 
-  def mcap(self, path: Path) -> Path:
-    """All of it for Foxglove, PlotJuggler and Rerun, topics `/measured/yaw_rate` and so on."""
-    from qcar_twin.recordings.mcap_writer import write_mcap
+  def mcap(self, path: Path) -> list[Path]:
+    """All of it for Foxglove, PlotJuggler and Rerun, topics `/measured/yaw_rate` and so on: a file for each time that
+    the log's clock began anew, the later ones named `watch_2.mcap` and so on."""
+    named = (path.with_stem(f"{path.stem}_{k}") if k > 1 else path for k in itertools.count(1))
+    return [_write(file, drive) for file, drive in zip(named, self._drives, strict=False)]
 
-    sources: dict[str, dict[str, Stream]] = {}
-    for source in SOURCES:
-      channels = {}
-      for name, parts in self._streams[source].items():
-        time, first = np.unique(np.concatenate(self._streams["time"][name]), return_index=True)
-        value = np.concatenate(parts)[first]
-        finite = np.isfinite(value)  # a log in another unit may begin where no simulation can go on
-        channels[name] = Stream(time[finite], value[finite])
-      sources["error_twin" if source == "difference" else source] = channels
-    return write_mcap(path, sources, {"what": "a watch"}, dict(UNITS))
+
+def _streams() -> Streams:
+  return {source: {} for source in ("time", *SOURCES)}
+
+
+def _write(path: Path, drive: Streams) -> Path:
+  from qcar_twin.recordings.mcap_writer import write_mcap
+
+  sources: dict[str, dict[str, Stream]] = {}
+  for source in SOURCES:
+    channels = {}
+    for name, parts in drive[source].items():
+      time, first = np.unique(np.concatenate(drive["time"][name]), return_index=True)
+      value = np.concatenate(parts)[first]
+      finite = np.isfinite(value)  # a log in another unit may begin where no simulation can go on
+      channels[name] = Stream(time[finite], value[finite])
+    sources["error_twin" if source == "difference" else source] = channels
+  return write_mcap(path, sources, {"what": "a watch"}, dict(UNITS))
 
 
 def _moves(piece: Recording) -> bool:

@@ -47,7 +47,8 @@ class Alarm:
   """The twin no longer holds.
 
   Attributes:
-    time: of the end of the block that told it, s.  since: when it began, s.
+    time: of the end of the block that told it, s.  since: when it began, s; -inf where that was before the log's clock
+      began anew.
     change: what explains it; None where no car could move as the log says.
     size: of the change, in its own unit.  evidence: log of the e-detector.
   """
@@ -81,7 +82,10 @@ class Alarm:
 
 
 def clock(time: float) -> str:
-  """Time of a log: of day where it counts from 1970 (UTC), else minutes and seconds since its beginning."""
+  """Time of a log: of day where it counts from 1970 (UTC), else minutes and seconds since its beginning; -inf is before
+  that."""
+  if time == -np.inf:
+    return "before the log began anew"
   if time > 1e8:
     return f"{int(time) // 3600 % 24:02d}:{int(time) // 60 % 60:02d}:{int(time) % 60:02d} UTC"
   tenths = round(10.0 * time)
@@ -119,6 +123,7 @@ class Watch:
     ]
     watched = sum(1 + change.both for change in self.changes)
     self.detectors = [[Detector(null, watched) for null in pair] for pair in self.nulls]
+    self._judged = -np.inf  # s, beginning of the last block
 
   def unwatched(self) -> list[str]:
     """Changes that nothing tells from what the twin errs anyway, a sentence each."""
@@ -186,7 +191,13 @@ class Watch:
         detector.reset()
 
   def judge(self, block: Block) -> list[Alarm]:
-    """Take one block's evidence in; the alarm that it completes, if any."""
+    """Take one block's evidence in; the alarm that it completes, if any. One that begins before the last block did is
+    of a log whose clock began anew."""
+    if block.start < self._judged:
+      for pair in self.detectors:
+        for detector in pair:
+          detector.begin_anew()
+    self._judged = block.start
     if block.impossible:
       self.reset()
       return [Alarm(block.end, block.start, None, np.nan, np.inf)]

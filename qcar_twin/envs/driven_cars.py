@@ -73,8 +73,8 @@ class Linkage:
 
 @dataclasses.dataclass(frozen=True)
 class Course:
-  """What is followed: a path from its start, at a speed, m/s, a number or (N,), held by a speed controller; period
-  in s."""
+  """What is followed: a path from its start, at a speed, m/s, a number or (N,), that a speed controller holds from now
+  on; period in s."""
 
   path: Path
   speed: ArrayLike
@@ -85,7 +85,7 @@ class DrivenCars:
   """N cars under way.
 
   Args:
-    course: what is followed.
+    course: what is followed; another one, such as of another speed, may be set while the cars drive.
     plant: the cars, begun.
     linkage: None for commands that reach the plant as they are.
     observer: what the cars know of themselves.
@@ -94,7 +94,7 @@ class DrivenCars:
 
   Attributes:
     commands: of drive and steering in the last period, in the drive's unit and rad, (N, 2).
-    steering: commanded, rad, (N,).  estimate: of the cars.  target: speed that is held, m/s, (N,).
+    steering: commanded, rad, (N,).  mute: whose last command was no number, (N,).  estimate: of the cars.
     errors: relative to the path, (2, N) each: as estimated, and true.  arc_length: as estimated, and true, m, (2, N).
     past: slow means of steering command and path curvature, rad and 1/m, (N, 2).
     recent: the last second, value by value.
@@ -111,9 +111,8 @@ class DrivenCars:
   ):
     self.course, self.plant, self.linkage, self.observer = course, plant, linkage, observer
     count = len(plant.signals)
-    self.commands, self.steering = np.zeros((count, 2)), np.zeros(count)
+    self.commands, self.steering, self.mute = np.zeros((count, 2)), np.zeros(count), np.zeros(count, dtype=bool)
     self.past = np.zeros((count, 2))
-    self.target = np.array(np.broadcast_to(course.speed, count), dtype=np.float64)
     self.arc_length = np.tile(np.zeros(count) if arc_length is None else arc_length, (2, 1))
     self.estimate: BatchEstimate = observer.begin(self.signals)
     self._speed_control = speed_control(self.estimate.speed)
@@ -126,6 +125,11 @@ class DrivenCars:
     return self.plant.signals
 
   @property
+  def target(self) -> Array:
+    """Speed that is held, the course's, m/s, (N,)."""
+    return np.array(np.broadcast_to(self.course.speed, len(self.steering)), dtype=np.float64)
+
+  @property
   def speeds(self) -> Array:
     """As estimated and true, m/s, (2, N)."""
     return np.stack([np.nan_to_num(self.estimate.speed), np.hypot(*self.signals[:, VELOCITY].T)])
@@ -134,8 +138,9 @@ class DrivenCars:
     """Let some cars, (N,), that have been put to the path at an arc length, m, begin again; at other speeds to hold,
     m/s, (N,), where they are given."""
     if target is not None:
-      self.target = np.where(which, target, self.target)
-    self.steering = np.where(which, 0.0, self.steering)
+      self.course = dataclasses.replace(self.course, speed=np.where(which, target, self.target))
+    self.steering, self.mute = np.where(which, 0.0, self.steering), self.mute & ~which
+    self.commands = np.where(which[:, None], 0.0, self.commands)
     self.past = np.where(which[:, None], 0.0, self.past)
     self.arc_length = np.where(which, arc_length, self.arc_length)
     self.estimate = self.observer.begin(self.signals, which)
@@ -145,9 +150,11 @@ class DrivenCars:
     self.recent.restart(which, self._now())
 
   def step(self, steering: Array) -> None:
-    """Drive one control period with steering commands (N,), rad."""
+    """Drive one control period with steering commands (N,), rad. A car whose command is no finite number holds the one
+    before, and is `mute`: one NaN must not spoil wheels, means and filter for good."""
     course = self.course
-    self.steering = steering
+    self.mute = ~np.isfinite(steering)
+    self.steering = steering = np.where(self.mute, self.steering, steering)
     voltage = self._speed_control.voltage(np.nan_to_num(self.estimate.speed), self.target, course.period)
     self.commands = np.stack([voltage, steering], axis=-1)
     self.observer.command(self.commands)

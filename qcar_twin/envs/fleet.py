@@ -212,16 +212,15 @@ class Fleet:
     """
     task = self.task
     asked = np.asarray(action, dtype=np.float64).reshape(self.count)
-    mute = np.isnan(asked)
-    rate = np.clip(np.where(mute, 0.0, asked), -task.largest_rate, task.largest_rate)
+    rate = np.clip(asked, -task.largest_rate, task.largest_rate)
     expert = self.expert()
     self.cars.step(np.clip(self.steering + task.period * rate, -task.lock, task.lock))
     self.episode_steps = self.episode_steps + 1
     difference = self.steering - expert if self.config.demonstrator else np.zeros(self.count)
     judged = one_of(self.errors, self._judge)
-    gone = mute | ~np.isfinite(self.signals).all(axis=-1)
+    gone = self.cars.mute | ~np.isfinite(self.signals).all(axis=-1)
     cross_track = np.where(gone, np.nan, judged.cross_track)
-    terms, lost = task.judge(cross_track, judged.heading, rate, difference)
+    terms, lost = task.judge(cross_track, judged.heading, np.nan_to_num(rate), difference)
     over = (self.arc_length[TRUE] - self._begun_at >= task.distance) | (self.episode_steps >= task.longest)
     return Outcome(np.sum(list(terms.values()), axis=0), lost, over & ~lost, terms)
 

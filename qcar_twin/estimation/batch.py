@@ -4,6 +4,7 @@ All cars share one clock with one slot per period. A late measurement makes the 
 `FederatedFilter` is the same for one car whose samples come one by one, with times.
 """
 
+from collections import Counter
 from types import ModuleType
 
 import numpy as np
@@ -16,7 +17,7 @@ from qcar_twin.estimation.local_filters import LocalFilters
 from qcar_twin.estimation.master import fuse_positions
 from qcar_twin.estimation.models import BETA, YAW, R, V, X, Y
 from qcar_twin.estimation.settings import FilterSettings
-from qcar_twin.estimation.state import FilterState, Slot
+from qcar_twin.estimation.state import REFUSALS, FilterState, Slot
 from qcar_twin.estimation.timeline import Timeline
 
 Array = NDArray[np.float64]
@@ -64,6 +65,20 @@ class FederatedBatch:
   def nis(self) -> Array:
     """Of the last lidar fix in EKF_BM and in EKF_PM, (N, 2)."""
     return self.filters.nis
+
+  @property
+  def evidence(self) -> Array:
+    """Log likelihood of the fixes since each car was started, in EKF_BM and in EKF_PM, (N, 2); for fitting the noise.
+
+    Each fix counts once, however often its period is passed: it belongs to the state.
+    """
+    return self.state.evidence
+
+  @property
+  def refused(self) -> Counter[tuple[str, str]]:
+    """How often a measurement was not used since its car was started, by (channel, reason), all cars together."""
+    counts = self.state.turned_away.sum(axis=0).tolist()
+    return Counter({why: count for why, count in zip(REFUSALS, counts, strict=True) if count})
 
   def start(self, pose: Array, speed: Array, std: float = 0.01, which: Mask | None = None) -> None:
     """Start cars (all, or those of a mask) at known poses (N, 3) and speeds (N,) in the present period.
@@ -130,6 +145,14 @@ class FederatedBatch:
     assert before.outcome is not None
     self.state, self.present, self._due = before.outcome, index, index + 1
 
+  def rest(self, periods: int) -> None:
+    """Let so many periods of silence pass at the present, of which nothing but their length is told any more."""
+    settings, state = self.settings, self.state.copy()
+    span = periods * settings.period
+    state.age, state.silent, state.accel_age = state.age + span, state.silent + span, state.accel_age + span
+    state.bicycle_covariance = state.bicycle_covariance + periods * settings.bicycle_noise
+    self.state = self.slots[self.present].outcome = state
+
   def _passed(self, before: Slot, now: Slot, index: int, time: float) -> FilterState:
     assert before.outcome is not None
     state = self.filters.step(before.outcome, before, now, time)
@@ -151,7 +174,11 @@ class FederatedBatch:
     v, beta, yaw = state.bicycle[:, V], state.bicycle[:, BETA], state.bicycle[:, YAW]
     largest = np.maximum(covariance[:, 0], covariance[:, 2])
     against = doubts(settings, largest, bicycle[:, YAW, YAW], state.age, state.against, state.silent)
-    valid = ~np.logical_or.reduce([wrong for wrong, _, _ in against])
+    valid = (
+      state.sound
+      & (covariance[:, [0, 2]] > 0.0).all(axis=1)
+      & ~np.logical_or.reduce([wrong for wrong, _, _ in against])
+    )
     pose = np.stack([x, y, yaw], axis=-1)
     velocity = np.stack([v * np.cos(beta), v * np.sin(beta)], axis=-1)
     honest = spread if sum(settings.sharing) > 1.0 else covariance.T

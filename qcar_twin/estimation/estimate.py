@@ -12,6 +12,7 @@ from qcar_twin.estimation.settings import FilterSettings
 
 Array = NDArray[np.float64]
 Snapshot = tuple[Array, Array]  # state and covariance
+BROKEN = "its numbers are beyond a filter's arithmetic: check the units of commands and sensors"
 MOTION = (("pose_yaw", YAW), ("speed", V), ("sideslip_angle", BETA), ("yaw_rate", R))  # names in EKF_BM's state
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.estimation.batch import FederatedBatch
 from qcar_twin.estimation.engines import Engine
-from qcar_twin.estimation.estimate import Estimate, bounds_of, doubts, no_estimate
+from qcar_twin.estimation.estimate import BROKEN, Estimate, bounds_of, doubts, no_estimate
 from qcar_twin.estimation.master import fuse_positions
 from qcar_twin.estimation.models import YAW, X, Y
 from qcar_twin.estimation.settings import FilterSettings
@@ -19,6 +19,7 @@ from qcar_twin.estimation.state import START_STD, Slot
 from qcar_twin.estimation.timeline import Clock
 from qcar_twin.estimation.watches.gyro import GyroWatch
 from qcar_twin.estimation.watches.monitor import SpeedWatch, StampWatch
+from qcar_twin.estimation.watches.silence import ANYWHERE
 from qcar_twin.recordings.channels import COMMANDS, DRIVE_COMMANDS
 from qcar_twin.recordings.recording import nearest
 
@@ -54,10 +55,12 @@ class FederatedFilter:
   ):
     self.settings = settings = settings or FilterSettings()
     self._reach = round(settings.buffer / settings.period)  # slots that may be written, back and ahead
-    self._batch = FederatedBatch(car, settings, 1, self._reach, self._reach, watched, math, engine)
+    self._made_of = car, watched, engine
+    self._batch = self._fresh()
     self._places = {**_PLACES, "motor_speed": _PLACES["speed"]}
     self._rolling_radius = self._batch.filters.car.rolling_radius
     self._clock = Clock(settings.period)
+    self._not_taken: Counter[tuple[str, str]] = Counter()
     self._started: int | None = None  # slot of the first pose
     self._jumped = 0.0  # s, by which the clock was last set back
     self._recent_time, self._recent = math.nan, (0, 0.0, self._batch.slots[0])  # of the last sample, where it went
@@ -65,10 +68,15 @@ class FederatedFilter:
     self._onwards = False  # whether a sample since the last estimate was stamped after its channel's last
     self._held: list[tuple[float, str, float]] = []  # those that were stamped before it: late, or by another clock
 
+  def _fresh(self) -> FederatedBatch:
+    """A filter that knows nothing yet."""
+    car, watched, engine = self._made_of
+    return FederatedBatch(car, self.settings, 1, self._reach, self._reach, watched, math, engine)
+
   @property
   def refused(self) -> Counter[tuple[str, str]]:
-    """How often a sample was not used, by (channel, reason); recounted when the past is filtered again."""
-    return self._batch.filters.refused
+    """How often a sample was not used, by (channel, reason): not taken in at all, or since the start left out."""
+    return self._not_taken + self._batch.refused
 
   @property
   def nis(self) -> tuple[float, float]:
@@ -78,8 +86,8 @@ class FederatedFilter:
 
   @property
   def evidence(self) -> tuple[float, float]:
-    """Log likelihood of the fixes in EKF_BM and in EKF_PM; counts a fix again when the past is filtered again."""
-    bicycle, point = self._batch.filters.evidence[0].tolist()
+    """Log likelihood of the fixes in EKF_BM and in EKF_PM, each counted once."""
+    bicycle, point = self._batch.evidence[0].tolist()
     return bicycle, point
 
   @property
@@ -113,7 +121,7 @@ class FederatedFilter:
       cure = cure if channel in DRIVE_COMMANDS else nearest(channel, TAKES)
       raise KeyError(f"the filter takes no channel '{channel}'{cure}")
     if not (math.isfinite(time) and math.isfinite(value)):
-      self.refused[channel, "not finite"] += 1
+      self._not_taken[channel, "not finite"] += 1
       return
     latest = self._latest.get(channel, -math.inf)
     self._latest[channel] = time
@@ -130,7 +138,7 @@ class FederatedFilter:
       index, offset = self._clock.place(time)
       reason = self._out_of_reach(index, channel)
       if reason is not None:
-        self.refused[channel, reason] += 1
+        self._not_taken[channel, reason] += 1
         return
       slot = self._batch.slots[index]
       if self._started is not None and index > self._started:
@@ -138,7 +146,7 @@ class FederatedFilter:
     if self._put(slot, channel, value, offset):
       self._batch.spoil(index + (channel in INPUTS))
     else:
-      self.refused[channel, "repeated"] += 1
+      self._not_taken[channel, "repeated"] += 1
 
   def _out_of_reach(self, index: int, channel: str) -> str | None:
     present = self._batch.present
@@ -182,7 +190,7 @@ class FederatedFilter:
 
     A time further back than the buffer reaches means that the clock was set back, as does an earlier one where all
     samples since the last estimate are stamped before those of the same channel before them. The filter goes on by the
-    new clock.
+    new clock. One that was set forward is a silence for as long.
 
     Raises:
       ValueError: the time is not finite.
@@ -201,9 +209,14 @@ class FederatedFilter:
       index = self._set_back(time)
     for sample in held:
       self._take(*sample)
-    index = max(index, self._batch.present)
+    index = self._through_silence(max(index, self._batch.present), time)
     self._batch.go_to(index, self._clock.time(index))
-    return self._report(time)
+    return self._report(time) if self._batch.state.sound[0] else self._begin_again(time)
+
+  def _begin_again(self, time: float) -> Estimate:
+    """Wait for the next fix, as at the beginning: what the filter knows is nothing to go on from."""
+    self._batch, self._started = self._fresh(), None
+    return no_estimate(time, BROKEN)
 
   def _set_back(self, time: float) -> int:
     """Index of a time, s, that lies further back than any sample may: the clock was set, and times go on from there."""
@@ -214,6 +227,18 @@ class FederatedFilter:
     for watch in (*state.clocks, *state.watches):
       watch.restart()
     return index
+
+  def _through_silence(self, index: int, time: float) -> int:
+    """Slot of a time, s, of index `index` by the clock so far: after a silence, or a clock that was set forward, the
+    periods beyond `ANYWHERE` are not gone through one by one."""
+    furthest = self._batch.present + round((self.settings.buffer + ANYWHERE) / self.settings.period)
+    if index <= furthest:
+      return index
+    self._batch.go_to(furthest, self._clock.time(furthest))
+    self._batch.rest(index - furthest)
+    self._clock.set(time, furthest)
+    self._recent_time = math.nan
+    return furthest
 
   def _start_at_first_fix(self) -> None:
     index = self._batch.slots.first_fix()
@@ -237,6 +262,8 @@ class FederatedFilter:
       point = state.point[0], state.point_covariance[0]
       (xx, xy, _, _), (_, yy, *_), *_ = point[1].tolist()
       position, spread = fuse_positions(position, spread, (point[0].item(X), point[0].item(Y)), (xx, xy, yy))
+      if not min(spread[0], spread[2]) > 0.0:
+        return self._begin_again(time)
     against = doubts(
       settings,
       max(spread[0], spread[2]),

@@ -6,7 +6,6 @@ the point mass driven by the accelerometer, with the lidar's position. A missing
 
 import dataclasses
 import math
-from collections import Counter
 from types import ModuleType
 from typing import Any
 
@@ -61,10 +60,7 @@ class LocalFilters:
     engine: whose algebra predicts and corrects.
 
   Attributes:
-    refused: how often a measurement was not used, by (channel, reason), all cars together.
     nis: of the last lidar fix in EKF_BM and in EKF_PM, (N, 2).
-    evidence: log likelihood of all fixes in EKF_BM and in EKF_PM (constants left out), what is beyond a gate
-      counting as if on its edge, (N, 2); for fitting the noise.
   """
 
   def __init__(
@@ -72,9 +68,7 @@ class LocalFilters:
   ):
     numbers = {f.name: float(np.asarray(getattr(car, f.name))) for f in dataclasses.fields(SingleTrackCar)}
     self.settings, self.car, self._lib = settings, SingleTrackCar(**numbers), lib
-    self.refused: Counter[tuple[str, str]] = Counter()
     self.nis = np.full((count, 2), np.nan)
-    self.evidence = np.zeros((count, 2))
     self._identity = np.tile(np.eye(MOTION_STATES + len(settings.rows)), (count, 1, 1))
     self._point_transition = np.eye(4)
     self._point_transition[[X, Y], [2, 3]] = settings.period
@@ -86,7 +80,7 @@ class LocalFilters:
     self._assumed_score = settings.score * settings.score_full / 100.0
     self._engine, self._algebra = engine, engine_of(engine, count)
     self._unknowns = Unknowns(self.car, settings)
-    self._watching = Watching(self.car, settings, self._count, self._unknowns)
+    self._watching = Watching(self.car, settings, self._unknowns)
 
   def __getstate__(self) -> dict[str, Any]:
     """For a copy or another process: the library by its name."""
@@ -102,6 +96,7 @@ class LocalFilters:
     self._take_inputs(state, before)
     self._predict(state)
     state.silent = np.where(now.heard, 0.0, start.silent + self.settings.period)
+    state.hole = np.maximum(start.hole, state.silent)
     self._correct_motion(state, now.motion)
     if self.settings.central:
       self._correct_acceleration(state, now.accel)
@@ -192,7 +187,7 @@ class LocalFilters:
       innovation = value - state.bicycle[:, row]
       fits = innovation**2 <= limit * (self._unknowns.measured(state, row)[1] + noise)
       if not fits.all():
-        self._count(name, "gate", np.isfinite(value) & ~fits)
+        state.refuse(name, "gate", np.isfinite(value) & ~fits)
       used.append(fits)
     for row, noise, fits, value in zip(MOTION_ROWS, self._noises, used, motion.T, strict=True):
       before = state.bicycle, state.bicycle_covariance
@@ -202,10 +197,6 @@ class LocalFilters:
         state.bicycle, state.bicycle_covariance, column, spread + noise, innovation, fits
       )
       self._unknowns.consider(state, before, row)
-
-  def _count(self, channel: str, reason: str, which: Mask) -> None:
-    if number := int(np.count_nonzero(which)):
-      self.refused[channel, reason] += number
 
   def _correct_acceleration(self, state: FilterState, accel: Array) -> None:
     """The centralised filter's use of the accelerometer: a_y = (F_front + F_rear) / m."""
@@ -250,11 +241,11 @@ class LocalFilters:
     turned = np.where(there[:, 2], values[:, 2] - state.bicycle[:, YAW], 0.0)
     values[:, 2] = state.bicycle[:, YAW] + wrap_angle(turned)
     trial = self._algebra.correct_together(state.bicycle, state.bicycle_covariance, POSE_ROWS, values, noise, there)
-    fits, some = self._judge(trial, there, BICYCLE), np.asarray(there.any(axis=1))
+    fits, some = self._judge(state, trial, there, BICYCLE), np.asarray(there.any(axis=1))
     wrong, lost = some & ~fits, np.zeros(len(pose), dtype=bool)
     accepted = some & fits
     if wrong.any():
-      self._count("pose", "gate", wrong)
+      state.refuse("pose", "gate", wrong)
       lost = self._refuse(state, wrong, np.where(there[:, PLACE], pose[:, PLACE], state.bicycle[:, PLACE]))
       if lost.any():
         widened = state.bicycle_covariance + np.diag(
@@ -300,17 +291,18 @@ class LocalFilters:
     there = np.isfinite(place) & (accepted & self.point_on(state))[:, None]
     values = place - offset[:, None] * state.point[:, 2:] if offset.any() else place
     trial = self._algebra.correct_together(state.point, state.point_covariance, PLACE_ROWS, values, noise, there)
-    fits, some = self._judge(trial, there, POINT), there.any(axis=1)
+    fits, some = self._judge(state, trial, there, POINT), there.any(axis=1)
     state.point = choose(some & fits, trial.state, state.point)
     state.point_covariance = choose(some & fits, trial.covariance, state.point_covariance)
     astray = some & ~fits
     if astray.any():
-      self._count("pose", "gate of the point filter", astray)
+      state.refuse("pose", "gate of the point filter", astray)
       self._restart_point(state, astray)
 
-  def _judge(self, trial: Corrected, there: Mask, which: int) -> Mask:
+  def _judge(self, state: FilterState, trial: Corrected, there: Mask, which: int) -> Mask:
     """Whether fixes of the components in `there` pass the gate; notes their NIS and evidence."""
     some, limit = there.any(axis=1), self._limits[np.count_nonzero(there, axis=1)]
     self.nis[:, which] = np.where(some, trial.nis, self.nis[:, which])
-    self.evidence[:, which] -= 0.5 * (np.minimum(trial.nis, limit) + trial.log_determinant)
+    worth = 0.5 * (np.minimum(trial.nis, limit) + trial.log_determinant)
+    state.evidence = state.evidence - worth[:, None] * (np.arange(2) == which)
     return trial.nis <= limit

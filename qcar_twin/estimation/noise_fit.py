@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 from qcar_twin.bicycle.single_track import SingleTrackCar
 from qcar_twin.estimation.federated import FederatedFilter
-from qcar_twin.estimation.offline import events_of, filter_events
+from qcar_twin.estimation.offline import events_of, filter_events, missing_pose
 from qcar_twin.estimation.settings import FilterSettings
-from qcar_twin.recordings.recording import Recording
+from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.vehicle.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
@@ -54,8 +54,15 @@ def fit_noise(
     vehicle: says which command drives the car, see `events_of`.
 
   Raises:
-    RecordingError: a recording holds the command of another kind of drive.
+    RecordingError: no recording, or one without a pose, or with the command of another kind of drive.
   """
+  blind = [r.name for r in recordings if missing_pose(r)]
+  if blind or not recordings:
+    which = f"recording '{blind[0]}' has none" if blind else "no recording to identify with holds one"
+    raise RecordingError(
+      f"process noise is fitted to measured poses, and {which}; leave the fit out, or give recordings of role"
+      ' "identify" with pose_x, pose_y and pose_yaw'
+    )
   return most_likely(lambda trial: evidence(recordings, car, trial, lateness, vehicle), settings, rounds)
 
 

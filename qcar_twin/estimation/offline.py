@@ -116,6 +116,11 @@ def _drive_channel(recording: Recording, vehicle: Vehicle | None) -> str:
   return wanted
 
 
+def missing_pose(recording: Recording) -> list[str]:
+  """Channels of the pose that a recording lacks."""
+  return [name for name in ("pose_x", "pose_y", "pose_yaw") if name not in recording.streams]
+
+
 def unheard(recording: Recording, vehicle: Vehicle) -> list[str]:
   """A sentence for each command of the vehicle that was not logged: the filter takes it as 0 throughout."""
   missing = [name for name in (vehicle.motor.channel, "steering_command") if name not in recording]
@@ -157,8 +162,7 @@ def filter_recording(
   Raises:
     RecordingError: the recording holds no pose to start from, or the command of another kind of drive.
   """
-  missing = [name for name in ("pose_x", "pose_y", "pose_yaw") if name not in recording.streams]
-  if missing:
+  if missing := missing_pose(recording):
     raise RecordingError(
       f"recording '{recording.name}' has no {', '.join(missing)}: the filter cannot start without an absolute pose;"
       " map a lidar or motion-capture pose in dataset.toml"

@@ -17,6 +17,11 @@ Mask = NDArray[np.bool_]
 START_STD = (0.1, 0.1, 0.5, 0.1, 0.1, 0.5)  # m, m, m/s, rad, rad, rad/s: of EKF_BM after the first fix
 POINT_START_STD = (0.1, 0.1, 0.5, 0.5)  # m, m, m/s, m/s
 PLACE, VELOCITY = slice(0, 2), slice(2, 4)  # columns of EKF_PM's state; PLACE also of a fix and of EKF_BM's state
+REFUSALS = (
+  ("speed", "gate"), ("yaw_rate", "gate"), ("pose", "gate"), ("pose", "gate of the point filter"),
+  ("pose", "off the beat"),
+)  # fmt: skip
+"""Why a measurement is not used, by channel and reason: columns of `FilterState.turned_away`."""
 
 
 @dataclasses.dataclass
@@ -33,6 +38,7 @@ class FilterState:
     holds: whether any floor holds the car as it is driven, (N,).
     accel: last, at the IMU, m/s^2, (N, 2).  accel_age: since then, s, (N,).
     age: since the last accepted fix, s, (N,).  silent: since anything has arrived, s, (N,).
+    hole: longest silence since the last fix, s, (N,).
     refused: fixes refused in a row, (N,).
     steady: votes of refused fixes for another place, each where a car could have got to from the one before, (N,).
     last: the last of them, m, (N, 2).  driven: distance since that fix, m, (N,).
@@ -41,6 +47,9 @@ class FilterState:
     clocks: of the stamps of their fixes, one per car; empty where they are not watched.  odometers: of their gyros.
     models: of their single tracks.
     unseen: rad by which a bias of the gyro may turn the yaw before it is detected, (N,).
+    evidence: log likelihood of the fixes so far in EKF_BM and in EKF_PM (constants left out), what is beyond a gate
+      counting as if on its edge, (N, 2).
+    turned_away: measurements that were not used so far, by REFUSALS, (N, 5).
   """
 
   bicycle: Array
@@ -56,6 +65,7 @@ class FilterState:
   accel_age: Array
   age: Array
   silent: Array
+  hole: Array
   refused: NDArray[np.int64]
   steady: NDArray[np.int64]
   last: Array
@@ -63,6 +73,8 @@ class FilterState:
   fixes: Array
   strays: Array
   unseen: Array
+  evidence: Array
+  turned_away: NDArray[np.int64]
   watches: tuple[SpeedWatch, ...] = ()
   clocks: tuple[StampWatch, ...] = ()
   odometers: tuple[GyroWatch, ...] = ()
@@ -98,6 +110,7 @@ class FilterState:
       accel_age=np.full(count, np.inf),
       age=none,
       silent=none,
+      hole=none,
       refused=np.zeros(count, dtype=np.int64),
       steady=np.zeros(count, dtype=np.int64),
       last=np.zeros((count, 2)),
@@ -105,6 +118,8 @@ class FilterState:
       fixes=none,
       strays=none,
       unseen=none,
+      evidence=np.zeros((count, 2)),
+      turned_away=np.zeros((count, len(REFUSALS)), dtype=np.int64),
       watches=tuple(SpeedWatch() for _ in range(count * watched)),
       clocks=tuple(StampWatch() for _ in range(count * watched)),
       odometers=tuple(GyroWatch() for _ in range(count * watched)),
@@ -114,6 +129,21 @@ class FilterState:
   def copy(self) -> "FilterState":
     """One that can go its own way."""
     return copy.copy(self)
+
+  def refuse(self, channel: str, reason: str, which: Mask) -> None:
+    """Count a measurement of some cars, (N,), that is not used, for a reason of REFUSALS."""
+    if which.any():
+      column = np.arange(len(REFUSALS)) == REFUSALS.index((channel, reason))
+      self.turned_away = self.turned_away + which[:, None] * column
+
+  @property
+  def sound(self) -> Mask:
+    """Whether the numbers are those of a filter, (N,): numbers, and positive variances of place, motion and what both
+    filters' places have in common. Commands or sensors in units that are wrong by thousands make others."""
+    mine, theirs = self.bicycle_covariance[:, PLACE, PLACE], self.point_covariance[:, PLACE, PLACE]
+    variances = [np.diagonal(c, axis1=1, axis2=2) for c in (self.bicycle_covariance, self.point_covariance)]
+    least = np.concatenate([*variances, *(np.linalg.det(c)[:, None] for c in (mine, theirs, mine + theirs))], axis=1)
+    return np.asarray((least > 0.0).all(axis=1) & np.isfinite(self.bicycle).all(axis=1))
 
   @property
   def against(self) -> NDArray[np.int64]:

@@ -68,25 +68,35 @@ class EncoderRun:
     self._angle = rng.uniform(0.0, self._count, count)  # rad, from a random place between two edges
     self._last = np.floor(self._angle / self._count)
     self._speed: Array | None = None
+    self._elapsed = self._interval - period  # s, since the last sample; the first one comes after a period
 
   def observe(self, signals: Array) -> None:
     """Turn the motor by the period just driven (trapezoidal rule)."""
     speed = signals[:, MOTOR_SPEED].copy()  # a simulation may write its signals in place
     before = speed if self._speed is None else self._speed
+    if self._speed is None:
+      self._last = self._edges_before(speed)
     self._angle = self._angle + 0.5 * (before + speed) * self._period
     self._speed = speed
+    self._elapsed += self._period
 
   def sample(self, signals: Array) -> Array:
     """Mean motor speed since the last sample, rad/s, (N, 1)."""
     edges = np.floor(self._angle / self._count)
     speed = (edges - self._last) * self._count / self._interval
-    self._last = edges
+    self._last, self._elapsed = edges, 0.0
     return speed[:, None]
 
   def restart(self, which: Mask, signals: Array) -> None:
-    """Some cars go on at another speed."""
+    """Some cars go on at another speed, as if they had driven at it since the last sample."""
     if self._speed is not None:
-      self._speed = np.where(which, signals[:, MOTOR_SPEED], self._speed)
+      speed = signals[:, MOTOR_SPEED]
+      self._speed = np.where(which, speed, self._speed)
+      self._last = np.where(which, self._edges_before(speed), self._last)
+
+  def _edges_before(self, speed: Array) -> Array:
+    """Edges counted until the last sample, if the motor has turned at a speed, rad/s, since."""
+    return np.floor((self._angle - speed * self._elapsed) / self._count)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,6 +1,8 @@
 """The commands of the agents, run as a user would with --quick."""
 
+import dataclasses
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -40,6 +42,13 @@ def test_proving_ground_drives_with_the_effects_asked_for():
   assert abs(ends[0]) < 0.01 < abs(ends[1])
 
 
+def test_effects_that_no_car_would_have_are_refused(tmp_path):
+  with pytest.raises(ValueError, match="--effects are of the independent car: add --plants proving_ground"):
+    evaluate.main(evaluate.Config(tmp_path, effects=("steering_offset=1",), plants=("bicycle",), quick=True))
+  with pytest.raises(ValueError, match="effect 'steering_offset=much' needs a number of typical sizes"):
+    evaluate.ground(("steering_offset=much",))
+
+
 @pytest.mark.parametrize("what", ["drive", "recording"])
 def test_render_makes_a_film_and_a_still(tmp_path, what):
   save_policy(GOOD, tmp_path / "policy")
@@ -62,18 +71,46 @@ def test_a_filmed_twin_is_driven_with_the_timing_of_its_file(tmp_path):
   assert np.abs(moved[1] - moved[0]).max() > 0.01
 
 
+def test_a_recording_is_filmed_with_its_own_car(tmp_path, monkeypatch):
+  shutil.copytree(ROOT / "data" / "sample", tmp_path / "long")
+  toml = tmp_path / "long" / "dataset.toml"
+  text = toml.read_text(encoding="utf-8").replace("cg_to_front = 0.116607", "cg_to_front = 0.16")
+  toml.write_text(text.replace("cg_to_rear = 0.139447", "cg_to_rear = 0.14"), encoding="utf-8")
+
+  def film(path, vehicle, **_):
+    raise StopIteration(vehicle.wheelbase)
+
+  monkeypatch.setattr(render, "Film", film)
+  with pytest.raises(StopIteration, match="0.3"):
+    render.main(render.Config(tmp_path / "film.mp4", dataset=tmp_path / "long", recording="figure_eight"))
+
+
 def test_render_names_who_could_drive(tmp_path):
   with pytest.raises(ValueError, match="lq_cm tuned"):
     render.main(render.Config(tmp_path / "film.mp4", driver="lqr", plant="bicycle"))
 
 
+def planned(folder, **asked):
+  return plan_from(vars(train.Config(folder, **asked)), {f.name: f.default for f in dataclasses.fields(train.Config)})
+
+
 def test_train_asks_for_what_was_said(tmp_path):
-  plan = plan_from(vars(train.Config(tmp_path, demonstrator="none", near=0.005, steering_gain=0.92, seed=7)))
+  plan = planned(tmp_path, demonstrator="none", near=0.005, steering_gain=0.92, seed=7)
   assert plan.options.demonstrator == "" and plan.options.reward.m6 == 0.0 and plan.options.reward.near == 0.005
   assert plan.options.steering_gain == 0.92 and plan.seed == 7 and plan.settings.episodes == 300
-  assert plan_from(vars(train.Config(tmp_path))).options.reward.m6 == 1.0
-  wide = plan_from(vars(train.Config(tmp_path, wide=True, seed=2, twin="x.toml")))
+  assert planned(tmp_path).options.reward.m6 == 1.0
+  wide = planned(tmp_path, wide=True, seed=2, twin="x.toml")
   assert wide.observation.size == 9 and wide.settings.imitations > 0 and (wide.seed, wide.options.twin) == (2, "x.toml")
+
+
+def test_an_imitation_is_of_the_path_and_the_car_that_were_said_and_what_it_cannot_take_is_refused(tmp_path):
+  plan = planned(tmp_path, wide=True, path="o", estimator="truth", steering_gain=0.9, randomise="prior", cars=4)
+  options = plan.options
+  assert (options.path, options.estimator, options.steering_gain, options.randomise) == ("o", "truth", 0.9, "prior")
+  assert plan.settings.cars == 4 and options.gain_spread == 0.1
+  for kind, wrong in (({"wide": True}, {"episodes": 9}), ({"wide": True}, {"workers": 4}), ({}, {"critic": "truth"})):
+    with pytest.raises(ValueError, match=f"has no use for --{next(iter(wrong))}: leave it out, or"):
+      planned(tmp_path, **kind, **wrong)
 
 
 def test_the_shipped_policy_says_where_it_comes_from_and_stays_on_the_s_path():

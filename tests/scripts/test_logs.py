@@ -223,6 +223,10 @@ def test_export_of_a_data_set_alone_and_of_any_log(tiny, tmp_path):
 def test_export_says_what_it_lacks(tiny, tmp_path):
   with pytest.raises(ValueError, match="give either --dataset, .* or --log"):
     export.main(export.Config(tmp_path))
+  with pytest.raises(ValueError, match="an export to mcap takes no --twin: name the target with --to"):
+    export.main(export.Config(tmp_path, tiny / "data", twin=tmp_path / "twin.toml"))
+  with pytest.raises(ValueError, match="an export to f1tenth takes no --pole-pairs: leave it out"):
+    export.main(export.Config(tmp_path, tiny / "data", to="f1tenth", pole_pairs=2))
   with pytest.raises(RecordingError, match="holds no twin.toml; give the folder that `qcar-twin diagnose --out` wrote"):
     export.main(export.Config(tmp_path, tiny / "data", diagnosis=tmp_path))
   with pytest.raises(RecordingError, match="no recording 'weav_validate'; did you mean 'weave_validate'"):

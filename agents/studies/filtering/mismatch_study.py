@@ -97,7 +97,7 @@ def fitted(model: Model, settings: FilterSettings, controller: Controller, count
   ]
 
   def evidence(trial: FilterSettings) -> tuple[float, float]:
-    bicycle, point = filtered(drives, trial)[0].filters.evidence.sum(axis=0)
+    bicycle, point = filtered(drives, trial)[0].evidence.sum(axis=0)
     return float(bicycle), float(point)
 
   return most_likely(evidence, settings, rounds=1)

@@ -8,11 +8,11 @@ from qcar_twin.onboard.plants import OnboardPlant
 from qcar_twin.vehicle.vehicle import Vehicle
 
 
-def _size_of(effect: str) -> float:
-  """Of NAME=SIZE, in typical sizes; 1 where none is given. Raises ValueError where it is no number."""
+def sized(effect: str) -> tuple[str, float]:
+  """NAME=SIZE as name and size in typical ones; 1 where none is given. Raises ValueError where it is no number."""
   name, _, size = effect.partition("=")
   try:
-    return float(size or 1.0)
+    return name, float(size or 1.0)
   except ValueError:
     raise ValueError(f"effect '{effect}' needs a number of typical sizes: {name}=1") from None
 
@@ -33,7 +33,7 @@ def independent_car(number: int, effects: tuple[str, ...], seed: int) -> Onboard
   Raises:
     ValueError: a size that is no number.  KeyError: no such effect.
   """
-  hidden = tuple((effect.partition("=")[0], _size_of(effect)) for effect in effects)
+  hidden = tuple(map(sized, effects))
   car = drawn_car(Spec(number))
   table, std = car.measured(stream(number, 1))
   begin, sensors = ProvingGroundPlant(car, hidden, 1.0, seed).begin, f"independent car {number}"

@@ -184,14 +184,18 @@ class StampWatch:
   before it was measured, so that it is an added latency of up to four fifths of an interval. Stamps without a beat are
   taken as they are.
 
+  A clock that all sensors share and that is set forward moves the beat, too, and leaves a hole in all of them that is
+  at least as long. Where there is such a hole, the stamps are believed and the beat is learnt anew.
+
   Attributes:
-    stamps: s, the last ones on the beat.
+    stamps: s, the last ones on the beat.  holes: s, the longest that nothing at all was heard before each of them.
     delay: of the fixes beyond their stamps, s.
     odd: s, the last ones that missed it.
     slack: s, by which a stamp may miss it.
   """
 
   stamps: tuple[float, ...] = ()
+  holes: tuple[float, ...] = ()
   delay: float = 0.0
   odd: tuple[float, ...] = ()
   slack: float = 0.0
@@ -202,20 +206,25 @@ class StampWatch:
 
   def restart(self) -> None:
     """Forget the beat: stamps are by another clock from now on."""
-    self.stamps = self.odd = ()
+    self.stamps = self.odd = self.holes = ()
 
-  def hear(self, stamp: float) -> bool:
-    """Take a stamp, s; whether its fix may be used."""
+  def hear(self, stamp: float, hole: float = 0.0) -> bool:
+    """Take a stamp, s, and for how long at most nothing at all was heard since the last one, s; whether its fix may be
+    used."""
     if len(self.stamps) <= BEATS:
-      self.stamps = (*self.stamps, stamp)
+      self.stamps, self.holes = (*self.stamps, stamp), (*self.holes, hole)
       return True
     gaps = [b - a for a, b in itertools.pairwise(self.stamps)]
     interval = statistics.median(gaps)
     beats = lambda time: time / interval - round(time / interval)
     if interval <= 0.0 or max(abs(beats(gap)) for gap in gaps) > OFF_BEAT:
-      return self._on(stamp)
+      return self._on(stamp, hole)
     if abs(beats(stamp - self.stamps[-1])) <= OFF_BEAT:
-      return self._on(stamp)
+      return self._on(stamp, hole)
+    later = (stamp - self.stamps[-1]) % interval
+    if hole - max(self.holes) >= later - OFF_BEAT * interval:
+      self.stamps, self.holes, self.odd = (stamp,), (max(self.holes),), ()
+      return True
     self.odd = (*self.odd[1 - PERSISTENCE :], stamp)
     if len(self.odd) < PERSISTENCE or max(abs(beats(b - a)) for a, b in itertools.pairwise(self.odd)) > OFF_BEAT:
       return False
@@ -224,8 +233,8 @@ class StampWatch:
     # an added latency of less than an interval
     self.delay = (self.delay + change + self.slack) % interval - self.slack
     self.stamps = tuple(s + change for s in self.stamps)
-    return self._on(stamp)
+    return self._on(stamp, hole)
 
-  def _on(self, stamp: float) -> bool:
-    self.stamps, self.odd = (*self.stamps[1:], stamp), ()
+  def _on(self, stamp: float, hole: float) -> bool:
+    self.stamps, self.holes, self.odd = (*self.stamps[1:], stamp), (*self.holes[1:], hole), ()
     return True

@@ -15,6 +15,7 @@ from qcar_twin.estimation.watches.model import LEAST_GRIP
 
 Array = NDArray[np.float64]
 STEERED = 0.3  # rad: prior, standard deviation of an angle anywhere between stops at 30 degrees
+ANYWHERE = 10.0  # s of it: by 0.2 g a car is a hundred metres on, and nothing is left for more of it to take away
 MOST_GRIP = 9.81  # m/s^2: prior, a floor of friction 1 turns a car no faster
 
 
@@ -22,14 +23,15 @@ def unheard_noise(silent: Array, speed: Array, car: SingleTrackCar, settings: Fi
   """Process noise of EKF_BM over a period, (N, n, n), for what is unheard of; None where every car is heard.
 
   Args:
-    silent: s since anything has arrived, (N,). For as long as a sample may be late, `buffer`, the last commands hold.
+    silent: s since anything has arrived, (N,). For as long as a sample may be late, `buffer`, the last commands hold;
+      after `ANYWHERE` more, yaw and speed get no more uncertain.
     speed: m/s, (N,).
   """
   period, after = settings.period, settings.buffer
-  span = np.maximum(silent + period - after, 0.0)
+  span = np.clip(silent + period - after, 0.0, ANYWHERE)
   if not span.any():
     return None
-  grown = span**2 - np.maximum(silent - after, 0.0) ** 2
+  grown = span**2 - np.clip(silent - after, 0.0, ANYWHERE) ** 2
   size = np.hypot(speed, STANDSTILL)
   turning = np.minimum(STEERED * size / (car.cg_to_front + car.cg_to_rear), MOST_GRIP / size) ** 2
   noise = np.zeros((len(span), *settings.bicycle_noise.shape))

@@ -7,7 +7,7 @@ used with the covariance opened, until its own witness speaks against it.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,14 +32,11 @@ class Watching:
   Args:
     car: the single track, plain floats.
     settings: of the filter.
-    count: told of what is refused: channel, reason, which cars.
     unknowns: what is not known of the cars.
   """
 
-  def __init__(
-    self, car: SingleTrackCar, settings: FilterSettings, count: Callable[[str, str, Mask], None], unknowns: Unknowns
-  ):
-    self._car, self._settings, self._count, self._unknowns = car, settings, count, unknowns
+  def __init__(self, car: SingleTrackCar, settings: FilterSettings, unknowns: Unknowns):
+    self._car, self._settings, self._unknowns = car, settings, unknowns
 
   # -- the model ---------------------------------------------------------------------------------
 
@@ -134,11 +131,12 @@ class Watching:
     """
     state.clocks = tuple(clock.copy() for clock in state.clocks)
     fix, offsets = fix.copy(), offsets.copy()
-    turned = np.zeros((2, len(fix)))
-    for i in np.flatnonzero(np.isfinite(fix[:, PLACE]).all(axis=1)):
-      if not state.clocks[i].hear(time + float(offsets[i])):
+    turned, placed = np.zeros((2, len(fix))), np.isfinite(fix[:, PLACE]).all(axis=1)
+    holes, state.hole = state.hole, np.where(placed, 0.0, state.hole)
+    for i in np.flatnonzero(placed):
+      if not state.clocks[i].hear(time + float(offsets[i]), holes.item(i)):
         fix[i] = np.nan
-        self._count("pose", "off the beat", np.array([True]))
+        state.refuse("pose", "off the beat", np.arange(len(fix)) == i)
         continue
       offsets[i] -= state.clocks[i].delay
       (x, y, yaw, _), odometer = fix[i].tolist(), state.odometers[i]

@@ -40,6 +40,25 @@ def test_sensors_of_another_period_than_the_plants_are_refused():
     follow(LQ, LINE, observer=SensedObserver(suite, CAR, FilterSettings(period=0.005)))
 
 
+@dataclasses.dataclass
+class Failing:
+  """LQ, but for one answer of the second car."""
+
+  calls: int = 0
+  name: str = "failing"
+
+  def steer(self, situation):
+    answer, self.calls = LQ.steer(situation), self.calls + 1
+    return np.where((self.calls == 100) & (np.arange(len(answer)) == 1), np.nan, answer)
+
+
+def test_a_controller_whose_answer_is_no_number_has_lost_its_car():
+  driven = follow(Failing(), LINE, count=2)
+  assert driven.finished.tolist() == [True, False]
+  assert driven.under_way[:, 1].sum() == 99 and np.isfinite(driven.signals).all()
+  assert np.isinf(kpis(driven).rmse[1]) and np.isfinite(kpis(driven).rmse[0])
+
+
 def test_a_speed_that_the_car_does_not_reach_is_refused_before_the_drive():
   fastest = 1.02 * (11.1 - SpeedGains.design(CAR).friction) / SpeedGains.design(CAR).hold
   with pytest.raises(ValueError, match=r"speed .* m/s: it takes 11\.3 V of 11\.1 V; ask for less"):

@@ -218,6 +218,7 @@ def test_rewards_are_finite_whatever_the_action(face, plant, wrong):
     ({"friction": 3.0}, "no option .friction.; there are path, speed"),
     ({"speed": "fast"}, "speed is 'fast'; it must be a number, as 0.5"),
     ({"laps": 0}, "laps is 0; it must be positive"),
+    ({"laps": 2}, "2 laps of path 's', which is open: leave laps out, or take a closed one"),
     ({"laps": 1.5}, "laps is 1.5; it must be a whole number"),
     ({"substeps": 0}, "substeps is 0; it must be positive"),
     ({"steering_gain": np.nan}, "steering_gain is nan; it must be finite"),

@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,11 +16,13 @@ from agents.control.controllers import load
 from agents.control.interface import Situation
 from agents.control.kpis import kpis
 from agents.control.model import Model
+from agents.learning import by_reward
 from agents.learning import train as training
 from agents.learning.ddpg import MirrorBuffer, Settings, demonstrate, make_agent
 from agents.learning.environments import Options, demonstrator_of, fleet, make_env, plant_of, task_of
 from agents.learning.evaluate import EvaluationCase, contestants, in_words, run_case, run_together, summary
 from agents.learning.train import EPISODE_COLUMNS, Plan, append_row, judge, policy_of, rewrite, train
+from qcar_twin.bicycle.bicycle import Bicycle
 from qcar_twin.envs.vector_env import FleetVecEnv
 from qcar_twin.paths import path_named
 from qcar_twin.twin.file import save_twin
@@ -131,6 +134,14 @@ def test_a_plant_of_ones_own_is_judged_too():
 
   judged = judge(GOOD, PLAN, MODEL, (own, theta))
   assert asked and judged.finished.all()
+
+
+def test_a_plant_of_another_control_period_is_judged_with_sensors_and_filter_of_its_own():
+  options = dataclasses.replace(OPTIONS, estimator="fekf")
+  own = partial(Bicycle, MODEL.vehicle, period=0.005), MODEL.theta
+  plan = dataclasses.replace(PLAN, options=options, judges=2)
+  assert judge(GOOD, plan, MODEL, own).finished.all()
+  assert by_reward.judge(GOOD, options, ["random:1:2"], MODEL, own).rmse.max() < 0.05
 
 
 # -- seeds, tables, logs ---------------------------------------------------------------------------

@@ -41,6 +41,16 @@ def test_cars_and_days_are_read_from_where_logs_lie(folder):
   assert logs["blue/set_20261105"] == ("blue", "2026-11-05") and len(logs) == 4  # the set's own file is no other log
 
 
+def test_a_data_set_is_of_the_car_that_its_own_folder_names(folder):
+  """One data set a car, or a data set a day of each car; the folder that is scanned may be one itself."""
+  for place in ("anna", "berta/2026-11-03", "berta/2026-11-04"):
+    shutil.copytree(folder / "logs" / "blue" / "set_20261105", folder / "sets" / place)
+  assert [(log.name, log.car) for log in find_logs(folder / "sets")] == [
+    ("anna", "anna"), ("berta/2026-11-03", "berta"), ("berta/2026-11-04", "berta"),
+  ]  # fmt: skip
+  assert [log.car for log in find_logs(folder / "sets" / "anna")] == ["anna"]
+
+
 def test_a_line_a_log_and_only_new_ones_again(folder):
   logs, lines, said = find_logs(folder / "logs"), folder / "scan.ndjson", []
   first = scan(logs, lines, like=SAMPLE, said=said.append)

@@ -98,6 +98,16 @@ def test_a_log_that_its_logger_begins_anew_is_read_from_its_beginning(tmp_path):
   assert tail.torn == 0
 
 
+def test_a_log_that_is_replaced_by_a_longer_one_is_read_from_its_beginning(tmp_path):
+  path, head = tmp_path / "log.csv", ",".join(["time", *NAMES])
+  tail = CsvTail(path)
+  path.write_text("\n".join([head, *rows(TIMES[:900])]) + "\n")
+  checked(list(pieces(tail, manifest(), "log", BLOCK)), 8.0)
+  path.write_text(f"note,{head}\n" + "".join(f"a,{row}\n" for row in rows(TIMES)))
+  checked(list(pieces(tail, manifest(), "log", BLOCK)), 18.0)
+  assert tail.torn == 0
+
+
 def test_an_mcap_log_that_is_replaced_is_read_from_its_beginning(tmp_path):
   path = tmp_path / "log.mcap"
   path.write_bytes(b"")

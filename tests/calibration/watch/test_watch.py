@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from calibration.watch.effects import CHANGES, Change, known_to, ordinary, watching
@@ -203,6 +204,57 @@ def test_a_torn_row_and_a_clock_that_begins_anew_cost_only_themselves(desk, car,
   assert "1 rows have other cells than the names above them" in capsys.readouterr().out
   lines = [json.loads(line) for line in (desk / "out" / "watch.ndjson").read_text().splitlines()]
   assert [line["from"] for line in lines] == [*np.arange(0.0, 9.0, 2.0), *np.arange(0.0, 8.0, 2.0)]
+  for name, last in (("watch", 9.99), ("watch_2", 7.99)):  # two drives, a file each
+    time = [message.log_time for *_, message in stored(desk / "out" / f"{name}.mcap", "/measured/yaw_rate")]
+    assert len(time) == len(set(time)) == pytest.approx(100 * last, abs=2) and max(time) == pytest.approx(1e9 * last)
+
+
+def stored(file, topic):
+  with file.open("rb") as stream:
+    return list(make_reader(stream).iter_messages(topics=[topic]))
+
+
+def test_an_alarm_after_a_clock_that_began_anew_has_no_time_of_the_clock_before(car, watch):
+  twin, theta = car
+  sag = next(c for c in CHANGES if c.name == "sag")
+  changed = sag.at(watch.twin, theta, 0.3)
+  assert not watch.take(driven(twin, changed, 6.0, 81))[0]  # too little to be sure of
+  (first, *_), _, _ = watch.take(driven(twin, changed, 20.0, 82))
+  assert first.change.name == "sag" and first.since == -np.inf and first.time <= 6.0
+  assert first.sentence.startswith("since before the log began anew the twin no longer holds: battery sag")
+
+
+class Rows:
+  """A clock of which each wait lets a log grow by a part of its rows, as long as there are any."""
+
+  def __init__(self, path, rows, each):
+    self.now, self._path, self._rows, self._each = 0.0, path, rows, each
+
+  def monotonic(self):
+    return self.now
+
+  def sleep(self, seconds):
+    self.now += seconds
+    with self._path.open("a", encoding="utf-8") as file:
+      file.write("".join(self._rows[: self._each]))
+    del self._rows[: self._each]
+
+
+def test_a_watch_waits_for_its_driver_as_long_as_rows_come(desk, car, capsys, monkeypatch):
+  """No command for twelve of twenty seconds, of which each takes one; the watch ends two seconds after the last row."""
+  log, path = driven(*car, 20.0, 83), desk / "log.csv"
+  write_log(path, log)
+  head, *rows = path.read_text(encoding="utf-8").splitlines(keepends=True)
+  first = [name.startswith(("motor_voltage", "steering_command")) for name in head.strip().split(",")]
+  blank = lambda row: ",".join("" if hidden else c for hidden, c in zip(first, row.strip().split(","), strict=True))
+  path.write_text(head, encoding="utf-8")
+  clock = Rows(path, [*(f"{blank(row)}\n" for row in rows[:1200]), *rows[1200:]], 100)
+  monkeypatch.setattr(watch_command, "time", clock)
+  config = watch_command.Config(path, desk / "twin.toml", desk / "data", desk / "out", every=1.0, patience=2.0)
+  watch_command.main(config)
+  lines = [json.loads(line) for line in (desk / "out" / "watch.ndjson").read_text().splitlines()]
+  assert [line["from"] for line in lines] == [12.0, 14.0, 16.0] and clock.now == 22.0
+  assert capsys.readouterr().out.count("waiting, nothing can be judged yet: log: needed channel 'motor_voltage'") == 1
 
 
 def test_decimal_commas_and_quotes_are_no_torn_rows(tmp_path):

@@ -1,5 +1,6 @@
 """The loop that training and evaluation share: what reaches the wheels, restarts, the first instant."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -79,3 +80,28 @@ def test_progress_follows_truth_and_estimate_apart_and_they_agree_for_one_who_se
   true = one_of(cars.errors, TRUE)
   np.testing.assert_array_equal(true.cross_track, cars.errors.cross_track[TRUE])
   assert true.observation.shape == (3, 4)
+
+
+def test_a_course_of_another_speed_is_held_from_then_on():
+  cars = driven(2)
+  for k in range(300):
+    if k == 100:
+      cars.course = dataclasses.replace(cars.course, speed=np.array([0.5, 0.3]))
+    cars.step(np.zeros(2))
+  assert cars.target.tolist() == [0.5, 0.3]
+  assert cars.speeds[TRUE] == pytest.approx([0.5, 0.3], abs=0.05)
+
+
+def test_a_command_that_is_no_number_holds_the_one_before_and_spoils_no_car():
+  cars, held = (driven(2, Linkage(2, delay=0.02, lag=0.04, period=0.01)) for _ in range(2))
+  for k in range(40):
+    right = 0.1 if k == 20 else 0.2 if k > 20 else 0.1  # what the second car is to hold for an instant
+    cars.step(np.array([0.1, np.nan if k == 20 else right]))
+    held.step(np.array([0.1, right]))
+    assert cars.mute.tolist() == [False, k == 20]
+  np.testing.assert_array_equal(cars.signals, held.signals)
+  np.testing.assert_array_equal(cars.past, held.past)
+  cars.step(np.array([np.inf, 0.1]))
+  assert cars.mute.tolist() == [True, False] and cars.steering[0] == 0.1
+  cars.restart(np.array([True, False]))
+  assert not cars.mute.any() and not cars.commands[0].any() and cars.commands[1].any()

@@ -1,4 +1,4 @@
-"""A clock that is set back while the car drives: the estimate goes on, or says that it must not be used."""
+"""A clock that is set back or forward while the car drives: the estimate goes on, or says that it must not be used."""
 
 import pytest
 
@@ -30,7 +30,8 @@ def driven(jump: float, silence: float = 0.0, slipping: float = 0.0):
 
 @pytest.mark.parametrize(
   ("jump", "silence"),
-  [(0.0, 0.0), (0.1, 0.0), (0.5, 0.0), (0.53, 0.0), (5.0, 0.0), (1000.0, 0.0), (0.0, 2.0), (0.0, 7.0)],
+  [(0.0, 0.0), (0.1, 0.0), (0.5, 0.0), (0.53, 0.0), (5.0, 0.0), (1000.0, 0.0), (0.0, 2.0), (0.0, 7.0)]
+  + [(-0.05, 0.0), (-0.53, 0.0), (-2.35, 0.0), (-60.0, 0.0), (-1.7e9, 0.0)],  # forward, the last one from 1970 on
 )
 def test_what_is_valid_lies_within_its_bound(jump, silence):
   after = driven(jump, silence)
@@ -46,6 +47,25 @@ def test_a_clock_that_was_set_back_is_said_and_a_sound_one_is_not():
   assert any("set back by 1e+03 s" in text for text in driven(1000.0)[-1][1].warnings)
   assert any("set back by 0.5 s" in text for text in driven(0.5)[-1][1].warnings)
   assert not any("clock" in text for text in driven(0.0)[-1][1].warnings)
+
+
+def test_a_clock_that_was_set_forward_is_no_latency_of_the_poses():
+  for forward in (0.05, 0.15, 0.53, 7.05):
+    assert not any("poses are taken to be" in text for text in driven(-forward)[-1][1].warnings)
+
+
+def test_a_latency_that_begins_while_other_sensors_are_heard_is_still_found():
+  online = FederatedFilter(Model.nominal().car, FilterSettings())
+  for k in range(600):
+    now, late = PERIOD * k, 5 * (k >= 300)  # periods
+    for channel, value in {"motor_voltage": 1.1, "motor_speed": 318.0 + 0.5 * (-1) ** k, "yaw_rate": 0.0}.items():
+      online.update(now, channel, value)
+    if k % 10 == late:
+      place = now - PERIOD * late
+      for channel, value in {"pose_x": place, "pose_y": 0.0, "pose_yaw": 0.0, "pose_score": 100.0}.items():
+        online.update(now, channel, value)
+    estimate = online.estimate(now)
+  assert "the poses are taken to be 50 ms older than their stamps say" in estimate.warnings
 
 
 @pytest.mark.parametrize("jump", [0.0, 1000.0])

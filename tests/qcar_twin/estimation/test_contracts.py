@@ -5,12 +5,18 @@ import math
 import numpy as np
 import pytest
 
+from agents.control.model import Model
 from qcar_twin.estimation.batch import FederatedBatch
+from qcar_twin.estimation.estimate import BROKEN
 from qcar_twin.estimation.federated import FederatedFilter
 from qcar_twin.estimation.observer import SensedObserver
+from qcar_twin.estimation.offline import filter_recording
 from qcar_twin.estimation.settings import ESTIMATED, FilterSettings
+from qcar_twin.recordings.dataset import DataSet
+from qcar_twin.recordings.recording import Stream
 from qcar_twin.sensors.suite import SensorSuite, qcar_sensors
 from scripts import benchmark_filter
+from tests import ROOT
 from tests.qcar_twin.estimation.estimation_rig import CAR, journey, run
 
 
@@ -43,6 +49,27 @@ def test_names_that_do_not_exist_come_with_the_nearest():
     FilterSettings().estimating("speedscale")
   with pytest.raises(ValueError, match="no car 'twins'; did you mean 'twin'"):
     benchmark_filter.subject("twins", 1)
+
+
+def test_an_accelerometer_in_mm_per_s2_ends_no_filter():
+  """On the sample's figure eight the covariance left the filter's arithmetic after eight seconds."""
+  recording = DataSet.load(ROOT / "data" / "sample")["figure_eight"]
+  recording = recording.window(recording.start, recording.start + 12.0)
+  wrong = Stream(recording["accel_y"].time, 1e3 * recording["accel_y"].value)
+  recording = recording.replace(streams={**recording.streams, "accel_y": wrong})
+  settings = FilterSettings().with_scores_of([recording]).estimating(*ESTIMATED)
+  result = filter_recording(recording, Model.nominal().car, settings)
+  assert not result.valid[-400:].all()
+  assert all(np.all(std[~np.isnan(std)] >= 0.0) for std in result.std.values())
+
+
+def test_a_voltage_of_a_million_ends_no_control_loop():
+  trip, online = journey(6.0, amplitude=0.4), FederatedFilter(CAR, FilterSettings().estimating(*ESTIMATED))
+  trip.commands[200:, 0] *= 1e6
+  estimates, _ = run(trip, federated=online)
+  assert any(BROKEN in estimate.reasons for estimate in estimates)
+  for estimate in estimates:
+    assert all(std >= 0.0 for std in estimate.std.values()) and min(estimate.bounds) >= 0.0
 
 
 def test_a_start_or_a_time_that_is_not_finite_is_refused():

@@ -3,9 +3,12 @@
 import dataclasses
 
 import numpy as np
+import pytest
 
 from qcar_twin.estimation.noise_fit import evidence, fit_noise
+from qcar_twin.estimation.offline import filter_recording
 from qcar_twin.estimation.settings import FilterSettings
+from qcar_twin.recordings.recording import RecordingError
 from tests.qcar_twin.estimation.estimation_rig import CAR, journey
 from tests.qcar_twin.estimation.test_offline import recording_of
 
@@ -35,3 +38,24 @@ def test_evidence_adds_up_over_recordings():
   both = np.array(evidence([one, two], CAR, FilterSettings()))
   apart = np.add(evidence([one], CAR, FilterSettings()), evidence([two], CAR, FilterSettings()))
   np.testing.assert_allclose(both, apart, rtol=1e-12)
+
+
+ONBOARD = ("speed", "yaw_rate", "accel_x", "accel_y")
+
+
+def test_a_fix_counts_once_however_often_its_period_is_passed():
+  """Onboard stamps 3 ms after the period's begin arrive when the fix's period has been passed: it is passed again."""
+  trip = journey(4.0, seed=5)
+  trip.fix[100, 0] += 0.5  # a spike, which is refused
+  on_time, apart = recording_of(trip), recording_of(trip, **dict.fromkeys(ONBOARD, 0.003))
+  expected, seen = (evidence([r], CAR, FilterSettings()) for r in (on_time, apart))
+  assert seen[0] == pytest.approx(expected[0], rel=0.01) and seen[1] == pytest.approx(expected[1], rel=0.01)
+  assert filter_recording(apart, CAR).refused["pose", "gate"] == 1
+
+
+def test_nothing_is_fitted_to_recordings_without_a_pose():
+  blind = recording_of(journey(1.0))
+  blind = blind.replace(streams={n: s for n, s in blind.streams.items() if not n.startswith("pose")})
+  for recordings in ([], [blind]):
+    with pytest.raises(RecordingError, match="process noise is fitted to measured poses"):
+      fit_noise(recordings, CAR, FilterSettings())

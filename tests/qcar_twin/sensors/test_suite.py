@@ -88,6 +88,21 @@ def test_restart_throws_away_what_is_under_way():
 # -- encoder -------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("rate", [10.0, 50.0, 100.0])
+def test_an_encoder_that_samples_seldom_says_the_speed_from_its_first_sample_on(rate):
+  """At its beginning and after a restart at another speed it has not counted for a whole interval yet."""
+  suite = SensorSuite({"encoder": Encoder(Timing(rate=rate))}, 2, 0)
+  said = []
+  for k in range(46):
+    motor = np.array([100.0, 100.0 if k < 24 else -30.0])
+    if k == 24:
+      suite.restart(np.array([False, True]), signals(2, motor_speed=motor))
+    said += [(k, reading.values[:, 0]) for reading in suite.measure(signals(2, motor_speed=motor))]
+  step = 2.0 * np.pi / 2880 * rate  # of a count
+  for k, speed in said:
+    assert speed == pytest.approx([100.0, 100.0 if k < 24 else -30.0], abs=1.01 * step)
+
+
 @settings(max_examples=30, deadline=None)
 @given(st.floats(-400.0, 400.0), st.integers(0, 1000))
 def test_encoder_counts_are_whole_and_lose_nothing(speed, seed):
