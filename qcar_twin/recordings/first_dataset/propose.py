@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
-from qcar_twin.recordings.checks.car import check_car
+from qcar_twin.recordings.checks.car import SIZES, check_car
 from qcar_twin.recordings.first_dataset.axes import pointing_down, turning_right
 from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit, like_steering
-from qcar_twin.recordings.first_dataset.car import MARK, SIZES, Car, as_text, as_value, of_size
+from qcar_twin.recordings.first_dataset.car import MARK, Car, as_text, as_value, of_size
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.mount import lies, settle_gravity, settle_mount, settle_upside_down
 from qcar_twin.recordings.first_dataset.parts.torn import refuse_parts
