@@ -17,6 +17,7 @@ from qcar_twin.recordings.first_dataset.parts.torn import refuse_parts
 from qcar_twin.recordings.first_dataset.plane import settle_plane, without_half_a_place
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
+from qcar_twin.recordings.first_dataset.scales.speed import asked_of_speed, settle_commanded_unit, settle_speed_unit
 from qcar_twin.recordings.first_dataset.several import runner_up, settle_several
 from qcar_twin.recordings.first_dataset.speeds import settle_speeds, settle_turns, settle_way
 from qcar_twin.recordings.first_dataset.unused import said_of
@@ -75,7 +76,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   vehicle = Vehicle.from_dataset({"name": "car", **known, "drive": kind})
   if wheelbase is not None:
     vehicle = of_size(vehicle, wheelbase)
-  turns_like, asked, gearing, turned = vehicle.wheelbase, (), None, False
+  turns_like, asked, gearing, turned, unsure = vehicle.wheelbase, (), None, False, []
   if topics is None:
     settle_gear(columns, guesses)
     asked = settle_several(columns, guesses, {key: getattr(vehicle, key) for key in SIZES})
@@ -85,16 +86,19 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     settle_gravity(columns, guesses)
     settle_mount(columns, guesses)
     turned = settle_upside_down(columns, guesses)
+    unsure = settle_speed_unit(columns, guesses)
     gearing = usual_gearing(recordings_of(columns, guesses), vehicle)
     vehicle = dataclasses.replace(vehicle, gear_ratio=gearing or vehicle.gear_ratio)
     turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in SIZES}, wheelbase)
+    settle_commanded_unit(columns, guesses)
+    unsure += asked_of_speed(guesses, recordings_of(columns, guesses), vehicle, turns_like, wheelbase)
   car = Car(vehicle, known, kind, why, said, turns_like, gearing)
   if topics is None:
     settle_turns(guesses, car.sizes)
   recordings = recordings_of(columns, guesses)
   parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
   missing = _missing(guesses, tables)
-  questions = tuple(question.text for question in asked)
+  questions = (*(question.text for question in asked), *unsure)
   questions += _asked_of(columns, guesses, recordings, turned) if topics is None else ()
   lines = [*_head(name, topics, questions), *_names(tables), *car.lines(recordings)]
   channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)

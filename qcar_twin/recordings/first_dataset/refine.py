@@ -16,6 +16,7 @@ from qcar_twin.recordings.checks.units import Suspect, compare, of_most
 from qcar_twin.recordings.completed import heading_or_course, with_speed
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, is_share_of_lock
 from qcar_twin.recordings.first_dataset.heading import goes_with, settle_heading
+from qcar_twin.recordings.first_dataset.scales.clock import in_time
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.recordings.unit_names import words_of
@@ -30,7 +31,6 @@ _ROUNDS = 4  # of units, each of which may uncover the next
 _NEAR_A_CLOCKS = tuple(
   (1.0 / scale, Suspect("speed", unit, scale)) for unit, scale in (("mph", 0.44704), ("knots", 1852.0 / 3600.0))
 )
-_IN_TIME = 1.2  # factor between gyro and heading, within which the clock is right: nearness to a unit
 _SAME_UNIT = (
   2.0  # factor between two sensors of one motion, within which they have one unit: usual units differ by 2.24
 )
@@ -90,13 +90,11 @@ def _agrees(recording: Recording, vehicle: Mapping[str, float | str], channel: s
 def _convicted(
   recording: Recording, vehicle: Mapping[str, float | str], guesses: Mapping[str, Guess]
 ) -> tuple[str, float, str] | None:
-  turning_agrees, comparisons = False, compare(recording, vehicle)
+  confirmed, comparisons = in_time(recording), compare(recording, vehicle)
   for comparison in comparisons:
     slope, correlation = comparison.slope()
-    if {"yaw_rate", "pose_yaw"} == set(comparison.takes) and correlation > _AGREE:
-      turning_agrees = 1.0 / _IN_TIME < slope < _IN_TIME
     by_place = "speed" in guesses and {"speed", "pose_x"} <= set(comparison.takes)
-    if turning_agrees and by_place and not guesses["speed"].named:
+    if confirmed and by_place and not guesses["speed"].named:
       comparison = dataclasses.replace(comparison, suspects=(*comparison.suspects, *_NEAR_A_CLOCKS))
     steering = guesses.get("steering_command")  # none where the car drove straight
     if "steering_command" in comparison.takes and (steering is None or not steering.named):
