@@ -4,6 +4,7 @@ import math
 import re
 
 from qcar_twin.recordings.channels import GRAVITY
+from qcar_twin.recordings.languages import in_english, plain
 
 _ALONE = ("rpm", "rps", "erpm")  # units that are a name by themselves
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
@@ -71,9 +72,9 @@ _BRACKETED = {
 
 
 def words_of(column: str) -> tuple[str, ...]:
-  """Lower-case words of a name: "steeringAngle [deg]" has steering, angle, deg. An element of a vector of three goes by
-  its axis: "accelerometer_m_s2[0]" has x, and so has MATLAB's "gyro(1)"."""
-  words = tuple(word.lower() for word in _WORD.findall(column))
+  """Lower-case English words of a name: "steeringAngle [deg]" has steering, angle, deg, and so has "Lenkwinkel [deg]".
+  An element of a vector of three goes by its axis: "accelerometer_m_s2[0]" has x, and so has MATLAB's "gyro(1)"."""
+  words = tuple(english for word in _WORD.findall(plain(column)) for english in in_english(word.lower()))
   if (element := _ELEMENT.search(column)) is None or not set(words) & VECTORS:
     return words
   first = 0 if element["zero"] else 1

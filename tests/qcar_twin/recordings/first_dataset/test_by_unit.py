@@ -16,6 +16,15 @@ GERMAN = {
 }
 
 
+DUTCH = {
+  "motor_voltage": "Motorspanning [V]",
+  "steering_command": "Stuurhoek [rad]",
+  "pose_yaw": "Gierhoek [rad]",
+  "speed": "Snelheid [m/s]",
+  "yaw_rate": "Giersnelheid [rad/s]",
+}
+
+
 def proposed(folder, names) -> str:
   time, columns = wander(51)
   write_csv(folder / "run.csv", time, {name: columns[channel] for channel, name in names.items()})
@@ -23,8 +32,14 @@ def proposed(folder, names) -> str:
 
 
 def test_of_two_angles_the_one_that_the_car_turned_by(tmp_path):
+  text = proposed(tmp_path, DUTCH)
+  assert 'steering_command = { column = "Stuurhoek [rad]"' in text and 'column = "Gierhoek' not in text
+
+
+def test_a_heading_in_german_is_one(tmp_path):
   text = proposed(tmp_path, GERMAN)
-  assert 'steering_command = { column = "Lenkwinkel [rad]"' in text and 'column = "Gierwinkel' not in text
+  assert 'steering_command = { column = "Lenkwinkel [rad]"' in text
+  assert 'pose_yaw = { column = "Gierwinkel [rad]"' in text
 
 
 def test_degrees_in_the_logs_own_language_are_degrees(tmp_path):
