@@ -71,6 +71,12 @@ _BRACKETED = {
 }
 
 
+def bracketed(column: str) -> str:
+  """A name whose unit stands behind "in", "v in km/h", with it in brackets: "v [km/h]"."""
+  what, _, unit = column.rpartition(" in ")
+  return f"{what} [{unit.strip()}]" if what and (unit.strip().lower() in UNITS.keys() | _BRACKETED.keys()) else column
+
+
 def words_of(column: str) -> tuple[str, ...]:
   """Lower-case English words of a name: "steeringAngle [deg]" has steering, angle, deg, and so has "Lenkwinkel [deg]".
   An element of a vector of three goes by its axis: "accelerometer_m_s2[0]" has x, and so has MATLAB's "gyro(1)"."""
@@ -97,7 +103,7 @@ def is_odrive(column: str) -> bool:
 def unit_of(column: str) -> tuple[str, str, float] | None:
   """The unit a name ends with, has in brackets or is, or rpm anywhere: as written, the SI unit it is of, the factor to
   it."""
-  for inside in BRACKET.findall(column):
+  for inside in BRACKET.findall(column := bracketed(column)):
     written = inside.strip().lower()
     if unit := UNITS.get(written) or _BRACKETED.get(written):
       return (inside.strip(), *unit)

@@ -9,7 +9,7 @@ from typing import Any
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.checks.car import SIZES, check_car
 from qcar_twin.recordings.first_dataset.axes import pointing_down, turning_right
-from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit, like_steering
+from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit, like_drive, like_steering
 from qcar_twin.recordings.first_dataset.car import MARK, Car, as_text, as_value, of_size
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.mount import lies, settle_gravity, settle_mount, settle_upside_down
@@ -17,6 +17,7 @@ from qcar_twin.recordings.first_dataset.parts.torn import refuse_parts
 from qcar_twin.recordings.first_dataset.plane import settle_plane, without_half_a_place
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
+from qcar_twin.recordings.first_dataset.scales.gyro import settle_gyro_counts
 from qcar_twin.recordings.first_dataset.scales.speed import asked_of_speed, settle_commanded_unit, settle_speed_unit
 from qcar_twin.recordings.first_dataset.several import runner_up, settle_several
 from qcar_twin.recordings.first_dataset.speeds import settle_speeds, settle_turns, settle_way
@@ -84,9 +85,10 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     guesses = without_half_a_place(guesses)
     settle_way(columns, guesses)
     settle_gravity(columns, guesses)
+    unsure += settle_gyro_counts(columns, guesses, {key: getattr(vehicle, key) for key in SIZES})
     settle_mount(columns, guesses)
     turned = settle_upside_down(columns, guesses)
-    unsure = settle_speed_unit(columns, guesses)
+    unsure += settle_speed_unit(columns, guesses)
     gearing = usual_gearing(recordings_of(columns, guesses), vehicle)
     vehicle = dataclasses.replace(vehicle, gear_ratio=gearing or vehicle.gear_ratio)
     turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in SIZES}, wheelbase)
@@ -128,8 +130,9 @@ def _asked_of(
   columns: Columns, guesses: dict[str, Guess], recordings: Sequence[Recording], turned: bool
 ) -> tuple[str, ...]:
   """What only a person can tell of the columns that were guessed; an IMU that was `turned` has told how it lies."""
-  down = None if turned or lies(columns, guesses) else pointing_down(columns, guesses, recordings)
-  return (*_electrical(guesses), *turning_right(columns, guesses), *([down] if down is not None else []))
+  told = lies(columns, guesses)
+  down = None if turned or told else pointing_down(columns, guesses, recordings)
+  return (*_electrical(guesses), *turning_right(columns, guesses, told), *([down] if down is not None else []))
 
 
 def _electrical(guesses: Mapping[str, Guess]) -> list[str]:
@@ -240,7 +243,7 @@ def _channels(columns: Columns, guesses: dict[str, Guess], missing: Sequence[str
   if over:
     lines.append(f"# columns that are not used: {_plain(', '.join(over[:_LISTED]))}")
   lines += [f"# {_plain(said)}" for name in over if (said := said_of(columns, name))]
-  lines += [f"# {_plain(said)}"] if (said := like_steering(columns, guesses)) else []
+  lines += [f"# {_plain(said)}" for said in (like_steering(columns, guesses), like_drive(columns, guesses)) if said]
   for name in over[:_LISTED] if missing else ():
     if name in columns.names:
       values = columns.values(name)

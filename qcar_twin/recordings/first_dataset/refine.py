@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
-from qcar_twin.recordings.checks.acted import against, lost_sign
 from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.time import turn_of
 from qcar_twin.recordings.checks.units import Suspect, compare, of_most
 from qcar_twin.recordings.completed import heading_or_course, with_speed
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, is_share_of_lock
-from qcar_twin.recordings.first_dataset.heading import goes_with, settle_heading
+from qcar_twin.recordings.first_dataset.heading import goes_with, settle_gyro, settle_heading
 from qcar_twin.recordings.first_dataset.scales.clock import in_time
+from qcar_twin.recordings.first_dataset.scales.sign import UNSIGNED, settle_sign
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.recordings.unit_names import words_of
@@ -35,7 +35,6 @@ _SAME_UNIT = (
   2.0  # factor between two sensors of one motion, within which they have one unit: usual units differ by 2.24
 )
 _GEARS = {"gear", "gears", "direction", "dir"}
-_UNSIGNED = 0.02  # of the largest value: what noise about zero may be below it
 _AGREE = 0.6  # correlation from which a comparison says something of a unit
 _GEARED, _ALIKE_ROWS = 0.95, 20  # correlation of two speeds, and rows, from which the one is a multiple of the other
 _BIN = 0.25  # s, over which speed, command and turning are compared
@@ -130,7 +129,7 @@ def settle_gear(columns: Columns, guesses: Mapping[str, Guess]) -> None:
       continue
     for guess in (guesses[channel] for channel in ("motor_speed", "speed") if channel in guesses):
       size = _rows(columns, guess.column)
-      least = _UNSIGNED * columns.top(guess.column)
+      least = UNSIGNED * columns.top(guess.column)
       if np.nanmin(size) < -least or np.any(np.abs(size[gear == 0.0]) > least):
         continue  # it has a sign, or the car rolls in neutral
       guess.gate = name
@@ -140,22 +139,6 @@ def settle_gear(columns: Columns, guesses: Mapping[str, Guess]) -> None:
         if drive.gate is None and correlation(command * gear, speed) > correlation(command, speed):
           drive.gate = name
           drive.why.append(f"times '{name}' it goes with the speed")
-
-
-def _settle_sign(columns: Columns, guesses: Mapping[str, Guess]) -> None:
-  """A speed without a sign, of a car that drives on under negative commands, gets that of the command."""
-  drive = next((name for name in DRIVE_COMMANDS if name in guesses), None)
-  speed = next((guesses[name] for name in ("motor_speed", "speed") if name in guesses), None)
-  recordings = recordings_of(columns, guesses)
-  if drive and speed and not speed.gate and not speed.signed_by and _backs_at_times(recordings, drive):
-    speed.signed_by = drive
-    speed.why.append(f"it carries no sign, and the car drives on under a negative {drive}: backwards")
-
-
-def _backs_at_times(recordings: Sequence[Recording], drive: str) -> bool:
-  """Whether a speed lost the sign of driving backwards; where that would be all of the driving, the command is in
-  question."""
-  return bool(lost_sign(recordings, drive)) and not against(recordings, drive)
 
 
 def _rows(columns: Columns, name: str) -> Array:
@@ -173,6 +156,8 @@ def settle_pose(columns: Columns, guesses: Mapping[str, Guess]) -> None:
   known = len(place) == len(_GEOGRAPHIC) and all(named & words for named, words in zip(place, _GEOGRAPHIC, strict=True))
   from_north = bool(set(words_of(heading.column)) & _COMPASS)
   settle_heading(heading, recordings_of(columns, guesses), known or from_north)
+  if known:
+    settle_gyro(guesses, recordings_of(columns, guesses))
 
 
 def unwrap_heading(columns: Columns, guesses: Mapping[str, Guess]) -> None:
@@ -211,7 +196,7 @@ def settle(
     settle_pose(columns, guesses)
     settle_units(columns, guesses, sizes)
     settle_neutrals(columns, guesses)
-    _settle_sign(columns, guesses)
+    settle_sign(columns, guesses, recordings_of(columns, guesses))
     wheelbase = settle_steering(columns, guesses, vehicle, wheelbase, said)
     if before == ({channel: guess.mapped for channel, guess in guesses.items()}, wheelbase):
       break

@@ -139,7 +139,8 @@ def composed(table: Table) -> Table:
   for yaw, names in _flat(table.columns).items():
     parts = _numbers(table, names)
     if parts is not None and yaw not in table and np.nanmax(np.abs(np.sum(parts**2, axis=0) - 1.0)) < _UNIT:
-      made[yaw] = 2.0 * np.arctan2(parts[1], parts[0])
+      w, z = parts
+      made[yaw] = np.arctan2(2.0 * w * z, 1.0 - 2.0 * z**2)
   for element, name in _elements(table.columns).items():
     if element not in table and name not in table.ambiguous and (parts := _numbers(table, (name,))) is not None:
       made[element] = parts[0]

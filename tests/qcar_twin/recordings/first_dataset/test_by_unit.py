@@ -67,3 +67,24 @@ def test_a_speed_controllers_pulses_are_the_drives_command(tmp_path):
   write_csv(tmp_path / "run.csv", time, own | {"v_mps": columns["speed"], "gyro_z": columns["yaw_rate"]})
   text = propose("lab", [read_table(tmp_path / "run.csv")], wheelbase=0.256, mass=2.7).text
   assert 'motor_duty = { column = "ESC_us", scale = 0.002, offset = -3.0 }' in text
+
+
+def test_a_receivers_pulses_are_told_by_turning_and_by_speed(tmp_path):
+  time, columns = wander(52)
+  own = {"ch1": 1500.0 - 900.0 * columns["steering_command"], "ch3": 1500.0 + 60.0 * columns["motor_voltage"]}
+  write_csv(tmp_path / "run.csv", time, own | {"v_mps": columns["speed"], "gyro_z": columns["yaw_rate"]})
+  text = propose("lab", [read_table(tmp_path / "run.csv")], wheelbase=0.256, mass=2.7).text
+  assert 'motor_duty = { column = "ch3", scale = 0.002, offset = -3.0 }' in text
+  assert 'steering_command = { column = "ch1", scale = -0.00' in text
+
+
+def test_a_command_of_no_known_name_is_told_by_the_speed_that_follows_it(tmp_path):
+  time, columns = wander(52)
+  own = {
+    "u": np.roll(columns["motor_voltage"], -10),
+    "delta": columns["steering_command"],
+    "torque_est": np.abs(columns["yaw_rate"]),
+  }
+  write_csv(tmp_path / "run.csv", time, own | {"v": columns["speed"], "r": columns["yaw_rate"]})
+  text = propose("lab", [read_table(tmp_path / "run.csv")], wheelbase=0.256, mass=2.7).text
+  assert "# the speed follows 'u' (" in text and "map it, if that was commanded, as motor_voltage (V)" in text
