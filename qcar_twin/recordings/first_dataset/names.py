@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from qcar_twin.recordings.channels import CHANNELS
+from qcar_twin.recordings.formats.axles import MEAN
 from qcar_twin.recordings.unit_names import BRACKET, UNITS, bracketed, unit_of, words_of
 
 # who measures a place, and what it is called
@@ -94,7 +95,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     "gyro|gyroscope !x|y",
     "wz|gz|gyroz|gyrz|yawrate|omegaz|dpsi|dyaw|psidot|yawdot|r",
     "w psi|yaw !command|commands|commanded|cmd|target|desired|des",
-    "omega !motor|wheel|shaft|x|y|command|commands|commanded|cmd|target|desired|des",
+    "omega !motor|wheel|shaft|left|right|x|y|command|commands|commanded|cmd|target|desired|des",
     "w imu|gyro",
   ),
   "pose_x": (
@@ -122,6 +123,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     "motor|mot|armature i !command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference",
   ),
 }
+_MEAN = 0.3  # what the mean of two wheels has before either
 _PULSES = ("us", "µs")  # what radio-control servos and speed controllers are commanded in
 _ODOMETRY = {"odom", "odometry"}  # whose turning is of wheel speeds or of the commanded steering, and no sensor's
 _RAW, _SMOOTH = (
@@ -146,6 +148,10 @@ class Reading:
 
 def readings(column: str) -> list[Reading]:
   """Channels that the name may mean, best first."""
+  if column.startswith(MEAN):
+    wheel = column.removeprefix(MEAN).partition(" and ")[0]
+    more = "the mean of an axle's wheels, which is that of its middle"
+    return [Reading(one.channel, one.score + _MEAN, f"{one.why}; {more}") for one in readings(wheel)]
   if column in CHANNELS:
     return [Reading(column, 10.0, "it has the channel's name")]
   words, unit = set(words_of(bracketed(column))), unit_of(column)
