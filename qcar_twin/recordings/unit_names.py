@@ -8,7 +8,8 @@ from qcar_twin.recordings.languages import in_english, plain
 
 _ALONE = ("rpm", "rps", "erpm")  # units that are a name by themselves
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
-_VESC_SPEED = {"sensors", "core", "speed"}  # of VescStateStamped on its driver's topic: electrical revolutions a minute
+# of its driver's topics: what a VESC measures, and is set to, in electrical revolutions a minute
+_VESC_SPEEDS = ({"sensors", "core", "speed"}, {"commands", "motor", "speed"})
 # the ends of names that an ODrive's axes have for what they measure and are set to, of firmware 0.5 and later (its API
 # reference, "ODrive.Axis", "ODrive.Controller" and "ODrive.Motor"); before it counts of the encoder stood for turns
 _ODRIVE: dict[tuple[str, ...], str] = {
@@ -91,7 +92,7 @@ def words_of(column: str) -> tuple[str, ...]:
 def is_electrical(column: str) -> bool:
   """Whether a column counts revolutions of a motor's field, as electronic commutators do."""
   words = set(words_of(column))
-  return "erpm" in words or {"e", "rpm"} <= words or words >= _VESC_SPEED
+  return "erpm" in words or {"e", "rpm"} <= words or any(words >= speed for speed in _VESC_SPEEDS)
 
 
 def is_odrive(column: str) -> bool:
@@ -111,7 +112,7 @@ def unit_of(column: str) -> tuple[str, str, float] | None:
   if before and (written := last.lower()) in UNITS and not written.isalpha():  # Throttle %, Speed m/s
     return (last, *UNITS[written])
   words = words_of(BRACKET.sub(" ", column))
-  if _VESC_SPEED <= set(words):
+  if any(speed <= set(words) for speed in _VESC_SPEEDS):
     return ("erpm", *UNITS["erpm"])
   if is_odrive(column):
     return (unit := _ODRIVE[words[-2:]], *UNITS[unit.lower()])

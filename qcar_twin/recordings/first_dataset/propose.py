@@ -18,7 +18,12 @@ from qcar_twin.recordings.first_dataset.plane import settle_plane, without_half_
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
 from qcar_twin.recordings.first_dataset.scales.gyro import settle_gyro_counts
-from qcar_twin.recordings.first_dataset.scales.speed import asked_of_speed, settle_commanded_unit, settle_speed_unit
+from qcar_twin.recordings.first_dataset.scales.speed import (
+  asked_of_speed,
+  settle_commanded_unit,
+  settle_letter,
+  settle_speed_unit,
+)
 from qcar_twin.recordings.first_dataset.several import runner_up, settle_several
 from qcar_twin.recordings.first_dataset.speeds import settle_speeds, settle_turns, settle_way
 from qcar_twin.recordings.first_dataset.unused import said_of
@@ -96,7 +101,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     unsure += asked_of_speed(guesses, recordings_of(columns, guesses), vehicle, turns_like, wheelbase)
   car = Car(vehicle, known, kind, why, said, turns_like, gearing)
   if topics is None:
-    settle_turns(guesses, car.sizes)
+    settle_turns(guesses, car.sizes, recordings_of(columns, guesses))
   recordings = recordings_of(columns, guesses)
   parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
   missing = _missing(guesses, tables)
@@ -179,6 +184,7 @@ def _named(columns: Columns) -> dict[str, Guess]:
   guesses = guess_columns(columns)
   settle_speeds(columns, guesses)
   guess_by_unit(columns, guesses)
+  settle_letter(columns, guesses)
   if {"speed", "motor_speed"} <= guesses.keys() and is_electrical(guesses["motor_speed"].column):
     del guesses["motor_speed"]  # the speed needs no pole pairs
   guesses = {channel: guesses[channel] for channel in CHANNELS if channel in guesses}

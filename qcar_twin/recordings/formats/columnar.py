@@ -18,7 +18,7 @@ import pyarrow.parquet
 from qcar_twin.recordings.formats.dates import seconds_of
 from qcar_twin.recordings.formats.dialect import SPACES, Dialect, by_tabs, dialect_of, without_comments
 from qcar_twin.recordings.formats.table import NO_ROWS, Clocked, Table, merge
-from qcar_twin.recordings.formats.tagged import tagged_samples
+from qcar_twin.recordings.formats.tagged import messages_of, tagged_samples
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import words_of
 
@@ -52,6 +52,8 @@ def read_csv(path: Path, label: str) -> Table:
     return _from_arrow(
       pyarrow.csv.read_csv(pyarrow.BufferReader(samples), pyarrow.csv.ReadOptions(use_threads=False)), label
     )
+  if (messages := messages_of(path, label)) is not None:
+    return messages
   dialect = dialect_of(path, label)
   try:
     try:

@@ -11,9 +11,10 @@ import numpy as np
 
 from qcar_twin.recordings.checks.units import compare
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess
+from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.refine import recordings_of
 from qcar_twin.recordings.recording import Recording, Stream
-from qcar_twin.recordings.unit_names import UNITS, unit_of
+from qcar_twin.recordings.unit_names import BRACKET, UNITS, unit_of
 from qcar_twin.vehicle.vehicle import GRAVITY, Vehicle
 
 _UNITS = {name: UNITS[name][1] for name in ("m/s", "km/h", "mph", "knots", "cm/s", "mm/s")}
@@ -23,6 +24,12 @@ _AGREE = 0.6  # correlation from which an accelerometer says something
 _ONE_OF_TWO = 1.25  # factor between two units, within which accelerometers don't tell them apart
 _LONGER = 1.5  # of the wheelbase that a log turns like, from which another unit of its speed would explain it
 _LEAST_LOCK = 0.15  # rad, of a driven car's largest steering: full lock is 0.35 to 0.7, and gentle curves take a third
+_PLACES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
+_FOLLOWED, _A_WHILE, _LEAST = (
+  1.25,
+  0.5,
+  20,
+)  # factor to a speed that was reached; s under one command; samples that tell
 _ONE_SIZE = 2.0  # factor between a commanded speed and the one that was reached, within which they have one unit
 _MOST = 99.0  # per cent of the samples that stay below what is said of the driving
 
@@ -54,6 +61,39 @@ def settle_speed_unit(columns: Columns, guesses: Mapping[str, Guess]) -> list[st
     f"{guess.scale / factor * _UNITS[unit]:.6g} on speed"
     for unit in near
   ]
+
+
+def settle_letter(columns: Columns, guesses: dict[str, Guess]) -> None:
+  """A command called `cmd_v` is a speed where the place moves as fast as it says, in m, mm or cm, which no voltage does
+  by chance; the place is then in that unit."""
+  voltage = guesses.get("motor_voltage")
+  if voltage is None or {"speed", "motor_speed", "speed_command"} & guesses.keys() or "pose_x" not in guesses:
+    return
+  if BRACKET.search(voltage.column) or all(one.channel != "speed_command" for one in readings(voltage.column)):
+    return
+  trial = {name: g for name, g in guesses.items() if name in ("time", "pose_x", "pose_y")}
+  ratio = _reached(recordings_of(columns, {**trial, "motor_voltage": voltage}))
+  unit = next((name for name, f in _PLACES.items() if 1.0 / _FOLLOWED < f * ratio < _FOLLOWED), None)
+  if unit is None:
+    return
+  del guesses["motor_voltage"]
+  why = f"its name says v, and by the place in {unit} the car goes {_PLACES[unit] * ratio:.2g} times as fast"
+  guesses["speed_command"] = Guess("speed_command", voltage.column, hold=voltage.hold, why=[why])
+  for name in ("pose_x", "pose_y") if unit != "m" else ():
+    guesses[name].scale *= _PLACES[unit]
+    guesses[name].why.append(f"in {unit}, by '{voltage.column}' in m/s")
+
+
+def _reached(recordings: Sequence[Recording]) -> float:
+  """Speed over command, median where the command was more than half of its largest for a while; NaN without any."""
+  ratios = [np.empty(0)]
+  for recording in (r for r in recordings if "speed" in r and "motor_voltage" in r):
+    speed = recording["speed"]
+    now, before = (np.abs(recording["motor_voltage"].at(speed.time - ago)) for ago in (0.0, _A_WHILE))
+    there = (now == before) & (now > 0.5 * np.max(np.abs(recording["motor_voltage"].value)))
+    ratios.append(np.abs(speed.value[there]) / now[there])
+  ratio = np.concatenate(ratios)
+  return float(np.median(ratio)) if ratio.size >= _LEAST else math.nan
 
 
 def _off(recordings: Sequence[Recording], factor: float) -> float:

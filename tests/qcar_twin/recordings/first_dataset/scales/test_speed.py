@@ -67,3 +67,34 @@ def test_where_nothing_shows_it_a_person_is_asked_and_a_name_answers(tmp_path):
 def test_a_speed_in_metres_per_second_is_not_asked_about(tmp_path):
   _, table, proposal = logged(tmp_path, 1.0)
   assert not proposal.questions and "scale" not in table["channels"]["speed"]
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("m", 1.0), ("mm", 1e-3), ("cm", 1e-2)])
+def test_a_letter_is_a_speed_where_the_place_moves_as_fast_as_it_says(tmp_path, unit, factor):
+  time, steps, place = stepped_drive()
+  table, _ = log(tmp_path, time, {"cmd_v": steps, "X": 0.8 * place / factor, "Y": 0.6 * place / factor})
+  assert table["channels"]["speed_command"]["column"] == "cmd_v" and "motor_voltage" not in table["channels"]
+  assert table["channels"]["pose_x"].get("scale", 1.0) == pytest.approx(factor)
+
+
+def test_a_letter_is_a_voltage_where_it_does_not(tmp_path):
+  time, steps, place = stepped_drive()
+  table, _ = log(tmp_path, time, {"cmd_v": 4.0 * steps, "X": 0.8 * place, "Y": 0.6 * place})
+  assert table["channels"]["motor_voltage"]["column"] == "cmd_v"
+
+
+def test_a_motors_commanded_turns_are_metres_by_the_speed_that_was_measured(tmp_path):
+  time, steps, place = stepped_drive()
+  columns = {"commands/motor/speed": steps * 5000.0, "speed": np.gradient(place, time), "gyro_z": 0.1 * np.sin(time)}
+  table, _ = log(tmp_path, time, columns)
+  assert table["channels"]["speed_command"]["scale"] == pytest.approx(1.0 / 5000.0, rel=0.03)
+
+
+def stepped_drive():
+  """Time, a speed in steps of 2 s, and the way of a car that follows it in 0.2 s, (k,) each."""
+  random, time = np.random.default_rng(8), np.arange(3000) / 50.0
+  steps = np.repeat(random.uniform(0.3, 1.8, 30), 100)
+  speed = np.zeros(time.size)
+  for k in range(1, time.size):
+    speed[k] = speed[k - 1] + (steps[k - 1] - speed[k - 1]) / 10.0
+  return time, steps, np.cumsum(speed) / 50.0
