@@ -42,6 +42,8 @@ _LAGS = np.arange(0.0, 0.45, 0.05)  # s, of the turning behind the command: a se
 _GENTLE = 2.0  # m/s^2 across, below which a car of this size goes where its wheels point
 _TIED = 0.7  # correlation from which turning says what a steering command means
 _SOLVED = 20  # repetitions, after which the scale of an angle below 45 deg is solved to the last digit that counts
+_TOLD_APART = 0.9  # squared cosine between the turning by the angle and by a trim, up to which both are told
+_TRIM, _LEAST = 0.35, 10  # of the largest command, beyond which it is a neutral and no trim; bins that tell any
 _STEEPEST = 1.2  # rad, where the tangent is still tame
 _SAME_WHEELBASE = (0.9, 1.1)  # of the angle: within it the guessed wheelbase stays
 _MOST_LOCK = 0.7  # rad, 40 deg: beyond the road-wheel angle of any such car
@@ -266,6 +268,18 @@ def _unusual(ratio: float, angle: Array) -> bool:
   return (ratio < _ROAD_ANGLE[0] and ratio * usual < _LEAST_LOCK <= usual) or usual <= _MOST_LOCK < ratio * usual
 
 
+def _without_trim(rate: Array, angle: Array, turning: Array) -> Array:
+  """The angles from the one that the car goes straight on with, by least squares of turning = rate k (angle - trim); as
+  they are where the car was steered to one angle alone, which tells k and no trim."""
+  turned = rate * angle
+  apart = (rate @ rate) * (turned @ turned) - (rate @ turned) ** 2
+  if rate.size < _LEAST or not apart > (1.0 - _TOLD_APART) * (rate @ rate) * (turned @ turned):
+    return angle
+  k, straight = np.linalg.lstsq(np.stack([turned, rate], axis=1), turning, rcond=None)[0]
+  trim = -straight / k if k != 0.0 else math.inf
+  return angle - trim if abs(trim) < _TRIM * np.abs(angle).max() else angle
+
+
 def _ratio(rate: Array, angle: Array, turning: Array) -> float:
   """Least squares k > 0 of turning = +-rate tan(k angle), by repeated scaling, which runs away where no k does."""
   ratio = 1.0
@@ -282,14 +296,15 @@ def _turning(recordings: Sequence[Recording], vehicle: Vehicle, wheelbase: float
 
 
 def turning_of(recordings: Sequence[Recording], radius: float = 1.0) -> tuple[Array, Array, Array]:
-  """Speed [m/s], commanded angle [rad] and yaw rate [rad/s] in bins, where the car turns gently.
+  """Speed [m/s], commanded angle from its trim on [rad] and yaw rate [rad/s] in bins, where the car turns gently.
 
   The command is read as long before the turning as makes the two go together best: servos and clocks lag.
 
   Args:
     radius: rolling radius of the wheels over the motor's angle, m, for logs without a speed.
   """
-  bins = [_binned(recordings, radius, lag) for lag in _LAGS]
+  read = [_binned(recordings, radius, lag) for lag in _LAGS]
+  bins = [(speed, _without_trim(speed, angle, turned), turned) for speed, angle, turned in read]
   return bins[int(np.argmax([abs(correlation(speed * angle, turned)) for speed, angle, turned in bins]))]
 
 

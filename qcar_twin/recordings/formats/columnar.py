@@ -29,6 +29,7 @@ pyarrow.scalar(0)  # imports pandas, if it is there, now and not under the bound
 _BLANK = ("", "#N/A", "N/A", "n/a", "NA", "null", "NULL", "None", "-", "--", "#DIV/0!", "#NUM!", "#VALUE!", "-nan(ind)")
 _NUMBER = r"^\s*[-+]?(\d+\.?\d*|\.\d+|inf|nan|NaN)([eE][-+]?\d+)?\s*$"  # what a number looks like in a text
 CLOCKS = {"t", "time", "times", "stamp", "stamps", "timestamp", "timestamps", "clock"}
+_WIDEST = 16  # columns of an array that holds a row for each sample
 _SHOWN = 40  # characters of a row
 _LONG, _SIGNALS, _LISTED = 20, 200, 4  # rows and signals of a long table, and how many are named
 # "Speed"|"MPH"|0.0|150.0|10, with some of its quotes read away
@@ -146,7 +147,7 @@ def table_of_arrays(arrays: dict[str, np.ndarray], label: str) -> Table:
 
   Where the vectors of every length have a clock of their own, `t_imu` and `t_encoder` say, each keeps its times.
   """
-  vectors = {name: np.squeeze(array) for name, array in arrays.items() if array.dtype.kind in "fiub"}
+  vectors = {name: np.squeeze(array) for name, array in _vectors(arrays).items() if array.dtype.kind in "fiub"}
   vectors = {name: vector.astype(float) for name, vector in vectors.items() if vector.ndim == 1 and vector.size}
   if not vectors:
     raise RecordingError(
@@ -166,6 +167,18 @@ def table_of_arrays(arrays: dict[str, np.ndarray], label: str) -> Table:
   return Table(
     label, columns, {name: np.flatnonzero(np.isnan(vector)) for name, vector in columns.items()}, blanks=False
   )
+
+
+def _vectors(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+  """The arrays, those with a row for each sample as their columns: `state[0]`, and `gyro.x` to `gyro.z` of three."""
+  out = {}
+  for name, array in arrays.items():
+    if array.ndim != 2 or not 1 < array.shape[1] <= _WIDEST < array.shape[0]:
+      out[name] = array
+      continue
+    marks = [f".{axis}" for axis in "xyz"] if array.shape[1] == 3 else [f"[{k}]" for k in range(array.shape[1])]
+    out |= {f"{name}{mark}": column for mark, column in zip(marks, array.T, strict=True)}
+  return out
 
 
 def _clocked(vectors: dict[str, np.ndarray]) -> list[Clocked]:

@@ -108,15 +108,15 @@ def test_time_stamps_written_as_dates_become_seconds(tmp_path):
     (b"time,motor_voltage,speed\n", ["has column names but no rows"]),
     (
       b"time:motor_voltage\n0:1\n",
-      ["only one column was found ('time:motor_voltage')", "separate the columns by commas"],
+      ["only one column was found ('time:motor_voltage'); separate the columns by commas"],
     ),
     (
       b"time,speed\n0,1\n1,2,3\n",
-      ["a row does not fit the header", "row 2 has 3 cells where the header has 2", "repair or delete"],
+      ["a row does not fit the header: row 2 has 3 cells where the header has 2", "repair or delete"],
     ),
     (
       b"time,speed\n0,1\n1,2,3\n2,2\n3\n4,\n",
-      ["row 2 has 3 cells", "1 more does not fit either", "repair or delete those rows"],
+      ["row 2 has 3 cells", "1 more does not fit either; repair or delete those rows"],
     ),
     (
       b"time,speed,yaw_rate\n0,1,2\n1,2",
