@@ -110,18 +110,6 @@ def test_time_stamps_written_as_dates_become_seconds(tmp_path):
       b"time:motor_voltage\n0:1\n",
       ["only one column was found ('time:motor_voltage'); separate the columns by commas"],
     ),
-    (
-      b"time,speed\n0,1\n1,2,3\n",
-      ["a row does not fit the header: row 2 has 3 cells where the header has 2", "repair or delete"],
-    ),
-    (
-      b"time,speed\n0,1\n1,2,3\n2,2\n3\n4,\n",
-      ["row 2 has 3 cells", "1 more does not fit either; repair or delete those rows"],
-    ),
-    (
-      b"time,speed,yaw_rate\n0,1,2\n1,2",
-      ["row 2 has 2 cells where the header has 3", "cut off when a logger is killed"],
-    ),
     (b"time,speed\n0,1\n1,abc\n", ["column 'speed' has 'abc' in row 2", "not a number", "leave the cell blank"]),
     (b"time,speed\n0,1\n10:31,2\n", ["column 'time' has '10:31' in row 2", "time must be a number of seconds"]),
     (b"time,speed,speed\n0,1,2\n", ["column 'speed' occurs more than once"]),
