@@ -44,6 +44,7 @@ _TIED = 0.7  # correlation from which turning says what a steering command means
 _SOLVED = 20  # repetitions, after which the scale of an angle below 45 deg is solved to the last digit that counts
 _TOLD_APART = 0.9  # squared cosine between the turning by the angle and by a trim, up to which both are told
 _TRIM, _LEAST = 0.35, 10  # of the largest command, beyond which it is a neutral and no trim; bins that tell any
+_BOTH_SIDES = 0.1  # of the turning to the other side, squared, from which a trim is told from a servo's curve
 _STEEPEST = 1.2  # rad, where the tangent is still tame
 _SAME_WHEELBASE = (0.9, 1.1)  # of the angle: within it the guessed wheelbase stays
 _MOST_LOCK = 0.7  # rad, 40 deg: beyond the road-wheel angle of any such car
@@ -270,14 +271,15 @@ def _unusual(ratio: float, angle: Array) -> bool:
 
 def _without_trim(rate: Array, angle: Array, turning: Array) -> Array:
   """The angles from the one that the car goes straight on with, by least squares of turning = rate k (angle - trim); as
-  they are where the car was steered to one angle alone, which tells k and no trim."""
+  they are where the car hardly turned to both sides: a servo that is not linear looks so, too."""
   turned = rate * angle
   apart = (rate @ rate) * (turned @ turned) - (rate @ turned) ** 2
+  sides = np.sort([np.sum(turning[turning * rate * side > 0.0] ** 2) for side in (-1.0, 1.0)])
   if rate.size < _LEAST or not apart > (1.0 - _TOLD_APART) * (rate @ rate) * (turned @ turned):
     return angle
   k, straight = np.linalg.lstsq(np.stack([turned, rate], axis=1), turning, rcond=None)[0]
   trim = -straight / k if k != 0.0 else math.inf
-  return angle - trim if abs(trim) < _TRIM * np.abs(angle).max() else angle
+  return angle - trim if sides[0] > _BOTH_SIDES * sides[1] and abs(trim) < _TRIM * np.abs(angle).max() else angle
 
 
 def _ratio(rate: Array, angle: Array, turning: Array) -> float:
