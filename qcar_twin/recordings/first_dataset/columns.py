@@ -263,9 +263,9 @@ def _scale_time(columns: Columns, guess: Guess) -> None:
   number = lambda table: table.number(guess.column, "time")
   steps = [number(table) if guess.steps else np.diff(number(table)) for table in columns.tables]
   step = float(np.median(np.concatenate([each[each > 0.0] for each in steps])))
-  if (found := unit_of_clock(guess.column, step, columns.top(guess.column))) is not None:
-    guess.scale = found[0]
-    guess.why.append(f"steps of {step:g} are a log's in {found[1]}")
+  if (read := unit_of_clock(guess.column, step, columns.top(guess.column))) is not None:
+    guess.scale = read[0]
+    guess.why.append(f"steps of {step:g} are a log's in {read[1]}")
 
 
 def is_pulse(values: Array) -> bool:

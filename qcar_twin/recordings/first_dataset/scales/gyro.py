@@ -67,13 +67,13 @@ def _counted(columns: Columns, name: str) -> bool:
 def _slope(recordings: Sequence[Recording], sizes: Mapping[str, float | str], witness: str) -> float | None:
   """rad/s per count, median over the logs. By forces it is the one across over the one along, as the scale of the speed
   is in both; a motor's has no scale yet."""
-  found: dict[str, list[float]] = {"yaw_rate": [], "accel_x": [], "accel_y": []}
+  slopes_of: dict[str, list[float]] = {"yaw_rate": [], "accel_x": [], "accel_y": []}
   for comparison in (c for recording in recordings for c in compare(recording, sizes)):
     slope, alike = comparison.slope()
     by_steering = "steering_command" in comparison.takes
-    if comparison.channel in found and not by_steering and abs(alike) > _AGREE and abs(slope) > 0.0:
-      found[comparison.channel].append(abs(slope))
-  middle = {name: float(np.median(slopes)) for name, slopes in found.items() if slopes}
+    if comparison.channel in slopes_of and not by_steering and abs(alike) > _AGREE and abs(slope) > 0.0:
+      slopes_of[comparison.channel].append(abs(slope))
+  middle = {name: float(np.median(slopes)) for name, slopes in slopes_of.items() if slopes}
   if witness == "pose_yaw":
     return 1.0 / middle["yaw_rate"] if "yaw_rate" in middle else None
   return middle["accel_y"] / middle["accel_x"] if {"accel_x", "accel_y"} <= middle.keys() else None

@@ -46,8 +46,8 @@ def settle_speed_unit(columns: Columns, guesses: Mapping[str, Guess]) -> list[st
   tried = [(unit, g) for g in ((1.0, GRAVITY) if in_g else (1.0,)) for unit in _UNITS]
   off = {one: _off(recordings, _UNITS[one[0]] / one[1]) for one in tried}
   best, g = min(off, key=lambda one: off[one])
-  now, found = off["m/s", 1.0], off[best, g]
-  if best == "m/s" or now < math.log(_NEAR) or not found < math.log(_NEAR):
+  now, left = off["m/s", 1.0], off[best, g]
+  if best == "m/s" or now < math.log(_NEAR) or not left < math.log(_NEAR):
     return []
   factor = _UNITS[best]
   guess.scale, guess.offset, guess.named = factor * guess.scale, factor * guess.offset, True
