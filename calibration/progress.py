@@ -167,8 +167,8 @@ def duration(seconds: float) -> str:
 class StageLine(logging.Handler):
   """A line on the terminal that is written over, with messages of the package's fits behind it.
 
-  Where the output is no terminal each stage of the plan is one plain line, written once; one that takes minutes says so
-  about once in each.
+  Where the output is no terminal each stage of the plan is one plain line, written once; one that takes minutes says
+  about once in each for how long it has run.
 
   with StageLine(CALIBRATION) as progress:
     calibrate(dataset, progress=progress)
@@ -181,6 +181,7 @@ class StageLine(logging.Handler):
     self._logger, self._stages = logging.getLogger(logger), Stages(plan)
     self._bar: tqdm | None = None
     self._before, self._said, self._printed = (logging.NOTSET, True), "", time.monotonic()
+    self._began = self._printed  # the stage
 
   def __enter__(self) -> "StageLine":
     if sys.stderr.isatty():
@@ -193,7 +194,8 @@ class StageLine(logging.Handler):
 
   def __call__(self, stage: str, share: float | None = None) -> None:
     """Show a stage, and in per cent how much of it is done."""
-    begins = self._stages.reached(stage, share)
+    if begins := self._stages.reached(stage, share):
+      self._began = time.monotonic()
     self._said = stage if share is None else f"{stage}, {100.0 * share:.0f} %"
     if self._bar is not None:
       self._show(self._stages.line(self._said))
@@ -227,7 +229,7 @@ class StageLine(logging.Handler):
   def _beat(self) -> None:
     """Where no terminal is: say how far a stage is that has said nothing for long."""
     if self._bar is None and self._said and time.monotonic() - self._printed > _QUIET:
-      self._print(self._stages.line(self._said))
+      self._print(f"{self._stages.line(self._said)} · for {duration(time.monotonic() - self._began)}")
 
   def _print(self, text: str) -> None:
     print(text, file=sys.stderr, flush=True)

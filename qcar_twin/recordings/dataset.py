@@ -75,7 +75,7 @@ class DataSet:
       try:
         made, notes = _recordings(manifest, entry, table)
       except UnitError as error:
-        if alone := _alone(manifest, [file for file in files if file[1] is not table]):
+        if alone := _alone(manifest, [file for file in files if file[0].file != entry.file]):
           raise RecordingError(f"{error.said}{alone}") from error
         raise
       recordings += made

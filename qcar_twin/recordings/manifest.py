@@ -9,23 +9,12 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from qcar_twin.recordings.channels import CHANNELS
-from qcar_twin.recordings.checks.car import check_car
+from qcar_twin.recordings.checks.car import SIZES, check_car, check_deviations
 from qcar_twin.recordings.recording import ROLES, RecordingError, UnknownChannelError, nearest
 from qcar_twin.untrusted import UnreadableFile, inside, is_number, read_toml
 
 FILE_NAME = "dataset.toml"
 COMMAND_TIMINGS = ("after_measurement", "unknown")
-_POSITIVE = (
-  "mass",
-  "yaw_inertia",
-  "cg_to_front",
-  "cg_to_rear",
-  "track_width",
-  "cg_height",
-  "wheel_radius",
-  "gear_ratio",
-  "max_steering",
-)
 _ENTRY = ("file", "role", "name", "manoeuvre", "session", "from", "to")
 _TOP = ("name", "command_timing", "description", "licence", "source", "map", "columns", "undecided", "vehicle",
         "channels", "recording")  # fmt: skip
@@ -95,7 +84,7 @@ def read_manifest(folder: Path) -> Manifest:
   if timing not in COMMAND_TIMINGS:
     raise RecordingError(f"{FILE_NAME}: unknown command_timing '{timing}'{nearest(timing, COMMAND_TIMINGS)}")
   vehicle, std = _vehicle(_table(raw, "vehicle", ""))
-  missing = [key for key in _POSITIVE if key not in vehicle]
+  missing = [key for key in SIZES if key not in vehicle]
   if missing:
     notes.append(
       f"{FILE_NAME}: [vehicle] gives no {', '.join(missing)}; measure them, or the nominal car's numbers stand in"
@@ -202,21 +191,22 @@ def _vehicle(raw: Mapping[str, Any]) -> tuple[dict[str, float | str], dict[str, 
   for key, value in raw.items():
     if key == "std":
       continue
-    ending = nearest(key, [known for known in _POSITIVE if known not in raw], cutoff=0.8)
-    if key not in _POSITIVE and ending.startswith("; did"):
+    ending = nearest(key, [known for known in SIZES if known not in raw], cutoff=0.8)
+    if key not in SIZES and ending.startswith("; did"):
       raise RecordingError(f"{FILE_NAME}: [vehicle] has unknown key '{key}'{ending}")
-    vehicle[key] = value if isinstance(value, str) and key not in _POSITIVE else _number(raw, key, "[vehicle] ")
-  for key in _POSITIVE:
-    if key in vehicle and float(vehicle[key]) <= 0.0:
-      raise RecordingError(f"{FILE_NAME}: [vehicle] {key} must be positive, not {vehicle[key]:g}")
+    vehicle[key] = value if isinstance(value, str) and key not in SIZES else _number(raw, key, "[vehicle] ")
+  if (wrong := next((key for key in SIZES if key in vehicle and float(vehicle[key]) <= 0.0), None)) is not None:
+    raise RecordingError(f"{FILE_NAME}: [vehicle] {wrong} must be positive, not {vehicle[wrong]:g}")
   steering = vehicle.get("max_steering", 0.5)
   if float(steering) > math.pi / 2:
     raise RecordingError(
       f"{FILE_NAME}: [vehicle] max_steering is {steering:g} rad, more than a right angle; in degrees? multiply by "
       "0.0174533"
     )
-  check_car(vehicle, f"{FILE_NAME}: [vehicle]", std := _table(raw, "std", "[vehicle] "))
-  return vehicle, _std(std, vehicle)
+  check_car(vehicle, f"{FILE_NAME}: [vehicle]", table := _table(raw, "std", "[vehicle] "))
+  std = _std(table, vehicle)
+  check_deviations(vehicle, std, f"{FILE_NAME}: [vehicle.std]")
+  return vehicle, std
 
 
 def _std(raw: Mapping[str, Any], vehicle: Mapping[str, Any]) -> dict[str, float]:
@@ -339,12 +329,4 @@ def _entry(table: Mapping[str, Any], where: str) -> Entry:
   part = f"_{begin:g}s" if math.isfinite(begin) else ""
   name = _text(table, "name", where, PurePosixPath(file).stem + part)
   require_file_name(name)
-  return Entry(
-    file,
-    role,
-    name,
-    _text(table, "manoeuvre", where, "unspecified"),
-    session,
-    begin,
-    end,
-  )
+  return Entry(file, role, name, _text(table, "manoeuvre", where, "unspecified"), session, begin, end)

@@ -4,10 +4,12 @@ import math
 import re
 
 from qcar_twin.recordings.channels import GRAVITY
+from qcar_twin.recordings.languages import in_english, plain
 
 _ALONE = ("rpm", "rps", "erpm")  # units that are a name by themselves
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
-_VESC_SPEED = {"sensors", "core", "speed"}  # of VescStateStamped on its driver's topic: electrical revolutions a minute
+# of its driver's topics: what a VESC measures, and is set to, in electrical revolutions a minute
+_VESC_SPEEDS = ({"sensors", "core", "speed"}, {"commands", "motor", "speed"})
 # the ends of names that an ODrive's axes have for what they measure and are set to, of firmware 0.5 and later (its API
 # reference, "ODrive.Axis", "ODrive.Controller" and "ODrive.Motor"); before it counts of the encoder stood for turns
 _ODRIVE: dict[tuple[str, ...], str] = {
@@ -70,10 +72,16 @@ _BRACKETED = {
 }
 
 
+def bracketed(column: str) -> str:
+  """A name whose unit stands behind "in", "v in km/h", with it in brackets: "v [km/h]"."""
+  what, _, unit = column.rpartition(" in ")
+  return f"{what} [{unit.strip()}]" if what and (unit.strip().lower() in UNITS.keys() | _BRACKETED.keys()) else column
+
+
 def words_of(column: str) -> tuple[str, ...]:
-  """Lower-case words of a name: "steeringAngle [deg]" has steering, angle, deg. An element of a vector of three goes by
-  its axis: "accelerometer_m_s2[0]" has x, and so has MATLAB's "gyro(1)"."""
-  words = tuple(word.lower() for word in _WORD.findall(column))
+  """Lower-case English words of a name: "steeringAngle [deg]" has steering, angle, deg, and so has "Lenkwinkel [deg]".
+  An element of a vector of three goes by its axis: "accelerometer_m_s2[0]" has x, and so has MATLAB's "gyro(1)"."""
+  words = tuple(english for word in _WORD.findall(plain(column)) for english in in_english(word.lower()))
   if (element := _ELEMENT.search(column)) is None or not set(words) & VECTORS:
     return words
   first = 0 if element["zero"] else 1
@@ -84,7 +92,7 @@ def words_of(column: str) -> tuple[str, ...]:
 def is_electrical(column: str) -> bool:
   """Whether a column counts revolutions of a motor's field, as electronic commutators do."""
   words = set(words_of(column))
-  return "erpm" in words or {"e", "rpm"} <= words or words >= _VESC_SPEED
+  return "erpm" in words or {"e", "rpm"} <= words or any(words >= speed for speed in _VESC_SPEEDS)
 
 
 def is_odrive(column: str) -> bool:
@@ -96,7 +104,7 @@ def is_odrive(column: str) -> bool:
 def unit_of(column: str) -> tuple[str, str, float] | None:
   """The unit a name ends with, has in brackets or is, or rpm anywhere: as written, the SI unit it is of, the factor to
   it."""
-  for inside in BRACKET.findall(column):
+  for inside in BRACKET.findall(column := bracketed(column)):
     written = inside.strip().lower()
     if unit := UNITS.get(written) or _BRACKETED.get(written):
       return (inside.strip(), *unit)
@@ -104,7 +112,7 @@ def unit_of(column: str) -> tuple[str, str, float] | None:
   if before and (written := last.lower()) in UNITS and not written.isalpha():  # Throttle %, Speed m/s
     return (last, *UNITS[written])
   words = words_of(BRACKET.sub(" ", column))
-  if _VESC_SPEED <= set(words):
+  if any(speed <= set(words) for speed in _VESC_SPEEDS):
     return ("erpm", *UNITS["erpm"])
   if is_odrive(column):
     return (unit := _ODRIVE[words[-2:]], *UNITS[unit.lower()])

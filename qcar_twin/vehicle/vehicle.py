@@ -5,8 +5,6 @@ Frame: x forward, y left, z up; the origin of the chassis is the car's centre of
 """
 
 import dataclasses
-import difflib
-import logging
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,10 +13,9 @@ from typing import Any, Literal
 import numpy as np
 
 from qcar_twin.untrusted import UnreadableFile, is_number, read_toml
-from qcar_twin.vehicle.drive import DRIVEN_AXLES, DRIVES, MOTOR_FIGURES, Drive, DriveKind, Layout, motor_figures
+from qcar_twin.vehicle.drive import DRIVEN_AXLES, DRIVES, Drive, DriveKind, Layout, motor_figures
+from qcar_twin.vehicle.entries import meant, refuse_misspelt, refuse_unknown, say_left_out
 from qcar_twin.vehicle.similarity import POWERS, Similarity, estimates
-
-log = logging.getLogger(__name__)
 
 _INSTALLED = Path(__file__).resolve().parents[1] / "assets"  # within the package, as a wheel installs it
 ASSETS = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).resolve().parents[2] / "assets"  # a checkout
@@ -124,7 +121,8 @@ class Vehicle:
         raise ValueError(f"vehicle '{self.name}': the std of {name} must be a positive number, not {value!r:.60}")
     for name, known in _CHOICES.items():
       if (value := getattr(self, name)) not in known:
-        raise ValueError(f"vehicle '{self.name}': {name} must be one of {', '.join(known)}, not {value!r}")
+        said = f"{name} must be one of {', '.join(known)}, not {value!r}{meant(value, known)}"
+        raise ValueError(f"vehicle '{self.name}': {said}")
     if self.centre_differential > 1.0:
       said = f"centre_differential must be from 0 (one shaft) to 1 (open), not {self.centre_differential:g}"
       raise ValueError(f"vehicle '{self.name}': {said}")
@@ -226,10 +224,10 @@ class Vehicle:
         raise ValueError(f"'{key}' must be a table with value, unit and source")
     values = {key: entry["value"] for key, entry in table.items()}
     std = {key: entry["std"] for key, entry in table.items() if "std" in entry}
-    _known(values)
+    refuse_unknown(values, _field_names())
     if wrong := [key for key, value in (*values.items(), *std.items()) if not is_number(value, infinite=True)]:
       raise ValueError(f"value and std of '{wrong[0]}' must be numbers")
-    return cls.from_dataset({"name": stem} | texts | values, std)
+    return cls._of_table({"name": stem} | texts | values, std)
 
   @classmethod
   def from_dataset(cls, vehicle: Mapping[str, float | str], std: Mapping[str, float] | None = None) -> "Vehicle":
@@ -243,14 +241,23 @@ class Vehicle:
     Args:
       vehicle: numbers by field name, `name`, `layout`, `drive` and `tyre_law`.
       std: standard deviations by field name.
+
+    Raises:
+      ValueError: a misspelt entry, with the nearest, or a number or word that no car has.
     """
+    try:
+      refuse_misspelt((*vehicle, *(std or {})), (*_field_names(), "name", *_WORDS))
+      return cls._of_table(vehicle, std)
+    except ValueError as error:
+      raise ValueError(f"dataset.toml: [vehicle] {error}") from error
+
+  @classmethod
+  def _of_table(cls, vehicle: Mapping[str, float | str], std: Mapping[str, float] | None) -> "Vehicle":
     texts: dict[str, Any] = {key: str(vehicle[key]) for key in _WORDS if key in vehicle}
     given = {key: value for key, value in vehicle.items() if key not in ("name", *_WORDS)}
     given, std = motor_figures(given, dict(std or {}), texts.get("drive", "voltage"))
-    for key in (set(given) | set(std)) - _field_names():
-      near = difflib.get_close_matches(key, _field_names(), n=1, cutoff=0.8)
-      ending = f"; did you mean {near[0]}?" if near else ""
-      log.warning("[vehicle]: '%s' is not a number this twin knows and is left out%s", key, ending)
+    for key in sorted((set(given) | set(std)) - _field_names()):
+      say_left_out(key, texts.get("drive", "voltage"), tuple(_field_names()))
     numbers: dict[str, Any] = {key: float(value) for key, value in given.items() if key in _field_names()}
     name, numbers = str(vehicle.get("name", "car")), numbers | _unsaid(numbers)
     sizes = {key: value for key, value in numbers.items() if key in _MEASURED and key != "yaw_inertia"}
@@ -281,15 +288,6 @@ QCAR = Vehicle()
 
 def _field_names() -> set[str]:
   return {field.name for field in dataclasses.fields(Vehicle)} - {"name", "std", *_WORDS}
-
-
-def _known(values: Mapping[str, object]) -> None:
-  """Raise for names a vehicle does not have."""
-  names = sorted(_field_names())
-  for key in values:
-    if key not in (*names, *MOTOR_FIGURES):
-      near = difflib.get_close_matches(key, names, n=2) or names[:9]
-      raise ValueError(f"a vehicle has no '{key}'; did you mean {', '.join(near)}?")
 
 
 def _unsaid(numbers: Mapping[str, float]) -> dict[str, float]:

@@ -108,6 +108,7 @@ def test_a_log_has_a_line_a_minute_where_a_stage_takes_long(monkeypatch, capsys)
     "stage 1 of 2 · scan", "stage 1 of 2 · scan, 37 %", "stage 1 of 2 · scan, 74 %", "stage 1 of 2 · scan, 95 %",
     "stage 1 of 2 · scan, 95 %",
   ]  # fmt: skip
+  assert said[-1].endswith("for about 7 min") and len(set(said)) == len(said)
   assert "about 120 s left" in said[1] or "about 2 min left" in said[1]
 
 

@@ -112,7 +112,6 @@ REFUSED = {
   "two drives in one file": (_restarted, "split the file where the logger restarted"),
   "newest row first": (lambda: (lines := text())[:1] + lines[:0:-1], "set sort = true"),
   "minutes": (lambda: text(TIME / 60.0), "time is in minutes"),
-  "a spreadsheet's days": (lambda: text(45935.5 + TIME / 86400.0), "hours or days"),
   "the time of day in whole seconds": (
     lambda: text(stamps(lambda d: d.strftime("%H:%M:%S"))),
     "write it with more digits",

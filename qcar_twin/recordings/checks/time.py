@@ -12,6 +12,7 @@ MIN_SAMPLES = 10
 LONGEST = 30 * 86400.0  # s that one file may span; a log of days with the nights between, and no damaged clock
 _GLITCHES = 2  # jumps of a lost track in an angle, which are no turns; rows that came late, which are no restart
 _ROOM = 1.5  # usual steps: between one of a column that has all its samples and two of one that lacks one
+_HOUR, _SECOND, _STEPS_LOST = 3600.0, 1.0, 5.0  # s; steps from row to row that a clock misses while it is set
 _GAP_STEPS, _GAP_SECONDS = 5.0, 0.25
 
 
@@ -34,11 +35,24 @@ def check_order(label: str, time: np.ndarray, others: list[np.ndarray]) -> None:
   if back.size:
     row = set_back(time, others) or int(back[0]) + 1
     sort = "set sort = true on time in [channels] where rows were written out of order"
-    restarted = "split the file where the logger restarted"
+    restarted = _by_hours(time, row) or "split the file where the logger restarted"
     cure = restarted if restarts(time) else _stamped_again(time, row, others) or sort
     raise RecordingError(
       f"{label}: time goes backwards in row {row + 1} ({time[row]:g} s after {time[row - 1]:g} s); {cure}"
     )
+
+
+def _by_hours(time: np.ndarray, row: int) -> str:
+  """What to do with a clock of the day that was set back by whole hours while the log went on; "" where it was not."""
+  step = float(np.median(np.diff(time)))
+  back = time[row - 1] + step - time[row]
+  hours = round(back / _HOUR)
+  if time[row] > time[0] - _SECOND or hours < 1 or abs(back - hours * _HOUR) > max(_STEPS_LOST * step, _SECOND):
+    return ""
+  return (
+    f"the clock was set back by {hours} h, as where summer time ends or a time zone is set; split the file before row "
+    f"{row + 1}, or add {hours * _HOUR:.0f} s to the times from that row on"
+  )
 
 
 def _stamped_again(time: np.ndarray, row: int, columns: Sequence[np.ndarray]) -> str:

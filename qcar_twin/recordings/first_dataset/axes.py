@@ -22,23 +22,28 @@ from qcar_twin.recordings.unit_names import unit_of, words_of
 _VERTICAL = {"az", "accz", "accelz", "acc", "accel", "acceleration", "accelerometer"}
 _NEAR = 0.2  # of gravity, to which an axis that is upright reads it: 0.2 is a mount tilted by 37 deg
 # what columns are called where an engine's frames are written as they are: each set of words in one name
-_ENGINES = {
-  "CARLA": ({"location"}, {"rotation", "yaw"}),
-  "Unity": ({"euler", "angles"},),
-  "AirSim": ({"pos", "x"}, {"q", "w"}, {"handbrake"}),
-  "PX4": ({"vehicle", "local", "position"},),
-}
+_ENGINES = (
+  ("CARLA", ({"location"}, {"rotation", "yaw"})),
+  ("CARLA", ({"frame"}, {"throttle"}, {"steer"}, {"brake"}, {"yaw"})),
+  ("Unity", ({"euler", "angles"},)),
+  ("AirSim", ({"pos", "x"}, {"q", "w"}, {"handbrake"})),
+  ("PX4", ({"vehicle", "local", "position"},)),
+)
+_LEFT_HANDED = {"CARLA", "Unity"}  # whose IMU tells nothing: its axes are mirrored as well,
 _COMPASS = {"heading", "course", "bearing", "azimuth", "compass", "hdg", "cog"}
 _SIDED = ("steering_command", "accel_y", "yaw_rate", "pose_y", "pose_yaw")
 
 
-def turning_right(columns: Columns, guesses: Mapping[str, Guess]) -> list[str]:
+def turning_right(columns: Columns, guesses: Mapping[str, Guess], lies: bool = False) -> list[str]:
   """Questions about logs that may count to the right, which nothing else in them tells: of an engine whose frames do,
-  by its names; a compass's heading alone, beside neither a gyro nor a place."""
+  by its names; a compass's heading alone, beside neither a gyro nor a place.
+
+  Args:
+    lies: whether gravity told how the IMU lies, and so which way a log of right-handed axes counts.
+  """
   names = [set(words_of(name)) for name in columns.names]
-  engine = next(
-    (engine for engine, signs in _ENGINES.items() if all(any(sign <= name for name in names) for sign in signs)), None
-  )
+  engine = next((one for one, signs in _ENGINES if all(any(sign <= name for name in names) for sign in signs)), None)
+  engine = None if lies and engine not in _LEFT_HANDED else engine
   sided = [name for name in _SIDED if name in guesses]
   if engine is not None and sided:
     return [

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
 from qcar_twin.recordings.first_dataset.battery import settle_battery
-from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, scale
+from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, is_pulse, scale
 from qcar_twin.recordings.first_dataset.mount import speeding
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.refine import recordings_of, turning_of
+from qcar_twin.recordings.first_dataset.speeds import follows
 from qcar_twin.recordings.unit_names import BRACKET, unit_of, words_of
 
 # a column that is the only one in such a unit -> the channel that it is; those in place of one that is there are none
@@ -20,6 +23,7 @@ _ONE = {
 }
 _MEASURED = {"measured", "actual", "feedback", "fb", "report", "reported"}  # what a servo did, and no command
 _TURNS = 0.7  # correlation of speed times an angle with the yaw rate, from which the angle is the road wheels'
+_FOLLOWS = 0.8  # correlation with the speed, lagged, from which it follows a command, as of two speeds
 _ALONG, _CLEARLY = 0.6, 2.0  # correlation of one accelerometer with speeding up, and times that of the other
 
 
@@ -30,6 +34,7 @@ def guess_by_unit(columns: Columns, guesses: dict[str, Guess]) -> None:
   _only_ones(columns, guesses)
   _accelerations(columns, guesses)
   _steering(columns, guesses)
+  _pulses(columns, guesses)
 
 
 def _only_ones(columns: Columns, guesses: dict[str, Guess]) -> None:
@@ -67,14 +72,53 @@ def _steering(columns: Columns, guesses: dict[str, Guess]) -> None:
     _add(columns, guesses, "steering_command", best, f"the car turned as this angle says ({alike[best]:.2f})")
 
 
+def _pulses(columns: Columns, guesses: dict[str, Guess]) -> None:
+  """Pulses of a radio control, whatever they are called: the ones that the car turned as and that its speed follows."""
+  names = [name for name in _free(columns, guesses) if is_pulse(columns.values(name))]
+  if names and "steering_command" not in guesses:
+    alike = {name: _turning_alike(columns, guesses, name) for name in names}
+    best = max(names, key=lambda name: alike[name])
+    if alike[best] > _TURNS and all(alike[best] > _CLEARLY * alike[name] for name in names if name != best):
+      _add(columns, guesses, "steering_command", best, f"pulses that the car turned as ({alike[best]:.2f})")
+      names.remove(best)
+  if names and not guesses.keys() & set(DRIVE_COMMANDS):
+    best, alike_best = _followed(columns, guesses, names)
+    if alike_best > _FOLLOWS:
+      _add(columns, guesses, "motor_duty", best, f"pulses that the speed follows ({alike_best:.2f})")
+
+
+def like_drive(columns: Columns, guesses: dict[str, Guess]) -> str:
+  """What a person may look at where no column is the drive's command by name or unit: one of unknown name that the
+  speed follows; empty where there is none."""
+  names = [] if guesses.keys() & set(DRIVE_COMMANDS) else _free(columns, guesses)
+  best, alike = _followed(columns, guesses, names)
+  if not best or alike < _FOLLOWS:
+    return ""
+  kinds = "motor_voltage (V), motor_duty (a share), motor_current (A) or speed_command (m/s)"
+  return f"the speed follows '{best}' ({alike:.2f}): map it, if that was commanded, as {kinds}"
+
+
+def _followed(columns: Columns, guesses: dict[str, Guess], names: Sequence[str]) -> tuple[str, float]:
+  """Of these columns the one that a measured speed follows best, and how alike they are, by correlation."""
+  speed = next((guesses[name].column for name in ("speed", "motor_speed") if name in guesses), None)
+  alike = {name: follows(columns, guesses, speed, name) for name in names} if speed is not None else {}
+  best = max(alike, key=lambda name: alike[name], default="")
+  return best, alike.get(best, 0.0)
+
+
+def _free(columns: Columns, guesses: dict[str, Guess]) -> list[str]:
+  """Columns that are nothing by name or by guess, change, and say of themselves no measurement."""
+  taken = {guess.column for guess in guesses.values()}
+  free = [name for name in columns.names if name not in taken and not columns.constant(name) and not readings(name)]
+  return [name for name in free if not set(words_of(name)) & _MEASURED]
+
+
 def like_steering(columns: Columns, guesses: dict[str, Guess]) -> str:
   """What a person may look at where no column is the steering by name or unit: one of unknown name that the car turned
   as, more than as any rate would have it; empty where there is none."""
   if "steering_command" in guesses:
     return ""
-  taken = {guess.column for guess in guesses.values()}
-  free = [name for name in columns.names if name not in taken and not columns.constant(name) and not readings(name)]
-  free = [name for name in free if not set(words_of(name)) & _MEASURED]
+  free = _free(columns, guesses)
   alike = {name: _turning_alike(columns, guesses, name, rates=True) for name in free}
   best = max(free, key=lambda name: alike[name], default="")
   if not best or alike[best] < _TURNS:

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from qcar_twin.recordings.checks.car import SIZES
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.vehicle.similarity import POWERS, estimates
 from qcar_twin.vehicle.vehicle import Vehicle
 
 MARK = "guess:"
-SIZES = ("mass", "yaw_inertia", "cg_to_front", "cg_to_rear", "track_width", "cg_height", "wheel_radius", "gear_ratio",
-         "max_steering")  # fmt: skip
 _WIDE = 0.3  # standard deviation of a number nobody measured, as a share of it
 # of the wheelbase: where the centre of gravity lies along one that is known; axles carry 40 to 60 % of most cars
 _ALONG = 0.05

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from qcar_twin.recordings.channels import CHANNELS
 from qcar_twin.recordings.first_dataset.names import Reading, readings
+from qcar_twin.recordings.first_dataset.scales.time import LONGEST_STEP, TIMES, unit_of_clock
 from qcar_twin.recordings.formats import Table
 from qcar_twin.recordings.formats.composed import parts_of_others
 from qcar_twin.recordings.manifest import Mapped
@@ -26,9 +27,7 @@ _USED = 0.02  # of full duty, which no car is driven with at most: so little is 
 _GATES = {"armed", "arm", "safety", "enable", "enabled", "deadman", "active", "switch", "autonomous"}
 _PULSE = (900.0, 2100.0)  # us, of a radio-control servo or speed controller; 1500 is neutral, 500 the full travel
 _COMMANDED, _FEW_STEPS = 20.0, 3  # rows for which a command stays, median, and how often it has to step
-_TIMES = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"))
 _EVEN, _MOSTLY = 0.5, 0.8  # share of the usual step that a clock's have at least, and how many of them
-_LONGEST_STEP = 0.5  # s from row to row of a log
 _STEPS = {"dt", "deltat", "timestep"}
 _POLE_PAIRS = 2.0  # of most motors of 1:10 cars; `new` asks
 _HAND_TURNS = 16.0  # angle of the steering wheel by that of the road wheels: 12 to 20 of passenger cars
@@ -135,7 +134,7 @@ class Columns:
     values = self.values(name)
     low, usual, high = np.percentile(values, [5, 50, 95])
     even = values.min() >= 0.0 and usual > 0.0 and 0.3 * usual < low <= high < 3.0 * usual
-    return bool(even and usual * _TIMES[-1][0] <= _LONGEST_STEP)
+    return bool(even and usual * TIMES[-1][0] <= LONGEST_STEP)
 
   def top(self, name: str) -> float:
     """The largest magnitude, without one in a thousand."""
@@ -249,7 +248,7 @@ def scale(columns: Columns, guess: Guess) -> None:
   elif guess.channel == "steering_command" and unit is not None and unit[1] == "-":
     guess.scale = unit[2]
     guess.why.append(f"in {unit[0]} of full travel")
-  elif guess.channel in ("motor_duty", "steering_command") and _is_pulse(columns.values(guess.column)):
+  elif guess.channel in ("motor_duty", "steering_command") and is_pulse(columns.values(guess.column)):
     guess.scale, guess.offset = 1.0 / 500.0, -3.0
     guess.why.append("values around 1500 are a servo's pulse in us, 500 to full travel")
   elif top > channel.limit:
@@ -264,14 +263,13 @@ def _scale_time(columns: Columns, guess: Guess) -> None:
   number = lambda table: table.number(guess.column, "time")
   steps = [number(table) if guess.steps else np.diff(number(table)) for table in columns.tables]
   step = float(np.median(np.concatenate([each[each > 0.0] for each in steps])))
-  for factor, unit in _TIMES:
-    if step * factor <= _LONGEST_STEP:
-      guess.scale = factor
-      guess.why.append(f"steps of {step:g} are a log's in {unit}")
-      return
+  if (read := unit_of_clock(guess.column, step, columns.top(guess.column))) is not None:
+    guess.scale = read[0]
+    guess.why.append(f"steps of {step:g} are a log's in {read[1]}")
 
 
-def _is_pulse(values: Array) -> bool:
+def is_pulse(values: Array) -> bool:
+  """Whether values are pulses of a radio control's servo or speed controller, us."""
   low, high = np.percentile(values, [1, 99])
   return bool(_PULSE[0] < low and high < _PULSE[1])
 
@@ -280,7 +278,7 @@ def is_share_of_lock(columns: Columns, guess: Guess) -> bool:
   """Whether a steering command is a share of full lock rather than an angle: pulses are, and small numbers without a
   unit."""
   unit = unit_of(guess.column)
-  if _is_pulse(columns.values(guess.column)) or (unit is not None and unit[1] == "-"):
+  if is_pulse(columns.values(guess.column)) or (unit is not None and unit[1] == "-"):
     return True
   return unit is None and (guess.offset != 0.0 or _LOCK < columns.top(guess.column) <= _NORMALISED)
 

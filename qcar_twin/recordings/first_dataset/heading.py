@@ -7,7 +7,7 @@ heading is turned. A heading in another unit gives a length near 0 unless the ca
 
 import cmath
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,17 @@ def settle_heading(guess: Guess, recordings: Sequence[Recording], geographic: bo
   guess.why.append(said)
 
 
+def settle_gyro(guesses: Mapping[str, Guess], recordings: Sequence[Recording]) -> None:
+  """Count a gyro that turns contrary to a heading the other way, with the force across that goes with it, where the
+  heading goes with a path whose left and right are known: it has the axes of aircraft, z down."""
+  if "yaw_rate" not in guesses or not contrary(recordings) or not goes_with(recordings):
+    return
+  for name in ("yaw_rate", "accel_y"):
+    if name in guesses:
+      guesses[name].scale, guesses[name].offset = -guesses[name].scale, -guesses[name].offset
+      guesses[name].why.append("counted to the right, as in aircraft: the heading turns the other way along its path")
+
+
 def _turn(guess: Guess, course: Array, heading: Array) -> None:
   """Turn a heading, rad, that goes with the path at an angle to it, as a compass' or a marker's that was put on askew.
   A quarter of a turn has no side, and half a turn none at all: these are left."""
@@ -112,4 +123,4 @@ def contrary(recordings: Sequence[Recording]) -> bool:
   return bool(known.sum() >= _LEAST and np.corrcoef(turned[known], rate[known])[0, 1] < _CONTRARY)
 
 
-__all__ = ["contrary", "courses", "goes_with", "settle_heading"]
+__all__ = ["contrary", "courses", "goes_with", "settle_gyro", "settle_heading"]

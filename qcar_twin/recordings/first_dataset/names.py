@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 
 from qcar_twin.recordings.channels import CHANNELS
-from qcar_twin.recordings.unit_names import BRACKET, UNITS, unit_of, words_of
+from qcar_twin.recordings.formats.axles import MEAN
+from qcar_twin.recordings.unit_names import BRACKET, UNITS, bracketed, unit_of, words_of
 
 # who measures a place, and what it is called
 _PLACES = (
   "pose|poses|pos|position|positions|location|vicon|mocap|optitrack|lidar|slam|map|world|loc|tf|pf|amcl|rb|cam|camera|mc"
-  "|marker|tracker|state"
+  "|marker|tracker|state|gps|gnss"
 )
 
 # words that make a column a channel: all of the terms, each in one of its spellings; after "!" words that forbid it
@@ -41,7 +42,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     "axis|odrive|odrv vel input|setpoint",
   ),
   "acceleration_command": (
-    "accel|accl|acc|acceleration|a command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference|input"
+    "accel|accl|acc|acceleration|a command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference|input|u"
     " !angular|ang|yaw|steering|lateral|lat|z|y",
   ),
   "steering_command": (
@@ -56,6 +57,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     "wheel|wheels|encoder|enc|motor|mot|rotor rad|omega !angle|steering|steer|position|pos|imu|gyro|command|cmd|target",
     "rpm !e|command|commands|commanded|cmd|target|desired|des",
     "rps !gyro|gyr",
+    "e rpm !command|commands|commanded|cmd|target|desired|des",
     "erpm !command|commands|commanded|cmd|target|desired|des",
     "sensors core speed",
     "axis|odrive|odrv vel estimate",
@@ -65,6 +67,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     " !angular|yaw|gyro|motor|command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference|steering"
     "|y|z|lateral",
     "v enc|encoder|meas|measured|actual|act|odom|wheel !y|z|command|commands|commanded|cmd|target",
+    "v long|longitudinal|lon !command|commands|commanded|cmd|target|desired|des",
     "vx|vlong !position|pos|pose|map|world|global|local|ned|enu",
     "v ego",
     "motor tach !command|commands|commanded|cmd|target|rpm|rad",
@@ -88,9 +91,11 @@ _RULES: dict[str, tuple[str, ...]] = {
     "|des",
     "imu z !accel|acc|acl|acceleration|accelerometer|linear|mag|orientation|q|quat|quaternion|position|pos",
     "rate rotation z",
+    "angular speed|velocity|vel|rate !x|y|motor|wheel|command|commands|commanded|cmd|target|desired|des",
     "gyro|gyroscope !x|y",
     "wz|gz|gyroz|gyrz|yawrate|omegaz|dpsi|dyaw|psidot|yawdot|r",
-    "omega !motor|wheel|shaft|x|y|command|commands|commanded|cmd|target|desired|des",
+    "w psi|yaw !command|commands|commanded|cmd|target|desired|des",
+    "omega !motor|wheel|shaft|left|right|x|y|command|commands|commanded|cmd|target|desired|des",
     "w imu|gyro",
   ),
   "pose_x": (
@@ -118,6 +123,7 @@ _RULES: dict[str, tuple[str, ...]] = {
     "motor|mot|armature i !command|commands|commanded|cmd|target|desired|des|setpoint|ref|reference",
   ),
 }
+_MEAN = 0.3  # what the mean of two wheels has before either
 _PULSES = ("us", "µs")  # what radio-control servos and speed controllers are commanded in
 _ODOMETRY = {"odom", "odometry"}  # whose turning is of wheel speeds or of the commanded steering, and no sensor's
 _RAW, _SMOOTH = (
@@ -142,10 +148,14 @@ class Reading:
 
 def readings(column: str) -> list[Reading]:
   """Channels that the name may mean, best first."""
+  if column.startswith(MEAN):
+    wheel = column.removeprefix(MEAN).partition(" and ")[0]
+    more = "the mean of an axle's wheels, which is that of its middle"
+    return [Reading(one.channel, one.score + _MEAN, f"{one.why}; {more}") for one in readings(wheel)]
   if column in CHANNELS:
     return [Reading(column, 10.0, "it has the channel's name")]
-  words, unit = set(words_of(column)), unit_of(column)
-  bare = set(words_of(BRACKET.sub(" ", column)))
+  words, unit = set(words_of(bracketed(column))), unit_of(column)
+  bare = set(words_of(BRACKET.sub(" ", bracketed(column))))
   possible = []
   for channel, rules in _RULES.items():
     met = [terms for rule in rules if (terms := _met(rule, words, bare))]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from qcar_twin.atomic_io import whole_file
+from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.first_dataset.columns import Columns, guess_columns
 from qcar_twin.recordings.first_dataset.parts.torn import is_clock
 from qcar_twin.recordings.formats import PACKED, read_table, readers
@@ -19,6 +20,7 @@ from qcar_twin.recordings.recording import RecordingError
 _BAG = "metadata.yaml"  # what makes a folder a ROS 2 bag
 _LISTED = 3  # files that are named
 _MANY = 20  # rows: among fewer some number rises by chance, and nobody drives for so few
+_COMMANDED, _MOVED = {*DRIVE_COMMANDS, "steering_command"}, {"speed", "motor_speed", "pose_x", "yaw_rate"}
 _LATER = re.compile(r"\[[1-9]\d*\]$")
 _NOT_IN_TIME = f"no column of {_MANY} rows and more is a clock, so that it is no log"
 _DOCUMENTS = (".json", ".jsonl", ".ndjson")  # logs, or results, settings and descriptions of logs
@@ -162,14 +164,18 @@ def _may_be_results(path: Path) -> bool:
 
 def _in_time(table: Table) -> bool:
   """Whether the rows are samples: many, of which a column is a clock by its name, or rises as one beside a channel's.
+  Few are those of a drive that was broken off, where a clock by its name stands beside commands and motion.
 
   The later values of a list are none by its name: a stamp's begin with what counts most, and a scan's with a size.
   """
-  guesses = guess_columns(Columns((table,))) if table.rows >= _MANY else {}
+  guesses = guess_columns(Columns((table,))) if table.rows > 1 else {}
   if "time" not in guesses:
     return False
   clock = guesses["time"].column
-  return table.headless or len(guesses) > 1 or (is_clock(clock) and not _LATER.search(clock))
+  by_name = is_clock(clock) and not _LATER.search(clock)
+  if table.rows < _MANY:
+    return by_name and bool(guesses.keys() & _COMMANDED) and bool(guesses.keys() & _MOVED)
+  return table.headless or len(guesses) > 1 or by_name
 
 
 def without_header(read: Sequence[tuple[Placed, Table]]) -> list[str]:

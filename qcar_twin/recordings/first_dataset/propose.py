@@ -7,16 +7,23 @@ from dataclasses import dataclass
 from typing import Any
 
 from qcar_twin.recordings.channels import CHANNELS, DRIVE_COMMANDS
-from qcar_twin.recordings.checks.car import check_car
+from qcar_twin.recordings.checks.car import SIZES, check_car
 from qcar_twin.recordings.first_dataset.axes import pointing_down, turning_right
-from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit, like_steering
-from qcar_twin.recordings.first_dataset.car import MARK, SIZES, Car, as_text, as_value, of_size
+from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit, like_drive, like_steering
+from qcar_twin.recordings.first_dataset.car import MARK, Car, as_text, as_value, of_size
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.mount import lies, settle_gravity, settle_mount, settle_upside_down
 from qcar_twin.recordings.first_dataset.parts.torn import refuse_parts
 from qcar_twin.recordings.first_dataset.plane import settle_plane, without_half_a_place
 from qcar_twin.recordings.first_dataset.refine import recordings_of, settle, settle_gear, usual_gearing
 from qcar_twin.recordings.first_dataset.roles import Part, share_out
+from qcar_twin.recordings.first_dataset.scales.gyro import settle_gyro_counts
+from qcar_twin.recordings.first_dataset.scales.speed import (
+  asked_of_speed,
+  settle_commanded_unit,
+  settle_letter,
+  settle_speed_unit,
+)
 from qcar_twin.recordings.first_dataset.several import runner_up, settle_several
 from qcar_twin.recordings.first_dataset.speeds import settle_speeds, settle_turns, settle_way
 from qcar_twin.recordings.first_dataset.unused import said_of
@@ -75,7 +82,7 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
   vehicle = Vehicle.from_dataset({"name": "car", **known, "drive": kind})
   if wheelbase is not None:
     vehicle = of_size(vehicle, wheelbase)
-  turns_like, asked, gearing, turned = vehicle.wheelbase, (), None, False
+  turns_like, asked, gearing, turned, unsure = vehicle.wheelbase, (), None, False, []
   if topics is None:
     settle_gear(columns, guesses)
     asked = settle_several(columns, guesses, {key: getattr(vehicle, key) for key in SIZES})
@@ -83,18 +90,22 @@ def propose(name: str, tables: Sequence[Table], wheelbase: float | None = None, 
     guesses = without_half_a_place(guesses)
     settle_way(columns, guesses)
     settle_gravity(columns, guesses)
+    unsure += settle_gyro_counts(columns, guesses, {key: getattr(vehicle, key) for key in SIZES})
     settle_mount(columns, guesses)
     turned = settle_upside_down(columns, guesses)
+    unsure += settle_speed_unit(columns, guesses)
     gearing = usual_gearing(recordings_of(columns, guesses), vehicle)
     vehicle = dataclasses.replace(vehicle, gear_ratio=gearing or vehicle.gear_ratio)
     turns_like = settle(columns, guesses, vehicle, {key: getattr(vehicle, key) for key in SIZES}, wheelbase)
+    settle_commanded_unit(columns, guesses)
+    unsure += asked_of_speed(guesses, recordings_of(columns, guesses), vehicle, turns_like, wheelbase)
   car = Car(vehicle, known, kind, why, said, turns_like, gearing)
   if topics is None:
-    settle_turns(guesses, car.sizes)
+    settle_turns(guesses, car.sizes, recordings_of(columns, guesses))
   recordings = recordings_of(columns, guesses)
   parts = share_out(recordings, DRIVES[kind].steps) if len(recordings) == len(tables) else _all_fitted(tables)
   missing = _missing(guesses, tables)
-  questions = tuple(question.text for question in asked)
+  questions = (*(question.text for question in asked), *unsure)
   questions += _asked_of(columns, guesses, recordings, turned) if topics is None else ()
   lines = [*_head(name, topics, questions), *_names(tables), *car.lines(recordings)]
   channels = _channels(columns, guesses, missing) if topics is None else _by_map(guesses)
@@ -124,8 +135,9 @@ def _asked_of(
   columns: Columns, guesses: dict[str, Guess], recordings: Sequence[Recording], turned: bool
 ) -> tuple[str, ...]:
   """What only a person can tell of the columns that were guessed; an IMU that was `turned` has told how it lies."""
-  down = None if turned or lies(columns, guesses) else pointing_down(columns, guesses, recordings)
-  return (*_electrical(guesses), *turning_right(columns, guesses), *([down] if down is not None else []))
+  told = lies(columns, guesses)
+  down = None if turned or told else pointing_down(columns, guesses, recordings)
+  return (*_electrical(guesses), *turning_right(columns, guesses, told), *([down] if down is not None else []))
 
 
 def _electrical(guesses: Mapping[str, Guess]) -> list[str]:
@@ -172,6 +184,7 @@ def _named(columns: Columns) -> dict[str, Guess]:
   guesses = guess_columns(columns)
   settle_speeds(columns, guesses)
   guess_by_unit(columns, guesses)
+  settle_letter(columns, guesses)
   if {"speed", "motor_speed"} <= guesses.keys() and is_electrical(guesses["motor_speed"].column):
     del guesses["motor_speed"]  # the speed needs no pole pairs
   guesses = {channel: guesses[channel] for channel in CHANNELS if channel in guesses}
@@ -236,7 +249,7 @@ def _channels(columns: Columns, guesses: dict[str, Guess], missing: Sequence[str
   if over:
     lines.append(f"# columns that are not used: {_plain(', '.join(over[:_LISTED]))}")
   lines += [f"# {_plain(said)}" for name in over if (said := said_of(columns, name))]
-  lines += [f"# {_plain(said)}"] if (said := like_steering(columns, guesses)) else []
+  lines += [f"# {_plain(said)}" for said in (like_steering(columns, guesses), like_drive(columns, guesses)) if said]
   for name in over[:_LISTED] if missing else ():
     if name in columns.names:
       values = columns.values(name)

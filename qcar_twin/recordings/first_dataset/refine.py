@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
-from qcar_twin.recordings.checks.acted import against, lost_sign
 from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.time import turn_of
 from qcar_twin.recordings.checks.units import Suspect, compare, of_most
 from qcar_twin.recordings.completed import heading_or_course, with_speed
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, is_share_of_lock
-from qcar_twin.recordings.first_dataset.heading import goes_with, settle_heading
+from qcar_twin.recordings.first_dataset.heading import goes_with, settle_gyro, settle_heading
+from qcar_twin.recordings.first_dataset.scales.clock import in_time
+from qcar_twin.recordings.first_dataset.scales.sign import UNSIGNED, settle_sign
 from qcar_twin.recordings.mapping import resolve, streams_of
 from qcar_twin.recordings.recording import Recording, RecordingError
 from qcar_twin.recordings.unit_names import words_of
@@ -30,12 +31,10 @@ _ROUNDS = 4  # of units, each of which may uncover the next
 _NEAR_A_CLOCKS = tuple(
   (1.0 / scale, Suspect("speed", unit, scale)) for unit, scale in (("mph", 0.44704), ("knots", 1852.0 / 3600.0))
 )
-_IN_TIME = 1.2  # factor between gyro and heading, within which the clock is right: nearness to a unit
 _SAME_UNIT = (
   2.0  # factor between two sensors of one motion, within which they have one unit: usual units differ by 2.24
 )
 _GEARS = {"gear", "gears", "direction", "dir"}
-_UNSIGNED = 0.02  # of the largest value: what noise about zero may be below it
 _AGREE = 0.6  # correlation from which a comparison says something of a unit
 _GEARED, _ALIKE_ROWS = 0.95, 20  # correlation of two speeds, and rows, from which the one is a multiple of the other
 _BIN = 0.25  # s, over which speed, command and turning are compared
@@ -43,6 +42,9 @@ _LAGS = np.arange(0.0, 0.45, 0.05)  # s, of the turning behind the command: a se
 _GENTLE = 2.0  # m/s^2 across, below which a car of this size goes where its wheels point
 _TIED = 0.7  # correlation from which turning says what a steering command means
 _SOLVED = 20  # repetitions, after which the scale of an angle below 45 deg is solved to the last digit that counts
+_TOLD_APART = 0.9  # squared cosine between the turning by the angle and by a trim, up to which both are told
+_TRIM, _LEAST = 0.35, 10  # of the largest command, beyond which it is a neutral and no trim; bins that tell any
+_BOTH_SIDES = 0.1  # of the turning to the other side, squared, from which a trim is told from a servo's curve
 _STEEPEST = 1.2  # rad, where the tangent is still tame
 _SAME_WHEELBASE = (0.9, 1.1)  # of the angle: within it the guessed wheelbase stays
 _MOST_LOCK = 0.7  # rad, 40 deg: beyond the road-wheel angle of any such car
@@ -90,13 +92,11 @@ def _agrees(recording: Recording, vehicle: Mapping[str, float | str], channel: s
 def _convicted(
   recording: Recording, vehicle: Mapping[str, float | str], guesses: Mapping[str, Guess]
 ) -> tuple[str, float, str] | None:
-  turning_agrees, comparisons = False, compare(recording, vehicle)
+  confirmed, comparisons = in_time(recording), compare(recording, vehicle)
   for comparison in comparisons:
     slope, correlation = comparison.slope()
-    if {"yaw_rate", "pose_yaw"} == set(comparison.takes) and correlation > _AGREE:
-      turning_agrees = 1.0 / _IN_TIME < slope < _IN_TIME
     by_place = "speed" in guesses and {"speed", "pose_x"} <= set(comparison.takes)
-    if turning_agrees and by_place and not guesses["speed"].named:
+    if confirmed and by_place and not guesses["speed"].named:
       comparison = dataclasses.replace(comparison, suspects=(*comparison.suspects, *_NEAR_A_CLOCKS))
     steering = guesses.get("steering_command")  # none where the car drove straight
     if "steering_command" in comparison.takes and (steering is None or not steering.named):
@@ -132,7 +132,7 @@ def settle_gear(columns: Columns, guesses: Mapping[str, Guess]) -> None:
       continue
     for guess in (guesses[channel] for channel in ("motor_speed", "speed") if channel in guesses):
       size = _rows(columns, guess.column)
-      least = _UNSIGNED * columns.top(guess.column)
+      least = UNSIGNED * columns.top(guess.column)
       if np.nanmin(size) < -least or np.any(np.abs(size[gear == 0.0]) > least):
         continue  # it has a sign, or the car rolls in neutral
       guess.gate = name
@@ -142,22 +142,6 @@ def settle_gear(columns: Columns, guesses: Mapping[str, Guess]) -> None:
         if drive.gate is None and correlation(command * gear, speed) > correlation(command, speed):
           drive.gate = name
           drive.why.append(f"times '{name}' it goes with the speed")
-
-
-def _settle_sign(columns: Columns, guesses: Mapping[str, Guess]) -> None:
-  """A speed without a sign, of a car that drives on under negative commands, gets that of the command."""
-  drive = next((name for name in DRIVE_COMMANDS if name in guesses), None)
-  speed = next((guesses[name] for name in ("motor_speed", "speed") if name in guesses), None)
-  recordings = recordings_of(columns, guesses)
-  if drive and speed and not speed.gate and not speed.signed_by and _backs_at_times(recordings, drive):
-    speed.signed_by = drive
-    speed.why.append(f"it carries no sign, and the car drives on under a negative {drive}: backwards")
-
-
-def _backs_at_times(recordings: Sequence[Recording], drive: str) -> bool:
-  """Whether a speed lost the sign of driving backwards; where that would be all of the driving, the command is in
-  question."""
-  return bool(lost_sign(recordings, drive)) and not against(recordings, drive)
 
 
 def _rows(columns: Columns, name: str) -> Array:
@@ -175,6 +159,8 @@ def settle_pose(columns: Columns, guesses: Mapping[str, Guess]) -> None:
   known = len(place) == len(_GEOGRAPHIC) and all(named & words for named, words in zip(place, _GEOGRAPHIC, strict=True))
   from_north = bool(set(words_of(heading.column)) & _COMPASS)
   settle_heading(heading, recordings_of(columns, guesses), known or from_north)
+  if known:
+    settle_gyro(guesses, recordings_of(columns, guesses))
 
 
 def unwrap_heading(columns: Columns, guesses: Mapping[str, Guess]) -> None:
@@ -213,7 +199,7 @@ def settle(
     settle_pose(columns, guesses)
     settle_units(columns, guesses, sizes)
     settle_neutrals(columns, guesses)
-    _settle_sign(columns, guesses)
+    settle_sign(columns, guesses, recordings_of(columns, guesses))
     wheelbase = settle_steering(columns, guesses, vehicle, wheelbase, said)
     if before == ({channel: guess.mapped for channel, guess in guesses.items()}, wheelbase):
       break
@@ -283,6 +269,19 @@ def _unusual(ratio: float, angle: Array) -> bool:
   return (ratio < _ROAD_ANGLE[0] and ratio * usual < _LEAST_LOCK <= usual) or usual <= _MOST_LOCK < ratio * usual
 
 
+def _without_trim(rate: Array, angle: Array, turning: Array) -> Array:
+  """The angles from the one that the car goes straight on with, by least squares of turning = rate k (angle - trim); as
+  they are where the car hardly turned to both sides: a servo that is not linear looks so, too."""
+  turned = rate * angle
+  apart = (rate @ rate) * (turned @ turned) - (rate @ turned) ** 2
+  sides = np.sort([np.sum(turning[turning * rate * side > 0.0] ** 2) for side in (-1.0, 1.0)])
+  if rate.size < _LEAST or not apart > (1.0 - _TOLD_APART) * (rate @ rate) * (turned @ turned):
+    return angle
+  k, straight = np.linalg.lstsq(np.stack([turned, rate], axis=1), turning, rcond=None)[0]
+  trim = -straight / k if k != 0.0 else math.inf
+  return angle - trim if sides[0] > _BOTH_SIDES * sides[1] and abs(trim) < _TRIM * np.abs(angle).max() else angle
+
+
 def _ratio(rate: Array, angle: Array, turning: Array) -> float:
   """Least squares k > 0 of turning = +-rate tan(k angle), by repeated scaling, which runs away where no k does."""
   ratio = 1.0
@@ -299,14 +298,15 @@ def _turning(recordings: Sequence[Recording], vehicle: Vehicle, wheelbase: float
 
 
 def turning_of(recordings: Sequence[Recording], radius: float = 1.0) -> tuple[Array, Array, Array]:
-  """Speed [m/s], commanded angle [rad] and yaw rate [rad/s] in bins, where the car turns gently.
+  """Speed [m/s], commanded angle from its trim on [rad] and yaw rate [rad/s] in bins, where the car turns gently.
 
   The command is read as long before the turning as makes the two go together best: servos and clocks lag.
 
   Args:
     radius: rolling radius of the wheels over the motor's angle, m, for logs without a speed.
   """
-  bins = [_binned(recordings, radius, lag) for lag in _LAGS]
+  read = [_binned(recordings, radius, lag) for lag in _LAGS]
+  bins = [(speed, _without_trim(speed, angle, turned), turned) for speed, angle, turned in read]
   return bins[int(np.argmax([abs(correlation(speed * angle, turned)) for speed, angle, turned in bins]))]
 
 

@@ -26,6 +26,7 @@ _WHEEL = {"wheel", "wheels"}
 _PLACE = {"pose_x", "pose_y"}
 _LEAST = 10  # samples that a correlation is worth
 _MEAN, _LEAST_MEANS = 0.25, 20  # s, over which way and speed are compared, and how many of these tell anything
+_A_WHILE, _WHOLE = 0.5, 0.5  # s under one command, and share of the largest, from which a car goes as fast as it says
 # besides the command: an IMU that lies reversed and a steering to the right are usual by themselves, and a command that
 # counts back next to both is rarer than a speed that does
 _WITNESSES = 2
@@ -109,11 +110,17 @@ def _outer_loop(guesses: dict[str, Guess]) -> None:
     speed.why.append(f"'{current.column}' is what its controller makes of it")
 
 
-def settle_turns(guesses: Mapping[str, Guess], sizes: Mapping[str, float]) -> None:
-  """A commanded speed that is the motor's or a wheel's, in rad/s or turns, as the car's, m/s, by gear and wheel of
-  [vehicle], so that it goes with the motor's speed; the log tells neither, unless it has the car's speed, too."""
+def settle_turns(
+  guesses: Mapping[str, Guess], sizes: Mapping[str, float], recordings: Sequence[Recording] = ()
+) -> None:
+  """A commanded speed that is the motor's or a wheel's, in rad/s or turns, as the car's, m/s: by the speed that was
+  measured, as fast as the car went under it; else by gear and wheel of [vehicle], so that it goes with the motor's."""
   guess = guesses.get("speed_command")
   if guess is None or (unit := unit_of(guess.column)) is None or unit[1] != CHANNELS["motor_speed"].unit:
+    return
+  if (reached := _reached(recordings)) is not None:
+    guess.scale, guess.offset = guess.scale * reached, guess.offset * reached
+    guess.why.append(f"as fast as the car went under it: {reached:.4g} m to a rad")
     return
   of_wheel = bool(_WHEEL & set(words_of(guess.column)))
   by = ("wheel_radius",) if of_wheel else ("gear_ratio", "wheel_radius")
@@ -121,6 +128,21 @@ def settle_turns(guesses: Mapping[str, Guess], sizes: Mapping[str, float]) -> No
   guess.scale, guess.offset = guess.scale * travel, guess.offset * travel
   whose, said = "a wheel" if of_wheel else "the motor", " and ".join(f"{key} {sizes[key]:.4g}" for key in by)
   guess.why.append(f"of {whose}, so times {said} of [vehicle]; correct it with them, no column tells them")
+
+
+def _reached(recordings: Sequence[Recording]) -> float | None:
+  """m per rad: a measured speed over the commanded one, median where that was more than half of its largest for 0.5 s;
+  None without."""
+  ratios = [np.empty(0)]
+  for recording in recordings:
+    if not {"speed", "speed_command"} <= set(recording.channels) or "speed" in recording.derived:
+      continue
+    speed, command = recording["speed"], recording["speed_command"]
+    now, before = (np.abs(command.at(speed.time - ago)) for ago in (0.0, _A_WHILE))
+    there = (now > _WHOLE * np.abs(command.value).max()) & (np.abs(now - before) < 0.05 * now)
+    ratios.append(np.abs(speed.value[there]) / now[there])
+  ratio = np.concatenate(ratios)
+  return float(np.median(ratio)) if ratio.size >= _LEAST_MEANS else None
 
 
 def follows(columns: Columns, guesses: dict[str, Guess], measured: str, commanded: str) -> float:

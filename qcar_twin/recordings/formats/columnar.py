@@ -18,7 +18,7 @@ import pyarrow.parquet
 from qcar_twin.recordings.formats.dates import seconds_of
 from qcar_twin.recordings.formats.dialect import SPACES, Dialect, by_tabs, dialect_of, without_comments
 from qcar_twin.recordings.formats.table import NO_ROWS, Clocked, Table, merge
-from qcar_twin.recordings.formats.tagged import tagged_samples
+from qcar_twin.recordings.formats.tagged import messages_of, tagged_samples
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import words_of
 
@@ -29,6 +29,8 @@ pyarrow.scalar(0)  # imports pandas, if it is there, now and not under the bound
 _BLANK = ("", "#N/A", "N/A", "n/a", "NA", "null", "NULL", "None", "-", "--", "#DIV/0!", "#NUM!", "#VALUE!", "-nan(ind)")
 _NUMBER = r"^\s*[-+]?(\d+\.?\d*|\.\d+|inf|nan|NaN)([eE][-+]?\d+)?\s*$"  # what a number looks like in a text
 CLOCKS = {"t", "time", "times", "stamp", "stamps", "timestamp", "timestamps", "clock"}
+_WIDEST = 16  # columns of an array that holds a row for each sample
+_SHOWN = 40  # characters of a row
 _LONG, _SIGNALS, _LISTED = 20, 200, 4  # rows and signals of a long table, and how many are named
 # "Speed"|"MPH"|0.0|150.0|10, with some of its quotes read away
 _RANGED = re.compile(r'^"?(?P<name>[^"|]+)"?\|"?(?P<unit>[^"|]*)"?\|[-+.\d]*\|[-+.\d]*\|\d+$')
@@ -51,6 +53,8 @@ def read_csv(path: Path, label: str) -> Table:
     return _from_arrow(
       pyarrow.csv.read_csv(pyarrow.BufferReader(samples), pyarrow.csv.ReadOptions(use_threads=False)), label
     )
+  if (messages := messages_of(path, label)) is not None:
+    return messages
   dialect = dialect_of(path, label)
   try:
     try:
@@ -62,12 +66,7 @@ def read_csv(path: Path, label: str) -> Table:
   except pyarrow.ArrowInvalid as error:
     if "Empty CSV" in str(error):
       raise RecordingError(f"{label}: the file is empty; record it again or remove it from dataset.toml") from error
-    more = _misfits(path, dialect) - 1
-    others, them = (f", nor do {more} more", "those rows") if more > 0 else ("", "that row")
-    raise RecordingError(
-      f"{label}: a row does not fit the header ({error}){others}; repair or delete {them} (the last row is often cut"
-      " off when a logger is killed)"
-    ) from error
+    raise RecordingError(f"{label}: {_misfit(path, dialect) or error}") from error
   if len(table.column_names) == 1:
     raise RecordingError(
       f"{label}: only one column was found ('{table.column_names[0][:60]}'); separate the columns by commas"
@@ -148,7 +147,7 @@ def table_of_arrays(arrays: dict[str, np.ndarray], label: str) -> Table:
 
   Where the vectors of every length have a clock of their own, `t_imu` and `t_encoder` say, each keeps its times.
   """
-  vectors = {name: np.squeeze(array) for name, array in arrays.items() if array.dtype.kind in "fiub"}
+  vectors = {name: np.squeeze(array) for name, array in _vectors(arrays).items() if array.dtype.kind in "fiub"}
   vectors = {name: vector.astype(float) for name, vector in vectors.items() if vector.ndim == 1 and vector.size}
   if not vectors:
     raise RecordingError(
@@ -168,6 +167,18 @@ def table_of_arrays(arrays: dict[str, np.ndarray], label: str) -> Table:
   return Table(
     label, columns, {name: np.flatnonzero(np.isnan(vector)) for name, vector in columns.items()}, blanks=False
   )
+
+
+def _vectors(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+  """The arrays, those with a row for each sample as their columns: `state[0]`, and `gyro.x` to `gyro.z` of three."""
+  out = {}
+  for name, array in arrays.items():
+    if array.ndim != 2 or not 1 < array.shape[1] <= _WIDEST < array.shape[0]:
+      out[name] = array
+      continue
+    marks = [f".{axis}" for axis in "xyz"] if array.shape[1] == 3 else [f"[{k}]" for k in range(array.shape[1])]
+    out |= {f"{name}{mark}": column for mark, column in zip(marks, array.T, strict=True)}
+  return out
 
 
 def _clocked(vectors: dict[str, np.ndarray]) -> list[Clocked]:
@@ -194,19 +205,35 @@ def _loaded(archive: np.lib.npyio.NpzFile, name: str, label: str) -> np.ndarray:
     ) from error
 
 
-def _misfits(path: Path, dialect: Dialect) -> int:
-  """How many rows have another number of cells than the header; 0 where the file cannot be read for another reason."""
-  rows = []
+def _misfit(path: Path, dialect: Dialect) -> str:
+  """The first row with another number of cells than the header, counted from 1 below it, how many more there are, and
+  what to do; "" where the file cannot be read for another reason."""
+  rows: list[pyarrow.csv.InvalidRow] = []
 
   def skip(row: pyarrow.csv.InvalidRow) -> str:
-    rows.append(row.number)
+    rows.append(row)
     return "skip"
 
+  plain = b"\n#" in path.read_bytes()
   try:
-    _parse(path, dialect, plain=b"\n#" in path.read_bytes(), misfit=skip)
+    _parse(path, dialect, plain=plain, misfit=skip)
   except pyarrow.ArrowInvalid:
-    return 0
-  return len(rows)
+    return ""
+  if not rows:
+    return ""
+  first, above = rows[0], 0 if plain or dialect.separator == SPACES else dialect.skipped
+  number = first.number - above - (not dialect.names and not dialect.headless)
+  cells = lambda count: f"{count} cell{'s' if count != 1 else ''}"
+  said = f"row {number} has {cells(first.actual_columns)} where the header has {first.expected_columns}"
+  begun = " ".join(first.text.split())
+  more = f"; {len(rows) - 1} more do{'es' if len(rows) == 2 else ''} not fit either" if len(rows) > 1 else ""
+  torn = (
+    " (the last row is often cut off when a logger is killed)" if first.actual_columns < first.expected_columns else ""
+  )
+  return (
+    f"a row does not fit the header: {said} ('{begun[:_SHOWN]}{'…' if len(begun) > _SHOWN else ''}'){more}; "
+    f"repair or delete {'those rows' if more else 'that row'}{torn}"
+  )
 
 
 def _parse(

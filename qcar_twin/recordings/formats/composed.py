@@ -9,6 +9,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from qcar_twin.recordings.formats.axles import axle_means
 from qcar_twin.recordings.formats.table import Table
 from qcar_twin.recordings.recording import RecordingError
 from qcar_twin.recordings.unit_names import VECTORS, unit_of, words_of
@@ -125,8 +126,8 @@ def _elements(names: Iterable[str]) -> dict[str, str]:
 
 def composed(table: Table) -> Table:
   """The table with one column, in s, for every stamp that was written as seconds and nanoseconds, one, in rad, for the
-  yaw of every quaternion, those of vectors under names that say their axis, be they in cells of lists, and those of
-  numbers with their unit."""
+  yaw of every quaternion, those of vectors under names that say their axis, be they in cells of lists, those of
+  numbers with their unit, and the mean of an axle's wheels."""
   cells = {**_lists(table), **_with_units(table)}
   made = {name: values for name, values in cells.items() if name not in table}
   for seconds, (nanoseconds, name) in _stamps(table.columns).items():
@@ -139,10 +140,12 @@ def composed(table: Table) -> Table:
   for yaw, names in _flat(table.columns).items():
     parts = _numbers(table, names)
     if parts is not None and yaw not in table and np.nanmax(np.abs(np.sum(parts**2, axis=0) - 1.0)) < _UNIT:
-      made[yaw] = 2.0 * np.arctan2(parts[1], parts[0])
+      w, z = parts
+      made[yaw] = np.arctan2(2.0 * w * z, 1.0 - 2.0 * z**2)
   for element, name in _elements(table.columns).items():
     if element not in table and name not in table.ambiguous and (parts := _numbers(table, (name,))) is not None:
       made[element] = parts[0]
+  made |= axle_means(table)
   if (place := _place(table)) is not None:
     made |= {name: values for name, values in place.items() if name not in table}
   blank = {name: np.flatnonzero(np.isnan(values)) for name, values in made.items()}

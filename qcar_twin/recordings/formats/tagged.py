@@ -1,5 +1,8 @@
 """Samples among the lines of a program's log: each begins with a tag, behind which a tool writes columns without names.
 
+ArduPilot's dataflash logs as text describe their own messages: a line `FMT, type, length, IMU, Qfff, TimeUS,GyrX,…` has
+the names of the values of lines that begin with `IMU` (its developer wiki, "Onboard Message Log Messages").
+
 AWS DeepRacer's simulator traces a step a line, `SIM_TRACE_LOG:0,1,…`, between lines of other kinds. What the columns
 are stands in its developer guide and in the analysis tools of its users (aws-deepracer-community/deepracer-analysis):
 the place in m, heading and commanded road-wheel angle in degrees, the commanded speed in m/s, the clock in s.
@@ -7,6 +10,10 @@ the place in m, heading and commanded road-wheel angle in degrees, the commanded
 
 import re
 from pathlib import Path
+
+import numpy as np
+
+from qcar_twin.recordings.formats.table import Clocked, Table, merge
 
 _TAGS = {
   b"SIM_TRACE_LOG:": (
@@ -31,3 +38,36 @@ def tagged_samples(path: Path) -> bytes | None:
   names = _TAGS[tag][:whole]
   lines = [b",".join(cell.strip() for cell in row[: len(names)]) for row in cells if len(row) == whole]
   return b"\n".join([",".join(names).encode(), *lines, b""])
+
+
+_MICROSECONDS, _INSTANCES = "TimeUS", ("I", "Instance")  # the clock, and which of several sensors
+
+
+def messages_of(path: Path, label: str) -> Table | None:
+  """A dataflash log's messages, `IMU.GyrX` on the clock of its message in s, `IMU_1.GyrX` of a second sensor; None
+  where a file is no such log."""
+  with path.open("rb") as file:
+    if not file.read(_HEAD).startswith(b"FMT, 128"):
+      return None
+  lines = [[cell.strip() for cell in line.split(",")] for line in path.read_text("utf-8", "replace").splitlines()]
+  names = {line[3]: line[5:] for line in lines if line[0] == "FMT" and len(line) > 5}
+  rows: dict[str, list[list[str]]] = {}
+  for kind, *cells in lines:
+    columns = names.get(kind, [])
+    if kind == "FMT" or len(cells) != len(columns) or _MICROSECONDS not in columns:
+      continue
+    own = next((cells[columns.index(key)] for key in _INSTANCES if key in columns), "0")
+    rows.setdefault(kind if own == "0" else f"{kind}_{own}", []).append(cells)
+  groups = [_message(kind, names[kind.partition("_")[0]], cells) for kind, cells in rows.items()]
+  return merge(label, [group for group in groups if group.columns])
+
+
+def _message(kind: str, names: list[str], cells: list[list[str]]) -> Clocked:
+  columns = {}
+  for name, values in zip(names, zip(*cells, strict=True), strict=True):
+    try:
+      columns[f"{kind}.{name}"] = np.array(values, dtype=float)
+    except ValueError:  # a text
+      continue
+  time = columns.pop(f"{kind}.{_MICROSECONDS}", np.empty(0))
+  return Clocked(1e-6 * time, columns)

@@ -274,7 +274,7 @@ def test_unknown_names_are_said(tmp_path, caplog):
     Vehicle.load(path)
   with caplog.at_level(logging.WARNING):
     Vehicle.from_dataset(DART | {"trak_width": 0.1})
-  assert "did you mean track_width?" in caplog.text
+  assert "did you mean 'track_width'?" in caplog.text
   with pytest.raises(ValueError, match="'contact' or 'native', not 'magic'"):
     car_spec(CAR, tyre="magic")
 

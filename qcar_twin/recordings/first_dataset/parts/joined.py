@@ -11,7 +11,7 @@ from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.first_dataset.by_unit import guess_by_unit
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, guess_columns
 from qcar_twin.recordings.first_dataset.names import readings
-from qcar_twin.recordings.first_dataset.parts.pairing import Part, paired
+from qcar_twin.recordings.first_dataset.parts.pairing import Part, paired, words_of_file
 from qcar_twin.recordings.formats.table import Clocked, Table, merge
 from qcar_twin.recordings.recording import RecordingError
 
@@ -20,6 +20,7 @@ _COMMANDS = (*DRIVE_COMMANDS, "steering_command")
 _MOTION = ("motor_speed", "speed", "pose_x", "yaw_rate")
 # of the longest file's time, during which all of them have rows: parts of one drive begin and end alike
 _TOGETHER = 0.5
+_DATE = 1e6  # s, beyond which a clock is a date's
 _ALIKE = 0.5  # of the columns of the file with fewer: a message of one kind may repeat a name of another
 
 
@@ -72,8 +73,6 @@ def as_one_drive(tables: Sequence[Table]) -> Table | None:
   groups: list[Clocked] = []
   each = [Columns((table,)) for table in tables] if len(tables) > 1 else []
   apart = _of_different_names(each)
-  if len({frozenset(columns.names) for columns in each}) < len(each):
-    return None
   for table, columns in zip(tables, each, strict=False):
     guesses = guess_columns(columns)
     whole_drive = _has(guesses, _COMMANDS) and _has(guesses, _MOTION)
@@ -81,6 +80,9 @@ def as_one_drive(tables: Sequence[Table]) -> Table | None:
       return None
     groups.append(_clocked(columns, guesses["time"], Path(table.label).stem))
   if not groups or any(not group.time.size for group in groups):
+    return None
+  dated = all(group.time[0] > _DATE for group in groups)  # no two drives of a car are at one time
+  if not (apart or dated or _topics_of_one_log(tables, each)):
     return None
   shared = min(g.time[-1] for g in groups) - max(g.time[0] for g in groups)
   if shared < _TOGETHER * max(g.time[-1] - g.time[0] for g in groups):
@@ -91,7 +93,7 @@ def as_one_drive(tables: Sequence[Table]) -> Table | None:
     return None
   guesses = guess_columns(Columns((whole,)))
   known = [_has(guesses, channels) for channels in (_COMMANDS, _MOTION)]
-  return whole if all(known) or (apart and any(known)) else None
+  return whole if all(known) or ((apart or dated) and any(known)) else None
 
 
 def as_csv(table: Table) -> str:
@@ -124,6 +126,20 @@ def _of_different_names(each: Sequence[Columns]) -> bool:
   own = [{name for name in columns.names if not columns.rises(name) and not _tells_time(name)} for columns in each]
   pairs = ((one, other) for k, one in enumerate(own) for other in own[:k])
   return all(len(one & other) < _ALIKE * min(len(one), len(other)) for one, other in pairs)
+
+
+def _topics_of_one_log(tables: Sequence[Table], each: Sequence[Columns]) -> bool:
+  """Whether files of the same columns are a log's topics, as an autopilot's `log_7_vehicle_acceleration_0.csv` and
+  `log_7_vehicle_angular_velocity_0.csv`: all names share their numbers and a word, and differ by words alone."""
+  names = {}
+  for table, columns in zip(tables, each, strict=True):
+    names.setdefault(frozenset(columns.names), []).append(words_of_file(Path(table.label).stem))
+  if all(len(alike) == 1 for alike in names.values()):
+    return True
+  every = [words for alike in names.values() for words in alike]
+  numbers = {tuple(word for word in words if word.isdigit()) for words in every}
+  shared = set.intersection(*(set(words) for words in every))
+  return len(names) > 1 and len(numbers) == 1 and bool(shared) and len(set(every)) == len(every)
 
 
 def _tells_time(name: str) -> bool:

@@ -65,3 +65,52 @@ def test_a_number_or_a_deviation_that_no_car_has_is_said_and_no_far_name_offered
     name for text in sorted(said) for name in ("drive_ratio", "friktion", "gearing") if f"'{name}' is not" in text
   ]
   assert len(said) == 3 and not any("did you mean" in text for text in said)
+
+
+@pytest.mark.parametrize(
+  ("wrong", "text"),
+  [
+    ({"layout": "reer"}, "layout must be one of all-wheel, rear, front, not 'reer'; did you mean 'rear'?"),
+    ({"drive": "volts"}, "not 'volts'; did you mean 'voltage'?"),
+    ({"layuot": "rear"}, "has unknown key 'layuot'; did you mean 'layout'?"),
+    ({"supply_voltage": -3.0}, "supply_voltage must be a positive number, not -3.0"),
+  ],
+)
+def test_words_and_keys_of_no_car_are_refused_by_file_and_nearest(wrong, text):
+  with pytest.raises(ValueError) as caught:
+    Vehicle.from_dataset(VEHICLE | wrong)
+  assert str(caught.value).startswith("dataset.toml: [vehicle]") and str(caught.value).endswith(text)
+
+
+def test_a_battery_of_a_thousand_volts_is_refused_with_its_unit(tmp_path):
+  texts = ["[vehicle] supply_voltage is 7400 V, implausible above 100 V", "is it in mV? write 7.4"]
+  refused(folder_with(tmp_path, *drive(), vehicle=VEHICLE | {"supply_voltage": 7400.0}), *texts)
+  refused(folder_with(tmp_path, *drive(), vehicle=VEHICLE | {"supply_voltage": 1200.0}), "give the battery's volts")
+
+
+def with_deviation(folder, line):
+  path = folder / "dataset.toml"
+  text = path.read_text(encoding="utf-8").replace("[[recording]]", f"[vehicle.std]\n{line}\n[[recording]]")
+  path.write_text(text, encoding="utf-8")
+  return folder
+
+
+def test_a_deviation_larger_than_its_number_is_refused_with_its_unit(tmp_path):
+  folder = with_deviation(folder_with(tmp_path, *drive()), "mass = 81")
+  refused(folder, "dataset.toml: [vehicle.std] mass of 81 is larger than the 2.7", "is it in g? write 0.081")
+
+
+def test_a_place_may_be_less_sure_than_it_is_far_from_the_centre(tmp_path):
+  with_deviation(folder_with(tmp_path, *drive(), vehicle=VEHICLE | {"imu_x": 0.01}), "imu_x = 0.02")
+  assert DataSet.load(tmp_path).vehicle_std["imu_x"] == 0.02
+
+
+def test_a_number_of_no_car_is_said_once(caplog):
+  for _ in range(2):
+    Vehicle.from_dataset(VEHICLE | {"colour": 7.0})
+  assert caplog.text.count("'colour' is not a number this twin knows and is left out") == 1
+
+
+def test_a_data_sheet_of_a_motor_that_the_drive_does_not_ask_for_is_said(caplog):
+  Vehicle.from_dataset(VEHICLE | {"drive": "speed", "motor_constant": 0.0027}, {"motor_constant": 4e-5})
+  assert "'motor_constant' says nothing of a drive = \"speed\" and is left out" in caplog.text

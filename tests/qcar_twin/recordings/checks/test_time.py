@@ -61,6 +61,21 @@ def test_a_logger_that_restarted(tmp_path):
   )
 
 
+@pytest.mark.parametrize(("hours", "back"), [(1, 3600.0), (1, 3600.4), (2, 7200.0)])
+def test_a_clock_of_the_day_that_was_set_back_by_hours_says_so(tmp_path, hours, back):
+  time, columns = drive()
+  stamps = time + 1.7594e9
+  stamps[600:] -= back
+  cure = f"split the file before row 601, or add {3600 * hours} s to the times from that row on"
+  refused_run(tmp_path, stamps, columns, "time goes backwards in row 601", f"was set back by {hours} h", cure)
+
+
+def test_a_second_drive_after_an_hour_is_a_restart(tmp_path):
+  time, columns = drive()
+  stamps = np.r_[time[:600] * 3600.0 / time[600], time[600:] - time[600]]
+  refused_run(tmp_path, stamps, columns, "row 601", "split the file where the logger restarted")
+
+
 @pytest.mark.parametrize(
   "value, text", [(np.nan, "time has no value (blank or NaN) in row 8"), (np.inf, "time is infinite in row 8")]
 )

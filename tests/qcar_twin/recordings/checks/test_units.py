@@ -110,6 +110,21 @@ def test_one_file_in_another_unit_than_the_others_is_no_matter_of_channels(tmp_p
   assert str(caught.value).startswith(f"two.csv: yaw_rate {said}") and str(caught.value).endswith(text)
 
 
+def test_parts_of_one_file_are_no_other_files_that_agree(tmp_path):
+  time, columns = drive(30.0)
+  columns["yaw_rate"][time > 20.0] *= 180.0 / np.pi
+  write_csv(tmp_path / "one.csv", time, columns)
+  write_manifest(tmp_path, files=("one.csv",))
+  path = tmp_path / "dataset.toml"
+  parts = "".join(
+    f'[[recording]]\nfile = "one.csv"\nrole = "identify"\nfrom = {k}.0\nto = {k + 10}.0\n' for k in (0, 10, 20)
+  )
+  path.write_text(path.read_text(encoding="utf-8").partition("[[recording]]")[0] + parts, encoding="utf-8")
+  with pytest.raises(RecordingError, match="one.csv: yaw_rate reaches") as caught:
+    DataSet.load(tmp_path)
+  assert "other" not in str(caught.value)
+
+
 def test_a_wrapped_heading_in_degrees_is_found_before_it_is_unwrapped(tmp_path):
   time, columns = drive()
   columns["pose_yaw"] = (200.0 * time) % 360.0

@@ -16,6 +16,15 @@ GERMAN = {
 }
 
 
+DUTCH = {
+  "motor_voltage": "Motorspanning [V]",
+  "steering_command": "Stuurhoek [rad]",
+  "pose_yaw": "Gierhoek [rad]",
+  "speed": "Snelheid [m/s]",
+  "yaw_rate": "Giersnelheid [rad/s]",
+}
+
+
 def proposed(folder, names) -> str:
   time, columns = wander(51)
   write_csv(folder / "run.csv", time, {name: columns[channel] for channel, name in names.items()})
@@ -23,8 +32,14 @@ def proposed(folder, names) -> str:
 
 
 def test_of_two_angles_the_one_that_the_car_turned_by(tmp_path):
+  text = proposed(tmp_path, DUTCH)
+  assert 'steering_command = { column = "Stuurhoek [rad]"' in text and 'column = "Gierhoek' not in text
+
+
+def test_a_heading_in_german_is_one(tmp_path):
   text = proposed(tmp_path, GERMAN)
-  assert 'steering_command = { column = "Lenkwinkel [rad]"' in text and 'column = "Gierwinkel' not in text
+  assert 'steering_command = { column = "Lenkwinkel [rad]"' in text
+  assert 'pose_yaw = { column = "Gierwinkel [rad]"' in text
 
 
 def test_degrees_in_the_logs_own_language_are_degrees(tmp_path):
@@ -52,3 +67,24 @@ def test_a_speed_controllers_pulses_are_the_drives_command(tmp_path):
   write_csv(tmp_path / "run.csv", time, own | {"v_mps": columns["speed"], "gyro_z": columns["yaw_rate"]})
   text = propose("lab", [read_table(tmp_path / "run.csv")], wheelbase=0.256, mass=2.7).text
   assert 'motor_duty = { column = "ESC_us", scale = 0.002, offset = -3.0 }' in text
+
+
+def test_a_receivers_pulses_are_told_by_turning_and_by_speed(tmp_path):
+  time, columns = wander(52)
+  own = {"ch1": 1500.0 - 900.0 * columns["steering_command"], "ch3": 1500.0 + 60.0 * columns["motor_voltage"]}
+  write_csv(tmp_path / "run.csv", time, own | {"v_mps": columns["speed"], "gyro_z": columns["yaw_rate"]})
+  text = propose("lab", [read_table(tmp_path / "run.csv")], wheelbase=0.256, mass=2.7).text
+  assert 'motor_duty = { column = "ch3", scale = 0.002, offset = -3.0 }' in text
+  assert 'steering_command = { column = "ch1", scale = -0.00' in text
+
+
+def test_a_command_of_no_known_name_is_told_by_the_speed_that_follows_it(tmp_path):
+  time, columns = wander(52)
+  own = {
+    "u": np.roll(columns["motor_voltage"], -10),
+    "delta": columns["steering_command"],
+    "torque_est": np.abs(columns["yaw_rate"]),
+  }
+  write_csv(tmp_path / "run.csv", time, own | {"v": columns["speed"], "r": columns["yaw_rate"]})
+  text = propose("lab", [read_table(tmp_path / "run.csv")], wheelbase=0.256, mass=2.7).text
+  assert "# the speed follows 'u' (" in text and "map it, if that was commanded, as motor_voltage (V)" in text

@@ -102,3 +102,11 @@ def test_a_stamp_of_parts_is_no_block_of_samples(tmp_path):
   rows = [{"stamp": [k, 5], "date": [2026, 3, 1, 10, 0, k, 250], "v": 0.5} for k in range(FEW)]
   (path := tmp_path / "log.jsonl").write_text(lines(rows), encoding="utf-8")
   np.testing.assert_array_equal(read_table(path).columns["stamp[0]"], np.arange(FEW))
+
+
+def test_a_drive_that_was_broken_off_is_a_log_and_a_table_of_laps_is_none(tmp_path):
+  rows = [{"time": 0.05 * k, "throttle": 0.1, "steering": 0.01 * k, "speed": 0.02 * k} for k in range(15)]
+  (tmp_path / "drive.json").write_text(json.dumps(rows), encoding="utf-8")
+  laps = [{"time": 12.0 * k, "lap": k, "speed": 1.0 + 0.1 * k} for k in range(15)]
+  (tmp_path / "laps.json").write_text(json.dumps(laps), encoding="utf-8")
+  assert not is_document(tmp_path / "drive.json") and is_document(tmp_path / "laps.json")

@@ -96,6 +96,7 @@ def test_the_measured_steering_is_no_command_and_a_filtered_speed_comes_second()
     ("rate_rad_s", "rad/s", 1.0), ("motor [rpm]", "rad/s", math.tau / 60.0), ("acc_x_g", "m/s^2", 9.80665),
     ("acc m/s2", None, None), ("ay_mps2", "m/s^2", 1.0), ("v [km/h]", "m/s", 1 / 3.6), ("pos_mm", "m", 1e-3),
     ("battery_mV", "V", 1e-3), ("throttle_pct", "-", 0.01), ("speed", None, None), ("acc x (IMU)", None, None),
+    ("v in km/h", "m/s", 1 / 3.6), ("Lenkung in Grad", "rad", math.pi / 180.0), ("speed in front", None, None),
   ],
 )  # fmt: skip
 def test_a_unit_is_read_off_the_name(column, unit, factor):
@@ -113,3 +114,17 @@ def test_a_logs_own_clock_goes_before_that_of_one_device():
 def test_words_are_split_where_people_split_them():
   assert words_of("steeringAngle [deg]") == ("steering", "angle", "deg")
   assert words_of("IMU_accelX") == ("imu", "accel", "x") and words_of("W (IMU)") == ("w", "imu")
+
+
+@pytest.mark.parametrize(
+  ("name", "channel"),
+  [
+    ("v in km/h", "speed"),
+    ("v_long", "speed"),
+    ("w_psi", "yaw_rate"),
+    ("u_a", "acceleration_command"),
+    ("gps_x", "pose_x"),
+  ],
+)
+def test_short_names_of_the_trade(name, channel):
+  assert readings(name)[0].channel == channel

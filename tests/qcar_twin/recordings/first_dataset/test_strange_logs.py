@@ -190,8 +190,8 @@ def test_what_may_be_the_steering_and_what_is_no_clock_are_said(tmp_path):
   """Columns in another language, an angle in a message of turn rates, stamps of few digits."""
   time, own = drive(60.0)
   columns = {"throttle": own["motor_voltage"] / 8.0, "speed": speed_of(own), "gyro_z": own["yaw_rate"]}
-  _, proposal = log(tmp_path, time, columns | {"Lenkung": own["steering_command"], "rate_cmd.z": own["yaw_rate"] + 0.0})
-  assert "the car turned as 'Lenkung' says (" in proposal.text and "map it as steering_command" in proposal.text
+  _, proposal = log(tmp_path, time, columns | {"Stuur": own["steering_command"], "rate_cmd.z": own["yaw_rate"] + 0.0})
+  assert "the car turned as 'Stuur' says (" in proposal.text and "map it as steering_command" in proposal.text
   _, proposal = log(tmp_path, np.floor(time / 30.0), columns)
   assert "'time' says time by its name, and is no clock: it has 2 values in" in proposal.text
   _, proposal = log(tmp_path, np.where(np.arange(time.size) % 5 == 4, time - 0.09, time), columns)

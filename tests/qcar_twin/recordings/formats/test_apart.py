@@ -130,3 +130,12 @@ def test_small_files_cost_little_once_the_process_runs(tmp_path):
     assert read_table(tmp_path / "a.mat").rows == 300
     spent.append(time.monotonic() - began)
   assert min(spent) < 1.0
+
+
+def test_an_array_with_a_row_for_each_sample_is_its_columns(tmp_path):
+  time = np.arange(40) / 50.0
+  state, gyro = np.arange(160.0).reshape(40, 4), np.arange(120.0).reshape(40, 3)
+  np.savez(tmp_path / "run.npz", time=time, state=state, gyro=gyro, scan=np.zeros((40, 360)))
+  read = read_table(tmp_path / "run.npz")
+  assert read.number("state[3]", "speed").tolist() == state[:, 3].tolist()
+  assert read.number("gyro.z", "yaw_rate").tolist() == gyro[:, 2].tolist() and "scan" not in read

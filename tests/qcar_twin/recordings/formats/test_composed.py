@@ -50,6 +50,7 @@ def test_a_quaternion_without_x_and_y_turns_on_the_floor(tmp_path):
   rows = [f"{t:.2f},{np.sin(0.5 * a):.9f},{np.cos(0.5 * a):.9f}" for t, a in zip(TIME, yaw, strict=True)]
   turned = read(tmp_path, "time,orientation.z,orientation.w", rows).number("orientation.yaw", "pose_yaw")
   assert np.exp(1j * turned) == pytest.approx(np.exp(1j * yaw), abs=1e-6)
+  assert np.abs(turned).max() <= np.pi + 1e-9  # so that it jumps by one turn, not by two
 
 
 def test_milliseconds_behind_a_colon_are_no_frames(tmp_path):

@@ -1,6 +1,7 @@
 """Samples among the lines of a simulator's log, as DeepRacer's writes them."""
 
 import numpy as np
+import pytest
 
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.recordings.first_dataset.propose import propose
@@ -39,3 +40,25 @@ def test_a_simulators_trace_is_read_with_the_names_that_it_documents(tmp_path):
   runs = DataSet.load(tmp_path).recordings
   assert all({"speed_command", "steering_command", "speed", "pose_x", "pose_yaw"} <= set(run.channels) for run in runs)
   assert max(np.abs(run["speed"].value).max() for run in runs) < 2.0  # no leap back to the start is a speed
+
+
+FORMATS = """FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns
+FMT, 129, 40, IMU, QBff, TimeUS,I,GyrZ,AccX
+FMT, 130, 40, RCOU, QHH, TimeUS,C1,C3
+FMT, 131, 40, MODE, QNB, TimeUS,Mode,Rsn
+PARM, 1, SERVO1_FUNCTION, 26
+MODE, 900000, Manual, 1
+"""
+
+
+def test_messages_that_a_log_describes_itself_keep_their_own_clocks(tmp_path):
+  rows = [f"IMU, {20000 * k}, {sensor}, {0.01 * k + sensor:.3f}, {0.1 * k:.3f}" for k in range(50) for sensor in (0, 1)]
+  rows += [f"RCOU, {40000 * k + 500}, {1500 + k}, 1600" for k in range(25)] + ["IMU, 1000"]
+  (tmp_path / "run.log").write_text(FORMATS + "\n".join(rows) + "\n", encoding="utf-8")
+  read = read_table(tmp_path / "run.log")
+  turned, pulses = read.number("IMU.GyrZ", "yaw_rate"), read.number("RCOU.C1", "steering_command")
+  there = np.isfinite(turned)
+  assert turned[there] == pytest.approx(0.01 * np.arange(50)) and read.number("time", "time")[there][1] == 0.02
+  assert pulses[np.isfinite(pulses)].tolist() == [1500.0 + k for k in range(25)]
+  assert np.nanmin(read.number("IMU_1.GyrZ", "yaw_rate")) == 1.0
+  assert "MODE.Mode" not in read and "MODE.Rsn" in read

@@ -1,0 +1,1 @@
+"""Units that no name says, by how the car moved."""

@@ -1,0 +1,49 @@
+"""The speed of an axle, of its two wheels: their mean is that of the axle's middle, whatever the car turns by.
+
+With track b and yaw rate r the wheels go with v - r b / 2 and v + r b / 2.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from qcar_twin.recordings.formats.table import Table
+from qcar_twin.recordings.recording import RecordingError
+from qcar_twin.recordings.unit_names import words_of
+
+_REAR = (("rl", "rr"), ("lr", "rr"), ("lb", "rb"), ("bl", "br"))  # whose wheels are not steered, first
+_SIDES = (*_REAR, ("left", "right"), ("l", "r"), ("fl", "fr"), ("lf", "rf"))
+_SPEEDS = {"speed", "speeds", "spd", "vel", "velocity", "omega", "rpm", "rps", "wheel", "wheels", "encoder"}
+_OTHER = {
+  "angle", "steering", "steer", "torque", "current", "pressure", "brake", "temp", "temperature", "slip", "position",
+  "pos", "ticks", "tick", "count", "counts", "pulses", "command", "commands", "commanded", "cmd", "target", "desired",
+  "setpoint", "ref", "duty", "pwm", "throttle", "load", "force", "voltage",
+}  # fmt: skip
+MEAN = "mean of "
+
+
+def axle_means(table: Table) -> dict[str, np.ndarray]:
+  """The mean of the speeds of a left and a right wheel, `mean of A and B`: the rear ones where four were logged."""
+  for pair in (_pair(table.columns, *sides) for sides in _SIDES):
+    if pair is None or any(name in table.ambiguous for name in pair):
+      continue
+    try:
+      mean = 0.5 * (table.number(pair[0], pair[0]) + table.number(pair[1], pair[1]))
+    except RecordingError:
+      continue
+    name = f"{MEAN}{pair[0]} and {pair[1]}"
+    return {name: mean} if name not in table and np.isfinite(mean).any() else {}
+  return {}
+
+
+def _pair(names: Iterable[str], left: str, right: str) -> tuple[str, str] | None:
+  """Two columns of wheels' speeds whose names differ by the side alone; None where there is not one pair."""
+  words = {name: words_of(name) for name in names}
+  speeds = {name: w for name, w in words.items() if set(w) & _SPEEDS and not set(w) & _OTHER}
+  swapped = lambda w: tuple(right if word == left else word for word in w)
+  pairs = [
+    (a, b) for a, one in speeds.items() if one.count(left) == 1 for b, other in speeds.items() if swapped(one) == other
+  ]
+  rear = [pair for pair in pairs if "rear" in words[pair[0]]]
+  pairs = rear or pairs
+  return pairs[0] if len(pairs) == 1 else None
