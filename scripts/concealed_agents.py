@@ -18,14 +18,13 @@ from agents.studies.comparison import drivers_of
 from agents.studies.concealed_cars import SPEED, Driven, drive_car, in_markdown, read_car, train_its_own, train_once
 from calibration.concealed.campaign.cases import Case, draw_steering_cases
 from calibration.concealed.campaign.run import VERDICT, all_answered, attempted, diagnosed, drivable
-from calibration.diagnosis.search.structure import Effort
+from calibration.diagnosis.search.structure import NARROW, Effort
 from calibration.progress import counted
 from qcar_twin.atomic_io import write_text
 from qcar_twin.command_line import run_script
 from qcar_twin.parallel import in_parallel
 
 KEPT = "what is trained, diagnosed and driven stays in --out, the same command goes on with the rest"
-NARROW = Effort(singles=5, pairs=2, triples=1, iterations=1)
 ANSWER = "driven.json"
 APART = 10  # seeds of trainings that a car has to itself, so that what a seed does to a training differs by car
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from calibration.diagnosis.curves.after_diagnosis import When, write_with_curves
 from calibration.diagnosis.pipeline import diagnose
 from calibration.diagnosis.report.page import verdict
-from calibration.diagnosis.search.structure import Effort
+from calibration.diagnosis.search.structure import NARROW, Effort
 from calibration.diagnosis.staged import Staged
 from calibration.fitting.dataset_recalibration import LONGEST
 from calibration.progress import DIAGNOSIS, StageLine
@@ -36,7 +36,8 @@ class Config:
   candidates: tuple[str, ...] = ()
   """Ids of the only mechanisms that may be named; all where not given (docs/reference/mechanisms.md)."""
   quick: bool = False
-  """Narrower search: fewer models are refitted, and curves are fitted to a quarter of the driving."""
+  """Narrower search: fewer models are refitted, no formula is sought, and curves are fitted to a quarter of the
+  driving."""
   threads: int = 0
   """Threads of the simulation; 0 uses every core. Results do not depend on it."""
   plant: EngineKind = "reduced"
@@ -49,7 +50,7 @@ class Config:
 def main(config: Config) -> Path:
   """Run it; returns the path of the report."""
   dataset = DataSet.load(config.dataset)
-  effort = Effort(singles=5, pairs=2, triples=1, iterations=1) if config.quick else Effort()
+  effort = NARROW if config.quick else Effort()
   start = load_twin(config.twin) if config.twin else None
   progress = StageLine(DIAGNOSIS)
   with progress:

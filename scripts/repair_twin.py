@@ -11,7 +11,7 @@ from calibration.concealed.laboratory.written import save
 from calibration.concealed.proving_ground import make_session
 from calibration.diagnosis.pipeline import diagnose
 from calibration.diagnosis.report.page import verdict, write_diagnosis
-from calibration.diagnosis.search.structure import Effort
+from calibration.diagnosis.search.structure import NARROW, Effort
 from calibration.progress import DIAGNOSIS, StageLine
 from qcar_twin.command_line import run_script
 from qcar_twin.recordings.dataset import DataSet
@@ -43,7 +43,7 @@ def main(config: Config) -> str:
   session = make_session(config.car, ((config.effect, config.size),), config.design)
   mark = seal(session.truth, config.out / "session", config.out / "session_truth")
   save(session, config.out / "session", "concealed", mark)
-  effort = Effort(singles=5, pairs=2, triples=1, iterations=1) if config.quick else Effort()
+  effort = NARROW if config.quick else Effort()
   dataset = DataSet.load(config.out / "session")
   with StageLine(DIAGNOSIS) as progress:
     outcome = diagnose(dataset, config.candidates or None, effort=effort, threads=1, progress=progress)

@@ -15,7 +15,7 @@ from calibration.cross_validation.report import write_cross_validation
 from calibration.diagnosis.curves.after_diagnosis import When, write_with_curves
 from calibration.diagnosis.pipeline import diagnose, prepare
 from calibration.diagnosis.report.page import verdict as diagnosed
-from calibration.diagnosis.search.structure import Effort
+from calibration.diagnosis.search.structure import NARROW, Effort
 from calibration.diagnosis.staged import Staged
 from calibration.fitting.dataset_recalibration import LONGEST
 from calibration.fitting.windows import Cut
@@ -83,7 +83,7 @@ def main(config: Config) -> Path:
     )
   print(validated(result))
   write_cross_validation(result, config.out / "cross_validation")
-  effort = Effort(singles=5, pairs=2, triples=1, iterations=1) if config.quick else Effort()
+  effort = NARROW if config.quick else Effort()
   with progress:
     outcome = diagnose(
       dataset, effort=effort, threads=config.threads, progress=progress, prepared=begun(),

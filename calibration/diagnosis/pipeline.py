@@ -123,12 +123,12 @@ def diagnose(
   noise = residual_floor(driving_noise([r for r in dataset.recordings if r.role != "holdout"]))
   baseline, pool = _searched(begun.recalibrated, tried, effort, clock, staged, noise)
   cut = Cut(command_shift=baseline.command_shift, most=LONGEST)
-  diagnosis = _judged(begun, twin, pool, cut, levels or usual_levels(), clock, staged)
+  diagnosis = _judged(begun, twin, pool, cut, levels or usual_levels(), clock, staged, effort.formula)
   return Outcome(diagnosis, twin, pool.base.theta, diagnosis.model.theta, cut)
 
 
 def _judged(
-  begun: Prepared, twin: Twin, pool: Pool, cut: Cut, levels: Levels, clock: "_Clock", staged: Staged
+  begun: Prepared, twin: Twin, pool: Pool, cut: Cut, levels: Levels, clock: "_Clock", staged: Staged, formulas: bool
 ) -> Diagnosis:
   """What is said of a pool: names, what is left, where it shows; hold-out recordings are opened at the end."""
   clock.start("decision")
@@ -141,9 +141,10 @@ def _judged(
   place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)
   clock.start("hold-out")
   holdout, unseen = _before_and_after(twin, pool, decision, dataset.role("holdout"), cut)
-  if left_unexplained(decision):
+  formula = None
+  if formulas and left_unexplained(decision):
     clock.start(STAGE)
-  formula = formula_left(pool, decision, dataset.role("holdout"), cut, clock.progress)
+    formula = formula_left(pool, decision, dataset.role("holdout"), cut, clock.progress)
   return Diagnosis(
     dataset=dataset.name,
     decision=decision,

@@ -17,7 +17,8 @@ from typing import Any, Literal
 
 import joblib
 
-from calibration.diagnosis.pipeline import Effort, diagnose
+from calibration.diagnosis.pipeline import diagnose
+from calibration.diagnosis.search.structure import NARROW
 from calibration.fleet.logs import Log
 from calibration.log_check.check import LogCheck, check_log, load_to_check
 from calibration.progress import silent
@@ -33,7 +34,6 @@ from qcar_twin.recordings.recording import RecordingError
 
 Level = Literal["check", "calibrate", "diagnose"]
 _SHOWN = 0.5  # of the prior's variance: below it the driving says more of a parameter than was known before
-_QUICK = Effort(singles=5, pairs=2, triples=1, iterations=1)
 
 
 def scan(
@@ -156,7 +156,7 @@ def _fitted(dataset: DataSet, level: Level) -> dict[str, Any]:
     "parameters": {n: {"value": e.value, "std": e.noise_std, "unit": e.unit} for n, e in shown.items()}
   }
   if level == "diagnose":
-    decision = diagnose(dataset, effort=_QUICK, threads=1, progress=silent).diagnosis.decision
+    decision = diagnose(dataset, effort=NARROW, threads=1, progress=silent).diagnosis.decision
     claims = [{"mechanism": c.mechanism, "probability": c.probability} for c in decision.claims]
     made["diagnosis"] = {"verdict": decision.verdict, "claims": claims}
   return made

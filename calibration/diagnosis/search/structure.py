@@ -42,12 +42,17 @@ _TRIFLE = 0.15  # share of the typical size below which a mechanism can't be wha
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-  """How wide the search is: singles, pairs, triples that are refitted, and Gauss-Newton steps."""
+  """How wide the search is: singles, pairs, triples that are refitted, Gauss-Newton steps, and whether a formula is
+  sought for what has no name."""
 
   singles: int = 9
   pairs: int = 5
   triples: int = 3
   iterations: int = 3
+  formula: bool = True
+
+
+NARROW = Effort(singles=5, pairs=2, triples=1, iterations=1, formula=False)
 
 
 def search(
