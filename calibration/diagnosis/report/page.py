@@ -102,7 +102,8 @@ def verdict(diagnosis: Diagnosis) -> str:
   said = wording.verdict_sentence(d.decision, claimed(d), gain, taken, short_of(d))
   model = d.model
   unlike = wording.unlike_sentence(unlike_the_class(model.free, model.values)) if left_unexplained(d.decision) else ""
-  return f"{how_good_in_short(d)} {said}{wording.departures_sentence(d.decision.departures)}{unlike}".lstrip()
+  apart = wording.departures_sentence(d.decision.departures, d.decision.claims)
+  return f"{how_good_in_short(d)} {said}{apart}{unlike}".lstrip()
 
 
 def facts(d: Diagnosis) -> list[tuple[str, str]]:

@@ -105,12 +105,15 @@ def verdict_sentence(
   return f"{effects}{_gain(recovered)}{partly}{rest}"
 
 
-def departures_sentence(departures: Sequence[Departure]) -> str:
+def departures_sentence(departures: Sequence[Departure], claims: Sequence[Claim] = ()) -> str:
   """ " The driving contradicts what was measured of the car: mass 3.2 kg, measured 3.000 ± 0.010 kg.", and what is
-  unusual of its sensors, which nobody measured."""
+  unusual of its sensors, which nobody measured and no claim has said."""
+  told = {name for claim in claims for name in claim.parameters}
   said = lambda d: f"{d.name.replace('_', ' ')} {amount(d.value, None, d.unit)}"
   known = [f"{said(d)}, measured {amount(d.measured, d.std, d.unit)}" for d in departures if not d.usual]
-  usual = [f"{said(d)}, usual {amount(d.measured, d.std, d.unit)}" for d in departures if d.usual]
+  usual = [
+    f"{said(d)}, usual {amount(d.measured, d.std, d.unit)}" for d in departures if d.usual and d.name not in told
+  ]
   contradicted = f" The driving contradicts what was measured of the car: {'; '.join(known)}." if known else ""
   return contradicted + (f" Unusual of such sensors: {'; '.join(usual)}." if usual else "")
 

@@ -10,6 +10,7 @@ from calibration.diagnosis.decision.evidence import Measured
 from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.report.grounds import priors
 from calibration.diagnosis.report.page import verdict
+from calibration.diagnosis.report.wording import departures_sentence
 from calibration.diagnosis.search.gather import measured_figures
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.twin.mechanisms import select
@@ -59,5 +60,7 @@ def test_a_contradiction_is_in_the_verdict_and_in_the_table(clean_pool):
     " Unusual of such sensors: encoder latency 24 ms, usual 0.0 ± 3.0 ms."
   )
   assert said in verdict(told) and said not in verdict(nothing)
+  claimed = SimpleNamespace(parameters={"encoder_latency": {}})  # a claim has said it
+  assert departures_sentence(apart, [claimed]).strip() == said.split(" Unusual")[0]
   assert "mass: contradicts what was measured, by 21.0 deviations" in priors(told).text
   assert "contradicts what was measured, by" not in priors(nothing).text
