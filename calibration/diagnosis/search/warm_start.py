@@ -13,9 +13,8 @@ from calibration.diagnosis.pool import Pool
 LIKELY = 5  # best sets of each size that are tried from elsewhere, too
 _RETURNING = 4  # Gauss-Newton steps for a set from where another had ended
 _LEADING = 4  # steps with fresh columns for a model of an earlier search
-_LOWER = (
-  5.0  # nats by which a model must be expected lower to be fitted again, and come down for its relatives to follow
-)
+# nats by which a model must be expected lower to be fitted again, and must come down for its relatives to follow
+_LOWER = 5.0
 _ROUNDS = 3
 
 
