@@ -31,7 +31,7 @@ def confirm_best(pool: Pool) -> None:
     if best.corrected and pool.base.corrected:
       break
     confirm(pool, closely=[pool.base, best])
-    singles = sorted(pool.of_size(1), key=lambda m: m.cost)[:_SINGLES]
+    singles = pool.foremost(1, _SINGLES)
     subset = lambda key, best=best: key < frozenset(best.mechanisms)
     near = [m for key, m in pool.models.items() if m.cost < best.cost + _NEAR or subset(key)]
     confirm(pool, [*near, *singles])

@@ -37,7 +37,7 @@ class Diagnosis:
     next_experiment: manoeuvre, separates, predicted_nats; None where none is needed.
     evidence: what the decision rests on, as plain numbers.
     notes: warnings about the data set that a reader must know.
-    formula: of what stays unexplained; None where nothing does.
+    formula: of what stays unexplained; None where nothing does, or none was sought.
     replay: the held-out recordings, else those for validation, value by value; None without either.
   """
 

@@ -47,6 +47,10 @@ class Pool:
   def of_size(self, size: int) -> list[Candidate]:
     return [m for key, m in self.models.items() if len(key) == size]
 
+  def foremost(self, size: int, count: int | None = None) -> list[Candidate]:
+    """The models with so many mechanisms that fit best, best first; all by default."""
+    return sorted(self.of_size(size), key=lambda m: m.cost)[:count]
+
   def best(self, models: Sequence[Candidate]) -> Candidate:
     """The model with the largest gain, held out and in the priors; a mechanism more must bring 2 nats more."""
     return max([self.base, *(m for m in models if m is not self.base)], key=self._worth)

@@ -58,17 +58,12 @@ def gather(pool: Pool, dataset: str = "") -> Evidence:
   return rounded(Weighing(pool).evidence(dataset))
 
 
-def foremost(pool: Pool, size: int) -> list[Candidate]:
-  """The sets of a size that fit best."""
-  return sorted(pool.of_size(size), key=lambda m: m.cost)[:CONSIDERED]
-
-
 def _complete(pool: Pool) -> None:
   """Fit what the foremost sets are without each of their names; largest first, since those may join the smaller."""
   while True:
     count = len(pool.models)
     for size in range(LARGEST, 0, -1):
-      ensure(pool, [frozenset(m.mechanisms) - {n} for m in foremost(pool, size) for n in m.mechanisms])
+      ensure(pool, [frozenset(m.mechanisms) - {n} for m in pool.foremost(size, CONSIDERED) for n in m.mechanisms])
     if len(pool.models) == count:
       return
 
@@ -88,7 +83,7 @@ class Weighing:
     self.stretched = functools.cache(lambda key, name: stretched(pool, pool.models[key], name))
 
   def evidence(self, dataset: str) -> Evidence:
-    sets = [[self.pool.base], *(foremost(self.pool, size) for size in range(1, LARGEST + 1))]
+    sets = [[self.pool.base], *(self.pool.foremost(size, CONSIDERED) for size in range(1, LARGEST + 1))]
     models = []
     for size, rows in enumerate(sets):
       smaller = [m for row in sets[:size] for m in row]

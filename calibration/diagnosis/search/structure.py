@@ -81,7 +81,7 @@ def search(
   pool = Pool(problem, baseline.fit.parameters, {frozenset(): base}, signatures, sensor_floor(baseline.noise_models))
   progress("refitting single mechanisms")
   _fit_sets(pool, [frozenset([n]) for n in _nominate_singles(problem, signatures, effort.singles)], effort.iterations)
-  likely = [m.mechanisms[0] for m in sorted(pool.of_size(1), key=lambda m: m.cost)[:LIKELY]]
+  likely = [m.mechanisms[0] for m in pool.foremost(1, LIKELY)]
   seen = [name for name, signature in signatures.items() if signature.shown > 0.0]
   for model in multistart_models(problem, base, pool.priors, seen, likely):
     pool.offer(model)
@@ -139,7 +139,7 @@ def _nominate_triples(pool: Pool, count: int) -> list[frozenset[str]]:
 def _nominate_larger(pool: Pool, size: int, parents: int) -> list[frozenset[str]]:
   """Sets one larger than the best of a size that promise enough and are not in the pool, best first."""
   gains: dict[frozenset[str], float] = {}
-  for model in sorted(pool.of_size(size), key=lambda m: m.cost)[:parents]:
+  for model in pool.foremost(size, parents):
     for name, gain in _explains(pool, model).items():
       key = frozenset([*model.mechanisms, name])
       if gain > _WORTH_A_PAIR and key not in pool.models:
@@ -236,7 +236,7 @@ def refine_leaders(pool: Pool) -> None:
 
 def _leaders(pool: Pool) -> list[Candidate]:
   """The best single and those that explain half as much, best first; none where it explains next to nothing."""
-  ranked = sorted(pool.of_size(1), key=lambda m: m.cost)
+  ranked = pool.foremost(1)
   most = pool.base.cost - ranked[0].cost if ranked else 0.0
   near = [m for m in ranked[:_RACING] if m.cost - ranked[0].cost <= (1.0 - _NEAR) * most]
   return near if most > _WORTH_A_RACE else []

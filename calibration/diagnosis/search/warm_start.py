@@ -35,7 +35,7 @@ def level(pool: Pool, best: Candidate) -> float:
   offered: dict[tuple[frozenset[str], frozenset[str]], float] = {}  # set and giver: the giver's cost then
   for _ in range(_ROUNDS):
     stood = {key: model.cost for key, model in pool.models.items()}
-    givers = [pair for pair in _related(_foremost(pool, best)) if pair[1] in stood]
+    givers = [pair for pair in _related(_taking_part(pool, best)) if pair[1] in stood]
     fresh = [pair for pair in givers if offered.get(pair, math.inf) - stood[pair[1]] >= _LOWER]
     offered |= {pair: stood[pair[1]] for pair in fresh}
     chosen = _expected_lower(pool, [_offer(pool, *pair) for pair in fresh])
@@ -53,12 +53,12 @@ def _related(keys: Sequence[frozenset[str]]) -> list[tuple[frozenset[str], froze
   return [(key, other) for key, other in itertools.permutations(keys, 2) if key < other or other < key]
 
 
-def _foremost(pool: Pool, best: Candidate) -> list[frozenset[str]]:
+def _taking_part(pool: Pool, best: Candidate) -> list[frozenset[str]]:
   """The best sets of each size, and all that the very best holds, itself among them."""
   names = sorted(best.mechanisms)
   keys = [frozenset(some) for size in range(len(names) + 1) for some in itertools.combinations(names, size)]
   for size in sorted({len(key) for key in pool.models}):
-    keys += [frozenset(m.mechanisms) for m in sorted(pool.of_size(size), key=lambda m: m.cost)[:LIKELY]]
+    keys += [frozenset(m.mechanisms) for m in pool.foremost(size, LIKELY)]
   return list(dict.fromkeys(keys))
 
 

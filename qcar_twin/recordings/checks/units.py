@@ -15,7 +15,7 @@ _SPIKES = 2  # so many samples may always lie beyond a limit that allows spikes
 _ALOOF = 2.0  # times what the rest of a log reaches, from which a sample is none of its motion
 _BIN = 0.25  # s, over which channels are averaged before they are compared
 _BINS = 10  # fewest bins that a comparison is worth
-_UNIT_CORRELATION = 0.6  # agreement that convicts a unit
+UNIT_CORRELATION = 0.6  # agreement that convicts a unit
 _LOOSE, _EXACT = 1.5, 1.2  # nearness to a usual unit's factor: with slip and noise between the channels, and without
 _GENTLE = 4.0  # m/s^2; beyond it the wheels may spin and say nothing about acceleration
 _SIGN_CORRELATION = 0.85  # agreement that convicts a sign
@@ -187,7 +187,7 @@ class Comparison:
     slope, correlation = self.slope()
     if unit.channel in self.takes:
       slope *= unit.scale if unit.channel == self.channel else 1.0 / unit.scale
-    return correlation > _UNIT_CORRELATION and 1.0 / _LOOSE < slope < _LOOSE
+    return correlation > UNIT_CORRELATION and 1.0 / _LOOSE < slope < _LOOSE
 
 
 def compare(recording: Recording, vehicle: Mapping[str, float | str]) -> list[Comparison]:
@@ -203,7 +203,7 @@ def check_units(recording: Recording, vehicle: Mapping[str, float | str]) -> lis
   comparisons = compare(recording, vehicle)
   for comparison in comparisons:
     slope, correlation = comparison.slope()
-    units = comparison.convicted() if correlation > _UNIT_CORRELATION else []
+    units = comparison.convicted() if correlation > UNIT_CORRELATION else []
     if units:
       units = of_most(units, [other for other in comparisons if other is not comparison])
       cures = ", or ".join(dict.fromkeys(_cure(unit) for unit in units))

@@ -11,7 +11,7 @@ from qcar_twin.kinematics import rolling_radius
 from qcar_twin.recordings.channels import DRIVE_COMMANDS
 from qcar_twin.recordings.checks.neutral import drive_neutral, steering_neutral
 from qcar_twin.recordings.checks.time import turn_of
-from qcar_twin.recordings.checks.units import Suspect, compare, of_most
+from qcar_twin.recordings.checks.units import UNIT_CORRELATION, Suspect, compare, of_most
 from qcar_twin.recordings.completed import heading_or_course, with_speed
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess, correlation, is_share_of_lock
 from qcar_twin.recordings.first_dataset.heading import goes_with, settle_gyro, settle_heading
@@ -35,7 +35,6 @@ _SAME_UNIT = (
   2.0  # factor between two sensors of one motion, within which they have one unit: usual units differ by 2.24
 )
 _GEARS = {"gear", "gears", "direction", "dir"}
-_AGREE = 0.6  # correlation from which a comparison says something of a unit
 _GEARED, _ALIKE_ROWS = 0.95, 20  # correlation of two speeds, and rows, from which the one is a multiple of the other
 _BIN = 0.25  # s, over which speed, command and turning are compared
 _LAGS = np.arange(0.0, 0.45, 0.05)  # s, of the turning behind the command: a servo's 0.1 and a clock's
@@ -85,7 +84,7 @@ def settle_units(columns: Columns, guesses: dict[str, Guess], vehicle: Mapping[s
 def _agrees(recording: Recording, vehicle: Mapping[str, float | str], channel: str) -> bool:
   """Whether a channel agrees with a witness, so that its unit is right in this log."""
   comparisons = [c for c in compare(recording, vehicle) if channel in c.takes and not c.convicted()]
-  slopes = [slope for slope, correlation in (c.slope() for c in comparisons) if correlation > _AGREE]
+  slopes = [slope for slope, correlation in (c.slope() for c in comparisons) if correlation > UNIT_CORRELATION]
   return any(1.0 / _SAME_UNIT < slope < _SAME_UNIT for slope in slopes)
 
 
@@ -101,7 +100,7 @@ def _convicted(
     steering = guesses.get("steering_command")  # none where the car drove straight
     if "steering_command" in comparison.takes and (steering is None or not steering.named):
       continue  # what it is in comes from how the car turned, once speed and gyro are settled
-    units = [unit for unit in comparison.convicted() if not unit.already] if correlation > _AGREE else []
+    units = [unit for unit in comparison.convicted() if not unit.already] if correlation > UNIT_CORRELATION else []
     if [unit.channel for unit in units] == ["pose_yaw"] and goes_with([recording]):
       said = f"{comparison.channel} is {slope:.3g} times {comparison.witness}, which the path confirms"
       return "yaw_rate", 1.0 / units[0].scale, f"{said}: not in {guesses['yaw_rate'].column}'s unit"

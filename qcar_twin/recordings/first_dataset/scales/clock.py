@@ -1,11 +1,10 @@
 """Whether a log's clock is in seconds, by a gyro and what else turned."""
 
-from qcar_twin.recordings.checks.units import compare
+from qcar_twin.recordings.checks.units import UNIT_CORRELATION, compare
 from qcar_twin.recordings.completed import heading_or_course
 from qcar_twin.recordings.recording import Recording
 
 _IN_TIME = 1.2  # factor between gyro and turning, within which the clock is right: nearness to a unit
-_AGREE = 0.6  # correlation from which a comparison says something of a unit
 
 
 def in_time(recording: Recording) -> bool:
@@ -16,4 +15,4 @@ def in_time(recording: Recording) -> bool:
     return False
   both = recording.replace(streams={"yaw_rate": recording["yaw_rate"], "pose_yaw": turning}, derived=())
   slope, alike = compare(both, {})[0].slope()
-  return alike > _AGREE and 1.0 / _IN_TIME < slope < _IN_TIME
+  return alike > UNIT_CORRELATION and 1.0 / _IN_TIME < slope < _IN_TIME

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from qcar_twin.recordings.channels import CHANNELS
-from qcar_twin.recordings.checks.units import compare
+from qcar_twin.recordings.checks.units import UNIT_CORRELATION, compare
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess
 from qcar_twin.recordings.first_dataset.refine import recordings_of
 from qcar_twin.recordings.recording import Recording
@@ -18,7 +18,6 @@ from qcar_twin.recordings.unit_names import unit_of
 
 _PER_DEGREE = (131.0, 65.5, 32.8, 16.4, *(1e3 / m for m in (8.75, 17.5, 35.0, 70.0)))  # counts per deg/s
 _DEGREE = math.pi / 180.0
-_AGREE = 0.6  # correlation that says something
 # factor to the nearest range: by a force half of the way to the next; by a heading less than between 131 and 114.3
 _NEARNESS = {"accel_y": 1.4, "pose_yaw": 1.05}
 
@@ -71,7 +70,7 @@ def _slope(recordings: Sequence[Recording], sizes: Mapping[str, float | str], wi
   for comparison in (c for recording in recordings for c in compare(recording, sizes)):
     slope, alike = comparison.slope()
     by_steering = "steering_command" in comparison.takes
-    if comparison.channel in slopes_of and not by_steering and abs(alike) > _AGREE and abs(slope) > 0.0:
+    if comparison.channel in slopes_of and not by_steering and abs(alike) > UNIT_CORRELATION and abs(slope) > 0.0:
       slopes_of[comparison.channel].append(abs(slope))
   middle = {name: float(np.median(slopes)) for name, slopes in slopes_of.items() if slopes}
   if witness == "pose_yaw":

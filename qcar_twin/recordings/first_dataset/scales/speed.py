@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from qcar_twin.recordings.checks.units import compare
+from qcar_twin.recordings.checks.units import UNIT_CORRELATION, compare
 from qcar_twin.recordings.first_dataset.columns import Columns, Guess
 from qcar_twin.recordings.first_dataset.names import readings
 from qcar_twin.recordings.first_dataset.refine import recordings_of
@@ -20,16 +20,12 @@ from qcar_twin.vehicle.vehicle import GRAVITY, Vehicle
 _UNITS = {name: UNITS[name][1] for name in ("m/s", "km/h", "mph", "knots", "cm/s", "mm/s")}
 _ALONG_AND_ACROSS = ("accel_x", "accel_y")
 _NEAR = 1.5  # of an accelerometer, which feels tilt and slip besides
-_AGREE = 0.6  # correlation from which an accelerometer says something
 _ONE_OF_TWO = 1.25  # factor between two units, within which accelerometers don't tell them apart
 _LONGER = 1.5  # of the wheelbase that a log turns like, from which another unit of its speed would explain it
 _LEAST_LOCK = 0.15  # rad, of a driven car's largest steering: full lock is 0.35 to 0.7, and gentle curves take a third
 _PLACES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
-_FOLLOWED, _A_WHILE, _LEAST = (
-  1.25,
-  0.5,
-  20,
-)  # factor to a speed that was reached; s under one command; samples that tell
+_FOLLOWED = 1.25  # factor between a commanded speed and the one that the place shows, within which it was reached
+_A_WHILE, _LEAST = 0.5, 20  # s under one command; samples that tell
 _ONE_SIZE = 2.0  # factor between a commanded speed and the one that was reached, within which they have one unit
 _MOST = 99.0  # per cent of the samples that stay below what is said of the driving
 
@@ -107,7 +103,7 @@ def _off(recordings: Sequence[Recording], factor: float) -> float:
     scaled = recording.replace(streams={**recording.streams, "speed": Stream(speed.time, factor * speed.value)})
     for comparison in compare(scaled, {}):
       slope, alike = comparison.slope()
-      if comparison.channel in slopes and alike > _AGREE:
+      if comparison.channel in slopes and alike > UNIT_CORRELATION:
         slopes[comparison.channel].append(math.log(slope))
   return max(abs(float(np.median(each))) if each else math.inf for each in slopes.values())
 
