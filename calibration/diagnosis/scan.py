@@ -18,14 +18,15 @@ from calibration.fitting.optimiser import inverse_curvature
 from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
 from qcar_twin.plant import Driving
-from qcar_twin.twin.mechanisms.base import Mechanism
+from qcar_twin.twin.mechanisms.base import AS_GOOD, Mechanism
 
 Array = NDArray[np.float64]
 
 SIZES = (0.8,)
 _OCTAVES = (0.5, 1.0, 2.0, 4.0)  # times these, of what does nothing below a threshold
 _INVISIBLE = 3.0  # nats at typical size below which a mechanism can't be tested
-_SHOWN_BY = {"pose_x": {"pose_forward", "path_forward"}}  # needed channels that are compared under another name
+# needed channels that are compared under another name
+_SHOWN_BY = {"pose_x": {"pose_forward", "path_forward"}, "speed": set(AS_GOOD["speed"])}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,7 +151,8 @@ def scan(
     m.name: _projector(base, m) for m in mechanisms if {p.name for p in m.parameters} & set(base.free.names)
   }
   common = Projector(base)
-  jobs = [(m, start) for m in mechanisms for start in trial_starts(m, _tried(m, sizes), problem.driving)]
+  stands = problem.parameters.named(base.theta)
+  jobs = [(m, start) for m in mechanisms for start in trial_starts(m, _tried(m, sizes), problem.driving, stands)]
   residual, deviations = base.residual[: base.n_train], base.free.deviations(base.values)
   collected: dict[str, list[Trial]] = {m.name: [] for m in mechanisms}
   chunk = 24
@@ -169,7 +171,9 @@ def scan(
       collected[mechanism.name].append(trial)
     progress("scan", min(i + chunk, len(jobs)) / len(jobs))
   left = (residual, deviations)
-  found = {m.name: _signature(m, collected[m.name], left, base.free.names) for m in mechanisms if collected[m.name]}
+  found = {
+    m.name: _signature(m, collected[m.name], left, base.free.names, stands) for m in mechanisms if collected[m.name]
+  }
   blind = [m.name for m in mechanisms if m.name in found and not measured(problem, m)]
   return found | {name: dataclasses.replace(found[name], shown=0.0) for name in blind}
 
@@ -192,8 +196,11 @@ def _tried(mechanism: Mechanism, sizes: Sequence[float]) -> Sequence[float]:
   return (*sizes, *(-size for size in sizes)) if both else sizes
 
 
-def trial_starts(mechanism: Mechanism, sizes: Sequence[float], driving: Driving) -> list[dict[str, float]]:
-  """Parameter values to try on some driving: each amplitude alone, at multiples of its typical size, within its bounds.
+def trial_starts(
+  mechanism: Mechanism, sizes: Sequence[float], driving: Driving, stands: Mapping[str, float] | None = None
+) -> list[dict[str, float]]:
+  """Parameter values to try on some driving: each amplitude alone, multiples of its typical size from its null, or from
+  where a model `stands` that tolerates some of it, within its bounds.
 
   Where shape parameters need several starts, one size does, with either sign if given: the refit finds the rest.
   """
@@ -208,7 +215,7 @@ def trial_starts(mechanism: Mechanism, sizes: Sequence[float], driving: Driving)
         continue
       typical = parameter.typical or parameter.scale
       for size in sizes:
-        value = parameter.null + size * typical
+        value = (stands or {}).get(parameter.name, parameter.null) + size * typical
         starts.append({**place, parameter.name: float(np.clip(value, parameter.lower, parameter.upper))})
   return starts
 
@@ -243,10 +250,16 @@ def _with(problem: Problem, theta: Array, values: dict[str, float]) -> Array:
   return out
 
 
-def _signature(mechanism: Mechanism, trials: list[Trial], left: tuple[Array, Array], base: Sequence[str]) -> Signature:
+def _signature(
+  mechanism: Mechanism,
+  trials: list[Trial],
+  left: tuple[Array, Array],
+  base: Sequence[str],
+  stands: Mapping[str, float],
+) -> Signature:
   factors, gains = zip(*(_scaled(mechanism, trial, *left) for trial in trials), strict=True)
   top = int(np.argmax(gains))
-  values = [_resized(mechanism, t.start, f) for t, f in zip(trials, factors, strict=True)]
+  values = [_resized(mechanism, t.start, f, stands) for t, f in zip(trials, factors, strict=True)]
   most = max(trials, key=lambda t: t.shown)
   return Signature(
     mechanism=mechanism.name,
@@ -276,9 +289,12 @@ def _scaled(mechanism: Mechanism, trial: Trial, residual: Array, deviations: Arr
   return (best if abs(best) > 0.1 else 0.1), -best * pull - 0.5 * best**2 * power
 
 
-def _resized(mechanism: Mechanism, start: dict[str, float], factor: float) -> dict[str, float]:
+def _resized(
+  mechanism: Mechanism, start: dict[str, float], factor: float, stands: Mapping[str, float]
+) -> dict[str, float]:
+  """A trial's values at a multiple of its change: from where the model `stands`, which may have some of it already."""
   values = dict(start)
   for p in mechanism.parameters:
     if p.null is not None and p.name in start:
-      values[p.name] = float(np.clip(p.null + factor * (start[p.name] - p.null), p.lower, p.upper))
+      values[p.name] = float(np.clip(stands[p.name] + factor * (start[p.name] - stands[p.name]), p.lower, p.upper))
   return values

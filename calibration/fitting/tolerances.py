@@ -14,7 +14,7 @@ from calibration.fitting.observations import Observations
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.mechanisms import catalogue
-from qcar_twin.twin.mechanisms.base import Mechanism, SensorError
+from qcar_twin.twin.mechanisms.base import AS_GOOD, Mechanism, SensorError
 from qcar_twin.twin.twin import Twin
 
 Array = NDArray[np.float64]
@@ -67,9 +67,8 @@ def _usual(error: SensorError, mechanism: Mechanism, logs: Sequence[Callable[[st
   """Standard deviation by the median time between two samples of its channel, whose times each log has by name."""
   if not error.per_period:
     return error.std
-  clocks = [
-    next((t for n in (*mechanism.needs, "speed") if (t := times(n)) is not None), np.zeros(0)) for times in logs
-  ]
+  names = [name for needed in (*mechanism.needs, "speed") for name in AS_GOOD.get(needed, (needed,))]
+  clocks = [next((t for n in names if (t := times(n)) is not None), np.zeros(0)) for times in logs]
   steps = np.concatenate([np.zeros(0), *(np.diff(clock) for clock in clocks)])
   steps = steps[steps > 0.0]  # stretches of one recording lie one after the other
   return float(np.hypot(error.std, error.per_period * np.median(steps))) if len(steps) else error.std

@@ -51,8 +51,7 @@ class Simulation:
     self.engine, self._slots, self._car, self._period = engine, list(slots), car, period
     self._scale, self._most = scale, np.array([most, np.inf])
     self.engine.load(values)
-    known_not = np.full((len(start), len(LEAD)), np.nan)
-    self._lead = known_not if lead is None else taken(lead * [scale[0], 1.0, 1.0, 1.0], values, car)
+    self._lead = np.full((len(start), len(LEAD)), np.nan)
     self._history, command = history * scale[::-1] ** 2, self._supplied(command)
     self._recording_time, self._time = recording_time, 0.0
     self._began: Array | None = None  # s of _time at which each car began, once some did later than others
@@ -60,9 +59,11 @@ class Simulation:
     self.engine.place(start, turning, self.signals)
     self._wheel_angle = np.zeros(len(start))
     known = np.column_stack([self.signals[:, :3], self._wheel_angle])
-    self._settle(command, known)
     self._untouched: dict[str, Array] = {}
     self._write_models(command, known, first=True)
+    if lead is not None:
+      self._lead = taken(lead * [scale[0], 1.0, 1.0, 1.0], self.engine.values, car)
+    self._settle(command, known)
 
   def _supplied(self, commands: Array) -> Array:
     """Scaled commands (..., 2), the drive's within what its supply can give: all that follows sees no more."""

@@ -12,6 +12,16 @@ STEPPED = ("command", "actuator", "force", "contact")  # stages that act while c
 _COLUMNS = {"drive": frozenset((0,)), "steering": frozenset((1,))}  # commands that a subsystem changes; both by default
 
 
+def under_way(mechanism: Mechanism) -> bool:
+  """Whether it has to do with how cars move: a sensor's error has where it is an error of the car's own size, too."""
+  return mechanism.stage in STEPPED or type(mechanism).write_model is not Mechanism.write_model
+
+
+def moves_start(mechanism: Mechanism) -> bool:
+  """Whether cars begin elsewhere than their sensors show because of it."""
+  return type(mechanism).begin is not Mechanism.begin
+
+
 @dataclasses.dataclass(eq=False)
 class Slot:
   """A mechanism, the rows where it is present and its parameters there, (n, p)."""

@@ -16,7 +16,7 @@ of 1 / cos delta - 1, and its motor's speed jumps up by that; and one near the l
 turns too fast for half a second.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 _LARGEST = 0.2  # slip, -, up to which a start is taken from forces
 _USED = 0.95  # of mu F_z: nearer to the peak a force does not tell the slip, since mu is known to a few percent
-_GAIN = LEAD.index("motor_acceleration")
+_BEFORE, _GAIN = LEAD.index("motor_speed"), LEAD.index("motor_acceleration")
 _SPEED, _SIDE, _TURN, _STEERED = (START.index(n) for n in ("velocity_x", "velocity_y", "yaw_rate", "steering_angle"))
 
 
@@ -91,6 +91,23 @@ def turning(start: Array, rim: Array | None, values: Mapping[str, Array], vehicl
   return np.column_stack([speed, whole / vehicle.gear_ratio]) / vehicle.wheel_radius
 
 
+def driven_before(lead: Array | None, begun: Callable[[Array, Array], Array]) -> Array | None:
+  """How cars were driven before a stretch, (N, 4) in the order of LEAD, given what their sensors said of it.
+
+  Args:
+    lead: as the sensors said; None where nobody knows.
+    begun: start states, (N, 7), as the cars had them, of what the sensors said of these and of how fast they change.
+  """
+  if lead is None:
+    return None
+  speed, change = np.zeros((2, len(lead), len(START)))
+  speed[:, _SPEED], change[:, _SPEED] = lead[:, _BEFORE], lead[:, _GAIN]
+  out = lead.copy()
+  out[:, _BEFORE] = begun(speed, change.copy())[:, _SPEED]
+  out[:, _GAIN] = begun(change, np.zeros_like(change))[:, _SPEED]
+  return out
+
+
 def taken(lead: Array, values: Mapping[str, Array], car: CarDimensions) -> Array:
   """The drive before a stretch, (N, 4), with the drive command that its motion took in place of its acceleration.
 
@@ -101,7 +118,7 @@ def taken(lead: Array, values: Mapping[str, Array], car: CarDimensions) -> Array
     values: simulator quantities of the cars, see twin/parameters.py.
     car: its measured numbers.
   """
-  out, speed = lead.copy(), lead[:, LEAD.index("motor_speed")]
+  out, speed = lead.copy(), lead[:, _BEFORE]
   spinning = values["rotor_inertia"] + 4.0 * car.gear_ratio**2 * values["wheel_inertia"]
   inertia = spinning + values["mass"] * (car.gear_ratio * car.wheel_radius) ** 2
   damping = values["motor_damping"] + values["driveline_damping"]

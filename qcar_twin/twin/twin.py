@@ -25,8 +25,8 @@ from qcar_twin.twin.parameters import WHEELS_AT_COMMAND
 from qcar_twin.twin.reading import at_one_time
 from qcar_twin.twin.sessions import ONE_SESSION, SessionShifts
 from qcar_twin.twin.simulation import Simulation
-from qcar_twin.twin.slots import STEPPED, Slot
-from qcar_twin.twin.starts import slipping, turning
+from qcar_twin.twin.slots import Slot, moves_start, under_way
+from qcar_twin.twin.starts import driven_before, slipping, turning
 from qcar_twin.twin.timers import stop_timers
 from qcar_twin.vehicle.drive import largest_command
 from qcar_twin.vehicle.mjcf import car_model, sinking
@@ -34,7 +34,7 @@ from qcar_twin.vehicle.vehicle import TyreKind, Vehicle
 
 Array = NDArray[np.float64]
 _AT_ONCE = 3  # times as many reduced cars as others side by side
-_WHEELS = START.index("steering_angle")
+_WHEELS, _ALONG = START.index("steering_angle"), START.index("velocity_x")
 _READ_ON = 25  # control periods after a stretch's end that sensors with fast clocks may still read
 
 
@@ -183,7 +183,7 @@ class Twin:
     return [
       Slot(m, rows, theta[rows][:, self._columns[m.name]])
       for m in self._chain
-      if m.stage in STEPPED and (rows := self.present(m, theta)) is not None
+      if under_way(m) and (rows := self.present(m, theta)) is not None
     ]
 
   def _engine(self, size: int, batch: Batch | None) -> Engine:
@@ -223,7 +223,7 @@ class Twin:
     """The same vectors with sensor-side mechanisms at their nominal values."""
     stepped = theta.copy()
     for mechanism in self.mechanisms:
-      if mechanism.stage == "sensor" and not _moves_start(mechanism):
+      if not (under_way(mechanism) or moves_start(mechanism)):
         stepped[:, self._columns[mechanism.name]] = [p.nominal for p in mechanism.parameters]
     return stepped
 
@@ -237,7 +237,7 @@ class Twin:
     if segments.start_rate is not None:
       start[:, _WHEELS] += self._turned(theta, start, commands[0])
     each = lambda a: None if a is None else tile(a)
-    history, lead = each(segments.history), each(segments.lead)
+    history, lead = each(segments.history), driven_before(each(segments.lead), functools.partial(self._begun, theta))
     start, rim = self._as_measured(theta, start, each(segments.start_rate), each(segments.start_push))
     ends = np.minimum(np.tile(segments.steps, n) + _READ_ON, length)  # after it a car rests: nothing is measured
     groups = self._apart(theta)
@@ -263,7 +263,7 @@ class Twin:
       return [slice(None)]
     busy = np.zeros(len(theta), dtype=bool)
     for mechanism in self.mechanisms:
-      if mechanism.stage in STEPPED and (rows := self.present(mechanism, theta)) is not None:
+      if under_way(mechanism) and (rows := self.present(mechanism, theta)) is not None:
         slot = Slot(mechanism, rows, theta[rows][:, self._columns[mechanism.name]])
         busy[rows] |= (slot.acts and not slot.foreseen) & ~mechanism.passes(slot.theta)
     if busy.all() or not busy.any():
@@ -284,16 +284,20 @@ class Twin:
     Where it is known how fast these changed, `rate` per s, (N, 7), tyres slip as the car's motion there needs: as what
     they push it with, (N,) m/s^2, where that was measured.
     """
-    slope = np.zeros_like(start) if rate is None else rate
-    for mechanism in filter(_moves_start, reversed(self._chain)):
-      rows = self.present(mechanism, theta)
-      if rows is not None:
-        start[rows] = mechanism.begin(theta[rows][:, self._columns[mechanism.name]], start[rows], slope[rows])
+    start = self._begun(theta, start, np.zeros_like(start) if rate is None else rate)
     if rate is None:
       return start, None
-    values, along = {name: theta[:, i] for i, name in enumerate(self.base.names)}, START.index("velocity_x")
-    push = rate[:, along] if push is None else np.where(np.isnan(push), rate[:, along], push)
-    return slipping(start, push, values, self.vehicle), start[:, along]
+    values = {name: theta[:, i] for i, name in enumerate(self.base.names)}
+    push = rate[:, _ALONG] if push is None else np.where(np.isnan(push), rate[:, _ALONG], push)
+    return slipping(start, push, values, self.vehicle), start[:, _ALONG]
+
+  def _begun(self, theta: Array, start: Array, rate: Array) -> Array:
+    """States (N, 7) as they were, given what the sensors said of them and of how fast they change; in place."""
+    for mechanism in filter(moves_start, reversed(self._chain)):
+      rows = self.present(mechanism, theta)
+      if rows is not None:
+        start[rows] = mechanism.begin(theta[rows][:, self._columns[mechanism.name]], start[rows], rate[rows])
+    return start
 
   def sensed(self, theta: Array, signals: Array, offset: Array) -> Array:
     """Signals (N, T + 1, 10) as the sensors of a car with parameters (N, P) show them. `signals` may be changed."""
@@ -343,7 +347,3 @@ class Twin:
 def _with_rows(signals: Array, rows: Rows, shown: Array) -> Array:
   signals[rows] = shown
   return signals
-
-
-def _moves_start(mechanism: Mechanism) -> bool:
-  return type(mechanism).begin is not Mechanism.begin

@@ -28,7 +28,7 @@ from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.engines import EngineKind
 from qcar_twin.twin.engines.reduced.cars import irreducible
 from qcar_twin.twin.mechanisms import curves, offered, select
-from qcar_twin.twin.mechanisms.base import Mechanism
+from qcar_twin.twin.mechanisms.base import AS_GOOD, Mechanism
 from qcar_twin.twin.sessions import ONE_SESSION, SessionShifts
 from qcar_twin.twin.twin import Twin
 from qcar_twin.vehicle.vehicle import Vehicle
@@ -188,10 +188,9 @@ def fitted_on(twin: Twin, plant: EngineKind) -> Twin:
 
 
 def seen_by(mechanism: Mechanism, recordings: Sequence[Recording]) -> bool:
-  """Whether the recordings hold every channel a mechanism needs; a speed stands for the motor's."""
+  """Whether the recordings hold every channel a mechanism needs, or one that is as good."""
   present = {name for r in recordings for name in r.channels}
-  present |= {"motor_speed"} if "speed" in present else set()
-  return all(name in present for name in mechanism.needs)
+  return all(present & {*AS_GOOD.get(name, (name,))} for name in mechanism.needs)
 
 
 def session_shifts(dataset: DataSet, vehicle: Vehicle) -> SessionShifts:

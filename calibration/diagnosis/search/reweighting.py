@@ -13,20 +13,32 @@ from calibration.fitting.optimiser import prior_cost
 from calibration.fitting.recalibration import NOTICED
 
 Array = NDArray[np.float64]
+_ROUNDS = 4  # of weights; each is another search from where the last one ended
 
 
 def reweight_if_worth_it(pool: Pool, leaders: Callable[[Pool], Sequence[Candidate]]) -> None:
   """Take channel weights from the least that any single leaves where that tells: what is explained was no noise.
 
   A late pose is all that the base leaves in the displacements, and hides itself: weighed by what is left, it counts as
-  their noise. Where they would change no single's worth by as much as a decision hangs on, all weights
-  stay as they were, so that all models stand at the minimum of one and the same cost. Elsewhere the base, the best
-  model and the other leaders are brought to the new one with all their columns. A leader left where it was would lose
-  to the best for no other reason. They go on to their minima: where they stand, sets that contain them begin.
+  their noise. What explains it has then only come as far as those weights drew it, so that it is asked again where it
+  ends with the new ones.
 
   Args:
     pool: all models so far.
     leaders: the models of a pool that explain nearly as much as the best.
+  """
+  for _ in range(_ROUNDS):
+    if not _reweighted(pool, leaders):
+      return
+
+
+def _reweighted(pool: Pool, leaders: Callable[[Pool], Sequence[Candidate]]) -> bool:
+  """Whether other weights tell, and were taken.
+
+  Where they would change no single's worth by as much as a decision hangs on, all weights stay as they were, so that
+  all models stand at the minimum of one and the same cost. Elsewhere the base, the best model and the other leaders are
+  brought to the new one with all their columns. A leader left where it was would lose to the best for no other reason.
+  They go on to their minima: where they stand, sets that contain them begin.
   """
   singles = pool.of_size(1)
   old = pool.problem.whiten(np.ones(len(pool.problem.observations)))
@@ -35,13 +47,14 @@ def reweight_if_worth_it(pool: Pool, leaders: Callable[[Pool], Sequence[Candidat
   worth = [_ahead(model, pool.base, ratio) for model in singles]
   changes = [abs(new - (pool.base.cost - model.cost)) for model, new in zip(singles, worth, strict=True)]
   if max(changes, default=0.0) < NOTICED or max(worth) <= 0.0:
-    return
+    return False
   best = singles[int(np.argmax(worth))]
   _reweight(pool, pool.problem.at(best.theta).reweighted(weighting), ratio)
   near = list({id(m): m for m in [best, *leaders(pool)]}.values())
   refine(pool.problem, [pool.base, *near], 1, full=True)
   refine(pool.problem, near, 1, full=True)
   refine(pool.problem, near, 2)
+  return True
 
 
 def _least_left(pool: Pool, models: Sequence[Candidate], old: Array) -> Weighting:

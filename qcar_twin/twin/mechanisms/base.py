@@ -31,6 +31,7 @@ SUBSYSTEMS: tuple[Subsystem, ...] = get_args(Subsystem)
 # from a command to what acts, and from the motion to what is logged
 Link = Literal["arrival", "device", "motion", "play", "geometry", "mount", "axes", "scale", "zero", "clock"]
 LINKS: tuple[Link, ...] = get_args(Link)
+AS_GOOD: Mapping[str, tuple[str, ...]] = {"speed": ("motor_speed", "speed")}  # any of these stands for a needed channel
 State = dict[str, Array]
 
 
@@ -183,7 +184,7 @@ class Mechanism:
       time, supply), device (how servo or motor controller reads them), motion (lags), play, geometry (of the linkage),
       zero. Sensors: mount, axes, scale, zero, clock.
     parameters: at least one; each with null, typical and a prior standard deviation or None.
-    needs: channels without which it cannot be distinguished ("yaw_rate", ...).
+    needs: channels without which it cannot be distinguished ("yaw_rate", ...), or one that is AS_GOOD.
     dissipative: True if it can only take energy out of the car.
     symmetric: True if mirrored commands give mirrored motion under it.
     varies: True if `write_model` must run every control period instead of once.

@@ -19,7 +19,7 @@ class EncoderLatency(Mechanism):
   subsystem = "sensor"
   stage = "sensor"
   link = "clock"
-  needs = ("motor_speed",)
+  needs = ("speed",)
   signed = True
   sensor_errors = {"encoder_latency": SensorError(0.003, per_period=0.25)}
   fitted_rank = 5

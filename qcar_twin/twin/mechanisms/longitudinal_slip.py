@@ -22,7 +22,7 @@ class LongitudinalSlip(Mechanism):
   name = "longitudinal_slip"
   subsystem = "tyre"
   stage = "contact"
-  needs = ("motor_speed", "pose_x")
+  needs = ("speed", "pose_x")
   signed = True
   absorbed_by_drive = True
   parameters = (

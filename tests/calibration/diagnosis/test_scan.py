@@ -60,6 +60,21 @@ def test_what_was_measured_tells_of_an_effect_that_recalibration_imitates():
   assert found.start["gyro_scale"] == pytest.approx(refit.estimate("gyro_scale")[0], rel=0.02)
 
 
+@pytest.mark.parametrize("scale", [-0.075, 0.075])
+def test_what_every_model_tolerates_is_sized_from_where_the_base_has_stopped(scale):
+  """A gyro is allowed for within 2 %, and reads 7.5 % too much or too little: beyond that, not on the other side."""
+  twin = rig.LinearTwin(("gyro_scale",))
+  problem = rig.problem_of(twin, rig.measure(twin, rig.drive(), {"gyro_scale": scale}))
+  allowed = dataclasses.replace(twin.parameters["gyro_scale"], lower=-0.02, upper=0.02, std=0.007, assumed=True)
+  stiff = {n: dataclasses.replace(rig.BASE[n], std=1e-3 * rig.BASE[n].nominal) for n in rig.BASE.names}
+  base = candidate(problem, (), None, rig.BASE.replace(**stiff) + [allowed])
+  simulate(problem, [base])
+  refine(problem, [base], 3, full=True)
+  assert base.estimate("gyro_scale")[0] == pytest.approx(np.sign(scale) * 0.02, rel=1e-3)
+  found = scan(problem, base, twin.mechanisms)["gyro_scale"]
+  assert found.start["gyro_scale"] == pytest.approx(scale, rel=0.05)
+
+
 def test_what_needs_a_channel_that_was_not_measured_is_untestable(offset_pool, monkeypatch):
   """A ripple over turns of the wheels without an encoder was claimed on a car that had only its speed logged."""
   problem = offset_pool.problem
@@ -69,6 +84,8 @@ def test_what_needs_a_channel_that_was_not_measured_is_untestable(offset_pool, m
   monkeypatch.setattr(kind, "needs", ("yaw_rate",))
   assert scan(problem, offset_pool.base, [problem.mechanism("steering_offset")])["steering_offset"].testable
   monkeypatch.setattr(kind, "needs", ("yaw_rate", "speed"))
+  assert scan(problem, offset_pool.base, [problem.mechanism("steering_offset")])["steering_offset"].testable, "motor's"
+  monkeypatch.setattr(kind, "needs", ("yaw_rate", "battery_voltage"))
   blind = scan(problem, offset_pool.base, [problem.mechanism("steering_offset")])["steering_offset"]
   assert not blind.testable and blind.gain == pytest.approx(seen.gain)
 

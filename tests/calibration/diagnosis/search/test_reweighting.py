@@ -34,6 +34,21 @@ def test_what_the_best_single_explains_stops_counting_as_noise(offset_pool):
   np.testing.assert_allclose(pool.models[KEY].residual[: pool.base.n_train], residual, atol=1e-9)
 
 
+def test_what_had_come_half_way_is_asked_again_where_it_ends(offset_pool):
+  """Weighed by what a half-fitted offset leaves, the rest of it would stay the noise that it is taken for."""
+  pool = weighed_by_the_base(offset_pool)
+  fitted = pool.models[KEY]
+  raw = pool.problem.raw(fitted.theta[None])[0]
+  place = fitted.free.index("steering_offset")
+  half = dataclasses.replace(fitted, theta=fitted.theta.copy(), values=fitted.values.copy(), settled=False)
+  half.values[place] = half.theta[pool.problem.parameters.index("steering_offset")] = 0.5 * fitted.values[place]
+  half.residual = pool.problem.residual(half.theta[None])[0]
+  pool.models[KEY] = half
+  reweight_if_worth_it(pool, lambda pool: [])
+  wanted = weighting_from(pool.problem.observations, raw, pool.floor).std
+  np.testing.assert_allclose(pool.problem.weighting.std, wanted, rtol=0.03)
+
+
 def test_weights_stay_where_nothing_hangs_on_them(clean_pool):
   pool = dataclasses.replace(clean_pool, models=dict(clean_pool.models))
   before = {key: m.cost for key, m in pool.models.items()}

@@ -108,6 +108,24 @@ def test_a_stretch_goes_on_with_what_the_loop_had_added_up(twin):
   assert all(led < 0.3 * empty and led < 0.03 for led, empty in zip(errors[::2], errors[1::2], strict=True)), errors
 
 
+@pytest.mark.parametrize("rate", [0.0, RATE])
+@pytest.mark.parametrize("engine", ["reduced", "mujoco"])
+def test_a_loop_keeps_the_speed_that_its_encoder_shows(engine, rate):
+  """Wheels 6 % larger than stated: the car is 6 % faster than one whose wheels are as stated, the encoder shows the
+  same, and so does a stretch that begins under way at once."""
+  car = Twin(CAR, select(["speed_loop_integral", "wheel_radius_error"]), substeps=2, threads=1, engine=engine)
+  made = {"speed_loop_integral": rate, "driveline_friction": 5.0 * car.base["driveline_friction"].nominal}
+  stated, larger = (car.parameters.vector(made | {"wheel_radius_error": e}) for e in (0.0, 0.06))
+  command = np.full(400, 1.0)
+  whole, other = (shown(car, theta, drive(command)) for theta in (stated, larger))
+  assert other[-1, SPEED] == pytest.approx(1.06 * whole[-1, SPEED], rel=2e-3)
+  assert other[-1, MOTOR] == pytest.approx(whole[-1, MOTOR], rel=2e-3)
+  before = {"command": 1.0, "motor_speed": whole[-1, MOTOR], "motor_acceleration": 0.0, "when": -0.1}
+  lead = np.array([[before[name] for name in LEAD]])
+  part = shown(car, larger, drive(command[:50], float(whole[-1, MOTOR] * TRAVEL), lead))
+  np.testing.assert_allclose(part[:50, SPEED], other[-1, SPEED], rtol=3e-3)
+
+
 def test_only_a_car_that_is_commanded_a_speed_can_have_it():
   with pytest.raises(ValueError, match="drive by speed"):
     Twin(QCAR, select(["speed_loop_integral"]))
