@@ -72,7 +72,7 @@ def test_what_every_model_tolerates_is_sized_from_where_the_base_has_stopped(sca
   refine(problem, [base], 3, full=True)
   assert base.estimate("gyro_scale")[0] == pytest.approx(np.sign(scale) * 0.02, rel=1e-3)
   found = scan(problem, base, twin.mechanisms)["gyro_scale"]
-  assert found.start["gyro_scale"] == pytest.approx(scale, rel=0.05)
+  assert found.start["gyro_scale"] == pytest.approx(scale, rel=0.1)  # 23 nats: known to 14 %
 
 
 def test_what_needs_a_channel_that_was_not_measured_is_untestable(offset_pool, monkeypatch):
