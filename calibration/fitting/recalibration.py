@@ -20,7 +20,7 @@ from calibration.fitting.observations import Observations, fitted_count, observe
 from calibration.fitting.optimiser import STENCILS, Fit, fit, prior_cost
 from calibration.fitting.slopes import Slopes, Stencil, central_differences
 from calibration.fitting.surrogate import Stretch, anchored
-from calibration.fitting.tolerances import widened
+from calibration.fitting.tolerances import weighed_beyond, widened
 from calibration.fitting.windows import DEFAULT_CUT, Cut
 from calibration.progress import Progress, silent
 from qcar_twin.parameters import ParameterSet
@@ -85,7 +85,8 @@ class Begun:
 def recalibrate(at: Begun, progress: Progress = silent) -> RecalibratedTwin:
   """The base parameters' fit from where it begins, within wider bounds where it stops at some.
 
-  A first descent shows most of them, before MuJoCo is asked; the fit is made once more where it shows another.
+  A first descent shows most of them, before MuJoCo is asked; the fit is made once more where it shows another, and with
+  other weights where it stops at a tolerance.
   """
   known = _unknown(at.problem)
   near = _fit(at.problem, at.base, at.start, _LONGEST, 0.0, (), known).theta
@@ -96,7 +97,11 @@ def recalibrate(at: Begun, progress: Progress = silent) -> RecalibratedTwin:
     progress("recalibration within wider bounds")
     wider = wider.replace(**late)
     fitted = settled(fitted.problem, at.noise_models, wider, fitted.fit.theta, at.command_shift, known)
-  return fitted
+  beyond, worth = weighed_beyond(fitted.problem, fitted.fit, fitted.jacobian, sensor_floor(at.noise_models))
+  if worth < NOTICED:
+    return fitted
+  progress("recalibration, weighed by what goes on beyond a tolerance")
+  return settled(fitted.problem.reweighted(beyond), at.noise_models, wider, fitted.fit.theta, at.command_shift)
 
 
 def begun(

@@ -4,13 +4,15 @@ Which they are and how large is declared by the mechanisms; see `Mechanism.senso
 """
 
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.fitting.likelihood import Problem, Weighting
 from calibration.fitting.noise import means_at_rest
-from calibration.fitting.observations import Observations
+from calibration.fitting.observations import CHANNELS, Observations
+from calibration.fitting.optimiser import Fit
 from qcar_twin.parameters import Parameter, ParameterSet
 from qcar_twin.recordings.recording import Recording
 from qcar_twin.twin.mechanisms import catalogue
@@ -20,6 +22,7 @@ from qcar_twin.twin.twin import Twin
 Array = NDArray[np.float64]
 _TOUCHES = 1e-4  # of a bound, within which an estimate has stopped there
 _UNUSUAL = 2.0  # standard deviations: one car in twenty
+_EXACT = 1e-9  # share of a sum of squares that is none
 _WIDEST = 3.0  # standard deviations that recalibration may use up; beyond them is a mechanism
 
 
@@ -118,6 +121,48 @@ def widened(parameters: ParameterSet, estimates: NDArray[np.float64]) -> Paramet
     elif value <= p.lower * (1.0 + _TOUCHES):
       moved[p.name] = dataclasses.replace(p, lower=0.5 * p.lower)
   return parameters.replace(**moved)
+
+
+def weighed_beyond(problem: Problem, fit: Fit, jacobian: Array, floor: Mapping[str, float]) -> tuple[Weighting, float]:
+  """Weights of every channel from what it leaves where the tolerance that explains most of it goes on, and what that is
+  worth by them, nats.
+
+  What goes on beyond a tolerance is physics, and no noise of a channel. A wheel whose radius is 6 % off is allowed
+  3.6 %; all of the rest is left in the displacement forward, many times what its sensor makes. Weighed by that, the
+  displacement tells next to nothing of the radius, and nobody asks what it is.
+
+  Args:
+    problem: residuals with the weights of the fit.
+    fit: the base parameters', p of them.
+    jacobian: d whitened residual / d base parameters, (M, p).
+    floor: standard deviation of each channel that its sensor makes, by name: no weight is of less.
+
+  Each channel has its own amount, by a straight line, outward only: r_c + J_c a with the a >= 0 that leaves least.
+  """
+  outward = _outward(problem, fit)
+  channel, std, worth = problem.observations.channel[: problem.n_train], problem.weighting.std.copy(), 0.0
+  for index in np.unique(channel):
+    rows = channel == index
+    residual, slopes = fit.residual[rows], jacobian[: problem.n_train][rows] * outward
+    power, pull = np.sum(slopes**2, axis=0), np.maximum(-(residual @ slopes), 0.0)
+    taken = np.max(np.divide(pull**2, power, out=np.zeros_like(power), where=power > 0.0), initial=0.0)
+    if taken == 0.0:
+      continue
+    least = floor.get(CHANNELS[index], 0.0) / std[index]
+    left = max(1.0 - taken / float(residual @ residual), least**2, _EXACT)
+    std[index] *= min(np.sqrt(left), 1.0)
+    worth += 0.5 * taken / left
+  return dataclasses.replace(problem.weighting, std=std), worth
+
+
+def _outward(problem: Problem, fit: Fit) -> Array:
+  """Sign of the way beyond the bound at which a tolerance stopped, (p,); 0 for all other parameters."""
+  out = np.zeros(len(fit.theta))
+  for i, (p, value) in enumerate(zip(fit.parameters, fit.theta, strict=True)):
+    if fit.at_bound[i] and p.assumed and p.null is not None:
+      declared, low = problem.parameters[p.name], value - p.lower < p.upper - value
+      out[i] = -float(declared.lower < p.lower) if low else float(declared.upper > p.upper)
+  return out
 
 
 def stopped(parameters: ParameterSet, estimates: NDArray[np.float64], at_bound: NDArray[np.bool_]) -> str:
