@@ -25,7 +25,7 @@ class Claim:
     parameters: value, std and unit of each of its parameters.
     alternatives: what fitted in its place, with its nats, best first.
     indistinguishable_from: alternatives that fit as well.
-    certain: False if what is left over throws doubt on the name.
+    certain: False if what is left over throws doubt on the name, and has lowered both probabilities.
   """
 
   mechanism: str

@@ -41,6 +41,11 @@ def left_out(d: Diagnosis) -> Section:
       "\n\nThe error is the squared error above sensor noise of the recalibrated twin. What a mechanism takes off comes"
       " back when it is left out and the others are refitted."
     )
+  if not all(claim.certain for claim in d.decision.claims):
+    text += (
+      "\n\nWhat is left has structure without a name, and that lowers every probability: of names claimed beside such a"
+      " rest fewer are right."
+    )
   return Section(title, f"{text}{_not_claimed(d)}", [table])
 
 

@@ -118,7 +118,7 @@ def unknown_summary(decision: Decision) -> dict[str, Any]:
     return out
   if decision.unknown is not None:
     name, comparison = decision.unknown
-    known = sum(max(c.held_out.gain, 0.0) for c in decision.claims if c.certain)
+    known = sum(max(c.held_out.gain, 0.0) for c in decision.claims)
     share = 1.0 - known / comparison.gain if comparison.gain > 0 else 0.0
     out |= {"depends_on": unknown_variables(name), "share": float(np.clip(share, 0.0, 1.0))}
   if decision.leftovers:

@@ -65,6 +65,15 @@ def test_a_name_that_leaves_much_over_is_doubted(offset_pool):
   assert left(0.9 * levels.remains).verdict == "explained"
 
 
+def test_doubt_on_a_name_is_no_gain_of_the_names_like_it(offset_pool):
+  """What the claim loses is nobody's: the mixture that cars are drawn from has it as the car without either."""
+  right, most = decided(offset_pool), smooth(8.0 * usual_levels().material)
+  like = dataclasses.replace(right.claims[0], probability=0.5, shared=0.9, indistinguishable_from=("side_force",))
+  doubted = said(dataclasses.replace(right, claims=(like,)), [most], [most]).claims[0]
+  assert not doubted.certain
+  assert doubted.probability / doubted.shared == pytest.approx(0.5 / 0.9)
+
+
 def test_smooth_structure_is_what_is_large_and_not_by_chance():
   levels = usual_levels()
   for size, t, notable in ((1.1, 4.0, True), (0.9, 4.0, False), (9.0, 1.0, False)):
