@@ -25,7 +25,8 @@ class ChannelFit:
 
   Attributes:
     noise_floor, driving_noise: of the sensors at standstill and while driving, in the channel's unit.
-    ci95: bounds of after / before - 1 by a block bootstrap: negative is an improvement.
+    ci95: bounds of after / before - 1 by a block bootstrap: negative is an improvement; NaN of a single block, which
+      shows no scatter.
   """
 
   before: float
@@ -168,7 +169,7 @@ def channel_fit(
   picks = random.integers(0, sums.shape[1], (500, sums.shape[1]))
   ratio = np.sqrt(sums[1][picks].sum(axis=1) / np.maximum(sums[0][picks].sum(axis=1), 1e-30)) - 1.0
   before, after = np.sqrt(squares.mean(axis=1))
-  low, high = np.quantile(ratio, [0.025, 0.975])
+  low, high = np.quantile(ratio, [0.025, 0.975]) if sums.shape[1] > 1 else (np.nan, np.nan)
   still, driving = (float(floor.get(name, 0.0)) for floor in floors)
   return ChannelFit(float(before), float(after), still, driving, (float(low), float(high)),
                     UNITS[name], int(rows.sum()))  # fmt: skip

@@ -47,12 +47,19 @@ def alike_words(found: Found) -> str:
   return ", or ".join(other)
 
 
-def sentence(found: Found, change: float = 1.0) -> str:
+def _taken(change: float | None) -> str:
+  if change is None:
+    return "is found in what was fitted; no held-out recordings show what it is worth"
+  size, errors = abs(100.0 * (change - 1.0)), "the held-out errors (geometric mean over the channels)"
+  return f"takes {size:.0f} % off {errors}" if change <= 1.0 else f"adds {size:.0f} % to {errors}"
+
+
+def sentence(found: Found, change: float | None = None) -> str:
   """What was found, in one or two sentences.
 
   Args:
     found: of `find_formula`.
-    change: held-out errors, after over before.
+    change: held-out errors, after over before; None without any.
   """
   if found.sought is None or found.sought.forms is None:
     return f"No formula was found: {found.why}."
@@ -65,6 +72,6 @@ def sentence(found: Found, change: float = 1.0) -> str:
     said += f", {equation(found)},"
   else:
     said += f", as a table, since no formula holds {HOLDS:.0%} of what the table does,"
-  said += f" takes {100.0 * (1.0 - change):.0f} % off the held-out errors (geometric mean over the channels)."
+  said += f" {_taken(change)}."
   alike = alike_words(found)
   return f"{said} These recordings can't tell it from {alike}." if alike else said

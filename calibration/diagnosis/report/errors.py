@@ -123,7 +123,9 @@ def error_table(caption: str, fits: Fits, curved: Fits | None = None) -> Table:
   for name, f in fits.items():
     more: tuple[Cell, ...] = (curved[name].after if name in curved else None,) if curved else ()
     change = 100 * (f.after / f.before - 1.0) if f.before else 0.0
-    interval = f"{100 * f.ci95[0]:+.1f} to {100 * f.ci95[1]:+.1f}".replace("-", "−")
+    interval = (
+      f"{100 * f.ci95[0]:+.1f} to {100 * f.ci95[1]:+.1f}".replace("-", "−") if np.isfinite(f.ci95).all() else None
+    )
     rows.append((RESIDUALS[name].axis, f.before, f.after, *more, f.noise, _size(f), round(change, 1), interval))
   extra = ("with curves",) if curved else ()
   columns = ("channel", "before", "after", *extra, "sensor noise", "after / noise", "change [%]", "95 % interval [%]")

@@ -191,8 +191,8 @@ def _kept(pool: Pool, name: str) -> float:
 
   1 where it was not refitted, or where one effect is so strong that nothing refitted without it tells anything.
   """
-  alone, strongest = pool.models.get(frozenset([name])), min(m.cost for m in pool.of_size(1))
-  if alone is None or pool.signatures[name].gain <= 0 or strongest < _OVERSHADOWED * pool.base.cost:
+  alone = pool.models.get(frozenset([name]))
+  if alone is None or pool.signatures[name].gain <= 0 or pool.foremost(1)[0].cost < _OVERSHADOWED * pool.base.cost:
     return 1.0
   return float(np.clip((pool.base.cost - alone.cost) / pool.signatures[name].gain, _DOUBTED, 1.0))
 

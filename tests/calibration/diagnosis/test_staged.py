@@ -32,6 +32,14 @@ def test_what_is_ready_can_be_read_and_gone_on_with(offset_pool, tmp_path):
   assert not folder.exists()
 
 
+def test_what_another_run_left_is_not_taken_for_this_one(offset_pool, tmp_path):
+  """A run that was stopped after its search left evidence; the next one, stopped in its scan, has none."""
+  evidence, twin = gather(offset_pool), Twin(Vehicle.load(), select([]), threads=1)
+  Staged(tmp_path).weighed(evidence, decide(evidence))
+  Staged(tmp_path).base(twin, twin.parameters.nominal)
+  assert [file.name for file in (tmp_path / FOLDER).iterdir()] == ["recalibrated.toml"]
+
+
 def test_nowhere_nothing_is_written(offset_pool, tmp_path, monkeypatch):
   monkeypatch.chdir(tmp_path)
   NOWHERE.scanned(offset_pool.signatures)

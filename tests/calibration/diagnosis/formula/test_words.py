@@ -103,3 +103,10 @@ def test_what_held_out_recordings_speak_against_is_not_written(after: float, fil
     twin, theta = load_twin(tmp_path / TWIN, threads=1)
     assert theta[twin.parameters.index("unnamed_force_x_1")] == -1.19
   assert write_formula(None, tmp_path, "a log") == []
+
+
+def test_without_held_out_recordings_nothing_is_said_of_their_errors():
+  (section,) = formula_sections(Shipped(found_of(), {}))
+  assert "%" not in section.text and "no held-out recordings" in section.text
+  (worse,) = formula_sections(Shipped(found_of(), errors(10.5)))
+  assert "adds 5 % to the held-out errors" in worse.text and "off the held-out" not in worse.text
