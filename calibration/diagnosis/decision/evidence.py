@@ -21,7 +21,7 @@ from qcar_twin.untrusted import UnreadableFile, read_json
 
 FILE = "evidence.json"
 DIGITS = ".6g"  # of every number in it
-_NOT_READ = {"size", "typical", "added"}  # what earlier files also have; nothing depends on it
+_NOT_READ = {"size", "typical", "added", "profile"}  # what earlier files also have; nothing depends on it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,7 +102,6 @@ class Named:
   Attributes:
     name: id of the mechanism.
     held_out: the two compared on groups left out; its drop has the priors.
-    profile: log profile likelihood ratio of the two, nats.
     at_bound: whether an amplitude went as far as it may.
     errors: what it takes off each channel.
     estimates: of its parameters.
@@ -114,7 +113,6 @@ class Named:
 
   name: str
   held_out: Comparison
-  profile: float
   at_bound: bool
   errors: tuple[Taken, ...]
   estimates: tuple[Estimate, ...]

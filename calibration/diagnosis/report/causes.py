@@ -43,7 +43,7 @@ def left_out(d: Diagnosis) -> Section:
     )
   if not all(claim.certain for claim in d.decision.claims):
     text += (
-      "\n\nThe rest has structure without a name. That lowers every probability, since of names claimed with such a rest"
+      "\n\nThe rest has structure without a name. That lowers every probability: of names claimed with such a rest"
       " fewer are right."
     )
   return Section(title, f"{text}{_not_claimed(d)}", [table])

@@ -25,14 +25,7 @@ from calibration.diagnosis.decision.structure import Leftover
 from calibration.diagnosis.holdout_errors import ChannelFit, held_out_error
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.scan import Projector
-from calibration.diagnosis.score import (
-  clustered_std,
-  compare,
-  compare_freely,
-  errors_taken_off,
-  evidence,
-  prior_part,
-)
+from calibration.diagnosis.score import clustered_std, compare, compare_freely, errors_taken_off, prior_part
 from calibration.diagnosis.search.structure import ensure
 from calibration.diagnosis.search.weighing import stretched
 from calibration.diagnosis.unexplained.leftover import leftovers
@@ -168,7 +161,6 @@ class Weighing:
     return Named(
       name=name,
       held_out=test,
-      profile=evidence(model, without, self.observations),
       at_bound=at_bound,
       errors=tuple(Taken(channel, share, t) for channel, (share, t) in taken.items()),
       estimates=self._estimates(model, name),

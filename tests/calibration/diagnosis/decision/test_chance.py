@@ -15,7 +15,7 @@ BLOCKS, MECHANISMS = 40, 30
 
 
 def named(scores, name="any"):
-  return Named(name, Comparison(0.0, 0.0, 0.0, (), 0.0), 0.0, False, (), (), scores=tuple(scores))
+  return Named(name, Comparison(0.0, 0.0, 0.0, (), 0.0), False, (), (), scores=tuple(scores))
 
 
 def evidence_of(scores):
