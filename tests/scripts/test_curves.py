@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.curves import after_diagnosis
-from calibration.diagnosis.curves.after_diagnosis import wanted, write_with_curves
+from calibration.diagnosis.curves.after_diagnosis import judged_with_curves, wanted, write_with_curves
 from calibration.diagnosis.curves.driven import error_of
 from calibration.diagnosis.curves.report.page import sections
 from calibration.diagnosis.curves.report.shapes import shapes
@@ -67,6 +67,14 @@ def test_what_is_shipped_is_fitted_to_what_judged_too(done):
     assert ratio(error_of(twin, judging), study.judged[kind]) < 1.0
 
 
+def test_validation_errors_beside_a_diagnosis_are_of_a_twin_that_had_not_seen_them(done, outcome):
+  """As those of the diagnosed twin are: the twin that is written was fitted to these recordings since."""
+  study, (dataset, diagnosed) = done[0], outcome
+  roles, _ = judged_with_curves(study, diagnosed, ready(dataset)[0])
+  said = {name: fit.after for name, fit in roles["validate"].fits.items()}
+  assert ratio(said, study.judged[study.best]) == pytest.approx(1.0, abs=0.02)
+
+
 def test_names_stand_where_they_will_do_and_no_curve_where_none_departs(done):
   study, _ = done
   there = {o.curve: o for o in study.outlines if o.is_there}
@@ -82,12 +90,12 @@ def test_what_is_written_is_whole(done):
   document = json.loads((out / "curves.json").read_text())
   assert [c["curve"] for c in document["curves"]] == [o.curve for o in study.outlines]
   twin, theta = load_twin(out / "twin.toml")
-  shipped, kept = study.shipped
+  kept = study.shipped
   twins = {"curves": study.found, "characterised": study.told, "named": study.named}
   judged = {kind: ratio(study.judged[kind], study.judged["base"]) for kind in ("base", *twins)}
   assert document["best"] == study.best == min(judged, key=judged.__getitem__)
-  assert shipped.engine == "mujoco" and shipped.parameters.names == twins[study.best].twin.parameters.names
-  values, expected = twin.parameters.named(theta), shipped.parameters.named(kept)
+  assert kept.twin.engine == "mujoco" and kept.twin.parameters.names == twins[study.best].twin.parameters.names
+  values, expected = twin.parameters.named(theta), kept.twin.parameters.named(kept.theta)
   for name in twin.parameters.names:
     assert values[name] == pytest.approx(expected[name])
 
