@@ -71,7 +71,6 @@ def compare_twins(
   recordings: Sequence[Recording],
   floor: Mapping[str, float],
   cut: Cut,
-  seed: int = 0,
   without: Mapping[str, Array] | None = None,
 ) -> tuple[dict[str, ChannelFit], Replay | None]:
   """Errors of two parameter vectors on recordings, per channel.
@@ -82,7 +81,6 @@ def compare_twins(
     recordings: what to predict.
     floor: noise of each residual channel at standstill.
     cut: how recordings are cut; the timing that was fitted.
-    seed: of the bootstrap.
     without: parameter vectors of the repaired twin without one of its mechanisms, by its name, (P,) each.
 
   Returns:
@@ -93,7 +91,7 @@ def compare_twins(
   observations, reduced = observe(recordings, twin.vehicle, cut), without or {}
   prediction = twin.rollout(np.stack([before, after, *reduced.values()]), observations.stretches.segments)
   errors = observations.predict(prediction) - observations.measured
-  random = np.random.default_rng(seed)
+  random = np.random.default_rng(0)
   driving = residual_floor(driving_noise(recordings))
   fits = {name: channel_fit(observations, errors, name, (floor, driving), random) for name in observations.present}
   return fits, Replay(observations, errors[0], errors[1], dict(zip(reduced, errors[2:], strict=True)))

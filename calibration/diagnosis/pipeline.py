@@ -11,7 +11,7 @@ from calibration.diagnosis.considered import always_free, considered
 from calibration.diagnosis.decision.conclude import above_level, conclude, judged
 from calibration.diagnosis.decision.decide import Decision, decide
 from calibration.diagnosis.decision.evidence import Evidence
-from calibration.diagnosis.decision.levels import Levels, usual_levels
+from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.experiment import next_experiment
 from calibration.diagnosis.formula.after import formula_left, left_unexplained
 from calibration.diagnosis.formula.looking import STAGE
@@ -89,7 +89,6 @@ def diagnose(
   candidates: Sequence[str] | None = None,
   start: Start | None = None,
   effort: Effort = Effort(),
-  levels: Levels | None = None,
   substeps: int = SUBSTEPS,
   threads: int = 0,
   progress: Progress = silent,
@@ -105,7 +104,6 @@ def diagnose(
     candidates: ids of the only mechanisms that may be named; the whole catalogue by default.
     start: a twin to go on from, with its parameters: they are the first guess, and its mechanisms are in every model.
     effort: how wide to search.
-    levels: what decides; those of decision/levels.toml by default.
     substeps: simulation steps per control period of 10 ms.
     threads: of the simulation, 0 for all cores.
     progress: reports the stage and how much of it is done.
@@ -123,20 +121,20 @@ def diagnose(
   noise = residual_floor(driving_noise([r for r in dataset.recordings if r.role != "holdout"]))
   baseline, pool = _searched(begun.recalibrated, tried, effort, clock, staged, noise)
   cut = Cut(command_shift=baseline.command_shift, most=LONGEST)
-  diagnosis = _judged(begun, twin, pool, cut, levels or usual_levels(), clock, staged, effort.formula)
+  diagnosis = _judged(begun, twin, pool, cut, clock, staged, effort.formula)
   return Outcome(diagnosis, twin, pool.base.theta, diagnosis.model.theta, cut)
 
 
 def _judged(
-  begun: Prepared, twin: Twin, pool: Pool, cut: Cut, levels: Levels, clock: "_Clock", staged: Staged, formulas: bool
+  begun: Prepared, twin: Twin, pool: Pool, cut: Cut, clock: "_Clock", staged: Staged, formulas: bool
 ) -> Diagnosis:
   """What is said of a pool: names, what is left, where it shows; hold-out recordings are opened at the end."""
   clock.start("decision")
   dataset, evidence = begun.dataset, gather(pool, begun.dataset.name)
-  named = decide(evidence, levels)
+  named = decide(evidence)
   staged.weighed(evidence, named)
   validate, judging = _before_and_after(twin, pool, named, dataset.role("validate"), cut)
-  decision, unknowns, evidence = _concluded(named, pool, evidence, validate, levels)
+  decision, unknowns, evidence = _concluded(named, pool, evidence, validate)
   clock.start("location")
   place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)
   clock.start("hold-out")
@@ -202,10 +200,10 @@ def _searched(
 
 
 def _concluded(
-  named: Decision, pool: Pool, evidence: Evidence, validate: Mapping[str, ChannelFit], levels: Levels
+  named: Decision, pool: Pool, evidence: Evidence, validate: Mapping[str, ChannelFit]
 ) -> tuple[Decision, dict[str, Candidate], Evidence]:
   """The verdict; UNKNOWN rivals that say where what is left could act, none where nothing is; what is left."""
-  before, after = errors_left(validate, pool)
+  levels, (before, after) = usual_levels(), errors_left(validate, pool)
   evidence = evidence.with_left((), [*what_is_left(pool, ()), *before])
   model = judged(named, evidence, levels)
   if model:

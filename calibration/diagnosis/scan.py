@@ -42,7 +42,6 @@ class Signature:
       where a channel was not measured without which it cannot be told apart.
     unabsorbed_share: share of that signature that recalibration cannot absorb, 0 to 1.
     direction: projected signature of the best trial on the fitted values, (K,), float32.
-    trials: gain per trial: (values, nats).
     unprofiled: gain of the best trial if nothing is projected out, nats: what a plain ranking would go by.
     tried, imitated: values of the best trial as it was scanned, whose `direction` it is, and how the base parameters
       would move to imitate it, by name.
@@ -55,7 +54,6 @@ class Signature:
   shown: float
   unabsorbed_share: float
   direction: NDArray[np.float32]
-  trials: tuple[tuple[dict[str, float], float], ...]
   unprofiled: float
   tried: dict[str, float] = dataclasses.field(default_factory=dict)
   imitated: dict[str, float] = dataclasses.field(default_factory=dict)
@@ -246,17 +244,15 @@ def _with(problem: Problem, theta: Array, values: dict[str, float]) -> Array:
 def _signature(mechanism: Mechanism, trials: list[Trial], left: tuple[Array, Array], base: Sequence[str]) -> Signature:
   factors, gains = zip(*(_scaled(mechanism, trial, *left) for trial in trials), strict=True)
   top = int(np.argmax(gains))
-  values = [_resized(mechanism, t.start, f) for t, f in zip(trials, factors, strict=True)]
   most = max(trials, key=lambda t: t.shown)
   return Signature(
     mechanism=mechanism.name,
-    start=values[top],
+    start=_resized(mechanism, trials[top].start, factors[top]),
     answer=dict(zip(base, (factors[top] * trials[top].answer).tolist(), strict=True)),
     gain=gains[top],
     shown=most.shown,
     unabsorbed_share=most.unabsorbed,
     direction=trials[top].rest,
-    trials=tuple(zip(values, gains, strict=True)),
     unprofiled=max(t.unprofiled for t in trials),
     tried=trials[top].start,
     imitated=dict(zip(base, trials[top].answer.tolist(), strict=True)),

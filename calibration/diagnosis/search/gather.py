@@ -25,7 +25,7 @@ from calibration.diagnosis.decision.structure import Leftover
 from calibration.diagnosis.holdout_errors import ChannelFit, held_out_error
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.scan import Projector
-from calibration.diagnosis.score import clustered_std, compare, compare_freely, errors_taken_off, prior_part
+from calibration.diagnosis.score import clustered_std, compare, compare_freely, errors_taken_off
 from calibration.diagnosis.search.structure import ensure
 from calibration.diagnosis.search.weighing import stretched
 from calibration.diagnosis.unexplained.leftover import leftovers
@@ -93,7 +93,6 @@ class Weighing:
     return Model(
       mechanisms=_names(model),
       drop=base.cost - model.cost,
-      prior_cost=prior_part(model),
       names=tuple(self.named(model, name) for name in _names(model)),
       sensors=tuple(self.sensors(model)),
       against=tuple(against),

@@ -111,10 +111,10 @@ def search(
   return pool
 
 
-def ensure(pool: Pool, sets: Iterable[frozenset[str]], iterations: int = 3) -> None:
+def ensure(pool: Pool, sets: Iterable[frozenset[str]]) -> None:
   """Fit sets that are not in the pool yet."""
   new = [s for s in sets if s not in pool.models]
-  _fit_sets(pool, new, iterations)
+  _fit_sets(pool, new, Effort.iterations)
   confirm(pool, closely=[pool.models[key] for key in new])
 
 

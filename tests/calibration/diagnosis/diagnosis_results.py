@@ -62,7 +62,7 @@ def diagnosis_of(pool, claimed=(), verdict="explained", unknown=None, **changes)
     "decision": decision,
     "location": locate(pool, model, {"unknown_steering": 80.0, "unknown_force_y": 20.0}),
     "pool": pool,
-    "evidence": Evidence("linear car", (Model((), 0.0, 0.0),), ()),
+    "evidence": Evidence("linear car", (Model((), 0.0),), ()),
     "validate": fits,
     "holdout": fits,
     "replay": replay_of(pool, model),

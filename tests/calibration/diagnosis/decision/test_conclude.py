@@ -65,7 +65,7 @@ def smooth(size, t=4.0, blocks=36):
 
 def said(decision, before, after):
   """The verdict on a decision where the recalibrated twin and the model behind the claims leave something."""
-  evidence = Evidence("linear car", (Model((), 0.0, 0.0),), ()).with_left((), before)
+  evidence = Evidence("linear car", (Model((), 0.0),), ()).with_left((), before)
   return conclude(decision, evidence.with_left(decision.mechanisms, after), usual_levels())
 
 

@@ -111,7 +111,7 @@ GYRO = Measured("imu_latency", 0.0, 0.005, 0.1, 0.01, "s", usual=True)
 def test_a_name_reconciles_where_a_figure_departs_without_it_and_none_departs_instead(without, measured, said):
   test = Comparison(gain=0.0, t=0.0, share_positive=0.0, blocks=(), before=1.0)
   name = Named("payload", test, False, (), (), without=without)
-  assert reconciles(name, Model(("payload",), 0.0, 0.0, measured=measured), LEVELS) == said
+  assert reconciles(name, Model(("payload",), 0.0, measured=measured), LEVELS) == said
 
 
 @pytest.mark.parametrize(
