@@ -103,6 +103,11 @@ def ratio(after: Mapping[str, float], before: Mapping[str, float]) -> float:
   return float(np.exp(np.mean(np.log(shares)))) if shares else 1.0
 
 
+def change(fits: Mapping[str, ChannelFit]) -> float:
+  """Geometric mean over the channels of the errors, after over before; 1 without any."""
+  return ratio({n: f.after for n, f in fits.items()}, {n: f.before for n, f in fits.items()})
+
+
 def recovered_share(fits: Mapping[str, ChannelFit]) -> float:
   """Share of the squared error above what the sensors make while driving that the repair removed; 0 without any."""
   floor = {name: f.noise for name, f in fits.items()}

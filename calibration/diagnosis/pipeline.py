@@ -1,8 +1,9 @@
 """The diagnosis from end to end: a data set in, a verdict, a repaired twin and a report out."""
 
 import dataclasses
+import functools
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from calibration.diagnosis.decision.decide import Decision, decide
 from calibration.diagnosis.decision.evidence import Evidence
 from calibration.diagnosis.decision.levels import usual_levels
 from calibration.diagnosis.experiment import next_experiment
-from calibration.diagnosis.formula.after import formula_left, left_unexplained
+from calibration.diagnosis.formula.after import formula_left
 from calibration.diagnosis.formula.looking import STAGE
 from calibration.diagnosis.holdout_errors import ChannelFit, Replay, compare_twins
 from calibration.diagnosis.locate import Location, locate
@@ -133,14 +134,15 @@ def _judged(
   dataset, evidence = begun.dataset, gather(pool, begun.dataset.name)
   named = decide(evidence)
   staged.weighed(evidence, named)
-  validate, judging = _before_and_after(twin, pool, named, dataset.role("validate"), cut)
-  decision, unknowns, evidence = _concluded(named, pool, evidence, validate)
+  errors = functools.cache(lambda mechanisms, role: _before_and_after(twin, pool, mechanisms, dataset.role(role), cut))
+  validate, judging = errors(named.mechanisms, "validate")
+  decision, unknowns, evidence = _concluded(named, pool, evidence, lambda model: errors(model, "validate")[0])
   clock.start("location")
   place, experiment = _located(pool, decision, unknowns), next_experiment(pool, decision)
   clock.start("hold-out")
-  holdout, unseen = _before_and_after(twin, pool, decision, dataset.role("holdout"), cut)
+  holdout, unseen = errors(decision.mechanisms, "holdout")
   formula = None
-  if formulas and left_unexplained(decision):
+  if formulas and decision.nameless:
     clock.start(STAGE)
     formula = formula_left(pool, decision, dataset.role("holdout"), cut, clock.progress)
   return Diagnosis(
@@ -200,14 +202,17 @@ def _searched(
 
 
 def _concluded(
-  named: Decision, pool: Pool, evidence: Evidence, validate: Mapping[str, ChannelFit]
+  named: Decision, pool: Pool, evidence: Evidence, judging: Callable[[tuple[str, ...]], Mapping[str, ChannelFit]]
 ) -> tuple[Decision, dict[str, Candidate], Evidence]:
-  """The verdict; UNKNOWN rivals that say where what is left could act, none where nothing is; what is left."""
-  levels, (before, after) = usual_levels(), errors_left(validate, pool)
-  evidence = evidence.with_left((), [*what_is_left(pool, ()), *before])
+  """The verdict; UNKNOWN rivals that say where what is left could act, none where nothing is; what is left.
+
+  `judging`: errors of the recalibrated twin and of one with some mechanisms on recordings that only judge.
+  """
+  levels = usual_levels()
+  evidence = evidence.with_left((), [*what_is_left(pool, ()), *errors_left(judging(named.mechanisms), pool)[0]])
   model = judged(named, evidence, levels)
   if model:
-    evidence = evidence.with_left(model, [*what_is_left(pool, model), *after])
+    evidence = evidence.with_left(model, [*what_is_left(pool, model), *errors_left(judging(model), pool)[1]])
   unknowns = fit_unknowns(pool) if above_level(evidence.left(model) or (), levels) else {}
   return conclude(named, evidence, levels, best_unknown(pool, unknowns)), unknowns, evidence
 
@@ -220,9 +225,9 @@ def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]) -> 
 
 
 def _before_and_after(
-  twin: Twin, pool: Pool, decision: Decision, recordings: Sequence[Recording], cut: Cut
+  twin: Twin, pool: Pool, mechanisms: Sequence[str], recordings: Sequence[Recording], cut: Cut
 ) -> tuple[dict[str, ChannelFit], Replay | None]:
-  model, key = pool.model(decision.mechanisms), frozenset(decision.mechanisms)
+  model, key = pool.model(mechanisms), frozenset(mechanisms)
   without = {name: pool.models[key - {name}].theta for name in model.mechanisms if key - {name} in pool.models}
   return compare_twins(twin, pool.base.theta, model.theta, recordings, pool.floor, cut, without=without)
 

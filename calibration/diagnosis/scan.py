@@ -154,8 +154,7 @@ def scan(
   chunk = 24
   for i in range(0, len(jobs), chunk):
     part = jobs[i : i + chunk]
-    thetas = np.stack([_with(problem, base.theta, start) for _, start in part])
-    change = problem.fitted_residual(thetas) - residual
+    change = problem.fitted_residual(varied(problem, base.theta, [start for _, start in part])) - residual
     for (mechanism, start), whole in zip(part, change, strict=True):
       project = projectors.get(mechanism.name, common)
       rest, answer = project(whole[None])[0], project.answer(whole[None])[0]
@@ -234,11 +233,12 @@ def confusion(signatures: dict[str, Signature]) -> dict[str, dict[str, float]]:
   }
 
 
-def _with(problem: Problem, theta: Array, values: dict[str, float]) -> Array:
-  out = theta.copy()
-  for name, value in values.items():
-    out[problem.parameters.index(name)] = value
-  return out
+def varied(problem: Problem, theta: Array, starts: Sequence[Mapping[str, float]]) -> Array:
+  """Full parameters, (n, P): those of theta, (P,), with some values changed in each row."""
+  rows = np.tile(theta, (len(starts), 1))
+  for row, start in zip(rows, starts, strict=True):
+    row[[problem.parameters.index(name) for name in start]] = list(start.values())
+  return rows
 
 
 def _signature(mechanism: Mechanism, trials: list[Trial], left: tuple[Array, Array], base: Sequence[str]) -> Signature:
@@ -247,7 +247,7 @@ def _signature(mechanism: Mechanism, trials: list[Trial], left: tuple[Array, Arr
   most = max(trials, key=lambda t: t.shown)
   return Signature(
     mechanism=mechanism.name,
-    start=_resized(mechanism, trials[top].start, factors[top]),
+    start=resized(mechanism, trials[top].start, factors[top]),
     answer=dict(zip(base, (factors[top] * trials[top].answer).tolist(), strict=True)),
     gain=gains[top],
     shown=most.shown,
@@ -268,11 +268,16 @@ def _scaled(mechanism: Mechanism, trial: Trial, residual: Array, deviations: Arr
   pull = float(residual @ trial.rest) + float(deviations @ trial.strain)
   lowest = -2.0 if mechanism.signed else 0.0
   best = float(np.clip(-pull / power, lowest, 2.0)) if power > 0 else 0.0
-  # a refit that starts at nothing has no slope to follow: keep a tenth of the trial at least
-  return (best if abs(best) > 0.1 else 0.1), -best * pull - 0.5 * best**2 * power
+  return worth_starting(best), -best * pull - 0.5 * best**2 * power
 
 
-def _resized(mechanism: Mechanism, start: dict[str, float], factor: float) -> dict[str, float]:
+def worth_starting(factor: float) -> float:
+  """A factor on a trial's size, a tenth at least: a refit that starts at nothing has no slope to follow."""
+  return factor if abs(factor) > 0.1 else 0.1
+
+
+def resized(mechanism: Mechanism, start: Mapping[str, float], factor: float) -> dict[str, float]:
+  """Values with the amplitudes so many times as far from their null, within their bounds."""
   values = dict(start)
   for p in mechanism.parameters:
     if p.null is not None and p.name in start:

@@ -27,6 +27,7 @@ from qcar_twin.pages.page import show
 from qcar_twin.recordings.dataset import DataSet
 from qcar_twin.twin.file import load_twin
 from scripts import curves
+from tests.calibration.diagnosis.diagnosis_results import decision_of
 from tests.scripts.tiny_session import write
 
 pytestmark = pytest.mark.slow
@@ -166,7 +167,7 @@ def test_sessions_stand_in_a_table_with_their_trims_in_degrees(done):
 
 @pytest.mark.parametrize("name", ["no_mismatch", "explained", "partly_explained", "unexplained"])
 def test_curves_are_fitted_where_something_has_no_name_or_when_told(name):
-  diagnosis = SimpleNamespace(decision=SimpleNamespace(verdict=name))
+  diagnosis = SimpleNamespace(decision=decision_of(name, ()))
   assert wanted("auto", diagnosis) is (name in ("partly_explained", "unexplained"))
   assert wanted("always", diagnosis) and not wanted("never", diagnosis)
 

@@ -14,7 +14,7 @@ from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.report.demonstration import demonstrate
 from calibration.diagnosis.report.errors import error_lines, repaired
 from calibration.diagnosis.report.further import Further
-from calibration.diagnosis.report.page import something_nameless, write_diagnosis
+from calibration.diagnosis.report.page import write_diagnosis
 from calibration.diagnosis.report.wording import listed
 from calibration.diagnosis.shipping import (
   JUDGING,
@@ -44,7 +44,7 @@ _ADVICE = (
 
 def wanted(when: When, diagnosis: Diagnosis) -> bool:
   """Whether curves are fitted: "auto" where something is left that no name explains."""
-  return when == "always" or (when == "auto" and something_nameless(diagnosis))
+  return when == "always" or (when == "auto" and diagnosis.decision.nameless)
 
 
 def write_with_curves(
@@ -81,7 +81,7 @@ def write_with_curves(
   page = write_diagnosis(outcome, folder, shown)
   Staged(folder).end()
   if not wanted(when, outcome.diagnosis):
-    lines = [warning(outcome.diagnosis), _ADVICE if something_nameless(outcome.diagnosis) else ""]
+    lines = [warning(outcome.diagnosis), _ADVICE if outcome.diagnosis.decision.nameless else ""]
     return page, [*error_lines(outcome.diagnosis), *(line for line in lines if line)]
   try:
     found = study(dataset, most, threads, lambda stage, share=None: progress(f"free curves: {stage}", share), plant)

@@ -104,7 +104,7 @@ def unknown_summary(decision: Decision) -> dict[str, Any]:
   nothing is. `share` is the part of that rival's held-out gain that the named mechanisms do not reach.
   """
   out = {"depends_on": [], "properties": [], "formula": None, "share": 0.0}
-  if decision.verdict not in ("unexplained", "partly_explained"):
+  if not decision.nameless:
     return out
   if decision.unknown is not None:
     name, comparison = decision.unknown

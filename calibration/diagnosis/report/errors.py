@@ -78,7 +78,7 @@ def how_good(d: Diagnosis) -> str:
 def how_good_in_short(d: Diagnosis) -> str:
   """ "On held-out recordings the repaired twin errs by 1.0 to 3.0 times the sensor noise, most in motor speed (…)."."""
   fits, where = judged_on(d)
-  known = {name: _size(f) for name, f in fits.items() if np.isfinite(_size(f))}
+  known = _sizes(fits)
   if not known:
     return ""
   worst = max(known, key=lambda name: known[name])
@@ -89,7 +89,7 @@ def how_good_in_short(d: Diagnosis) -> str:
 
 def short_of(d: Diagnosis) -> str:
   """ "motor speed errs by 3.0 and yaw rate by 1.4 times the sensor noise": beyond what sensors leave; "" for none."""
-  sizes = {name: _size(f) for name, f in judged_on(d)[0].items() if np.isfinite(_size(f))}
+  sizes = _sizes(judged_on(d)[0])
   beyond = sorted((n for n, size in sizes.items() if size > usual_levels().good), key=lambda n: -sizes[n])
   said = [f"{RESIDUALS[n].words} by {_told(sizes[n])}" for n in beyond]
   return f"{listed(said)} times the sensor noise".replace(" by ", " errs by ", 1) if said else ""
@@ -97,7 +97,7 @@ def short_of(d: Diagnosis) -> str:
 
 def multiples(fits: Mapping[str, ChannelFit]) -> str:
   """ "1.0 to 3.0 times the sensor noise": smallest and largest over the channels, after the repair."""
-  sizes = sorted(_size(f) for f in fits.values() if np.isfinite(_size(f)))
+  sizes = sorted(_sizes(fits).values())
   if not sizes:
     return "of unknown size against the sensor noise"
   low, high = _told(sizes[0]), _told(sizes[-1])
@@ -111,7 +111,7 @@ def _told(multiple: float) -> str:
 
 def largest_in(fits: Mapping[str, ChannelFit]) -> str:
   """ "the largest multiple is that of motor speed": the channel with most error after the repair."""
-  known = {name: _size(f) for name, f in fits.items() if np.isfinite(_size(f))}
+  known = _sizes(fits)
   if not known:
     return "no sensor's noise is known"
   return f"the largest multiple is that of {RESIDUALS[max(known, key=lambda n: known[n])].words}"
@@ -154,6 +154,11 @@ def error_lines(d: Diagnosis, curved: Roles = NO_CURVES) -> list[str]:
 
 def _size(fit: ChannelFit) -> float:
   return fit.after / fit.noise if fit.noise > 0.0 else float("nan")
+
+
+def _sizes(fits: Fits) -> dict[str, float]:
+  """Errors after the repair in multiples of the sensor noise, by channel whose noise is known."""
+  return {name: size for name, fit in fits.items() if np.isfinite(size := _size(fit))}
 
 
 def _meaning(d: Diagnosis) -> str:

@@ -12,6 +12,7 @@ from calibration.diagnosis.formula.finding import find_formula
 from calibration.diagnosis.formula.minimum import at_minimum, thinned
 from calibration.diagnosis.formula.moments import fading, moments, variables
 from calibration.diagnosis.formula.refit import Refitted, fitted_best, refitted
+from calibration.diagnosis.formula.report import formula_sections
 from calibration.diagnosis.pool import Pool
 from calibration.fitting.likelihood import Problem, Weighting
 from calibration.fitting.observations import CHANNELS, observe
@@ -122,7 +123,7 @@ def test_of_a_long_log_a_share_is_kept_of_what_is_fitted_and_of_what_judges(case
   assert len(whole.observations) == len(problem.observations) and same.n_train == winner.n_train
 
 
-def test_a_car_that_flies_apart_leaves_the_verdict_alone(case, monkeypatch):
+def test_a_car_that_flies_apart_leaves_the_verdict_alone_and_the_page_says_so(case, tmp_path, monkeypatch):
   problem, winner, priors = case
   pool = Pool(problem, priors, {frozenset(): winner}, {}, NOISE)
 
@@ -131,7 +132,10 @@ def test_a_car_that_flies_apart_leaves_the_verdict_alone(case, monkeypatch):
 
   monkeypatch.setattr(after, "at_minimum", flies)
   decision = Decision("unexplained", (), (), (), None, ())
-  assert after.formula_left(pool, decision, [], Cut()) is None
+  shipped = after.formula_left(pool, decision, [], Cut())
+  assert not shipped.kept and write_formula(shipped, tmp_path, "a session") == []
+  (section,) = formula_sections(shipped)
+  assert "broke off (the simulation is not finite when mass moves)" in section.text
 
 
 @pytest.mark.slow
