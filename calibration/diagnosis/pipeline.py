@@ -9,6 +9,7 @@ import numpy as np
 
 from calibration.diagnosis.candidates import Candidate, candidate, refine, simulate
 from calibration.diagnosis.considered import always_free, considered
+from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.decision.conclude import above_level, conclude, judged
 from calibration.diagnosis.decision.decide import Decision, decide
 from calibration.diagnosis.decision.evidence import Evidence
@@ -22,7 +23,7 @@ from calibration.diagnosis.outcome import Diagnosis, Outcome
 from calibration.diagnosis.pool import Pool, base_candidate
 from calibration.diagnosis.scan import scan
 from calibration.diagnosis.score import compare_freely
-from calibration.diagnosis.search.gather import best_unknown, errors_left, gather, what_is_left, with_errors
+from calibration.diagnosis.search.gather import errors_left, gather, what_is_left, with_errors
 from calibration.diagnosis.search.structure import Effort, search
 from calibration.diagnosis.staged import NOWHERE, Staged
 from calibration.diagnosis.unexplained.unknown import smooth_forces, unknown_sensors
@@ -162,7 +163,10 @@ def _judged(
   )
 
 
-def fit_unknowns(pool: Pool) -> dict[str, Candidate]:
+Unknowns = Mapping[str, tuple[Candidate, Comparison]]  # fitted, with what each gains over the recalibrated twin
+
+
+def fit_unknowns(pool: Pool) -> Unknowns:
   """The UNKNOWN rivals, fitted with the pool's weights: forces, which are simulated, and errors of the sensors."""
   near = pool.problem.at(pool.base.theta)
   made = [candidate(near, (force.name,), pool.base, pool.priors) for force in smooth_forces()]
@@ -173,7 +177,8 @@ def fit_unknowns(pool: Pool) -> dict[str, Candidate]:
   observations = pool.problem.observations
   prediction = pool.problem.exact.predict(pool.base.theta[None])
   whitening = pool.problem.whiten(np.ones(len(observations)))
-  return {m.mechanisms[0]: m for m in made} | unknown_sensors(pool.base, observations, prediction, whitening)
+  fitted = {m.mechanisms[0]: m for m in made} | unknown_sensors(pool.base, observations, prediction, whitening)
+  return {name: (model, compare_freely(model, pool.base, observations)) for name, model in fitted.items()}
 
 
 def _searched(
@@ -203,7 +208,7 @@ def _searched(
 
 def _concluded(
   named: Decision, pool: Pool, evidence: Evidence, judging: Callable[[tuple[str, ...]], Mapping[str, ChannelFit]]
-) -> tuple[Decision, dict[str, Candidate], Evidence]:
+) -> tuple[Decision, Unknowns, Evidence]:
   """The verdict; UNKNOWN rivals that say where what is left could act, none where nothing is; what is left.
 
   `judging`: errors of the recalibrated twin and of one with some mechanisms on recordings that only judge.
@@ -214,13 +219,13 @@ def _concluded(
   if model:
     evidence = evidence.with_left(model, [*what_is_left(pool, model), *errors_left(judging(model), pool)[1]])
   unknowns = fit_unknowns(pool) if above_level(evidence.left(model) or (), levels) else {}
-  return conclude(named, evidence, levels, best_unknown(pool, unknowns)), unknowns, evidence
+  best = max(((name, test) for name, (_, test) in unknowns.items()), key=lambda found: found[1].gain, default=None)
+  return conclude(named, evidence, levels, best), unknowns, evidence
 
 
-def _located(pool: Pool, decision: Decision, unknowns: dict[str, Candidate]) -> Location:
-  gains = {name: compare_freely(m, pool.base, pool.problem.observations).gain for name, m in unknowns.items()}
-  rests_on_unknown = decision.verdict == "unexplained" and decision.unknown is not None
-  rival = unknowns[decision.unknown[0]] if rests_on_unknown and decision.unknown else None
+def _located(pool: Pool, decision: Decision, unknowns: Unknowns) -> Location:
+  gains = {name: test.gain for name, (_, test) in unknowns.items()}
+  rival = unknowns[decision.unknown[0]][0] if decision.verdict == "unexplained" and decision.unknown else None
   return locate(pool, pool.model(decision.mechanisms), gains, rival, claimed=[c.mechanism for c in decision.claims])
 
 

@@ -25,7 +25,7 @@ from calibration.diagnosis.decision.structure import Leftover
 from calibration.diagnosis.holdout_errors import ChannelFit, held_out_error
 from calibration.diagnosis.pool import Pool
 from calibration.diagnosis.scan import Projector
-from calibration.diagnosis.score import clustered_std, compare, compare_freely, errors_taken_off
+from calibration.diagnosis.score import clustered_std, compare, errors_taken_off
 from calibration.diagnosis.search.structure import ensure
 from calibration.diagnosis.search.weighing import stretched
 from calibration.diagnosis.unexplained.leftover import leftovers
@@ -229,12 +229,6 @@ def what_is_left(pool: Pool, mechanisms: Sequence[str]) -> list[Leftover]:
   """Structure in the residuals of a model of the pool."""
   model = pool.models[frozenset(mechanisms)]
   return leftovers(model, pool.problem, pool.problem.exact.predict(model.theta[None]))
-
-
-def best_unknown(pool: Pool, unknowns: Mapping[str, Candidate]) -> tuple[str, Comparison] | None:
-  """The UNKNOWN rival with the largest held-out gain over the recalibrated twin."""
-  scored = {name: compare_freely(model, pool.base, pool.problem.observations) for name, model in unknowns.items()}
-  return max(scored.items(), key=lambda kv: kv[1].gain, default=None)
 
 
 def errors_left(fits: Mapping[str, ChannelFit], pool: Pool) -> tuple[list[Leftover], list[Leftover]]:

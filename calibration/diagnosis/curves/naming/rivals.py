@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from calibration.diagnosis.candidates import Candidate
 from calibration.diagnosis.curves.naming.additions import open_questions
 from calibration.diagnosis.curves.naming.forms import LEVEL, Outline
-from calibration.diagnosis.curves.naming.refits import Test, Trials, borne, fit_together, tested
+from calibration.diagnosis.curves.naming.refits import Test, Trials, borne, fit_together, sizes_of, tested
 from calibration.diagnosis.curves.naming.removals import asked_of, matters, parameters_of, without_each
 from calibration.diagnosis.scan import Projector, explained, resized, trial_starts, varied, worth_starting
-from calibration.diagnosis.score import clustered_std
 from calibration.fitting.likelihood import Problem
 from calibration.progress import Progress, silent
 from qcar_twin.twin.mechanisms.base import Mechanism
@@ -80,9 +79,7 @@ def renamed(outline: Outline, exchanged: Sequence[tuple[str, str]], trials: Tria
       names = tuple(came if name == went else name for name in names)
   if form is None or names == form.mechanisms or not set(names) <= set(trials.forms):
     return outline
-  free, spread = trials.base.free, clustered_std(trials.base, trials.problem.observations)
-  at = {p.name: free.index(p.name) for name in names for p in trials.problem.mechanism(name).parameters}
-  values, std = ({n: float(x[i]) for n, i in at.items()} for x in (trials.base.values, spread))
+  values, std = sizes_of(names, trials.base, trials.problem)
   said = dataclasses.replace(form, mechanisms=names, values=values, std=std)
   others = [f for f in outline.forms if f is not form and f.mechanisms != names]
   return dataclasses.replace(outline, forms=(said, *others))
