@@ -73,7 +73,7 @@ def test_validation_errors_beside_a_diagnosis_are_of_a_twin_that_had_not_seen_th
   study, (dataset, diagnosed) = done[0], outcome
   roles, _ = judged_with_curves(study, diagnosed, ready(dataset)[0])
   said = {name: fit.after for name, fit in roles["validate"].fits.items()}
-  assert ratio(said, study.judged[study.best]) == pytest.approx(1.0, abs=0.02)
+  assert ratio(said, study.judged[study.best]) == pytest.approx(1.0, abs=0.005)
 
 
 def test_names_stand_where_they_will_do_and_no_curve_where_none_departs(done):
@@ -230,9 +230,12 @@ def test_a_study_that_fails_leaves_the_diagnosis(outcome, tmp_path, monkeypatch)
 def test_without_curves_something_nameless_is_pointed_out(outcome, tmp_path, monkeypatch):
   dataset, diagnosed = outcome
   monkeypatch.setattr(after_diagnosis, "study", lambda *given: pytest.fail("no curves were wanted"))
+  for file in ("diagnosed.toml", "characterised.toml"):  # of an earlier run into the same folder
+    (tmp_path / file).touch()
   for name, said in (("unexplained", 1), ("no_mismatch", 0)):
     decision = dataclasses.replace(diagnosed.diagnosis.decision, verdict=name)
     changed = dataclasses.replace(diagnosed, diagnosis=dataclasses.replace(diagnosed.diagnosis, decision=decision))
     lines = write_with_curves(changed, dataset, tmp_path, "never")[1]
     assert lines[0].startswith("errors on held-out recordings: recalibrated")
     assert sum("try --curves auto" in line for line in lines) == said
+  assert not {"diagnosed.toml", "characterised.toml"} & {file.name for file in tmp_path.iterdir()}

@@ -37,6 +37,7 @@ from qcar_twin.twin.file import save_twin
 
 Fits = Mapping[str, ChannelFit]
 When = Literal["auto", "never", "always"]
+_DIAGNOSED, _CURVED = "diagnosed.toml", "characterised.toml"  # the two twins that are compared
 _ADVICE = (
   "something is left that no name explains: the maps themselves may differ from the twin's laws; try --curves auto"
 )
@@ -79,6 +80,8 @@ def write_with_curves(
   progress("film and report")
   shown = demonstrate(outcome)
   page = write_diagnosis(outcome, folder, shown)
+  for file in (_DIAGNOSED, _CURVED):  # of an earlier run
+    (folder / file).unlink(missing_ok=True)
   Staged(folder).end()
   if not wanted(when, outcome.diagnosis):
     lines = [warning(outcome.diagnosis), _ADVICE if outcome.diagnosis.decision.nameless else ""]
@@ -94,9 +97,9 @@ def write_with_curves(
   page = write_diagnosis(outcome, folder, shown, further)
   how = "repaired" if repaired(outcome.diagnosis) else "recalibrated"
   note, shift = f"{how} on {found.dataset}, without curves", outcome.cut.command_shift
-  save_twin(folder / "diagnosed.toml", outcome.twin, outcome.after, note, shift)
+  save_twin(folder / _DIAGNOSED, outcome.twin, outcome.after, note, shift)
   curved = found.shipped
-  save_twin(folder / "characterised.toml", curved.twin, curved.theta, curved.note, curved.command_shift)
+  save_twin(folder / _CURVED, curved.twin, curved.theta, curved.note, curved.command_shift)
   table = error_lines(outcome.diagnosis, further.errors)
   return page, [*sentences(found, holdout=False), *table, chosen(found, outcome.diagnosis, against)]
 

@@ -85,7 +85,12 @@ def weighed(problem: Problem, model: Candidate, floor: Mapping[str, float]) -> t
 
 
 def write_formula(shipped: Shipped | None, folder: Path, dataset: str, command_shift: int = 0) -> list[Path]:
-  """Write the mechanism file and the twin with it; returns their paths, none where nothing is kept."""
+  """Write the mechanism file and the twin with it; returns their paths, none where nothing is kept.
+
+  A twin with a formula that an earlier diagnosis left in the folder goes: it is none of this data set. A mechanism file
+  stays, which somebody may have changed.
+  """
+  (folder / TWIN).unlink(missing_ok=True)
   if shipped is None or not shipped.kept or shipped.rest.twin is None:
     return []
   twin, name = shipped.rest.twin, shipped.rest.twin.mechanism.name
