@@ -14,6 +14,7 @@ from calibration.diagnosis.formula.moments import fading, moments, variables
 from calibration.diagnosis.formula.refit import Refitted, fitted_best, refitted
 from calibration.diagnosis.formula.report import formula_sections
 from calibration.diagnosis.pool import Pool
+from calibration.diagnosis.score import clustered_std
 from calibration.fitting.likelihood import Problem, Weighting
 from calibration.fitting.observations import CHANNELS, observe
 from calibration.fitting.slopes import NotFinite
@@ -82,8 +83,10 @@ def test_the_base_takes_over_what_it_can(case):
 def test_from_there_base_and_formula_come_to_the_truth_together(case):
   problem, winner, priors = case
   found = with_drag(problem, [winner], priors)
-  value, std = found.model.estimate("unnamed_force_x_1")
+  ((_, value, std),) = found.values
   assert value == pytest.approx(-1.2, abs=4.0 * std) and std < 0.06
+  scatter = clustered_std(found.model, problem.observations)[found.model.free.index("unnamed_force_x_1")]
+  assert std == scatter >= found.model.estimate("unnamed_force_x_1")[1]
   assert np.abs((found.model.values[: len(FREE)] - priors.nominal) / found.model.std[: len(FREE)]).max() < 4.0
   assert found.judged is not None and found.held_out.t > 10.0 and found.judged.t > 10.0
   turning = np.abs(problem.predict(winner.theta[None]).signals[..., SIGNALS.index("yaw_rate")]).max()

@@ -30,8 +30,13 @@ class Model:
 
   theta: np.ndarray
 
-  def estimate(self, name: str) -> tuple[float, float]:
-    return -1.19, 0.06
+
+class Stated(Refitted):
+  """With its number as it is."""
+
+  @property
+  def values(self):
+    return [(p, -1.19, 0.06) for p in self.mechanism.parameters]
 
 
 @dataclasses.dataclass
@@ -50,7 +55,7 @@ def found_of(kind: str = "formula", why: str = "") -> Found:
   force = Recovered("force_x", 110.0, 1.0, 0.01, car.force / car.scale, np.full(car.force.shape, 0.001))
   twin, theta = twin_with(yaw_drag(), unnamed_force_x_1=-1.19)
   gain = Comparison(100.0, 5.0, 0.8, np.full(10, 10.0), 900.0)
-  refit = Refitted(yaw_drag(), Driven(twin), Model(theta), Model(theta), gain, gain)  # type: ignore[arg-type]
+  refit = Stated(yaw_drag(), Driven(twin), Model(theta), Model(theta), gain, gain)  # type: ignore[arg-type]
   sought = Sought(force, car.responses(), driven, forms)
   return Found(sought, ("motor_torque",), kind, why, refit, 12.0)
 
