@@ -193,7 +193,7 @@ def _searched(
   earlier: list[Candidate] = []
   while True:
     base = base_candidate(baseline)
-    staged.base(exact(baseline.problem.twin), base.theta)
+    staged.base(exact(baseline.problem.twin), base.theta, baseline.command_shift)
     clock.start("scan")
     signatures = scan(baseline.problem, base, tried, progress=clock.progress, noise=noise)
     staged.scanned(signatures)
