@@ -64,15 +64,14 @@ def errors(d: Diagnosis, curved: Roles = NO_CURVES) -> Section:
 
 
 def how_good(d: Diagnosis) -> str:
-  """What the repair removes in per cent, and what remains in multiples of sensor noise."""
+  """What the repair removes in per cent, and how far the twin errs."""
   fits, where = judged_on(d)
-  if not repaired(d):
-    return f"On {where} the recalibrated twin errs by {multiples(fits)}; {largest_in(fits)}."
-  share = recovered_share(fits)
-  if share <= 0.0:
-    return f"The repair does not lower the error on {where}. The error is {multiples(fits)}; {largest_in(fits)}."
-  gone = f"On {where} the repair removes {100 * share:.0f} % of the squared error above sensor noise."
-  return f"{gone} What remains is {multiples(fits)}; {largest_in(fits)}."
+  gone, share = "", recovered_share(fits)
+  if repaired(d) and share > 0.0:
+    gone = f"On {where} the repair removes {100 * share:.0f} % of the squared error above sensor noise. "
+  elif repaired(d):
+    gone = f"The repair does not lower the error on {where}. "
+  return f"{gone}{how_good_in_short(d)}".rstrip()
 
 
 def how_good_in_short(d: Diagnosis) -> str:
@@ -107,14 +106,6 @@ def multiples(fits: Mapping[str, ChannelFit]) -> str:
 def _told(multiple: float) -> str:
   """ "3.0"; beyond a hundredfold the digits say nothing of the twin: motion capture's noise is 0.1 mm."""
   return f"{multiple:.1f}" if multiple < _HUNDREDFOLD else f"more than {_HUNDREDFOLD:.0f}"
-
-
-def largest_in(fits: Mapping[str, ChannelFit]) -> str:
-  """ "the largest multiple is that of motor speed": the channel with most error after the repair."""
-  known = _sizes(fits)
-  if not known:
-    return "no sensor's noise is known"
-  return f"the largest multiple is that of {RESIDUALS[max(known, key=lambda n: known[n])].words}"
 
 
 def error_table(caption: str, fits: Fits, curved: Fits | None = None) -> Table:
