@@ -144,9 +144,8 @@ def scan(
       what is `shown` is counted as it would be without that error: an effect must not hide by the misfit it makes.
   """
   clear = problem.clear(noise) if noise else 1.0
-  projectors = {
-    m.name: _projector(base, m) for m in mechanisms if {p.name for p in m.parameters} & set(base.free.names)
-  }
+  freed = {m.name: {p.name for p in m.parameters} & set(base.free.names) for m in mechanisms}  # don't imitate it
+  projectors = {name: Projector(base, own) for name, own in freed.items() if own}
   common = Projector(base)
   jobs = [(m, start) for m in mechanisms for start in trial_starts(m, _tried(m, sizes), problem.driving)]
   residual, deviations = base.residual[: base.n_train], base.free.deviations(base.values)
@@ -175,11 +174,6 @@ def measured(problem: Problem, mechanism: Mechanism) -> bool:
   """Whether all channels were measured that a mechanism declares to need."""
   present = set(problem.observations.present)
   return all(_SHOWN_BY.get(channel, {channel}) & present for channel in mechanism.needs)
-
-
-def _projector(base: Candidate, mechanism: Mechanism) -> Projector:
-  """For a mechanism that frees base parameters: those don't imitate it."""
-  return Projector(base, {p.name for p in mechanism.parameters})
 
 
 def _tried(mechanism: Mechanism, sizes: Sequence[float]) -> Sequence[float]:

@@ -1,9 +1,9 @@
 """A formula in words: one sentence, and why it is or is not shipped."""
 
+from calibration.diagnosis.formula.dictionary import Group
 from calibration.diagnosis.formula.finding import Found
 from calibration.diagnosis.formula.forms import HOLDS
 from qcar_twin.twin.formula.degrees import DEGREES
-from qcar_twin.twin.formula.law import Law
 from qcar_twin.twin.formula.table import Table
 from qcar_twin.twin.formula.variables import VARIABLES
 from qcar_twin.twin.formula.written import equation_of
@@ -27,13 +27,7 @@ def variables(found: Found) -> list[str]:
   if found.twin is None or found.sought is None or found.sought.forms is None:
     return []
   law = found.twin.mechanism.law
-  return sorted(law.knots) if isinstance(law, Table) else sorted(_of(law))
-
-
-def _of(law: Law) -> frozenset[str]:
-  """Variables of a law; a direction of travel alone is none."""
-  factors = {v for term in law.parsed for op, v in term.factors if (op, v) != ("sign", "speed")}
-  return frozenset(factors) | (frozenset(("place_x", "place_y")) if law.near else frozenset())
+  return sorted(law.knots if isinstance(law, Table) else Group(law.parsed, law.near).variables)
 
 
 def alike_words(found: Found) -> str:

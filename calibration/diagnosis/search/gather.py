@@ -71,7 +71,7 @@ class Weighing:
 
   def __init__(self, pool: Pool):
     self.pool, self.observations = pool, pool.problem.observations
-    self.compare = functools.cache(self._compare)
+    self.compare = functools.cache(lambda larger, smaller: self._test(pool.models[larger], pool.models[smaller]))
     self.second = seconds_of(self.observations)
     self.stretched = functools.cache(lambda key, name: stretched(pool, pool.models[key], name))
 
@@ -178,9 +178,6 @@ class Weighing:
     declared = [p for p in self.pool.problem.mechanism(name).parameters if p.name in model.free]
     row = lambda p: Estimate(p.name, values[p.name], scatter[p.name], p.unit, p.null)
     return tuple(row(p) for p in declared)
-
-  def _compare(self, larger: frozenset[str], smaller: frozenset[str]) -> Comparison:
-    return self._test(self.pool.models[larger], self.pool.models[smaller])
 
   def _test(self, larger: Candidate, smaller: Candidate) -> Comparison:
     return compare(larger, smaller, self.observations)

@@ -98,7 +98,7 @@ def search(
   _fit_sets(pool, _nominate_pairs(pool, effort.pairs), effort.iterations)
   if _worth_growing(pool):
     progress("refitting triples")
-    _fit_sets(pool, _nominate_triples(pool, effort.triples), effort.iterations)
+    _fit_sets(pool, _nominate_larger(pool, 2, 3)[: effort.triples], effort.iterations)
   progress("polishing the best model")
   best = pool.best(list(pool.models.values()))
   if best is not pool.base:
@@ -130,10 +130,6 @@ def _nominate_singles(problem: Problem, signatures: dict[str, Signature], count:
 def _nominate_pairs(pool: Pool, count: int) -> list[frozenset[str]]:
   """Partners of the best singles by what their signature explains of the single's residual, and those that bend."""
   return list(dict.fromkeys([*_nominate_larger(pool, 1, 6)[:count], *_bending_partners(pool)]))
-
-
-def _nominate_triples(pool: Pool, count: int) -> list[frozenset[str]]:
-  return _nominate_larger(pool, 2, 3)[:count]
 
 
 def _nominate_larger(pool: Pool, size: int, parents: int) -> list[frozenset[str]]:
