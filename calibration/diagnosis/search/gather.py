@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.diagnosis.candidates import Candidate
+from calibration.diagnosis.confirm import confirm
 from calibration.diagnosis.decision.comparison import Comparison
 from calibration.diagnosis.decision.evidence import (
   Against,
@@ -52,13 +53,22 @@ def gather(pool: Pool, dataset: str = "") -> Evidence:
 
 
 def _complete(pool: Pool) -> None:
-  """Fit what the foremost sets are without each of their names; largest first, since those may join the smaller."""
+  """Fit what the foremost sets are without each of their names; largest first, since those may join the smaller.
+
+  All of them get MuJoCo's residuals, by which others may come to the fore.
+  """
   while True:
-    count = len(pool.models)
+    before = set(_considered(pool))
     for size in range(LARGEST, 0, -1):
       ensure(pool, [frozenset(m.mechanisms) - {n} for m in pool.foremost(size, CONSIDERED) for n in m.mechanisms])
-    if len(pool.models) == count:
+    confirm(pool, [pool.models[key] for key in _considered(pool)])
+    if set(_considered(pool)) == before:
       return
+
+
+def _considered(pool: Pool) -> list[frozenset[str]]:
+  """The foremost sets of each size."""
+  return [frozenset(m.mechanisms) for size in range(1, LARGEST + 1) for m in pool.foremost(size, CONSIDERED)]
 
 
 def seconds_of(observations: Observations) -> NDArray[np.int64]:
